@@ -1,0 +1,23 @@
+"""Errors that are the user's to mend: shown as a message, never as a traceback."""
+
+from __future__ import annotations
+
+
+class FlightcalError(Exception):
+    """Something in the user's input or run is wrong; the message names place, what was found and what was expected."""
+
+
+class ScenarioError(FlightcalError):
+    """The scenario file is wrong."""
+
+
+class TelemetryError(FlightcalError):
+    """The telemetry cannot be used as the scenario describes it."""
+
+
+class OrbitError(FlightcalError):
+    """The orbit or attitude cannot be evaluated."""
+
+
+class RunError(FlightcalError):
+    """A run directory is not what the command needs."""
