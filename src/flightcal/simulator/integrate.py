@@ -1,0 +1,98 @@
+"""From a canonical system to its trajectory and back: the thin layer of NumPy around the compiled kernel."""
+
+from __future__ import annotations
+
+import os
+from collections.abc import Callable
+from concurrent.futures import ThreadPoolExecutor
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+
+from . import kernel
+from .system import Drive, FloatArray, Switch, System
+
+_SPARE_SEGMENTS = 256
+_MOST_SWITCHES_PER_STEP = 20
+
+
+class SimulationFailure(Exception):
+    """A trajectory that cannot be computed: not finite, or a thermostat that chatters. Data for the caller."""
+
+
+@dataclass(frozen=True)
+class Run:
+    """One integrated trajectory with the record that its derivative needs."""
+
+    states: FloatArray
+    """[K+1, n] K on the drive's grid."""
+    status: FloatArray
+    """[K+1, H] heater status just after each grid point."""
+    switches: Switch
+    segments: tuple[Any, ...]
+    """Step, start, length, event, initial state and heater status of each segment (see `kernel.forward`)."""
+
+
+def integrate(system: System, drive: Drive) -> Run:
+    """Integrate one system (NumPy arrays) over the drive's grid.
+
+    Raises SimulationFailure when a state is not finite or heaters switch more than 20 times a step on average.
+    """
+    steps, n = len(drive.times) - 1, len(system.initial)
+    heaters = len(system.heating)
+    forcing = drive.inputs @ system.forcing.T
+    states = np.empty((steps + 1, n))
+    status = np.empty((steps + 1, heaters))
+    capacity = steps + _SPARE_SEGMENTS
+    while True:
+        record = (
+            np.empty(capacity, np.int64),
+            np.empty(capacity),
+            np.empty(capacity),
+            np.empty(capacity, np.int64),
+            np.empty((capacity, n)),
+            np.empty((capacity, heaters)),
+        )
+        outcome, segments, _ = kernel.forward(
+            system.linear, system.radiative, forcing, system.heating, system.lower, system.upper, system.initial,
+            drive.times, drive.mass, drive.sensors, drive.mixing, drive.measured, drive.initially_on,
+            states, status, *record,
+        )  # fmt: skip
+        if outcome == kernel.TOO_MANY_SWITCHES and capacity < _MOST_SWITCHES_PER_STEP * steps:
+            capacity *= 4
+            continue
+        break
+    if outcome == kernel.NOT_FINITE:
+        raise SimulationFailure("a temperature is not finite")
+    if outcome == kernel.TOO_MANY_SWITCHES:
+        raise SimulationFailure(f"heaters switch more than {_MOST_SWITCHES_PER_STEP} times a time step: a thermostat chatters")
+    record = tuple(part[:segments] for part in record)
+    _, start, length, event, _, heater_state = record
+    switched = np.flatnonzero(event >= 0)
+    heater = event[switched]
+    switches = Switch(start[switched] + length[switched], heater, 1.0 - heater_state[switched, heater])
+    return Run(states, status, switches, record)
+
+
+def pull_back(system: System, drive: Drive, run: Run, states_bar: FloatArray) -> System:
+    """Cotangent of the system from the cotangent [K+1, n] of the states on the grid: the adjoint of `integrate`."""
+    bar = System(*(np.zeros_like(part) for part in system))
+    forcing = drive.inputs @ system.forcing.T
+    forcing_bar = np.zeros_like(forcing)
+    kernel.adjoint(
+        system.linear, system.radiative, forcing, system.heating, system.lower, system.upper,
+        drive.times, drive.mass, drive.sensors, drive.mixing,
+        len(run.segments[0]), *run.segments,
+        states_bar, bar.linear, bar.radiative, forcing_bar, bar.heating, bar.lower, bar.upper, bar.initial,
+    )  # fmt: skip
+    return bar._replace(forcing=forcing_bar.T @ drive.inputs)
+
+
+def in_parallel(task: Callable[[int], Any], count: int) -> list[Any]:
+    """[task(0), ..., task(count - 1)] on all cores; the kernel releases the interpreter lock."""
+    workers = min(os.cpu_count() or 1, count)
+    if workers <= 1:
+        return [task(k) for k in range(count)]
+    with ThreadPoolExecutor(workers) as pool:
+        return list(pool.map(task, range(count)))
