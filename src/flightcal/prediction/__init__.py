@@ -1,1 +1,7 @@
-"""."""
+"""From a calibration to temperatures and heater duty with intervals, on windows seen and unseen."""
+
+from .ensemble import Ensemble, propagate
+from .initial import condition_initial
+from .predict import STOCHASTIC, predict
+
+__all__ = ["STOCHASTIC", "Ensemble", "condition_initial", "predict", "propagate"]

@@ -1,1 +1,23 @@
-"""."""
+"""From theta to temperatures and heater status: network, canonical form, compiled kernel and its JAX oracle."""
+
+from .integrate import SimulationFailure, integrate, pull_back
+from .network import Network, assemble, build_network
+from .simulate import NetworkSimulator, Simulator, Trajectory, network_simulator, open_loop
+from .system import Drive, Switch, System
+
+__all__ = [
+    "Drive",
+    "Network",
+    "NetworkSimulator",
+    "SimulationFailure",
+    "Simulator",
+    "Switch",
+    "System",
+    "Trajectory",
+    "assemble",
+    "build_network",
+    "integrate",
+    "network_simulator",
+    "open_loop",
+    "pull_back",
+]

@@ -1,0 +1,96 @@
+"""Finding the posterior mode, where the sampler starts.
+
+The closed-loop likelihood has many local optima, because a thermostat can cycle in step with the telemetry or out of
+it; with the heaters driven by their measured status it has one. So the search runs in open loop from several
+starts, and only its result (and the genetic algorithm's) is polished in closed loop.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from ..simulator import SimulationFailure
+from ..simulator.system import FloatArray
+from .problem import Problem
+
+_ITERATIONS = 100
+_MOST_DAMPING = 1e8
+_CONVERGED = 1e-5  # nats that a further Newton step promises
+
+
+@dataclass(frozen=True)
+class Mode:
+    """A local optimum of the log density on unconstrained coordinates."""
+
+    z: FloatArray
+    """[d]."""
+    log_density: float
+    converged: bool
+    iterations: int
+    origin: str
+    """Which start it was reached from."""
+
+
+def climb(problem: Problem, z: FloatArray, origin: str = "") -> Mode:
+    """Levenberg-Marquardt ascent of the log density from z [d], with its exact gradient and Gauss-Newton Hessian.
+
+    Marquardt's scaled damping (Marquardt 1963), so steps do not depend on the parameters' units.
+    """
+    damping = 1e-3
+    value, gradient = problem.log_density_and_gradient(z)
+    for iteration in range(_ITERATIONS):
+        if not np.isfinite(value):
+            break
+        try:
+            hessian = problem.gauss_newton_hessian(z)
+        except SimulationFailure:
+            break
+        while damping < _MOST_DAMPING:
+            step = np.linalg.solve(hessian + damping * np.diag(np.diag(hessian)), gradient)
+            promised = 0.5 * float(gradient @ step)
+            if promised < _CONVERGED and damping <= 1e-2:
+                return Mode(z, value, True, iteration, origin)
+            new_value, new_gradient = problem.log_density_and_gradient(z + step)
+            if np.isfinite(new_value) and new_value > value:
+                z, value, gradient = z + step, new_value, new_gradient
+                damping = max(damping * 0.2, 1e-9)
+                break
+            damping *= 5.0
+        else:
+            return Mode(z, value, promised < 100 * _CONVERGED, iteration, origin)
+    return Mode(z, value, False, _ITERATIONS, origin)
+
+
+def find_mode(
+    problem: Problem,
+    starts: Sequence[tuple[str, FloatArray]],
+    *,
+    open_loop: Problem | None = None,
+    rng: np.random.Generator,
+    random_starts: int = 6,
+    on_start: Callable[[str], None] = lambda _: None,
+) -> tuple[Mode, ...]:
+    """Modes reached from the named thetas [d] in `starts` and from prior draws, best first.
+
+    open_loop: the same problem with measured heater status; where it is given, the prior draws are followed in it and
+    only the best of the modes found there is polished in closed loop.
+    """
+    first = problem if open_loop is None else open_loop
+    found = []
+    for k, theta in enumerate(problem.priors.sample(rng, random_starts)):
+        on_start(f"prior draw {k + 1} of {random_starts}")
+        found.append(climb(first, problem.to_z(theta), f"prior draw {k + 1}"))
+    for name, theta in starts:
+        on_start(name)
+        found.append(climb(first, problem.to_z(theta), name))
+    if open_loop is not None:
+        best = max(found, key=lambda mode: mode.log_density)
+        on_start("closed loop from the best open-loop mode")
+        found = [climb(problem, best.z, f"open loop from {best.origin}")]
+        for name, theta in starts:
+            on_start(f"closed loop from {name}")
+            found.append(climb(problem, problem.to_z(theta), name))
+    return tuple(sorted(found, key=lambda mode: -mode.log_density))

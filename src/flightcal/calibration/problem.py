@@ -1,0 +1,240 @@
+"""One window of telemetry, a simulator and priors: residuals, and the log density on unconstrained coordinates.
+
+theta, in physical units, is ordered: the scenario's parameters, ``noise.<channel>`` (K) where the noise is inferred,
+``initial.<node>`` (K). z is theta on the unconstrained scale on which the sampler moves.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from functools import cached_property
+from typing import Any
+
+import numpy as np
+import xarray
+
+from .._jax import jax, jnp
+from ..environment import orbital_period
+from ..errors import ScenarioError
+from ..scenario import Normal, Prior, Scenario
+from ..scenario.schema import HalfNormal
+from ..simulator import SimulationFailure, Simulator, Trajectory, network_simulator
+from ..simulator.system import FloatArray
+from ..telemetry import select_window, window_bounds
+from .likelihood import iid_log_likelihood
+from .priors import Priors
+
+_DEFAULT_NOISE = HalfNormal(scale=2.0)  # K
+_SAMPLES_FOR_START = 3
+_DIFFERENCE = 1e-4  # of z, whose prior has a standard deviation of about one
+
+
+@dataclass(frozen=True)
+class Problem:
+    """A calibration problem on one window."""
+
+    scenario: Scenario
+    window: str
+    times: Any
+    """[T] datetime64, UTC."""
+    observed: FloatArray
+    """[T, N] K, NaN where there is no valid sample."""
+    status: FloatArray
+    """[T, H] measured heater status, NaN where unknown."""
+    simulator: Simulator
+    priors: Priors
+    fixed_noise: FloatArray
+    """[N] K; NaN where the noise is inferred."""
+
+    @property
+    def names(self) -> tuple[str, ...]:
+        """Names of theta's entries [d]."""
+        return self.priors.names
+
+    @cached_property
+    def simulated(self) -> Any:
+        """Positions in theta of what the simulator takes, in its order."""
+        return np.array([self.names.index(name) for name in self.simulator.parameters])
+
+    @cached_property
+    def inferred_noise(self) -> Any:
+        """Channels [.] whose noise is inferred, and their positions in theta [.]."""
+        channels = np.flatnonzero(np.isnan(self.fixed_noise))
+        positions = np.array([self.names.index(f"noise.{self.simulator.channels[k]}") for k in channels], dtype=int)
+        return channels, positions
+
+    def noise(self, theta: FloatArray) -> FloatArray:
+        """Noise standard deviation per channel [N], K, at theta [d]."""
+        channels, positions = self.inferred_noise
+        noise = self.fixed_noise.copy()
+        noise[channels] = theta[positions]
+        return noise
+
+    def to_theta(self, z: FloatArray) -> FloatArray:
+        """Physical values [..., d] of unconstrained z [..., d]."""
+        return np.array(self.priors.to_theta(z))
+
+    def to_z(self, theta: FloatArray) -> FloatArray:
+        """Unconstrained z [..., d] of physical values [..., d]."""
+        return np.array(self.priors.to_z(theta))
+
+    def simulate(self, theta: FloatArray) -> Trajectory:
+        """The simulation at theta [d]. Raises SimulationFailure."""
+        return self.simulator.simulate(theta[self.simulated])
+
+    def simulate_many(self, thetas: FloatArray) -> list[Trajectory | None]:
+        """Simulations at thetas [S, d]; None where one failed."""
+        return self.simulator.simulate_many(thetas[:, self.simulated])
+
+    def log_density(self, z: FloatArray) -> float:
+        """Log posterior density (up to a constant) at z [d]; -inf where the simulation fails."""
+        theta, log_prior, _, _ = self._prior_part(z)
+        try:
+            simulated = self.simulate(theta).temperatures
+        except SimulationFailure:
+            return -np.inf
+        return float(log_prior) + iid_log_likelihood(self.observed, simulated, self.noise(theta))[0]
+
+    def log_density_and_gradient(self, z: FloatArray) -> tuple[float, FloatArray]:
+        """Log posterior density at z [d] and its gradient [d]; (-inf, 0) where the simulation fails."""
+        theta, log_prior, prior_gradient, slope = self._prior_part(z)
+        try:
+            trajectory, cotangent = self.simulator.linearise(theta[self.simulated])
+        except SimulationFailure:
+            return -np.inf, np.zeros_like(z)
+        value, temperatures_bar, noise_bar = iid_log_likelihood(
+            self.observed, trajectory.temperatures, self.noise(theta)
+        )
+        theta_bar = np.zeros_like(theta)
+        theta_bar[self.simulated] = cotangent(temperatures_bar)
+        channels, positions = self.inferred_noise
+        theta_bar[positions] = noise_bar[channels]
+        return float(log_prior) + value, prior_gradient + slope * theta_bar
+
+    def jacobian(self, z: FloatArray) -> FloatArray:
+        """d temperatures / d z, [T, N, d], by central differences in one batch; zero for the noise's entries.
+
+        The located switching makes the simulation smooth, so differences are good to about seven digits.
+        """
+        columns = self.simulated
+        steps = np.zeros((len(columns), len(z)))
+        steps[np.arange(len(columns)), columns] = _DIFFERENCE
+        runs = self.simulate_many(self.to_theta(np.concatenate([z + steps, z - steps])))
+        jacobian = np.zeros((*self.observed.shape, len(z)))
+        for k, column in enumerate(columns):
+            above, below = runs[k], runs[k + len(columns)]
+            if above is None or below is None:
+                raise SimulationFailure(f"a simulation next to this point fails, in the direction of '{self.names[column]}'")
+            jacobian[..., column] = (above.temperatures - below.temperatures) / (2.0 * _DIFFERENCE)
+        return jacobian
+
+    def gauss_newton_hessian(self, z: FloatArray) -> FloatArray:
+        """Gauss-Newton approximation [d, d] of minus the Hessian of the log density at z: prior, J^T J / sigma^2, and the
+        Fisher information of the noise levels. Raises SimulationFailure.
+        """
+        theta, _, _, slope = self._prior_part(z)
+        noise = self.noise(theta)
+        valid = np.isfinite(self.observed)
+        weighted = np.where(valid[..., None], self.jacobian(z) / noise[:, None], 0.0).reshape(-1, len(z))
+        hessian = weighted.T @ weighted
+        hessian[np.diag_indices(len(z))] += np.asarray(self.priors.precision(z))
+        channels, positions = self.inferred_noise
+        hessian[positions, positions] += 2.0 * valid.sum(axis=0)[channels] * (slope[positions] / noise[channels]) ** 2
+        return hessian
+
+    def rmse(self, thetas: FloatArray, status_weight: float = 0.0) -> FloatArray:
+        """RMSE over all channels [S], K, of simulations at thetas [S, d], run as one batch; NaN where one fails.
+
+        status_weight: kelvin that a wrongly simulated heater status sample counts as (0: temperatures only).
+        """
+        return np.array([np.nan if run is None else self._misfit(run, status_weight) for run in self.simulate_many(thetas)])
+
+    def _misfit(self, run: Trajectory, status_weight: float) -> float:
+        mean_square = np.nanmean((self.observed - run.temperatures) ** 2)
+        if status_weight > 0.0 and np.isfinite(self.status).any():
+            mean_square += status_weight**2 * np.nanmean(np.abs(self.status - run.status))
+        return float(np.sqrt(mean_square))
+
+    def _prior_part(self, z: FloatArray) -> tuple[FloatArray, float, FloatArray, FloatArray]:
+        """theta, log prior density of z, its gradient, and d theta / d z, which is diagonal."""
+        theta, log_prior, gradient, slope = self._prior_function(z)
+        return np.array(theta), float(log_prior), np.asarray(gradient), np.asarray(slope)
+
+    @cached_property
+    def _prior_function(self) -> Any:
+        def evaluate(z: Any) -> Any:
+            value, gradient = jax.value_and_grad(self.priors.log_density)(z)
+            theta, slope = jax.jvp(self.priors.to_theta, (z,), (jnp.ones_like(z),))
+            return theta, value, gradient, slope
+
+        return jax.jit(evaluate)
+
+
+def build_problem(scenario: Scenario, telemetry: xarray.Dataset, window: str = "train", *, span: float | None = None) -> Problem:
+    """The calibration problem of a scenario on one of its windows.
+
+    span: only the window's first so many seconds. Raises ScenarioError and TelemetryError.
+    """
+    if window not in scenario.windows:
+        raise ScenarioError(f"window '{window}' is not in the scenario, which has {', '.join(scenario.windows)}")
+    period = orbital_period(scenario.environment)
+    chosen = select_window(telemetry, scenario.windows[window], period)
+    start, end = window_bounds(scenario.windows[window], period)
+    if span is not None:
+        end = min(end, start + np.timedelta64(round(span * 1e9), "ns"))
+        chosen = chosen.sel(time=slice(start, end))
+    times = chosen["time"].values
+    simulator = network_simulator(scenario, telemetry, start, end, times, period=period)
+    observed = np.stack([chosen[channel].values for channel in simulator.channels], axis=1)
+    priors: dict[str, Prior] = {name: parameter.prior for name, parameter in scenario.parameters.items()}
+    fixed_noise = np.full(len(simulator.channels), np.nan)
+    for k, channel in enumerate(simulator.channels):
+        noise = scenario.observations[channel].noise
+        if isinstance(noise, float):
+            fixed_noise[k] = noise
+        else:
+            priors[f"noise.{channel}"] = noise or _DEFAULT_NOISE
+    priors |= initial_priors(scenario, simulator.channels, observed)
+    return Problem(
+        scenario=scenario,
+        window=window,
+        times=times,
+        observed=observed,
+        status=measured_status(scenario, chosen),
+        simulator=simulator,
+        priors=Priors(tuple(priors), tuple(priors.values())),
+        fixed_noise=fixed_noise,
+    )
+
+
+def initial_priors(scenario: Scenario, channels: tuple[str, ...], observed: FloatArray) -> dict[str, Prior]:
+    """Normal priors of the initial temperatures (K): around the first samples, or around what the scenario writes."""
+    first = {}
+    for k, channel in enumerate(channels):
+        valid = observed[np.isfinite(observed[:, k]), k]
+        node = scenario.observations[channel].node
+        if len(valid) and node not in first:
+            first[node] = float(np.mean(valid[:_SAMPLES_FOR_START])) - scenario.observations[channel].bias
+    typical = float(np.mean(list(first.values()))) if first else 293.15
+    priors: dict[str, Prior] = {}
+    for name, node in scenario.simulator.nodes.items():
+        if node.capacity is None:
+            continue
+        if name in first:
+            priors[f"initial.{name}"] = Normal(mean=first[name], standard_deviation=scenario.initial_state.observed)
+        else:
+            centre = node.initial if node.initial is not None else typical
+            priors[f"initial.{name}"] = Normal(mean=centre, standard_deviation=scenario.initial_state.unobserved)
+    return priors
+
+
+def measured_status(scenario: Scenario, telemetry: xarray.Dataset) -> FloatArray:
+    """Measured status [T, H] of the heaters, NaN where a heater has no status channel or no valid sample."""
+    heaters = tuple(scenario.simulator.heaters)
+    status = np.full((telemetry.sizes["time"], len(heaters)), np.nan)
+    for k, name in enumerate(heaters):
+        watching = [c for c, item in scenario.observations.items() if item.heater == name]
+        channel = watching[0] if watching else scenario.simulator.heaters[name].measured_by
+        if channel is not None:
+            status[:, k] = telemetry[channel].values
+    return status

@@ -1,0 +1,81 @@
+"""Propagating draws of theta to temperatures with intervals, and to heater status."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from ..calibration.problem import Problem
+from ..errors import RunError
+from ..simulator.system import FloatArray
+
+_FEWEST = 0.5  # share of simulations that must succeed
+
+
+@dataclass(frozen=True)
+class Ensemble:
+    """Posterior simulations of one window, summarised; S simulations that did not fail."""
+
+    mean: FloatArray
+    """[T, N] K."""
+    standard_deviation: FloatArray
+    """[T, N] K, of simulation and noise together."""
+    lower: FloatArray
+    """[T, N] K, of the interval for telemetry: simulation and noise together."""
+    upper: FloatArray
+    model_lower: FloatArray
+    """[T, N] K, of the interval for the simulated temperature alone."""
+    model_upper: FloatArray
+    status: FloatArray
+    """[T, H] probability that the heater is on."""
+    duty_cycle: FloatArray
+    """[S, H]."""
+    switch_count: FloatArray
+    """[S, H]."""
+    energy: FloatArray
+    """[S, H] J over the window."""
+    switch_sequences: tuple[tuple[tuple[int, int], ...], ...]
+    """[S] order in which heaters switched: (heater, 1 on or 0 off)."""
+    failed: int
+
+
+def propagate(problem: Problem, thetas: FloatArray, interval: float, rng: np.random.Generator) -> Ensemble:
+    """Simulate at thetas [S, d] in one batch, add the noise of each, and summarise.
+
+    interval: probability inside, such as 0.95. Raises RunError when more than half of the simulations fail.
+    """
+    runs = problem.simulate_many(thetas)
+    kept = [(theta, run) for theta, run in zip(thetas, runs, strict=True) if run is not None]
+    if len(kept) < _FEWEST * len(thetas):
+        raise RunError(f"window '{problem.window}': {len(thetas) - len(kept)} of {len(thetas)} simulations failed")
+    simulated = np.stack([run.temperatures for _, run in kept])  # [S, T, N]
+    noise = np.stack([problem.noise(theta) for theta, _ in kept])  # [S, N]
+    noisy = simulated + noise[:, None, :] * rng.standard_normal(simulated.shape)
+    tails = [0.5 * (1 - interval), 0.5 * (1 + interval)]
+    lower, upper = np.quantile(noisy, tails, axis=0)
+    model_lower, model_upper = np.quantile(simulated, tails, axis=0)
+    heaters = len(problem.simulator.heaters)
+    duty_cycle = np.stack([run.duty_cycle for _, run in kept])
+    power = np.stack([problem.simulator.heater_power(theta[problem.simulated]) for theta, _ in kept])
+    return Ensemble(
+        mean=simulated.mean(axis=0),
+        standard_deviation=np.sqrt(simulated.var(axis=0) + (noise**2).mean(axis=0)),
+        lower=lower,
+        upper=upper,
+        model_lower=model_lower,
+        model_upper=model_upper,
+        status=np.stack([run.status for _, run in kept]).mean(axis=0),
+        duty_cycle=duty_cycle,
+        switch_count=np.stack([np.bincount(run.switches.heater, minlength=heaters) for _, run in kept]).astype(float),
+        energy=duty_cycle * power * duration(problem),
+        switch_sequences=tuple(
+            tuple(zip(run.switches.heater.tolist(), run.switches.on.astype(int).tolist(), strict=True)) for _, run in kept
+        ),
+        failed=len(thetas) - len(kept),
+    )
+
+
+def duration(problem: Problem) -> float:
+    """Length of the problem's window, s, from its first to its last sample."""
+    return float((problem.times[-1] - problem.times[0]) / np.timedelta64(1, "s"))

@@ -1,0 +1,56 @@
+"""Initial temperatures of a window that the calibration has not seen.
+
+They are not known, and not of interest: they are estimated from the window's first samples, which are then never scored.
+Over so short a span temperatures are nearly linear in the initial ones, so each draw of the parameters gets a
+Gaussian update of the prior of `initial_priors`: its mean for a point estimate, a draw from it for a posterior draw.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+
+from ..calibration.problem import Problem
+from ..scenario import Normal
+from ..simulator.system import FloatArray
+
+_DIFFERENCE = 0.01  # K
+
+
+def condition_initial(
+    first: Problem, thetas: FloatArray, noise: FloatArray, rng: np.random.Generator | None = None
+) -> FloatArray:
+    """Thetas [S, d] with their initial temperatures replaced by ones conditioned on the samples of `first`.
+
+    first: the problem cut to the window's first samples; noise: [S, N] K of each theta; rng: draw from the Gaussian
+    (None: take its mean). A theta whose simulation fails keeps the prior mean.
+    """
+    positions = np.array([k for k, name in enumerate(first.names) if name.startswith("initial.")])
+    priors = [first.priors.priors[k] for k in positions]
+    mean = np.array([prior.mean for prior in priors if isinstance(prior, Normal)])
+    precision = np.array([prior.standard_deviation**-2.0 for prior in priors if isinstance(prior, Normal)])
+    thetas = thetas.copy()
+    thetas[:, positions] = mean
+    runs = first.simulate_many(thetas)
+
+    centre = np.median(thetas, axis=0)
+    shifts = np.zeros((len(positions), thetas.shape[1]))
+    shifts[np.arange(len(positions)), positions] = _DIFFERENCE
+    around = first.simulate_many(np.concatenate([centre + shifts, centre - shifts]))
+    if any(run is None for run in around):
+        return thetas
+    temperatures = np.stack([run.temperatures for run in around if run is not None])
+    half = len(positions)
+    jacobian = np.moveaxis((temperatures[:half] - temperatures[half:]) / (2 * _DIFFERENCE), 0, -1)  # [T, N, n]
+    valid = np.isfinite(first.observed)
+    for s, run in enumerate(runs):
+        if run is None:
+            continue
+        weighted = np.where(valid[..., None], jacobian / noise[s][:, None], 0.0).reshape(-1, half)
+        residual = np.where(valid, (first.observed - run.temperatures) / noise[s], 0.0).ravel()
+        hessian = weighted.T @ weighted + np.diag(precision)
+        update = np.linalg.solve(hessian, weighted.T @ residual)
+        if rng is not None:
+            factor = np.linalg.cholesky(hessian)
+            update += np.linalg.solve(factor.T, rng.standard_normal(half))
+        thetas[s, positions] = mean + update
+    return thetas

@@ -1,0 +1,134 @@
+"""Everything that is predicted about one window, by every method, as one labelled dataset."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+
+import numpy as np
+import xarray
+
+from ..calibration.problem import Problem, build_problem
+from ..environment import orbit_phase, sunlit_share
+from ..scenario import Scenario
+from ..simulator import Trajectory
+from ..simulator.system import FloatArray
+from .ensemble import Ensemble, duration, propagate
+from .initial import condition_initial
+
+STOCHASTIC = "stochastic"
+
+
+def predict(
+    scenario: Scenario,
+    telemetry: xarray.Dataset,
+    window: str,
+    points: Mapping[str, FloatArray],
+    draws: FloatArray,
+    *,
+    seed: int,
+) -> tuple[xarray.Dataset, Ensemble]:
+    """Predict a window with point estimates and with posterior draws.
+
+    points: method -> theta [d], with ``noise.*`` the method's own residual level; draws: posterior thetas [S, d]; both
+    ordered as `Problem.names`. On the train window thetas hold its initial temperatures; on any other, these are
+    conditioned on the first samples of the window (`initial.condition_initial`), which are marked as not scored.
+    Raises TelemetryError and RunError.
+    """
+    settings = scenario.calibration.prediction
+    rng = np.random.default_rng([seed, *window.encode()])
+    problem = build_problem(scenario, telemetry, window)
+    scored = np.ones(len(problem.times), bool)
+    thetas = np.stack(list(points.values())) if points else np.empty((0, draws.shape[1]))
+    if window != "train":
+        first = build_problem(scenario, telemetry, window, span=settings.initial_span)
+        scored = problem.times > first.times[-1]
+        if len(thetas):
+            thetas = condition_initial(first, thetas, np.stack([problem.noise(theta) for theta in thetas]))
+        draws = condition_initial(first, draws, np.stack([problem.noise(theta) for theta in draws]), rng)
+    ensemble = propagate(problem, draws, settings.interval, rng)
+    runs = problem.simulate_many(thetas) if len(thetas) else []
+    prediction = _dataset(problem, dict(zip(points, runs, strict=True)), thetas, ensemble, scored)
+    prediction.attrs |= {
+        "interval": settings.interval,
+        "interval_contains": "parameters, initial temperatures and measurement noise; not model discrepancy",
+        "initial_state": "calibrated with the parameters"
+        if window == "train"
+        else f"estimated from the first {settings.initial_span / 60:g} min of the window, which are not scored",
+        "failed_simulations": ensemble.failed,
+    }
+    return prediction, ensemble
+
+
+def _dataset(
+    problem: Problem, runs: Mapping[str, Trajectory | None], thetas: FloatArray, ensemble: Ensemble, scored: FloatArray
+) -> xarray.Dataset:
+    samples, channels = problem.observed.shape
+    heaters = len(problem.simulator.heaters)
+    methods = [*runs, STOCHASTIC]
+    seconds = duration(problem)
+    mean = np.full((len(methods), samples, channels), np.nan)
+    lower, upper, deviation = mean.copy(), mean.copy(), mean.copy()
+    status = np.full((len(methods), samples, heaters), np.nan)
+    duty = np.full((len(methods), heaters), np.nan)
+    count, energy = duty.copy(), duty.copy()
+    for k, run in enumerate(runs.values()):
+        if run is None:
+            continue
+        mean[k], status[k], duty[k] = run.temperatures, run.status, run.duty_cycle
+        count[k] = np.bincount(run.switches.heater, minlength=heaters)
+        energy[k] = run.duty_cycle * problem.simulator.heater_power(thetas[k][problem.simulated]) * seconds
+    mean[-1], lower[-1], upper[-1] = ensemble.mean, ensemble.lower, ensemble.upper
+    deviation[-1], status[-1] = ensemble.standard_deviation, ensemble.status
+    duty[-1] = ensemble.duty_cycle.mean(axis=0)
+    count[-1] = ensemble.switch_count.mean(axis=0)
+    energy[-1] = ensemble.energy.mean(axis=0)
+    environment = problem.scenario.environment
+    by_method, by_simulation = ("method", "time", "channel"), ("simulation", "heater")
+    return xarray.Dataset(
+        {
+            "observed": (("time", "channel"), problem.observed),
+            "scored": ("time", scored),
+            "mean": (by_method, mean),
+            "lower": (by_method, lower),
+            "upper": (by_method, upper),
+            "standard_deviation": (by_method, deviation),
+            "model_lower": (("time", "channel"), ensemble.model_lower),
+            "model_upper": (("time", "channel"), ensemble.model_upper),
+            "observed_status": (("time", "heater"), problem.status),
+            "status": (("method", "time", "heater"), status),
+            "duty_cycle": (by_simulation, ensemble.duty_cycle),
+            "switch_count": (by_simulation, ensemble.switch_count),
+            "energy": (by_simulation, ensemble.energy),
+            "point_duty_cycle": (("method", "heater"), duty),
+            "point_switch_count": (("method", "heater"), count),
+            "point_energy": (("method", "heater"), energy),
+            "observed_duty_cycle": ("heater", _observed_duty_cycle(problem.status)),
+            "observed_switch_count": ("heater", _observed_switch_count(problem.status)),
+            "eclipse": ("time", sunlit_share(environment, problem.times)),
+            "orbit_phase": ("time", orbit_phase(environment, problem.times)),
+        },
+        coords={
+            "time": problem.times,
+            "channel": list(problem.simulator.channels),
+            "heater": list(problem.simulator.heaters),
+            "method": methods,
+        },
+    )
+
+
+def _observed_duty_cycle(status: FloatArray) -> FloatArray:
+    """Share of the valid status samples [T, H] that are on, [H]; NaN without any."""
+    valid = np.isfinite(status)
+    return np.divide(
+        np.where(valid, status, 0.0).sum(axis=0), valid.sum(axis=0), out=np.full(status.shape[1], np.nan), where=valid.any(axis=0)
+    )
+
+
+def _observed_switch_count(status: FloatArray) -> FloatArray:
+    """Changes between neighbouring valid status samples [T, H], [H]; NaN without any."""
+    counts = np.full(status.shape[1], np.nan)
+    for k in range(status.shape[1]):
+        valid = status[np.isfinite(status[:, k]), k]
+        if len(valid):
+            counts[k] = np.count_nonzero(np.diff(valid > 0.5))
+    return counts

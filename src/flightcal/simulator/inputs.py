@@ -1,0 +1,171 @@
+"""The grid of the integration and the input series on it: sunlight, modes, measured drivers, measured heaters."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+import xarray
+from numpy.typing import NDArray
+
+from ..environment import face_fluxes, shadow_edges
+from ..errors import TelemetryError
+from ..scenario import Scenario
+from ..telemetry import driver_series, status_fraction
+from .network import Network
+from .system import Drive, FloatArray
+
+_SETTLING = 0.01  # s; a step this short after a jump of the inputs brings massless nodes back to balance
+
+Times = NDArray[np.datetime64]
+
+
+@dataclass(frozen=True)
+class Sampling:
+    """Where samples lie on the grid: between point `index` and the next, a share `weight` of the way."""
+
+    index: NDArray[np.int64]
+    """[T]."""
+    weight: FloatArray
+    """[T] 0..1."""
+
+    def interpolate(self, on_grid: FloatArray) -> FloatArray:
+        """[..., K+1, n] on the grid -> [..., T, n] at the samples."""
+        weight = self.weight[:, None]
+        return (1.0 - weight) * on_grid[..., self.index, :] + weight * on_grid[..., self.index + 1, :]
+
+    def spread(self, at_samples: FloatArray, points: int) -> FloatArray:
+        """The transpose of `interpolate`: [T, n] -> [points, n]."""
+        on_grid = np.zeros((points, at_samples.shape[1]))
+        weight = self.weight[:, None]
+        np.add.at(on_grid, self.index, (1.0 - weight) * at_samples)
+        np.add.at(on_grid, self.index + 1, weight * at_samples)
+        return on_grid
+
+
+def make_grid(duration: float, step: float, samples: FloatArray, kinks: FloatArray, jumps: FloatArray, settle: bool) -> FloatArray:
+    """Grid points [K+1] s from 0 to `duration`, no further apart than `step`.
+
+    The samples are grid points unless they are denser than half a step (then outputs are interpolated); so are
+    the kinks of the inputs; a jump stands twice, once for each side, and is followed by a settling step if `settle`.
+    """
+    jumps = np.unique(jumps[(jumps > 0) & (jumps < duration)])
+    fixed = [np.array([0.0, duration]), kinks[(kinks > 0) & (kinks < duration)], jumps]
+    if len(samples) > 1 and np.median(np.diff(samples)) >= 0.5 * step:
+        fixed.append(samples[(samples > 0) & (samples < duration)])
+    points = np.unique(np.concatenate(fixed))
+    # Points closer together than a microsecond are one point.
+    points = points[np.concatenate([[True], np.diff(points) > 1e-6])]
+    counts = np.maximum(1, np.ceil(np.diff(points) / step - 1e-9).astype(int))
+    grid = np.concatenate(
+        [np.linspace(a, b, count, endpoint=False) for a, b, count in zip(points[:-1], points[1:], counts, strict=True)] + [points[-1:]]
+    )
+    twice = grid[np.searchsorted(grid, jumps - 1e-6)]
+    settling = twice + _SETTLING if settle else np.empty(0)
+    return np.sort(np.concatenate([grid, twice, settling]))
+
+
+def locate(samples: FloatArray, grid: FloatArray) -> Sampling:
+    """Where samples (s) lie on a grid with possible double points."""
+    index = np.clip(np.searchsorted(grid, samples + 1e-9, side="right") - 1, 0, len(grid) - 2)
+    length = grid[index + 1] - grid[index]
+    weight = np.divide(samples - grid[index], length, out=np.zeros_like(samples), where=length > 0)
+    return Sampling(index, np.clip(weight, 0.0, 1.0))
+
+
+def build_drive(
+    scenario: Scenario,
+    network: Network,
+    telemetry: xarray.Dataset,
+    start: np.datetime64,
+    end: np.datetime64,
+    samples: Times,
+    *,
+    period: float,
+) -> tuple[Drive, Sampling]:
+    """Grid, inputs and wiring of a window, and where `samples` [T] lie on the grid.
+
+    Raises TelemetryError when a driver cannot be bridged over a gap, or heaters driven by measurement lack status.
+    """
+    model = scenario.simulator
+    relative = _seconds(samples, start)
+    duration = max(float(_seconds(np.array([end]), start)[0]), float(relative[-1]) if len(relative) else 0.0)
+    changes = _seconds(np.array([change.at for change in model.timeline], dtype="datetime64[ns]"), start)
+    kinks = np.empty(0)
+    if model.faces and scenario.environment.orbit is not None:
+        kinks = _seconds(shadow_edges(scenario.environment, start, end), start)
+    grid = make_grid(duration, model.step, relative, kinks, changes, settle=network.diffusive < len(network.nodes))
+    times = start.astype("datetime64[ns]") + np.round(grid * 1e9).astype("timedelta64[ns]")
+    steps = len(grid) - 1
+
+    series = {"one": np.ones(len(grid))}
+    if model.faces:
+        fluxes = face_fluxes(scenario.environment, {name: face.normal for name, face in model.faces.items()}, times)
+        for k, face in enumerate(fluxes.names):
+            series[f"solar.{face}"] = fluxes.solar[:, k]
+            series[f"albedo.{face}"] = fluxes.albedo[:, k]
+            series[f"infrared.{face}"] = fluxes.infrared[:, k]
+    for mode, active in _mode_indicators(scenario, grid, changes).items():
+        series[f"mode.{mode}"] = active
+    for name, load in model.loads.items():
+        series[f"driver.{name}"] = driver_series(
+            telemetry, load.driver, times, fill=scenario.telemetry.channels[load.driver].fill, period=period
+        )
+    for name, node in model.nodes.items():
+        if isinstance(node.boundary, str):
+            measured = driver_series(telemetry, node.boundary, times, fill="interpolate", period=period)
+            series[f"temperature.{name}"] = measured
+            series[f"temperature4.{name}"] = measured**4
+
+    drive = Drive(
+        times=grid,
+        inputs=np.stack([series[column] for column in network.columns], axis=1),
+        mass=network.mass,
+        sensors=network.sensors,
+        mixing=np.zeros((0, len(network.nodes))),
+        measured=_measured_heaters(scenario, telemetry, times, steps),
+        initially_on=_initial_status(scenario, telemetry, start),
+    )
+    return drive, locate(relative, grid)
+
+
+def _seconds(times: Times, start: np.datetime64) -> FloatArray:
+    return (times - start) / np.timedelta64(1, "ns") * 1e-9
+
+
+def _mode_indicators(scenario: Scenario, grid: FloatArray, changes: FloatArray) -> dict[str, FloatArray]:
+    """1 while in the mode; before the first change the timeline's first mode holds."""
+    model = scenario.simulator
+    modes = tuple(model.modes)
+    if not modes:
+        return {}
+    if not model.timeline:
+        return {mode: np.ones(len(grid)) for mode in modes[:1]} | {mode: np.zeros(len(grid)) for mode in modes[1:]}
+    second = np.concatenate([[False], np.diff(grid) == 0.0])  # the later one of two points at the same time
+    later = np.searchsorted(changes, grid + np.where(second, 1e-6, -1e-6), side="right")
+    later = np.where(grid == 0.0, np.searchsorted(changes, 1e-6, side="right"), later)
+    active = [model.timeline[max(k - 1, 0)].mode for k in later]
+    return {mode: np.array([float(name == mode) for name in active]) for mode in modes}
+
+
+def _measured_heaters(scenario: Scenario, telemetry: xarray.Dataset, times: Times, steps: int) -> FloatArray:
+    heaters = scenario.simulator.heaters
+    measured = np.full((steps, len(heaters)), np.nan)
+    if scenario.simulator.heater_input == "measured":
+        for k, (name, heater) in enumerate(heaters.items()):
+            if heater.measured_by is None:
+                raise TelemetryError(f"heater '{name}' is to be driven by its measured status, but has no 'measured_by' channel")
+            measured[:, k] = status_fraction(telemetry, heater.measured_by, times)
+    return measured
+
+
+def _initial_status(scenario: Scenario, telemetry: xarray.Dataset, start: np.datetime64) -> FloatArray:
+    """State of the heaters at the window's start: the nearest valid status sample, else what the scenario says."""
+    state = []
+    for heater in scenario.simulator.heaters.values():
+        state.append(float(heater.initially_on))
+        if heater.measured_by is not None:
+            valid = telemetry[heater.measured_by].dropna("time")
+            if valid.sizes["time"]:
+                state[-1] = float(valid.sel(time=start, method="nearest").item() > 0.5)
+    return np.array(state)
