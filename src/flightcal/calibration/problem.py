@@ -124,7 +124,9 @@ class Problem:
         for k, column in enumerate(columns):
             above, below = runs[k], runs[k + len(columns)]
             if above is None or below is None:
-                raise SimulationFailure(f"a simulation next to this point fails, in the direction of '{self.names[column]}'")
+                raise SimulationFailure(
+                    f"a simulation next to this point fails, in the direction of '{self.names[column]}'"
+                )
             jacobian[..., column] = (above.temperatures - below.temperatures) / (2.0 * _DIFFERENCE)
         return jacobian
 
@@ -147,7 +149,9 @@ class Problem:
 
         status_weight: kelvin that a wrongly simulated heater status sample counts as (0: temperatures only).
         """
-        return np.array([np.nan if run is None else self._misfit(run, status_weight) for run in self.simulate_many(thetas)])
+        return np.array(
+            [np.nan if run is None else self._misfit(run, status_weight) for run in self.simulate_many(thetas)]
+        )
 
     def _misfit(self, run: Trajectory, status_weight: float) -> float:
         mean_square = np.nanmean((self.observed - run.temperatures) ** 2)
@@ -170,7 +174,9 @@ class Problem:
         return jax.jit(evaluate)
 
 
-def build_problem(scenario: Scenario, telemetry: xarray.Dataset, window: str = "train", *, span: float | None = None) -> Problem:
+def build_problem(
+    scenario: Scenario, telemetry: xarray.Dataset, window: str = "train", *, span: float | None = None
+) -> Problem:
     """The calibration problem of a scenario on one of its windows.
 
     span: only the window's first so many seconds. Raises ScenarioError and TelemetryError.
@@ -212,9 +218,9 @@ def initial_priors(scenario: Scenario, channels: tuple[str, ...], observed: Floa
     first = {}
     for k, channel in enumerate(channels):
         valid = observed[np.isfinite(observed[:, k]), k]
-        node = scenario.observations[channel].node
-        if len(valid) and node not in first:
-            first[node] = float(np.mean(valid[:_SAMPLES_FOR_START])) - scenario.observations[channel].bias
+        observed_node = scenario.observations[channel].node
+        if len(valid) and observed_node not in first:
+            first[observed_node] = float(np.mean(valid[:_SAMPLES_FOR_START])) - scenario.observations[channel].bias
     typical = float(np.mean(list(first.values()))) if first else 293.15
     priors: dict[str, Prior] = {}
     for name, node in scenario.simulator.nodes.items():

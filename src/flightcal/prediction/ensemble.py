@@ -70,7 +70,8 @@ def propagate(problem: Problem, thetas: FloatArray, interval: float, rng: np.ran
         switch_count=np.stack([np.bincount(run.switches.heater, minlength=heaters) for _, run in kept]).astype(float),
         energy=duty_cycle * power * duration(problem),
         switch_sequences=tuple(
-            tuple(zip(run.switches.heater.tolist(), run.switches.on.astype(int).tolist(), strict=True)) for _, run in kept
+            tuple(zip(run.switches.heater.tolist(), run.switches.on.astype(int).tolist(), strict=True))
+            for _, run in kept
         ),
         failed=len(thetas) - len(kept),
     )

@@ -60,7 +60,11 @@ def predict(
 
 
 def _dataset(
-    problem: Problem, runs: Mapping[str, Trajectory | None], thetas: FloatArray, ensemble: Ensemble, scored: FloatArray
+    problem: Problem,
+    runs: Mapping[str, Trajectory | None],
+    thetas: FloatArray,
+    ensemble: Ensemble,
+    scored: FloatArray,
 ) -> xarray.Dataset:
     samples, channels = problem.observed.shape
     heaters = len(problem.simulator.heaters)
@@ -120,7 +124,10 @@ def _observed_duty_cycle(status: FloatArray) -> FloatArray:
     """Share of the valid status samples [T, H] that are on, [H]; NaN without any."""
     valid = np.isfinite(status)
     return np.divide(
-        np.where(valid, status, 0.0).sum(axis=0), valid.sum(axis=0), out=np.full(status.shape[1], np.nan), where=valid.any(axis=0)
+        np.where(valid, status, 0.0).sum(axis=0),
+        valid.sum(axis=0),
+        out=np.full(status.shape[1], np.nan),
+        where=valid.any(axis=0),
     )
 
 

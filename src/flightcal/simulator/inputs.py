@@ -43,7 +43,9 @@ class Sampling:
         return on_grid
 
 
-def make_grid(duration: float, step: float, samples: FloatArray, kinks: FloatArray, jumps: FloatArray, settle: bool) -> FloatArray:
+def make_grid(
+    duration: float, step: float, samples: FloatArray, kinks: FloatArray, jumps: FloatArray, settle: bool
+) -> FloatArray:
     """Grid points [K+1] s from 0 to `duration`, no further apart than `step`.
 
     The samples are grid points unless they are denser than half a step (then outputs are interpolated); so are
@@ -58,7 +60,8 @@ def make_grid(duration: float, step: float, samples: FloatArray, kinks: FloatArr
     points = points[np.concatenate([[True], np.diff(points) > 1e-6])]
     counts = np.maximum(1, np.ceil(np.diff(points) / step - 1e-9).astype(int))
     grid = np.concatenate(
-        [np.linspace(a, b, count, endpoint=False) for a, b, count in zip(points[:-1], points[1:], counts, strict=True)] + [points[-1:]]
+        [np.linspace(a, b, count, endpoint=False) for a, b, count in zip(points[:-1], points[1:], counts, strict=True)]
+        + [points[-1:]]
     )
     twice = grid[np.searchsorted(grid, jumps - 1e-6)]
     settling = twice + _SETTLING if settle else np.empty(0)
@@ -154,7 +157,9 @@ def _measured_heaters(scenario: Scenario, telemetry: xarray.Dataset, times: Time
     if scenario.simulator.heater_input == "measured":
         for k, (name, heater) in enumerate(heaters.items()):
             if heater.measured_by is None:
-                raise TelemetryError(f"heater '{name}' is to be driven by its measured status, but has no 'measured_by' channel")
+                raise TelemetryError(
+                    f"heater '{name}' is to be driven by its measured status, but has no 'measured_by' channel"
+                )
             measured[:, k] = status_fraction(telemetry, heater.measured_by, times)
     return measured
 

@@ -17,7 +17,7 @@ _SPARE_SEGMENTS = 256
 _MOST_SWITCHES_PER_STEP = 20
 
 
-class SimulationFailure(Exception):
+class SimulationFailure(Exception):  # noqa: N818 - a value of the domain, not a programming error
     """A trajectory that cannot be computed: not finite, or a thermostat that chatters. Data for the caller."""
 
 
@@ -66,13 +66,15 @@ def integrate(system: System, drive: Drive) -> Run:
     if outcome == kernel.NOT_FINITE:
         raise SimulationFailure("a temperature is not finite")
     if outcome == kernel.TOO_MANY_SWITCHES:
-        raise SimulationFailure(f"heaters switch more than {_MOST_SWITCHES_PER_STEP} times a time step: a thermostat chatters")
-    record = tuple(part[:segments] for part in record)
-    _, start, length, event, _, heater_state = record
+        raise SimulationFailure(
+            f"heaters switch more than {_MOST_SWITCHES_PER_STEP} times a time step: a thermostat chatters"
+        )
+    kept = tuple(part[:segments] for part in record)
+    _, start, length, event, _, heater_state = kept
     switched = np.flatnonzero(event >= 0)
     heater = event[switched]
     switches = Switch(start[switched] + length[switched], heater, 1.0 - heater_state[switched, heater])
-    return Run(states, status, switches, record)
+    return Run(states, status, switches, kept)
 
 
 def pull_back(system: System, drive: Drive, run: Run, states_bar: FloatArray) -> System:

@@ -20,10 +20,12 @@ LU factorisation runs without pivoting: with conduction and radiation between no
 
 from __future__ import annotations
 
+from typing import Any
+
 import numpy as np
 from numba import njit
 
-_COMPILE = {"nogil": True, "cache": True, "error_model": "numpy"}
+_compiled: Any = njit(nogil=True, cache=True, error_model="numpy")
 
 FINISHED = 0
 NOT_FINITE = 1
@@ -34,7 +36,7 @@ _CROSSING_TOLERANCE = 1e-11  # K, on the sensor at the switch
 _EIGHT_THIRDS = 8.0 / 3.0
 
 
-@njit(**_COMPILE)
+@_compiled
 def _factor(W):
     """LU in place (unit lower triangle); the diagonal is stored as its reciprocal."""
     n = W.shape[0]
@@ -49,7 +51,7 @@ def _factor(W):
                     W[i, j] -= factor * W[k, j]
 
 
-@njit(**_COMPILE)
+@_compiled
 def _solve(W, r):
     n = W.shape[0]
     for i in range(n):
@@ -64,7 +66,7 @@ def _solve(W, r):
         r[i] = total * W[i, i]
 
 
-@njit(**_COMPILE)
+@_compiled
 def _solve_transposed(W, r):
     n = W.shape[0]
     for i in range(n):
@@ -78,7 +80,7 @@ def _solve_transposed(W, r):
             r[j] -= W[i, j] * value
 
 
-@njit(**_COMPILE)
+@_compiled
 def _mix(E, x, e):
     """e = E x; an E without rows is the identity."""
     if E.shape[0] == 0:
@@ -92,7 +94,7 @@ def _mix(E, x, e):
         e[i] = total
 
 
-@njit(**_COMPILE)
+@_compiled
 def _mix_transposed_add(E, e, x):
     """x += E^T e."""
     if E.shape[0] == 0:
@@ -104,7 +106,7 @@ def _mix_transposed_add(E, e, x):
             x[j] += E[i, j] * e[i]
 
 
-@njit(**_COMPILE)
+@_compiled
 def _rate(A, N, E, x, b, gu, e, f):
     """f = A x + N (E x)^4 + b + gu; leaves E x in e."""
     n = x.shape[0]
@@ -120,7 +122,7 @@ def _rate(A, N, E, x, b, gu, e, f):
         f[i] = total
 
 
-@njit(**_COMPILE)
+@_compiled
 def _jacobian(A, N, E, e, J):
     """J = A + N diag(4 e^3) E."""
     n = A.shape[0]
@@ -143,7 +145,7 @@ def _jacobian(A, N, E, e, J):
                     J[i, j] += weight * E[k, j]
 
 
-@njit(**_COMPILE)
+@_compiled
 def _stages(A, N, E, mass, x0, h, b0, b1, gu, W, J, K, X, e, F):
     """The four stages of a step of length h from x0.
 
@@ -179,7 +181,7 @@ def _stages(A, N, E, mass, x0, h, b0, b1, gu, W, J, K, X, e, F):
     _solve(W, K[3])
 
 
-@njit(**_COMPILE)
+@_compiled
 def _length_derivative(A, N, E, mass, h, b0, b1, slope, W, J, K, e, F, K_dot, velocity):
     """d x1 / d h of the step whose stages are given, with b1 moving along `slope` as the step's end moves."""
     n = A.shape[0]
@@ -198,9 +200,7 @@ def _length_derivative(A, N, E, mass, h, b0, b1, slope, W, J, K, e, F, K_dot, ve
         K_dot[0, i] += 0.5 * (F[0, i] + 0.5 * (b1[i] - b0[i])) + half * 0.5 * slope[i]
     _solve(W, K_dot[0])
     for i in range(n):
-        K_dot[1, i] += (
-            0.5 * (F[0, i] + 1.5 * (b1[i] - b0[i])) + half * 1.5 * slope[i] + 2.0 * mass[i] * K_dot[0, i]
-        )
+        K_dot[1, i] += 0.5 * (F[0, i] + 1.5 * (b1[i] - b0[i])) + half * 1.5 * slope[i] + 2.0 * mass[i] * K_dot[0, i]
     _solve(W, K_dot[1])
     for stage in range(2, 4):
         for i in range(n):
@@ -224,7 +224,7 @@ def _length_derivative(A, N, E, mass, h, b0, b1, slope, W, J, K, e, F, K_dot, ve
         velocity[i] = 2.0 * K_dot[0, i] + K_dot[2, i] + K_dot[3, i]
 
 
-@njit(**_COMPILE)
+@_compiled
 def _combine_heaters(heating, state, gu):
     for i in range(gu.shape[0]):
         total = 0.0
@@ -233,7 +233,7 @@ def _combine_heaters(heating, state, gu):
         gu[i] = total
 
 
-@njit(**_COMPILE)
+@_compiled
 def _sensor(S, k, x):
     total = 0.0
     for j in range(x.shape[0]):
@@ -241,7 +241,7 @@ def _sensor(S, k, x):
     return total
 
 
-@njit(**_COMPILE)
+@_compiled
 def forward(
     A, N, B_inputs, heating, lower, upper, initial,
     times, mass, S, E, measured, initially_on,
@@ -380,7 +380,7 @@ def forward(
     return FINISHED, segments, switches
 
 
-@njit(**_COMPILE)
+@_compiled
 def adjoint(
     A, N, B_inputs, heating, lower, upper,
     times, mass, S, E,

@@ -100,7 +100,12 @@ def build_network(scenario: Scenario) -> Network:
             if first in state:
                 boundary = "" if second in state else second
                 found.append(
-                    Link(position[f"conductors.{conductor.label}.{kind}"], state[first], state.get(second, -1), boundary)
+                    Link(
+                        position[f"conductors.{conductor.label}.{kind}"],
+                        state[first],
+                        state.get(second, -1),
+                        boundary,
+                    )
                 )
         return tuple(found)
 

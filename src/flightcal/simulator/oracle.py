@@ -7,13 +7,8 @@ from __future__ import annotations
 
 from typing import Any
 
-
-
-
 from .._jax import jax, jnp
 from .system import Drive, System
-
-
 
 _LOCATION_ITERATIONS = 60
 
@@ -114,9 +109,7 @@ def integrate(system: System, drive: Drive, *, max_segments: int = 4) -> tuple[A
         return (x, u), (x, u)
 
     sensed = sensors @ system.initial
-    u0 = jnp.where(
-        sensed < system.lower, 1.0, jnp.where(sensed > system.upper, 0.0, jnp.asarray(drive.initially_on))
-    )
+    u0 = jnp.where(sensed < system.lower, 1.0, jnp.where(sensed > system.upper, 0.0, jnp.asarray(drive.initially_on)))
     u0 = jnp.where(jnp.isnan(measured[0]), u0, measured[0]) if measured.shape[0] else u0
     _, (states, status) = jax.lax.scan(step, (system.initial, u0), (inputs[:-1], inputs[1:], durations, measured))
     return jnp.concatenate([system.initial[None], states]), jnp.concatenate([u0[None], status])
