@@ -1,1 +1,54 @@
-"""."""
+"""Calibrate spacecraft operational simulation models in flight, with honest uncertainty."""
+
+from __future__ import annotations
+
+import importlib
+from typing import TYPE_CHECKING, Any
+
+if TYPE_CHECKING:
+    from .calibration import build_problem, calibrate_genetic, calibrate_nuts, genetic_points
+    from .errors import FlightcalError
+    from .experiment import read, run_experiment
+    from .prediction import predict
+    from .report import write_report
+    from .scenario import lint, load_scenario
+    from .validation import comparison_table, score
+
+_PLACES = {
+    "FlightcalError": "errors",
+    "build_problem": "calibration",
+    "calibrate_genetic": "calibration",
+    "calibrate_nuts": "calibration",
+    "comparison_table": "validation",
+    "genetic_points": "calibration",
+    "lint": "scenario",
+    "load_scenario": "scenario",
+    "predict": "prediction",
+    "read": "experiment",
+    "run_experiment": "experiment",
+    "score": "validation",
+    "write_report": "report",
+}
+
+__all__ = [
+    "FlightcalError",
+    "build_problem",
+    "calibrate_genetic",
+    "calibrate_nuts",
+    "comparison_table",
+    "genetic_points",
+    "lint",
+    "load_scenario",
+    "predict",
+    "read",
+    "run_experiment",
+    "score",
+    "write_report",
+]
+
+
+def __getattr__(name: str) -> Any:
+    # Imported on first use: the numerical packages take seconds to load, and `flightcal --help` needs none.
+    if name not in _PLACES:
+        raise AttributeError(f"module 'flightcal' has no attribute '{name}'")
+    return getattr(importlib.import_module(f".{_PLACES[name]}", __name__), name)

@@ -6,49 +6,33 @@ SI floats here; times are UTC. Cross-references between blocks are checked in `l
 
 from __future__ import annotations
 
-from datetime import datetime
 from pathlib import Path
 from typing import Annotated, Any, Literal
 
-from pydantic import BaseModel, BeforeValidator, ConfigDict, Field, model_validator
+from pydantic import Field, Tag, model_validator
 
-from ._units import Angle, Duration, Temperature, quantity
+from ._fields import (
+    Block,
+    BoundaryTemperature,
+    ChannelUnit,
+    Count,
+    FaceNormal,
+    Flag,
+    Marker,
+    Markers,
+    Names,
+    Number,
+    Pair,
+    Quaternion,
+    Range,
+    Time,
+    TleLines,
+    Vector,
+    one_of,
+)
+from ._units import Angle, Duration, Power, Quantity, Temperature
 
-
-class Block(BaseModel):
-    """A block of the scenario file: immutable, and an unknown key is an error."""
-
-    model_config = ConfigDict(frozen=True, extra="forbid")
-
-
-def _utc(value: Any) -> Any:
-    """ISO 8601 text as a naive UTC datetime."""
-    if isinstance(value, str):
-        try:
-            value = datetime.fromisoformat(value.strip())
-        except ValueError:
-            raise ValueError(f"found {value!r}, expected a UTC time such as 2024-03-01T00:00:00") from None
-    if not isinstance(value, datetime):
-        raise ValueError(f"found {value!r}, expected a UTC time such as 2024-03-01T00:00:00")
-    if value.tzinfo is not None:
-        offset = value.utcoffset()
-        value = value.replace(tzinfo=None) - (offset or value.utcoffset() or (value - value))
-    return value
-
-
-Time = Annotated[datetime, BeforeValidator(_utc)]
-Vector = tuple[float, float, float]
-Quaternion = tuple[float, float, float, float]
-
-
-def _as_tuple(value: Any) -> Any:
-    return (value,) if isinstance(value, str) else value
-
-
-Names = Annotated[tuple[str, ...], BeforeValidator(_as_tuple), Field(min_length=1)]
-
-
-# --- telemetry ------------------------------------------------------------------------------------------------
+# --- telemetry ----------------------------------------------------------------------------------------------
 
 
 class TimeColumn(Block):
@@ -64,16 +48,16 @@ class Channel(Block):
     column: Names
     combine: Literal["mean", "sum", "product"] | None = None
     kind: Literal["temperature", "status", "driver"]
-    unit: str | None = None
+    unit: ChannelUnit | None = None
     """Unit as the file has it; for a product of columns, the unit of the product (``mA * mV``)."""
-    valid_range: tuple[str | float, str | float] | None = None
+    valid_range: Range | None = None
     """Lowest and highest believable value, with units (for a driver without a unit, plain numbers)."""
-    invalid: tuple[float | str, ...] = ()
+    invalid: Markers = ()
     """Marker values of the ground system, as they stand in the file."""
-    on: tuple[float | str, ...] = (1, "1", "ON", "on", "On", "true", "True", "TRUE")
+    on: Markers = (1.0, "1", "ON", "on", "On", "true", "True", "TRUE")
     """For a status: the values that mean on."""
-    stale_after: int | None = 6
-    """This many identical values in a row of all channels that do not normally repeat are a frozen row; null: off."""
+    stale_after: Annotated[Count, Field(ge=2)] | None = 6
+    """This many identical rows of all channels that do not normally repeat are frozen; null: off."""
     fill: Literal["interpolate", "previous_orbit"] = "interpolate"
     """For a driver: how its gaps are bridged."""
 
@@ -88,13 +72,13 @@ class TelemetryFile(Block):
     channels: dict[str, Channel] = Field(min_length=1)
 
 
-# --- environment ----------------------------------------------------------------------------------------------
+# --- environment --------------------------------------------------------------------------------------------
 
 
 class CircularOrbit(Block):
-    """Circular orbit by altitude, inclination and either local time or right ascension of the ascending node."""
+    """Circular orbit by altitude, inclination, and local time or right ascension of the ascending node."""
 
-    altitude: quantity("m", above=100e3)  # type: ignore[valid-type]
+    altitude: Annotated[float, Quantity("m", above=100e3, at_most=1e9)]
     inclination: Angle
     ltan: str | None = None
     """Local time of the ascending node, ``"HH:MM"``."""
@@ -107,8 +91,8 @@ class CircularOrbit(Block):
 class KeplerianOrbit(Block):
     """Keplerian elements at an epoch, true equator of date; J2 moves node and perigee."""
 
-    semi_major_axis: quantity("m", above=6.4e6)  # type: ignore[valid-type]
-    eccentricity: Annotated[float, Field(ge=0, lt=1)]
+    semi_major_axis: Annotated[float, Quantity("m", above=6.4e6, at_most=1e9)]
+    eccentricity: Annotated[Number, Field(ge=0, lt=1)]
     inclination: Angle
     raan: Angle
     argument_of_perigee: Angle
@@ -119,17 +103,17 @@ class KeplerianOrbit(Block):
 class TleOrbit(Block):
     """Two-line elements, propagated with SGP4."""
 
-    tle: tuple[str, str]
+    tle: TleLines
 
 
 class SampledOrbit(Block):
-    """Positions from a CSV file with columns time (ISO 8601 UTC), x, y, z in metres, Earth-centred inertial."""
+    """Positions from a CSV file: columns time (ISO 8601 UTC), x, y, z in metres, Earth-centred inertial."""
 
     positions: str
 
 
 class InertialAttitude(Block):
-    """Body axes fixed in inertial space: unit quaternion (w, x, y, z) that turns body vectors into inertial ones."""
+    """Body axes fixed in inertial space: unit quaternion (w, x, y, z), from body to inertial vectors."""
 
     inertial: Quaternion
 
@@ -151,38 +135,88 @@ class SampledAttitude(Block):
     quaternions: str
 
 
-class Environment(Block):
-    """Orbit and attitude, from which heat fluxes follow; or only an orbital period, where drivers replace the Sun."""
+def _orbit_kind(value: Any) -> str | None:
+    if not isinstance(value, dict):
+        return None
+    if "tle" in value:
+        return "<TleOrbit>"
+    if "positions" in value:
+        return "<SampledOrbit>"
+    elements = {"semi_major_axis", "eccentricity", "argument_of_perigee", "mean_anomaly"}
+    return "<KeplerianOrbit>" if elements & set(value) else "<CircularOrbit>"
 
-    orbit: CircularOrbit | KeplerianOrbit | TleOrbit | SampledOrbit | None = None
+
+def _attitude_kind(value: Any) -> str | None:
+    if isinstance(value, str):
+        return "<named>"
+    if not isinstance(value, dict):
+        return None
+    if "inertial" in value:
+        return "<InertialAttitude>"
+    return "<SampledAttitude>" if "quaternions" in value else "<SpinningAttitude>"
+
+
+Orbit = Annotated[
+    Annotated[CircularOrbit, Tag("<CircularOrbit>")]
+    | Annotated[KeplerianOrbit, Tag("<KeplerianOrbit>")]
+    | Annotated[TleOrbit, Tag("<TleOrbit>")]
+    | Annotated[SampledOrbit, Tag("<SampledOrbit>")],
+    one_of(
+        _orbit_kind,
+        "an orbit: altitude and inclination, Keplerian elements, 'tle' or 'positions'",
+    ),
+]
+Attitude = Annotated[
+    Annotated[Literal["nadir", "sun_pointing"], Tag("<named>")]
+    | Annotated[InertialAttitude, Tag("<InertialAttitude>")]
+    | Annotated[SpinningAttitude, Tag("<SpinningAttitude>")]
+    | Annotated[SampledAttitude, Tag("<SampledAttitude>")],
+    one_of(
+        _attitude_kind,
+        "an attitude: nadir, sun_pointing, or a mapping with 'inertial', 'spin_axis' or 'quaternions'",
+    ),
+]
+
+
+class Environment(Block):
+    """Orbit and attitude, from which heat fluxes follow; or only a period, where drivers replace the Sun."""
+
+    orbit: Orbit | None = None
     period: Duration | None = None
     """Orbital period for windows and orbit phase; null: from the orbit."""
-    attitude: Literal["nadir", "sun_pointing"] | InertialAttitude | SpinningAttitude | SampledAttitude = "nadir"
-    albedo: quantity("", at_least=0, at_most=1) = 0.3  # type: ignore[valid-type]
-    earth_infrared: quantity("W/m^2", at_least=0) = 237.0  # type: ignore[valid-type]
-    solar_constant: quantity("W/m^2", at_least=0) = 1361.0  # type: ignore[valid-type]
+    attitude: Attitude = "nadir"
+    albedo: Annotated[float, Quantity("", at_least=0, at_most=1)] = 0.3
+    earth_infrared: Annotated[float, Quantity("W/m^2", at_least=0)] = 237.0
+    solar_constant: Annotated[float, Quantity("W/m^2", at_least=0)] = 1361.0
     """At one astronomical unit (Kopp & Lean 2011: 1360.8 W/m2)."""
 
 
-# --- simulator ------------------------------------------------------------------------------------------------
+# --- simulator ----------------------------------------------------------------------------------------------
+
+
+def _exactly_one(present: dict[str, bool], expected: str) -> None:
+    found = [name for name, there in present.items() if there]
+    if len(found) != 1:
+        raise ValueError(f"found {' and '.join(map(repr, found)) or 'none of them'}, expected {expected}")
 
 
 class Node(Block):
-    """A thermal node. Diffusive: has a capacity. Arithmetic: massless, no capacity. Boundary: temperature given."""
+    """A thermal node: diffusive (has a capacity), arithmetic (massless) or boundary (temperature given)."""
 
-    capacity: quantity("J/K", above=0) | None = None  # type: ignore[valid-type]
+    capacity: Annotated[float, Quantity("J/K", above=0)] | None = None
     initial: Temperature | None = None
-    arithmetic: bool = False
-    boundary: Temperature | str | None = None
+    arithmetic: Flag = False
+    boundary: BoundaryTemperature | None = None
     """A temperature, or the name of a temperature channel that is measured."""
 
     @model_validator(mode="after")
     def _one_kind(self) -> Node:
-        kinds = [self.capacity is not None, self.arithmetic, self.boundary is not None]
-        if sum(kinds) != 1:
-            raise ValueError(
-                "expected exactly one of 'capacity' (diffusive), 'arithmetic: true' (massless) and 'boundary' (given temperature)"
-            )
+        kinds = {
+            "capacity": self.capacity is not None,
+            "arithmetic": self.arithmetic,
+            "boundary": self.boundary is not None,
+        }
+        _exactly_one(kinds, "exactly one of 'capacity', 'arithmetic: true' (massless) and 'boundary' (given)")
         return self
 
 
@@ -190,26 +224,26 @@ class Face(Block):
     """A flat outer face of a node: absorbs sunlight, albedo and Earth infrared, radiates to deep space."""
 
     node: str
-    area: quantity("m^2", above=0)  # type: ignore[valid-type]
-    normal: Vector | Literal["all"]
-    """Outward normal in the body frame (need not be of length one); "all": a small convex body, averaged over directions."""
-    absorptivity: quantity("", at_least=0, at_most=1)  # type: ignore[valid-type]
-    emissivity: quantity("", at_least=0, at_most=1)  # type: ignore[valid-type]
+    area: Annotated[float, Quantity("m^2", above=0)]
+    normal: FaceNormal
+    """Outward normal in the body frame, of any length; "all": a convex body, averaged over directions."""
+    absorptivity: Annotated[float, Quantity("", at_least=0, at_most=1)]
+    emissivity: Annotated[float, Quantity("", at_least=0, at_most=1)]
 
 
 class Conductor(Block):
     """A link between two nodes: linear (W/K), or radiative (m2: area x emissivity x view factor)."""
 
-    between: tuple[str, str]
+    between: Pair
     name: str | None = None
     """null: ``first-second``."""
-    conductance: quantity("W/K", at_least=0) | None = None  # type: ignore[valid-type]
-    radiative: quantity("m^2", at_least=0) | None = None  # type: ignore[valid-type]
+    conductance: Annotated[float, Quantity("W/K", at_least=0)] | None = None
+    radiative: Annotated[float, Quantity("m^2", at_least=0)] | None = None
 
     @model_validator(mode="after")
     def _one_law(self) -> Conductor:
-        if (self.conductance is None) == (self.radiative is None):
-            raise ValueError("expected exactly one of 'conductance' (W/K) and 'radiative' (m^2)")
+        given = {"conductance": self.conductance is not None, "radiative": self.radiative is not None}
+        _exactly_one(given, "exactly one of 'conductance' (W/K) and 'radiative' (m^2)")
         return self
 
     @property
@@ -222,14 +256,14 @@ class Heater(Block):
     """A heater switched by a hysteresis thermostat, or driven by its measured status."""
 
     node: str
-    power: quantity("W", at_least=0)  # type: ignore[valid-type]
+    power: Annotated[float, Quantity("W", at_least=0)]
     sensor: str
     """The node whose temperature the thermostat watches; it must have a capacity."""
     on_below: Temperature
     off_above: Temperature
-    initially_on: bool = False
+    initially_on: Flag = False
     measured_by: str | None = None
-    """Status channel of the telemetry; it gives the state at the window's start, and the input in open loop."""
+    """Status channel: it gives the state at the window's start, and the input in open loop."""
 
 
 class ModeChange(Block):
@@ -244,7 +278,7 @@ class Load(Block):
 
     node: str
     driver: str
-    coefficient: str | float
+    coefficient: Marker
     """Heat per unit of the driver, with its unit: ``12 W/A``, or a plain number for a driver in watts."""
 
 
@@ -255,75 +289,75 @@ class SimulatorModel(Block):
     """Longest time step of the integration."""
     nodes: dict[str, Node] = Field(min_length=1)
     conductors: tuple[Conductor, ...] = ()
-    faces: dict[str, Face] = {}
-    heaters: dict[str, Heater] = {}
+    faces: dict[str, Face] = Field(default_factory=dict)
+    heaters: dict[str, Heater] = Field(default_factory=dict)
     heater_input: Literal["simulated", "measured"] = "simulated"
-    """simulated: thermostats act (closed loop); measured: the status channels drive the heaters (open loop)."""
-    modes: dict[str, dict[str, quantity("W")]] = {}  # type: ignore[valid-type]
+    """simulated: thermostats act (closed loop); measured: status channels drive the heaters (open loop)."""
+    modes: dict[str, dict[str, Power]] = Field(default_factory=dict)
     """Mode -> node -> dissipation."""
     timeline: tuple[ModeChange, ...] = ()
-    loads: dict[str, Load] = {}
+    loads: dict[str, Load] = Field(default_factory=dict)
 
 
-# --- parameters and observations ------------------------------------------------------------------------------
+# --- parameters and observations ----------------------------------------------------------------------------
 
 
 class Uniform(Block):
     """Uniform between two bounds."""
 
     kind: Literal["uniform"] = "uniform"
-    lower: float
-    upper: float
+    lower: Number
+    upper: Number
 
 
 class Normal(Block):
     """Normal."""
 
     kind: Literal["normal"] = "normal"
-    mean: float
-    standard_deviation: float = Field(gt=0)
+    mean: Number
+    standard_deviation: Number = Field(gt=0)
 
 
 class TruncatedNormal(Block):
     """Normal cut at two bounds."""
 
     kind: Literal["truncated_normal"] = "truncated_normal"
-    mean: float
-    standard_deviation: float = Field(gt=0)
-    lower: float
-    upper: float
+    mean: Number
+    standard_deviation: Number = Field(gt=0)
+    lower: Number
+    upper: Number
 
 
 class LogNormal(Block):
     """Log-normal: about 68% of the probability lies between median / factor and median * factor."""
 
     kind: Literal["lognormal"] = "lognormal"
-    median: float = Field(gt=0)
-    factor: float = Field(gt=1)
+    median: Number = Field(gt=0)
+    factor: Number = Field(gt=1)
 
 
 class HalfNormal(Block):
     """Half-normal."""
 
     kind: Literal["half_normal"] = "half_normal"
-    scale: float = Field(gt=0)
+    scale: Number = Field(gt=0)
 
 
 class Beta(Block):
     """Beta distribution on [lower, upper]."""
 
     kind: Literal["beta"] = "beta"
-    alpha: float = Field(gt=0)
-    beta: float = Field(gt=0)
-    lower: float = 0.0
-    upper: float = 1.0
+    alpha: Number = Field(gt=0)
+    beta: Number = Field(gt=0)
+    lower: Number = 0.0
+    upper: Number = 1.0
 
 
 Prior = Uniform | Normal | TruncatedNormal | LogNormal | HalfNormal | Beta
 
 
 class Parameter(Block):
-    """An uncertain number: what it sets or scales in the scenario (dotted paths), its prior and its unit (SI)."""
+    """An uncertain number: what it sets or scales (dotted paths), its prior and its SI unit."""
 
     sets: tuple[str, ...] = ()
     scales: tuple[str, ...] = ()
@@ -337,63 +371,63 @@ class Observation(Block):
 
     node: str | None = None
     heater: str | None = None
-    bias: float = 0.0
+    bias: Number = 0.0
     """Kelvin, added to the simulated temperature; settable by a parameter."""
     noise: Annotated[Prior, Field(discriminator="kind")] | float | None = None
-    """Standard deviation of the channel's noise, K: a prior (inferred) or a known value; null: half-normal of 2 K."""
+    """Standard deviation of the noise, K: a prior (inferred) or a known value; null: half-normal of 2 K."""
 
     @model_validator(mode="after")
     def _one_target(self) -> Observation:
-        if (self.node is None) == (self.heater is None):
-            raise ValueError("expected exactly one of 'node' and 'heater'")
+        given = {"node": self.node is not None, "heater": self.heater is not None}
+        _exactly_one(given, "exactly one of 'node' and 'heater'")
         return self
 
 
-# --- windows and methods --------------------------------------------------------------------------------------
+# --- windows and methods ------------------------------------------------------------------------------------
 
 
 class Window(Block):
     """A stretch of telemetry: start and either a number of orbits or an end."""
 
     start: Time
-    orbits: Annotated[float, Field(gt=0)] | None = None
+    orbits: Annotated[Number, Field(gt=0)] | None = None
     end: Time | None = None
 
     @model_validator(mode="after")
     def _one_length(self) -> Window:
-        if (self.orbits is None) == (self.end is None):
-            raise ValueError("expected exactly one of 'orbits' and 'end'")
+        given = {"orbits": self.orbits is not None, "end": self.end is not None}
+        _exactly_one(given, "exactly one of 'orbits' and 'end'")
         if self.end is not None and self.end <= self.start:
-            raise ValueError(f"found end {self.end.isoformat()}, expected a time after start {self.start.isoformat()}")
+            raise ValueError(f"found end {self.end.isoformat()}, expected one after {self.start.isoformat()}")
         return self
 
 
 class GeneticSettings(Block):
     """The genetic algorithm."""
 
-    runs: int = Field(10, ge=1)
-    population: int = Field(64, ge=8)
-    generations: int = Field(120, ge=1)
-    heater_status_weight: float = Field(0.0, ge=0)
+    runs: Count = Field(10, ge=1)
+    population: Count = Field(64, ge=8)
+    generations: Count = Field(120, ge=1)
+    heater_status_weight: Number = Field(0.0, ge=0)
     """Kelvin that a status sample simulated wrongly counts as in the RMSE; 0: temperatures only."""
 
 
 class NutsSettings(Block):
     """The No-U-Turn sampler and the gates its result must pass."""
 
-    chains: int = Field(4, ge=2)
-    draws: int = Field(1000, ge=50)
-    warmup: int = Field(800, ge=50)
-    target_acceptance: float = Field(0.9, gt=0.5, lt=1)
-    max_r_hat: float = Field(1.01, gt=1)
-    min_ess: float = Field(400, gt=0)
+    chains: Count = Field(4, ge=2)
+    draws: Count = Field(1000, ge=50)
+    warmup: Count = Field(800, ge=50)
+    target_acceptance: Number = Field(0.9, gt=0.5, lt=1)
+    max_r_hat: Number = Field(1.01, gt=1)
+    min_ess: Number = Field(400, gt=0)
 
 
 class PredictionSettings(Block):
     """Propagation of the posterior."""
 
-    simulations: int = Field(1000, ge=20)
-    interval: float = Field(0.95, gt=0, lt=1)
+    simulations: Count = Field(1000, ge=20)
+    interval: Number = Field(0.95, gt=0, lt=1)
     initial_span: Duration = 600.0
     """The first samples of an unseen window, used for its initial temperatures and never scored."""
 
@@ -401,7 +435,7 @@ class PredictionSettings(Block):
 class Calibration(Block):
     """Settings of the methods."""
 
-    seed: int = 1
+    seed: Annotated[Count, Field(ge=0, lt=2**32)] = 1
     genetic: GeneticSettings = GeneticSettings()
     nuts: NutsSettings = NutsSettings()
     prediction: PredictionSettings = PredictionSettings()
@@ -410,12 +444,12 @@ class Calibration(Block):
 class InitialState(Block):
     """Prior of the initial temperatures, which are estimated with the parameters in every window.
 
-    An observed node starts around its first samples; a node without telemetry around its `initial` temperature.
+    An observed node starts around its first samples; one without telemetry around its `initial` temperature.
     """
 
-    observed: quantity("K", above=0) = 2.0  # type: ignore[valid-type]
+    observed: Annotated[float, Quantity("K", above=0, difference=True)] = 2.0
     """Standard deviation, K."""
-    unobserved: quantity("K", above=0) = 5.0  # type: ignore[valid-type]
+    unobserved: Annotated[float, Quantity("K", above=0, difference=True)] = 5.0
     """Standard deviation, K."""
 
 

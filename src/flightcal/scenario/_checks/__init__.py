@@ -1,0 +1,15 @@
+"""What blocks of a scenario must be to each other; one module and one line here for each concern."""
+
+from . import environment, heating, names, network, observations, parameters, telemetry, windows
+from ._common import Check
+
+CHECKS: tuple[Check, ...] = (
+    names.check,
+    telemetry.check,
+    environment.check,
+    network.check,
+    heating.check,
+    parameters.check,
+    observations.check,
+    windows.check,
+)

@@ -1,0 +1,110 @@
+"""The thermal network: conductors, faces and nodes that fit together."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from pathlib import Path
+
+from .._document import Location, Problem
+from .._draft import Draft
+from .._reading import Reading
+from .._units import show
+from ..schema import Conductor
+from ._common import channel_of_kind, heated_node, readable, unknown
+
+_CONDUCTORS: Location = ("simulator", "conductors")
+
+
+def check(reading: Reading, folder: Path) -> Iterator[Problem]:
+    """Conductors and faces touch nodes that exist; every temperature is determined."""
+    draft = reading.draft
+    yield from _check_conductors(draft)
+    yield from _check_labels(draft)
+    yield from _check_boundaries(draft)
+    yield from _check_faces(draft)
+    yield from _check_arithmetic(draft)
+    yield from _check_initial(draft)
+
+
+def _check_conductors(draft: Draft) -> Iterator[Problem]:
+    for k, conductor in enumerate(draft.conductors):
+        if conductor is None:
+            continue
+        location = (*_CONDUCTORS, k, "between")
+        for name in dict.fromkeys(conductor.between):
+            if name not in draft.nodes:
+                yield Problem(location, unknown("node", name, draft.nodes))
+        first, second = conductor.between
+        if first == second:
+            yield Problem(location, f"found {show(first)} twice, expected two different nodes")
+        elif all((node := draft.nodes.get(name)) and node.boundary is not None for name in conductor.between):
+            message = f"found the boundary nodes {first!r} and {second!r}, expected one whose temperature can change"
+            yield Problem(location, message)
+
+
+def _check_labels(draft: Draft) -> Iterator[Problem]:
+    first: dict[str, int] = {}
+    for k, conductor in enumerate(draft.conductors):
+        if conductor is None:
+            continue
+        if conductor.label in first:
+            message = f"found a second conductor called {conductor.label!r}, expected a 'name' that tells them apart"
+            yield Problem((*_CONDUCTORS, k), message)
+        first.setdefault(conductor.label, k)
+
+
+def _check_boundaries(draft: Draft) -> Iterator[Problem]:
+    for name, node in readable(draft.nodes).items():
+        wrong = channel_of_kind(draft, node.boundary, "temperature") if isinstance(node.boundary, str) else None
+        if wrong:
+            yield Problem(("simulator", "nodes", name, "boundary"), wrong)
+
+
+def _check_faces(draft: Draft) -> Iterator[Problem]:
+    environment = draft.environment
+    for name, face in readable(draft.faces).items():
+        location = ("simulator", "faces", name)
+        wrong = heated_node(draft, face.node, "sunlight")
+        if wrong:
+            yield Problem((*location, "node"), wrong)
+        if face.normal != "all" and not any(face.normal):
+            yield Problem((*location, "normal"), "found a vector of length zero, expected a direction")
+        if environment is not None and environment.orbit is None:
+            yield Problem(location, "found a face without an orbit, expected 'orbit' in environment to light it")
+
+
+def _check_arithmetic(draft: Draft) -> Iterator[Problem]:
+    """A massless node takes the temperature of what it is linked to: something with a temperature of its own."""
+    if None in draft.conductors:
+        return
+    links = [conductor for conductor in draft.conductors if isinstance(conductor, Conductor)]
+    massless = {name for name, node in readable(draft.nodes).items() if node.arithmetic}
+    determined = set(draft.nodes) - massless
+    while True:
+        reached = {
+            name
+            for link in links
+            for name, other in (link.between, link.between[::-1])
+            if name in massless - determined and other in determined
+        }
+        if not reached:
+            break
+        determined |= reached
+    for name in draft.nodes:
+        if name in massless - determined:
+            message = "found an arithmetic node without a conductor to a node with a capacity or a boundary"
+            yield Problem(("simulator", "nodes", name), f"{message}, expected one")
+
+
+def _check_initial(draft: Draft) -> Iterator[Problem]:
+    """Initial temperatures come from telemetry or are written, and belong to nodes that can have one."""
+    observations = draft.observations.values()
+    observed = {observation.node for observation in observations if observation is not None}
+    for name, node in readable(draft.nodes).items():
+        location = ("simulator", "nodes", name)
+        if node.capacity is None and node.initial is not None:
+            kind = "an arithmetic" if node.arithmetic else "a boundary"
+            yield Problem((*location, "initial"), f"found 'initial' for {kind} node, expected it for a capacity only")
+        if node.capacity is not None and node.initial is None and name not in observed and None not in observations:
+            message = "missing key 'initial': no channel observes this node, so its initial temperature is not known"
+            yield Problem(location, message)

@@ -1,0 +1,140 @@
+"""Parameters: each number is set once, and priors stay within what the quantity can physically be."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterator, Mapping
+from pathlib import Path
+
+from .._document import Problem
+from .._priors import support
+from .._reading import Reading
+from .._units import celsius
+from ..schema import HalfNormal, LogNormal, Parameter, Prior, TruncatedNormal
+from ..settable import Settable, is_difference
+from ._common import readable
+
+_FAR_OUT = 5.0
+"""Standard deviations from a truncated normal's mean to its bounds, beyond which sampling it fails."""
+
+
+def check(reading: Reading, folder: Path) -> Iterator[Problem]:
+    """Every parameter does something, no two set the same number, and no draw from a prior is impossible."""
+    # A parameter with problems of its own carries a stand-in for its prior; one that refers to a block
+    # which could not be read waits for that.
+    broken = {problem.location[:2] for problem in reading.problems}
+    parameters = {
+        name: parameter
+        for name, parameter in readable(reading.draft.parameters).items()
+        if ("parameters", name) not in broken and reading.numbers.keys() >= {*parameter.sets, *parameter.scales}
+    }
+    yield from _check_paths(parameters)
+    for name, parameter in parameters.items():
+        message = _prior_problem(parameter, reading.numbers)
+        if message:
+            yield Problem(("parameters", name, "prior"), message)
+    yield from _check_thresholds(parameters, reading)
+
+
+def _check_paths(parameters: Mapping[str, Parameter]) -> Iterator[Problem]:
+    setter: dict[str, str] = {}
+    for name, parameter in parameters.items():
+        location = ("parameters", name)
+        if not parameter.sets and not parameter.scales:
+            message = "found neither 'sets' nor 'scales', expected a path such as nodes.battery.capacity"
+            yield Problem(location, message)
+        for path in parameter.sets:
+            if path in setter:
+                message = f"found {path!r}, which {setter[path]!r} already sets, expected one parameter for it"
+                yield Problem((*location, "sets"), message)
+            setter.setdefault(path, name)
+    for name, parameter in parameters.items():
+        for k, path in enumerate(parameter.scales):
+            if path in setter:
+                message = f"found {path!r}, which {setter[path]!r} sets, expected either to set or to scale it"
+                yield Problem(("parameters", name, "scales"), message)
+            elif path in parameter.scales[:k]:
+                yield Problem(("parameters", name, "scales"), f"found {path!r} twice, expected it once")
+
+
+def _prior_problem(parameter: Parameter, numbers: Mapping[str, Settable]) -> str | None:
+    prior = parameter.prior
+    if isinstance(prior, TruncatedNormal):
+        outside = max(prior.lower - prior.mean, prior.mean - prior.upper) / prior.standard_deviation
+        if outside > _FAR_OUT:
+            return f"found a mean {outside:.0f} standard deviations outside the bounds, expected it near or inside"
+    for path in parameter.sets:
+        message = _set_problem(path, prior, numbers[path])
+        if message:
+            return message
+    for path in parameter.scales:
+        message = _scale_problem(path, prior, numbers[path])
+        if message:
+            return message
+    return None
+
+
+def _set_problem(path: str, prior: Prior, number: Settable) -> str | None:
+    lower, upper = support(prior)
+    if _is_absolute_temperature(path, number):
+        if isinstance(prior, (LogNormal, HalfNormal)):
+            return f"found a {prior.kind} prior of a temperature, expected normal, truncated_normal or uniform"
+        # The tail of a normal prior below absolute zero has no weight.
+        lower = number.lower if math.isinf(lower) else lower
+    return _beyond(prior.kind, (lower, upper), number, number.unit, "")
+
+
+def _scale_problem(path: str, prior: Prior, number: Settable) -> str | None:
+    if number.value == 0:
+        return f"found a prior that scales {path}, which is 0, expected 'sets': scaling does nothing to it"
+    if _is_absolute_temperature(path, number):
+        return f"found a prior that scales the temperature {path}, expected 'sets': kelvin are not scaled"
+    lower, upper = sorted(bound * number.value for bound in support(prior))
+    written = f"{number.value:g} {number.unit}".strip()
+    return _beyond(prior.kind, (lower, upper), number, number.unit, f" for {path} of {written}")
+
+
+def _beyond(kind: str, reach: tuple[float, float], number: Settable, unit: str, target: str) -> str | None:
+    """Where a prior that reaches from one number to another leaves what the quantity can be."""
+    limits = (f"at least {number.lower:g} {unit}".strip(), f"at most {number.upper:g} {unit}".strip())
+    if reach[0] < number.lower:
+        if math.isinf(reach[0]):
+            advice = (
+                "lognormal or truncated_normal" if math.isinf(number.upper) else "uniform, beta or truncated_normal"
+            )
+            return f"found a {kind} prior, which has no lower end, expected {limits[0]}{target}: use {advice}"
+        return f"found a prior that reaches down to {reach[0]:g} {unit}".strip() + f", expected {limits[0]}{target}"
+    if reach[1] > number.upper:
+        if math.isinf(reach[1]):
+            advice = "uniform, beta or truncated_normal"
+            return f"found a {kind} prior, which has no upper end, expected {limits[1]}{target}: use {advice}"
+        return f"found a prior that reaches up to {reach[1]:g} {unit}".strip() + f", expected {limits[1]}{target}"
+    return None
+
+
+def _check_thresholds(parameters: Mapping[str, Parameter], reading: Reading) -> Iterator[Problem]:
+    """No draw puts a heater's `on_below` over its `off_above`, as far as the priors have ends."""
+    setter = {path: name for name, parameter in parameters.items() for path in parameter.sets}
+    for heater in readable(reading.draft.heaters):
+        on_path, off_path = f"heaters.{heater}.on_below", f"heaters.{heater}.off_above"
+        names = [setter[path] for path in (on_path, off_path) if path in setter]
+        if not names or setter.get(on_path) == setter.get(off_path):
+            continue
+        highest_on = _range(on_path, setter, parameters, reading.numbers)[1]
+        lowest_off = _range(off_path, setter, parameters, reading.numbers)[0]
+        if math.isfinite(highest_on) and math.isfinite(lowest_off) and highest_on >= lowest_off:
+            found = f"found on_below up to {celsius(highest_on)} and off_above down to {celsius(lowest_off)}"
+            message = f"{found} for heater {heater!r}, expected bounds that keep on_below under off_above"
+            yield Problem(("parameters", names[0], "prior"), message)
+
+
+def _range(
+    path: str, setter: Mapping[str, str], parameters: Mapping[str, Parameter], numbers: Mapping[str, Settable]
+) -> tuple[float, float]:
+    if path in setter:
+        return support(parameters[setter[path]].prior)
+    return numbers[path].value, numbers[path].value
+
+
+def _is_absolute_temperature(path: str, number: Settable) -> bool:
+    return number.unit == "K" and not is_difference(path)

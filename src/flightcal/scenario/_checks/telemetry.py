@@ -1,0 +1,90 @@
+"""The telemetry: files, and channels with units that suit their kind."""
+
+from __future__ import annotations
+
+import os
+from collections.abc import Iterator
+from pathlib import Path
+
+from .._document import Location, Problem
+from .._reading import Reading
+from .._units import did_you_mean, is_temperature, kind_of, parse_unit, show, si_unit, to_si
+from ..schema import Channel
+from ._common import readable
+
+_COMBINATIONS = {"temperature": ("mean",), "status": (), "driver": ("mean", "sum", "product")}
+
+
+def check(reading: Reading, folder: Path) -> Iterator[Problem]:
+    """Files exist; units, ranges and options of channels suit their kind."""
+    for name in reading.draft.files:
+        if not os.path.isfile(folder / name):  # unlike Path's, False for a name that no file can have
+            found = "a folder" if os.path.isdir(folder / name) else "no such file"
+            message = f"found {found} at {show(name)}, expected a telemetry file, relative to the scenario"
+            yield Problem(("telemetry", "file"), message)
+    for name, channel in readable(reading.draft.channels).items():
+        location = ("telemetry", "channels", name)
+        yield from _check_columns(channel, location)
+        unit_problem = _unit_problem(channel)
+        if unit_problem:
+            yield Problem((*location, "unit"), unit_problem)
+        elif channel.valid_range is not None:
+            yield from _check_range(channel, (*location, "valid_range"))
+        yield from _check_options(channel, location, reading)
+
+
+def _unit_problem(channel: Channel) -> str | None:
+    if channel.kind == "status":
+        return None if channel.unit is None else f"found {show(channel.unit)}, expected no unit for a status"
+    wanted = "degC or K" if channel.kind == "temperature" else "a unit, or 'dimensionless'"
+    if channel.unit is None:
+        return f"missing unit of a {channel.kind} channel, expected {wanted}"
+    hint = did_you_mean(channel.unit, ("degF",) if "f" in channel.unit.lower() else ("degC", "K"))
+    try:
+        parse_unit(channel.unit)
+        if channel.kind == "driver" or is_temperature(channel.unit):
+            return None
+        kind = kind_of(channel.unit)
+    except ValueError as error:
+        return f"found {show(channel.unit)}, expected {wanted}{f': {error}' if channel.kind == 'driver' else hint}"
+    return f"found {show(channel.unit)} ({kind}), expected {wanted}{hint}"
+
+
+def _check_columns(channel: Channel, location: Location) -> Iterator[Problem]:
+    allowed = _COMBINATIONS[channel.kind]
+    if len(channel.column) > 1 and channel.combine is None:
+        wanted = f"'combine' ({', '.join(allowed)}) beside them" if allowed else "one"
+        message = f"found {len(channel.column)} columns, expected {wanted}"
+        yield Problem((*location, "column"), message)
+    elif channel.combine is not None and channel.combine not in allowed:
+        wanted = ", ".join(allowed) or "one column"
+        yield Problem((*location, "combine"), f"found {channel.combine!r} for a {channel.kind}, expected {wanted}")
+
+
+def _check_range(channel: Channel, location: Location) -> Iterator[Problem]:
+    assert channel.valid_range is not None
+    if channel.kind == "status":
+        yield Problem(location, "found a range, expected none for a status")
+        return
+    unit = si_unit(channel.unit or "")
+    bounds = []
+    for k, bound in enumerate(channel.valid_range):
+        try:
+            bounds.append(to_si(bound, unit))
+        except ValueError as error:
+            yield Problem((*location, k), str(error))
+    if len(bounds) == 2 and not bounds[0] < bounds[1]:
+        lowest, highest = map(show, channel.valid_range)
+        yield Problem(location, f"found {lowest} to {highest}, expected the lowest value before the highest")
+
+
+def _check_options(channel: Channel, location: Location, reading: Reading) -> Iterator[Problem]:
+    if channel.kind != "status" and "on" in channel.model_fields_set:
+        yield Problem((*location, "on"), f"found 'on' for a {channel.kind}, expected it for a status only")
+    if channel.kind != "driver" and "fill" in channel.model_fields_set:
+        yield Problem((*location, "fill"), f"found 'fill' for a {channel.kind}, expected it for a driver only")
+    environment = reading.draft.environment
+    known = environment is None or environment.orbit is not None or environment.period is not None
+    if channel.fill == "previous_orbit" and not known:
+        message = "found 'previous_orbit', expected 'orbit' or 'period' in environment: no orbital period is known"
+        yield Problem((*location, "fill"), message)

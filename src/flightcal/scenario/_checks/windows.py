@@ -1,0 +1,76 @@
+"""Windows: one to train on, others apart from it, of known length."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterator
+from datetime import datetime, timedelta
+from pathlib import Path
+
+from .._document import Problem
+from .._reading import Reading
+from .._units import did_you_mean
+from ..schema import CircularOrbit, Environment, KeplerianOrbit, TleOrbit, Window
+from ._common import readable
+from .environment import EARTH_RADIUS
+
+_EARTH_MU = 3.986004418e14  # m3/s2 (WGS 84)
+_TOLERANCE = timedelta(minutes=1)
+"""Of an end that follows from a number of orbits: the period here is that of two bodies, without J2."""
+
+
+def check(reading: Reading, folder: Path) -> Iterator[Problem]:
+    """`train` exists, no other window overlaps it, and orbits can be counted."""
+    draft = reading.draft
+    if "windows" in reading.document.data and "train" not in draft.windows:
+        message = f"missing window 'train', expected the stretch to calibrate on{did_you_mean('train', draft.windows)}"
+        yield Problem(("windows",), message)
+    environment = draft.environment
+    if environment is None:
+        return
+    for name, window in readable(draft.windows).items():
+        if window.orbits is not None and environment.orbit is None and environment.period is None:
+            message = "found a length in orbits, expected 'orbit' or 'period' in environment to know how long one is"
+            yield Problem(("windows", name, "orbits"), message)
+    yield from _check_overlap(readable(draft.windows), environment)
+
+
+def _check_overlap(windows: dict[str, Window], environment: Environment) -> Iterator[Problem]:
+    span = _span(windows["train"], environment) if "train" in windows else None
+    for name, window in windows.items():
+        other = _span(window, environment)
+        if name == "train" or span is None or other is None:
+            continue
+        if other[0] < span[1] and span[0] < other[1]:
+            until = f"'train' lasts from {span[0]:%Y-%m-%dT%H:%M} to {span[1]:%Y-%m-%dT%H:%M}"
+            yield Problem(("windows", name), f"found an overlap with 'train', expected unseen telemetry: {until}")
+
+
+def _span(window: Window, environment: Environment) -> tuple[datetime, datetime] | None:
+    """First and last time of the window; None where it is not known without propagating the orbit."""
+    if window.end is not None:
+        return window.start, window.end
+    period = environment.period or _two_body_period(environment)
+    if period is None or window.orbits is None:
+        return None
+    try:
+        return window.start, max(window.start, window.start + timedelta(seconds=window.orbits * period) - _TOLERANCE)
+    except OverflowError:
+        return window.start, datetime.max
+
+
+def _two_body_period(environment: Environment) -> float | None:
+    orbit = environment.orbit
+    if isinstance(orbit, TleOrbit):
+        try:
+            period = 86400.0 / float(orbit.tle[1].strip()[52:63])
+        except (ValueError, ZeroDivisionError):
+            return None  # reported with the orbit
+        return period if math.isfinite(period) else None
+    if isinstance(orbit, CircularOrbit):
+        semi_major_axis = EARTH_RADIUS + orbit.altitude
+    elif isinstance(orbit, KeplerianOrbit):
+        semi_major_axis = orbit.semi_major_axis
+    else:
+        return None
+    return 2 * math.pi * math.sqrt(semi_major_axis**3 / _EARTH_MU)

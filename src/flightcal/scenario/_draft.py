@@ -1,0 +1,116 @@
+"""What of a scenario can be read block by block, so that one error does not hide the others."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+from functools import lru_cache
+from typing import Any
+
+from pydantic import TypeAdapter, ValidationError
+
+from ._fields import Names
+from ._units import Power
+from .schema import (
+    Channel,
+    Conductor,
+    Environment,
+    Face,
+    Heater,
+    Load,
+    ModeChange,
+    Node,
+    Observation,
+    Parameter,
+    Scenario,
+    Window,
+)
+
+
+@dataclass(frozen=True)
+class Draft:
+    """The blocks of a scenario. None: the block is there, but cannot be read; its name counts as known."""
+
+    files: tuple[str, ...]
+    channels: Mapping[str, Channel | None]
+    environment: Environment | None
+    nodes: Mapping[str, Node | None]
+    conductors: tuple[Conductor | None, ...]
+    faces: Mapping[str, Face | None]
+    heaters: Mapping[str, Heater | None]
+    heater_input: Any
+    modes: Mapping[str, Mapping[str, float] | None]
+    timeline: tuple[ModeChange | None, ...]
+    loads: Mapping[str, Load | None]
+    observations: Mapping[str, Observation | None]
+    windows: Mapping[str, Window | None]
+    parameters: Mapping[str, Parameter | None] = field(default_factory=dict)
+
+
+def draft_of_scenario(scenario: Scenario) -> Draft:
+    """The blocks of a whole scenario."""
+    model = scenario.simulator
+    return Draft(
+        files=scenario.telemetry.file,
+        channels=scenario.telemetry.channels,
+        environment=scenario.environment,
+        nodes=model.nodes,
+        conductors=model.conductors,
+        faces=model.faces,
+        heaters=model.heaters,
+        heater_input=model.heater_input,
+        modes=model.modes,
+        timeline=model.timeline,
+        loads=model.loads,
+        observations=scenario.observations,
+        windows=scenario.windows,
+        parameters=scenario.parameters,
+    )
+
+
+def draft_of_data(data: Any) -> Draft:
+    """The blocks of what a file says, whatever it says. Priors have been read into objects (see `_priors`)."""
+    telemetry, model = _mapping(data, "telemetry"), _mapping(data, "simulator")
+    return Draft(
+        files=_block(Names, telemetry.get("file")) or (),
+        channels=_entries(Channel, telemetry, "channels"),
+        environment=_block(Environment, _mapping(data).get("environment", {})),
+        nodes=_entries(Node, model, "nodes"),
+        conductors=_items(Conductor, model, "conductors"),
+        faces=_entries(Face, model, "faces"),
+        heaters=_entries(Heater, model, "heaters"),
+        heater_input=model.get("heater_input", "simulated"),
+        modes=_entries(dict[str, Power], model, "modes"),
+        timeline=_items(ModeChange, model, "timeline"),
+        loads=_entries(Load, model, "loads"),
+        observations=_entries(Observation, data, "observations"),
+        windows=_entries(Window, data, "windows"),
+        parameters=_entries(Parameter, data, "parameters"),
+    )
+
+
+def _mapping(value: Any, key: str | None = None) -> Mapping[str, Any]:
+    if key is not None:
+        value = _mapping(value).get(key)
+    return value if isinstance(value, dict) else {}
+
+
+def _entries(kind: Any, parent: Any, key: str) -> dict[str, Any]:
+    return {name: _block(kind, value) for name, value in _mapping(parent, key).items()}
+
+
+def _items(kind: Any, parent: Any, key: str) -> tuple[Any, ...]:
+    values = _mapping(parent).get(key)
+    return tuple(_block(kind, value) for value in values) if isinstance(values, list) else ()
+
+
+def _block(kind: Any, value: Any) -> Any:
+    try:
+        return _adapter(kind).validate_python(value)
+    except ValidationError:
+        return None
+
+
+@lru_cache(maxsize=100)
+def _adapter(kind: Any) -> TypeAdapter[Any]:
+    return TypeAdapter(kind)

@@ -1,0 +1,130 @@
+"""Kinds of fields in the scenario file, each with one plain sentence for what does not fit."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from datetime import UTC, datetime
+from typing import Annotated, Any, Literal
+
+from pydantic import BaseModel, BeforeValidator, ConfigDict, Discriminator, Field, PlainSerializer, Tag, WithJsonSchema
+
+from ._units import Quantity, show, to_si, written
+
+_FIRST_YEAR, _LAST_YEAR = 1957, 2200
+"""Of spaceflight, and within what nanosecond time stamps can hold."""
+
+
+class Block(BaseModel):
+    """A block of the scenario file: immutable, and an unknown key is an error."""
+
+    model_config = ConfigDict(frozen=True, extra="forbid", allow_inf_nan=False, use_attribute_docstrings=True)
+
+
+def _read_time(value: Any) -> datetime:
+    """ISO 8601 text as a naive UTC datetime."""
+    try:
+        time = value if isinstance(value, datetime) else datetime.fromisoformat(value.strip())
+        utc = time if time.tzinfo is None else time.astimezone(UTC).replace(tzinfo=None)
+    except (AttributeError, ValueError, OverflowError):
+        raise ValueError(f"found {show(value)}, expected a UTC time such as 2024-03-01T00:00:00") from None
+    if not _FIRST_YEAR <= utc.year <= _LAST_YEAR:
+        raise ValueError(f"found the year {utc.year}, expected one from {_FIRST_YEAR} to {_LAST_YEAR}")
+    return utc
+
+
+def _read_names(value: Any) -> Any:
+    if isinstance(value, str):
+        return (value,)
+    if not isinstance(value, (list, tuple)):
+        raise ValueError(f"found {show(value)}, expected text in quotes or a list of text")
+    return value
+
+
+def _read_marker(value: Any) -> float | str:
+    if isinstance(value, str):
+        return value
+    if isinstance(value, bool) or not isinstance(value, (int, float)):
+        raise ValueError(f"found {show(value)}, expected a number or text in quotes")
+    to_si(value, "")  # finite
+    return value
+
+
+def _read_markers(value: Any) -> Any:
+    return value if isinstance(value, (list, tuple)) else (value,)
+
+
+def _read_driver_unit(value: Any) -> Any:
+    return "dimensionless" if value in (1, "1", "") and not isinstance(value, bool) else value
+
+
+def _of_length(length: int, what: str) -> BeforeValidator:
+    def check(value: Any) -> Any:
+        if not isinstance(value, (list, tuple)) or len(value) != length:
+            raise ValueError(f"found {show(value)}, expected {what}")
+        return value
+
+    return BeforeValidator(check)
+
+
+def _read_boundary(value: Any) -> Any:
+    """A written temperature in K; other text is a channel's name."""
+    try:
+        return Quantity("K", at_least=0.0).read(value)
+    except ValueError:
+        # Text that begins like a number was meant as a temperature.
+        if isinstance(value, str) and value.strip() and value.strip()[0] not in "+-.0123456789":
+            return value
+        raise
+
+
+def one_of(choose: Callable[[Any], str | None], expected: str) -> Discriminator:
+    """Chooses a block of a union by what is written, so that its errors alone are reported.
+
+    `choose` returns a tag: the block's class name in angle brackets.
+    """
+
+    def tag(value: Any) -> str | None:
+        return f"<{type(value).__name__}>" if isinstance(value, Block) else choose(value)
+
+    return Discriminator(tag, custom_error_type="no_such_block", custom_error_message=expected)
+
+
+Number = Annotated[float, Field(strict=True)]
+Count = Annotated[int, Field(strict=True)]
+Flag = Annotated[bool, Field(strict=True)]
+
+Time = Annotated[
+    datetime,
+    BeforeValidator(_read_time),
+    WithJsonSchema({"type": "string", "pattern": r"^\d{4}-?\d{2}", "examples": ["2024-03-01T00:00:00"]}),
+]
+Vector = Annotated[tuple[Number, Number, Number], _of_length(3, "three numbers [x, y, z]")]
+Quaternion = Annotated[tuple[Number, Number, Number, Number], _of_length(4, "four numbers [w, x, y, z]")]
+FaceNormal = Annotated[
+    Annotated[Vector, Tag("<vector>")] | Annotated[Literal["all"], Tag("<all>")],
+    one_of(
+        lambda value: "<all>" if isinstance(value, str) else "<vector>",
+        "a normal: three numbers [x, y, z], or all",
+    ),
+]
+Pair = Annotated[tuple[str, str], _of_length(2, "the names of two nodes [first, second]")]
+TleLines = Annotated[tuple[str, str], _of_length(2, "the two lines of a TLE [first, second]")]
+_NAMES = {"anyOf": [{"type": "string"}, {"type": "array", "items": {"type": "string"}, "minItems": 1}]}
+Names = Annotated[tuple[str, ...], BeforeValidator(_read_names), Field(min_length=1), WithJsonSchema(_NAMES)]
+Marker = Annotated[float | str, BeforeValidator(_read_marker)]
+_MARKER = {"type": ["number", "string"]}
+Markers = Annotated[
+    tuple[Marker, ...],
+    BeforeValidator(_read_markers),
+    WithJsonSchema({"anyOf": [_MARKER, {"type": "array", "items": _MARKER}]}),
+]
+Range = Annotated[tuple[Marker, Marker], _of_length(2, "two values [lowest, highest]")]
+ChannelUnit = Annotated[
+    str, BeforeValidator(_read_driver_unit), WithJsonSchema({"anyOf": [{"type": "string"}, {"const": 1}]})
+]
+BoundaryTemperature = Annotated[
+    float | str,
+    BeforeValidator(_read_boundary),
+    PlainSerializer(lambda value: value if isinstance(value, str) else written(value, "K"), when_used="json"),
+    WithJsonSchema({"type": "string"}),
+]

@@ -1,0 +1,67 @@
+"""All that is wrong with a scenario file, at once."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from pathlib import Path
+
+from ._checks import CHECKS
+from ._document import Location, Problem
+from ._reading import Reading, read_scenario
+from .schema import Scenario
+
+_UNNAMED = ("telemetry", "simulator")
+"""Blocks that locations leave out before their sections, as the paths of parameters do."""
+_SECTIONS = ("channels", "nodes", "conductors", "faces", "heaters", "modes", "timeline", "loads")
+
+
+@dataclass(frozen=True)
+class Finding:
+    """One thing that is wrong: where, what was found and what was expected."""
+
+    file: str
+    line: int | None
+    """From 1; null: of the file as a whole."""
+    location: str
+    """Dotted path such as ``channels.battery_temp.unit``; "": of the file as a whole."""
+    message: str
+
+    def __str__(self) -> str:
+        place = self.file if self.line is None else f"{self.file}:{self.line}"
+        return ": ".join(part for part in (place, self.location, self.message) if part)
+
+
+def lint(path: str | Path, *, telemetry: str | Path | None = None) -> list[Finding]:
+    """Everything wrong with the scenario file at `path`, by line; an empty list if nothing is.
+
+    telemetry: replaces where telemetry is read from: a file, or a folder with files of the same names.
+    """
+    return examine(path, telemetry)[1]
+
+
+def examine(path: str | Path, telemetry: str | Path | None = None) -> tuple[Scenario | None, list[Finding]]:
+    """The scenario, if nothing is wrong with it, and the findings."""
+    file = Path(path)
+    reading = read_scenario(file, None if telemetry is None else Path(telemetry))
+    problems = list(reading.problems)
+    if reading.document.data is not None:
+        problems += [problem for check in CHECKS for problem in check(reading, file.parent)]
+    findings = list(dict.fromkeys(_finding(problem, reading, str(path)) for problem in problems))
+    findings.sort(key=lambda finding: finding.line or 0)
+    return (None if findings else reading.scenario), findings
+
+
+def _finding(problem: Problem, reading: Reading, file: str) -> Finding:
+    line = problem.line or reading.document.line(problem.location)
+    return Finding(file, line, _dotted(problem.location, reading), problem.message)
+
+
+def _dotted(location: Location, reading: Reading) -> str:
+    parts = list(location)
+    if len(parts) > 1 and parts[0] in _UNNAMED and parts[1] in _SECTIONS:
+        del parts[0]
+    if len(parts) > 1 and parts[0] == "conductors" and isinstance(parts[1], int):
+        conductors = reading.draft.conductors
+        conductor = conductors[parts[1]] if parts[1] < len(conductors) else None
+        parts[1] = conductor.label if conductor else parts[1]
+    return "".join(f"[{part}]" if isinstance(part, int) else f".{part}" for part in parts).lstrip(".")

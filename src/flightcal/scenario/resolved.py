@@ -1,0 +1,69 @@
+"""The scenario as it was understood: defaults filled in, SI units written."""
+
+from __future__ import annotations
+
+from io import StringIO
+from pathlib import Path
+from typing import Any
+
+from ._priors import written_prior
+from ._units import written
+from .schema import Observation, Scenario
+
+_WIDTH = 10_000
+"""Lines are not broken: long text such as two-line elements must stay whole."""
+
+
+def resolved_yaml(scenario: Scenario, *, absolute: bool = False) -> str:
+    """YAML text that `load_scenario` reads as an equal scenario, with every default written out.
+
+    absolute: paths of files are made absolute, so that the text can stand in another folder.
+    """
+    from ruamel.yaml import YAML
+
+    yaml: Any = YAML(typ="safe", pure=True)
+    yaml.default_flow_style = None
+    yaml.sort_base_mapping_type_on_output = False
+    yaml.width = _WIDTH
+    text = StringIO()
+    yaml.dump(_written(scenario, absolute), text)
+    return text.getvalue()
+
+
+def _written(scenario: Scenario, absolute: bool) -> dict[str, Any]:
+    """The scenario as a user writes it, as plain values."""
+    data = scenario.model_dump(mode="json", exclude_none=True)
+    for name, channel in scenario.telemetry.channels.items():
+        block = data["telemetry"]["channels"][name]
+        for key, kind in (("on", "status"), ("fill", "driver")):
+            if channel.kind != kind:
+                del block[key]
+        if channel.stale_after is None:
+            block["stale_after"] = None
+    for name, parameter in scenario.parameters.items():
+        paths = {key: list(getattr(parameter, key)) for key in ("sets", "scales") if getattr(parameter, key)}
+        data["parameters"][name] = {**paths, "prior": written_prior(parameter.prior, parameter.unit)}
+    for name, observation in scenario.observations.items():
+        data["observations"][name] |= _written_errors(observation)
+        if observation.heater is not None:
+            del data["observations"][name]["bias"]
+    if absolute:
+        _make_absolute(data, scenario.folder)
+    return data
+
+
+def _written_errors(observation: Observation) -> dict[str, Any]:
+    errors: dict[str, Any] = {"bias": written(observation.bias, "K")}
+    if isinstance(observation.noise, float):
+        errors["noise"] = written(observation.noise, "K")
+    elif observation.noise is not None:
+        errors["noise"] = written_prior(observation.noise, "K")
+    return errors
+
+
+def _make_absolute(data: dict[str, Any], folder: Path) -> None:
+    telemetry, environment = data["telemetry"], data["environment"]
+    telemetry["file"] = [str((folder / name).absolute()) for name in telemetry["file"]]
+    for block, key in ((environment.get("orbit"), "positions"), (environment["attitude"], "quaternions")):
+        if isinstance(block, dict) and key in block:
+            block[key] = str((folder / block[key]).absolute())

@@ -1,0 +1,136 @@
+"""The numbers of a scenario that a parameter may set or scale, by dotted path."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Mapping
+from dataclasses import dataclass
+from typing import TypeVar, get_args
+
+from ._draft import Draft, draft_of_scenario
+from ._fields import Block
+from ._units import Quantity, si_unit, to_si
+from .schema import Channel, Conductor, Environment, Face, Heater, Load, Node, Scenario
+
+T = TypeVar("T")
+
+
+@dataclass(frozen=True)
+class Settable:
+    """A number that a parameter may set or scale: SI unit ("" if dimensionless), SI value and SI bounds."""
+
+    unit: str
+    value: float
+    lower: float
+    upper: float
+
+
+def settable(scenario: Scenario) -> dict[str, Settable]:
+    """Dotted path -> number, for every number that a parameter may set or scale, in a fixed order.
+
+    nodes.<n>.capacity; nodes.<n>.initial (of nodes with a capacity that write one); nodes.<n>.boundary (fixed ones);
+    conductors.<label>.conductance; conductors.<label>.radiative; faces.<f>.area, absorptivity, emissivity;
+    heaters.<h>.power, on_below, off_above; modes.<mode>.<node>; loads.<l>.coefficient (W per SI unit of the driver);
+    environment.albedo, earth_infrared; observations.<channel>.bias (temperatures). Within a line: order of the file.
+    """
+    return settable_of(draft_of_scenario(scenario))
+
+
+def settable_of(draft: Draft) -> dict[str, Settable]:
+    """`settable` of the blocks that could be read."""
+    return {
+        path: Settable(quantity.unit, value, quantity.lower, quantity.upper)
+        for path, quantity, value in _numbers(draft)
+    }
+
+
+def is_difference(path: str) -> bool:
+    """Whether a path in kelvin is a temperature difference."""
+    return path.startswith("observations.")
+
+
+def load_coefficient(load: Load, driver: Channel | None) -> tuple[str, float] | None:
+    """Unit and value of a load's coefficient, W per SI unit of the driver; None where the driver's unit is no unit.
+
+    Raises ValueError, as `to_si`.
+    """
+    unit = _coefficient_unit(driver.unit if driver else None)
+    if unit is None:
+        return None
+    if isinstance(load.coefficient, str):
+        return unit, to_si(load.coefficient, unit)
+    if unit not in ("", "W"):
+        number = f"{load.coefficient:g}"
+        raise ValueError(f"found {number} without a unit, expected heat per unit of the driver: '{number} {unit}'")
+    return unit, float(load.coefficient)
+
+
+def quantity_of(block: type[Block], name: str) -> Quantity:
+    """Unit and bounds of a field, from its annotation."""
+    field = block.model_fields[name]
+    candidates = [*field.metadata, *(item for part in get_args(field.annotation) for item in get_args(part))]
+    return next(item for item in candidates if isinstance(item, Quantity))
+
+
+def _numbers(draft: Draft) -> Iterator[tuple[str, Quantity, float]]:
+    """Path, unit with bounds, and value of every settable number that could be read."""
+    nodes, faces, heaters = _readable(draft.nodes), _readable(draft.faces), _readable(draft.heaters)
+    # The first conductor of a label keeps it; a second one is reported by lint.
+    conductors = {conductor.label: conductor for conductor in reversed(draft.conductors) if conductor}
+    conductors = dict(reversed(conductors.items()))
+
+    yield from _fields_of("nodes", nodes, Node, "capacity")
+    with_capacity = {name: node for name, node in nodes.items() if node.capacity is not None}
+    yield from _fields_of("nodes", with_capacity, Node, "initial")
+    for name, node in nodes.items():
+        if isinstance(node.boundary, float):
+            yield f"nodes.{name}.boundary", Quantity("K", at_least=0.0), node.boundary
+    yield from _fields_of("conductors", conductors, Conductor, "conductance")
+    yield from _fields_of("conductors", conductors, Conductor, "radiative")
+    for name, face in faces.items():
+        yield from _fields_of("faces", {name: face}, Face, "area", "absorptivity", "emissivity")
+    for name, heater in heaters.items():
+        yield from _fields_of("heaters", {name: heater}, Heater, "power", "on_below", "off_above")
+    for mode, powers in _readable(draft.modes).items():
+        for name, power in powers.items():
+            yield f"modes.{mode}.{name}", Quantity("W"), power
+    yield from _coefficients(draft)
+    if draft.environment:
+        for name in ("albedo", "earth_infrared"):
+            yield f"environment.{name}", quantity_of(Environment, name), getattr(draft.environment, name)
+    for name, observation in _readable(draft.observations).items():
+        if observation.node is not None:
+            yield f"observations.{name}.bias", Quantity("K", difference=True), observation.bias
+
+
+def _fields_of(
+    section: str, blocks: Mapping[str, Block], kind: type[Block], *names: str
+) -> Iterator[tuple[str, Quantity, float]]:
+    for block_name, block in blocks.items():
+        for name in names:
+            if getattr(block, name) is not None:
+                yield f"{section}.{block_name}.{name}", quantity_of(kind, name), getattr(block, name)
+
+
+def _coefficients(draft: Draft) -> Iterator[tuple[str, Quantity, float]]:
+    for name, load in _readable(draft.loads).items():
+        try:
+            found = load_coefficient(load, draft.channels.get(load.driver))
+        except ValueError:
+            continue  # reported by lint, with its line
+        if found:
+            yield f"loads.{name}.coefficient", Quantity(found[0]), found[1]
+
+
+def _coefficient_unit(driver_unit: str | None) -> str | None:
+    """W per SI unit of the driver; None where the driver's unit is no unit."""
+    try:
+        unit = si_unit(driver_unit or "no unit")
+    except ValueError:
+        return None
+    if unit in ("", "W"):
+        return "W" if unit == "" else ""
+    return f"W/{unit}" if unit.isalpha() else si_unit(f"W/({unit})")
+
+
+def _readable(blocks: Mapping[str, T | None]) -> dict[str, T]:
+    return {name: block for name, block in blocks.items() if block is not None}

@@ -1,0 +1,82 @@
+from pathlib import Path
+
+import pytest
+
+from flightcal.scenario import load_scenario, resolved_yaml, write_template
+from flightcal.scenario._document import parse_document
+
+EXAMPLE = Path(__file__).parent / "example.yaml"
+TLE = """tle:
+      - "1 25544U 98067A   24061.50000000  .00016717  00000+0  30000-3 0  9995"
+      - "2 25544  51.6400 208.9163 0006317  69.9862  25.2906 15.49560000000008"
+"""
+
+
+@pytest.fixture
+def folder(tmp_path):
+    (tmp_path / "example.csv").write_text("time\n")
+    (tmp_path / "flown.csv").write_text("time,x,y,z\n")
+    return tmp_path
+
+
+def resolve(folder, text, name="scenario.yaml"):
+    (folder / name).write_text(text)
+    return load_scenario(folder / name)
+
+
+@pytest.mark.parametrize(
+    "edit",
+    [
+        ("", ""),
+        ("{altitude: 693 km, inclination: 98.18 deg, ltan: 18:00, epoch: 2024-03-01T00:00:00Z}", "\n    " + TLE),
+        (
+            "{altitude: 693 km, inclination: 98.18 deg, ltan: 18:00, epoch: 2024-03-01T00:00:00Z}",
+            "{positions: flown.csv}",
+        ),
+        ("attitude: nadir", "attitude: {spin_axis: [0, 0, 1], direction: [1, 0.5, 0]}"),
+        ("attitude: nadir", "attitude: {inertial: [0.6, 0.8, 0, 0]}"),
+        ("attitude: nadir", "attitude: {quaternions: flown.csv}"),
+        ("description: Battery", 'description: "on: 18:00 #\\n\\n- ünï & *x"\n# Battery'),
+        ("{column: time, format: iso8601}", "{column: 'on', format: unix}"),
+    ],
+    ids=["as it is", "tle", "positions", "spin", "inertial", "quaternions", "odd text", "odd column"],
+)
+def test_resolved_scenario_loads_as_an_equal_one(folder, edit):
+    scenario = resolve(folder, EXAMPLE.read_text().replace(*edit))
+
+    again = resolve(folder, resolved_yaml(scenario), "resolved.yaml")
+
+    assert again == scenario
+    assert resolved_yaml(again) == resolved_yaml(scenario)
+
+
+def test_template_round_trips(tmp_path):
+    path, _ = write_template(tmp_path)
+    scenario = load_scenario(path)
+
+    assert resolve(tmp_path, resolved_yaml(scenario), "resolved.yaml") == scenario
+
+
+def test_defaults_are_written_out_with_si_units(folder):
+    data = parse_document(resolved_yaml(resolve(folder, EXAMPLE.read_text()))).data
+
+    assert data["environment"]["solar_constant"] == "1361.0 W/m^2"
+    assert data["initial_state"] == {"observed": "2.0 K", "unobserved": "5.0 K"}
+    assert data["calibration"]["prediction"]["initial_span"] == "600.0 s"
+    assert data["simulator"]["heaters"]["battery_htr"]["on_below"] == "283.15 K"
+    assert data["parameters"]["sun_coefficient"] == {
+        "sets": ["loads.sun.coefficient"],
+        "prior": {"uniform": ["5.0 W/A", "20.0 W/A"]},
+    }
+    assert data["telemetry"]["channels"]["photo_current"]["stale_after"] is None
+
+
+def test_absolute_paths_let_the_copy_stand_in_another_folder(folder, tmp_path_factory):
+    text = EXAMPLE.read_text().replace("attitude: nadir", "attitude: {quaternions: flown.csv}")
+    scenario = resolve(folder, text)
+
+    again = resolve(tmp_path_factory.mktemp("run"), resolved_yaml(scenario, absolute=True))
+
+    assert again.telemetry.file == (str(folder / "example.csv"),)
+    assert again.environment.attitude.quaternions == str(folder / "flown.csv")
+    assert again.parameters == scenario.parameters
