@@ -1,0 +1,94 @@
+"""Attitudes: how the body axes stand in the inertial frame.
+
+nadir           +z to the Earth's centre, +y against the orbital angular momentum, +x completes: along the
+                velocity on a circular orbit, in the orbit plane and forward on every one.
+sun_pointing    +z to the Sun, +y as near as possible to the ecliptic's north pole (the Sun never comes near
+                it, so the frame never degenerates), +x completes.
+inertial        fixed; the unit quaternion (w, x, y, z) turns body vectors into inertial ones.
+spinning        the body's `spin_axis` points along the inertial `direction` and the body turns
+                right-handedly about it. The phase is arbitrary but fixed: at 2000-01-01T12:00 UTC the body
+                stands as the shortest turn from `spin_axis` to `direction` leaves it. Without a period
+                there is no phase: see `faces.Spun`.
+quaternions     samples, spherical linear interpolation between them.
+"""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import numpy as np
+from scipy.spatial.transform import Rotation, Slerp
+
+from ..errors import OrbitError
+from ..scenario.schema import Attitude, InertialAttitude, SampledAttitude, SpinningAttitude
+from ._samples import read_samples, within_span
+from ._time import J2000, Floats, seconds_since
+from .geometry import Geometry
+from .sun import OBLIQUITY
+
+
+def body_to_inertial(attitude: Attitude, at: Geometry, folder: Path = Path()) -> Floats:
+    """Matrices [T, 3, 3] whose columns are the body axes in the inertial frame.
+
+    Sample files are read from `folder`. Raises OrbitError: a quaternion or an axis of length zero,
+    samples that do not cover the times, a spin without period.
+    """
+    if isinstance(attitude, InertialAttitude):
+        quaternion = unit(attitude.inertial, "environment.attitude.inertial")
+        matrix = Rotation.from_quat(quaternion, scalar_first=True).as_matrix()
+        return np.broadcast_to(matrix, (len(at.times), 3, 3))
+    if isinstance(attitude, SpinningAttitude):
+        return _spinning(attitude, at)
+    if isinstance(attitude, SampledAttitude):
+        return _sampled(attitude, at, folder)
+    if attitude == "sun_pointing":
+        north = np.array([0.0, -np.sin(OBLIQUITY), np.cos(OBLIQUITY)])
+        return _axes(z=at.to_sun, towards_y=np.broadcast_to(north, at.sun.shape))
+    return _axes(z=-at.position, towards_y=-np.cross(at.position, at.velocity))
+
+
+def unit(vector: Floats | tuple[float, ...], place: str) -> Floats:
+    """`vector` [..., K] at length one; OrbitError that begins with `place` where it has none."""
+    array = np.asarray(vector, np.float64)
+    length = np.linalg.norm(array, axis=-1, keepdims=True)
+    if not (np.isfinite(length) & (length > 0)).all():
+        raise OrbitError(f"{place}: found {vector}, expected a vector of finite length, not zero")
+    scaled: Floats = array / length
+    return scaled
+
+
+def _axes(z: Floats, towards_y: Floats) -> Floats:
+    z = z / np.linalg.norm(z, axis=-1, keepdims=True)
+    x = np.cross(towards_y, z)
+    x /= np.linalg.norm(x, axis=-1, keepdims=True)
+    return np.stack([x, np.cross(z, x), z], axis=-1)
+
+
+def _spinning(attitude: SpinningAttitude, at: Geometry) -> Floats:
+    if attitude.period is None:
+        raise OrbitError("environment.attitude: found no spin 'period', expected one: body axes depend on it")
+    axis = unit(attitude.spin_axis, "environment.attitude.spin_axis")
+    direction = unit(attitude.direction, "environment.attitude.direction")
+    turns = seconds_since(at.times, J2000) / attitude.period % 1.0
+    spin = Rotation.from_rotvec(2 * np.pi * turns[:, None] * direction)
+    matrices: Floats = (spin * _shortest_turn(axis, direction)).as_matrix()
+    return matrices
+
+
+def _shortest_turn(start: Floats, end: Floats) -> Rotation:
+    cosine, normal = start @ end, np.cross(start, end)
+    if cosine > -1 + 1e-12:
+        return Rotation.from_quat([1 + cosine, *normal], scalar_first=True)
+    # Opposite vectors: half a turn about any axis across them will do.
+    across = np.cross(start, np.eye(3)[np.argmin(np.abs(start))])
+    return Rotation.from_rotvec(np.pi * across / np.linalg.norm(across))
+
+
+def _sampled(attitude: SampledAttitude, at: Geometry, folder: Path) -> Floats:
+    place = f"environment.attitude.quaternions: {attitude.quaternions}"
+    times, quaternions = read_samples(folder / attitude.quaternions, ("w", "x", "y", "z"), place, at_least=2)
+    within_span(at.times, times, place)
+    rotations = Rotation.from_quat(unit(quaternions, place), scalar_first=True)
+    slerp = Slerp(seconds_since(times, times[0]), rotations)
+    matrices: Floats = slerp(seconds_since(at.times, times[0])).as_matrix()
+    return matrices

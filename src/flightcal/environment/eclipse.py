@@ -1,0 +1,115 @@
+"""Eclipses by the Earth: sunlit share of the solar disc, and the exact times of penumbra and umbra."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from pathlib import Path
+
+import numpy as np
+
+from ..errors import OrbitError
+from ..scenario.schema import Environment
+from ._time import Floats, Times, seconds_later
+from .geometry import Geometry, geometry_of
+from .orbit import EARTH_RADIUS, orbital_period
+from .sun import SUN_RADIUS
+
+_STEPS_PER_ORBIT = 360
+_REFINEMENT = 64
+"""Parts of the step next to a near miss of the shadow: in low orbit, contacts 0.5 s apart can stay unseen."""
+_BISECTIONS = 24
+"""From a step of up to 4 minutes to 15 microseconds."""
+
+
+def sunlit_fraction(position: Floats, sun_position: Floats, earth_radius: float = EARTH_RADIUS) -> Floats:
+    """Sunlit share of the solar disc [T], 0 (umbra) to 1.
+
+    position, sun_position: [T, 3] m, Earth-centred, one inertial frame; earth_radius: m, of a spherical
+    Earth without atmosphere. Conical shadow, overlap of two discs: Montenbruck & Gill (2000), Satellite
+    Orbits, sec. 3.4.2.
+    """
+    sun, earth, separation = _apparent(position, sun_position, earth_radius)
+    apart = np.clip(separation, np.maximum(np.abs(earth - sun), 1e-12), earth + sun)
+    x = (apart**2 + sun**2 - earth**2) / (2 * apart)
+    y = np.sqrt(np.maximum(sun**2 - x**2, 0.0))
+    covered = (
+        sun**2 * np.arccos(np.clip(x / sun, -1.0, 1.0))
+        + earth**2 * np.arccos(np.clip((apart - x) / earth, -1.0, 1.0))
+        - apart * y
+    )
+    share: Floats = np.clip(1.0 - covered / (np.pi * sun**2), 0.0, 1.0)
+    # The overlap of a thin crescent cancels to 2e-6: make full light and full shadow exact.
+    share = np.where(separation >= earth + sun, 1.0, share)
+    return np.where(separation <= earth - sun, 0.0, share)
+
+
+def sunlit_share(environment: Environment, times: Times, folder: Path = Path()) -> Floats:
+    """Sunlit share of the solar disc at times [T], 0 (umbra) to 1; NaN, unknown, without an orbit.
+
+    See `sunlit_fraction`.
+    """
+    if environment.orbit is None:
+        return np.full(len(times), np.nan)
+    at = geometry_of(environment, folder)(times)
+    return sunlit_fraction(at.position, at.sun)
+
+
+def shadow_edges(environment: Environment, start: np.datetime64, end: np.datetime64, folder: Path = Path()) -> Times:
+    """Times in [start, end] at which the spacecraft enters or leaves penumbra or umbra, in order, to 1 ms.
+
+    The orbit is searched in steps of 1/360 period, finer near a grazing passage, and each change of sign
+    bisected. Raises OrbitError.
+    """
+    if end < start:
+        raise OrbitError(f"shadow_edges: found end {end}, expected a time not before start {start}")
+    geometry = geometry_of(environment, folder)
+    duration = float((end - start) / np.timedelta64(1, "s"))
+    step = orbital_period(environment.model_copy(update={"period": None}), folder) / _STEPS_PER_ORBIT
+    coarse = np.linspace(0.0, duration, max(2, int(np.ceil(duration / step)) + 1))
+
+    def penumbra(seconds: Floats) -> Floats:
+        return _contacts(geometry(seconds_later(start, seconds)))[0]
+
+    def umbra(seconds: Floats) -> Floats:
+        return _contacts(geometry(seconds_later(start, seconds)))[1]
+
+    edges = np.concatenate([_zeros(contact, coarse) for contact in (penumbra, umbra)])
+    return np.sort(seconds_later(start, edges))
+
+
+def _apparent(position: Floats, sun_position: Floats, earth_radius: float) -> tuple[Floats, Floats, Floats]:
+    """Apparent radius of the Sun and of the Earth, and the angle between their centres, [T] rad."""
+    to_sun = sun_position - position
+    distance, height = np.linalg.norm(to_sun, axis=-1), np.linalg.norm(position, axis=-1)
+    sun, earth = np.arcsin(SUN_RADIUS / distance), np.arcsin(np.minimum(earth_radius / height, 1.0))
+    across = np.linalg.norm(np.cross(position, to_sun), axis=-1)
+    return sun, earth, np.arctan2(across, -np.sum(position * to_sun, axis=-1))
+
+
+def _contacts(at: Geometry) -> tuple[Floats, Floats]:
+    """Two angles [T] rad that are zero at the outer (penumbra) and at the inner (umbra) contacts."""
+    sun, earth, separation = _apparent(at.position, at.sun, EARTH_RADIUS)
+    return separation - (earth + sun), separation - np.abs(earth - sun)
+
+
+def _zeros(function: Callable[[Floats], Floats], coarse: Floats) -> Floats:
+    """Zeros of `function` between the points of the grid `coarse`, all bisected together."""
+    grid, value = _near_misses_refined(coarse, function(coarse), function)
+    crossing = np.flatnonzero((value[:-1] > 0) != (value[1:] > 0))
+    low, high, positive = grid[crossing], grid[crossing + 1], value[crossing] > 0
+    for _ in range(_BISECTIONS if crossing.size else 0):
+        middle = (low + high) / 2
+        before = (function(middle) > 0) == positive
+        low, high = np.where(before, middle, low), np.where(before, high, middle)
+    return (low + high) / 2
+
+
+def _near_misses_refined(grid: Floats, value: Floats, function: Callable[[Floats], Floats]) -> tuple[Floats, Floats]:
+    """Grid and values with the steps around local minima above zero cut finer, to catch short passages."""
+    dip = np.flatnonzero((value[1:-1] > 0) & (value[1:-1] <= value[:-2]) & (value[1:-1] <= value[2:])) + 1
+    if not dip.size:
+        return grid, value
+    finer = np.linspace(grid[dip - 1], grid[dip + 1], 2 * _REFINEMENT + 1)[1:-1].ravel()
+    grid = np.concatenate([grid, finer])
+    order = np.argsort(grid, kind="stable")
+    return grid[order], np.concatenate([value, function(finer)])[order]

@@ -1,0 +1,83 @@
+"""What the simulator gets from the environment: heat flux incident on each face at each time."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Literal
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ..scenario.schema import Environment, SpinningAttitude, Vector
+from ._time import Floats, Times
+from .attitude import body_to_inertial, unit
+from .eclipse import sunlit_fraction
+from .faces import AllDirections, Faces, Flat, Spun, albedo_view, infrared_view
+from .geometry import Geometry, geometry_of
+from .sun import solar_flux
+
+Normal = Vector | Literal["all"]
+"""Outward normal in the body frame, or "all": a small convex body, averaged over directions."""
+
+
+@dataclass(frozen=True)
+class FaceFluxes:
+    """Heat flux incident on faces; what a face of area A absorbs is
+
+    A [absorptivity (solar + albedo coefficient x albedo) + emissivity x earth_infrared x infrared].
+
+    Albedo coefficient and Earth infrared stay outside because they may be calibrated.
+    """
+
+    names: tuple[str, ...]
+    """Faces [F], in the order given."""
+    solar: Floats
+    """Direct sunlight, [T, F] W/m2; zero in umbra, reduced in penumbra."""
+    albedo: Floats
+    """Sunlight reflected by the Earth, [T, F] W/m2 per unit of the albedo coefficient."""
+    infrared: Floats
+    """View factor to the Earth, [T, F]: W/m2 per W/m2 that the Earth emits."""
+
+
+def face_fluxes(
+    environment: Environment, faces: Mapping[str, Normal], times: Times, folder: Path = Path()
+) -> FaceFluxes:
+    """Heat flux on `faces` (name -> normal) at `times` [T]; sample files are read from `folder`.
+
+    Times may come in any order and repeat. Faces do not shade each other. For "all", and where the body
+    spins fast (SpinningAttitude without a period), fluxes are means over the directions of the normal.
+    The Earth is a diffuse sphere of equatorial radius, of uniform albedo and infrared. Raises
+    OrbitError.
+    """
+    at = geometry_of(environment, folder)(times)
+    names = tuple(faces)
+    flat = {name: normal for name, normal in faces.items() if normal != "all"}
+    normals = [unit(normal, f"simulator.faces.{name}.normal") for name, normal in flat.items()]
+    averaged = np.array([normal == "all" for normal in faces.values()], dtype=bool)
+    flux = solar_flux(np.linalg.norm(at.to_sun, axis=-1), environment.solar_constant)
+    direct = flux * sunlit_fraction(at.position, at.sun)
+
+    groups: list[tuple[NDArray[np.bool_], Faces]] = []
+    if averaged.any():
+        groups.append((averaged, AllDirections()))
+    if normals:
+        groups.append((~averaged, _oriented(environment, np.array(normals), at, folder)))
+
+    to_sun = (at.to_sun / np.linalg.norm(at.to_sun, axis=-1, keepdims=True))[:, None]
+    solar, albedo, infrared = (np.empty((len(times), len(names))) for _ in range(3))
+    for columns, group in groups:
+        solar[:, columns] = direct[:, None] * group.cosine(to_sun)[:, 0]
+        albedo[:, columns] = flux[:, None] * albedo_view(group, at.position, at.sun)
+        infrared[:, columns] = infrared_view(group, at.position)
+    return FaceFluxes(names, solar, albedo, infrared)
+
+
+def _oriented(environment: Environment, normals: Floats, at: Geometry, folder: Path) -> Faces:
+    attitude = environment.attitude
+    if isinstance(attitude, SpinningAttitude) and attitude.period is None:
+        axis = unit(attitude.spin_axis, "environment.attitude.spin_axis")
+        return Spun(unit(attitude.direction, "environment.attitude.direction"), normals @ axis)
+    # Body axes are the matrices' columns: row vector times transpose turns every normal at once.
+    return Flat(normals @ np.swapaxes(body_to_inertial(attitude, at, folder), 1, 2))

@@ -1,0 +1,76 @@
+"""Where the spacecraft and the Sun are: the one place where an environment becomes vectors."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+
+from ..errors import OrbitError
+from ..scenario.schema import Environment
+from . import sun
+from ._time import Floats, Times, seconds_since
+from .orbit import argument_of_latitude, orbital_period, propagator
+
+
+@dataclass(frozen=True)
+class Geometry:
+    """Spacecraft and Sun at times [T], Earth-centred, true equator and equinox of date."""
+
+    times: Times
+    position: Floats
+    """Spacecraft, [T, 3] m."""
+    velocity: Floats
+    """Spacecraft, [T, 3] m/s."""
+    sun: Floats
+    """Sun, [T, 3] m."""
+
+    @property
+    def to_sun(self) -> Floats:
+        """Vector from the spacecraft to the Sun, [T, 3] m."""
+        return self.sun - self.position
+
+
+def geometry_of(environment: Environment, folder: Path = Path()) -> Callable[[Times], Geometry]:
+    """The function that gives the geometry at times [T]; OrbitError where the environment has no orbit."""
+    if environment.orbit is None:
+        raise OrbitError("environment: found no 'orbit', expected one: eclipses and heat fluxes follow from it")
+    propagate = propagator(environment.orbit, folder)
+
+    def geometry(times: Times) -> Geometry:
+        if np.isnat(times).any():
+            raise OrbitError("environment: found a missing time (NaT), expected UTC times")
+        position, velocity = propagate(times)
+        return Geometry(times, position, velocity, sun.sun_position(times))
+
+    return geometry
+
+
+def beta_angle_of(environment: Environment, times: Times, folder: Path = Path()) -> Floats:
+    """Angle of the Sun above the orbit plane at times, [T] rad; see `beta_angle`."""
+    at = geometry_of(environment, folder)(times)
+    return sun.beta_angle(at.position, at.velocity, at.sun)
+
+
+def orbit_phase(
+    environment: Environment, times: Times, folder: Path = Path(), origin: np.datetime64 | None = None
+) -> Floats:
+    """Place in the orbit at times, [T] in [0, 1).
+
+    With an orbit: argument of latitude / 2 pi, 0 at the ascending node (of an equatorial orbit: at right
+    ascension 0); an angle, so on an eccentric orbit it does not run evenly in time. Without an orbit: periods
+    since `origin`, by default the first time; give the same origin wherever phases are to be compared.
+    With neither orbit nor period: NaN, unknown.
+    """
+    if times.size == 0 or (environment.orbit is None and environment.period is None):
+        return np.full(len(times), np.nan)
+    if environment.orbit is None:
+        elapsed = seconds_since(times, times[0] if origin is None else origin)
+        phase = elapsed / orbital_period(environment) % 1.0
+    else:
+        at = geometry_of(environment, folder)(times)
+        phase = argument_of_latitude(at.position, at.velocity) / (2 * np.pi) % 1.0
+    # A phase a rounding error below 0 comes out of the remainder as exactly 1.
+    return np.where(phase >= 1.0, 0.0, phase)

@@ -1,0 +1,286 @@
+"""Orbits: position and velocity at any time, and the orbital period.
+
+Inertial frame: Earth-centred, true equator and equinox of date. SGP4 works in TEME, which shares the
+equator and differs by the equation of the equinoxes: under 0.005 deg in right ascension, nothing to a
+heat flux.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from pathlib import Path
+
+import erfa
+import numpy as np
+from scipy.interpolate import CubicSpline
+from sgp4.api import SGP4_ERRORS, Satrec
+from sgp4.io import verify_checksum
+
+from ..errors import OrbitError
+from ..scenario.schema import CircularOrbit, Environment, KeplerianOrbit, Orbit, SampledOrbit, TleOrbit
+from ._samples import read_samples, within_span
+from ._time import Floats, Times, julian_dates, seconds_since
+
+EARTH_MU = 3.986004418e14
+"""m3/s2 (WGS 84)."""
+EARTH_RADIUS = 6378.137e3
+"""m, equatorial (WGS 84): of the sphere that altitudes count from, that shines and that casts the shadow."""
+EARTH_J2 = 1.08262668e-3
+"""Second zonal harmonic, unnormalised (EGM96)."""
+_LONGEST_TLE_AGE = 30.0
+"""days from the epoch of two-line elements: drag makes them useless long before a year."""
+_COARSEST_SAMPLING = 0.1
+"""of a period between position samples: there a cubic spline errs by up to 4e-4 of the orbit's radius."""
+
+Propagator = Callable[[Times], tuple[Floats, Floats]]
+"""Times [T] -> position [T, 3] m and velocity [T, 3] m/s."""
+
+
+def propagator(orbit: Orbit, folder: Path = Path()) -> Propagator:
+    """The function that gives position and velocity on `orbit`; sample files are read from `folder`.
+
+    Raises OrbitError: perigee inside the Earth, unreadable elements or samples, times outside their span.
+    """
+    if isinstance(orbit, SampledOrbit):
+        return _sampled(orbit, folder)[0]
+    if isinstance(orbit, TleOrbit):
+        return _tle(orbit)
+    return _secular(_keplerian(orbit) if isinstance(orbit, CircularOrbit) else orbit)
+
+
+def orbital_period(environment: Environment, folder: Path = Path()) -> float:
+    """Orbital period in s: `environment.period` where it is given, else the nodal period of the orbit.
+
+    Nodal (draconitic) means from ascending node to ascending node: what `orbit_phase` counts and what
+    makes two windows of whole orbits alike. Elements: from the secular rates of mean anomaly and perigee
+    (TLE: SGP4's). Samples: the mean over their whole orbits or, where they hold less than one, Kepler's
+    period of the mean vis-viva semi-major axis (0.5%).
+    """
+    if environment.period is not None:
+        return environment.period
+    orbit = environment.orbit
+    if orbit is None:
+        raise OrbitError("environment: found neither 'orbit' nor 'period', expected one of them")
+    if isinstance(orbit, SampledOrbit):
+        return _sampled(orbit, folder)[1]
+    if isinstance(orbit, TleOrbit):
+        satellite = _satellite(orbit)
+        return float(2 * np.pi / (satellite.mdot + satellite.argpdot) * 60.0)
+    elements = _keplerian(orbit) if isinstance(orbit, CircularOrbit) else orbit
+    _, perigee_rate, anomaly_rate = secular_rates(elements)
+    return 2 * np.pi / (perigee_rate + anomaly_rate)
+
+
+def argument_of_latitude(position: Floats, velocity: Floats) -> Floats:
+    """Angle from the ascending node [T] rad, in (-pi, pi]; of an equatorial orbit, from right ascension 0.
+
+    position, velocity: [T, 3] m, m/s.
+    """
+    momentum = np.cross(position, velocity)
+    momentum /= np.linalg.norm(momentum, axis=-1, keepdims=True)
+    node = np.stack([-momentum[:, 1], momentum[:, 0], np.zeros(len(momentum))], axis=-1)
+    size = np.linalg.norm(node, axis=-1, keepdims=True)
+    node = np.where(size > 1e-9, node / np.maximum(size, 1e-9), [1.0, 0.0, 0.0])
+    ahead = np.cross(momentum, node)
+    angle: Floats = np.arctan2(np.sum(position * ahead, axis=-1), np.sum(position * node, axis=-1))
+    return angle
+
+
+# --- elements -----------------------------------------------------------------------------------------------
+
+
+def secular_rates(orbit: KeplerianOrbit) -> tuple[float, float, float]:
+    """Rates of node, argument of perigee and mean anomaly, rad/s, to first order in J2.
+
+    The mean anomaly's includes the two-body mean motion. Vallado (2013), Fundamentals of Astrodynamics and
+    Applications, ch. 9, secular effects of the zonal harmonics.
+    """
+    mean_motion = np.sqrt(EARTH_MU / orbit.semi_major_axis**3)
+    shape = np.sqrt(1 - orbit.eccentricity**2)
+    factor = 1.5 * EARTH_J2 * mean_motion * (EARTH_RADIUS / (orbit.semi_major_axis * shape**2)) ** 2
+    sine_squared = np.sin(orbit.inclination) ** 2
+    node = -factor * np.cos(orbit.inclination)
+    perigee = factor * (2 - 2.5 * sine_squared)
+    anomaly = mean_motion + factor * shape * (1 - 1.5 * sine_squared)
+    return float(node), float(perigee), float(anomaly)
+
+
+def local_time_to_raan(local_time: str, epoch: np.datetime64) -> float:
+    """Right ascension in rad of a node with mean local solar time ``"HH:MM"`` at `epoch` (UTC).
+
+    Mean local solar time, as missions state it, is UT plus longitude, so the mean Sun's right ascension
+    enters through sidereal time; the apparent local time differs by the equation of time, up to 16 min.
+    UT1 is taken as UTC (0.9 s).
+    """
+    try:
+        hours, minutes = (int(part) for part in local_time.split(":"))
+    except ValueError:
+        hours = minutes = -1
+    if not (0 <= hours < 24 and 0 <= minutes < 60):
+        raise OrbitError(f"environment.orbit.ltan: found {local_time!r}, expected a local time such as '18:00'")
+    whole, days = julian_dates(np.array([epoch]))
+    sidereal = erfa.gst00b(whole, days[0])
+    midnight_to_now = (whole + days[0] + 0.5) % 1.0
+    longitude = 2 * np.pi * ((hours + minutes / 60) / 24 - midnight_to_now)
+    return float((sidereal + longitude) % (2 * np.pi))
+
+
+def raan_to_local_time(raan: float, epoch: np.datetime64) -> float:
+    """Mean local solar time, hours, of a node at `raan` rad at `epoch`: inverse of `local_time_to_raan`."""
+    return float(((raan - local_time_to_raan("00:00", epoch)) % (2 * np.pi)) * 12 / np.pi)
+
+
+def _keplerian(orbit: CircularOrbit) -> KeplerianOrbit:
+    if orbit.raan is not None and orbit.ltan is None:
+        raan = orbit.raan
+    elif orbit.ltan is not None and orbit.raan is None:
+        raan = local_time_to_raan(orbit.ltan, np.datetime64(orbit.epoch))
+    else:
+        raise OrbitError("environment.orbit: expected exactly one of 'ltan' and 'raan'")
+    return KeplerianOrbit.model_construct(
+        semi_major_axis=EARTH_RADIUS + orbit.altitude,
+        eccentricity=0.0,
+        inclination=orbit.inclination,
+        raan=raan,
+        argument_of_perigee=0.0,
+        mean_anomaly=orbit.argument_of_latitude,
+        epoch=orbit.epoch,
+    )
+
+
+def _secular(orbit: KeplerianOrbit) -> Propagator:
+    """Kepler's ellipse with secular drifts; the velocity is the exact derivative of the position."""
+    axis, eccentricity = orbit.semi_major_axis, orbit.eccentricity
+    perigee_height = axis * (1 - eccentricity) - EARTH_RADIUS
+    if perigee_height < 0:
+        raise OrbitError(f"environment.orbit: found perigee {perigee_height / 1e3:.0f} km high, expected above 0 km")
+    node_rate, perigee_rate, anomaly_rate = secular_rates(orbit)
+    epoch = np.datetime64(orbit.epoch)
+    shape = np.sqrt(1 - eccentricity**2)
+
+    def state(times: Times) -> tuple[Floats, Floats]:
+        elapsed = seconds_since(times, epoch)
+        anomaly = eccentric_anomaly(orbit.mean_anomaly + anomaly_rate * elapsed, eccentricity)
+        anomaly_speed = anomaly_rate / (1 - eccentricity * np.cos(anomaly))
+        along, across = axis * (np.cos(anomaly) - eccentricity), axis * shape * np.sin(anomaly)
+        along_speed = -axis * np.sin(anomaly) * anomaly_speed
+        across_speed = axis * shape * np.cos(anomaly) * anomaly_speed
+
+        perigee = orbit.argument_of_perigee + perigee_rate * elapsed
+        in_plane = _turn(along, across, perigee)
+        in_plane_speed = _turn(along_speed - perigee_rate * across, across_speed + perigee_rate * along, perigee)
+
+        node = orbit.raan + node_rate * elapsed
+        cosine, sine = np.cos(orbit.inclination), np.sin(orbit.inclination)
+        x, y = _turn(in_plane[0], in_plane[1] * cosine, node)
+        x_speed, y_speed = _turn(in_plane_speed[0], in_plane_speed[1] * cosine, node)
+        position = np.stack([x, y, in_plane[1] * sine], axis=-1)
+        velocity = np.stack([x_speed - node_rate * y, y_speed + node_rate * x, in_plane_speed[1] * sine], axis=-1)
+        return position, velocity
+
+    return state
+
+
+def _turn(x: Floats, y: Floats, angle: Floats) -> tuple[Floats, Floats]:
+    cosine, sine = np.cos(angle), np.sin(angle)
+    return x * cosine - y * sine, x * sine + y * cosine
+
+
+def eccentric_anomaly(mean_anomaly: Floats, eccentricity: float) -> Floats:
+    """Solution E of Kepler's equation M = E - e sin E, rad, for e in [0, 1); error under 1e-12 rad.
+
+    Newton's iteration from E = M + 0.85 e sign(sin M) (Danby 1987), which converges for every M and e < 1.
+    """
+    mean = np.asarray(mean_anomaly) % (2 * np.pi)
+    anomaly = mean + 0.85 * eccentricity * np.sign(np.sin(mean))
+    for _ in range(50):
+        correction = (anomaly - eccentricity * np.sin(anomaly) - mean) / (1 - eccentricity * np.cos(anomaly))
+        anomaly = anomaly - correction
+        if np.max(np.abs(correction), initial=0.0) < 1e-13:
+            break
+    return anomaly
+
+
+# --- two-line elements --------------------------------------------------------------------------------------
+
+
+def _satellite(orbit: TleOrbit) -> Satrec:
+    first, second = (line.strip() for line in orbit.tle)
+    complete = all(line.startswith(f"{n} ") and len(line) == 69 for n, line in ((1, first), (2, second)))
+    if not complete or first[2:7] != second[2:7]:
+        raise OrbitError(
+            f"environment.orbit.tle: found {first!r} and {second!r}, "
+            "expected two lines of 69 characters that begin with '1 ' and '2 ' and one satellite's number"
+        )
+    try:
+        verify_checksum(first, second)
+    except ValueError as error:
+        raise OrbitError(f"environment.orbit.tle: {error}") from None
+    return Satrec.twoline2rv(first, second)
+
+
+def _tle(orbit: TleOrbit) -> Propagator:
+    satellite = _satellite(orbit)
+    epoch = satellite.jdsatepoch + satellite.jdsatepochF
+
+    def state(times: Times) -> tuple[Floats, Floats]:
+        whole, days = julian_dates(times)
+        age = np.max(np.abs(whole + days - epoch), initial=0.0)
+        if age > _LONGEST_TLE_AGE:
+            raise OrbitError(
+                f"environment.orbit.tle: found elements {age:.0f} days away from the time asked for, "
+                f"expected at most {_LONGEST_TLE_AGE:.0f}"
+            )
+        errors, position, velocity = satellite.sgp4_array(np.full(days.shape, whole), days)
+        if errors.any():
+            first = np.flatnonzero(errors)[0]
+            raise OrbitError(f"environment.orbit.tle: SGP4 at {times[first]}: {SGP4_ERRORS[int(errors[first])]}")
+        if not np.isfinite(position).all():
+            raise OrbitError(f"environment.orbit.tle: found elements that SGP4 cannot read: {orbit.tle!r}")
+        return position * 1e3, velocity * 1e3
+
+    return state
+
+
+# --- position samples ---------------------------------------------------------------------------------------
+
+
+def _sampled(orbit: SampledOrbit, folder: Path) -> tuple[Propagator, float]:
+    """Propagator (cubic spline through the samples) and orbital period in s of a file of positions."""
+    place = f"environment.orbit.positions: {orbit.positions}"
+    times, positions = read_samples(folder / orbit.positions, ("x", "y", "z"), place, at_least=4)
+    radius = np.linalg.norm(positions, axis=1)
+    if radius.min() < EARTH_RADIUS:
+        raise OrbitError(
+            f"{place}: found a distance of {radius.min():.4g} m from the Earth's centre, "
+            "expected a position above its surface, in metres"
+        )
+    seconds = seconds_since(times, times[0])
+    spline = CubicSpline(seconds, positions)
+    speed = spline.derivative()
+    steps, longest = np.diff(seconds), _COARSEST_SAMPLING * _kepler_period(radius.mean())
+    if steps.max() > longest:
+        raise OrbitError(
+            f"{place}: found {steps.max():.0f} s without a sample after {times[np.argmax(steps)]}, "
+            f"expected at most {longest:.0f} s, a tenth of the period"
+        )
+
+    def state(at: Times) -> tuple[Floats, Floats]:
+        within_span(at, times, place)
+        elapsed = seconds_since(at, times[0])
+        return spline(elapsed), speed(elapsed)
+
+    return state, _mean_period(seconds, positions, speed(seconds))
+
+
+def _mean_period(seconds: Floats, positions: Floats, velocities: Floats) -> float:
+    angle = np.unwrap(argument_of_latitude(positions, velocities))
+    orbits = int((angle[-1] - angle[0]) // (2 * np.pi))
+    if orbits > 0:
+        return float(np.interp(angle[0] + 2 * np.pi * orbits, angle, seconds) / orbits)
+    distances, speeds = np.linalg.norm(positions, axis=1), np.linalg.norm(velocities, axis=1)
+    return _kepler_period(1 / np.mean(2 / distances - speeds**2 / EARTH_MU))
+
+
+def _kepler_period(semi_major_axis: float) -> float:
+    return float(2 * np.pi * np.sqrt(semi_major_axis**3 / EARTH_MU))

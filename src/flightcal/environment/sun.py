@@ -1,0 +1,45 @@
+"""The Sun: position in the frame of date, flux at its distance, beta angle."""
+
+from __future__ import annotations
+
+import erfa
+import numpy as np
+
+from ._time import Floats, Times, terrestrial_julian_dates
+
+ASTRONOMICAL_UNIT = 149_597_870_700.0
+"""m (IAU 2012 resolution B2)."""
+SUN_RADIUS = 695.7e6
+"""m (IAU 2015 resolution B3, nominal)."""
+OBLIQUITY = 0.4090926
+"""rad, mean obliquity of the ecliptic at J2000 (IAU 2006: 84381.406 arcsec); -0.013 deg a century."""
+
+
+def sun_position(times: Times) -> Floats:
+    """Geometric position of the Sun from the Earth's centre, [T, 3] m, true equator and equinox of date.
+
+    The Earth's heliocentric position is ERFA's epv00 (VSOP2000 fit, 5 km), turned by bias, precession and
+    nutation (IAU 2000B, 0.001 arcsec). Light time and aberration, 0.006 deg together, are left out.
+    """
+    whole, days = terrestrial_julian_dates(times)
+    heliocentric, _ = erfa.epv00(whole, days)
+    to_date = erfa.pnm00b(whole, days)
+    of_date: Floats = -ASTRONOMICAL_UNIT * np.einsum("tij,tj->ti", to_date, heliocentric["p"])
+    return of_date
+
+
+def solar_flux(distance: Floats, solar_constant: float) -> Floats:
+    """Solar flux [T] W/m2 at `distance` [T] m from the Sun; `solar_constant`: W/m2 at 1 au."""
+    flux: Floats = solar_constant * (ASTRONOMICAL_UNIT / distance) ** 2
+    return flux
+
+
+def beta_angle(position: Floats, velocity: Floats, sun: Floats) -> Floats:
+    """Angle of the Sun above the orbit plane [T] rad, positive on the side of the orbital angular momentum.
+
+    position, velocity: [T, 3] m, m/s; sun: [T, 3], Sun's position or direction; all in one inertial frame.
+    """
+    momentum = np.cross(position, velocity)
+    height = np.sum(momentum * sun, axis=-1) / np.linalg.norm(sun, axis=-1)
+    angle: Floats = np.arcsin(np.clip(height / np.linalg.norm(momentum, axis=-1), -1.0, 1.0))
+    return angle

@@ -1,0 +1,112 @@
+import numpy as np
+import pytest
+from scipy.spatial.transform import Rotation
+
+from flightcal.environment.attitude import body_to_inertial
+from flightcal.environment.geometry import geometry_of
+from flightcal.environment.sun import OBLIQUITY
+from flightcal.errors import OrbitError
+
+from .scenes import EPOCH, circular, environment, seconds_after
+
+TIMES = seconds_after(EPOCH, np.arange(0.0, 6000.0, 371.0))
+
+
+def axes(attitude, times=TIMES, folder=None, **orbit):
+    """Body axes x, y, z in the inertial frame, each [T, 3], and the geometry."""
+    scene = environment(circular(**orbit), attitude=attitude)
+    at = geometry_of(scene)(times)
+    matrix = body_to_inertial(scene.attitude, at, *([folder] if folder else []))
+    return *np.moveaxis(matrix, 2, 0), at
+
+
+def unit(vectors):
+    return vectors / np.linalg.norm(vectors, axis=-1, keepdims=True)
+
+
+def write_quaternions(path, times, rotations):
+    rows = [
+        ",".join([str(time), *(str(x) for x in rotation.as_quat(scalar_first=True))])
+        for time, rotation in zip(times, rotations, strict=True)
+    ]
+    path.write_text("\n".join(["time,w,x,y,z", *rows]) + "\n")
+
+
+@pytest.mark.parametrize(
+    "attitude",
+    [
+        "nadir",
+        "sun_pointing",
+        {"inertial": [0.5, -0.5, 0.1, 2.0]},
+        {"spin_axis": [1, 2, 3], "direction": [0, -1, 1], "period": "7 min"},
+    ],
+)
+def test_body_axes_are_a_right_handed_frame(attitude):
+    x, y, z, _ = axes(attitude)
+    for axis in (x, y, z):
+        assert np.linalg.norm(axis, axis=1) == pytest.approx(1, abs=1e-12)
+    assert np.cross(x, y) == pytest.approx(z, abs=1e-12)
+
+
+def test_nadir_points_z_down_x_forward_and_y_against_the_orbit_normal():
+    x, y, z, at = axes("nadir")
+    assert z == pytest.approx(-unit(at.position), abs=1e-12)
+    assert y == pytest.approx(-unit(np.cross(at.position, at.velocity)), abs=1e-12)
+    assert x == pytest.approx(unit(at.velocity), abs=2e-3)
+
+
+def test_sun_pointing_points_z_to_the_sun_and_y_to_the_ecliptic_pole():
+    _, y, z, at = axes("sun_pointing")
+    assert z == pytest.approx(unit(at.sun - at.position), abs=1e-12)
+    pole = [0.0, -np.sin(OBLIQUITY), np.cos(OBLIQUITY)]
+    assert y @ pole == pytest.approx(1, abs=1e-7)
+
+
+def test_quaternion_turns_body_vectors_into_inertial_ones():
+    # A quarter turn about z takes x to y; the length of the quaternion does not matter.
+    x, y, z, _ = axes({"inertial": [2.0, 0, 0, 2.0]})
+    assert x[0] == pytest.approx([0, 1, 0], abs=1e-12)
+    assert y[0] == pytest.approx([-1, 0, 0], abs=1e-12)
+    assert len(z) == len(TIMES)
+
+
+@pytest.mark.parametrize("spin_axis", [[0, 0, 1], [1, 2, -1], [0, 0, -3]])
+def test_spin_axis_points_along_its_direction_and_the_body_turns_about_it(spin_axis):
+    attitude = {"spin_axis": spin_axis, "direction": [0, 0, 2], "period": "400 s"}
+    times = seconds_after(EPOCH, [0.0, 100.0, 400.0, 4000.0])
+    x, y, z, _ = axes(attitude, times)
+    matrices = np.stack([x, y, z], axis=-1)
+    assert matrices @ unit(np.array(spin_axis, float)) == pytest.approx(np.tile([0, 0, 1], (4, 1)), abs=1e-12)
+    quarter = Rotation.from_euler("z", 90, degrees=True).as_matrix()
+    assert matrices[1] == pytest.approx(quarter @ matrices[0], abs=1e-6)
+    assert matrices[2:] == pytest.approx(np.stack([matrices[0]] * 2), abs=1e-6)
+
+
+def test_sampled_quaternions_are_met_and_turned_between_evenly(tmp_path):
+    rotations = Rotation.from_euler("zyx", [[0, 0, 0], [80, 0, 0], [80, 40, 0]], degrees=True)
+    samples = seconds_after(EPOCH, [0.0, 600.0, 1200.0])
+    write_quaternions(tmp_path / "attitude.csv", samples, rotations)
+    times = seconds_after(EPOCH, [0.0, 300.0, 600.0, 1200.0])
+    x, *_ = axes({"quaternions": "attitude.csv"}, times, tmp_path)
+    assert x[[0, 2, 3]] == pytest.approx(rotations.as_matrix()[:, :, 0], abs=1e-12)
+    assert x[1] == pytest.approx([np.cos(np.radians(40)), np.sin(np.radians(40)), 0], abs=1e-12)
+
+
+def test_times_outside_the_sampled_quaternions_are_an_error(tmp_path):
+    write_quaternions(tmp_path / "attitude.csv", TIMES[:3], Rotation.identity(3))
+    with pytest.raises(OrbitError, match=r"attitude\.quaternions: attitude\.csv: found samples from"):
+        axes({"quaternions": "attitude.csv"}, TIMES, tmp_path)
+
+
+@pytest.mark.parametrize(
+    ("attitude", "found"),
+    [
+        ({"inertial": [0, 0, 0, 0]}, r"attitude\.inertial: found .* not zero"),
+        ({"spin_axis": [0, 0, 0], "direction": [1, 0, 0], "period": "1 s"}, r"attitude\.spin_axis: found"),
+        ({"spin_axis": [1, 0, 0], "direction": [0, 0, 0], "period": "1 s"}, r"attitude\.direction: found"),
+        ({"spin_axis": [1, 0, 0], "direction": [0, 0, 1]}, "no spin 'period'"),
+    ],
+)
+def test_attitude_without_direction_is_an_error(attitude, found):
+    with pytest.raises(OrbitError, match=found):
+        axes(attitude)

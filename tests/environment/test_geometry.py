@@ -1,0 +1,63 @@
+import numpy as np
+import pytest
+
+from flightcal.environment import orbit_phase, orbital_period
+from flightcal.environment.geometry import geometry_of
+from flightcal.errors import OrbitError
+
+from .scenes import EPOCH, circular, environment, seconds_after
+
+
+def test_phase_counts_from_the_ascending_node_and_wraps():
+    scene = environment(circular(argument_of_latitude="0 deg"))
+    turns = np.array([0.25, 0.5, 0.999, 1.0005, 7.75])
+    phase = orbit_phase(scene, seconds_after(EPOCH, turns * orbital_period(scene)))
+    assert phase == pytest.approx(turns % 1.0, abs=1e-6)
+
+
+def test_phase_is_never_one():
+    scene = environment(circular(argument_of_latitude="0 deg"))
+    around_the_node = orbital_period(scene) + np.linspace(-1e-6, 1e-6, 2001)
+    phase = orbit_phase(scene, seconds_after(EPOCH, around_the_node))
+    assert (phase >= 0).all()
+    assert (phase < 1).all()
+
+
+def test_phase_a_rounding_error_before_the_origin_is_zero():
+    scene = environment(period="1e9 s")
+    assert orbit_phase(scene, np.array([EPOCH - np.timedelta64(1, "ns")]), origin=EPOCH) == 0
+
+
+def test_phase_of_an_equatorial_orbit_runs_on():
+    scene = environment(circular(inclination="0 deg"))
+    phase = orbit_phase(scene, seconds_after(EPOCH, np.linspace(0, 5000, 200)))
+    assert (np.diff(np.unwrap(2 * np.pi * phase)) > 0).all()
+
+
+def test_phase_without_orbit_counts_periods_from_the_first_time_or_the_origin():
+    scene = environment(period="100 s")
+    times = seconds_after(EPOCH, [50.0, 75.0, 160.0])
+    assert orbit_phase(scene, times) == pytest.approx([0, 0.25, 0.1])
+    assert orbit_phase(scene, times, origin=EPOCH) == pytest.approx([0.5, 0.75, 0.6])
+    assert orbit_phase(scene, times[:0]).shape == (0,)
+
+
+def test_phase_is_unknown_without_orbit_and_period():
+    assert np.isnan(orbit_phase(environment(), seconds_after(EPOCH, [0.0, 1.0]))).tolist() == [True, True]
+
+
+def test_geometry_without_orbit_is_an_error():
+    with pytest.raises(OrbitError, match="found no 'orbit', expected one"):
+        geometry_of(environment(period="97 min"))
+
+
+def test_missing_time_is_an_error():
+    with pytest.raises(OrbitError, match="NaT"):
+        geometry_of(environment(circular()))(np.array(["NaT"], "datetime64[ns]"))
+
+
+@pytest.mark.parametrize("unit", ["s", "ms", "us", "ns"])
+def test_times_may_come_in_any_resolution(unit):
+    at = geometry_of(environment(circular()))
+    times = seconds_after(EPOCH, [0.0, 3600.0])
+    assert at(times.astype(f"datetime64[{unit}]")).position == pytest.approx(at(times).position)
