@@ -1,0 +1,58 @@
+"""Units of a channel: from those of the file to SI."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from flightcal.scenario._units import is_temperature, kind_of, si_unit, to_si
+from flightcal.scenario.schema import Channel
+
+
+@dataclass(frozen=True)
+class Conversion:
+    """SI value = scale * value in the file + offset; with the believable range, SI."""
+
+    scale: float
+    offset: float
+    unit: str
+    """SI."""
+    lowest: float = -np.inf
+    highest: float = np.inf
+
+    def as_in_file(self, si_value: float) -> float:
+        """The value that the file has for a value in SI."""
+        return (si_value - self.offset) / self.scale
+
+
+def conversion(channel: Channel) -> Conversion:
+    """How `channel` becomes SI. Raises ValueError that says what was found and what was expected."""
+    if channel.kind == "status":
+        return Conversion(1.0, 0.0, "")
+    written = channel.unit or ""
+    if channel.kind == "temperature" and not written:
+        raise ValueError("found no unit, expected degC or K for a temperature")
+    try:
+        if channel.kind == "temperature" and not is_temperature(written):
+            raise ValueError(kind_of(written))
+        unit = si_unit(written)
+        zero, one, two = (to_si(f"{number} {written}".strip(), unit) for number in (0, 1, 2))
+    except ValueError as error:
+        wanted = "degC or K for a temperature" if channel.kind == "temperature" else "one such as mA, V, mA * mV"
+        raise ValueError(f"found unit '{written}' ({error}), expected {wanted}") from None
+    if not np.isclose(two - one, one - zero):
+        raise ValueError(f"found unit '{written}', expected one that is proportional to {unit or 'a number'}")
+    lowest, highest = (0.0, np.inf) if channel.kind == "temperature" else (-np.inf, np.inf)
+    if channel.valid_range is not None:
+        lowest, highest = (_limit(value, unit) for value in channel.valid_range)
+        if not lowest < highest:
+            raise ValueError(f"found valid_range {list(channel.valid_range)}, expected the lowest value first")
+    return Conversion(one - zero, zero, unit, lowest, highest)
+
+
+def _limit(value: str | float, unit: str) -> float:
+    try:
+        return to_si(value, unit)
+    except ValueError as error:
+        raise ValueError(f"valid_range: {error}") from None

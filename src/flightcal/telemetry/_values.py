@@ -1,0 +1,167 @@
+"""Cells of a channel's columns -> numbers, with a flag for each cell that is not one."""
+
+from __future__ import annotations
+
+from collections.abc import Collection
+from functools import reduce
+
+import numpy as np
+import pandas as pd
+import pyarrow as pa
+import pyarrow.compute as pc
+from numpy.typing import NDArray
+
+from flightcal.errors import TelemetryError
+from flightcal.scenario.schema import Channel
+
+from ._files import NULL_WORDS, Source
+from ._flags import Flag, Flags
+
+Values = NDArray[np.float64]
+
+_OFF_WORDS = frozenset(["off", "false", "no", "disabled", "disable", "inactive", "open", "idle"])
+"""Words, in any case, that mean off; so does the number 0."""
+
+
+def channel_values(name: str, channel: Channel, table: pa.Table, source: Source) -> tuple[Values, Flags]:
+    """Values [T] as the file has them, combined over the channel's columns, and flags [T]; NaN where flagged.
+
+    Raises TelemetryError with the line of the first cell that cannot be understood.
+    """
+    read = _status if channel.kind == "status" else _numbers
+    parts = [read(f"channel '{name}', column '{column}'", channel, table[column], source) for column in channel.column]
+    values = np.stack([part[0] for part in parts])
+    flags = reduce(np.bitwise_or, [part[1] for part in parts])
+    match channel.combine:
+        case "sum":
+            combined = values.sum(axis=0)
+        case "product":
+            combined = values.prod(axis=0)
+        case _:
+            combined = values.mean(axis=0)
+    return combined, flags
+
+
+def _numbers(label: str, channel: Channel, cells: pa.ChunkedArray, source: Source) -> tuple[Values, Flags]:
+    if pa.types.is_dictionary(cells.type):
+        cells = cells.cast(cells.type.value_type)
+    if _is_text(cells.type):
+        values, marked = _numbers_in_text(label, channel, cells, source)
+    elif _is_numeric(cells.type):
+        values = pc.cast(cells, pa.float64(), safe=False).to_numpy()
+        marked = np.zeros(len(values), dtype=bool)
+    else:
+        raise TelemetryError(f"{source.name}: {label}: found values of type {cells.type}, expected numbers")
+    markers = [_number(marker) for marker in channel.invalid]
+    marked |= np.isin(values, [number for number in markers if number is not None])
+    unusable = marked | ~np.isfinite(values)
+    flags = np.select([marked, unusable], [Flag.INVALID_MARKER, _missing(channel)], 0).astype(np.uint8)
+    return np.where(unusable, np.nan, values), flags
+
+
+def _numbers_in_text(
+    label: str, channel: Channel, cells: pa.ChunkedArray, source: Source
+) -> tuple[Values, NDArray[np.bool_]]:
+    """Values [T], NaN where a cell is no number, and where the channel's marks stand [T]."""
+    text = pc.utf8_trim_whitespace(cells)
+    values = pd.to_numeric(pd.Series(text.to_numpy(zero_copy_only=False)), errors="coerce").to_numpy(float)
+    empty = _contains(text, NULL_WORDS) | pc.is_null(text).to_numpy()
+    marked = _contains(text, [str(marker).strip() for marker in channel.invalid])
+    bad = np.isnan(values) & ~empty & ~marked
+    if bad.any():
+        row = int(np.argmax(bad))
+        found = text[row].as_py()
+        hint = "a mark of an invalid value belongs in the channel's 'invalid'"
+        if _number(found.replace(",", ".")) is not None:
+            hint = "the decimal sign is a point"
+        raise TelemetryError(f"{source.place(row)}: {label}: found '{found}'{_more(bad)}, expected a number; {hint}")
+    return values, marked
+
+
+def _status(label: str, channel: Channel, cells: pa.ChunkedArray, source: Source) -> tuple[Values, Flags]:
+    """1 on, 0 off; a value that is neither nor marked invalid is an error, as off would be a guess."""
+    if not (_is_text(cells.type) or _is_numeric(cells.type) or pa.types.is_dictionary(cells.type)):
+        raise TelemetryError(f"{source.name}: {label}: found values of type {cells.type}, expected a status")
+    encoded = cells.combine_chunks()
+    encoded = encoded if pa.types.is_dictionary(encoded.type) else pc.dictionary_encode(encoded)
+    kinds = [_state(value, channel) for value in encoded.dictionary.to_pylist()]
+    states = np.array([kind[0] for kind in kinds] + [np.nan])
+    reasons = np.array([kind[1] for kind in kinds] + [_missing(channel)], dtype=np.int64)
+    codes = pc.fill_null(encoded.indices, len(kinds)).to_numpy(zero_copy_only=False).astype(np.int64)
+    values, reason = states[codes], reasons[codes]
+    bad = reason < 0
+    if bad.any():
+        row = int(np.argmax(bad))
+        found = _written(encoded.dictionary[int(codes[row])].as_py())
+        on = ", ".join({_written(value).lower(): _written(value) for value in reversed(channel.on)}.values())
+        raise TelemetryError(
+            f"{source.place(row)}: {label}: found the status '{found}'{_more(bad)}, "
+            f"expected one that means on ({on}) or off (0, OFF, FALSE, ...); "
+            "a mark of an invalid value belongs in the channel's 'invalid'"
+        )
+    return values, reason.astype(np.uint8)
+
+
+def _state(value: object, channel: Channel) -> tuple[float, int]:
+    """Status and flag of a distinct value; flag -1 where it is neither on nor off nor marked."""
+    if _among(value, channel.invalid):
+        return np.nan, Flag.INVALID_MARKER
+    if _among(value, channel.on):
+        return 1.0, 0
+    if _number(value) == 0 or _written(value).lower() in _OFF_WORDS:
+        return 0.0, 0
+    if value is None or _written(value) in NULL_WORDS:
+        return np.nan, _missing(channel)
+    return np.nan, -1
+
+
+def _among(value: object, candidates: tuple[float | str, ...]) -> bool:
+    text, number = _written(value).lower(), _number(value)
+    return any(
+        text == _written(candidate).lower() or (number is not None and number == _number(candidate))
+        for candidate in candidates
+    )
+
+
+def _written(value: object) -> str:
+    return f"{value:g}" if isinstance(value, float) else str(value).strip()
+
+
+def _number(value: object) -> float | None:
+    """The number that a cell or marker stands for, if any."""
+    try:
+        number = float(value)  # type: ignore[arg-type]
+    except (TypeError, ValueError):
+        return None
+    return number if np.isfinite(number) else None
+
+
+def _missing(channel: Channel) -> Flag:
+    """What an empty cell is: missing, unless it is among the channel's marks."""
+    return Flag.INVALID_MARKER if "" in channel.invalid else Flag.MISSING
+
+
+def _contains(text: pa.ChunkedArray, words: Collection[str]) -> NDArray[np.bool_]:
+    return pc.is_in(text, value_set=pa.array(sorted(words), type=text.type)).to_numpy()
+
+
+def _more(bad: NDArray[np.bool_]) -> str:
+    rows = int(bad.sum())
+    return "" if rows == 1 else f" (and in {rows - 1} more row{'s' if rows > 2 else ''})"
+
+
+def _is_text(kind: pa.DataType) -> bool:
+    return pa.types.is_string(kind) or pa.types.is_large_string(kind)
+
+
+def _is_numeric(kind: pa.DataType) -> bool:
+    return any(
+        test(kind)
+        for test in (
+            pa.types.is_integer,
+            pa.types.is_floating,
+            pa.types.is_decimal,
+            pa.types.is_boolean,
+            pa.types.is_null,
+        )
+    )

@@ -1,0 +1,78 @@
+"""Block averages: fewer, quieter samples."""
+
+from __future__ import annotations
+
+import numpy as np
+import xarray as xr
+from numpy.typing import NDArray
+
+from flightcal.errors import TelemetryError
+
+from ._flags import SAMPLE_FLAGS, Flag, Flags, flag_attributes, meaning
+
+
+def average(dataset: xr.Dataset, length: float) -> xr.Dataset:
+    """Means over blocks of `length` seconds, at the blocks' centres; only blocks that hold rows.
+
+    Blocks start at whole multiples of `length` since 1970. Temperatures and drivers: mean of the valid
+    samples; status: the majority, a tie is on. A block with fewer than half of the samples that the channel's
+    own sampling gives is NaN and flagged `few_samples`, together with the flags of the samples lost; a block
+    that is used has no flag.
+
+    Adds `rows` [time], the rows of the file in each block, and `masked` [time, channel, finding], how many of
+    them each finding took away. Raises TelemetryError when `length` is shorter than the sampling interval.
+    """
+    interval = dataset.attrs["sampling_interval_s"]
+    if length < 0.999 * interval:
+        raise TelemetryError(f"average: found {length:g} s, expected at least the sampling interval of {interval:g} s")
+    times = dataset["time"].to_numpy().astype(np.int64)
+    span = round(length * 1e9)
+    blocks, block = np.unique(times // span, return_inverse=True)
+    flags = dataset["flags"].to_numpy()
+    variables: dict[str, tuple] = {}
+    block_flags = np.zeros((len(blocks), flags.shape[1]), dtype=np.uint8)
+    masked = np.zeros((*block_flags.shape, len(SAMPLE_FLAGS)), dtype=np.uint32)
+    for i, name in enumerate(dataset["channel"].to_numpy()):
+        channel = dataset[name]
+        mean, samples = _block_mean(channel.to_numpy(), block, len(blocks))
+        expected = length / _own_interval(times, flags[:, i], interval)
+        few = samples < 0.5 * max(expected, 1.0)
+        if channel.attrs["kind"] == "status":
+            mean = np.where(np.isnan(mean), np.nan, mean >= 0.5)
+        variables[name] = ("time", np.where(few, np.nan, mean), channel.attrs)
+        for j, flag in enumerate(SAMPLE_FLAGS):
+            masked[:, i, j] = np.bincount(block, weights=flags[:, i] & flag != 0, minlength=len(blocks))
+            block_flags[few & (masked[:, i, j] > 0), i] |= np.uint8(flag)
+        block_flags[few, i] |= np.uint8(Flag.FEW_SAMPLES)
+    variables["flags"] = (("time", "channel"), block_flags, flag_attributes())
+    variables["rows"] = ("time", np.bincount(block), {"long_name": "rows of the file in the block"})
+    variables["masked"] = (
+        ("time", "channel", "finding"),
+        masked,
+        {"long_name": "rows that the finding took away"},
+    )
+    coordinates = {
+        "time": (blocks * span + span // 2).astype("datetime64[ns]"),
+        "channel": dataset["channel"].to_numpy(),
+        "finding": [meaning(flag) for flag in SAMPLE_FLAGS],
+    }
+    attributes = dataset.attrs | {"average_s": float(length), "sampling_interval_s": float(length)}
+    averaged = xr.Dataset(variables, coordinates, attributes)
+    averaged["time"].encoding = dict(dataset["time"].encoding)
+    return averaged
+
+
+def _block_mean(
+    values: NDArray[np.float64], block: NDArray[np.intp], blocks: int
+) -> tuple[NDArray[np.float64], NDArray[np.int64]]:
+    """Mean [B] of the valid samples and their number [B]."""
+    valid = ~np.isnan(values)
+    samples = np.bincount(block[valid], minlength=blocks)
+    total = np.bincount(block[valid], weights=values[valid], minlength=blocks)
+    return np.divide(total, samples, out=np.full(blocks, np.nan), where=samples > 0), samples
+
+
+def _own_interval(times: NDArray[np.int64], flags: Flags, interval: float) -> float:
+    """Median interval (s) of the rows in which the file has a value of the channel."""
+    present = times[flags & Flag.MISSING == 0]
+    return float(np.median(np.diff(present))) / 1e9 if len(present) > 1 else interval

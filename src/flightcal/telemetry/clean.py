@@ -1,0 +1,71 @@
+"""What is wrong with the times of rows: order, duplicates, gaps."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+Nanoseconds = NDArray[np.int64]
+RowKeys = NDArray[np.uint64]
+
+GAP_FACTOR = 1.5
+"""An interval longer than this many sampling intervals lacks at least one sample."""
+
+
+@dataclass(frozen=True)
+class RowOrder:
+    """Rows in order of time, one for each time."""
+
+    kept: NDArray[np.int64]
+    """Indices [T] of the rows that are kept, in order of time."""
+    unsorted: int
+    """Rows that stood after a row of a later time."""
+    duplicates: int
+    """Dropped rows: a row of the same time and content is kept."""
+    conflicts: NDArray[np.int64]
+    """Times (ns) of the dropped rows whose content differs from that of the row kept."""
+
+
+def order_rows(times: Nanoseconds, keys: RowKeys) -> RowOrder:
+    """Sort rows by time and keep the first of each time.
+
+    times: [R] ns. keys: [R], equal for rows of equal content.
+    """
+    order = np.argsort(times, kind="stable")
+    sorted_times, sorted_keys = times[order], keys[order]
+    first = np.ones(len(times), dtype=bool)
+    first[1:] = sorted_times[1:] != sorted_times[:-1]
+    kept_key = sorted_keys[np.flatnonzero(first)][np.cumsum(first) - 1]
+    duplicate = ~first & (sorted_keys == kept_key)
+    return RowOrder(
+        kept=order[first],
+        unsorted=int(np.count_nonzero(times < np.maximum.accumulate(times))),
+        duplicates=int(np.count_nonzero(duplicate)),
+        conflicts=sorted_times[~first & ~duplicate],
+    )
+
+
+def sampling_interval(times: Nanoseconds) -> float:
+    """Median interval of increasing times [T] (ns), in seconds; NaN for fewer than two."""
+    return float(np.median(np.diff(times))) / 1e9 if len(times) > 1 else np.nan
+
+
+@dataclass(frozen=True)
+class Gap:
+    """Samples are missing between two times (ns)."""
+
+    start: int
+    end: int
+    samples: int
+    """How many are missing, at the sampling interval."""
+
+
+def find_gaps(times: Nanoseconds, interval: float) -> list[Gap]:
+    """Gaps between increasing times [T] (ns) that are sampled every `interval` seconds."""
+    lengths = np.diff(times) / 1e9
+    return [
+        Gap(int(times[i]), int(times[i + 1]), round(lengths[i] / interval) - 1)
+        for i in np.flatnonzero(lengths > GAP_FACTOR * interval)
+    ]

@@ -1,0 +1,156 @@
+"""Measured channels as inputs of a simulation: drivers with gaps bridged, heater status as a duty cycle."""
+
+from __future__ import annotations
+
+from typing import Literal
+
+import numpy as np
+import xarray as xr
+from numpy.typing import NDArray
+
+from flightcal.errors import TelemetryError
+
+from .clean import GAP_FACTOR
+
+Fill = Literal["interpolate", "previous_orbit"]
+
+SHORT_GAP = 3.0
+"""Gaps of up to this many sampling intervals are interpolated, whatever the channel's `fill`."""
+LONGEST_INTERPOLATED = 1800.0
+"""Longest gap (s) that `fill: interpolate` bridges where no orbital period is known."""
+LONGEST_INTERPOLATED_SHARE = 0.1
+"""... and its share of the orbital period, where that is known and gives less."""
+
+
+def driver_series(
+    dataset: xr.Dataset,
+    channel: str,
+    times: NDArray[np.datetime64],
+    *,
+    fill: Fill | None = None,
+    period: float | None = None,
+) -> NDArray[np.float64]:
+    """The driver `channel` at `times` [K], in its SI unit.
+
+    Linear interpolation between valid samples. Where they are more than `SHORT_GAP` sampling intervals apart,
+    `fill` (default: the channel's own) says how: 'interpolate' does so up to a tenth of the period, at most
+    30 min; 'previous_orbit' takes the value a whole number of periods earlier, the fewest possible, or later
+    where there is none earlier. period: orbital period, s; default: that of the dataset.
+
+    Raises TelemetryError when a gap cannot be bridged.
+    """
+    return _bridge(dataset, channel, times, fill, period)[0]
+
+
+def bridged_share(
+    dataset: xr.Dataset,
+    channel: str,
+    times: NDArray[np.datetime64],
+    *,
+    fill: Fill | None = None,
+    period: float | None = None,
+) -> float:
+    """Share, 0 to 1, of `times` [K] at which `driver_series` bridges missing samples."""
+    return float(np.mean(_bridge(dataset, channel, times, fill, period)[1]))
+
+
+def status_fraction(dataset: xr.Dataset, channel: str, edges: NDArray[np.datetime64]) -> NDArray[np.float64]:
+    """Share [K] of each interval [edges[k], edges[k + 1]] in which the status was on.
+
+    A sample holds from halfway to its neighbours; in a gap the last value holds until half a sampling
+    interval before the next. edges: [K + 1]. Raises TelemetryError when the edges lie outside the telemetry.
+    """
+    seconds, values, interval = _valid(dataset, channel)
+    at = _seconds(edges)
+    rows = _seconds(dataset["time"].to_numpy()[[0, -1]])
+    slack = max(interval, dataset.attrs["sampling_interval_s"])
+    if at[0] < rows[0] - slack or at[-1] > rows[1] + slack:
+        first, last = (_text(time) for time in dataset["time"].to_numpy()[[0, -1]])
+        raise TelemetryError(
+            f"channel '{channel}': found no status from {_text(edges[0])} to {_text(edges[-1])}, "
+            f"expected times within the telemetry, {first} to {last}"
+        )
+    changes = seconds[1:] - np.minimum(np.diff(seconds), interval) / 2
+    bounds = np.concatenate([[min(at[0], seconds[0])], changes, [max(at[-1], seconds[-1])]])
+    on_time = np.concatenate([[0.0], np.cumsum(values * np.diff(bounds))])
+    share = np.diff(np.interp(at, bounds, on_time)) / np.diff(at)
+    return np.clip(share, 0.0, 1.0)
+
+
+def _bridge(
+    dataset: xr.Dataset, channel: str, times: NDArray[np.datetime64], fill: Fill | None, period: float | None
+) -> tuple[NDArray[np.float64], NDArray[np.bool_]]:
+    """Values [K], and whether each falls where samples are missing [K]."""
+    fill = fill or dataset[channel].attrs["fill"]
+    period = period or dataset.attrs.get("period_s")
+    seconds, values, interval = _valid(dataset, channel)
+    at = _seconds(times)
+    gap = _gap(seconds, at, interval)
+    result = np.interp(at, seconds, values)
+    bridged = gap > GAP_FACTOR * interval
+    open_gap = gap > SHORT_GAP * interval
+    if fill == "interpolate":
+        limit = (
+            LONGEST_INTERPOLATED if period is None else min(LONGEST_INTERPOLATED, LONGEST_INTERPOLATED_SHARE * period)
+        )
+        open_gap &= gap > limit
+        most = f"'fill: interpolate' bridges at most {limit / 60:.1f} min"
+        advice = f"{most}, 'fill: previous_orbit' also longer gaps"
+    elif period is None:
+        advice = "'fill: previous_orbit' needs the orbital period, expected environment.period or an orbit"
+    else:
+        for turns in _turns(seconds, at, period):
+            if not open_gap.any():
+                break
+            elsewhere = at[open_gap] + turns * period
+            good = _gap(seconds, elsewhere, interval) <= SHORT_GAP * interval
+            taken = np.flatnonzero(open_gap)[good]
+            result[taken] = np.interp(elsewhere[good], seconds, values)
+            open_gap[taken] = False
+        advice = "no other orbit has samples at this phase"
+    if open_gap.any():
+        first = int(np.argmax(open_gap))
+        length = (
+            "before the first or after the last sample"
+            if np.isinf(gap[first])
+            else f"a gap of {gap[first] / 60:.1f} min"
+        )
+        raise TelemetryError(f"channel '{channel}': found no sample at {_text(times[first])}, {length}; {advice}")
+    return result, bridged
+
+
+def _turns(seconds: NDArray[np.float64], at: NDArray[np.float64], period: float) -> list[int]:
+    """Numbers of periods to look away, all earlier ones first."""
+    earlier = int((at.max() - seconds[0]) // period) + 1
+    later = int((seconds[-1] - at.min()) // period) + 1
+    return [*range(-1, -earlier - 1, -1), *range(1, later + 1)]
+
+
+def _gap(seconds: NDArray[np.float64], at: NDArray[np.float64], interval: float) -> NDArray[np.float64]:
+    """Distance (s) of the samples on either side of each time [K]; infinite beyond the first and last."""
+    right = np.searchsorted(seconds, at, side="left")
+    inside = (right > 0) & (right < len(seconds))
+    exact = seconds[np.minimum(right, len(seconds) - 1)] == at
+    before, after = seconds[np.maximum(right - 1, 0)], seconds[np.minimum(right, len(seconds) - 1)]
+    beyond = np.maximum(seconds[0] - at, at - seconds[-1])
+    outside = np.where(beyond <= interval, interval, np.inf)
+    return np.where(exact, 0.0, np.where(inside, after - before, outside))
+
+
+def _valid(dataset: xr.Dataset, channel: str) -> tuple[NDArray[np.float64], NDArray[np.float64], float]:
+    """Times (s since 1970) and values of the valid samples, and their median interval (s)."""
+    values = dataset[channel].to_numpy()
+    valid = ~np.isnan(values)
+    if not valid.any():
+        raise TelemetryError(f"channel '{channel}': found no valid sample to use as an input")
+    seconds = _seconds(dataset["time"].to_numpy()[valid])
+    interval = float(np.median(np.diff(seconds))) if len(seconds) > 1 else dataset.attrs["sampling_interval_s"]
+    return seconds, values[valid], interval
+
+
+def _seconds(times: NDArray[np.datetime64]) -> NDArray[np.float64]:
+    return times.astype("datetime64[ns]").astype(np.int64) / 1e9
+
+
+def _text(time: np.datetime64) -> str:
+    return str(np.datetime_as_string(time, unit="s"))

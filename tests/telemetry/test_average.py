@@ -1,0 +1,105 @@
+from __future__ import annotations
+
+from pathlib import Path
+
+import numpy as np
+import pandas as pd
+import pytest
+from hypothesis import HealthCheck, given, settings
+from hypothesis import strategies as st
+
+from flightcal.errors import TelemetryError
+from flightcal.telemetry import quality_table
+
+from .files import CHANNELS, START, frame, read, seconds, text
+
+
+def table_of(times: list[float], **columns: list) -> pd.DataFrame:
+    return pd.DataFrame({"time": text(seconds(*times))} | columns)
+
+
+def test_blocks_are_means_at_their_centres_and_status_is_the_majority(tmp_path: Path):
+    table = table_of(
+        [0, 10, 20, 30, 40, 50, 60, 70],
+        TT_BAT=[20.0, 22.0, 24.0, 30.0, 30.0, 33.0, 1.0, 3.0],
+        I_SA=[1000.0, 2000.0, 6000.0, 0.0, 0.0, 3000.0, 8.0, 9.0],
+        HTR=[1, 1, 0, 0, 0, 1, 1, 0],
+    )
+    dataset = read(tmp_path, table, average="20 s")
+    np.testing.assert_array_equal(dataset["time"], seconds(10, 30, 50, 70))
+    np.testing.assert_allclose(dataset["battery"], np.array([21.0, 27.0, 31.5, 2.0]) + 273.15)
+    np.testing.assert_allclose(dataset["sun"], [1.5, 3.0, 1.5, 0.0085])
+    np.testing.assert_array_equal(dataset["heater"], [1, 0, 1, 1])
+    assert dataset.attrs["sampling_interval_s"] == dataset.attrs["average_s"] == 20.0
+    np.testing.assert_array_equal(dataset["rows"], [2, 2, 2, 2])
+
+
+def test_blocks_start_at_multiples_of_their_length(tmp_path: Path):
+    dataset = read(tmp_path, frame(30, interval=10.0).iloc[4:], average="60 s")
+    np.testing.assert_array_equal(dataset["time"], START + (np.arange(5) * 60 + 30).astype("timedelta64[s]"))
+    np.testing.assert_array_equal(dataset["rows"], [2, 6, 6, 6, 6])
+
+
+@pytest.mark.parametrize(("valid", "used"), [(6, True), (3, True), (2, False), (0, False)])
+def test_a_block_needs_half_of_its_samples(tmp_path: Path, valid: int, used: bool):
+    table = frame(30, interval=10.0)
+    table.loc[12 + valid : 17, "TT_BAT"] = -999.0
+    battery = CHANNELS["battery"] | {"valid_range": ["-50 degC", "90 degC"]}
+    dataset = read(tmp_path, table, channels={"battery": battery}, average="60 s")
+    np.testing.assert_array_equal(dataset["battery"].notnull(), [True, True, used, True, True])
+    np.testing.assert_array_equal(dataset["flags"][:, 0], [0, 0, 0 if used else 4 + 16, 0, 0])
+    if used:
+        expected = table.loc[12 : 11 + valid, "TT_BAT"].mean() + 273.15
+        np.testing.assert_allclose(dataset["battery"][2], expected)
+    assert dataset["masked"].sel(channel="battery", finding="out_of_range").to_numpy().tolist() == [
+        0,
+        0,
+        6 - valid,
+        0,
+        0,
+    ]
+
+
+def test_a_block_mostly_in_a_gap_is_not_used(tmp_path: Path):
+    table = frame(60, interval=10.0).drop(index=range(14, 30))
+    dataset = read(tmp_path, table, average="60 s")
+    np.testing.assert_array_equal(
+        dataset["time"], START + (np.array([0, 1, 2, 5, 6, 7, 8, 9]) * 60 + 30).astype("timedelta64[s]")
+    )
+    np.testing.assert_array_equal(np.flatnonzero(dataset["battery"].isnull()), [2])
+    np.testing.assert_array_equal(dataset["flags"][2], [16, 16, 16])
+
+
+def test_a_channel_with_a_slower_sampling_of_its_own_is_averaged_by_that(tmp_path: Path):
+    table = frame(60, interval=10.0)
+    table.loc[table.index % 6 != 2, "TT_BAT"] = np.nan
+    dataset = read(tmp_path, table, average="60 s")
+    assert dataset["battery"].notnull().all()
+    np.testing.assert_allclose(dataset["battery"], table["TT_BAT"].dropna() + 273.15)
+
+
+@settings(max_examples=40, deadline=None, suppress_health_check=[HealthCheck.function_scoped_fixture])
+@given(
+    lost=st.sets(st.integers(0, 59)),
+    marked=st.sets(st.integers(0, 59)),
+    average=st.sampled_from([None, "30 s", "70 s"]),
+)
+def test_a_value_is_absent_exactly_where_it_has_a_flag(
+    tmp_path: Path, lost: set[int], marked: set[int], average: str | None
+):
+    table = frame(80, interval=10.0)
+    table.loc[sorted(lost), "TT_BAT"] = np.nan
+    table.loc[sorted(marked), "TT_BAT"] = -1.0
+    channels = CHANNELS | {"battery": CHANNELS["battery"] | {"invalid": [-1]}}
+    dataset = read(tmp_path, table, channels=channels, average=average)
+    for name in CHANNELS:
+        np.testing.assert_array_equal(dataset[name].isnull(), dataset["flags"].sel(channel=name) > 0)
+    found = {record.finding: record.samples for record in quality_table(dataset) if record.channel == "battery"}
+    found.pop("few_samples", None)
+    expected = {"missing": len(lost - marked), "invalid_marker": len(marked)}
+    assert found == {finding: samples for finding, samples in expected.items() if samples}
+
+
+def test_a_block_shorter_than_the_sampling_is_an_error(tmp_path: Path):
+    with pytest.raises(TelemetryError, match=r"average: found 10 s, expected at least the sampling interval of 60 s"):
+        read(tmp_path, frame(10), average="10 s")

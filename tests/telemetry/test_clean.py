@@ -1,0 +1,41 @@
+from __future__ import annotations
+
+from pathlib import Path
+
+import numpy as np
+import pandas as pd
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from flightcal.telemetry.clean import find_gaps, order_rows, sampling_interval
+
+from .files import frame, read
+
+
+@settings(deadline=None)
+@given(rows=st.lists(st.tuples(st.integers(0, 9), st.integers(0, 2)), min_size=1, max_size=30))
+def test_each_time_keeps_its_first_row(rows: list[tuple[int, int]]):
+    times, content = (np.array(column) for column in zip(*rows, strict=True))
+    order = order_rows(times.astype(np.int64), content.astype(np.uint64))
+    first = {time: content[times == time][0] for time in sorted(set(times.tolist()))}
+    assert times[order.kept].tolist() == list(first)
+    assert content[order.kept].tolist() == list(first.values())
+    differing = sorted(time for time, value in rows if value != first[time])
+    assert order.conflicts.tolist() == differing
+    assert order.duplicates == len(rows) - len(first) - len(differing)
+
+
+def test_conflicting_rows_are_counted_and_the_first_is_used(tmp_path: Path):
+    table = frame(6)
+    table.loc[4, "time"] = table.loc[3, "time"]
+    dataset = read(tmp_path, pd.concat([table, table.iloc[[1]]]))
+    assert dataset.sizes["time"] == 5
+    assert (dataset.attrs["duplicates"], dataset.attrs["conflicts"], dataset.attrs["unsorted"]) == (1, 1, 1)
+    assert dataset.attrs["conflict_times"] == "2024-03-01T00:03:00"
+    assert dataset["battery"][3] == table.loc[3, "TT_BAT"] + 273.15
+
+
+def test_the_sampling_interval_is_the_median_and_gaps_stand_out():
+    times = np.array([0, 10, 20, 31, 40, 100, 110, 120, 135, 145, 160], dtype=np.int64) * 1_000_000_000
+    assert sampling_interval(times) == 10.0
+    assert [(gap.start / 1e9, gap.end / 1e9, gap.samples) for gap in find_gaps(times, 10.0)] == [(40.0, 100.0, 5)]
