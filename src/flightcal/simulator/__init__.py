@@ -1,9 +1,9 @@
 """From theta to temperatures and heater status: network, canonical form, compiled kernel and its JAX oracle."""
 
 from .integrate import SimulationFailure, integrate, pull_back
-from .network import Network, assemble, build_network
+from .network import Network, build_network
 from .simulate import NetworkSimulator, Simulator, Trajectory, network_simulator, open_loop
-from .system import Drive, Switch, System
+from .system import Drive, Structure, Switch, System
 
 __all__ = [
     "Drive",
@@ -11,10 +11,10 @@ __all__ = [
     "NetworkSimulator",
     "SimulationFailure",
     "Simulator",
+    "Structure",
     "Switch",
     "System",
     "Trajectory",
-    "assemble",
     "build_network",
     "integrate",
     "network_simulator",

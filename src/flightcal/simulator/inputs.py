@@ -15,7 +15,7 @@ from ..telemetry import driver_series, status_fraction
 from .network import Network
 from .system import Drive, FloatArray
 
-_SETTLING = 0.01  # s; a step this short after a jump of the inputs brings massless nodes back to balance
+_SETTLING = np.array([1e-4, 2e-4, 3e-4])  # s; steps so short bring massless nodes into balance and move no other
 
 Times = NDArray[np.datetime64]
 
@@ -49,7 +49,8 @@ def make_grid(
     """Grid points [K+1] s from 0 to `duration`, no further apart than `step`.
 
     The samples are grid points unless they are denser than half a step (then outputs are interpolated); so are
-    the kinks of the inputs; a jump stands twice, once for each side, and is followed by a settling step if `settle`.
+    the kinks of the inputs; a jump stands twice, once for each side. The start and every jump are followed by settling
+    steps if `settle`.
     """
     jumps = np.unique(jumps[(jumps > 0) & (jumps < duration)])
     fixed = [np.array([0.0, duration]), kinks[(kinks > 0) & (kinks < duration)], jumps]
@@ -64,7 +65,7 @@ def make_grid(
         + [points[-1:]]
     )
     twice = grid[np.searchsorted(grid, jumps - 1e-6)]
-    settling = twice + _SETTLING if settle else np.empty(0)
+    settling = np.add.outer([0.0, *twice], _SETTLING).ravel() if settle else np.empty(0)
     return np.sort(np.concatenate([grid, twice, settling]))
 
 
@@ -96,14 +97,15 @@ def build_drive(
     changes = _seconds(np.array([change.at for change in model.timeline], dtype="datetime64[ns]"), start)
     kinks = np.empty(0)
     if model.faces and scenario.environment.orbit is not None:
-        kinks = _seconds(shadow_edges(scenario.environment, start, end), start)
-    grid = make_grid(duration, model.step, relative, kinks, changes, settle=network.diffusive < len(network.nodes))
+        kinks = _seconds(shadow_edges(scenario.environment, start, end, scenario.folder), start)
+    grid = make_grid(duration, model.step, relative, kinks, changes, settle=len(network.diffusive) < len(network.nodes))
     times = start.astype("datetime64[ns]") + np.round(grid * 1e9).astype("timedelta64[ns]")
     steps = len(grid) - 1
 
     series = {"one": np.ones(len(grid))}
     if model.faces:
-        fluxes = face_fluxes(scenario.environment, {name: face.normal for name, face in model.faces.items()}, times)
+        normals = {name: face.normal for name, face in model.faces.items()}
+        fluxes = face_fluxes(scenario.environment, normals, times, scenario.folder)
         for k, face in enumerate(fluxes.names):
             series[f"solar.{face}"] = fluxes.solar[:, k]
             series[f"albedo.{face}"] = fluxes.albedo[:, k]
@@ -123,9 +125,6 @@ def build_drive(
     drive = Drive(
         times=grid,
         inputs=np.stack([series[column] for column in network.columns], axis=1),
-        mass=network.mass,
-        sensors=network.sensors,
-        mixing=np.zeros((0, len(network.nodes))),
         measured=_measured_heaters(scenario, telemetry, times, steps),
         initially_on=_initial_status(scenario, telemetry, start),
     )
@@ -160,7 +159,11 @@ def _measured_heaters(scenario: Scenario, telemetry: xarray.Dataset, times: Time
                 raise TelemetryError(
                     f"heater '{name}' is to be driven by its measured status, but has no 'measured_by' channel"
                 )
-            measured[:, k] = status_fraction(telemetry, heater.measured_by, times)
+            # A jump's step of length zero has no share of anything; the kernel skips it.
+            lasting = np.diff(times) > np.timedelta64(0)
+            edges = times[np.concatenate([[True], lasting])]
+            measured[lasting, k] = status_fraction(telemetry, heater.measured_by, edges)
+            measured[~lasting, k] = 0.0
     return measured
 
 

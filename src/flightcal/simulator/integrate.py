@@ -11,7 +11,7 @@ from typing import Any
 import numpy as np
 
 from . import kernel
-from .system import Drive, FloatArray, Switch, System
+from .system import Drive, FloatArray, Structure, Switch, System
 
 _SPARE_SEGMENTS = 256
 _MOST_SWITCHES_PER_STEP = 20
@@ -34,14 +34,13 @@ class Run:
     """Step, start, length, event, initial state and heater status of each segment (see `kernel.forward`)."""
 
 
-def integrate(system: System, drive: Drive) -> Run:
+def integrate(structure: Structure, system: System, drive: Drive) -> Run:
     """Integrate one system (NumPy arrays) over the drive's grid.
 
     Raises SimulationFailure when a state is not finite or heaters switch more than 20 times a step on average.
     """
     steps, n = len(drive.times) - 1, len(system.initial)
-    heaters = len(system.heating)
-    forcing = drive.inputs @ system.forcing.T
+    heaters = len(system.lower)
     states = np.empty((steps + 1, n))
     status = np.empty((steps + 1, heaters))
     capacity = steps + _SPARE_SEGMENTS
@@ -54,11 +53,9 @@ def integrate(system: System, drive: Drive) -> Run:
             np.empty((capacity, n)),
             np.empty((capacity, heaters)),
         )
-        outcome, segments, _ = kernel.forward(
-            system.linear, system.radiative, forcing, system.heating, system.lower, system.upper, system.initial,
-            drive.times, drive.mass, drive.sensors, drive.mixing, drive.measured, drive.initially_on,
-            states, status, *record,
-        )  # fmt: skip
+        outcome, segments = kernel.forward(
+            structure, *system, drive.times, drive.inputs, drive.measured, drive.initially_on, states, status, *record
+        )
         if outcome == kernel.TOO_MANY_SWITCHES and capacity < _MOST_SWITCHES_PER_STEP * steps:
             capacity *= 4
             continue
@@ -69,7 +66,7 @@ def integrate(system: System, drive: Drive) -> Run:
         raise SimulationFailure(
             f"heaters switch more than {_MOST_SWITCHES_PER_STEP} times a time step: a thermostat chatters"
         )
-    kept = tuple(part[:segments] for part in record)
+    kept: tuple[Any, ...] = tuple(part[:segments] for part in record)
     _, start, length, event, _, heater_state = kept
     switched = np.flatnonzero(event >= 0)
     heater = event[switched]
@@ -77,18 +74,14 @@ def integrate(system: System, drive: Drive) -> Run:
     return Run(states, status, switches, kept)
 
 
-def pull_back(system: System, drive: Drive, run: Run, states_bar: FloatArray) -> System:
+def pull_back(structure: Structure, system: System, drive: Drive, run: Run, states_bar: FloatArray) -> System:
     """Cotangent of the system from the cotangent [K+1, n] of the states on the grid: the adjoint of `integrate`."""
     bar = System(*(np.zeros_like(part) for part in system))
-    forcing = drive.inputs @ system.forcing.T
-    forcing_bar = np.zeros_like(forcing)
     kernel.adjoint(
-        system.linear, system.radiative, forcing, system.heating, system.lower, system.upper,
-        drive.times, drive.mass, drive.sensors, drive.mixing,
-        len(run.segments[0]), *run.segments,
-        states_bar, bar.linear, bar.radiative, forcing_bar, bar.heating, bar.lower, bar.upper, bar.initial,
+        structure, system.linear, system.radiative, system.forcing, system.heating, drive.times, drive.inputs,
+        *run.segments, states_bar, *bar,
     )  # fmt: skip
-    return bar._replace(forcing=forcing_bar.T @ drive.inputs)
+    return bar
 
 
 def in_parallel(task: Callable[[int], Any], count: int) -> list[Any]:

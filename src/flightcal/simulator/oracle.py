@@ -7,72 +7,85 @@ from __future__ import annotations
 
 from typing import Any
 
+import numpy as np
+
 from .._jax import jax, jnp
-from .system import Drive, System
+from .system import Drive, Structure, System
 
 _LOCATION_ITERATIONS = 60
 
 
-def rate(system: System, mixing: Any, x: Any, heat: Any) -> Any:
-    """mass * dx/dt [n] at state x [n] with heat inputs b + sum u g [n]."""
-    radiating = mixing @ x if mixing.shape[0] else x
-    total = system.linear @ x + heat
-    return total + system.radiative @ radiating**4 if system.radiative.shape[-1] else total
+def dense(structure: Structure, system: System) -> tuple[Any, Any, Any, Any]:
+    """A [n, n], N [n, n], B [n, q] and g [H, n] as dense arrays."""
+    n = len(structure.mass)
+
+    def by_rows(start: Any, column: Any, values: Any) -> Any:
+        row = np.repeat(np.arange(n), np.diff(start))
+        return jnp.zeros((n, n)).at[row, column].set(values)
+
+    inputs = int(structure.forcing_column.max(initial=-1)) + 1
+    return (
+        by_rows(structure.linear_start, structure.linear_column, system.linear),
+        by_rows(structure.radiative_start, structure.radiative_column, system.radiative),
+        jnp.zeros((n, inputs)).at[structure.forcing_row, structure.forcing_column].set(system.forcing),
+        jnp.zeros((len(structure.sensor), n)).at[structure.heating_heater, structure.heating_row].set(system.heating),
+    )
 
 
-def rosenbrock_step(system: System, drive: Drive, x: Any, h: Any, b0: Any, b1: Any, heaters: Any) -> Any:
-    """One RODAS3 step of length h [s] (see `kernel`)."""
-    mass, mixing = jnp.asarray(drive.mass), jnp.asarray(drive.mixing)
-    heating = heaters @ system.heating
-    f0 = rate(system, mixing, x, b0 + heating)
-    jacobian = jax.jacfwd(lambda state: rate(system, mixing, state, b0 + heating))(x)
-    W = jnp.diag(mass) - 0.5 * h * jacobian
-    factors = jax.scipy.linalg.lu_factor(W)
+def rosenbrock_step(A: Any, N: Any, mass: Any, x: Any, h: Any, b0: Any, b1: Any) -> Any:
+    """One RODAS3 step of length h [s] from x [n], with all heat inputs b0 and b1 [n] at its ends (see `kernel`)."""
+
+    def rate(state: Any, heat: Any) -> Any:
+        return A @ state + N @ state**4 + heat
+
+    jacobian = jax.jacfwd(rate)(x, b0)
+    factors = jax.scipy.linalg.lu_factor(jnp.diag(mass) - 0.5 * h * jacobian)
 
     def solve(r: Any) -> Any:
         return jax.scipy.linalg.lu_solve(factors, r)
 
-    k1 = solve(0.5 * h * (f0 + 0.5 * (b1 - b0)))
-    k2 = solve(0.5 * h * (f0 + 1.5 * (b1 - b0)) + 2.0 * mass * k1)
+    k1 = solve(0.5 * h * (rate(x, b0) + 0.5 * (b1 - b0)))
+    k2 = solve(0.5 * h * (rate(x, b0) + 1.5 * (b1 - b0)) + 2.0 * mass * k1)
     x3 = x + 2.0 * k1
-    k3 = solve(0.5 * h * rate(system, mixing, x3, b1 + heating) + 0.5 * mass * (k1 - k2))
+    k3 = solve(0.5 * h * rate(x3, b1) + 0.5 * mass * (k1 - k2))
     x4 = x3 + k3
-    k4 = solve(0.5 * h * rate(system, mixing, x4, b1 + heating) + 0.5 * mass * (k1 - k2 - 8.0 / 3.0 * k3))
+    k4 = solve(0.5 * h * rate(x4, b1) + 0.5 * mass * (k1 - k2 - 8.0 / 3.0 * k3))
     return x4 + k4
 
 
-def integrate(system: System, drive: Drive, *, max_segments: int = 4) -> tuple[Any, Any]:
+def integrate(structure: Structure, system: System, drive: Drive, *, max_segments: int = 4) -> tuple[Any, Any]:
     """States [K+1, n] (K) and heater status [K+1, H] on the drive's grid.
 
     At most `max_segments` - 1 switches happen in one grid step; more would be lost, so compare with the kernel.
     """
-    inputs = jnp.asarray(drive.inputs) @ system.forcing.T
+    A, N, B, g = dense(structure, system)
+    mass = jnp.asarray(structure.mass)
+    heat = jnp.asarray(drive.inputs[:, : B.shape[1]]) @ B.T
     durations = jnp.diff(jnp.asarray(drive.times))
-    sensors = jnp.asarray(drive.sensors)
     measured = jnp.asarray(drive.measured)
-    heater_count = sensors.shape[0]
+    heaters = jnp.arange(len(structure.sensor))
+    sensor = jnp.asarray(structure.sensor)
 
-    def segment(carry: Any, _: Any, b_start: Any, b_stop: Any, duration: Any, simulated: Any) -> Any:
+    def segment(carry: Any, _: Any, start: Any, stop: Any, duration: Any, simulated: Any) -> Any:
         x, u, begin = carry
         active = begin < duration
         h = jnp.where(active, duration - begin, 1.0)
-        safe_duration = jnp.where(duration > 0, duration, 1.0)
-        slope = (b_stop - b_start) / safe_duration
-        b0 = b_start + slope * begin
+        slope = (stop - start) / jnp.where(duration > 0, duration, 1.0)
+        b0 = start + slope * begin + u @ g
 
         def advance(length: Any) -> Any:
-            return rosenbrock_step(system, drive, x, length, b0, b0 + slope * length, u)
+            return rosenbrock_step(A, N, mass, x, length, b0, b0 + slope * length)
 
         x1 = advance(h)
-        if heater_count == 0:
+        if len(heaters) == 0:
             return (jnp.where(active, x1, x), u, jnp.where(active, duration, begin)), None
         threshold = jnp.where(u > 0.5, system.upper, system.lower)
         sign = jnp.where(u > 0.5, 1.0, -1.0)
-        crossed = simulated & (sign * (sensors @ x1 - threshold) > 0.0) & active
+        crossed = simulated & (sign * (x1[sensor] - threshold) > 0.0) & active
 
         def crossing(k: Any) -> Any:
             def overshoot(length: Any) -> Any:
-                return sign[k] * (sensors[k] @ advance(length) - threshold[k])
+                return sign[k] * (advance(length)[sensor[k]] - threshold[k])
 
             def halve(_: Any, bracket: Any) -> Any:
                 low, high = bracket
@@ -82,11 +95,11 @@ def integrate(system: System, drive: Drive, *, max_segments: int = 4) -> tuple[A
 
             low, high = jax.lax.fori_loop(0, _LOCATION_ITERATIONS, halve, (jnp.zeros_like(h), h))
             located = jax.lax.stop_gradient(0.5 * (low + high))
-            slope_there = jax.lax.stop_gradient(jax.jvp(overshoot, (located,), (jnp.ones_like(located),))[1])
+            speed = jax.lax.stop_gradient(jax.jvp(overshoot, (located,), (jnp.ones_like(located),))[1])
             # One Newton step that changes the value by rounding only, and carries the implicit derivative.
-            return located - overshoot(located) / jnp.where(crossed[k], slope_there, 1.0)
+            return located - overshoot(located) / jnp.where(crossed[k], speed, 1.0)
 
-        lengths = jnp.where(crossed, jax.vmap(crossing)(jnp.arange(heater_count)), jnp.inf)
+        lengths = jnp.where(crossed, jax.vmap(crossing)(heaters), jnp.inf)
         event = jnp.argmin(lengths)
         switched = jnp.any(crossed)
         length = jnp.where(switched, lengths[event], h)
@@ -97,19 +110,18 @@ def integrate(system: System, drive: Drive, *, max_segments: int = 4) -> tuple[A
 
     def step(carry: Any, row: Any) -> Any:
         x, u = carry
-        b_start, b_stop, duration, given = row
-        simulated = jnp.isnan(given)
-        u = jnp.where(simulated, u, given)
+        start, stop, duration, given = row
+        u = jnp.where(jnp.isnan(given) | (duration == 0.0), u, given)
         (x, u, _), _ = jax.lax.scan(
-            lambda c, s: segment(c, s, b_start, b_stop, duration, simulated),
+            lambda c, s: segment(c, s, start, stop, duration, jnp.isnan(given)),
             (x, u, jnp.zeros_like(duration)),
             None,
             length=max_segments,
         )
         return (x, u), (x, u)
 
-    sensed = sensors @ system.initial
+    sensed = system.initial[sensor]
     u0 = jnp.where(sensed < system.lower, 1.0, jnp.where(sensed > system.upper, 0.0, jnp.asarray(drive.initially_on)))
-    u0 = jnp.where(jnp.isnan(measured[0]), u0, measured[0]) if measured.shape[0] else u0
-    _, (states, status) = jax.lax.scan(step, (system.initial, u0), (inputs[:-1], inputs[1:], durations, measured))
+    u0 = jnp.where(jnp.isnan(measured[0]), u0, measured[0])
+    _, (states, status) = jax.lax.scan(step, (system.initial, u0), (heat[:-1], heat[1:], durations, measured))
     return jnp.concatenate([system.initial[None], states]), jnp.concatenate([u0[None], status])

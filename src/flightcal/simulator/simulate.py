@@ -3,19 +3,19 @@
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import dataclass, replace
-from functools import cached_property, partial
-from typing import Any, Protocol
+from dataclasses import dataclass
+from functools import partial
+from typing import Protocol
 
 import numpy as np
 import xarray
 
-from .._jax import jax, jnp
-from ..scenario import Parameter, Scenario
+from ..scenario import Scenario
+from .assembly import assemble, pull_back_assembly
 from .inputs import Sampling, Times, build_drive
 from .integrate import Run, SimulationFailure, in_parallel, integrate, pull_back
-from .network import Network, assemble, build_network
-from .system import Drive, FloatArray, Switch, System
+from .network import Network, build_network
+from .system import Drive, FloatArray, IntArray, Switch, System
 
 
 @dataclass(frozen=True)
@@ -60,6 +60,44 @@ class Simulator(Protocol):
 
 
 @dataclass(frozen=True)
+class ParameterMap:
+    """Which of a network's numbers each parameter sets or scales."""
+
+    names: tuple[str, ...]
+    set_positions: IntArray
+    set_by: IntArray
+    """Parameter that sets the number at each of `set_positions`."""
+    scaled_positions: IntArray
+    scaled_by: IntArray
+
+    def values(self, written: FloatArray, theta: FloatArray) -> FloatArray:
+        """The numbers [V] at theta, from those the scenario writes."""
+        values = written.copy()
+        values[self.set_positions] = theta[self.set_by]
+        values[self.scaled_positions] *= theta[self.scaled_by]
+        return values
+
+    def pull_back(self, written: FloatArray, values_bar: FloatArray) -> FloatArray:
+        """Cotangent of the parameters from that of the numbers [V]: the adjoint of `values`."""
+        theta_bar = np.zeros(len(self.names))
+        np.add.at(theta_bar, self.set_by, values_bar[self.set_positions])
+        np.add.at(theta_bar, self.scaled_by, values_bar[self.scaled_positions] * written[self.scaled_positions])
+        return theta_bar
+
+
+def parameter_map(network: Network, scenario: Scenario) -> ParameterMap:
+    """The map of a scenario's parameters; lint has seen that no number is touched twice."""
+    parameters = list(scenario.parameters.values())
+    sets = [(network.position(path), k) for k, parameter in enumerate(parameters) for path in parameter.sets]
+    scales = [(network.position(path), k) for k, parameter in enumerate(parameters) for path in parameter.scales]
+    return ParameterMap(
+        tuple(scenario.parameters),
+        *np.array(sets, dtype=np.int64).reshape(-1, 2).T.copy(),
+        *np.array(scales, dtype=np.int64).reshape(-1, 2).T.copy(),
+    )
+
+
+@dataclass(frozen=True)
 class NetworkSimulator:
     """A thermal network on one window.
 
@@ -67,17 +105,19 @@ class NetworkSimulator:
     """
 
     network: Network
-    mapping: tuple[tuple[str, Parameter], ...]
+    mapping: ParameterMap
     drive: Drive
     sampling: Sampling
     channels: tuple[str, ...]
-    channel_nodes: tuple[int, ...]
+    channel_states: IntArray
+    """[N] state that each channel measures."""
+    channel_biases: IntArray
+    """[N] positions of the channels' biases in the network's values."""
 
     @property
     def parameters(self) -> tuple[str, ...]:
         """Names of theta's entries."""
-        initial = self.network.nodes[: self.network.diffusive]
-        return (*(name for name, _ in self.mapping), *(f"initial.{node}" for node in initial))
+        return (*self.mapping.names, *(f"initial.{self.network.nodes[k]}" for k in self.network.diffusive))
 
     @property
     def heaters(self) -> tuple[str, ...]:
@@ -87,50 +127,28 @@ class NetworkSimulator:
     def heater_power(self, theta: FloatArray) -> FloatArray:
         """Power [H] W of each heater while it is on, at theta [d]."""
         positions = [self.network.position(f"heaters.{heater}.power") for heater in self.heaters]
-        return np.array(self.values(theta))[positions]
+        return self.mapping.values(self.network.values, theta)[positions]
 
-    def values(self, theta: Any) -> Any:
-        """The settable numbers [V] at theta (JAX)."""
-        values = jnp.asarray(self.network.values)
-        for k, (_, parameter) in enumerate(self.mapping):
-            for path in parameter.sets:
-                values = values.at[self.network.position(path)].set(theta[k])
-        for k, (_, parameter) in enumerate(self.mapping):
-            for path in parameter.scales:
-                values = values.at[self.network.position(path)].mul(theta[k])
-        return values
-
-    def assemble(self, theta: Any) -> tuple[System, Any]:
-        """The canonical form at theta and the sensors' biases [N] (JAX)."""
-        values = self.values(theta)
-        system = assemble(self.network, values, theta[len(self.mapping) :], jnp.asarray(self.drive.inputs[0]))
-        biases = [values[self.network.position(f"observations.{channel}.bias")] for channel in self.channels]
-        return system, jnp.stack(biases) if biases else jnp.zeros(0)
-
-    @cached_property
-    def _assemble(self) -> Callable[[Any], tuple[System, Any]]:
-        return jax.jit(self.assemble)
-
-    @cached_property
-    def _assemble_many(self) -> Callable[[Any], tuple[System, Any]]:
-        return jax.jit(jax.vmap(self.assemble))
-
-    @cached_property
-    def _pull_back(self) -> Callable[[Any, Any], Any]:
-        return jax.jit(lambda theta, bar: jax.vjp(self.assemble, theta)[1](bar)[0])
+    def assemble(self, theta: FloatArray) -> tuple[System, FloatArray]:
+        """The canonical form at theta [d], and the scenario's numbers [V]."""
+        network = self.network
+        values = self.mapping.values(network.values, theta)
+        temperatures = theta[len(self.mapping.names) :]
+        initial = np.full(len(network.nodes), temperatures.mean())
+        initial[network.diffusive] = temperatures
+        return assemble(network.terms, network.structure, values, network.thresholds, initial), values
 
     def simulate(self, theta: FloatArray) -> Trajectory:
         """One simulation at theta [d]."""
-        system, bias = _to_numpy(self._assemble(theta))
-        return self._observe(integrate(system, self.drive), bias)
+        system, values = self.assemble(theta)
+        return self._observe(integrate(self.network.structure, system, self.drive), values)
 
     def simulate_many(self, thetas: FloatArray) -> list[Trajectory | None]:
         """Simulations at thetas [S, d], in parallel; None where one failed."""
-        systems, biases = _to_numpy(self._assemble_many(thetas))
 
         def one(k: int) -> Trajectory | None:
             try:
-                return self._observe(integrate(System(*(part[k] for part in systems)), self.drive), biases[k])
+                return self.simulate(thetas[k])
             except SimulationFailure:
                 return None
 
@@ -138,21 +156,22 @@ class NetworkSimulator:
 
     def linearise(self, theta: FloatArray) -> tuple[Trajectory, Callable[[FloatArray], FloatArray]]:
         """A simulation and its vector-Jacobian product: cotangent of the temperatures [T, N] -> of theta [d]."""
-        system, bias = _to_numpy(self._assemble(theta))
-        run = integrate(system, self.drive)
-        return self._observe(run, bias), partial(self._cotangent, theta, system, run)
+        system, values = self.assemble(theta)
+        run = integrate(self.network.structure, system, self.drive)
+        return self._observe(run, values), partial(self._cotangent, system, values, run)
 
-    def _cotangent(self, theta: FloatArray, system: System, run: Run, temperatures_bar: FloatArray) -> FloatArray:
+    def _cotangent(self, system: System, values: FloatArray, run: Run, temperatures_bar: FloatArray) -> FloatArray:
+        network = self.network
         states_bar = np.zeros_like(run.states)
-        at_samples = np.zeros((len(temperatures_bar), states_bar.shape[1]))
-        for k, node in enumerate(self.channel_nodes):
-            at_samples[:, node] += temperatures_bar[:, k]
-        states_bar = self.sampling.spread(at_samples, len(states_bar))
-        bar = pull_back(system, self.drive, run, states_bar)
-        return np.asarray(self._pull_back(theta, (bar, temperatures_bar.sum(axis=0))))
+        for k, state in enumerate(self.channel_states):
+            states_bar[:, state] += self.sampling.spread(temperatures_bar[:, k : k + 1], len(states_bar))[:, 0]
+        bar = pull_back(network.structure, system, self.drive, run, states_bar)
+        values_bar = pull_back_assembly(network.terms, values, network.thresholds, bar)
+        np.add.at(values_bar, self.channel_biases, temperatures_bar.sum(axis=0))
+        return np.concatenate([self.mapping.pull_back(network.values, values_bar), bar.initial[network.diffusive]])
 
-    def _observe(self, run: Run, bias: FloatArray) -> Trajectory:
-        temperatures = self.sampling.interpolate(run.states[:, list(self.channel_nodes)]) + bias
+    def _observe(self, run: Run, values: FloatArray) -> Trajectory:
+        temperatures = self.sampling.interpolate(run.states[:, self.channel_states]) + values[self.channel_biases]
         index, weight = self.sampling.index, self.sampling.weight
         times = self.drive.times[index] + weight * (self.drive.times[index + 1] - self.drive.times[index])
         status = run.status[index]
@@ -179,35 +198,15 @@ def network_simulator(
     observed = {name: item for name, item in scenario.observations.items() if item.node is not None}
     return NetworkSimulator(
         network=network,
-        mapping=tuple(scenario.parameters.items()),
+        mapping=parameter_map(network, scenario),
         drive=drive,
         sampling=sampling,
         channels=tuple(observed),
-        channel_nodes=tuple(network.nodes.index(item.node or "") for item in observed.values()),
+        channel_states=np.array([network.nodes.index(item.node or "") for item in observed.values()], dtype=np.int64),
+        channel_biases=np.array([network.position(f"observations.{name}.bias") for name in observed], dtype=np.int64),
     )
 
 
 def open_loop(scenario: Scenario) -> Scenario:
     """The same scenario with every heater driven by its measured status."""
     return scenario.model_copy(update={"simulator": scenario.simulator.model_copy(update={"heater_input": "measured"})})
-
-
-def shortened(simulator: NetworkSimulator, steps: int) -> NetworkSimulator:
-    """The same simulator stopped after its first `steps` grid steps, with the samples that lie there."""
-    drive = simulator.drive
-    kept = simulator.sampling.index < steps
-    return replace(
-        simulator,
-        drive=replace(
-            drive,
-            times=drive.times[: steps + 1],
-            inputs=drive.inputs[: steps + 1],
-            measured=drive.measured[:steps],
-        ),
-        sampling=Sampling(simulator.sampling.index[kept], simulator.sampling.weight[kept]),
-    )
-
-
-def _to_numpy(tree: Any) -> Any:
-    # Copies, because the kernel is compiled for writable arrays and JAX hands out read-only ones.
-    return jax.tree.map(np.array, tree)

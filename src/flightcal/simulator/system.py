@@ -1,15 +1,19 @@
 """The canonical form: what every built-in simulator becomes before it is integrated.
 
-    mass * dx/dt = A x + N (E x)^4 + b(t) + sum_h u_h(t) g_h
+    mass * dx/dt = A x + N x^4 + B w(t) + sum_h u_h(t) g_h
 
-x [n] states in kelvin, the massless ones (mass 0) held by their heat balance at every instant; (E x)^4 the radiating
-temperatures; b(t) = B w(t) heat inputs, linear in time between the points of the solver's grid; u_h the state of
-heater h, switched by hysteresis: on when its sensor s_h = S x falls to `lower`, off when it rises to `upper`.
-Rows of massless states are heat balances in watts; all other rows are divided by the capacity.
+x [n] states in kelvin; w(t) input series, linear in time between the points of the grid; u_h the state of heater h,
+switched by hysteresis: on when its sensor falls to `lower`, off when it rises to `upper`. A massless state (mass 0)
+obeys its heat balance at every instant. Rows of massless states are in watts, all others are divided by the capacity.
+
+A, N, B and g are sparse. Which entries they have is in `Structure` and never changes; their values are in `System`,
+which is all that depends on theta. States are numbered in the order in which they are eliminated from the linear
+systems of an implicit step, so that few new entries appear (minimum degree).
 """
 
 from __future__ import annotations
 
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 from typing import Any, NamedTuple
 
@@ -17,33 +21,56 @@ import numpy as np
 from numpy.typing import NDArray
 
 FloatArray = NDArray[np.float64]
+IntArray = NDArray[np.int64]
 
 
 class System(NamedTuple):
-    """The part of the canonical form that depends on theta (JAX or NumPy arrays; a JAX pytree).
-
-    With a leading axis [S] on every array it is a batch of systems.
-    """
+    """Values of the entries, in the order of `Structure` (a leading axis [S] on each makes a batch)."""
 
     linear: Any
-    """A [n, n], 1/s (W/K in massless rows)."""
+    """A's entries, 1/s (W/K in massless rows)."""
     radiative: Any
-    """N [n, m], K^-3/s; m = 0 without radiation."""
+    """N's entries, K^-3/s (W/K^4 in massless rows)."""
     forcing: Any
-    """B [n, q], from the input series w to K/s (W in massless rows)."""
+    """B's entries, from an input series to K/s (W in massless rows)."""
     heating: Any
-    """g [H, n], K/s while the heater is on."""
+    """g's entries, K/s while the heater is on."""
     lower: Any
     """[H] K, the heater goes on."""
     upper: Any
     """[H] K, the heater goes off."""
     initial: Any
-    """x0 [n], K."""
+    """x0 [n], K; massless states are only guessed here, the grid's settling steps bring them into balance."""
+
+
+class Structure(NamedTuple):
+    """Where the entries are. A and N are stored by rows: row i has the entries start[i] to start[i+1]."""
+
+    mass: FloatArray
+    """[n] 1 for states with a capacity, 0 for massless ones."""
+    linear_start: IntArray
+    linear_column: IntArray
+    linear_slot: IntArray
+    """Place of each entry of A among the entries of the factorised matrix."""
+    radiative_start: IntArray
+    radiative_column: IntArray
+    radiative_slot: IntArray
+    factor_start: IntArray
+    factor_column: IntArray
+    """Columns of the factorised matrix, ascending in each row: entries of A and N, the diagonal, and what fills in."""
+    factor_diagonal: IntArray
+    """[n] place of each diagonal entry."""
+    forcing_row: IntArray
+    forcing_column: IntArray
+    heating_heater: IntArray
+    heating_row: IntArray
+    sensor: IntArray
+    """[H] state that each thermostat watches."""
 
 
 @dataclass(frozen=True)
 class Drive:
-    """The part that does not depend on theta: grid, inputs, and how heaters are wired.
+    """What acts on the system from outside, on the grid of the integration.
 
     Two grid points at the same time mark a jump of the inputs: the step between them has length zero.
     """
@@ -52,12 +79,6 @@ class Drive:
     """[K+1] s from the window's start, not decreasing."""
     inputs: FloatArray
     """w [K+1, q]."""
-    mass: FloatArray
-    """[n] 1 for states with a capacity, 0 for massless ones."""
-    sensors: FloatArray
-    """S [H, n]."""
-    mixing: FloatArray
-    """E [m, n]; of shape [0, n] where E is the identity."""
     measured: FloatArray
     """[K, H] share of each step that a heater driven by its measured status is on; NaN: the thermostat acts."""
     initially_on: FloatArray
@@ -69,7 +90,73 @@ class Switch(NamedTuple):
 
     time: FloatArray
     """[E] s from the window's start."""
-    heater: NDArray[np.int64]
+    heater: IntArray
     """[E]."""
     on: FloatArray
     """[E] 1: went on, 0: went off."""
+
+
+def elimination_order(count: int, links: Iterable[tuple[int, int]]) -> list[int]:
+    """Minimum-degree order of a symmetric pattern (Tinney & Walker 1967): the least connected state goes first."""
+    neighbours: list[set[int]] = [set() for _ in range(count)]
+    for i, j in links:
+        if i != j:
+            neighbours[i].add(j)
+            neighbours[j].add(i)
+    left, order = set(range(count)), []
+    while left:
+        chosen = min(left, key=lambda i: (len(neighbours[i]), i))
+        left.remove(chosen)
+        order.append(chosen)
+        for i in neighbours[chosen]:
+            neighbours[i] |= neighbours[chosen]
+            neighbours[i] -= {i, chosen}
+    return order
+
+
+def make_structure(
+    mass: FloatArray,
+    linear: Sequence[tuple[int, int]],
+    radiative: Sequence[tuple[int, int]],
+    forcing: Sequence[tuple[int, int]],
+    heating: Sequence[tuple[int, int]],
+    sensor: Sequence[int],
+) -> Structure:
+    """The structure of entries given as (row, column) pairs, sorted and without repetition ((heater, row) for heating).
+
+    States are taken as numbered in elimination order.
+    """
+    n = len(mass)
+    rows: list[set[int]] = [{i} for i in range(n)]
+    for i, j in {*linear, *radiative}:
+        rows[i].add(j)
+        rows[j].add(i)
+    for k in range(n):  # eliminating k joins all later states that it is linked to
+        later = {j for j in rows[k] if j > k}
+        for i in later:
+            rows[i] |= later
+    ordered = [sorted(row) for row in rows]
+    factor_start = np.cumsum([0, *map(len, ordered)])
+    place = {(i, j): factor_start[i] + k for i, row in enumerate(ordered) for k, j in enumerate(row)}
+
+    def by_rows(entries: Sequence[tuple[int, int]]) -> tuple[IntArray, IntArray, IntArray]:
+        start = np.searchsorted([i for i, _ in entries], np.arange(n + 1))
+        return start.astype(np.int64), _integers(j for _, j in entries), _integers(place[entry] for entry in entries)
+
+    return Structure(
+        np.asarray(mass, float),
+        *by_rows(linear),
+        *by_rows(radiative),
+        factor_start.astype(np.int64),
+        _integers(j for row in ordered for j in row),
+        _integers(place[i, i] for i in range(n)),
+        _integers(i for i, _ in forcing),
+        _integers(j for _, j in forcing),
+        _integers(heater for heater, _ in heating),
+        _integers(row for _, row in heating),
+        _integers(sensor),
+    )
+
+
+def _integers(values: Iterable[int]) -> IntArray:
+    return np.fromiter(values, dtype=np.int64)
