@@ -118,10 +118,18 @@ def test_a_status_holds_from_halfway_to_its_neighbours(tmp_path: Path):
     np.testing.assert_allclose(status_fraction(dataset, "heater", seconds(0, 40)), [0.5])
 
 
-def test_a_status_holds_through_a_gap(tmp_path: Path):
+def test_a_status_holds_through_a_short_gap(tmp_path: Path):
+    dataset = heater(tmp_path, [0, 10, 20, 50, 60, 70], [0, 0, 1, 0, 0, 1])
+    np.testing.assert_allclose(
+        status_fraction(dataset, "heater", seconds(0, 20, 40, 50, 60, 70)), [0.25, 1, 0.5, 0, 0.5]
+    )
+
+
+def test_a_status_is_unknown_in_a_long_gap(tmp_path: Path):
     dataset = heater(tmp_path, [0, 10, 20, 100, 110, 120], [0, 0, 1, 0, 0, 1])
     np.testing.assert_allclose(
-        status_fraction(dataset, "heater", seconds(0, 20, 90, 100, 110, 120)), [0.25, 1, 0.5, 0, 0.5]
+        status_fraction(dataset, "heater", seconds(0, 20, 25, 30, 90, 100, 110, 120)),
+        [0.25, 1, 1, np.nan, np.nan, 0, 0.5],
     )
 
 

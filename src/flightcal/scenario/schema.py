@@ -417,7 +417,7 @@ class NutsSettings(Block):
 
     chains: Count = Field(4, ge=2)
     draws: Count = Field(1000, ge=50)
-    warmup: Count = Field(800, ge=50)
+    warmup: Count = Field(400, ge=50)
     target_acceptance: Number = Field(0.9, gt=0.5, lt=1)
     max_r_hat: Number = Field(1.01, gt=1)
     min_ess: Number = Field(400, gt=0)

@@ -229,6 +229,16 @@ def _add_heaters(structure, heating, status, b):
 
 
 @_compiled
+def _started(temperature, status, lower, upper):
+    """Status with which a thermostat begins to act."""
+    if temperature < lower:
+        return 1.0
+    if temperature > upper:
+        return 0.0
+    return 1.0 if status > 0.5 else 0.0
+
+
+@_compiled
 def forward(
     structure, A, N, forcing, heating, lower, upper, initial,
     times, inputs, measured, initially_on,
@@ -254,14 +264,12 @@ def forward(
     b0, b1 = np.empty(n), np.empty(n)  # all heat on the segment's ends
     x, x1 = initial.copy(), np.empty(n)
     u = np.empty(H)
+    driven = np.empty(H, np.bool_)  # by its measured status, in the step before
     for k in range(H):
-        u[k] = initially_on[k]
-        if x[structure.sensor[k]] < lower[k]:
-            u[k] = 1.0
-        elif x[structure.sensor[k]] > upper[k]:
-            u[k] = 0.0
-        if not np.isnan(measured[0, k]):
-            u[k] = measured[0, k]
+        u[k] = measured[0, k]
+        driven[k] = not np.isnan(measured[0, k])
+        if not driven[k]:
+            u[k] = _started(x[structure.sensor[k]], initially_on[k], lower[k], upper[k])
     states[0] = x
     status[0] = u
     _heat_inputs(structure, forcing, inputs[0], b_right)
@@ -275,6 +283,10 @@ def forward(
             for k in range(H):
                 if not np.isnan(measured[step, k]):
                     u[k] = measured[step, k]
+                    driven[k] = True
+                elif driven[k]:
+                    u[k] = _started(x[structure.sensor[k]], u[k], lower[k], upper[k])
+                    driven[k] = False
             for i in range(n):
                 b_slope[i] = (b_right[i] - b_left[i]) / duration
             t = times[step]

@@ -109,19 +109,24 @@ def integrate(structure: Structure, system: System, drive: Drive, *, max_segment
         return (x_next, u_next, begin_next), None
 
     def step(carry: Any, row: Any) -> Any:
-        x, u = carry
+        x, u, driven = carry
         start, stop, duration, given = row
-        u = jnp.where(jnp.isnan(given) | (duration == 0.0), u, given)
+        simulated, lasting = jnp.isnan(given), duration > 0.0
+        u = jnp.where(lasting, jnp.where(simulated, jnp.where(driven, started(x, u), u), given), u)
+        driven = jnp.where(lasting, ~simulated, driven)
         (x, u, _), _ = jax.lax.scan(
-            lambda c, s: segment(c, s, start, stop, duration, jnp.isnan(given)),
+            lambda c, s: segment(c, s, start, stop, duration, simulated),
             (x, u, jnp.zeros_like(duration)),
             None,
             length=max_segments,
         )
-        return (x, u), (x, u)
+        return (x, u, driven), (x, u)
 
-    sensed = system.initial[sensor]
-    u0 = jnp.where(sensed < system.lower, 1.0, jnp.where(sensed > system.upper, 0.0, jnp.asarray(drive.initially_on)))
-    u0 = jnp.where(jnp.isnan(measured[0]), u0, measured[0])
-    _, (states, status) = jax.lax.scan(step, (system.initial, u0), (heat[:-1], heat[1:], durations, measured))
+    def started(x: Any, status: Any) -> Any:
+        on = jnp.where(status > 0.5, 1.0, 0.0)
+        return jnp.where(x[sensor] < system.lower, 1.0, jnp.where(x[sensor] > system.upper, 0.0, on))
+
+    driven = ~jnp.isnan(measured[0])
+    u0 = jnp.where(driven, measured[0], started(system.initial, jnp.asarray(drive.initially_on)))
+    _, (states, status) = jax.lax.scan(step, (system.initial, u0, driven), (heat[:-1], heat[1:], durations, measured))
     return jnp.concatenate([system.initial[None], states]), jnp.concatenate([u0[None], status])

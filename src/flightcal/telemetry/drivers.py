@@ -57,8 +57,9 @@ def bridged_share(
 def status_fraction(dataset: xr.Dataset, channel: str, edges: NDArray[np.datetime64]) -> NDArray[np.float64]:
     """Share [K] of each interval [edges[k], edges[k + 1]] in which the status was on.
 
-    A sample holds from halfway to its neighbours; in a gap the last value holds until half a sampling
-    interval before the next. edges: [K + 1]. Raises TelemetryError when the edges lie outside the telemetry.
+    A sample holds from halfway to its neighbours; in a gap of up to `SHORT_GAP` sampling intervals the last value
+    holds until half an interval before the next. NaN in an interval that begins in a longer gap, more than a sampling
+    interval after its last sample. edges: [K + 1]. Raises TelemetryError when the edges lie outside the telemetry.
     """
     seconds, values, interval = _valid(dataset, channel)
     at = _seconds(edges)
@@ -74,7 +75,10 @@ def status_fraction(dataset: xr.Dataset, channel: str, edges: NDArray[np.datetim
     bounds = np.concatenate([[min(at[0], seconds[0])], changes, [max(at[-1], seconds[-1])]])
     on_time = np.concatenate([[0.0], np.cumsum(values * np.diff(bounds))])
     share = np.diff(np.interp(at, bounds, on_time)) / np.diff(at)
-    return np.clip(share, 0.0, 1.0)
+    before = np.clip(np.searchsorted(seconds, at[:-1], side="right") - 1, 0, len(seconds) - 2)
+    long_gap = np.diff(seconds)[before] > SHORT_GAP * interval
+    unknown = long_gap & (at[:-1] >= seconds[before] + interval) & (at[:-1] < seconds[before + 1])
+    return np.where(unknown, np.nan, np.clip(share, 0.0, 1.0))
 
 
 def _bridge(
