@@ -19,6 +19,8 @@ from .problem import Problem
 _ITERATIONS = 100
 _MOST_DAMPING = 1e8
 _CONVERGED = 1e-5  # nats that a further Newton step promises
+_POLISHED = 3  # open-loop modes that are followed in closed loop
+_SAME = 0.1  # nats; modes that differ by less are one
 
 
 @dataclass(frozen=True)
@@ -75,8 +77,8 @@ def find_mode(
 ) -> tuple[Mode, ...]:
     """Modes reached from the named thetas [d] in `starts` and from prior draws, best first.
 
-    open_loop: the same problem with measured heater status; where it is given, the prior draws are followed in it and
-    only the best of the modes found there is polished in closed loop.
+    open_loop: the same problem with measured heater status; where it is given, all starts are followed in it first, and
+    the best of the modes found there are polished in closed loop, as are the named starts.
     """
     first = problem if open_loop is None else open_loop
     found = []
@@ -87,10 +89,21 @@ def find_mode(
         on_start(name)
         found.append(climb(first, problem.to_z(theta), name))
     if open_loop is not None:
-        best = max(found, key=lambda mode: mode.log_density)
-        on_start("closed loop from the best open-loop mode")
-        found = [climb(problem, best.z, f"open loop from {best.origin}")]
+        best = _distinct(sorted(found, key=lambda mode: -mode.log_density))[:_POLISHED]
+        found = []
+        for mode in best:
+            on_start(f"closed loop from the open-loop mode of {mode.origin}")
+            found.append(climb(problem, mode.z, f"open loop from {mode.origin}"))
         for name, theta in starts:
             on_start(f"closed loop from {name}")
             found.append(climb(problem, problem.to_z(theta), name))
     return tuple(sorted(found, key=lambda mode: -mode.log_density))
+
+
+def _distinct(modes: Sequence[Mode]) -> list[Mode]:
+    """Modes of different log density, in their order."""
+    kept: list[Mode] = []
+    for mode in modes:
+        if all(abs(mode.log_density - other.log_density) > _SAME for other in kept):
+            kept.append(mode)
+    return kept

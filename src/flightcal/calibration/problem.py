@@ -18,7 +18,7 @@ from ..environment import orbital_period
 from ..errors import ScenarioError
 from ..scenario import Normal, Prior, Scenario
 from ..scenario.schema import HalfNormal
-from ..simulator import SimulationFailure, Simulator, Trajectory, network_simulator
+from ..simulator import SimulationFailure, Simulator, Trajectory, network_simulator, open_loop
 from ..simulator.system import FloatArray
 from ..telemetry import select_window, window_bounds
 from .likelihood import iid_log_likelihood
@@ -45,6 +45,8 @@ class Problem:
     priors: Priors
     fixed_noise: FloatArray
     """[N] K; NaN where the noise is inferred."""
+    open_loop: Problem | None = None
+    """The same problem with every heater driven by its measured status, where there is one."""
 
     @property
     def names(self) -> tuple[str, ...]:
@@ -98,6 +100,8 @@ class Problem:
     def log_density_and_gradient(self, z: FloatArray) -> tuple[float, FloatArray]:
         """Log posterior density at z [d] and its gradient [d]; (-inf, 0) where the simulation fails."""
         theta, log_prior, prior_gradient, slope = self._prior_part(z)
+        if not np.isfinite(theta).all():
+            return -np.inf, np.zeros_like(z)
         try:
             trajectory, cotangent = self.simulator.linearise(theta[self.simulated])
         except SimulationFailure:
@@ -131,8 +135,9 @@ class Problem:
         return jacobian
 
     def gauss_newton_hessian(self, z: FloatArray) -> FloatArray:
-        """Gauss-Newton approximation [d, d] of minus the Hessian of the log density at z: prior, J^T J / sigma^2, and the
-        Fisher information of the noise levels. Raises SimulationFailure.
+        """Gauss-Newton approximation [d, d] of minus the Hessian of the log density at z.
+
+        Prior, J^T J / sigma^2, and the Fisher information of the noise levels. Raises SimulationFailure.
         """
         theta, _, _, slope = self._prior_part(z)
         noise = self.noise(theta)
@@ -183,7 +188,7 @@ def build_problem(
     """
     if window not in scenario.windows:
         raise ScenarioError(f"window '{window}' is not in the scenario, which has {', '.join(scenario.windows)}")
-    period = orbital_period(scenario.environment)
+    period = orbital_period(scenario.environment, scenario.folder)
     chosen = select_window(telemetry, scenario.windows[window], period)
     start, end = window_bounds(scenario.windows[window], period)
     if span is not None:
@@ -201,6 +206,11 @@ def build_problem(
         else:
             priors[f"noise.{channel}"] = noise or _DEFAULT_NOISE
     priors |= initial_priors(scenario, simulator.channels, observed)
+    heaters = scenario.simulator.heaters.values()
+    measurable = bool(heaters) and all(heater.measured_by is not None for heater in heaters)
+    opened = None
+    if measurable and scenario.simulator.heater_input == "simulated":
+        opened = build_problem(open_loop(scenario), telemetry, window, span=span)
     return Problem(
         scenario=scenario,
         window=window,
@@ -210,6 +220,7 @@ def build_problem(
         simulator=simulator,
         priors=Priors(tuple(priors), tuple(priors.values())),
         fixed_noise=fixed_noise,
+        open_loop=opened,
     )
 
 

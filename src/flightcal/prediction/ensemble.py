@@ -7,8 +7,10 @@ from dataclasses import dataclass
 import numpy as np
 
 from ..calibration.problem import Problem
+from ..environment import orbital_period
 from ..errors import RunError
 from ..simulator.system import FloatArray
+from ..telemetry import window_bounds
 
 _FEWEST = 0.5  # share of simulations that must succeed
 
@@ -78,5 +80,8 @@ def propagate(problem: Problem, thetas: FloatArray, interval: float, rng: np.ran
 
 
 def duration(problem: Problem) -> float:
-    """Length of the problem's window, s, from its first to its last sample."""
-    return float((problem.times[-1] - problem.times[0]) / np.timedelta64(1, "s"))
+    """Length of the problem's window, s: what duty cycles are shares of."""
+    scenario = problem.scenario
+    period = orbital_period(scenario.environment, scenario.folder)
+    start, end = window_bounds(scenario.windows[problem.window], period)
+    return float((end - start) / np.timedelta64(1, "s"))

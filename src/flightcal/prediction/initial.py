@@ -1,7 +1,7 @@
 """Initial temperatures of a window that the calibration has not seen.
 
-They are not known, and not of interest: they are estimated from the window's first samples, which are then never scored.
-Over so short a span temperatures are nearly linear in the initial ones, so each draw of the parameters gets a
+They are not known, and not of interest: they are estimated from the window's first samples, which are then never
+scored. Over so short a span temperatures are nearly linear in the initial ones, so each draw of the parameters gets a
 Gaussian update of the prior of `initial_priors`: its mean for a point estimate, a draw from it for a posterior draw.
 """
 

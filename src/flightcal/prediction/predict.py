@@ -86,7 +86,8 @@ def _dataset(
     duty[-1] = ensemble.duty_cycle.mean(axis=0)
     count[-1] = ensemble.switch_count.mean(axis=0)
     energy[-1] = ensemble.energy.mean(axis=0)
-    environment = problem.scenario.environment
+    environment, folder = problem.scenario.environment, problem.scenario.folder
+    origin = np.datetime64(problem.scenario.windows["train"].start)  # phases of all windows are comparable
     by_method, by_simulation = ("method", "time", "channel"), ("simulation", "heater")
     return xarray.Dataset(
         {
@@ -108,8 +109,8 @@ def _dataset(
             "point_energy": (("method", "heater"), energy),
             "observed_duty_cycle": ("heater", _observed_duty_cycle(problem.status)),
             "observed_switch_count": ("heater", _observed_switch_count(problem.status)),
-            "eclipse": ("time", sunlit_share(environment, problem.times)),
-            "orbit_phase": ("time", orbit_phase(environment, problem.times)),
+            "eclipse": ("time", sunlit_share(environment, problem.times, folder)),
+            "orbit_phase": ("time", orbit_phase(environment, problem.times, folder, origin)),
         },
         coords={
             "time": problem.times,

@@ -1,1 +1,55 @@
-"""."""
+"""How good a prediction is, and whether its residuals are what the likelihood took them for."""
+
+from .metrics import (
+    Comparison,
+    Metric,
+    comparison_table,
+    crps_ensemble,
+    crps_normal,
+    duty_cycle_error,
+    energy_error,
+    format_comparison,
+    mape_celsius,
+    mape_kelvin,
+    mpiw,
+    picp,
+    rmse,
+    score,
+    status_agreement,
+    switch_count_error,
+)
+from .residuals import (
+    ResidualCheck,
+    autocorrelation,
+    check_residuals,
+    check_window,
+    durbin_watson,
+    effective_samples,
+    ljung_box,
+)
+
+__all__ = [
+    "Comparison",
+    "Metric",
+    "ResidualCheck",
+    "autocorrelation",
+    "check_residuals",
+    "check_window",
+    "comparison_table",
+    "crps_ensemble",
+    "crps_normal",
+    "durbin_watson",
+    "duty_cycle_error",
+    "effective_samples",
+    "energy_error",
+    "format_comparison",
+    "ljung_box",
+    "mape_celsius",
+    "mape_kelvin",
+    "mpiw",
+    "picp",
+    "rmse",
+    "score",
+    "status_agreement",
+    "switch_count_error",
+]

@@ -1,0 +1,228 @@
+"""Whether the chains can be believed: rank-normalised R-hat, effective sample sizes, divergences, E-BFMI.
+
+The measures are ArviZ's (Vehtari et al. 2021, Bayesian Analysis 16, 667-718; Betancourt 2016, arXiv:1604.00695).
+Here they become gates that can fail, with a verdict for an engineer who does not know them.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+import xarray as xr
+from numpy.typing import NDArray
+
+from ..scenario.schema import NutsSettings
+from .nuts import MAXIMUM_DEPTH
+
+Array = NDArray[np.float64]
+Group = xr.Dataset | xr.DataTree
+
+MINIMUM_E_BFMI = 0.3
+"""Below it a chain's energy changes too little from draw to draw (Betancourt 2016; Stan warns at the same value)."""
+
+LARGEST_SATURATED_SHARE = 0.01
+"""Of draws whose trajectory was cut at the greatest depth; more than that and the sampler is a random walk."""
+
+_TAIL = (0.05, 0.95)
+_FEWEST_DRAWS = 4
+"""With fewer a chain, R-hat and effective sample sizes are not defined."""
+
+
+@dataclass(frozen=True)
+class ParameterSummary:
+    """One uncertain quantity's posterior, in its own unit, and how well it was sampled (NaN: cannot be said)."""
+
+    name: str
+    mean: float
+    sd: float
+    q2_5: float
+    median: float
+    q97_5: float
+    r_hat: float
+    ess_bulk: float
+    ess_tail: float
+    mcse_mean: float
+
+
+@dataclass(frozen=True)
+class Gate:
+    """One condition on the chains."""
+
+    name: str
+    passed: bool
+    found: str
+    required: str
+    advice: str
+    """What to do; empty when passed."""
+
+
+@dataclass(frozen=True)
+class Diagnostics:
+    """The chains' measures, the gates, and what they come to."""
+
+    parameters: tuple[ParameterSummary, ...]
+    gates: tuple[Gate, ...]
+    passed: bool
+    """All gates passed."""
+    verdict: str
+
+
+def diagnose(posterior: Group, sample_stats: Group | Mapping[str, NDArray[Any]], settings: NutsSettings) -> Diagnostics:
+    """Judge chains by `settings.max_r_hat`, `settings.min_ess` and the sampler's own statistics.
+
+    posterior: scalar variables on (chain, draw). sample_stats: diverging, depth, energy on (chain, draw), or
+    as arrays [chain, draw].
+    """
+    parameters = tuple(_summary(name, _values(posterior, str(name))) for name in posterior.data_vars)
+    chains, draws = posterior.sizes["chain"], posterior.sizes["draw"]
+    gates = (
+        _r_hat_gate(parameters, settings),
+        _ess_gate(parameters, settings, draws, tail=False),
+        _ess_gate(parameters, settings, draws, tail=True),
+        _divergence_gate(_values(sample_stats, "diverging"), settings),
+        _depth_gate(_values(sample_stats, "depth")),
+        _energy_gate(_values(sample_stats, "energy")),
+    )
+    passed = all(gate.passed for gate in gates)
+    return Diagnostics(parameters, gates, passed, _verdict(gates, passed, chains, draws))
+
+
+def _values(group: Group | Mapping[str, NDArray[Any]], name: str) -> Array:
+    """A variable [chain, draw]."""
+    values = group[name]
+    return values.transpose("chain", "draw").values if isinstance(values, xr.DataArray) else np.asarray(values)
+
+
+def _summary(name: object, values: Array) -> ParameterSummary:
+    """Posterior moments, quantiles and sampling measures of one quantity [chain, draw]."""
+    # Imported here: arviz-stats needs a second to load.
+    from arviz_stats.base import array_stats
+
+    if values.shape[1] < _FEWEST_DRAWS:
+        return ParameterSummary(str(name), *[math.nan] * 9)
+    low, median, high = np.quantile(values, (0.025, 0.5, 0.975))
+    varies = bool(np.isfinite(values).all() and np.ptp(values) > 0.0)
+    return ParameterSummary(
+        name=str(name),
+        mean=float(values.mean()),
+        sd=float(values.std(ddof=1)),
+        q2_5=float(low),
+        median=float(median),
+        q97_5=float(high),
+        r_hat=float(array_stats.rhat(values, method="rank")) if varies else math.nan,
+        ess_bulk=float(array_stats.ess(values, method="bulk")) if varies else math.nan,
+        ess_tail=float(array_stats.ess(values, method="tail", prob=_TAIL)) if varies else math.nan,
+        mcse_mean=float(array_stats.mcse(values, method="mean")) if varies else math.nan,
+    )
+
+
+def _r_hat_gate(parameters: tuple[ParameterSummary, ...], settings: NutsSettings) -> Gate:
+    # What cannot be computed is worse than any number.
+    worst = max(parameters, key=lambda p: math.inf if math.isnan(p.r_hat) else p.r_hat)
+    passed = worst.r_hat < settings.max_r_hat
+    advice = (
+        f"'{worst.name}' never changed or is not a number: no chain moved, or it does not act on the simulation."
+        if math.isnan(worst.r_hat)
+        else f"The chains do not agree on '{worst.name}'. Give them a longer warm-up (nuts: warmup); if they still "
+        "disagree, the data allow more than one explanation: compare the chains, and narrow a prior or add data."
+    )
+    return Gate(
+        "R-hat",
+        passed,
+        f"{_number(worst.r_hat, '.3f')} ({worst.name})",
+        f"below {settings.max_r_hat:g}",
+        "" if passed else advice,
+    )
+
+
+def _ess_gate(parameters: tuple[ParameterSummary, ...], settings: NutsSettings, draws: int, *, tail: bool) -> Gate:
+    def size(parameter: ParameterSummary) -> float:
+        return parameter.ess_tail if tail else parameter.ess_bulk
+
+    worst = min(parameters, key=lambda p: -math.inf if math.isnan(size(p)) else size(p))
+    passed = size(worst) > settings.min_ess
+    purpose = "the ends of its interval" if tail else "its mean"
+    advice = f"There are too few independent draws of '{worst.name}' for {purpose}."
+    # A chain that is stuck has hardly any independent draws, and more of them are as stuck.
+    if size(worst) > 0.1 * settings.min_ess:
+        needed = math.ceil(1.2 * draws * settings.min_ess / size(worst) / 100.0) * 100
+        advice += f" Ask for about {needed} draws a chain (nuts: draws)."
+    else:
+        advice += " More draws alone will not mend it: heed the other findings first."
+    return Gate(
+        "effective draws, tails" if tail else "effective draws",
+        passed,
+        f"{_number(size(worst), '.0f')} ({worst.name})",
+        f"above {settings.min_ess:g}",
+        "" if passed else advice,
+    )
+
+
+def _divergence_gate(diverging: Array, settings: NutsSettings) -> Gate:
+    count = int(diverging.sum())
+    return Gate(
+        "divergences",
+        count == 0,
+        f"{count} of {diverging.size} draws",
+        "none",
+        ""
+        if count == 0
+        else "Some trajectories broke off, so part of the posterior may be missing: where simulations fail, or where "
+        "a heater only just touches its threshold. Raise the acceptance (nuts: target_acceptance, now "
+        f"{settings.target_acceptance:g}) towards 0.99, or narrow the priors to where the model works.",
+    )
+
+
+def _depth_gate(depth: Array) -> Gate:
+    share = float((depth >= MAXIMUM_DEPTH).mean()) if depth.size else math.nan
+    passed = share <= LARGEST_SATURATED_SHARE
+    return Gate(
+        "trajectory length",
+        passed,
+        f"{_number(100.0 * share, '.1f')}% cut at depth {MAXIMUM_DEPTH}",
+        f"at most {100.0 * LARGEST_SATURATED_SHARE:g}%",
+        ""
+        if passed
+        else "The sampler takes very small steps through a very long posterior: some parameters can hardly be told "
+        "apart by these data. Fix one of them, or give it a narrower prior.",
+    )
+
+
+def _energy_gate(energy: Array) -> Gate:
+    from arviz_stats.base import array_stats
+
+    enough = energy.shape[1] >= _FEWEST_DRAWS
+    worst = float(np.min(array_stats.bfmi(energy))) if enough else math.nan
+    passed = worst > MINIMUM_E_BFMI
+    return Gate(
+        "E-BFMI",
+        passed,
+        _number(worst, ".2f"),
+        f"above {MINIMUM_E_BFMI:g}",
+        ""
+        if passed
+        else "The chains move too slowly between likely and unlikely parts of the posterior, whose tails are heavy: "
+        "give the widest priors, those of noise levels first, an upper end.",
+    )
+
+
+def _number(value: float, form: str) -> str:
+    return "undefined" if math.isnan(value) else format(value, form)
+
+
+def _verdict(gates: tuple[Gate, ...], passed: bool, chains: int, draws: int) -> str:
+    if passed:
+        r_hat, ess = gates[0], gates[1]
+        return (
+            f"Converged: {chains} chains of {draws} draws agree (R-hat {r_hat.found} at worst), with at least "
+            f"{ess.found} effective draws and no divergence. The posterior can be used."
+        )
+    failed = [gate for gate in gates if not gate.passed]
+    reasons = " ".join(f"{gate.name}: found {gate.found}, required {gate.required}. {gate.advice}" for gate in failed)
+    if draws < _FEWEST_DRAWS:
+        return f"Not converged: {chains} chains of {draws} draws say nothing; sampling was stopped in its warm-up."
+    return f"Not converged: do not rely on this posterior. {reasons}"

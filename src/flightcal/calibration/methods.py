@@ -1,0 +1,214 @@
+"""The two calibration methods on a problem: the genetic algorithm, and the stochastic update with NUTS."""
+
+from __future__ import annotations
+
+import json
+from collections import Counter
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+import xarray
+
+from ..errors import FlightcalError
+from ..scenario import GeneticSettings, NutsSettings
+from ..simulator.system import FloatArray
+from .diagnostics import Diagnostics, diagnose
+from .genetic import minimise
+from .mode import Mode, find_mode
+from .nuts import Draws, sample, whitening
+from .problem import Problem
+
+_SEARCH_BOX = 0.998
+"""Share of each prior inside the box that the genetic algorithm searches."""
+_LEAST_NOISE = 1e-3  # K, so that a perfect fit still has a noise level
+
+
+def calibrate_genetic(
+    problem: Problem,
+    settings: GeneticSettings | None = None,
+    seed: int | None = None,
+    *,
+    on_generation: Callable[[int, int, float], None] | None = None,
+) -> xarray.Dataset:
+    """Minimise the RMSE over the channels with the genetic algorithm (optimisation-based calibration).
+
+    settings, seed: None: the scenario's. on_generation: called with run, generation and the best RMSE so far (K).
+    Returns ten runs, as published: best [run, parameter], rmse [run] (K), history [run, generation] (K, best so far),
+    first_generation_best [run, parameter]; over the runs: mean_theta, best_theta and spread_theta [parameter].
+    """
+    settings = settings or problem.scenario.calibration.genetic
+    seed = problem.scenario.calibration.seed if seed is None else seed
+    searched = np.sort(problem.simulated)
+    median = problem.priors.median()
+    lower, upper = (bound[searched] for bound in problem.priors.bounds(_SEARCH_BOX))
+
+    def whole(part: FloatArray) -> FloatArray:
+        thetas = np.tile(median, (len(part), 1))
+        thetas[:, searched] = part
+        return thetas
+
+    result = minimise(
+        lambda part: problem.rmse(whole(part), settings.heater_status_weight),
+        lower,
+        upper,
+        settings,
+        seed,
+        on_generation=on_generation,
+    )
+    return xarray.Dataset(
+        {
+            "best": (("run", "parameter"), result.best),
+            "rmse": ("run", result.cost),
+            "history": (("run", "generation"), result.history),
+            "first_generation_best": (("run", "parameter"), result.first_generation_best),
+            "mean_theta": ("parameter", result.mean),
+            "best_theta": ("parameter", result.best_overall),
+            "spread_theta": ("parameter", result.spread),
+        },
+        coords={"parameter": [problem.names[k] for k in searched]},
+        attrs={"seed": seed, "evaluations": result.evaluations, "failures": result.failures},
+    )
+
+
+def genetic_points(problem: Problem, runs: xarray.Dataset) -> dict[str, FloatArray]:
+    """The point estimates of `calibrate_genetic` by method name: thetas [d] ordered as `Problem.names`.
+
+    genetic: the mean of the runs' best, as published; it can leave the ridge of good fits, hence genetic_best;
+    poorly_calibrated: the best of the best run's first generation. ``noise.*`` is the RMSE of each channel.
+    """
+    first = runs["first_generation_best"].isel(run=int(np.argmin(runs["rmse"].values)))
+    chosen = {"poorly_calibrated": first, "genetic": runs["mean_theta"], "genetic_best": runs["best_theta"]}
+    points = {}
+    for method, values in chosen.items():
+        theta = problem.priors.median()
+        theta[[problem.names.index(name) for name in runs["parameter"].values]] = values
+        points[method] = with_residual_noise(problem, theta)
+    return points
+
+
+def with_residual_noise(problem: Problem, theta: FloatArray) -> FloatArray:
+    """theta [d] with its ``noise.*`` entries set to the RMSE of each channel (K); prior median where it fails."""
+    theta = theta.copy()
+    run = problem.simulate_many(theta[None])[0]
+    if run is not None:
+        rmse = np.sqrt(np.nanmean((problem.observed - run.temperatures) ** 2, axis=0))
+        channels, positions = problem.inferred_noise
+        theta[positions] = np.maximum(rmse[channels], _LEAST_NOISE)
+    return theta
+
+
+@dataclass(frozen=True)
+class Posterior:
+    """Result of the stochastic update."""
+
+    names: tuple[str, ...]
+    theta: FloatArray
+    """[chain, draw, d]."""
+    draws: Draws
+    modes: tuple[Mode, ...]
+    """Local optima that were found before sampling, best first; chains start around the first."""
+    diagnostics: Diagnostics
+
+    @property
+    def flat(self) -> FloatArray:
+        """All draws [S, d], chain after chain."""
+        return self.theta.reshape(-1, self.theta.shape[-1])
+
+
+def calibrate_nuts(
+    problem: Problem,
+    settings: NutsSettings | None = None,
+    seed: int | None = None,
+    *,
+    starts: Sequence[tuple[str, FloatArray]] = (),
+    on_start: Callable[[str], None] = lambda _: None,
+    progress: Any = None,
+) -> Posterior:
+    """Sample the posterior with NUTS: find the mode, whiten with the Gauss-Newton Hessian, run the chains.
+
+    settings, seed: None: the scenario's. starts: named thetas [d] from which the mode is sought too, such as the
+    genetic algorithm's. on_start: told what the mode search is at. progress: see `nuts.sample`.
+    Raises FlightcalError when no start has a finite density.
+    """
+    settings = settings or problem.scenario.calibration.nuts
+    seed = problem.scenario.calibration.seed if seed is None else seed
+    rng = np.random.default_rng(seed)
+    modes = find_mode(problem, starts, open_loop=problem.open_loop, rng=rng, on_start=on_start)
+    if not np.isfinite(modes[0].log_density):
+        raise FlightcalError(
+            "no start of the calibration can be simulated: every simulation fails or is not finite; "
+            "check the priors with 'flightcal simulate'"
+        )
+    coordinates = whitening(modes[0].z, problem.gauss_newton_hessian(modes[0].z))
+    draws = sample(problem.log_density_and_gradient, coordinates, settings, seed, progress=progress)
+    theta = problem.to_theta(draws.z)
+    posterior = xarray.Dataset({name: (("chain", "draw"), theta[..., k]) for k, name in enumerate(problem.names)})
+    return Posterior(problem.names, theta, draws, modes, diagnose(posterior, draws.statistics, settings))
+
+
+def posterior_tree(
+    problem: Problem, posterior: Posterior, *, seed: int, most_predictions: int = 250
+) -> xarray.DataTree:
+    """The posterior in ArviZ's groups: posterior, sample_stats, prior, posterior_predictive, observed_data."""
+    rng = np.random.default_rng(seed)
+    names, channels = posterior.names, list(problem.simulator.channels)
+    prior = problem.priors.sample(rng, 2000)
+    chains, draws = posterior.theta.shape[:2]
+    every = max(1, -(-chains * draws // most_predictions))
+    kept = np.arange(0, draws, every)
+    thetas = posterior.theta[:, kept]
+    runs = problem.simulate_many(thetas.reshape(-1, len(names)))
+    missing = np.full(problem.observed.shape, np.nan)
+    predicted = np.stack(
+        [
+            missing if run is None else run.temperatures + problem.noise(theta) * rng.standard_normal(missing.shape)
+            for theta, run in zip(thetas.reshape(-1, len(names)), runs, strict=True)
+        ]
+    )
+    sequences = Counter(
+        tuple(zip(run.switches.heater.tolist(), run.switches.on.tolist(), strict=True))
+        for run in runs
+        if run is not None
+    )
+    time = {"time": problem.times}
+    return xarray.DataTree.from_dict(
+        {
+            "posterior": xarray.Dataset({n: (("chain", "draw"), posterior.theta[..., k]) for k, n in enumerate(names)}),
+            "sample_stats": xarray.Dataset({n: (("chain", "draw"), v) for n, v in posterior.draws.statistics.items()}),
+            "prior": xarray.Dataset({n: (("chain", "draw"), prior[None, :, k]) for k, n in enumerate(names)}),
+            "posterior_predictive": xarray.Dataset(
+                {
+                    "temperature": (
+                        ("chain", "draw", "time", "channel"),
+                        predicted.reshape(chains, len(kept), *missing.shape),
+                    )
+                },
+                coords={**time, "channel": channels, "draw": kept},
+            ),
+            "observed_data": xarray.Dataset(
+                {
+                    "temperature": (("time", "channel"), problem.observed),
+                    "status": (("time", "heater"), problem.status),
+                },
+                coords={**time, "channel": channels, "heater": list(problem.simulator.heaters)},
+            ),
+            "/": xarray.Dataset(
+                attrs={
+                    "interrupted": str(posterior.draws.interrupted).lower(),
+                    "switch_sequences": json.dumps(
+                        [
+                            {
+                                "window": problem.window,
+                                "sequences": len(sequences),
+                                "share_of_most_common": max(sequences.values()) / sequences.total()
+                                if sequences
+                                else 1.0,
+                            }
+                        ]
+                    ),
+                }
+            ),
+        }
+    )

@@ -1,0 +1,288 @@
+"""Scores of a prediction against telemetry: functions on arrays, and `score` for a window's prediction.
+
+All functions take arrays of one shape, leave out every sample in which an argument is NaN, and return NaN
+where nothing is left. Temperatures in kelvin.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable, Iterator, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+import xarray as xr
+from numpy.typing import ArrayLike, NDArray
+from scipy.special import ndtr
+
+ZERO_CELSIUS = 273.15
+"""K, by definition of the Celsius scale (SI brochure, 2019, sec. 2.3.1)."""
+
+NEAR_ZERO = 1.0
+"""K. Closer to 0 degC than this, a percentage of the Celsius temperature means nothing."""
+
+POINT_METHODS = ("uncalibrated", "poorly_calibrated", "genetic", "genetic_best")
+"""Methods that give one temperature and no interval."""
+
+PUBLISHED = {"rmse": (0.1346, 0.1014), "mape_kelvin": (0.061, 0.054), "mape_celsius": (0.061, 0.054)}
+"""Genetic and stochastic scores of the paper (masked units, so only their ratios 0.753 and 0.885 compare)."""
+
+Array = NDArray[np.float64]
+
+
+def _valid(*arrays: ArrayLike) -> tuple[Array, ...]:
+    """The arrays, flat, without the samples in which any of them is NaN."""
+    broadcast = np.broadcast_arrays(*[np.asarray(a, float) for a in arrays])
+    keep = np.all([np.isfinite(a) for a in broadcast], axis=0)
+    return tuple(a[keep] for a in broadcast)
+
+
+def _mean(values: Array) -> float:
+    """Mean, NaN of nothing."""
+    return float(values.mean()) if values.size else math.nan
+
+
+def rmse(observed: ArrayLike, predicted: ArrayLike) -> float:
+    """Root mean square error, K."""
+    y, p = _valid(observed, predicted)
+    return math.sqrt(_mean((y - p) ** 2)) if y.size else math.nan
+
+
+def mape_kelvin(observed: ArrayLike, predicted: ArrayLike) -> float:
+    """Mean absolute percentage error, percent of the absolute temperature in kelvin."""
+    y, p = _valid(observed, predicted)
+    return 100 * _mean(np.abs((y - p) / y))
+
+
+def mape_celsius(observed: ArrayLike, predicted: ArrayLike) -> float | None:
+    """Mean absolute percentage error, percent of the temperature in degrees Celsius, as published.
+
+    None where an observed temperature lies within 1 degC of zero: the percentage is then unbounded.
+    observed, predicted: K.
+    """
+    y, p = _valid(observed, predicted)
+    celsius = y - ZERO_CELSIUS
+    if celsius.size and np.abs(celsius).min() < NEAR_ZERO:
+        return None
+    return 100 * _mean(np.abs((y - p) / celsius))
+
+
+def picp(observed: ArrayLike, lower: ArrayLike, upper: ArrayLike) -> float:
+    """Prediction interval coverage probability: share of samples inside the interval or on its bounds."""
+    y, low, high = _valid(observed, lower, upper)
+    return _mean(((low <= y) & (y <= high)).astype(float))
+
+
+def mpiw(lower: ArrayLike, upper: ArrayLike) -> float:
+    """Mean prediction interval width, K."""
+    low, high = _valid(lower, upper)
+    return _mean(high - low)
+
+
+def crps_normal(observed: ArrayLike, mean: ArrayLike, standard_deviation: ArrayLike) -> float:
+    """Mean continuous ranked probability score of normal predictions, K.
+
+    Gneiting & Raftery (2007), J. Am. Stat. Assoc. 102, eq. 21 (with the sign turned: smaller is better):
+    sd * (z (2 Phi(z) - 1) + 2 phi(z) - 1 / sqrt(pi)), z = (observed - mean) / sd;
+    |observed - mean| where sd is zero.
+    """
+    y, mu, sd = _valid(observed, mean, standard_deviation)
+    error = y - mu
+    z = np.divide(error, sd, out=np.zeros_like(error), where=sd > 0)
+    spread = sd * (2 * np.exp(-0.5 * z**2) / math.sqrt(2 * math.pi) - 1 / math.sqrt(math.pi))
+    weight = np.where(sd > 0, 2 * ndtr(z) - 1, np.sign(error))
+    return _mean(error * weight + spread)
+
+
+def crps_ensemble(observed: ArrayLike, ensemble: ArrayLike) -> float:
+    """Mean continuous ranked probability score of ensembles, K.
+
+    observed: [...]; ensemble: [S, ...], K. The score of the ensemble's empirical distribution, E|X - y| -
+    E|X - X'| / 2 (Gneiting & Raftery 2007, eq. 21), the second mean over all pairs from the sorted ensemble
+    in O(S log S).
+    """
+    y = np.asarray(observed, float).ravel()
+    members = np.asarray(ensemble, float).reshape(-1, y.size)
+    keep = np.isfinite(y) & np.isfinite(members).all(axis=0)
+    y, members = y[keep], np.sort(members[:, keep], axis=0)
+    size = members.shape[0]
+    weights = (2 * np.arange(1, size + 1) - size - 1)[:, None] / size**2
+    return _mean(np.abs(members - y).mean(axis=0) - (weights * members).sum(axis=0))
+
+
+def duty_cycle_error(observed_duty: float, duty: float) -> float:
+    """Simulated minus observed share of the time that a heater is on, -1 to 1."""
+    return float(duty - observed_duty)
+
+
+def status_agreement(observed_status: ArrayLike, probability: ArrayLike) -> float:
+    """Expected share of samples in which a simulated heater is on or off as telemetry says.
+
+    observed_status: 0 or 1; probability: of on, 0 to 1 (0 or 1 for a point method). The mean over
+    simulations of the share in which one simulation agrees is the mean of 1 - |probability - observed|.
+    """
+    y, p = _valid(observed_status, probability)
+    return _mean(1 - np.abs(p - y))
+
+
+def switch_count_error(observed_count: float, count: float) -> float:
+    """Simulated minus observed number of changes between on and off."""
+    return float(count - observed_count)
+
+
+def energy_error(observed_energy: float, energy: float) -> float:
+    """Simulated minus observed heater energy, J."""
+    return float(energy - observed_energy)
+
+
+@dataclass(frozen=True)
+class Metric:
+    """One score: a record of metrics.json. `value` None: undefined, `note` says why."""
+
+    method: str
+    window: str
+    channel: str
+    metric: str
+    value: float | None
+    unit: str
+    note: str = ""
+
+
+def score(prediction: xr.Dataset, window: str) -> list[Metric]:
+    """All metrics of a window: for each method and channel, "all" channels pooled, and each heater.
+
+    prediction: a group of prediction.nc. Only its `scored` samples count, save for duty cycles, switch
+    counts and energies, which are those of the file. Intervals are scored for the methods that give one.
+    """
+    scored = prediction.isel(time=prediction["scored"].values.astype(bool))
+    metrics: list[Metric] = []
+    for method in [str(m) for m in prediction["method"].values]:
+        of_method = scored.sel({"method": method})
+        channels = [str(c) for c in scored["channel"].values]
+        for channel in [*channels, "all"]:
+            part = of_method if channel == "all" else of_method.sel(channel=[channel])
+            metrics += [
+                Metric(method, window, channel, name, value, unit, note)
+                for name, value, unit, note in _temperature_scores(part, method)
+            ]
+        for heater in [str(h.values) for h in prediction.coords.get("heater", ())]:
+            metrics += [
+                Metric(method, window, heater, name, value, unit, note)
+                for name, value, unit, note in _heater_scores(of_method.sel(heater=heater))
+            ]
+    return metrics
+
+
+Score = tuple[str, float | None, str, str]
+"""Name, value or None, unit, note."""
+
+
+def _checked(name: str, value: float | None, unit: str, note: str) -> Score:
+    """The score, with None and the note in place of a value that is undefined."""
+    defined = value is not None and math.isfinite(value)
+    return name, value if defined else None, unit, "" if defined else note
+
+
+def _temperature_scores(part: xr.Dataset, method: str) -> Iterator[Score]:
+    """Scores of the temperatures in `part`: variables [time, channel] of one method."""
+    observed, mean = part["observed"].values, part["mean"].values
+    empty = "no scored telemetry"
+    yield _checked("rmse", rmse(observed, mean), "K", empty)
+    yield _checked("mape_kelvin", mape_kelvin(observed, mean), "%", empty)
+    percent = mape_celsius(observed, mean)
+    near_zero = "telemetry comes within 1 degC of 0 degC"
+    yield _checked("mape_celsius", percent, "%", near_zero if percent is None else empty)
+    if method in POINT_METHODS:
+        absolute = crps_normal(observed, mean, np.zeros_like(mean))
+        name, value, unit, note = _checked("crps", absolute, "K", empty)
+        yield name, value, unit, note or "of a point: the mean absolute error"
+        return
+    lower, upper = part["lower"].values, part["upper"].values
+    seen = np.where(np.isfinite(observed), 0.0, np.nan)
+    yield _checked("picp", picp(observed, lower, upper), "1", empty)
+    yield _checked("mpiw", mpiw(lower + seen, upper + seen), "K", empty)
+    yield _checked("crps", crps_normal(observed, mean, part["standard_deviation"].values), "K", empty)
+
+
+def _heater_scores(part: xr.Dataset) -> Iterator[Score]:
+    """Scores of one heater of one method; for the stochastic method of the mean over simulations."""
+    empty = "no status in telemetry"
+    observed_duty, observed_count = float(part["observed_duty_cycle"]), float(part["observed_switch_count"])
+    duty, energy = float(part["point_duty_cycle"]), float(part["point_energy"])
+    yield _checked("duty_cycle_error", duty_cycle_error(observed_duty, duty), "1", empty)
+    agreement = status_agreement(part["observed_status"].values, part["status"].values)
+    yield _checked("status_agreement", agreement, "1", empty)
+    count_error = switch_count_error(observed_count, float(part["point_switch_count"]))
+    yield _checked("switch_count_error", count_error, "1", empty)
+    if duty > 0 or math.isnan(observed_duty):
+        error = energy_error(implied_energy(observed_duty, duty, energy), energy)
+        name, value, unit, note = _checked("energy_error", error, "J", empty)
+        yield name, value, unit, note or "telemetry's energy: its duty cycle at the simulated power"
+    else:
+        yield _checked("energy_error", None, "J", "the simulated heater is never on, so its power is not known")
+
+
+def implied_energy(observed_duty: float, duty: float, energy: float) -> float:
+    """Energy that telemetry's duty cycle implies at the simulated power, J; NaN for a heater never on.
+
+    Telemetry has a heater's status and not its power, so this is as much as it says about energy.
+    """
+    return observed_duty * energy / duty if duty > 0 else math.nan
+
+
+@dataclass(frozen=True)
+class Comparison:
+    """Genetic against stochastic: `ratio` is stochastic / genetic, `published` the paper's ratio."""
+
+    window: str
+    channel: str
+    metric: str
+    unit: str
+    genetic: float | None
+    stochastic: float | None
+    ratio: float | None
+    published: float | None
+    note: str = ""
+
+
+def comparison_table(metrics: Sequence[Metric]) -> list[Comparison]:
+    """Genetic against stochastic in every window and channel: RMSE, MAPE, CRPS, in the order of `metrics`."""
+    compared = ("rmse", "mape_kelvin", "mape_celsius", "crps")
+    found = {(m.method, m.window, m.channel, m.metric): m for m in metrics if m.metric in compared}
+    places = dict.fromkeys((m.window, m.channel, m.metric) for m in found.values())
+    rows = []
+    for place in places:
+        pair = [found.get((method, *place)) for method in ("genetic", "stochastic")]
+        genetic, stochastic = [m.value if m else None for m in pair]
+        ratio = stochastic / genetic if stochastic is not None and genetic else None
+        published = PUBLISHED.get(place[2])
+        note = next((m.note for m in pair if m and m.value is None), "")
+        unit = next(m.unit for m in pair if m) if any(pair) else ""
+        published_ratio = published[1] / published[0] if published else None
+        rows.append(Comparison(*place, unit, genetic, stochastic, ratio, published_ratio, note))
+    return rows
+
+
+def format_comparison(rows: Sequence[Comparison]) -> str:
+    """The comparison as aligned text for a terminal, the paper's ratios in the last column but one."""
+    header = ("window", "channel", "metric", "genetic", "stochastic", "ratio", "paper", "")
+    lines = [
+        (
+            row.window,
+            row.channel,
+            f"{row.metric} ({row.unit})",
+            *(_number(v) for v in (row.genetic, row.stochastic, row.ratio, row.published)),
+            row.note,
+        )
+        for row in rows
+    ]
+    widths = [max(len(line[i]) for line in [header, *lines]) for i in range(len(header))]
+    align: Sequence[Callable[[str, int], str]] = [str.ljust] * 3 + [str.rjust] * 4 + [str.ljust]
+    return "\n".join(
+        "  ".join(place(text, width) for place, text, width in zip(align, line, widths, strict=True)).rstrip()
+        for line in [header, *lines]
+    )
+
+
+def _number(value: float | None) -> str:
+    return "-" if value is None else f"{value:.4g}"

@@ -1,0 +1,281 @@
+"""Are the residuals the independent, identically distributed noise that the likelihood takes them for?
+
+Telemetry has gaps, so everything here works on pairs of samples that lie a whole number of nominal spacings
+apart; no pair reaches across a break in the sampling, and no missing sample is invented.
+"""
+
+from __future__ import annotations
+
+import itertools
+import math
+from dataclasses import dataclass
+from typing import Literal
+
+import numpy as np
+import xarray as xr
+from numpy.typing import ArrayLike, NDArray
+from scipy.signal import correlate
+from scipy.stats import chi2
+
+Array = NDArray[np.float64]
+Times = NDArray[np.datetime64]
+
+JITTER = 0.25
+"""Share of the nominal spacing by which a sample may be late or early and still count as on the grid."""
+
+SIGNIFICANCE = 0.01
+"""p value of the Ljung-Box test below which autocorrelation is taken as shown."""
+
+HARMLESS = 1.1
+"""Factor of narrowing below which shown autocorrelation is of no practical weight."""
+
+FEWEST = 20
+"""Residuals needed to say anything."""
+
+
+def nominal_spacing(time: Times) -> float:
+    """Most usual step between samples: the median, s. NaN for fewer than two samples."""
+    steps = np.diff(time).astype("timedelta64[ns]").astype(np.int64)
+    return float(np.median(steps)) * 1e-9 if steps.size else math.nan
+
+
+def segments(residuals: ArrayLike, time: Times, max_lag: int) -> list[Array]:
+    """Stretches of regular sampling, each on a grid of nominal spacing with NaN where a sample is missing.
+
+    residuals: [T], time: [T] datetime64, increasing. A step that is no whole number of nominal spacings, or
+    longer than `max_lag` of them, ends a stretch.
+    """
+    values = np.asarray(residuals, float)
+    if values.size < 2:
+        return [values]
+    steps = np.diff(time).astype("timedelta64[ns]").astype(np.int64) * 1e-9 / nominal_spacing(time)
+    whole = np.rint(steps)
+    regular = (np.abs(steps - whole) <= JITTER) & (whole >= 1) & (whole <= max_lag)
+    ends = [0, *(np.flatnonzero(~regular) + 1), values.size]
+    grids = []
+    for start, end in itertools.pairwise(ends):
+        places = np.concatenate([[0], np.cumsum(whole[start : end - 1])]).astype(int)
+        grid = np.full(places[-1] + 1, np.nan)
+        grid[places] = values[start:end]
+        grids.append(grid)
+    return grids
+
+
+def pair_counts(residuals: ArrayLike, time: Times, max_lag: int) -> NDArray[np.int64]:
+    """Number of pairs of valid residuals at each lag from 0 to `max_lag`: [max_lag + 1]."""
+    present = [np.isfinite(grid).astype(float) for grid in segments(residuals, time, max_lag)]
+    return np.rint(_products(present, present, max_lag)).astype(np.int64)
+
+
+def autocorrelation(residuals: ArrayLike, time: Times, max_lag: int) -> Array:
+    """Autocorrelation at lags 0 to `max_lag` nominal spacings: [max_lag + 1], -1 to 1; NaN without pairs.
+
+    residuals: [T], NaN where missing; time: [T] datetime64. At each lag the sum of products over the pairs
+    that exist, over the geometric mean of the sums of squares of their first and of their second members,
+    about the mean of all residuals.
+    """
+    grids = segments(residuals, time, max_lag)
+    masks = [np.isfinite(grid).astype(float) for grid in grids]
+    count = sum(mask.sum() for mask in masks)
+    if count == 0:
+        return np.full(max_lag + 1, np.nan)
+    mean = sum(float(np.nansum(grid)) for grid in grids) / count
+    centred = [np.where(np.isfinite(grid), grid - mean, 0.0) for grid in grids]
+    squares = [values**2 for values in centred]
+    size = np.sqrt(
+        np.maximum(_products(squares, masks, max_lag), 0) * np.maximum(_products(masks, squares, max_lag), 0)
+    )
+    exists = (np.rint(_products(masks, masks, max_lag)) > 0) & (size > 1e-12 * sum(s.sum() for s in squares))
+    products = _products(centred, centred, max_lag)
+    ratio = np.divide(products, size, out=np.full(max_lag + 1, np.nan), where=exists)
+    return np.clip(ratio, -1.0, 1.0)
+
+
+def _products(first: list[Array], second: list[Array], max_lag: int) -> Array:
+    """Sum of first[i] * second[i + k] over i and stretches, for k from 0 to `max_lag`: [max_lag + 1]."""
+    total = np.zeros(max_lag + 1)
+    for one, other in zip(first, second, strict=True):
+        sums = correlate(other, one, mode="full", method="auto")[one.size - 1 :][: max_lag + 1]
+        total[: sums.size] += sums
+    return total
+
+
+def effective_samples(residuals: ArrayLike, time: Times) -> float:
+    """Number of independent residuals that would fix their mean as well as these do.
+
+    n^2 / (n + 2 sum_k n_k r_k), with n_k pairs at lag k, which is n / (1 + 2 sum r_k) for a long series
+    without gaps. The sum ends where a sum of two neighbouring autocorrelations turns negative, and these
+    sums are made to fall: the initial monotone sequence estimator, Geyer (1992), Stat. Sci. 7, sec. 3.3.
+    Between 1 and n.
+    """
+    values = np.asarray(residuals, float)
+    count = int(np.isfinite(values).sum())
+    if count < 2:
+        return float(count)
+    max_lag = max(1, values.size // 2)
+    correlation = np.nan_to_num(autocorrelation(values, time, max_lag))
+    weighted = correlation * pair_counts(values, time, max_lag) / count
+    length = weighted.size // 2 * 2
+    pairs = weighted[:length:2] + weighted[1:length:2]
+    negative = np.flatnonzero(pairs <= 0)
+    pairs = pairs[: negative[0]] if negative.size else pairs
+    inflation = 2 * np.minimum.accumulate(pairs).sum() - 1 if pairs.size else 1.0
+    return float(np.clip(count / max(inflation, 1.0), 1.0, count))
+
+
+def ljung_box(residuals: ArrayLike, time: Times, lags: int) -> tuple[float, float]:
+    """Ljung-Box statistic over `lags` lags, and its p value under white noise.
+
+    Ljung & Box (1978), Biometrika 65, eq. 1.5, with the number of pairs n_k that exist in place of n - k:
+    Q = (n + 2) / n * sum_k n_k r_k^2, chi-squared with as many degrees of freedom as there are lags with
+    pairs.
+    """
+    correlation = autocorrelation(residuals, time, lags)[1:]
+    pairs = pair_counts(residuals, time, lags)
+    usable = np.isfinite(correlation)
+    if not usable.any():
+        return math.nan, math.nan
+    statistic = (pairs[0] + 2) / pairs[0] * float(np.sum(pairs[1:][usable] * correlation[usable] ** 2))
+    return statistic, float(chi2.sf(statistic, int(usable.sum())))
+
+
+def durbin_watson(residuals: ArrayLike, time: Times) -> float:
+    """Durbin-Watson statistic: 2 for white residuals, 0 for ones that hardly change from sample to sample.
+
+    Durbin & Watson (1950), Biometrika 37: the mean squared difference of neighbours over the mean square;
+    only pairs one nominal spacing apart count.
+    """
+    differences = np.concatenate([np.diff(grid) for grid in segments(residuals, time, 1)])
+    differences = differences[np.isfinite(differences)]
+    square = float(np.nanmean(np.square(residuals))) if np.isfinite(residuals).any() else math.nan
+    return float(np.mean(differences**2) / square) if differences.size and square > 0 else math.nan
+
+
+@dataclass(frozen=True)
+class ResidualCheck:
+    """What the residuals of one channel say about the assumption of iid noise."""
+
+    channel: str
+    samples: int
+    spacing: float
+    """Nominal, s."""
+    mean: float
+    """Telemetry minus prediction, K."""
+    standard_deviation: float
+    """K."""
+    lag1: float
+    """Autocorrelation one nominal spacing apart."""
+    durbin_watson: float
+    ljung_box: float
+    p_value: float
+    lags: int
+    """Of the Ljung-Box test."""
+    effective: float
+    """Effective number of independent residuals."""
+    factor: float
+    """An iid posterior is too narrow by about this factor: sqrt(samples / effective)."""
+    factor_ar1: float
+    """The same for AR(1) noise: sqrt((1 + lag1) / (1 - lag1)); too large for residuals that vary smoothly."""
+    verdict: Literal["white", "slight", "contradicted", "unknown"]
+    words: str
+
+
+def check_residuals(channel: str, residuals: ArrayLike, time: Times) -> ResidualCheck:
+    """Tests of one channel's residuals, and in words whether they contradict iid noise.
+
+    residuals: [T] K, telemetry minus prediction, NaN where missing; time: [T] datetime64.
+
+    An iid likelihood counts every residual as new information; in directions of parameter space whose
+    effect on the temperatures varies slowly, only the effective number of them is. Its standard deviations
+    are then too small by sqrt(samples / effective), which is sqrt((1 + r) / (1 - r)) for AR(1) noise of
+    lag-1 autocorrelation r.
+    """
+    values = np.asarray(residuals, float)
+    valid = values[np.isfinite(values)]
+    spacing = nominal_spacing(time[np.isfinite(values)])
+    if valid.size < FEWEST or np.ptp(valid) == 0:
+        reason = "too few residuals" if valid.size < FEWEST else "residuals that do not vary"
+        words = f"{channel}: {reason} ({valid.size}) to judge the noise."
+        spread = float(valid.std()) if valid.size else math.nan
+        mean = float(valid.mean()) if valid.size else math.nan
+        unknown = (math.nan,) * 4
+        return ResidualCheck(
+            channel,
+            valid.size,
+            spacing,
+            mean,
+            spread,
+            *unknown,
+            0,
+            *unknown[:3],
+            verdict="unknown",
+            words=words,
+        )
+    time = time[np.isfinite(values)]
+    lags = min(20, valid.size // 5)
+    lag1 = float(autocorrelation(valid, time, 1)[1])
+    neighbours = pair_counts(valid, time, 1)[1] / (valid.size - 1)
+    statistic, p_value = ljung_box(valid, time, lags)
+    effective = effective_samples(valid, time)
+    factor = math.sqrt(valid.size / effective)
+    verdict = _verdict(p_value, factor)
+    words = _words(channel, verdict, lag1, p_value, valid.size, effective, factor)
+    if neighbours < 0.5:
+        words += (
+            f" Only {neighbours:.0%} of neighbouring samples lie the nominal {spacing:g} s apart; the "
+            "dependence between the others is not seen, and the factor may be larger."
+        )
+    return ResidualCheck(
+        channel=channel,
+        samples=valid.size,
+        spacing=spacing,
+        mean=float(valid.mean()),
+        standard_deviation=float(valid.std()),
+        lag1=lag1,
+        durbin_watson=durbin_watson(valid, time),
+        ljung_box=statistic,
+        p_value=p_value,
+        lags=lags,
+        effective=effective,
+        factor=factor,
+        factor_ar1=math.sqrt((1 + lag1) / max(1 - lag1, 1e-12)) if lag1 > 0 else 1.0,
+        verdict=verdict,
+        words=words,
+    )
+
+
+def check_window(prediction: xr.Dataset, method: str = "stochastic") -> list[ResidualCheck]:
+    """Tests of every channel's scored residuals in a window. prediction: a group of prediction.nc."""
+    scored = prediction.isel(time=prediction["scored"].values.astype(bool)).sel({"method": method})
+    residuals = (scored["observed"] - scored["mean"]).transpose("time", "channel").values
+    time = scored["time"].values
+    return [check_residuals(str(c), residuals[:, i], time) for i, c in enumerate(scored["channel"].values)]
+
+
+def _verdict(p_value: float, factor: float) -> Literal["white", "slight", "contradicted", "unknown"]:
+    if math.isnan(p_value):
+        return "unknown"
+    if p_value >= SIGNIFICANCE:
+        return "white"
+    return "slight" if factor < HARMLESS else "contradicted"
+
+
+def _words(
+    channel: str, verdict: str, lag1: float, p_value: float, samples: int, effective: float, factor: float
+) -> str:
+    if verdict == "unknown":
+        return f"{channel}: no two residuals lie one nominal spacing apart, so the noise cannot be judged."
+    chance = "p < 0.0001" if p_value < 1e-4 else f"p = {p_value:.2g}"
+    if verdict == "white":
+        return f"{channel}: no contradiction to iid noise (lag-1 autocorrelation {lag1:.2f}, {chance})."
+    if verdict == "slight":
+        return (
+            f"{channel}: autocorrelation can be shown ({lag1:.2f} at lag 1, {chance}) but is too weak to "
+            f"matter: parameter intervals are too narrow by a factor of about {factor:.2f}."
+        )
+    least = "at least " if effective < 10 else "about "
+    return (
+        f"{channel}: the residuals contradict iid noise (lag-1 autocorrelation {lag1:.3f}, {chance}): "
+        f"{samples} residuals carry the information of about {effective:.0f} independent ones, so the "
+        f"parameter intervals that rest on them are too narrow by {least}a factor of {factor:.1f}."
+    )

@@ -1,0 +1,201 @@
+"""Scores against hand-worked values and numerical integration."""
+
+import math
+
+import numpy as np
+import pytest
+import xarray as xr
+from scipy.integrate import quad
+from scipy.stats import norm
+
+from flightcal.validation import (
+    Metric,
+    comparison_table,
+    crps_ensemble,
+    crps_normal,
+    format_comparison,
+    mape_celsius,
+    mape_kelvin,
+    mpiw,
+    picp,
+    rmse,
+    score,
+    status_agreement,
+)
+
+
+def test_rmse_and_mape_leave_out_missing_samples():
+    observed, predicted = [300.0, np.nan, 290.0, 310.0], [303.0, 100.0, 286.0, np.nan]
+    assert rmse(observed, predicted) == pytest.approx(math.sqrt((9 + 16) / 2))
+    assert mape_kelvin(observed, predicted) == pytest.approx(100 * (3 / 300 + 4 / 290) / 2)
+    assert mape_celsius(observed, predicted) == pytest.approx(100 * (3 / 26.85 + 4 / 16.85) / 2)
+
+
+def test_a_percentage_of_celsius_is_undefined_within_one_degree_of_zero():
+    assert mape_celsius([300.0, 273.15 - 0.99], [300.0, 270.0]) is None
+    assert mape_celsius([300.0, 273.15 - 1.01], [300.0, 270.0]) is not None
+
+
+def test_scores_of_nothing_are_nan():
+    assert math.isnan(rmse([np.nan], [1.0]))
+    assert math.isnan(picp([np.nan], [1.0], [2.0]))
+    assert math.isnan(mpiw([], []))
+
+
+def test_coverage_counts_the_bounds_as_inside():
+    lower, upper = np.full(4, 1.0), np.full(4, 2.0)
+    assert picp([1.0, 2.0, 2.1, 0.9], lower, upper) == 0.5
+    assert mpiw(lower, upper) == 1.0
+
+
+def test_a_nominal_interval_covers_its_share_of_samples():
+    samples = np.random.default_rng(0).normal(290.0, 0.5, 20_000)
+    half = norm.ppf(0.975) * 0.5
+    assert picp(samples, 290.0 - half, 290.0 + half) == pytest.approx(0.95, abs=4 * math.sqrt(0.95 * 0.05 / 20_000))
+
+
+@pytest.mark.parametrize(("observed", "mean", "deviation"), [(290.3, 290.0, 0.4), (288.0, 290.0, 0.7), (5.0, 5.0, 2.0)])
+def test_normal_crps_agrees_with_integration_of_its_definition(observed, mean, deviation):
+    cdf = norm(mean, deviation).cdf
+    below, _ = quad(lambda x: cdf(x) ** 2, mean - 12 * deviation, observed)
+    above, _ = quad(lambda x: (1 - cdf(x)) ** 2, observed, mean + 12 * deviation)
+    assert crps_normal(observed, mean, deviation) == pytest.approx(below + above, rel=1e-7)
+
+
+def test_normal_crps_without_spread_is_the_absolute_error():
+    assert crps_normal([1.0, 5.0], [3.0, 4.0], [0.0, 0.0]) == 1.5
+
+
+def test_ensemble_crps_agrees_with_integration_of_its_definition():
+    rng = np.random.default_rng(1)
+    members, observed = rng.normal(size=7), 0.3
+    edges = np.sort([*members, observed])
+    cdf = np.searchsorted(np.sort(members), edges[:-1], side="right") / members.size
+    steps = (cdf - (edges[:-1] >= observed)) ** 2
+    assert crps_ensemble([observed], members[:, None]) == pytest.approx(
+        float(np.sum(steps * np.diff(edges))), rel=1e-12
+    )
+
+
+def test_ensemble_crps_tends_to_that_of_the_normal_it_is_drawn_from():
+    rng = np.random.default_rng(2)
+    observed, mean = rng.normal(size=(5, 3)), np.zeros((5, 3))
+    ensemble = rng.normal(size=(40_000, 5, 3))
+    assert crps_ensemble(observed, ensemble) == pytest.approx(crps_normal(observed, mean, mean + 1), abs=0.005)
+
+
+def test_ensemble_crps_leaves_out_missing_samples():
+    ensemble = np.array([[1.0, 1.0], [3.0, 3.0]])
+    assert crps_ensemble([2.0, np.nan], ensemble) == crps_ensemble([2.0], ensemble[:, :1]) == 0.5
+
+
+def test_status_agreement_of_probabilities_is_that_of_the_simulations_behind_them():
+    rng = np.random.default_rng(3)
+    observed = (rng.random(50) < 0.4).astype(float)
+    simulations = rng.random((200, 50)) < 0.3
+    each = (simulations == observed).mean()
+    assert status_agreement(observed, simulations.mean(axis=0)) == pytest.approx(each)
+
+
+@pytest.fixture
+def prediction() -> xr.Dataset:
+    """Two channels, one heater, four samples of which the first is for the initial state."""
+    methods = ["uncalibrated", "poorly_calibrated", "genetic", "stochastic"]
+    observed = np.array([[400.0, 400.0], [300.0, 273.5], [301.0, 290.0], [302.0, np.nan]])
+    offsets = np.array([4.0, 3.0, 2.0, 1.0])[:, None, None]
+    mean = np.where(np.isfinite(observed), observed, 280.0)[None] + offsets
+    interval = np.array([np.nan, np.nan, np.nan, 1.5])[:, None, None]
+    of_method, of_heater = ("method", "time", "channel"), ("method", "heater")
+    return xr.Dataset(
+        {
+            "observed": (("time", "channel"), observed),
+            "scored": ("time", [False, True, True, True]),
+            "mean": (of_method, mean),
+            "lower": (of_method, mean - interval),
+            "upper": (of_method, mean + interval),
+            "standard_deviation": (of_method, mean * 0 + interval / 1.96),
+            "observed_status": (("time", "heater"), [[1.0], [1.0], [0.0], [np.nan]]),
+            "status": (("method", "time", "heater"), np.full((4, 4, 1), 1.0)),
+            "point_duty_cycle": (of_heater, np.full((4, 1), 0.5)),
+            "point_switch_count": (of_heater, np.full((4, 1), 3.0)),
+            "point_energy": (of_heater, np.full((4, 1), 1000.0)),
+            "observed_duty_cycle": ("heater", [0.4]),
+            "observed_switch_count": ("heater", [5.0]),
+        },
+        {"time": np.datetime64("2024-03-01", "ns") + np.arange(4) * np.timedelta64(60, "s"),
+         "method": methods, "channel": ["a", "b"], "heater": ["h"]},
+    )  # fmt: skip
+
+
+def values(metrics: list[Metric], **wanted: str) -> dict[str, float | None]:
+    return {m.metric: m.value for m in metrics if all(getattr(m, k) == v for k, v in wanted.items())}
+
+
+def test_only_scored_samples_count(prediction):
+    spoiled = prediction.copy(deep=True)
+    spoiled["observed"][0] = 1.0
+    spoiled["observed_status"][0] = 0.0
+    assert score(spoiled, "test") == score(prediction, "test")
+
+
+def test_every_method_channel_and_pool_is_scored(prediction):
+    metrics = score(prediction, "test")
+    assert {m.window for m in metrics} == {"test"}
+    assert {(m.method, m.channel) for m in metrics if m.metric == "rmse"} == {
+        (str(m), c) for m in prediction["method"].values for c in ("a", "b", "all")
+    }
+    assert values(metrics, method="genetic", channel="a")["rmse"] == pytest.approx(2.0)
+    assert values(metrics, method="stochastic", channel="all")["rmse"] == pytest.approx(1.0)
+    assert values(metrics, method="stochastic", channel="all")["picp"] == 1.0
+    assert values(metrics, method="stochastic", channel="b")["mpiw"] == pytest.approx(3.0)
+
+
+def test_point_methods_have_no_interval_scores(prediction):
+    metrics = score(prediction, "test")
+    assert {m.method for m in metrics if m.metric in ("picp", "mpiw")} == {"stochastic"}
+
+
+def test_undefined_scores_are_none_with_a_reason(prediction):
+    metrics = score(prediction, "test")
+    of_b = next(m for m in metrics if (m.method, m.channel, m.metric) == ("genetic", "b", "mape_celsius"))
+    assert of_b.value is None
+    assert "0 degC" in of_b.note
+    prediction["observed"][:, 1] = np.nan
+    empty = [m for m in score(prediction, "test") if m.channel == "b"]
+    assert all(m.value is None and m.note for m in empty)
+
+
+def test_heater_errors_are_simulated_minus_observed(prediction):
+    found = values(score(prediction, "test"), method="genetic", channel="h")
+    assert found["duty_cycle_error"] == pytest.approx(0.1)
+    assert found["switch_count_error"] == -2.0
+    assert found["status_agreement"] == 0.5
+    assert found["energy_error"] == pytest.approx(1000 - 1000 * 0.4 / 0.5)
+
+
+def test_a_scenario_without_heaters_is_scored(prediction):
+    bare = prediction.drop_dims("heater")
+    assert values(score(bare, "test"), method="genetic", channel="a")["rmse"] == pytest.approx(2.0)
+
+
+def test_comparison_gives_the_ratio_beside_the_papers(prediction):
+    rows = {(r.channel, r.metric): r for r in comparison_table(score(prediction, "test"))}
+    pooled = rows["all", "rmse"]
+    assert pooled.ratio == pytest.approx(0.5)
+    assert pooled.published == pytest.approx(0.753, abs=5e-4)
+    assert rows["all", "mape_kelvin"].published == pytest.approx(0.885, abs=5e-4)
+    assert rows["b", "mape_celsius"].ratio is None
+    assert "0 degC" in rows["b", "mape_celsius"].note
+
+
+def test_comparison_stands_one_missing_method(prediction):
+    rows = comparison_table(score(prediction.sel({"method": ["genetic"]}), "test"))
+    assert rows[0].stochastic is None
+    assert rows[0].ratio is None
+
+
+def test_comparison_prints_aligned_columns(prediction):
+    lines = format_comparison(comparison_table(score(prediction, "test"))).splitlines()
+    end = lines[0].index("ratio") + len("ratio")
+    assert lines[1][:end].split()[-1] == "0.5"
+    assert lines[1].endswith("0.7533")

@@ -1,0 +1,195 @@
+"""Residual tests on simulated white and AR(1) series, with and without gaps."""
+
+import math
+
+import numpy as np
+import pytest
+import xarray as xr
+from scipy.signal import lfilter
+
+from flightcal.validation import (
+    autocorrelation,
+    check_residuals,
+    check_window,
+    durbin_watson,
+    effective_samples,
+    ljung_box,
+)
+from flightcal.validation.residuals import pair_counts
+
+START = np.datetime64("2024-03-01", "ns")
+
+
+def times(size: int, spacing: float = 60.0) -> np.ndarray:
+    return START + (np.arange(size) * spacing * 1e9).astype("timedelta64[ns]")
+
+
+def ar1(rho: float, size: int, rng: np.random.Generator) -> np.ndarray:
+    """Stationary AR(1) noise of standard deviation one."""
+    noise = rng.normal(size=size) * math.sqrt(1 - rho**2)
+    noise[0] = rng.normal()
+    return lfilter([1.0], [1.0, -rho], noise)
+
+
+def gaps(size: int, rng: np.random.Generator) -> np.ndarray:
+    """Samples that are left when a tenth is lost at random, and one long stretch."""
+    keep = rng.random(size) > 0.1
+    keep[size // 3 : size // 2] = False
+    return keep
+
+
+def test_autocorrelation_of_ar1_falls_geometrically_with_and_without_gaps():
+    rng = np.random.default_rng(1)
+    series, time = ar1(0.8, 40_000, rng), times(40_000)
+    expected = 0.8 ** np.arange(9)
+    keep = gaps(series.size, rng)
+    assert autocorrelation(series, time, 8) == pytest.approx(expected, abs=0.03)
+    assert autocorrelation(series[keep], time[keep], 8) == pytest.approx(expected, abs=0.03)
+    masked = np.where(keep, series, np.nan)
+    assert autocorrelation(masked, time, 8) == pytest.approx(autocorrelation(series[keep], time[keep], 8))
+
+
+def test_pairs_do_not_reach_across_a_break_in_the_sampling():
+    time = np.concatenate([times(5), times(5) + np.timedelta64(1_030, "s")])
+    assert list(pair_counts(np.ones(10), time, 3)) == [10, 8, 6, 4]
+
+
+def test_a_missing_row_costs_only_its_own_pairs():
+    time = np.delete(times(6), 2)
+    assert list(pair_counts(np.ones(5), time, 2)) == [5, 3, 2]
+
+
+def test_jitter_of_the_clock_does_not_break_the_sampling():
+    rng = np.random.default_rng(2)
+    time = times(200) + rng.integers(-5_000, 5_000, 200).astype("timedelta64[ms]")
+    assert pair_counts(np.ones(200), time, 1)[1] == 199
+
+
+def test_a_slow_drift_of_the_clock_does_not_shift_lags():
+    time = times(2_000, spacing=60.2)
+    assert list(pair_counts(np.ones(2_000), time, 2)) == [2_000, 1_999, 1_998]
+
+
+def test_autocorrelation_stays_within_one():
+    rng = np.random.default_rng(3)
+    for _ in range(20):
+        series = np.cumsum(rng.normal(size=30))
+        keep = rng.random(30) > 0.4
+        found = autocorrelation(np.where(keep, series, np.nan), times(30), 29)
+        assert np.nanmax(np.abs(found)) <= 1.0
+
+
+def test_ljung_box_is_the_published_statistic_for_a_long_series_without_gaps():
+    rng = np.random.default_rng(4)
+    series = rng.normal(size=4_000)
+    centred = series - series.mean()
+    published = 0.0
+    for lag in range(1, 11):
+        correlation = (centred[lag:] @ centred[:-lag]) / (centred @ centred)
+        published += 4_000 * 4_002 * correlation**2 / (4_000 - lag)
+    assert ljung_box(series, times(4_000), 10)[0] == pytest.approx(published, rel=0.01)
+
+
+@pytest.mark.parametrize("broken", [False, True])
+def test_ljung_box_rejects_white_noise_as_often_as_it_says(broken):
+    rng = np.random.default_rng(5)
+    rejected = []
+    for _ in range(600):
+        keep = gaps(300, rng) if broken else np.ones(300, bool)
+        rejected.append(ljung_box(rng.normal(size=300)[keep], times(300)[keep], 10)[1] < 0.05)
+    assert np.mean(rejected) == pytest.approx(0.05, abs=3.5 * math.sqrt(0.05 * 0.95 / 600))
+
+
+def test_ljung_box_finds_weak_autocorrelation():
+    rng = np.random.default_rng(6)
+    found = [ljung_box(ar1(0.3, 300, rng), times(300), 10)[1] < 0.01 for _ in range(50)]
+    assert np.mean(found) > 0.9
+
+
+@pytest.mark.parametrize("rho", [0.0, 0.5, 0.9])
+@pytest.mark.parametrize("broken", [False, True])
+def test_effective_samples_predict_the_scatter_of_the_mean(rho, broken):
+    rng = np.random.default_rng(7)
+    keep = gaps(2_000, rng) if broken else np.ones(2_000, bool)
+    lags = np.abs(np.subtract.outer(*[np.flatnonzero(keep)] * 2))
+    exact = keep.sum() ** 2 / np.sum(rho**lags)
+    found = [effective_samples(ar1(rho, 2_000, rng)[keep], times(2_000)[keep]) for _ in range(40)]
+    assert np.median(found) == pytest.approx(exact, rel=0.15)
+
+
+def test_effective_samples_do_not_exceed_their_number():
+    rng = np.random.default_rng(8)
+    assert effective_samples(ar1(-0.7, 500, rng), times(500)) == 500
+
+
+def test_durbin_watson_is_two_for_white_noise_and_small_for_smooth_residuals():
+    rng = np.random.default_rng(9)
+    assert durbin_watson(rng.normal(size=20_000), times(20_000)) == pytest.approx(2.0, abs=0.05)
+    assert durbin_watson(ar1(0.9, 20_000, rng), times(20_000)) == pytest.approx(0.2, abs=0.03)
+    apart = np.concatenate([times(2), times(2) + np.timedelta64(1, "D")])
+    assert durbin_watson(np.array([1.0, 2.0, 50.0, 51.0]), apart) == pytest.approx(1.0 / np.mean([1, 4, 2500, 2601]))
+
+
+def test_white_residuals_do_not_contradict_iid_noise():
+    rng = np.random.default_rng(10)
+    verdicts = [check_residuals("panel", rng.normal(size=400), times(400)).verdict for _ in range(100)]
+    assert verdicts.count("white") >= 95
+
+
+@pytest.mark.parametrize("rho", [0.9, 0.97])
+def test_ar1_residuals_contradict_iid_noise_by_the_ar1_factor(rho):
+    rng = np.random.default_rng(11)
+    checks = [check_residuals("panel", ar1(rho, 6_000, rng), times(6_000)) for _ in range(15)]
+    expected = math.sqrt((1 + rho) / (1 - rho))
+    assert {c.verdict for c in checks} == {"contradicted"}
+    assert np.median([c.factor for c in checks]) == pytest.approx(expected, rel=0.12)
+    assert np.median([c.factor_ar1 for c in checks]) == pytest.approx(expected, rel=0.05)
+    assert "contradict iid noise" in checks[0].words
+    assert f"factor of {checks[0].factor:.1f}" in checks[0].words
+
+
+def test_an_iid_posterior_is_too_narrow_by_the_factor_named():
+    """The mean of AR(1) data, fitted as if iid: its real scatter over its claimed standard deviation."""
+    rng = np.random.default_rng(12)
+    series = [ar1(0.9, 3_000, rng) for _ in range(300)]
+    claimed = np.mean([s.std() for s in series]) / math.sqrt(3_000)
+    scatter = np.std([s.mean() for s in series])
+    named = np.median([check_residuals("panel", s, times(3_000)).factor for s in series[:20]])
+    assert named == pytest.approx(scatter / claimed, rel=0.2)
+
+
+def test_weak_autocorrelation_in_a_long_series_is_called_slight():
+    rng = np.random.default_rng(13)
+    check = check_residuals("panel", ar1(0.05, 40_000, rng), times(40_000))
+    assert check.verdict == "slight"
+    assert "too weak to matter" in check.words
+
+
+def test_few_or_constant_residuals_give_no_verdict():
+    assert check_residuals("panel", np.arange(10.0), times(10)).verdict == "unknown"
+    assert check_residuals("panel", np.ones(100), times(100)).verdict == "unknown"
+    assert check_residuals("panel", np.full(100, np.nan), times(100)).samples == 0
+
+
+def test_irregular_sampling_is_said_to_hide_dependence():
+    rng = np.random.default_rng(15)
+    time = START + np.cumsum(rng.exponential(60e9, 2_000)).astype(np.int64).astype("timedelta64[ns]")
+    assert "factor may be larger" in check_residuals("panel", ar1(0.99, 2_000, rng), time).words
+    assert "factor may be larger" not in check_residuals("panel", ar1(0.99, 2_000, rng), times(2_000)).words
+
+
+def test_a_window_is_checked_by_channel_on_its_scored_samples():
+    rng = np.random.default_rng(14)
+    residuals = np.stack([rng.normal(size=500), ar1(0.95, 500, rng)], axis=1)
+    residuals[:20] = 1e3
+    prediction = xr.Dataset(
+        {
+            "observed": (("time", "channel"), 290.0 + residuals),
+            "mean": (("method", "time", "channel"), np.full((1, 500, 2), 290.0)),
+            "scored": ("time", np.arange(500) >= 20),
+        },
+        {"time": times(500), "method": ["stochastic"], "channel": ["white", "slow"]},
+    )
+    white, slow = check_window(prediction)
+    assert (white.channel, white.verdict, white.samples) == ("white", "white", 480)
+    assert (slow.channel, slow.verdict) == ("slow", "contradicted")
