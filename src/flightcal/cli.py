@@ -1,0 +1,175 @@
+"""The command line. Heavy packages are imported by the commands that need them, so that --help is instant."""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Callable
+from functools import wraps
+from pathlib import Path
+from typing import Annotated, Any
+
+import typer
+
+from .errors import FlightcalError
+
+USER_ERROR, GATE_FAILED, INTERRUPTED = 1, 3, 130
+
+app = typer.Typer(
+    name="flightcal",
+    no_args_is_help=True,
+    add_completion=False,
+    pretty_exceptions_enable=False,
+    rich_markup_mode="markdown",
+    help="Calibrate spacecraft operational simulation models in flight, with honest uncertainty.\n\n"
+    "Exit codes: 0 done; 1 something in the input is wrong; 2 wrong usage; 3 done, but the sampling failed a gate; "
+    "130 interrupted.",
+)
+
+ScenarioFile = Annotated[Path, typer.Argument(help="The scenario, a YAML file.", show_default=False)]
+TelemetryPlace = Annotated[
+    Path | None,
+    typer.Option("--telemetry", help="Read the telemetry from this file or folder instead of where the scenario says."),
+]
+
+
+def _user_errors_are_messages(command: Callable[..., None]) -> Callable[..., None]:
+    """Show what is the user's to mend as a message, never as a traceback."""
+
+    @wraps(command)
+    def wrapped(*args: Any, **kwargs: Any) -> None:
+        try:
+            command(*args, **kwargs)
+        except FlightcalError as error:
+            typer.echo(f"error: {error}", err=True)
+            raise typer.Exit(USER_ERROR) from None
+        except OSError as error:
+            typer.echo(f"error: {error.filename or ''}: {error.strerror or error}", err=True)
+            raise typer.Exit(USER_ERROR) from None
+        except KeyboardInterrupt:
+            typer.echo("interrupted; the same command takes up where this one stopped", err=True)
+            raise typer.Exit(INTERRUPTED) from None
+
+    return wrapped
+
+
+@app.command(epilog="Example: `flightcal demo --out runs/demo`")
+@_user_errors_are_messages
+def demo(
+    out: Annotated[Path, typer.Option(help="Folder for the run.")] = Path("runs/leo_observer"),
+) -> None:
+    """Run the whole experiment on the bundled scenario, an Earth-observation satellite with three heaters."""
+    _calibrate(Path(__file__).parent / "demo" / "scenario.yaml", out, None)
+
+
+@app.command(epilog="Example: `flightcal init my_satellite`")
+@_user_errors_are_messages
+def init(folder: Annotated[Path, typer.Argument(help="Folder to create.", show_default=False)]) -> None:
+    """Write a commented scenario and example telemetry to start from."""
+    from .scenario import write_template
+
+    for file in write_template(folder):
+        typer.echo(f"wrote {file}")
+    typer.echo(f"next: flightcal lint {folder / 'scenario.yaml'}")
+
+
+@app.command(epilog="Example: `flightcal lint scenario.yaml`")
+@_user_errors_are_messages
+def lint(scenario: ScenarioFile, telemetry: TelemetryPlace = None) -> None:
+    """List everything that is wrong with a scenario and its telemetry, each with its place."""
+    from .scenario import lint as lint_scenario
+    from .scenario import load_scenario
+
+    findings = lint_scenario(scenario, telemetry=telemetry)
+    for finding in findings:
+        typer.echo(str(finding))
+    if findings:
+        typer.echo(f"{len(findings)} problem{'s' if len(findings) > 1 else ''} found", err=True)
+        raise typer.Exit(USER_ERROR)
+    from .calibration import build_problem
+    from .experiment import read
+    from .telemetry import quality_table
+
+    loaded = load_scenario(scenario, telemetry=telemetry)
+    data = read(loaded)
+    for window in loaded.windows:
+        problem = build_problem(loaded, data, window)
+        typer.echo(f"window {window}: {len(problem.times)} samples of {len(problem.simulator.channels)} channels")
+    for record in quality_table(data):
+        typer.echo(f"telemetry {record.channel or 'file'}: {record.finding}, {record.samples} samples; {record.detail}")
+    typer.echo(f"{scenario}: no problems found")
+
+
+@app.command(epilog="Example: `flightcal schema > flightcal.schema.json`")
+@_user_errors_are_messages
+def schema() -> None:
+    """Print the JSON Schema of scenario files, for editors."""
+    from .scenario import json_schema
+
+    typer.echo(json.dumps(json_schema(), indent=2))
+
+
+@app.command(epilog="Example: `flightcal simulate scenario.yaml --window test --set radiator_absorptivity=0.2`")
+@_user_errors_are_messages
+def simulate(
+    scenario: ScenarioFile,
+    window: Annotated[str, typer.Option(help="Window of the scenario.")] = "train",
+    settings: Annotated[
+        list[str] | None,
+        typer.Option(
+            "--set", help="name=value of a parameter or of initial.<node>, in SI; the rest is at its prior median."
+        ),
+    ] = None,
+    out: Annotated[Path | None, typer.Option(help="CSV file to write; default: <window>_simulated.csv.")] = None,
+    telemetry: TelemetryPlace = None,
+) -> None:
+    """Simulate one window and write temperatures and heater status beside the telemetry."""
+    from .export import simulate_to_csv
+
+    file = out or Path(f"{window}_simulated.csv")
+    for line in simulate_to_csv(scenario, window, settings or [], file, telemetry):
+        typer.echo(line)
+
+
+@app.command(epilog="Example: `flightcal calibrate scenario.yaml --out runs/first`")
+@_user_errors_are_messages
+def calibrate(
+    scenario: ScenarioFile,
+    out: Annotated[Path, typer.Option(help="Folder of the run; stages that are done in it are not run again.")],
+    telemetry: TelemetryPlace = None,
+) -> None:
+    """Calibrate with the genetic algorithm and with NUTS, predict and score every window, and write the report."""
+    _calibrate(scenario, out, telemetry)
+
+
+@app.command(epilog="Example: `flightcal report runs/first`")
+@_user_errors_are_messages
+def report(
+    run: Annotated[Path, typer.Argument(help="Folder of a run.", show_default=False)],
+    out: Annotated[Path | None, typer.Option(help="HTML file to write; default: report.html in the run.")] = None,
+) -> None:
+    """Write the report of a run again, from its files alone."""
+    from .report import write_report
+
+    typer.echo(f"report: {write_report(run, out)}")
+
+
+def _calibrate(scenario: Path, out: Path, telemetry: Path | None) -> None:
+    from .experiment import run_experiment
+    from .progress import Display, print_summary
+
+    with Display() as display:
+        summary = run_experiment(scenario, out, telemetry=telemetry, listener=display)
+    print_summary(summary)
+    if summary.interrupted:
+        raise typer.Exit(INTERRUPTED)
+    if not summary.passed:
+        raise typer.Exit(GATE_FAILED)
+
+
+def main() -> None:
+    """Entry point of the `flightcal` command."""
+    app(prog_name="flightcal")
+
+
+if __name__ == "__main__":
+    main()

@@ -1,0 +1,270 @@
+"""The published experiment, whole: read, genetic algorithm, stochastic update, prediction, scores, report.
+
+Each stage is a function of what came before and of the scenario; its results lie in the run directory, and a later
+call takes up where an earlier one stopped.
+"""
+
+from __future__ import annotations
+
+import dataclasses
+import json
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any, Protocol
+
+import numpy as np
+import xarray
+
+from .calibration import (
+    Diagnostics,
+    Problem,
+    build_problem,
+    calibrate_genetic,
+    calibrate_nuts,
+    genetic_points,
+    posterior_tree,
+    with_residual_noise,
+)
+from .environment import orbital_period
+from .errors import FlightcalError, RunError
+from .prediction import predict
+from .report import write_report
+from .run_directory import RunDirectory, hash_of, hash_of_file, open_run
+from .scenario import Scenario, load_scenario, resolved_yaml
+from .simulator.system import FloatArray
+from .telemetry import quality_table, read_telemetry
+from .validation import Metric, score
+
+
+class Listener(Protocol):
+    """Is told how the experiment goes on."""
+
+    def stage(self, name: str, done_before: bool) -> None:
+        """A stage begins, or is taken from an earlier call."""
+
+    def generation(self, run: int, generation: int, best: float) -> None:
+        """The genetic algorithm has finished a generation."""
+
+    def search(self, what: str) -> None:
+        """What the mode search is at."""
+
+    def sampling(self, chains: Any) -> None:
+        """State of the chains (`calibration.nuts.ChainProgress` each)."""
+
+
+class Silent:
+    """A listener that says nothing."""
+
+    def stage(self, name: str, done_before: bool) -> None:
+        """Nothing."""
+
+    def generation(self, run: int, generation: int, best: float) -> None:
+        """Nothing."""
+
+    def search(self, what: str) -> None:
+        """Nothing."""
+
+    def sampling(self, chains: Any) -> None:
+        """Nothing."""
+
+
+@dataclass(frozen=True)
+class Summary:
+    """What a caller needs to know of a finished run; everything else lies in the run directory."""
+
+    run: Path
+    report: Path
+    diagnostics: dict[str, Any]
+    """Content of diagnostics.json."""
+    metrics: tuple[Metric, ...]
+    interrupted: bool
+
+    @property
+    def passed(self) -> bool:
+        """Whether the sampling was whole and passed all its gates."""
+        return bool(self.diagnostics["passed"]) and not self.interrupted
+
+
+def read(scenario: Scenario) -> xarray.Dataset:
+    """The telemetry of a scenario, cleaned, as `telemetry.read_telemetry` gives it. Raises TelemetryError."""
+    return read_telemetry(
+        scenario.telemetry, scenario.folder, period=orbital_period(scenario.environment, scenario.folder)
+    )
+
+
+def run_experiment(
+    scenario_file: Path | str, out: Path | str, *, telemetry: Path | str | None = None, listener: Listener | None = None
+) -> Summary:
+    """Calibrate by both methods, predict and score every window, and write the report into the folder `out`.
+
+    telemetry: a file or folder to read the telemetry from instead of where the scenario says.
+    Raises FlightcalError for what is the user's to mend. An interrupted sampling is saved, scored and reported.
+    """
+    listener = listener or Silent()
+    scenario = load_scenario(scenario_file, telemetry=telemetry)
+    listener.stage("read", False)
+    data = read(scenario)
+    problem = build_problem(scenario, data)
+    inputs = {str(name): hash_of_file(Path(name)) for name in _input_files(scenario)}
+    identity = _identity(scenario, inputs)
+    run = open_run(Path(out), identity, resolved_yaml(scenario, absolute=True), inputs, scenario.calibration.seed)
+    with run.stage("read", identity):
+        run.write_json("telemetry_quality.json", [_plain(record) for record in quality_table(data)])
+        run.write_json("parameters.json", _parameters(problem))
+
+    settings = scenario.calibration
+    genetic_key = hash_of(identity, settings.genetic.model_dump(), settings.seed)
+    nuts_key = hash_of(genetic_key, settings.nuts.model_dump())
+    predict_key = hash_of(nuts_key, settings.prediction.model_dump())
+
+    genetic = _genetic_stage(run, genetic_key, problem, listener)
+    points = genetic_points(problem, genetic)
+    posterior, diagnostics = _nuts_stage(run, nuts_key, problem, points, listener)
+    interrupted = posterior.attrs["interrupted"] == "true"
+    if interrupted:
+        predict_key = hash_of(predict_key, "interrupted")
+    metrics = _predict_stage(run, predict_key, problem, data, points, posterior, listener)
+    listener.stage("report", False)
+    with run.stage("report", hash_of(predict_key, "report")):
+        report = write_report(run.path)
+    return Summary(run.path, report, diagnostics, metrics, interrupted)
+
+
+def _genetic_stage(run: RunDirectory, key: str, problem: Problem, listener: Listener) -> xarray.Dataset:
+    done = run.is_done("genetic", key, ("genetic.nc",))
+    listener.stage("genetic", done)
+    if not done:
+        with run.stage("genetic", key):
+            result = calibrate_genetic(problem, on_generation=listener.generation)
+            run.write_netcdf("genetic.nc", result)
+    return run.read_dataset("genetic.nc")
+
+
+def _nuts_stage(
+    run: RunDirectory, key: str, problem: Problem, points: dict[str, FloatArray], listener: Listener
+) -> tuple[xarray.DataTree, dict[str, Any]]:
+    files = ("posterior.nc", "diagnostics.json")
+    done = run.is_done("nuts", key, files)
+    listener.stage("nuts", done)
+    if not done:
+        interrupted = None
+        with run.stage("nuts", key):
+            posterior = calibrate_nuts(
+                problem,
+                starts=[("the genetic algorithm's best", points["genetic_best"])],
+                on_start=listener.search,
+                progress=listener.sampling,
+            )
+            interrupted = posterior.draws.interrupted
+            if posterior.theta.shape[1] == 0:
+                raise RunError("sampling was interrupted before the first draw; run the same command to start it again")
+            tree = posterior_tree(problem, posterior, seed=problem.scenario.calibration.seed)
+            run.write_netcdf("posterior.nc", tree)
+            run.write_json("diagnostics.json", _diagnostics(posterior.diagnostics, posterior.draws))
+        if interrupted:
+            run.forget("nuts")
+    return run.read_tree("posterior.nc"), json.loads(run.file("diagnostics.json").read_text(encoding="utf-8"))
+
+
+def _predict_stage(
+    run: RunDirectory,
+    key: str,
+    problem: Problem,
+    data: xarray.Dataset,
+    points: dict[str, FloatArray],
+    posterior: xarray.DataTree,
+    listener: Listener,
+) -> tuple[Metric, ...]:
+    done = run.is_done("predict", key, ("prediction.nc", "metrics.json"))
+    listener.stage("predict", done)
+    if not done:
+        with run.stage("predict", key):
+            scenario = problem.scenario
+            seed = scenario.calibration.seed
+            uncalibrated = with_residual_noise(problem, problem.priors.median())
+            draws = _draws(posterior, problem.names, scenario.calibration.prediction.simulations, seed)
+            windows = {
+                window: predict(scenario, data, window, {"uncalibrated": uncalibrated, **points}, draws, seed=seed)[0]
+                for window in scenario.windows
+            }
+            metrics = [metric for window, predicted in windows.items() for metric in score(predicted, window)]
+            run.write_netcdf("prediction.nc", xarray.DataTree.from_dict(windows))
+            run.write_json("metrics.json", [_plain(metric) for metric in metrics])
+    records = json.loads(run.file("metrics.json").read_text(encoding="utf-8"))
+    return tuple(Metric(**record) for record in records)
+
+
+def _draws(posterior: xarray.DataTree, names: tuple[str, ...], count: int, seed: int) -> FloatArray:
+    """At most `count` posterior thetas [S, d], chosen at random without repetition."""
+    group = posterior["posterior"].to_dataset()
+    draws = np.stack([group[name].values.ravel() for name in names], axis=1)
+    if len(draws) <= count:
+        return draws
+    return draws[np.sort(np.random.default_rng(seed).choice(len(draws), count, replace=False))]
+
+
+def _input_files(scenario: Scenario) -> list[Path]:
+    """Files that the result depends on, beside the scenario itself."""
+    environment = scenario.environment
+    named = [*scenario.telemetry.file]
+    for block, field in ((environment.orbit, "positions"), (environment.attitude, "quaternions")):
+        if hasattr(block, field):
+            named.append(getattr(block, field))
+    return [scenario.folder / name for name in named]
+
+
+def _identity(scenario: Scenario, inputs: dict[str, str]) -> str:
+    """Hash of what is calibrated: the scenario without its method settings and its place, and the input files."""
+    content = scenario.model_dump(mode="json", exclude={"calibration", "description", "folder"})
+    content["telemetry"].pop("file")
+    return hash_of(content, sorted(inputs.values()))
+
+
+def _parameters(problem: Problem) -> list[dict[str, Any]]:
+    """parameters.json: what each entry of theta is, its prior and its unit."""
+    lower, median, upper = (problem.priors.quantile(p) for p in (0.025, 0.5, 0.975))
+    records = []
+    for k, name in enumerate(problem.names):
+        parameter = problem.scenario.parameters.get(name)
+        prior = problem.priors.priors[k]
+        values = ", ".join(f"{key} {value:.6g}" for key, value in prior.model_dump(exclude={"kind"}).items())
+        records.append(
+            {
+                "name": name,
+                "kind": "parameter" if parameter else name.split(".")[0],
+                "unit": parameter.unit if parameter else "K",
+                "target": [*parameter.sets, *parameter.scales] if parameter else [],
+                "mode": ("sets" if parameter.sets else "scales") if parameter else "",
+                "prior": f"{prior.kind}: {values}",
+                "prior_quantiles": [lower[k], median[k], upper[k]],
+            }
+        )
+    return records
+
+
+def _diagnostics(diagnostics: Diagnostics, draws: Any) -> dict[str, Any]:
+    content = _plain(diagnostics)
+    content["passed"] = diagnostics.passed
+    content["verdict"] = diagnostics.verdict
+    content["gradient_evaluations"] = int(draws.gradients)
+    return content
+
+
+def _plain(value: Any) -> Any:
+    """Dataclasses, NumPy scalars and times as JSON knows them; NaN as null."""
+    if dataclasses.is_dataclass(value) and not isinstance(value, type):
+        return {field.name: _plain(getattr(value, field.name)) for field in dataclasses.fields(value)}
+    if isinstance(value, dict):
+        return {key: _plain(item) for key, item in value.items()}
+    if isinstance(value, (list, tuple)):
+        return [_plain(item) for item in value]
+    if isinstance(value, np.datetime64):
+        return str(value.astype("datetime64[s]"))
+    if isinstance(value, np.generic):
+        value = value.item()
+    if isinstance(value, float) and not np.isfinite(value):
+        return None
+    return value
+
+
+__all__ = ["FlightcalError", "Listener", "Silent", "Summary", "read", "run_experiment"]

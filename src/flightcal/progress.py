@@ -1,0 +1,110 @@
+"""What a user sees of a running calibration: a line for each stage with a bar, and the summary at the end."""
+
+from __future__ import annotations
+
+from typing import Any
+
+from rich.console import Console
+from rich.progress import BarColumn, Progress, TaskID, TextColumn, TimeElapsedColumn
+from rich.table import Table
+
+from .experiment import Summary
+from .validation import comparison_table
+
+_TITLES = {
+    "read": "reading telemetry",
+    "genetic": "genetic algorithm",
+    "nuts": "stochastic update (NUTS)",
+    "predict": "predicting and scoring",
+    "report": "writing the report",
+}
+
+
+class Display:
+    """Progress for `experiment.run_experiment` (a Listener): bars on a terminal, else a line for each stage."""
+
+    def __init__(self, console: Console | None = None) -> None:
+        self._console = console or Console(stderr=True)
+        self._progress = Progress(
+            TextColumn("{task.description:<26}"),
+            BarColumn(bar_width=30),
+            TextColumn("{task.fields[note]}"),
+            TimeElapsedColumn(),
+            console=self._console,
+        )
+        self._task: TaskID | None = None
+
+    def __enter__(self) -> Display:
+        if self._console.is_terminal:
+            self._progress.start()
+        return self
+
+    def __exit__(self, *_: object) -> None:
+        if self._console.is_terminal:
+            self._progress.stop()
+
+    def stage(self, name: str, done_before: bool) -> None:
+        """Finish the last bar and begin the stage's."""
+        self.finish()
+        note = "done before" if done_before else ""
+        self._task = self._progress.add_task(_TITLES.get(name, name), total=1 if done_before else None, note=note)
+        if done_before:
+            self._progress.update(self._task, completed=1)
+        if not self._console.is_terminal:
+            self._console.print(f"{_TITLES.get(name, name)} {note}".rstrip(), highlight=False)
+
+    def finish(self) -> None:
+        """Fill the current bar."""
+        if self._task is not None:
+            total = self._progress.tasks[self._task].total or 1
+            self._progress.update(self._task, total=total, completed=total)
+
+    def generation(self, run: int, generation: int, best: float) -> None:
+        """Show run, generation and best cost."""
+        self._update(note=f"run {run + 1}, generation {generation + 1}, RMSE {best:.3f} K")
+
+    def search(self, what: str) -> None:
+        """Show what the mode search is at."""
+        self._update(note=f"mode search: {what}")
+
+    def sampling(self, chains: Any) -> None:
+        """Show the draws of all chains together."""
+        drawn, total = sum(chain.draws for chain in chains), sum(chain.total for chain in chains)
+        gradients = sum(chain.gradients for chain in chains)
+        self._update(total=total, completed=drawn, note=f"{drawn}/{total} draws, {gradients} gradients")
+
+    def _update(self, **fields: Any) -> None:
+        if self._task is not None:
+            self._progress.update(self._task, **fields)
+
+
+def print_summary(summary: Summary, console: Console | None = None) -> None:
+    """The verdict, the comparison of the methods, and where the report is."""
+    console = console or Console()
+    style = "green" if summary.passed else "bold red"
+    console.print(f"\n[{style}]{summary.diagnostics['verdict']}[/{style}]", highlight=False)
+    if summary.interrupted:
+        console.print("[bold red]Sampling was interrupted; the draws so far are saved.[/bold red]")
+    table = Table(title="Scores over all channels", title_justify="left")
+    for heading in ("window", "metric", "genetic", "stochastic", "ratio", "published ratio"):
+        table.add_column(heading, justify="left" if heading in ("window", "metric") else "right")
+    for row in comparison_table([metric for metric in summary.metrics if metric.channel == "all"]):
+        table.add_row(
+            row.window,
+            row.metric,
+            _number(row.genetic),
+            _number(row.stochastic),
+            _number(row.ratio),
+            _number(row.published),
+        )
+    console.print(table)
+    for metric in summary.metrics:
+        if metric.method == "stochastic" and metric.channel == "all" and metric.metric in ("picp", "mpiw"):
+            share = metric.metric == "picp" and metric.value is not None
+            value = f"{metric.value:.1%}" if share else f"{_number(metric.value)} {metric.unit}"
+            console.print(f"{metric.window}: {metric.metric.upper()} {value}", highlight=False)
+    console.print(f"report: {summary.report}", highlight=False, soft_wrap=True)
+
+
+def _number(value: float | None) -> str:
+    return "-" if value is None else f"{value:.4g}"

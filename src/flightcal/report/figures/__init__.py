@@ -1,0 +1,27 @@
+"""The report's figures: plain functions from data to a plotly figure."""
+
+from .convergence import figure_genetic_history, figure_traces
+from .parameters import (
+    figure_correlation,
+    figure_density,
+    figure_genetic_spread,
+    figure_pairs,
+    most_correlated,
+)
+from .residuals import figure_residual_distribution, figure_residuals
+from .windows import figure_heater_status, figure_point, figure_stochastic
+
+__all__ = [
+    "figure_correlation",
+    "figure_density",
+    "figure_genetic_history",
+    "figure_genetic_spread",
+    "figure_heater_status",
+    "figure_pairs",
+    "figure_point",
+    "figure_residual_distribution",
+    "figure_residuals",
+    "figure_stochastic",
+    "figure_traces",
+    "most_correlated",
+]

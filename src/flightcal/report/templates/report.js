@@ -1,0 +1,94 @@
+"use strict";
+// Draws every figure from the data that the page carries, in the colours of the reader's theme.
+(() => {
+  const read = (id) => JSON.parse(document.getElementById(id).textContent);
+  const dark = read("dark");
+  const times = read("times").map(({ first, steps }) => {
+    let now = first;
+    return steps.map((step) => new Date((now += step)).toISOString().slice(0, -1));
+  });
+
+  // Plotly reads a number on a time axis as local time and text as it stands: UTC, here.
+  const prepared = (value, isDark) => {
+    if (Array.isArray(value)) return value.map((item) => prepared(item, isDark));
+    if (value !== null && typeof value === "object") {
+      if (Number.isInteger(value.time)) return times[value.time];
+      return Object.fromEntries(Object.entries(value).map(([key, item]) => [key, prepared(item, isDark)]));
+    }
+    return isDark && typeof value === "string" && Object.hasOwn(dark, value) ? dark[value] : value;
+  };
+
+  const preference = matchMedia("(prefers-color-scheme: dark)");
+  let chosen = null;
+  const isDark = () => (chosen === null ? preference.matches : chosen === "dark");
+
+  const draw = (plot) => {
+    const { data, layout } = prepared(read(`${plot.id}-data`), isDark());
+    const style = getComputedStyle(document.documentElement);
+    layout.hoverlabel = {
+      ...layout.hoverlabel,
+      bgcolor: style.getPropertyValue("--card").trim(),
+      bordercolor: style.getPropertyValue("--line").trim(),
+    };
+    layout.hoverlabel.font = { ...layout.hoverlabel.font, color: style.getPropertyValue("--text").trim() };
+    const slim = innerWidth < 640;
+    if (slim) layout.margin = { ...layout.margin, r: 12 };
+    layout.modebar = { ...layout.modebar, bgcolor: "rgba(0,0,0,0)", color: "#8a8f98", activecolor: "#3b82f6" };
+    const config = {
+      responsive: true,
+      displayModeBar: slim || layout.meta?.tools === false ? false : "hover",
+      displaylogo: false,
+      plotlyServerURL: "",
+      // Flight data stay here: no button may send a chart away.
+      modeBarButtonsToRemove: ["sendChartToCloud", "select2d", "lasso2d", "autoScale2d"],
+      toImageButtonOptions: { filename: plot.id, scale: 2 },
+    };
+    return Plotly.react(plot, data, layout, config).then(() => (plot.dataset.drawn = "yes"));
+  };
+
+  const plots = [...document.querySelectorAll(".plot")];
+  // One after the other, so that the text can be read while the figures come.
+  const drawAll = async () => {
+    for (const plot of plots) {
+      await draw(plot);
+      await new Promise((resolve) => setTimeout(resolve, 0));
+    }
+    document.documentElement.dataset.figures = "drawn";
+  };
+  let drawing = Promise.resolve();
+  const redraw = () => {
+    document.documentElement.dataset.theme = isDark() ? "dark" : "light";
+    document.querySelectorAll("[data-colour]").forEach((mark) => {
+      mark.style.color = prepared(mark.dataset.colour, isDark());
+    });
+    drawing = drawing.then(drawAll);
+  };
+
+  document.getElementById("theme").addEventListener("click", () => {
+    chosen = isDark() ? "light" : "dark";
+    redraw();
+  });
+  preference.addEventListener("change", redraw);
+
+  const contents = document.getElementById("contents");
+  const narrow = matchMedia("(max-width: 1000px)");
+  const fold = () => (contents.open = !narrow.matches);
+  narrow.addEventListener("change", fold);
+  contents.addEventListener("click", (event) => {
+    if (event.target.tagName === "A" && narrow.matches) contents.open = false;
+  });
+  fold();
+
+  const links = new Map([...document.querySelectorAll("nav a")].map((link) => [link.hash.slice(1), link]));
+  const spy = new IntersectionObserver(
+    (entries) => {
+      for (const { target, isIntersecting } of entries) {
+        links.get(target.id)?.classList.toggle("here", isIntersecting);
+      }
+    },
+    { rootMargin: "-20% 0px -70% 0px" },
+  );
+  document.querySelectorAll("main section").forEach((section) => spy.observe(section));
+
+  redraw();
+})();

@@ -1,0 +1,92 @@
+"""Numbers, units and names as the report writes them."""
+
+from __future__ import annotations
+
+import math
+
+SUPERSCRIPTS = str.maketrans("0123456789-", "⁰¹²³⁴⁵⁶⁷⁸⁹⁻")
+
+METHODS = {
+    "uncalibrated": "uncalibrated",
+    "poorly_calibrated": "poorly calibrated",
+    "genetic": "genetic algorithm, mean of its runs",
+    "genetic_best": "genetic algorithm, best run",
+    "stochastic": "stochastic",
+}
+"""Names of the methods of prediction.nc as shown; others are shown as they are."""
+
+SHORT_METHODS = {
+    "uncalibrated": "uncal.",
+    "poorly_calibrated": "poorly cal.",
+    "genetic": "GA mean",
+    "genetic_best": "GA best",
+    "stochastic": "stoch.",
+}
+"""The same for the narrow columns of tables."""
+
+
+def number(value: float | None, digits: int = 4) -> str:
+    """A number with so many significant digits; a dash for None or NaN."""
+    if value is None or not math.isfinite(value):
+        return "–"
+    if value == 0:
+        return "0"
+    mantissa, exponent = f"{value:.{digits - 1}e}".split("e")
+    if 1e-4 <= abs(value) < 1e7:
+        text = f"{value:.{max(0, digits - 1 - int(exponent))}f}"
+    else:
+        text = f"{mantissa}·10{str(int(exponent)).translate(SUPERSCRIPTS)}"
+    return text.replace("-", "−")
+
+
+def count(value: float | None) -> str:
+    """A number of things, in groups of three digits; a dash for None or NaN."""
+    if value is None or not math.isfinite(value):
+        return "–"
+    return f"{value:,.0f}".replace(",", "\u202f").replace("-", "−")
+
+
+def percent(share: float | None, digits: int = 1) -> str:
+    """A share from 0 to 1 as percent; a dash for None or NaN."""
+    if share is None or not math.isfinite(share):
+        return "–"
+    return f"{100 * share:.{digits}f}%".replace("-", "−")
+
+
+def signed_percent(share: float | None, digits: int = 1) -> str:
+    """A difference of shares as percentage points with its sign."""
+    text = percent(share, digits)
+    return text if text.startswith(("−", "–")) else f"+{text}"
+
+
+def unit(text: str) -> str:
+    """A unit as it is set in print: ``W/m^2`` as ``W/m²``; "1" and "" as nothing."""
+    out, power = "", False
+    for character in {"degC": "°C", "1": "", "dimensionless": ""}.get(text, text).replace("**", "^"):
+        if character == "^":
+            power = True
+        elif power and (character.isdigit() or character == "-"):
+            out += character.translate(SUPERSCRIPTS)
+        else:
+            power = False
+            out += "·" if character == "*" else character
+    return out
+
+
+def labelled(name: str, si_unit: str) -> str:
+    """A name with its unit for an axis: ``battery_link, W/K``; without a unit ``name, –``."""
+    return f"{name}, {unit(si_unit) or '–'}"
+
+
+def duration(seconds: float) -> str:
+    """A wall time: ``42.5 s``, ``3 min 20 s``, ``2 h 5 min``."""
+    if seconds < 99.95:
+        return f"{seconds:.1f} s"
+    minutes, rest = divmod(round(seconds), 60)
+    hours, minutes = divmod(minutes, 60)
+    return f"{hours} h {minutes} min" if hours else f"{minutes} min {rest} s"
+
+
+def listed(items: list[str]) -> str:
+    """``a``, ``a and b``, ``a, b and c``."""
+    return items[0] if len(items) == 1 else f"{', '.join(items[:-1])} and {items[-1]}" if items else ""

@@ -1,0 +1,290 @@
+"""The report's first section: what the run says, in words, and how far it can be trusted."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import Literal
+
+import numpy as np
+
+from flightcal.validation import Metric, ResidualCheck, check_window
+
+from .run_files import STAGES, Record, RunFiles, draws
+from .text import count, listed, number, percent
+
+State = Literal["good", "warn", "bad", "none"]
+
+EDGE = 0.2
+"""Share of the posterior in the prior's outer 5% above which it is called pressed against the prior's edge."""
+
+EQUAL = 0.02
+"""Errors that differ by no more than this share are called equal."""
+
+COVERAGE = 0.03
+"""A coverage this near to the nominal one is called right."""
+
+
+@dataclass(frozen=True)
+class Finding:
+    """One statement of the verdict. `state` gives its colour and, in words, its mark."""
+
+    state: State
+    title: str
+    text: str
+    details: tuple[str, ...] = ()
+
+    @property
+    def mark(self) -> str:
+        """The state as a sign and a word, so that it does not rest on colour."""
+        return {"good": "✓ good", "warn": "! caution", "bad": "✕ problem", "none": "– not in this run"}[self.state]
+
+
+Checks = dict[str, list[ResidualCheck]]
+"""Tests of the stochastic residuals by window."""
+
+
+def verdict(run: RunFiles, checks: Checks) -> list[Finding]:
+    """All findings of a run, the most basic ones first."""
+    scored = [m.window for m in run.metrics if m.window != "train"]
+    scores = [_scores(run, window) for window in dict.fromkeys([*run.test_windows, *scored])]
+    return [
+        *_interrupted(run),
+        _convergence(run.diagnostics),
+        *(scores or [_no_scores(run)]),
+        _noise(checks),
+        *_heaters(run),
+        _edges(run),
+        *_missing(run),
+    ]
+
+
+def _interrupted(run: RunFiles) -> list[Finding]:
+    if run.posterior is None or str(run.posterior.attrs.get("interrupted", "false")).lower() != "true":
+        return []
+    sizes = run.posterior["posterior"].to_dataset().sizes
+    kept = f"{sizes.get('draw', 0)} draws of each of {sizes.get('chain', 0)} chains"
+    return [Finding("bad", "The run was interrupted", f"Sampling was stopped early; all that follows rests on {kept}.")]
+
+
+def _convergence(diagnostics: Record | None) -> Finding:
+    if diagnostics is None:
+        return Finding("none", "Convergence is not known", "There is no diagnosis of the chains (diagnostics.json).")
+    gates = diagnostics.get("gates", [])
+    failed = [g for g in gates if not g["passed"]]
+    words = str(diagnostics.get("verdict") or "")
+    if diagnostics["passed"]:
+        text = f"All {len(gates)} gates are passed. {words} This judges the sampling, not the model."
+        return Finding("good", "The chains have converged", " ".join(text.split()))
+    details = tuple(
+        f"{g['name']}: found {shown(g['found'])}, required {shown(g['required'])}. {g.get('advice') or ''}".strip()
+        for g in failed
+    )
+    share = f"{len(failed)} of {len(gates)} gates {'is' if len(failed) == 1 else 'are'} not passed."
+    # The rest of the words names the gates, as the details do.
+    return Finding("bad", "The chains have not converged", f"{share} {words.split('. ')[0]}.", details)
+
+
+def shown(value: object) -> str:
+    """What a gate found or required, as text."""
+    if isinstance(value, float) and not value.is_integer():
+        return number(value, 5)
+    return count(value) if isinstance(value, int | float) and not isinstance(value, bool) else str(value)
+
+
+def _value(metrics: Sequence[Metric], method: str, window: str, name: str) -> float | None:
+    """A score of all channels."""
+    wanted = (method, window, "all", name)
+    return next((m.value for m in metrics if (m.method, m.window, m.channel, m.metric) == wanted), None)
+
+
+def _scores(run: RunFiles, window: str) -> Finding:
+    genetic = _value(run.metrics, "genetic", window, "rmse")
+    stochastic = _value(run.metrics, "stochastic", window, "rmse")
+    if stochastic is None and genetic is None:
+        return Finding("none", f"No scores on the window “{window}”", "There are none in metrics.json.")
+    unseen = f"On unseen telemetry (window “{window}”)"
+    if genetic is None or stochastic is None:
+        method, value = ("stochastic update", stochastic) if genetic is None else ("genetic algorithm", genetic)
+        title = f"{unseen} the {method} is {number(value, 3)} K off (RMSE)"
+        state, words = "good", "There is no other method to compare."
+    else:
+        state, title, words = _against_genetic(run.metrics, window, genetic, stochastic)
+        title = f"{unseen} {title}"
+    judged, interval = _interval(run, window)
+    reliable, caveat = "good", ""
+    if stochastic is not None and run.diagnostics is not None and not run.diagnostics["passed"]:
+        reliable, caveat = "warn", "All this rests on chains that have not converged."
+    worst = max((state, judged, reliable), key=("good", "warn", "bad").index)
+    return Finding(worst, title, f"{words} {interval} {caveat}".strip())  # type: ignore[arg-type]
+
+
+def _against_genetic(metrics: Sequence[Metric], window: str, genetic: float, stochastic: float) -> tuple[str, str, str]:
+    """State, title and words on the two methods' errors."""
+    better = _compared(stochastic, genetic)
+    ratio = f", ratio {number(stochastic / genetic, 3)} (0.753 in the paper)" if genetic else ""
+    words = (
+        f"RMSE over all channels: stochastic {number(stochastic, 3)} K, genetic algorithm {number(genetic, 3)} K "
+        f"(mean of its runs, as published){ratio}."
+    )
+    mape = [_value(metrics, method, window, "mape_kelvin") for method in ("genetic", "stochastic")]
+    if mape[0] and mape[1] is not None:
+        words += f" MAPE of the temperature in kelvin: ratio {number(mape[1] / mape[0], 3)} (0.885 in the paper)."
+    best = _value(metrics, "genetic_best", window, "rmse")
+    if best is not None:
+        compared = _compared(best, stochastic)
+        words += f" The best single run of the genetic algorithm has {number(best, 3)} K, {compared} the stochastic."
+    state = "warn" if better == "worse than" else "good"
+    return state, f"the stochastic update is {better} the genetic algorithm's mean", words
+
+
+def _compared(error: float, other: float) -> str:
+    """One error in words against another."""
+    if abs(error - other) <= EQUAL * other:
+        return "about as good as"
+    return "better than" if error < other else "worse than"
+
+
+def _interval(run: RunFiles, window: str) -> tuple[str, str]:
+    """State and words on how much of the telemetry the interval holds."""
+    coverage = _value(run.metrics, "stochastic", window, "picp")
+    width = _value(run.metrics, "stochastic", window, "mpiw")
+    if coverage is None:
+        return "good", ""
+    attributes = run.windows[window].attrs if window in run.windows else {}
+    nominal = float(attributes.get("interval", 0.95))
+    error = coverage - nominal
+    judged = "as it should" if abs(error) <= COVERAGE else "too narrow" if error < 0 else "wider than needed"
+    words = (
+        f"The {100 * nominal:g}% interval holds {percent(coverage)} of the telemetry (PICP; {judged}) and is "
+        f"{number(width, 3)} K wide on average (MPIW)."
+    )
+    if contains := attributes.get("interval_contains"):
+        words += f" It contains {contains}."
+    return "bad" if error < -0.1 else "warn" if abs(error) > COVERAGE else "good", words
+
+
+def _no_scores(run: RunFiles) -> Finding:
+    if not run.windows:
+        return Finding("none", "No scores", "There is no prediction (prediction.nc).")
+    text = "The scenario has no window but `train`: nothing here says how well the model predicts unseen telemetry."
+    return Finding("warn", "No test", text)
+
+
+def residual_checks(run: RunFiles) -> Checks:
+    """Tests of the stochastic residuals in every window that has a stochastic prediction."""
+    return {
+        name: check_window(window)
+        for name, window in run.windows.items()
+        if "stochastic" in window["method"].values and np.isfinite(window["mean"].sel({"method": "stochastic"})).any()
+    }
+
+
+def _noise(checks: Checks) -> Finding:
+    if not checks:
+        return Finding("none", "The noise is not judged", "There is no stochastic prediction.")
+    window = "train" if "train" in checks else next(iter(checks))
+    of_window = checks[window]
+    against = [c for c in of_window if c.verdict == "contradicted"]
+    details = tuple(c.words for c in of_window)
+    if not against:
+        judged = [c for c in of_window if c.verdict != "unknown"]
+        if not judged:
+            return Finding("none", "The noise is not judged", "There are too few residuals.", details)
+        text = f"No channel's residuals in “{window}” contradict independent, identically distributed noise."
+        return Finding("good", "The residuals look like the noise that was assumed", text, details)
+    worst = max(against, key=lambda c: c.factor)
+    text = (
+        f"In “{window}” the residuals of {_channels(against, of_window)} contradict independent, identically "
+        f"distributed (iid) noise. Intervals of the parameters are too narrow by up to about a factor of "
+        f"{number(worst.factor, 2)} ({worst.channel}, lag-1 autocorrelation {number(worst.lag1, 3)}): "
+        f"the model lacks something that the telemetry shows, and the likelihood, which is that of the paper, has no "
+        f"term for it. No interval in this report contains this model discrepancy."
+    )
+    return Finding("bad" if worst.factor >= 2 else "warn", "The assumption of iid noise is contradicted", text, details)
+
+
+def _channels(some: Sequence[ResidualCheck], every: Sequence[ResidualCheck]) -> str:
+    """Names of some channels; how many they are where they are all."""
+    if len(some) == len(every) > 2:
+        return f"all {len(every)} channels"
+    return listed([c.channel for c in some])
+
+
+def _heaters(run: RunFiles) -> list[Finding]:
+    """Whether telemetry's duty cycles lie within what the posterior's simulations give on unseen telemetry."""
+    findings = []
+    for name, window in run.test_windows.items():
+        if not window.sizes.get("heater", 0) or "duty_cycle" not in window:
+            continue
+        duty = window["duty_cycle"].values
+        observed = window["observed_duty_cycle"].values
+        low, high = np.nanquantile(duty, [0.025, 0.975], axis=0)
+        seen = np.isfinite(observed)
+        outside = seen & ((observed < low - 1e-9) | (observed > high + 1e-9))
+        if not seen.any():
+            continue
+        details = tuple(
+            f"{heater}: telemetry {percent(share)}, simulations {percent(mean)} [{percent(least)}, {percent(most)}]"
+            f"{', which leaves telemetry out' if out else ''}."
+            for heater, share, mean, least, most, out in zip(
+                window["heater"].values, observed, np.nanmean(duty, axis=0), low, high, outside, strict=True
+            )
+        )
+        inside = f"{int((seen & ~outside).sum())} of {int(seen.sum())}"
+        findings.append(
+            Finding(
+                "warn" if outside.any() else "good",
+                f"Heaters: {inside} duty cycles in “{name}” lie within the posterior's 95%",
+                "Share of the time on, telemetry against the mean and central 95% of the posterior's simulations:",
+                details,
+            )
+        )
+    return findings
+
+
+def at_edge(run: RunFiles) -> dict[str, str]:
+    """Quantities whose posterior is pressed against an edge of the prior's 95%: "lower" or "upper".
+
+    A noise level near zero is no finding: the lower edge of its prior is zero.
+    """
+    if run.posterior is None:
+        return {}
+    available = run.posterior["posterior"].to_dataset().data_vars
+    infos = [i for i in run.parameters if i.name in available]
+    if not infos:
+        return {}
+    values = draws(run.posterior, "posterior", [i.name for i in infos]).reshape(-1, len(infos))
+    edges = {}
+    for info, column in zip(infos, values.T, strict=True):
+        low, _, high = info.prior_quantiles
+        if (column < low).mean() > EDGE and info.kind != "noise":
+            edges[info.name] = "lower"
+        elif (column > high).mean() > EDGE:
+            edges[info.name] = "upper"
+    return edges
+
+
+def _edges(run: RunFiles) -> Finding:
+    if run.posterior is None or not run.parameters:
+        return Finding("none", "Priors are not compared", "There is no posterior, or no list of parameters.")
+    edges = at_edge(run)
+    if not edges:
+        return Finding(
+            "good",
+            "No posterior presses against its prior's edge",
+            f"At most {EDGE:.0%} of any lies outside its prior's 95%.",
+        )
+    text = (
+        "Data and prior disagree, or the prior is too tight, or the parameter makes up for something that the model "
+        "lacks: " + listed([f"{name} ({edge} edge)" for name, edge in edges.items()]) + "."
+    )
+    title = f"{len(edges)} posterior{'s' if len(edges) > 1 else ''} at the edge of the prior"
+    return Finding("warn", title, text)
+
+
+def _missing(run: RunFiles) -> list[Finding]:
+    if not run.missing:
+        return []
+    lacking = listed([f"{STAGES[name]} ({name})" for name in run.missing])
+    return [Finding("warn", "The run is not complete", f"Not in the run directory: {lacking}.")]

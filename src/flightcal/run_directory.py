@@ -1,0 +1,182 @@
+"""The folder that one calibration writes: atomically, never pickled, and never a mixture of two scenarios.
+
+Every stage leaves its files and, in provenance.json, the hash of all that went into it. A stage whose hash is
+unchanged is not run again, which is what makes a run resumable.
+"""
+
+from __future__ import annotations
+
+import hashlib
+import json
+import os
+import platform
+import sys
+import tempfile
+from collections.abc import Callable, Iterator, Mapping
+from contextlib import contextmanager
+from dataclasses import dataclass
+from datetime import UTC, datetime
+from importlib import metadata
+from pathlib import Path
+from time import perf_counter
+from typing import Any, Final
+
+import xarray
+
+from .errors import RunError
+
+_PACKAGES = ("flightcal", "jax", "numba", "numpy", "numpyro", "nutpie", "pymoo", "scipy", "xarray", "pyerfa", "sgp4")
+_ENGINE: Final = "h5netcdf"
+
+
+@dataclass(frozen=True)
+class RunDirectory:
+    """A run's folder. `identity` is the hash of the scenario (method settings apart) and of its input files."""
+
+    path: Path
+    identity: str
+
+    def file(self, name: str) -> Path:
+        """Path of a file of the run."""
+        return self.path / name
+
+    def is_done(self, stage: str, inputs: str, files: tuple[str, ...]) -> bool:
+        """Whether the stage's files are here and were made from the same inputs (a hash)."""
+        made_from = read_provenance(self.path).get("stage_inputs", {}).get(stage)
+        return made_from == inputs and all(self.file(name).exists() for name in files)
+
+    @contextmanager
+    def stage(self, stage: str, inputs: str) -> Iterator[None]:
+        """Time a stage and record it as done when the block ends without an error."""
+        self.log(stage=stage, event="start")
+        started = perf_counter()
+        yield
+        seconds = round(perf_counter() - started, 3)
+        provenance = read_provenance(self.path)
+        done = {
+            "stages": {**provenance.get("stages", {}), stage: seconds},
+            "stage_inputs": {**provenance.get("stage_inputs", {}), stage: inputs},
+        }
+        self.write_json("provenance.json", {**provenance, **done})
+        self.log(stage=stage, event="end", seconds=seconds)
+
+    def forget(self, stage: str) -> None:
+        """Mark a stage as not done: its files stay, and the next call runs it again."""
+        provenance = read_provenance(self.path)
+        provenance.get("stage_inputs", {}).pop(stage, None)
+        self.write_json("provenance.json", provenance)
+
+    def log(self, **record: Any) -> None:
+        """Append a line to log.jsonl."""
+        with self.file("log.jsonl").open("a", encoding="utf-8") as file:
+            file.write(json.dumps({"time": _now(), **record}) + "\n")
+
+    def write_json(self, name: str, content: Any) -> None:
+        """Write a JSON file atomically; NaN is not JSON and is refused."""
+        self.write_text(name, json.dumps(content, indent=1, allow_nan=False) + "\n")
+
+    def write_text(self, name: str, text: str) -> None:
+        """Write a text file atomically."""
+        _atomically(self.file(name), lambda path: path.write_text(text, encoding="utf-8"))
+
+    def write_netcdf(self, name: str, data: xarray.Dataset | xarray.DataTree) -> None:
+        """Write a dataset or a tree of them atomically."""
+        _atomically(self.file(name), lambda path: data.to_netcdf(str(path), engine=_ENGINE))
+
+    def read_dataset(self, name: str) -> xarray.Dataset:
+        """A dataset of the run, in memory."""
+        with xarray.open_dataset(self.file(name), engine=_ENGINE) as data:
+            return data.load()
+
+    def read_tree(self, name: str) -> xarray.DataTree:
+        """A tree of datasets of the run, in memory."""
+        with xarray.open_datatree(self.file(name), engine=_ENGINE) as tree:
+            return tree.load()
+
+
+def open_run(path: Path, identity: str, scenario_text: str, inputs: Mapping[str, str], seed: int) -> RunDirectory:
+    """Create the folder, or reopen it when it belongs to the same scenario and inputs.
+
+    Raises RunError for a folder that holds another scenario's run, or something that is not a run at all.
+    """
+    if path.exists():
+        if not path.is_dir():
+            raise RunError(f"{path}: found a file, expected a folder for the run")
+        found = read_provenance(path).get("identity")
+        if found is None and any(path.iterdir()):
+            raise RunError(f"{path}: the folder holds files but no run; expected an empty or new folder")
+        if found is not None and found != identity:
+            raise RunError(
+                f"{path}: the folder holds the run of another scenario or of other telemetry "
+                f"(found {found[:12]}, expected {identity[:12]}); choose another --out, or delete the folder"
+            )
+    path.mkdir(parents=True, exist_ok=True)
+    run = RunDirectory(path, identity)
+    provenance = read_provenance(path)
+    run.write_text("scenario.yaml", scenario_text)
+    run.write_json(
+        "provenance.json",
+        {
+            "identity": identity,
+            "created": provenance.get("created", _now()),
+            "flightcal": _version("flightcal"),
+            "python": sys.version.split()[0],
+            "packages": {name: _version(name) for name in _PACKAGES},
+            "inputs": dict(inputs),
+            "seed": seed,
+            "machine": {"cpu_count": os.cpu_count(), "platform": platform.platform()},
+            "stages": provenance.get("stages", {}),
+            "stage_inputs": provenance.get("stage_inputs", {}),
+        },
+    )
+    return run
+
+
+def read_provenance(path: Path) -> dict[str, Any]:
+    """Content of provenance.json; empty where there is none. Raises RunError when it is damaged."""
+    file = path / "provenance.json"
+    if not file.exists():
+        return {}
+    try:
+        content = json.loads(file.read_text(encoding="utf-8"))
+    except ValueError as error:
+        raise RunError(f"{file}: found damaged JSON ({error}); delete the folder and run again") from None
+    if not isinstance(content, dict):
+        raise RunError(f"{file}: found {type(content).__name__}, expected a JSON object")
+    return content
+
+
+def hash_of(*parts: Any) -> str:
+    """SHA-256 of JSON-like values."""
+    text = json.dumps(parts, sort_keys=True, default=str)
+    return hashlib.sha256(text.encode()).hexdigest()
+
+
+def hash_of_file(path: Path) -> str:
+    """SHA-256 of a file's content."""
+    with path.open("rb") as file:
+        return hashlib.file_digest(file, "sha256").hexdigest()
+
+
+def _atomically(target: Path, write: Callable[[Path], Any]) -> None:
+    """Write beside the target, then rename: readers see the old file or the new one, never half of one."""
+    handle, name = tempfile.mkstemp(prefix=f".{target.name}.", dir=target.parent)
+    os.close(handle)
+    temporary = Path(name)
+    try:
+        write(temporary)
+        temporary.chmod(0o644)
+        os.replace(temporary, target)
+    finally:
+        temporary.unlink(missing_ok=True)
+
+
+def _version(package: str) -> str:
+    try:
+        return metadata.version(package)
+    except metadata.PackageNotFoundError:
+        return "not installed"
+
+
+def _now() -> str:
+    return datetime.now(UTC).isoformat(timespec="seconds")

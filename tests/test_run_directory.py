@@ -1,0 +1,90 @@
+import json
+
+import pytest
+import xarray
+
+from flightcal.errors import RunError
+from flightcal.run_directory import open_run, read_provenance
+
+
+def opened(path, identity="a"):
+    return open_run(path, identity, "name: x\n", {"telemetry.csv": "0"}, 1)
+
+
+def test_a_stage_is_done_only_with_its_files_and_the_same_inputs(tmp_path):
+    run = opened(tmp_path / "run")
+    with run.stage("genetic", "key"):
+        assert not run.is_done("genetic", "key", ())
+        run.write_json("genetic.json", {})
+    assert run.is_done("genetic", "key", ("genetic.json",))
+    assert not run.is_done("genetic", "other key", ("genetic.json",))
+    run.file("genetic.json").unlink()
+    assert not run.is_done("genetic", "key", ("genetic.json",))
+
+
+def test_a_stage_that_fails_is_not_done(tmp_path):
+    run = opened(tmp_path / "run")
+    with pytest.raises(ValueError, match="broken"), run.stage("nuts", "key"):
+        raise ValueError("broken")
+    assert not run.is_done("nuts", "key", ())
+
+
+def test_a_forgotten_stage_runs_again_and_keeps_its_files(tmp_path):
+    run = opened(tmp_path / "run")
+    with run.stage("nuts", "key"):
+        run.write_json("posterior.json", {})
+    run.forget("nuts")
+    assert not run.is_done("nuts", "key", ())
+    assert run.file("posterior.json").exists()
+
+
+def test_reopening_keeps_what_is_done(tmp_path):
+    with opened(tmp_path / "run").stage("genetic", "key"):
+        pass
+    assert opened(tmp_path / "run").is_done("genetic", "key", ())
+
+
+def test_another_scenario_is_refused(tmp_path):
+    opened(tmp_path / "run")
+    with pytest.raises(RunError, match="run of another scenario"):
+        opened(tmp_path / "run", identity="b")
+
+
+def test_a_folder_of_other_files_is_refused_and_left_alone(tmp_path):
+    (tmp_path / "thesis.txt").write_text("mine")
+    with pytest.raises(RunError, match="holds files but no run"):
+        opened(tmp_path)
+    assert [file.name for file in tmp_path.iterdir()] == ["thesis.txt"]
+
+
+def test_a_file_in_place_of_the_folder_is_refused(tmp_path):
+    (tmp_path / "run").write_text("mine")
+    with pytest.raises(RunError, match="found a file"):
+        opened(tmp_path / "run")
+
+
+@pytest.mark.parametrize("content", ["{", "[]"])
+def test_damaged_provenance_is_named(tmp_path, content):
+    opened(tmp_path / "run")
+    (tmp_path / "run" / "provenance.json").write_text(content)
+    with pytest.raises(RunError, match=r"provenance.json: found"):
+        read_provenance(tmp_path / "run")
+
+
+def test_a_failed_write_leaves_the_old_file_and_no_other(tmp_path):
+    run = opened(tmp_path / "run")
+    run.write_json("metrics.json", {"value": 1})
+    before = sorted(file.name for file in run.path.iterdir())
+    with pytest.raises(ValueError, match="JSON"):
+        run.write_json("metrics.json", {"value": float("nan")})
+    assert json.loads(run.file("metrics.json").read_text()) == {"value": 1}
+    assert sorted(file.name for file in run.path.iterdir()) == before
+
+
+def test_datasets_and_trees_come_back_as_written(tmp_path):
+    run = opened(tmp_path / "run")
+    data = xarray.Dataset({"x": ("time", [1.0, 2.0])}, attrs={"seed": 1})
+    run.write_netcdf("a.nc", data)
+    run.write_netcdf("b.nc", xarray.DataTree.from_dict({"train": data}))
+    xarray.testing.assert_identical(run.read_dataset("a.nc"), data)
+    xarray.testing.assert_identical(run.read_tree("b.nc")["train"].to_dataset(), data)
