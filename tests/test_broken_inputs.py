@@ -3,7 +3,9 @@
 from pathlib import Path
 
 import pytest
+from typer.testing import CliRunner
 
+from flightcal.cli import app
 from flightcal.scenario import lint
 
 BROKEN = Path(__file__).parent / "broken"
@@ -27,9 +29,20 @@ def test_broken_scenario_gives_its_message(path):
         assert any(message.startswith(text) for message in found), f"{text!r} is not among {found}"
 
 
+@pytest.mark.parametrize("path", SCENARIOS, ids=lambda path: path.stem)
+def test_calibrating_a_broken_scenario_says_the_same_and_leaves_nothing_behind(path, tmp_path):
+    result = CliRunner().invoke(app, ["calibrate", str(path), "--out", str(tmp_path / "run")])
+    assert isinstance(result.exception, SystemExit), result.exception
+    assert result.exit_code == 1
+    assert "Traceback" not in result.output
+    for finding in lint(path):
+        assert finding.message in result.output
+    assert not (tmp_path / "run").exists()
+
+
 def test_scenario_that_the_broken_ones_derive_from_is_sound():
     assert lint(BROKEN / "valid.yaml", telemetry=BROKEN / "scenarios") == []
 
 
 def test_there_are_enough_broken_scenarios():
-    assert len(SCENARIOS) >= 45
+    assert len(SCENARIOS) >= 100

@@ -178,11 +178,11 @@ def test_parameter_may_both_set_and_scale_plain_numbers_only(lint_edited):
 
 def test_bias_and_temperature_are_not_set_by_one_parameter(lint_edited):
     found = lint_edited(
-        ("sets: observations.radiator_temp.bias", "sets: [observations.radiator_temp.bias, nodes.battery.initial]")
+        ("sets: observations.radiator_temp.bias", "sets: [observations.radiator_temp.bias, nodes.shade.boundary]")
     )
 
     assert len(found) == 1
-    assert "bias (temperature difference) and nodes.battery.initial (K), expected paths of one unit" in found[0]
+    assert "bias (temperature difference) and nodes.shade.boundary (K), expected paths of one unit" in found[0]
 
 
 def test_normal_prior_of_a_temperature_is_accepted_though_it_has_no_end(lint_edited):

@@ -13,8 +13,6 @@ def test_paths_come_in_the_documented_order():
     assert list(settable(load_scenario(EXAMPLE))) == [
         "nodes.battery.capacity",
         "nodes.radiator.capacity",
-        "nodes.battery.initial",
-        "nodes.radiator.initial",
         "nodes.shade.boundary",
         "conductors.battery-radiator.conductance",
         "conductors.battery-structure.conductance",
@@ -45,7 +43,7 @@ def test_numbers_are_in_si_with_their_physical_bounds():
     numbers = settable(load_scenario(EXAMPLE))
 
     assert numbers["nodes.radiator.capacity"] == Settable("J/K", 4000.0, 0, math.inf)
-    assert numbers["nodes.battery.initial"] == Settable("K", 285.15, 0, math.inf)
+    assert numbers["nodes.shade.boundary"] == Settable("K", pytest.approx(253.15), 0, math.inf)
     assert numbers["conductors.gap.radiative"] == Settable("m^2", 0.02, 0, math.inf)
     assert numbers["faces.body.area"] == Settable("m^2", pytest.approx(0.02), 0, math.inf)
     assert numbers["faces.body.absorptivity"] == Settable("", 0.3, 0, 1)

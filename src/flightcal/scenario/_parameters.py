@@ -13,7 +13,7 @@ from .schema import Normal
 from .settable import Settable, is_difference
 
 _FIELDS = {
-    "nodes": ("capacity", "initial", "boundary"),
+    "nodes": ("capacity", "boundary"),
     "conductors": ("conductance", "radiative"),
     "faces": ("area", "absorptivity", "emissivity"),
     "heaters": ("power", "on_below", "off_above"),
@@ -159,6 +159,9 @@ def _unknown_path(path: str, numbers: Mapping[str, Settable], draft: Draft) -> s
     section, _, rest = path.partition(".")
     name, _, field = rest.rpartition(".")
     names = getattr(draft, section, ()) if section != "conductors" else {c.label for c in draft.conductors if c}
+    if section == "nodes" and name in names and field == "initial":
+        wanted = "another number: every window's initial temperatures are estimated, 'initial_state' is their prior"
+        return f"found {path!r}, expected {wanted}"
     if section in _FIELDS and name in names and field in _FIELDS[section]:
         wanted = f"a number that stands in the scenario: write {field!r} in {section}.{name} first"
         return f"found {path!r}, expected {wanted}"

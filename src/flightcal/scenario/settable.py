@@ -27,7 +27,7 @@ class Settable:
 def settable(scenario: Scenario) -> dict[str, Settable]:
     """Dotted path -> number, for every number that a parameter may set or scale, in a fixed order.
 
-    nodes.<n>.capacity; nodes.<n>.initial (of nodes with a capacity that write one); nodes.<n>.boundary (fixed ones);
+    nodes.<n>.capacity; nodes.<n>.boundary (fixed ones; initial temperatures are always estimated, see InitialState);
     conductors.<label>.conductance; conductors.<label>.radiative; faces.<f>.area, absorptivity, emissivity;
     heaters.<h>.power, on_below, off_above; modes.<mode>.<node>; loads.<l>.coefficient (W per SI unit of the driver);
     environment.albedo, earth_infrared; observations.<channel>.bias (temperatures). Within a line: order of the file.
@@ -79,8 +79,6 @@ def _numbers(draft: Draft) -> Iterator[tuple[str, Quantity, float]]:
     conductors = dict(reversed(conductors.items()))
 
     yield from _fields_of("nodes", nodes, Node, "capacity")
-    with_capacity = {name: node for name, node in nodes.items() if node.capacity is not None}
-    yield from _fields_of("nodes", with_capacity, Node, "initial")
     for name, node in nodes.items():
         if isinstance(node.boundary, float):
             yield f"nodes.{name}.boundary", Quantity("K", at_least=0.0), node.boundary

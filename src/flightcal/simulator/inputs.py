@@ -168,12 +168,16 @@ def _measured_heaters(scenario: Scenario, telemetry: xarray.Dataset, times: Time
 
 
 def _initial_status(scenario: Scenario, telemetry: xarray.Dataset, start: np.datetime64) -> FloatArray:
-    """State of the heaters at the window's start: the nearest valid status sample, else what the scenario says."""
+    """State of the heaters at the window's start: the nearest valid status sample, else what the scenario says.
+
+    Samples after the initial span are scored in unseen windows, so they are not looked at.
+    """
     state = []
+    latest = start + np.timedelta64(round(scenario.calibration.prediction.initial_span * 1e9), "ns")
     for heater in scenario.simulator.heaters.values():
         state.append(float(heater.initially_on))
         if heater.measured_by is not None:
-            valid = telemetry[heater.measured_by].dropna("time")
+            valid = telemetry[heater.measured_by].sel(time=slice(None, latest)).dropna("time")
             if valid.sizes["time"]:
                 state[-1] = float(valid.sel(time=start, method="nearest").item() > 0.5)
     return np.array(state)

@@ -74,19 +74,21 @@ class ParameterMap:
         """The numbers [V] at theta, from those the scenario writes."""
         values = written.copy()
         values[self.set_positions] = theta[self.set_by]
-        values[self.scaled_positions] *= theta[self.scaled_by]
+        np.multiply.at(values, self.scaled_positions, theta[self.scaled_by])
         return values
 
-    def pull_back(self, written: FloatArray, values_bar: FloatArray) -> FloatArray:
-        """Cotangent of the parameters from that of the numbers [V]: the adjoint of `values`."""
+    def pull_back(self, written: FloatArray, theta: FloatArray, values_bar: FloatArray) -> FloatArray:
+        """Cotangent of the parameters at theta from that of the numbers [V]: the adjoint of `values`."""
         theta_bar = np.zeros(len(self.names))
         np.add.at(theta_bar, self.set_by, values_bar[self.set_positions])
-        np.add.at(theta_bar, self.scaled_by, values_bar[self.scaled_positions] * written[self.scaled_positions])
+        for k, (position, scaled_by) in enumerate(zip(self.scaled_positions, self.scaled_by, strict=True)):
+            others = self.scaled_by[(self.scaled_positions == position) & (np.arange(len(self.scaled_by)) != k)]
+            theta_bar[scaled_by] += values_bar[position] * written[position] * theta[others].prod()
         return theta_bar
 
 
 def parameter_map(network: Network, scenario: Scenario) -> ParameterMap:
-    """The map of a scenario's parameters; lint has seen that no number is touched twice."""
+    """The map of a scenario's parameters; lint has seen that no number is set twice, or both set and scaled."""
     parameters = list(scenario.parameters.values())
     sets = [(network.position(path), k) for k, parameter in enumerate(parameters) for path in parameter.sets]
     scales = [(network.position(path), k) for k, parameter in enumerate(parameters) for path in parameter.scales]
@@ -158,9 +160,11 @@ class NetworkSimulator:
         """A simulation and its vector-Jacobian product: cotangent of the temperatures [T, N] -> of theta [d]."""
         system, values = self.assemble(theta)
         run = integrate(self.network.structure, system, self.drive)
-        return self._observe(run, values), partial(self._cotangent, system, values, run)
+        return self._observe(run, values), partial(self._cotangent, theta, system, values, run)
 
-    def _cotangent(self, system: System, values: FloatArray, run: Run, temperatures_bar: FloatArray) -> FloatArray:
+    def _cotangent(
+        self, theta: FloatArray, system: System, values: FloatArray, run: Run, temperatures_bar: FloatArray
+    ) -> FloatArray:
         network = self.network
         states_bar = np.zeros_like(run.states)
         for k, state in enumerate(self.channel_states):
@@ -168,7 +172,8 @@ class NetworkSimulator:
         bar = pull_back(network.structure, system, self.drive, run, states_bar)
         values_bar = pull_back_assembly(network.terms, values, network.thresholds, bar)
         np.add.at(values_bar, self.channel_biases, temperatures_bar.sum(axis=0))
-        return np.concatenate([self.mapping.pull_back(network.values, values_bar), bar.initial[network.diffusive]])
+        parameters_bar = self.mapping.pull_back(network.values, theta, values_bar)
+        return np.concatenate([parameters_bar, bar.initial[network.diffusive]])
 
     def _observe(self, run: Run, values: FloatArray) -> Trajectory:
         temperatures = self.sampling.interpolate(run.states[:, self.channel_states]) + values[self.channel_biases]

@@ -1,0 +1,78 @@
+"""The search for the mode, on telemetry that the model itself made."""
+
+import numpy as np
+import pytest
+
+from flightcal.calibration import build_problem, climb, find_mode
+
+from .. import small
+
+
+@pytest.fixture(scope="module")
+def problem(tmp_path_factory):
+    written = small.content()
+    written["windows"]["train"]["end"] = "2024-03-01T02:00:00"
+    return build_problem(*small.closed_loop(tmp_path_factory.mktemp("mode"), written))
+
+
+@pytest.fixture(scope="module")
+def modes(problem):
+    told = []
+    found = find_mode(
+        problem, [], open_loop=problem.open_loop, rng=np.random.default_rng(2), random_starts=2, on_start=told.append
+    )
+    return found, told
+
+
+def test_prior_draws_lead_to_the_truth_through_the_open_loop(problem, modes):
+    mode = modes[0][0]
+    assert mode.converged
+    deviation = np.sqrt(np.diag(np.linalg.inv(problem.gauss_newton_hessian(mode.z))))
+    values = {"noise.body_temp": 0.1, "initial.body": 285.0, "initial.panel": 262.0} | small.TRUTH
+    truth = problem.to_z(np.array([values[name] for name in problem.names]))
+    assert (np.abs(mode.z - truth) < 4 * deviation).all()
+    assert mode.log_density >= problem.log_density(truth)
+
+
+def test_the_density_is_flat_at_the_mode(problem, modes):
+    mode = modes[0][0]
+    value, gradient = problem.log_density_and_gradient(mode.z)
+    assert value == mode.log_density
+    assert gradient @ np.linalg.solve(problem.gauss_newton_hessian(mode.z), gradient) < 1e-4
+
+
+def test_the_search_says_what_it_is_at(modes):
+    assert modes[1][:2] == ["prior draw 1 of 2", "prior draw 2 of 2"]
+    assert all(said.startswith("closed loop from the open-loop mode of prior draw") for said in modes[1][2:])
+    assert len(modes[1]) > 2
+    assert modes[0][0].origin.startswith("open loop from prior draw")
+
+
+def test_named_starts_are_climbed_in_closed_loop_too_and_the_best_comes_first(problem, modes):
+    theta = problem.to_theta(modes[0][0].z)
+    far = theta.copy()
+    far[problem.names.index("link")] *= 1.25
+    found = find_mode(
+        problem,
+        [("near", theta), ("far", far)],
+        open_loop=problem.open_loop,
+        rng=np.random.default_rng(0),
+        random_starts=0,
+    )
+    assert {mode.origin for mode in found} > {"near", "far"}
+    assert [mode.log_density for mode in found] == sorted((mode.log_density for mode in found), reverse=True)
+    assert found[0].log_density == pytest.approx(modes[0][0].log_density, abs=1e-3)
+
+
+def test_a_climb_never_goes_down(problem):
+    z = problem.to_z(problem.priors.median())
+    mode = climb(problem, z, "median")
+    assert mode.log_density > problem.log_density(z)
+    assert mode.origin == "median"
+
+
+def test_a_climb_from_where_nothing_can_be_simulated_says_so(problem):
+    z = np.full(len(problem.names), np.nan)
+    mode = climb(problem, z)
+    assert not mode.converged
+    assert mode.log_density == -np.inf

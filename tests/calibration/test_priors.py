@@ -1,0 +1,164 @@
+import numpy as np
+import pytest
+import scipy.stats
+
+from flightcal._jax import jax, jnp
+from flightcal.calibration.priors import Priors, distribution
+from flightcal.scenario.schema import Beta, HalfNormal, LogNormal, Normal, TruncatedNormal, Uniform
+
+SIGMA = np.log(2.5)
+CASES = {
+    "absorptivity": (Uniform(lower=0.05, upper=0.45), scipy.stats.uniform(0.05, 0.4)),
+    "bias": (Normal(mean=-3.0, standard_deviation=0.5), scipy.stats.norm(-3.0, 0.5)),
+    "emissivity": (
+        TruncatedNormal(mean=0.8, standard_deviation=0.2, lower=0.5, upper=1.0),
+        scipy.stats.truncnorm(-1.5, 1.0, 0.8, 0.2),
+    ),
+    "in_upper_tail": (
+        TruncatedNormal(mean=0.0, standard_deviation=1.0, lower=5.0, upper=10.0),
+        scipy.stats.truncnorm(5.0, 10.0),
+    ),
+    "in_lower_tail": (
+        TruncatedNormal(mean=0.0, standard_deviation=2.0, lower=-20.0, upper=-12.0),
+        scipy.stats.truncnorm(-10.0, -6.0, 0.0, 2.0),
+    ),
+    "link": (LogNormal(median=0.8, factor=2.5), scipy.stats.lognorm(SIGMA, scale=0.8)),
+    "second_absorptivity": (Uniform(lower=-10.0, upper=300.0), scipy.stats.uniform(-10.0, 310.0)),
+    "noise": (HalfNormal(scale=2.0), scipy.stats.halfnorm(scale=2.0)),
+    "share": (Beta(alpha=2.0, beta=5.0), scipy.stats.beta(2.0, 5.0)),
+    "efficiency": (Beta(alpha=0.6, beta=0.9, lower=-1.0, upper=4.0), scipy.stats.beta(0.6, 0.9, -1.0, 5.0)),
+}
+NAMES = tuple(CASES)
+PRIORS = Priors(NAMES, tuple(prior for prior, _ in CASES.values()))
+REFERENCE = [reference for _, reference in CASES.values()]
+D = len(NAMES)
+
+each = pytest.mark.parametrize("j", range(D), ids=NAMES)
+
+
+def single(j: int) -> Priors:
+    return Priors((NAMES[j],), (PRIORS.priors[j],))
+
+
+@each
+def test_numpyro_distribution_has_the_density_of_the_reference(j):
+    theta = REFERENCE[j].ppf(np.linspace(0.01, 0.99, 21))
+    found = distribution(PRIORS.priors[j]).log_prob(jnp.asarray(theta))
+    # numpyro's truncated normal itself loses digits when both bounds lie far in the upper tail.
+    np.testing.assert_allclose(found, REFERENCE[j].logpdf(theta), rtol=1e-7, atol=1e-7)
+
+
+@each
+def test_log_density_of_z_is_that_of_theta_plus_the_log_jacobian(j):
+    prior = single(j)
+    z = np.linspace(-4.0, 4.0, 33)
+    theta = np.array(prior.to_theta(z[:, None]))[:, 0]
+    slope = jax.vmap(jax.grad(lambda value: prior.to_theta(value[None])[0]))(jnp.asarray(z))
+    expected = REFERENCE[j].logpdf(theta) + np.log(slope)
+    np.testing.assert_allclose(prior.log_density(z[:, None]), expected, rtol=1e-8, atol=1e-8)
+
+
+@each
+def test_density_of_z_integrates_to_one(j):
+    z = np.linspace(-80.0, 40.0, 120_001)
+    density = np.exp(single(j).log_density(z[:, None]))
+    assert np.trapezoid(density, z) == pytest.approx(1.0, abs=1e-8)
+
+
+@each
+def test_quantiles_agree_with_scipy(j):
+    p = np.array([1e-6, 0.001, 0.025, 0.5, 0.975, 0.999, 1 - 1e-6])
+    np.testing.assert_allclose(single(j).quantile(p[:, None])[:, 0], REFERENCE[j].ppf(p), rtol=1e-8)
+
+
+@each
+def test_samples_follow_the_prior(j):
+    draws = PRIORS.sample(np.random.default_rng(7), 4000)[:, j]
+    assert scipy.stats.kstest(draws, REFERENCE[j].cdf).pvalue > 1e-3
+
+
+@each
+def test_z_of_theta_inverts_theta_of_z(j):
+    z = np.linspace(-5.0, 5.0, 41)[:, None]
+    prior = single(j)
+    np.testing.assert_allclose(prior.to_z(prior.to_theta(z)), z, rtol=1e-7, atol=1e-7)
+
+
+@each
+def test_theta_far_out_stays_within_the_bounds_with_finite_derivatives(j):
+    prior = single(j)
+    low, high = REFERENCE[j].support()
+    slope_of = jax.jit(jax.grad(lambda value: prior.to_theta(value[None])[0]))
+    density_of = jax.jit(jax.value_and_grad(prior.log_density))
+    for z in (-np.inf, -300.0, -40.0, -9.0, 9.0, 40.0, 300.0, np.inf):
+        assert low <= prior.to_theta(np.array([z]))[0] <= high
+        if np.isfinite(z):
+            slope = slope_of(jnp.float64(z))
+            assert np.isfinite(slope)
+            assert slope >= 0.0
+            density, gradient = density_of(jnp.array([z]))
+            assert density < -0.5
+            assert np.isfinite(gradient).all()
+
+
+@each
+def test_z_of_a_bound_is_finite_where_there_are_two(j):
+    bounds = np.array(REFERENCE[j].support())
+    if np.isfinite(bounds).all():
+        z = np.array(single(j).to_z(bounds[:, None]))[:, 0]
+        assert np.isfinite(z).all()
+        assert z[0] < -5.0
+        assert z[1] > 5.0
+
+
+@each
+def test_slope_at_the_median_of_z_is_not_lost(j):
+    prior = single(j)
+    slope = jax.grad(lambda value: prior.to_theta(value[None])[0])(jnp.float64(0.0))
+    step = 1e-5
+    difference = (prior.to_theta(np.array([step])) - prior.to_theta(np.array([-step])))[0] / (2 * step)
+    assert slope == pytest.approx(float(difference), rel=1e-6)
+
+
+def test_slope_of_a_symmetric_truncated_normal_is_right_at_its_median():
+    prior = Priors(("x",), (TruncatedNormal(mean=1.0, standard_deviation=2.0, lower=-1.0, upper=3.0),))
+    slope = jax.grad(lambda z: prior.to_theta(z)[0])(jnp.zeros(1))[0]
+    mass = scipy.stats.norm.cdf(1.0) - scipy.stats.norm.cdf(-1.0)
+    assert slope == pytest.approx(2.0 * mass)
+
+
+def test_precision_is_minus_the_hessian_of_the_log_density():
+    z = np.random.default_rng(0).normal(size=D)
+    hessian = jax.hessian(PRIORS.log_density)(jnp.asarray(z))
+    np.testing.assert_allclose(-hessian, np.diag(PRIORS.precision(z)), atol=1e-12)
+    assert (np.array(PRIORS.precision(np.random.default_rng(1).normal(0, 5, (100, D)))) >= 0).all()
+
+
+def test_parameters_keep_their_order_over_any_leading_axes():
+    z = np.random.default_rng(0).normal(size=(3, 4, D))
+    theta = jax.jit(PRIORS.to_theta)(z)
+    assert theta.shape == (3, 4, D)
+    for j in range(D):
+        np.testing.assert_allclose(theta[..., j], single(j).to_theta(z[..., j : j + 1])[..., 0], rtol=1e-12)
+    total = sum(single(j).log_density(z[..., j : j + 1]) for j in range(D))
+    np.testing.assert_allclose(PRIORS.log_density(z), total, rtol=1e-12)
+
+
+def test_everything_is_double_precision():
+    assert PRIORS.to_theta(np.zeros(D)).dtype == np.float64
+    assert PRIORS.log_density(np.zeros(D)).dtype == np.float64
+
+
+def test_medians_and_bounds_are_quantiles():
+    np.testing.assert_allclose(PRIORS.median(), [r.median() for r in REFERENCE], rtol=1e-10)
+    lower, upper = PRIORS.bounds()
+    np.testing.assert_allclose(lower, [r.ppf(0.001) for r in REFERENCE], rtol=1e-8)
+    np.testing.assert_allclose(upper, [r.ppf(0.999) for r in REFERENCE], rtol=1e-8)
+    lower, upper = PRIORS.bounds(1.0)
+    assert np.isfinite(lower).all()
+    assert np.isfinite(upper).all()
+
+
+def test_same_generator_state_gives_the_same_sample():
+    first, second = (PRIORS.sample(np.random.default_rng(3), 5) for _ in range(2))
+    np.testing.assert_array_equal(first, second)

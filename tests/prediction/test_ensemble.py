@@ -1,0 +1,91 @@
+"""Propagation: what the mean, the intervals and the duty cycle of an ensemble are."""
+
+import numpy as np
+import pytest
+
+from flightcal.calibration import build_problem
+from flightcal.errors import RunError
+from flightcal.prediction import propagate
+
+from .. import small
+
+
+@pytest.fixture(scope="module")
+def problem(tmp_path_factory):
+    written = small.content()
+    written["windows"]["train"]["end"] = "2024-03-01T01:15:00"
+    return build_problem(*small.closed_loop(tmp_path_factory.mktemp("ensemble"), written))
+
+
+def thetas_of(problem, count, **spread):
+    values = {"noise.body_temp": 0.5, "initial.body": 285.0, "initial.panel": 262.0} | small.TRUTH
+    thetas = np.tile([values[name] for name in problem.names], (count, 1))
+    rng = np.random.default_rng(0)
+    for name, deviation in spread.items():
+        thetas[:, problem.names.index(name)] += deviation * rng.standard_normal(count)
+    return thetas
+
+
+def test_equal_thetas_leave_the_noise_alone_in_the_interval(problem):
+    ensemble = propagate(problem, thetas_of(problem, 1500), 0.9, np.random.default_rng(1))
+    run = problem.simulate(thetas_of(problem, 1)[0])
+    np.testing.assert_allclose(ensemble.mean, run.temperatures, atol=1e-9)
+    for bound in (ensemble.model_lower, ensemble.model_upper):
+        np.testing.assert_allclose(bound, run.temperatures, atol=1e-9)
+    for channel, noise in enumerate((0.5, 0.1)):
+        upper = (ensemble.upper - run.temperatures)[:, channel] / noise
+        lower = (ensemble.lower - run.temperatures)[:, channel] / noise
+        np.testing.assert_allclose([lower.mean(), upper.mean()], [-1.645, 1.645], atol=0.03)
+        np.testing.assert_allclose(ensemble.standard_deviation[:, channel], noise, rtol=1e-6)
+
+
+def test_spread_of_theta_and_noise_add_up(problem):
+    thetas = thetas_of(problem, 300, link=0.02)
+    ensemble = propagate(problem, thetas, 0.95, np.random.default_rng(1))
+    simulated = np.stack([problem.simulate(theta).temperatures for theta in thetas])
+    np.testing.assert_allclose(ensemble.mean, simulated.mean(axis=0))
+    np.testing.assert_allclose(ensemble.standard_deviation**2, simulated.var(axis=0) + np.array([0.25, 0.01]))
+    np.testing.assert_allclose(ensemble.model_lower, np.quantile(simulated, 0.025, axis=0))
+    assert (ensemble.upper - ensemble.lower > ensemble.model_upper - ensemble.model_lower).mean() > 0.95
+
+
+def test_a_new_draw_with_noise_lies_in_the_interval_as_often_as_it_says(problem):
+    ensemble = propagate(problem, thetas_of(problem, 800, link=0.02), 0.8, np.random.default_rng(1))
+    fresh = thetas_of(problem, 1100, link=0.02)[800:]
+    rng = np.random.default_rng(2)
+    inside = []
+    for theta in fresh:
+        new = problem.simulate(theta).temperatures
+        new = new + problem.noise(theta) * rng.standard_normal(new.shape)
+        inside.append((ensemble.lower <= new) & (new <= ensemble.upper))
+    assert np.mean(inside) == pytest.approx(0.8, abs=0.02)
+
+
+def test_heater_duty_switches_and_energy_are_those_of_each_simulation(problem):
+    thetas = thetas_of(problem, 30, power=2.0)
+    ensemble = propagate(problem, thetas, 0.95, np.random.default_rng(1))
+    runs = [problem.simulate(theta) for theta in thetas]
+    power = thetas[:, problem.names.index("power")]
+    np.testing.assert_array_equal(ensemble.duty_cycle[:, 0], [run.duty_cycle[0] for run in runs])
+    np.testing.assert_array_equal(ensemble.switch_count[:, 0], [len(run.switches.time) for run in runs])
+    np.testing.assert_allclose(ensemble.energy[:, 0], ensemble.duty_cycle[:, 0] * power * 4500.0)
+    np.testing.assert_allclose(ensemble.status, np.mean([run.status for run in runs], axis=0))
+    assert ((ensemble.status > 0) & (ensemble.status < 1)).any()
+    for run, sequence in zip(runs, ensemble.switch_sequences, strict=True):
+        assert sequence == tuple((0, int(on)) for on in run.switches.on)
+
+
+def test_failed_simulations_are_left_out_and_counted(problem):
+    thetas = thetas_of(problem, 10)
+    thetas[[2, 7], problem.names.index("initial.body")] = np.nan
+    ensemble = propagate(problem, thetas, 0.95, np.random.default_rng(1))
+    assert ensemble.failed == 2
+    assert ensemble.duty_cycle.shape == (8, 1)
+    assert np.isfinite(ensemble.upper).all()
+
+
+def test_an_ensemble_that_mostly_fails_is_an_error(problem):
+    thetas = thetas_of(problem, 10)
+    thetas[:6, problem.names.index("initial.body")] = np.nan
+    with pytest.raises(RunError, match="window 'train': 6 of 10 simulations failed"):
+        propagate(problem, thetas, 0.95, np.random.default_rng(1))

@@ -1,0 +1,195 @@
+"""The page as a file: whole, offline, in order, and complete whatever is missing."""
+
+import json
+import re
+
+import numpy as np
+import pytest
+import xarray as xr
+
+from flightcal.errors import RunError
+from flightcal.report import write_report
+from flightcal.report.run_files import STAGES
+
+SECTIONS = [
+    "verdict", "scores", "before", "genetic", "densities", "prediction", "parameters", "pairs", "convergence",
+    "residuals", "heaters", "telemetry", "provenance",
+]  # fmt: skip
+
+
+@pytest.fixture(scope="module")
+def page(run_directory, tmp_path_factory):
+    return write_report(run_directory, tmp_path_factory.mktemp("page") / "page.html").read_text(encoding="utf-8")
+
+
+def without_scripts(page):
+    return re.sub(r"<script.*?</script>", "", page, flags=re.S)
+
+
+def figures(page):
+    return {
+        name: json.loads(text)
+        for name, text in re.findall(
+            r'<script type="application/json" id="(figure-\d+)-data">(.*?)</script>', page, re.S
+        )
+    }
+
+
+def test_the_report_lies_in_the_run_unless_told_otherwise(slim_run, tmp_path):
+    assert write_report(slim_run) == slim_run / "report.html"
+    assert write_report(slim_run, tmp_path / "else.html") == tmp_path / "else.html"
+    assert (tmp_path / "else.html").stat().st_mode & 0o044
+    assert not list(slim_run.glob(".*"))
+
+
+def test_a_report_that_fails_leaves_the_old_one(own_run):
+    (own_run / "report.html").write_text("old", encoding="utf-8")
+    (own_run / "metrics.json").write_text("{", encoding="utf-8")
+    with pytest.raises(RunError):
+        write_report(own_run)
+    assert (own_run / "report.html").read_text(encoding="utf-8") == "old"
+    assert not list(own_run.glob(".*"))
+
+
+def test_a_page_that_cannot_be_written_leaves_no_part_behind(slim_run, monkeypatch):
+    def refuse(*_):
+        raise OSError("no space")
+
+    monkeypatch.setattr("flightcal.report.page.os.replace", refuse)
+    with pytest.raises(OSError, match="no space"):
+        write_report(slim_run)
+    assert not list(slim_run.glob(".*"))
+
+
+def test_sections_come_in_order_and_are_in_the_contents(page):
+    assert re.findall(r'<section id="(\w+)">', page) == SECTIONS
+    assert re.findall(r'<a href="#(\w+)">', page) == SECTIONS
+
+
+def test_nothing_is_fetched_and_nothing_can_be_sent(page):
+    shell = without_scripts(page)
+    assert not re.search(r"<(link|iframe|img|object|embed)\b|\bsrc=|@import|url\(", shell)
+    assert not re.search(r"<script[^>]*\bsrc=", page)
+    policy = re.search(r'Content-Security-Policy" content="([^"]+)"', page).group(1)
+    assert "default-src 'none'" in policy
+    assert "form-action 'none'" in policy
+    assert "http" not in policy
+
+
+def test_plotly_is_there_once(page):
+    assert len(re.findall(r"\* plotly\.js v\d", page)) == 1
+
+
+def test_the_papers_six_figures_are_there(page):
+    captions = " ".join(re.findall(r"<figcaption>(.*?)</figcaption>", page, re.S))
+    for figure in ("Figure 1.", "Figure 2.", "Figure 3.", "Figure 4.", "Figure 5.", "Figure 6a.", "Figure 6b."):
+        assert figure in captions
+
+
+def test_every_place_has_a_figure_and_every_figure_a_place(page):
+    places = re.findall(r'class="plot" id="(figure-\d+)"', page)
+    assert places == list(figures(page))
+    assert len(places) == 29
+
+
+def test_time_axes_are_shared_and_complete(page):
+    times = json.loads(re.search(r'id="times">(.*?)</script>', page, re.S).group(1))
+    used = [
+        t["x"]["time"]
+        for f in figures(page).values()
+        for t in f["data"]
+        if isinstance(t.get("x"), dict) and "time" in t["x"]
+    ]
+    assert set(used) == set(range(len(times)))
+    assert len(used) > 1.5 * len(times)
+    for figure in figures(page).values():
+        for trace in figure["data"]:
+            if isinstance(trace.get("x"), dict) and "time" in trace["x"]:
+                y = trace["y"]
+                size = len(y["bdata"]) * 3 // 4 // 4 if isinstance(y, dict) else len(y)
+                assert abs(len(times[trace["x"]["time"]]["steps"]) - size) <= 1
+
+
+def test_names_from_files_are_text_and_not_markup(slim_run):
+    evil = "</script><script>alert(1)</script>"
+    (slim_run / "scenario.yaml").write_text(f"name: {evil}\n", encoding="utf-8")
+    quality = json.loads((slim_run / "telemetry_quality.json").read_text(encoding="utf-8"))
+    quality[0]["channel"] = evil
+    (slim_run / "telemetry_quality.json").write_text(json.dumps(quality), encoding="utf-8")
+    parameters = json.loads((slim_run / "parameters.json").read_text(encoding="utf-8"))
+    parameters[0]["unit"] = evil
+    (slim_run / "parameters.json").write_text(json.dumps(parameters), encoding="utf-8")
+    page = write_report(slim_run).read_text(encoding="utf-8")
+    assert "<script>alert" not in page
+    assert "&lt;script&gt;alert" in page
+    for text in re.findall(r'<script type="application/json"[^>]*>(.*?)</script>', page, re.S):
+        assert "<" not in text
+
+
+def test_the_scenario_is_named_and_folded(page):
+    assert "<h1>Toy &lt;satellite&gt; &amp; friends</h1>" in page
+    assert "<pre>name: Toy &lt;satellite&gt;" in page
+
+
+@pytest.mark.parametrize("missing", list(STAGES))
+def test_a_run_without_a_file_is_reported_and_the_file_named(slim_run, missing):
+    (slim_run / missing).unlink()
+    page = without_scripts(write_report(slim_run).read_text(encoding="utf-8"))
+    assert f"({missing})" in page
+    assert "The run is not complete" in page
+    assert re.findall(r'<section id="(\w+)">', page) == SECTIONS
+
+
+@pytest.mark.parametrize("kept", ["genetic.nc", "posterior.nc", "prediction.nc", "scenario.yaml"])
+def test_a_run_with_one_file_alone_is_reported(slim_run, kept):
+    for name in STAGES:
+        if name != kept:
+            (slim_run / name).unlink()
+    page = write_report(slim_run).read_text(encoding="utf-8")
+    assert re.findall(r'<section id="(\w+)">', page) == SECTIONS
+
+
+def test_a_run_of_the_genetic_algorithm_alone_has_its_figures(own_run):
+    for name in ("posterior.nc", "diagnostics.json"):
+        (own_run / name).unlink()
+    with xr.open_datatree(own_run / "prediction.nc", engine="h5netcdf") as tree:
+        windows = {
+            name: group.to_dataset().load().drop_dims("simulation").drop_vars(["model_lower", "model_upper"])
+            for name, group in tree.children.items()
+        }
+    point = {
+        name: window.sel({"method": ["uncalibrated", "poorly_calibrated", "genetic"]})
+        for name, window in windows.items()
+    }
+    xr.DataTree.from_dict(point).to_netcdf(own_run / "prediction.nc", engine="h5netcdf")
+    page = write_report(own_run).read_text(encoding="utf-8")
+    assert "Figure 4." in page
+    assert "Figure 6: there is no stochastic prediction" in page
+
+
+def test_metrics_that_are_null_are_reported(slim_run):
+    metrics = json.loads((slim_run / "metrics.json").read_text(encoding="utf-8"))
+    for metric in metrics:
+        metric["value"] = None
+    (slim_run / "metrics.json").write_text(json.dumps(metrics), encoding="utf-8")
+    assert "No scores on the window “test”" in write_report(slim_run).read_text(encoding="utf-8")
+
+
+def test_the_run_is_only_read(slim_run):
+    before = {p.name: p.read_bytes() for p in slim_run.iterdir()}
+    write_report(slim_run)
+    after = {p.name: p.read_bytes() for p in slim_run.iterdir() if p.name != "report.html"}
+    assert after == before
+
+
+def test_a_long_run_stays_a_small_page(own_run, tmp_path):
+    with xr.open_datatree(own_run / "prediction.nc", engine="h5netcdf") as tree:
+        window = tree["test"].to_dataset().load()
+    size = 17_000
+    long = window.isel(time=np.arange(size) % window.sizes["time"])
+    long = long.assign_coords(time=window["time"].values[0] + np.arange(size) * np.timedelta64(180, "s"))
+    long["observed"] = long["observed"] + np.random.default_rng(1).normal(size=long["observed"].shape)
+    xr.DataTree.from_dict({"train": long, "test": long}).to_netcdf(own_run / "prediction.nc", engine="h5netcdf")
+    page = write_report(own_run)
+    assert page.stat().st_size < 9e6
+    assert "extremes of each stretch" in page.read_text(encoding="utf-8")

@@ -1,0 +1,76 @@
+"""The made-up run of these tests against one that the experiment writes: files, variables, dimensions, fields."""
+
+import json
+
+import pytest
+
+from flightcal.experiment import run_experiment
+from flightcal.report import write_report
+from flightcal.report.run_files import STAGES, read_run
+from flightcal.report.verdict import residual_checks, verdict
+from tests.test_experiment import write
+
+
+@pytest.fixture(scope="module")
+def real(tmp_path_factory):
+    folder = tmp_path_factory.mktemp("real")
+    scenario = write(folder, genetic={"generations": 3}, nuts={"draws": 50, "warmup": 50})
+    telemetry = folder / "telemetry.csv"
+    *_, last = telemetry.read_text(encoding="utf-8").splitlines()
+    with telemetry.open("a", encoding="utf-8") as file:
+        # So that there is a finding about the telemetry.
+        file.write(f"{last}\n")
+    return run_experiment(scenario, folder / "run").run
+
+
+def fields(record):
+    """Names in a JSON record, of the records in its lists too; not those that are the user's."""
+    free = ("packages", "inputs", "stages", "stage_inputs")
+    return {
+        key: fields(value[0]) if isinstance(value, list) and value and isinstance(value[0], dict) else None
+        for key, value in record.items()
+        if key not in free
+    }
+
+
+@pytest.mark.parametrize("name", [name for name in STAGES if name.endswith(".json")])
+def test_records_have_the_same_fields(run_directory, real, name):
+    made_up, written = (json.loads((folder / name).read_text(encoding="utf-8")) for folder in (run_directory, real))
+    if isinstance(written, list):
+        assert written
+        made_up, written = made_up[0], written[0]
+    assert fields(made_up) == fields(written)
+
+
+def structure(dataset):
+    """Variables with their dimensions, coordinates, attributes."""
+    return {str(n): v.dims for n, v in dataset.data_vars.items()}, set(dataset.coords), set(dataset.attrs)
+
+
+def test_arrays_have_the_same_variables(run, real):
+    written = read_run(real)
+    assert list(run.windows) == list(written.windows) == ["train", "test"]
+    for name in run.windows:
+        assert structure(run.windows[name]) == structure(written.windows[name])
+        assert run.windows[name]["method"].values.tolist() == written.windows[name]["method"].values.tolist()
+    assert structure(run.genetic) == structure(written.genetic)
+    assert set(run.posterior.children) == set(written.posterior.children)
+    for name in ("sample_stats", "posterior_predictive", "observed_data"):
+        assert structure(run.posterior[name].to_dataset()) == structure(written.posterior[name].to_dataset())
+    for name in ("posterior", "prior"):
+        for variable in (*run.posterior[name].data_vars.values(), *written.posterior[name].data_vars.values()):
+            assert variable.dims == ("chain", "draw")
+    assert set(run.posterior.attrs) == set(written.posterior.attrs)
+
+
+def test_stages_are_timed_by_the_names_that_the_report_knows(run, real):
+    assert {"read", "genetic", "nuts", "predict"} == set(run.provenance["stages"])
+    assert set(run.provenance["stages"]) <= set(read_run(real).provenance["stages"])
+
+
+def test_a_real_run_lacks_nothing_in_the_report(real):
+    run = read_run(real)
+    assert run.missing == ()
+    assert all(finding.state != "none" for finding in verdict(run, residual_checks(run)))
+    page = write_report(real).read_text(encoding="utf-8")
+    assert 'class="note"' not in page

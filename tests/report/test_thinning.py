@@ -1,0 +1,67 @@
+"""What is drawn of a long series."""
+
+import numpy as np
+
+from flightcal.report.figures.style import polygons
+from flightcal.report.figures.thinning import break_lines, changes, extremes, stretches
+
+
+def times(size: int) -> np.ndarray:
+    return np.datetime64("2024-03-01", "ns") + np.arange(size) * np.timedelta64(60, "s")
+
+
+def test_thinning_keeps_every_peak_and_both_ends():
+    rng = np.random.default_rng(1)
+    series = rng.normal(size=17_000)
+    series[[3, 8_123, 16_990]] = 50.0, -60.0, 70.0
+    kept = extremes([series], 100)
+    assert {0, 3, 8_123, 16_990, 16_999} <= set(kept.tolist())
+    assert kept.size <= 202
+    assert np.all(np.diff(kept) > 0)
+
+
+def test_thinning_follows_every_column():
+    first, second = np.zeros(10_000), np.zeros(10_000)
+    first[100], second[200] = 1.0, -1.0
+    assert {100, 200} <= set(extremes([first, second], 20).tolist())
+
+
+def test_short_series_are_kept_whole():
+    assert extremes([np.zeros(200)], 100).size == 200
+
+
+def test_missing_samples_are_never_extremes():
+    series = np.where(np.arange(10_000) % 2, np.nan, np.arange(10_000.0))
+    kept = extremes([series], 50)
+    assert np.isfinite(series[kept[1:-1]]).all()
+
+
+def test_step_lines_keep_both_sides_of_every_change():
+    status = np.array([0.0, 0, 0, 1, 1, np.nan, np.nan, 0, 0])
+    assert changes(status).tolist() == [0, 2, 3, 4, 5, 6, 7, 8]
+
+
+def test_lines_break_in_gaps():
+    time = np.concatenate([times(50), times(50) + np.timedelta64(1, "D")])
+    values = np.arange(100.0)
+    x, (y,) = break_lines(time, np.array([0, 99]), [values])
+    assert np.isnan(y).sum() == 1
+    place = int(np.flatnonzero(np.isnan(y))[0])
+    assert time[49] < x[place] < time[50]
+    assert y[place - 1] == 49
+    assert y[place + 1] == 50
+
+
+def test_stretches_end_where_telemetry_pauses():
+    time = np.concatenate([times(50), times(50) + np.timedelta64(1, "D")])
+    flags = np.zeros(100, bool)
+    flags[5:8] = flags[45:60] = flags[98:] = True
+    assert stretches(flags, time) == [(5, 8), (45, 49), (50, 60), (98, 99)]
+
+
+def test_bands_are_closed_polygons_that_do_not_span_gaps():
+    low = np.array([0.0, 1.0, np.nan, 3.0, 4.0])
+    x, y = polygons(np.arange(5.0), low, low + 10)
+    assert x.tolist() == [0, 1, 1, 0, 1, 3, 4, 4, 3, 4]
+    assert np.flatnonzero(np.isnan(y)).tolist() == [4, 9]
+    assert y[:4].tolist() == [0, 1, 11, 10]

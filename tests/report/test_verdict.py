@@ -1,0 +1,174 @@
+"""What the first section says."""
+
+import dataclasses
+import json
+
+import pytest
+
+from flightcal.report.run_files import read_run
+from flightcal.report.verdict import at_edge, residual_checks, verdict
+
+
+def converged(run):
+    gates = [g | {"passed": True} for g in run.diagnostics["gates"]]
+    return dataclasses.replace(run, diagnostics=run.diagnostics | {"passed": True, "gates": gates})
+
+
+def findings(run):
+    return {f.title: f for f in verdict(run, residual_checks(run))}
+
+
+def about(run, words):
+    return next(f for title, f in findings(run).items() if words in title)
+
+
+def with_metric(run, method, metric, value):
+    changed = [
+        dataclasses.replace(m, value=value)
+        if (m.method, m.window, m.channel, m.metric) == (method, "test", "all", metric)
+        else m
+        for m in run.metrics
+    ]
+    return dataclasses.replace(run, metrics=changed)
+
+
+def test_failed_gates_are_told_with_what_was_found_and_required(run):
+    finding = about(run, "not converged")
+    assert finding.state == "bad"
+    assert finding.text == "1 of 6 gates is not passed. Not converged: do not rely on this posterior."
+    advice = "Raise the acceptance (nuts: target_acceptance)."
+    assert finding.details == (f"divergences: found 2 of 1000 draws, required none. {advice}",)
+
+
+def test_passed_gates_are_good(run):
+    finding = about(converged(run), "have converged")
+    assert finding.state == "good"
+    assert "All 6 gates" in finding.text
+
+
+def test_every_state_is_said_in_words_and_not_by_colour_alone(run):
+    for finding in verdict(run, residual_checks(run)):
+        assert len(finding.mark.split(" ", 1)[1]) > 3
+
+
+def test_scores_are_told_beside_the_papers_ratio(run):
+    finding = about(converged(run), "window “test”")
+    assert finding.state == "good"
+    assert "the stochastic update is better than the genetic algorithm's mean" in finding.title
+    for words in (
+        "stochastic 0.275 K", "genetic algorithm 0.411 K", "0.753 in the paper", "0.885 in the paper", "PICP", "MPIW",
+    ):  # fmt: skip
+        assert words in finding.text
+
+
+def test_the_best_genetic_run_is_told_when_it_beats_the_stochastic_update(run):
+    assert "best single run of the genetic algorithm has 0.363 K, worse" in about(run, "window “test”").text
+    better = about(with_metric(run, "genetic_best", "rmse", 0.1), "window “test”").text
+    assert "best single run of the genetic algorithm has 0.100 K, better" in better
+
+
+def test_it_is_said_that_intervals_leave_out_discrepancy(run):
+    assert "not model discrepancy" in about(run, "window “test”").text
+    assert "No interval in this report contains this model discrepancy" in about(run, "iid noise").text
+
+
+def test_scores_of_chains_that_have_not_converged_are_no_good_news(run):
+    finding = about(run, "window “test”")
+    assert finding.state == "warn"
+    assert finding.text.endswith("rests on chains that have not converged.")
+
+
+def test_errors_that_hardly_differ_are_called_equal(run):
+    genetic = next(m.value for m in run.metrics if (m.method, m.window, m.metric) == ("genetic", "test", "rmse")
+                   and m.channel == "all")  # fmt: skip
+    finding = about(with_metric(run, "stochastic", "rmse", 0.99 * genetic), "window “test”")
+    assert "about as good as" in finding.title
+
+
+def test_a_worse_stochastic_result_is_told(run):
+    finding = about(with_metric(run, "stochastic", "rmse", 9.0), "window “test”")
+    assert finding.state == "warn"
+    assert "is worse" in finding.title
+
+
+@pytest.mark.parametrize(
+    ("coverage", "state", "words"),
+    [
+        (0.94, "good", "as it should"),
+        (0.88, "warn", "too narrow"),
+        (0.6, "bad", "too narrow"),
+        (0.999, "warn", "wider"),
+    ],
+)
+def test_coverage_is_judged_against_the_interval(run, coverage, state, words):
+    finding = about(with_metric(converged(run), "stochastic", "picp", coverage), "window “test”")
+    assert finding.state == state
+    assert words in finding.text
+
+
+def test_residuals_that_contradict_iid_noise_are_told_by_channel_with_the_factor(run):
+    finding = about(run, "iid noise is contradicted")
+    assert finding.state == "bad"
+    assert "battery_temperature and payload_temperature" in finding.text
+    assert "too narrow by up to about a factor of 7" in finding.text
+    assert any(d.startswith("panel_temperature: no contradiction") for d in finding.details)
+
+
+def test_a_posterior_at_its_priors_edge_is_told(run):
+    assert at_edge(run) == {"payload_capacity": "upper"}
+    finding = about(run, "1 posterior at the edge")
+    assert finding.state == "warn"
+    assert "payload_capacity (upper edge)" in finding.text
+
+
+def test_duty_cycles_outside_the_simulations_are_told(run):
+    assert about(run, "Heaters: 2 of 2").state == "good"
+    window = run.windows["test"]
+    shifted = window.assign(observed_duty_cycle=window["observed_duty_cycle"] + [0.3, 0.0])
+    finding = about(dataclasses.replace(run, windows=run.windows | {"test": shifted}), "Heaters: 1 of 2")
+    assert finding.state == "warn"
+    assert [d.endswith("which leaves telemetry out.") for d in finding.details] == [True, False]
+
+
+def test_small_noise_is_not_taken_for_an_edge(run):
+    low_noise = [
+        dataclasses.replace(i, prior_quantiles=(0.9, 1.0, 2.0)) if i.kind == "noise" else i for i in run.parameters
+    ]
+    assert set(at_edge(dataclasses.replace(run, parameters=low_noise))) == {"payload_capacity"}
+
+
+def test_an_interrupted_run_comes_first(run):
+    tree = run.posterior.copy()
+    tree.attrs = run.posterior.attrs | {"interrupted": "true"}
+    first = verdict(dataclasses.replace(run, posterior=tree), {})[0]
+    assert first.title == "The run was interrupted"
+    assert "250 draws of each of 4 chains" in first.text
+
+
+def test_a_scenario_without_a_test_window_is_told(run):
+    metrics = [m for m in run.metrics if m.window == "train"]
+    bare = dataclasses.replace(run, windows={"train": run.windows["train"]}, metrics=metrics)
+    assert about(bare, "No test").state == "warn"
+
+
+def test_what_is_not_there_is_told_instead_of_judged(own_run):
+    for name in ("posterior.nc", "diagnostics.json", "metrics.json", "prediction.nc"):
+        (own_run / name).unlink()
+    run = read_run(own_run)
+    states = {f.title: f.state for f in verdict(run, residual_checks(run))}
+    assert states["Convergence is not known"] == "none"
+    assert states["No scores"] == "none"
+    assert states["The noise is not judged"] == "none"
+    assert states["The run is not complete"] == "warn"
+
+
+def test_scores_without_predictions_are_still_told(own_run):
+    (own_run / "prediction.nc").unlink()
+    assert "RMSE over all channels" in about(read_run(own_run), "window “test”").text
+
+
+def test_one_method_alone_is_not_compared(own_run):
+    metrics = json.loads((own_run / "metrics.json").read_text(encoding="utf-8"))
+    kept = [m for m in metrics if m["method"] != "stochastic"]
+    (own_run / "metrics.json").write_text(json.dumps(kept), encoding="utf-8")
+    assert "no other method" in about(read_run(own_run), "window “test”").text

@@ -1,0 +1,283 @@
+"""Scenario in, telemetry out: the simulator of a whole scenario against an integration that shares nothing with it."""
+
+import numpy as np
+import pytest
+from scipy.integrate import solve_ivp
+from scipy.optimize import brentq
+
+from flightcal.environment import face_fluxes
+from flightcal.simulator import SimulationFailure, open_loop
+from flightcal.simulator.network import DEEP_SPACE, STEFAN_BOLTZMANN
+
+from .. import small
+from .test_network import rich
+
+
+def without_heater(written):
+    written["simulator"].pop("heaters")
+    written["observations"].pop("heater_status")
+    written["parameters"].pop("power")
+    return written
+
+
+def test_every_kind_of_node_link_and_load_agrees_with_an_independent_integration(tmp_path):
+    """Massless, measured boundary and fixed boundary; both laws; face in eclipse; modes with jumps; measured load."""
+    scenario, data = small.load(tmp_path, without_heater(rich()))
+    data["body_temp"].values[:] = 285.0 + 4.0 * np.sin(np.arange(data.sizes["time"]) / 20.0)
+    simulator = small.simulator_of(scenario, data, hours=1.5)
+    got = simulator.simulate(small.theta_of(simulator, initial_panel=262.0)).temperatures[:, 0]
+
+    s, minutes = STEFAN_BOLTZMANN, np.arange(data.sizes["time"])
+    fine = np.arange(0, 5401.0)
+    normal = {"top": scenario.simulator.faces["top"].normal}
+    flux = face_fluxes(scenario.environment, normal, small.START + (fine * 1e9).astype("timedelta64[ns]"))
+
+    def shell_of(body, bus, heat):
+        def balance(shell):
+            return 0.2 * (body - shell) - s * 0.01 * (shell**4 - 4.0**4) + s * 0.02 * (bus**4 - shell**4) + heat
+
+        return brentq(balance, 150.0, 350.0, xtol=1e-10)
+
+    def rate(t, y, busy):
+        body, panel = y
+        bus = np.interp(t / 60, minutes, data["body_temp"].values)
+        sun = np.interp(t / 60, minutes, data["sun"].values)
+        solar, albedo, infrared = (np.interp(t, fine, getattr(flux, k)[:, 0]) for k in ("solar", "albedo", "infrared"))
+        shell = shell_of(body, bus, 0.0 if busy else 1.0)
+        link = 0.6 * (body - panel)
+        face = 0.2 * (solar + 0.35 * albedo) + 0.8 * (240.0 * infrared - s * (panel**4 - DEEP_SPACE**4))
+        into_body = -link - 0.2 * (body - shell) + (11.0 if busy else 3.0)
+        into_panel = link - s * 0.05 * (panel**4 - 4.0**4) + 0.15 * (bus - panel) + 12.0 * sun + 0.03 * face
+        return [into_body / 3000.0, into_panel / 800.0]
+
+    expected, y = np.full(91, np.nan), [285.0, 262.0]
+    for begin, end, busy in ((0, 1230, False), (1230, 3000, True), (3000, 5400, False)):
+        inside = np.arange(-(-begin // 60), end // 60 + 1)
+        piece = solve_ivp(rate, (begin, end), y, args=(busy,), rtol=1e-7, atol=1e-6, max_step=60.0, dense_output=True)
+        expected[inside], y = piece.sol(60.0 * inside)[1], piece.y[:, -1]
+    assert np.abs(got - 0.3 - expected).max() < 0.01
+    assert np.ptp(expected) > 5.0
+
+
+def test_a_node_at_a_fixed_boundary_decays_to_it_exponentially(tmp_path):
+    written = without_heater(small.content())
+    written["simulator"]["nodes"] = {"body": {"capacity": "3000 J/K"}, "wall": {"boundary": "300 K"}}
+    written["simulator"]["conductors"] = [{"between": ["body", "wall"], "conductance": "1.5 W/K"}]
+    written["simulator"].pop("loads")
+    written["observations"] = {"body_temp": {"node": "body", "bias": "-0.5 K"}}
+    written["parameters"] = {"wall": {"sets": "nodes.wall.boundary", "prior": {"uniform": ["290 K", "310 K"]}}}
+    scenario, data = small.load(tmp_path, written)
+    simulator = small.simulator_of(scenario, data)
+    got = simulator.simulate(small.theta_of(simulator, wall=305.0, initial_body=280.0)).temperatures[:, 0]
+    t = 60.0 * np.arange(len(got))
+    np.testing.assert_allclose(got, 305.0 - 25.0 * np.exp(-1.5 / 3000.0 * t) - 0.5, atol=1e-4)
+
+
+def test_stored_heat_is_what_heaters_and_loads_gave_less_what_was_radiated(tmp_path):
+    scenario, data = small.closed_loop(tmp_path)
+    simulator = small.simulator_of(scenario, data)
+    theta = small.theta_of(simulator, **small.TRUTH)
+    run = simulator.simulate(theta)
+    at = simulator.drive.times
+    grid = simulator.sampling.index
+    system, _ = simulator.assemble(theta)
+    from flightcal.simulator import integrate
+
+    states = integrate(simulator.network.structure, system, simulator.drive).states
+    body, panel = (states[:, simulator.network.nodes.index(name)] for name in ("body", "panel"))
+    np.testing.assert_array_equal(run.temperatures[0], [body[grid[0]], panel[grid[0]]])
+    stored = 3000.0 * (body[-1] - body[0]) + 800.0 * (panel[-1] - panel[0])
+    heated = run.duty_cycle[0] * at[-1] * 28.0
+    loaded = 1.1 * 12.0 * np.trapezoid(np.interp(at, 60.0 * np.arange(data.sizes["time"]), data["sun"].values), at)
+    radiated = 1.1 * 0.05 * STEFAN_BOLTZMANN * np.trapezoid(panel**4 - 4.0**4, at)
+    assert stored == pytest.approx(heated + loaded - radiated, abs=1e-4 * radiated)
+    assert heated > 0.2 * radiated
+
+
+def test_the_thermostat_keeps_its_node_between_the_thresholds(tmp_path):
+    scenario, data = small.load(tmp_path)
+    simulator = small.simulator_of(scenario, data)
+    run = simulator.simulate(small.theta_of(simulator, initial_panel=262.0))
+    body = run.temperatures[:, 0]
+    assert 283.15 - 1e-6 <= body.min() < 283.5
+    assert 286.0 < body.max() < 286.15 + 0.1  # heat still flows in from nowhere else
+    assert len(run.switches.time) >= 20
+    np.testing.assert_array_equal(run.switches.on[:4], 1.0 - run.switches.on[1:5])
+
+
+def test_status_at_a_sample_is_that_of_the_last_switch_before_it(tmp_path):
+    scenario, data = small.load(tmp_path)
+    simulator = small.simulator_of(scenario, data)
+    run = simulator.simulate(small.theta_of(simulator, initial_panel=262.0))
+    at = 60.0 * np.arange(len(run.status))
+    before = np.searchsorted(run.switches.time, at, side="right") - 1
+    expected = np.where(before < 0, 0.0, run.switches.on[np.maximum(before, 0)])
+    np.testing.assert_array_equal(run.status[:, 0], expected)
+    on = np.diff(np.append(run.switches.time, at[-1]))[run.switches.on == 1.0].sum()
+    assert run.duty_cycle[0] == pytest.approx(on / at[-1])
+
+
+def test_open_loop_with_the_simulated_status_follows_the_closed_loop(tmp_path):
+    """Sampled once a minute, so the heater's on-time is off by a share of a minute at each switch."""
+    scenario, data = small.closed_loop(tmp_path, noise=0.0)
+    closed, opened = small.simulator_of(scenario, data), small.simulator_of(open_loop(scenario), data)
+    theta = small.theta_of(closed, **small.TRUTH)
+    first, second = closed.simulate(theta), opened.simulate(theta)
+    assert second.duty_cycle == pytest.approx(first.duty_cycle, abs=0.01)
+    assert np.sqrt(np.mean((first.temperatures - second.temperatures) ** 2)) < 0.6
+    # The thresholds act in closed loop only.
+    warmer = {"on_below": 281.15, "off_above": 284.15}
+    heater = scenario.simulator.heaters["heater"].model_copy(update=warmer)
+    shifted = scenario.model_copy(
+        update={"simulator": scenario.simulator.model_copy(update={"heaters": {"heater": heater}})}
+    )
+    np.testing.assert_array_equal(
+        small.simulator_of(open_loop(shifted), data).simulate(theta).temperatures, second.temperatures
+    )
+    moved = small.simulator_of(shifted, data).simulate(theta).temperatures
+    assert (first.temperatures - moved)[60:, 0].mean() == pytest.approx(2.0, abs=0.3)
+
+
+def values_at(folder, parameters, **values):
+    written = small.content()
+    written["parameters"] = parameters
+    scenario, data = small.load(folder, written)
+    simulator = small.simulator_of(scenario, data)
+    network = simulator.network
+    return lambda path: simulator.mapping.values(network.values, small.theta_of(simulator, **values))[
+        network.position(path)
+    ]
+
+
+def test_a_parameter_sets_or_scales_several_places(tmp_path):
+    value = values_at(
+        tmp_path,
+        {
+            "size": {
+                "scales": ["nodes.body.capacity", "nodes.panel.capacity"],
+                "prior": {"uniform": [0.5, 2]},
+            },
+            "level": {
+                "sets": ["nodes.space.boundary", "heaters.heater.on_below"],
+                "prior": {"uniform": ["3 K", "283 K"]},
+            },
+        },
+        size=1.5,
+        level=100.0,
+    )
+    assert value("nodes.body.capacity") == pytest.approx(4500.0)
+    assert value("nodes.panel.capacity") == pytest.approx(1200.0)
+    assert value("nodes.space.boundary") == value("heaters.heater.on_below") == 100.0
+    assert value("heaters.heater.power") == 30.0
+
+
+def test_two_parameters_that_scale_the_same_number_both_do(tmp_path):
+    value = values_at(
+        tmp_path,
+        {
+            "all": {"scales": ["nodes.body.capacity", "nodes.panel.capacity"], "prior": {"uniform": [0.5, 2]}},
+            "one": {"scales": "nodes.body.capacity", "prior": {"uniform": [0.5, 2]}},
+        },
+        all=1.5,
+        one=1.2,
+    )
+    assert value("nodes.body.capacity") == pytest.approx(3000.0 * 1.5 * 1.2)
+    assert value("nodes.panel.capacity") == pytest.approx(800.0 * 1.5)
+
+
+def test_a_bias_is_added_to_what_the_sensor_reports_and_to_nothing_else(tmp_path):
+    written = small.content()
+    prior = {"normal": {"mean": "0 K", "standard_deviation": "1 K"}}
+    written["parameters"]["bias"] = {"sets": "observations.body_temp.bias", "prior": prior}
+    scenario, data = small.load(tmp_path, written)
+    simulator = small.simulator_of(scenario, data)
+    none, some = (simulator.simulate(small.theta_of(simulator, bias=bias)) for bias in (0.0, 1.25))
+    np.testing.assert_allclose(some.temperatures[:, 0] - none.temperatures[:, 0], 1.25)
+    np.testing.assert_array_equal(some.temperatures[:, 1], none.temperatures[:, 1])
+    np.testing.assert_array_equal(some.status, none.status)
+
+
+EVERYTHING = {
+    "capacity": ("nodes.body.capacity", 3000.0),
+    "space": ("nodes.space.boundary", 60.0),
+    "link": ("conductors.body-panel.conductance", 0.6),
+    "gap": ("conductors.panel-space.radiative", 0.05),
+    "area": ("faces.top.area", 0.03),
+    "absorptivity": ("faces.top.absorptivity", 0.2),
+    "emissivity": ("faces.top.emissivity", 0.8),
+    "power": ("heaters.heater.power", 30.0),
+    "on_below": ("heaters.heater.on_below", 283.15),
+    "off_above": ("heaters.heater.off_above", 286.15),
+    "dissipation": ("modes.busy.body", 11.0),
+    "coefficient": ("loads.sun.coefficient", 12.0),
+    "albedo": ("environment.albedo", 0.35),
+    "infrared": ("environment.earth_infrared", 240.0),
+    "bias": ("observations.panel_temp.bias", 0.3),
+    "skin": ("conductors.body-shell.conductance", 0.2),
+}
+SCALED = ("conductors.shell-space.radiative", "modes.quiet.shell", "modes.quiet.body")
+
+
+@pytest.fixture(scope="module", params=["thermostat", "measured"])
+def differentiated(request, tmp_path_factory):
+    """Every kind of number as a parameter, at theta; in closed and in open loop."""
+    written = rich()
+    units = {"capacity": "J/K", "power": "W", "dissipation": "W", "area": "m^2", "gap": "m^2", "link": "W/K"}
+    units |= {"skin": "W/K", "infrared": "W/m^2", "coefficient": "W/A"}
+    units |= dict.fromkeys(("space", "on_below", "off_above", "bias"), "K")
+    written["parameters"] = {}
+    for name, (path, value) in EVERYTHING.items():
+        spread = 1e-3 * value
+        bounds = [f"{bound:.9g} {units.get(name, '')}".strip() for bound in (value - spread, value + spread)]
+        bounds = bounds if name in units else [float(bound) for bound in bounds]
+        written["parameters"][name] = {"sets": path, "prior": {"uniform": bounds}}
+    for name, paths in {"scale": list(SCALED), "again": [SCALED[0]]}.items():
+        written["parameters"][name] = {"scales": paths, "prior": {"uniform": [0.5, 1.5]}}
+    scenario, data = small.load(tmp_path_factory.mktemp("everything"), written)
+    if request.param == "measured":
+        data["heater_status"].values[20:35] = 1.0
+        scenario = open_loop(scenario)
+    simulator = small.simulator_of(scenario, data, hours=1.5)
+    theta = small.theta_of(
+        simulator, **{name: value for name, (_, value) in EVERYTHING.items()}, scale=1.1, again=0.9, initial_panel=262.0
+    )
+    trajectory, pull_back = simulator.linearise(theta)
+    weights = np.random.default_rng(0).normal(size=trajectory.temperatures.shape) / 10.0
+    return request.param, simulator, theta, trajectory, weights, pull_back(weights)
+
+
+@pytest.mark.parametrize("name", [*EVERYTHING, "scale", "again", "initial.body", "initial.panel"])
+def test_the_derivative_by_every_kind_of_number_agrees_with_differences(differentiated, name):
+    loop, simulator, theta, trajectory, weights, gradient = differentiated
+    if loop == "thermostat":
+        assert len(trajectory.switches.time) >= 3, "the case must switch to test anything"
+    k = simulator.parameters.index(name)
+    step = np.zeros_like(theta)
+    step[k] = 1e-5 * max(abs(theta[k]), 0.1) if theta[k] < 200 or theta[k] > 300 else 1e-4
+
+    def objective(sign):
+        return float((simulator.simulate(theta + sign * step).temperatures * weights).sum())
+
+    expected = (objective(1) - objective(-1)) / (2 * step[k])
+    thresholds_act = loop == "thermostat" or name not in ("on_below", "off_above")
+    assert (gradient[k] != 0.0) == thresholds_act
+    assert gradient[k] == pytest.approx(expected, rel=2e-4, abs=1e-6 / max(abs(theta[k]), 0.1))
+
+
+def test_many_simulations_are_those_of_each_and_a_failed_one_is_none(tmp_path):
+    scenario, data = small.load(tmp_path)
+    simulator = small.simulator_of(scenario, data, hours=1.0)
+    good = small.theta_of(simulator)
+    bad = small.theta_of(simulator, initial_panel=np.nan)
+    first, second, third = simulator.simulate_many(np.stack([good, bad, good + 0.01]))
+    np.testing.assert_array_equal(first.temperatures, simulator.simulate(good).temperatures)
+    np.testing.assert_array_equal(third.temperatures, simulator.simulate(good + 0.01).temperatures)
+    assert second is None
+    with pytest.raises(SimulationFailure):
+        simulator.simulate(bad)
+
+
+def test_heater_power_follows_the_parameter_that_sets_it(tmp_path):
+    scenario, data = small.load(tmp_path)
+    simulator = small.simulator_of(scenario, data, hours=1.0)
+    assert simulator.heater_power(small.theta_of(simulator, power=26.0)) == [26.0]

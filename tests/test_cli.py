@@ -1,0 +1,134 @@
+"""What a user sees: help with examples, exit codes, messages in place of tracebacks."""
+
+import json
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+from typer.testing import CliRunner
+
+from flightcal import cli
+from flightcal.cli import GATE_FAILED, INTERRUPTED, USER_ERROR, app
+from tests.test_experiment import write
+
+run = CliRunner().invoke
+COMMANDS = ("demo", "init", "lint", "schema", "simulate", "calibrate", "report")
+
+
+def test_help_lists_every_command():
+    result = run(app, ["--help"])
+    assert result.exit_code == 0
+    assert all(command in result.output for command in COMMANDS)
+
+
+@pytest.mark.parametrize("command", COMMANDS)
+def test_help_of_a_command_has_an_example(command):
+    result = run(app, [command, "--help"])
+    assert result.exit_code == 0
+    assert f"flightcal {command}" in result.output.split("Example:")[1]
+
+
+def test_init_writes_a_scenario_without_findings(tmp_path):
+    assert run(app, ["init", str(tmp_path / "mine")]).exit_code == 0
+    result = run(app, ["lint", str(tmp_path / "mine" / "scenario.yaml")])
+    assert result.exit_code == 0, result.output
+    assert "no problems found" in result.output
+
+
+def test_init_overwrites_nothing(tmp_path):
+    (tmp_path / "scenario.yaml").write_text("mine")
+    result = run(app, ["init", str(tmp_path)])
+    assert result.exit_code == USER_ERROR
+    assert (tmp_path / "scenario.yaml").read_text() == "mine"
+
+
+def test_lint_lists_all_findings_with_their_lines(tmp_path):
+    scenario = write(tmp_path)
+    text = scenario.read_text()
+    scenario.write_text(
+        text.replace("3000 J/K", "3000").replace("600 mW/K", "0.6 W").replace("kind: status", "kind: x")
+    )
+    result = run(app, ["lint", str(scenario)])
+    assert result.exit_code == USER_ERROR
+    assert result.output.count("scenario.yaml:") == 2
+    assert "2 problems found" in result.output
+
+
+def test_schema_is_a_json_schema():
+    result = run(app, ["schema"])
+    assert json.loads(result.output)["$schema"].startswith("https://json-schema.org")
+
+
+def test_simulate_writes_temperatures_beside_the_telemetry(tmp_path):
+    out = tmp_path / "out.csv"
+    result = run(app, ["simulate", str(write(tmp_path)), "--window", "test", "--set", "power=28", "--out", str(out)])
+    assert result.exit_code == 0, result.output
+    assert "body_temp simulated degC,body_temp measured degC" in out.read_text().splitlines()[0]
+    assert "RMSE" in result.output
+
+
+@pytest.mark.parametrize(
+    ("arguments", "message"),
+    [
+        (["--set", "pwer=3"], "did you mean 'power'"),
+        (["--set", "power=much"], "found 'much', expected a number"),
+        (["--window", "tset"], "window 'tset'"),
+        (["--telemetry", "nowhere.csv"], "nowhere.csv"),
+    ],
+)
+def test_wrong_arguments_of_simulate_are_messages(tmp_path, arguments, message):
+    result = run(app, ["simulate", str(write(tmp_path)), *arguments, "--out", str(tmp_path / "out.csv")])
+    assert result.exit_code == USER_ERROR
+    assert message in result.output
+    assert not (tmp_path / "out.csv").exists()
+
+
+def test_a_scenario_that_is_missing_is_a_message(tmp_path):
+    for arguments in (["lint"], ["simulate"], ["calibrate", "--out", str(tmp_path / "run")]):
+        result = run(app, [arguments[0], str(tmp_path / "no.yaml"), *arguments[1:]])
+        assert result.exit_code == USER_ERROR
+        assert "no.yaml" in result.output
+        assert not (tmp_path / "run").exists()
+
+
+def test_a_failed_gate_has_its_own_exit_code_and_the_report_can_be_written_again(tmp_path):
+    scenario = write(tmp_path, nuts={"min_ess": 1e6, "draws": 50, "warmup": 50})
+    result = run(app, ["calibrate", str(scenario), "--out", str(tmp_path / "run")])
+    assert result.exit_code == GATE_FAILED, result.output
+    assert "Not converged" in result.output
+    again = run(app, ["report", str(tmp_path / "run"), "--out", str(tmp_path / "again.html")])
+    assert again.exit_code == 0
+    assert (tmp_path / "again.html").stat().st_size > 100_000
+
+
+def test_a_report_of_something_that_is_no_run_is_a_message(tmp_path):
+    result = run(app, ["report", str(tmp_path)])
+    assert result.exit_code == USER_ERROR
+    assert str(tmp_path) in result.output
+
+
+def test_ctrl_c_outside_of_the_sampling_is_a_message(tmp_path, monkeypatch):
+    def interrupt(*_):
+        raise KeyboardInterrupt
+
+    monkeypatch.setattr(cli, "_calibrate", interrupt)
+    result = run(app, ["calibrate", str(write(tmp_path)), "--out", str(tmp_path / "run")])
+    assert result.exit_code == INTERRUPTED
+    assert "takes up where this one stopped" in result.output
+
+
+def test_help_imports_no_numerical_package():
+    code = (
+        "import sys; from typer.testing import CliRunner; from flightcal.cli import app\n"
+        "CliRunner().invoke(app, ['--help'])\n"
+        "print([name for name in ('jax', 'numba', 'xarray', 'pandas', 'plotly') if name in sys.modules])"
+    )
+    found = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
+    assert found.stdout.strip() == "[]"
+
+
+def test_the_bundled_scenario_lies_in_the_package():
+
+    folder = Path(cli.__file__).parent / "demo"
+    assert {"scenario.yaml", "telemetry.csv"} <= {file.name for file in folder.iterdir()}
