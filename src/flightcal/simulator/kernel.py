@@ -11,7 +11,7 @@ and it needs no iteration, so its derivative is that of a fixed sequence of line
     x1 = x0 + 2 K1 + K3 + K4
 
 A thermostat that has crossed its threshold at the step's end cuts the step: the length tau at which the sensor of the
-*discrete* solution meets the threshold is found by Newton's method, the heater switches, and the rest of the step
+*discrete* solution meets the threshold is found by secant steps, the heater switches, and the rest of the step
 follows. The derivative goes through tau by the implicit function theorem, so what `adjoint` returns is the exact
 gradient of what `forward` computes. A piece of a step between such cuts is called a segment.
 
@@ -26,13 +26,13 @@ from typing import Any
 import numpy as np
 from numba import njit
 
-_compiled: Any = njit(nogil=True, cache=True, error_model="numpy")
+_compiled: Any = njit(nogil=True, cache=True, error_model="numpy", fastmath={"contract", "nsz", "arcp"})
 
 FINISHED = 0
 NOT_FINITE = 1
 TOO_MANY_SWITCHES = 2
 
-_NEWTON_ITERATIONS = 40
+_LOCATION_ITERATIONS = 60
 _CROSSING_TOLERANCE = 1e-11  # K, on the sensor at the switch
 _EIGHT_THIRDS = 8.0 / 3.0
 
@@ -229,6 +229,48 @@ def _add_heaters(structure, heating, status, b):
 
 
 @_compiled
+def _rate_of_row(structure, A, N, x, b, i):
+    """The rate of one state."""
+    total = b
+    for p in range(structure.linear_start[i], structure.linear_start[i + 1]):
+        total += A[p] * x[structure.linear_column[p]]
+    for p in range(structure.radiative_start[i], structure.radiative_start[i + 1]):
+        total += N[p] * x[structure.radiative_column[p]] ** 4
+    return total
+
+
+@_compiled
+def _cubic_crossing(before, end, first, last):
+    """Where in 0..1 the cubic from before < 0 to end > 0, with slopes `first` and `last`, is zero, and its slope there."""
+    low, high = 0.0, 1.0
+    share = before / (before - end)
+    rate = end - before
+    for _ in range(20):
+        rest = 1.0 - share
+        value = (
+            before * (1.0 + 2.0 * share) * rest * rest
+            + end * share * share * (3.0 - 2.0 * share)
+            + first * share * rest * rest
+            - last * share * share * rest
+        )
+        rate = (
+            6.0 * share * rest * (end - before)
+            + first * rest * (1.0 - 3.0 * share)
+            + last * share * (3.0 * share - 2.0)
+        )
+        if abs(value) < 1e-9 * (end - before):
+            break
+        if value > 0.0:
+            high = share
+        else:
+            low = share
+        share = share - value / rate if rate > 0.0 else -1.0
+        if not (low < share < high):
+            share = 0.5 * (low + high)
+    return share, rate
+
+
+@_compiled
 def _started(temperature, status, lower, upper):
     """Status with which a thermostat begins to act."""
     if temperature < lower:
@@ -262,6 +304,7 @@ def forward(
     row, slope, work, cubes, velocity = np.empty(n), np.empty(n), np.empty(n), np.empty(n), np.empty(n)
     b_left, b_right, b_slope = np.empty(n), np.empty(n), np.empty(n)  # input heat on the step's ends
     b0, b1 = np.empty(n), np.empty(n)  # all heat on the segment's ends
+    u_heat, rate_before = np.empty(n), np.empty(n)  # heat of the heaters; rate at the segment's start
     x, x1 = initial.copy(), np.empty(n)
     u = np.empty(H)
     driven = np.empty(H, np.bool_)  # by its measured status, in the step before
@@ -304,6 +347,9 @@ def forward(
                 for i in range(n):
                     x1[i] = X[1, i] + K[3, i]
 
+                for i in range(n):
+                    rate_before[i] = F[0, i]
+                    u_heat[i] = b1[i] - b_right[i]
                 # The earliest of the thermostats that are past their threshold at the segment's end.
                 event = -1
                 tau = h
@@ -317,26 +363,32 @@ def forward(
                     end = sign * (x1[sensor] - threshold)
                     if not end > 0.0:
                         continue
-                    # Safeguarded Newton on the discrete solution: low is before the crossing, high after it.
+                    # Safeguarded secant steps on the discrete solution: low is before the crossing, high after it. They
+                    # start at the crossing of the cubic through the step's ends, which is nearly there.
                     before = sign * (x[sensor] - threshold)
                     low, high = 0.0, h
-                    trial = h * before / (before - end) if before < 0.0 else 0.0
-                    for _ in range(_NEWTON_ITERATIONS):
+                    trial, rate = 0.0, 0.0
+                    if before < 0.0:
+                        first = sign * rate_before[sensor] * h
+                        last = sign * _rate_of_row(structure, A, N, x1, b_right[sensor] + u_heat[sensor], sensor) * h
+                        share, rate = _cubic_crossing(before, end, first, last)
+                        trial, rate = share * h, rate / h
+                    previous, previous_value = trial, 0.0
+                    for iteration in range(_LOCATION_ITERATIONS):
                         for i in range(n):
                             b1[i] = b0[i] + b_slope[i] * trial
                         _stages(structure, A, N, x, trial, b0, b1, W, row, K, X, fourth, slope, F)
                         value = sign * (X[1, sensor] + K[3, sensor] - threshold)
                         if abs(value) < _CROSSING_TOLERANCE or high - low < 1e-12 * h:
                             break
-                        _length_derivative(
-                            structure, A, N, trial, b0, b1, b_slope, W, K, X, slope, F, K_dot, work, cubes, velocity
-                        )
-                        rate = sign * velocity[sensor]
                         if value > 0.0:
                             high = trial
                         else:
                             low = trial
-                        trial = trial - value / rate if rate != 0.0 else -1.0
+                        if iteration > 0 and value != previous_value:
+                            rate = (value - previous_value) / (trial - previous)
+                        previous, previous_value = trial, value
+                        trial = trial - value / rate if rate > 0.0 else -1.0
                         if not (low < trial < high):
                             trial = 0.5 * (low + high)
                     if trial < tau:

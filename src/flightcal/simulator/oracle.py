@@ -23,7 +23,7 @@ def dense(structure: Structure, system: System) -> tuple[Any, Any, Any, Any]:
         row = np.repeat(np.arange(n), np.diff(start))
         return jnp.zeros((n, n)).at[row, column].set(values)
 
-    inputs = int(structure.forcing_column.max(initial=-1)) + 1
+    inputs = int(structure.forcing_column.max()) + 1 if len(structure.forcing_column) else 0
     return (
         by_rows(structure.linear_start, structure.linear_column, system.linear),
         by_rows(structure.radiative_start, structure.radiative_column, system.radiative),
