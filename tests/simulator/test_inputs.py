@@ -6,7 +6,7 @@ import pytest
 from flightcal.environment import face_fluxes
 from flightcal.errors import TelemetryError
 from flightcal.simulator import build_network, open_loop
-from flightcal.simulator.inputs import build_drive, locate, make_grid
+from flightcal.simulator.inputs import build_drive, make_grid
 
 from .. import small
 from .test_network import rich
@@ -43,33 +43,11 @@ def test_no_step_of_the_grid_is_longer_than_asked_and_samples_and_kinks_are_on_i
     assert 500.0 not in grid
 
 
-def test_dense_samples_are_interpolated_instead_of_refining_the_grid():
-    samples = np.arange(0.0, 301.0, 1.0)
-    grid = make_grid(300.0, 30.0, samples, NOTHING, NOTHING, settle=False)
-    assert len(grid) == 11
-    line = np.stack([grid * 2.0, grid * 0.0 + 1.0], axis=1)
-    np.testing.assert_allclose(locate(samples, grid).interpolate(line)[:, 0], 2.0 * samples)
-
-
 def test_a_jump_stands_twice_and_is_followed_by_settling_steps():
     grid = make_grid(300.0, 30.0, NOTHING, NOTHING, np.array([0.0, 100.0, 300.0]), settle=True)
     assert (grid == 100.0).sum() == 2
     assert (np.diff(grid) == 0.0).sum() == 1
     np.testing.assert_allclose(grid[(grid > 100.0) & (grid < 101.0)] - 100.0, [1e-4, 2e-4, 3e-4], rtol=1e-6)
-
-
-def test_a_sample_at_a_jump_is_seen_after_it():
-    grid = make_grid(300.0, 30.0, NOTHING, NOTHING, np.array([100.0]), settle=False)
-    after = (np.arange(len(grid)) > np.flatnonzero(grid == 100.0)[0]).astype(float)[:, None]
-    assert locate(np.array([99.999999999, 100.0]), grid).interpolate(after)[1, 0] == 1.0
-
-
-def test_spread_is_the_transpose_of_interpolate():
-    rng = np.random.default_rng(0)
-    grid = make_grid(300.0, 30.0, NOTHING, NOTHING, np.array([100.0]), settle=True)
-    sampling = locate(np.sort(rng.uniform(0, 300, 40)), grid)
-    x, y = rng.normal(size=(len(grid), 3)), rng.normal(size=(40, 3))
-    assert (sampling.interpolate(x) * y).sum() == pytest.approx((x * sampling.spread(y, len(grid))).sum())
 
 
 @pytest.fixture(scope="module")

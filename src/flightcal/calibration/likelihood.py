@@ -2,9 +2,14 @@
 
 from __future__ import annotations
 
+from typing import Any
+
 import numpy as np
+from numba import njit
 
 from ..simulator.system import FloatArray
+
+_compiled: Any = njit(nogil=True, cache=True, error_model="numpy")
 
 
 def iid_log_likelihood(
@@ -15,9 +20,24 @@ def iid_log_likelihood(
     observed: [T, N] K, NaN where there is no valid sample; simulated: [T, N] K; noise: [N] K.
     Returns the log likelihood and its derivatives by `simulated` [T, N] and by `noise` [N].
     """
-    valid = np.isfinite(observed)
-    scaled = np.where(valid, observed - simulated, 0.0) / noise
-    samples = valid.sum(axis=0)
-    squares = (scaled**2).sum(axis=0)
-    value = -0.5 * squares.sum() - samples @ np.log(noise) - 0.5 * samples.sum() * np.log(2.0 * np.pi)
-    return float(value), scaled / noise, (squares - samples) / noise
+    simulated_bar, noise_bar = np.empty_like(simulated), np.empty_like(noise)
+    return _iid(observed, simulated, noise, simulated_bar, noise_bar), simulated_bar, noise_bar
+
+
+@_compiled
+def _iid(observed, simulated, noise, simulated_bar, noise_bar):
+    value = 0.0
+    for k in range(noise.shape[0]):
+        precision = 1.0 / noise[k]
+        squares, samples = 0.0, 0
+        for t in range(observed.shape[0]):
+            scaled = (observed[t, k] - simulated[t, k]) * precision
+            if np.isfinite(observed[t, k]):
+                squares += scaled * scaled
+                samples += 1
+                simulated_bar[t, k] = scaled * precision
+            else:
+                simulated_bar[t, k] = 0.0
+        value -= 0.5 * squares + samples * (np.log(noise[k]) + 0.5 * np.log(2.0 * np.pi))
+        noise_bar[k] = (squares - samples) * precision
+    return value

@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
-
 import numpy as np
 import xarray
 from numpy.typing import NDArray
@@ -13,34 +11,12 @@ from ..errors import TelemetryError
 from ..scenario import Scenario
 from ..telemetry import driver_series, status_fraction
 from .network import Network
+from .sampling import Sampling, locate
 from .system import Drive, FloatArray
 
 _SETTLING = np.array([1e-4, 2e-4, 3e-4])  # s; steps so short bring massless nodes into balance and move no other
 
 Times = NDArray[np.datetime64]
-
-
-@dataclass(frozen=True)
-class Sampling:
-    """Where samples lie on the grid: between point `index` and the next, a share `weight` of the way."""
-
-    index: NDArray[np.int64]
-    """[T]."""
-    weight: FloatArray
-    """[T] 0..1."""
-
-    def interpolate(self, on_grid: FloatArray) -> FloatArray:
-        """[..., K+1, n] on the grid -> [..., T, n] at the samples."""
-        weight = self.weight[:, None]
-        return (1.0 - weight) * on_grid[..., self.index, :] + weight * on_grid[..., self.index + 1, :]
-
-    def spread(self, at_samples: FloatArray, points: int) -> FloatArray:
-        """The transpose of `interpolate`: [T, n] -> [points, n]."""
-        on_grid = np.zeros((points, at_samples.shape[1]))
-        weight = self.weight[:, None]
-        np.add.at(on_grid, self.index, (1.0 - weight) * at_samples)
-        np.add.at(on_grid, self.index + 1, weight * at_samples)
-        return on_grid
 
 
 def make_grid(
@@ -67,14 +43,6 @@ def make_grid(
     twice = grid[np.searchsorted(grid, jumps - 1e-6)]
     settling = np.add.outer([0.0, *twice], _SETTLING).ravel() if settle else np.empty(0)
     return np.sort(np.concatenate([grid, twice, settling]))
-
-
-def locate(samples: FloatArray, grid: FloatArray) -> Sampling:
-    """Where samples (s) lie on a grid with possible double points."""
-    index = np.clip(np.searchsorted(grid, samples + 1e-9, side="right") - 1, 0, len(grid) - 2)
-    length = grid[index + 1] - grid[index]
-    weight = np.divide(samples - grid[index], length, out=np.zeros_like(samples), where=length > 0)
-    return Sampling(index, np.clip(weight, 0.0, 1.0))
 
 
 def build_drive(

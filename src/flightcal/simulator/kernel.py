@@ -241,7 +241,7 @@ def _rate_of_row(structure, A, N, x, b, i):
 
 @_compiled
 def _cubic_crossing(before, end, first, last):
-    """Where in 0..1 the cubic from before < 0 to end > 0, with slopes `first` and `last`, is zero, and its slope there."""
+    """Where in 0..1 the cubic from before < 0 to end > 0, with end slopes first and last, is zero; its slope there."""
     low, high = 0.0, 1.0
     share = before / (before - end)
     rate = end - before
@@ -297,11 +297,10 @@ def forward(
     steps = times.shape[0] - 1
     W = np.empty(structure.factor_column.shape[0])
     K = np.empty((4, n))
-    K_dot = np.empty((4, n))
     X = np.empty((2, n))
     fourth = np.empty((3, n))
     F = np.empty((3, n))
-    row, slope, work, cubes, velocity = np.empty(n), np.empty(n), np.empty(n), np.empty(n), np.empty(n)
+    row, slope = np.empty(n), np.empty(n)
     b_left, b_right, b_slope = np.empty(n), np.empty(n), np.empty(n)  # input heat on the step's ends
     b0, b1 = np.empty(n), np.empty(n)  # all heat on the segment's ends
     u_heat, rate_before = np.empty(n), np.empty(n)  # heat of the heaters; rate at the segment's start
@@ -589,3 +588,23 @@ def adjoint(
             forcing_bar[p] += left_bar[i] * inputs[step, j] + right_bar[i] * inputs[step + 1, j]
     for i in range(n):
         x_bar[i] += states_bar[0, i]
+
+
+@_compiled
+def interpolate(index, weight, on_grid, states, offsets, at_samples):
+    """Fill at_samples [T, N] with the grid's [K+1, n] `states` [N], linear between points, plus offsets [N]."""
+    for t in range(at_samples.shape[0]):
+        k, share = index[t], weight[t]
+        for c in range(states.shape[0]):
+            left, right = on_grid[k, states[c]], on_grid[k + 1, states[c]]
+            at_samples[t, c] = (1.0 - share) * left + share * right + offsets[c]
+
+
+@_compiled
+def spread(index, weight, at_samples, states, on_grid):
+    """Add the transpose of `interpolate` to on_grid [K+1, n]."""
+    for t in range(at_samples.shape[0]):
+        k, share = index[t], weight[t]
+        for c in range(states.shape[0]):
+            on_grid[k, states[c]] += (1.0 - share) * at_samples[t, c]
+            on_grid[k + 1, states[c]] += share * at_samples[t, c]

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass
-from functools import partial
+from functools import cached_property, partial
 from typing import Protocol
 
 import numpy as np
@@ -12,9 +12,10 @@ import xarray
 
 from ..scenario import Scenario
 from .assembly import assemble, pull_back_assembly
-from .inputs import Sampling, Times, build_drive
+from .inputs import Times, build_drive
 from .integrate import Run, SimulationFailure, in_parallel, integrate, pull_back
 from .network import Network, build_network
+from .sampling import Sampling
 from .system import Drive, FloatArray, IntArray, Switch, System
 
 
@@ -79,12 +80,22 @@ class ParameterMap:
 
     def pull_back(self, written: FloatArray, theta: FloatArray, values_bar: FloatArray) -> FloatArray:
         """Cotangent of the parameters at theta from that of the numbers [V]: the adjoint of `values`."""
-        theta_bar = np.zeros(len(self.names))
-        np.add.at(theta_bar, self.set_by, values_bar[self.set_positions])
-        for k, (position, scaled_by) in enumerate(zip(self.scaled_positions, self.scaled_by, strict=True)):
-            others = self.scaled_by[(self.scaled_positions == position) & (np.arange(len(self.scaled_by)) != k)]
-            theta_bar[scaled_by] += values_bar[position] * written[position] * theta[others].prod()
-        return theta_bar
+        count = len(self.names)
+        theta_bar: FloatArray = np.bincount(self.set_by, values_bar[self.set_positions], count).astype(float)
+        share = values_bar[self.scaled_positions] * written[self.scaled_positions]
+        for others in self._other_scales:
+            share *= np.where(others >= 0, theta[others], 1.0)
+        return theta_bar + np.bincount(self.scaled_by, share, count)
+
+    @cached_property
+    def _other_scales(self) -> list[IntArray]:
+        """For each scaled number the other parameters that scale it too (-1: none), one array per further parameter."""
+        others = [
+            [k for i, k in enumerate(self.scaled_by) if self.scaled_positions[i] == position and i != j]
+            for j, position in enumerate(self.scaled_positions)
+        ]
+        most = max(map(len, others), default=0)
+        return [np.array([row[m] if m < len(row) else -1 for row in others]) for m in range(most)]
 
 
 def parameter_map(network: Network, scenario: Scenario) -> ParameterMap:
@@ -166,9 +177,7 @@ class NetworkSimulator:
         self, theta: FloatArray, system: System, values: FloatArray, run: Run, temperatures_bar: FloatArray
     ) -> FloatArray:
         network = self.network
-        states_bar = np.zeros_like(run.states)
-        for k, state in enumerate(self.channel_states):
-            states_bar[:, state] += self.sampling.spread(temperatures_bar[:, k : k + 1], len(states_bar))[:, 0]
+        states_bar = self.sampling.spread(temperatures_bar, self.channel_states, *run.states.shape)
         bar = pull_back(network.structure, system, self.drive, run, states_bar)
         values_bar = pull_back_assembly(network.terms, values, network.thresholds, bar)
         np.add.at(values_bar, self.channel_biases, temperatures_bar.sum(axis=0))
@@ -176,7 +185,7 @@ class NetworkSimulator:
         return np.concatenate([parameters_bar, bar.initial[network.diffusive]])
 
     def _observe(self, run: Run, values: FloatArray) -> Trajectory:
-        temperatures = self.sampling.interpolate(run.states[:, self.channel_states]) + values[self.channel_biases]
+        temperatures = self.sampling.interpolate(run.states, self.channel_states, values[self.channel_biases])
         index, weight = self.sampling.index, self.sampling.weight
         times = self.drive.times[index] + weight * (self.drive.times[index + 1] - self.drive.times[index])
         status = run.status[index]

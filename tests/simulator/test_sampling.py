@@ -1,0 +1,36 @@
+import numpy as np
+import pytest
+
+from flightcal.simulator.inputs import make_grid
+from flightcal.simulator.sampling import locate
+
+NOTHING = np.empty(0)
+
+
+def at_samples(sampling, on_grid):
+    return sampling.interpolate(on_grid, np.arange(on_grid.shape[1]), np.zeros(on_grid.shape[1]))
+
+
+def test_dense_samples_are_interpolated_instead_of_refining_the_grid():
+    samples = np.arange(0.0, 301.0, 1.0)
+    grid = make_grid(300.0, 30.0, samples, NOTHING, NOTHING, settle=False)
+    assert len(grid) == 11
+    line = np.stack([grid * 2.0, grid * 0.0 + 1.0], axis=1)
+    np.testing.assert_allclose(at_samples(locate(samples, grid), line)[:, 0], 2.0 * samples)
+
+
+def test_a_sample_at_a_jump_is_seen_after_it():
+    grid = make_grid(300.0, 30.0, NOTHING, NOTHING, np.array([100.0]), settle=False)
+    after = (np.arange(len(grid)) > np.flatnonzero(grid == 100.0)[0]).astype(float)[:, None]
+    assert at_samples(locate(np.array([99.999999999, 100.0]), grid), after)[1, 0] == 1.0
+
+
+def test_spread_is_the_transpose_of_interpolate():
+    rng = np.random.default_rng(0)
+    grid = make_grid(300.0, 30.0, NOTHING, NOTHING, np.array([100.0]), settle=True)
+    sampling = locate(np.sort(rng.uniform(0, 300, 40)), grid)
+    x, y = rng.normal(size=(len(grid), 3)), rng.normal(size=(40, 3))
+    states = np.array([2, 0, 2])
+    assert (sampling.interpolate(x, states, np.zeros(3)) * y).sum() == pytest.approx(
+        (x * sampling.spread(y, states, *x.shape)).sum()
+    )
