@@ -32,7 +32,7 @@ def read_samples(path: Path, columns: tuple[str, ...], place: str, at_least: int
     if len(times) < at_least:
         raise OrbitError(f"{place}: found {len(times)} samples, expected at least {at_least}")
     wrong = ~np.isfinite(values).all(axis=1) | np.isnat(times)
-    wrong[1:] |= ~(np.diff(times) > np.timedelta64(0))
+    wrong[1:] |= ~(np.diff(times) > np.timedelta64(0, "ns"))
     if wrong.any():
         line = np.argmax(wrong) + 2
         raise OrbitError(f"{place}: line {line}: expected finite numbers and a time after the line before")

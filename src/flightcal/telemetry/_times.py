@@ -94,7 +94,7 @@ def _year_doy(column: pa.ChunkedArray) -> Nanoseconds:
     year, day, hour, minute, second = (number(name) for name in ("year", "day", "hour", "minute", "second"))
     matched &= (year >= 1957) & (year <= 2150)
     first = np.where(matched, year - 1970, 0).astype("datetime64[Y]")
-    days_in_year = (first + 1).astype("datetime64[D]") - first.astype("datetime64[D]")
+    days_in_year = (first + np.timedelta64(1, "Y")).astype("datetime64[D]") - first.astype("datetime64[D]")
     matched &= (day >= 1) & (day <= days_in_year.astype(np.int64)) & (hour < 24) & (minute < 60) & (second < 60)
     days = first.astype("datetime64[D]").astype(np.int64) + day - 1
     seconds = ((days * 24 + hour) * 60 + minute) * 60 + second
@@ -139,7 +139,7 @@ def _check_zones(column: pa.ChunkedArray, source: Source) -> None:
 def _nanoseconds(times: NDArray[np.datetime64]) -> Nanoseconds:
     # Coarser units reach further than 64 bits of nanoseconds do.
     near = (times > np.datetime64("1900")) & (times < np.datetime64("2200"))
-    return np.where(near, times, np.datetime64("NaT")).astype("datetime64[ns]").astype(np.int64)
+    return np.where(near, times, np.datetime64("NaT", "D")).astype("datetime64[ns]").astype(np.int64)
 
 
 def _is_text(column: pa.ChunkedArray) -> bool:
