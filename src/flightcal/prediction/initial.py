@@ -14,6 +14,7 @@ from ..scenario import Normal
 from ..simulator.system import FloatArray
 
 _DIFFERENCE = 0.01  # K
+_ITERATIONS = 3  # a heater that switches in the span bends what is linear otherwise
 
 
 def condition_initial(
@@ -30,8 +31,6 @@ def condition_initial(
     precision = np.array([prior.standard_deviation**-2.0 for prior in priors if isinstance(prior, Normal)])
     thetas = thetas.copy()
     thetas[:, positions] = mean
-    runs = first.simulate_many(thetas)
-
     centre = np.median(thetas, axis=0)
     shifts = np.zeros((len(positions), thetas.shape[1]))
     shifts[np.arange(len(positions)), positions] = _DIFFERENCE
@@ -42,15 +41,18 @@ def condition_initial(
     half = len(positions)
     jacobian = np.moveaxis((temperatures[:half] - temperatures[half:]) / (2 * _DIFFERENCE), 0, -1)  # [T, N, n]
     valid = np.isfinite(first.observed)
-    for s, run in enumerate(runs):
-        if run is None:
-            continue
-        weighted = np.where(valid[..., None], jacobian / noise[s][:, None], 0.0).reshape(-1, half)
-        residual = np.where(valid, (first.observed - run.temperatures) / noise[s], 0.0).ravel()
-        hessian = weighted.T @ weighted + np.diag(precision)
-        update = np.linalg.solve(hessian, weighted.T @ residual)
-        if rng is not None:
+    weighted = np.where(valid[..., None], jacobian / noise[:, None, :, None], 0.0).reshape(len(thetas), -1, half)
+    hessians = weighted.transpose(0, 2, 1) @ weighted + np.diag(precision)
+    for _ in range(_ITERATIONS):
+        for s, run in enumerate(first.simulate_many(thetas)):
+            if run is None:
+                thetas[s, positions] = mean
+                continue
+            residual = np.where(valid, (first.observed - run.temperatures) / noise[s], 0.0).ravel()
+            gradient = weighted[s].T @ residual + precision * (mean - thetas[s, positions])
+            thetas[s, positions] += np.linalg.solve(hessians[s], gradient)
+    if rng is not None:
+        for theta, hessian in zip(thetas, hessians, strict=True):
             factor = np.linalg.cholesky(hessian)
-            update += np.linalg.solve(factor.T, rng.standard_normal(half))
-        thetas[s, positions] = mean + update
+            theta[positions] += np.linalg.solve(factor.T, rng.standard_normal(half))
     return thetas
