@@ -3,11 +3,13 @@
 They are not known, and not of interest: they are estimated from the window's first samples, which are then never
 scored. Over so short a span temperatures are nearly linear in the initial ones, so each draw of the parameters gets a
 Gaussian update of the prior of `initial_priors`: its mean for a point estimate, a draw from it for a posterior draw.
+The update is iterated (Gauss-Newton), with a Jacobian at the median of the draws.
 """
 
 from __future__ import annotations
 
 import numpy as np
+from numpy.typing import NDArray
 
 from ..calibration.problem import Problem
 from ..scenario import Normal
@@ -31,19 +33,15 @@ def condition_initial(
     precision = np.array([prior.standard_deviation**-2.0 for prior in priors if isinstance(prior, Normal)])
     thetas = thetas.copy()
     thetas[:, positions] = mean
-    centre = np.median(thetas, axis=0)
-    shifts = np.zeros((len(positions), thetas.shape[1]))
-    shifts[np.arange(len(positions)), positions] = _DIFFERENCE
-    around = first.simulate_many(np.concatenate([centre + shifts, centre - shifts]))
-    if any(run is None for run in around):
-        return thetas
-    temperatures = np.stack([run.temperatures for run in around if run is not None])
-    half = len(positions)
-    jacobian = np.moveaxis((temperatures[:half] - temperatures[half:]) / (2 * _DIFFERENCE), 0, -1)  # [T, N, n]
     valid = np.isfinite(first.observed)
-    weighted = np.where(valid[..., None], jacobian / noise[:, None, :, None], 0.0).reshape(len(thetas), -1, half)
-    hessians = weighted.transpose(0, 2, 1) @ weighted + np.diag(precision)
+    hessians = np.tile(np.diag(precision), (len(thetas), 1, 1))
     for _ in range(_ITERATIONS):
+        jacobian = _jacobian(first, np.median(thetas, axis=0), positions)
+        if jacobian is None:
+            break
+        weighted = np.where(valid[..., None], jacobian / noise[:, None, :, None], 0.0)
+        weighted = weighted.reshape(len(thetas), -1, len(positions))
+        hessians = weighted.transpose(0, 2, 1) @ weighted + np.diag(precision)
         for s, run in enumerate(first.simulate_many(thetas)):
             if run is None:
                 thetas[s, positions] = mean
@@ -54,5 +52,18 @@ def condition_initial(
     if rng is not None:
         for theta, hessian in zip(thetas, hessians, strict=True):
             factor = np.linalg.cholesky(hessian)
-            theta[positions] += np.linalg.solve(factor.T, rng.standard_normal(half))
+            theta[positions] += np.linalg.solve(factor.T, rng.standard_normal(len(positions)))
     return thetas
+
+
+def _jacobian(first: Problem, theta: FloatArray, positions: NDArray[np.intp]) -> FloatArray | None:
+    """d temperatures / d initial temperatures at theta [d], [T, N, n]; None where a simulation fails."""
+    shifts = np.zeros((len(positions), len(theta)))
+    shifts[np.arange(len(positions)), positions] = _DIFFERENCE
+    runs = first.simulate_many(np.concatenate([theta + shifts, theta - shifts]))
+    if any(run is None for run in runs):
+        return None
+    temperatures = np.stack([run.temperatures for run in runs if run is not None])
+    above, below = np.split(temperatures, 2)
+    jacobian: FloatArray = np.moveaxis((above - below) / (2 * _DIFFERENCE), 0, -1)
+    return jacobian
