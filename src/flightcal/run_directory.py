@@ -25,7 +25,7 @@ import xarray
 
 from .errors import RunError
 
-_PACKAGES = ("flightcal", "jax", "numba", "numpy", "numpyro", "nutpie", "pymoo", "scipy", "xarray", "pyerfa", "sgp4")
+_PACKAGES = ("flightcal", "jax", "numba", "numpy", "nutpie", "pymoo", "scipy", "xarray", "pyerfa", "sgp4")
 _ENGINE: Final = "h5netcdf"
 
 

@@ -13,7 +13,6 @@ from typing import Any
 import numpy as np
 import xarray
 
-from .._jax import jax, jnp
 from ..environment import orbital_period
 from ..errors import ScenarioError
 from ..scenario import Normal, Prior, Scenario
@@ -74,11 +73,11 @@ class Problem:
 
     def to_theta(self, z: FloatArray) -> FloatArray:
         """Physical values [..., d] of unconstrained z [..., d]."""
-        return np.array(self.priors.to_theta(z))
+        return self.priors.to_theta(z)
 
     def to_z(self, theta: FloatArray) -> FloatArray:
         """Unconstrained z [..., d] of physical values [..., d]."""
-        return np.array(self.priors.to_z(theta))
+        return self.priors.to_z(theta)
 
     def simulate(self, theta: FloatArray) -> Trajectory:
         """The simulation at theta [d]. Raises SimulationFailure."""
@@ -90,16 +89,16 @@ class Problem:
 
     def log_density(self, z: FloatArray) -> float:
         """Log posterior density (up to a constant) at z [d]; -inf where the simulation fails."""
-        theta, log_prior, _, _ = self._prior_part(z)
+        theta = self.to_theta(z)
         try:
             simulated = self.simulate(theta).temperatures
         except SimulationFailure:
             return -np.inf
-        return float(log_prior) + iid_log_likelihood(self.observed, simulated, self.noise(theta))[0]
+        return float(self.priors.log_density(z)) + iid_log_likelihood(self.observed, simulated, self.noise(theta))[0]
 
     def log_density_and_gradient(self, z: FloatArray) -> tuple[float, FloatArray]:
         """Log posterior density at z [d] and its gradient [d]; (-inf, 0) where the simulation fails."""
-        theta, log_prior, prior_gradient, slope = self._prior_part(z)
+        theta = self.to_theta(z)
         if not np.isfinite(theta).all():
             return -np.inf, np.zeros_like(z)
         try:
@@ -113,7 +112,8 @@ class Problem:
         theta_bar[self.simulated] = cotangent(temperatures_bar)
         channels, positions = self.inferred_noise
         theta_bar[positions] = noise_bar[channels]
-        return float(log_prior) + value, prior_gradient + slope * theta_bar
+        gradient = self.priors.gradient(z) + self.priors.slope(z) * theta_bar
+        return float(self.priors.log_density(z)) + value, gradient
 
     def jacobian(self, z: FloatArray) -> FloatArray:
         """d temperatures / d z, [T, N, d], by central differences in one batch; zero for the noise's entries.
@@ -139,12 +139,12 @@ class Problem:
 
         Prior, J^T J / sigma^2, and the Fisher information of the noise levels. Raises SimulationFailure.
         """
-        theta, _, _, slope = self._prior_part(z)
+        theta, slope = self.to_theta(z), self.priors.slope(z)
         noise = self.noise(theta)
         valid = np.isfinite(self.observed)
         weighted = np.where(valid[..., None], self.jacobian(z) / noise[:, None], 0.0).reshape(-1, len(z))
         hessian = weighted.T @ weighted
-        hessian[np.diag_indices(len(z))] += np.asarray(self.priors.precision(z))
+        hessian[np.diag_indices(len(z))] += self.priors.precision(z)
         channels, positions = self.inferred_noise
         hessian[positions, positions] += 2.0 * valid.sum(axis=0)[channels] * (slope[positions] / noise[channels]) ** 2
         return hessian
@@ -163,20 +163,6 @@ class Problem:
         if status_weight > 0.0 and np.isfinite(self.status).any():
             mean_square += status_weight**2 * np.nanmean(np.abs(self.status - run.status))
         return float(np.sqrt(mean_square))
-
-    def _prior_part(self, z: FloatArray) -> tuple[FloatArray, float, FloatArray, FloatArray]:
-        """theta, log prior density of z, its gradient, and d theta / d z, which is diagonal."""
-        theta, log_prior, gradient, slope = self._prior_function(z)
-        return np.array(theta), float(log_prior), np.asarray(gradient), np.asarray(slope)
-
-    @cached_property
-    def _prior_function(self) -> Any:
-        def evaluate(z: Any) -> Any:
-            value, gradient = jax.value_and_grad(self.priors.log_density)(z)
-            theta, slope = jax.jvp(self.priors.to_theta, (z,), (jnp.ones_like(z),))
-            return theta, value, gradient, slope
-
-        return jax.jit(evaluate)
 
 
 def build_problem(

@@ -1,0 +1,64 @@
+"""The peers of the benchmarks solve the same equations as flightcal; and the tools that compare them."""
+
+import sys
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+sys.path.insert(0, str(Path(__file__).parents[2]))
+
+from benchmarks.networks import chain, plate
+from benchmarks.peers import c_program, jax_scan, scipy_ode
+from benchmarks.problem import benchmark_problem, canonical
+from benchmarks.report import Section, Table
+
+from benchmarks import timing
+from flightcal.simulator import integrate
+
+needs_gcc = pytest.mark.skipif(not c_program.compiler_version(), reason="no gcc")
+
+
+def test_the_jax_form_of_the_problem_has_flightcals_log_density_and_gradient():
+    problem, theta = benchmark_problem()
+    model = canonical(problem)
+    z = problem.to_z(theta) + 0.01
+    value, gradient = problem.log_density_and_gradient(z)
+    trajectory = problem.simulate(theta)
+    assert len(trajectory.switches.time) >= 4
+    found = jax_scan.log_density_and_gradient(model, jax_scan.located(model))(z)
+    assert found[0] == pytest.approx(value, rel=1e-10)
+    np.testing.assert_allclose(found[1], gradient, rtol=1e-6, atol=1e-6 * np.abs(gradient).max())
+
+
+@needs_gcc
+@pytest.mark.parametrize("case", [chain(12, heaters=3), plate(16)], ids=["chain", "plate"])
+def test_the_c_program_agrees_with_flightcal(case):
+    run = integrate(*case)
+    assert len(run.switches.time) > 0
+    np.testing.assert_allclose(c_program.forward(*case)(), run.states, rtol=0, atol=1e-6)
+
+
+def test_scipy_with_events_agrees_with_flightcal():
+    problem, theta = benchmark_problem()
+    states = scipy_ode.solve_with_events(canonical(problem), theta, "LSODA", 1e-7, 1e-5)
+    found = canonical(problem).observe(states)
+    np.testing.assert_allclose(found, problem.simulate(theta).temperatures, rtol=0, atol=0.01)
+
+
+def test_timings_take_turns():
+    calls = []
+    timings = timing.interleaved({"a": lambda: calls.append("a"), "b": lambda: calls.append("b")}, 3)
+    assert {name: len(found.samples) for name, found in timings.items()} == {"a": 3, "b": 3}
+    assert "".join(dict.fromkeys(calls)) == "ab"
+    assert timing.ratios(timings, "a")["a"].median == 1.0
+
+
+def test_the_exponent_of_a_power_law_is_found():
+    sizes = [1, 2, 4, 8, 16, 32]
+    assert timing.exponent(sizes, [0.1 * size**1.5 for size in sizes]) == pytest.approx(1.5)
+
+
+def test_a_section_is_markdown():
+    section = Section("Title", "Question.", [Table(["", "time"], [["a", "1 s"]])], ["Note."])
+    assert section.markdown() == "## Title\n\nQuestion.\n\n|  | time |\n| --- | ---: |\n| a | 1 s |\n\n- Note."
