@@ -143,7 +143,8 @@ class Problem:
         noise = self.noise(theta)
         valid = np.isfinite(self.observed)
         weighted = np.where(valid[..., None], self.jacobian(z) / noise[:, None], 0.0).reshape(-1, len(z))
-        hessian = weighted.T @ weighted
+        # Not a product of BLAS, whose threads spin for a hundred times longer than this takes when the cores are busy.
+        hessian: FloatArray = np.einsum("ti,tj->ij", weighted, weighted)
         hessian[np.diag_indices(len(z))] += self.priors.precision(z)
         channels, positions = self.inferred_noise
         hessian[positions, positions] += 2.0 * valid.sum(axis=0)[channels] * (slope[positions] / noise[channels]) ** 2

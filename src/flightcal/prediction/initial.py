@@ -41,7 +41,7 @@ def condition_initial(
             break
         weighted = np.where(valid[..., None], jacobian / noise[:, None, :, None], 0.0)
         weighted = weighted.reshape(len(thetas), -1, len(positions))
-        hessians = weighted.transpose(0, 2, 1) @ weighted + np.diag(precision)
+        hessians = np.einsum("sti,stj->sij", weighted, weighted) + np.diag(precision)
         for s, run in enumerate(first.simulate_many(thetas)):
             if run is None:
                 thetas[s, positions] = mean

@@ -89,5 +89,15 @@ def in_parallel(task: Callable[[int], Any], count: int) -> list[Any]:
     workers = min(os.cpu_count() or 1, count)
     if workers <= 1:
         return [task(k) for k in range(count)]
+    results: list[Any] = [None] * count
+    tickets = iter(range(count))
+
+    def work() -> None:
+        for k in tickets:
+            results[k] = task(k)
+
+    # One future a worker, not one a task: a simulation may take less than handing it over.
     with ThreadPoolExecutor(workers) as pool:
-        return list(pool.map(task, range(count)))
+        for future in [pool.submit(work) for _ in range(workers)]:
+            future.result()
+    return results
