@@ -6,7 +6,7 @@ BIN := $(VENV)/bin
 INSTALLED := $(VENV)/installed
 RUN ?= runs/leo_observer
 
-.PHONY: demo test test-slow lint format chromium clean
+.PHONY: demo test test-slow bench lint format chromium clean
 
 demo: $(INSTALLED)
 	$(BIN)/flightcal demo --out $(RUN)
@@ -16,6 +16,11 @@ test: $(INSTALLED)
 
 test-slow: $(INSTALLED)
 	$(BIN)/pytest -n 2 -m slow
+
+# Side by side with peers, which it installs; writes docs/benchmarks.md. Takes half an hour.
+bench: $(INSTALLED)
+	$(BIN)/python -m pip install --quiet --editable ".[bench]"
+	$(BIN)/python -m benchmarks
 
 lint: $(INSTALLED)
 	$(BIN)/ruff check .

@@ -1,0 +1,104 @@
+"""The canonical form of the benchmarks' problem for the peers, in JAX from z on: flightcal's very equations."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+
+from flightcal._jax import jax, jnp
+from flightcal.calibration import Problem
+from flightcal.scenario import Normal, Prior, Uniform
+from flightcal.scenario.schema import LogNormal, TruncatedNormal
+from flightcal.simulator import Drive, NetworkSimulator, Structure, System
+from flightcal.simulator.oracle import dense
+
+ndtr, ndtri = jax.scipy.special.ndtr, jax.scipy.special.ndtri
+
+
+@dataclass(frozen=True)
+class Canonical:
+    """The problem as the peers get it: JAX functions of theta, and the drive."""
+
+    problem: Problem
+    structure: Structure
+    drive: Drive
+
+    @property
+    def simulator(self) -> NetworkSimulator:
+        """flightcal's simulator, for its numbers only."""
+        assert isinstance(self.problem.simulator, NetworkSimulator)
+        return self.problem.simulator
+
+    def system(self, theta: Any) -> System:
+        """The entries at theta [d], differentiable by JAX: the same table of terms that flightcal's assembly reads."""
+        simulator = self.simulator
+        theta = theta[self.problem.simulated]
+        network, mapping, terms = simulator.network, simulator.mapping, simulator.network.terms
+        values = jnp.asarray(network.values).at[mapping.set_positions].set(theta[mapping.set_by])
+        values = values.at[mapping.scaled_positions].multiply(theta[mapping.scaled_by], unique_indices=True)
+        extended = jnp.concatenate([values, jnp.ones(1), 1.0 / values[terms.inverse]])
+        products = terms.constant * jnp.prod(extended[terms.factors], axis=1)
+        entries = jnp.zeros(terms.entries).at[terms.entry].add(products)
+        s = self.structure
+        bounds = np.cumsum([len(s.linear_column), len(s.radiative_column), len(s.forcing_row)])
+        temperatures = theta[len(mapping.names) :]
+        return System(*jnp.split(entries, bounds), *(values[row] for row in network.thresholds), temperatures)
+
+    def dense(self, theta: Any) -> tuple[Any, Any, Any, Any, Any, Any, Any]:
+        """A, N [n, n], heat [K+1, n] on the drive's grid, g [H, n], lower, upper [H], x0 [n]; K and seconds."""
+        system = self.system(theta)
+        A, N, B, g = dense(self.structure, system)
+        heat = jnp.asarray(self.drive.inputs[:, : B.shape[1]]) @ B.T
+        return A, N, heat, g, system.lower, system.upper, system.initial
+
+    def observe(self, states: Any) -> Any:
+        """Temperatures [T, N] of states [K+1, n] on the grid."""
+        sampling, channels = self.simulator.sampling, self.simulator.channel_states
+        weight = sampling.weight[:, None]
+        return (1 - weight) * states[sampling.index][:, channels] + weight * states[sampling.index + 1][:, channels]
+
+    def to_theta(self, z: Any) -> Any:
+        """Physical theta [d] of z [d]; every prior here is N(0, 1) in z (see `flightcal.calibration.priors`)."""
+        return jnp.stack([_quantile(prior, z[k]) for k, prior in enumerate(self.problem.priors.priors)])
+
+    def log_density(self, z: Any, temperatures: Any) -> Any:
+        """Log density of z [d]; `temperatures`: theta -> [T, N]. No sample of this problem is missing."""
+        theta = self.to_theta(z)
+        scaled = (self.problem.observed - temperatures(theta)) / self.problem.fixed_noise
+        constant = self.problem.observed.shape[0] * np.sum(np.log(self.problem.fixed_noise * np.sqrt(2 * np.pi)))
+        log_prior = jnp.sum(jax.scipy.stats.norm.logpdf(z))
+        return log_prior - 0.5 * jnp.sum(scaled**2) - constant
+
+
+def _quantile(prior: Prior, score: Any) -> Any:
+    """theta where the standard normal has `score`."""
+    match prior:
+        case Uniform():
+            return prior.lower + (prior.upper - prior.lower) * ndtr(score)
+        case Normal():
+            return prior.mean + prior.standard_deviation * score
+        case LogNormal():
+            return jnp.exp(np.log(prior.median) + np.log(prior.factor) * score)
+        case TruncatedNormal():
+            low, high = (ndtr((end - prior.mean) / prior.standard_deviation) for end in (prior.lower, prior.upper))
+            return prior.mean + prior.standard_deviation * ndtri(low + (high - low) * ndtr(score))
+        case _:
+            raise NotImplementedError(f"the benchmarks' problem has no {type(prior).__name__} prior")
+
+
+def canonical(problem: Problem) -> Canonical:
+    """The canonical form of a problem whose noise is fixed and whose nodes all have a capacity."""
+    simulator = problem.simulator
+    assert isinstance(simulator, NetworkSimulator)
+    assert len(problem.simulated) == len(problem.names)
+    assert simulator.network.structure.mass.all()
+    return Canonical(problem, simulator.network.structure, simulator.drive)
+
+
+def tight_reference(model: Canonical, theta: Any) -> Any:
+    """Temperatures [T, N] (K) to about 1e-8 K: SciPy's Radau between grid points and switches, rtol 1e-10."""
+    from .peers.scipy_ode import solve_by_pieces
+
+    return model.observe(solve_by_pieces(model, theta, rtol=1e-10, atol=1e-10))

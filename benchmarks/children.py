@@ -1,0 +1,70 @@
+"""What must be measured in a process of its own; prints one line of JSON. `python -m benchmarks.children WHAT ...`."""
+
+from __future__ import annotations
+
+import json
+import os
+import resource
+import sys
+import time
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+
+def chains(count: int, cores: int, draws: int) -> dict[str, float]:
+    """Gradients a second of NUTS with `count` chains on `cores` cores."""
+    os.sched_setaffinity(0, sorted(os.sched_getaffinity(0))[:cores])
+    from flightcal.calibration import climb
+    from flightcal.calibration.nuts import sample, whitening
+    from flightcal.scenario import NutsSettings
+
+    from .problem import benchmark_problem
+
+    problem, theta = benchmark_problem()
+    z = climb(problem, problem.to_z(theta)).z
+    coordinates = whitening(z, problem.gauss_newton_hessian(z))
+    sample(problem.log_density_and_gradient, coordinates, NutsSettings(chains=2, draws=50, warmup=50), 1)
+    begin = time.perf_counter()
+    settings = NutsSettings(chains=count, draws=max(50, draws), warmup=50)
+    done = sample(problem.log_density_and_gradient, coordinates, settings, 2)
+    return {"rate": done.gradients / (time.perf_counter() - begin)}
+
+
+def memory(orbits: int, nodes: int) -> dict[str, float]:
+    """Peak of the process in MiB, by how much a gradient raised it, and the seconds that it took."""
+    from flightcal.simulator import integrate, pull_back
+
+    from .networks import chain
+
+    small = chain(4)
+    run = integrate(*small)
+    pull_back(*small, run, np.ones_like(run.states))
+    case = chain(nodes, 1, orbits)
+    before = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss
+    begin = time.perf_counter()
+    run = integrate(*case)
+    pull_back(*case, run, np.ones_like(run.states))
+    seconds = time.perf_counter() - begin
+    peak = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss
+    return {"peak": peak / 1024, "growth": (peak - before) / 1024, "seconds": seconds}
+
+
+def experiment(scenario: str, out: str) -> dict[str, float]:
+    """Seconds of each stage of the whole experiment, of the imports, and of everything since the process began."""
+    begin = time.perf_counter()
+    from flightcal.experiment import run_experiment
+
+    imported = time.perf_counter()
+    summary = run_experiment(Path(scenario), Path(out))
+    done = time.perf_counter()
+    stages: dict[str, Any] = json.loads((summary.run / "provenance.json").read_text(encoding="utf-8"))["stages"]
+    passed = float(summary.passed)
+    return {"import": imported - begin, **stages, "all": done - begin, "passed": passed}
+
+
+if __name__ == "__main__":
+    what, *given = sys.argv[1:]
+    arguments = given if what == "experiment" else [int(value) for value in given]
+    print(json.dumps({"chains": chains, "memory": memory, "experiment": experiment}[what](*arguments)))

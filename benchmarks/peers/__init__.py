@@ -1,0 +1,1 @@
+"""What flightcal is compared with; each solves the very equations of `benchmarks.problem`."""

@@ -1,0 +1,1 @@
+"""The tables: each module measures one, `measure(quick) -> Section`."""

@@ -1,0 +1,84 @@
+"""One simulation: flightcal, the C program, SciPy, diffrax."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from typing import Any
+
+import numpy as np
+
+from flightcal._jax import jax
+from flightcal.simulator import integrate
+
+from ..canonical import canonical, tight_reference
+from ..peers import c_program, diffrax_ode, scipy_ode
+from ..problem import benchmark_problem
+from ..report import Section, Table
+from ..timing import interleaved, ratio_text, ratios
+
+_SCIPY = (("LSODA", 1e-7, 1e-5), ("Radau", 1e-6, 1e-4))
+_AGREEMENT = 1e-6  # K
+
+
+def measure(quick: bool) -> Section:
+    """The table."""
+    problem, theta = benchmark_problem()
+    model = canonical(problem)
+    structure, drive = model.structure, model.drive
+    system, _ = model.simulator.assemble(theta[problem.simulated])
+    reference = tight_reference(model, theta)
+    notes = []
+    runs: dict[str, Callable[[], Any]] = {"flightcal, integration": lambda: integrate(structure, system, drive).states}
+    if c_program.compiler_version():
+        runs["C program of the same scheme"] = c_program.forward(structure, system, drive)
+        apart = float(np.abs(runs["C program of the same scheme"]() - integrate(structure, system, drive).states).max())
+        if not apart < _AGREEMENT:
+            raise AssertionError(f"the C program and flightcal differ by {apart:.2g} K")
+        notes.append(
+            f"The C program (`peers/rodas3.c`, gcc {' '.join(c_program.FLAGS[:2])}) agrees with flightcal to "
+            f"{apart:.1e} K; "
+            "it keeps the states only, flightcal also what its derivative needs."
+        )
+    else:
+        notes.append("No gcc was found, so the C program is left out.")
+    observed = {name: lambda run=run: model.observe(run()) for name, run in runs.items()}
+    runs["flightcal, theta to temperatures"] = lambda: problem.simulate(theta).temperatures
+    for method, rtol, atol in _SCIPY:
+        runs[f"SciPy solve_ivp, {method} with events"] = lambda method=method, rtol=rtol, atol=atol: model.observe(
+            scipy_ode.solve_with_events(model, theta, method, rtol, atol)
+        )
+    for solver in ("Tsit5", "Kvaerno3"):
+        configuration = diffrax_ode.Configuration(solver, rtol=1e-7, atol=1e-4)
+        compiled = diffrax_ode.temperatures(model, configuration)
+        runs[f"diffrax {solver}"] = lambda compiled=compiled: jax.block_until_ready(compiled(theta))[0]
+    errors = {name: np.asarray({**runs, **observed}[name]()) - reference for name in runs}
+    timings = interleaved(runs, 5 if quick else 21, budget=20 if quick else 60)
+    over = ratios(timings, "flightcal, integration")
+    rows = [
+        [
+            name,
+            str(timings[name]),
+            ratio_text(over[name]),
+            f"{np.sqrt(np.mean(errors[name] ** 2)):.2g}",
+            f"{np.abs(errors[name]).max():.2g}",
+        ]
+        for name in runs
+    ]
+    if "C program of the same scheme" in runs:
+        inverse = ratios(timings, "C program of the same scheme")["flightcal, integration"]
+        notes.append(f"flightcal's integration takes {ratio_text(inverse)} times the C program's time.")
+    z = problem.to_z(theta)
+    both = interleaved(
+        {
+            "forward": lambda: problem.simulate(theta),
+            "gradient": lambda: problem.log_density_and_gradient(z),
+        },
+        5 if quick else 21,
+    )
+    gradient = ratios(both, "forward")["gradient"]
+    notes += [
+        f"flightcal's gradient takes {ratio_text(gradient)} times its forward run (theta to temperatures).",
+        "SciPy runs from switch to switch with the Jacobian given; diffrax's thermostat is smoothed, as above.",
+    ]
+    columns = ["", "one run", "over flightcal's integration", "RMS, K", "max, K"]
+    return Section("Forward run", "The same problem, simulated once.", [Table(columns, rows)], notes)

@@ -1,0 +1,126 @@
+"""How time and memory grow with the simulated time, the network, the heaters, the parameters and the chains."""
+
+from __future__ import annotations
+
+import json
+import os
+import subprocess
+import sys
+import tempfile
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from flightcal.simulator import integrate, pull_back
+
+from ..networks import ORBIT, Case, chain, plate, with_parameters
+from ..problem import make_problem
+from ..report import Section, Table
+from ..timing import duration, exponent, interleaved
+
+_MEMORY_CASES = ((2, 8), (100, 8), (2, 200), (20, 200), (100, 200))
+"""Orbits and nodes; the last must fit in 2 GiB."""
+
+
+def measure(quick: bool) -> Section:
+    """All of them."""
+    rounds = 3 if quick else 7
+    return Section(
+        "Scaling",
+        "The exponent is the slope of log time over log size, fitted to the larger half of the sizes. Networks are "
+        "chains of nodes (each linked to the next, radiating to space, sunlit every second one) or square plates "
+        f"(each linked to four), in steps of 60 s; an orbit is {ORBIT:.0f} s; two orbits unless said.",
+        [
+            _sizes("orbits", [1, 3, 10] if quick else [1, 3, 10, 30, 100], lambda k: chain(8, 1, k), rounds),
+            _sizes("nodes, chain", [2, 8, 32, 128] if quick else [2, 8, 32, 125, 500, 2000], chain, rounds),
+            _sizes("nodes, plate", [4, 16, 64] if quick else [4, 16, 64, 256, 1024, 1936], plate, rounds),
+            _sizes("heaters", [0, 5, 10] if quick else [0, 1, 5, 10, 20, 50], lambda k: chain(100, k), rounds),
+            _parameters([2, 20] if quick else [2, 10, 20, 50, 100, 200], rounds),
+            _chains(quick),
+            _memory(_MEMORY_CASES[:3] if quick else _MEMORY_CASES),
+        ],
+        [
+            "Heaters: on a chain of 100 nodes, spread evenly, each watching its own node; the number of switches grows "
+            "with them.",
+            "Memory is the peak (getrusage) of a process of its own for each row, and by how much the gradient raised "
+            "the peak of imports and compilation (0: it fits into what these had used).",
+        ],
+    )
+
+
+def _sizes(name: str, sizes: list[int], make: Any, rounds: int) -> Table:
+    cases: dict[int, Case] = {size: make(size) for size in sizes}
+    functions: dict[Any, Any] = {}
+    for size, case in cases.items():
+        run = integrate(*case)
+        bar = np.ones_like(run.states)
+        functions[size, "forward"] = lambda case=case: integrate(*case)
+        functions[size, "gradient"] = lambda case=case, bar=bar: pull_back(*case, integrate(*case), bar)
+    timings = interleaved(functions, rounds, budget=30)
+    rows = [
+        [
+            f"{size}",
+            duration(timings[size, "forward"].median),
+            duration(timings[size, "gradient"].median),
+            f"{timings[size, 'gradient'].median / timings[size, 'forward'].median:.2f}",
+            str(len(integrate(*cases[size]).switches.time)),
+        ]
+        for size in sizes
+    ]
+    positive = [size for size in sizes if size > 0]
+    slopes = [exponent(positive, [timings[k, kind].median for k in positive]) for kind in ("forward", "gradient")]
+    rows.append(["exponent", *(f"{slope:.2f}" for slope in slopes), "", ""])
+    return Table([name, "forward", "gradient", "gradient over forward", "switches"], rows)
+
+
+def _parameters(counts: list[int], rounds: int) -> Table:
+    problems = {}
+    for count in counts:
+        with tempfile.TemporaryDirectory() as folder:
+            problems[count] = make_problem(with_parameters(count), {}, Path(folder))
+    functions: dict[Any, Any] = {}
+    for count, (problem, theta) in problems.items():
+        z = problem.to_z(theta)
+        functions[count, "density"] = lambda problem=problem, z=z: problem.log_density(z)
+        functions[count, "gradient"] = lambda problem=problem, z=z: problem.log_density_and_gradient(z)
+    timings = interleaved(functions, rounds, budget=30)
+    rows = [[str(k), *(duration(timings[k, kind].median) for kind in ("density", "gradient"))] for k in counts]
+    slopes = [exponent(counts, [timings[k, kind].median for k in counts]) for kind in ("density", "gradient")]
+    rows.append(["exponent", *(f"{slope:.2f}" for slope in slopes)])
+    return Table(["parameters (100 nodes; besides, 100 initial temperatures)", "log density", "with gradient"], rows)
+
+
+def _chains(quick: bool) -> Table:
+    usable = sorted(os.sched_getaffinity(0))
+    cores = [k for k in (1, 2, 4, 8, 16, 32) if k <= len(usable)]
+    rows = []
+    for chains in (2, 4, 8):
+        rates = [_child("chains", chains, used, 50 if quick else 200)["rate"] for used in cores]
+        rows.append([str(chains), *(f"{rate:,.0f}" for rate in rates), f"{rates[-1] / rates[0]:.2f}"])
+    columns = ["chains", *(f"gradients a second, {k} core{'s' * (k > 1)}" for k in cores), "most cores over one"]
+    return Table(columns, rows)
+
+
+def _memory(cases: Any) -> Table:
+    rows = []
+    for orbits, nodes in cases:
+        found = _child("memory", orbits, nodes)
+        rows.append(
+            [
+                f"{orbits} orbits, {nodes} nodes",
+                f"{found['peak']:.0f} MiB",
+                f"{found['growth']:.0f} MiB",
+                duration(found["seconds"]),
+            ]
+        )
+    return Table(["gradient of a chain with one heater", "peak of the process", "raised by", "time"], rows)
+
+
+def _child(*arguments: Any) -> dict[str, float]:
+    command = [sys.executable, "-m", "benchmarks.children", *map(str, arguments)]
+    done = subprocess.run(command, capture_output=True, text=True, check=False)
+    if done.returncode:
+        raise AssertionError(f"{arguments}: {done.stderr.strip().splitlines()[-1:]}")
+    result: dict[str, float] = json.loads(done.stdout.splitlines()[-1])
+    return result
