@@ -126,7 +126,9 @@ def _before(run: RunFiles) -> list[Block]:
         (2, "poorly_calibrated", "Poorly calibrated: best of the genetic algorithm's first generation"),
     ):
         if _has(window, method):
-            caption = f"Figure {figure}. {words}, against telemetry of the window “{name}”. Eclipses are shaded."
+            caption = f"Figure {figure}. {words}, against telemetry of the window “{name}”."
+            if "eclipse" in window and (window["eclipse"] < 0.5).any():
+                caption += " Eclipses are shaded."
             if figure == 1 and window.sizes["time"] > 6 * _bins(run):
                 caption += " Of a long series like this one, every figure shows the extremes of each stretch."
             blocks.append(_figure(draw.figure_point(window, [method], _bins(run)), caption))

@@ -218,7 +218,7 @@ def figure_correlation(names: Sequence[str], correlation: Array) -> go.Figure:
             z=correlation.astype(np.float32), x=list(names), y=list(names), zmin=-1, zmax=1,
             colorscale=[[i / 4, colour] for i, colour in enumerate(DIVERGING)],
             text=text, texttemplate="%{text}", textfont={"size": 10}, xgap=1, ygap=1,
-            colorbar={"title": {"text": "correlation, –", "side": "right"}, "thickness": 12, "len": 0.9},
+            colorbar={"thickness": 12, "len": 0.7, "y": 0.35},
             hovertemplate="%{y} and %{x}: %{z:.3f}<extra></extra>",
         )
     )  # fmt: skip
