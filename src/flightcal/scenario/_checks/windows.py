@@ -28,10 +28,14 @@ def check(reading: Reading, folder: Path) -> Iterator[Problem]:
     environment = draft.environment
     if environment is None:
         return
-    for name, window in readable(draft.windows).items():
-        if window.orbits is not None and environment.orbit is None and environment.period is None:
+    if environment.orbit is None and environment.period is None:
+        in_orbits = [name for name, window in readable(draft.windows).items() if window.orbits is not None]
+        for name in in_orbits:
             message = "found a length in orbits, expected 'orbit' or 'period' in environment to know how long one is"
             yield Problem(("windows", name, "orbits"), message)
+        if not in_orbits and draft.windows:
+            message = "found neither 'orbit' nor 'period', expected one: gaps and phases are told in orbits"
+            yield Problem(("environment",), message)
     yield from _check_overlap(readable(draft.windows), environment)
 
 
