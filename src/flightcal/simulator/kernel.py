@@ -17,6 +17,8 @@ gradient of what `forward` computes. A piece of a step between such cuts is call
 
 W is factorised by rows on the fixed pattern of `Structure`, without pivoting: with conduction and radiation between
 nodes it is an M-matrix. Everything costs as much as the network has links.
+
+All compiled functions that call each other stand in this file: Numba's cache does not notice a change in another.
 """
 
 from __future__ import annotations
