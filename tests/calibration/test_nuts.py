@@ -242,7 +242,8 @@ def test_failed_simulations_are_divergences_and_counted(fail, reason):
     assert (draws.z[..., 0] <= 1.0).all()
     assert reason in draws.last_failure
     failures = draws.statistics["diverging"].sum() + draws.warmup_divergences
-    assert 0 < draws.failures <= failures
+    first_steps = draws.z.shape[0]  # the search for a chain's first step size may fail once
+    assert 0 < draws.failures <= failures + first_steps
     assert draws.statistics["diverging"].any()
 
 

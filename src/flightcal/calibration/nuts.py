@@ -14,6 +14,7 @@ interrupted run has about as many draws of each.
 
 from __future__ import annotations
 
+import inspect
 import math
 import signal
 import threading
@@ -130,7 +131,8 @@ class Draws:
     warmup_gradients: int
     warmup_divergences: int
     failures: int
-    """Evaluations that raised or were not finite, warm-up included; each ended its trajectory as a divergence."""
+    """Evaluations that raised or were not finite, warm-up included; each ended its trajectory as a divergence, but for
+    those of the search for a first step size."""
     last_failure: str | None
     interrupted: bool
     """Stopped before all draws were made; chains are cut to the shortest, which may be empty."""
@@ -298,10 +300,17 @@ def _start(density: _Density, start: Array, settings: NutsSettings, seed: int) -
         seed=seed,
         target_accept=settings.target_acceptance,
         maxdepth=MAXIMUM_DEPTH,
-        low_rank_modified_mass_matrix=True,
+        **_low_rank_adaptation(nutpie.sample),
         blocking=False,
         progress_bar=False,
     )
+
+
+def _low_rank_adaptation(sample: Callable[..., Any]) -> dict[str, Any]:
+    """How to ask for a low-rank mass matrix: nutpie renamed it after 0.16.8, the last for Python 3.11."""
+    if "adaptation" in inspect.signature(sample).parameters:
+        return {"adaptation": "low_rank"}
+    return {"low_rank_modified_mass_matrix": True}
 
 
 def _wait(sampler: Any) -> Any:
