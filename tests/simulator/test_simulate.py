@@ -218,6 +218,23 @@ EVERYTHING = {
 SCALED = ("conductors.shell-space.radiative", "modes.quiet.shell", "modes.quiet.body")
 
 
+def test_open_loop_status_is_the_measured_one_on_both_sides_of_a_gap(tmp_path):
+    scenario, data = small.closed_loop(tmp_path)
+    measured = data["heater_status"].values.copy()
+    gap = np.zeros(len(measured), bool)
+    gap[100:160] = True
+    assert np.abs(np.diff(measured[gap])).sum() >= 2, "the thermostat has something to do in the gap"
+    data["heater_status"].values[gap] = np.nan
+    opened = small.simulator_of(open_loop(scenario), data)
+    status = opened.simulate(small.theta_of(opened, **small.TRUTH)).status[:, 0]
+    # A status changes halfway between two samples, so a sample next to a change has a share.
+    steady = np.flatnonzero(
+        (np.diff(measured, prepend=measured[0]) == 0) & (np.diff(measured, append=measured[-1]) == 0)
+    )
+    known = steady[(steady < 99) | (steady > 160)]
+    np.testing.assert_array_equal(status[known], measured[known])
+
+
 @pytest.fixture(scope="module", params=["thermostat", "measured"])
 def differentiated(request, tmp_path_factory):
     """Every kind of number as a parameter, at theta; in closed and in open loop."""

@@ -188,12 +188,8 @@ class NetworkSimulator:
         temperatures = self.sampling.interpolate(run.states, self.channel_states, values[self.channel_biases])
         index, weight = self.sampling.index, self.sampling.weight
         times = self.drive.times[index] + weight * (self.drive.times[index + 1] - self.drive.times[index])
-        status = run.status[index]
-        for k in np.unique(run.switches.heater):
-            mine = run.switches.heater == k
-            passed = np.searchsorted(run.switches.time[mine], times, side="right")
-            status[:, k] = np.concatenate([run.status[:1, k], run.switches.on[mine]])[passed]
-        _, _, lengths, _, _, heater_status = run.segments
+        _, starts, lengths, _, _, heater_status = run.segments
+        status = heater_status[np.searchsorted(starts, times, side="right") - 1]
         return Trajectory(temperatures, status, lengths @ heater_status / lengths.sum(), run.switches)
 
 
