@@ -99,14 +99,6 @@ def whitening(mode: Array, precision: Array) -> Whitening:
     return Whitening(np.array(mode, float), directions / np.sqrt(np.maximum(eigenvalues, floor)))
 
 
-def gauss_newton_whitening(mode: Array, jacobian: Array, prior_precision: Array) -> Whitening:
-    """Whitening by the Gauss-Newton Hessian at `mode` [d].
-
-    jacobian: [R, d], of residuals divided by their standard deviation. prior_precision: [d, d].
-    """
-    return whitening(mode, prior_precision + jacobian.T @ jacobian)
-
-
 @dataclass(frozen=True)
 class ChainProgress:
     """How far a chain is: draws of `total` (warm-up included), gradients, failed simulations."""
