@@ -13,6 +13,7 @@ from flightcal.scenario import Normal, Prior, Uniform
 from flightcal.scenario.schema import LogNormal, TruncatedNormal
 from flightcal.simulator import Drive, NetworkSimulator, Structure, System
 from flightcal.simulator.oracle import dense
+from flightcal.simulator.system import packed_bounds
 
 ndtr, ndtri = jax.scipy.special.ndtr, jax.scipy.special.ndtri
 
@@ -42,9 +43,7 @@ class Canonical:
         products = terms.constant * jnp.prod(extended[terms.factors], axis=1)
         entries = jnp.zeros(terms.entries).at[terms.entry].add(products)
         s = self.structure
-        bounds = np.cumsum([len(s.linear_column), len(s.radiative_column), len(s.forcing_row)])
-        temperatures = theta[len(mapping.names) :]
-        return System(*jnp.split(entries, bounds), *(values[row] for row in network.thresholds), temperatures)
+        return System(*jnp.split(jnp.concatenate([entries, theta[mapping.parameters :]]), packed_bounds(s)))
 
     def dense(self, theta: Any) -> tuple[Any, Any, Any, Any, Any, Any, Any]:
         """A, N [n, n], heat [K+1, n] on the drive's grid, g [H, n], lower, upper [H], x0 [n]; K and seconds."""
@@ -55,9 +54,9 @@ class Canonical:
 
     def observe(self, states: Any) -> Any:
         """Temperatures [T, N] of states [K+1, n] on the grid."""
-        sampling, channels = self.simulator.sampling, self.simulator.channel_states
+        sampling, channels = self.simulator.observation.sampling, self.simulator.observation.states
         weight = sampling.weight[:, None]
-        return (1 - weight) * states[sampling.index][:, channels] + weight * states[sampling.index + 1][:, channels]
+        return (1 - weight) * states[sampling.point][:, channels] + weight * states[sampling.point + 1][:, channels]
 
     def to_theta(self, z: Any) -> Any:
         """Physical theta [d] of z [d]; every prior here is N(0, 1) in z (see `flightcal.calibration.priors`)."""

@@ -197,8 +197,6 @@ def _placeholder(written: dict[str, Any], folder: Path) -> tuple[Scenario, Any]:
 def _theta(simulator: NetworkSimulator, scenario: Scenario, truth: dict[str, float]) -> Any:
     written = simulator.network.values
     sets = dict(zip(simulator.mapping.set_by, simulator.mapping.set_positions, strict=True))
-    parameters = [
-        truth.get(name, written[sets[k]] if k in sets else 1.0) for k, name in enumerate(simulator.mapping.names)
-    ]
+    parameters = [truth.get(name, written[sets[k]] if k in sets else 1.0) for k, name in enumerate(simulator.names)]
     nodes = [simulator.network.nodes[k] for k in simulator.network.diffusive]
     return np.array([*parameters, *(scenario.simulator.nodes[node].initial for node in nodes)])

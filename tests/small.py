@@ -138,7 +138,7 @@ def theta_of(simulator: NetworkSimulator, **values: float) -> Any:
     ``initial_body=280`` is the initial temperature of the node 'body'.
     """
     theta = np.full(len(simulator.parameters), 285.0)
-    for k, name in enumerate(simulator.mapping.names):
+    for k, name in enumerate(simulator.names):
         sets = np.flatnonzero(simulator.mapping.set_by == k)
         theta[k] = simulator.network.values[simulator.mapping.set_positions[sets[0]]] if len(sets) else 1.0
         theta[k] = values.get(name, theta[k])

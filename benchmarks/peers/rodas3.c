@@ -1,4 +1,4 @@
-/* The scheme of flightcal.simulator.kernel, as a C programmer would write it: RODAS3 on a sparse pattern, thermostats
+/* The scheme of flightcal.simulator.step, as a C programmer would write it: RODAS3 on a sparse pattern, thermostats
  * located inside the step by a safeguarded Newton iteration on the step's length. Forward only.
  * Its own code; the equations are in docs/numerics.md and Sandu et al. (1997), Atmos. Environ. 31, 3459-3472. */
 #include <math.h>

@@ -189,7 +189,7 @@ def emcee(seconds: float) -> dict[str, Any]:
 
     def log_probability(z: Any) -> Any:
         thetas = problem.to_theta(z)
-        values = np.asarray(problem.priors.log_density(z)).copy()
+        values = np.asarray(problem.priors.at(z).log_density).copy()
         for k, run in enumerate(problem.simulate_many(thetas)):
             values[k] += (
                 -np.inf

@@ -25,7 +25,7 @@ def measure(quick: bool) -> Section:
     problem, theta = benchmark_problem()
     model = canonical(problem)
     structure, drive = model.structure, model.drive
-    system, _ = model.simulator.assemble(theta[problem.simulated])
+    system = model.simulator.system(theta[problem.simulated])
     reference = tight_reference(model, theta)
     notes = []
     runs: dict[str, Callable[[], Any]] = {"flightcal, integration": lambda: integrate(structure, system, drive).states}

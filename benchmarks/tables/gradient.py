@@ -84,7 +84,7 @@ def _differences(model: Canonical) -> Callable[[Any], Any]:
         steps = _DIFFERENCE * np.eye(len(z))
         points = np.concatenate([z[None], z + steps, z - steps])
         thetas = problem.to_theta(points)
-        prior = np.asarray(problem.priors.log_density(points))
+        prior = np.asarray(problem.priors.at(points).log_density)
         values = np.array(
             [
                 iid_log_likelihood(problem.observed, run.temperatures, problem.noise(theta))[0]

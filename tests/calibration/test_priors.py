@@ -44,14 +44,14 @@ def test_log_density_of_z_is_that_of_theta_plus_the_log_jacobian(j):
     prior = single(j)
     z = np.linspace(-4.0, 4.0, 33)
     theta = np.array(prior.to_theta(z[:, None]))[:, 0]
-    expected = REFERENCE[j].logpdf(theta) + np.log(prior.slope(z[:, None])[:, 0])
-    np.testing.assert_allclose(prior.log_density(z[:, None]), expected, rtol=1e-8, atol=1e-8)
+    expected = REFERENCE[j].logpdf(theta) + np.log(prior.at(z[:, None]).slope[:, 0])
+    np.testing.assert_allclose(prior.at(z[:, None]).log_density, expected, rtol=1e-8, atol=1e-8)
 
 
 @each
 def test_density_of_z_integrates_to_one(j):
     z = np.linspace(-80.0, 40.0, 120_001)
-    density = np.exp(single(j).log_density(z[:, None]))
+    density = np.exp(single(j).at(z[:, None]).log_density)
     assert np.trapezoid(density, z) == pytest.approx(1.0, abs=1e-8)
 
 
@@ -81,11 +81,11 @@ def test_theta_far_out_stays_within_the_bounds_with_finite_derivatives(j):
     for z in (-np.inf, -300.0, -40.0, -9.0, 9.0, 40.0, 300.0, np.inf):
         assert low <= prior.to_theta(np.array([z]))[0] <= high
         if np.isfinite(z):
-            slope = prior.slope(np.array([z]))[0]
+            slope = prior.at(np.array([z])).slope[0]
             assert np.isfinite(slope)
             assert slope >= 0.0
-            assert prior.log_density(np.array([z])) < -0.5
-            assert np.isfinite(prior.gradient(np.array([z]))).all()
+            assert prior.at(np.array([z])).log_density < -0.5
+            assert np.isfinite(prior.at(np.array([z])).gradient).all()
 
 
 @each
@@ -103,21 +103,21 @@ def test_slope_and_gradient_agree_with_finite_differences(j):
     prior, step = single(j), 1e-5
     z = np.linspace(-3.0, 3.0, 25)[:, None]
     difference = (prior.to_theta(z + step) - prior.to_theta(z - step)) / (2 * step)
-    np.testing.assert_allclose(prior.slope(z), difference, rtol=1e-6)
-    difference = (prior.log_density(z + step) - prior.log_density(z - step)) / (2 * step)
-    np.testing.assert_allclose(prior.gradient(z)[:, 0], difference, rtol=1e-6, atol=1e-8)
+    np.testing.assert_allclose(prior.at(z).slope, difference, rtol=1e-6)
+    difference = (prior.at(z + step).log_density - prior.at(z - step).log_density) / (2 * step)
+    np.testing.assert_allclose(prior.at(z).gradient[:, 0], difference, rtol=1e-6, atol=1e-8)
 
 
 def test_slope_of_a_symmetric_truncated_normal_is_right_at_its_median():
     prior = Priors(("x",), (TruncatedNormal(mean=1.0, standard_deviation=2.0, lower=-1.0, upper=3.0),))
-    slope = prior.slope(np.zeros(1))[0]
+    slope = prior.at(np.zeros(1)).slope[0]
     mass = scipy.stats.norm.cdf(1.0) - scipy.stats.norm.cdf(-1.0)
     assert slope == pytest.approx(2.0 * mass)
 
 
 def test_precision_is_minus_the_derivative_of_the_gradient():
     z, step = np.random.default_rng(0).normal(size=(50, D)), 1e-5
-    difference = (PRIORS.gradient(z - step) - PRIORS.gradient(z + step)) / (2 * step)
+    difference = (PRIORS.at(z - step).gradient - PRIORS.at(z + step).gradient) / (2 * step)
     np.testing.assert_allclose(PRIORS.precision(z), difference, rtol=1e-6, atol=1e-8)
     assert (np.array(PRIORS.precision(np.random.default_rng(1).normal(0, 5, (100, D)))) >= 0).all()
 
@@ -128,13 +128,13 @@ def test_parameters_keep_their_order_over_any_leading_axes():
     assert theta.shape == (3, 4, D)
     for j in range(D):
         np.testing.assert_allclose(theta[..., j], single(j).to_theta(z[..., j : j + 1])[..., 0], rtol=1e-12)
-    total = sum(single(j).log_density(z[..., j : j + 1]) for j in range(D))
-    np.testing.assert_allclose(PRIORS.log_density(z), total, rtol=1e-12)
+    total = sum(single(j).at(z[..., j : j + 1]).log_density for j in range(D))
+    np.testing.assert_allclose(PRIORS.at(z).log_density, total, rtol=1e-12)
 
 
 def test_everything_is_double_precision():
     assert PRIORS.to_theta(np.zeros(D)).dtype == np.float64
-    assert PRIORS.log_density(np.zeros(D)).dtype == np.float64
+    assert PRIORS.at(np.zeros(D)).log_density.dtype == np.float64
 
 
 def test_medians_and_bounds_are_quantiles():

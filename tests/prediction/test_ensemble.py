@@ -66,7 +66,8 @@ def test_heater_duty_switches_and_energy_are_those_of_each_simulation(problem):
     ensemble = propagate(problem, thetas, 0.95, np.random.default_rng(1))
     runs = [problem.simulate(theta) for theta in thetas]
     power = thetas[:, problem.names.index("power")]
-    np.testing.assert_array_equal(ensemble.duty_cycle[:, 0], [run.duty_cycle[0] for run in runs])
+    # Simulations side by side and one by one differ by rounding.
+    np.testing.assert_allclose(ensemble.duty_cycle[:, 0], [run.duty_cycle[0] for run in runs], rtol=1e-10)
     np.testing.assert_array_equal(ensemble.switch_count[:, 0], [len(run.switches.time) for run in runs])
     np.testing.assert_allclose(ensemble.energy[:, 0], ensemble.duty_cycle[:, 0] * power * 4500.0)
     np.testing.assert_allclose(ensemble.status, np.mean([run.status for run in runs], axis=0))

@@ -2,8 +2,9 @@
 
 import numpy as np
 
+from flightcal.simulator.assembly import ParameterMap, assemble
 from flightcal.simulator.network import STEFAN_BOLTZMANN
-from flightcal.simulator.system import Drive, System, make_structure
+from flightcal.simulator.system import Drive, System, make_structure, unpack
 
 
 def from_dense(mass, A, N, B, g, sensor, lower, upper, initial):
@@ -15,6 +16,19 @@ def from_dense(mass, A, N, B, g, sensor, lower, upper, initial):
     structure = make_structure(mass, entries(A), entries(N), entries(B), entries(g), sensor)
     values = [np.ascontiguousarray(matrix[np.nonzero(matrix)], float) for matrix in (A, N, B, g)]
     return structure, System(*values, np.asarray(lower, float), np.asarray(upper, float), np.asarray(initial, float))
+
+
+def no_parameters(numbers):
+    """A map without parameters: the scenario's numbers as they are."""
+    nothing = np.zeros(0, np.int64)
+    return ParameterMap(0, np.asarray(numbers, float), nothing, nothing, nothing, nothing)
+
+
+def assembled(network, numbers, initial):
+    """The system of a network at the scenario's numbers [V], from initial temperatures [n]."""
+    mass = network.structure.mass
+    _, packed = assemble(no_parameters(numbers), network.terms, mass, np.asarray(initial, float)[mass > 0])
+    return unpack(network.structure, packed)
 
 
 def drive_of(times, inputs, heaters=0, measured=None):

@@ -4,10 +4,11 @@ import numpy as np
 import pytest
 
 from flightcal.simulator import build_network
-from flightcal.simulator.assembly import Terms, assemble, pull_back_assembly
-from flightcal.simulator.system import System, make_structure
+from flightcal.simulator.assembly import ParameterMap, Terms, assemble, pull_back_assembly
+from flightcal.simulator.system import System, pack
 
 from .. import small
+from .systems import assembled, no_parameters
 from .test_network import rich
 
 
@@ -16,12 +17,18 @@ def network(tmp_path_factory):
     return build_network(small.load(tmp_path_factory.mktemp("rich"), rich())[0])
 
 
-def flat(system):
-    return np.concatenate([system.linear, system.radiative, system.forcing, system.heating, system.lower, system.upper])
+def pulled_back(network, numbers, bar):
+    """Cotangent of the scenario's numbers: of parameters that each set one of them."""
+    places = np.arange(len(numbers))
+    nothing = np.zeros(0, np.int64)
+    mapping = ParameterMap(len(numbers), np.zeros(len(numbers)), places, places, nothing, nothing)
+    mass = network.structure.mass
+    theta = np.concatenate([numbers, np.full(int(mass.sum()), 290.0)])
+    found = pull_back_assembly(mapping, network.terms, mass, theta, numbers, bar, np.zeros(len(numbers)))
+    return found[: len(numbers)]
 
 
 def test_an_entry_is_the_sum_of_its_terms_each_a_product_of_numbers_and_reciprocals():
-    structure = make_structure(np.ones(1), [(0, 0)], [(0, 0)], [(0, 0)], [], [])
     one = 3  # position of the one behind three numbers; the reciprocal of number 2 follows it
     terms = Terms(
         entry=np.array([0, 0, 1, 2]),
@@ -30,39 +37,58 @@ def test_an_entry_is_the_sum_of_its_terms_each_a_product_of_numbers_and_reciproc
         inverse=np.array([2]),
         entries=3,
     )
-    system = assemble(terms, structure, np.array([5.0, 7.0, 4.0]), np.zeros((2, 0), int), np.zeros(1))
-    assert system.linear == pytest.approx([2.0 * 5.0 * 7.0 - 1 / 4.0])
-    assert system.radiative == pytest.approx([3.0 * 7.0**4 / 4.0])
-    assert system.forcing == pytest.approx([1.0])
+    _, packed = assemble(no_parameters([5.0, 7.0, 4.0]), terms, np.ones(1), np.array([290.0]))
+    assert packed == pytest.approx([2.0 * 5.0 * 7.0 - 1 / 4.0, 3.0 * 7.0**4 / 4.0, 1.0, 290.0])
+
+
+def test_a_parameter_sets_its_numbers_and_scales_what_is_written_with_all_that_scale_it():
+    terms = Terms(np.arange(3), np.ones(3), np.array([[k] + [3] * 5 for k in range(3)]), np.zeros(0, np.int64), 3)
+    mapping = ParameterMap(3, np.array([5.0, 7.0, 4.0]), *map(np.array, ([2], [1], [0, 1, 0], [0, 0, 2])))
+    thetas = np.array([[2.0, 9.0, 10.0, 280.0], [0.0, 8.0, 3.0, 290.0]])
+    numbers, packed = assemble(mapping, terms, np.ones(1), thetas)
+    np.testing.assert_array_equal(numbers, [[100.0, 14.0, 9.0], [0.0, 0.0, 8.0]])
+    np.testing.assert_array_equal(packed, [[100.0, 14.0, 9.0, 280.0], [0.0, 0.0, 8.0, 290.0]])
+    bar = np.array([1.0, 10.0, 100.0, 7.0])
+    for theta, found, expected in (
+        (thetas[0], numbers[0], [50.0 + 70.0, 100.0, 10.0, 7.0]),
+        (thetas[1], numbers[1], [15.0 + 70.0, 100.0, 0.0, 7.0]),
+    ):
+        got = pull_back_assembly(mapping, terms, np.ones(1), theta, found, bar, np.zeros(3))
+        np.testing.assert_allclose(got, expected)
+
+
+def test_a_massless_state_starts_from_the_mean_of_the_others():
+    none = Terms(*(np.zeros(shape, kind) for shape, kind in ((0, int), (0, float), ((0, 6), int), (0, int))), 0)
+    _, packed = assemble(no_parameters([]), none, np.array([1.0, 0.0, 1.0]), np.array([280.0, 300.0]))
+    np.testing.assert_array_equal(packed, [280.0, 290.0, 300.0])
 
 
 def test_the_adjoint_is_the_transpose_of_the_derivative(network):
     rng = np.random.default_rng(0)
-    initial = np.zeros(len(network.nodes))
+    initial = np.full(len(network.nodes), 290.0)
 
     def at(values):
-        return assemble(network.terms, network.structure, values, network.thresholds, initial)
+        return pack(assembled(network, values, initial))
 
     system = at(network.values)
-    scale = np.abs(flat(system)) + 1e-300
-    weights = System(*(rng.normal(size=np.shape(part)) / (np.abs(part) + 1e-300) for part in system))
-    gradient = pull_back_assembly(network.terms, network.values, network.thresholds, weights)
+    scale = np.abs(system) + 1e-300
+    weights = rng.normal(size=len(system)) / scale
+    gradient = pulled_back(network, network.values, weights)
     for k, path in enumerate(network.paths):
         step = np.zeros_like(network.values)
         step[k] = 1e-5 * max(abs(network.values[k]), 1e-3)
-        difference = (flat(at(network.values + step)) - flat(at(network.values - step))) / (2 * step[k])
-        expected = float((flat(weights) * difference).sum())
-        floor = 1e-9 * float(np.abs(flat(weights) * scale).sum()) / max(abs(network.values[k]), 1e-3)
+        difference = (at(network.values + step) - at(network.values - step)) / (2 * step[k])
+        expected = float((weights * difference).sum())
+        floor = 1e-9 * float(np.abs(weights * scale).sum()) / max(abs(network.values[k]), 1e-3)
         assert gradient[k] == pytest.approx(expected, rel=1e-5, abs=floor), path
 
 
 def test_a_number_that_several_terms_use_gets_the_cotangent_of_all(network):
     """The panel's capacity divides every entry of its row: d entry / d capacity = -entry / capacity."""
-    system = assemble(network.terms, network.structure, network.values, network.thresholds, np.zeros(3))
+    system = assembled(network, network.values, np.full(3, 290.0))
     bar = System(*(np.zeros_like(part) for part in system))
     row = network.nodes.index("panel")
     inside = slice(network.structure.linear_start[row], network.structure.linear_start[row + 1])
     bar.linear[inside] = 1.0
-    position = network.position("nodes.panel.capacity")
-    gradient = pull_back_assembly(network.terms, network.values, network.thresholds, bar)
-    assert gradient[position] == pytest.approx(-system.linear[inside].sum() / 800.0)
+    gradient = pulled_back(network, network.values, pack(bar))
+    assert gradient[network.position("nodes.panel.capacity")] == pytest.approx(-system.linear[inside].sum() / 800.0)

@@ -4,10 +4,10 @@ import numpy as np
 import pytest
 
 from flightcal.simulator import build_network, oracle
-from flightcal.simulator.assembly import assemble
 from flightcal.simulator.network import DEEP_SPACE, STEFAN_BOLTZMANN
 
 from .. import small
+from .systems import assembled
 
 T = {"body": 290.0, "panel": 265.0, "shell": 270.0}
 
@@ -66,7 +66,7 @@ def network(tmp_path_factory):
 def system_of(network, values=None):
     initial = np.array([T[node] for node in network.nodes])
     values = network.values if values is None else values
-    return assemble(network.terms, network.structure, values, network.thresholds, initial)
+    return assembled(network, values, initial)
 
 
 def test_every_node_has_the_heat_balance_of_its_links_loads_and_faces(network):

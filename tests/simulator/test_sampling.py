@@ -2,13 +2,16 @@ import numpy as np
 import pytest
 
 from flightcal.simulator.inputs import make_grid
-from flightcal.simulator.sampling import locate
+from flightcal.simulator.sampling import interpolate, locate, spread
 
 NOTHING = np.empty(0)
 
 
-def at_samples(sampling, on_grid):
-    return sampling.interpolate(on_grid, np.arange(on_grid.shape[1]), np.zeros(on_grid.shape[1]))
+def at_samples(sampling, on_grid, states=None):
+    states = np.arange(on_grid.shape[1]) if states is None else states
+    found = np.empty((len(sampling.point), len(states)))
+    interpolate(sampling, on_grid, states, np.zeros(len(states)), found)
+    return found
 
 
 def test_dense_samples_are_interpolated_instead_of_refining_the_grid():
@@ -31,6 +34,6 @@ def test_spread_is_the_transpose_of_interpolate():
     sampling = locate(np.sort(rng.uniform(0, 300, 40)), grid)
     x, y = rng.normal(size=(len(grid), 3)), rng.normal(size=(40, 3))
     states = np.array([2, 0, 2])
-    assert (sampling.interpolate(x, states, np.zeros(3)) * y).sum() == pytest.approx(
-        (x * sampling.spread(y, states, *x.shape)).sum()
-    )
+    on_grid = np.zeros_like(x)
+    spread(sampling, y, states, on_grid)
+    assert (at_samples(sampling, x, states) * y).sum() == pytest.approx((x * on_grid).sum())

@@ -7,6 +7,7 @@ from scipy.optimize import brentq
 
 from flightcal.environment import face_fluxes
 from flightcal.simulator import SimulationFailure, open_loop
+from flightcal.simulator.assembly import assemble
 from flightcal.simulator.network import DEEP_SPACE, STEFAN_BOLTZMANN
 
 from .. import small
@@ -79,8 +80,8 @@ def test_stored_heat_is_what_heaters_and_loads_gave_less_what_was_radiated(tmp_p
     theta = small.theta_of(simulator, **small.TRUTH)
     run = simulator.simulate(theta)
     at = simulator.drive.times
-    grid = simulator.sampling.index
-    system, _ = simulator.assemble(theta)
+    grid = simulator.observation.sampling.point
+    system = simulator.system(theta)
     from flightcal.simulator import integrate
 
     states = integrate(simulator.network.structure, system, simulator.drive).states
@@ -144,9 +145,8 @@ def values_at(folder, parameters, **values):
     scenario, data = small.load(folder, written)
     simulator = small.simulator_of(scenario, data)
     network = simulator.network
-    return lambda path: simulator.mapping.values(network.values, small.theta_of(simulator, **values))[
-        network.position(path)
-    ]
+    numbers, _ = assemble(simulator.mapping, network.terms, network.structure.mass, small.theta_of(simulator, **values))
+    return lambda path: numbers[network.position(path)]
 
 
 def test_a_parameter_sets_or_scales_several_places(tmp_path):

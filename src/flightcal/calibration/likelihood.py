@@ -2,14 +2,10 @@
 
 from __future__ import annotations
 
-from typing import Any
-
 import numpy as np
-from numba import njit
 
+from ..compiled import compiled
 from ..simulator.system import FloatArray
-
-_compiled: Any = njit(nogil=True, cache=True, error_model="numpy")
 
 
 def iid_log_likelihood(
@@ -24,7 +20,7 @@ def iid_log_likelihood(
     return _iid(observed, simulated, noise, simulated_bar, noise_bar), simulated_bar, noise_bar
 
 
-@_compiled
+@compiled
 def _iid(observed, simulated, noise, simulated_bar, noise_bar):
     value = 0.0
     for k in range(noise.shape[0]):

@@ -9,15 +9,20 @@ A Beta uses the logit.
 
 from __future__ import annotations
 
+import math
 from collections.abc import Callable
 from dataclasses import dataclass
 from functools import cached_property
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
+from llvmlite import ir
+from numba.core import types
+from numba.extending import get_cython_function_address, intrinsic
 from numpy.typing import ArrayLike, NDArray
-from scipy.special import betaincinv, betaln, erfinv, expit, log_expit, logit, ndtr, ndtri
+from scipy.special import betaincinv, betaln, erfinv, expit, logit, ndtr, ndtri
 
+from ..compiled import compiled, inlined
 from ..scenario.schema import Beta, HalfNormal, LogNormal, Normal, Prior, TruncatedNormal, Uniform
 
 Array = NDArray[np.float64]
@@ -29,6 +34,19 @@ _TINY = 1e-300
 """Smallest argument of the normal quantile function: it and its derivative are finite there."""
 
 _LOG_ROOT_2_PI = 0.5 * np.log(2.0 * np.pi)
+_ROOT_HALF = math.sqrt(0.5)
+
+
+class PriorTerms(NamedTuple):
+    """The priors at z; all [..., d] but the log density [...]."""
+
+    theta: Array
+    slope: Array
+    """d theta / d z."""
+    log_density: Array
+    """Of z: that of theta plus the log of the slope."""
+    gradient: Array
+    """Of the log density."""
 
 
 @dataclass(frozen=True)
@@ -41,28 +59,26 @@ class Priors:
     names: tuple[str, ...]
     priors: tuple[Prior, ...]
 
+    def at(self, z: ArrayLike) -> PriorTerms:
+        """Everything that a log density and its gradient need of the priors at z [..., d]."""
+        z = np.ascontiguousarray(z, float)
+        count = len(self.priors)
+        theta, slope, gradient = np.empty_like(z), np.empty_like(z), np.empty_like(z)
+        log_density = np.empty(z.shape[:-1])
+        rows = [array.reshape(-1, count) for array in (z, theta, slope, gradient)]
+        _evaluate(self._kinds, self._arguments, _NDTRI, *rows, log_density.reshape(-1))
+        return PriorTerms(theta, slope, log_density, gradient)
+
     def to_theta(self, z: ArrayLike) -> Array:
         """Physical theta [..., d] of unconstrained z [..., d]; it may reach a bound, never passes it."""
-        return self._by_family("to_theta", z)
-
-    def slope(self, z: ArrayLike) -> Array:
-        """d theta / d z [..., d] at z [..., d]; theta_i depends on z_i alone."""
-        return self._by_family("slope", z)
+        return self.at(z).theta
 
     def to_z(self, theta: ArrayLike) -> Array:
         """Unconstrained z [..., d] of physical theta [..., d]; on one of two bounds, that of just inside."""
         return self._by_family("to_z", theta)
 
-    def log_density(self, z: ArrayLike) -> Array:
-        """Log prior density [...] of z [..., d]: that of theta plus the log of `slope`."""
-        return np.asarray(self._by_family("log_density", z).sum(-1))
-
-    def gradient(self, z: ArrayLike) -> Array:
-        """Gradient [..., d] of `log_density` at z [..., d]."""
-        return self._by_family("gradient", z)
-
     def precision(self, z: ArrayLike) -> Array:
-        """Diagonal [..., d] of minus the Hessian of `log_density`, which has nothing off it.
+        """Diagonal [..., d] of minus the Hessian of the log density, which has nothing off it.
 
         It is the prior's share of a Gauss-Newton Hessian; no entry is negative.
         """
@@ -90,21 +106,113 @@ class Priors:
         """A function of each family, evaluated once on all the family's parameters together."""
         values = np.asarray(values, float)
         result = np.empty(values.shape)
-        # Far out a log-normal theta is infinite, which is the problem's to refuse.
-        with np.errstate(over="ignore"):
-            for group in self._groups:
-                result[..., group.index] = getattr(group.family, function)(values[..., group.index], *group.arguments)
+        for kind, family in enumerate(_FAMILIES.values()):
+            index = np.flatnonzero(self._kinds == kind)
+            if len(index):
+                arguments = self._arguments[index, : family.argument_count].T
+                result[..., index] = getattr(family, function)(values[..., index], *arguments)
         return result
 
     @cached_property
-    def _groups(self) -> tuple[_Group, ...]:
-        groups = []
-        for kind, family in _FAMILIES.items():
-            index = [j for j, prior in enumerate(self.priors) if type(prior) is kind]
-            if index:
-                arguments = np.array([family.arguments(self.priors[j]) for j in index], float).T
-                groups.append(_Group(family, np.array(index), tuple(arguments)))
-        return tuple(groups)
+    def _kinds(self) -> NDArray[np.int64]:
+        """[d] place of each prior's family in `_FAMILIES`."""
+        families = list(_FAMILIES)
+        return np.array([families.index(type(prior)) for prior in self.priors], np.int64)
+
+    @cached_property
+    def _arguments(self) -> Array:
+        """[d, most] what each prior's family computes with."""
+        arguments = np.zeros((len(self.priors), _MOST_ARGUMENTS))
+        for row, prior in zip(arguments, self.priors, strict=True):
+            values = _FAMILIES[type(prior)].arguments(prior)
+            row[: len(values)] = values
+        return arguments
+
+
+# --- compiled: theta, its slope, and the log density with its gradient --------------------------------------
+
+_UNIFORM, _NORMAL, _TRUNCATED, _LOG_NORMAL, _HALF_NORMAL, _BETA = range(6)
+"""In the order of `_FAMILIES`."""
+
+_MOST_ARGUMENTS = 8
+
+_NDTRI = np.int64(get_cython_function_address("scipy.special.cython_special", "ndtri"))
+
+
+@intrinsic
+def _call(typing_context: Any, address: Any, x: Any) -> Any:
+    """The C function double -> double at an address, which as an argument does not end up in the cache."""
+
+    def generate(context: Any, builder: Any, sig: Any, args: Any) -> Any:
+        kind = ir.FunctionType(ir.DoubleType(), [ir.DoubleType()])
+        return builder.call(builder.inttoptr(args[0], kind.as_pointer()), [args[1]])
+
+    return types.float64(types.int64, types.float64), generate
+
+
+@compiled
+def _evaluate(kinds, arguments, quantile, z, theta, slope, gradient, log_density):
+    for s in range(z.shape[0]):
+        total = 0.0
+        for j in range(z.shape[1]):
+            score, given = z[s, j], arguments[j]
+            # By default z is N(0, 1) under the prior.
+            density, derivative = -0.5 * score * score - _LOG_ROOT_2_PI, -score
+            if kinds[j] == _UNIFORM:
+                lower, upper = given[0], given[1]
+                value = min(max(lower + (upper - lower) * _below(score), lower), upper)
+                rate = (upper - lower) * _bell(score)
+            elif kinds[j] == _NORMAL:
+                value, rate = given[0] + given[1] * score, given[1]
+            elif kinds[j] == _TRUNCATED:
+                mean, deviation, lower, upper = given[0], given[1], given[2], given[3]
+                below_lower, below_upper, above_lower, above_upper = given[4], given[5], given[6], given[7]
+                below = below_lower + (below_upper - below_lower) * _below(score)
+                above = above_upper + (above_lower - above_upper) * _below(-score)
+                # The smaller of the two has the digits.
+                x = _call(quantile, max(min(below, above), _TINY))
+                if below >= above:
+                    x = -x
+                mass = above_lower - above_upper if above_lower < below_upper else below_upper - below_lower
+                value = min(max(mean + deviation * x, lower), upper)
+                rate = deviation * mass * _bell(score) / _bell(x)
+            elif kinds[j] == _LOG_NORMAL:
+                value = math.exp(given[0] + given[1] * score)
+                rate = given[1] * value
+            elif kinds[j] == _HALF_NORMAL:
+                value = given[0] * math.exp(score)
+                rate = value
+                square = math.exp(2.0 * score)
+                density = 0.5 * math.log(2.0 / math.pi) - 0.5 * square + score
+                derivative = 1.0 - square
+            else:
+                alpha, beta, lower, upper = given[0], given[1], given[2], given[3]
+                share, rest = 1.0 / (1.0 + math.exp(-score)), 1.0 / (1.0 + math.exp(score))
+                value = lower + (upper - lower) * share
+                rate = (upper - lower) * share * rest
+                density = -alpha * _softplus(-score) - beta * _softplus(score) - given[4]
+                derivative = alpha * rest - beta * share
+            theta[s, j], slope[s, j], gradient[s, j] = value, rate, derivative
+            total += density
+        log_density[s] = total
+
+
+@inlined
+def _below(score):
+    """Probability below a normal score."""
+    return 0.5 * math.erfc(-score * _ROOT_HALF)
+
+
+@inlined
+def _bell(score):
+    """Density of the standard normal."""
+    return math.exp(-0.5 * score * score - _LOG_ROOT_2_PI)
+
+
+@inlined
+def _softplus(x):
+    """log(1 + exp(x)), without overflow."""
+    return max(x, 0.0) + math.log1p(math.exp(-abs(x)))
 
 
 # --- families: one set of functions per kind of prior -------------------------------------------------------
@@ -114,28 +222,12 @@ class Priors:
 class _Family:
     """The functions of one kind of prior; each takes values [..., k] and the prior's arguments, each [k]."""
 
+    argument_count: int
     arguments: Callable[[Any], tuple[float, ...]]
-    to_theta: Callable[..., Array]
-    slope: Callable[..., Array]
     to_z: Callable[..., Array]
-    # Of z; by default z is N(0, 1) under the prior.
-    log_density: Callable[..., Array] = lambda z, *_: -0.5 * z**2 - _LOG_ROOT_2_PI
-    gradient: Callable[..., Array] = lambda z, *_: -z
+    # By default z is N(0, 1) under the prior.
     precision: Callable[..., Array] = lambda z, *_: np.ones_like(z)
     quantile: Callable[..., Array] = lambda p, *_: ndtri(p)
-
-
-@dataclass(frozen=True)
-class _Group:
-    """All parameters of one family: their places [k] and their priors' arguments, each [k]."""
-
-    family: _Family
-    index: NDArray[np.intp]
-    arguments: tuple[Array, ...]
-
-
-def _normal_density(z: Array) -> Array:
-    return np.exp(-0.5 * z**2 - _LOG_ROOT_2_PI)
 
 
 def _score(lower_tail: Array, upper_tail: Array) -> Array:
@@ -159,31 +251,6 @@ def _truncated_arguments(prior: TruncatedNormal) -> tuple[float, ...]:
     return (prior.mean, prior.standard_deviation, prior.lower, prior.upper, ndtr(a), ndtr(b), ndtr(-a), ndtr(-b))
 
 
-def _truncated_score(z: Array, below_lower: Array, below_upper: Array, above_lower: Array, above_upper: Array) -> Array:
-    """Score under the uncut normal of score z under the cut one."""
-    below = below_lower + (below_upper - below_lower) * ndtr(z)
-    above = above_upper + (above_lower - above_upper) * ndtr(-z)
-    return _score(below, above)
-
-
-def _mass(below_lower: Array, below_upper: Array, above_lower: Array, above_upper: Array) -> Array:
-    """Probability between the bounds. Differences of numbers near 1 lose their digits: take the smaller ones."""
-    return np.where(above_lower < below_upper, above_lower - above_upper, below_upper - below_lower)
-
-
-def _truncated_to_theta(
-    z: Array, mean: Array, deviation: Array, lower: Array, upper: Array, *probabilities: Array
-) -> Array:
-    return np.clip(mean + deviation * _truncated_score(z, *probabilities), lower, upper)
-
-
-def _truncated_slope(
-    z: Array, mean: Array, deviation: Array, lower: Array, upper: Array, *probabilities: Array
-) -> Array:
-    x = _truncated_score(z, *probabilities)
-    return deviation * _mass(*probabilities) * _normal_density(z) / _normal_density(x)
-
-
 def _truncated_to_z(
     theta: Array,
     mean: Array,
@@ -196,7 +263,8 @@ def _truncated_to_z(
     above_upper: Array,
 ) -> Array:
     x = (theta - mean) / deviation
-    mass = _mass(below_lower, below_upper, above_lower, above_upper)
+    # Differences of numbers near 1 lose their digits: take the smaller ones.
+    mass = np.where(above_lower < below_upper, above_lower - above_upper, below_upper - below_lower)
     from_below = (ndtr(x) - below_lower) / mass
     from_above = (ndtr(-x) - above_upper) / mass
     below = np.where(below_lower > 0.5, 1.0 - from_above, from_below)
@@ -204,53 +272,43 @@ def _truncated_to_z(
     return _score(np.maximum(below, _SMALLEST), np.maximum(above, _SMALLEST))
 
 
-def _beta_to_z(theta: Array, alpha: Array, beta: Array, lower: Array, upper: Array) -> Array:
+def _beta_to_z(theta: Array, alpha: Array, beta: Array, lower: Array, upper: Array, *_: Array) -> Array:
     below, above = _shares(theta, lower, upper)
     return np.log(below) - np.log(above)
 
 
 _FAMILIES: dict[type, _Family] = {
     Uniform: _Family(
+        argument_count=2,
         arguments=lambda prior: (prior.lower, prior.upper),
-        to_theta=lambda z, lower, upper: np.clip(lower + (upper - lower) * ndtr(z), lower, upper),
-        slope=lambda z, lower, upper: (upper - lower) * _normal_density(z),
         to_z=lambda theta, lower, upper: _score(*_shares(theta, lower, upper)),
     ),
     Normal: _Family(
+        argument_count=2,
         arguments=lambda prior: (prior.mean, prior.standard_deviation),
-        to_theta=lambda z, mean, deviation: mean + deviation * z,
-        slope=lambda z, mean, deviation: np.broadcast_to(deviation, z.shape),
         to_z=lambda theta, mean, deviation: (theta - mean) / deviation,
     ),
     TruncatedNormal: _Family(
+        argument_count=8,
         arguments=_truncated_arguments,
-        to_theta=_truncated_to_theta,
-        slope=_truncated_slope,
         to_z=_truncated_to_z,
     ),
     LogNormal: _Family(
+        argument_count=2,
         arguments=lambda prior: (np.log(prior.median), np.log(prior.factor)),
-        to_theta=lambda z, mean, deviation: np.exp(mean + deviation * z),
-        slope=lambda z, mean, deviation: deviation * np.exp(mean + deviation * z),
         to_z=lambda theta, mean, deviation: (np.log(theta) - mean) / deviation,
     ),
     HalfNormal: _Family(
+        argument_count=1,
         arguments=lambda prior: (prior.scale,),
-        to_theta=lambda z, scale: scale * np.exp(z),
-        slope=lambda z, scale: scale * np.exp(z),
         to_z=lambda theta, scale: np.log(theta / scale),
-        log_density=lambda z, scale: 0.5 * np.log(2.0 / np.pi) - 0.5 * np.exp(2.0 * z) + z,
-        gradient=lambda z, scale: 1.0 - np.exp(2.0 * z),
         precision=lambda z, scale: 2.0 * np.exp(2.0 * z),
         quantile=lambda p, scale: np.log(np.sqrt(2.0) * erfinv(p)),
     ),
     Beta: _Family(
-        arguments=lambda prior: (prior.alpha, prior.beta, prior.lower, prior.upper),
-        to_theta=lambda z, alpha, beta, lower, upper: lower + (upper - lower) * expit(z),
-        slope=lambda z, alpha, beta, lower, upper: (upper - lower) * expit(z) * expit(-z),
+        argument_count=5,
+        arguments=lambda prior: (prior.alpha, prior.beta, prior.lower, prior.upper, betaln(prior.alpha, prior.beta)),
         to_z=_beta_to_z,
-        log_density=lambda z, alpha, beta, *_: alpha * log_expit(z) + beta * log_expit(-z) - betaln(alpha, beta),
-        gradient=lambda z, alpha, beta, *_: alpha * expit(-z) - beta * expit(z),
         precision=lambda z, alpha, beta, *_: (alpha + beta) * expit(z) * expit(-z),
         quantile=lambda p, alpha, beta, *_: logit(betaincinv(alpha, beta, p)),
     ),

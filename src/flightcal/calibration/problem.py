@@ -89,31 +89,30 @@ class Problem:
 
     def log_density(self, z: FloatArray) -> float:
         """Log posterior density (up to a constant) at z [d]; -inf where the simulation fails."""
-        theta = self.to_theta(z)
+        prior = self.priors.at(z)
         try:
-            simulated = self.simulate(theta).temperatures
+            simulated = self.simulate(prior.theta).temperatures
         except SimulationFailure:
             return -np.inf
-        return float(self.priors.log_density(z)) + iid_log_likelihood(self.observed, simulated, self.noise(theta))[0]
+        return float(prior.log_density) + iid_log_likelihood(self.observed, simulated, self.noise(prior.theta))[0]
 
     def log_density_and_gradient(self, z: FloatArray) -> tuple[float, FloatArray]:
         """Log posterior density at z [d] and its gradient [d]; (-inf, 0) where the simulation fails."""
-        theta = self.to_theta(z)
-        if not np.isfinite(theta).all():
+        prior = self.priors.at(z)
+        if not np.isfinite(prior.theta).all():
             return -np.inf, np.zeros_like(z)
         try:
-            trajectory, cotangent = self.simulator.linearise(theta[self.simulated])
+            trajectory, cotangent = self.simulator.linearise(prior.theta[self.simulated])
         except SimulationFailure:
             return -np.inf, np.zeros_like(z)
         value, temperatures_bar, noise_bar = iid_log_likelihood(
-            self.observed, trajectory.temperatures, self.noise(theta)
+            self.observed, trajectory.temperatures, self.noise(prior.theta)
         )
-        theta_bar = np.zeros_like(theta)
+        theta_bar = np.zeros_like(prior.theta)
         theta_bar[self.simulated] = cotangent(temperatures_bar)
         channels, positions = self.inferred_noise
         theta_bar[positions] = noise_bar[channels]
-        gradient = self.priors.gradient(z) + self.priors.slope(z) * theta_bar
-        return float(self.priors.log_density(z)) + value, gradient
+        return float(prior.log_density) + value, prior.gradient + prior.slope * theta_bar
 
     def jacobian(self, z: FloatArray) -> FloatArray:
         """d temperatures / d z, [T, N, d], by central differences in one batch; zero for the noise's entries.
@@ -139,15 +138,17 @@ class Problem:
 
         Prior, J^T J / sigma^2, and the Fisher information of the noise levels. Raises SimulationFailure.
         """
-        theta, slope = self.to_theta(z), self.priors.slope(z)
-        noise = self.noise(theta)
+        prior = self.priors.at(z)
+        noise = self.noise(prior.theta)
         valid = np.isfinite(self.observed)
         weighted = np.where(valid[..., None], self.jacobian(z) / noise[:, None], 0.0).reshape(-1, len(z))
         # Not a product of BLAS, whose threads spin for a hundred times longer than this takes when the cores are busy.
         hessian: FloatArray = np.einsum("ti,tj->ij", weighted, weighted)
         hessian[np.diag_indices(len(z))] += self.priors.precision(z)
         channels, positions = self.inferred_noise
-        hessian[positions, positions] += 2.0 * valid.sum(axis=0)[channels] * (slope[positions] / noise[channels]) ** 2
+        hessian[positions, positions] += (
+            2.0 * valid.sum(axis=0)[channels] * (prior.slope[positions] / noise[channels]) ** 2
+        )
         return hessian
 
     def rmse(self, thetas: FloatArray, status_weight: float = 0.0) -> FloatArray:

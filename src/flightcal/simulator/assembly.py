@@ -1,30 +1,28 @@
-"""From the scenario's numbers to the entries of the canonical form, and back for the derivative.
+"""From theta to the entries of the canonical form, and back for the derivative.
 
-Every entry of A, N, B and g is a sum of terms, each a constant times a product of at most six of the scenario's
-numbers (or the reciprocal of a capacity): absorptivity x area / capacity, say. So one table of terms is the whole
-assembly, its derivative follows from the product rule, and any number of the scenario can be a parameter.
+A parameter sets or scales some of the scenario's numbers. Every entry of A, N, B and g is a sum of terms, each a
+constant times a product of at most six numbers (or the reciprocal of a capacity): absorptivity x area / capacity, say.
+So two tables are the whole assembly, its derivative follows from the product rule, and any number of the scenario can
+be a parameter.
 """
 
 from __future__ import annotations
 
-from dataclasses import dataclass
-from typing import Any
+from typing import NamedTuple
 
 import numpy as np
-from numba import njit
 
-from .system import FloatArray, IntArray, Structure, System
+from ..compiled import compiled, inlined
+from .system import FloatArray, IntArray
 
 MOST_FACTORS = 6
 
-_compiled: Any = njit(nogil=True, cache=True, error_model="numpy")
 
-
-@dataclass(frozen=True)
-class Terms:
+class Terms(NamedTuple):
     """Entry [t] += constant [t] x product of the numbers at factors [t, 6].
 
     Positions refer to the scenario's V numbers, followed by a one and by the reciprocals of the numbers at `inverse`.
+    Entries are numbered through A, N, B, g and the heaters' lower and upper thresholds, as in a packed system.
     """
 
     entry: IntArray
@@ -33,62 +31,130 @@ class Terms:
     inverse: IntArray
     """Positions of the numbers whose reciprocals may be factors."""
     entries: int
-    """How many entries A, N, B and g have together."""
+    """How many entries there are."""
 
 
-def assemble(
-    terms: Terms, structure: Structure, values: FloatArray, thresholds: IntArray, initial: FloatArray
-) -> System:
-    """The system at the scenario's numbers `values` [V] (SI) with initial states `initial` [n] (K).
+class ParameterMap(NamedTuple):
+    """Which of a network's numbers each parameter sets or scales."""
 
-    thresholds: [2, H] positions of each heater's switch-on and switch-off temperature.
+    parameters: int
+    """How many there are."""
+    written: FloatArray
+    """The numbers [V] as the scenario writes them, SI."""
+    set_positions: IntArray
+    set_by: IntArray
+    """Parameter that sets the number at each of `set_positions`."""
+    scaled_positions: IntArray
+    scaled_by: IntArray
+
+
+def assemble(mapping: ParameterMap, terms: Terms, mass: FloatArray, theta: FloatArray) -> tuple[FloatArray, FloatArray]:
+    """The scenario's numbers [S, V] and the packed system [S, P] at thetas [S, d] (or without S, for one theta [d]).
+
+    theta: the parameters, then the initial temperature of every state whose mass [n] is not zero.
     """
-    entries = np.zeros(terms.entries)
-    _evaluate(terms.entry, terms.constant, terms.factors, _extended(terms, values), entries)
-    linear, radiative, forcing, heating = np.split(entries, _bounds(structure))
-    return System(linear, radiative, forcing, heating, values[thresholds[0]], values[thresholds[1]], initial)
+    thetas = np.atleast_2d(theta)
+    numbers = np.empty((len(thetas), len(mapping.written)))
+    packed = np.empty((len(thetas), terms.entries + len(mass)))
+    extended = np.empty(len(mapping.written) + 1 + len(terms.inverse))
+    _assemble(mapping, terms, mass, thetas, extended, numbers, packed)
+    return (numbers[0], packed[0]) if theta.ndim == 1 else (numbers, packed)
 
 
-def pull_back_assembly(terms: Terms, values: FloatArray, thresholds: IntArray, bar: System) -> FloatArray:
-    """Cotangent [V] of the scenario's numbers from that of the system: the adjoint of `assemble`."""
-    count = len(values)
-    entries_bar = np.concatenate([bar.linear, bar.radiative, bar.forcing, bar.heating])
-    extended = _extended(terms, values)
-    extended_bar = np.zeros_like(extended)
-    _evaluate_adjoint(terms.entry, terms.constant, terms.factors, extended, entries_bar, extended_bar)
-    values_bar = extended_bar[:count]
-    inverse = extended[count + 1 :]
-    np.add.at(values_bar, terms.inverse, -extended_bar[count + 1 :] * inverse**2)
-    np.add.at(values_bar, thresholds[0], bar.lower)
-    np.add.at(values_bar, thresholds[1], bar.upper)
-    return values_bar
+def pull_back_assembly(
+    mapping: ParameterMap,
+    terms: Terms,
+    mass: FloatArray,
+    theta: FloatArray,
+    numbers: FloatArray,
+    packed_bar: FloatArray,
+    numbers_bar: FloatArray,
+) -> FloatArray:
+    """Cotangent of theta [d] from that of the packed system [P] and of the numbers [V]: the adjoint of `assemble`."""
+    theta_bar = np.zeros_like(theta)
+    extended = np.empty((2, len(numbers) + 1 + len(terms.inverse)))
+    before = np.empty(MOST_FACTORS)
+    _pull_back(
+        mapping, terms, mass, theta, numbers, packed_bar, numbers_bar, extended[0], extended[1], before, theta_bar
+    )
+    return theta_bar
 
 
-def _bounds(structure: Structure) -> IntArray:
-    """Where N's, B's and g's entries begin among all."""
-    return np.cumsum([len(structure.linear_column), len(structure.radiative_column), len(structure.forcing_row)])
+@compiled
+def _assemble(mapping, terms, mass, thetas, extended, numbers, packed):
+    parameters = mapping.parameters
+    for s in range(thetas.shape[0]):
+        for k in range(numbers.shape[1]):
+            numbers[s, k] = mapping.written[k]
+        for k in range(mapping.set_positions.shape[0]):
+            numbers[s, mapping.set_positions[k]] = thetas[s, mapping.set_by[k]]
+        for k in range(mapping.scaled_positions.shape[0]):
+            numbers[s, mapping.scaled_positions[k]] *= thetas[s, mapping.scaled_by[k]]
+        _extend(terms, numbers[s], extended)
+        packed[s] = 0.0
+        for t in range(terms.entry.shape[0]):
+            product = terms.constant[t]
+            for k in range(terms.factors.shape[1]):
+                product *= extended[terms.factors[t, k]]
+            packed[s, terms.entry[t]] += product
+        # A massless state's temperature is only guessed.
+        guess = 0.0
+        for k in range(parameters, thetas.shape[1]):
+            guess += thetas[s, k] / (thetas.shape[1] - parameters)
+        given = parameters
+        for i in range(mass.shape[0]):
+            packed[s, terms.entries + i] = thetas[s, given] if mass[i] > 0.0 else guess
+            given += mass[i] > 0.0
 
 
-def _extended(terms: Terms, values: FloatArray) -> FloatArray:
-    return np.concatenate([values, [1.0], 1.0 / values[terms.inverse]])
+@inlined
+def _extend(terms, numbers, extended):
+    """The numbers, a one, and the reciprocals."""
+    count = numbers.shape[0]
+    for k in range(count):
+        extended[k] = numbers[k]
+    extended[count] = 1.0
+    for k in range(terms.inverse.shape[0]):
+        extended[count + 1 + k] = 1.0 / numbers[terms.inverse[k]]
 
 
-@_compiled
-def _evaluate(entry, constant, factors, values, entries):
-    for t in range(entry.shape[0]):
-        product = constant[t]
-        for k in range(factors.shape[1]):
-            product *= values[factors[t, k]]
-        entries[entry[t]] += product
-
-
-@_compiled
-def _evaluate_adjoint(entry, constant, factors, values, entries_bar, values_bar):
-    for t in range(entry.shape[0]):
-        bar = constant[t] * entries_bar[entry[t]]
-        for k in range(factors.shape[1]):
-            product = bar
-            for other in range(factors.shape[1]):
-                if other != k:
-                    product *= values[factors[t, other]]
-            values_bar[factors[t, k]] += product
+@compiled
+def _pull_back(
+    mapping, terms, mass, theta, numbers, packed_bar, numbers_bar, extended, extended_bar, before, theta_bar
+):
+    count = numbers.shape[0]
+    _extend(terms, numbers, extended)
+    for k in range(count):
+        extended_bar[k] = numbers_bar[k]
+    extended_bar[count:] = 0.0
+    for t in range(terms.entry.shape[0]):
+        # The product of all other factors, without a division: those before times those after.
+        product = terms.constant[t] * packed_bar[terms.entry[t]]
+        for k in range(terms.factors.shape[1]):
+            before[k] = product
+            product *= extended[terms.factors[t, k]]
+        after = 1.0
+        for back in range(terms.factors.shape[1]):
+            k = terms.factors.shape[1] - 1 - back
+            extended_bar[terms.factors[t, k]] += before[k] * after
+            after *= extended[terms.factors[t, k]]
+    for k in range(terms.inverse.shape[0]):
+        inverse = extended[count + 1 + k]
+        extended_bar[terms.inverse[k]] -= extended_bar[count + 1 + k] * inverse * inverse
+    for k in range(mapping.set_positions.shape[0]):
+        theta_bar[mapping.set_by[k]] += extended_bar[mapping.set_positions[k]]
+    for k in range(mapping.scaled_positions.shape[0]):
+        position, parameter = mapping.scaled_positions[k], mapping.scaled_by[k]
+        if theta[parameter] != 0.0:
+            others = numbers[position] / theta[parameter]
+        else:
+            others = mapping.written[position]
+            for other in range(mapping.scaled_positions.shape[0]):
+                if other != k and mapping.scaled_positions[other] == position:
+                    others *= theta[mapping.scaled_by[other]]
+        theta_bar[parameter] += extended_bar[position] * others
+    given = mapping.parameters
+    for i in range(mass.shape[0]):
+        if mass[i] > 0.0:
+            theta_bar[given] = packed_bar[terms.entries + i]
+            given += 1

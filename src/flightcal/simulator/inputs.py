@@ -127,7 +127,7 @@ def _measured_heaters(scenario: Scenario, telemetry: xarray.Dataset, times: Time
                 raise TelemetryError(
                     f"heater '{name}' is to be driven by its measured status, but has no 'measured_by' channel"
                 )
-            # A jump's step of length zero has no share of anything; the kernel skips it.
+            # A jump's step of length zero has no share of anything; the integration skips it.
             lasting = np.diff(times) > np.timedelta64(0, "ns")
             edges = times[np.concatenate([[True], lasting])]
             measured[lasting, k] = status_fraction(telemetry, heater.measured_by, edges)

@@ -1,4 +1,4 @@
-"""From a canonical system to its trajectory and back: the thin layer of NumPy around the compiled kernel."""
+"""From a canonical system to its trajectory and back: the thin layer of NumPy around the compiled functions."""
 
 from __future__ import annotations
 
@@ -10,8 +10,21 @@ from typing import Any
 
 import numpy as np
 
-from . import kernel
-from .system import Drive, FloatArray, Structure, Switch, System
+from .adjoint import adjoint, adjoint_memory_size
+from .forward import (
+    COUNTERS,
+    FINISHED,
+    NOT_FINITE,
+    REALS,
+    TOO_MANY_SWITCHES,
+    Outputs,
+    Record,
+    forward,
+    memory_size,
+)
+from .lanes import WIDTH, lane_memory
+from .sampling import Sampling
+from .system import Drive, FloatArray, IntArray, Structure, Switch, System, pack, unpack
 
 _SPARE_SEGMENTS = 256
 _MOST_SWITCHES_PER_STEP = 20
@@ -22,16 +35,50 @@ class SimulationFailure(Exception):  # noqa: N818 - a value of the domain, not a
 
 
 @dataclass(frozen=True)
+class Observation:
+    """Where and when the states are looked at."""
+
+    sampling: Sampling
+    states: IntArray
+    """[N] state that each channel measures."""
+
+
+NOTHING = Observation(Sampling(np.zeros(0, np.int64), np.zeros(0)), np.zeros(0, np.int64))
+
+
+@dataclass(frozen=True)
 class Run:
     """One integrated trajectory with the record that its derivative needs."""
 
-    states: FloatArray
-    """[K+1, n] K on the drive's grid."""
-    status: FloatArray
-    """[K+1, H] heater status just after each grid point."""
-    switches: Switch
-    segments: tuple[Any, ...]
-    """Step, start, length, event, initial state and heater status of each segment (see `kernel.forward`)."""
+    record: Record
+    """Of a single lane."""
+    outputs: Outputs
+    """Of a single simulation."""
+
+    @property
+    def states(self) -> FloatArray:
+        """[K+1, n] K on the drive's grid."""
+        return np.asarray(self.record.states[0])
+
+    @property
+    def status(self) -> FloatArray:
+        """[K+1, H] heater status just after each grid point."""
+        return np.asarray(self.record.status[0])
+
+    @property
+    def switches(self) -> Switch:
+        """Every time a thermostat acted."""
+        return switches(self.outputs, 0)
+
+
+def switches(outputs: Outputs, simulation: int) -> Switch:
+    """The thermostats' events in one simulation."""
+    count = outputs.switches[simulation]
+    return Switch(
+        outputs.switch_time[simulation, :count],
+        outputs.switch_heater[simulation, :count],
+        outputs.switch_on[simulation, :count],
+    )
 
 
 def integrate(structure: Structure, system: System, drive: Drive) -> Run:
@@ -39,53 +86,116 @@ def integrate(structure: Structure, system: System, drive: Drive) -> Run:
 
     Raises SimulationFailure when a state is not finite or heaters switch more than 20 times a step on average.
     """
-    steps, n = len(drive.times) - 1, len(system.initial)
-    heaters = len(system.lower)
-    states = np.empty((steps + 1, n))
-    status = np.empty((steps + 1, heaters))
-    capacity = steps + _SPARE_SEGMENTS
+    return integrate_packed(structure, pack(system), drive, NOTHING, np.zeros(0))
+
+
+def integrate_packed(
+    structure: Structure, packed: FloatArray, drive: Drive, observation: Observation, offsets: FloatArray
+) -> Run:
+    """`integrate` of a packed system [P], observed; offsets [N] are added to the temperatures observed."""
+    capacity = len(drive.times) - 1 + _SPARE_SEGMENTS
     while True:
-        record = (
-            np.empty(capacity, np.int64),
-            np.empty(capacity),
-            np.empty(capacity),
-            np.empty(capacity, np.int64),
-            np.empty((capacity, n)),
-            np.empty((capacity, heaters)),
-        )
-        outcome, segments = kernel.forward(
-            structure, *system, drive.times, drive.inputs, drive.measured, drive.initially_on, states, status, *record
-        )
-        if outcome == kernel.TOO_MANY_SWITCHES and capacity < _MOST_SWITCHES_PER_STEP * steps:
+        record = _make_record(structure, drive, 1, capacity, with_states=True)
+        outputs = _make_outputs(structure, observation, 1, capacity)
+        memory = np.empty(memory_size(structure))
+        _forward(structure, packed[None], drive, observation, offsets[None], memory, record, outputs)
+        outcome = outputs.outcome[0]
+        if outcome == TOO_MANY_SWITCHES and capacity < _MOST_SWITCHES_PER_STEP * len(drive.times):
             capacity *= 4
             continue
         break
-    if outcome == kernel.NOT_FINITE:
+    if outcome == NOT_FINITE:
         raise SimulationFailure("a temperature is not finite")
-    if outcome == kernel.TOO_MANY_SWITCHES:
+    if outcome == TOO_MANY_SWITCHES:
         raise SimulationFailure(
             f"heaters switch more than {_MOST_SWITCHES_PER_STEP} times a time step: a thermostat chatters"
         )
-    kept: tuple[Any, ...] = tuple(part[:segments] for part in record)
-    _, start, length, event, _, heater_state = kept
-    switched = np.flatnonzero(event >= 0)
-    heater = event[switched]
-    switches = Switch(start[switched] + length[switched], heater, 1.0 - heater_state[switched, heater])
-    return Run(states, status, switches, kept)
+    return Run(record, outputs)
+
+
+def integrate_many(
+    structure: Structure, packed: FloatArray, drive: Drive, observation: Observation, offsets: FloatArray
+) -> Outputs:
+    """Packed systems [S, P] side by side, observed; offsets [S, N].
+
+    outputs.outcome says which failed; TOO_MANY_SWITCHES: more than one a step, which `integrate_packed` may still do.
+    """
+    capacity = len(drive.times) - 1 + _SPARE_SEGMENTS
+    outputs = _make_outputs(structure, observation, len(packed), capacity)
+    record = _make_record(structure, drive, WIDTH, capacity, with_states=False)
+    memory = lane_memory(memory_size(structure))
+    _forward(structure, packed, drive, observation, offsets, memory, record, outputs)
+    return outputs
 
 
 def pull_back(structure: Structure, system: System, drive: Drive, run: Run, states_bar: FloatArray) -> System:
     """Cotangent of the system from the cotangent [K+1, n] of the states on the grid: the adjoint of `integrate`."""
-    bar = System(*(np.zeros_like(part) for part in system))
-    kernel.adjoint(
-        structure, system.linear, system.radiative, system.forcing, system.heating, drive.times, drive.inputs,
-        *run.segments, states_bar, *bar,
+    return unpack(structure, pull_back_packed(structure, pack(system), drive, run, states_bar))
+
+
+def pull_back_packed(
+    structure: Structure, packed: FloatArray, drive: Drive, run: Run, states_bar: FloatArray
+) -> FloatArray:
+    """The same of a packed system [P]."""
+    packed_bar = np.empty_like(packed)
+    memory = np.empty(adjoint_memory_size(structure))
+    heat_bar = np.empty((len(structure.mass), len(drive.times)))
+    adjoint(structure, packed, drive.times, drive.series, run.record, states_bar, memory, heat_bar, packed_bar)
+    return packed_bar
+
+
+def _forward(
+    structure: Structure,
+    packed: FloatArray,
+    drive: Drive,
+    observation: Observation,
+    offsets: FloatArray,
+    memory: FloatArray,
+    record: Record,
+    outputs: Outputs,
+) -> None:
+    lanes, heaters = record.heater.shape[0], record.heater.shape[2]
+    counters, reals = np.empty((COUNTERS, lanes), np.int64), np.empty((REALS, lanes))
+    forward(
+        structure, packed, drive.times, drive.series, drive.measured, drive.initially_on,
+        observation.sampling, observation.states, offsets,
+        memory, counters, reals, np.empty((lanes, heaters), np.bool_), record, outputs,
     )  # fmt: skip
-    return bar
+
+
+def _make_record(structure: Structure, drive: Drive, lanes: int, segments: int, *, with_states: bool) -> Record:
+    points, n, heaters = len(drive.times), len(structure.mass), len(structure.sensor)
+    return Record(
+        heat=np.empty((lanes, n, points)),
+        states=np.empty((lanes, points, n)),
+        status=np.empty((lanes, points, heaters)),
+        segments=np.zeros(lanes, np.int64),
+        step=np.empty((lanes, segments), np.int64),
+        start=np.empty((lanes, segments)),
+        length=np.empty((lanes, segments)),
+        event=np.empty((lanes, segments), np.int64),
+        state=np.empty((lanes, segments if with_states else 0, n)),
+        heater=np.empty((lanes, segments, heaters)),
+    )
+
+
+def _make_outputs(structure: Structure, observation: Observation, simulations: int, switches: int) -> Outputs:
+    samples, channels, heaters = len(observation.sampling.point), len(observation.states), len(structure.sensor)
+    switches = switches if heaters else 0
+    return Outputs(
+        outcome=np.full(simulations, FINISHED, np.int64),
+        temperatures=np.empty((simulations, samples, channels)),
+        status=np.empty((simulations, samples, heaters)),
+        duty_cycle=np.empty((simulations, heaters)),
+        switches=np.zeros(simulations, np.int64),
+        switch_time=np.empty((simulations, switches)),
+        switch_heater=np.empty((simulations, switches), np.int64),
+        switch_on=np.empty((simulations, switches)),
+    )
 
 
 def in_parallel(task: Callable[[int], Any], count: int) -> list[Any]:
-    """[task(0), ..., task(count - 1)] on all cores; the kernel releases the interpreter lock."""
+    """[task(0), ..., task(count - 1)] on all cores; the compiled functions release the interpreter lock."""
     workers = min(os.cpu_count() or 1, count)
     if workers <= 1:
         return [task(k) for k in range(count)]

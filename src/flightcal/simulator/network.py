@@ -30,8 +30,6 @@ class Network:
     heaters: tuple[str, ...]
     structure: Structure
     terms: Terms
-    thresholds: IntArray
-    """[2, H] positions of the heaters' switch-on and switch-off temperatures in `values`."""
 
     @property
     def diffusive(self) -> IntArray:
@@ -43,15 +41,19 @@ class Network:
         return self.paths.index(path)
 
 
+_FIELDS = ("linear", "radiative", "forcing", "heating", "lower", "upper")
+"""Of a packed system, without the initial state."""
+
+
 @dataclass
 class _Balance:
-    """Collects the terms of A ("linear"), N ("radiative"), B ("forcing") and g ("heating") by entry."""
+    """Collects the terms of A ("linear"), N ("radiative"), B ("forcing"), g ("heating") and the thresholds by entry."""
 
     positions: dict[str, int]
     capacities: dict[int, int]
     """State -> position of its capacity; massless states have none."""
     terms: dict[str, dict[tuple[int, int], list[tuple[float, list[int]]]]] = field(
-        default_factory=lambda: {kind: defaultdict(list) for kind in ("linear", "radiative", "forcing", "heating")}
+        default_factory=lambda: {kind: defaultdict(list) for kind in _FIELDS}
     )
 
     def add(self, kind: str, state: int, other: int, constant: float, *paths: str) -> None:
@@ -106,6 +108,8 @@ def build_network(scenario: Scenario) -> Network:
             balance.add("forcing", state[load.node], column[f"driver.{name}"], 1.0, f"loads.{name}.coefficient")
     for k, (name, heater) in enumerate(model.heaters.items()):
         balance.add("heating", state[heater.node], k, 1.0, f"heaters.{name}.power")
+        balance.terms["lower"][k, 0].append((1.0, [positions[f"heaters.{name}.on_below"]]))
+        balance.terms["upper"][k, 0].append((1.0, [positions[f"heaters.{name}.off_above"]]))
 
     entries = {kind: sorted(found) for kind, found in balance.terms.items()}
     return Network(
@@ -123,10 +127,6 @@ def build_network(scenario: Scenario) -> Network:
             [state[heater.sensor] for heater in model.heaters.values()],
         ),
         terms=_table(balance, entries, len(positions)),
-        thresholds=np.array(
-            [[positions[f"heaters.{h}.{end}"] for h in model.heaters] for end in ("on_below", "off_above")],
-            dtype=np.int64,
-        ),
     )
 
 
@@ -166,7 +166,7 @@ def _add_faces(balance: _Balance, scenario: Scenario, state: dict[str, int], col
 
 
 def _table(balance: _Balance, entries: dict[str, list[tuple[int, int]]], numbers: int) -> Terms:
-    """The terms as arrays; the entries of A, N, B and g are numbered through, each as `make_structure` orders them."""
+    """The terms as arrays; the entries are numbered through, each field as `make_structure` orders it."""
     inverse = {position: k for k, position in enumerate(balance.capacities.values())}
     entry, constants, table = [], [], []
     for kind, places in entries.items():

@@ -1,6 +1,6 @@
-"""The kernel's slow, obvious twin in plain JAX: the same scheme and switching, differentiated by JAX itself.
+"""The integration's slow, obvious twin in plain JAX: the same scheme and switching, differentiated by JAX itself.
 
-It judges the compiled kernel in the tests, and runs where Numba does not (GPUs, very large batches).
+It judges the compiled functions in the tests, and runs where Numba does not (GPUs, very large batches).
 """
 
 from __future__ import annotations
@@ -33,7 +33,7 @@ def dense(structure: Structure, system: System) -> tuple[Any, Any, Any, Any]:
 
 
 def rosenbrock_step(A: Any, N: Any, mass: Any, x: Any, h: Any, b0: Any, b1: Any) -> Any:
-    """One RODAS3 step of length h [s] from x [n], with all heat inputs b0 and b1 [n] at its ends (see `kernel`)."""
+    """One RODAS3 step of length h [s] from x [n], with all heat inputs b0 and b1 [n] at its ends (see `step`)."""
 
     def rate(state: Any, heat: Any) -> Any:
         return A @ state + N @ state**4 + heat
@@ -56,7 +56,7 @@ def rosenbrock_step(A: Any, N: Any, mass: Any, x: Any, h: Any, b0: Any, b1: Any)
 def integrate(structure: Structure, system: System, drive: Drive, *, max_segments: int = 4) -> tuple[Any, Any]:
     """States [K+1, n] (K) and heater status [K+1, H] on the drive's grid.
 
-    At most `max_segments` - 1 switches happen in one grid step; more would be lost, so compare with the kernel.
+    At most `max_segments` - 1 switches happen in one grid step; more would be lost, so compare with `integrate`.
     """
     A, N, B, g = dense(structure, system)
     mass = jnp.asarray(structure.mass)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Callable
 from dataclasses import dataclass
 from functools import cached_property, partial
@@ -11,12 +12,27 @@ import numpy as np
 import xarray
 
 from ..scenario import Scenario
-from .assembly import assemble, pull_back_assembly
+from .assembly import ParameterMap, assemble, pull_back_assembly
+from .forward import FINISHED, TOO_MANY_SWITCHES, Outputs
 from .inputs import Times, build_drive
-from .integrate import Run, SimulationFailure, in_parallel, integrate, pull_back
+from .integrate import (
+    Observation,
+    Run,
+    SimulationFailure,
+    in_parallel,
+    integrate_many,
+    integrate_packed,
+    pull_back_packed,
+    switches,
+)
 from .network import Network, build_network
-from .sampling import Sampling
-from .system import Drive, FloatArray, IntArray, Switch, System
+from .sampling import spread
+from .system import Drive, FloatArray, IntArray, Switch, System, unpack
+
+_FEW = 3
+"""So many simulations at once are faster than one by one."""
+_CHUNK = 64
+"""Simulations that one call makes, eight at a time."""
 
 
 @dataclass(frozen=True)
@@ -60,51 +76,14 @@ class Simulator(Protocol):
         """A simulation and its vector-Jacobian product: cotangent of the temperatures [T, N] -> of theta [d]."""
 
 
-@dataclass(frozen=True)
-class ParameterMap:
-    """Which of a network's numbers each parameter sets or scales."""
-
-    names: tuple[str, ...]
-    set_positions: IntArray
-    set_by: IntArray
-    """Parameter that sets the number at each of `set_positions`."""
-    scaled_positions: IntArray
-    scaled_by: IntArray
-
-    def values(self, written: FloatArray, theta: FloatArray) -> FloatArray:
-        """The numbers [V] at theta, from those the scenario writes."""
-        values = written.copy()
-        values[self.set_positions] = theta[self.set_by]
-        np.multiply.at(values, self.scaled_positions, theta[self.scaled_by])
-        return values
-
-    def pull_back(self, written: FloatArray, theta: FloatArray, values_bar: FloatArray) -> FloatArray:
-        """Cotangent of the parameters at theta from that of the numbers [V]: the adjoint of `values`."""
-        count = len(self.names)
-        theta_bar: FloatArray = np.bincount(self.set_by, values_bar[self.set_positions], count).astype(float)
-        share = values_bar[self.scaled_positions] * written[self.scaled_positions]
-        for others in self._other_scales:
-            share *= np.where(others >= 0, theta[others], 1.0)
-        return theta_bar + np.bincount(self.scaled_by, share, count)
-
-    @cached_property
-    def _other_scales(self) -> list[IntArray]:
-        """For each scaled number the other parameters that scale it too (-1: none), one array per further parameter."""
-        others = [
-            [k for i, k in enumerate(self.scaled_by) if self.scaled_positions[i] == position and i != j]
-            for j, position in enumerate(self.scaled_positions)
-        ]
-        most = max(map(len, others), default=0)
-        return [np.array([row[m] if m < len(row) else -1 for row in others]) for m in range(most)]
-
-
 def parameter_map(network: Network, scenario: Scenario) -> ParameterMap:
     """The map of a scenario's parameters; lint has seen that no number is set twice, or both set and scaled."""
     parameters = list(scenario.parameters.values())
     sets = [(network.position(path), k) for k, parameter in enumerate(parameters) for path in parameter.sets]
     scales = [(network.position(path), k) for k, parameter in enumerate(parameters) for path in parameter.scales]
     return ParameterMap(
-        tuple(scenario.parameters),
+        len(parameters),
+        network.values,
         *np.array(sets, dtype=np.int64).reshape(-1, 2).T.copy(),
         *np.array(scales, dtype=np.int64).reshape(-1, 2).T.copy(),
     )
@@ -118,19 +97,19 @@ class NetworkSimulator:
     """
 
     network: Network
+    names: tuple[str, ...]
+    """Of the scenario's parameters."""
     mapping: ParameterMap
     drive: Drive
-    sampling: Sampling
+    observation: Observation
     channels: tuple[str, ...]
-    channel_states: IntArray
-    """[N] state that each channel measures."""
     channel_biases: IntArray
     """[N] positions of the channels' biases in the network's values."""
 
-    @property
+    @cached_property
     def parameters(self) -> tuple[str, ...]:
         """Names of theta's entries."""
-        return (*self.mapping.names, *(f"initial.{self.network.nodes[k]}" for k in self.network.diffusive))
+        return (*self.names, *(f"initial.{self.network.nodes[k]}" for k in self.network.diffusive))
 
     @property
     def heaters(self) -> tuple[str, ...]:
@@ -140,57 +119,77 @@ class NetworkSimulator:
     def heater_power(self, theta: FloatArray) -> FloatArray:
         """Power [H] W of each heater while it is on, at theta [d]."""
         positions = [self.network.position(f"heaters.{heater}.power") for heater in self.heaters]
-        return self.mapping.values(self.network.values, theta)[positions]
+        return self._assemble(theta)[0][positions]
 
-    def assemble(self, theta: FloatArray) -> tuple[System, FloatArray]:
-        """The canonical form at theta [d], and the scenario's numbers [V]."""
-        network = self.network
-        values = self.mapping.values(network.values, theta)
-        temperatures = theta[len(self.mapping.names) :]
-        initial = np.full(len(network.nodes), temperatures.mean())
-        initial[network.diffusive] = temperatures
-        return assemble(network.terms, network.structure, values, network.thresholds, initial), values
+    def system(self, theta: FloatArray) -> System:
+        """The canonical form at theta [d]."""
+        return unpack(self.network.structure, self._assemble(theta)[1])
 
     def simulate(self, theta: FloatArray) -> Trajectory:
         """One simulation at theta [d]."""
-        system, values = self.assemble(theta)
-        return self._observe(integrate(self.network.structure, system, self.drive), values)
+        numbers, packed = self._assemble(theta)
+        return _trajectory(self._integrate(numbers, packed).outputs, 0)
 
     def simulate_many(self, thetas: FloatArray) -> list[Trajectory | None]:
         """Simulations at thetas [S, d], in parallel; None where one failed."""
-
-        def one(k: int) -> Trajectory | None:
-            try:
-                return self.simulate(thetas[k])
-            except SimulationFailure:
-                return None
-
-        return in_parallel(one, len(thetas))
+        if len(thetas) < _FEW:
+            return in_parallel(lambda k: self._simulate_or_none(thetas[k]), len(thetas))
+        chunks = np.array_split(np.arange(len(thetas)), math.ceil(len(thetas) / _CHUNK))
+        found = in_parallel(lambda k: self._simulate_lanes(thetas[chunks[k]]), len(chunks))
+        return [trajectory for chunk in found for trajectory in chunk]
 
     def linearise(self, theta: FloatArray) -> tuple[Trajectory, Callable[[FloatArray], FloatArray]]:
         """A simulation and its vector-Jacobian product: cotangent of the temperatures [T, N] -> of theta [d]."""
-        system, values = self.assemble(theta)
-        run = integrate(self.network.structure, system, self.drive)
-        return self._observe(run, values), partial(self._cotangent, theta, system, values, run)
+        numbers, packed = self._assemble(theta)
+        run = self._integrate(numbers, packed)
+        return _trajectory(run.outputs, 0), partial(self._cotangent, theta, numbers, packed, run)
+
+    def _assemble(self, theta: FloatArray) -> tuple[FloatArray, FloatArray]:
+        return assemble(self.mapping, self.network.terms, self.network.structure.mass, theta)
+
+    def _integrate(self, numbers: FloatArray, packed: FloatArray) -> Run:
+        offsets = numbers[self.channel_biases]
+        return integrate_packed(self.network.structure, packed, self.drive, self.observation, offsets)
+
+    def _simulate_or_none(self, theta: FloatArray) -> Trajectory | None:
+        try:
+            return self.simulate(theta)
+        except SimulationFailure:
+            return None
+
+    def _simulate_lanes(self, thetas: FloatArray) -> list[Trajectory | None]:
+        numbers, packed = self._assemble(thetas)
+        offsets = np.ascontiguousarray(numbers[:, self.channel_biases])
+        outputs = integrate_many(self.network.structure, packed, self.drive, self.observation, offsets)
+        return [
+            # With very many switches a simulation needs more room than a lane has.
+            self._simulate_or_none(theta) if outcome == TOO_MANY_SWITCHES
+            else _trajectory(outputs, k) if outcome == FINISHED
+            else None
+            for k, (theta, outcome) in enumerate(zip(thetas, outputs.outcome.tolist(), strict=True))
+        ]  # fmt: skip
 
     def _cotangent(
-        self, theta: FloatArray, system: System, values: FloatArray, run: Run, temperatures_bar: FloatArray
+        self, theta: FloatArray, numbers: FloatArray, packed: FloatArray, run: Run, temperatures_bar: FloatArray
     ) -> FloatArray:
         network = self.network
-        states_bar = self.sampling.spread(temperatures_bar, self.channel_states, *run.states.shape)
-        bar = pull_back(network.structure, system, self.drive, run, states_bar)
-        values_bar = pull_back_assembly(network.terms, values, network.thresholds, bar)
-        np.add.at(values_bar, self.channel_biases, temperatures_bar.sum(axis=0))
-        parameters_bar = self.mapping.pull_back(network.values, theta, values_bar)
-        return np.concatenate([parameters_bar, bar.initial[network.diffusive]])
+        states_bar = np.zeros_like(run.states)
+        spread(self.observation.sampling, temperatures_bar, self.observation.states, states_bar)
+        packed_bar = pull_back_packed(network.structure, packed, self.drive, run, states_bar)
+        numbers_bar = np.zeros_like(numbers)
+        np.add.at(numbers_bar, self.channel_biases, temperatures_bar.sum(axis=0))
+        return pull_back_assembly(
+            self.mapping, network.terms, network.structure.mass, theta, numbers, packed_bar, numbers_bar
+        )
 
-    def _observe(self, run: Run, values: FloatArray) -> Trajectory:
-        temperatures = self.sampling.interpolate(run.states, self.channel_states, values[self.channel_biases])
-        index, weight = self.sampling.index, self.sampling.weight
-        times = self.drive.times[index] + weight * (self.drive.times[index + 1] - self.drive.times[index])
-        _, starts, lengths, _, _, heater_status = run.segments
-        status = heater_status[np.searchsorted(starts, times, side="right") - 1]
-        return Trajectory(temperatures, status, lengths @ heater_status / lengths.sum(), run.switches)
+
+def _trajectory(outputs: Outputs, simulation: int) -> Trajectory:
+    return Trajectory(
+        outputs.temperatures[simulation],
+        outputs.status[simulation],
+        outputs.duty_cycle[simulation],
+        switches(outputs, simulation),
+    )
 
 
 def network_simulator(
@@ -208,11 +207,14 @@ def network_simulator(
     observed = {name: item for name, item in scenario.observations.items() if item.node is not None}
     return NetworkSimulator(
         network=network,
+        names=tuple(scenario.parameters),
         mapping=parameter_map(network, scenario),
         drive=drive,
-        sampling=sampling,
+        observation=Observation(
+            sampling,
+            np.array([network.nodes.index(item.node or "") for item in observed.values()], dtype=np.int64),
+        ),
         channels=tuple(observed),
-        channel_states=np.array([network.nodes.index(item.node or "") for item in observed.values()], dtype=np.int64),
         channel_biases=np.array([network.position(f"observations.{name}.bias") for name in observed], dtype=np.int64),
     )
 

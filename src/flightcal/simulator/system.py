@@ -15,6 +15,7 @@ from __future__ import annotations
 
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
+from functools import cached_property
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -24,11 +25,11 @@ FloatArray = NDArray[np.float64]
 IntArray = NDArray[np.integer]
 
 Index = np.uint32
-"""Of the patterns: indices that cannot be negative spare the kernel the test for it, a third of its time."""
+"""Of the patterns: indices that cannot be negative spare compiled code the test for it, a third of its time."""
 
 
 class System(NamedTuple):
-    """Values of the entries, in the order of `Structure` (a leading axis [S] on each makes a batch)."""
+    """Values of the entries, in the order of `Structure`."""
 
     linear: Any
     """A's entries, 1/s (W/K in massless rows)."""
@@ -87,6 +88,11 @@ class Drive:
     initially_on: FloatArray
     """[H] 0 or 1, state before the first step; a sensor outside its band overrules it."""
 
+    @cached_property
+    def series(self) -> FloatArray:
+        """The inputs by series [q, K+1], each contiguous."""
+        return np.ascontiguousarray(self.inputs.T)
+
 
 class Switch(NamedTuple):
     """Thermostat events of one run, in order of time."""
@@ -97,6 +103,31 @@ class Switch(NamedTuple):
     """[E]."""
     on: FloatArray
     """[E] 1: went on, 0: went off."""
+
+
+def pack(system: System) -> FloatArray:
+    """All numbers of a system [P], one field after the other: the form in which compiled code passes them on."""
+    return np.concatenate(system)
+
+
+def unpack(structure: Structure, packed: FloatArray) -> System:
+    """The system whose fields are views of packed [P]."""
+    return System(*np.split(packed, packed_bounds(structure)))
+
+
+def packed_bounds(structure: Structure) -> IntArray:
+    """Where the fields of a packed system begin, but the first."""
+    heaters = len(structure.sensor)
+    return np.cumsum(
+        [
+            len(structure.linear_column),
+            len(structure.radiative_column),
+            len(structure.forcing_row),
+            len(structure.heating_row),
+            heaters,
+            heaters,
+        ]
+    )
 
 
 def elimination_order(count: int, links: Iterable[tuple[int, int]]) -> list[int]:

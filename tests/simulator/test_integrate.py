@@ -1,4 +1,4 @@
-"""The compiled kernel against its JAX oracle and against finite differences."""
+"""The compiled integration and its adjoint against the JAX oracle and against finite differences."""
 
 import numpy as np
 import pytest
@@ -68,16 +68,17 @@ def test_gradient_agrees_with_finite_differences_across_a_switch(field):
 def test_sensor_is_at_its_threshold_when_the_heater_switches():
     structure, system, drive = random_system(3)
     run = integrate(structure, system, drive)
-    event = run.segments[3]
+    record = run.record
+    event = record.event[0, : record.segments[0]]
     ends = np.flatnonzero(event >= 0)
     assert len(ends) >= 4
     for segment in ends:
         heater = event[segment]
-        went_on = run.segments[5][segment, heater] == 0.0
+        went_on = record.heater[0, segment, heater] == 0.0
         threshold = (system.lower if went_on else system.upper)[heater]
         # The state after the switch is the next segment's initial state.
         if segment + 1 < len(event):
-            assert run.segments[4][segment + 1][structure.sensor[heater]] == pytest.approx(threshold, abs=1e-8)
+            assert record.state[0, segment + 1, structure.sensor[heater]] == pytest.approx(threshold, abs=1e-8)
 
 
 def test_a_likelihood_slice_is_smooth_in_a_threshold():

@@ -1,0 +1,199 @@
+"""Compiled derivative of the integration: the adjoint of `forward`, step by step backwards.
+
+The derivative goes through a heater's switching time by the implicit function theorem, so what `adjoint` returns is
+the exact gradient of what `forward` computes. Each segment is recomputed from its noted initial state, so the memory
+is one state a segment.
+"""
+
+from __future__ import annotations
+
+from ..compiled import compiled, inlined
+from .step import (
+    EIGHT_THIRDS,
+    advance,
+    jacobian_product,
+    length_derivative,
+    make_step,
+    solve_transposed,
+    step_size,
+    transposed_products,
+)
+
+
+@compiled
+def adjoint(structure, packed, times, series, record, states_bar, memory, heat_bar, packed_bar):
+    """Pull the cotangent `states_bar` [K+1, n] of the states on the grid back to packed_bar [P] (see `system.pack`).
+
+    record: that of a single simulation, packed [P]; workspace: memory [adjoint_memory_size(structure)] and heat_bar
+    [n, K+1]; what packed_bar holds is overwritten.
+    """
+    n, H = structure.mass.shape[0], structure.sensor.shape[0]
+    a, m = structure.linear_column.shape[0], structure.radiative_column.shape[0]
+    forcings, heatings = structure.forcing_row.shape[0], structure.heating_row.shape[0]
+    mass = structure.mass
+    first_heating = a + m + forcings
+    first_threshold = first_heating + heatings
+    A, N, heating = packed[:a], packed[a : a + m], packed[first_heating:first_threshold]
+    packed_bar[:] = 0.0
+    A_bar, N_bar = packed_bar[:a], packed_bar[a : a + m]
+    forcing_bar = packed_bar[a + m : first_heating]
+    heating_bar = packed_bar[first_heating:first_threshold]
+    lower_bar = packed_bar[first_threshold : first_threshold + H]
+    upper_bar = packed_bar[first_threshold + H : first_threshold + 2 * H]
+    x_bar = packed_bar[first_threshold + 2 * H :]
+
+    now = make_step(structure, memory[: step_size(structure)])
+    slope, b0, b1 = now.slope, now.b0, now.b1
+    k1, k2, k3, k4, x3, x4 = now.k1, now.k2, now.k3, now.k4, now.x3, now.x4
+    at = step_size(structure)
+    workspace, u = memory[at : at + 6 * n], memory[at + 6 * n : at + 6 * n + H]
+    vectors = memory[at + 6 * n + H :].reshape(-1, n)
+    x0, velocity, work, linear = vectors[0], vectors[1], vectors[2], vectors[3]
+    left, ramp = vectors[4], vectors[5]  # heat of the inputs at the step's start, and its change per second
+    left_bar, right_bar, b0_bar, b1_bar, total_bar = vectors[6], vectors[7], vectors[8], vectors[9], vectors[10]
+    v1, v2, v3, v4 = vectors[11], vectors[12], vectors[13], vectors[14]  # W^-T of the stages' cotangents
+    radiative1, radiative2, radiative3, radiative4 = vectors[15], vectors[16], vectors[17], vectors[18]
+
+    heat_bar[:] = 0.0
+    segment = record.segments[0] - 1
+    for back in range(times.shape[0] - 1):
+        step = times.shape[0] - 2 - back
+        for i in range(n):
+            x_bar[i] += states_bar[step + 1, i]
+        duration = times[step + 1] - times[step]
+        if duration <= 0.0:
+            continue
+        rate = 1.0 / duration
+        for i in range(n):
+            left[i] = record.heat[0, i, step]
+            ramp[i] = (record.heat[0, i, step + 1] - left[i]) * rate
+            left_bar[i] = 0.0
+            right_bar[i] = 0.0
+        time_bar = 0.0  # cotangent of the time at which the current segment ends
+        while segment >= 0 and record.step[0, segment] == step:
+            h = record.length[0, segment]
+            half = 0.5 * h
+            event = record.event[0, segment]
+            begin = record.start[0, segment] - times[step]
+            for i in range(n):
+                x0[i] = record.state[0, segment, i]
+                b0[i] = left[i] + ramp[i] * begin
+            for k in range(H):
+                u[k] = record.heater[0, segment, k]
+            for p in range(heatings):
+                b0[structure.heating_row[p]] += u[structure.heating_heater[p]] * heating[p]
+            for i in range(n):
+                b1[i] = b0[i] + ramp[i] * h
+            advance(structure, A, N, x0, h, now)
+
+            if event >= 0:
+                # The segment's length solves x1[sensor] = threshold: dL/dh must vanish in total.
+                length_derivative(structure, A, N, h, ramp, now, workspace, velocity)
+                total = time_bar
+                for i in range(n):
+                    total += x_bar[i] * velocity[i]
+                multiplier = total / velocity[structure.sensor[event]]
+                x_bar[structure.sensor[event]] -= multiplier
+                if u[event] > 0.5:
+                    upper_bar[event] += multiplier
+                else:
+                    lower_bar[event] += multiplier
+
+            # Stages 4 and 3: v = W^-T k_bar, then through the rate at the stage's argument.
+            for i in range(n):
+                v4[i] = x_bar[i]
+            solve_transposed(structure, now.W, v4)
+            transposed_products(structure, A, N, v4, linear, radiative4)
+            for i in range(n):
+                carried = 0.5 * mass[i] * v4[i]
+                argument_bar = half * (linear[i] + radiative4[i] * 4.0 * x4[i] * x4[i] * x4[i])
+                v1[i] = 2.0 * x_bar[i] + carried + 2.0 * argument_bar
+                v2[i] = -carried
+                v3[i] = x_bar[i] + argument_bar - EIGHT_THIRDS * carried
+                x_bar[i] += argument_bar
+            solve_transposed(structure, now.W, v3)
+            transposed_products(structure, A, N, v3, linear, radiative3)
+            for i in range(n):
+                carried = 0.5 * mass[i] * v3[i]
+                argument_bar = half * (linear[i] + radiative3[i] * 4.0 * x3[i] * x3[i] * x3[i])
+                v1[i] += carried + 2.0 * argument_bar
+                v2[i] -= carried
+                x_bar[i] += argument_bar
+            solve_transposed(structure, now.W, v2)
+            for i in range(n):
+                v1[i] += 2.0 * mass[i] * v2[i]
+            solve_transposed(structure, now.W, v1)
+            transposed_products(structure, A, N, v1, linear, radiative1)
+            transposed_products(structure, A, N, v2, work, radiative2)
+            for i in range(n):
+                jump = half * (0.5 * v1[i] + 1.5 * v2[i])
+                b0_bar[i] = half * (v1[i] + v2[i]) - jump
+                b1_bar[i] = half * (v3[i] + v4[i]) + jump
+                total_bar[i] = half * (v1[i] + v2[i] + v3[i] + v4[i])
+                x_bar[i] += half * (linear[i] + work[i] + (radiative1[i] + radiative2[i]) * slope[i])
+                # W depends on x0 through J = A + N diag(4 x0^3).
+                curved = radiative1[i] * k1[i] + radiative2[i] * k2[i] + radiative3[i] * k3[i] + radiative4[i] * k4[i]
+                x_bar[i] += half * 12.0 * x0[i] * x0[i] * curved
+
+            for i in range(n):
+                w1, w2, w3, w4 = half * v1[i], half * v2[i], half * v3[i], half * v4[i]
+                for p in range(structure.linear_start[i], structure.linear_start[i + 1]):
+                    j = structure.linear_column[p]
+                    A_bar[p] += (
+                        w1 * (x0[j] + k1[j]) + w2 * (x0[j] + k2[j]) + w3 * (x3[j] + k3[j]) + w4 * (x4[j] + k4[j])
+                    )
+                for p in range(structure.radiative_start[i], structure.radiative_start[i + 1]):
+                    j = structure.radiative_column[p]
+                    N_bar[p] += (
+                        w1 * (now.fourth1[j] + slope[j] * k1[j])
+                        + w2 * (now.fourth1[j] + slope[j] * k2[j])
+                        + w3 * (now.fourth3[j] + slope[j] * k3[j])
+                        + w4 * (now.fourth4[j] + slope[j] * k4[j])
+                    )
+            for p in range(heatings):
+                heating_bar[p] += u[structure.heating_heater[p]] * total_bar[structure.heating_row[p]]
+
+            # Heat at the segment's ends back to the step's ends, and the cotangent of the segment's start.
+            share0 = begin / duration
+            share1 = (begin + h) / duration if event >= 0 else 1.0
+            start_bar = 0.0
+            for i in range(n):
+                start_bar += ramp[i] * b0_bar[i]
+                left_bar[i] += (1.0 - share0) * b0_bar[i] + (1.0 - share1) * b1_bar[i]
+                right_bar[i] += share0 * b0_bar[i] + share1 * b1_bar[i]
+            if event >= 0:
+                start_bar += time_bar
+                for i in range(n):
+                    start_bar += ramp[i] * b1_bar[i]
+            elif begin > 0.0:
+                # The segment ends at the grid point, so its length shrinks as its start moves.
+                d1, d2, d3, d4 = workspace[:n], workspace[n : 2 * n], workspace[2 * n : 3 * n], workspace[3 * n : 4 * n]
+                jacobian_product(structure, A, N, slope, k1, d1)
+                jacobian_product(structure, A, N, slope, k2, d2)
+                jacobian_product(structure, A, N, slope, k3, d3)
+                jacobian_product(structure, A, N, slope, k4, d4)
+                for i in range(n):
+                    jump = b1[i] - b0[i]
+                    start_bar -= 0.5 * v1[i] * (now.f1[i] + 0.5 * jump + d1[i])
+                    start_bar -= 0.5 * v2[i] * (now.f1[i] + 1.5 * jump + d2[i])
+                    start_bar -= 0.5 * v3[i] * (now.f3[i] + d3[i])
+                    start_bar -= 0.5 * v4[i] * (now.f4[i] + d4[i])
+            time_bar = start_bar
+            segment -= 1
+        for i in range(n):
+            heat_bar[i, step] += left_bar[i]
+            heat_bar[i, step + 1] += right_bar[i]
+    for i in range(n):
+        x_bar[i] += states_bar[0, i]
+    for p in range(forcings):
+        i, j = structure.forcing_row[p], structure.forcing_column[p]
+        total = 0.0
+        for k in range(times.shape[0]):
+            total += heat_bar[i, k] * series[j, k]
+        forcing_bar[p] = total
+
+
+@inlined
+def adjoint_memory_size(structure):
+    """Length of the memory that `adjoint` works in."""
+    return step_size(structure) + 25 * structure.mass.shape[0] + structure.sensor.shape[0]

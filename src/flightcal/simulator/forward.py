@@ -1,0 +1,502 @@
+"""Compiled integration of the canonical form over the grid, one simulation or eight side by side.
+
+A thermostat that has crossed its threshold at a step's end cuts the step: the length at which the sensor of the
+*discrete* solution meets the threshold is found by secant steps, the heater switches, and the rest of the step
+follows. A piece of a step between such cuts is called a segment.
+
+Every lane of `lanes` carries a simulation of its own, with its own place on the grid and its own step length; a lane
+whose simulation is finished takes the next. So each round makes one step, or one trial of a cut, for every lane at
+once (`advance`), and between rounds each lane decides what its next one is (`_decide`).
+"""
+
+from __future__ import annotations
+
+from typing import Any, NamedTuple
+
+import numpy as np
+
+from ..compiled import compiled, inlined
+from .lanes import elements, lane_count, put, take
+from .sampling import observe
+from .step import advance, make_step, step_size
+
+FINISHED = 0
+NOT_FINITE = 1
+TOO_MANY_SWITCHES = 2
+
+_LOCATION_ITERATIONS = 60
+_CROSSING_TOLERANCE = 1e-11  # K, on the sensor at the switch
+
+COUNTERS, REALS = 6, 7
+"""A lane's integers and reals (see `_Lanes`)."""
+
+_IDLE = 0  # what a lane does: nothing,
+_WHOLE = 1  # a step to the grid point, as if no heater switched,
+_LOCATING = 2  # a trial of the length at which a heater switches,
+_CUT = 3  # the step of that length, where a trial for another heater came in between
+
+
+class Record(NamedTuple):
+    """What a lane notes of the simulation it carries: the states on the grid, and every segment."""
+
+    heat: Any
+    """[lane, n, K+1] of the inputs, B w, on the grid."""
+    states: Any
+    """[lane, K+1, n] K."""
+    status: Any
+    """[lane, K+1, H] heater status just after each grid point."""
+    segments: Any
+    """[lane] number of segments."""
+    step: Any
+    """[lane, segment] grid step."""
+    start: Any
+    """[lane, segment] s within the window."""
+    length: Any
+    """[lane, segment] s."""
+    event: Any
+    """[lane, segment] heater that switches at the end; -1: none."""
+    state: Any
+    """[lane, segment, n] at the start (no segment: not wanted)."""
+    heater: Any
+    """[lane, segment, H] heater status."""
+
+
+class Outputs(NamedTuple):
+    """What is kept of every simulation."""
+
+    outcome: Any
+    """[S] FINISHED, NOT_FINITE or TOO_MANY_SWITCHES."""
+    temperatures: Any
+    """[S, T, N] K at the samples."""
+    status: Any
+    """[S, T, H] at the samples."""
+    duty_cycle: Any
+    """[S, H]."""
+    switches: Any
+    """[S] number of switches."""
+    switch_time: Any
+    """[S, switch] s."""
+    switch_heater: Any
+    switch_on: Any
+    """[S, switch] 1: went on, 0: went off."""
+
+
+class _Lanes(NamedTuple):
+    """Where each lane is. Arrays [lane], and elements (see `lanes`), the latter from x on."""
+
+    simulation: Any
+    step: Any
+    phase: Any
+    heater: Any
+    """Whose crossing is being located."""
+    event: Any
+    """Heater of the earliest crossing so far; -1: none."""
+    iterations: Any
+    cut: Any
+    """Length of the segment so far, s."""
+    duration: Any
+    """Of the grid step, s."""
+    low: Any
+    """Bracket of the crossing, s."""
+    high: Any
+    rate: Any
+    """K/s of the sensor towards its threshold, for the secant step."""
+    previous: Any
+    previous_value: Any
+    driven: Any
+    """[lane, H] by its measured status, in the step before."""
+    x: Any
+    """[n] at the segment's start."""
+    end: Any
+    """[n] at the grid point if no heater switched."""
+    left: Any
+    """[n] heat of the inputs at the grid step's start, and its change per second."""
+    ramp: Any
+    heating: Any
+    """[n] heat of the heaters."""
+    status: Any
+    """[H]"""
+    lower: Any
+    upper: Any
+    begin: Any
+    """[1] of the segment, s within the grid step."""
+    length: Any
+    """[1] of the trial, s."""
+    A: Any
+    N: Any
+
+
+@compiled
+def forward(
+    structure, packed, times, series, measured, initially_on, sampling, channel_states, offsets,
+    memory, counters, reals, driven, record, outputs,
+):  # fmt: skip
+    """Simulate packed [S, P] (see `system.pack`) over the grid; returns nothing, fills `record` and `outputs`.
+
+    offsets [S, N]: added to the sampled temperatures. Workspace: memory [memory_size(structure)], or that x 8 for eight
+    lanes, counters [COUNTERS, lane], reals [REALS, lane] and driven [lane, H].
+    """
+    count = lane_count(memory)
+    lanes = _make_lanes(structure, memory, counters, reals, driven)
+    step = make_step(structure, memory[memory.shape[0] - step_size(structure) :])
+    n = structure.mass.shape[0]
+    waiting = 0  # the next simulation that no lane has taken
+    active = 0
+    for lane in range(count):
+        if waiting < packed.shape[0]:
+            _load(structure, packed, series, measured, initially_on, lanes, lane, waiting, record)
+            _enter_step(structure, packed, times, measured, lanes, lane, record)
+            active += 1
+            waiting += 1
+    while active > 0:
+        for i in range(n):
+            step.b0[i] = lanes.left[i] + lanes.ramp[i] * lanes.begin[0] + lanes.heating[i]
+            step.b1[i] = step.b0[i] + lanes.ramp[i] * lanes.length[0]
+        advance(structure, lanes.A, lanes.N, lanes.x, lanes.length[0], step)
+        for lane in range(count):
+            if lanes.phase[lane] == _IDLE or _decide(structure, measured, lanes, lane, step):
+                continue
+            if _accept(structure, times, lanes, lane, step, record):
+                if lanes.event[lane] >= 0:
+                    _set_heating(structure, packed, lanes, lane)
+                going_on = _enter_step(structure, packed, times, measured, lanes, lane, record)
+            else:
+                _start_segment(structure, packed, lanes, lane)
+                going_on = True
+            if going_on and record.segments[lane] < record.step.shape[1]:
+                continue
+            simulation = lanes.simulation[lane]
+            if going_on:
+                outputs.outcome[simulation] = TOO_MANY_SWITCHES
+            elif not _finite(structure, lanes, lane):
+                outputs.outcome[simulation] = NOT_FINITE
+            else:
+                outputs.outcome[simulation] = FINISHED
+                observe(sampling, channel_states, offsets, times, simulation, lane, record, outputs)
+            active -= 1
+            lanes.phase[lane] = _IDLE
+            if waiting < packed.shape[0]:
+                _load(structure, packed, series, measured, initially_on, lanes, lane, waiting, record)
+                _enter_step(structure, packed, times, measured, lanes, lane, record)
+                active += 1
+                waiting += 1
+
+
+@inlined
+def _finite(structure, lanes, lane):
+    """Whether the last state is finite; one that is not never becomes finite again."""
+    finite = True
+    for i in range(structure.mass.shape[0]):
+        finite = finite and np.isfinite(take(lanes.x, i, lane))
+    return finite
+
+
+@inlined
+def memory_size(structure):
+    """Length of the memory that `forward` works in; `advance` uses its end."""
+    n, H = structure.mass.shape[0], structure.sensor.shape[0]
+    entries = structure.linear_column.shape[0] + structure.radiative_column.shape[0]
+    return entries + 5 * n + 3 * H + 2 + step_size(structure)
+
+
+@inlined
+def _make_lanes(structure, memory, counters, reals, driven):
+    n, H = structure.mass.shape[0], structure.sensor.shape[0]
+    a, m = structure.linear_column.shape[0], structure.radiative_column.shape[0]
+    at = 5 * n + 3 * H + 2
+    memory[:] = 0.0
+    counters[:] = 0
+    return _Lanes(
+        counters[0],
+        counters[1],
+        counters[2],
+        counters[3],
+        counters[4],
+        counters[5],
+        reals[0],
+        reals[1],
+        reals[2],
+        reals[3],
+        reals[4],
+        reals[5],
+        reals[6],
+        driven,
+        elements(memory[:n]),
+        elements(memory[n : 2 * n]),
+        elements(memory[2 * n : 3 * n]),
+        elements(memory[3 * n : 4 * n]),
+        elements(memory[4 * n : 5 * n]),
+        elements(memory[5 * n : 5 * n + H]),
+        elements(memory[5 * n + H : 5 * n + 2 * H]),
+        elements(memory[5 * n + 2 * H : 5 * n + 3 * H]),
+        elements(memory[at - 2 : at - 1]),
+        elements(memory[at - 1 : at]),
+        elements(memory[at : at + a]),
+        elements(memory[at + a : at + a + m]),
+    )
+
+
+@inlined
+def _load(structure, packed, series, measured, initially_on, lanes, lane, simulation, record):
+    """Put a simulation into a lane, before the first grid point."""
+    n, H = structure.mass.shape[0], structure.sensor.shape[0]
+    a, m = structure.linear_column.shape[0], structure.radiative_column.shape[0]
+    thresholds = packed.shape[1] - n - 2 * H
+    lanes.simulation[lane] = simulation
+    lanes.step[lane] = -1
+    record.segments[lane] = 0
+    for p in range(a):
+        put(lanes.A, p, lane, packed[simulation, p])
+    for p in range(m):
+        put(lanes.N, p, lane, packed[simulation, a + p])
+    for i in range(n):
+        put(lanes.x, i, lane, packed[simulation, thresholds + 2 * H + i])
+        for k in range(series.shape[1]):
+            record.heat[lane, i, k] = 0.0
+    for p in range(structure.forcing_row.shape[0]):
+        i, j, value = structure.forcing_row[p], structure.forcing_column[p], packed[simulation, a + m + p]
+        for k in range(series.shape[1]):
+            record.heat[lane, i, k] += value * series[j, k]
+    for k in range(H):
+        put(lanes.lower, k, lane, packed[simulation, thresholds + k])
+        put(lanes.upper, k, lane, packed[simulation, thresholds + H + k])
+        lanes.driven[lane, k] = not np.isnan(measured[0, k])
+        put(lanes.status, k, lane, measured[0, k] if lanes.driven[lane, k] else initially_on[k])
+        if not lanes.driven[lane, k]:
+            _start_thermostat(structure, lanes, lane, k)
+    _set_heating(structure, packed, lanes, lane)
+
+
+@inlined
+def _set_heating(structure, packed, lanes, lane):
+    n, H = structure.mass.shape[0], structure.sensor.shape[0]
+    first = packed.shape[1] - n - 2 * H - structure.heating_row.shape[0]
+    for i in range(n):
+        put(lanes.heating, i, lane, 0.0)
+    for p in range(structure.heating_row.shape[0]):
+        i = structure.heating_row[p]
+        heat = take(lanes.status, structure.heating_heater[p], lane) * packed[lanes.simulation[lane], first + p]
+        put(lanes.heating, i, lane, take(lanes.heating, i, lane) + heat)
+
+
+@inlined
+def _start_thermostat(structure, lanes, lane, k):
+    """Status with which a thermostat begins to act: its own, unless the sensor is outside the band."""
+    temperature = take(lanes.x, structure.sensor[k], lane)
+    if temperature < take(lanes.lower, k, lane):
+        put(lanes.status, k, lane, 1.0)
+    elif temperature > take(lanes.upper, k, lane):
+        put(lanes.status, k, lane, 0.0)
+    else:
+        put(lanes.status, k, lane, 1.0 if take(lanes.status, k, lane) > 0.5 else 0.0)
+
+
+@inlined
+def _enter_step(structure, packed, times, measured, lanes, lane, record):
+    """Note the grid point that the lane has reached, and enter the next step of some length; False: there is none."""
+    n, H = structure.mass.shape[0], structure.sensor.shape[0]
+    while True:
+        lanes.step[lane] += 1
+        step = lanes.step[lane]
+        for i in range(n):
+            record.states[lane, step, i] = take(lanes.x, i, lane)
+        for k in range(H):
+            record.status[lane, step, k] = take(lanes.status, k, lane)
+        if step + 1 >= times.shape[0]:
+            return False
+        duration = times[step + 1] - times[step]
+        if duration > 0.0:
+            break
+    lanes.duration[lane] = duration
+    rate = 1.0 / duration
+    for i in range(n):
+        left = record.heat[lane, i, step]
+        put(lanes.left, i, lane, left)
+        put(lanes.ramp, i, lane, (record.heat[lane, i, step + 1] - left) * rate)
+    changed = False
+    for k in range(H):
+        if not np.isnan(measured[step, k]):
+            put(lanes.status, k, lane, measured[step, k])
+            lanes.driven[lane, k] = True
+            changed = True
+        elif lanes.driven[lane, k]:
+            _start_thermostat(structure, lanes, lane, k)
+            lanes.driven[lane, k] = False
+            changed = True
+    if changed:
+        _set_heating(structure, packed, lanes, lane)
+    put(lanes.begin, 0, lane, 0.0)
+    put(lanes.length, 0, lane, duration)
+    lanes.phase[lane] = _WHOLE
+    return True
+
+
+@inlined
+def _start_segment(structure, packed, lanes, lane):
+    """The next trial goes from the switch to the grid point."""
+    _set_heating(structure, packed, lanes, lane)
+    put(lanes.length, 0, lane, lanes.duration[lane] - take(lanes.begin, 0, lane))
+    lanes.phase[lane] = _WHOLE
+
+
+@inlined
+def _decide(structure, measured, lanes, lane, step):
+    """Look at the trial just made. True: the lane makes another from the same state; False: this one is the segment.
+
+    The segment ends at the earliest crossing of the thermostats that are past their threshold at the grid point.
+    """
+    n, H = structure.mass.shape[0], structure.sensor.shape[0]
+    k = 0
+    if lanes.phase[lane] == _CUT:
+        return False
+    if lanes.phase[lane] == _WHOLE:
+        lanes.cut[lane] = take(lanes.length, 0, lane)
+        lanes.event[lane] = -1
+        past = False
+        for h in range(H):
+            past = past or _past_threshold(structure, measured, lanes, lane, step.x1, h) > 0.0
+        if not past:
+            return False
+        for i in range(n):
+            put(lanes.end, i, lane, take(step.x1, i, lane))
+    else:
+        k = lanes.heater[lane]
+        if not _located(structure, measured, lanes, lane, step, k):
+            return True
+        if take(lanes.length, 0, lane) < lanes.cut[lane]:
+            lanes.cut[lane] = take(lanes.length, 0, lane)
+            lanes.event[lane] = k
+        k += 1
+    while k < H:
+        past_end = _past_threshold(structure, measured, lanes, lane, lanes.end, k)
+        if past_end > 0.0:
+            _start_locating(structure, measured, lanes, lane, step, k, past_end)
+            return True
+        k += 1
+    if take(lanes.length, 0, lane) == lanes.cut[lane]:
+        return False
+    put(lanes.length, 0, lane, lanes.cut[lane])
+    lanes.phase[lane] = _CUT
+    return True
+
+
+@inlined
+def _past_threshold(structure, measured, lanes, lane, x, k):
+    """How far x is past the threshold of heater k, K; -1 where the heater is driven by its measured status."""
+    if not np.isnan(measured[lanes.step[lane], k]):
+        return -1.0
+    temperature = take(x, structure.sensor[k], lane)
+    if take(lanes.status, k, lane) > 0.5:
+        return temperature - take(lanes.upper, k, lane)
+    return take(lanes.lower, k, lane) - temperature
+
+
+@inlined
+def _start_locating(structure, measured, lanes, lane, step, k, past_end):
+    """The first trial is at the crossing of the cubic through the step's ends, which is nearly there."""
+    sensor = structure.sensor[k]
+    whole = lanes.duration[lane] - take(lanes.begin, 0, lane)
+    before = _past_threshold(structure, measured, lanes, lane, lanes.x, k)
+    trial, rate = 0.0, 0.0
+    if before < 0.0:
+        last = take(lanes.left, sensor, lane) + take(lanes.ramp, sensor, lane) * lanes.duration[lane]
+        last += take(lanes.heating, sensor, lane)
+        for p in range(structure.linear_start[sensor], structure.linear_start[sensor + 1]):
+            last += take(lanes.A, p, lane) * take(lanes.end, structure.linear_column[p], lane)
+        for p in range(structure.radiative_start[sensor], structure.radiative_start[sensor + 1]):
+            last += take(lanes.N, p, lane) * take(lanes.end, structure.radiative_column[p], lane) ** 4
+        towards = whole if take(lanes.status, k, lane) > 0.5 else -whole
+        share, rate = _cubic_crossing(before, past_end, towards * take(step.f1, sensor, lane), towards * last)
+        trial, rate = share * whole, rate / whole
+    lanes.heater[lane] = k
+    lanes.low[lane], lanes.high[lane] = 0.0, whole
+    lanes.rate[lane] = rate
+    lanes.iterations[lane] = 0
+    put(lanes.length, 0, lane, trial)
+    lanes.phase[lane] = _LOCATING
+
+
+@inlined
+def _located(structure, measured, lanes, lane, step, k):
+    """Whether the trial ends where heater k switches; if not, the next trial is set: a safeguarded secant step."""
+    trial = take(lanes.length, 0, lane)
+    value = _past_threshold(structure, measured, lanes, lane, step.x1, k)
+    low, high = lanes.low[lane], lanes.high[lane]
+    if (
+        abs(value) < _CROSSING_TOLERANCE
+        or high - low < 1e-12 * lanes.duration[lane]
+        or lanes.iterations[lane] >= _LOCATION_ITERATIONS
+    ):
+        return True
+    if value > 0.0:
+        high = trial
+    else:
+        low = trial
+    rate = lanes.rate[lane]
+    if lanes.iterations[lane] > 0 and value != lanes.previous_value[lane]:
+        rate = (value - lanes.previous_value[lane]) / (trial - lanes.previous[lane])
+    lanes.previous[lane], lanes.previous_value[lane] = trial, value
+    trial = trial - value / rate if rate > 0.0 else -1.0
+    if not (low < trial < high):
+        trial = 0.5 * (low + high)
+    lanes.low[lane], lanes.high[lane], lanes.rate[lane] = low, high, rate
+    lanes.iterations[lane] += 1
+    put(lanes.length, 0, lane, trial)
+    return False
+
+
+@inlined
+def _cubic_crossing(before, end, first, last):
+    """Where in 0..1 the cubic from before < 0 to end > 0, with end slopes first and last, is zero; its slope there."""
+    low, high = 0.0, 1.0
+    share = before / (before - end)
+    rate = end - before
+    for _ in range(20):
+        rest = 1.0 - share
+        value = (
+            before * (1.0 + 2.0 * share) * rest * rest
+            + end * share * share * (3.0 - 2.0 * share)
+            + first * share * rest * rest
+            - last * share * share * rest
+        )
+        rate = (
+            6.0 * share * rest * (end - before)
+            + first * rest * (1.0 - 3.0 * share)
+            + last * share * (3.0 * share - 2.0)
+        )
+        if abs(value) < 1e-9 * (end - before):
+            break
+        if value > 0.0:
+            high = share
+        else:
+            low = share
+        share = share - value / rate if rate > 0.0 else -1.0
+        if not (low < share < high):
+            share = 0.5 * (low + high)
+    return share, rate
+
+
+@inlined
+def _accept(structure, times, lanes, lane, step, record):
+    """Note the segment and move to its end; whether that is the grid point."""
+    n, H = structure.mass.shape[0], structure.sensor.shape[0]
+    segment = record.segments[lane]
+    event = lanes.event[lane]
+    record.segments[lane] = segment + 1
+    record.step[lane, segment] = lanes.step[lane]
+    record.start[lane, segment] = times[lanes.step[lane]] + take(lanes.begin, 0, lane)
+    record.length[lane, segment] = lanes.cut[lane]
+    record.event[lane, segment] = event
+    for k in range(H):
+        record.heater[lane, segment, k] = take(lanes.status, k, lane)
+    if record.state.shape[1] > 0:
+        for i in range(n):
+            record.state[lane, segment, i] = take(lanes.x, i, lane)
+    for i in range(n):
+        put(lanes.x, i, lane, take(step.x1, i, lane))
+    if event < 0:
+        return True
+    put(lanes.status, event, lane, 1.0 - take(lanes.status, event, lane))
+    begin = take(lanes.begin, 0, lane) + lanes.cut[lane]
+    put(lanes.begin, 0, lane, begin)
+    return begin >= lanes.duration[lane]
