@@ -64,6 +64,11 @@ class Problem:
         positions = np.array([self.names.index(f"noise.{self.simulator.channels[k]}") for k in channels], dtype=int)
         return channels, positions
 
+    @cached_property
+    def valid(self) -> Any:
+        """[T, N] whether there is a valid sample."""
+        return np.isfinite(self.observed)
+
     def noise(self, theta: FloatArray) -> FloatArray:
         """Noise standard deviation per channel [N], K, at theta [d]."""
         channels, positions = self.inferred_noise
@@ -140,14 +145,13 @@ class Problem:
         """
         prior = self.priors.at(z)
         noise = self.noise(prior.theta)
-        valid = np.isfinite(self.observed)
-        weighted = np.where(valid[..., None], self.jacobian(z) / noise[:, None], 0.0).reshape(-1, len(z))
+        weighted = np.where(self.valid[..., None], self.jacobian(z) / noise[:, None], 0.0).reshape(-1, len(z))
         # Not a product of BLAS, whose threads spin for a hundred times longer than this takes when the cores are busy.
         hessian: FloatArray = np.einsum("ti,tj->ij", weighted, weighted)
         hessian[np.diag_indices(len(z))] += self.priors.precision(z)
         channels, positions = self.inferred_noise
         hessian[positions, positions] += (
-            2.0 * valid.sum(axis=0)[channels] * (prior.slope[positions] / noise[channels]) ** 2
+            2.0 * self.valid.sum(axis=0)[channels] * (prior.slope[positions] / noise[channels]) ** 2
         )
         return hessian
 
@@ -161,7 +165,8 @@ class Problem:
         )
 
     def _misfit(self, run: Trajectory, status_weight: float) -> float:
-        mean_square = np.nanmean((self.observed - run.temperatures) ** 2)
+        residual = np.where(self.valid, self.observed - run.temperatures, 0.0)
+        mean_square = np.einsum("tk,tk->", residual, residual) / self.valid.sum()
         if status_weight > 0.0 and np.isfinite(self.status).any():
             mean_square += status_weight**2 * np.nanmean(np.abs(self.status - run.status))
         return float(np.sqrt(mean_square))

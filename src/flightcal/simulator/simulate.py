@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+import os
 from collections.abc import Callable
 from dataclasses import dataclass
 from functools import cached_property, partial
@@ -25,14 +26,15 @@ from .integrate import (
     pull_back_packed,
     switches,
 )
+from .lanes import WIDTH
 from .network import Network, build_network
 from .sampling import spread
 from .system import Drive, FloatArray, IntArray, Switch, System, unpack
 
 _FEW = 3
 """So many simulations at once are faster than one by one."""
-_CHUNK = 64
-"""Simulations that one call makes, eight at a time."""
+_CHUNK = 128
+"""At most so many simulations are one call, eight at a time."""
 
 
 @dataclass(frozen=True)
@@ -134,7 +136,8 @@ class NetworkSimulator:
         """Simulations at thetas [S, d], in parallel; None where one failed."""
         if len(thetas) < _FEW:
             return in_parallel(lambda k: self._simulate_or_none(thetas[k]), len(thetas))
-        chunks = np.array_split(np.arange(len(thetas)), math.ceil(len(thetas) / _CHUNK))
+        size = min(_CHUNK, WIDTH * math.ceil(len(thetas) / (WIDTH * (os.cpu_count() or 1))))
+        chunks = [slice(first, first + size) for first in range(0, len(thetas), size)]
         found = in_parallel(lambda k: self._simulate_lanes(thetas[chunks[k]]), len(chunks))
         return [trajectory for chunk in found for trajectory in chunk]
 
