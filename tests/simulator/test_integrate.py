@@ -1,5 +1,7 @@
 """The compiled integration and its adjoint against the JAX oracle and against finite differences."""
 
+import sys
+
 import numpy as np
 import pytest
 
@@ -91,6 +93,22 @@ def test_a_likelihood_slice_is_smooth_in_a_threshold():
         misfit.append(((states - target) ** 2).sum())
     second = np.diff(misfit, 2)
     assert np.abs(second).max() < 20 * np.median(np.abs(second)) + 1e-9
+
+
+def test_the_derivative_is_the_same_whether_steps_are_kept_or_computed_again(monkeypatch):
+    structure, system, drive = random_system(2)
+    kept = integrate(structure, system, drive)
+    monkeypatch.setattr(sys.modules["flightcal.simulator.integrate"], "_MOST_KEPT", 0)
+    noted = integrate(structure, system, drive)
+    assert len(kept.record.steps) > 1 == len(noted.record.steps)
+    weights = np.random.default_rng(0).normal(size=kept.states.shape)
+    np.testing.assert_array_equal(noted.states, kept.states)
+    for first, second in zip(
+        pull_back(structure, system, drive, kept, weights),
+        pull_back(structure, system, drive, noted, weights),
+        strict=True,
+    ):
+        np.testing.assert_allclose(first, second, rtol=1e-11, atol=1e-11 * np.abs(first).max(initial=0.0))
 
 
 def test_a_diverging_trajectory_and_a_chattering_thermostat_are_reported():

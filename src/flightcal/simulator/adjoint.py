@@ -1,8 +1,8 @@
 """Compiled derivative of the integration: the adjoint of `forward`, step by step backwards.
 
 The derivative goes through a heater's switching time by the implicit function theorem, so what `adjoint` returns is
-the exact gradient of what `forward` computes. Each segment is recomputed from its noted initial state, so the memory
-is one state a segment.
+the exact gradient of what `forward` computes. Where the steps were not kept, each is computed again from its segment's
+noted initial state, so the memory is one state a segment.
 """
 
 from __future__ import annotations
@@ -15,7 +15,6 @@ from .step import (
     length_derivative,
     make_step,
     solve_transposed,
-    step_size,
     transposed_products,
 )
 
@@ -42,12 +41,9 @@ def adjoint(structure, packed, times, series, record, states_bar, memory, heat_b
     upper_bar = packed_bar[first_threshold + H : first_threshold + 2 * H]
     x_bar = packed_bar[first_threshold + 2 * H :]
 
-    now = make_step(structure, memory[: step_size(structure)])
-    slope, b0, b1 = now.slope, now.b0, now.b1
-    k1, k2, k3, k4, x3, x4 = now.k1, now.k2, now.k3, now.k4, now.x3, now.x4
-    at = step_size(structure)
-    workspace, u = memory[at : at + 6 * n], memory[at + 6 * n : at + 6 * n + H]
-    vectors = memory[at + 6 * n + H :].reshape(-1, n)
+    kept = record.steps.shape[0] > 1
+    workspace, u = memory[: 6 * n], memory[6 * n : 6 * n + H]
+    vectors = memory[6 * n + H :].reshape(-1, n)
     x0, velocity, work, linear = vectors[0], vectors[1], vectors[2], vectors[3]
     left, ramp = vectors[4], vectors[5]  # heat of the inputs at the step's start, and its change per second
     left_bar, right_bar, b0_bar, b1_bar, total_bar = vectors[6], vectors[7], vectors[8], vectors[9], vectors[10]
@@ -71,20 +67,25 @@ def adjoint(structure, packed, times, series, record, states_bar, memory, heat_b
             right_bar[i] = 0.0
         time_bar = 0.0  # cotangent of the time at which the current segment ends
         while segment >= 0 and record.step[0, segment] == step:
+            now = make_step(structure, record.steps[segment if kept else 0])
+            slope, b0, b1 = now.slope, now.b0, now.b1
+            k1, k2, k3, k4, x3, x4 = now.k1, now.k2, now.k3, now.k4, now.x3, now.x4
             h = record.length[0, segment]
             half = 0.5 * h
             event = record.event[0, segment]
             begin = record.start[0, segment] - times[step]
             for i in range(n):
                 x0[i] = record.state[0, segment, i]
-                b0[i] = left[i] + ramp[i] * begin
             for k in range(H):
                 u[k] = record.heater[0, segment, k]
-            for p in range(heatings):
-                b0[structure.heating_row[p]] += u[structure.heating_heater[p]] * heating[p]
-            for i in range(n):
-                b1[i] = b0[i] + ramp[i] * h
-            advance(structure, A, N, x0, h, now)
+            if not kept:
+                for i in range(n):
+                    b0[i] = left[i] + ramp[i] * begin
+                for p in range(heatings):
+                    b0[structure.heating_row[p]] += u[structure.heating_heater[p]] * heating[p]
+                for i in range(n):
+                    b1[i] = b0[i] + ramp[i] * h
+                advance(structure, A, N, x0, h, now)
 
             if event >= 0:
                 # The segment's length solves x1[sensor] = threshold: dL/dh must vanish in total.
@@ -196,4 +197,4 @@ def adjoint(structure, packed, times, series, record, states_bar, memory, heat_b
 @inlined
 def adjoint_memory_size(structure):
     """Length of the memory that `adjoint` works in."""
-    return step_size(structure) + 25 * structure.mass.shape[0] + structure.sensor.shape[0]
+    return 25 * structure.mass.shape[0] + structure.sensor.shape[0]

@@ -59,6 +59,8 @@ class Record(NamedTuple):
     """[lane, segment, n] at the start (no segment: not wanted)."""
     heater: Any
     """[lane, segment, H] heater status."""
+    steps: Any
+    """[segment, step_size] the whole `Step` of each segment of a single simulation; or one row, the last step's."""
 
 
 class Outputs(NamedTuple):
@@ -133,12 +135,15 @@ def forward(
 ):  # fmt: skip
     """Simulate packed [S, P] (see `system.pack`) over the grid; returns nothing, fills `record` and `outputs`.
 
-    offsets [S, N]: added to the sampled temperatures. Workspace: memory [memory_size(structure)], or that x 8 for eight
-    lanes, counters [COUNTERS, lane], reals [REALS, lane] and driven [lane, H].
+    offsets [S, N]: added to the sampled temperatures. Workspace: memory [memory_size(structure)], or that x 8 for
+    eight lanes; counters [COUNTERS, lane], reals [REALS, lane] and driven [lane, H]. In memory with room for one more
+    `Step` a segment, a single simulation keeps them all.
     """
     count = lane_count(memory)
     lanes = _make_lanes(structure, memory, counters, reals, driven)
-    step = make_step(structure, memory[memory.shape[0] - step_size(structure) :])
+    size = step_size(structure)
+    first = memory_size(structure) - size
+    rows = (memory.shape[0] - first) // size
     n = structure.mass.shape[0]
     waiting = 0  # the next simulation that no lane has taken
     active = 0
@@ -149,6 +154,8 @@ def forward(
             active += 1
             waiting += 1
     while active > 0:
+        row = first + size * (record.segments[0] if rows > 1 else 0)
+        step = make_step(structure, memory[row : row + size])
         for i in range(n):
             step.b0[i] = lanes.left[i] + lanes.ramp[i] * lanes.begin[0] + lanes.heating[i]
             step.b1[i] = step.b0[i] + lanes.ramp[i] * lanes.length[0]
@@ -193,7 +200,7 @@ def _finite(structure, lanes, lane):
 
 @inlined
 def memory_size(structure):
-    """Length of the memory that `forward` works in; `advance` uses its end."""
+    """Length of the memory that `forward` works in; the `Step` is at its end."""
     n, H = structure.mass.shape[0], structure.sensor.shape[0]
     entries = structure.linear_column.shape[0] + structure.radiative_column.shape[0]
     return entries + 5 * n + 3 * H + 2 + step_size(structure)

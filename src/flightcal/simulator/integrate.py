@@ -24,10 +24,13 @@ from .forward import (
 )
 from .lanes import WIDTH, lane_memory
 from .sampling import Sampling
+from .step import step_size
 from .system import Drive, FloatArray, IntArray, Structure, Switch, System, pack, unpack
 
 _SPARE_SEGMENTS = 256
 _MOST_SWITCHES_PER_STEP = 20
+_MOST_KEPT = 500_000
+"""So many numbers (4 MB) of a run's steps are kept for its derivative; beyond, computing them again is as fast."""
 
 
 class SimulationFailure(Exception):  # noqa: N818 - a value of the domain, not a programming error
@@ -81,23 +84,31 @@ def switches(outputs: Outputs, simulation: int) -> Switch:
     )
 
 
-def integrate(structure: Structure, system: System, drive: Drive) -> Run:
+def integrate(structure: Structure, system: System, drive: Drive, *, derivative: bool = True) -> Run:
     """Integrate one system (NumPy arrays) over the drive's grid.
 
+    derivative: whether `pull_back` will be asked of the run; a tenth faster without.
     Raises SimulationFailure when a state is not finite or heaters switch more than 20 times a step on average.
     """
-    return integrate_packed(structure, pack(system), drive, NOTHING, np.zeros(0))
+    return integrate_packed(structure, pack(system), drive, NOTHING, np.zeros(0), derivative=derivative)
 
 
 def integrate_packed(
-    structure: Structure, packed: FloatArray, drive: Drive, observation: Observation, offsets: FloatArray
+    structure: Structure,
+    packed: FloatArray,
+    drive: Drive,
+    observation: Observation,
+    offsets: FloatArray,
+    *,
+    derivative: bool = True,
 ) -> Run:
     """`integrate` of a packed system [P], observed; offsets [N] are added to the temperatures observed."""
     capacity = len(drive.times) - 1 + _SPARE_SEGMENTS
     while True:
-        record = _make_record(structure, drive, 1, capacity, with_states=True)
+        size, first = step_size(structure), memory_size(structure) - step_size(structure)
+        memory = np.empty(first + size * (capacity if derivative and capacity * size <= _MOST_KEPT else 1))
+        record = _make_record(structure, drive, 1, capacity, memory[first:].reshape(-1, size) if derivative else None)
         outputs = _make_outputs(structure, observation, 1, capacity)
-        memory = np.empty(memory_size(structure))
         _forward(structure, packed[None], drive, observation, offsets[None], memory, record, outputs)
         outcome = outputs.outcome[0]
         if outcome == TOO_MANY_SWITCHES and capacity < _MOST_SWITCHES_PER_STEP * len(drive.times):
@@ -122,7 +133,7 @@ def integrate_many(
     """
     capacity = len(drive.times) - 1 + _SPARE_SEGMENTS
     outputs = _make_outputs(structure, observation, len(packed), capacity)
-    record = _make_record(structure, drive, WIDTH, capacity, with_states=False)
+    record = _make_record(structure, drive, WIDTH, capacity, None)
     memory = lane_memory(memory_size(structure))
     _forward(structure, packed, drive, observation, offsets, memory, record, outputs)
     return outputs
@@ -163,7 +174,8 @@ def _forward(
     )  # fmt: skip
 
 
-def _make_record(structure: Structure, drive: Drive, lanes: int, segments: int, *, with_states: bool) -> Record:
+def _make_record(structure: Structure, drive: Drive, lanes: int, segments: int, steps: FloatArray | None) -> Record:
+    """steps: None: the record is not for a derivative."""
     points, n, heaters = len(drive.times), len(structure.mass), len(structure.sensor)
     return Record(
         heat=np.empty((lanes, n, points)),
@@ -174,8 +186,9 @@ def _make_record(structure: Structure, drive: Drive, lanes: int, segments: int, 
         start=np.empty((lanes, segments)),
         length=np.empty((lanes, segments)),
         event=np.empty((lanes, segments), np.int64),
-        state=np.empty((lanes, segments if with_states else 0, n)),
+        state=np.empty((lanes, 0 if steps is None else segments, n)),
         heater=np.empty((lanes, segments, heaters)),
+        steps=np.empty((0, 0)) if steps is None else steps,
     )
 
 

@@ -130,7 +130,7 @@ class NetworkSimulator:
     def simulate(self, theta: FloatArray) -> Trajectory:
         """One simulation at theta [d]."""
         numbers, packed = self._assemble(theta)
-        return _trajectory(self._integrate(numbers, packed).outputs, 0)
+        return _trajectory(self._integrate(numbers, packed, derivative=False).outputs, 0)
 
     def simulate_many(self, thetas: FloatArray) -> list[Trajectory | None]:
         """Simulations at thetas [S, d], in parallel; None where one failed."""
@@ -144,15 +144,17 @@ class NetworkSimulator:
     def linearise(self, theta: FloatArray) -> tuple[Trajectory, Callable[[FloatArray], FloatArray]]:
         """A simulation and its vector-Jacobian product: cotangent of the temperatures [T, N] -> of theta [d]."""
         numbers, packed = self._assemble(theta)
-        run = self._integrate(numbers, packed)
+        run = self._integrate(numbers, packed, derivative=True)
         return _trajectory(run.outputs, 0), partial(self._cotangent, theta, numbers, packed, run)
 
     def _assemble(self, theta: FloatArray) -> tuple[FloatArray, FloatArray]:
         return assemble(self.mapping, self.network.terms, self.network.structure.mass, theta)
 
-    def _integrate(self, numbers: FloatArray, packed: FloatArray) -> Run:
+    def _integrate(self, numbers: FloatArray, packed: FloatArray, *, derivative: bool) -> Run:
         offsets = numbers[self.channel_biases]
-        return integrate_packed(self.network.structure, packed, self.drive, self.observation, offsets)
+        return integrate_packed(
+            self.network.structure, packed, self.drive, self.observation, offsets, derivative=derivative
+        )
 
     def _simulate_or_none(self, theta: FloatArray) -> Trajectory | None:
         try:
