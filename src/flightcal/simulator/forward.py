@@ -27,13 +27,12 @@ TOO_MANY_SWITCHES = 2
 _LOCATION_ITERATIONS = 60
 _CROSSING_TOLERANCE = 1e-11  # K, on the sensor at the switch
 
-COUNTERS, REALS = 6, 7
+COUNTERS, REALS = 5, 6
 """A lane's integers and reals (see `_Lanes`)."""
 
 _IDLE = 0  # what a lane does: nothing,
 _WHOLE = 1  # a step to the grid point, as if no heater switched,
-_LOCATING = 2  # a trial of the length at which a heater switches,
-_CUT = 3  # the step of that length, where a trial for another heater came in between
+_LOCATING = 2  # or a trial of the length at which a heater switches
 
 
 class Record(NamedTuple):
@@ -90,12 +89,8 @@ class _Lanes(NamedTuple):
     step: Any
     phase: Any
     heater: Any
-    """Whose crossing is being located."""
-    event: Any
-    """Heater of the earliest crossing so far; -1: none."""
+    """Whose crossing is being located; -1: none."""
     iterations: Any
-    cut: Any
-    """Length of the segment so far, s."""
     duration: Any
     """Of the grid step, s."""
     low: Any
@@ -109,8 +104,6 @@ class _Lanes(NamedTuple):
     """[lane, H] by its measured status, in the step before."""
     x: Any
     """[n] at the segment's start."""
-    end: Any
-    """[n] at the grid point if no heater switched."""
     left: Any
     """[n] heat of the inputs at the grid step's start, and its change per second."""
     ramp: Any
@@ -164,7 +157,7 @@ def forward(
             if lanes.phase[lane] == _IDLE or _decide(structure, measured, lanes, lane, step):
                 continue
             if _accept(structure, times, lanes, lane, step, record):
-                if lanes.event[lane] >= 0:
+                if lanes.heater[lane] >= 0:
                     _set_heating(structure, packed, lanes, lane)
                 going_on = _enter_step(structure, packed, times, measured, lanes, lane, record)
             else:
@@ -203,14 +196,14 @@ def memory_size(structure):
     """Length of the memory that `forward` works in; the `Step` is at its end."""
     n, H = structure.mass.shape[0], structure.sensor.shape[0]
     entries = structure.linear_column.shape[0] + structure.radiative_column.shape[0]
-    return entries + 5 * n + 3 * H + 2 + step_size(structure)
+    return entries + 4 * n + 3 * H + 2 + step_size(structure)
 
 
 @inlined
 def _make_lanes(structure, memory, counters, reals, driven):
     n, H = structure.mass.shape[0], structure.sensor.shape[0]
     a, m = structure.linear_column.shape[0], structure.radiative_column.shape[0]
-    at = 5 * n + 3 * H + 2
+    at = 4 * n + 3 * H + 2
     memory[:] = 0.0
     counters[:] = 0
     return _Lanes(
@@ -219,23 +212,20 @@ def _make_lanes(structure, memory, counters, reals, driven):
         counters[2],
         counters[3],
         counters[4],
-        counters[5],
         reals[0],
         reals[1],
         reals[2],
         reals[3],
         reals[4],
         reals[5],
-        reals[6],
         driven,
         elements(memory[:n]),
         elements(memory[n : 2 * n]),
         elements(memory[2 * n : 3 * n]),
         elements(memory[3 * n : 4 * n]),
-        elements(memory[4 * n : 5 * n]),
-        elements(memory[5 * n : 5 * n + H]),
-        elements(memory[5 * n + H : 5 * n + 2 * H]),
-        elements(memory[5 * n + 2 * H : 5 * n + 3 * H]),
+        elements(memory[4 * n : 4 * n + H]),
+        elements(memory[4 * n + H : 4 * n + 2 * H]),
+        elements(memory[4 * n + 2 * H : 4 * n + 3 * H]),
         elements(memory[at - 2 : at - 1]),
         elements(memory[at - 1 : at]),
         elements(memory[at : at + a]),
@@ -350,40 +340,33 @@ def _start_segment(structure, packed, lanes, lane):
 def _decide(structure, measured, lanes, lane, step):
     """Look at the trial just made. True: the lane makes another from the same state; False: this one is the segment.
 
-    The segment ends at the earliest crossing of the thermostats that are past their threshold at the grid point.
+    Of the thermostats past their threshold at the trial's end, the one that seems to cross first is located; then it is
+    looked whether another was past its own by then, until none is.
     """
-    n, H = structure.mass.shape[0], structure.sensor.shape[0]
-    k = 0
-    if lanes.phase[lane] == _CUT:
-        return False
     if lanes.phase[lane] == _WHOLE:
-        lanes.cut[lane] = take(lanes.length, 0, lane)
-        lanes.event[lane] = -1
-        past = False
-        for h in range(H):
-            past = past or _past_threshold(structure, measured, lanes, lane, step.x1, h) > 0.0
-        if not past:
-            return False
-        for i in range(n):
-            put(lanes.end, i, lane, take(step.x1, i, lane))
+        lanes.heater[lane] = -1
+        tolerance = 0.0
+    elif _located(structure, measured, lanes, lane, step):
+        # Strictly earlier than the one that was found, so that the two of a tie do not take turns.
+        tolerance = _CROSSING_TOLERANCE
     else:
-        k = lanes.heater[lane]
-        if not _located(structure, measured, lanes, lane, step, k):
-            return True
-        if take(lanes.length, 0, lane) < lanes.cut[lane]:
-            lanes.cut[lane] = take(lanes.length, 0, lane)
-            lanes.event[lane] = k
-        k += 1
-    while k < H:
-        past_end = _past_threshold(structure, measured, lanes, lane, lanes.end, k)
-        if past_end > 0.0:
-            _start_locating(structure, measured, lanes, lane, step, k, past_end)
-            return True
-        k += 1
-    if take(lanes.length, 0, lane) == lanes.cut[lane]:
+        return True
+    length = take(lanes.length, 0, lane)
+    chosen, first, rate = -1, length, 0.0
+    for k in range(structure.sensor.shape[0]):
+        past = _past_threshold(structure, measured, lanes, lane, step.x1, k)
+        if k != lanes.heater[lane] and past > tolerance:
+            crossing, slope = _estimate(structure, measured, lanes, lane, step, k, past)
+            if chosen < 0 or crossing < first:
+                chosen, first, rate = k, crossing, slope
+    if chosen < 0:
         return False
-    put(lanes.length, 0, lane, lanes.cut[lane])
-    lanes.phase[lane] = _CUT
+    lanes.heater[lane] = chosen
+    lanes.low[lane], lanes.high[lane] = 0.0, length
+    lanes.rate[lane] = rate
+    lanes.iterations[lane] = 0
+    put(lanes.length, 0, lane, first)
+    lanes.phase[lane] = _LOCATING
     return True
 
 
@@ -399,35 +382,29 @@ def _past_threshold(structure, measured, lanes, lane, x, k):
 
 
 @inlined
-def _start_locating(structure, measured, lanes, lane, step, k, past_end):
-    """The first trial is at the crossing of the cubic through the step's ends, which is nearly there."""
+def _estimate(structure, measured, lanes, lane, step, k, past):
+    """Where the cubic through the trial's ends crosses the threshold (s), which is nearly there; its slope (K/s)."""
     sensor = structure.sensor[k]
-    whole = lanes.duration[lane] - take(lanes.begin, 0, lane)
+    length = take(lanes.length, 0, lane)
     before = _past_threshold(structure, measured, lanes, lane, lanes.x, k)
-    trial, rate = 0.0, 0.0
-    if before < 0.0:
-        last = take(lanes.left, sensor, lane) + take(lanes.ramp, sensor, lane) * lanes.duration[lane]
-        last += take(lanes.heating, sensor, lane)
-        for p in range(structure.linear_start[sensor], structure.linear_start[sensor + 1]):
-            last += take(lanes.A, p, lane) * take(lanes.end, structure.linear_column[p], lane)
-        for p in range(structure.radiative_start[sensor], structure.radiative_start[sensor + 1]):
-            last += take(lanes.N, p, lane) * take(lanes.end, structure.radiative_column[p], lane) ** 4
-        towards = whole if take(lanes.status, k, lane) > 0.5 else -whole
-        share, rate = _cubic_crossing(before, past_end, towards * take(step.f1, sensor, lane), towards * last)
-        trial, rate = share * whole, rate / whole
-    lanes.heater[lane] = k
-    lanes.low[lane], lanes.high[lane] = 0.0, whole
-    lanes.rate[lane] = rate
-    lanes.iterations[lane] = 0
-    put(lanes.length, 0, lane, trial)
-    lanes.phase[lane] = _LOCATING
+    if before >= 0.0:
+        return 0.0, 0.0
+    end = take(lanes.begin, 0, lane) + length
+    last = take(lanes.left, sensor, lane) + take(lanes.ramp, sensor, lane) * end + take(lanes.heating, sensor, lane)
+    for p in range(structure.linear_start[sensor], structure.linear_start[sensor + 1]):
+        last += take(lanes.A, p, lane) * take(step.x1, structure.linear_column[p], lane)
+    for p in range(structure.radiative_start[sensor], structure.radiative_start[sensor + 1]):
+        last += take(lanes.N, p, lane) * take(step.x1, structure.radiative_column[p], lane) ** 4
+    towards = length if take(lanes.status, k, lane) > 0.5 else -length
+    share, slope = _cubic_crossing(before, past, towards * take(step.f1, sensor, lane), towards * last)
+    return share * length, slope / length
 
 
 @inlined
-def _located(structure, measured, lanes, lane, step, k):
-    """Whether the trial ends where heater k switches; if not, the next trial is set: a safeguarded secant step."""
+def _located(structure, measured, lanes, lane, step):
+    """Whether the trial ends where the heater switches; if not, the next trial is set: a safeguarded secant step."""
     trial = take(lanes.length, 0, lane)
-    value = _past_threshold(structure, measured, lanes, lane, step.x1, k)
+    value = _past_threshold(structure, measured, lanes, lane, step.x1, lanes.heater[lane])
     low, high = lanes.low[lane], lanes.high[lane]
     if (
         abs(value) < _CROSSING_TOLERANCE
@@ -488,11 +465,12 @@ def _accept(structure, times, lanes, lane, step, record):
     """Note the segment and move to its end; whether that is the grid point."""
     n, H = structure.mass.shape[0], structure.sensor.shape[0]
     segment = record.segments[lane]
-    event = lanes.event[lane]
+    event = lanes.heater[lane]
+    length = take(lanes.length, 0, lane)
     record.segments[lane] = segment + 1
     record.step[lane, segment] = lanes.step[lane]
     record.start[lane, segment] = times[lanes.step[lane]] + take(lanes.begin, 0, lane)
-    record.length[lane, segment] = lanes.cut[lane]
+    record.length[lane, segment] = length
     record.event[lane, segment] = event
     for k in range(H):
         record.heater[lane, segment, k] = take(lanes.status, k, lane)
@@ -504,6 +482,6 @@ def _accept(structure, times, lanes, lane, step, record):
     if event < 0:
         return True
     put(lanes.status, event, lane, 1.0 - take(lanes.status, event, lane))
-    begin = take(lanes.begin, 0, lane) + lanes.cut[lane]
+    begin = take(lanes.begin, 0, lane) + length
     put(lanes.begin, 0, lane, begin)
     return begin >= lanes.duration[lane]
