@@ -15,14 +15,13 @@ from typing import Any
 from numba import njit
 
 _OPTIONS: dict[str, Any] = {
-    "nogil": True,
     "error_model": "numpy",
     "fastmath": {"contract", "nsz", "arcp"},
     "_nrt": False,
 }
-"""The interpreter lock is free while compiled code runs. Products and sums may be fused and divisions by the same
-number shared; nothing is reordered, and NaN and infinity keep their meaning. Compiled code allocates nothing (its
-memory comes from Python), so Numba need not count references to arrays, which it otherwise does at every access."""
+"""Products and sums may be fused and divisions by the same number shared; nothing is reordered, and NaN and infinity
+keep their meaning. Compiled code allocates nothing (its memory comes from Python), so Numba need not count references
+to arrays, which it otherwise does at every access."""
 
 
 @cache
@@ -34,8 +33,20 @@ def _digest(folder: Path) -> str:
 
 
 def compiled(function: Callable[..., Any]) -> Any:
-    """A function that Python calls: compiled at its first call, and cached until a file of its folder changes."""
-    dispatcher: Any = njit(cache=True, **_OPTIONS)(function)
+    """A short function that Python calls: compiled at its first call, and cached until a file of its folder changes."""
+    return _cached(function, nogil=False)
+
+
+def compiled_long(function: Callable[..., Any]) -> Any:
+    """The same for what takes long: the interpreter lock is free while it runs.
+
+    To get the lock back while other threads want it may take longer than a short function.
+    """
+    return _cached(function, nogil=True)
+
+
+def _cached(function: Callable[..., Any], *, nogil: bool) -> Any:
+    dispatcher: Any = njit(cache=True, nogil=nogil, **_OPTIONS)(function)
     dispatcher._cache._cache_file._source_stamp = _digest(Path(function.__code__.co_filename).parent)
     return dispatcher
 

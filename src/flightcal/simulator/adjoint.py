@@ -7,7 +7,7 @@ noted initial state, so the memory is one state a segment.
 
 from __future__ import annotations
 
-from ..compiled import compiled, inlined
+from ..compiled import compiled_long, inlined
 from .step import (
     EIGHT_THIRDS,
     advance,
@@ -19,7 +19,7 @@ from .step import (
 )
 
 
-@compiled
+@compiled_long
 def adjoint(structure, packed, times, series, record, states_bar, memory, heat_bar, packed_bar):
     """Pull the cotangent `states_bar` [K+1, n] of the states on the grid back to packed_bar [P] (see `system.pack`).
 

@@ -15,7 +15,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from ..compiled import compiled, inlined
+from ..compiled import compiled_long, inlined
 from .lanes import elements, lane_count, put, take
 from .sampling import observe
 from .step import advance, make_step, step_size
@@ -121,7 +121,7 @@ class _Lanes(NamedTuple):
     N: Any
 
 
-@compiled
+@compiled_long
 def forward(
     structure, packed, times, series, measured, initially_on, sampling, channel_states, offsets,
     memory, counters, reals, driven, record, outputs,
