@@ -17,6 +17,7 @@ TABLES = {
     "sampling": "sampling:measure",
     "batch": "batch:measure_batch",
     "genetic": "batch:measure_genetic",
+    "accelerator": "accelerator:measure",
     "scaling": "scaling:measure",
     "whole": "whole:measure",
 }

@@ -75,11 +75,15 @@ class Outputs(NamedTuple):
     """[S, H]."""
     switches: Any
     """[S] number of switches."""
+    switch_first: Any
+    """[S] where they are in the arrays below."""
     switch_time: Any
-    """[S, switch] s."""
+    """[switch] s."""
     switch_heater: Any
     switch_on: Any
-    """[S, switch] 1: went on, 0: went off."""
+    """[switch] 1: went on, 0: went off."""
+    noted: Any
+    """[1] switches in these arrays so far."""
 
 
 class _Lanes(NamedTuple):

@@ -76,12 +76,9 @@ class Run:
 
 def switches(outputs: Outputs, simulation: int) -> Switch:
     """The thermostats' events in one simulation."""
-    count = outputs.switches[simulation]
-    return Switch(
-        outputs.switch_time[simulation, :count],
-        outputs.switch_heater[simulation, :count],
-        outputs.switch_on[simulation, :count],
-    )
+    first = outputs.switch_first[simulation]
+    here = slice(first, first + outputs.switches[simulation])
+    return Switch(outputs.switch_time[here], outputs.switch_heater[here], outputs.switch_on[here])
 
 
 def integrate(structure: Structure, system: System, drive: Drive, *, derivative: bool = True) -> Run:
@@ -194,16 +191,19 @@ def _make_record(structure: Structure, drive: Drive, lanes: int, segments: int, 
 
 def _make_outputs(structure: Structure, observation: Observation, simulations: int, switches: int) -> Outputs:
     samples, channels, heaters = len(observation.sampling.point), len(observation.states), len(structure.sensor)
-    switches = switches if heaters else 0
+    # Memory that is never touched costs nothing.
+    most = simulations * switches if heaters else 0
     return Outputs(
         outcome=np.full(simulations, FINISHED, np.int64),
         temperatures=np.empty((simulations, samples, channels)),
         status=np.empty((simulations, samples, heaters)),
         duty_cycle=np.empty((simulations, heaters)),
         switches=np.zeros(simulations, np.int64),
-        switch_time=np.empty((simulations, switches)),
-        switch_heater=np.empty((simulations, switches), np.int64),
-        switch_on=np.empty((simulations, switches)),
+        switch_first=np.zeros(simulations, np.int64),
+        switch_time=np.empty(most),
+        switch_heater=np.empty(most, np.int64),
+        switch_on=np.empty(most),
+        noted=np.zeros(1, np.int64),
     )
 
 

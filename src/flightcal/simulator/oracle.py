@@ -1,6 +1,6 @@
 """The integration's slow, obvious twin in plain JAX: the same scheme and switching, differentiated by JAX itself.
 
-It judges the compiled functions in the tests, and runs where Numba does not (GPUs, very large batches).
+It judges the compiled functions in the tests.
 """
 
 from __future__ import annotations

@@ -46,7 +46,8 @@ def observe(sampling, channel_states, offsets, times, simulation, lane, record, 
                 segment += 1
             for h in range(heaters):
                 outputs.status[simulation, t, h] = record.heater[lane, segment, h]
-    switches = 0
+    first = outputs.noted[0]
+    switches = first
     total = 0.0
     for h in range(heaters):
         outputs.duty_cycle[simulation, h] = 0.0
@@ -57,13 +58,15 @@ def observe(sampling, channel_states, offsets, times, simulation, lane, record, 
             outputs.duty_cycle[simulation, h] += length * record.heater[lane, s, h]
         event = record.event[lane, s]
         if event >= 0:
-            outputs.switch_time[simulation, switches] = record.start[lane, s] + length
-            outputs.switch_heater[simulation, switches] = event
-            outputs.switch_on[simulation, switches] = 1.0 - record.heater[lane, s, event]
+            outputs.switch_time[switches] = record.start[lane, s] + length
+            outputs.switch_heater[switches] = event
+            outputs.switch_on[switches] = 1.0 - record.heater[lane, s, event]
             switches += 1
     for h in range(heaters):
         outputs.duty_cycle[simulation, h] /= total
-    outputs.switches[simulation] = switches
+    outputs.switches[simulation] = switches - first
+    outputs.switch_first[simulation] = first
+    outputs.noted[0] = switches
 
 
 @inlined
