@@ -54,14 +54,18 @@ def memory(orbits: int, nodes: int) -> dict[str, float]:
 def experiment(scenario: str, out: str) -> dict[str, float]:
     """Seconds of each stage of the whole experiment, of the imports, and of everything since the process began."""
     begin = time.perf_counter()
+    from numba.core import event
+
     from flightcal.experiment import run_experiment
 
     imported = time.perf_counter()
-    summary = run_experiment(Path(scenario), Path(out))
+    compiling: list[float] = []
+    with event.install_timer("numba:compile", compiling.append):
+        summary = run_experiment(Path(scenario), Path(out))
     done = time.perf_counter()
     stages: dict[str, Any] = json.loads((summary.run / "provenance.json").read_text(encoding="utf-8"))["stages"]
     passed = float(summary.passed)
-    return {"import": imported - begin, **stages, "all": done - begin, "passed": passed}
+    return {"import": imported - begin, **stages, "all": done - begin, "compilation": sum(compiling), "passed": passed}
 
 
 if __name__ == "__main__":
