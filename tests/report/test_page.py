@@ -11,6 +11,8 @@ from flightcal.errors import RunError
 from flightcal.report import write_report
 from flightcal.report.run_files import STAGES
 
+from .synthetic_run import names
+
 SECTIONS = [
     "verdict", "scores", "before", "genetic", "densities", "prediction", "parameters", "pairs", "convergence",
     "residuals", "heaters", "telemetry", "provenance",
@@ -193,3 +195,9 @@ def test_a_long_run_stays_a_small_page(own_run, tmp_path):
     page = write_report(own_run)
     assert page.stat().st_size < 9e6
     assert "extremes of each stretch" in page.read_text(encoding="utf-8")
+
+
+def test_the_cost_of_an_effective_draw_is_that_of_the_worst_quantity(page):
+    found = re.search(r"([\d,.\u202f ]+) gradients of the log density.*?, ([\d.]+) for each effective draw", page)
+    worst = 900.0 - 20 * (len(names()) - 1)
+    assert float(found.group(2)) == pytest.approx(31_250 / worst, abs=0.05)

@@ -268,9 +268,15 @@ def _convergence(run: RunFiles) -> list[Block]:
         work = run.diagnostics.get("gradient_evaluations")
         if work is not None:
             seconds = ((run.provenance or {}).get("stages") or {}).get("nuts")
+            effective = [p["ess_bulk"] for p in run.diagnostics.get("parameters", []) if p.get("ess_bulk")]
             blocks.append(
                 _text(
                     f"{count(float(work))} gradients of the log density were computed, warm-up included"
+                    + (
+                        f", {float(work) / min(effective):.1f} for each effective draw of the worst"
+                        if effective
+                        else ""
+                    )
                     + (f"; search of the mode and sampling took {duration(float(seconds))}." if seconds else ".")
                 )
             )
