@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import json
 import os
-import resource
 import sys
 import time
 from pathlib import Path
@@ -42,13 +41,19 @@ def memory(orbits: int, nodes: int) -> dict[str, float]:
     run = integrate(*small)
     pull_back(*small, run, np.ones_like(run.states))
     case = chain(nodes, 1, orbits)
-    before = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss
+    before = _peak()
     begin = time.perf_counter()
     run = integrate(*case)
     pull_back(*case, run, np.ones_like(run.states))
     seconds = time.perf_counter() - begin
-    peak = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss
-    return {"peak": peak / 1024, "growth": (peak - before) / 1024, "seconds": seconds}
+    peak = _peak()
+    return {"peak": peak, "growth": peak - before, "seconds": seconds}
+
+
+def _peak() -> float:
+    """Of this process, MiB. Not getrusage's, which begins with that of the process that forked this one."""
+    status = Path("/proc/self/status").read_text(encoding="utf-8")
+    return next(float(line.split()[1]) for line in status.splitlines() if line.startswith("VmHWM")) / 1024
 
 
 def experiment(scenario: str, out: str) -> dict[str, float]:

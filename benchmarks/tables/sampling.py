@@ -57,7 +57,7 @@ def measure(quick: bool) -> Section:
             f"The peers are stopped after about {seconds} s and their rate is taken from what they had: an ESS of a "
             "few dozen is uncertain by a third, and with an R-hat above 1.05 it is an upper bound.",
             "All peers start around the mode that flightcal found; both NUTS peers also sample in flightcal's whitened "
-            "coordinates. No warm-up of theirs is counted; of flightcal everything is.",
+            "coordinates. The time counts from the end of the warm-up, for all.",
             *failed,
         ],
     )

@@ -43,7 +43,7 @@ def measure(quick: bool) -> Section:
         [
             "Heaters: on a chain of 100 nodes, spread evenly, each watching its own node; the number of switches grows "
             "with them.",
-            "Memory is the peak (getrusage) of a process of its own for each row, and by how much the gradient raised "
+            "Memory is the peak (VmHWM) of a process of its own for each row, and by how much the gradient raised "
             "the peak of imports and compilation (0: it fits into what these had used).",
         ],
     )

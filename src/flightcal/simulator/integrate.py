@@ -29,8 +29,8 @@ from .system import Drive, FloatArray, IntArray, Structure, Switch, System, pack
 
 _SPARE_SEGMENTS = 256
 _MOST_SWITCHES_PER_STEP = 20
-_MOST_KEPT = 500_000
-"""So many numbers (4 MB) of a run's steps are kept for its derivative; beyond, computing them again is as fast."""
+_MOST_KEPT = 2_000_000
+"""So many numbers (16 MB) of a run's steps are kept for its derivative; beyond, computing them again is as fast."""
 
 
 class SimulationFailure(Exception):  # noqa: N818 - a value of the domain, not a programming error
