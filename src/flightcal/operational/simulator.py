@@ -1,0 +1,275 @@
+"""The full-order operational simulator: a thermal network of any size with the on-board software in the loop.
+
+The network is a scenario's, in the canonical form that everything else uses, and is advanced by the same step. Between
+two control cycles the heaters do not change, so the steps in between are smooth; at each cycle the software reads the
+thermistors and commands the heaters.
+"""
+
+from __future__ import annotations
+
+import math
+import time as clock
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass
+from typing import Literal
+
+import numpy as np
+import pandas as pd
+
+from ..environment import face_fluxes
+from ..errors import FlightcalError
+from ..scenario import Scenario
+from ..simulator.assembly import ParameterMap, assemble
+from ..simulator.march import march
+from ..simulator.network import Network, build_network
+from ..simulator.step import step_size
+from ..simulator.system import FloatArray, Structure
+from .onboard import Memory, OnboardSoftware, cycle, started
+
+
+@dataclass(frozen=True)
+class ThermistorFailure:
+    """From `time` (s) on the thermistor is open (reads NaN), stuck at `value` (K), or drifts by `value` (K/s)."""
+
+    time: float
+    kind: Literal["open", "stuck", "drift"]
+    value: float = math.nan
+
+
+@dataclass(frozen=True)
+class Thermistor:
+    """A sensor on a node."""
+
+    name: str
+    node: str
+    bias: float = 0.0
+    """K"""
+    noise: float = 0.0
+    """K, standard deviation."""
+    failures: tuple[ThermistorFailure, ...] = ()
+
+
+@dataclass(frozen=True)
+class Branch:
+    """What a branch of a heater line heats."""
+
+    line: str
+    name: str
+    power: Mapping[str, float]
+    """Node -> W."""
+    fails_at: float = math.inf
+    """s; no power from then on."""
+
+
+@dataclass(frozen=True)
+class Downlink:
+    """What is sent to ground."""
+
+    thermistors: tuple[str, ...]
+    period: float
+    """s, a multiple of the control cycle."""
+    quantum: float = 0.0
+    """K; readings are rounded to multiples of it (0: not at all)."""
+
+
+@dataclass(frozen=True)
+class Spacecraft:
+    """All of it."""
+
+    scenario: Scenario
+    """Network, environment and dissipation by mode; its heaters are not used."""
+    software: OnboardSoftware
+    thermistors: tuple[Thermistor, ...]
+    branches: tuple[Branch, ...]
+    downlink: Downlink
+
+
+@dataclass(frozen=True)
+class Flight:
+    """What a run of the simulator gives."""
+
+    telemetry: pd.DataFrame
+    """Index: UTC. A column for each thermistor (K), for each heater line (0 or 1), and `mode`."""
+    cycle_times: FloatArray
+    """[C] s, of the control cycles."""
+    temperatures: FloatArray
+    """[C, n] K, of all nodes at the cycles: the truth."""
+    nodes: tuple[str, ...]
+    power: FloatArray
+    """[C, lines] W that each heater line gives in the cycle."""
+    modes: tuple[str, ...]
+    """[C]"""
+    real_time_factor: float
+    """Seconds simulated in a second, without any waiting."""
+
+
+def fly(
+    spacecraft: Spacecraft,
+    start: np.datetime64,
+    duration: float,
+    *,
+    seed: int = 0,
+    pace: float = math.inf,
+    on_cycle: Callable[[float, Memory], None] = lambda *_: None,
+) -> Flight:
+    """Simulate from `start` (UTC) for `duration` (s).
+
+    pace: at most so many seconds are simulated in a second (1: real time). on_cycle: told the time (s) and the on-board
+    memory after each cycle. Raises FlightcalError where names do not match, or a temperature is not finite.
+    """
+    software, scenario = spacecraft.software, spacecraft.scenario
+    network = build_network(scenario)
+    _check(spacecraft, network)
+    structure, mass = network.structure, network.structure.mass
+    nothing = np.zeros(0, np.int64)
+    given = [scenario.simulator.nodes[name].initial for name in network.nodes]
+    theta = np.array([value for value, m in zip(given, mass, strict=True) if m > 0.0], float)
+    mapping = ParameterMap(0, network.values, nothing, nothing, nothing, nothing)
+    _, packed = assemble(mapping, network.terms, mass, theta)
+    x = packed[len(packed) - len(mass) :].copy()
+
+    cycles = math.ceil(duration / software.period - 1e-9)
+    seconds: FloatArray = software.period * np.arange(cycles + 1.0)
+    inputs = _inputs(scenario, network, start, seconds)
+    mode_columns = {
+        mode: network.columns.index(f"mode.{mode}") for mode in software.enabled if f"mode.{mode}" in network.columns
+    }
+    forcing = packed[len(structure.linear_column) + len(structure.radiative_column) :][: len(structure.forcing_row)]
+    substeps = math.ceil(software.period / scenario.simulator.step - 1e-9)
+    workspace = np.empty(step_size(structure))
+    rng = np.random.default_rng(seed)
+    memory = started(software)
+    place = {name: k for k, name in enumerate(network.nodes)}
+    capacity = _capacities(scenario, network)
+    temperatures = np.empty((cycles, len(mass)))
+    power = np.zeros((cycles, len(software.heaters)))
+    modes, rows, stamps = [], [], []
+    every = round(spacecraft.downlink.period / software.period)
+    begin, working = clock.perf_counter(), 0.0
+    for k in range(cycles):
+        turn = clock.perf_counter()
+        readings = {t.name: _read(t, x[place[t.node]], seconds[k], rng) for t in spacecraft.thermistors}
+        memory = cycle(software, memory, seconds[k], readings)
+        heat = np.zeros(len(mass))
+        for j, line in enumerate(software.heaters):
+            for branch in _active(spacecraft, memory, line.name, seconds[k]):
+                for node, watts in branch.power.items():
+                    heat[place[node]] += watts / capacity[place[node]]
+                    power[k, j] += watts
+        temperatures[k] = x
+        modes.append(memory.mode)
+        if k % every == 0:
+            rows.append(_frame(spacecraft, memory, readings))
+            stamps.append(start + np.timedelta64(round(seconds[k] * 1e9), "ns"))
+        for mode, column in mode_columns.items():
+            inputs[k : k + 2, column] = float(mode == memory.mode)
+        b0, b1 = (_heat(structure, forcing, inputs[point]) + heat for point in (k, k + 1))
+        march(structure, packed, x, b0, b1, software.period, substeps, workspace)
+        if not np.isfinite(x).all():
+            raise FlightcalError(f"operational simulator: a temperature is not finite at {seconds[k + 1]:.0f} s")
+        working += clock.perf_counter() - turn
+        on_cycle(seconds[k], memory)
+        ahead = seconds[k + 1] / pace - (clock.perf_counter() - begin)
+        if ahead > 0.0:
+            clock.sleep(ahead)
+    columns = [*spacecraft.downlink.thermistors, *(line.name for line in software.heaters), "mode"]
+    return Flight(
+        telemetry=pd.DataFrame(rows, columns=columns, index=pd.DatetimeIndex(stamps, name="time")),
+        cycle_times=seconds[:-1],
+        temperatures=temperatures,
+        nodes=network.nodes,
+        power=power,
+        modes=tuple(modes),
+        real_time_factor=float(seconds[-1] / max(working, 1e-9)),
+    )
+
+
+def _check(spacecraft: Spacecraft, network: Network) -> None:
+    nodes, software = set(network.nodes), spacecraft.software
+    thermistors = {item.name for item in spacecraft.thermistors}
+    lines = {line.name for line in software.heaters}
+    branches = {(branch.line, branch.name) for branch in spacecraft.branches}
+    for where, name, known in (
+        *((f"thermistor '{item.name}'", item.node, nodes) for item in spacecraft.thermistors),
+        *((f"voted sensor '{s.name}'", name, thermistors) for s in software.sensors for name in s.thermistors),
+        *(("downlink", name, thermistors) for name in spacecraft.downlink.thermistors),
+        *((f"branch '{branch.name}'", branch.line, lines) for branch in spacecraft.branches),
+        *((f"branch '{branch.name}'", node, nodes) for branch in spacecraft.branches for node in branch.power),
+    ):
+        if name not in known:
+            raise FlightcalError(f"spacecraft: {where}: found '{name}', expected one of {sorted(known)}")
+    for line in software.heaters:
+        for name in line.branches:
+            if (line.name, name) not in branches:
+                raise FlightcalError(f"spacecraft: heater line '{line.name}': found no branch '{name}'")
+    ratio = spacecraft.downlink.period / software.period
+    if abs(ratio - round(ratio)) > 1e-9 or round(ratio) < 1:
+        raise FlightcalError(
+            f"spacecraft: downlink: found a period of {spacecraft.downlink.period} s, expected a multiple of the "
+            f"control cycle of {software.period} s"
+        )
+    for name in network.nodes:
+        node = spacecraft.scenario.simulator.nodes[name]
+        if node.capacity is not None and node.initial is None:
+            raise FlightcalError(f"spacecraft: node '{name}' has no initial temperature")
+
+
+def _inputs(scenario: Scenario, network: Network, start: np.datetime64, seconds: FloatArray) -> FloatArray:
+    """Input series [C+1, q] at the control cycles; those of the modes are set while the software runs."""
+    times = start.astype("datetime64[ns]") + np.round(seconds * 1e9).astype("timedelta64[ns]")
+    inputs = np.zeros((len(seconds), len(network.columns)))
+    inputs[:, network.columns.index("one")] = 1.0
+    faces = scenario.simulator.faces
+    if faces:
+        # Many faces look the same way.
+        ways = list({face.normal: None for face in faces.values()})
+        fluxes = face_fluxes(scenario.environment, {str(k): way for k, way in enumerate(ways)}, times, scenario.folder)
+        for name, face in faces.items():
+            k = fluxes.names.index(str(ways.index(face.normal)))
+            for kind in ("solar", "albedo", "infrared"):
+                inputs[:, network.columns.index(f"{kind}.{name}")] = getattr(fluxes, kind)[:, k]
+    return inputs
+
+
+def _capacities(scenario: Scenario, network: Network) -> FloatArray:
+    """[n] J/K; 1 for massless nodes, whose rows are in watts."""
+    return np.array([scenario.simulator.nodes[name].capacity or 1.0 for name in network.nodes])
+
+
+def _heat(structure: Structure, forcing: FloatArray, inputs: FloatArray) -> FloatArray:
+    """B w [n]."""
+    rows, columns = structure.forcing_row, structure.forcing_column
+    return np.asarray(np.bincount(rows, forcing * inputs[columns], len(structure.mass)), float)
+
+
+def _read(thermistor: Thermistor, temperature: float, time: float, rng: np.random.Generator) -> float:
+    value = temperature + thermistor.bias + thermistor.noise * rng.standard_normal()
+    for failure in thermistor.failures:
+        if time >= failure.time:
+            if failure.kind == "open":
+                value = math.nan
+            elif failure.kind == "stuck":
+                value = failure.value
+            else:
+                value += failure.value * (time - failure.time)
+    return float(value)
+
+
+def _active(spacecraft: Spacecraft, memory: Memory, line: str, time: float) -> list[Branch]:
+    """The branch that heats, if any."""
+    state = memory.lines[line]
+    chosen = next(item for item in spacecraft.software.heaters if item.name == line).branches[state.branch]
+    return [
+        branch
+        for branch in spacecraft.branches
+        if state.on and (branch.line, branch.name) == (line, chosen) and time < branch.fails_at
+    ]
+
+
+def _frame(spacecraft: Spacecraft, memory: Memory, readings: Mapping[str, float]) -> list[float | str]:
+    """A row of telemetry."""
+    quantum = spacecraft.downlink.quantum
+    values = [readings[name] for name in spacecraft.downlink.thermistors]
+    rounded = [quantum * round(v / quantum) if quantum > 0.0 and math.isfinite(v) else v for v in values]
+    status = [float(memory.lines[line.name].on) for line in spacecraft.software.heaters]
+    return [*rounded, *status, memory.mode]
