@@ -141,6 +141,25 @@ def calibrate(
     _calibrate(scenario, out, telemetry)
 
 
+@app.command(epilog="Example: `flightcal fly spacecraft.yaml --out telemetry.csv`")
+@_user_errors_are_messages
+def fly(
+    spacecraft: Annotated[Path, typer.Argument(help="The spacecraft, a YAML file.", show_default=False)],
+    out: Annotated[Path, typer.Option(help="CSV file to write; nothing is overwritten.")] = Path("telemetry.csv"),
+    pace: Annotated[
+        float | None, typer.Option(min=0.001, help="Seconds to simulate in a second at most; 1: real time.")
+    ] = None,
+) -> None:
+    """Fly the full-order operational simulator, on-board software in the loop, and write its telemetry."""
+    from .operational.export import fly_to_csv
+    from .progress import bar
+
+    with bar("flying") as advance:
+        lines = fly_to_csv(spacecraft, out, pace, advance)
+    for line in lines:
+        typer.echo(line)
+
+
 @app.command(epilog="Example: `flightcal report runs/first`")
 @_user_errors_are_messages
 def report(

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
 from typing import Any
 
 from rich.console import Console
@@ -18,6 +20,19 @@ _TITLES = {
     "predict": "predicting and scoring",
     "report": "writing the report",
 }
+
+
+@contextmanager
+def bar(title: str) -> Iterator[Callable[[float], None]]:
+    """A bar on a terminal; what it yields is told the share (0..1) that is done."""
+    console = Console(stderr=True)
+    progress = Progress(TextColumn(title), BarColumn(bar_width=30), TimeElapsedColumn(), console=console)
+    task = progress.add_task(title, total=1.0)
+    if not console.is_terminal:
+        yield lambda share: None
+        return
+    with progress:
+        yield lambda share: progress.update(task, completed=share)
 
 
 class Display:

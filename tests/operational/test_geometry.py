@@ -97,10 +97,11 @@ def test_a_closed_box_exchanges_within_itself_and_faces_outwards():
     assert 0.8 * 0.9 * area < exchanged < area
 
 
-def test_insulation_is_a_massless_layer_with_its_own_coating():
+def test_insulation_is_a_thin_layer_with_its_own_coating():
     side = Side(BLACK, insulation=Insulation(0.02, WHITE))
     mesh = mesh_plates([strip((2, 2), positive=side)])
-    layers = [name for name, node in mesh.nodes.items() if node.arithmetic]
+    layers = {name: node.capacity for name, node in mesh.nodes.items() if name.endswith("insulation")}
+    assert layers == pytest.approx(dict.fromkeys(layers, 77.0 * 0.25))
     assert len(layers) == 4
     assert {face.node for face in mesh.faces.values()} == set(layers)
     assert {face.emissivity for face in mesh.faces.values()} == {0.85}

@@ -142,12 +142,12 @@ def test_safe_mode_by_temperature_changes_the_dissipation(tmp_path):
 
 def test_telemetry_is_sampled_and_rounded_to_its_quantum(tmp_path):
     flight = fly(tank(tmp_path, downlink=Downlink(("t2",), period=60.0, quantum=0.5)), START, 6000.0)
-    assert list(flight.telemetry.columns) == ["t2", "heater", "mode"]
+    assert list(flight.telemetry.columns) == ["t2", "heater.heater", "mode"]
     assert flight.telemetry.index[1] - flight.telemetry.index[0] == pd.Timedelta("60s")
     values = flight.telemetry["t2"].to_numpy()
     np.testing.assert_allclose(values % 0.5, 0.0, atol=1e-9)
     assert np.abs(values - of(flight, "tank")[::6]).max() <= 0.25 + 1e-9
-    np.testing.assert_array_equal(flight.telemetry["heater"], (flight.power[::6, 0] > 0).astype(float))
+    np.testing.assert_array_equal(flight.telemetry["heater.heater"], (flight.power[::6, 0] > 0).astype(float))
 
 
 def test_noise_depends_on_the_seed_alone(tmp_path):

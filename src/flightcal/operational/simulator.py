@@ -89,7 +89,7 @@ class Flight:
     """What a run of the simulator gives."""
 
     telemetry: pd.DataFrame
-    """Index: UTC. A column for each thermistor (K), for each heater line (0 or 1), and `mode`."""
+    """Index: UTC. A column for each thermistor (K), ``heater.<line>`` for each heater line (0 or 1), and `mode`."""
     cycle_times: FloatArray
     """[C] s, of the control cycles."""
     temperatures: FloatArray
@@ -172,7 +172,7 @@ def fly(
         ahead = seconds[k + 1] / pace - (clock.perf_counter() - begin)
         if ahead > 0.0:
             clock.sleep(ahead)
-    columns = [*spacecraft.downlink.thermistors, *(line.name for line in software.heaters), "mode"]
+    columns = [*spacecraft.downlink.thermistors, *(f"heater.{line.name}" for line in software.heaters), "mode"]
     return Flight(
         telemetry=pd.DataFrame(rows, columns=columns, index=pd.DatetimeIndex(stamps, name="time")),
         cycle_times=seconds[:-1],

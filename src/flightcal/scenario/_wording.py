@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import re
 from collections.abc import Iterable, Mapping
+from types import UnionType
 from typing import Any, get_args
 
 from pydantic import ValidationError
@@ -34,18 +35,18 @@ _TAGS |= dict.fromkeys(("<named>", "<vector>", "<all>"), Block)
 """What pydantic puts into a location to say which part of a union it chose."""
 
 
-def problems_of(error: ValidationError) -> list[Problem]:
-    """One problem per place of a schema error."""
-    return [Problem(*_translate(detail)) for detail in error.errors(include_url=False)]
+def problems_of(error: ValidationError, root: type[Block] = schema.Scenario) -> list[Problem]:
+    """One problem per place of a schema error; `root` is the block of the whole file."""
+    return [Problem(*_translate(detail, root)) for detail in error.errors(include_url=False)]
 
 
-def _translate(detail: Mapping[str, Any]) -> tuple[Location, str]:
+def _translate(detail: Mapping[str, Any], root: type[Block]) -> tuple[Location, str]:
     kind, value, context = detail["type"], detail["input"], detail.get("ctx", {})
     location = tuple(part for part in detail["loc"] if part not in _TAGS)
     if kind == "missing":
         return location[:-1], f"missing key {location[-1]!r}"
     if kind == "extra_forbidden":
-        keys = _keys_at(detail["loc"][:-1])
+        keys = _keys_at(detail["loc"][:-1], root)
         return location, unknown_key(str(detail["loc"][-1]), keys)
     if kind == "value_error":
         return location, str(context["error"])
@@ -71,9 +72,9 @@ def written_keys(block: type[Block]) -> list[str]:
     return [name for name in block.model_fields if name != filled_in]
 
 
-def _keys_at(location: Location) -> list[str]:
+def _keys_at(location: Location, root: type[Block]) -> list[str]:
     """Valid keys of the block at a location as pydantic gives it, with the tags of unions."""
-    here: Any = schema.Scenario
+    here: Any = root
     for part in location:
         if part in _TAGS:
             here = _TAGS[str(part)]
@@ -81,4 +82,6 @@ def _keys_at(location: Location) -> list[str]:
             here = here.model_fields[str(part)].annotation
         else:  # dict[str, X] or tuple[X, ...]
             here = next(kind for kind in get_args(here) if kind is not str)
+        if isinstance(here, UnionType):  # X | None
+            here = next(kind for kind in get_args(here) if kind is not type(None))
     return written_keys(here)

@@ -1,0 +1,114 @@
+"""The spacecraft file: the example, and what is wrong with a broken one."""
+
+import re
+from pathlib import Path
+
+import numpy as np
+import pandas as pd
+import pytest
+from typer.testing import CliRunner
+
+from flightcal.cli import app
+from flightcal.errors import ScenarioError
+from flightcal.operational.file import load_spacecraft
+from flightcal.operational.simulator import fly
+
+EXAMPLE = Path(__file__).parents[2] / "examples" / "observer_twin" / "spacecraft.yaml"
+TEXT = EXAMPLE.read_text(encoding="utf-8")
+
+
+def broken(folder, old, new):
+    assert TEXT.count(old) >= 1
+    file = folder / "spacecraft.yaml"
+    file.write_text(TEXT.replace(old, new, 1), encoding="utf-8")
+    return file
+
+
+@pytest.fixture(scope="module")
+def mission():
+    return load_spacecraft(EXAMPLE)
+
+
+@pytest.fixture(scope="module")
+def flight(mission):
+    return fly(mission.spacecraft, mission.start, mission.duration, seed=mission.seed)
+
+
+def test_the_example_is_a_full_order_model(flight):
+    assert len(flight.nodes) >= 200
+    assert np.isfinite(flight.temperatures).all()
+    # The outer layer of insulation that sees space alone: balance of both its sides, from within at 276 to 280 K.
+    assert flight.temperatures.min() == pytest.approx(278.0 * (0.03 / 0.78) ** 0.25, abs=2.0)
+    assert flight.temperatures.max() < 400.0
+
+
+def test_its_battery_stays_in_its_band_though_a_thermistor_and_a_branch_fail(mission, flight):
+    battery = flight.temperatures[:, flight.nodes.index("battery")] - 273.15
+    assert battery[100:].min() > 13.0
+    assert battery.max() < 17.6
+    line = [item.name for item in mission.spacecraft.software.heaters].index("battery")
+    later = flight.cycle_times > 6000.0
+    assert flight.power[later, line].max() == 25.0, "the redundant branch heats"
+
+
+def test_modes_follow_the_timeline_and_the_enable_table(mission, flight):
+    imaging = (flight.cycle_times >= 3000.0) & (flight.cycle_times < 3900.0)
+    assert {mode for mode, there in zip(flight.modes, imaging, strict=True) if there} == {"imaging"}
+    line = [item.name for item in mission.spacecraft.software.heaters].index("payload")
+    assert flight.power[imaging, line].max() == 0.0
+
+
+def test_the_command_writes_telemetry_once(tmp_path):
+    short = broken(tmp_path, "duration: 12000 s", "duration: 600 s")
+    out = tmp_path / "telemetry.csv"
+    done = CliRunner().invoke(app, ["fly", str(short), "--out", str(out)])
+    assert done.exit_code == 0, done.output
+    assert re.search(r"230 nodes, 60 control cycles; [\d,]+ times real time", done.output)
+    table = pd.read_csv(out)
+    assert len(table) == 10
+    assert list(table.columns[:2]) == ["time", "battery_1"]
+    assert table["time"][1] == "2024-03-01T00:01:00"
+    assert 10.0 < table["battery_1"][0] < 20.0
+    again = CliRunner().invoke(app, ["fly", str(short), "--out", str(out)])
+    assert again.exit_code == 1
+    assert "nothing is overwritten" in again.output
+
+
+@pytest.mark.parametrize(
+    ("old", "new", "message"),
+    [
+        ("thickness: 3 mm", "thickness: 3", "boxes.bus.thickness: found 3 without a unit"),
+        ("thickness: 3 mm", "thicknes: 3 mm", "unknown key 'thicknes'"),
+        ("material: aluminium\n    mesh: 4\n", "material: steel\n    mesh: 4\n", "found the material 'steel'"),
+        ("insulation: blanket}", "insulation: foil}", "found the insulation 'foil'"),
+        ("negative: {coating: white}", "negative: {coating: whit}", "found the coating 'whit'"),
+        ("negative: {coating: white}", "negative: {paint: white}", "unknown key 'paint'"),
+        ('between: [battery, "bus.z-[1,1]"]', 'between: [battery, "bus.z-[9,9]"]', "which is no node"),
+        ("size: [0.8 m, 0 m, 0.8 m]", "size: [0.8 m, 0.1 m, 0.8 m]", "expected exactly one zero"),
+        ("kind: stuck, stuck_at: 40 degC", "kind: stuck", "expected stuck_at with kind 'stuck'"),
+        ("sensor: tank\n", "sensor: tanks\n", "found 'tanks', expected one of"),
+        ("initial_mode: nominal", "initial_mode: normal", "initial mode: found 'normal'"),
+        (
+            "thermostat: {on_below: 11 degC, off_above: 13 degC}\n",
+            "without_sensor: off\n",
+            "exactly one of 'thermostat'",
+        ),
+        ("  orbit: {", "  #orbit: {", "environment: found no orbit"),
+        ("period: 60 s\n  quantum", "period: 55 s\n  quantum", "a multiple of the control cycle"),
+        ("name: observer twin", "name: [", "not well-formed YAML"),
+    ],
+)
+def test_what_is_wrong_is_said_with_its_place(tmp_path, old, new, message):
+    file = broken(tmp_path, old, new)
+    done = CliRunner().invoke(app, ["fly", str(file), "--out", str(tmp_path / "out.csv")])
+    assert done.exit_code == 1
+    assert message in done.output
+    assert "spacecraft" in done.output
+    assert not (tmp_path / "out.csv").exists()
+
+
+def test_a_message_names_the_line(tmp_path):
+    file = broken(tmp_path, "mesh: 4\n", "mesh: many\n")
+    line = TEXT[: TEXT.index("mesh: 4\n")].count("\n") + 1
+    with pytest.raises(ScenarioError, match=re.escape(f"{file}:{line}: boxes.bus.mesh")):
+        load_spacecraft(file)
