@@ -120,6 +120,10 @@ def test_default_filled_in_by_flightcal_cannot_be_written(lint_edited):
             ("body: {node: radiator", "body: {node: shade"),
             "found the boundary node 'shade', expected a node that sunlight",
         ),
+        (
+            ("body: {node: radiator", "body: {node: payload"),
+            "found the arithmetic node 'payload', expected one with the heat capacity of its outer layer",
+        ),
         (("power: 22 W", "power: [22 W]"), "found a list of 1, expected a power such as '1 W'"),
         (
             ("imaging: {battery: 6 W, payload: 14 W}", "imaging: {battery: 6 W, payload: 14 W, shade: 1 W}"),

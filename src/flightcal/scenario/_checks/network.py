@@ -67,6 +67,11 @@ def _check_faces(draft: Draft) -> Iterator[Problem]:
         wrong = heated_node(draft, face.node, "sunlight")
         if wrong:
             yield Problem((*location, "node"), wrong)
+        node = draft.nodes.get(face.node)
+        if node is not None and node.arithmetic:
+            # Its temperature jumps by 200 K when the Sun comes up, farther than the linear equations of a step follow.
+            message = f"found the arithmetic node {face.node!r}, expected one with the heat capacity of its outer layer"
+            yield Problem((*location, "node"), f"{message} (50 um of polyimide: 77 J/K for each m^2)")
         if face.normal != "all" and not any(face.normal):
             yield Problem((*location, "normal"), "found a vector of length zero, expected a direction")
         if environment is not None and environment.orbit is None:
