@@ -112,6 +112,7 @@ def run_experiment(
         run.write_json("telemetry_quality.json", [_plain(record) for record in quality_table(data)])
         run.write_json("parameters.json", _parameters(problem))
 
+    _compile_stage(run, identity, problem, listener)
     settings = scenario.calibration
     genetic_key = hash_of(identity, settings.genetic.model_dump(), settings.seed)
     nuts_key = hash_of(genetic_key, settings.nuts.model_dump())
@@ -128,6 +129,17 @@ def run_experiment(
     with run.stage("report", hash_of(predict_key, "report")):
         report = write_report(run.path)
     return Summary(run.path, report, diagnostics, metrics, interrupted)
+
+
+def _compile_stage(run: RunDirectory, key: str, problem: Problem, listener: Listener) -> None:
+    """Call what the later stages call, so that their times are without compilation; half a minute, the first time."""
+    done = run.is_done("compile", key, ())
+    listener.stage("compile", done)
+    if not done:
+        with run.stage("compile", key):
+            median = problem.priors.median()
+            problem.log_density_and_gradient(problem.to_z(median))
+            problem.simulate_many(np.tile(median, (8, 1)))
 
 
 def _genetic_stage(run: RunDirectory, key: str, problem: Problem, listener: Listener) -> xarray.Dataset:

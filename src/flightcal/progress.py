@@ -15,6 +15,7 @@ from .validation import comparison_table
 
 _TITLES = {
     "read": "reading telemetry",
+    "compile": "compiling (long only once)",
     "genetic": "genetic algorithm",
     "nuts": "stochastic update (NUTS)",
     "predict": "predicting and scoring",

@@ -24,7 +24,7 @@ def pulled_back(network, numbers, bar):
     mapping = ParameterMap(len(numbers), np.zeros(len(numbers)), places, places, nothing, nothing)
     mass = network.structure.mass
     theta = np.concatenate([numbers, np.full(int(mass.sum()), 290.0)])
-    found = pull_back_assembly(mapping, network.terms, mass, theta, numbers, bar, np.zeros(len(numbers)))
+    found = pull_back_assembly(mapping, network.terms, mass, theta, numbers, bar, nothing, np.zeros(0))
     return found[: len(numbers)]
 
 
@@ -53,8 +53,12 @@ def test_a_parameter_sets_its_numbers_and_scales_what_is_written_with_all_that_s
         (thetas[0], numbers[0], [50.0 + 70.0, 100.0, 10.0, 7.0]),
         (thetas[1], numbers[1], [15.0 + 70.0, 100.0, 0.0, 7.0]),
     ):
-        got = pull_back_assembly(mapping, terms, np.ones(1), theta, found, bar, np.zeros(3))
-        np.testing.assert_allclose(got, expected)
+        unused = (np.zeros(0, np.int64), np.zeros(0))
+        np.testing.assert_allclose(pull_back_assembly(mapping, terms, np.ones(1), theta, found, bar, *unused), expected)
+    # A number that is used elsewhere too: the first is 5 theta_0 theta_2.
+    used = (np.array([0]), np.array([2.0]))
+    got = pull_back_assembly(mapping, terms, np.ones(1), thetas[0], numbers[0], 0.0 * bar, *used)
+    np.testing.assert_allclose(got, [2.0 * 50.0, 0.0, 2.0 * 10.0, 0.0])
 
 
 def test_a_massless_state_starts_from_the_mean_of_the_others():

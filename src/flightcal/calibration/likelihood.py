@@ -16,7 +16,7 @@ def iid_log_likelihood(
     observed: [T, N] K, NaN where there is no valid sample; simulated: [T, N] K; noise: [N] K.
     Returns the log likelihood and its derivatives by `simulated` [T, N] and by `noise` [N].
     """
-    simulated_bar, noise_bar = np.empty_like(simulated), np.empty_like(noise)
+    simulated_bar, noise_bar = np.empty(simulated.shape), np.empty(noise.shape)
     return _iid(observed, simulated, noise, simulated_bar, noise_bar), simulated_bar, noise_bar
 
 

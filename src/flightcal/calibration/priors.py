@@ -62,10 +62,9 @@ class Priors:
     def at(self, z: ArrayLike) -> PriorTerms:
         """Everything that a log density and its gradient need of the priors at z [..., d]."""
         z = np.ascontiguousarray(z, float)
-        count = len(self.priors)
-        theta, slope, gradient = np.empty_like(z), np.empty_like(z), np.empty_like(z)
+        theta, slope, gradient = np.empty((3, *z.shape))
         log_density = np.empty(z.shape[:-1])
-        rows = [array.reshape(-1, count) for array in (z, theta, slope, gradient)]
+        rows = (array.reshape(-1, len(self.priors)) for array in (z, theta, slope, gradient))
         _evaluate(self._kinds, self._arguments, _NDTRI, *rows, log_density.reshape(-1))
         return PriorTerms(theta, slope, log_density, gradient)
 

@@ -6,6 +6,7 @@ theta, in physical units, is ordered: the scenario's parameters, ``noise.<channe
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass
 from functools import cached_property
 from typing import Any
@@ -104,7 +105,7 @@ class Problem:
     def log_density_and_gradient(self, z: FloatArray) -> tuple[float, FloatArray]:
         """Log posterior density at z [d] and its gradient [d]; (-inf, 0) where the simulation fails."""
         prior = self.priors.at(z)
-        if not np.isfinite(prior.theta).all():
+        if not math.isfinite(prior.theta.sum()):
             return -np.inf, np.zeros_like(z)
         try:
             trajectory, cotangent = self.simulator.linearise(prior.theta[self.simulated])
@@ -113,7 +114,7 @@ class Problem:
         value, temperatures_bar, noise_bar = iid_log_likelihood(
             self.observed, trajectory.temperatures, self.noise(prior.theta)
         )
-        theta_bar = np.zeros_like(prior.theta)
+        theta_bar = np.zeros(len(prior.theta))
         theta_bar[self.simulated] = cotangent(temperatures_bar)
         channels, positions = self.inferred_noise
         theta_bar[positions] = noise_bar[channels]

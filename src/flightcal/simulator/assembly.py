@@ -68,15 +68,16 @@ def pull_back_assembly(
     theta: FloatArray,
     numbers: FloatArray,
     packed_bar: FloatArray,
-    numbers_bar: FloatArray,
+    used: IntArray,
+    used_bar: FloatArray,
 ) -> FloatArray:
-    """Cotangent of theta [d] from that of the packed system [P] and of the numbers [V]: the adjoint of `assemble`."""
-    theta_bar = np.zeros_like(theta)
-    extended = np.empty((2, len(numbers) + 1 + len(terms.inverse)))
-    before = np.empty(MOST_FACTORS)
-    _pull_back(
-        mapping, terms, mass, theta, numbers, packed_bar, numbers_bar, extended[0], extended[1], before, theta_bar
-    )
+    """Cotangent of theta [d] from that of the packed system [P] and of some numbers: the adjoint of `assemble`.
+
+    used, used_bar: [.] positions of numbers that are used elsewhere too, and their cotangents from there.
+    """
+    theta_bar = np.empty(len(theta))
+    memory = np.empty(2 * (len(numbers) + 1 + len(terms.inverse)) + MOST_FACTORS)
+    _pull_back(mapping, terms, mass, theta, numbers, packed_bar, used, used_bar, memory, theta_bar)
     return theta_bar
 
 
@@ -119,14 +120,15 @@ def _extend(terms, numbers, extended):
 
 
 @compiled
-def _pull_back(
-    mapping, terms, mass, theta, numbers, packed_bar, numbers_bar, extended, extended_bar, before, theta_bar
-):
+def _pull_back(mapping, terms, mass, theta, numbers, packed_bar, used, used_bar, memory, theta_bar):
+    size = numbers.shape[0] + 1 + terms.inverse.shape[0]
     count = numbers.shape[0]
+    extended, extended_bar, before = memory[:size], memory[size : 2 * size], memory[2 * size :]
+    theta_bar[:] = 0.0
     _extend(terms, numbers, extended)
-    for k in range(count):
-        extended_bar[k] = numbers_bar[k]
-    extended_bar[count:] = 0.0
+    extended_bar[:] = 0.0
+    for k in range(used.shape[0]):
+        extended_bar[used[k]] += used_bar[k]
     for t in range(terms.entry.shape[0]):
         # The product of all other factors, without a division: those before times those after.
         product = terms.constant[t] * packed_bar[terms.entry[t]]

@@ -80,10 +80,13 @@ def interpolate(sampling, on_grid, states, offsets, at_samples):
 
 
 @compiled
-def spread(sampling, at_samples, states, on_grid):
-    """Add the transpose of `interpolate` to on_grid [K+1, n]."""
+def spread(sampling, at_samples, states, on_grid, offsets):
+    """The transpose of `interpolate`: fill on_grid [K+1, n] and offsets [N] from at_samples [T, N]."""
+    on_grid[:] = 0.0
+    offsets[:] = 0.0
     for t in range(at_samples.shape[0]):
         k, share = sampling.point[t], sampling.weight[t]
         for c in range(states.shape[0]):
             on_grid[k, states[c]] += (1.0 - share) * at_samples[t, c]
             on_grid[k + 1, states[c]] += share * at_samples[t, c]
+            offsets[c] += at_samples[t, c]

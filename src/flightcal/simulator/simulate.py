@@ -178,13 +178,12 @@ class NetworkSimulator:
         self, theta: FloatArray, numbers: FloatArray, packed: FloatArray, run: Run, temperatures_bar: FloatArray
     ) -> FloatArray:
         network = self.network
-        states_bar = np.zeros_like(run.states)
-        spread(self.observation.sampling, temperatures_bar, self.observation.states, states_bar)
+        states_bar, biases_bar = np.empty(run.states.shape), np.empty(len(self.channels))
+        spread(self.observation.sampling, temperatures_bar, self.observation.states, states_bar, biases_bar)
         packed_bar = pull_back_packed(network.structure, packed, self.drive, run, states_bar)
-        numbers_bar = np.zeros_like(numbers)
-        np.add.at(numbers_bar, self.channel_biases, temperatures_bar.sum(axis=0))
+        mass = network.structure.mass
         return pull_back_assembly(
-            self.mapping, network.terms, network.structure.mass, theta, numbers, packed_bar, numbers_bar
+            self.mapping, network.terms, mass, theta, numbers, packed_bar, self.channel_biases, biases_bar
         )
 
 
