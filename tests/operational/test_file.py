@@ -42,6 +42,14 @@ def test_the_example_is_a_full_order_model(flight):
     assert flight.temperatures.max() < 400.0
 
 
+def test_the_bus_weighs_what_its_file_says(mission):
+    cells = [
+        n.capacity for name, n in mission.spacecraft.scenario.simulator.nodes.items() if re.match(r"bus\.[^i]*$", name)
+    ]
+    assert len(cells) == 96
+    assert sum(cells) == pytest.approx(2700.0 * 900.0 * 0.003 * 2 * (1.0 * 0.8 + 1.0 * 1.0 + 0.8 * 1.0))
+
+
 def test_its_battery_stays_in_its_band_though_a_thermistor_and_a_branch_fail(mission, flight):
     battery = flight.temperatures[:, flight.nodes.index("battery")] - 273.15
     assert battery[100:].min() > 13.0

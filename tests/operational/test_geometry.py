@@ -55,6 +55,8 @@ def test_capacity_is_that_of_the_material(mesh):
 def test_a_strip_conducts_as_a_bar():
     found = between(mesh_plates([strip((10, 1))]), "strip[0,0]", "strip[9,0]")
     assert found == pytest.approx(150.0 * 0.5 * 0.01 / (0.9 * 2.0))
+    across = between(mesh_plates([strip((1, 10))]), "strip[0,0]", "strip[0,9]")
+    assert across == pytest.approx(150.0 * 2.0 * 0.01 / (0.9 * 0.5))
 
 
 def test_a_joint_is_two_half_cells_and_the_contact_in_series():

@@ -113,6 +113,18 @@ def test_pulse_width_is_in_proportion_and_settles_without_an_offset():
     assert power == pytest.approx(5.0, rel=0.02)
 
 
+def test_the_integral_does_not_wind_up_while_the_heater_is_always_on():
+    law = PulseWidth(set_point=290.0, gain=0.2, integral_time=600.0, period=100.0)
+    configuration = software(law)
+    memory, temperature, highest = started(configuration), 260.0, 0.0
+    for k in range(3000):
+        memory = cycle(configuration, memory, k * PERIOD, alike(temperature))
+        power = 20.0 if memory.lines["heater"].on else 0.0
+        temperature += PERIOD / 1000.0 * (power - 0.5 * (temperature - 260.0))
+        highest = max(highest, temperature)
+    assert highest < 293.0
+
+
 def test_a_dead_branch_gives_way_to_the_redundant_one_and_then_the_heater_is_given_up():
     configuration = software(
         OnOff(280.0, 285.0), line={"branches": ("nominal", "redundant"), "failure_time": 50.0, "failure_rise": 0.5}
