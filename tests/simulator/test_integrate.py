@@ -7,7 +7,7 @@ import pytest
 
 from flightcal._jax import jax
 from flightcal.simulator import integrate, oracle, pull_back
-from flightcal.simulator.system import System
+from flightcal.simulator.system import Drive, System
 
 from .systems import random_system
 
@@ -120,3 +120,19 @@ def test_a_diverging_trajectory_and_a_chattering_thermostat_are_reported():
     tight = system._replace(upper=system.lower + 1e-7, heating=system.heating * 1e3)
     with pytest.raises(SimulationFailure, match="chatters"):
         integrate(structure, tight, drive)
+
+
+def test_a_switch_on_a_grid_point_acts_from_there():
+    """The sensor is past its threshold at the step's end by rounding only, so the switch is located at that end."""
+    structure, system, drive = random_system(3, heaters=1, massless=0)
+    never = system._replace(lower=np.array([1.0]), upper=np.array([1e3]))
+    drive = Drive(drive.times, drive.inputs, drive.measured, np.ones(1))
+    sensor = integrate(structure, never, drive).states[:, structure.sensor[0]]
+    highest = np.maximum.accumulate(sensor)
+    point = int(np.flatnonzero(sensor[1:] > highest[:-1])[5]) + 1
+    ends = []
+    for upper in (np.nextafter(sensor[point], 0.0), sensor[point] - 1e-7):
+        run = integrate(structure, never._replace(upper=np.array([upper])), drive)
+        assert run.switches.time[0] == pytest.approx(drive.times[point], abs=1e-3)
+        ends.append(run.states)
+    np.testing.assert_allclose(ends[0], ends[1], rtol=0, atol=1e-4)
