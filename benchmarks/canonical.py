@@ -94,10 +94,3 @@ def canonical(problem: Problem) -> Canonical:
     assert len(problem.simulated) == len(problem.names)
     assert simulator.network.structure.mass.all()
     return Canonical(problem, simulator.network.structure, simulator.drive)
-
-
-def tight_reference(model: Canonical, theta: Any) -> Any:
-    """Temperatures [T, N] (K) to about 1e-8 K: SciPy's Radau between grid points and switches, rtol 1e-10."""
-    from .peers.scipy_ode import solve_by_pieces
-
-    return model.observe(solve_by_pieces(model, theta, rtol=1e-10, atol=1e-10))

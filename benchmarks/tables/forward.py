@@ -10,7 +10,7 @@ import numpy as np
 from flightcal._jax import jax
 from flightcal.simulator import integrate
 
-from ..canonical import canonical, tight_reference
+from ..canonical import canonical
 from ..peers import c_program, diffrax_ode, scipy_ode
 from ..problem import benchmark_problem
 from ..report import Section, Table
@@ -26,7 +26,7 @@ def measure(quick: bool) -> Section:
     model = canonical(problem)
     structure, drive = model.structure, model.drive
     system = model.simulator.system(theta[problem.simulated])
-    reference = tight_reference(model, theta)
+    reference = scipy_ode.tight_reference(model, theta)
     notes = []
     runs: dict[str, Callable[[], Any]] = {
         "flightcal, integration": lambda: integrate(structure, system, drive, derivative=False).states

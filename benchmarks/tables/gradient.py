@@ -11,8 +11,8 @@ import numpy as np
 
 from flightcal.calibration.likelihood import iid_log_likelihood
 
-from ..canonical import Canonical, canonical, tight_reference
-from ..peers import diffrax_ode, jax_scan
+from ..canonical import Canonical, canonical
+from ..peers import diffrax_ode, jax_scan, scipy_ode
 from ..problem import benchmark_problem
 from ..report import Section, Table
 from ..timing import duration, interleaved, ratio_text, ratios
@@ -102,7 +102,7 @@ def measure(quick: bool) -> Section:
     """The table."""
     problem, theta = benchmark_problem()
     model = canonical(problem)
-    reference = tight_reference(model, theta)
+    reference = scipy_ode.tight_reference(model, theta)
     z = problem.to_z(theta) + 0.05 * np.random.default_rng(1).standard_normal(len(theta))
     _, exact = problem.log_density_and_gradient(z)
     found = contenders(model)

@@ -77,11 +77,11 @@ class RunDirectory:
 
     def write_text(self, name: str, text: str) -> None:
         """Write a text file atomically."""
-        _atomically(self.file(name), lambda path: path.write_text(text, encoding="utf-8"))
+        write_atomically(self.file(name), lambda path: path.write_text(text, encoding="utf-8"))
 
     def write_netcdf(self, name: str, data: xarray.Dataset | xarray.DataTree) -> None:
         """Write a dataset or a tree of them atomically."""
-        _atomically(self.file(name), lambda path: data.to_netcdf(str(path), engine=_ENGINE))
+        write_atomically(self.file(name), lambda path: data.to_netcdf(str(path), engine=_ENGINE))
 
     def read_dataset(self, name: str) -> xarray.Dataset:
         """A dataset of the run, in memory."""
@@ -158,7 +158,7 @@ def hash_of_file(path: Path) -> str:
         return hashlib.file_digest(file, "sha256").hexdigest()
 
 
-def _atomically(target: Path, write: Callable[[Path], Any]) -> None:
+def write_atomically(target: Path, write: Callable[[Path], Any]) -> None:
     """Write beside the target, then rename: readers see the old file or the new one, never half of one."""
     handle, name = tempfile.mkstemp(prefix=f".{target.name}.", dir=target.parent)
     os.close(handle)

@@ -3,11 +3,11 @@
 from __future__ import annotations
 
 import math
-import os
 from collections.abc import Callable
 from pathlib import Path
 
 from ..errors import RunError
+from ..run_directory import write_atomically
 from ..validation.metrics import ZERO_CELSIUS
 from .file import load_spacecraft
 from .simulator import fly
@@ -35,9 +35,7 @@ def fly_to_csv(
     table = flight.telemetry.copy()
     thermistors = list(mission.spacecraft.downlink.thermistors)
     table[thermistors] -= ZERO_CELSIUS
-    temporary = out.with_name(f".{out.name}.part")
-    table.to_csv(temporary, float_format="%.4f", date_format="%Y-%m-%dT%H:%M:%S")
-    os.replace(temporary, out)
+    write_atomically(out, lambda path: table.to_csv(path, float_format="%.4f", date_format="%Y-%m-%dT%H:%M:%S"))
     lines = [
         f"{len(flight.nodes)} nodes, {len(flight.cycle_times)} control cycles; "
         f"{flight.real_time_factor:,.0f} times real time"

@@ -16,10 +16,10 @@ from typing import Literal
 import numpy as np
 import pandas as pd
 
-from ..environment import face_fluxes
 from ..errors import FlightcalError
 from ..scenario import Scenario
 from ..simulator.assembly import ParameterMap, assemble
+from ..simulator.inputs import face_series
 from ..simulator.march import march
 from ..simulator.network import Network, build_network
 from ..simulator.step import step_size
@@ -219,15 +219,8 @@ def _inputs(scenario: Scenario, network: Network, start: np.datetime64, seconds:
     times = start.astype("datetime64[ns]") + np.round(seconds * 1e9).astype("timedelta64[ns]")
     inputs = np.zeros((len(seconds), len(network.columns)))
     inputs[:, network.columns.index("one")] = 1.0
-    faces = scenario.simulator.faces
-    if faces:
-        # Many faces look the same way.
-        ways = list({face.normal: None for face in faces.values()})
-        fluxes = face_fluxes(scenario.environment, {str(k): way for k, way in enumerate(ways)}, times, scenario.folder)
-        for name, face in faces.items():
-            k = fluxes.names.index(str(ways.index(face.normal)))
-            for kind in ("solar", "albedo", "infrared"):
-                inputs[:, network.columns.index(f"{kind}.{name}")] = getattr(fluxes, kind)[:, k]
+    for name, series in face_series(scenario, times).items():
+        inputs[:, network.columns.index(name)] = series
     return inputs
 
 

@@ -13,12 +13,11 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from .._jax import jax, jnp
+from .crossing import CROSSING_TOLERANCE, LOCATION_ITERATIONS
 from .forward import FINISHED, NOT_FINITE, TOO_MANY_SWITCHES
 from .step import EIGHT_THIRDS
 from .system import Drive, FloatArray, IntArray, Structure, System, packed_bounds
 
-_CROSSING_TOLERANCE = 1e-11  # K
-_LOCATION_ITERATIONS = 60
 _ROUNDS_PER_STEP = 60
 """More trials than this a grid step on average: a thermostat chatters."""
 
@@ -138,7 +137,7 @@ def _run(static: _Static, packed: Any) -> tuple[Any, Any, Any]:
         locating = now.heater >= 0
         value = past[now.heater, each] if heaters else jnp.zeros(count)
         narrow = now.high - now.low < 1e-12 * duration
-        located = (jnp.abs(value) < _CROSSING_TOLERANCE) | narrow | (now.iterations >= _LOCATION_ITERATIONS)
+        located = (jnp.abs(value) < CROSSING_TOLERANCE) | narrow | (now.iterations >= LOCATION_ITERATIONS)
         low, high = jnp.where(value > 0.0, now.low, now.length), jnp.where(value > 0.0, now.length, now.high)
         trial = now.length - value * (now.length - now.previous) / (value - now.previous_value)
         trial = jnp.where((low < trial) & (trial < high), trial, 0.5 * (low + high))
@@ -147,7 +146,7 @@ def _run(static: _Static, packed: Any) -> tuple[Any, Any, Any]:
         # Of those past their threshold at the trial's end, the one whose straight line crosses first is located next.
         before = past_threshold(now.x, now.status)
         others = jnp.arange(heaters)[:, None] != now.heater
-        crossed = others & (past > jnp.where(locating, _CROSSING_TOLERANCE, 0.0))
+        crossed = others & (past > jnp.where(locating, CROSSING_TOLERANCE, 0.0))
         share = jnp.where(before < 0.0, before / (before - past), 0.0)
         chosen = jnp.argmin(jnp.where(crossed, share, jnp.inf), axis=0) if heaters else 0 * each
         begins = jnp.any(crossed, axis=0) & ~again

@@ -16,8 +16,8 @@ WHOLE = 1
 LOCATING = 2
 """or a trial of the length at which a heater switches."""
 
-_LOCATION_ITERATIONS = 60
-_CROSSING_TOLERANCE = 1e-11  # K, on the sensor at the switch
+LOCATION_ITERATIONS = 60
+CROSSING_TOLERANCE = 1e-11  # K, on the sensor at the switch
 
 
 @inlined
@@ -32,7 +32,7 @@ def decide(structure, measured, lanes, lane, step):
         tolerance = 0.0
     elif _located(structure, measured, lanes, lane, step):
         # Strictly earlier than the one that was found, so that the two of a tie do not take turns.
-        tolerance = _CROSSING_TOLERANCE
+        tolerance = CROSSING_TOLERANCE
     else:
         return True
     length = take(lanes.length, 0, lane)
@@ -91,9 +91,9 @@ def _located(structure, measured, lanes, lane, step):
     value = _past_threshold(structure, measured, lanes, lane, step.x1, lanes.heater[lane])
     low, high = lanes.low[lane], lanes.high[lane]
     if (
-        abs(value) < _CROSSING_TOLERANCE
+        abs(value) < CROSSING_TOLERANCE
         or high - low < 1e-12 * lanes.duration[lane]
-        or lanes.iterations[lane] >= _LOCATION_ITERATIONS
+        or lanes.iterations[lane] >= LOCATION_ITERATIONS
     ):
         return True
     if value > 0.0:

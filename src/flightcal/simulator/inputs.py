@@ -71,13 +71,7 @@ def build_drive(
     steps = len(grid) - 1
 
     series = {"one": np.ones(len(grid))}
-    if model.faces:
-        normals = {name: face.normal for name, face in model.faces.items()}
-        fluxes = face_fluxes(scenario.environment, normals, times, scenario.folder)
-        for k, face in enumerate(fluxes.names):
-            series[f"solar.{face}"] = fluxes.solar[:, k]
-            series[f"albedo.{face}"] = fluxes.albedo[:, k]
-            series[f"infrared.{face}"] = fluxes.infrared[:, k]
+    series |= face_series(scenario, times)
     for mode, active in _mode_indicators(scenario, grid, changes).items():
         series[f"mode.{mode}"] = active
     for name, load in model.loads.items():
@@ -97,6 +91,22 @@ def build_drive(
         initially_on=_initial_status(scenario, telemetry, start),
     )
     return drive, locate(relative, grid)
+
+
+def face_series(scenario: Scenario, times: Times) -> dict[str, FloatArray]:
+    """Input series of the faces by column, such as ``solar.<face>`` [K] (W/m^2), at `times` [K]."""
+    faces = scenario.simulator.faces
+    if not faces:
+        return {}
+    # Many faces of a meshed spacecraft look the same way.
+    ways = {face.normal: str(k) for k, face in enumerate(faces.values())}
+    fluxes = face_fluxes(scenario.environment, {way: normal for normal, way in ways.items()}, times, scenario.folder)
+    place = {way: k for k, way in enumerate(fluxes.names)}
+    return {
+        f"{kind}.{name}": getattr(fluxes, kind)[:, place[ways[face.normal]]]
+        for name, face in faces.items()
+        for kind in ("solar", "albedo", "infrared")
+    }
 
 
 def _seconds(times: Times, start: np.datetime64) -> FloatArray:

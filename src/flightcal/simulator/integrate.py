@@ -189,10 +189,10 @@ def _make_record(structure: Structure, drive: Drive, lanes: int, segments: int, 
     )
 
 
-def _make_outputs(structure: Structure, observation: Observation, simulations: int, switches: int) -> Outputs:
+def _make_outputs(structure: Structure, observation: Observation, simulations: int, most_switches: int) -> Outputs:
     samples, channels, heaters = len(observation.sampling.point), len(observation.states), len(structure.sensor)
     # Memory that is never touched costs nothing.
-    most = simulations * switches if heaters else 0
+    most = simulations * most_switches if heaters else 0
     return Outputs(
         outcome=np.full(simulations, FINISHED, np.int64),
         temperatures=np.empty((simulations, samples, channels)),
