@@ -21,7 +21,7 @@ from ..scenario.schema import HalfNormal
 from ..simulator import SimulationFailure, Simulator, Trajectory, network_simulator, open_loop
 from ..simulator.system import FloatArray
 from ..telemetry import select_window, window_bounds
-from .likelihood import iid_log_likelihood
+from .likelihood import ErrorShapes, error_shapes, iid_log_likelihood, low_rank_log_likelihood, shrinkage
 from .priors import Priors
 
 _DEFAULT_NOISE = HalfNormal(scale=2.0)  # K
@@ -70,6 +70,12 @@ class Problem:
         """[T, N] whether there is a valid sample."""
         return np.isfinite(self.observed)
 
+    @cached_property
+    def error_shapes(self) -> ErrorShapes | None:
+        """Shapes in which a surrogate's temperatures may be off, at the valid samples."""
+        basis = self.simulator.error_basis
+        return None if basis is None else error_shapes(basis, self.valid)
+
     def noise(self, theta: FloatArray) -> FloatArray:
         """Noise standard deviation per channel [N], K, at theta [d]."""
         channels, positions = self.inferred_noise
@@ -97,10 +103,10 @@ class Problem:
         """Log posterior density (up to a constant) at z [d]; -inf where the simulation fails."""
         prior = self.priors.at(z)
         try:
-            simulated = self.simulate(prior.theta).temperatures
+            run = self.simulate(prior.theta)
         except SimulationFailure:
             return -np.inf
-        return float(prior.log_density) + iid_log_likelihood(self.observed, simulated, self.noise(prior.theta))[0]
+        return float(prior.log_density) + self._log_likelihood(run, self.noise(prior.theta))[0]
 
     def log_density_and_gradient(self, z: FloatArray) -> tuple[float, FloatArray]:
         """Log posterior density at z [d] and its gradient [d]; (-inf, 0) where the simulation fails."""
@@ -111,14 +117,22 @@ class Problem:
             trajectory, cotangent = self.simulator.linearise(prior.theta[self.simulated])
         except SimulationFailure:
             return -np.inf, np.zeros_like(z)
-        value, temperatures_bar, noise_bar = iid_log_likelihood(
-            self.observed, trajectory.temperatures, self.noise(prior.theta)
-        )
+        value, noise_bar, *cotangents = self._log_likelihood(trajectory, self.noise(prior.theta))
         theta_bar = np.zeros(len(prior.theta))
-        theta_bar[self.simulated] = cotangent(temperatures_bar)
+        theta_bar[self.simulated] = cotangent(*cotangents)
         channels, positions = self.inferred_noise
         theta_bar[positions] = noise_bar[channels]
         return float(prior.log_density) + value, prior.gradient + prior.slope * theta_bar
+
+    def _log_likelihood(self, run: Trajectory, noise: FloatArray) -> tuple[Any, ...]:
+        """Log likelihood, its derivative by the noise [N], and those by what the simulator gives."""
+        if self.error_shapes is None:
+            value, temperatures_bar, noise_bar = iid_log_likelihood(self.observed, run.temperatures, noise)
+            return value, noise_bar, temperatures_bar
+        value, temperatures_bar, noise_bar, variance_bar = low_rank_log_likelihood(
+            self.observed, run.temperatures, noise, self.error_shapes, run.error_variance
+        )
+        return value, noise_bar, temperatures_bar, variance_bar
 
     def jacobian(self, z: FloatArray) -> FloatArray:
         """d temperatures / d z, [T, N, d], by central differences in one batch; zero for the noise's entries.
@@ -142,13 +156,19 @@ class Problem:
     def gauss_newton_hessian(self, z: FloatArray) -> FloatArray:
         """Gauss-Newton approximation [d, d] of minus the Hessian of the log density at z.
 
-        Prior, J^T J / sigma^2, and the Fisher information of the noise levels. Raises SimulationFailure.
+        Prior, J^T C^-1 J with C the covariance of the residuals, and the Fisher information of the noise levels as if a
+        surrogate were exact. Raises SimulationFailure.
         """
         prior = self.priors.at(z)
         noise = self.noise(prior.theta)
         weighted = np.where(self.valid[..., None], self.jacobian(z) / noise[:, None], 0.0).reshape(-1, len(z))
         # Not a product of BLAS, whose threads spin for a hundred times longer than this takes when the cores are busy.
         hessian: FloatArray = np.einsum("ti,tj->ij", weighted, weighted)
+        if self.error_shapes is not None:
+            scaled = self.error_shapes.basis / noise[:, None]
+            covariance, _ = shrinkage(self.error_shapes, noise, self.simulate(prior.theta).error_variance)
+            crossed = np.einsum("ti,tj->ij", scaled.reshape(len(weighted), -1), weighted)
+            hessian -= crossed.T @ covariance @ crossed
         hessian[np.diag_indices(len(z))] += self.priors.precision(z)
         channels, positions = self.inferred_noise
         hessian[positions, positions] += (

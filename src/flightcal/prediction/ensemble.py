@@ -43,7 +43,7 @@ class Ensemble:
 
 
 def propagate(problem: Problem, thetas: FloatArray, interval: float, rng: np.random.Generator) -> Ensemble:
-    """Simulate at thetas [S, d] in one batch, add the noise of each, and summarise.
+    """Simulate at thetas [S, d] in one batch, add a surrogate's error and the noise of each, and summarise.
 
     interval: probability inside, such as 0.95. Raises RunError when more than half of the simulations fail.
     """
@@ -52,6 +52,10 @@ def propagate(problem: Problem, thetas: FloatArray, interval: float, rng: np.ran
     if len(kept) < _FEWEST * len(thetas):
         raise RunError(f"window '{problem.window}': {len(thetas) - len(kept)} of {len(thetas)} simulations failed")
     simulated = np.stack([run.temperatures for _, run in kept])  # [S, T, N]
+    basis = problem.simulator.error_basis
+    if basis is not None:
+        weights = np.stack([np.sqrt(run.error_variance) for _, run in kept])  # [S, r]
+        simulated += np.einsum("tnr,sr->stn", basis, weights * rng.standard_normal(weights.shape))
     noise = np.stack([problem.noise(theta) for theta, _ in kept])  # [S, N]
     noisy = simulated + noise[:, None, :] * rng.standard_normal(simulated.shape)
     tails = [0.5 * (1 - interval), 0.5 * (1 + interval)]

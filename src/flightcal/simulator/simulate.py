@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 import os
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from functools import cached_property, partial
 from typing import Protocol
 
@@ -48,6 +48,8 @@ class Trajectory:
     duty_cycle: FloatArray
     """[H] share of the window's time that each heater is on."""
     switches: Switch
+    error_variance: FloatArray = field(default_factory=lambda: np.empty(0))
+    """[r] of the weights of the simulator's `error_basis` at this theta."""
 
 
 class Simulator(Protocol):
@@ -65,6 +67,13 @@ class Simulator(Protocol):
     def heaters(self) -> tuple[str, ...]:
         """[H]."""
 
+    @property
+    def error_basis(self) -> FloatArray | None:
+        """[T, N, r] K, shapes in which the temperatures may be off, with independent Gaussian weights: of a surrogate.
+
+        None: the simulator stands in for no other.
+        """
+
     def heater_power(self, theta: FloatArray) -> FloatArray:
         """Power [H] W of each heater while it is on, at theta [d]; NaN where the simulator does not know."""
 
@@ -74,8 +83,11 @@ class Simulator(Protocol):
     def simulate_many(self, thetas: FloatArray) -> list[Trajectory | None]:
         """Simulations at thetas [S, d], in parallel; None where one failed."""
 
-    def linearise(self, theta: FloatArray) -> tuple[Trajectory, Callable[[FloatArray], FloatArray]]:
-        """A simulation and its vector-Jacobian product: cotangent of the temperatures [T, N] -> of theta [d]."""
+    def linearise(self, theta: FloatArray) -> tuple[Trajectory, Callable[..., FloatArray]]:
+        """A simulation and its vector-Jacobian product: cotangent of the temperatures [T, N] -> of theta [d].
+
+        With an `error_basis`, the product also takes the cotangent [r] of the variances.
+        """
 
 
 def parameter_map(network: Network, scenario: Scenario) -> ParameterMap:
@@ -114,6 +126,11 @@ class NetworkSimulator:
         return (*self.names, *(f"initial.{self.network.nodes[k]}" for k in self.network.diffusive))
 
     @property
+    def error_basis(self) -> None:
+        """None: it stands in for no other simulator."""
+        return None
+
+    @property
     def heaters(self) -> tuple[str, ...]:
         """Names of the heaters."""
         return self.network.heaters
@@ -141,7 +158,7 @@ class NetworkSimulator:
         found = in_parallel(lambda k: self._simulate_lanes(thetas[chunks[k]]), len(chunks))
         return [trajectory for chunk in found for trajectory in chunk]
 
-    def linearise(self, theta: FloatArray) -> tuple[Trajectory, Callable[[FloatArray], FloatArray]]:
+    def linearise(self, theta: FloatArray) -> tuple[Trajectory, Callable[..., FloatArray]]:
         """A simulation and its vector-Jacobian product: cotangent of the temperatures [T, N] -> of theta [d]."""
         numbers, packed = self._assemble(theta)
         run = self._integrate(numbers, packed, derivative=True)

@@ -1,0 +1,1 @@
+"""Simulators that flightcal did not write, behind the one `Simulator` protocol."""
