@@ -16,7 +16,8 @@ def chains(count: int, cores: int, draws: int) -> dict[str, float]:
     """Gradients a second of NUTS with `count` chains on `cores` cores."""
     os.sched_setaffinity(0, sorted(os.sched_getaffinity(0))[:cores])
     from flightcal.calibration import climb
-    from flightcal.calibration.nuts import sample, whitening
+    from flightcal.calibration.nuts import sample
+    from flightcal.calibration.whitening import whitening
     from flightcal.scenario import NutsSettings
 
     from .problem import benchmark_problem
@@ -24,10 +25,14 @@ def chains(count: int, cores: int, draws: int) -> dict[str, float]:
     problem, theta = benchmark_problem()
     z = climb(problem, problem.to_z(theta)).z
     coordinates = whitening(z, problem.gauss_newton_hessian(z))
-    sample(problem.log_density_and_gradient, coordinates, NutsSettings(chains=2, draws=50, warmup=50), 1)
+
+    def run(chains: int, draws: int, seed: int) -> Any:
+        settings = NutsSettings(chains=chains, draws=draws, warmup=50)
+        return sample(problem.log_density_and_gradient, coordinates, settings, seed, native=problem.native_density)
+
+    run(2, 50, 1)
     begin = time.perf_counter()
-    settings = NutsSettings(chains=count, draws=max(50, draws), warmup=50)
-    done = sample(problem.log_density_and_gradient, coordinates, settings, 2)
+    done = run(count, max(50, draws), 2)
     return {"rate": done.gradients / (time.perf_counter() - begin)}
 
 

@@ -2,11 +2,13 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from itertools import pairwise
 from typing import Any
 
 import numpy as np
 
+from flightcal.operational.geometry import Coating, Material, Side, box, box_joints, mesh_plates
 from flightcal.simulator import Drive, Structure, System
 from flightcal.simulator.system import elimination_order, make_structure
 
@@ -15,6 +17,7 @@ from .problem import NOISE, START
 ORBIT = 5910.0  # s, at 690 km
 STEP = 60.0  # s
 _SIGMA = 5.670374419e-8  # W m^-2 K^-4, CODATA 2018
+_PER_BOX = 96
 _CAPACITY, _CONDUCTANCE, _AREA = 1000.0, 0.5, 0.02  # J/K, W/K, m^2 (times emissivity)
 
 Case = tuple[Structure, System, Drive]
@@ -34,6 +37,28 @@ def plate(nodes: int, heaters: int = 1, orbits: int = 2) -> Case:
         *zip(at[:-1].ravel(), at[1:].ravel(), strict=True),
     ]
     return _network(side * side, [(int(i), int(j)) for i, j in pairs], heaters, orbits)
+
+
+def boxes(nodes: int, heaters: int = 1, orbits: int = 2) -> Case:
+    """Spacecraft units: boxes of six plates of 4 x 4 nodes, joined along their edges, each box bolted to the next.
+
+    So large networks come about: by more units, not by one ever finer plate.
+    """
+    count = max(1, round(nodes / _PER_BOX))
+    aluminium, black = Material(150.0, 2700.0, 900.0), Coating(0.9, 0.9)
+    panels = box(
+        "unit", (0.0, 0.0, 0.0), (1.0, 1.0, 1.0),
+        thickness=0.003, material=aluminium, mesh=4, outside=Side(black), inside=black,
+    )  # fmt: skip
+    bare = [replace(panel, positive=None, negative=None) for panel in panels]
+    mesh = mesh_plates(bare, box_joints("unit", 10.0))
+    place = {name: k for k, name in enumerate(mesh.nodes)}
+    assert len(place) == _PER_BOX
+    within = [(place[a], place[b]) for a, b in (conductor.between for conductor in mesh.conductors)]
+    corners = [(place[f"unit.x+[{i},{j}]"], place[f"unit.x-[{i},{j}]"]) for i in (0, 3) for j in (0, 3)]
+    links = [(k * _PER_BOX + i, k * _PER_BOX + j) for k in range(count) for i, j in within]
+    links += [(k * _PER_BOX + i, (k + 1) * _PER_BOX + j) for k in range(count - 1) for i, j in corners]
+    return _network(count * _PER_BOX, links, heaters, orbits)
 
 
 def _network(n: int, links: list[tuple[int, int]], heaters: int, orbits: int) -> Case:

@@ -61,7 +61,8 @@ def flightcal(seconds: float) -> dict[str, Any]:
 def _start() -> tuple[Any, Any, Any]:
     """Problem, mode z [d], and starts z [chain, d] around it as flightcal takes them."""
     from flightcal.calibration import climb
-    from flightcal.calibration.nuts import overdispersed_starts, whitening
+    from flightcal.calibration.nuts import overdispersed_starts
+    from flightcal.calibration.whitening import whitening
 
     from ..problem import benchmark_problem
 

@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 
 from flightcal.calibration import Problem, calibrate_genetic, climb
-from flightcal.calibration.nuts import whitening
+from flightcal.calibration.whitening import whitening
 from flightcal.scenario import GeneticSettings
 
 from ..problem import benchmark_problem

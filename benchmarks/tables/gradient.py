@@ -15,6 +15,7 @@ from ..canonical import Canonical, canonical
 from ..peers import diffrax_ode, jax_scan, scipy_ode
 from ..problem import benchmark_problem
 from ..report import Section, Table
+from ..share import integration_alone
 from ..timing import duration, interleaved, ratio_text, ratios
 
 DIFFRAX = (
@@ -125,6 +126,9 @@ def measure(quick: bool) -> Section:
         {one.name: lambda one=one: one.gradient(z) for one in found}, 5 if quick else 21, budget=30 if quick else 120
     )
     timings_of = ratios(timings, "flightcal")
+    alone = integration_alone(problem, z)
+    parts = interleaved({"flightcal": lambda: problem.log_density_and_gradient(z), "integration": alone}, 41, budget=20)
+    outside = 1.0 - ratios(parts, "flightcal")["integration"].median
     rows = [
         [
             one.name,
@@ -158,6 +162,8 @@ def measure(quick: bool) -> Section:
             )
         ]
         + [
+            f"Outside of the compiled integration and its adjoint (priors, assembly, likelihood, calls): {outside:.0%} "
+            "of flightcal's time.",
             "diffrax has no repeated events, so its thermostat is smoothed: a bistable memory state "
             f"(`peers/diffrax_ode.py`; edge {diffrax_ode.WIDTH} K). Its error is mostly that of the smoothing.",
             "diffrax is compiled with jit, with PID-controlled steps (rtol and atol in `Configuration`) and "

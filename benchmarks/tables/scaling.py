@@ -14,7 +14,7 @@ import numpy as np
 
 from flightcal.simulator import integrate, pull_back
 
-from ..networks import ORBIT, Case, chain, plate, with_parameters
+from ..networks import ORBIT, Case, boxes, chain, plate, with_parameters
 from ..problem import make_problem
 from ..report import Section, Table
 from ..timing import duration, exponent, interleaved
@@ -29,11 +29,13 @@ def measure(quick: bool) -> Section:
     return Section(
         "Scaling",
         "The exponent is the slope of log time over log size, fitted to the larger half of the sizes. Networks are "
-        "chains of nodes (each linked to the next, radiating to space, sunlit every second one) or square plates "
-        f"(each linked to four), in steps of 60 s; an orbit is {ORBIT:.0f} s; two orbits unless said.",
+        "chains of nodes (each linked to the next, radiating to space, sunlit every second one), boxes of 96 nodes "
+        "bolted to one another, or one square plate (each node linked to four), in steps of 60 s; an orbit is "
+        f"{ORBIT:.0f} s; two orbits unless said.",
         [
             _sizes("orbits", [1, 3, 10] if quick else [1, 3, 10, 30, 100], lambda k: chain(8, 1, k), rounds),
             _sizes("nodes, chain", [2, 8, 32, 128] if quick else [2, 8, 32, 125, 500, 2000], chain, rounds),
+            _sizes("nodes, boxes", [96, 192] if quick else [96, 192, 480, 960, 1920], boxes, rounds),
             _sizes("nodes, plate", [4, 16, 64] if quick else [4, 16, 64, 256, 1024, 1936], plate, rounds),
             _sizes("heaters", [0, 5, 10] if quick else [0, 1, 5, 10, 20, 50], lambda k: chain(100, k), rounds),
             _parameters([2, 20] if quick else [2, 10, 20, 50, 100, 200], rounds),

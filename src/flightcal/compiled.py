@@ -7,12 +7,17 @@ cached function carries is that of all files of its folder, and a compiled funct
 from __future__ import annotations
 
 import hashlib
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from functools import cache
 from pathlib import Path
 from typing import Any
 
-from numba import njit
+import numpy as np
+from numba import njit, typeof
+from numba.core import sigutils, types
+from numba.core.ccallback import CFunc
+from numba.extending import intrinsic
+from numpy.typing import NDArray
 
 _OPTIONS: dict[str, Any] = {
     "error_model": "numpy",
@@ -54,3 +59,71 @@ def _cached(function: Callable[..., Any], *, nogil: bool) -> Any:
 inlined: Any = njit(forceinline=True, **_OPTIONS)
 """A function that compiled functions call; a call that is not inlined copies every array's description, which takes
 longer than the work on a small network."""
+
+
+# --- functions that need no Python ----------------------------------------------------------------------------
+
+
+class _Stored:
+    """Numba's type of the value that `store` has put away; a compiled function that calls `stored` is made for it."""
+
+    kind: Any = None
+
+
+@intrinsic
+def stored(typing_context: Any, address: Any) -> Any:
+    """The value at an address; see `store`."""
+    kind = _Stored.kind
+
+    def generate(context: Any, builder: Any, sig: Any, args: Any) -> Any:
+        return builder.load(builder.bitcast(args[0], context.get_value_type(kind).as_pointer()))
+
+    return kind(types.voidptr), generate
+
+
+@intrinsic
+def _put(typing_context: Any, address: Any, value: Any) -> Any:
+    def generate(context: Any, builder: Any, sig: Any, args: Any) -> Any:
+        pointer = builder.inttoptr(args[0], context.get_value_type(value).as_pointer())
+        builder.store(args[1], pointer)
+        return context.get_constant(types.int64, context.get_abi_sizeof(context.get_value_type(value)))
+
+    return types.int64(types.int64, value), generate
+
+
+@njit(cache=True, **_OPTIONS)
+def _store(address: Any, value: Any) -> Any:
+    return _put(address, value)  # type: ignore[call-arg]
+
+
+def store(value: Any) -> NDArray[np.uint8]:
+    """Memory that holds `value`, a named tuple of arrays, as compiled code has it; the arrays must outlive its use.
+
+    To hand many arrays to a compiled function takes longer than a short one runs, and only Python can do it.
+    """
+    kind = typeof(value)
+    leaves = _leaves(kind)
+    memory = np.zeros(_MOST_WORDS * leaves, np.uint64)
+    _store(memory.ctypes.data, value)
+    _Stored.kind = kind
+    return memory.view(np.uint8)
+
+
+_MOST_WORDS = 16
+"""Of an array of up to four dimensions: five, and two for each dimension; with room to spare."""
+
+
+def _leaves(kind: Any) -> int:
+    """How many arrays and numbers it holds."""
+    return sum(_leaves(part) for part in kind.types) if hasattr(kind, "types") else 1
+
+
+def callback(function: Callable[..., Any], signature: Any, folders: Sequence[Path]) -> Any:
+    """A C function, compiled and cached until a file of the folders, or the type of what is `stored`, changes."""
+    compiled_function: Any = CFunc(function, sigutils.normalize_signature(signature), locals={}, options=_OPTIONS)
+    compiled_function.enable_caching()
+    kind = hashlib.sha256(str(_Stored.kind).encode()).hexdigest()
+    stamp = "".join([*(_digest(folder) for folder in folders), kind])
+    compiled_function._cache._cache_file._source_stamp = stamp
+    compiled_function.compile()
+    return compiled_function

@@ -1,5 +1,7 @@
 """The log density against scipy's distributions, its derivatives against differences."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 from scipy import stats
@@ -90,6 +92,64 @@ def test_without_residuals_the_gauss_newton_hessian_is_the_hessian(tmp_path):
     scale = np.sqrt(np.outer(np.diag(expected), np.diag(expected)))
     np.testing.assert_allclose(found / scale, expected / scale, atol=1e-4)
     assert np.linalg.cond(found) > 10, "a trivial case would not tell a wrong Jacobian"
+
+
+class Surrogate:
+    """A simulator that may be off in two shapes, by more where the link is stronger."""
+
+    def __init__(self, simulator, shapes):
+        self.simulator, self.error_basis = simulator, shapes
+
+    def __getattr__(self, name):
+        return getattr(self.simulator, name)
+
+    def simulate(self, theta):
+        return replace(self.simulator.simulate(theta), error_variance=theta[0] * np.array([0.04, 0.3]))
+
+    def simulate_many(self, thetas):
+        return [self.simulate(theta) for theta in thetas]
+
+    def linearise(self, theta):
+        _, cotangent = self.simulator.linearise(theta)
+
+        def both(temperatures_bar, variance_bar):
+            theta_bar = cotangent(temperatures_bar)
+            theta_bar[0] += variance_bar @ np.array([0.04, 0.3])
+            return theta_bar
+
+        return self.simulate(theta), both
+
+
+@pytest.fixture(scope="module")
+def surrogate(problem):
+    times = np.linspace(0.0, 1.0, len(problem.times))
+    shapes = np.stack([np.cos(np.outer(times, [2.0, 3.0])), np.sin(np.outer(times, [7.0, 5.0]))], axis=-1)
+    return replace(problem, simulator=Surrogate(problem.simulator, shapes))
+
+
+@pytest.mark.parametrize("seed", range(2))
+def test_the_error_of_a_surrogate_is_in_the_density_and_its_gradient(problem, surrogate, seed):
+    z = near_truth(problem, seed)
+    value, gradient = surrogate.log_density_and_gradient(z)
+    assert value == pytest.approx(surrogate.log_density(z), rel=1e-12)
+    assert abs(value - problem.log_density(z)) > 1.0
+    for k, step in enumerate(1e-5 * np.eye(len(z))):
+        difference = (surrogate.log_density(z + step) - surrogate.log_density(z - step)) / 2e-5
+        assert gradient[k] == pytest.approx(difference, rel=1e-4, abs=1e-3)
+
+
+def test_what_a_surrogate_may_be_off_by_tells_nothing_of_the_parameters(problem, surrogate):
+    """J^T C^-1 J with the dense covariance C of the residuals, in the parameters and initial temperatures."""
+    z = near_truth(problem, 0)
+    theta, valid = problem.to_theta(z), problem.valid.ravel()
+    shapes = surrogate.simulator.error_basis.reshape(-1, 2)[valid]
+    covariance = np.diag(np.broadcast_to(problem.noise(theta) ** 2, problem.observed.shape).ravel()[valid])
+    covariance += shapes @ np.diag(theta[0] * np.array([0.04, 0.3])) @ shapes.T
+    jacobian = problem.jacobian(z).reshape(-1, len(z))[valid]
+    expected = jacobian.T @ np.linalg.solve(covariance, jacobian) + np.diag(problem.priors.precision(z))
+    found = surrogate.gauss_newton_hessian(z)
+    kept = np.ix_(problem.simulated, problem.simulated)
+    np.testing.assert_allclose(found[kept], expected[kept], rtol=1e-6, atol=1e-6 * np.abs(expected).max())
 
 
 def test_the_noise_level_has_the_curvature_of_residuals_of_its_size(problem):

@@ -1,5 +1,7 @@
 """Propagation: what the mean, the intervals and the duty cycle of an ensemble are."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
@@ -90,3 +92,23 @@ def test_an_ensemble_that_mostly_fails_is_an_error(problem):
     thetas[:6, problem.names.index("initial.body")] = np.nan
     with pytest.raises(RunError, match="window 'train': 6 of 10 simulations failed"):
         propagate(problem, thetas, 0.95, np.random.default_rng(1))
+
+
+def test_what_a_surrogate_may_be_off_by_is_in_the_intervals(problem):
+    """Equal thetas, one constant shape of standard deviation 0.8 K on the first channel, none on the second."""
+
+    class Surrogate:
+        error_basis = np.broadcast_to([[1.0], [0.0]], (*problem.observed.shape, 1))
+
+        def __getattr__(self, name):
+            return getattr(problem.simulator, name)
+
+        def simulate_many(self, thetas):
+            return [replace(run, error_variance=np.array([0.64])) for run in problem.simulator.simulate_many(thetas)]
+
+    thetas = thetas_of(problem, 2000)
+    ensemble = propagate(replace(problem, simulator=Surrogate()), thetas, 0.9, np.random.default_rng(1))
+    # The sample standard deviation of 2000 draws is known to 1.6%; the shape's weight is the same at all times.
+    np.testing.assert_allclose(ensemble.standard_deviation[:, 0], np.hypot(0.5, 0.8), rtol=0.05)
+    np.testing.assert_allclose(ensemble.standard_deviation[:, 1], 0.1, rtol=1e-9)
+    np.testing.assert_allclose((ensemble.model_upper - ensemble.model_lower)[:, 0], 2 * 1.645 * 0.8, rtol=0.1)

@@ -20,11 +20,12 @@ def iid_log_likelihood(
     Returns the log likelihood and its derivatives by `simulated` [T, N] and by `noise` [N].
     """
     simulated_bar, noise_bar = np.empty(simulated.shape), np.empty(noise.shape)
-    return _iid(observed, simulated, noise, simulated_bar, noise_bar), simulated_bar, noise_bar
+    return iid_compiled(observed, simulated, noise, simulated_bar, noise_bar), simulated_bar, noise_bar
 
 
 @compiled
-def _iid(observed, simulated, noise, simulated_bar, noise_bar):
+def iid_compiled(observed, simulated, noise, simulated_bar, noise_bar):
+    """`iid_log_likelihood` in compiled code: fills the derivatives, returns the value."""
     value = 0.0
     for k in range(noise.shape[0]):
         precision = 1.0 / noise[k]

@@ -17,8 +17,9 @@ from ..simulator.system import FloatArray
 from .diagnostics import Diagnostics, diagnose
 from .genetic import minimise
 from .mode import Mode, find_mode
-from .nuts import Draws, sample, whitening
+from .nuts import Draws, sample
 from .problem import Problem
+from .whitening import whitening
 
 _SEARCH_BOX = 0.998
 """Share of each prior inside the box that the genetic algorithm searches."""
@@ -142,7 +143,14 @@ def calibrate_nuts(
             "check the priors with 'flightcal simulate'"
         )
     coordinates = whitening(modes[0].z, problem.gauss_newton_hessian(modes[0].z))
-    draws = sample(problem.log_density_and_gradient, coordinates, settings, seed, progress=progress)
+    draws = sample(
+        problem.log_density_and_gradient,
+        coordinates,
+        settings,
+        seed,
+        native=problem.native_density,
+        progress=progress,
+    )
     theta = problem.to_theta(draws.z)
     posterior = xarray.Dataset({name: (("chain", "draw"), theta[..., k]) for k, name in enumerate(problem.names)})
     return Posterior(problem.names, theta, draws, modes, diagnose(posterior, draws.statistics, settings))

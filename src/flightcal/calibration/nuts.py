@@ -1,11 +1,11 @@
-"""The No-U-Turn sampler: nutpie on a plain Python log density, in whitened coordinates.
+"""The No-U-Turn sampler: nutpie on a log density of Python or of C, in whitened coordinates.
 
 z = mean + factor w, with the factor from the Gauss-Newton Hessian at the mode: what is correlated and badly scaled
 in z is nearly standard normal in w. nutpie's low-rank adaptation then corrects what the Hessian got wrong. In 30
 dimensions it takes 3% more gradients than the diagonal one where the whitening is perfect, and a twelfth per
 effective draw where principal directions are off by a factor of e^(+-0.5).
 
-nutpie's interface for a Python density is not documented; the tests hold down what is relied on (nutpie 0.16.8):
+nutpie's interface for a density of one's own is not documented; the tests hold down what is relied on (nutpie 0.16.8):
 an exception or a value of the wrong kind ends a sampler with a panic, while a density that is not finite is a
 divergence; a chain starts exactly where it is told; every chain of a sampler is told that it is chain 0,
 so each chain has a sampler of its own here, with its own seed and start. All chains run at the same time, so an
@@ -29,6 +29,9 @@ from numpy.typing import NDArray
 
 from ..errors import FlightcalError
 from ..scenario.schema import NutsSettings
+from .native import STOPPED, NativeDensity
+from .nutpie_models import native_model, python_model
+from .whitening import Whitening
 
 Array = NDArray[np.float64]
 LogDensity = Callable[[Array], tuple[float, Array]]
@@ -41,14 +44,6 @@ OVERDISPERSION = 1.5
 """Chains start at w ~ N(0, 1.5^2 I). In 20 dimensions that is 3 standard deviations outside the typical distance,
 enough for R-hat to see chains that do not forget their start; farther out a closed-loop thermostat's density has
 other, far worse modes."""
-
-LARGEST_DEVIATION = 10.0
-"""Of whitened directions, in units of z, which is of order one under every prior: a flatter direction of the
-Gauss-Newton Hessian is flat by a failed linearisation."""
-
-_STOPPED = -1e300
-"""Log density everywhere once the chains are to stop: it ends a trajectory at once. nutpie panics when the point
-that a chain stands on has an infinite density or no gradient, so it is finite and the gradient is not zero."""
 
 _START_ATTEMPTS = 100
 _POLL = 0.05  # s
@@ -63,40 +58,6 @@ _STATISTICS: dict[str, tuple[str, type]] = {
     "log_density": ("logp", float),
 }
 """Our name -> nutpie's, and its type (nutpie's integers are unsigned, and wrap around when subtracted)."""
-
-
-@dataclass(frozen=True)
-class Whitening:
-    """z = mean + factor w, with w nearly standard normal."""
-
-    mean: Array
-    """[d]"""
-    factor: Array
-    """[d, d]"""
-
-    def to_z(self, w: Array) -> Array:
-        """z [..., d] of w [..., d]."""
-        return self.mean + w @ self.factor.T
-
-    def to_w(self, z: Array) -> Array:
-        """w [..., d] of z [..., d]."""
-        return np.asarray(np.linalg.solve(self.factor, (z - self.mean)[..., None])[..., 0], float)
-
-
-def whitening(mode: Array, precision: Array) -> Whitening:
-    """Whitening around `mode` [d] with factor factor^T = inverse of `precision` [d, d].
-
-    By eigenvalues, so that a direction that neither data nor prior hold is given `LARGEST_DEVIATION`.
-    Raises FlightcalError where the precision is not finite.
-    """
-    if not np.isfinite(precision).all():
-        raise FlightcalError(
-            f"whitening: found {int((~np.isfinite(precision)).sum())} values that are not finite in the "
-            "Gauss-Newton Hessian at the mode, expected none: simulations next to the mode fail"
-        )
-    eigenvalues, directions = np.linalg.eigh(0.5 * (precision + precision.T))
-    floor = max(LARGEST_DEVIATION**-2, np.finfo(float).eps * float(eigenvalues.max()))
-    return Whitening(np.array(mode, float), directions / np.sqrt(np.maximum(eigenvalues, floor)))
 
 
 @dataclass(frozen=True)
@@ -136,7 +97,7 @@ def overdispersed_starts(log_density: LogDensity, whitening: Whitening, chains: 
     Raises FlightcalError when a chain finds none.
     """
     rng = np.random.default_rng(np.random.SeedSequence(seed, spawn_key=(0,)))
-    density = _Density(log_density, whitening, threading.Event())
+    density = _Density(log_density, whitening)
     starts = []
     for chain in range(chains):
         for _ in range(_START_ATTEMPTS):
@@ -167,10 +128,12 @@ def sample(
     seed: int,
     *,
     starts: Array | None = None,
+    native: Callable[[Whitening], NativeDensity | None] = lambda _: None,
     progress: Callable[[tuple[ChainProgress, ...]], None] | None = None,
 ) -> Draws:
     """Draw from a density with `settings.chains` chains at the same time.
 
+    native: the same density in whitened coordinates as a C function, one for each chain; None: there is none.
     starts: z [chain, d], not the very mode, where there is no gradient; None: `overdispersed_starts`.
     progress: called about five times a second, in the calling thread, with the state of each chain.
 
@@ -182,8 +145,7 @@ def sample(
     else:
         _check_starts(log_density, whitening, starts)
     seeds = np.random.SeedSequence(seed, spawn_key=(1,)).generate_state(settings.chains, np.uint64)
-    stop = threading.Event()
-    densities = [_Density(log_density, whitening, stop) for _ in seeds]
+    densities = [native(whitening) or _Density(log_density, whitening) for _ in seeds]
     samplers: list[Any] = []
     traces: dict[int, Any] = {}
     with _interruption() as interrupted:
@@ -195,17 +157,19 @@ def sample(
                     if chain not in traces and (trace := _wait(sampler)) is not None:
                         traces[chain] = trace
                 if progress is not None:
-                    progress(tuple(density.progress(settings) for density in densities))
+                    progress(tuple(_progress(density, settings) for density in densities))
             # Counted before the density is stopped: the draw that this cuts short is not one of the posterior's.
             kept = [density.draws for density in densities]
-            stop.set()
+            for density in densities:
+                density.stop()
             for chain, sampler in enumerate(samplers):
                 if chain not in traces:
                     traces[chain] = _abort(sampler)
         finally:
             # A nutpie thread that outlives the interpreter crashes it, so every chain is ended; one that panicked
             # panics again, which must not hide the first panic nor keep the others running.
-            stop.set()
+            for density in densities:
+                density.stop()
             for sampler in samplers:
                 with suppress(BaseException):
                     sampler.cancel()
@@ -213,7 +177,7 @@ def sample(
 
 
 def _check_starts(log_density: LogDensity, whitening: Whitening, starts: Array) -> None:
-    density = _Density(log_density, whitening, threading.Event())
+    density = _Density(log_density, whitening)
     for chain, w in enumerate(whitening.to_w(starts)):
         if not _can_start(density, w):
             raise FlightcalError(
@@ -228,17 +192,17 @@ class _Density:
     The log determinant of the factor is left out, so it is the log density of z.
     """
 
-    def __init__(self, log_density: LogDensity, whitening: Whitening, stop: threading.Event) -> None:
+    def __init__(self, log_density: LogDensity, whitening: Whitening) -> None:
         self._log_density = log_density
         self._whitening = whitening
         self._transposed = np.ascontiguousarray(whitening.factor.T)
-        self._stop = stop
+        self._stopped = False
         self.draws = self.gradients = self.failures = 0
         self.last_failure: str | None = None
 
     def __call__(self, w: Array) -> tuple[float, Array]:
-        if self._stop.is_set():
-            return _STOPPED, np.ones_like(w)
+        if self._stopped:
+            return STOPPED, np.ones_like(w)
         self.gradients += 1
         try:
             value, gradient = self._log_density(self._whitening.mean + self._whitening.factor @ w)
@@ -261,28 +225,27 @@ class _Density:
         self.draws += 1
         return {"w": w}
 
-    def progress(self, settings: NutsSettings) -> ChainProgress:
-        total = settings.warmup + settings.draws
-        return ChainProgress(self.draws, total, settings.warmup, self.gradients, self.failures)
+    def stop(self) -> None:
+        """From now on every trajectory ends at once."""
+        self._stopped = True
 
 
-def _start(density: _Density, start: Array, settings: NutsSettings, seed: int) -> Any:
+_ChainDensity = _Density | NativeDensity
+
+
+def _progress(density: _ChainDensity, settings: NutsSettings) -> ChainProgress:
+    total = settings.warmup + settings.draws
+    return ChainProgress(density.draws, total, settings.warmup, density.gradients, density.failures)
+
+
+def _start(density: _ChainDensity, start: Array, settings: NutsSettings, seed: int) -> Any:
     """A running nutpie sampler of one chain from w = `start` [d]."""
-    with warnings.catch_warnings():
-        # nutpie imports the arviz of old, which announces its successor once a day.
-        warnings.filterwarnings("ignore", "(?s).*ArviZ is undergoing a major refactor", FutureWarning)
-        import nutpie
-        from nutpie.compiled_pyfunc import from_pyfunc
+    if isinstance(density, NativeDensity):
+        model = native_model(density, start)
+    else:
+        model = python_model(density, density.record, start)
+    import nutpie
 
-    model = from_pyfunc(
-        ndim=len(start),
-        make_logp_fn=lambda: density,
-        make_expand_fn=lambda *_: density.record,
-        expanded_dtypes=[np.dtype(np.float64)],
-        expanded_shapes=[(len(start),)],
-        expanded_names=["w"],
-        make_initial_point_fn=lambda _: start,
-    )
     return nutpie.sample(
         model,
         draws=settings.draws,
@@ -340,7 +303,7 @@ def _interruption() -> Iterator[threading.Event]:
 def _collect(
     traces: list[Any],
     kept: list[int],
-    densities: list[_Density],
+    densities: list[_ChainDensity],
     whitening: Whitening,
     settings: NutsSettings,
 ) -> Draws:

@@ -65,7 +65,7 @@ class Priors:
         theta, slope, gradient = np.empty((3, *z.shape))
         log_density = np.empty(z.shape[:-1])
         rows = (array.reshape(-1, len(self.priors)) for array in (z, theta, slope, gradient))
-        _evaluate(self._kinds, self._arguments, _NDTRI, *rows, log_density.reshape(-1))
+        evaluate(self.kinds, self.arguments, NDTRI, *rows, log_density.reshape(-1))
         return PriorTerms(theta, slope, log_density, gradient)
 
     def to_theta(self, z: ArrayLike) -> Array:
@@ -106,20 +106,20 @@ class Priors:
         values = np.asarray(values, float)
         result = np.empty(values.shape)
         for kind, family in enumerate(_FAMILIES.values()):
-            index = np.flatnonzero(self._kinds == kind)
+            index = np.flatnonzero(self.kinds == kind)
             if len(index):
-                arguments = self._arguments[index, : family.argument_count].T
+                arguments = self.arguments[index, : family.argument_count].T
                 result[..., index] = getattr(family, function)(values[..., index], *arguments)
         return result
 
     @cached_property
-    def _kinds(self) -> NDArray[np.int64]:
+    def kinds(self) -> NDArray[np.int64]:
         """[d] place of each prior's family in `_FAMILIES`."""
         families = list(_FAMILIES)
         return np.array([families.index(type(prior)) for prior in self.priors], np.int64)
 
     @cached_property
-    def _arguments(self) -> Array:
+    def arguments(self) -> Array:
         """[d, most] what each prior's family computes with."""
         arguments = np.zeros((len(self.priors), _MOST_ARGUMENTS))
         for row, prior in zip(arguments, self.priors, strict=True):
@@ -135,7 +135,7 @@ _UNIFORM, _NORMAL, _TRUNCATED, _LOG_NORMAL, _HALF_NORMAL, _BETA = range(6)
 
 _MOST_ARGUMENTS = 8
 
-_NDTRI = np.int64(get_cython_function_address("scipy.special.cython_special", "ndtri"))
+NDTRI = np.int64(get_cython_function_address("scipy.special.cython_special", "ndtri"))
 
 
 @intrinsic
@@ -150,7 +150,8 @@ def _call(typing_context: Any, address: Any, x: Any) -> Any:
 
 
 @compiled
-def _evaluate(kinds, arguments, quantile, z, theta, slope, gradient, log_density):
+def evaluate(kinds, arguments, quantile, z, theta, slope, gradient, log_density):
+    """`Priors.at` in compiled code, at z [S, d]; quantile: address of the normal quantile function."""
     for s in range(z.shape[0]):
         total = 0.0
         for j in range(z.shape[1]):

@@ -7,6 +7,7 @@ theta, in physical units, is ordered: the scenario's parameters, ``noise.<channe
 from __future__ import annotations
 
 import math
+import threading
 from dataclasses import dataclass
 from functools import cached_property
 from typing import Any
@@ -18,11 +19,13 @@ from ..environment import orbital_period
 from ..errors import ScenarioError
 from ..scenario import Normal, Prior, Scenario
 from ..scenario.schema import HalfNormal
-from ..simulator import SimulationFailure, Simulator, Trajectory, network_simulator, open_loop
+from ..simulator import NetworkSimulator, SimulationFailure, Simulator, Trajectory, network_simulator, open_loop
 from ..simulator.system import FloatArray
 from ..telemetry import select_window, window_bounds
 from .likelihood import ErrorShapes, error_shapes, iid_log_likelihood, low_rank_log_likelihood, shrinkage
+from .native import NativeDensity, native_density
 from .priors import Priors
+from .whitening import Whitening
 
 _DEFAULT_NOISE = HalfNormal(scale=2.0)  # K
 _SAMPLES_FOR_START = 3
@@ -108,8 +111,19 @@ class Problem:
             return -np.inf
         return float(prior.log_density) + self._log_likelihood(run, self.noise(prior.theta))[0]
 
+    def native_density(self, coordinates: Whitening) -> NativeDensity | None:
+        """The log density at w [d] of other coordinates as a C function; None where there is none."""
+        if not isinstance(self.simulator, NetworkSimulator):
+            return None
+        places = (self.simulated, *self.inferred_noise)
+        return native_density(self.simulator, self.priors, self.observed, self.fixed_noise, places, coordinates)
+
     def log_density_and_gradient(self, z: FloatArray) -> tuple[float, FloatArray]:
         """Log posterior density at z [d] and its gradient [d]; (-inf, 0) where the simulation fails."""
+        if not hasattr(self._own, "density"):
+            self._own.density = self.native_density(Whitening(np.zeros(len(z)), np.eye(len(z))))
+        if self._own.density is not None:
+            return self._own.density(z)
         prior = self.priors.at(z)
         if not math.isfinite(prior.theta.sum()):
             return -np.inf, np.zeros_like(z)
@@ -123,6 +137,11 @@ class Problem:
         channels, positions = self.inferred_noise
         theta_bar[positions] = noise_bar[channels]
         return float(prior.log_density) + value, prior.gradient + prior.slope * theta_bar
+
+    @cached_property
+    def _own(self) -> threading.local:
+        """What each thread has for itself."""
+        return threading.local()
 
     def _log_likelihood(self, run: Trajectory, noise: FloatArray) -> tuple[Any, ...]:
         """Log likelihood, its derivative by the noise [N], and those by what the simulator gives."""

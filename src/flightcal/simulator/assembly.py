@@ -57,7 +57,7 @@ def assemble(mapping: ParameterMap, terms: Terms, mass: FloatArray, theta: Float
     numbers = np.empty((len(thetas), len(mapping.written)))
     packed = np.empty((len(thetas), terms.entries + len(mass)))
     extended = np.empty(len(mapping.written) + 1 + len(terms.inverse))
-    _assemble(mapping, terms, mass, thetas, extended, numbers, packed)
+    assemble_compiled(mapping, terms, mass, thetas, extended, numbers, packed)
     return (numbers[0], packed[0]) if theta.ndim == 1 else (numbers, packed)
 
 
@@ -77,12 +77,13 @@ def pull_back_assembly(
     """
     theta_bar = np.empty(len(theta))
     memory = np.empty(2 * (len(numbers) + 1 + len(terms.inverse)) + MOST_FACTORS)
-    _pull_back(mapping, terms, mass, theta, numbers, packed_bar, used, used_bar, memory, theta_bar)
+    pull_back_compiled(mapping, terms, mass, theta, numbers, packed_bar, used, used_bar, memory, theta_bar)
     return theta_bar
 
 
 @compiled
-def _assemble(mapping, terms, mass, thetas, extended, numbers, packed):
+def assemble_compiled(mapping, terms, mass, thetas, extended, numbers, packed):
+    """`assemble` in compiled code, at thetas [S, d]; extended: workspace for the numbers, a one and the reciprocals."""
     parameters = mapping.parameters
     for s in range(thetas.shape[0]):
         for k in range(numbers.shape[1]):
@@ -120,7 +121,8 @@ def _extend(terms, numbers, extended):
 
 
 @compiled
-def _pull_back(mapping, terms, mass, theta, numbers, packed_bar, used, used_bar, memory, theta_bar):
+def pull_back_compiled(mapping, terms, mass, theta, numbers, packed_bar, used, used_bar, memory, theta_bar):
+    """`pull_back_assembly` in compiled code; memory: twice the workspace of `assemble_compiled` and MOST_FACTORS."""
     size = numbers.shape[0] + 1 + terms.inverse.shape[0]
     count = numbers.shape[0]
     extended, extended_bar, before = memory[:size], memory[size : 2 * size], memory[2 * size :]

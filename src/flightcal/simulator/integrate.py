@@ -28,7 +28,7 @@ from .step import step_size
 from .system import Drive, FloatArray, IntArray, Structure, Switch, System, pack, unpack
 
 _SPARE_SEGMENTS = 256
-_MOST_SWITCHES_PER_STEP = 20
+MOST_SWITCHES_PER_STEP = 20
 _MOST_KEPT = 2_000_000
 """So many numbers (16 MB) of a run's steps are kept for its derivative; beyond, computing them again is as fast."""
 
@@ -102,13 +102,12 @@ def integrate_packed(
     """`integrate` of a packed system [P], observed; offsets [N] are added to the temperatures observed."""
     capacity = len(drive.times) - 1 + _SPARE_SEGMENTS
     while True:
-        size, first = step_size(structure), memory_size(structure) - step_size(structure)
-        memory = np.empty(first + size * (capacity if derivative and capacity * size <= _MOST_KEPT else 1))
-        record = _make_record(structure, drive, 1, capacity, memory[first:].reshape(-1, size) if derivative else None)
-        outputs = _make_outputs(structure, observation, 1, capacity)
+        memory, steps = step_memory(structure, drive, capacity if derivative else 1)
+        record = make_record(structure, drive, 1, capacity, steps if derivative else None)
+        outputs = make_outputs(structure, observation, 1, capacity)
         _forward(structure, packed[None], drive, observation, offsets[None], memory, record, outputs)
         outcome = outputs.outcome[0]
-        if outcome == TOO_MANY_SWITCHES and capacity < _MOST_SWITCHES_PER_STEP * len(drive.times):
+        if outcome == TOO_MANY_SWITCHES and capacity < MOST_SWITCHES_PER_STEP * len(drive.times):
             capacity *= 4
             continue
         break
@@ -116,7 +115,7 @@ def integrate_packed(
         raise SimulationFailure("a temperature is not finite")
     if outcome == TOO_MANY_SWITCHES:
         raise SimulationFailure(
-            f"heaters switch more than {_MOST_SWITCHES_PER_STEP} times a time step: a thermostat chatters"
+            f"heaters switch more than {MOST_SWITCHES_PER_STEP} times a time step: a thermostat chatters"
         )
     return Run(record, outputs)
 
@@ -129,8 +128,8 @@ def integrate_many(
     outputs.outcome says which failed; TOO_MANY_SWITCHES: more than one a step, which `integrate_packed` may still do.
     """
     capacity = len(drive.times) - 1 + _SPARE_SEGMENTS
-    outputs = _make_outputs(structure, observation, len(packed), capacity)
-    record = _make_record(structure, drive, WIDTH, capacity, None)
+    outputs = make_outputs(structure, observation, len(packed), capacity)
+    record = make_record(structure, drive, WIDTH, capacity, None)
     memory = lane_memory(memory_size(structure))
     _forward(structure, packed, drive, observation, offsets, memory, record, outputs)
     return outputs
@@ -171,8 +170,19 @@ def _forward(
     )  # fmt: skip
 
 
-def _make_record(structure: Structure, drive: Drive, lanes: int, segments: int, steps: FloatArray | None) -> Record:
-    """steps: None: the record is not for a derivative."""
+def step_memory(structure: Structure, drive: Drive, segments: int) -> tuple[FloatArray, FloatArray]:
+    """Memory for `forward` of a single simulation, and its part that holds the steps [., step_size].
+
+    One for each of so many segments, or only the last where those of the whole run would be too many to keep.
+    """
+    size = step_size(structure)
+    first = memory_size(structure) - size
+    memory = np.empty(first + size * (segments if len(drive.times) * size <= _MOST_KEPT else 1))
+    return memory, memory[first:].reshape(-1, size)
+
+
+def make_record(structure: Structure, drive: Drive, lanes: int, segments: int, steps: FloatArray | None) -> Record:
+    """Memory for what `forward` notes; steps: of `step_memory`, or None: the record is not for a derivative."""
     points, n, heaters = len(drive.times), len(structure.mass), len(structure.sensor)
     return Record(
         heat=np.empty((lanes, n, points)),
@@ -189,7 +199,8 @@ def _make_record(structure: Structure, drive: Drive, lanes: int, segments: int, 
     )
 
 
-def _make_outputs(structure: Structure, observation: Observation, simulations: int, most_switches: int) -> Outputs:
+def make_outputs(structure: Structure, observation: Observation, simulations: int, most_switches: int) -> Outputs:
+    """Memory for what is kept of simulations."""
     samples, channels, heaters = len(observation.sampling.point), len(observation.states), len(structure.sensor)
     # Memory that is never touched costs nothing.
     most = simulations * most_switches if heaters else 0

@@ -1,0 +1,249 @@
+"""The log density of a thermal network with iid noise, and its gradient, as one C function.
+
+Nothing of Python is in it: chains run side by side without a common lock, and no time goes into handing arrays to
+compiled functions. What it reads and works in is stored once for each chain.
+"""
+
+from __future__ import annotations
+
+import ctypes
+from dataclasses import dataclass
+from functools import cache
+from pathlib import Path
+from typing import Any, NamedTuple
+
+import numpy as np
+from numba import types
+
+from ..compiled import callback, inlined, store, stored
+from ..simulator import NetworkSimulator, simulate
+from ..simulator.forward import FINISHED, NOT_FINITE, TOO_MANY_SWITCHES
+from ..simulator.system import FloatArray
+from ..simulator.whole import Window, Workspace, linearise_compiled, make_window, make_workspace, simulate_compiled
+from .likelihood import iid_compiled
+from .priors import NDTRI, Priors, evaluate
+from .whitening import Whitening
+
+STOP, GRADIENTS, FAILURES, REASON, DRAWS = range(5)
+"""Places in a density's `control`: whether it is to stop, counts, and why the last failure was one."""
+
+_DENSITY_NOT_FINITE = 3
+REASONS = {
+    NOT_FINITE: "a temperature is not finite",
+    TOO_MANY_SWITCHES: "heaters switch too often: a thermostat chatters",
+    _DENSITY_NOT_FINITE: "the log density or its gradient is not finite",
+}
+
+STOPPED = -1e300
+"""Log density everywhere once a chain is to stop: it ends a trajectory at once. nutpie panics when the point that a
+chain stands on has an infinite density or no gradient, so it is finite and the gradient is not zero."""
+
+_DIVERGENCE = 1
+"""Returned where there is no density; nutpie takes it as a divergence."""
+
+
+class Posterior(NamedTuple):
+    """What the density is made of; only read."""
+
+    window: Window
+    kinds: Any
+    arguments: Any
+    quantile: Any
+    """Address of the normal quantile function."""
+    simulated: Any
+    """Positions in theta of what the simulator takes."""
+    noisy: Any
+    """Channels whose noise is inferred, and its positions in theta."""
+    noise_position: Any
+    noise: Any
+    """[N] K, where it is not inferred."""
+    observed: Any
+    mean: Any
+    """[d] z where w is zero."""
+    factor: Any
+    """[d, d] z = mean + factor w."""
+
+
+class _Call(NamedTuple):
+    posterior: Posterior
+    work: Workspace
+    control: Any
+    z: Any
+    """[1, d], as the next three."""
+    theta: Any
+    slope: Any
+    prior_gradient: Any
+    prior_density: Any
+    """[1]"""
+    noise: Any
+    noise_bar: Any
+
+
+@dataclass(frozen=True)
+class NativeDensity:
+    """A density of its own memory, for one thread at a time."""
+
+    function: Any
+    """(d, w, gradient, log density, `address`) -> 0, or another number where there is no density."""
+    record: Any
+    """(d, d, w, copy of w, `address`) -> 0; called for every draw."""
+    address: int
+    control: Any
+    kept: Any
+    """What lies at the address, and the arrays that it refers to."""
+    dimensions: int
+
+    def __call__(self, w: FloatArray) -> tuple[float, FloatArray]:
+        """Log density at w [d] and its gradient [d]; (-inf, 0) where there is none."""
+        w, gradient, value = np.ascontiguousarray(w, float), np.zeros(self.dimensions), np.empty(1)
+        if _c_function(self.function.address)(
+            self.dimensions, w.ctypes.data, gradient.ctypes.data, value.ctypes.data, self.address
+        ):
+            return -np.inf, np.zeros(self.dimensions)
+        return float(value[0]), gradient
+
+    @property
+    def draws(self) -> int:
+        """Draws recorded."""
+        return int(self.control[DRAWS])
+
+    @property
+    def gradients(self) -> int:
+        """Evaluations."""
+        return int(self.control[GRADIENTS])
+
+    @property
+    def failures(self) -> int:
+        """Evaluations without a density."""
+        return int(self.control[FAILURES])
+
+    @property
+    def last_failure(self) -> str | None:
+        """Why the last of these had none."""
+        return REASONS.get(int(self.control[REASON]))
+
+    def stop(self) -> None:
+        """From now on every trajectory ends at once."""
+        self.control[STOP] = 1
+
+
+def native_density(
+    simulator: NetworkSimulator,
+    priors: Priors,
+    observed: FloatArray,
+    noise: FloatArray,
+    places: tuple[Any, Any, Any],
+    coordinates: Whitening,
+) -> NativeDensity:
+    """The log density at w, up to a constant.
+
+    observed: [T, N] K; noise: [N] K, anything where it is inferred; places: positions in theta of what the simulator
+    takes, channels whose noise is inferred, and the positions in theta of these.
+    """
+    d, channels = len(priors.names), len(noise)
+    simulated, noisy, noise_position = (np.asarray(place, np.int64) for place in places)
+    posterior = Posterior(
+        make_window(simulator), priors.kinds, priors.arguments, NDTRI,
+        simulated, noisy, noise_position, np.array(noise), np.array(observed, order="C"), np.array(coordinates.mean),
+        np.array(coordinates.factor, order="C"),
+    )  # fmt: skip
+    control, row = np.zeros(5, np.int64), np.empty((4, 1, d))
+    noises = np.empty((2, channels))
+    call = _Call(
+        posterior, make_workspace(simulator), control, row[0], row[1], row[2], row[3], np.empty(1), noises[0], noises[1]
+    )
+    memory = store(call)
+    density, record = _functions()
+    return NativeDensity(density, record, memory.ctypes.data, call.control, (memory, call), d)
+
+
+@cache
+def _functions() -> tuple[Any, Any]:
+    folders = [Path(file).parent for file in (__file__, simulate.__file__)]
+    double, size = types.CPointer(types.double), types.uint64
+    return (
+        callback(_density, types.int64(size, double, double, double, types.voidptr), folders),
+        callback(_record, types.int64(size, size, double, double, types.voidptr), folders),
+    )
+
+
+@cache
+def _c_function(address: int) -> Any:
+    pointers = [ctypes.c_void_p] * 4
+    return ctypes.CFUNCTYPE(ctypes.c_int64, ctypes.c_uint64, *pointers)(address)
+
+
+@inlined
+def _log_density(posterior, work, call, w, gradient, value):
+    """Fill gradient [d] and value [1]; returns FINISHED, or why it could not."""
+    d = posterior.mean.shape[0]
+    finite = True
+    for i in range(d):
+        total = posterior.mean[i]
+        for j in range(d):
+            total += posterior.factor[i, j] * w[j]
+        call.z[0, i] = total
+    evaluate(
+        posterior.kinds, posterior.arguments, posterior.quantile,
+        call.z, call.theta, call.slope, call.prior_gradient, call.prior_density,
+    )  # fmt: skip
+    for i in range(d):
+        finite = finite and np.isfinite(call.theta[0, i])
+    if not finite:
+        return _DENSITY_NOT_FINITE
+    for k in range(posterior.simulated.shape[0]):
+        work.theta[0, k] = call.theta[0, posterior.simulated[k]]
+    outcome = simulate_compiled(posterior.window, work)
+    if outcome != FINISHED:
+        return outcome
+    for k in range(posterior.noise.shape[0]):
+        call.noise[k] = posterior.noise[k]
+    for k in range(posterior.noisy.shape[0]):
+        call.noise[posterior.noisy[k]] = call.theta[0, posterior.noise_position[k]]
+    value[0] = call.prior_density[0] + iid_compiled(
+        posterior.observed, work.outputs.temperatures[0], call.noise, work.temperatures_bar, call.noise_bar
+    )
+    linearise_compiled(posterior.window, work)
+    # From here on z holds the cotangent of z.
+    for i in range(d):
+        call.z[0, i] = call.prior_gradient[0, i]
+    for k in range(posterior.simulated.shape[0]):
+        i = posterior.simulated[k]
+        call.z[0, i] += call.slope[0, i] * work.theta_bar[k]
+    for k in range(posterior.noisy.shape[0]):
+        i = posterior.noise_position[k]
+        call.z[0, i] += call.slope[0, i] * call.noise_bar[posterior.noisy[k]]
+    finite = np.isfinite(value[0])
+    for j in range(d):
+        total = 0.0
+        for i in range(d):
+            total += posterior.factor[i, j] * call.z[0, i]
+        gradient[j] = total
+        finite = finite and np.isfinite(total)
+    return FINISHED if finite else _DENSITY_NOT_FINITE
+
+
+def _density(dimensions, w, gradient, value, address):
+    call = stored(address)
+    posterior, work, control = call.posterior, call.work, call.control
+    d = posterior.mean.shape[0]
+    if control[STOP] != 0:
+        value[0] = STOPPED
+        for j in range(d):
+            gradient[j] = 1.0
+        return 0
+    control[GRADIENTS] += 1
+    outcome = _log_density(posterior, work, call, w, gradient, value)
+    if outcome != FINISHED:
+        control[FAILURES] += 1
+        control[REASON] = outcome
+        return _DIVERGENCE
+    return 0
+
+
+def _record(dimensions, expanded, w, copy, address):
+    call = stored(address)
+    call.control[DRAWS] += 1
+    for j in range(call.posterior.mean.shape[0]):
+        copy[j] = w[j]
+    return 0
