@@ -101,11 +101,20 @@ def lint(scenario: ScenarioFile, telemetry: TelemetryPlace = None) -> None:
 
 @app.command(epilog="Example: `flightcal schema > flightcal.schema.json`")
 @_user_errors_are_messages
-def schema() -> None:
+def schema(
+    spacecraft: Annotated[bool, typer.Option("--spacecraft", help="Of the files that `fly` reads instead.")] = False,
+) -> None:
     """Print the JSON Schema of scenario files, for editors."""
-    from .scenario import json_schema
+    if spacecraft:
+        from .operational.schema import SpacecraftFile
+        from .scenario.json_schema import schema_of
 
-    typer.echo(json.dumps(json_schema(), indent=2))
+        content = schema_of(SpacecraftFile)
+    else:
+        from .scenario import json_schema
+
+        content = json_schema()
+    typer.echo(json.dumps(content, indent=2))
 
 
 @app.command(epilog="Example: `flightcal simulate scenario.yaml --window test --set radiator_absorptivity=0.2`")

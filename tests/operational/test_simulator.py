@@ -250,3 +250,36 @@ def test_a_temperature_that_is_not_finite_is_an_error(tmp_path):
     hot = replace(craft, branches=(Branch("heater", "nominal", {"tank": math.inf}), craft.branches[1]))
     with pytest.raises(FlightcalError, match="not finite at"):
         fly(hot, START, 10_000.0)
+
+
+@pytest.mark.slow
+def test_five_thousand_nodes_fly_and_keep_the_balance_of_energy(tmp_path):
+    """52 boxes of 96 cells, each bolted to the next, of which the first is heated: stored heat is what went in, less
+    what was radiated."""
+    units, capacities = 52, {}
+    nodes, conductors = {"space": Node.model_construct(boundary=DEEP_SPACE)}, []
+    for k in range(units):
+        plates = box(
+            f"unit{k}", (0.0, 0.0, 0.0), (0.5, 0.5, 0.5), thickness=0.003, material=ALUMINIUM, mesh=4,
+            outside=Side(Coating(0.5, 0.8)), inside=Coating(0.5, 0.8),
+        )  # fmt: skip
+        bare = [replace(plate, positive=None, negative=None) for plate in plates]
+        made = mesh_plates(bare, box_joints(f"unit{k}", 20.0))
+        nodes |= {name: node.model_copy(update={"initial": 290.0}) for name, node in made.nodes.items()}
+        capacities |= {name: node.capacity for name, node in made.nodes.items()}
+        conductors += made.conductors
+        if k:
+            between = (f"unit{k - 1}.x+[1,1]", f"unit{k}.x-[1,1]")
+            conductors.append(Conductor.model_construct(between=between, conductance=0.5))
+    area = 0.8 * 0.5**2 / 16
+    conductors += [Conductor.model_construct(between=(name, "space"), radiative=area) for name in capacities]
+    scenario = scenario_of(tmp_path, nodes, conductors, modes={"on": {"unit0.z-[1,1]": 40.0}}, step=20.0)
+    craft = Spacecraft(scenario, OnboardSoftware(60.0, (), (), {"on": ()}, "on"), (), (), Downlink((), period=60.0))
+    flight = fly(craft, START, 3000.0)
+    assert len(flight.nodes) == 4992
+    weights = np.array([capacities[name] for name in flight.nodes])
+    stored = (flight.temperatures[-1] - flight.temperatures[0]) @ weights
+    lost = STEFAN_BOLTZMANN * area * (flight.temperatures**4 - DEEP_SPACE**4).sum(axis=1)
+    seconds = flight.cycle_times[-1] - flight.cycle_times[0]
+    radiated = np.trapezoid(lost, flight.cycle_times)
+    assert stored == pytest.approx(40.0 * seconds - radiated, abs=1e-4 * radiated)

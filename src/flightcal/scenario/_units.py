@@ -232,7 +232,7 @@ def quantity_schema(unit: str, lower: float = -math.inf, upper: float = math.inf
     if not unit:
         bounds = {"minimum": lower, "maximum": upper}
         return {"type": "number", **{key: bound for key, bound in bounds.items() if math.isfinite(bound)}}
-    number = r"^\s*[-+]?(\d+(\.\d*)?|\.\d+)([eE][-+]?\d+)?\s*[^\d\s.+-].*$"
+    number = r"^\s*[-+]?(\d+(\.\d*)?|\.\d+)([eE][-+]?\d+)?(\s*[^\d\s.+-]|\s+1\s*/).*$"
     return {"type": "string", "pattern": number, "examples": [example(unit)]}
 
 

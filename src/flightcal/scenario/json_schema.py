@@ -4,6 +4,8 @@ from __future__ import annotations
 
 from typing import Any
 
+from pydantic import BaseModel
+
 from ._priors import prior_schema
 from ._units import quantity_schema
 from .schema import Scenario
@@ -17,7 +19,7 @@ def json_schema() -> dict[str, Any]:
 
     It knows the form of each block; units, references between blocks and files are for `lint`.
     """
-    schema = Scenario.model_json_schema()
+    schema = schema_of(Scenario)
     definitions = schema["$defs"]
     for name in _PRIORS:
         del definitions[name]
@@ -37,7 +39,13 @@ def json_schema() -> dict[str, Any]:
     observation = definitions["Observation"]
     _replace(observation, "noise", {"anyOf": [quantity_schema("K"), prior, {"type": "null"}]})
     _replace(observation, "bias", quantity_schema("K"))
-    for block in (schema, *definitions.values()):
+    return schema
+
+
+def schema_of(file: type[BaseModel]) -> dict[str, Any]:
+    """JSON Schema (2020-12) of a file whose whole content is a model of pydantic."""
+    schema = file.model_json_schema()
+    for block in (schema, *schema["$defs"].values()):
         _drop_bare_defaults(block)
     return {"$schema": _DIALECT, **schema}
 
