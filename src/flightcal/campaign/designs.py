@@ -6,7 +6,7 @@ S of a shorter one, so that a campaign can be grown.
 
 from __future__ import annotations
 
-from typing import Final, Literal, Protocol
+from typing import Final, Protocol
 
 import numpy as np
 import xarray
@@ -16,8 +16,7 @@ from scipy.stats import qmc
 from ..errors import RunError
 from ..simulator.system import FloatArray
 
-Kind = Literal["sobol", "latin-hypercube", "prior", "posterior"]
-
+KINDS: Final = ("sobol", "latin-hypercube", "prior", "posterior")
 GROWING: Final = ("sobol", "prior", "posterior")
 
 

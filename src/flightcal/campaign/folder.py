@@ -1,9 +1,10 @@
 """A campaign's folder: what is run, at which thetas, and the records of the runs.
 
-campaign.json   hashes of the simulator, its inputs and the design; versions
-design.nc       theta [run, parameter], and the names and times of what a run gives
-runs/           the records (`RunStore`)
-campaign.lock   held by the one process that runs the campaign
+- campaign.json: hashes of the simulator, its inputs and the design; versions
+- scenario.yaml: the scenario, resolved
+- design.nc: theta [run, parameter], and the names and times of what a run gives
+- runs/: the records (`RunStore`)
+- campaign.lock: held by the one process that runs the campaign
 """
 
 from __future__ import annotations
@@ -31,7 +32,10 @@ from .subject import Subject
 NOT_RUN: Final = "not run"
 DAMAGED: Final = "damaged"
 _ENGINE: Final = "h5netcdf"
-_DESCRIPTION, _DESIGN, _LOCK, _RUNS = "campaign.json", "design.nc", "campaign.lock", "runs"
+_DESCRIPTION, _DESIGN, _SCENARIO = "campaign.json", "design.nc", "scenario.yaml"
+_LOCK, _RUNS = "campaign.lock", "runs"
+_BEFORE_DESCRIPTION: Final = (_DESIGN, _SCENARIO, _LOCK)
+"""What there may be of a campaign that was killed before its description was written."""
 
 
 @dataclass(frozen=True)
@@ -55,8 +59,8 @@ def locked(folder: Path) -> Iterator[None]:
     if folder.exists() and not folder.is_dir():
         raise RunError(f"{folder}: found a file, expected a folder for the campaign")
     if folder.exists() and not (folder / _DESCRIPTION).exists():
-        # What a campaign leaves that was killed before its description was written is still a new one.
-        foreign = [file.name for file in folder.iterdir() if file.name not in (_DESIGN, _LOCK) and file.name[0] != "."]
+        names = [file.name for file in folder.iterdir()]
+        foreign = [name for name in names if name not in _BEFORE_DESCRIPTION and not name.startswith(".")]
         if foreign:
             raise RunError(f"{folder}: the folder holds {foreign[0]} but no campaign; expected an empty or new folder")
     folder.mkdir(parents=True, exist_ok=True)
@@ -88,6 +92,7 @@ def prepare(folder: Path, subject: Subject, design: Design) -> RunStore:
             return RunStore(folder / _RUNS, subject.identity)
     write_atomically(folder / _DESIGN, lambda path: _described(subject, design).to_netcdf(path, engine=_ENGINE))
     if not file.exists():
+        write_atomically(folder / _SCENARIO, lambda path: path.write_text(subject.text, encoding="utf-8"))
         made_with = {"flightcal": metadata.version("flightcal"), "python": platform.python_version()}
         text = json.dumps({**description, "made_with": made_with}, indent=1) + "\n"
         write_atomically(file, lambda path: path.write_text(text, encoding="utf-8"))

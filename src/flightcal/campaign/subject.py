@@ -12,6 +12,9 @@ import numpy as np
 from ..run_directory import hash_of, hash_of_file
 from ..scenario import Scenario, input_files
 
+_HOW_LONG = ("timeout", "retries")
+"""Of a simulator: how long and how often it is tried, which a retry may change."""
+
 
 @dataclass(frozen=True)
 class Subject:
@@ -29,6 +32,8 @@ class Subject:
     """[H]."""
     times: Any
     """[T] datetime64, UTC."""
+    text: str = ""
+    """The scenario, resolved, for whoever reads the campaign's folder; no part of the identity."""
 
     @cached_property
     def identity(self) -> str:
@@ -42,6 +47,8 @@ def scenario_parts(scenario: Scenario, window: str) -> dict[str, str]:
     """Hashes of a scenario's blocks, of what bears on simulations of a window: no prior, no noise, no method."""
     content = scenario.model_dump(mode="json")
     content["telemetry"].pop("file")
+    for aside in _HOW_LONG:
+        content["simulator"].pop(aside, None)
     for block, aside in (("parameters", "prior"), ("observations", "noise")):
         for item in content[block].values():
             item.pop(aside)
