@@ -46,11 +46,15 @@ def test_a_scheduler_without_workers_is_a_message(cluster, monkeypatch):
 def test_a_scheduler_that_goes_away_is_a_message_and_the_runs_that_are_done_stay_done(cluster, tmp_path):
     given = job(tmp_path, Sleeper(tmp_path / "log", 0.05))
     with remote_cluster(cluster.scheduler_address) as client:
-        closing = threading.Timer(1.0, cluster.close)
-        closing.start()
+        closing = threading.Thread(target=cluster.close)
+
+        def close_once(outcomes):
+            if outcomes.total() == 5:
+                closing.start()
+
         with pytest.raises(RunError, match="the Dask scheduler is gone"):
-            run_missing(client, given, thetas(400))
+            run_missing(client, given, thetas(400), on_progress=close_once)
         closing.join()
     done = [theta for theta in thetas(400) if given.recorded(theta) is not None]
-    assert 0 < len(done) < 400
+    assert 5 <= len(done) < 400
     assert len(done) <= executions(tmp_path / "log").total() <= len(done) + 1
