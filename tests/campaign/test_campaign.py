@@ -93,6 +93,12 @@ def test_a_damaged_record_is_counted_and_run_again(connect, tmp_path):
     assert executions(tmp_path / "log").total() == 11
 
 
+def test_a_folder_may_be_given_from_where_one_is(connect, tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    assert run_campaign(Path("c"), SUBJECT, design(5), Sleeper(tmp_path / "log"), connect).left == 0
+    assert (tmp_path / "c" / "campaign.json").exists()
+
+
 def test_a_theta_that_the_design_has_twice_is_run_once(connect, tmp_path):
     twice = np.concatenate([thetas(6), thetas(6)])
     run = Sleeper(tmp_path / "log")
@@ -105,6 +111,7 @@ def test_a_store_that_cannot_be_written_is_a_message(connect, tmp_path):
     @contextmanager
     def connect_and_break():
         with connect() as client:
+            (tmp_path / "c" / "runs").rmdir()
             (tmp_path / "c" / "runs").write_text("a file where the folder should be")
             yield client
 

@@ -6,6 +6,7 @@ import pytest
 from flightcal.campaign import Job, RunStore
 from flightcal.campaign.cluster import local_cluster
 from flightcal.campaign.run import run_missing
+from flightcal.errors import RunError
 from tests.campaign.simulators import CHANNELS, HEATERS, TIMES, Deadly, Sleeper, Various, executions, label
 
 
@@ -16,6 +17,7 @@ def client():
 
 
 def job(folder, function):
+    (folder / "runs").mkdir(exist_ok=True)
     return Job(function, RunStore(folder / "runs", "simulator"), TIMES, CHANNELS, HEATERS)
 
 
@@ -78,6 +80,14 @@ def test_a_run_that_kills_every_worker_is_recorded_as_crashed_and_costs_no_other
     given = job(tmp_path, Deadly(tmp_path / "log", times=1000))
     assert run_missing(client, given, thetas(12), chunk=chunk) == {"finished": 11, "crashed": 1}
     assert "the worker process died" in given.store.read(thetas(12)[7]).message
+
+
+def test_a_folder_that_the_workers_do_not_see_is_a_message(client, tmp_path):
+    given = job(tmp_path, Sleeper(tmp_path / "log"))
+    (tmp_path / "runs").rmdir()
+    with pytest.raises(RunError, match="do all workers see the campaign's folder"):
+        run_missing(client, given, thetas(3))
+    assert not (tmp_path / "runs").exists()
 
 
 @pytest.mark.slow

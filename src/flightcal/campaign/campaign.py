@@ -64,6 +64,7 @@ def run_campaign(
     retry_failed: run those again, too, whose record says that they failed. on_begin: told what was done before.
     Raises RunError where the folder is another campaign's, where another process runs it, or where the workers fail.
     """
+    folder = folder.absolute()  # workers may have been started elsewhere
     with locked(folder):
         store = prepare(folder, subject, design)
         store.tidy()

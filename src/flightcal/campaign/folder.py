@@ -34,7 +34,7 @@ DAMAGED: Final = "damaged"
 _ENGINE: Final = "h5netcdf"
 _DESCRIPTION, _DESIGN, _SCENARIO = "campaign.json", "design.nc", "scenario.yaml"
 _LOCK, _RUNS = "campaign.lock", "runs"
-_BEFORE_DESCRIPTION: Final = (_DESIGN, _SCENARIO, _LOCK)
+_BEFORE_DESCRIPTION: Final = (_DESIGN, _SCENARIO, _LOCK, _RUNS)
 """What there may be of a campaign that was killed before its description was written."""
 
 
@@ -88,9 +88,9 @@ def prepare(folder: Path, subject: Subject, design: Design) -> RunStore:
         found = _read_description(folder)
         _check_subject(folder, found, subject)
         _check_design(folder, found["design"], description["design"])
-        if not _extends(folder, design):
-            return RunStore(folder / _RUNS, subject.identity)
-    write_atomically(folder / _DESIGN, lambda path: _described(subject, design).to_netcdf(path, engine=_ENGINE))
+    if not file.exists() or _extends(folder, design):
+        write_atomically(folder / _DESIGN, lambda path: _described(subject, design).to_netcdf(path, engine=_ENGINE))
+    (folder / _RUNS).mkdir(exist_ok=True)
     if not file.exists():
         write_atomically(folder / _SCENARIO, lambda path: path.write_text(subject.text, encoding="utf-8"))
         made_with = {"flightcal": metadata.version("flightcal"), "python": platform.python_version()}

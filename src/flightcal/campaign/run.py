@@ -14,6 +14,7 @@ from contextlib import contextmanager, suppress
 from queue import Empty, SimpleQueue
 from time import monotonic
 from typing import Any, Final
+from uuid import uuid4
 
 from distributed import CancelledError, Client, Future, KilledWorker, WorkerPlugin, get_worker
 from distributed.comm import CommClosedError
@@ -31,17 +32,17 @@ _RESTART: Final = 10.0  # s; a worker that has been missing for so long may not 
 class _CarryJob(WorkerPlugin):
     """Brings the job to every worker once, also to those that come later."""
 
-    def __init__(self, name: str, job: Job, deaf: bool) -> None:
+    def __init__(self, name: str, job: Job, local: bool) -> None:
         self.name = name
         self.job = job
-        self.deaf = deaf
+        self.local = local
 
     def setup(self, worker: Any) -> None:
         """Where the worker is this machine's own, leave a Ctrl-C in the terminal to the process that runs the campaign.
 
         It reaches the whole group of processes, and would make the runs that are going on look like crashes.
         """
-        if self.deaf:
+        if self.local:
             signal.signal(signal.SIGINT, signal.SIG_IGN)
 
 
@@ -62,7 +63,7 @@ def run_missing(
     outcomes: Counter[str] = Counter()
     waiting = deque(thetas[first : first + chunk] for first in range(0, len(thetas), chunk))
     with _carried(client, job) as name:
-        running: dict[Any, FloatArray] = {}
+        running: dict[Any, tuple[Future, FloatArray]] = {}  # Dask forgets a task that no future is kept of
         done: SimpleQueue[Future] = SimpleQueue()
         workers = _Workers(client)
         while waiting or running:
@@ -70,14 +71,14 @@ def run_missing(
             if waiting and free >= min(len(waiting), _MOST_SUBMITTED // 2):
                 tasks = [waiting.popleft() for _ in range(min(free, len(waiting)))]
                 for future, task in zip(client.map(_work, tasks, plugin=name, pure=False), tasks, strict=True):
-                    running[future.key] = task
+                    running[future.key] = future, task
                     future.add_done_callback(done.put)
             workers.replace_lost()
             try:
                 future = done.get(timeout=_LOOK_AFTER)
             except Empty:
                 continue
-            found = _outcome(future, running[future.key], job, waiting)
+            found = _outcome(future, running[future.key][1], job, waiting)
             if found is None:
                 done.put(future)
                 continue
@@ -148,9 +149,9 @@ def _outcome(future: Future, thetas: FloatArray, job: Job, waiting: deque[FloatA
 
 @contextmanager
 def _carried(client: Client, job: Job) -> Iterator[str]:
-    name = f"flightcal-campaign-{job.store.identity}"
+    name = f"flightcal-campaign-{uuid4().hex}"
     try:
-        client.register_plugin(_CarryJob(name, job, deaf=client.cluster is not None))
+        client.register_plugin(_CarryJob(name, job, local=client.cluster is not None))
     except Exception as error:
         reason = f"{type(error).__name__}: {error}"
         raise RunError(f"the workers cannot take the campaign ({reason}); do they have this flightcal?") from None

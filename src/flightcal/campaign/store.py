@@ -32,7 +32,7 @@ class DamagedRecord(Exception):  # noqa: N818 - data that a disk lost, not a pro
 
 @dataclass(frozen=True)
 class RunStore:
-    """Records in `folder`, of runs of the simulator whose code and inputs have the hash `identity`."""
+    """Records in `folder`, which exists, of runs of the simulator whose code and inputs have the hash `identity`."""
 
     folder: Path
     identity: str
@@ -51,7 +51,8 @@ class RunStore:
         file = self.file(theta)
         if record.outcome != FINISHED and self._finished(theta):
             return
-        file.parent.mkdir(parents=True, exist_ok=True)
+        # Not its parents: on a machine that does not see the campaign's folder a record would be lost.
+        file.parent.mkdir(exist_ok=True)
         content = io.BytesIO()
         np.savez(content, **{name: np.asarray(getattr(record, name)) for name in _FIELDS})  # type: ignore[arg-type]
         write_atomically(file, lambda path: path.write_bytes(content.getbuffer()))
