@@ -29,12 +29,10 @@ def test_a_record_comes_back_as_it_was_written(tmp_path):
 
 
 def test_a_run_is_known_by_simulator_and_every_bit_of_theta(tmp_path):
-    keys = {
-        RunStore(tmp_path, identity).key(theta)
-        for identity in ("simulator", "other")
-        for theta in (THETA, np.nextafter(THETA, np.inf), -THETA, THETA[:2], THETA[[1, 0, 2]])
-    }
-    assert len(keys) == 10
+    nudged = [np.where(np.arange(3) == k, np.nextafter(THETA, np.inf), THETA) for k in range(3)]
+    thetas = [THETA, *nudged, THETA * [1.0, -1.0, 1.0], THETA[:2], THETA[[1, 0, 2]]]
+    keys = {RunStore(tmp_path, identity).key(theta) for identity in ("simulator", "other") for theta in thetas}
+    assert len(keys) == 14
     assert RunStore(tmp_path / "elsewhere", "simulator").key(THETA.copy()) == RunStore(tmp_path, "simulator").key(THETA)
 
 
@@ -49,6 +47,22 @@ def test_a_finished_run_is_not_replaced_by_one_that_failed(tmp_path):
     store.write(THETA, record())
     store.write(THETA, record(outcome="crashed"))
     assert store.read(THETA).outcome == "finished"
+
+
+def test_a_write_that_is_cut_short_leaves_what_there_was(tmp_path, monkeypatch):
+    store = RunStore(tmp_path, "simulator")
+    store.write(THETA, record(outcome="timed out"))
+
+    def cut(*_):
+        raise OSError("cut short")
+
+    monkeypatch.setattr("flightcal.run_directory.os.replace", cut)
+    for theta in (THETA, THETA + 1.0):
+        with pytest.raises(OSError, match="cut short"):
+            store.write(theta, record(theta))
+    assert store.read(THETA).outcome == "timed out"
+    assert store.read(THETA + 1.0) is None
+    assert list(store.files()) == [store.file(THETA)]
 
 
 def test_a_discarded_record_is_gone(tmp_path):
