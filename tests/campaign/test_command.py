@@ -1,4 +1,6 @@
 import json
+import shutil
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -138,6 +140,35 @@ def test_a_campaign_of_which_no_run_finishes_is_an_error_that_says_why(tmp_path)
     assert result.exit_code == USER_ERROR
     assert "none of the 3 runs finished; run 0: not finite: " in result.output
     assert open_campaign(tmp_path / "c")["outcome"].values.tolist() == ["not finite"] * 3
+
+
+def test_a_campaign_of_an_executable_keeps_its_failures_as_records(tmp_path):
+    shutil.copytree(Path(__file__).parents[2] / "examples" / "executable", tmp_path / "e")
+    scenario, program = tmp_path / "e" / "scenario.yaml", tmp_path / "e" / "simulator.py"
+    # It counts its runs, and refuses an absorptivity above the prior's median.
+    log = tmp_path / "log"
+    program.write_text(
+        f"open({str(log)!r}, 'a').write('run\\n')\n"
+        "import json, sys\n"
+        "if json.load(open(sys.argv[1]))['parameters']['absorptivity'] > 0.28: sys.exit('too absorptive')\n"
+        + program.read_text()
+    )
+    scenario.write_text(scenario.read_text().replace("retries: 1", "retries: 0"))
+    options = ["campaign", str(scenario), "--runs", "8", "--out", str(tmp_path / "c")]
+    result = run(app, options)
+    assert result.exit_code == 0, result.output
+    assert "8 of 8 runs done: 4 finished, 4 crashed; 0 left" in result.output
+    data = open_campaign(tmp_path / "c")
+    failed = data["theta"].sel(parameter="absorptivity").values > 0.28
+    assert (data["outcome"].values == np.where(failed, "crashed", "finished")).all()
+    assert all("too absorptive" in message for message in data["message"].values[failed])
+    assert np.isfinite(data["temperatures"].values[~failed]).all()
+    assert run(app, options).exit_code == 0
+    assert len(log.read_text().split()) == 8
+    # Nor does a longer time-out make it another simulator: the failed runs, and no others, are run again.
+    scenario.write_text(scenario.read_text().replace("timeout: 20 s", "timeout: 30 s"))
+    assert "4 finished, 4 crashed" in run(app, [*options, "--retry-failed"]).output
+    assert len(log.read_text().split()) == 12
 
 
 def posterior_of(problem, folder, draws=60):

@@ -1,5 +1,7 @@
 import dataclasses
 import json
+import shutil
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -12,6 +14,7 @@ from flightcal.scenario import load_scenario
 from tests import small
 from tests.test_experiment import write
 
+EXAMPLES = Path(__file__).parents[2] / "examples"
 SUBJECT = Subject(
     parts={"simulator": "s1", "window train": "w1"},
     inputs={"somewhere/telemetry.csv": "t1"},
@@ -193,6 +196,26 @@ def test_the_identity_changes_with_anything_that_is_simulated(tmp_path, change):
     (tmp_path / "a").mkdir()
     (tmp_path / "b").mkdir()
     assert identity(tmp_path / "a") != identity(tmp_path / "b", change=change)
+
+
+def test_the_identity_of_an_executable_has_its_files_and_not_how_long_it_is_tried(tmp_path):
+    def identity():
+        scenario = load_scenario(tmp_path / "e" / "scenario.yaml")
+        return Subject(scenario_parts(scenario, "train"), input_hashes(scenario), (), (), (), []).identity
+
+    shutil.copytree(EXAMPLES / "executable", tmp_path / "e")
+    first, file = identity(), tmp_path / "e" / "scenario.yaml"
+    text = file.read_text()
+    file.write_text(text.replace("timeout: 20 s", "timeout: 30 s").replace("retries: 1", "retries: 4"))
+    assert identity() == first
+    for name in ("simulator.py", "input.json.jinja", "telemetry.csv"):
+        before = identity()
+        with (tmp_path / "e" / name).open("a") as stream:
+            stream.write("\n")
+        assert identity() != before
+    before = identity()
+    file.write_text(text.replace("emissivity: 0.7", "emissivity: 0.71"))
+    assert identity() != before
 
 
 def test_the_identity_changes_with_window_times_and_the_content_of_inputs(tmp_path):

@@ -12,8 +12,8 @@ import numpy as np
 from ..run_directory import hash_of, hash_of_file
 from ..scenario import Scenario, input_files
 
-_HOW_LONG = ("timeout", "retries")
-"""Of a simulator: how long and how often it is tried, which a retry may change."""
+_TRYING = ("timeout", "retries", "keep_failed")
+"""Of an external simulator: how long and how often it is tried and what is kept of it, which a retry may change."""
 
 
 @dataclass(frozen=True)
@@ -40,15 +40,16 @@ class Subject:
         """Hash of simulator and inputs."""
         times = np.asarray(self.times, "datetime64[ns]").astype(int).tolist()
         names = (self.parameters, self.channels, self.heaters)
-        return hash_of(dict(self.parts), sorted(self.inputs.values()), *names, times)
+        return hash_of(dict(self.parts), list(self.inputs.values()), *names, times)
 
 
 def scenario_parts(scenario: Scenario, window: str) -> dict[str, str]:
     """Hashes of a scenario's blocks, of what bears on simulations of a window: no prior, no noise, no method."""
     content = scenario.model_dump(mode="json")
     content["telemetry"].pop("file")
-    for aside in _HOW_LONG:
-        content["simulator"].pop(aside, None)
+    for block in (content["simulator"], content["simulator"].get("executable", {})):
+        for aside in _TRYING:
+            block.pop(aside, None)
     for block, aside in (("parameters", "prior"), ("observations", "noise")):
         for item in content[block].values():
             item.pop(aside)
