@@ -19,6 +19,7 @@ TABLES = {
     "genetic": "batch:measure_genetic",
     "accelerator": "accelerator:measure",
     "scaling": "scaling:measure",
+    "campaign": "campaign:measure",
     "whole": "whole:measure",
 }
 _OUT = Path(__file__).parents[1] / "docs" / "benchmarks.md"

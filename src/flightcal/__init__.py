@@ -7,6 +7,7 @@ from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
     from .calibration import build_problem, calibrate_genetic, calibrate_nuts, genetic_points
+    from .campaign import open_campaign
     from .errors import FlightcalError
     from .experiment import read, run_experiment
     from .prediction import predict
@@ -23,6 +24,7 @@ _PLACES = {
     "genetic_points": "calibration",
     "lint": "scenario",
     "load_scenario": "scenario",
+    "open_campaign": "campaign",
     "predict": "prediction",
     "read": "experiment",
     "run_experiment": "experiment",
@@ -39,6 +41,7 @@ __all__ = [
     "genetic_points",
     "lint",
     "load_scenario",
+    "open_campaign",
     "predict",
     "read",
     "run_experiment",

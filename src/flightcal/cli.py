@@ -181,6 +181,50 @@ def report(
     typer.echo(f"report: {write_report(run, out)}")
 
 
+@app.command(epilog="Example: `flightcal campaign scenario.yaml --design sobol --runs 2000 --out runs/sobol`")
+@_user_errors_are_messages
+def campaign(
+    scenario: ScenarioFile,
+    out: Annotated[Path, typer.Option(help="Folder of the campaign; runs that are done in it are not run again.")],
+    runs: Annotated[int, typer.Option(min=1, help="Runs of the design; a larger number than before grows it.")],
+    design: Annotated[
+        str | None,
+        typer.Option(help="sobol, latin-hypercube, prior or posterior; default: sobol, with --around posterior."),
+    ] = None,
+    around: Annotated[Path | None, typer.Option(help="Run whose posterior the design's draws are of.")] = None,
+    spread: Annotated[float, typer.Option(min=0.0, help="Scales the posterior draws' distance from their mean.")] = 1.0,
+    window: Annotated[str, typer.Option(help="Window of the scenario.")] = "train",
+    seed: Annotated[int | None, typer.Option(min=0, help="Of the design; default: the scenario's.")] = None,
+    workers: Annotated[int, typer.Option(min=1, help="Processes on this machine, one run at a time in each.")] = 2,
+    scheduler: Annotated[
+        str | None, typer.Option(help="Run on this Dask cluster instead, such as tcp://host:8786; it must see --out.")
+    ] = None,
+    retry_failed: Annotated[bool, typer.Option("--retry-failed", help="Run failed runs again, too.")] = False,
+    telemetry: TelemetryPlace = None,
+) -> None:
+    """Run the simulator at every theta of a design, and keep what each run gave."""
+    from .campaign.command import run_scenario_campaign
+    from .progress import bar
+
+    with bar("running") as advance:
+        run_scenario_campaign(
+            scenario,
+            out,
+            runs,
+            window=window,
+            kind=design,
+            seed=seed,
+            around=around,
+            spread=spread,
+            workers=workers,
+            scheduler=scheduler,
+            retry_failed=retry_failed,
+            telemetry=telemetry,
+            say=typer.echo,
+            on_progress=lambda tally: advance(1.0 - tally.left / tally.total, str(tally)),
+        )
+
+
 def _calibrate(scenario: Path, out: Path, telemetry: Path | None) -> None:
     from .experiment import run_experiment
     from .progress import Display, print_summary

@@ -30,8 +30,7 @@ from .errors import FlightcalError, RunError
 from .prediction import predict
 from .report import write_report
 from .run_directory import RunDirectory, hash_of, hash_of_file, open_run
-from .scenario import Scenario, load_scenario, resolved_yaml
-from .scenario.external import simulator_files
+from .scenario import Scenario, input_files, load_scenario, resolved_yaml
 from .simulator.system import FloatArray
 from .telemetry import quality_table, read_telemetry
 from .validation import Metric, score
@@ -106,7 +105,7 @@ def run_experiment(
     listener.stage("read", False)
     data = read(scenario)
     problem = build_problem(scenario, data)
-    inputs = {str(name): hash_of_file(Path(name)) for name in _input_files(scenario)}
+    inputs = {str(name): hash_of_file(Path(name)) for name in input_files(scenario)}
     identity = _identity(scenario, inputs)
     run = open_run(Path(out), identity, resolved_yaml(scenario, absolute=True), inputs, scenario.calibration.seed)
     with run.stage("read", identity):
@@ -214,16 +213,6 @@ def _draws(posterior: xarray.DataTree, names: tuple[str, ...], count: int, seed:
     if len(draws) <= count:
         return draws
     return draws[np.sort(np.random.default_rng(seed).choice(len(draws), count, replace=False))]
-
-
-def _input_files(scenario: Scenario) -> list[Path]:
-    """Files that the result depends on, beside the scenario itself."""
-    environment = scenario.environment
-    named = [*scenario.telemetry.file]
-    for block, field in ((environment.orbit, "positions"), (environment.attitude, "quaternions")):
-        if hasattr(block, field):
-            named.append(getattr(block, field))
-    return [*(scenario.folder / name for name in named), *simulator_files(scenario.simulator, scenario.folder)]
 
 
 def _identity(scenario: Scenario, inputs: dict[str, str]) -> str:

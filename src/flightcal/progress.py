@@ -24,16 +24,28 @@ _TITLES = {
 
 
 @contextmanager
-def bar(title: str) -> Iterator[Callable[[float], None]]:
-    """A bar on a terminal; what it yields is told the share (0..1) that is done."""
+def bar(title: str) -> Iterator[Callable[..., None]]:
+    """A bar on a terminal; what it yields is told the share (0..1) that is done and may be told a note.
+
+    Elsewhere it prints the note for each tenth that is done.
+    """
     console = Console(stderr=True)
-    progress = Progress(TextColumn(title), BarColumn(bar_width=30), TimeElapsedColumn(), console=console)
-    task = progress.add_task(title, total=1.0)
-    if not console.is_terminal:
-        yield lambda share: None
+    note_column = TextColumn("{task.fields[note]}")
+    progress = Progress(TextColumn(title), BarColumn(bar_width=30), note_column, TimeElapsedColumn(), console=console)
+    task = progress.add_task(title, total=1.0, note="")
+    if console.is_terminal:
+        with progress:
+            yield lambda share, note="": progress.update(task, completed=share, note=note)
         return
-    with progress:
-        yield lambda share: progress.update(task, completed=share)
+    tenths = 0
+
+    def advance(share: float, note: str = "") -> None:
+        nonlocal tenths
+        if note and int(10 * share) > tenths:
+            tenths = int(10 * share)
+            console.print(f"{title}: {note}", highlight=False, soft_wrap=True)
+
+    yield advance
 
 
 class Display:

@@ -8,6 +8,7 @@ from .external import (
     UmbridgeSimulator,
     simulator_files,
 )
+from .inputs import input_files
 from .json_schema import json_schema
 from .lint import Finding, lint
 from .load import load_scenario
@@ -93,6 +94,7 @@ __all__ = [
     "UmbridgeSimulator",
     "Uniform",
     "Window",
+    "input_files",
     "json_schema",
     "lint",
     "load_scenario",
