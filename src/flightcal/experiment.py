@@ -31,6 +31,7 @@ from .prediction import predict
 from .report import write_report
 from .run_directory import RunDirectory, hash_of, hash_of_file, open_run
 from .scenario import Scenario, load_scenario, resolved_yaml
+from .scenario.external import simulator_files
 from .simulator.system import FloatArray
 from .telemetry import quality_table, read_telemetry
 from .validation import Metric, score
@@ -222,7 +223,7 @@ def _input_files(scenario: Scenario) -> list[Path]:
     for block, field in ((environment.orbit, "positions"), (environment.attitude, "quaternions")):
         if hasattr(block, field):
             named.append(getattr(block, field))
-    return [scenario.folder / name for name in named]
+    return [*(scenario.folder / name for name in named), *simulator_files(scenario.simulator, scenario.folder)]
 
 
 def _identity(scenario: Scenario, inputs: dict[str, str]) -> str:

@@ -17,9 +17,11 @@ import xarray
 
 from ..environment import orbital_period
 from ..errors import ScenarioError
+from ..external import build_simulator
 from ..scenario import Normal, Prior, Scenario
+from ..scenario.external import ExternalModel
 from ..scenario.schema import HalfNormal
-from ..simulator import NetworkSimulator, SimulationFailure, Simulator, Trajectory, network_simulator, open_loop
+from ..simulator import NetworkSimulator, SimulationFailure, Simulator, Trajectory, open_loop
 from ..simulator.system import FloatArray
 from ..telemetry import select_window, window_bounds
 from .likelihood import ErrorShapes, error_shapes, iid_log_likelihood, low_rank_log_likelihood, shrinkage
@@ -228,7 +230,7 @@ def build_problem(
         end = min(end, start + np.timedelta64(round(span * 1e9), "ns"))
         chosen = chosen.sel(time=slice(start, end))
     times = chosen["time"].values
-    simulator = network_simulator(scenario, telemetry, start, end, times, period=period)
+    simulator = build_simulator(scenario, telemetry, start, end, times, period=period)
     observed = np.stack([chosen[channel].values for channel in simulator.channels], axis=1)
     priors: dict[str, Prior] = {name: parameter.prior for name, parameter in scenario.parameters.items()}
     fixed_noise = np.full(len(simulator.channels), np.nan)
@@ -239,10 +241,8 @@ def build_problem(
         else:
             priors[f"noise.{channel}"] = noise or _DEFAULT_NOISE
     priors |= initial_priors(scenario, simulator.channels, observed)
-    heaters = scenario.simulator.heaters.values()
-    measurable = bool(heaters) and all(heater.measured_by is not None for heater in heaters)
     opened = None
-    if measurable and scenario.simulator.heater_input == "simulated":
+    if _can_be_opened(scenario):
         opened = build_problem(open_loop(scenario), telemetry, window, span=span)
     return Problem(
         scenario=scenario,
@@ -257,25 +257,40 @@ def build_problem(
     )
 
 
+def _can_be_opened(scenario: Scenario) -> bool:
+    """Whether the heaters act in closed loop, and all of them could be driven by their measured status instead."""
+    if isinstance(scenario.simulator, ExternalModel):
+        return False
+    heaters = scenario.simulator.heaters.values()
+    measurable = bool(heaters) and all(heater.measured_by is not None for heater in heaters)
+    return measurable and scenario.simulator.heater_input == "simulated"
+
+
 def initial_priors(scenario: Scenario, channels: tuple[str, ...], observed: FloatArray) -> dict[str, Prior]:
     """Normal priors of the initial temperatures (K): around the first samples, or around what the scenario writes."""
     first = {}
     for k, channel in enumerate(channels):
         valid = observed[np.isfinite(observed[:, k]), k]
-        observed_node = scenario.observations[channel].node
-        if len(valid) and observed_node not in first:
-            first[observed_node] = float(np.mean(valid[:_SAMPLES_FOR_START])) - scenario.observations[channel].bias
+        place = scenario.observations[channel].node or scenario.observations[channel].output
+        if len(valid) and place not in first:
+            first[place] = float(np.mean(valid[:_SAMPLES_FOR_START])) - scenario.observations[channel].bias
     typical = float(np.mean(list(first.values()))) if first else 293.15
     priors: dict[str, Prior] = {}
-    for name, node in scenario.simulator.nodes.items():
-        if node.capacity is None:
-            continue
+    for name, written in _initial_temperatures(scenario).items():
         if name in first:
             priors[f"initial.{name}"] = Normal(mean=first[name], standard_deviation=scenario.initial_state.observed)
         else:
-            centre = node.initial if node.initial is not None else typical
+            centre = written if written is not None else typical
             priors[f"initial.{name}"] = Normal(mean=centre, standard_deviation=scenario.initial_state.unobserved)
     return priors
+
+
+def _initial_temperatures(scenario: Scenario) -> dict[str, float | None]:
+    """What has an initial temperature that is estimated, and the one that the scenario writes, K."""
+    model = scenario.simulator
+    if isinstance(model, ExternalModel):
+        return {item.initial_of: item.si[1] for item in model.inputs.values() if item.initial_of is not None}
+    return {name: node.initial for name, node in model.nodes.items() if node.capacity is not None}
 
 
 def measured_status(scenario: Scenario, telemetry: xarray.Dataset) -> FloatArray:
@@ -284,7 +299,7 @@ def measured_status(scenario: Scenario, telemetry: xarray.Dataset) -> FloatArray
     status = np.full((telemetry.sizes["time"], len(heaters)), np.nan)
     for k, name in enumerate(heaters):
         watching = [c for c, item in scenario.observations.items() if item.heater == name]
-        channel = watching[0] if watching else scenario.simulator.heaters[name].measured_by
+        channel = watching[0] if watching else getattr(scenario.simulator.heaters[name], "measured_by", None)
         if channel is not None:
             status[:, k] = telemetry[channel].values
     return status

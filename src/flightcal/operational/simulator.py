@@ -122,7 +122,7 @@ def fly(
     _check(spacecraft, network)
     structure, mass = network.structure, network.structure.mass
     nothing = np.zeros(0, np.int64)
-    given = [scenario.simulator.nodes[name].initial for name in network.nodes]
+    given = [scenario.network.nodes[name].initial for name in network.nodes]
     theta = np.array([value for value, m in zip(given, mass, strict=True) if m > 0.0], float)
     mapping = ParameterMap(0, network.values, nothing, nothing, nothing, nothing)
     _, packed = assemble(mapping, network.terms, mass, theta)
@@ -135,7 +135,7 @@ def fly(
         mode: network.columns.index(f"mode.{mode}") for mode in software.enabled if f"mode.{mode}" in network.columns
     }
     forcing = packed[len(structure.linear_column) + len(structure.radiative_column) :][: len(structure.forcing_row)]
-    substeps = math.ceil(software.period / scenario.simulator.step - 1e-9)
+    substeps = math.ceil(software.period / scenario.network.step - 1e-9)
     workspace = np.empty(step_size(structure))
     rng = np.random.default_rng(seed)
     memory = started(software)
@@ -209,7 +209,7 @@ def _check(spacecraft: Spacecraft, network: Network) -> None:
             f"control cycle of {software.period} s"
         )
     for name in network.nodes:
-        node = spacecraft.scenario.simulator.nodes[name]
+        node = spacecraft.scenario.network.nodes[name]
         if node.capacity is not None and node.initial is None:
             raise FlightcalError(f"spacecraft: node '{name}' has no initial temperature")
 
@@ -226,7 +226,7 @@ def _inputs(scenario: Scenario, network: Network, start: np.datetime64, seconds:
 
 def _capacities(scenario: Scenario, network: Network) -> FloatArray:
     """[n] J/K; 1 for massless nodes, whose rows are in watts."""
-    return np.array([scenario.simulator.nodes[name].capacity or 1.0 for name in network.nodes])
+    return np.array([scenario.network.nodes[name].capacity or 1.0 for name in network.nodes])
 
 
 def _heat(structure: Structure, forcing: FloatArray, inputs: FloatArray) -> FloatArray:

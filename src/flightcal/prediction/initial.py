@@ -25,9 +25,11 @@ def condition_initial(
     """Thetas [S, d] with their initial temperatures replaced by ones conditioned on the samples of `first`.
 
     first: the problem cut to the window's first samples; noise: [S, N] K of each theta; rng: draw from the Gaussian
-    (None: take its mean). A theta whose simulation fails keeps the prior mean.
+    (None: take its mean). A theta whose simulation fails keeps the prior mean; an external simulator may have none.
     """
     positions = np.array([k for k, name in enumerate(first.names) if name.startswith("initial.")])
+    if not len(positions):
+        return thetas.copy()
     priors = [first.priors.priors[k] for k in positions]
     mean = np.array([prior.mean for prior in priors if isinstance(prior, Normal)])
     precision = np.array([prior.standard_deviation**-2.0 for prior in priors if isinstance(prior, Normal)])

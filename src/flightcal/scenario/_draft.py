@@ -11,6 +11,17 @@ from pydantic import TypeAdapter, ValidationError
 
 from ._fields import Names
 from ._units import Power
+from .external import (
+    KINDS,
+    ExternalHeater,
+    ExternalModel,
+    Input,
+    Output,
+    WrittenHeater,
+    WrittenInput,
+    WrittenOutput,
+    kind_of_simulator,
+)
 from .schema import (
     Channel,
     Conductor,
@@ -23,8 +34,24 @@ from .schema import (
     Observation,
     Parameter,
     Scenario,
+    SimulatorModel,
     Window,
 )
+
+_NO_NETWORK = SimulatorModel.model_construct(nodes={})
+
+
+@dataclass(frozen=True)
+class External:
+    """What of an external simulator can be read; None as in `Draft`."""
+
+    kind: str
+    """The key that tells its kind: callable, executable, fmu or umbridge."""
+    block: Any
+    """What stands under that key, as an object."""
+    inputs: Mapping[str, Input | None]
+    outputs: Mapping[str, Output | None]
+    heaters: Mapping[str, ExternalHeater | None]
 
 
 @dataclass(frozen=True)
@@ -45,11 +72,17 @@ class Draft:
     observations: Mapping[str, Observation | None]
     windows: Mapping[str, Window | None]
     parameters: Mapping[str, Parameter | None] = field(default_factory=dict)
+    external: External | None = None
+    """null: the simulator is a thermal network."""
 
 
 def draft_of_scenario(scenario: Scenario) -> Draft:
     """The blocks of a whole scenario."""
-    model = scenario.simulator
+    model, external = scenario.simulator, None
+    if isinstance(model, ExternalModel):
+        kind = kind_of_simulator(model) or ""
+        external = External(kind, getattr(model, kind), model.inputs, model.outputs, model.heaters)
+        model = _NO_NETWORK
     return Draft(
         files=scenario.telemetry.file,
         channels=scenario.telemetry.channels,
@@ -65,12 +98,25 @@ def draft_of_scenario(scenario: Scenario) -> Draft:
         observations=scenario.observations,
         windows=scenario.windows,
         parameters=scenario.parameters,
+        external=external,
     )
 
 
 def draft_of_data(data: Any) -> Draft:
     """The blocks of what a file says, whatever it says. Priors have been read into objects (see `_priors`)."""
     telemetry, model = _mapping(data, "telemetry"), _mapping(data, "simulator")
+    kind = kind_of_simulator(model)
+    external = None
+    if kind is not None:
+        fields = KINDS[kind].model_fields
+        external = External(
+            kind,
+            _block(fields[kind].annotation, model[kind]),
+            _entries(WrittenInput, model, "inputs"),
+            _entries(WrittenOutput, model, "outputs"),
+            _entries(WrittenHeater, model, "heaters"),
+        )
+        model = {}
     return Draft(
         files=_block(Names, telemetry.get("file")) or (),
         channels=_entries(Channel, telemetry, "channels"),
@@ -86,6 +132,7 @@ def draft_of_data(data: Any) -> Draft:
         observations=_entries(Observation, data, "observations"),
         windows=_entries(Window, data, "windows"),
         parameters=_entries(Parameter, data, "parameters"),
+        external=external,
     )
 
 

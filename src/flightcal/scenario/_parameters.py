@@ -143,7 +143,9 @@ def _may_exist(path: str, draft: Draft) -> bool:
     """Whether the number may stand in a block that could not be read, whose own problems are reported."""
     section, _, rest = path.partition(".")
     if section == "environment":
-        return draft.environment is None
+        return draft.environment is None and draft.external is None
+    if section == "inputs":
+        return draft.external is not None and rest in draft.external.inputs and draft.external.inputs[rest] is None
     if section == "conductors":
         return None in draft.conductors
     if section == "loads":
@@ -165,5 +167,8 @@ def _unknown_path(path: str, numbers: Mapping[str, Settable], draft: Draft) -> s
     if section in _FIELDS and name in names and field in _FIELDS[section]:
         wanted = f"a number that stands in the scenario: write {field!r} in {section}.{name} first"
         return f"found {path!r}, expected {wanted}"
-    like = next(iter(numbers), "nodes.battery.capacity")
+    if section == "inputs" and draft.external is not None and rest in draft.external.inputs:
+        wanted = "another input: every window's initial temperatures are estimated, 'initial_state' is their prior"
+        return f"found {path!r}, expected {wanted}"
+    like = next(iter(numbers), "inputs.link" if draft.external else "nodes.battery.capacity")
     return f"unknown path {path!r}, expected one such as {like!r}{did_you_mean(path, numbers)}"

@@ -142,6 +142,15 @@ def to_si(value: Any, unit: str, *, difference: bool = False) -> float:
     return _finite(registry().Quantity(number, parsed).to(unit or "dimensionless").magnitude, value)
 
 
+def read_any(value: Any) -> tuple[str, float]:
+    """SI unit ("" if dimensionless) and SI value of a written quantity of whatever unit. Raises ValueError."""
+    split = _NUMBER.fullmatch(value) if isinstance(value, str) else None
+    if isinstance(value, str) and split is None:
+        raise ValueError(f"found {show(value)}, expected a number with its unit, such as '0.8 W/K'")
+    unit = si_unit(split[2]) if split else ""
+    return unit, to_si(value, unit)
+
+
 def expected(unit: str, difference: bool = False, number: str = "") -> str:
     """What a reader of `unit` expects, with an example: "a conductance such as '1 W/K'"."""
     if not unit:

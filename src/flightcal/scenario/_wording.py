@@ -9,7 +9,7 @@ from typing import Any, get_args
 
 from pydantic import ValidationError
 
-from . import schema
+from . import external, schema
 from ._document import Location, Problem
 from ._fields import Block
 from ._units import did_you_mean, show
@@ -30,7 +30,11 @@ _EXPECTED = {
     "less_than_equal": "at most {le:g}",
     "too_short": "at least one entry",
 }
-_TAGS = {f"<{name}>": kind for name, kind in vars(schema).items() if isinstance(kind, type) and issubclass(kind, Block)}
+_TAGS = {
+    f"<{name}>": kind
+    for name, kind in {**vars(external), **vars(schema)}.items()
+    if isinstance(kind, type) and issubclass(kind, Block)
+}
 _TAGS |= dict.fromkeys(("<named>", "<vector>", "<all>"), Block)
 """What pydantic puts into a location to say which part of a union it chose."""
 

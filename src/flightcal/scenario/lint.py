@@ -12,7 +12,7 @@ from .schema import Scenario
 
 _UNNAMED = ("telemetry", "simulator")
 """Blocks that locations leave out before their sections, as the paths of parameters do."""
-_SECTIONS = ("channels", "nodes", "conductors", "faces", "heaters", "modes", "timeline", "loads")
+_SECTIONS = ("channels", "nodes", "conductors", "faces", "heaters", "modes", "timeline", "loads", "inputs", "outputs")
 
 
 @dataclass(frozen=True)

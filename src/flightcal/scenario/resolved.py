@@ -8,6 +8,7 @@ from typing import Any
 
 from ._priors import written_prior
 from ._units import written
+from .external import KINDS
 from .schema import Observation, Scenario
 
 _WIDTH = 10_000
@@ -67,3 +68,19 @@ def _make_absolute(data: dict[str, Any], folder: Path) -> None:
     for block, key in ((environment.get("orbit"), "positions"), (environment["attitude"], "quaternions")):
         if isinstance(block, dict) and key in block:
             block[key] = str((folder / block[key]).absolute())
+    _make_simulator_absolute(data["simulator"], folder)
+
+
+def _make_simulator_absolute(model: dict[str, Any], folder: Path) -> None:
+    def absolute(name: str) -> str:
+        return str((folder / name).absolute())
+
+    block: dict[str, Any] = next((model[kind] for kind in KINDS if kind in model), {})
+    for key in ("file", "keep_failed"):
+        if key in block:
+            block[key] = absolute(block[key])
+    if "command" in block:
+        program, *arguments = block["command"]
+        block["command"] = [absolute(program) if "/" in program else program, *arguments]
+        block["templates"] = {name: absolute(template) for name, template in block["templates"].items()}
+        block["files"] = [absolute(name) for name in block["files"]]

@@ -11,6 +11,7 @@ from typing import Annotated, Any, Literal
 
 from pydantic import Field, Tag, model_validator
 
+from ..errors import ScenarioError
 from ._fields import (
     Block,
     BoundaryTemperature,
@@ -31,6 +32,14 @@ from ._fields import (
     one_of,
 )
 from ._units import Angle, Duration, Power, Quantity, Temperature
+from .external import (
+    KINDS,
+    CallableSimulator,
+    ExecutableSimulator,
+    FmuSimulator,
+    UmbridgeSimulator,
+    kind_of_simulator,
+)
 
 # --- telemetry ----------------------------------------------------------------------------------------------
 
@@ -299,6 +308,26 @@ class SimulatorModel(Block):
     loads: dict[str, Load] = Field(default_factory=dict)
 
 
+def _simulator_kind(value: Any) -> str | None:
+    if not isinstance(value, dict):
+        return None
+    kind = kind_of_simulator(value)
+    return f"<{KINDS[kind].__name__ if kind else SimulatorModel.__name__}>"
+
+
+AnySimulator = Annotated[
+    Annotated[SimulatorModel, Tag("<SimulatorModel>")]
+    | Annotated[CallableSimulator, Tag("<CallableSimulator>")]
+    | Annotated[ExecutableSimulator, Tag("<ExecutableSimulator>")]
+    | Annotated[FmuSimulator, Tag("<FmuSimulator>")]
+    | Annotated[UmbridgeSimulator, Tag("<UmbridgeSimulator>")],
+    one_of(
+        _simulator_kind,
+        "a simulator: a thermal network ('nodes'), or 'callable', 'executable', 'fmu' or 'umbridge'",
+    ),
+]
+
+
 # --- parameters and observations ----------------------------------------------------------------------------
 
 
@@ -367,9 +396,12 @@ class Parameter(Block):
 
 
 class Observation(Block):
-    """What a channel measures: a node's temperature, or a heater's status; sensor bias and noise."""
+    """What a channel measures: a temperature or a heater's status; sensor bias and noise."""
 
     node: str | None = None
+    """Of the thermal network."""
+    output: str | None = None
+    """Temperature of an external simulator."""
     heater: str | None = None
     bias: Number = 0.0
     """Kelvin, added to the simulated temperature; settable by a parameter."""
@@ -378,8 +410,8 @@ class Observation(Block):
 
     @model_validator(mode="after")
     def _one_target(self) -> Observation:
-        given = {"node": self.node is not None, "heater": self.heater is not None}
-        _exactly_one(given, "exactly one of 'node' and 'heater'")
+        given = {name: getattr(self, name) is not None for name in ("node", "output", "heater")}
+        _exactly_one(given, "exactly one of 'node', 'output' and 'heater'")
         return self
 
 
@@ -460,7 +492,7 @@ class Scenario(Block):
     description: str = ""
     telemetry: TelemetryFile
     environment: Environment = Environment()
-    simulator: SimulatorModel
+    simulator: AnySimulator
     initial_state: InitialState = InitialState()
     parameters: dict[str, Parameter] = Field(min_length=1)
     observations: dict[str, Observation] = Field(min_length=1)
@@ -469,3 +501,11 @@ class Scenario(Block):
     calibration: Calibration = Calibration()
     folder: Path = Field(default=Path(), exclude=True)
     """Folder of the file; relative paths start there."""
+
+    @property
+    def network(self) -> SimulatorModel:
+        """The thermal network. Raises ScenarioError where the simulator is an external one."""
+        if not isinstance(self.simulator, SimulatorModel):
+            found = f"found an external simulator ({kind_of_simulator(self.simulator)})"
+            raise ScenarioError(f"{self.name}: simulator: {found}, expected a thermal network: this needs its nodes")
+        return self.simulator

@@ -30,7 +30,8 @@ def settable(scenario: Scenario) -> dict[str, Settable]:
     nodes.<n>.capacity; nodes.<n>.boundary (fixed ones; initial temperatures are always estimated, see InitialState);
     conductors.<label>.conductance; conductors.<label>.radiative; faces.<f>.area, absorptivity, emissivity;
     heaters.<h>.power, on_below, off_above; modes.<mode>.<node>; loads.<l>.coefficient (W per SI unit of the driver);
-    environment.albedo, earth_infrared; observations.<channel>.bias (temperatures). Within a line: order of the file.
+    environment.albedo, earth_infrared; of an external simulator inputs.<n> (but initial temperatures) instead of all
+    these; observations.<channel>.bias (temperatures). Within a line: order of the file.
     """
     return settable_of(draft_of_scenario(scenario))
 
@@ -92,11 +93,15 @@ def _numbers(draft: Draft) -> Iterator[tuple[str, Quantity, float]]:
         for name, power in powers.items():
             yield f"modes.{mode}.{name}", Quantity("W"), power
     yield from _coefficients(draft)
-    if draft.environment:
+    if draft.external:
+        for name, item in _readable(draft.external.inputs).items():
+            if item.initial_of is None:
+                yield f"inputs.{name}", Quantity(item.si[0]), item.si[1]
+    elif draft.environment:
         for name in ("albedo", "earth_infrared"):
             yield f"environment.{name}", quantity_of(Environment, name), getattr(draft.environment, name)
     for name, observation in _readable(draft.observations).items():
-        if observation.node is not None:
+        if observation.heater is None:
             yield f"observations.{name}.bias", Quantity("K", difference=True), observation.bias
 
 

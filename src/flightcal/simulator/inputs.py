@@ -59,7 +59,7 @@ def build_drive(
 
     Raises TelemetryError when a driver cannot be bridged over a gap, or heaters driven by measurement lack status.
     """
-    model = scenario.simulator
+    model = scenario.network
     relative = _seconds(samples, start)
     duration = max(float(_seconds(np.array([end]), start)[0]), float(relative[-1]) if len(relative) else 0.0)
     changes = _seconds(np.array([change.at for change in model.timeline], dtype="datetime64[ns]"), start)
@@ -95,7 +95,7 @@ def build_drive(
 
 def face_series(scenario: Scenario, times: Times) -> dict[str, FloatArray]:
     """Input series of the faces by column, such as ``solar.<face>`` [K] (W/m^2), at `times` [K]."""
-    faces = scenario.simulator.faces
+    faces = scenario.network.faces
     if not faces:
         return {}
     # Many faces of a meshed spacecraft look the same way.
@@ -115,7 +115,7 @@ def _seconds(times: Times, start: np.datetime64) -> FloatArray:
 
 def _mode_indicators(scenario: Scenario, grid: FloatArray, changes: FloatArray) -> dict[str, FloatArray]:
     """1 while in the mode; before the first change the timeline's first mode holds."""
-    model = scenario.simulator
+    model = scenario.network
     modes = tuple(model.modes)
     if not modes:
         return {}
@@ -129,9 +129,9 @@ def _mode_indicators(scenario: Scenario, grid: FloatArray, changes: FloatArray) 
 
 
 def _measured_heaters(scenario: Scenario, telemetry: xarray.Dataset, times: Times, steps: int) -> FloatArray:
-    heaters = scenario.simulator.heaters
+    heaters = scenario.network.heaters
     measured = np.full((steps, len(heaters)), np.nan)
-    if scenario.simulator.heater_input == "measured":
+    if scenario.network.heater_input == "measured":
         for k, (name, heater) in enumerate(heaters.items()):
             if heater.measured_by is None:
                 raise TelemetryError(
@@ -152,7 +152,7 @@ def _initial_status(scenario: Scenario, telemetry: xarray.Dataset, start: np.dat
     """
     state = []
     latest = start + np.timedelta64(round(scenario.calibration.prediction.initial_span * 1e9), "ns")
-    for heater in scenario.simulator.heaters.values():
+    for heater in scenario.network.heaters.values():
         state.append(float(heater.initially_on))
         if heater.measured_by is not None:
             valid = telemetry[heater.measured_by].sel(time=slice(None, latest)).dropna("time")

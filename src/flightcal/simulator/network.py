@@ -68,7 +68,7 @@ class _Balance:
 
 def build_network(scenario: Scenario) -> Network:
     """The network of a scenario that has been linted."""
-    model = scenario.simulator
+    model = scenario.network
     quantities = settable(scenario)
     positions = {path: k for k, path in enumerate(quantities)}
     names = [name for name, node in model.nodes.items() if node.boundary is None]
@@ -131,8 +131,8 @@ def build_network(scenario: Scenario) -> Network:
 
 
 def _add_conductors(balance: _Balance, scenario: Scenario, state: dict[str, int], column: dict[str, int]) -> None:
-    nodes = scenario.simulator.nodes
-    for conductor in scenario.simulator.conductors:
+    nodes = scenario.network.nodes
+    for conductor in scenario.network.conductors:
         kind, law, scale, power = (
             ("linear", "conductance", 1.0, 1)
             if conductor.conductance is not None
@@ -153,7 +153,7 @@ def _add_conductors(balance: _Balance, scenario: Scenario, state: dict[str, int]
 
 
 def _add_faces(balance: _Balance, scenario: Scenario, state: dict[str, int], column: dict[str, int]) -> None:
-    for name, face in scenario.simulator.faces.items():
+    for name, face in scenario.network.faces.items():
         if face.node not in state:
             continue
         node = state[face.node]

@@ -242,4 +242,4 @@ def network_simulator(
 
 def open_loop(scenario: Scenario) -> Scenario:
     """The same scenario with every heater driven by its measured status."""
-    return scenario.model_copy(update={"simulator": scenario.simulator.model_copy(update={"heater_input": "measured"})})
+    return scenario.model_copy(update={"simulator": scenario.network.model_copy(update={"heater_input": "measured"})})

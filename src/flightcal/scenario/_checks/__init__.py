@@ -1,6 +1,6 @@
 """What blocks of a scenario must be to each other; one module and one line here for each concern."""
 
-from . import environment, heating, names, network, observations, parameters, telemetry, windows
+from . import environment, external, heating, names, network, observations, parameters, telemetry, windows
 from ._common import Check
 
 CHECKS: tuple[Check, ...] = (
@@ -9,6 +9,7 @@ CHECKS: tuple[Check, ...] = (
     environment.check,
     network.check,
     heating.check,
+    external.check,
     parameters.check,
     observations.check,
     windows.check,

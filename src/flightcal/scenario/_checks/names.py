@@ -27,6 +27,9 @@ def check(reading: Reading, folder: Path) -> Iterator[Problem]:
         ("parameters",): list(draft.parameters),
         ("windows",): list(draft.windows),
     }
+    if draft.external is not None:
+        for section in ("inputs", "outputs", "heaters"):
+            sections["simulator", section] = list(getattr(draft.external, section))
     named = [((*section, name), name) for section, names in sections.items() for name in names]
     for k, conductor in enumerate(draft.conductors):
         if conductor is not None and conductor.name is not None:

@@ -6,6 +6,7 @@ from collections.abc import Iterator
 from pathlib import Path
 
 from .._document import Problem
+from .._draft import Draft
 from .._priors import support
 from .._reading import Reading
 from ..schema import Observation
@@ -17,28 +18,47 @@ def check(reading: Reading, folder: Path) -> Iterator[Problem]:
     draft = reading.draft
     for name, observation in readable(draft.observations).items():
         location = ("observations", name)
-        wrong = channel_of_kind(draft, name, "status" if observation.node is None else "temperature")
+        wrong = channel_of_kind(draft, name, "temperature" if observation.heater is None else "status")
         if wrong:
             yield Problem(location, wrong)
+        wrong_target = _target_problem(draft, observation)
+        if wrong_target:
+            yield Problem((*location, wrong_target[0]), wrong_target[1])
         if observation.heater is not None:
             yield from _check_status(observation, name)
-            if observation.heater not in draft.heaters:
-                yield Problem((*location, "heater"), unknown("heater", observation.heater, draft.heaters))
             continue
-        assert observation.node is not None
-        if observation.node not in draft.nodes:
-            yield Problem((*location, "node"), unknown("node", observation.node, draft.nodes))
-        elif (node := draft.nodes[observation.node]) is not None and node.boundary is not None:
-            message = f"found the boundary node {observation.node!r}, expected one that is simulated"
-            yield Problem((*location, "node"), message)
         noise = observation.noise
         if noise is not None and not isinstance(noise, float) and support(noise)[0] < 0:
             message = f"found a {noise.kind} prior with negative values, expected one of positive values: half_normal"
             yield Problem((*location, "noise"), f"{message}, lognormal or truncated_normal")
     observations = draft.observations.values()
-    if draft.observations and not any(observation is None or observation.node for observation in observations):
+    if draft.observations and not any(
+        observation is None or observation.heater is None for observation in observations
+    ):
         message = "found no temperature channel, expected at least one: the likelihood is that of temperatures"
         yield Problem(("observations",), message)
+
+
+def _target_problem(draft: Draft, observation: Observation) -> tuple[str, str] | None:
+    """The key, and what is wrong with what it names as the thing that is measured; None: nothing is."""
+    external = draft.external
+    if observation.heater is not None:
+        heaters = draft.heaters if external is None else external.heaters
+        wrong = None if observation.heater in heaters else unknown("heater", observation.heater, heaters)
+        return ("heater", wrong) if wrong else None
+    if observation.output is not None:
+        if external is None:
+            return "output", "found 'output', expected 'node': the simulator is a thermal network"
+        known = observation.output in external.outputs
+        return None if known else ("output", unknown("output", observation.output, external.outputs))
+    name = observation.node or ""
+    if external is not None:
+        return "node", f"found 'node', expected 'output': the simulator is external ({external.kind})"
+    if name not in draft.nodes:
+        return "node", unknown("node", name, draft.nodes)
+    if (node := draft.nodes[name]) is not None and node.boundary is not None:
+        return "node", f"found the boundary node {name!r}, expected one that is simulated"
+    return None
 
 
 def _check_status(observation: Observation, name: str) -> Iterator[Problem]:

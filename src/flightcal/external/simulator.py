@@ -1,0 +1,255 @@
+"""An external simulator as a calibration sees it: theta in, telemetry out, and a record of every run."""
+
+from __future__ import annotations
+
+import os
+from collections.abc import Callable, Sequence
+from concurrent.futures import ThreadPoolExecutor
+from dataclasses import dataclass
+from functools import cached_property, partial
+from time import perf_counter
+
+import numpy as np
+
+from ..errors import ScenarioError
+from ..scenario import Scenario
+from ..scenario.external import ExternalModel, kind_of_simulator
+from ..simulator import SimulationFailure, Trajectory
+from ..simulator.system import FloatArray, IntArray, Switch
+from ._processes import kill_all
+from .program import Program, RunFailure, checked
+from .record import Record
+
+_WORTH_ANOTHER_TRY = ("crashed", "timed out", "partial output", "unreachable")
+
+
+@dataclass(frozen=True)
+class Inputs:
+    """From theta to what the simulator takes, and back for derivatives.
+
+    A number is the value in the scenario, or the parameter that sets it, times the parameters that scale it.
+    """
+
+    names: tuple[str, ...]
+    """[I] as the simulator calls them."""
+    values: FloatArray
+    """[I + N] SI: the inputs, then the channels' biases, as the scenario has them."""
+    factors: FloatArray
+    """[I] from SI to the simulator's units: factor * SI + offset."""
+    offsets: FloatArray
+    sets: IntArray
+    """[., 2] position in the values, position in theta."""
+    scales: IntArray
+    """[., 2] likewise."""
+
+    def at(self, theta: FloatArray) -> FloatArray:
+        """[I + N] SI at theta [d]."""
+        values = self.values.copy()
+        values[self.sets[:, 0]] = theta[self.sets[:, 1]]
+        np.multiply.at(values, self.scales[:, 0], theta[self.scales[:, 1]])
+        return values
+
+    def given(self, values: FloatArray) -> dict[str, float]:
+        """What the simulator gets, by its own names and in its own units."""
+        numbers = self.factors * values[: len(self.names)] + self.offsets
+        return dict(zip(self.names, numbers.tolist(), strict=True))
+
+    def pull_back(self, theta: FloatArray, values_bar: FloatArray) -> FloatArray:
+        """Cotangent of theta [d] from that of the SI values [I + N]."""
+        theta_bar = np.zeros(len(theta))
+        unscaled = self.values.copy()
+        unscaled[self.sets[:, 0]] = theta[self.sets[:, 1]]
+        for k, (position, by) in enumerate(self.scales):
+            others = [j for i, (p, j) in enumerate(self.scales) if p == position and i != k]
+            theta_bar[by] += values_bar[position] * unscaled[position] * np.prod(theta[others])
+        for position, by in self.sets:
+            scaled_by = [j for p, j in self.scales if p == position]
+            theta_bar[by] += values_bar[position] * np.prod(theta[scaled_by])
+        return theta_bar
+
+
+@dataclass(frozen=True)
+class ExternalSimulator:
+    """A simulator that is not ours, on one window; a `Simulator`.
+
+    theta is the scenario's parameters followed by ``initial.<output>`` for every input that is an initial temperature.
+    Plain data, so that it can be sent to another machine.
+    """
+
+    kind: str
+    parameters: tuple[str, ...]
+    inputs: Inputs
+    program: Program
+    times: FloatArray
+    """[T] s from the window's start."""
+    duration: float
+    """Of the window, s."""
+    outputs: tuple[str, ...]
+    """All that the simulator gives, as the scenario calls them."""
+    output_offsets: FloatArray
+    """Kelvin to add to each."""
+    channels: tuple[str, ...]
+    channel_outputs: IntArray
+    """[N] the output that each channel measures."""
+    heaters: tuple[str, ...]
+    heater_inputs: IntArray
+    """[H] the input that is the heater's power; -1: see `powers`."""
+    powers: FloatArray
+    """[H] W; NaN where it is not known."""
+    timeout: float
+    retries: int
+
+    @property
+    def error_basis(self) -> FloatArray | None:
+        """None: it stands in for no other simulator."""
+        return None
+
+    def heater_power(self, theta: FloatArray) -> FloatArray:
+        """Power [H] W of each heater while it is on, at theta [d]; NaN where it is not known."""
+        return np.where(self.heater_inputs >= 0, self.inputs.at(theta)[self.heater_inputs], self.powers)
+
+    def run(self, theta: FloatArray) -> Record:
+        """One run at theta [d], tried again as often as the scenario says; failures are in the record, not raised."""
+        values = self.inputs.at(theta)
+        attempts = 0
+        while True:
+            attempts += 1
+            started = perf_counter()
+            try:
+                temperatures, status = self._attempt(values)
+                return Record(theta, "finished", "", attempts, perf_counter() - started, temperatures, status)
+            except RunFailure as failure:
+                if attempts <= self.retries and failure.outcome in _WORTH_ANOTHER_TRY:
+                    continue
+                seconds, samples = perf_counter() - started, len(self.times)
+                nothing = np.full((samples, len(self.channels)), np.nan), np.full((samples, len(self.heaters)), np.nan)
+                return Record(theta, failure.outcome, failure.message, attempts, seconds, *nothing)
+
+    def run_many(self, thetas: FloatArray, *, processes: int | None = None) -> list[Record]:
+        """Runs at thetas [S, d], at most `processes` at a time (default: one for each core); their order is kept."""
+        return _in_parallel([partial(self.run, theta) for theta in thetas], processes or os.cpu_count() or 1)
+
+    def simulate(self, theta: FloatArray) -> Trajectory:
+        """One simulation at theta [d]. Raises SimulationFailure with what the record says."""
+        record = self.run(theta)
+        if record.outcome != "finished":
+            raise SimulationFailure(f"the {self.kind} {record.outcome}: {record.message}")
+        return self.trajectory(record)
+
+    def simulate_many(self, thetas: FloatArray) -> list[Trajectory | None]:
+        """Simulations at thetas [S, d], in parallel; None where one failed."""
+        return [self.trajectory(record) if record.outcome == "finished" else None for record in self.run_many(thetas)]
+
+    def linearise(self, theta: FloatArray) -> tuple[Trajectory, Callable[..., FloatArray]]:
+        """A simulation and its vector-Jacobian product, where the simulator gives a gradient.
+
+        Raises SimulationFailure, and ScenarioError where there is no gradient.
+        """
+        if not self.program.has_gradient:
+            message = f"simulator: found no gradient ({self.kind}), expected one: NUTS needs it. Calibrate through"
+            raise ScenarioError(f"{message} an emulator of this simulator")
+        trajectory = self.simulate(theta)
+        values = self.inputs.at(theta)
+
+        def cotangent(temperatures_bar: FloatArray) -> FloatArray:
+            outputs_bar = np.zeros((len(self.times), len(self.outputs)))
+            np.add.at(outputs_bar.T, self.channel_outputs, temperatures_bar.T)
+            try:
+                given_bar = self.program.pull_back(self.inputs.given(values), outputs_bar, self.timeout)
+            except RunFailure as failure:
+                raise SimulationFailure(f"the {self.kind} {failure.outcome}: {failure.message}") from None
+            if given_bar.shape != self.inputs.factors.shape or not np.isfinite(given_bar).all():
+                wanted = f"{len(self.inputs.factors)} finite numbers"
+                raise SimulationFailure(f"the {self.kind} gives a gradient of {given_bar}, expected {wanted}")
+            values_bar = np.concatenate([given_bar * self.inputs.factors, temperatures_bar.sum(axis=0)])
+            return self.inputs.pull_back(theta, values_bar)
+
+        return trajectory, cotangent
+
+    def trajectory(self, record: Record) -> Trajectory:
+        """A finished run as a trajectory; heaters switch where their status at the samples changes."""
+        return Trajectory(
+            temperatures=record.temperatures,
+            status=record.status,
+            duty_cycle=self._sample_weights @ record.status,
+            switches=_switches(self.times, record.status),
+        )
+
+    @cached_property
+    def _sample_weights(self) -> FloatArray:
+        """[T] share of the window that each sample stands for: from halfway to its neighbours."""
+        edges = np.concatenate([[0.0], (self.times[1:] + self.times[:-1]) / 2, [max(self.duration, self.times[-1])]])
+        weights: FloatArray = np.diff(edges) / (edges[-1] - edges[0])
+        return weights
+
+    def _attempt(self, values: FloatArray) -> tuple[FloatArray, FloatArray]:
+        outputs = self.program.run(self.inputs.given(values), self.timeout)
+        temperatures, status = checked(outputs, len(self.times), self.outputs, self.heaters)
+        biases = values[len(self.inputs.names) :]
+        return (temperatures + self.output_offsets)[:, self.channel_outputs] + biases, status
+
+
+def build_inputs(scenario: Scenario, model: ExternalModel, channels: Sequence[str]) -> tuple[tuple[str, ...], Inputs]:
+    """Names of theta's entries, and the map from theta to what the simulator takes."""
+    items = list(model.inputs.values())
+    paths = [f"inputs.{name}" for name in model.inputs] + [f"observations.{channel}.bias" for channel in channels]
+    initial = {f"initial.{item.initial_of}": k for k, item in enumerate(items) if item.initial_of is not None}
+    sets = [(paths.index(path), k) for k, p in enumerate(scenario.parameters.values()) for path in p.sets]
+    sets += [(position, len(scenario.parameters) + k) for k, position in enumerate(initial.values())]
+    scales = [(paths.index(path), k) for k, p in enumerate(scenario.parameters.values()) for path in p.scales]
+    biases = [scenario.observations[channel].bias for channel in channels]
+    return (*scenario.parameters, *initial), Inputs(
+        names=tuple(item.name or name for name, item in model.inputs.items()),
+        values=np.array([*(item.si[1] for item in items), *biases]),
+        factors=np.array([item.scale[0] for item in items]),
+        offsets=np.array([item.scale[1] for item in items]),
+        sets=np.array(sets, dtype=np.int64).reshape(-1, 2),
+        scales=np.array(scales, dtype=np.int64).reshape(-1, 2),
+    )
+
+
+def external_simulator(
+    scenario: Scenario, model: ExternalModel, program: Program, times: FloatArray, duration: float
+) -> ExternalSimulator:
+    """The simulator of a scenario on a window of `duration` s, observed at `times` [T] s from its start."""
+    channels = tuple(name for name, item in scenario.observations.items() if item.output is not None)
+    names, inputs = build_inputs(scenario, model, channels)
+    outputs = tuple(model.outputs)
+    powers = [heater.power for heater in model.heaters.values()]
+    input_names = list(model.inputs)
+    return ExternalSimulator(
+        kind=kind_of_simulator(model) or "",
+        parameters=names,
+        inputs=inputs,
+        program=program,
+        times=times,
+        duration=duration,
+        outputs=outputs,
+        output_offsets=np.array([output.offset for output in model.outputs.values()]),
+        channels=channels,
+        channel_outputs=np.array([outputs.index(scenario.observations[name].output or "") for name in channels]),
+        heaters=tuple(model.heaters),
+        heater_inputs=np.array([input_names.index(p) if isinstance(p, str) else -1 for p in powers], dtype=np.int64),
+        powers=np.array([p if isinstance(p, float) else np.nan for p in powers]),
+        timeout=model.timeout,
+        retries=model.retries,
+    )
+
+
+def _switches(times: FloatArray, status: FloatArray) -> Switch:
+    on = np.asarray(status) > 0.5
+    sample, heater = np.nonzero(on[1:] != on[:-1])
+    return Switch(times[sample + 1], heater.astype(np.int64), on[sample + 1, heater].astype(float))
+
+
+def _in_parallel(tasks: list[Callable[[], Record]], processes: int) -> list[Record]:
+    """Results of the tasks in their order. The threads only wait; each run is a process of its own."""
+    pool = ThreadPoolExecutor(max(1, min(processes, len(tasks))))
+    try:
+        return [future.result() for future in [pool.submit(task) for task in tasks]]
+    except BaseException:
+        pool.shutdown(wait=False, cancel_futures=True)
+        kill_all()
+        raise
+    finally:
+        pool.shutdown()

@@ -1,0 +1,84 @@
+"""What an FMU says of itself: its description is read; its code is not loaded."""
+
+from __future__ import annotations
+
+import os
+import zipfile
+from collections.abc import Iterator
+from pathlib import Path
+from xml.etree import ElementTree
+
+from .._document import Location, Problem
+from .._draft import External
+from .._units import show
+from ..external import Fmu
+from ._common import readable, unknown
+
+_DESCRIPTION = "modelDescription.xml"
+_MOST = 50_000_000
+"""Bytes of a description that are read at most."""
+_REAL = ("Real", "Float64", "Float32")
+
+
+def check_fmu(block: Fmu, external: External, folder: Path, location: Location) -> Iterator[Problem]:
+    """The file is a co-simulation FMU of version 2 or 3 with the variables that the scenario names."""
+    here = (*location, "file")
+    path = folder / block.file
+    if not os.path.isfile(path):
+        yield Problem(here, f"found no such file as {show(block.file)}, expected an FMU, relative to the scenario")
+        return
+    try:
+        with zipfile.ZipFile(path) as archive:
+            if archive.getinfo(_DESCRIPTION).file_size > _MOST:
+                raise ValueError("its description is too long")
+            root = ElementTree.fromstring(archive.read(_DESCRIPTION))
+    except (zipfile.BadZipFile, KeyError, ElementTree.ParseError, OSError, ValueError) as error:
+        reason = f"it has no {_DESCRIPTION}" if isinstance(error, KeyError) else str(error)
+        yield Problem(here, f"found {show(block.file)}, which is not an FMU: {reason}")
+        return
+    version = root.get("fmiVersion", "")
+    if version.partition(".")[0] not in ("2", "3"):
+        yield Problem(here, f"found an FMU of FMI version {show(version)}, expected version 2 or 3")
+        return
+    if root.find("CoSimulation") is None:
+        yield Problem(here, "found an FMU for model exchange only, expected one for co-simulation")
+    yield from _check_variables(block, external, _causalities(root), location)
+
+
+def _causalities(root: ElementTree.Element) -> dict[str, str]:
+    """Causality of each real variable by name."""
+    found = {}
+    for variable in root.iterfind("ModelVariables/*"):
+        kind = variable.find("Real") if variable.tag == "ScalarVariable" else variable
+        if kind is not None and kind.tag in _REAL:
+            found[variable.get("name", "")] = variable.get("causality", "local")
+    return found
+
+
+def _check_variables(
+    block: Fmu, external: External, causality: dict[str, str], location: Location
+) -> Iterator[Problem]:
+    named = {section: readable(getattr(external, section)) for section in ("inputs", "outputs", "heaters")}
+    for section, blocks in named.items():
+        for name, item in blocks.items():
+            variable = item.name or name
+            where: Location = ("simulator", section, name)
+            if variable not in causality:
+                yield Problem(where, unknown("real variable of the FMU", variable, causality))
+            elif section == "inputs" and causality[variable] not in ("parameter", "input", "local"):
+                message = f"found the variable {show(variable)}, {_article(causality[variable])} of the FMU"
+                yield Problem(where, f"{message}, expected a parameter or an input")
+    taken = {item.name or name for name, item in named["inputs"].items()}
+    for variable in block.drivers:
+        where = (*location, "drivers", variable)
+        if variable not in causality:
+            yield Problem(where, unknown("real variable of the FMU", variable, causality))
+        elif causality[variable] != "input":
+            found = f"found the variable {show(variable)}, {_article(causality[variable])} of the FMU"
+            yield Problem(where, f"{found}, expected an input")
+        elif variable in taken:
+            yield Problem(where, f"found the variable {show(variable)}, which 'inputs' sets too, expected it once")
+
+
+def _article(causality: str) -> str:
+    return f"{'an' if causality[0] in 'aeiou' else 'a'} {causality}"

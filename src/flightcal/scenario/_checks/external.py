@@ -1,0 +1,191 @@
+"""Simulators that are not ours: what can be known of one without running it, importing it or asking a server."""
+
+from __future__ import annotations
+
+import ast
+import os
+import re
+import shutil
+from collections.abc import Iterator, Mapping
+from pathlib import Path, PurePosixPath
+from typing import Any
+
+from .._document import Location, Problem
+from .._draft import Draft, External
+from .._reading import Reading
+from .._units import show
+from ..external import Executable, PythonFunction, Umbridge
+from ._common import channel_of_kind, readable, unknown
+from ._fmu import check_fmu
+
+_SIMULATOR: Location = ("simulator",)
+_TEMPLATE_NAMES = ("inputs", "times", "start", "end")
+_URL = re.compile(r"https?://[^\s/]+(/\S*)?")
+
+
+def check(reading: Reading, folder: Path) -> Iterator[Problem]:
+    """Names fit each other, and the files that the scenario names are there and are what they should be."""
+    external = reading.draft.external
+    if external is None:
+        return
+    yield from _check_inputs(external)
+    yield from _check_heaters(external)
+    yield from _check_same_name(external)
+    block, location = external.block, (*_SIMULATOR, external.kind)
+    if isinstance(block, PythonFunction):
+        yield from _check_function(block, folder, location)
+    elif isinstance(block, Executable):
+        yield from _check_executable(block, external, folder, location)
+    elif isinstance(block, Umbridge):
+        if not _URL.fullmatch(block.url):
+            message = f"found {show(block.url)}, expected an address such as 'http://localhost:4242'"
+            yield Problem((*location, "url"), message)
+    elif block is not None:
+        yield from check_fmu(block, external, folder, location)
+        yield from _check_drivers(block.drivers, reading.draft, location)
+
+
+def _check_inputs(external: External) -> Iterator[Problem]:
+    first: dict[str, str] = {}
+    for name, item in readable(external.inputs).items():
+        location = (*_SIMULATOR, "inputs", name)
+        if external.kind == "executable" and hasattr({}, name):
+            yield Problem(location, f"found the name {name!r}, expected another: templates know it as something else")
+        if item.initial_of is None:
+            continue
+        if item.initial_of not in external.outputs:
+            yield Problem((*location, "initial_of"), unknown("output", item.initial_of, external.outputs))
+        elif item.initial_of in first:
+            other = first[item.initial_of]
+            message = f"found the output {item.initial_of!r}, whose initial temperature is the input {other!r} already"
+            yield Problem((*location, "initial_of"), message)
+        first.setdefault(item.initial_of, name)
+        if item.si[0] != "K":
+            yield Problem((*location, "value"), f"found {show(item.value)}, expected a temperature such as '20 degC'")
+
+
+def _check_heaters(external: External) -> Iterator[Problem]:
+    for name, heater in readable(external.heaters).items():
+        if not isinstance(heater.power, str):
+            continue
+        location = (*_SIMULATOR, "heaters", name, "power")
+        if heater.power not in external.inputs:
+            yield Problem(location, unknown("input", heater.power, external.inputs))
+        elif (item := external.inputs[heater.power]) is not None and item.si[0] != "W":
+            yield Problem(location, f"found the input {heater.power!r}, {show(item.value)}, expected one in W")
+
+
+def _check_same_name(external: External) -> Iterator[Problem]:
+    """What the simulator tells apart by name has different names: its inputs, and all that it gives."""
+    for sections in (("inputs",), ("outputs", "heaters")):
+        first: dict[str, str] = {}
+        for section in sections:
+            blocks: Mapping[str, Any] = getattr(external, section)
+            for name, block in readable(blocks).items():
+                called = block.name or name
+                if called in first:
+                    message = f"found {called!r}, which {first[called]!r} is called too, expected different names"
+                    yield Problem((*_SIMULATOR, section, name), message)
+                first.setdefault(called, name)
+
+
+def _check_drivers(drivers: Mapping[str, str], draft: Draft, location: Location) -> Iterator[Problem]:
+    for variable, channel in drivers.items():
+        wrong = channel_of_kind(draft, channel, "driver")
+        if wrong:
+            yield Problem((*location, "drivers", variable), wrong)
+
+
+def _check_function(block: PythonFunction, folder: Path, location: Location) -> Iterator[Problem]:
+    """The file is read as text and parsed; nothing in it runs."""
+    here = (*location, "file")
+    missing = _missing(folder, block.file, "a Python file")
+    if missing:
+        yield Problem(here, missing)
+        return
+    try:
+        tree = ast.parse((folder / block.file).read_bytes(), block.file)
+    except (SyntaxError, ValueError, OSError) as error:
+        line = f", line {error.lineno}" if isinstance(error, SyntaxError) else ""
+        reason = error.msg if isinstance(error, SyntaxError) else str(error)
+        yield Problem(here, f"found {show(block.file)}, which is not Python{line}: {reason}")
+        return
+    functions = {item.name: item for item in tree.body if isinstance(item, ast.FunctionDef)}
+    assigned = {
+        target.id
+        for item in tree.body
+        if isinstance(item, (ast.Assign, ast.ImportFrom, ast.Import, ast.AnnAssign))
+        for target in ast.walk(item)
+        if isinstance(target, ast.Name)
+    } | {alias.asname or alias.name for item in tree.body if isinstance(item, ast.ImportFrom) for alias in item.names}
+    function = functions.get(block.function)
+    if function is None:
+        if block.function not in assigned and "*" not in assigned:
+            yield Problem((*location, "function"), unknown("function", block.function, functions))
+        return
+    arguments = function.args
+    positional = [*arguments.posonlyargs, *arguments.args]
+    least = len(positional) - len(arguments.defaults)
+    keyword_only = [default for default in arguments.kw_defaults if default is None]
+    if keyword_only or least > 3 or (len(positional) < 3 and arguments.vararg is None):
+        found = f"found {block.function}({ast.unparse(arguments)})"
+        yield Problem((*location, "function"), f"{found}, expected a function of three: (inputs, times, start)")
+
+
+def _check_executable(block: Executable, external: External, folder: Path, location: Location) -> Iterator[Problem]:
+    program = block.program(folder)
+    if shutil.which(program) is None:
+        place = "relative to the scenario" if "/" in block.command[0] else "in PATH"
+        message = f"found {show(block.command[0])}, expected a program that can be run, {place}"
+        yield Problem((*location, "command"), message)
+    for k, name in enumerate(block.files):
+        missing = _missing(folder, name, "a file to copy")
+        if missing:
+            yield Problem((*location, "files", k), missing)
+    written: dict[str, Location] = {}
+    for name in (*block.templates, *(Path(name).name for name in block.files), block.output):
+        where = (*location, "templates", name) if name in block.templates else location
+        if PurePosixPath(name).is_absolute() or ".." in PurePosixPath(name).parts or not name:
+            message = f"found {show(name)}, expected the name of a file in the folder that the run gets"
+            yield Problem((*location, "output") if name == block.output else where, message)
+        elif name in written:
+            yield Problem(where, f"found the file {show(name)} twice in the folder of a run, expected it once")
+        written[name] = where
+    for name, template in block.templates.items():
+        where = (*location, "templates", name)
+        missing = _missing(folder, template, "a template")
+        if missing:
+            yield Problem(where, missing)
+        else:
+            yield from _check_template(folder / template, template, external, where)
+
+
+def _check_template(path: Path, name: str, external: External, location: Location) -> Iterator[Problem]:
+    """Syntax, and names that nothing defines; nothing is rendered."""
+    from jinja2 import Environment, TemplateSyntaxError, meta, nodes
+
+    try:
+        tree = Environment().parse(path.read_text(encoding="utf-8"))
+    except TemplateSyntaxError as error:
+        yield Problem(location, f"found the template {show(name)}, whose line {error.lineno} is wrong: {error.message}")
+        return
+    except (OSError, UnicodeDecodeError) as error:
+        yield Problem(location, f"found the template {show(name)}, which cannot be read as UTF-8: {error}")
+        return
+    for wrong in sorted(meta.find_undeclared_variables(tree) - {*_TEMPLATE_NAMES}):
+        yield Problem(location, f"template {show(name)}: {unknown('placeholder', wrong, _TEMPLATE_NAMES)}")
+    for node in tree.find_all((nodes.Getattr, nodes.Getitem)):
+        assert isinstance(node, (nodes.Getattr, nodes.Getitem))
+        if not isinstance(node.node, nodes.Name) or node.node.name != "inputs":
+            continue
+        key = node.attr if isinstance(node, nodes.Getattr) else getattr(node.arg, "value", None)
+        if isinstance(key, str) and key not in external.inputs and not hasattr({}, key):
+            yield Problem(
+                location, f"template {show(name)}, line {node.lineno}: {unknown('input', key, external.inputs)}"
+            )
+
+
+def _missing(folder: Path, name: str, what: str) -> str | None:
+    if os.path.isfile(folder / name):  # unlike Path's, False for a name that no file can have
+        return None
+    return f"found no such file as {show(name)}, expected {what}, relative to the scenario"
