@@ -51,7 +51,7 @@ def advance(seconds, state, step, heating, p):
 
 
 def simulate(p, start, times):
-    """Rows of time, instrument, battery (degC) and heater status; times: s from the start, which is s from the epoch."""
+    """Rows of time, instrument, battery (degC) and heater status; times in s from the start."""
     now, state, on = start - SPIN_UP, [288.15, 293.15], False
     rows = []
     for time in times:

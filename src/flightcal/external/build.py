@@ -2,20 +2,33 @@
 
 from __future__ import annotations
 
+import importlib.util
 from datetime import datetime
 from typing import Any
 
 import numpy as np
 import xarray
 
+from ..errors import ScenarioError
 from ..scenario import Scenario
-from ..scenario.external import ExecutableSimulator, ExternalModel
+from ..scenario.external import (
+    CallableSimulator,
+    ExecutableSimulator,
+    ExternalModel,
+    FmuSimulator,
+    UmbridgeSimulator,
+)
 from ..simulator import Simulator, network_simulator
 from ..simulator.inputs import Times
-from ..simulator.system import FloatArray
+from ..simulator.system import FloatArray, IntArray
+from ..telemetry import driver_series
+from .callable import FunctionDescription
 from .executable import ExecutableProgram
+from .fmu import FmuDescription
+from .in_worker import WorkerProgram
 from .program import Program
 from .simulator import external_simulator
+from .umbridge import ServerDescription
 
 
 def build_simulator(
@@ -35,19 +48,62 @@ def build_simulator(
     if not isinstance(model, ExternalModel):
         return network_simulator(scenario, telemetry, start, end, samples, period=period)
     times = _seconds(samples, start)
-    program = _program(scenario, model, start, end, times)
+    program = _program(scenario, model, telemetry, start, end, times, period)
     return external_simulator(scenario, model, program, times, float(_seconds(end, start)))
 
 
 def _program(
-    scenario: Scenario, model: ExternalModel, start: np.datetime64, end: np.datetime64, times: FloatArray
+    scenario: Scenario,
+    model: ExternalModel,
+    telemetry: xarray.Dataset,
+    start: np.datetime64,
+    end: np.datetime64,
+    times: FloatArray,
+    period: float,
 ) -> Program:
+    folder = scenario.folder.absolute()
     outputs = tuple(output.name or name for name, output in model.outputs.items())
     heaters = tuple(heater.name or name for name, heater in model.heaters.items())
     if isinstance(model, ExecutableSimulator):
-        folder = scenario.folder.absolute()
         return ExecutableProgram(model.executable, folder, _utc(start), _utc(end), times, outputs, heaters)
-    raise NotImplementedError
+    if isinstance(model, CallableSimulator):
+        function = model.callable
+        in_jax, place = function.gradient == "jax", folder / function.file
+        return WorkerProgram(
+            FunctionDescription(place, function.function, in_jax, _utc(start), times, outputs, heaters)
+        )
+    if isinstance(model, UmbridgeSimulator):
+        _need("umbridge", "umbridge")
+        server = model.umbridge
+        config = {**server.config, "start": _utc(start).isoformat(), "times": times.tolist()}
+        return WorkerProgram(ServerDescription(server.url, server.model, config, len(times), outputs, heaters))
+    assert isinstance(model, FmuSimulator)
+    _need("fmpy", "fmu")
+    grid, samples = communication_points(times, model.fmu.step)
+    at = start + np.round(grid * 1e9).astype("timedelta64[ns]")
+    drivers = {
+        variable: driver_series(telemetry, channel, at, fill=scenario.telemetry.channels[channel].fill, period=period)
+        for variable, channel in model.fmu.drivers.items()
+    }
+    return WorkerProgram(FmuDescription(folder / model.fmu.file, grid, samples, drivers, outputs, heaters))
+
+
+def communication_points(times: FloatArray, step: float | None) -> tuple[FloatArray, IntArray]:
+    """Points [K] s from 0 to the last of the times [T], no further apart than `step`, and where the times are [T]."""
+    fixed = np.unique(np.concatenate([[0.0], times]))
+    gaps = np.diff(fixed)
+    counts = np.ones(len(gaps), int) if step is None else np.maximum(1, np.ceil(gaps / step - 1e-9).astype(int))
+    parts = [np.linspace(a, b, n, endpoint=False) for a, b, n in zip(fixed[:-1], fixed[1:], counts, strict=True)]
+    grid = np.concatenate([*parts, fixed[-1:]])
+    return grid, np.searchsorted(grid, times)
+
+
+def _need(package: str, extra: str) -> None:
+    """Raises ScenarioError where an optional package is missing."""
+    if importlib.util.find_spec(package) is None:
+        raise ScenarioError(
+            f"simulator: found no package '{package}', which it needs: pip install 'flightcal[{extra}]'"
+        )
 
 
 def _utc(time: np.datetime64) -> datetime:
@@ -56,4 +112,4 @@ def _utc(time: np.datetime64) -> datetime:
 
 
 def _seconds(time: Any, start: np.datetime64) -> Any:
-    return (time - start) / np.timedelta64(1, "ns") * 1e-9
+    return (time - start) / np.timedelta64(10**9, "ns")  # whole seconds come out exact

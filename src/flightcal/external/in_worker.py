@@ -44,8 +44,8 @@ class Description(Protocol):
     """What opens a model in the worker; plain data."""
 
     @property
-    def has_gradient(self) -> bool:
-        """See `Program`."""
+    def has_gradient(self) -> bool | None:
+        """See `Program`; None: the open model knows, see its own `has_gradient`."""
 
     def open(self) -> Model:
         """The model. Raises RunFailure where it cannot be opened."""
@@ -59,8 +59,9 @@ class WorkerProgram:
 
     @property
     def has_gradient(self) -> bool:
-        """Whether the model has one."""
-        return self.description.has_gradient
+        """Whether the model has one. Raises RunFailure where it must be asked and does not answer."""
+        known = self.description.has_gradient
+        return bool(self._ask("has_gradient", _OPENING)) if known is None else known
 
     @cached_property
     def key(self) -> bytes:
@@ -102,6 +103,7 @@ class _Worker:
         package = str(Path(__file__).parents[2])
         paths = [package, *filter(None, [os.environ.get("PYTHONPATH")])]
         # Runs are parallel already: threads of their own would only be in each other's way.
+        folder = self.resources.enter_context(tempfile.TemporaryDirectory(prefix="flightcal-"))
         alone = {name: os.environ.get(name, "1") for name in ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS")}
         self.process = subprocess.Popen(
             [sys.executable, "-P", "-m", "flightcal.external.worker", str(theirs.fileno())],
@@ -109,7 +111,7 @@ class _Worker:
             stdin=subprocess.PIPE,
             stdout=self.said,
             stderr=self.said,
-            env={**os.environ, **alone, "PYTHONPATH": os.pathsep.join(paths)},
+            env={**os.environ, **alone, "TMPDIR": folder, "PYTHONPATH": os.pathsep.join(paths)},
             start_new_session=True,
         )
         theirs.close()

@@ -18,7 +18,7 @@ from ..simulator import SimulationFailure, Trajectory
 from ..simulator.system import FloatArray, IntArray, Switch
 from ._processes import kill_all
 from .program import Program, RunFailure, checked
-from .record import Record
+from .record import Outcome, Record
 
 _WORTH_ANOTHER_TRY = ("crashed", "timed out", "partial output", "unreachable")
 
@@ -133,7 +133,7 @@ class ExternalSimulator:
         """One simulation at theta [d]. Raises SimulationFailure with what the record says."""
         record = self.run(theta)
         if record.outcome != "finished":
-            raise SimulationFailure(f"the {self.kind} {record.outcome}: {record.message}")
+            raise self._failure(record.outcome, record.message)
         return self.trajectory(record)
 
     def simulate_many(self, thetas: FloatArray) -> list[Trajectory | None]:
@@ -145,7 +145,11 @@ class ExternalSimulator:
 
         Raises SimulationFailure, and ScenarioError where there is no gradient.
         """
-        if not self.program.has_gradient:
+        try:
+            has_gradient = self.program.has_gradient
+        except RunFailure as failure:
+            raise self._failure(failure.outcome, failure.message) from None
+        if not has_gradient:
             message = f"simulator: found no gradient ({self.kind}), expected one: NUTS needs it. Calibrate through"
             raise ScenarioError(f"{message} an emulator of this simulator")
         trajectory = self.simulate(theta)
@@ -157,7 +161,7 @@ class ExternalSimulator:
             try:
                 given_bar = self.program.pull_back(self.inputs.given(values), outputs_bar, self.timeout)
             except RunFailure as failure:
-                raise SimulationFailure(f"the {self.kind} {failure.outcome}: {failure.message}") from None
+                raise self._failure(failure.outcome, failure.message) from None
             if given_bar.shape != self.inputs.factors.shape or not np.isfinite(given_bar).all():
                 wanted = f"{len(self.inputs.factors)} finite numbers"
                 raise SimulationFailure(f"the {self.kind} gives a gradient of {given_bar}, expected {wanted}")
@@ -181,6 +185,9 @@ class ExternalSimulator:
         edges = np.concatenate([[0.0], (self.times[1:] + self.times[:-1]) / 2, [max(self.duration, self.times[-1])]])
         weights: FloatArray = np.diff(edges) / (edges[-1] - edges[0])
         return weights
+
+    def _failure(self, outcome: Outcome, message: str) -> SimulationFailure:
+        return SimulationFailure(f"{self.kind}: {outcome}: {message}")
 
     def _attempt(self, values: FloatArray) -> tuple[FloatArray, FloatArray]:
         outputs = self.program.run(self.inputs.given(values), self.timeout)
