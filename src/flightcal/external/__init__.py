@@ -1,7 +1,29 @@
 """Simulators that flightcal did not write, behind the one `Simulator` protocol."""
 
-from .build import build_simulator
-from .record import Outcome, Record
-from .simulator import ExternalSimulator
+from __future__ import annotations
 
-__all__ = ["ExternalSimulator", "Outcome", "Record", "build_simulator"]
+import importlib
+from typing import TYPE_CHECKING, Any
+
+if TYPE_CHECKING:
+    from .build import build_simulator
+    from .in_worker import close_workers
+    from .record import Outcome, Record
+    from .simulator import ExternalSimulator
+
+_PLACES = {
+    "ExternalSimulator": "simulator",
+    "Outcome": "record",
+    "Record": "record",
+    "build_simulator": "build",
+    "close_workers": "in_worker",
+}
+
+__all__ = ["ExternalSimulator", "Outcome", "Record", "build_simulator", "close_workers"]
+
+
+def __getattr__(name: str) -> Any:
+    # Imported on first use: a worker process, which runs what is not ours, needs none of it.
+    if name not in _PLACES:
+        raise AttributeError(f"module 'flightcal.external' has no attribute '{name}'")
+    return getattr(importlib.import_module(f".{_PLACES[name]}", __name__), name)

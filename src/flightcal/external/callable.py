@@ -8,12 +8,14 @@ from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from datetime import datetime
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from ..simulator.system import FloatArray
 from .program import Outputs, RunFailure, checked
+
+if TYPE_CHECKING:  # the worker starts in a tenth of a second without it
+    from ..simulator.system import FloatArray
 
 
 @dataclass(frozen=True)

@@ -5,12 +5,14 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from ..simulator.system import FloatArray, IntArray
 from .program import Outputs, RunFailure
+
+if TYPE_CHECKING:  # the worker starts in a tenth of a second without it
+    from ..simulator.system import FloatArray, IntArray
 
 _REAL = ("Real", "Float64", "Float32")
 """Types whose variables FMPy gets and sets by functions of the same name."""

@@ -3,12 +3,14 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from typing import NamedTuple, Protocol
+from typing import TYPE_CHECKING, NamedTuple, Protocol
 
 import numpy as np
 
-from ..simulator.system import FloatArray
 from .record import Outcome
+
+if TYPE_CHECKING:  # the worker starts in a tenth of a second without it
+    from ..simulator.system import FloatArray
 
 
 class RunFailure(Exception):  # noqa: N818 - a value of the domain, not a programming error

@@ -3,9 +3,11 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import Literal
+from typing import TYPE_CHECKING, Literal
 
-from ..simulator.system import FloatArray
+if TYPE_CHECKING:  # the worker starts in a tenth of a second without it
+    from ..simulator.system import FloatArray
+
 
 Outcome = Literal[
     "finished",

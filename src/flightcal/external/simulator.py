@@ -27,7 +27,7 @@ _WORTH_ANOTHER_TRY = ("crashed", "timed out", "partial output", "unreachable")
 class Inputs:
     """From theta to what the simulator takes, and back for derivatives.
 
-    A number is the value in the scenario, or the parameter that sets it, times the parameters that scale it.
+    A number is the parameter that sets it, or the value in the scenario times the parameters that scale it.
     """
 
     names: tuple[str, ...]
@@ -57,14 +57,10 @@ class Inputs:
     def pull_back(self, theta: FloatArray, values_bar: FloatArray) -> FloatArray:
         """Cotangent of theta [d] from that of the SI values [I + N]."""
         theta_bar = np.zeros(len(theta))
-        unscaled = self.values.copy()
-        unscaled[self.sets[:, 0]] = theta[self.sets[:, 1]]
-        for k, (position, by) in enumerate(self.scales):
-            others = [j for i, (p, j) in enumerate(self.scales) if p == position and i != k]
-            theta_bar[by] += values_bar[position] * unscaled[position] * np.prod(theta[others])
-        for position, by in self.sets:
-            scaled_by = [j for p, j in self.scales if p == position]
-            theta_bar[by] += values_bar[position] * np.prod(theta[scaled_by])
+        np.add.at(theta_bar, self.sets[:, 1], values_bar[self.sets[:, 0]])
+        for position, by in self.scales:
+            others = [j for p, j in self.scales if p == position and j != by]
+            theta_bar[by] += values_bar[position] * self.values[position] * np.prod(theta[others])
         return theta_bar
 
 

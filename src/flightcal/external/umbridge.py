@@ -6,12 +6,14 @@ import re
 from collections.abc import Iterator, Mapping
 from contextlib import contextmanager
 from dataclasses import dataclass
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from ..simulator.system import FloatArray
 from .program import Outputs, RunFailure
+
+if TYPE_CHECKING:  # the worker starts in a tenth of a second without it
+    from ..simulator.system import FloatArray
 
 _NOT_FINITE = re.compile(r"\b(nan|-?inf(inity)?)\b", re.IGNORECASE)
 
