@@ -40,8 +40,9 @@ def test_calibrating_a_broken_scenario_says_the_same_and_leaves_nothing_behind(p
     assert not (tmp_path / "run").exists()
 
 
-def test_scenario_that_the_broken_ones_derive_from_is_sound():
-    assert lint(BROKEN / "valid.yaml", telemetry=BROKEN / "scenarios") == []
+@pytest.mark.parametrize("name", ["valid.yaml", "valid_external.yaml"])
+def test_scenarios_that_the_broken_ones_derive_from_are_sound(name):
+    assert lint(BROKEN / name, telemetry=BROKEN / "scenarios") == []
 
 
 def test_there_are_enough_broken_scenarios():

@@ -12,7 +12,7 @@ from simulator import EPOCH, simulate
 TRUTH = {
     "link": 0.55,  # W/K
     "absorptivity": 0.27,
-    "emissivity": 0.62,
+    "emissivity": 0.60,
     "battery_capacity": 2700.0,  # J/K
     "heater_power": 16.0,  # W
 }

@@ -15,7 +15,7 @@ from pathlib import Path
 HERE = Path(__file__).parent
 EPOCH = datetime(2024, 3, 1)
 PERIOD = 5400  # s
-TRUTH = [0.62, 0.38, 0.78, 6900.0, 0.55]  # link W/K, absorptivity, emissivity, capacity J/K, share of payload power
+TRUTH = [0.62, 0.38, 0.74, 6900.0, 0.55]  # link W/K, absorptivity, emissivity, capacity J/K, share of payload power
 NOISE = 0.1  # K, standard deviation
 SAMPLING = 60  # s
 STRETCHES = (0, 20 * PERIOD)  # s from the epoch

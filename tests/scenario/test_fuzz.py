@@ -15,8 +15,9 @@ from flightcal.scenario._document import read_document, walk
 from flightcal.scenario.lint import examine
 
 EXAMPLE = Path(__file__).parent / "example.yaml"
+EXTERNAL = Path(__file__).parents[2] / "examples" / "executable"
 DATA = read_document(EXAMPLE).data
-LOCATIONS = [location for location, _ in walk(DATA) if location]
+EXTERNAL_DATA = read_document(EXTERNAL / "scenario.yaml").data
 JARGON = re.compile(r"Input should|Value error|[Pp]ydantic|validat|something else|Traceback|NoneType|<\w+>")
 
 fuzz = settings(
@@ -26,6 +27,7 @@ fuzz = settings(
 )
 words = st.sampled_from(
     [
+        *("executable", "callable", "fmu", "umbridge", "inputs", "outputs", "inputs.link", "instrument", "initial_of"),
         *("", "on", "18:00", "battery", "radiator", "shade", "payload", "battery_temp", "bus_power", "battery_htr"),
         *(
             "nodes.battery.capacity",
@@ -70,11 +72,12 @@ def parent_of(data, location):
 
 
 @st.composite
-def mutated(draw):
-    """The example with a few of its entries deleted, replaced, renamed or swapped with others."""
-    data = copy.deepcopy(DATA)
+def mutated(draw, original):
+    """An example with a few of its entries deleted, replaced, renamed or swapped with others."""
+    data = copy.deepcopy(original)
+    locations = [location for location, _ in walk(original) if location]
     for _ in range(draw(st.integers(1, 4))):
-        location = draw(st.sampled_from(LOCATIONS))
+        location = draw(st.sampled_from(locations))
         parent = parent_of(data, location)
         if parent is None:
             continue
@@ -82,7 +85,7 @@ def mutated(draw):
         if action == "replace":
             parent[location[-1]] = draw(values)
         elif action == "swap":
-            other = draw(st.sampled_from(LOCATIONS))
+            other = draw(st.sampled_from(locations))
             source = parent_of(data, other)
             if source is not None:
                 parent[location[-1]] = copy.deepcopy(source[other[-1]])
@@ -112,15 +115,27 @@ def folder(tmp_path):
     return tmp_path
 
 
-@fuzz
-@given(data=mutated())
-def test_mutated_scenario_gives_findings_or_a_scenario(folder, data):
+def assert_answer_to(folder, data):
     path = folder / "scenario.yaml"
     text = io.StringIO()
     YAML(typ="safe", pure=True).dump(data, text)
     path.write_text(text.getvalue())
-
     assert_answer(path)
+
+
+@fuzz
+@given(data=mutated(DATA))
+def test_mutated_scenario_gives_findings_or_a_scenario(folder, data):
+    assert_answer_to(folder, data)
+
+
+@fuzz
+@given(data=mutated(EXTERNAL_DATA))
+def test_mutated_scenario_of_an_external_simulator_gives_findings_or_a_scenario(folder, data):
+    for name in ("telemetry.csv", "simulator.py", "input.json.jinja"):
+        (folder / name).write_text((EXTERNAL / name).read_text())
+
+    assert_answer_to(folder, data)
 
 
 @fuzz

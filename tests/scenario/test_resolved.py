@@ -1,9 +1,11 @@
+import zipfile
 from pathlib import Path
 
 import pytest
 
 from flightcal.scenario import load_scenario, resolved_yaml, write_template
 from flightcal.scenario._document import parse_document
+from flightcal.scenario.external import simulator_files
 
 EXAMPLE = Path(__file__).parent / "example.yaml"
 TLE = """tle:
@@ -79,4 +81,84 @@ def test_absolute_paths_let_the_copy_stand_in_another_folder(folder, tmp_path_fa
 
     assert again.telemetry.file == (str(folder / "example.csv"),)
     assert again.environment.attitude.quaternions == str(folder / "flown.csv")
+    assert again.parameters == scenario.parameters
+
+
+EXTERNAL = """  {kind}
+  inputs:
+    link: 0.8 W/K
+    scale: 1.5
+    first: {{value: 12 degC, unit: degC, initial_of: battery}}
+  outputs: {{battery: {{name: T, unit: degC}}, radiator: }}
+  heaters: {{battery_htr: {{power: link_power}}, other: {{power: 3 W}}, third: }}
+"""
+KINDS = {
+    "callable": "callable: {file: model.py, gradient: jax}",
+    "executable": """executable:
+    command: [./run.sh, in.txt]
+    templates: {in.txt: in.jinja}
+    files: [data.txt]
+    keep_failed: failed
+    interpolate: true""",
+    "fmu": "fmu: {file: model.fmu, step: 10 s, drivers: {sun: photo_current}}",
+    "umbridge": "umbridge: {url: 'http://localhost:4242', config: {order: 2, names: [a, b]}}",
+}
+
+
+@pytest.fixture
+def external(folder):
+    """Text of a scenario around each kind of external simulator, whose files are there."""
+    (folder / "model.py").write_text("def simulate(inputs, times, start): ...")
+    (folder / "run.sh").write_text("exit 1")
+    (folder / "run.sh").chmod(0o755)
+    (folder / "in.jinja").write_text("{{ inputs.link }}")
+    (folder / "data.txt").write_text("1")
+    variables = "".join(
+        f'<Float64 name="{name}" valueReference="{k}" causality="{kind}"/>'
+        for k, (name, kind) in enumerate(
+            {
+                **dict.fromkeys(("link", "scale", "first", "link_power"), "parameter"),
+                **dict.fromkeys(("T", "radiator", "battery_htr", "other", "third"), "output"),
+                "sun": "input",
+            }.items()
+        )
+    )
+    with zipfile.ZipFile(folder / "model.fmu", "w") as archive:
+        description = f"<ModelVariables>{variables}</ModelVariables><CoSimulation/>"
+        root = f'<fmiModelDescription fmiVersion="3.0">{description}</fmiModelDescription>'
+        archive.writestr("modelDescription.xml", root)
+
+    def text(kind):
+        simulator = EXTERNAL.format(kind=KINDS[kind]).replace("scale: 1.5", "scale: 1.5\n    link_power: 2 W")
+        head, tail = EXAMPLE.read_text().split("simulator:\n")
+        tail = tail[tail.index("parameters:") :]
+        observations = """observations:
+  battery_temp: {output: battery}
+  radiator_temp: {output: radiator}
+windows:"""
+        parameters = """parameters:
+  link: {sets: inputs.link, prior: {lognormal: {median: 0.8 W/K, factor: 2}}}
+"""
+        windows = tail[tail.index("windows:") + len("windows:") :]
+        return f"{head}simulator:\n{simulator}{parameters}{observations}{windows}"
+
+    return text
+
+
+@pytest.mark.parametrize("kind", KINDS)
+def test_external_simulator_loads_as_an_equal_one(folder, external, kind):
+    scenario = resolve(folder, external(kind))
+
+    assert resolve(folder, resolved_yaml(scenario), "resolved.yaml") == scenario
+
+
+@pytest.mark.parametrize("kind", KINDS)
+def test_absolute_paths_of_an_external_simulator_hold_in_another_folder(folder, external, kind, tmp_path_factory):
+    scenario = resolve(folder, external(kind))
+
+    again = resolve(tmp_path_factory.mktemp("run"), resolved_yaml(scenario, absolute=True))
+
+    files = [path.relative_to(folder) for path in simulator_files(scenario.simulator, scenario.folder)]
+    assert simulator_files(again.simulator, again.folder) == [folder / path for path in files]
+    assert len(files) == {"callable": 1, "executable": 3, "fmu": 1, "umbridge": 0}[kind]
     assert again.parameters == scenario.parameters

@@ -20,6 +20,7 @@ from .external import (
     WrittenHeater,
     WrittenInput,
     WrittenOutput,
+    is_external,
     kind_of_simulator,
 )
 from .schema import (
@@ -46,9 +47,9 @@ class External:
     """What of an external simulator can be read; None as in `Draft`."""
 
     kind: str
-    """The key that tells its kind: callable, executable, fmu or umbridge."""
+    """The key that tells its kind: callable, executable, fmu or umbridge; "": none of them is there."""
     block: Any
-    """What stands under that key, as an object."""
+    """What stands under that key, as an object; null where it cannot be read."""
     inputs: Mapping[str, Input | None]
     outputs: Mapping[str, Output | None]
     heaters: Mapping[str, ExternalHeater | None]
@@ -105,13 +106,12 @@ def draft_of_scenario(scenario: Scenario) -> Draft:
 def draft_of_data(data: Any) -> Draft:
     """The blocks of what a file says, whatever it says. Priors have been read into objects (see `_priors`)."""
     telemetry, model = _mapping(data, "telemetry"), _mapping(data, "simulator")
-    kind = kind_of_simulator(model)
     external = None
-    if kind is not None:
-        fields = KINDS[kind].model_fields
+    if is_external(model):
+        kind = kind_of_simulator(model) or ""
         external = External(
             kind,
-            _block(fields[kind].annotation, model[kind]),
+            _block(KINDS[kind].model_fields[kind].annotation, model[kind]) if kind else None,
             _entries(WrittenInput, model, "inputs"),
             _entries(WrittenOutput, model, "outputs"),
             _entries(WrittenHeater, model, "heaters"),

@@ -210,9 +210,16 @@ KINDS: dict[str, type[ExternalModel]] = {
 
 
 def kind_of_simulator(value: Any) -> str | None:
-    """The key that tells which kind of external simulator a block describes; None: a thermal network."""
+    """The key that tells which kind of external simulator a block describes; None: there is none."""
     keys = type(value).model_fields if isinstance(value, Block) else value if isinstance(value, dict) else ()
     return next((kind for kind in KINDS if kind in keys), None)
+
+
+def is_external(value: Any) -> bool:
+    """Whether what is written describes an external simulator, be it of a kind that there is or not."""
+    if kind_of_simulator(value) is not None:
+        return True
+    return isinstance(value, dict) and "nodes" not in value and bool({"inputs", "outputs"} & set(value))
 
 
 def simulator_files(model: Any, folder: Path) -> list[Path]:

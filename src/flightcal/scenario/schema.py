@@ -38,6 +38,7 @@ from .external import (
     ExecutableSimulator,
     FmuSimulator,
     UmbridgeSimulator,
+    is_external,
     kind_of_simulator,
 )
 
@@ -311,8 +312,10 @@ class SimulatorModel(Block):
 def _simulator_kind(value: Any) -> str | None:
     if not isinstance(value, dict):
         return None
+    if not is_external(value):
+        return f"<{SimulatorModel.__name__}>"
     kind = kind_of_simulator(value)
-    return f"<{KINDS[kind].__name__ if kind else SimulatorModel.__name__}>"
+    return f"<{KINDS[kind].__name__}>" if kind else None
 
 
 AnySimulator = Annotated[
