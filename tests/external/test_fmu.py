@@ -42,13 +42,17 @@ def _no_idle_workers():
     close_workers()
 
 
-@pytest.fixture(scope="module")
-def compile_fmu():
-    """`build` of the example's build.py."""
-    specification = importlib.util.spec_from_file_location("build_fmu", EXAMPLE / "build.py")
+def builder(folder):
+    """`build` of the build.py in a folder."""
+    specification = importlib.util.spec_from_file_location("build_fmu", folder / "build.py")
     module = importlib.util.module_from_spec(specification)
     specification.loader.exec_module(module)
     return module.build
+
+
+@pytest.fixture(scope="module")
+def compile_fmu():
+    return builder(EXAMPLE)
 
 
 def block(**changes):
@@ -132,6 +136,16 @@ def test_bad_fmu_gives_a_record_that_says_what_is_wrong(tmp_path, compile_fmu, f
     assert message in record.message
     assert np.isnan(record.temperatures).all()
     assert record.temperatures.shape == (SAMPLES, 2)
+
+
+def test_fmu_that_stops_before_the_communication_point_is_a_record(tmp_path):
+    copy = shutil.copytree(EXAMPLE, tmp_path / "copy")
+    wrapper = (copy / "fmi3.c").read_text()
+    (copy / "fmi3.c").write_text(wrapper.replace("*reached = time + step;", "*reached = time + step / 2;"))
+
+    record = build(tmp_path, builder(copy)).run(THETA)
+
+    assert (record.outcome, record.message) == ("wrong times", "found the FMU at 30 s after a step to 60 s")
 
 
 def test_fmu_that_hangs_is_killed_and_the_next_run_is_as_good_as_new(tmp_path, compile_fmu):

@@ -7,7 +7,7 @@ import os
 import signal
 import subprocess
 import threading
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from contextlib import contextmanager, suppress
 from typing import Any
 
@@ -44,5 +44,10 @@ def kill_all() -> None:
         kill_group(process)
 
 
-# A fork has the numbers of its parent's children, which are not its own to kill.
-os.register_at_fork(after_in_child=_LIVE.clear)
+def at_fork(forget: Callable[[], object]) -> None:
+    """Have a fork of this process forget the children of its parent, which are not its own to use or to kill."""
+    if hasattr(os, "register_at_fork"):
+        os.register_at_fork(after_in_child=forget)
+
+
+at_fork(_LIVE.clear)

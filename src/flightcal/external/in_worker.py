@@ -21,7 +21,7 @@ from typing import Any, Protocol
 import numpy as np
 
 from ..simulator.system import FloatArray
-from ._processes import live
+from ._processes import at_fork, live
 from .executable import ending
 from .program import Outputs, RunFailure
 
@@ -141,7 +141,7 @@ class _Worker:
 
     def _how_it_ended(self) -> str:
         self.process.wait()
-        self.said.seek(0)
+        self.said.seek(max(0, os.fstat(self.said.fileno()).st_size - 4 * _MOST_WORDS))
         words = " ".join(self.said.read().decode("utf-8", "replace").split())
         self.close()
         return f"{ending(self.process.returncode)}{f'; it said: {words[-_MOST_WORDS:]}' if words else ''}"
@@ -154,7 +154,7 @@ class _Worker:
 
 _IDLE: list[_Worker] = []
 _LOCK = threading.Lock()
-os.register_at_fork(after_in_child=_IDLE.clear)
+at_fork(_IDLE.clear)
 
 
 def _borrow(key: bytes) -> _Worker | None:

@@ -3,10 +3,11 @@
 from __future__ import annotations
 
 import os
+import threading
 from collections.abc import Callable, Sequence
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass
-from functools import cached_property, partial
+from functools import cached_property
 from time import perf_counter
 
 import numpy as np
@@ -106,6 +107,9 @@ class ExternalSimulator:
 
     def run(self, theta: FloatArray) -> Record:
         """One run at theta [d], tried again as often as the scenario says; failures are in the record, not raised."""
+        return self._run(theta, lambda: False)
+
+    def _run(self, theta: FloatArray, stopped: Callable[[], bool]) -> Record:
         values = self.inputs.at(theta)
         attempts = 0
         while True:
@@ -115,7 +119,7 @@ class ExternalSimulator:
                 temperatures, status = self._attempt(values)
                 return Record(theta, "finished", "", attempts, perf_counter() - started, temperatures, status)
             except RunFailure as failure:
-                if attempts <= self.retries and failure.outcome in _WORTH_ANOTHER_TRY:
+                if attempts <= self.retries and failure.outcome in _WORTH_ANOTHER_TRY and not stopped():
                     continue
                 seconds, samples = perf_counter() - started, len(self.times)
                 nothing = np.full((samples, len(self.channels)), np.nan), np.full((samples, len(self.heaters)), np.nan)
@@ -123,7 +127,18 @@ class ExternalSimulator:
 
     def run_many(self, thetas: FloatArray, *, processes: int | None = None) -> list[Record]:
         """Runs at thetas [S, d], at most `processes` at a time (default: one for each core); their order is kept."""
-        return _in_parallel([partial(self.run, theta) for theta in thetas], processes or os.cpu_count() or 1)
+        stop = threading.Event()
+        pool = ThreadPoolExecutor(max(1, min(processes or os.cpu_count() or 1, len(thetas))))
+        try:
+            # The threads only wait; each run is a process of its own.
+            return [future.result() for future in [pool.submit(self._run, theta, stop.is_set) for theta in thetas]]
+        except KeyboardInterrupt:
+            stop.set()
+            pool.shutdown(wait=False, cancel_futures=True)
+            kill_all()
+            raise
+        finally:
+            pool.shutdown()
 
     def simulate(self, theta: FloatArray) -> Trajectory:
         """One simulation at theta [d]. Raises SimulationFailure with what the record says."""
@@ -243,16 +258,3 @@ def _switches(times: FloatArray, status: FloatArray) -> Switch:
     on = np.asarray(status) > 0.5
     sample, heater = np.nonzero(on[1:] != on[:-1])
     return Switch(times[sample + 1], heater.astype(np.int64), on[sample + 1, heater].astype(float))
-
-
-def _in_parallel(tasks: list[Callable[[], Record]], processes: int) -> list[Record]:
-    """Results of the tasks in their order. The threads only wait; each run is a process of its own."""
-    pool = ThreadPoolExecutor(max(1, min(processes, len(tasks))))
-    try:
-        return [future.result() for future in [pool.submit(task) for task in tasks]]
-    except BaseException:
-        pool.shutdown(wait=False, cancel_futures=True)
-        kill_all()
-        raise
-    finally:
-        pool.shutdown()
