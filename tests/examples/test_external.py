@@ -6,6 +6,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from scipy.optimize import least_squares
 
 from flightcal.calibration import build_problem
 from flightcal.experiment import read
@@ -85,3 +86,22 @@ def test_telemetry_tells_every_parameter_much_better_than_its_prior(example):
 
     # On the scale of z a prior has a standard deviation of about one.
     assert (deviations[: len(truth)] < 0.25).all()
+
+
+@pytest.mark.slow
+def test_least_squares_from_the_prior_medians_finds_the_truth(example):
+    """Without flightcal's own inference: what the telemetry says is the truth, within its uncertainty."""
+    path, truth = example
+    scenario = load_scenario(path)
+    problem = build_problem(scenario, read(scenario))
+    start = problem.priors.median()[: len(truth)]
+
+    def residuals(scaled):
+        return ((problem.observed - problem.simulator.simulate(scaled * start).temperatures) / NOISE).ravel()
+
+    fit = least_squares(residuals, np.ones(len(truth)), diff_step=1e-4, xtol=1e-6)
+
+    off = fit.x - truth / start
+    # Chi-square of five degrees of freedom: above 20.5 once in a thousand.
+    assert off @ (fit.jac.T @ fit.jac) @ off < 20.5
+    assert 2 * fit.cost / problem.observed.size == pytest.approx(1.0, abs=4.5 * np.sqrt(2 / problem.observed.size))

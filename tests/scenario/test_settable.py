@@ -7,6 +7,7 @@ from flightcal.scenario import Channel, Load, Settable, load_scenario, settable
 from flightcal.scenario.settable import load_coefficient
 
 EXAMPLE = Path(__file__).parent / "example.yaml"
+BROKEN = Path(__file__).parents[1] / "broken"
 
 
 def test_paths_come_in_the_documented_order():
@@ -81,3 +82,17 @@ def test_plain_coefficient_is_refused_for_a_driver_that_is_no_power():
 
     with pytest.raises(ValueError, match="found 12 without a unit, expected heat per unit of the driver: '12 W/A'"):
         load_coefficient(load, driver)
+
+
+def test_inputs_of_an_external_simulator_and_biases_are_settable():
+    scenario = load_scenario(BROKEN / "valid_external.yaml", telemetry=BROKEN / "scenarios")
+
+    found = settable(scenario)
+
+    assert {path: (number.unit, number.value) for path, number in found.items()} == {
+        "inputs.link": ("W/K", 0.8),
+        "inputs.heating": ("W", 22.0),
+        "observations.battery_temp.bias": ("K", 0.0),
+        "observations.radiator_temp.bias": ("K", 0.0),
+    }
+    assert scenario.parameters["link"].unit == "W/K"

@@ -1,5 +1,13 @@
 """The problem file: schema, units, lint."""
 
+from .external import (
+    CallableSimulator,
+    ExecutableSimulator,
+    ExternalModel,
+    FmuSimulator,
+    UmbridgeSimulator,
+    simulator_files,
+)
 from .json_schema import json_schema
 from .lint import Finding, lint
 from .load import load_scenario
@@ -46,12 +54,16 @@ from .template import write_template
 __all__ = [
     "Beta",
     "Calibration",
+    "CallableSimulator",
     "Channel",
     "CircularOrbit",
     "Conductor",
     "Environment",
+    "ExecutableSimulator",
+    "ExternalModel",
     "Face",
     "Finding",
+    "FmuSimulator",
     "GeneticSettings",
     "HalfNormal",
     "Heater",
@@ -78,6 +90,7 @@ __all__ = [
     "TimeColumn",
     "TleOrbit",
     "TruncatedNormal",
+    "UmbridgeSimulator",
     "Uniform",
     "Window",
     "json_schema",
@@ -85,5 +98,6 @@ __all__ = [
     "load_scenario",
     "resolved_yaml",
     "settable",
+    "simulator_files",
     "write_template",
 ]
