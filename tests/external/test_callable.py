@@ -112,6 +112,13 @@ def test_function_that_hangs_is_killed_and_the_next_run_is_as_good_as_new(tmp_pa
     assert time.perf_counter() - started < 30
 
 
+def test_file_that_is_edited_is_read_again_by_the_next_simulator(tmp_path):
+    before = build(tmp_path, GOOD).run(THETA).temperatures
+    after = build(tmp_path, GOOD.replace("300 +", "301 +")).run(THETA).temperatures
+
+    np.testing.assert_allclose(after, before + 1.0)
+
+
 def test_file_that_cannot_be_imported_is_a_record(tmp_path):
     record = build(tmp_path, "raise RuntimeError('no licence')\ndef simulate(a, b, c): pass").run(THETA)
 

@@ -92,6 +92,7 @@ BAD = {
     "no file": ("pass", "partial output", "no output file 'output.csv', though the exit code is 0; the folder has"),
     "empty file": ("open('output.csv', 'w')", "partial output", "output.csv is empty"),
     "garbage": ("open('output.csv', 'wb').write(bytes(range(256)))", "wrong shape", "output.csv is not a CSV file"),
+    "too long": ("open('output.csv', 'w').truncate(400_000_000)", "wrong shape", "found 400 MB, expected 300 MB at m"),
     "words": ("write([(t, 'hot', 1, 0) for t in times])", "wrong shape", "row 2, 'battery': found 'hot', expected a n"),
     "column": ("write(rows, 'time,battery,radiatr,heater')", "wrong shape", "expected radiator too"),
     "nan": ("write([(*r[:2], 'nan', 0) for r in rows])", "not finite", "nan in 'radiator' at sample 1 of 31, 31 such"),
@@ -199,6 +200,16 @@ def test_folders_of_runs_leave_nothing_behind(tmp_path, monkeypatch):
     assert record_of(tmp_path, GOOD + "write(rows)").outcome == "finished"
     assert record_of(tmp_path, GOOD + "write(rows[:3])").outcome == "partial output"
     assert list(place.iterdir()) == []
+
+
+def test_run_without_room_for_its_folder_is_a_record(tmp_path, monkeypatch):
+    simulator = build(tmp_path, GOOD + "write(rows)")
+    monkeypatch.setattr("tempfile.tempdir", str(tmp_path / "nowhere"))
+
+    record = simulator.run(THETA)
+
+    assert record.outcome == "crashed"
+    assert record.message.startswith("the folder of the run cannot be used: ")
 
 
 def test_output_at_other_times_is_interpolated_only_if_asked(tmp_path):

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import importlib.util
 from datetime import datetime
+from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -70,7 +71,9 @@ def _program(
         function = model.callable
         in_jax, place = function.gradient == "jax", folder / function.file
         return WorkerProgram(
-            FunctionDescription(place, function.function, in_jax, _utc(start), times, outputs, heaters)
+            FunctionDescription(
+                place, function.function, in_jax, _utc(start), times, outputs, heaters, _modified(place)
+            )
         )
     if isinstance(model, UmbridgeSimulator):
         _need("umbridge", "umbridge")
@@ -85,7 +88,8 @@ def _program(
         variable: driver_series(telemetry, channel, at, fill=scenario.telemetry.channels[channel].fill, period=period)
         for variable, channel in model.fmu.drivers.items()
     }
-    return WorkerProgram(FmuDescription(folder / model.fmu.file, grid, samples, drivers, outputs, heaters))
+    place = folder / model.fmu.file
+    return WorkerProgram(FmuDescription(place, grid, samples, drivers, outputs, heaters, _modified(place)))
 
 
 def communication_points(times: FloatArray, step: float | None) -> tuple[FloatArray, IntArray]:
@@ -96,6 +100,13 @@ def communication_points(times: FloatArray, step: float | None) -> tuple[FloatAr
     parts = [np.linspace(a, b, n, endpoint=False) for a, b, n in zip(fixed[:-1], fixed[1:], counts, strict=True)]
     grid = np.concatenate([*parts, fixed[-1:]])
     return grid, np.searchsorted(grid, times)
+
+
+def _modified(file: Path) -> int:
+    try:
+        return file.stat().st_mtime_ns
+    except OSError:
+        return 0  # the first run says what is wrong
 
 
 def _need(package: str, extra: str) -> None:

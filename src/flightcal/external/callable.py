@@ -30,6 +30,8 @@ class FunctionDescription:
     """[T] s from `start`."""
     outputs: tuple[str, ...]
     heaters: tuple[str, ...]
+    modified: int
+    """When the file was, ns: a worker that has opened an older one is not asked again."""
 
     @property
     def has_gradient(self) -> bool:

@@ -24,6 +24,8 @@ from .program import Outputs, RunFailure
 
 _MOST_WORDS = 300
 """Characters of what a crashed simulator said last that its message quotes."""
+_MOST_BYTES = 300_000_000
+"""Of an output file: a simulator that writes for ever must not fill the memory too."""
 _TOLERANCE = 1e-3  # s; times written with fewer digits than they have are still the same times
 
 
@@ -54,7 +56,16 @@ class ExecutableProgram:
 
     def run(self, inputs: Mapping[str, float], timeout: float) -> Outputs:
         """One run in a folder of its own. Raises RunFailure."""
-        place = Path(tempfile.mkdtemp(prefix="flightcal-"))
+        try:
+            place = Path(tempfile.mkdtemp(prefix="flightcal-"))
+            try:
+                return self._run_in(place, inputs, timeout)
+            finally:
+                shutil.rmtree(place, ignore_errors=True)
+        except OSError as error:
+            raise RunFailure("crashed", f"the folder of the run cannot be used: {error}") from None
+
+    def _run_in(self, place: Path, inputs: Mapping[str, float], timeout: float) -> Outputs:
         try:
             self._prepare(place, inputs)
             self._execute(place, timeout)
@@ -64,8 +75,6 @@ class ExecutableProgram:
                 raise
             kept = _keep(place, self.folder / self.block.keep_failed)
             raise RunFailure(failure.outcome, f"{failure.message}; folder of the run: {kept}") from None
-        finally:
-            shutil.rmtree(place, ignore_errors=True)
 
     def _prepare(self, place: Path, inputs: Mapping[str, float]) -> None:
         from jinja2 import Environment, StrictUndefined, TemplateError
@@ -81,8 +90,8 @@ class ExecutableProgram:
                 (place / name).write_text(environment.from_string(text).render(known), encoding="utf-8")
         except TemplateError as error:
             raise RunFailure("crashed", f"template '{template}' of '{name}' cannot be filled in: {error}") from None
-        except (OSError, UnicodeDecodeError) as error:
-            raise RunFailure("crashed", f"the folder of the run cannot be prepared: {error}") from None
+        except UnicodeDecodeError as error:
+            raise RunFailure("crashed", f"template '{template}' is not UTF-8: {error}") from None
 
     def _execute(self, place: Path, timeout: float) -> None:
         command = [self.block.program(self.folder), *self.block.command[1:]]
@@ -119,6 +128,10 @@ class ExecutableProgram:
             there = ", ".join(sorted(str(p.relative_to(place)) for p in place.rglob("*") if p.is_file()))
             message = f"no output file '{self.block.output}', though the exit code is 0; the folder has {there}"
             raise RunFailure("partial output", message)
+        if path.stat().st_size > _MOST_BYTES:
+            found = f"{path.stat().st_size / 1e6:.0f} MB"
+            most = f"{_MOST_BYTES / 1e6:.0f} MB at most"
+            raise RunFailure("wrong shape", f"{self.block.output}: found {found}, expected {most}")
         seconds, values = _read_table(path, self.block, self.start, (*self.outputs, *self.heaters))
         values = _at_samples(seconds, values, self.times, len(self.outputs), self.block)
         return Outputs(values[:, : len(self.outputs)], values[:, len(self.outputs) :])

@@ -33,6 +33,8 @@ class FmuDescription:
     """Input variable -> its values [K] at the communication points; each holds until the next."""
     outputs: tuple[str, ...]
     heaters: tuple[str, ...]
+    modified: int
+    """When the file was, ns: a worker that has opened an older one is not asked again."""
 
     @property
     def has_gradient(self) -> bool:

@@ -79,7 +79,10 @@ class WorkerProgram:
     def _ask(self, request: str, timeout: float, *arguments: Any) -> Any:
         worker = _borrow(self.key)
         if worker is None:
-            worker = _Worker(self.key)
+            try:
+                worker = _Worker(self.key)
+            except OSError as error:
+                raise RunFailure("crashed", f"no process can be started for it: {error}") from None
             worker.ask(max(timeout, _OPENING), "open", self.description)
         answer = worker.ask(timeout, request, *arguments)
         _give_back(worker)
