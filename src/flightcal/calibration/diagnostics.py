@@ -91,6 +91,13 @@ def diagnose(posterior: Group, sample_stats: Group | Mapping[str, NDArray[Any]],
     return Diagnostics(parameters, gates, passed, _verdict(gates, passed, chains, draws))
 
 
+def least_effective(draws: Array) -> float:
+    """Least bulk effective sample size over the last axis of draws [chain, draw, d]."""
+    from arviz_stats.base import array_stats
+
+    return float(min(array_stats.ess(draws[..., k], method="bulk") for k in range(draws.shape[-1])))
+
+
 def _values(group: Group | Mapping[str, NDArray[Any]], name: str) -> Array:
     """A variable [chain, draw]."""
     values = group[name]
