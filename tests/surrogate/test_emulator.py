@@ -18,7 +18,7 @@ class Case:
     def __init__(self, folder, heater):
         self.problem = derivative_free.problem(folder, heater=heater)
         self.scale = simulated_priors(self.problem)
-        evaluate = derivative_free.evaluator(self.problem)
+        evaluate = derivative_free.evaluator(self.problem.simulator)
         self.runs = derivative_free.empty(self.problem).add(evaluate(start_design(self.scale, 60, seed=1)), 0)
         self.unseen = derivative_free.empty(self.problem).add(evaluate(start_design(self.scale, 60, seed=2)), 0)
         self.emulator = fit_emulator(self.runs, self.scale.to_z(self.runs.theta), TOLERANCE)
@@ -82,9 +82,12 @@ def test_a_window_is_a_view_of_the_same_runs(case):
     assert (seen.switches.time >= 0.0).all()
 
 
-def test_far_from_the_runs_it_is_less_sure(case):
-    middle, corner = case.emulator.predict(np.array([np.zeros(5), np.full(5, 4.0)]))[1]
-    assert np.sqrt(np.mean(corner**2)) > 3.0 * np.sqrt(np.mean(middle**2))
+def test_far_from_the_runs_it_is_less_sure_and_farther_it_says_nothing(case):
+    middle, corner = case.emulator.predict(np.array([np.zeros(5), np.full(5, 2.0)]))[1]
+    assert np.sqrt(np.mean(corner**2)) > 2.0 * np.sqrt(np.mean(middle**2))
+    assert all(case.emulator.covers(z) for z in case.scale.to_z(case.runs.theta))
+    with pytest.raises(SimulationFailure, match="far from all runs"):
+        case.simulator.simulate(case.scale.to_theta(np.full(5, 4.0)))
 
 
 def test_heaters_do_what_they_did_in_the_nearest_run(case):

@@ -38,7 +38,8 @@ _NUTS = NutsSettings(chains=4, draws=400, warmup=200)
 _PRIOR_SHARE = 0.998
 """Of each prior, through which the start design goes."""
 _TRUNCATION = 0.1
-"""Share of a channel's noise that principal shapes may leave out."""
+"""What principal shapes may leave out of a channel, added up over all its samples, in standard deviations of its noise.
+Left out is a smooth function of the parameters, so it adds up where noise averages out: a posterior sees it all."""
 _LEAST_NOISE = 1e-3  # K
 _REACH = 9.0
 """Runs within so many posterior standard deviations of its mean belong to its surroundings."""
@@ -149,7 +150,7 @@ def learn(
         noise = _noise_level(problem, belief)
         chosen = _near(scale.to_z(runs.theta), runs.finished, belief, problem)
         near = runs.take(chosen)
-        emulator = fit_emulator(near, scale.to_z(near.theta), _TRUNCATION * noise)
+        emulator = fit_emulator(near, scale.to_z(near.theta), _TRUNCATION * noise / math.sqrt(len(problem.times)))
         emulated = replace(problem, simulator=EmulatedSimulator(emulator, scale, part), open_loop=None)
         before, belief = belief, _posterior(emulated, runs.take(runs.finished), belief, rng)
         share, shift = _influence(emulated, belief, rng)
@@ -266,7 +267,10 @@ def _posterior(problem: Problem, runs: TrainingRuns, before: _Belief | None, rng
     try:
         coordinates = whitening(mode.z, problem.gauss_newton_hessian(mode.z))
     except SimulationFailure as failure:
-        raise FlightcalError(f"emulator: {failure}") from None
+        if before is None:
+            raise FlightcalError(f"emulator: {failure}") from None
+        # The mode is at the edge of where there are runs.
+        coordinates = whitening(before.mean, np.linalg.inv(np.cov(before.z.T)))
     draws = sample(problem.log_density_and_gradient, coordinates, _NUTS, int(rng.integers(2**32)))
     return _Belief(draws.z.reshape(-1, draws.z.shape[-1]), least_effective(draws.z))
 

@@ -22,6 +22,8 @@ from .gaussian_process import GaussianProcesses, fit
 from .principal import PrincipalShapes, principal_shapes
 from .runs import TrainingRuns
 
+_REACH = 1.5
+
 
 class Scale(Protocol):
     """The unconstrained scale of parameters, such as `calibration.Priors`."""
@@ -56,6 +58,24 @@ class Emulator:
     def inputs(self, z: FloatArray) -> FloatArray:
         """The processes' inputs [..., d] at z [..., d]."""
         return (z - self.centre) / self.spread
+
+    def covers(self, z: FloatArray) -> bool:
+        """Whether z [d] is not far beyond the runs: at most `_REACH` times as far out as the outermost of them.
+
+        Farther out the processes extrapolate, and their variance means nothing.
+        """
+        return bool(np.linalg.norm(self._whitening @ self.inputs(z)) <= self._radius)
+
+    @cached_property
+    def _whitening(self) -> FloatArray:
+        """[d, d]: gives the runs' inputs a covariance of one."""
+        inputs = self.processes.inputs
+        values, directions = np.linalg.eigh(inputs.T @ inputs / len(inputs))
+        return np.asarray(directions.T / np.sqrt(np.maximum(values, 1e-12 * values[-1]))[:, None])
+
+    @cached_property
+    def _radius(self) -> float:
+        return _REACH * float(np.linalg.norm(self.processes.inputs @ self._whitening.T, axis=1).max())
 
     def predict(self, z: FloatArray) -> tuple[FloatArray, FloatArray]:
         """Mean and standard deviation of the temperatures at z [P, d], [P, T, N] K each."""
@@ -139,7 +159,7 @@ class EmulatedSimulator:
         return np.full(len(self.heaters), np.nan)
 
     def simulate(self, theta: FloatArray) -> Trajectory:
-        """The emulated simulation at theta [d]. Raises SimulationFailure where theta is not finite."""
+        """The emulated simulation at theta [d]. Raises SimulationFailure where theta is far from all runs."""
         x = self._inputs(theta)
         return self._trajectory(x, *self.emulator.processes.predict(x))
 
@@ -167,6 +187,8 @@ class EmulatedSimulator:
         z = self.scale.to_z(theta)
         if not np.isfinite(z).all():
             raise SimulationFailure("a parameter is not finite, or outside of its prior")
+        if not self.emulator.covers(z):
+            raise SimulationFailure("the parameters are far from all runs that the emulator was made from")
         return z
 
     def _inputs(self, theta: FloatArray) -> FloatArray:
