@@ -37,7 +37,7 @@ _NUTS = NutsSettings(chains=4, draws=400, warmup=200)
 """Of a round: enough for means within 0.05 standard deviations."""
 _PRIOR_SHARE = 0.998
 """Of each prior, through which the start design goes."""
-_TRUNCATION = 0.1
+TRUNCATION = 0.1
 """What principal shapes may leave out of a channel, added up over all its samples, in standard deviations of its noise.
 Left out is a smooth function of the parameters, so it adds up where noise averages out: a posterior sees it all."""
 _LEAST_NOISE = 1e-3  # K
@@ -95,6 +95,10 @@ class Learnt:
     emulator: Emulator
     runs: TrainingRuns
     """All of them, failed ones too."""
+    fitted: NDArray[np.intp]
+    """Positions of the runs that the emulator was fitted to."""
+    tolerance: FloatArray
+    """[N] K, what it was fitted with."""
     rounds: tuple[Round, ...]
     reached: bool
     """Whether the emulator's error no longer matters, by the stated rule."""
@@ -147,11 +151,13 @@ def learn(
     belief: _Belief | None = None
     rounds: list[Round] = []
     while True:
-        noise = _noise_level(problem, belief)
+        noise = noise_level(problem, belief)
         chosen = _near(scale.to_z(runs.theta), runs.finished, belief, problem)
         near = runs.take(chosen)
-        emulator = fit_emulator(near, scale.to_z(near.theta), _TRUNCATION * noise / math.sqrt(len(problem.times)))
-        emulated = replace(problem, simulator=EmulatedSimulator(emulator, scale, part), open_loop=None)
+        tolerance = TRUNCATION * noise / math.sqrt(len(problem.times))
+        emulator = fit_emulator(near, scale.to_z(near.theta), tolerance)
+        simulator = EmulatedSimulator(emulator, scale, part, heater_powers=problem.simulator.heater_power)
+        emulated = replace(problem, simulator=simulator, open_loop=None)
         before, belief = belief, _posterior(emulated, runs.take(runs.finished), belief, rng)
         share, shift = _influence(emulated, belief, rng)
         moved, monte_carlo = _movement(before, belief)
@@ -179,7 +185,9 @@ def learn(
         on_round(rounds[-1])
         if reached or batch <= 0:
             theta = problem.to_theta(belief.mean)
-            return Learnt(emulated, emulator, runs, tuple(rounds), reached, theta, failure_summary(runs))
+            return Learnt(
+                emulated, emulator, runs, chosen, tolerance, tuple(rounds), reached, theta, failure_summary(runs)
+            )
         z = _most_telling(emulated, belief, batch, rng)
         number = int(runs.round.max()) + 1
         runs = runs.add(evaluate(scale.to_theta(z)), number)
@@ -228,7 +236,7 @@ def _start(
     return runs
 
 
-def _noise_level(problem: Problem, belief: _Belief | None) -> FloatArray:
+def noise_level(problem: Problem, belief: _Belief | None = None) -> FloatArray:
     """[N] K: the posterior's median noise, or before there is one what the telemetry's second differences look like."""
     if belief is not None:
         return np.maximum(problem.noise(problem.to_theta(np.median(belief.z, axis=0))), _LEAST_NOISE)
@@ -270,7 +278,7 @@ def _posterior(problem: Problem, runs: TrainingRuns, before: _Belief | None, rng
         if before is None:
             raise FlightcalError(f"emulator: {failure}") from None
         # The mode is at the edge of where there are runs.
-        coordinates = whitening(before.mean, np.linalg.inv(np.cov(before.z.T)))
+        coordinates = whitening(before.mean, np.asarray(np.linalg.inv(np.cov(before.z.T)), float))
     draws = sample(problem.log_density_and_gradient, coordinates, _NUTS, int(rng.integers(2**32)))
     return _Belief(draws.z.reshape(-1, draws.z.shape[-1]), least_effective(draws.z))
 

@@ -129,6 +129,8 @@ class EmulatedSimulator:
     """Of the emulator's sample times."""
     certain: bool = False
     """As if it had no error: for comparison, never for a calibration."""
+    heater_powers: Callable[[FloatArray], FloatArray] | None = None
+    """Power [H] W of each heater at theta [d], where the real simulator knows it: runs do not tell."""
 
     @property
     def parameters(self) -> tuple[str, ...]:
@@ -155,8 +157,10 @@ class EmulatedSimulator:
         return replace(self, window=window)
 
     def heater_power(self, theta: FloatArray) -> FloatArray:
-        """NaN [H]: runs do not tell."""
-        return np.full(len(self.heaters), np.nan)
+        """Power [H] W of each heater while it is on, at theta [d]; NaN where it is not known."""
+        if self.heater_powers is None:
+            return np.full(len(self.heaters), np.nan)
+        return self.heater_powers(theta)
 
     def simulate(self, theta: FloatArray) -> Trajectory:
         """The emulated simulation at theta [d]. Raises SimulationFailure where theta is far from all runs."""
