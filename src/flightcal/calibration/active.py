@@ -26,9 +26,10 @@ from ..surrogate.held_out import Validation, validate
 from ..surrogate.runs import TrainingRuns, failure_summary
 from .diagnostics import least_effective
 from .mode import find_mode
-from .nuts import sample, whitening
+from .nuts import sample
 from .priors import Priors
 from .problem import Problem
+from .whitening import whitening
 
 Evaluate = Callable[[FloatArray], Sequence[Record]]
 """Real runs at thetas [S, d], in the simulator's order of parameters; failed ones are records too."""
