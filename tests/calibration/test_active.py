@@ -73,7 +73,8 @@ def test_the_posterior_is_that_of_the_real_simulator(problem, learnt):
 def test_every_round_says_what_it_did(learnt):
     found, told, saved = learnt
     assert tuple(told) == found.rounds
-    assert [len(runs) for runs in saved] == [a.runs for a in told]
+    assert {a.runs for a in told} <= {len(runs) for runs in saved}
+    assert np.diff([0, *(len(runs) for runs in saved)]).max() <= 8
     assert told[-1].expected_shift < 0.1
     assert told[-1].expected_shift < told[0].expected_shift
     assert told[-1].validation.passed
@@ -106,7 +107,7 @@ def test_it_takes_up_where_it_stopped(problem, tmp_path, monkeypatch):
     evaluate, asked = derivative_free.evaluator(problem.simulator), []
 
     def interrupted(thetas):
-        if len(asked) + len(thetas) > 50:
+        if len(asked) + len(thetas) > 48:
             raise KeyboardInterrupt
         return counted(thetas)
 
@@ -118,11 +119,13 @@ def test_it_takes_up_where_it_stopped(problem, tmp_path, monkeypatch):
     arguments = {"settings": settings, "seed": 5, "save": lambda runs: runs.write(file)}
     with pytest.raises(KeyboardInterrupt):
         learn(problem, interrupted, derivative_free.empty(problem), **arguments)
-    assert len(asked) == 50
+    assert len(asked) == 48  # in the middle of a round
     found = learn(problem, counted, read_runs(file, derivative_free.empty(problem)), **arguments)
     assert len(asked) == len(found.runs) <= 60
     assert found.reached or found.rounds[-1].verdict == "the budget of runs is spent"
-    np.testing.assert_array_equal(np.sort(np.array(asked), axis=0), np.sort(found.runs.theta, axis=0))
+    straight = learn(problem, evaluate, derivative_free.empty(problem), settings=settings, seed=5)
+    np.testing.assert_array_equal(found.runs.theta, straight.runs.theta)
+    np.testing.assert_array_equal(found.theta, straight.theta)
 
 
 def test_a_simulator_that_hardly_ever_finishes_is_an_error_with_its_message(problem):

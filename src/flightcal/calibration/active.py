@@ -47,6 +47,8 @@ _REACH = 9.0
 _NEAREST_PER_PARAMETER = 8
 """At least so many runs for each parameter are fitted, however far: the nearest."""
 _MODE_STARTS = 4
+_SAVED_TOGETHER = 8
+"""Runs that are asked for, and saved, together: an interruption costs no more than these."""
 _CANDIDATES = 300
 _JUDGED = 12
 """Posterior draws at which the emulator's share in the posterior is judged."""
@@ -141,12 +143,16 @@ def learn(
     """Learn an emulator of `problem.simulator` around the posterior.
 
     evaluate: real runs at the sample times of `runs`; window: the problem's among these (None: all). runs: what has
-    been run before (`no_runs`: nothing); it is taken up where it stopped. save: is given all runs after each batch.
+    been run before (`no_runs`: nothing). The same seed and settings ask for the same runs, so what has been run is not
+    run again, and an interrupted call ends as it would have. save: is given all runs after each few of them.
     Raises FlightcalError where too few runs of the start design finish.
     """
     scale = simulated_priors(problem)
     rng = np.random.default_rng(seed)
-    runs = _start(scale, evaluate, runs, settings, seed, save)
+    campaign = _Campaign(evaluate, save, stored=runs)
+    design = start_design(scale, min(settings.runs, settings.start or 10 * len(scale.names)), seed)
+    runs = campaign.complete(runs.take(slice(0, 0)), design, 0)
+    _check_start(runs)
     part = window or slice(None)
     validation: Validation | None = None
     belief: _Belief | None = None
@@ -167,7 +173,8 @@ def learn(
             before is not None
             and shift <= settings.shift
             and moved <= settings.shift + monte_carlo
-            and (validation is None or validation.passed)
+            and validation is not None
+            and validation.passed
         )
         verdict = (
             "the emulator's error no longer matters"
@@ -190,9 +197,8 @@ def learn(
                 emulated, emulator, runs, chosen, tolerance, tuple(rounds), reached, theta, failure_summary(runs)
             )
         z = _most_telling(emulated, belief, batch, rng)
-        number = int(runs.round.max()) + 1
-        runs = runs.add(evaluate(scale.to_theta(z)), number)
-        save(runs)
+        number = len(rounds)
+        runs = campaign.complete(runs, scale.to_theta(z), number)
         new = runs.take((runs.round == number) & runs.finished)
         validation = validate(emulator, scale.to_z(new.theta), new.temperatures) if len(new) else None
 
@@ -209,32 +215,36 @@ def start_design(scale: Priors, count: int, seed: int) -> FloatArray:
     return scale.quantile(0.5 + (points - 0.5) * _PRIOR_SHARE)
 
 
-def _start(
-    scale: Priors,
-    evaluate: Evaluate,
-    runs: TrainingRuns,
-    settings: EmulatorSettings,
-    seed: int,
-    save: Callable[[TrainingRuns], None],
-) -> TrainingRuns:
-    """The runs of the start design that are not there yet, added."""
-    count = min(settings.runs, settings.start or 10 * len(scale.names))
-    design = start_design(scale, count, seed)
-    there = [
-        bool(len(runs)) and bool((np.abs(runs.theta - theta) <= 1e-12 * np.abs(theta)).all(1).any()) for theta in design
-    ]
-    missing = design[~np.array(there)]
-    if len(missing):
-        runs = runs.add(evaluate(missing), 0)
-        save(runs)
-    least = 2 * (len(scale.names) + 1)
+@dataclass(frozen=True)
+class _Campaign:
+    """Real runs, a few at a time, each few saved."""
+
+    evaluate: Evaluate
+    save: Callable[[TrainingRuns], None]
+    stored: TrainingRuns
+    """What an earlier call ran."""
+
+    def complete(self, runs: TrainingRuns, design: FloatArray, number: int) -> TrainingRuns:
+        """`runs` and those of round `number` at thetas `design` [S, d], of which only what is missing is run."""
+        there = self.stored.take(self.stored.round == number)
+        later = self.stored.take(self.stored.round > number)
+        is_there = [bool(np.isclose(there.theta, theta, rtol=1e-9, atol=0.0).all(axis=1).any()) for theta in design]
+        missing = design[~np.array(is_there)][: max(0, len(design) - len(there))]
+        for first in range(0, len(missing), _SAVED_TOGETHER):
+            there = there.add(self.evaluate(missing[first : first + _SAVED_TOGETHER]), number)
+            self.save(runs.join(there).join(later))
+        return runs.join(there)
+
+
+def _check_start(runs: TrainingRuns) -> None:
+    """Raises FlightcalError where too few runs of the start design finish."""
+    least = 2 * (len(runs.parameters) + 1)
     if runs.finished.sum() < least:
         last = "" if runs.finished.all() else f"; the last message: {runs.message[~runs.finished][-1]}"
         raise FlightcalError(
             f"emulator: found {int(runs.finished.sum())} finished runs in the start design, expected at least {least}: "
             f"{failure_summary(runs)}{last}"
         )
-    return runs
 
 
 def noise_level(problem: Problem, belief: _Belief | None = None) -> FloatArray:

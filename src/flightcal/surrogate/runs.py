@@ -17,6 +17,7 @@ from ..run_directory import write_atomically
 from ..simulator.system import FloatArray
 
 FINISHED = "finished"
+_PER_RUN = ("theta", "temperatures", "status", "outcome", "message", "round")
 
 
 @dataclass(frozen=True)
@@ -54,8 +55,14 @@ class TrainingRuns:
 
     def take(self, chosen: Any) -> TrainingRuns:
         """The runs at these positions, or where this mask [S] is true."""
-        per_run = ("theta", "temperatures", "status", "outcome", "message", "round")
-        return replace(self, **{name: getattr(self, name)[chosen] for name in per_run})
+        return replace(self, **{name: getattr(self, name)[chosen] for name in _PER_RUN})
+
+    def join(self, others: TrainingRuns) -> TrainingRuns:
+        """These runs, then the others."""
+        joined: dict[str, Any] = {
+            name: np.concatenate([getattr(self, name), getattr(others, name)]) for name in _PER_RUN
+        }
+        return replace(self, **joined)
 
     def add(self, records: Sequence[Record], round_: int) -> TrainingRuns:
         """These runs and the ones of `records`."""
