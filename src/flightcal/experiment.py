@@ -6,15 +6,16 @@ call takes up where an earlier one stopped.
 
 from __future__ import annotations
 
-import dataclasses
 import json
 from dataclasses import dataclass
+from functools import partial
 from pathlib import Path
 from typing import Any, Protocol
 
 import numpy as np
 import xarray
 
+from ._emulator_stage import CHECK_FILE, Emulation, check_emulator, emulator_stage, window_emulator
 from .calibration import (
     Diagnostics,
     Problem,
@@ -25,11 +26,12 @@ from .calibration import (
     posterior_tree,
     with_residual_noise,
 )
+from .calibration.emulated import needs_emulator
 from .environment import orbital_period
 from .errors import FlightcalError, RunError
 from .prediction import predict
 from .report import write_report
-from .run_directory import RunDirectory, hash_of, hash_of_file, open_run
+from .run_directory import RunDirectory, hash_of, hash_of_file, open_run, plain
 from .scenario import Scenario, input_files, load_scenario, resolved_yaml
 from .simulator.system import FloatArray
 from .telemetry import quality_table, read_telemetry
@@ -45,6 +47,9 @@ class Listener(Protocol):
     def generation(self, run: int, generation: int, best: float) -> None:
         """The genetic algorithm has finished a generation."""
 
+    def learning(self, said: str) -> None:
+        """What a round of the active learning did."""
+
     def search(self, what: str) -> None:
         """What the mode search is at."""
 
@@ -59,6 +64,9 @@ class Silent:
         """Nothing."""
 
     def generation(self, run: int, generation: int, best: float) -> None:
+        """Nothing."""
+
+    def learning(self, said: str) -> None:
         """Nothing."""
 
     def search(self, what: str) -> None:
@@ -109,22 +117,28 @@ def run_experiment(
     identity = _identity(scenario, inputs)
     run = open_run(Path(out), identity, resolved_yaml(scenario, absolute=True), inputs, scenario.calibration.seed)
     with run.stage("read", identity):
-        run.write_json("telemetry_quality.json", [_plain(record) for record in quality_table(data)])
+        run.write_json("telemetry_quality.json", [plain(record) for record in quality_table(data)])
         run.write_json("parameters.json", _parameters(problem))
 
-    _compile_stage(run, identity, problem, listener)
     settings = scenario.calibration
-    genetic_key = hash_of(identity, settings.genetic.model_dump(), settings.seed)
+    emulation = None
+    if needs_emulator(problem):
+        emulation = emulator_stage(run, hash_of(identity, settings.emulator.model_dump()), problem, listener)
+        emulator_identity = hash_of(identity, settings.emulator.model_dump(), settings.seed)
+    else:
+        emulator_identity = identity
+        _compile_stage(run, identity, problem, listener)
+    genetic_key = hash_of(emulator_identity, settings.genetic.model_dump(), settings.seed)
     nuts_key = hash_of(genetic_key, settings.nuts.model_dump())
     predict_key = hash_of(nuts_key, settings.prediction.model_dump())
 
-    genetic = _genetic_stage(run, genetic_key, problem, listener)
+    genetic = _genetic_stage(run, genetic_key, problem if emulation is None else emulation.searched, listener)
     points = genetic_points(problem, genetic)
-    posterior, diagnostics = _nuts_stage(run, nuts_key, problem, points, listener)
+    posterior, diagnostics = _nuts_stage(run, nuts_key, problem, points, emulation, listener)
     interrupted = posterior.attrs["interrupted"] == "true"
     if interrupted:
         predict_key = hash_of(predict_key, "interrupted")
-    metrics = _predict_stage(run, predict_key, problem, data, points, posterior, listener)
+    metrics = _predict_stage(run, predict_key, problem, data, points, posterior, emulation, listener)
     listener.stage("report", False)
     with run.stage("report", hash_of(predict_key, "report")):
         report = write_report(run.path)
@@ -153,26 +167,38 @@ def _genetic_stage(run: RunDirectory, key: str, problem: Problem, listener: List
 
 
 def _nuts_stage(
-    run: RunDirectory, key: str, problem: Problem, points: dict[str, FloatArray], listener: Listener
+    run: RunDirectory,
+    key: str,
+    problem: Problem,
+    points: dict[str, FloatArray],
+    emulation: Emulation | None,
+    listener: Listener,
 ) -> tuple[xarray.DataTree, dict[str, Any]]:
-    files = ("posterior.nc", "diagnostics.json")
+    files = ("posterior.nc", "diagnostics.json", *((CHECK_FILE,) if emulation else ()))
     done = run.is_done("nuts", key, files)
     listener.stage("nuts", done)
     if not done:
         interrupted = None
         with run.stage("nuts", key):
+            sampled = problem if emulation is None else emulation.problem
             posterior = calibrate_nuts(
-                problem,
-                starts=[("the genetic algorithm's best", points["genetic_best"])],
+                sampled,
+                starts=[("the genetic algorithm's best", points["genetic_best"])]
+                if emulation is None
+                else [("active learning", emulation.theta)],
+                random_starts=6 if emulation is None else 0,
                 on_start=listener.search,
                 progress=listener.sampling,
             )
             interrupted = posterior.draws.interrupted
             if posterior.theta.shape[1] == 0:
                 raise RunError("sampling was interrupted before the first draw; run the same command to start it again")
-            tree = posterior_tree(problem, posterior, seed=problem.scenario.calibration.seed)
+            tree = posterior_tree(sampled, posterior, seed=problem.scenario.calibration.seed)
             run.write_netcdf("posterior.nc", tree)
-            run.write_json("diagnostics.json", _diagnostics(posterior.diagnostics, posterior.draws))
+            diagnostics = posterior.diagnostics
+            if emulation is not None:
+                diagnostics = check_emulator(run, problem, emulation, posterior.flat, diagnostics)
+            run.write_json("diagnostics.json", _diagnostics(diagnostics, posterior.draws))
         if interrupted:
             run.forget("nuts")
     return run.read_tree("posterior.nc"), json.loads(run.file("diagnostics.json").read_text(encoding="utf-8"))
@@ -185,6 +211,7 @@ def _predict_stage(
     data: xarray.Dataset,
     points: dict[str, FloatArray],
     posterior: xarray.DataTree,
+    emulation: Emulation | None,
     listener: Listener,
 ) -> tuple[Metric, ...]:
     done = run.is_done("predict", key, ("prediction.nc", "metrics.json"))
@@ -195,13 +222,15 @@ def _predict_stage(
             seed = scenario.calibration.seed
             uncalibrated = with_residual_noise(problem, problem.priors.median())
             draws = _draws(posterior, problem.names, scenario.calibration.prediction.simulations, seed)
+            points = {"uncalibrated": uncalibrated, **points}
+            stand_in = None if emulation is None else partial(window_emulator, run, key, emulation, draws)
             windows = {
-                window: predict(scenario, data, window, {"uncalibrated": uncalibrated, **points}, draws, seed=seed)[0]
+                window: predict(scenario, data, window, points, draws, seed=seed, stand_in=stand_in)[0]
                 for window in scenario.windows
             }
             metrics = [metric for window, predicted in windows.items() for metric in score(predicted, window)]
             run.write_netcdf("prediction.nc", xarray.DataTree.from_dict(windows))
-            run.write_json("metrics.json", [_plain(metric) for metric in metrics])
+            run.write_json("metrics.json", [plain(metric) for metric in metrics])
     records = json.loads(run.file("metrics.json").read_text(encoding="utf-8"))
     return tuple(Metric(**record) for record in records)
 
@@ -245,28 +274,11 @@ def _parameters(problem: Problem) -> list[dict[str, Any]]:
 
 
 def _diagnostics(diagnostics: Diagnostics, draws: Any) -> dict[str, Any]:
-    content = _plain(diagnostics)
+    content = plain(diagnostics)
     content["passed"] = diagnostics.passed
     content["verdict"] = diagnostics.verdict
     content["gradient_evaluations"] = int(draws.gradients)
     return content
-
-
-def _plain(value: Any) -> Any:
-    """Dataclasses, NumPy scalars and times as JSON knows them; NaN as null."""
-    if dataclasses.is_dataclass(value) and not isinstance(value, type):
-        return {field.name: _plain(getattr(value, field.name)) for field in dataclasses.fields(value)}
-    if isinstance(value, dict):
-        return {key: _plain(item) for key, item in value.items()}
-    if isinstance(value, (list, tuple)):
-        return [_plain(item) for item in value]
-    if isinstance(value, np.datetime64):
-        return str(value.astype("datetime64[s]"))
-    if isinstance(value, np.generic):
-        value = value.item()
-    if isinstance(value, float) and not np.isfinite(value):
-        return None
-    return value
 
 
 __all__ = ["FlightcalError", "Listener", "Silent", "Summary", "read", "run_experiment"]

@@ -16,6 +16,7 @@ from .validation import comparison_table
 _TITLES = {
     "read": "reading telemetry",
     "compile": "compiling (long only once)",
+    "emulator": "learning an emulator",
     "genetic": "genetic algorithm",
     "nuts": "stochastic update (NUTS)",
     "predict": "predicting and scoring",
@@ -90,6 +91,10 @@ class Display:
     def generation(self, run: int, generation: int, best: float) -> None:
         """Show run, generation and best cost."""
         self._update(note=f"run {run + 1}, generation {generation + 1}, RMSE {best:.3f} K")
+
+    def learning(self, said: str) -> None:
+        """A line for each round of the active learning."""
+        self._progress.console.print(said, highlight=False)
 
     def search(self, what: str) -> None:
         """Show what the mode search is at."""

@@ -91,6 +91,21 @@ def diagnose(posterior: Group, sample_stats: Group | Mapping[str, NDArray[Any]],
     return Diagnostics(parameters, gates, passed, _verdict(gates, passed, chains, draws))
 
 
+def with_gate(diagnostics: Diagnostics, gate: Gate) -> Diagnostics:
+    """The diagnostics with one more condition, which the calibration fails where it is not met."""
+    verdict = diagnostics.verdict if gate.passed else f"{diagnostics.verdict} {gate.name}: {gate.found}. {gate.advice}"
+    return Diagnostics(
+        diagnostics.parameters, (*diagnostics.gates, gate), diagnostics.passed and gate.passed, verdict.strip()
+    )
+
+
+def least_effective(draws: Array) -> float:
+    """Least bulk effective sample size over the last axis of draws [chain, draw, d]."""
+    from arviz_stats.base import array_stats
+
+    return float(min(array_stats.ess(draws[..., k], method="bulk") for k in range(draws.shape[-1])))
+
+
 def _values(group: Group | Mapping[str, NDArray[Any]], name: str) -> Array:
     """A variable [chain, draw]."""
     values = group[name]

@@ -124,19 +124,23 @@ def calibrate_nuts(
     seed: int | None = None,
     *,
     starts: Sequence[tuple[str, FloatArray]] = (),
+    random_starts: int = 6,
     on_start: Callable[[str], None] = lambda _: None,
     progress: Any = None,
 ) -> Posterior:
     """Sample the posterior with NUTS: find the mode, whiten with the Gauss-Newton Hessian, run the chains.
 
     settings, seed: None: the scenario's. starts: named thetas [d] from which the mode is sought too, such as the
-    genetic algorithm's. on_start: told what the mode search is at. progress: see `nuts.sample`.
+    genetic algorithm's. random_starts: prior draws from which it is sought. on_start: told what the mode search is at.
+    progress: see `nuts.sample`.
     Raises FlightcalError when no start has a finite density.
     """
     settings = settings or problem.scenario.calibration.nuts
     seed = problem.scenario.calibration.seed if seed is None else seed
     rng = np.random.default_rng(seed)
-    modes = find_mode(problem, starts, open_loop=problem.open_loop, rng=rng, on_start=on_start)
+    modes = find_mode(
+        problem, starts, open_loop=problem.open_loop, rng=rng, random_starts=random_starts, on_start=on_start
+    )
     if not np.isfinite(modes[0].log_density):
         raise FlightcalError(
             "no start of the calibration can be simulated: every simulation fails or is not finite; "

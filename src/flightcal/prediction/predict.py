@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
+from dataclasses import replace
 
 import numpy as np
 import xarray
@@ -12,6 +13,7 @@ from ..environment import orbit_phase, sunlit_share
 from ..scenario import Scenario
 from ..simulator import Trajectory
 from ..simulator.system import FloatArray
+from ..surrogate.emulator import EmulatedSimulator
 from .ensemble import Ensemble, duration, propagate
 from .initial import condition_initial
 
@@ -26,17 +28,21 @@ def predict(
     draws: FloatArray,
     *,
     seed: int,
+    stand_in: Callable[[Problem], Problem] | None = None,
 ) -> tuple[xarray.Dataset, Ensemble]:
     """Predict a window with point estimates and with posterior draws.
 
     points: method -> theta [d], with ``noise.*`` the method's own residual level; draws: posterior thetas [S, d]; both
     ordered as `Problem.names`. On the train window thetas hold its initial temperatures; on any other, these are
     conditioned on the first samples of the window (`initial.condition_initial`), which are marked as not scored.
+    stand_in: gives a window's problem an emulator, through which the draws are propagated; points always run on the
+    simulator itself.
     Raises TelemetryError and RunError.
     """
     settings = scenario.calibration.prediction
     rng = np.random.default_rng([seed, *window.encode()])
     problem = build_problem(scenario, telemetry, window)
+    for_draws = problem if stand_in is None else stand_in(problem)
     scored = np.ones(len(problem.times), bool)
     thetas = np.stack(list(points.values())) if points else np.empty((0, draws.shape[1]))
     if window != "train":
@@ -44,13 +50,16 @@ def predict(
         scored = problem.times > first.times[-1]
         if len(thetas):
             thetas = condition_initial(first, thetas, np.stack([problem.noise(theta) for theta in thetas]))
+        if isinstance(for_draws.simulator, EmulatedSimulator):
+            first = replace(first, simulator=for_draws.simulator.on(slice(len(first.times))))
         draws = condition_initial(first, draws, np.stack([problem.noise(theta) for theta in draws]), rng)
-    ensemble = propagate(problem, draws, settings.interval, rng)
+    ensemble = propagate(for_draws, draws, settings.interval, rng)
     runs = problem.simulate_many(thetas) if len(thetas) else []
     prediction = _dataset(problem, dict(zip(points, runs, strict=True)), thetas, ensemble, scored)
+    error = "" if for_draws.simulator.error_basis is None else ", the surrogate's error"
     prediction.attrs |= {
         "interval": settings.interval,
-        "interval_contains": "parameters, initial temperatures and measurement noise; not model discrepancy",
+        "interval_contains": f"parameters, initial temperatures{error} and measurement noise; not model discrepancy",
         "initial_state": "calibrated with the parameters"
         if window == "train"
         else f"estimated from the first {settings.initial_span / 60:g} min of the window, which are not scored",

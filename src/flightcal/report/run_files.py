@@ -65,6 +65,9 @@ class RunFiles:
     diagnostics: Record | None
     parameters: list[ParameterInfo]
     quality: list[Record] | None
+    emulator: Record | None
+    """Of a simulator without derivatives only, as is the next."""
+    emulator_check: Record | None
     missing: tuple[str, ...]
 
     @property
@@ -94,6 +97,8 @@ def read_run(folder: Path) -> RunFiles:
         diagnostics=_json(folder / "diagnostics.json"),
         parameters=_records(folder / "parameters.json", _parameter),
         quality=_json(folder / "telemetry_quality.json"),
+        emulator=_json(folder / "emulator.json"),
+        emulator_check=_json(folder / "emulator_check.json"),
         missing=missing,
     )
 

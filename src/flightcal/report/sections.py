@@ -59,6 +59,7 @@ def sections(run: RunFiles, checks: Checks) -> list[Section]:
         ("parameters", "Parameters", _parameters),
         ("pairs", "Correlations", _pairs),
         ("convergence", "Convergence", _convergence),
+        *([("emulator", "Emulator", _emulator)] if run.emulator is not None else []),
         ("residuals", "Residuals", lambda run: _residuals(run, checks)),
         ("heaters", "Heaters", _heaters),
         ("telemetry", "Telemetry quality", _quality),
@@ -326,6 +327,33 @@ def _genetic_convergence(run: RunFiles) -> list[Block]:
             "A mean that lies off the ridge of good fits (◆) can be worse than the best run (★)."
         )
         blocks.append(_figure(figure, caption))
+    return blocks
+
+
+def _emulator(run: RunFiles) -> list[Block]:
+    record = run.emulator or {}
+    reached = record["reached"]
+    blocks = [
+        _text(
+            "The simulator has no derivatives, so an emulator stands in for it: principal shapes of its trajectories, "
+            f"with Gaussian processes for their coefficients, learnt from {count(record['runs'])} runs. Its error is "
+            f"in the likelihood and in the intervals. {record['failures'] or 'No run failed'}."
+        ),
+        _text(
+            "Each round adds runs where the emulator's error matters most to the posterior. It ends when that error is "
+            "expected to shift the posterior by less than the scenario allows, the posterior no longer moves, and runs "
+            "not yet seen are covered. "
+            + ("It did." if reached else "It did not: the budget of runs was spent before, and intervals are wider.")
+        ),
+        _table(tables.emulator_rounds(record)),
+    ]
+    if run.emulator_check is not None:
+        check = run.emulator_check
+        blocks += [
+            Block("heading", "The simulator itself at the posterior's mean and at draws"),
+            _text(f"{check['runs']} runs that the emulator has not seen; {check['failed']} more failed."),
+            _table(tables.emulator_check(check)),
+        ]
     return blocks
 
 

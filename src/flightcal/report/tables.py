@@ -297,6 +297,34 @@ def gates(diagnostics: Record) -> Table:
     return Table(("", "gate", "found", "required", "advice"), rows, (), states=states)
 
 
+def emulator_rounds(record: Record) -> Table:
+    """What each round of the active learning found."""
+    rows = []
+    for r in record["rounds"]:
+        covered = r["validation"]["channels"][-1]["coverage"][-1] if r["validation"] else None
+        rows.append(
+            [count(r["number"]), count(r["runs"]), count(r["failed"]), count(r["fitted"]), count(r["shapes"]),
+             number(r["error_share"], 2), number(r["expected_shift"], 2), number(r["mean_shift"], 2),
+             percent(covered, 0), r["verdict"]]
+        )  # fmt: skip
+    header = (
+        "round", "runs", "failed", "fitted", "shapes", "error / noise", "expected shift, sd", "mean moved, sd",
+        "new runs covered", "what goes on",
+    )  # fmt: skip
+    return Table(header, rows, range(9))
+
+
+def emulator_check(check: Record) -> Table:
+    """How held-out runs were predicted, by channel."""
+    rows = [
+        [c["channel"], number(c["rmse"], 2), number(c["worst"], 2), number(c["deviation"], 2),
+         number(c["standardised"], 2), *(percent(share, 0) for share in c["coverage"])]
+        for c in check["channels"]
+    ]  # fmt: skip
+    header = ("channel", "RMSE, K", "worst, K", "predicted sd, K", "error / sd", "in 50%", "in 80%", "in 95%")
+    return Table(header, rows, range(1, 8))
+
+
 def switch_sequences(sequences: list[Record]) -> Table:
     """In how many ways the heaters switch among the posterior's draws."""
     rows = [[s["window"], count(s["sequences"]), percent(s["share_of_most_common"], 0)] for s in sequences]

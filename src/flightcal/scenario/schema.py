@@ -458,6 +458,19 @@ class NutsSettings(Block):
     min_ess: Number = Field(400, gt=0)
 
 
+class EmulatorSettings(Block):
+    """The emulator of a simulator without derivatives, and the real runs that it is made from."""
+
+    runs: Count = Field(300, ge=40)
+    """Budget of real runs of the training window; failed ones count, and the last check does."""
+    start: Count | None = Field(None, ge=10)
+    """Runs of the start design through the priors (default: ten for each parameter)."""
+    batch: Count | None = Field(None, ge=1)
+    """Runs that a round adds (default: four for each parameter)."""
+    shift: Number = Field(0.1, gt=0)
+    """By how many standard deviations the emulator's error, or a further round, may still shift the posterior."""
+
+
 class PredictionSettings(Block):
     """Propagation of the posterior."""
 
@@ -474,6 +487,7 @@ class Calibration(Block):
     genetic: GeneticSettings = GeneticSettings()
     nuts: NutsSettings = NutsSettings()
     prediction: PredictionSettings = PredictionSettings()
+    emulator: EmulatorSettings = EmulatorSettings()
 
 
 class InitialState(Block):

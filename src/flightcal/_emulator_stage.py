@@ -1,0 +1,157 @@
+"""The stages of an experiment that only a simulator without derivatives has: emulator, check, window emulators."""
+
+from __future__ import annotations
+
+import json
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any, Protocol
+
+import numpy as np
+
+from .calibration import Diagnostics, Problem
+from .calibration.active import Learnt, Round, learn, noise_level, simulated_priors
+from .calibration.diagnostics import Gate, with_gate
+from .calibration.emulated import (
+    CHECKED,
+    around_draws,
+    check_on_the_simulator,
+    empty_runs,
+    external,
+    through_the_priors,
+    with_emulator,
+)
+from .run_directory import RunDirectory, hash_of, plain
+from .simulator.system import FloatArray
+from .surrogate.emulator import fit_emulator
+from .surrogate.held_out import Validation
+from .surrogate.runs import TrainingRuns, read_runs
+
+RUNS_FILE, EMULATOR_FILE, CHECK_FILE = "training_runs.nc", "emulator.json", "emulator_check.json"
+
+
+class _Listener(Protocol):
+    def stage(self, name: str, done_before: bool) -> None: ...
+
+    def learning(self, said: str) -> None: ...
+
+
+@dataclass(frozen=True)
+class Emulation:
+    """What the later stages need of the emulator."""
+
+    problem: Problem
+    """The training window's, with the emulator in the simulator's place."""
+    searched: Problem
+    """The same with a coarse emulator of all runs, for the genetic algorithm."""
+    theta: FloatArray
+    """[d] where to start sampling."""
+    reached: bool
+    """Whether the emulator's error no longer matters."""
+    verdict: str
+    """Of the last round."""
+
+
+def emulator_stage(run: RunDirectory, key: str, problem: Problem, listener: _Listener) -> Emulation:
+    """Learn the emulator, or take it from its files: all runs in training_runs.nc, the rounds in emulator.json."""
+    done = run.is_done("emulator", key, (RUNS_FILE, EMULATOR_FILE))
+    listener.stage("emulator", done)
+    if not done:
+        calibration = problem.scenario.calibration
+        settings = calibration.emulator.model_copy(update={"runs": calibration.emulator.runs - CHECKED})
+        with run.stage("emulator", key):
+
+            def told(round_: Round) -> None:
+                listener.learning(str(round_))
+                run.log(stage="emulator", event="round", text=str(round_))
+
+            learnt = learn(
+                problem,
+                external(problem).run_many,
+                _runs_so_far(run.file(RUNS_FILE), problem),
+                settings,
+                calibration.seed,
+                save=lambda runs: runs.write(run.file(RUNS_FILE)),
+                on_round=told,
+            )
+            run.write_json(EMULATOR_FILE, _content(learnt))
+    content = json.loads(run.file(EMULATOR_FILE).read_text(encoding="utf-8"))
+    runs = read_runs(run.file(RUNS_FILE), empty_runs(problem))
+    fitted = runs.take(np.array(content["fitted"]))
+    emulator = fit_emulator(fitted, simulated_priors(problem).to_z(fitted.theta), np.array(content["tolerance"]))
+    return Emulation(
+        problem=with_emulator(problem, emulator),
+        searched=through_the_priors(problem, runs, noise_level(problem)),
+        theta=np.array(content["theta"]),
+        reached=content["reached"],
+        verdict=content["rounds"][-1]["verdict"],
+    )
+
+
+def check_emulator(
+    run: RunDirectory, problem: Problem, emulation: Emulation, draws: FloatArray, diagnostics: Diagnostics
+) -> Diagnostics:
+    """The diagnostics with two more gates: the rule of the active learning, and the simulator itself at the posterior.
+
+    draws: posterior thetas [S, d]. Writes emulator_check.json and check_runs.nc.
+    """
+    validation, runs = check_on_the_simulator(problem, emulation.problem, draws, problem.scenario.calibration.seed)
+    runs.write(run.file("check_runs.nc"))
+    run.write_json(CHECK_FILE, plain(validation) | {"failed": int((~runs.finished).sum())})
+    rule = Gate(
+        "Emulator's error",
+        emulation.reached,
+        "no longer matters" if emulation.reached else emulation.verdict,
+        "no longer matters",
+        ""
+        if emulation.reached
+        else "Allow more runs (calibration.emulator.runs): the posterior is as wide as it is partly for want of them.",
+    )
+    return with_gate(with_gate(diagnostics, rule), _held_out(validation))
+
+
+def _held_out(validation: Validation) -> Gate:
+    covered = validation.channels[-1].coverage[-1]
+    return Gate(
+        "Emulator against simulator",
+        validation.passed,
+        f"95% intervals cover {covered:.0%} of {validation.runs} runs at the posterior",
+        "as many as they say",
+        "" if validation.passed else f"{validation.failures[0]}. Allow more runs (calibration.emulator.runs).",
+    )
+
+
+def window_emulator(run: RunDirectory, key: str, emulation: Emulation, draws: FloatArray, problem: Problem) -> Problem:
+    """A window's problem with an emulator around posterior draws [S, d]; its runs are kept in the run directory."""
+    if problem.window == "train":
+        return emulation.problem
+    key = hash_of(key, problem.window)
+    stage, file = f"emulator {problem.window}", run.file(f"training_runs_{problem.window}.nc")
+    kept = read_runs(file, empty_runs(problem)) if run.is_done(stage, key, (file.name,)) else None
+    emulated, runs, validation = around_draws(problem, draws, problem.scenario.calibration.seed, kept)
+    if kept is None:
+        with run.stage(stage, key):
+            runs.write(file)
+            run.write_json(f"emulator_{problem.window}.json", plain(validation))
+    return emulated
+
+
+def _runs_so_far(file: Path, problem: Problem) -> TrainingRuns:
+    nothing = empty_runs(problem)
+    return read_runs(file, nothing) if file.exists() else nothing
+
+
+def _content(learnt: Learnt) -> dict[str, Any]:
+    content: dict[str, Any] = plain(
+        {
+            "runs": len(learnt.runs),
+            "failed": int((~learnt.runs.finished).sum()),
+            "failures": learnt.failures,
+            "reached": learnt.reached,
+            "theta": learnt.theta,
+            "fitted": learnt.fitted,
+            "tolerance": learnt.tolerance,
+            "rounds": learnt.rounds,
+        }
+    )
+    return content
