@@ -1,0 +1,1 @@
+"""Reduced order models of the operational simulator, with a known error."""
