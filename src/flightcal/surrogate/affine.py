@@ -1,6 +1,8 @@
 """A network's heat balance as a sum of constant matrices times products of what parameters change.
 
-In watts, node by node:  C dT/dt = sum_k p_k(theta) (L_k T + R_k T^4 + B_k w + sum_h u_h g_kh),  C = sum_k p_k(theta) C_k,
+In watts, node by node,
+
+    C dT/dt = sum_k p_k(theta) (L_k T + R_k T^4 + B_k w + sum_h u_h g_kh),     C = sum_k p_k(theta) C_k,
 
 where p_k is a product of *free numbers*: the parameters, and those of the scenario's numbers that stay what they are
 in any reduced model (heaters, modes, environment). Products that no parameter touches are folded into the constants.
@@ -32,7 +34,7 @@ class Affine:
     """The matrices of each product, of a network of n states with q input series and H heaters."""
 
     free: tuple[str, ...]
-    """Names of the free numbers: ``parameters.<name>`` of those that a matrix depends on, and dotted paths."""
+    """Names of the free numbers: ``reduced.<parameter>`` of those that a matrix depends on, and dotted paths."""
     values: FloatArray
     """Of the free numbers, SI: prior medians, and what the scenario writes."""
     matrices: dict[Kind, dict[Product, csr_matrix]]
@@ -102,11 +104,9 @@ def _free_numbers(
         if any(not path.startswith(KEPT) for path in (*parameter.sets, *parameter.scales))
     }
     median = dict(zip(scenario.parameters, medians, strict=True))
-    free = {f"parameters.{name}": float(median[name]) for name in scenario.parameters if name in inside}
+    free = {f"reduced.{name}": float(median[name]) for name in scenario.parameters if name in inside}
     free |= {
-        path: value
-        for path, value in zip(network.paths, network.values.tolist(), strict=True)
-        if path.startswith(KEPT)
+        path: value for path, value in zip(network.paths, network.values.tolist(), strict=True) if path.startswith(KEPT)
     }
     place = {name: k for k, name in enumerate(free)}
     numbers: list[tuple[float, list[int]]] = []
@@ -114,9 +114,9 @@ def _free_numbers(
         if path in place:
             numbers.append((1.0, [place[path]]))
             continue
-        scaling = [place[f"parameters.{name}"] for name in scales[path]]
+        scaling = [place[f"reduced.{name}"] for name in scales[path]]
         if path in sets:
-            numbers.append((1.0, [place[f"parameters.{sets[path]}"], *scaling]))
+            numbers.append((1.0, [place[f"reduced.{sets[path]}"], *scaling]))
         else:
             numbers.append((value, scaling))
     return numbers, tuple(free), np.array(list(free.values()))
@@ -130,10 +130,9 @@ def _places(structure: Structure) -> list[tuple[Kind, int, int]]:
         start = getattr(structure, f"{kind}_start").astype(np.int64)
         rows = np.repeat(np.arange(n), np.diff(start))
         columns = getattr(structure, f"{kind}_column")
-        places += [(kind, int(i), int(j)) for i, j in zip(rows, columns, strict=True)]  # type: ignore[misc]
+        places += [(kind, int(i), int(j)) for i, j in zip(rows, columns, strict=True)]
     places += [
-        ("forcing", int(i), int(j))
-        for i, j in zip(structure.forcing_row, structure.forcing_column, strict=True)
+        ("forcing", int(i), int(j)) for i, j in zip(structure.forcing_row, structure.forcing_column, strict=True)
     ]
     places += [
         ("heating", int(i), int(h)) for h, i in zip(structure.heating_heater, structure.heating_row, strict=True)

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from datetime import datetime
 from pathlib import Path
 from typing import Any
 
@@ -52,11 +53,17 @@ class Task:
         written = software.timeline if changes is None else [(item.at, item.mode) for item in changes]
         start = self.bounds(window)[0]
         timeline = [
-            ModeChange.model_construct(at=(start + np.timedelta64(round(at * 1e6), "us")).astype(object), mode=mode)
+            ModeChange.model_construct(at=written_time(start + np.timedelta64(round(at * 1e6), "us")), mode=mode)
             for at, mode in [(0.0, software.initial_mode), *written]
         ]
         model = self.scenario.simulator.model_copy(update={"timeline": tuple(timeline)})
         return self.scenario.model_copy(update={"simulator": model})
+
+
+def written_time(time: np.datetime64) -> datetime:
+    """As a scenario's blocks hold it."""
+    found: datetime = time.astype("datetime64[us]").item()
+    return found
 
 
 def load_task(path: str | Path) -> Task:

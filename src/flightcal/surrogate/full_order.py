@@ -13,7 +13,7 @@ from ..scenario import Scenario
 from ..simulator import NetworkSimulator, network_simulator
 from ..simulator.inputs import Times
 from ..simulator.integrate import Observation
-from ..simulator.system import FloatArray, IntArray
+from ..simulator.system import FloatArray, Switch
 from .file import Task
 from .schema import FlightWindow, Runs
 
@@ -36,10 +36,12 @@ class FullRuns:
     """[S, d] of the scenario's parameters."""
     temperatures: FloatArray
     """[S, T, n] K, of all nodes in the network's order, massless ones too."""
+    observed: FloatArray
+    """[S, T, N] K, of the scenario's channels."""
     status: FloatArray
     """[S, T, H]."""
     duty: FloatArray
-    """[S, H] share of the times at which each heater is on."""
+    """[S, H] share of the time from `start` to `end` that each heater is on."""
 
 
 def window_simulator(
@@ -81,18 +83,33 @@ def _run_window(task: Task, name: str, window: FlightWindow, rng: np.random.Gene
     kept = [k for k, trajectory in enumerate(trajectories) if trajectory is not None]
     done = [trajectory for trajectory in trajectories if trajectory is not None]
     first = int(np.searchsorted(times, start + np.timedelta64(round(task.settling * 1e9), "ns")))
-    status = np.stack([trajectory.status[first:] for trajectory in done])
+    temperatures = np.stack([trajectory.temperatures[first:] for trajectory in done])
+    sensors = [simulator.network.nodes.index(item.node or "") for item in scenario.observations.values()]
+    last = times[-1]
+    begin, finish = (float((time - start) / np.timedelta64(1, "s")) for time in (times[first], last))
     return FullRuns(
         name,
         scenario,
         times[first],
-        end,
+        last,
         times[first:],
         parameters[kept],
-        np.stack([trajectory.temperatures[first:] for trajectory in done]),
-        status,
-        status.mean(axis=1),
+        temperatures,
+        temperatures[..., sensors],
+        np.stack([trajectory.status[first:] for trajectory in done]),
+        np.stack([share_of_time(run.switches, run.status[0], begin, finish) for run in done]),
     )
+
+
+def share_of_time(switches: Switch, at_start: FloatArray, first: float, last: float) -> FloatArray:
+    """Share of first..last (s) that each heater is on [H]; at_start: [H] their status at the window's start, 0."""
+    on, since = at_start.copy(), np.full(len(at_start), first)
+    total = np.zeros(len(at_start))
+    for time, heater, now in zip(*switches, strict=True):
+        clipped = min(max(time, first), last)
+        total[heater] += on[heater] * (clipped - since[heater])
+        since[heater], on[heater] = clipped, now
+    return np.asarray((total + on * (last - since)) / (last - first))
 
 
 def prior_draws(scenario: Scenario, rng: np.random.Generator, draws: int) -> FloatArray:
@@ -111,9 +128,3 @@ def initial_draws(
     written = np.array([scenario.simulator.nodes[name].initial for name in names], float)
     offsets = spread * (rng.standard_normal((draws, 1)) + rng.standard_normal((draws, len(names))))
     return np.maximum(written + offsets, _LEAST_TEMPERATURE)
-
-
-def positions(names: tuple[str, ...], wanted: list[str]) -> IntArray:
-    """Where each of `wanted` is among `names`."""
-    place = {name: k for k, name in enumerate(names)}
-    return np.array([place[name] for name in wanted], dtype=np.int64)

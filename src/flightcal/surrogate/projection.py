@@ -102,9 +102,9 @@ def choose_shapes(snapshots: Snapshots, first: Sequence[str], order: int) -> Sha
     rest[chosen] = 0.0
     _, _, pivots = qr(rest.T, pivoting=True, mode="economic")
     chosen += [int(k) for k in pivots[: order - len(chosen)]]
-    lift = np.linalg.solve(basis[chosen].T, basis.T).T
+    lift: FloatArray = np.asarray(np.linalg.solve(basis[chosen].T, basis.T).T, float)
     lift[chosen] = np.eye(order)
-    offset = snapshots.mean - lift @ snapshots.mean[chosen]
+    offset: FloatArray = snapshots.mean - lift @ snapshots.mean[chosen]
     offset[chosen] = 0.0
     return Shapes(tuple(names[k] for k in chosen), lift, offset)
 
@@ -125,11 +125,12 @@ def project(
     reached = snapshots.temperatures[:, place]
     radiating = _radiating(affine, stored)
     points, spread = _interpolation(offset[radiating] + reached @ lift[radiating].T, sampled)
-    mixed = [int(radiating[k]) for k in points]
-    extra = [names.index(name) for name in dict.fromkeys(observed) if names.index(name) not in (*place, *mixed)]
-    # T^4 of the stored nodes, and of all, from that of the mixed ones and from the followers' amplitudes.
-    fourth = np.zeros((len(network.nodes), len(mixed) + len(extra)))
-    fourth[stored[radiating], : len(mixed)] = spread
+    sampled_nodes = [int(radiating[k]) for k in points]
+    seen = [names.index(name) for name in observed]
+    mixed = [k for k in dict.fromkeys([*sampled_nodes, *seen]) if k not in place]
+    # T^4 of all nodes, from that of the states and of the mixed ones, and from the followers' amplitudes.
+    fourth = np.zeros((len(network.nodes), len(place) + len(mixed)))
+    fourth[np.ix_(stored[radiating], np.array([[*place, *mixed].index(k) for k in sampled_nodes]))] = spread
     followed = np.zeros((len(network.nodes), snapshots.follower_basis.shape[1]))
     followed[following] = FOURTH * snapshots.follower_basis
     # Heat into the states' shapes, and into the followers'.
@@ -153,9 +154,9 @@ def project(
     heaters = scenario.simulator.heaters
     return ReducedModel(
         states=shapes.states,
-        mixed=tuple(names[k] for k in (*mixed, *extra)),
-        mixing=lift[[*mixed, *extra]],
-        mixing_offset=offset[[*mixed, *extra]],
+        mixed=tuple(names[k] for k in mixed),
+        mixing=lift[mixed],
+        mixing_offset=offset[mixed],
         free=affine.free,
         values=affine.values,
         columns=columns,
@@ -175,9 +176,7 @@ def project(
     )
 
 
-def _followers(
-    network: Network, affine: Affine, mean: FloatArray, kept: set[str], light: float
-) -> IntArray:
+def _followers(network: Network, affine: Affine, mean: FloatArray, kept: set[str], light: float) -> IntArray:
     """Nodes that exchange heat by radiation only, and so little of it that they are settled within `light` s."""
     capacity = np.sum(list(affine.capacity.values()), axis=0)
     emission = np.zeros(len(mean))
@@ -219,9 +218,9 @@ def _columns(network: Network, scenario: Scenario) -> tuple[tuple[str, ...], dic
         names.setdefault(face.normal, f"way{len(names)}")
     merged = []
     for column in network.columns:
-        kind, _, face = column.partition(".")
+        kind, _, name = column.partition(".")
         look = kind in ("solar", "albedo", "infrared")
-        merged.append(f"{kind}.{names[scenario.simulator.faces[face].normal]}" if look else column)
+        merged.append(f"{kind}.{names[scenario.simulator.faces[name].normal]}" if look else column)
     columns = tuple(dict.fromkeys(merged))
     gather = np.zeros((len(network.columns), len(columns)))
     gather[np.arange(len(merged)), [columns.index(name) for name in merged]] = 1.0

@@ -1,6 +1,6 @@
 """A reduced order model: small dense matrices for each product of free numbers, and its canonical form.
 
-    (M dx/dt, 0) = sum_k p_k (L_k (x, v) + R_k y^4 + B_k w + sum_h u_h g_kh)        y = E x + e,  M = sum_k p_k M_k
+    (M dx/dt, 0) = sum_k p_k (L_k (x, v) + R_k (x, y)^4 + B_k w + sum_h u_h g_kh)      y = E x + e,  M = sum_k p_k M_k
 
 The states x [r] are temperatures of nodes of the full network, so thermostats and observations look at states, and
 initial states are temperatures. v [s] are amplitudes of the fourth powers of what follows at once, such as the outer
@@ -15,16 +15,18 @@ the kernel's factorisation needs no pivoting.
 from __future__ import annotations
 
 from collections import defaultdict
+from collections.abc import Mapping
 from dataclasses import dataclass
+from typing import Literal
 
 import numpy as np
 
 from ..simulator.assembly import MOST_FACTORS, Terms
 from ..simulator.network import Network
-from ..simulator.system import FloatArray, make_structure
+from ..simulator.system import FloatArray, IntArray, make_structure
 from .affine import Kind, Product
 
-Normal = tuple[float, float, float] | str
+Normal = tuple[float, float, float] | Literal["all"]
 
 
 @dataclass(frozen=True)
@@ -34,7 +36,7 @@ class ReducedModel:
     states: tuple[str, ...]
     """Nodes [r] of the full network whose temperatures are the states."""
     mixed: tuple[str, ...]
-    """Nodes [m] whose temperatures y are mixed from the states: those that radiate, and sensors that are no states."""
+    """Nodes [m] whose temperatures y are mixed from the states: those at which radiation is evaluated, and sensors."""
     mixing: FloatArray
     """E [m, r]"""
     mixing_offset: FloatArray
@@ -53,7 +55,7 @@ class ReducedModel:
     capacity: dict[Product, FloatArray]
     """M_k [r, r] J/K."""
     matrices: dict[Kind, dict[Product, FloatArray]]
-    """linear L_k [r+s, r+s], radiative R_k [r+s, m], forcing B_k [r+s, q], heating g_k [r+s, H]; W."""
+    """linear L_k [r+s, r+s], radiative R_k [r+s, r+m], forcing B_k [r+s, q], heating g_k [r+s, H]; W."""
     followers: int
     """s"""
     initial: FloatArray
@@ -62,14 +64,15 @@ class ReducedModel:
     """[r] K, standard deviation of the states over the training runs."""
 
 
-def network_of(model: ReducedModel, extra: dict[str, float] | None = None) -> Network:
+def network_of(model: ReducedModel, numbers: Mapping[str, float] | None = None) -> Network:
     """The model in the canonical form, as a network that `NetworkSimulator` runs.
 
-    extra: numbers by dotted path that a scenario adds (biases of its channels), to stand after the free ones.
+    numbers: by dotted path, SI: they replace free numbers of the same path, or stand beside them (biases of channels).
     """
+    values = dict(zip(model.free, model.values.tolist(), strict=True)) | dict(numbers or {})
     r, m, s = len(model.states), len(model.mixed), model.followers
     y, v, x, z = (first + np.arange(count) for first, count in ((0, m), (m, s), (m + s, r), (m + s + r, r)))
-    balances, unknowns = np.concatenate([z, v]), np.concatenate([x, v])
+    balances, unknowns, radiating = np.concatenate([z, v]), np.concatenate([x, v]), np.concatenate([x, y])
     terms: dict[str, dict[tuple[int, int], list[tuple[float, Product]]]] = {
         kind: defaultdict(list) for kind in ("linear", "radiative", "forcing", "heating", "lower", "upper")
     }
@@ -83,14 +86,19 @@ def network_of(model: ReducedModel, extra: dict[str, float] | None = None) -> Ne
         terms["linear"][x[i], z[i]].append((1.0, ()))
     for product, matrix in model.capacity.items():
         _add(terms["linear"], z, z, -matrix, product)
-    for kind, columns in (("linear", unknowns), ("radiative", y), ("forcing", np.arange(len(model.columns)))):
-        for product, matrix in model.matrices[kind].items():  # type: ignore[index]
-            _add(terms[kind], balances, columns, matrix, product)
+    columns: dict[Kind, IntArray] = {
+        "linear": unknowns,
+        "radiative": radiating,
+        "forcing": np.arange(len(model.columns)),
+    }
+    for kind, these in columns.items():
+        for product, matrix in model.matrices[kind].items():
+            _add(terms[kind], balances, these, matrix, product)
     for product, matrix in model.matrices["heating"].items():
         _add(terms["heating"], np.arange(len(model.heaters)), balances, matrix.T, product)
     for k, heater in enumerate(model.heaters):
-        for kind, field in (("lower", "on_below"), ("upper", "off_above")):
-            terms[kind][k, 0].append((1.0, (model.free.index(f"heaters.{heater}.{field}"),)))
+        for limit, field in (("lower", "on_below"), ("upper", "off_above")):
+            terms[limit][k, 0].append((1.0, (model.free.index(f"heaters.{heater}.{field}"),)))
     entries = {kind: sorted(found) for kind, found in terms.items()}
     structure = make_structure(
         np.concatenate([np.zeros(m + s), np.ones(r), np.zeros(r)]),
@@ -100,27 +108,26 @@ def network_of(model: ReducedModel, extra: dict[str, float] | None = None) -> Ne
         entries["heating"],
         [int(x[k]) for k in model.sensors],
     )
-    paths = (*model.free, *(extra or {}))
     return Network(
         nodes=(
-            *(f"mixed.{name}" for name in model.mixed),
+            *model.mixed,
             *(f"follower.{k}" for k in range(s)),
             *model.states,
             *(f"rate.{name}" for name in model.states),
         ),
         columns=model.columns,
-        paths=paths,
-        values=np.array([*model.values, *(extra or {}).values()]),
+        paths=tuple(values),
+        values=np.array(list(values.values())),
         heaters=model.heaters,
         structure=structure,
-        terms=_table(terms, entries, len(paths)),
+        terms=_table(terms, entries, len(values)),
     )
 
 
 def _add(
     entries: dict[tuple[int, int], list[tuple[float, Product]]],
-    rows: FloatArray,
-    columns: FloatArray,
+    rows: IntArray,
+    columns: IntArray,
     matrix: FloatArray,
     product: Product,
 ) -> None:

@@ -37,7 +37,9 @@ class Projection(Block):
     """null: as few as keep the tolerance."""
     most_states: Count = Field(12, ge=1)
     sampled_nodes: Annotated[Count, Field(ge=1)] | None = None
-    """At which radiation is evaluated; null: twice the states."""
+    """At which radiation is evaluated; null: two more than states."""
+    follow_within: Duration = 300.0
+    """Time constant up to which a node that exchanges heat by radiation only follows at once."""
 
 
 class Condensation(Block):
@@ -74,6 +76,10 @@ class Reduction(Block):
     """Width of the hysteresis that stands for control by pulse width."""
     training: Runs
     held_out: Runs
+    telemetry: str = "telemetry.csv"
+    """What `flightcal fly` writes, from this file's folder: for the scenario that is written beside the model."""
+    windows: dict[str, Window] = Field(default_factory=dict)
+    """Of that scenario; none: two orbits after the settling, and the next two."""
     quantile: Annotated[Number, Field(gt=0, lt=1)] = 0.95
     """Share of the errors that the tolerance is for."""
     projection: Projection = Projection()
