@@ -26,7 +26,7 @@ from .projection import choose_shapes, collect, project
 from .reduced_model import ReducedModel
 from .reduced_scenario import reduced_scenario, simulate_reduced
 
-MARGIN = 0.5
+MARGIN = 0.4
 """Of the tolerance that training runs must keep. Unseen ones are worse: 0.32 K after 0.21 K in the observer twin."""
 _JUDGING_DRAWS = 8
 """Training runs of each window that a size is judged on."""
