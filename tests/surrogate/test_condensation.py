@@ -91,7 +91,7 @@ def test_parameters_go_on_setting_and_scaling_what_they_did(task):
     condensed = condense(task.scenario, sides(task), nominal(task))
     parameters = condensed.scenario.parameters
     labels = {c.label: c for c in condensed.scenario.simulator.conductors}
-    assert parameters["battery_link"].sets == ("conductors.battery-panel_z-.battery_link.conductance",)
+    assert parameters["battery_link"].sets == ("conductors.battery-panel_z- battery_link.conductance",)
     assert parameters["battery_capacity"].sets == ("nodes.battery.capacity",)
     scaled = [path.removeprefix("conductors.").removesuffix(".radiative") for path in parameters["blanket"].scales]
     assert sum(labels[label].radiative for label in scaled) == pytest.approx(24 * 0.05 * 2 * (0.36 + 0.3 + 0.3) / 24)

@@ -113,7 +113,7 @@ def test_a_model_read_back_gives_the_same_numbers(task, training, tmp_path):
     candidate, model = model_of(task, training, 8, 10)
     run = training[0]
     scenario = reduced_scenario(task.scenario, model, 60.0)
-    save(tmp_path / "rom.nc", stored_of(model, task.scenario, scenario.simulator, {}))
+    save(tmp_path / "rom.nc", stored_of(model, task.scenario, scenario.network, {}))
     again = load(tmp_path / "rom.nc")
     other, _ = projected(task, build_network(task.scenario), again.model)
     theta = np.concatenate([run.parameters[1], candidate.restriction @ run.temperatures[1, 0]])
@@ -121,4 +121,4 @@ def test_a_model_read_back_gives_the_same_numbers(task, training, tmp_path):
         item.build(run.scenario, run.start, run.end, run.times).simulate(theta) for item in (candidate, other)
     )
     np.testing.assert_array_equal(first.temperatures, second.temperatures)
-    assert again.parameters["reduced.battery_link"]["unit"] == "W/K"
+    assert again.parameters["reduced.battery_link"].unit == "W/K"

@@ -11,8 +11,9 @@ from typing import Any
 import numpy as np
 
 from ..operational.simulator import fly
+from ..scenario.schema import SimulatorError
 from ..simulator.system import FloatArray
-from .error_model import SensorError, estimate, left_out
+from .error_model import estimate, left_out
 from .file import Task
 from .full_order import SAMPLING, window_simulator
 from .reduce import Reduced
@@ -59,7 +60,7 @@ def measure_speed(task: Task, reduced: Reduced) -> Speed:
 
 def certificate(task: Task, reduced: Reduced, speed: Speed) -> dict[str, Any]:
     """The certificate as plain values for JSON: kelvin, seconds, shares."""
-    channels, heaters = tuple(task.scenario.observations), tuple(task.scenario.simulator.heaters)
+    channels, heaters = tuple(task.scenario.observations), tuple(task.scenario.network.heaters)
     reduction = task.reduction
     absolute = np.concatenate([np.abs(item.temperatures).reshape(-1, len(channels)) for item in reduced.held_out])
     duty = np.concatenate([np.abs(item.duty) for item in reduced.held_out])
@@ -101,7 +102,13 @@ def certificate(task: Task, reduced: Reduced, speed: Speed) -> dict[str, Any]:
             },
         },
         "error_model": {
-            name: {**asdict(item), "variance_left_out": left_out(item, seconds)} for name, item in model.items()
+            name: {
+                "offset_K": item.offset,
+                "deviation_K": item.deviation,
+                "correlation_time_s": item.correlation_time,
+                "variance_left_out": left_out(item, seconds),
+            }
+            for name, item in model.items()
         },
         "speed": {
             **asdict(speed),
@@ -112,7 +119,7 @@ def certificate(task: Task, reduced: Reduced, speed: Speed) -> dict[str, Any]:
     }
 
 
-def sensor_errors(task: Task, reduced: Reduced) -> dict[str, SensorError]:
+def sensor_errors(task: Task, reduced: Reduced) -> dict[str, SimulatorError]:
     """The error model that the likelihood uses, from the held-out runs."""
     return estimate(reduced.held_out, tuple(task.scenario.observations), SAMPLING)
 

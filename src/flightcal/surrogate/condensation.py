@@ -20,6 +20,7 @@ from ..scenario import Parameter, Scenario
 from ..scenario.schema import Conductor, Face, Node, SimulatorModel
 from ..simulator import Network
 from ..simulator.system import FloatArray
+from .patterns import plain
 
 _MOST_CORRECTION = 2.0
 """Radiative couplings are corrected by at most this factor: at nearly equal temperatures the ratio says nothing."""
@@ -48,7 +49,7 @@ def condense(scenario: Scenario, groups: Mapping[str, Sequence[str]], nominal: M
     nominal: temperature of every node, K. Raises FlightcalError where nodes of a group have capacities that different
     parameters touch, or a parameter sets a threshold whose sensor is in a group.
     """
-    model = scenario.simulator
+    model = scenario.network
     group_of = _group_of(model, groups)
     members: dict[str, list[str]] = defaultdict(list)
     for name in model.nodes:
@@ -154,7 +155,7 @@ class _Writer:
 
 
 def _group_of(model: SimulatorModel, groups: Mapping[str, Sequence[str]]) -> dict[str, str]:
-    group_of = {name: name for name in model.nodes}
+    group_of = {name: plain(name) for name in model.nodes}
     grouped: dict[str, str] = {}
     for group, names in groups.items():
         for name in names:
@@ -162,11 +163,11 @@ def _group_of(model: SimulatorModel, groups: Mapping[str, Sequence[str]]) -> dic
                 raise FlightcalError(f"group '{group}': found '{name}', a boundary, expected nodes")
             if name in grouped:
                 raise FlightcalError(f"group '{group}': found '{name}', which is in '{grouped[name]}' already")
-            grouped[name] = group
+            grouped[name] = plain(group)
     group_of |= grouped
-    single = {name for name in model.nodes if name not in grouped}
+    single = {plain(name) for name in model.nodes if name not in grouped}
     for group in groups:
-        if group in single:
+        if plain(group) in single:
             raise FlightcalError(f"group '{group}': found a node of that name outside of it, expected another name")
     return group_of
 
@@ -220,13 +221,12 @@ def _conductors(
         total = sum(getattr(conductor, law) for conductor in found)
         if law == "radiative" and len(found) > 1:
             total *= _radiative_correction(found, group_of, nominal, temperature)
-        mark = "-" if law == "conductance" else "~"
-        label = f"{first}{mark}{second}" + "".join(
-            f".{name}" for name in (signature.set_by, *signature.scaled_by) if name is not None
-        )
+        touched = (signature.set_by, *signature.scaled_by)
+        label = " ".join([f"{first}-{second}", *(name for name in touched if name is not None)])
+        label += " radiation" if law == "radiative" else ""
         labels[label] = labels.get(label, 0) + 1
         if labels[label] > 1:
-            label = f"{label}.{labels[label]}"
+            label = f"{label} {labels[label]}"
         written.append(
             Conductor.model_construct(
                 between=(first, second),
@@ -270,10 +270,10 @@ def _faces(writer: _Writer, model: SimulatorModel, group_of: Mapping[str, str]) 
     counts: dict[str, int] = defaultdict(int)
     for (group, *_), names in alike.items():
         face = model.faces[names[0]]
-        label = names[0]
+        label = plain(names[0])
         if len(names) > 1:
             counts[group] += 1
-            label = f"{group}.face{counts[group]}"
+            label = f"{group}_face_{counts[group]}"
         area = sum(model.faces[name].area for name in names)
         faces[label] = face.model_copy(update={"node": group, "area": area})
         for field in _FACE_NUMBERS:

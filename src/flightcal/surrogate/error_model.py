@@ -9,12 +9,15 @@ from __future__ import annotations
 
 import math
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from typing import TYPE_CHECKING
 
 import numpy as np
 
+from ..scenario.schema import SimulatorError
 from ..simulator.system import FloatArray
-from .candidate import Errors
+
+if TYPE_CHECKING:
+    from .candidate import Errors
 
 _KEPT = 0.995
 """Share of the variance that the shapes of a sensor hold; the rest is spread over them."""
@@ -24,32 +27,26 @@ _MATERN_AT_ONE_OVER_E = 2.146
 """(1 + a) exp(-a) = 1/e."""
 
 
-@dataclass(frozen=True)
-class SensorError:
-    """Covariance offset^2 + deviation^2 (1 + a) exp(-a), a = 2.146 lag / correlation_time (Matern 3/2), of a sensor."""
+def covariance(error: SimulatorError, seconds: FloatArray) -> FloatArray:
+    """[T, T] K^2 at times [T] s: offset^2 + deviation^2 (1 + a) exp(-a), a = 2.146 lag / correlation_time.
 
-    offset: float
-    """K, standard deviation of what is constant in a run."""
-    deviation: float
-    """K, of what varies."""
-    correlation_time: float
-    """s, after which the correlation has fallen to 1/e."""
-
-    def covariance(self, seconds: FloatArray) -> FloatArray:
-        """[T, T] K^2 at times [T] s."""
-        a = _MATERN_AT_ONE_OVER_E * np.abs(seconds[:, None] - seconds) / self.correlation_time
-        return np.asarray(self.offset**2 + self.deviation**2 * (1.0 + a) * np.exp(-a))
+    Matern 3/2; at a = 2.146 it has fallen to 1/e.
+    """
+    a = _MATERN_AT_ONE_OVER_E * np.abs(seconds[:, None] - seconds) / error.correlation_time
+    return np.asarray(error.offset**2 + error.deviation**2 * (1.0 + a) * np.exp(-a))
 
 
-def estimate(errors: Sequence[Errors], channels: Sequence[str], sampling: float) -> dict[str, SensorError]:
+def estimate(errors: Sequence[Errors], channels: Sequence[str], sampling: float) -> dict[str, SimulatorError]:
     """From errors on held-out runs, sampled every `sampling` s. Windows may have different lengths."""
     found = {}
     for k, channel in enumerate(channels):
         means = np.concatenate([item.temperatures[..., k].mean(axis=1) for item in errors])
         rest = [item.temperatures[..., k] - item.temperatures[..., k].mean(axis=1, keepdims=True) for item in errors]
         variance = float(np.mean(np.concatenate([(part**2).ravel() for part in rest])))
-        found[channel] = SensorError(
-            float(np.sqrt(np.mean(means**2))), math.sqrt(variance), _correlation_time(rest, variance, sampling)
+        found[channel] = SimulatorError.model_construct(
+            offset=float(np.sqrt(np.mean(means**2))),
+            deviation=math.sqrt(variance),
+            correlation_time=_correlation_time(rest, variance, sampling),
         )
     return found
 
@@ -68,7 +65,7 @@ def _correlation_time(parts: Sequence[FloatArray], variance: float, sampling: fl
 
 
 def shapes(
-    model: Mapping[str, SensorError], channels: Sequence[str], seconds: FloatArray
+    model: Mapping[str, SimulatorError], channels: Sequence[str], seconds: FloatArray
 ) -> tuple[FloatArray, FloatArray]:
     """The `error_basis` [T, N, r] K of a simulator sampled at `seconds` [T], and the weights' variances [r].
 
@@ -76,28 +73,31 @@ def shapes(
     """
     columns: list[tuple[int, FloatArray, float]] = []
     for n, channel in enumerate(channels):
-        if channel not in model:
+        if channel not in model or not len(seconds):
             continue
-        values, vectors = np.linalg.eigh(model[channel].covariance(seconds))
-        values, vectors = np.maximum(values[::-1], 0.0), vectors[:, ::-1]
-        held = np.cumsum(values)
-        if held[-1] <= 0.0:
-            continue
-        count = min(int(np.searchsorted(held, _KEPT * held[-1])) + 1, _MOST_SHAPES, len(values))
-        scale = held[-1] / held[count - 1]
-        root = math.sqrt(len(seconds))
-        columns += [(n, root * vectors[:, k], scale * values[k] / len(seconds)) for k in range(count)]
+        values, vectors, held = _leading(model[channel], seconds)
+        scale = 1.0 / (held * len(seconds)) if held > 0.0 else 0.0
+        columns += [
+            (n, math.sqrt(len(seconds)) * vectors[:, k], scale * values[k]) for k in range(len(values)) if scale > 0.0
+        ]
     basis = np.zeros((len(seconds), len(channels), len(columns)))
     for r, (n, shape, _) in enumerate(columns):
         basis[:, n, r] = shape
     return basis, np.array([variance for *_, variance in columns])
 
 
-def left_out(model: SensorError, seconds: FloatArray) -> float:
+def left_out(error: SimulatorError, seconds: FloatArray) -> float:
     """Share of the variance that is spread over the shapes instead of having ones of its own."""
-    values = np.sort(np.linalg.eigvalsh(model.covariance(seconds)))[::-1]
-    held = np.cumsum(np.maximum(values, 0.0))
-    if held[-1] <= 0.0:
-        return 0.0
-    count = min(int(np.searchsorted(held, _KEPT * held[-1])) + 1, _MOST_SHAPES, len(values))
-    return float(1.0 - held[count - 1] / held[-1])
+    return 1.0 - _leading(error, seconds)[2] if error.offset + error.deviation > 0.0 else 0.0
+
+
+def _leading(error: SimulatorError, seconds: FloatArray) -> tuple[FloatArray, FloatArray, float]:
+    """The leading eigenvalues [k] and eigenvectors [T, k] of the covariance, and their share of the variance."""
+    values, vectors = np.linalg.eigh(covariance(error, seconds))
+    values, vectors = np.maximum(values[::-1], 0.0), vectors[:, ::-1]
+    total = float(values.sum())
+    if total <= 0.0:
+        return np.empty(0), np.empty((len(seconds), 0)), 0.0
+    held = np.cumsum(values) / total
+    count = min(int(np.searchsorted(held, _KEPT)) + 1, _MOST_SHAPES, len(values))
+    return values[:count], vectors[:, :count], float(held[count - 1])

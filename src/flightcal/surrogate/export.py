@@ -41,7 +41,7 @@ def reduce_to_folder(path: Path, out: Path, on_progress: Progress = lambda *_: N
     _write_text(out / "certificate.txt", "\n".join(lines) + "\n")
     if not isinstance(reduced.model, Condensed):
         written.append(MODEL_FILE)
-        block = reduced_scenario(task.scenario, reduced.model, task.reduction.step).simulator
+        block = reduced_scenario(task.scenario, reduced.model, task.reduction.step).network
         save(out / MODEL_FILE, stored_of(reduced.model, task.scenario, block, sensor_errors(task, reduced)))
     _write_text(out / "scenario.yaml", _scenario_text(task, reduced, path.parent, out))
     return [*lines, *(f"wrote {out / name}" for name in written)]
@@ -57,10 +57,10 @@ def _scenario_text(task: Task, reduced: Reduced, folder: Path, out: Path) -> str
     flown = task.with_timeline(flight)
     if isinstance(reduced.model, Condensed):
         scenario = reduced.model.scenario
-        model = scenario.simulator
+        model = scenario.network.model_copy(update={"errors": sensor_errors(task, reduced)})
     else:
         scenario = reduced_scenario(task.scenario, reduced.model, task.reduction.step)
-        model = scenario.simulator
+        model = scenario.network.model_copy(update={"reduced_model": MODEL_FILE})
     channels = {
         name: Channel.model_construct(column=(name,), kind="temperature", unit="degC") for name in scenario.observations
     }
@@ -81,7 +81,7 @@ def _scenario_text(task: Task, reduced: Reduced, folder: Path, out: Path) -> str
         ),
         environment=scenario.environment,
         simulator=model.model_copy(
-            update={"heaters": heaters, "timeline": flown.simulator.timeline, "step": task.reduction.step}
+            update={"heaters": heaters, "timeline": flown.network.timeline, "step": task.reduction.step}
         ),
         initial_state=InitialState(),
         parameters=scenario.parameters,

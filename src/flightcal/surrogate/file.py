@@ -56,7 +56,7 @@ class Task:
             ModeChange.model_construct(at=written_time(start + np.timedelta64(round(at * 1e6), "us")), mode=mode)
             for at, mode in [(0.0, software.initial_mode), *written]
         ]
-        model = self.scenario.simulator.model_copy(update={"timeline": tuple(timeline)})
+        model = self.scenario.network.model_copy(update={"timeline": tuple(timeline)})
         return self.scenario.model_copy(update={"simulator": model})
 
 
@@ -109,7 +109,7 @@ def load_task(path: str | Path) -> Task:
 def _full_network(mission: Mission, reduction: Reduction) -> tuple[Scenario, list[str]]:
     craft = mission.spacecraft
     heaters, notes = canonical_heaters(craft, reduction.pulse_width_band)
-    nodes = craft.scenario.simulator.nodes
+    nodes = craft.scenario.network.nodes
     for name, heater in heaters.items():
         if nodes[heater.sensor].capacity is None:
             raise FlightcalError(f"heater line '{name}': found sensor node '{heater.sensor}', expected a capacity")
@@ -122,7 +122,7 @@ def _full_network(mission: Mission, reduction: Reduction) -> tuple[Scenario, lis
         if item.node in nodes and nodes[item.node].boundary is not None:
             raise FlightcalError(f"sensors: found '{name}' on the boundary '{item.node}', expected a node")
         observations[name] = Observation.model_construct(node=item.node, heater=None, bias=0.0, noise=None)
-    model = craft.scenario.simulator.model_copy(update={"heaters": heaters})
+    model = craft.scenario.network.model_copy(update={"heaters": heaters})
     return craft.scenario.model_copy(update={"simulator": model, "observations": observations}), notes
 
 

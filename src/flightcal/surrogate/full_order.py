@@ -125,6 +125,6 @@ def initial_draws(
 ) -> FloatArray:
     """Initial temperatures [draws, nodes with a capacity]: the written ones, an offset to all, and one to each."""
     names = [simulator.network.nodes[k] for k in simulator.network.diffusive]
-    written = np.array([scenario.simulator.nodes[name].initial for name in names], float)
+    written = np.array([scenario.network.nodes[name].initial for name in names], float)
     offsets = spread * (rng.standard_normal((draws, 1)) + rng.standard_normal((draws, len(names))))
     return np.maximum(written + offsets, _LEAST_TEMPERATURE)

@@ -1,9 +1,10 @@
 """Parametric POD-Galerkin: the full network projected on the shapes that its temperatures take.
 
 Snapshots of runs over prior draws and windows give a basis by SVD, in the norm of the heat capacities with the
-sensors' nodes, and those next to them, weighted up (without: ten times the error in the observer twin). Its coordinates are changed so that the states are temperatures of nodes: the sensors', the
-thermostats', and those that a pivoted QR decomposition of the basis picks. The network's matrices are projected for
-each product of free numbers (Benner, Gugercin & Willcox 2015, SIAM Review 57, 483-531, sec. 3).
+sensors' nodes, and those next to them, weighted up (without: ten times the error in the observer twin). Its coordinates
+are changed so that the states are temperatures of nodes: the sensors', the thermostats', and those that a pivoted QR
+decomposition of the basis picks. The network's matrices are projected for each product of free numbers (Benner,
+Gugercin & Willcox 2015, SIAM Review 57, 483-531, sec. 3).
 
 T^4 is interpolated from a few nodes (Q-DEIM: Drmac & Gugercin 2016, SIAM J. Sci. Comput. 38, A631-A648): the basis is
 that of T^4 of projected snapshots, the nodes are the pivots.
@@ -151,7 +152,7 @@ def project(
     for p, matrix in affine.matrices["radiative"].items():
         by_followers = np.hstack([np.zeros((test.shape[1], len(place))), test.T @ (matrix @ followed)])
         linear[p] = linear.get(p, 0.0) + by_followers
-    heaters = scenario.simulator.heaters
+    heaters = scenario.network.heaters
     return ReducedModel(
         states=shapes.states,
         mixed=tuple(names[k] for k in mixed),
@@ -223,13 +224,13 @@ def _interpolation(temperatures: FloatArray, count: int) -> tuple[list[int], Flo
 def _columns(network: Network, scenario: Scenario) -> tuple[tuple[str, ...], dict[str, Normal], FloatArray]:
     """Input series with one for each way that faces look; the ways; which series [q, q'] stands for which."""
     names: dict[Normal, str] = {}
-    for face in scenario.simulator.faces.values():
+    for face in scenario.network.faces.values():
         names.setdefault(face.normal, f"way{len(names)}")
     merged = []
     for column in network.columns:
         kind, _, name = column.partition(".")
         look = kind in ("solar", "albedo", "infrared")
-        merged.append(f"{kind}.{names[scenario.simulator.faces[name].normal]}" if look else column)
+        merged.append(f"{kind}.{names[scenario.network.faces[name].normal]}" if look else column)
     columns = tuple(dict.fromkeys(merged))
     gather = np.zeros((len(network.columns), len(columns)))
     gather[np.arange(len(merged)), [columns.index(name) for name in merged]] = 1.0

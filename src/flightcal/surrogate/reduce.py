@@ -95,7 +95,7 @@ def _judged(task: Task, errors: Sequence[Errors]) -> float:
 
 def _own_nodes(task: Task) -> list[str]:
     """Nodes that are to be states of any reduced model: of thermostats, then of sensors."""
-    watched = [heater.sensor for heater in task.scenario.simulator.heaters.values()]
+    watched = [heater.sensor for heater in task.scenario.network.heaters.values()]
     observed = [item.node or "" for item in task.scenario.observations.values()]
     return list(dict.fromkeys([*watched, *observed]))
 
@@ -104,7 +104,7 @@ def _sizes(task: Task, network: Network) -> Iterator[int]:
     """What is tried, in this order: numbers of states, or of nodes."""
     reduction, most = task.reduction, len(network.diffusive)
     if reduction.method == "projection":
-        heaters = {heater.sensor for heater in task.scenario.simulator.heaters.values()}
+        heaters = {heater.sensor for heater in task.scenario.network.heaters.values()}
         settings = reduction.projection
         highest = min(settings.most_states if settings.states is None else settings.states, most)
         if highest < len(heaters):
@@ -163,7 +163,7 @@ def _condensations(
     capacity = np.sum(list(affine.capacity.values()), axis=0)
     snapshots = np.concatenate([run.temperatures[:, ::4].reshape(-1, len(network.nodes)) for run in training])
     nominal = dict(zip(network.nodes, snapshots.mean(axis=0).tolist(), strict=True))
-    nodes = task.scenario.simulator.nodes
+    nodes = task.scenario.network.nodes
     nominal |= {name: float(node.boundary) for name, node in nodes.items() if isinstance(node.boundary, float)}
     for size in sizes:
         groups = _groups(task, network, affine, snapshots, capacity, size)
@@ -181,7 +181,7 @@ def _groups(
             raise FlightcalError(f"condensation.groups.{group}: found {list(patterns)}, which fit no node")
     by_hand = {name for names in groups.values() for name in names}
     rest = [k for k, name in enumerate(network.nodes) if name not in by_hand]
-    own = {*_own_nodes(task), *(heater.node for heater in task.scenario.simulator.heaters.values())}
+    own = {*_own_nodes(task), *(heater.node for heater in task.scenario.network.heaters.values())}
     touched = _touched_nodes(task.scenario)
     kind = [
         (touched.get(network.nodes[k]), next((p for p, c in affine.capacity.items() if c[k] > 0.0), None)) for k in rest
@@ -206,10 +206,10 @@ def _touched_nodes(scenario: Scenario) -> dict[str, str]:
 
 
 def _condensed(task: Task, network: Network, condensed: Condensed, capacity: FloatArray) -> tuple[Candidate, Condensed]:
-    model = condensed.scenario.simulator
+    model = condensed.scenario.network
 
     def build(scenario: Scenario, start: np.datetime64, end: np.datetime64, times: Times) -> NetworkSimulator:
-        timed = model.model_copy(update={"timeline": scenario.simulator.timeline, "step": task.reduction.step})
+        timed = model.model_copy(update={"timeline": scenario.network.timeline, "step": task.reduction.step})
         chosen = condensed.scenario.model_copy(update={"simulator": timed})
         return network_simulator(chosen, xarray.Dataset(), start, end, times, period=task.period)
 

@@ -25,6 +25,7 @@ from ..simulator.assembly import MOST_FACTORS, Terms
 from ..simulator.network import Network
 from ..simulator.system import FloatArray, IntArray, make_structure
 from .affine import Kind, Product
+from .patterns import plain
 
 Normal = tuple[float, float, float] | Literal["all"]
 
@@ -110,9 +111,9 @@ def network_of(model: ReducedModel, numbers: Mapping[str, float] | None = None) 
     )
     return Network(
         nodes=(
-            *model.mixed,
+            *map(plain, model.mixed),
             *(f"follower.{k}" for k in range(s)),
-            *model.states,
+            *map(plain, model.states),
             *(f"rate.{name}" for name in model.states),
         ),
         columns=model.columns,

@@ -10,6 +10,7 @@ from ..scenario.schema import Face, Node, Parameter, SimulatorModel
 from ..simulator import Network, NetworkSimulator, network_simulator
 from ..simulator.inputs import Times
 from .affine import KEPT
+from .patterns import plain
 from .reduced_model import ReducedModel, network_of
 
 
@@ -17,7 +18,11 @@ def reduced_scenario(scenario: Scenario, model: ReducedModel, step: float) -> Sc
     """The full network's scenario with the model in its place: parameters set the model's numbers."""
     return scenario.model_copy(
         update={
-            "simulator": simulator_block(scenario.simulator, model, step),
+            "simulator": simulator_block(scenario.network, model, step),
+            "observations": {
+                name: item.model_copy(update={"node": plain(item.node or "")})
+                for name, item in scenario.observations.items()
+            },
             "parameters": {name: _rewritten(name, parameter, model) for name, parameter in scenario.parameters.items()},
         }
     )
@@ -26,18 +31,33 @@ def reduced_scenario(scenario: Scenario, model: ReducedModel, step: float) -> Sc
 def simulator_block(full: SimulatorModel, model: ReducedModel, step: float) -> SimulatorModel:
     """What a scenario says of the simulator: the states as nodes, a face for each way, heaters and modes."""
     states = {
-        name: Node.model_construct(capacity=1.0, initial=float(value), arithmetic=False, boundary=None)
+        plain(name): Node.model_construct(capacity=1.0, initial=float(value), arithmetic=False, boundary=None)
         for name, value in zip(model.states, model.initial, strict=True)
     }
     mixed = {
-        name: Node.model_construct(capacity=None, initial=None, arithmetic=True, boundary=None) for name in model.mixed
+        plain(name): Node.model_construct(capacity=None, initial=None, arithmetic=True, boundary=None)
+        for name in model.mixed
     }
     faces = {
-        way: Face.model_construct(node=model.states[0], area=1.0, normal=normal, absorptivity=1.0, emissivity=1.0)
+        way: Face.model_construct(
+            node=plain(model.states[0]), area=1.0, normal=normal, absorptivity=1.0, emissivity=1.0
+        )
         for way, normal in model.ways.items()
     }
+    heaters = {
+        # Where its heat goes is in the model's matrices; the block wants one of its nodes.
+        name: heater.model_copy(update={"node": plain(heater.sensor), "sensor": plain(heater.sensor)})
+        for name, heater in full.heaters.items()
+    }
     return full.model_copy(
-        update={"step": step, "nodes": {**states, **mixed}, "conductors": (), "faces": faces, "loads": {}}
+        update={
+            "step": step,
+            "nodes": {**states, **mixed},
+            "conductors": (),
+            "faces": faces,
+            "heaters": heaters,
+            "loads": {},
+        }
     )
 
 

@@ -3,8 +3,9 @@
 from __future__ import annotations
 
 import json
+import math
 from collections.abc import Mapping
-from dataclasses import asdict, dataclass
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
@@ -13,30 +14,30 @@ import xarray
 
 from ..errors import ScenarioError
 from ..run_directory import write_atomically
-from ..scenario import Scenario, SimulatorModel
+from ..scenario import Scenario, SimulatorModel, settable
+from ..scenario._reduced import FORMAT
+from ..scenario.schema import ReducedNumber, SimulatorError
 from ..simulator.system import FloatArray
 from .affine import Product
-from .error_model import SensorError
 from .reduced_model import Normal, ReducedModel
 
-FORMAT = 1
 _KINDS = ("capacity", "linear", "radiative", "forcing", "heating")
 _COLUMNS = {"capacity": "state", "linear": "unknown", "radiative": "radiating", "forcing": "input", "heating": "heater"}
 
 
 @dataclass(frozen=True)
 class Stored:
-    """What a file holds."""
+    """What a file holds; where a scenario names it, its attribute `about` is read too (`scenario/_reduced.py`)."""
 
     model: ReducedModel
-    errors: dict[str, SensorError]
+    errors: dict[str, SimulatorError]
     """By sensor."""
     sensors: dict[str, str]
     """Sensor -> node."""
     simulator: SimulatorModel
     """Nodes, faces, heaters and modes as a scenario sees them."""
-    parameters: dict[str, dict[str, Any]]
-    """Free number ``reduced.<name>`` -> unit, value, lower, upper: SI, the range that the model was made for."""
+    parameters: dict[str, ReducedNumber]
+    """Free numbers ``reduced.<name>``."""
 
 
 def save(path: Path, stored: Stored) -> None:
@@ -81,10 +82,10 @@ def load(path: Path) -> Stored:
     )
     return Stored(
         model,
-        {name: SensorError(**item) for name, item in about["errors"].items()},
+        {name: SimulatorError.model_validate(item) for name, item in about["errors"].items()},
         about["sensors"],
         SimulatorModel.model_validate(about["simulator"]),
-        about["parameters"],
+        {name: ReducedNumber.model_validate(item) for name, item in about["parameters"].items()},
     )
 
 
@@ -121,26 +122,31 @@ def _dataset(stored: Stored) -> xarray.Dataset:
         "watched": model.sensors,
         "followers": model.followers,
         "products": {kind: list(found) for kind, found in matrices.items()},
-        "errors": {name: asdict(item) for name, item in stored.errors.items()},
+        "errors": {name: item.model_dump(mode="json") for name, item in stored.errors.items()},
         "sensors": stored.sensors,
         "simulator": stored.simulator.model_dump(mode="json", exclude_none=True),
-        "parameters": stored.parameters,
+        "parameters": {name: item.model_dump(mode="json") for name, item in stored.parameters.items()},
     }
     return xarray.Dataset(variables, attrs={"flightcal_reduced_model": FORMAT, "about": json.dumps(about)})
 
 
-def stored_of(model: ReducedModel, scenario: Scenario, block: SimulatorModel, errors: dict[str, SensorError]) -> Stored:
+def stored_of(
+    model: ReducedModel, scenario: Scenario, block: SimulatorModel, errors: dict[str, SimulatorError]
+) -> Stored:
     """What is stored of a model of the full network's scenario."""
-    from ..calibration.priors import Priors
-
-    priors = Priors(tuple(scenario.parameters), tuple(item.prior for item in scenario.parameters.values()))
-    lower, upper = priors.bounds()
-    parameters = {
-        f"reduced.{name}": {"unit": item.unit, "value": float(value), "lower": float(low), "upper": float(high)}
-        for (name, item), value, low, high in zip(
-            scenario.parameters.items(), priors.median(), lower, upper, strict=True
+    numbers = settable(scenario)
+    values = dict(zip(model.free, model.values.tolist(), strict=True))
+    parameters = {}
+    for name, item in scenario.parameters.items():
+        if f"reduced.{name}" not in values:
+            continue
+        # A factor is not negative; what is set keeps to the bounds of what it sets.
+        lower, upper = (numbers[item.sets[0]].lower, numbers[item.sets[0]].upper) if item.sets else (0.0, math.inf)
+        parameters[f"reduced.{name}"] = ReducedNumber.model_construct(
+            unit=item.unit,
+            value=values[f"reduced.{name}"],
+            lower=lower if math.isfinite(lower) else None,
+            upper=upper if math.isfinite(upper) else None,
         )
-        if f"reduced.{name}" in model.free
-    }
     sensors = {name: item.node or "" for name, item in scenario.observations.items()}
     return Stored(model, errors, sensors, block, parameters)
