@@ -26,13 +26,13 @@ def test_offset_deviation_and_correlation_time_are_found_again():
 
 
 def test_shapes_and_variances_are_the_covariance_of_each_sensor():
-    model = {"a": _error(0.1, 0.2, 600.0), "c": _error(0.05, 0.0, 60.0)}
+    model = {"a": _error(0.1, 0.2, 2400.0), "c": _error(0.05, 0.0, 60.0)}
     seconds = 60.0 * np.arange(150.0)
     basis, variance = shapes(model, ["a", "b", "c"], seconds)
     found = np.einsum("tnr,r,smr->tnsm", basis, variance, basis)
     exact = covariance(model["a"], seconds)
-    assert left_out(model["a"], seconds) < 0.006
-    assert np.abs(found[:, 0, :, 0] - exact).max() < 0.05 * exact.max()
+    assert left_out(model["a"], seconds) < 0.05
+    assert np.abs(found[:, 0, :, 0] - exact).max() < 0.2 * exact.max()
     assert np.trace(found[:, 0, :, 0]) == pytest.approx(np.trace(exact), rel=1e-12)
     np.testing.assert_allclose(found[:, 2, :, 2], 0.05**2, rtol=1e-9)
     assert not found[:, 1].any()

@@ -19,10 +19,10 @@ from ..simulator.system import FloatArray
 if TYPE_CHECKING:
     from .candidate import Errors
 
-_KEPT = 0.995
-"""Share of the variance that the shapes of a sensor hold; the rest is spread over them."""
-_MOST_SHAPES = 40
-"""Of a sensor on a window."""
+_KEPT = 0.95
+"""Share of the variance that the shapes of a sensor hold; the rest, the quickest part, is spread over them."""
+_MOST_SHAPES = 10
+"""Of a sensor on a window: a likelihood costs as the square of their number. What is quicker looks like noise."""
 _MATERN_AT_ONE_OVER_E = 2.146
 """(1 + a) exp(-a) = 1/e."""
 
