@@ -169,6 +169,22 @@ def fly(
         typer.echo(line)
 
 
+@app.command(epilog="Example: `flightcal reduce reduce.yaml --out rom`")
+@_user_errors_are_messages
+def reduce(
+    file: Annotated[Path, typer.Argument(help="The reduction, a YAML file.", show_default=False)],
+    out: Annotated[Path, typer.Option(help="Folder to write; nothing is overwritten.")],
+) -> None:
+    """Make a reduced order model of an operational simulator, with a certificate of its error."""
+    from .progress import bars
+    from .surrogate.export import reduce_to_folder
+
+    with bars() as advance:
+        lines = reduce_to_folder(file, out, advance)
+    for line in lines:
+        typer.echo(line)
+
+
 @app.command(epilog="Example: `flightcal report runs/first`")
 @_user_errors_are_messages
 def report(

@@ -49,6 +49,24 @@ def bar(title: str) -> Iterator[Callable[..., None]]:
     yield advance
 
 
+@contextmanager
+def bars() -> Iterator[Callable[[str, float], None]]:
+    """A bar for each of several stages on a terminal, else a line; what it yields is told stage and share (0..1)."""
+    console = Console(stderr=True)
+    columns = (TextColumn("{task.description:<28}"), BarColumn(bar_width=30), TimeElapsedColumn())
+    tasks: dict[str, TaskID] = {}
+    with Progress(*columns, console=console, disable=not console.is_terminal) as progress:
+
+        def advance(stage: str, share: float) -> None:
+            if stage not in tasks:
+                tasks[stage] = progress.add_task(stage, total=1.0)
+                if not console.is_terminal:
+                    console.print(stage, highlight=False)
+            progress.update(tasks[stage], completed=share)
+
+        yield advance
+
+
 class Display:
     """Progress for `experiment.run_experiment` (a Listener): bars on a terminal, else a line for each stage."""
 

@@ -17,12 +17,12 @@ import xarray
 
 from ..environment import orbital_period
 from ..errors import ScenarioError
-from ..external import build_simulator
 from ..scenario import Normal, Prior, Scenario
 from ..scenario.external import ExternalModel
 from ..scenario.schema import HalfNormal
 from ..simulator import NetworkSimulator, SimulationFailure, Simulator, Trajectory, open_loop
 from ..simulator.system import FloatArray
+from ..surrogate.build import build_simulator
 from ..telemetry import select_window, window_bounds
 from .likelihood import ErrorShapes, error_shapes, iid_log_likelihood, low_rank_log_likelihood, shrinkage
 from .native import NativeDensity, native_density

@@ -34,6 +34,7 @@ from .schema import (
     Node,
     Observation,
     Parameter,
+    ReducedNumber,
     Scenario,
     SimulatorModel,
     Window,
@@ -75,6 +76,8 @@ class Draft:
     parameters: Mapping[str, Parameter | None] = field(default_factory=dict)
     external: External | None = None
     """null: the simulator is a thermal network."""
+    reduced: Mapping[str, ReducedNumber | None] | None = None
+    """Numbers of a reduced order model; null: the simulator is none."""
 
 
 def draft_of_scenario(scenario: Scenario) -> Draft:
@@ -100,6 +103,7 @@ def draft_of_scenario(scenario: Scenario) -> Draft:
         windows=scenario.windows,
         parameters=scenario.parameters,
         external=external,
+        reduced=model.reduced_numbers if model.reduced_model is not None else None,
     )
 
 
@@ -133,6 +137,7 @@ def draft_of_data(data: Any) -> Draft:
         windows=_entries(Window, data, "windows"),
         parameters=_entries(Parameter, data, "parameters"),
         external=external,
+        reduced=_entries(ReducedNumber, model, "reduced_numbers") if "reduced_model" in model else None,
     )
 
 

@@ -11,6 +11,7 @@ from pydantic import ValidationError
 from ._document import Document, Problem, read_document
 from ._draft import Draft, draft_of_data
 from ._parameters import read_observations, read_parameters
+from ._reduced import fill_in
 from ._units import show
 from ._wording import problems_of, unknown_key, written_keys
 from .schema import Scenario
@@ -48,6 +49,9 @@ def read_scenario(path: Path, telemetry: Path | None = None) -> Reading:
     data = {**data, "folder": path.parent}
     if telemetry is not None:
         data["telemetry"] = _elsewhere(data.get("telemetry"), telemetry.absolute())
+    if isinstance(data.get("simulator"), dict):
+        data["simulator"], found = fill_in(data["simulator"], path.parent)
+        problems += found
     data, draft, numbers, found = _read_values(data)
     problems += found
     scenario = None

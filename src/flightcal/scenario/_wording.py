@@ -72,7 +72,9 @@ def unknown_key(key: str, keys: Iterable[str]) -> str:
 
 def written_keys(block: type[Block]) -> list[str]:
     """What a user may write in a block: all fields but those that flightcal fills in."""
-    filled_in = {schema.Scenario: "folder", schema.Parameter: "unit"}.get(block)
+    filled_in = {schema.Scenario: "folder", schema.Parameter: "unit", schema.SimulatorModel: "reduced_numbers"}.get(
+        block
+    )
     return [name for name in block.model_fields if name != filled_in]
 
 

@@ -36,6 +36,12 @@ def json_schema() -> dict[str, Any]:
     parameter["required"].remove("unit")
     parameter["anyOf"] = [{"required": ["sets"]}, {"required": ["scales"]}]
 
+    network = definitions["SimulatorModel"]
+    del network["properties"]["reduced_numbers"]
+    del definitions["ReducedNumber"]
+    network["required"].remove("nodes")
+    network["anyOf"] = [{"required": ["nodes"]}, {"required": ["reduced_model"]}]
+
     observation = definitions["Observation"]
     _replace(observation, "noise", {"anyOf": [quantity_schema("K"), prior, {"type": "null"}]})
     _replace(observation, "bias", quantity_schema("K"))

@@ -9,7 +9,7 @@ from typing import Any
 from ._priors import written_prior
 from ._units import written
 from .external import KINDS
-from .schema import Observation, Scenario
+from .schema import Observation, Scenario, SimulatorModel
 
 _WIDTH = 10_000
 """Lines are not broken: long text such as two-line elements must stay whole."""
@@ -48,9 +48,24 @@ def _written(scenario: Scenario, absolute: bool) -> dict[str, Any]:
         data["observations"][name] |= _written_errors(observation)
         if observation.heater is not None:
             del data["observations"][name]["bias"]
+    if isinstance(scenario.simulator, SimulatorModel):
+        data["simulator"] = _written_network(data["simulator"])
     if absolute:
         _make_absolute(data, scenario.folder)
     return data
+
+
+def _written_network(model: dict[str, Any]) -> dict[str, Any]:
+    """Without what comes from the file of a reduced model."""
+    if "reduced_model" not in model:
+        return {key: value for key, value in model.items() if key not in ("reduced_numbers", "errors") or value}
+    nodes = {name: {"initial": node["initial"]} for name, node in model["nodes"].items() if "initial" in node}
+    left_out = ("reduced_numbers", "conductors", "faces", "loads")
+    heaters = {
+        name: {key: value for key, value in heater.items() if key not in ("node", "sensor")}
+        for name, heater in model["heaters"].items()
+    }
+    return {**{k: v for k, v in model.items() if k not in left_out}, "nodes": nodes, "heaters": heaters}
 
 
 def _written_errors(observation: Observation) -> dict[str, Any]:
@@ -75,6 +90,8 @@ def _make_simulator_absolute(model: dict[str, Any], folder: Path) -> None:
     def absolute(name: str) -> str:
         return str((folder / name).absolute())
 
+    if "reduced_model" in model:
+        model["reduced_model"] = absolute(model["reduced_model"])
     block: dict[str, Any] = next((model[kind] for kind in KINDS if kind in model), {})
     for key in ("file", "keep_failed"):
         if key in block:

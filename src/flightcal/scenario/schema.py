@@ -292,9 +292,38 @@ class Load(Block):
     """Heat per unit of the driver, with its unit: ``12 W/A``, or a plain number for a driver in watts."""
 
 
+class ReducedNumber(Block):
+    """A number of a reduced order model that a parameter may set."""
+
+    unit: str
+    """SI; "" for a factor."""
+    value: Number
+    lower: Number | None = None
+    upper: Number | None = None
+    """null: no bound."""
+
+
+class SimulatorError(Block):
+    """Error of a simulator in the place of a slower one, of one channel: what is constant in a run, and what varies."""
+
+    offset: Annotated[float, Quantity("K", at_least=0, difference=True)]
+    """Standard deviation."""
+    deviation: Annotated[float, Quantity("K", at_least=0, difference=True)]
+    """Standard deviation."""
+    correlation_time: Duration
+    """Of what varies: its correlation falls to 1/e."""
+
+
 class SimulatorModel(Block):
     """The thermal network and the control of its heaters."""
 
+    reduced_model: str | None = None
+    """File that `flightcal reduce` wrote: nodes, faces, heaters and modes come from it; what is written here besides
+    (initial temperatures, thresholds, powers, `measured_by`) replaces what it says."""
+    reduced_numbers: dict[str, ReducedNumber] = Field(default_factory=dict)
+    """Filled in from that file: what parameters may set in it, ``reduced.<name>``."""
+    errors: dict[str, SimulatorError] = Field(default_factory=dict)
+    """Temperature channel -> error against the simulator that this one stands in for; it enters the likelihood."""
     step: Duration = 30.0
     """Longest time step of the integration."""
     nodes: dict[str, Node] = Field(min_length=1)

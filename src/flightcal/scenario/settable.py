@@ -28,10 +28,11 @@ def settable(scenario: Scenario) -> dict[str, Settable]:
     """Dotted path -> number, for every number that a parameter may set or scale, in a fixed order.
 
     nodes.<n>.capacity; nodes.<n>.boundary (fixed ones; initial temperatures are always estimated, see InitialState);
-    conductors.<label>.conductance; conductors.<label>.radiative; faces.<f>.area, absorptivity, emissivity;
-    heaters.<h>.power, on_below, off_above; modes.<mode>.<node>; loads.<l>.coefficient (W per SI unit of the driver);
-    environment.albedo, earth_infrared; of an external simulator inputs.<n> (but initial temperatures) instead of all
-    these; observations.<channel>.bias (temperatures). Within a line: order of the file.
+    conductors.<label>.conductance; conductors.<label>.radiative; faces.<f>.area, absorptivity, emissivity (of a reduced
+    order model reduced.<parameter> instead of these); heaters.<h>.power, on_below, off_above; modes.<mode>.<node>;
+    loads.<l>.coefficient (W per SI unit of the driver); environment.albedo, earth_infrared; of an external simulator
+    inputs.<n> (but initial temperatures) instead of all these; observations.<channel>.bias (temperatures). Within a
+    line: order of the file.
     """
     return settable_of(draft_of_scenario(scenario))
 
@@ -75,18 +76,11 @@ def quantity_of(block: type[Block], name: str) -> Quantity:
 def _numbers(draft: Draft) -> Iterator[tuple[str, Quantity, float]]:
     """Path, unit with bounds, and value of every settable number that could be read."""
     nodes, faces, heaters = _readable(draft.nodes), _readable(draft.faces), _readable(draft.heaters)
-    # The first conductor of a label keeps it; a second one is reported by lint.
-    conductors = {conductor.label: conductor for conductor in reversed(draft.conductors) if conductor}
-    conductors = dict(reversed(conductors.items()))
-
-    yield from _fields_of("nodes", nodes, Node, "capacity")
-    for name, node in nodes.items():
-        if isinstance(node.boundary, float):
-            yield f"nodes.{name}.boundary", Quantity("K", at_least=0.0), node.boundary
-    yield from _fields_of("conductors", conductors, Conductor, "conductance")
-    yield from _fields_of("conductors", conductors, Conductor, "radiative")
-    for name, face in faces.items():
-        yield from _fields_of("faces", {name: face}, Face, "area", "absorptivity", "emissivity")
+    if draft.reduced is not None:
+        for name, number in _readable(draft.reduced).items():
+            yield name, Quantity(number.unit, at_least=number.lower, at_most=number.upper), number.value
+    else:
+        yield from _network_numbers(draft, nodes, faces)
     for name, heater in heaters.items():
         yield from _fields_of("heaters", {name: heater}, Heater, "power", "on_below", "off_above")
     for mode, powers in _readable(draft.modes).items():
@@ -103,6 +97,23 @@ def _numbers(draft: Draft) -> Iterator[tuple[str, Quantity, float]]:
     for name, observation in _readable(draft.observations).items():
         if observation.heater is None:
             yield f"observations.{name}.bias", Quantity("K", difference=True), observation.bias
+
+
+def _network_numbers(
+    draft: Draft, nodes: Mapping[str, Node], faces: Mapping[str, Face]
+) -> Iterator[tuple[str, Quantity, float]]:
+    # The first conductor of a label keeps it; a second one is reported by lint.
+    conductors = {conductor.label: conductor for conductor in reversed(draft.conductors) if conductor}
+    conductors = dict(reversed(conductors.items()))
+
+    yield from _fields_of("nodes", nodes, Node, "capacity")
+    for name, node in nodes.items():
+        if isinstance(node.boundary, float):
+            yield f"nodes.{name}.boundary", Quantity("K", at_least=0.0), node.boundary
+    yield from _fields_of("conductors", conductors, Conductor, "conductance")
+    yield from _fields_of("conductors", conductors, Conductor, "radiative")
+    for name, face in faces.items():
+        yield from _fields_of("faces", {name: face}, Face, "area", "absorptivity", "emissivity")
 
 
 def _fields_of(

@@ -221,9 +221,13 @@ def network_simulator(
     samples: Times,
     *,
     period: float,
+    network: Network | None = None,
 ) -> NetworkSimulator:
-    """The simulator of a scenario on the window [start, end], observed at `samples` [T] (UTC)."""
-    network = build_network(scenario)
+    """The simulator of a scenario on the window [start, end], observed at `samples` [T] (UTC).
+
+    network: in place of the one that the scenario's blocks describe (a reduced order model's).
+    """
+    network = network or build_network(scenario)
     drive, sampling = build_drive(scenario, network, telemetry, start, end, samples, period=period)
     observed = {name: item for name, item in scenario.observations.items() if item.node is not None}
     return NetworkSimulator(

@@ -16,6 +16,7 @@ from __future__ import annotations
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 from functools import cached_property
+from heapq import heappop, heappush
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -164,11 +165,15 @@ def make_structure(
     rows: list[set[int]] = [{i} for i in range(n)]
     for i, j in {*linear, *radiative}:
         rows[i].add(j)
-        rows[j].add(i)
-    for k in range(n):  # eliminating k joins all later states that it is linked to
-        later = {j for j in rows[k] if j > k}
-        for i in later:
-            rows[i] |= later
+    for i in range(n):  # eliminating k from row i adds what stands in row k beyond its diagonal
+        left = sorted(j for j in rows[i] if j < i)
+        while left:
+            k = heappop(left)
+            for j in rows[k]:
+                if j > k and j not in rows[i]:
+                    rows[i].add(j)
+                    if j < i:
+                        heappush(left, j)
     ordered = [sorted(row) for row in rows]
     factor_start = np.cumsum([0, *map(len, ordered)])
     place = {(i, j): factor_start[i] + k for i, row in enumerate(ordered) for k, j in enumerate(row)}

@@ -23,7 +23,7 @@ def check(reading: Reading, folder: Path) -> Iterator[Problem]:
     for name, heater in readable(draft.heaters).items():
         yield from _check_heater(draft, heater, ("simulator", "heaters", name))
     for mode, powers in readable(draft.modes).items():
-        for node in powers:
+        for node in powers if draft.reduced is None else ():
             wrong = heated_node(draft, node, "dissipation")
             if wrong:
                 yield Problem(("simulator", "modes", mode, node), wrong)

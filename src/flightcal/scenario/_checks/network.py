@@ -22,7 +22,8 @@ def check(reading: Reading, folder: Path) -> Iterator[Problem]:
     yield from _check_labels(draft)
     yield from _check_boundaries(draft)
     yield from _check_faces(draft)
-    yield from _check_arithmetic(draft)
+    if draft.reduced is None:
+        yield from _check_arithmetic(draft)
     yield from _check_initial(draft)
 
 

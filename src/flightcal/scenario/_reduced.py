@@ -1,0 +1,62 @@
+"""A reduced order model in a scenario: its file's blocks, with what the scenario writes over them."""
+
+from __future__ import annotations
+
+import json
+from pathlib import Path
+from typing import Any
+
+from ._document import Problem
+from ._units import did_you_mean, show
+
+_HERE = ("simulator", "reduced_model")
+_SECTIONS = ("nodes", "faces", "heaters", "modes")
+FORMAT = "1"
+
+
+def fill_in(written: dict[str, Any], folder: Path) -> tuple[dict[str, Any], list[Problem]]:
+    """The simulator's block with what its reduced model says; a block without one as it is."""
+    name = written.get("reduced_model")
+    if name is None:
+        return written, []
+    if not isinstance(name, str):
+        return written, [
+            Problem(_HERE, f"found {show(name)}, expected the name of a file that 'flightcal reduce' wrote")
+        ]
+    about, wrong = _read(folder / name)
+    if about is None:
+        return {**written, "nodes": {}}, [Problem(_HERE, f"found {show(name)}, {wrong}")]
+    block = {**about["simulator"], **written, "reduced_numbers": about["parameters"]}
+    problems = []
+    for section in _SECTIONS:
+        known = about["simulator"].get(section, {})
+        changes = written.get(section, {})
+        if not isinstance(changes, dict):
+            continue
+        for key in changes:
+            if key not in known:
+                message = f"found {show(key)}, which the reduced model does not have{did_you_mean(str(key), known)}"
+                problems.append(Problem(("simulator", section, key), message))
+        block[section] = {
+            key: {**value, **changes[key]} if isinstance(changes.get(key), dict) else value
+            for key, value in known.items()
+        }
+    block.setdefault("errors", {})
+    if not written.get("errors"):
+        block["errors"] = about["errors"]
+    return block, problems
+
+
+def _read(path: Path) -> tuple[Any, str]:
+    """What a file says of itself; or null, and what is wrong with it."""
+    import h5py
+
+    try:
+        with h5py.File(path, "r") as file:
+            if file.attrs.get("flightcal_reduced_model") != FORMAT:
+                return None, "which is not a reduced model of this version, expected one that 'flightcal reduce' wrote"
+            return json.loads(file.attrs["about"]), ""
+    except FileNotFoundError:
+        return None, "which is not there, expected a path relative to the scenario"
+    except (OSError, KeyError, ValueError) as error:
+        return None, f"which cannot be read as a reduced model: {error}"

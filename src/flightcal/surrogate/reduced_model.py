@@ -1,0 +1,159 @@
+"""A reduced order model: small dense matrices for each product of free numbers, and its canonical form.
+
+    (M dx/dt, 0) = sum_k p_k (L_k (x, v) + R_k (x, y)^4 + B_k w + sum_h u_h g_kh)      y = E x + e,  M = sum_k p_k M_k
+
+The states x [r] are temperatures of nodes of the full network, so thermostats and observations look at states, and
+initial states are temperatures. v [s] are amplitudes of the fourth powers of what follows at once, such as the outer
+layer of insulation: its balance is linear in them, whatever the step.
+
+In the canonical form y [m], v and the rates z = dx/dt [r] are massless states. Eliminating a massless state that enters
+linearly gives the same Rosenbrock step as eliminating it from the equations first, so nothing is lost by it; and with
+y first, then v, x and z the pivots of an implicit step are those of definite matrices, in the end M - h/2 J, so that
+the kernel's factorisation needs no pivoting.
+"""
+
+from __future__ import annotations
+
+from collections import defaultdict
+from collections.abc import Mapping
+from dataclasses import dataclass
+from typing import Literal
+
+import numpy as np
+
+from ..simulator.assembly import MOST_FACTORS, Terms
+from ..simulator.network import Network
+from ..simulator.system import FloatArray, IntArray, make_structure
+from .affine import Kind, Product
+from .patterns import plain
+
+Normal = tuple[float, float, float] | Literal["all"]
+
+
+@dataclass(frozen=True)
+class ReducedModel:
+    """Everything that a simulation needs, whatever the window and theta."""
+
+    states: tuple[str, ...]
+    """Nodes [r] of the full network whose temperatures are the states."""
+    mixed: tuple[str, ...]
+    """Nodes [m] whose temperatures y are mixed from the states: those at which radiation is evaluated, and sensors."""
+    mixing: FloatArray
+    """E [m, r]"""
+    mixing_offset: FloatArray
+    """e [m] K"""
+    free: tuple[str, ...]
+    """Names of the free numbers; see `affine.Affine`."""
+    values: FloatArray
+    """SI, as written or prior medians."""
+    columns: tuple[str, ...]
+    """Input series w [q], as a network's; faces are the ways that faces look."""
+    ways: dict[str, Normal]
+    """Name -> outward normal in the body frame."""
+    heaters: tuple[str, ...]
+    sensors: tuple[int, ...]
+    """[H] state that each thermostat watches."""
+    capacity: dict[Product, FloatArray]
+    """M_k [r, r] J/K."""
+    matrices: dict[Kind, dict[Product, FloatArray]]
+    """linear L_k [r+s, r+s], radiative R_k [r+s, r+m], forcing B_k [r+s, q], heating g_k [r+s, H]; W."""
+    followers: int
+    """s"""
+    initial: FloatArray
+    """[r] K, typical."""
+    initial_spread: FloatArray
+    """[r] K, standard deviation of the states over the training runs."""
+
+
+def network_of(model: ReducedModel, numbers: Mapping[str, float] | None = None) -> Network:
+    """The model in the canonical form, as a network that `NetworkSimulator` runs.
+
+    numbers: by dotted path, SI: they replace free numbers of the same path, or stand beside them (biases of channels).
+    """
+    values = dict(zip(model.free, model.values.tolist(), strict=True)) | dict(numbers or {})
+    r, m, s = len(model.states), len(model.mixed), model.followers
+    y, v, x, z = (first + np.arange(count) for first, count in ((0, m), (m, s), (m + s, r), (m + s + r, r)))
+    balances, unknowns, radiating = np.concatenate([z, v]), np.concatenate([x, v]), np.concatenate([x, y])
+    terms: dict[str, dict[tuple[int, int], list[tuple[float, Product]]]] = {
+        kind: defaultdict(list) for kind in ("linear", "radiative", "forcing", "heating", "lower", "upper")
+    }
+    one = model.columns.index("one")
+    for i in range(m):
+        terms["linear"][y[i], y[i]].append((-1.0, ()))
+        terms["forcing"][y[i], one].append((model.mixing_offset[i], ()))
+        for j in range(r):
+            terms["linear"][y[i], x[j]].append((model.mixing[i, j], ()))
+    for i in range(r):
+        terms["linear"][x[i], z[i]].append((1.0, ()))
+    for product, matrix in model.capacity.items():
+        _add(terms["linear"], z, z, -matrix, product)
+    columns: dict[Kind, IntArray] = {
+        "linear": unknowns,
+        "radiative": radiating,
+        "forcing": np.arange(len(model.columns)),
+    }
+    for kind, these in columns.items():
+        for product, matrix in model.matrices[kind].items():
+            _add(terms[kind], balances, these, matrix, product)
+    for product, matrix in model.matrices["heating"].items():
+        _add(terms["heating"], np.arange(len(model.heaters)), balances, matrix.T, product)
+    for k, heater in enumerate(model.heaters):
+        for limit, field in (("lower", "on_below"), ("upper", "off_above")):
+            terms[limit][k, 0].append((1.0, (model.free.index(f"heaters.{heater}.{field}"),)))
+    entries = {kind: sorted(found) for kind, found in terms.items()}
+    structure = make_structure(
+        np.concatenate([np.zeros(m + s), np.ones(r), np.zeros(r)]),
+        entries["linear"],
+        entries["radiative"],
+        entries["forcing"],
+        entries["heating"],
+        [int(x[k]) for k in model.sensors],
+    )
+    return Network(
+        nodes=(
+            *map(plain, model.mixed),
+            *(f"follower.{k}" for k in range(s)),
+            *map(plain, model.states),
+            *(f"rate.{name}" for name in model.states),
+        ),
+        columns=model.columns,
+        paths=tuple(values),
+        values=np.array(list(values.values())),
+        heaters=model.heaters,
+        structure=structure,
+        terms=_table(terms, entries, len(values)),
+    )
+
+
+def _add(
+    entries: dict[tuple[int, int], list[tuple[float, Product]]],
+    rows: IntArray,
+    columns: IntArray,
+    matrix: FloatArray,
+    product: Product,
+) -> None:
+    for i, j in zip(*np.nonzero(matrix), strict=True):
+        entries[int(rows[i]), int(columns[j])].append((float(matrix[i, j]), product))
+
+
+def _table(
+    terms: dict[str, dict[tuple[int, int], list[tuple[float, Product]]]],
+    entries: dict[str, list[tuple[int, int]]],
+    numbers: int,
+) -> Terms:
+    entry, constants, factors = [], [], []
+    number = 0
+    for kind, places in entries.items():
+        for place in places:
+            for constant, product in terms[kind][place]:
+                entry.append(number)
+                constants.append(constant)
+                factors.append([*product, *[numbers] * (MOST_FACTORS - len(product))])
+            number += 1
+    return Terms(
+        entry=np.array(entry, dtype=np.int64),
+        constant=np.array(constants),
+        factors=np.array(factors, dtype=np.int64).reshape(-1, MOST_FACTORS),
+        inverse=np.zeros(0, dtype=np.int64),
+        entries=number,
+    )

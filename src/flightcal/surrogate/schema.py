@@ -1,0 +1,86 @@
+"""The blocks of a reduction file: what is reduced, for which parameters and windows, and how good it must be."""
+
+from __future__ import annotations
+
+from typing import Annotated, Any, Literal
+
+from pydantic import Field
+
+from ..operational.schema import CommandBlock, Kelvins
+from ..scenario._fields import Block, Count, Number
+from ..scenario._units import Duration, Quantity
+from ..scenario.schema import Window
+
+Patterns = Annotated[tuple[str, ...], Field(min_length=1)]
+
+
+class FlightWindow(Window):
+    """A stretch of flight that is simulated, and the mode changes in it."""
+
+    timeline: tuple[CommandBlock, ...] | None = None
+    """Seconds after the window's start; null: the spacecraft's own, counted from there."""
+
+
+class Runs(Block):
+    """Simulations of the full network: prior draws in every window."""
+
+    seed: Annotated[Count, Field(ge=0, lt=2**32)] = 1
+    draws: Count = Field(24, ge=2)
+    """Of the parameters, in each window."""
+    windows: dict[str, FlightWindow] = Field(min_length=1)
+
+
+class Projection(Block):
+    """Projection on the shapes that the network's temperatures take (POD-Galerkin)."""
+
+    states: Annotated[Count, Field(ge=1)] | None = None
+    """null: as few as keep the tolerance."""
+    most_states: Count = Field(12, ge=1)
+    sampled_nodes: Annotated[Count, Field(ge=1)] | None = None
+    """At which radiation is evaluated; null: two more than states."""
+    follow_within: Duration = 300.0
+    """Time constant up to which a node that exchanges heat by radiation only follows at once."""
+
+
+class Condensation(Block):
+    """Nodes in groups, each of which becomes one node."""
+
+    groups: dict[str, Patterns] = Field(default_factory=dict)
+    """Group -> patterns of its nodes; nodes in none of them are grouped automatically."""
+    nodes: Annotated[Count, Field(ge=1)] | None = None
+    """Wanted number; null: as few as keep the tolerance."""
+    most_nodes: Count = Field(40, ge=1)
+
+
+class Reduction(Block):
+    """The whole file."""
+
+    name: str
+    description: str = ""
+    spacecraft: str
+    """Spacecraft file, from this file's folder."""
+    method: Literal["projection", "condensation"] = "projection"
+    parameters: dict[str, Any] = Field(min_length=1)
+    """As in a scenario; in the paths `*` stands for any text, `?` for one character."""
+    sensors: tuple[str, ...] = ()
+    """Thermistors that the reduced model gives; none: all that are sent to ground."""
+    tolerance: Kelvins = 0.3
+    """95% of the absolute errors on unseen runs stay below."""
+    step: Duration = 60.0
+    """Longest time step of the reduced model."""
+    settling: Duration | None = None
+    """At the beginning of every run, in which initial temperatures fade, not looked at; null: one orbit."""
+    initial_spread: Kelvins = 5.0
+    """Standard deviation of the initial temperatures of the runs."""
+    pulse_width_band: Annotated[float, Quantity("K", above=0, difference=True)] = 0.2
+    """Width of the hysteresis that stands for control by pulse width."""
+    training: Runs
+    held_out: Runs
+    telemetry: str = "telemetry.csv"
+    """What `flightcal fly` writes, from this file's folder: for the scenario that is written beside the model."""
+    windows: dict[str, Window] = Field(default_factory=dict)
+    """Of that scenario; none: two orbits after the settling, and the next two."""
+    quantile: Annotated[Number, Field(gt=0, lt=1)] = 0.95
+    """Share of the errors that the tolerance is for."""
+    projection: Projection = Projection()
+    condensation: Condensation = Condensation()

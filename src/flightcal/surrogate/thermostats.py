@@ -1,0 +1,76 @@
+"""Heater lines of the on-board software as thermostats of the canonical form, and what that form cannot hold."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from ..errors import FlightcalError
+from ..operational.onboard import HeaterLine, OnOff
+from ..operational.simulator import Spacecraft
+from ..scenario.schema import Heater
+
+
+def canonical_heaters(spacecraft: Spacecraft, band: float) -> tuple[dict[str, Heater], list[str]]:
+    """A hysteresis thermostat for each heater line, and notes on what of the software it leaves out.
+
+    Control by pulse width holds the set point; hysteresis `band` (K) wide around it gives the same mean heat. The
+    certificate measures what that costs. Raises FlightcalError for a line that heats or watches more than one node.
+    """
+    heaters, notes = {}, []
+    for line in spacecraft.software.heaters:
+        where = f"heater line '{line.name}'"
+        power = next(b.power for b in spacecraft.branches if (b.line, b.name) == (line.name, line.branches[0]))
+        if len(power) != 1:
+            raise FlightcalError(
+                f"{where}: found {len(power)} nodes that branch '{line.branches[0]}' heats, expected one: a thermostat "
+                "of the canonical form heats one node"
+            )
+        ((node, watts),) = power.items()
+        sensor, bias = _watched(spacecraft, line)
+        lower, upper = _thresholds(line, band)
+        heaters[line.name] = Heater.model_construct(
+            node=node,
+            power=watts,
+            sensor=sensor,
+            on_below=lower - bias,
+            off_above=upper - bias,
+            initially_on=False,
+            measured_by=None,
+        )
+        notes += [f"{where}: {note}" for note in _left_out(spacecraft, line, band)]
+    if spacecraft.software.transitions:
+        notes.append("changes of mode by temperature are left out: modes follow the timeline")
+    return heaters, notes
+
+
+def _watched(spacecraft: Spacecraft, line: HeaterLine) -> tuple[str, float]:
+    """Node of the line's thermistors, and the bias (K) of their voted reading."""
+    voted = next(sensor for sensor in spacecraft.software.sensors if sensor.name == line.sensor)
+    thermistors = [item for item in spacecraft.thermistors if item.name in voted.thermistors]
+    nodes = {item.node for item in thermistors}
+    if len(nodes) != 1:
+        raise FlightcalError(
+            f"heater line '{line.name}': found thermistors on {', '.join(sorted(nodes))}, expected one node: a "
+            "thermostat of the canonical form watches one"
+        )
+    return nodes.pop(), float(np.median([item.bias for item in thermistors]))
+
+
+def _thresholds(line: HeaterLine, band: float) -> tuple[float, float]:
+    if isinstance(line.law, OnOff):
+        return line.law.on_below, line.law.off_above
+    return line.law.set_point - 0.5 * band, line.law.set_point + 0.5 * band
+
+
+def _left_out(spacecraft: Spacecraft, line: HeaterLine, band: float) -> list[str]:
+    notes = []
+    if not isinstance(line.law, OnOff):
+        notes.append(f"control by pulse width is a hysteresis of {band:g} K around the set point")
+    elif line.law.minimum_on > 0.0 or line.law.minimum_off > 0.0:
+        notes.append("minimum times on and off are left out")
+    if len(line.branches) > 1:
+        notes.append(f"only its branch '{line.branches[0]}' is there; failures and redundancy are left out")
+    off = [mode for mode, lines in spacecraft.software.enabled.items() if line.name not in lines]
+    if off:
+        notes.append(f"switched off in {', '.join(off)} by the enable table; its thermostat acts in every mode")
+    return notes
