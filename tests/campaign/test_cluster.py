@@ -43,6 +43,7 @@ def test_a_scheduler_without_workers_is_a_message(cluster, monkeypatch):
         pass
 
 
+@pytest.mark.slow
 def test_a_scheduler_that_goes_away_is_a_message_and_the_runs_that_are_done_stay_done(cluster, tmp_path):
     given = job(tmp_path, Sleeper(tmp_path / "log", 0.05))
     with remote_cluster(cluster.scheduler_address) as client:
