@@ -166,15 +166,13 @@ def test_the_chosen_runs_lessen_the_emulators_error_more_than_draws_at_random(ro
     def error_with(new):
         """Error of the draws after runs at `new`; a Gaussian process's variance does not depend on what they give."""
         inputs = np.concatenate([processes.inputs, emulator.inputs(new)])
-        terms, target = gaussian_process.trend(inputs, processes.degree), np.zeros(len(inputs))
+        terms, target = gaussian_process.trend(inputs), np.zeros(len(inputs))
         fields = [
             gaussian_process._condition(inputs, terms, target, processes.lengthscales[j], processes.nugget[j])
             for j in range(len(processes.scale))
         ]
         lengthscales, nugget, _, *rest = (np.ascontiguousarray(np.stack(part)) for part in zip(*fields, strict=True))
-        conditioned = gaussian_process.GaussianProcesses(
-            inputs, processes.degree, lengthscales, nugget, processes.scale, *rest
-        )
+        conditioned = gaussian_process.GaussianProcesses(inputs, lengthscales, nugget, processes.scale, *rest)
         return sum(conditioned.predict(x)[1] @ importance for x in emulator.inputs(z))
 
     chosen = error_with(_most_telling(problem, belief, 6, np.random.default_rng(0)))

@@ -8,11 +8,11 @@ from flightcal.surrogate import gaussian_process
 from flightcal.surrogate.gaussian_process import fit, matern, trend
 
 
-@pytest.fixture(scope="module", params=[1, 2], ids=["linear trend", "quadratic trend"])
-def case(request):
+@pytest.fixture(scope="module")
+def case():
     rng = np.random.default_rng(4)
     inputs = rng.standard_normal((60, 3))
-    return inputs, targets_at(inputs), fit(inputs, targets_at(inputs), request.param)
+    return inputs, targets_at(inputs), fit(inputs, targets_at(inputs))
 
 
 def targets_at(inputs):
@@ -27,7 +27,7 @@ def textbook(processes, targets, output, x):
     lengthscales, nugget = processes.lengthscales[output], processes.nugget[output]
     scale = processes.scale[output]
     precision = np.linalg.inv(matern(processes.inputs, processes.inputs, lengthscales) + nugget * np.eye(len(targets)))
-    terms, new_terms = trend(processes.inputs, processes.degree), trend(x, processes.degree)
+    terms, new_terms = trend(processes.inputs), trend(x)
     cross = matern(processes.inputs, x, lengthscales)
     of_trend = np.linalg.inv(terms.T @ precision @ terms)
     beta = of_trend @ terms.T @ precision @ targets[:, output]
@@ -76,11 +76,10 @@ def test_leaving_a_run_out_is_predicting_it_from_the_others(case):
         others = np.arange(len(inputs)) != run
         for output in range(2):
             arguments = processes.lengthscales[output], processes.nugget[output]
-            terms = trend(inputs[others], processes.degree)
+            terms = trend(inputs[others])
             fields = gaussian_process._condition(inputs[others], terms, targets[others, output], *arguments)
             alone = gaussian_process.GaussianProcesses(
                 inputs[others],
-                processes.degree,
                 *(np.ascontiguousarray(np.stack([field])) for field in fields),
             )
             mean, its_variance = alone.predict(inputs[run])
@@ -103,7 +102,7 @@ def test_the_covariance_of_predictions_has_their_variances_on_its_diagonal(case)
 def test_the_likelihood_that_is_climbed_is_the_restricted_one():
     rng = np.random.default_rng(1)
     inputs, target = rng.standard_normal((25, 2)), rng.standard_normal(25)
-    terms = trend(inputs, 1)
+    terms = trend(inputs)
     orthonormal = np.linalg.qr(terms)[0]
     squares = np.moveaxis((inputs[:, None] - inputs[None]) ** 2, -1, 0)
 
@@ -126,7 +125,7 @@ def test_intervals_hold_on_a_process_of_the_kind_that_is_assumed():
     lengthscales, nugget = np.array([0.7, 2.0]), 1e-3
     factor = np.linalg.cholesky(matern(inputs, inputs, lengthscales) + nugget * np.eye(160))
     targets = factor @ rng.standard_normal((160, 6)) + 5.0 * inputs[:, :1]
-    processes = fit(inputs[:80], targets[:80], 1)
+    processes = fit(inputs[:80], targets[:80])
     means, variances = (np.array(part) for part in zip(*map(processes.predict, inputs[80:]), strict=True))
     ratio = (targets[80:] - means) / np.sqrt(variances)
     # 480 values, of which those of one output share their hyper-parameters.

@@ -100,18 +100,18 @@ class Emulator:
         return self.principal.mean + np.einsum("tnr,pr->ptn", self.principal.shapes, coefficients)
 
 
-def fit_emulator(runs: TrainingRuns, z: FloatArray, tolerance: FloatArray, *, degree: int | None = None) -> Emulator:
+def fit_emulator(runs: TrainingRuns, z: FloatArray, tolerance: FloatArray) -> Emulator:
     """An emulator of finished runs at z [S, d].
 
     tolerance: [N] K, what the principal shapes may leave out of each channel (root mean square); it is also the unit in
-    which channels are weighed. degree: of the processes' trend, see `gaussian_process.fit`.
+    which channels are weighed.
     Raises FlightcalError where the runs are too few.
     """
     centre, spread = z.mean(axis=0), z.std(axis=0)
     spread = np.where(spread > 0.0, spread, 1.0)
     principal = principal_shapes(runs.temperatures, tolerance)
     coefficients = principal.coefficients(runs.temperatures)
-    processes = fit((z - centre) / spread, coefficients, degree)
+    processes = fit((z - centre) / spread, coefficients)
     return Emulator(runs, centre, spread, principal, coefficients, processes)
 
 
@@ -251,7 +251,7 @@ class EmulatedSimulator:
         duty_cycles = self._duty_cycles
         known = np.asarray(np.isfinite(duty_cycles).all(axis=0))
         inputs = self.emulator.processes.inputs
-        return known, fit(inputs, duty_cycles[:, known], 1) if known.any() else None
+        return known, fit(inputs, duty_cycles[:, known]) if known.any() else None
 
     @cached_property
     def _duty_cycles(self) -> FloatArray:

@@ -1,6 +1,6 @@
 """Gaussian processes of several outputs over the same inputs, each with lengthscales of its own.
 
-Output j at input x is h(x) beta + f(x), with h the monomials up to `degree`, a flat prior on beta, and f a zero-mean
+Output j at input x is h(x) beta + f(x), with h = [1, x], a flat prior on beta, and f a zero-mean
 Gaussian process of Matern-5/2 correlation with one lengthscale for each input, plus a nugget: what is rougher than the
 lengthscales resolve (a thermostat that switches once more), and so part of every prediction's variance. Kriging with
 a trend, Rasmussen and Williams (2006), secs. 2.7 and 4.2.1; hyper-parameters by restricted maximum likelihood.
@@ -34,7 +34,6 @@ _STARTS = ((3.0, 1e-6), (8.0, 1e-4), (1.5, 1e-2))
 _FIRST_ITERATIONS = 15
 """From each start; only the best is followed to the end."""
 _CONVERGED = 1e-7  # relative, of a log likelihood of some hundreds
-_RUNS_PER_TERM = 2
 _ROOT_5 = math.sqrt(5.0)
 
 
@@ -44,8 +43,6 @@ class GaussianProcesses:
 
     inputs: FloatArray
     """[S, d]."""
-    degree: int
-    """Of the trend: 0, 1 or 2."""
     lengthscales: FloatArray
     """[r, d]."""
     nugget: FloatArray
@@ -83,7 +80,7 @@ class GaussianProcesses:
 
     def covariance(self, x: FloatArray) -> FloatArray:
         """Covariance of the predictions at x [P, d] with each other, without the nugget, [r, P, P]."""
-        terms = trend(x, self.degree)
+        terms = trend(x)
         found = np.empty((len(self.scale), len(x), len(x)))
         for j, lengthscales in enumerate(self.lengthscales):
             a = np.tril(self.root[j]) @ matern(self.inputs, x, lengthscales)
@@ -108,7 +105,7 @@ class GaussianProcesses:
             np.empty((outputs, runs)),
         )
         _predict(
-            np.ascontiguousarray(x, float), self.inputs, self.degree, self.lengthscales, self.nugget, self.scale,
+            np.ascontiguousarray(x, float), self.inputs, self.lengthscales, self.nugget, self.scale,
             self.weights, self.coefficients, self.root, self.orthonormal, self.upper_inverse, derivative,
             terms, correlation, mean, variance, by_correlation, by_trend, slopes,
         )  # fmt: skip
@@ -126,17 +123,16 @@ class GaussianProcesses:
         x_bar = np.zeros(len(x))
         mean_bar, variance_bar = (np.ascontiguousarray(bar, float) for bar in (mean_bar, variance_bar))
         _pull_back(
-            np.ascontiguousarray(x, float), self.inputs, self.degree, self.lengthscales, self.weights,
+            np.ascontiguousarray(x, float), self.inputs, self.lengthscales, self.weights,
             self.coefficients, by_correlation, by_trend, slopes, mean_bar, variance_bar, x_bar,
         )  # fmt: skip
         return x_bar
 
 
-def fit(inputs: FloatArray, targets: FloatArray, degree: int | None = None) -> GaussianProcesses:
+def fit(inputs: FloatArray, targets: FloatArray) -> GaussianProcesses:
     """Gaussian processes of targets [S, r] at inputs [S, d], whose spread should be about one.
 
-    degree: of the trend; None: quadratic where there are three runs for each of its terms, else linear.
-    Raises FlightcalError with fewer runs than twice the terms of a linear trend.
+    Raises FlightcalError with fewer runs than twice the terms of the trend.
     """
     runs, d = inputs.shape
     inputs = np.ascontiguousarray(inputs, float)
@@ -144,20 +140,14 @@ def fit(inputs: FloatArray, targets: FloatArray, degree: int | None = None) -> G
         raise FlightcalError(
             f"emulator: found {runs} finished runs, expected at least {2 * (d + 1)} for {d} uncertain inputs"
         )
-    if degree is None:
-        degree = 2 if runs >= _RUNS_PER_TERM * trend(inputs[:1], 2).shape[1] else 1
-    terms = trend(inputs, degree)
+    terms = trend(inputs)
     found = [_condition(inputs, terms, target, *_hyper_parameters(inputs, terms, target)) for target in targets.T]
-    return GaussianProcesses(
-        inputs, degree, *(np.ascontiguousarray(np.stack(part)) for part in zip(*found, strict=True))
-    )
+    return GaussianProcesses(inputs, *(np.ascontiguousarray(np.stack(part)) for part in zip(*found, strict=True)))
 
 
-def trend(x: FloatArray, degree: int) -> FloatArray:
-    """Monomials up to `degree` of x [P, d], [P, q]: one, each input, and each product of two."""
-    rows, columns = np.triu_indices(x.shape[1])
-    terms = [np.ones((len(x), 1)), x, x[:, rows] * x[:, columns]]
-    return np.concatenate(terms[: degree + 1], axis=1)
+def trend(x: FloatArray) -> FloatArray:
+    """One and each input: h [P, q] at x [P, d]."""
+    return np.concatenate([np.ones((len(x), 1)), x], axis=1)
 
 
 def matern(first: FloatArray, second: FloatArray, lengthscales: FloatArray) -> FloatArray:
@@ -239,22 +229,15 @@ def _condition(
 
 @compiled_long
 def _predict(
-    x: Any, inputs: Any, degree: Any, lengthscales: Any, nugget: Any, scale: Any, weights: Any, coefficients: Any,
+    x: Any, inputs: Any, lengthscales: Any, nugget: Any, scale: Any, weights: Any, coefficients: Any,
     root: Any, orthonormal: Any, upper_inverse: Any, derivative: Any,
     terms: Any, correlation: Any, mean: Any, variance: Any, by_correlation: Any, by_trend: Any, slopes: Any,
 ) -> None:  # fmt: skip
     runs, d = inputs.shape
     count = coefficients.shape[1]
     terms[0] = 1.0
-    if degree >= 1:
-        for i in range(d):
-            terms[1 + i] = x[i]
-    if degree >= 2:
-        k = 1 + d
-        for i in range(d):
-            for j in range(i, d):
-                terms[k] = x[i] * x[j]
-                k += 1
+    for i in range(d):
+        terms[1 + i] = x[i]
     k, a = correlation[0], correlation[1]
     for output in range(weights.shape[0]):
         predicted = 0.0
@@ -313,7 +296,7 @@ def _predict(
 
 @compiled_long
 def _pull_back(
-    x: Any, inputs: Any, degree: Any, lengthscales: Any, weights: Any, coefficients: Any, by_correlation: Any,
+    x: Any, inputs: Any, lengthscales: Any, weights: Any, coefficients: Any, by_correlation: Any,
     by_trend: Any, slopes: Any, mean_bar: Any, variance_bar: Any, x_bar: Any,
 ) -> None:  # fmt: skip
     runs, d = inputs.shape
@@ -325,13 +308,4 @@ def _pull_back(
                 k_bar = for_mean * weights[output, s] + for_variance * by_correlation[output, s]
                 total += k_bar * slopes[output, s] * (x[i] - inputs[s, i])
             x_bar[i] += total / (lengthscales[output, i] * lengthscales[output, i])
-            if degree >= 1:
-                x_bar[i] += for_mean * coefficients[output, 1 + i] + for_variance * by_trend[output, 1 + i]
-        if degree >= 2:
-            k = 1 + d
-            for i in range(d):
-                for j in range(i, d):
-                    h_bar = for_mean * coefficients[output, k] + for_variance * by_trend[output, k]
-                    x_bar[i] += h_bar * x[j]
-                    x_bar[j] += h_bar * x[i]
-                    k += 1
+            x_bar[i] += for_mean * coefficients[output, 1 + i] + for_variance * by_trend[output, 1 + i]
