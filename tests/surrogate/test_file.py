@@ -34,7 +34,8 @@ def test_thresholds_of_an_on_off_line_are_those_of_the_thermostat(tmp_path):
     task = load_task(craft.write(tmp_path))
     heater = task.scenario.simulator.heaters["battery"]
     assert (heater.on_below, heater.off_above, heater.power) == pytest.approx((287.15, 288.65, 20.0))
-    assert task.notes == ()
+    assert len(task.notes) == 1
+    assert task.notes[0].startswith("heater line 'battery': noise of 0.05 K")
 
 
 def test_a_biased_thermistor_shifts_the_thresholds(tmp_path):

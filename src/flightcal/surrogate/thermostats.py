@@ -68,6 +68,13 @@ def _left_out(spacecraft: Spacecraft, line: HeaterLine, band: float) -> list[str
         notes.append(f"control by pulse width is a hysteresis of {band:g} K around the set point")
     elif line.law.minimum_on > 0.0 or line.law.minimum_off > 0.0:
         notes.append("minimum times on and off are left out")
+    voted = next(sensor for sensor in spacecraft.software.sensors if sensor.name == line.sensor)
+    thermistors = [item for item in spacecraft.thermistors if item.name in voted.thermistors]
+    noise = max(item.noise for item in thermistors)
+    if noise > 0.0:
+        notes.append(f"noise of {noise:g} K, which switches it before its thermistors reach a threshold, is left out")
+    if any(item.failures for item in thermistors):
+        notes.append("failures of its thermistors, which shift the voted reading, are left out")
     if len(line.branches) > 1:
         notes.append(f"only its branch '{line.branches[0]}' is there; failures and redundancy are left out")
     off = [mode for mode, lines in spacecraft.software.enabled.items() if line.name not in lines]

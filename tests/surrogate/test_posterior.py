@@ -1,0 +1,195 @@
+"""The posterior through a reduced model against the one through the full network, and the command that makes both."""
+
+from __future__ import annotations
+
+import json
+from dataclasses import replace
+
+import numpy as np
+import pandas as pd
+import pytest
+from ruamel.yaml import YAML
+from typer.testing import CliRunner
+
+from flightcal.calibration import build_problem, calibrate_nuts
+from flightcal.cli import app
+from flightcal.experiment import read
+from flightcal.operational.simulator import fly
+from flightcal.scenario import lint, load_scenario, resolved_yaml
+from flightcal.scenario.schema import NutsSettings
+from flightcal.simulator import NetworkSimulator
+from flightcal.surrogate.build import InexactSimulator
+from flightcal.surrogate.condensation import condense
+from flightcal.surrogate.file import load_task
+from flightcal.surrogate.patterns import plain
+
+from . import craft
+
+PARAMETERS = list(craft.REDUCTION["parameters"])
+
+
+@pytest.fixture(scope="module")
+def folder(tmp_path_factory):
+    """A reduction carried out, and the telemetry of the flight."""
+    folder = tmp_path_factory.mktemp("craft")
+    craft.write(folder, {"projection": {"states": 10}})
+    for command in (
+        ["fly", str(folder / "spacecraft.yaml"), "--out", str(folder / "telemetry.csv")],
+        ["reduce", str(folder / "reduce.yaml"), "--out", str(folder / "rom")],
+    ):
+        done = CliRunner().invoke(app, command)
+        assert done.exit_code == 0, done.output
+    return folder
+
+
+def changed(folder, source, target, change):
+    """A scenario with something changed."""
+    yaml = YAML()
+    content = yaml.load(source.read_text())
+    change(content)
+    with (folder / target).open("w") as file:
+        yaml.dump(content, file)
+    return folder / target
+
+
+def test_the_command_writes_a_model_a_certificate_and_a_scenario_once(folder):
+    certificate = json.loads((folder / "rom" / "certificate.json").read_text())
+    assert certificate["states"] == 10
+    assert certificate["within_tolerance"]
+    assert certificate["speed"]["times_faster_than_operational"] > 10.0
+    assert lint(folder / "rom" / "scenario.yaml") == []
+    again = CliRunner().invoke(app, ["reduce", str(folder / "reduce.yaml"), "--out", str(folder / "rom")])
+    assert again.exit_code == 1
+    assert "nothing is overwritten" in again.output
+
+
+def test_a_scenario_with_a_reduced_model_is_read_back_as_it_was(folder):
+    scenario = load_scenario(folder / "rom" / "scenario.yaml")
+    text = resolved_yaml(scenario, absolute=True)
+    (folder / "again.yaml").write_text(text)
+    again = load_scenario(folder / "again.yaml")
+    assert again.network.nodes == scenario.network.nodes
+    assert again.network.errors == scenario.network.errors
+    assert again.parameters == scenario.parameters
+
+
+def test_the_error_of_the_reduced_model_widens_the_likelihood(folder):
+    scenario = load_scenario(folder / "rom" / "scenario.yaml")
+    problem = build_problem(scenario, read(scenario), "train")
+    assert isinstance(problem.simulator, InexactSimulator)
+    basis, variance = problem.simulator.error_basis, problem.simulator.error_variance
+    for k, channel in enumerate(problem.simulator.channels):
+        error = scenario.network.errors[channel]
+        mean = np.mean(np.einsum("tr,r->t", basis[:, k] ** 2, variance))
+        assert mean == pytest.approx(error.offset**2 + error.deviation**2, rel=1e-6)
+    z = problem.to_z(problem.priors.median())
+    value, gradient = problem.log_density_and_gradient(z)
+    assert value == pytest.approx(problem.log_density(z))
+    for k in (0, 2, 4):
+        step = np.zeros(len(z))
+        step[k] = 1e-5
+        difference = (problem.log_density(z + step) - problem.log_density(z - step)) / 2e-5
+        assert gradient[k] == pytest.approx(difference, rel=1e-3, abs=1e-2)
+
+
+@pytest.mark.parametrize(
+    ("change", "message"),
+    [
+        (lambda s: s["simulator"].update(reduced_model="none.nc"), "which is not there"),
+        (lambda s: s["simulator"].update(reduced_model="certificate.json"), "cannot be read as a reduced model"),
+        (lambda s: s["simulator"]["heaters"].update(other={"power": "3 W"}), "which the reduced model does not have"),
+        (lambda s: s["parameters"]["blanket"].update(sets="reduced.blankets"), "unknown path 'reduced.blankets'"),
+        (lambda s: s["observations"].update(unit_1={"node": "nowhere"}), "unknown node 'nowhere'"),
+    ],
+)
+def test_what_is_wrong_in_a_reduced_scenario_is_said(folder, change, message):
+    path = changed(folder / "rom", folder / "rom" / "scenario.yaml", "broken.yaml", change)
+    assert any(message in str(finding) for finding in lint(path)), [str(finding) for finding in lint(path)]
+
+
+def known_start(content, initial):
+    """Initial temperatures that are known to half a kelvin, heaters as measured, noise as it is: one posterior each."""
+    content["simulator"]["heater_input"] = "measured"
+    content["simulator"].pop("errors", None)
+    content["initial_state"] = {"observed": "0.3 K", "unobserved": "0.3 K"}
+    for name, node in content["simulator"]["nodes"].items():
+        if node is not None and "initial" in node:
+            node["initial"] = f"{initial[name]!r} K"
+    for item in content["observations"].values():
+        if "node" in item:
+            item["noise"] = "0.06 K"
+    content["windows"] = {"train": {"start": "2024-03-01T01:40:00", "orbits": 1.0}}
+
+
+@pytest.mark.slow
+def test_the_posterior_through_the_reduced_model_is_that_through_the_full_network(folder):
+    """Means within 0.2 posterior standard deviations, besides the Monte Carlo error of both."""
+    task = load_task(folder / "reduce.yaml")
+    mission = task.mission
+    flight = fly(mission.spacecraft, mission.start, 6100.0, seed=mission.seed)
+    at_start = flight.temperatures[600]
+    initial = {plain(name): float(value) for name, value in zip(flight.nodes, at_start, strict=True)}
+    nominal = dict(zip(flight.nodes, at_start.tolist(), strict=True)) | {"space": 2.725}
+
+    full = condense(task.scenario, {}, nominal).scenario
+    written = folder / "rom" / "scenario.yaml"
+    reduced = load_scenario(changed(folder / "rom", written, "known.yaml", lambda s: known_start(s, initial)))
+    model = full.network.model_copy(
+        update={
+            "heaters": {
+                name: heater.model_copy(update={"measured_by": f"{name}_status"})
+                for name, heater in full.network.heaters.items()
+            },
+            "timeline": reduced.network.timeline,
+            "heater_input": "measured",
+            "step": 30.0,
+            "nodes": {
+                name: node.model_copy(update={"initial": initial[name]}) if node.capacity is not None else node
+                for name, node in full.network.nodes.items()
+            },
+        }
+    )
+    full = reduced.model_copy(
+        update={
+            "simulator": model,
+            "parameters": full.parameters,
+            "observations": {
+                name: item.model_copy(update={"node": full.observations[name].node}) if item.node else item
+                for name, item in reduced.observations.items()
+            },
+        }
+    )
+    telemetry = read(reduced)
+    settings = NutsSettings(chains=2, draws=400, warmup=300)
+    means, deviations = [], []
+    for scenario in (full, reduced):
+        problem = build_problem(scenario, telemetry, "train")
+        assert isinstance(problem.simulator, NetworkSimulator if scenario is full else InexactSimulator)
+        draws = calibrate_nuts(problem, settings, seed=5).theta.reshape(-1, len(problem.names))
+        columns = [problem.names.index(name) for name in PARAMETERS]
+        means.append(draws[:, columns].mean(axis=0))
+        deviations.append(draws[:, columns].std(axis=0))
+    distance = np.abs(means[1] - means[0]) / deviations[0]
+    print(pd.DataFrame({"full": means[0], "reduced": means[1], "sd": deviations[0], "distance": distance}, PARAMETERS))
+    assert (distance < 0.2 + 4.0 / np.sqrt(400)).all()
+    # The reduced model's error makes the posterior wider, never much narrower.
+    assert (deviations[1] > 0.85 * deviations[0]).all()
+
+
+def test_a_condensed_scenario_is_read_and_simulated(tmp_path):
+    craft.write(tmp_path, {"method": "condensation", "condensation": {"nodes": 20}, "tolerance": "3 K"})
+    for command in (
+        ["fly", str(tmp_path / "spacecraft.yaml"), "--out", str(tmp_path / "telemetry.csv")],
+        ["reduce", str(tmp_path / "reduce.yaml"), "--out", str(tmp_path / "rom")],
+    ):
+        done = CliRunner().invoke(app, command)
+        assert done.exit_code == 0, done.output
+    assert lint(tmp_path / "rom" / "scenario.yaml") == []
+    scenario = load_scenario(tmp_path / "rom" / "scenario.yaml")
+    problem = build_problem(scenario, read(scenario), "train")
+    assert isinstance(problem.simulator, InexactSimulator)
+    run = problem.simulate(problem.priors.median())
+    assert np.nanmax(np.abs(run.temperatures - problem.observed)) < 25.0
+    # Without its error it is an exact simulator.
+    exact = replace(problem.simulator.exact)
+    assert exact.error_basis is None
