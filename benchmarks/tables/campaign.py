@@ -109,7 +109,7 @@ def _campaign(client: Client, simulator: Busy, runs: int) -> float:
 
 def measure(quick: bool) -> Section:
     """Efficiency: time on one worker over twice the time on two."""
-    runs, seconds, rounds_of_measuring = (50, 0.02, 2) if quick else (100, 0.05, 3)
+    runs, seconds, rounds_of_measuring = (20, 0.1, 2) if quick else (60, 0.2, 3)
     rounds = _rounds(seconds)
     with local_cluster(1) as one, local_cluster(2) as two:
         for client in (one, two):
