@@ -39,7 +39,7 @@ class Projection(Block):
     sampled_nodes: Annotated[Count, Field(ge=1)] | None = None
     """At which radiation is evaluated; null: two more than states."""
     follow_within: Duration = 300.0
-    """Time constant up to which a node that exchanges heat by radiation only follows at once."""
+    """Time constant up to which a node that exchanges heat by radiation only follows at once: fewer states, 0.05 K."""
 
 
 class Condensation(Block):
