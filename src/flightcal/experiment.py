@@ -16,6 +16,7 @@ import numpy as np
 import xarray
 
 from ._emulator_stage import CHECK_FILE, Emulation, check_emulator, emulator_stage, window_emulator
+from ._reduced_stage import full_check_stage
 from .calibration import (
     Diagnostics,
     Problem,
@@ -32,7 +33,7 @@ from .errors import FlightcalError, RunError
 from .prediction import predict
 from .report import write_report
 from .run_directory import RunDirectory, hash_of, hash_of_file, open_run, plain
-from .scenario import Scenario, input_files, load_scenario, resolved_yaml
+from .scenario import Scenario, SimulatorModel, input_files, load_scenario, resolved_yaml
 from .simulator.system import FloatArray
 from .telemetry import quality_table, read_telemetry
 from .validation import Metric, score
@@ -138,6 +139,9 @@ def run_experiment(
     interrupted = posterior.attrs["interrupted"] == "true"
     if interrupted:
         predict_key = hash_of(predict_key, "interrupted")
+    if isinstance(scenario.simulator, SimulatorModel):
+        draws = _draws(posterior, problem.names, scenario.calibration.prediction.simulations, scenario.calibration.seed)
+        full_check_stage(run, predict_key, problem, draws, listener)
     metrics = _predict_stage(run, predict_key, problem, data, points, posterior, emulation, listener)
     listener.stage("report", False)
     with run.stage("report", hash_of(predict_key, "report")):

@@ -5,6 +5,7 @@ nutpie documents neither (what it compiles of PyMC's models is the latter); the 
 
 from __future__ import annotations
 
+import os
 import warnings
 from collections.abc import Callable
 from typing import Any
@@ -71,7 +72,12 @@ def native_model(density: NativeDensity, start: FloatArray) -> Any:
     return Model(dims={})
 
 
+_STACK = 16 * 2**20
+"""Bytes for each of nutpie's threads, instead of 2 MiB: linear algebra in a Python density (LAPACK) may need more."""
+
+
 def _import_nutpie() -> None:
+    os.environ.setdefault("RUST_MIN_STACK", str(_STACK))
     with warnings.catch_warnings():
         # nutpie imports the arviz of old, which announces its successor once a day.
         warnings.filterwarnings("ignore", "(?s).*ArviZ is undergoing a major refactor", FutureWarning)

@@ -68,6 +68,8 @@ class RunFiles:
     emulator: Record | None
     """Of a simulator without derivatives only, as is the next."""
     emulator_check: Record | None
+    full_check: Record | None
+    """Of a calibration through a reduced model only."""
     missing: tuple[str, ...]
 
     @property
@@ -99,6 +101,7 @@ def read_run(folder: Path) -> RunFiles:
         quality=_json(folder / "telemetry_quality.json"),
         emulator=_json(folder / "emulator.json"),
         emulator_check=_json(folder / "emulator_check.json"),
+        full_check=_json(folder / "full_simulator_check.json"),
         missing=missing,
     )
 

@@ -60,6 +60,7 @@ def sections(run: RunFiles, checks: Checks) -> list[Section]:
         ("pairs", "Correlations", _pairs),
         ("convergence", "Convergence", _convergence),
         *([("emulator", "Emulator", _emulator)] if run.emulator is not None else []),
+        *([("full-simulator", "The full simulator", _full_check)] if run.full_check is not None else []),
         ("residuals", "Residuals", lambda run: _residuals(run, checks)),
         ("heaters", "Heaters", _heaters),
         ("telemetry", "Telemetry quality", _quality),
@@ -347,6 +348,14 @@ def _emulator(run: RunFiles) -> list[Block]:
         ),
         _table(tables.emulator_rounds(record)),
     ]
+    if any(window.sizes.get("heater", 0) for window in run.windows.values()):
+        blocks.append(
+            _note(
+                "There are thermostats. In closed loop the likelihood has several modes, and what stands in for a "
+                "simulator without derivatives has no open loop in which to seek the best of them: see whether the "
+                "simulated heater status keeps step with the measured one before the parameters are believed."
+            )
+        )
     if run.emulator_check is not None:
         check = run.emulator_check
         blocks += [
@@ -355,6 +364,20 @@ def _emulator(run: RunFiles) -> list[Block]:
             _table(tables.emulator_check(check)),
         ]
     return blocks
+
+
+def _full_check(run: RunFiles) -> list[Block]:
+    check = run.full_check or {}
+    return [
+        _text(
+            "The calibration went through a reduced model. Here it is beside the operational simulator that it stands "
+            f"for, on-board software in the loop, on the training window: {count(check['flights'])} flights, at the "
+            f"posterior's mean and at draws from it ({count(check['failed'])} could not be compared). The difference "
+            "is reduced minus operational; it includes what the software does that a thermostat does not, and the "
+            "flight's own initial temperatures."
+        ),
+        _table(tables.full_check(check)),
+    ]
 
 
 def _residuals(run: RunFiles, checks: Checks) -> list[Block]:

@@ -325,6 +325,17 @@ def emulator_check(check: Record) -> Table:
     return Table(header, rows, range(1, 8))
 
 
+def full_check(check: Record) -> Table:
+    """How far the reduced model is off the operational simulator at posterior draws: sensors, then heaters' duty."""
+    rows = []
+    for r in check["records"]:
+        factor, unit = (1.0, "K") if r["unit"] == "K" else (100.0, "percentage points of duty")
+        rows.append(
+            [r["channel"], unit, *(number(factor * r[key], 2) for key in ("mean", "rms", "quantile_95", "worst"))]
+        )
+    return Table(("", "in", "mean", "RMS", "95% of its size", "worst"), rows, range(2, 6))
+
+
 def switch_sequences(sequences: list[Record]) -> Table:
     """In how many ways the heaters switch among the posterior's draws."""
     rows = [[s["window"], count(s["sequences"]), percent(s["share_of_most_common"], 0)] for s in sequences]

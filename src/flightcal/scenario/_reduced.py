@@ -16,9 +16,9 @@ FORMAT = "1"
 
 def fill_in(written: dict[str, Any], folder: Path) -> tuple[dict[str, Any], list[Problem]]:
     """The simulator's block with what its reduced model says; a block without one as it is."""
-    name = written.get("reduced_model")
+    name, missing = written.get("reduced_model"), _missing(written.get("checked_on"), folder)
     if name is None:
-        return written, []
+        return written, missing
     if not isinstance(name, str):
         return written, [
             Problem(_HERE, f"found {show(name)}, expected the name of a file that 'flightcal reduce' wrote")
@@ -27,7 +27,7 @@ def fill_in(written: dict[str, Any], folder: Path) -> tuple[dict[str, Any], list
     if about is None:
         return {**written, "nodes": {}}, [Problem(_HERE, f"found {show(name)}, {wrong}")]
     block = {**about["simulator"], **written, "reduced_numbers": about["parameters"]}
-    problems = []
+    problems = missing
     for section in _SECTIONS:
         known = about["simulator"].get(section, {})
         changes = written.get(section, {})
@@ -45,6 +45,14 @@ def fill_in(written: dict[str, Any], folder: Path) -> tuple[dict[str, Any], list
     if not written.get("errors"):
         block["errors"] = about["errors"]
     return block, problems
+
+
+def _missing(name: Any, folder: Path) -> list[Problem]:
+    """What is wrong with the reduction file that posterior draws are to be checked on."""
+    if not isinstance(name, str) or (folder / name).is_file():
+        return []
+    message = f"found {show(name)}, which is not there, expected a path relative to the scenario"
+    return [Problem(("simulator", "checked_on"), message)]
 
 
 def _read(path: Path) -> tuple[Any, str]:

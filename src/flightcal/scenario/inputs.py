@@ -5,14 +5,17 @@ from __future__ import annotations
 from pathlib import Path
 
 from .external import simulator_files
-from .schema import Scenario
+from .schema import Scenario, SimulatorModel
 
 
 def input_files(scenario: Scenario) -> list[Path]:
-    """Telemetry, orbit and attitude files and those of an external simulator, as paths that can be opened."""
+    """Telemetry, orbit and attitude files and those that the simulator is made of, as paths that can be opened."""
     environment = scenario.environment
     named = [*scenario.telemetry.file]
     for block, field in ((environment.orbit, "positions"), (environment.attitude, "quaternions")):
         if hasattr(block, field):
             named.append(getattr(block, field))
+    if isinstance(scenario.simulator, SimulatorModel):
+        model = scenario.simulator
+        named += [name for name in (model.reduced_model, model.checked_on) if name is not None]
     return [*(scenario.folder / name for name in named), *simulator_files(scenario.simulator, scenario.folder)]

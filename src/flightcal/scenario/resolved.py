@@ -90,8 +90,9 @@ def _make_simulator_absolute(model: dict[str, Any], folder: Path) -> None:
     def absolute(name: str) -> str:
         return str((folder / name).absolute())
 
-    if "reduced_model" in model:
-        model["reduced_model"] = absolute(model["reduced_model"])
+    for key in ("reduced_model", "checked_on"):
+        if key in model:
+            model[key] = absolute(model[key])
     block: dict[str, Any] = next((model[kind] for kind in KINDS if kind in model), {})
     for key in ("file", "keep_failed"):
         if key in block:

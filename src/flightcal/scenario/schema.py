@@ -320,6 +320,8 @@ class SimulatorModel(Block):
     reduced_model: str | None = None
     """File that `flightcal reduce` wrote: nodes, faces, heaters and modes come from it; what is written here besides
     (initial temperatures, thresholds, powers, `measured_by`) replaces what it says."""
+    checked_on: str | None = None
+    """Reduction file (that `flightcal reduce` read): at the end posterior draws fly on its operational simulator."""
     reduced_numbers: dict[str, ReducedNumber] = Field(default_factory=dict)
     """Filled in from that file: what parameters may set in it, ``reduced.<name>``."""
     errors: dict[str, SimulatorError] = Field(default_factory=dict)

@@ -43,7 +43,7 @@ def reduce_to_folder(path: Path, out: Path, on_progress: Progress = lambda *_: N
         written.append(MODEL_FILE)
         block = reduced_scenario(task.scenario, reduced.model, task.reduction.step).network
         save(out / MODEL_FILE, stored_of(reduced.model, task.scenario, block, sensor_errors(task, reduced)))
-    _write_text(out / "scenario.yaml", _scenario_text(task, reduced, path.parent, out))
+    _write_text(out / "scenario.yaml", _scenario_text(task, reduced, path, out))
     return [*lines, *(f"wrote {out / name}" for name in written)]
 
 
@@ -51,7 +51,7 @@ def _write_text(path: Path, text: str) -> None:
     write_atomically(path, lambda place: place.write_text(text, encoding="utf-8"))
 
 
-def _scenario_text(task: Task, reduced: Reduced, folder: Path, out: Path) -> str:
+def _scenario_text(task: Task, reduced: Reduced, path: Path, out: Path) -> str:
     """A scenario for the telemetry of the spacecraft file's flight."""
     flight = FlightWindow.model_construct(start=written_time(task.mission.start), end=None, orbits=1.0, timeline=None)
     flown = task.with_timeline(flight)
@@ -61,6 +61,7 @@ def _scenario_text(task: Task, reduced: Reduced, folder: Path, out: Path) -> str
     else:
         scenario = reduced_scenario(task.scenario, reduced.model, task.reduction.step)
         model = scenario.network.model_copy(update={"reduced_model": MODEL_FILE})
+    model = model.model_copy(update={"checked_on": os.path.relpath(path, out)})
     channels = {
         name: Channel.model_construct(column=(name,), kind="temperature", unit="degC") for name in scenario.observations
     }
@@ -72,7 +73,7 @@ def _scenario_text(task: Task, reduced: Reduced, folder: Path, out: Path) -> str
     observations = dict(scenario.observations) | {
         f"{name}_status": Observation.model_construct(heater=name) for name in model.heaters
     }
-    file = os.path.relpath(folder / task.reduction.telemetry, out)
+    file = os.path.relpath(path.parent / task.reduction.telemetry, out)
     chosen = Scenario.model_construct(
         name=task.reduction.name,
         description=f"Written by flightcal reduce: {task.reduction.method} with {reduced.candidate.states} states",

@@ -1,10 +1,10 @@
 """Parametric POD-Galerkin: the full network projected on the shapes that its temperatures take.
 
 Snapshots of runs over prior draws and windows give a basis by SVD, in the norm of the heat capacities with the
-sensors' nodes, and those next to them, weighted up (without: ten times the error in the observer twin). Its coordinates
-are changed so that the states are temperatures of nodes: the sensors', the thermostats', and those that a pivoted QR
-decomposition of the basis picks. The network's matrices are projected for each product of free numbers (Benner,
-Gugercin & Willcox 2015, SIAM Review 57, 483-531, sec. 3).
+sensors' nodes, and those next to them, weighted up (without either: ten times the error in the observer twin). Its
+coordinates are changed so that the states are temperatures of nodes: the sensors', the thermostats', and those that a
+pivoted QR decomposition of the basis picks. The network's matrices are projected for each product of free numbers
+(Benner, Gugercin & Willcox 2015, SIAM Review 57, 483-531, sec. 3).
 
 T^4 is interpolated from a few nodes (Q-DEIM: Drmac & Gugercin 2016, SIAM J. Sci. Comput. 38, A631-A648): the basis is
 that of T^4 of projected snapshots, the nodes are the pivots.
