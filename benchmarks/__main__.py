@@ -52,8 +52,7 @@ def main() -> int:
             )
         print(f"\n{section.markdown()}\n\n[{name}: {time.perf_counter() - begin:.0f} s]", flush=True)
         sections.append(section)
-    options = [*(["--only", *given.only] if len(given.only) < len(TABLES) else []), *(["--quick"] * given.quick)]
-    write(given.out, sections, before, " ".join(["python -m benchmarks", *options]))
+    write(given.out, sections, before)
     return 1 if failed else 0
 
 

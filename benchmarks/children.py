@@ -36,6 +36,28 @@ def chains(count: int, cores: int, draws: int) -> dict[str, float]:
     return {"rate": done.gradients / (time.perf_counter() - begin)}
 
 
+def integrations(core: int, seconds: int) -> dict[str, float]:
+    """Integrations with their adjoint a second on one core: what the machine gives to processes that share nothing."""
+    os.sched_setaffinity(0, [sorted(os.sched_getaffinity(0))[core]])
+    from .problem import benchmark_problem
+    from .share import integration_alone
+
+    problem, theta = benchmark_problem()
+    integrate = integration_alone(problem, problem.to_z(theta))
+    # All processes count over the same seconds of the clock, once they have had time to start.
+    begin = seconds * (1 + time.time() // seconds + _START_ROUNDS)
+    while time.time() < begin:
+        integrate()
+    done = 0
+    while time.time() < begin + seconds:
+        integrate()
+        done += 1
+    return {"rate": done / seconds}
+
+
+_START_ROUNDS = 2
+
+
 def memory(orbits: int, nodes: int) -> dict[str, float]:
     """Peak of the process in MiB, by how much a gradient raised it, and the seconds that it took."""
     from flightcal.simulator import integrate, pull_back
@@ -81,4 +103,10 @@ def experiment(scenario: str, out: str) -> dict[str, float]:
 if __name__ == "__main__":
     what, *given = sys.argv[1:]
     arguments = given if what == "experiment" else [int(value) for value in given]
-    print(json.dumps({"chains": chains, "memory": memory, "experiment": experiment}[what](*arguments)))
+    print(
+        json.dumps(
+            {"chains": chains, "integrations": integrations, "memory": memory, "experiment": experiment}[what](
+                *arguments
+            )
+        )
+    )

@@ -7,6 +7,7 @@ import platform
 import re
 from collections.abc import Sequence
 from dataclasses import dataclass
+from datetime import UTC, datetime
 from importlib import metadata
 from pathlib import Path
 
@@ -76,13 +77,23 @@ def _compiler() -> str:
     return compiler_version() or "none found: the C program is left out"
 
 
-def write(path: Path, sections: Sequence[Section], before: Table, command: str) -> None:
-    """Write the document."""
+def write(path: Path, sections: Sequence[Section], before: Table) -> None:
+    """Write the document; sections of it that were not measured now stay as they are."""
     introduction = (
         "# Benchmarks\n\n"
-        f"Written by `{command}`, every number measured in that run. What is compared takes turns (A B C A B C ...); "
+        "Written by `make bench` (`python -m benchmarks`; `--only` measures some of the sections anew). "
+        "All numbers of a section are measured in one run. What is compared takes turns (A B C A B C ...); "
         "given are medians and, in brackets, quartiles over the rounds; a ratio is formed round by round. "
         "Everything is compiled, and its result checked, before it is timed."
     )
-    parts = [introduction, before.markdown(), *(section.markdown() for section in sections)]
-    path.write_text("\n\n".join(parts) + "\n", encoding="utf-8")
+    stamp = f"Measured {datetime.now(UTC):%Y-%m-%d %H:%M} UTC."
+    texts = _sections(path) | {section.title: f"{section.markdown()}\n\n{stamp}" for section in sections}
+    path.write_text("\n\n".join([introduction, before.markdown(), *texts.values()]) + "\n", encoding="utf-8")
+
+
+def _sections(path: Path) -> dict[str, str]:
+    """Title and text of each section of a document, if it is there."""
+    if not path.exists():
+        return {}
+    found = re.split(r"^## ", path.read_text(encoding="utf-8"), flags=re.MULTILINE)[1:]
+    return {text.splitlines()[0].strip(): f"## {text.strip()}" for text in found}

@@ -20,8 +20,7 @@ from flightcal.simulator.forward import forward
 
 def integration_alone(problem: Problem, z: Any) -> Callable[[], Any]:
     """What `problem.log_density_and_gradient(z)` spends its time in: the same integration and adjoint, nothing else."""
-    d = len(z)
-    density = problem.native_density(Whitening(np.zeros(d), np.eye(d)))
+    density = problem.native_density(Whitening(np.zeros(len(z)), np.eye(len(z))))
     assert density is not None
     density(z)
     folders = [Path(module.__file__ or "").parent for module in (native, simulate)]

@@ -7,6 +7,7 @@ import os
 import subprocess
 import sys
 import tempfile
+from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
 from typing import Any
 
@@ -45,6 +46,8 @@ def measure(quick: bool) -> Section:
         [
             "Heaters: on a chain of 100 nodes, spread evenly, each watching its own node; the number of switches grows "
             "with them.",
+            "Chains: the last row is what the cores give to processes that share nothing; cores of a virtual machine "
+            "may be halves of one.",
             "Memory is the peak (VmHWM) of a process of its own for each row, and by how much the gradient raised "
             "the peak of imports and compilation (0: it fits into what these had used).",
         ],
@@ -100,6 +103,14 @@ def _chains(quick: bool) -> Table:
     for chains in (2, 4, 8):
         rates = [_child("chains", chains, used, 50 if quick else 200)["rate"] for used in cores]
         rows.append([str(chains), *(f"{rate:,.0f}" for rate in rates), f"{rates[-1] / rates[0]:.2f}"])
+    rates = [sum(_together("integrations", used)) for used in cores]
+    rows.append(
+        [
+            "the integrations alone, a process for each core",
+            *(f"{rate:,.0f}" for rate in rates),
+            f"{rates[-1] / rates[0]:.2f}",
+        ]
+    )
     columns = ["chains", *(f"gradients a second, {k} core{'s' * (k > 1)}" for k in cores), "most cores over one"]
     return Table(columns, rows)
 
@@ -117,6 +128,12 @@ def _memory(cases: Any) -> Table:
             ]
         )
     return Table(["gradient of a chain with one heater", "peak of the process", "raised by", "time"], rows)
+
+
+def _together(what: str, processes: int, seconds: int = 5) -> list[float]:
+    """Rates of so many processes at the same time, each on a core of its own."""
+    with ThreadPoolExecutor(processes) as pool:
+        return [found["rate"] for found in pool.map(lambda core: _child(what, core, seconds), range(processes))]
 
 
 def _child(*arguments: Any) -> dict[str, float]:

@@ -129,14 +129,14 @@ def forward(
 ):  # fmt: skip
     """Simulate packed [S, P] (see `system.pack`) over the grid; returns nothing, fills `record` and `outputs`.
 
-    offsets [S, N]: added to the sampled temperatures. Workspace: memory [memory_size(structure)], or that x 8 for
+    offsets [S, N]: added to the sampled temperatures. Workspace: memory [memory_size + step_size], or that x 8 for
     eight lanes; counters [COUNTERS, lane], reals [REALS, lane] and driven [lane, H]. In memory with room for one more
     `Step` a segment, a single simulation keeps them all.
     """
     count = lane_count(memory)
     lanes = _make_lanes(structure, memory, counters, reals, driven)
     size = step_size(structure)
-    first = memory_size(structure) - size
+    first = memory_size(structure)
     rows = (memory.shape[0] - first) // size
     n = structure.mass.shape[0]
     waiting = 0  # the next simulation that no lane has taken
@@ -194,10 +194,10 @@ def _finite(structure, lanes, lane):
 
 @inlined
 def memory_size(structure):
-    """Length of the memory that `forward` works in; the `Step` is at its end."""
+    """Length of the memory that `forward` works in, before the `Step` at its end."""
     n, H = structure.mass.shape[0], structure.sensor.shape[0]
     entries = structure.linear_column.shape[0] + structure.radiative_column.shape[0]
-    return entries + 4 * n + 3 * H + 2 + step_size(structure)
+    return entries + 4 * n + 3 * H + 2
 
 
 @inlined

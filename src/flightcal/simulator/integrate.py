@@ -130,7 +130,7 @@ def integrate_many(
     capacity = len(drive.times) - 1 + _SPARE_SEGMENTS
     outputs = make_outputs(structure, observation, len(packed), capacity)
     record = make_record(structure, drive, WIDTH, capacity, None)
-    memory = lane_memory(memory_size(structure))
+    memory = lane_memory(memory_size.py_func(structure) + step_size.py_func(structure))
     _forward(structure, packed, drive, observation, offsets, memory, record, outputs)
     return outputs
 
@@ -175,8 +175,8 @@ def step_memory(structure: Structure, drive: Drive, segments: int) -> tuple[Floa
 
     One for each of so many segments, or only the last where those of the whole run would be too many to keep.
     """
-    size = step_size(structure)
-    first = memory_size(structure) - size
+    # As Python: it takes longer to hand a structure to a compiled function than to add up a few lengths.
+    size, first = step_size.py_func(structure), memory_size.py_func(structure)
     memory = np.empty(first + size * (segments if len(drive.times) * size <= _MOST_KEPT else 1))
     return memory, memory[first:].reshape(-1, size)
 
