@@ -108,14 +108,9 @@ def test_failed_simulation_is_a_message(tmp_path, trace):
     assert message in result.output
 
 
-def test_calibration_by_gradient_of_what_has_none_is_a_message(tmp_path, trace):
-    genetic = {"genetic": {"runs": 1, "population": 8, "generations": 1}}
-    path = write(tmp_path, written(block(), calibration=genetic))
-    result = CliRunner().invoke(app, ["calibrate", str(path), "--out", str(tmp_path / "run")])
-
-    assert result.exit_code == 1
-    assert "Calibrate through an emulator" in result.output
-    assert "Traceback" not in result.output
+def test_a_derivative_of_what_has_none_is_a_message(tmp_path, trace):
+    with pytest.raises(ScenarioError, match="Calibrate through an emulator"):
+        simulator_of(tmp_path, block()).linearise(THETA)
 
 
 def test_network_is_built_as_ever(tmp_path):

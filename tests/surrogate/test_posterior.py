@@ -112,8 +112,10 @@ def test_a_calibration_ends_with_draws_on_the_operational_simulator(folder):
     assert (found["flights"], found["failed"]) == (21, 0)
     records = {record["channel"]: record for record in found["records"]}
     assert set(records) == {"battery_1", "unit_1", "structure_1", "battery"}
-    # The posterior fits telemetry of the same operational simulator with a noise of 0.05 K.
-    assert all(0.0 < records[sensor]["rms"] < 0.3 for sensor in ("battery_1", "unit_1", "structure_1"))
+    # The posterior fits telemetry of the same operational simulator with a noise of 0.05 K. Its thermistor's noise
+    # switches the heater early, so the battery may be anywhere in the thermostat's band of 1.5 K, a little exceeded.
+    assert all(0.0 < records[sensor]["rms"] < 0.2 for sensor in ("unit_1", "structure_1"))
+    assert 0.0 < records["battery_1"]["worst"] < 1.9
     assert records["battery"]["worst"] < 0.05
     page = summary.report.read_text()
     assert 'id="full-simulator"' in page
