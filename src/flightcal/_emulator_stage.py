@@ -5,7 +5,7 @@ from __future__ import annotations
 import json
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any, Protocol
+from typing import Any
 
 import numpy as np
 
@@ -21,6 +21,7 @@ from .calibration.emulated import (
     through_the_priors,
     with_emulator,
 )
+from .listener import Listener
 from .run_directory import RunDirectory, hash_of, plain
 from .simulator.system import FloatArray
 from .surrogate.emulator import fit_emulator
@@ -28,12 +29,6 @@ from .surrogate.held_out import Validation
 from .surrogate.runs import TrainingRuns, read_runs
 
 RUNS_FILE, EMULATOR_FILE, CHECK_FILE = "training_runs.nc", "emulator.json", "emulator_check.json"
-
-
-class _Listener(Protocol):
-    def stage(self, name: str, done_before: bool) -> None: ...
-
-    def learning(self, said: str) -> None: ...
 
 
 @dataclass(frozen=True)
@@ -52,7 +47,7 @@ class Emulation:
     """Of the last round."""
 
 
-def emulator_stage(run: RunDirectory, key: str, problem: Problem, listener: _Listener) -> Emulation:
+def emulator_stage(run: RunDirectory, key: str, problem: Problem, listener: Listener) -> Emulation:
     """Learn the emulator, or take it from its files: all runs in training_runs.nc, the rounds in emulator.json."""
     done = run.is_done("emulator", key, (RUNS_FILE, EMULATOR_FILE))
     listener.stage("emulator", done)

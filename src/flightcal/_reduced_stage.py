@@ -2,12 +2,11 @@
 
 from __future__ import annotations
 
-from typing import Protocol
+from collections.abc import Collection
 
-import numpy as np
-
-from .calibration import Problem
+from .calibration import Problem, mean_and_some
 from .errors import ScenarioError
+from .listener import Listener
 from .run_directory import RunDirectory
 from .simulator.system import FloatArray
 from .surrogate.check import compare, fly_at
@@ -18,13 +17,7 @@ CHECKED = 20
 """Posterior draws that are flown, besides the mean."""
 
 
-class _Listener(Protocol):
-    def stage(self, name: str, done_before: bool) -> None: ...
-
-    def search(self, what: str) -> None: ...
-
-
-def full_check_stage(run: RunDirectory, key: str, problem: Problem, draws: FloatArray, listener: _Listener) -> None:
+def full_check_stage(run: RunDirectory, key: str, problem: Problem, draws: FloatArray, listener: Listener) -> None:
     """Fly the mean of posterior thetas [S, d] and some of them, and write how far the reduced model is off.
 
     The flight is that of the spacecraft file, its failures and initial temperatures included.
@@ -39,32 +32,27 @@ def full_check_stage(run: RunDirectory, key: str, problem: Problem, draws: Float
         return
     with run.stage("check", key):
         task = load_task(scenario.folder / scenario.network.checked_on)
-        parameters = {
-            name: task.scenario.parameters[name] for name in _shared(problem, tuple(task.scenario.parameters))
-        }
-        rng = np.random.default_rng(scenario.calibration.seed)
-        chosen = rng.choice(len(draws), min(CHECKED, len(draws)), replace=False)
-        thetas = np.concatenate([draws.mean(axis=0)[None], draws[chosen]])
+        parameters = {name: task.scenario.parameters[name] for name in _shared(problem, task.scenario.parameters)}
+        thetas = mean_and_some(draws, CHECKED, scenario.calibration.seed)
         positions = [problem.names.index(name) for name in parameters]
+        channels = problem.simulator.channels
         flown, reduced = [], []
-        for k, theta in enumerate(thetas):
+        for k, (theta, trajectory) in enumerate(zip(thetas, problem.simulate_many(thetas), strict=True)):
             listener.search(f"flight {k + 1} of {len(thetas)}")
-            run_of_theta = problem.simulate_many(theta[None])[0]
-            if run_of_theta is not None:
-                channels = problem.simulator.channels
+            if trajectory is not None:
                 flown.append(fly_at(task.mission, parameters, theta[positions], channels, problem.times))
-                reduced.append(run_of_theta)
+                reduced.append(trajectory)
         run.write_json(
             FULL_CHECK_FILE,
             {
                 "flights": len(flown),
                 "failed": len(thetas) - len(flown),
-                "records": compare(flown, reduced, problem.simulator.channels, problem.simulator.heaters),
+                "records": compare(flown, reduced, channels, problem.simulator.heaters) if flown else [],
             },
         )
 
 
-def _shared(problem: Problem, names: tuple[str, ...]) -> tuple[str, ...]:
+def _shared(problem: Problem, names: Collection[str]) -> tuple[str, ...]:
     """The scenario's parameters, all of which the reduction must know."""
     unknown = [name for name in problem.scenario.parameters if name not in names]
     if unknown:

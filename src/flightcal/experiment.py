@@ -10,7 +10,7 @@ import json
 from dataclasses import dataclass
 from functools import partial
 from pathlib import Path
-from typing import Any, Protocol
+from typing import Any
 
 import numpy as np
 import xarray
@@ -30,6 +30,7 @@ from .calibration import (
 from .calibration.emulated import needs_emulator
 from .environment import orbital_period
 from .errors import FlightcalError, RunError
+from .listener import Listener, Silent
 from .prediction import predict
 from .report import write_report
 from .run_directory import RunDirectory, hash_of, hash_of_file, open_run, plain
@@ -37,44 +38,6 @@ from .scenario import Scenario, SimulatorModel, input_files, load_scenario, reso
 from .simulator.system import FloatArray
 from .telemetry import quality_table, read_telemetry
 from .validation import Metric, score
-
-
-class Listener(Protocol):
-    """Is told how the experiment goes on."""
-
-    def stage(self, name: str, done_before: bool) -> None:
-        """A stage begins, or is taken from an earlier call."""
-
-    def generation(self, run: int, generation: int, best: float) -> None:
-        """The genetic algorithm has finished a generation."""
-
-    def learning(self, said: str) -> None:
-        """What a round of the active learning did."""
-
-    def search(self, what: str) -> None:
-        """What the mode search is at."""
-
-    def sampling(self, chains: Any) -> None:
-        """State of the chains (`calibration.nuts.ChainProgress` each)."""
-
-
-class Silent:
-    """A listener that says nothing."""
-
-    def stage(self, name: str, done_before: bool) -> None:
-        """Nothing."""
-
-    def generation(self, run: int, generation: int, best: float) -> None:
-        """Nothing."""
-
-    def learning(self, said: str) -> None:
-        """Nothing."""
-
-    def search(self, what: str) -> None:
-        """Nothing."""
-
-    def sampling(self, chains: Any) -> None:
-        """Nothing."""
 
 
 @dataclass(frozen=True)
@@ -139,10 +102,10 @@ def run_experiment(
     interrupted = posterior.attrs["interrupted"] == "true"
     if interrupted:
         predict_key = hash_of(predict_key, "interrupted")
+    draws = _draws(posterior, problem.names, settings.prediction.simulations, settings.seed)
     if isinstance(scenario.simulator, SimulatorModel):
-        draws = _draws(posterior, problem.names, scenario.calibration.prediction.simulations, scenario.calibration.seed)
         full_check_stage(run, predict_key, problem, draws, listener)
-    metrics = _predict_stage(run, predict_key, problem, data, points, posterior, emulation, listener)
+    metrics = _predict_stage(run, predict_key, problem, data, points, draws, emulation, listener)
     listener.stage("report", False)
     with run.stage("report", hash_of(predict_key, "report")):
         report = write_report(run.path)
@@ -214,7 +177,7 @@ def _predict_stage(
     problem: Problem,
     data: xarray.Dataset,
     points: dict[str, FloatArray],
-    posterior: xarray.DataTree,
+    draws: FloatArray,
     emulation: Emulation | None,
     listener: Listener,
 ) -> tuple[Metric, ...]:
@@ -225,7 +188,6 @@ def _predict_stage(
             scenario = problem.scenario
             seed = scenario.calibration.seed
             uncalibrated = with_residual_noise(problem, problem.priors.median())
-            draws = _draws(posterior, problem.names, scenario.calibration.prediction.simulations, seed)
             points = {"uncalibrated": uncalibrated, **points}
             stand_in = None if emulation is None else partial(window_emulator, run, key, emulation, draws)
             windows = {

@@ -6,6 +6,7 @@ from .methods import (
     calibrate_genetic,
     calibrate_nuts,
     genetic_points,
+    mean_and_some,
     posterior_tree,
     with_residual_noise,
 )
@@ -27,6 +28,7 @@ __all__ = [
     "diagnose",
     "find_mode",
     "genetic_points",
+    "mean_and_some",
     "posterior_tree",
     "with_residual_noise",
 ]

@@ -15,6 +15,7 @@ from ..surrogate.emulator import EmulatedSimulator, Emulator, fit_emulator
 from ..surrogate.held_out import Validation, judge, validate
 from ..surrogate.runs import TrainingRuns, failure_summary, no_runs
 from .active import TRUNCATION, simulated_priors, start_design
+from .methods import mean_and_some
 from .problem import Problem
 
 CHECKED = 20
@@ -89,8 +90,7 @@ def check_on_the_simulator(
     problem: Problem, emulated: Problem, thetas: FloatArray, seed: int
 ) -> tuple[Validation, TrainingRuns]:
     """How the emulator predicts real runs at the mean of posterior draws thetas [S, d] and at some of them."""
-    chosen = np.random.default_rng(seed).choice(len(thetas), min(CHECKED - 1, len(thetas)), replace=False)
-    design = np.concatenate([thetas.mean(axis=0)[None], thetas[chosen]])[:, problem.simulated]
+    design = mean_and_some(thetas, CHECKED - 1, seed)[:, problem.simulated]
     runs = empty_runs(problem).add(external(problem).run_many(design), 0)
     finished = runs.take(runs.finished)
     assert isinstance(emulated.simulator, EmulatedSimulator)

@@ -160,6 +160,12 @@ def calibrate_nuts(
     return Posterior(problem.names, theta, draws, modes, diagnose(posterior, draws.statistics, settings))
 
 
+def mean_and_some(thetas: FloatArray, count: int, seed: int) -> FloatArray:
+    """The mean of posterior draws thetas [S, d] and at most `count` of them: [1 + count, d]."""
+    chosen = np.random.default_rng(seed).choice(len(thetas), min(count, len(thetas)), replace=False)
+    return np.concatenate([thetas.mean(axis=0)[None], thetas[chosen]])
+
+
 def posterior_tree(
     problem: Problem, posterior: Posterior, *, seed: int, most_predictions: int = 250
 ) -> xarray.DataTree:
