@@ -113,7 +113,7 @@ def run_experiment(
 
 
 def _compile_stage(run: RunDirectory, key: str, problem: Problem, listener: Listener) -> None:
-    """Call what the later stages call, so that their times are without compilation; half a minute, the first time."""
+    """Call what the later stages call, so that their times are without compilation; a minute, the first time."""
     done = run.is_done("compile", key, ())
     listener.stage("compile", done)
     if not done:
