@@ -85,12 +85,13 @@ def duration(seconds: float) -> str:
 
 
 def exponent(sizes: Any, times: Any) -> float:
-    """Slope of log time over log size by least squares, over the larger half of the sizes (at least three).
+    """Slope of log time over log size by least squares."""
+    return float(np.polyfit(np.log(np.asarray(sizes, float)), np.log(np.asarray(times, float)), 1)[0])
 
-    What is constant, such as a call's overhead, would flatten the small sizes.
-    """
-    kept = slice(min(len(sizes) // 2, max(len(sizes) - 3, 0)), None)
-    return float(np.polyfit(np.log(np.asarray(sizes, float)[kept]), np.log(np.asarray(times, float)[kept]), 1)[0])
+
+def larger_half(values: Any) -> Any:
+    """The larger half of ascending sizes, or their times: at least three; what is constant hardly counts there."""
+    return values[min(len(values) // 2, max(len(values) - 3, 0)) :]
 
 
 def busy(function: Callable[[], Any]) -> tuple[Any, float, float]:

@@ -18,7 +18,7 @@ from flightcal.simulator import integrate, pull_back
 from ..networks import ORBIT, Case, boxes, chain, plate, with_parameters
 from ..problem import make_problem
 from ..report import Section, Table
-from ..timing import duration, exponent, interleaved
+from ..timing import duration, exponent, interleaved, larger_half
 
 _MEMORY_CASES = ((2, 8), (100, 8), (2, 200), (20, 200), (100, 200))
 """Orbits and nodes; the last must fit in 2 GiB."""
@@ -29,9 +29,9 @@ def measure(quick: bool) -> Section:
     rounds = 3 if quick else 7
     return Section(
         "Scaling",
-        "The exponent is the slope of log time over log size, fitted to the larger half of the sizes. Networks are "
-        "chains of nodes (each linked to the next, radiating to space, sunlit every second one), boxes of 96 nodes "
-        "bolted to one another, or one square plate (each node linked to four), in steps of 60 s; an orbit is "
+        "The exponent is the slope of log time over log size, fitted to all sizes and to the larger half of them. "
+        "Networks are chains of nodes (each linked to the next, radiating to space, sunlit every second one), boxes of 96 "
+        "nodes bolted to one another, or one square plate (each node linked to four), in steps of 60 s; an orbit is "
         f"{ORBIT:.0f} s; two orbits unless said.",
         [
             _sizes("orbits", [1, 3, 10] if quick else [1, 3, 10, 30, 100], lambda k: chain(8, 1, k), rounds),
@@ -74,9 +74,17 @@ def _sizes(name: str, sizes: list[int], make: Any, rounds: int) -> Table:
         for size in sizes
     ]
     positive = [size for size in sizes if size > 0]
-    slopes = [exponent(positive, [timings[k, kind].median for k in positive]) for kind in ("forward", "gradient")]
-    rows.append(["exponent", *(f"{slope:.2f}" for slope in slopes), "", ""])
+    rows += [[*row, "", ""] for row in _exponents(positive, timings, ("forward", "gradient"))]
     return Table([name, "forward", "gradient", "gradient over forward", "switches"], rows)
+
+
+def _exponents(sizes: list[int], timings: Any, kinds: tuple[str, str]) -> list[list[str]]:
+    """Rows of the exponents over all sizes and over the larger half of them."""
+    times = [[timings[size, kind].median for size in sizes] for kind in kinds]
+    return [
+        ["exponent", *(f"{exponent(sizes, each):.2f}" for each in times)],
+        ["exponent, larger half", *(f"{exponent(larger_half(sizes), larger_half(each)):.2f}" for each in times)],
+    ]
 
 
 def _parameters(counts: list[int], rounds: int) -> Table:
@@ -91,8 +99,7 @@ def _parameters(counts: list[int], rounds: int) -> Table:
         functions[count, "gradient"] = lambda problem=problem, z=z: problem.log_density_and_gradient(z)
     timings = interleaved(functions, rounds, budget=30)
     rows = [[str(k), *(duration(timings[k, kind].median) for kind in ("density", "gradient"))] for k in counts]
-    slopes = [exponent(counts, [timings[k, kind].median for k in counts]) for kind in ("density", "gradient")]
-    rows.append(["exponent", *(f"{slope:.2f}" for slope in slopes)])
+    rows += _exponents(counts, timings, ("density", "gradient"))
     return Table(["parameters (100 nodes; besides, 100 initial temperatures)", "log density", "with gradient"], rows)
 
 
