@@ -30,8 +30,8 @@ def measure(quick: bool) -> Section:
     return Section(
         "Scaling",
         "The exponent is the slope of log time over log size, fitted to all sizes and to the larger half of them. "
-        "Networks are chains of nodes (each linked to the next, radiating to space, sunlit every second one), boxes of 96 "
-        "nodes bolted to one another, or one square plate (each node linked to four), in steps of 60 s; an orbit is "
+        "Networks are chains of nodes (each linked to the next, radiating to space, sunlit every second one), boxes of "
+        "96 nodes bolted to one another, or one square plate (each node linked to four), in steps of 60 s; an orbit is "
         f"{ORBIT:.0f} s; two orbits unless said.",
         [
             _sizes("orbits", [1, 3, 10] if quick else [1, 3, 10, 30, 100], lambda k: chain(8, 1, k), rounds),

@@ -60,6 +60,13 @@ def test_the_exponent_of_a_power_law_is_found():
     assert timing.exponent(sizes, [0.1 * size**1.5 for size in sizes]) == pytest.approx(1.5)
 
 
+def test_a_constant_leaves_the_exponent_of_the_larger_half_nearly_alone():
+    sizes = [1, 2, 4, 8, 16, 32]
+    times = [1.0 + size for size in sizes]
+    assert timing.larger_half(sizes) == [8, 16, 32]
+    assert timing.exponent(sizes, times) < 0.85 < timing.exponent(timing.larger_half(sizes), timing.larger_half(times))
+
+
 def test_a_section_is_markdown():
     section = Section("Title", "Question.", [Table(["", "time"], [["a", "1 s"]])], ["Note."])
     assert section.markdown() == "## Title\n\nQuestion.\n\n|  | time |\n| --- | ---: |\n| a | 1 s |\n\n- Note."
