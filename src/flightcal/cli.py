@@ -21,8 +21,8 @@ app = typer.Typer(
     pretty_exceptions_enable=False,
     rich_markup_mode="markdown",
     help="Calibrate spacecraft operational simulation models in flight, with honest uncertainty.\n\n"
-    "Exit codes: 0 done; 1 something in the input is wrong; 2 wrong usage; 3 done, but the sampling failed a gate; "
-    "130 interrupted.",
+    "Exit codes: 0 done; 1 something in the input is wrong; 2 wrong usage; 3 done, but the sampling failed a gate, "
+    "or a check found what matters; 130 interrupted.",
 )
 
 ScenarioFile = Annotated[Path, typer.Argument(help="The scenario, a YAML file.", show_default=False)]
@@ -148,6 +148,30 @@ def calibrate(
 ) -> None:
     """Calibrate with the genetic algorithm and with NUTS, predict and score every window, and write the report."""
     _calibrate(scenario, out, telemetry)
+
+
+@app.command(epilog="Example: `flightcal check scenario.yaml --out runs/first`")
+@_user_errors_are_messages
+def check(
+    scenario: ScenarioFile,
+    out: Annotated[Path, typer.Option(help="Folder to write check.html and check.json into; may be the run's.")],
+    profiles: Annotated[
+        list[str] | None, typer.Option("--profile", help="Parameter whose profile likelihood is wanted; repeatable.")
+    ] = None,
+    runs: Annotated[int, typer.Option(min=30, help="Budget of runs of a simulator that is not flightcal's own.")] = 400,
+    telemetry: TelemetryPlace = None,
+) -> None:
+    """Say before sampling what the telemetry can tell, and whether the prior reaches it and NUTS will get along."""
+    from .check import check_scenario
+    from .progress import bars, print_check
+
+    with bars() as advance:
+        summary = check_scenario(
+            scenario, out, telemetry=telemetry, profiles=profiles or [], runs=runs, advance=advance
+        )
+    print_check(summary)
+    if not summary.passed:
+        raise typer.Exit(GATE_FAILED)
 
 
 @app.command(epilog="Example: `flightcal fly spacecraft.yaml --out telemetry.csv`")

@@ -78,11 +78,11 @@ def run_experiment(
     data = read(scenario)
     problem = build_problem(scenario, data)
     inputs = {str(name): hash_of_file(Path(name)) for name in input_files(scenario)}
-    identity = _identity(scenario, inputs)
+    identity = identity_of(scenario, inputs)
     run = open_run(Path(out), identity, resolved_yaml(scenario, absolute=True), inputs, scenario.calibration.seed)
     with run.stage("read", identity):
         run.write_json("telemetry_quality.json", [plain(record) for record in quality_table(data)])
-        run.write_json("parameters.json", _parameters(problem))
+        run.write_json("parameters.json", parameter_records(problem))
 
     settings = scenario.calibration
     emulation = None
@@ -210,14 +210,14 @@ def _draws(posterior: xarray.DataTree, names: tuple[str, ...], count: int, seed:
     return draws[np.sort(np.random.default_rng(seed).choice(len(draws), count, replace=False))]
 
 
-def _identity(scenario: Scenario, inputs: dict[str, str]) -> str:
+def identity_of(scenario: Scenario, inputs: dict[str, str]) -> str:
     """Hash of what is calibrated: the scenario without its method settings and its place, and the input files."""
     content = scenario.model_dump(mode="json", exclude={"calibration", "description", "folder"})
     content["telemetry"].pop("file")
     return hash_of(content, sorted(inputs.values()))
 
 
-def _parameters(problem: Problem) -> list[dict[str, Any]]:
+def parameter_records(problem: Problem) -> list[dict[str, Any]]:
     """parameters.json: what each entry of theta is, its prior and its unit."""
     lower, median, upper = (problem.priors.quantile(p) for p in (0.025, 0.5, 0.975))
     records = []

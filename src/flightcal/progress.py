@@ -4,14 +4,19 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 from rich.console import Console
+from rich.padding import Padding
 from rich.progress import BarColumn, Progress, TaskID, TextColumn, TimeElapsedColumn
 from rich.table import Table
+from rich.text import Text
 
 from .experiment import Summary
 from .validation import comparison_table
+
+if TYPE_CHECKING:
+    from .check import CheckSummary
 
 _TITLES = {
     "read": "reading telemetry",
@@ -155,6 +160,20 @@ def print_summary(summary: Summary, console: Console | None = None) -> None:
             value = f"{metric.value:.1%}" if share else f"{_number(metric.value)} {metric.unit}"
             console.print(f"{metric.window}: {metric.metric.upper()} {value}", highlight=False)
     console.print(f"report: {summary.report}", highlight=False, soft_wrap=True)
+
+
+def print_check(summary: CheckSummary, console: Console | None = None) -> None:
+    """The verdict of a check, its findings in words, and where the page is."""
+    console = console or Console()
+    style = "green" if summary.passed else "bold red"
+    console.print(f"\n[{style}]{summary.verdict}[/{style}]", highlight=False)
+    colours = {"good": "green", "warn": "yellow", "bad": "bold red", "none": "dim"}
+    for finding in summary.findings:
+        console.print()
+        console.print(f"{finding.mark}: {finding.title}", style=colours[finding.state], markup=False, highlight=False)
+        for line in (finding.text, *(f"- {detail}" for detail in finding.details)):
+            console.print(Padding(Text(line), (0, 0, 0, 2)), highlight=False)
+    console.print(f"\npage: {summary.page}", highlight=False, soft_wrap=True, markup=False)
 
 
 def _number(value: float | None) -> str:

@@ -5,6 +5,7 @@ from __future__ import annotations
 import json
 import os
 import tempfile
+from collections.abc import Sequence
 from dataclasses import dataclass, field
 from importlib.resources import files
 from pathlib import Path
@@ -19,7 +20,7 @@ from plotly.utils import PlotlyJSONEncoder
 from .figures.style import DARK
 from .run_files import RunFiles, read_run
 from .sections import Section, sections
-from .verdict import residual_checks, verdict
+from .verdict import Finding, residual_checks, verdict
 
 
 def write_report(run: Path, output: Path | None = None) -> Path:
@@ -30,7 +31,12 @@ def write_report(run: Path, output: Path | None = None) -> Path:
     """
     files_of_run = read_run(Path(run))
     output = Path(output) if output is not None else Path(run) / "report.html"
-    page = render(files_of_run)
+    write_page(output, render(files_of_run))
+    return output
+
+
+def write_page(output: Path, page: str) -> None:
+    """Writes a page whole or not at all."""
     handle, temporary = tempfile.mkstemp(dir=output.parent, prefix=f".{output.name}.", suffix=".part")
     try:
         with os.fdopen(handle, "w", encoding="utf-8") as stream:
@@ -43,11 +49,21 @@ def write_report(run: Path, output: Path | None = None) -> Path:
     except BaseException:
         Path(temporary).unlink(missing_ok=True)
         raise
-    return output
 
 
 def render(run: RunFiles) -> str:
-    """The page as text."""
+    """The page of a run as text."""
+    checks = residual_checks(run)
+    created = str((run.provenance or {}).get("created", ""))
+    return compose(
+        "flightcal report", _scenario_name(run), run.folder, created, verdict(run, checks), sections(run, checks)
+    )
+
+
+def compose(
+    kind: str, name: str, folder: Path, created: str, findings: Sequence[Finding], content: Sequence[Section]
+) -> str:
+    """A page as text: what kind of page it is, the scenario's name, the run's folder and time, verdict and sections."""
     drawn = _Drawn()
     environment = jinja2.Environment(
         loader=jinja2.PackageLoader("flightcal.report"),
@@ -57,14 +73,12 @@ def render(run: RunFiles) -> str:
         undefined=jinja2.StrictUndefined,
     )
     templates = files("flightcal.report") / "templates"
-    checks = residual_checks(run)
-    content: list[Section] = sections(run, checks)
-    created = str((run.provenance or {}).get("created", ""))
     return environment.get_template("report.html").render(
-        name=_scenario_name(run),
-        folder=run.folder.resolve().name,
+        kind=kind,
+        name=name,
+        folder=folder.resolve().name,
         created=created.replace("T", " ")[:19],
-        findings=verdict(run, checks),
+        findings=findings,
         sections=content,
         figure_id=drawn.add,
         drawn=drawn,

@@ -1,0 +1,212 @@
+"""Figures of a check, in the report's style: plain functions from data to a plotly figure."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import Any
+
+import numpy as np
+import plotly.graph_objects as go
+from numpy.typing import NDArray
+
+from ..calibration import Problem
+from ..report.figures.style import (
+    BAND,
+    DIVERGING,
+    GENETIC,
+    LINE,
+    MODEL_BAND,
+    PRIOR,
+    STOCHASTIC,
+    TELEMETRY,
+    WARNING,
+    finish,
+    polygons,
+)
+from ..report.figures.thinning import break_lines, extremes
+from ..report.figures.windows import CELSIUS, CHANNEL_HEIGHT, time_canvas
+from ..report.run_files import ParameterInfo
+from ..report.text import labelled, number
+from .identifiability import UNTOLD, Identifiability
+from .prior_predictive import PriorPredictive
+from .profile import DROP, Profile
+from .sensitivity import Sensitivity
+from .smoothness import Scan
+
+_BINS = 300
+_LEAST = 1e-3
+"""Information below this is drawn here."""
+_DEPTH = 12.0
+"""Nats below the best that a scan shows at least."""
+
+
+def figure_widths(found: Identifiability) -> go.Figure:
+    """Width of each posterior as a share of its prior's, and what it were if all others were known."""
+    figure = go.Figure()
+    x: list[float | None] = []
+    y: list[str | None] = []
+    for name, alone, width in zip(found.names, found.known_alone, found.width, strict=True):
+        x += [float(alone), float(width), None]
+        y += [name, name, None]
+    figure.add_scatter(x=x, y=y, mode="lines", line={"color": LINE, "width": 2}, showlegend=False, hoverinfo="skip")
+    for values, name, colour, symbol in (
+        (found.known_alone, "if all others were known", PRIOR, "circle-open"),
+        (found.width, "posterior", STOCHASTIC, "circle"),
+    ):
+        figure.add_scatter(
+            x=values, y=list(found.names), name=name, mode="markers",
+            marker={"color": colour, "symbol": symbol, "size": 9},
+            hovertemplate="%{y}: %{x:.3g} of the prior's width",
+        )  # fmt: skip
+    figure.add_vline(x=1.0, line={"color": LINE, "width": 1, "dash": "dot"})
+    finish(figure, 140 + 24 * len(found.names), top=8)
+    figure.update_xaxes(title_text="width / prior's width, –", type="log", dtick=1)
+    figure.update_yaxes(autorange="reversed", automargin=True)
+    return figure
+
+
+def figure_spectrum(found: Identifiability) -> go.Figure:
+    """Information in every direction: how many times the data count for more than the prior."""
+    order = np.arange(1, len(found.information) + 1)
+    text = [
+        ", ".join(f"{found.names[k]} {number(float(column[k]), 2)}" for k in np.argsort(-np.abs(column))[:4])
+        for column in found.directions.T
+    ]
+    colours = [WARNING if value < UNTOLD else STOCHASTIC for value in found.information]
+    figure = go.Figure(
+        go.Scatter(
+            x=order, y=np.maximum(found.information, _LEAST), customdata=text, mode="markers",
+            marker={"color": colours, "size": 9, "symbol": ["x" if c == WARNING else "circle" for c in colours]},
+            hovertemplate="information %{y:.3g}<br>%{customdata}<extra></extra>",
+        )
+    )  # fmt: skip
+    figure.add_hline(y=UNTOLD, line={"color": LINE, "width": 1, "dash": "dot"})
+    finish(figure, 300, legend=False, top=8)
+    figure.update_xaxes(title_text="direction, least known first", dtick=max(1, len(order) // 20))
+    figure.update_yaxes(title_text="data / prior, –", type="log", exponentformat="power", dtick=1)
+    return figure
+
+
+def figure_directions(found: Identifiability, most: int = 6) -> go.Figure:
+    """What the least known directions are made of, in standard deviations of the priors."""
+    count = min(most, len(found.information))
+    weights = found.directions[:, :count]
+    weights = weights * np.sign(weights[np.abs(weights).argmax(axis=0), np.arange(count)])
+    titles = [f"{k + 1}: {number(float(value), 2)}" for k, value in enumerate(found.information[:count])]
+    return _heat_map(weights, titles, found.names, "data / prior in the direction", signed=True)
+
+
+def figure_sensitivity(found: Sensitivity) -> go.Figure:
+    """Indices of every output by every parameter."""
+    outputs = [name.replace("_", " ") for name in found.outputs]
+    return _heat_map(np.clip(found.strongest, 0.0, 1.0).T, outputs, found.names, "", signed=False)
+
+
+def _heat_map(values: Any, columns: Sequence[str], rows: Sequence[str], title: str, *, signed: bool) -> go.Figure:
+    """[row, column] with its numbers, from -1 or 0 to 1."""
+    half = DIVERGING[2:]
+    colours = DIVERGING if signed else half
+    text = [[f"{value:.2f}" if abs(value) >= 0.05 else "" for value in row] for row in values]
+    figure = go.Figure(
+        go.Heatmap(
+            z=values.astype(np.float32), x=list(columns), y=list(rows), zmin=-1 if signed else 0, zmax=1,
+            colorscale=[[i / (len(colours) - 1), colour] for i, colour in enumerate(colours)],
+            text=text, texttemplate="%{text}", textfont={"size": 10}, xgap=1, ygap=1,
+            colorbar={"thickness": 12, "len": 0.7, "y": 0.35},
+            hovertemplate="%{y}, %{x}: %{z:.3f}<extra></extra>",
+        )
+    )  # fmt: skip
+    finish(figure, 110 + 4 * max(map(len, columns)) + max(22 * len(rows), 160), legend=False, top=8)
+    figure.update_xaxes(tickangle=-40, automargin=True, showgrid=False, ticks="", title_text=title, type="category")
+    figure.update_yaxes(autorange="reversed", automargin=True, showgrid=False, ticks="")
+    return figure
+
+
+def figure_scan(scan: Scan, info: ParameterInfo) -> go.Figure:
+    """The log density along a parameter; lines where the heaters switch otherwise, crosses at jumps."""
+    figure = go.Figure()
+    x = scan.theta + info.offset
+    height = np.where(np.isfinite(scan.log_density), scan.log_density, np.nan)
+    depth = max(_DEPTH, float(np.nanmax(height) - np.nanmin(height)) if np.isfinite(height).any() else _DEPTH)
+    figure.add_scatter(
+        x=x, y=-0.5 * scan.place**2, mode="lines", line={"color": PRIOR, "width": 1.2, "dash": "dash"}, hoverinfo="skip"
+    )
+    figure.add_scatter(
+        x=x, y=height, mode="lines", line={"color": STOCHASTIC, "width": 1.8},
+        hovertemplate="%{x:.5g}: %{y:.3g} nats<extra></extra>",
+    )  # fmt: skip
+    for i in np.flatnonzero(np.diff(scan.sequence)):
+        figure.add_vline(x=0.5 * (x[i] + x[i + 1]), line={"color": GENETIC, "width": 1, "dash": "dot"})
+    if scan.jumps:
+        figure.add_scatter(
+            x=[jump.theta + info.offset for jump in scan.jumps],
+            y=np.interp([jump.place for jump in scan.jumps], scan.place, height),
+            mode="markers", marker={"color": WARNING, "symbol": "x", "size": 9},
+            text=[f"{jump.nats:.3g} nats {jump.heater}" for jump in scan.jumps],
+            hovertemplate="%{text}<extra></extra>",
+        )  # fmt: skip
+    return _small(figure, info, [-1.05 * depth, 0.1 * depth])
+
+
+def figure_profile(profile: Profile, info: ParameterInfo) -> go.Figure:
+    """The profile of the log density, and its likelihood alone."""
+    figure = go.Figure()
+    x = profile.theta + info.offset
+    for values, name, colour, dash in (
+        (profile.log_likelihood, "likelihood alone", PRIOR, "dash"),
+        (profile.log_density, "log density", STOCHASTIC, "solid"),
+    ):
+        figure.add_scatter(
+            x=x, y=values, name=name, mode="lines+markers", marker={"size": 4},
+            line={"color": colour, "width": 1.8, "dash": dash},
+            hovertemplate=name + " %{x:.5g}: %{y:.3g}<extra></extra>",
+        )  # fmt: skip
+    figure.add_hline(y=-DROP, line={"color": LINE, "width": 1, "dash": "dot"})
+    lowest = float(min(profile.log_density.min(), profile.log_likelihood.min(), -2.0 * DROP))
+    highest = float(max(profile.log_likelihood.max(), 0.0))
+    return _small(figure, info, [1.1 * lowest, highest - 0.1 * lowest])
+
+
+def _small(figure: go.Figure, info: ParameterInfo, span: list[float]) -> go.Figure:
+    finish(figure, 230, legend=False, top=12)
+    figure.update_layout(margin={"l": 56, "r": 14, "b": 46}, meta={"tools": False})
+    figure.update_xaxes(title_text=labelled(info.name, info.unit), nticks=5)
+    figure.update_yaxes(title_text="nats", range=span, nticks=5)
+    return figure
+
+
+def figure_predictive(problem: Problem, found: PriorPredictive) -> go.Figure:
+    """Telemetry over the prior's bands, one plot a channel."""
+    channels = problem.simulator.channels
+    figure, _ = time_canvas(list(channels), [CHANNEL_HEIGHT] * len(channels))
+    for k, _channel in enumerate(channels):
+        columns = [row[:, k] + CELSIUS for row in (*found.quantiles, *found.model)]
+        time, columns = break_lines(problem.times, extremes(columns, _BINS), columns)
+        first = k == 0
+        for name, low, high, colour in (
+            ("95% of the prior, noise included", columns[0], columns[2], BAND),
+            ("99% of the simulations", columns[3], columns[4], MODEL_BAND),
+        ):
+            x, y = polygons(time, low, high)
+            _trace(figure, k, x, y, name, first, line={"width": 0}, fill="toself", fillcolor=colour, hoverinfo="skip")
+        _trace(
+            figure, k, time, columns[1], "prior's median", first, line={"color": STOCHASTIC, "width": 1.6},
+            hovertemplate="%{y:.2f} °C",
+        )  # fmt: skip
+        seen = np.flatnonzero(problem.valid[:, k])
+        if len(seen):
+            values = problem.observed[seen, k] + CELSIUS
+            kept = extremes([values], 3 * _BINS)
+            _trace(
+                figure, k, problem.times[seen[kept]], values[kept], "telemetry", first, mode="markers",
+                marker={"color": TELEMETRY, "size": 3.5}, hovertemplate="%{y:.2f} °C",
+            )  # fmt: skip
+        figure.update_yaxes(title_text="temperature, °C", row=k + 1)
+    return figure
+
+
+def _trace(figure: go.Figure, row: int, x: NDArray[Any], y: NDArray[Any], name: str, legend: bool, **more: Any) -> None:
+    look = {"mode": "lines"} | more
+    figure.add_trace(
+        go.Scatter(x=x, y=np.asarray(y, np.float32), name=name, legendgroup=name, showlegend=legend, **look), row + 1, 1
+    )

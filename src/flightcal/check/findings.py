@@ -1,0 +1,364 @@
+"""What a check says, in plain words: findings that matter (bad), cautions (warn), and what is well (good)."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from ..report.run_files import ParameterInfo
+from ..report.text import listed, number, percent, unit
+from ..report.verdict import Finding
+from .centre import Centre
+from .identifiability import BLIND, Combination, Identifiability, Move
+from .prior_predictive import EDGE, PriorPredictive
+from .profile import Profile
+from .sensitivity import LIKELIHOOD, Sensitivity
+from .smoothness import REACH, TOLERANCE, Jump, Smoothness
+
+_REACHED = 0.5
+"""Share of a channel's telemetry that the prior must reach."""
+_MOSTLY = 0.95
+_FAILURES = 0.05
+_SERIOUS = 1.0
+"""Nats from which a jump hinders a sampler."""
+_NEAR = 2.0
+"""Standard deviations within which most of the posterior is."""
+_IDLE = 0.01
+"""Total index below which an output does not depend on a parameter."""
+
+
+@dataclass(frozen=True)
+class Checked:
+    """All that a check has found of a problem."""
+
+    infos: tuple[ParameterInfo, ...]
+    """Of theta's entries, in its order."""
+    centre: Centre
+    identifiability: Identifiability
+    predictive: PriorPredictive
+    sensitivity: Sensitivity
+    smoothness: Smoothness
+    profiles: tuple[Profile, ...]
+    start: np.datetime64
+    """Of the window, UTC."""
+    budget: str
+    """What was spent, in words."""
+
+    def info(self, name: str) -> ParameterInfo:
+        """How a parameter is shown."""
+        return next(info for info in self.infos if info.name == name)
+
+    def value(self, name: str, theta: float) -> str:
+        """A value of a parameter with its unit, as it is shown."""
+        info = self.info(name)
+        return f"{number(theta + info.offset)} {unit(info.unit)}".strip()
+
+
+def findings_of(checked: Checked) -> list[Finding]:
+    """All findings, in the order in which a user should mend them."""
+    return [
+        *_centre(checked),
+        *_reach(checked),
+        *_failures(checked),
+        *_identifiability(checked),
+        *_gradient(checked),
+        *_jumps(checked),
+        *_idle(checked),
+        *(_profile(checked, profile) for profile in checked.profiles),
+    ]
+
+
+def verdict_of(findings: Sequence[Finding]) -> tuple[bool, str]:
+    """Whether nothing stands against sampling, and one sentence."""
+    bad = [finding for finding in findings if finding.state == "bad"]
+    cautions = sum(finding.state == "warn" for finding in findings)
+    beside = f"{cautions} caution{'s' if cautions != 1 else ''}"
+    if bad:
+        many = "1 finding matters" if len(bad) == 1 else f"{len(bad)} findings matter"
+        return False, f"Do not sample yet: {many}" + (f", and there {_are(cautions)} {beside}." if cautions else ".")
+    return True, f"Ready to sample, with {beside}." if cautions else "Ready to sample: nothing stands against it."
+
+
+def _are(count: int) -> str:
+    return "is" if count == 1 else "are"
+
+
+def _centre(checked: Checked) -> list[Finding]:
+    if checked.centre.is_mode:
+        return []
+    text = f"What follows holds at {checked.centre.words}, which may be far from the best fit."
+    return [Finding("warn", "The mode was not found for sure", text)]
+
+
+# --- prior predictive ------------------------------------------------------------------------------------------
+
+
+def _reach(checked: Checked) -> list[Finding]:
+    found = []
+    predictive = checked.predictive
+    missed = [c for c in predictive.channels if c.reached < _REACHED]
+    partly = [c for c in predictive.channels if _REACHED <= c.reached < _MOSTLY]
+    details = tuple(
+        f"{c.channel}: {percent(c.reached)} of the telemetry is reached; at most it is {number(abs(c.beyond), 3)} K "
+        f"{'above' if c.beyond > 0 else 'below'} all that the prior gives."
+        for c in (*missed, *partly)
+    )
+    if missed:
+        names = listed([c.channel for c in missed])
+        text = (
+            "No parameters that the prior holds likely bring the simulator there, whatever the noise. "
+            "Look for a wrong unit, offset or load in the model first; then widen the priors of what drives "
+            f"{'it' if len(missed) == 1 else 'them'}: {_drivers(checked, [c.channel for c in missed])}."
+        )
+        found.append(Finding("bad", f"The prior cannot reach the telemetry of {names}", text, details))
+    elif partly:
+        names = listed([c.channel for c in partly])
+        text = "The model, or a prior that is too narrow, leaves parts of the telemetry out."
+        found.append(Finding("warn", f"The prior does not reach all telemetry of {names}", text, details))
+    out = [heater for heater in predictive.heaters if not heater.reached]
+    if out:
+        found.append(
+            Finding(
+                "warn",
+                f"The prior does not reach the duty cycle of {listed([heater.heater for heater in out])}",
+                "Power, thresholds or losses may be off.",
+                tuple(
+                    f"{h.heater}: on for {percent(h.observed)} of the time, the prior gives {percent(h.lower)} to "
+                    f"{percent(h.upper)}." for h in out
+                ),
+            )
+        )  # fmt: skip
+    if predictive.pressed:
+        text = "Data and prior disagree, or the parameter makes up for something that the model lacks. " + " ".join(
+            f"{p.name} is best at {checked.value(p.name, p.theta)}, {_tail(p.probability)} of its prior."
+            for p in predictive.pressed
+        )
+        title = f"The telemetry pulls {listed([p.name for p in predictive.pressed])} to the edge of the prior"
+        found.append(Finding("warn", title, text))
+    if not found:
+        lowest = min(predictive.channels, key=lambda c: c.inside)
+        text = (
+            f"Of each channel's telemetry at least {percent(lowest.inside)} ({lowest.channel}) lies inside the prior's "
+            f"95% band, and no parameter is pulled to the outer {EDGE:.0%} of its prior."
+        )
+        found.append(Finding("good", "The prior reaches the telemetry", text))
+    return found
+
+
+def _tail(probability: float) -> str:
+    share = min(probability, 1.0 - probability)
+    shown = f"{100 * share:.1g}%" if share > 1e-5 else "less than 0.001%"
+    return f"in the {'lowest' if probability < 0.5 else 'highest'} {shown}"
+
+
+def _drivers(checked: Checked, channels: list[str]) -> str:
+    """The parameters that matter most to some channels."""
+    rows = [checked.sensitivity.outputs.index(channel) for channel in channels]
+    strength = checked.sensitivity.strongest[rows].max(axis=0)
+    chosen = [k for k in np.argsort(-strength)[:3] if strength[k] > 0.05]
+    return listed([checked.sensitivity.names[k] for k in chosen]) or "none of the parameters moves it"
+
+
+def _failures(checked: Checked) -> list[Finding]:
+    predictive = checked.predictive
+    if not predictive.failed:
+        return []
+    share = predictive.failed / predictive.draws
+    text = (
+        f"{predictive.failed} of {predictive.draws} simulations at prior draws fail. Where one fails the posterior is "
+        "cut off; narrow the priors to what the simulator can do."
+    )
+    state = "bad" if share > 0.5 else "warn" if share > _FAILURES else "good"
+    return [Finding(state, f"{percent(share)} of the prior cannot be simulated", text)]  # type: ignore[arg-type]
+
+
+# --- identifiability -------------------------------------------------------------------------------------------
+
+
+def _identifiability(checked: Checked) -> list[Finding]:
+    found = [combination_finding(checked, combination) for combination in checked.identifiability.combinations]
+    correlated = checked.identifiability.correlated
+    if correlated:
+        shown = tuple(f"{a} and {b}: correlation {number(r, 3)}." for a, b, r in correlated)
+        text = (
+            "The telemetry tells their combination better than each of them. Sampling is whitened and copes; "
+            "but their intervals are wide one by one, and neither should be read alone."
+        )
+        pairs = f"{len(correlated)} pair{'s' if len(correlated) > 1 else ''} of parameters"
+        found.append(Finding("warn", f"{pairs} with a correlation beyond 0.95", text, shown))
+    if not checked.identifiability.combinations:
+        least = 1.0 / math.sqrt(1.0 + float(checked.identifiability.information[0]))
+        widest = int(np.argmax(checked.identifiability.width))
+        name, width = checked.identifiability.names[widest], float(checked.identifiability.width[widest])
+        text = (
+            f"In the least known direction the posterior is {percent(least, 0)} as wide as the prior; "
+            f"of the parameters {name} is known least ({percent(width, 0)})."
+        )
+        found.insert(0, Finding("good", "The telemetry tells every parameter, and every combination of them", text))
+    return found
+
+
+def combination_finding(checked: Checked, combination: Combination) -> Finding:
+    """What the data cannot tell, with advice. A nuisance alone matters less than parameters that hide each other."""
+    names = list(combination.names)
+    blind = combination.information < BLIND
+    width = f"the posterior is {percent(combination.width, 0)} as wide as the prior"
+    if combination.kind == "alone":
+        name = names[0]
+        title = f"The telemetry says {'next to nothing' if blind else 'little'} of {name}"
+        advice = (
+            "It starts where the telemetry does not look; a tighter prior costs nothing."
+            if name.startswith("initial.")
+            else "Fix it, or trust its prior: its posterior will be that."
+        )
+        return Finding("warn", title, f"Along it {width}. {advice}", (_trade(checked, combination),))
+    product = " × ".join(names)
+    what, advice = {
+        "product": (
+            f"{listed(names)} act alike: only their product is known",
+            f"Fix one of them, or replace them by one parameter for {product}.",
+        ),
+        "ratio": (
+            f"{listed(names)} make up for each other: only their ratio is known",
+            "Fix one of them, or let one parameter scale both and another set their ratio.",
+        ),
+        "scale": (
+            f"{listed(names)} can all be scaled together: only their ratios are known",
+            "Fix one of them, at best the one that drawings or tests tell, or give it a prior that is tight.",
+        ),
+        "mixed": (
+            f"{listed(names)} make up for one another",
+            f"Fix or tie {names[0]}, or say more in its prior.",
+        ),
+    }[combination.kind]  # fmt: skip
+    both = sum(_is_parameter(checked, name) for name in names) >= 2
+    title = what if blind else f"{what.replace('only', 'mostly only')}, as far as the telemetry tells"
+    text = f"Along this combination {width}. {advice}"
+    return Finding("bad" if blind and both else "warn", title, text, (_trade(checked, combination),))
+
+
+def _is_parameter(checked: Checked, name: str) -> bool:
+    return checked.info(name).kind == "parameter"
+
+
+def _trade(checked: Checked, combination: Combination) -> str:
+    moved = listed([_moved(checked, move) for move in combination.moves])
+    return f"The telemetry hardly notices {moved}{' together' if len(combination.moves) > 1 else ''}."
+
+
+def _moved(checked: Checked, move: Move) -> str:
+    """A move in percent where that has a meaning, else from one value to another."""
+    if math.isfinite(move.exponent) and move.before > 0.0:
+        change = 100.0 * (move.after / move.before - 1.0)
+        return f"{move.name} {number(change, 2) if change < 0 else '+' + number(change, 2)}%"
+    return f"{move.name} from {checked.value(move.name, move.before)} to {checked.value(move.name, move.after)}"
+
+
+# --- smoothness ------------------------------------------------------------------------------------------------
+
+
+def _gradient(checked: Checked) -> list[Finding]:
+    errors = checked.smoothness.gradient
+    if not errors:
+        text = "The simulator has no derivatives; it will be calibrated through an emulator."
+        return [Finding("none", "There is no gradient to check", text)]
+    wrong = sorted((e for e in errors if e.error > TOLERANCE), key=lambda e: -e.error)
+    if not wrong:
+        worst = max(errors, key=lambda e: e.error)
+        text = (
+            f"At {checked.smoothness.points} points it agrees with differences of the log density to "
+            f"{number(worst.error, 2)} ({worst.name}; in nats per standard deviation)."
+        )
+        return [Finding("good", "The gradient is right", text)]
+    details = tuple(
+        f"{e.name}: given {number(e.gradient)}, by differences {number(e.difference)} (on the unconstrained scale)."
+        for e in wrong
+    )
+    text = (
+        "NUTS follows the gradient: with a wrong one it rejects or gets lost. If the simulator is yours, check its "
+        "derivatives; if it is flightcal's, report this."
+    )
+    return [Finding("bad", f"The gradient is wrong for {listed([e.name for e in wrong])}", text, details)]
+
+
+def _jumps(checked: Checked) -> list[Finding]:
+    smoothness = checked.smoothness
+    jumps = smoothness.jumps
+    several = [scan.name for scan in smoothness.scans if len(set(scan.sequence)) > 1]
+    where = f"within {REACH:g} standard deviations of the posterior"
+    if not smoothness.located:
+        text = f"{len(smoothness.scans[0].place)} points along each parameter are too few to find jumps."
+        if several:
+            text += (
+                f" Along {listed(several)} the heaters switch another number of times; each such change may be a jump."
+            )
+        return [Finding("warn" if several else "none", "Jumps were not looked for", text)]
+    if not jumps:
+        text = f"Scans along every parameter find no jump of a tenth of a nat or more {where}."
+        if several:
+            text += f" Along {listed(several)} the heaters do switch another number of times."
+        return [Finding("good", "The log density is smooth", text)]
+    serious = [jump for jump in jumps if abs(jump.nats) >= _SERIOUS and abs(jump.place) <= _NEAR]
+    causes = sorted({jump.heater for jump in jumps if jump.heater})
+    title = f"The log density jumps by up to {number(abs(jumps[0].nats), 2)} nats {where}"
+    text = (
+        f"Along {listed(sorted({jump.name for jump in jumps}))}. "
+        + (
+            f"There the trajectory grazes a threshold of {listed(causes)}, and on one side switches once more. "
+            if causes
+            else "No heater switches otherwise there: look for a discontinuity in the simulator. "
+        )
+        + "A sampler that crosses such a place diverges or sticks; move the window, or let thresholds be uncertain "
+        "only within what the on-board software sets."
+    )
+    return [Finding("bad" if serious else "warn", title, text, tuple(jump_words(checked, jump) for jump in jumps))]
+
+
+def jump_words(checked: Checked, jump: Jump) -> str:
+    """A jump with its place and its cause."""
+    words = (
+        f"{jump.name} at {checked.value(jump.name, jump.theta)} ({number(jump.place, 2)} standard deviations from the "
+        f"mode): {number(jump.nats, 3)} nats"
+    )
+    if not jump.heater:
+        return words + "."
+    time = checked.start + np.timedelta64(round(1e3 * jump.seconds), "ms")
+    moment = str(np.datetime_as_string(time, unit="s")).replace("T", " ")
+    below, above = jump.switches
+    return f"{words}; {jump.heater} switches {below} times below and {above} above, first otherwise at {moment}."
+
+
+# --- sensitivity and profiles ----------------------------------------------------------------------------------
+
+
+def _idle(checked: Checked) -> list[Finding]:
+    """Scenario parameters on which nothing depends."""
+    sensitivity = checked.sensitivity
+    if sensitivity.runs - sensitivity.failed < 4 * (len(sensitivity.names) + 2):
+        return [Finding("none", "Sensitivities are not known", "Too few simulations finished.")]
+    strongest = sensitivity.strongest.max(axis=0)
+    of_likelihood = sensitivity.strongest[sensitivity.outputs.index(LIKELIHOOD)]
+    order = np.argsort(-of_likelihood)
+    idle = [n for n, s in zip(sensitivity.names, strongest, strict=True) if s < _IDLE and _is_parameter(checked, n)]
+    leaders = listed([f"{sensitivity.names[k]} ({percent(of_likelihood[k], 0)})" for k in order[:3]])
+    text = f"Over the whole prior the likelihood depends most on {leaders}."
+    if not idle:
+        return [Finding("good", "Every parameter moves some output", text)]
+    title = f"Nothing observed depends on {listed(idle)}"
+    return [
+        Finding("warn", title, f"They take part in less than {_IDLE:.0%} of any output's variance: fix them. {text}")
+    ]
+
+
+def _profile(checked: Checked, profile: Profile) -> Finding:
+    lower, upper = (
+        checked.value(profile.name, v) if math.isfinite(v) else "open" for v in (profile.lower, profile.upper)
+    )
+    text = f"95% interval by its profile: {lower} to {upper}, all others fitted again."
+    if profile.told:
+        return Finding("good", f"The likelihood alone bounds {profile.name}", text)
+    text += " Without the priors the profile stays within 1.92 nats on one side or both."
+    return Finding("warn", f"The likelihood alone does not bound {profile.name}", text)

@@ -1,0 +1,162 @@
+"""A check as a page in the report's style."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import numpy as np
+
+from ..calibration import Problem
+from ..report.figures import figure_correlation
+from ..report.figures.style import GENETIC, PRIOR, STOCHASTIC, WARNING
+from ..report.page import compose
+from ..report.sections import Block, Section
+from ..report.tables import Table
+from ..report.text import number, percent
+from ..report.verdict import Finding
+from . import figures as draw
+from .findings import Checked, verdict_of
+
+_MOST_CORRELATED = 24
+"""Parameters up to which the correlations are drawn."""
+
+
+def render(checked: Checked, problem: Problem, findings: list[Finding], folder: Path, created: str) -> str:
+    """The page as text."""
+    passed, verdict = verdict_of(findings)
+    first = Finding("good" if passed else "bad", verdict, f"Examined at {checked.centre.words}; {checked.budget}.")
+    content = [
+        Section("prior", "Prior predictive", _prior(checked, problem)),
+        Section("identifiability", "Identifiability", _identifiability(checked)),
+        Section("sensitivity", "Sensitivity", _sensitivity(checked)),
+        Section("smoothness", "Smoothness", _smoothness(checked)),
+        *([Section("profiles", "Profiles", _profiles(checked))] if checked.profiles else []),
+    ]
+    return compose("flightcal check", problem.scenario.name, folder, created, [first, *findings], content)
+
+
+def _prior(checked: Checked, problem: Problem) -> list[Block]:
+    predictive = checked.predictive
+    rows = [[c.channel, percent(c.inside), percent(c.reached), _beyond(c.beyond)] for c in predictive.channels]
+    blocks = [
+        Block(
+            "text",
+            f"{predictive.draws} draws from the priors, simulated, against the telemetry of “{problem.window}”. "
+            "What the simulator can reach with the prior is the 99% band of its simulations, widened by twice the "
+            "least noise that the prior holds plausible.",
+        ),
+        Block(
+            "table",
+            table=Table(
+                ("channel", "inside the 95% band, with noise", "reached by the simulator", "beyond it at most, K"),
+                rows,
+                range(1, 4),
+                states={(i, 2): "bad" if c.reached < 0.5 else "warn" if c.reached < 0.95 else "good"
+                        for i, c in enumerate(predictive.channels)},
+            ),
+        ),
+    ]  # fmt: skip
+    if predictive.heaters:
+        heaters = [
+            [h.heater, percent(h.observed), f"{percent(h.lower)} to {percent(h.upper)}"] for h in predictive.heaters
+        ]
+        header = ("heater", "duty cycle in telemetry", "prior's 95%")
+        blocks.append(Block("table", table=Table(header, heaters, range(1, 3))))
+    blocks.append(
+        Block("figure", "Telemetry over the prior's bands.", figures=(draw.figure_predictive(problem, predictive),))
+    )
+    return blocks
+
+
+def _beyond(value: float) -> str:
+    return "–" if value == 0.0 else f"{number(abs(value), 3)} {'above' if value > 0 else 'below'}"
+
+
+def _identifiability(checked: Checked) -> list[Block]:
+    found = checked.identifiability
+    blocks = [
+        Block(
+            "text",
+            "All in units of the priors' standard deviations, on the scale on which the priors are about normal, in "
+            "the Gaussian approximation of the posterior. A parameter whose open mark is far to the left of its filled "
+            "one would be known well if others were known: it is hidden by a combination.",
+        ),
+        Block("figure", "Width of each parameter's posterior.", figures=(draw.figure_widths(found),)),
+        Block(
+            "figure",
+            "Fisher information in every direction, in units of the prior's: how many times the telemetry counts for "
+            "more than the prior. Crosses: it counts for less.",
+            figures=(draw.figure_spectrum(found),),
+        ),
+        Block(
+            "figure",
+            "What the least known directions are made of: weights in standard deviations of the priors.",
+            figures=(draw.figure_directions(found),), wide=True,
+        ),
+    ]  # fmt: skip
+    strength = np.abs(found.correlation - np.eye(len(found.names))).max(axis=0)
+    chosen = np.sort(np.argsort(-strength)[:_MOST_CORRELATED])
+    if len(chosen) > 1:
+        correlation = found.correlation[np.ix_(chosen, chosen)]
+        caption = "Correlation of the posterior, in the Gaussian approximation."
+        names = [found.names[k] for k in chosen]
+        blocks.append(Block("figure", caption, figures=(figure_correlation(names, correlation),), wide=True))
+    return blocks
+
+
+def _sensitivity(checked: Checked) -> list[Block]:
+    found = checked.sensitivity
+    kind = "total" if np.isfinite(found.indices.total).any() else "first-order"
+    error = found.indices.total_error if kind == "total" else found.indices.first_error
+    units = ["K"] * len(checked.predictive.channels) + ["of the time"] * len(checked.predictive.heaters)
+    moved = [f"{number(float(d), 3)} {u}" for d, u in zip(found.deviation, units, strict=False)]
+    rows = [[output, text] for output, text in zip(found.outputs, moved, strict=False)]
+    return [
+        Block(
+            "text",
+            f"{found.method}, {found.runs} simulations over the whole prior ({found.failed} failed). Outputs: RMS "
+            "temperature change of each channel against the point that was examined, duty cycle of each heater, and "
+            "the log likelihood by its rank, noise levels held. "
+            f"A {kind} index is the share of an output's variance that a parameter "
+            f"{'takes part in, alone or with others' if kind == 'total' else 'causes alone'}. "
+            f"Their 95% error is up to {number(float(np.nanmax(error)), 2)}.",
+        ),
+        Block("figure", f"Sensitivity, {kind} indices.", figures=(draw.figure_sensitivity(found),), wide=True),
+        Block("folded", "How far the prior moves each output", table=Table(("output", "deviation"), rows, (1,))),
+    ]  # fmt: skip
+
+
+def _smoothness(checked: Checked) -> list[Block]:
+    found = checked.smoothness
+    key = (
+        ("log density", STOCHASTIC, "line"),
+        ("Gaussian approximation", PRIOR, "dash"),
+        ("heaters switch otherwise", GENETIC, "dash"),
+        ("jump", WARNING, "mark"),
+    )
+    shown = tuple(draw.figure_scan(scan, checked.info(scan.name)) for scan in found.scans)
+    caption = (
+        "Log density along every parameter, relative to the point examined; the others follow as they are correlated "
+        "with it. On each side of a dotted line the heaters switch another number of times."
+    )
+    blocks = [Block("grid", caption, figures=shown, key=key)]
+    if found.gradient:
+        rows = [
+            [e.name, number(e.error, 2), number(e.gradient, 5), number(e.difference, 5)]
+            for e in sorted(found.gradient, key=lambda e: -e.error)
+        ]
+        header = ("parameter", "largest error, nats per sd", "gradient there", "by differences")
+        title = f"The gradient against differences at {found.points} points"
+        if found.left_out:
+            title += f" ({found.left_out} derivatives left out: the heaters switch otherwise next to the point)"
+        blocks.append(Block("folded", title, table=Table(header, rows, range(1, 4))))
+    return blocks
+
+
+def _profiles(checked: Checked) -> list[Block]:
+    key = (("log density", STOCHASTIC, "line"), ("likelihood alone", PRIOR, "dash"))
+    shown = tuple(draw.figure_profile(profile, checked.info(profile.name)) for profile in checked.profiles)
+    caption = (
+        "Profiles: all other parameters fitted again at every point. Dotted: 1.92 nats below the best, a 95% interval."
+    )
+    return [Block("grid", caption, figures=shown, key=key, wide=True)]

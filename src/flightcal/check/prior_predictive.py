@@ -1,0 +1,152 @@
+"""Can the prior reach the telemetry? Simulations of prior draws against what was measured."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from ..calibration import Problem
+from ..simulator.system import FloatArray
+from .centre import Centre
+from .evaluate import Runs
+
+BAND = 0.95
+_WHOLE = 0.99
+"""Share of the prior's simulations in the band that telemetry must reach at all."""
+_QUIET = 0.1
+"""Quantile of a noise level's prior that counts as the least plausible noise."""
+EDGE = 0.01
+"""Share of a prior beyond the centre's value below which the telemetry pulls a parameter to its prior's edge."""
+
+
+@dataclass(frozen=True)
+class ChannelReach:
+    """Telemetry of a channel against the prior."""
+
+    channel: str
+    inside: float
+    """Share inside the 95% band of the prior predictive distribution, noise included."""
+    reached: float
+    """Share that the simulator itself reaches with the prior: inside its 99% band and twice the least noise."""
+    beyond: float
+    """K by which telemetry leaves that band at most: above (positive) or below it."""
+
+
+@dataclass(frozen=True)
+class HeaterReach:
+    """Duty cycle of a heater against the prior's 95%."""
+
+    heater: str
+    observed: float
+    """NaN where the status is not measured."""
+    lower: float
+    upper: float
+
+    @property
+    def reached(self) -> bool:
+        """Whether the measured duty lies within what the prior gives."""
+        return not (self.observed < self.lower - 1e-9 or self.observed > self.upper + 1e-9)
+
+
+@dataclass(frozen=True)
+class Pressed:
+    """A parameter that the telemetry pulls to an edge of its prior."""
+
+    name: str
+    theta: float
+    """SI, at the centre."""
+    probability: float
+    """Share of the prior below it."""
+
+
+@dataclass(frozen=True)
+class PriorPredictive:
+    """What the prior gives, and where telemetry is beside it."""
+
+    draws: int
+    failed: int
+    quantiles: FloatArray
+    """[3, T, N] K: lower edge of the 95% band, median, upper edge; noise included."""
+    model: FloatArray
+    """[2, T, N] K: the 99% band of the simulations themselves, and twice the least noise."""
+    channels: tuple[ChannelReach, ...]
+    heaters: tuple[HeaterReach, ...]
+    pressed: tuple[Pressed, ...]
+
+
+def prior_predictive(
+    problem: Problem, prior_runs: tuple[FloatArray, Runs], centre: Centre, seed: int
+) -> PriorPredictive:
+    """Bands and shares of the prior's draws; prior_runs: thetas [S, d] and their simulations."""
+    thetas, runs = prior_runs
+    whole = np.array([run is not None for run in runs])
+    finished = [run for run in runs if run is not None]
+    temperatures = np.stack([run.temperatures for run in finished])
+    rng = np.random.default_rng(seed)
+    noise = np.stack([problem.noise(theta) for theta in thetas[whole]])[:, None, :]
+    predicted = temperatures + noise * rng.standard_normal(temperatures.shape)
+    tail = 0.5 * (1.0 - BAND)
+    quantiles = np.quantile(predicted, [tail, 0.5, 1.0 - tail], axis=0)
+    least = 2.0 * problem.noise(problem.priors.quantile(_QUIET))
+    model = np.quantile(temperatures, [0.5 * (1.0 - _WHOLE), 0.5 * (1.0 + _WHOLE)], axis=0)
+    model += least * np.array([-1.0, 1.0])[:, None, None]
+    channels = []
+    for k, channel in enumerate(problem.simulator.channels):
+        valid = problem.valid[:, k]
+        seen = problem.observed[valid, k]
+        above = seen - model[1, valid, k]
+        below = model[0, valid, k] - seen
+        most_above, most_below = above.max(initial=0.0), below.max(initial=0.0)
+        inside = (seen >= quantiles[0, valid, k]) & (seen <= quantiles[2, valid, k])
+        channels.append(
+            ChannelReach(
+                channel,
+                float(inside.mean()) if len(seen) else np.nan,
+                float(((above <= 0.0) & (below <= 0.0)).mean()) if len(seen) else np.nan,
+                float(most_above if most_above >= most_below else -most_below),
+            )
+        )
+    return PriorPredictive(
+        draws=len(thetas),
+        failed=int((~whole).sum()),
+        quantiles=quantiles,
+        model=model,
+        channels=tuple(channels),
+        heaters=_heaters(problem, np.stack([run.duty_cycle for run in finished])),
+        pressed=_pressed(problem, centre),
+    )
+
+
+def _heaters(problem: Problem, duty: FloatArray) -> tuple[HeaterReach, ...]:
+    tail = 0.5 * (1.0 - BAND)
+    found = []
+    for k, heater in enumerate(problem.simulator.heaters):
+        status = problem.status[:, k]
+        known = np.isfinite(status)
+        lower, upper = np.quantile(duty[:, k], [tail, 1.0 - tail])
+        found.append(HeaterReach(heater, float(status[known].mean()) if known.any() else np.nan, lower, upper))
+    return tuple(found)
+
+
+def _pressed(problem: Problem, centre: Centre) -> tuple[Pressed, ...]:
+    """Noise levels near zero are at no edge: that of their prior is zero."""
+    theta = problem.to_theta(centre.z)
+    lower, upper = problem.priors.quantile(EDGE), problem.priors.quantile(1.0 - EDGE)
+    found = []
+    for k, name in enumerate(problem.names):
+        if theta[k] > upper[k] or (theta[k] < lower[k] and not name.startswith(("noise.", "discrepancy."))):
+            found.append(Pressed(name, float(theta[k]), _probability_below(problem, k, float(theta[k]))))
+    return tuple(found)
+
+
+def _probability_below(problem: Problem, parameter: int, theta: float) -> float:
+    """Share of a prior below a value, by halving."""
+    lower, upper = 0.0, 1.0
+    for _ in range(40):
+        middle = 0.5 * (lower + upper)
+        if problem.priors.quantile(middle)[parameter] < theta:
+            lower = middle
+        else:
+            upper = middle
+    return 0.5 * (lower + upper)

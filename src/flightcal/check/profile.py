@@ -1,0 +1,144 @@
+"""Profile likelihoods: how well the telemetry can do at each value of one parameter, all others fitted again.
+
+Raue et al. (2009), Bioinformatics 25, 1923. What is maximised is the log density, priors of the others included: a
+parameter that the data do not hold stays where its prior has it instead of running away.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass
+from itertools import pairwise
+
+import numpy as np
+from scipy.optimize import minimize
+
+from ..calibration import Problem
+from ..errors import ScenarioError
+from ..simulator import SimulationFailure
+from ..simulator.system import FloatArray, IntArray
+from .centre import Centre
+from .evaluate import spread_in_z
+
+DROP = 1.92
+"""Nats that bound a 95% interval: half of chi-square's 95% with one degree of freedom."""
+_POINTS = 12
+_REACH = 3.0
+"""Standard deviations of the Gaussian approximation to each side."""
+_ITERATIONS = 60
+
+
+@dataclass(frozen=True)
+class Profile:
+    """The profile of one parameter; P points, in its order."""
+
+    name: str
+    theta: FloatArray
+    """[P] SI."""
+    log_density: FloatArray
+    """[P] maximised over the others, relative to the best."""
+    log_likelihood: FloatArray
+    """[P] without the priors' share, relative to the best."""
+    lower: float
+    """Where the profile of the log density has dropped by 1.92 nats, SI; NaN where it does not within the points."""
+    upper: float
+
+    @property
+    def told(self) -> bool:
+        """Whether the likelihood itself, without priors, bounds the parameter on both sides."""
+        best = int(np.argmax(self.log_density))
+        drop = self.log_likelihood[best] - self.log_likelihood
+        return bool(drop[0] > DROP and drop[-1] > DROP)
+
+
+def profile(problem: Problem, centre: Centre, name: str, advance: Callable[[float], None] = lambda _: None) -> Profile:
+    """The profile of a parameter on both sides of the centre, each point starting from its neighbour's.
+
+    It needs a gradient. Raises ScenarioError where there is no such parameter.
+    """
+    check_names(problem, [name])
+    k = problem.names.index(name)
+    deviation = min(float(np.sqrt(centre.covariance[k, k])), float(spread_in_z(problem)[k]))
+    others = np.delete(np.arange(len(centre.z)), k)
+    offsets = np.linspace(0.0, _REACH * deviation, _POINTS + 1)[1:]
+    found = [(centre.z[k], centre.z)]
+    for number, sign in enumerate((-1.0, 1.0)):
+        last = centre.z
+        for step, offset in enumerate(offsets):
+            last = _fitted(problem, _followed(centre, last, k, float(centre.z[k] + sign * offset)), others)
+            found.append((last[k], last))
+            advance((number * _POINTS + step + 1) / (2 * _POINTS))
+    points = np.stack([z for _, z in sorted(found, key=lambda item: item[0])])
+    density = np.array([problem.log_density(z) for z in points])
+    likelihood = density - problem.priors.at(points).log_density
+    best = int(np.argmax(density))
+    theta = problem.to_theta(points)[:, k]
+    lower, upper = _interval(points[:, k], density - density[best], best)
+    edges = np.stack([centre.z, centre.z])
+    edges[:, k] = np.where(np.isnan([lower, upper]), 0.0, [lower, upper])
+    bounds = np.where(np.isnan([lower, upper]), np.nan, problem.to_theta(edges)[:, k])
+    return Profile(
+        name=name,
+        theta=theta,
+        log_density=density - density[best],
+        log_likelihood=likelihood - likelihood[best],
+        lower=float(bounds[0]),
+        upper=float(bounds[1]),
+    )
+
+
+def check_names(problem: Problem, names: list[str]) -> None:
+    """Raise ScenarioError for a name that is no entry of theta."""
+    for name in names:
+        if name not in problem.names:
+            raise ScenarioError(f"--profile {name}: expected one of {', '.join(problem.names)}")
+
+
+def _followed(centre: Centre, last: FloatArray, k: int, value: float) -> FloatArray:
+    """The last point with the parameter at a new value, the others moved as the Gaussian approximation says."""
+    direction = centre.covariance[:, k] / centre.covariance[k, k]
+    moved: FloatArray = last + (value - last[k]) * direction
+    moved[k] = value
+    return moved
+
+
+def _fitted(problem: Problem, start: FloatArray, others: IntArray) -> FloatArray:
+    """The log density maximised over the others, from `start` [d]."""
+
+    def whole(part: FloatArray) -> FloatArray:
+        z = start.copy()
+        z[others] = part
+        return z
+
+    def fall(part: FloatArray) -> tuple[float, FloatArray]:
+        value, gradient = problem.log_density_and_gradient(whole(part))
+        return (-value, -gradient[others]) if np.isfinite(value) else (1e30, np.zeros(len(part)))
+
+    def curvature(part: FloatArray) -> FloatArray:
+        try:
+            return problem.gauss_newton_hessian(whole(part))[np.ix_(others, others)]
+        except SimulationFailure:
+            return np.eye(len(part))
+
+    found = minimize(
+        fall,
+        start[others],
+        jac=True,
+        hess=curvature,
+        method="trust-exact",
+        options={"maxiter": _ITERATIONS, "gtol": 1e-3},
+    )
+    return whole(found.x)
+
+
+def _interval(places: FloatArray, height: FloatArray, best: int) -> tuple[float, float]:
+    """Where the profile crosses -1.92 on both sides of its best point, interpolated; NaN where it does not."""
+
+    def crossing(order: IntArray) -> float:
+        for a, b in pairwise(order):
+            if height[b] <= -DROP:
+                share = (height[a] + DROP) / (height[a] - height[b])
+                return float(places[a] + share * (places[b] - places[a]))
+        return float("nan")
+
+    return crossing(np.arange(best, -1, -1)), crossing(np.arange(best, len(places)))
