@@ -29,7 +29,7 @@ def measure(quick: bool) -> Section:
     count = 1000 if quick else 10_000
     thetas = laplace_draws(problem, theta, count)
     structure, drive = simulator.network.structure, simulator.drive
-    _, packed = assemble(simulator.mapping, simulator.network.terms, structure.mass, thetas[:, problem.simulated])
+    _, packed = assemble(simulator.mapping, simulator.network.terms, thetas[:, problem.simulated])
 
     def in_jax() -> object:
         return jax.block_until_ready(integrate_thousands(structure, packed, drive).states)

@@ -33,7 +33,7 @@ def measure(quick: bool) -> Section:
     notes = []
     runs: dict[str, Callable[[], Any]] = {
         "flightcal, integration": lambda: (
-            integrate_packed(structure, packed, drive, NOTHING, np.zeros(0), derivative=False).states
+            integrate_packed(structure, packed, drive, NOTHING, np.zeros((3, 0)), derivative=False).states
         )
     }
     if c_program.compiler_version():

@@ -56,6 +56,27 @@ def test_it_is_what_its_parts_give(problem, coordinates, seed):
     np.testing.assert_allclose(gradient, coordinates.factor.T @ by_z, rtol=1e-9, atol=1e-9 * np.abs(gradient).max())
 
 
+def test_it_is_what_its_parts_give_with_errors_of_the_sensors(tmp_path):
+    written = small.content()
+    written["observations"]["body_temp"] |= {"lag": "100 s"}
+    errors = {
+        "body_temp.lag": ["20 s", "300 s"],
+        "panel_temp.time_offset": ["-60 s", "60 s"],
+        "panel_temp.gain": [0.9, 1.1],
+    }
+    for name, bounds in errors.items():
+        written["parameters"][name.replace(".", "_")] = {"sets": f"observations.{name}", "prior": {"uniform": bounds}}
+    problem = build_problem(*small.closed_loop(tmp_path, written))
+    plain = whitening(np.zeros(len(problem.names)), np.eye(len(problem.names)))
+    density = problem.native_density(plain)
+    for z in 0.5 * np.random.default_rng(0).standard_normal((3, len(problem.names))):
+        value, gradient = density(z)
+        expected, by_z = step_by_step(problem, z)
+        assert value == pytest.approx(expected, rel=1e-12)
+        np.testing.assert_allclose(gradient, by_z, rtol=1e-9, atol=1e-9 * np.abs(by_z).max())
+        assert (gradient != 0.0).all()
+
+
 def test_a_call_leaves_nothing_behind_for_the_next(problem, coordinates):
     density = problem.native_density(coordinates)
     points = np.random.default_rng(9).standard_normal((5, len(problem.names)))

@@ -226,3 +226,36 @@ def test_window_that_starts_within_two_orbits_of_the_training_window_overlaps_it
     assert findings(free) == []
     assert len(findings(overlapping)) == 1
     assert "windows.test: found an overlap with 'train'" in findings(overlapping)[0]
+
+
+@pytest.mark.parametrize(
+    ("written", "message"),
+    [
+        ("gain: 0", "gain: found 0, expected more than 0"),
+        ("lag: 0 s", "lag: found '0 s', expected more than 0 s"),
+        ("lag: 20", "lag: found 20 without a unit, expected a time such as '60 s'"),
+        ("time_offset: 2 K", "time_offset: found '2 K' (a temperature), expected a time such as '60 s'"),
+    ],
+)
+def test_errors_of_a_sensor_have_units_and_bounds(lint_edited, written, message):
+    found = lint_edited(("{node: radiator, bias: -0.1 K,", f"{{node: radiator, {written},"))
+    assert [finding.split(": ", 1)[1] for finding in found] == [f"observations.radiator_temp.{message}"]
+
+
+def test_a_lag_is_set_only_where_it_is_written(lint_edited):
+    edit = ("sets: observations.radiator_temp.bias, prior: {normal: {mean: 0 K, standard_deviation: 0.5 K}}",)
+    found = lint_edited((*edit, "sets: observations.radiator_temp.lag, prior: {uniform: [1 s, 60 s]}"))
+    assert len(found) == 1
+    assert "expected a number that stands in the scenario: write 'lag' in observations.radiator_temp first" in found[0]
+
+
+def test_a_sensor_does_not_lag_behind_a_massless_node(lint_edited):
+    found = lint_edited(("{node: radiator, bias", "{node: payload, lag: 9 s, bias"))
+    assert any("found a lag behind the massless node 'payload', expected a node with a capacity" in f for f in found)
+
+
+def test_a_heaters_status_has_no_sensor(lint_edited):
+    found = lint_edited(("{heater: battery_htr}", "{heater: battery_htr, gain: 1.1, lag: 3 s}"))
+    assert [finding.split(": ", 1)[1] for finding in found] == [
+        f"observations.battery_htr.{key}: found {key!r} for a heater's status, expected none" for key in ("gain", "lag")
+    ]

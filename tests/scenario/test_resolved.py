@@ -38,10 +38,11 @@ def resolve(folder, text, name="scenario.yaml"):
         ("attitude: nadir", "attitude: {spin_axis: [0, 0, 1], direction: [1, 0.5, 0]}"),
         ("attitude: nadir", "attitude: {inertial: [0.6, 0.8, 0, 0]}"),
         ("attitude: nadir", "attitude: {quaternions: flown.csv}"),
+        ("{node: radiator, bias: -0.1 K,", "{node: radiator, bias: -0.1 K, gain: 0.98, lag: 20 s, time_offset: -2 s,"),
         ("description: Battery", 'description: "on: 18:00 #\\n\\n- ünï & *x"\n# Battery'),
         ("{column: time, format: iso8601}", "{column: 'on', format: unix}"),
     ],
-    ids=["as it is", "tle", "positions", "spin", "inertial", "quaternions", "odd text", "odd column"],
+    ids=["as it is", "tle", "positions", "spin", "inertial", "quaternions", "sensor", "odd text", "odd column"],
 )
 def test_resolved_scenario_loads_as_an_equal_one(folder, edit):
     scenario = resolve(folder, EXAMPLE.read_text().replace(*edit))

@@ -36,7 +36,11 @@ def test_paths_come_in_the_documented_order():
         "environment.albedo",
         "environment.earth_infrared",
         "observations.battery_temp.bias",
+        "observations.battery_temp.gain",
+        "observations.battery_temp.time_offset",
         "observations.radiator_temp.bias",
+        "observations.radiator_temp.gain",
+        "observations.radiator_temp.time_offset",
     ]
 
 

@@ -26,8 +26,7 @@ def no_parameters(numbers):
 
 def assembled(network, numbers, initial):
     """The system of a network at the scenario's numbers [V], from initial temperatures [n]."""
-    mass = network.structure.mass
-    _, packed = assemble(no_parameters(numbers), network.terms, mass, np.asarray(initial, float)[mass > 0])
+    _, packed = assemble(no_parameters(numbers), network.terms, np.asarray(initial, float)[network.diffusive])
     return unpack(network.structure, packed)
 
 

@@ -4,12 +4,14 @@ import numpy as np
 import pytest
 
 from flightcal.simulator import build_network
-from flightcal.simulator.assembly import ParameterMap, Terms, assemble, pull_back_assembly
+from flightcal.simulator.assembly import ParameterMap, Terms, assemble, own_initial, pull_back_assembly
 from flightcal.simulator.system import System, pack
 
 from .. import small
 from .systems import assembled, no_parameters
 from .test_network import rich
+
+UNUSED = np.zeros((0, 0), np.int64)
 
 
 @pytest.fixture(scope="module")
@@ -22,9 +24,8 @@ def pulled_back(network, numbers, bar):
     places = np.arange(len(numbers))
     nothing = np.zeros(0, np.int64)
     mapping = ParameterMap(len(numbers), np.zeros(len(numbers)), places, places, nothing, nothing)
-    mass = network.structure.mass
-    theta = np.concatenate([numbers, np.full(int(mass.sum()), 290.0)])
-    found = pull_back_assembly(mapping, network.terms, mass, theta, numbers, bar, nothing, np.zeros(0))
+    theta = np.concatenate([numbers, np.full(len(network.diffusive), 290.0)])
+    found = pull_back_assembly(mapping, network.terms, theta, numbers, bar, UNUSED, np.zeros((0, 0)))
     return found[: len(numbers)]
 
 
@@ -36,16 +37,18 @@ def test_an_entry_is_the_sum_of_its_terms_each_a_product_of_numbers_and_reciproc
         factors=np.array([[0, 1, one, one, one, one], [4, one, one, one, one, one], [1, 1, 1, 1, 4, one], [one] * 6]),
         inverse=np.array([2]),
         entries=3,
+        initial=np.array([0]),
     )
-    _, packed = assemble(no_parameters([5.0, 7.0, 4.0]), terms, np.ones(1), np.array([290.0]))
+    _, packed = assemble(no_parameters([5.0, 7.0, 4.0]), terms, np.array([290.0]))
     assert packed == pytest.approx([2.0 * 5.0 * 7.0 - 1 / 4.0, 3.0 * 7.0**4 / 4.0, 1.0, 290.0])
 
 
 def test_a_parameter_sets_its_numbers_and_scales_what_is_written_with_all_that_scale_it():
-    terms = Terms(np.arange(3), np.ones(3), np.array([[k] + [3] * 5 for k in range(3)]), np.zeros(0, np.int64), 3)
+    factors, nothing = np.array([[k] + [3] * 5 for k in range(3)]), np.zeros(0, np.int64)
+    terms = Terms(np.arange(3), np.ones(3), factors, nothing, 3, np.array([0]))
     mapping = ParameterMap(3, np.array([5.0, 7.0, 4.0]), *map(np.array, ([2], [1], [0, 1, 0], [0, 0, 2])))
     thetas = np.array([[2.0, 9.0, 10.0, 280.0], [0.0, 8.0, 3.0, 290.0]])
-    numbers, packed = assemble(mapping, terms, np.ones(1), thetas)
+    numbers, packed = assemble(mapping, terms, thetas)
     np.testing.assert_array_equal(numbers, [[100.0, 14.0, 9.0], [0.0, 0.0, 8.0]])
     np.testing.assert_array_equal(packed, [[100.0, 14.0, 9.0, 280.0], [0.0, 0.0, 8.0, 290.0]])
     bar = np.array([1.0, 10.0, 100.0, 7.0])
@@ -53,18 +56,33 @@ def test_a_parameter_sets_its_numbers_and_scales_what_is_written_with_all_that_s
         (thetas[0], numbers[0], [50.0 + 70.0, 100.0, 10.0, 7.0]),
         (thetas[1], numbers[1], [15.0 + 70.0, 100.0, 0.0, 7.0]),
     ):
-        unused = (np.zeros(0, np.int64), np.zeros(0))
-        np.testing.assert_allclose(pull_back_assembly(mapping, terms, np.ones(1), theta, found, bar, *unused), expected)
+        got = pull_back_assembly(mapping, terms, theta, found, bar, UNUSED, np.zeros((0, 0)))
+        np.testing.assert_allclose(got, expected)
     # A number that is used elsewhere too: the first is 5 theta_0 theta_2.
-    used = (np.array([0]), np.array([2.0]))
-    got = pull_back_assembly(mapping, terms, np.ones(1), thetas[0], numbers[0], 0.0 * bar, *used)
+    used = (np.array([[0]]), np.array([[2.0]]))
+    got = pull_back_assembly(mapping, terms, thetas[0], numbers[0], 0.0 * bar, *used)
     np.testing.assert_allclose(got, [2.0 * 50.0, 0.0, 2.0 * 10.0, 0.0])
 
 
+def nothing_but_initial(initial):
+    return Terms(
+        *(np.zeros(shape, kind) for shape, kind in ((0, int), (0, float), ((0, 6), int), (0, int))), 0, initial
+    )
+
+
 def test_a_massless_state_starts_from_the_mean_of_the_others():
-    none = Terms(*(np.zeros(shape, kind) for shape, kind in ((0, int), (0, float), ((0, 6), int), (0, int))), 0)
-    _, packed = assemble(no_parameters([]), none, np.array([1.0, 0.0, 1.0]), np.array([280.0, 300.0]))
+    terms = nothing_but_initial(own_initial(np.array([1.0, 0.0, 1.0])))
+    _, packed = assemble(no_parameters([]), terms, np.array([280.0, 300.0]))
     np.testing.assert_array_equal(packed, [280.0, 290.0, 300.0])
+
+
+def test_an_initial_temperature_that_two_states_start_from_gets_the_cotangent_of_both():
+    terms = nothing_but_initial(np.array([1, 0, 1]))
+    numbers, packed = assemble(no_parameters([]), terms, np.array([280.0, 300.0]))
+    np.testing.assert_array_equal(packed, [300.0, 280.0, 300.0])
+    bar = np.array([1.0, 2.0, 4.0])
+    got = pull_back_assembly(no_parameters([]), terms, np.array([280.0, 300.0]), numbers, bar, UNUSED, np.zeros((0, 0)))
+    np.testing.assert_array_equal(got, [2.0, 5.0])
 
 
 def test_the_adjoint_is_the_transpose_of_the_derivative(network):

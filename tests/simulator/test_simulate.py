@@ -5,10 +5,12 @@ import pytest
 from scipy.integrate import solve_ivp
 from scipy.optimize import brentq
 
+from flightcal._jax import jax, jnp
 from flightcal.environment import face_fluxes
-from flightcal.simulator import SimulationFailure, open_loop
-from flightcal.simulator.assembly import assemble
+from flightcal.simulator import SimulationFailure, open_loop, oracle
+from flightcal.simulator.assembly import assemble, pull_back_assembly
 from flightcal.simulator.network import DEEP_SPACE, STEFAN_BOLTZMANN
+from flightcal.simulator.system import System, packed_bounds
 
 from .. import small
 from .test_network import rich
@@ -145,7 +147,7 @@ def values_at(folder, parameters, **values):
     scenario, data = small.load(folder, written)
     simulator = small.simulator_of(scenario, data)
     network = simulator.network
-    numbers, _ = assemble(simulator.mapping, network.terms, network.structure.mass, small.theta_of(simulator, **values))
+    numbers, _ = assemble(simulator.mapping, network.terms, small.theta_of(simulator, **values))
     return lambda path: numbers[network.position(path)]
 
 
@@ -197,6 +199,107 @@ def test_a_bias_is_added_to_what_the_sensor_reports_and_to_nothing_else(tmp_path
     np.testing.assert_array_equal(some.status, none.status)
 
 
+def observed(folder, **sensor):
+    """The small satellite with a sensor of the panel that has errors, and one without beside it in the telemetry."""
+    written = without_heater(small.content())
+    written["observations"] = {"body_temp": {"node": "panel"}, "panel_temp": {"node": "panel", **sensor}}
+    scenario, data = small.load(folder, written)
+    return small.simulator_of(scenario, data, hours=1.5)
+
+
+def test_gain_and_bias_are_those_of_the_reading_in_celsius(tmp_path):
+    simulator = observed(tmp_path, gain=1.05, bias="-0.5 K")
+    exact, seen = simulator.simulate(small.theta_of(simulator, initial_panel=262.0)).temperatures.T - 273.15
+    np.testing.assert_allclose(seen, 1.05 * exact - 0.5, atol=1e-9)
+
+
+def test_a_time_offset_shows_what_the_node_does_later_or_earlier(tmp_path):
+    simulator = observed(tmp_path, time_offset="-90 s")
+    exact, seen = simulator.simulate(small.theta_of(simulator, initial_panel=262.0)).temperatures.T
+    # A minute and a half: halfway between the samples before, whose grid points are 30 s apart.
+    np.testing.assert_allclose(
+        seen[2:], np.interp(60.0 * np.arange(2, len(exact)) - 90.0, 60.0 * np.arange(len(exact)), exact), atol=0.02
+    )
+    assert np.abs(seen - exact).max() > 0.5
+    assert (seen[:2] == exact[0]).all(), "before the window there is what its start shows"
+
+
+def test_a_sensor_that_lags_answers_a_ramp_as_a_first_order_filter_does(tmp_path):
+    written = without_heater(small.content())
+    written["simulator"]["nodes"] = {"body": {"capacity": "3000 J/K"}}
+    written["simulator"]["conductors"] = []
+    written["simulator"]["loads"]["sun"] = {"node": "body", "driver": "sun", "coefficient": "12 W/A"}
+    written["observations"] = {
+        "panel_temp": {"node": "body"},
+        "body_temp": {"node": "body", "lag": "200 s", "bias": "1 K"},
+    }
+    written["parameters"] = {"lag": {"sets": "observations.body_temp.lag", "prior": {"uniform": ["10 s", "900 s"]}}}
+    scenario, data = small.load(tmp_path, written)
+    data["sun"].values[:] = 2.5
+    simulator = small.simulator_of(scenario, data, hours=1.0)
+    assert simulator.parameters == ("lag", "initial.body")
+    for lag in (20.0, 200.0, 700.0):
+        exact, seen = simulator.simulate(small.theta_of(simulator, lag=lag, initial_body=280.0)).temperatures.T
+        rate, t = 12.0 * 2.5 / 3000.0, 60.0 * np.arange(61)
+        np.testing.assert_allclose(exact, 280.0 + rate * t, atol=1e-9)
+        expected = 280.0 + rate * (t - lag * (1.0 - np.exp(-t / lag))) + 1.0
+        np.testing.assert_allclose(seen, expected, atol=0.02 if lag < 30.0 else 2e-4)
+
+
+def test_a_sensor_that_lags_takes_no_heat_from_its_node(tmp_path):
+    (tmp_path / "with").mkdir(), (tmp_path / "without").mkdir()
+    with_lag = observed(tmp_path / "with", lag="300 s")
+    without = observed(tmp_path / "without")
+    theta = small.theta_of(without, initial_panel=262.0)
+    seen = with_lag.simulate(theta).temperatures
+    np.testing.assert_allclose(seen[:, 0], without.simulate(theta).temperatures[:, 0], atol=1e-9)
+    assert np.abs(seen[:, 1] - seen[:, 0]).max() > 0.5
+
+
+def test_a_simulation_with_errors_of_all_kinds_and_its_gradient_are_the_oracles(tmp_path):
+    written = small.content()
+    written["observations"]["body_temp"] |= {"gain": 1.03, "bias": "0.4 K", "lag": "150 s"}
+    written["observations"]["panel_temp"] |= {"lag": "40 s", "time_offset": "-23 s"}
+    for name in ("body_temp.lag", "body_temp.gain", "panel_temp.lag", "panel_temp.time_offset"):
+        written["parameters"][name.replace(".", "_")] = {
+            "sets": f"observations.{name}",
+            "prior": {"uniform": [0.9, 1.1] if "gain" in name else ["-100 s" if "offset" in name else "5 s", "900 s"]},
+        }
+    scenario, data = small.load(tmp_path, written)
+    simulator = small.simulator_of(scenario, data, hours=1.0)
+    network, drive, observation = simulator.network, simulator.drive, simulator.observation
+    theta = small.theta_of(simulator, initial_body=284.0, initial_panel=262.0)
+    trajectory, pull_back = simulator.linearise(theta)
+    assert len(trajectory.switches.time) >= 3
+    weights = np.random.default_rng(0).normal(size=trajectory.temperatures.shape)
+    numbers, packed = assemble(simulator.mapping, network.terms, theta)
+
+    def seen(packed, errors):
+        system = System(*jnp.split(packed, packed_bounds(network.structure)))
+        states, _ = oracle.integrate(network.structure, system, drive)
+        temperatures = oracle.observe(
+            states, drive, 60.0 * np.arange(len(weights)), np.array(observation.sensors.state), errors
+        )
+        return (temperatures * weights).sum(), temperatures
+
+    errors = numbers[simulator.channel_errors]
+    (_, expected), (packed_bar, errors_bar) = jax.value_and_grad(seen, argnums=(0, 1), has_aux=True)(packed, errors)
+    np.testing.assert_allclose(trajectory.temperatures, expected, atol=1e-8)
+    gradient = pull_back_assembly(
+        simulator.mapping, network.terms, theta, numbers, np.array(packed_bar),
+        simulator.channel_errors, np.array(errors_bar),
+    )  # fmt: skip
+    np.testing.assert_allclose(pull_back(weights), gradient, rtol=1e-6, atol=1e-7 * np.abs(gradient).max())
+    assert (np.abs(gradient) > 0.0).all()
+
+
+def test_many_simulations_with_errors_of_sensors_are_those_of_each(tmp_path):
+    simulator = observed(tmp_path, gain=0.95, lag="100 s", time_offset="13 s")
+    thetas = small.theta_of(simulator, initial_panel=262.0) + np.linspace(0.0, 0.05, 11)[:, None]
+    for theta, run in zip(thetas, simulator.simulate_many(thetas), strict=True):
+        np.testing.assert_allclose(run.temperatures, simulator.simulate(theta).temperatures, rtol=0, atol=1e-9)
+
+
 EVERYTHING = {
     "capacity": ("nodes.body.capacity", 3000.0),
     "space": ("nodes.space.boundary", 60.0),
@@ -213,6 +316,9 @@ EVERYTHING = {
     "albedo": ("environment.albedo", 0.35),
     "infrared": ("environment.earth_infrared", 240.0),
     "bias": ("observations.panel_temp.bias", 0.3),
+    "gain": ("observations.panel_temp.gain", 1.02),
+    "time_offset": ("observations.body_temp.time_offset", -17.0),
+    "lag": ("observations.body_temp.lag", 90.0),
     "skin": ("conductors.body-shell.conductance", 0.2),
 }
 SCALED = ("conductors.shell-space.radiative", "modes.quiet.shell", "modes.quiet.body")
@@ -241,10 +347,11 @@ def differentiated(request, tmp_path_factory):
     written = rich()
     units = {"capacity": "J/K", "power": "W", "dissipation": "W", "area": "m^2", "gap": "m^2", "link": "W/K"}
     units |= {"skin": "W/K", "infrared": "W/m^2", "coefficient": "W/A"}
-    units |= dict.fromkeys(("space", "on_below", "off_above", "bias"), "K")
+    units |= dict.fromkeys(("space", "on_below", "off_above", "bias"), "K") | dict.fromkeys(("time_offset", "lag"), "s")
+    written["observations"]["body_temp"] = {"node": "body", "lag": "90 s"}
     written["parameters"] = {}
     for name, (path, value) in EVERYTHING.items():
-        spread = 1e-3 * value
+        spread = 1e-3 * abs(value)
         bounds = [f"{bound:.9g} {units.get(name, '')}".strip() for bound in (value - spread, value + spread)]
         bounds = bounds if name in units else [float(bound) for bound in bounds]
         written["parameters"][name] = {"sets": path, "prior": {"uniform": bounds}}

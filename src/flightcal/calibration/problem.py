@@ -21,6 +21,7 @@ from ..scenario import Normal, Prior, Scenario
 from ..scenario.external import ExternalModel
 from ..scenario.schema import HalfNormal
 from ..simulator import NetworkSimulator, SimulationFailure, Simulator, Trajectory, open_loop
+from ..simulator.sampling import ICE_POINT
 from ..simulator.system import FloatArray
 from ..surrogate.build import build_simulator
 from ..telemetry import select_window, window_bounds
@@ -271,9 +272,11 @@ def initial_priors(scenario: Scenario, channels: tuple[str, ...], observed: Floa
     first = {}
     for k, channel in enumerate(channels):
         valid = observed[np.isfinite(observed[:, k]), k]
-        place = scenario.observations[channel].node or scenario.observations[channel].output
+        observation = scenario.observations[channel]
+        place = observation.node or observation.output
         if len(valid) and place not in first:
-            first[place] = float(np.mean(valid[:_SAMPLES_FOR_START])) - scenario.observations[channel].bias
+            reading = float(np.mean(valid[:_SAMPLES_FOR_START])) - observation.bias
+            first[place] = (reading - ICE_POINT) / observation.gain + ICE_POINT
     typical = float(np.mean(list(first.values()))) if first else 293.15
     priors: dict[str, Prior] = {}
     for name, written in _initial_temperatures(scenario).items():

@@ -125,7 +125,7 @@ def fly(
     given = [scenario.network.nodes[name].initial for name in network.nodes]
     theta = np.array([value for value, m in zip(given, mass, strict=True) if m > 0.0], float)
     mapping = ParameterMap(0, network.values, nothing, nothing, nothing, nothing)
-    _, packed = assemble(mapping, network.terms, mass, theta)
+    _, packed = assemble(mapping, network.terms, theta)
     x = packed[len(packed) - len(mass) :].copy()
 
     cycles = math.ceil(duration / software.period - 1e-9)

@@ -18,7 +18,7 @@ _FIELDS = {
     "faces": ("area", "absorptivity", "emissivity"),
     "heaters": ("power", "on_below", "off_above"),
     "loads": ("coefficient",),
-    "observations": ("bias",),
+    "observations": ("bias", "lag"),
 }
 _STAND_IN = Normal(mean=0.0, standard_deviation=1.0)
 """For a prior with problems of its own, so that the rest of its block is still checked."""

@@ -47,7 +47,8 @@ def _written(scenario: Scenario, absolute: bool) -> dict[str, Any]:
     for name, observation in scenario.observations.items():
         data["observations"][name] |= _written_errors(observation)
         if observation.heater is not None:
-            del data["observations"][name]["bias"]
+            for error in ("gain", "bias", "time_offset"):
+                del data["observations"][name][error]
     if isinstance(scenario.simulator, SimulatorModel):
         data["simulator"] = _written_network(data["simulator"])
     if absolute:

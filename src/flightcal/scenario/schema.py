@@ -437,8 +437,14 @@ class Observation(Block):
     output: str | None = None
     """Temperature of an external simulator."""
     heater: str | None = None
+    gain: Annotated[float, Quantity("", above=0)] = 1.0
+    """Slope of the reading in degC: y = gain x + bias, with the simulated temperature x in degC."""
     bias: Number = 0.0
-    """Kelvin, added to the simulated temperature; settable by a parameter."""
+    """Kelvin, added to the simulated temperature."""
+    time_offset: Annotated[float, Quantity("s")] = 0.0
+    """The reading is of so much later than its time tag says (negative: earlier)."""
+    lag: Duration | None = None
+    """Time constant with which the sensor follows its node; null: at once."""
     noise: Annotated[Prior, Field(discriminator="kind")] | float | None = None
     """Standard deviation of the noise, K: a prior (inferred) or a known value; null: half-normal of 2 K."""
 

@@ -9,7 +9,7 @@ from typing import TypeVar, get_args
 from ._draft import Draft, draft_of_scenario
 from ._fields import Block
 from ._units import Quantity, si_unit, to_si
-from .schema import Channel, Conductor, Environment, Face, Heater, Load, Node, Scenario
+from .schema import Channel, Conductor, Environment, Face, Heater, Load, Node, Observation, Scenario
 
 T = TypeVar("T")
 
@@ -31,8 +31,9 @@ def settable(scenario: Scenario) -> dict[str, Settable]:
     conductors.<label>.conductance; conductors.<label>.radiative; faces.<f>.area, absorptivity, emissivity (of a reduced
     order model reduced.<parameter> instead of these); heaters.<h>.power, on_below, off_above; modes.<mode>.<node>;
     loads.<l>.coefficient (W per SI unit of the driver); environment.albedo, earth_infrared; of an external simulator
-    inputs.<n> (but initial temperatures) instead of all these; observations.<channel>.bias (temperatures). Within a
-    line: order of the file.
+    inputs.<n> (but initial temperatures) instead of all these; observations.<channel>.bias (temperatures), and of a
+    thermal network observations.<channel>.gain, time_offset and, where it is written, lag. Within a line: order of the
+    file.
     """
     return settable_of(draft_of_scenario(scenario))
 
@@ -47,7 +48,7 @@ def settable_of(draft: Draft) -> dict[str, Settable]:
 
 def is_difference(path: str) -> bool:
     """Whether a path in kelvin is a temperature difference."""
-    return path.startswith("observations.")
+    return path.startswith("observations.") and path.endswith(".bias")
 
 
 def load_coefficient(load: Load, driver: Channel | None) -> tuple[str, float] | None:
@@ -97,6 +98,8 @@ def _numbers(draft: Draft) -> Iterator[tuple[str, Quantity, float]]:
     for name, observation in _readable(draft.observations).items():
         if observation.heater is None:
             yield f"observations.{name}.bias", Quantity("K", difference=True), observation.bias
+            if not draft.external:
+                yield from _fields_of("observations", {name: observation}, Observation, "gain", "time_offset", "lag")
 
 
 def _network_numbers(

@@ -32,6 +32,8 @@ class Terms(NamedTuple):
     """Positions of the numbers whose reciprocals may be factors."""
     entries: int
     """How many entries there are."""
+    initial: IntArray
+    """[n] which of theta's initial temperatures each state starts from; -1: none, its temperature is only guessed."""
 
 
 class ParameterMap(NamedTuple):
@@ -48,23 +50,27 @@ class ParameterMap(NamedTuple):
     scaled_by: IntArray
 
 
-def assemble(mapping: ParameterMap, terms: Terms, mass: FloatArray, theta: FloatArray) -> tuple[FloatArray, FloatArray]:
+def own_initial(mass: FloatArray) -> IntArray:
+    """`Terms.initial` [n] where every state has an initial temperature of its own, but those without mass [n]."""
+    return np.where(mass > 0.0, np.cumsum(mass > 0.0) - 1, -1)
+
+
+def assemble(mapping: ParameterMap, terms: Terms, theta: FloatArray) -> tuple[FloatArray, FloatArray]:
     """The scenario's numbers [S, V] and the packed system [S, P] at thetas [S, d] (or without S, for one theta [d]).
 
-    theta: the parameters, then the initial temperature of every state whose mass [n] is not zero.
+    theta: the parameters, then the initial temperatures that `terms.initial` refers to.
     """
     thetas = np.atleast_2d(theta)
     numbers = np.empty((len(thetas), len(mapping.written)))
-    packed = np.empty((len(thetas), terms.entries + len(mass)))
+    packed = np.empty((len(thetas), terms.entries + len(terms.initial)))
     extended = np.empty(len(mapping.written) + 1 + len(terms.inverse))
-    assemble_compiled(mapping, terms, mass, thetas, extended, numbers, packed)
+    assemble_compiled(mapping, terms, thetas, extended, numbers, packed)
     return (numbers[0], packed[0]) if theta.ndim == 1 else (numbers, packed)
 
 
 def pull_back_assembly(
     mapping: ParameterMap,
     terms: Terms,
-    mass: FloatArray,
     theta: FloatArray,
     numbers: FloatArray,
     packed_bar: FloatArray,
@@ -73,16 +79,16 @@ def pull_back_assembly(
 ) -> FloatArray:
     """Cotangent of theta [d] from that of the packed system [P] and of some numbers: the adjoint of `assemble`.
 
-    used, used_bar: [.] positions of numbers that are used elsewhere too, and their cotangents from there.
+    used, used_bar: [., .] positions of numbers that are used elsewhere too, and their cotangents from there.
     """
     theta_bar = np.empty(len(theta))
     memory = np.empty(2 * (len(numbers) + 1 + len(terms.inverse)) + MOST_FACTORS)
-    pull_back_compiled(mapping, terms, mass, theta, numbers, packed_bar, used, used_bar, memory, theta_bar)
+    pull_back_compiled(mapping, terms, theta, numbers, packed_bar, used, used_bar, memory, theta_bar)
     return theta_bar
 
 
 @compiled
-def assemble_compiled(mapping, terms, mass, thetas, extended, numbers, packed):
+def assemble_compiled(mapping, terms, thetas, extended, numbers, packed):
     """`assemble` in compiled code, at thetas [S, d]; extended: workspace for the numbers, a one and the reciprocals."""
     parameters = mapping.parameters
     for s in range(thetas.shape[0]):
@@ -103,10 +109,9 @@ def assemble_compiled(mapping, terms, mass, thetas, extended, numbers, packed):
         guess = 0.0
         for k in range(parameters, thetas.shape[1]):
             guess += thetas[s, k] / (thetas.shape[1] - parameters)
-        given = parameters
-        for i in range(mass.shape[0]):
-            packed[s, terms.entries + i] = thetas[s, given] if mass[i] > 0.0 else guess
-            given += mass[i] > 0.0
+        for i in range(terms.initial.shape[0]):
+            place = terms.initial[i]
+            packed[s, terms.entries + i] = thetas[s, parameters + place] if place >= 0 else guess
 
 
 @inlined
@@ -121,7 +126,7 @@ def _extend(terms, numbers, extended):
 
 
 @compiled
-def pull_back_compiled(mapping, terms, mass, theta, numbers, packed_bar, used, used_bar, memory, theta_bar):
+def pull_back_compiled(mapping, terms, theta, numbers, packed_bar, used, used_bar, memory, theta_bar):
     """`pull_back_assembly` in compiled code; memory: twice the workspace of `assemble_compiled` and MOST_FACTORS."""
     size = numbers.shape[0] + 1 + terms.inverse.shape[0]
     count = numbers.shape[0]
@@ -129,8 +134,9 @@ def pull_back_compiled(mapping, terms, mass, theta, numbers, packed_bar, used, u
     theta_bar[:] = 0.0
     _extend(terms, numbers, extended)
     extended_bar[:] = 0.0
-    for k in range(used.shape[0]):
-        extended_bar[used[k]] += used_bar[k]
+    for kind in range(used.shape[0]):
+        for k in range(used.shape[1]):
+            extended_bar[used[kind, k]] += used_bar[kind, k]
     for t in range(terms.entry.shape[0]):
         # The product of all other factors, without a division: those before times those after.
         product = terms.constant[t] * packed_bar[terms.entry[t]]
@@ -157,8 +163,6 @@ def pull_back_compiled(mapping, terms, mass, theta, numbers, packed_bar, used, u
                 if other != k and mapping.scaled_positions[other] == position:
                     others *= theta[mapping.scaled_by[other]]
         theta_bar[parameter] += extended_bar[position] * others
-    given = mapping.parameters
-    for i in range(mass.shape[0]):
-        if mass[i] > 0.0:
-            theta_bar[given] = packed_bar[terms.entries + i]
-            given += 1
+    for i in range(terms.initial.shape[0]):
+        if terms.initial[i] >= 0:
+            theta_bar[mapping.parameters + terms.initial[i]] += packed_bar[terms.entries + i]

@@ -124,12 +124,12 @@ class _Lanes(NamedTuple):
 
 @compiled_long
 def forward(
-    structure, packed, times, series, measured, initially_on, sampling, channel_states, offsets,
+    structure, packed, times, series, measured, initially_on, sampling, sensors, errors,
     memory, counters, reals, driven, record, outputs,
 ):  # fmt: skip
     """Simulate packed [S, P] (see `system.pack`) over the grid; returns nothing, fills `record` and `outputs`.
 
-    offsets [S, N]: added to the sampled temperatures. Workspace: memory [memory_size + step_size], or that x 8 for
+    errors [S, 3, N]: of the sensors, see `Sensors`. Workspace: memory [memory_size + step_size], or that x 8 for
     eight lanes; counters [COUNTERS, lane], reals [REALS, lane] and driven [lane, H]. In memory with room for one more
     `Step` a segment, a single simulation keeps them all.
     """
@@ -173,7 +173,7 @@ def forward(
                 outputs.outcome[simulation] = NOT_FINITE
             else:
                 outputs.outcome[simulation] = FINISHED
-                observe(sampling, channel_states, offsets, times, simulation, lane, record, outputs)
+                observe(sampling, sensors, errors, times, simulation, lane, record, outputs)
             active -= 1
             lanes.phase[lane] = _IDLE
             if waiting < packed.shape[0]:

@@ -66,7 +66,7 @@ def build_drive(
     kinks = np.empty(0)
     if model.faces and scenario.environment.orbit is not None:
         kinks = _seconds(shadow_edges(scenario.environment, start, end, scenario.folder), start)
-    grid = make_grid(duration, model.step, relative, kinks, changes, settle=len(network.diffusive) < len(network.nodes))
+    grid = make_grid(duration, model.step, relative, kinks, changes, settle=not network.structure.mass.all())
     times = start.astype("datetime64[ns]") + np.round(grid * 1e9).astype("timedelta64[ns]")
     steps = len(grid) - 1
 

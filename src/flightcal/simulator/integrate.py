@@ -23,9 +23,9 @@ from .forward import (
     memory_size,
 )
 from .lanes import WIDTH, lane_memory
-from .sampling import Sampling
+from .sampling import Sampling, Sensors
 from .step import step_size
-from .system import Drive, FloatArray, IntArray, Structure, Switch, System, pack, unpack
+from .system import Drive, FloatArray, Structure, Switch, System, pack, unpack
 
 _SPARE_SEGMENTS = 256
 MOST_SWITCHES_PER_STEP = 20
@@ -42,11 +42,12 @@ class Observation:
     """Where and when the states are looked at."""
 
     sampling: Sampling
-    states: IntArray
-    """[N] state that each channel measures."""
+    sensors: Sensors
 
 
-NOTHING = Observation(Sampling(np.zeros(0, np.int64), np.zeros(0)), np.zeros(0, np.int64))
+NOTHING = Observation(
+    Sampling(np.zeros(0, np.int64), np.zeros(0)), Sensors(np.zeros(0, np.int64), np.zeros(0, np.bool_))
+)
 
 
 @dataclass(frozen=True)
@@ -87,7 +88,7 @@ def integrate(structure: Structure, system: System, drive: Drive, *, derivative:
     derivative: whether `pull_back` will be asked of the run; a tenth faster without.
     Raises SimulationFailure when a state is not finite or heaters switch more than 20 times a step on average.
     """
-    return integrate_packed(structure, pack(system), drive, NOTHING, np.zeros(0), derivative=derivative)
+    return integrate_packed(structure, pack(system), drive, NOTHING, np.zeros((3, 0)), derivative=derivative)
 
 
 def integrate_packed(
@@ -95,17 +96,17 @@ def integrate_packed(
     packed: FloatArray,
     drive: Drive,
     observation: Observation,
-    offsets: FloatArray,
+    errors: FloatArray,
     *,
     derivative: bool = True,
 ) -> Run:
-    """`integrate` of a packed system [P], observed; offsets [N] are added to the temperatures observed."""
+    """`integrate` of a packed system [P], observed with errors [3, N] (see `Sensors`)."""
     capacity = len(drive.times) - 1 + _SPARE_SEGMENTS
     while True:
         memory, steps = step_memory(structure, drive, capacity if derivative else 1)
         record = make_record(structure, drive, 1, capacity, steps if derivative else None)
         outputs = make_outputs(structure, observation, 1, capacity)
-        _forward(structure, packed[None], drive, observation, offsets[None], memory, record, outputs)
+        _forward(structure, packed[None], drive, observation, errors[None], memory, record, outputs)
         outcome = outputs.outcome[0]
         if outcome == TOO_MANY_SWITCHES and capacity < MOST_SWITCHES_PER_STEP * len(drive.times):
             capacity *= 4
@@ -121,9 +122,9 @@ def integrate_packed(
 
 
 def integrate_many(
-    structure: Structure, packed: FloatArray, drive: Drive, observation: Observation, offsets: FloatArray
+    structure: Structure, packed: FloatArray, drive: Drive, observation: Observation, errors: FloatArray
 ) -> Outputs:
-    """Packed systems [S, P] side by side, observed; offsets [S, N].
+    """Packed systems [S, P] side by side, observed with errors [S, 3, N] (see `Sensors`).
 
     outputs.outcome says which failed; TOO_MANY_SWITCHES: more than one a step, which `integrate_packed` may still do.
     """
@@ -131,7 +132,7 @@ def integrate_many(
     outputs = make_outputs(structure, observation, len(packed), capacity)
     record = make_record(structure, drive, WIDTH, capacity, None)
     memory = lane_memory(memory_size.py_func(structure) + step_size.py_func(structure))
-    _forward(structure, packed, drive, observation, offsets, memory, record, outputs)
+    _forward(structure, packed, drive, observation, errors, memory, record, outputs)
     return outputs
 
 
@@ -156,7 +157,7 @@ def _forward(
     packed: FloatArray,
     drive: Drive,
     observation: Observation,
-    offsets: FloatArray,
+    errors: FloatArray,
     memory: FloatArray,
     record: Record,
     outputs: Outputs,
@@ -165,7 +166,7 @@ def _forward(
     counters, reals = np.empty((COUNTERS, lanes), np.int64), np.empty((REALS, lanes))
     forward(
         structure, packed, drive.times, drive.series, drive.measured, drive.initially_on,
-        observation.sampling, observation.states, offsets,
+        observation.sampling, observation.sensors, errors,
         memory, counters, reals, np.empty((lanes, heaters), np.bool_), record, outputs,
     )  # fmt: skip
 
@@ -201,7 +202,7 @@ def make_record(structure: Structure, drive: Drive, lanes: int, segments: int, s
 
 def make_outputs(structure: Structure, observation: Observation, simulations: int, most_switches: int) -> Outputs:
     """Memory for what is kept of simulations."""
-    samples, channels, heaters = len(observation.sampling.point), len(observation.states), len(structure.sensor)
+    samples, channels, heaters = len(observation.sampling.point), len(observation.sensors.state), len(structure.sensor)
     # Memory that is never touched costs nothing.
     most = simulations * most_switches if heaters else 0
     return Outputs(

@@ -8,7 +8,7 @@ from dataclasses import dataclass, field
 import numpy as np
 
 from ..scenario import Scenario, settable
-from .assembly import MOST_FACTORS, Terms
+from .assembly import MOST_FACTORS, Terms, own_initial
 from .system import FloatArray, IntArray, Structure, elimination_order, make_structure
 
 STEFAN_BOLTZMANN = 5.670374419e-8  # W m^-2 K^-4, CODATA 2018 (exact)
@@ -20,7 +20,7 @@ class Network:
     """Everything about a network that does not depend on theta."""
 
     nodes: tuple[str, ...]
-    """The states [n], in elimination order: nodes with a capacity and massless ones."""
+    """The states [n], in elimination order: what lagging sensors show, then nodes with a capacity and massless ones."""
     columns: tuple[str, ...]
     """Names of the input series w [q]: ``one``, ``solar.<face>``, ``mode.<mode>``, ``driver.<load>``, ..."""
     paths: tuple[str, ...]
@@ -30,11 +30,13 @@ class Network:
     heaters: tuple[str, ...]
     structure: Structure
     terms: Terms
+    lagging: int = 0
+    """How many of the states are sensors that follow their node with a lag."""
 
     @property
     def diffusive(self) -> IntArray:
-        """States that have a capacity."""
-        return np.flatnonzero(self.structure.mass > 0.0)
+        """Nodes that have a capacity, and so an initial temperature."""
+        return np.flatnonzero(self.structure.mass > 0.0)[self.lagging :]
 
     def position(self, path: str) -> int:
         """Where the number at a dotted path lies in `values`."""
@@ -51,7 +53,7 @@ class _Balance:
 
     positions: dict[str, int]
     capacities: dict[int, int]
-    """State -> position of its capacity; massless states have none."""
+    """State -> position of its capacity (of a lagging sensor: of its time constant); massless states have none."""
     terms: dict[str, dict[tuple[int, int], list[tuple[float, list[int]]]]] = field(
         default_factory=lambda: {kind: defaultdict(list) for kind in _FIELDS}
     )
@@ -78,7 +80,9 @@ def build_network(scenario: Scenario) -> Network:
         for first, second in (conductor.between for conductor in model.conductors)
         if first in numbers and second in numbers
     ]
-    nodes = tuple(names[k] for k in elimination_order(len(names), links))
+    # Nothing depends on a sensor, so eliminating it first fills in nothing.
+    lagging = {sensor_state(name): item for name, item in scenario.observations.items() if item.lag is not None}
+    nodes = (*lagging, *(names[k] for k in elimination_order(len(names), links)))
     state = {name: k for k, name in enumerate(nodes)}
     columns = (
         "one",
@@ -93,10 +97,14 @@ def build_network(scenario: Scenario) -> Network:
         ),
     )
     column = {name: k for k, name in enumerate(columns)}
-    has_capacity = {state[name]: model.nodes[name].capacity is not None for name in nodes}
-    balance = _Balance(
-        positions, {state[name]: positions[f"nodes.{name}.capacity"] for name in nodes if has_capacity[state[name]]}
-    )
+    capacities = {state[name]: positions[f"{name}.lag"] for name in lagging}
+    capacities |= {
+        state[name]: positions[f"nodes.{name}.capacity"] for name in names if model.nodes[name].capacity is not None
+    }
+    balance = _Balance(positions, capacities)
+    for name, item in lagging.items():
+        balance.add("linear", state[name], state[name], -1.0)
+        balance.add("linear", state[name], state[item.node or ""], 1.0)
     _add_conductors(balance, scenario, state, column)
     _add_faces(balance, scenario, state, column)
     for mode, powers in model.modes.items():
@@ -112,6 +120,9 @@ def build_network(scenario: Scenario) -> Network:
         balance.terms["upper"][k, 0].append((1.0, [positions[f"heaters.{name}.off_above"]]))
 
     entries = {kind: sorted(found) for kind, found in balance.terms.items()}
+    mass = np.array([float(k in capacities) for k in range(len(nodes))])
+    initial = own_initial(mass[len(lagging) :])
+    watched = [state[item.node or ""] - len(lagging) for item in lagging.values()]
     return Network(
         nodes=nodes,
         columns=columns,
@@ -119,15 +130,21 @@ def build_network(scenario: Scenario) -> Network:
         values=np.array([quantity.value for quantity in quantities.values()]),
         heaters=tuple(model.heaters),
         structure=make_structure(
-            np.array([float(has_capacity[k]) for k in range(len(nodes))]),
+            mass,
             entries["linear"],
             entries["radiative"],
             entries["forcing"],
             entries["heating"],
             [state[heater.sensor] for heater in model.heaters.values()],
         ),
-        terms=_table(balance, entries, len(positions)),
+        terms=_table(balance, entries, len(positions), np.concatenate([initial[watched], initial])),
+        lagging=len(lagging),
     )
+
+
+def sensor_state(channel: str) -> str:
+    """Name of the state that a channel measures whose sensor lags behind its node."""
+    return f"observations.{channel}"
 
 
 def _add_conductors(balance: _Balance, scenario: Scenario, state: dict[str, int], column: dict[str, int]) -> None:
@@ -165,7 +182,7 @@ def _add_faces(balance: _Balance, scenario: Scenario, state: dict[str, int], col
         balance.add("forcing", node, column[f"infrared.{name}"], 1.0, area, emissivity, "environment.earth_infrared")
 
 
-def _table(balance: _Balance, entries: dict[str, list[tuple[int, int]]], numbers: int) -> Terms:
+def _table(balance: _Balance, entries: dict[str, list[tuple[int, int]]], numbers: int, initial: IntArray) -> Terms:
     """The terms as arrays; the entries are numbered through, each field as `make_structure` orders it."""
     inverse = {position: k for k, position in enumerate(balance.capacities.values())}
     entry, constants, table = [], [], []
@@ -183,4 +200,5 @@ def _table(balance: _Balance, entries: dict[str, list[tuple[int, int]]], numbers
         factors=np.array(table, dtype=np.int64).reshape(-1, MOST_FACTORS),
         inverse=np.array(list(inverse), dtype=np.int64),
         entries=len(number),
+        initial=initial,
     )

@@ -10,6 +10,7 @@ from typing import Any
 import numpy as np
 
 from .._jax import jax, jnp
+from .sampling import BIAS, GAIN, ICE_POINT, TIME_OFFSET
 from .system import Drive, Structure, System
 
 _LOCATION_ITERATIONS = 60
@@ -130,3 +131,13 @@ def integrate(structure: Structure, system: System, drive: Drive, *, max_segment
     u0 = jnp.where(driven, measured[0], started(system.initial, jnp.asarray(drive.initially_on)))
     _, (states, status) = jax.lax.scan(step, (system.initial, u0, driven), (heat[:-1], heat[1:], durations, measured))
     return jnp.concatenate([system.initial[None], states]), jnp.concatenate([u0[None], status])
+
+
+def observe(states: Any, drive: Drive, samples: Any, measured: Any, errors: Any) -> Any:
+    """What sensors with errors [3, N] say at `samples` [T] s of the states [K+1, n] `measured` [N]; see `Sensors`."""
+
+    def channel(temperature: Any, error: Any) -> Any:
+        seen = jnp.interp(samples + error[TIME_OFFSET], jnp.asarray(drive.times), temperature)
+        return error[GAIN] * (seen - ICE_POINT) + ICE_POINT + error[BIAS]
+
+    return jax.vmap(channel, in_axes=1, out_axes=1)(jnp.asarray(states)[:, measured], jnp.asarray(errors))

@@ -20,6 +20,27 @@ class Sampling(NamedTuple):
     """[T] 0..1."""
 
 
+class Sensors(NamedTuple):
+    """What the temperature channels measure. What a channel says of its state's temperature x is, with errors [3, N],
+
+        y(t) = gain (x(t + time offset) - 273.15 K) + 273.15 K + bias:
+
+    gain and bias are slope and offset of the reading in degC, as a calibration curve has them about the ice point.
+    Before the window's start and after its end x is taken to stay what it is there.
+    """
+
+    state: NDArray[np.integer]
+    """[N]."""
+    moved: NDArray[np.bool_]
+    """[N] whether samples may be of other times than their tags say: where its time offset is not always zero."""
+
+
+GAIN, BIAS, TIME_OFFSET = range(3)
+"""Of the errors; K, and s."""
+ICE_POINT = 273.15  # K
+_SHORTEST = 1e-3  # s; shorter steps bring massless nodes into balance, their slope is not one in time
+
+
 def locate(samples: FloatArray, grid: FloatArray) -> Sampling:
     """Where samples (s, ascending) lie on a grid with possible double points."""
     index = np.clip(np.searchsorted(grid, samples + 1e-9, side="right") - 1, 0, len(grid) - 2)
@@ -29,15 +50,12 @@ def locate(samples: FloatArray, grid: FloatArray) -> Sampling:
 
 
 @compiled
-def observe(sampling, channel_states, offsets, times, simulation, lane, record, outputs):
-    """From a lane's `Record` of a simulation to its row of `Outputs`.
-
-    Temperatures are those of the states [N] that the channels measure, linear between grid points, plus offsets [S, N].
-    """
+def observe(sampling, sensors, errors, times, simulation, lane, record, outputs):
+    """From a lane's `Record` of a simulation to its row of `Outputs`; errors [S, 3, N], see `Sensors`."""
     heaters = record.heater.shape[2]
     segments = record.segments[lane]
     segment = 0
-    interpolate(sampling, record.states[lane], channel_states, offsets[simulation], outputs.temperatures[simulation])
+    interpolate(sampling, sensors, times, record.states[lane], errors[simulation], outputs.temperatures[simulation])
     for t in range(sampling.point.shape[0]):
         if heaters > 0:
             k = sampling.point[t]
@@ -70,23 +88,53 @@ def observe(sampling, channel_states, offsets, times, simulation, lane, record, 
 
 
 @inlined
-def interpolate(sampling, on_grid, states, offsets, at_samples):
-    """Fill at_samples [T, N] with the grid's [K+1, n] `states` [N], linear between points, plus offsets [N]."""
-    for t in range(at_samples.shape[0]):
-        k, share = sampling.point[t], sampling.weight[t]
-        for c in range(states.shape[0]):
-            left, right = on_grid[k, states[c]], on_grid[k + 1, states[c]]
-            at_samples[t, c] = (1.0 - share) * left + share * right + offsets[c]
+def interpolate(sampling, sensors, times, on_grid, errors, at_samples):
+    """Fill at_samples [T, N] with what the sensors, with errors [3, N], say of the grid's [K+1, n] states.
+
+    Temperatures are linear between grid points.
+    """
+    for c in range(sensors.state.shape[0]):
+        state, gain = sensors.state[c], errors[GAIN, c]
+        level = errors[BIAS, c] + (1.0 - gain) * ICE_POINT
+        k = 0
+        for t in range(at_samples.shape[0]):
+            k, share, _ = _place(sampling, times, sensors.moved[c], errors[TIME_OFFSET, c], t, k)
+            at_samples[t, c] = gain * ((1.0 - share) * on_grid[k, state] + share * on_grid[k + 1, state]) + level
 
 
 @compiled
-def spread(sampling, at_samples, states, on_grid, offsets):
-    """The transpose of `interpolate`: fill on_grid [K+1, n] and offsets [N] from at_samples [T, N]."""
-    on_grid[:] = 0.0
-    offsets[:] = 0.0
-    for t in range(at_samples.shape[0]):
-        k, share = sampling.point[t], sampling.weight[t]
-        for c in range(states.shape[0]):
-            on_grid[k, states[c]] += (1.0 - share) * at_samples[t, c]
-            on_grid[k + 1, states[c]] += share * at_samples[t, c]
-            offsets[c] += at_samples[t, c]
+def spread(sampling, sensors, times, on_grid, errors, at_samples, on_grid_bar, errors_bar):
+    """The derivative of `interpolate` backwards: on_grid_bar [K+1, n] and errors_bar [3, N] from at_samples [T, N]."""
+    on_grid_bar[:] = 0.0
+    errors_bar[:] = 0.0
+    for c in range(sensors.state.shape[0]):
+        state, gain = sensors.state[c], errors[GAIN, c]
+        k = 0
+        for t in range(at_samples.shape[0]):
+            k, share, rate = _place(sampling, times, sensors.moved[c], errors[TIME_OFFSET, c], t, k)
+            left, right = on_grid[k, state], on_grid[k + 1, state]
+            cotangent = gain * at_samples[t, c]
+            on_grid_bar[k, state] += (1.0 - share) * cotangent
+            on_grid_bar[k + 1, state] += share * cotangent
+            errors_bar[GAIN, c] += at_samples[t, c] * ((1.0 - share) * left + share * right - ICE_POINT)
+            errors_bar[BIAS, c] += at_samples[t, c]
+            errors_bar[TIME_OFFSET, c] += cotangent * (right - left) * rate
+
+
+@inlined
+def _place(sampling, times, moved, offset, t, k):
+    """Where sample t lies: a grid point, the share of the way to the next, and its derivative by the offset (1/s).
+
+    k: a grid point not after it, such as that of the sample before.
+    """
+    point, share = sampling.point[t], sampling.weight[t]
+    if not moved:
+        return point, share, 0.0
+    time = times[point] + share * (times[point + 1] - times[point]) + offset
+    while k + 2 < times.shape[0] and times[k + 1] <= time:
+        k += 1
+    length = times[k + 1] - times[k]
+    share = (time - times[k]) / length
+    if share < 0.0 or share > 1.0:
+        return k, min(max(share, 0.0), 1.0), 0.0
+    return k, share, 1.0 / length if length > _SHORTEST else 0.0

@@ -27,8 +27,8 @@ from .integrate import (
     switches,
 )
 from .lanes import WIDTH
-from .network import Network, build_network
-from .sampling import spread
+from .network import Network, build_network, sensor_state
+from .sampling import Sensors, spread
 from .system import Drive, FloatArray, IntArray, Switch, System, unpack
 
 _FEW = 3
@@ -42,7 +42,7 @@ class Trajectory:
     """What one simulation gives."""
 
     temperatures: FloatArray
-    """[T, N] K, as the sensors would report them (bias included)."""
+    """[T, N] K, as the sensors would report them (with their errors)."""
     status: FloatArray
     """[T, H] 0 or 1 (a share of the step for a heater driven by measurement)."""
     duty_cycle: FloatArray
@@ -117,8 +117,8 @@ class NetworkSimulator:
     drive: Drive
     observation: Observation
     channels: tuple[str, ...]
-    channel_biases: IntArray
-    """[N] positions of the channels' biases in the network's values."""
+    channel_errors: IntArray
+    """[3, N] positions of the channels' gains, biases and time offsets in the network's values."""
 
     @cached_property
     def parameters(self) -> tuple[str, ...]:
@@ -165,12 +165,12 @@ class NetworkSimulator:
         return _trajectory(run.outputs, 0), partial(self._cotangent, theta, numbers, packed, run)
 
     def _assemble(self, theta: FloatArray) -> tuple[FloatArray, FloatArray]:
-        return assemble(self.mapping, self.network.terms, self.network.structure.mass, theta)
+        return assemble(self.mapping, self.network.terms, theta)
 
     def _integrate(self, numbers: FloatArray, packed: FloatArray, *, derivative: bool) -> Run:
-        offsets = numbers[self.channel_biases]
+        errors = numbers[self.channel_errors]
         return integrate_packed(
-            self.network.structure, packed, self.drive, self.observation, offsets, derivative=derivative
+            self.network.structure, packed, self.drive, self.observation, errors, derivative=derivative
         )
 
     def _simulate_or_none(self, theta: FloatArray) -> Trajectory | None:
@@ -181,8 +181,8 @@ class NetworkSimulator:
 
     def _simulate_lanes(self, thetas: FloatArray) -> list[Trajectory | None]:
         numbers, packed = self._assemble(thetas)
-        offsets = np.ascontiguousarray(numbers[:, self.channel_biases])
-        outputs = integrate_many(self.network.structure, packed, self.drive, self.observation, offsets)
+        errors = np.ascontiguousarray(numbers[:, self.channel_errors])
+        outputs = integrate_many(self.network.structure, packed, self.drive, self.observation, errors)
         return [
             # With very many switches a simulation needs more room than a lane has.
             self._simulate_or_none(theta) if outcome == TOO_MANY_SWITCHES
@@ -194,13 +194,15 @@ class NetworkSimulator:
     def _cotangent(
         self, theta: FloatArray, numbers: FloatArray, packed: FloatArray, run: Run, temperatures_bar: FloatArray
     ) -> FloatArray:
-        network = self.network
-        states_bar, biases_bar = np.empty(run.states.shape), np.empty(len(self.channels))
-        spread(self.observation.sampling, temperatures_bar, self.observation.states, states_bar, biases_bar)
+        network, observation, errors = self.network, self.observation, numbers[self.channel_errors]
+        states_bar, errors_bar = np.empty(run.states.shape), np.empty(errors.shape)
+        spread(
+            observation.sampling, observation.sensors, self.drive.times, run.states, errors,
+            temperatures_bar, states_bar, errors_bar,
+        )  # fmt: skip
         packed_bar = pull_back_packed(network.structure, packed, self.drive, run, states_bar)
-        mass = network.structure.mass
         return pull_back_assembly(
-            self.mapping, network.terms, mass, theta, numbers, packed_bar, self.channel_biases, biases_bar
+            self.mapping, network.terms, theta, numbers, packed_bar, self.channel_errors, errors_bar
         )
 
 
@@ -230,17 +232,20 @@ def network_simulator(
     network = network or build_network(scenario)
     drive, sampling = build_drive(scenario, network, telemetry, start, end, samples, period=period)
     observed = {name: item for name, item in scenario.observations.items() if item.node is not None}
+    paths = {path for parameter in scenario.parameters.values() for path in (*parameter.sets, *parameter.scales)}
+    states = [
+        network.nodes.index(item.node if item.lag is None else sensor_state(name)) for name, item in observed.items()
+    ]
+    moved = [item.time_offset != 0.0 or f"observations.{name}.time_offset" in paths for name, item in observed.items()]
+    errors = [[f"observations.{name}.{error}" for name in observed] for error in ("gain", "bias", "time_offset")]
     return NetworkSimulator(
         network=network,
         names=tuple(scenario.parameters),
         mapping=parameter_map(network, scenario),
         drive=drive,
-        observation=Observation(
-            sampling,
-            np.array([network.nodes.index(item.node or "") for item in observed.values()], dtype=np.int64),
-        ),
+        observation=Observation(sampling, Sensors(np.array(states, dtype=np.int64), np.array(moved, dtype=np.bool_))),
         channels=tuple(observed),
-        channel_biases=np.array([network.position(f"observations.{name}.bias") for name in observed], dtype=np.int64),
+        channel_errors=np.array([[network.position(path) for path in row] for row in errors], dtype=np.int64),
     )
 
 

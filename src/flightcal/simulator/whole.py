@@ -26,8 +26,8 @@ class Window(NamedTuple):
     measured: Any
     initially_on: Any
     sampling: Any
-    channel_states: Any
-    channel_biases: Any
+    sensors: Any
+    channel_errors: Any
 
 
 class Workspace(NamedTuple):
@@ -44,8 +44,8 @@ class Workspace(NamedTuple):
     packed_bar: Any
     extended: Any
     """Numbers, a one and reciprocals, and twice as many for the derivative."""
-    offsets: Any
-    offsets_bar: Any
+    errors: Any
+    errors_bar: Any
     memory: Any
     counters: Any
     reals: Any
@@ -69,8 +69,8 @@ def make_window(simulator: NetworkSimulator) -> Window:
         drive.measured,
         drive.initially_on,
         observation.sampling,
-        observation.states,
-        simulator.channel_biases,
+        observation.sensors,
+        simulator.channel_errors,
     )
 
 
@@ -81,7 +81,7 @@ def make_workspace(simulator: NetworkSimulator) -> Workspace:
     numbers, packed = len(network.values), terms.entries + len(structure.mass)
     capacity = MOST_SWITCHES_PER_STEP * len(drive.times)
     memory, steps = step_memory(structure, drive, capacity)
-    samples, channels = len(observation.sampling.point), len(observation.states)
+    samples, channels = len(observation.sampling.point), len(observation.sensors.state)
     parameters = len(simulator.parameters)
     return Workspace(
         theta=np.empty((1, parameters)),
@@ -91,8 +91,8 @@ def make_workspace(simulator: NetworkSimulator) -> Workspace:
         packed=np.empty((1, packed)),
         packed_bar=np.empty(packed),
         extended=np.empty(2 * (numbers + 1 + len(terms.inverse)) + MOST_FACTORS),
-        offsets=np.empty((1, channels)),
-        offsets_bar=np.empty(channels),
+        errors=np.empty((1, 3, channels)),
+        errors_bar=np.empty((3, channels)),
         memory=memory,
         counters=np.empty((COUNTERS, 1), np.int64),
         reals=np.empty((REALS, 1)),
@@ -108,14 +108,14 @@ def make_workspace(simulator: NetworkSimulator) -> Workspace:
 @inlined
 def simulate_compiled(window, work):
     """Simulate at work.theta; returns the outcome, and where it is FINISHED work.outputs holds the temperatures."""
-    mass = window.structure.mass
-    assemble_compiled(window.mapping, window.terms, mass, work.theta, work.extended, work.numbers, work.packed)
-    for k in range(window.channel_biases.shape[0]):
-        work.offsets[0, k] = work.numbers[0, window.channel_biases[k]]
+    assemble_compiled(window.mapping, window.terms, work.theta, work.extended, work.numbers, work.packed)
+    for error in range(window.channel_errors.shape[0]):
+        for k in range(window.channel_errors.shape[1]):
+            work.errors[0, error, k] = work.numbers[0, window.channel_errors[error, k]]
     work.outputs.noted[0] = 0
     forward(
         window.structure, work.packed, window.times, window.series, window.measured, window.initially_on,
-        window.sampling, window.channel_states, work.offsets,
+        window.sampling, window.sensors, work.errors,
         work.memory, work.counters, work.reals, work.driven, work.record, work.outputs,
     )  # fmt: skip
     return work.outputs.outcome[0]
@@ -124,12 +124,15 @@ def simulate_compiled(window, work):
 @inlined
 def linearise_compiled(window, work):
     """Fill work.theta_bar from work.temperatures_bar, for the simulation made last."""
-    spread(window.sampling, work.temperatures_bar, window.channel_states, work.states_bar, work.offsets_bar)
+    spread(
+        window.sampling, window.sensors, window.times, work.record.states[0], work.errors[0],
+        work.temperatures_bar, work.states_bar, work.errors_bar,
+    )  # fmt: skip
     adjoint(
         window.structure, work.packed[0], window.times, window.series, work.record,
         work.states_bar, work.adjoint_memory, work.heat_bar, work.packed_bar,
     )  # fmt: skip
     pull_back_compiled(
-        window.mapping, window.terms, window.structure.mass, work.theta[0], work.numbers[0], work.packed_bar,
-        window.channel_biases, work.offsets_bar, work.extended, work.theta_bar,
+        window.mapping, window.terms, work.theta[0], work.numbers[0], work.packed_bar,
+        window.channel_errors, work.errors_bar, work.extended, work.theta_bar,
     )  # fmt: skip

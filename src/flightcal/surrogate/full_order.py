@@ -13,6 +13,7 @@ from ..scenario import Scenario
 from ..simulator import NetworkSimulator, network_simulator
 from ..simulator.inputs import Times
 from ..simulator.integrate import Observation
+from ..simulator.sampling import Sensors
 from ..simulator.system import FloatArray, Switch
 from .file import Task
 from .schema import FlightWindow, Runs
@@ -53,12 +54,14 @@ def window_simulator(
     simulator = network_simulator(scenario, xarray.Dataset(), start, end, times, period=period)
     if every_node:
         nodes = simulator.network.nodes
-        # A bias that is zero: that of any of the sensors.
+        # Errors that are none: those of any of the sensors.
         simulator = replace(
             simulator,
             channels=nodes,
-            observation=Observation(simulator.observation.sampling, np.arange(len(nodes))),
-            channel_biases=np.full(len(nodes), simulator.channel_biases[0]),
+            observation=Observation(
+                simulator.observation.sampling, Sensors(np.arange(len(nodes)), np.zeros(len(nodes), np.bool_))
+            ),
+            channel_errors=np.tile(simulator.channel_errors[:, :1], len(nodes)),
         )
     return simulator, times
 

@@ -21,7 +21,7 @@ from typing import Literal
 
 import numpy as np
 
-from ..simulator.assembly import MOST_FACTORS, Terms
+from ..simulator.assembly import MOST_FACTORS, Terms, own_initial
 from ..simulator.network import Network
 from ..simulator.system import FloatArray, IntArray, make_structure
 from .affine import Kind, Product
@@ -101,8 +101,9 @@ def network_of(model: ReducedModel, numbers: Mapping[str, float] | None = None) 
         for limit, field in (("lower", "on_below"), ("upper", "off_above")):
             terms[limit][k, 0].append((1.0, (model.free.index(f"heaters.{heater}.{field}"),)))
     entries = {kind: sorted(found) for kind, found in terms.items()}
+    mass = np.concatenate([np.zeros(m + s), np.ones(r), np.zeros(r)])
     structure = make_structure(
-        np.concatenate([np.zeros(m + s), np.ones(r), np.zeros(r)]),
+        mass,
         entries["linear"],
         entries["radiative"],
         entries["forcing"],
@@ -121,7 +122,7 @@ def network_of(model: ReducedModel, numbers: Mapping[str, float] | None = None) 
         values=np.array(list(values.values())),
         heaters=model.heaters,
         structure=structure,
-        terms=_table(terms, entries, len(values)),
+        terms=_table(terms, entries, len(values), own_initial(mass)),
     )
 
 
@@ -140,6 +141,7 @@ def _table(
     terms: dict[str, dict[tuple[int, int], list[tuple[float, Product]]]],
     entries: dict[str, list[tuple[int, int]]],
     numbers: int,
+    initial: IntArray,
 ) -> Terms:
     entry, constants, factors = [], [], []
     number = 0
@@ -156,4 +158,5 @@ def _table(
         factors=np.array(factors, dtype=np.int64).reshape(-1, MOST_FACTORS),
         inverse=np.zeros(0, dtype=np.int64),
         entries=number,
+        initial=initial,
     )

@@ -12,6 +12,8 @@ from .._reading import Reading
 from ..schema import Observation
 from ._common import channel_of_kind, readable, unknown
 
+_ERRORS = ("bias", "gain", "time_offset", "lag")
+
 
 def check(reading: Reading, folder: Path) -> Iterator[Problem]:
     """Channels exist and suit what they measure; at least one temperature is observed."""
@@ -27,6 +29,7 @@ def check(reading: Reading, folder: Path) -> Iterator[Problem]:
         if observation.heater is not None:
             yield from _check_status(observation, name)
             continue
+        yield from _check_sensor(draft, observation, name)
         noise = observation.noise
         if noise is not None and not isinstance(noise, float) and support(noise)[0] < 0:
             message = f"found a {noise.kind} prior with negative values, expected one of positive values: half_normal"
@@ -61,7 +64,25 @@ def _target_problem(draft: Draft, observation: Observation) -> tuple[str, str] |
     return None
 
 
+def _check_sensor(draft: Draft, observation: Observation, name: str) -> Iterator[Problem]:
+    """Errors of the sensor that the simulator cannot give."""
+    for key in _ERRORS[1:] if draft.external is not None else ():
+        if getattr(observation, key) != Observation.model_fields[key].default:
+            message = (
+                f"found {key!r}, expected none but 'bias': an external simulator gives what its sensors would show"
+            )
+            yield Problem(("observations", name, key), message)
+    if observation.lag is None or draft.external is not None:
+        return
+    if draft.reduced is not None:
+        message = "found a lag, expected none: the simulator is a reduced order model, which has no sensors of its own"
+        yield Problem(("observations", name, "lag"), message)
+    elif (node := draft.nodes.get(observation.node or "")) is not None and node.arithmetic:
+        message = f"found a lag behind the massless node {observation.node!r}, expected a node with a capacity"
+        yield Problem(("observations", name, "lag"), f"{message}: the sensor starts at its node's initial temperature")
+
+
 def _check_status(observation: Observation, name: str) -> Iterator[Problem]:
-    for key in ("noise", "bias"):
+    for key in ("noise", *_ERRORS):
         if key in observation.model_fields_set:
             yield Problem(("observations", name, key), f"found {key!r} for a heater's status, expected none")
