@@ -96,6 +96,24 @@ def test_the_error_of_the_reduced_model_widens_the_likelihood(folder):
         assert gradient[k] == pytest.approx(difference, rel=1e-3, abs=1e-2)
 
 
+def test_the_sensors_of_a_reduced_model_have_gain_bias_and_time_offset(folder):
+    def errors(content):
+        content["observations"]["unit_1"] |= {"gain": 1.1, "bias": "0.5 K", "time_offset": "120 s"}
+
+    path = folder / "rom" / "scenario.yaml"
+    exact, erring = (load_scenario(p) for p in (path, changed(folder / "rom", path, "errors.yaml", errors)))
+    problems = [build_problem(scenario, read(scenario), "train") for scenario in (exact, erring)]
+    theta = problems[0].priors.median()
+    first, second = (problem.simulate(theta).temperatures for problem in problems)
+    seconds = (problems[0].times - problems[0].times[0]) / np.timedelta64(1, "s")
+    unit = problems[0].simulator.channels.index("unit_1")
+    later = np.interp(seconds + 120.0, seconds, first[:, unit])
+    expected = 1.1 * (later - 273.15) + 273.15 + 0.5
+    np.testing.assert_allclose(second[:-2, unit], expected[:-2], atol=0.01)  # the window ends after the last sample
+    others = [k for k in range(first.shape[1]) if k != unit]
+    np.testing.assert_array_equal(second[:, others], first[:, others])
+
+
 def test_a_calibration_ends_with_draws_on_the_operational_simulator(folder):
     def quick(content):
         content["calibration"] = {
@@ -132,6 +150,10 @@ def test_a_calibration_ends_with_draws_on_the_operational_simulator(folder):
         (lambda s: s["simulator"]["heaters"].update(other={"power": "3 W"}), "which the reduced model does not have"),
         (lambda s: s["parameters"]["blanket"].update(sets="reduced.blankets"), "unknown path 'reduced.blankets'"),
         (lambda s: s["observations"].update(unit_1={"node": "nowhere"}), "unknown node 'nowhere'"),
+        (
+            lambda s: s["observations"]["unit_1"].update(lag="9 s"),
+            "found a lag, expected none: the simulator is a reduced",
+        ),
     ],
 )
 def test_what_is_wrong_in_a_reduced_scenario_is_said(folder, change, message):

@@ -93,13 +93,28 @@ def interpolate(sampling, sensors, times, on_grid, errors, at_samples):
 
     Temperatures are linear between grid points.
     """
+    for t in range(at_samples.shape[0]):
+        k, share = sampling.point[t], sampling.weight[t]
+        for c in range(sensors.state.shape[0]):
+            left, right = on_grid[k, sensors.state[c]], on_grid[k + 1, sensors.state[c]]
+            at_samples[t, c] = _reading(errors, c, (1.0 - share) * left + share * right)
     for c in range(sensors.state.shape[0]):
-        state, gain = sensors.state[c], errors[GAIN, c]
-        level = errors[BIAS, c] + (1.0 - gain) * ICE_POINT
-        k = 0
-        for t in range(at_samples.shape[0]):
-            k, share, _ = _place(sampling, times, sensors.moved[c], errors[TIME_OFFSET, c], t, k)
-            at_samples[t, c] = gain * ((1.0 - share) * on_grid[k, state] + share * on_grid[k + 1, state]) + level
+        if sensors.moved[c]:
+            _interpolate_moved(sampling, sensors.state[c], times, on_grid, errors, c, at_samples)
+
+
+@inlined
+def _reading(errors, c, temperature):
+    return errors[GAIN, c] * temperature + (1.0 - errors[GAIN, c]) * ICE_POINT + errors[BIAS, c]
+
+
+@compiled
+def _interpolate_moved(sampling, state, times, on_grid, errors, c, at_samples):
+    """`interpolate` of channel c, with its time offset."""
+    k = 0
+    for t in range(at_samples.shape[0]):
+        k, share, _ = _place(sampling, times, errors[TIME_OFFSET, c], t, k)
+        at_samples[t, c] = _reading(errors, c, (1.0 - share) * on_grid[k, state] + share * on_grid[k + 1, state])
 
 
 @compiled
@@ -107,30 +122,38 @@ def spread(sampling, sensors, times, on_grid, errors, at_samples, on_grid_bar, e
     """The derivative of `interpolate` backwards: on_grid_bar [K+1, n] and errors_bar [3, N] from at_samples [T, N]."""
     on_grid_bar[:] = 0.0
     errors_bar[:] = 0.0
+    for t in range(at_samples.shape[0]):
+        k, share = sampling.point[t], sampling.weight[t]
+        for c in range(sensors.state.shape[0]):
+            if not sensors.moved[c]:
+                _spread(sensors.state[c], on_grid, errors, c, k, share, at_samples[t, c], on_grid_bar, errors_bar)
     for c in range(sensors.state.shape[0]):
-        state, gain = sensors.state[c], errors[GAIN, c]
-        k = 0
-        for t in range(at_samples.shape[0]):
-            k, share, rate = _place(sampling, times, sensors.moved[c], errors[TIME_OFFSET, c], t, k)
-            left, right = on_grid[k, state], on_grid[k + 1, state]
-            cotangent = gain * at_samples[t, c]
-            on_grid_bar[k, state] += (1.0 - share) * cotangent
-            on_grid_bar[k + 1, state] += share * cotangent
-            errors_bar[GAIN, c] += at_samples[t, c] * ((1.0 - share) * left + share * right - ICE_POINT)
-            errors_bar[BIAS, c] += at_samples[t, c]
-            errors_bar[TIME_OFFSET, c] += cotangent * (right - left) * rate
+        if sensors.moved[c]:
+            k, state = 0, sensors.state[c]
+            for t in range(at_samples.shape[0]):
+                k, share, rate = _place(sampling, times, errors[TIME_OFFSET, c], t, k)
+                _spread(state, on_grid, errors, c, k, share, at_samples[t, c], on_grid_bar, errors_bar)
+                slope = (on_grid[k + 1, state] - on_grid[k, state]) * rate
+                errors_bar[TIME_OFFSET, c] += errors[GAIN, c] * at_samples[t, c] * slope
 
 
 @inlined
-def _place(sampling, times, moved, offset, t, k):
-    """Where sample t lies: a grid point, the share of the way to the next, and its derivative by the offset (1/s).
+def _spread(state, on_grid, errors, c, k, share, cotangent, on_grid_bar, errors_bar):
+    on_grid_bar[k, state] += (1.0 - share) * errors[GAIN, c] * cotangent
+    on_grid_bar[k + 1, state] += share * errors[GAIN, c] * cotangent
+    temperature = (1.0 - share) * on_grid[k, state] + share * on_grid[k + 1, state]
+    errors_bar[GAIN, c] += cotangent * (temperature - ICE_POINT)
+    errors_bar[BIAS, c] += cotangent
+
+
+@inlined
+def _place(sampling, times, offset, t, k):
+    """Where sample t lies with an offset: a grid point, the share of the way to the next, and its derivative (1/s).
 
     k: a grid point not after it, such as that of the sample before.
     """
-    point, share = sampling.point[t], sampling.weight[t]
-    if not moved:
-        return point, share, 0.0
-    time = times[point] + share * (times[point + 1] - times[point]) + offset
+    point = sampling.point[t]
+    time = times[point] + sampling.weight[t] * (times[point + 1] - times[point]) + offset
     while k + 2 < times.shape[0] and times[k + 1] <= time:
         k += 1
     length = times[k + 1] - times[k]
