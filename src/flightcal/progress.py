@@ -172,7 +172,7 @@ def print_check(summary: CheckSummary, console: Console | None = None) -> None:
         console.print()
         console.print(f"{finding.mark}: {finding.title}", style=colours[finding.state], markup=False, highlight=False)
         for line in (finding.text, *(f"- {detail}" for detail in finding.details)):
-            console.print(Padding(Text(line), (0, 0, 0, 2)), highlight=False)
+            console.print(Padding(Text(line), (0, 0, 0, 2), expand=False), highlight=False)
     console.print(f"\npage: {summary.page}", highlight=False, soft_wrap=True, markup=False)
 
 

@@ -26,6 +26,8 @@ _SERIOUS = 1.0
 """Nats from which a jump hinders a sampler."""
 _NEAR = 2.0
 """Standard deviations within which most of the posterior is."""
+_LARGE = 0.25
+"""Relative change of a parameter from which it matters that the telemetry cannot tell."""
 _IDLE = 0.01
 """Total index below which an output does not depend on a parameter."""
 
@@ -66,7 +68,7 @@ def findings_of(checked: Checked) -> list[Finding]:
         *_identifiability(checked),
         *_gradient(checked),
         *_jumps(checked),
-        *_idle(checked),
+        _sensitivity(checked),
         *(_profile(checked, profile) for profile in checked.profiles),
     ]
 
@@ -78,12 +80,9 @@ def verdict_of(findings: Sequence[Finding]) -> tuple[bool, str]:
     beside = f"{cautions} caution{'s' if cautions != 1 else ''}"
     if bad:
         many = "1 finding matters" if len(bad) == 1 else f"{len(bad)} findings matter"
-        return False, f"Do not sample yet: {many}" + (f", and there {_are(cautions)} {beside}." if cautions else ".")
+        beside = f", and there {'is' if cautions == 1 else 'are'} {beside}" if cautions else ""
+        return False, f"Mend this before sampling, or know why not: {many}{beside}."
     return True, f"Ready to sample, with {beside}." if cautions else "Ready to sample: nothing stands against it."
-
-
-def _are(count: int) -> str:
-    return "is" if count == 1 else "are"
 
 
 def _centre(checked: Checked) -> list[Finding]:
@@ -202,7 +201,11 @@ def _identifiability(checked: Checked) -> list[Finding]:
 
 
 def combination_finding(checked: Checked, combination: Combination) -> Finding:
-    """What the data cannot tell, with advice. A nuisance alone matters less than parameters that hide each other."""
+    """What the data cannot tell, with advice.
+
+    It matters where parameters of the scenario hide each other and may be far off together; a parameter of which the
+    telemetry says nothing harms neither the sampling nor the prediction.
+    """
     names = list(combination.names)
     blind = combination.information < BLIND
     width = f"the posterior is {percent(combination.width, 0)} as wide as the prior"
@@ -237,7 +240,8 @@ def combination_finding(checked: Checked, combination: Combination) -> Finding:
     both = sum(_is_parameter(checked, name) for name in names) >= 2
     title = what if blind else f"{what.replace('only', 'mostly only')}, as far as the telemetry tells"
     text = f"Along this combination {width}. {advice}"
-    return Finding("bad" if blind and both else "warn", title, text, (_trade(checked, combination),))
+    large = any(abs(move.change) > _LARGE for move in combination.moves)
+    return Finding("bad" if blind and both and large else "warn", title, text, (_trade(checked, combination),))
 
 
 def _is_parameter(checked: Checked, name: str) -> bool:
@@ -252,7 +256,7 @@ def _trade(checked: Checked, combination: Combination) -> str:
 def _moved(checked: Checked, move: Move) -> str:
     """A move in percent where that has a meaning, else from one value to another."""
     if math.isfinite(move.exponent) and move.before > 0.0:
-        change = 100.0 * (move.after / move.before - 1.0)
+        change = 100.0 * move.change
         return f"{move.name} {number(change, 2) if change < 0 else '+' + number(change, 2)}%"
     return f"{move.name} from {checked.value(move.name, move.before)} to {checked.value(move.name, move.after)}"
 
@@ -334,23 +338,22 @@ def jump_words(checked: Checked, jump: Jump) -> str:
 # --- sensitivity and profiles ----------------------------------------------------------------------------------
 
 
-def _idle(checked: Checked) -> list[Finding]:
-    """Scenario parameters on which nothing depends."""
+def _sensitivity(checked: Checked) -> Finding:
     sensitivity = checked.sensitivity
     if sensitivity.runs - sensitivity.failed < 4 * (len(sensitivity.names) + 2):
-        return [Finding("none", "Sensitivities are not known", "Too few simulations finished.")]
-    strongest = sensitivity.strongest.max(axis=0)
-    of_likelihood = sensitivity.strongest[sensitivity.outputs.index(LIKELIHOOD)]
-    order = np.argsort(-of_likelihood)
-    idle = [n for n, s in zip(sensitivity.names, strongest, strict=True) if s < _IDLE and _is_parameter(checked, n)]
-    leaders = listed([f"{sensitivity.names[k]} ({percent(of_likelihood[k], 0)})" for k in order[:3]])
-    text = f"Over the whole prior the likelihood depends most on {leaders}."
-    if not idle:
-        return [Finding("good", "Every parameter moves some output", text)]
-    title = f"Nothing observed depends on {listed(idle)}"
-    return [
-        Finding("warn", title, f"They take part in less than {_IDLE:.0%} of any output's variance: fix them. {text}")
-    ]
+        return Finding("none", "Sensitivities are not known", "Too few simulations finished.")
+    strength = sensitivity.strongest[sensitivity.outputs.index(LIKELIHOOD)]
+    leaders = [k for k in np.argsort(-strength)[:3] if strength[k] > _IDLE]
+    shares = listed([f"{sensitivity.names[k]} ({percent(strength[k], 0)})" for k in leaders])
+    idle = [n for n, s in zip(sensitivity.names, sensitivity.strongest.max(axis=0), strict=True) if s < _IDLE]
+    text = f"Share of the likelihood's variance (of its rank): {shares}." if leaders else ""
+    if idle:
+        text += (
+            f" Next to what these do, {listed(idle)} {'do' if len(idle) > 1 else 'does'} nothing over the whole prior "
+            "(less than 1% of any output's variance); nearer to the best fit the telemetry may tell all the same."
+        )
+    names = listed([sensitivity.names[k] for k in leaders]) or "no parameter"
+    return Finding("good", f"Over the whole prior the likelihood depends most on {names}", text.strip())
 
 
 def _profile(checked: Checked, profile: Profile) -> Finding:

@@ -41,6 +41,11 @@ class Move:
     exponent: float
     """d log theta along the move, where theta is positive; NaN elsewhere."""
 
+    @property
+    def change(self) -> float:
+        """Relative change; NaN where that has no meaning."""
+        return self.after / self.before - 1.0 if np.isfinite(self.exponent) and self.before > 0.0 else float("nan")
+
 
 @dataclass(frozen=True)
 class Combination:

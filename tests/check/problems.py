@@ -1,0 +1,101 @@
+"""Problems whose answers are known: formulas in the place of a simulator, on the small satellite's window."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass, replace
+from functools import cache
+from pathlib import Path
+from tempfile import TemporaryDirectory
+from typing import Any
+
+import numpy as np
+
+from flightcal.calibration import Priors, Problem, build_problem
+from flightcal.check.centre import Centre
+from flightcal.experiment import parameter_records
+from flightcal.report.run_files import ParameterInfo, _parameter
+from flightcal.scenario import Prior
+from flightcal.simulator import Trajectory
+from flightcal.simulator.system import Switch
+from tests import small
+
+NO_SWITCHES = Switch(np.empty(0), np.empty(0, np.int64), np.empty(0))
+
+
+@dataclass(frozen=True)
+class Formula:
+    """Temperatures as a formula of theta; a `Simulator`, with derivatives by differences."""
+
+    parameters: tuple[str, ...]
+    channels: tuple[str, ...]
+    temperatures: Callable[[Any], Any]
+    """theta [d] -> [T, N] K."""
+    switches: Callable[[Any], Switch] = lambda theta: NO_SWITCHES
+    heaters: tuple[str, ...] = ()
+    samples: int = 180
+
+    error_basis = None
+
+    def heater_power(self, theta: Any) -> Any:
+        return np.zeros(len(self.heaters))
+
+    def simulate(self, theta: Any) -> Trajectory:
+        nothing = np.zeros((self.samples, len(self.heaters)))
+        return Trajectory(self.temperatures(theta), nothing, np.zeros(len(self.heaters)), self.switches(theta))
+
+    def simulate_many(self, thetas: Any) -> list[Trajectory | None]:
+        return [self.simulate(theta) for theta in thetas]
+
+    def linearise(self, theta: Any) -> Any:
+        steps = 1e-6 * np.maximum(np.abs(theta), 1.0) * np.eye(len(theta))
+        columns = [
+            (self.temperatures(theta + step) - self.temperatures(theta - step)) / (2.0 * step.sum()) for step in steps
+        ]
+        return self.simulate(theta), lambda bar: np.array([np.sum(bar * column) for column in columns])
+
+
+@cache
+def _small() -> Problem:
+    with TemporaryDirectory() as folder:
+        written = small.content()
+        written["observations"]["body_temp"]["noise"] = "0.1 K"
+        return build_problem(*small.closed_loop(Path(folder), written))
+
+
+def samples() -> int:
+    return len(_small().times)
+
+
+def formula_problem(
+    priors: dict[str, Prior],
+    temperatures: Callable[[Any], Any],
+    truth: dict[str, float],
+    *,
+    noise: float = 0.1,
+    seed: int = 0,
+    **more: Any,
+) -> Problem:
+    """A problem with fixed noise (K), whose telemetry is the formula [T, 2] at the truth with that noise."""
+    base = _small()
+    simulator = Formula(tuple(priors), base.simulator.channels, temperatures, samples=len(base.times), **more)
+    exact = temperatures(np.array([truth[name] for name in priors]))
+    return replace(
+        base,
+        observed=exact + noise * np.random.default_rng(seed).standard_normal(exact.shape),
+        status=np.full((len(exact), len(simulator.heaters)), np.nan),
+        simulator=simulator,
+        priors=Priors(tuple(priors), tuple(priors.values())),
+        fixed_noise=np.full(2, noise),
+        open_loop=None,
+    )
+
+
+def centre_at(problem: Problem, **theta: float) -> Centre:
+    """The centre at the given theta."""
+    z = problem.to_z(np.array([theta[name] for name in problem.names]))
+    return Centre(z, problem.log_density(z), problem.gauss_newton_hessian(z), True, "the truth")
+
+
+def infos(problem: Problem) -> tuple[ParameterInfo, ...]:
+    return tuple(_parameter(record) for record in parameter_records(problem))

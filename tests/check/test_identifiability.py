@@ -1,0 +1,103 @@
+"""The information spectrum against closed forms, and combinations that no data can tell."""
+
+import numpy as np
+import pytest
+
+from flightcal.calibration import build_problem
+from flightcal.check.centre import find_centre
+from flightcal.check.identifiability import identifiability, sparse_basis
+from flightcal.scenario import LogNormal, Normal
+
+from .. import small
+from .problems import centre_at, formula_problem, samples
+
+POSITIVE = LogNormal(median=2.0, factor=1.5)
+
+
+def shapes(count, seed=0):
+    return np.random.default_rng(seed).standard_normal((samples(), 2, count))
+
+
+def test_a_linear_gaussian_problem_gives_the_exact_spectrum_and_widths():
+    matrix = 0.003 * shapes(4)
+    deviations = np.array([1.0, 2.0, 0.5, 3.0])
+    priors = {f"p{k}": Normal(mean=10.0, standard_deviation=s) for k, s in enumerate(deviations)}
+    truth = dict.fromkeys(priors, 10.0)
+    problem = formula_problem(priors, lambda theta: 290.0 + matrix @ theta, truth)
+    centre = centre_at(problem, **truth)
+    found = identifiability(problem, centre.z, centre.hessian)
+    whitened = (matrix * deviations).reshape(-1, 4) / 0.1
+    information = whitened.T @ whitened
+    np.testing.assert_allclose(found.information, np.linalg.eigvalsh(information), rtol=1e-5)
+    covariance = np.linalg.inv(information + np.eye(4))
+    np.testing.assert_allclose(found.width, np.sqrt(np.diag(covariance)), rtol=1e-5)
+    np.testing.assert_allclose(found.known_alone, 1.0 / np.sqrt(1.0 + np.diag(information)), rtol=1e-5)
+    expected = covariance / np.sqrt(np.outer(np.diag(covariance), np.diag(covariance)))
+    np.testing.assert_allclose(found.correlation, expected, atol=1e-5)
+
+
+def found_in(temperatures, names, truth=2.0):
+    priors = dict.fromkeys(names, POSITIVE)
+    problem = formula_problem(priors, temperatures, dict.fromkeys(names, truth))
+    centre = centre_at(problem, **dict.fromkeys(names, truth))
+    return identifiability(problem, centre.z, centre.hessian)
+
+
+def test_a_product_of_which_only_the_value_is_known_is_named():
+    shape = shapes(2)
+    found = found_in(
+        lambda t: 290.0 + t[0] * t[1] * shape[..., 0] + t[2] * shape[..., 1], ("area", "emissivity", "link")
+    )
+    (combination,) = found.combinations
+    assert set(combination.names) == {"area", "emissivity"}
+    assert combination.kind == "product"
+    assert combination.information == pytest.approx(0.0, abs=1e-4)
+    assert combination.width == pytest.approx(1.0, abs=1e-4)
+    before = np.prod([move.before for move in combination.moves])
+    assert np.prod([move.after for move in combination.moves]) == pytest.approx(before, rel=1e-6)
+    assert found.correlated[0][:2] == ("area", "emissivity")
+    assert found.correlated[0][2] < -0.95
+
+
+def test_combinations_that_are_equally_unknown_are_told_apart():
+    shape = shapes(3)
+
+    def temperatures(t):
+        return 290.0 + t[0] * t[1] * shape[..., 0] + t[2] / t[3] * shape[..., 1] + t[5] * shape[..., 2]
+
+    found = found_in(temperatures, ("a", "b", "c", "d", "idle", "e"))
+    kinds = {frozenset(item.names): item.kind for item in found.combinations}
+    assert kinds == {frozenset("ab"): "product", frozenset("cd"): "ratio", frozenset(["idle"]): "alone"}
+
+
+def test_parameters_that_can_all_be_scaled_together_are_named():
+    shape = shapes(2)
+    found = found_in(lambda t: 290.0 + t[0] / t[1] * shape[..., 0] + t[2] / t[1] * shape[..., 1], ("a", "b", "c"))
+    (combination,) = found.combinations
+    assert (set(combination.names), combination.kind) == ({"a", "b", "c"}, "scale")
+
+
+def test_a_sparse_basis_spans_the_same_space():
+    mixed = np.linalg.qr(np.random.default_rng(1).standard_normal((7, 3)))[0]
+    basis = sparse_basis(mixed)
+    assert np.linalg.matrix_rank(np.hstack([mixed, basis]), tol=1e-10) == 3
+    np.testing.assert_allclose(np.linalg.norm(basis, axis=0), 1.0)
+
+
+def test_a_network_whose_conductance_is_a_product_of_two_parameters_says_so(tmp_path):
+    written = small.content()
+    for name in ("contact_area", "contact_conductance"):
+        written["parameters"][name] = {
+            "scales": "conductors.body-panel.conductance",
+            "prior": {"lognormal": {"median": 1, "factor": 1.5}},
+        }
+    del written["parameters"]["link"]
+    scenario, data = small.closed_loop(tmp_path, written)
+    problem = build_problem(scenario, data)
+    draws = problem.priors.sample(np.random.default_rng(0), 8)
+    centre = find_centre(problem, (draws, problem.simulate_many(draws)), 1, 0)
+    found = identifiability(problem, centre.z, centre.hessian)
+    (combination,) = found.combinations
+    assert set(combination.names) == {"contact_area", "contact_conductance"}
+    assert combination.kind == "product"
+    assert combination.information < 1e-3

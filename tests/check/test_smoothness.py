@@ -1,0 +1,152 @@
+"""Jumps at known places, a graze of a real thermostat, and wrong gradients."""
+
+from dataclasses import dataclass, replace
+
+import numpy as np
+import pytest
+from scipy.optimize import brentq
+
+from flightcal.calibration import Problem, build_problem
+from flightcal.check.evaluate import THOROUGH, signature
+from flightcal.check.smoothness import REACH, TOLERANCE, check_gradient, scan_all, smoothness
+from flightcal.scenario import Normal
+from flightcal.simulator.system import Switch
+
+from .. import small
+from .problems import centre_at, formula_problem, samples
+
+PRIORS = {"level": Normal(mean=1.0, standard_deviation=1.0), "slope": Normal(mean=0.0, standard_deviation=1.0)}
+EDGE = 1.003
+STEP = 0.01  # K
+
+
+def problem_with_a_step(*, told: bool):
+    """Level and slope of both channels; above EDGE the heater switches twice more, and the level is STEP higher."""
+    time = np.linspace(-1.0, 1.0, samples())[:, None]
+
+    def temperatures(theta):
+        return 290.0 + np.ones((1, 2)) * (theta[0] + STEP * (theta[0] > EDGE) + theta[1] * time)
+
+    def switches(theta):
+        times = [600.0, 900.0, 4000.0, 4300.0] if theta[0] > EDGE and told else [600.0, 900.0]
+        return Switch(np.array(times), np.zeros(len(times), np.int64), np.tile([1.0, 0.0], len(times) // 2))
+
+    return formula_problem(PRIORS, temperatures, {"level": 1.0, "slope": 0.0}, switches=switches, heaters=("heater",))
+
+
+@pytest.mark.parametrize("told", [True, False])
+def test_a_jump_is_found_at_its_place_with_its_size_and_its_cause(told):
+    problem = problem_with_a_step(told=told)
+    centre = centre_at(problem, level=1.0, slope=0.0)
+    scan = scan_all(problem, centre, THOROUGH)[0]
+    (jump,) = scan.jumps
+    assert jump.name == "level"
+    assert jump.theta == pytest.approx(EDGE, abs=1e-7)
+    sides = problem.to_z(np.array([[EDGE - 1e-9, 0.0], [EDGE + 1e-9, 0.0]]))
+    along = centre.covariance[:, 0] / np.sqrt(centre.covariance[0, 0])
+    ends = centre.z + np.array([[jump.place - 1e-6], [jump.place + 1e-6]]) * along
+    expected = problem.log_density(ends[1]) - problem.log_density(ends[0])
+    assert abs(problem.log_density(sides[1]) - problem.log_density(sides[0])) > 0.1
+    assert jump.nats == pytest.approx(expected, rel=1e-3)
+    assert len(set(scan.sequence)) == 1 + told
+    if told:
+        assert (jump.heater, jump.seconds, jump.switches) == ("heater", 4000.0, (2, 4))
+    else:
+        assert jump.heater == ""
+
+
+def test_a_smooth_density_has_no_jumps_and_a_right_gradient():
+    time = np.linspace(-1.0, 1.0, samples())[:, None]
+    problem = formula_problem(
+        PRIORS, lambda t: 290.0 + np.ones((1, 2)) * (np.exp(t[0]) + t[1] * time), {"level": 1.0, "slope": 0.0}
+    )
+    found = smoothness(problem, centre_at(problem, level=1.0, slope=0.0), THOROUGH, 0, gradient=True)
+    assert found.jumps == ()
+    assert found.points == 4
+    assert max(item.error for item in found.gradient) < 1e-4 < TOLERANCE
+
+
+@dataclass(frozen=True)
+class WrongGradient(Problem):
+    """The derivative by the second parameter is 2% too large."""
+
+    def log_density_and_gradient(self, z):
+        value, gradient = super().log_density_and_gradient(z)
+        return value, gradient * np.array([1.0, 1.02])
+
+
+def test_a_gradient_that_is_two_percent_off_is_found():
+    time = np.linspace(-1.0, 1.0, samples())[:, None]
+    right = formula_problem(
+        PRIORS, lambda t: 290.0 + np.ones((1, 2)) * (np.exp(t[0]) + t[1] * time), {"level": 1.0, "slope": 0.0}
+    )
+    wrong = WrongGradient(**{name: getattr(right, name) for name in right.__dataclass_fields__})
+    errors, _, _ = check_gradient(wrong, centre_at(right, level=1.0, slope=0.0), 0)
+    assert [item.name for item in errors if item.error > TOLERANCE] == ["slope"]
+
+
+MARGIN = 0.02  # K
+
+
+def without_heater(folder, on_below="-150 degC"):
+    """The small satellite in stronger sunlight, with a thermostat that only a cold body would switch on."""
+    written = small.content()
+    written["simulator"]["loads"]["sun"]["coefficient"] = "60 W/A"
+    heater = written["simulator"]["heaters"]["heater"]
+    heater["on_below"], heater["off_above"] = on_below, "40 degC"
+    for channel in ("body_temp", "panel_temp"):
+        written["observations"][channel]["noise"] = "0.3 K"
+    return build_problem(*small.closed_loop(folder, written, noise=0.3))
+
+
+def coldest(run):
+    """The body's lowest temperature in the middle of a run, K: the vertex of a parabola through its lowest samples."""
+    body = run.temperatures[:, 0]
+    lowest = 30 + int(np.argmin(body[30:150]))
+    rise = np.polyfit([-1.0, 0.0, 1.0], body[lowest - 1 : lowest + 2], 2)
+    return np.polyval(rise, -0.5 * rise[1] / rise[0])
+
+
+@pytest.fixture(scope="module")
+def grazing(tmp_path_factory):
+    """A problem whose body stays just above its thermostat's threshold, and the same without a thermostat."""
+    truth = small.TRUTH | {"initial.body": 285.0, "initial.panel": 262.0}
+    cold = without_heater(tmp_path_factory.mktemp("cold"))
+    theta = np.array([({"initial.body": 285.0, "initial.panel": 262.0} | truth)[name] for name in cold.names])
+    threshold = coldest(cold.simulate(theta)) - MARGIN
+    problem = without_heater(tmp_path_factory.mktemp("grazing"), f"{threshold - 273.15:.9f} degC")
+    problem = replace(problem, observed=cold.observed, open_loop=None)
+    return problem, cold, centre_at(problem, **{name: truth[name] for name in problem.names}), threshold
+
+
+@pytest.mark.parametrize("name", ["link", "panel_size"])
+def test_a_thermostat_that_is_grazed_is_found_where_the_body_touches_its_threshold(grazing, name):
+    problem, cold, centre, threshold = grazing
+    k = problem.names.index(name)
+    along = centre.covariance[:, k] / np.sqrt(centre.covariance[k, k])
+    scan = scan_all(problem, centre, THOROUGH)[k]
+
+    def above(place):
+        return coldest(cold.simulate(cold.to_theta(centre.z + place * along))) - threshold
+
+    expected = brentq(above, *((-REACH, 0.0) if above(-REACH) < 0.0 else (0.0, REACH)))
+    nearest = min(scan.jumps, key=lambda jump: abs(jump.place - expected))
+    assert nearest.place == pytest.approx(expected, abs=0.05)
+    assert nearest.heater == "heater"
+    assert abs(nearest.switches[1] - nearest.switches[0]) >= 1
+    body = cold.simulate(cold.to_theta(centre.z + expected * along)).temperatures[:, 0]
+    assert nearest.seconds == pytest.approx(60.0 * (30 + np.argmin(body[30:150])), abs=120.0)
+    assert abs(nearest.nats) > 1.0
+
+
+def test_a_network_has_a_right_gradient_at_a_kink_too(grazing):
+    problem, _, centre, _ = grazing
+    errors, points, _ = check_gradient(problem, centre, 1)
+    assert points == 4
+    assert max(item.error for item in errors) < TOLERANCE
+
+
+def test_a_failed_simulation_has_a_signature_of_its_own():
+    assert signature(None, 2) == (-1,)
+    problem = problem_with_a_step(told=False)
+    assert signature(problem.simulate(np.array([1.0, 0.0])), 1) == (2, 1)
