@@ -61,9 +61,10 @@ def profile(problem: Problem, centre: Centre, name: str, advance: Callable[[floa
     deviation = min(float(np.sqrt(centre.covariance[k, k])), float(spread_in_z(problem)[k]))
     others = np.delete(np.arange(len(centre.z)), k)
     offsets = np.linspace(0.0, _REACH * deviation, _POINTS + 1)[1:]
-    found = [(centre.z[k], centre.z)]
+    middle = _fitted(problem, centre.z, others)
+    found = [(middle[k], middle)]
     for number, sign in enumerate((-1.0, 1.0)):
-        last = centre.z
+        last = middle
         for step, offset in enumerate(offsets):
             last = _fitted(problem, _followed(centre, last, k, float(centre.z[k] + sign * offset)), others)
             found.append((last[k], last))

@@ -1,0 +1,60 @@
+"""Priors that reach the telemetry, and priors that do not."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from flightcal.check.prior_predictive import prior_predictive
+from flightcal.scenario import Normal
+
+from .problems import centre_at, formula_problem, samples
+
+PRIORS = {"body": Normal(mean=0.0, standard_deviation=1.0), "panel": Normal(mean=0.0, standard_deviation=1.0)}
+EXACT = {"body": 0.0, "panel": 0.0}
+
+
+def levels(theta):
+    return 290.0 + np.ones((samples(), 1)) * np.asarray(theta)
+
+
+def found_for(problem, centre, count=2000):
+    draws = problem.priors.sample(np.random.default_rng(0), count)
+    return prior_predictive(problem, (draws, problem.simulate_many(draws)), centre, 0)
+
+
+@pytest.fixture(scope="module")
+def problem():
+    return formula_problem(PRIORS, levels, EXACT)
+
+
+def test_a_prior_around_the_truth_holds_the_telemetry_in_its_band_of_known_width(problem):
+    found = found_for(problem, centre_at(problem, **EXACT))
+    assert [channel.inside for channel in found.channels] == [1.0, 1.0]
+    assert [channel.reached for channel in found.channels] == [1.0, 1.0]
+    assert found.pressed == ()
+    half = 0.5 * (found.quantiles[2] - found.quantiles[0]).mean()
+    assert half == pytest.approx(1.96 * np.sqrt(1.0 + 0.1**2), rel=0.04)
+
+
+def test_a_channel_that_the_prior_cannot_reach_is_named_with_side_and_distance(problem):
+    observed = problem.observed + np.array([0.0, -6.0])
+    far = replace(problem, observed=observed)
+    found = found_for(far, centre_at(far, body=0.0, panel=-5.9))
+    body, panel = found.channels
+    assert body.reached == 1.0
+    assert (panel.channel, panel.reached, panel.inside) == ("panel_temp", 0.0, 0.0)
+    # The 99% band ends 2.58 below, and twice the noise of 0.1 K below that.
+    assert panel.beyond == pytest.approx(observed[:, 1].min() - 290.0 + 2.58 + 0.2, abs=0.2)
+    (pressed,) = found.pressed
+    assert (pressed.name, pressed.theta) == ("panel", pytest.approx(-5.9))
+    assert pressed.probability < 1e-6
+
+
+def test_failed_simulations_are_counted_and_left_out(problem):
+    draws = problem.priors.sample(np.random.default_rng(0), 40)
+    runs = problem.simulate_many(draws)
+    runs[::4] = [None] * 10
+    found = prior_predictive(problem, (draws, runs), centre_at(problem, **EXACT), 0)
+    assert (found.draws, found.failed) == (40, 10)
+    assert np.isfinite(found.quantiles).all()
