@@ -238,7 +238,7 @@ def combination_finding(checked: Checked, combination: Combination) -> Finding:
         ),
     }[combination.kind]  # fmt: skip
     both = sum(_is_parameter(checked, name) for name in names) >= 2
-    title = what if blind else f"{what.replace('only', 'mostly only')}, as far as the telemetry tells"
+    title = what if blind else f"{what}, {'for the most part' if combination.kind == 'mixed' else 'or little more'}"
     text = f"Along this combination {width}. {advice}"
     large = any(abs(move.change) > _LARGE for move in combination.moves)
     return Finding("bad" if blind and both and large else "warn", title, text, (_trade(checked, combination),))
