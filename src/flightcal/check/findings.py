@@ -139,9 +139,10 @@ def _reach(checked: Checked) -> list[Finding]:
         found.append(Finding("warn", title, text))
     if not found:
         lowest = min(predictive.channels, key=lambda c: c.inside)
+        share = "All" if lowest.inside == 1.0 else f"At least {percent(lowest.inside)} ({lowest.channel})"
         text = (
-            f"Of each channel's telemetry at least {percent(lowest.inside)} ({lowest.channel}) lies inside the prior's "
-            f"95% band, and no parameter is pulled to the outer {EDGE:.0%} of its prior."
+            f"{share} of each channel's telemetry lies inside the prior's 95% band, and no parameter is pulled to the "
+            f"outer {EDGE:.0%} of its prior."
         )
         found.append(Finding("good", "The prior reaches the telemetry", text))
     return found
