@@ -7,7 +7,7 @@ from flightcal.operational.schema import SpacecraftFile
 from flightcal.scenario._document import read_document
 from flightcal.scenario.json_schema import schema_of
 
-EXAMPLE = Path(__file__).parents[2] / "examples" / "observer_twin" / "spacecraft.yaml"
+EXAMPLE = Path(__file__).parents[2] / "examples" / "leo_observer" / "spacecraft.yaml"
 
 
 @pytest.fixture(scope="module")
@@ -23,14 +23,14 @@ def test_the_example_is_valid(validator):
 @pytest.mark.parametrize(
     ("path", "value"),
     [
-        (("step",), 10),
+        (("step",), 12),
         (("materials", "aluminium", "density"), "2700"),
         (("boxes", "bus", "mesh"), 4.5),
         (("boxes", "bus", "size"), ["1 m", "1 m"]),
         (("plates", "array", "colour"), "blue"),
         (("software", "period"), None),
         (("software", "heaters", "battery", "branches"), {}),
-        (("thermistors", "tank_1", "failures"), [{"at": "5 s", "kind": "loose"}]),
+        (("thermistors", "TT_TANK", "failures"), [{"at": "5 s", "kind": "loose"}]),
     ],
 )
 def test_form_that_is_wrong_is_invalid(validator, path, value):
