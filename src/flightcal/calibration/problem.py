@@ -21,7 +21,7 @@ from ..environment import orbital_period
 from ..errors import ScenarioError
 from ..scenario import Normal, Prior, Scenario
 from ..scenario.external import ExternalModel
-from ..scenario.schema import HalfNormal, SimulatorModel
+from ..scenario.schema import HalfNormal
 from ..simulator import NetworkSimulator, SimulationFailure, Simulator, Trajectory, open_loop
 from ..simulator.sampling import ICE_POINT
 from ..simulator.system import FloatArray, Switch
@@ -57,7 +57,7 @@ class Problem:
     heater_status: HeaterStatus | None = None
     """What the telemetry says of the heaters, where the scenario gives it a likelihood."""
     measured_switches: Switch | None = None
-    """In open loop, when those heaters switched; null: in closed loop."""
+    """In open loop, when heaters with uncertain thresholds switched; null: in closed loop."""
     open_loop: Problem | None = None
     """The same problem with every heater driven by its measured status, where there is one."""
 
@@ -247,20 +247,19 @@ class Problem:
         hessian[positions, positions] += (
             2.0 * self.valid.sum(axis=0)[channels] * (prior.slope[positions] / noise[channels]) ** 2
         )
-        if self.heater_status is not None:
-            hessian += self._status_information(self.heater_status, prior)
-        return hessian
+        return hessian + self._status_information(prior)
 
-    def _status_information(self, status: HeaterStatus, prior: PriorTerms) -> FloatArray:
+    def _status_information(self, prior: PriorTerms) -> FloatArray:
         """What the heaters' status adds to the Gauss-Newton Hessian [d, d], with an exact Jacobian of the switches."""
         hessian = np.zeros((len(prior.theta),) * 2)
+        rows = []
         if self.measured_switches is not None:
             _, scaled, pull_back = self._at_thresholds(prior.theta)
             rows = [pull_back(row) for row in np.eye(len(scaled))]
-        else:
+        elif self.heater_status is not None:
             run, cotangent = self.simulator.linearise(prior.theta[self.simulated])
             settings = self.status_settings(prior.theta)
-            weights, precision = status.information(run, settings)
+            weights, precision = self.heater_status.information(run, settings)
             rows = [cotangent(np.zeros(run.temperatures.shape), row) for row in weights]
             places, positions = self.inferred_settings
             hessian[positions, positions] = precision[places] * prior.slope[positions] ** 2
@@ -314,7 +313,6 @@ def build_problem(
     status = heater_status(scenario, chosen, start)
     priors |= {} if status is None else status.priors
     priors |= initial_priors(scenario, simulator.channels, observed)
-    driven = isinstance(scenario.simulator, SimulatorModel) and scenario.simulator.heater_input == "measured"
     opened = None
     if _can_be_opened(scenario):
         opened = build_problem(open_loop(scenario), telemetry, window, span=span)
@@ -328,7 +326,7 @@ def build_problem(
         priors=Priors(tuple(priors), tuple(priors.values())),
         fixed_noise=fixed_noise,
         heater_status=status,
-        measured_switches=measured_switches(scenario, chosen, start) if status is not None and driven else None,
+        measured_switches=measured_switches(scenario, chosen, start),
         open_loop=opened,
     )
 

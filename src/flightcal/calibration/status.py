@@ -1,8 +1,8 @@
 """Heater status as data: what the telemetry of a window says of the heaters, and how probable a simulation makes it.
 
 In closed loop the simulated switches meet the measured status (see `switching`). In open loop, where the measured
-status drives the heaters and the mode is sought, nothing switches; there a thermostat's sensor should be at its
-threshold when the heater is seen to switch, which is what makes thresholds observable.
+status drives the heaters and the mode is sought, no thermostat acts; there its sensor should be at the threshold when
+the heater is seen to switch, which is what makes uncertain thresholds observable.
 """
 
 from __future__ import annotations
@@ -14,9 +14,10 @@ from functools import cached_property
 import numpy as np
 import xarray
 
-from ..scenario import Prior, Scenario
+from ..scenario import Prior, Scenario, SimulatorModel
 from ..scenario.schema import DutyCycle, SwitchTimes
 from ..simulator import Trajectory
+from ..simulator.inputs import Times
 from ..simulator.system import FloatArray, IntArray, Switch
 from ..telemetry.drivers import SHORT_GAP
 from .priors import Priors
@@ -70,7 +71,8 @@ class HeaterStatus:
             here = samples.time[samples.first[c] : samples.first[c + 1]]
             place = samples.setting[c]
             tau, error = settings[place], settings[place + 1]
-            within = np.flatnonzero((heaters == heater) & (times > here[0]) & (times < here[-1])) if len(here) else []
+            first, last = (here[0], here[-1]) if len(here) else (0.0, 0.0)
+            within = np.flatnonzero((heaters == heater) & (times > first) & (times < last))
             later = np.searchsorted(here, times[within])
             variance = tau**2 + (here[later] - here[later - 1]) ** 2 / 12.0
             rows.append(np.eye(len(times))[within] / np.sqrt(variance)[:, None])
@@ -120,19 +122,24 @@ def heater_status(scenario: Scenario, telemetry: xarray.Dataset, start: np.datet
     return HeaterStatus(StatusData(_status_samples(samples), _duty_cycles(duties)), np.array(settings), priors)
 
 
-def measured_switches(scenario: Scenario, telemetry: xarray.Dataset, start: np.datetime64) -> Switch:
-    """Where the measured status of heaters with a likelihood changes between two neighbouring samples, s from `start`.
+def measured_switches(scenario: Scenario, telemetry: xarray.Dataset, start: np.datetime64) -> Switch | None:
+    """Where the measured status that drives heaters changes between two neighbouring samples, s from `start`.
 
-    The time is halfway between the samples, as it is where the measured status drives the heater.
+    The time is halfway between the samples, as it is for the heater. None: in closed loop, and where it would say
+    nothing new: thresholds are known, and no status has a likelihood.
     """
+    model = scenario.simulator
+    if not isinstance(model, SimulatorModel) or model.heater_input != "measured":
+        return None
+    paths = {path for parameter in scenario.parameters.values() for path in (*parameter.sets, *parameter.scales)}
+    uncertain = any(path.endswith((".on_below", ".off_above")) for path in paths)
+    if not uncertain and all(item.likelihood is None for item in scenario.observations.values()):
+        return None
     found = []
-    for name, item in scenario.observations.items():
-        if item.likelihood is None:
-            continue
-        times, on = _samples(telemetry, name, start)
+    for heater, block in enumerate(model.heaters.values()):
+        times, on = _samples(telemetry, block.measured_by or "", start)
         gaps = np.diff(times)
         changed = (np.diff(on) != 0.0) & (gaps < 1.5 * np.median(gaps)) if len(gaps) else np.empty(0, bool)
-        heater = tuple(scenario.simulator.heaters).index(item.heater or "")
         middle = times[:-1][changed] + 0.5 * gaps[changed]
         found.append(np.stack([middle, np.full(len(middle), heater), on[1:][changed]], axis=1))
     time, heaters, went_on = np.concatenate([np.empty((0, 3)), *found]).T
@@ -146,7 +153,7 @@ def _samples(telemetry: xarray.Dataset, channel: str, start: np.datetime64) -> t
     return _seconds(telemetry["time"].values[valid], start), (values[valid] > 0.5).astype(float)
 
 
-def _seconds(times: FloatArray, start: np.datetime64) -> FloatArray:
+def _seconds(times: Times, start: np.datetime64) -> FloatArray:
     return (times - start) / np.timedelta64(1, "ns") * 1e-9
 
 

@@ -21,7 +21,8 @@ _FIELDS = {
     "observations": ("bias", "lag"),
 }
 _STAND_IN = Normal(mean=0.0, standard_deviation=1.0)
-"""For a prior with problems of its own, so that the rest of its block is still checked."""
+_STAND_IN_NUMBER = 0.1
+"""For a prior or a number with problems of its own, so that the rest of its block is still checked."""
 
 
 # --- observations ---------------------------------------------------------------------------------------------
@@ -70,14 +71,14 @@ def _read_known_or_prior(value: Any, location: Location, quantity: Quantity) -> 
     if not isinstance(value, dict):
         return _read_quantity(value, location, quantity)
     prior = read_prior(value, quantity.unit, location, difference=quantity.difference)
-    return (_STAND_IN, prior) if isinstance(prior, list) else (prior, [])
+    return (_STAND_IN_NUMBER, prior) if isinstance(prior, list) else (prior, [])
 
 
 def _read_quantity(value: Any, location: Location, quantity: Quantity) -> tuple[Any, list[Problem]]:
     try:
         return quantity.read(value), []
     except ValueError as error:
-        return 1.0, [Problem(location, str(error))]
+        return _STAND_IN_NUMBER, [Problem(location, str(error))]
 
 
 # --- parameters -----------------------------------------------------------------------------------------------

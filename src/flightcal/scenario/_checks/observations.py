@@ -103,5 +103,6 @@ def _check_status(draft: Draft, observation: Observation, name: str) -> Iterator
     for key, most in (("timing", math.inf), ("error_rate", 0.5)) if form is not None else ():
         prior = getattr(form, key)
         if not isinstance(prior, float) and (support(prior)[0] < 0 or support(prior)[1] > most):
-            message = f"found a {prior.kind} prior that reaches outside of 0 to {most:g}, expected one inside"
+            inside = "of positive values" if key == "timing" else f"within 0 to {most:g}"
+            message = f"found a {prior.kind} prior that reaches further, expected one {inside}"
             yield Problem((*location, "switch_times", key), message)
