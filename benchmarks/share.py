@@ -40,6 +40,7 @@ def _integration(address):  # type: ignore[no-untyped-def]
     )  # fmt: skip
     adjoint(
         window.structure, work.packed[0], window.times, window.series, work.record,
-        work.states_bar, work.adjoint_memory, work.heat_bar, work.packed_bar,
+        work.states_bar, work.switches_bar[: work.outputs.switches[0]],
+        work.adjoint_memory, work.heat_bar, work.packed_bar,
     )  # fmt: skip
     return 0

@@ -67,6 +67,32 @@ def test_gradient_agrees_with_finite_differences_across_a_switch(field):
     assert got == pytest.approx(expected, rel=1e-5)
 
 
+@pytest.mark.parametrize("case", [{}, {"heaters": 3, "measured_heaters": 1, "seed": 3}])
+def test_the_derivative_of_switching_times_agrees_with_differences(case):
+    """Of the times alone and with the states; differences of the fourth order along the gradient of each field."""
+    structure, system, drive = random_system(**{"seed": 2, **case})
+    run = integrate(structure, system, drive)
+    rng = np.random.default_rng(0)
+    of_states, of_times = rng.normal(size=run.states.shape), 0.1 * rng.normal(size=len(run.switches.time))
+    assert len(of_times) >= 4
+    for states_bar in (0.0 * of_states, of_states):
+
+        def objective(system, states_bar=states_bar):
+            moved = integrate(structure, system, drive)
+            assert len(moved.switches.time) == len(of_times)
+            return (moved.states * states_bar).sum() + moved.switches.time @ of_times
+
+        gradient = pull_back(structure, system, drive, run, states_bar, of_times)
+        for field in ("linear", "radiative", "forcing", "heating", "lower", "upper", "initial"):
+            value, slope = getattr(system, field), getattr(gradient, field)
+            direction = np.sign(slope) * np.abs(value)
+            found = (slope * direction).sum()
+            size = 4e-3 / found  # far above the tolerance of a located switch, far below where it bends
+            near = {k: objective(system._replace(**{field: value + k * size * direction})) for k in (-2, -1, 1, 2)}
+            expected = (near[-2] - 8 * near[-1] + 8 * near[1] - near[2]) / (12 * size)
+            assert found == pytest.approx(expected, rel=1e-6), field
+
+
 def test_sensor_is_at_its_threshold_when_the_heater_switches():
     structure, system, drive = random_system(3)
     run = integrate(structure, system, drive)

@@ -22,6 +22,7 @@ from ..simulator.system import FloatArray
 from ..simulator.whole import Window, Workspace, linearise_compiled, make_window, make_workspace, simulate_compiled
 from .likelihood import iid_compiled
 from .priors import NDTRI, Priors, evaluate
+from .switching import NO_STATUS, StatusData, StatusWork, status_compiled, status_work
 from .whitening import Whitening
 
 STOP, GRADIENTS, FAILURES, REASON, DRAWS = range(5)
@@ -58,6 +59,12 @@ class Posterior(NamedTuple):
     noise: Any
     """[N] K, where it is not inferred."""
     observed: Any
+    status: StatusData
+    settings: Any
+    """[P] of the likelihood of heaters' status; empty: there is none."""
+    setting: Any
+    """Those that are inferred, and their positions in theta."""
+    setting_position: Any
     mean: Any
     """[d] z where w is zero."""
     factor: Any
@@ -77,6 +84,7 @@ class _Call(NamedTuple):
     """[1]"""
     noise: Any
     noise_bar: Any
+    status: StatusWork
 
 
 @dataclass(frozen=True)
@@ -134,24 +142,31 @@ def native_density(
     noise: FloatArray,
     places: tuple[Any, Any, Any],
     coordinates: Whitening,
+    status: tuple[StatusData, Any, Any, Any] | None = None,
 ) -> NativeDensity:
     """The log density at w, up to a constant.
 
     observed: [T, N] K; noise: [N] K, anything where it is inferred; places: positions in theta of what the simulator
-    takes, channels whose noise is inferred, and the positions in theta of these.
+    takes, channels whose noise is inferred, and the positions in theta of these; status: what is measured of the
+    heaters, settings [P], which of them are inferred, and the positions in theta of these.
     """
     d, channels = len(priors.names), len(noise)
     simulated, noisy, noise_position = (np.asarray(place, np.int64) for place in places)
+    data, settings, *rest = status or (NO_STATUS, np.empty(0), np.empty(0), np.empty(0))
+    setting, setting_position = (np.array(part, np.int64) for part in rest)
     posterior = Posterior(
         make_window(simulator), priors.kinds, priors.arguments, NDTRI,
-        simulated, noisy, noise_position, np.array(noise), np.array(observed, order="C"), np.array(coordinates.mean),
+        simulated, noisy, noise_position, np.array(noise), np.array(observed, order="C"),
+        data, np.array(settings), setting, setting_position, np.array(coordinates.mean),
         np.array(coordinates.factor, order="C"),
     )  # fmt: skip
     control, row = np.zeros(5, np.int64), np.empty((4, 1, d))
     noises = np.empty((2, channels))
+    work = make_workspace(simulator)
     call = _Call(
-        posterior, make_workspace(simulator), control, row[0], row[1], row[2], row[3], np.empty(1), noises[0], noises[1]
-    )
+        posterior, work, control, row[0], row[1], row[2], row[3], np.empty(1), noises[0], noises[1],
+        status_work(data, len(settings), len(work.switches_bar)),
+    )  # fmt: skip
     memory = store(call)
     density, record = _functions()
     return NativeDensity(density, record, memory.ctypes.data, call.control, (memory, call), d)
@@ -203,6 +218,16 @@ def _log_density(posterior, work, call, w, gradient, value):
     value[0] = call.prior_density[0] + iid_compiled(
         posterior.observed, work.outputs.temperatures[0], call.noise, work.temperatures_bar, call.noise_bar
     )
+    if posterior.settings.shape[0] > 0:
+        for k in range(posterior.settings.shape[0]):
+            call.status.settings[k] = posterior.settings[k]
+        for k in range(posterior.setting.shape[0]):
+            call.status.settings[posterior.setting[k]] = call.theta[0, posterior.setting_position[k]]
+        outputs, switches = work.outputs, work.outputs.switches[0]
+        value[0] += status_compiled(
+            posterior.status, outputs.switch_time[:switches], outputs.switch_heater[:switches],
+            outputs.switch_on[:switches], outputs.status[0], call.status, work.switches_bar[:switches],
+        )  # fmt: skip
     linearise_compiled(posterior.window, work)
     # From here on z holds the cotangent of z.
     for i in range(d):
@@ -213,6 +238,9 @@ def _log_density(posterior, work, call, w, gradient, value):
     for k in range(posterior.noisy.shape[0]):
         i = posterior.noise_position[k]
         call.z[0, i] += call.slope[0, i] * call.noise_bar[posterior.noisy[k]]
+    for k in range(posterior.setting.shape[0]):
+        i = posterior.setting_position[k]
+        call.z[0, i] += call.slope[0, i] * call.status.settings_bar[posterior.setting[k]]
     finite = np.isfinite(value[0])
     for j in range(d):
         total = 0.0

@@ -1,13 +1,15 @@
 """One window of telemetry, a simulator and priors: residuals, and the log density on unconstrained coordinates.
 
 theta, in physical units, is ordered: the scenario's parameters, ``noise.<channel>`` (K) where the noise is inferred,
-``initial.<node>`` (K). z is theta on the unconstrained scale on which the sampler moves.
+``timing.<channel>`` (s) and ``error_rate.<channel>`` of a heater's status where these are, ``initial.<node>`` (K). z is
+theta on the unconstrained scale on which the sampler moves.
 """
 
 from __future__ import annotations
 
 import math
 import threading
+from collections.abc import Callable
 from dataclasses import dataclass
 from functools import cached_property
 from typing import Any
@@ -22,12 +24,13 @@ from ..scenario.external import ExternalModel
 from ..scenario.schema import HalfNormal
 from ..simulator import NetworkSimulator, SimulationFailure, Simulator, Trajectory, open_loop
 from ..simulator.sampling import ICE_POINT
-from ..simulator.system import FloatArray
+from ..simulator.system import FloatArray, Switch
 from ..surrogate.build import build_simulator
 from ..telemetry import select_window, window_bounds
 from .likelihood import ErrorShapes, error_shapes, iid_log_likelihood, low_rank_log_likelihood, shrinkage
 from .native import NativeDensity, native_density
-from .priors import Priors
+from .priors import Priors, PriorTerms
+from .status import THRESHOLD_ERROR, HeaterStatus, heater_status, measured_switches
 from .whitening import Whitening
 
 _DEFAULT_NOISE = HalfNormal(scale=2.0)  # K
@@ -51,6 +54,10 @@ class Problem:
     priors: Priors
     fixed_noise: FloatArray
     """[N] K; NaN where the noise is inferred."""
+    heater_status: HeaterStatus | None = None
+    """What the telemetry says of the heaters, where the scenario gives it a likelihood."""
+    measured_switches: Switch | None = None
+    """In open loop, when heaters with uncertain thresholds switched; null: in closed loop."""
     open_loop: Problem | None = None
     """The same problem with every heater driven by its measured status, where there is one."""
 
@@ -70,6 +77,20 @@ class Problem:
         channels = np.flatnonzero(np.isnan(self.fixed_noise))
         positions = np.array([self.names.index(f"noise.{self.simulator.channels[k]}") for k in channels], dtype=int)
         return channels, positions
+
+    @cached_property
+    def inferred_settings(self) -> Any:
+        """Settings [.] of the status likelihood that are inferred, and their positions in theta [.]."""
+        if self.heater_status is None:
+            return np.empty(0, int), np.empty(0, int)
+        return self.heater_status.inferred, np.array([self.names.index(n) for n in self.heater_status.priors], int)
+
+    def status_settings(self, theta: FloatArray) -> FloatArray:
+        """Settings [P] of the status likelihood at theta [d]."""
+        places, positions = self.inferred_settings
+        settings = np.empty(0) if self.heater_status is None else self.heater_status.settings.copy()
+        settings[places] = theta[positions]
+        return settings
 
     @cached_property
     def valid(self) -> Any:
@@ -112,21 +133,31 @@ class Problem:
             run = self.simulate(prior.theta)
         except SimulationFailure:
             return -np.inf
-        return float(prior.log_density) + self._log_likelihood(run, self.noise(prior.theta))[0]
+        value = float(prior.log_density) + self._log_likelihood(run, self.noise(prior.theta))[0]
+        if self.measured_switches is not None:
+            return value + self._at_thresholds(prior.theta)[0]
+        if self.heater_status is not None:
+            value += self.heater_status.log_likelihood(run, self.status_settings(prior.theta))[0]
+        return value
 
     def native_density(self, coordinates: Whitening) -> NativeDensity | None:
         """The log density at w [d] of other coordinates as a C function; None where there is none."""
         if not isinstance(self.simulator, NetworkSimulator):
             return None
         places = (self.simulated, *self.inferred_noise)
-        return native_density(self.simulator, self.priors, self.observed, self.fixed_noise, places, coordinates)
+        status = None
+        if self.heater_status is not None and self.measured_switches is None:
+            status = (self.heater_status.data, self.heater_status.settings, *self.inferred_settings)
+        return native_density(self.simulator, self.priors, self.observed, self.fixed_noise, places, coordinates, status)
 
     def log_density_and_gradient(self, z: FloatArray) -> tuple[float, FloatArray]:
         """Log posterior density at z [d] and its gradient [d]; (-inf, 0) where the simulation fails."""
         if not hasattr(self._own, "density"):
             self._own.density = self.native_density(Whitening(np.zeros(len(z)), np.eye(len(z))))
-        if self._own.density is not None:
+        if self._own.density is not None and self.measured_switches is None:
             return self._own.density(z)
+        if self._own.density is not None:
+            return self._with_thresholds(z, *self._own.density(z))
         prior = self.priors.at(z)
         if not math.isfinite(prior.theta.sum()):
             return -np.inf, np.zeros_like(z)
@@ -140,6 +171,26 @@ class Problem:
         channels, positions = self.inferred_noise
         theta_bar[positions] = noise_bar[channels]
         return float(prior.log_density) + value, prior.gradient + prior.slope * theta_bar
+
+    def _at_thresholds(self, theta: FloatArray) -> tuple[float, FloatArray, Callable[[FloatArray], FloatArray]]:
+        """In open loop: log likelihood (up to a constant) of the sensors being at their thresholds when heaters switch.
+
+        Also the scaled deviations [E], and the vector-Jacobian product of these. Raises SimulationFailure.
+        """
+        assert isinstance(self.simulator, NetworkSimulator)
+        assert self.measured_switches is not None
+        excess, pull_back = self.simulator.threshold_excess(theta[self.simulated], self.measured_switches)
+        scaled = excess / THRESHOLD_ERROR
+        return -0.5 * float((scaled**2).sum()), scaled, lambda bar: pull_back(bar / THRESHOLD_ERROR)
+
+    def _with_thresholds(self, z: FloatArray, value: float, gradient: FloatArray) -> tuple[float, FloatArray]:
+        if not math.isfinite(value):
+            return value, gradient
+        prior = self.priors.at(z)
+        added, scaled, pull_back = self._at_thresholds(prior.theta)
+        gradient = gradient.copy()
+        gradient[self.simulated] -= prior.slope[self.simulated] * pull_back(scaled)
+        return value + added, gradient
 
     @cached_property
     def _own(self) -> threading.local:
@@ -196,6 +247,24 @@ class Problem:
         hessian[positions, positions] += (
             2.0 * self.valid.sum(axis=0)[channels] * (prior.slope[positions] / noise[channels]) ** 2
         )
+        return hessian + self._status_information(prior)
+
+    def _status_information(self, prior: PriorTerms) -> FloatArray:
+        """What the heaters' status adds to the Gauss-Newton Hessian [d, d], with an exact Jacobian of the switches."""
+        hessian = np.zeros((len(prior.theta),) * 2)
+        rows = []
+        if self.measured_switches is not None:
+            _, scaled, pull_back = self._at_thresholds(prior.theta)
+            rows = [pull_back(row) for row in np.eye(len(scaled))]
+        elif self.heater_status is not None:
+            run, cotangent = self.simulator.linearise(prior.theta[self.simulated])
+            settings = self.status_settings(prior.theta)
+            weights, precision = self.heater_status.information(run, settings)
+            rows = [cotangent(np.zeros(run.temperatures.shape), row) for row in weights]
+            places, positions = self.inferred_settings
+            hessian[positions, positions] = precision[places] * prior.slope[positions] ** 2
+        jacobian = np.reshape(rows, (-1, len(self.simulated))) * prior.slope[self.simulated]
+        hessian[np.ix_(self.simulated, self.simulated)] += np.einsum("ei,ej->ij", jacobian, jacobian)
         return hessian
 
     def rmse(self, thetas: FloatArray, status_weight: float = 0.0) -> FloatArray:
@@ -241,6 +310,8 @@ def build_problem(
             fixed_noise[k] = noise
         else:
             priors[f"noise.{channel}"] = noise or _DEFAULT_NOISE
+    status = heater_status(scenario, chosen, start)
+    priors |= {} if status is None else status.priors
     priors |= initial_priors(scenario, simulator.channels, observed)
     opened = None
     if _can_be_opened(scenario):
@@ -254,6 +325,8 @@ def build_problem(
         simulator=simulator,
         priors=Priors(tuple(priors), tuple(priors.values())),
         fixed_noise=fixed_noise,
+        heater_status=status,
+        measured_switches=measured_switches(scenario, chosen, start),
         open_loop=opened,
     )
 

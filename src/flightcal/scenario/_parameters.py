@@ -21,7 +21,8 @@ _FIELDS = {
     "observations": ("bias", "lag"),
 }
 _STAND_IN = Normal(mean=0.0, standard_deviation=1.0)
-"""For a prior with problems of its own, so that the rest of its block is still checked."""
+_STAND_IN_NUMBER = 0.1
+"""For a prior or a number with problems of its own, so that the rest of its block is still checked."""
 
 
 # --- observations ---------------------------------------------------------------------------------------------
@@ -40,25 +41,44 @@ def read_observations(blocks: Mapping[str, Any]) -> tuple[dict[str, Any], list[P
             if block.get(key) is not None:
                 read[name][key], found = reader(block[key], ("observations", name, key))
                 problems += found
+        likelihood = block.get("likelihood")
+        if isinstance(likelihood, dict) and isinstance(likelihood.get("switch_times"), dict):
+            location = ("observations", name, "likelihood", "switch_times")
+            switch_times, found = _read_switch_times(likelihood["switch_times"], location)
+            read[name]["likelihood"] = {**likelihood, "switch_times": switch_times}
+            problems += found
     return read, problems
 
 
 def _read_noise(value: Any, location: Location) -> tuple[Any, list[Problem]]:
-    if not isinstance(value, dict):
-        return _read_difference(value, location, Quantity("K", above=0.0, difference=True))
-    prior = read_prior(value, "K", location, difference=True)
-    return (_STAND_IN, prior) if isinstance(prior, list) else (prior, [])
+    return _read_known_or_prior(value, location, Quantity("K", above=0.0, difference=True))
 
 
 def _read_bias(value: Any, location: Location) -> tuple[Any, list[Problem]]:
-    return _read_difference(value, location, Quantity("K", difference=True))
+    return _read_quantity(value, location, Quantity("K", difference=True))
 
 
-def _read_difference(value: Any, location: Location, quantity: Quantity) -> tuple[Any, list[Problem]]:
+def _read_switch_times(block: Mapping[str, Any], location: Location) -> tuple[dict[str, Any], list[Problem]]:
+    read, problems = dict(block), []
+    for key, quantity in (("timing", Quantity("s", above=0.0)), ("error_rate", Quantity("", above=0.0, at_most=0.5))):
+        if key in block:
+            read[key], found = _read_known_or_prior(block[key], (*location, key), quantity)
+            problems += found
+    return read, problems
+
+
+def _read_known_or_prior(value: Any, location: Location, quantity: Quantity) -> tuple[Any, list[Problem]]:
+    if not isinstance(value, dict):
+        return _read_quantity(value, location, quantity)
+    prior = read_prior(value, quantity.unit, location, difference=quantity.difference)
+    return (_STAND_IN_NUMBER, prior) if isinstance(prior, list) else (prior, [])
+
+
+def _read_quantity(value: Any, location: Location, quantity: Quantity) -> tuple[Any, list[Problem]]:
     try:
         return quantity.read(value), []
     except ValueError as error:
-        return 1.0, [Problem(location, str(error))]
+        return _STAND_IN_NUMBER, [Problem(location, str(error))]
 
 
 # --- parameters -----------------------------------------------------------------------------------------------

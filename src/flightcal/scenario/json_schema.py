@@ -45,6 +45,9 @@ def json_schema() -> dict[str, Any]:
     observation = definitions["Observation"]
     _replace(observation, "noise", {"anyOf": [quantity_schema("K"), prior, {"type": "null"}]})
     _replace(observation, "bias", quantity_schema("K"))
+    switch_times = definitions["SwitchTimes"]
+    for key, unit in (("timing", "s"), ("error_rate", "")):
+        _replace(switch_times, key, {"anyOf": [quantity_schema(unit), prior]})
     return schema
 
 

@@ -9,7 +9,7 @@ from typing import Any
 from ._priors import written_prior
 from ._units import written
 from .external import KINDS
-from .schema import Observation, Scenario, SimulatorModel
+from .schema import Observation, Prior, Scenario, SimulatorModel
 
 _WIDTH = 10_000
 """Lines are not broken: long text such as two-line elements must stay whole."""
@@ -71,11 +71,20 @@ def _written_network(model: dict[str, Any]) -> dict[str, Any]:
 
 def _written_errors(observation: Observation) -> dict[str, Any]:
     errors: dict[str, Any] = {"bias": written(observation.bias, "K")}
-    if isinstance(observation.noise, float):
-        errors["noise"] = written(observation.noise, "K")
-    elif observation.noise is not None:
-        errors["noise"] = written_prior(observation.noise, "K")
+    if observation.noise is not None:
+        errors["noise"] = _written_or_prior(observation.noise, "K")
+    if observation.likelihood is not None and observation.likelihood.switch_times is not None:
+        form = observation.likelihood.switch_times
+        switch_times = {
+            "timing": _written_or_prior(form.timing, "s"),
+            "error_rate": _written_or_prior(form.error_rate, ""),
+        }
+        errors["likelihood"] = {"switch_times": switch_times}
     return errors
+
+
+def _written_or_prior(value: Prior | float, unit: str) -> Any:
+    return written(value, unit) if isinstance(value, float) else written_prior(value, unit)
 
 
 def _make_absolute(data: dict[str, Any], folder: Path) -> None:

@@ -429,6 +429,37 @@ class Parameter(Block):
     """SI unit of the quantity it sets; "" when it scales."""
 
 
+class SwitchTimes(Block):
+    """The times at which a heater switches, known to lie between samples of its status."""
+
+    timing: Annotated[Prior, Field(discriminator="kind")] | float = LogNormal(median=20.0, factor=2.0)
+    """Standard deviation of a switch's time around the simulated one, s: control cycle, delays and what the simulator
+    lacks; a prior (inferred) or a known value."""
+    error_rate: Annotated[Prior, Field(discriminator="kind")] | float = 1e-3
+    """Share of status samples that are wrong, whatever the timing; a prior (inferred) or a known value."""
+
+
+class DutyCycle(Block):
+    """The share of time in which a heater is on."""
+
+    over: Duration | None = None
+    """Length of the stretches over which it is taken, from the window's start; null: the window."""
+    standard_deviation: Annotated[float, Quantity("", above=0, at_most=1)] = 0.02
+
+
+class StatusLikelihood(Block):
+    """How a heater's measured status counts in the likelihood."""
+
+    switch_times: SwitchTimes | None = None
+    duty_cycle: DutyCycle | None = None
+
+    @model_validator(mode="after")
+    def _one_form(self) -> StatusLikelihood:
+        given = {name: getattr(self, name) is not None for name in ("switch_times", "duty_cycle")}
+        _exactly_one(given, "exactly one of 'switch_times' and 'duty_cycle'")
+        return self
+
+
 class Observation(Block):
     """What a channel measures: a temperature or a heater's status; sensor bias and noise."""
 
@@ -447,6 +478,8 @@ class Observation(Block):
     """Time constant with which the sensor follows its node; null: at once."""
     noise: Annotated[Prior, Field(discriminator="kind")] | float | None = None
     """Standard deviation of the noise, K: a prior (inferred) or a known value; null: half-normal of 2 K."""
+    likelihood: StatusLikelihood | None = None
+    """Of a heater's status; null: it does not count."""
 
     @model_validator(mode="after")
     def _one_target(self) -> Observation:

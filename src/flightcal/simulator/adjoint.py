@@ -20,8 +20,9 @@ from .step import (
 
 
 @compiled_long
-def adjoint(structure, packed, times, series, record, states_bar, memory, heat_bar, packed_bar):
-    """Pull the cotangent `states_bar` [K+1, n] of the states on the grid back to packed_bar [P] (see `system.pack`).
+def adjoint(structure, packed, times, series, record, states_bar, switches_bar, memory, heat_bar, packed_bar):
+    """Pull cotangents back to packed_bar [P] (see `system.pack`): states_bar [K+1, n] of the states on the grid, and
+    switches_bar [E] of the times of the thermostats' switches, in order of time.
 
     record: that of a single simulation, packed [P]; workspace: memory [adjoint_memory_size(structure)] and heat_bar
     [n, K+1]; what packed_bar holds is overwritten.
@@ -52,6 +53,7 @@ def adjoint(structure, packed, times, series, record, states_bar, memory, heat_b
 
     heat_bar[:] = 0.0
     segment = record.segments[0] - 1
+    switch = switches_bar.shape[0] - 1
     for back in range(times.shape[0] - 1):
         step = times.shape[0] - 2 - back
         for i in range(n):
@@ -90,6 +92,8 @@ def adjoint(structure, packed, times, series, record, states_bar, memory, heat_b
             if event >= 0:
                 # The segment's length solves x1[sensor] = threshold: dL/dh must vanish in total.
                 length_derivative(structure, A, N, h, ramp, now, workspace, velocity)
+                time_bar += switches_bar[switch]
+                switch -= 1
                 total = time_bar
                 for i in range(n):
                     total += x_bar[i] * velocity[i]

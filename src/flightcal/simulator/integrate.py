@@ -136,19 +136,38 @@ def integrate_many(
     return outputs
 
 
-def pull_back(structure: Structure, system: System, drive: Drive, run: Run, states_bar: FloatArray) -> System:
-    """Cotangent of the system from the cotangent [K+1, n] of the states on the grid: the adjoint of `integrate`."""
-    return unpack(structure, pull_back_packed(structure, pack(system), drive, run, states_bar))
+def pull_back(
+    structure: Structure,
+    system: System,
+    drive: Drive,
+    run: Run,
+    states_bar: FloatArray,
+    switches_bar: FloatArray | None = None,
+) -> System:
+    """Cotangent of the system from those of the states on the grid [K+1, n] and of the switches' times [E].
+
+    The adjoint of `integrate`. switches_bar: None: zero.
+    """
+    return unpack(structure, pull_back_packed(structure, pack(system), drive, run, states_bar, switches_bar))
 
 
 def pull_back_packed(
-    structure: Structure, packed: FloatArray, drive: Drive, run: Run, states_bar: FloatArray
+    structure: Structure,
+    packed: FloatArray,
+    drive: Drive,
+    run: Run,
+    states_bar: FloatArray,
+    switches_bar: FloatArray | None = None,
 ) -> FloatArray:
     """The same of a packed system [P]."""
+    if switches_bar is None:
+        switches_bar = np.zeros(run.outputs.switches[0])
     packed_bar = np.empty_like(packed)
     memory = np.empty(adjoint_memory_size(structure))
     heat_bar = np.empty((len(structure.mass), len(drive.times)))
-    adjoint(structure, packed, drive.times, drive.series, run.record, states_bar, memory, heat_bar, packed_bar)
+    adjoint(
+        structure, packed, drive.times, drive.series, run.record, states_bar, switches_bar, memory, heat_bar, packed_bar
+    )
     return packed_bar
 
 

@@ -28,8 +28,8 @@ from .integrate import (
 )
 from .lanes import WIDTH
 from .network import Network, build_network, sensor_state
-from .sampling import Sensors, spread
-from .system import Drive, FloatArray, IntArray, Switch, System, unpack
+from .sampling import Sensors, locate, spread
+from .system import Drive, FloatArray, IntArray, Switch, System, packed_bounds, unpack
 
 _FEW = 3
 """So many simulations at once are faster than one by one."""
@@ -86,7 +86,8 @@ class Simulator(Protocol):
     def linearise(self, theta: FloatArray) -> tuple[Trajectory, Callable[..., FloatArray]]:
         """A simulation and its vector-Jacobian product: cotangent of the temperatures [T, N] -> of theta [d].
 
-        With an `error_basis`, the product also takes the cotangent [r] of the variances.
+        That of a thermal network also takes the cotangent [E] of the switches' times; with an `error_basis`, the
+        product also takes the cotangent [r] of the variances.
         """
 
 
@@ -159,10 +160,42 @@ class NetworkSimulator:
         return [trajectory for chunk in found for trajectory in chunk]
 
     def linearise(self, theta: FloatArray) -> tuple[Trajectory, Callable[..., FloatArray]]:
-        """A simulation and its vector-Jacobian product: cotangent of the temperatures [T, N] -> of theta [d]."""
+        """A simulation and its vector-Jacobian product.
+
+        From the cotangents of the temperatures [T, N] and, if given, of the switches' times [E] to that of theta [d].
+        """
         numbers, packed = self._assemble(theta)
         run = self._integrate(numbers, packed, derivative=True)
         return _trajectory(run.outputs, 0), partial(self._cotangent, theta, numbers, packed, run)
+
+    def threshold_excess(
+        self, theta: FloatArray, switches: Switch
+    ) -> tuple[FloatArray, Callable[[FloatArray], FloatArray]]:
+        """By how much a thermostat's sensor is above its threshold at given switches [E], K, as the heaters are driven.
+
+        Also its vector-Jacobian product: cotangent [E] -> of theta [d]. Raises SimulationFailure.
+        """
+        structure = self.network.structure
+        numbers, packed = self._assemble(theta)
+        run = self._integrate(numbers, packed, derivative=True)
+        at = locate(switches.time, self.drive.times)
+        sensor = structure.sensor[switches.heater]
+        lower, upper = packed_bounds(structure)[3:5]
+        threshold = np.where(switches.on > 0.5, lower, upper) + switches.heater
+        left, right = run.states[at.point, sensor], run.states[at.point + 1, sensor]
+
+        def pull_back(excess_bar: FloatArray) -> FloatArray:
+            states_bar = np.zeros(run.states.shape)
+            np.add.at(states_bar, (at.point, sensor), (1.0 - at.weight) * excess_bar)
+            np.add.at(states_bar, (at.point + 1, sensor), at.weight * excess_bar)
+            packed_bar = pull_back_packed(structure, packed, self.drive, run, states_bar)
+            np.subtract.at(packed_bar, threshold, excess_bar)
+            return pull_back_assembly(
+                self.mapping, self.network.terms, theta, numbers, packed_bar,
+                self.channel_errors, np.zeros(self.channel_errors.shape),
+            )  # fmt: skip
+
+        return (1.0 - at.weight) * left + at.weight * right - packed[threshold], pull_back
 
     def _assemble(self, theta: FloatArray) -> tuple[FloatArray, FloatArray]:
         return assemble(self.mapping, self.network.terms, theta)
@@ -192,7 +225,13 @@ class NetworkSimulator:
         ]  # fmt: skip
 
     def _cotangent(
-        self, theta: FloatArray, numbers: FloatArray, packed: FloatArray, run: Run, temperatures_bar: FloatArray
+        self,
+        theta: FloatArray,
+        numbers: FloatArray,
+        packed: FloatArray,
+        run: Run,
+        temperatures_bar: FloatArray,
+        switches_bar: FloatArray | None = None,
     ) -> FloatArray:
         network, observation, errors = self.network, self.observation, numbers[self.channel_errors]
         states_bar, errors_bar = np.empty(run.states.shape), np.empty(errors.shape)
@@ -200,7 +239,7 @@ class NetworkSimulator:
             observation.sampling, observation.sensors, self.drive.times, run.states, errors,
             temperatures_bar, states_bar, errors_bar,
         )  # fmt: skip
-        packed_bar = pull_back_packed(network.structure, packed, self.drive, run, states_bar)
+        packed_bar = pull_back_packed(network.structure, packed, self.drive, run, states_bar, switches_bar)
         return pull_back_assembly(
             self.mapping, network.terms, theta, numbers, packed_bar, self.channel_errors, errors_bar
         )

@@ -39,6 +39,8 @@ class Workspace(NamedTuple):
     """[d] its cotangent."""
     temperatures_bar: Any
     """[T, N] cotangent of the temperatures."""
+    switches_bar: Any
+    """[at least E] cotangent of the switches' times; zero unless a likelihood fills it."""
     numbers: Any
     packed: Any
     packed_bar: Any
@@ -87,6 +89,7 @@ def make_workspace(simulator: NetworkSimulator) -> Workspace:
         theta=np.empty((1, parameters)),
         theta_bar=np.empty(parameters),
         temperatures_bar=np.empty((samples, channels)),
+        switches_bar=np.zeros(capacity if len(structure.sensor) else 0),
         numbers=np.empty((1, numbers)),
         packed=np.empty((1, packed)),
         packed_bar=np.empty(packed),
@@ -123,14 +126,15 @@ def simulate_compiled(window, work):
 
 @inlined
 def linearise_compiled(window, work):
-    """Fill work.theta_bar from work.temperatures_bar, for the simulation made last."""
+    """Fill work.theta_bar from work.temperatures_bar and switches_bar, for the simulation made last."""
     spread(
         window.sampling, window.sensors, window.times, work.record.states[0], work.errors[0],
         work.temperatures_bar, work.states_bar, work.errors_bar,
     )  # fmt: skip
     adjoint(
         window.structure, work.packed[0], window.times, window.series, work.record,
-        work.states_bar, work.adjoint_memory, work.heat_bar, work.packed_bar,
+        work.states_bar, work.switches_bar[: work.outputs.switches[0]],
+        work.adjoint_memory, work.heat_bar, work.packed_bar,
     )  # fmt: skip
     pull_back_compiled(
         window.mapping, window.terms, work.theta[0], work.numbers[0], work.packed_bar,

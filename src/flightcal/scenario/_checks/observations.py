@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Iterator
 from pathlib import Path
 
@@ -27,8 +28,11 @@ def check(reading: Reading, folder: Path) -> Iterator[Problem]:
         if wrong_target:
             yield Problem((*location, wrong_target[0]), wrong_target[1])
         if observation.heater is not None:
-            yield from _check_status(observation, name)
+            yield from _check_status(draft, observation, name)
             continue
+        if observation.likelihood is not None:
+            message = "found a 'likelihood' for a temperature, expected one for the status of a heater only"
+            yield Problem((*location, "likelihood"), message)
         yield from _check_sensor(draft, observation, name)
         noise = observation.noise
         if noise is not None and not isinstance(noise, float) and support(noise)[0] < 0:
@@ -82,7 +86,23 @@ def _check_sensor(draft: Draft, observation: Observation, name: str) -> Iterator
         yield Problem(("observations", name, "lag"), f"{message}: the sensor starts at its node's initial temperature")
 
 
-def _check_status(observation: Observation, name: str) -> Iterator[Problem]:
+def _check_status(draft: Draft, observation: Observation, name: str) -> Iterator[Problem]:
     for key in ("noise", *_ERRORS):
         if key in observation.model_fields_set:
             yield Problem(("observations", name, key), f"found {key!r} for a heater's status, expected none")
+    if observation.likelihood is None:
+        return
+    location = ("observations", name, "likelihood")
+    if draft.external is not None:
+        message = f"found a likelihood of status with an external simulator ({draft.external.kind}), expected a network"
+        yield Problem(location, f"{message}: it needs the times at which simulated thermostats switch")
+    elif draft.heater_input == "measured":
+        message = "found a likelihood of status with heater_input: measured, expected heater_input: simulated"
+        yield Problem(location, f"{message}: a status that drives the heater says nothing of the thermostat")
+    form = observation.likelihood.switch_times
+    for key, most in (("timing", math.inf), ("error_rate", 0.5)) if form is not None else ():
+        prior = getattr(form, key)
+        if not isinstance(prior, float) and (support(prior)[0] < 0 or support(prior)[1] > most):
+            inside = "of positive values" if key == "timing" else f"within 0 to {most:g}"
+            message = f"found a {prior.kind} prior that reaches further, expected one {inside}"
+            yield Problem((*location, "switch_times", key), message)

@@ -1,0 +1,188 @@
+"""Heater status in a problem: what is taken from the telemetry, the density's derivatives, the search for the mode."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from flightcal.calibration import build_problem, find_mode
+from flightcal.calibration.status import THRESHOLD_ERROR, heater_status, measured_switches
+from flightcal.simulator import open_loop
+
+from .. import small
+
+INFERRED = {"switch_times": {"error_rate": {"beta": {"alpha": 1, "beta": 99, "lower": 0.0, "upper": 0.5}}}}
+TRUTH = {
+    "noise.body_temp": 0.1, "initial.body": 285.0, "initial.panel": 262.0, "on_below": 283.15, "off_above": 286.15,
+    "timing.heater_status": 15.0, "error_rate.heater_status": 0.01,
+} | small.TRUTH  # fmt: skip
+
+
+def written(likelihood):
+    content = small.content()
+    for name, centre in (("on_below", "10 degC"), ("off_above", "13 degC")):
+        prior = {"normal": {"mean": centre, "standard_deviation": "1 K"}}
+        content["parameters"][name] = {"sets": f"heaters.heater.{name}", "prior": prior}
+    if likelihood is not None:
+        content["observations"]["heater_status"]["likelihood"] = likelihood
+    content["windows"]["train"]["end"] = "2024-03-01T02:00:00"
+    return content
+
+
+def made(folder, likelihood):
+    scenario, data = small.closed_loop(folder, written(likelihood))
+    data["heater_status"].values[50:60] = np.nan
+    return scenario, data
+
+
+@pytest.fixture(scope="module", params=[INFERRED, {"duty_cycle": {"over": "40 min"}}], ids=["switch times", "duty"])
+def problem(request, tmp_path_factory):
+    return build_problem(*made(tmp_path_factory.mktemp("status"), request.param))
+
+
+def near_truth(problem, seed):
+    z = problem.to_z(np.array([TRUTH[name] for name in problem.names]))
+    return z + 0.03 * np.random.default_rng(seed).standard_normal(len(z))
+
+
+def differences(function, z):
+    return np.array([(function(z + step) - function(z - step)) / 2e-5 for step in 1e-5 * np.eye(len(z))])
+
+
+def test_settings_that_are_inferred_stand_between_noise_and_initial_temperatures(tmp_path):
+    problem = build_problem(*made(tmp_path, INFERRED))
+    assert problem.names[5:] == (
+        "noise.body_temp", "timing.heater_status", "error_rate.heater_status", "initial.body", "initial.panel",
+    )  # fmt: skip
+    theta = np.array([TRUTH[name] for name in problem.names])
+    np.testing.assert_array_equal(problem.status_settings(theta), [15.0, 0.01])
+    fixed = build_problem(*made(tmp_path, {"switch_times": {"timing": "12 s", "error_rate": 0.002}}))
+    assert "timing.heater_status" not in fixed.names
+    np.testing.assert_array_equal(fixed.status_settings(theta), [12.0, 0.002])
+
+
+def test_samples_in_a_gap_or_near_the_windows_ends_are_not_used(tmp_path):
+    scenario, data = made(tmp_path, {"switch_times": {"timing": "50 s"}})
+    window = data.isel(time=slice(0, 121))
+    samples = heater_status(scenario, window, small.START).data.samples
+    minutes = np.setdiff1d(np.arange(3, 118), np.arange(50, 60))
+    np.testing.assert_allclose(samples.time, 60.0 * minutes, rtol=1e-12)
+    np.testing.assert_array_equal(samples.on, window["heater_status"].values[minutes])
+
+
+def test_duty_cycles_are_those_of_the_stretches_without_the_gaps(tmp_path):
+    scenario, data = made(tmp_path, {"duty_cycle": {"over": "40 min"}})
+    duties = heater_status(scenario, data.isel(time=slice(0, 121)), small.START).data.duties
+    np.testing.assert_array_equal(duties.first, [0, 1, 3, 4])
+    np.testing.assert_allclose(duties.begin, [0.0, 2400.0, 3600.0, 4800.0], rtol=1e-12)
+    np.testing.assert_allclose(duties.end, [2400.0, 2940.0, 4800.0, 7200.0], rtol=1e-12)
+    status = data["heater_status"].values
+    expected = 0.5 * (status[:-1] + status[1:])
+    shares = [expected[:40].mean(), np.r_[expected[40:49], expected[60:80]].mean(), expected[80:120].mean()]
+    np.testing.assert_allclose(duties.measured, shares)
+
+
+def test_the_density_has_what_the_status_adds(problem):
+    """That of the same problem without it, and the priors of its settings aside."""
+    z = near_truth(problem, 0)
+    theta = problem.to_theta(z)
+    run, settings = problem.simulate(theta), problem.status_settings(theta)
+    added = problem.heater_status.log_likelihood(run, settings)[0]
+    assert problem.log_density(z) - replace(problem, heater_status=None).log_density(z) == pytest.approx(added)
+    assert abs(added) > 1.0
+
+
+@pytest.mark.parametrize("seed", range(2))
+@pytest.mark.parametrize("loop", ["closed", "open"])
+def test_value_and_gradient_agree_with_differences(problem, loop, seed):
+    case = problem if loop == "closed" else problem.open_loop
+    z = near_truth(problem, seed)
+    value, gradient = case.log_density_and_gradient(z)
+    assert value == pytest.approx(case.log_density(z), rel=1e-12)
+    expected = differences(case.log_density, z)
+    np.testing.assert_allclose(gradient, expected, rtol=1e-5, atol=1e-6 * np.abs(expected).max())
+
+
+def test_the_information_is_that_of_the_moving_switches(problem):
+    """Against switches' times at theta next to it: a variance of tau^2 + 60^2 / 12 each, or that of the duty cycles."""
+    z = near_truth(problem, 1)
+    theta = problem.to_theta(z)
+    run = problem.simulate(theta)
+    moving = differences(lambda z: problem.simulate(problem.to_theta(z)).switches.time, z).T
+    data, settings = problem.heater_status.data, problem.status_settings(theta)
+    if len(data.duties.measured):
+        deviation = []
+        for step in 1e-3 * np.eye(len(moving)):
+            moved = [replace(run, switches=run.switches._replace(time=run.switches.time + s)) for s in (step, -step)]
+            # The derivative of the log likelihood by the measured value, of each duty cycle alone.
+            values = []
+            for number in range(len(data.duties.measured)):
+                at = []
+                for case in moved:
+                    shifted = []
+                    for shift in (1e-4, -1e-4):
+                        measured = data.duties.measured.copy()
+                        measured[number] += shift
+                        other = data._replace(duties=data.duties._replace(measured=measured))
+                        status = replace(problem.heater_status, data=other)
+                        shifted.append(status.log_likelihood(case, settings)[0])
+                    at.append((shifted[0] - shifted[1]) / 2e-4)
+                values.append((at[0] - at[1]) / 2e-3 * settings[0])
+            deviation.append(values)
+        rows = np.array(deviation).T
+    else:
+        seen = (run.switches.time > data.samples.time[0]) & (run.switches.time < data.samples.time[-1])
+        gap = (run.switches.time > 2940.0) & (run.switches.time < 3600.0)
+        interval = np.where(gap, 660.0, 60.0)
+        rows = np.eye(len(moving))[seen] / np.sqrt(settings[0] ** 2 + interval[seen, None] ** 2 / 12.0)
+    expected = (rows @ moving).T @ (rows @ moving)
+    found = problem.gauss_newton_hessian(z) - replace(problem, heater_status=None).gauss_newton_hessian(z)
+    scale = np.sqrt(np.outer(np.diag(expected), np.diag(expected)) + 1e-12)
+    kept = np.ix_(problem.simulated, problem.simulated)
+    np.testing.assert_allclose((found / scale)[kept], (expected / scale)[kept], atol=1e-3)
+    assert np.linalg.matrix_rank(expected, tol=1e-6 * expected.max()) > 1
+
+
+def test_in_open_loop_the_sensor_is_at_its_threshold_when_the_heater_is_seen_to_switch(problem):
+    """The density falls by the squared distance; its curvature by the thresholds is one row for each switch."""
+    opened = problem.open_loop
+    switches = opened.measured_switches
+    status = problem.status[:, 0]
+    assert len(switches.time) == np.sum(np.abs(np.diff(status)) == 1.0) >= 6
+    theta = np.array([TRUTH[name] for name in problem.names])
+    excess, pull_back = opened.simulator.threshold_excess(theta[opened.simulated], switches)
+    # The heater switches halfway between samples, up to half a minute off; it moves by less than 0.02 K/s.
+    assert (np.abs(excess) < 0.6).all()
+    assert np.abs(excess).max() > 0.01
+    z = problem.to_z(theta)
+    without = replace(opened, measured_switches=None, heater_status=None)
+    added = opened.log_density(z) - without.log_density(z)
+    assert added == pytest.approx(-0.5 * (excess**2).sum() / THRESHOLD_ERROR**2, rel=1e-6)
+    rows = np.array([pull_back(row) for row in np.eye(len(excess))])
+    upper = opened.simulator.parameters.index("off_above")
+    np.testing.assert_allclose(rows[:, upper], np.where(switches.on > 0.5, 0.0, -1.0), atol=1e-12)
+
+
+def test_open_loop_looks_at_thresholds_only_where_they_are_uncertain_or_status_counts(tmp_path):
+    scenario, data = small.load(tmp_path)
+    assert measured_switches(open_loop(scenario), data, small.START) is None
+    scenario, data = small.load(tmp_path, written(None))
+    assert measured_switches(scenario, data, small.START) is None
+    assert measured_switches(open_loop(scenario), data, small.START) is not None
+
+
+@pytest.mark.parametrize("likelihood", [None, INFERRED], ids=["temperatures alone", "status too"])
+def test_the_mode_is_found_with_thresholds_that_are_a_kelvin_uncertain(tmp_path, likelihood):
+    problem = build_problem(*made(tmp_path, likelihood))
+    mode = find_mode(problem, [], open_loop=problem.open_loop, rng=np.random.default_rng(0), random_starts=3)[0]
+    truth = problem.to_z(np.array([TRUTH[name] for name in problem.names]))
+    deviation = np.sqrt(np.diag(np.linalg.inv(problem.gauss_newton_hessian(mode.z))))
+    assert mode.converged
+    assert (np.abs(mode.z - truth) < 4 * deviation).all()
+
+
+def test_a_scenario_that_gives_status_no_likelihood_has_none(tmp_path):
+    problem = build_problem(*small.closed_loop(tmp_path))
+    assert problem.heater_status is None
+    assert problem.open_loop.measured_switches is None
+    assert problem.status_settings(np.zeros(len(problem.names))).size == 0
