@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Collection
 
-from .calibration import Problem, mean_and_some
+from .calibration import AnyProblem, mean_and_some
 from .errors import ScenarioError
 from .listener import Listener
 from .run_directory import RunDirectory
@@ -17,7 +17,7 @@ CHECKED = 20
 """Posterior draws that are flown, besides the mean."""
 
 
-def full_check_stage(run: RunDirectory, key: str, problem: Problem, draws: FloatArray, listener: Listener) -> None:
+def full_check_stage(run: RunDirectory, key: str, problem: AnyProblem, draws: FloatArray, listener: Listener) -> None:
     """Fly the mean of posterior thetas [S, d] and some of them, and write how far the reduced model is off.
 
     The flight is that of the spacecraft file, its failures and initial temperatures included.
@@ -52,7 +52,7 @@ def full_check_stage(run: RunDirectory, key: str, problem: Problem, draws: Float
         )
 
 
-def _shared(problem: Problem, names: Collection[str]) -> tuple[str, ...]:
+def _shared(problem: AnyProblem, names: Collection[str]) -> tuple[str, ...]:
     """The scenario's parameters, all of which the reduction must know."""
     unknown = [name for name in problem.scenario.parameters if name not in names]
     if unknown:

@@ -18,18 +18,20 @@ import xarray
 from ._emulator_stage import CHECK_FILE, Emulation, check_emulator, emulator_stage, window_emulator
 from ._reduced_stage import full_check_stage
 from .calibration import (
+    AnyProblem,
     Diagnostics,
     Problem,
     build_problem,
     calibrate_genetic,
     calibrate_nuts,
+    calibration_problem,
     genetic_points,
     posterior_tree,
     with_residual_noise,
 )
 from .calibration.emulated import needs_emulator
 from .environment import orbital_period
-from .errors import FlightcalError, RunError
+from .errors import FlightcalError, RunError, ScenarioError
 from .listener import Listener, Silent
 from .prediction import predict
 from .report import write_report
@@ -76,7 +78,7 @@ def run_experiment(
     scenario = load_scenario(scenario_file, telemetry=telemetry)
     listener.stage("read", False)
     data = read(scenario)
-    problem = build_problem(scenario, data)
+    problem = calibration_problem(scenario, data)
     inputs = {str(name): hash_of_file(Path(name)) for name in input_files(scenario)}
     identity = identity_of(scenario, inputs)
     run = open_run(Path(out), identity, resolved_yaml(scenario, absolute=True), inputs, scenario.calibration.seed)
@@ -87,6 +89,11 @@ def run_experiment(
     settings = scenario.calibration
     emulation = None
     if needs_emulator(problem):
+        if not isinstance(problem, Problem):
+            raise ScenarioError(
+                f"windows.train: found {len(scenario.train_windows)} windows, expected one: the simulator has no "
+                "derivatives, and an emulator is one window's"
+            )
         emulation = emulator_stage(run, hash_of(identity, settings.emulator.model_dump()), problem, listener)
         emulator_identity = hash_of(identity, settings.emulator.model_dump(), settings.seed)
     else:
@@ -112,7 +119,7 @@ def run_experiment(
     return Summary(run.path, report, diagnostics, metrics, interrupted)
 
 
-def _compile_stage(run: RunDirectory, key: str, problem: Problem, listener: Listener) -> None:
+def _compile_stage(run: RunDirectory, key: str, problem: AnyProblem, listener: Listener) -> None:
     """Call what the later stages call, so that their times are without compilation; a minute, the first time."""
     done = run.is_done("compile", key, ())
     listener.stage("compile", done)
@@ -123,7 +130,7 @@ def _compile_stage(run: RunDirectory, key: str, problem: Problem, listener: List
             problem.simulate_many(np.tile(median, (8, 1)))
 
 
-def _genetic_stage(run: RunDirectory, key: str, problem: Problem, listener: Listener) -> xarray.Dataset:
+def _genetic_stage(run: RunDirectory, key: str, problem: AnyProblem, listener: Listener) -> xarray.Dataset:
     done = run.is_done("genetic", key, ("genetic.nc",))
     listener.stage("genetic", done)
     if not done:
@@ -136,7 +143,7 @@ def _genetic_stage(run: RunDirectory, key: str, problem: Problem, listener: List
 def _nuts_stage(
     run: RunDirectory,
     key: str,
-    problem: Problem,
+    problem: AnyProblem,
     points: dict[str, FloatArray],
     emulation: Emulation | None,
     listener: Listener,
@@ -164,6 +171,7 @@ def _nuts_stage(
             run.write_netcdf("posterior.nc", tree)
             diagnostics = posterior.diagnostics
             if emulation is not None:
+                assert isinstance(problem, Problem)
                 diagnostics = check_emulator(run, problem, emulation, posterior.flat, diagnostics)
             run.write_json("diagnostics.json", _diagnostics(diagnostics, posterior.draws))
         if interrupted:
@@ -174,7 +182,7 @@ def _nuts_stage(
 def _predict_stage(
     run: RunDirectory,
     key: str,
-    problem: Problem,
+    problem: AnyProblem,
     data: xarray.Dataset,
     points: dict[str, FloatArray],
     draws: FloatArray,
@@ -190,15 +198,28 @@ def _predict_stage(
             uncalibrated = with_residual_noise(problem, problem.priors.median())
             points = {"uncalibrated": uncalibrated, **points}
             stand_in = None if emulation is None else partial(window_emulator, run, key, emulation, draws)
-            windows = {
-                window: predict(scenario, data, window, points, draws, seed=seed, stand_in=stand_in)[0]
-                for window in scenario.windows
-            }
+            windows = {}
+            for window in scenario.windows:
+                thetas = _in_window(problem, data, window, points, draws)
+                windows[window] = predict(scenario, data, window, *thetas, seed=seed, stand_in=stand_in)[0]
             metrics = [metric for window, predicted in windows.items() for metric in score(predicted, window)]
             run.write_netcdf("prediction.nc", xarray.DataTree.from_dict(windows))
             run.write_json("metrics.json", [plain(metric) for metric in metrics])
     records = json.loads(run.file("metrics.json").read_text(encoding="utf-8"))
     return tuple(Metric(**record) for record in records)
+
+
+def _in_window(
+    problem: AnyProblem, data: xarray.Dataset, window: str, points: dict[str, FloatArray], draws: FloatArray
+) -> tuple[dict[str, FloatArray], FloatArray]:
+    """Points [d] and draws [S, d] as thetas of a window's own problem."""
+    if isinstance(problem, Problem):
+        return points, draws
+    known = {inside.window: inside for inside in problem.problems}
+    inside = known.get(window) or build_problem(problem.scenario, data, window)
+    rng = np.random.default_rng([problem.scenario.calibration.seed, *window.encode()])
+    of_points = {name: problem.window_thetas(inside, theta[None])[0] for name, theta in points.items()}
+    return of_points, problem.window_thetas(inside, draws, rng)
 
 
 def _draws(posterior: xarray.DataTree, names: tuple[str, ...], count: int, seed: int) -> FloatArray:
@@ -217,7 +238,7 @@ def identity_of(scenario: Scenario, inputs: dict[str, str]) -> str:
     return hash_of(content, sorted(inputs.values()))
 
 
-def parameter_records(problem: Problem) -> list[dict[str, Any]]:
+def parameter_records(problem: AnyProblem) -> list[dict[str, Any]]:
     """parameters.json: what each entry of theta is, its prior and its unit."""
     lower, median, upper = (problem.priors.quantile(p) for p in (0.025, 0.5, 0.975))
     records = []
@@ -229,7 +250,7 @@ def parameter_records(problem: Problem) -> list[dict[str, Any]]:
             {
                 "name": name,
                 "kind": "parameter" if parameter else name.split(".")[0],
-                "unit": parameter.unit if parameter else "K",
+                "unit": parameter.unit if parameter else "" if name.startswith("drift.") else "K",
                 "target": [*parameter.sets, *parameter.scales] if parameter else [],
                 "mode": ("sets" if parameter.sets else "scales") if parameter else "",
                 "prior": f"{prior.kind}: {values}",

@@ -1,6 +1,7 @@
 """The problem, its priors and likelihood, and the methods that solve it."""
 
 from .diagnostics import Diagnostics, Gate, diagnose
+from .joint import AnyProblem, JointProblem, calibration_problem
 from .methods import (
     Posterior,
     calibrate_genetic,
@@ -15,8 +16,10 @@ from .priors import Priors
 from .problem import Problem, build_problem
 
 __all__ = [
+    "AnyProblem",
     "Diagnostics",
     "Gate",
+    "JointProblem",
     "Mode",
     "Posterior",
     "Priors",
@@ -24,6 +27,7 @@ __all__ = [
     "build_problem",
     "calibrate_genetic",
     "calibrate_nuts",
+    "calibration_problem",
     "climb",
     "diagnose",
     "find_mode",

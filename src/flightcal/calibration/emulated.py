@@ -15,6 +15,7 @@ from ..surrogate.emulator import EmulatedSimulator, Emulator, fit_emulator
 from ..surrogate.held_out import Validation, judge, validate
 from ..surrogate.runs import TrainingRuns, failure_summary, no_runs
 from .active import TRUNCATION, simulated_priors, start_design
+from .joint import AnyProblem
 from .methods import mean_and_some
 from .problem import Problem
 
@@ -26,7 +27,7 @@ _GLOBAL_TOLERANCE = 0.5
 """Share of the noise that principal shapes may leave out where the emulator only leads a search."""
 
 
-def needs_emulator(problem: Problem) -> bool:
+def needs_emulator(problem: AnyProblem) -> bool:
     """Whether the problem's simulator is an external one without derivatives. Raises FlightcalError where it fails."""
     if not isinstance(problem.simulator, ExternalSimulator):
         return False

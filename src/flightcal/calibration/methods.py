@@ -16,9 +16,9 @@ from ..scenario import GeneticSettings, NutsSettings
 from ..simulator.system import FloatArray
 from .diagnostics import Diagnostics, diagnose
 from .genetic import minimise
+from .joint import AnyProblem
 from .mode import Mode, find_mode
 from .nuts import Draws, sample
-from .problem import Problem
 from .whitening import whitening
 
 _SEARCH_BOX = 0.998
@@ -27,7 +27,7 @@ _LEAST_NOISE = 1e-3  # K, so that a perfect fit still has a noise level
 
 
 def calibrate_genetic(
-    problem: Problem,
+    problem: AnyProblem,
     settings: GeneticSettings | None = None,
     seed: int | None = None,
     *,
@@ -73,7 +73,7 @@ def calibrate_genetic(
     )
 
 
-def genetic_points(problem: Problem, runs: xarray.Dataset) -> dict[str, FloatArray]:
+def genetic_points(problem: AnyProblem, runs: xarray.Dataset) -> dict[str, FloatArray]:
     """The point estimates of `calibrate_genetic` by method name: thetas [d] ordered as `Problem.names`.
 
     genetic: the mean of the runs' best, as published; it can leave the ridge of good fits, hence genetic_best;
@@ -89,7 +89,7 @@ def genetic_points(problem: Problem, runs: xarray.Dataset) -> dict[str, FloatArr
     return points
 
 
-def with_residual_noise(problem: Problem, theta: FloatArray) -> FloatArray:
+def with_residual_noise(problem: AnyProblem, theta: FloatArray) -> FloatArray:
     """theta [d] with its ``noise.*`` entries set to the RMSE of each channel (K); prior median where it fails."""
     theta = theta.copy()
     run = problem.simulate_many(theta[None])[0]
@@ -119,7 +119,7 @@ class Posterior:
 
 
 def calibrate_nuts(
-    problem: Problem,
+    problem: AnyProblem,
     settings: NutsSettings | None = None,
     seed: int | None = None,
     *,
@@ -167,7 +167,7 @@ def mean_and_some(thetas: FloatArray, count: int, seed: int) -> FloatArray:
 
 
 def posterior_tree(
-    problem: Problem, posterior: Posterior, *, seed: int, most_predictions: int = 250
+    problem: AnyProblem, posterior: Posterior, *, seed: int, most_predictions: int = 250
 ) -> xarray.DataTree:
     """The posterior in ArviZ's groups: posterior, sample_stats, prior, posterior_predictive, observed_data."""
     rng = np.random.default_rng(seed)

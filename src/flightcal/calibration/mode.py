@@ -14,7 +14,7 @@ import numpy as np
 
 from ..simulator import SimulationFailure
 from ..simulator.system import FloatArray
-from .problem import Problem
+from .joint import AnyProblem
 
 _ITERATIONS = 100
 _MOST_DAMPING = 1e8
@@ -36,7 +36,7 @@ class Mode:
     """Which start it was reached from."""
 
 
-def climb(problem: Problem, z: FloatArray, origin: str = "") -> Mode:
+def climb(problem: AnyProblem, z: FloatArray, origin: str = "") -> Mode:
     """Levenberg-Marquardt ascent of the log density from z [d], with its exact gradient and Gauss-Newton Hessian.
 
     Marquardt's scaled damping (Marquardt 1963), so steps do not depend on the parameters' units.
@@ -67,10 +67,10 @@ def climb(problem: Problem, z: FloatArray, origin: str = "") -> Mode:
 
 
 def find_mode(
-    problem: Problem,
+    problem: AnyProblem,
     starts: Sequence[tuple[str, FloatArray]],
     *,
-    open_loop: Problem | None = None,
+    open_loop: AnyProblem | None = None,
     rng: np.random.Generator,
     random_starts: int = 6,
     on_start: Callable[[str], None] = lambda _: None,

@@ -11,6 +11,7 @@ import xarray
 from ..calibration.problem import Problem, build_problem
 from ..environment import orbit_phase, sunlit_share
 from ..scenario import Scenario
+from ..scenario.schema import is_trained
 from ..simulator import Trajectory
 from ..simulator.system import FloatArray
 from ..surrogate.emulator import EmulatedSimulator
@@ -45,7 +46,7 @@ def predict(
     for_draws = problem if stand_in is None else stand_in(problem)
     scored = np.ones(len(problem.times), bool)
     thetas = np.stack(list(points.values())) if points else np.empty((0, draws.shape[1]))
-    if window != "train":
+    if not is_trained(window):
         first = build_problem(scenario, telemetry, window, span=settings.initial_span)
         scored = problem.times > first.times[-1]
         if len(thetas):
@@ -61,7 +62,7 @@ def predict(
         "interval": settings.interval,
         "interval_contains": f"parameters, initial temperatures{error} and measurement noise; not model discrepancy",
         "initial_state": "calibrated with the parameters"
-        if window == "train"
+        if is_trained(window)
         else f"estimated from the first {settings.initial_span / 60:g} min of the window, which are not scored",
         "failed_simulations": ensemble.failed,
     }
@@ -96,7 +97,8 @@ def _dataset(
     count[-1] = ensemble.switch_count.mean(axis=0)
     energy[-1] = ensemble.energy.mean(axis=0)
     environment, folder = problem.scenario.environment, problem.scenario.folder
-    origin = np.datetime64(problem.scenario.windows["train"].start)  # phases of all windows are comparable
+    scenario = problem.scenario
+    origin = np.datetime64(scenario.windows[scenario.train_windows[0]].start)  # phases of all windows are comparable
     by_method, by_simulation = ("method", "time", "channel"), ("simulation", "heater")
     return xarray.Dataset(
         {

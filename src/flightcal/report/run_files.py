@@ -11,6 +11,7 @@ import numpy as np
 import xarray as xr
 
 from flightcal.errors import RunError
+from flightcal.scenario.schema import is_trained
 from flightcal.validation import Metric
 
 Record = dict[str, Any]
@@ -74,8 +75,8 @@ class RunFiles:
 
     @property
     def test_windows(self) -> dict[str, xr.Dataset]:
-        """Windows other than `train`."""
-        return {name: window for name, window in self.windows.items() if name != "train"}
+        """Windows that were not calibrated on."""
+        return {name: window for name, window in self.windows.items() if not is_trained(name)}
 
 
 def read_run(folder: Path) -> RunFiles:
@@ -94,7 +95,7 @@ def read_run(folder: Path) -> RunFiles:
         provenance=_json(folder / "provenance.json"),
         genetic=_dataset(folder / "genetic.nc"),
         posterior=posterior,
-        windows=dict(sorted(windows.items(), key=lambda item: item[0] != "train")),
+        windows=dict(sorted(windows.items(), key=lambda item: not is_trained(item[0]))),
         metrics=_records(folder / "metrics.json", _metric),
         diagnostics=_json(folder / "diagnostics.json"),
         parameters=_records(folder / "parameters.json", _parameter),

@@ -10,6 +10,7 @@ import numpy as np
 import plotly.graph_objects as go
 import xarray as xr
 
+from flightcal.scenario.schema import is_trained
 from flightcal.validation import ResidualCheck
 
 from . import figures as draw
@@ -198,7 +199,7 @@ def _densities(run: RunFiles) -> list[Block]:
 
 
 def _prediction(run: RunFiles) -> list[Block]:
-    order = run.test_windows | {n: w for n, w in run.windows.items() if n == "train"}
+    order = run.test_windows | {n: w for n, w in run.windows.items() if is_trained(n)}
     blocks = []
     for i, (name, window) in enumerate(order.items()):
         if not _has(window, "stochastic"):

@@ -8,6 +8,7 @@ from typing import Literal
 
 import numpy as np
 
+from flightcal.scenario.schema import is_trained
 from flightcal.validation import Metric, ResidualCheck, check_window
 
 from .run_files import STAGES, Record, RunFiles, draws
@@ -46,7 +47,7 @@ Checks = dict[str, list[ResidualCheck]]
 
 def verdict(run: RunFiles, checks: Checks) -> list[Finding]:
     """All findings of a run, the most basic ones first."""
-    scored = [m.window for m in run.metrics if m.window != "train"]
+    scored = [m.window for m in run.metrics if not is_trained(m.window)]
     scores = [_scores(run, window) for window in dict.fromkeys([*run.test_windows, *scored])]
     return [
         *_interrupted(run),
@@ -183,7 +184,7 @@ def residual_checks(run: RunFiles) -> Checks:
 def _noise(checks: Checks) -> Finding:
     if not checks:
         return Finding("none", "The noise is not judged", "There is no stochastic prediction.")
-    window = "train" if "train" in checks else next(iter(checks))
+    window = next((name for name in checks if is_trained(name)), next(iter(checks)))
     of_window = checks[window]
     against = [c for c in of_window if c.verdict == "contradicted"]
     details = tuple(c.words for c in of_window)

@@ -13,6 +13,7 @@ from ._draft import Draft, draft_of_data
 from ._parameters import read_observations, read_parameters
 from ._reduced import fill_in
 from ._units import show
+from ._windows import flat_windows
 from ._wording import problems_of, unknown_key, written_keys
 from .schema import Scenario
 from .settable import Settable, settable_of
@@ -52,6 +53,8 @@ def read_scenario(path: Path, telemetry: Path | None = None) -> Reading:
     if isinstance(data.get("simulator"), dict):
         data["simulator"], found = fill_in(data["simulator"], path.parent)
         problems += found
+    if "windows" in data:
+        data["windows"] = flat_windows(data["windows"], document.lines)
     data, draft, numbers, found = _read_values(data)
     problems += found
     scenario = None

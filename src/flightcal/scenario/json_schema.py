@@ -36,6 +36,10 @@ def json_schema() -> dict[str, Any]:
     parameter["required"].remove("unit")
     parameter["anyOf"] = [{"required": ["sets"]}, {"required": ["scales"]}]
 
+    window = schema["properties"]["windows"]["additionalProperties"]
+    group = [{"type": "array", "items": window}, {"type": "object", "additionalProperties": window}]
+    schema["properties"]["windows"]["additionalProperties"] = {"anyOf": [window, *group]}
+
     network = definitions["SimulatorModel"]
     del network["properties"]["reduced_numbers"]
     del definitions["ReducedNumber"]

@@ -8,6 +8,7 @@ from typing import Any
 
 from ._priors import written_prior
 from ._units import written
+from ._windows import grouped_windows
 from .external import KINDS
 from .schema import Observation, Prior, Scenario, SimulatorModel
 
@@ -44,11 +45,14 @@ def _written(scenario: Scenario, absolute: bool) -> dict[str, Any]:
     for name, parameter in scenario.parameters.items():
         paths = {key: list(getattr(parameter, key)) for key in ("sets", "scales") if getattr(parameter, key)}
         data["parameters"][name] = {**paths, "prior": written_prior(parameter.prior, parameter.unit)}
+        if parameter.drift is not None:
+            data["parameters"][name]["drift"] = parameter.drift
     for name, observation in scenario.observations.items():
         data["observations"][name] |= _written_errors(observation)
         if observation.heater is not None:
             for error in ("gain", "bias", "time_offset"):
                 del data["observations"][name][error]
+    data["windows"] = grouped_windows(data["windows"])
     if isinstance(scenario.simulator, SimulatorModel):
         data["simulator"] = _written_network(data["simulator"])
     if absolute:

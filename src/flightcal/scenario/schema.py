@@ -427,6 +427,9 @@ class Parameter(Block):
     prior: Annotated[Prior, Field(discriminator="kind")]
     unit: str
     """SI unit of the quantity it sets; "" when it scales."""
+    drift: Annotated[Number, Field(gt=0)] | None = None
+    """It differs between the windows of a calibration on several: scale of the half-normal prior of the standard
+    deviation between them, in standard deviations of the parameter's own prior. null: it does not."""
 
 
 class SwitchTimes(Block):
@@ -507,6 +510,11 @@ class Window(Block):
         return self
 
 
+def is_trained(window: str) -> bool:
+    """Whether the window of this name is one to calibrate on."""
+    return window.partition(".")[0] == "train"
+
+
 class GeneticSettings(Block):
     """The genetic algorithm."""
 
@@ -584,10 +592,16 @@ class Scenario(Block):
     parameters: dict[str, Parameter] = Field(min_length=1)
     observations: dict[str, Observation] = Field(min_length=1)
     windows: dict[str, Window]
-    """`train`, and any number of other windows, on which the result is scored."""
+    """`train`, and any number of other windows, on which the result is scored. Several to train on are a list or a
+    mapping in the place of `train`, and are called ``train.<name>``; other windows may be grouped likewise."""
     calibration: Calibration = Calibration()
     folder: Path = Field(default=Path(), exclude=True)
     """Folder of the file; relative paths start there."""
+
+    @property
+    def train_windows(self) -> tuple[str, ...]:
+        """Names of the windows to calibrate on, in the file's order."""
+        return tuple(name for name in self.windows if is_trained(name))
 
     @property
     def network(self) -> SimulatorModel:

@@ -25,12 +25,13 @@ def check(reading: Reading, folder: Path) -> Iterator[Problem]:
         ("simulator", "modes"): list(draft.modes),
         ("simulator", "loads"): list(draft.loads),
         ("parameters",): list(draft.parameters),
-        ("windows",): list(draft.windows),
     }
     if draft.external is not None:
         for section in ("inputs", "outputs", "heaters"):
             sections["simulator", section] = list(getattr(draft.external, section))
     named = [((*section, name), name) for section, names in sections.items() for name in names]
+    # A window of a group is called after both.
+    named += [(("windows", name), part) for name in draft.windows for part in name.split(".", 1)]
     for k, conductor in enumerate(draft.conductors):
         if conductor is not None and conductor.name is not None:
             named.append((("simulator", "conductors", k, "name"), conductor.name))

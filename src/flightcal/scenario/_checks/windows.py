@@ -1,4 +1,4 @@
-"""Windows: one to train on, others apart from it, of known length."""
+"""Windows: one or several to train on, all others apart from them, of known length."""
 
 from __future__ import annotations
 
@@ -10,7 +10,7 @@ from pathlib import Path
 from .._document import Problem
 from .._reading import Reading
 from .._units import did_you_mean
-from ..schema import CircularOrbit, Environment, KeplerianOrbit, TleOrbit, Window
+from ..schema import CircularOrbit, Environment, KeplerianOrbit, TleOrbit, Window, is_trained
 from ._common import readable
 from .environment import EARTH_RADIUS
 
@@ -20,9 +20,15 @@ _TOLERANCE = timedelta(minutes=1)
 
 
 def check(reading: Reading, folder: Path) -> Iterator[Problem]:
-    """`train` exists, no other window overlaps it, and orbits can be counted."""
+    """`train` exists, no other window overlaps it, and orbits can be counted; what drifts, drifts between windows."""
     draft = reading.draft
-    if "windows" in reading.document.data and "train" not in draft.windows:
+    trained = [name for name in draft.windows if is_trained(name)]
+    if len(trained) < 2:
+        for name, parameter in readable(draft.parameters).items():
+            if parameter.drift is not None:
+                message = f"found a drift and {len(trained)} window to train on, expected several to drift between"
+                yield Problem(("parameters", name, "drift"), message)
+    if "windows" in reading.document.data and not trained:
         message = f"missing window 'train', expected the stretch to calibrate on{did_you_mean('train', draft.windows)}"
         yield Problem(("windows",), message)
     environment = draft.environment
@@ -40,14 +46,16 @@ def check(reading: Reading, folder: Path) -> Iterator[Problem]:
 
 
 def _check_overlap(windows: dict[str, Window], environment: Environment) -> Iterator[Problem]:
-    span = _span(windows["train"], environment) if "train" in windows else None
-    for name, window in windows.items():
-        other = _span(window, environment)
-        if name == "train" or span is None or other is None:
-            continue
-        if other[0] < span[1] and span[0] < other[1]:
-            until = f"'train' lasts from {span[0]:%Y-%m-%dT%H:%M} to {span[1]:%Y-%m-%dT%H:%M}"
-            yield Problem(("windows", name), f"found an overlap with 'train', expected unseen telemetry: {until}")
+    spans = {name: _span(window, environment) for name, window in windows.items()}
+    trained = {name: span for name, span in spans.items() if is_trained(name) and span is not None}
+    seen: dict[str, tuple[datetime, datetime]] = {}
+    for name, other in [*trained.items(), *((name, span) for name, span in spans.items() if name not in trained)]:
+        for train, span in seen.items():
+            if other is not None and other[0] < span[1] and span[0] < other[1]:
+                until = f"{train!r} lasts from {span[0]:%Y-%m-%dT%H:%M} to {span[1]:%Y-%m-%dT%H:%M}"
+                yield Problem(("windows", name), f"found an overlap with {train!r}, expected unseen telemetry: {until}")
+        if name in trained:
+            seen[name] = trained[name]
 
 
 def _span(window: Window, environment: Environment) -> tuple[datetime, datetime] | None:

@@ -1,0 +1,51 @@
+"""Windows in groups: several to train on, several to test on."""
+
+from __future__ import annotations
+
+from typing import Any
+
+from ._document import Location
+
+
+def flat_windows(windows: Any, lines: dict[Location, int]) -> Any:
+    """The block `windows` with ``<group>.<name>`` for the windows of a group, which is a list or a mapping of windows.
+
+    Those of a list are called 1, 2, ...; lines get entries for the new names.
+    """
+    if not isinstance(windows, dict):
+        return windows
+    flat: dict[str, Any] = {}
+    for name, block in windows.items():
+        inside = _members(block)
+        if inside is None:
+            flat[name] = block
+            continue
+        for key, window in inside.items():
+            label = key + 1 if isinstance(key, int) else key
+            flat[f"{name}.{label}"] = window
+            here: Location = ("windows", name, key)
+            for location, line in list(lines.items()):
+                if location[:3] == here:
+                    lines["windows", f"{name}.{label}", *location[3:]] = line
+    return flat
+
+
+def grouped_windows(windows: dict[str, Any]) -> dict[str, Any]:
+    """The reverse of `flat_windows`, as a user writes it."""
+    grouped: dict[str, Any] = {}
+    for name, window in windows.items():
+        group, _, label = name.partition(".")
+        if label:
+            grouped.setdefault(group, {})[label] = window
+        else:
+            grouped[name] = window
+    return grouped
+
+
+def _members(block: Any) -> dict[Any, Any] | None:
+    """The windows of a group; null: the block is a window."""
+    if isinstance(block, list) and block:
+        return dict(enumerate(block))
+    if isinstance(block, dict) and block and all(isinstance(value, dict) for value in block.values()):
+        return block
+    return None

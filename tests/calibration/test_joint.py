@@ -1,0 +1,130 @@
+"""Several windows as one problem, against the residuals of all of them put together by hand."""
+
+import numpy as np
+import pytest
+
+from flightcal.calibration import build_problem, calibrate_genetic, calibration_problem, genetic_points
+from flightcal.calibration.joint import JointProblem
+from flightcal.scenario import load_scenario
+
+from .. import small
+
+
+def written(**changes):
+    content = small.content()
+    content["windows"] = {
+        "train": {
+            "first": {"start": "2024-03-01T00:00:00", "end": "2024-03-01T01:30:00"},
+            "second": {"start": "2024-03-01T02:10:00", "end": "2024-03-01T03:20:00"},
+        },
+        "test": [{"start": "2024-03-01T03:30:00", "end": "2024-03-01T05:00:00"}],
+    }
+    return content | changes
+
+
+def drifting():
+    content = written()
+    content["parameters"]["link"]["drift"] = 0.5
+    return content
+
+
+@pytest.fixture(scope="module", params=["shared", "drifting"])
+def joint(request, tmp_path_factory):
+    content = written() if request.param == "shared" else drifting()
+    return calibration_problem(*small.closed_loop(tmp_path_factory.mktemp("joint"), content))
+
+
+def points(joint, count=3):
+    """Away from the mode, in all directions."""
+    z = joint.to_z(joint.priors.median())
+    return z + 0.3 * np.random.default_rng(0).standard_normal((count, len(z)))
+
+
+def test_windows_share_parameters_and_noise_and_have_initial_temperatures_of_their_own(joint):
+    drift = ("drift.link", "drift.link.first", "drift.link.second") if "drift.link" in joint.names else ()
+    initial = [f"initial.{window}.{node}" for window in ("first", "second") for node in ("body", "panel")]
+    assert joint.names == ("link", "panel_size", "power", "noise.body_temp", *drift, *initial)
+    assert joint.observed.shape == (90 + 70, 2)
+
+
+def test_one_window_to_train_on_is_an_ordinary_problem(tmp_path):
+    scenario, data = small.load(tmp_path)
+    assert not isinstance(calibration_problem(scenario, data), JointProblem)
+
+
+def test_the_density_is_the_windows_likelihoods_and_each_prior_once(joint):
+    for z in points(joint):
+        theta = joint.to_theta(z)
+        expected = float(joint.priors.at(z).log_density)
+        for problem in joint.problems:
+            inside = problem.to_z(joint.window_thetas(problem, theta[None])[0])
+            run = problem.simulate(problem.to_theta(inside))
+            noise = problem.noise(problem.to_theta(inside))
+            squares = ((problem.observed - run.temperatures) / noise) ** 2
+            expected -= 0.5 * squares.sum() + len(run.temperatures) * np.log(noise * np.sqrt(2 * np.pi)).sum()
+        assert joint.log_density_and_gradient(z)[0] == pytest.approx(expected, rel=1e-9)
+        assert joint.log_density(z) == pytest.approx(expected, rel=1e-9)
+
+
+def test_the_gradient_agrees_with_differences(joint):
+    z = points(joint, 1)[0]
+    gradient = joint.log_density_and_gradient(z)[1]
+    for k, name in enumerate(joint.names):
+        step = 1e-5 * np.eye(len(z))[k]
+        difference = (joint.log_density(z + step) - joint.log_density(z - step)) / 2e-5
+        assert gradient[k] == pytest.approx(difference, rel=1e-3, abs=1e-3 * np.abs(gradient).max()), name
+
+
+def test_the_gauss_newton_hessian_is_that_of_all_windows_residuals(joint):
+    z = points(joint, 1)[0]
+    noise = joint.noise(joint.to_theta(z))
+    weighted = []
+    for k in range(len(z)):
+        step = 1e-4 * np.eye(len(z))[k]
+        above, below = joint.simulate_many(joint.to_theta(np.stack([z + step, z - step])))
+        weighted.append(((above.temperatures - below.temperatures) / 2e-4 / noise).ravel())
+    expected = np.array(weighted) @ np.array(weighted).T + np.diag(joint.priors.precision(z))
+    k = joint.names.index("noise.body_temp")
+    found = joint.gauss_newton_hessian(z)
+    expected[k, k] = found[k, k]
+    np.testing.assert_allclose(found, expected, rtol=1e-4, atol=1e-4 * np.abs(expected).max())
+
+
+def test_a_drifting_parameter_is_the_common_one_moved_on_its_normal_scale(tmp_path):
+    joint = calibration_problem(*small.closed_loop(tmp_path, drifting()))
+    theta = joint.priors.median()
+    place = {name: k for k, name in enumerate(joint.names)}
+    theta[[place["link"], place["drift.link"], place["drift.link.first"], place["drift.link.second"]]] = 0.7, 0.4, 1, -2
+    values = joint.window_values(theta)["link"]
+    # Of a lognormal prior with a factor of 1.3.
+    np.testing.assert_allclose(values, 0.7 * 1.3 ** (0.4 * np.array([1.0, -2.0])), rtol=1e-9)
+    unseen = build_problem(joint.scenario, joint_data(joint, tmp_path), "test.1")
+    draws = joint.window_thetas(unseen, np.tile(theta, (4000, 1)), np.random.default_rng(0))[:, 0]
+    assert np.log(draws).mean() == pytest.approx(np.log(0.7), abs=4 * 0.4 * np.log(1.3) / np.sqrt(4000))
+    assert np.log(draws).std() == pytest.approx(0.4 * np.log(1.3), rel=0.05)
+    assert joint.window_thetas(unseen, theta[None])[0, 0] == pytest.approx(0.7)
+
+
+def joint_data(joint, folder):
+    return small.load(folder, drifting())[1]
+
+
+def test_the_error_is_pooled_over_the_samples_of_all_windows_and_the_search_finds_one(joint):
+    theta = joint.priors.median()
+    run = joint.simulate_many(theta[None])[0]
+    expected = np.sqrt(np.mean((run.temperatures - joint.observed) ** 2))
+    assert joint.rmse(theta[None])[0] == pytest.approx(expected)
+    runs = calibrate_genetic(joint)
+    assert (runs["history"][:, -1] < runs["history"][:, 0]).all()
+    point = genetic_points(joint, runs)["genetic_best"]
+    assert joint.rmse(point[None])[0] == pytest.approx(float(runs["rmse"].min()))
+
+
+def test_windows_in_groups_are_read_back_as_they_were(tmp_path):
+    from flightcal.scenario import resolved_yaml
+
+    scenario, _ = small.load(tmp_path, drifting())
+    assert scenario.train_windows == ("train.first", "train.second")
+    assert list(scenario.windows) == ["train.first", "train.second", "test.1"]
+    (tmp_path / "again.yaml").write_text(resolved_yaml(scenario))
+    assert load_scenario(tmp_path / "again.yaml") == scenario
