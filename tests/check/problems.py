@@ -20,6 +20,7 @@ from flightcal.simulator import Trajectory
 from flightcal.simulator.system import Switch
 from tests import small
 
+NOISE = 0.1  # K
 NO_SWITCHES = Switch(np.empty(0), np.empty(0, np.int64), np.empty(0))
 
 
@@ -72,21 +73,19 @@ def formula_problem(
     temperatures: Callable[[Any], Any],
     truth: dict[str, float],
     *,
-    noise: float = 0.1,
     seed: int = 0,
     **more: Any,
 ) -> Problem:
-    """A problem with fixed noise (K), whose telemetry is the formula [T, 2] at the truth with that noise."""
+    """A problem whose telemetry is the formula [T, 2] at the truth, with a noise of 0.1 K that is known."""
     base = _small()
     simulator = Formula(tuple(priors), base.simulator.channels, temperatures, samples=len(base.times), **more)
     exact = temperatures(np.array([truth[name] for name in priors]))
     return replace(
         base,
-        observed=exact + noise * np.random.default_rng(seed).standard_normal(exact.shape),
+        observed=exact + NOISE * np.random.default_rng(seed).standard_normal(exact.shape),
         status=np.full((len(exact), len(simulator.heaters)), np.nan),
         simulator=simulator,
         priors=Priors(tuple(priors), tuple(priors.values())),
-        fixed_noise=np.full(2, noise),
         open_loop=None,
     )
 

@@ -7,18 +7,18 @@ from flightcal.check.profile import check_names, profile
 from flightcal.errors import ScenarioError
 from flightcal.scenario import LogNormal, Normal
 
-from .problems import centre_at, formula_problem, samples
+from .problems import NOISE, centre_at, formula_problem, samples
 
 
 def test_the_profile_of_a_linear_problem_is_its_marginal_parabola():
-    matrix = 0.02 * np.random.default_rng(0).standard_normal((samples(), 2, 3))
+    matrix = 0.04 * np.random.default_rng(0).standard_normal((samples(), 2, 3))
     matrix[..., 1] += 0.9 * matrix[..., 0]
     priors = {name: Normal(mean=0.0, standard_deviation=2.0) for name in "abc"}
-    problem = formula_problem(priors, lambda theta: 290.0 + matrix @ theta, dict.fromkeys("abc", 0.0), noise=0.05)
-    flat = matrix.reshape(-1, 3) / 0.05
+    problem = formula_problem(priors, lambda theta: 290.0 + matrix @ theta, dict.fromkeys("abc", 0.0))
+    flat = matrix.reshape(-1, 3) / NOISE
     precision = flat.T @ flat + np.eye(3) / 4.0
     covariance = np.linalg.inv(precision)
-    mean = covariance @ flat.T @ ((problem.observed - 290.0).ravel() / 0.05)
+    mean = covariance @ flat.T @ ((problem.observed - 290.0).ravel() / NOISE)
     found = profile(problem, centre_at(problem, **dict(zip("abc", mean, strict=True))), "a")
     deviation = np.sqrt(covariance[0, 0])
     np.testing.assert_allclose(found.log_density, -0.5 * ((found.theta - mean[0]) / deviation) ** 2, atol=1e-4)

@@ -1,13 +1,18 @@
 """The whole check of a scenario, from the command line: words, exit code, files."""
 
 import json
+import re
 
 import pytest
 from typer.testing import CliRunner
 
+from flightcal.check import check_scenario
 from flightcal.cli import app
+from flightcal.errors import ScenarioError
+from flightcal.external.in_worker import close_workers
 
 from .. import small
+from ..external import scenes
 
 RUN = CliRunner()
 
@@ -91,3 +96,55 @@ def test_what_is_the_users_to_mend_is_a_message(folder, tmp_path):
     found = check(folder / "scenario.yaml", tmp_path / "run", "--profile", "lnk")
     assert found.exit_code == 1
     assert "--profile lnk: expected one of link, panel_size" in found.output
+
+
+COUNTED = """
+import {module} as np
+from pathlib import Path
+
+def simulate(inputs, times, start):
+    with (Path(__file__).parent / "runs").open("a") as file:
+        file.write("run ")
+    battery = 293 + inputs["load"] / inputs["link"] * (1 - np.exp(-inputs["link"] * times / 900)) - 5
+    return np.stack([battery, battery - 15], axis=1)
+"""
+
+
+def external(folder, gradient):
+    """A Python function that writes down that it was called, and telemetry near what it gives."""
+    (folder / "model.py").write_text(COUNTED.format(module="jax.numpy" if gradient == "jax" else "numpy"))
+    return scenes.write(folder, scenes.written({"callable": {"file": "model.py", "gradient": gradient}}))
+
+
+def test_a_simulator_without_derivatives_is_checked_within_the_budget_that_is_stated(tmp_path):
+    summary = check_scenario(external(tmp_path, "none"), tmp_path / "run", runs=90)
+    close_workers()
+    runs = (tmp_path / "runs").read_text().count("run")
+    stated = int(re.search(r"at most (\d+) runs", summary.page.read_text()).group(1))
+    assert 60 < runs <= stated <= 95
+    titles = [finding.title for finding in summary.findings]
+    assert "There is no gradient to check" in titles
+    assert "Jumps were not looked for" in titles
+    content = json.loads((tmp_path / "run" / "check.json").read_text())
+    assert "RBD-FAST" in content["sensitivity"]["method"]
+
+
+def test_a_profile_needs_derivatives(tmp_path):
+    with pytest.raises(ScenarioError, match="--profile: found a simulator without derivatives"):
+        check_scenario(external(tmp_path, "none"), tmp_path / "run", profiles=["link"])
+    close_workers()
+
+
+def test_the_gradient_of_an_external_simulator_is_checked(tmp_path):
+    summary = check_scenario(external(tmp_path, "jax"), tmp_path / "run", runs=60)
+    close_workers()
+    assert "The gradient is right" in [finding.title for finding in summary.findings]
+
+
+def test_a_simulator_with_an_error_of_its_own_is_checked(tmp_path):
+    written = small.content()
+    error = {"offset": "0.2 K", "deviation": "0.1 K", "correlation_time": "600 s"}
+    written["simulator"]["errors"] = {"body_temp": error, "panel_temp": error}
+    summary = check_scenario(written_to(tmp_path, written), tmp_path / "run")
+    assert summary.passed
+    assert "The gradient is right" in [finding.title for finding in summary.findings]

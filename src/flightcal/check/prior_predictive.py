@@ -130,12 +130,13 @@ def _heaters(problem: Problem, duty: FloatArray) -> tuple[HeaterReach, ...]:
 
 
 def _pressed(problem: Problem, centre: Centre) -> tuple[Pressed, ...]:
-    """Noise levels near zero are at no edge: that of their prior is zero."""
+    """A level near zero, such as a noise's, is at no edge where its prior has its mode there."""
     theta = problem.to_theta(centre.z)
     lower, upper = problem.priors.quantile(EDGE), problem.priors.quantile(1.0 - EDGE)
     found = []
     for k, name in enumerate(problem.names):
-        if theta[k] > upper[k] or (theta[k] < lower[k] and not name.startswith(("noise.", "discrepancy."))):
+        one_sided = problem.priors.priors[k].kind == "half_normal"
+        if theta[k] > upper[k] or (theta[k] < lower[k] and not one_sided):
             found.append(Pressed(name, float(theta[k]), _probability_below(problem, k, float(theta[k]))))
     return tuple(found)
 
