@@ -8,6 +8,7 @@ from .parameters import (
     figure_pairs,
     most_correlated,
 )
+from .reliability import figure_reliability
 from .residuals import figure_residual_distribution, figure_residuals
 from .windows import figure_heater_status, figure_point, figure_stochastic
 
@@ -19,6 +20,7 @@ __all__ = [
     "figure_heater_status",
     "figure_pairs",
     "figure_point",
+    "figure_reliability",
     "figure_residual_distribution",
     "figure_residuals",
     "figure_stochastic",
