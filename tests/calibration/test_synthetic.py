@@ -2,6 +2,7 @@
 
 import numpy as np
 import pytest
+from scipy.stats import norm
 
 from flightcal.calibration import build_problem
 from flightcal.calibration.synthetic import simulate_telemetry, with_telemetry
@@ -53,6 +54,27 @@ def test_a_problem_with_other_telemetry_is_as_if_it_had_been_measured(made):
     assert likelihood(other.open_loop) == pytest.approx(likelihood(built.open_loop))
     assert other.log_density_and_gradient(z)[0] == pytest.approx(other.log_density(z))
     assert np.array_equal(data["heater_status"].values, made[1]["heater_status"].values, equal_nan=True)
+
+
+def test_status_with_a_likelihood_has_its_timing_errors_and_false_samples(tmp_path):
+    written = small.content()
+    written["observations"]["heater_status"]["likelihood"] = {"switch_times": {"timing": "60 s", "error_rate": 0.1}}
+    problem = build_problem(*small.closed_loop(tmp_path, written))
+    theta = problem.priors.median()
+    run = problem.simulate(theta)
+    rng = np.random.default_rng(4)
+    draws = np.stack([simulate_telemetry(problem, theta, rng)[1][:, 0] for _ in range(400)])
+    seconds = (problem.times - problem.times[0]) / np.timedelta64(1, "s")
+    far = np.abs(seconds[:, None] - run.switches.time).min(axis=1) > 300.0
+    assert 20 < far.sum() < len(far) - 20
+    wrong = draws != run.status[:, 0]
+    # 400 draws of a share of 0.1: five standard errors of all far samples together.
+    assert wrong[:, far].mean() == pytest.approx(0.1, abs=5 * np.sqrt(0.09 / (400 * far.sum())))
+    first = run.switches.time[0]
+    middle = np.argmin(np.abs(seconds - first))
+    happened = norm.cdf((seconds[middle] - first) / 60.0)
+    on = run.switches.on[0] * happened + (1.0 - run.switches.on[0]) * (1.0 - happened)
+    assert draws[:, middle].mean() == pytest.approx(0.8 * on + 0.1, abs=5 * 0.5 / 20)
 
 
 def test_the_open_loop_follows_the_new_status(made):

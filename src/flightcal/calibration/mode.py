@@ -73,13 +73,9 @@ def climb_in_step(problem: Problem, z: FloatArray, origin: str = "") -> Mode:
     """`climb` on growing shares of the window, each from where the one before ended."""
     elapsed = (problem.times - problem.times[0]) / (problem.times[-1] - problem.times[0])
     for share in _SHARES:
-        seen = (elapsed <= share)[:, None]
-        first = replace(
-            problem,
-            observed=np.where(seen, problem.observed, np.nan),
-            status=np.where(seen, problem.status, np.nan),
-        )
-        z = climb(first, z).z
+        observed = np.where((elapsed <= share)[:, None], problem.observed, np.nan)
+        # The likelihood of the status has no shares.
+        z = climb(replace(problem, observed=observed, heater_status=None), z).z
     return climb(problem, z, origin)
 
 
