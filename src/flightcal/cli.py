@@ -21,8 +21,8 @@ app = typer.Typer(
     pretty_exceptions_enable=False,
     rich_markup_mode="markdown",
     help="Calibrate spacecraft operational simulation models in flight, with honest uncertainty.\n\n"
-    "Exit codes: 0 done; 1 something in the input is wrong; 2 wrong usage; 3 done, but the sampling failed a gate, "
-    "or a check found what matters; 130 interrupted.",
+    "Exit codes: 0 done; 1 something in the input is wrong; 2 wrong usage; 3 done, but the sampling or the validation "
+    "failed a gate, or a check found what matters; 130 interrupted.",
 )
 
 ScenarioFile = Annotated[Path, typer.Argument(help="The scenario, a YAML file.", show_default=False)]
@@ -263,6 +263,33 @@ def campaign(
             say=typer.echo,
             on_progress=lambda tally: advance(1.0 - tally.left / tally.total, str(tally)),
         )
+
+
+@app.command(epilog="Example: `flightcal validate scenario.yaml --repeats 200 --out runs/validation`")
+@_user_errors_are_messages
+def validate(
+    scenario: ScenarioFile,
+    out: Annotated[Path, typer.Option(help="Folder to write; repeats that are done in it are not run again.")],
+    repeats: Annotated[int, typer.Option(min=20, help="Repeats; a larger number than before adds to them.")] = 200,
+    workers: Annotated[int, typer.Option(min=1, help="Processes, one repeat at a time in each.")] = 2,
+    telemetry: TelemetryPlace = None,
+) -> None:
+    """Check the calibration on telemetry that the scenario itself makes: do its intervals cover what made it?"""
+    from .progress import bar, print_validation
+    from .validate import validate_scenario
+
+    with bar("validating") as advance:
+        validation = validate_scenario(
+            scenario,
+            out,
+            repeats,
+            workers=workers,
+            telemetry=telemetry,
+            on_progress=lambda done, total: advance(done / total, f"{done} of {total} repeats"),
+        )
+    print_validation(validation)
+    if not validation.passed:
+        raise typer.Exit(GATE_FAILED)
 
 
 def _calibrate(scenario: Path, out: Path, telemetry: Path | None) -> None:

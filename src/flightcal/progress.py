@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from typing import TYPE_CHECKING, Any
@@ -13,7 +14,9 @@ from rich.table import Table
 from rich.text import Text
 
 from .experiment import Summary
+from .validate import Validation
 from .validation import comparison_table
+from .validation.simulation_based import INTERVALS
 
 if TYPE_CHECKING:
     from .check import CheckSummary
@@ -174,6 +177,25 @@ def print_check(summary: CheckSummary, console: Console | None = None) -> None:
         for line in (finding.text, *(f"- {detail}" for detail in finding.details)):
             console.print(Padding(Text(line), (0, 0, 0, 2), expand=False), highlight=False)
     console.print(f"\npage: {summary.page}", highlight=False, soft_wrap=True, markup=False)
+
+
+def print_validation(validation: Validation, console: Console | None = None) -> None:
+    """The verdict, the quantities, and where the page is."""
+    console = console or Console()
+    outside = [check.name for check in validation.checks if not check.inside]
+    words = f"not uniform: {', '.join(outside)}" if outside else "uniform, as they are where the posterior is right"
+    style = "bold red" if outside else "green"
+    console.print(f"\n[{style}]Ranks of {len(validation.repeats)} repeats: {words}[/{style}]", highlight=False)
+    table = Table()
+    shares = [f"{share:.0%} covers" for share in INTERVALS]
+    for heading in ("quantity", "p", *shares, "contraction", "score"):
+        table.add_column(heading, justify="left" if heading == "quantity" else "right")
+    for check in validation.checks:
+        covered = [f"{share:.1%}" for share in check.coverage]
+        contraction = "-" if math.isnan(check.contraction) else f"{check.contraction:.1%}"
+        table.add_row(check.name, f"{check.p_value:.3f}", *covered, contraction, f"{check.score:.2f}")
+    console.print(table)
+    console.print(f"page: {validation.folder / 'validation.html'}", highlight=False, soft_wrap=True)
 
 
 def _number(value: float | None) -> str:

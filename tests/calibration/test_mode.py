@@ -4,6 +4,7 @@ import numpy as np
 import pytest
 
 from flightcal.calibration import build_problem, climb, find_mode
+from flightcal.calibration.mode import climb_in_step
 
 from .. import small
 
@@ -76,3 +77,20 @@ def test_a_climb_from_where_nothing_can_be_simulated_says_so(problem):
     mode = climb(problem, z)
     assert not mode.converged
     assert mode.log_density == -np.inf
+
+
+def test_a_start_that_loses_step_with_the_telemetry_is_followed_through_growing_shares(tmp_path):
+    written = small.content()
+    written["windows"] = {"train": {"start": "2024-03-01T00:00:00", "end": "2024-03-01T06:30:00"}}
+    scenario, data = small.load(tmp_path, written)
+    truth = {"link": 0.65236, "panel_size": 1.32805, "power": 32.2731}
+    data = small.telemetry_of(scenario, data, noise=0.05, seed=7, **truth)
+    lost = {"time": slice(small.START + np.timedelta64(60, "m"), small.START + np.timedelta64(150, "m"))}
+    for channel in ("body_temp", "panel_temp", "heater_status"):
+        data[channel].loc[lost] = np.nan
+    problem = build_problem(scenario, data)
+    start = climb(problem.open_loop, problem.to_z(problem.priors.median())).z
+    values = {"noise.body_temp": 0.05, "initial.body": 285.0, "initial.panel": 262.0} | truth
+    at_truth = problem.log_density(problem.to_z(np.array([values[name] for name in problem.names])))
+    assert climb(problem, start).log_density < at_truth - 100
+    assert climb_in_step(problem, start).log_density >= at_truth

@@ -45,6 +45,7 @@ def everything(run) -> dict[str, go.Figure]:
         "traces": draw.figure_traces(infos[:3], values[..., :3]),
         "residuals": draw.figure_residuals(window),
         "distribution": draw.figure_residual_distribution(window),
+        "reliability": draw.figure_reliability(window),
     }
 
 
@@ -251,3 +252,16 @@ def test_a_scenario_without_heaters_has_only_temperatures(run):
     bare = run.windows["test"].drop_dims("heater")
     assert isinstance(bare, xr.Dataset)
     assert len([k for k in draw.figure_stochastic(bare).layout.to_plotly_json() if k.startswith("yaxis")]) == 3
+
+
+def test_reliability_shows_each_channels_transform_and_both_coverages(run, everything):
+    window = run.windows["test"]
+    figure = everything["reliability"]
+    bars = [shown for shown in figure.data if shown.type == "bar"]
+    assert len(bars) == window.sizes["channel"]
+    assert all(sum(shown.y) * 0.1 == pytest.approx(1.0, rel=1e-5) for shown in bars)
+    shares = [shown for shown in figure.data if shown.name == "share inside the interval"]
+    assert len(shares) == 2 * window.sizes["channel"]
+    scored = (np.isfinite(window["observed"]) & window["scored"].astype(bool)).sum("time").values
+    assert [sum(shown.customdata) for shown in shares[::2]] == scored.tolist()
+    assert [sum(shown.customdata) for shown in shares[1::2]] == scored.tolist()

@@ -15,7 +15,7 @@ from .synthetic_run import names
 
 SECTIONS = [
     "verdict", "scores", "before", "genetic", "densities", "prediction", "parameters", "pairs", "convergence",
-    "residuals", "heaters", "telemetry", "provenance",
+    "residuals", "reliability", "heaters", "telemetry", "provenance",
 ]  # fmt: skip
 
 
@@ -91,7 +91,7 @@ def test_the_papers_six_figures_are_there(page):
 def test_every_place_has_a_figure_and_every_figure_a_place(page):
     places = re.findall(r'class="plot" id="(figure-\d+)"', page)
     assert places == list(figures(page))
-    assert len(places) == 29
+    assert len(places) == 31
 
 
 def test_time_axes_are_shared_and_complete(page):

@@ -8,6 +8,7 @@ import pytest
 from flightcal.report import tables
 from flightcal.report.text import METHODS
 from flightcal.report.verdict import residual_checks
+from flightcal.validation import uniformity
 
 
 def column(table, title):
@@ -23,6 +24,7 @@ def test_every_row_has_a_cell_for_every_column(run):
         tables.heaters(run.windows),
         tables.heater_scores(run.metrics),
         tables.residual_tests(residual_checks(run)),
+        tables.uniformity({name: uniformity(window) for name, window in run.windows.items()}),
         tables.gates(run.diagnostics),
         tables.quality(run.quality),
         tables.provenance(run.provenance),

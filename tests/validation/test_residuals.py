@@ -14,6 +14,7 @@ from flightcal.validation import (
     durbin_watson,
     effective_samples,
     ljung_box,
+    runs_test,
 )
 from flightcal.validation.residuals import pair_counts
 
@@ -193,3 +194,36 @@ def test_a_window_is_checked_by_channel_on_its_scored_samples():
     white, slow = check_window(prediction)
     assert (white.channel, white.verdict, white.samples) == ("white", "white", 480)
     assert (slow.channel, slow.verdict) == ("slow", "contradicted")
+
+
+def test_the_runs_test_is_that_of_wald_and_wolfowitz_where_there_are_no_gaps():
+    values = np.random.default_rng(11).normal(size=101)
+    signs = np.sign(values - np.median(values))
+    signs = signs[signs != 0]
+    above, below, count = (signs > 0).sum(), (signs < 0).sum(), signs.size
+    expected = 1 + 2 * above * below / count
+    variance = (expected - 1) * (expected - 2) / (count - 1)
+    # The median itself has no side, and leaves a gap: without it the series is whole.
+    whole = np.delete(values, np.flatnonzero(values == np.median(values)))
+    runs, of_white, p_value = runs_test(whole, times(whole.size))
+    assert runs == 1 + np.count_nonzero(np.diff(signs))
+    assert of_white == pytest.approx(expected)
+    assert p_value == pytest.approx(math.erfc(abs(runs - expected) / math.sqrt(2 * variance)))
+
+
+def test_the_runs_test_calls_white_noise_with_gaps_wrong_as_often_as_it_says():
+    rng = np.random.default_rng(12)
+    found = []
+    for _ in range(800):
+        keep = gaps(200, rng)
+        found.append(runs_test(rng.normal(size=200)[keep], times(200)[keep])[2])
+    # Three standard errors of a share of 0.05 among 800, and one count that the p value's steps may be off.
+    assert np.mean(np.array(found) < 0.05) == pytest.approx(0.05, abs=0.03)
+    assert np.mean(np.array(found) < 0.5) == pytest.approx(0.5, abs=0.07)
+
+
+def test_the_runs_test_finds_residuals_that_stay_on_one_side():
+    rng = np.random.default_rng(13)
+    runs, expected, p_value = runs_test(ar1(0.8, 300, rng), times(300))
+    assert runs < expected
+    assert p_value < 1e-4

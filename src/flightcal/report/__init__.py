@@ -1,5 +1,6 @@
-"""A run as one self-contained HTML page."""
+"""The report of a run directory: one HTML page with figures, tables and a verdict, readable offline."""
 
 from .page import write_report
+from .validation_page import write_validation
 
-__all__ = ["write_report"]
+__all__ = ["write_report", "write_validation"]

@@ -11,7 +11,7 @@ import plotly.graph_objects as go
 import xarray as xr
 
 from flightcal.scenario.schema import is_trained
-from flightcal.validation import ResidualCheck
+from flightcal.validation import ResidualCheck, uniformity
 
 from . import figures as draw
 from . import tables
@@ -63,6 +63,7 @@ def sections(run: RunFiles, checks: Checks) -> list[Section]:
         *([("emulator", "Emulator", _emulator)] if run.emulator is not None else []),
         *([("full-simulator", "The full simulator", _full_check)] if run.full_check is not None else []),
         ("residuals", "Residuals", lambda run: _residuals(run, checks)),
+        ("reliability", "Reliability", _reliability),
         ("heaters", "Heaters", _heaters),
         ("telemetry", "Telemetry quality", _quality),
         ("provenance", "Provenance", _provenance),
@@ -405,6 +406,30 @@ def _residuals(run: RunFiles, checks: Checks) -> list[Block]:
                 wide=True,
             )
         )
+    return blocks
+
+
+def _reliability(run: RunFiles) -> list[Block]:
+    windows = {name: window for name, window in run.windows.items() if _has(window, "stochastic")}
+    if not windows:
+        return [_note("There is no stochastic prediction in this run, so nothing whose reliability could be seen.")]
+    blocks = [
+        _table(tables.uniformity({name: uniformity(window) for name, window in windows.items()})),
+        _text(
+            "The transform of a sample is the probability that the prediction gave to a lower temperature, of a "
+            "normal distribution: predictions that are right make it uniform, ones that are too narrow pile it up at 0 "
+            "and 1, ones that are too wide in the middle, biased ones at one end. The test is that of Kolmogorov and "
+            "Smirnov for as many independent samples as these are worth; bands of chance use the same number. An "
+            "average coverage may be right while parts of the orbit or of the forecast are not covered."
+        ),
+    ]
+    for name, window in windows.items():
+        caption = (
+            f"Reliability in the window “{name}”: probability integral transform, and share of telemetry inside the "
+            "interval by place in the orbit and by hour of the forecast. Grey: what 95% of the values would be by "
+            "chance where the interval is right; dotted: the interval's probability."
+        )
+        blocks.append(_figure(draw.figure_reliability(window), caption, wide=True))
     return blocks
 
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from os.path import normpath
@@ -9,8 +10,9 @@ from os.path import normpath
 import numpy as np
 import xarray as xr
 
-from flightcal.validation import Metric, ResidualCheck, comparison_table
+from flightcal.validation import Metric, ResidualCheck, Uniformity, comparison_table
 from flightcal.validation.metrics import implied_energy
+from flightcal.validation.residuals import SIGNIFICANCE
 
 from .run_files import ParameterInfo, Record, RunFiles, draws
 from .text import METHODS, SHORT_METHODS, count, duration, number, percent, signed_percent, unit
@@ -272,18 +274,40 @@ def residual_tests(checks: dict[str, list[ResidualCheck]]) -> Table:
     for window, of_window in checks.items():
         for c in of_window:
             states[len(rows), 2] = {"contradicted": "bad", "unknown": ""}.get(c.verdict, "good")
-            p = "p < 0.0001" if c.p_value < 1e-4 else f"p = {number(c.p_value, 2)}"
+            p = _chance(c.p_value)
             rows.append(
                 [window, c.channel, words[c.verdict], f"{number(c.factor, 3)}\nif AR(1): {number(c.factor_ar1, 3)}",
                  f"{count(c.effective)}\nof {count(c.samples)}", number(c.lag1, 3), number(c.durbin_watson, 3),
                  f"{p}\nQ = {number(c.ljung_box, 4)}, {c.lags} lags",
+                 f"{_chance(c.runs_p_value)}\n{count(c.runs)} of {count(c.expected_runs)}",
                  f"{number(c.mean, 2)}\nsd {number(c.standard_deviation, 3)}"]
             )  # fmt: skip
     header = (
         "window", "channel", "verdict", "too narrow by", "effective number", "lag-1 auto\u00adcorrelation",
-        "Durbin-Watson", "Ljung-Box", "mean, K",
+        "Durbin-Watson", "Ljung-Box", "runs, found of expected", "mean, K",
     )  # fmt: skip
-    return Table(header, rows, range(3, 9), states=states)
+    return Table(header, rows, range(3, 10), states=states)
+
+
+def uniformity(found: dict[str, list[Uniformity]]) -> Table:
+    """Whether the probability integral transform is uniform, by window and channel."""
+    rows: list[list[str]] = []
+    states: dict[tuple[int, int], str] = {}
+    for window, of_window in found.items():
+        for u in of_window:
+            against = u.p_value < SIGNIFICANCE
+            states[len(rows), 2] = "bad" if against else "good"
+            verdict = "– unknown" if math.isnan(u.p_value) else "✕ not uniform" if against else "✓ uniform"
+            rows.append(
+                [window, u.channel, verdict, _chance(u.p_value), number(u.distance, 2),
+                 f"{count(u.effective)}\nof {count(u.samples)}"]
+            )  # fmt: skip
+    header = ("window", "channel", "transform", "Kolmogorov-Smirnov", "distance", "effective number")
+    return Table(header, rows, range(3, 6), states=states)
+
+
+def _chance(p_value: float) -> str:
+    return "p < 0.0001" if p_value < 1e-4 else f"p = {number(p_value, 2)}"
 
 
 def gates(diagnostics: Record) -> Table:

@@ -18,6 +18,15 @@ from .metrics import (
     status_agreement,
     switch_count_error,
 )
+from .reliability import (
+    Coverage,
+    Uniformity,
+    chance_band,
+    coverage_by_hour,
+    coverage_by_phase,
+    probability_integral_transform,
+    uniformity,
+)
 from .residuals import (
     ResidualCheck,
     autocorrelation,
@@ -26,16 +35,22 @@ from .residuals import (
     durbin_watson,
     effective_samples,
     ljung_box,
+    runs_test,
 )
 
 __all__ = [
     "Comparison",
+    "Coverage",
     "Metric",
     "ResidualCheck",
+    "Uniformity",
     "autocorrelation",
+    "chance_band",
     "check_residuals",
     "check_window",
     "comparison_table",
+    "coverage_by_hour",
+    "coverage_by_phase",
     "crps_ensemble",
     "crps_normal",
     "durbin_watson",
@@ -48,8 +63,11 @@ __all__ = [
     "mape_kelvin",
     "mpiw",
     "picp",
+    "probability_integral_transform",
     "rmse",
+    "runs_test",
     "score",
     "status_agreement",
     "switch_count_error",
+    "uniformity",
 ]

@@ -15,6 +15,7 @@ import numpy as np
 import xarray as xr
 from numpy.typing import ArrayLike, NDArray
 from scipy.signal import correlate
+from scipy.special import erfc
 from scipy.stats import chi2
 
 Array = NDArray[np.float64]
@@ -151,6 +152,39 @@ def durbin_watson(residuals: ArrayLike, time: Times) -> float:
     return float(np.mean(differences**2) / square) if differences.size and square > 0 else math.nan
 
 
+def runs_test(residuals: ArrayLike, time: Times) -> tuple[int, float, float]:
+    """Runs of residuals above and below their median: how many, how many white noise would have, and the p value.
+
+    Wald & Wolfowitz (1940), Ann. Math. Stat. 11, for series with gaps: what is counted is changes of side between
+    neighbours one nominal spacing apart, with the mean and variance that they have when the signs are shuffled; one run
+    more than changes for each stretch without a gap. Without gaps it is their test. The p value is two-sided, of the
+    normal approximation.
+    """
+    values = np.asarray(residuals, float)
+    centred = np.where(values == (middle := np.nanmedian(values)), np.nan, values - middle)
+    signs = [np.sign(grid) for grid in segments(centred, time, 1)]
+    above, below = (sum(int((grid == side).sum()) for grid in signs) for side in (1, -1))
+    count = above + below
+    paired = [np.isfinite(np.diff(grid)) for grid in signs]
+    pairs = sum(int(pair.sum()) for pair in paired)
+    if min(above, below) < 2 or pairs == 0:
+        return count - pairs, math.nan, math.nan
+    changes = sum(int((np.abs(np.diff(grid)) == 2).sum()) for grid in signs)
+    # Of two pairs either one sample is shared, or none is.
+    sharing = sum(int((pair[1:] & pair[:-1]).sum()) for pair in paired)
+    differ = 2 * above * below / (count * (count - 1))
+    both = 4 * above * (above - 1) * below * (below - 1) / (count * (count - 1) * (count - 2) * (count - 3))
+    variance = (
+        pairs * differ * (1 - differ)
+        + 2 * sharing * (0.5 * differ - differ**2)
+        + 2 * (pairs * (pairs - 1) / 2 - sharing) * (both - differ**2)
+    )
+    stretches = count - pairs
+    expected = pairs * differ
+    score = (changes - expected) / math.sqrt(variance)
+    return changes + stretches, expected + stretches, float(erfc(abs(score) / math.sqrt(2)))
+
+
 @dataclass(frozen=True)
 class ResidualCheck:
     """What the residuals of one channel say about the assumption of iid noise."""
@@ -170,6 +204,11 @@ class ResidualCheck:
     p_value: float
     lags: int
     """Of the Ljung-Box test."""
+    runs: int
+    """Stretches on one side of the median."""
+    expected_runs: float
+    """Of white noise."""
+    runs_p_value: float
     effective: float
     """Effective number of independent residuals."""
     factor: float
@@ -207,7 +246,9 @@ def check_residuals(channel: str, residuals: ArrayLike, time: Times) -> Residual
             spread,
             *unknown,
             0,
-            *unknown[:3],
+            0,
+            *unknown,
+            math.nan,
             verdict="unknown",
             words=words,
         )
@@ -216,6 +257,7 @@ def check_residuals(channel: str, residuals: ArrayLike, time: Times) -> Residual
     lag1 = float(autocorrelation(valid, time, 1)[1])
     neighbours = pair_counts(valid, time, 1)[1] / (valid.size - 1)
     statistic, p_value = ljung_box(valid, time, lags)
+    runs, expected_runs, runs_p_value = runs_test(valid, time)
     effective = effective_samples(valid, time)
     factor = math.sqrt(valid.size / effective)
     verdict = _verdict(p_value, factor)
@@ -236,6 +278,9 @@ def check_residuals(channel: str, residuals: ArrayLike, time: Times) -> Residual
         ljung_box=statistic,
         p_value=p_value,
         lags=lags,
+        runs=runs,
+        expected_runs=expected_runs,
+        runs_p_value=runs_p_value,
         effective=effective,
         factor=factor,
         factor_ar1=math.sqrt((1 + lag1) / max(1 - lag1, 1e-12)) if lag1 > 0 else 1.0,

@@ -8,10 +8,13 @@ from .parameters import (
     figure_pairs,
     most_correlated,
 )
+from .reliability import figure_reliability
 from .residuals import figure_residual_distribution, figure_residuals
+from .validation import figure_contraction, figure_ranks
 from .windows import figure_heater_status, figure_point, figure_stochastic
 
 __all__ = [
+    "figure_contraction",
     "figure_correlation",
     "figure_density",
     "figure_genetic_history",
@@ -19,6 +22,8 @@ __all__ = [
     "figure_heater_status",
     "figure_pairs",
     "figure_point",
+    "figure_ranks",
+    "figure_reliability",
     "figure_residual_distribution",
     "figure_residuals",
     "figure_stochastic",

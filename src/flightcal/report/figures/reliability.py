@@ -1,0 +1,95 @@
+"""Whether predictions say how often what happens: transform, coverage by place in the orbit and by forecast hour."""
+
+from __future__ import annotations
+
+import numpy as np
+import plotly.graph_objects as go
+import xarray as xr
+from plotly.subplots import make_subplots
+
+from flightcal.validation import (
+    Coverage,
+    chance_band,
+    coverage_by_hour,
+    coverage_by_phase,
+    effective_samples,
+    probability_integral_transform,
+)
+
+from .style import LINE, STATUS_FILL, STOCHASTIC, finish, small_titles
+from .windows import names
+
+ROW_HEIGHT = 150
+BINS = 10
+
+
+def figure_reliability(prediction: xr.Dataset, method: str = "stochastic") -> go.Figure:
+    """One row for each channel: histogram of the probability integral transform, coverage by phase and by hour.
+
+    prediction: a group of prediction.nc. Grey: what 95% of the values would be where the intervals are right.
+    """
+    channels = names(prediction, "channel")
+    rows, gap = len(channels), 60
+    inner = rows * ROW_HEIGHT + (rows - 1) * gap
+    titles = [title for channel in channels for title in (channel.replace("_", " "), "by place", "by hour")]
+    figure = make_subplots(
+        rows, 3, subplot_titles=titles, horizontal_spacing=0.09, vertical_spacing=gap / inner if rows > 1 else 0.0
+    )
+    time = prediction["time"].values
+    transforms = probability_integral_transform(prediction, method)
+    parts = [coverage_by_phase(prediction, method), coverage_by_hour(prediction, method)]
+    nominal = float(prediction.attrs.get("interval", 0.95))
+    lowest = min([0.8, *(max(part.share - 0.05, 0.0) for found in parts for part in found)])
+    for row, (channel, values) in enumerate(zip(channels, transforms.T, strict=True), start=1):
+        present = np.isfinite(values)
+        if present.sum() > 1:
+            _histogram(figure, values[present], effective_samples(values[present], time[present]), row)
+        for column, found in enumerate(parts, start=2):
+            _coverage(figure, [part for part in found if part.channel == channel], nominal, row, column)
+        figure.update_yaxes(title_text="density, –", nticks=5, row=row, col=1)
+        for column in (2, 3):
+            figure.update_yaxes(title_text="coverage, –", range=[lowest, 1.01], nticks=5, row=row, col=column)
+    finish(figure, inner + 34 + 30 + 52)
+    small_titles(figure)
+    figure.update_xaxes(range=[0, 1], col=1)
+    figure.update_xaxes(title_text="predicted probability of less, –", row=rows, col=1)
+    figure.update_xaxes(title_text="place in the orbit, –", row=rows, col=2)
+    figure.update_xaxes(title_text="forecast, h", row=rows, col=3)
+    return figure
+
+
+def _histogram(figure: go.Figure, values: np.ndarray, effective: float, row: int) -> None:
+    density, edges = np.histogram(values, bins=BINS, range=(0.0, 1.0), density=True)
+    low, high = (BINS * share for share in chance_band(1.0 / BINS, effective))
+    figure.add_scatter(
+        x=[0, 1, 1, 0], y=[low, low, high, high], fill="toself", fillcolor=STATUS_FILL, mode="lines",
+        line={"width": 0}, name="95% band of chance", legendgroup="band", showlegend=row == 1, hoverinfo="skip",
+        row=row, col=1,
+    )  # fmt: skip
+    figure.add_bar(
+        x=(edges[1:] + edges[:-1]) / 2, y=density.astype(np.float32), width=1.0 / BINS,
+        marker={"color": STOCHASTIC, "opacity": 0.55, "line": {"width": 0}}, name="telemetry", legendgroup="telemetry",
+        showlegend=row == 1, hovertemplate="%{x:.2f}: %{y:.2f}<extra></extra>", row=row, col=1,
+    )  # fmt: skip
+    # A band of few effective samples may reach beyond the plot.
+    figure.update_yaxes(range=[0.0, 1.1 * max(density.max(), min(high, 2.0))], row=row, col=1)
+
+
+def _coverage(figure: go.Figure, parts: list[Coverage], nominal: float, row: int, column: int) -> None:
+    if not parts:
+        return
+    steps = [(edge, value) for part in parts for edge, value in ((part.start, part.lower), (part.end, part.lower))]
+    back = [(edge, part.upper) for part in reversed(parts) for edge in (part.end, part.start)]
+    outline = [*steps, *back]
+    figure.add_scatter(
+        x=[x for x, _ in outline], y=[y for _, y in outline], fill="toself", fillcolor=STATUS_FILL, mode="lines",
+        line={"width": 0}, legendgroup="band", showlegend=False, hoverinfo="skip", row=row, col=column,
+    )  # fmt: skip
+    figure.add_scatter(
+        x=[(part.start + part.end) / 2 for part in parts], y=[part.share for part in parts], mode="lines+markers",
+        line={"color": STOCHASTIC, "width": 1.2}, marker={"size": 6}, name="share inside the interval",
+        legendgroup="share", showlegend=row == 1 and column == 2,
+        customdata=[part.samples for part in parts],
+        hovertemplate="%{y:.1%} of %{customdata} samples<extra></extra>", row=row, col=column,
+    )  # fmt: skip
+    figure.add_hline(y=nominal, line={"color": LINE, "width": 1, "dash": "dot"}, row=row, col=column)
