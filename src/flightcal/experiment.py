@@ -87,7 +87,8 @@ def run_experiment(
     settings = scenario.calibration
     emulation = None
     if needs_emulator(problem):
-        emulation = emulator_stage(run, hash_of(identity, settings.emulator.model_dump()), problem, listener)
+        key = hash_of(identity, settings.emulator.model_dump())
+        emulation = emulator_stage(run, key, problem, data, listener)
         emulator_identity = hash_of(identity, settings.emulator.model_dump(), settings.seed)
     else:
         emulator_identity = identity
