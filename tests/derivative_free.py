@@ -5,9 +5,11 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
+import xarray
 
 from flightcal.calibration import Problem, build_problem
 from flightcal.external.record import Record
+from flightcal.scenario import Scenario
 from flightcal.simulator import Simulator, network_simulator
 from flightcal.surrogate.runs import TrainingRuns, no_runs
 from flightcal.telemetry import read_telemetry
@@ -17,7 +19,12 @@ TRUTH = {"link": 0.65, "panel_size": 1.1, "initial_body": 284.0, "initial_panel"
 
 
 def problem(folder: Path, *, heater: bool, seed: int = 0, **values: float) -> Problem:
-    """A calibration problem whose telemetry its own model made: with a thermostat, or with an uncertain capacity."""
+    """The calibration problem of `scene`."""
+    return build_problem(*scene(folder, heater=heater, seed=seed, **values))
+
+
+def scene(folder: Path, *, heater: bool, seed: int = 0, **values: float) -> tuple[Scenario, xarray.Dataset]:
+    """A scenario and telemetry that its own model made: with a thermostat, or with an uncertain capacity."""
     written = small.content()
     truth: dict[str, float] = TRUTH | ({"power": 28.0} if heater else {"capacity": 3200.0})
     if not heater:
@@ -30,7 +37,7 @@ def problem(folder: Path, *, heater: bool, seed: int = 0, **values: float) -> Pr
         }
     folder.mkdir(exist_ok=True)
     scenario, data = small.load(folder, written)
-    return build_problem(scenario, small.telemetry_of(scenario, data, seed=seed, **(truth | values)))
+    return scenario, small.telemetry_of(scenario, data, seed=seed, **(truth | values))
 
 
 def times(problem: Problem, minutes: int) -> Any:

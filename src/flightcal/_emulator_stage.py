@@ -8,12 +8,14 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
+import xarray
 
 from .calibration import Diagnostics, Problem
 from .calibration.active import Learnt, Round, learn, noise_level, simulated_priors
 from .calibration.diagnostics import Gate, with_gate
 from .calibration.emulated import (
     CHECKED,
+    SimulatorCheck,
     around_draws,
     check_on_the_simulator,
     empty_runs,
@@ -21,6 +23,8 @@ from .calibration.emulated import (
     through_the_priors,
     with_emulator,
 )
+from .calibration.horizon import beginnings
+from .calibration.simulator_check import LARGEST_DENSITY_ERROR
 from .listener import Listener
 from .run_directory import RunDirectory, hash_of, plain
 from .simulator.system import FloatArray
@@ -47,7 +51,9 @@ class Emulation:
     """Of the last round."""
 
 
-def emulator_stage(run: RunDirectory, key: str, problem: Problem, listener: Listener) -> Emulation:
+def emulator_stage(
+    run: RunDirectory, key: str, problem: Problem, telemetry: xarray.Dataset, listener: Listener
+) -> Emulation:
     """Learn the emulator, or take it from its files: all runs in training_runs.nc, the rounds in emulator.json."""
     done = run.is_done("emulator", key, (RUNS_FILE, EMULATOR_FILE))
     listener.stage("emulator", done)
@@ -66,6 +72,7 @@ def emulator_stage(run: RunDirectory, key: str, problem: Problem, listener: List
                 _runs_so_far(run.file(RUNS_FILE), problem),
                 settings,
                 calibration.seed,
+                beginning=beginnings(problem, telemetry),
                 save=lambda runs: runs.write(run.file(RUNS_FILE)),
                 on_round=told,
             )
@@ -90,9 +97,10 @@ def check_emulator(
 
     draws: posterior thetas [S, d]. Writes emulator_check.json and check_runs.nc.
     """
-    validation, runs = check_on_the_simulator(problem, emulation.problem, draws, problem.scenario.calibration.seed)
+    check, runs = check_on_the_simulator(problem, emulation.problem, draws, problem.scenario.calibration.seed)
     runs.write(run.file("check_runs.nc"))
-    run.write_json(CHECK_FILE, plain(validation) | {"failed": int((~runs.finished).sum())})
+    found = {"failed": int((~runs.finished).sum()), "density_error": check.density_error, "steps": check.steps}
+    run.write_json(CHECK_FILE, plain(check.validation) | plain(found))
     rule = Gate(
         "Emulator's error",
         emulation.reached,
@@ -102,7 +110,9 @@ def check_emulator(
         if emulation.reached
         else "Allow more runs (calibration.emulator.runs): the posterior is as wide as it is partly for want of them.",
     )
-    return with_gate(with_gate(diagnostics, rule), _held_out(validation))
+    for gate in (rule, _held_out(check.validation), _density(check), *_in_step(check)):
+        diagnostics = with_gate(diagnostics, gate)
+    return diagnostics
 
 
 def _held_out(validation: Validation) -> Gate:
@@ -114,6 +124,40 @@ def _held_out(validation: Validation) -> Gate:
         "as many as they say",
         "" if validation.passed else f"{validation.failures[0]}. Allow more runs (calibration.emulator.runs).",
     )
+
+
+def _density(check: SimulatorCheck) -> Gate:
+    passed = check.density_error <= LARGEST_DENSITY_ERROR
+    return Gate(
+        "Posterior against simulator",
+        passed,
+        f"the emulator's log density is off by {check.density_error:.2f} over draws (standard deviation)",
+        f"at most {LARGEST_DENSITY_ERROR:g}",
+        ""
+        if passed
+        else "The simulator's own posterior is another one: its means may be off by as many standard deviations. Allow "
+        "more runs (calibration.emulator.runs), or narrow the priors.",
+    )
+
+
+def _in_step(check: SimulatorCheck) -> list[Gate]:
+    """Whether the heaters whose status is measured switch as it says; none where no status is measured."""
+    if not check.steps:
+        return []
+    worst = max(check.steps, key=lambda item: item.unmatched)
+    passed = worst.unmatched < 1.0
+    return [
+        Gate(
+            "Heaters in step",
+            passed,
+            f"{worst.unmatched:g} switches of '{worst.heater}' without a counterpart ({worst.measured} measured)",
+            "none",
+            ""
+            if passed
+            else "At the posterior the simulator's heater goes through other cycles than the telemetry shows: a "
+            "local mode, or the model cannot follow the heater. Try another seed, narrower priors or a shorter window.",
+        )
+    ]
 
 
 def window_emulator(run: RunDirectory, key: str, emulation: Emulation, draws: FloatArray, problem: Problem) -> Problem:

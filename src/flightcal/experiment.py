@@ -94,7 +94,8 @@ def run_experiment(
                 f"windows.train: found {len(scenario.train_windows)} windows, expected one: the simulator has no "
                 "derivatives, and an emulator is one window's"
             )
-        emulation = emulator_stage(run, hash_of(identity, settings.emulator.model_dump()), problem, listener)
+        key = hash_of(identity, settings.emulator.model_dump())
+        emulation = emulator_stage(run, key, problem, data, listener)
         emulator_identity = hash_of(identity, settings.emulator.model_dump(), settings.seed)
     else:
         emulator_identity = identity

@@ -8,7 +8,11 @@ import numpy as np
 import pytest
 from scipy.optimize import least_squares
 
-from flightcal.calibration import build_problem
+from flightcal.calibration import build_problem, calibrate_nuts
+from flightcal.calibration.active import learn
+from flightcal.calibration.emulated import CHECKED, check_on_the_simulator, empty_runs, external
+from flightcal.calibration.horizon import beginnings
+from flightcal.calibration.simulator_check import LARGEST_DENSITY_ERROR
 from flightcal.experiment import read
 from flightcal.external import close_workers
 from flightcal.scenario import load_scenario
@@ -105,3 +109,50 @@ def test_least_squares_from_the_prior_medians_finds_the_truth(example):
     # Chi-square of five degrees of freedom: above 20.5 once in a thousand.
     assert off @ (fit.jac.T @ fit.jac) @ off < 20.5
     assert 2 * fit.cost / problem.observed.size == pytest.approx(1.0, abs=4.5 * np.sqrt(2 / problem.observed.size))
+
+
+def exact_moments(problem, z):
+    """Means, standard deviations and effective draws of the simulator's own posterior, by importance sampling.
+
+    z: [S, d] draws, around which a wider Student's t of seven degrees of freedom proposes.
+    """
+    rng, count, d, nu = np.random.default_rng(0), 300, z.shape[1], 7
+    centre, factor = z.mean(axis=0), np.linalg.cholesky(np.cov(z.T))
+    steps = rng.standard_normal((count, d)) / np.sqrt(rng.chisquare(nu, (count, 1)) / nu)
+    proposed = centre + steps @ factor.T
+    log_proposal = -0.5 * (nu + d) * np.log1p((steps**2).sum(axis=1) / nu)
+    log_weights = np.array([problem.log_density(point) for point in proposed]) - log_proposal
+    weights = np.exp(log_weights - log_weights.max())
+    weights /= weights.sum()
+    theta = problem.to_theta(proposed)
+    mean = weights @ theta
+    return mean, np.sqrt(weights @ (theta - mean) ** 2), 1.0 / np.sum(weights**2)
+
+
+@pytest.mark.slow
+def test_calibration_through_an_emulator_covers_the_truth_and_is_the_simulators_own(example):
+    path, truth = example
+    scenario = load_scenario(path)
+    data = read(scenario)
+    problem = build_problem(scenario, data)
+    settings, seed = scenario.calibration.emulator, scenario.calibration.seed
+    beginning = beginnings(problem, data)
+
+    learnt = learn(problem, external(problem).run_many, empty_runs(problem), settings, seed, beginning=beginning)
+    posterior = calibrate_nuts(learnt.problem, starts=[("active learning", learnt.theta)], random_starts=0)
+    check, runs = check_on_the_simulator(problem, learnt.problem, posterior.flat, seed)
+
+    assert learnt.reached
+    assert posterior.diagnostics.passed
+    assert len(learnt.runs) + len(runs) <= 300
+    assert len(runs) == CHECKED
+    assert check.validation.passed
+    assert check.density_error < LARGEST_DENSITY_ERROR
+    assert all(item.unmatched == 0.0 for item in check.steps)
+    low, high = np.quantile(posterior.flat[:, : len(truth)], (0.025, 0.975), axis=0)
+    assert ((low <= truth) & (truth <= high)).all()
+    mean, deviation, effective = exact_moments(problem, problem.to_z(posterior.flat))
+    assert effective > 150
+    # Importance sampling's own error is 3 / sqrt(150) = 0.25 standard deviations.
+    np.testing.assert_array_less(np.abs(posterior.flat.mean(axis=0) - mean) / deviation, 0.35)
+    np.testing.assert_allclose(posterior.flat.std(axis=0) / deviation, 1.0, atol=0.3)

@@ -2,7 +2,8 @@
 
 A start design through the priors; then, round by round: fit an emulator to the runs near the posterior, sample the
 posterior with it (its error is in the likelihood), and run the simulator at those posterior draws from which the
-emulator's error in the posterior shrinks most. It ends when the emulator's error no longer matters, or with the budget.
+emulator's error in the posterior shrinks most. The posterior is that of as much of the window as the emulator follows.
+It ends when the emulator's error no longer matters, or with the budget.
 """
 
 from __future__ import annotations
@@ -13,7 +14,6 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.linalg import eigh
 from scipy.stats import qmc
 
 from ..errors import FlightcalError
@@ -25,6 +25,8 @@ from ..surrogate.emulator import EmulatedSimulator, Emulator, fit_emulator
 from ..surrogate.held_out import Validation, validate
 from ..surrogate.runs import TrainingRuns, failure_summary
 from .diagnostics import least_effective
+from .horizon import farthest_emulator, shape_tolerance
+from .influence import influence, most_telling
 from .mode import find_mode
 from .nuts import sample
 from .priors import Priors
@@ -38,20 +40,16 @@ _NUTS = NutsSettings(chains=4, draws=400, warmup=200)
 """Of a round: enough for means within 0.05 standard deviations."""
 _PRIOR_SHARE = 0.998
 """Of each prior, through which the start design goes."""
-TRUNCATION = 0.1
-"""What principal shapes may leave out of a channel, added up over all its samples, in standard deviations of its noise.
-Left out is a smooth function of the parameters, so it adds up where noise averages out: a posterior sees it all."""
 _LEAST_NOISE = 1e-3  # K
 _REACH = 9.0
 """Runs within so many posterior standard deviations of its mean belong to its surroundings."""
 _NEAREST_PER_PARAMETER = 8
 """At least so many runs for each parameter are fitted, however far: the nearest."""
+_JUDGED_PER_PARAMETER = 4
+"""So many of the nearest runs for each parameter tell how far into the window the emulator can be trusted."""
 _MODE_STARTS = 4
 _SAVED_TOGETHER = 8
 """Runs that are asked for, and saved, together: an interruption costs no more than these."""
-_CANDIDATES = 300
-_JUDGED = 12
-"""Posterior draws at which the emulator's share in the posterior is judged."""
 
 
 @dataclass(frozen=True)
@@ -62,6 +60,8 @@ class Round:
     runs: int
     """Asked for so far."""
     failed: int
+    samples: int
+    """Of the window, from its beginning, that the posterior was taken from."""
     fitted: int
     """Runs that the emulator was fitted to: the finished ones near the posterior of the round before."""
     shapes: int
@@ -84,8 +84,8 @@ class Round:
         )
         return (
             f"round {self.number}: {self.runs} runs ({self.failed} failed, {self.fitted} fitted), "
-            f"{self.shapes} shapes, emulator's sd / noise {self.error_share:.3f}, expected shift "
-            f"{self.expected_shift:.3f} sd, mean moved {self.mean_shift:.3f} sd{covered}: {self.verdict}"
+            f"first {self.samples} samples, {self.shapes} shapes, emulator's sd / noise {self.error_share:.3f}, "
+            f"expected shift {self.expected_shift:.3f} sd, mean moved {self.mean_shift:.3f} sd{covered}: {self.verdict}"
         )
 
 
@@ -119,6 +119,8 @@ class _Belief:
     """[S, d]."""
     effective: float
     """Least effective number of draws."""
+    samples: int
+    """Of the window, of which this is the posterior."""
 
     @property
     def mean(self) -> FloatArray:
@@ -137,13 +139,15 @@ def learn(
     seed: int,
     *,
     window: slice | None = None,
+    beginning: Callable[[int], Problem] | None = None,
     save: Callable[[TrainingRuns], None] = lambda _: None,
     on_round: Callable[[Round], None] = lambda _: None,
 ) -> Learnt:
     """Learn an emulator of `problem.simulator` around the posterior.
 
-    evaluate: real runs at the sample times of `runs`; window: the problem's among these (None: all). runs: what has
-    been run before (`no_runs`: nothing). The same seed and settings ask for the same runs, so what has been run is not
+    evaluate: real runs at the sample times of `runs`; window: the problem's among these (None: all). beginning: the
+    problem on its first so many samples (None: only the whole window is looked at; see `horizon`). runs: what has been
+    run before (`no_runs`: nothing). The same seed and settings ask for the same runs, so what has been run is not
     run again, and an interrupted call ends as it would have. save: is given all runs after each few of them.
     Raises FlightcalError where too few runs of the start design finish.
     """
@@ -154,23 +158,31 @@ def learn(
     runs = campaign.complete(runs.take(slice(0, 0)), design, 0)
     _check_start(runs)
     part = window or slice(None)
+    whole = len(problem.times)
     validation: Validation | None = None
     belief: _Belief | None = None
     rounds: list[Round] = []
     while True:
         noise = noise_level(problem, belief)
-        chosen = _near(scale.to_z(runs.theta), runs.finished, belief, problem)
+        chosen, nearest = _near(scale.to_z(runs.theta), runs.finished, belief, problem)
         near = runs.take(chosen)
-        tolerance = TRUNCATION * noise / math.sqrt(len(problem.times))
-        emulator = fit_emulator(near, scale.to_z(near.theta), tolerance)
-        simulator = EmulatedSimulator(emulator, scale, part, heater_powers=problem.simulator.heater_power)
-        emulated = replace(problem, simulator=simulator, open_loop=None)
-        before, belief = belief, _posterior(emulated, runs.take(runs.finished), belief, rng)
-        share, shift = _influence(emulated, belief, rng)
-        moved, monte_carlo = _movement(before, belief)
         batch = min(settings.batch or 4 * len(scale.names), settings.runs - len(runs))
+        if beginning is None or batch <= 0:
+            emulator, samples = fit_emulator(near, scale.to_z(near.theta), shape_tolerance(noise, whole)), whole
+        else:
+            emulator, samples = farthest_emulator(near, scale.to_z(near.theta), noise, part, nearest)
+        shown = problem if beginning is None or samples == whole else beginning(samples)
+        seen = part if samples == whole else slice(0, samples)
+        simulator = EmulatedSimulator(emulator, scale, seen, heater_powers=problem.simulator.heater_power)
+        emulated = replace(shown, simulator=simulator, open_loop=None)
+        finished = runs.take(runs.finished).during(part).during(slice(0, samples))
+        before, belief = belief, _posterior(emulated, finished, belief, rng)
+        share, shift = influence(emulated, belief.z, rng)
+        moved, monte_carlo = _movement(before, belief)
         reached = (
-            before is not None
+            samples == whole
+            and before is not None
+            and before.samples == whole
             and shift <= settings.shift
             and moved <= settings.shift + monte_carlo
             and validation is not None
@@ -185,21 +197,21 @@ def learn(
         )
         rounds.append(
             Round(
-                number=len(rounds), runs=len(runs), failed=int((~runs.finished).sum()), fitted=len(near),
-                shapes=emulator.coefficients.shape[1], error_share=share, expected_shift=shift, mean_shift=moved,
-                monte_carlo=monte_carlo, validation=validation, verdict=verdict,
+                number=len(rounds), runs=len(runs), failed=int((~runs.finished).sum()), samples=samples,
+                fitted=len(near), shapes=emulator.coefficients.shape[1], error_share=share, expected_shift=shift,
+                mean_shift=moved, monte_carlo=monte_carlo, validation=validation, verdict=verdict,
             )
         )  # fmt: skip
         on_round(rounds[-1])
         if reached or batch <= 0:
             theta = problem.to_theta(belief.mean)
-            return Learnt(
-                emulated, emulator, runs, chosen, tolerance, tuple(rounds), reached, theta, failure_summary(runs)
-            )
-        z = _most_telling(emulated, belief, batch, rng)
+            tolerance, failures = shape_tolerance(noise, whole), failure_summary(runs)
+            return Learnt(emulated, emulator, runs, chosen, tolerance, tuple(rounds), reached, theta, failures)
+        z = most_telling(emulated, belief.z, batch, rng)
         number = len(rounds)
         runs = campaign.complete(runs, scale.to_theta(z), number)
         new = runs.take((runs.round == number) & runs.finished)
+        new = new if samples == whole else new.during(part).during(slice(0, samples))
         validation = validate(emulator, scale.to_z(new.theta), new.temperatures) if len(new) else None
 
 
@@ -259,17 +271,20 @@ def noise_level(problem: Problem, belief: _Belief | None = None) -> FloatArray:
     return np.maximum(noise, _LEAST_NOISE)
 
 
-def _near(z: FloatArray, finished: NDArray[np.bool_], belief: _Belief | None, problem: Problem) -> NDArray[np.intp]:
-    """Positions of the finished runs at z [S, d] that the emulator is fitted to."""
+def _near(
+    z: FloatArray, finished: NDArray[np.bool_], belief: _Belief | None, problem: Problem
+) -> tuple[NDArray[np.intp], NDArray[np.bool_]]:
+    """Positions of the finished runs at z [S, d] that the emulator is fitted to, and which of them are nearest."""
     positions = np.flatnonzero(finished)
     if belief is None:
-        return positions
+        return positions, np.ones(len(positions), bool)
     draws = belief.z[:, problem.simulated]
     factor = np.linalg.cholesky(np.cov(draws.T).reshape(draws.shape[1], -1) + 1e-12 * np.eye(draws.shape[1]))
     distance = np.linalg.norm(np.linalg.solve(factor, (z[positions] - draws.mean(axis=0)).T), axis=0)
     order = np.argsort(distance)
     count = max(int((distance <= _REACH).sum()), _NEAREST_PER_PARAMETER * draws.shape[1])
-    return np.sort(positions[order[:count]])
+    chosen = np.sort(order[:count])
+    return positions[chosen], np.isin(chosen, order[: _JUDGED_PER_PARAMETER * draws.shape[1]])
 
 
 def _posterior(problem: Problem, runs: TrainingRuns, before: _Belief | None, rng: np.random.Generator) -> _Belief:
@@ -291,12 +306,12 @@ def _posterior(problem: Problem, runs: TrainingRuns, before: _Belief | None, rng
         # The mode is at the edge of where there are runs.
         coordinates = whitening(before.mean, np.asarray(np.linalg.inv(np.cov(before.z.T)), float))
     draws = sample(problem.log_density_and_gradient, coordinates, _NUTS, int(rng.integers(2**32)))
-    return _Belief(draws.z.reshape(-1, draws.z.shape[-1]), least_effective(draws.z))
+    return _Belief(draws.z.reshape(-1, draws.z.shape[-1]), least_effective(draws.z), len(problem.times))
 
 
 def _best_runs(problem: Problem, runs: TrainingRuns) -> FloatArray:
     """Thetas [., d] of the finished runs of the highest density, with each channel's inferred noise at its RMSE."""
-    residuals = np.where(problem.valid, problem.observed - runs.temperatures[:, _emulated(problem).window], 0.0)
+    residuals = np.where(problem.valid, problem.observed - runs.temperatures, 0.0)
     rmse = np.sqrt(np.einsum("stn,stn->sn", residuals, residuals) / problem.valid.sum(axis=0))
     thetas = np.tile(problem.priors.median(), (len(runs), 1))
     thetas[:, problem.simulated] = runs.theta
@@ -308,73 +323,9 @@ def _best_runs(problem: Problem, runs: TrainingRuns) -> FloatArray:
     return thetas[np.argsort(-density)[:_MODE_STARTS]]
 
 
-def _emulated(problem: Problem) -> EmulatedSimulator:
-    assert isinstance(problem.simulator, EmulatedSimulator)
-    return problem.simulator
-
-
 def _movement(before: _Belief | None, now: _Belief) -> tuple[float, float]:
     """Largest difference of the means in standard deviations, and two standard errors of such a difference."""
     if before is None:
         return math.nan, math.nan
     moved = float(np.max(np.abs(now.mean - before.mean) / now.deviation))
     return moved, 2.0 * math.sqrt(1.0 / before.effective + 1.0 / now.effective)
-
-
-def _influence(problem: Problem, belief: _Belief, rng: np.random.Generator) -> tuple[float, float]:
-    """The emulator's standard deviation over the noise, and by how much it is expected to shift the posterior.
-
-    Where the emulator's error adds E to the covariance V of a posterior that is otherwise the same, it has moved its
-    mean by about sqrt(E / V) standard deviations; the direction with the largest, averaged over draws.
-    """
-    simulator = _emulated(problem)
-    basis = simulator.emulator.error_basis[simulator.window]
-    certain = replace(problem, simulator=replace(simulator, certain=True))
-    shares, shifts = [], []
-    for z in rng.choice(belief.z, min(_JUDGED, len(belief.z)), replace=False):
-        with_error, without = problem.gauss_newton_hessian(z), certain.gauss_newton_hessian(z)
-        shifts.append(max(0.0, float(eigh(without, with_error, eigvals_only=True)[-1]) - 1.0))
-        theta = problem.to_theta(z)
-        variance = problem.simulate(theta).error_variance
-        deviation = np.einsum("tnr,r->tn", basis**2, variance) / problem.noise(theta) ** 2
-        shares.append(float(deviation[problem.valid].mean()))
-    return math.sqrt(float(np.mean(shares))), math.sqrt(float(np.mean(shifts)))
-
-
-def _most_telling(problem: Problem, belief: _Belief, count: int, rng: np.random.Generator) -> FloatArray:
-    """z [count, d] of the posterior draws from whose runs the emulator's part in the posterior shrinks most.
-
-    One after the other, each the draw that most reduces the processes' variance averaged over all draws (Cohn 1996,
-    Neural Networks 9, 1071-1083), with the ones before it as if they were run: so they keep apart. A process counts by
-    how far its error shifts the posterior, and by its share in the noise.
-    """
-    simulator = _emulated(problem)
-    drawn = belief.z[rng.choice(len(belief.z), min(_CANDIDATES, len(belief.z)), replace=False)]
-    processes = simulator.emulator.processes
-    z = drawn[:, problem.simulated]
-    covariance = processes.covariance(simulator.emulator.inputs(z))
-    nugget = processes.nugget * processes.scale
-    importance = _importance(problem, belief.mean)[: len(nugget)]
-    chosen: list[int] = []
-    for _ in range(count):
-        variance = np.einsum("rpp->rp", covariance) + nugget[:, None]
-        gain = np.einsum("r,rpq,rpq,rq->q", importance, covariance, covariance, 1.0 / variance)
-        gain[chosen] = -np.inf
-        best = int(np.argmax(gain))
-        chosen.append(best)
-        column = covariance[:, :, best]
-        covariance = covariance - column[:, :, None] * column[:, None, :] / variance[:, best, None, None]
-    return z[chosen]
-
-
-def _importance(problem: Problem, z: FloatArray) -> FloatArray:
-    """[r] what a variance of one of each error shape does at z [d] to the posterior's mean and to temperatures."""
-    noise = problem.noise(problem.to_theta(z))
-    simulator = _emulated(problem)
-    basis = simulator.emulator.error_basis[simulator.window] / noise[:, None]
-    basis = np.where(problem.valid[..., None], basis, 0.0)
-    jacobian = np.where(problem.valid[..., None], problem.jacobian(z) / noise[:, None], 0.0)
-    pulled = np.einsum("tnd,tnr->dr", jacobian, basis)
-    hessian = np.einsum("tnd,tne->de", jacobian, jacobian) + np.diag(problem.priors.precision(z))
-    shift = np.einsum("dr,dr->r", pulled, np.linalg.solve(hessian, pulled))
-    return shift + np.einsum("tnr,tnr->r", basis, basis) / problem.valid.sum()

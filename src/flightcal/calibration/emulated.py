@@ -2,8 +2,7 @@
 
 from __future__ import annotations
 
-import math
-from dataclasses import replace
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -14,10 +13,12 @@ from ..simulator.system import FloatArray
 from ..surrogate.emulator import EmulatedSimulator, Emulator, fit_emulator
 from ..surrogate.held_out import Validation, judge, validate
 from ..surrogate.runs import TrainingRuns, failure_summary, no_runs
-from .active import TRUNCATION, simulated_priors, start_design
+from .active import simulated_priors, start_design
+from .horizon import shape_tolerance
 from .joint import AnyProblem
 from .methods import mean_and_some
 from .problem import Problem
+from .simulator_check import Steps, density_error, steps
 
 CHECKED = 20
 """Posterior draws at which the simulator itself is run at the end."""
@@ -82,18 +83,35 @@ def around_draws(
     if len(finished) < 2 * (len(scale.names) + 1):
         raise FlightcalError(f"window '{problem.window}': {failure_summary(runs)}; too few are left for an emulator")
     noise = problem.noise(np.median(thetas, axis=0))
-    tolerance = TRUNCATION * noise / math.sqrt(len(problem.times))
-    emulator = fit_emulator(finished, scale.to_z(finished.theta), tolerance)
+    emulator = fit_emulator(finished, scale.to_z(finished.theta), shape_tolerance(noise, len(problem.times)))
     return with_emulator(problem, emulator), runs, judge(*emulator.leave_one_out(), finished.channels)
+
+
+@dataclass(frozen=True)
+class SimulatorCheck:
+    """What the simulator itself says of a posterior through its emulator."""
+
+    validation: Validation
+    density_error: float
+    """Of the log density over posterior draws: see `simulator_check.density_error`."""
+    steps: tuple[Steps, ...]
+    """Of the heaters whose status is measured."""
 
 
 def check_on_the_simulator(
     problem: Problem, emulated: Problem, thetas: FloatArray, seed: int
-) -> tuple[Validation, TrainingRuns]:
-    """How the emulator predicts real runs at the mean of posterior draws thetas [S, d] and at some of them."""
-    design = mean_and_some(thetas, CHECKED - 1, seed)[:, problem.simulated]
-    runs = empty_runs(problem).add(external(problem).run_many(design), 0)
-    finished = runs.take(runs.finished)
+) -> tuple[SimulatorCheck, TrainingRuns]:
+    """Run the simulator at the mean of posterior draws thetas [S, d] and at some of them, and judge the emulator by it.
+
+    Raises FlightcalError where no run finishes.
+    """
+    design = mean_and_some(thetas, CHECKED - 1, seed)
+    runs = empty_runs(problem).add(external(problem).run_many(design[:, problem.simulated]), 0)
     assert isinstance(emulated.simulator, EmulatedSimulator)
+    finished = runs.take(runs.finished)
     z = simulated_priors(problem).to_z(finished.theta)
-    return validate(emulated.simulator.emulator, z, finished.temperatures), runs
+    validation = validate(emulated.simulator.emulator, z, finished.temperatures)
+    # The mean is no draw.
+    drawn = runs.finished & (np.arange(len(runs)) > 0)
+    error = density_error(problem, emulated, design[drawn], runs.take(drawn))
+    return SimulatorCheck(validation, error, steps(problem, finished)), runs

@@ -175,6 +175,10 @@ class JointProblem:
             hessian += np.einsum("ai,ab,bj->ij", derivative, own, derivative, optimize=True)
         return hessian
 
+    def beginning(self, share: float) -> JointProblem:
+        """The same with the temperatures alone, of the first share of each window."""
+        return replace(self, problems=tuple(problem.beginning(share) for problem in self.problems))
+
     def rmse(self, thetas: FloatArray, status_weight: float = 0.0) -> FloatArray:
         """RMSE over all channels and windows [S], K, of simulations at thetas [S, d]; NaN where one fails."""
         samples = np.array([problem.valid.sum() for problem in self.problems])

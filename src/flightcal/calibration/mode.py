@@ -10,7 +10,7 @@ is in step with the telemetry at first may be out of it at the end.
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 
 import numpy as np
 
@@ -69,13 +69,10 @@ def climb(problem: AnyProblem, z: FloatArray, origin: str = "") -> Mode:
     return Mode(z, value, False, _ITERATIONS, origin)
 
 
-def climb_in_step(problem: Problem, z: FloatArray, origin: str = "") -> Mode:
+def climb_in_step(problem: AnyProblem, z: FloatArray, origin: str = "") -> Mode:
     """`climb` on growing shares of the window, each from where the one before ended."""
-    elapsed = (problem.times - problem.times[0]) / (problem.times[-1] - problem.times[0])
     for share in _SHARES:
-        observed = np.where((elapsed <= share)[:, None], problem.observed, np.nan)
-        # The likelihood of the status has no shares.
-        z = climb(replace(problem, observed=observed, heater_status=None), z).z
+        z = climb(problem.beginning(share), z).z
     return climb(problem, z, origin)
 
 

@@ -10,7 +10,7 @@ from __future__ import annotations
 import math
 import threading
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property
 from typing import Any
 
@@ -266,6 +266,12 @@ class Problem:
         jacobian = np.reshape(rows, (-1, len(self.simulated))) * prior.slope[self.simulated]
         hessian[np.ix_(self.simulated, self.simulated)] += np.einsum("ei,ej->ij", jacobian, jacobian)
         return hessian
+
+    def beginning(self, share: float) -> Problem:
+        """The same with the temperatures alone, of the first share of the window."""
+        elapsed = (self.times - self.times[0]) / (self.times[-1] - self.times[0])
+        observed = np.where((elapsed <= share)[:, None], self.observed, np.nan)
+        return replace(self, observed=observed, heater_status=None)
 
     def rmse(self, thetas: FloatArray, status_weight: float = 0.0) -> FloatArray:
         """RMSE over all channels [S], K, of simulations at thetas [S, d], run as one batch; NaN where one fails.

@@ -354,15 +354,21 @@ def _emulator(run: RunFiles) -> list[Block]:
         blocks.append(
             _note(
                 "There are thermostats. In closed loop the likelihood has several modes, and what stands in for a "
-                "simulator without derivatives has no open loop in which to seek the best of them: see whether the "
-                "simulated heater status keeps step with the measured one before the parameters are believed."
+                "simulator without derivatives has no open loop in which to seek the best of them. So the first rounds "
+                "take only the beginning of the window, in which heaters have switched a few times, and the later ones "
+                "as much more as the emulator follows. Whether the heaters keep step with the telemetry at the end is "
+                "one of the posterior's gates; where no status is measured, nothing tells."
             )
         )
     if run.emulator_check is not None:
         check = run.emulator_check
         blocks += [
             Block("heading", "The simulator itself at the posterior's mean and at draws"),
-            _text(f"{check['runs']} runs that the emulator has not seen; {check['failed']} more failed."),
+            _text(
+                f"{check['runs']} runs that the emulator has not seen; {check['failed']} more failed. Over the draws "
+                f"the simulator's log density and the emulator's differ by {number(check['density_error'], 2)} "
+                "(standard deviation): to first order no mean is off by more than so many of its standard deviations."
+            ),
             _table(tables.emulator_check(check)),
         ]
     return blocks

@@ -327,15 +327,15 @@ def emulator_rounds(record: Record) -> Table:
     for r in record["rounds"]:
         covered = r["validation"]["channels"][-1]["coverage"][-1] if r["validation"] else None
         rows.append(
-            [count(r["number"]), count(r["runs"]), count(r["failed"]), count(r["fitted"]), count(r["shapes"]),
-             number(r["error_share"], 2), number(r["expected_shift"], 2), number(r["mean_shift"], 2),
-             percent(covered, 0), r["verdict"]]
+            [count(r["number"]), count(r["runs"]), count(r["failed"]), count(r["fitted"]), count(r["samples"]),
+             count(r["shapes"]), number(r["error_share"], 2), number(r["expected_shift"], 2),
+             number(r["mean_shift"], 2), percent(covered, 0), r["verdict"]]
         )  # fmt: skip
     header = (
-        "round", "runs", "failed", "fitted", "shapes", "error / noise", "expected shift, sd", "mean moved, sd",
-        "new runs covered", "what goes on",
+        "round", "runs", "failed", "fitted", "samples", "shapes", "error / noise", "expected shift, sd",
+        "mean moved, sd", "new runs covered", "what goes on",
     )  # fmt: skip
-    return Table(header, rows, range(9))
+    return Table(header, rows, range(10))
 
 
 def emulator_check(check: Record) -> Table:

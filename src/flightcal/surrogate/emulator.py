@@ -265,10 +265,10 @@ class EmulatedSimulator:
     def _switches(self) -> list[Switch]:
         """[S] changes of the status between samples, at the later sample."""
         times = self.emulator.runs.times[self.window]
-        return [_switches(status, (times - times[0]) / np.timedelta64(1, "s")) for status in self._status]
+        return [status_switches(status, (times - times[0]) / np.timedelta64(1, "s")) for status in self._status]
 
 
-def _switches(status: FloatArray, seconds: FloatArray) -> Switch:
+def status_switches(status: FloatArray, seconds: FloatArray) -> Switch:
     """Changes in a status [T, H] sampled at `seconds` [T]; unknown samples are passed over."""
     time: list[float] = []
     heater: list[int] = []

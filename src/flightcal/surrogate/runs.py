@@ -57,6 +57,15 @@ class TrainingRuns:
         """The runs at these positions, or where this mask [S] is true."""
         return replace(self, **{name: getattr(self, name)[chosen] for name in _PER_RUN})
 
+    def during(self, window: slice) -> TrainingRuns:
+        """The same runs at these of the sample times."""
+        return replace(
+            self,
+            times=self.times[window],
+            temperatures=self.temperatures[:, window],
+            status=self.status[:, window],
+        )
+
     def join(self, others: TrainingRuns) -> TrainingRuns:
         """These runs, then the others."""
         joined: dict[str, Any] = {
