@@ -2,11 +2,13 @@
 
 import numpy as np
 import pytest
+from scipy.stats import halfnorm, norm
 
 from flightcal.calibration import build_problem
 from flightcal.check.centre import find_centre
 from flightcal.check.identifiability import identifiability, sparse_basis
 from flightcal.scenario import LogNormal, Normal
+from flightcal.scenario.schema import HalfNormal
 
 from .. import small
 from .problems import centre_at, formula_problem, samples
@@ -77,11 +79,26 @@ def test_parameters_that_can_all_be_scaled_together_are_named():
     assert (set(combination.names), combination.kind) == ({"a", "b", "c"}, "scale")
 
 
-def test_a_sparse_basis_spans_the_same_space():
-    mixed = np.linalg.qr(np.random.default_rng(1).standard_normal((7, 3)))[0]
-    basis = sparse_basis(mixed)
-    assert np.linalg.matrix_rank(np.hstack([mixed, basis]), tol=1e-10) == 3
-    np.testing.assert_allclose(np.linalg.norm(basis, axis=0), 1.0)
+def test_a_sparse_basis_undoes_any_mixture():
+    sparse = np.array([[1, -1, 0, 0, 0, 0], [0, 0, 1, 1, 0, 0], [0, 0, 0, 0, 1, 0]]).T / np.sqrt([2, 2, 1])
+    mixture = np.linalg.qr(np.random.default_rng(1).standard_normal((3, 3)))[0]
+    found = sparse_basis(sparse @ mixture)
+    overlap = np.abs(found.T @ sparse)
+    np.testing.assert_allclose(np.sort(overlap, axis=1), np.tile([0.0, 0.0, 1.0], (3, 1)), atol=1e-12)
+    assert sorted(overlap.argmax(axis=1)) == [0, 1, 2]
+
+
+def test_widths_are_those_of_the_prior_whatever_its_scale():
+    problem = formula_problem(
+        {"level": HalfNormal(scale=3.0)}, lambda t: 290.0 + 0.01 * t[0] * np.ones((samples(), 2)), {"level": 2.0}
+    )
+    centre = centre_at(problem, level=2.0)
+    found = identifiability(problem, centre.z, centre.hessian)
+    # z is the logarithm; half of the distance between the normal's quantiles at 84 and 16% is its spread.
+    tail = norm.sf(1.0)
+    spread = 0.5 * np.log(halfnorm.ppf(1.0 - tail) / halfnorm.ppf(tail))
+    information = 2 * samples() * (0.01 * 2.0 * spread / 0.1) ** 2
+    np.testing.assert_allclose(found.information, [information], rtol=1e-5)
 
 
 def test_a_network_whose_conductance_is_a_product_of_two_parameters_says_so(tmp_path):

@@ -4,6 +4,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from scipy.stats import norm
 
 from flightcal.check.prior_predictive import prior_predictive
 from flightcal.scenario import Normal
@@ -49,6 +50,16 @@ def test_a_channel_that_the_prior_cannot_reach_is_named_with_side_and_distance(p
     (pressed,) = found.pressed
     assert (pressed.name, pressed.theta) == ("panel", pytest.approx(-5.9))
     assert pressed.probability < 1e-6
+
+
+def test_noise_alone_puts_no_telemetry_out_of_reach():
+    tight = {name: Normal(mean=0.0, standard_deviation=0.02) for name in PRIORS}
+    problem = formula_problem(tight, levels, EXACT)
+    found = found_for(problem, centre_at(problem, **EXACT))
+    # A band of 2 noise levels and 2.58 deviations of the prior.
+    expected = 1.0 - 2.0 * norm.sf(2.0 + 2.58 * 0.02 / 0.1)
+    for channel in found.channels:
+        assert channel.reached == pytest.approx(expected, abs=4.0 * np.sqrt(0.01 / samples()))
 
 
 def test_failed_simulations_are_counted_and_left_out(problem):

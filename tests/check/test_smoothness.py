@@ -13,22 +13,25 @@ from flightcal.scenario import Normal
 from flightcal.simulator.system import Switch
 
 from .. import small
-from .problems import centre_at, formula_problem, samples
+from .problems import NOISE, centre_at, formula_problem, samples
 
 PRIORS = {"level": Normal(mean=1.0, standard_deviation=1.0), "slope": Normal(mean=0.0, standard_deviation=1.0)}
 EDGE = 1.003
 STEP = 0.01  # K
 
 
-def problem_with_a_step(*, told: bool):
-    """Level and slope of both channels; above EDGE the heater switches twice more, and the level is STEP higher."""
+def problem_with_a_step(*, told: bool, edge: float = EDGE, step: float = STEP):
+    """Level and slope of both channels; above the edge the level is a step higher and the heater switches twice more.
+
+    told: whether it does switch.
+    """
     time = np.linspace(-1.0, 1.0, samples())[:, None]
 
     def temperatures(theta):
-        return 290.0 + np.ones((1, 2)) * (theta[0] + STEP * (theta[0] > EDGE) + theta[1] * time)
+        return 290.0 + np.ones((1, 2)) * (theta[0] + step * (theta[0] > edge) + theta[1] * time)
 
     def switches(theta):
-        times = [600.0, 900.0, 4000.0, 4300.0] if theta[0] > EDGE and told else [600.0, 900.0]
+        times = [600.0, 900.0, 4000.0, 4300.0] if theta[0] > edge and told else [600.0, 900.0]
         return Switch(np.array(times), np.zeros(len(times), np.int64), np.tile([1.0, 0.0], len(times) // 2))
 
     return formula_problem(PRIORS, temperatures, {"level": 1.0, "slope": 0.0}, switches=switches, heaters=("heater",))
@@ -53,6 +56,17 @@ def test_a_jump_is_found_at_its_place_with_its_size_and_its_cause(told):
         assert (jump.heater, jump.seconds, jump.switches) == ("heater", 4000.0, (2, 4))
     else:
         assert jump.heater == ""
+
+
+def test_a_jump_against_a_steep_slope_is_found():
+    deviation = NOISE / np.sqrt(2 * samples())
+    edge = 1.0 + 2.53 * deviation
+    # Two and a half deviations off the log density falls by 0.25 nats from point to point; the jump lifts it by 0.2.
+    problem = problem_with_a_step(told=False, edge=edge, step=-0.08 * deviation)
+    problem = replace(problem, observed=problem.observed - problem.observed.mean() + 291.0)
+    (jump,) = scan_all(problem, centre_at(problem, level=1.0, slope=0.0), THOROUGH)[0].jumps
+    assert jump.theta == pytest.approx(edge, abs=1e-7)
+    assert jump.nats == pytest.approx(0.2, abs=0.01)
 
 
 def test_a_smooth_density_has_no_jumps_and_a_right_gradient():
@@ -105,6 +119,32 @@ def coldest(run):
     lowest = 30 + int(np.argmin(body[30:150]))
     rise = np.polyfit([-1.0, 0.0, 1.0], body[lowest - 1 : lowest + 2], 2)
     return np.polyval(rise, -0.5 * rise[1] / rise[0])
+
+
+@dataclass(frozen=True)
+class OneSided(Problem):
+    """Derivatives from above, which at a kink are as good as those from below."""
+
+    def log_density_and_gradient(self, z):
+        steps = 1e-7 * np.eye(len(z))
+        value = self.log_density(z)
+        return value, np.array([(self.log_density(z + step) - value) / 1e-7 for step in steps])
+
+
+def test_a_gradient_of_one_side_of_a_kink_is_right():
+    time = np.linspace(-1.0, 1.0, samples())[:, None]
+
+    def temperatures(theta):
+        return 290.0 + np.ones((1, 2)) * (theta[0] + 0.5 * abs(theta[0] - 1.0) + theta[1] * time)
+
+    problem = formula_problem(PRIORS, temperatures, {"level": 1.02, "slope": 0.0})
+    sided = OneSided(**{name: getattr(problem, name) for name in problem.__dataclass_fields__})
+    centre = centre_at(problem, level=1.0, slope=0.0)
+    errors, _, _ = check_gradient(sided, centre, 0)
+    assert max(item.error for item in errors) < TOLERANCE
+    step = np.array([1e-5, 0.0])
+    both = (problem.log_density(centre.z + step) - problem.log_density(centre.z - step)) / 2e-5
+    assert abs(both / sided.log_density_and_gradient(centre.z)[1][0]) < 0.8
 
 
 @pytest.fixture(scope="module")
