@@ -12,6 +12,7 @@ from typing import Any
 import numpy as np
 
 from flightcal.calibration import Priors, Problem, build_problem
+from flightcal.calibration.noise import DEVIATION
 from flightcal.check.centre import Centre
 from flightcal.experiment import parameter_records
 from flightcal.report.run_files import ParameterInfo, _parameter
@@ -79,6 +80,8 @@ def formula_problem(
     """A problem with fixed noise (K), whose telemetry is the formula [T, 2] at the truth with that noise."""
     base = _small()
     simulator = Formula(tuple(priors), base.simulator.channels, temperatures, samples=len(base.times), **more)
+    fixed = np.zeros_like(base.residuals.fixed)
+    fixed[:, DEVIATION] = noise
     exact = temperatures(np.array([truth[name] for name in priors]))
     return replace(
         base,
@@ -86,7 +89,7 @@ def formula_problem(
         status=np.full((len(exact), len(simulator.heaters)), np.nan),
         simulator=simulator,
         priors=Priors(tuple(priors), tuple(priors.values())),
-        fixed_noise=np.full(2, noise),
+        residuals=replace(base.residuals, fixed=fixed, entries=()),
         open_loop=None,
     )
 
