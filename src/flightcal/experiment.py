@@ -202,7 +202,10 @@ def _predict_stage(
             windows = {}
             for window in scenario.windows:
                 thetas = _in_window(problem, data, window, points, draws)
-                windows[window] = predict(scenario, data, window, *thetas, seed=seed, stand_in=stand_in)[0]
+                windows[window] = predict(
+                    scenario, data, window, *thetas, seed=seed, stand_in=stand_in,
+                    trained=_trained(problem, window, draws),
+                )[0]  # fmt: skip
             metrics = [metric for window, predicted in windows.items() for metric in score(predicted, window)]
             run.write_netcdf("prediction.nc", xarray.DataTree.from_dict(windows))
             run.write_json("metrics.json", [plain(metric) for metric in metrics])
@@ -221,6 +224,15 @@ def _in_window(
     rng = np.random.default_rng([problem.scenario.calibration.seed, *window.encode()])
     of_points = {name: problem.window_thetas(inside, theta[None])[0] for name, theta in points.items()}
     return of_points, problem.window_thetas(inside, draws, rng)
+
+
+def _trained(problem: AnyProblem, window: str, draws: FloatArray) -> tuple[str, FloatArray]:
+    """The training window that is nearest to a window, and posterior draws [S, d] as thetas of its problem."""
+    if isinstance(problem, Problem):
+        return problem.window, draws
+    start = np.datetime64(problem.scenario.windows[window].start)
+    nearest = min(problem.problems, key=lambda inside: abs(inside.times[0] - start))
+    return nearest.window, problem.window_thetas(nearest, draws)
 
 
 def _draws(posterior: xarray.DataTree, names: tuple[str, ...], count: int, seed: int) -> FloatArray:

@@ -5,7 +5,7 @@ import pytest
 from scipy.linalg import expm
 
 from flightcal.calibration import build_problem
-from flightcal.prediction import condition_initial
+from flightcal.prediction import WhiteErrors, condition_initial
 
 from .. import small
 
@@ -46,7 +46,7 @@ def test_a_point_estimate_gets_the_exact_posterior_mean(first):
     assert first.names == ("link", "initial.body", "initial.panel")
     mean, _ = exact(first, 4.0)
     theta = np.array([[4.0, 100.0, 500.0]])
-    found = condition_initial(first, theta, NOISE[None])
+    found = condition_initial(first, theta, WhiteErrors(NOISE[None]))
     np.testing.assert_allclose(found[0, 1:], mean, atol=1e-3)
     assert found[0, 0] == 4.0
     np.testing.assert_array_equal(theta, [[4.0, 100.0, 500.0]])
@@ -55,7 +55,7 @@ def test_a_point_estimate_gets_the_exact_posterior_mean(first):
 def test_draws_have_the_exact_posterior_mean_and_covariance(first):
     mean, covariance = exact(first, 4.0)
     thetas = np.tile([4.0, 285.0, 262.0], (4000, 1))
-    found = condition_initial(first, thetas, np.tile(NOISE, (4000, 1)), np.random.default_rng(1))[:, 1:]
+    found = condition_initial(first, thetas, WhiteErrors(np.tile(NOISE, (4000, 1))), np.random.default_rng(1))[:, 1:]
     factor = np.linalg.cholesky(covariance)
     white = np.linalg.solve(factor, (found - mean).T)
     np.testing.assert_allclose(white.mean(axis=1), 0.0, atol=4 / np.sqrt(4000))
@@ -66,15 +66,17 @@ def test_draws_have_the_exact_posterior_mean_and_covariance(first):
 
 def test_every_theta_is_conditioned_with_its_own_simulation_and_noise(first):
     thetas = np.array([[3.9, 0.0, 0.0], [4.0, 0.0, 0.0], [4.1, 0.0, 0.0]])
-    found = condition_initial(first, thetas, np.tile(NOISE, (3, 1)))
+    found = condition_initial(first, thetas, WhiteErrors(np.tile(NOISE, (3, 1))))
     assert found[0, 1] != found[2, 1]
     np.testing.assert_allclose(found[2, 1:], exact(first, 4.1)[0], atol=0.25)
-    sure, unsure = (condition_initial(first, thetas[1:2], np.array([[noise]]))[0, 2] for noise in (0.01, 100.0))
+    sure, unsure = (
+        condition_initial(first, thetas[1:2], WhiteErrors(np.array([[noise]])))[0, 2] for noise in (0.01, 100.0)
+    )
     assert abs(unsure - 263.15) < 0.1 < abs(sure - 263.15)
 
 
 def test_a_theta_that_cannot_be_simulated_keeps_the_prior_mean(first):
     thetas = np.array([[4.0, 0.0, 0.0], [1e300, 0.0, 0.0], [4.0, 0.0, 0.0]])
-    found = condition_initial(first, thetas, np.tile(NOISE, (3, 1)))
+    found = condition_initial(first, thetas, WhiteErrors(np.tile(NOISE, (3, 1))))
     np.testing.assert_allclose(found[1, 1:], [first.observed[:3, 0].mean(), 263.15])
     np.testing.assert_allclose(found[0, 1:], exact(first, 4.0)[0], atol=1e-3)

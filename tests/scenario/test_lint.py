@@ -75,7 +75,7 @@ def test_broken_environment_causes_no_finding_about_faces_and_windows(lint_edite
 def test_default_filled_in_by_flightcal_cannot_be_written(lint_edited):
     assert lint_edited(("name: example", "folder: here")) == [
         "2: folder: unknown key 'folder', expected name, description, telemetry, environment, simulator, "
-        "initial_state, parameters, observations, windows, calibration",
+        "initial_state, parameters, observations, noise, discrepancy, windows, calibration",
         "2: missing key 'name'",
     ]
     found = lint_edited(("imaging_power: {", "imaging_power: {unit: W, "))

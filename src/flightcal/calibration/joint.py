@@ -27,6 +27,7 @@ from ..simulator import Simulator, Trajectory
 from ..simulator.system import FloatArray, IntArray, Switch
 from .priors import Priors
 from .problem import Problem, build_problem
+from .residuals import ResidualModel
 
 
 @dataclass(frozen=True)
@@ -85,6 +86,46 @@ class JointProblem:
         return np.array(
             [k for k, name in enumerate(self.names) if name in taken or name.startswith(("initial.", "drift."))]
         )
+
+    @property
+    def residuals(self) -> ResidualModel:
+        """The first window's noise and discrepancy, for what does not depend on the window."""
+        return self.problems[0].residuals
+
+    @cached_property
+    def places(self) -> Any:
+        """Of the residuals' numbers that are entries of theta: channels, columns and positions in theta, [q] each."""
+        channels, columns, positions = self.problems[0].places
+        names = self.problems[0].names
+        return channels, columns, np.array([self.names.index(names[k]) for k in positions], dtype=int)
+
+    def replicate(self, theta: FloatArray, run: Trajectory, rng: np.random.Generator) -> FloatArray:
+        """Telemetry [T, N], K, drawn anew at theta [d] with its simulations `run`; see `Problem.replicate`."""
+        ends = np.cumsum([len(problem.times) for problem in self.problems])
+        parts = np.split(run.temperatures, ends[:-1])
+        return np.concatenate(
+            [
+                problem.replicate(self.window_thetas(problem, theta[None])[0], replace(run, temperatures=part), rng)
+                for problem, part in zip(self.problems, parts, strict=True)
+            ]
+        )
+
+    def independent(self) -> JointProblem:
+        """The same problem, its theta too, with independent normal noise alone."""
+        opened = None if self.open_loop is None else self.open_loop.independent()
+        return replace(self, problems=tuple(problem.independent() for problem in self.problems), open_loop=opened)
+
+    def likelihood_of_numbers(self, run: Trajectory, theta: FloatArray) -> tuple[float, FloatArray]:
+        """Log likelihood of simulations at theta [d], and its gradient [d] by noise and discrepancy alone."""
+        value, theta_bar, end = 0.0, np.zeros(len(theta)), 0
+        for problem, link in zip(self.problems, self._links, strict=True):
+            start, end = end, end + len(problem.times)
+            inside = self.window_thetas(problem, theta[None])[0]
+            own = replace(run, temperatures=run.temperatures[start:end])
+            likelihood, inside_bar = problem.likelihood_of_numbers(own, inside)
+            value += likelihood
+            np.add.at(theta_bar, link.columns[link.columns >= 0], inside_bar[link.columns >= 0])
+        return value, theta_bar
 
     @cached_property
     def inferred_noise(self) -> Any:
@@ -270,6 +311,17 @@ def calibration_problem(scenario: Scenario, telemetry: xarray.Dataset) -> Proble
     windows = [name for name in scenario.windows if is_trained(name)]
     if not windows:
         raise ScenarioError("windows: found none to train on, expected 'train'")
+    written = scenario.discrepancy
+    if len(windows) > 1 and written is not None and written.phase is not None:
+        raise ScenarioError(
+            f"discrepancy.phase: found {len(windows)} windows to train on, expected one: "
+            "what comes again in every orbit is learnt from one window"
+        )
+    if len(windows) > 1 and written is not None and written.time is not None and written.time.lengthscale is None:
+        raise ScenarioError(
+            "discrepancy.time: found no 'lengthscale' with several windows to train on, expected one: "
+            "the default follows from the one window"
+        )
     problems = tuple(build_problem(scenario, telemetry, window) for window in windows)
     return problems[0] if len(windows) == 1 else join(problems)
 

@@ -1,14 +1,315 @@
-"""How probable the telemetry is, given simulated temperatures."""
+"""How probable the telemetry is, given simulated temperatures.
+
+Channels are independent of each other given theta. Each one's residuals are noise (`noise`) and, where the scenario has
+one, a discrepancy (`discrepancy`) whose weights are integrated out. A surrogate's error, which is shared between
+channels, comes on top of either (`low_rank_log_likelihood`, `with_error_shapes`).
+"""
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
-from ..compiled import compiled
+from ..compiled import compiled, inlined
 from ..simulator.system import FloatArray
+from .discrepancy import combine, factorise, project, pull_back_spectrum, spectrum
+from .noise import (
+    CORRELATED,
+    CORRELATED_STUDENT,
+    DEVIATION,
+    INDEPENDENT,
+    LOG_ROOT_2_PI,
+    NUMBERS,
+    ROUNDED,
+    filter_gains,
+    normal,
+    pull_back_filter,
+    rounded,
+    student,
+    whiten,
+)
+
+
+class Residuals(NamedTuple):
+    """What the residuals of a window's N channels are made of, as compiled code reads it."""
+
+    seconds: Any
+    """[T] times."""
+    valid: Any
+    """[N, T] whether there is a sample."""
+    kinds: Any
+    """[N] of noise."""
+    discrepant: Any
+    """[N] whether there is a discrepancy."""
+    basis: Any
+    """[T, m] of the discrepancy, those in time first."""
+    transposed: Any
+    """[m, T]."""
+    products: Any
+    """[N, m, m] of the basis with itself, at each channel's valid samples."""
+    frequency: Any
+    """[m], and the next two, as `discrepancy.spectrum` takes them."""
+    in_time: Any
+    """[1] how many of the basis are in time."""
+    smoothness: Any
+    factor: Any
+
+
+class ResidualMemory(NamedTuple):
+    """What the likelihood works in."""
+
+    residual: Any
+    """[T], as the next five."""
+    residual_bar: Any
+    fitted: Any
+    decay: Any
+    gain: Any
+    root: Any
+    vectors: Any
+    """[8, m + 1]."""
+    gram: Any
+    """[m, m], as the next three."""
+    upper: Any
+    inverse: Any
+    covariance: Any
+    columns: Any
+    """[T, m + 1], as the next three, where there is a discrepancy with correlated noise; else [T, 1]: the residuals."""
+    whitened: Any
+    whitened_bar: Any
+    columns_bar: Any
+
+
+def residual_memory(residuals: Residuals) -> ResidualMemory:
+    """Memory for the likelihood of one thread."""
+    samples, m = residuals.basis.shape
+    together = bool((residuals.discrepant & (residuals.kinds == CORRELATED)).any())
+    wide = (samples, m + 1 if together else 1)
+    vectors, square = (np.empty(samples) for _ in range(6)), (np.empty((m, m)) for _ in range(4))
+    return ResidualMemory._make([*vectors, np.empty((8, m + 1)), *square, *(np.empty(wide) for _ in range(4))])
+
+
+def log_likelihood(
+    residuals: Residuals, observed: FloatArray, simulated: FloatArray, numbers: FloatArray
+) -> tuple[float, FloatArray, FloatArray]:
+    """Log likelihood of temperatures observed and simulated [T, N], K, and its derivatives.
+
+    observed: valid where `residuals.valid` says; numbers: [N, 9] of noise and discrepancy (see `noise`). The
+    derivatives are by `simulated` [T, N] and by `numbers` [N, 9].
+    """
+    simulated_bar, numbers_bar = np.empty(simulated.shape), np.empty(numbers.shape)
+    memory = residual_memory(residuals)
+    value = log_likelihood_compiled(residuals, memory, observed, simulated, numbers, simulated_bar, numbers_bar)
+    return value, simulated_bar, numbers_bar
+
+
+def weights_given(
+    residuals: Residuals, observed: FloatArray, simulated: FloatArray, numbers: FloatArray
+) -> tuple[FloatArray, FloatArray]:
+    """The discrepancy's weights given residuals: mean [N, m], and F [N, m, m] with their covariance F F^T.
+
+    Arguments as in `log_likelihood`; zero for a channel without discrepancy.
+    """
+    m = residuals.basis.shape[1]
+    mean, factor = np.zeros((len(numbers), m)), np.zeros((len(numbers), m, m))
+    weights_compiled(residuals, residual_memory(residuals), observed, simulated, numbers, mean, factor)
+    return mean, factor
+
+
+@compiled
+def log_likelihood_compiled(residuals, memory, observed, simulated, numbers, simulated_bar, numbers_bar):
+    """`log_likelihood` in compiled code: fills the derivatives, returns the value."""
+    value = 0.0
+    for k in range(numbers.shape[0]):
+        valid, residual, residual_bar = residuals.valid[k], memory.residual, memory.residual_bar
+        for t in range(residual.shape[0]):
+            residual[t] = observed[t, k] - simulated[t, k] if valid[t] else 0.0
+        for j in range(NUMBERS):
+            numbers_bar[k, j] = 0.0
+        kind = residuals.kinds[k]
+        if residuals.discrepant[k]:
+            value += _discrepant(residuals, memory, k, numbers[k], numbers_bar[k])
+        elif kind == INDEPENDENT:
+            value += normal(valid, residual, numbers[k], residual_bar, numbers_bar[k])
+        elif kind == CORRELATED:
+            value += _correlated(residuals, memory, k, numbers[k], numbers_bar[k])
+        elif kind == ROUNDED:
+            value += rounded(valid, residual, numbers[k], residual_bar, numbers_bar[k])
+        else:
+            value += student(
+                kind == CORRELATED_STUDENT, residuals.seconds, valid, residual, numbers[k], residual_bar, numbers_bar[k]
+            )
+        for t in range(residual.shape[0]):
+            simulated_bar[t, k] = -residual_bar[t] if valid[t] else 0.0
+    return value
+
+
+@inlined
+def _correlated(residuals, memory, k, numbers, numbers_bar):
+    """Correlated noise alone."""
+    valid, seconds = residuals.valid[k], residuals.seconds
+    log_determinant = filter_gains(seconds, valid, numbers, memory.decay, memory.gain, memory.root)
+    columns, whitened = memory.columns[:, :1], memory.whitened[:, :1]
+    whitened_bar, columns_bar = memory.whitened_bar[:, :1], memory.columns_bar[:, :1]
+    for t in range(columns.shape[0]):
+        columns[t, 0] = memory.residual[t]
+    state = memory.vectors[0, :1]
+    whiten(valid, memory.decay, memory.gain, memory.root, columns, whitened, state)
+    squares, samples = 0.0, 0
+    for t in range(columns.shape[0]):
+        squares += whitened[t, 0] * whitened[t, 0]
+        samples += 1 if valid[t] else 0
+        whitened_bar[t, 0] = -whitened[t, 0]
+    pull_back_filter(
+        seconds, valid, numbers, memory.decay, memory.gain, memory.root,
+        columns, whitened, whitened_bar, columns_bar, state, numbers_bar,
+    )  # fmt: skip
+    for t in range(columns.shape[0]):
+        memory.residual_bar[t] = columns_bar[t, 0]
+    return -0.5 * (squares + log_determinant) - samples * LOG_ROOT_2_PI
+
+
+@inlined
+def _infer_weights(residuals, memory, k, numbers):
+    """Weights of a channel's discrepancy given memory.residual: in the rows of memory.vectors and in memory.inverse.
+
+    Returns the log determinant of the residuals' covariance and their square in standard deviations.
+    """
+    root, slope, projected, weights, shrunk = _rows(memory)
+    spectrum(residuals.frequency, residuals.in_time[0], residuals.smoothness, residuals.factor, numbers, root, slope)
+    valid, m, samples = residuals.valid[k], root.shape[0], 0
+    squares = 0.0
+    if residuals.kinds[k] == INDEPENDENT:
+        precision = 1.0 / (numbers[DEVIATION] * numbers[DEVIATION])
+        for t in range(memory.residual.shape[0]):
+            squares += memory.residual[t] * memory.residual[t]
+            samples += 1 if valid[t] else 0
+        project(residuals.basis, memory.residual, projected)
+        determinant, explained = factorise(
+            residuals.products[k], precision, root, projected, memory.upper, memory.inverse, shrunk, weights
+        )
+        return determinant + 2.0 * samples * math.log(numbers[DEVIATION]), squares * precision - explained
+    determinant = filter_gains(residuals.seconds, valid, numbers, memory.decay, memory.gain, memory.root)
+    columns, whitened = memory.columns, memory.whitened
+    for t in range(columns.shape[0]):
+        for j in range(m):
+            columns[t, j] = residuals.basis[t, j]
+        columns[t, m] = memory.residual[t]
+    whiten(valid, memory.decay, memory.gain, memory.root, columns, whitened, memory.vectors[7])
+    for i in range(m):
+        projected[i] = 0.0
+        for j in range(i, m):
+            memory.gram[i, j] = 0.0
+    for t in range(columns.shape[0]):
+        if not valid[t]:
+            continue
+        last = whitened[t, m]
+        squares += last * last
+        for i in range(m):
+            projected[i] += whitened[t, i] * last
+        for i in range(m):
+            left = whitened[t, i]
+            for j in range(i, m):
+                memory.gram[i, j] += left * whitened[t, j]
+    second, explained = factorise(memory.gram, 1.0, root, projected, memory.upper, memory.inverse, shrunk, weights)
+    return determinant + second, squares - explained
+
+
+@inlined
+def _rows(memory):
+    """Rows of memory.vectors: prior deviations and log slopes, projection, weights over deviations, shrinkage [m]."""
+    m = memory.gram.shape[0]
+    vectors = memory.vectors
+    return vectors[0, :m], vectors[1, :m], vectors[2, :m], vectors[3, :m], vectors[4, :m]
+
+
+@inlined
+def _discrepant(residuals, memory, k, numbers, numbers_bar):
+    """Noise and a discrepancy."""
+    valid, residual, residual_bar = residuals.valid[k], memory.residual, memory.residual_bar
+    log_determinant, squares = _infer_weights(residuals, memory, k, numbers)
+    root, slope, projected, weights, shrunk = _rows(memory)
+    m, samples = root.shape[0], 0
+    for t in range(residual.shape[0]):
+        samples += 1 if valid[t] else 0
+    pull_back_spectrum(residuals.in_time[0], weights, shrunk, slope, numbers, numbers_bar)
+    # From here on the projection's row holds the expected weights.
+    for j in range(m):
+        projected[j] = root[j] * weights[j]
+    if residuals.kinds[k] == INDEPENDENT:
+        precision = 1.0 / (numbers[DEVIATION] * numbers[DEVIATION])
+        combine(residuals.transposed, projected, memory.fitted)
+        left = 0.0
+        for t in range(residual.shape[0]):
+            scaled = (residual[t] - memory.fitted[t]) * precision if valid[t] else 0.0
+            residual_bar[t] = -scaled
+            left += scaled * scaled
+        trace = float(samples - m)
+        for j in range(m):
+            trace += shrunk[j]
+        numbers_bar[DEVIATION] += numbers[DEVIATION] * (left - precision * trace)
+    else:
+        _pull_back_whitened(residuals, memory, k, numbers, root, projected, numbers_bar)
+    return -0.5 * (squares + log_determinant) - samples * LOG_ROOT_2_PI
+
+
+@inlined
+def _pull_back_whitened(residuals, memory, k, numbers, root, expected, numbers_bar):
+    """The derivatives by residuals and by the noise's numbers, of correlated noise with a discrepancy."""
+    valid, covariance, m = residuals.valid[k], memory.covariance, root.shape[0]
+    for i in range(m):
+        for j in range(m):
+            covariance[i, j] = 0.0
+    for k_row in range(m):
+        for i in range(k_row + 1):
+            left = memory.inverse[k_row, i] * root[i]
+            for j in range(k_row + 1):
+                covariance[i, j] += left * memory.inverse[k_row, j]
+    for i in range(m):
+        for j in range(m):
+            covariance[i, j] *= root[j]
+    whitened, whitened_bar = memory.whitened, memory.whitened_bar
+    for t in range(whitened.shape[0]):
+        if not valid[t]:
+            continue
+        left = whitened[t, m]
+        for j in range(m):
+            left -= whitened[t, j] * expected[j]
+        for j in range(m):
+            whitened_bar[t, j] = left * expected[j]
+        for i in range(m):
+            one = whitened[t, i]
+            for j in range(m):
+                whitened_bar[t, j] -= one * covariance[i, j]
+        whitened_bar[t, m] = -left
+    pull_back_filter(
+        residuals.seconds, valid, numbers, memory.decay, memory.gain, memory.root,
+        memory.columns, whitened, whitened_bar, memory.columns_bar, memory.vectors[7], numbers_bar,
+    )  # fmt: skip
+    for t in range(whitened.shape[0]):
+        memory.residual_bar[t] = memory.columns_bar[t, m]
+
+
+@compiled
+def weights_compiled(residuals, memory, observed, simulated, numbers, mean, factor):
+    """`weights_given` in compiled code."""
+    for k in range(numbers.shape[0]):
+        if not residuals.discrepant[k]:
+            continue
+        for t in range(memory.residual.shape[0]):
+            memory.residual[t] = observed[t, k] - simulated[t, k] if residuals.valid[k, t] else 0.0
+        _infer_weights(residuals, memory, k, numbers[k])
+        root, _, _, weights, _ = _rows(memory)
+        for i in range(root.shape[0]):
+            mean[k, i] = root[i] * weights[i]
+            for j in range(root.shape[0]):
+                factor[k, i, j] = root[i] * memory.inverse[j, i]
+
+
+# --- independent noise alone ----------------------------------------------------------------------------------
 
 
 def iid_log_likelihood(
@@ -63,13 +364,14 @@ def error_shapes(basis: FloatArray, valid: NDArray[np.bool_]) -> ErrorShapes:
     return ErrorShapes(masked, np.einsum("tni,tnj->nij", masked, masked))
 
 
-def shrinkage(shapes: ErrorShapes, noise: FloatArray, variance: FloatArray) -> tuple[FloatArray, float]:
-    """Posterior covariance [r, r] of the shapes' weights given residuals, and log det (I + V Phi^T D^-1 Phi).
+def shrinkage(products: FloatArray, variance: FloatArray) -> tuple[FloatArray, float]:
+    """Posterior covariance [r, r] of the shapes' weights given residuals, and log det (I + V Phi^T C^-1 Phi).
 
-    The inverse of the residuals' covariance is D^-1 - D^-1 Phi (this) Phi^T D^-1 (Woodbury), for variances of zero too.
+    products: Phi^T C^-1 Phi [r, r]. The inverse of C + Phi V Phi^T is C^-1 - C^-1 Phi (this) Phi^T C^-1 (Woodbury), for
+    variances [r] of zero too.
     """
     root = np.sqrt(variance)
-    factor = np.linalg.cholesky(np.eye(len(root)) + root[:, None] * shapes.weighted_products(noise) * root)
+    factor = np.linalg.cholesky(np.eye(len(root)) + root[:, None] * products * root)
     half = np.linalg.solve(factor, np.diag(root))
     return half.T @ half, 2.0 * float(np.log(np.diag(factor)).sum())
 
@@ -85,7 +387,7 @@ def low_rank_log_likelihood(
     """
     value, simulated_bar, noise_bar = iid_log_likelihood(observed, simulated, noise)
     projected = np.einsum("tnr,tn->r", shapes.basis, simulated_bar)  # Phi^T D^-1 (y - y(theta))
-    covariance, log_determinant = shrinkage(shapes, noise, variance)
+    covariance, log_determinant = shrinkage(shapes.weighted_products(noise), variance)
     weights = covariance @ projected  # expected, given the residuals
     value += 0.5 * float(projected @ weights) - 0.5 * log_determinant
     precision = noise**-2.0
@@ -99,3 +401,51 @@ def low_rank_log_likelihood(
     crossed = np.einsum("tn,tn->n", fitted, simulated_bar)
     noise_bar = noise_bar + precision * second / noise - 2.0 * crossed / noise
     return value, simulated_bar - fitted * precision, noise_bar, variance_bar
+
+
+def with_error_shapes(
+    residuals: Residuals,
+    observed: FloatArray,
+    simulated: FloatArray,
+    numbers: FloatArray,
+    shapes: ErrorShapes,
+    variance: FloatArray,
+) -> tuple[float, FloatArray, FloatArray, FloatArray]:
+    """`log_likelihood` with an error of the simulator in given shapes on top of noise and discrepancy, all normal.
+
+    Returns the log likelihood and its derivatives by `simulated` [T, N], `numbers` [N, 9] and `variance` [r]. With C
+    the covariance that `log_likelihood` knows, its derivatives by the simulated are C^-1 times residuals, and those by
+    the numbers are quadratic in residuals but for their value at zero: all that Woodbury's identity needs, at the cost
+    of two likelihoods for each shape.
+    """
+    none = np.zeros(simulated.shape)
+    residual = np.where(residuals.valid.T, observed - simulated, 0.0)
+
+    def base(residual: FloatArray) -> tuple[float, FloatArray, FloatArray]:
+        return log_likelihood(residuals, residual, none, numbers)
+
+    value, simulated_bar, _ = base(residual)
+    products = np.einsum("tni,tnj->ij", shapes.basis, precision_times(residuals, shapes.basis, numbers))
+    covariance, log_determinant = shrinkage(products, variance)
+    projected = np.einsum("tnr,tn->r", shapes.basis, simulated_bar)
+    weights = covariance @ projected
+    value += 0.5 * float(projected @ weights) - 0.5 * log_determinant
+    _, simulated_bar, numbers_bar = base(residual - shapes.basis @ weights)
+    explained = products - products @ covariance @ products
+    variance_bar = 0.5 * ((projected - products @ weights) ** 2 - np.diag(explained))
+    # The trace that is missing: half of covariance times the shapes' products with the derivative of C^-1.
+    eigenvalues, directions = np.linalg.eigh(covariance)
+    at_zero = base(none)[2]
+    for column in (directions * np.sqrt(np.maximum(eigenvalues, 0.0))).T:
+        numbers_bar = numbers_bar + base(shapes.basis @ column)[2] - at_zero
+    return value, simulated_bar, numbers_bar, variance_bar
+
+
+def precision_times(residuals: Residuals, columns: FloatArray, numbers: FloatArray) -> FloatArray:
+    """C^-1 times columns [T, N, c], with C the covariance of the residuals of normal noise and discrepancy."""
+    none = np.zeros(columns.shape[:2])
+    parts = [
+        log_likelihood(residuals, np.ascontiguousarray(columns[..., c]), none, numbers)[1]
+        for c in range(columns.shape[-1])
+    ]
+    return np.stack(parts, axis=-1) if parts else np.empty(columns.shape)

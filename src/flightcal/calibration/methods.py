@@ -181,7 +181,7 @@ def posterior_tree(
     missing = np.full(problem.observed.shape, np.nan)
     predicted = np.stack(
         [
-            missing if run is None else run.temperatures + problem.noise(theta) * rng.standard_normal(missing.shape)
+            missing if run is None else problem.replicate(theta, run, rng)
             for theta, run in zip(thetas.reshape(-1, len(names)), runs, strict=True)
         ]
     )

@@ -5,6 +5,9 @@ it; with the heaters driven by their measured status it has one. So the search r
 starts, and only its result (and the genetic algorithm's) is polished in closed loop: on the whole window, and on its
 first eighth, quarter and half before that, because a thermostat's phase drifts from switch to switch and a start that
 is in step with the telemetry at first may be out of it at the end.
+
+Correlated noise and discrepancies explain any residuals, so far from the mode they would hold the parameters there: the
+search is made with independent noise, and only its best modes are followed with the residuals' own model.
 """
 
 from __future__ import annotations
@@ -17,6 +20,7 @@ import numpy as np
 from ..simulator import SimulationFailure
 from ..simulator.system import FloatArray
 from .joint import AnyProblem
+from .start import fit_residuals
 
 _ITERATIONS = 100
 _MOST_DAMPING = 1e8
@@ -90,6 +94,16 @@ def find_mode(
     open_loop: the same problem with measured heater status; where it is given, all starts are followed in it first, and
     the best of the modes found there are polished in closed loop, as are the named starts.
     """
+    if not problem.residuals.is_independent:
+        modes = find_mode(
+            problem.independent(), starts, open_loop=None if open_loop is None else open_loop.independent(),
+            rng=rng, random_starts=random_starts, on_start=on_start,
+        )  # fmt: skip
+        found = []
+        for mode in _distinct(modes)[:_POLISHED]:
+            on_start(f"noise and discrepancy from the mode of {mode.origin}")
+            found.append(climb(problem, fit_residuals(problem, mode.z), mode.origin))
+        return tuple(sorted(found, key=lambda mode: -mode.log_density))
     first = problem if open_loop is None else open_loop
     found = []
     for k, theta in enumerate(problem.priors.sample(rng, random_starts)):

@@ -1,4 +1,4 @@
-"""The log density of a thermal network with iid noise, and its gradient, as one C function.
+"""The log density of a thermal network, and its gradient, as one C function.
 
 Nothing of Python is in it: chains run side by side without a common lock, and no time goes into handing arrays to
 compiled functions. What it reads and works in is stored once for each chain.
@@ -20,7 +20,7 @@ from ..simulator import NetworkSimulator, simulate
 from ..simulator.forward import FINISHED, NOT_FINITE, TOO_MANY_SWITCHES
 from ..simulator.system import FloatArray
 from ..simulator.whole import Window, Workspace, linearise_compiled, make_window, make_workspace, simulate_compiled
-from .likelihood import iid_compiled
+from .likelihood import Residuals, log_likelihood_compiled, residual_memory
 from .priors import NDTRI, Priors, evaluate
 from .switching import NO_STATUS, StatusData, StatusWork, status_compiled, status_work
 from .whitening import Whitening
@@ -53,11 +53,13 @@ class Posterior(NamedTuple):
     """Address of the normal quantile function."""
     simulated: Any
     """Positions in theta of what the simulator takes."""
-    noisy: Any
-    """Channels whose noise is inferred, and its positions in theta."""
-    noise_position: Any
-    noise: Any
-    """[N] K, where it is not inferred."""
+    channel: Any
+    """Of the residuals' numbers that are entries of theta: channels, columns and positions in theta, [q] each."""
+    column: Any
+    position: Any
+    numbers: Any
+    """[N, 9] of the residuals, where they are not inferred."""
+    residuals: Residuals
     observed: Any
     status: StatusData
     settings: Any
@@ -82,8 +84,10 @@ class _Call(NamedTuple):
     prior_gradient: Any
     prior_density: Any
     """[1]"""
-    noise: Any
-    noise_bar: Any
+    numbers: Any
+    """[N, 9], as the next."""
+    numbers_bar: Any
+    memory: Any
     status: StatusWork
 
 
@@ -139,32 +143,33 @@ def native_density(
     simulator: NetworkSimulator,
     priors: Priors,
     observed: FloatArray,
-    noise: FloatArray,
-    places: tuple[Any, Any, Any],
+    residuals: Residuals,
+    numbers: FloatArray,
+    places: tuple[Any, Any, Any, Any],
     coordinates: Whitening,
     status: tuple[StatusData, Any, Any, Any] | None = None,
 ) -> NativeDensity:
     """The log density at w, up to a constant.
 
-    observed: [T, N] K; noise: [N] K, anything where it is inferred; places: positions in theta of what the simulator
-    takes, channels whose noise is inferred, and the positions in theta of these; status: what is measured of the
-    heaters, settings [P], which of them are inferred, and the positions in theta of these.
+    observed: [T, N] K; numbers: [N, 9] of the residuals, anything where one is inferred; places: positions in theta of
+    what the simulator takes, and channels, columns and positions in theta of the numbers that are inferred; status:
+    what is measured of the heaters, settings [P], which of them are inferred, and the positions in theta of these.
     """
-    d, channels = len(priors.names), len(noise)
-    simulated, noisy, noise_position = (np.asarray(place, np.int64) for place in places)
+    d = len(priors.names)
+    simulated, channel, column, position = (np.array(place, np.int64) for place in places)
     data, settings, *rest = status or (NO_STATUS, np.empty(0), np.empty(0), np.empty(0))
     setting, setting_position = (np.array(part, np.int64) for part in rest)
     posterior = Posterior(
         make_window(simulator), priors.kinds, priors.arguments, NDTRI,
-        simulated, noisy, noise_position, np.array(noise), np.array(observed, order="C"),
+        simulated, channel, column, position, np.array(numbers), residuals, np.array(observed, order="C"),
         data, np.array(settings), setting, setting_position, np.array(coordinates.mean),
         np.array(coordinates.factor, order="C"),
     )  # fmt: skip
     control, row = np.zeros(5, np.int64), np.empty((4, 1, d))
-    noises = np.empty((2, channels))
     work = make_workspace(simulator)
     call = _Call(
-        posterior, work, control, row[0], row[1], row[2], row[3], np.empty(1), noises[0], noises[1],
+        posterior, work, control, row[0], row[1], row[2], row[3], np.empty(1),
+        np.empty_like(numbers), np.empty_like(numbers), residual_memory(residuals),
         status_work(data, len(settings), len(work.switches_bar)),
     )  # fmt: skip
     memory = store(call)
@@ -211,13 +216,15 @@ def _log_density(posterior, work, call, w, gradient, value):
     outcome = simulate_compiled(posterior.window, work)
     if outcome != FINISHED:
         return outcome
-    for k in range(posterior.noise.shape[0]):
-        call.noise[k] = posterior.noise[k]
-    for k in range(posterior.noisy.shape[0]):
-        call.noise[posterior.noisy[k]] = call.theta[0, posterior.noise_position[k]]
-    value[0] = call.prior_density[0] + iid_compiled(
-        posterior.observed, work.outputs.temperatures[0], call.noise, work.temperatures_bar, call.noise_bar
-    )
+    for k in range(posterior.numbers.shape[0]):
+        for j in range(posterior.numbers.shape[1]):
+            call.numbers[k, j] = posterior.numbers[k, j]
+    for k in range(posterior.position.shape[0]):
+        call.numbers[posterior.channel[k], posterior.column[k]] = call.theta[0, posterior.position[k]]
+    value[0] = call.prior_density[0] + log_likelihood_compiled(
+        posterior.residuals, call.memory, posterior.observed, work.outputs.temperatures[0], call.numbers,
+        work.temperatures_bar, call.numbers_bar,
+    )  # fmt: skip
     if posterior.settings.shape[0] > 0:
         for k in range(posterior.settings.shape[0]):
             call.status.settings[k] = posterior.settings[k]
@@ -235,9 +242,9 @@ def _log_density(posterior, work, call, w, gradient, value):
     for k in range(posterior.simulated.shape[0]):
         i = posterior.simulated[k]
         call.z[0, i] += call.slope[0, i] * work.theta_bar[k]
-    for k in range(posterior.noisy.shape[0]):
-        i = posterior.noise_position[k]
-        call.z[0, i] += call.slope[0, i] * call.noise_bar[posterior.noisy[k]]
+    for k in range(posterior.position.shape[0]):
+        i = posterior.position[k]
+        call.z[0, i] += call.slope[0, i] * call.numbers_bar[posterior.channel[k], posterior.column[k]]
     for k in range(posterior.setting.shape[0]):
         i = posterior.setting_position[k]
         call.z[0, i] += call.slope[0, i] * call.status.settings_bar[posterior.setting[k]]

@@ -1,8 +1,9 @@
 """One window of telemetry, a simulator and priors: residuals, and the log density on unconstrained coordinates.
 
-theta, in physical units, is ordered: the scenario's parameters, ``noise.<channel>`` (K) where the noise is inferred,
-``timing.<channel>`` (s) and ``error_rate.<channel>`` of a heater's status where these are, ``initial.<node>`` (K). z is
-theta on the unconstrained scale on which the sampler moves.
+theta, in physical units, is ordered: the scenario's parameters; what is inferred of noise and discrepancy
+(``noise.<channel>``, ``noise.<channel>.<what>``, ``discrepancy.<part>.<what>[.<channel>]``); ``timing.<channel>`` (s)
+and ``error_rate.<channel>`` of a heater's status where these are; ``initial.<node>`` (K). z is theta on the
+unconstrained scale on which the sampler moves.
 """
 
 from __future__ import annotations
@@ -21,19 +22,28 @@ from ..environment import orbital_period
 from ..errors import ScenarioError
 from ..scenario import Normal, Prior, Scenario
 from ..scenario.external import ExternalModel
-from ..scenario.schema import HalfNormal
+from ..scenario.schema import is_trained
 from ..simulator import NetworkSimulator, SimulationFailure, Simulator, Trajectory, open_loop
 from ..simulator.sampling import ICE_POINT
 from ..simulator.system import FloatArray, Switch
 from ..surrogate.build import build_simulator
 from ..telemetry import select_window, window_bounds
-from .likelihood import ErrorShapes, error_shapes, iid_log_likelihood, low_rank_log_likelihood, shrinkage
+from .likelihood import (
+    ErrorShapes,
+    error_shapes,
+    log_likelihood,
+    low_rank_log_likelihood,
+    precision_times,
+    shrinkage,
+    with_error_shapes,
+)
 from .native import NativeDensity, native_density
+from .noise import DEVIATION, WHITE
 from .priors import Priors, PriorTerms
+from .residuals import ResidualModel, residual_model
 from .status import THRESHOLD_ERROR, HeaterStatus, heater_status, measured_switches
 from .whitening import Whitening
 
-_DEFAULT_NOISE = HalfNormal(scale=2.0)  # K
 _SAMPLES_FOR_START = 3
 _DIFFERENCE = 1e-4  # of z, whose prior has a standard deviation of about one
 
@@ -52,8 +62,8 @@ class Problem:
     """[T, H] measured heater status, NaN where unknown."""
     simulator: Simulator
     priors: Priors
-    fixed_noise: FloatArray
-    """[N] K; NaN where the noise is inferred."""
+    residuals: ResidualModel
+    """Noise and discrepancy."""
     heater_status: HeaterStatus | None = None
     """What the telemetry says of the heaters, where the scenario gives it a likelihood."""
     measured_switches: Switch | None = None
@@ -72,11 +82,24 @@ class Problem:
         return np.array([self.names.index(name) for name in self.simulator.parameters])
 
     @cached_property
+    def places(self) -> Any:
+        """Of the residuals' numbers that are entries of theta: channels, columns and positions in theta, [q] each."""
+        entries = self.residuals.entries
+        found = [(entry.channel, entry.column, self.names.index(entry.name)) for entry in entries]
+        return tuple(np.array(found, np.int64).reshape(-1, 3).T)
+
+    @cached_property
     def inferred_noise(self) -> Any:
-        """Channels [.] whose noise is inferred, and their positions in theta [.]."""
-        channels = np.flatnonzero(np.isnan(self.fixed_noise))
-        positions = np.array([self.names.index(f"noise.{self.simulator.channels[k]}") for k in channels], dtype=int)
-        return channels, positions
+        """Channels [.] whose noise is inferred, and the positions in theta [.] of its standard deviation."""
+        channels, columns, positions = self.places
+        return channels[columns == DEVIATION], positions[columns == DEVIATION]
+
+    @property
+    def fixed_noise(self) -> FloatArray:
+        """Standard deviation of each channel's noise [N], K; NaN where it is inferred."""
+        fixed = self.residuals.fixed[:, DEVIATION].copy()
+        fixed[self.inferred_noise[0]] = np.nan
+        return fixed
 
     @cached_property
     def inferred_settings(self) -> Any:
@@ -103,12 +126,35 @@ class Problem:
         basis = self.simulator.error_basis
         return None if basis is None else error_shapes(basis, self.valid)
 
+    def numbers(self, theta: FloatArray) -> FloatArray:
+        """The numbers of noise and discrepancy [N, 9] at theta [d]; see `noise`."""
+        channels, columns, positions = self.places
+        numbers = self.residuals.fixed.copy()
+        numbers[channels, columns] = theta[positions]
+        return numbers
+
     def noise(self, theta: FloatArray) -> FloatArray:
-        """Noise standard deviation per channel [N], K, at theta [d]."""
-        channels, positions = self.inferred_noise
-        noise = self.fixed_noise.copy()
-        noise[channels] = theta[positions]
-        return noise
+        """Standard deviation of the noise of one sample of each channel [N], K, at theta [d]; discrepancy apart."""
+        numbers = self.numbers(theta)
+        return np.asarray(np.hypot(numbers[:, DEVIATION], numbers[:, WHITE]))
+
+    def draw_errors(self, theta: FloatArray, rng: np.random.Generator) -> FloatArray:
+        """What telemetry at theta [d] differs by from the simulation, [T, N] K: noise and discrepancy, drawn anew."""
+        return self.residuals.draw_errors(self.numbers(theta), rng)
+
+    def replicate(self, theta: FloatArray, run: Trajectory, rng: np.random.Generator) -> FloatArray:
+        """Telemetry [T, N], K, drawn anew at theta [d] with its simulation `run`.
+
+        The discrepancy is one that the residuals show; the noise is new.
+        """
+        numbers = self.numbers(theta)
+        discrepancy, drawn = self.residuals.draw_given(self.observed, run.temperatures, numbers, rng)
+        return np.asarray(run.temperatures + discrepancy + drawn)
+
+    def independent(self) -> Problem:
+        """The same problem, its theta too, with independent normal noise alone: no discrepancy, no correlation."""
+        opened = None if self.open_loop is None else self.open_loop.independent()
+        return replace(self, residuals=self.residuals.independent(), open_loop=opened)
 
     def to_theta(self, z: FloatArray) -> FloatArray:
         """Physical values [..., d] of unconstrained z [..., d]."""
@@ -133,7 +179,7 @@ class Problem:
             run = self.simulate(prior.theta)
         except SimulationFailure:
             return -np.inf
-        value = float(prior.log_density) + self._log_likelihood(run, self.noise(prior.theta))[0]
+        value = float(prior.log_density) + self._log_likelihood(run, self.numbers(prior.theta))[0]
         if self.measured_switches is not None:
             return value + self._at_thresholds(prior.theta)[0]
         if self.heater_status is not None:
@@ -144,11 +190,14 @@ class Problem:
         """The log density at w [d] of other coordinates as a C function; None where there is none."""
         if not isinstance(self.simulator, NetworkSimulator):
             return None
-        places = (self.simulated, *self.inferred_noise)
+        model = self.residuals
+        places = (self.simulated, *self.places)
         status = None
         if self.heater_status is not None and self.measured_switches is None:
             status = (self.heater_status.data, self.heater_status.settings, *self.inferred_settings)
-        return native_density(self.simulator, self.priors, self.observed, self.fixed_noise, places, coordinates, status)
+        return native_density(
+            self.simulator, self.priors, self.observed, model.compiled, model.fixed, places, coordinates, status
+        )
 
     def log_density_and_gradient(self, z: FloatArray) -> tuple[float, FloatArray]:
         """Log posterior density at z [d] and its gradient [d]; (-inf, 0) where the simulation fails."""
@@ -165,11 +214,9 @@ class Problem:
             trajectory, cotangent = self.simulator.linearise(prior.theta[self.simulated])
         except SimulationFailure:
             return -np.inf, np.zeros_like(z)
-        value, noise_bar, *cotangents = self._log_likelihood(trajectory, self.noise(prior.theta))
-        theta_bar = np.zeros(len(prior.theta))
-        theta_bar[self.simulated] = cotangent(*cotangents)
-        channels, positions = self.inferred_noise
-        theta_bar[positions] = noise_bar[channels]
+        value, numbers_bar, *cotangents = self._log_likelihood(trajectory, self.numbers(prior.theta))
+        theta_bar = self._pull_back(numbers_bar)
+        theta_bar[self.simulated] += cotangent(*cotangents)
         return float(prior.log_density) + value, prior.gradient + prior.slope * theta_bar
 
     def _at_thresholds(self, theta: FloatArray) -> tuple[float, FloatArray, Callable[[FloatArray], FloatArray]]:
@@ -192,23 +239,45 @@ class Problem:
         gradient[self.simulated] -= prior.slope[self.simulated] * pull_back(scaled)
         return value + added, gradient
 
+    def likelihood_of_numbers(self, run: Trajectory, theta: FloatArray) -> tuple[float, FloatArray]:
+        """Log likelihood of a simulation at theta [d], and its gradient [d] by noise and discrepancy alone."""
+        value, numbers_bar, *_ = self._log_likelihood(run, self.numbers(theta))
+        return float(value), self._pull_back(numbers_bar)
+
+    def _pull_back(self, numbers_bar: FloatArray) -> FloatArray:
+        """Derivative by theta [d] from that by the residuals' numbers [N, 9]."""
+        channels, columns, positions = self.places
+        theta_bar = np.zeros(len(self.names))
+        np.add.at(theta_bar, positions, numbers_bar[channels, columns])
+        return theta_bar
+
     @cached_property
     def _own(self) -> threading.local:
         """What each thread has for itself."""
         return threading.local()
 
-    def _log_likelihood(self, run: Trajectory, noise: FloatArray) -> tuple[Any, ...]:
-        """Log likelihood, its derivative by the noise [N], and those by what the simulator gives."""
-        if self.error_shapes is None:
-            value, temperatures_bar, noise_bar = iid_log_likelihood(self.observed, run.temperatures, noise)
-            return value, noise_bar, temperatures_bar
-        value, temperatures_bar, noise_bar, variance_bar = low_rank_log_likelihood(
-            self.observed, run.temperatures, noise, self.error_shapes, run.error_variance
-        )
-        return value, noise_bar, temperatures_bar, variance_bar
+    def _log_likelihood(self, run: Trajectory, numbers: FloatArray) -> tuple[Any, ...]:
+        """Log likelihood, its derivative by the numbers [N, 9], and those by what the simulator gives."""
+        model, shapes = self.residuals, self.error_shapes
+        if shapes is None:
+            value, temperatures_bar, numbers_bar = log_likelihood(
+                model.compiled, self.observed, run.temperatures, numbers
+            )
+            return value, numbers_bar, temperatures_bar
+        if model.is_independent:
+            value, temperatures_bar, noise_bar, variance_bar = low_rank_log_likelihood(
+                self.observed, run.temperatures, numbers[:, DEVIATION], shapes, run.error_variance
+            )
+            numbers_bar = np.zeros_like(numbers)
+            numbers_bar[:, DEVIATION] = noise_bar
+        else:
+            value, temperatures_bar, numbers_bar, variance_bar = with_error_shapes(
+                model.compiled, self.observed, run.temperatures, numbers, shapes, run.error_variance
+            )
+        return value, numbers_bar, temperatures_bar, variance_bar
 
     def jacobian(self, z: FloatArray) -> FloatArray:
-        """d temperatures / d z, [T, N, d], by central differences in one batch; zero for the noise's entries.
+        """d temperatures / d z, [T, N, d], by central differences in one batch; zero for what is not the simulator's.
 
         The located switching makes the simulation smooth, so differences are good to about seven digits.
         """
@@ -229,25 +298,45 @@ class Problem:
     def gauss_newton_hessian(self, z: FloatArray) -> FloatArray:
         """Gauss-Newton approximation [d, d] of minus the Hessian of the log density at z.
 
-        Prior, J^T C^-1 J with C the covariance of the residuals, and the Fisher information of the noise levels as if a
-        surrogate were exact. Raises SimulationFailure.
+        Prior, J^T C^-1 J with C the covariance of the residuals (or of normal ones of the same information), and the
+        curvature in what is inferred of noise and discrepancy as if a surrogate were exact, bent to be positive.
+        Raises SimulationFailure.
         """
         prior = self.priors.at(z)
-        noise = self.noise(prior.theta)
-        weighted = np.where(self.valid[..., None], self.jacobian(z) / noise[:, None], 0.0).reshape(-1, len(z))
+        numbers, run = self.numbers(prior.theta), self.simulate(prior.theta)
+        jacobian = np.where(self.valid[..., None], self.jacobian(z), 0.0)
+        equivalent, equal = self.residuals.normal_equivalent(numbers)
+
+        def weighted(columns: FloatArray) -> FloatArray:
+            return precision_times(equivalent.compiled, columns, equal)
+
         # Not a product of BLAS, whose threads spin for a hundred times longer than this takes when the cores are busy.
-        hessian: FloatArray = np.einsum("ti,tj->ij", weighted, weighted)
+        solved = np.zeros_like(jacobian)
+        solved[..., self.simulated] = weighted(jacobian[..., self.simulated])
+        hessian: FloatArray = np.einsum("tni,tnj->ij", jacobian, solved)
         if self.error_shapes is not None:
-            scaled = self.error_shapes.basis / noise[:, None]
-            covariance, _ = shrinkage(self.error_shapes, noise, self.simulate(prior.theta).error_variance)
-            crossed = np.einsum("ti,tj->ij", scaled.reshape(len(weighted), -1), weighted)
+            basis = self.error_shapes.basis
+            covariance, _ = shrinkage(np.einsum("tni,tnj->ij", basis, weighted(basis)), run.error_variance)
+            crossed = np.einsum("tni,tnj->ij", basis, solved)
             hessian -= crossed.T @ covariance @ crossed
+        hessian = 0.5 * (hessian + hessian.T)
         hessian[np.diag_indices(len(z))] += self.priors.precision(z)
-        channels, positions = self.inferred_noise
-        hessian[positions, positions] += (
-            2.0 * self.valid.sum(axis=0)[channels] * (prior.slope[positions] / noise[channels]) ** 2
-        )
-        return hessian + self._status_information(prior)
+        residual = np.where(self.valid, self.observed - run.temperatures, 0.0)
+        return hessian + self._curvature(residual, numbers, prior) + self._status_information(prior)
+
+    def _curvature(self, residual: FloatArray, numbers: FloatArray, prior: PriorTerms) -> FloatArray:
+        """Curvature [d, d] in the entries of theta that are the residuals' numbers; never negative."""
+        channels, columns, positions = self.places
+        by_logarithm = self.residuals.curvature(residual, numbers)
+        rate = prior.slope[positions] / prior.theta[positions]
+        curvature = np.zeros((len(prior.theta), len(prior.theta)))
+        same = channels[:, None] == channels
+        blocks = by_logarithm[channels[:, None], columns[:, None], columns] * rate[:, None] * rate
+        np.add.at(curvature, (positions[:, None], positions[None, :]), np.where(same, blocks, 0.0))
+        own = np.unique(positions)
+        eigenvalues, directions = np.linalg.eigh(curvature[np.ix_(own, own)])
+        curvature[np.ix_(own, own)] = (directions * np.abs(eigenvalues)) @ directions.T
+        return curvature
 
     def _status_information(self, prior: PriorTerms) -> FloatArray:
         """What the heaters' status adds to the Gauss-Newton Hessian [d, d], with an exact Jacobian of the switches."""
@@ -271,7 +360,8 @@ class Problem:
         """The same with the temperatures alone, of the first share of the window."""
         elapsed = (self.times - self.times[0]) / (self.times[-1] - self.times[0])
         observed = np.where((elapsed <= share)[:, None], self.observed, np.nan)
-        return replace(self, observed=observed, heater_status=None)
+        residuals = self.residuals.at_samples(np.isfinite(observed))
+        return replace(self, observed=observed, residuals=residuals, heater_status=None)
 
     def rmse(self, thetas: FloatArray, status_weight: float = 0.0) -> FloatArray:
         """RMSE over all channels [S], K, of simulations at thetas [S, d], run as one batch; NaN where one fails.
@@ -309,13 +399,10 @@ def build_problem(
     simulator = build_simulator(scenario, telemetry, start, end, times, period=period)
     observed = np.stack([chosen[channel].values for channel in simulator.channels], axis=1)
     priors: dict[str, Prior] = {name: parameter.prior for name, parameter in scenario.parameters.items()}
-    fixed_noise = np.full(len(simulator.channels), np.nan)
-    for k, channel in enumerate(simulator.channels):
-        noise = scenario.observations[channel].noise
-        if isinstance(noise, float):
-            fixed_noise[k] = noise
-        else:
-            priors[f"noise.{channel}"] = noise or _DEFAULT_NOISE
+    residuals, of_residuals = residual_model(
+        scenario, simulator.channels, times, observed, checked=is_trained(window) and span is None
+    )
+    priors |= of_residuals
     status = heater_status(scenario, chosen, start)
     priors |= {} if status is None else status.priors
     priors |= initial_priors(scenario, simulator.channels, observed)
@@ -330,7 +417,7 @@ def build_problem(
         status=measured_status(scenario, chosen),
         simulator=simulator,
         priors=Priors(tuple(priors), tuple(priors.values())),
-        fixed_noise=fixed_noise,
+        residuals=residuals,
         heater_status=status,
         measured_switches=measured_switches(scenario, chosen, start),
         open_loop=opened,

@@ -11,6 +11,7 @@ from ..environment import orbital_period
 from ..errors import RunError
 from ..simulator.system import FloatArray
 from ..telemetry import window_bounds
+from .errors import WindowErrors
 
 _FEWEST = 0.5  # share of simulations that must succeed
 
@@ -20,14 +21,14 @@ class Ensemble:
     """Posterior simulations of one window, summarised; S simulations that did not fail."""
 
     mean: FloatArray
-    """[T, N] K."""
+    """[T, N] K, of the simulation and of the discrepancy and noise expected with it."""
     standard_deviation: FloatArray
-    """[T, N] K, of simulation and noise together."""
+    """[T, N] K, of simulation, discrepancy and noise together."""
     lower: FloatArray
-    """[T, N] K, of the interval for telemetry: simulation and noise together."""
+    """[T, N] K, of the interval for telemetry: simulation, discrepancy and noise together."""
     upper: FloatArray
     model_lower: FloatArray
-    """[T, N] K, of the interval for the simulated temperature alone."""
+    """[T, N] K, of the interval for the temperature itself: simulation and discrepancy, without noise."""
     model_upper: FloatArray
     status: FloatArray
     """[T, H] probability that the heater is on."""
@@ -42,13 +43,22 @@ class Ensemble:
     failed: int
 
 
-def propagate(problem: Problem, thetas: FloatArray, interval: float, rng: np.random.Generator) -> Ensemble:
-    """Simulate at thetas [S, d] in one batch, add a surrogate's error and the noise of each, and summarise.
+def propagate(
+    problem: Problem,
+    thetas: FloatArray,
+    interval: float,
+    rng: np.random.Generator,
+    errors: WindowErrors | None = None,
+) -> Ensemble:
+    """Simulate at thetas [S, d] in one batch, add a surrogate's error, discrepancy and noise of each, and summarise.
 
-    interval: probability inside, such as 0.95. Raises RunError when more than half of the simulations fail.
+    interval: probability inside, such as 0.95; errors: of each theta (None: independent noise). Raises RunError when
+    more than half of the simulations fail.
     """
     runs = problem.simulate_many(thetas)
-    kept = [(theta, run) for theta, run in zip(thetas, runs, strict=True) if run is not None]
+    usable = np.ones(len(thetas), bool) if errors is None else errors.usable()
+    usable &= np.array([run is not None for run in runs], bool)
+    kept = [(thetas[s], run) for s, run in enumerate(runs) if run is not None and usable[s]]
     if len(kept) < _FEWEST * len(thetas):
         raise RunError(f"window '{problem.window}': {len(thetas) - len(kept)} of {len(thetas)} simulations failed")
     simulated = np.stack([run.temperatures for _, run in kept])  # [S, T, N]
@@ -56,8 +66,16 @@ def propagate(problem: Problem, thetas: FloatArray, interval: float, rng: np.ran
     if basis is not None:
         weights = np.stack([np.sqrt(run.error_variance) for _, run in kept])  # [S, r]
         simulated += np.einsum("tnr,sr->stn", basis, weights * rng.standard_normal(weights.shape))
-    noise = np.stack([problem.noise(theta) for theta, _ in kept])  # [S, N]
-    noisy = simulated + noise[:, None, :] * rng.standard_normal(simulated.shape)
+    if errors is None:
+        noise = np.stack([problem.noise(theta) for theta, _ in kept])  # [S, N]
+        mean, noisy = simulated.mean(axis=0), simulated + noise[:, None, :] * rng.standard_normal(simulated.shape)
+        deviation = np.sqrt(simulated.var(axis=0) + (noise**2).mean(axis=0))
+    else:
+        drawn = errors.only(usable).draw(simulated, rng)
+        mean = (simulated + drawn.mean).mean(axis=0)
+        simulated = simulated + drawn.discrepancy
+        noisy = simulated + drawn.noise + drawn.white
+        deviation = noisy.std(axis=0)
     tails = [0.5 * (1 - interval), 0.5 * (1 + interval)]
     lower, upper = np.quantile(noisy, tails, axis=0)
     model_lower, model_upper = np.quantile(simulated, tails, axis=0)
@@ -65,8 +83,8 @@ def propagate(problem: Problem, thetas: FloatArray, interval: float, rng: np.ran
     duty_cycle = np.stack([run.duty_cycle for _, run in kept])
     power = np.stack([problem.simulator.heater_power(theta[problem.simulated]) for theta, _ in kept])
     return Ensemble(
-        mean=simulated.mean(axis=0),
-        standard_deviation=np.sqrt(simulated.var(axis=0) + (noise**2).mean(axis=0)),
+        mean=mean,
+        standard_deviation=deviation,
         lower=lower,
         upper=upper,
         model_lower=model_lower,

@@ -14,18 +14,23 @@ from numpy.typing import NDArray
 from ..calibration.problem import Problem
 from ..scenario import Normal
 from ..simulator.system import FloatArray
+from .errors import FirstErrors, WhiteErrors
 
 _DIFFERENCE = 0.01  # K
 _ITERATIONS = 3  # a heater that switches in the span bends what is linear otherwise
 
 
 def condition_initial(
-    first: Problem, thetas: FloatArray, noise: FloatArray, rng: np.random.Generator | None = None
+    first: Problem,
+    thetas: FloatArray,
+    errors: FirstErrors | WhiteErrors,
+    rng: np.random.Generator | None = None,
 ) -> FloatArray:
     """Thetas [S, d] with their initial temperatures replaced by ones conditioned on the samples of `first`.
 
-    first: the problem cut to the window's first samples; noise: [S, N] K of each theta; rng: draw from the Gaussian
-    (None: take its mean). A theta whose simulation fails keeps the prior mean; an external simulator may have none.
+    first: the problem cut to the window's first samples; errors: by which these may differ from the simulation, of
+    each theta; rng: draw from the Gaussian (None: take its mean). A theta whose simulation fails keeps the prior mean;
+    an external simulator may have none.
     """
     positions = np.array([k for k, name in enumerate(first.names) if name.startswith("initial.")])
     if not len(positions):
@@ -41,14 +46,16 @@ def condition_initial(
         jacobian = _jacobian(first, np.median(thetas, axis=0), positions)
         if jacobian is None:
             break
-        weighted = np.where(valid[..., None], jacobian / noise[:, None, :, None], 0.0)
-        weighted = weighted.reshape(len(thetas), -1, len(positions))
+        columns = np.broadcast_to(np.where(valid[..., None], jacobian, 0.0), (len(thetas), *jacobian.shape))
+        weighted = errors.whiten(columns).reshape(len(thetas), -1, len(positions))
         hessians = np.einsum("sti,stj->sij", weighted, weighted) + np.diag(precision)
-        for s, run in enumerate(first.simulate_many(thetas)):
+        runs = first.simulate_many(thetas)
+        simulated = np.stack([np.full(valid.shape, np.nan) if run is None else run.temperatures for run in runs])
+        residuals = errors.whiten(np.where(valid, first.observed - simulated - errors.mean, 0.0)[..., None])
+        for s, (run, residual) in enumerate(zip(runs, residuals.reshape(len(thetas), -1), strict=True)):
             if run is None:
                 thetas[s, positions] = mean
                 continue
-            residual = np.where(valid, (first.observed - run.temperatures) / noise[s], 0.0).ravel()
             gradient = weighted[s].T @ residual + precision * (mean - thetas[s, positions])
             thetas[s, positions] += np.linalg.solve(hessians[s], gradient)
     if rng is not None:

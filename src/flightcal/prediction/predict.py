@@ -8,6 +8,7 @@ from dataclasses import replace
 import numpy as np
 import xarray
 
+from ..calibration.noise import CORRELATED, CORRELATED_STUDENT
 from ..calibration.problem import Problem, build_problem
 from ..environment import orbit_phase, sunlit_share
 from ..scenario import Scenario
@@ -16,6 +17,7 @@ from ..simulator import Trajectory
 from ..simulator.system import FloatArray
 from ..surrogate.emulator import EmulatedSimulator
 from .ensemble import Ensemble, duration, propagate
+from .errors import WhiteErrors, window_errors
 from .initial import condition_initial
 
 STOCHASTIC = "stochastic"
@@ -30,12 +32,14 @@ def predict(
     *,
     seed: int,
     stand_in: Callable[[Problem], Problem] | None = None,
+    trained: tuple[str, FloatArray] | None = None,
 ) -> tuple[xarray.Dataset, Ensemble]:
     """Predict a window with point estimates and with posterior draws.
 
     points: method -> theta [d], with ``noise.*`` the method's own residual level; draws: posterior thetas [S, d]; both
     ordered as `Problem.names`. On the train window thetas hold its initial temperatures; on any other, these are
     conditioned on the first samples of the window (`initial.condition_initial`), which are marked as not scored.
+    trained: window whose residuals tell the discrepancy, and the draws there [S, d'] (None: `train`, and `draws`).
     stand_in: gives a window's problem an emulator, through which the draws are propagated; points always run on the
     simulator itself.
     Raises TelemetryError and RunError.
@@ -49,24 +53,57 @@ def predict(
     if not is_trained(window):
         first = build_problem(scenario, telemetry, window, span=settings.initial_span)
         scored = problem.times > first.times[-1]
+    errors = None
+    if not problem.residuals.is_independent:
+        name, thetas_there = trained or ("train", draws)
+        train = for_draws
+        if window != name:
+            train = build_problem(scenario, telemetry, name)
+            train = train if stand_in is None else stand_in(train)
+        errors = window_errors(for_draws, train, thetas_there, int((~scored).sum()))
+    if not is_trained(window):
         if len(thetas):
-            thetas = condition_initial(first, thetas, np.stack([problem.noise(theta) for theta in thetas]))
+            thetas = condition_initial(first, thetas, _white(problem, thetas))
         if isinstance(for_draws.simulator, EmulatedSimulator):
             first = replace(first, simulator=for_draws.simulator.on(slice(len(first.times))))
-        draws = condition_initial(first, draws, np.stack([problem.noise(theta) for theta in draws]), rng)
-    ensemble = propagate(for_draws, draws, settings.interval, rng)
+        draws = condition_initial(first, draws, _white(problem, draws) if errors is None else errors.at_first(), rng)
+    ensemble = propagate(for_draws, draws, settings.interval, rng, errors)
     runs = problem.simulate_many(thetas) if len(thetas) else []
     prediction = _dataset(problem, dict(zip(points, runs, strict=True)), thetas, ensemble, scored)
     error = "" if for_draws.simulator.error_basis is None else ", the surrogate's error"
     prediction.attrs |= {
         "interval": settings.interval,
-        "interval_contains": f"parameters, initial temperatures{error} and measurement noise; not model discrepancy",
+        "interval_contains": f"parameters, initial temperatures{error}, {_contained(problem, window)}",
+        "model_interval_contains": f"parameters, initial temperatures{error}"
+        + (", model discrepancy" if problem.residuals.compiled.discrepant.any() else ""),
         "initial_state": "calibrated with the parameters"
         if is_trained(window)
         else f"estimated from the first {settings.initial_span / 60:g} min of the window, which are not scored",
         "failed_simulations": ensemble.failed,
     }
     return prediction, ensemble
+
+
+def _white(problem: Problem, thetas: FloatArray) -> WhiteErrors:
+    """Independent noise of thetas [S, d]: what the methods know of that have no model of the residuals."""
+    return WhiteErrors(np.stack([problem.noise(theta) for theta in thetas]))
+
+
+def _contained(problem: Problem, window: str) -> str:
+    """What of the residuals is in the interval, and which part of the discrepancy carries over to the window."""
+    model = problem.residuals
+    correlated = bool(np.isin(model.compiled.kinds, (CORRELATED, CORRELATED_STUDENT)).any())
+    noise = "correlated measurement noise (drawn anew)" if correlated else "measurement noise"
+    if not model.compiled.discrepant.any():
+        return f"{noise}; not model discrepancy"
+    if is_trained(window):
+        return f"{noise}, and model discrepancy as the residuals of this window show it"
+    parts = []
+    if model.phase is not None:
+        parts.append("its part in orbit phase carries over from the training window")
+    if model.time is not None:
+        parts.append("its part in time is continued from the edge of the training window and fades to its prior")
+    return f"{noise}, and model discrepancy: {'; '.join(parts)}"
 
 
 def _dataset(

@@ -1,5 +1,6 @@
 """The problem file: schema, units, lint."""
 
+from ._priors import support
 from .external import (
     CallableSimulator,
     ExecutableSimulator,
@@ -19,6 +20,7 @@ from .schema import (
     Channel,
     CircularOrbit,
     Conductor,
+    Discrepancy,
     Environment,
     Face,
     GeneticSettings,
@@ -31,6 +33,7 @@ from .schema import (
     LogNormal,
     ModeChange,
     Node,
+    Noise,
     Normal,
     NutsSettings,
     Observation,
@@ -59,6 +62,7 @@ __all__ = [
     "Channel",
     "CircularOrbit",
     "Conductor",
+    "Discrepancy",
     "Environment",
     "ExecutableSimulator",
     "ExternalModel",
@@ -75,6 +79,7 @@ __all__ = [
     "LogNormal",
     "ModeChange",
     "Node",
+    "Noise",
     "Normal",
     "NutsSettings",
     "Observation",
@@ -101,5 +106,6 @@ __all__ = [
     "resolved_yaml",
     "settable",
     "simulator_files",
+    "support",
     "write_template",
 ]

@@ -26,12 +26,14 @@ from .external import (
 from .schema import (
     Channel,
     Conductor,
+    Discrepancy,
     Environment,
     Face,
     Heater,
     Load,
     ModeChange,
     Node,
+    Noise,
     Observation,
     Parameter,
     ReducedNumber,
@@ -78,6 +80,11 @@ class Draft:
     """null: the simulator is a thermal network."""
     reduced: Mapping[str, ReducedNumber | None] | None = None
     """Numbers of a reduced order model; null: the simulator is none."""
+    noise: Noise | None = None
+    discrepancy: Discrepancy | None = None
+    """null: there is none, or it cannot be read."""
+    has_errors: bool = False
+    """Whether the simulator has errors against the one that it stands in for."""
 
 
 def draft_of_scenario(scenario: Scenario) -> Draft:
@@ -104,6 +111,9 @@ def draft_of_scenario(scenario: Scenario) -> Draft:
         parameters=scenario.parameters,
         external=external,
         reduced=model.reduced_numbers if model.reduced_model is not None else None,
+        noise=scenario.noise,
+        discrepancy=scenario.discrepancy,
+        has_errors=bool(model.errors),
     )
 
 
@@ -138,6 +148,9 @@ def draft_of_data(data: Any) -> Draft:
         parameters=_entries(Parameter, data, "parameters"),
         external=external,
         reduced=_entries(ReducedNumber, model, "reduced_numbers") if "reduced_model" in model else None,
+        noise=_block(Noise, _mapping(data).get("noise", {})),
+        discrepancy=_block(Discrepancy, _mapping(data).get("discrepancy")),
+        has_errors=bool(model.get("errors")),
     )
 
 

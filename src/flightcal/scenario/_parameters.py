@@ -8,6 +8,7 @@ from typing import Any
 from ._document import Location, Problem
 from ._draft import Draft
 from ._priors import read_prior
+from ._residuals import read_noise
 from ._units import Quantity, did_you_mean
 from .schema import Normal
 from .settable import Settable, is_difference
@@ -37,7 +38,7 @@ def read_observations(blocks: Mapping[str, Any]) -> tuple[dict[str, Any], list[P
         if not isinstance(block, dict):
             continue
         read[name] = dict(block)
-        for key, reader in (("noise", _read_noise), ("bias", _read_bias)):
+        for key, reader in (("noise", read_noise), ("bias", _read_bias)):
             if block.get(key) is not None:
                 read[name][key], found = reader(block[key], ("observations", name, key))
                 problems += found
@@ -48,10 +49,6 @@ def read_observations(blocks: Mapping[str, Any]) -> tuple[dict[str, Any], list[P
             read[name]["likelihood"] = {**likelihood, "switch_times": switch_times}
             problems += found
     return read, problems
-
-
-def _read_noise(value: Any, location: Location) -> tuple[Any, list[Problem]]:
-    return _read_known_or_prior(value, location, Quantity("K", above=0.0, difference=True))
 
 
 def _read_bias(value: Any, location: Location) -> tuple[Any, list[Problem]]:

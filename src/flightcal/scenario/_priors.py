@@ -10,7 +10,7 @@ from ._document import Location, Problem
 from ._units import did_you_mean, example, quantity_schema, show, to_si, written
 from .schema import Beta, HalfNormal, LogNormal, Normal, Prior, TruncatedNormal, Uniform
 
-_FORMS: dict[str, tuple[Callable[..., Prior], dict[str, str]]] = {
+FORMS: dict[str, tuple[Callable[..., Prior], dict[str, str]]] = {
     "uniform": (Uniform, {"lower": "value", "upper": "value"}),
     "normal": (Normal, {"mean": "value", "standard_deviation": "spread"}),
     "truncated_normal": (
@@ -21,8 +21,9 @@ _FORMS: dict[str, tuple[Callable[..., Prior], dict[str, str]]] = {
     "half_normal": (HalfNormal, {"scale": "spread"}),
     "beta": (Beta, {"alpha": "number", "beta": "number", "lower": "value", "upper": "value"}),
 }
+"""Distribution -> its class, and what each of its arguments is: a value, a spread or a plain number."""
 _ABOVE = {"standard_deviation": 0.0, "scale": 0.0, "median": 0.0, "factor": 1.0, "alpha": 0.0, "beta": 0.0}
-_NAMES = ", ".join(_FORMS)
+_NAMES = ", ".join(FORMS)
 
 
 def read_prior(value: Any, unit: str, location: Location, *, difference: bool = False) -> Prior | list[Problem]:
@@ -36,11 +37,11 @@ def read_prior(value: Any, unit: str, location: Location, *, difference: bool = 
         return [Problem(location, f"found {found}, expected {wanted}")]
     ((kind, arguments),) = value.items()
     location = (*location, kind)
-    if kind not in _FORMS:
+    if kind not in FORMS:
         return [
-            Problem(location, f"unknown distribution {kind!r}, expected one of {_NAMES}{did_you_mean(kind, _FORMS)}")
+            Problem(location, f"unknown distribution {kind!r}, expected one of {_NAMES}{did_you_mean(kind, FORMS)}")
         ]
-    make, fields = _FORMS[kind]
+    make, fields = FORMS[kind]
     places = {name: (*location, name) for name in fields}
     if kind == "uniform":
         if not isinstance(arguments, list) or len(arguments) != 2:
@@ -101,7 +102,7 @@ def _read_number(value: Any, name: str, role: str, unit: str, difference: bool) 
 
 def written_prior(prior: Prior, unit: str) -> dict[str, Any]:
     """The prior as a user writes it; `read_prior` gives it back."""
-    _, fields = _FORMS[prior.kind]
+    _, fields = FORMS[prior.kind]
     values = {
         name: getattr(prior, name) if role == "number" else written(getattr(prior, name), unit)
         for name, role in fields.items()
@@ -122,7 +123,7 @@ def prior_schema() -> dict[str, Any]:
     """JSON Schema of a written prior, whatever its unit."""
     value = {"anyOf": [quantity_schema(""), quantity_schema("K")]}
     kinds = []
-    for name, (make, fields) in _FORMS.items():
+    for name, (make, fields) in FORMS.items():
         properties = {field: {"type": "number"} if role == "number" else value for field, role in fields.items()}
         form: dict[str, Any] = {
             "type": "object",

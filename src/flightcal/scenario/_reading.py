@@ -12,6 +12,7 @@ from ._document import Document, Problem, read_document
 from ._draft import Draft, draft_of_data
 from ._parameters import read_observations, read_parameters
 from ._reduced import fill_in
+from ._residuals import read_discrepancy, read_noise_block
 from ._units import show
 from ._windows import flat_windows
 from ._wording import problems_of, unknown_key, written_keys
@@ -68,6 +69,10 @@ def read_scenario(path: Path, telemetry: Path | None = None) -> Reading:
 def _read_values(data: dict[str, Any]) -> tuple[dict[str, Any], Draft, dict[str, Settable], list[Problem]]:
     """Data with the numbers whose units depend on other blocks in SI: observations first, then parameters."""
     problems: list[Problem] = []
+    for key, reader in (("noise", read_noise_block), ("discrepancy", read_discrepancy)):
+        if key in data:
+            data[key], found = reader(data[key], (key,))
+            problems += found
     if isinstance(data.get("observations"), dict):
         data["observations"], found = read_observations(data["observations"])
         problems += found

@@ -35,7 +35,7 @@ _TAGS = {
     for name, kind in {**vars(external), **vars(schema)}.items()
     if isinstance(kind, type) and issubclass(kind, Block)
 }
-_TAGS |= dict.fromkeys(("<named>", "<vector>", "<all>"), Block)
+_TAGS |= dict.fromkeys(("<named>", "<vector>", "<all>", "<number>"), Block)
 """What pydantic puts into a location to say which part of a union it chose."""
 
 

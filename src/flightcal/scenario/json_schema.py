@@ -7,6 +7,7 @@ from typing import Any
 from pydantic import BaseModel
 
 from ._priors import prior_schema
+from ._residuals import NOISE, PHASE, TIME
 from ._units import quantity_schema
 from .schema import Scenario
 
@@ -47,7 +48,12 @@ def json_schema() -> dict[str, Any]:
     network["anyOf"] = [{"required": ["nodes"]}, {"required": ["reduced_model"]}]
 
     observation = definitions["Observation"]
-    _replace(observation, "noise", {"anyOf": [quantity_schema("K"), prior, {"type": "null"}]})
+    noise = {"anyOf": [quantity_schema("K"), prior, {"$ref": "#/$defs/Noise"}, {"type": "null"}]}
+    _replace(observation, "noise", noise)
+    for block, quantities in (("Noise", NOISE), ("TimeDiscrepancy", TIME), ("PhaseDiscrepancy", PHASE)):
+        for name, quantity in quantities.items():
+            _replace(definitions[block], name, {"anyOf": [quantity_schema(quantity.unit), prior, {"type": "null"}]})
+    del schema["properties"]["noise"]["default"]
     _replace(observation, "bias", quantity_schema("K"))
     switch_times = definitions["SwitchTimes"]
     for key, unit in (("timing", "s"), ("error_rate", "")):

@@ -7,10 +7,11 @@ from pathlib import Path
 from typing import Any
 
 from ._priors import written_prior
+from ._residuals import written_channel_noise, written_discrepancy, written_noise, written_number
 from ._units import written
 from ._windows import grouped_windows
 from .external import KINDS
-from .schema import Observation, Prior, Scenario, SimulatorModel
+from .schema import Observation, Scenario, SimulatorModel
 
 _WIDTH = 10_000
 """Lines are not broken: long text such as two-line elements must stay whole."""
@@ -53,6 +54,9 @@ def _written(scenario: Scenario, absolute: bool) -> dict[str, Any]:
             for error in ("gain", "bias", "time_offset"):
                 del data["observations"][name][error]
     data["windows"] = grouped_windows(data["windows"])
+    data["noise"] = written_noise(scenario.noise)
+    if scenario.discrepancy is not None:
+        data["discrepancy"] = written_discrepancy(scenario.discrepancy)
     if isinstance(scenario.simulator, SimulatorModel):
         data["simulator"] = _written_network(data["simulator"])
     if absolute:
@@ -75,20 +79,17 @@ def _written_network(model: dict[str, Any]) -> dict[str, Any]:
 
 def _written_errors(observation: Observation) -> dict[str, Any]:
     errors: dict[str, Any] = {"bias": written(observation.bias, "K")}
-    if observation.noise is not None:
-        errors["noise"] = _written_or_prior(observation.noise, "K")
+    noise = written_channel_noise(observation)
+    if noise is not None:
+        errors["noise"] = noise
     if observation.likelihood is not None and observation.likelihood.switch_times is not None:
         form = observation.likelihood.switch_times
         switch_times = {
-            "timing": _written_or_prior(form.timing, "s"),
-            "error_rate": _written_or_prior(form.error_rate, ""),
+            "timing": written_number(form.timing, "s"),
+            "error_rate": written_number(form.error_rate, ""),
         }
         errors["likelihood"] = {"switch_times": switch_times}
     return errors
-
-
-def _written_or_prior(value: Prior | float, unit: str) -> Any:
-    return written(value, unit) if isinstance(value, float) else written_prior(value, unit)
 
 
 def _make_absolute(data: dict[str, Any], folder: Path) -> None:

@@ -417,6 +417,17 @@ class Beta(Block):
 
 
 Prior = Uniform | Normal | TruncatedNormal | LogNormal | HalfNormal | Beta
+Uncertain = Annotated[
+    Annotated[Uniform, Tag("<Uniform>")]
+    | Annotated[Normal, Tag("<Normal>")]
+    | Annotated[TruncatedNormal, Tag("<TruncatedNormal>")]
+    | Annotated[LogNormal, Tag("<LogNormal>")]
+    | Annotated[HalfNormal, Tag("<HalfNormal>")]
+    | Annotated[Beta, Tag("<Beta>")]
+    | Annotated[float, Tag("<number>")],
+    one_of(lambda value: "<number>" if isinstance(value, (int, float)) else None, "a number with its unit, or a prior"),
+]
+"""A number that is known, or has a prior."""
 
 
 class Parameter(Block):
@@ -463,6 +474,85 @@ class StatusLikelihood(Block):
         return self
 
 
+class Noise(Block):
+    """Noise of temperature channels: independent or correlated from sample to sample, normal or with outliers."""
+
+    model: Literal["iid", "ar1"] = "iid"
+    """iid: independent; ar1: its correlation over a gap of the telemetry is exp(-gap / correlation_time)."""
+    distribution: Literal["normal", "student_t"] = "normal"
+    """student_t: heavy tails, for outliers; with ar1, of the innovations."""
+    standard_deviation: Uncertain = HalfNormal(scale=2.0)
+    """At one sample, K; of student_t: its scale."""
+    correlation_time: Uncertain = LogNormal(median=1800.0, factor=3.0)
+    """Of ar1, s."""
+    white: Uncertain | None = None
+    """Standard deviation of independent noise beside that of ar1, K; null: none."""
+    degrees_of_freedom: Uncertain = 4.0
+    """Of student_t."""
+    quantisation: Annotated[float, Quantity("K", above=0, difference=True)] | None = None
+    """Step to which the telemetry is rounded: the likelihood is the probability of the whole step (iid normal only)."""
+
+
+class TimeDiscrepancy(Block):
+    """Discrepancy as a Matern process in time; on another window it fades to its prior."""
+
+    amplitude: Uncertain = HalfNormal(scale=1.0)
+    """Prior standard deviation, K; it keeps the discrepancy from taking the parameters' place."""
+    lengthscale: Uncertain | None = None
+    """s, with two bounds; null: uniform from what `functions` can tell to a quarter of the window."""
+    smoothness: Literal["3/2", "5/2"] = "3/2"
+    functions: Count = Field(40, ge=4, le=400)
+    shared: tuple[Literal["amplitude", "lengthscale"], ...] = ("lengthscale",)
+    """What all channels have in common."""
+
+
+class PhaseDiscrepancy(Block):
+    """Discrepancy that comes again in every orbit: a Matern process around the orbit; it carries to other windows."""
+
+    amplitude: Uncertain = HalfNormal(scale=1.0)
+    """Prior standard deviation, K."""
+    lengthscale: Uncertain = Uniform(lower=0.05, upper=0.5)
+    """Orbits, with two bounds."""
+    smoothness: Literal["3/2", "5/2"] = "3/2"
+    harmonics: Count = Field(8, ge=1, le=100)
+    shared: tuple[Literal["amplitude", "lengthscale"], ...] = ("lengthscale",)
+    """What all channels have in common."""
+
+
+class Discrepancy(Block):
+    """What the simulator lacks, calibrated together with the parameters."""
+
+    time: TimeDiscrepancy | None = None
+    phase: PhaseDiscrepancy | None = None
+    channels: tuple[str, ...] = ()
+    """Temperature channels that have one; none named: all."""
+
+    @model_validator(mode="after")
+    def _some_part(self) -> Discrepancy:
+        if self.time is None and self.phase is None:
+            raise ValueError("found neither 'time' nor 'phase', expected one of them, or both")
+        return self
+
+
+def _noise_kind(value: Any) -> str | None:
+    if isinstance(value, (int, float)):
+        return "<number>"
+    return "<Noise>" if isinstance(value, dict) else None
+
+
+ChannelNoise = Annotated[
+    Annotated[Uniform, Tag("<Uniform>")]
+    | Annotated[Normal, Tag("<Normal>")]
+    | Annotated[TruncatedNormal, Tag("<TruncatedNormal>")]
+    | Annotated[LogNormal, Tag("<LogNormal>")]
+    | Annotated[HalfNormal, Tag("<HalfNormal>")]
+    | Annotated[Beta, Tag("<Beta>")]
+    | Annotated[Noise, Tag("<Noise>")]
+    | Annotated[float, Tag("<number>")],
+    one_of(_noise_kind, "a standard deviation such as '0.1 K', its prior, or a mapping with 'model'"),
+]
+
+
 class Observation(Block):
     """What a channel measures: a temperature or a heater's status; sensor bias and noise."""
 
@@ -479,8 +569,9 @@ class Observation(Block):
     """The reading is of so much later than its time tag says (negative: earlier)."""
     lag: Duration | None = None
     """Time constant with which the sensor follows its node; null: at once."""
-    noise: Annotated[Prior, Field(discriminator="kind")] | float | None = None
-    """Standard deviation of the noise, K: a prior (inferred) or a known value; null: half-normal of 2 K."""
+    noise: ChannelNoise | None = None
+    """Standard deviation of independent normal noise, K: a prior (inferred) or a known value; or another model of
+    noise; null: the scenario's `noise`."""
     likelihood: StatusLikelihood | None = None
     """Of a heater's status; null: it does not count."""
 
@@ -591,6 +682,9 @@ class Scenario(Block):
     initial_state: InitialState = InitialState()
     parameters: dict[str, Parameter] = Field(min_length=1)
     observations: dict[str, Observation] = Field(min_length=1)
+    noise: Noise = Noise()
+    """Of the temperature channels that have none of their own."""
+    discrepancy: Discrepancy | None = None
     windows: dict[str, Window]
     """`train`, and any number of other windows, on which the result is scored. Several to train on are a list or a
     mapping in the place of `train`, and are called ``train.<name>``; other windows may be grouped likewise."""
@@ -610,3 +704,11 @@ class Scenario(Block):
             found = f"found an external simulator ({kind_of_simulator(self.simulator)})"
             raise ScenarioError(f"{self.name}: simulator: {found}, expected a thermal network: this needs its nodes")
         return self.simulator
+
+
+def noise_of(scenario: Scenario, channel: str) -> Noise:
+    """The noise of a temperature channel: its own, or the scenario's."""
+    own = scenario.observations[channel].noise
+    if own is None:
+        return scenario.noise
+    return own if isinstance(own, Noise) else Noise(standard_deviation=own)

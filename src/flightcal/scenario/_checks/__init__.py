@@ -1,6 +1,6 @@
 """What blocks of a scenario must be to each other; one module and one line here for each concern."""
 
-from . import environment, external, heating, names, network, observations, parameters, telemetry, windows
+from . import environment, external, heating, names, network, observations, parameters, residuals, telemetry, windows
 from ._common import Check
 
 CHECKS: tuple[Check, ...] = (
@@ -12,5 +12,6 @@ CHECKS: tuple[Check, ...] = (
     external.check,
     parameters.check,
     observations.check,
+    residuals.check,
     windows.check,
 )

@@ -34,10 +34,6 @@ def check(reading: Reading, folder: Path) -> Iterator[Problem]:
             message = "found a 'likelihood' for a temperature, expected one for the status of a heater only"
             yield Problem((*location, "likelihood"), message)
         yield from _check_sensor(draft, observation, name)
-        noise = observation.noise
-        if noise is not None and not isinstance(noise, float) and support(noise)[0] < 0:
-            message = f"found a {noise.kind} prior with negative values, expected one of positive values: half_normal"
-            yield Problem((*location, "noise"), f"{message}, lognormal or truncated_normal")
     observations = draft.observations.values()
     if draft.observations and not any(
         observation is None or observation.heater is None for observation in observations

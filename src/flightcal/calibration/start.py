@@ -1,0 +1,77 @@
+"""Where noise and discrepancy start: fitted to the residuals of a simulation that is held."""
+
+from __future__ import annotations
+
+import numpy as np
+from scipy.optimize import minimize
+
+from ..simulator import SimulationFailure
+from ..simulator.system import FloatArray
+from .joint import AnyProblem
+from .noise import DEVIATION, PHASE_SIZE, TIME_SIZE, WHITE
+
+_LEAST = 1e-3  # K
+_STEPS = 200
+_SMALL = 0.1
+"""Of a discrepancy to start with, over the residuals: so that one that is not there is found not to be."""
+
+
+def fit_residuals(problem: AnyProblem, z: FloatArray) -> FloatArray:
+    """z [d] with the entries of noise and discrepancy at their best for the residuals there.
+
+    From two starts: residuals that are nearly all noise, and residuals that are nearly all discrepancy.
+    """
+    positions = np.unique(problem.places[2])
+    theta = problem.to_theta(z)
+    try:
+        run = problem.simulate(theta)
+    except SimulationFailure:
+        return z
+    if not len(positions):
+        return z
+    residual = np.where(problem.valid, problem.observed - run.temperatures, np.nan)
+
+    def cost(part: FloatArray) -> tuple[float, FloatArray]:
+        whole = z.copy()
+        whole[positions] = part
+        prior = problem.priors.at(whole)
+        value, theta_bar = problem.likelihood_of_numbers(run, prior.theta)
+        gradient = prior.gradient + prior.slope * theta_bar
+        return -float(prior.log_density) - value, -gradient[positions]
+
+    best, lowest = z, np.inf
+    for share in (_SMALL, 1.0):
+        start = problem.to_z(_guess(problem, theta, residual, share))[positions]
+        found = minimize(cost, start, jac=True, method="L-BFGS-B", options={"maxiter": _STEPS})
+        if found.fun < lowest:
+            best, lowest = z.copy(), found.fun
+            best[positions] = found.x
+    return best
+
+
+def _guess(problem: AnyProblem, theta: FloatArray, residual: FloatArray, share: float) -> FloatArray:
+    """theta [d] with sizes of noise and discrepancy from residuals [T, N]; share: of the discrepancy in them."""
+    theta = theta.copy()
+    median = problem.priors.median()
+    rmse = np.sqrt(np.nanmean(residual**2, axis=0))
+    channels, columns, positions = problem.places
+    for position in np.unique(positions):
+        theta[position] = median[position]
+        of_it = channels[positions == position]
+        column = columns[positions == position][0]
+        size = max(float(np.exp(np.log(np.maximum(rmse[of_it], _LEAST)).mean())), _LEAST)
+        white = max(float(np.mean([_white(residual[:, k]) for k in of_it])), _LEAST)
+        explained = problem.residuals.compiled.discrepant[of_it].all()
+        if column == DEVIATION:
+            theta[position] = white if explained and share == 1.0 else size
+        elif column == WHITE:
+            theta[position] = white
+        elif column in (TIME_SIZE, PHASE_SIZE):
+            theta[position] = share * size
+    return theta
+
+
+def _white(residual: FloatArray) -> float:
+    """What is white in residuals [T]: second differences of white noise have a variance of six times its own."""
+    values = residual[np.isfinite(residual)]
+    return float(1.4826 * np.median(np.abs(np.diff(values, 2))) / np.sqrt(6.0)) if len(values) > 2 else 0.0

@@ -1,0 +1,306 @@
+"""What telemetry of a window differs by from the simulation: discrepancy and noise, given what calibration has seen.
+
+On the training window the discrepancy is the one that the residuals there show, and noise is drawn anew. On any other
+window the part in orbit phase carries over, with its weights as the training residuals leave them; the part in time is
+continued from the edge of the training window, so it fades to its prior within a few lengthscales; correlated noise
+starts from its stationary distribution. There, the window's first samples, which are not scored, tell about all of
+these as well: each draw is corrected for the residuals that its simulation leaves in them (Matheron's rule: a draw of
+the prior plus the gain times what it errs by is a draw given the data; Journel & Huijbregts 1978).
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from functools import cached_property
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ..calibration.likelihood import weights_given
+from ..calibration.noise import CORRELATED, CORRELATED_STUDENT, DEVIATION, TIME, TIME_LENGTH, TIME_SIZE, WHITE
+from ..calibration.problem import Problem
+from ..calibration.residuals import ResidualModel, correlate, draw_noise, white_noise
+from ..simulator.system import FloatArray
+from .matern import ORDER, continue_path, covariance, fading, stationary
+
+_TINY = 1e-9
+"""Of a variance of telemetry, added to it, so that a channel without noise has one."""
+
+
+def window_errors(problem: Problem, train: Problem, thetas: FloatArray, first: int) -> WindowErrors:
+    """Errors of a window at posterior draws thetas [S, d], which hold the training window's initial temperatures.
+
+    first: how many samples at the window's start tell about them.
+    """
+    missing = np.full(train.observed.shape, np.nan)
+    runs = train.simulate_many(thetas)
+    temperatures = np.stack([missing if run is None else run.temperatures for run in runs])
+    numbers = np.stack([train.numbers(theta) for theta in thetas])
+    return WindowErrors(problem, train, numbers, temperatures, first)
+
+
+@dataclass(frozen=True)
+class WindowErrors:
+    """Discrepancy and noise of a window at S draws of theta."""
+
+    problem: Problem
+    """Of the window."""
+    train: Problem
+    numbers: FloatArray
+    """[S, N, 9]."""
+    train_temperatures: FloatArray
+    """[S, T, N] K, simulated on the training window; NaN where that failed."""
+    first: int
+    """How many samples at the window's start the draws are corrected for; 0 on the training window."""
+
+    @property
+    def model(self) -> ResidualModel:
+        """Of the training window."""
+        return self.train.residuals
+
+    @cached_property
+    def seconds(self) -> FloatArray:
+        """Of the window, from the training window's start, [T]."""
+        since = self.problem.times - self.train.times[0]
+        return np.asarray(since / np.timedelta64(1, "ns") * 1e-9, float)
+
+    @cached_property
+    def gaps(self) -> FloatArray:
+        """From the edge of the training window that is nearer, [T] s."""
+        edges = self.train.residuals.compiled.seconds[[0, -1]]
+        return np.asarray(edges[0] - self.seconds if self.before else self.seconds - edges[1])
+
+    @cached_property
+    def before(self) -> bool:
+        """Whether the window lies before the training window."""
+        return bool(self.seconds[0] < 0.0)
+
+    @cached_property
+    def is_train(self) -> bool:
+        """Whether the window is the training window."""
+        return self.problem.window == self.train.window
+
+    @cached_property
+    def edge(self) -> FloatArray:
+        """The state of the part in time at the edge, over its weights: [p, m]."""
+        time, nu = self.model.time, self.smoothness
+        assert time is not None
+        at = self.train.residuals.compiled.seconds[[0 if self.before else -1]]
+        # A process looked at backwards has the slope of the other sign.
+        sign = -1.0 if self.before else 1.0
+        return np.concatenate([sign**order * time.at(at, order) for order in range(ORDER[nu])])
+
+    @property
+    def smoothness(self) -> float:
+        """Of the part in time."""
+        return float(self.model.compiled.smoothness[0])
+
+    def usable(self) -> NDArray[np.bool_]:
+        """[S] whether the training window could be simulated."""
+        return np.asarray(np.isfinite(self.train_temperatures).all(axis=(1, 2)))
+
+    def only(self, kept: NDArray[np.bool_]) -> WindowErrors:
+        """Those of some of the draws."""
+        return WindowErrors(
+            self.problem, self.train, self.numbers[kept], self.train_temperatures[kept], self.first
+        )  # fmt: skip
+
+    def weights(self, draw: int) -> tuple[FloatArray, FloatArray]:
+        """The weights' mean [N, m] and a factor [N, m, m] of their covariance, as the training residuals leave them."""
+        observed, simulated = self.train.observed, self.train_temperatures[draw]
+        return weights_given(self.model.compiled, observed, simulated, self.numbers[draw])
+
+    def basis(self, numbers: FloatArray) -> FloatArray:
+        """What the weights do to the window's expected discrepancy, [T, m]; numbers: [9] of a channel."""
+        if self.is_train:
+            return np.asarray(self.model.compiled.basis)
+        parts = []
+        if self.model.time is not None:
+            parts.append(self._fading(numbers) @ self.edge)
+        in_time = 0 if self.problem.residuals.time is None else self.problem.residuals.time.count
+        parts.append(self.problem.residuals.compiled.basis[:, in_time:])
+        return np.concatenate(parts, axis=1)
+
+    def _fading(self, numbers: FloatArray) -> FloatArray:
+        """The part in time expected from its state at the edge, [T, p]."""
+        return fading(self.smoothness, numbers[TIME_LENGTH], self.gaps)
+
+    # --- the first samples ------------------------------------------------------------------------------------
+
+    def covariances(self, draw: int, channel: int, factor: FloatArray) -> tuple[FloatArray, FloatArray]:
+        """Covariance with the first samples of the discrepancy and of correlated noise, [T, first] each, K^2.
+
+        factor: [m, m] of the weights' covariance, of the channel.
+        """
+        own, first = self.numbers[draw, channel], self.first
+        discrepancy = np.zeros((len(self.seconds), first))
+        if self.model.compiled.discrepant[channel]:
+            basis = self.basis(own)
+            discrepancy = basis @ (factor @ (basis[:first] @ factor).T)
+            if self.model.time is not None:
+                seen = self._fading(own)
+                at_rest = stationary(self.smoothness, own[TIME_SIZE], own[TIME_LENGTH])
+                apart = self.seconds[:, None] - self.seconds[:first]
+                discrepancy += covariance(self.smoothness, own[TIME_SIZE], own[TIME_LENGTH], apart)
+                discrepancy -= seen @ at_rest @ seen[:first].T
+        noise = np.zeros_like(discrepancy)
+        if self.model.compiled.kinds[channel] in (CORRELATED, CORRELATED_STUDENT):
+            apart = np.abs(self.seconds[:, None] - self.seconds[:first])
+            noise = own[DEVIATION] ** 2 * np.exp(-apart / own[TIME])
+        return discrepancy, noise
+
+    def white_variance(self, draw: int, channel: int) -> float:
+        """Of the noise that no other sample knows of, K^2."""
+        own = self.numbers[draw, channel]
+        correlated = self.model.compiled.kinds[channel] in (CORRELATED, CORRELATED_STUDENT)
+        return float(own[WHITE] ** 2 if correlated else own[DEVIATION] ** 2)
+
+    def at_first(self) -> FirstErrors:
+        """The law of the first samples' errors, in which initial temperatures are estimated."""
+        draws, channels = self.numbers.shape[:2]
+        mean = np.zeros((draws, self.first, channels))
+        factors = np.zeros((channels, draws, self.first, self.first))
+        for s in range(draws):
+            weights, factor = self.weights(s)
+            for k in range(channels):
+                if self.model.compiled.discrepant[k]:
+                    mean[s, :, k] = (self.basis(self.numbers[s, k]) @ weights[k])[: self.first]
+                discrepancy, noise = self.covariances(s, k, factor[k])
+                factors[k, s] = self._factor(s, k, discrepancy, noise)
+        return FirstErrors(mean, factors)
+
+    def _factor(self, draw: int, channel: int, discrepancy: FloatArray, noise: FloatArray) -> FloatArray:
+        """Cholesky factor [first, first] of the first samples' covariance; what is not valid stands apart."""
+        valid = np.isfinite(self.problem.observed[: self.first, channel])
+        total = (discrepancy + noise)[: self.first]
+        total = np.where(valid[:, None] & valid, total, 0.0)
+        white = self.white_variance(draw, channel)
+        total[np.diag_indices(self.first)] += np.where(valid, white + _TINY * (white + np.diag(total)), 1.0)
+        return np.asarray(np.linalg.cholesky(total))
+
+    # --- drawing ------------------------------------------------------------------------------------------------
+
+    def draw(self, temperatures: FloatArray, rng: np.random.Generator) -> Drawn:
+        """Errors of the draws, whose simulations of the window are `temperatures` [S, T, N]."""
+        shape = temperatures.shape
+        discrepancy, mean, edge = np.zeros(shape), np.zeros(shape), None
+        compiled = self.model.compiled
+        continues = self.model.time is not None and not self.is_train
+        if continues:
+            edge = np.zeros((shape[0], shape[2], ORDER[self.smoothness]))
+        weights = [self.weights(s) for s in range(shape[0])] if compiled.discrepant.any() else []
+        for s, (expected, factor) in enumerate(weights):
+            for k in np.flatnonzero(compiled.discrepant):
+                drawn = expected[k] + factor[k] @ rng.standard_normal(len(expected[k]))
+                basis = self.basis(self.numbers[s, k])
+                mean[s, :, k] = basis @ expected[k]
+                discrepancy[s, :, k] = basis @ drawn
+                if edge is not None:
+                    in_time = self.edge.shape[1]
+                    edge[s, k] = self.edge @ drawn[:in_time]
+                    discrepancy[s, :, k] = basis[:, in_time:] @ drawn[in_time:]
+        if edge is not None:
+            discrepancy += self._continued(edge, rng)
+        noise, white = self._noise(rng)
+        if self.first:
+            for s in range(shape[0]):
+                own = weights[s] if weights else (np.zeros((shape[2], 1)), np.zeros((shape[2], 1, 1)))
+                self._correct(s, own[1], temperatures[s], mean[s], discrepancy[s], noise[s], white[s])
+        return Drawn(mean, discrepancy, noise, white)
+
+    def _continued(self, edge: FloatArray, rng: np.random.Generator) -> FloatArray:
+        """The part in time [S, T, N] from its state at the edge [S, N, p]."""
+        discrepant = self.model.compiled.discrepant
+        values = np.zeros((len(edge), len(self.seconds), len(discrepant)))
+        order = slice(None, None, -1 if self.before else 1)
+        gaps = np.diff(np.concatenate([[0.0], self.gaps[order]]))
+        own = self.numbers[:, discrepant]
+        path = continue_path(
+            self.smoothness, own[..., TIME_SIZE], own[..., TIME_LENGTH], edge[:, discrepant], gaps, rng
+        )
+        values[:, order, discrepant] = np.moveaxis(path, 0, 1)
+        return values
+
+    def _noise(self, rng: np.random.Generator) -> tuple[FloatArray, FloatArray]:
+        """Noise with a memory and noise without, [S, T, N] each, K."""
+        shape = (len(self.numbers), len(self.seconds), self.numbers.shape[1])
+        noise, white = np.zeros(shape), np.zeros(shape)
+        for s, numbers in enumerate(self.numbers):
+            for k, kind in enumerate(self.model.compiled.kinds):
+                if kind == CORRELATED:
+                    innovations = numbers[k, DEVIATION] * rng.standard_normal(shape[1])
+                    noise[s, :, k] = correlate(innovations, self.seconds, numbers[k, TIME])
+                    white[s, :, k] = white_noise(self.model, numbers, k, shape[1], rng)
+                elif kind == CORRELATED_STUDENT:
+                    noise[s, :, k] = draw_noise(self.model, numbers, k, self.seconds, rng)
+                else:
+                    white[s, :, k] = draw_noise(self.model, numbers, k, self.seconds, rng)
+        return noise, white
+
+    def _correct(
+        self,
+        draw: int,
+        factors: FloatArray,
+        temperatures: FloatArray,
+        mean: FloatArray,
+        discrepancy: FloatArray,
+        noise: FloatArray,
+        white: FloatArray,
+    ) -> None:
+        """Correct one draw, [T, N] each, for the residuals of the first samples; in place."""
+        first = slice(self.first)
+        for k in range(temperatures.shape[1]):
+            of_discrepancy, of_noise = self.covariances(draw, k, factors[k])
+            if not (of_discrepancy.any() or of_noise.any()):
+                continue
+            factor = self._factor(draw, k, of_discrepancy, of_noise)
+            residual = self.problem.observed[first, k] - temperatures[first, k]
+            valid = np.isfinite(residual)
+            missing = np.stack([residual - mean[first, k], residual - (discrepancy + noise + white)[first, k]], axis=1)
+            missing = np.where(valid[:, None], missing, 0.0)
+            solved = np.linalg.solve(factor.T, np.linalg.solve(factor, missing))
+            solved[~valid] = 0.0
+            mean[:, k] += (of_discrepancy + of_noise) @ solved[:, 0]
+            discrepancy[:, k] += of_discrepancy @ solved[:, 1]
+            noise[:, k] += of_noise @ solved[:, 1]
+
+
+@dataclass(frozen=True)
+class Drawn:
+    """Errors [S, T, N], K, of each draw of theta."""
+
+    mean: FloatArray
+    """Expected."""
+    discrepancy: FloatArray
+    """Drawn, as the next two."""
+    noise: FloatArray
+    """With a memory."""
+    white: FloatArray
+    """Without."""
+
+
+@dataclass(frozen=True)
+class FirstErrors:
+    """Errors of the first samples of a window at S draws of theta: normal, channels apart."""
+
+    mean: FloatArray
+    """[S, T, N] K."""
+    factors: FloatArray
+    """[N, S, T, T] Cholesky factors of each channel's covariance, K."""
+
+    def whiten(self, columns: FloatArray) -> FloatArray:
+        """Columns [S, T, N, c], K, in standard deviations of these errors."""
+        parts = [np.linalg.solve(factor, columns[:, :, k]) for k, factor in enumerate(self.factors)]
+        return np.stack(parts, axis=2)
+
+
+@dataclass(frozen=True)
+class WhiteErrors:
+    """The same of independent noise of standard deviations `noise` [S, N], K."""
+
+    noise: FloatArray
+    mean: float = 0.0
+
+    def whiten(self, columns: FloatArray) -> FloatArray:
+        """Columns [S, T, N, c], K, in standard deviations of the noise."""
+        return np.asarray(columns / self.noise[:, None, :, None])

@@ -1,0 +1,100 @@
+"""Noise and discrepancy: what goes together, and priors of what they are made of."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterator
+from pathlib import Path
+from typing import Any
+
+from .._document import Location, Problem
+from .._draft import Draft
+from .._priors import support
+from .._reading import Reading
+from ..schema import Noise
+from ._common import readable, unknown
+
+_POSITIVE = "expected one of positive values: half_normal, lognormal or truncated_normal"
+
+
+def check(reading: Reading, folder: Path) -> Iterator[Problem]:
+    """Noise has what its model has; a discrepancy stands beside normal noise, and its lengthscales have bounds."""
+    draft = reading.draft
+    if draft.noise is not None:
+        yield from _check_noise(draft.noise, ("noise",))
+    for name, observation in readable(draft.observations).items():
+        place = ("observations", name, "noise")
+        own = observation.noise
+        if isinstance(own, Noise):
+            yield from _check_noise(own, place)
+        elif own is not None:
+            yield from _check_positive(own, place)
+        noise = own if isinstance(own, Noise) else draft.noise if own is None else None
+        if noise is not None and observation.heater is None:
+            yield from _check_channel(noise, draft, name, place if isinstance(own, Noise) else ("noise",))
+    yield from _check_discrepancy(draft)
+
+
+def _check_noise(noise: Noise, location: Location) -> Iterator[Problem]:
+    written = noise.model_fields_set
+    for key, there, wanted in (
+        ("correlation_time", noise.model == "ar1", "'model: ar1'"),
+        ("white", noise.model == "ar1", "'model: ar1'"),
+        ("degrees_of_freedom", noise.distribution == "student_t", "'distribution: student_t'"),
+    ):
+        if key in written and getattr(noise, key) is not None and not there:
+            yield Problem((*location, key), f"found {key!r} without {wanted}, expected both or neither")
+    if noise.quantisation is not None and (noise.model, noise.distribution) != ("iid", "normal"):
+        message = f"found 'quantisation' with {noise.model} {noise.distribution} noise, expected iid normal noise"
+        yield Problem((*location, "quantisation"), f"{message}: only its probability of a step is known exactly")
+    if noise.distribution == "student_t" and noise.white is not None:
+        message = "found 'white' beside correlated Student's t noise, expected 'distribution: normal'"
+        yield Problem((*location, "white"), f"{message}: the two cannot be told apart exactly")
+    for key in ("standard_deviation", "correlation_time", "white", "degrees_of_freedom"):
+        yield from _check_positive(getattr(noise, key), (*location, key))
+
+
+def _check_positive(value: Any, location: Location) -> Iterator[Problem]:
+    if value is not None and not isinstance(value, float) and support(value)[0] < 0:
+        yield Problem(location, f"found a {value.kind} prior with negative values, {_POSITIVE}")
+
+
+def _check_channel(noise: Noise, draft: Draft, channel: str, location: Location) -> Iterator[Problem]:
+    kind = "quantised" if noise.quantisation is not None else "Student's t" if noise.distribution != "normal" else None
+    if kind is None:
+        return
+    has_discrepancy = draft.discrepancy is not None and (
+        not draft.discrepancy.channels or channel in draft.discrepancy.channels
+    )
+    for there, what in ((has_discrepancy, "a discrepancy"), (draft.has_errors, "'simulator.errors'")):
+        if there:
+            message = f"found {kind} noise of {channel!r} beside {what}, expected normal noise"
+            yield Problem(location, f"{message}: only with that can its weights be integrated out")
+    source = draft.channels.get(channel)
+    if noise.quantisation is not None and source is not None and len(source.column) > 1:
+        message = f"found 'quantisation' of {channel!r}, which is made of {len(source.column)} columns"
+        yield Problem(
+            (*location, "quantisation"), f"{message}, expected one column: their {source.combine} has no steps"
+        )
+
+
+def _check_discrepancy(draft: Draft) -> Iterator[Problem]:
+    discrepancy = draft.discrepancy
+    if discrepancy is None:
+        return
+    temperatures = [name for name, item in draft.observations.items() if item is None or item.heater is None]
+    for k, name in enumerate(discrepancy.channels):
+        if name not in temperatures:
+            yield Problem(("discrepancy", "channels", k), unknown("observed temperature channel", name, temperatures))
+    for part in ("time", "phase"):
+        block = getattr(discrepancy, part)
+        if block is None:
+            continue
+        yield from _check_positive(block.amplitude, ("discrepancy", part, "amplitude"))
+        length = block.lengthscale
+        if length is not None and not isinstance(length, float):
+            lower, upper = support(length)
+            if not (lower > 0.0 and math.isfinite(upper)):
+                message = f"found a {length.kind} prior from {lower:g} to {upper:g}, expected two bounds above zero"
+                wanted = "uniform, truncated_normal or beta, or the discrepancy becomes noise or takes up parameters"
+                yield Problem(("discrepancy", part, "lengthscale"), f"{message}: {wanted}")

@@ -1,0 +1,109 @@
+"""Residual models for the tests, and what they say by dense matrices and by scipy's distributions."""
+
+import numpy as np
+from scipy import stats
+
+from flightcal.calibration import discrepancy
+from flightcal.calibration.likelihood import Residuals
+from flightcal.calibration.noise import CORRELATED, CORRELATED_STUDENT, INDEPENDENT, ROUNDED, STUDENT
+
+SAMPLES = 60
+NUMBERS = np.array(
+    [[0.5, 0.2, 700.0, 5.0, 0.5, 0.8, 900.0, 1.1, 0.2], [0.7, 0.3, 300.0, 3.0, 0.3, 0.5, 1200.0, 0.6, 0.3]]
+)
+"""Standard deviation, white, time, degrees, step; of the discrepancy amplitude and length in time, and in phase."""
+
+
+class Case:
+    """Two channels with gaps, at uneven times."""
+
+    def __init__(self, kinds, discrepant, smoothness=(1.5, 2.5), parts=("time", "phase")):
+        rng = np.random.default_rng(0)
+        self.seconds = np.cumsum(rng.uniform(20, 200, SAMPLES))
+        self.phase = self.seconds / 5400.0
+        self.observed = 1.3 * rng.normal(size=(SAMPLES, 2))
+        self.observed[[0, 5, 6, 7, 30], 0] = np.nan
+        self.observed[[59, 12], 1] = np.nan
+        self.simulated = 0.3 * rng.normal(size=(SAMPLES, 2))
+        self.numbers = NUMBERS.copy()
+        self.smoothness = smoothness
+        self.time = discrepancy.time_basis(self.seconds[0], self.seconds[-1], 1500.0, smoothness[0], 12)
+        self.harmonics = discrepancy.PhaseBasis(3)
+        bases = {"time": self.time.at(self.seconds), "phase": self.harmonics.at(self.phase)}
+        frequencies = {"time": self.time.frequencies, "phase": self.harmonics.frequencies}
+        self.parts = parts
+        self.basis = np.concatenate([bases[part] for part in parts], axis=1)
+        valid = np.isfinite(self.observed).T.copy()
+        self.residuals = Residuals(
+            seconds=self.seconds,
+            valid=valid,
+            kinds=np.array(kinds),
+            discrepant=np.array(discrepant),
+            basis=self.basis,
+            transposed=self.basis.T.copy(),
+            products=np.stack([self.basis[own].T @ self.basis[own] for own in valid]),
+            frequency=np.concatenate([frequencies[part] for part in parts]),
+            in_time=np.array([12 if "time" in parts else 0]),
+            smoothness=np.array(smoothness),
+            factor=np.array([discrepancy.matern_factor(nu) for nu in smoothness]),
+        )
+
+    def valid(self, channel):
+        return np.isfinite(self.observed[:, channel])
+
+    def residual(self, channel):
+        return (self.observed - self.simulated)[self.valid(channel), channel]
+
+    def prior_variances(self, channel):
+        """Of the weights [m]: Matern spectral densities by the book (Rasmussen & Williams 2006, eq. 4.15)."""
+        *_, time_size, time_length, phase_size, phase_length = self.numbers[channel]
+        parts = []
+        if "time" in self.parts:
+            w, rate = self.time.frequencies, np.sqrt(2 * self.smoothness[0]) / time_length
+            density = {
+                1.5: 4 * rate**3 / (rate**2 + w**2) ** 2,
+                2.5: 16 / 3 * rate**5 / (rate**2 + w**2) ** 3,
+            }[self.smoothness[0]]
+            parts.append(time_size**2 * density)
+        if "phase" in self.parts:
+            w, nu = self.harmonics.frequencies, self.smoothness[1]
+            density = (2 * nu / phase_length**2 + w**2) ** (-nu - 0.5)
+            both_signs = np.where(w == 0, 1, 2) * density
+            parts.append(phase_size**2 * both_signs / both_signs[:4].sum())
+        return np.concatenate(parts)
+
+    def noise_covariance(self, channel, seconds):
+        deviation, white, time = self.numbers[channel, :3]
+        if self.residuals.kinds[channel] == INDEPENDENT:
+            return deviation**2 * np.eye(len(seconds))
+        apart = np.abs(seconds[:, None] - seconds)
+        return white**2 * np.eye(len(seconds)) + deviation**2 * np.exp(-apart / time)
+
+    def covariance(self, channel):
+        valid = self.valid(channel)
+        total = self.noise_covariance(channel, self.seconds[valid])
+        if self.residuals.discrepant[channel]:
+            basis = self.basis[valid]
+            total = total + basis * self.prior_variances(channel) @ basis.T
+        return total
+
+    def dense(self):
+        """The log likelihood of both channels."""
+        return sum(self._dense(channel) for channel in range(2))
+
+    def _dense(self, channel):
+        kind, residual = self.residuals.kinds[channel], self.residual(channel)
+        deviation, _, time, degrees, step = self.numbers[channel, :5]
+        if kind in (INDEPENDENT, CORRELATED):
+            return stats.multivariate_normal.logpdf(residual, np.zeros(len(residual)), self.covariance(channel))
+        if kind == STUDENT:
+            return stats.t(degrees, 0, deviation).logpdf(residual).sum()
+        if kind == CORRELATED_STUDENT:
+            decay = np.exp(-np.diff(self.seconds[self.valid(channel)]) / time)
+            decay = np.concatenate([[0.0], decay])
+            innovations = residual - decay * np.concatenate([[0.0], residual[:-1]])
+            return stats.t(degrees, 0, deviation * np.sqrt(1 - decay**2)).logpdf(innovations).sum()
+        assert kind == ROUNDED
+        above = stats.norm.logsf((np.abs(residual) - step / 2) / deviation)
+        beyond = stats.norm.logsf((np.abs(residual) + step / 2) / deviation)
+        return (above + np.log1p(-np.exp(beyond - above)) - np.log(step)).sum()

@@ -1,0 +1,185 @@
+"""Noise and discrepancy of a problem: what of them is in theta, and that both ways to the density agree."""
+
+import numpy as np
+import pytest
+from scipy import stats
+
+from flightcal.calibration import build_problem, climb, find_mode
+from flightcal.calibration.likelihood import log_likelihood
+from flightcal.calibration.noise import CORRELATED, DEVIATION, PHASE_LENGTH, TIME, WHITE
+from flightcal.calibration.start import fit_residuals
+from flightcal.calibration.whitening import whitening
+from flightcal.errors import ScenarioError
+
+from .. import small
+
+MODELS = {
+    "iid": ({}, None),
+    "ar1": ({"model": "ar1"}, None),
+    "ar1 and white": ({"model": "ar1", "white": {"half_normal": "0.1 K"}}, None),
+    "student": ({"distribution": "student_t", "degrees_of_freedom": {"lognormal": {"median": 5, "factor": 2}}}, None),
+    "correlated student": ({"model": "ar1", "distribution": "student_t"}, None),
+    "quantised": ({"quantisation": "0.2 K"}, None),
+    "time": ({}, {"time": {"smoothness": "5/2"}}),
+    "phase": ({}, {"phase": {"shared": ["amplitude", "lengthscale"]}, "channels": ["body_temp"]}),
+    "both": ({}, {"time": {"shared": []}, "phase": {}}),
+    "both and ar1": ({"model": "ar1", "white": "0.05 K"}, {"time": {"functions": 20}, "phase": {"harmonics": 4}}),
+}
+
+
+def made(folder, noise=None, discrepancy=None, **options):
+    written = small.content()
+    written["noise"] = noise or {}
+    written["observations"]["panel_temp"].pop("noise")
+    if discrepancy is not None:
+        written["discrepancy"] = discrepancy
+    scenario, data = small.closed_loop(folder, written, **options)
+    data["body_temp"].values[40:55] = np.nan
+    return scenario, data
+
+
+@pytest.fixture(scope="module", params=MODELS)
+def problem(request, tmp_path_factory):
+    return build_problem(*made(tmp_path_factory.mktemp("residuals"), *MODELS[request.param]))
+
+
+def near_truth(problem, seed=0):
+    theta = problem.priors.median()
+    for name, value in (small.TRUTH | {"initial.body": 285.0, "initial.panel": 262.0}).items():
+        if name in problem.names:
+            theta[problem.names.index(name)] = value
+    return problem.to_z(theta) + 0.05 * np.random.default_rng(seed).standard_normal(len(theta))
+
+
+def test_names_stand_between_parameters_and_initial_temperatures(tmp_path):
+    noise, discrepancy = MODELS["ar1 and white"][0], {"time": {}, "phase": {"shared": []}}
+    problem = build_problem(*made(tmp_path, noise, discrepancy))
+    channels = ("body_temp", "panel_temp")
+    assert problem.names == (
+        *("link", "panel_size", "power"),
+        *(f"noise.{channel}{what}" for what in ("", ".white", ".correlation_time") for channel in channels),
+        *(f"discrepancy.time.amplitude.{channel}" for channel in channels),
+        "discrepancy.time.lengthscale",
+        *(f"discrepancy.phase.{what}.{channel}" for what in ("amplitude", "lengthscale") for channel in channels),
+        *("initial.body", "initial.panel"),
+    )
+    theta = problem.priors.median() * (1 + 0.001 * np.arange(len(problem.names)))
+    numbers = problem.numbers(theta)
+    for name, column in (("noise.{}", DEVIATION), ("noise.{}.white", WHITE), ("noise.{}.correlation_time", TIME)):
+        expected = [theta[problem.names.index(name.format(channel))] for channel in channels]
+        np.testing.assert_array_equal(numbers[:, column], expected)
+    np.testing.assert_array_equal(
+        numbers[:, PHASE_LENGTH],
+        [theta[problem.names.index(f"discrepancy.phase.lengthscale.{channel}")] for channel in channels],
+    )
+    np.testing.assert_allclose(problem.noise(theta), np.hypot(numbers[:, DEVIATION], numbers[:, WHITE]))
+
+
+@pytest.mark.parametrize("seed", range(2))
+def test_the_c_function_is_what_the_parts_give_in_python(problem, seed):
+    z = near_truth(problem, seed)
+    prior = problem.priors.at(z)
+    run, pull_back = problem.simulator.linearise(prior.theta[problem.simulated])
+    value, temperatures_bar, numbers_bar = log_likelihood(
+        problem.residuals.compiled, problem.observed, run.temperatures, problem.numbers(prior.theta)
+    )
+    theta_bar = np.zeros_like(z)
+    theta_bar[problem.simulated] = pull_back(temperatures_bar)
+    for channel, column, position in zip(*problem.places, strict=True):
+        theta_bar[position] += numbers_bar[channel, column]
+    found, gradient = problem.log_density_and_gradient(z)
+    assert found == pytest.approx(prior.log_density + value, rel=1e-12)
+    np.testing.assert_allclose(gradient, prior.gradient + prior.slope * theta_bar, rtol=1e-8, atol=1e-8)
+
+
+def test_the_gradient_is_that_of_differences(problem):
+    z = near_truth(problem)
+    gradient = problem.log_density_and_gradient(z)[1]
+    for k, step in enumerate(1e-5 * np.eye(len(z))):
+        difference = (problem.log_density(z + step) - problem.log_density(z - step)) / 2e-5
+        assert gradient[k] == pytest.approx(difference, rel=1e-4, abs=1e-3), problem.names[k]
+
+
+def test_the_gauss_newton_hessian_can_whiten(problem):
+    hessian = problem.gauss_newton_hessian(near_truth(problem))
+    np.testing.assert_allclose(hessian, hessian.T, atol=1e-9 * np.abs(hessian).max())
+    assert np.linalg.eigvalsh(hessian).min() > 0.0
+
+
+def test_of_normal_residuals_it_has_the_parameters_information_of_the_dense_covariance(problem):
+    """J^T C^-1 J, with C from the likelihood of unit residuals; where these are not normal, of their equivalents."""
+    if not problem.residuals.is_normal:
+        pytest.skip("compared with normal residuals only")
+    z = near_truth(problem)
+    numbers = problem.numbers(problem.to_theta(z))
+    jacobian = problem.jacobian(z)
+    expected = np.diag(problem.priors.precision(z))
+    model = problem.residuals
+    for k in range(2):
+        valid = problem.valid[:, k]
+        seconds, basis = model.compiled.seconds[valid], model.compiled.basis[valid]
+        deviation, white, time = numbers[k, :3]
+        if model.compiled.kinds[k] == CORRELATED:
+            covariance = deviation**2 * np.exp(-np.abs(seconds[:, None] - seconds) / time)
+            covariance += white**2 * np.eye(len(seconds))
+        else:
+            covariance = deviation**2 * np.eye(len(seconds))
+        if model.compiled.discrepant[k]:
+            covariance += basis * model.prior_deviations(numbers[k]) ** 2 @ basis.T
+        own = jacobian[valid, k]
+        expected += own.T @ np.linalg.solve(covariance, own)
+    kept = np.ix_(problem.simulated, problem.simulated)
+    found = problem.gauss_newton_hessian(z)
+    np.testing.assert_allclose(found[kept], expected[kept], rtol=1e-6, atol=1e-6 * np.abs(expected).max())
+
+
+def test_errors_are_drawn_with_the_models_own_likelihood(tmp_path):
+    """The expected log density of draws is that of the normal with their covariance, within Monte Carlo error."""
+    problem = build_problem(*made(tmp_path, *MODELS["both and ar1"]))
+    theta = problem.priors.median()
+    numbers, rng = problem.numbers(theta), np.random.default_rng(0)
+    none = np.zeros_like(problem.observed)
+    values = []
+    for _ in range(400):
+        drawn = np.where(problem.valid, problem.draw_errors(theta, rng), np.nan)
+        values.append(log_likelihood(problem.residuals.compiled, drawn, none, numbers)[0])
+    count = problem.valid.sum()
+    at_zero = log_likelihood(problem.residuals.compiled, np.where(problem.valid, 0.0, np.nan), none, numbers)[0]
+    # Twice the drop from the peak is chi-squared with as many degrees of freedom as there are samples.
+    squares = 2.0 * (at_zero - np.array(values))
+    assert squares.mean() == pytest.approx(count, abs=4 * np.sqrt(2 * count / 400))
+    assert stats.kstest(squares, stats.chi2(count).cdf).pvalue > 1e-3
+
+
+def test_where_noise_and_discrepancy_start_is_a_mode_of_them(tmp_path):
+    problem = build_problem(*made(tmp_path, *MODELS["both"]))
+    z = near_truth(problem)
+    started = fit_residuals(problem, z)
+    own = np.unique(problem.places[2])
+    others = np.setdiff1d(np.arange(len(z)), own)
+    np.testing.assert_array_equal(started[others], z[others])
+    assert np.abs(problem.log_density_and_gradient(started)[1][own]).max() < 0.05
+    assert problem.log_density(started) > problem.log_density(z)
+
+
+def test_the_mode_is_found_through_that_of_independent_noise(tmp_path):
+    problem = build_problem(*made(tmp_path, *MODELS["both"]))
+    rng = np.random.default_rng(0)
+    found = find_mode(problem, [], open_loop=problem.open_loop, rng=rng, random_starts=2)[0]
+    assert found.converged
+    assert np.abs(problem.log_density_and_gradient(found.z)[1]).max() < 0.3
+    from_truth = climb(problem, fit_residuals(problem, near_truth(problem)))
+    assert found.log_density == pytest.approx(from_truth.log_density, abs=0.01)
+    theta = dict(zip(problem.names, problem.to_theta(found.z), strict=True))
+    assert theta["link"] == pytest.approx(0.65, abs=0.02)
+    coordinates = whitening(found.z, problem.gauss_newton_hessian(found.z))
+    assert np.isfinite(problem.native_density(coordinates)(0.1 * np.ones(len(found.z)))[0])
+
+
+def test_too_few_functions_for_a_short_lengthscale_are_named(tmp_path):
+    discrepancy = {"time": {"functions": 20, "lengthscale": {"uniform": ["2 min", "40 min"]}}}
+    scenario, data = made(tmp_path, {}, discrepancy)
+    with pytest.raises(
+        ScenarioError, match=r"discrepancy.time: found 20 functions for lengthscales from 2 min on, expec"
+    ):
+        build_problem(scenario, data)
