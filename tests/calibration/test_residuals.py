@@ -183,3 +183,14 @@ def test_too_few_functions_for_a_short_lengthscale_are_named(tmp_path):
         ScenarioError, match=r"discrepancy.time: found 20 functions for lengthscales from 2 min on, expec"
     ):
         build_problem(scenario, data)
+
+
+@pytest.mark.parametrize("model", ["time", "both and ar1"])
+def test_the_beginning_of_a_window_has_the_density_of_telemetry_that_ends_there(model, tmp_path):
+    scenario, data = made(tmp_path, *MODELS[model])
+    whole = build_problem(scenario, data)
+    elapsed = (whole.times - whole.times[0]) / (whole.times[-1] - whole.times[0])
+    late = data["time"].isin(whole.times[elapsed > 0.5])
+    ended = build_problem(scenario, data.assign({name: data[name].where(~late) for name in whole.simulator.channels}))
+    z = near_truth(whole)
+    assert whole.beginning(0.5).log_density(z) == pytest.approx(ended.log_density(z), rel=1e-12)
