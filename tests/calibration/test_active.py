@@ -1,5 +1,7 @@
 """Calibration through an emulator, against the same calibration of the real simulator, whose truth is known."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
@@ -135,6 +137,20 @@ def test_the_start_design_goes_through_the_priors(problem):
     quarters = np.stack([scale.quantile(share) for share in (0.25, 0.5, 0.75)])
     counts = np.stack([(design < quarter).sum(axis=0) for quarter in quarters])
     np.testing.assert_allclose(counts / 64, [[0.25] * 5, [0.5] * 5, [0.75] * 5], atol=0.05)
+
+
+def test_a_channel_without_samples_leaves_its_noise_to_the_prior(problem):
+    runs = derivative_free.empty(problem).add(
+        derivative_free.evaluator(problem.simulator)(start_design(simulated_priors(problem), 8, seed=3)), 0
+    )
+    observed = problem.observed.copy()
+    noise = problem.names.index("noise.body_temp")
+    assert len(np.unique(active._best_runs(problem, runs)[:, noise])) > 1
+    observed[:, 0] = np.nan
+    best = active._best_runs(replace(problem, observed=observed), runs)
+    assert (best[:, noise] == problem.priors.median()[noise]).all()
+    panel = np.sqrt(np.mean((runs.temperatures - problem.observed)[:, :, 1] ** 2, axis=1))
+    np.testing.assert_array_equal(best[0][problem.simulated], runs.theta[np.argmin(panel)])
 
 
 def test_a_thermostats_window_is_looked_at_from_its_beginning(tmp_path, monkeypatch):

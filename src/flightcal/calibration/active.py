@@ -174,7 +174,8 @@ def learn(
         shown = problem if beginning is None or samples == whole else beginning(samples)
         seen = part if samples == whole else slice(0, samples)
         simulator = EmulatedSimulator(emulator, scale, seen, heater_powers=problem.simulator.heater_power)
-        emulated = replace(shown, simulator=simulator, open_loop=None)
+        # One scale of z for all rounds, though a prior may be centred on a sample that the beginning has not.
+        emulated = replace(shown, simulator=simulator, priors=problem.priors, open_loop=None)
         finished = runs.take(runs.finished).during(part).during(slice(0, samples))
         before, belief = belief, _posterior(emulated, finished, belief, rng)
         share, shift = influence(emulated, belief.z, rng)
@@ -312,13 +313,15 @@ def _posterior(problem: Problem, runs: TrainingRuns, before: _Belief | None, rng
 def _best_runs(problem: Problem, runs: TrainingRuns) -> FloatArray:
     """Thetas [., d] of the finished runs of the highest density, with each channel's inferred noise at its RMSE."""
     residuals = np.where(problem.valid, problem.observed - runs.temperatures, 0.0)
-    rmse = np.sqrt(np.einsum("stn,stn->sn", residuals, residuals) / problem.valid.sum(axis=0))
+    samples = problem.valid.sum(axis=0)
+    rmse = np.sqrt(np.einsum("stn,stn->sn", residuals, residuals) / np.maximum(samples, 1))
     thetas = np.tile(problem.priors.median(), (len(runs), 1))
     thetas[:, problem.simulated] = runs.theta
     channels, positions = problem.inferred_noise
-    thetas[:, positions] = np.maximum(rmse[:, channels], _LEAST_NOISE)
+    told = samples[channels] > 0
+    thetas[:, positions[told]] = np.maximum(rmse[:, channels[told]], _LEAST_NOISE)
     noise = np.stack([problem.noise(theta) for theta in thetas])
-    density = -problem.valid.sum(axis=0) @ (np.log(noise) + 0.5 * (rmse / noise) ** 2).T
+    density = -samples @ (np.log(noise) + 0.5 * (rmse / noise) ** 2).T
     density += problem.priors.at(problem.to_z(thetas)).log_density
     return thetas[np.argsort(-density)[:_MODE_STARTS]]
 
