@@ -205,5 +205,5 @@ def test_the_cost_of_an_effective_draw_is_that_of_the_worst_quantity(page):
 
 def test_it_says_how_the_mode_was_sought_and_which_status_counts(page):
     assert "The mode was sought in open loop, and finished in closed loop." in page
-    assert "start around the best of 1 found, from open loop from prior draw 2." in page
+    assert "start around the best of 1 found (open loop from prior draw 2)." in page
     assert "In the likelihood besides the temperatures: switch times of battery_htr." in page

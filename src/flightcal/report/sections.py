@@ -5,6 +5,7 @@ from __future__ import annotations
 import json
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 import plotly.graph_objects as go
@@ -457,14 +458,14 @@ def _contradiction(window: str, of_window: Sequence[ResidualCheck]) -> str:
     )
 
 
-def _mode_search(attributes: Mapping[str, str]) -> list[Block]:
+def _mode_search(attributes: Mapping[Any, Any]) -> list[Block]:
     """How the mode was sought, and where the chains start."""
     search = json.loads(attributes.get("mode_search", "{}"))
     if not search.get("modes"):
         return []
     best = search["modes"][0]
     words = f"The mode was sought {search['sought']}. The chains start around the best of {len(search['modes'])} found"
-    return [_text(f"{words}, from {best['origin']}" + ("." if best["converged"] else "; the search did not converge."))]
+    return [_text(f"{words} ({best['origin']})" + ("." if best["converged"] else "; the search did not converge."))]
 
 
 def _heaters(run: RunFiles) -> list[Block]:
