@@ -27,6 +27,7 @@ from .calibration import (
     calibration_problem,
     genetic_points,
     posterior_tree,
+    search_record,
     with_residual_noise,
 )
 from .calibration.emulated import needs_emulator
@@ -40,6 +41,9 @@ from .scenario import Scenario, SimulatorModel, input_files, load_scenario, reso
 from .simulator.system import FloatArray
 from .telemetry import quality_table, read_telemetry
 from .validation import Metric, score
+
+_UNITS = {"timing": "s", "error_rate": "", "drift": ""}
+"""Of what is calibrated beside the scenario's parameters, where it is not a temperature."""
 
 
 @dataclass(frozen=True)
@@ -165,6 +169,7 @@ def _nuts_stage(
                 on_start=listener.search,
                 progress=listener.sampling,
             )
+            run.log(stage="nuts", mode_search=search_record(sampled, posterior.modes))
             interrupted = posterior.draws.interrupted
             if posterior.theta.shape[1] == 0:
                 raise RunError("sampling was interrupted before the first draw; run the same command to start it again")
@@ -263,7 +268,7 @@ def parameter_records(problem: AnyProblem) -> list[dict[str, Any]]:
             {
                 "name": name,
                 "kind": "parameter" if parameter else name.split(".")[0],
-                "unit": parameter.unit if parameter else "" if name.startswith("drift.") else "K",
+                "unit": parameter.unit if parameter else _UNITS.get(name.split(".")[0], "K"),
                 "target": [*parameter.sets, *parameter.scales] if parameter else [],
                 "mode": ("sets" if parameter.sets else "scales") if parameter else "",
                 "prior": f"{prior.kind}: {values}",

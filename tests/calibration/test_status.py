@@ -5,7 +5,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from flightcal.calibration import build_problem, find_mode
+from flightcal.calibration import Mode, build_problem, find_mode, search_record
 from flightcal.calibration.status import THRESHOLD_ERROR, heater_status, measured_switches
 from flightcal.simulator import open_loop
 
@@ -186,3 +186,14 @@ def test_a_scenario_that_gives_status_no_likelihood_has_none(tmp_path):
     assert problem.heater_status is None
     assert problem.open_loop.measured_switches is None
     assert problem.status_settings(np.zeros(len(problem.names))).size == 0
+
+
+@pytest.mark.parametrize("likelihood", [None, INFERRED], ids=["temperatures alone", "status too"])
+def test_the_search_is_put_on_record(tmp_path, likelihood):
+    written_without = small.content() if likelihood is None else written(likelihood)
+    problem = build_problem(*small.closed_loop(tmp_path, written_without))
+    record = search_record(problem, [Mode(np.zeros(1), -np.inf, False, 3, "prior draw 1")])
+    assert record["sought"].startswith("in open loop")
+    assert ("thresholds" in record["sought"]) == (likelihood is not None)
+    assert record["modes"] == [{"origin": "prior draw 1", "log_density": None, "converged": False}]
+    assert search_record(problem.open_loop, [])["sought"] == "in closed loop"

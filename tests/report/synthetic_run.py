@@ -236,6 +236,13 @@ def _posterior_tree(
     )
     tree.attrs = {
         "interrupted": "false",
+        "mode_search": json.dumps(
+            {
+                "sought": "in open loop, and finished in closed loop",
+                "modes": [{"origin": "open loop from prior draw 2", "log_density": -310.5, "converged": True}],
+            }
+        ),
+        "status_likelihood": json.dumps({"battery_htr": "switch times"}),
         "switch_sequences": json.dumps([{"window": "train", "sequences": 7, "share_of_most_common": 0.62}]),
     }
     return tree

@@ -201,3 +201,9 @@ def test_the_cost_of_an_effective_draw_is_that_of_the_worst_quantity(page):
     found = re.search(r"([\d,.\u202f ]+) gradients of the log density.*?, ([\d.]+) for each effective draw", page)
     worst = 900.0 - 20 * (len(names()) - 1)
     assert float(found.group(2)) == pytest.approx(31_250 / worst, abs=0.05)
+
+
+def test_it_says_how_the_mode_was_sought_and_which_status_counts(page):
+    assert "The mode was sought in open loop, and finished in closed loop." in page
+    assert "start around the best of 1 found (open loop from prior draw 2)." in page
+    assert "In the likelihood besides the temperatures: switch times of battery_htr." in page

@@ -9,6 +9,7 @@ from .methods import (
     genetic_points,
     mean_and_some,
     posterior_tree,
+    search_record,
     with_residual_noise,
 )
 from .mode import Mode, climb, find_mode
@@ -34,5 +35,6 @@ __all__ = [
     "genetic_points",
     "mean_and_some",
     "posterior_tree",
+    "search_record",
     "with_residual_noise",
 ]

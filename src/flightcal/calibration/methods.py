@@ -16,7 +16,7 @@ from ..scenario import GeneticSettings, NutsSettings
 from ..simulator.system import FloatArray
 from .diagnostics import Diagnostics, diagnose
 from .genetic import minimise
-from .joint import AnyProblem
+from .joint import AnyProblem, JointProblem
 from .mode import Mode, find_mode
 from .nuts import Draws, sample
 from .whitening import whitening
@@ -160,6 +160,35 @@ def calibrate_nuts(
     return Posterior(problem.names, theta, draws, modes, diagnose(posterior, draws.statistics, settings))
 
 
+def search_record(problem: AnyProblem, modes: Sequence[Mode]) -> dict[str, Any]:
+    """How the mode was sought, in words, and what was found: for the log and the report."""
+    opened = problem.open_loop
+    if opened is None:
+        how = "in closed loop" if problem.simulator.heaters else "without heaters"
+    else:
+        how = (
+            "in open loop, heaters driven by their measured status, and finished in closed loop, thermostats simulated"
+        )
+        first = opened.problems[0] if isinstance(opened, JointProblem) else opened
+        if first.measured_switches is not None:
+            how += "; in open loop sensors are held to their thresholds when heaters are seen to switch"
+    found = [
+        {
+            "origin": mode.origin,
+            "log_density": float(mode.log_density) if np.isfinite(mode.log_density) else None,
+            "converged": mode.converged,
+        }
+        for mode in modes
+    ]
+    return {"sought": how, "modes": found}
+
+
+def _status_forms(problem: AnyProblem) -> dict[str, str]:
+    """Status channels that count in the likelihood, and as what."""
+    forms = {name: item.likelihood for name, item in problem.scenario.observations.items() if item.likelihood}
+    return {name: "switch times" if form.switch_times else "duty cycle" for name, form in forms.items()}
+
+
 def mean_and_some(thetas: FloatArray, count: int, seed: int) -> FloatArray:
     """The mean of posterior draws thetas [S, d] and at most `count` of them: [1 + count, d]."""
     chosen = np.random.default_rng(seed).choice(len(thetas), min(count, len(thetas)), replace=False)
@@ -215,6 +244,8 @@ def posterior_tree(
             "/": xarray.Dataset(
                 attrs={
                     "interrupted": str(posterior.draws.interrupted).lower(),
+                    "mode_search": json.dumps(search_record(problem, posterior.modes)),
+                    "status_likelihood": json.dumps(_status_forms(problem)),
                     "switch_sequences": json.dumps(
                         [
                             {

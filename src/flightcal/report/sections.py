@@ -3,8 +3,9 @@
 from __future__ import annotations
 
 import json
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 import plotly.graph_objects as go
@@ -287,6 +288,7 @@ def _convergence(run: RunFiles) -> list[Block]:
     blocks += _genetic_convergence(run)
     if run.posterior is None:
         return [*blocks, _note("There are no chains in this run (posterior.nc).")]
+    blocks += _mode_search(run.posterior.attrs)
     dataset = run.posterior["posterior"].to_dataset()
     infos = [i for i in run.parameters if i.name in dataset]
     if infos:
@@ -456,6 +458,16 @@ def _contradiction(window: str, of_window: Sequence[ResidualCheck]) -> str:
     )
 
 
+def _mode_search(attributes: Mapping[Any, Any]) -> list[Block]:
+    """How the mode was sought, and where the chains start."""
+    search = json.loads(attributes.get("mode_search", "{}"))
+    if not search.get("modes"):
+        return []
+    best = search["modes"][0]
+    words = f"The mode was sought {search['sought']}. The chains start around the best of {len(search['modes'])} found"
+    return [_text(f"{words} ({best['origin']})" + ("." if best["converged"] else "; the search did not converge."))]
+
+
 def _heaters(run: RunFiles) -> list[Block]:
     with_heaters = {n: w for n, w in run.windows.items() if w.sizes.get("heater", 0)}
     if not with_heaters:
@@ -470,7 +482,12 @@ def _heaters(run: RunFiles) -> list[Block]:
     ]
     if run.metrics:
         blocks.append(Block("folded", "Errors and agreement of every method", table=tables.heater_scores(run.metrics)))
-    sequences = json.loads(run.posterior.attrs.get("switch_sequences", "[]")) if run.posterior is not None else []
+    attributes = {} if run.posterior is None else run.posterior.attrs
+    counted = json.loads(attributes.get("status_likelihood", "{}"))
+    if counted:
+        forms = listed([f"{form} of {channel}" for channel, form in counted.items()])
+        blocks.append(_text(f"In the likelihood besides the temperatures: {forms}."))
+    sequences = json.loads(attributes.get("switch_sequences", "[]"))
     if sequences:
         several = any(s["sequences"] > 1 for s in sequences)
         words = (

@@ -39,8 +39,6 @@ class Workspace(NamedTuple):
     """[d] its cotangent."""
     temperatures_bar: Any
     """[T, N] cotangent of the temperatures."""
-    switches_bar: Any
-    """[at least E] cotangent of the switches' times; zero unless a likelihood fills it."""
     numbers: Any
     packed: Any
     packed_bar: Any
@@ -57,6 +55,8 @@ class Workspace(NamedTuple):
     states_bar: Any
     heat_bar: Any
     adjoint_memory: Any
+    switches_bar: Any
+    """[at least E] cotangent of the switches' times; zero unless a likelihood fills it."""
 
 
 def make_window(simulator: NetworkSimulator) -> Window:
@@ -89,7 +89,6 @@ def make_workspace(simulator: NetworkSimulator) -> Workspace:
         theta=np.empty((1, parameters)),
         theta_bar=np.empty(parameters),
         temperatures_bar=np.empty((samples, channels)),
-        switches_bar=np.zeros(capacity if len(structure.sensor) else 0),
         numbers=np.empty((1, numbers)),
         packed=np.empty((1, packed)),
         packed_bar=np.empty(packed),
@@ -105,6 +104,7 @@ def make_workspace(simulator: NetworkSimulator) -> Workspace:
         states_bar=np.empty((len(drive.times), len(structure.mass))),
         heat_bar=np.empty((len(structure.mass), len(drive.times))),
         adjoint_memory=np.empty(adjoint_memory_size(structure)),
+        switches_bar=np.zeros(capacity if len(structure.sensor) else 0),
     )
 
 
