@@ -36,8 +36,8 @@ from .smoothness import Scan
 _BINS = 300
 _LEAST = 1e-3
 """Information below this is drawn here."""
-_DEPTH = 12.0
-"""Nats below the best that a scan shows at least."""
+_DEPTHS = (8.0, 40.0)
+"""Nats below the best that a scan shows at least and at most."""
 
 
 def figure_widths(found: Identifiability) -> go.Figure:
@@ -127,7 +127,8 @@ def figure_scan(scan: Scan, info: ParameterInfo) -> go.Figure:
     figure = go.Figure()
     x = scan.theta + info.offset
     height = np.where(np.isfinite(scan.log_density), scan.log_density, np.nan)
-    depth = max(_DEPTH, float(np.nanmax(height) - np.nanmin(height)) if np.isfinite(height).any() else _DEPTH)
+    span = float(np.nanmax(height) - np.nanmin(height)) if np.isfinite(height).any() else 0.0
+    depth = min(max(span, _DEPTHS[0]), _DEPTHS[1])
     figure.add_scatter(
         x=x, y=-0.5 * scan.place**2, mode="lines", line={"color": PRIOR, "width": 1.2, "dash": "dash"}, hoverinfo="skip"
     )
@@ -140,7 +141,7 @@ def figure_scan(scan: Scan, info: ParameterInfo) -> go.Figure:
     if scan.jumps:
         figure.add_scatter(
             x=[jump.theta + info.offset for jump in scan.jumps],
-            y=np.interp([jump.place for jump in scan.jumps], scan.place, height),
+            y=np.maximum(np.interp([jump.place for jump in scan.jumps], scan.place, height), -depth),
             mode="markers", marker={"color": WARNING, "symbol": "x", "size": 9},
             text=[f"{jump.nats:.3g} nats {jump.heater}" for jump in scan.jumps],
             hovertemplate="%{text}<extra></extra>",

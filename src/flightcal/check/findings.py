@@ -24,6 +24,8 @@ _MOSTLY = 0.95
 _FAILURES = 0.05
 _SERIOUS = 1.0
 """Nats from which a jump hinders a sampler."""
+_CLIFF = 100.0
+"""Nats beyond which nothing of the posterior is left on the lower side."""
 _NEAR = 2.0
 """Standard deviations within which most of the posterior is."""
 _LARGE = 0.25
@@ -308,7 +310,7 @@ def _jumps(checked: Checked) -> list[Finding]:
         return [Finding("good", "The log density is smooth", text)]
     serious = [jump for jump in jumps if abs(jump.nats) >= _SERIOUS and abs(jump.place) <= _NEAR]
     causes = sorted({jump.heater for jump in jumps if jump.heater})
-    title = f"The log density jumps by up to {number(abs(jumps[0].nats), 2)} nats {where}"
+    title = f"The log density jumps by {_nats(jumps[0].nats, 'up to ')} {where}"
     text = (
         f"Along {listed(sorted({jump.name for jump in jumps}))}. "
         + (
@@ -316,8 +318,8 @@ def _jumps(checked: Checked) -> list[Finding]:
             if causes
             else "No heater switches otherwise there: look for a discontinuity in the simulator. "
         )
-        + "A sampler that crosses such a place diverges or sticks; move the window, or let thresholds be uncertain "
-        "only within what the on-board software sets."
+        + "A sampler that crosses such a place diverges, or stays on one side of it. Choose a window in which the "
+        "sensor keeps clear of its threshold, or drive the heaters by their measured status (heater_input: measured)."
     )
     return [Finding("bad" if serious else "warn", title, text, tuple(jump_words(checked, jump) for jump in jumps))]
 
@@ -326,14 +328,19 @@ def jump_words(checked: Checked, jump: Jump) -> str:
     """A jump with its place and its cause."""
     words = (
         f"{jump.name} at {checked.value(jump.name, jump.theta)} ({number(jump.place, 2)} standard deviations from the "
-        f"mode): {number(jump.nats, 3)} nats"
+        f"mode): {'up' if jump.nats > 0 else 'down'} by {_nats(jump.nats)} as it grows"
     )
     if not jump.heater:
         return words + "."
     time = checked.start + np.timedelta64(round(1e3 * jump.seconds), "ms")
     moment = str(np.datetime_as_string(time, unit="s")).replace("T", " ")
     below, above = jump.switches
-    return f"{words}; {jump.heater} switches {below} times below and {above} above, first otherwise at {moment}."
+    return f"{words}; {jump.heater} switches {below} times below and {above} above: the runs part at {moment} UTC."
+
+
+def _nats(value: float, before: str = "") -> str:
+    """The size of a jump; of a cliff only that it is one."""
+    return f"more than {_CLIFF:.0f} nats" if abs(value) > _CLIFF else f"{before}{number(abs(value), 2)} nats"
 
 
 # --- sensitivity and profiles ----------------------------------------------------------------------------------

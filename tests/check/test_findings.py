@@ -1,0 +1,70 @@
+"""What a check says in words, of problems whose faults are known."""
+
+import numpy as np
+import pytest
+
+from flightcal.check.evaluate import THOROUGH
+from flightcal.check.findings import findings_of, verdict_of
+from flightcal.check.run import check
+from flightcal.report.verdict import Finding
+from flightcal.scenario import Normal
+from flightcal.simulator.system import Switch
+
+from .problems import formula_problem, infos, samples
+
+PRIORS = {"level": Normal(mean=1.0, standard_deviation=1.0), "idle": Normal(mean=0.0, standard_deviation=1.0)}
+TRUTH = {"level": 1.0, "idle": 0.0}
+
+
+def findings_for(problem):
+    return findings_of(check(problem, THOROUGH, infos(problem)))
+
+
+def found_in(findings, words):
+    return next(finding for finding in findings if words in finding.title)
+
+
+@pytest.fixture(scope="module")
+def grazed():
+    """Above a level that lies half a standard deviation off the mode, the heater switches twice more."""
+
+    def high(theta):
+        return theta[0] > 1.003
+
+    def temperatures(theta):
+        return 290.0 + np.ones((samples(), 2)) * (theta[0] + 0.01 * high(theta))
+
+    def switches(theta):
+        times = [600.0, 900.0, 4000.0, 4300.0] if high(theta) else [600.0, 900.0]
+        return Switch(np.array(times), np.zeros(len(times), np.int64), np.tile([1.0, 0.0], len(times) // 2))
+
+    return findings_for(formula_problem(PRIORS, temperatures, TRUTH, switches=switches, heaters=("heater",)))
+
+
+def test_a_jump_near_the_mode_matters_and_is_explained(grazed):
+    finding = found_in(grazed, "The log density jumps by")
+    assert finding.state == "bad"
+    assert "grazes a threshold of heater" in finding.text
+    (words,) = [detail for detail in finding.details if detail.startswith("level at 1.003 K")]
+    assert "heater switches 2 times below and 4 above: the runs part at 2024-03-01 01:06:40 UTC" in words
+
+
+def test_a_parameter_of_which_the_telemetry_says_nothing_is_a_caution_with_advice(grazed):
+    finding = found_in(grazed, "The telemetry says next to nothing of idle")
+    assert finding.state == "warn"
+    assert "100% as wide as the prior" in finding.text
+    assert "Fix it" in finding.text
+
+
+def test_the_verdict_counts_what_matters_and_what_is_a_caution(grazed):
+    passed, words = verdict_of(grazed)
+    assert not passed
+    assert "1 finding matters" in words
+    good, warn = Finding("good", "a", "b"), Finding("warn", "a", "b")
+    assert verdict_of([good, good]) == (True, "Ready to sample: nothing stands against it.")
+    assert verdict_of([good, warn]) == (True, "Ready to sample, with 1 caution.")
+
+
+def test_a_check_is_a_function_of_its_seed():
+    problem = formula_problem(PRIORS, lambda t: 290.0 + t[0] * np.ones((samples(), 2)), TRUTH)
+    assert findings_for(problem) == findings_for(problem)
