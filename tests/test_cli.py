@@ -13,7 +13,7 @@ from flightcal.cli import GATE_FAILED, INTERRUPTED, USER_ERROR, app
 from tests.test_experiment import write
 
 run = CliRunner().invoke
-COMMANDS = ("demo", "init", "lint", "schema", "simulate", "calibrate", "campaign", "report", "validate")
+COMMANDS = ("demo", "init", "lint", "schema", "simulate", "calibrate", "campaign", "report", "validate", "compare")
 
 
 def test_help_lists_every_command():

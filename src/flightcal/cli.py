@@ -265,6 +265,28 @@ def campaign(
         )
 
 
+@app.command(epilog="Example: `flightcal compare scenario.yaml --out runs/compared`")
+@_user_errors_are_messages
+def compare(
+    scenario: ScenarioFile,
+    out: Annotated[Path, typer.Option(help="Folder of the runs; what is done in it is not run again.")],
+    models: Annotated[
+        str, typer.Option(help="Which to compare: iid, ar1, and the discrepancies time, phase and both.")
+    ] = "iid,ar1,time,phase,both",
+    telemetry: TelemetryPlace = None,
+) -> None:
+    """Calibrate with several models of noise and discrepancy, compare them on unseen windows, and recommend one."""
+    from .compare import compare_models
+    from .progress import Display, print_comparison
+
+    chosen = [model.strip() for model in models.split(",") if model.strip()]
+    with Display() as display:
+        comparison = compare_models(scenario, out, chosen, telemetry=telemetry, listener=display, say=display.learning)
+    print_comparison(comparison)
+    if not comparison.passed:
+        raise typer.Exit(GATE_FAILED)
+
+
 @app.command(epilog="Example: `flightcal validate scenario.yaml --repeats 200 --out runs/validation`")
 @_user_errors_are_messages
 def validate(

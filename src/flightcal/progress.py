@@ -14,12 +14,13 @@ from rich.table import Table
 from rich.text import Text
 
 from .experiment import Summary
-from .validate import Validation
 from .validation import comparison_table
 from .validation.simulation_based import INTERVALS
 
 if TYPE_CHECKING:
     from .check import CheckSummary
+    from .compare import Comparison as ModelComparison
+    from .validate import Validation
 
 _TITLES = {
     "read": "reading telemetry",
@@ -196,6 +197,24 @@ def print_validation(validation: Validation, console: Console | None = None) -> 
         table.add_row(check.name, f"{check.p_value:.3f}", *covered, contraction, f"{check.score:.2f}")
     console.print(table)
     console.print(f"page: {validation.folder / 'validation.html'}", highlight=False, soft_wrap=True)
+
+
+def print_comparison(comparison: ModelComparison, console: Console | None = None) -> None:
+    """The models side by side on the unseen windows, what is recommended, and where the page is."""
+    console = console or Console()
+    table = Table(title="Means over unseen windows, all channels", title_justify="left")
+    for heading in ("model", "RMSE K", "MAPE %", "PICP", "MPIW K", "CRPS K", "log score"):
+        table.add_column(heading, justify="left" if heading == "model" else "right")
+    for model, means in comparison.content["means"].items():
+        shown = [
+            "-" if value is None else f"{value:.1%}" if metric == "picp" else f"{value:.4g}"
+            for metric, value in means.items()
+        ]
+        table.add_row(model, *shown)
+    console.print(table)
+    console.print(f"recommended: [bold]{comparison.content['recommended']}[/bold]", highlight=False)
+    console.print(comparison.content["reason"], highlight=False, markup=False)
+    console.print(f"page: {comparison.folder / 'comparison.html'}", highlight=False, soft_wrap=True, markup=False)
 
 
 def _number(value: float | None) -> str:

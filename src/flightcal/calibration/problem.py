@@ -17,6 +17,7 @@ from typing import Any
 
 import numpy as np
 import xarray
+from numpy.typing import NDArray
 
 from ..environment import orbital_period
 from ..errors import ScenarioError
@@ -359,7 +360,11 @@ class Problem:
     def beginning(self, share: float) -> Problem:
         """The same with the temperatures alone, of the first share of the window."""
         elapsed = (self.times - self.times[0]) / (self.times[-1] - self.times[0])
-        observed = np.where((elapsed <= share)[:, None], self.observed, np.nan)
+        return self.of_temperatures((elapsed <= share)[:, None])
+
+    def of_temperatures(self, kept: NDArray[np.bool_]) -> Problem:
+        """The same with the temperatures alone, and of these only the samples that are kept, [T, N] or [T, 1]."""
+        observed = np.where(kept, self.observed, np.nan)
         residuals = self.residuals.at_samples(np.isfinite(observed))
         return replace(self, observed=observed, residuals=residuals, heater_status=None)
 

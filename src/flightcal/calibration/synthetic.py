@@ -22,7 +22,7 @@ def simulate_telemetry(problem: Problem, theta: FloatArray, rng: np.random.Gener
     ScenarioError where the likelihood is one of duty cycles, which says nothing of the samples.
     """
     run = problem.simulate(theta)
-    temperatures = run.temperatures + problem.noise(theta) * rng.standard_normal(run.temperatures.shape)
+    temperatures = run.temperatures + problem.draw_errors(theta, rng)
     basis = problem.simulator.error_basis
     if basis is not None:
         weights = np.sqrt(run.error_variance) * rng.standard_normal(len(run.error_variance))

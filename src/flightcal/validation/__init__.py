@@ -1,5 +1,6 @@
 """How good a prediction is, and whether its residuals are what the likelihood took them for."""
 
+from .block_loo import BlockLoo, block_log_likelihood, blocks_of, leave_blocks_out
 from .metrics import (
     Comparison,
     Metric,
@@ -9,6 +10,7 @@ from .metrics import (
     duty_cycle_error,
     energy_error,
     format_comparison,
+    log_score_normal,
     mape_celsius,
     mape_kelvin,
     mpiw,
@@ -39,12 +41,15 @@ from .residuals import (
 )
 
 __all__ = [
+    "BlockLoo",
     "Comparison",
     "Coverage",
     "Metric",
     "ResidualCheck",
     "Uniformity",
     "autocorrelation",
+    "block_log_likelihood",
+    "blocks_of",
     "chance_band",
     "check_residuals",
     "check_window",
@@ -58,7 +63,9 @@ __all__ = [
     "effective_samples",
     "energy_error",
     "format_comparison",
+    "leave_blocks_out",
     "ljung_box",
+    "log_score_normal",
     "mape_celsius",
     "mape_kelvin",
     "mpiw",

@@ -94,6 +94,17 @@ def crps_normal(observed: ArrayLike, mean: ArrayLike, standard_deviation: ArrayL
     return _mean(error * weight + spread)
 
 
+def log_score_normal(observed: ArrayLike, mean: ArrayLike, standard_deviation: ArrayLike) -> float:
+    """Mean logarithm of the predicted density of each sample by itself, of normal predictions; larger is better.
+
+    In nats, of a density in 1/K (Gneiting & Raftery 2007, sec. 4.1); -inf where a deviation is zero.
+    """
+    y, mu, sd = _valid(observed, mean, standard_deviation)
+    if not (sd > 0).all():
+        return -math.inf
+    return _mean(-0.5 * ((y - mu) / sd) ** 2 - np.log(sd) - 0.5 * math.log(2 * math.pi))
+
+
 def crps_ensemble(observed: ArrayLike, ensemble: ArrayLike) -> float:
     """Mean continuous ranked probability score of ensembles, K.
 
@@ -201,7 +212,9 @@ def _temperature_scores(part: xr.Dataset, method: str) -> Iterator[Score]:
     seen = np.where(np.isfinite(observed), 0.0, np.nan)
     yield _checked("picp", picp(observed, lower, upper), "1", empty)
     yield _checked("mpiw", mpiw(lower + seen, upper + seen), "K", empty)
-    yield _checked("crps", crps_normal(observed, mean, part["standard_deviation"].values), "K", empty)
+    deviation = part["standard_deviation"].values
+    yield _checked("crps", crps_normal(observed, mean, deviation), "K", empty)
+    yield _checked("log_score", log_score_normal(observed, mean, deviation), "nat", empty)
 
 
 def _heater_scores(part: xr.Dataset) -> Iterator[Score]:

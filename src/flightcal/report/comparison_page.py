@@ -1,0 +1,126 @@
+"""The page of `flightcal compare`: the models of the residuals side by side."""
+
+from __future__ import annotations
+
+import json
+from pathlib import Path
+
+from flightcal.errors import RunError
+
+from .page import compose, write_page
+from .run_files import Record
+from .sections import Block, Section
+from .tables import Table
+from .text import count, number, percent
+from .verdict import Finding
+
+WORDS = {
+    "iid": "independent noise, as published",
+    "ar1": "noise correlated from sample to sample",
+    "time": "discrepancy in time",
+    "phase": "discrepancy in orbit phase",
+    "both": "discrepancy in time and in orbit phase",
+}
+
+SCORES = {
+    # title, digits, and whether more is better (None: neither)
+    "rmse": ("RMSE, K", 3, False),
+    "mape_kelvin": ("MAPE, % of kelvin", 3, False),
+    "picp": ("PICP", 3, None),
+    "mpiw": ("MPIW, K", 3, False),
+    "crps": ("CRPS, K", 3, False),
+    "log_score": ("log score, nat", 3, True),
+}
+
+
+def write_comparison(folder: Path) -> Path:
+    """Writes comparison.html from the comparison.json in `folder`. Raises RunError where that is not there."""
+    file = folder / "comparison.json"
+    try:
+        content: Record = json.loads(file.read_text(encoding="utf-8"))
+    except FileNotFoundError:
+        raise RunError(f"{folder}: found no comparison.json, expected the folder of a comparison") from None
+    except ValueError as error:
+        raise RunError(f"{file}: not JSON: {error}") from None
+    output = folder / "comparison.html"
+    sections = [
+        Section("comparison", "Unseen windows", _scores(content)),
+        Section("channels", "By window and channel", [Block("table", table=_channels(content))]),
+        Section("blocks", "Blocks left out of the training", _blocks(content)),
+    ]
+    write_page(output, compose("flightcal compare", content["name"], folder, "", _findings(content), sections))
+    return output
+
+
+def _findings(content: Record) -> list[Finding]:
+    recommended = content["recommended"]
+    findings = [
+        Finding("good", f"Recommended: {recommended}, {WORDS[recommended]}", content["reason"]),
+    ]
+    failed = [model for model, passed in content["passed"].items() if not passed]
+    if failed:
+        findings.append(
+            Finding("warn", f"Not converged: {', '.join(failed)}", "See their own reports before using their scores.")
+        )
+    return findings
+
+
+def _scores(content: Record) -> list[Block]:
+    rows, states = [], {}
+    for row, model in enumerate(content["models"]):
+        means = content["means"][model]
+        rows.append([f"{model}\n{WORDS[model]}", *(_shown(metric, means[metric]) for metric in SCORES)])
+        for column, (metric, (_, _, more)) in enumerate(SCORES.items(), start=1):
+            values = [content["means"][other][metric] for other in content["models"]]
+            known = [value for value in values if value is not None]
+            if more is not None and known and means[metric] == (max(known) if more else min(known)):
+                states[row, column] = "good"
+        if means["picp"] is not None and not 0.9 <= means["picp"] <= 0.99:
+            states[row, list(SCORES).index("picp") + 1] = "bad"
+    header = ("model", *(title for title, _, _ in SCORES.values()))
+    return [
+        Block("table", table=Table(header, rows, range(1, len(header)), states=states)),
+        Block(
+            "text",
+            "Means over the windows that the calibration has not seen, of all channels together; the best of each "
+            "score is set off. PICP: share of telemetry inside the 95% interval, to be near 95%; MPIW: its mean width, "
+            "which counts only where the interval covers; CRPS and log score judge the whole predicted distribution. The log "
+            "score is the mean logarithm of the predicted density (per kelvin), larger is better.",
+        ),
+    ]
+
+
+def _channels(content: Record) -> Table:
+    rows = [
+        [row["window"], row["channel"], row["model"], *(_shown(metric, row[metric]) for metric in SCORES)]
+        for row in sorted(content["scores"], key=lambda row: (row["window"], row["channel"]))
+    ]
+    header = ("window", "channel", "model", *(title for title, _, _ in SCORES.values()))
+    return Table(header, rows, range(3, len(header)))
+
+
+def _blocks(content: Record) -> list[Block]:
+    rows, states = [], {}
+    for row, (model, loo) in enumerate(content["blocks"].items()):
+        if loo["unreliable"]:
+            states[row, 4] = "warn"
+        rows.append(
+            [model, number(loo["density"], 5), number(loo["below_best"], 3), number(loo["standard_error"], 2),
+             f"{count(loo['unreliable'])} of {count(loo['blocks'])}"]
+        )  # fmt: skip
+    header = ("model", "log density, nat", "below the best", "standard error of that", "blocks with Pareto k above 0.7")
+    return [
+        Block("table", table=Table(header, rows, range(1, len(header)), states=states)),
+        Block(
+            "text",
+            "Each quarter of an orbit of the training window is predicted from all the others (PSIS-LOO in blocks). "
+            "Where Pareto k is above 0.7 leaving the block out changes the posterior too much for this to be exact. "
+            "Neighbours in time are known here, so a discrepancy in time looks better than it is for the future.",
+        ),
+    ]
+
+
+def _shown(metric: str, value: float | None) -> str:
+    if metric == "picp":
+        return percent(value)
+    return number(value, SCORES[metric][1])

@@ -1,0 +1,78 @@
+"""How well a model of the residuals predicts a stretch of the training window from the rest of it.
+
+Leaving out single samples of a series says little: their neighbours know them. So whole blocks are left out, each
+predicted from all others: log p(y_b | y_-b) under the posterior without the block, by Pareto-smoothed importance
+sampling (Vehtari, Gelman & Gabry 2017, Statistics and Computing 27, 1413-1432; blocks: Roberts et al. 2017, Ecography
+40, 913-929).
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import TYPE_CHECKING
+
+import numpy as np
+from numpy.typing import NDArray
+
+from .metrics import Array
+
+if TYPE_CHECKING:
+    from ..calibration.problem import Problem
+
+BLOCKS_PER_ORBIT = 4
+
+UNRELIABLE = 0.7
+"""Pareto k above which leaving a block out changes the posterior too much for its draws to say how."""
+
+
+@dataclass(frozen=True)
+class BlockLoo:
+    """Expected log predictive density of the left-out blocks."""
+
+    density: float
+    """Summed over the blocks, nats."""
+    of_blocks: Array
+    """[B]"""
+    pareto_k: Array
+    """[B]"""
+
+    @property
+    def unreliable(self) -> int:
+        """Blocks whose density cannot be relied on."""
+        return int((self.pareto_k > UNRELIABLE).sum())
+
+
+def blocks_of(times: NDArray[np.datetime64], period: float, per_orbit: int = BLOCKS_PER_ORBIT) -> NDArray[np.int64]:
+    """Number of the block of each sample [T]: equal parts of an orbit of `period` s, from the first sample on."""
+    elapsed = (times - times[0]) / np.timedelta64(1, "ns") * 1e-9
+    part = np.floor(elapsed * per_orbit / period).astype(np.int64)
+    # A part of which there is next to nothing belongs to the one before.
+    last = part == part[-1]
+    if part[-1] > 0 and last.sum() < 0.5 * np.median(np.bincount(part)):
+        part[last] -= 1
+    return np.asarray(np.unique(part, return_inverse=True)[1], np.int64)
+
+
+def block_log_likelihood(problem: Problem, thetas: Array, blocks: NDArray[np.int64]) -> Array:
+    """log p(y_b | y_-b, theta) of the temperatures of each block at thetas [S, d]: [S, B]; NaN where one fails.
+
+    It is log p(y | theta) - log p(y_-b | theta), the likelihood of all samples less that of all others.
+    """
+    whole = problem.of_temperatures(np.ones((len(blocks), 1), bool))
+    others = [problem.of_temperatures((blocks != b)[:, None]) for b in range(blocks.max() + 1)]
+    found = np.full((len(thetas), len(others)), np.nan)
+    for s, (theta, run) in enumerate(zip(thetas, problem.simulate_many(thetas), strict=True)):
+        if run is not None:
+            value = whole.likelihood_of_numbers(run, theta)[0]
+            found[s] = [value - part.likelihood_of_numbers(run, theta)[0] for part in others]
+    return found
+
+
+def leave_blocks_out(log_likelihood: Array) -> BlockLoo:
+    """log_likelihood: [S, B] as of `block_log_likelihood`, of draws of the whole posterior."""
+    from arviz_stats.base import array_stats
+
+    kept = log_likelihood[np.isfinite(log_likelihood).all(axis=1)]
+    # One chain: the draws come shuffled.
+    density, pareto_k, _ = array_stats.loo(kept.T[:, None, :], chain_axis=-2, draw_axis=-1)
+    return BlockLoo(float(density.sum()), np.asarray(density, float), np.asarray(pareto_k, float))
