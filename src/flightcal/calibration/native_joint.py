@@ -14,11 +14,13 @@ from llvmlite import ir
 from numba import types
 from numba.extending import intrinsic
 
-from ..compiled import callback, inlined, store, stored
+from ..compiled import callback, inlined, make_stored, store
 from ..simulator.system import IntArray
 from .native import DENSITY_NOT_FINITE, DIVERGENCE, DRAWS, FAILURES, GRADIENTS, REASON, STOP, STOPPED, NativeDensity
 from .priors import NDTRI, Priors, evaluate
 from .whitening import Whitening
+
+stored = make_stored()
 
 
 class _JointCall(NamedTuple):
