@@ -70,15 +70,23 @@ class _Stored:
     kind: Any = None
 
 
-@intrinsic
-def stored(typing_context: Any, address: Any) -> Any:
-    """The value at an address; see `store`."""
-    kind = _Stored.kind
+def make_stored() -> Any:
+    """A function `stored` for C functions of another kind of value: Numba asks each for its type only once."""
 
-    def generate(context: Any, builder: Any, sig: Any, args: Any) -> Any:
-        return builder.load(builder.bitcast(args[0], context.get_value_type(kind).as_pointer()))
+    @intrinsic
+    def stored(typing_context: Any, address: Any) -> Any:
+        """The value at an address; see `store`."""
+        kind = _Stored.kind
 
-    return kind(types.voidptr), generate
+        def generate(context: Any, builder: Any, sig: Any, args: Any) -> Any:
+            return builder.load(builder.bitcast(args[0], context.get_value_type(kind).as_pointer()))
+
+        return kind(types.voidptr), generate
+
+    return stored
+
+
+stored = make_stored()
 
 
 @intrinsic

@@ -5,6 +5,8 @@ import pytest
 
 from flightcal.calibration import build_problem, calibrate_genetic, calibration_problem, genetic_points
 from flightcal.calibration.joint import JointProblem
+from flightcal.calibration.native import REASONS
+from flightcal.calibration.whitening import Whitening
 from flightcal.scenario import load_scenario
 
 from .. import small
@@ -73,6 +75,20 @@ def test_the_gradient_agrees_with_differences(joint):
         step = 1e-5 * np.eye(len(z))[k]
         difference = (joint.log_density(z + step) - joint.log_density(z - step)) / 2e-5
         assert gradient[k] == pytest.approx(difference, rel=1e-3, abs=1e-3 * np.abs(gradient).max()), name
+
+
+def test_the_c_function_is_the_density_in_other_coordinates(joint):
+    z = points(joint)
+    factor = np.random.default_rng(1).normal(size=(z.shape[1],) * 2) / 5.0
+    density = joint.native_density(Whitening(z[0], factor))
+    for w in 0.3 * np.random.default_rng(2).standard_normal((3, z.shape[1])):
+        expected, gradient = joint.log_density_and_gradient(z[0] + factor @ w)
+        value, found = density(w)
+        assert value == pytest.approx(expected, rel=1e-12)
+        np.testing.assert_allclose(found, factor.T @ gradient, rtol=1e-8, atol=1e-9 * np.abs(gradient).max())
+    assert density(np.full(len(factor), 1e200))[0] == -np.inf
+    assert (density.gradients, density.failures) == (4, 1)
+    assert density.last_failure in REASONS.values()
 
 
 def test_the_gauss_newton_hessian_is_that_of_all_windows_residuals(joint):

@@ -35,6 +35,7 @@ def test_paths_come_in_the_documented_order():
         "loads.sun.coefficient",
         "environment.albedo",
         "environment.earth_infrared",
+        "environment.solar_constant",
         "observations.battery_temp.bias",
         "observations.battery_temp.gain",
         "observations.battery_temp.time_offset",

@@ -246,6 +246,25 @@ def test_a_sensor_that_lags_answers_a_ramp_as_a_first_order_filter_does(tmp_path
         np.testing.assert_allclose(seen, expected, atol=0.02 if lag < 30.0 else 2e-4)
 
 
+def test_a_small_offset_of_the_attitude_does_what_turned_normals_do(tmp_path):
+    """A rotation of 1.5 deg about the body's y axis, to first order."""
+    written, theta = without_heater(rich()), {}
+    found = {}
+    for name, angle, offset in (("straight", 0.0, 0.0), ("turned", 1.5, 0.0), ("offset", 0.0, 1.5)):
+        cosine, sine = np.cos(np.deg2rad(angle)), np.sin(np.deg2rad(angle))
+        normal = np.array([1.0, 0.2, -1.0])
+        turned = [cosine * normal[0] + sine * normal[2], normal[1], cosine * normal[2] - sine * normal[0]]
+        written["simulator"]["faces"]["top"] |= {"normal": [float(part) for part in turned], "area": "0.3 m^2"}
+        written["environment"]["attitude_offset"] = {"y": f"{offset} deg"}
+        (tmp_path / name).mkdir()
+        simulator = small.simulator_of(*small.load(tmp_path / name, written), hours=1.5)
+        theta = small.theta_of(simulator, initial_panel=262.0)
+        found[name] = simulator.simulate(theta).temperatures[:, 0]
+    effect = found["turned"] - found["straight"]
+    assert np.abs(effect).max() > 0.3
+    np.testing.assert_allclose(found["offset"] - found["straight"], effect, atol=0.06 * np.abs(effect).max())
+
+
 def test_a_sensor_that_lags_takes_no_heat_from_its_node(tmp_path):
     (tmp_path / "with").mkdir(), (tmp_path / "without").mkdir()
     with_lag = observed(tmp_path / "with", lag="300 s")
@@ -315,6 +334,8 @@ EVERYTHING = {
     "coefficient": ("loads.sun.coefficient", 12.0),
     "albedo": ("environment.albedo", 0.35),
     "infrared": ("environment.earth_infrared", 240.0),
+    "solar_constant": ("environment.solar_constant", 1361.0),
+    "turn": ("environment.attitude_offset.y", 0.02),
     "bias": ("observations.panel_temp.bias", 0.3),
     "gain": ("observations.panel_temp.gain", 1.02),
     "time_offset": ("observations.body_temp.time_offset", -17.0),
@@ -348,7 +369,9 @@ def differentiated(request, tmp_path_factory):
     units = {"capacity": "J/K", "power": "W", "dissipation": "W", "area": "m^2", "gap": "m^2", "link": "W/K"}
     units |= {"skin": "W/K", "infrared": "W/m^2", "coefficient": "W/A"}
     units |= dict.fromkeys(("space", "on_below", "off_above", "bias"), "K") | dict.fromkeys(("time_offset", "lag"), "s")
+    units |= {"solar_constant": "W/m^2", "turn": "rad"}
     written["observations"]["body_temp"] = {"node": "body", "lag": "90 s"}
+    written["environment"]["attitude_offset"] = {"x": "0.5 deg"}
     written["parameters"] = {}
     for name, (path, value) in EVERYTHING.items():
         spread = 1e-3 * abs(value)

@@ -25,9 +25,12 @@ from ..scenario import Normal, Prior, Scenario
 from ..scenario.schema import HalfNormal, is_trained
 from ..simulator import Simulator, Trajectory
 from ..simulator.system import FloatArray, IntArray, Switch
+from .native import NativeDensity
+from .native_joint import joint_density
 from .priors import Priors
 from .problem import Problem, build_problem
 from .residuals import ResidualModel
+from .whitening import Whitening
 
 
 @dataclass(frozen=True)
@@ -177,9 +180,18 @@ class JointProblem:
             found.append(_joined(done) if len(done) == len(of_theta) else None)
         return found
 
-    def native_density(self, coordinates: Any) -> None:
-        """None: the joint density is put together in Python, of the windows' C functions."""
-        return
+    def native_density(self, coordinates: Whitening) -> NativeDensity | None:
+        """The log density at w [d] of other coordinates as a C function; None where a window has none."""
+        densities = [
+            problem.native_density(Whitening(np.zeros(len(problem.names)), np.eye(len(problem.names))))
+            for problem in self.problems
+        ]
+        windows = [density for density in densities if density is not None]
+        if len(windows) < len(densities):
+            return None
+        columns, drifts = [link.columns for link in self._links], [link.drifts for link in self._links]
+        own = [problem.priors for problem in self.problems]
+        return joint_density(windows, columns, drifts, own, self.priors, coordinates)
 
     def log_density(self, z: FloatArray) -> float:
         """Log posterior density (up to a constant) at z [d]; -inf where a simulation fails."""
@@ -260,6 +272,13 @@ class _Link:
     def unlinked(self) -> IntArray:
         """Positions in d' that come from nowhere."""
         return np.flatnonzero(self.columns < 0)
+
+    @property
+    def drifts(self) -> tuple[IntArray, IntArray]:
+        """Positions in d of each coordinate's tau and xi [d']; -1: it does not drift."""
+        found = np.full((2, len(self.columns)), -1)
+        found[:, self.drifting] = self.deviation, self.score
+        return found[0], found[1]
 
     def coordinates(self, z: FloatArray, theta: FloatArray, rng: np.random.Generator | None = None) -> FloatArray:
         """z [..., d'] of the window at joint z [..., d], whose theta is [..., d]; rng: for xi where there is none."""

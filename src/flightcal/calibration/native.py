@@ -28,18 +28,18 @@ from .whitening import Whitening
 STOP, GRADIENTS, FAILURES, REASON, DRAWS = range(5)
 """Places in a density's `control`: whether it is to stop, counts, and why the last failure was one."""
 
-_DENSITY_NOT_FINITE = 3
+DENSITY_NOT_FINITE = 3
 REASONS = {
     NOT_FINITE: "a temperature is not finite",
     TOO_MANY_SWITCHES: "heaters switch too often: a thermostat chatters",
-    _DENSITY_NOT_FINITE: "the log density or its gradient is not finite",
+    DENSITY_NOT_FINITE: "the log density or its gradient is not finite",
 }
 
 STOPPED = -1e300
 """Log density everywhere once a chain is to stop: it ends a trajectory at once. nutpie panics when the point that a
 chain stands on has an infinite density or no gradient, so it is finite and the gradient is not zero."""
 
-_DIVERGENCE = 1
+DIVERGENCE = 1
 """Returned where there is no density; nutpie takes it as a divergence."""
 
 
@@ -210,7 +210,7 @@ def _log_density(posterior, work, call, w, gradient, value):
     for i in range(d):
         finite = finite and np.isfinite(call.theta[0, i])
     if not finite:
-        return _DENSITY_NOT_FINITE
+        return DENSITY_NOT_FINITE
     for k in range(posterior.simulated.shape[0]):
         work.theta[0, k] = call.theta[0, posterior.simulated[k]]
     outcome = simulate_compiled(posterior.window, work)
@@ -255,7 +255,7 @@ def _log_density(posterior, work, call, w, gradient, value):
             total += posterior.factor[i, j] * call.z[0, i]
         gradient[j] = total
         finite = finite and np.isfinite(total)
-    return FINISHED if finite else _DENSITY_NOT_FINITE
+    return FINISHED if finite else DENSITY_NOT_FINITE
 
 
 def _density(dimensions, w, gradient, value, address):
@@ -272,7 +272,7 @@ def _density(dimensions, w, gradient, value, address):
     if outcome != FINISHED:
         control[FAILURES] += 1
         control[REASON] = outcome
-        return _DIVERGENCE
+        return DIVERGENCE
     return 0
 
 

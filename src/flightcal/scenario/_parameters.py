@@ -184,6 +184,9 @@ def _unknown_path(path: str, numbers: Mapping[str, Settable], draft: Draft) -> s
     if section in _FIELDS and name in names and field in _FIELDS[section]:
         wanted = f"a number that stands in the scenario: write {field!r} in {section}.{name} first"
         return f"found {path!r}, expected {wanted}"
+    if section == "environment" and name == "attitude_offset" and field in ("x", "y", "z"):
+        wanted = "a number that stands in the scenario: write 'attitude_offset: {x: 0 deg}' in environment first"
+        return f"found {path!r}, expected {wanted}"
     if section == "inputs" and draft.external is not None and rest in draft.external.inputs:
         wanted = "another input: every window's initial temperatures are estimated, 'initial_state' is their prior"
         return f"found {path!r}, expected {wanted}"

@@ -188,6 +188,14 @@ Attitude = Annotated[
 ]
 
 
+class AttitudeOffset(Block):
+    """Small rotation of the body against its attitude, about its own axes; heat fluxes are taken as linear in it."""
+
+    x: Annotated[float, Quantity("rad", at_least=-0.1, at_most=0.1)] = 0.0
+    y: Annotated[float, Quantity("rad", at_least=-0.1, at_most=0.1)] = 0.0
+    z: Annotated[float, Quantity("rad", at_least=-0.1, at_most=0.1)] = 0.0
+
+
 class Environment(Block):
     """Orbit and attitude, from which heat fluxes follow; or only a period, where drivers replace the Sun."""
 
@@ -195,6 +203,8 @@ class Environment(Block):
     period: Duration | None = None
     """Orbital period for windows and orbit phase; null: from the orbit."""
     attitude: Attitude = "nadir"
+    attitude_offset: AttitudeOffset | None = None
+    """null: none; where it is written, a parameter may set it."""
     albedo: Annotated[float, Quantity("", at_least=0, at_most=1)] = 0.3
     earth_infrared: Annotated[float, Quantity("W/m^2", at_least=0)] = 237.0
     solar_constant: Annotated[float, Quantity("W/m^2", at_least=0)] = 1361.0

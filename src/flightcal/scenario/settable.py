@@ -9,7 +9,7 @@ from typing import TypeVar, get_args
 from ._draft import Draft, draft_of_scenario
 from ._fields import Block
 from ._units import Quantity, si_unit, to_si
-from .schema import Channel, Conductor, Environment, Face, Heater, Load, Node, Observation, Scenario
+from .schema import AttitudeOffset, Channel, Conductor, Environment, Face, Heater, Load, Node, Observation, Scenario
 
 T = TypeVar("T")
 
@@ -30,7 +30,8 @@ def settable(scenario: Scenario) -> dict[str, Settable]:
     nodes.<n>.capacity; nodes.<n>.boundary (fixed ones; initial temperatures are always estimated, see InitialState);
     conductors.<label>.conductance; conductors.<label>.radiative; faces.<f>.area, absorptivity, emissivity (of a reduced
     order model reduced.<parameter> instead of these); heaters.<h>.power, on_below, off_above; modes.<mode>.<node>;
-    loads.<l>.coefficient (W per SI unit of the driver); environment.albedo, earth_infrared; of an external simulator
+    loads.<l>.coefficient (W per SI unit of the driver); environment.albedo, earth_infrared, solar_constant and, where
+    it is written, environment.attitude_offset.x, y, z; of an external simulator
     inputs.<n> (but initial temperatures) instead of all these; observations.<channel>.bias (temperatures), and of a
     thermal network observations.<channel>.gain, time_offset and, where it is written, lag. Within a line: order of the
     file.
@@ -93,8 +94,11 @@ def _numbers(draft: Draft) -> Iterator[tuple[str, Quantity, float]]:
             if item.initial_of is None:
                 yield f"inputs.{name}", Quantity(item.si[0]), item.si[1]
     elif draft.environment:
-        for name in ("albedo", "earth_infrared"):
+        for name in ("albedo", "earth_infrared", "solar_constant"):
             yield f"environment.{name}", quantity_of(Environment, name), getattr(draft.environment, name)
+        if offset := draft.environment.attitude_offset:
+            for axis in ("x", "y", "z"):
+                yield f"environment.attitude_offset.{axis}", quantity_of(AttitudeOffset, axis), getattr(offset, axis)
     for name, observation in _readable(draft.observations).items():
         if observation.heater is None:
             yield f"observations.{name}.bias", Quantity("K", difference=True), observation.bias

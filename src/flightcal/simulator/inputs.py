@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from typing import Any
+
 import numpy as np
 import xarray
 from numpy.typing import NDArray
@@ -10,11 +12,14 @@ from ..environment import face_fluxes, shadow_edges
 from ..errors import TelemetryError
 from ..scenario import Scenario
 from ..telemetry import driver_series, status_fraction
-from .network import Network
+from .network import Network, flux_kinds
 from .sampling import Sampling, locate
 from .system import Drive, FloatArray
 
 _SETTLING = np.array([1e-4, 2e-4, 3e-4])  # s; steps so short bring massless nodes into balance and move no other
+
+_TURN = np.deg2rad(2.0)
+"""By which attitudes are turned to either side for the slope of a flux, which has kinks where a face loses the Sun."""
 
 Times = NDArray[np.datetime64]
 
@@ -94,19 +99,43 @@ def build_drive(
 
 
 def face_series(scenario: Scenario, times: Times) -> dict[str, FloatArray]:
-    """Input series of the faces by column, such as ``solar.<face>`` [K] (W/m^2), at `times` [K]."""
+    """Input series of the faces by column, such as ``solar.<face>`` [K] (W/m^2), at `times` [K]; see `flux_kinds`."""
     faces = scenario.network.faces
     if not faces:
         return {}
     # Many faces of a meshed spacecraft look the same way.
     ways = {face.normal: str(k) for k, face in enumerate(faces.values())}
-    fluxes = face_fluxes(scenario.environment, {way: normal for normal, way in ways.items()}, times, scenario.folder)
-    place = {way: k for k, way in enumerate(fluxes.names)}
-    return {
-        f"{kind}.{name}": getattr(fluxes, kind)[:, place[ways[face.normal]]]
-        for name, face in faces.items()
-        for kind in ("solar", "albedo", "infrared")
+    normals: dict[str, Any] = {way: normal for normal, way in ways.items()}
+    turned = {
+        f"{way}{axis}{sign}": _turned(normal, axis, sign)
+        for way, normal in normals.items()
+        for axis in ("xyz" if scenario.environment.attitude_offset is not None else "")
+        for sign in (1, -1)
     }
+    fluxes = face_fluxes(scenario.environment, normals | turned, times, scenario.folder)
+    place = {way: k for k, way in enumerate(fluxes.names)}
+    series = {}
+    for name, face in faces.items():
+        way = ways[face.normal]
+        for kind in flux_kinds(scenario):
+            flux, _, axis = kind.partition("_")
+            of_kind = getattr(fluxes, flux)
+            series[f"{kind}.{name}"] = (
+                (of_kind[:, place[f"{way}{axis}1"]] - of_kind[:, place[f"{way}{axis}-1"]]) / (2.0 * _TURN)
+                if axis
+                else of_kind[:, place[way]]
+            )
+    return series
+
+
+def _turned(normal: Any, axis: str, sign: int) -> Any:
+    """A face's normal in the body's frame as it was before the body was turned by a small angle about its axis."""
+    if normal == "all":
+        return normal
+    turn = np.zeros(3)
+    turn["xyz".index(axis)] = sign * _TURN
+    unit = np.array(normal) / np.linalg.norm(normal)
+    return tuple((unit + np.cross(turn, unit)).tolist())
 
 
 def _seconds(times: Times, start: np.datetime64) -> FloatArray:

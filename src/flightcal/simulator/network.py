@@ -86,7 +86,7 @@ def build_network(scenario: Scenario) -> Network:
     state = {name: k for k, name in enumerate(nodes)}
     columns = (
         "one",
-        *(f"{kind}.{face}" for kind in ("solar", "albedo", "infrared") for face in model.faces),
+        *(f"{kind}.{face}" for kind in flux_kinds(scenario) for face in model.faces),
         *(f"mode.{mode}" for mode in model.modes),
         *(f"driver.{load}" for load in model.loads),
         *(
@@ -142,6 +142,13 @@ def build_network(scenario: Scenario) -> Network:
     )
 
 
+def flux_kinds(scenario: Scenario) -> tuple[str, ...]:
+    """Input series of each face: fluxes, and with an attitude offset their derivatives by it (``solar_x``; per rad)."""
+    kinds = ("solar", "albedo", "infrared")
+    axes = ("x", "y", "z") if scenario.environment.attitude_offset is not None else ()
+    return (*kinds, *(f"{kind}_{axis}" for kind in kinds for axis in axes))
+
+
 def sensor_state(channel: str) -> str:
     """Name of the state that a channel measures whose sensor lags behind its node."""
     return f"observations.{channel}"
@@ -177,9 +184,19 @@ def _add_faces(balance: _Balance, scenario: Scenario, state: dict[str, int], col
         area, absorptivity, emissivity = (f"faces.{name}.{number}" for number in ("area", "absorptivity", "emissivity"))
         balance.add("radiative", node, node, -STEFAN_BOLTZMANN, area, emissivity)
         balance.add("forcing", node, column["one"], STEFAN_BOLTZMANN * DEEP_SPACE**4, area, emissivity)
-        balance.add("forcing", node, column[f"solar.{name}"], 1.0, area, absorptivity)
-        balance.add("forcing", node, column[f"albedo.{name}"], 1.0, area, absorptivity, "environment.albedo")
-        balance.add("forcing", node, column[f"infrared.{name}"], 1.0, area, emissivity, "environment.earth_infrared")
+        # The series are those of the solar constant that is written.
+        sun = "environment.solar_constant"
+        share = 1.0 / (scenario.environment.solar_constant or 1.0)
+        absorbed = {
+            "solar": (share, (area, absorptivity, sun)),
+            "albedo": (share, (area, absorptivity, sun, "environment.albedo")),
+            "infrared": (1.0, (area, emissivity, "environment.earth_infrared")),
+        }
+        for kind in flux_kinds(scenario):
+            flux, _, axis = kind.partition("_")
+            constant, paths = absorbed[flux]
+            offset = (f"environment.attitude_offset.{axis}",) if axis else ()
+            balance.add("forcing", node, column[f"{kind}.{name}"], constant, *paths, *offset)
 
 
 def _table(balance: _Balance, entries: dict[str, list[tuple[int, int]]], numbers: int, initial: IntArray) -> Terms:

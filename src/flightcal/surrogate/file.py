@@ -86,6 +86,11 @@ def load_task(path: str | Path) -> Task:
         raise _error(place, document, problems)
     mission = load_spacecraft(place.parent / reduction.spacecraft)
     try:
+        if mission.spacecraft.scenario.environment.attitude_offset is not None:
+            raise FlightcalError(
+                f"{reduction.spacecraft}: environment.attitude_offset: found one, expected none: a reduced model knows "
+                "its faces' directions only"
+            )
         scenario, notes = _full_network(mission, reduction)
         period = orbital_period(scenario.environment, scenario.folder)
     except FlightcalError as error:

@@ -34,6 +34,9 @@ def check(reading: Reading, folder: Path) -> Iterator[Problem]:
     if environment is None:
         return
     orbit, attitude = environment.orbit, environment.attitude
+    if environment.attitude_offset is not None and reading.draft.reduced is not None:
+        message = "found an attitude offset, expected none: a reduced order model knows its faces' directions only"
+        yield Problem(("environment", "attitude_offset"), message)
     if isinstance(orbit, CircularOrbit):
         yield from _check_circular(orbit)
     if isinstance(orbit, (CircularOrbit, KeplerianOrbit)) and not 0 <= orbit.inclination <= math.pi:
