@@ -185,7 +185,7 @@ def figure_predictive(problem: Problem, found: PriorPredictive) -> go.Figure:
         time, columns = break_lines(problem.times, extremes(columns, _BINS), columns)
         first = k == 0
         for name, low, high, colour in (
-            ("95% of the prior, noise included", columns[0], columns[2], BAND),
+            ("95% of the prior, noise and discrepancy included", columns[0], columns[2], BAND),
             ("99% of the simulations", columns[3], columns[4], MODEL_BAND),
         ):
             x, y = polygons(time, low, high)

@@ -26,7 +26,7 @@ class ChannelReach:
 
     channel: str
     inside: float
-    """Share inside the 95% band of the prior predictive distribution, noise included."""
+    """Share inside the 95% band of the prior predictive distribution, noise and discrepancy included."""
     reached: float
     """Share that the simulator itself reaches with the prior: inside its 99% band and twice the least noise."""
     beyond: float
@@ -67,7 +67,7 @@ class PriorPredictive:
     draws: int
     failed: int
     quantiles: FloatArray
-    """[3, T, N] K: lower edge of the 95% band, median, upper edge; noise included."""
+    """[3, T, N] K: lower edge of the 95% band, median, upper edge; noise and discrepancy included."""
     model: FloatArray
     """[2, T, N] K: the 99% band of the simulations themselves, and twice the least noise."""
     channels: tuple[ChannelReach, ...]
@@ -84,8 +84,7 @@ def prior_predictive(
     finished = [run for run in runs if run is not None]
     temperatures = np.stack([run.temperatures for run in finished])
     rng = np.random.default_rng(seed)
-    noise = np.stack([problem.noise(theta) for theta in thetas[whole]])[:, None, :]
-    predicted = temperatures + noise * rng.standard_normal(temperatures.shape)
+    predicted = temperatures + np.stack([problem.draw_errors(theta, rng) for theta in thetas[whole]])
     tail = 0.5 * (1.0 - BAND)
     quantiles = np.quantile(predicted, [tail, 0.5, 1.0 - tail], axis=0)
     least = 2.0 * problem.noise(problem.priors.quantile(_QUIET))
