@@ -350,7 +350,7 @@ def _sensitivity(checked: Checked) -> Finding:
     sensitivity = checked.sensitivity
     if sensitivity.runs - sensitivity.failed < 4 * (len(sensitivity.names) + 2):
         return Finding("none", "Sensitivities are not known", "Too few simulations finished.")
-    strength = sensitivity.strongest[sensitivity.outputs.index(LIKELIHOOD)]
+    strength = np.minimum(sensitivity.strongest[sensitivity.outputs.index(LIKELIHOOD)], 1.0)
     leaders = [k for k in np.argsort(-strength)[:3] if strength[k] > _IDLE]
     shares = listed([f"{sensitivity.names[k]} ({percent(strength[k], 0)})" for k in leaders])
     idle = [n for n, s in zip(sensitivity.names, sensitivity.strongest.max(axis=0), strict=True) if s < _IDLE]
