@@ -196,4 +196,5 @@ def test_the_search_is_put_on_record(tmp_path, likelihood):
     assert record["sought"].startswith("in open loop")
     assert ("thresholds" in record["sought"]) == (likelihood is not None)
     assert record["modes"] == [{"origin": "prior draw 1", "log_density": None, "converged": False}]
-    assert search_record(problem.open_loop, [])["sought"] == "in closed loop"
+    assert search_record(problem.open_loop, [])["sought"].startswith("in open loop alone")
+    assert search_record(replace(problem, open_loop=None), [])["sought"] == "in closed loop"

@@ -164,7 +164,8 @@ def search_record(problem: AnyProblem, modes: Sequence[Mode]) -> dict[str, Any]:
     """How the mode was sought, in words, and what was found: for the log and the report."""
     opened = problem.open_loop
     if opened is None:
-        how = "in closed loop" if problem.simulator.heaters else "without heaters"
+        measured = getattr(problem.scenario.simulator, "heater_input", "simulated") == "measured"
+        how = "in open loop alone, heaters driven by their measured status" if measured else "in closed loop"
     else:
         how = (
             "in open loop, heaters driven by their measured status, and finished in closed loop, thermostats simulated"
