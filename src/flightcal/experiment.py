@@ -263,7 +263,7 @@ def parameter_records(problem: AnyProblem) -> list[dict[str, Any]]:
             {
                 "name": name,
                 "kind": "parameter" if parameter else name.split(".")[0],
-                "unit": parameter.unit if parameter else "" if name.startswith("drift.") else "K",
+                "unit": parameter.unit if parameter else _unit_of(name),
                 "target": [*parameter.sets, *parameter.scales] if parameter else [],
                 "mode": ("sets" if parameter.sets else "scales") if parameter else "",
                 "prior": f"{prior.kind}: {values}",
@@ -271,6 +271,17 @@ def parameter_records(problem: AnyProblem) -> list[dict[str, Any]]:
             }
         )
     return records
+
+
+def _unit_of(name: str) -> str:
+    """SI unit of an entry of theta that is not one of the scenario's parameters; "" without one."""
+    first, *rest = name.split(".")
+    if first in ("drift", "error_rate") or "degrees_of_freedom" in rest:
+        return ""
+    if rest[:2] == ["phase", "lengthscale"] and first == "discrepancy":
+        return ""  # orbits
+    in_seconds = first == "timing" or rest[-1:] == ["correlation_time"] or rest[:2] == ["time", "lengthscale"]
+    return "s" if in_seconds else "K"
 
 
 def _diagnostics(diagnostics: Diagnostics, draws: Any) -> dict[str, Any]:
