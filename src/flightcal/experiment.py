@@ -42,9 +42,6 @@ from .simulator.system import FloatArray
 from .telemetry import quality_table, read_telemetry
 from .validation import Metric, score
 
-_UNITS = {"timing": "s", "error_rate": "", "drift": ""}
-"""Of what is calibrated beside the scenario's parameters, where it is not a temperature."""
-
 
 @dataclass(frozen=True)
 class Summary:
@@ -268,7 +265,7 @@ def parameter_records(problem: AnyProblem) -> list[dict[str, Any]]:
             {
                 "name": name,
                 "kind": "parameter" if parameter else name.split(".")[0],
-                "unit": parameter.unit if parameter else _UNITS.get(name.split(".")[0], "K"),
+                "unit": parameter.unit if parameter else _unit_of(name),
                 "target": [*parameter.sets, *parameter.scales] if parameter else [],
                 "mode": ("sets" if parameter.sets else "scales") if parameter else "",
                 "prior": f"{prior.kind}: {values}",
@@ -276,6 +273,17 @@ def parameter_records(problem: AnyProblem) -> list[dict[str, Any]]:
             }
         )
     return records
+
+
+def _unit_of(name: str) -> str:
+    """SI unit of an entry of theta that is not one of the scenario's parameters; "" without one."""
+    first, *rest = name.split(".")
+    if first in ("drift", "error_rate") or "degrees_of_freedom" in rest:
+        return ""
+    if rest[:2] == ["phase", "lengthscale"] and first == "discrepancy":
+        return ""  # orbits
+    in_seconds = first == "timing" or rest[-1:] == ["correlation_time"] or rest[:2] == ["time", "lengthscale"]
+    return "s" if in_seconds else "K"
 
 
 def _diagnostics(diagnostics: Diagnostics, draws: Any) -> dict[str, Any]:

@@ -51,6 +51,23 @@ def test_form_that_is_wrong_is_invalid(validator, name):
     assert not validator.is_valid(read_document(BROKEN / "scenarios" / f"{name}.yaml").data)
 
 
+_TIMES = {"lognormal": {"median": "9 min", "factor": 2}}
+
+
+@pytest.mark.parametrize(
+    ("block", "valid"),
+    [
+        ({"noise": {"model": "ar1", "white": "0.1 K", "correlation_time": _TIMES}}, True),
+        ({"noise": {"model": "ar2"}}, False),
+        ({"discrepancy": {"time": {"lengthscale": {"uniform": ["9 min", "1 hour"]}}, "phase": {"harmonics": 6}}}, True),
+        ({"discrepancy": {"phase": {"smoothness": "7/2"}}}, False),
+        ({"discrepancy": {"phase": {"lengthscale": "1 K"}}}, False),
+    ],
+)
+def test_noise_and_discrepancy_have_their_forms(validator, block, valid):
+    assert validator.is_valid(read_document(EXAMPLE).data | block) == valid
+
+
 @pytest.mark.parametrize(
     ("prior", "valid"),
     [

@@ -16,6 +16,7 @@ from flightcal.scenario import (
     Uniform,
     load_scenario,
 )
+from flightcal.scenario.schema import noise_of
 
 EXAMPLE = Path(__file__).parent / "example.yaml"
 
@@ -75,6 +76,31 @@ def test_noise_is_a_number_or_a_prior_in_kelvin(scenario):
     assert scenario.observations["battery_temp"].noise == 0.2
     assert scenario.observations["radiator_temp"].noise == HalfNormal(scale=0.5)
     assert scenario.observations["radiator_temp"].bias == -0.1
+
+
+def test_noise_may_be_a_model_and_a_channel_has_its_own_or_the_scenarios(tmp_path):
+    text = EXAMPLE.read_text().replace("noise: 0.2 K", "noise: {model: ar1, white: {half_normal: 0.1 K}}")
+    text = text.replace(", noise: {half_normal: 0.5 K}", "")
+    text += "\nnoise: {distribution: student_t, standard_deviation: 0.3 K, degrees_of_freedom: 5}\n"
+    (tmp_path / "scenario.yaml").write_text(text)
+    (tmp_path / "example.csv").write_text("time\n")
+    scenario = load_scenario(tmp_path / "scenario.yaml")
+    battery, radiator = (noise_of(scenario, channel) for channel in ("battery_temp", "radiator_temp"))
+    assert (battery.model, battery.white) == ("ar1", HalfNormal(scale=0.1))
+    assert battery.standard_deviation == HalfNormal(scale=2.0)
+    assert (radiator.standard_deviation, radiator.degrees_of_freedom, radiator.model) == (0.3, 5.0, "iid")
+    assert radiator is scenario.noise
+
+
+def test_a_discrepancy_is_read_in_si(tmp_path):
+    block = "{time: {amplitude: 0.5 K, lengthscale: {uniform: [10 min, 1 hour]}}, phase: {smoothness: 5/2, shared: []}}"
+    (tmp_path / "scenario.yaml").write_text(EXAMPLE.read_text() + f"\ndiscrepancy: {block}\n")
+    (tmp_path / "example.csv").write_text("time\n")
+    discrepancy = load_scenario(tmp_path / "scenario.yaml").discrepancy
+    assert discrepancy.time.amplitude == 0.5
+    assert discrepancy.time.lengthscale == Uniform(lower=600.0, upper=3600.0)
+    assert (discrepancy.phase.smoothness, discrepancy.phase.shared) == ("5/2", ())
+    assert discrepancy.channels == ()
 
 
 def test_folder_is_that_of_the_file(scenario):

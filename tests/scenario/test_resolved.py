@@ -41,8 +41,26 @@ def resolve(folder, text, name="scenario.yaml"):
         ("{node: radiator, bias: -0.1 K,", "{node: radiator, bias: -0.1 K, gain: 0.98, lag: 20 s, time_offset: -2 s,"),
         ("description: Battery", 'description: "on: 18:00 #\\n\\n- ünï & *x"\n# Battery'),
         ("{column: time, format: iso8601}", "{column: 'on', format: unix}"),
+        ("windows:", "noise: {model: ar1, white: {half_normal: 0.1 K}, correlation_time: 5 min}\nwindows:"),
+        ("noise: 0.2 K", "noise: {distribution: student_t, degrees_of_freedom: {lognormal: {median: 5, factor: 2}}}"),
+        ("noise: 0.2 K", "noise: {quantisation: 0.1 K}"),
+        ("windows:", "discrepancy: {time: {lengthscale: {uniform: [9 min, 1 hour]}}, phase: {shared: []}}\nwindows:"),
     ],
-    ids=["as it is", "tle", "positions", "spin", "inertial", "quaternions", "sensor", "odd text", "odd column"],
+    ids=[
+        "as it is",
+        "tle",
+        "positions",
+        "spin",
+        "inertial",
+        "quaternions",
+        "sensor",
+        "odd text",
+        "odd column",
+        "ar1",
+        "student",
+        "rounded",
+        "discrepancy",
+    ],
 )
 def test_resolved_scenario_loads_as_an_equal_one(folder, edit):
     scenario = resolve(folder, EXAMPLE.read_text().replace(*edit))

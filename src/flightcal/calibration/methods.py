@@ -14,11 +14,13 @@ import xarray
 from ..errors import FlightcalError
 from ..scenario import GeneticSettings, NutsSettings
 from ..simulator.system import FloatArray
+from .confounding import confounding
 from .diagnostics import Diagnostics, diagnose
 from .genetic import minimise
 from .joint import AnyProblem, JointProblem
 from .mode import Mode, find_mode
 from .nuts import Draws, sample
+from .problem import Problem
 from .whitening import whitening
 
 _SEARCH_BOX = 0.998
@@ -199,7 +201,10 @@ def mean_and_some(thetas: FloatArray, count: int, seed: int) -> FloatArray:
 def posterior_tree(
     problem: AnyProblem, posterior: Posterior, *, seed: int, most_predictions: int = 250
 ) -> xarray.DataTree:
-    """The posterior in ArviZ's groups: posterior, sample_stats, prior, posterior_predictive, observed_data."""
+    """The posterior in ArviZ's groups: posterior, sample_stats, prior, posterior_predictive, observed_data.
+
+    Where there is a discrepancy, also that: what it is on the window, and how far parameters stand in for it.
+    """
     rng = np.random.default_rng(seed)
     names, channels = posterior.names, list(problem.simulator.channels)
     prior = problem.priors.sample(rng, 2000)
@@ -221,8 +226,10 @@ def posterior_tree(
         if run is not None
     )
     time = {"time": problem.times}
+    discrepancy = confounding(problem, thetas.reshape(-1, len(names)), runs) if isinstance(problem, Problem) else None
     return xarray.DataTree.from_dict(
         {
+            **({} if discrepancy is None else {"discrepancy": discrepancy}),
             "posterior": xarray.Dataset({n: (("chain", "draw"), posterior.theta[..., k]) for k, n in enumerate(names)}),
             "sample_stats": xarray.Dataset({n: (("chain", "draw"), v) for n, v in posterior.draws.statistics.items()}),
             "prior": xarray.Dataset({n: (("chain", "draw"), prior[None, :, k]) for k, n in enumerate(names)}),

@@ -58,7 +58,7 @@ def check_scenario(
     runs: int = RUNS,
     advance: Progress = lambda stage, share: None,
 ) -> CheckSummary:
-    """Check a scenario's training window and write check.json and check.html into the folder `out`.
+    """Check a scenario's (first) training window and write check.json and check.html into the folder `out`.
 
     profiles: parameters whose profile likelihood is wanted. runs: budget of a simulator that is not flightcal's own.
     The folder may be that of the calibration; the same check is not made twice. Raises FlightcalError for what is the
@@ -66,7 +66,7 @@ def check_scenario(
     """
     scenario = load_scenario(scenario_file, telemetry=telemetry)
     advance("reading telemetry", 0.0)
-    problem = build_problem(scenario, read(scenario))
+    problem = build_problem(scenario, read(scenario), scenario.train_windows[0])
     check_names(problem, list(profiles))
     if profiles and needs_emulator(problem):
         raise ScenarioError("--profile: found a simulator without derivatives, expected one with them")

@@ -247,7 +247,7 @@ def _heaters(run: RunFiles) -> list[Finding]:
 def at_edge(run: RunFiles) -> dict[str, str]:
     """Quantities whose posterior is pressed against an edge of the prior's 95%: "lower" or "upper".
 
-    A noise level near zero is no finding: the lower edge of its prior is zero.
+    A noise level or discrepancy near zero is no finding: the lower edge of its prior is zero.
     """
     if run.posterior is None:
         return {}
@@ -259,7 +259,7 @@ def at_edge(run: RunFiles) -> dict[str, str]:
     edges = {}
     for info, column in zip(infos, values.T, strict=True):
         low, _, high = info.prior_quantiles
-        if (column < low).mean() > EDGE and info.kind != "noise":
+        if (column < low).mean() > EDGE and info.kind not in ("noise", "discrepancy"):
             edges[info.name] = "lower"
         elif (column > high).mean() > EDGE:
             edges[info.name] = "upper"

@@ -8,9 +8,9 @@ from typing import Any
 from ._document import Location, Problem
 from ._priors import FORMS, read_prior, written_prior
 from ._units import Quantity, written
-from .schema import Discrepancy, Noise, Normal, Observation
+from .schema import Discrepancy, Noise, Observation
 
-_STAND_IN = Normal(mean=1.0, standard_deviation=1.0)
+_STAND_IN = 1.0
 """For a number with problems of its own, so that the rest of its block is still checked."""
 NOISE = {
     "standard_deviation": Quantity("K", above=0.0, difference=True),
@@ -55,7 +55,7 @@ def read_uncertain(value: Any, location: Location, quantity: Quantity) -> tuple[
     try:
         return quantity.read(value), []
     except ValueError as error:
-        return 1.0, [Problem(location, str(error))]
+        return _STAND_IN, [Problem(location, str(error))]
 
 
 def _read_numbers(

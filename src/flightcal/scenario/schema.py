@@ -493,8 +493,8 @@ class Noise(Block):
     """student_t: heavy tails, for outliers; with ar1, of the innovations."""
     standard_deviation: Uncertain = HalfNormal(scale=2.0)
     """At one sample, K; of student_t: its scale."""
-    correlation_time: Uncertain = LogNormal(median=1800.0, factor=3.0)
-    """Of ar1, s."""
+    correlation_time: Uncertain = LogNormal(median=600.0, factor=2.0)
+    """Of ar1, s; what lasts longer is a discrepancy's."""
     white: Uncertain | None = None
     """Standard deviation of independent noise beside that of ar1, K; null: none."""
     degrees_of_freedom: Uncertain = 4.0

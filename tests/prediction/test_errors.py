@@ -1,0 +1,166 @@
+"""Errors of a window given the training residuals and the window's first samples, against the dense normal."""
+
+import numpy as np
+import pytest
+
+from flightcal.calibration import build_problem
+from flightcal.prediction import condition_initial, predict, window_errors
+from flightcal.prediction.errors import FirstErrors
+from flightcal.prediction.matern import covariance
+
+from .. import small
+
+DRAWS, FIRST = 1500, 11
+NOISE = {"model": "ar1", "standard_deviation": "0.2 K", "correlation_time": "8 min", "white": "0.1 K"}
+TIME = {"amplitude": "0.8 K", "lengthscale": "40 min", "smoothness": "5/2"}
+PHASE = {"amplitude": "0.6 K", "lengthscale": 0.2, "harmonics": 6}
+WINDOWS = {
+    "after": (("00:00", "02:20"), ("02:30", "04:30")),
+    "before": (("02:10", "04:30"), ("00:00", "02:00")),
+}
+
+
+def made(folder, order="after", discrepancy=None, noise=NOISE):
+    written = small.content()
+    train, test = ({"start": f"2024-03-01T{start}:00", "end": f"2024-03-01T{end}:00"} for start, end in WINDOWS[order])
+    written["windows"] = {"train": train, "test": test}
+    written["noise"] = noise
+    written["observations"]["panel_temp"].pop("noise")
+    written["discrepancy"] = discrepancy or {"time": TIME, "phase": PHASE, "channels": ["panel_temp"]}
+    scenario, data = small.closed_loop(folder, written)
+    # An error for the discrepancy to find, in all windows.
+    seconds = (data["time"].values - data["time"].values[0]) / np.timedelta64(1, "s")
+    data["panel_temp"].values[:] += 0.7 * np.sin(seconds / 2000.0) + 0.5 * np.cos(2 * np.pi * seconds / small.PERIOD)
+    data["panel_temp"].values[20:24] = np.nan
+    return scenario, data
+
+
+def truth(problem):
+    values = {"initial.body": 285.0, "initial.panel": 262.0} | small.TRUTH
+    return np.array([values[name] for name in problem.names])
+
+
+class Dense:
+    """Everything about one channel as one normal distribution: training residuals, first residuals, errors."""
+
+    def __init__(self, train, window, channel, *, first):
+        times = np.concatenate([train.times, window.times])
+        seconds = (times - train.times[0]) / np.timedelta64(1, "s")
+        own = np.arange(len(times)) >= len(train.times)
+        apart = seconds[:, None] - seconds
+        discrepancy = np.zeros_like(apart)
+        model = train.residuals
+        if model.compiled.discrepant[channel]:
+            numbers = model.fixed[channel]
+            discrepancy += covariance(2.5, numbers[5], numbers[6], apart)
+            basis = np.concatenate(
+                [problem.residuals.compiled.basis[:, model.time.count :] for problem in (train, window)]
+            )
+            in_phase = model.prior_deviations(numbers)[model.time.count :]
+            discrepancy += basis * in_phase**2 @ basis.T
+        noise = np.where(own[:, None] == own, 0.2**2 * np.exp(-np.abs(apart) / 480.0), 0.0)
+        self.errors = (discrepancy + noise)[np.ix_(own, own)]
+        seen = np.concatenate([np.isfinite(train.observed[:, channel]), np.isfinite(window.observed[:, channel])])
+        seen[len(train.times) + first :] = False
+        total = discrepancy + noise + 0.1**2 * np.eye(len(times))
+        self.cross, self.seen = (discrepancy + noise)[np.ix_(own, seen)], total[np.ix_(seen, seen)]
+        self.observed, self.kept = np.concatenate([train.observed, window.observed])[:, channel], seen
+
+    def given(self, simulated):
+        residual = (self.observed - simulated)[self.kept]
+        gain = self.cross @ np.linalg.inv(self.seen)
+        return gain @ residual, self.errors - gain @ self.cross.T
+
+
+@pytest.fixture(scope="module", params=WINDOWS)
+def case(request, tmp_path_factory):
+    scenario, data = made(tmp_path_factory.mktemp("errors"), request.param)
+    train, window = build_problem(scenario, data), build_problem(scenario, data, "test")
+    thetas = np.tile(truth(train), (DRAWS, 1))
+    errors = window_errors(window, train, thetas, FIRST)
+    temperatures = np.stack([run.temperatures for run in window.simulate_many(thetas)])
+    drawn = errors.draw(temperatures, np.random.default_rng(0))
+    simulated = np.concatenate([train.simulate(thetas[0]).temperatures, temperatures[0]])
+    return train, window, errors, drawn, simulated
+
+
+@pytest.mark.parametrize("channel", [0, 1])
+def test_errors_are_those_of_the_dense_conditional_normal(case, channel):
+    """Up to what the basis of the training window leaves out of a Matern process, a hundredth of its amplitude."""
+    train, window, _, drawn, simulated = case
+    mean, expected = Dense(train, window, channel, first=FIRST).given(simulated[:, channel])
+    np.testing.assert_allclose(drawn.mean[0, :, channel], mean, atol=0.03)
+    sampled = (drawn.discrepancy + drawn.noise)[:, :, channel]
+    deviation = np.sqrt(np.diag(expected))
+    np.testing.assert_allclose(sampled.mean(axis=0), mean, atol=0.03 + 5 * deviation.max() / np.sqrt(DRAWS))
+    np.testing.assert_allclose(sampled.std(axis=0), deviation, rtol=0.12, atol=0.02)
+    found = np.cov(sampled.T)
+    np.testing.assert_allclose(found, expected, atol=6 * deviation.max() ** 2 * np.sqrt(2 / DRAWS))
+    np.testing.assert_allclose(drawn.white[:, :, channel].std(), 0.1, rtol=0.02)
+
+
+def test_the_law_of_the_first_samples_is_that_before_they_are_seen(case):
+    train, window, errors, _, simulated = case
+    law = errors.only(np.arange(DRAWS) < 2).at_first()
+    for channel in range(2):
+        mean, expected = Dense(train, window, channel, first=0).given(simulated[:, channel])
+        valid = np.isfinite(window.observed[:FIRST, channel])
+        factor = law.factors[channel, 1]
+        np.testing.assert_allclose(law.mean[1, :, channel], mean[:FIRST], atol=0.03)
+        found = (factor @ factor.T)[np.ix_(valid, valid)]
+        kept = expected[:FIRST, :FIRST][np.ix_(valid, valid)] + 0.01 * np.eye(valid.sum())
+        np.testing.assert_allclose(found, kept, atol=0.03 * max(1.0, expected.max()))
+
+
+def test_on_the_training_window_the_discrepancy_is_that_of_its_residuals(case):
+    train, _, _, _, simulated = case
+    thetas = np.tile(truth(train), (300, 1))
+    errors = window_errors(train, train, thetas, 0)
+    temperatures = np.tile(simulated[: len(train.times)], (300, 1, 1))
+    drawn = errors.draw(temperatures, np.random.default_rng(1))
+    residual = (train.observed - temperatures[0])[:, 1]
+    # What the discrepancy takes away of the residuals leaves noise, and without it more than that.
+    assert np.nanstd(residual - drawn.mean[0, :, 1]) < 0.3 < 0.5 < np.nanstd(residual)
+    np.testing.assert_allclose(drawn.discrepancy.mean(axis=0)[:, 1], drawn.mean[0, :, 1], atol=0.1)
+    assert not drawn.mean[..., 0].any()
+    assert drawn.noise.std() == pytest.approx(0.2, rel=0.05)
+
+
+def test_far_from_the_training_window_the_part_in_time_is_its_prior(tmp_path):
+    scenario, data = made(tmp_path, discrepancy={"time": TIME | {"lengthscale": "9 min"}}, noise={})
+    train = build_problem(scenario, data)
+    theta = train.priors.median()
+    window = build_problem(scenario, data, "test")
+    errors = window_errors(window, train, np.tile(theta, (800, 1)), 0)
+    drawn = errors.draw(np.zeros((800, *window.observed.shape)), np.random.default_rng(0))
+    # The last half hour lies ten lengthscales away.
+    late = drawn.discrepancy[:, -30:]
+    assert np.abs(drawn.mean[:, -30:]).max() < 0.01
+    np.testing.assert_allclose(late.std(axis=0), 0.8, rtol=0.12)
+
+
+def test_initial_temperatures_are_less_sure_where_the_first_samples_err_together(tmp_path):
+    scenario, data = made(tmp_path)
+    train, window = build_problem(scenario, data), build_problem(scenario, data, "test")
+    first = build_problem(scenario, data, "test", span=600.0)
+    thetas = np.tile(truth(train), (400, 1))
+    errors = window_errors(window, train, thetas, FIRST).at_first()
+    apart = FirstErrors(errors.mean, errors.factors * np.eye(FIRST))
+    panel = first.names.index("initial.panel")
+    together, alone = (
+        condition_initial(first, thetas, law, np.random.default_rng(0))[:, panel].std() for law in (errors, apart)
+    )
+    assert together > 1.5 * alone
+
+
+def test_the_prediction_says_which_part_carries_over(tmp_path):
+    scenario, data = made(tmp_path)
+    draws = np.tile(truth(build_problem(scenario, data)), (30, 1))
+    train, test = (predict(scenario, data, window, {}, draws, seed=1)[0].attrs for window in ("train", "test"))
+    assert "as the residuals of this window show it" in train["interval_contains"]
+    assert "orbit phase carries over" in test["interval_contains"]
+    fades = "in time is continued from the edge of the training window and fades to its prior"
+    assert fades in test["interval_contains"]
+    assert "correlated measurement noise" in test["interval_contains"]
+    assert "model discrepancy" in test["model_interval_contains"]
+    assert "noise" not in test["model_interval_contains"]
