@@ -84,8 +84,8 @@ def _scores(content: Record) -> list[Block]:
             "text",
             "Means over the windows that the calibration has not seen, of all channels together; the best of each "
             "score is set off. PICP: share of telemetry inside the 95% interval, to be near 95%; MPIW: its mean width, "
-            "which counts only where the interval covers; CRPS and log score judge the whole predicted distribution. The "
-            "log score is the mean logarithm of the predicted density (per kelvin), larger is better.",
+            "which counts only where the interval covers; CRPS and log score judge the whole predicted distribution. "
+            "The log score is the mean logarithm of the predicted density (per kelvin), larger is better.",
         ),
     ]
 
