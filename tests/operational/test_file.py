@@ -51,7 +51,7 @@ def test_the_bus_weighs_what_its_file_says(mission):
 
 
 def test_its_battery_stays_in_its_band_though_a_thermistor_and_a_branch_fail(mission, flight):
-    battery = flight.temperatures[:, flight.nodes.index("battery_cells")] - 273.15
+    battery = flight.temperatures[:, flight.nodes.index("battery")] - 273.15
     assert battery[flight.cycle_times > 9000.0].min() > 21.5
     assert battery.max() < 24.5
     line = [item.name for item in mission.spacecraft.software.heaters].index("battery")
@@ -70,7 +70,7 @@ def test_the_command_writes_telemetry_once(tmp_path):
     out = tmp_path / "telemetry.csv"
     done = CliRunner().invoke(app, ["fly", str(short), "--out", str(out)])
     assert done.exit_code == 0, done.output
-    assert re.search(r"225 nodes, 50 control cycles; [\d,]+ times real time", done.output)
+    assert re.search(r"223 nodes, 50 control cycles; [\d,]+ times real time", done.output)
     table = pd.read_csv(out)
     assert len(table) == 10
     assert list(table.columns[:3]) == ["time", "TT_STR", "TT_BAT"]
@@ -90,7 +90,7 @@ def test_the_command_writes_telemetry_once(tmp_path):
         ("insulation: blanket}", "insulation: foil}", "found the insulation 'foil'"),
         ("negative: {coating: white}", "negative: {coating: whit}", "found the coating 'whit'"),
         ("negative: {coating: white}", "negative: {paint: white}", "unknown key 'paint'"),
-        ('between: [battery_case, "bus.x-[1,1]"]', 'between: [battery_case, "bus.x-[9,9]"]', "which is no node"),
+        ('between: [frame, "bus.x-[2,1]"]', 'between: [frame, "bus.x-[9,9]"]', "which is no node"),
         ("size: [0.6 m, 0 m, 0.6 m]", "size: [0.6 m, 0.1 m, 0.6 m]", "expected exactly one zero"),
         ("kind: stuck, stuck_at: 60 degC", "kind: stuck", "expected stuck_at with kind 'stuck'"),
         ("sensor: tank\n", "sensor: tanks\n", "found 'tanks', expected one of"),

@@ -7,6 +7,7 @@ import pytest
 from flightcal.errors import FlightcalError, ScenarioError
 from flightcal.surrogate.file import load_task
 from flightcal.surrogate.patterns import matching
+from flightcal.surrogate.thermostats import switching_shifts
 
 from . import craft
 
@@ -38,10 +39,20 @@ def test_thresholds_of_an_on_off_line_are_those_of_the_thermostat(tmp_path):
     assert task.notes[0].startswith("heater line 'battery': noise of 0.05 K")
 
 
-def test_a_biased_thermistor_shifts_the_thresholds(tmp_path):
-    thermistors = {**craft.SPACECRAFT["thermistors"], "battery_1": {"node": "battery", "bias": "0.4 K"}}
-    task = load_task(craft.write(tmp_path, spacecraft={"thermistors": thermistors}))
-    assert task.scenario.simulator.heaters["battery"].on_below == pytest.approx(287.15 - 0.4)
+def test_biased_and_noisy_thermistors_shift_where_the_software_switches(tmp_path):
+    found = []
+    for noise in (0.0, 0.1):
+        battery = {"node": "battery", "bias": "0.4 K", "noise": f"{noise} K"}
+        spacecraft = {"thermistors": {**craft.SPACECRAFT["thermistors"], "battery_1": battery}}
+        task = load_task(craft.write(tmp_path, spacecraft=spacecraft))
+        assert task.scenario.simulator.heaters["battery"].on_below == 287.15
+        found.append(switching_shifts(task.mission)["battery"])
+    (on, off), (noisy_on, noisy_off) = found
+    # Without noise the bias alone, and at most the 0.04 K that the battery moves in a control cycle.
+    assert -0.44 < on < -0.4 < off < -0.36
+    # The first of some noisy readings to cross is about a standard deviation early.
+    assert 0.03 < noisy_on - on < 0.25
+    assert 0.03 < off - noisy_off < 0.25
 
 
 def test_control_by_pulse_width_becomes_a_narrow_hysteresis_and_is_noted(tmp_path):
@@ -57,10 +68,17 @@ def test_control_by_pulse_width_becomes_a_narrow_hysteresis_and_is_noted(tmp_pat
 def test_what_the_thermostat_leaves_out_is_noted(tmp_path):
     limits = {"on_below": "14 degC", "off_above": "15 degC", "minimum_on": "60 s"}
     content = software(thermostat=limits)
-    content["software"]["enabled"]["imaging"] = []
+    content["software"]["enabled"]["safe"] = []
     notes = load_task(craft.write(tmp_path, spacecraft=content)).notes
     assert any("minimum times" in note for note in notes)
-    assert any("switched off in imaging" in note for note in notes)
+    assert any("switched off in safe" in note for note in notes)
+
+
+def test_a_mode_of_the_flight_that_switches_a_heater_off_is_refused(tmp_path):
+    content = software()
+    content["software"]["enabled"]["imaging"] = []
+    with pytest.raises(ScenarioError, match="the mode 'imaging', in which the enable table switches heater line 'batt"):
+        load_task(craft.write(tmp_path, spacecraft=content))
 
 
 def test_a_line_that_heats_two_nodes_is_refused(tmp_path):

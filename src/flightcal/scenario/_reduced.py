@@ -11,7 +11,7 @@ from ._units import did_you_mean, show
 
 _HERE = ("simulator", "reduced_model")
 _SECTIONS = ("nodes", "faces", "heaters", "modes")
-FORMAT = "1"
+FORMAT = "2"
 
 
 def fill_in(written: dict[str, Any], folder: Path) -> tuple[dict[str, Any], list[Problem]]:

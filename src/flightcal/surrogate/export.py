@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 import os
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -19,8 +20,10 @@ from .reduce import Progress, Reduced, reduce
 from .reduced_scenario import reduced_scenario
 from .schema import FlightWindow
 from .storage import save, stored_of
+from .thermostats import switching_shifts
 
 MODEL_FILE = "reduced_model.nc"
+_BELIEVABLE = ("-200 degC", "300 degC")
 
 
 def reduce_to_folder(path: Path, out: Path, on_progress: Progress = lambda *_: None) -> list[str]:
@@ -31,7 +34,7 @@ def reduce_to_folder(path: Path, out: Path, on_progress: Progress = lambda *_: N
     if out.exists() and (not out.is_dir() or any(out.iterdir())):
         raise RunError(f"{out}: found something there, expected a new or empty folder: nothing is overwritten")
     task = load_task(path)
-    reduced = reduce(task, on_progress)
+    reduced = _as_the_software_switches(task, reduce(task, on_progress))
     on_progress("measuring the speed", 0.0)
     content = certificate(task, reduced, measure_speed(task, reduced))
     lines = certificate_lines(content)
@@ -45,6 +48,23 @@ def reduce_to_folder(path: Path, out: Path, on_progress: Progress = lambda *_: N
         save(out / MODEL_FILE, stored_of(reduced.model, task.scenario, block, sensor_errors(task, reduced)))
     _write_text(out / "scenario.yaml", _scenario_text(task, reduced, path, out))
     return [*lines, *(f"wrote {out / name}" for name in written)]
+
+
+def _as_the_software_switches(task: Task, reduced: Reduced) -> Reduced:
+    """Its thermostats where the on-board software really switches; the certificate compares without."""
+    shifts = switching_shifts(task.mission)
+    model = reduced.model
+    if isinstance(model, Condensed):
+        block = model.scenario.network
+        heaters = {
+            name: heater.model_copy(
+                update={"on_below": heater.on_below + shifts[name][0], "off_above": heater.off_above + shifts[name][1]}
+            )
+            for name, heater in block.heaters.items()
+        }
+        scenario = model.scenario.model_copy(update={"simulator": block.model_copy(update={"heaters": heaters})})
+        return replace(reduced, model=replace(model, scenario=scenario))
+    return replace(reduced, model=replace(model, shifts=tuple(shifts[name] for name in model.heaters)))
 
 
 def _write_text(path: Path, text: str) -> None:
@@ -63,7 +83,9 @@ def _scenario_text(task: Task, reduced: Reduced, path: Path, out: Path) -> str:
         model = scenario.network.model_copy(update={"reduced_model": MODEL_FILE})
     model = model.model_copy(update={"checked_on": os.path.relpath(path, out)})
     channels = {
-        name: Channel.model_construct(column=(name,), kind="temperature", unit="degC") for name in scenario.observations
+        # No thermistor reads what lies outside of this: it is a mark of the ground's.
+        name: Channel.model_construct(column=(name,), kind="temperature", unit="degC", valid_range=_BELIEVABLE)
+        for name in scenario.observations
     }
     statuses = {f"{name}_status": f"heater.{name}" for name in model.heaters}
     channels |= {name: Channel.model_construct(column=(column,), kind="status") for name, column in statuses.items()}

@@ -96,7 +96,7 @@ def load_task(path: str | Path) -> Task:
     except FlightcalError as error:
         raise ScenarioError(f"{path}: {error}") from None
     parameters, problems = _parameters(reduction.parameters, scenario)
-    problems += _unknown_modes(reduction, mission)
+    problems += _unknown_modes(reduction, mission) or _disabling_modes(reduction, mission)
     settling = period if reduction.settling is None else reduction.settling
     problems += _too_short(reduction, period, settling)
     if problems:
@@ -192,6 +192,27 @@ def _unknown_modes(reduction: Reduction, mission: Mission) -> list[Problem]:
         for place, window in _windows(reduction).items()
         for k, item in enumerate(window.timeline or ())
         if item.mode not in modes
+    ]
+
+
+def _disabling_modes(reduction: Reduction, mission: Mission) -> list[Problem]:
+    """Modes of the windows and of the flight in which the enable table switches a heater off: none may."""
+    software = mission.spacecraft.software
+    own = {software.initial_mode, *(mode for _, mode in software.timeline)}
+    used = {("spacecraft",): own} | {
+        (*place, "timeline"): {item.mode for item in window.timeline or ()}
+        for place, window in _windows(reduction).items()
+    }
+    return [
+        Problem(
+            place,
+            f"found the mode '{mode}', in which the enable table switches heater line '{line.name}' off, expected "
+            "modes that leave every line on: a reduced model's thermostats act in every mode",
+        )
+        for place, modes in used.items()
+        for mode in sorted(modes)
+        for line in software.heaters
+        if line.name not in software.enabled[mode]
     ]
 
 

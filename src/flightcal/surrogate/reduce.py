@@ -132,11 +132,12 @@ def _projections(
 ) -> Iterator[tuple[Candidate, ReducedModel]]:
     affine = decompose(network, task.scenario, medians_of(task.scenario))
     own, settings = _own_nodes(task), task.reduction.projection
-    snapshots = collect(network, affine, training, own, max(sizes), settings.follow_within)
-    for order in sizes:
-        shapes = choose_shapes(snapshots, own, order)
-        sampled = settings.sampled_nodes or order + 2
-        yield projected(task, network, project(network, affine, task.scenario, shapes, snapshots, sampled, own))
+    snapshots = collect(network, affine, training, own, max(sizes) + settings.settled, settings.follow_within)
+    for states in sizes:
+        shapes = choose_shapes(snapshots, own, min(states + settings.settled, snapshots.basis.shape[1]))
+        sampled = settings.sampled_nodes or states + 2
+        model = project(network, affine, task.scenario, shapes, snapshots, sampled, own, states)
+        yield projected(task, network, model)
 
 
 def projected(task: Task, network: Network, model: ReducedModel) -> tuple[Candidate, ReducedModel]:
@@ -149,7 +150,7 @@ def projected(task: Task, network: Network, model: ReducedModel) -> tuple[Candid
     restriction = np.zeros((len(model.states), len(network.nodes)))
     for k, name in enumerate(model.states):
         restriction[k, network.nodes.index(name)] = 1.0
-    massless = len(model.mixed) + model.followers + len(model.states)
+    massless = len(model.settled) + len(model.mixed) + model.followers + len(model.states)
     return Candidate(build, restriction, len(model.states), massless), model
 
 

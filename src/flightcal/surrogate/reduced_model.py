@@ -1,15 +1,17 @@
 """A reduced order model: small dense matrices for each product of free numbers, and its canonical form.
 
-    (M dx/dt, 0) = sum_k p_k (L_k (x, v) + R_k (x, y)^4 + B_k w + sum_h u_h g_kh)      y = E x + e,  M = sum_k p_k M_k
+    (M dx/dt, 0) = sum_k p_k (L_k (x, q, v) + R_k (x, q, y)^4 + B_k w + sum_h u_h g_kh)
+    y = E (x, q) + e,    M = sum_k p_k M_k
 
 The states x [r] are temperatures of nodes of the full network, so thermostats and observations look at states, and
-initial states are temperatures. v [s] are amplitudes of the fourth powers of what follows at once, such as the outer
+initial states are temperatures. q are temperatures that settle at once; each has a balance, in which the rates of the
+states stand for its own. v [s] are amplitudes of the fourth powers of what follows at once, such as the outer
 layer of insulation: its balance is linear in them, whatever the step.
 
-In the canonical form y [m], v and the rates z = dx/dt [r] are massless states. Eliminating a massless state that enters
-linearly gives the same Rosenbrock step as eliminating it from the equations first, so nothing is lost by it; and with
-y first, then v, x and z the pivots of an implicit step are those of definite matrices, in the end M - h/2 J, so that
-the kernel's factorisation needs no pivoting.
+In the canonical form y [m], v, q and the rates z = dx/dt [r] are massless states. Eliminating a massless state that
+enters linearly gives the same Rosenbrock step as eliminating it from the equations first, so nothing is lost by it;
+and with y first, then v, q, x and z the pivots of an implicit step are those of definite matrices, in the end
+M - h/2 J, so that the kernel's factorisation needs no pivoting.
 """
 
 from __future__ import annotations
@@ -36,10 +38,13 @@ class ReducedModel:
 
     states: tuple[str, ...]
     """Nodes [r] of the full network whose temperatures are the states."""
+    settled: tuple[str, ...]
+    """Nodes [f] whose temperatures q settle at once."""
     mixed: tuple[str, ...]
-    """Nodes [m] whose temperatures y are mixed from the states: those at which radiation is evaluated, and sensors."""
+    """Nodes [m] whose temperatures y are mixed from those of states and settled nodes: where radiation acts, and
+    sensors."""
     mixing: FloatArray
-    """E [m, r]"""
+    """E [m, r+f]"""
     mixing_offset: FloatArray
     """e [m] K"""
     free: tuple[str, ...]
@@ -47,22 +52,24 @@ class ReducedModel:
     values: FloatArray
     """SI, as written or prior medians."""
     columns: tuple[str, ...]
-    """Input series w [q], as a network's; faces are the ways that faces look."""
+    """Input series w, as a network's; faces are the ways that faces look."""
     ways: dict[str, Normal]
     """Name -> outward normal in the body frame."""
     heaters: tuple[str, ...]
     sensors: tuple[int, ...]
     """[H] state that each thermostat watches."""
     capacity: dict[Product, FloatArray]
-    """M_k [r, r] J/K."""
+    """M_k [r+f, r] J/K."""
     matrices: dict[Kind, dict[Product, FloatArray]]
-    """linear L_k [r+s, r+s], radiative R_k [r+s, r+m], forcing B_k [r+s, q], heating g_k [r+s, H]; W."""
+    """linear L_k [r+f+s, r+f+s], radiative R_k [r+f+s, r+f+m], forcing B_k [r+f+s, w], heating g_k [r+f+s, H]; W."""
     followers: int
     """s"""
     initial: FloatArray
     """[r] K, typical."""
     initial_spread: FloatArray
     """[r] K, standard deviation of the states over the training runs."""
+    shifts: tuple[tuple[float, float], ...] = ()
+    """[H] (on, off) K: how far from its thresholds the on-board software switches each heater; none: not at all."""
 
 
 def network_of(model: ReducedModel, numbers: Mapping[str, float] | None = None) -> Network:
@@ -71,9 +78,10 @@ def network_of(model: ReducedModel, numbers: Mapping[str, float] | None = None) 
     numbers: by dotted path, SI: they replace free numbers of the same path, or stand beside them (biases of channels).
     """
     values = dict(zip(model.free, model.values.tolist(), strict=True)) | dict(numbers or {})
-    r, m, s = len(model.states), len(model.mixed), model.followers
-    y, v, x, z = (first + np.arange(count) for first, count in ((0, m), (m, s), (m + s, r), (m + s + r, r)))
-    balances, unknowns, radiating = np.concatenate([z, v]), np.concatenate([x, v]), np.concatenate([x, y])
+    r, f, m, s = len(model.states), len(model.settled), len(model.mixed), model.followers
+    y, v, q, x, z = np.split(np.arange(m + s + f + 2 * r), np.cumsum([m, s, f, r]))
+    balances, unknowns = np.concatenate([z, q, v]), np.concatenate([x, q, v])
+    temperatures, radiating = unknowns[: r + f], np.concatenate([x, q, y])
     terms: dict[str, dict[tuple[int, int], list[tuple[float, Product]]]] = {
         kind: defaultdict(list) for kind in ("linear", "radiative", "forcing", "heating", "lower", "upper")
     }
@@ -81,12 +89,12 @@ def network_of(model: ReducedModel, numbers: Mapping[str, float] | None = None) 
     for i in range(m):
         terms["linear"][y[i], y[i]].append((-1.0, ()))
         terms["forcing"][y[i], one].append((model.mixing_offset[i], ()))
-        for j in range(r):
-            terms["linear"][y[i], x[j]].append((model.mixing[i, j], ()))
+        for j in range(r + f):
+            terms["linear"][y[i], temperatures[j]].append((model.mixing[i, j], ()))
     for i in range(r):
         terms["linear"][x[i], z[i]].append((1.0, ()))
     for product, matrix in model.capacity.items():
-        _add(terms["linear"], z, z, -matrix, product)
+        _add(terms["linear"], balances, z, -matrix, product)
     columns: dict[Kind, IntArray] = {
         "linear": unknowns,
         "radiative": radiating,
@@ -97,11 +105,12 @@ def network_of(model: ReducedModel, numbers: Mapping[str, float] | None = None) 
             _add(terms[kind], balances, these, matrix, product)
     for product, matrix in model.matrices["heating"].items():
         _add(terms["heating"], np.arange(len(model.heaters)), balances, matrix.T, product)
+    shifts = model.shifts or ((0.0, 0.0),) * len(model.heaters)
     for k, heater in enumerate(model.heaters):
-        for limit, field in (("lower", "on_below"), ("upper", "off_above")):
-            terms[limit][k, 0].append((1.0, (model.free.index(f"heaters.{heater}.{field}"),)))
+        for limit, field, shift in zip(("lower", "upper"), ("on_below", "off_above"), shifts[k], strict=True):
+            terms[limit][k, 0] += [(1.0, (model.free.index(f"heaters.{heater}.{field}"),)), (shift, ())]
     entries = {kind: sorted(found) for kind, found in terms.items()}
-    mass = np.concatenate([np.zeros(m + s), np.ones(r), np.zeros(r)])
+    mass = np.concatenate([np.zeros(m + s + f), np.ones(r), np.zeros(r)])
     structure = make_structure(
         mass,
         entries["linear"],
@@ -114,6 +123,7 @@ def network_of(model: ReducedModel, numbers: Mapping[str, float] | None = None) 
         nodes=(
             *map(plain, model.mixed),
             *(f"follower.{k}" for k in range(s)),
+            *map(plain, model.settled),
             *map(plain, model.states),
             *(f"rate.{name}" for name in model.states),
         ),

@@ -36,7 +36,7 @@ def simulator_block(full: SimulatorModel, model: ReducedModel, step: float) -> S
     }
     mixed = {
         plain(name): Node.model_construct(capacity=None, initial=None, arithmetic=True, boundary=None)
-        for name in model.mixed
+        for name in (*model.settled, *model.mixed)
     }
     faces = {
         way: Face.model_construct(

@@ -65,6 +65,7 @@ def load(path: Path) -> Stored:
     capacity = matrices.pop("capacity")
     model = ReducedModel(
         states=tuple(about["states"]),
+        settled=tuple(about["settled"]),
         mixed=tuple(about["mixed"]),
         mixing=data["mixing"].to_numpy(),
         mixing_offset=data["mixing_offset"].to_numpy(),
@@ -79,6 +80,7 @@ def load(path: Path) -> Stored:
         followers=about["followers"],
         initial=data["initial"].to_numpy(),
         initial_spread=data["initial_spread"].to_numpy(),
+        shifts=tuple((on, off) for on, off in about["shifts"]),
     )
     return Stored(
         model,
@@ -101,7 +103,7 @@ def _dataset(stored: Stored) -> xarray.Dataset:
     matrices: dict[str, Mapping[Product, FloatArray]] = {"capacity": model.capacity}
     matrices.update({str(kind): found for kind, found in model.matrices.items()})
     variables: dict[str, Any] = {
-        "mixing": (("mixed", "state"), model.mixing),
+        "mixing": (("mixed", "temperature"), model.mixing),
         "mixing_offset": ("mixed", model.mixing_offset),
         "values": ("free", model.values),
         "initial": ("state", model.initial),
@@ -109,16 +111,18 @@ def _dataset(stored: Stored) -> xarray.Dataset:
     }
     for kind, found in matrices.items():
         if found:
-            row = "state" if kind == "capacity" else "unknown"
-            column = "state_too" if kind == "capacity" else "unknown_too" if kind == "linear" else _COLUMNS[kind]
+            row = "temperature" if kind == "capacity" else "unknown"
+            column = "state" if kind == "capacity" else "unknown_too" if kind == "linear" else _COLUMNS[kind]
             variables[kind] = ((f"{kind}_product", row, column), np.stack(list(found.values())))
     about = {
         "states": model.states,
+        "settled": model.settled,
         "mixed": model.mixed,
         "free": model.free,
         "columns": model.columns,
         "ways": model.ways,
         "heaters": model.heaters,
+        "shifts": model.shifts,
         "watched": model.sensors,
         "followers": model.followers,
         "products": {kind: list(found) for kind, found in matrices.items()},

@@ -5,8 +5,9 @@ from __future__ import annotations
 import numpy as np
 
 from ..errors import FlightcalError
+from ..operational.file import Mission
 from ..operational.onboard import HeaterLine, OnOff
-from ..operational.simulator import Spacecraft
+from ..operational.simulator import Spacecraft, fly
 from ..scenario.schema import Heater
 
 
@@ -14,7 +15,8 @@ def canonical_heaters(spacecraft: Spacecraft, band: float) -> tuple[dict[str, He
     """A hysteresis thermostat for each heater line, and notes on what of the software it leaves out.
 
     Control by pulse width holds the set point; hysteresis `band` (K) wide around it gives the same mean heat. The
-    certificate measures what that costs. Raises FlightcalError for a line that heats or watches more than one node.
+    certificate measures what that costs. Thresholds are the software's; `switching_shifts` says where it switches.
+    Raises FlightcalError for a line that heats or watches more than one node.
     """
     heaters, notes = {}, []
     for line in spacecraft.software.heaters:
@@ -26,14 +28,14 @@ def canonical_heaters(spacecraft: Spacecraft, band: float) -> tuple[dict[str, He
                 "of the canonical form heats one node"
             )
         ((node, watts),) = power.items()
-        sensor, bias = _watched(spacecraft, line)
+        sensor, _ = _watched(spacecraft, line)
         lower, upper = _thresholds(line, band)
         heaters[line.name] = Heater.model_construct(
             node=node,
             power=watts,
             sensor=sensor,
-            on_below=lower - bias,
-            off_above=upper - bias,
+            on_below=lower,
+            off_above=upper,
             initially_on=False,
             measured_by=None,
         )
@@ -41,6 +43,28 @@ def canonical_heaters(spacecraft: Spacecraft, band: float) -> tuple[dict[str, He
     if spacecraft.software.transitions:
         notes.append("changes of mode by temperature are left out: modes follow the timeline")
     return heaters, notes
+
+
+def switching_shifts(mission: Mission) -> dict[str, tuple[float, float]]:
+    """How far from its thresholds (on, off) each heater line switches, K: a median over the mission's flight.
+
+    The temperature of the node that it watches, less the threshold. Biased, noisy thermistors, voted on and read once
+    in a control cycle, switch early or late; a line that does not switch in the flight is shifted by its bias alone.
+    """
+    craft = mission.spacecraft
+    flight = fly(craft, mission.start, mission.duration, seed=mission.seed)
+    shifts = {}
+    for k, line in enumerate(craft.software.heaters):
+        node, bias = _watched(craft, line)
+        temperature = flight.temperatures[:, flight.nodes.index(node)]
+        change = np.diff((flight.power[:, k] > 0.0).astype(int), prepend=0)
+        found = []
+        for sign, name in ((1, "on_below"), (-1, "off_above")):
+            there = temperature[change == sign]
+            measured = isinstance(line.law, OnOff) and len(there) > 0
+            found.append(float(np.median(there) - getattr(line.law, name)) if measured else -bias)
+        shifts[line.name] = (found[0], found[1])
+    return shifts
 
 
 def _watched(spacecraft: Spacecraft, line: HeaterLine) -> tuple[str, float]:
@@ -72,9 +96,9 @@ def _left_out(spacecraft: Spacecraft, line: HeaterLine, band: float) -> list[str
     thermistors = [item for item in spacecraft.thermistors if item.name in voted.thermistors]
     noise = max(item.noise for item in thermistors)
     if noise > 0.0:
-        notes.append(f"noise of {noise:g} K, which switches it before its thermistors reach a threshold, is left out")
+        notes.append(f"noise of {noise:g} K on its thermistors switches it early, always by as much as in the median")
     if any(item.failures for item in thermistors):
-        notes.append("failures of its thermistors, which shift the voted reading, are left out")
+        notes.append("failures of its thermistors shift its thresholds as in the median, whenever they happen")
     if len(line.branches) > 1:
         notes.append(f"only its branch '{line.branches[0]}' is there; failures and redundancy are left out")
     off = [mode for mode, lines in spacecraft.software.enabled.items() if line.name not in lines]
