@@ -5,7 +5,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from flightcal.calibration import Mode, build_problem, find_mode, search_record
+from flightcal.calibration import Mode, build_problem, climb, find_mode, search_record
 from flightcal.calibration.status import THRESHOLD_ERROR, heater_status, measured_switches
 from flightcal.simulator import open_loop
 
@@ -18,9 +18,9 @@ TRUTH = {
 } | small.TRUTH  # fmt: skip
 
 
-def written(likelihood):
+def written(likelihood, on_below="10 degC", off_above="13 degC"):
     content = small.content()
-    for name, centre in (("on_below", "10 degC"), ("off_above", "13 degC")):
+    for name, centre in (("on_below", on_below), ("off_above", off_above)):
         prior = {"normal": {"mean": centre, "standard_deviation": "1 K"}}
         content["parameters"][name] = {"sets": f"heaters.heater.{name}", "prior": prior}
     if likelihood is not None:
@@ -29,8 +29,8 @@ def written(likelihood):
     return content
 
 
-def made(folder, likelihood):
-    scenario, data = small.closed_loop(folder, written(likelihood))
+def made(folder, likelihood, **centres):
+    scenario, data = small.closed_loop(folder, written(likelihood, **centres))
     data["heater_status"].values[50:60] = np.nan
     return scenario, data
 
@@ -172,13 +172,22 @@ def test_open_loop_looks_at_thresholds_only_where_they_are_uncertain_or_status_c
 
 
 @pytest.mark.parametrize("likelihood", [None, INFERRED], ids=["temperatures alone", "status too"])
-def test_the_mode_is_found_with_thresholds_that_are_a_kelvin_uncertain(tmp_path, likelihood):
-    problem = build_problem(*made(tmp_path, likelihood))
+def test_the_mode_is_found_with_thresholds_two_kelvin_off_the_middle_of_their_priors(tmp_path, likelihood):
+    problem = build_problem(*made(tmp_path, likelihood, on_below="8 degC", off_above="15 degC"))
     mode = find_mode(problem, [], open_loop=problem.open_loop, rng=np.random.default_rng(0), random_starts=3)[0]
     truth = problem.to_z(np.array([TRUTH[name] for name in problem.names]))
     deviation = np.sqrt(np.diag(np.linalg.inv(problem.gauss_newton_hessian(mode.z))))
     assert mode.converged
     assert (np.abs(mode.z - truth) < 4 * deviation).all()
+
+
+def test_the_open_loop_brings_thresholds_near_the_truth(tmp_path):
+    content = written(None, on_below="8 degC", off_above="15 degC")
+    problem = build_problem(*small.closed_loop(tmp_path, content)).open_loop
+    mode = climb(problem, problem.to_z(problem.priors.median()))
+    theta = problem.to_theta(mode.z)
+    for name in ("on_below", "off_above"):
+        assert theta[problem.names.index(name)] == pytest.approx(TRUTH[name], abs=0.5)
 
 
 def test_a_scenario_that_gives_status_no_likelihood_has_none(tmp_path):
