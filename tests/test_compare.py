@@ -54,12 +54,12 @@ def test_every_model_of_a_scenario_is_a_scenario_without_findings(tmp_path, mode
         assert own.phase.harmonics == 5
 
 
-def test_the_best_log_score_among_models_that_cover_and_converged_is_recommended():
+def test_the_best_log_score_among_models_that_converged_is_recommended():
     found = means(
         iid=(1.0, 0.3, 0.95, 4.0, 0.60, -1.5),
         ar1=(1.0, 0.3, 0.97, 5.0, 0.62, -1.6),
         phase=(0.6, 0.2, 0.94, 2.4, 0.35, -0.9),
-        time=(0.6, 0.2, 0.80, 1.5, 0.36, -0.8),
+        time=(0.6, 0.2, 0.93, 2.5, 0.36, -1.0),
         both=(0.5, 0.2, 0.95, 2.0, 0.30, -0.5),
     )
     loos = {"iid": loo(-50.0), "ar1": loo(-30.0), "phase": loo(-20.0), "time": loo(-5.0), "both": loo(-6.0)}
@@ -67,16 +67,19 @@ def test_the_best_log_score_among_models_that_cover_and_converged_is_recommended
     best, reason = recommend(found, loos, passed)
     assert best == "phase"
     assert "covers 94.0%" in reason
-    assert "without coverage or convergence: time, both" in reason
+    assert "not converged: both" in reason
     assert "CRPS 0.35 K instead of 0.6 K (-42%)" in reason
     assert "predicted best by 'time', which says less" in reason
 
 
-def test_that_no_model_covers_is_said():
-    found = means(iid=(1.0, 0.3, 0.5, 4.0, 0.6, -1.5), ar1=(1.0, 0.3, 0.7, 5.0, 0.6, -1.2))
-    best, reason = recommend(found, {"iid": loo(-3.0), "ar1": loo(-2.0)}, dict.fromkeys(found, True))
-    assert best == "ar1"
-    assert "No model's interval covers" in reason
+def test_an_interval_that_does_not_cover_is_not_recommended_without_caution():
+    found = means(iid=(1.0, 0.3, 0.95, 4.0, 0.6, -1.5), phase=(0.4, 0.1, 0.84, 1.2, 0.3, -0.8))
+    loos = {"iid": loo(-3.0), "phase": loo(-2.0)}
+    best, reason = recommend(found, loos, dict.fromkeys(found, True))
+    assert best == "phase"
+    assert "where coverage matters more than sharpness, use 'iid', whose interval covers 95.0%" in reason
+    found["iid"]["picp"] = 0.7
+    assert "No model's interval covers" in recommend(found, loos, dict.fromkeys(found, True))[1]
     assert "It also predicts blocks left out of the training window best" in reason
 
 

@@ -23,7 +23,7 @@ def scenario(tmp_path, monkeypatch):
     file = write(tmp_path)
     made = []
 
-    def one(scenario_file, telemetry, number):
+    def one(source, number):
         made.append(number)
         rng = np.random.default_rng([4, number])
         return Repeat(
@@ -100,3 +100,13 @@ def test_a_simulator_without_derivatives_is_a_message(tmp_path, monkeypatch):
     result = run(app, ["validate", str(write(tmp_path)), "--out", str(tmp_path / "out")])
     assert result.exit_code == USER_ERROR
     assert "without derivatives" in result.output
+
+
+def test_another_model_of_the_residuals_is_another_validation(scenario):
+    file, out, _, _ = scenario
+    validate_scenario(file, out, 20, workers=1)
+    with pytest.raises(RunError, match="another scenario"):
+        validate_scenario(file, out, 20, workers=1, residuals="ar1")
+    result = run(app, ["validate", str(file), "--residuals", "ar2", "--out", str(out)])
+    assert result.exit_code == USER_ERROR
+    assert "found ar2, expected one of iid, ar1" in result.output

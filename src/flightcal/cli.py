@@ -294,6 +294,9 @@ def validate(
     out: Annotated[Path, typer.Option(help="Folder to write; repeats that are done in it are not run again.")],
     repeats: Annotated[int, typer.Option(min=20, help="Repeats; a larger number than before adds to them.")] = 200,
     workers: Annotated[int, typer.Option(min=1, help="Processes, one repeat at a time in each.")] = 2,
+    residuals: Annotated[
+        str | None, typer.Option(help="Model of the residuals instead of the scenario's, as of `compare`.")
+    ] = None,
     telemetry: TelemetryPlace = None,
 ) -> None:
     """Check the calibration on telemetry that the scenario itself makes: do its intervals cover what made it?"""
@@ -307,6 +310,7 @@ def validate(
             repeats,
             workers=workers,
             telemetry=telemetry,
+            residuals=residuals,
             on_progress=lambda done, total: advance(done / total, f"{done} of {total} repeats"),
         )
     print_validation(validation)

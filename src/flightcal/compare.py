@@ -33,7 +33,7 @@ MODELS = ("iid", "ar1", "time", "phase", "both")
 
 COMPARED = ("rmse", "mape_kelvin", "picp", "mpiw", "crps", "log_score")
 COVERED = (0.90, 0.99)
-"""What the 95% interval may cover of unseen telemetry to be recommended while another model's does."""
+"""What the 95% interval may cover of unseen telemetry without a word of caution."""
 _DRAWS = 200
 _RESULT = "comparison.json"
 
@@ -180,7 +180,10 @@ def _means(rows: Sequence[dict[str, Any]]) -> dict[str, float | None]:
 def recommend(
     means: Mapping[str, Mapping[str, float | None]], loos: Mapping[str, BlockLoo], passed: Mapping[str, bool]
 ) -> tuple[str, str]:
-    """The model to use, and why: of those that were sampled well and cover, the one with the best log score."""
+    """The model to use, and why: of those that were sampled well, the one with the best log score.
+
+    The log score is proper (Gneiting & Raftery 2007): an interval too narrow costs it as much as one too wide.
+    """
 
     def covers(model: str) -> bool:
         share = means[model]["picp"]
@@ -191,20 +194,24 @@ def recommend(
         return -np.inf if value is None else value
 
     sampled = [model for model in means if passed[model]] or list(means)
-    candidates = [model for model in sampled if covers(model)] or sampled
-    best = max(candidates, key=score)
+    best = max(sampled, key=score)
     share = means[best]["picp"]
     words = [
         f"On the windows that come after the training, '{best}' has the best log score, {score(best):.3f} nats a sample"
-        + (", of the models whose 95% interval covers them" if covers(best) else "")
-        + (f" (its covers {share:.1%})" if share is not None else "")
-        + "."
+        + (f"; its 95% interval covers {share:.1%} of them." if share is not None else ".")
     ]
-    if not covers(best):
-        words.append("No model's interval covers between 90% and 99% of them: none of these can be relied on.")
-    others = [model for model in means if model != best and model not in candidates and score(model) > score(best)]
+    covering = [model for model in sampled if covers(model)]
+    if not covers(best) and covering:
+        safe = max(covering, key=score)
+        words.append(
+            "That is not right for an interval of 95%: where coverage matters more than sharpness, use "
+            f"'{safe}', whose interval covers {means[safe]['picp']:.1%}."
+        )
+    elif not covers(best):
+        words.append("No model's interval covers between 90% and 99%: take none of these intervals at its word.")
+    others = [model for model in means if model not in sampled and score(model) > score(best)]
     if others:
-        words.append(f"A better log score without coverage or convergence: {', '.join(others)}.")
+        words.append(f"A better log score, but not converged: {', '.join(others)}.")
     if best != "iid" and "iid" in means:
         words += [f"Against 'iid': {_change(means, best, 'crps', 'CRPS')}, {_change(means, best, 'mpiw', 'MPIW')}."]
     inside = max(loos, key=lambda model: loos[model].density)

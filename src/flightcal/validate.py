@@ -25,6 +25,7 @@ from .calibration import Posterior, Problem, build_problem, calibrate_nuts
 from .calibration.diagnostics import least_effective
 from .calibration.emulated import needs_emulator
 from .calibration.synthetic import simulate_telemetry, with_telemetry
+from .compare import MODELS, variant
 from .environment import orbital_period
 from .errors import RunError, ScenarioError
 from .report import write_validation
@@ -44,6 +45,9 @@ _MAX_R_HAT, _MIN_ESS = 1.05, 50.0
 _MOST_REDRAWN = 100
 _PRIOR_DRAWS = 4000
 _REPEATS, _RESULT = "repeats", "validation.json"
+
+Source = tuple[str, str | None, str | None]
+"""Scenario file, telemetry in the place of its own, model of the residuals in the place of its own."""
 
 Simulate = Callable[[Problem, FloatArray, np.random.Generator], tuple[FloatArray, FloatArray]]
 
@@ -70,14 +74,18 @@ def validate_scenario(
     *,
     workers: int = 2,
     telemetry: Path | str | None = None,
+    residuals: str | None = None,
     on_progress: Callable[[int, int], None] = lambda *_: None,
 ) -> Validation:
     """Run the repeats that are missing in the folder `out`, and judge all of them.
 
-    workers: processes; 1: this one. on_progress: told how many repeats of how many are done.
+    workers: processes; 1: this one. residuals: one of `compare.MODELS` in the place of the scenario's own.
+    on_progress: told how many repeats of how many are done.
     Raises FlightcalError for what is the user's to mend.
     """
-    source = (str(scenario_file), None if telemetry is None else str(telemetry))
+    if residuals is not None and residuals not in MODELS:
+        raise RunError(f"--residuals: found {residuals}, expected one of {', '.join(MODELS)}")
+    source = (str(scenario_file), None if telemetry is None else str(telemetry), residuals)
     problem, _ = _prepared(*source)
     scenario = problem.scenario
     settings = short(scenario.calibration.nuts)
@@ -91,7 +99,7 @@ def validate_scenario(
     on_progress(repeats - len(missing), repeats)
     if missing:
         _compile(problem)
-    for number, repeat in _run(missing, workers, *source):
+    for number, repeat in _run(missing, workers, source):
         _write(_file(run, number), repeat)
         on_progress(sum(_file(run, k).exists() for k in range(repeats)), repeats)
     return judge(run, problem, repeats)
@@ -197,9 +205,11 @@ def judge(run: RunDirectory, problem: Problem, repeats: int) -> Validation:
 
 
 @cache
-def _prepared(scenario_file: str, telemetry: str | None) -> tuple[Problem, xarray.Dataset]:
+def _prepared(scenario_file: str, telemetry: str | None, residuals: str | None) -> tuple[Problem, xarray.Dataset]:
     """The scenario's problem and its telemetry: once in each process."""
     scenario: Scenario = load_scenario(scenario_file, telemetry=telemetry)
+    if residuals is not None:
+        scenario = variant(scenario, residuals)
     period = orbital_period(scenario.environment, scenario.folder)
     data = read_telemetry(scenario.telemetry, scenario.folder, period=period)
     problem = build_problem(scenario, data)
@@ -216,23 +226,21 @@ def _compile(problem: Problem) -> None:
     problem.log_density_and_gradient(problem.to_z(problem.priors.median()))
 
 
-def _one(scenario_file: str, telemetry: str | None, number: int) -> Repeat:
-    problem, data = _prepared(scenario_file, telemetry)
+def _one(source: Source, number: int) -> Repeat:
+    problem, data = _prepared(*source)
     settings = problem.scenario.calibration
     return run_repeat(problem, data, short(settings.nuts), [settings.seed, number])
 
 
-def _run(missing: list[int], workers: int, scenario_file: str, telemetry: str | None) -> Iterator[tuple[int, Repeat]]:
+def _run(missing: list[int], workers: int, source: Source) -> Iterator[tuple[int, Repeat]]:
     """The repeats as they end."""
     if workers == 1 or len(missing) < 2:
         for number in missing:
-            yield number, _one(scenario_file, telemetry, number)
+            yield number, _one(source, number)
         return
     executor = ProcessPoolExecutor(workers, mp_context=multiprocessing.get_context("spawn"))
     try:
-        going: dict[Future[Repeat], int] = {
-            executor.submit(_one, scenario_file, telemetry, number): number for number in missing
-        }
+        going: dict[Future[Repeat], int] = {executor.submit(_one, source, number): number for number in missing}
         while going:
             for done in wait(going, return_when=FIRST_COMPLETED).done:
                 yield going.pop(done), done.result()

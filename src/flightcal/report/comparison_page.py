@@ -54,8 +54,10 @@ def write_comparison(folder: Path) -> Path:
 
 def _findings(content: Record) -> list[Finding]:
     recommended = content["recommended"]
+    share = content["means"][recommended]["picp"]
+    right = share is not None and 0.9 <= share <= 0.99
     findings = [
-        Finding("good", f"Recommended: {recommended}, {WORDS[recommended]}", content["reason"]),
+        Finding("good" if right else "warn", f"Recommended: {recommended}, {WORDS[recommended]}", content["reason"]),
     ]
     failed = [model for model, passed in content["passed"].items() if not passed]
     if failed:
