@@ -1,7 +1,7 @@
 """Parametric POD-Galerkin: the full network projected on the shapes that its temperatures take.
 
 Snapshots of runs over prior draws and windows give a basis by SVD, in the norm of the heat capacities with the
-sensors' nodes, and those next to them, weighted up (without either: ten times the error in the observer twin). Its
+sensors' nodes, and those next to them, weighted up (without either: ten times the error). Its
 coordinates are changed so that the states are temperatures of nodes: the sensors', the thermostats', and those that a
 pivoted QR decomposition of the basis picks. The network's matrices are projected for each product of free numbers
 (Benner, Gugercin & Willcox 2015, SIAM Review 57, 483-531, sec. 3).
