@@ -33,6 +33,9 @@ from .noise import (
     whiten,
 )
 
+_PIECE = 64
+"""Samples whose part of the basis stays in the nearest cache while all channels are gone through."""
+
 
 class Residuals(NamedTuple):
     """What the residuals of a window's N channels are made of, as compiled code reads it."""
@@ -63,9 +66,12 @@ class ResidualMemory(NamedTuple):
     """What the likelihood works in."""
 
     residual: Any
-    """[T], as the next five."""
-    residual_bar: Any
+    """[N, T], as the next."""
     fitted: Any
+    projected: Any
+    """[N, m], and then the expected weights."""
+    residual_bar: Any
+    """[T], as the next three."""
     decay: Any
     gain: Any
     root: Any
@@ -88,8 +94,11 @@ def residual_memory(residuals: Residuals) -> ResidualMemory:
     samples, m = residuals.basis.shape
     together = bool((residuals.discrepant & (residuals.kinds == CORRELATED)).any())
     wide = (samples, m + 1 if together else 1)
-    vectors, square = (np.empty(samples) for _ in range(6)), (np.empty((m, m)) for _ in range(4))
-    return ResidualMemory._make([*vectors, np.empty((8, m + 1)), *square, *(np.empty(wide) for _ in range(4))])
+    channels = len(residuals.kinds)
+    by_channel = (np.empty((channels, samples)), np.empty((channels, samples)), np.empty((channels, m)))
+    vectors, square = (np.empty(samples) for _ in range(4)), (np.empty((m, m)) for _ in range(4))
+    wides = (np.empty(wide) for _ in range(4))
+    return ResidualMemory._make([*by_channel, *vectors, np.empty((8, m + 1)), *square, *wides])
 
 
 def log_likelihood(
@@ -122,16 +131,17 @@ def weights_given(
 @compiled
 def log_likelihood_compiled(residuals, memory, observed, simulated, numbers, simulated_bar, numbers_bar):
     """`log_likelihood` in compiled code: fills the derivatives, returns the value."""
-    value = 0.0
+    value, residual_bar = 0.0, memory.residual_bar
+    _start(residuals, memory, observed, simulated)
     for k in range(numbers.shape[0]):
-        valid, residual, residual_bar = residuals.valid[k], memory.residual, memory.residual_bar
-        for t in range(residual.shape[0]):
-            residual[t] = observed[t, k] - simulated[t, k] if valid[t] else 0.0
+        valid, residual = residuals.valid[k], memory.residual[k]
         for j in range(NUMBERS):
             numbers_bar[k, j] = 0.0
         kind = residuals.kinds[k]
         if residuals.discrepant[k]:
             value += _discrepant(residuals, memory, k, numbers[k], numbers_bar[k])
+            if kind == INDEPENDENT:
+                continue
         elif kind == INDEPENDENT:
             value += normal(valid, residual, numbers[k], residual_bar, numbers_bar[k])
         elif kind == CORRELATED:
@@ -142,9 +152,46 @@ def log_likelihood_compiled(residuals, memory, observed, simulated, numbers, sim
             value += student(
                 kind == CORRELATED_STUDENT, residuals.seconds, valid, residual, numbers[k], residual_bar, numbers_bar[k]
             )
-        for t in range(residual.shape[0]):
+        for t in range(residual_bar.shape[0]):
             simulated_bar[t, k] = -residual_bar[t] if valid[t] else 0.0
+    _finish(residuals, memory, numbers, simulated_bar, numbers_bar)
     return value
+
+
+@inlined
+def _start(residuals, memory, observed, simulated):
+    """Residuals of all channels, and their products with the basis where it needs no whitening.
+
+    A piece of the window at a time for all channels, so that the basis comes from memory once.
+    """
+    samples = memory.residual.shape[1]
+    for k in range(memory.residual.shape[0]):
+        for t in range(samples):
+            memory.residual[k, t] = observed[t, k] - simulated[t, k] if residuals.valid[k, t] else 0.0
+        for j in range(memory.projected.shape[1]):
+            memory.projected[k, j] = 0.0
+    for start in range(0, samples, _PIECE):
+        end = min(start + _PIECE, samples)
+        for k in range(memory.residual.shape[0]):
+            if residuals.discrepant[k] and residuals.kinds[k] == INDEPENDENT:
+                project(residuals.basis, start, end, memory.residual[k], memory.projected[k])
+
+
+@inlined
+def _finish(residuals, memory, numbers, simulated_bar, numbers_bar):
+    """The derivatives by the simulated, and by the noise, of channels with a discrepancy in independent noise."""
+    samples = memory.residual.shape[1]
+    for k in range(memory.residual.shape[0]):
+        if not (residuals.discrepant[k] and residuals.kinds[k] == INDEPENDENT):
+            continue
+        combine(residuals.transposed, memory.projected[k], memory.fitted[k])
+        precision = 1.0 / (numbers[k, DEVIATION] * numbers[k, DEVIATION])
+        left = 0.0
+        for t in range(samples):
+            scaled = (memory.residual[k, t] - memory.fitted[k, t]) * precision if residuals.valid[k, t] else 0.0
+            simulated_bar[t, k] = scaled
+            left += scaled * scaled
+        numbers_bar[k, DEVIATION] += numbers[k, DEVIATION] * left
 
 
 @inlined
@@ -155,7 +202,7 @@ def _correlated(residuals, memory, k, numbers, numbers_bar):
     columns, whitened = memory.columns[:, :1], memory.whitened[:, :1]
     whitened_bar, columns_bar = memory.whitened_bar[:, :1], memory.columns_bar[:, :1]
     for t in range(columns.shape[0]):
-        columns[t, 0] = memory.residual[t]
+        columns[t, 0] = memory.residual[k, t]
     state = memory.vectors[0, :1]
     whiten(valid, memory.decay, memory.gain, memory.root, columns, whitened, state)
     squares, samples = 0.0, 0
@@ -174,20 +221,20 @@ def _correlated(residuals, memory, k, numbers, numbers_bar):
 
 @inlined
 def _infer_weights(residuals, memory, k, numbers):
-    """Weights of a channel's discrepancy given memory.residual: in the rows of memory.vectors and in memory.inverse.
+    """Weights of a channel's discrepancy given its residuals: in the rows of memory.vectors and in memory.inverse.
 
     Returns the log determinant of the residuals' covariance and their square in standard deviations.
     """
-    root, slope, projected, weights, shrunk = _rows(memory)
+    root, slope, weights, shrunk = _rows(memory)
+    projected = memory.projected[k]
     spectrum(residuals.frequency, residuals.in_time[0], residuals.smoothness, residuals.factor, numbers, root, slope)
     valid, m, samples = residuals.valid[k], root.shape[0], 0
     squares = 0.0
     if residuals.kinds[k] == INDEPENDENT:
         precision = 1.0 / (numbers[DEVIATION] * numbers[DEVIATION])
-        for t in range(memory.residual.shape[0]):
-            squares += memory.residual[t] * memory.residual[t]
+        for t in range(memory.residual.shape[1]):
+            squares += memory.residual[k, t] * memory.residual[k, t]
             samples += 1 if valid[t] else 0
-        project(residuals.basis, memory.residual, projected)
         determinant, explained = factorise(
             residuals.products[k], precision, root, projected, memory.upper, memory.inverse, shrunk, weights
         )
@@ -197,7 +244,7 @@ def _infer_weights(residuals, memory, k, numbers):
     for t in range(columns.shape[0]):
         for j in range(m):
             columns[t, j] = residuals.basis[t, j]
-        columns[t, m] = memory.residual[t]
+        columns[t, m] = memory.residual[k, t]
     whiten(valid, memory.decay, memory.gain, memory.root, columns, whitened, memory.vectors[7])
     for i in range(m):
         projected[i] = 0.0
@@ -220,39 +267,32 @@ def _infer_weights(residuals, memory, k, numbers):
 
 @inlined
 def _rows(memory):
-    """Rows of memory.vectors: prior deviations and log slopes, projection, weights over deviations, shrinkage [m]."""
+    """Rows of memory.vectors: prior deviations and log slopes, weights over deviations, shrinkage [m]."""
     m = memory.gram.shape[0]
     vectors = memory.vectors
-    return vectors[0, :m], vectors[1, :m], vectors[2, :m], vectors[3, :m], vectors[4, :m]
+    return vectors[0, :m], vectors[1, :m], vectors[2, :m], vectors[3, :m]
 
 
 @inlined
 def _discrepant(residuals, memory, k, numbers, numbers_bar):
-    """Noise and a discrepancy."""
-    valid, residual, residual_bar = residuals.valid[k], memory.residual, memory.residual_bar
+    """Noise and a discrepancy; what of its derivatives takes a pass over the basis is left to `_finish`."""
+    valid = residuals.valid[k]
     log_determinant, squares = _infer_weights(residuals, memory, k, numbers)
-    root, slope, projected, weights, shrunk = _rows(memory)
+    root, slope, weights, shrunk = _rows(memory)
+    expected = memory.projected[k]
     m, samples = root.shape[0], 0
-    for t in range(residual.shape[0]):
+    for t in range(valid.shape[0]):
         samples += 1 if valid[t] else 0
     pull_back_spectrum(residuals.in_time[0], weights, shrunk, slope, numbers, numbers_bar)
-    # From here on the projection's row holds the expected weights.
     for j in range(m):
-        projected[j] = root[j] * weights[j]
+        expected[j] = root[j] * weights[j]
     if residuals.kinds[k] == INDEPENDENT:
-        precision = 1.0 / (numbers[DEVIATION] * numbers[DEVIATION])
-        combine(residuals.transposed, projected, memory.fitted)
-        left = 0.0
-        for t in range(residual.shape[0]):
-            scaled = (residual[t] - memory.fitted[t]) * precision if valid[t] else 0.0
-            residual_bar[t] = -scaled
-            left += scaled * scaled
         trace = float(samples - m)
         for j in range(m):
             trace += shrunk[j]
-        numbers_bar[DEVIATION] += numbers[DEVIATION] * (left - precision * trace)
+        numbers_bar[DEVIATION] -= trace / numbers[DEVIATION]
     else:
-        _pull_back_whitened(residuals, memory, k, numbers, root, projected, numbers_bar)
+        _pull_back_whitened(residuals, memory, k, numbers, root, expected, numbers_bar)
     return -0.5 * (squares + log_determinant) - samples * LOG_ROOT_2_PI
 
 
@@ -296,13 +336,12 @@ def _pull_back_whitened(residuals, memory, k, numbers, root, expected, numbers_b
 @compiled
 def weights_compiled(residuals, memory, observed, simulated, numbers, mean, factor):
     """`weights_given` in compiled code."""
+    _start(residuals, memory, observed, simulated)
     for k in range(numbers.shape[0]):
         if not residuals.discrepant[k]:
             continue
-        for t in range(memory.residual.shape[0]):
-            memory.residual[t] = observed[t, k] - simulated[t, k] if residuals.valid[k, t] else 0.0
         _infer_weights(residuals, memory, k, numbers[k])
-        root, _, _, weights, _ = _rows(memory)
+        root, _, weights, _ = _rows(memory)
         for i in range(root.shape[0]):
             mean[k, i] = root[i] * weights[i]
             for j in range(root.shape[0]):
