@@ -45,7 +45,7 @@ def test_the_truth_is_covered_only_by_what_is_known_of_the_discrepancy(tmp_path)
                 "amplitude": {"half_normal": amplitude},
                 "lengthscale": {"uniform": [shortest, longest]},
                 "smoothness": "5/2",
-                "functions": 30,
+                "functions": 40,
             }
         }
 
