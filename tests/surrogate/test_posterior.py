@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+from copy import deepcopy
 from dataclasses import replace
 
 import numpy as np
@@ -32,7 +33,9 @@ PARAMETERS = list(craft.REDUCTION["parameters"])
 def folder(tmp_path_factory):
     """A reduction carried out, and the telemetry of the flight."""
     folder = tmp_path_factory.mktemp("craft")
-    craft.write(folder, {"projection": {"states": 10}})
+    biased = deepcopy(craft.SPACECRAFT["thermistors"])
+    biased["structure_1"]["bias"] = "0.5 K"
+    craft.write(folder, {"projection": {"states": 10}}, {"thermistors": biased})
     return carried_out(folder)
 
 
@@ -62,6 +65,7 @@ def test_the_command_writes_a_model_a_certificate_and_a_scenario_once(folder):
     assert certificate["states"] == 10
     assert certificate["within_tolerance"]
     assert lint(folder / "rom" / "scenario.yaml") == []
+    assert load_scenario(folder / "rom" / "scenario.yaml").observations["structure_1"].bias == 0.5
     again = CliRunner().invoke(app, ["reduce", str(folder / "reduce.yaml"), "--out", str(folder / "rom")])
     assert again.exit_code == 1
     assert "nothing is overwritten" in again.output
