@@ -40,6 +40,15 @@ def problem(request, tmp_path_factory):
     return build_problem(*made(tmp_path_factory.mktemp("status"), request.param))
 
 
+@pytest.fixture(scope="module")
+def inexact(tmp_path_factory):
+    """The same of a simulator with an error of its own."""
+    content = written(INFERRED)
+    error = {"offset": "0.05 K", "deviation": "0.1 K", "correlation_time": "20 min"}
+    content["simulator"]["errors"] = {"body_temp": error}
+    return build_problem(*small.closed_loop(tmp_path_factory.mktemp("inexact"), content))
+
+
 def near_truth(problem, seed):
     z = problem.to_z(np.array([TRUTH[name] for name in problem.names]))
     return z + 0.03 * np.random.default_rng(seed).standard_normal(len(z))
@@ -101,6 +110,18 @@ def test_value_and_gradient_agree_with_differences(problem, loop, seed):
     assert value == pytest.approx(case.log_density(z), rel=1e-12)
     expected = differences(case.log_density, z)
     np.testing.assert_allclose(gradient, expected, rtol=1e-5, atol=1e-6 * np.abs(expected).max())
+
+
+@pytest.mark.parametrize("loop", ["closed", "open"])
+def test_so_they_do_where_the_simulator_has_an_error_of_its_own(inexact, loop):
+    case = inexact if loop == "closed" else inexact.open_loop
+    assert case.error_shapes is not None
+    z = near_truth(case, 0)
+    value, gradient = case.log_density_and_gradient(z)
+    assert value == pytest.approx(case.log_density(z), rel=1e-12)
+    expected = differences(case.log_density, z)
+    np.testing.assert_allclose(gradient, expected, rtol=1e-5, atol=1e-6 * np.abs(expected).max())
+    assert climb(case, z).log_density > value
 
 
 def test_the_information_is_that_of_the_moving_switches(problem):

@@ -27,7 +27,7 @@ from ..scenario.schema import is_trained
 from ..simulator import NetworkSimulator, SimulationFailure, Simulator, Trajectory, open_loop
 from ..simulator.sampling import ICE_POINT
 from ..simulator.system import FloatArray, Switch
-from ..surrogate.build import build_simulator
+from ..surrogate.build import InexactSimulator, build_simulator
 from ..telemetry import select_window, window_bounds
 from .likelihood import (
     ErrorShapes,
@@ -216,16 +216,23 @@ class Problem:
         except SimulationFailure:
             return -np.inf, np.zeros_like(z)
         value, numbers_bar, *cotangents = self._log_likelihood(trajectory, self.numbers(prior.theta))
-        theta_bar = self._pull_back(numbers_bar)
-        theta_bar[self.simulated] += cotangent(*cotangents)
-        return float(prior.log_density) + value, prior.gradient + prior.slope * theta_bar
+        theta_bar, switches_bar = self._pull_back(numbers_bar), {}
+        if self.heater_status is not None and self.measured_switches is None:
+            settings = self.status_settings(prior.theta)
+            added, switches_bar["switches_bar"], settings_bar = self.heater_status.log_likelihood(trajectory, settings)
+            value += added
+            places, positions = self.inferred_settings
+            theta_bar[positions] += settings_bar[places]
+        theta_bar[self.simulated] += cotangent(*cotangents, **switches_bar)
+        value, gradient = float(prior.log_density) + value, prior.gradient + prior.slope * theta_bar
+        return (value, gradient) if self.measured_switches is None else self._with_thresholds(z, value, gradient)
 
     def _at_thresholds(self, theta: FloatArray) -> tuple[float, FloatArray, Callable[[FloatArray], FloatArray]]:
         """In open loop: log likelihood (up to a constant) of the sensors being at their thresholds when heaters switch.
 
         Also the scaled deviations [E], and the vector-Jacobian product of these. Raises SimulationFailure.
         """
-        assert isinstance(self.simulator, NetworkSimulator)
+        assert isinstance(self.simulator, NetworkSimulator | InexactSimulator)
         assert self.measured_switches is not None
         excess, pull_back = self.simulator.threshold_excess(theta[self.simulated], self.measured_switches)
         scaled = excess / THRESHOLD_ERROR
@@ -350,7 +357,10 @@ class Problem:
             run, cotangent = self.simulator.linearise(prior.theta[self.simulated])
             settings = self.status_settings(prior.theta)
             weights, precision = self.heater_status.information(run, settings)
-            rows = [cotangent(np.zeros(run.temperatures.shape), row) for row in weights]
+            none = [np.zeros(run.temperatures.shape)]
+            if self.error_shapes is not None:
+                none.append(np.zeros(run.error_variance.shape))
+            rows = [cotangent(*none, switches_bar=row) for row in weights]
             places, positions = self.inferred_settings
             hessian[positions, positions] = precision[places] * prior.slope[positions] ** 2
         jacobian = np.reshape(rows, (-1, len(self.simulated))) * prior.slope[self.simulated]

@@ -86,8 +86,8 @@ class Simulator(Protocol):
     def linearise(self, theta: FloatArray) -> tuple[Trajectory, Callable[..., FloatArray]]:
         """A simulation and its vector-Jacobian product: cotangent of the temperatures [T, N] -> of theta [d].
 
-        That of a thermal network also takes the cotangent [E] of the switches' times; with an `error_basis`, the
-        product also takes the cotangent [r] of the variances.
+        With an `error_basis`, the product also takes the cotangent [r] of the variances; that of a thermal network
+        takes that [E] of the switches' times as `switches_bar`.
         """
 
 

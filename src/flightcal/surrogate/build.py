@@ -12,7 +12,7 @@ from ..external import build_simulator as build_exact
 from ..scenario import Scenario, SimulatorModel
 from ..simulator import NetworkSimulator, Simulator, Trajectory, network_simulator
 from ..simulator.inputs import Times
-from ..simulator.system import FloatArray
+from ..simulator.system import FloatArray, Switch
 from .error_model import shapes
 from .reduced_scenario import network_for
 from .storage import load
@@ -60,10 +60,18 @@ class InexactSimulator:
         """A simulation and its vector-Jacobian product; the error's variances do not depend on theta."""
         trajectory, cotangent = self.exact.linearise(theta)
 
-        def product(temperatures_bar: FloatArray, error_variance_bar: FloatArray) -> FloatArray:
-            return cotangent(temperatures_bar)
+        def product(
+            temperatures_bar: FloatArray, error_variance_bar: FloatArray, switches_bar: FloatArray | None = None
+        ) -> FloatArray:
+            return cotangent(temperatures_bar, switches_bar=switches_bar)
 
         return replace(trajectory, error_variance=self.error_variance), product
+
+    def threshold_excess(
+        self, theta: FloatArray, switches: Switch
+    ) -> tuple[FloatArray, Callable[[FloatArray], FloatArray]]:
+        """As that of the network."""
+        return self.exact.threshold_excess(theta, switches)
 
 
 def build_simulator(
