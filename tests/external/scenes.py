@@ -8,7 +8,7 @@ import pandas as pd
 from ruamel.yaml import YAML
 
 from flightcal.experiment import read
-from flightcal.external import build_simulator
+from flightcal.external import build_external
 from flightcal.scenario import lint, load_scenario
 
 START = np.datetime64("2024-03-01T00:00:00", "ns")
@@ -77,7 +77,7 @@ def simulator_of(folder: Path, block, **changes):
     """The simulator of a written scenario on its train window, observed once a minute."""
     scenario = load_scenario(write(folder, written(block, **changes)))
     times = START + (TIMES * 1e9).astype("timedelta64[ns]")
-    return build_simulator(scenario, read(scenario), START, END, times, period=1800.0)
+    return build_external(scenario, read(scenario), START, END, times, period=1800.0)
 
 
 def findings(folder: Path, block, **changes):

@@ -6,7 +6,7 @@ import importlib
 from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
-    from .build import build_simulator
+    from .build import build_external
     from .in_worker import close_workers
     from .record import Outcome, Record
     from .simulator import ExternalSimulator
@@ -15,11 +15,11 @@ _PLACES = {
     "ExternalSimulator": "simulator",
     "Outcome": "record",
     "Record": "record",
-    "build_simulator": "build",
+    "build_external": "build",
     "close_workers": "in_worker",
 }
 
-__all__ = ["ExternalSimulator", "Outcome", "Record", "build_simulator", "close_workers"]
+__all__ = ["ExternalSimulator", "Outcome", "Record", "build_external", "close_workers"]
 
 
 def __getattr__(name: str) -> Any:

@@ -1,4 +1,4 @@
-"""The simulator that a scenario describes, whatever its kind."""
+"""The simulator that is not ours which a scenario describes."""
 
 from __future__ import annotations
 
@@ -19,7 +19,6 @@ from ..scenario.external import (
     FmuSimulator,
     UmbridgeSimulator,
 )
-from ..simulator import Simulator, network_simulator
 from ..simulator.inputs import Times
 from ..simulator.system import FloatArray, IntArray
 from ..telemetry import driver_series
@@ -28,11 +27,11 @@ from .executable import ExecutableProgram
 from .fmu import FmuDescription
 from .in_worker import WorkerProgram
 from .program import Program
-from .simulator import external_simulator
+from .simulator import ExternalSimulator, external_simulator
 from .umbridge import ServerDescription
 
 
-def build_simulator(
+def build_external(
     scenario: Scenario,
     telemetry: xarray.Dataset,
     start: np.datetime64,
@@ -40,14 +39,13 @@ def build_simulator(
     samples: Times,
     *,
     period: float,
-) -> Simulator:
-    """The simulator of a scenario on the window [start, end], observed at `samples` [T] (UTC).
+) -> ExternalSimulator:
+    """The external simulator of a scenario on the window [start, end], observed at `samples` [T] (UTC).
 
     Nothing that is not ours runs or is imported before the first simulation. Raises ScenarioError and TelemetryError.
     """
     model = scenario.simulator
-    if not isinstance(model, ExternalModel):
-        return network_simulator(scenario, telemetry, start, end, samples, period=period)
+    assert isinstance(model, ExternalModel)
     times = _seconds(samples, start)
     program = _program(scenario, model, telemetry, start, end, times, period)
     return external_simulator(scenario, model, program, times, float(_seconds(end, start)))

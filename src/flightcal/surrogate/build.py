@@ -1,4 +1,4 @@
-"""The simulator that a scenario describes, a reduced order model included, with its error where it has one."""
+"""The simulator that a scenario describes, whatever its kind, with its error where it has one."""
 
 from __future__ import annotations
 
@@ -8,7 +8,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 import xarray
 
-from ..external import build_simulator as build_exact
+from ..external import build_external
 from ..scenario import Scenario, SimulatorModel
 from ..simulator import NetworkSimulator, Simulator, Trajectory, network_simulator
 from ..simulator.inputs import Times
@@ -85,11 +85,11 @@ def build_simulator(
 ) -> Simulator:
     """The simulator of a scenario on the window [start, end], observed at `samples` [T] (UTC).
 
-    Raises ScenarioError and TelemetryError, as `external.build_simulator`.
+    Raises ScenarioError and TelemetryError.
     """
     model = scenario.simulator
-    if not isinstance(model, SimulatorModel) or (model.reduced_model is None and not model.errors):
-        return build_exact(scenario, telemetry, start, end, samples, period=period)
+    if not isinstance(model, SimulatorModel):
+        return build_external(scenario, telemetry, start, end, samples, period=period)
     network = None
     if model.reduced_model is not None:
         network = network_for(load(scenario.folder / model.reduced_model).model, scenario)
