@@ -54,7 +54,7 @@ class Canonical:
 
     def observe(self, states: Any) -> Any:
         """Temperatures [T, N] of states [K+1, n] on the grid."""
-        sampling, channels = self.simulator.observation.sampling, self.simulator.observation.states
+        sampling, channels = self.simulator.observation.sampling, self.simulator.observation.sensors.state
         weight = sampling.weight[:, None]
         return (1 - weight) * states[sampling.point][:, channels] + weight * states[sampling.point + 1][:, channels]
 

@@ -166,7 +166,7 @@ def _nuts_stage(
                 on_start=listener.search,
                 progress=listener.sampling,
             )
-            run.log(stage="nuts", mode_search=search_record(sampled, posterior.modes))
+            run.log(stage="nuts", event="mode", mode_search=search_record(sampled, posterior.modes))
             interrupted = posterior.draws.interrupted
             if posterior.theta.shape[1] == 0:
                 raise RunError("sampling was interrupted before the first draw; run the same command to start it again")
