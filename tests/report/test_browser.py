@@ -43,7 +43,7 @@ def test_nothing_is_said_on_the_console(opened):
 def test_every_figure_is_drawn(opened):
     elements = opened[0]
     places = elements.count('class="plot js-plotly-plot"')
-    assert places == 29
+    assert places == 31
     assert elements.count('data-drawn="yes"') == places
     assert 'data-figures="drawn"' in elements
     assert len(re.findall(r'class="xaxislayer-above|class="xlines-above', elements)) >= places
