@@ -1,10 +1,13 @@
 """Several windows as one problem, against the residuals of all of them put together by hand."""
 
+from types import SimpleNamespace
+
 import numpy as np
 import pytest
 
-from flightcal.calibration import build_problem, calibrate_genetic, calibration_problem, genetic_points
+from flightcal.calibration import build_problem, calibrate_genetic, calibration_problem, genetic_points, posterior_tree
 from flightcal.calibration.joint import JointProblem
+from flightcal.calibration.methods import Posterior
 from flightcal.calibration.native import REASONS
 from flightcal.calibration.whitening import Whitening
 from flightcal.scenario import load_scenario
@@ -119,6 +122,19 @@ def test_a_drifting_parameter_is_the_common_one_moved_on_its_normal_scale(tmp_pa
     assert np.log(draws).mean() == pytest.approx(np.log(0.7), abs=4 * 0.4 * np.log(1.3) / np.sqrt(4000))
     assert np.log(draws).std() == pytest.approx(0.4 * np.log(1.3), rel=0.05)
     assert joint.window_thetas(unseen, theta[None])[0, 0] == pytest.approx(0.7)
+
+
+def test_the_posterior_tree_holds_the_values_of_drifting_parameters_by_window(joint):
+    theta = joint.to_theta(points(joint, 6)).reshape(2, 3, -1)
+    sampled = SimpleNamespace(statistics={}, interrupted=False)
+    tree = posterior_tree(joint, Posterior(joint.names, theta, sampled, (), None), seed=1)
+    if "drift.link" not in joint.names:
+        assert "windows" not in tree.children
+        return
+    found = tree["windows"].to_dataset()
+    assert found["link"].dims == ("chain", "draw", "window")
+    assert found["window"].values.tolist() == ["first", "second"]
+    np.testing.assert_allclose(found["link"], joint.window_values(theta)["link"])
 
 
 def joint_data(joint, folder):

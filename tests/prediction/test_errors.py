@@ -164,3 +164,28 @@ def test_the_prediction_says_which_part_carries_over(tmp_path):
     assert "correlated measurement noise" in test["interval_contains"]
     assert "model discrepancy" in test["model_interval_contains"]
     assert "noise" not in test["model_interval_contains"]
+
+
+def test_the_prediction_holds_the_discrepancy_and_what_of_the_residuals_should_be_white(tmp_path):
+    scenario, data = made(tmp_path)
+    problem = build_problem(scenario, data)
+    draws = np.tile(truth(problem), (40, 1))
+    prediction, ensemble = predict(scenario, data, "train", {}, draws, seed=1)
+    assert prediction["discrepant"].values.tolist() == ["", "time and phase"]
+    assert prediction["noise"].values.tolist() == ["AR(1) noise", "AR(1) noise"]
+    own = prediction.sel(channel="panel_temp")
+    of_errors = ensemble.mean[:, 1] - problem.simulate(draws[0]).temperatures[:, 1]
+    # The mean has the weights' expected value, the discrepancy is drawn: Monte Carlo error of 40 draws.
+    width = (own["discrepancy_upper"] - own["discrepancy_lower"]).values / 4
+    assert (np.abs(own["discrepancy_mean"].values - of_errors) < 5 * width / np.sqrt(40) + 1e-6).all()
+    assert (own["discrepancy_lower"] < own["discrepancy_upper"]).all()
+    assert (prediction.sel(channel="body_temp")["discrepancy_mean"] == 0.0).all()
+    missing = np.isnan(prediction["observed"])
+    np.testing.assert_array_equal(np.isnan(prediction["innovation"]), missing)
+
+
+def test_a_prediction_with_independent_noise_says_nothing_of_innovations(tmp_path):
+    scenario, data = small.closed_loop(tmp_path)
+    draws = np.tile(build_problem(scenario, data).priors.median(), (10, 1))
+    prediction = predict(scenario, data, "train", {}, draws, seed=1)[0]
+    assert not {"noise", "innovation", "discrepancy_mean"} & set(prediction.data_vars)

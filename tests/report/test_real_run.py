@@ -1,6 +1,7 @@
 """The made-up run of these tests against one that the experiment writes: files, variables, dimensions, fields."""
 
 import json
+import re
 
 import pytest
 
@@ -74,3 +75,15 @@ def test_a_real_run_lacks_nothing_in_the_report(real):
     assert all(finding.state != "none" for finding in verdict(run, residual_checks(run)))
     page = write_report(real).read_text(encoding="utf-8")
     assert 'class="note"' not in page
+
+
+def test_a_real_run_with_correlated_noise_and_a_discrepancy_lacks_nothing_either(tmp_path):
+    scenario = write(tmp_path, genetic={"generations": 3}, nuts={"draws": 50, "warmup": 50})
+    text = scenario.read_text(encoding="utf-8")
+    scenario.write_text(f"{text}\nnoise: {{model: ar1}}\ndiscrepancy: {{phase: {{}}}}\n", encoding="utf-8")
+    page = write_report(run_experiment(scenario, tmp_path / "run").run).read_text(encoding="utf-8")
+    assert 'id="discrepancy"' in page
+    assert "discrepancy.phase.lengthscale, orbits" in page
+    # The telemetry is without fault, and that is all that is not there.
+    assert re.findall(r'class="note">(.*?)<', page) == ["– No findings: every sample of every channel was usable."]
+    assert "No interval in this report contains this model discrepancy" not in page

@@ -163,7 +163,7 @@ def test_weak_autocorrelation_in_a_long_series_is_called_slight():
     rng = np.random.default_rng(13)
     check = check_residuals("panel", ar1(0.05, 40_000, rng), times(40_000))
     assert check.verdict == "slight"
-    assert "too weak to matter" in check.words
+    assert "hardly matters" in check.words
 
 
 def test_few_or_constant_residuals_give_no_verdict():
@@ -227,3 +227,39 @@ def test_the_runs_test_finds_residuals_that_stay_on_one_side():
     runs, expected, p_value = runs_test(ar1(0.8, 300, rng), times(300))
     assert runs < expected
     assert p_value < 1e-4
+
+
+def correlated_window():
+    """AR(1) residuals, and the innovations that they are made of; a discrepancy in time of the second channel."""
+    rng = np.random.default_rng(16)
+    residuals = np.stack([ar1(0.9, 600, rng), ar1(0.9, 600, rng)], axis=1)
+    innovations = residuals.copy()
+    innovations[1:, 0] -= 0.9 * residuals[:-1, 0]
+    return xr.Dataset(
+        {
+            "observed": (("time", "channel"), 290.0 + residuals),
+            "mean": (("method", "time", "channel"), np.full((1, 600, 2), 290.0)),
+            "scored": ("time", np.ones(600, bool)),
+            "innovation": (("time", "channel"), innovations),
+            "noise": ("channel", ["AR(1) noise", "independent Student-t noise"]),
+            "discrepant": ("channel", ["", "time"]),
+        },
+        {"time": times(600), "method": ["stochastic"], "channel": ["ar1", "lacking"]},
+    )
+
+
+def test_of_correlated_noise_the_innovations_are_tested():
+    check, _ = check_window(correlated_window())
+    assert (check.verdict, check.tested) == ("white", "innovations")
+    assert check.residual_lag1 == pytest.approx(0.9, abs=0.06)
+    assert abs(check.lag1) < 0.15
+    assert "no contradiction to AR(1) noise" in check.words
+
+
+def test_correlation_by_a_discrepancy_in_time_is_expected_only_where_nothing_tells_it():
+    _, learnt = check_window(correlated_window())
+    _, unseen = check_window(correlated_window(), unseen=True)
+    assert (learnt.verdict, learnt.discrepancy) == ("contradicted", "time")
+    assert "contradict independent Student-t noise" in learnt.words
+    assert unseen.verdict == "expected"
+    assert "too narrow" not in unseen.words

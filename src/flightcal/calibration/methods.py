@@ -17,7 +17,7 @@ from ..simulator.system import FloatArray
 from .confounding import confounding
 from .diagnostics import Diagnostics, diagnose
 from .genetic import minimise
-from .joint import AnyProblem, JointProblem
+from .joint import AnyProblem, JointProblem, label_of
 from .mode import Mode, find_mode
 from .nuts import Draws, sample
 from .problem import Problem
@@ -198,12 +198,21 @@ def mean_and_some(thetas: FloatArray, count: int, seed: int) -> FloatArray:
     return np.concatenate([thetas.mean(axis=0)[None], thetas[chosen]])
 
 
+def _drifting(problem: JointProblem, theta: FloatArray) -> xarray.Dataset | None:
+    """What the parameters that drift are in each window, at draws [chain, draw, d]; None: there are none."""
+    values = problem.window_values(theta)
+    labels = [label_of(inside.window) for inside in problem.problems]
+    dims = ("chain", "draw", "window")
+    return xarray.Dataset({name: (dims, of) for name, of in values.items()}, {"window": labels}) if values else None
+
+
 def posterior_tree(
     problem: AnyProblem, posterior: Posterior, *, seed: int, most_predictions: int = 250
 ) -> xarray.DataTree:
     """The posterior in ArviZ's groups: posterior, sample_stats, prior, posterior_predictive, observed_data.
 
-    Where there is a discrepancy, also that: what it is on the window, and how far parameters stand in for it.
+    Where there is a discrepancy, also that: what it is on the window, and how far parameters stand in for it. Where
+    parameters drift from window to window, `windows`: what they are in each.
     """
     rng = np.random.default_rng(seed)
     names, channels = posterior.names, list(problem.simulator.channels)
@@ -227,9 +236,11 @@ def posterior_tree(
     )
     time = {"time": problem.times}
     discrepancy = confounding(problem, thetas.reshape(-1, len(names)), runs) if isinstance(problem, Problem) else None
+    drifting = None if isinstance(problem, Problem) else _drifting(problem, posterior.theta)
     return xarray.DataTree.from_dict(
         {
             **({} if discrepancy is None else {"discrepancy": discrepancy}),
+            **({} if drifting is None else {"windows": drifting}),
             "posterior": xarray.Dataset({n: (("chain", "draw"), posterior.theta[..., k]) for k, n in enumerate(names)}),
             "sample_stats": xarray.Dataset({n: (("chain", "draw"), v) for n, v in posterior.draws.statistics.items()}),
             "prior": xarray.Dataset({n: (("chain", "draw"), prior[None, :, k]) for k, n in enumerate(names)}),

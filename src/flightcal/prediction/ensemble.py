@@ -41,6 +41,8 @@ class Ensemble:
     switch_sequences: tuple[tuple[tuple[int, int], ...], ...]
     """[S] order in which heaters switched: (heater, 1 on or 0 off)."""
     failed: int
+    discrepancy: FloatArray | None = None
+    """[3, T, N] K: its mean, and lower and upper bound of its interval; None: there is none."""
 
 
 def propagate(
@@ -62,6 +64,8 @@ def propagate(
     if len(kept) < _FEWEST * len(thetas):
         raise RunError(f"window '{problem.window}': {len(thetas) - len(kept)} of {len(thetas)} simulations failed")
     simulated = np.stack([run.temperatures for _, run in kept])  # [S, T, N]
+    discrepancy = None
+    tails = [0.5 * (1 - interval), 0.5 * (1 + interval)]
     basis = problem.simulator.error_basis
     if basis is not None:
         weights = np.stack([np.sqrt(run.error_variance) for _, run in kept])  # [S, r]
@@ -76,7 +80,9 @@ def propagate(
         simulated = simulated + drawn.discrepancy
         noisy = simulated + drawn.noise + drawn.white
         deviation = noisy.std(axis=0)
-    tails = [0.5 * (1 - interval), 0.5 * (1 + interval)]
+        if problem.residuals.compiled.discrepant.any():
+            bounds = np.quantile(drawn.discrepancy, tails, axis=0)
+            discrepancy = np.concatenate([drawn.discrepancy.mean(axis=0)[None], bounds])
     lower, upper = np.quantile(noisy, tails, axis=0)
     model_lower, model_upper = np.quantile(simulated, tails, axis=0)
     heaters = len(problem.simulator.heaters)
@@ -98,6 +104,7 @@ def propagate(
             for _, run in kept
         ),
         failed=len(thetas) - len(kept),
+        discrepancy=discrepancy,
     )
 
 

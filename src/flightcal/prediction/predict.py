@@ -17,8 +17,9 @@ from ..simulator import Trajectory
 from ..simulator.system import FloatArray
 from ..surrogate.emulator import EmulatedSimulator
 from .ensemble import Ensemble, duration, propagate
-from .errors import WhiteErrors, window_errors
+from .errors import WhiteErrors, WindowErrors, window_errors
 from .initial import condition_initial
+from .innovations import discrepancy_in_words, innovations, noise_in_words
 
 STOCHASTIC = "stochastic"
 
@@ -71,6 +72,8 @@ def predict(
     runs = problem.simulate_many(thetas) if len(thetas) else []
     prediction = _dataset(problem, dict(zip(points, runs, strict=True)), thetas, ensemble, scored)
     error = "" if for_draws.simulator.error_basis is None else ", the surrogate's error"
+    if errors is not None:
+        prediction = prediction.assign(_residual_model(problem, errors, ensemble, rng))
     prediction.attrs |= {
         "interval": settings.interval,
         "interval_contains": f"parameters, initial temperatures{error}, {_contained(problem, window)}",
@@ -87,6 +90,27 @@ def predict(
 def _white(problem: Problem, thetas: FloatArray) -> WhiteErrors:
     """Independent noise of thetas [S, d]: what the methods know of that have no model of the residuals."""
     return WhiteErrors(np.stack([problem.noise(theta) for theta in thetas]))
+
+
+def _residual_model(
+    problem: Problem, errors: WindowErrors, ensemble: Ensemble, rng: np.random.Generator
+) -> dict[str, tuple[str | tuple[str, ...], object]]:
+    """Variables of a window whose residuals are more than iid noise: what is assumed, and what should be white."""
+    model = problem.residuals
+    numbers = np.median(errors.numbers, axis=0)
+    by_sample = ("time", "channel")
+    found: dict[str, tuple[str | tuple[str, ...], object]] = {
+        "noise": ("channel", noise_in_words(model)),
+        "discrepant": ("channel", discrepancy_in_words(model)),
+        "innovation": (
+            by_sample,
+            innovations(model, problem.observed - ensemble.mean, errors.seconds, numbers, rng),
+        ),
+    }
+    if ensemble.discrepancy is not None:
+        names = ("discrepancy_mean", "discrepancy_lower", "discrepancy_upper")
+        found |= {name: (by_sample, values) for name, values in zip(names, ensemble.discrepancy, strict=True)}
+    return found
 
 
 def _contained(problem: Problem, window: str) -> str:

@@ -122,10 +122,11 @@ def _parameter(record: Record) -> ParameterInfo:
     fields = {path.rsplit(".", 1)[-1] for path in target}
     sets_temperature = record["mode"] == "sets" and bool(fields) and fields <= ABSOLUTE
     absolute = record["unit"] == "K" and (record["kind"] == "initial" or sets_temperature)
+    in_orbits = record["name"].startswith("discrepancy.phase.lengthscale")
     return ParameterInfo(
         name=record["name"],
         kind=record["kind"],
-        unit="degC" if absolute else record["unit"],
+        unit="degC" if absolute else "orbits" if in_orbits else record["unit"],
         offset=-273.15 if absolute else 0.0,
         target=target,
         mode=record["mode"],

@@ -14,13 +14,13 @@ import xarray as xr
 from flightcal.scenario.schema import is_trained
 from flightcal.validation import ResidualCheck, uniformity
 
+from . import discrepancy, tables
 from . import figures as draw
-from . import tables
 from .figures.style import GENETIC, PRIOR, chain_colour
 from .run_files import RunFiles, draws
 from .tables import Table
 from .text import count, duration, listed, number
-from .verdict import Checks
+from .verdict import Checks, assumption, correlation_expected, spread
 
 MOST_PAIRS = 8
 MOST_TRACES = 6
@@ -63,6 +63,7 @@ def sections(run: RunFiles, checks: Checks) -> list[Section]:
         ("convergence", "Convergence", _convergence),
         *([("emulator", "Emulator", _emulator)] if run.emulator is not None else []),
         *([("full-simulator", "The full simulator", _full_check)] if run.full_check is not None else []),
+        *([("discrepancy", "Discrepancy", _discrepancy)] if discrepancy.parts(run.windows) else []),
         ("residuals", "Residuals", lambda run: _residuals(run, checks)),
         ("reliability", "Reliability", _reliability),
         ("heaters", "Heaters", _heaters),
@@ -232,6 +233,13 @@ def _parameters(run: RunFiles) -> list[Block]:
             "about the quantity. ESS: effective sample size. Absolute temperatures are in °C, all else in SI units."
         )
     )
+    of_windows = discrepancy.window_values(run)
+    if of_windows.rows:
+        words = (
+            "These parameters may differ between the training windows. “Common” is the centre around which they do; "
+            "on a window that was not trained on, a value is drawn anew around it with the deviation drift.<parameter>."
+        )
+        blocks += [Block("heading", "Values by window"), _text(words), _table(of_windows)]
     return blocks
 
 
@@ -390,6 +398,55 @@ def _full_check(run: RunFiles) -> list[Block]:
     ]
 
 
+def _discrepancy(run: RunFiles) -> list[Block]:
+    windows = {name: window for name, window in run.windows.items() if "discrepancy_mean" in window}
+    part = discrepancy.parts(windows)
+    blocks = [
+        _text(
+            "What the simulator lacks is calibrated with the parameters, as a Gaussian process for each channel. "
+            f"{discrepancy.carries_over(part)} It is added to the simulation in the mean and in the intervals."
+        ),
+        _table(discrepancy.numbers(run), "Amplitudes and lengthscales are all fixed by the scenario."),
+    ]
+    if part == "phase":
+        name, window = next(iter(windows.items()))
+        caption = (
+            f"Discrepancy over the orbit, from its start as the window “{name}” counts it: mean and interval of the "
+            "posterior. Dots: telemetry minus the simulation alone, which is what the discrepancy has to explain."
+        )
+        blocks.append(_figure(draw.figure_discrepancy_in_phase(window), caption))
+    else:
+        blocks += [
+            _figure(
+                draw.figure_discrepancy_in_time(window, _bins(run)),
+                f"Discrepancy in the window “{name}”: mean and interval of the posterior. Dots: telemetry minus the "
+                "simulation alone, which is what the discrepancy has to explain.",
+            )
+            for name, window in windows.items()
+        ]
+    blocks += [
+        _text(
+            "The interval is that of the discrepancy alone. Each draw's discrepancy makes up for its own simulation, "
+            "so their sum, the prediction, is known better than either."
+        ),
+        _table(discrepancy.sizes(windows)),
+        Block("heading", "How far it can stand in for a parameter"),
+    ]
+    if run.posterior is None or "discrepancy" not in run.posterior.children:
+        why = "It was not determined: there are several training windows, or no posterior (posterior.nc)."
+        return [*blocks, _note(why)]
+    return [
+        *blocks,
+        _text(
+            "Correlation over the posterior's draws of a parameter with how much of the discrepancy lies in the "
+            "direction in which that parameter moves the temperatures. Near −1 what the one gives, the other takes: "
+            "the parameter's value then rests on the prior of the discrepancy. Near 0 the telemetry tells the two "
+            "apart, or, where the contraction is small, nothing about the parameter at all."
+        ),
+        _table(discrepancy.confounded(run)),
+    ]
+
+
 def _residuals(run: RunFiles, checks: Checks) -> list[Block]:
     if not checks:
         return [_note("There is no stochastic prediction in this run, so no residuals.")]
@@ -397,10 +454,12 @@ def _residuals(run: RunFiles, checks: Checks) -> list[Block]:
         *(_text(words) for words in map(_contradiction, checks, checks.values()) if words),
         _table(tables.residual_tests(checks)),
         _text(
-            "Residual: telemetry minus the posterior's mean. “Too narrow by” is √(residuals / effective number): "
-            "the factor by which intervals of parameters are too narrow where the likelihood takes the residuals "
-            "for iid noise. "
-            "The posterior rests on the window “train”; other windows show whether the model's error persists."
+            "Residual: telemetry minus the posterior's mean, which includes the expected discrepancy where there is "
+            "one. “Too narrow by” is √(number / effective number) of what is tested: the residuals, of AR(1) noise its "
+            "innovations (the part of each residual that those before it do not tell), of rounded telemetry the noise "
+            "drawn within the step. By about this factor intervals of "
+            "parameters are too narrow where the likelihood takes for white what is not. "
+            "The posterior rests on what was trained on; other windows show whether the model's error persists."
         ),
     ]
     for name in checks:
@@ -442,20 +501,31 @@ def _reliability(run: RunFiles) -> list[Block]:
 
 
 def _contradiction(window: str, of_window: Sequence[ResidualCheck]) -> str:
-    """In words, how many channels of a window contradict iid noise; nothing where none can be judged."""
+    """In words, how many channels of a window contradict what is assumed; nothing where none can be judged."""
     judged = [c for c in of_window if c.verdict != "unknown"]
     against = [c for c in judged if c.verdict == "contradicted"]
+    expected = [c for c in judged if c.verdict == "expected"]
     if not judged:
         return ""
-    if not against:
-        return f"Window “{window}”: no channel contradicts independent, identically distributed (iid) noise."
-    low, high = min(c.lag1 for c in against), max(c.lag1 for c in against)
-    lags = number(low, 2) if len(against) == 1 else f"{number(low, 2)} to {number(high, 2)}"
-    return (
-        f"Window “{window}”: {len(against)} of {len(judged)} channels contradict the independent, identically "
-        f"distributed (iid) noise that the likelihood assumes: each residual resembles the one before (lag-1 "
-        f"autocorrelation {lags}; 0 for iid noise)."
-    )
+    words = f"Window “{window}”: "
+    if against:
+        tested = listed(list(dict.fromkeys(c.tested for c in against)))
+        alike = min(c.lag1 for c in against) > 0
+        dependent = (
+            f"each of their {tested} resembles the one before" if alike else f"their {tested} are not independent"
+        )
+        words += (
+            f"{len(against)} of {len(judged)} channels contradict the {assumption(against)} that the likelihood "
+            f"assumes: {dependent} (lag-1 autocorrelation {spread([c.lag1 for c in against])}; 0 for what is assumed)."
+        )
+    else:
+        words += f"no channel contradicts {assumption(judged)}."
+    if expected:
+        words += (
+            f" Of {listed([c.channel for c in expected])} they are correlated, which a discrepancy in time makes them "
+            "where nothing tells it; the interval contains it."
+        )
+    return f"{words} {correlation_expected(judged)}".strip()
 
 
 def _mode_search(attributes: Mapping[Any, Any]) -> list[Block]:

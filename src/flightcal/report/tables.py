@@ -12,7 +12,7 @@ import xarray as xr
 
 from flightcal.validation import Metric, ResidualCheck, Uniformity, comparison_table
 from flightcal.validation.metrics import implied_energy
-from flightcal.validation.residuals import SIGNIFICANCE
+from flightcal.validation.residuals import IID, SIGNIFICANCE
 
 from .run_files import ParameterInfo, Record, RunFiles, draws
 from .text import METHODS, SHORT_METHODS, count, duration, number, percent, signed_percent, unit
@@ -268,23 +268,32 @@ def _against(observed: float, simulated: np.ndarray) -> tuple[bool | None, str]:
 
 def residual_tests(checks: dict[str, list[ResidualCheck]]) -> Table:
     """Tests of the residuals by window and channel."""
-    words = {"white": "✓ iid", "slight": "✓ nearly iid", "contradicted": "✕ not iid", "unknown": "– unknown"}
     rows: list[list[str]] = []
     states: dict[tuple[int, int], str] = {}
     for window, of_window in checks.items():
         for c in of_window:
-            states[len(rows), 2] = {"contradicted": "bad", "unknown": ""}.get(c.verdict, "good")
+            states[len(rows), 2] = {"contradicted": "bad", "unknown": "", "expected": ""}.get(c.verdict, "good")
             p = _chance(c.p_value)
+            white = "iid" if c.noise == IID and not c.discrepancy else "white"
+            verdict = {
+                "white": f"✓ {white}", "slight": f"✓ nearly {white}", "contradicted": f"✕ not {white}",
+                "expected": "– not white,\nas expected", "unknown": "– unknown",
+            }[c.verdict]  # fmt: skip
+            assumed = f"{c.noise},\ndiscrepancy in {c.discrepancy}" if c.discrepancy else c.noise
+            innovations = c.tested == "innovations"
+            ar1 = "" if innovations else f"\nif AR(1): {number(c.factor_ar1, 3)}"
+            of_residuals = f"\nof residuals {number(c.residual_lag1, 3)}" if innovations else ""
             rows.append(
-                [window, c.channel, words[c.verdict], f"{number(c.factor, 3)}\nif AR(1): {number(c.factor_ar1, 3)}",
-                 f"{count(c.effective)}\nof {count(c.samples)}", number(c.lag1, 3), number(c.durbin_watson, 3),
+                [window, f"{c.channel}\n{assumed}", verdict, f"{number(c.factor, 3)}{ar1}",
+                 f"{count(c.effective)}\nof {count(c.samples)}", f"{number(c.lag1, 3)}{of_residuals}",
+                 number(c.durbin_watson, 3),
                  f"{p}\nQ = {number(c.ljung_box, 4)}, {c.lags} lags",
                  f"{_chance(c.runs_p_value)}\n{count(c.runs)} of {count(c.expected_runs)}",
                  f"{number(c.mean, 2)}\nsd {number(c.standard_deviation, 3)}"]
             )  # fmt: skip
     header = (
-        "window", "channel", "verdict", "too narrow by", "effective number", "lag-1 auto\u00adcorrelation",
-        "Durbin-Watson", "Ljung-Box", "runs, found of expected", "mean, K",
+        "window", "channel, and what is assumed", "verdict", "too narrow by", "effective number",
+        "lag-1 auto\u00adcorrelation", "Durbin-Watson", "Ljung-Box", "runs, found of expected", "mean, K",
     )  # fmt: skip
     return Table(header, rows, range(3, 10), states=states)
 

@@ -10,6 +10,7 @@ import numpy as np
 
 from flightcal.scenario.schema import is_trained
 from flightcal.validation import Metric, ResidualCheck, check_window
+from flightcal.validation.residuals import IID
 
 from .run_files import STAGES, Record, RunFiles, draws
 from .text import count, listed, number, percent
@@ -21,6 +22,13 @@ EDGE = 0.2
 
 EQUAL = 0.02
 """Errors that differ by no more than this share are called equal."""
+
+STANDS_IN = -0.9
+"""Correlation below which a discrepancy is said to stand in for a parameter: to know the one would more than halve the
+other's standard deviation."""
+
+SHOWN = 0.1
+"""Lag-1 autocorrelation above which residuals are called correlated as AR(1) noise expects."""
 
 COVERAGE = 0.03
 """A coverage this near to the nominal one is called right."""
@@ -56,6 +64,7 @@ def verdict(run: RunFiles, checks: Checks) -> list[Finding]:
         _noise(checks),
         *_heaters(run),
         _edges(run),
+        *_stand_in(run),
         *_missing(run),
     ]
 
@@ -175,7 +184,7 @@ def _no_scores(run: RunFiles) -> Finding:
 def residual_checks(run: RunFiles) -> Checks:
     """Tests of the stochastic residuals in every window that has a stochastic prediction."""
     return {
-        name: check_window(window)
+        name: check_window(window, unseen=not is_trained(name))
         for name, window in run.windows.items()
         if "stochastic" in window["method"].values and np.isfinite(window["mean"].sel({"method": "stochastic"})).any()
     }
@@ -189,20 +198,73 @@ def _noise(checks: Checks) -> Finding:
     against = [c for c in of_window if c.verdict == "contradicted"]
     details = tuple(c.words for c in of_window)
     if not against:
+        assumed = assumption(of_window)
         judged = [c for c in of_window if c.verdict != "unknown"]
         if not judged:
             return Finding("none", "The noise is not judged", "There are too few residuals.", details)
-        text = f"No channel's residuals in “{window}” contradict independent, identically distributed noise."
+        text = f"No channel's residuals in “{window}” contradict {assumed}."
+        if any(c.tested == "innovations" for c in judged):
+            text = " ".join(f"{text} {correlation_expected(judged)} {TESTED}".split())
         return Finding("good", "The residuals look like the noise that was assumed", text, details)
     worst = max(against, key=lambda c: c.factor)
+    tested = listed(list(dict.fromkeys(c.tested for c in against)))
+    assumed, discrepant = assumption(against), any(c.discrepancy for c in against)
+    if plain := assumed == IID_IN_WORDS:
+        lacking = (
+            ", and the likelihood, which is that of the paper, has no term for it. No interval in this report contains "
+            "this model discrepancy."
+        )
+    elif discrepant:
+        lacking = " and that discrepancy and noise take up in part only: it may vary faster than they can."
+    else:
+        lacking = " and that this noise does not describe. No interval in this report contains this model discrepancy."
     text = (
-        f"In “{window}” the residuals of {_channels(against, of_window)} contradict independent, identically "
-        f"distributed (iid) noise. Intervals of the parameters are too narrow by up to about a factor of "
-        f"{number(worst.factor, 2)} ({worst.channel}, lag-1 autocorrelation {number(worst.lag1, 3)}): "
-        f"the model lacks something that the telemetry shows, and the likelihood, which is that of the paper, has no "
-        f"term for it. No interval in this report contains this model discrepancy."
+        f"In “{window}” the {tested} of {_channels(against, of_window)} contradict {assumed}. Intervals of the "
+        f"parameters are too narrow by up to about a factor of {number(worst.factor, 2)} ({worst.channel}, lag-1 "
+        f"autocorrelation {number(worst.lag1, 3)}): the model lacks something that the telemetry shows{lacking}"
     )
-    return Finding("bad" if worst.factor >= 2 else "warn", "The assumption of iid noise is contradicted", text, details)
+    title = f"The assumption of {'iid noise' if plain else listed(_noises(against))} is contradicted"
+    return Finding("bad" if worst.factor >= 2 else "warn", title, text, details)
+
+
+IID_IN_WORDS = "independent, identically distributed (iid) noise"
+
+
+def _noises(of_window: Sequence[ResidualCheck]) -> list[str]:
+    return list(dict.fromkeys(c.noise for c in of_window))
+
+
+def assumption(of_window: Sequence[ResidualCheck]) -> str:
+    """What is assumed of a window's residuals, in words."""
+    noise = listed([IID_IN_WORDS if name == IID else name for name in _noises(of_window)])
+    discrepant = [c for c in of_window if c.discrepancy]
+    if not discrepant:
+        return noise
+    of = "" if len(discrepant) == len(of_window) else f" of {listed([c.channel for c in discrepant])}"
+    return f"{noise} beside a discrepancy{of} in {discrepant[0].discrepancy.replace('phase', 'orbit phase')}"
+
+
+def correlation_expected(of_window: Sequence[ResidualCheck]) -> str:
+    """That residuals are correlated as AR(1) noise expects; nothing where there is no such noise, or none are."""
+    found = [c for c in of_window if c.tested == "innovations" and c.residual_lag1 > SHOWN]
+    if not found:
+        return ""
+    return (
+        f"The residuals of the mean of {_channels(found, of_window)} are correlated (lag-1 autocorrelation "
+        f"{spread([c.residual_lag1 for c in found])}), which the AR(1) noise expects."
+    )
+
+
+TESTED = (
+    "Tested are its innovations, the part of each residual that those before it do not tell. Whether sensors or "
+    "simulator err in this way, telemetry does not tell."
+)
+
+
+def spread(values: Sequence[float]) -> str:
+    """``0.62`` or ``0.62 to 0.91``."""
+    low, high = number(min(values), 2), number(max(values), 2)
+    return low if low == high else f"{low} to {high}"
 
 
 def _channels(some: Sequence[ResidualCheck], every: Sequence[ResidualCheck]) -> str:
@@ -264,6 +326,35 @@ def at_edge(run: RunFiles) -> dict[str, str]:
         elif (column > high).mean() > EDGE:
             edges[info.name] = "upper"
     return edges
+
+
+def _stand_in(run: RunFiles) -> list[Finding]:
+    """Parameters in whose place the discrepancy stands, where there is one."""
+    correlation = stand_ins(run)
+    against = {name: value for name, value in correlation.items() if value <= STANDS_IN}
+    if not correlation:
+        return []
+    if not against:
+        worst, value = next(iter(correlation.items()))
+        text = f"The strongest correlation with what the discrepancy takes up is {number(value, 2)} ({worst})."
+        return [Finding("good", "The discrepancy stands in for no parameter", text)]
+    named = listed([f"{name} ({number(value, 2)})" for name, value in against.items()])
+    text = (
+        f"The posterior of {named} is correlated with how much of its effect the discrepancy takes up: the telemetry "
+        "tells the sum of the two, and the two priors share it out. The prediction does not suffer; the "
+        "parameter's value rests on the discrepancy's prior."
+    )
+    title = f"The discrepancy stands in for {len(against)} parameter{'s' if len(against) > 1 else ''}"
+    return [Finding("warn", title, text)]
+
+
+def stand_ins(run: RunFiles) -> dict[str, float]:
+    """Correlation of each parameter with the discrepancy along its effect, the worst (most negative) first."""
+    if run.posterior is None or "discrepancy" not in run.posterior.children:
+        return {}
+    found = run.posterior["discrepancy"].to_dataset()["correlation"]
+    pairs = zip(found["parameter"].values, found.values, strict=True)
+    return dict(sorted(((str(n), float(v)) for n, v in pairs if np.isfinite(v)), key=lambda pair: pair[1]))
 
 
 def _edges(run: RunFiles) -> Finding:

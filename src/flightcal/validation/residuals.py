@@ -1,4 +1,4 @@
-"""Are the residuals the independent, identically distributed noise that the likelihood takes them for?
+"""Are the residuals the noise that the likelihood takes them for: independent, or correlated as it says?
 
 Telemetry has gaps, so everything here works on pairs of samples that lie a whole number of nominal spacings
 apart; no pair reaches across a break in the sampling, and no missing sample is invented.
@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import itertools
 import math
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Literal
 
 import numpy as np
@@ -32,6 +32,11 @@ HARMLESS = 1.1
 
 FEWEST = 20
 """Residuals needed to say anything."""
+
+IID, CORRELATED = "iid noise", "AR(1)"
+"""What noise is called where a prediction does not say, and how what is said of correlated noise begins."""
+
+Verdict = Literal["white", "slight", "expected", "contradicted", "unknown"]
 
 
 def nominal_spacing(time: Times) -> float:
@@ -187,7 +192,11 @@ def runs_test(residuals: ArrayLike, time: Times) -> tuple[int, float, float]:
 
 @dataclass(frozen=True)
 class ResidualCheck:
-    """What the residuals of one channel say about the assumption of iid noise."""
+    """What the residuals of one channel say about what is assumed of its noise.
+
+    Of correlated noise its innovations are tested, the part of each residual that the ones before do not tell: these
+    are white where the assumption is right, and `factor` is about how far it is wrong.
+    """
 
     channel: str
     samples: int
@@ -212,17 +221,31 @@ class ResidualCheck:
     effective: float
     """Effective number of independent residuals."""
     factor: float
-    """An iid posterior is too narrow by about this factor: sqrt(samples / effective)."""
+    """The posterior is too narrow by about this factor: sqrt(samples / effective)."""
     factor_ar1: float
     """The same for AR(1) noise: sqrt((1 + lag1) / (1 - lag1)); too large for residuals that vary smoothly."""
-    verdict: Literal["white", "slight", "contradicted", "unknown"]
+    verdict: Verdict
     words: str
+    noise: str = IID
+    """What is assumed."""
+    discrepancy: str = ""
+    """Its parts (time, phase), whose mean the prediction holds."""
+    residual_lag1: float = math.nan
+    """Of the residuals themselves, whatever was tested."""
+
+    @property
+    def tested(self) -> str:
+        """What was tested."""
+        return "innovations" if self.noise.startswith(CORRELATED) else "residuals"
 
 
-def check_residuals(channel: str, residuals: ArrayLike, time: Times) -> ResidualCheck:
-    """Tests of one channel's residuals, and in words whether they contradict iid noise.
+def check_residuals(
+    channel: str, residuals: ArrayLike, time: Times, *, noise: str = IID, uncertain: bool = False
+) -> ResidualCheck:
+    """Tests of one channel's residuals, and in words whether they contradict the noise that is assumed.
 
-    residuals: [T] K, telemetry minus prediction, NaN where missing; time: [T] datetime64.
+    residuals: [T] K, telemetry minus prediction, of AR(1) noise its innovations, NaN where missing; time: [T]
+    datetime64. uncertain: a discrepancy in time is not known in this window, which makes residuals correlated.
 
     An iid likelihood counts every residual as new information; in directions of parameter space whose
     effect on the temperatures varies slowly, only the effective number of them is. Its standard deviations
@@ -251,6 +274,7 @@ def check_residuals(channel: str, residuals: ArrayLike, time: Times) -> Residual
             math.nan,
             verdict="unknown",
             words=words,
+            noise=noise,
         )
     time = time[np.isfinite(values)]
     lags = min(20, valid.size // 5)
@@ -261,7 +285,9 @@ def check_residuals(channel: str, residuals: ArrayLike, time: Times) -> Residual
     effective = effective_samples(valid, time)
     factor = math.sqrt(valid.size / effective)
     verdict = _verdict(p_value, factor)
-    words = _words(channel, verdict, lag1, p_value, valid.size, effective, factor)
+    if uncertain and verdict == "contradicted":
+        verdict = "expected"
+    words = _words(channel, verdict, noise, lag1, p_value, valid.size, effective, factor)
     if neighbours < 0.5:
         words += (
             f" Only {neighbours:.0%} of neighbouring samples lie the nominal {spacing:g} s apart; the "
@@ -286,18 +312,35 @@ def check_residuals(channel: str, residuals: ArrayLike, time: Times) -> Residual
         factor_ar1=math.sqrt((1 + lag1) / max(1 - lag1, 1e-12)) if lag1 > 0 else 1.0,
         verdict=verdict,
         words=words,
+        noise=noise,
+        residual_lag1=lag1,
     )
 
 
-def check_window(prediction: xr.Dataset, method: str = "stochastic") -> list[ResidualCheck]:
-    """Tests of every channel's scored residuals in a window. prediction: a group of prediction.nc."""
+def check_window(prediction: xr.Dataset, method: str = "stochastic", *, unseen: bool = False) -> list[ResidualCheck]:
+    """Tests of every channel's scored residuals in a window. prediction: a group of prediction.nc.
+
+    Where the noise is more than iid, of its `innovation`. unseen: the window was not calibrated on.
+    """
     scored = prediction.isel(time=prediction["scored"].values.astype(bool)).sel({"method": method})
     residuals = (scored["observed"] - scored["mean"]).transpose("time", "channel").values
-    time = scored["time"].values
-    return [check_residuals(str(c), residuals[:, i], time) for i, c in enumerate(scored["channel"].values)]
+    tested, time = residuals, scored["time"].values
+    channels = [str(c) for c in scored["channel"].values]
+    noise, discrepancy = [IID] * len(channels), [""] * len(channels)
+    if "innovation" in prediction:
+        tested = scored["innovation"].transpose("time", "channel").values
+        noise, discrepancy = ([str(v) for v in scored[name].values] for name in ("noise", "discrepant"))
+    checks = []
+    for i, channel in enumerate(channels):
+        uncertain = unseen and "time" in discrepancy[i]
+        check = check_residuals(channel, tested[:, i], time, noise=noise[i], uncertain=uncertain)
+        present = np.isfinite(residuals[:, i])
+        own = autocorrelation(residuals[present, i], time[present], 1)[1] if present.sum() > 1 else math.nan
+        checks.append(replace(check, discrepancy=discrepancy[i], residual_lag1=float(own)))
+    return checks
 
 
-def _verdict(p_value: float, factor: float) -> Literal["white", "slight", "contradicted", "unknown"]:
+def _verdict(p_value: float, factor: float) -> Verdict:
     if math.isnan(p_value):
         return "unknown"
     if p_value >= SIGNIFICANCE:
@@ -306,21 +349,34 @@ def _verdict(p_value: float, factor: float) -> Literal["white", "slight", "contr
 
 
 def _words(
-    channel: str, verdict: str, lag1: float, p_value: float, samples: int, effective: float, factor: float
+    channel: str,
+    verdict: Verdict,
+    noise: str,
+    lag1: float,
+    p_value: float,
+    samples: int,
+    effective: float,
+    factor: float,
 ) -> str:
     if verdict == "unknown":
         return f"{channel}: no two residuals lie one nominal spacing apart, so the noise cannot be judged."
     chance = "p < 0.0001" if p_value < 1e-4 else f"p = {p_value:.2g}"
+    tested, of = ("innovations", " of the innovations") if noise.startswith(CORRELATED) else ("residuals", "")
     if verdict == "white":
-        return f"{channel}: no contradiction to iid noise (lag-1 autocorrelation {lag1:.2f}, {chance})."
+        return f"{channel}: no contradiction to {noise} (lag-1 autocorrelation{of} {lag1:.2f}, {chance})."
     if verdict == "slight":
         return (
-            f"{channel}: autocorrelation can be shown ({lag1:.2f} at lag 1, {chance}) but is too weak to "
-            f"matter: parameter intervals are too narrow by a factor of about {factor:.2f}."
+            f"{channel}: autocorrelation{of} can be shown ({lag1:.2f} at lag 1, {chance}) but hardly "
+            f"matters: parameter intervals are too narrow by a factor of about {factor:.2f}."
+        )
+    if verdict == "expected":
+        return (
+            f"{channel}: the {tested} are correlated (lag-1 autocorrelation {lag1:.3f}, {chance}), which a discrepancy "
+            f"in time makes them where nothing tells it; the prediction's interval contains it."
         )
     least = "at least " if effective < 10 else "about "
     return (
-        f"{channel}: the residuals contradict iid noise (lag-1 autocorrelation {lag1:.3f}, {chance}): "
-        f"{samples} residuals carry the information of about {effective:.0f} independent ones, so the "
+        f"{channel}: the {tested} contradict {noise} (lag-1 autocorrelation {lag1:.3f}, {chance}): "
+        f"{samples} {tested} carry the information of about {effective:.0f} independent ones, so the "
         f"parameter intervals that rest on them are too narrow by {least}a factor of {factor:.1f}."
     )

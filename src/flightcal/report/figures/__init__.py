@@ -1,6 +1,7 @@
 """The report's figures: plain functions from data to a plotly figure."""
 
 from .convergence import figure_genetic_history, figure_traces
+from .discrepancy import figure_discrepancy_in_phase, figure_discrepancy_in_time
 from .parameters import (
     figure_correlation,
     figure_density,
@@ -17,6 +18,8 @@ __all__ = [
     "figure_contraction",
     "figure_correlation",
     "figure_density",
+    "figure_discrepancy_in_phase",
+    "figure_discrepancy_in_time",
     "figure_genetic_history",
     "figure_genetic_spread",
     "figure_heater_status",

@@ -11,7 +11,7 @@ from scipy.stats import norm
 
 from flightcal.validation import autocorrelation
 
-from .style import LINE, PRIOR, STATUS_FILL, STOCHASTIC, finish, small_titles
+from .style import GENETIC, LINE, PRIOR, STATUS_FILL, STOCHASTIC, finish, small_titles
 from .thinning import extremes
 from .windows import BINS, names, shade_eclipse, time_canvas
 
@@ -49,7 +49,7 @@ def figure_residual_distribution(prediction: xr.Dataset) -> go.Figure:
     """Histogram and autocorrelation of the residuals, one row for each channel.
 
     The histogram has the normal density of the same mean and deviation; the autocorrelation the band that holds 95% of
-    the values under white noise.
+    the values under white noise, and beside it, of AR(1) noise, that of its innovations.
     """
     channels = names(prediction, "channel")
     rows, gap = len(channels), 60
@@ -65,6 +65,9 @@ def figure_residual_distribution(prediction: xr.Dataset) -> go.Figure:
         if present.sum() > 2:
             _histogram(figure, values[present], row)
             _autocorrelation(figure, values[present], time[present], row)
+            if "innovation" in prediction and str(prediction["noise"].values[row - 1]).startswith("AR(1)"):
+                innovations = prediction["innovation"].transpose("time", "channel").values[present, row - 1]
+                _autocorrelation(figure, innovations, time[present], row, of_noise=True)
         figure.update_yaxes(title_text="density, 1/K", row=row, col=1, rangemode="tozero", nticks=5)
         figure.update_yaxes(title_text="autocorrelation, –", row=row, col=2, range=[-1.05, 1.05], tickvals=[-1, 0, 1])
     finish(figure, inner + 34 + 30 + 52)
@@ -89,20 +92,31 @@ def _histogram(figure: go.Figure, values: NDArray[np.float64], row: int) -> None
     )  # fmt: skip
 
 
-def _autocorrelation(figure: go.Figure, values: NDArray[np.float64], time: NDArray[np.datetime64], row: int) -> None:
+def _autocorrelation(
+    figure: go.Figure,
+    values: NDArray[np.float64],
+    time: NDArray[np.datetime64],
+    row: int,
+    *,
+    of_noise: bool = False,
+) -> None:
+    """Of residuals, with the band of white noise; of_noise: of innovations, over it."""
     lags = max(1, min(MOST_LAGS, values.size // 2))
     found = autocorrelation(values, time, lags)
     spacing = float(np.median(np.diff(time).astype("timedelta64[ns]").astype(np.int64))) * 1e-9
     minutes = np.arange(lags + 1) * spacing / 60
     half = 1.96 / np.sqrt(values.size)
+    if not of_noise:
+        figure.add_scatter(
+            x=[0, minutes[-1], minutes[-1], 0], y=[-half, -half, half, half], fill="toself", fillcolor=STATUS_FILL,
+            mode="lines", line={"width": 0}, name="95% band of white noise", legendgroup="band", showlegend=row == 1,
+            hoverinfo="skip", row=row, col=2,
+        )  # fmt: skip
+    name = "innovations" if of_noise else "autocorrelation"
+    shown = not any(trace.name == name for trace in figure.data)
     figure.add_scatter(
-        x=[0, minutes[-1], minutes[-1], 0], y=[-half, -half, half, half], fill="toself", fillcolor=STATUS_FILL,
-        mode="lines", line={"width": 0}, name="95% band of white noise", legendgroup="band", showlegend=row == 1,
-        hoverinfo="skip", row=row, col=2,
-    )  # fmt: skip
-    figure.add_scatter(
-        x=minutes.astype(np.float32), y=found.astype(np.float32), mode="lines+markers",
-        line={"color": STOCHASTIC, "width": 1.2}, marker={"size": 3.5}, name="autocorrelation",
-        legendgroup="autocorrelation", showlegend=row == 1, hovertemplate="%{x:.2f} min: %{y:.3f}<extra></extra>",
+        x=minutes.astype(np.float32), y=found.astype(np.float32), mode="lines" if of_noise else "lines+markers",
+        line={"color": GENETIC if of_noise else STOCHASTIC, "width": 1.6 if of_noise else 1.2}, marker={"size": 3.5},
+        name=name, legendgroup=name, showlegend=shown, hovertemplate="%{x:.2f} min: %{y:.3f}<extra></extra>",
         row=row, col=2,
     )  # fmt: skip

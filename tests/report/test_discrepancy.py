@@ -1,0 +1,168 @@
+"""What the report says where the residuals are more than iid noise: AR(1) noise, a discrepancy, several windows."""
+
+import dataclasses
+
+import numpy as np
+import pytest
+import xarray as xr
+
+from flightcal.report import discrepancy
+from flightcal.report.figures import figure_discrepancy_in_phase, figure_discrepancy_in_time
+from flightcal.report.run_files import ParameterInfo
+from flightcal.report.sections import sections
+from flightcal.report.verdict import residual_checks, verdict
+
+AMPLITUDE, LENGTH, PHASE = (
+    "discrepancy.time.amplitude.battery_temperature",
+    "discrepancy.time.lengthscale",
+    "discrepancy.phase.lengthscale",
+)
+CORRELATION = {"panel_absorptivity": 0.1, "battery_link": -0.97, "payload_link": -0.7}
+
+
+def with_window(window, part="phase", noise="iid noise"):
+    """A window of the made-up run whose second channel has a discrepancy, which takes up its residuals' slow half."""
+    residual = (window["observed"] - window["mean"].sel({"method": "stochastic"})).transpose("time", "channel")
+    mean = np.zeros(residual.shape)
+    mean[:, 1] = 0.5 * np.sin(2 * np.pi * window["orbit_phase"].values)
+    both = ("time", "channel")
+    return window.assign(
+        noise=("channel", [noise] * 3),
+        discrepant=("channel", ["", part, ""]),
+        innovation=(both, np.random.default_rng(4).normal(size=mean.shape)),
+        discrepancy_mean=(both, mean),
+        discrepancy_lower=(both, mean - 0.2),
+        discrepancy_upper=(both, mean + 0.2),
+    )
+
+
+def made(run, part="phase", noise="iid noise"):
+    """The made-up run with a discrepancy."""
+    shape = run.posterior["posterior"].to_dataset().sizes
+    draws = np.random.default_rng(3).normal(size=(shape["chain"], shape["draw"]))
+    groups = {name: group.to_dataset() for name, group in run.posterior.children.items()}
+    both = ("chain", "draw")
+    values = {AMPLITUDE: 0.8 + 0.01 * draws, LENGTH: 1800.0 + 30.0 * draws, PHASE: 0.2 + 0.01 * draws}
+    groups["posterior"] = groups["posterior"].assign({n: (both, v) for n, v in values.items()})
+    prior = {n: (both, 3.0 * v[:1]) for n, v in values.items()}
+    groups["prior"] = groups["prior"].isel(draw=slice(shape["draw"])).assign(prior)
+    groups["discrepancy"] = xr.Dataset(
+        {"correlation": ("parameter", list(CORRELATION.values()))}, {"parameter": list(CORRELATION)}
+    )
+    tree = xr.DataTree.from_dict(groups)
+    tree.attrs = run.posterior.attrs
+    infos = [
+        ParameterInfo(name, "discrepancy", unit, 0.0, (), "", "", quantiles)
+        for name, unit, quantiles in (
+            (AMPLITUDE, "K", (0.03, 0.7, 2.2)),
+            (LENGTH, "s", (600.0, 1500.0, 2400.0)),
+            (PHASE, "orbits", (0.06, 0.3, 0.5)),
+        )
+    ]
+    windows = {name: with_window(window, part, noise) for name, window in run.windows.items()}
+    return dataclasses.replace(run, posterior=tree, windows=windows, parameters=[*run.parameters, *infos])
+
+
+def section(run, anchor):
+    return next(s for s in sections(run, residual_checks(run)) if s.anchor == anchor)
+
+
+def words(blocks):
+    return " ".join(block.text for block in blocks)
+
+
+def finding(run, title):
+    return next(f for f in verdict(run, residual_checks(run)) if title in f.title)
+
+
+def test_there_is_a_section_only_where_there_is_a_discrepancy(run):
+    assert "discrepancy" not in [s.anchor for s in sections(run, residual_checks(run))]
+    blocks = section(made(run), "discrepancy").blocks
+    assert [b.kind for b in blocks] == ["text", "table", "figure", "text", "table", "heading", "text", "table"]
+    assert "carries over to every window" in words(blocks)
+
+
+def test_in_time_every_window_has_a_figure_and_fading_is_told(run):
+    blocks = section(made(run, "time and phase"), "discrepancy").blocks
+    assert [b.kind for b in blocks].count("figure") == 2
+    assert "carries over" in words(blocks)
+    assert "fades within a few lengthscales to its prior" in words(blocks)
+
+
+def test_amplitudes_and_lengthscales_are_in_kelvin_minutes_and_orbits(run):
+    rows = discrepancy.numbers(made(run)).rows
+    assert [row[:3] for row in rows] == [
+        ["time", "battery_temperature", "amplitude, K"],
+        ["time", "all together", "lengthscale, min"],
+        ["orbit phase", "all together", "lengthscale, orbits"],
+    ]
+    assert rows[1][3] == "25.0 [10.0, 40.0]"
+    assert rows[1][4].startswith("30.0")
+
+
+def test_what_the_discrepancy_stands_in_for_is_named_worst_first(run):
+    table = discrepancy.confounded(made(run))
+    assert [row[0] for row in table.rows] == ["battery_link", "payload_link", "panel_absorptivity"]
+    assert table.rows[0][3] == "the telemetry tells the sum of the two, not the parameter"
+    assert [table.state(k, 3) for k in range(3)] == ["warn", "", "good"]
+    against = finding(made(run), "stands in for 1 parameter")
+    assert against.state == "warn"
+    assert "battery_link (−0.97)" in against.text
+    assert "payload_link" not in against.text
+
+
+def test_the_size_is_that_of_the_discrepant_channel_alone(run):
+    rows = discrepancy.sizes(made(run).windows).rows
+    assert [row[:2] for row in rows] == [["train", "battery_temperature"], ["test", "battery_temperature"]]
+    assert float(rows[0][2]) == pytest.approx(0.5 / np.sqrt(2), rel=0.01)
+    assert rows[0][4] == "0.400"
+
+
+def test_the_figure_has_the_discrepant_channel_over_the_orbit_with_its_band(run):
+    figure = figure_discrepancy_in_phase(made(run).windows["train"])
+    assert [t.name for t in figure.data] == ["telemetry − simulation", "interval", "discrepancy, mean"]
+    mean = figure.data[2]
+    assert (np.diff(mean.x) >= 0).all()
+    np.testing.assert_allclose(mean.y, 0.5 * np.sin(2 * np.pi * np.array(mean.x)), atol=1e-6)
+    assert len(figure_discrepancy_in_time(made(run).windows["test"]).data) == 3
+
+
+def test_correlated_residuals_are_no_fault_of_ar1_noise_whose_innovations_are_white(run):
+    own = made(run, noise="AR(1) noise")
+    good = finding(own, "look like the noise that was assumed")
+    assert good.state == "good"
+    assert "AR(1) noise beside a discrepancy of battery_temperature in orbit phase" in good.text
+    assert "are correlated" in good.text
+    assert "which the AR(1) noise expects" in good.text
+    text = words(section(own, "residuals").blocks)
+    assert "iid" not in text
+    assert "no channel contradicts AR(1) noise" in text
+    iid = finding(run, "iid noise is contradicted")
+    assert "payload_temperature" in iid.text
+
+
+def test_innovations_that_are_not_white_contradict_the_noise_by_its_own_name(run):
+    own = made(run, noise="AR(1) noise")
+    windows = {
+        n: w.assign(innovation=w["observed"] - w["mean"].sel({"method": "stochastic"})) for n, w in own.windows.items()
+    }
+    against = finding(dataclasses.replace(own, windows=windows), "The assumption of AR(1) noise is contradicted")
+    assert "innovations of battery_temperature and payload_temperature" in against.text
+    assert "discrepancy and noise take up in part only" in against.text
+    assert "the paper" not in against.text
+
+
+def test_values_of_drifting_parameters_stand_by_window(run):
+    assert not discrepancy.window_values(run).rows
+    common = run.posterior["posterior"]["battery_link"]
+    tree = run.posterior.copy()
+    values = np.stack([common.values + 0.1, common.values - 0.1], axis=-1)
+    tree["windows"] = xr.DataTree(
+        xr.Dataset({"battery_link": (("chain", "draw", "window"), values)}, {"window": ["june", "july"]})
+    )
+    own = dataclasses.replace(run, posterior=tree)
+    table = discrepancy.window_values(own)
+    assert table.header[2:] == ("in “june”", "in “july”")
+    middle = [float(cell.split(" ")[0]) for cell in table.rows[0][1:]]
+    assert middle[1:] == pytest.approx([middle[0] + 0.1, middle[0] - 0.1], abs=1e-3)
+    assert "Values by window" in words(section(own, "parameters").blocks)
