@@ -95,6 +95,11 @@ def run_experiment(
                 f"windows.train: found {len(scenario.train_windows)} windows, expected one: the simulator has no "
                 "derivatives, and an emulator is one window's"
             )
+        if not problem.residuals.is_normal:
+            raise ScenarioError(
+                "noise: found quantised or Student's t noise, expected normal noise: the simulator's server offers no "
+                "gradient, and only with normal noise can an emulator's error be integrated out"
+            )
         key = hash_of(identity, settings.emulator.model_dump())
         emulation = emulator_stage(run, key, problem, data, listener)
         emulator_identity = hash_of(identity, settings.emulator.model_dump(), settings.seed)

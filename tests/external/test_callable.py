@@ -10,7 +10,7 @@ from flightcal.experiment import read
 from flightcal.external.in_worker import close_workers
 from flightcal.scenario import load_scenario
 
-from .scenes import SAMPLES, THETA, TIMES, simulator_of, write, written
+from .scenes import SAMPLES, THETA, TIMES, findings, simulator_of, write, written
 
 GOOD = """
 import numpy as np
@@ -229,3 +229,14 @@ def test_initial_temperature_among_the_inputs_is_estimated_around_the_first_samp
     assert (prior.mean, prior.standard_deviation) == (pytest.approx(293.156), 2.0)
     run = problem.simulate(np.array([0.8, 5.0, 281.0]))
     np.testing.assert_allclose(run.temperatures[:, 0], expected(THETA) - 19.0, rtol=1e-12)
+
+
+@pytest.mark.parametrize(("gradient", "refused"), [("none", 1), ("jax", 0)])
+def test_students_noise_is_refused_where_an_emulator_takes_the_functions_place(tmp_path, gradient, refused):
+    (tmp_path / "model.py").write_text(textwrap.dedent(JAX))
+    noise = {"observations": {"battery_temp": {"output": "battery", "noise": {"distribution": "student_t"}}}}
+
+    found = findings(tmp_path, {"callable": {"file": "model.py", "gradient": gradient}}, **noise)
+
+    assert len(found) == refused
+    assert all("beside the error of an emulator" in finding for finding in found)

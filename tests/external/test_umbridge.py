@@ -10,10 +10,11 @@ import numpy as np
 import pytest
 
 from flightcal.errors import ScenarioError
+from flightcal.experiment import run_experiment
 from flightcal.external.in_worker import close_workers
 from flightcal.simulator import SimulationFailure
 
-from .scenes import SAMPLES, THETA, TIMES, simulator_of
+from .scenes import SAMPLES, THETA, TIMES, simulator_of, write, written
 
 pytest.importorskip("umbridge", reason="needs the extra 'umbridge'")
 
@@ -110,6 +111,15 @@ def test_gradient_of_the_server_agrees_with_finite_differences(tmp_path, server)
 def test_server_without_gradient_says_what_to_use(tmp_path, server):
     with pytest.raises(ScenarioError, match=r"no gradient .umbridge.*Calibrate through an emulator"):
         build(tmp_path, server, "single").linearise(THETA)
+
+
+def test_noise_that_is_not_normal_is_refused_where_the_server_has_no_gradient(tmp_path, server):
+    noise = {"observations": {"battery_temp": {"output": "battery", "noise": {"quantisation": "0.5 K"}}}}
+    simulator = {"umbridge": {"url": server, "model": "single", "config": {"base": 7}}}
+    write(tmp_path, written(simulator, **noise))
+
+    with pytest.raises(ScenarioError, match=r"noise: found quantised .* server offers no gradient"):
+        run_experiment(tmp_path / "scenario.yaml", tmp_path / "run")
 
 
 @pytest.mark.parametrize(

@@ -8,9 +8,10 @@ from pathlib import Path
 from typing import Any
 
 from .._document import Location, Problem
-from .._draft import Draft
+from .._draft import Draft, External
 from .._priors import support
 from .._reading import Reading
+from ..external import PythonFunction, Umbridge
 from ..schema import Noise
 from ._common import readable, unknown
 
@@ -66,7 +67,12 @@ def _check_channel(noise: Noise, draft: Draft, channel: str, location: Location)
     has_discrepancy = draft.discrepancy is not None and (
         not draft.discrepancy.channels or channel in draft.discrepancy.channels
     )
-    for there, what in ((has_discrepancy, "a discrepancy"), (draft.has_errors, "'simulator.errors'")):
+    beside = (
+        (has_discrepancy, "a discrepancy"),
+        (draft.has_errors, "'simulator.errors'"),
+        (_is_emulated(draft.external), "the error of an emulator, which simulators without derivatives get"),
+    )
+    for there, what in beside:
         if there:
             message = f"found {kind} noise of {channel!r} beside {what}, expected normal noise"
             yield Problem(location, f"{message}: only with that can its weights be integrated out")
@@ -76,6 +82,13 @@ def _check_channel(noise: Noise, draft: Draft, channel: str, location: Location)
         yield Problem(
             (*location, "quantisation"), f"{message}, expected one column: their {source.combine} has no steps"
         )
+
+
+def _is_emulated(external: External | None) -> bool:
+    """Whether an emulator surely takes the simulator's place; only its server knows of an UM-Bridge model."""
+    if external is None or external.block is None or isinstance(external.block, Umbridge):
+        return False
+    return not (isinstance(external.block, PythonFunction) and external.block.gradient == "jax")
 
 
 def _check_discrepancy(draft: Draft) -> Iterator[Problem]:
