@@ -44,12 +44,13 @@ def test_every_model_of_a_scenario_is_a_scenario_without_findings(tmp_path, mode
     assert (noise.model, noise.distribution) == {
         "iid": ("iid", "student_t"),
         "ar1": ("ar1", "normal"),
+        "phase+ar1": ("ar1", "normal"),
     }.get(model, ("iid", "normal"))
     assert noise.standard_deviation.scale == 0.5
     assert noise_of(found, "panel_temp").standard_deviation == 0.1
     own = found.discrepancy
     assert (own is not None and own.time is not None) == (model in ("time", "both"))
-    assert (own is not None and own.phase is not None) == (model in ("phase", "both"))
+    assert (own is not None and own.phase is not None) == (model in ("phase", "both", "phase+ar1"))
     if own is not None and own.phase is not None:
         assert own.phase.harmonics == 5
 

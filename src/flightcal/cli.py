@@ -271,8 +271,8 @@ def compare(
     scenario: ScenarioFile,
     out: Annotated[Path, typer.Option(help="Folder of the runs; what is done in it is not run again.")],
     models: Annotated[
-        str, typer.Option(help="Which to compare: iid, ar1, and the discrepancies time, phase and both.")
-    ] = "iid,ar1,time,phase,both",
+        str, typer.Option(help="Which to compare: iid, ar1, time, phase, both, phase+ar1.")
+    ] = "iid,ar1,time,phase,both,phase+ar1",
     telemetry: TelemetryPlace = None,
 ) -> None:
     """Calibrate with several models of noise and discrepancy, compare them on unseen windows, and recommend one."""

@@ -28,8 +28,9 @@ from .scenario.schema import PhaseDiscrepancy, TimeDiscrepancy, is_trained, nois
 from .simulator.system import FloatArray
 from .validation import BlockLoo, Metric, block_log_likelihood, blocks_of, leave_blocks_out
 
-MODELS = ("iid", "ar1", "time", "phase", "both")
-"""iid: independent noise, as published; ar1: correlated; time, phase, both: independent and a discrepancy."""
+MODELS = ("iid", "ar1", "time", "phase", "both", "phase+ar1")
+"""iid: independent noise, as published; ar1: correlated; time, phase, both: independent and a discrepancy; phase+ar1:
+a discrepancy that comes again in every orbit, and correlated noise for what does not."""
 
 COMPARED = ("rmse", "mape_kelvin", "picp", "mpiw", "crps", "log_score")
 COVERED = (0.90, 0.99)
@@ -102,7 +103,7 @@ def variant(scenario: Scenario, model: str) -> Scenario:
 
     def noise(own: Noise) -> Noise:
         written: dict[str, Any] = {"standard_deviation": own.standard_deviation}
-        if model == "ar1":
+        if model.endswith("ar1"):
             written |= {"model": "ar1", "correlation_time": own.correlation_time, "white": own.white}
         elif model == "iid":
             names = ("distribution", "degrees_of_freedom", "quantisation")
@@ -117,9 +118,9 @@ def variant(scenario: Scenario, model: str) -> Scenario:
     }
     own = scenario.discrepancy
     discrepancy = None
-    if model in ("time", "phase", "both"):
+    if model not in ("iid", "ar1"):
         discrepancy = Discrepancy(
-            time=((own and own.time) or TimeDiscrepancy()) if model != "phase" else None,
+            time=((own and own.time) or TimeDiscrepancy()) if model in ("time", "both") else None,
             phase=((own and own.phase) or PhaseDiscrepancy()) if model != "time" else None,
             channels=own.channels if own is not None else (),
         )

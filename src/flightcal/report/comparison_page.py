@@ -20,6 +20,7 @@ WORDS = {
     "time": "discrepancy in time",
     "phase": "discrepancy in orbit phase",
     "both": "discrepancy in time and in orbit phase",
+    "phase+ar1": "discrepancy in orbit phase, and correlated noise",
 }
 
 SCORES = {
