@@ -13,7 +13,7 @@ _NOISE = {
     CORRELATED: "AR(1) noise",
     CORRELATED_STUDENT: "AR(1) noise with Student-t innovations",
     STUDENT: "independent Student-t noise",
-    ROUNDED: "independent normal noise, rounded",
+    ROUNDED: "rounded iid noise",
 }
 
 

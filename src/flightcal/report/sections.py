@@ -455,10 +455,10 @@ def _residuals(run: RunFiles, checks: Checks) -> list[Block]:
         _table(tables.residual_tests(checks)),
         _text(
             "Residual: telemetry minus the posterior's mean, which includes the expected discrepancy where there is "
-            "one. “Too narrow by” is √(number / effective number) of what is tested: the residuals, of AR(1) noise its "
-            "innovations (the part of each residual that those before it do not tell), of rounded telemetry the noise "
-            "drawn within the step. By about this factor intervals of "
-            "parameters are too narrow where the likelihood takes for white what is not. "
+            "one. Tested are the residuals, of AR(1) noise its innovations (the part of each residual that those "
+            "before it do not tell), of rounded telemetry the noise drawn within the step; the numbers are of that. "
+            "“Too narrow by” is √(number / effective number): by about this factor intervals of parameters are too "
+            "narrow where the likelihood takes for white what is not. "
             "The posterior rests on what was trained on; other windows show whether the model's error persists."
         ),
     ]
@@ -521,9 +521,10 @@ def _contradiction(window: str, of_window: Sequence[ResidualCheck]) -> str:
     else:
         words += f"no channel contradicts {assumption(judged)}."
     if expected:
+        tested = listed(list(dict.fromkeys(c.tested for c in expected)))
         words += (
-            f" Of {listed([c.channel for c in expected])} they are correlated, which a discrepancy in time makes them "
-            "where nothing tells it; the interval contains it."
+            f" The {tested} of {listed([c.channel for c in expected])} "
+            "are correlated, as a discrepancy in time makes them where nothing tells it; the interval contains it."
         )
     return f"{words} {correlation_expected(judged)}".strip()
 

@@ -336,13 +336,16 @@ def _stand_in(run: RunFiles) -> list[Finding]:
         return []
     if not against:
         worst, value = next(iter(correlation.items()))
-        text = f"The strongest correlation with what the discrepancy takes up is {number(value, 2)} ({worst})."
-        return [Finding("good", "The discrepancy stands in for no parameter", text)]
+        text = (
+            f"The strongest correlation of a parameter with what the discrepancy takes up of its effect is "
+            f"{number(value, 2)} ({worst}); at −1 it would tell their sum only."
+        )
+        return [Finding("good", "The telemetry tells the parameters from the discrepancy", text)]
     named = listed([f"{name} ({number(value, 2)})" for name, value in against.items()])
     text = (
         f"The posterior of {named} is correlated with how much of its effect the discrepancy takes up: the telemetry "
-        "tells the sum of the two, and the two priors share it out. The prediction does not suffer; the "
-        "parameter's value rests on the discrepancy's prior."
+        "tells the sum of the two, and the two priors share it out. A prediction needs only the sum; a "
+        "parameter's value alone rests on the discrepancy's prior."
     )
     title = f"The discrepancy stands in for {len(against)} parameter{'s' if len(against) > 1 else ''}"
     return [Finding("warn", title, text)]

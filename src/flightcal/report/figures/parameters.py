@@ -56,7 +56,10 @@ def figure_density(
     finish(figure, 340 if large else 230, legend=False, top=12)
     pad = 0.03 * (high - low)
     figure.update_layout(margin={"l": 40, "r": 14, "b": 46}, meta={"tools": False})
-    figure.update_xaxes(title_text=labelled(info.name, info.unit), range=[low - pad, high + pad], nticks=6)
+    title = labelled(info.name, info.unit)
+    # A long name, as of a discrepancy's amplitude, has to fit under a small plot.
+    font = {"size": min(12, max(9, 12 * 36 // len(title)))}
+    figure.update_xaxes(title={"text": title, "font": font}, range=[low - pad, high + pad], nticks=6)
     figure.update_yaxes(range=[0, 1.08], tickvals=[0, 1], title_text="density / peak, –", rangemode="nonnegative")
     return figure
 
