@@ -152,6 +152,17 @@ def test_innovations_that_are_not_white_contradict_the_noise_by_its_own_name(run
     assert "the paper" not in against.text
 
 
+def test_with_several_training_windows_it_is_said_that_no_correlation_was_determined(run):
+    own = made(run, "time")
+    tree = own.posterior.copy()
+    del tree["discrepancy"]
+    own = dataclasses.replace(own, posterior=tree)
+    last = section(own, "discrepancy").blocks[-1]
+    assert last.kind == "note"
+    assert "several training windows" in last.text
+    assert not [f for f in verdict(own, residual_checks(own)) if "stands in" in f.title]
+
+
 def test_values_of_drifting_parameters_stand_by_window(run):
     assert not discrepancy.window_values(run).rows
     common = run.posterior["posterior"]["battery_link"]
