@@ -36,6 +36,8 @@ CASES = {
     "discrepancy in time": ((INDEPENDENT, INDEPENDENT), (True, True), {"parts": ("time",), "smoothness": (2.5, 1.5)}),
     "discrepancy in phase": ((INDEPENDENT, INDEPENDENT), (True, True), {"parts": ("phase",), "smoothness": (2.5, 1.5)}),
     "discrepancy, correlated": ((CORRELATED, CORRELATED), (True, True), {}),
+    "discrepancy, orthogonal": ((INDEPENDENT, INDEPENDENT), (True, True), {"tied": 3}),
+    "discrepancy, orthogonal, correlated": ((CORRELATED, INDEPENDENT), (True, True), {"tied": 2}),
     "mixed": ((INDEPENDENT, CORRELATED), (True, False), {}),
 }
 

@@ -201,6 +201,82 @@ def factorise(gram, scale, root, projected, upper, inverse, scratch, weights):
 
 
 @inlined
+def constrain(rows, root, inverse, weights, shrunk, posterior, crossed, prior, factor, scratch):
+    """Condition weights that `factorise` gave on rows w = 0, with rows [p, m] orthonormal.
+
+    By p(y | Rw = 0) = p(y) p(Rw = 0 | y) / p(Rw = 0). Changes weights and shrunk, with which `pull_back_spectrum` then
+    gives the derivatives that it should. Fills crossed [p, m], whose products with itself the weights' covariance is
+    less by, and posterior [p, m]: its factor F is less by crossed^T posterior. prior: [p, m], factor: [p, p],
+    scratch: [p, 1] of work. Returns what the log likelihood is more by.
+    """
+    count, m = rows.shape
+    added = 0.0
+    for a in range(count):
+        for i in range(m):
+            total = 0.0
+            for j in range(i + 1):
+                total += inverse[i, j] * root[j] * rows[a, j]
+            posterior[a, i] = total
+        for j in range(m):
+            total = 0.0
+            for i in range(j, m):
+                total += inverse[i, j] * posterior[a, i]
+            crossed[a, j] = root[j] * total
+            prior[a, j] = root[j] * rows[a, j]
+    for a in range(count):
+        scratch[a, 0] = 0.0
+        for j in range(m):
+            scratch[a, 0] += prior[a, j] * weights[j]
+    added -= _factorise_rows(posterior, factor)
+    _divide(factor, posterior)
+    _divide(factor, crossed)
+    _divide(factor, scratch)
+    for a in range(count):
+        added -= 0.5 * scratch[a, 0] * scratch[a, 0]
+        for j in range(m):
+            weights[j] -= crossed[a, j] * scratch[a, 0] / root[j]
+            shrunk[j] -= (crossed[a, j] / root[j]) ** 2
+    added += _factorise_rows(prior, factor)
+    _divide(factor, prior)
+    for a in range(count):
+        for j in range(m):
+            shrunk[j] += prior[a, j] * prior[a, j]
+    return added
+
+
+@inlined
+def _factorise_rows(rows, factor):
+    """Cholesky factor [p, p] of the products of rows [p, m] with one another; returns half their log determinant."""
+    count, m = rows.shape
+    for a in range(count):
+        for b in range(a + 1):
+            total = 0.0
+            for j in range(m):
+                total += rows[a, j] * rows[b, j]
+            factor[a, b] = total
+    half = 0.0
+    for a in range(count):
+        for b in range(a + 1):
+            total = factor[a, b]
+            for c in range(b):
+                total -= factor[a, c] * factor[b, c]
+            factor[a, b] = total / factor[b, b] if b < a else math.sqrt(total)
+        half += math.log(factor[a, a])
+    return half
+
+
+@inlined
+def _divide(factor, rows):
+    """Rows [p, m] divided by a lower triangle [p, p]."""
+    for a in range(rows.shape[0]):
+        for b in range(a):
+            for j in range(rows.shape[1]):
+                rows[a, j] -= factor[a, b] * rows[b, j]
+        for j in range(rows.shape[1]):
+            rows[a, j] /= factor[a, a]
+
+
+@inlined
 def pull_back_spectrum(in_time, weights, shrunk, slope, numbers, numbers_bar):
     """Add the derivatives of the log density by amplitudes and lengthscales to numbers_bar [9].
 

@@ -16,7 +16,7 @@ from numpy.typing import NDArray
 
 from ..compiled import compiled, inlined
 from ..simulator.system import FloatArray
-from .discrepancy import combine, factorise, project, pull_back_spectrum, spectrum
+from .discrepancy import combine, constrain, factorise, project, pull_back_spectrum, spectrum
 from .noise import (
     CORRELATED,
     CORRELATED_STUDENT,
@@ -60,6 +60,8 @@ class Residuals(NamedTuple):
     """[1] how many of the basis are in time."""
     smoothness: Any
     factor: Any
+    rows: Any
+    """[N, p, m] orthonormal combinations of the weights that are zero; p = 0: the weights are free."""
 
 
 class ResidualMemory(NamedTuple):
@@ -87,6 +89,14 @@ class ResidualMemory(NamedTuple):
     whitened: Any
     whitened_bar: Any
     columns_bar: Any
+    posterior: Any
+    """[p, m], as the next two; see `discrepancy.constrain`."""
+    crossed: Any
+    prior: Any
+    small: Any
+    """[p, p]."""
+    vector: Any
+    """[p, 1]."""
 
 
 def residual_memory(residuals: Residuals) -> ResidualMemory:
@@ -98,7 +108,9 @@ def residual_memory(residuals: Residuals) -> ResidualMemory:
     by_channel = (np.empty((channels, samples)), np.empty((channels, samples)), np.empty((channels, m)))
     vectors, square = (np.empty(samples) for _ in range(4)), (np.empty((m, m)) for _ in range(4))
     wides = (np.empty(wide) for _ in range(4))
-    return ResidualMemory._make([*by_channel, *vectors, np.empty((8, m + 1)), *square, *wides])
+    count = residuals.rows.shape[1]
+    constrained = (*(np.empty((count, m)) for _ in range(3)), np.empty((count, count)), np.empty((count, 1)))
+    return ResidualMemory._make([*by_channel, *vectors, np.empty((8, m + 1)), *square, *wides, *constrained])
 
 
 def log_likelihood(
@@ -238,6 +250,7 @@ def _infer_weights(residuals, memory, k, numbers):
         determinant, explained = factorise(
             residuals.products[k], precision, root, projected, memory.upper, memory.inverse, shrunk, weights
         )
+        determinant -= 2.0 * _constrain(residuals, memory, k)
         return determinant + 2.0 * samples * math.log(numbers[DEVIATION]), squares * precision - explained
     determinant = filter_gains(residuals.seconds, valid, numbers, memory.decay, memory.gain, memory.root)
     columns, whitened = memory.columns, memory.whitened
@@ -262,7 +275,17 @@ def _infer_weights(residuals, memory, k, numbers):
             for j in range(i, m):
                 memory.gram[i, j] += left * whitened[t, j]
     second, explained = factorise(memory.gram, 1.0, root, projected, memory.upper, memory.inverse, shrunk, weights)
-    return determinant + second, squares - explained
+    return determinant + second - 2.0 * _constrain(residuals, memory, k), squares - explained
+
+
+@inlined
+def _constrain(residuals, memory, k):
+    """Hold a channel's weights to the rows that are zero; returns what the log likelihood is more by."""
+    root, _, weights, shrunk = _rows(memory)
+    return constrain(
+        residuals.rows[k], root, memory.inverse, weights, shrunk,
+        memory.posterior, memory.crossed, memory.prior, memory.small, memory.vector,
+    )  # fmt: skip
 
 
 @inlined
@@ -311,6 +334,8 @@ def _pull_back_whitened(residuals, memory, k, numbers, root, expected, numbers_b
     for i in range(m):
         for j in range(m):
             covariance[i, j] *= root[j]
+            for a in range(memory.crossed.shape[0]):
+                covariance[i, j] -= memory.crossed[a, i] * memory.crossed[a, j]
     whitened, whitened_bar = memory.whitened, memory.whitened_bar
     for t in range(whitened.shape[0]):
         if not valid[t]:
@@ -346,6 +371,8 @@ def weights_compiled(residuals, memory, observed, simulated, numbers, mean, fact
             mean[k, i] = root[i] * weights[i]
             for j in range(root.shape[0]):
                 factor[k, i, j] = root[i] * memory.inverse[j, i]
+                for a in range(memory.crossed.shape[0]):
+                    factor[k, i, j] -= memory.crossed[a, i] * memory.posterior[a, j]
 
 
 # --- independent noise alone ----------------------------------------------------------------------------------

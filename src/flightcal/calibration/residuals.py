@@ -282,6 +282,7 @@ def residual_model(
         in_time=np.array([0 if time is None else time.count], np.int64),
         smoothness=smoothness,
         factor=np.array([matern_factor(nu) for nu in smoothness]),
+        rows=np.zeros((len(channels), 0, together.shape[1])),
     )
     return ResidualModel(compiled, fixed, tuple(entries), time, phase), priors
 
