@@ -38,6 +38,7 @@ from .prediction import predict
 from .report import write_report
 from .run_directory import RunDirectory, hash_of, hash_of_file, open_run, plain
 from .scenario import Scenario, SimulatorModel, input_files, load_scenario, resolved_yaml
+from .scenario.schema import is_orthogonal
 from .simulator.system import FloatArray
 from .telemetry import quality_table, read_telemetry
 from .validation import Metric, score
@@ -100,6 +101,11 @@ def run_experiment(
                 "noise: found quantised or Student's t noise, expected normal noise: the simulator's server offers no "
                 "gradient, and only with normal noise can an emulator's error be integrated out"
             )
+        if is_orthogonal(scenario):
+            raise ScenarioError(
+                "discrepancy.orthogonal: found it with a simulator without derivatives, expected one that has them: "
+                "the directions would be those of an emulator"
+            )
         key = hash_of(identity, settings.emulator.model_dump())
         emulation = emulator_stage(run, key, problem, data, listener)
         emulator_identity = hash_of(identity, settings.emulator.model_dump(), settings.seed)
@@ -119,7 +125,9 @@ def run_experiment(
     draws = _draws(posterior, problem.names, settings.prediction.simulations, settings.seed)
     if isinstance(scenario.simulator, SimulatorModel):
         full_check_stage(run, predict_key, problem, draws, listener)
-    metrics = _predict_stage(run, predict_key, problem, data, points, draws, emulation, listener)
+    fixed = json.loads(posterior.attrs.get("orthogonal_at", "null"))
+    orthogonal_at = None if fixed is None else np.array(fixed)
+    metrics = _predict_stage(run, predict_key, problem, data, points, draws, orthogonal_at, emulation, listener)
     listener.stage("report", False)
     with run.stage("report", hash_of(predict_key, "report")):
         report = write_report(run.path)
@@ -194,6 +202,7 @@ def _predict_stage(
     data: xarray.Dataset,
     points: dict[str, FloatArray],
     draws: FloatArray,
+    orthogonal_at: FloatArray | None,
     emulation: Emulation | None,
     listener: Listener,
 ) -> tuple[Metric, ...]:
@@ -211,7 +220,7 @@ def _predict_stage(
                 thetas = _in_window(problem, data, window, points, draws)
                 windows[window] = predict(
                     scenario, data, window, *thetas, seed=seed, stand_in=stand_in,
-                    trained=_trained(problem, window, draws),
+                    trained=_trained(problem, window, draws), orthogonal_at=orthogonal_at,
                 )[0]  # fmt: skip
             metrics = [metric for window, predicted in windows.items() for metric in score(predicted, window)]
             run.write_netcdf("prediction.nc", xarray.DataTree.from_dict(windows))

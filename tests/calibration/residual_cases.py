@@ -47,6 +47,8 @@ class Case:
             smoothness=np.array(smoothness),
             factor=np.array([discrepancy.matern_factor(nu) for nu in smoothness]),
             rows=np.stack([np.linalg.qr(rng.normal(size=(self.basis.shape[1], tied)))[0].T.copy() for _ in range(2)]),
+            # The second channel has one less.
+            held=np.array([tied, max(tied - 1, 0)]),
         )
 
     def valid(self, channel):
@@ -76,6 +78,7 @@ class Case:
     def prior_covariance(self, channel):
         """Of the weights [m, m], given that what is tied is zero."""
         free, rows = np.diag(self.prior_variances(channel)), self.residuals.rows[channel]
+        rows = rows[: self.residuals.held[channel]]
         return free - free @ rows.T @ np.linalg.solve(rows @ free @ rows.T, rows @ free)
 
     def noise_covariance(self, channel, seconds):

@@ -127,12 +127,13 @@ def test_a_step_far_in_the_tail_has_its_whole_probability(share):
     assert np.isfinite(numbers_bar[:, 0]).all()
 
 
+@pytest.mark.parametrize("tied", [0, 2])
 @pytest.mark.parametrize("kind", [INDEPENDENT, CORRELATED])
-def test_weights_are_those_of_the_dense_conditional_normal(kind):
-    case = Case((kind, kind), (True, True))
+def test_weights_are_those_of_the_dense_conditional_normal(kind, tied):
+    case = Case((kind, kind), (True, True), tied=tied)
     mean, factor = weights_given(case.residuals, case.observed, case.simulated, case.numbers)
     for k in range(2):
-        prior, basis = np.diag(case.prior_variances(k)), case.basis[case.valid(k)]
+        prior, basis = case.prior_covariance(k), case.basis[case.valid(k)]
         gain = prior @ basis.T @ np.linalg.inv(case.covariance(k))
         np.testing.assert_allclose(mean[k], gain @ case.residual(k), atol=1e-8 * np.abs(mean[k]).max())
         covariance = prior - gain @ basis @ prior

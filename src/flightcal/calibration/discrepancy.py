@@ -202,7 +202,7 @@ def factorise(gram, scale, root, projected, upper, inverse, scratch, weights):
 
 @inlined
 def constrain(rows, root, inverse, weights, shrunk, posterior, crossed, prior, factor, scratch):
-    """Condition weights that `factorise` gave on rows w = 0, with rows [p, m] orthonormal.
+    """Condition weights that `factorise` gave on rows w = 0, with rows [p, m] independent of each other.
 
     By p(y | Rw = 0) = p(y) p(Rw = 0 | y) / p(Rw = 0). Changes weights and shrunk, with which `pull_back_spectrum` then
     gives the derivatives that it should. Fills crossed [p, m], whose products with itself the weights' covariance is

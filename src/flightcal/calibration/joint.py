@@ -22,7 +22,7 @@ import xarray
 
 from ..errors import ScenarioError
 from ..scenario import Normal, Prior, Scenario
-from ..scenario.schema import HalfNormal, is_trained
+from ..scenario.schema import HalfNormal, is_orthogonal, is_trained
 from ..simulator import Simulator, Trajectory
 from ..simulator.system import FloatArray, IntArray, Switch
 from .native import NativeDensity
@@ -331,6 +331,11 @@ def calibration_problem(scenario: Scenario, telemetry: xarray.Dataset) -> Proble
     if not windows:
         raise ScenarioError("windows: found none to train on, expected 'train'")
     written = scenario.discrepancy
+    if len(windows) > 1 and is_orthogonal(scenario):
+        raise ScenarioError(
+            f"discrepancy.orthogonal: found {len(windows)} windows to train on, expected one: "
+            "the directions that it is orthogonal to are one window's"
+        )
     if len(windows) > 1 and written is not None and written.phase is not None:
         raise ScenarioError(
             f"discrepancy.phase: found {len(windows)} windows to train on, expected one: "

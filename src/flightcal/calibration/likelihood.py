@@ -61,7 +61,9 @@ class Residuals(NamedTuple):
     smoothness: Any
     factor: Any
     rows: Any
-    """[N, p, m] orthonormal combinations of the weights that are zero; p = 0: the weights are free."""
+    """[N, p, m] combinations of the weights that are zero; p = 0: the weights are free."""
+    held: Any
+    """[N] how many of them a channel has: the first."""
 
 
 class ResidualMemory(NamedTuple):
@@ -282,9 +284,13 @@ def _infer_weights(residuals, memory, k, numbers):
 def _constrain(residuals, memory, k):
     """Hold a channel's weights to the rows that are zero; returns what the log likelihood is more by."""
     root, _, weights, shrunk = _rows(memory)
+    count = residuals.held[k]
+    for a in range(count, memory.crossed.shape[0]):
+        for j in range(memory.crossed.shape[1]):
+            memory.crossed[a, j] = 0.0
     return constrain(
-        residuals.rows[k], root, memory.inverse, weights, shrunk,
-        memory.posterior, memory.crossed, memory.prior, memory.small, memory.vector,
+        residuals.rows[k, :count], root, memory.inverse, weights, shrunk, memory.posterior[:count],
+        memory.crossed[:count], memory.prior[:count], memory.small, memory.vector[:count],
     )  # fmt: skip
 
 
@@ -371,7 +377,7 @@ def weights_compiled(residuals, memory, observed, simulated, numbers, mean, fact
             mean[k, i] = root[i] * weights[i]
             for j in range(root.shape[0]):
                 factor[k, i, j] = root[i] * memory.inverse[j, i]
-                for a in range(memory.crossed.shape[0]):
+                for a in range(residuals.held[k]):
                     factor[k, i, j] -= memory.crossed[a, i] * memory.posterior[a, j]
 
 

@@ -536,6 +536,8 @@ class Discrepancy(Block):
     phase: PhaseDiscrepancy | None = None
     channels: tuple[str, ...] = ()
     """Temperature channels that have one; none named: all."""
+    orthogonal: Flag = False
+    """In each channel, to what the parameters do to the training window: repairs forecasts, not the parameters."""
 
     @model_validator(mode="after")
     def _some_part(self) -> Discrepancy:
@@ -714,6 +716,11 @@ class Scenario(Block):
             found = f"found an external simulator ({kind_of_simulator(self.simulator)})"
             raise ScenarioError(f"{self.name}: simulator: {found}, expected a thermal network: this needs its nodes")
         return self.simulator
+
+
+def is_orthogonal(scenario: Scenario) -> bool:
+    """Whether there is a discrepancy that is orthogonal to what the parameters do."""
+    return scenario.discrepancy is not None and scenario.discrepancy.orthogonal
 
 
 def noise_of(scenario: Scenario, channel: str) -> Noise:
