@@ -10,7 +10,7 @@ import numpy as np
 from flightcal._jax import jax, jnp
 from flightcal.calibration import Problem
 from flightcal.scenario import Normal, Prior, Uniform
-from flightcal.scenario.schema import LogNormal, TruncatedNormal
+from flightcal.scenario.priors import LogNormal, TruncatedNormal
 from flightcal.simulator import Drive, NetworkSimulator, Structure, System
 from flightcal.simulator.oracle import dense
 from flightcal.simulator.system import packed_bounds

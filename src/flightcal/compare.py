@@ -24,7 +24,8 @@ from .listener import Listener
 from .report import write_comparison
 from .run_directory import plain, write_atomically
 from .scenario import Discrepancy, Noise, Scenario, load_scenario, resolved_yaml
-from .scenario.schema import PhaseDiscrepancy, TimeDiscrepancy, is_trained, noise_of
+from .scenario.residuals import PhaseDiscrepancy, TimeDiscrepancy
+from .scenario.schema import is_trained, noise_of
 from .simulator.system import FloatArray
 from .validation import BlockLoo, Metric, block_log_likelihood, blocks_of, leave_blocks_out
 

@@ -3,7 +3,7 @@ import pytest
 import scipy.stats
 
 from flightcal.calibration.priors import Priors
-from flightcal.scenario.schema import Beta, HalfNormal, LogNormal, Normal, TruncatedNormal, Uniform
+from flightcal.scenario.priors import Beta, HalfNormal, LogNormal, Normal, TruncatedNormal, Uniform
 
 SIGMA = np.log(2.5)
 CASES = {

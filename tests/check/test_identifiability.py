@@ -8,7 +8,7 @@ from flightcal.calibration import build_problem
 from flightcal.check.centre import find_centre
 from flightcal.check.identifiability import identifiability, sparse_basis
 from flightcal.scenario import LogNormal, Normal
-from flightcal.scenario.schema import HalfNormal
+from flightcal.scenario.priors import HalfNormal
 
 from .. import small
 from .problems import centre_at, formula_problem, samples

@@ -15,7 +15,8 @@ from flightcal.operational.geometry import Coating, Material, Side, box, box_joi
 from flightcal.operational.onboard import HeaterLine, OnboardSoftware, OnOff, TemperatureTransition, VotedSensor
 from flightcal.operational.simulator import Branch, Downlink, Spacecraft, Thermistor, ThermistorFailure, fly
 from flightcal.scenario import Scenario
-from flightcal.scenario.schema import Conductor, Environment, Node, SimulatorModel
+from flightcal.scenario.environment import Environment
+from flightcal.scenario.network import Conductor, Node, SimulatorModel
 from flightcal.simulator.network import DEEP_SPACE, STEFAN_BOLTZMANN
 
 from .. import small

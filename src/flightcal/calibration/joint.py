@@ -22,7 +22,8 @@ import xarray
 
 from ..errors import ScenarioError
 from ..scenario import Normal, Prior, Scenario
-from ..scenario.schema import HalfNormal, is_orthogonal, is_trained
+from ..scenario.priors import HalfNormal
+from ..scenario.schema import is_orthogonal, is_trained
 from ..simulator import Simulator, Trajectory
 from ..simulator.system import FloatArray, IntArray, Switch
 from .native import NativeDensity

@@ -15,7 +15,9 @@ from numpy.typing import NDArray
 from ..environment import orbit_phase
 from ..errors import ScenarioError
 from ..scenario import Prior, Scenario, support
-from ..scenario.schema import Discrepancy, Noise, TimeDiscrepancy, Uniform, noise_of
+from ..scenario.priors import Uniform
+from ..scenario.residuals import Discrepancy, Noise, TimeDiscrepancy
+from ..scenario.schema import noise_of
 from ..simulator.system import FloatArray
 from .discrepancy import (
     PhaseBasis,

@@ -15,7 +15,7 @@ import numpy as np
 import xarray
 
 from ..scenario import Prior, Scenario, SimulatorModel
-from ..scenario.schema import DutyCycle, SwitchTimes
+from ..scenario.residuals import DutyCycle, SwitchTimes
 from ..simulator import Trajectory
 from ..simulator.inputs import Times
 from ..simulator.system import FloatArray, IntArray, Switch

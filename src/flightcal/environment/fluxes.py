@@ -10,7 +10,8 @@ from typing import Literal
 import numpy as np
 from numpy.typing import NDArray
 
-from ..scenario.schema import Environment, SpinningAttitude, Vector
+from ..scenario.environment import Vector
+from ..scenario.environment import Environment, SpinningAttitude
 from ._time import Floats, Times
 from .attitude import body_to_inertial, unit
 from .eclipse import sunlit_fraction

@@ -19,7 +19,8 @@ from ..scenario._document import Problem, read_document
 from ..scenario._units import show
 from ..scenario._wording import problems_of
 from ..scenario.lint import Finding
-from ..scenario.schema import Node, SimulatorModel, TelemetryFile, TimeColumn
+from ..scenario.network import Node, SimulatorModel
+from ..scenario.schema import TelemetryFile, TimeColumn
 from . import geometry, onboard, simulator
 from .schema import HeaterBlock, SideBlock, SoftwareBlock, SpacecraftFile, ThermistorBlock
 

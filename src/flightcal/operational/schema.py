@@ -8,7 +8,8 @@ from pydantic import Field, model_validator
 
 from ..scenario._fields import Block, Count, Pair, Time
 from ..scenario._units import Duration, Power, Quantity, Temperature
-from ..scenario.schema import Conductor, Environment, Face, Node
+from ..scenario.environment import Environment
+from ..scenario.network import Conductor, Face, Node
 
 Length = Annotated[float, Quantity("m")]
 Kelvins = Annotated[float, Quantity("K", at_least=0, difference=True)]

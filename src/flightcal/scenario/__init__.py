@@ -1,6 +1,16 @@
 """The problem file: schema, units, lint."""
 
 from ._priors import support
+from .environment import (
+    CircularOrbit,
+    Environment,
+    InertialAttitude,
+    KeplerianOrbit,
+    SampledAttitude,
+    SampledOrbit,
+    SpinningAttitude,
+    TleOrbit,
+)
 from .external import (
     CallableSimulator,
     ExecutableSimulator,
@@ -13,43 +23,22 @@ from .inputs import input_files
 from .json_schema import json_schema
 from .lint import Finding, lint
 from .load import load_scenario
+from .network import Conductor, Face, Heater, Load, ModeChange, Node, SimulatorModel
+from .priors import Beta, HalfNormal, LogNormal, Normal, Prior, TruncatedNormal, Uniform
+from .residuals import Discrepancy, Noise
 from .resolved import resolved_yaml
 from .schema import (
-    Beta,
     Calibration,
     Channel,
-    CircularOrbit,
-    Conductor,
-    Discrepancy,
-    Environment,
-    Face,
     GeneticSettings,
-    HalfNormal,
-    Heater,
-    InertialAttitude,
     InitialState,
-    KeplerianOrbit,
-    Load,
-    LogNormal,
-    ModeChange,
-    Node,
-    Noise,
-    Normal,
     NutsSettings,
     Observation,
     Parameter,
     PredictionSettings,
-    Prior,
-    SampledAttitude,
-    SampledOrbit,
     Scenario,
-    SimulatorModel,
-    SpinningAttitude,
     TelemetryFile,
     TimeColumn,
-    TleOrbit,
-    TruncatedNormal,
-    Uniform,
     Window,
 )
 from .settable import Settable, settable

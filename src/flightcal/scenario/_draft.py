@@ -11,6 +11,7 @@ from pydantic import TypeAdapter, ValidationError
 
 from ._fields import Names
 from ._units import Power
+from .environment import Environment
 from .external import (
     KINDS,
     ExternalHeater,
@@ -23,24 +24,9 @@ from .external import (
     is_external,
     kind_of_simulator,
 )
-from .schema import (
-    Channel,
-    Conductor,
-    Discrepancy,
-    Environment,
-    Face,
-    Heater,
-    Load,
-    ModeChange,
-    Node,
-    Noise,
-    Observation,
-    Parameter,
-    ReducedNumber,
-    Scenario,
-    SimulatorModel,
-    Window,
-)
+from .network import Conductor, Face, Heater, Load, ModeChange, Node, ReducedNumber, SimulatorModel
+from .residuals import Discrepancy, Noise
+from .schema import Channel, Observation, Parameter, Scenario, Window
 
 _NO_NETWORK = SimulatorModel.model_construct(nodes={})
 

@@ -128,3 +128,10 @@ BoundaryTemperature = Annotated[
     PlainSerializer(lambda value: value if isinstance(value, str) else written(value, "K"), when_used="json"),
     WithJsonSchema({"type": "string"}),
 ]
+
+
+def exactly_one(present: dict[str, bool], expected: str) -> None:
+    """Raises ValueError, for a validator, unless one of the keys is there."""
+    found = [name for name, there in present.items() if there]
+    if len(found) != 1:
+        raise ValueError(f"found {' and '.join(map(repr, found)) or 'none of them'}, expected {expected}")

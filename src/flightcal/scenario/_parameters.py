@@ -10,7 +10,7 @@ from ._draft import Draft
 from ._priors import read_prior
 from ._residuals import read_noise
 from ._units import Quantity, did_you_mean
-from .schema import Normal
+from .priors import Normal
 from .settable import Settable, is_difference
 
 _FIELDS = {

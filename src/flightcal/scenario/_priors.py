@@ -8,7 +8,7 @@ from typing import Any
 
 from ._document import Location, Problem
 from ._units import did_you_mean, example, quantity_schema, show, to_si, written
-from .schema import Beta, HalfNormal, LogNormal, Normal, Prior, TruncatedNormal, Uniform
+from .priors import Beta, HalfNormal, LogNormal, Normal, Prior, TruncatedNormal, Uniform
 
 FORMS: dict[str, tuple[Callable[..., Prior], dict[str, str]]] = {
     "uniform": (Uniform, {"lower": "value", "upper": "value"}),

@@ -8,7 +8,8 @@ from typing import Any
 from ._document import Location, Problem
 from ._priors import FORMS, read_prior, written_prior
 from ._units import Quantity, written
-from .schema import Discrepancy, Noise, Observation
+from .residuals import Discrepancy, Noise
+from .schema import Observation
 
 _STAND_IN = 1.0
 """For a number with problems of its own, so that the rest of its block is still checked."""

@@ -5,7 +5,8 @@ from __future__ import annotations
 from pathlib import Path
 
 from .external import simulator_files
-from .schema import Scenario, SimulatorModel
+from .network import SimulatorModel
+from .schema import Scenario
 
 
 def input_files(scenario: Scenario) -> list[Path]:

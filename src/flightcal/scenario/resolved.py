@@ -11,7 +11,8 @@ from ._residuals import written_channel_noise, written_discrepancy, written_nois
 from ._units import written
 from ._windows import grouped_windows
 from .external import KINDS
-from .schema import Observation, Scenario, SimulatorModel
+from .network import SimulatorModel
+from .schema import Observation, Scenario
 
 _WIDTH = 10_000
 """Lines are not broken: long text such as two-line elements must stay whole."""

@@ -9,7 +9,9 @@ from typing import TypeVar, get_args
 from ._draft import Draft, draft_of_scenario
 from ._fields import Block
 from ._units import Quantity, si_unit, to_si
-from .schema import AttitudeOffset, Channel, Conductor, Environment, Face, Heater, Load, Node, Observation, Scenario
+from .environment import AttitudeOffset, Environment
+from .network import Conductor, Face, Heater, Load, Node
+from .schema import Channel, Observation, Scenario
 
 T = TypeVar("T")
 

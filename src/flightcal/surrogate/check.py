@@ -15,7 +15,7 @@ from ..operational.file import Mission
 from ..operational.onboard import OnOff
 from ..operational.simulator import Spacecraft, fly
 from ..scenario import Parameter
-from ..scenario.schema import SimulatorModel
+from ..scenario.network import SimulatorModel
 from ..simulator import Trajectory
 from ..simulator.inputs import Times
 from ..simulator.system import FloatArray

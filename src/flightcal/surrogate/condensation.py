@@ -17,7 +17,7 @@ import numpy as np
 
 from ..errors import FlightcalError
 from ..scenario import Parameter, Scenario
-from ..scenario.schema import Conductor, Face, Node, SimulatorModel
+from ..scenario.network import Conductor, Face, Node, SimulatorModel
 from ..simulator import Network
 from ..simulator.system import FloatArray
 from .patterns import plain

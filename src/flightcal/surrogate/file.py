@@ -20,7 +20,8 @@ from ..scenario._parameters import read_parameters
 from ..scenario._units import show
 from ..scenario._wording import problems_of
 from ..scenario.lint import Finding
-from ..scenario.schema import ModeChange, Observation
+from ..scenario.network import ModeChange
+from ..scenario.schema import Observation
 from ..telemetry import window_bounds
 from .patterns import has_wildcard, matching
 from .schema import FlightWindow, Reduction

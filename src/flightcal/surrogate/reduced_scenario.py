@@ -6,7 +6,8 @@ import numpy as np
 import xarray
 
 from ..scenario import Scenario, settable
-from ..scenario.schema import Face, Node, Parameter, SimulatorModel
+from ..scenario.network import Face, Node, SimulatorModel
+from ..scenario.schema import Parameter
 from ..simulator import Network, NetworkSimulator, network_simulator
 from ..simulator.inputs import Times
 from .affine import KEPT

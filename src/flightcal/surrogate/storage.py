@@ -16,7 +16,7 @@ from ..errors import ScenarioError
 from ..run_directory import write_atomically
 from ..scenario import Scenario, SimulatorModel, settable
 from ..scenario._reduced import FORMAT
-from ..scenario.schema import ReducedNumber, SimulatorError
+from ..scenario.network import ReducedNumber, SimulatorError
 from ..simulator.system import FloatArray
 from .affine import Product
 from .reduced_model import Normal, ReducedModel

@@ -11,7 +11,7 @@ from pathlib import Path
 from .._document import Location, Problem
 from .._reading import Reading
 from .._units import show
-from ..schema import (
+from ..environment import (
     CircularOrbit,
     InertialAttitude,
     KeplerianOrbit,

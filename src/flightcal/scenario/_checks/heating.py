@@ -10,7 +10,7 @@ from .._document import Location, Problem
 from .._draft import Draft
 from .._reading import Reading
 from .._units import celsius
-from ..schema import Heater
+from ..network import Heater
 from ..settable import load_coefficient
 from ._common import channel_of_kind, heated_node, readable, unknown
 

@@ -9,7 +9,7 @@ from .._document import Location, Problem
 from .._draft import Draft
 from .._reading import Reading
 from .._units import show
-from ..schema import Conductor
+from ..network import Conductor
 from ._common import channel_of_kind, heated_node, readable, unknown
 
 _CONDUCTORS: Location = ("simulator", "conductors")

@@ -10,7 +10,8 @@ from .._document import Problem
 from .._priors import support
 from .._reading import Reading
 from .._units import celsius
-from ..schema import HalfNormal, LogNormal, Parameter, Prior, TruncatedNormal
+from ..priors import HalfNormal, LogNormal, Prior, TruncatedNormal
+from ..schema import Parameter
 from ..settable import Settable, is_difference
 from ._common import readable
 

@@ -12,7 +12,7 @@ from .._draft import Draft, External
 from .._priors import support
 from .._reading import Reading
 from ..external import PythonFunction, Umbridge
-from ..schema import Noise
+from ..residuals import Noise
 from ._common import readable, unknown
 
 _POSITIVE = "expected one of positive values: half_normal, lognormal or truncated_normal"

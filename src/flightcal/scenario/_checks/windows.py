@@ -10,7 +10,8 @@ from pathlib import Path
 from .._document import Problem
 from .._reading import Reading
 from .._units import did_you_mean
-from ..schema import CircularOrbit, Environment, KeplerianOrbit, TleOrbit, Window, is_trained
+from ..environment import CircularOrbit, Environment, KeplerianOrbit, TleOrbit
+from ..schema import Window, is_trained
 from ._common import readable
 from .environment import EARTH_RADIUS
 

@@ -1,0 +1,140 @@
+"""The thermal network and the control of its heaters: the blocks of `simulator`."""
+
+from __future__ import annotations
+
+from typing import Annotated, Literal
+
+from pydantic import Field, model_validator
+
+from ._fields import Block, BoundaryTemperature, FaceNormal, Flag, Marker, Number, Pair, Time, exactly_one
+from ._units import Duration, Power, Quantity, Temperature
+
+
+class Node(Block):
+    """A thermal node: diffusive (has a capacity), arithmetic (massless) or boundary (temperature given)."""
+
+    capacity: Annotated[float, Quantity("J/K", above=0)] | None = None
+    initial: Temperature | None = None
+    arithmetic: Flag = False
+    boundary: BoundaryTemperature | None = None
+    """A temperature, or the name of a temperature channel that is measured."""
+
+    @model_validator(mode="after")
+    def _one_kind(self) -> Node:
+        kinds = {
+            "capacity": self.capacity is not None,
+            "arithmetic": self.arithmetic,
+            "boundary": self.boundary is not None,
+        }
+        exactly_one(kinds, "exactly one of 'capacity', 'arithmetic: true' (massless) and 'boundary' (given)")
+        return self
+
+
+class Face(Block):
+    """A flat outer face of a node: absorbs sunlight, albedo and Earth infrared, radiates to deep space."""
+
+    node: str
+    area: Annotated[float, Quantity("m^2", above=0)]
+    normal: FaceNormal
+    """Outward normal in the body frame, of any length; "all": a convex body, averaged over directions."""
+    absorptivity: Annotated[float, Quantity("", at_least=0, at_most=1)]
+    emissivity: Annotated[float, Quantity("", at_least=0, at_most=1)]
+
+
+class Conductor(Block):
+    """A link between two nodes: linear (W/K), or radiative (m2: area x emissivity x view factor)."""
+
+    between: Pair
+    name: str | None = None
+    """null: ``first-second``."""
+    conductance: Annotated[float, Quantity("W/K", at_least=0)] | None = None
+    radiative: Annotated[float, Quantity("m^2", at_least=0)] | None = None
+
+    @model_validator(mode="after")
+    def _one_law(self) -> Conductor:
+        given = {"conductance": self.conductance is not None, "radiative": self.radiative is not None}
+        exactly_one(given, "exactly one of 'conductance' (W/K) and 'radiative' (m^2)")
+        return self
+
+    @property
+    def label(self) -> str:
+        """The name that parameters and reports use."""
+        return self.name or "-".join(self.between)
+
+
+class Heater(Block):
+    """A heater switched by a hysteresis thermostat, or driven by its measured status."""
+
+    node: str
+    power: Annotated[float, Quantity("W", at_least=0)]
+    sensor: str
+    """The node whose temperature the thermostat watches; it must have a capacity."""
+    on_below: Temperature
+    off_above: Temperature
+    initially_on: Flag = False
+    measured_by: str | None = None
+    """Status channel: it gives the state at the window's start, and the input in open loop."""
+
+
+class ModeChange(Block):
+    """From `at` on the spacecraft is in `mode`."""
+
+    at: Time
+    mode: str
+
+
+class Load(Block):
+    """Heat into a node in proportion to a measured driver channel (in SI units: A, V, W)."""
+
+    node: str
+    driver: str
+    coefficient: Marker
+    """Heat per unit of the driver, with its unit: ``12 W/A``, or a plain number for a driver in watts."""
+
+
+class ReducedNumber(Block):
+    """A number of a reduced order model that a parameter may set."""
+
+    unit: str
+    """SI; "" for a factor."""
+    value: Number
+    lower: Number | None = None
+    upper: Number | None = None
+    """null: no bound."""
+
+
+class SimulatorError(Block):
+    """Error of a simulator in the place of a slower one, of one channel: what is constant in a run, and what varies."""
+
+    offset: Annotated[float, Quantity("K", at_least=0, difference=True)]
+    """Standard deviation."""
+    deviation: Annotated[float, Quantity("K", at_least=0, difference=True)]
+    """Standard deviation."""
+    correlation_time: Duration
+    """Of what varies: its correlation falls to 1/e."""
+
+
+class SimulatorModel(Block):
+    """The thermal network and the control of its heaters."""
+
+    reduced_model: str | None = None
+    """File that `flightcal reduce` wrote: nodes, faces, heaters and modes come from it; what is written here besides
+    (initial temperatures, thresholds, powers, `measured_by`) replaces what it says."""
+    checked_on: str | None = None
+    """Reduction file (that `flightcal reduce` read): at the end posterior draws fly on its operational simulator."""
+    reduced_numbers: dict[str, ReducedNumber] = Field(default_factory=dict)
+    """Filled in from that file: what parameters may set in it, ``reduced.<name>``."""
+    errors: dict[str, SimulatorError] = Field(default_factory=dict)
+    """Temperature channel -> error against the simulator that this one stands in for; it enters the likelihood."""
+    step: Duration = 30.0
+    """Longest time step of the integration."""
+    nodes: dict[str, Node] = Field(min_length=1)
+    conductors: tuple[Conductor, ...] = ()
+    faces: dict[str, Face] = Field(default_factory=dict)
+    heaters: dict[str, Heater] = Field(default_factory=dict)
+    heater_input: Literal["simulated", "measured"] = "simulated"
+    """simulated: thermostats act (closed loop); measured: status channels drive the heaters (open loop)."""
+    modes: dict[str, dict[str, Power]] = Field(default_factory=dict)
+    """Mode -> node -> dissipation."""
+    timeline: tuple[ModeChange, ...] = ()
+    loads: dict[str, Load] = Field(default_factory=dict)

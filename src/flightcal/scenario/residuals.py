@@ -1,0 +1,123 @@
+"""How telemetry may differ from the simulation: the blocks of noise, discrepancy and heater status."""
+
+from __future__ import annotations
+
+from typing import Annotated, Any, Literal
+
+from pydantic import Field, Tag, model_validator
+
+from ._fields import Block, Count, Flag, exactly_one, one_of
+from ._units import Duration, Quantity
+from .priors import Beta, HalfNormal, LogNormal, Normal, Prior, TruncatedNormal, Uncertain, Uniform
+
+
+class SwitchTimes(Block):
+    """The times at which a heater switches, known to lie between samples of its status."""
+
+    timing: Annotated[Prior, Field(discriminator="kind")] | float = LogNormal(median=20.0, factor=2.0)
+    """Standard deviation of a switch's time around the simulated one, s: control cycle, delays and what the simulator
+    lacks; a prior (inferred) or a known value."""
+    error_rate: Annotated[Prior, Field(discriminator="kind")] | float = 1e-3
+    """Share of status samples that are wrong, whatever the timing; a prior (inferred) or a known value."""
+
+
+class DutyCycle(Block):
+    """The share of time in which a heater is on."""
+
+    over: Duration | None = None
+    """Length of the stretches over which it is taken, from the window's start; null: the window."""
+    standard_deviation: Annotated[float, Quantity("", above=0, at_most=1)] = 0.02
+
+
+class StatusLikelihood(Block):
+    """How a heater's measured status counts in the likelihood."""
+
+    switch_times: SwitchTimes | None = None
+    duty_cycle: DutyCycle | None = None
+
+    @model_validator(mode="after")
+    def _one_form(self) -> StatusLikelihood:
+        given = {name: getattr(self, name) is not None for name in ("switch_times", "duty_cycle")}
+        exactly_one(given, "exactly one of 'switch_times' and 'duty_cycle'")
+        return self
+
+
+class Noise(Block):
+    """Noise of temperature channels: independent or correlated from sample to sample, normal or with outliers."""
+
+    model: Literal["iid", "ar1"] = "iid"
+    """iid: independent; ar1: its correlation over a gap of the telemetry is exp(-gap / correlation_time)."""
+    distribution: Literal["normal", "student_t"] = "normal"
+    """student_t: heavy tails, for outliers; with ar1, of the innovations."""
+    standard_deviation: Uncertain = HalfNormal(scale=2.0)
+    """At one sample, K; of student_t: its scale."""
+    correlation_time: Uncertain = LogNormal(median=600.0, factor=2.0)
+    """Of ar1, s; what lasts longer is a discrepancy's."""
+    white: Uncertain | None = None
+    """Standard deviation of independent noise beside that of ar1, K; null: none."""
+    degrees_of_freedom: Uncertain = 4.0
+    """Of student_t."""
+    quantisation: Annotated[float, Quantity("K", above=0, difference=True)] | None = None
+    """Step to which the telemetry is rounded: the likelihood is the probability of the whole step (iid normal only)."""
+
+
+class TimeDiscrepancy(Block):
+    """Discrepancy as a Matern process in time; on another window it fades to its prior."""
+
+    amplitude: Uncertain = HalfNormal(scale=1.0)
+    """Prior standard deviation, K; it keeps the discrepancy from taking the parameters' place."""
+    lengthscale: Uncertain | None = None
+    """s, with two bounds; null: uniform from what `functions` can tell to a quarter of the window."""
+    smoothness: Literal["3/2", "5/2"] = "3/2"
+    functions: Count = Field(40, ge=4, le=400)
+    shared: tuple[Literal["amplitude", "lengthscale"], ...] = ("lengthscale",)
+    """What all channels have in common."""
+
+
+class PhaseDiscrepancy(Block):
+    """Discrepancy that comes again in every orbit: a Matern process around the orbit; it carries to other windows."""
+
+    amplitude: Uncertain = HalfNormal(scale=1.0)
+    """Prior standard deviation, K."""
+    lengthscale: Uncertain = Uniform(lower=0.05, upper=0.5)
+    """Orbits, with two bounds."""
+    smoothness: Literal["3/2", "5/2"] = "3/2"
+    harmonics: Count = Field(8, ge=1, le=100)
+    shared: tuple[Literal["amplitude", "lengthscale"], ...] = ("lengthscale",)
+    """What all channels have in common."""
+
+
+class Discrepancy(Block):
+    """What the simulator lacks, calibrated together with the parameters."""
+
+    time: TimeDiscrepancy | None = None
+    phase: PhaseDiscrepancy | None = None
+    channels: tuple[str, ...] = ()
+    """Temperature channels that have one; none named: all."""
+    orthogonal: Flag = False
+    """In each channel, to what the parameters do to the training window: repairs forecasts, not the parameters."""
+
+    @model_validator(mode="after")
+    def _some_part(self) -> Discrepancy:
+        if self.time is None and self.phase is None:
+            raise ValueError("found neither 'time' nor 'phase', expected one of them, or both")
+        return self
+
+
+def _noise_kind(value: Any) -> str | None:
+    if isinstance(value, (int, float)):
+        return "<number>"
+    return "<Noise>" if isinstance(value, dict) else None
+
+
+ChannelNoise = Annotated[
+    Annotated[Uniform, Tag("<Uniform>")]
+    | Annotated[Normal, Tag("<Normal>")]
+    | Annotated[TruncatedNormal, Tag("<TruncatedNormal>")]
+    | Annotated[LogNormal, Tag("<LogNormal>")]
+    | Annotated[HalfNormal, Tag("<HalfNormal>")]
+    | Annotated[Beta, Tag("<Beta>")]
+    | Annotated[Noise, Tag("<Noise>")]
+    | Annotated[float, Tag("<number>")],
+    one_of(_noise_kind, "a standard deviation such as '0.1 K', its prior, or a mapping with 'model'"),
+]
