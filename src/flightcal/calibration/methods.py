@@ -230,7 +230,9 @@ def posterior_tree(
     Where there is a discrepancy, also that: what it is on the window, and how far parameters stand in for it. Where
     parameters drift from window to window, `windows`: what they are in each.
     """
+    directions: dict[str, str] = {}
     if posterior.orthogonal_at is not None:
+        directions["orthogonal_at"] = json.dumps(posterior.orthogonal_at.tolist())
         assert isinstance(problem, Problem)
         problem = problem.orthogonal_at(posterior.orthogonal_at)
     rng = np.random.default_rng(seed)
@@ -282,9 +284,7 @@ def posterior_tree(
             "/": xarray.Dataset(
                 attrs={
                     "interrupted": str(posterior.draws.interrupted).lower(),
-                    "orthogonal_at": json.dumps(
-                        None if posterior.orthogonal_at is None else posterior.orthogonal_at.tolist()
-                    ),
+                    **directions,
                     "mode_search": json.dumps(search_record(problem, posterior.modes)),
                     "status_likelihood": json.dumps(_status_forms(problem)),
                     "switch_sequences": json.dumps(

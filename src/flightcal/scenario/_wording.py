@@ -9,7 +9,7 @@ from typing import Any, get_args
 
 from pydantic import ValidationError
 
-from . import external, schema
+from . import environment, external, network, priors, residuals, schema
 from ._document import Location, Problem
 from ._fields import Block
 from ._units import did_you_mean, show
@@ -32,7 +32,8 @@ _EXPECTED = {
 }
 _TAGS = {
     f"<{name}>": kind
-    for name, kind in {**vars(external), **vars(schema)}.items()
+    for module in (environment, external, network, priors, residuals, schema)
+    for name, kind in vars(module).items()
     if isinstance(kind, type) and issubclass(kind, Block)
 }
 _TAGS |= dict.fromkeys(("<named>", "<vector>", "<all>", "<number>"), Block)
