@@ -4,15 +4,7 @@ import numpy as np
 import pytest
 from scipy import stats
 
-from flightcal.calibration.likelihood import (
-    error_shapes,
-    iid_log_likelihood,
-    log_likelihood,
-    low_rank_log_likelihood,
-    precision_times,
-    weights_given,
-    with_error_shapes,
-)
+from flightcal.calibration.likelihood import iid_log_likelihood, log_likelihood, precision_times, weights_given
 from flightcal.calibration.noise import (
     CORRELATED,
     CORRELATED_STUDENT,
@@ -23,6 +15,7 @@ from flightcal.calibration.noise import (
     STUDENT,
     WHITE,
 )
+from flightcal.calibration.surrogate_error import error_shapes, low_rank_log_likelihood, with_error_shapes
 
 from .residual_cases import Case
 

@@ -29,20 +29,13 @@ from ..simulator.sampling import ICE_POINT
 from ..simulator.system import FloatArray, Switch
 from ..surrogate.build import InexactSimulator, build_simulator
 from ..telemetry import select_window, window_bounds
-from .likelihood import (
-    ErrorShapes,
-    error_shapes,
-    log_likelihood,
-    low_rank_log_likelihood,
-    precision_times,
-    shrinkage,
-    with_error_shapes,
-)
+from .likelihood import log_likelihood, precision_times
 from .native import NativeDensity, native_density
 from .noise import DEVIATION, WHITE
 from .priors import Priors, PriorTerms
 from .residuals import ResidualModel, residual_model
 from .status import THRESHOLD_ERROR, HeaterStatus, heater_status, measured_switches
+from .surrogate_error import ErrorShapes, error_shapes, low_rank_log_likelihood, shrinkage, with_error_shapes
 from .whitening import Whitening
 
 _SAMPLES_FOR_START = 3

@@ -2,13 +2,10 @@
 
 from __future__ import annotations
 
-import json
 from pathlib import Path
 
-from flightcal.errors import RunError
-
 from .page import compose, write_page
-from .run_files import Record
+from .run_files import Record, read_content
 from .sections import Block, Section
 from .tables import Table
 from .text import count, number, percent
@@ -36,13 +33,7 @@ SCORES = {
 
 def write_comparison(folder: Path) -> Path:
     """Writes comparison.html from the comparison.json in `folder`. Raises RunError where that is not there."""
-    file = folder / "comparison.json"
-    try:
-        content: Record = json.loads(file.read_text(encoding="utf-8"))
-    except FileNotFoundError:
-        raise RunError(f"{folder}: found no comparison.json, expected the folder of a comparison") from None
-    except ValueError as error:
-        raise RunError(f"{file}: not JSON: {error}") from None
+    content = read_content(folder, "comparison")
     output = folder / "comparison.html"
     sections = [
         Section("comparison", "Unseen windows", _scores(content)),

@@ -107,6 +107,18 @@ def read_run(folder: Path) -> RunFiles:
     )
 
 
+def read_content(folder: Path, kind: str) -> Record:
+    """Content of `<kind>.json` in the folder of a comparison or validation. Raises RunError."""
+    file = folder / f"{kind}.json"
+    try:
+        content: Record = json.loads(file.read_text(encoding="utf-8"))
+    except FileNotFoundError:
+        raise RunError(f"{folder}: found no {file.name}, expected the folder of a {kind}") from None
+    except ValueError as error:
+        raise RunError(f"{file}: not JSON: {error}") from None
+    return content
+
+
 def draws(posterior: xr.DataTree, group: str, names: list[str]) -> np.ndarray:
     """Draws of scalar quantities from a group of posterior.nc: [chain, draw, quantity], SI."""
     dataset = posterior[group].to_dataset()

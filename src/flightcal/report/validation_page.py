@@ -2,18 +2,16 @@
 
 from __future__ import annotations
 
-import json
 from collections import Counter
 from pathlib import Path
 
 import numpy as np
 
-from flightcal.errors import RunError
 from flightcal.validation.simulation_based import ecdf_band, joint
 
 from . import figures as draw
 from .page import compose, write_page
-from .run_files import Record
+from .run_files import Record, read_content
 from .sections import Block, Section
 from .tables import Table
 from .text import count, duration, listed, number, percent
@@ -22,13 +20,7 @@ from .verdict import Finding
 
 def write_validation(folder: Path) -> Path:
     """Writes validation.html from the validation.json in `folder`. Raises RunError where that is not there."""
-    file = folder / "validation.json"
-    try:
-        content: Record = json.loads(file.read_text(encoding="utf-8"))
-    except FileNotFoundError:
-        raise RunError(f"{folder}: found no validation.json, expected the folder of a validation") from None
-    except ValueError as error:
-        raise RunError(f"{file}: not JSON: {error}") from None
+    content = read_content(folder, "validation")
     output = folder / "validation.html"
     findings = [_uniform(content), _sampler(content)]
     write_page(output, compose("flightcal validate", content["name"], folder, "", findings, _made(content)))

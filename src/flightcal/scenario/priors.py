@@ -61,14 +61,18 @@ class Beta(Block):
 
 
 Prior = Uniform | Normal | TruncatedNormal | LogNormal | HalfNormal | Beta
-Uncertain = Annotated[
+UncertainTags = (
     Annotated[Uniform, Tag("<Uniform>")]
     | Annotated[Normal, Tag("<Normal>")]
     | Annotated[TruncatedNormal, Tag("<TruncatedNormal>")]
     | Annotated[LogNormal, Tag("<LogNormal>")]
     | Annotated[HalfNormal, Tag("<HalfNormal>")]
     | Annotated[Beta, Tag("<Beta>")]
-    | Annotated[float, Tag("<number>")],
+    | Annotated[float, Tag("<number>")]
+)
+"""What an uncertain number may be, for unions that choose by `one_of`."""
+Uncertain = Annotated[
+    UncertainTags,
     one_of(lambda value: "<number>" if isinstance(value, (int, float)) else None, "a number with its unit, or a prior"),
 ]
 """A number that is known, or has a prior."""

@@ -8,7 +8,7 @@ from pydantic import Field, Tag, model_validator
 
 from ._fields import Block, Count, Flag, exactly_one, one_of
 from ._units import Duration, Quantity
-from .priors import Beta, HalfNormal, LogNormal, Normal, Prior, TruncatedNormal, Uncertain, Uniform
+from .priors import HalfNormal, LogNormal, Prior, Uncertain, UncertainTags, Uniform
 
 
 class SwitchTimes(Block):
@@ -111,13 +111,6 @@ def _noise_kind(value: Any) -> str | None:
 
 
 ChannelNoise = Annotated[
-    Annotated[Uniform, Tag("<Uniform>")]
-    | Annotated[Normal, Tag("<Normal>")]
-    | Annotated[TruncatedNormal, Tag("<TruncatedNormal>")]
-    | Annotated[LogNormal, Tag("<LogNormal>")]
-    | Annotated[HalfNormal, Tag("<HalfNormal>")]
-    | Annotated[Beta, Tag("<Beta>")]
-    | Annotated[Noise, Tag("<Noise>")]
-    | Annotated[float, Tag("<number>")],
+    UncertainTags | Annotated[Noise, Tag("<Noise>")],
     one_of(_noise_kind, "a standard deviation such as '0.1 K', its prior, or a mapping with 'model'"),
 ]
