@@ -124,17 +124,19 @@ def test_a_likelihood_slice_is_smooth_in_a_threshold():
 def test_the_derivative_is_the_same_whether_steps_are_kept_or_computed_again(monkeypatch):
     structure, system, drive = random_system(2)
     kept = integrate(structure, system, drive)
-    monkeypatch.setattr(sys.modules["flightcal.simulator.integrate"], "_MOST_KEPT", 0)
-    noted = integrate(structure, system, drive)
-    assert len(kept.record.steps) > 1 == len(noted.record.steps)
+    module = sys.modules["flightcal.simulator.integrate"]
+    size = kept.record.steps.shape[1]
+    segments = int(kept.record.segments[0])
     weights = np.random.default_rng(0).normal(size=kept.states.shape)
-    np.testing.assert_array_equal(noted.states, kept.states)
-    for first, second in zip(
-        pull_back(structure, system, drive, kept, weights),
-        pull_back(structure, system, drive, noted, weights),
-        strict=True,
-    ):
-        np.testing.assert_allclose(first, second, rtol=1e-11, atol=1e-11 * np.abs(first).max(initial=0.0))
+    expected = pull_back(structure, system, drive, kept, weights)
+    assert len(kept.record.steps) > segments
+    for most in (0, 1, segments // 2, segments - 1, segments):
+        monkeypatch.setattr(module, "_MOST_KEPT", most * size)
+        noted = integrate(structure, system, drive)
+        assert len(noted.record.steps) == most + 1
+        np.testing.assert_array_equal(noted.states, kept.states)
+        for first, second in zip(expected, pull_back(structure, system, drive, noted, weights), strict=True):
+            np.testing.assert_allclose(second, first, rtol=1e-11, atol=1e-11 * np.abs(first).max(initial=0.0))
 
 
 def test_a_diverging_trajectory_and_a_chattering_thermostat_are_reported():

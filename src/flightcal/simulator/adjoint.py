@@ -42,7 +42,7 @@ def adjoint(structure, packed, times, series, record, states_bar, switches_bar, 
     upper_bar = packed_bar[first_threshold + H : first_threshold + 2 * H]
     x_bar = packed_bar[first_threshold + 2 * H :]
 
-    kept = record.steps.shape[0] > 1
+    last = record.steps.shape[0] - 1  # the place of all steps that were not kept
     workspace, u = memory[: 6 * n], memory[6 * n : 6 * n + H]
     vectors = memory[6 * n + H :].reshape(-1, n)
     x0, velocity, work, linear = vectors[0], vectors[1], vectors[2], vectors[3]
@@ -69,7 +69,7 @@ def adjoint(structure, packed, times, series, record, states_bar, switches_bar, 
             right_bar[i] = 0.0
         time_bar = 0.0  # cotangent of the time at which the current segment ends
         while segment >= 0 and record.step[0, segment] == step:
-            now = make_step(structure, record.steps[segment if kept else 0])
+            now = make_step(structure, record.steps[min(segment, last)])
             slope, b0, b1 = now.slope, now.b0, now.b1
             k1, k2, k3, k4, x3, x4 = now.k1, now.k2, now.k3, now.k4, now.x3, now.x4
             h = record.length[0, segment]
@@ -80,7 +80,7 @@ def adjoint(structure, packed, times, series, record, states_bar, switches_bar, 
                 x0[i] = record.state[0, segment, i]
             for k in range(H):
                 u[k] = record.heater[0, segment, k]
-            if not kept:
+            if segment >= last:
                 for i in range(n):
                     b0[i] = left[i] + ramp[i] * begin
                 for p in range(heatings):

@@ -130,8 +130,8 @@ def forward(
     """Simulate packed [S, P] (see `system.pack`) over the grid; returns nothing, fills `record` and `outputs`.
 
     errors [S, 3, N]: of the sensors, see `Sensors`. Workspace: memory [memory_size + step_size], or that x 8 for
-    eight lanes; counters [COUNTERS, lane], reals [REALS, lane] and driven [lane, H]. In memory with room for one more
-    `Step` a segment, a single simulation keeps them all.
+    eight lanes; counters [COUNTERS, lane], reals [REALS, lane] and driven [lane, H]. In memory with room for more
+    `Step`s, a single simulation keeps its first ones; all others are made in the last place.
     """
     count = lane_count(memory)
     lanes = _make_lanes(structure, memory, counters, reals, driven)
@@ -148,7 +148,7 @@ def forward(
             active += 1
             waiting += 1
     while active > 0:
-        row = first + size * (record.segments[0] if rows > 1 else 0)
+        row = first + size * min(record.segments[0], rows - 1)
         step = make_step(structure, memory[row : row + size])
         for i in range(n):
             step.b0[i] = lanes.left[i] + lanes.ramp[i] * lanes.begin[0] + lanes.heating[i]

@@ -29,8 +29,8 @@ from .system import Drive, FloatArray, Structure, Switch, System, pack, unpack
 
 _SPARE_SEGMENTS = 256
 MOST_SWITCHES_PER_STEP = 20
-_MOST_KEPT = 2_000_000
-"""So many numbers (16 MB) of a run's steps are kept for its derivative; beyond, computing them again is as fast."""
+_MOST_KEPT = 20_000_000
+"""So many numbers (160 MB) of a run's steps are kept for its derivative; beyond, they are computed again for it."""
 
 
 class SimulationFailure(Exception):  # noqa: N818 - a value of the domain, not a programming error
@@ -103,7 +103,7 @@ def integrate_packed(
     """`integrate` of a packed system [P], observed with errors [3, N] (see `Sensors`)."""
     capacity = len(drive.times) - 1 + _SPARE_SEGMENTS
     while True:
-        memory, steps = step_memory(structure, drive, capacity if derivative else 1)
+        memory, steps = step_memory(structure, capacity if derivative else 0)
         record = make_record(structure, drive, 1, capacity, steps if derivative else None)
         outputs = make_outputs(structure, observation, 1, capacity)
         _forward(structure, packed[None], drive, observation, errors[None], memory, record, outputs)
@@ -190,14 +190,14 @@ def _forward(
     )  # fmt: skip
 
 
-def step_memory(structure: Structure, drive: Drive, segments: int) -> tuple[FloatArray, FloatArray]:
+def step_memory(structure: Structure, most: int) -> tuple[FloatArray, FloatArray]:
     """Memory for `forward` of a single simulation, and its part that holds the steps [., step_size].
 
-    One for each of so many segments, or only the last where those of the whole run would be too many to keep.
+    At most so many steps are kept, and no more than the limit on memory allows.
     """
     # As Python: it takes longer to hand a structure to a compiled function than to add up a few lengths.
     size, first = step_size.py_func(structure), memory_size.py_func(structure)
-    memory = np.empty(first + size * (segments if len(drive.times) * size <= _MOST_KEPT else 1))
+    memory = np.empty(first + size * (1 + min(most, _MOST_KEPT // size)))
     return memory, memory[first:].reshape(-1, size)
 
 

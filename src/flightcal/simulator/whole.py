@@ -82,7 +82,7 @@ def make_workspace(simulator: NetworkSimulator) -> Workspace:
     structure, terms = network.structure, network.terms
     numbers, packed = len(network.values), terms.entries + len(structure.mass)
     capacity = MOST_SWITCHES_PER_STEP * len(drive.times)
-    memory, steps = step_memory(structure, drive, capacity)
+    memory, steps = step_memory(structure, capacity)
     samples, channels = len(observation.sampling.point), len(observation.sensors.state)
     parameters = len(simulator.parameters)
     return Workspace(
