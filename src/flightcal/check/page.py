@@ -7,10 +7,10 @@ from pathlib import Path
 import numpy as np
 
 from ..calibration import Problem
+from ..report.block import Block, Section
 from ..report.figures import figure_correlation
 from ..report.figures.style import GENETIC, PRIOR, STOCHASTIC, WARNING
 from ..report.page import compose
-from ..report.sections import Block, Section
 from ..report.tables import Table
 from ..report.text import number, percent
 from ..report.verdict import Finding

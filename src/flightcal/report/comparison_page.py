@@ -4,9 +4,9 @@ from __future__ import annotations
 
 from pathlib import Path
 
+from .block import Block, Section
 from .page import compose, write_page
 from .run_files import Record, read_content
-from .sections import Block, Section
 from .tables import Table
 from .text import count, number, percent
 from .verdict import Finding

@@ -17,9 +17,10 @@ import plotly.graph_objects as go
 from plotly.offline import get_plotlyjs
 from plotly.utils import PlotlyJSONEncoder
 
+from .block import Section
 from .figures.style import DARK
 from .run_files import RunFiles, read_run
-from .sections import Section, sections
+from .sections import sections
 from .verdict import Finding, residual_checks, verdict
 
 

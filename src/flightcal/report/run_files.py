@@ -184,3 +184,14 @@ def _tree(path: Path) -> xr.DataTree | None:
             return tree.load()
     except (OSError, ValueError) as error:
         raise RunError(f"{path}: not a netCDF file: {error}") from None
+
+
+def bins(run: RunFiles) -> int:
+    """Stretches into which a figure divides a long series: fewer for many plots, so that the page stays small."""
+    plots = sum(window.sizes["channel"] for window in run.windows.values())
+    return int(np.clip(6_000 // max(plots, 1), 40, 400))
+
+
+def has_prediction(window: xr.Dataset, method: str) -> bool:
+    """Whether a window's prediction has a method, with numbers in it."""
+    return method in window["method"].values and bool(np.isfinite(window["mean"].sel({"method": method}).values).any())

@@ -10,9 +10,9 @@ import numpy as np
 from flightcal.validation.simulation_based import ecdf_band, joint
 
 from . import figures as draw
+from .block import Block, Section
 from .page import compose, write_page
 from .run_files import Record, read_content
-from .sections import Block, Section
 from .tables import Table
 from .text import count, duration, listed, number, percent
 from .verdict import Finding
