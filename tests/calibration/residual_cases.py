@@ -7,7 +7,7 @@ from flightcal.calibration import discrepancy
 from flightcal.calibration.likelihood import Residuals
 from flightcal.calibration.noise import CORRELATED, CORRELATED_STUDENT, INDEPENDENT, ROUNDED, STUDENT
 
-SAMPLES = 60
+SAMPLES = 70
 NUMBERS = np.array(
     [[0.5, 0.2, 700.0, 5.0, 0.5, 0.8, 900.0, 1.1, 0.2], [0.7, 0.3, 300.0, 3.0, 0.3, 0.5, 1200.0, 0.6, 0.3]]
 )

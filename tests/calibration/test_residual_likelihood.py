@@ -3,11 +3,13 @@
 import numpy as np
 import pytest
 from scipy import stats
+from scipy.special import digamma
 
 from flightcal.calibration.likelihood import iid_log_likelihood, log_likelihood, precision_times, weights_given
 from flightcal.calibration.noise import (
     CORRELATED,
     CORRELATED_STUDENT,
+    DEGREES,
     INDEPENDENT,
     NUMBERS,
     ROUNDED,
@@ -30,7 +32,7 @@ CASES = {
     "discrepancy in phase": ((INDEPENDENT, INDEPENDENT), (True, True), {"parts": ("phase",), "smoothness": (2.5, 1.5)}),
     "discrepancy, correlated": ((CORRELATED, CORRELATED), (True, True), {}),
     "discrepancy, orthogonal": ((INDEPENDENT, INDEPENDENT), (True, True), {"tied": 3}),
-    "discrepancy, orthogonal, correlated": ((CORRELATED, INDEPENDENT), (True, True), {"tied": 2}),
+    "discrepancy, orthogonal, correlated": ((CORRELATED, CORRELATED), (True, True), {"tied": 2}),
     "mixed": ((INDEPENDENT, CORRELATED), (True, False), {}),
 }
 
@@ -96,6 +98,21 @@ def test_independent_noise_is_the_published_likelihood():
     assert value == pytest.approx(expected[0], rel=1e-13)
     np.testing.assert_allclose(simulated_bar, expected[1], rtol=1e-13)
     np.testing.assert_allclose(numbers_bar[:, 0], expected[2], rtol=1e-12)
+
+
+@pytest.mark.parametrize("degrees", [0.3, 2.0, 10.9, 11.0, 12.0, 300.0])
+def test_the_derivative_by_degrees_of_freedom_is_exact(degrees):
+    """Differences would not see the last terms of the digamma function's series, which are largest near 11."""
+    case = Case((STUDENT, STUDENT), (False, False))
+    case.observed[:], case.simulated[:] = np.nan, 0.0
+    case.observed[3] = [0.1, 2.0]
+    case.residuals = case.residuals._replace(valid=np.isfinite(case.observed).T.copy())
+    case.numbers[:, DEGREES] = degrees
+    found = log_likelihood(case.residuals, case.observed, case.simulated, case.numbers)[2][:, DEGREES]
+    squares = (case.observed[3] / case.numbers[:, 0]) ** 2
+    expected = 0.5 * (digamma(0.5 * (degrees + 1.0)) - digamma(0.5 * degrees) - 1.0 / degrees)
+    expected += 0.5 * (degrees + 1.0) * squares / (degrees * (degrees + squares)) - 0.5 * np.log1p(squares / degrees)
+    np.testing.assert_allclose(found, expected, rtol=1e-13, atol=1.5e-13)
 
 
 @pytest.mark.parametrize("share", [1e-4, 1e-2, 1.0, 5.0])

@@ -1,12 +1,28 @@
 """Noise and discrepancy of a problem: what of them is in theta, and that both ways to the density agree."""
 
+from types import SimpleNamespace
+
 import numpy as np
 import pytest
 from scipy import stats
 
 from flightcal.calibration import build_problem, calibration_problem, climb, find_mode
 from flightcal.calibration.likelihood import log_likelihood, weights_given
-from flightcal.calibration.noise import CORRELATED, DEVIATION, PHASE_LENGTH, TIME, WHITE
+from flightcal.calibration.noise import (
+    CORRELATED,
+    CORRELATED_STUDENT,
+    DEGREES,
+    DEVIATION,
+    INDEPENDENT,
+    NUMBERS,
+    PHASE_LENGTH,
+    ROUNDED,
+    STEP,
+    STUDENT,
+    TIME,
+    WHITE,
+)
+from flightcal.calibration.residuals import draw_noise
 from flightcal.calibration.start import fit_residuals
 from flightcal.calibration.whitening import whitening
 from flightcal.errors import ScenarioError
@@ -149,6 +165,58 @@ def test_errors_are_drawn_with_the_models_own_likelihood(tmp_path):
     squares = 2.0 * (at_zero - np.array(values))
     assert squares.mean() == pytest.approx(count, abs=4 * np.sqrt(2 * count / 400))
     assert stats.kstest(squares, stats.chi2(count).cdf).pvalue > 1e-3
+
+
+def within_a_step(x):
+    """Distribution function of normal noise (0.3 K) and a step (0.8 K): an integral of the normal one."""
+    up, down = ((np.asarray(x) + sign * 0.4) / 0.3 for sign in (1.0, -1.0))
+    upper, lower = (z * stats.norm.cdf(z) + stats.norm.pdf(z) for z in (up, down))
+    return 0.3 * (upper - lower) / 0.8
+
+
+@pytest.mark.parametrize(
+    ("kind", "distribution"),
+    [
+        (INDEPENDENT, stats.norm(0.0, 0.3).cdf),
+        (STUDENT, stats.t(2.5, 0.0, 0.3).cdf),
+        (ROUNDED, within_a_step),
+        (CORRELATED, stats.norm.cdf),
+        (CORRELATED_STUDENT, stats.t(2.5, 0.0, 0.3).cdf),
+    ],
+)
+def test_noise_is_drawn_from_its_distribution(kind, distribution):
+    """Correlated noise by what each sample adds to those before; 1500 draws tell 0.3 K from 0.28 K."""
+    rng = np.random.default_rng(0)
+    seconds = np.cumsum(rng.choice([30.0, 60.0, 400.0], 1500))
+    numbers = np.zeros((1, NUMBERS))
+    numbers[0, [DEVIATION, WHITE, TIME, DEGREES, STEP]] = 0.3, 0.2, 200.0, 2.5, 0.8
+    drawn = draw_noise(SimpleNamespace(compiled=SimpleNamespace(kinds=[kind])), numbers, 0, seconds, rng)
+    kept = np.exp(-np.diff(seconds) / 200.0)
+    if kind == CORRELATED:
+        covariance = 0.09 * np.exp(-np.abs(seconds[:, None] - seconds) / 200.0) + 0.04 * np.eye(1500)
+        drawn = np.linalg.solve(np.linalg.cholesky(covariance), drawn)
+    elif kind == CORRELATED_STUDENT:
+        drawn = (drawn[1:] - kept * drawn[:-1]) / np.sqrt(1.0 - kept**2)
+    assert stats.kstest(drawn, distribution).pvalue > 0.01
+
+
+def test_telemetry_drawn_anew_keeps_the_discrepancy_that_the_residuals_show(tmp_path):
+    """Mean and covariance of what is drawn are the dense conditional normal's, and the noise is new."""
+    problem = build_problem(*made(tmp_path, {"standard_deviation": "0.2 K"}, {"phase": {"harmonics": 2}}))
+    theta = problem.priors.median()
+    run, rng, count = problem.simulate(theta), np.random.default_rng(0), 1500
+    drawn = np.stack([problem.replicate(theta, run, rng)[:, 1] for _ in range(count)])
+    model, numbers = problem.residuals, problem.numbers(theta)
+    valid, basis = problem.valid[:, 1], model.compiled.basis
+    prior = basis * model.prior_deviations(numbers[1]) ** 2 @ basis.T
+    gain = prior[:, valid] @ np.linalg.inv(prior[np.ix_(valid, valid)] + 0.04 * np.eye(valid.sum()))
+    mean = run.temperatures[:, 1] + gain @ (problem.observed - run.temperatures)[valid, 1]
+    covariance = prior - gain @ prior[valid] + 0.04 * np.eye(len(basis))
+    variance = np.diag(covariance)
+    assert (np.abs(drawn.mean(axis=0) - mean) < 5 * np.sqrt(variance / count)).all()
+    assert (np.abs(drawn.var(axis=0) / variance - 1.0) < 5 * np.sqrt(2 / count)).all()
+    whole = (drawn - mean).mean(axis=1)
+    assert whole.var() == pytest.approx(covariance.mean(), rel=5 * np.sqrt(2 / count))
 
 
 def test_where_noise_and_discrepancy_start_is_a_mode_of_them(tmp_path):

@@ -9,7 +9,7 @@ from flightcal._jax import jax
 from flightcal.simulator import integrate, oracle, pull_back
 from flightcal.simulator.system import Drive, System
 
-from .systems import random_system
+from .systems import from_dense, random_system
 
 # The oracle runs once per case and takes far longer to compile than to run.
 QUICKLY_COMPILED = {"xla_backend_optimization_level": 0, "xla_llvm_disable_expensive_passes": True}
@@ -164,3 +164,22 @@ def test_a_switch_on_a_grid_point_acts_from_there():
         assert run.switches.time[0] == pytest.approx(drive.times[point], abs=1e-3)
         ends.append(run.states)
     np.testing.assert_allclose(ends[0], ends[1], rtol=0, atol=1e-4)
+
+
+@pytest.mark.parametrize("apart", [-3.0, -1e-3, 0.0, 1e-3, 3.0])
+def test_two_heaters_in_one_step_switch_in_their_own_order(apart):
+    """Nodes that know nothing of each other warm at 0.02 and 0.05 K/s; seconds apart they pass their thresholds."""
+    none, rates = np.zeros((2, 2)), np.array([0.02, 0.05])
+    at = np.array([100.0, 100.0 + apart])
+    structure, system = from_dense(
+        np.ones(2), none, none, np.zeros((2, 1)), np.diag(rates), range(2), [1.0, 1.0], 280.0 + rates * at, [280.0] * 2
+    )
+    times = np.arange(0.0, 300.0, 60.0)
+    drive = Drive(times, np.ones((len(times), 1)), np.full((len(times) - 1, 2), np.nan), np.ones(2))
+    run = integrate(structure, system, drive)
+    assert run.switches.on.tolist() == [0.0, 0.0]
+    if apart:
+        np.testing.assert_array_equal(run.switches.heater, np.argsort(at))
+    assert sorted(run.switches.heater) == [0, 1]
+    np.testing.assert_allclose(run.switches.time, np.sort(at), rtol=0, atol=1e-8)
+    np.testing.assert_allclose(run.states, 280.0 + rates * np.minimum(times[:, None], at), rtol=0, atol=1e-9)

@@ -14,6 +14,7 @@ from flightcal.validation import (
     crps_ensemble,
     crps_normal,
     format_comparison,
+    log_score_normal,
     mape_celsius,
     mape_kelvin,
     mpiw,
@@ -64,6 +65,14 @@ def test_normal_crps_agrees_with_integration_of_its_definition(observed, mean, d
 
 def test_normal_crps_without_spread_is_the_absolute_error():
     assert crps_normal([1.0, 5.0], [3.0, 4.0], [0.0, 0.0]) == 1.5
+
+
+def test_the_log_score_is_the_mean_log_density():
+    observed, mean = np.array([290.3, 288.0, np.nan]), np.array([290.0, 290.0, 1.0])
+    deviation = np.array([0.4, 0.7, 1.0])
+    expected = norm(mean, deviation).logpdf(observed)[:2].mean()
+    assert log_score_normal(observed, mean, deviation) == pytest.approx(expected, rel=1e-12)
+    assert log_score_normal(observed, mean, deviation * [1.0, 0.0, 1.0]) == -math.inf
 
 
 def test_ensemble_crps_agrees_with_integration_of_its_definition():
@@ -148,6 +157,17 @@ def test_every_method_channel_and_pool_is_scored(prediction):
     assert values(metrics, method="stochastic", channel="all")["rmse"] == pytest.approx(1.0)
     assert values(metrics, method="stochastic", channel="all")["picp"] == 1.0
     assert values(metrics, method="stochastic", channel="b")["mpiw"] == pytest.approx(3.0)
+
+
+def test_scores_of_distributions_take_each_samples_own_deviation(prediction):
+    prediction["standard_deviation"][-1] *= np.array([[1.0, 1.0], [2.0, 0.5], [0.3, 1.7], [1.1, 1.0]])
+    prediction["upper"][-1, 3, 1] += 5.0  # where there is no telemetry
+    found = values(score(prediction, "test"), method="stochastic", channel="all")
+    own = prediction.sel({"method": "stochastic"}).isel(time=slice(1, None))
+    given = [own[name].values for name in ("observed", "mean", "standard_deviation")]
+    assert found["log_score"] == pytest.approx(np.nanmean(norm(*given[1:]).logpdf(given[0])))
+    assert found["crps"] == pytest.approx(crps_normal(*given))
+    assert found["mpiw"] == pytest.approx(3.0)
 
 
 def test_point_methods_have_no_interval_scores(prediction):
