@@ -2,8 +2,10 @@
 
 import numpy as np
 import pytest
+from scipy import stats
 
 from flightcal.calibration import build_problem
+from flightcal.calibration.noise import CORRELATED, INDEPENDENT
 from flightcal.prediction import condition_initial, predict, window_errors
 from flightcal.prediction.errors import FirstErrors
 from flightcal.prediction.matern import covariance
@@ -14,24 +16,25 @@ DRAWS, FIRST = 1500, 11
 NOISE = {"model": "ar1", "standard_deviation": "0.2 K", "correlation_time": "8 min", "white": "0.1 K"}
 TIME = {"amplitude": "0.8 K", "lengthscale": "40 min", "smoothness": "5/2"}
 PHASE = {"amplitude": "0.6 K", "lengthscale": 0.2, "harmonics": 6}
+DISCREPANCY = {"time": TIME, "phase": PHASE, "channels": ["panel_temp"]}
 WINDOWS = {
     "after": (("00:00", "02:20"), ("02:30", "04:30")),
     "before": (("02:10", "04:30"), ("00:00", "02:00")),
 }
 
 
-def made(folder, order="after", discrepancy=None, noise=NOISE):
+def made(folder, order="after", discrepancy=DISCREPANCY, noise=NOISE):
     written = small.content()
     train, test = ({"start": f"2024-03-01T{start}:00", "end": f"2024-03-01T{end}:00"} for start, end in WINDOWS[order])
     written["windows"] = {"train": train, "test": test}
     written["noise"] = noise
     written["observations"]["panel_temp"].pop("noise")
-    written["discrepancy"] = discrepancy or {"time": TIME, "phase": PHASE, "channels": ["panel_temp"]}
+    written["discrepancy"] = discrepancy
     scenario, data = small.closed_loop(folder, written)
     # An error for the discrepancy to find, in all windows.
     seconds = (data["time"].values - data["time"].values[0]) / np.timedelta64(1, "s")
     data["panel_temp"].values[:] += 0.7 * np.sin(seconds / 2000.0) + 0.5 * np.cos(2 * np.pi * seconds / small.PERIOD)
-    data["panel_temp"].values[20:24] = np.nan
+    data["panel_temp"].values[[3, 20, 21, 22, 23, 152]] = np.nan
     return scenario, data
 
 
@@ -59,10 +62,14 @@ class Dense:
             in_phase = model.prior_deviations(numbers)[model.time.count :]
             discrepancy += basis * in_phase**2 @ basis.T
         noise = np.where(own[:, None] == own, 0.2**2 * np.exp(-np.abs(apart) / 480.0), 0.0)
+        white = 0.1
+        if model.compiled.kinds[channel] == INDEPENDENT:
+            noise, white = np.zeros_like(noise), 0.2
+        self.white = white
         self.errors = (discrepancy + noise)[np.ix_(own, own)]
         seen = np.concatenate([np.isfinite(train.observed[:, channel]), np.isfinite(window.observed[:, channel])])
         seen[len(train.times) + first :] = False
-        total = discrepancy + noise + 0.1**2 * np.eye(len(times))
+        total = discrepancy + noise + white**2 * np.eye(len(times))
         self.cross, self.seen = (discrepancy + noise)[np.ix_(own, seen)], total[np.ix_(seen, seen)]
         self.observed, self.kept = np.concatenate([train.observed, window.observed])[:, channel], seen
 
@@ -72,9 +79,13 @@ class Dense:
         return gain @ residual, self.errors - gain @ self.cross.T
 
 
-@pytest.fixture(scope="module", params=WINDOWS)
+CASES = {"after": ("after", NOISE), "before": ("before", NOISE), "iid": ("after", {"standard_deviation": "0.2 K"})}
+
+
+@pytest.fixture(scope="module", params=CASES)
 def case(request, tmp_path_factory):
-    scenario, data = made(tmp_path_factory.mktemp("errors"), request.param)
+    order, noise = CASES[request.param]
+    scenario, data = made(tmp_path_factory.mktemp("errors"), order, noise=noise)
     train, window = build_problem(scenario, data), build_problem(scenario, data, "test")
     thetas = np.tile(truth(train), (DRAWS, 1))
     errors = window_errors(window, train, thetas, FIRST)
@@ -88,7 +99,8 @@ def case(request, tmp_path_factory):
 def test_errors_are_those_of_the_dense_conditional_normal(case, channel):
     """Up to what the basis of the training window leaves out of a Matern process, a hundredth of its amplitude."""
     train, window, _, drawn, simulated = case
-    mean, expected = Dense(train, window, channel, first=FIRST).given(simulated[:, channel])
+    dense = Dense(train, window, channel, first=FIRST)
+    mean, expected = dense.given(simulated[:, channel])
     np.testing.assert_allclose(drawn.mean[0, :, channel], mean, atol=0.03)
     sampled = (drawn.discrepancy + drawn.noise)[:, :, channel]
     deviation = np.sqrt(np.diag(expected))
@@ -96,19 +108,20 @@ def test_errors_are_those_of_the_dense_conditional_normal(case, channel):
     np.testing.assert_allclose(sampled.std(axis=0), deviation, rtol=0.12, atol=0.02)
     found = np.cov(sampled.T)
     np.testing.assert_allclose(found, expected, atol=6 * deviation.max() ** 2 * np.sqrt(2 / DRAWS))
-    np.testing.assert_allclose(drawn.white[:, :, channel].std(), 0.1, rtol=0.02)
+    np.testing.assert_allclose(drawn.white[:, :, channel].std(), dense.white, rtol=0.02)
 
 
 def test_the_law_of_the_first_samples_is_that_before_they_are_seen(case):
     train, window, errors, _, simulated = case
     law = errors.only(np.arange(DRAWS) < 2).at_first()
     for channel in range(2):
-        mean, expected = Dense(train, window, channel, first=0).given(simulated[:, channel])
+        dense = Dense(train, window, channel, first=0)
+        mean, expected = dense.given(simulated[:, channel])
         valid = np.isfinite(window.observed[:FIRST, channel])
         factor = law.factors[channel, 1]
         np.testing.assert_allclose(law.mean[1, :, channel], mean[:FIRST], atol=0.03)
         found = (factor @ factor.T)[np.ix_(valid, valid)]
-        kept = expected[:FIRST, :FIRST][np.ix_(valid, valid)] + 0.01 * np.eye(valid.sum())
+        kept = expected[:FIRST, :FIRST][np.ix_(valid, valid)] + dense.white**2 * np.eye(valid.sum())
         np.testing.assert_allclose(found, kept, atol=0.03 * max(1.0, expected.max()))
 
 
@@ -123,7 +136,8 @@ def test_on_the_training_window_the_discrepancy_is_that_of_its_residuals(case):
     assert np.nanstd(residual - drawn.mean[0, :, 1]) < 0.3 < 0.5 < np.nanstd(residual)
     np.testing.assert_allclose(drawn.discrepancy.mean(axis=0)[:, 1], drawn.mean[0, :, 1], atol=0.1)
     assert not drawn.mean[..., 0].any()
-    assert drawn.noise.std() == pytest.approx(0.2, rel=0.05)
+    memory = 0.2 if train.residuals.compiled.kinds[0] == CORRELATED else 0.0
+    assert drawn.noise.std() == pytest.approx(memory, rel=0.05)
 
 
 def test_far_from_the_training_window_the_part_in_time_is_its_prior(tmp_path):
@@ -137,6 +151,22 @@ def test_far_from_the_training_window_the_part_in_time_is_its_prior(tmp_path):
     late = drawn.discrepancy[:, -30:]
     assert np.abs(drawn.mean[:, -30:]).max() < 0.01
     np.testing.assert_allclose(late.std(axis=0), 0.8, rtol=0.12)
+
+
+def test_correlated_noise_of_students_t_is_noise_with_a_memory(tmp_path):
+    noise = {"model": "ar1", "distribution": "student_t", "degrees_of_freedom": 3.0} | {
+        key: NOISE[key] for key in ("standard_deviation", "correlation_time")
+    }
+    scenario, data = made(tmp_path, discrepancy=None, noise=noise)
+    train, window = build_problem(scenario, data), build_problem(scenario, data, "test")
+    errors = window_errors(window, train, np.tile(truth(train), (200, 1)), FIRST)
+    drawn = errors.draw(np.tile(window.observed, (200, 1, 1)), np.random.default_rng(0))
+    assert not drawn.white.any()
+    late = drawn.noise[:, 60:, 0]
+    innovations = (late[:, 1:] - np.exp(-60 / 480) * late[:, :-1]) / np.sqrt(1 - np.exp(-120 / 480)) / 0.2
+    assert stats.kstest(innovations.ravel(), stats.t(3.0).cdf).pvalue > 0.01
+    # The first samples are what was simulated, and nothing in them is white.
+    assert np.abs(drawn.noise[:, :FIRST, 0]).max() < 1e-6
 
 
 def test_initial_temperatures_are_less_sure_where_the_first_samples_err_together(tmp_path):

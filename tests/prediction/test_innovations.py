@@ -5,7 +5,7 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 
-from flightcal.calibration.noise import CORRELATED, DEVIATION, NUMBERS, ROUNDED, STEP, TIME, WHITE
+from flightcal.calibration.noise import CORRELATED, CORRELATED_STUDENT, DEVIATION, NUMBERS, ROUNDED, STEP, TIME, WHITE
 from flightcal.prediction.innovations import innovations
 
 TIMES = np.cumsum(np.random.default_rng(0).choice([30.0, 60.0, 400.0], 300))
@@ -20,15 +20,15 @@ def of(kind, residual, **numbers):
     return innovations(model, residual[:, None], TIMES, own, np.random.default_rng(1))[:, 0]
 
 
-@pytest.mark.parametrize("white", [0.0, 0.3])
-def test_innovations_of_correlated_noise_are_those_of_its_dense_covariance(white):
+@pytest.mark.parametrize(("kind", "white"), [(CORRELATED, 0.0), (CORRELATED, 0.3), (CORRELATED_STUDENT, 0.0)])
+def test_innovations_of_correlated_noise_are_those_of_its_dense_covariance(kind, white):
     residual = np.random.default_rng(2).normal(size=len(TIMES))
     residual[[0, 40, 41, 100]] = np.nan
     valid = np.isfinite(residual)
     apart = np.abs(TIMES[valid, None] - TIMES[valid])
     total = 0.7**2 * np.exp(-apart / 200.0) + white**2 * np.eye(valid.sum())
     expected = np.linalg.solve(np.linalg.cholesky(total), residual[valid]) * np.hypot(0.7, white)
-    found = of(CORRELATED, residual, deviation=0.7, time=200.0, white=white)
+    found = of(kind, residual, deviation=0.7, time=200.0, white=white)
     np.testing.assert_allclose(found[valid], expected, rtol=1e-9)
     assert np.isnan(found[~valid]).all()
 
