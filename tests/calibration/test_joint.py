@@ -4,6 +4,7 @@ from types import SimpleNamespace
 
 import numpy as np
 import pytest
+from scipy import stats
 
 from flightcal.calibration import build_problem, calibrate_genetic, calibration_problem, genetic_points, posterior_tree
 from flightcal.calibration.joint import JointProblem
@@ -69,6 +70,27 @@ def test_the_density_is_the_windows_likelihoods_and_each_prior_once(joint):
             expected -= 0.5 * squares.sum() + len(run.temperatures) * np.log(noise * np.sqrt(2 * np.pi)).sum()
         assert joint.log_density_and_gradient(z)[0] == pytest.approx(expected, rel=1e-9)
         assert joint.log_density(z) == pytest.approx(expected, rel=1e-9)
+
+
+def test_with_correlated_noise_and_a_discrepancy_it_is_the_dense_normal_of_each_window(tmp_path):
+    content = written(
+        noise={"model": "ar1", "standard_deviation": "0.2 K", "correlation_time": "8 min", "white": "0.1 K"},
+        discrepancy={"time": {"amplitude": "0.8 K", "lengthscale": "30 min"}},
+    )
+    content["observations"]["panel_temp"].pop("noise")
+    joint = calibration_problem(*small.closed_loop(tmp_path, content))
+    z = points(joint, 1)[0]
+    expected = float(joint.priors.at(z).log_density)
+    for problem in joint.problems:
+        inside = joint.window_thetas(problem, joint.to_theta(z)[None])[0]
+        model, residual = problem.residuals, problem.observed - problem.simulate(inside).temperatures
+        apart = np.abs(model.compiled.seconds[:, None] - model.compiled.seconds)
+        for k in range(2):
+            covariance = 0.04 * np.exp(-apart / 480.0) + 0.01 * np.eye(len(apart))
+            basis = model.compiled.basis * model.prior_deviations(model.fixed[k])
+            expected += stats.multivariate_normal.logpdf(residual[:, k], cov=covariance + basis @ basis.T)
+    assert joint.log_density(z) == pytest.approx(expected, rel=1e-9)
+    assert joint.log_density_and_gradient(z)[0] == pytest.approx(expected, rel=1e-9)
 
 
 def test_the_gradient_agrees_with_differences(joint):
