@@ -260,7 +260,6 @@ def _infer_weights(residuals, memory, k, numbers):
         columns[t, m] = memory.residual[k, t]
     whiten(valid, memory.decay, memory.gain, memory.root, columns, whitened, memory.vectors[7])
     for i in range(m):
-        projected[i] = 0.0
         for j in range(i, m):
             memory.gram[i, j] = 0.0
     for t in range(columns.shape[0]):

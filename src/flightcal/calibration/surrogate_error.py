@@ -89,7 +89,7 @@ def with_error_shapes(
     of two likelihoods for each shape.
     """
     none = np.zeros(simulated.shape)
-    residual = np.where(residuals.valid.T, observed - simulated, 0.0)
+    residual = observed - simulated
 
     def base(residual: FloatArray) -> tuple[float, FloatArray, FloatArray]:
         return log_likelihood(residuals, residual, none, numbers)

@@ -176,7 +176,6 @@ def _chain(samples, c, count, initial, times, work, times_bar):
         low_before, high_before = low, high
         while low < count and at - times[work.places[low]] >= _REACH * tau:
             low += 1
-        high = max(high, low)
         while high < count and at - times[work.places[high]] > -_REACH * tau:
             high += 1
         lowest[i] = low
