@@ -93,6 +93,18 @@ def test_with_correlated_noise_and_a_discrepancy_it_is_the_dense_normal_of_each_
     assert joint.log_density_and_gradient(z)[0] == pytest.approx(expected, rel=1e-9)
 
 
+def test_of_given_simulations_the_derivative_by_the_noise_is_that_of_all_windows(joint):
+    z = points(joint, 1)[0]
+    theta, k = joint.to_theta(z), joint.names.index("noise.body_temp")
+    run = joint.simulate(theta)
+    value, found = joint.likelihood_of_numbers(run, theta)
+    assert value == pytest.approx(joint.log_density(z) - joint.priors.at(z).log_density, rel=1e-10)
+    step = 1e-5 * theta[k] * np.eye(len(theta))[k]
+    above, below = (joint.likelihood_of_numbers(run, theta + sign * step)[0] for sign in (1.0, -1.0))
+    assert found[k] == pytest.approx((above - below) / (2.0 * step[k]), rel=1e-6)
+    assert not np.delete(found, k).any()
+
+
 def test_the_gradient_agrees_with_differences(joint):
     z = points(joint, 1)[0]
     gradient = joint.log_density_and_gradient(z)[1]

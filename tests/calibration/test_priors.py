@@ -96,6 +96,8 @@ def test_z_of_a_bound_is_finite_where_there_are_two(j):
         assert np.isfinite(z).all()
         assert z[0] < -5.0
         assert z[1] > 5.0
+        furthest = 37.0 if isinstance(PRIORS.priors[j], Beta) else 8.3
+        assert np.abs(z).max() < furthest, "of a probability of 2^-53"
 
 
 @each

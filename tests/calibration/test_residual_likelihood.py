@@ -5,7 +5,14 @@ import pytest
 from scipy import stats
 from scipy.special import digamma
 
-from flightcal.calibration.likelihood import iid_log_likelihood, log_likelihood, precision_times, weights_given
+from flightcal.calibration.likelihood import (
+    iid_log_likelihood,
+    log_likelihood,
+    log_likelihood_compiled,
+    precision_times,
+    residual_memory,
+    weights_given,
+)
 from flightcal.calibration.noise import (
     CORRELATED,
     CORRELATED_STUDENT,
@@ -54,6 +61,20 @@ def value_at(case, numbers=None, simulated=None):
 
 def test_it_is_the_dense_log_density(case):
     assert value_at(case) == pytest.approx(case.dense(), rel=1e-10)
+
+
+def test_what_its_memory_held_before_is_of_no_matter(case):
+    expected = log_likelihood(case.residuals, case.observed, case.simulated, case.numbers)
+    memory = residual_memory(case.residuals)
+    derivatives = np.empty_like(case.simulated), np.empty_like(case.numbers)
+    for array in (*memory, *derivatives):
+        array[:] = np.nan
+    value = log_likelihood_compiled(
+        case.residuals, memory, case.observed, case.simulated, case.numbers, *derivatives
+    )  # fmt: skip
+    assert value == expected[0]
+    np.testing.assert_array_equal(derivatives[0], expected[1])
+    np.testing.assert_array_equal(derivatives[1], expected[2])
 
 
 def test_derivatives_by_the_numbers_are_those_of_differences(case):

@@ -129,6 +129,17 @@ def test_more_uncertain_switches_at_once_than_there_is_room_for_have_no_density(
     assert evaluate(data, np.linspace(300.0, 330.0, BAND + 2), [5.0, ERROR])[0] == -np.inf
 
 
+def test_switches_long_before_the_first_sample_need_no_room():
+    """An even number of them, more than there is room for, which leaves the heater as it was."""
+    early, late = np.linspace(0.0, 1000.0, BAND + 8), 3000.0 + np.array([205.0, 470.0, 800.0])
+    data = sampled(3000.0 + TIMES, ON)
+    value, bar, settings_bar = evaluate(data, [*early, *late], [25.0, ERROR])
+    expected = evaluate(data, late, [25.0, ERROR])
+    assert value == pytest.approx(expected[0], rel=1e-12)
+    np.testing.assert_allclose(bar, np.concatenate([np.zeros(len(early)), expected[1]]), rtol=1e-12)
+    np.testing.assert_allclose(settings_bar, expected[2], rtol=1e-12)
+
+
 def test_channels_and_heaters_are_told_apart():
     """Two heaters, of which one is seen by two channels: the values add, and each switch gets its own derivative."""
     single = [sampled(TIMES, ON), sampled(TIMES, TIMES > 300.0)]
