@@ -36,6 +36,10 @@ def simulate(inputs, times, start):
     while True:
         time.sleep(0.01)
 """
+START_CHILD = """
+import subprocess, sys
+subprocess.Popen([sys.executable, "child.py"])
+"""
 
 
 def alive(pid):
@@ -57,10 +61,11 @@ def running(request, tmp_path):
     """A process in the midst of simulations that hang, and the numbers of the processes that simulate."""
     pids = tmp_path / "pids"
     (tmp_path / "model.py").write_text(f"PIDS = {str(pids)!r}\n{HANG}\n")
-    (tmp_path / "program.py").write_text(f"PIDS = {str(pids)!r}\n{HANG}\nsimulate(0, 0, 0)\n")
+    (tmp_path / "child.py").write_text(f"PIDS = {str(pids)!r}\n{HANG}\nsimulate(0, 0, 0)\n")
+    (tmp_path / "program.py").write_text(START_CHILD + (tmp_path / "child.py").read_text())
     block = {
         "callable": {"callable": {"file": "model.py"}},
-        "executable": {"executable": {"command": [sys.executable, "program.py"], "files": ["program.py"]}},
+        "executable": {"executable": {"command": [sys.executable, "program.py"], "files": ["program.py", "child.py"]}},
     }[request.param]
     path = write(tmp_path, written({**block, "timeout": "600 s", "retries": 50}))
     process = subprocess.Popen(
@@ -91,9 +96,9 @@ def test_interruption_ends_all_runs_at_once(running):
 
 
 @pytest.mark.skipif(not Path("/proc/self/stat").exists(), reason="looks at processes in /proc")
-@pytest.mark.parametrize("running", ["callable"], indirect=True)
-def test_workers_end_when_their_parent_is_killed(running):
+def test_what_simulates_ends_when_its_parent_is_killed(running):
     process, pids = running
+    assert any(map(alive, pids()))
 
     process.kill()
 

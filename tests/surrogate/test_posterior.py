@@ -185,7 +185,7 @@ def fine_folder(tmp_path_factory):
     folder = tmp_path_factory.mktemp("fine")
     noisy = {name: {**item, "noise": "0.3 K"} for name, item in craft.SPACECRAFT["thermistors"].items()}
     changes = {
-        "projection": {"states": 20, "most_states": 20, "follow_within": "40 s"},
+        "projection": {"states": 26, "most_states": 26, "follow_within": "20 s"},
         "step": "30 s",
         "training": {**craft.REDUCTION["training"], "draws": 16},
     }

@@ -11,7 +11,7 @@ from flightcal.surrogate.candidate import errors_of
 from flightcal.surrogate.file import load_task
 from flightcal.surrogate.full_order import run_full, window_simulator
 from flightcal.surrogate.projection import choose_shapes, collect, project
-from flightcal.surrogate.reduce import medians_of, projected
+from flightcal.surrogate.reduce import medians_of, projected, reduce
 from flightcal.surrogate.reduced_scenario import reduced_scenario
 from flightcal.surrogate.storage import load, save, stored_of
 
@@ -74,6 +74,18 @@ def test_a_few_states_keep_unseen_runs_within_tenths_of_a_kelvin(task, training)
     poor, _ = model_of(task, training, 4, 6)
     worse = errors_of(poor, run_full(task, task.reduction.held_out))
     assert np.abs(worse[0].temperatures).mean() > 2.0 * np.abs(errors[0].temperatures).mean()
+
+
+@pytest.mark.parametrize(
+    ("projection", "settled"), [({"states": 5}, 6), ({"states": 20, "most_states": 20, "follow_within": "40 s"}, 0)]
+)
+def test_shapes_settle_at_once_only_where_that_is_better(tmp_path, projection, settled):
+    found = reduce(load_task(craft.write(tmp_path, {"projection": projection, "tolerance": "0.01 K"})))
+    assert len(found.tried) == 2
+    assert len(found.model.settled) == settled
+    chosen, other = sorted(item.error for item in found.tried)
+    assert chosen < 0.6 * other
+    assert found.candidate.massless == min(found.tried, key=lambda item: item.error).massless
 
 
 def test_the_gradient_agrees_with_finite_differences(task, training):

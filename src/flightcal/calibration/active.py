@@ -14,8 +14,8 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.stats import qmc
 
+from ..campaign.designs import sobol
 from ..errors import FlightcalError
 from ..external.record import Record
 from ..scenario.schema import EmulatorSettings, NutsSettings
@@ -223,9 +223,8 @@ def simulated_priors(problem: Problem) -> Priors:
 
 
 def start_design(scale: Priors, count: int, seed: int) -> FloatArray:
-    """Thetas [count, d] of a Sobol sequence through the priors (scrambled, Owen 1998)."""
-    points = qmc.Sobol(len(scale.names), seed=seed).random_base2(max(0, math.ceil(math.log2(count))))[:count]
-    return scale.quantile(0.5 + (points - 0.5) * _PRIOR_SHARE)
+    """Thetas [count, d] through the priors but for their farthest tails."""
+    return sobol(scale, count, seed, share=_PRIOR_SHARE)
 
 
 @dataclass(frozen=True)

@@ -40,13 +40,15 @@ class Priors(Protocol):
         """Unconstrained z [..., d] of theta [..., d]."""
 
 
-def sobol(priors: Priors, runs: int, seed: int) -> FloatArray:
+def sobol(priors: Priors, runs: int, seed: int, *, share: float = 1.0) -> FloatArray:
     """Scrambled Sobol points [S, d] through the priors' quantiles. A power of two of them fills the space best.
 
+    share: the middle part of each prior that they go through.
     Owen (1998), Scrambling Sobol' and Niederreiter-Xing points, J. Complexity 14, 466-489.
     """
     engine = qmc.Sobol(len(priors.names), seed=np.random.default_rng(seed))
-    return priors.quantile(engine.random_base2(max(runs - 1, 1).bit_length())[:runs])
+    points = engine.random_base2(max(runs - 1, 1).bit_length())[:runs]
+    return priors.quantile(0.5 + (points - 0.5) * share)
 
 
 def latin_hypercube(priors: Priors, runs: int, seed: int) -> FloatArray:

@@ -66,24 +66,30 @@ def reduce(task: Task, on_progress: Progress = lambda *_: None) -> Reduced:
     network = build_network(task.scenario)
     tried: list[Tried] = []
     best: tuple[float, Candidate, ReducedModel | Condensed] | None = None
-    sizes = list(_sizes(task, network))
-    models: Iterator[tuple[Candidate, ReducedModel | Condensed]] = (
-        _projections(task, network, training, sizes)
-        if task.reduction.method == "projection"
-        else _condensations(task, network, training, sizes)
-    )
+    count, models = _models(task, network, training)
     for k, (candidate, model) in enumerate(models):
         error = _judged(task, errors_of(candidate, training, _JUDGING_DRAWS))
         tried.append(Tried(candidate.states, candidate.massless, error))
         if best is None or error < best[0]:
             best = (error, candidate, model)
-        on_progress("choosing the order", (k + 1) / len(sizes))
+        on_progress("choosing the order", (k + 1) / count)
         if error <= MARGIN * task.reduction.tolerance:
             break
     assert best is not None  # there is at least one size
     held_out = run_full(task, task.reduction.held_out, partial(on_progress, "full network, held out"))
     errors = errors_of(best[1], held_out)
     return Reduced(best[1], best[2], tuple(tried), tuple(errors), tuple(held_out))
+
+
+def _models(
+    task: Task, network: Network, training: Sequence[FullRuns]
+) -> tuple[int, Iterator[tuple[Candidate, ReducedModel | Condensed]]]:
+    """How many models are tried, and these, by size."""
+    sizes = list(_sizes(task, network))
+    if task.reduction.method == "condensation":
+        return len(sizes), _condensations(task, network, training, sizes)
+    shapes = [(states, settled) for states in sizes for settled in _settled(task)]
+    return len(shapes), _projections(task, network, training, shapes)
 
 
 def _judged(task: Task, errors: Sequence[Errors]) -> float:
@@ -127,14 +133,24 @@ def medians_of(scenario: Scenario) -> FloatArray:
     return Priors(tuple(scenario.parameters), tuple(item.prior for item in scenario.parameters.values())).median()
 
 
+def _settled(task: Task) -> list[int]:
+    """How many shapes settle at once in the models of a size: none, and as many as the file allows.
+
+    Either can be the better one: a shape that settles is there, but what it stores is not, and the quickest ways to
+    move are not those that move least.
+    """
+    return sorted({0, task.reduction.projection.settled})
+
+
 def _projections(
-    task: Task, network: Network, training: Sequence[FullRuns], sizes: Sequence[int]
+    task: Task, network: Network, training: Sequence[FullRuns], sizes: Sequence[tuple[int, int]]
 ) -> Iterator[tuple[Candidate, ReducedModel]]:
     affine = decompose(network, task.scenario, medians_of(task.scenario))
     own, settings = _own_nodes(task), task.reduction.projection
-    snapshots = collect(network, affine, training, own, max(sizes) + settings.settled, settings.follow_within)
-    for states in sizes:
-        shapes = choose_shapes(snapshots, own, min(states + settings.settled, snapshots.basis.shape[1]))
+    most = max(states + settled for states, settled in sizes)
+    snapshots = collect(network, affine, training, own, most, settings.follow_within)
+    for states, settled in sizes:
+        shapes = choose_shapes(snapshots, own, min(states + settled, snapshots.basis.shape[1]))
         sampled = settings.sampled_nodes or states + 2
         model = project(network, affine, task.scenario, shapes, snapshots, sampled, own, states)
         yield projected(task, network, model)

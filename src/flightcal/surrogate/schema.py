@@ -37,7 +37,7 @@ class Projection(Block):
     """null: as few as keep the tolerance."""
     most_states: Count = Field(12, ge=1)
     settled: Annotated[Count, Field(ge=0)] = 6
-    """Further shapes that settle at once: they cost time, but no states."""
+    """Further shapes that settle at once, where that is better than none: they cost time, but no states."""
     sampled_nodes: Annotated[Count, Field(ge=1)] | None = None
     """At which radiation is evaluated; null: two more than states."""
     follow_within: Duration = 300.0
