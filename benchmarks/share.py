@@ -35,7 +35,7 @@ def _integration(address):  # type: ignore[no-untyped-def]
     work.outputs.noted[0] = 0
     forward(
         window.structure, work.packed, window.times, window.series, window.measured, window.initially_on,
-        window.sampling, window.sensors, work.errors,
+        window.sampling, window.sensors, work.errors, work.scatter,
         work.memory, work.counters, work.reals, work.driven, work.record, work.outputs,
     )  # fmt: skip
     adjoint(

@@ -56,6 +56,15 @@ def test_every_model_of_a_scenario_is_a_scenario_without_findings(tmp_path, mode
         assert own.phase.harmonics == 5
 
 
+@pytest.mark.parametrize(("model", "scale"), [("iid", 2.0), ("phase", 2.0), ("ar1", 0.1), ("phase+ar1", 0.1)])
+def test_the_prior_of_correlated_noise_is_not_that_of_independent_noise(tmp_path, model, scale):
+    written = small.content()
+    written["noise"] = {"model": "ar1", "standard_deviation": {"half_normal": "0.1 K"}, "white": "0.05 K"}
+    found = noise_of(variant(small.load(tmp_path, written)[0], model), "body_temp")
+    assert found.standard_deviation.scale == scale
+    assert found.white == (0.05 if model.endswith("ar1") else None)
+
+
 def test_the_best_log_score_among_models_that_converged_is_recommended():
     found = means(
         iid=(1.0, 0.3, 0.95, 4.0, 0.60, -1.5),

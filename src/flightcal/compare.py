@@ -103,7 +103,9 @@ def variant(scenario: Scenario, model: str) -> Scenario:
     """
 
     def noise(own: Noise) -> Noise:
-        written: dict[str, Any] = {"standard_deviation": own.standard_deviation}
+        # What is written of correlated noise says nothing of noise that is to stand alone.
+        same = own.model == "iid" or model.endswith("ar1")
+        written: dict[str, Any] = {"standard_deviation": own.standard_deviation} if same else {}
         if model.endswith("ar1"):
             written |= {"model": "ar1", "correlation_time": own.correlation_time, "white": own.white}
         elif model == "iid":

@@ -5,6 +5,7 @@ import sys
 from pathlib import Path
 
 import numpy as np
+import pytest
 
 from flightcal.calibration import build_problem
 from flightcal.experiment import read
@@ -19,8 +20,19 @@ def test_the_script_makes_the_bundled_telemetry_byte_for_byte(tmp_path):
     assert made.read_bytes() == (FOLDER / "telemetry.csv").read_bytes()
 
 
-def test_the_scenario_has_no_findings():
-    assert lint(FOLDER / "scenario.yaml") == []
+@pytest.mark.parametrize("name", ["scenario.yaml", "with_discrepancy.yaml"])
+def test_the_scenario_has_no_findings(name):
+    assert lint(FOLDER / name) == []
+
+
+def test_the_scenario_with_a_discrepancy_differs_in_nothing_else():
+    plain, own = (load_scenario(FOLDER / name) for name in ("scenario.yaml", "with_discrepancy.yaml"))
+    exact = {name: heater.model_copy(update={"scatter": 0.0}) for name, heater in own.network.heaters.items()}
+    model = own.network.model_copy(update={"heaters": exact})
+    assert model == plain.network
+    assert {name: own.parameters[name] for name in plain.parameters} == plain.parameters
+    for block in ("telemetry", "environment", "observations", "windows", "calibration"):
+        assert getattr(own, block) == getattr(plain, block), block
 
 
 def test_every_heater_cycles_in_train_and_test():

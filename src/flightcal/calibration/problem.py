@@ -174,6 +174,12 @@ class Problem:
         """Simulations at thetas [S, d]; None where one failed."""
         return self.simulator.simulate_many(thetas[:, self.simulated])
 
+    def simulate_as_flown(self, thetas: FloatArray, rng: np.random.Generator) -> list[Trajectory | None]:
+        """The same, with thermostats that switch around their thresholds as far as the scenario says (`scatter`)."""
+        if isinstance(self.simulator, NetworkSimulator | InexactSimulator):
+            return self.simulator.simulate_scattered(thetas[:, self.simulated], rng)
+        return self.simulate_many(thetas)
+
     def log_density(self, z: FloatArray) -> float:
         """Log posterior density (up to a constant) at z [d]; -inf where the simulation fails."""
         prior = self.priors.at(z)

@@ -11,7 +11,7 @@ import xarray
 from ..calibration.noise import CORRELATED, CORRELATED_STUDENT
 from ..calibration.problem import Problem, build_problem
 from ..environment import orbit_phase, sunlit_share
-from ..scenario import Scenario
+from ..scenario import Scenario, SimulatorModel
 from ..scenario.schema import is_orthogonal, is_trained
 from ..simulator import Trajectory
 from ..simulator.system import FloatArray
@@ -75,12 +75,13 @@ def predict(
     runs = problem.simulate_many(thetas) if len(thetas) else []
     prediction = _dataset(problem, dict(zip(points, runs, strict=True)), thetas, ensemble, scored)
     error = "" if for_draws.simulator.error_basis is None else ", the surrogate's error"
+    scatter = ", scatter of the thermostats" if not is_trained(window) and _scatters(scenario) else ""
     if errors is not None:
         prediction = prediction.assign(_residual_model(problem, errors, ensemble, rng))
     prediction.attrs |= {
         "interval": settings.interval,
-        "interval_contains": f"parameters, initial temperatures{error}, {_contained(problem, window)}",
-        "model_interval_contains": f"parameters, initial temperatures{error}"
+        "interval_contains": f"parameters, initial temperatures{error}{scatter}, {_contained(problem, window)}",
+        "model_interval_contains": f"parameters, initial temperatures{error}{scatter}"
         + (", model discrepancy" if problem.residuals.compiled.discrepant.any() else ""),
         "initial_state": "calibrated with the parameters"
         if is_trained(window)
@@ -131,6 +132,11 @@ def _contained(problem: Problem, window: str) -> str:
     if model.time is not None:
         parts.append("its part in time is continued from the edge of the training window and fades to its prior")
     return f"{noise}, and model discrepancy: {'; '.join(parts)}{_orthogonal(problem)}"
+
+
+def _scatters(scenario: Scenario) -> bool:
+    model = scenario.simulator
+    return isinstance(model, SimulatorModel) and any(heater.scatter for heater in model.heaters.values())
 
 
 def _orthogonal(problem: Problem) -> str:

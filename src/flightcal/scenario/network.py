@@ -71,6 +71,9 @@ class Heater(Block):
     """The node whose temperature the thermostat watches; it must have a capacity."""
     on_below: Temperature
     off_above: Temperature
+    scatter: Annotated[float, Quantity("K", at_least=0, difference=True)] = 0.0
+    """Standard deviation of the temperature at which it switches around its thresholds, K: control cycle, noise of the
+    readings. It counts in predictions; in a calibration thermostats are exact."""
     initially_on: Flag = False
     measured_by: str | None = None
     """Status channel: it gives the state at the window's start, and the input in open loop."""

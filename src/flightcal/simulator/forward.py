@@ -25,7 +25,7 @@ FINISHED = 0
 NOT_FINITE = 1
 TOO_MANY_SWITCHES = 2
 
-COUNTERS, REALS = 5, 6
+COUNTERS, REALS = 6, 6
 """A lane's integers and reals (see `_Lanes`)."""
 
 _IDLE = 0
@@ -92,6 +92,8 @@ class _Lanes(NamedTuple):
     heater: Any
     """Whose crossing is being located; -1: none."""
     iterations: Any
+    switches: Any
+    """So far."""
     duration: Any
     """Of the grid step, s."""
     low: Any
@@ -124,14 +126,16 @@ class _Lanes(NamedTuple):
 
 @compiled_long
 def forward(
-    structure, packed, times, series, measured, initially_on, sampling, sensors, errors,
+    structure, packed, times, series, measured, initially_on, sampling, sensors, errors, scatter,
     memory, counters, reals, driven, record, outputs,
 ):  # fmt: skip
     """Simulate packed [S, P] (see `system.pack`) over the grid; returns nothing, fills `record` and `outputs`.
 
-    errors [S, 3, N]: of the sensors, see `Sensors`. Workspace: memory [memory_size + step_size], or that x 8 for
-    eight lanes; counters [COUNTERS, lane], reals [REALS, lane] and driven [lane, H]. In memory with room for more
-    `Step`s, a single simulation keeps its first ones; all others are made in the last place.
+    errors [S, 3, N]: of the sensors, see `Sensors`. scatter [S, E, H] K: what is added to both thresholds of each
+    heater, at first and after each switch of its (by the number of switches of all, modulo E); E = 0: nothing is.
+    Workspace: memory [memory_size + step_size], or that x 8 for eight lanes; counters [COUNTERS, lane], reals
+    [REALS, lane] and driven [lane, H]. In memory with room for more `Step`s, a single simulation keeps its first ones;
+    all others are made in the last place.
     """
     count = lane_count(memory)
     lanes = _make_lanes(structure, memory, counters, reals, driven)
@@ -143,7 +147,7 @@ def forward(
     active = 0
     for lane in range(count):
         if waiting < packed.shape[0]:
-            _load(structure, packed, series, measured, initially_on, lanes, lane, waiting, record)
+            _load(structure, packed, series, measured, initially_on, scatter, lanes, lane, waiting, record)
             _enter_step(structure, packed, times, measured, lanes, lane, record)
             active += 1
             waiting += 1
@@ -157,7 +161,12 @@ def forward(
         for lane in range(count):
             if lanes.phase[lane] == _IDLE or decide(structure, measured, lanes, lane, step):
                 continue
-            if _accept(structure, times, lanes, lane, step, record):
+            reached = _accept(structure, times, lanes, lane, step, record)
+            if lanes.heater[lane] >= 0:
+                lanes.switches[lane] += 1
+                if scatter.shape[1] > 0:
+                    _set_thresholds(structure, packed, scatter, lanes, lane, lanes.heater[lane])
+            if reached:
                 if lanes.heater[lane] >= 0:
                     _set_heating(structure, packed, lanes, lane)
                 going_on = _enter_step(structure, packed, times, measured, lanes, lane, record)
@@ -177,7 +186,7 @@ def forward(
             active -= 1
             lanes.phase[lane] = _IDLE
             if waiting < packed.shape[0]:
-                _load(structure, packed, series, measured, initially_on, lanes, lane, waiting, record)
+                _load(structure, packed, series, measured, initially_on, scatter, lanes, lane, waiting, record)
                 _enter_step(structure, packed, times, measured, lanes, lane, record)
                 active += 1
                 waiting += 1
@@ -213,6 +222,7 @@ def _make_lanes(structure, memory, counters, reals, driven):
         counters[2],
         counters[3],
         counters[4],
+        counters[5],
         reals[0],
         reals[1],
         reals[2],
@@ -235,20 +245,21 @@ def _make_lanes(structure, memory, counters, reals, driven):
 
 
 @inlined
-def _load(structure, packed, series, measured, initially_on, lanes, lane, simulation, record):
+def _load(structure, packed, series, measured, initially_on, scatter, lanes, lane, simulation, record):
     """Put a simulation into a lane, before the first grid point."""
     n, H = structure.mass.shape[0], structure.sensor.shape[0]
     a, m = structure.linear_column.shape[0], structure.radiative_column.shape[0]
-    thresholds = packed.shape[1] - n - 2 * H
+    initial = packed.shape[1] - n
     lanes.simulation[lane] = simulation
     lanes.step[lane] = -1
+    lanes.switches[lane] = 0
     record.segments[lane] = 0
     for p in range(a):
         put(lanes.A, p, lane, packed[simulation, p])
     for p in range(m):
         put(lanes.N, p, lane, packed[simulation, a + p])
     for i in range(n):
-        put(lanes.x, i, lane, packed[simulation, thresholds + 2 * H + i])
+        put(lanes.x, i, lane, packed[simulation, initial + i])
         for k in range(series.shape[1]):
             record.heat[lane, i, k] = 0.0
     for p in range(structure.forcing_row.shape[0]):
@@ -256,13 +267,24 @@ def _load(structure, packed, series, measured, initially_on, lanes, lane, simula
         for k in range(series.shape[1]):
             record.heat[lane, i, k] += value * series[j, k]
     for k in range(H):
-        put(lanes.lower, k, lane, packed[simulation, thresholds + k])
-        put(lanes.upper, k, lane, packed[simulation, thresholds + H + k])
+        _set_thresholds(structure, packed, scatter, lanes, lane, k)
         lanes.driven[lane, k] = not np.isnan(measured[0, k])
         put(lanes.status, k, lane, measured[0, k] if lanes.driven[lane, k] else initially_on[k])
         if not lanes.driven[lane, k]:
             _start_thermostat(structure, lanes, lane, k)
     _set_heating(structure, packed, lanes, lane)
+
+
+@inlined
+def _set_thresholds(structure, packed, scatter, lanes, lane, k):
+    H = structure.sensor.shape[0]
+    simulation = lanes.simulation[lane]
+    lower = packed.shape[1] - structure.mass.shape[0] - 2 * H + k
+    off = 0.0
+    if scatter.shape[1] > 0:
+        off = scatter[simulation, lanes.switches[lane] % scatter.shape[1], k]
+    put(lanes.lower, k, lane, packed[simulation, lower] + off)
+    put(lanes.upper, k, lane, packed[simulation, lower + H] + off)
 
 
 @inlined

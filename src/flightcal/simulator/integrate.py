@@ -99,14 +99,19 @@ def integrate_packed(
     errors: FloatArray,
     *,
     derivative: bool = True,
+    scatter: FloatArray | None = None,
 ) -> Run:
-    """`integrate` of a packed system [P], observed with errors [3, N] (see `Sensors`)."""
+    """`integrate` of a packed system [P], observed with errors [3, N] (see `Sensors`).
+
+    scatter: [E, H] K of the thresholds, see `forward`; its derivative takes it as given. None: there is none.
+    """
+    scattered = None if scatter is None else scatter[None]
     capacity = len(drive.times) - 1 + _SPARE_SEGMENTS
     while True:
         memory, steps = step_memory(structure, capacity if derivative else 0)
         record = make_record(structure, drive, 1, capacity, steps if derivative else None)
         outputs = make_outputs(structure, observation, 1, capacity)
-        _forward(structure, packed[None], drive, observation, errors[None], memory, record, outputs)
+        _forward(structure, packed[None], drive, observation, errors[None], scattered, memory, record, outputs)
         outcome = outputs.outcome[0]
         if outcome == TOO_MANY_SWITCHES and capacity < MOST_SWITCHES_PER_STEP * len(drive.times):
             capacity *= 4
@@ -122,9 +127,16 @@ def integrate_packed(
 
 
 def integrate_many(
-    structure: Structure, packed: FloatArray, drive: Drive, observation: Observation, errors: FloatArray
+    structure: Structure,
+    packed: FloatArray,
+    drive: Drive,
+    observation: Observation,
+    errors: FloatArray,
+    scatter: FloatArray | None = None,
 ) -> Outputs:
     """Packed systems [S, P] side by side, observed with errors [S, 3, N] (see `Sensors`).
+
+    scatter: [S, E, H] K of the thresholds, see `forward`; None: there is none.
 
     outputs.outcome says which failed; TOO_MANY_SWITCHES: more than one a step, which `integrate_packed` may still do.
     """
@@ -132,7 +144,7 @@ def integrate_many(
     outputs = make_outputs(structure, observation, len(packed), capacity)
     record = make_record(structure, drive, WIDTH, capacity, None)
     memory = lane_memory(memory_size.py_func(structure) + step_size.py_func(structure))
-    _forward(structure, packed, drive, observation, errors, memory, record, outputs)
+    _forward(structure, packed, drive, observation, errors, scatter, memory, record, outputs)
     return outputs
 
 
@@ -177,15 +189,17 @@ def _forward(
     drive: Drive,
     observation: Observation,
     errors: FloatArray,
+    scatter: FloatArray | None,
     memory: FloatArray,
     record: Record,
     outputs: Outputs,
 ) -> None:
     lanes, heaters = record.heater.shape[0], record.heater.shape[2]
+    scatter = np.zeros((1, 0, heaters)) if scatter is None else np.ascontiguousarray(scatter)
     counters, reals = np.empty((COUNTERS, lanes), np.int64), np.empty((REALS, lanes))
     forward(
         structure, packed, drive.times, drive.series, drive.measured, drive.initially_on,
-        observation.sampling, observation.sensors, errors,
+        observation.sampling, observation.sensors, errors, scatter,
         memory, counters, reals, np.empty((lanes, heaters), np.bool_), record, outputs,
     )  # fmt: skip
 

@@ -7,7 +7,7 @@ import os
 from collections.abc import Callable
 from dataclasses import dataclass, field
 from functools import cached_property, partial
-from typing import Protocol
+from typing import Any, Protocol
 
 import numpy as np
 import xarray
@@ -33,6 +33,8 @@ from .system import Drive, FloatArray, IntArray, Switch, System, packed_bounds, 
 
 _FEW = 3
 """So many simulations at once are faster than one by one."""
+_SCATTERED = 256
+"""So many switches of a simulation have a scatter of their own; then it comes again."""
 _CHUNK = 128
 """At most so many simulations are one call, eight at a time."""
 
@@ -120,6 +122,8 @@ class NetworkSimulator:
     channels: tuple[str, ...]
     channel_errors: IntArray
     """[3, N] positions of the channels' gains, biases and time offsets in the network's values."""
+    scatter: FloatArray = field(default_factory=lambda: np.zeros(0))
+    """[H] K, standard deviation of the temperature at which a heater switches; empty: none."""
 
     @cached_property
     def parameters(self) -> tuple[str, ...]:
@@ -152,11 +156,24 @@ class NetworkSimulator:
 
     def simulate_many(self, thetas: FloatArray) -> list[Trajectory | None]:
         """Simulations at thetas [S, d], in parallel; None where one failed."""
+        return self._simulate(thetas, None)
+
+    def simulate_scattered(self, thetas: FloatArray, rng: np.random.Generator) -> list[Trajectory | None]:
+        """The same with thermostats that switch around their thresholds: each switch is off by a draw of its own."""
+        if not self.scatter.any():
+            return self._simulate(thetas, None)
+        drawn = rng.standard_normal((len(thetas), _SCATTERED, len(self.scatter)))
+        return self._simulate(thetas, self.scatter * drawn)
+
+    def _simulate(self, thetas: FloatArray, scatter: FloatArray | None) -> list[Trajectory | None]:
+        def of(part: Any) -> FloatArray | None:
+            return None if scatter is None else scatter[part]
+
         if len(thetas) < _FEW:
-            return in_parallel(lambda k: self._simulate_or_none(thetas[k]), len(thetas))
+            return in_parallel(lambda k: self._simulate_or_none(thetas[k], of(k)), len(thetas))
         size = min(_CHUNK, WIDTH * math.ceil(len(thetas) / (WIDTH * (os.cpu_count() or 1))))
         chunks = [slice(first, first + size) for first in range(0, len(thetas), size)]
-        found = in_parallel(lambda k: self._simulate_lanes(thetas[chunks[k]]), len(chunks))
+        found = in_parallel(lambda k: self._simulate_lanes(thetas[chunks[k]], of(chunks[k])), len(chunks))
         return [trajectory for chunk in found for trajectory in chunk]
 
     def linearise(self, theta: FloatArray) -> tuple[Trajectory, Callable[..., FloatArray]]:
@@ -200,25 +217,28 @@ class NetworkSimulator:
     def _assemble(self, theta: FloatArray) -> tuple[FloatArray, FloatArray]:
         return assemble(self.mapping, self.network.terms, theta)
 
-    def _integrate(self, numbers: FloatArray, packed: FloatArray, *, derivative: bool) -> Run:
+    def _integrate(
+        self, numbers: FloatArray, packed: FloatArray, *, derivative: bool, scatter: FloatArray | None = None
+    ) -> Run:
         errors = numbers[self.channel_errors]
         return integrate_packed(
-            self.network.structure, packed, self.drive, self.observation, errors, derivative=derivative
-        )
+            self.network.structure, packed, self.drive, self.observation, errors,
+            derivative=derivative, scatter=scatter,
+        )  # fmt: skip
 
-    def _simulate_or_none(self, theta: FloatArray) -> Trajectory | None:
+    def _simulate_or_none(self, theta: FloatArray, scatter: FloatArray | None) -> Trajectory | None:
         try:
-            return self.simulate(theta)
+            return _trajectory(self._integrate(*self._assemble(theta), derivative=False, scatter=scatter).outputs, 0)
         except SimulationFailure:
             return None
 
-    def _simulate_lanes(self, thetas: FloatArray) -> list[Trajectory | None]:
+    def _simulate_lanes(self, thetas: FloatArray, scatter: FloatArray | None) -> list[Trajectory | None]:
         numbers, packed = self._assemble(thetas)
         errors = np.ascontiguousarray(numbers[:, self.channel_errors])
-        outputs = integrate_many(self.network.structure, packed, self.drive, self.observation, errors)
+        outputs = integrate_many(self.network.structure, packed, self.drive, self.observation, errors, scatter)
         return [
             # With very many switches a simulation needs more room than a lane has.
-            self._simulate_or_none(theta) if outcome == TOO_MANY_SWITCHES
+            self._simulate_or_none(theta, None if scatter is None else scatter[k]) if outcome == TOO_MANY_SWITCHES
             else _trajectory(outputs, k) if outcome == FINISHED
             else None
             for k, (theta, outcome) in enumerate(zip(thetas, outputs.outcome.tolist(), strict=True))
@@ -285,6 +305,7 @@ def network_simulator(
         observation=Observation(sampling, Sensors(np.array(states, dtype=np.int64), np.array(moved, dtype=np.bool_))),
         channels=tuple(observed),
         channel_errors=np.array([[network.position(path) for path in row] for row in errors], dtype=np.int64),
+        scatter=np.array([scenario.network.heaters[name].scatter for name in network.heaters]),
     )
 
 

@@ -46,6 +46,8 @@ class Workspace(NamedTuple):
     """Numbers, a one and reciprocals, and twice as many for the derivative."""
     errors: Any
     errors_bar: Any
+    scatter: Any
+    """[1, 0, heater] of thresholds: none."""
     memory: Any
     counters: Any
     reals: Any
@@ -95,6 +97,7 @@ def make_workspace(simulator: NetworkSimulator) -> Workspace:
         extended=np.empty(2 * (numbers + 1 + len(terms.inverse)) + MOST_FACTORS),
         errors=np.empty((1, 3, channels)),
         errors_bar=np.empty((3, channels)),
+        scatter=np.zeros((1, 0, len(structure.sensor))),
         memory=memory,
         counters=np.empty((COUNTERS, 1), np.int64),
         reals=np.empty((REALS, 1)),
@@ -118,7 +121,7 @@ def simulate_compiled(window, work):
     work.outputs.noted[0] = 0
     forward(
         window.structure, work.packed, window.times, window.series, window.measured, window.initially_on,
-        window.sampling, window.sensors, work.errors,
+        window.sampling, window.sensors, work.errors, work.scatter,
         work.memory, work.counters, work.reals, work.driven, work.record, work.outputs,
     )  # fmt: skip
     return work.outputs.outcome[0]

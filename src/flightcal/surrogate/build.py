@@ -56,6 +56,11 @@ class InexactSimulator:
         runs = self.exact.simulate_many(thetas)
         return [None if run is None else replace(run, error_variance=self.error_variance) for run in runs]
 
+    def simulate_scattered(self, thetas: FloatArray, rng: np.random.Generator) -> list[Trajectory | None]:
+        """As that of the network."""
+        runs = self.exact.simulate_scattered(thetas, rng)
+        return [None if run is None else replace(run, error_variance=self.error_variance) for run in runs]
+
     def linearise(self, theta: FloatArray) -> tuple[Trajectory, Callable[..., FloatArray]]:
         """A simulation and its vector-Jacobian product; the error's variances do not depend on theta."""
         trajectory, cotangent = self.exact.linearise(theta)

@@ -1,0 +1,61 @@
+"""Thermostats that switch around their thresholds, in predictions."""
+
+import numpy as np
+import pytest
+
+from flightcal.calibration import build_problem
+from flightcal.prediction import predict, propagate
+
+from .. import small
+
+SCATTER = 0.06  # K
+
+
+@pytest.fixture(scope="module")
+def case(tmp_path_factory):
+    written = small.content()
+    written["simulator"]["heaters"]["heater"]["scatter"] = f"{SCATTER} K"
+    return small.closed_loop(tmp_path_factory.mktemp("scatter"), written)
+
+
+def thetas_of(problem, count):
+    values = {"noise.body_temp": 0.1, "initial.body": 285.0, "initial.panel": 262.0} | small.TRUTH
+    return np.tile([values[name] for name in problem.names], (count, 1))
+
+
+def test_the_first_switch_is_off_by_the_scatter_over_the_rate_of_the_sensor(case):
+    problem = build_problem(*case, "test")
+    count = 600
+    runs = problem.simulate_as_flown(thetas_of(problem, count), np.random.default_rng(1))
+    first = np.array([run.switches.time[0] for run in runs])
+    exact = problem.simulate(thetas_of(problem, 1)[0])
+    seconds = (problem.times - problem.times[0]) / np.timedelta64(1, "s")
+    at = np.searchsorted(seconds, exact.switches.time[0])
+    body = exact.temperatures[:, problem.simulator.channels.index("body_temp")]
+    rate = (body[at - 1] - body[at - 2]) / (seconds[at - 1] - seconds[at - 2])
+    # A standard deviation from 600 draws is known to 3%; the rate changes a little from before to after.
+    assert first.std() == pytest.approx(SCATTER / abs(rate), rel=0.12)
+    assert abs(first.mean() - exact.switches.time[0]) < 4 * first.std() / np.sqrt(count) + 1.0
+    off = np.array([run.switches.time[:6] for run in runs]) - exact.switches.time[:6]
+    assert off[:, 5].std() > 1.5 * off[:, 1].std(), "the phase of the cycle diffuses from switch to switch"
+
+
+def test_scatter_widens_the_prediction_of_a_new_window_and_not_that_of_the_training_window(case, tmp_path):
+    for window in ("train", "test"):
+        problem = build_problem(*case, window)
+        exact = build_problem(*small.closed_loop(tmp_path), window)
+        thetas = thetas_of(problem, 200)
+        with_scatter, without = (propagate(p, thetas, 0.95, np.random.default_rng(1)) for p in (problem, exact))
+        body = problem.simulator.channels.index("body_temp")
+        wide, narrow = ((e.model_upper - e.model_lower)[:, body] for e in (with_scatter, without))
+        np.testing.assert_allclose(narrow, 0.0, atol=1e-9)
+        if window == "train":
+            np.testing.assert_allclose(wide, 0.0, atol=1e-9)
+        else:
+            assert wide.mean() > SCATTER
+
+
+def test_a_prediction_says_that_its_thermostats_scatter(case):
+    draws = thetas_of(build_problem(*case, "train"), 20)
+    said = [predict(*case, window, {}, draws, seed=1)[0].attrs["interval_contains"] for window in ("train", "test")]
+    assert ["scatter of the thermostats" in words for words in said] == [False, True]
