@@ -1,10 +1,11 @@
 """Finding the posterior mode, where the sampler starts.
 
 The closed-loop likelihood has many local optima, because a thermostat can cycle in step with the telemetry or out of
-it; with the heaters driven by their measured status it has one. So the search runs in open loop from several
-starts, and only its result (and the genetic algorithm's) is polished in closed loop: on the whole window, and on its
-first eighth, quarter and half before that, because a thermostat's phase drifts from switch to switch and a start that
-is in step with the telemetry at first may be out of it at the end.
+it; with the heaters driven by their measured status it has one. So the search runs in open loop from several starts,
+and only its result (and the genetic algorithm's) is polished in closed loop: on the whole window, and on growing shares
+of it before that, because a thermostat's phase drifts from switch to switch and a start that is in step with the
+telemetry at first may be out of it at the end. No ladder of shares is always right, so there are two; and where a
+sensor starts near a threshold, the other side of it is tried.
 
 Correlated noise and discrepancies explain any residuals, so far from the mode they would hold the parameters there: the
 search is made with independent noise, and only its best modes are followed with the residuals' own model.
@@ -27,7 +28,9 @@ _MOST_DAMPING = 1e8
 _CONVERGED = 1e-5  # nats that a further Newton step promises
 _POLISHED = 3  # open-loop modes that are followed in closed loop
 _SAME = 0.1  # nats; modes that differ by less are one
-_SHARES = (0.125, 0.25, 0.5)  # of the window, that are followed before the whole
+_LADDERS = ((1 / 8, 1 / 4, 1 / 2), (1 / 16, 1 / 8, 3 / 16, 1 / 4, 3 / 8, 1 / 2, 3 / 4))
+"""Shares of the window that are followed before the whole."""
+_NEAR = 1.0  # K, of a sensor's initial temperature to a threshold
 
 
 @dataclass(frozen=True)
@@ -73,9 +76,9 @@ def climb(problem: AnyProblem, z: FloatArray, origin: str = "") -> Mode:
     return Mode(z, value, False, _ITERATIONS, origin)
 
 
-def climb_in_step(problem: AnyProblem, z: FloatArray, origin: str = "") -> Mode:
+def climb_in_step(problem: AnyProblem, z: FloatArray, origin: str = "", ladder: Sequence[float] = _LADDERS[0]) -> Mode:
     """`climb` on growing shares of the window, each from where the one before ended."""
-    for share in _SHARES:
+    for share in ladder:
         z = climb(problem.beginning(share), z).z
     return climb(problem, z, origin)
 
@@ -118,10 +121,16 @@ def find_mode(
         for mode in best:
             on_start(f"closed loop from the open-loop mode of {mode.origin}")
             found.append(climb(problem, mode.z, f"open loop from {mode.origin}"))
-            found.append(climb_in_step(problem, mode.z, f"open loop from {mode.origin}, in growing shares"))
+            found += [
+                climb_in_step(problem, mode.z, f"open loop from {mode.origin}, in growing shares", ladder)
+                for ladder in _LADDERS
+            ]
         for name, theta in starts:
             on_start(f"closed loop from {name}")
             found.append(climb(problem, problem.to_z(theta), name))
+        best_mode = max(found, key=lambda mode: mode.log_density)
+        for z in problem.across_thresholds(best_mode.z, _NEAR):
+            found.append(climb(problem, z, f"{best_mode.origin}, across a threshold"))
     return tuple(sorted(found, key=lambda mode: -mode.log_density))
 
 

@@ -254,6 +254,29 @@ class Problem:
         gradient[self.simulated] -= prior.slope[self.simulated] * pull_back(scaled)
         return value + added, gradient
 
+    def across_thresholds(self, z: FloatArray, within: float) -> list[FloatArray]:
+        """z [d] with the initial temperature of one thermostat's sensor on the other side of one threshold each.
+
+        Only for thresholds that are nearer than `within`, K: there the log density jumps, for a sensor outside of its
+        band switches the heater at once.
+        """
+        if not isinstance(self.simulator, NetworkSimulator):
+            return []
+        theta = self.to_theta(z)
+        thresholds = self.simulator.thresholds(theta[self.simulated])
+        found = []
+        for k, name in enumerate(self.simulator.network.heaters):
+            entry = f"initial.{self.scenario.network.heaters[name].sensor}"
+            for threshold in thresholds[:, k] if entry in self.names else ():
+                position = self.names.index(entry)
+                if abs(theta[position] - threshold) < within:
+                    moved = theta.copy()
+                    moved[position] = 2.0 * threshold - theta[position]
+                    across = z.copy()
+                    across[position] = self.to_z(moved)[position]
+                    found.append(across)
+        return found
+
     def likelihood_of_numbers(self, run: Trajectory, theta: FloatArray) -> tuple[float, FloatArray]:
         """Log likelihood of a simulation at theta [d], and its gradient [d] by noise and discrepancy alone."""
         value, numbers_bar, *_ = self._log_likelihood(run, self.numbers(theta))
