@@ -116,11 +116,15 @@ def test_scores_are_those_of_unseen_windows_and_the_page_shows_them(tmp_path):
     # Differences of 0.5 less and 1.5 more: their standard deviation of one, times the root of two.
     assert content["blocks"]["iid"]["standard_error"] == pytest.approx(np.sqrt(2) * 1.0)
     assert content["blocks"]["iid"]["unreliable"] == 1
+    scores = content["means"]["iid"] | {"rmse": 4.321, "passed": False}
+    content["left_out"] = {"iid": {"june": scores}}
     (tmp_path / "comparison.json").write_text(json.dumps(content))
     page = write_comparison(tmp_path).read_text(encoding="utf-8")
     assert "Recommended: iid" in page
     assert "Not converged: phase" in page
     assert "1 of 2" in page
+    assert "Training windows left out" in page
+    assert "4.32" in page
 
 
 @pytest.mark.parametrize(("models", "message"), [("iid", "two or more"), ("iid,ar2", "found ar2")])

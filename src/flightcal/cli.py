@@ -273,6 +273,9 @@ def compare(
     models: Annotated[
         str, typer.Option(help="Which to compare: iid, ar1, time, phase, both, phase+ar1.")
     ] = "iid,ar1,time,phase,both,phase+ar1",
+    leave_windows_out: Annotated[
+        bool, typer.Option("--leave-windows-out", help="Also predict each training window by the others.")
+    ] = False,
     telemetry: TelemetryPlace = None,
 ) -> None:
     """Calibrate with several models of noise and discrepancy, compare them on unseen windows, and recommend one."""
@@ -281,7 +284,10 @@ def compare(
 
     chosen = [model.strip() for model in models.split(",") if model.strip()]
     with Display() as display:
-        comparison = compare_models(scenario, out, chosen, telemetry=telemetry, listener=display, say=display.learning)
+        comparison = compare_models(
+            scenario, out, chosen, telemetry=telemetry, leave_windows_out=leave_windows_out, listener=display,
+            say=display.learning,
+        )  # fmt: skip
     print_comparison(comparison)
     if not comparison.passed:
         raise typer.Exit(GATE_FAILED)

@@ -16,6 +16,7 @@ from typing import Any
 import numpy as np
 import xarray
 
+from . import left_out
 from .calibration import JointProblem, Problem, calibration_problem
 from .environment import orbital_period
 from .errors import RunError
@@ -61,12 +62,14 @@ def compare_models(
     models: Sequence[str] = MODELS,
     *,
     telemetry: Path | str | None = None,
+    leave_windows_out: bool = False,
     listener: Listener | None = None,
     say: Callable[[str], None] = lambda _: None,
 ) -> Comparison:
     """Run the experiment with each model in a folder of its name in `out`, and write comparison.json and .html.
 
-    Models that are done in the folder are not run again. say: told which model begins.
+    Models that are done in the folder are not run again. leave_windows_out: also predict each training window by the
+    others (see `left_out`); these are run again. say: told which model begins.
     Raises FlightcalError for what is the user's to mend.
     """
     unknown = [model for model in models if model not in MODELS]
@@ -75,18 +78,23 @@ def compare_models(
     scenario = load_scenario(scenario_file, telemetry=telemetry)
     if all(is_trained(window) for window in scenario.windows):
         raise RunError(f"{scenario_file}: windows: found none but those to train on, expected one to compare on")
+    if leave_windows_out:
+        left_out.check_windows(scenario)
     folder = Path(out)
     folder.mkdir(parents=True, exist_ok=True)
-    summaries, loos = {}, {}
+    summaries, loos, others = {}, {}, {}
     for model in models:
         say(model)
         file = folder / f"{model}.yaml"
         _write(file, resolved_yaml(variant(scenario, model), absolute=True))
         summaries[model] = run_experiment(file, folder / model, listener=listener)
         loos[model] = _block_loo(file, summaries[model])
+        if leave_windows_out:
+            own = load_scenario(file)
+            others[model] = left_out.leave_windows_out(own, read(own), say=say)
     metrics = {model: summary.metrics for model, summary in summaries.items()}
     passed = {model: summary.passed for model, summary in summaries.items()}
-    content = comparison_of(scenario.name, metrics, loos, passed)
+    content = comparison_of(scenario.name, metrics, loos, passed) | {"left_out": others}
     _write(folder / _RESULT, json.dumps(plain(content), indent=1, allow_nan=False) + "\n")
     write_comparison(folder)
     return Comparison(folder, summaries, content)

@@ -217,10 +217,10 @@ def _predict_stage(
             stand_in = None if emulation is None else partial(window_emulator, run, key, emulation, draws)
             windows = {}
             for window in scenario.windows:
-                thetas = _in_window(problem, data, window, points, draws)
+                thetas = in_window(problem, data, window, points, draws)
                 windows[window] = predict(
                     scenario, data, window, *thetas, seed=seed, stand_in=stand_in,
-                    trained=_trained(problem, window, draws), orthogonal_at=orthogonal_at,
+                    trained=nearest_trained(problem, window, draws), orthogonal_at=orthogonal_at,
                 )[0]  # fmt: skip
             metrics = [metric for window, predicted in windows.items() for metric in score(predicted, window)]
             run.write_netcdf("prediction.nc", xarray.DataTree.from_dict(windows))
@@ -229,7 +229,7 @@ def _predict_stage(
     return tuple(Metric(**record) for record in records)
 
 
-def _in_window(
+def in_window(
     problem: AnyProblem, data: xarray.Dataset, window: str, points: dict[str, FloatArray], draws: FloatArray
 ) -> tuple[dict[str, FloatArray], FloatArray]:
     """Points [d] and draws [S, d] as thetas of a window's own problem."""
@@ -242,7 +242,7 @@ def _in_window(
     return of_points, problem.window_thetas(inside, draws, rng)
 
 
-def _trained(problem: AnyProblem, window: str, draws: FloatArray) -> tuple[str, FloatArray]:
+def nearest_trained(problem: AnyProblem, window: str, draws: FloatArray) -> tuple[str, FloatArray]:
     """The training window that is nearest to a window, and posterior draws [S, d] as thetas of its problem."""
     if isinstance(problem, Problem):
         return problem.window, draws

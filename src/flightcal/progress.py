@@ -212,6 +212,11 @@ def print_comparison(comparison: ModelComparison, console: Console | None = None
         ]
         table.add_row(model, *shown)
     console.print(table)
+    for model, windows in comparison.content["left_out"].items():
+        for window, scores in windows.items():
+            words = f"PICP {scores['picp']:.1%}, CRPS {scores['crps']:.4g} K, log score {scores['log_score']:.4g}"
+            note = "" if scores["passed"] else " (not converged)"
+            console.print(f"{model}, {window} predicted by the others: {words}{note}", highlight=False, soft_wrap=True)
     console.print(f"recommended: [bold]{comparison.content['recommended']}[/bold]", highlight=False)
     console.print(comparison.content["reason"], highlight=False, markup=False)
     console.print(f"page: {comparison.folder / 'comparison.html'}", highlight=False, soft_wrap=True, markup=False)

@@ -40,6 +40,27 @@ def joint(request, tmp_path_factory):
     return calibration_problem(*small.closed_loop(tmp_path_factory.mktemp("joint"), content))
 
 
+def test_a_default_lengthscale_suits_all_windows(tmp_path):
+    scenario, data = small.closed_loop(tmp_path, written(discrepancy={"time": {}}))
+    joint = calibration_problem(scenario, data)
+    own = [build_problem(scenario, data, window) for window in scenario.train_windows]
+    name = "discrepancy.time.lengthscale"
+    bounds = [(prior.lower, prior.upper) for prior in (of(problem, name) for problem in own)]
+    assert bounds[0] != bounds[1]
+    for problem in (*joint.problems, *joint.open_loop.problems, joint):
+        prior = of(problem, name)
+        assert (prior.lower, prior.upper) == (max(low for low, _ in bounds), min(high for _, high in bounds))
+    z = joint.to_z(joint.priors.median())
+    theta = joint.to_theta(z + 0.2)
+    for problem in joint.problems:
+        inside = joint.window_thetas(problem, theta[None])[0]
+        assert inside[problem.names.index(name)] == theta[joint.names.index(name)]
+
+
+def of(problem, name):
+    return problem.priors.priors[problem.names.index(name)]
+
+
 def points(joint, count=3):
     """Away from the mode, in all directions."""
     z = joint.to_z(joint.priors.median())

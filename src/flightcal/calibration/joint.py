@@ -21,7 +21,7 @@ import numpy as np
 import xarray
 
 from ..errors import ScenarioError
-from ..scenario import Normal, Prior, Scenario
+from ..scenario import Normal, Prior, Scenario, Uniform, support
 from ..scenario.priors import HalfNormal
 from ..scenario.schema import is_orthogonal, is_trained
 from ..simulator import Simulator, Trajectory
@@ -354,13 +354,35 @@ def calibration_problem(scenario: Scenario, telemetry: xarray.Dataset) -> Proble
             f"discrepancy.phase: found {len(windows)} windows to train on, expected one: "
             "what comes again in every orbit is learnt from one window"
         )
-    if len(windows) > 1 and written is not None and written.time is not None and written.time.lengthscale is None:
-        raise ScenarioError(
-            "discrepancy.time: found no 'lengthscale' with several windows to train on, expected one: "
-            "the default follows from the one window"
-        )
     problems = tuple(build_problem(scenario, telemetry, window) for window in windows)
-    return problems[0] if len(windows) == 1 else join(problems)
+    return problems[0] if len(windows) == 1 else join(_with_common_lengthscales(problems))
+
+
+def _with_common_lengthscales(problems: tuple[Problem, ...]) -> tuple[Problem, ...]:
+    """The same where lengthscales in time have those default bounds that suit every window. Raises ScenarioError."""
+    written = problems[0].scenario.discrepancy
+    if written is None or written.time is None or written.time.lengthscale is not None:
+        return problems
+    priors = [dict(zip(problem.names, problem.priors.priors, strict=True)) for problem in problems]
+    common: dict[str, Prior] = {}
+    for name in priors[0]:
+        if name.startswith("discrepancy.time.lengthscale"):
+            bounds = [support(own[name]) for own in priors]
+            lower, upper = max(low for low, _ in bounds), min(high for _, high in bounds)
+            if lower >= upper:
+                raise ScenarioError(
+                    "discrepancy.time: found no 'lengthscale' with windows to train on of very different length, "
+                    "expected one: no default suits them all"
+                )
+            common[name] = Uniform(lower=lower, upper=upper)
+    return tuple(_with_priors(problem, common) for problem in problems)
+
+
+def _with_priors(problem: Problem, changed: dict[str, Prior]) -> Problem:
+    names, priors = problem.names, problem.priors.priors
+    own = Priors(names, tuple(changed.get(name, prior) for name, prior in zip(names, priors, strict=True)))
+    opened = None if problem.open_loop is None else _with_priors(problem.open_loop, changed)
+    return replace(problem, priors=own, open_loop=opened)
 
 
 def join(problems: tuple[Problem, ...]) -> JointProblem:

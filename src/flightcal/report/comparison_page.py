@@ -40,6 +40,8 @@ def write_comparison(folder: Path) -> Path:
         Section("channels", "By window and channel", [Block("table", table=_channels(content))]),
         Section("blocks", "Blocks left out of the training", _blocks(content)),
     ]
+    if content.get("left_out"):
+        sections.append(Section("windows", "Training windows left out", _left_out(content)))
     write_page(output, compose("flightcal compare", content["name"], folder, "", _findings(content), sections))
     return output
 
@@ -110,6 +112,23 @@ def _blocks(content: Record) -> list[Block]:
             "Each quarter of an orbit of the training window is predicted from all the others (PSIS-LOO in blocks). "
             "Where Pareto k is above 0.7 leaving the block out changes the posterior too much for this to be exact. "
             "Neighbours in time are known here, so a discrepancy in time looks better than it is for the future.",
+        ),
+    ]
+
+
+def _left_out(content: Record) -> list[Block]:
+    rows = [
+        [window, model, *(_shown(metric, scores[metric]) for metric in SCORES), "yes" if scores["passed"] else "no"]
+        for model, windows in content["left_out"].items()
+        for window, scores in windows.items()
+    ]
+    header = ("window", "model", *(title for title, _, _ in SCORES.values()), "converged")
+    return [
+        Block("table", table=Table(header, sorted(rows), range(2, len(header) - 1))),
+        Block(
+            "text",
+            "Each training window is predicted by a calibration on the others, as a window is that nobody has seen. "
+            "So settings can be chosen by this table, and the unseen windows above remain unseen.",
         ),
     ]
 

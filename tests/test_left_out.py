@@ -1,0 +1,60 @@
+"""Training windows left out in turn: what is calibrated on, and how the one that is left is predicted."""
+
+from types import SimpleNamespace
+
+import numpy as np
+import pytest
+from typer.testing import CliRunner
+
+from flightcal import left_out
+from flightcal.cli import USER_ERROR, app
+from tests import small
+from tests.test_experiment import write
+
+
+def windows():
+    return {
+        "train": {
+            "first": {"start": "2024-03-01T00:00:00", "end": "2024-03-01T01:30:00"},
+            "second": {"start": "2024-03-01T02:10:00", "end": "2024-03-01T03:40:00"},
+        },
+        "test": {"start": "2024-03-01T04:00:00", "end": "2024-03-01T05:30:00"},
+    }
+
+
+def test_each_window_is_predicted_as_unseen_by_a_calibration_on_the_others(tmp_path, monkeypatch):
+    written = small.content()
+    written["windows"] = windows()
+    # Of a single window that is left a drift is known from its prior.
+    written["parameters"]["link"]["drift"] = 0.5
+    scenario, data = small.closed_loop(tmp_path, written)
+    calibrated, said = [], []
+
+    def at_the_truth(problem):
+        calibrated.append([inside.window for inside in problem.problems])
+        theta = problem.priors.median()
+        for name, value in small.TRUTH.items():
+            if name in problem.names:
+                theta[problem.names.index(name)] = value
+        theta[problem.names.index("noise.body_temp")] = 0.1
+        theta[problem.names.index("drift.link")] = 1e-6
+        return SimpleNamespace(flat=np.tile(theta, (200, 1)), diagnostics=SimpleNamespace(passed=len(calibrated) == 1))
+
+    monkeypatch.setattr(left_out, "calibrate_nuts", at_the_truth)
+    found = left_out.leave_windows_out(scenario, data, say=said.append)
+    assert calibrated == [["train.second"], ["train.first"]]
+    assert said == ["without first", "without second"]
+    assert [scores["passed"] for scores in found.values()] == [True, False]
+    for scores in found.values():
+        assert 0.9 < scores["picp"] <= 1.0
+        assert scores["rmse"] < 0.3
+        # Two channels with noise of 0.1 K, and little else.
+        assert scores["mpiw"] == pytest.approx(4 * 0.1, rel=0.2)
+
+
+def test_one_window_cannot_be_left_out(tmp_path):
+    arguments = ["--models", "iid,ar1", "--leave-windows-out", "--out", str(tmp_path / "out")]
+    result = CliRunner().invoke(app, ["compare", str(write(tmp_path)), *arguments])
+    assert result.exit_code == USER_ERROR
+    assert "found one window to train on" in result.output
+    assert not (tmp_path / "out").exists()
