@@ -137,7 +137,6 @@ def integrate_many(
     """Packed systems [S, P] side by side, observed with errors [S, 3, N] (see `Sensors`).
 
     scatter: [S, E, H] K of the thresholds, see `forward`; None: there is none.
-
     outputs.outcome says which failed; TOO_MANY_SWITCHES: more than one a step, which `integrate_packed` may still do.
     """
     capacity = len(drive.times) - 1 + _SPARE_SEGMENTS
