@@ -6,9 +6,10 @@ import numpy as np
 import pytest
 from typer.testing import CliRunner
 
-from flightcal import compare
+from flightcal import compare, left_out
 from flightcal.cli import USER_ERROR, app
 from flightcal.compare import MODELS, comparison_of, recommend, variant
+from flightcal.experiment import Summary
 from flightcal.report import write_comparison
 from flightcal.run_directory import plain
 from flightcal.scenario import load_scenario, resolved_yaml
@@ -151,3 +152,25 @@ def test_a_discrepancy_is_recommended_where_the_simulator_lacks_a_load(tmp_path)
     assert found.content["means"]["phase"]["crps"] < 0.8 * found.content["means"]["iid"]["crps"]
     assert (tmp_path / "out" / "comparison.html").exists()
     assert (tmp_path / "out" / "phase" / "report.html").exists()
+
+
+def test_an_interrupted_sampling_ends_the_comparison_and_what_was_left_out_is_kept(tmp_path, monkeypatch):
+    scenario_file, out = write(tmp_path), tmp_path / "out"
+    ran = []
+
+    def experiment(file, run, *, listener):
+        run.mkdir(parents=True, exist_ok=True)
+        ran.append(run.name)
+        return Summary(run, run / "report.html", {"passed": True}, (), interrupted=run.name == "ar1")
+
+    monkeypatch.setattr(compare, "run_experiment", experiment)
+    monkeypatch.setattr(compare, "_block_loo", lambda *_: loo(1.0))
+    with pytest.raises(KeyboardInterrupt):
+        compare.compare_models(scenario_file, out, ["iid", "ar1", "time"])
+    assert ran == ["iid", "ar1"]
+    asked = []
+    monkeypatch.setattr(left_out, "leave_windows_out", lambda *_, **__: asked.append(1) or {"june": {"picp": 0.9}})
+    summary = experiment(out / "iid.yaml", out / "iid", listener=None)
+    for _ in range(2):
+        assert compare._left_out(out / "iid.yaml", summary, lambda _: None) == {"june": {"picp": 0.9}}
+    assert len(asked) == 1

@@ -38,7 +38,9 @@ def test_each_window_is_predicted_as_unseen_by_a_calibration_on_the_others(tmp_p
                 theta[problem.names.index(name)] = value
         theta[problem.names.index("noise.body_temp")] = 0.1
         theta[problem.names.index("drift.link")] = 1e-6
-        return SimpleNamespace(flat=np.tile(theta, (200, 1)), diagnostics=SimpleNamespace(passed=len(calibrated) == 1))
+        diagnostics = SimpleNamespace(passed=len(calibrated) == 1)
+        draws = SimpleNamespace(interrupted=len(calibrated) == 3)
+        return SimpleNamespace(flat=np.tile(theta, (200, 1)), diagnostics=diagnostics, draws=draws)
 
     monkeypatch.setattr(left_out, "calibrate_nuts", at_the_truth)
     found = left_out.leave_windows_out(scenario, data, say=said.append)
@@ -50,6 +52,8 @@ def test_each_window_is_predicted_as_unseen_by_a_calibration_on_the_others(tmp_p
         assert scores["rmse"] < 0.3
         # Two channels with noise of 0.1 K, and little else.
         assert scores["mpiw"] == pytest.approx(4 * 0.1, rel=0.2)
+    with pytest.raises(KeyboardInterrupt):
+        left_out.leave_windows_out(scenario, data)
 
 
 def test_one_window_cannot_be_left_out(tmp_path):

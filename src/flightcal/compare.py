@@ -39,6 +39,7 @@ COVERED = (0.90, 0.99)
 """What the 95% interval may cover of unseen telemetry without a word of caution."""
 _DRAWS = 200
 _RESULT = "comparison.json"
+_LEFT_OUT = "left_out.json"
 
 
 @dataclass(frozen=True)
@@ -68,9 +69,9 @@ def compare_models(
 ) -> Comparison:
     """Run the experiment with each model in a folder of its name in `out`, and write comparison.json and .html.
 
-    Models that are done in the folder are not run again. leave_windows_out: also predict each training window by the
-    others (see `left_out`); these are run again. say: told which model begins.
-    Raises FlightcalError for what is the user's to mend.
+    What is done in the folder is not run again. leave_windows_out: also predict each training window by the others
+    (see `left_out`). say: told which model begins.
+    Raises FlightcalError for what is the user's to mend, and KeyboardInterrupt after a sampling that was interrupted.
     """
     unknown = [model for model in models if model not in MODELS]
     if unknown or len(models) < 2:
@@ -88,10 +89,11 @@ def compare_models(
         file = folder / f"{model}.yaml"
         _write(file, resolved_yaml(variant(scenario, model), absolute=True))
         summaries[model] = run_experiment(file, folder / model, listener=listener)
+        if summaries[model].interrupted:
+            raise KeyboardInterrupt
         loos[model] = _block_loo(file, summaries[model])
         if leave_windows_out:
-            own = load_scenario(file)
-            others[model] = left_out.leave_windows_out(own, read(own), say=say)
+            others[model] = _left_out(file, summaries[model], say)
     metrics = {model: summary.metrics for model, summary in summaries.items()}
     passed = {model: summary.passed for model, summary in summaries.items()}
     content = comparison_of(scenario.name, metrics, loos, passed) | {"left_out": others}
@@ -102,6 +104,17 @@ def compare_models(
 
 def _write(file: Path, text: str) -> None:
     write_atomically(file, lambda path: path.write_text(text, encoding="utf-8"))
+
+
+def _left_out(file: Path, summary: Summary, say: Callable[[str], None]) -> dict[str, Any]:
+    """Scores of training windows that were left out, kept in the run directory, which is this scenario's alone."""
+    kept = summary.run / _LEFT_OUT
+    if not kept.exists():
+        own = load_scenario(file)
+        scores = left_out.leave_windows_out(own, read(own), say=say)
+        _write(kept, json.dumps(plain(scores), indent=1, allow_nan=False) + "\n")
+    found: dict[str, Any] = json.loads(kept.read_text(encoding="utf-8"))
+    return found
 
 
 def variant(scenario: Scenario, model: str) -> Scenario:

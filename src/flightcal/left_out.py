@@ -30,7 +30,8 @@ def leave_windows_out(
     """Scores of each training window's telemetry as the posterior of all others predicts it, by the window's label.
 
     A window's record holds the metrics over its channels together, and `passed`: whether the sampling on the others
-    passed its gates. say: told which window is left out. Raises RunError where there are not several to train on.
+    passed its gates. say: told which window is left out. Raises RunError where there are not several to train on, and
+    KeyboardInterrupt where a sampling is interrupted.
     """
     check_windows(scenario)
     found = {}
@@ -56,6 +57,8 @@ def _predicted_by_others(scenario: Scenario, telemetry: xarray.Dataset, window: 
         # Joint though it is of one window: what drifts is then known from its prior alone.
         problem = join((problem,))
     posterior = calibrate_nuts(problem)
+    if posterior.draws.interrupted:
+        raise KeyboardInterrupt
     settings = scenario.calibration
     rng = np.random.default_rng(settings.seed)
     count = min(settings.prediction.simulations, len(posterior.flat))
