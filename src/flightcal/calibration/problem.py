@@ -263,11 +263,11 @@ class Problem:
         if not isinstance(self.simulator, NetworkSimulator):
             return []
         theta = self.to_theta(z)
-        thresholds = self.simulator.thresholds(theta[self.simulated])
+        system = self.simulator.system(theta[self.simulated])
         found = []
         for k, name in enumerate(self.simulator.network.heaters):
             entry = f"initial.{self.scenario.network.heaters[name].sensor}"
-            for threshold in thresholds[:, k] if entry in self.names else ():
+            for threshold in (system.lower[k], system.upper[k]) if entry in self.names else ():
                 position = self.names.index(entry)
                 if abs(theta[position] - threshold) < within:
                     moved = theta.copy()

@@ -93,7 +93,7 @@ class _Lanes(NamedTuple):
     """Whose crossing is being located; -1: none."""
     iterations: Any
     switches: Any
-    """So far."""
+    """So far, where thresholds scatter."""
     duration: Any
     """Of the grid step, s."""
     low: Any
@@ -162,10 +162,9 @@ def forward(
             if lanes.phase[lane] == _IDLE or decide(structure, measured, lanes, lane, step):
                 continue
             reached = _accept(structure, times, lanes, lane, step, record)
-            if lanes.heater[lane] >= 0:
+            if scatter.shape[1] > 0 and lanes.heater[lane] >= 0:
                 lanes.switches[lane] += 1
-                if scatter.shape[1] > 0:
-                    _set_thresholds(structure, packed, scatter, lanes, lane, lanes.heater[lane])
+                _set_thresholds(structure, packed, scatter, lanes, lane, lanes.heater[lane])
             if reached:
                 if lanes.heater[lane] >= 0:
                     _set_heating(structure, packed, lanes, lane)

@@ -185,12 +185,6 @@ class NetworkSimulator:
         run = self._integrate(numbers, packed, derivative=True)
         return _trajectory(run.outputs, 0), partial(self._cotangent, theta, numbers, packed, run)
 
-    def thresholds(self, theta: FloatArray) -> FloatArray:
-        """[2, H] K, where each heater goes on and where it goes off."""
-        packed = self._assemble(theta)[1]
-        lower, upper, initial = packed_bounds(self.network.structure)[3:6]
-        return np.stack([packed[lower:upper], packed[upper:initial]])
-
     def threshold_excess(
         self, theta: FloatArray, switches: Switch
     ) -> tuple[FloatArray, Callable[[FloatArray], FloatArray]]:

@@ -53,12 +53,13 @@ class InexactSimulator:
 
     def simulate_many(self, thetas: FloatArray) -> list[Trajectory | None]:
         """Simulations at thetas [S, d], in parallel; None where one failed."""
-        runs = self.exact.simulate_many(thetas)
-        return [None if run is None else replace(run, error_variance=self.error_variance) for run in runs]
+        return self._with_error(self.exact.simulate_many(thetas))
 
     def simulate_scattered(self, thetas: FloatArray, rng: np.random.Generator) -> list[Trajectory | None]:
         """As that of the network."""
-        runs = self.exact.simulate_scattered(thetas, rng)
+        return self._with_error(self.exact.simulate_scattered(thetas, rng))
+
+    def _with_error(self, runs: list[Trajectory | None]) -> list[Trajectory | None]:
         return [None if run is None else replace(run, error_variance=self.error_variance) for run in runs]
 
     def linearise(self, theta: FloatArray) -> tuple[Trajectory, Callable[..., FloatArray]]:
