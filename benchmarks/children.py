@@ -58,6 +58,34 @@ def integrations(core: int, seconds: int) -> dict[str, float]:
 _START_ROUNDS = 2
 
 
+def forward(rounds: int) -> dict[str, float]:
+    """Of the forward run, over the C program's time: called with prepared arguments as that is, and from Python."""
+    from flightcal.simulator.integrate import NOTHING, integrate_packed
+    from flightcal.simulator.system import pack
+
+    from .canonical import canonical
+    from .peers import c_program
+    from .problem import benchmark_problem
+    from .share import forward_alone
+    from .timing import interleaved, ratios
+
+    problem, theta = benchmark_problem()
+    model = canonical(problem)
+    structure, drive = model.structure, model.drive
+    system = model.simulator.system(theta[problem.simulated])
+    packed, no_sensors = pack(system), np.zeros((3, 0))
+    timings = interleaved(
+        {
+            "C": c_program.forward(structure, system, drive),
+            "prepared": forward_alone(structure, packed, drive),
+            "Python": lambda: integrate_packed(structure, packed, drive, NOTHING, no_sensors, derivative=False),
+        },
+        rounds,
+    )
+    over = ratios(timings, "C")
+    return {"C": timings["C"].median, "prepared": over["prepared"].median, "Python": over["Python"].median}
+
+
 def memory(orbits: int, nodes: int) -> dict[str, float]:
     """Peak of the process in MiB, by how much a gradient raised it, and the seconds that it took."""
     from flightcal.simulator import integrate, pull_back
@@ -100,13 +128,10 @@ def experiment(scenario: str, out: str) -> dict[str, float]:
     return {"import": imported - begin, **stages, "all": done - begin, "compilation": sum(compiling), "passed": passed}
 
 
+_MEASURES = {measure.__name__: measure for measure in (chains, integrations, forward, memory, experiment)}
+
+
 if __name__ == "__main__":
     what, *given = sys.argv[1:]
     arguments = given if what == "experiment" else [int(value) for value in given]
-    print(
-        json.dumps(
-            {"chains": chains, "integrations": integrations, "memory": memory, "experiment": experiment}[what](
-                *arguments
-            )
-        )
-    )
+    print(json.dumps(_MEASURES[what](*arguments)))

@@ -1,21 +1,22 @@
-"""How much of a log density with its gradient is the compiled integration and its adjoint."""
+"""The compiled integration without the Python around it, as the sampler runs it: alone, and with its adjoint."""
 
 from __future__ import annotations
 
 import ctypes
 from collections.abc import Callable
 from pathlib import Path
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 from numba import types
 
 from flightcal.calibration import Problem, native
 from flightcal.calibration.whitening import Whitening
-from flightcal.compiled import callback, stored
-from flightcal.simulator import simulate
+from flightcal.compiled import callback, make_stored, store, stored
+from flightcal.simulator import Drive, Structure, simulate
 from flightcal.simulator.adjoint import adjoint
-from flightcal.simulator.forward import forward
+from flightcal.simulator.forward import COUNTERS, REALS, forward
+from flightcal.simulator.integrate import NOTHING, make_outputs, make_record, step_memory
 
 
 def integration_alone(problem: Problem, z: Any) -> Callable[[], Any]:
@@ -27,6 +28,63 @@ def integration_alone(problem: Problem, z: Any) -> Callable[[], Any]:
     made = callback(_integration, types.int64(types.voidptr), [*folders, Path(__file__).parent])
     function = ctypes.CFUNCTYPE(ctypes.c_int64, ctypes.c_void_p)(made.address)
     return lambda: (function(density.address), density)
+
+
+class _Forward(NamedTuple):
+    """What `forward` takes, in its order."""
+
+    structure: Any
+    packed: Any
+    times: Any
+    series: Any
+    measured: Any
+    initially_on: Any
+    sampling: Any
+    sensors: Any
+    errors: Any
+    scatter: Any
+    memory: Any
+    counters: Any
+    reals: Any
+    driven: Any
+    record: Any
+    outputs: Any
+
+
+_stored_forward = make_stored()
+
+
+def forward_alone(structure: Structure, packed: Any, drive: Drive) -> Callable[[], Any]:
+    """A function that simulates a packed system [P] and returns states [K+1, n].
+
+    Everything that is not the simulation is done here, once: its memory and arguments are prepared.
+    """
+    heaters, switches = len(structure.sensor), len(drive.times)
+    record = make_record(structure, drive, 1, 2 * switches, None)
+    outputs = make_outputs(structure, NOTHING, 1, switches)
+    arguments = _Forward(
+        structure, packed[None], drive.times, drive.series, drive.measured, drive.initially_on,
+        NOTHING.sampling, NOTHING.sensors, np.zeros((1, 3, 0)), np.zeros((1, 0, heaters)),
+        step_memory(structure, 0)[0], np.empty((COUNTERS, 1), np.int64), np.empty((REALS, 1)),
+        np.empty((1, heaters), np.bool_), record, outputs,
+    )  # fmt: skip
+    kept = store(arguments)
+    folder = Path(simulate.__file__ or "").parent
+    made = callback(_forward, types.int64(types.voidptr), [folder, Path(__file__).parent])
+    function = ctypes.CFUNCTYPE(ctypes.c_int64, ctypes.c_void_p)(made.address)
+    address = kept.ctypes.data
+    return lambda: (function(address), arguments, kept)[1].record.states[0]
+
+
+def _forward(address):  # type: ignore[no-untyped-def]
+    call = _stored_forward(address)
+    call.outputs.noted[0] = 0
+    forward(
+        call.structure, call.packed, call.times, call.series, call.measured, call.initially_on,
+        call.sampling, call.sensors, call.errors, call.scatter,
+        call.memory, call.counters, call.reals, call.driven, call.record, call.outputs,
+    )  # fmt: skip
+    return 0
 
 
 def _integration(address):  # type: ignore[no-untyped-def]

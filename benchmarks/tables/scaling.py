@@ -2,10 +2,7 @@
 
 from __future__ import annotations
 
-import json
 import os
-import subprocess
-import sys
 import tempfile
 from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
@@ -15,6 +12,7 @@ import numpy as np
 
 from flightcal.simulator import integrate, pull_back
 
+from ..apart import measured_apart
 from ..networks import ORBIT, Case, boxes, chain, plate, with_parameters
 from ..problem import make_problem
 from ..report import Section, Table
@@ -108,7 +106,7 @@ def _chains(quick: bool) -> Table:
     cores = [k for k in (1, 2, 4, 8, 16, 32) if k <= len(usable)]
     rows = []
     for chains in (2, 4, 8):
-        rates = [_child("chains", chains, used, 50 if quick else 200)["rate"] for used in cores]
+        rates = [measured_apart("chains", chains, used, 50 if quick else 200)["rate"] for used in cores]
         rows.append([str(chains), *(f"{rate:,.0f}" for rate in rates), f"{rates[-1] / rates[0]:.2f}"])
     rates = [sum(_together("integrations", used)) for used in cores]
     rows.append(
@@ -125,7 +123,7 @@ def _chains(quick: bool) -> Table:
 def _memory(cases: Any) -> Table:
     rows = []
     for orbits, nodes in cases:
-        found = _child("memory", orbits, nodes)
+        found = measured_apart("memory", orbits, nodes)
         rows.append(
             [
                 f"{orbits} orbits, {nodes} nodes",
@@ -140,13 +138,4 @@ def _memory(cases: Any) -> Table:
 def _together(what: str, processes: int, seconds: int = 5) -> list[float]:
     """Rates of so many processes at the same time, each on a core of its own."""
     with ThreadPoolExecutor(processes) as pool:
-        return [found["rate"] for found in pool.map(lambda core: _child(what, core, seconds), range(processes))]
-
-
-def _child(*arguments: Any) -> dict[str, float]:
-    command = [sys.executable, "-m", "benchmarks.children", *map(str, arguments)]
-    done = subprocess.run(command, capture_output=True, text=True, check=False)
-    if done.returncode:
-        raise AssertionError(f"{arguments}: {done.stderr.strip().splitlines()[-1:]}")
-    result: dict[str, float] = json.loads(done.stdout.splitlines()[-1])
-    return result
+        return [found["rate"] for found in pool.map(lambda core: measured_apart(what, core, seconds), range(processes))]

@@ -2,15 +2,12 @@
 
 from __future__ import annotations
 
-import json
-import os
-import subprocess
-import sys
 import tempfile
 from pathlib import Path
 
 from ruamel.yaml import YAML
 
+from ..apart import measured_apart
 from ..report import Section, Table
 from ..timing import duration
 
@@ -24,8 +21,11 @@ def measure(quick: bool) -> Section:
         place = Path(folder)
         scenario = _scenario(place, quick)
         written = YAML(typ="safe").load(scenario.read_text(encoding="utf-8"))["calibration"]
-        first = _run(scenario, place / "first", place / "cache")
-        later = [_run(scenario, place / f"run_{k}", place / "cache") for k in range(1 if quick else _LATER_RUNS)]
+        first = measured_apart("experiment", scenario, place / "first", cache=place / "cache")
+        later = [
+            measured_apart("experiment", scenario, place / f"run_{k}", cache=place / "cache")
+            for k in range(1 if quick else _LATER_RUNS)
+        ]
     stages = [name for name in first if name not in ("passed", "all", "compilation")]
     typical = {name: sorted(run[name] for run in later)[len(later) // 2] for name in first}
     rows = [[name, duration(first[name]), duration(typical[name])] for name in [*stages, "all", "compilation"]]
@@ -59,13 +59,3 @@ def _scenario(folder: Path, quick: bool) -> Path:
         yaml.sort_base_mapping_type_on_output = False
         yaml.dump(written, stream)
     return file
-
-
-def _run(scenario: Path, out: Path, cache: Path) -> dict[str, float]:
-    command = [sys.executable, "-m", "benchmarks.children", "experiment", str(scenario), str(out)]
-    environment = {**os.environ, "NUMBA_CACHE_DIR": str(cache)}
-    done = subprocess.run(command, capture_output=True, text=True, check=False, env=environment)
-    if done.returncode:
-        raise AssertionError(f"the experiment failed: {done.stderr.strip().splitlines()[-1:]}")
-    result: dict[str, float] = json.loads(done.stdout.splitlines()[-1])
-    return result
