@@ -5,7 +5,7 @@ from __future__ import annotations
 import ctypes
 from collections.abc import Callable
 from pathlib import Path
-from typing import Any, NamedTuple
+from typing import Any
 
 import numpy as np
 from numba import types
@@ -30,27 +30,6 @@ def integration_alone(problem: Problem, z: Any) -> Callable[[], Any]:
     return lambda: (function(density.address), density)
 
 
-class _Forward(NamedTuple):
-    """What `forward` takes, in its order."""
-
-    structure: Any
-    packed: Any
-    times: Any
-    series: Any
-    measured: Any
-    initially_on: Any
-    sampling: Any
-    sensors: Any
-    errors: Any
-    scatter: Any
-    memory: Any
-    counters: Any
-    reals: Any
-    driven: Any
-    record: Any
-    outputs: Any
-
-
 _stored_forward = make_stored()
 
 
@@ -62,7 +41,7 @@ def forward_alone(structure: Structure, packed: Any, drive: Drive) -> Callable[[
     heaters, switches = len(structure.sensor), len(drive.times)
     record = make_record(structure, drive, 1, 2 * switches, None)
     outputs = make_outputs(structure, NOTHING, 1, switches)
-    arguments = _Forward(
+    arguments = (  # no named tuple: Numba would look for its class in every process that shares the cache
         structure, packed[None], drive.times, drive.series, drive.measured, drive.initially_on,
         NOTHING.sampling, NOTHING.sensors, np.zeros((1, 3, 0)), np.zeros((1, 0, heaters)),
         step_memory(structure, 0)[0], np.empty((COUNTERS, 1), np.int64), np.empty((REALS, 1)),
@@ -73,17 +52,13 @@ def forward_alone(structure: Structure, packed: Any, drive: Drive) -> Callable[[
     made = callback(_forward, types.int64(types.voidptr), [folder, Path(__file__).parent])
     function = ctypes.CFUNCTYPE(ctypes.c_int64, ctypes.c_void_p)(made.address)
     address = kept.ctypes.data
-    return lambda: (function(address), arguments, kept)[1].record.states[0]
+    return lambda: (function(address), record.states[0], arguments, kept)[1]
 
 
 def _forward(address):  # type: ignore[no-untyped-def]
-    call = _stored_forward(address)
-    call.outputs.noted[0] = 0
-    forward(
-        call.structure, call.packed, call.times, call.series, call.measured, call.initially_on,
-        call.sampling, call.sensors, call.errors, call.scatter,
-        call.memory, call.counters, call.reals, call.driven, call.record, call.outputs,
-    )  # fmt: skip
+    arguments = _stored_forward(address)
+    arguments[-1].noted[0] = 0
+    forward(*arguments)
     return 0
 
 
