@@ -6,7 +6,6 @@ import numpy as np
 import pytest
 
 from flightcal.calibration import build_problem, climb, find_mode
-from flightcal.calibration.mode import climb_in_step
 from flightcal.calibration.synthetic import simulate_telemetry, with_telemetry
 from flightcal.compare import variant
 from flightcal.scenario import load_scenario
@@ -87,7 +86,7 @@ def test_a_climb_from_where_nothing_can_be_simulated_says_so(problem):
     assert mode.log_density == -np.inf
 
 
-def test_a_start_that_loses_step_with_the_telemetry_is_followed_through_growing_shares(tmp_path):
+def test_a_thermostat_out_of_step_after_an_outage_is_brought_back_into_it(tmp_path):
     written = small.content()
     written["windows"] = {"train": {"start": "2024-03-01T00:00:00", "end": "2024-03-01T06:30:00"}}
     scenario, data = small.load(tmp_path, written)
@@ -97,26 +96,28 @@ def test_a_start_that_loses_step_with_the_telemetry_is_followed_through_growing_
     for channel in ("body_temp", "panel_temp", "heater_status"):
         data[channel].loc[lost] = np.nan
     problem = build_problem(scenario, data)
+    assert problem.open_loop is not None
     start = climb(problem.open_loop, problem.to_z(problem.priors.median())).z
     values = {"noise.body_temp": 0.05, "initial.body": 285.0, "initial.panel": 262.0} | truth
     at_truth = problem.log_density(problem.to_z(np.array([values[name] for name in problem.names])))
     assert climb(problem, start).log_density < at_truth - 100
-    assert climb_in_step(problem, start).log_density >= at_truth
+    rng = np.random.default_rng(0)
+    assert find_mode(problem, [], open_loop=problem.open_loop, rng=rng)[0].log_density >= at_truth
 
 
-REPEATS = (90, 92, 165)
-"""Of `examples/validation` with AR(1) noise, where whole-window polishing ended 8 to 350 nats below the truth's mode: a
-finer ladder of shares finds the first, the other side of a threshold the two others."""
+REPEATS = (("ar1", 90), ("ar1", 92), ("ar1", 165), ("time", 12), ("time", 19), ("time", 21))
+"""Of `examples/validation`, where to follow the whole window from the open loop's mode ends 8 to 350 nats below the
+truth's mode; in the last two the open loop has several modes with the discrepancy itself."""
 
 
-@pytest.mark.parametrize("repeat", REPEATS)
-def test_a_thermostat_that_starts_near_its_threshold_or_drifts_out_of_step_is_followed(repeat):
-    scenario = variant(load_scenario(VALIDATION), "ar1")
+@pytest.mark.parametrize(("model", "repeat"), REPEATS)
+def test_a_thermostat_that_starts_near_its_threshold_or_drifts_out_of_step_is_followed(model, repeat):
+    scenario = variant(load_scenario(VALIDATION), model)
     data = read_telemetry(scenario.telemetry, scenario.folder)
     problem = build_problem(scenario, data)
     rng = np.random.default_rng([scenario.calibration.seed, repeat])
     truth = problem.priors.sample(rng, 1)[0]
-    made = with_telemetry(problem, data, *simulate_telemetry(problem, truth, rng)).independent()
+    made = with_telemetry(problem, data, *simulate_telemetry(problem, truth, rng))
     assert made.open_loop is not None
-    found = find_mode(made, [], open_loop=made.open_loop, rng=rng, random_starts=2)
+    found = find_mode(made, [], open_loop=made.open_loop, rng=rng)
     assert found[0].log_density > climb(made, made.to_z(truth)).log_density - 1.0

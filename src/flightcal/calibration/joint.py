@@ -229,22 +229,6 @@ class JointProblem:
             hessian += np.einsum("ai,ab,bj->ij", derivative, own, derivative, optimize=True)
         return hessian
 
-    def beginning(self, share: float) -> JointProblem:
-        """The same with the temperatures alone, of the first share of each window."""
-        return replace(self, problems=tuple(problem.beginning(share) for problem in self.problems))
-
-    def across_thresholds(self, z: FloatArray, within: float) -> list[FloatArray]:
-        """As `Problem.across_thresholds`: z [d] with one sensor's start in one window on the other side each."""
-        found = []
-        for problem, link in zip(self.problems, self._links, strict=True):
-            inside = link.coordinates(z, self.to_theta(z))
-            for across in problem.across_thresholds(inside, within):
-                moved = np.flatnonzero(across != inside)
-                other = z.copy()
-                other[link.columns[moved]] = across[moved]
-                found.append(other)
-        return found
-
     def rmse(self, thetas: FloatArray, status_weight: float = 0.0) -> FloatArray:
         """RMSE over all channels and windows [S], K, of simulations at thetas [S, d]; NaN where one fails."""
         samples = np.array([problem.valid.sum() for problem in self.problems])

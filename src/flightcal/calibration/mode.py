@@ -1,14 +1,12 @@
 """Finding the posterior mode, where the sampler starts.
 
 The closed-loop likelihood has many local optima, because a thermostat can cycle in step with the telemetry or out of
-it; with the heaters driven by their measured status it has one. So the search runs in open loop from several starts,
-and only its result (and the genetic algorithm's) is polished in closed loop: on the whole window, and on growing shares
-of it before that, because a thermostat's phase drifts from switch to switch and a start that is in step with the
-telemetry at first may be out of it at the end. No ladder of shares is always right, so there are two; and where a
-sensor starts near a threshold, the other side of it is tried.
+it; with the heaters driven by their measured status (open loop) it has few. So the search runs in open loop first. The
+normal distribution around each mode there holds the closed loop's parameters: of many draws from it, those that are
+most in step with the telemetry are climbed from.
 
-Correlated noise and discrepancies explain any residuals, so far from the mode they would hold the parameters there: the
-search is made with independent noise, and only its best modes are followed with the residuals' own model.
+Correlated noise and discrepancies explain any residuals, so far from the mode they would hold the parameters there:
+modes with independent noise are followed with the residuals' own model, beside the search in that model itself.
 """
 
 from __future__ import annotations
@@ -18,19 +16,20 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from ..errors import FlightcalError
 from ..simulator import SimulationFailure
 from ..simulator.system import FloatArray
 from .joint import AnyProblem
 from .start import fit_residuals
+from .whitening import whitening
 
 _ITERATIONS = 100
 _MOST_DAMPING = 1e8
 _CONVERGED = 1e-5  # nats that a further Newton step promises
-_POLISHED = 3  # open-loop modes that are followed in closed loop
+_FOLLOWED = 3  # modes of a simpler problem that are followed in the one that is asked for
 _SAME = 0.1  # nats; modes that differ by less are one
-_LADDERS = ((1 / 8, 1 / 4, 1 / 2), (1 / 16, 1 / 8, 3 / 16, 1 / 4, 3 / 8, 1 / 2, 3 / 4))
-"""Shares of the window that are followed before the whole."""
-_NEAR = 1.0  # K, of a sensor's initial temperature to a threshold
+_DRAWS = 500  # of which the best few are climbed from
+_CLIMBED = 6
 
 
 @dataclass(frozen=True)
@@ -76,62 +75,71 @@ def climb(problem: AnyProblem, z: FloatArray, origin: str = "") -> Mode:
     return Mode(z, value, False, _ITERATIONS, origin)
 
 
-def climb_in_step(problem: AnyProblem, z: FloatArray, origin: str = "", ladder: Sequence[float] = _LADDERS[0]) -> Mode:
-    """`climb` on growing shares of the window, each from where the one before ended."""
-    for share in ladder:
-        z = climb(problem.beginning(share), z).z
-    return climb(problem, z, origin)
-
-
 def find_mode(
     problem: AnyProblem,
     starts: Sequence[tuple[str, FloatArray]],
     *,
     open_loop: AnyProblem | None = None,
     rng: np.random.Generator,
-    random_starts: int = 6,
+    random_starts: int = _CLIMBED,
     on_start: Callable[[str], None] = lambda _: None,
 ) -> tuple[Mode, ...]:
     """Modes reached from the named thetas [d] in `starts` and from prior draws, best first.
 
     open_loop: the same problem with measured heater status; where it is given, all starts are followed in it first, and
-    the best of the modes found there are polished in closed loop, as are the named starts.
+    the closed loop is searched around the best of the modes found there, and from the named starts.
     """
+    if open_loop is None:
+        return _search(problem, starts, rng, random_starts, on_start)
+    found = []
+    for mode in _distinct(_search(open_loop, starts, rng, random_starts, on_start))[:_FOLLOWED]:
+        on_start(f"closed loop from the open-loop mode of {mode.origin}")
+        for z in (mode.z, *_best(problem, _around(open_loop, mode.z, rng), _CLIMBED)):
+            found.append(climb(problem, z, f"open loop from {mode.origin}"))
+    for name, theta in starts:
+        on_start(f"closed loop from {name}")
+        found.append(climb(problem, fit_residuals(problem, problem.to_z(theta)), name))
+    return tuple(sorted(found, key=lambda mode: -mode.log_density))
+
+
+def _search(
+    problem: AnyProblem,
+    starts: Sequence[tuple[str, FloatArray]],
+    rng: np.random.Generator,
+    random_starts: int,
+    on_start: Callable[[str], None],
+) -> tuple[Mode, ...]:
+    """`find_mode` in one problem: from the named starts, and from the best of many prior draws."""
+    found = []
     if not problem.residuals.is_independent:
-        modes = find_mode(
-            problem.independent(), starts, open_loop=None if open_loop is None else open_loop.independent(),
-            rng=rng, random_starts=random_starts, on_start=on_start,
-        )  # fmt: skip
-        found = []
-        for mode in _distinct(modes)[:_POLISHED]:
+        modes = _search(problem.independent(), starts, rng, random_starts, on_start)
+        for mode in _distinct(modes)[:_FOLLOWED]:
             on_start(f"noise and discrepancy from the mode of {mode.origin}")
             found.append(climb(problem, fit_residuals(problem, mode.z), mode.origin))
-        return tuple(sorted(found, key=lambda mode: -mode.log_density))
-    first = problem if open_loop is None else open_loop
-    found = []
-    for k, theta in enumerate(problem.priors.sample(rng, random_starts)):
-        on_start(f"prior draw {k + 1} of {random_starts}")
-        found.append(climb(first, problem.to_z(theta), f"prior draw {k + 1}"))
+    if random_starts:
+        draws = problem.to_z(problem.priors.sample(rng, _DRAWS))
+        for k, z in enumerate(_best(problem, draws, random_starts)):
+            on_start(f"prior draw {k + 1} of {random_starts}")
+            found.append(climb(problem, z, f"prior draw {k + 1}"))
     for name, theta in starts:
         on_start(name)
-        found.append(climb(first, problem.to_z(theta), name))
-    if open_loop is not None:
-        best = _distinct(sorted(found, key=lambda mode: -mode.log_density))[:_POLISHED]
-        found = []
-        for mode in best:
-            on_start(f"closed loop from the open-loop mode of {mode.origin}")
-            found.append(climb(problem, mode.z, f"open loop from {mode.origin}"))
-            found += [
-                climb_in_step(problem, mode.z, f"open loop from {mode.origin}, in growing shares", ladder)
-                for ladder in _LADDERS
-            ]
-        for name, theta in starts:
-            on_start(f"closed loop from {name}")
-            found.append(climb(problem, problem.to_z(theta), name))
-        best_mode = max(found, key=lambda mode: mode.log_density)
-        for z in problem.across_thresholds(best_mode.z, _NEAR):
-            found.append(climb(problem, z, f"{best_mode.origin}, across a threshold"))
+        found.append(climb(problem, problem.to_z(theta), name))
     return tuple(sorted(found, key=lambda mode: -mode.log_density))
+
+
+def _around(problem: AnyProblem, z: FloatArray, rng: np.random.Generator) -> FloatArray:
+    """Draws [S, d] of the normal distribution around a mode z [d]; none where simulations next to it fail."""
+    try:
+        coordinates = whitening(z, problem.gauss_newton_hessian(z))
+    except (SimulationFailure, FlightcalError):
+        return np.empty((0, len(z)))
+    return coordinates.to_z(rng.standard_normal((_DRAWS, len(z))))
+
+
+def _best(problem: AnyProblem, draws: FloatArray, count: int) -> FloatArray:
+    """The draws [S, d] of highest log density [count, d]."""
+    densities = np.array([problem.log_density(z) for z in draws])
+    return draws[np.argsort(-densities)[:count]]
 
 
 def _distinct(modes: Sequence[Mode]) -> list[Mode]:

@@ -254,29 +254,6 @@ class Problem:
         gradient[self.simulated] -= prior.slope[self.simulated] * pull_back(scaled)
         return value + added, gradient
 
-    def across_thresholds(self, z: FloatArray, within: float) -> list[FloatArray]:
-        """z [d] with the initial temperature of one thermostat's sensor on the other side of one threshold each.
-
-        Only for thresholds that are nearer than `within`, K: there the log density jumps, for a sensor outside of its
-        band switches the heater at once.
-        """
-        if not isinstance(self.simulator, NetworkSimulator):
-            return []
-        theta = self.to_theta(z)
-        system = self.simulator.system(theta[self.simulated])
-        found = []
-        for k, name in enumerate(self.simulator.network.heaters):
-            entry = f"initial.{self.scenario.network.heaters[name].sensor}"
-            for threshold in (system.lower[k], system.upper[k]) if entry in self.names else ():
-                position = self.names.index(entry)
-                if abs(theta[position] - threshold) < within:
-                    moved = theta.copy()
-                    moved[position] = 2.0 * threshold - theta[position]
-                    across = z.copy()
-                    across[position] = self.to_z(moved)[position]
-                    found.append(across)
-        return found
-
     def likelihood_of_numbers(self, run: Trajectory, theta: FloatArray) -> tuple[float, FloatArray]:
         """Log likelihood of a simulation at theta [d], and its gradient [d] by noise and discrepancy alone."""
         value, numbers_bar, *_ = self._log_likelihood(run, self.numbers(theta))
@@ -396,11 +373,6 @@ class Problem:
         jacobian = np.reshape(rows, (-1, len(self.simulated))) * prior.slope[self.simulated]
         hessian[np.ix_(self.simulated, self.simulated)] += np.einsum("ei,ej->ij", jacobian, jacobian)
         return hessian
-
-    def beginning(self, share: float) -> Problem:
-        """The same with the temperatures alone, of the first share of the window."""
-        elapsed = (self.times - self.times[0]) / (self.times[-1] - self.times[0])
-        return self.of_temperatures((elapsed <= share)[:, None])
 
     def of_temperatures(self, kept: NDArray[np.bool_]) -> Problem:
         """The same with the temperatures alone, and of these only the samples that are kept, [T, N] or [T, 1]."""
