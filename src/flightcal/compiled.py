@@ -52,8 +52,26 @@ def compiled_long(function: Callable[..., Any]) -> Any:
 
 def _cached(function: Callable[..., Any], *, nogil: bool) -> Any:
     dispatcher: Any = njit(cache=True, nogil=nogil, **_OPTIONS)(function)
-    dispatcher._cache._cache_file._source_stamp = _digest(Path(function.__code__.co_filename).parent)
+    _stamp(dispatcher, _digest(Path(function.__code__.co_filename).parent))
     return dispatcher
+
+
+def _stamp(function: Any, stamp: str) -> None:
+    """Have a function's cache hold only while the stamp stays, and be empty where it cannot be read.
+
+    Numba reads an index before it looks at the stamp, and the index names the classes of arguments: after an upgrade,
+    perhaps ones that are no longer there.
+    """
+    file = function._cache._cache_file
+    load = file._load_index
+
+    def load_index() -> Any:
+        try:
+            return load()
+        except (ImportError, AttributeError):
+            return {}
+
+    file._source_stamp, file._load_index = stamp, load_index
 
 
 inlined: Any = njit(forceinline=True, **_OPTIONS)
@@ -99,7 +117,7 @@ def _put(typing_context: Any, address: Any, value: Any) -> Any:
     return types.int64(types.int64, value), generate
 
 
-@njit(cache=True, **_OPTIONS)
+@compiled
 def _store(address: Any, value: Any) -> Any:
     return _put(address, value)  # type: ignore[call-arg]
 
@@ -132,6 +150,6 @@ def callback(function: Callable[..., Any], signature: Any, folders: Sequence[Pat
     compiled_function.enable_caching()
     kind = hashlib.sha256(str(_Stored.kind).encode()).hexdigest()
     stamp = "".join([*(_digest(folder) for folder in folders), kind])
-    compiled_function._cache._cache_file._source_stamp = stamp
+    _stamp(compiled_function, stamp)
     compiled_function.compile()
     return compiled_function
