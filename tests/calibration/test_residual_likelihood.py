@@ -248,4 +248,4 @@ def test_the_precision_is_the_inverse_of_the_dense_covariance(kind):
     assert case.numbers.shape[1] == NUMBERS
     for k in range(2):
         valid = case.valid(k)
-        np.testing.assert_allclose(found[valid, k], np.linalg.solve(case.covariance(k), columns[valid, k]), rtol=1e-7)
+        np.testing.assert_allclose(found[valid, k], np.linalg.solve(case.covariance(k), columns[valid, k]), rtol=1e-10)

@@ -146,7 +146,7 @@ def test_of_normal_residuals_it_has_the_parameters_information_of_the_dense_cova
         expected += own.T @ np.linalg.solve(covariance, own)
     kept = np.ix_(problem.simulated, problem.simulated)
     found = problem.gauss_newton_hessian(z)
-    np.testing.assert_allclose(found[kept], expected[kept], rtol=1e-6, atol=1e-6 * np.abs(expected).max())
+    np.testing.assert_allclose(found[kept], expected[kept], rtol=1e-8, atol=1e-10 * np.abs(expected).max())
 
 
 def test_errors_are_drawn_with_the_models_own_likelihood(tmp_path):
