@@ -97,7 +97,9 @@ def test_the_density_has_what_the_status_adds(problem):
     theta = problem.to_theta(z)
     run, settings = problem.simulate(theta), problem.status_settings(theta)
     added = problem.heater_status.log_likelihood(run, settings)[0]
-    assert problem.log_density(z) - replace(problem, heater_status=None).log_density(z) == pytest.approx(added)
+    assert problem.log_density(z) - replace(problem, heater_status=None).log_density(z) == pytest.approx(
+        added, rel=1e-9
+    )
     assert abs(added) > 1.0
 
 

@@ -102,9 +102,9 @@ def test_the_derivatives_agree_with_differences(switches, tau):
 def test_a_heater_that_never_switches_costs_an_error_for_each_sample_that_disagrees():
     wrong = ON.sum()
     expected = wrong * np.log(ERROR) + (len(ON) - wrong) * np.log(1 - ERROR)
-    assert evaluate(sampled(TIMES, ON), [], [10.0, ERROR])[0] == pytest.approx(expected)
+    assert evaluate(sampled(TIMES, ON), [], [10.0, ERROR])[0] == pytest.approx(expected, rel=1e-12)
     expected = wrong * np.log(1 - ERROR) + (len(ON) - wrong) * np.log(ERROR)
-    assert evaluate(sampled(TIMES, ON), [], [10.0, ERROR], initial=1.0)[0] == pytest.approx(expected)
+    assert evaluate(sampled(TIMES, ON), [], [10.0, ERROR], initial=1.0)[0] == pytest.approx(expected, rel=1e-12)
 
 
 def test_a_pulse_fades_away_as_it_gets_shorter():
@@ -157,7 +157,7 @@ def test_channels_and_heaters_are_told_apart():
     first = evaluate(single[0], times[[0, 2, 3]], [10.0, 0.02])
     again = evaluate(single[0], times[[0, 2, 3]], [15.0, 0.03])
     other = evaluate(single[1], times[[1]], [20.0, 0.01])
-    assert value == pytest.approx(first[0] + again[0] + other[0])
+    assert value == pytest.approx(first[0] + again[0] + other[0], rel=1e-12)
     np.testing.assert_allclose(bar, np.insert(first[1] + again[1], 1, other[1]))
     np.testing.assert_allclose(work.settings_bar, np.concatenate([other[2], first[2], again[2]]))
 

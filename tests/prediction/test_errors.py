@@ -8,7 +8,7 @@ from flightcal.calibration import build_problem
 from flightcal.calibration.noise import CORRELATED, INDEPENDENT
 from flightcal.prediction import condition_initial, predict, window_errors
 from flightcal.prediction.errors import FirstErrors
-from flightcal.prediction.matern import covariance
+from flightcal.prediction.matern import covariance, fading, stationary
 
 from .. import small
 
@@ -43,24 +43,41 @@ def truth(problem):
     return np.array([values[name] for name in problem.names])
 
 
+def of_the_process(errors, channel, apart):
+    """Prior covariance of a channel's discrepancy in both windows: the part in time is a Matern process."""
+    model, numbers = errors.model, errors.model.fixed[channel]
+    basis = np.concatenate(
+        [part.residuals.compiled.basis[:, model.time.count :] for part in (errors.train, errors.problem)]
+    )
+    in_phase = model.prior_deviations(numbers)[model.time.count :]
+    return covariance(2.5, numbers[5], numbers[6], apart) + basis * in_phase**2 @ basis.T
+
+
+def of_the_basis(errors, channel, apart):
+    """The same with the training window's functions, and beyond its edge what a Matern process adds to its state."""
+    model, numbers = errors.model, errors.model.fixed[channel]
+    basis = np.concatenate([model.compiled.basis, errors.basis(numbers)])
+    total = basis * model.prior_deviations(numbers) ** 2 @ basis.T
+    seen = fading(2.5, numbers[6], errors.gaps)
+    own = np.ix_(*[np.arange(len(errors.train.times), len(apart))] * 2)
+    total[own] += covariance(2.5, numbers[5], numbers[6], apart[own])
+    total[own] -= seen @ stationary(2.5, numbers[5], numbers[6]) @ seen.T
+    return total
+
+
 class Dense:
     """Everything about one channel as one normal distribution: training residuals, first residuals, errors."""
 
-    def __init__(self, train, window, channel, *, first):
+    def __init__(self, errors, channel, *, first, exact=False):
+        train, window, model = errors.train, errors.problem, errors.model
         times = np.concatenate([train.times, window.times])
         seconds = (times - train.times[0]) / np.timedelta64(1, "s")
         own = np.arange(len(times)) >= len(train.times)
         apart = seconds[:, None] - seconds
         discrepancy = np.zeros_like(apart)
-        model = train.residuals
         if model.compiled.discrepant[channel]:
-            numbers = model.fixed[channel]
-            discrepancy += covariance(2.5, numbers[5], numbers[6], apart)
-            basis = np.concatenate(
-                [problem.residuals.compiled.basis[:, model.time.count :] for problem in (train, window)]
-            )
-            in_phase = model.prior_deviations(numbers)[model.time.count :]
-            discrepancy += basis * in_phase**2 @ basis.T
+            law = of_the_basis if exact else of_the_process
+            discrepancy = law(errors, channel, apart)
         noise = np.where(own[:, None] == own, 0.2**2 * np.exp(-np.abs(apart) / 480.0), 0.0)
         white = 0.1
         if model.compiled.kinds[channel] == INDEPENDENT:
@@ -98,8 +115,8 @@ def case(request, tmp_path_factory):
 @pytest.mark.parametrize("channel", [0, 1])
 def test_errors_are_those_of_the_dense_conditional_normal(case, channel):
     """Up to what the basis of the training window leaves out of a Matern process, a hundredth of its amplitude."""
-    train, window, _, drawn, simulated = case
-    dense = Dense(train, window, channel, first=FIRST)
+    _, _, errors, drawn, simulated = case
+    dense = Dense(errors, channel, first=FIRST)
     mean, expected = dense.given(simulated[:, channel])
     np.testing.assert_allclose(drawn.mean[0, :, channel], mean, atol=0.03)
     sampled = (drawn.discrepancy + drawn.noise)[:, :, channel]
@@ -112,10 +129,10 @@ def test_errors_are_those_of_the_dense_conditional_normal(case, channel):
 
 
 def test_the_law_of_the_first_samples_is_that_before_they_are_seen(case):
-    train, window, errors, _, simulated = case
+    _, window, errors, _, simulated = case
     law = errors.only(np.arange(DRAWS) < 2).at_first()
     for channel in range(2):
-        dense = Dense(train, window, channel, first=0)
+        dense = Dense(errors, channel, first=0)
         mean, expected = dense.given(simulated[:, channel])
         valid = np.isfinite(window.observed[:FIRST, channel])
         factor = law.factors[channel, 1]
@@ -123,6 +140,22 @@ def test_the_law_of_the_first_samples_is_that_before_they_are_seen(case):
         found = (factor @ factor.T)[np.ix_(valid, valid)]
         kept = expected[:FIRST, :FIRST][np.ix_(valid, valid)] + dense.white**2 * np.eye(valid.sum())
         np.testing.assert_allclose(found, kept, atol=0.03 * max(1.0, expected.max()))
+
+
+@pytest.mark.parametrize("channel", [0, 1])
+def test_of_the_functions_themselves_they_are_exactly_those_of_the_dense_normal(case, channel):
+    _, window, errors, drawn, simulated = case
+    mean, _ = Dense(errors, channel, first=FIRST, exact=True).given(simulated[:, channel])
+    np.testing.assert_allclose(drawn.mean[0, :, channel], mean, atol=1e-8 * np.abs(mean).max())
+    law = errors.only(np.arange(DRAWS) < 2).at_first()
+    dense = Dense(errors, channel, first=0, exact=True)
+    mean, expected = dense.given(simulated[:, channel])
+    valid = np.isfinite(window.observed[:FIRST, channel])
+    kept = np.ix_(valid, valid)
+    expected = expected[:FIRST, :FIRST][kept] + dense.white**2 * np.eye(valid.sum())
+    factor = law.factors[channel, 1]
+    np.testing.assert_allclose(law.mean[1, :, channel], mean[:FIRST], atol=1e-8 * np.abs(mean).max())
+    np.testing.assert_allclose((factor @ factor.T)[kept], expected, atol=1e-8 * expected.max())
 
 
 def test_on_the_training_window_the_discrepancy_is_that_of_its_residuals(case):
