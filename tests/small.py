@@ -94,6 +94,13 @@ def content() -> dict[str, Any]:
     }
 
 
+def chattering() -> dict[str, Any]:
+    """The same with thresholds so near to each other that its thermostat switches all the time."""
+    written = content()
+    written["simulator"]["heaters"]["heater"]["off_above"] = "10.00001 degC"
+    return written
+
+
 def load(folder: Path, written: Mapping[str, Any] | None = None, *, hours: float = 7.0) -> tuple[Scenario, xr.Dataset]:
     """The scenario in `folder`, and telemetry of one sample a minute whose temperatures are placeholders."""
     minutes = np.arange(int(hours * 60) + 1)

@@ -20,6 +20,13 @@ def matern(smoothness, length, gap):
     return (1 + x + (x**2 / 3 if smoothness == 2.5 else 0)) * np.exp(-x)
 
 
+def covariance(basis, smoothness, length, seconds):
+    density = matern_factor(smoothness) * length ** (-2 * smoothness)
+    density = density * (2 * smoothness / length**2 + basis.frequencies**2) ** (-smoothness - 0.5)
+    functions = basis.at(seconds)
+    return functions * density @ functions.T
+
+
 @pytest.mark.parametrize("smoothness", [1.5, 2.5])
 @pytest.mark.parametrize("place", ["shortest", "longest"])
 def test_in_time_the_covariance_is_that_of_the_matern_process(smoothness, place):
@@ -28,13 +35,21 @@ def test_in_time_the_covariance_is_that_of_the_matern_process(smoothness, place)
     longest = longest_lengthscale(1000.0, 13000.0)
     basis = time_basis(1000.0, 13000.0, longest, smoothness, 40)
     length = longest if place == "longest" else shortest_lengthscale(basis, smoothness)
-    density = matern_factor(smoothness) * length ** (-2 * smoothness)
-    density = density * (2 * smoothness / length**2 + basis.frequencies**2) ** (-smoothness - 0.5)
-    functions = basis.at(seconds)
-    found = functions * density @ functions.T
-    assert np.abs(found - matern(smoothness, length, seconds[:, None] - seconds)).max() < 0.05
+    assert (
+        np.abs(
+            covariance(basis, smoothness, length, seconds) - matern(smoothness, length, seconds[:, None] - seconds)
+        ).max()
+        < 0.05
+    )
     assert functions_for(basis, smoothness, length) <= 40
     assert functions_for(basis, smoothness, 0.5 * shortest_lengthscale(basis, smoothness)) == 80
+
+
+@pytest.mark.parametrize("smoothness", [1.5, 2.5])
+def test_of_short_lengthscales_it_is_so_up_to_the_windows_ends(smoothness):
+    seconds, length = np.linspace(0.0, 12000.0, 80), 400.0
+    found = covariance(time_basis(0.0, 12000.0, length, smoothness, 150), smoothness, length, seconds)
+    np.testing.assert_allclose(found, matern(smoothness, length, seconds[:, None] - seconds), atol=0.05)
 
 
 def test_derivatives_of_the_functions_are_those_of_differences():

@@ -12,6 +12,7 @@ from flightcal.calibration.methods import Posterior
 from flightcal.calibration.native import REASONS
 from flightcal.calibration.whitening import Whitening
 from flightcal.scenario import load_scenario
+from flightcal.simulator.forward import TOO_MANY_SWITCHES
 
 from .. import small
 
@@ -147,6 +148,14 @@ def test_the_c_function_is_the_density_in_other_coordinates(joint):
     assert density(np.full(len(factor), 1e200))[0] == -np.inf
     assert (density.gradients, density.failures) == (4, 1)
     assert density.last_failure in REASONS.values()
+
+
+def test_what_a_window_fails_by_is_what_all_fail_by(tmp_path):
+    joint = calibration_problem(*small.load(tmp_path, small.chattering() | {"windows": written()["windows"]}))
+    density = joint.native_density(Whitening(np.zeros(len(joint.names)), np.eye(len(joint.names))))
+    z = joint.to_z(joint.priors.median())
+    assert density(z)[0] == joint.log_density(z) == -np.inf
+    assert density.last_failure == REASONS[TOO_MANY_SWITCHES]
 
 
 def test_the_gauss_newton_hessian_is_that_of_all_windows_residuals(joint):

@@ -12,6 +12,7 @@ from flightcal.calibration.nuts import overdispersed_starts, sample
 from flightcal.calibration.whitening import whitening
 from flightcal.scenario.schema import NutsSettings
 from flightcal.simulator import SimulationFailure
+from flightcal.simulator.forward import TOO_MANY_SWITCHES
 
 from .. import small
 
@@ -96,6 +97,13 @@ def test_a_failed_simulation_has_no_density_is_counted_and_named(problem, coordi
         np.testing.assert_array_equal(gradient, 0.0)
     assert (density.gradients, density.failures, density.draws) == (2, 2, 0)
     assert density.last_failure in REASONS.values()
+
+
+def test_a_thermostat_that_chatters_has_no_density_and_is_named(tmp_path):
+    problem = build_problem(*small.load(tmp_path, small.chattering()))
+    density = problem.native_density(whitening(np.zeros(len(problem.names)), np.eye(len(problem.names))))
+    assert density(problem.to_z(problem.priors.median()))[0] == -np.inf
+    assert density.last_failure == REASONS[TOO_MANY_SWITCHES]
 
 
 def test_chains_of_the_c_function_draw_what_chains_of_python_draw(problem, coordinates):

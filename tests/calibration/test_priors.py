@@ -21,6 +21,10 @@ CASES = {
         TruncatedNormal(mean=0.0, standard_deviation=2.0, lower=-20.0, upper=-12.0),
         scipy.stats.truncnorm(-10.0, -6.0, 0.0, 2.0),
     ),
+    "hardly_cut": (
+        TruncatedNormal(mean=2.0, standard_deviation=0.5, lower=-30.0, upper=40.0),
+        scipy.stats.truncnorm(-64.0, 76.0, 2.0, 0.5),
+    ),
     "link": (LogNormal(median=0.8, factor=2.5), scipy.stats.lognorm(SIGMA, scale=0.8)),
     "second_absorptivity": (Uniform(lower=-10.0, upper=300.0), scipy.stats.uniform(-10.0, 310.0)),
     "noise": (HalfNormal(scale=2.0), scipy.stats.halfnorm(scale=2.0)),
@@ -86,6 +90,13 @@ def test_theta_far_out_stays_within_the_bounds_with_finite_derivatives(j):
             assert slope >= 0.0
             assert prior.at(np.array([z])).log_density < -0.5
             assert np.isfinite(prior.at(np.array([z])).gradient).all()
+
+
+def test_the_density_of_a_share_falls_off_with_its_exponents_however_far_out():
+    shares = Priors(("a", "b"), (Beta(alpha=2.0, beta=5.0), Beta(alpha=0.6, beta=0.9)))
+    constant = scipy.special.betaln([2.0, 0.6], [5.0, 0.9]).sum()
+    assert shares.at(np.full(2, 1000.0)).log_density == pytest.approx(-5900.0 - constant, rel=1e-12)
+    assert shares.at(np.full(2, -1000.0)).log_density == pytest.approx(-2600.0 - constant, rel=1e-12)
 
 
 @each

@@ -123,10 +123,17 @@ def test_it_is_smooth_where_a_switch_passes_a_sample():
     np.testing.assert_allclose(np.diff(values) / 0.5, 0.5 * (np.add(slopes[1:], slopes[:-1])), atol=2e-4)
 
 
+def test_a_switch_that_is_surely_between_two_samples_may_move_and_cost_nothing():
+    value, by_time, by_setting = evaluate(sampled(TIMES, ON), [210.0, 450.0, 810.0], [1.0, ERROR])
+    assert value == pytest.approx(len(TIMES) * np.log(1 - ERROR), rel=1e-12)
+    assert not by_time.any()
+    assert by_setting[0] == 0.0
+
+
 def test_more_uncertain_switches_at_once_than_there_is_room_for_have_no_density():
     data = sampled(TIMES, ON)
-    assert np.isfinite(evaluate(data, np.linspace(300.0, 330.0, BAND - 2), [5.0, ERROR])[0])
-    assert evaluate(data, np.linspace(300.0, 330.0, BAND + 2), [5.0, ERROR])[0] == -np.inf
+    assert np.isfinite(evaluate(data, np.linspace(300.0, 330.0, BAND - 1), [5.0, ERROR])[0])
+    assert evaluate(data, np.linspace(300.0, 330.0, BAND), [5.0, ERROR])[0] == -np.inf
 
 
 def test_switches_long_before_the_first_sample_need_no_room():
@@ -160,6 +167,16 @@ def test_channels_and_heaters_are_told_apart():
     assert value == pytest.approx(first[0] + again[0] + other[0], rel=1e-12)
     np.testing.assert_allclose(bar, np.insert(first[1] + again[1], 1, other[1]))
     np.testing.assert_allclose(work.settings_bar, np.concatenate([other[2], first[2], again[2]]))
+
+
+def test_of_channels_with_the_same_settings_the_derivatives_add_up():
+    samples = StatusSamples(
+        np.array([0, 0]), np.array([0, 0]), np.array([0, 18, 36]), np.tile(TIMES, 2), np.tile(ON, 2) * 1.0
+    )  # fmt: skip
+    once = evaluate(sampled(TIMES, ON), [200.0, 471.0, 790.0], [20.0, ERROR])
+    twice = evaluate(NO_STATUS._replace(samples=samples), [200.0, 471.0, 790.0], [20.0, ERROR])
+    for one, two in zip(once, twice, strict=True):
+        np.testing.assert_allclose(two, 2.0 * one, rtol=1e-12)
 
 
 SPANS = ([0.0, 500.0], [300.0, 1100.0])  # s, begin and end
