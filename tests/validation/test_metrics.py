@@ -58,9 +58,9 @@ def test_a_nominal_interval_covers_its_share_of_samples():
 @pytest.mark.parametrize(("observed", "mean", "deviation"), [(290.3, 290.0, 0.4), (288.0, 290.0, 0.7), (5.0, 5.0, 2.0)])
 def test_normal_crps_agrees_with_integration_of_its_definition(observed, mean, deviation):
     cdf = norm(mean, deviation).cdf
-    below, _ = quad(lambda x: cdf(x) ** 2, mean - 12 * deviation, observed)
-    above, _ = quad(lambda x: (1 - cdf(x)) ** 2, observed, mean + 12 * deviation)
-    assert crps_normal(observed, mean, deviation) == pytest.approx(below + above, rel=1e-7)
+    below, _ = quad(lambda x: cdf(x) ** 2, mean - 12 * deviation, observed, epsabs=1e-12)
+    above, _ = quad(lambda x: (1 - cdf(x)) ** 2, observed, mean + 12 * deviation, epsabs=1e-12)
+    assert crps_normal(observed, mean, deviation) == pytest.approx(below + above, rel=1e-10)
 
 
 def test_normal_crps_without_spread_is_the_absolute_error():
