@@ -9,7 +9,7 @@ from scipy import stats
 from flightcal.calibration import build_problem, calibrate_genetic, calibration_problem, genetic_points, posterior_tree
 from flightcal.calibration.joint import JointProblem
 from flightcal.calibration.methods import Posterior
-from flightcal.calibration.native import REASONS
+from flightcal.calibration.native import DENSITY_NOT_FINITE, REASONS
 from flightcal.calibration.whitening import Whitening
 from flightcal.scenario import load_scenario
 from flightcal.simulator.forward import TOO_MANY_SWITCHES
@@ -147,7 +147,10 @@ def test_the_c_function_is_the_density_in_other_coordinates(joint):
         np.testing.assert_allclose(found, factor.T @ gradient, rtol=1e-8, atol=1e-9 * np.abs(gradient).max())
     assert density(np.full(len(factor), 1e200))[0] == -np.inf
     assert (density.gradients, density.failures) == (4, 1)
-    assert density.last_failure in REASONS.values()
+    assert density.last_failure == REASONS[DENSITY_NOT_FINITE]
+    steep = joint.native_density(Whitening(z[0], 1e307 * np.eye(len(factor))))
+    assert steep(np.zeros(len(factor)))[0] == -np.inf
+    assert steep.last_failure == REASONS[DENSITY_NOT_FINITE]
 
 
 def test_what_a_window_fails_by_is_what_all_fail_by(tmp_path):

@@ -9,7 +9,7 @@ from flightcal.calibration import native as native_module
 from flightcal.calibration.likelihood import iid_log_likelihood
 from flightcal.calibration.native import DENSITY_NOT_FINITE, REASONS
 from flightcal.calibration.nuts import overdispersed_starts, sample
-from flightcal.calibration.whitening import whitening
+from flightcal.calibration.whitening import Whitening, whitening
 from flightcal.scenario.schema import NutsSettings
 from flightcal.simulator import SimulationFailure
 from flightcal.simulator.forward import TOO_MANY_SWITCHES
@@ -96,6 +96,15 @@ def test_a_failed_simulation_has_no_density_is_counted_and_named(problem, coordi
         assert value == -np.inf
         np.testing.assert_array_equal(gradient, 0.0)
     assert (density.gradients, density.failures, density.draws) == (2, 2, 0)
+    assert density.last_failure == REASONS[DENSITY_NOT_FINITE]
+
+
+def test_a_gradient_that_is_not_finite_is_no_density(problem, coordinates):
+    origin = np.zeros(len(problem.names))
+    assert np.isfinite(problem.native_density(coordinates)(origin)[0])
+    steep = Whitening(coordinates.mean + coordinates.factor.sum(axis=1), 1e307 * np.eye(len(origin)))
+    density = problem.native_density(steep)
+    assert density(origin)[0] == -np.inf
     assert density.last_failure == REASONS[DENSITY_NOT_FINITE]
 
 

@@ -14,8 +14,8 @@ CASES = {
         scipy.stats.truncnorm(-1.5, 1.0, 0.8, 0.2),
     ),
     "in_upper_tail": (
-        TruncatedNormal(mean=0.0, standard_deviation=1.0, lower=5.0, upper=10.0),
-        scipy.stats.truncnorm(5.0, 10.0),
+        TruncatedNormal(mean=0.0, standard_deviation=1.0, lower=7.0, upper=12.0),
+        scipy.stats.truncnorm(7.0, 12.0),
     ),
     "in_lower_tail": (
         TruncatedNormal(mean=0.0, standard_deviation=2.0, lower=-20.0, upper=-12.0),
@@ -90,6 +90,12 @@ def test_theta_far_out_stays_within_the_bounds_with_finite_derivatives(j):
             assert slope >= 0.0
             assert prior.at(np.array([z])).log_density < -0.5
             assert np.isfinite(prior.at(np.array([z])).gradient).all()
+
+
+def test_rounding_takes_no_uniform_prior_past_its_bound():
+    lower, upper = -0.62, -0.09
+    assert lower + (upper - lower) > upper
+    assert Priors(("x",), (Uniform(lower=lower, upper=upper),)).to_theta(np.array([40.0])) == [upper]
 
 
 def test_the_density_of_a_share_falls_off_with_its_exponents_however_far_out():
