@@ -6,7 +6,9 @@ import numpy as np
 import pytest
 
 from flightcal.calibration import Mode, build_problem, climb, find_mode, search_record
+from flightcal.calibration.native import DENSITY_NOT_FINITE, REASONS
 from flightcal.calibration.status import THRESHOLD_ERROR, heater_status, measured_switches
+from flightcal.calibration.whitening import whitening
 from flightcal.simulator import open_loop
 
 from .. import small
@@ -112,6 +114,19 @@ def test_value_and_gradient_agree_with_differences(problem, loop, seed):
     assert value == pytest.approx(case.log_density(z), rel=1e-12)
     expected = differences(case.log_density, z)
     np.testing.assert_allclose(gradient, expected, rtol=1e-5, atol=1e-6 * np.abs(expected).max())
+
+
+def test_more_uncertain_switches_than_there_is_room_for_have_no_density_and_are_named(tmp_path):
+    content = small.content()
+    content["simulator"]["heaters"]["heater"]["off_above"] = "10.2 degC"
+    likelihood = {"switch_times": {"timing": "900 s", "error_rate": 0.01}}
+    content["observations"]["heater_status"]["likelihood"] = likelihood
+    problem = build_problem(*small.load(tmp_path, content))
+    z = problem.to_z(problem.priors.median())
+    assert problem.log_density(z) == -np.inf
+    density = problem.native_density(whitening(z, np.eye(len(z))))
+    assert density(np.zeros(len(z)))[0] == -np.inf
+    assert density.last_failure == REASONS[DENSITY_NOT_FINITE]
 
 
 @pytest.mark.parametrize("loop", ["closed", "open"])
