@@ -1,15 +1,18 @@
 """Heater status in a problem: what is taken from the telemetry, the density's derivatives, the search for the mode."""
 
 from dataclasses import replace
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
 
 from flightcal.calibration import Mode, build_problem, climb, find_mode, search_record
 from flightcal.calibration.native import DENSITY_NOT_FINITE, REASONS
-from flightcal.calibration.status import THRESHOLD_ERROR, heater_status, measured_switches
+from flightcal.calibration.status import THRESHOLD_ERROR, HeaterStatus, heater_status, measured_switches
+from flightcal.calibration.switching import DutyCycles, StatusData, StatusSamples
 from flightcal.calibration.whitening import whitening
 from flightcal.simulator import open_loop
+from flightcal.simulator.system import Switch
 
 from .. import small
 
@@ -91,6 +94,9 @@ def test_duty_cycles_are_those_of_the_stretches_without_the_gaps(tmp_path):
     expected = 0.5 * (status[:-1] + status[1:])
     shares = [expected[:40].mean(), np.r_[expected[40:49], expected[60:80]].mean(), expected[80:120].mean()]
     np.testing.assert_allclose(duties.measured, shares)
+    # What lies between two samples belongs to the stretch that its middle is in.
+    scenario, data = made(tmp_path, {"duty_cycle": {"over": "41.4 min"}})
+    assert heater_status(scenario, data.isel(time=slice(0, 121)), small.START).data.duties.end[0] == 2460.0
 
 
 def test_the_density_has_what_the_status_adds(problem):
@@ -179,6 +185,29 @@ def test_the_information_is_that_of_the_moving_switches(problem):
     kept = np.ix_(problem.simulated, problem.simulated)
     np.testing.assert_allclose((found / scale)[kept], (expected / scale)[kept], atol=1e-3)
     assert np.linalg.matrix_rank(expected, tol=1e-6 * expected.max()) > 1
+
+
+def test_each_heaters_switches_are_known_from_its_own_channels():
+    """Two heaters, each with status samples and a duty cycle; a switch says nothing of the other heater."""
+    seconds = np.arange(0.0, 1001.0, 100.0)
+    samples = StatusSamples(
+        np.array([0, 1]), np.array([0, 2]), np.array([0, 11, 22]), np.tile(seconds, 2), np.zeros(22)
+    )  # fmt: skip
+    duties = DutyCycles(
+        np.array([0, 1]), np.array([4, 4]), np.array([0, 1, 2]), np.zeros(2), np.full(2, 1000.0), np.zeros(2)
+    )  # fmt: skip
+    status = HeaterStatus(StatusData(samples, duties), np.array([10.0, 0.1, 20.0, 0.2, 0.05]), {})
+    switches = Switch(np.array([150.0, 250.0, 450.0, 650.0]), np.array([0, 1, 0, 1]), np.array([1.0, 1.0, 0.0, 0.0]))
+    rows, precision = status.information(SimpleNamespace(switches=switches), status.settings)
+    variance = np.array([10.0, 20.0])[switches.heater] ** 2 + 100.0**2 / 12.0
+    moves = np.where(switches.on > 0.5, 1.0, -1.0) / (1000.0 * 0.05)
+    expected = np.diag(1.0 / variance)
+    for heater in range(2):
+        own = np.where(switches.heater == heater, moves, 0.0)
+        expected += np.outer(own, own)
+    np.testing.assert_allclose(rows.T @ rows, expected, rtol=1e-12)
+    by_timing = [(2.0 * tau**2 / (tau**2 + 100.0**2 / 12.0) ** 2) * 2 for tau in (10.0, 20.0)]
+    np.testing.assert_allclose(precision, [by_timing[0], 11 / 0.09, by_timing[1], 11 / 0.16, 0.0], rtol=1e-12)
 
 
 def test_in_open_loop_the_sensor_is_at_its_threshold_when_the_heater_is_seen_to_switch(problem):
