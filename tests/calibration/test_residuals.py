@@ -149,6 +149,39 @@ def test_of_normal_residuals_it_has_the_parameters_information_of_the_dense_cova
     np.testing.assert_allclose(found[kept], expected[kept], rtol=1e-8, atol=1e-10 * np.abs(expected).max())
 
 
+def test_the_curvature_is_minus_the_second_derivative_by_the_numbers_logarithms(problem):
+    z = near_truth(problem)
+    theta = problem.to_theta(z)
+    numbers, model = problem.numbers(theta), problem.residuals
+    residual = np.where(problem.valid, problem.observed - problem.simulate(theta).temperatures, 0.0)
+    found = model.curvature(residual, numbers)
+    if model.is_independent:
+        np.testing.assert_array_equal(found[:, DEVIATION, DEVIATION], 2.0 * problem.valid.sum(axis=0))
+        return
+
+    def value(*steps):
+        moved = numbers.copy()
+        for channel, column, size in steps:
+            moved[channel, column] *= np.exp(size)
+        return log_likelihood(model.compiled, residual, np.zeros(residual.shape), moved)[0]
+
+    size = 1e-3
+    simple = (model.compiled.kinds == INDEPENDENT) & ~model.compiled.discrepant
+    for one in model.entries:
+        for other in model.entries:
+            if one.channel != other.channel or simple[one.channel]:
+                continue
+            corners = [
+                a * b * value((one.channel, one.column, a * size), (other.channel, other.column, b * size))
+                for a in (1.0, -1.0)
+                for b in (1.0, -1.0)
+            ]
+            own = found[one.channel]
+            scale = np.sqrt(abs(own[one.column, one.column] * own[other.column, other.column])) + 1.0
+            expected = -sum(corners) / (4.0 * size**2)
+            assert own[one.column, other.column] == pytest.approx(expected, abs=1e-3 * scale), (one, other)
+
+
 def test_errors_are_drawn_with_the_models_own_likelihood(tmp_path):
     """The expected log density of draws is that of the normal with their covariance, within Monte Carlo error."""
     problem = build_problem(*made(tmp_path, *MODELS["both and ar1"]))

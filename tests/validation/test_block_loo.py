@@ -66,6 +66,12 @@ def test_the_density_of_left_out_blocks_is_that_of_the_posterior_without_them():
     assert found.unreliable == 0
 
 
+def test_draws_that_could_not_be_simulated_are_left_out():
+    values = np.random.default_rng(2).normal(size=(400, 3))
+    failed = np.insert(values, 17, np.nan, axis=0)
+    np.testing.assert_array_equal(leave_blocks_out(failed).of_blocks, leave_blocks_out(values).of_blocks)
+
+
 def test_a_short_last_block_joins_the_one_before():
     times = np.datetime64("2024-03-01", "ns") + 60 * np.arange(0, 185) * np.timedelta64(1, "s")
     assert np.bincount(blocks_of(times, 5400.0, per_orbit=2)).tolist() == [45, 45, 45, 50]

@@ -7,6 +7,7 @@ from scipy.stats import binom
 from flightcal.validation.simulation_based import (
     Repeat,
     check_ranks,
+    ecdf,
     ecdf_band,
     joint,
     p_value,
@@ -61,7 +62,7 @@ def test_ranks_are_among_as_many_draws_as_are_effective():
     assert ranks(np.zeros(3), draws, 0.3, rng)[1] == 2
     rank, _ = ranks(np.array([-9.0, 0.0, 9.0]), draws, 200.0, rng)
     assert rank[0] < 1 / 201
-    assert rank[2] > 200 / 201
+    assert 200 / 201 < rank[2] < 1.0
     # Half of 200 draws lie below the middle: five standard errors of that.
     assert rank[1] == pytest.approx(0.5, abs=5 * np.sqrt(0.25 / 200))
 
@@ -89,3 +90,26 @@ def test_the_bands_of_several_quantities_hold_together():
     band = ecdf_band(50, joint(0.95, 10))
     together = [all(stays_inside(values, band) for values in rng.random((10, 50))) for _ in range(600)]
     assert np.mean(together) > 0.95 - 4 * np.sqrt(0.95 * 0.05 / 600)
+
+
+def test_a_quantity_that_one_band_would_refuse_may_stay_in_that_of_two():
+    rng = np.random.default_rng(5)
+    alone, together = (ecdf_band(60, joint(0.95, count)) for count in (1, 2))
+    rank = next(
+        values
+        for values in rng.random((2000, 60))
+        if stays_inside(values, together) and not stays_inside(values, alone)
+    )
+    for names in (("one",), ("one", "two")):
+        nothing = np.zeros(len(names))
+        made = [Repeat(nothing, np.full(len(names), r), nothing + 3.0, nothing + 1.5, 100, (), 0, 0.0) for r in rank]
+        for check in check_ranks(names, made, nothing + 2.0):
+            assert check.inside == (len(names) == 2)
+            assert check.score == pytest.approx(3.0 / 1.5)
+            assert check.contraction == pytest.approx(1.0 - (1.5 / 2.0) ** 2)
+
+
+def test_the_distribution_function_counts_what_is_at_a_point():
+    np.testing.assert_array_equal(
+        ecdf(np.array([0.5, 0.25, 1.0, 0.25]), np.array([0.2, 0.25, 0.5, 1.0])), [0, 0.5, 0.75, 1]
+    )

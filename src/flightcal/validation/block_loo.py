@@ -48,7 +48,7 @@ def blocks_of(times: NDArray[np.datetime64], period: float, per_orbit: int = BLO
     part = np.floor(elapsed * per_orbit / period).astype(np.int64)
     # A part of which there is next to nothing belongs to the one before.
     last = part == part[-1]
-    if part[-1] > 0 and last.sum() < 0.5 * np.median(np.bincount(part)):
+    if last.sum() < 0.5 * np.median(np.bincount(part)):
         part[last] -= 1
     return np.asarray(np.unique(part, return_inverse=True)[1], np.int64)
 
