@@ -22,9 +22,15 @@ def windows():
     }
 
 
-def test_each_window_is_predicted_as_unseen_by_a_calibration_on_the_others(tmp_path, monkeypatch):
+AR1 = {"model": "ar1", "standard_deviation": "0.1 K", "correlation_time": "20 s"}
+
+
+@pytest.mark.parametrize("noise", [{}, AR1], ids=["inferred", "correlated"])
+def test_each_window_is_predicted_as_unseen_by_a_calibration_on_the_others(tmp_path, monkeypatch, noise):
     written = small.content()
-    written["windows"] = windows()
+    written["windows"], written["noise"] = windows(), noise
+    if noise:
+        written["observations"]["panel_temp"].pop("noise")
     # Of a single window that is left a drift is known from its prior.
     written["parameters"]["link"]["drift"] = 0.5
     scenario, data = small.closed_loop(tmp_path, written)
@@ -33,11 +39,9 @@ def test_each_window_is_predicted_as_unseen_by_a_calibration_on_the_others(tmp_p
     def at_the_truth(problem):
         calibrated.append([inside.window for inside in problem.problems])
         theta = problem.priors.median()
-        for name, value in small.TRUTH.items():
+        for name, value in (small.TRUTH | {"noise.body_temp": 0.1, "drift.link": 1e-6}).items():
             if name in problem.names:
                 theta[problem.names.index(name)] = value
-        theta[problem.names.index("noise.body_temp")] = 0.1
-        theta[problem.names.index("drift.link")] = 1e-6
         diagnostics = SimpleNamespace(passed=len(calibrated) == 1)
         draws = SimpleNamespace(interrupted=len(calibrated) == 3)
         return SimpleNamespace(flat=np.tile(theta, (200, 1)), diagnostics=diagnostics, draws=draws)
@@ -48,6 +52,7 @@ def test_each_window_is_predicted_as_unseen_by_a_calibration_on_the_others(tmp_p
     assert said == ["without first", "without second"]
     assert [scores["passed"] for scores in found.values()] == [True, False]
     for scores in found.values():
+        assert set(scores) == {*("rmse mape_kelvin mape_celsius picp mpiw crps log_score".split()), "passed"}
         assert 0.9 < scores["picp"] <= 1.0
         assert scores["rmse"] < 0.3
         # Two channels with noise of 0.1 K, and little else.

@@ -12,6 +12,7 @@ from flightcal.validation import (
     probability_integral_transform,
     uniformity,
 )
+from flightcal.validation.residuals import effective_samples
 from tests.validation.test_residuals import ar1, times
 
 HALF = 1.959964
@@ -76,11 +77,20 @@ def test_coverage_is_told_apart_by_place_in_the_orbit():
     residuals = np.random.default_rng(5).normal(size=(size, 1))
     phase = (np.arange(size) / 90.0) % 1.0
     residuals[(phase >= 0.25) & (phase < 0.5)] = 5.0
-    found = coverage_by_phase(predicted(residuals), parts=4)
-    assert [part.samples for part in found] == [230, 220, 230, 220]
-    assert found[1].share == 0.0
-    assert found[1].share < found[1].lower
-    assert all(part.share > 0.9 for part in (found[0], *found[2:]))
+    residuals[(phase >= 0.5) & (phase < 0.75)] = -5.0
+    found = coverage_by_phase(predicted(residuals, scored=np.arange(size) >= 20), parts=4)
+    assert [part.samples for part in found] == [210, 220, 230, 220]
+    for part in found[1:3]:
+        assert part.share == 0.0 < part.lower
+    assert all(part.share > 0.9 for part in (found[0], found[3]))
+
+
+def test_residuals_that_follow_each_other_have_a_wider_band_of_chance():
+    residuals = np.stack([ar1(0.9, 900, np.random.default_rng(6))], axis=1)
+    independent = effective_samples(residuals[:, 0], times(900))
+    assert independent < 200
+    for part in coverage_by_phase(predicted(residuals), parts=4):
+        assert (part.lower, part.upper) == pytest.approx(chance_band(0.95, independent * part.samples / 900))
 
 
 def test_coverage_is_told_apart_by_hour_since_the_first_scored_sample():
@@ -92,6 +102,11 @@ def test_coverage_is_told_apart_by_hour_since_the_first_scored_sample():
     assert [(part.start, part.end) for part in found] == [(0, 1), (1, 2), (2, 3), (3, 4)]
     assert [part.samples for part in found] == [60, 60, 60, 50]
     assert [part.share for part in found] == [1.0, 1.0, 0.0, 0.0]
+
+
+def test_a_long_forecast_is_told_apart_in_longer_parts():
+    found = coverage_by_hour(predicted(np.zeros((30 * 60 + 1, 1))))
+    assert [(part.start, part.end) for part in found] == [(2 * k, 2 * k + 2) for k in range(16)]
 
 
 def test_an_unknown_phase_has_no_coverage():

@@ -67,6 +67,10 @@ def test_ranks_are_among_as_many_draws_as_are_effective():
     assert rank[1] == pytest.approx(0.5, abs=5 * np.sqrt(0.25 / 200))
 
 
+def test_ranks_that_no_trial_strays_as_far_as_are_as_unlikely_as_the_trials_can_say():
+    assert p_value(np.full(50, 0.01)) == 1 / 20_001
+
+
 def test_correlated_chains_that_are_not_thinned_are_not_uniform():
     rng = np.random.default_rng(2)
     narrow = [ranks(rng.normal(size=1), np.stack([ar1(0.99, 300, rng)])[..., None], 1e9, rng)[0][0] for _ in range(200)]
