@@ -8,6 +8,8 @@ from typer.testing import CliRunner
 
 from flightcal import left_out
 from flightcal.cli import USER_ERROR, app
+from flightcal.errors import RunError
+from flightcal.scenario.external import ExternalModel
 from tests import small
 from tests.test_experiment import write
 
@@ -52,7 +54,7 @@ def test_each_window_is_predicted_as_unseen_by_a_calibration_on_the_others(tmp_p
     assert said == ["without first", "without second"]
     assert [scores["passed"] for scores in found.values()] == [True, False]
     for scores in found.values():
-        assert set(scores) == {*("rmse mape_kelvin mape_celsius picp mpiw crps log_score".split()), "passed"}
+        assert set(scores) == {"rmse", "mape_kelvin", "mape_celsius", "picp", "mpiw", "crps", "log_score", "passed"}
         assert 0.9 < scores["picp"] <= 1.0
         assert scores["rmse"] < 0.3
         # Two channels with noise of 0.1 K, and little else.
@@ -67,3 +69,11 @@ def test_one_window_cannot_be_left_out(tmp_path):
     assert result.exit_code == USER_ERROR
     assert "found one window to train on" in result.output
     assert not (tmp_path / "out").exists()
+    with pytest.raises(RunError, match="found one window to train on"):
+        left_out.leave_windows_out(*small.load(tmp_path))
+
+
+def test_windows_of_an_external_simulator_cannot_be_left_out():
+    scenario = SimpleNamespace(train_windows=("train.a", "train.b"), simulator=ExternalModel.model_construct())
+    with pytest.raises(RunError, match="expected a network"):
+        left_out.check_windows(scenario)
