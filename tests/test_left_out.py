@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from typer.testing import CliRunner
 
-from flightcal import left_out
+from flightcal import left_out, prediction
 from flightcal.cli import USER_ERROR, app
 from flightcal.errors import RunError
 from flightcal.scenario.external import ExternalModel
@@ -36,7 +36,7 @@ def test_each_window_is_predicted_as_unseen_by_a_calibration_on_the_others(tmp_p
     # Of a single window that is left a drift is known from its prior.
     written["parameters"]["link"]["drift"] = 0.5
     scenario, data = small.closed_loop(tmp_path, written)
-    calibrated, said = [], []
+    calibrated, said, panel_sizes = [], [], []
 
     def at_the_truth(problem):
         calibrated.append([inside.window for inside in problem.problems])
@@ -46,12 +46,21 @@ def test_each_window_is_predicted_as_unseen_by_a_calibration_on_the_others(tmp_p
                 theta[problem.names.index(name)] = value
         diagnostics = SimpleNamespace(passed=len(calibrated) == 1)
         draws = SimpleNamespace(interrupted=len(calibrated) == 3)
-        return SimpleNamespace(flat=np.tile(theta, (200, 1)), diagnostics=diagnostics, draws=draws)
+        flat = np.tile(theta, (200, 1))
+        flat[:, problem.names.index("panel_size")] *= 1.0 + 1e-9 * np.arange(200)
+        return SimpleNamespace(flat=flat, diagnostics=diagnostics, draws=draws)
+
+    def predict(*arguments, **options):
+        panel_sizes.append(arguments[4][:, 1])
+        return prediction.predict(*arguments, **options)
 
     monkeypatch.setattr(left_out, "calibrate_nuts", at_the_truth)
+    monkeypatch.setattr(left_out, "predict", predict)
     found = left_out.leave_windows_out(scenario, data, say=said.append)
     assert calibrated == [["train.second"], ["train.first"]]
     assert said == ["without first", "without second"]
+    assert [len(np.unique(sizes)) for sizes in panel_sizes] == [40, 40]
+    assert list(found) == ["first", "second"]
     assert [scores["passed"] for scores in found.values()] == [True, False]
     for scores in found.values():
         assert set(scores) == {"rmse", "mape_kelvin", "mape_celsius", "picp", "mpiw", "crps", "log_score", "passed"}
