@@ -174,3 +174,23 @@ def test_an_interrupted_sampling_ends_the_comparison_and_what_was_left_out_is_ke
     for _ in range(2):
         assert compare._left_out(out / "iid.yaml", summary, lambda _: None) == {"june": {"picp": 0.9}}
     assert len(asked) == 1
+
+
+def test_scores_of_windows_left_out_stand_in_the_comparison_if_asked_for(tmp_path, monkeypatch):
+    values = {"rmse": 1.0, "mape_kelvin": 0.3, "picp": 0.95, "mpiw": 4.0, "crps": 0.6, "log_score": -1.0}
+    metrics = [Metric("stochastic", "test", "all", name, value, "K") for name, value in values.items()]
+
+    def experiment(file, run, *, listener):
+        run.mkdir(parents=True, exist_ok=True)
+        return Summary(run, run / "report.html", {"passed": True}, tuple(metrics), interrupted=False)
+
+    monkeypatch.setattr(compare, "run_experiment", experiment)
+    monkeypatch.setattr(compare, "_block_loo", lambda *_: loo(1.0))
+    monkeypatch.setattr(left_out, "check_windows", lambda _: None)
+    scores = values | {"passed": True}
+    monkeypatch.setattr(left_out, "leave_windows_out", lambda *_, **__: {"june": scores})
+    for asked in (False, True):
+        out = tmp_path / str(asked)
+        compare.compare_models(write(tmp_path), out, ["iid", "ar1"], leave_windows_out=asked)
+        found = json.loads((out / "comparison.json").read_text(encoding="utf-8"))["left_out"]
+        assert found == ({"iid": {"june": scores}, "ar1": {"june": scores}} if asked else {})
