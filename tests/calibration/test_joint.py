@@ -119,6 +119,9 @@ def test_of_given_simulations_the_derivative_by_the_noise_is_that_of_all_windows
     z = points(joint, 1)[0]
     theta, k = joint.to_theta(z), joint.names.index("noise.body_temp")
     run = joint.simulate(theta)
+    shares = [problem.simulate(joint.window_thetas(problem, theta[None])[0]).duty_cycle for problem in joint.problems]
+    assert run.duty_cycle == pytest.approx((90 * shares[0] + 70 * shares[1]) / 160)
+    assert abs(shares[0] - shares[1]) > 0.01
     value, found = joint.likelihood_of_numbers(run, theta)
     assert value == pytest.approx(joint.log_density(z) - joint.priors.at(z).log_density, rel=1e-10)
     step = 1e-5 * theta[k] * np.eye(len(theta))[k]
@@ -158,6 +161,9 @@ def test_what_a_window_fails_by_is_what_all_fail_by(tmp_path):
     density = joint.native_density(Whitening(np.zeros(len(joint.names)), np.eye(len(joint.names))))
     z = joint.to_z(joint.priors.median())
     assert density(z)[0] == joint.log_density(z) == -np.inf
+    value, gradient = joint.log_density_and_gradient(z)
+    assert value == -np.inf
+    assert not gradient.any()
     assert density.last_failure == REASONS[TOO_MANY_SWITCHES]
 
 

@@ -96,7 +96,12 @@ def test_duty_cycles_are_those_of_the_stretches_without_the_gaps(tmp_path):
     np.testing.assert_allclose(duties.measured, shares)
     # What lies between two samples belongs to the stretch that its middle is in.
     scenario, data = made(tmp_path, {"duty_cycle": {"over": "41.4 min"}})
-    assert heater_status(scenario, data.isel(time=slice(0, 121)), small.START).data.duties.end[0] == 2460.0
+    known = np.delete(np.arange(42), [5, 6])
+    data["heater_status"].values[[5, 6]] = np.nan
+    duties = heater_status(scenario, data.isel(time=slice(0, 121)), small.START).data.duties
+    assert duties.end[0] == 2460.0
+    # A gap as short as this is known, and counts by its length.
+    assert duties.measured[0] == pytest.approx(np.trapezoid(status[known], 60.0 * known) / 2460.0)
 
 
 def test_the_density_has_what_the_status_adds(problem):
@@ -189,25 +194,28 @@ def test_the_information_is_that_of_the_moving_switches(problem):
 
 def test_each_heaters_switches_are_known_from_its_own_channels():
     """Two heaters, each with status samples and a duty cycle; a switch says nothing of the other heater."""
-    seconds = np.arange(0.0, 1001.0, 100.0)
+    seconds = np.arange(100.0, 901.0, 100.0)
     samples = StatusSamples(
-        np.array([0, 1]), np.array([0, 2]), np.array([0, 11, 22]), np.tile(seconds, 2), np.zeros(22)
+        np.array([0, 1]), np.array([0, 2]), np.array([0, 9, 18]), np.tile(seconds, 2), np.zeros(18)
     )  # fmt: skip
     duties = DutyCycles(
         np.array([0, 1]), np.array([4, 4]), np.array([0, 1, 2]), np.zeros(2), np.full(2, 1000.0), np.zeros(2)
     )  # fmt: skip
     status = HeaterStatus(StatusData(samples, duties), np.array([10.0, 0.1, 20.0, 0.2, 0.05]), {})
-    switches = Switch(np.array([150.0, 250.0, 450.0, 650.0]), np.array([0, 1, 0, 1]), np.array([1.0, 1.0, 0.0, 0.0]))
+    # The first comes before the samples and the last after them.
+    switches = Switch(
+        np.array([50.0, 150.0, 450.0, 650.0, 950.0]), np.array([0, 1, 0, 1, 0]), np.array([1, 1, 0, 0, 1])
+    )
     rows, precision = status.information(SimpleNamespace(switches=switches), status.settings)
     variance = np.array([10.0, 20.0])[switches.heater] ** 2 + 100.0**2 / 12.0
     moves = np.where(switches.on > 0.5, 1.0, -1.0) / (1000.0 * 0.05)
-    expected = np.diag(1.0 / variance)
+    expected = np.diag([0.0, 1.0, 1.0, 1.0, 0.0] / variance)
     for heater in range(2):
         own = np.where(switches.heater == heater, moves, 0.0)
         expected += np.outer(own, own)
     np.testing.assert_allclose(rows.T @ rows, expected, rtol=1e-12)
-    by_timing = [(2.0 * tau**2 / (tau**2 + 100.0**2 / 12.0) ** 2) * 2 for tau in (10.0, 20.0)]
-    np.testing.assert_allclose(precision, [by_timing[0], 11 / 0.09, by_timing[1], 11 / 0.16, 0.0], rtol=1e-12)
+    first, second = (2.0 * tau**2 / (tau**2 + 100.0**2 / 12.0) ** 2 for tau in (10.0, 20.0))
+    np.testing.assert_allclose(precision, [first, 9 / 0.09, 2.0 * second, 9 / 0.16, 0.0], rtol=1e-12)
 
 
 def test_in_open_loop_the_sensor_is_at_its_threshold_when_the_heater_is_seen_to_switch(problem):
