@@ -11,6 +11,7 @@ from flightcal.calibration.joint import JointProblem
 from flightcal.calibration.methods import Posterior
 from flightcal.calibration.native import DENSITY_NOT_FINITE, REASONS
 from flightcal.calibration.whitening import Whitening
+from flightcal.errors import ScenarioError
 from flightcal.scenario import load_scenario
 from flightcal.simulator.forward import TOO_MANY_SWITCHES
 
@@ -56,6 +57,13 @@ def test_a_default_lengthscale_suits_all_windows(tmp_path):
     for problem in joint.problems:
         inside = joint.window_thetas(problem, theta[None])[0]
         assert inside[problem.names.index(name)] == theta[joint.names.index(name)]
+
+
+def test_windows_whose_lengths_no_default_lengthscale_suits_are_a_message(tmp_path):
+    content = written(discrepancy={"time": {}})
+    content["windows"]["train"]["first"]["end"] = "2024-03-01T00:12:00"
+    with pytest.raises(ScenarioError, match="no default suits them all"):
+        calibration_problem(*small.closed_loop(tmp_path, content))
 
 
 def of(problem, name):
@@ -113,6 +121,40 @@ def test_with_correlated_noise_and_a_discrepancy_it_is_the_dense_normal_of_each_
             expected += stats.multivariate_normal.logpdf(residual[:, k], cov=covariance + basis @ basis.T)
     assert joint.log_density(z) == pytest.approx(expected, rel=1e-9)
     assert joint.log_density_and_gradient(z)[0] == pytest.approx(expected, rel=1e-9)
+    assert all(problem.residuals.is_independent for problem in joint.independent().problems)
+
+
+def test_a_value_on_its_bound_is_that_of_each_window(joint):
+    theta = joint.priors.median()
+    place = joint.names.index("panel_size")
+    theta[place] = joint.priors.priors[place].upper
+    for problem in joint.problems:
+        inside = joint.window_thetas(problem, theta[None])[0]
+        assert inside[problem.names.index("panel_size")] == theta[place]
+
+
+def test_where_one_window_cannot_be_simulated_there_is_no_simulation(joint):
+    thetas = np.tile(joint.priors.median(), (2, 1))
+    thetas[0, joint.names.index("initial.second.panel")] = 1e300
+    failed, run = joint.simulate_many(thetas)
+    assert failed is None
+    np.testing.assert_array_equal(run.temperatures, joint.simulate(thetas[1]).temperatures)
+
+
+def test_only_the_beginning_of_each_window_counts(joint):
+    half = joint.beginning(0.5)
+    kept = np.concatenate([np.arange(90) <= 44, np.arange(70) <= 34])
+    np.testing.assert_array_equal(np.isfinite(half.observed), joint.valid & kept[:, None])
+
+
+def test_a_sensor_near_a_threshold_is_put_across_it_in_its_own_window(joint):
+    theta = joint.priors.median()
+    bodies = [joint.names.index(f"initial.{window}.body") for window in ("first", "second")]
+    theta[bodies] = 283.15 + 0.1, 286.15 - 0.2
+    z = joint.to_z(theta)
+    for found, place, value in zip(joint.across_thresholds(z, 0.5), bodies, (283.05, 286.35), strict=True):
+        np.testing.assert_array_equal(np.delete(found, place), np.delete(z, place))
+        assert joint.to_theta(found)[place] == pytest.approx(value, abs=1e-9)
 
 
 def test_of_given_simulations_the_derivative_by_the_noise_is_that_of_all_windows(joint):

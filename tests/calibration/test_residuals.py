@@ -7,6 +7,7 @@ import pytest
 from scipy import stats
 
 from flightcal.calibration import build_problem, calibration_problem, climb, find_mode
+from flightcal.calibration.discrepancy import shortest_lengthscale, time_basis
 from flightcal.calibration.likelihood import log_likelihood, weights_given
 from flightcal.calibration.noise import (
     CORRELATED,
@@ -120,6 +121,9 @@ def test_the_gauss_newton_hessian_can_whiten(problem):
     hessian = problem.gauss_newton_hessian(near_truth(problem))
     np.testing.assert_allclose(hessian, hessian.T, atol=1e-9 * np.abs(hessian).max())
     assert np.linalg.eigvalsh(hessian).min() > 0.0
+    channels, _, positions = problem.places
+    first, second = (np.setdiff1d(positions[channels == k], positions[channels != k]) for k in range(2))
+    np.testing.assert_allclose(hessian[np.ix_(first, second)], 0.0, atol=1e-12 * np.abs(hessian).max())
 
 
 def test_of_normal_residuals_it_has_the_parameters_information_of_the_dense_covariance(problem):
@@ -147,6 +151,87 @@ def test_of_normal_residuals_it_has_the_parameters_information_of_the_dense_cova
     kept = np.ix_(problem.simulated, problem.simulated)
     found = problem.gauss_newton_hessian(z)
     np.testing.assert_allclose(found[kept], expected[kept], rtol=1e-8, atol=1e-10 * np.abs(expected).max())
+
+
+KINDS = {
+    "iid": INDEPENDENT,
+    "ar1": CORRELATED,
+    "student": STUDENT,
+    "correlated student": CORRELATED_STUDENT,
+    "quantised": ROUNDED,
+}
+
+
+@pytest.mark.parametrize("model", KINDS)
+def test_the_noise_is_of_the_kind_that_the_scenario_says(model, tmp_path):
+    problem = build_problem(*made(tmp_path, *MODELS[model]))
+    assert problem.residuals.compiled.kinds.tolist() == [KINDS[model]] * 2
+
+
+def test_the_discrepancy_is_of_the_functions_at_the_samples_times(tmp_path):
+    model = build_problem(*made(tmp_path, *MODELS["both"])).residuals
+    found = model.compiled.basis[:, : model.time.count]
+    np.testing.assert_array_equal(found, model.time.at(model.compiled.seconds))
+
+
+def test_by_default_lengthscales_are_those_that_the_functions_are_enough_for(tmp_path):
+    problem = build_problem(*made(tmp_path, *MODELS["time"]))
+    prior = problem.priors.priors[problem.names.index("discrepancy.time.lengthscale")]
+    assert prior.lower == shortest_lengthscale(problem.residuals.time, 2.5)
+    assert prior.upper == 0.25 * problem.residuals.compiled.seconds[-1]
+    with pytest.raises(ScenarioError, match="found 8 functions"):
+        build_problem(*made(tmp_path, discrepancy={"time": {"functions": 8}}))
+
+
+def test_a_written_lengthscale_says_how_far_the_functions_reach_and_a_test_window_may_have_too_few(tmp_path):
+    written = small.content()
+    written["windows"]["train"]["end"] = "2024-03-01T01:00:00"
+    written["windows"]["test"] = {"start": "2024-03-01T01:30:00", "end": "2024-03-01T06:30:00"}
+    written["discrepancy"] = {"time": {"lengthscale": "10 min", "functions": 20}, "channels": ["body_temp"]}
+    scenario, data = small.closed_loop(tmp_path, written)
+    for window in ("train", "test"):
+        model = build_problem(scenario, data, window).residuals
+        assert model.time == time_basis(0.0, model.compiled.seconds[-1], 600.0, 1.5, 20)
+        assert model.compiled.discrepant.tolist() == [True, False]
+
+
+def test_directions_that_are_combinations_of_others_or_none_are_left_out(tmp_path):
+    model = build_problem(*made(tmp_path, *MODELS["both"])).residuals
+    jacobian = np.random.default_rng(0).normal(size=(len(model.compiled.seconds), 2, 4))
+    jacobian[:, 0, 1] *= 1e-9
+    jacobian[:, 0, 3] = 2.0 * jacobian[:, 0, 0] - 1e9 * jacobian[:, 0, 1]
+    jacobian[:, 1, 2:] = 0.0
+    held = model.orthogonal_to(jacobian).compiled
+    np.testing.assert_array_equal(held.held, [3, 2])
+    for k in range(2):
+        own = model.compiled.valid[k]
+        products = jacobian[own, k].T @ model.compiled.basis[own]
+        lengths = np.maximum(np.linalg.norm(products, axis=1, keepdims=True), 1e-300)
+        rows = held.rows[k, : held.held[k]]
+        np.testing.assert_allclose(rows.T @ (rows @ products.T / lengths.T), products.T / lengths.T, atol=1e-6)
+
+
+def information(density):
+    """On the location of a density, by quadrature."""
+    x = np.linspace(-60.0, 60.0, 400_001)
+    p = density(x)
+    return np.trapezoid(np.where(p > 1e-200, np.gradient(p, x) ** 2 / np.maximum(p, 1e-200), 0.0), x)
+
+
+@pytest.mark.parametrize("model", ["student", "correlated student", "quantised"])
+def test_normal_residuals_in_the_place_of_others_have_their_information(model, tmp_path):
+    problem = build_problem(*made(tmp_path, *MODELS[model]))
+    numbers = problem.residuals.fixed.copy()
+    numbers[:, [DEVIATION, DEGREES, TIME]] = 0.4, 3.5, 500.0
+    equivalent, equal = problem.residuals.normal_equivalent(numbers)
+    densities = {
+        "quantised": lambda x: (
+            (stats.norm.cdf((0.1 - np.abs(x)) / 0.4) - stats.norm.cdf((-0.1 - np.abs(x)) / 0.4)) / 0.2
+        ),
+    }
+    expected = information(densities.get(model, lambda x: stats.t(3.5, 0.0, 0.4).pdf(x)))
+    np.testing.assert_allclose(equal[:, DEVIATION] ** -2.0, expected, rtol=1e-3)
+    assert (equivalent.compiled.kinds == (CORRELATED if model == "correlated student" else INDEPENDENT)).all()
 
 
 def test_the_curvature_is_minus_the_second_derivative_by_the_numbers_logarithms(problem):
