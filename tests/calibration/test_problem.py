@@ -258,3 +258,12 @@ def test_a_span_cuts_the_window_to_its_first_samples(tmp_path):
     first, whole = build_problem(scenario, data, "test", span=600.0), build_problem(scenario, data, "test")
     np.testing.assert_array_equal(first.times, whole.times[:11])
     np.testing.assert_array_equal(first.observed, whole.observed[:11])
+
+
+def test_initial_temperatures_are_expected_where_the_first_readings_are_without_their_sensors_errors(tmp_path):
+    written = small.content()
+    written["observations"]["body_temp"] |= {"gain": 1.1, "bias": "0.5 K"}
+    problem = build_problem(*small.closed_loop(tmp_path, written))
+    prior = problem.priors.priors[problem.names.index("initial.body")]
+    reading = problem.observed[:3, 0].mean() - 273.15
+    assert prior.mean == pytest.approx(273.15 + (reading - 0.5) / 1.1, abs=1e-9)

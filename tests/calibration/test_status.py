@@ -116,6 +116,12 @@ def test_the_density_has_what_the_status_adds(problem):
     assert abs(added) > 1.0
 
 
+def test_it_is_no_part_of_a_problem_of_the_temperatures_alone(problem):
+    z = near_truth(problem, 0)
+    expected = replace(problem, heater_status=None).log_density(z)
+    assert problem.beginning(1.0).log_density(z) == pytest.approx(expected, rel=1e-12)
+
+
 @pytest.mark.parametrize("seed", range(2))
 @pytest.mark.parametrize("loop", ["closed", "open"])
 def test_value_and_gradient_agree_with_differences(problem, loop, seed):
