@@ -402,10 +402,11 @@ def test_an_orthogonal_discrepancy_is_at_right_angles_to_what_parameters_do(tmp_
     for k in range(len(mean)):
         expected = compiled.basis @ mean[k]
         cosines = jacobian[:, k].T @ expected / np.linalg.norm(jacobian[:, k], axis=0) / np.linalg.norm(expected)
-        np.testing.assert_allclose(cosines[np.isfinite(cosines)], 0.0, atol=1e-7)
+        np.testing.assert_allclose(cosines[np.isfinite(cosines)], 0.0, atol=1e-9)
         products = jacobian[:, k].T @ compiled.basis
         np.testing.assert_allclose(products @ factor[k], 0.0, atol=1e-8 * np.linalg.norm(products) * factor[k].max())
     assert np.abs(mean).max() > 0.0
+    assert compiled.held.max() == len(own)
 
 
 def test_errors_with_an_orthogonal_discrepancy_are_drawn_with_their_own_likelihood(tmp_path):

@@ -244,6 +244,13 @@ def test_in_open_loop_the_sensor_is_at_its_threshold_when_the_heater_is_seen_to_
     np.testing.assert_allclose(rows[:, upper], np.where(switches.on > 0.5, 0.0, -1.0), atol=1e-12)
 
 
+def test_in_open_loop_too_a_failed_simulation_has_no_density(problem):
+    value, gradient = problem.open_loop.log_density_and_gradient(np.full(len(problem.names), 1e200))
+    assert problem.open_loop.measured_switches is not None
+    assert value == -np.inf
+    assert not gradient.any()
+
+
 def test_open_loop_looks_at_thresholds_only_where_they_are_uncertain_or_status_counts(tmp_path):
     scenario, data = small.load(tmp_path)
     assert measured_switches(open_loop(scenario), data, small.START) is None
