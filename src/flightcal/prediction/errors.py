@@ -259,7 +259,6 @@ class WindowErrors:
             missing = np.stack([residual - mean[first, k], residual - (discrepancy + noise + white)[first, k]], axis=1)
             missing = np.where(valid[:, None], missing, 0.0)
             solved = np.linalg.solve(factor.T, np.linalg.solve(factor, missing))
-            solved[~valid] = 0.0
             mean[:, k] += (of_discrepancy + of_noise) @ solved[:, 0]
             discrepancy[:, k] += of_discrepancy @ solved[:, 1]
             noise[:, k] += of_noise @ solved[:, 1]
