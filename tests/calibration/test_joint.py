@@ -138,16 +138,6 @@ def test_only_the_beginning_of_each_window_counts(joint):
     np.testing.assert_array_equal(np.isfinite(half.observed), joint.valid & kept[:, None])
 
 
-def test_a_sensor_near_a_threshold_is_put_across_it_in_its_own_window(joint):
-    theta = joint.priors.median()
-    bodies = [joint.names.index(f"initial.{window}.body") for window in ("first", "second")]
-    theta[bodies] = 283.15 + 0.1, 286.15 - 0.2
-    z = joint.to_z(theta)
-    for found, place, value in zip(joint.across_thresholds(z, 0.5), bodies, (283.05, 286.35), strict=True):
-        np.testing.assert_array_equal(np.delete(found, place), np.delete(z, place))
-        assert joint.to_theta(found)[place] == pytest.approx(value, abs=1e-9)
-
-
 def test_of_given_simulations_the_derivative_by_the_noise_is_that_of_all_windows(joint):
     z = points(joint, 1)[0]
     theta, k = joint.to_theta(z), joint.names.index("noise.body_temp")
