@@ -132,12 +132,6 @@ def test_where_one_window_cannot_be_simulated_there_is_no_simulation(joint):
     np.testing.assert_array_equal(run.temperatures, joint.simulate(thetas[1]).temperatures)
 
 
-def test_only_the_beginning_of_each_window_counts(joint):
-    half = joint.beginning(0.5)
-    kept = np.concatenate([np.arange(90) <= 44, np.arange(70) <= 34])
-    np.testing.assert_array_equal(np.isfinite(half.observed), joint.valid & kept[:, None])
-
-
 def test_of_given_simulations_the_derivative_by_the_noise_is_that_of_all_windows(joint):
     z = points(joint, 1)[0]
     theta, k = joint.to_theta(z), joint.names.index("noise.body_temp")
