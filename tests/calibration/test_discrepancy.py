@@ -46,6 +46,13 @@ def test_in_time_the_covariance_is_that_of_the_matern_process(smoothness, place)
 
 
 @pytest.mark.parametrize("smoothness", [1.5, 2.5])
+def test_the_shortest_lengthscale_needs_just_the_functions_that_there_are(smoothness):
+    for count in range(5, 300):
+        basis = time_basis(0.0, 10740.0, 2685.0, smoothness, count)
+        assert functions_for(basis, smoothness, shortest_lengthscale(basis, smoothness)) == count
+
+
+@pytest.mark.parametrize("smoothness", [1.5, 2.5])
 def test_of_short_lengthscales_it_is_so_up_to_the_windows_ends(smoothness):
     seconds, length = np.linspace(0.0, 12000.0, 80), 400.0
     found = covariance(time_basis(0.0, 12000.0, length, smoothness, 150), smoothness, length, seconds)
