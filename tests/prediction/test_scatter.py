@@ -28,6 +28,7 @@ def test_the_first_switch_is_off_by_the_scatter_over_the_rate_of_the_sensor(case
     count = 600
     runs = problem.simulate_as_flown(thetas_of(problem, count), np.random.default_rng(1))
     first = np.array([run.switches.time[0] for run in runs])
+    assert len(np.unique(first)) == count
     exact = problem.simulate(thetas_of(problem, 1)[0])
     seconds = (problem.times - problem.times[0]) / np.timedelta64(1, "s")
     at = np.searchsorted(seconds, exact.switches.time[0])
@@ -38,6 +39,13 @@ def test_the_first_switch_is_off_by_the_scatter_over_the_rate_of_the_sensor(case
     assert abs(first.mean() - exact.switches.time[0]) < 4 * first.std() / np.sqrt(count) + 1.0
     off = np.array([run.switches.time[:6] for run in runs]) - exact.switches.time[:6]
     assert off[:, 5].std() > 1.5 * off[:, 1].std(), "the phase of the cycle diffuses from switch to switch"
+
+
+def test_exact_thermostats_draw_nothing(tmp_path):
+    problem = build_problem(*small.closed_loop(tmp_path), "test")
+    rng = np.random.default_rng(1)
+    problem.simulate_as_flown(thetas_of(problem, 2), rng)
+    assert rng.random() == np.random.default_rng(1).random()
 
 
 def test_scatter_widens_the_prediction_of_a_new_window_and_not_that_of_the_training_window(case, tmp_path):
