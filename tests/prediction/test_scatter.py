@@ -67,3 +67,14 @@ def test_a_prediction_says_that_its_thermostats_scatter(case):
     draws = thetas_of(build_problem(*case, "train"), 20)
     said = [predict(*case, window, {}, draws, seed=1)[0].attrs["interval_contains"] for window in ("train", "test")]
     assert ["scatter of the thermostats" in words for words in said] == [False, True]
+
+
+def test_simulations_with_very_many_switches_scatter_too(tmp_path):
+    written = small.content()
+    written["simulator"]["heaters"]["heater"] |= {"off_above": "10.05 degC", "scatter": "0.001 K"}
+    problem = build_problem(*small.load(tmp_path, written), "test")
+    values = {"noise.body_temp": 0.1, "initial.body": 283.16, "initial.panel": 262.0} | small.TRUTH
+    thetas = np.tile([values[name] for name in problem.names], (4, 1))
+    runs = problem.simulate_as_flown(thetas, np.random.default_rng(1))
+    assert min(len(run.switches.time) for run in runs) > 2 * len(problem.times)
+    assert len({run.switches.time[0] for run in runs}) == 4
