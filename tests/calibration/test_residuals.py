@@ -201,7 +201,7 @@ def test_directions_that_are_combinations_of_others_or_none_are_left_out(tmp_pat
     model = build_problem(*made(tmp_path, *MODELS["both"])).residuals
     jacobian = np.random.default_rng(0).normal(size=(len(model.compiled.seconds), 2, 4))
     jacobian[:, 0, 1] *= 1e-9
-    jacobian[:, 0, 3] = 2.0 * jacobian[:, 0, 0] - 1e9 * jacobian[:, 0, 1]
+    jacobian[:, 0, 3] = 2.0 * jacobian[:, 0, 0] - jacobian[:, 0, 2]
     jacobian[:, 1, 2:] = 0.0
     held = model.orthogonal_to(jacobian).compiled
     np.testing.assert_array_equal(held.held, [3, 2])
@@ -407,6 +407,13 @@ def test_an_orthogonal_discrepancy_is_at_right_angles_to_what_parameters_do(tmp_
         np.testing.assert_allclose(products @ factor[k], 0.0, atol=1e-8 * np.linalg.norm(products) * factor[k].max())
     assert np.abs(mean).max() > 0.0
     assert compiled.held.max() == len(own)
+    # What is drawn is at right angles too.
+    quiet = numbers.copy()
+    quiet[:, [DEVIATION, WHITE]] = 1e-9
+    drawn = problem.residuals.draw_errors(quiet, np.random.default_rng(0))
+    for k in range(len(mean)):
+        sizes = np.linalg.norm(jacobian[:, k], axis=0) * np.linalg.norm(drawn[:, k])
+        assert (np.abs(jacobian[:, k].T @ drawn[:, k]) <= 1e-6 * sizes).all()
 
 
 def test_errors_with_an_orthogonal_discrepancy_are_drawn_with_their_own_likelihood(tmp_path):
