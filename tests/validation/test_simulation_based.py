@@ -49,7 +49,7 @@ def test_right_posteriors_have_uniform_ranks_right_coverage_and_the_known_contra
         assert check.score == pytest.approx(1.0, abs=4 / np.sqrt(800))
 
 
-@pytest.mark.parametrize("wrong", [{"width": 0.5}, {"width": 2.0}, {"shift": 1.0}])
+@pytest.mark.parametrize("wrong", [{"width": 0.5}, {"width": 2.0}, {"shift": 1.0}, {"shift": -1.0}])
 def test_posteriors_too_narrow_too_wide_or_biased_leave_the_band(wrong):
     assert not any(check.inside for check in judged(repeats(60, **wrong)))
 
