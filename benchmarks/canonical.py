@@ -59,7 +59,7 @@ class Canonical:
         return (1 - weight) * states[sampling.point][:, channels] + weight * states[sampling.point + 1][:, channels]
 
     def to_theta(self, z: Any) -> Any:
-        """Physical theta [d] of z [d]; every prior here is N(0, 1) in z (see `flightcal.calibration.priors`)."""
+        """Physical theta [d] of z [d]; every prior here is N(0, 1) in z (see `flightcal.probability.priors`)."""
         return jnp.stack([_quantile(prior, z[k]) for k, prior in enumerate(self.problem.priors.priors)])
 
     def log_density(self, z: Any, temperatures: Any) -> Any:

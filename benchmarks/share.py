@@ -10,7 +10,8 @@ from typing import Any
 import numpy as np
 from numba import types
 
-from flightcal.calibration import Problem, native
+from flightcal.calibration import Problem
+from flightcal.calibration.native import FOLDERS
 from flightcal.calibration.whitening import Whitening
 from flightcal.compiled import callback, make_stored, store, stored
 from flightcal.simulator import Drive, Structure, simulate
@@ -24,8 +25,7 @@ def integration_alone(problem: Problem, z: Any) -> Callable[[], Any]:
     density = problem.native_density(Whitening(np.zeros(len(z)), np.eye(len(z))))
     assert density is not None
     density(z)
-    folders = [Path(module.__file__ or "").parent for module in (native, simulate)]
-    made = callback(_integration, types.int64(types.voidptr), [*folders, Path(__file__).parent])
+    made = callback(_integration, types.int64(types.voidptr), [*FOLDERS, Path(__file__).parent])
     function = ctypes.CFUNCTYPE(ctypes.c_int64, ctypes.c_void_p)(made.address)
     return lambda: (function(density.address), density)
 

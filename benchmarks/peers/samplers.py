@@ -192,7 +192,7 @@ def emcee(seconds: float) -> dict[str, Any]:
     """The stretch move with 64 walkers on flightcal's batch; the first half of the time is burn-in."""
     import emcee as package
 
-    from flightcal.calibration.likelihood import iid_log_likelihood
+    from flightcal.probability.likelihood import iid_log_likelihood
 
     problem, _, starts = _start()
 

@@ -9,7 +9,7 @@ from typing import Any
 
 import numpy as np
 
-from flightcal.calibration.likelihood import iid_log_likelihood
+from flightcal.probability.likelihood import iid_log_likelihood
 
 from ..canonical import Canonical, canonical
 from ..peers import diffrax_ode, jax_scan, scipy_ode

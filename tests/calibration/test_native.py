@@ -5,11 +5,11 @@ import pytest
 from numba import typeof
 
 from flightcal.calibration import build_problem
-from flightcal.calibration import native as native_module
-from flightcal.calibration.likelihood import iid_log_likelihood
 from flightcal.calibration.native import DENSITY_NOT_FINITE, REASONS
+from flightcal.calibration.native import density as native_module
 from flightcal.calibration.nuts import overdispersed_starts, sample
 from flightcal.calibration.whitening import Whitening, whitening
+from flightcal.probability.likelihood import iid_log_likelihood
 from flightcal.scenario.schema import NutsSettings
 from flightcal.simulator import SimulationFailure
 from flightcal.simulator.forward import TOO_MANY_SWITCHES

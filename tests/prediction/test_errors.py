@@ -5,10 +5,10 @@ import pytest
 from scipy import stats
 
 from flightcal.calibration import build_problem
-from flightcal.calibration.noise import CORRELATED, INDEPENDENT
 from flightcal.prediction import condition_initial, predict, window_errors
 from flightcal.prediction.errors import FirstErrors
 from flightcal.prediction.matern import covariance, fading, stationary
+from flightcal.probability.noise import CORRELATED, INDEPENDENT
 
 from .. import small
 

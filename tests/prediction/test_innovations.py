@@ -5,8 +5,8 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 
-from flightcal.calibration.noise import CORRELATED, CORRELATED_STUDENT, DEVIATION, NUMBERS, ROUNDED, STEP, TIME, WHITE
 from flightcal.prediction.innovations import innovations
+from flightcal.probability.noise import CORRELATED, CORRELATED_STUDENT, DEVIATION, NUMBERS, ROUNDED, STEP, TIME, WHITE
 
 TIMES = np.cumsum(np.random.default_rng(0).choice([30.0, 60.0, 400.0], 300))
 

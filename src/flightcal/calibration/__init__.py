@@ -1,5 +1,6 @@
 """The problem, its priors and likelihood, and the methods that solve it."""
 
+from ..probability.priors import Priors
 from .diagnostics import Diagnostics, Gate, diagnose
 from .joint import AnyProblem, JointProblem, calibration_problem
 from .methods import (
@@ -13,7 +14,6 @@ from .methods import (
     with_residual_noise,
 )
 from .mode import Mode, climb, find_mode
-from .priors import Priors
 from .problem import Problem, build_problem
 
 __all__ = [

@@ -18,6 +18,7 @@ from numpy.typing import NDArray
 from ..campaign.designs import sobol
 from ..errors import FlightcalError
 from ..external.record import Record
+from ..probability.priors import Priors
 from ..scenario.schema import EmulatorSettings, NutsSettings
 from ..simulator import SimulationFailure
 from ..simulator.system import FloatArray
@@ -29,7 +30,6 @@ from .horizon import farthest_emulator, shape_tolerance
 from .influence import influence, most_telling
 from .mode import find_mode
 from .nuts import sample
-from .priors import Priors
 from .problem import Problem
 from .whitening import whitening
 

@@ -21,16 +21,15 @@ import numpy as np
 import xarray
 
 from ..errors import ScenarioError
+from ..probability.priors import Priors
+from ..probability.residuals import ResidualModel
 from ..scenario import Normal, Prior, Scenario, Uniform, support
 from ..scenario.priors import HalfNormal
 from ..scenario.schema import is_orthogonal, is_trained
 from ..simulator import Simulator, Trajectory
 from ..simulator.system import FloatArray, IntArray, Switch
-from .native import NativeDensity
-from .native_joint import joint_density
-from .priors import Priors
+from .native import NativeDensity, joint_density
 from .problem import Problem, build_problem
-from .residuals import ResidualModel
 from .whitening import Whitening
 
 

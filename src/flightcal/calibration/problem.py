@@ -21,6 +21,18 @@ from numpy.typing import NDArray
 
 from ..environment import orbital_period
 from ..errors import ScenarioError
+from ..probability.likelihood import log_likelihood, precision_times
+from ..probability.noise import DEVIATION, WHITE
+from ..probability.priors import Priors, PriorTerms
+from ..probability.residuals import ResidualModel, residual_model
+from ..probability.status import THRESHOLD_ERROR, HeaterStatus, heater_status, measured_switches
+from ..probability.surrogate_error import (
+    ErrorShapes,
+    error_shapes,
+    low_rank_log_likelihood,
+    shrinkage,
+    with_error_shapes,
+)
 from ..scenario import Normal, Prior, Scenario
 from ..scenario.external import ExternalModel
 from ..scenario.schema import is_trained
@@ -29,13 +41,7 @@ from ..simulator.sampling import ICE_POINT
 from ..simulator.system import FloatArray, Switch
 from ..surrogate.build import InexactSimulator, build_simulator
 from ..telemetry import select_window, window_bounds
-from .likelihood import log_likelihood, precision_times
 from .native import NativeDensity, native_density
-from .noise import DEVIATION, WHITE
-from .priors import Priors, PriorTerms
-from .residuals import ResidualModel, residual_model
-from .status import THRESHOLD_ERROR, HeaterStatus, heater_status, measured_switches
-from .surrogate_error import ErrorShapes, error_shapes, low_rank_log_likelihood, shrinkage, with_error_shapes
 from .whitening import Whitening
 
 _SAMPLES_FOR_START = 3

@@ -5,10 +5,10 @@ from __future__ import annotations
 import numpy as np
 from scipy.optimize import minimize
 
+from ..probability.noise import DEVIATION, PHASE_SIZE, TIME_SIZE, WHITE
 from ..simulator import SimulationFailure
 from ..simulator.system import FloatArray
 from .joint import AnyProblem
-from .noise import DEVIATION, PHASE_SIZE, TIME_SIZE, WHITE
 
 _LEAST = 1e-3  # K
 _STEPS = 200

@@ -16,10 +16,10 @@ from functools import cached_property
 import numpy as np
 from numpy.typing import NDArray
 
-from ..calibration.likelihood import weights_given
-from ..calibration.noise import CORRELATED, CORRELATED_STUDENT, DEVIATION, TIME, TIME_LENGTH, TIME_SIZE, WHITE
 from ..calibration.problem import Problem
-from ..calibration.residuals import ResidualModel, correlate, draw_noise, white_noise
+from ..probability.likelihood import weights_given
+from ..probability.noise import CORRELATED, CORRELATED_STUDENT, DEVIATION, TIME, TIME_LENGTH, TIME_SIZE, WHITE
+from ..probability.residuals import ResidualModel, correlate, draw_noise, white_noise
 from ..simulator.system import FloatArray
 from .matern import ORDER, continue_path, covariance, fading, stationary
 

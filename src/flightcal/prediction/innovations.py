@@ -5,8 +5,8 @@ from __future__ import annotations
 import numpy as np
 from scipy.stats import truncnorm
 
-from ..calibration.noise import CORRELATED, CORRELATED_STUDENT, DEVIATION, ROUNDED, STEP, STUDENT, TIME, WHITE
-from ..calibration.residuals import ResidualModel
+from ..probability.noise import CORRELATED, CORRELATED_STUDENT, DEVIATION, ROUNDED, STEP, STUDENT, TIME, WHITE
+from ..probability.residuals import ResidualModel
 from ..simulator.system import FloatArray
 
 _NOISE = {

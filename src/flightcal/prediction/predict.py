@@ -8,9 +8,9 @@ from dataclasses import replace
 import numpy as np
 import xarray
 
-from ..calibration.noise import CORRELATED, CORRELATED_STUDENT
 from ..calibration.problem import Problem, build_problem
 from ..environment import orbit_phase, sunlit_share
+from ..probability.noise import CORRELATED, CORRELATED_STUDENT
 from ..scenario import Scenario, SimulatorModel
 from ..scenario.schema import is_orthogonal, is_trained
 from ..simulator import Trajectory

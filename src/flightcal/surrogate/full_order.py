@@ -8,7 +8,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 import xarray
 
-from ..calibration.priors import Priors
+from ..probability.priors import Priors
 from ..scenario import Scenario
 from ..simulator import NetworkSimulator, network_simulator
 from ..simulator.inputs import Times

@@ -9,8 +9,8 @@ from functools import partial
 import numpy as np
 import xarray
 
-from ..calibration.priors import Priors
 from ..errors import FlightcalError
+from ..probability.priors import Priors
 from ..scenario import Scenario
 from ..simulator import Network, NetworkSimulator, build_network, network_simulator
 from ..simulator.inputs import Times

@@ -15,15 +15,19 @@ from typing import Any, NamedTuple
 import numpy as np
 from numba import types
 
-from ..compiled import callback, inlined, store, stored
-from ..simulator import NetworkSimulator, simulate
-from ..simulator.forward import FINISHED, NOT_FINITE, TOO_MANY_SWITCHES
-from ..simulator.system import FloatArray
-from ..simulator.whole import Window, Workspace, linearise_compiled, make_window, make_workspace, simulate_compiled
-from .likelihood import Residuals, log_likelihood_compiled, residual_memory
-from .priors import NDTRI, Priors, evaluate
-from .switching import NO_STATUS, StatusData, StatusWork, status_compiled, status_work
-from .whitening import Whitening
+from ...compiled import callback, inlined, store, stored
+from ...probability import likelihood
+from ...probability.likelihood import Residuals, log_likelihood_compiled, residual_memory
+from ...probability.priors import NDTRI, Priors, evaluate
+from ...probability.switching import NO_STATUS, StatusData, StatusWork, status_compiled, status_work
+from ...simulator import NetworkSimulator, simulate
+from ...simulator.forward import FINISHED, NOT_FINITE, TOO_MANY_SWITCHES
+from ...simulator.system import FloatArray
+from ...simulator.whole import Window, Workspace, linearise_compiled, make_window, make_workspace, simulate_compiled
+from ..whitening import Whitening
+
+FOLDERS = [Path(file).parent for file in (__file__, likelihood.__file__, simulate.__file__)]
+"""Of all code that is compiled into the functions."""
 
 STOP, GRADIENTS, FAILURES, REASON, DRAWS = range(5)
 """Places in a density's `control`: whether it is to stop, counts, and why the last failure was one."""
@@ -179,11 +183,10 @@ def native_density(
 
 @cache
 def _functions() -> tuple[Any, Any]:
-    folders = [Path(file).parent for file in (__file__, simulate.__file__)]
     double, size = types.CPointer(types.double), types.uint64
     return (
-        callback(_density, types.int64(size, double, double, double, types.voidptr), folders),
-        callback(_record, types.int64(size, size, double, double, types.voidptr), folders),
+        callback(_density, types.int64(size, double, double, double, types.voidptr), FOLDERS),
+        callback(_record, types.int64(size, size, double, double, types.voidptr), FOLDERS),
     )
 
 

@@ -6,7 +6,6 @@ See `joint` for what is put together, and `native` for why.
 from __future__ import annotations
 
 from functools import cache
-from pathlib import Path
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -14,11 +13,22 @@ from llvmlite import ir
 from numba import types
 from numba.extending import intrinsic
 
-from ..compiled import callback, inlined, make_stored, store
-from ..simulator.system import IntArray
-from .native import DENSITY_NOT_FINITE, DIVERGENCE, DRAWS, FAILURES, GRADIENTS, REASON, STOP, STOPPED, NativeDensity
-from .priors import NDTRI, Priors, evaluate
-from .whitening import Whitening
+from ...compiled import callback, inlined, make_stored, store
+from ...probability.priors import NDTRI, Priors, evaluate
+from ...simulator.system import IntArray
+from ..whitening import Whitening
+from .density import (
+    DENSITY_NOT_FINITE,
+    DIVERGENCE,
+    DRAWS,
+    FAILURES,
+    FOLDERS,
+    GRADIENTS,
+    REASON,
+    STOP,
+    STOPPED,
+    NativeDensity,
+)
 
 stored = make_stored()
 
@@ -104,11 +114,10 @@ def joint_density(
 
 @cache
 def _functions() -> tuple[Any, Any]:
-    folders = [Path(__file__).parent]
     double, size = types.CPointer(types.double), types.uint64
     return (
-        callback(_density, types.int64(size, double, double, double, types.voidptr), folders),
-        callback(_record, types.int64(size, size, double, double, types.voidptr), folders),
+        callback(_density, types.int64(size, double, double, double, types.voidptr), FOLDERS),
+        callback(_record, types.int64(size, size, double, double, types.voidptr), FOLDERS),
     )
 
 

@@ -2,8 +2,8 @@ import numpy as np
 import pytest
 from scipy.stats import multivariate_normal
 
-from flightcal.calibration.likelihood import iid_log_likelihood
-from flightcal.calibration.surrogate_error import error_shapes, low_rank_log_likelihood
+from flightcal.probability.likelihood import iid_log_likelihood
+from flightcal.probability.surrogate_error import error_shapes, low_rank_log_likelihood
 
 SAMPLES, CHANNELS, SHAPES = 12, 3, 4
 

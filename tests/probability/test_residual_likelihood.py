@@ -5,7 +5,7 @@ import pytest
 from scipy import stats
 from scipy.special import digamma
 
-from flightcal.calibration.likelihood import (
+from flightcal.probability.likelihood import (
     iid_log_likelihood,
     log_likelihood,
     log_likelihood_compiled,
@@ -13,7 +13,7 @@ from flightcal.calibration.likelihood import (
     residual_memory,
     weights_given,
 )
-from flightcal.calibration.noise import (
+from flightcal.probability.noise import (
     CORRELATED,
     CORRELATED_STUDENT,
     DEGREES,
@@ -24,7 +24,7 @@ from flightcal.calibration.noise import (
     STUDENT,
     WHITE,
 )
-from flightcal.calibration.surrogate_error import error_shapes, low_rank_log_likelihood, with_error_shapes
+from flightcal.probability.surrogate_error import error_shapes, low_rank_log_likelihood, with_error_shapes
 
 from .residual_cases import Case
 

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from scipy import stats
 
-from flightcal.calibration.switching import (
+from flightcal.probability.switching import (
     BAND,
     NO_STATUS,
     DutyCycles,

@@ -7,9 +7,12 @@ import pytest
 from scipy import stats
 
 from flightcal.calibration import build_problem, calibration_problem, climb, find_mode
-from flightcal.calibration.discrepancy import shortest_lengthscale, time_basis
-from flightcal.calibration.likelihood import log_likelihood, weights_given
-from flightcal.calibration.noise import (
+from flightcal.calibration.start import fit_residuals
+from flightcal.calibration.whitening import whitening
+from flightcal.errors import ScenarioError
+from flightcal.probability.discrepancy import shortest_lengthscale, time_basis
+from flightcal.probability.likelihood import log_likelihood, weights_given
+from flightcal.probability.noise import (
     CORRELATED,
     CORRELATED_STUDENT,
     DEGREES,
@@ -23,10 +26,7 @@ from flightcal.calibration.noise import (
     TIME,
     WHITE,
 )
-from flightcal.calibration.residuals import draw_noise
-from flightcal.calibration.start import fit_residuals
-from flightcal.calibration.whitening import whitening
-from flightcal.errors import ScenarioError
+from flightcal.probability.residuals import draw_noise
 
 from .. import small
 

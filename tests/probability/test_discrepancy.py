@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from flightcal.calibration.discrepancy import (
+from flightcal.probability.discrepancy import (
     PhaseBasis,
     functions_for,
     longest_lengthscale,

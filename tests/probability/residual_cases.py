@@ -3,9 +3,9 @@
 import numpy as np
 from scipy import stats
 
-from flightcal.calibration import discrepancy
-from flightcal.calibration.likelihood import Residuals
-from flightcal.calibration.noise import CORRELATED, CORRELATED_STUDENT, INDEPENDENT, ROUNDED, STUDENT
+from flightcal.probability import discrepancy
+from flightcal.probability.likelihood import Residuals
+from flightcal.probability.noise import CORRELATED, CORRELATED_STUDENT, INDEPENDENT, ROUNDED, STUDENT
 
 SAMPLES = 70
 NUMBERS = np.array(

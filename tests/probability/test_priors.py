@@ -2,7 +2,7 @@ import numpy as np
 import pytest
 import scipy.stats
 
-from flightcal.calibration.priors import Priors
+from flightcal.probability.priors import Priors
 from flightcal.scenario.priors import Beta, HalfNormal, LogNormal, Normal, TruncatedNormal, Uniform
 
 SIGMA = np.log(2.5)
