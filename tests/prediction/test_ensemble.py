@@ -8,6 +8,7 @@ import pytest
 from flightcal.calibration import build_problem
 from flightcal.errors import RunError
 from flightcal.prediction import propagate
+from flightcal.prediction.errors import Drawn
 
 from .. import small
 
@@ -112,3 +113,38 @@ def test_what_a_surrogate_may_be_off_by_is_in_the_intervals(problem):
     np.testing.assert_allclose(ensemble.standard_deviation[:, 0], np.hypot(0.5, 0.8), rtol=0.05)
     np.testing.assert_allclose(ensemble.standard_deviation[:, 1], 0.1, rtol=1e-9)
     np.testing.assert_allclose((ensemble.model_upper - ensemble.model_lower)[:, 0], 2 * 1.645 * 0.8, rtol=0.1)
+
+
+class KnownErrors:
+    """In the place of `WindowErrors`: errors that are given, of the draws that are usable."""
+
+    def __init__(self, drawn, usable, taken=None):
+        self.drawn, self.given, self.taken = drawn, usable, taken
+
+    def usable(self):
+        return self.given.copy()
+
+    def only(self, kept):
+        return KnownErrors(self.drawn, self.given, kept)
+
+    def draw(self, temperatures, rng):
+        parts = (self.drawn.mean, self.drawn.discrepancy, self.drawn.noise, self.drawn.white)
+        return Drawn(*(part[self.taken] for part in parts))
+
+
+def test_intervals_hold_discrepancy_and_both_kinds_of_noise_of_the_usable_draws(problem):
+    thetas = thetas_of(problem, 40, link=0.02)
+    simulated = np.stack([problem.simulate(theta).temperatures for theta in thetas])
+    rng = np.random.default_rng(3)
+    drawn = Drawn(*(size * rng.standard_normal(simulated.shape) for size in (0.3, 0.7, 1.1, 1.3)))
+    usable = np.arange(40) % 4 > 0
+    ensemble = propagate(problem, thetas, 0.8, np.random.default_rng(1), KnownErrors(drawn, usable))
+    assert ensemble.failed == 10
+    with_discrepancy = (simulated + drawn.discrepancy)[usable]
+    noisy = with_discrepancy + drawn.noise[usable] + drawn.white[usable]
+    np.testing.assert_allclose(ensemble.mean, (simulated + drawn.mean)[usable].mean(axis=0))
+    np.testing.assert_allclose(ensemble.model_lower, np.quantile(with_discrepancy, 0.1, axis=0))
+    np.testing.assert_allclose(ensemble.model_upper, np.quantile(with_discrepancy, 0.9, axis=0))
+    np.testing.assert_allclose(ensemble.lower, np.quantile(noisy, 0.1, axis=0))
+    np.testing.assert_allclose(ensemble.upper, np.quantile(noisy, 0.9, axis=0))
+    np.testing.assert_allclose(ensemble.standard_deviation, noisy.std(axis=0))

@@ -1,12 +1,14 @@
 """Errors of a window given the training residuals and the window's first samples, against the dense normal."""
 
+import sys
+
 import numpy as np
 import pytest
 from scipy import stats
 
 from flightcal.calibration import build_problem
 from flightcal.prediction import condition_initial, predict, window_errors
-from flightcal.prediction.errors import FirstErrors
+from flightcal.prediction.errors import FirstErrors, WhiteErrors
 from flightcal.prediction.matern import covariance, fading, stationary
 from flightcal.probability.noise import CORRELATED, INDEPENDENT
 
@@ -252,3 +254,17 @@ def test_a_prediction_with_independent_noise_says_nothing_of_innovations(tmp_pat
     draws = np.tile(build_problem(scenario, data).priors.median(), (10, 1))
     prediction = predict(scenario, data, "train", {}, draws, seed=1)[0]
     assert not {"noise", "innovation", "discrepancy_mean"} & set(prediction.data_vars)
+
+
+def test_a_predictions_draws_start_from_first_samples_that_err_as_the_residuals_do(tmp_path, monkeypatch):
+    scenario, data = made(tmp_path)
+    problem = build_problem(scenario, data)
+    given = []
+
+    def noted(first, thetas, errors, rng=None):
+        given.append((type(errors), rng is None))
+        return condition_initial(first, thetas, errors, rng)
+
+    monkeypatch.setattr(sys.modules["flightcal.prediction.predict"], "condition_initial", noted)
+    predict(scenario, data, "test", {"truth": truth(problem)}, np.tile(truth(problem), (3, 1)), seed=1)
+    assert given == [(WhiteErrors, True), (FirstErrors, False)]

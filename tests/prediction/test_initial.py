@@ -1,11 +1,14 @@
 """Conditioning of the initial temperatures against the exact answer of a linear network with Gaussian noise."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 from scipy.linalg import expm
 
 from flightcal.calibration import build_problem
 from flightcal.prediction import WhiteErrors, condition_initial
+from flightcal.prediction.errors import FirstErrors
 
 from .. import small
 
@@ -80,3 +83,54 @@ def test_a_theta_that_cannot_be_simulated_keeps_the_prior_mean(first):
     found = condition_initial(first, thetas, WhiteErrors(np.tile(NOISE, (3, 1))))
     np.testing.assert_allclose(found[1, 1:], [first.observed[:3, 0].mean(), 263.15])
     np.testing.assert_allclose(found[0, 1:], exact(first, 4.0)[0], atol=1e-3)
+
+
+def test_one_theta_that_cannot_be_simulated_does_not_keep_the_others_from_being_conditioned(first):
+    thetas = np.array([[1e300, 0.0, 0.0], [4.0, 0.0, 0.0], [4.0, 0.0, 0.0]])
+    found = condition_initial(first, thetas, WhiteErrors(np.tile(NOISE, (3, 1))))
+    np.testing.assert_allclose(found[1, 1:], exact(first, 4.0)[0], atol=1e-3)
+
+
+def test_what_the_errors_are_expected_to_be_is_not_told_to_the_temperatures(first):
+    T = len(first.times)
+    factors = np.tile(NOISE[0] * np.eye(T), (1, 1, 1, 1))
+    theta = np.array([[4.0, 285.0, 262.0]])
+    expected = np.linspace(-1.0, 1.0, T)[None, :, None]
+    found = condition_initial(first, theta, FirstErrors(expected, factors))
+    without = replace(first, observed=first.observed - expected[0])
+    np.testing.assert_allclose(found, condition_initial(without, theta, FirstErrors(0 * expected, factors)), atol=1e-9)
+    assert np.abs(found - condition_initial(first, theta, FirstErrors(0 * expected, factors))).max() > 0.1
+
+
+def test_the_initial_temperatures_are_at_the_top_of_their_density_where_radiation_bends_the_simulation(tmp_path):
+    written = small.content()
+    written["simulator"]["nodes"]["body"]["capacity"] = "40 J/K"
+    written["simulator"]["conductors"].append({"between": ["body", "space"], "radiative": "0.3 m^2"})
+    written["simulator"]["nodes"]["panel"]["initial"] = "150 degC"
+    written["simulator"].pop("heaters")
+    written["parameters"] = {"link": written["parameters"]["link"]}
+    written["observations"] = {"body_temp": {"node": "body", "noise": "0.3 K"}}
+    scenario, data = small.load(tmp_path, written)
+    problem = build_problem(scenario, data, "test", span=600.0)
+    positions = [problem.names.index(f"initial.{node}") for node in ("body", "panel")]
+    truth = problem.priors.median()
+    truth[positions] += 4.0, 40.0
+    made = problem.simulate(truth).temperatures
+    problem = replace(problem, observed=made + NOISE * np.random.default_rng(0).standard_normal(made.shape))
+    priors = [problem.priors.priors[k] for k in positions]
+
+    def log_density(theta):
+        residual = (problem.observed - problem.simulate(theta).temperatures)[np.isfinite(problem.observed)]
+        off = [(theta[k] - prior.mean) / prior.standard_deviation for k, prior in zip(positions, priors, strict=True)]
+        return -0.5 * np.sum(residual**2) / NOISE[0] ** 2 - 0.5 * np.sum(np.square(off))
+
+    theta = problem.priors.median()[None]
+    theta[0, positions] = 5.0, 1500.0
+    found = condition_initial(problem, theta, WhiteErrors(problem.noise(theta[0])[None]))[0]
+    for k in positions:
+        step = np.zeros(len(found))
+        step[k] = 0.05
+        below, at, above = (log_density(found + side * step) for side in (-1, 0, 1))
+        # How far the top is, over the standard deviation.
+        curvature = (2 * at - below - above) / 0.05**2
+        assert abs((above - below) / 0.1) / np.sqrt(curvature) < 0.02
