@@ -1,6 +1,6 @@
 """The log density of several windows, and its gradient, as one C function: it calls those of the windows.
 
-See `joint` for what is put together, and `native` for why.
+See `calibration/joint.py` for what is put together, and `density` for why.
 """
 
 from __future__ import annotations
