@@ -247,6 +247,8 @@ def test_the_prediction_holds_the_discrepancy_and_what_of_the_residuals_should_b
     assert (prediction.sel(channel="body_temp")["discrepancy_mean"] == 0.0).all()
     missing = np.isnan(prediction["observed"])
     np.testing.assert_array_equal(np.isnan(prediction["innovation"]), missing)
+    # Of what the mean leaves, not of the temperatures.
+    assert np.abs(prediction["innovation"]).max() < 2.0
 
 
 def test_a_prediction_with_independent_noise_says_nothing_of_innovations(tmp_path):

@@ -115,6 +115,14 @@ def test_measured_duty_and_switches_stand_beside_the_predicted_ones(case):
     assert result["point_switch_count"].sel({"method": "point"}).values == result["observed_switch_count"].values
 
 
+def test_a_points_energy_is_that_of_its_heater_over_the_window(case):
+    result = predicted(case, "test").sel({"method": "point"})
+    window = case[0].windows["test"]
+    seconds = (window.end - window.start).total_seconds()
+    expected = result["point_duty_cycle"].values * small.TRUTH["power"] * seconds
+    np.testing.assert_allclose(result["point_energy"].values, expected, rtol=1e-9)
+
+
 def test_the_dataset_says_what_its_interval_contains(case):
     assert "not model discrepancy" in predicted(case, "test").attrs["interval_contains"]
     assert predicted(case, "test").attrs["initial_state"].startswith("estimated from the first 10 min")
