@@ -107,7 +107,7 @@ def test_a_thermostat_out_of_step_after_an_outage_is_brought_back_into_it(tmp_pa
 
 REPEATS = (("ar1", 90), ("ar1", 92), ("ar1", 165), ("time", 12), ("time", 19), ("time", 21))
 """Of `examples/validation`, where to follow the whole window from the open loop's mode ends 8 to 350 nats below the
-truth's mode; in the last two the open loop has several modes with the discrepancy itself."""
+truth's mode; in repeat 19 of `time` the open loop has several modes with the discrepancy itself."""
 
 
 @pytest.mark.parametrize(("model", "repeat"), REPEATS)

@@ -177,16 +177,17 @@ def native_density(
         status_work(data, len(settings), len(work.switches_bar)),
     )  # fmt: skip
     memory = store(call)
-    density, record = _functions()
+    density, record = c_functions(_density, _record)
     return NativeDensity(density, record, memory.ctypes.data, call.control, (memory, call), d)
 
 
 @cache
-def _functions() -> tuple[Any, Any]:
+def c_functions(density: Any, record: Any) -> tuple[Any, Any]:
+    """Both as C functions, of what is stored when they are first asked for."""
     double, size = types.CPointer(types.double), types.uint64
     return (
-        callback(_density, types.int64(size, double, double, double, types.voidptr), FOLDERS),
-        callback(_record, types.int64(size, size, double, double, types.voidptr), FOLDERS),
+        callback(density, types.int64(size, double, double, double, types.voidptr), FOLDERS),
+        callback(record, types.int64(size, size, double, double, types.voidptr), FOLDERS),
     )
 
 
@@ -197,15 +198,34 @@ def _c_function(address: int) -> Any:
 
 
 @inlined
+def unwhiten(mean, factor, w, z):
+    """z [d] = mean + factor w."""
+    for i in range(mean.shape[0]):
+        total = mean[i]
+        for j in range(mean.shape[0]):
+            total += factor[i, j] * w[j]
+        z[i] = total
+
+
+@inlined
+def pull_back_to_whitened(factor, z_bar, gradient):
+    """gradient [d] = factor^T z_bar; whether it is finite."""
+    finite = True
+    for j in range(factor.shape[1]):
+        total = 0.0
+        for i in range(factor.shape[0]):
+            total += factor[i, j] * z_bar[i]
+        gradient[j] = total
+        finite = finite and np.isfinite(total)
+    return finite
+
+
+@inlined
 def _log_density(posterior, work, call, w, gradient, value):
     """Fill gradient [d] and value [1]; returns FINISHED, or why it could not."""
     d = posterior.mean.shape[0]
     finite = True
-    for i in range(d):
-        total = posterior.mean[i]
-        for j in range(d):
-            total += posterior.factor[i, j] * w[j]
-        call.z[0, i] = total
+    unwhiten(posterior.mean, posterior.factor, w, call.z[0])
     evaluate(
         posterior.kinds, posterior.arguments, posterior.quantile,
         call.z, call.theta, call.slope, call.prior_gradient, call.prior_density,
@@ -251,13 +271,7 @@ def _log_density(posterior, work, call, w, gradient, value):
     for k in range(posterior.setting.shape[0]):
         i = posterior.setting_position[k]
         call.z[0, i] += call.slope[0, i] * call.status.settings_bar[posterior.setting[k]]
-    finite = np.isfinite(value[0])
-    for j in range(d):
-        total = 0.0
-        for i in range(d):
-            total += posterior.factor[i, j] * call.z[0, i]
-        gradient[j] = total
-        finite = finite and np.isfinite(total)
+    finite = pull_back_to_whitened(posterior.factor, call.z[0], gradient) and np.isfinite(value[0])
     return FINISHED if finite else DENSITY_NOT_FINITE
 
 

@@ -5,7 +5,6 @@ See `calibration/joint.py` for what is put together, and `density` for why.
 
 from __future__ import annotations
 
-from functools import cache
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -13,7 +12,7 @@ from llvmlite import ir
 from numba import types
 from numba.extending import intrinsic
 
-from ...compiled import callback, inlined, make_stored, store
+from ...compiled import inlined, make_stored, store
 from ...probability.priors import NDTRI, Priors, evaluate
 from ...simulator.system import IntArray
 from ..whitening import Whitening
@@ -22,12 +21,14 @@ from .density import (
     DIVERGENCE,
     DRAWS,
     FAILURES,
-    FOLDERS,
     GRADIENTS,
     REASON,
     STOP,
     STOPPED,
     NativeDensity,
+    c_functions,
+    pull_back_to_whitened,
+    unwhiten,
 )
 
 stored = make_stored()
@@ -108,17 +109,8 @@ def joint_density(
         value,
     )  # fmt: skip
     memory = store(call)
-    density, record = _functions()
+    density, record = c_functions(_density, _record)
     return NativeDensity(density, record, memory.ctypes.data, control, (memory, call, windows), d)
-
-
-@cache
-def _functions() -> tuple[Any, Any]:
-    double, size = types.CPointer(types.double), types.uint64
-    return (
-        callback(_density, types.int64(size, double, double, double, types.voidptr), FOLDERS),
-        callback(_record, types.int64(size, size, double, double, types.voidptr), FOLDERS),
-    )
 
 
 @intrinsic
@@ -148,11 +140,7 @@ def _log_density(call, w, gradient, value):
     """Fill gradient [d] and value [1]; returns 0, or why it could not."""
     d, m = call.mean.shape[0], call.columns.shape[0]
     finite = True
-    for i in range(d):
-        total = call.mean[i]
-        for j in range(d):
-            total += call.factor[i, j] * w[j]
-        call.z[0, i] = total
+    unwhiten(call.mean, call.factor, w, call.z[0])
     evaluate(call.kinds, call.arguments, call.quantile, call.z, call.theta, call.slope, call.gradient, call.value)
     for i in range(d):
         finite = finite and np.isfinite(call.theta[0, i])
@@ -182,13 +170,7 @@ def _log_density(call, w, gradient, value):
             call.gradient[0, xi] += cotangent * call.theta[0, tau]
             call.gradient[0, tau] += cotangent * call.z[0, xi] * call.slope[0, tau]
     value[0] = result
-    finite = np.isfinite(result)
-    for j in range(d):
-        total = 0.0
-        for i in range(d):
-            total += call.factor[i, j] * call.gradient[0, i]
-        gradient[j] = total
-        finite = finite and np.isfinite(total)
+    finite = pull_back_to_whitened(call.factor, call.gradient[0], gradient) and np.isfinite(result)
     return 0 if finite else DENSITY_NOT_FINITE
 
 
