@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 import xarray as xr
 from scipy.signal import lfilter
+from scipy.stats import chi2
 
 from flightcal.validation import (
     autocorrelation,
@@ -16,7 +17,7 @@ from flightcal.validation import (
     ljung_box,
     runs_test,
 )
-from flightcal.validation.residuals import pair_counts
+from flightcal.validation.residuals import pair_counts, segments
 
 START = np.datetime64("2024-03-01", "ns")
 
@@ -48,6 +49,37 @@ def test_autocorrelation_of_ar1_falls_geometrically_with_and_without_gaps():
     assert autocorrelation(series[keep], time[keep], 8) == pytest.approx(expected, abs=0.03)
     masked = np.where(keep, series, np.nan)
     assert autocorrelation(masked, time, 8) == pytest.approx(autocorrelation(series[keep], time[keep], 8))
+
+
+def test_autocorrelation_is_its_sum_over_pairs_written_out():
+    max_lag = 4
+    # Late, early and missing samples; a step of one and a half spacings, one of a tenth, and one of more than max_lag.
+    steps = np.array([1, 1.1, 0.9, 2, 1, 1, 1.5, 1, 1, 3, 1, 0.1, 1, 1, 1, 4, 1, 5, 1, 1, 2, 1, 1, 1.2, 0.8, 1, 1, 1])
+    time = START + (60e3 * np.concatenate([[0.0], np.cumsum(steps)])).astype("timedelta64[ms]")
+    rng = np.random.default_rng(4)
+    # Louder at the end, so that first and second members of the pairs differ.
+    residuals = 0.7 + rng.standard_normal(time.size) * np.linspace(0.5, 4.0, time.size)
+    residuals[[5, 20]] = np.nan
+    centred = residuals - np.nanmean(residuals)
+    place, stretch = np.zeros(time.size, int), np.zeros(time.size, int)
+    for k, step in enumerate(steps):
+        whole = round(step)
+        breaks = abs(step - whole) > 0.25 or not 1 <= whole <= max_lag
+        stretch[k + 1], place[k + 1] = stretch[k] + breaks, place[k] + max(whole, 1)
+    expected, counts = [], []
+    for lag in range(max_lag + 1):
+        pairs = [
+            (centred[i], centred[j])
+            for i in range(time.size)
+            for j in range(time.size)
+            if stretch[i] == stretch[j] and place[j] - place[i] == lag and np.isfinite([centred[i], centred[j]]).all()
+        ]
+        first, second = np.array(pairs).T
+        expected.append(first @ second / np.sqrt((first @ first) * (second @ second)))
+        counts.append(len(pairs))
+    assert autocorrelation(residuals, time, max_lag) == pytest.approx(np.array(expected), abs=1e-12)
+    assert pair_counts(residuals, time, max_lag).tolist() == counts
+    assert len(segments(residuals, time, max_lag)) == 1 + stretch[-1]
 
 
 def test_pairs_do_not_reach_across_a_break_in_the_sampling():
@@ -101,6 +133,13 @@ def test_ljung_box_rejects_white_noise_as_often_as_it_says(broken):
     assert np.mean(rejected) == pytest.approx(0.05, abs=3.5 * math.sqrt(0.05 * 0.95 / 600))
 
 
+def test_ljung_box_counts_only_lags_that_have_pairs():
+    time = np.concatenate([times(2) + np.timedelta64(3_600 * k, "s") for k in range(60)])
+    residuals = np.random.default_rng(3).normal(size=time.size)
+    statistic, p_value = ljung_box(residuals, time, 10)
+    assert p_value == pytest.approx(chi2.sf(statistic, 1))
+
+
 def test_ljung_box_finds_weak_autocorrelation():
     rng = np.random.default_rng(6)
     found = [ljung_box(ar1(0.3, 300, rng), times(300), 10)[1] < 0.01 for _ in range(50)]
@@ -116,6 +155,26 @@ def test_effective_samples_predict_the_scatter_of_the_mean(rho, broken):
     exact = keep.sum() ** 2 / np.sum(rho**lags)
     found = [effective_samples(ar1(rho, 2_000, rng)[keep], times(2_000)[keep]) for _ in range(40)]
     assert np.median(found) == pytest.approx(exact, rel=0.15)
+
+
+def test_effective_samples_are_their_sum_written_out():
+    # A wave on what hardly changes, with gaps: sums of neighbouring autocorrelations rise again before they end.
+    rng = np.random.default_rng(7)
+    keep = gaps(200, rng)
+    time = times(200)[keep]
+    residuals = (2.0 * ar1(0.97, 200, rng) + np.sin(np.arange(200) * 0.8))[keep]
+    lags = residuals.size // 2
+    correlation, counts = autocorrelation(residuals, time, lags), pair_counts(residuals, time, lags)
+    total, smallest, rises = 0.0, math.inf, False
+    for k in range(0, lags - 1, 2):
+        pair = sum(counts[i] * np.nan_to_num(correlation[i]) for i in (k, k + 1)) / residuals.size
+        if pair <= 0:
+            break
+        rises |= bool(pair > smallest)
+        smallest = min(smallest, pair)
+        total += smallest
+    assert rises
+    assert effective_samples(residuals, time) == pytest.approx(residuals.size / (2 * total - 1))
 
 
 def test_effective_samples_do_not_exceed_their_number():
@@ -157,6 +216,14 @@ def test_an_iid_posterior_is_too_narrow_by_the_factor_named():
     scatter = np.std([s.mean() for s in series])
     named = np.median([check_residuals("panel", s, times(3_000)).factor for s in series[:20]])
     assert named == pytest.approx(scatter / claimed, rel=0.2)
+
+
+@pytest.mark.parametrize(("size", "lags"), [(50, 10), (500, 20)])
+def test_ljung_box_looks_at_a_fifth_of_a_short_series(size, lags):
+    residuals = np.random.default_rng(5).normal(size=size)
+    check = check_residuals("panel", residuals, times(size))
+    assert check.lags == lags
+    assert (check.ljung_box, check.p_value) == pytest.approx(ljung_box(residuals, times(size), lags))
 
 
 def test_weak_autocorrelation_in_a_long_series_is_called_slight():
@@ -209,6 +276,19 @@ def test_the_runs_test_is_that_of_wald_and_wolfowitz_where_there_are_no_gaps():
     assert runs == 1 + np.count_nonzero(np.diff(signs))
     assert of_white == pytest.approx(expected)
     assert p_value == pytest.approx(math.erfc(abs(runs - expected) / math.sqrt(2 * variance)))
+
+
+def test_what_equals_the_median_has_no_side_and_no_neighbours():
+    rng = np.random.default_rng(11)
+    values = rng.permutation(np.repeat([-1.0, 0.0, 1.0], [60, 31, 60])) * rng.uniform(0.5, 2.0, 151)
+    assert runs_test(values, times(151)) == runs_test(values[values != 0.0], times(151)[values != 0.0])
+
+
+@pytest.mark.parametrize("values", [[1.0, -3.0, 2.0, 1.0, 1.0, 1.5], [0.0, 0.0, 0.0, 0.0]])
+def test_without_two_on_either_side_the_runs_test_says_nothing(values):
+    with np.errstate(all="raise"):
+        _, expected, p_value = runs_test(values, times(len(values)))
+    assert np.isnan([expected, p_value]).all()
 
 
 def test_the_runs_test_calls_white_noise_with_gaps_wrong_as_often_as_it_says():

@@ -91,7 +91,7 @@ def autocorrelation(residuals: ArrayLike, time: Times, max_lag: int) -> Array:
     size = np.sqrt(
         np.maximum(_products(squares, masks, max_lag), 0) * np.maximum(_products(masks, squares, max_lag), 0)
     )
-    exists = (np.rint(_products(masks, masks, max_lag)) > 0) & (size > 1e-12 * sum(s.sum() for s in squares))
+    exists = size > 1e-12 * sum(s.sum() for s in squares)
     products = _products(centred, centred, max_lag)
     ratio = np.divide(products, size, out=np.full(max_lag + 1, np.nan), where=exists)
     return np.clip(ratio, -1.0, 1.0)
