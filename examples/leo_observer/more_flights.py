@@ -1,0 +1,109 @@
+"""Scores a run of with_discrepancy.yaml on more flights of the satellite: other imaging, other noise of thermistors.
+
+One flight has few independent events; over ten it shows whether 95% intervals hold 95%.
+
+    python examples/leo_observer/more_flights.py runs/compared/phase+ar1 10
+"""
+
+from __future__ import annotations
+
+import sys
+import tempfile
+from datetime import datetime, timedelta
+from itertools import pairwise
+from pathlib import Path
+
+import make_telemetry
+import numpy as np
+import xarray
+from ruamel.yaml import YAML
+
+from flightcal.calibration import build_problem
+from flightcal.experiment import read
+from flightcal.prediction import predict
+from flightcal.scenario import Scenario, load_scenario
+from flightcal.validation import score
+
+FOLDER = Path(__file__).parent
+FIRST_ROW = datetime.fromisoformat(make_telemetry.FIRST_ROW)
+LEAD = timedelta(hours=8)
+"""From the start of the spacecraft file to the first row."""
+SINCE = FIRST_ROW + timedelta(hours=9, minutes=30)
+"""From then on, after the window that is trained on, imaging is at other times."""
+
+
+def imaging(rng: np.random.Generator, contacts: list[tuple[datetime, datetime]]) -> list[tuple[datetime, str]]:
+    """Changes of mode: imaging once in each orbit, for 6 to 18 minutes, and never while in contact."""
+    changes = []
+    for orbit in range(8):
+        while True:
+            start = SINCE + timedelta(minutes=98.7 * orbit // 1 + int(rng.integers(0, 80)))
+            end = start + timedelta(minutes=int(rng.integers(6, 19)))
+            if not any(start <= until and since <= end for since, until in contacts):
+                break
+        changes += [(start, "imaging"), (end, "nominal")]
+    return changes
+
+
+def another_flight(scenario: Scenario, folder: Path, number: int) -> Scenario:
+    """Flies the satellite once more: the scenario with that flight's modes and telemetry, which is in the folder."""
+    spacecraft = YAML().load(FOLDER / "spacecraft.yaml")
+    timeline = [(FIRST_ROW - LEAD + timedelta(seconds=_seconds(item)), item["mode"]) for item in _timeline(spacecraft)]
+    pairs = [(first, second) for first, second in pairwise(timeline) if first[1] == "contact"]
+    changes = imaging(np.random.default_rng(number), [(first[0], second[0]) for first, second in pairs])
+    contacts = [change for pair in pairs for change in pair if pair[0][0] >= SINCE]
+    flown = [change for change in timeline if change[0] < SINCE] + sorted([*changes, *contacts])
+    _timeline(spacecraft)[:] = [
+        {"at": f"{(at - FIRST_ROW + LEAD).total_seconds():.0f} s", "mode": mode} for at, mode in flown
+    ]
+    spacecraft["seed"] = number
+    YAML().dump(spacecraft, folder / "spacecraft.yaml")
+    make_telemetry.FOLDER = folder
+    make_telemetry.main(folder / "telemetry.csv")
+
+    known = [change for change in scenario.network.timeline if change.at < SINCE]
+    modes = [type(known[0])(at=at, mode=mode) for at, mode in changes]
+    network = scenario.network.model_copy(update={"timeline": (*known, *modes)})
+    telemetry = scenario.telemetry.model_copy(update={"file": (str(folder / "telemetry.csv"),)})
+    return scenario.model_copy(update={"simulator": network, "telemetry": telemetry})
+
+
+def _timeline(spacecraft: dict[str, dict[str, list[dict[str, str]]]]) -> list[dict[str, str]]:
+    return spacecraft["software"]["timeline"]
+
+
+def _seconds(item: dict[str, str]) -> int:
+    return int(item["at"].removesuffix(" s"))
+
+
+def main(run: Path, flights: int) -> None:
+    """Prints coverage and CRPS of each channel over the flights."""
+    own = load_scenario(run / "scenario.yaml")
+    posterior = xarray.open_dataset(run / "posterior.nc", group="posterior", engine="h5netcdf")
+    scores: dict[tuple[str, str], list[float]] = {}
+    for number in range(1, flights + 1):
+        with tempfile.TemporaryDirectory() as folder:
+            scenario = another_flight(own, Path(folder), number)
+            telemetry = read(scenario)
+        draws = np.stack([posterior[name].values.ravel() for name in build_problem(scenario, telemetry).names], axis=1)
+        draws = np.random.default_rng(number).choice(draws, 300, replace=False)
+        windows = [name for name in scenario.windows if name.startswith("test")]
+        found = [score(predict(scenario, telemetry, name, {}, draws, seed=number)[0], name) for name in windows]
+        for metric in ("picp", "mpiw", "crps"):
+            for channel in {item.channel for item in found[0] if item.metric == metric}:
+                values = [i.value or 0.0 for each in found for i in each if (i.channel, i.metric) == (channel, metric)]
+                scores.setdefault((channel, metric), []).append(float(np.mean(values)))
+        print(f"flight {number} of {flights}", file=sys.stderr)
+    for channel in [*own.observations, "all"]:
+        if (channel, "picp") not in scores:
+            continue
+        covered, width, crps = (np.array(scores[channel, metric]) for metric in ("picp", "mpiw", "crps"))
+        inside = np.mean((covered >= 0.92) & (covered <= 0.98))
+        print(
+            f"{channel:26s} PICP {covered.mean():.1%}, from {covered.min():.1%} to {covered.max():.1%}, in 92..98% "
+            f"{inside:.0%} of flights; MPIW {width.mean():.3f} K, CRPS {crps.mean():.4f} K"
+        )
+
+
+if __name__ == "__main__":
+    main(Path(sys.argv[1]), int(sys.argv[2]))
