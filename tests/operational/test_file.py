@@ -66,7 +66,7 @@ def test_modes_follow_the_timeline(flight):
 
 
 def test_the_command_writes_telemetry_once(tmp_path):
-    short = broken(tmp_path, "duration: 64560 s", "duration: 600 s")
+    short = broken(tmp_path, "duration: 115200 s", "duration: 600 s")
     out = tmp_path / "telemetry.csv"
     done = CliRunner().invoke(app, ["fly", str(short), "--out", str(out)])
     assert done.exit_code == 0, done.output
