@@ -9,6 +9,7 @@ from __future__ import annotations
 
 import sys
 import tempfile
+from argparse import ArgumentParser, RawDescriptionHelpFormatter
 from datetime import datetime, timedelta
 from itertools import pairwise
 from pathlib import Path
@@ -78,12 +79,12 @@ def _seconds(item: dict[str, str]) -> int:
 
 def main(run: Path, flights: int) -> None:
     """Prints coverage and CRPS of each channel over the flights."""
-    own = load_scenario(run / "scenario.yaml")
+    flown = load_scenario(run / "scenario.yaml")
     posterior = xarray.open_dataset(run / "posterior.nc", group="posterior", engine="h5netcdf")
     scores: dict[tuple[str, str], list[float]] = {}
     for number in range(1, flights + 1):
         with tempfile.TemporaryDirectory() as folder:
-            scenario = another_flight(own, Path(folder), number)
+            scenario = another_flight(flown, Path(folder), number)
             telemetry = read(scenario)
         draws = np.stack([posterior[name].values.ravel() for name in build_problem(scenario, telemetry).names], axis=1)
         draws = np.random.default_rng(number).choice(draws, 300, replace=False)
@@ -91,10 +92,12 @@ def main(run: Path, flights: int) -> None:
         found = [score(predict(scenario, telemetry, name, {}, draws, seed=number)[0], name) for name in windows]
         for metric in ("picp", "mpiw", "crps"):
             for channel in {item.channel for item in found[0] if item.metric == metric}:
-                values = [i.value or 0.0 for each in found for i in each if (i.channel, i.metric) == (channel, metric)]
-                scores.setdefault((channel, metric), []).append(float(np.mean(values)))
+                values = [
+                    item.value for own in found for item in own if (item.channel, item.metric) == (channel, metric)
+                ]
+                scores.setdefault((channel, metric), []).append(np.mean(np.array(values, float)))
         print(f"flight {number} of {flights}", file=sys.stderr)
-    for channel in [*own.observations, "all"]:
+    for channel in [*flown.observations, "all"]:
         if (channel, "picp") not in scores:
             continue
         covered, width, crps = (np.array(scores[channel, metric]) for metric in ("picp", "mpiw", "crps"))
@@ -106,4 +109,10 @@ def main(run: Path, flights: int) -> None:
 
 
 if __name__ == "__main__":
-    main(Path(sys.argv[1]), int(sys.argv[2]))
+    parser = ArgumentParser(description=__doc__, formatter_class=RawDescriptionHelpFormatter)
+    parser.add_argument("run", type=Path, help="folder of a run")
+    parser.add_argument("flights", type=int, help="how many flights")
+    arguments = parser.parse_args()
+    if not (arguments.run / "posterior.nc").exists():
+        parser.error(f"{arguments.run}: found no posterior.nc, expected the folder of a finished run")
+    main(arguments.run, arguments.flights)

@@ -1,11 +1,13 @@
 """The bundled twin: its telemetry is what its script makes, and its scenario is what the issue of a demo needs."""
 
+import importlib
 import subprocess
 import sys
 from itertools import pairwise
 from pathlib import Path
 
 import numpy as np
+import pandas as pd
 import pytest
 
 from flightcal.calibration import build_problem
@@ -20,6 +22,36 @@ def test_the_script_makes_the_bundled_telemetry_byte_for_byte(tmp_path):
     made = tmp_path / "telemetry.csv"
     subprocess.run([sys.executable, FOLDER / "make_telemetry.py", made], check=True)
     assert made.read_bytes() == (FOLDER / "telemetry.csv").read_bytes()
+
+
+def imaging(telemetry, scenario):
+    """Whether the satellite images at each row of its telemetry: as it says itself, and by the scenario's timeline."""
+    changes = scenario.network.timeline
+    times = telemetry["time"].to_numpy("datetime64[s]")
+    last = np.searchsorted(np.array([np.datetime64(change.at, "s") for change in changes]), times, side="right") - 1
+    return (telemetry["mode"] == "imaging").to_numpy(), np.array([changes[k].mode == "imaging" for k in last])
+
+
+@pytest.mark.parametrize("name", ["scenario.yaml", "with_discrepancy.yaml"])
+def test_the_scenario_knows_when_the_satellite_images(name):
+    telemetry = pd.read_csv(FOLDER / "telemetry.csv", parse_dates=["time"])
+    flown, known = imaging(telemetry, load_scenario(FOLDER / name))
+    assert flown.any()
+    assert (flown == known).all()
+
+
+def test_another_flight_differs_in_imaging_after_the_training(tmp_path, monkeypatch):
+    monkeypatch.syspath_prepend(FOLDER)
+    monkeypatch.setattr(importlib.import_module("make_telemetry"), "FOLDER", FOLDER)
+    more_flights = importlib.import_module("more_flights")
+    scenario = more_flights.another_flight(load_scenario(FOLDER / "with_discrepancy.yaml"), tmp_path, 1)
+    first, other = (pd.read_csv(folder / "telemetry.csv", parse_dates=["time"]) for folder in (FOLDER, tmp_path))
+    flown, known = imaging(other, scenario)
+    assert (flown == known).all()
+    early = (first["time"] < more_flights.SINCE).to_numpy()
+    assert first["mode"][early].equals(other["mode"][early])
+    assert not first["mode"][~early].equals(other["mode"][~early])
+    assert (first["mode"] == "contact").equals(other["mode"] == "contact")
 
 
 @pytest.mark.parametrize("name", ["scenario.yaml", "with_discrepancy.yaml"])
