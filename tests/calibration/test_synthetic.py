@@ -1,5 +1,7 @@
 """Telemetry that the likelihood itself makes, and problems with it in the place of the measured one."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 from scipy.stats import norm
@@ -32,6 +34,33 @@ def test_the_residuals_have_the_noise_of_theta_and_the_gaps_stay(made):
     status = draws[0][1]
     assert np.array_equal(np.isfinite(status), np.isfinite(problem.status))
     assert np.array_equal(status[np.isfinite(status)], run.status[np.isfinite(status)])
+
+
+def test_a_simulator_that_knows_its_error_has_it_in_the_telemetry(made):
+    problem, _, theta = made
+
+    class Erring:
+        """The problem's simulator, as if a surrogate: its error is 3 and 0.5 K of two shapes in time."""
+
+        error_basis = np.zeros((len(problem.times), 2, 2))
+
+        def __getattr__(self, name):
+            return getattr(problem.simulator, name)
+
+        def simulate(self, theta):
+            return replace(problem.simulator.simulate(theta), error_variance=np.array([9.0, 0.25]))
+
+    Erring.error_basis[:, 0, 0] = 1.0
+    Erring.error_basis[::2, 1, 1] = 1.0
+    erring, rng = replace(problem, simulator=Erring()), np.random.default_rng(5)
+    run = problem.simulate(theta)
+    draws = np.stack([simulate_telemetry(erring, theta, rng)[0] - run.temperatures for _ in range(2000)])
+    noise = problem.noise(theta) ** 2
+    # A variance of 2,000 draws is known to 3.2%; four standard errors.
+    assert np.var(draws[:, 7], axis=0) == pytest.approx([9.0 + noise[0], noise[1]], rel=0.13)
+    assert np.var(draws[:, 8], axis=0) == pytest.approx([9.0 + noise[0], 0.25 + noise[1]], rel=0.13)
+    # The same draw of a shape at all times.
+    assert np.cov(draws[:, 7, 0], draws[:, 20, 0])[0, 1] == pytest.approx(9.0, rel=0.13)
 
 
 def test_a_problem_with_other_telemetry_is_as_if_it_had_been_measured(made):

@@ -106,6 +106,20 @@ def test_the_same_seed_gives_the_same_prediction(case):
     assert predicted(case, "test").identical(predicted(case, "test"))
 
 
+def test_another_seed_draws_other_noise(case):
+    scenario, data, points, draws = case
+    other, _ = predict(scenario, data, "test", points, draws, seed=2)
+    assert not np.array_equal(other["lower"].values, predicted(case, "test")["lower"].values)
+
+
+def test_the_means_over_the_simulations_stand_in_the_row_of_the_stochastic_update(case):
+    result = predicted(case, "test")
+    row = result.isel(method=-1)
+    assert result["duty_cycle"].values.std() > 0.0
+    for name in ("duty_cycle", "switch_count", "energy"):
+        assert row[f"point_{name}"].values == pytest.approx(result[name].mean("simulation").values), name
+
+
 def test_measured_duty_and_switches_stand_beside_the_predicted_ones(case):
     result = predicted(case, "test")
     status = result["observed_status"].values[:, 0]

@@ -343,3 +343,26 @@ def test_correlation_by_a_discrepancy_in_time_is_expected_only_where_nothing_tel
     assert "contradict independent Student-t noise" in learnt.words
     assert unseen.verdict == "expected"
     assert "too narrow" not in unseen.words
+
+
+def test_correlation_beside_a_discrepancy_in_phase_is_not_expected():
+    window = correlated_window()
+    window["discrepant"] = ("channel", ["", "phase"])
+    _, unseen = check_window(window, unseen=True)
+    assert unseen.verdict == "contradicted"
+
+
+@pytest.mark.parametrize(
+    ("rho", "words"), [(0.7, "too narrow by about a factor"), (0.999, "too narrow by at least a factor")]
+)
+def test_few_independent_residuals_give_the_factor_a_bound(rho, words):
+    check = check_residuals("panel", ar1(rho, 1000, np.random.default_rng(1)), times(1000))
+    assert (check.effective < 10) == ("at least" in words)
+    assert words in check.words
+
+
+def test_lags_without_pairs_have_no_autocorrelation_in_a_long_series():
+    residuals = np.random.default_rng(2).normal(size=20_000)
+    residuals[1::2] = np.nan
+    found = autocorrelation(residuals, times(20_000), 6)
+    assert np.isnan(found).tolist() == [False, True, False, True, False, True, False]

@@ -83,8 +83,7 @@ def test_uniform_ranks_stay_in_the_band_with_its_probability(count):
     band = ecdf_band(count, 0.95)
     sets = rng.random((2000, count))
     share = np.mean([stays_inside(values, band) for values in sets])
-    # Binomial counts have steps, so the band may hold a little more than its probability.
-    assert 0.95 - 4 * np.sqrt(0.95 * 0.05 / 2000) < share < 0.98
+    assert share == pytest.approx(0.95, abs=3.5 * np.sqrt(0.95 * 0.05 / 2000))
     p_values = np.array([p_value(values) for values in sets[:500]])
     assert np.mean(p_values < 0.05) < 0.05 + 4 * np.sqrt(0.05 * 0.95 / 500)
 
