@@ -20,7 +20,7 @@ import xarray
 from ruamel.yaml import YAML
 
 from flightcal.calibration import build_problem
-from flightcal.experiment import read
+from flightcal.experiment import posterior_draws, read
 from flightcal.prediction import predict
 from flightcal.scenario import Scenario, load_scenario
 from flightcal.validation import score
@@ -80,14 +80,13 @@ def _seconds(item: dict[str, str]) -> int:
 def main(run: Path, flights: int) -> None:
     """Prints coverage and CRPS of each channel over the flights."""
     flown = load_scenario(run / "scenario.yaml")
-    posterior = xarray.open_dataset(run / "posterior.nc", group="posterior", engine="h5netcdf")
+    posterior = xarray.open_datatree(run / "posterior.nc", engine="h5netcdf")
     scores: dict[tuple[str, str], list[float]] = {}
     for number in range(1, flights + 1):
         with tempfile.TemporaryDirectory() as folder:
             scenario = another_flight(flown, Path(folder), number)
             telemetry = read(scenario)
-        draws = np.stack([posterior[name].values.ravel() for name in build_problem(scenario, telemetry).names], axis=1)
-        draws = np.random.default_rng(number).choice(draws, 300, replace=False)
+        draws = posterior_draws(posterior, build_problem(scenario, telemetry).names, 300, seed=number)
         windows = [name for name in scenario.windows if name.startswith("test")]
         found = [score(predict(scenario, telemetry, name, {}, draws, seed=number)[0], name) for name in windows]
         for metric in ("picp", "mpiw", "crps"):

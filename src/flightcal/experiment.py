@@ -122,7 +122,7 @@ def run_experiment(
     interrupted = posterior.attrs["interrupted"] == "true"
     if interrupted:
         predict_key = hash_of(predict_key, "interrupted")
-    draws = _draws(posterior, problem.names, settings.prediction.simulations, settings.seed)
+    draws = posterior_draws(posterior, problem.names, settings.prediction.simulations, settings.seed)
     if isinstance(scenario.simulator, SimulatorModel):
         full_check_stage(run, predict_key, problem, draws, listener)
     fixed = json.loads(posterior.attrs.get("orthogonal_at", "null"))
@@ -251,7 +251,7 @@ def nearest_trained(problem: AnyProblem, window: str, draws: FloatArray) -> tupl
     return nearest.window, problem.window_thetas(nearest, draws)
 
 
-def _draws(posterior: xarray.DataTree, names: tuple[str, ...], count: int, seed: int) -> FloatArray:
+def posterior_draws(posterior: xarray.DataTree, names: tuple[str, ...], count: int, seed: int) -> FloatArray:
     """At most `count` posterior thetas [S, d], chosen at random without repetition."""
     group = posterior["posterior"].to_dataset()
     draws = np.stack([group[name].values.ravel() for name in names], axis=1)
