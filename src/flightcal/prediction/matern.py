@@ -13,6 +13,8 @@ from ..simulator.system import FloatArray
 
 ORDER = {1.5: 2, 2.5: 3}
 """Smoothness -> entries of the state."""
+_ROUNDING = 1e-15
+"""Of a variance at rest: what the difference of two such covariances is off by."""
 
 
 def transition(smoothness: float, length: FloatArray, gap: float) -> FloatArray:
@@ -74,7 +76,7 @@ def continue_path(
         if gap not in moves:
             moved = transition(smoothness, length, gap)
             rest = at_rest - moved @ at_rest @ np.swapaxes(moved, -1, -2)
-            moves[gap] = moved, _root(rest)
+            moves[gap] = moved, _root(rest, _ROUNDING * np.einsum("...ii->...i", at_rest))
         moved, root = moves[gap]
         state = np.einsum("...ij,...j->...i", moved, state)
         state = state + np.einsum("...ij,...j->...i", root, rng.standard_normal(state.shape))
@@ -82,8 +84,8 @@ def continue_path(
     return values
 
 
-def _root(matrix: FloatArray) -> FloatArray:
-    """A with A A^T a covariance that rounding may have left with eigenvalues below zero; its scales differ widely."""
-    scale = np.sqrt(np.maximum(np.einsum("...ii->...i", matrix), 1e-300))
+def _root(matrix: FloatArray, rounding: FloatArray) -> FloatArray:
+    """A with A A^T a covariance [..., p, p] of widely differing scales, whose variances rounding [..., p] may drown."""
+    scale = np.sqrt(np.maximum(np.einsum("...ii->...i", matrix), rounding))
     eigenvalues, directions = np.linalg.eigh(matrix / (scale[..., :, None] * scale[..., None, :]))
     return np.asarray(scale[..., :, None] * directions * np.sqrt(np.maximum(eigenvalues, 0.0))[..., None, :])
