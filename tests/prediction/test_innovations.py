@@ -5,8 +5,19 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 
-from flightcal.prediction.innovations import innovations
-from flightcal.probability.noise import CORRELATED, CORRELATED_STUDENT, DEVIATION, NUMBERS, ROUNDED, STEP, TIME, WHITE
+from flightcal.prediction.innovations import discrepancy_in_words, innovations, noise_in_words
+from flightcal.probability.noise import (
+    CORRELATED,
+    CORRELATED_STUDENT,
+    DEVIATION,
+    INDEPENDENT,
+    NUMBERS,
+    ROUNDED,
+    STEP,
+    STUDENT,
+    TIME,
+    WHITE,
+)
 
 TIMES = np.cumsum(np.random.default_rng(0).choice([30.0, 60.0, 400.0], 300))
 
@@ -37,7 +48,33 @@ def test_of_rounded_telemetry_the_noise_is_drawn_within_the_step():
     rng = np.random.default_rng(3)
     curve = 3.0 * np.sin(TIMES / 2000.0)
     residual = np.round(curve + rng.normal(0.0, 0.2, len(TIMES))) - curve
+    residual[[5, 80]] = np.nan
+    given = residual.copy()
     found = of(ROUNDED, residual, deviation=0.2, step=1.0)
-    assert (np.abs(found - residual) <= 0.5).all()
+    np.testing.assert_array_equal(residual, given, err_msg="the residuals are the caller's")
+    valid = np.isfinite(residual)
+    np.testing.assert_array_equal(np.isfinite(found), valid)
+    assert (np.abs(found - residual)[valid] <= 0.5).all()
     # Rounding adds 0.29 K; without it there is the noise again. Four standard errors of a deviation.
-    assert found.std() == pytest.approx(0.2, rel=4 / np.sqrt(2 * len(TIMES)))
+    assert found[valid].std() == pytest.approx(0.2, rel=4 / np.sqrt(2 * len(TIMES)))
+
+
+def test_innovations_of_independent_noise_are_the_residuals():
+    residual = np.random.default_rng(2).normal(size=len(TIMES))
+    for kind in (INDEPENDENT, STUDENT):
+        np.testing.assert_array_equal(of(kind, residual, deviation=0.7, step=1.0), residual)
+
+
+def test_the_words_name_each_kind_of_noise_and_the_parts_of_each_discrepancy():
+    kinds = [INDEPENDENT, CORRELATED, CORRELATED_STUDENT, STUDENT, ROUNDED]
+    model = SimpleNamespace(compiled=SimpleNamespace(kinds=np.array(kinds), discrepant=np.array([True, False])))
+    assert noise_in_words(model) == [
+        "iid noise",
+        "AR(1) noise",
+        "AR(1) noise with Student-t innovations",
+        "independent Student-t noise",
+        "rounded iid noise",
+    ]
+    for time, phase, words in ((1, None, "time"), (None, 1, "phase"), (1, 1, "time and phase")):
+        model.time, model.phase = time, phase
+        assert discrepancy_in_words(model) == [words, ""]

@@ -42,6 +42,7 @@ def condition_initial(
     thetas[:, positions] = mean
     valid = np.isfinite(first.observed)
     hessians = np.tile(np.diag(precision), (len(thetas), 1, 1))
+    simulated_so_far = np.ones(len(thetas), bool)
     for _ in range(_ITERATIONS):
         jacobian = _jacobian(first, np.median(thetas, axis=0), positions)
         if jacobian is None:
@@ -52,8 +53,9 @@ def condition_initial(
         runs = first.simulate_many(thetas)
         simulated = np.stack([np.full(valid.shape, np.nan) if run is None else run.temperatures for run in runs])
         residuals = errors.whiten(np.where(valid, first.observed - simulated - errors.mean, 0.0)[..., None])
-        for s, (run, residual) in enumerate(zip(runs, residuals.reshape(len(thetas), -1), strict=True)):
-            if run is None:
+        simulated_so_far &= np.array([run is not None for run in runs])
+        for s, residual in enumerate(residuals.reshape(len(thetas), -1)):
+            if not simulated_so_far[s]:
                 thetas[s, positions] = mean
                 continue
             gradient = weighted[s].T @ residual + precision * (mean - thetas[s, positions])

@@ -40,8 +40,7 @@ def innovations(
     found = residual.copy()
     for k, kind in enumerate(model.compiled.kinds):
         if kind in (CORRELATED, CORRELATED_STUDENT):
-            white = numbers[k, WHITE] if kind == CORRELATED else 0.0
-            found[:, k] = _filtered(residual[:, k], seconds, numbers[k, DEVIATION], numbers[k, TIME], white)
+            found[:, k] = _filtered(residual[:, k], seconds, *numbers[k, [DEVIATION, TIME, WHITE]])
         elif kind == ROUNDED:
             valid = np.isfinite(residual[:, k])
             scale, half = numbers[k, DEVIATION], 0.5 * numbers[k, STEP]
@@ -53,7 +52,7 @@ def innovations(
 def _filtered(residual: FloatArray, seconds: FloatArray, deviation: float, time: float, white: float) -> FloatArray:
     """Innovations [T] of an Ornstein-Uhlenbeck process beside white noise, in deviations of the first one's, K."""
     found = np.full(len(residual), np.nan)
-    expected, variance, before = 0.0, deviation**2, -np.inf
+    expected, variance, before = 0.0, 0.0, -np.inf
     for t in np.flatnonzero(np.isfinite(residual)):
         kept = np.exp(-(seconds[t] - before) / time)
         expected, variance = kept * expected, kept**2 * variance + (1.0 - kept**2) * deviation**2
