@@ -10,7 +10,8 @@ from flightcal.calibration import build_problem
 from flightcal.prediction import condition_initial, predict, window_errors
 from flightcal.prediction.errors import FirstErrors, WhiteErrors
 from flightcal.prediction.matern import covariance, fading, stationary
-from flightcal.probability.noise import CORRELATED, INDEPENDENT
+from flightcal.probability.noise import CORRELATED, DEVIATION, INDEPENDENT
+from flightcal.probability.noise import TIME as MEMORY
 
 from .. import small
 
@@ -48,11 +49,10 @@ def truth(problem):
 def of_the_process(errors, channel, apart):
     """Prior covariance of a channel's discrepancy in both windows: the part in time is a Matern process."""
     model, numbers = errors.model, errors.model.fixed[channel]
-    basis = np.concatenate(
-        [part.residuals.compiled.basis[:, model.time.count :] for part in (errors.train, errors.problem)]
-    )
-    in_phase = model.prior_deviations(numbers)[model.time.count :]
-    return covariance(2.5, numbers[5], numbers[6], apart) + basis * in_phase**2 @ basis.T
+    in_time = 0 if model.time is None else model.time.count
+    basis = np.concatenate([part.residuals.compiled.basis[:, in_time:] for part in (errors.train, errors.problem)])
+    in_phase = basis * model.prior_deviations(numbers)[in_time:] ** 2 @ basis.T
+    return in_phase if model.time is None else in_phase + covariance(2.5, numbers[5], numbers[6], apart)
 
 
 def of_the_basis(errors, channel, apart):
@@ -158,6 +158,84 @@ def test_of_the_functions_themselves_they_are_exactly_those_of_the_dense_normal(
     factor = law.factors[channel, 1]
     np.testing.assert_allclose(law.mean[1, :, channel], mean[:FIRST], atol=1e-8 * np.abs(mean).max())
     np.testing.assert_allclose((factor @ factor.T)[kept], expected, atol=1e-8 * expected.max())
+
+
+def test_a_discrepancy_in_phase_alone_is_that_of_the_dense_normal(tmp_path):
+    scenario, data = made(tmp_path, discrepancy={"phase": PHASE, "channels": ["panel_temp"]})
+    train, window = build_problem(scenario, data), build_problem(scenario, data, "test")
+    thetas = np.tile(truth(train), (400, 1))
+    errors = window_errors(window, train, thetas, FIRST)
+    temperatures = np.stack([run.temperatures for run in window.simulate_many(thetas)])
+    drawn = errors.draw(temperatures, np.random.default_rng(0))
+    simulated = np.concatenate([train.simulate(thetas[0]).temperatures, temperatures[0]])
+    mean, expected = Dense(errors, 1, first=FIRST).given(simulated[:, 1])
+    np.testing.assert_allclose(drawn.mean[0, :, 1], mean, atol=1e-8 * np.abs(mean).max())
+    sampled = (drawn.discrepancy + drawn.noise)[:, :, 1]
+    # Standard deviations of so many draws are known to 1 / sqrt(2 count), each; there are 121 of them.
+    np.testing.assert_allclose(sampled.std(axis=0), np.sqrt(np.diag(expected)), rtol=5 / np.sqrt(2 * 400))
+
+
+def uncertain(median):
+    return {"lognormal": {"median": median, "factor": 2.0}}
+
+
+UNCERTAIN_NOISE = {
+    key: uncertain(NOISE[key]) if key != "model" else NOISE[key]
+    for key in ("model", "standard_deviation", "correlation_time", "white")
+}
+UNCERTAIN_TIME = TIME | {"amplitude": {"half_normal": "1 K"}, "lengthscale": {"uniform": ["25 min", "60 min"]}}
+
+
+def of_pairs(folder):
+    """Two thetas of which every number differs, and the two windows."""
+    discrepancy = {"time": UNCERTAIN_TIME, "phase": PHASE, "channels": ["panel_temp"]}
+    scenario, data = made(folder, discrepancy=discrepancy, noise=UNCERTAIN_NOISE)
+    train, window = build_problem(scenario, data), build_problem(scenario, data, "test")
+    pair = np.tile(train.priors.median(), (2, 1))
+    for name, value in {"initial.body": 285.0, "initial.panel": 262.0, **small.TRUTH}.items():
+        if name in train.names:
+            pair[:, train.names.index(name)] = value
+    pair[1] *= np.where([name.startswith("initial") for name in train.names], 1.001, 1.4)
+    return train, window, pair
+
+
+def test_draws_of_different_thetas_are_together_what_they_are_alone(tmp_path):
+    train, window, pair = of_pairs(tmp_path)
+    count = 150
+    thetas = np.tile(pair, (count, 1))
+    rng = np.random.default_rng(0)
+    errors = window_errors(window, train, thetas, FIRST)
+    temperatures = np.stack([run.temperatures for run in window.simulate_many(thetas)])
+    drawn, law = errors.draw(temperatures, rng), errors.only(np.arange(2 * count) < 2).at_first()
+    for s in range(2):
+        alone = window_errors(window, train, thetas[s::2], FIRST)
+        own, own_law = alone.draw(temperatures[s::2], rng), alone.only(np.arange(count) < 1).at_first()
+        kept = errors.only(np.arange(2 * count) % 2 == s).draw(temperatures[s::2], rng)
+        for together in (drawn.mean[s], drawn.mean[2 * (count - 1) + s], kept.mean[-1]):
+            np.testing.assert_allclose(together, own.mean[0], atol=1e-9)
+        np.testing.assert_allclose(law.mean[s], own_law.mean[0], atol=1e-9)
+        np.testing.assert_allclose(law.factors[:, s], own_law.factors[:, 0], atol=1e-9)
+        for part in ("discrepancy", "noise", "white"):
+            found, expected = getattr(drawn, part)[s::2], getattr(own, part)
+            # Each of the two standard deviations is known to 1 / sqrt(2 count), and there are 121 of each.
+            np.testing.assert_allclose(found.std(axis=0), expected.std(axis=0), rtol=5 / np.sqrt(count), atol=1e-9)
+        # After the first samples, noise is as correlated as its time says: known to 1 / sqrt of its samples' number.
+        noise = drawn.noise[s::2, 60:, 0]
+        numbers = train.numbers(pair[s])[0]
+        kept = np.exp(-60.0 / numbers[MEMORY])
+        found = (noise[:, 1:] * noise[:, :-1]).mean() / numbers[DEVIATION] ** 2
+        assert found == pytest.approx(kept, abs=5 * np.sqrt(2 * numbers[MEMORY] / 60.0 / noise.size))
+
+
+def test_a_draw_is_usable_where_its_own_simulation_of_the_training_window_is(tmp_path):
+    train, window, pair = of_pairs(tmp_path)
+    thetas = pair[[0, 0, 1]]
+    thetas[1, train.names.index("initial.body")] = np.nan
+    errors = window_errors(window, train, thetas, FIRST)
+    np.testing.assert_array_equal(errors.usable(), [True, False, True])
+    for s in (0, 2):
+        np.testing.assert_array_equal(errors.numbers[s], train.numbers(thetas[s]))
+        np.testing.assert_allclose(errors.train_temperatures[s], train.simulate(thetas[s]).temperatures, atol=1e-9)
 
 
 def test_on_the_training_window_the_discrepancy_is_that_of_its_residuals(case):

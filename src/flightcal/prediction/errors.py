@@ -23,9 +23,6 @@ from ..probability.residuals import ResidualModel, correlate, draw_noise, white_
 from ..simulator.system import FloatArray
 from .matern import ORDER, continue_path, covariance, fading, stationary
 
-_TINY = 1e-9
-"""Of a variance of telemetry, added to it, so that a channel without noise has one."""
-
 
 def window_errors(problem: Problem, train: Problem, thetas: FloatArray, first: int) -> WindowErrors:
     """Errors of a window at posterior draws thetas [S, d], which hold the training window's initial temperatures.
@@ -67,8 +64,7 @@ class WindowErrors:
     @cached_property
     def gaps(self) -> FloatArray:
         """From the edge of the training window that is nearer, [T] s."""
-        edges = self.train.residuals.compiled.seconds[[0, -1]]
-        return np.asarray(edges[0] - self.seconds if self.before else self.seconds - edges[1])
+        return np.asarray(-self.seconds if self.before else self.seconds - self.model.compiled.seconds[-1])
 
     @cached_property
     def before(self) -> bool:
@@ -175,7 +171,7 @@ class WindowErrors:
         total = (discrepancy + noise)[: self.first]
         total = np.where(valid[:, None] & valid, total, 0.0)
         white = self.white_variance(draw, channel)
-        total[np.diag_indices(self.first)] += np.where(valid, white + _TINY * (white + np.diag(total)), 1.0)
+        total[np.diag_indices(self.first)] += np.where(valid, white, 1.0)
         return np.asarray(np.linalg.cholesky(total))
 
     # --- drawing ------------------------------------------------------------------------------------------------
