@@ -184,7 +184,7 @@ class WindowErrors:
         continues = self.model.time is not None and not self.is_train
         if continues:
             edge = np.zeros((shape[0], shape[2], ORDER[self.smoothness]))
-        weights = [self.weights(s) for s in range(shape[0])] if compiled.discrepant.any() else []
+        weights = [self.weights(s) for s in range(shape[0])]
         for s, (expected, factor) in enumerate(weights):
             for k in np.flatnonzero(compiled.discrepant):
                 drawn = expected[k] + factor[k] @ rng.standard_normal(len(expected[k]))
@@ -200,8 +200,7 @@ class WindowErrors:
         noise, white = self._noise(rng)
         if self.first:
             for s in range(shape[0]):
-                own = weights[s] if weights else (np.zeros((shape[2], 1)), np.zeros((shape[2], 1, 1)))
-                self._correct(s, own[1], temperatures[s], mean[s], discrepancy[s], noise[s], white[s])
+                self._correct(s, weights[s][1], temperatures[s], mean[s], discrepancy[s], noise[s], white[s])
         return Drawn(mean, discrepancy, noise, white)
 
     def _continued(self, edge: FloatArray, rng: np.random.Generator) -> FloatArray:
