@@ -95,6 +95,22 @@ def test_an_ensemble_that_mostly_fails_is_an_error(problem):
         propagate(problem, thetas, 0.95, np.random.default_rng(1))
 
 
+def test_half_of_the_simulations_are_enough(problem):
+    thetas = thetas_of(problem, 10)
+    thetas[:5, problem.names.index("initial.body")] = np.nan
+    assert propagate(problem, thetas, 0.95, np.random.default_rng(1)).failed == 5
+
+
+def test_noise_is_that_of_each_theta(problem):
+    thetas = thetas_of(problem, 1000)
+    thetas[1::2, problem.names.index("noise.body_temp")] = 0.1
+    ensemble = propagate(problem, thetas, 0.9, np.random.default_rng(1))
+    np.testing.assert_allclose(ensemble.standard_deviation[:, 0] ** 2, (0.5**2 + 0.1**2) / 2, rtol=1e-6)
+    # 0.9 of a mixture of two normals lies within +- 0.6408 K: 0.5 (P(|z| < 1.282) + P(|z| < 6.4)).
+    width = (ensemble.upper - ensemble.lower)[:, 0] / 2
+    assert width.mean() == pytest.approx(0.6408, rel=0.02)
+
+
 def test_what_a_surrogate_may_be_off_by_is_in_the_intervals(problem):
     """Equal thetas, one constant shape of standard deviation 0.8 K on the first channel, none on the second."""
 
@@ -138,8 +154,10 @@ def test_intervals_hold_discrepancy_and_both_kinds_of_noise_of_the_usable_draws(
     rng = np.random.default_rng(3)
     drawn = Drawn(*(size * rng.standard_normal(simulated.shape) for size in (0.3, 0.7, 1.1, 1.3)))
     usable = np.arange(40) % 4 > 0
+    thetas[5, problem.names.index("initial.body")] = np.nan
     ensemble = propagate(problem, thetas, 0.8, np.random.default_rng(1), KnownErrors(drawn, usable))
-    assert ensemble.failed == 10
+    assert ensemble.failed == 11
+    usable[5] = False
     with_discrepancy = (simulated + drawn.discrepancy)[usable]
     noisy = with_discrepancy + drawn.noise[usable] + drawn.white[usable]
     np.testing.assert_allclose(ensemble.mean, (simulated + drawn.mean)[usable].mean(axis=0))

@@ -10,7 +10,7 @@ from flightcal.calibration import build_problem
 from flightcal.prediction import condition_initial, predict, window_errors
 from flightcal.prediction.errors import FirstErrors, WhiteErrors
 from flightcal.prediction.matern import covariance, fading, stationary
-from flightcal.probability.noise import CORRELATED, DEVIATION, INDEPENDENT
+from flightcal.probability.noise import CORRELATED, INDEPENDENT
 from flightcal.probability.noise import TIME as MEMORY
 
 from .. import small
@@ -161,16 +161,17 @@ def test_of_the_functions_themselves_they_are_exactly_those_of_the_dense_normal(
 
 
 def test_a_discrepancy_in_phase_alone_is_that_of_the_dense_normal(tmp_path):
-    scenario, data = made(tmp_path, discrepancy={"phase": PHASE, "channels": ["panel_temp"]})
+    scenario, data = made(tmp_path, discrepancy={"phase": PHASE, "channels": ["body_temp"]})
     train, window = build_problem(scenario, data), build_problem(scenario, data, "test")
     thetas = np.tile(truth(train), (400, 1))
     errors = window_errors(window, train, thetas, FIRST)
     temperatures = np.stack([run.temperatures for run in window.simulate_many(thetas)])
     drawn = errors.draw(temperatures, np.random.default_rng(0))
     simulated = np.concatenate([train.simulate(thetas[0]).temperatures, temperatures[0]])
-    mean, expected = Dense(errors, 1, first=FIRST).given(simulated[:, 1])
-    np.testing.assert_allclose(drawn.mean[0, :, 1], mean, atol=1e-8 * np.abs(mean).max())
-    sampled = (drawn.discrepancy + drawn.noise)[:, :, 1]
+    mean, expected = Dense(errors, 0, first=FIRST).given(simulated[:, 0])
+    assert np.abs(mean).max() > 0.01
+    np.testing.assert_allclose(drawn.mean[0, :, 0], mean, atol=1e-8 * np.abs(mean).max())
+    sampled = (drawn.discrepancy + drawn.noise)[:, :, 0]
     # Standard deviations of so many draws are known to 1 / sqrt(2 count), each; there are 121 of them.
     np.testing.assert_allclose(sampled.std(axis=0), np.sqrt(np.diag(expected)), rtol=5 / np.sqrt(2 * 400))
 
@@ -196,6 +197,7 @@ def of_pairs(folder):
         if name in train.names:
             pair[:, train.names.index(name)] = value
     pair[1] *= np.where([name.startswith("initial") for name in train.names], 1.001, 1.4)
+    pair[1, ["amplitude" in name for name in train.names]] *= 3.0
     return train, window, pair
 
 
@@ -219,12 +221,11 @@ def test_draws_of_different_thetas_are_together_what_they_are_alone(tmp_path):
             found, expected = getattr(drawn, part)[s::2], getattr(own, part)
             # Each of the two standard deviations is known to 1 / sqrt(2 count), and there are 121 of each.
             np.testing.assert_allclose(found.std(axis=0), expected.std(axis=0), rtol=5 / np.sqrt(count), atol=1e-9)
-        # After the first samples, noise is as correlated as its time says: known to 1 / sqrt of its samples' number.
+        # After the first samples noise is as correlated as its time says; of N samples that is known to this.
         noise = drawn.noise[s::2, 60:, 0]
-        numbers = train.numbers(pair[s])[0]
-        kept = np.exp(-60.0 / numbers[MEMORY])
-        found = (noise[:, 1:] * noise[:, :-1]).mean() / numbers[DEVIATION] ** 2
-        assert found == pytest.approx(kept, abs=5 * np.sqrt(2 * numbers[MEMORY] / 60.0 / noise.size))
+        kept = np.exp(-60.0 / train.numbers(pair[s])[0, MEMORY])
+        found = (noise[:, 1:] * noise[:, :-1]).sum() / (noise[:, :-1] ** 2).sum()
+        assert found == pytest.approx(kept, abs=4 * np.sqrt((1.0 - kept**2) / noise.size))
 
 
 def test_a_draw_is_usable_where_its_own_simulation_of_the_training_window_is(tmp_path):
@@ -280,6 +281,17 @@ def test_correlated_noise_of_students_t_is_noise_with_a_memory(tmp_path):
     assert stats.kstest(innovations.ravel(), stats.t(3.0).cdf).pvalue > 0.01
     # The first samples are what was simulated, and nothing in them is white.
     assert np.abs(drawn.noise[:, :FIRST, 0]).max() < 1e-6
+
+
+def test_first_samples_are_whitened_by_the_errors_of_their_own_draw_and_channel():
+    rng = np.random.default_rng(0)
+    columns, noise = rng.normal(size=(2, 4, 3, 5)), rng.uniform(0.1, 0.9, (2, 3))
+    factors = np.tril(rng.normal(size=(3, 2, 4, 4))) + 3.0 * np.eye(4)
+    by_factor = FirstErrors(np.zeros((2, 4, 3)), factors).whiten(columns)
+    by_noise = WhiteErrors(noise).whiten(columns)
+    for s, k in np.ndindex(2, 3):
+        np.testing.assert_allclose(factors[k, s] @ by_factor[s, :, k], columns[s, :, k], atol=1e-12)
+        np.testing.assert_allclose(noise[s, k] * by_noise[s, :, k], columns[s, :, k], atol=1e-12)
 
 
 def test_initial_temperatures_are_less_sure_where_the_first_samples_err_together(tmp_path):

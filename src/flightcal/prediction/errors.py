@@ -198,9 +198,8 @@ class WindowErrors:
         if edge is not None:
             discrepancy += self._continued(edge, rng)
         noise, white = self._noise(rng)
-        if self.first:
-            for s in range(shape[0]):
-                self._correct(s, weights[s][1], temperatures[s], mean[s], discrepancy[s], noise[s], white[s])
+        for s in range(shape[0]):
+            self._correct(s, weights[s][1], temperatures[s], mean[s], discrepancy[s], noise[s], white[s])
         return Drawn(mean, discrepancy, noise, white)
 
     def _continued(self, edge: FloatArray, rng: np.random.Generator) -> FloatArray:
@@ -246,8 +245,6 @@ class WindowErrors:
         first = slice(self.first)
         for k in range(temperatures.shape[1]):
             of_discrepancy, of_noise = self.covariances(draw, k, factors[k])
-            if not (of_discrepancy.any() or of_noise.any()):
-                continue
             factor = self._factor(draw, k, of_discrepancy, of_noise)
             residual = self.problem.observed[first, k] - temperatures[first, k]
             valid = np.isfinite(residual)
