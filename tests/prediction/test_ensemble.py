@@ -8,6 +8,7 @@ import pytest
 from flightcal.calibration import build_problem
 from flightcal.errors import RunError
 from flightcal.prediction import propagate
+from flightcal.prediction.ensemble import duration
 from flightcal.prediction.errors import Drawn
 
 from .. import small
@@ -66,6 +67,8 @@ def test_a_new_draw_with_noise_lies_in_the_interval_as_often_as_it_says(problem)
 
 def test_heater_duty_switches_and_energy_are_those_of_each_simulation(problem):
     thetas = thetas_of(problem, 30, power=2.0)
+    # One that is too warm for its heater to switch at all.
+    thetas[3, problem.names.index("initial.body")] = 400.0
     ensemble = propagate(problem, thetas, 0.95, np.random.default_rng(1))
     runs = [problem.simulate(theta) for theta in thetas]
     power = thetas[:, problem.names.index("power")]
@@ -155,7 +158,11 @@ def test_intervals_hold_discrepancy_and_both_kinds_of_noise_of_the_usable_draws(
     drawn = Drawn(*(size * rng.standard_normal(simulated.shape) for size in (0.3, 0.7, 1.1, 1.3)))
     usable = np.arange(40) % 4 > 0
     thetas[5, problem.names.index("initial.body")] = np.nan
-    ensemble = propagate(problem, thetas, 0.8, np.random.default_rng(1), KnownErrors(drawn, usable))
+    compiled = problem.residuals.compiled._replace(discrepant=np.array([True, False]))
+    discrepant = replace(problem, residuals=replace(problem.residuals, compiled=compiled))
+    ensemble = propagate(discrepant, thetas, 0.8, np.random.default_rng(1), KnownErrors(drawn, usable))
+    without = propagate(problem, thetas, 0.8, np.random.default_rng(1), KnownErrors(drawn, usable))
+    assert without.discrepancy is None
     assert ensemble.failed == 11
     usable[5] = False
     with_discrepancy = (simulated + drawn.discrepancy)[usable]
@@ -166,3 +173,14 @@ def test_intervals_hold_discrepancy_and_both_kinds_of_noise_of_the_usable_draws(
     np.testing.assert_allclose(ensemble.lower, np.quantile(noisy, 0.1, axis=0))
     np.testing.assert_allclose(ensemble.upper, np.quantile(noisy, 0.9, axis=0))
     np.testing.assert_allclose(ensemble.standard_deviation, noisy.std(axis=0))
+    discrepancy = drawn.discrepancy[usable]
+    expected = [discrepancy.mean(axis=0), *np.quantile(discrepancy, [0.1, 0.9], axis=0)]
+    np.testing.assert_allclose(ensemble.discrepancy, expected)
+
+
+def test_duty_is_a_share_of_the_problems_own_window(problem):
+    scenario = problem.scenario
+    for window in ("train", "test"):
+        own = scenario.windows[window]
+        other = replace(problem, window=window)
+        assert duration(other) == (own.end - own.start).total_seconds()

@@ -276,6 +276,8 @@ def test_correlated_noise_of_students_t_is_noise_with_a_memory(tmp_path):
     errors = window_errors(window, train, np.tile(truth(train), (200, 1)), FIRST)
     drawn = errors.draw(np.tile(window.observed, (200, 1, 1)), np.random.default_rng(0))
     assert not drawn.white.any()
+    said = predict(scenario, data, "train", {}, np.tile(truth(train), (3, 1)), seed=1)[0].attrs["interval_contains"]
+    assert "correlated measurement noise" in said
     late = drawn.noise[:, 60:, 0]
     innovations = (late[:, 1:] - np.exp(-60 / 480) * late[:, :-1]) / np.sqrt(1 - np.exp(-120 / 480)) / 0.2
     assert stats.kstest(innovations.ravel(), stats.t(3.0).cdf).pvalue > 0.01
@@ -321,6 +323,22 @@ def test_the_prediction_says_which_part_carries_over(tmp_path):
     assert "noise" not in test["model_interval_contains"]
 
 
+@pytest.mark.parametrize("orthogonal", [False, True])
+@pytest.mark.parametrize("part", ["time", "phase"])
+def test_the_prediction_names_no_part_that_is_not_there(tmp_path, part, orthogonal):
+    scenario, data = made(tmp_path, discrepancy={part: DISCREPANCY[part], "orthogonal": orthogonal})
+    draws = np.tile(truth(build_problem(scenario, data)), (4, 1))
+    train, test = (predict(scenario, data, window, {}, draws, seed=1)[0].attrs for window in ("train", "test"))
+    parts = {
+        "time": "its part in time is continued from the edge of the training window and fades to its prior",
+        "phase": "its part in orbit phase carries over from the training window",
+    }
+    repairs = "; it is orthogonal to what parameters do, which repairs forecasts, not the parameters"
+    end = repairs if orthogonal else ""
+    assert test["interval_contains"].endswith(f"and model discrepancy: {parts[part]}{end}")
+    assert train["interval_contains"].endswith(f"and model discrepancy as the residuals of this window show it{end}")
+
+
 def test_the_prediction_holds_the_discrepancy_and_what_of_the_residuals_should_be_white(tmp_path):
     scenario, data = made(tmp_path)
     problem = build_problem(scenario, data)
@@ -360,3 +378,34 @@ def test_a_predictions_draws_start_from_first_samples_that_err_as_the_residuals_
     monkeypatch.setattr(sys.modules["flightcal.prediction.predict"], "condition_initial", noted)
     predict(scenario, data, "test", {"truth": truth(problem)}, np.tile(truth(problem), (3, 1)), seed=1)
     assert given == [(WhiteErrors, True), (FirstErrors, False)]
+
+
+def test_a_stand_in_is_asked_once_for_each_window_whose_residuals_count(tmp_path):
+    written = made(tmp_path)
+    draws = np.tile(truth(build_problem(*written)), (3, 1))
+    asked = []
+
+    def stand_in(problem):
+        asked.append(problem.window)
+        return problem
+
+    for window, trained, expected in (
+        ("train", None, ["train"]), ("test", None, ["test", "train"]), ("train", ("test", draws), ["train", "test"])
+    ):  # fmt: skip
+        asked.clear()
+        predict(*written, window, {}, draws, seed=1, stand_in=stand_in, trained=trained)
+        assert asked == expected
+
+
+def test_innovations_are_those_of_the_draws_median_numbers(tmp_path, monkeypatch):
+    train, window, pair = of_pairs(tmp_path)
+    scenario, data = window.scenario, made(tmp_path, discrepancy=None)[1]
+    given = []
+
+    def noted(model, residual, seconds, numbers, rng):
+        given.append(numbers)
+        return residual
+
+    monkeypatch.setattr(sys.modules["flightcal.prediction.predict"], "innovations", noted)
+    predict(scenario, data, "train", {}, pair[[0, 1, 1, 1]], seed=1)
+    np.testing.assert_allclose(given[0], train.numbers(pair[1]))

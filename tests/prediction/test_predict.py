@@ -1,10 +1,13 @@
 """Predictions of windows: what is scored, and that nothing scored is looked at."""
 
+import sys
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
 from flightcal.calibration import build_problem
-from flightcal.prediction import STOCHASTIC, predict
+from flightcal.prediction import STOCHASTIC, condition_initial, predict
 
 from .. import small
 
@@ -109,7 +112,91 @@ def test_the_same_seed_gives_the_same_prediction(case):
 def test_another_seed_draws_other_noise(case):
     scenario, data, points, draws = case
     other, _ = predict(scenario, data, "test", points, draws, seed=2)
-    assert not np.array_equal(other["lower"].values, predicted(case, "test")["lower"].values)
+    lower, own = (result["lower"].sel({"method": STOCHASTIC}).values for result in (other, predicted(case, "test")))
+    assert np.isfinite(lower).all()
+    assert not np.array_equal(lower, own)
+
+
+def test_another_window_draws_other_noise(tmp_path):
+    written = small.content()
+    written["windows"]["train.again"] = written["windows"].pop("test")
+    written["windows"]["test"] = {"start": "2024-03-01T06:35:00", "end": "2024-03-01T06:55:00"}
+    scenario, data = small.closed_loop(tmp_path, written)
+    draws = np.tile(build_problem(scenario, data).priors.median(), (5, 1))
+    noise = []
+    for window in ("train", "train.again"):
+        own = predict(scenario, data, window, {}, draws, seed=1)[0].sel({"method": STOCHASTIC})
+        noise.append((own["lower"] - own["mean"]).values)
+    assert noise[0].shape == noise[1].shape
+    assert not np.allclose(*noise)
+
+
+def test_interval_and_span_are_those_of_the_settings(tmp_path):
+    written = small.content()
+    written["calibration"]["prediction"] |= {"interval": 0.8, "initial_span": "20 min"}
+    scenario, data = small.closed_loop(tmp_path, written)
+    problem = build_problem(scenario, data)
+    draws = np.tile(problem.priors.median(), (400, 1))
+    result, _ = predict(scenario, data, "train", {}, draws, seed=1)
+    width = (result["upper"] - result["lower"]).sel({"method": STOCHASTIC}).values.mean(axis=0)
+    # The quantiles of 400 draws, averaged over 181 samples.
+    np.testing.assert_allclose(width, 2 * 1.2816 * problem.noise(draws[0]), rtol=0.02)
+    assert result.attrs["interval"] == 0.8
+    later, _ = predict(scenario, data, "test", {}, draws[:4], seed=1)
+    assert int((~later["scored"]).sum()) == 21
+    assert later.attrs["initial_state"].startswith("estimated from the first 20 min")
+
+
+def test_draws_are_conditioned_with_their_own_noise_and_failures_are_counted(case, monkeypatch):
+    scenario, data, _, draws = case
+    problem, given = build_problem(scenario, data), []
+
+    def noted(first, thetas, errors, rng=None):
+        given.append(errors.noise)
+        return condition_initial(first, thetas, errors, rng)
+
+    monkeypatch.setattr(sys.modules["flightcal.prediction.predict"], "condition_initial", noted)
+    thetas = draws[:4].copy()
+    thetas[:, problem.names.index("noise.body_temp")] = [0.1, 0.2, 0.3, 0.4]
+    thetas[3, problem.names.index("power")] = np.nan
+    result, ensemble = predict(scenario, data, "test", {}, thetas, seed=1)
+    np.testing.assert_array_equal(given[0], [problem.noise(theta) for theta in thetas])
+    assert result.attrs["failed_simulations"] == ensemble.failed == 1
+
+
+class Shifted:
+    """In the place of an emulator: the simulator itself and 2 K on the panel, of some of the samples."""
+
+    def __init__(self, exact, part=slice(None)):
+        self.exact, self.part = exact, part
+        self.error_basis = np.zeros((len(exact.observation.sampling.point), len(exact.channels), 1))
+
+    def __getattr__(self, name):
+        return getattr(self.exact, name)
+
+    def on(self, part):
+        return Shifted(self.exact, part)
+
+    def simulate_many(self, thetas):
+        return [
+            replace(run, temperatures=run.temperatures[self.part] + [0.0, 2.0], error_variance=np.zeros(1))
+            for run in self.exact.simulate_many(thetas)
+        ]
+
+
+def test_draws_run_on_a_stand_in_from_the_first_sample_and_points_on_the_simulator_itself(case, monkeypatch):
+    scenario, data, points, draws = case
+    monkeypatch.setattr(sys.modules["flightcal.prediction.predict"], "EmulatedSimulator", Shifted)
+    result, _ = predict(
+        scenario, data, "test", points, draws, seed=1, stand_in=lambda p: replace(p, simulator=Shifted(p.simulator))
+    )
+    np.testing.assert_allclose(result["mean"].sel({"method": "point"}), predicted(case, "test")["mean"][0], atol=1e-9)
+    # The first samples tell the stand-in that its panel is 2 K colder.
+    panel = result.sel(channel="panel_temp")
+    assert abs((panel["mean"].sel({"method": STOCHASTIC}) - panel["observed"])[:11].mean()) < 0.3
+    assert np.abs(panel["mean"].sel({"method": STOCHASTIC}) - panel["mean"].sel({"method": "point"}))[60:].max() > 1.0
+    assert ", the surrogate's error, measurement noise" in result.attrs["interval_contains"]
+    assert result.attrs["model_interval_contains"].endswith(", the surrogate's error")
 
 
 def test_the_means_over_the_simulations_stand_in_the_row_of_the_stochastic_update(case):
@@ -118,6 +205,53 @@ def test_the_means_over_the_simulations_stand_in_the_row_of_the_stochastic_updat
     assert result["duty_cycle"].values.std() > 0.0
     for name in ("duty_cycle", "switch_count", "energy"):
         assert row[f"point_{name}"].values == pytest.approx(result[name].mean("simulation").values), name
+
+
+def test_each_points_run_and_the_ensemble_stand_in_their_own_rows(case):
+    scenario, data, points, draws = case
+    problem = build_problem(scenario, data)
+    position = problem.names.index
+    thetas = {name: points["point"].copy() for name in ("failed", "truth", "strong", "warm")}
+    thetas["failed"][position("power")] = np.nan
+    thetas["strong"][position("power")] = 35.0
+    thetas["warm"][position("initial.body")] = 1000.0  # its heater never switches
+    result, ensemble = predict(scenario, data, "train", thetas, draws, seed=1)
+    assert result["method"].values.tolist() == [*thetas, STOCHASTIC]
+    by_method = ("mean", "status", "point_duty_cycle", "point_switch_count", "point_energy")
+    assert all(np.isnan(result[name].sel({"method": "failed"})).all() for name in by_method)
+    for method in ("truth", "strong", "warm"):
+        row, run = result.sel({"method": method}), problem.simulate(thetas[method])
+        energy = run.duty_cycle * thetas[method][position("power")] * 10800.0
+        expected = (run.temperatures, run.status, run.duty_cycle, [len(run.switches.time)], energy)
+        for name, values in zip(by_method, expected, strict=True):
+            np.testing.assert_allclose(row[name], values, rtol=1e-9, err_msg=name)
+        assert np.isnan(row["upper"]).all()
+    own = result.sel({"method": STOCHASTIC})
+    for name in ("mean", "lower", "upper", "standard_deviation", "status", "model_lower", "model_upper"):
+        np.testing.assert_array_equal(own[name], getattr(ensemble, name), err_msg=name)
+
+
+def test_phases_of_all_windows_count_from_the_training_windows_start(case):
+    # The window begins 3.5 h later, and an orbit takes 1.5 h.
+    assert float(predicted(case, "test")["orbit_phase"][0]) == pytest.approx((3.5 / 1.5) % 1.0)
+    assert float(predicted(case, "train")["orbit_phase"][0]) == 0.0
+
+
+def test_measured_duty_and_switches_are_those_of_the_valid_samples(case):
+    scenario, data, _, draws = case
+    other = data.copy(deep=True)
+    own = other["heater_status"].values[210:390]
+    own[:] = 0.3
+    own[[20, 60, 61]] = 0.7
+    own[[40, 59, 90, 91]] = np.nan
+    with np.errstate(invalid="raise"):
+        result, _ = predict(scenario, other, "test", {}, draws[:3], seed=1)
+        assert result["observed_duty_cycle"].values == pytest.approx([(173 * 0.3 + 3 * 0.7) / 176])
+        assert result["observed_switch_count"].values == [4]
+        own[:] = np.nan
+        result, _ = predict(scenario, other, "test", {}, draws[:3], seed=1)
+    assert np.isnan(result["observed_duty_cycle"]).all()
+    assert np.isnan(result["observed_switch_count"]).all()
 
 
 def test_measured_duty_and_switches_stand_beside_the_predicted_ones(case):
@@ -138,6 +272,8 @@ def test_a_points_energy_is_that_of_its_heater_over_the_window(case):
 
 
 def test_the_dataset_says_what_its_interval_contains(case):
-    assert "not model discrepancy" in predicted(case, "test").attrs["interval_contains"]
+    said = "parameters, initial temperatures, measurement noise; not model discrepancy"
+    assert predicted(case, "test").attrs["interval_contains"] == said
+    assert predicted(case, "test").attrs["model_interval_contains"] == "parameters, initial temperatures"
     assert predicted(case, "test").attrs["initial_state"].startswith("estimated from the first 10 min")
     assert predicted(case, "train").attrs["initial_state"] == "calibrated with the parameters"

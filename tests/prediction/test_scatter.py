@@ -1,10 +1,13 @@
 """Thermostats that switch around their thresholds, in predictions."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
 from flightcal.calibration import build_problem
 from flightcal.prediction import predict, propagate
+from flightcal.surrogate.build import InexactSimulator
 
 from .. import small
 
@@ -41,6 +44,39 @@ def test_the_first_switch_is_off_by_the_scatter_over_the_rate_of_the_sensor(case
     assert off[:, 5].std() > 1.5 * off[:, 1].std(), "the phase of the cycle diffuses from switch to switch"
 
 
+def test_few_simulations_scatter_as_the_same_ones_among_many(case):
+    problem = build_problem(*case, "test")
+    few, many = (problem.simulate_as_flown(thetas_of(problem, n), np.random.default_rng(1)) for n in (2, 20))
+    for one, other in zip(few, many[:2], strict=True):
+        # One by one and side by side differ by rounding.
+        np.testing.assert_allclose(one.switches.time, other.switches.time, atol=1e-6)
+
+
+def test_a_simulator_with_an_error_scatters_as_its_network_does(case):
+    problem = build_problem(*case, "test")
+    inexact = InexactSimulator(problem.simulator, np.zeros((*problem.observed.shape, 1)), np.array([0.04]))
+    runs, expected = (
+        p.simulate_as_flown(thetas_of(problem, 4), np.random.default_rng(1))
+        for p in (replace(problem, simulator=inexact), problem)
+    )
+    for run, own in zip(runs, expected, strict=True):
+        np.testing.assert_array_equal(run.switches.time, own.switches.time)
+        assert run.error_variance == 0.04
+
+
+def test_each_heater_has_its_own_scatter(tmp_path):
+    written = small.content()
+    heaters = written["simulator"]["heaters"]
+    heaters["heater"]["scatter"] = "0.06 K"
+    heaters["other"] = {
+        "node": "panel", "power": "5 W", "sensor": "panel",
+        "on_below": "-60 degC", "off_above": "-55 degC", "scatter": "0.2 K",
+    }  # fmt: skip
+    simulator = build_problem(*small.load(tmp_path, written)).simulator
+    assert simulator.heaters == ("heater", "other")
+    np.testing.assert_allclose(simulator.scatter, [0.06, 0.2])
+
+
 def test_exact_thermostats_draw_nothing(tmp_path):
     problem = build_problem(*small.closed_loop(tmp_path), "test")
     rng = np.random.default_rng(1)
@@ -65,8 +101,9 @@ def test_scatter_widens_the_prediction_of_a_new_window_and_not_that_of_the_train
 
 def test_a_prediction_says_that_its_thermostats_scatter(case):
     draws = thetas_of(build_problem(*case, "train"), 20)
-    said = [predict(*case, window, {}, draws, seed=1)[0].attrs["interval_contains"] for window in ("train", "test")]
-    assert ["scatter of the thermostats" in words for words in said] == [False, True]
+    for interval in ("interval_contains", "model_interval_contains"):
+        said = [predict(*case, window, {}, draws, seed=1)[0].attrs[interval] for window in ("train", "test")]
+        assert ["scatter of the thermostats" in words for words in said] == [False, True]
 
 
 def test_simulations_with_very_many_switches_scatter_too(tmp_path):
