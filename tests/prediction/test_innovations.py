@@ -52,6 +52,7 @@ def test_of_rounded_telemetry_the_noise_is_drawn_within_the_step():
     given = residual.copy()
     found = of(ROUNDED, residual, deviation=0.2, step=1.0)
     np.testing.assert_array_equal(residual, given, err_msg="the residuals are the caller's")
+    np.testing.assert_array_equal(of(ROUNDED, residual, deviation=0.2, step=1.0), found)
     valid = np.isfinite(residual)
     np.testing.assert_array_equal(np.isfinite(found), valid)
     assert (np.abs(found - residual)[valid] <= 0.5).all()
