@@ -10,6 +10,7 @@ from flightcal.errors import RunError
 from flightcal.prediction import propagate
 from flightcal.prediction.ensemble import duration
 from flightcal.prediction.errors import Drawn
+from flightcal.validation import crps_of_draws, probability_below
 
 from .. import small
 
@@ -173,6 +174,9 @@ def test_intervals_hold_discrepancy_and_both_kinds_of_noise_of_the_usable_draws(
     np.testing.assert_allclose(ensemble.lower, np.quantile(noisy, 0.1, axis=0))
     np.testing.assert_allclose(ensemble.upper, np.quantile(noisy, 0.9, axis=0))
     np.testing.assert_allclose(ensemble.standard_deviation, noisy.std(axis=0))
+    np.testing.assert_allclose(ensemble.crps, crps_of_draws(problem.observed, noisy))
+    np.testing.assert_allclose(ensemble.probability_below, probability_below(problem.observed, noisy))
+    assert (np.isfinite(ensemble.crps) == np.isfinite(problem.observed)).all()
     discrepancy = drawn.discrepancy[usable]
     expected = [discrepancy.mean(axis=0), *np.quantile(discrepancy, [0.1, 0.9], axis=0)]
     np.testing.assert_allclose(ensemble.discrepancy, expected)
@@ -184,3 +188,17 @@ def test_duty_is_a_share_of_the_problems_own_window(problem):
         own = scenario.windows[window]
         other = replace(problem, window=window)
         assert duration(other) == (own.end - own.start).total_seconds()
+
+
+def test_telemetry_of_the_model_itself_is_anywhere_in_the_drawn_distribution(problem):
+    """Also where draws are on one side of a switch and on the other: half of them are warmer, whatever the shape."""
+    thetas = thetas_of(problem, 460, link=0.02)
+    rng = np.random.default_rng(5)
+    told = []
+    for theta in thetas[400:]:
+        new = problem.simulate(theta).temperatures
+        telemetry = new + problem.noise(theta) * rng.standard_normal(new.shape)
+        told.append(propagate(replace(problem, observed=telemetry), thetas[:400], 0.9, rng).probability_below)
+    for bound in (0.1, 0.25, 0.5, 0.75, 0.9):
+        shares = (np.stack(told) < bound).mean(axis=(1, 2))  # of windows, whose samples depend on each other
+        assert shares.mean() == pytest.approx(bound, abs=4 * shares.std() / np.sqrt(len(shares)))

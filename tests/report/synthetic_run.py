@@ -12,6 +12,8 @@ from pathlib import Path
 import numpy as np
 import xarray as xr
 
+from flightcal.validation import crps_of_draws, probability_below
+
 CHANNELS = ["panel_temperature", "battery_temperature", "payload_temperature"]
 HEATERS = ["battery_heater", "payload_heater"]
 METHODS = ["uncalibrated", "poorly_calibrated", "genetic", "genetic_best", "stochastic"]
@@ -168,6 +170,8 @@ def _window(
             "standard_deviation": (all_methods, np.concatenate([nothing, whole.std(axis=0)[None]])),
             "model_lower": (("time", "channel"), np.quantile(model, 0.025, axis=0)),
             "model_upper": (("time", "channel"), np.quantile(model, 0.975, axis=0)),
+            "crps": (("time", "channel"), crps_of_draws(observed, whole)),
+            "probability_below": (("time", "channel"), probability_below(observed, whole)),
             "observed_status": (("time", "heater"), status),
             "status": (("method", "time", "heater"), np.concatenate([point_on, on.mean(axis=0)[None]])),
             "duty_cycle": (("simulation", "heater"), on.mean(axis=1)),

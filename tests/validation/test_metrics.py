@@ -11,14 +11,15 @@ from scipy.stats import norm
 from flightcal.validation import (
     Metric,
     comparison_table,
-    crps_ensemble,
-    crps_normal,
+    crps_of_draws,
     format_comparison,
     log_score_normal,
     mape_celsius,
     mape_kelvin,
+    mean_absolute_error,
     mpiw,
     picp,
+    probability_below,
     rmse,
     score,
     status_agreement,
@@ -55,16 +56,8 @@ def test_a_nominal_interval_covers_its_share_of_samples():
     assert picp(samples, 290.0 - half, 290.0 + half) == pytest.approx(0.95, abs=4 * math.sqrt(0.95 * 0.05 / 20_000))
 
 
-@pytest.mark.parametrize(("observed", "mean", "deviation"), [(290.3, 290.0, 0.4), (288.0, 290.0, 0.7), (5.0, 5.0, 2.0)])
-def test_normal_crps_agrees_with_integration_of_its_definition(observed, mean, deviation):
-    cdf = norm(mean, deviation).cdf
-    below, _ = quad(lambda x: cdf(x) ** 2, mean - 12 * deviation, observed, epsabs=1e-12)
-    above, _ = quad(lambda x: (1 - cdf(x)) ** 2, observed, mean + 12 * deviation, epsabs=1e-12)
-    assert crps_normal(observed, mean, deviation) == pytest.approx(below + above, rel=1e-10)
-
-
-def test_normal_crps_without_spread_is_the_absolute_error():
-    assert crps_normal([1.0, 5.0], [3.0, 4.0], [0.0, 0.0]) == 1.5
+def test_the_absolute_error_leaves_out_missing_samples():
+    assert mean_absolute_error([1.0, 5.0, np.nan], [3.0, 4.0, 0.0]) == 1.5
 
 
 def test_the_log_score_is_the_mean_log_density():
@@ -75,27 +68,40 @@ def test_the_log_score_is_the_mean_log_density():
     assert log_score_normal(observed, mean, deviation * [1.0, 0.0, 1.0]) == -math.inf
 
 
-def test_ensemble_crps_agrees_with_integration_of_its_definition():
+def crps_by_definition(cdf, observed, low, high):
+    """The integral of (F(x) - [x >= observed])^2 (Gneiting & Raftery 2007, eq. 20)."""
+    below, _ = quad(lambda x: cdf(x) ** 2, low, observed, epsabs=1e-12)
+    above, _ = quad(lambda x: (1 - cdf(x)) ** 2, observed, high, epsabs=1e-12)
+    return below + above
+
+
+def test_crps_of_few_draws_is_on_average_that_of_their_distribution():
+    """Two humps, as of a heater that is on in some draws; telemetry between them, in one, and beyond both."""
     rng = np.random.default_rng(1)
-    members, observed = rng.normal(size=7), 0.3
-    edges = np.sort([*members, observed])
-    cdf = np.searchsorted(np.sort(members), edges[:-1], side="right") / members.size
-    steps = (cdf - (edges[:-1] >= observed)) ** 2
-    assert crps_ensemble([observed], members[:, None]) == pytest.approx(
-        float(np.sum(steps * np.diff(edges))), rel=1e-12
-    )
+    observed, sets, size = np.array([0.0, 2.1, -4.0]), 20_000, 5
+    draws = rng.normal(np.where(rng.random((size, sets)) < 0.3, 2.0, -1.0), 0.5)
+    found = crps_of_draws(np.tile(observed[:, None], sets), np.broadcast_to(draws[:, None], (size, 3, sets)))
+
+    def distribution(x):
+        return 0.3 * norm.cdf(x, 2, 0.5) + 0.7 * norm.cdf(x, -1, 0.5)
+
+    for telemetry, scores in zip(observed, found, strict=True):
+        expected = crps_by_definition(distribution, telemetry, -9, 9)
+        assert scores.mean() == pytest.approx(expected, abs=4 * scores.std() / math.sqrt(sets))
 
 
-def test_ensemble_crps_tends_to_that_of_the_normal_it_is_drawn_from():
-    rng = np.random.default_rng(2)
-    observed, mean = rng.normal(size=(5, 3)), np.zeros((5, 3))
-    ensemble = rng.normal(size=(40_000, 5, 3))
-    assert crps_ensemble(observed, ensemble) == pytest.approx(crps_normal(observed, mean, mean + 1), abs=0.005)
+def test_crps_of_draws_is_worked_out_by_hand_and_missing_where_telemetry_is():
+    draws = np.array([[1.0, 1.0], [3.0, 3.0], [8.0, 8.0]])
+    found = crps_of_draws([4.0, np.nan], draws)
+    # Mean distance to telemetry, less half the mean distance of the three pairs.
+    assert found[0] == pytest.approx((3 + 1 + 4) / 3 - 0.5 * (2 + 7 + 5) / 3, rel=1e-14)
+    assert np.isnan(found[1])
 
 
-def test_ensemble_crps_leaves_out_missing_samples():
-    ensemble = np.array([[1.0, 1.0], [3.0, 3.0]])
-    assert crps_ensemble([2.0, np.nan], ensemble) == crps_ensemble([2.0], ensemble[:, :1]) == 0.5
+def test_the_probability_of_less_counts_equal_draws_half():
+    draws = np.array([[1.0] * 4, [3.0] * 4, [3.0] * 4, [8.0] * 4])
+    found = probability_below([0.0, 3.0, 5.0, np.nan], draws)
+    np.testing.assert_array_equal(found, [0.0, 0.5, 0.75, np.nan])
 
 
 def test_status_agreement_of_probabilities_is_that_of_the_simulations_behind_them():
@@ -123,6 +129,7 @@ def prediction() -> xr.Dataset:
             "lower": (of_method, mean - interval),
             "upper": (of_method, mean + interval),
             "standard_deviation": (of_method, mean * 0 + interval / 1.96),
+            "crps": (("time", "channel"), np.array([[9.0, 9.0], [0.2, 0.5], [0.3, 0.6], [0.4, np.nan]])),
             "observed_status": (("time", "heater"), [[1.0], [1.0], [0.0], [np.nan]]),
             "status": (("method", "time", "heater"), np.full((4, 4, 1), 1.0)),
             "point_duty_cycle": (of_heater, np.full((4, 1), 0.5)),
@@ -157,6 +164,9 @@ def test_every_method_channel_and_pool_is_scored(prediction):
     assert values(metrics, method="stochastic", channel="all")["rmse"] == pytest.approx(1.0)
     assert values(metrics, method="stochastic", channel="all")["picp"] == 1.0
     assert values(metrics, method="stochastic", channel="b")["mpiw"] == pytest.approx(3.0)
+    assert values(metrics, method="stochastic", channel="all")["crps"] == pytest.approx(0.4)
+    assert values(metrics, method="stochastic", channel="b")["crps"] == pytest.approx(0.55)
+    assert values(metrics, method="genetic", channel="a")["crps"] == pytest.approx(2.0)
 
 
 def test_scores_of_distributions_take_each_samples_own_deviation(prediction):
@@ -166,7 +176,6 @@ def test_scores_of_distributions_take_each_samples_own_deviation(prediction):
     own = prediction.sel({"method": "stochastic"}).isel(time=slice(1, None))
     given = [own[name].values for name in ("observed", "mean", "standard_deviation")]
     assert found["log_score"] == pytest.approx(np.nanmean(norm(*given[1:]).logpdf(given[0])))
-    assert found["crps"] == pytest.approx(crps_normal(*given))
     assert found["mpiw"] == pytest.approx(3.0)
 
 
@@ -180,7 +189,7 @@ def test_undefined_scores_are_none_with_a_reason(prediction):
     of_b = next(m for m in metrics if (m.method, m.channel, m.metric) == ("genetic", "b", "mape_celsius"))
     assert of_b.value is None
     assert "0 degC" in of_b.note
-    prediction["observed"][:, 1] = np.nan
+    prediction["observed"][:, 1] = prediction["crps"][:, 1] = np.nan
     empty = [m for m in score(prediction, "test") if m.channel == "b"]
     assert all(m.value is None and m.note for m in empty)
 

@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 import xarray as xr
-from scipy.stats import binom, kstest
+from scipy.stats import binom, kstest, norm
 
 from flightcal.validation import (
     chance_band,
@@ -32,6 +32,7 @@ def predicted(residuals, deviation=1.0, scored=None):
             "standard_deviation": (by, spread),
             "lower": (by, mean - HALF * spread),
             "upper": (by, mean + HALF * spread),
+            "probability_below": (("time", "channel"), norm.cdf(residuals / deviation)),
             "orbit_phase": ("time", (np.arange(size) / 90.0) % 1.0),
         },
         {"time": times(size), "channel": [f"c{k}" for k in range(channels)], "method": ["stochastic"]},

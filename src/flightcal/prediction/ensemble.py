@@ -1,4 +1,8 @@
-"""Propagating draws of theta to temperatures with intervals, and to heater status."""
+"""Propagating draws of theta to temperatures with intervals, and to heater status.
+
+Where thermostats may fall out of step, temperatures are far from normal: they have two humps, of a heater that is on
+and of one that is off. So what telemetry is held to is the distribution of the draws themselves.
+"""
 
 from __future__ import annotations
 
@@ -12,6 +16,7 @@ from ..errors import RunError
 from ..scenario.schema import is_trained
 from ..simulator.system import FloatArray
 from ..telemetry import window_bounds
+from ..validation.metrics import crps_of_draws, probability_below
 from .errors import WindowErrors
 
 _FEWEST = 0.5  # share of simulations that must succeed
@@ -31,6 +36,10 @@ class Ensemble:
     model_lower: FloatArray
     """[T, N] K, of the interval for the temperature itself: simulation and discrepancy, without noise."""
     model_upper: FloatArray
+    crps: FloatArray
+    """[T, N] K, of telemetry in the distribution of the draws, noise included; NaN where there is none."""
+    probability_below: FloatArray
+    """[T, N] of a temperature below telemetry's, in the same distribution; NaN where there is none."""
     status: FloatArray
     """[T, H] probability that the heater is on."""
     duty_cycle: FloatArray
@@ -99,6 +108,8 @@ def propagate(
         upper=upper,
         model_lower=model_lower,
         model_upper=model_upper,
+        crps=crps_of_draws(problem.observed, noisy),
+        probability_below=probability_below(problem.observed, noisy),
         status=np.stack([run.status for _, run in kept]).mean(axis=0),
         duty_cycle=duty_cycle,
         switch_count=np.stack([np.bincount(run.switches.heater, minlength=heaters) for _, run in kept]).astype(float),

@@ -186,6 +186,8 @@ def _dataset(
             "standard_deviation": (by_method, deviation),
             "model_lower": (("time", "channel"), ensemble.model_lower),
             "model_upper": (("time", "channel"), ensemble.model_upper),
+            "crps": (("time", "channel"), ensemble.crps),
+            "probability_below": (("time", "channel"), ensemble.probability_below),
             "observed_status": (("time", "heater"), problem.status),
             "status": (("method", "time", "heater"), status),
             "duty_cycle": (by_simulation, ensemble.duty_cycle),

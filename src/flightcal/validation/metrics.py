@@ -13,7 +13,6 @@ from dataclasses import dataclass
 import numpy as np
 import xarray as xr
 from numpy.typing import ArrayLike, NDArray
-from scipy.special import ndtr
 
 ZERO_CELSIUS = 273.15
 """K, by definition of the Celsius scale (SI brochure, 2019, sec. 2.3.1)."""
@@ -79,25 +78,17 @@ def mpiw(lower: ArrayLike, upper: ArrayLike) -> float:
     return _mean(high - low)
 
 
-def crps_normal(observed: ArrayLike, mean: ArrayLike, standard_deviation: ArrayLike) -> float:
-    """Mean continuous ranked probability score of normal predictions, K.
-
-    Gneiting & Raftery (2007), J. Am. Stat. Assoc. 102, eq. 21 (with the sign turned: smaller is better):
-    sd * (z (2 Phi(z) - 1) + 2 phi(z) - 1 / sqrt(pi)), z = (observed - mean) / sd;
-    |observed - mean| where sd is zero.
-    """
-    y, mu, sd = _valid(observed, mean, standard_deviation)
-    error = y - mu
-    z = np.divide(error, sd, out=np.zeros_like(error), where=sd > 0)
-    spread = sd * (2 * np.exp(-0.5 * z**2) / math.sqrt(2 * math.pi) - 1 / math.sqrt(math.pi))
-    weight = np.where(sd > 0, 2 * ndtr(z) - 1, np.sign(error))
-    return _mean(error * weight + spread)
+def mean_absolute_error(observed: ArrayLike, predicted: ArrayLike) -> float:
+    """Mean absolute error, K: the CRPS of a point."""
+    y, p = _valid(observed, predicted)
+    return _mean(np.abs(y - p))
 
 
 def log_score_normal(observed: ArrayLike, mean: ArrayLike, standard_deviation: ArrayLike) -> float:
     """Mean logarithm of the predicted density of each sample by itself, of normal predictions; larger is better.
 
-    In nats, of a density in 1/K (Gneiting & Raftery 2007, sec. 4.1); -inf where a deviation is zero.
+    In nats, of a density in 1/K (Gneiting & Raftery 2007, sec. 4.1); -inf where a deviation is zero. Of other
+    predictions it is a proper score of their mean and deviation (Dawid & Sebastiani (1999), Ann. Stat. 27).
     """
     y, mu, sd = _valid(observed, mean, standard_deviation)
     if not (sd > 0).all():
@@ -105,20 +96,24 @@ def log_score_normal(observed: ArrayLike, mean: ArrayLike, standard_deviation: A
     return _mean(-0.5 * ((y - mu) / sd) ** 2 - np.log(sd) - 0.5 * math.log(2 * math.pi))
 
 
-def crps_ensemble(observed: ArrayLike, ensemble: ArrayLike) -> float:
-    """Mean continuous ranked probability score of ensembles, K.
+def crps_of_draws(observed: ArrayLike, draws: ArrayLike) -> Array:
+    """Continuous ranked probability score of each sample in the distribution that draws [S, ...] are from, K.
 
-    observed: [...]; ensemble: [S, ...], K. The score of the ensemble's empirical distribution, E|X - y| -
-    E|X - X'| / 2 (Gneiting & Raftery 2007, eq. 21), the second mean over all pairs from the sorted ensemble
-    in O(S log S).
+    E|X - y| - E|X - X'| / 2 (Gneiting & Raftery (2007), J. Am. Stat. Assoc. 102, eq. 21, with the sign turned: smaller
+    is better), the second mean over pairs of different draws, so that it does not depend on how many there are (Ferro
+    (2014), Q. J. R. Meteorol. Soc. 140); by the sorted draws, in O(S log S). observed: [...] K; needs two draws.
     """
-    y = np.asarray(observed, float).ravel()
-    members = np.asarray(ensemble, float).reshape(-1, y.size)
-    keep = np.isfinite(y) & np.isfinite(members).all(axis=0)
-    y, members = y[keep], np.sort(members[:, keep], axis=0)
-    size = members.shape[0]
-    weights = (2 * np.arange(1, size + 1) - size - 1)[:, None] / size**2
-    return _mean(np.abs(members - y).mean(axis=0) - (weights * members).sum(axis=0))
+    y, members = np.asarray(observed, float), np.sort(np.asarray(draws, float), axis=0)
+    size = len(members)
+    weights = (2 * np.arange(1, size + 1) - size - 1) / (size * (size - 1))
+    return np.asarray(np.abs(members - y).mean(axis=0) - np.tensordot(weights, members, axes=1))
+
+
+def probability_below(observed: ArrayLike, draws: ArrayLike) -> Array:
+    """Share of the draws [S, ...] that lie below telemetry [...]; draws equal to it count half. NaN where it is NaN."""
+    y, members = np.asarray(observed, float), np.asarray(draws, float)
+    share = 0.5 * ((members < y).mean(axis=0) + (members <= y).mean(axis=0))
+    return np.where(np.isfinite(y), share, np.nan)
 
 
 def duty_cycle_error(observed_duty: float, duty: float) -> float:
@@ -204,8 +199,7 @@ def _temperature_scores(part: xr.Dataset, method: str) -> Iterator[Score]:
     near_zero = "telemetry comes within 1 degC of 0 degC"
     yield _checked("mape_celsius", percent, "%", near_zero if percent is None else empty)
     if method in POINT_METHODS:
-        absolute = crps_normal(observed, mean, np.zeros_like(mean))
-        name, value, unit, note = _checked("crps", absolute, "K", empty)
+        name, value, unit, note = _checked("crps", mean_absolute_error(observed, mean), "K", empty)
         yield name, value, unit, note or "of a point: the mean absolute error"
         return
     lower, upper = part["lower"].values, part["upper"].values
@@ -213,7 +207,7 @@ def _temperature_scores(part: xr.Dataset, method: str) -> Iterator[Score]:
     yield _checked("picp", picp(observed, lower, upper), "1", empty)
     yield _checked("mpiw", mpiw(lower + seen, upper + seen), "K", empty)
     deviation = part["standard_deviation"].values
-    yield _checked("crps", crps_normal(observed, mean, deviation), "K", empty)
+    yield _checked("crps", _mean(*_valid(part["crps"].values)), "K", empty)
     yield _checked("log_score", log_score_normal(observed, mean, deviation), "nat", empty)
 
 

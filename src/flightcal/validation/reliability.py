@@ -1,9 +1,8 @@
 """Do the predicted distributions say how often what happens? Probability integral transform, and coverage in parts.
 
-A distribution is taken as normal with the prediction's mean and standard deviation, as the CRPS takes it; coverage is
-that of the interval itself. Samples that follow each other share their errors, so what chance may do is judged by the
-effective number of samples. That is cautious: for normal errors, on which side of a threshold two samples lie depends
-less on each other than the errors themselves do.
+Distributions are those of the prediction's draws. Samples that follow each other share their errors, so what chance may
+do is judged by the effective number of samples. That is cautious: for normal errors, on which side of a threshold two
+samples lie depends less on each other than the errors themselves do.
 """
 
 from __future__ import annotations
@@ -14,7 +13,6 @@ from dataclasses import dataclass
 import numpy as np
 import xarray as xr
 from numpy.typing import NDArray
-from scipy.special import ndtr
 from scipy.stats import beta, kstwo
 
 from .residuals import effective_samples
@@ -34,17 +32,15 @@ BAND = 0.95
 """Probability of a band of chance."""
 
 
-def probability_integral_transform(prediction: xr.Dataset, method: str = "stochastic") -> Array:
+def probability_integral_transform(prediction: xr.Dataset) -> Array:
     """Predicted probability of a lower temperature than telemetry's, [T, N]; NaN where nothing is scored.
 
     Uniform between 0 and 1 where the predicted distributions are right (Dawid 1984, J. R. Stat. Soc. A 147); more often
     near 0 and 1 where they are too narrow, near the middle where they are too wide. prediction: a group of
     prediction.nc.
     """
-    chosen = prediction.sel({"method": method})
-    score = (chosen["observed"] - chosen["mean"]) / chosen["standard_deviation"]
-    score = score.where(prediction["scored"].astype(bool))
-    return np.asarray(ndtr(score.transpose("time", "channel").values), float)
+    values = prediction["probability_below"].where(prediction["scored"].astype(bool))
+    return np.asarray(values.transpose("time", "channel").values, float)
 
 
 @dataclass(frozen=True)
@@ -60,13 +56,11 @@ class Uniformity:
     """Of as many independent samples as are effective."""
 
 
-def uniformity(prediction: xr.Dataset, method: str = "stochastic") -> list[Uniformity]:
+def uniformity(prediction: xr.Dataset) -> list[Uniformity]:
     """The Kolmogorov-Smirnov test of each channel's transform, with the effective number of samples."""
     time = prediction["time"].values
     results = []
-    for channel, values in zip(
-        prediction["channel"].values, probability_integral_transform(prediction, method).T, strict=True
-    ):
+    for channel, values in zip(prediction["channel"].values, probability_integral_transform(prediction).T, strict=True):
         present = np.isfinite(values)
         ordered, count = np.sort(values[present]), int(present.sum())
         if count < 2:
@@ -94,12 +88,12 @@ class Coverage:
     upper: float
 
 
-def coverage_by_phase(prediction: xr.Dataset, method: str = "stochastic", parts: int = PHASES) -> list[Coverage]:
+def coverage_by_phase(prediction: xr.Dataset, parts: int = PHASES) -> list[Coverage]:
     """Coverage of each channel in equal parts of the orbit; start and end in orbits, 0 to 1."""
-    return _coverage(prediction, method, prediction["orbit_phase"].values, np.linspace(0.0, 1.0, parts + 1))
+    return _coverage(prediction, prediction["orbit_phase"].values, np.linspace(0.0, 1.0, parts + 1))
 
 
-def coverage_by_hour(prediction: xr.Dataset, method: str = "stochastic", hours: float = HOURS) -> list[Coverage]:
+def coverage_by_hour(prediction: xr.Dataset, hours: float = HOURS) -> list[Coverage]:
     """Coverage of each channel in each hour since the first scored sample; start and end in hours."""
     time = prediction["time"].values
     scored = prediction["scored"].values.astype(bool)
@@ -108,12 +102,12 @@ def coverage_by_hour(prediction: xr.Dataset, method: str = "stochastic", hours: 
     ahead = (time - time[scored][0]).astype("timedelta64[ns]").astype(np.int64) / 3.6e12
     parts = max(1, math.ceil(ahead[-1] / hours))
     hours *= math.ceil(parts / MOST_PARTS)
-    return _coverage(prediction, method, ahead, hours * np.arange(math.ceil(ahead[-1] / hours + 1e-9) + 1))
+    return _coverage(prediction, ahead, hours * np.arange(math.ceil(ahead[-1] / hours + 1e-9) + 1))
 
 
-def _coverage(prediction: xr.Dataset, method: str, places: Array, edges: Array) -> list[Coverage]:
+def _coverage(prediction: xr.Dataset, places: Array, edges: Array) -> list[Coverage]:
     """Coverage where `places` [T] lie between neighbouring edges; parts without a sample are left out."""
-    chosen = prediction.sel({"method": method}).transpose("time", "channel", ...)
+    chosen = prediction.sel({"method": "stochastic"}).transpose("time", "channel", ...)
     observed, lower, upper = (chosen[name].values for name in ("observed", "lower", "upper"))
     usable = np.isfinite(observed) & np.isfinite(lower) & prediction["scored"].values.astype(bool)[:, None]
     inside = (lower <= observed) & (observed <= upper)

@@ -23,7 +23,7 @@ ROW_HEIGHT = 150
 BINS = 10
 
 
-def figure_reliability(prediction: xr.Dataset, method: str = "stochastic") -> go.Figure:
+def figure_reliability(prediction: xr.Dataset) -> go.Figure:
     """One row for each channel: histogram of the probability integral transform, coverage by phase and by hour.
 
     prediction: a group of prediction.nc. Grey: what 95% of the values would be where the intervals are right.
@@ -36,8 +36,8 @@ def figure_reliability(prediction: xr.Dataset, method: str = "stochastic") -> go
         rows, 3, subplot_titles=titles, horizontal_spacing=0.09, vertical_spacing=gap / inner if rows > 1 else 0.0
     )
     time = prediction["time"].values
-    transforms = probability_integral_transform(prediction, method)
-    parts = [coverage_by_phase(prediction, method), coverage_by_hour(prediction, method)]
+    transforms = probability_integral_transform(prediction)
+    parts = [coverage_by_phase(prediction), coverage_by_hour(prediction)]
     nominal = float(prediction.attrs.get("interval", 0.95))
     lowest = min([0.8, *(max(part.share - 0.05, 0.0) for found in parts for part in found)])
     for row, (channel, values) in enumerate(zip(channels, transforms.T, strict=True), start=1):

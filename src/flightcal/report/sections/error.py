@@ -128,11 +128,13 @@ def reliability(run: RunFiles) -> list[Block]:
     windows = {name: window for name, window in run.windows.items() if has_prediction(window, "stochastic")}
     if not windows:
         return [block.note("There is no stochastic prediction in this run, so no reliability of one.")]
+    if not all("probability_below" in window for window in windows.values()):
+        return [block.note("An earlier version of flightcal predicted this run; it did not keep what this asks for.")]
     blocks = [
         block.table(tables.uniformity({name: uniformity(window) for name, window in windows.items()})),
         block.text(
-            "The transform of a sample is the probability that the prediction gave to a lower temperature, of a "
-            "normal distribution: predictions that are right make it uniform, ones that are too narrow pile it up at 0 "
+            "The transform of a sample is the share of the prediction's draws that are of a lower temperature: "
+            "predictions that are right make it uniform, ones that are too narrow pile it up at 0 "
             "and 1, ones that are too wide in the middle, biased ones at one end. The test is that of Kolmogorov and "
             "Smirnov for as many independent samples as these are worth; bands of chance use the same number. An "
             "average coverage may be right while parts of the orbit or of the forecast are not covered."
