@@ -105,9 +105,21 @@ def test_a_thermostat_out_of_step_after_an_outage_is_brought_back_into_it(tmp_pa
     assert find_mode(problem, [], open_loop=problem.open_loop, rng=rng)[0].log_density >= at_truth
 
 
-REPEATS = (("ar1", 90), ("ar1", 92), ("ar1", 165), ("time", 12), ("time", 19), ("time", 21))
+REPEATS = (
+    ("iid", 6),
+    ("iid", 72),
+    ("iid", 107),
+    ("iid", 168),
+    ("ar1", 90),
+    ("ar1", 92),
+    ("ar1", 165),
+    ("time", 12),
+    ("time", 19),
+    ("time", 21),
+)
 """Of `examples/validation`, where to follow the whole window from the open loop's mode ends 8 to 350 nats below the
-truth's mode; in repeat 19 of `time` the open loop has several modes with the discrepancy itself."""
+truth's mode; in repeat 19 of `time` the open loop has several modes with the discrepancy itself. In those of `iid` the
+heater switches in a gap of its status, and the truth is 40 to 150 deviations from the open loop's mode."""
 
 
 @pytest.mark.parametrize(("model", "repeat"), REPEATS)

@@ -227,7 +227,8 @@ def test_each_points_run_and_the_ensemble_stand_in_their_own_rows(case):
             np.testing.assert_allclose(row[name], values, rtol=1e-9, err_msg=name)
         assert np.isnan(row["upper"]).all()
     own = result.sel({"method": STOCHASTIC})
-    for name in ("mean", "lower", "upper", "standard_deviation", "status", "model_lower", "model_upper"):
+    by_sample = ("model_lower", "model_upper", "crps", "probability_below")
+    for name in ("mean", "lower", "upper", "standard_deviation", "status", *by_sample):
         np.testing.assert_array_equal(own[name], getattr(ensemble, name), err_msg=name)
 
 

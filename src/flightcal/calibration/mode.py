@@ -3,7 +3,8 @@
 The closed-loop likelihood has many local optima, because a thermostat can cycle in step with the telemetry or out of
 it; with the heaters driven by their measured status (open loop) it has few. So the search runs in open loop first. The
 normal distribution around each mode there holds the closed loop's parameters: of many draws from it, those that are
-most in step with the telemetry are climbed from.
+most in step with the telemetry are climbed from. Where the status has gaps in which heaters switched, the open loop is
+wrong, and surer of itself than it should be: so draws from a distribution ten times as wide are looked at as well.
 
 Correlated noise and discrepancies explain any residuals, so far from the mode they would hold the parameters there:
 modes with independent noise are followed with the residuals' own model, beside the search in that model itself.
@@ -30,6 +31,7 @@ _FOLLOWED = 3  # modes of a simpler problem that are followed in the one that is
 _SAME = 0.1  # nats; modes that differ by less are one
 _DRAWS = 500  # of which the best few are climbed from
 _CLIMBED = 6
+_WIDE = 10.0  # times the deviations of an open loop's mode
 
 
 @dataclass(frozen=True)
@@ -94,8 +96,10 @@ def find_mode(
     found = []
     for mode in _distinct(_search(open_loop, starts, rng, random_starts, on_start))[:_FOLLOWED]:
         on_start(f"closed loop from the open-loop mode of {mode.origin}")
-        for z in (mode.z, *_best(problem, _around(open_loop, mode.z, rng), _CLIMBED)):
-            found.append(climb(problem, z, f"open loop from {mode.origin}"))
+        starts_around = [mode.z, *_best(problem, _around(open_loop, mode.z, 1.0, rng), _CLIMBED)]
+        wide = _nearest(problem, _around(open_loop, mode.z, _WIDE, rng), _CLIMBED)
+        starts_around += [fit_residuals(problem, z) for z in wide]
+        found += [climb(problem, z, f"open loop from {mode.origin}") for z in starts_around]
     for name, theta in starts:
         on_start(f"closed loop from {name}")
         found.append(climb(problem, fit_residuals(problem, problem.to_z(theta)), name))
@@ -127,19 +131,33 @@ def _search(
     return tuple(sorted(found, key=lambda mode: -mode.log_density))
 
 
-def _around(problem: AnyProblem, z: FloatArray, rng: np.random.Generator) -> FloatArray:
-    """Draws [S, d] of the normal distribution around a mode z [d]; none where simulations next to it fail."""
+def _around(problem: AnyProblem, z: FloatArray, width: float, rng: np.random.Generator) -> FloatArray:
+    """Draws [S, d] of the normal distribution around a mode z [d], so many times as wide.
+
+    None where simulations next to the mode fail.
+    """
     try:
         coordinates = whitening(z, problem.gauss_newton_hessian(z))
     except (SimulationFailure, FlightcalError):
         return np.empty((0, len(z)))
-    return coordinates.to_z(rng.standard_normal((_DRAWS, len(z))))
+    return coordinates.to_z(width * rng.standard_normal((_DRAWS, len(z))))
 
 
 def _best(problem: AnyProblem, draws: FloatArray, count: int) -> FloatArray:
     """The draws [S, d] of highest log density [count, d]."""
     densities = np.array([problem.log_density(z) for z in draws])
     return draws[np.argsort(-densities)[:count]]
+
+
+def _nearest(problem: AnyProblem, draws: FloatArray, count: int) -> FloatArray:
+    """The draws [S, d] whose simulated temperatures are nearest to the telemetry [count, d], whatever their noise."""
+    samples = problem.valid.sum(axis=0)
+    misfits = np.full(len(draws), np.inf)
+    for k, run in enumerate(problem.simulate_many(problem.to_theta(draws))):
+        if run is not None:
+            square = np.where(problem.valid, problem.observed - run.temperatures, 0.0) ** 2
+            misfits[k] = samples @ np.log(square.sum(axis=0))  # minus twice the log likelihood of the best noise
+    return draws[np.argsort(misfits)[:count]]
 
 
 def _distinct(modes: Sequence[Mode]) -> list[Mode]:
