@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
+from time import monotonic
 from typing import TYPE_CHECKING, Any
 
 from rich.console import Console
@@ -31,6 +32,10 @@ _TITLES = {
     "predict": "predicting and scoring",
     "report": "writing the report",
 }
+
+
+EVERY = 60.0
+"""s between two lines on one stage, where there is no terminal."""
 
 
 @contextmanager
@@ -77,7 +82,10 @@ def bars() -> Iterator[Callable[[str, float], None]]:
 
 
 class Display:
-    """Progress for `experiment.run_experiment` (a Listener): bars on a terminal, else a line for each stage."""
+    """Progress for `experiment.run_experiment` (a Listener): bars on a terminal, else lines.
+
+    A line for each stage, and in a long one another each minute, so that a log shows how far it is.
+    """
 
     def __init__(self, console: Console | None = None) -> None:
         self._console = console or Console(stderr=True)
@@ -89,6 +97,7 @@ class Display:
             console=self._console,
         )
         self._task: TaskID | None = None
+        self._said = monotonic()
 
     def __enter__(self) -> Display:
         if self._console.is_terminal:
@@ -108,6 +117,7 @@ class Display:
             self._progress.update(self._task, completed=1)
         if not self._console.is_terminal:
             self._console.print(f"{_TITLES.get(name, name)} {note}".rstrip(), highlight=False)
+            self._said = monotonic()
 
     def finish(self) -> None:
         """Fill the current bar."""
@@ -133,9 +143,12 @@ class Display:
         gradients = sum(chain.gradients for chain in chains)
         self._update(total=total, completed=drawn, note=f"{drawn}/{total} draws, {gradients} gradients")
 
-    def _update(self, **fields: Any) -> None:
+    def _update(self, note: str, **fields: Any) -> None:
         if self._task is not None:
-            self._progress.update(self._task, **fields)
+            self._progress.update(self._task, note=note, **fields)
+        if not self._console.is_terminal and monotonic() - self._said >= EVERY:
+            self._console.print(f"  {note}", highlight=False, soft_wrap=True)
+            self._said = monotonic()
 
 
 def print_summary(summary: Summary, console: Console | None = None) -> None:
