@@ -3,8 +3,9 @@
 The closed-loop likelihood has many local optima, because a thermostat can cycle in step with the telemetry or out of
 it; with the heaters driven by their measured status (open loop) it has few. So the search runs in open loop first. The
 normal distribution around each mode there holds the closed loop's parameters: of many draws from it, those that are
-most in step with the telemetry are climbed from. Where the status has gaps in which heaters switched, the open loop is
-wrong, and surer of itself than it should be: so draws from a distribution ten times as wide are looked at as well.
+most in step with the telemetry are climbed from. In a gap of the status thermostats act in open loop too, and out of
+step there they make its mode wrong, and surer of itself than it should be: so draws from a distribution ten times as
+wide are looked at as well.
 
 Correlated noise and discrepancies explain any residuals, so far from the mode they would hold the parameters there:
 modes with independent noise are followed with the residuals' own model, beside the search in that model itself.
