@@ -145,6 +145,19 @@ def test_an_interrupted_run_comes_first(run):
     assert "250 draws of each of 4 chains" in first.text
 
 
+def test_another_explanation_is_told_with_its_entries_and_units(run):
+    differs = [["battery_capacity", 3500.0, 4100.0], ["noise.none", 0.1, 0.2], ["a", 1.0, 2.0], ["b", 1.0, 2.0]]
+    tree = run.posterior.copy()
+    tree.attrs = run.posterior.attrs | {"other_explanations": json.dumps([{"below": 1.44, "differs": differs}])}
+    finding = about(dataclasses.replace(run, posterior=tree), "explanation")
+    assert finding.state == "warn"
+    assert finding.details == (
+        "battery_capacity 4100 instead of 3500 J/K, noise.none 0.2 instead of 0.1, a 2 instead of 1, and 1 more: "
+        "1.4 nats below the best.",
+    )
+    assert not any("explanation" in title for title in findings(run))
+
+
 def test_a_scenario_without_a_test_window_is_told(run):
     metrics = [m for m in run.metrics if m.window == "train"]
     bare = dataclasses.replace(run, windows={"train": run.windows["train"]}, metrics=metrics)

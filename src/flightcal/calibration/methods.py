@@ -5,7 +5,7 @@ from __future__ import annotations
 import json
 from collections import Counter
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass
+from dataclasses import asdict, dataclass
 from typing import Any
 
 import numpy as np
@@ -17,6 +17,7 @@ from ..scenario.schema import is_orthogonal
 from ..simulator.system import FloatArray
 from .confounding import confounding
 from .diagnostics import Diagnostics, diagnose
+from .explanations import Explanation, other_explanations
 from .genetic import minimise
 from .joint import AnyProblem, JointProblem, label_of
 from .mode import Mode, find_mode
@@ -202,6 +203,12 @@ def search_record(problem: AnyProblem, modes: Sequence[Mode]) -> dict[str, Any]:
     return {"sought": how, "modes": found}
 
 
+def _other_explanations(posterior: Posterior, problem: AnyProblem) -> tuple[Explanation, ...]:
+    values = problem.to_theta(np.stack([mode.z for mode in posterior.modes]))
+    z = posterior.draws.z.reshape(-1, values.shape[-1])
+    return other_explanations(posterior.names, posterior.modes, z, posterior.flat, values)
+
+
 def _status_forms(problem: AnyProblem) -> dict[str, str]:
     """Status channels that count in the likelihood, and as what."""
     forms = {name: item.likelihood for name, item in problem.scenario.observations.items() if item.likelihood}
@@ -286,6 +293,9 @@ def posterior_tree(
                     "interrupted": str(posterior.draws.interrupted).lower(),
                     **directions,
                     "mode_search": json.dumps(search_record(problem, posterior.modes)),
+                    "other_explanations": json.dumps(
+                        [asdict(found) for found in _other_explanations(posterior, problem)]
+                    ),
                     "status_likelihood": json.dumps(_status_forms(problem)),
                     "switch_sequences": json.dumps(
                         [

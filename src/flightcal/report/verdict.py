@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json
 from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Literal
@@ -60,6 +61,7 @@ def verdict(run: RunFiles, checks: Checks) -> list[Finding]:
     return [
         *_interrupted(run),
         _convergence(run.diagnostics),
+        *_explanations(run),
         *(scores or [_no_scores(run)]),
         _noise(checks),
         *_heaters(run),
@@ -93,6 +95,29 @@ def _convergence(diagnostics: Record | None) -> Finding:
     share = f"{len(failed)} of {len(gates)} gates {'is' if len(failed) == 1 else 'are'} not passed."
     # The rest of the words names the gates, as the details do.
     return Finding("bad", "The chains have not converged", f"{share} {words.split('. ')[0]}.", details)
+
+
+def _explanations(run: RunFiles) -> list[Finding]:
+    """Optima that were found beside the one that was sampled, and that explain the telemetry nearly as well."""
+    found = [] if run.posterior is None else json.loads(run.posterior.attrs.get("other_explanations", "[]"))
+    if not found:
+        return []
+    units = {info.name: info.unit for info in run.parameters}
+    details = []
+    for other in found:
+        entries = other["differs"]
+        values = [
+            f"{name} {there:.6g} instead of {here:.6g} {units.get(name, '')}".rstrip()
+            for name, here, there in entries[:3]
+        ]
+        more = f", and {len(entries) - 3} more" if len(entries) > 3 else ""
+        details.append(f"{', '.join(values)}{more}: {other['below']:.1f} nats below the best.")
+    text = (
+        "The search found optima where no chain has been, of nearly the same density; intervals leave them out. They "
+        "often are of a sensor that starts near its thermostat's threshold: a window that begins at another time tells "
+        "them apart."
+    )
+    return [Finding("warn", "Another explanation fits nearly as well", text, tuple(details))]
 
 
 def shown(value: object) -> str:
