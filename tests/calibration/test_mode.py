@@ -51,9 +51,11 @@ def test_the_density_is_flat_at_the_mode(problem, modes):
 
 def test_the_search_says_what_it_is_at(modes):
     assert modes[1][:2] == ["prior draw 1 of 2", "prior draw 2 of 2"]
-    assert all(said.startswith("closed loop from the open-loop mode of prior draw") for said in modes[1][2:])
-    assert len(modes[1]) > 2
-    assert modes[0][0].origin.startswith("open loop from prior draw")
+    *around, far = modes[1][2:]
+    assert around
+    assert all(said.startswith("closed loop from the open-loop mode of prior draw") for said in around)
+    assert far.startswith("closed loop far around the open-loop mode of prior draw")
+    assert "open loop from prior draw" in modes[0][0].origin
 
 
 def test_named_starts_are_climbed_in_closed_loop_too_and_the_best_comes_first(problem, modes):

@@ -5,7 +5,7 @@ it; with the heaters driven by their measured status (open loop) it has few. So 
 normal distribution around each mode there holds the closed loop's parameters: of many draws from it, those that are
 most in step with the telemetry are climbed from. In a gap of the status thermostats act in open loop too, and out of
 step there they make its mode wrong, and surer of itself than it should be: so draws from a distribution ten times as
-wide are looked at as well.
+wide around the best are looked at as well.
 
 Correlated noise and discrepancies explain any residuals, so far from the mode they would hold the parameters there:
 modes with independent noise are followed with the residuals' own model, beside the search in that model itself.
@@ -95,12 +95,15 @@ def find_mode(
     if open_loop is None:
         return _search(problem, starts, rng, random_starts, on_start)
     found = []
-    for mode in _distinct(_search(open_loop, starts, rng, random_starts, on_start))[:_FOLLOWED]:
+    modes = _distinct(_search(open_loop, starts, rng, random_starts, on_start))[:_FOLLOWED]
+    for mode in modes:
         on_start(f"closed loop from the open-loop mode of {mode.origin}")
-        starts_around = [mode.z, *_best(problem, _around(open_loop, mode.z, 1.0, rng), _CLIMBED)]
-        wide = _nearest(problem, _around(open_loop, mode.z, _WIDE, rng), _CLIMBED)
-        starts_around += [fit_residuals(problem, z) for z in wide]
-        found += [climb(problem, z, f"open loop from {mode.origin}") for z in starts_around]
+        for z in (mode.z, *_best(problem, _around(open_loop, mode.z, 1.0, rng), _CLIMBED)):
+            found.append(climb(problem, z, f"open loop from {mode.origin}"))
+    if modes:
+        on_start(f"closed loop far around the open-loop mode of {modes[0].origin}")
+        for z in _nearest(problem, _around(open_loop, modes[0].z, _WIDE, rng), _CLIMBED):
+            found.append(climb(problem, fit_residuals(problem, z), f"far around the open loop from {modes[0].origin}"))
     for name, theta in starts:
         on_start(f"closed loop from {name}")
         found.append(climb(problem, fit_residuals(problem, problem.to_z(theta)), name))
