@@ -204,6 +204,8 @@ def search_record(problem: AnyProblem, modes: Sequence[Mode]) -> dict[str, Any]:
 
 
 def _other_explanations(posterior: Posterior, problem: AnyProblem) -> tuple[Explanation, ...]:
+    if not posterior.modes:
+        return ()
     values = problem.to_theta(np.stack([mode.z for mode in posterior.modes]))
     z = posterior.draws.z.reshape(-1, values.shape[-1])
     return other_explanations(posterior.names, posterior.modes, z, posterior.flat, values)
