@@ -247,6 +247,7 @@ def _posterior_tree(
                 "modes": [{"origin": "open loop from prior draw 2", "log_density": -310.5, "converged": True}],
             }
         ),
+        "other_explanations": "[]",
         "status_likelihood": json.dumps({"battery_htr": "switch times"}),
         "switch_sequences": json.dumps([{"window": "train", "sequences": 7, "share_of_most_common": 0.62}]),
     }
