@@ -98,6 +98,10 @@ def test_crps_of_draws_is_worked_out_by_hand_and_missing_where_telemetry_is():
     assert np.isnan(found[1])
 
 
+def test_crps_of_one_draw_is_the_absolute_error():
+    np.testing.assert_array_equal(crps_of_draws([4.0, 1.0], [[1.0, 1.5]]), [3.0, 0.5])
+
+
 def test_the_probability_of_less_counts_equal_draws_half():
     draws = np.array([[1.0] * 4, [3.0] * 4, [3.0] * 4, [8.0] * 4])
     found = probability_below([0.0, 3.0, 5.0, np.nan], draws)

@@ -204,6 +204,7 @@ def search_record(problem: AnyProblem, modes: Sequence[Mode]) -> dict[str, Any]:
 
 
 def _other_explanations(posterior: Posterior, problem: AnyProblem) -> tuple[Explanation, ...]:
+    """Of a posterior, whose record of modes may be empty."""
     if not posterior.modes:
         return ()
     values = problem.to_theta(np.stack([mode.z for mode in posterior.modes]))

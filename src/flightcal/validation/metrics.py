@@ -101,11 +101,11 @@ def crps_of_draws(observed: ArrayLike, draws: ArrayLike) -> Array:
 
     E|X - y| - E|X - X'| / 2 (Gneiting & Raftery (2007), J. Am. Stat. Assoc. 102, eq. 21, with the sign turned: smaller
     is better), the second mean over pairs of different draws, so that it does not depend on how many there are (Ferro
-    (2014), Q. J. R. Meteorol. Soc. 140); by the sorted draws, in O(S log S). observed: [...] K; needs two draws.
+    (2014), Q. J. R. Meteorol. Soc. 140); by the sorted draws, in O(S log S). observed: [...] K. Of one draw: |X - y|.
     """
     y, members = np.asarray(observed, float), np.sort(np.asarray(draws, float), axis=0)
     size = len(members)
-    weights = (2 * np.arange(1, size + 1) - size - 1) / (size * (size - 1))
+    weights = (2 * np.arange(1, size + 1) - size - 1) / max(1, size * (size - 1))
     return np.asarray(np.abs(members - y).mean(axis=0) - np.tensordot(weights, members, axes=1))
 
 
