@@ -12,7 +12,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from ..simulator.system import FloatArray
-from .mode import Mode
+from .mode import SAME, Mode
 
 _NEARLY = 5.0  # nats: less than a hundredth of the best density is no explanation worth a word
 
@@ -55,5 +55,5 @@ def other_explanations(
 def _same(one: Explanation, other: Explanation) -> bool:
     """Whether two climbs ended in one optimum."""
     return {name for name, *_ in one.differs} == {name for name, *_ in other.differs} and bool(
-        np.isclose(one.below, other.below, atol=0.1)
+        np.isclose(one.below, other.below, atol=SAME)
     )

@@ -25,11 +25,13 @@ from .joint import AnyProblem
 from .start import fit_residuals
 from .whitening import whitening
 
+SAME = 0.1
+"""Nats; modes that differ by less are one."""
+
 _ITERATIONS = 100
 _MOST_DAMPING = 1e8
 _CONVERGED = 1e-5  # nats that a further Newton step promises
 _FOLLOWED = 3  # modes of a simpler problem that are followed in the one that is asked for
-_SAME = 0.1  # nats; modes that differ by less are one
 _DRAWS = 500  # of which the best few are climbed from
 _CLIMBED = 6
 _WIDE = 10.0  # times the deviations of an open loop's mode
@@ -168,6 +170,6 @@ def _distinct(modes: Sequence[Mode]) -> list[Mode]:
     """Modes of different log density, in their order."""
     kept: list[Mode] = []
     for mode in modes:
-        if all(abs(mode.log_density - other.log_density) > _SAME for other in kept):
+        if all(abs(mode.log_density - other.log_density) > SAME for other in kept):
             kept.append(mode)
     return kept

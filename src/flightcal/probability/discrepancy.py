@@ -180,7 +180,7 @@ def factorise(gram, scale, root, projected, upper, inverse, scratch, weights):
         for j in range(i, m):
             upper[i, j] = scratch[j] * pivot
         for j in range(m):
-            inverse[i, j] = weights[j] * pivot if j <= i else 0.0
+            inverse[i, j] = weights[j] * pivot  # zero above the diagonal
     explained = 0.0
     for j in range(m):
         weights[j] = 0.0

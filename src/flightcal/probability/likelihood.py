@@ -414,10 +414,24 @@ def iid_compiled(observed, simulated, noise, simulated_bar, noise_bar):
 
 
 def precision_times(residuals: Residuals, columns: FloatArray, numbers: FloatArray) -> FloatArray:
-    """C^-1 times columns [T, N, c], with C the covariance of the residuals of normal noise and discrepancy."""
+    """C^-1 times columns [T, N, c], with C the covariance of the residuals of normal noise and discrepancy.
+
+    What the discrepancy is expected to explain of a column is taken off it, and the rest weighed by the noise.
+    """
+    alone = residuals._replace(discrepant=np.zeros_like(residuals.discrepant))
     none = np.zeros(columns.shape[:2])
-    parts = [
-        log_likelihood(residuals, np.ascontiguousarray(columns[..., c]), none, numbers)[1]
-        for c in range(columns.shape[-1])
-    ]
-    return np.stack(parts, axis=-1) if parts else np.empty(columns.shape)
+
+    def weighed(columns: FloatArray) -> FloatArray:
+        parts = [
+            log_likelihood(alone, np.ascontiguousarray(columns[..., c]), none, numbers)[1]
+            for c in range(columns.shape[-1])
+        ]
+        return np.stack(parts, axis=-1) if parts else np.empty(columns.shape)
+
+    solved = weighed(columns)
+    if not residuals.discrepant.any():
+        return solved
+    _, factor = weights_given(residuals, none, none, numbers)
+    projected = np.einsum("tm,tnc->nmc", residuals.basis, solved)
+    weights = factor @ (factor.transpose(0, 2, 1) @ projected)
+    return weighed(columns - np.einsum("tm,nmc->tnc", residuals.basis, weights))

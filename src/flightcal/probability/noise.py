@@ -132,7 +132,7 @@ def _scaled_tail(x):
     if x < 5.0:
         return math.exp(x * x) * math.erfc(x)
     fraction = x
-    for k in range(24, 0, -1):
+    for k in range(16, 0, -1):
         fraction = x + 0.5 * k / fraction
     return 1.0 / (math.sqrt(math.pi) * fraction)
 

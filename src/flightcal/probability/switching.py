@@ -134,7 +134,7 @@ def _initial(heater, count, ons, status, places):
     """1 where the heater is on before its first switch, else 0."""
     if count > 0:
         return 1.0 - ons[places[0]]
-    return 1.0 if status.shape[0] > 0 and status[0, heater] > 0.5 else 0.0
+    return 1.0 if status[0, heater] > 0.5 else 0.0
 
 
 @inlined
