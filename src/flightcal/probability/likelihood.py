@@ -432,6 +432,7 @@ def precision_times(residuals: Residuals, columns: FloatArray, numbers: FloatArr
     if not residuals.discrepant.any():
         return solved
     _, factor = weights_given(residuals, none, none, numbers)
+    # Not products of BLAS: as in the Hessian that this is for, its threads would spin when the cores are busy.
     projected = np.einsum("tm,tnc->nmc", residuals.basis, solved)
-    weights = factor @ (factor.transpose(0, 2, 1) @ projected)
+    weights = np.einsum("nij,njc->nic", factor, np.einsum("nji,njc->nic", factor, projected))
     return weighed(columns - np.einsum("tm,nmc->tnc", residuals.basis, weights))
