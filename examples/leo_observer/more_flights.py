@@ -1,6 +1,6 @@
 """Scores a run of with_discrepancy.yaml on more flights of the satellite: other imaging, other noise of thermistors.
 
-One flight has few independent events; over ten it shows whether 95% intervals hold 95%.
+One flight has few independent events; over ten it shows whether 95% intervals hold 95%, of heater duty too.
 
     python examples/leo_observer/more_flights.py runs/compared/phase+ar1 10
 """
@@ -61,12 +61,21 @@ def another_flight(scenario: Scenario, folder: Path, number: int) -> Scenario:
     YAML().dump(spacecraft, folder / "spacecraft.yaml")
     make_telemetry.FOLDER = folder
     make_telemetry.main(folder / "telemetry.csv")
+    _as_known_until(SINCE, folder / "telemetry.csv")
 
     known = [change for change in scenario.network.timeline if change.at < SINCE]
     modes = [type(known[0])(at=at, mode=mode) for at, mode in changes]
     network = scenario.network.model_copy(update={"timeline": (*known, *modes)})
     telemetry = scenario.telemetry.model_copy(update={"file": (str(folder / "telemetry.csv"),)})
     return scenario.model_copy(update={"simulator": network, "telemetry": telemetry})
+
+
+def _as_known_until(end: datetime, file: Path) -> None:
+    """Puts the rows of the example's own telemetry before `end`: the posterior has learnt from these, and no others."""
+    header, *flown = file.read_text().splitlines(keepends=True)
+    known = (FOLDER / "telemetry.csv").read_text().splitlines(keepends=True)[1:]
+    at = end.isoformat()
+    file.write_text(header + "".join(row for row in known if row < at) + "".join(row for row in flown if row >= at))
 
 
 def _timeline(spacecraft: dict[str, dict[str, list[dict[str, str]]]]) -> list[dict[str, str]]:
@@ -77,18 +86,28 @@ def _seconds(item: dict[str, str]) -> int:
     return int(item["at"].removesuffix(" s"))
 
 
+def duty_cycles(prediction: xarray.Dataset) -> np.ndarray:
+    """Of each heater, percentage points: telemetry's minus the mean, and the 95% interval's bounds minus it, [3, H]."""
+    draws = prediction["duty_cycle"].values
+    low, high = np.quantile(draws, [0.025, 0.975], axis=0)
+    return 100 * (np.stack([prediction["observed_duty_cycle"].values, low, high]) - draws.mean(axis=0))
+
+
 def main(run: Path, flights: int) -> None:
-    """Prints coverage and CRPS of each channel over the flights."""
+    """Prints coverage and CRPS of each channel, and coverage of each heater's duty cycles, over the flights."""
     flown = load_scenario(run / "scenario.yaml")
     posterior = xarray.open_datatree(run / "posterior.nc", engine="h5netcdf")
     scores: dict[tuple[str, str], list[float]] = {}
+    duty = []
     for number in range(1, flights + 1):
         with tempfile.TemporaryDirectory() as folder:
             scenario = another_flight(flown, Path(folder), number)
             telemetry = read(scenario)
         draws = posterior_draws(posterior, build_problem(scenario, telemetry).names, 300, seed=number)
         windows = [name for name in scenario.windows if name.startswith("test")]
-        found = [score(predict(scenario, telemetry, name, {}, draws, seed=number)[0], name) for name in windows]
+        predictions = [predict(scenario, telemetry, name, {}, draws, seed=number)[0] for name in windows]
+        duty += [duty_cycles(prediction) for prediction in predictions]
+        found = [score(prediction, name) for prediction, name in zip(predictions, windows, strict=True)]
         for metric in ("picp", "mpiw", "crps"):
             for channel in {item.channel for item in found[0] if item.metric == metric}:
                 values = [
@@ -104,6 +123,13 @@ def main(run: Path, flights: int) -> None:
         print(
             f"{channel:26s} PICP {covered.mean():.1%}, from {covered.min():.1%} to {covered.max():.1%}, in 92..98% "
             f"{inside:.0%} of flights; MPIW {width.mean():.3f} K, CRPS {crps.mean():.4f} K"
+        )
+    for k, heater in enumerate(predictions[0]["heater"].values):
+        error, low, high = np.stack(duty)[:, :, k].T
+        print(
+            f"{heater:26s} {np.mean((low <= error) & (error <= high)):.0%} of {len(error)} duty cycles inside their "
+            f"95%; off by {error.mean():+.2f} points in the mean, {error.min():+.2f} to {error.max():+.2f}; interval "
+            f"{np.mean(high - low):.2f} points wide"
         )
 
 

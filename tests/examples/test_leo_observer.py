@@ -49,8 +49,10 @@ def test_another_flight_differs_in_imaging_after_the_training(tmp_path, monkeypa
     flown, known = imaging(other, scenario)
     assert (flown == known).all()
     early = (first["time"] < more_flights.SINCE).to_numpy()
-    assert first["mode"][early].equals(other["mode"][early])
+    assert first[early].equals(other[early])  # what the posterior has learnt from
     assert not first["mode"][~early].equals(other["mode"][~early])
+    assert not first["TT_STR"][~early].equals(other["TT_STR"][~early])
+    assert len(first) == len(other)
     assert (first["mode"] == "contact").equals(other["mode"] == "contact")
 
 

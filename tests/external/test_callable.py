@@ -8,6 +8,7 @@ from flightcal.calibration import build_problem
 from flightcal.errors import ScenarioError
 from flightcal.experiment import read
 from flightcal.external.in_worker import close_workers
+from flightcal.prediction import predict
 from flightcal.scenario import load_scenario
 
 from .scenes import SAMPLES, THETA, TIMES, findings, simulator_of, write, written
@@ -229,6 +230,24 @@ def test_initial_temperature_among_the_inputs_is_estimated_around_the_first_samp
     assert (prior.mean, prior.standard_deviation) == (pytest.approx(293.156), 2.0)
     run = problem.simulate(np.array([0.8, 5.0, 281.0]))
     np.testing.assert_allclose(run.temperatures[:, 0], expected(THETA) - 19.0, rtol=1e-12)
+
+
+def test_temperatures_and_duty_of_a_functions_test_window_are_predicted(tmp_path):
+    program = GOOD.replace("axis=1)", "axis=1), (times % 600 < 240)[:, None]")
+    (tmp_path / "model.py").write_text(program)
+    block = {"callable": {"file": "model.py"}, "heaters": {"warmer": {}}}
+    test = {"test": {"start": "2024-03-01T00:40:00", "end": "2024-03-01T01:20:00"}}
+    scenario = load_scenario(write(tmp_path, written(block, windows=test)))
+
+    draws = np.tile(THETA, (4, 1))
+    result = predict(scenario, read(scenario), "test", {"point": THETA}, draws, seed=1)[0]
+
+    inside = np.arange(40) * 60.0
+    battery = 300 + THETA[1] / THETA[0] * (1 - np.exp(-THETA[0] * inside / 900))
+    np.testing.assert_allclose(result["mean"].sel({"method": "point", "channel": "battery_temp"}), battery)
+    # On for four of ten samples, of which the window's first stands for half a minute.
+    np.testing.assert_allclose(result["duty_cycle"], np.full((4, 1), (16 - 0.5) / 40))
+    assert result.attrs["duty_cycle_contains"] == "parameters, initial temperatures"
 
 
 @pytest.mark.parametrize(("gradient", "refused"), [("none", 1), ("jax", 0)])

@@ -130,6 +130,13 @@ def test_duty_cycles_outside_the_simulations_are_told(run):
     assert [d.endswith("which leaves telemetry out.") for d in finding.details] == [True, False]
 
 
+def test_what_the_interval_of_a_duty_cycle_contains_is_told(run):
+    assert "simulations:" in about(run, "Heaters: 2 of 2").text
+    said = run.windows["test"].assign_attrs(duty_cycle_contains="parameters, its error")
+    told = about(dataclasses.replace(run, windows=run.windows | {"test": said}), "Heaters: 2 of 2")
+    assert "simulations (contained: parameters, its error):" in told.text
+
+
 def test_small_noise_is_not_taken_for_an_edge(run):
     low_noise = [
         dataclasses.replace(i, prior_quantiles=(0.9, 1.0, 2.0)) if i.kind == "noise" else i for i in run.parameters

@@ -17,6 +17,7 @@ from ..scenario.schema import is_trained
 from ..simulator.system import FloatArray
 from ..telemetry import window_bounds
 from ..validation.metrics import crps_of_draws, probability_below
+from .duty import draw_duty_errors
 from .errors import WindowErrors
 
 _FEWEST = 0.5  # share of simulations that must succeed
@@ -100,6 +101,10 @@ def propagate(
     model_lower, model_upper = np.quantile(simulated, tails, axis=0)
     heaters = len(problem.simulator.heaters)
     duty_cycle = np.stack([run.duty_cycle for _, run in kept])
+    if errors is not None and not trained:
+        period = orbital_period(problem.scenario.environment, problem.scenario.folder)
+        drawn_duty = draw_duty_errors(errors.duty, duration(problem) / period, len(kept), rng)
+        duty_cycle = np.clip(duty_cycle + drawn_duty, 0.0, 1.0)
     power = np.stack([problem.simulator.heater_power(theta[problem.simulated]) for theta, _ in kept])
     return Ensemble(
         mean=mean,

@@ -10,17 +10,21 @@ the prior plus the gain times what it errs by is a draw given the data; Journel 
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
 from functools import cached_property
 
 import numpy as np
 from numpy.typing import NDArray
 
 from ..calibration.problem import Problem
+from ..environment import orbital_period
 from ..probability.likelihood import weights_given
 from ..probability.noise import CORRELATED, CORRELATED_STUDENT, DEVIATION, TIME, TIME_LENGTH, TIME_SIZE, WHITE
 from ..probability.residuals import ResidualModel, correlate, draw_noise, white_noise
+from ..simulator import Trajectory
 from ..simulator.system import FloatArray
+from .duty import duty_errors
 from .matern import ORDER, continue_path, covariance, fading, stationary
 
 
@@ -33,7 +37,17 @@ def window_errors(problem: Problem, train: Problem, thetas: FloatArray, first: i
     runs = train.simulate_many(thetas)
     temperatures = np.stack([missing if run is None else run.temperatures for run in runs])
     numbers = np.stack([train.numbers(theta) for theta in thetas])
-    return WindowErrors(problem, train, numbers, temperatures, first)
+    return WindowErrors(problem, train, numbers, temperatures, first, _duty_errors(train, runs))
+
+
+def _duty_errors(train: Problem, runs: Sequence[Trajectory | None]) -> FloatArray:
+    """Of the runs' mean, [K, H]."""
+    simulated = [run.status for run in runs if run is not None]
+    if not simulated:
+        return np.empty((0, train.status.shape[1]))
+    period = orbital_period(train.scenario.environment, train.scenario.folder)
+    since = (train.times - train.times[0]) / np.timedelta64(1, "s")
+    return duty_errors(train.status, np.mean(simulated, axis=0), np.asarray(since, float), period)
 
 
 @dataclass(frozen=True)
@@ -49,6 +63,8 @@ class WindowErrors:
     """[S, T, N] K, simulated on the training window; NaN where that failed."""
     first: int
     """How many samples at the window's start the draws are corrected for; 0 on the training window."""
+    duty: FloatArray
+    """[K, H] by how much telemetry's duty cycles exceed the simulation's in the orbits of the training window."""
 
     @property
     def model(self) -> ResidualModel:
@@ -97,9 +113,7 @@ class WindowErrors:
 
     def only(self, kept: NDArray[np.bool_]) -> WindowErrors:
         """Those of some of the draws."""
-        return WindowErrors(
-            self.problem, self.train, self.numbers[kept], self.train_temperatures[kept], self.first
-        )  # fmt: skip
+        return replace(self, numbers=self.numbers[kept], train_temperatures=self.train_temperatures[kept])
 
     def weights(self, draw: int) -> tuple[FloatArray, FloatArray]:
         """The weights' mean [N, m] and a factor [N, m, m] of their covariance, as the training residuals leave them."""

@@ -16,6 +16,7 @@ from ..scenario.schema import is_orthogonal, is_trained
 from ..simulator import Trajectory
 from ..simulator.system import FloatArray
 from ..surrogate.emulator import EmulatedSimulator
+from .duty import FEWEST_ORBITS
 from .ensemble import Ensemble, duration, propagate
 from .errors import WhiteErrors, WindowErrors, window_errors
 from .initial import condition_initial
@@ -83,6 +84,7 @@ def predict(
         "interval_contains": f"parameters, initial temperatures{error}{scatter}, {_contained(problem, window)}",
         "model_interval_contains": f"parameters, initial temperatures{error}{scatter}"
         + (", model discrepancy" if problem.residuals.compiled.discrepant.any() else ""),
+        "duty_cycle_contains": f"parameters, initial temperatures{scatter}{_of_duty(errors, window)}",
         "initial_state": "calibrated with the parameters"
         if is_trained(window)
         else f"estimated from the first {settings.initial_span / 60:g} min of the window, which are not scored",
@@ -132,6 +134,16 @@ def _contained(problem: Problem, window: str) -> str:
     if model.time is not None:
         parts.append("its part in time is continued from the edge of the training window and fades to its prior")
     return f"{noise}, and model discrepancy: {'; '.join(parts)}{_orthogonal(problem)}"
+
+
+def _of_duty(errors: WindowErrors | None, window: str) -> str:
+    """What else the interval of a duty cycle has."""
+    if errors is None or is_trained(window):
+        return ""
+    orbits = int(np.isfinite(errors.duty).sum(axis=0).max(initial=0))
+    if orbits < FEWEST_ORBITS:
+        return f"; not its error, which takes {FEWEST_ORBITS} whole orbits of training to tell (here {orbits})"
+    return f", its error as in {orbits} orbits of the training window"
 
 
 def _scatters(scenario: Scenario) -> bool:

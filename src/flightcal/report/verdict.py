@@ -324,7 +324,8 @@ def _heaters(run: RunFiles) -> list[Finding]:
             Finding(
                 "warn" if outside.any() else "good",
                 f"Heaters: {inside} duty cycles in “{name}” lie within the posterior's 95%",
-                "Share of the time on, telemetry against the mean and central 95% of the posterior's simulations:",
+                "Share of the time on, telemetry against the mean and central 95% of the posterior's simulations"
+                f"{f' (contained: {contains})' if (contains := window.attrs.get('duty_cycle_contains')) else ''}:",
                 details,
             )
         )
