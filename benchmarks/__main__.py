@@ -14,6 +14,7 @@ from .report import Section, machine, write
 TABLES = {
     "gradient": "gradient:measure",
     "forward": "forward:measure",
+    "residuals": "residuals:measure",
     "sampling": "sampling:measure",
     "batch": "batch:measure_batch",
     "genetic": "batch:measure_genetic",

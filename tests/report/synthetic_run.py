@@ -196,6 +196,7 @@ def _window(
             "interval": 0.95,
             "interval_contains": "parameters, initial temperatures and measurement noise; not model discrepancy",
             "model_interval_contains": "parameters, initial temperatures",
+            "duty_cycle_contains": "parameters, initial temperatures",
             "initial_state": "estimated from the first 10 min of the window, which are not scored",
             "failed_simulations": 0,
         },

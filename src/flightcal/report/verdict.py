@@ -300,7 +300,7 @@ def _channels(some: Sequence[ResidualCheck], every: Sequence[ResidualCheck]) -> 
 
 
 def _heaters(run: RunFiles) -> list[Finding]:
-    """Whether telemetry's duty cycles lie within what the posterior's simulations give on unseen telemetry."""
+    """Whether telemetry's duty cycles on unseen windows lie within what is predicted."""
     findings = []
     for name, window in run.test_windows.items():
         if not window.sizes.get("heater", 0) or "duty_cycle" not in window:
@@ -323,9 +323,9 @@ def _heaters(run: RunFiles) -> list[Finding]:
         findings.append(
             Finding(
                 "warn" if outside.any() else "good",
-                f"Heaters: {inside} duty cycles in “{name}” lie within the posterior's 95%",
-                "Share of the time on, telemetry against the mean and central 95% of the posterior's simulations"
-                f"{f' (contained: {contains})' if (contains := window.attrs.get('duty_cycle_contains')) else ''}:",
+                f"Heaters: {inside} duty cycles in “{name}” lie within the predicted 95%",
+                "Share of the time on, telemetry against the mean and central 95% of what is predicted"
+                f"{f', which contains {contents}' if (contents := window.attrs.get('duty_cycle_contains')) else ''}:",
                 details,
             )
         )
