@@ -313,7 +313,7 @@ def _heaters(run: RunFiles) -> list[Finding]:
         if not seen.any():
             continue
         details = tuple(
-            f"{heater}: telemetry {percent(share)}, simulations {percent(mean)} [{percent(least)}, {percent(most)}]"
+            f"{heater}: telemetry {percent(share)}, predicted {percent(mean)} [{percent(least)}, {percent(most)}]"
             f"{', which leaves telemetry out' if out else ''}."
             for heater, share, mean, least, most, out in zip(
                 window["heater"].values, observed, np.nanmean(duty, axis=0), low, high, outside, strict=True
