@@ -15,7 +15,6 @@ import numpy as np
 import xarray
 from numpy.typing import NDArray
 
-from ..environment import orbital_period
 from ..simulator.system import FloatArray
 from ..surrogate.emulator import Emulator, fit_emulator
 from ..surrogate.runs import TrainingRuns
@@ -33,8 +32,7 @@ _FEWEST_SAMPLES = 10
 def beginnings(problem: Problem, telemetry: xarray.Dataset) -> Callable[[int], Problem]:
     """The problem on its window's first so many samples, made from the telemetry that it was made from."""
     scenario = problem.scenario
-    period = orbital_period(scenario.environment, scenario.folder)
-    start, _ = window_bounds(scenario.windows[problem.window], period)
+    start, _ = window_bounds(scenario.windows[problem.window], problem.period)
 
     def beginning(samples: int) -> Problem:
         span = (problem.times[samples - 1] - start) / np.timedelta64(1, "ns") * 1e-9

@@ -77,6 +77,11 @@ class Problem:
         return self.priors.names
 
     @cached_property
+    def period(self) -> float:
+        """Of the orbit, s."""
+        return orbital_period(self.scenario.environment, self.scenario.folder)
+
+    @cached_property
     def simulated(self) -> Any:
         """Positions in theta of what the simulator takes, in its order."""
         return np.array([self.names.index(name) for name in self.simulator.parameters])

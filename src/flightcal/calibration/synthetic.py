@@ -7,7 +7,6 @@ from dataclasses import replace
 import numpy as np
 import xarray
 
-from ..environment import orbital_period
 from ..errors import ScenarioError
 from ..simulator import Trajectory
 from ..simulator.system import FloatArray
@@ -44,10 +43,7 @@ def _status(problem: Problem, run: Trajectory, theta: FloatArray, rng: np.random
             f"{problem.scenario.name}: observations: found a likelihood of duty cycles, expected one of switch times: "
             "telemetry cannot be made from it"
         )
-    start, _ = window_bounds(
-        problem.scenario.windows[problem.window],
-        orbital_period(problem.scenario.environment, problem.scenario.folder),
-    )
+    start, _ = window_bounds(problem.scenario.windows[problem.window], problem.period)
     seconds = (problem.times - start) / np.timedelta64(1, "ns") * 1e-9
     for heater, place in zip(data.samples.heater, data.samples.setting, strict=True):
         timing, error_rate = settings[place], settings[place + 1]

@@ -11,7 +11,6 @@ from dataclasses import dataclass
 import numpy as np
 
 from ..calibration.problem import Problem
-from ..environment import orbital_period
 from ..errors import RunError
 from ..scenario.schema import is_trained
 from ..simulator.system import FloatArray
@@ -102,8 +101,7 @@ def propagate(
     heaters = len(problem.simulator.heaters)
     duty_cycle = np.stack([run.duty_cycle for _, run in kept])
     if errors is not None and not trained:
-        period = orbital_period(problem.scenario.environment, problem.scenario.folder)
-        drawn_duty = draw_duty_errors(errors.duty, duration(problem) / period, len(kept), rng)
+        drawn_duty = draw_duty_errors(errors.duty, duration(problem) / problem.period, len(kept), rng)
         duty_cycle = np.clip(duty_cycle + drawn_duty, 0.0, 1.0)
     power = np.stack([problem.simulator.heater_power(theta[problem.simulated]) for theta, _ in kept])
     return Ensemble(
@@ -130,7 +128,5 @@ def propagate(
 
 def duration(problem: Problem) -> float:
     """Length of the problem's window, s: what duty cycles are shares of."""
-    scenario = problem.scenario
-    period = orbital_period(scenario.environment, scenario.folder)
-    start, end = window_bounds(scenario.windows[problem.window], period)
+    start, end = window_bounds(problem.scenario.windows[problem.window], problem.period)
     return float((end - start) / np.timedelta64(1, "s"))

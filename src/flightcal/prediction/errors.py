@@ -18,7 +18,6 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ..calibration.problem import Problem
-from ..environment import orbital_period
 from ..probability.likelihood import weights_given
 from ..probability.noise import CORRELATED, CORRELATED_STUDENT, DEVIATION, TIME, TIME_LENGTH, TIME_SIZE, WHITE
 from ..probability.residuals import ResidualModel, correlate, draw_noise, white_noise
@@ -45,9 +44,8 @@ def _duty_errors(train: Problem, runs: Sequence[Trajectory | None]) -> FloatArra
     simulated = [run.status for run in runs if run is not None]
     if not simulated:
         return np.empty((0, train.status.shape[1]))
-    period = orbital_period(train.scenario.environment, train.scenario.folder)
-    since = (train.times - train.times[0]) / np.timedelta64(1, "s")
-    return duty_errors(train.status, np.mean(simulated, axis=0), np.asarray(since, float), period)
+    seconds = train.residuals.compiled.seconds
+    return duty_errors(train.status, np.mean(simulated, axis=0), seconds, train.period)
 
 
 @dataclass(frozen=True)
