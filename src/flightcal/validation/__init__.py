@@ -35,10 +35,8 @@ from .residuals import (
     autocorrelation,
     check_residuals,
     check_window,
-    durbin_watson,
     effective_samples,
     ljung_box,
-    runs_test,
 )
 
 __all__ = [
@@ -58,7 +56,6 @@ __all__ = [
     "coverage_by_hour",
     "coverage_by_phase",
     "crps_of_draws",
-    "durbin_watson",
     "duty_cycle_error",
     "effective_samples",
     "energy_error",
@@ -74,7 +71,6 @@ __all__ = [
     "probability_below",
     "probability_integral_transform",
     "rmse",
-    "runs_test",
     "score",
     "status_agreement",
     "switch_count_error",
