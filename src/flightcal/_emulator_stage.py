@@ -26,7 +26,7 @@ from .calibration.emulated import (
 from .calibration.horizon import beginnings
 from .calibration.simulator_check import LARGEST_DENSITY_ERROR
 from .listener import Listener
-from .run_directory import RunDirectory, hash_of, plain
+from .run import RunDirectory, hash_of, plain
 from .simulator.system import FloatArray
 from .surrogate.emulator import fit_emulator
 from .surrogate.held_out import Validation

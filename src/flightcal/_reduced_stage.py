@@ -7,7 +7,7 @@ from collections.abc import Collection
 from .calibration import AnyProblem, mean_and_some
 from .errors import ScenarioError
 from .listener import Listener
-from .run_directory import RunDirectory
+from .run import RunDirectory
 from .simulator.system import FloatArray
 from .surrogate.check import compare, fly_at
 from .surrogate.file import load_task

@@ -36,7 +36,7 @@ from .errors import FlightcalError, RunError, ScenarioError
 from .listener import Listener, Silent
 from .prediction import predict
 from .report import write_report
-from .run_directory import RunDirectory, hash_of, hash_of_file, open_run, plain
+from .run import RunDirectory, hash_of, hash_of_file, open_run, plain
 from .scenario import Scenario, SimulatorModel, input_files, load_scenario, resolved_yaml
 from .scenario.schema import is_orthogonal
 from .simulator.system import FloatArray

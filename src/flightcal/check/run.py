@@ -18,7 +18,7 @@ from ..experiment import identity_of, parameter_records, read
 from ..report.page import write_page
 from ..report.run_files import read_run
 from ..report.verdict import Finding
-from ..run_directory import RunDirectory, hash_of, hash_of_file, open_run, plain, read_provenance
+from ..run import RunDirectory, hash_of, hash_of_file, open_run, plain, read_provenance
 from ..scenario import input_files, load_scenario, resolved_yaml
 from ..telemetry import window_bounds
 from .centre import find_centre
