@@ -1,12 +1,13 @@
 import json
 from dataclasses import dataclass
+from functools import partial
 
 import numpy as np
 import pytest
 import xarray
 
 from flightcal.errors import RunError
-from flightcal.run import open_run, plain, read_dataset, read_provenance, read_records, read_tree
+from flightcal.run import open_run, plain, read_dataset, read_provenance, read_records, read_tree, typed
 
 
 def opened(path, identity="a"):
@@ -111,7 +112,7 @@ def test_a_dataclass_comes_back_as_written(tmp_path):
     run = opened(tmp_path / "run")
     record = Whole(np.datetime64("2024-03-01T00:00:00"), np.nan, None, (Part("a", (1.0, 2.0)), Part("b", ())))
     run.write_json("records.json", [plain(record) | {"of a later version": 1}])
-    assert repr(read_records(run.file("records.json"), Whole)) == repr([record])
+    assert repr(read_records(run.file("records.json"), partial(typed, Whole))) == repr([record])
 
 
 def test_a_record_that_lacks_a_field_is_named(tmp_path):
@@ -119,7 +120,7 @@ def test_a_record_that_lacks_a_field_is_named(tmp_path):
     for content, words in (('[{"name": "a"}]', "no field 'values'"), ("[1]", "not as expected"), ("{", "not JSON")):
         file.write_text(content)
         with pytest.raises(RunError, match=rf"records\.json: .*{words}"):
-            read_records(file, Part)
+            read_records(file, partial(typed, Part))
 
 
 @pytest.mark.parametrize("read", [read_dataset, read_tree])

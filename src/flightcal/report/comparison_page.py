@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from pathlib import Path
 
+from . import block
 from .block import Block, Section
 from .page import compose, write_page
 from .run_files import Record, read_content
@@ -37,7 +38,7 @@ def write_comparison(folder: Path) -> Path:
     output = folder / "comparison.html"
     sections = [
         Section("comparison", "Unseen windows", _scores(content)),
-        Section("channels", "By window and channel", [Block("table", table=_channels(content))]),
+        Section("channels", "By window and channel", [block.table(_channels(content))]),
         Section("blocks", "Blocks left out of the training", _blocks(content)),
     ]
     if content.get("left_out"):
@@ -75,9 +76,8 @@ def _scores(content: Record) -> list[Block]:
             states[row, list(SCORES).index("picp") + 1] = "bad"
     header = ("model", *(title for title, _, _ in SCORES.values()))
     return [
-        Block("table", table=Table(header, rows, range(1, len(header)), states=states)),
-        Block(
-            "text",
+        block.table(Table(header, rows, range(1, len(header)), states=states)),
+        block.text(
             "Means over the windows that the calibration has not seen, of all channels together; the best of each "
             "score is set off. PICP: share of telemetry inside the 95% interval, to be near 95%; MPIW: its mean width, "
             "which counts only where the interval covers; CRPS and log score judge the whole predicted distribution. "
@@ -106,9 +106,8 @@ def _blocks(content: Record) -> list[Block]:
         )  # fmt: skip
     header = ("model", "log density, nat", "below the best", "standard error of that", "blocks with Pareto k above 0.7")
     return [
-        Block("table", table=Table(header, rows, range(1, len(header)), states=states)),
-        Block(
-            "text",
+        block.table(Table(header, rows, range(1, len(header)), states=states)),
+        block.text(
             "Each quarter of an orbit of the training window is predicted from all the others (PSIS-LOO in blocks). "
             "Where Pareto k is above 0.7 leaving the block out changes the posterior too much for this to be exact. "
             "Neighbours in time are known here, so a discrepancy in time looks better than it is for the future.",
@@ -124,9 +123,8 @@ def _left_out(content: Record) -> list[Block]:
     ]
     header = ("window", "model", *(title for title, _, _ in SCORES.values()), "converged")
     return [
-        Block("table", table=Table(header, sorted(rows), range(2, len(header) - 1))),
-        Block(
-            "text",
+        block.table(Table(header, sorted(rows), range(2, len(header) - 1))),
+        block.text(
             "Each training window is predicted by a calibration on the others, as a window is that nobody has seen. "
             "So settings can be chosen by this table, and the unseen windows above remain unseen.",
         ),

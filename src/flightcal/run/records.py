@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import dataclasses
 import json
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from pathlib import Path
 from types import UnionType
 from typing import Any, Final, TypeVar, Union, get_args, get_origin, get_type_hints
@@ -75,10 +75,10 @@ def read_json(file: Path) -> Any:
         raise RunError(f"{file}: not JSON: {error}") from None
 
 
-def read_records(file: Path, kind: type[K]) -> list[K]:
-    """Records of a JSON list. Raises RunError where it is damaged, or is not of this kind."""
+def read_records(file: Path, read: Callable[[Any], K]) -> list[K]:
+    """Records of a JSON list, each through `read`. Raises RunError where one is not as expected."""
     try:
-        return [typed(kind, record) for record in read_json(file)]
+        return [read(record) for record in read_json(file)]
     except KeyError as error:
         raise RunError(f"{file}: a record has no field {error}") from None
     except TypeError as error:
