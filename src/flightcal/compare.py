@@ -17,7 +17,7 @@ import numpy as np
 import xarray
 
 from . import left_out
-from .calibration import JointProblem, Problem, calibration_problem
+from .calibration import JointProblem, calibration_problem
 from .environment import orbital_period
 from .errors import RunError
 from .experiment import Summary, read, run_experiment
@@ -147,7 +147,6 @@ def variant(scenario: Scenario, model: str) -> Scenario:
             time=((own and own.time) or TimeDiscrepancy()) if model in ("time", "both") else None,
             phase=((own and own.phase) or PhaseDiscrepancy()) if model != "time" else None,
             channels=own.channels if own is not None else (),
-            orthogonal=own is not None and own.orthogonal,
         )
     return scenario.model_copy(
         update={"observations": observations, "noise": noise(scenario.noise), "discrepancy": discrepancy}
@@ -264,11 +263,6 @@ def _block_loo(file: Path, summary: Summary) -> BlockLoo:
     problem = calibration_problem(scenario, read(scenario))
     with xarray.open_dataset(summary.run / "posterior.nc", group="posterior", engine="h5netcdf") as opened:
         posterior = opened.load()
-    with xarray.open_dataset(summary.run / "posterior.nc", engine="h5netcdf") as opened:
-        fixed = json.loads(opened.attrs.get("orthogonal_at", "null"))
-    if fixed is not None:
-        assert isinstance(problem, Problem)
-        problem = problem.orthogonal_at(np.array(fixed))
     thetas: FloatArray = np.stack([posterior[name].values.ravel() for name in problem.names], axis=1)
     rng = np.random.default_rng(scenario.calibration.seed)
     thetas = thetas[rng.choice(len(thetas), min(_DRAWS, len(thetas)), replace=False)]

@@ -17,7 +17,7 @@ NUMBERS = np.array(
 class Case:
     """Two channels with gaps, at uneven times."""
 
-    def __init__(self, kinds, discrepant, smoothness=(1.5, 2.5), parts=("time", "phase"), tied=0):
+    def __init__(self, kinds, discrepant, smoothness=(1.5, 2.5), parts=("time", "phase")):
         rng = np.random.default_rng(0)
         self.seconds = np.cumsum(rng.uniform(20, 200, SAMPLES))
         self.phase = self.seconds / 5400.0
@@ -46,9 +46,6 @@ class Case:
             in_time=np.array([12 if "time" in parts else 0]),
             smoothness=np.array(smoothness),
             factor=np.array([discrepancy.matern_factor(nu) for nu in smoothness]),
-            rows=np.stack([np.linalg.qr(rng.normal(size=(self.basis.shape[1], tied)))[0].T.copy() for _ in range(2)]),
-            # The second channel has one less.
-            held=np.array([tied, max(tied - 1, 0)]),
         )
 
     def valid(self, channel):
@@ -75,12 +72,6 @@ class Case:
             parts.append(phase_size**2 * both_signs / both_signs[:4].sum())
         return np.concatenate(parts)
 
-    def prior_covariance(self, channel):
-        """Of the weights [m, m], given that what is tied is zero."""
-        free, rows = np.diag(self.prior_variances(channel)), self.residuals.rows[channel]
-        rows = rows[: self.residuals.held[channel]]
-        return free - free @ rows.T @ np.linalg.solve(rows @ free @ rows.T, rows @ free)
-
     def noise_covariance(self, channel, seconds):
         deviation, white, time = self.numbers[channel, :3]
         if self.residuals.kinds[channel] == INDEPENDENT:
@@ -93,7 +84,7 @@ class Case:
         total = self.noise_covariance(channel, self.seconds[valid])
         if self.residuals.discrepant[channel]:
             basis = self.basis[valid]
-            total = total + basis @ self.prior_covariance(channel) @ basis.T
+            total = total + basis * self.prior_variances(channel) @ basis.T
         return total
 
     def dense(self):

@@ -6,12 +6,12 @@ import numpy as np
 import pytest
 from scipy import stats
 
-from flightcal.calibration import build_problem, calibration_problem, climb, find_mode
+from flightcal.calibration import build_problem, climb, find_mode
 from flightcal.calibration.start import fit_residuals
 from flightcal.calibration.whitening import whitening
 from flightcal.errors import ScenarioError
 from flightcal.probability.discrepancy import shortest_lengthscale, time_basis
-from flightcal.probability.likelihood import log_likelihood, weights_given
+from flightcal.probability.likelihood import log_likelihood
 from flightcal.probability.noise import (
     CORRELATED,
     CORRELATED_STUDENT,
@@ -197,22 +197,6 @@ def test_a_written_lengthscale_says_how_far_the_functions_reach_and_a_test_windo
         assert model.compiled.discrepant.tolist() == [True, False]
 
 
-def test_directions_that_are_combinations_of_others_or_none_are_left_out(tmp_path):
-    model = build_problem(*made(tmp_path, *MODELS["both"])).residuals
-    jacobian = np.random.default_rng(0).normal(size=(len(model.compiled.seconds), 2, 4))
-    jacobian[:, 0, 1] *= 1e-9
-    jacobian[:, 0, 3] = 2.0 * jacobian[:, 0, 0] - jacobian[:, 0, 2]
-    jacobian[:, 1, 2:] = 0.0
-    held = model.orthogonal_to(jacobian).compiled
-    np.testing.assert_array_equal(held.held, [3, 2])
-    for k in range(2):
-        own = model.compiled.valid[k]
-        products = jacobian[own, k].T @ model.compiled.basis[own]
-        lengths = np.maximum(np.linalg.norm(products, axis=1, keepdims=True), 1e-300)
-        rows = held.rows[k, : held.held[k]]
-        np.testing.assert_allclose(rows.T @ (rows @ products.T / lengths.T), products.T / lengths.T, atol=1e-6)
-
-
 def information(density):
     """On the location of a density, by quadrature."""
     x = np.linspace(-60.0, 60.0, 400_001)
@@ -384,58 +368,3 @@ def test_the_beginning_of_a_window_has_the_density_of_telemetry_that_ends_there(
     assert whole.of_temperatures((elapsed <= 0.5)[:, None]).log_density(z) == pytest.approx(
         ended.log_density(z), rel=1e-12
     )
-
-
-def orthogonal(folder):
-    problem = build_problem(*made(folder, *MODELS["both and ar1"]))
-    theta = problem.priors.median()
-    return problem.orthogonal_at(theta), theta
-
-
-def test_an_orthogonal_discrepancy_is_at_right_angles_to_what_parameters_do(tmp_path):
-    problem, theta = orthogonal(tmp_path)
-    own = [problem.names.index(name) for name in problem.scenario.parameters]
-    jacobian = np.where(problem.valid[..., None], problem.jacobian(problem.to_z(theta))[..., own], 0.0)
-    compiled, numbers = problem.residuals.compiled, problem.numbers(theta)
-    simulated = problem.simulate(theta).temperatures
-    mean, factor = weights_given(compiled, problem.observed, simulated, numbers)
-    for k in range(len(mean)):
-        expected = compiled.basis @ mean[k]
-        cosines = jacobian[:, k].T @ expected / np.linalg.norm(jacobian[:, k], axis=0) / np.linalg.norm(expected)
-        np.testing.assert_allclose(cosines[np.isfinite(cosines)], 0.0, atol=1e-9)
-        products = jacobian[:, k].T @ compiled.basis
-        np.testing.assert_allclose(products @ factor[k], 0.0, atol=1e-8 * np.linalg.norm(products) * factor[k].max())
-    assert np.abs(mean).max() > 0.0
-    assert compiled.held.max() == len(own)
-    # What is drawn is at right angles too.
-    quiet = numbers.copy()
-    quiet[:, [DEVIATION, WHITE]] = 1e-9
-    drawn = problem.residuals.draw_errors(quiet, np.random.default_rng(0))
-    for k in range(len(mean)):
-        sizes = np.linalg.norm(jacobian[:, k], axis=0) * np.linalg.norm(drawn[:, k])
-        assert (np.abs(jacobian[:, k].T @ drawn[:, k]) <= 1e-6 * sizes).all()
-
-
-def test_errors_with_an_orthogonal_discrepancy_are_drawn_with_their_own_likelihood(tmp_path):
-    problem, theta = orthogonal(tmp_path)
-    numbers, rng = problem.numbers(theta), np.random.default_rng(0)
-    none, compiled = np.zeros_like(problem.observed), problem.residuals.compiled
-    at_zero = log_likelihood(compiled, np.where(problem.valid, 0.0, np.nan), none, numbers)[0]
-    drawn = [np.where(problem.valid, problem.draw_errors(theta, rng), np.nan) for _ in range(400)]
-    squares = [2.0 * (at_zero - log_likelihood(compiled, errors, none, numbers)[0]) for errors in drawn]
-    assert stats.kstest(squares, stats.chi2(problem.valid.sum()).cdf).pvalue > 1e-3
-
-
-def test_a_discrepancy_with_no_more_functions_than_parameters_cannot_be_orthogonal_to_them(tmp_path):
-    problem = build_problem(*made(tmp_path, {}, {"phase": {"harmonics": 1}}))
-    with pytest.raises(ScenarioError, match=r"discrepancy.orthogonal: found 3 functions .* 3 parameters"):
-        problem.orthogonal_at(problem.priors.median())
-
-
-def test_directions_are_those_of_one_training_window(tmp_path):
-    discrepancy = {"orthogonal": True, "time": {"functions": 20, "lengthscale": {"uniform": ["20 min", "40 min"]}}}
-    written = small.content() | {"discrepancy": discrepancy}
-    train = written["windows"].pop("train")
-    written["windows"] = {"train": {"first": train, "second": written["windows"]["test"]}}
-    with pytest.raises(ScenarioError, match=r"discrepancy.orthogonal: found 2 windows to train on, expected one"):
-        calibration_problem(*small.load(tmp_path, written))

@@ -161,14 +161,6 @@ class Problem:
         opened = None if self.open_loop is None else self.open_loop.independent()
         return replace(self, residuals=self.residuals.independent(), open_loop=opened)
 
-    def orthogonal_at(self, theta: FloatArray) -> Problem:
-        """The same with a discrepancy orthogonal to what the scenario's parameters do to the temperatures at theta [d].
-
-        Raises SimulationFailure and ScenarioError.
-        """
-        own = [self.names.index(name) for name in self.scenario.parameters]
-        return replace(self, residuals=self.residuals.orthogonal_to(self.jacobian(self.to_z(theta))[..., own]))
-
     def to_theta(self, z: FloatArray) -> FloatArray:
         """Physical values [..., d] of unconstrained z [..., d]."""
         return self.priors.to_theta(z)

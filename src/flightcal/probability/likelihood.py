@@ -14,7 +14,7 @@ import numpy as np
 
 from ..compiled import compiled, inlined
 from ..simulator.system import FloatArray
-from .discrepancy import combine, constrain, factorise, project, pull_back_spectrum, spectrum
+from .discrepancy import combine, factorise, project, pull_back_spectrum, spectrum
 from .noise import (
     CORRELATED,
     CORRELATED_STUDENT,
@@ -58,10 +58,6 @@ class Residuals(NamedTuple):
     """[1] how many of the basis are in time."""
     smoothness: Any
     factor: Any
-    rows: Any
-    """[N, p, m] combinations of the weights that are zero; p = 0: the weights are free."""
-    held: Any
-    """[N] how many of them a channel has: the first."""
 
 
 class ResidualMemory(NamedTuple):
@@ -89,14 +85,6 @@ class ResidualMemory(NamedTuple):
     whitened: Any
     whitened_bar: Any
     columns_bar: Any
-    posterior: Any
-    """[p, m], as the next two; see `discrepancy.constrain`."""
-    crossed: Any
-    prior: Any
-    small: Any
-    """[p, p]."""
-    vector: Any
-    """[p, 1]."""
 
 
 def residual_memory(residuals: Residuals) -> ResidualMemory:
@@ -108,9 +96,7 @@ def residual_memory(residuals: Residuals) -> ResidualMemory:
     by_channel = (np.empty((channels, samples)), np.empty((channels, samples)), np.empty((channels, m)))
     vectors, square = (np.empty(samples) for _ in range(4)), (np.empty((m, m)) for _ in range(4))
     wides = (np.empty(wide) for _ in range(4))
-    count = residuals.rows.shape[1]
-    constrained = (*(np.empty((count, m)) for _ in range(3)), np.empty((count, count)), np.empty((count, 1)))
-    return ResidualMemory._make([*by_channel, *vectors, np.empty((8, m + 1)), *square, *wides, *constrained])
+    return ResidualMemory._make([*by_channel, *vectors, np.empty((8, m + 1)), *square, *wides])
 
 
 def log_likelihood(
@@ -250,7 +236,6 @@ def _infer_weights(residuals, memory, k, numbers):
         determinant, explained = factorise(
             residuals.products[k], precision, root, projected, memory.upper, memory.inverse, shrunk, weights
         )
-        determinant -= 2.0 * _constrain(residuals, memory, k)
         return determinant + 2.0 * samples * math.log(numbers[DEVIATION]), squares * precision - explained
     determinant = filter_gains(residuals.seconds, valid, numbers, memory.decay, memory.gain, memory.root)
     columns, whitened = memory.columns, memory.whitened
@@ -274,21 +259,7 @@ def _infer_weights(residuals, memory, k, numbers):
             for j in range(i, m):
                 memory.gram[i, j] += left * whitened[t, j]
     second, explained = factorise(memory.gram, 1.0, root, projected, memory.upper, memory.inverse, shrunk, weights)
-    return determinant + second - 2.0 * _constrain(residuals, memory, k), squares - explained
-
-
-@inlined
-def _constrain(residuals, memory, k):
-    """Hold a channel's weights to the rows that are zero; returns what the log likelihood is more by."""
-    root, _, weights, shrunk = _rows(memory)
-    count = residuals.held[k]
-    for a in range(count, memory.crossed.shape[0]):
-        for j in range(memory.crossed.shape[1]):
-            memory.crossed[a, j] = 0.0
-    return constrain(
-        residuals.rows[k, :count], root, memory.inverse, weights, shrunk, memory.posterior[:count],
-        memory.crossed[:count], memory.prior[:count], memory.small, memory.vector[:count],
-    )  # fmt: skip
+    return determinant + second, squares - explained
 
 
 @inlined
@@ -337,8 +308,6 @@ def _pull_back_whitened(residuals, memory, k, numbers, root, expected, numbers_b
     for i in range(m):
         for j in range(m):
             covariance[i, j] *= root[j]
-            for a in range(memory.crossed.shape[0]):
-                covariance[i, j] -= memory.crossed[a, i] * memory.crossed[a, j]
     whitened, whitened_bar = memory.whitened, memory.whitened_bar
     for t in range(whitened.shape[0]):
         if not valid[t]:
@@ -374,8 +343,6 @@ def weights_compiled(residuals, memory, observed, simulated, numbers, mean, fact
             mean[k, i] = root[i] * weights[i]
             for j in range(root.shape[0]):
                 factor[k, i, j] = root[i] * memory.inverse[j, i]
-                for a in range(residuals.held[k]):
-                    factor[k, i, j] -= memory.crossed[a, i] * memory.posterior[a, j]
 
 
 # --- independent noise alone ----------------------------------------------------------------------------------

@@ -50,8 +50,6 @@ from .noise import (
 _SMOOTHNESS = {"3/2": 1.5, "5/2": 2.5}
 _WIDEST = 0.8
 """Of the longest lengthscale: the shortest at most, where a scenario does not say."""
-_SAME_DIRECTION = 1e-6
-"""Singular value of directions of length one below which one of them is a combination of the others."""
 _DIFFERENCE = 1e-4
 """Of a number's logarithm."""
 
@@ -145,39 +143,8 @@ class ResidualModel:
         for k in np.flatnonzero(self.compiled.discrepant):
             deviation = self.prior_deviations(numbers[k])
             standard = rng.standard_normal(len(deviation))
-            if self.compiled.held[k]:
-                held = self.compiled.rows[k, : self.compiled.held[k]] * deviation
-                standard -= held.T @ np.linalg.solve(held @ held.T, held @ standard)
             drawn[:, k] += self.compiled.basis @ (deviation * standard)
         return drawn
-
-    def orthogonal_to(self, jacobian: FloatArray) -> ResidualModel:
-        """The same with a discrepancy that is orthogonal, in each channel, to directions in which temperatures move.
-
-        jacobian: [T, N, p] K per parameter; products are over the channel's valid samples. The weights are conditioned
-        on it, so that on other windows it is the same discrepancy (Plumlee 2017, J. Am. Stat. Assoc. 112, 1274,
-        projects the process instead). What does not move a channel, or moves it like others, is left out.
-        Raises ScenarioError where nothing is left of the discrepancy.
-        """
-        compiled = self.compiled
-        valid, basis = compiled.valid.T[..., None], compiled.basis
-        products = np.einsum("tnp,tm->npm", np.where(valid, jacobian, 0.0), basis)
-        found = []
-        for own in products:
-            lengths = np.linalg.norm(own, axis=1, keepdims=True)
-            scaled = (own / np.where(lengths > 0.0, lengths, 1.0))[lengths[:, 0] > 0.0]
-            _, values, directions = np.linalg.svd(scaled, full_matrices=False)
-            found.append(directions[values > _SAME_DIRECTION])
-        rows = np.zeros((len(found), max(len(own) for own in found), basis.shape[1]))
-        for k, own in enumerate(found):
-            rows[k, : len(own)] = own
-        if rows.shape[1] >= rows.shape[2]:
-            raise ScenarioError(
-                f"discrepancy.orthogonal: found {rows.shape[2]} functions for a discrepancy that is orthogonal to "
-                f"{rows.shape[1]} parameters, expected more functions or harmonics"
-            )
-        held = np.array([len(own) for own in found], np.int64)
-        return replace(self, compiled=compiled._replace(rows=rows, held=held))
 
     def draw_given(
         self, observed: FloatArray, simulated: FloatArray, numbers: FloatArray, rng: np.random.Generator
@@ -318,8 +285,6 @@ def residual_model(
         in_time=np.array([0 if time is None else time.count], np.int64),
         smoothness=smoothness,
         factor=np.array([matern_factor(nu) for nu in smoothness]),
-        rows=np.zeros((len(channels), 0, together.shape[1])),
-        held=np.zeros(len(channels), np.int64),
     )
     return ResidualModel(compiled, fixed, tuple(entries), time, phase), priors
 

@@ -6,7 +6,7 @@ from typing import Annotated, Any, Literal
 
 from pydantic import Field, Tag, model_validator
 
-from ._fields import Block, Count, Flag, exactly_one, one_of
+from ._fields import Block, Count, exactly_one, one_of
 from ._units import Duration, Quantity
 from .priors import HalfNormal, LogNormal, Prior, Uncertain, UncertainTags, Uniform
 
@@ -94,8 +94,6 @@ class Discrepancy(Block):
     phase: PhaseDiscrepancy | None = None
     channels: tuple[str, ...] = ()
     """Temperature channels that have one; none named: all."""
-    orthogonal: Flag = False
-    """In each channel, to what the parameters do to the training window: repairs forecasts, not the parameters."""
 
     @model_validator(mode="after")
     def _some_part(self) -> Discrepancy:

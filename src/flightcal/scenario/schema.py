@@ -259,11 +259,6 @@ class Scenario(Block):
         return self.simulator
 
 
-def is_orthogonal(scenario: Scenario) -> bool:
-    """Whether there is a discrepancy that is orthogonal to what the parameters do."""
-    return scenario.discrepancy is not None and scenario.discrepancy.orthogonal
-
-
 def noise_of(scenario: Scenario, channel: str) -> Noise:
     """The noise of a temperature channel: its own, or the scenario's."""
     own = scenario.observations[channel].noise

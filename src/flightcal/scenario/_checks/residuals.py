@@ -95,9 +95,6 @@ def _check_discrepancy(draft: Draft) -> Iterator[Problem]:
     discrepancy = draft.discrepancy
     if discrepancy is None:
         return
-    if discrepancy.orthogonal and _is_emulated(draft.external):
-        message = "found true with a simulator without derivatives, expected one that has them"
-        yield Problem(("discrepancy", "orthogonal"), f"{message}: the directions would be those of an emulator")
     temperatures = [name for name, item in draft.observations.items() if item is None or item.heater is None]
     for k, name in enumerate(discrepancy.channels):
         if name not in temperatures:
