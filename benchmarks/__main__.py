@@ -18,7 +18,6 @@ TABLES = {
     "sampling": "sampling:measure",
     "batch": "batch:measure_batch",
     "genetic": "batch:measure_genetic",
-    "accelerator": "accelerator:measure",
     "scaling": "scaling:measure",
     "campaign": "campaign:measure",
     "whole": "whole:measure",

@@ -6,13 +6,12 @@ from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
+from tests.oracle import dense, jax, jnp
 
-from flightcal._jax import jax, jnp
 from flightcal.calibration import Problem
 from flightcal.scenario import Normal, Prior, Uniform
 from flightcal.scenario.priors import LogNormal, TruncatedNormal
 from flightcal.simulator import Drive, NetworkSimulator, Structure, System
-from flightcal.simulator.oracle import dense
 from flightcal.simulator.system import packed_bounds
 
 ndtr, ndtri = jax.scipy.special.ndtr, jax.scipy.special.ndtri

@@ -19,8 +19,7 @@ from typing import Any
 
 import diffrax
 import numpy as np
-
-from flightcal._jax import jax, jnp
+from tests.oracle import jax, jnp
 
 from ..canonical import Canonical
 

@@ -5,8 +5,8 @@ from __future__ import annotations
 from collections.abc import Callable
 from typing import Any
 
-from flightcal._jax import jax, jnp
-from flightcal.simulator import oracle
+from tests import oracle
+from tests.oracle import jax, jnp
 
 from ..canonical import Canonical
 

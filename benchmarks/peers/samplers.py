@@ -76,8 +76,7 @@ def numpyro(seconds: float) -> dict[str, Any]:
     """NUTS with a dense mass matrix on diffrax; warm-up and then draws in blocks until the time is over."""
     import numpyro as package
     from numpyro.infer import MCMC, NUTS
-
-    from flightcal._jax import jax, jnp
+    from tests.oracle import jax, jnp
 
     from ..canonical import canonical
     from .diffrax_ode import Configuration, log_density

@@ -6,8 +6,8 @@ from collections.abc import Callable
 from typing import Any
 
 import numpy as np
+from tests.oracle import jax
 
-from flightcal._jax import jax
 from flightcal.simulator import integrate
 from flightcal.simulator.integrate import NOTHING, integrate_packed
 from flightcal.simulator.system import pack

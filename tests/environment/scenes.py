@@ -8,6 +8,8 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from flightcal.environment.geometry import geometry_of
+from flightcal.environment.orbit import local_time_to_raan
 from flightcal.scenario.environment import Environment
 
 EPOCH = np.datetime64("2024-03-20T03:06:00", "ns")
@@ -25,6 +27,19 @@ def circular(altitude="693 km", inclination="98.18 deg", epoch=EPOCH, **more) ->
 
 def seconds_after(start, seconds) -> np.ndarray:
     return start + np.round(np.asarray(seconds) * 1e9).astype("timedelta64[ns]")
+
+
+def beta_angle(scene: Environment, times: np.ndarray) -> np.ndarray:
+    """Angle of the Sun above the orbit plane, [T] rad, positive on the side of the angular momentum."""
+    at = geometry_of(scene)(times)
+    momentum = np.cross(at.position, at.velocity)
+    height = np.sum(momentum * at.sun, axis=-1)
+    return np.arcsin(height / np.linalg.norm(momentum, axis=-1) / np.linalg.norm(at.sun, axis=-1))
+
+
+def raan_to_local_time(raan: float, epoch: np.datetime64) -> float:
+    """Mean local solar time, hours, of a node at `raan` rad."""
+    return float(((raan - local_time_to_raan("00:00", epoch)) % (2 * np.pi)) * 12 / np.pi)
 
 
 def random_units(rng, *shape) -> np.ndarray:

@@ -6,17 +6,16 @@ from hypothesis import strategies as st
 from scipy.spatial.transform import Rotation
 
 from flightcal.environment import (
-    beta_angle_of,
     orbital_period,
     shadow_edges,
     sunlit_fraction,
     sunlit_share,
 )
-from flightcal.environment.orbit import EARTH_RADIUS, raan_to_local_time
+from flightcal.environment.orbit import EARTH_RADIUS
 from flightcal.environment.sun import ASTRONOMICAL_UNIT, SUN_RADIUS
 from flightcal.errors import OrbitError
 
-from .scenes import EPOCH, circular, environment, reference_data, seconds_after
+from .scenes import EPOCH, beta_angle, circular, environment, raan_to_local_time, reference_data, seconds_after
 
 SUN = np.array([[ASTRONOMICAL_UNIT, 0.0, 0.0]])
 
@@ -95,7 +94,7 @@ def test_eclipse_lasts_as_long_as_behind_a_cylinder(raan, altitude):
     first = np.flatnonzero(sunlit_share(scene, edges - np.timedelta64(1, "s")) == 1)[0]
     outer_in, inner_in, inner_out, outer_out = seconds(edges[first : first + 4])
     height = EARTH_RADIUS + {"408 km": 408e3, "1400 km": 1400e3}[altitude]
-    beta = beta_angle_of(scene, edges[first : first + 1])[0]
+    beta = beta_angle(scene, edges[first : first + 1])[0]
     # Ground track in shadow: cos(half width) = sqrt(1 - (R / a)^2) / cos(beta).
     half_width = np.arccos(np.sqrt(1 - (EARTH_RADIUS / height) ** 2) / np.cos(beta))
     expected = half_width / np.pi * orbital_period(scene)

@@ -12,13 +12,12 @@ from flightcal.environment.orbit import (
     eccentric_anomaly,
     local_time_to_raan,
     propagator,
-    raan_to_local_time,
     secular_rates,
 )
 from flightcal.environment.sun import sun_position
 from flightcal.errors import OrbitError
 
-from .scenes import EPOCH, circular, environment, seconds_after
+from .scenes import EPOCH, circular, environment, raan_to_local_time, seconds_after
 
 # Vallado et al. (2006), Revisiting Spacetrack Report #3, verification case 00005.
 VANGUARD = [

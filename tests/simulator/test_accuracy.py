@@ -9,9 +9,10 @@ import pytest
 from scipy.integrate import solve_ivp
 from scipy.linalg import expm
 
-from flightcal.simulator import integrate, oracle
+from flightcal.simulator import integrate
 from flightcal.simulator.network import STEFAN_BOLTZMANN
 
+from .. import oracle
 from .systems import drive_of, from_dense, linear_network, random_system
 
 DATA = Path(os.environ.get("FLIGHTCAL_DATA", Path(__file__).resolve().parents[3] / "shared" / "data"))

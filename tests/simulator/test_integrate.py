@@ -5,10 +5,11 @@ import sys
 import numpy as np
 import pytest
 
-from flightcal._jax import jax
-from flightcal.simulator import integrate, oracle, pull_back
+from flightcal.simulator import integrate, pull_back
 from flightcal.simulator.system import Drive, System
 
+from .. import oracle
+from ..oracle import jax
 from .systems import from_dense, random_system
 
 # The oracle runs once per case and takes far longer to compile than to run.

@@ -3,10 +3,10 @@
 import numpy as np
 import pytest
 
-from flightcal.simulator import build_network, oracle
+from flightcal.simulator import build_network
 from flightcal.simulator.network import DEEP_SPACE, STEFAN_BOLTZMANN
 
-from .. import small
+from .. import oracle, small
 from .systems import assembled
 
 T = {"body": 290.0, "panel": 265.0, "shell": 270.0}

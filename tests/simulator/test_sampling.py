@@ -4,11 +4,11 @@ import numpy as np
 import pytest
 from scipy.optimize import check_grad
 
-from flightcal._jax import jax
-from flightcal.simulator import oracle
 from flightcal.simulator.inputs import make_grid
 from flightcal.simulator.sampling import Sensors, interpolate, locate, spread
 
+from .. import oracle
+from ..oracle import jax
 from .systems import drive_of
 
 NOTHING = np.empty(0)

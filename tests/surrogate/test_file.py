@@ -92,6 +92,7 @@ def test_a_line_that_heats_two_nodes_is_refused(tmp_path):
     [
         ({"sensors": ["nothing"]}, r"sensors: found 'nothing', expected one of battery_1"),
         ({"methods": "projection"}, r"reduce.yaml:\d+: methods: unknown key 'methods'"),
+        ({"method": "condensation"}, r"reduce.yaml:\d+: method: found 'condensation', expected projection"),
         ({"tolerance": 0.3}, r"tolerance: found 0.3 without a unit"),
         (
             {"parameters": {"p": {"sets": "faces.nowhere*.absorptivity", "prior": {"uniform": [0, 1]}}}},

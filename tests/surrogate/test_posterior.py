@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import json
 from copy import deepcopy
-from dataclasses import replace
 
 import numpy as np
 import pandas as pd
@@ -20,7 +19,6 @@ from flightcal.scenario import lint, load_scenario, resolved_yaml
 from flightcal.scenario.schema import NutsSettings
 from flightcal.simulator import NetworkSimulator
 from flightcal.surrogate.build import InexactSimulator
-from flightcal.surrogate.condensation import condense
 from flightcal.surrogate.file import load_task
 from flightcal.surrogate.patterns import plain
 
@@ -201,12 +199,12 @@ def test_the_posterior_through_the_reduced_model_is_that_through_the_full_networ
     mission = task.mission
     flight = fly(mission.spacecraft, mission.start, 6100.0, seed=mission.seed)
     at_start = flight.temperatures[600]
-    initial = {plain(name): float(value) for name, value in zip(flight.nodes, at_start, strict=True)}
-    nominal = dict(zip(flight.nodes, at_start.tolist(), strict=True)) | {"space": 2.725}
+    initial = dict(zip(flight.nodes, at_start.tolist(), strict=True))
+    by_plain_name = {plain(name): value for name, value in initial.items()}
 
-    full = condense(task.scenario, {}, nominal).scenario
+    full = task.scenario
     written = folder / "rom" / "scenario.yaml"
-    reduced = load_scenario(changed(folder / "rom", written, "known.yaml", lambda s: known_start(s, initial)))
+    reduced = load_scenario(changed(folder / "rom", written, "known.yaml", lambda s: known_start(s, by_plain_name)))
     model = full.network.model_copy(
         update={
             "heaters": {
@@ -247,17 +245,3 @@ def test_the_posterior_through_the_reduced_model_is_that_through_the_full_networ
     assert (distance < 0.2).all()
     # The reduced model's error makes the posterior wider, never much narrower.
     assert (deviations[1] > 0.85 * deviations[0]).all()
-
-
-def test_a_condensed_scenario_is_read_and_simulated(tmp_path):
-    craft.write(tmp_path, {"method": "condensation", "condensation": {"nodes": 20}, "tolerance": "3 K"})
-    carried_out(tmp_path)
-    assert lint(tmp_path / "rom" / "scenario.yaml") == []
-    scenario = load_scenario(tmp_path / "rom" / "scenario.yaml")
-    problem = build_problem(scenario, read(scenario), "train")
-    assert isinstance(problem.simulator, InexactSimulator)
-    run = problem.simulate(problem.priors.median())
-    assert np.nanmax(np.abs(run.temperatures - problem.observed)) < 25.0
-    # Without its error it is an exact simulator.
-    exact = replace(problem.simulator.exact)
-    assert exact.error_basis is None

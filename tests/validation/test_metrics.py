@@ -12,7 +12,6 @@ from flightcal.validation import (
     Metric,
     comparison_table,
     crps_of_draws,
-    format_comparison,
     log_score_normal,
     mape_celsius,
     mape_kelvin,
@@ -225,10 +224,3 @@ def test_comparison_stands_one_missing_method(prediction):
     rows = comparison_table(score(prediction.sel({"method": ["genetic"]}), "test"))
     assert rows[0].stochastic is None
     assert rows[0].ratio is None
-
-
-def test_comparison_prints_aligned_columns(prediction):
-    lines = format_comparison(comparison_table(score(prediction, "test"))).splitlines()
-    end = lines[0].index("ratio") + len("ratio")
-    assert lines[1][:end].split()[-1] == "0.5"
-    assert lines[1].endswith("0.7533")

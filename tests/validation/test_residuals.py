@@ -12,10 +12,8 @@ from flightcal.validation import (
     autocorrelation,
     check_residuals,
     check_window,
-    durbin_watson,
     effective_samples,
     ljung_box,
-    runs_test,
 )
 from flightcal.validation.residuals import pair_counts, segments
 
@@ -182,14 +180,6 @@ def test_effective_samples_do_not_exceed_their_number():
     assert effective_samples(ar1(-0.7, 500, rng), times(500)) == 500
 
 
-def test_durbin_watson_is_two_for_white_noise_and_small_for_smooth_residuals():
-    rng = np.random.default_rng(9)
-    assert durbin_watson(rng.normal(size=20_000), times(20_000)) == pytest.approx(2.0, abs=0.05)
-    assert durbin_watson(ar1(0.9, 20_000, rng), times(20_000)) == pytest.approx(0.2, abs=0.03)
-    apart = np.concatenate([times(2), times(2) + np.timedelta64(1, "D")])
-    assert durbin_watson(np.array([1.0, 2.0, 50.0, 51.0]), apart) == pytest.approx(1.0 / np.mean([1, 4, 2500, 2601]))
-
-
 def test_white_residuals_do_not_contradict_iid_noise():
     rng = np.random.default_rng(10)
     verdicts = [check_residuals("panel", rng.normal(size=400), times(400)).verdict for _ in range(100)]
@@ -261,52 +251,6 @@ def test_a_window_is_checked_by_channel_on_its_scored_samples():
     white, slow = check_window(prediction)
     assert (white.channel, white.verdict, white.samples) == ("white", "white", 480)
     assert (slow.channel, slow.verdict) == ("slow", "contradicted")
-
-
-def test_the_runs_test_is_that_of_wald_and_wolfowitz_where_there_are_no_gaps():
-    values = np.random.default_rng(11).normal(size=101)
-    signs = np.sign(values - np.median(values))
-    signs = signs[signs != 0]
-    above, below, count = (signs > 0).sum(), (signs < 0).sum(), signs.size
-    expected = 1 + 2 * above * below / count
-    variance = (expected - 1) * (expected - 2) / (count - 1)
-    # The median itself has no side, and leaves a gap: without it the series is whole.
-    whole = np.delete(values, np.flatnonzero(values == np.median(values)))
-    runs, of_white, p_value = runs_test(whole, times(whole.size))
-    assert runs == 1 + np.count_nonzero(np.diff(signs))
-    assert of_white == pytest.approx(expected)
-    assert p_value == pytest.approx(math.erfc(abs(runs - expected) / math.sqrt(2 * variance)))
-
-
-def test_what_equals_the_median_has_no_side_and_no_neighbours():
-    rng = np.random.default_rng(11)
-    values = rng.permutation(np.repeat([-1.0, 0.0, 1.0], [60, 31, 60])) * rng.uniform(0.5, 2.0, 151)
-    assert runs_test(values, times(151)) == runs_test(values[values != 0.0], times(151)[values != 0.0])
-
-
-@pytest.mark.parametrize("values", [[1.0, -3.0, 2.0, 1.0, 1.0, 1.5], [0.0, 0.0, 0.0, 0.0]])
-def test_without_two_on_either_side_the_runs_test_says_nothing(values):
-    with np.errstate(all="raise"):
-        _, expected, p_value = runs_test(values, times(len(values)))
-    assert np.isnan([expected, p_value]).all()
-
-
-def test_the_runs_test_calls_white_noise_with_gaps_wrong_as_often_as_it_says():
-    rng = np.random.default_rng(12)
-    found = []
-    for _ in range(800):
-        keep = gaps(200, rng)
-        found.append(runs_test(rng.normal(size=200)[keep], times(200)[keep])[2])
-    # Three standard errors of a share of 0.05 among 800, and one count that the p value's steps may be off.
-    assert np.mean(np.array(found) < 0.05) == pytest.approx(0.05, abs=0.03)
-    assert np.mean(np.array(found) < 0.5) == pytest.approx(0.5, abs=0.07)
-
-
-def test_the_runs_test_finds_residuals_that_stay_on_one_side():
-    rng = np.random.default_rng(13)
-    runs, expected, p_value = runs_test(ar1(0.8, 300, rng), times(300))
-    assert runs < expected
-    assert p_value < 1e-4
 
 
 def correlated_window():

@@ -4,14 +4,11 @@ from __future__ import annotations
 
 from .eclipse import shadow_edges, sunlit_fraction, sunlit_share
 from .fluxes import FaceFluxes, face_fluxes
-from .geometry import beta_angle_of, orbit_phase
+from .geometry import orbit_phase
 from .orbit import orbital_period
-from .sun import beta_angle
 
 __all__ = [
     "FaceFluxes",
-    "beta_angle",
-    "beta_angle_of",
     "face_fluxes",
     "orbit_phase",
     "orbital_period",

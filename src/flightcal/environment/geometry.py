@@ -48,12 +48,6 @@ def geometry_of(environment: Environment, folder: Path = Path()) -> Callable[[Ti
     return geometry
 
 
-def beta_angle_of(environment: Environment, times: Times, folder: Path = Path()) -> Floats:
-    """Angle of the Sun above the orbit plane at times, [T] rad; see `beta_angle`."""
-    at = geometry_of(environment, folder)(times)
-    return sun.beta_angle(at.position, at.velocity, at.sun)
-
-
 def orbit_phase(
     environment: Environment, times: Times, folder: Path = Path(), origin: np.datetime64 | None = None
 ) -> Floats:

@@ -125,11 +125,6 @@ def local_time_to_raan(local_time: str, epoch: np.datetime64) -> float:
     return float((sidereal + longitude) % (2 * np.pi))
 
 
-def raan_to_local_time(raan: float, epoch: np.datetime64) -> float:
-    """Mean local solar time, hours, of a node at `raan` rad at `epoch`: inverse of `local_time_to_raan`."""
-    return float(((raan - local_time_to_raan("00:00", epoch)) % (2 * np.pi)) * 12 / np.pi)
-
-
 def _keplerian(orbit: CircularOrbit) -> KeplerianOrbit:
     if orbit.raan is not None and orbit.ltan is None:
         raan = orbit.raan

@@ -1,4 +1,4 @@
-"""The Sun: position in the frame of date, flux at its distance, beta angle."""
+"""The Sun: position in the frame of date, flux at its distance."""
 
 from __future__ import annotations
 
@@ -32,14 +32,3 @@ def solar_flux(distance: Floats, solar_constant: float) -> Floats:
     """Solar flux [T] W/m2 at `distance` [T] m from the Sun; `solar_constant`: W/m2 at 1 au."""
     flux: Floats = solar_constant * (ASTRONOMICAL_UNIT / distance) ** 2
     return flux
-
-
-def beta_angle(position: Floats, velocity: Floats, sun: Floats) -> Floats:
-    """Angle of the Sun above the orbit plane [T] rad, positive on the side of the orbital angular momentum.
-
-    position, velocity: [T, 3] m, m/s; sun: [T, 3], Sun's position or direction; all in one inertial frame.
-    """
-    momentum = np.cross(position, velocity)
-    height = np.sum(momentum * sun, axis=-1) / np.linalg.norm(sun, axis=-1)
-    angle: Floats = np.arcsin(np.clip(height / np.linalg.norm(momentum, axis=-1), -1.0, 1.0))
-    return angle

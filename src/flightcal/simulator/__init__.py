@@ -1,4 +1,4 @@
-"""From theta to temperatures and heater status: network, canonical form, compiled integration and its JAX oracle."""
+"""From theta to temperatures and heater status: network, canonical form, compiled integration."""
 
 from .integrate import SimulationFailure, integrate, pull_back
 from .network import Network, build_network

@@ -14,7 +14,6 @@ from ..run import write_atomically
 from ..scenario import Scenario, resolved_yaml
 from ..scenario.schema import Calibration, Channel, InitialState, Observation, TelemetryFile, TimeColumn, Window
 from .certificate import certificate, certificate_lines, measure_speed, sensor_errors
-from .condensation import Condensed
 from .file import Task, load_task, written_time
 from .reduce import Progress, Reduced, reduce
 from .reduced_scenario import reduced_scenario
@@ -39,13 +38,11 @@ def reduce_to_folder(path: Path, out: Path, on_progress: Progress = lambda *_: N
     content = certificate(task, reduced, measure_speed(task, reduced))
     lines = certificate_lines(content)
     out.mkdir(parents=True, exist_ok=True)
-    written = ["certificate.json", "certificate.txt", "scenario.yaml"]
+    written = ["certificate.json", "certificate.txt", "scenario.yaml", MODEL_FILE]
     _write_text(out / "certificate.json", json.dumps(content, indent=1, allow_nan=False) + "\n")
     _write_text(out / "certificate.txt", "\n".join(lines) + "\n")
-    if not isinstance(reduced.model, Condensed):
-        written.append(MODEL_FILE)
-        block = reduced_scenario(task.scenario, reduced.model, task.reduction.step).network
-        save(out / MODEL_FILE, stored_of(reduced.model, task.scenario, block, sensor_errors(task, reduced)))
+    block = reduced_scenario(task.scenario, reduced.model, task.reduction.step).network
+    save(out / MODEL_FILE, stored_of(reduced.model, task.scenario, block, sensor_errors(task, reduced)))
     _write_text(out / "scenario.yaml", _scenario_text(task, reduced, path, out))
     return [*lines, *(f"wrote {out / name}" for name in written)]
 
@@ -54,16 +51,6 @@ def _as_the_software_switches(task: Task, reduced: Reduced) -> Reduced:
     """Its thermostats where the on-board software really switches; the certificate compares without."""
     shifts = switching_shifts(task.mission)
     model = reduced.model
-    if isinstance(model, Condensed):
-        block = model.scenario.network
-        heaters = {
-            name: heater.model_copy(
-                update={"on_below": heater.on_below + shifts[name][0], "off_above": heater.off_above + shifts[name][1]}
-            )
-            for name, heater in block.heaters.items()
-        }
-        scenario = model.scenario.model_copy(update={"simulator": block.model_copy(update={"heaters": heaters})})
-        return replace(reduced, model=replace(model, scenario=scenario))
     return replace(reduced, model=replace(model, shifts=tuple(shifts[name] for name in model.heaters)))
 
 
@@ -75,13 +62,8 @@ def _scenario_text(task: Task, reduced: Reduced, path: Path, out: Path) -> str:
     """A scenario for the telemetry of the spacecraft file's flight."""
     flight = FlightWindow.model_construct(start=written_time(task.mission.start), end=None, orbits=1.0, timeline=None)
     flown = task.with_timeline(flight)
-    if isinstance(reduced.model, Condensed):
-        scenario = reduced.model.scenario
-        model = scenario.network.model_copy(update={"errors": sensor_errors(task, reduced)})
-    else:
-        scenario = reduced_scenario(task.scenario, reduced.model, task.reduction.step)
-        model = scenario.network.model_copy(update={"reduced_model": MODEL_FILE})
-    model = model.model_copy(update={"checked_on": os.path.relpath(path, out)})
+    scenario = reduced_scenario(task.scenario, reduced.model, task.reduction.step)
+    model = scenario.network.model_copy(update={"reduced_model": MODEL_FILE, "checked_on": os.path.relpath(path, out)})
     channels = {
         # No thermistor reads what lies outside of this: it is a mark of the ground's.
         name: Channel.model_construct(column=(name,), kind="temperature", unit="degC", valid_range=_BELIEVABLE)

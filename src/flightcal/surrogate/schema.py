@@ -11,8 +11,6 @@ from ..scenario._fields import Block, Count, Number
 from ..scenario._units import Duration, Quantity
 from ..scenario.schema import Window
 
-Patterns = Annotated[tuple[str, ...], Field(min_length=1)]
-
 
 class FlightWindow(Window):
     """A stretch of flight that is simulated, and the mode changes in it."""
@@ -44,16 +42,6 @@ class Projection(Block):
     """Time constant up to which a node that exchanges heat by radiation only follows at once: fewer states, 0.05 K."""
 
 
-class Condensation(Block):
-    """Nodes in groups, each of which becomes one node."""
-
-    groups: dict[str, Patterns] = Field(default_factory=dict)
-    """Group -> patterns of its nodes; nodes in none of them are grouped automatically."""
-    nodes: Annotated[Count, Field(ge=1)] | None = None
-    """Wanted number; null: as few as keep the tolerance."""
-    most_nodes: Count = Field(40, ge=1)
-
-
 class Reduction(Block):
     """The whole file."""
 
@@ -61,7 +49,7 @@ class Reduction(Block):
     description: str = ""
     spacecraft: str
     """Spacecraft file, from this file's folder."""
-    method: Literal["projection", "condensation"] = "projection"
+    method: Literal["projection"] = "projection"
     parameters: dict[str, Any] = Field(min_length=1)
     """As in a scenario; in the paths `*` stands for any text, `?` for one character."""
     sensors: tuple[str, ...] = ()
@@ -85,4 +73,3 @@ class Reduction(Block):
     quantile: Annotated[Number, Field(gt=0, lt=1)] = 0.95
     """Share of the errors that the tolerance is for."""
     projection: Projection = Projection()
-    condensation: Condensation = Condensation()

@@ -10,8 +10,6 @@ from numpy.typing import NDArray
 
 from flightcal.errors import TelemetryError
 
-from .clean import GAP_FACTOR
-
 Fill = Literal["interpolate", "previous_orbit"]
 
 SHORT_GAP = 3.0
@@ -39,59 +37,12 @@ def driver_series(
 
     Raises TelemetryError when a gap cannot be bridged.
     """
-    return _bridge(dataset, channel, times, fill, period)[0]
-
-
-def bridged_share(
-    dataset: xr.Dataset,
-    channel: str,
-    times: NDArray[np.datetime64],
-    *,
-    fill: Fill | None = None,
-    period: float | None = None,
-) -> float:
-    """Share, 0 to 1, of `times` [K] at which `driver_series` bridges missing samples."""
-    return float(np.mean(_bridge(dataset, channel, times, fill, period)[1]))
-
-
-def status_fraction(dataset: xr.Dataset, channel: str, edges: NDArray[np.datetime64]) -> NDArray[np.float64]:
-    """Share [K] of each interval [edges[k], edges[k + 1]] in which the status was on.
-
-    A sample holds from halfway to its neighbours; in a gap of up to `SHORT_GAP` sampling intervals the last value
-    holds until half an interval before the next. NaN in an interval that begins in a longer gap, more than a sampling
-    interval after its last sample. edges: [K + 1]. Raises TelemetryError when the edges lie outside the telemetry.
-    """
-    seconds, values, interval = _valid(dataset, channel)
-    at = _seconds(edges)
-    rows = _seconds(dataset["time"].to_numpy()[[0, -1]])
-    slack = max(interval, dataset.attrs["sampling_interval_s"])
-    if at[0] < rows[0] - slack or at[-1] > rows[1] + slack:
-        first, last = (_text(time) for time in dataset["time"].to_numpy()[[0, -1]])
-        raise TelemetryError(
-            f"channel '{channel}': found no status from {_text(edges[0])} to {_text(edges[-1])}, "
-            f"expected times within the telemetry, {first} to {last}"
-        )
-    changes = seconds[1:] - np.minimum(np.diff(seconds), interval) / 2
-    bounds = np.concatenate([[min(at[0], seconds[0])], changes, [max(at[-1], seconds[-1])]])
-    on_time = np.concatenate([[0.0], np.cumsum(values * np.diff(bounds))])
-    share = np.diff(np.interp(at, bounds, on_time)) / np.diff(at)
-    before = np.clip(np.searchsorted(seconds, at[:-1], side="right") - 1, 0, len(seconds) - 2)
-    long_gap = np.diff(seconds)[before] > SHORT_GAP * interval
-    unknown = long_gap & (at[:-1] >= seconds[before] + interval) & (at[:-1] < seconds[before + 1])
-    return np.where(unknown, np.nan, np.clip(share, 0.0, 1.0))
-
-
-def _bridge(
-    dataset: xr.Dataset, channel: str, times: NDArray[np.datetime64], fill: Fill | None, period: float | None
-) -> tuple[NDArray[np.float64], NDArray[np.bool_]]:
-    """Values [K], and whether each falls where samples are missing [K]."""
     fill = fill or dataset[channel].attrs["fill"]
     period = period or dataset.attrs.get("period_s")
     seconds, values, interval = _valid(dataset, channel)
     at = _seconds(times)
     gap = _gap(seconds, at, interval)
     result = np.interp(at, seconds, values)
-    bridged = gap > GAP_FACTOR * interval
     open_gap = gap > SHORT_GAP * interval
     if fill == "interpolate":
         limit = (
@@ -120,7 +71,34 @@ def _bridge(
             else f"a gap of {gap[first] / 60:.1f} min"
         )
         raise TelemetryError(f"channel '{channel}': found no sample at {_text(times[first])}, {length}; {advice}")
-    return result, bridged
+    return result
+
+
+def status_fraction(dataset: xr.Dataset, channel: str, edges: NDArray[np.datetime64]) -> NDArray[np.float64]:
+    """Share [K] of each interval [edges[k], edges[k + 1]] in which the status was on.
+
+    A sample holds from halfway to its neighbours; in a gap of up to `SHORT_GAP` sampling intervals the last value
+    holds until half an interval before the next. NaN in an interval that begins in a longer gap, more than a sampling
+    interval after its last sample. edges: [K + 1]. Raises TelemetryError when the edges lie outside the telemetry.
+    """
+    seconds, values, interval = _valid(dataset, channel)
+    at = _seconds(edges)
+    rows = _seconds(dataset["time"].to_numpy()[[0, -1]])
+    slack = max(interval, dataset.attrs["sampling_interval_s"])
+    if at[0] < rows[0] - slack or at[-1] > rows[1] + slack:
+        first, last = (_text(time) for time in dataset["time"].to_numpy()[[0, -1]])
+        raise TelemetryError(
+            f"channel '{channel}': found no status from {_text(edges[0])} to {_text(edges[-1])}, "
+            f"expected times within the telemetry, {first} to {last}"
+        )
+    changes = seconds[1:] - np.minimum(np.diff(seconds), interval) / 2
+    bounds = np.concatenate([[min(at[0], seconds[0])], changes, [max(at[-1], seconds[-1])]])
+    on_time = np.concatenate([[0.0], np.cumsum(values * np.diff(bounds))])
+    share = np.diff(np.interp(at, bounds, on_time)) / np.diff(at)
+    before = np.clip(np.searchsorted(seconds, at[:-1], side="right") - 1, 0, len(seconds) - 2)
+    long_gap = np.diff(seconds)[before] > SHORT_GAP * interval
+    unknown = long_gap & (at[:-1] >= seconds[before] + interval) & (at[:-1] < seconds[before + 1])
+    return np.where(unknown, np.nan, np.clip(share, 0.0, 1.0))
 
 
 def _turns(seconds: NDArray[np.float64], at: NDArray[np.float64], period: float) -> list[int]:

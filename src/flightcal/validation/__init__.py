@@ -8,7 +8,6 @@ from .metrics import (
     crps_of_draws,
     duty_cycle_error,
     energy_error,
-    format_comparison,
     log_score_normal,
     mape_celsius,
     mape_kelvin,
@@ -35,10 +34,8 @@ from .residuals import (
     autocorrelation,
     check_residuals,
     check_window,
-    durbin_watson,
     effective_samples,
     ljung_box,
-    runs_test,
 )
 
 __all__ = [
@@ -58,11 +55,9 @@ __all__ = [
     "coverage_by_hour",
     "coverage_by_phase",
     "crps_of_draws",
-    "durbin_watson",
     "duty_cycle_error",
     "effective_samples",
     "energy_error",
-    "format_comparison",
     "leave_blocks_out",
     "ljung_box",
     "log_score_normal",
@@ -74,7 +69,6 @@ __all__ = [
     "probability_below",
     "probability_integral_transform",
     "rmse",
-    "runs_test",
     "score",
     "status_agreement",
     "switch_count_error",

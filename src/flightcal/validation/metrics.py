@@ -7,7 +7,7 @@ where nothing is left. Temperatures in kelvin.
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -268,28 +268,3 @@ def comparison_table(metrics: Sequence[Metric]) -> list[Comparison]:
         published_ratio = published[1] / published[0] if published else None
         rows.append(Comparison(*place, unit, genetic, stochastic, ratio, published_ratio, note))
     return rows
-
-
-def format_comparison(rows: Sequence[Comparison]) -> str:
-    """The comparison as aligned text for a terminal, the paper's ratios in the last column but one."""
-    header = ("window", "channel", "metric", "genetic", "stochastic", "ratio", "paper", "")
-    lines = [
-        (
-            row.window,
-            row.channel,
-            f"{row.metric} ({row.unit})",
-            *(_number(v) for v in (row.genetic, row.stochastic, row.ratio, row.published)),
-            row.note,
-        )
-        for row in rows
-    ]
-    widths = [max(len(line[i]) for line in [header, *lines]) for i in range(len(header))]
-    align: Sequence[Callable[[str, int], str]] = [str.ljust] * 3 + [str.rjust] * 4 + [str.ljust]
-    return "\n".join(
-        "  ".join(place(text, width) for place, text, width in zip(align, line, widths, strict=True)).rstrip()
-        for line in [header, *lines]
-    )
-
-
-def _number(value: float | None) -> str:
-    return "-" if value is None else f"{value:.4g}"

@@ -15,7 +15,6 @@ import numpy as np
 import xarray as xr
 from numpy.typing import ArrayLike, NDArray
 from scipy.signal import correlate
-from scipy.special import erfc
 from scipy.stats import chi2
 
 Array = NDArray[np.float64]
@@ -145,51 +144,6 @@ def ljung_box(residuals: ArrayLike, time: Times, lags: int) -> tuple[float, floa
     return statistic, float(chi2.sf(statistic, int(usable.sum())))
 
 
-def durbin_watson(residuals: ArrayLike, time: Times) -> float:
-    """Durbin-Watson statistic: 2 for white residuals, 0 for ones that hardly change from sample to sample.
-
-    Durbin & Watson (1950), Biometrika 37: the mean squared difference of neighbours over the mean square;
-    only pairs one nominal spacing apart count.
-    """
-    differences = np.concatenate([np.diff(grid) for grid in segments(residuals, time, 1)])
-    differences = differences[np.isfinite(differences)]
-    square = float(np.nanmean(np.square(residuals))) if np.isfinite(residuals).any() else math.nan
-    return float(np.mean(differences**2) / square) if differences.size and square > 0 else math.nan
-
-
-def runs_test(residuals: ArrayLike, time: Times) -> tuple[int, float, float]:
-    """Runs of residuals above and below their median: how many, how many white noise would have, and the p value.
-
-    Wald & Wolfowitz (1940), Ann. Math. Stat. 11, for series with gaps: what is counted is changes of side between
-    neighbours one nominal spacing apart, with the mean and variance that they have when the signs are shuffled; one run
-    more than changes for each stretch without a gap. Without gaps it is their test. The p value is two-sided, of the
-    normal approximation.
-    """
-    values = np.asarray(residuals, float)
-    centred = np.where(values == (middle := np.nanmedian(values)), np.nan, values - middle)
-    signs = [np.sign(grid) for grid in segments(centred, time, 1)]
-    above, below = (sum(int((grid == side).sum()) for grid in signs) for side in (1, -1))
-    count = above + below
-    paired = [np.isfinite(np.diff(grid)) for grid in signs]
-    pairs = sum(int(pair.sum()) for pair in paired)
-    if min(above, below) < 2 or pairs == 0:
-        return count - pairs, math.nan, math.nan
-    changes = sum(int((np.abs(np.diff(grid)) == 2).sum()) for grid in signs)
-    # Of two pairs either one sample is shared, or none is.
-    sharing = sum(int((pair[1:] & pair[:-1]).sum()) for pair in paired)
-    differ = 2 * above * below / (count * (count - 1))
-    both = 4 * above * (above - 1) * below * (below - 1) / (count * (count - 1) * (count - 2) * (count - 3))
-    variance = (
-        pairs * differ * (1 - differ)
-        + 2 * sharing * (0.5 * differ - differ**2)
-        + 2 * (pairs * (pairs - 1) / 2 - sharing) * (both - differ**2)
-    )
-    stretches = count - pairs
-    expected = pairs * differ
-    score = (changes - expected) / math.sqrt(variance)
-    return changes + stretches, expected + stretches, float(erfc(abs(score) / math.sqrt(2)))
-
-
 @dataclass(frozen=True)
 class ResidualCheck:
     """What the residuals of one channel say about what is assumed of its noise.
@@ -208,16 +162,10 @@ class ResidualCheck:
     """K."""
     lag1: float
     """Autocorrelation one nominal spacing apart."""
-    durbin_watson: float
     ljung_box: float
     p_value: float
     lags: int
     """Of the Ljung-Box test."""
-    runs: int
-    """Stretches on one side of the median."""
-    expected_runs: float
-    """Of white noise."""
-    runs_p_value: float
     effective: float
     """Effective number of independent residuals."""
     factor: float
@@ -260,7 +208,7 @@ def check_residuals(
         words = f"{channel}: {reason} ({valid.size}) to judge the noise."
         spread = float(valid.std()) if valid.size else math.nan
         mean = float(valid.mean()) if valid.size else math.nan
-        unknown = (math.nan,) * 4
+        unknown = (math.nan,) * 3
         return ResidualCheck(
             channel,
             valid.size,
@@ -269,9 +217,7 @@ def check_residuals(
             spread,
             *unknown,
             0,
-            0,
             *unknown,
-            math.nan,
             verdict="unknown",
             words=words,
             noise=noise,
@@ -281,7 +227,6 @@ def check_residuals(
     lag1 = float(autocorrelation(valid, time, 1)[1])
     neighbours = pair_counts(valid, time, 1)[1] / (valid.size - 1)
     statistic, p_value = ljung_box(valid, time, lags)
-    runs, expected_runs, runs_p_value = runs_test(valid, time)
     effective = effective_samples(valid, time)
     factor = math.sqrt(valid.size / effective)
     verdict = _verdict(p_value, factor)
@@ -300,13 +245,9 @@ def check_residuals(
         mean=float(valid.mean()),
         standard_deviation=float(valid.std()),
         lag1=lag1,
-        durbin_watson=durbin_watson(valid, time),
         ljung_box=statistic,
         p_value=p_value,
         lags=lags,
-        runs=runs,
-        expected_runs=expected_runs,
-        runs_p_value=runs_p_value,
         effective=effective,
         factor=factor,
         factor_ar1=math.sqrt((1 + lag1) / max(1 - lag1, 1e-12)) if lag1 > 0 else 1.0,

@@ -102,16 +102,14 @@ def tests_of(checks: dict[str, list[ResidualCheck]]) -> Table:
             rows.append(
                 [window, f"{c.channel}\n{assumed}", verdict, f"{number(c.factor, 3)}{ar1}",
                  f"{count(c.effective)}\nof {count(c.samples)}", f"{number(c.lag1, 3)}{of_residuals}",
-                 number(c.durbin_watson, 3),
                  f"{p}\nQ = {number(c.ljung_box, 4)}, {c.lags} lags",
-                 f"{chance(c.runs_p_value)}\n{count(c.runs)} of {count(c.expected_runs)}",
                  f"{number(c.mean, 2)}\nsd {number(c.standard_deviation, 3)}"]
             )  # fmt: skip
     header = (
         "window", "channel, and what is assumed", "verdict", "too narrow by", "effective number",
-        "lag-1 auto\u00adcorrelation", "Durbin-Watson", "Ljung-Box", "runs, found of expected", "mean, K",
+        "lag-1 auto\u00adcorrelation", "Ljung-Box", "mean, K",
     )  # fmt: skip
-    return Table(header, rows, range(3, 10), states=states)
+    return Table(header, rows, range(3, 8), states=states)
 
 
 def residuals(prediction: xr.Dataset, method: str = "stochastic") -> NDArray[np.float64]:

@@ -1,7 +1,4 @@
-"""The integration's slow, obvious twin in plain JAX: the same scheme and switching, differentiated by JAX itself.
-
-It judges the compiled functions in the tests.
-"""
+"""The same scheme and switching as the compiled integration, differentiated by JAX itself."""
 
 from __future__ import annotations
 
@@ -9,9 +6,10 @@ from typing import Any
 
 import numpy as np
 
-from .._jax import jax, jnp
-from .sampling import BIAS, GAIN, ICE_POINT, TIME_OFFSET
-from .system import Drive, Structure, System
+from flightcal.simulator.sampling import BIAS, GAIN, ICE_POINT, TIME_OFFSET
+from flightcal.simulator.system import Drive, Structure, System
+
+from .double import jax, jnp
 
 _LOCATION_ITERATIONS = 60
 

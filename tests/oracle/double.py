@@ -1,0 +1,8 @@
+"""JAX with double precision: temperatures near 300 K need more than seven digits."""
+
+import jax
+import jax.numpy as jnp
+
+jax.config.update("jax_enable_x64", True)
+
+__all__ = ["jax", "jnp"]
