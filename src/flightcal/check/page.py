@@ -12,7 +12,7 @@ from ..report.block import Block, Section
 from ..report.heat_map import figure_correlation
 from ..report.page import compose
 from ..report.style import GENETIC, PRIOR, STOCHASTIC, WARNING
-from ..report.tables import Table
+from ..report.tables import Cell, Table
 from ..report.text import number, percent
 from ..report.verdict import Finding
 from . import figures as draw
@@ -38,7 +38,10 @@ def render(checked: Checked, problem: Problem, findings: list[Finding], folder: 
 
 def _prior(checked: Checked, problem: Problem) -> list[Block]:
     predictive = checked.predictive
-    rows = [[c.channel, percent(c.inside), percent(c.reached), _beyond(c.beyond)] for c in predictive.channels]
+    rows = [
+        [c.channel, percent(c.inside), Cell(percent(c.reached), _state(c.reached)), _beyond(c.beyond)]
+        for c in predictive.channels
+    ]
     blocks = [
         block.text(
             f"{predictive.draws} draws from the priors, simulated, against the telemetry of “{problem.window}”. "
@@ -50,8 +53,6 @@ def _prior(checked: Checked, problem: Problem) -> list[Block]:
                 ("channel", "inside the 95% band, with noise", "reached by the simulator", "beyond it at most, K"),
                 rows,
                 range(1, 4),
-                states={(i, 2): "bad" if c.reached < 0.5 else "warn" if c.reached < 0.95 else "good"
-                        for i, c in enumerate(predictive.channels)},
             ),
         ),
     ]  # fmt: skip
@@ -63,6 +64,10 @@ def _prior(checked: Checked, problem: Problem) -> list[Block]:
         blocks.append(block.table(Table(header, heaters, range(1, 3))))
     blocks.append(block.figure(draw.figure_predictive(problem, predictive), "Telemetry over the prior's bands."))
     return blocks
+
+
+def _state(reached: float) -> str:
+    return "bad" if reached < 0.5 else "warn" if reached < 0.95 else "good"
 
 
 def _beyond(value: float) -> str:

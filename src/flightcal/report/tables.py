@@ -10,9 +10,21 @@ import numpy as np
 from .text import number
 
 
+class Cell(str):
+    """Text of a cell that wants to be seen, with its state: good, warn or bad."""
+
+    state: str
+
+    def __new__(cls, text: str, state: str) -> Cell:
+        """A cell of this text and state."""
+        cell = super().__new__(cls, text)
+        cell.state = state
+        return cell
+
+
 @dataclass(frozen=True)
 class Table:
-    """A table: a header, rows of text, and where a cell wants to be seen its state (good, warn, bad)."""
+    """A table: a header and rows of text."""
 
     header: tuple[str, ...]
     rows: list[list[str]]
@@ -20,12 +32,10 @@ class Table:
     """Columns of numbers, which are set to the right."""
     groups: Sequence[tuple[str, int]] = ()
     """Titles over several columns: title and number of columns."""
-    states: dict[tuple[int, int], str] | None = None
-    """(row, column) -> state"""
 
     def state(self, row: int, column: int) -> str:
         """State of a cell, or nothing."""
-        return (self.states or {}).get((row, column), "")
+        return getattr(self.rows[row][column], "state", "")
 
 
 def interval(middle: float, low: float, high: float) -> str:

@@ -18,7 +18,7 @@ from .block import Section
 from .page import compose, write_page
 from .run_files import Record, read_content
 from .style import LINE, STATUS_FILL, STOCHASTIC, WARNING, finish, plots, small_titles
-from .tables import Table
+from .tables import Cell, Table
 from .text import count, duration, listed, number, percent
 from .verdict import Finding
 
@@ -110,19 +110,18 @@ def _contraction(content: Record) -> Section:
 
 def _table(content: Record) -> Table:
     repeats = content["repeats"]
-    rows, states = [], {}
-    for row, quantity in enumerate(content["quantities"]):
-        states[row, 1] = "good" if quantity["inside"] else "bad"
-        rows.append(
-            [quantity["name"], "✓ uniform" if quantity["inside"] else "✕ not uniform", number(quantity["p_value"], 2)]
-            + [f"{percent(share)}\n{count(share * repeats)} of {count(repeats)}" for share in quantity["coverage"]]
-            + [percent(quantity["contraction"]), number(quantity["score"], 3)]
-        )
+    uniform = {True: Cell("✓ uniform", "good"), False: Cell("✕ not uniform", "bad")}
+    rows = [
+        [quantity["name"], uniform[bool(quantity["inside"])], number(quantity["p_value"], 2),
+         *(f"{percent(share)}\n{count(share * repeats)} of {count(repeats)}" for share in quantity["coverage"]),
+         percent(quantity["contraction"]), number(quantity["score"], 3)]
+        for quantity in content["quantities"]
+    ]  # fmt: skip
     header = (
         "quantity", "ranks", "p", *(f"{percent(share, 0)} interval covers" for share in content["intervals"]),
         "contraction, median", "score, root mean square",
     )  # fmt: skip
-    return Table(header, rows, range(2, len(header)), states=states)
+    return Table(header, rows, range(2, len(header)))
 
 
 def figure_ranks(names: Sequence[str], ranks: NDArray[np.float64], inside: Sequence[bool], band: Band) -> go.Figure:

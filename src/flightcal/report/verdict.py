@@ -12,9 +12,9 @@ import numpy as np
 from flightcal.scenario.schema import is_trained
 from flightcal.validation import Metric, ResidualCheck
 
-from .noise_words import IID_IN_WORDS, TESTED, assumption, channels, correlation_expected, noises
 from .panels.discrepancy import STANDS_IN, stand_ins
 from .panels.parameters import EDGE, at_edge
+from .panels.residuals import IID_IN_WORDS, TESTED, assumption, channels, correlation_expected, noises
 from .run_files import STAGES, Record, RunFiles
 from .text import listed, number, percent, shown
 

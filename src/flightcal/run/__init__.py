@@ -1,10 +1,10 @@
 """A run's folder and the records in it; knows nothing of heat."""
 
-from .folder import RunDirectory, hash_of, hash_of_file, open_run, read_provenance, write_atomically
+from .folder import Run, hash_of, hash_of_file, open_run, read_provenance, write_atomically
 from .records import plain, read_dataset, read_json, read_records, read_tree, typed
 
 __all__ = [
-    "RunDirectory",
+    "Run",
     "hash_of",
     "hash_of_file",
     "open_run",

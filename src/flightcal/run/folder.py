@@ -30,7 +30,7 @@ _PACKAGES = ("flightcal", "jax", "numba", "numpy", "nutpie", "pymoo", "scipy", "
 
 
 @dataclass(frozen=True)
-class RunDirectory:
+class Run:
     """A run's folder. `identity` is the hash of the scenario (method settings apart) and of its input files."""
 
     path: Path
@@ -92,7 +92,7 @@ class RunDirectory:
         return read_tree(self.file(name))
 
 
-def open_run(path: Path, identity: str, scenario_text: str, inputs: Mapping[str, str], seed: int) -> RunDirectory:
+def open_run(path: Path, identity: str, scenario_text: str, inputs: Mapping[str, str], seed: int) -> Run:
     """Create the folder, or reopen it when it belongs to the same scenario and inputs.
 
     Raises RunError for a folder that holds another scenario's run, or something that is not a run at all.
@@ -109,7 +109,7 @@ def open_run(path: Path, identity: str, scenario_text: str, inputs: Mapping[str,
                 f"(found {found[:12]}, expected {identity[:12]}); choose another --out, or delete the folder"
             )
     path.mkdir(parents=True, exist_ok=True)
-    run = RunDirectory(path, identity)
+    run = Run(path, identity)
     provenance = read_provenance(path)
     run.write_text("scenario.yaml", scenario_text)
     run.write_json(

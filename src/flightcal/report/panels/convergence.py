@@ -16,7 +16,7 @@ from .. import block
 from ..block import Block, section
 from ..run_files import ParameterInfo, Record, RunFiles, draws
 from ..style import GENETIC, GENETIC_BEST, LINE, STOCHASTIC, chain_colour, finish, plots, small_titles
-from ..tables import Table
+from ..tables import Cell, Table
 from ..text import count, duration, number, shown, unit
 
 Array = NDArray[np.float64]
@@ -107,13 +107,13 @@ def _mode_search(attributes: Mapping[Any, Any]) -> list[Block]:
 
 def gates(diagnostics: Record) -> Table:
     """Gates of convergence, each with what was found and what is required."""
+    passed = {True: Cell("✓ passed", "good"), False: Cell("✕ failed", "bad")}
     rows = [
-        ["✓ passed" if g["passed"] else "✕ failed", g["name"], shown(g["found"]), shown(g["required"]),
+        [passed[bool(g["passed"])], g["name"], shown(g["found"]), shown(g["required"]),
          g.get("advice") or ""]
         for g in diagnostics["gates"]
     ]  # fmt: skip
-    states = {(i, 0): "good" if g["passed"] else "bad" for i, g in enumerate(diagnostics["gates"])}
-    return Table(("", "gate", "found", "required", "advice"), rows, (), states=states)
+    return Table(("", "gate", "found", "required", "advice"), rows)
 
 
 def figure_genetic_history(genetic: xr.Dataset) -> go.Figure:

@@ -13,7 +13,7 @@ from .. import block
 from ..block import Block, section
 from ..run_files import ParameterInfo, RunFiles, bins, draws
 from ..style import BAND, LINE, STOCHASTIC, TELEMETRY, finish, plots, polygons, small_titles
-from ..tables import Table, interval
+from ..tables import Cell, Table, interval
 from ..text import number, percent
 from ..thinning import break_lines, extremes
 from ..windows import BINS, names, shade_eclipse, time_canvas
@@ -157,21 +157,20 @@ def _rms(values: xr.DataArray) -> float:
 
 def confounded(run: RunFiles) -> Table:
     """How far the discrepancy can stand in for each parameter, the worst first."""
-    rows: list[list[str]] = []
-    states: dict[tuple[int, int], str] = {}
+    rows = []
     for name, correlation in stand_ins(run).items():
         narrowed = contraction(run, name)
         if correlation <= STANDS_IN:
-            words, states[len(rows), 3] = "the telemetry tells the sum of the two, not the parameter", "warn"
+            words: str = Cell("the telemetry tells the sum of the two, not the parameter", "warn")
         elif correlation <= APART:
             words = "the two are told apart in part"
         elif narrowed is not None and narrowed < LEARNT:
             words = "the telemetry tells little of the parameter"
         else:
-            words, states[len(rows), 3] = "the two are told apart", "good"
+            words = Cell("the two are told apart", "good")
         rows.append([name, number(correlation, 2), percent(narrowed, 0), words])
     header = ("parameter", "correlation", "contraction", "in words")
-    return Table(header, rows, (1, 2), states=states)
+    return Table(header, rows, (1, 2))
 
 
 def stand_ins(run: RunFiles) -> dict[str, float]:

@@ -14,7 +14,7 @@ from flightcal.validation.metrics import implied_energy
 from .. import block
 from ..block import Block, section
 from ..run_files import Record, RunFiles
-from ..tables import Table, interval
+from ..tables import Cell, Table, interval
 from ..text import METHODS, SHORT_METHODS, count, listed, number, percent, signed_percent
 
 
@@ -54,8 +54,7 @@ def panel(run: RunFiles) -> list[Block]:
 
 def against_telemetry(windows: dict[str, xr.Dataset]) -> Table:
     """Duty cycle, switch count and energy of each heater: telemetry, every point method, posterior's mean and 95%."""
-    rows: list[list[str]] = []
-    states: dict[tuple[int, int], str] = {}
+    rows = []
     of_windows = dict.fromkeys(str(m) for w in windows.values() for m in w["method"].values)
     methods = [m for m in of_windows if m != "stochastic"]
     for name, window in windows.items():
@@ -84,18 +83,17 @@ def against_telemetry(windows: dict[str, xr.Dataset]) -> Table:
                 else:
                     predicted = interval(scale * mean, scale * low, scale * high)
                     values = [number(scale * v, 3) for v in (observed, *point)]
-                verdict = "–"
+                verdict: str = "–"
                 if np.isfinite([observed, low]).all():
                     # A duty cycle of samples may differ from the bound in the last bit.
                     inside = low - 1e-9 * abs(low) <= observed <= high + 1e-9 * abs(high)
-                    states[len(rows), 5 + len(methods)] = "good" if inside else "warn"
-                    verdict = "✓ yes" if inside else "✕ no"
+                    verdict = Cell("✓ yes", "good") if inside else Cell("✕ no", "warn")
                 rows.append([name, str(heater.values), label, *values, predicted, verdict])
     header = (
         "window", "heater", "quantity", "telemetry", *(SHORT_METHODS.get(m, m) for m in methods),
         "stochastic, mean [95%]", "telemetry within 95%?",
     )  # fmt: skip
-    return Table(header, rows, range(3, 5 + len(methods)), states=states)
+    return Table(header, rows, range(3, 5 + len(methods)))
 
 
 def _simulated(part: xr.Dataset, variable: str) -> tuple[float, float, float]:

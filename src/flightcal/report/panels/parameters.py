@@ -7,7 +7,7 @@ import numpy as np
 from .. import block
 from ..block import Block, section
 from ..run_files import ParameterInfo, RunFiles, draws
-from ..tables import Table, interval
+from ..tables import Cell, Table, interval
 from ..text import count, percent, unit
 
 EDGE = 0.2
@@ -48,8 +48,7 @@ def summary(run: RunFiles) -> Table:
     diagnosed = {p["name"]: p for p in (run.diagnostics or {}).get("parameters", [])}
     sampled = {info.name for info in run.sampled}
     edges = at_edge(run)
-    rows: list[list[str]] = []
-    states: dict[tuple[int, int], str] = {}
+    rows = []
     for info in run.parameters:
         low, median, high = info.prior_quantiles
         more = f" and {len(info.target) - MOST_TARGETS} more" if len(info.target) > MOST_TARGETS else ""
@@ -65,17 +64,14 @@ def summary(run: RunFiles) -> Table:
         of = diagnosed.get(info.name, {})
         r_hat = of.get("r_hat")
         effective = f"{count(of.get('ess_bulk'))} / {count(of.get('ess_tail'))}"
-        cells += ["–" if r_hat is None else f"{r_hat:.3f}", effective]
+        cells += [Cell("–" if r_hat is None else f"{r_hat:.3f}", "bad" if (r_hat or 0) > 1.01 else ""), effective]
         if info.name in edges:
-            cells[2] += f"\n⚠ at the prior's {edges[info.name]} edge"
-            states[len(rows), 2] = "warn"
-        if (r_hat or 0) > 1.01:
-            states[len(rows), 4] = "bad"
+            cells[2] = Cell(f"{cells[2]}\n⚠ at the prior's {edges[info.name]} edge", "warn")
         rows.append(cells)
     header = (
         "quantity, unit", f"prior, {INTERVAL}", f"posterior, {INTERVAL}", "contraction", "R-hat", "ESS bulk / tail",
     )  # fmt: skip
-    return Table(header, rows, range(1, 6), states=states)
+    return Table(header, rows, range(1, 6))
 
 
 def _prior(info: ParameterInfo) -> str:

@@ -24,7 +24,7 @@ from .. import block
 from ..block import Block, section
 from ..run_files import RunFiles, has_prediction
 from ..style import LINE, STATUS_FILL, STOCHASTIC, finish, plots, small_titles
-from ..tables import Table
+from ..tables import Cell, Table
 from ..text import chance, count, number
 from ..windows import names
 
@@ -62,19 +62,17 @@ def panel(run: RunFiles) -> list[Block]:
 
 def transforms(found: dict[str, list[Uniformity]]) -> Table:
     """Whether the probability integral transform is uniform, by window and channel."""
-    rows: list[list[str]] = []
-    states: dict[tuple[int, int], str] = {}
+    rows = []
     for window, of_window in found.items():
         for u in of_window:
-            against = u.p_value < SIGNIFICANCE
-            states[len(rows), 2] = "bad" if against else "good"
-            verdict = "– unknown" if math.isnan(u.p_value) else "✕ not uniform" if against else "✓ uniform"
+            uniform = "– unknown" if math.isnan(u.p_value) else "✓ uniform"
+            verdict = Cell("✕ not uniform", "bad") if u.p_value < SIGNIFICANCE else Cell(uniform, "good")
             rows.append(
                 [window, u.channel, verdict, chance(u.p_value), number(u.distance, 2),
                  f"{count(u.effective)}\nof {count(u.samples)}"]
             )  # fmt: skip
     header = ("window", "channel", "transform", "Kolmogorov-Smirnov", "distance", "effective number")
-    return Table(header, rows, range(3, 6), states=states)
+    return Table(header, rows, range(3, 6))
 
 
 def figure_reliability(prediction: xr.Dataset) -> go.Figure:

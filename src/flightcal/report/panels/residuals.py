@@ -15,16 +15,25 @@ from flightcal.validation.residuals import IID
 
 from .. import block
 from ..block import Block, section
-from ..noise_words import assumption, correlation_expected, spread
 from ..run_files import RunFiles, bins
 from ..style import GENETIC, LINE, PRIOR, STATUS_FILL, STOCHASTIC, finish, plots, small_titles
-from ..tables import Table
+from ..tables import Cell, Table
 from ..text import chance, count, listed, number
 from ..thinning import extremes
 from ..windows import BINS, names, shade_eclipse, time_canvas
 
 ROW_HEIGHT = 150
 MOST_LAGS = 120
+
+SHOWN = 0.1
+"""Lag-1 autocorrelation above which residuals are called correlated as AR(1) noise expects."""
+
+IID_IN_WORDS = "independent, identically distributed (iid) noise"
+
+TESTED = (
+    "Tested are its innovations, the part of each residual that those before it do not tell. Whether sensors or "
+    "simulator err in this way, telemetry does not tell."
+)
 
 
 @section("residuals", "Residuals")
@@ -82,18 +91,56 @@ def _contradiction(window: str, of_window: Sequence[ResidualCheck]) -> str:
     return f"{words} {correlation_expected(judged)}".strip()
 
 
+def assumption(of_window: Sequence[ResidualCheck]) -> str:
+    """What is assumed of a window's residuals, in words."""
+    noise = listed([IID_IN_WORDS if name == IID else name for name in noises(of_window)])
+    discrepant = [c for c in of_window if c.discrepancy]
+    if not discrepant:
+        return noise
+    of = "" if len(discrepant) == len(of_window) else f" of {listed([c.channel for c in discrepant])}"
+    return f"{noise} beside a discrepancy{of} in {discrepant[0].discrepancy.replace('phase', 'orbit phase')}"
+
+
+def noises(of_window: Sequence[ResidualCheck]) -> list[str]:
+    """What kinds of noise are assumed, by name."""
+    return list(dict.fromkeys(c.noise for c in of_window))
+
+
+def correlation_expected(of_window: Sequence[ResidualCheck]) -> str:
+    """That residuals are correlated as AR(1) noise expects; nothing where there is no such noise, or none are."""
+    found = [c for c in of_window if c.tested == "innovations" and c.residual_lag1 > SHOWN]
+    if not found:
+        return ""
+    return (
+        f"The residuals of the mean of {channels(found, of_window)} are correlated (lag-1 autocorrelation "
+        f"{spread([c.residual_lag1 for c in found])}), which the AR(1) noise expects."
+    )
+
+
+def spread(values: Sequence[float]) -> str:
+    """``0.62`` or ``0.62 to 0.91``."""
+    low, high = number(min(values), 2), number(max(values), 2)
+    return low if low == high else f"{low} to {high}"
+
+
+def channels(some: Sequence[ResidualCheck], every: Sequence[ResidualCheck]) -> str:
+    """Names of some channels; how many they are where they are all."""
+    if len(some) == len(every) > 2:
+        return f"all {len(every)} channels"
+    return listed([c.channel for c in some])
+
+
 def tests_of(checks: dict[str, list[ResidualCheck]]) -> Table:
     """Tests of the residuals by window and channel."""
-    rows: list[list[str]] = []
-    states: dict[tuple[int, int], str] = {}
+    rows = []
     for window, of_window in checks.items():
         for c in of_window:
-            states[len(rows), 2] = {"contradicted": "bad", "unknown": "", "expected": ""}.get(c.verdict, "good")
             p = chance(c.p_value)
             white = "iid" if c.noise == IID and not c.discrepancy else "white"
             verdict = {
-                "white": f"✓ {white}", "slight": f"✓ nearly {white}", "contradicted": f"✕ not {white}",
-                "expected": "– not white,\nas expected", "unknown": "– unknown",
+                "white": Cell(f"✓ {white}", "good"), "slight": Cell(f"✓ nearly {white}", "good"),
+                "contradicted": Cell(f"✕ not {white}", "bad"), "expected": "– not white,\nas expected",
+                "unknown": "– unknown",
             }[c.verdict]  # fmt: skip
             assumed = f"{c.noise},\ndiscrepancy in {c.discrepancy}" if c.discrepancy else c.noise
             innovations = c.tested == "innovations"
@@ -109,7 +156,7 @@ def tests_of(checks: dict[str, list[ResidualCheck]]) -> Table:
         "window", "channel, and what is assumed", "verdict", "too narrow by", "effective number",
         "lag-1 auto\u00adcorrelation", "Ljung-Box", "mean, K",
     )  # fmt: skip
-    return Table(header, rows, range(3, 8), states=states)
+    return Table(header, rows, range(3, 8))
 
 
 def residuals(prediction: xr.Dataset, method: str = "stochastic") -> NDArray[np.float64]:

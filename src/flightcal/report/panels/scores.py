@@ -9,7 +9,7 @@ from flightcal.validation import Metric, comparison_table
 from .. import block
 from ..block import Block, section
 from ..run_files import RunFiles
-from ..tables import Table
+from ..tables import Cell, Table
 from ..text import METHODS, SHORT_METHODS, number, percent
 
 
@@ -41,24 +41,24 @@ def comparison(metrics: Sequence[Metric]) -> Table:
     """Genetic against stochastic over all channels, the paper's ratios and the best genetic run beside."""
     names = {"rmse": "RMSE, K", "mape_kelvin": "MAPE, % of kelvin", "mape_celsius": "MAPE, % of °C", "crps": "CRPS, K"}
     best = {(m.window, m.metric): m.value for m in metrics if (m.method, m.channel) == ("genetic_best", "all")}
-    rows: list[list[str]] = []
-    states: dict[tuple[int, int], str] = {}
+    rows = []
     for row in (r for r in comparison_table(metrics) if r.channel == "all"):
+        ratio: str = "–"
         if row.ratio is not None:
-            states[len(rows), 4] = "good" if row.ratio < 1 else "warn"
-        better = "" if row.ratio is None else " ↓" if row.ratio < 1 else " ↑"
+            mark, state = ("↓", "good") if row.ratio < 1 else ("↑", "warn")
+            ratio = Cell(f"{number(row.ratio, 3)} {mark}", state)
         of_best = best.get((row.window, row.metric))
         to_best = row.stochastic / of_best if of_best and row.stochastic is not None else None
         note = f"\n{row.note.replace('degC', '°C')}" if row.note else ""
         rows.append(
             [row.window, names[row.metric] + note, number(row.genetic), number(row.stochastic),
-             number(row.ratio, 3) + better, number(row.published, 3), number(of_best), number(to_best, 3)]
+             ratio, number(row.published, 3), number(of_best), number(to_best, 3)]
         )  # fmt: skip
     header = (
         "window", "score", "GA mean", "stochastic", "stoch. / GA mean", "same in the paper", "GA best",
         "stoch. / GA best",
     )  # fmt: skip
-    return Table(header, rows, range(2, 8), states=states)
+    return Table(header, rows, range(2, 8))
 
 
 def by_channel(metrics: Sequence[Metric]) -> Table:
