@@ -11,7 +11,7 @@ from flightcal.cli import USER_ERROR, app
 from flightcal.compare import MODELS, comparison_of, recommend, variant
 from flightcal.experiment import Summary
 from flightcal.report import write_comparison
-from flightcal.run_directory import plain
+from flightcal.run import plain
 from flightcal.scenario import load_scenario, resolved_yaml
 from flightcal.scenario.schema import noise_of
 from flightcal.validation import BlockLoo, Metric

@@ -26,7 +26,7 @@ from .calibration.emulated import (
 from .calibration.horizon import beginnings
 from .calibration.simulator_check import LARGEST_DENSITY_ERROR
 from .listener import Listener
-from .run_directory import RunDirectory, hash_of, plain
+from .run import Run, hash_of, plain
 from .simulator.system import FloatArray
 from .surrogate.emulator import fit_emulator
 from .surrogate.held_out import Validation
@@ -51,9 +51,7 @@ class Emulation:
     """Of the last round."""
 
 
-def emulator_stage(
-    run: RunDirectory, key: str, problem: Problem, telemetry: xarray.Dataset, listener: Listener
-) -> Emulation:
+def emulator_stage(run: Run, key: str, problem: Problem, telemetry: xarray.Dataset, listener: Listener) -> Emulation:
     """Learn the emulator, or take it from its files: all runs in training_runs.nc, the rounds in emulator.json."""
     done = run.is_done("emulator", key, (RUNS_FILE, EMULATOR_FILE))
     listener.stage("emulator", done)
@@ -91,7 +89,7 @@ def emulator_stage(
 
 
 def check_emulator(
-    run: RunDirectory, problem: Problem, emulation: Emulation, draws: FloatArray, diagnostics: Diagnostics
+    run: Run, problem: Problem, emulation: Emulation, draws: FloatArray, diagnostics: Diagnostics
 ) -> Diagnostics:
     """The diagnostics with two more gates: the rule of the active learning, and the simulator itself at the posterior.
 
@@ -160,7 +158,7 @@ def _in_step(check: SimulatorCheck) -> list[Gate]:
     ]
 
 
-def window_emulator(run: RunDirectory, key: str, emulation: Emulation, draws: FloatArray, problem: Problem) -> Problem:
+def window_emulator(run: Run, key: str, emulation: Emulation, draws: FloatArray, problem: Problem) -> Problem:
     """A window's problem with an emulator around posterior draws [S, d]; its runs are kept in the run directory."""
     if problem.window == "train":
         return emulation.problem

@@ -7,7 +7,7 @@ from collections.abc import Collection
 from .calibration import AnyProblem, mean_and_some
 from .errors import ScenarioError
 from .listener import Listener
-from .run_directory import RunDirectory
+from .run import Run
 from .simulator.system import FloatArray
 from .surrogate.check import compare, fly_at
 from .surrogate.file import load_task
@@ -17,7 +17,7 @@ CHECKED = 20
 """Posterior draws that are flown, besides the mean."""
 
 
-def full_check_stage(run: RunDirectory, key: str, problem: AnyProblem, draws: FloatArray, listener: Listener) -> None:
+def full_check_stage(run: Run, key: str, problem: AnyProblem, draws: FloatArray, listener: Listener) -> None:
     """Fly the mean of posterior thetas [S, d] and some of them, and write how far the reduced model is off.
 
     The flight is that of the spacecraft file, its failures and initial temperatures included.

@@ -23,7 +23,7 @@ from .errors import RunError
 from .experiment import Summary, read, run_experiment
 from .listener import Listener
 from .report import write_comparison
-from .run_directory import plain, write_atomically
+from .run import plain, write_atomically
 from .scenario import Discrepancy, Noise, Scenario, load_scenario, resolved_yaml
 from .scenario.residuals import PhaseDiscrepancy, TimeDiscrepancy
 from .scenario.schema import is_trained, noise_of

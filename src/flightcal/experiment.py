@@ -36,7 +36,7 @@ from .errors import FlightcalError, RunError, ScenarioError
 from .listener import Listener, Silent
 from .prediction import predict
 from .report import write_report
-from .run_directory import RunDirectory, hash_of, hash_of_file, open_run, plain
+from .run import Run, hash_of, hash_of_file, open_run, plain
 from .scenario import Scenario, SimulatorModel, input_files, load_scenario, resolved_yaml
 from .simulator.system import FloatArray
 from .telemetry import quality_table, read_telemetry
@@ -126,7 +126,7 @@ def run_experiment(
     return Summary(run.path, report, diagnostics, metrics, interrupted)
 
 
-def _compile_stage(run: RunDirectory, key: str, problem: AnyProblem, listener: Listener) -> None:
+def _compile_stage(run: Run, key: str, problem: AnyProblem, listener: Listener) -> None:
     """Call what the later stages call, so that their times are without compilation; a minute, the first time."""
     done = run.is_done("compile", key, ())
     listener.stage("compile", done)
@@ -137,7 +137,7 @@ def _compile_stage(run: RunDirectory, key: str, problem: AnyProblem, listener: L
             problem.simulate_many(np.tile(median, (8, 1)))
 
 
-def _genetic_stage(run: RunDirectory, key: str, problem: AnyProblem, listener: Listener) -> xarray.Dataset:
+def _genetic_stage(run: Run, key: str, problem: AnyProblem, listener: Listener) -> xarray.Dataset:
     done = run.is_done("genetic", key, ("genetic.nc",))
     listener.stage("genetic", done)
     if not done:
@@ -148,7 +148,7 @@ def _genetic_stage(run: RunDirectory, key: str, problem: AnyProblem, listener: L
 
 
 def _nuts_stage(
-    run: RunDirectory,
+    run: Run,
     key: str,
     problem: AnyProblem,
     points: dict[str, FloatArray],
@@ -188,7 +188,7 @@ def _nuts_stage(
 
 
 def _predict_stage(
-    run: RunDirectory,
+    run: Run,
     key: str,
     problem: AnyProblem,
     data: xarray.Dataset,

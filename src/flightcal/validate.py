@@ -29,7 +29,7 @@ from .compare import MODELS, variant
 from .environment import orbital_period
 from .errors import RunError, ScenarioError
 from .report import write_validation
-from .run_directory import RunDirectory, hash_of, hash_of_file, open_run, plain, write_atomically
+from .run import Run, hash_of, hash_of_file, open_run, plain, write_atomically
 from .scenario import NutsSettings, Scenario, input_files, load_scenario, resolved_yaml
 from .simulator import SimulationFailure
 from .simulator.system import FloatArray
@@ -173,7 +173,7 @@ def _repeat(
     )
 
 
-def judge(run: RunDirectory, problem: Problem, repeats: int) -> Validation:
+def judge(run: Run, problem: Problem, repeats: int) -> Validation:
     """Read the first `repeats` repeats of a folder, judge them, and write validation.json and validation.html."""
     names = (*problem.names, LOG_DENSITY)
     found = tuple(_read(_file(run, k)) for k in range(repeats))
@@ -253,7 +253,7 @@ def _run(missing: list[int], workers: int, source: Source) -> Iterator[tuple[int
 # --- files --------------------------------------------------------------------------------------------------
 
 
-def _file(run: RunDirectory, number: int) -> Path:
+def _file(run: Run, number: int) -> Path:
     return run.file(_REPEATS) / f"{number:04d}.json"
 
 

@@ -56,7 +56,7 @@ def test_a_write_that_is_cut_short_leaves_what_there_was(tmp_path, monkeypatch):
     def cut(*_):
         raise OSError("cut short")
 
-    monkeypatch.setattr("flightcal.run_directory.os.replace", cut)
+    monkeypatch.setattr("flightcal.run.folder.os.replace", cut)
     for theta in (THETA, THETA + 1.0):
         with pytest.raises(OSError, match="cut short"):
             store.write(theta, record(theta))

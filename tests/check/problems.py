@@ -14,7 +14,7 @@ import numpy as np
 from flightcal.calibration import Priors, Problem, build_problem
 from flightcal.check.centre import Centre
 from flightcal.experiment import parameter_records
-from flightcal.report.run_files import ParameterInfo, _parameter
+from flightcal.report.run_files import ParameterInfo, parameter_info
 from flightcal.scenario import Prior
 from flightcal.simulator import Trajectory
 from flightcal.simulator.system import Switch
@@ -97,4 +97,4 @@ def centre_at(problem: Problem, **theta: float) -> Centre:
 
 
 def infos(problem: Problem) -> tuple[ParameterInfo, ...]:
-    return tuple(_parameter(record) for record in parameter_records(problem))
+    return tuple(parameter_info(record) for record in parameter_records(problem))

@@ -6,11 +6,11 @@ import numpy as np
 import pytest
 import xarray as xr
 
-from flightcal.report import discrepancy
-from flightcal.report.figures import figure_discrepancy_in_phase, figure_discrepancy_in_time
+from flightcal.report.panels import discrepancy, panels
+from flightcal.report.panels.discrepancy import figure_discrepancy_in_phase, figure_discrepancy_in_time
+from flightcal.report.panels.parameters import window_values
 from flightcal.report.run_files import ParameterInfo
-from flightcal.report.sections import sections
-from flightcal.report.verdict import residual_checks, verdict
+from flightcal.report.verdict import verdict
 
 AMPLITUDE, LENGTH, PHASE = (
     "discrepancy.time.amplitude.battery_temperature",
@@ -64,7 +64,7 @@ def made(run, part="phase", noise="iid noise"):
 
 
 def section(run, anchor):
-    return next(s for s in sections(run, residual_checks(run)) if s.anchor == anchor)
+    return next(s for s in panels(run) if s.anchor == anchor)
 
 
 def words(blocks):
@@ -72,11 +72,11 @@ def words(blocks):
 
 
 def finding(run, title):
-    return next(f for f in verdict(run, residual_checks(run)) if title in f.title)
+    return next(f for f in verdict(run) if title in f.title)
 
 
 def test_there_is_a_section_only_where_there_is_a_discrepancy(run):
-    assert "discrepancy" not in [s.anchor for s in sections(run, residual_checks(run))]
+    assert "discrepancy" not in [s.anchor for s in panels(run)]
     blocks = section(made(run), "discrepancy").blocks
     assert [b.kind for b in blocks] == ["text", "table", "figure", "text", "table", "heading", "text", "table"]
     assert "carries over to every window" in words(blocks)
@@ -160,11 +160,11 @@ def test_with_several_training_windows_it_is_said_that_no_correlation_was_determ
     last = section(own, "discrepancy").blocks[-1]
     assert last.kind == "note"
     assert "several training windows" in last.text
-    assert not [f for f in verdict(own, residual_checks(own)) if "stands in" in f.title]
+    assert not [f for f in verdict(own) if "stands in" in f.title]
 
 
 def test_values_of_drifting_parameters_stand_by_window(run):
-    assert not discrepancy.window_values(run).rows
+    assert not window_values(run).rows
     common = run.posterior["posterior"]["battery_link"]
     tree = run.posterior.copy()
     values = np.stack([common.values + 0.1, common.values - 0.1], axis=-1)
@@ -172,7 +172,7 @@ def test_values_of_drifting_parameters_stand_by_window(run):
         xr.Dataset({"battery_link": (("chain", "draw", "window"), values)}, {"window": ["june", "july"]})
     )
     own = dataclasses.replace(run, posterior=tree)
-    table = discrepancy.window_values(own)
+    table = window_values(own)
     assert table.header[2:] == ("in “june”", "in “july”")
     middle = [float(cell.split(" ")[0]) for cell in table.rows[0][1:]]
     assert middle[1:] == pytest.approx([middle[0] + 0.1, middle[0] - 0.1], abs=1e-3)

@@ -7,9 +7,17 @@ import plotly.graph_objects as go
 import pytest
 import xarray as xr
 
-from flightcal.report import figures as draw
-from flightcal.report.figures.style import DARK, METHOD_COLOURS
+from flightcal.report.heat_map import figure_correlation
+from flightcal.report.panels.before import figure_heater_status
+from flightcal.report.panels.convergence import figure_genetic_history, figure_genetic_spread, figure_traces
+from flightcal.report.panels.densities import figure_density
+from flightcal.report.panels.pairs import figure_pairs, most_correlated
+from flightcal.report.panels.prediction import figure_stochastic
+from flightcal.report.panels.reliability import figure_reliability
+from flightcal.report.panels.residuals import figure_residual_distribution, figure_residuals
 from flightcal.report.run_files import draws
+from flightcal.report.style import DARK, METHOD_COLOURS
+from flightcal.report.windows import figure_point
 
 
 def trace(figure, name, row=1):
@@ -31,21 +39,21 @@ def everything(run) -> dict[str, go.Figure]:
     link = next(i for i in infos if i.name == "battery_link")
     part = infos[:8]
     return {
-        "point": draw.figure_point(window, ["genetic", "genetic_best"]),
-        "status": draw.figure_heater_status(window, ["uncalibrated", "poorly_calibrated"]),
-        "stochastic": draw.figure_stochastic(window),
-        "density": draw.figure_density(
+        "point": figure_point(window, ["genetic", "genetic_best"]),
+        "status": figure_heater_status(window, ["uncalibrated", "poorly_calibrated"]),
+        "stochastic": figure_stochastic(window),
+        "density": figure_density(
             link, draws(run.posterior, "prior", ["battery_link"]).ravel(), chains(run, link.name)
         ),
-        "pairs": draw.figure_pairs(infos[:5], flat[:, :5], np.zeros(len(flat), bool)),
-        "history": draw.figure_genetic_history(run.genetic),
-        "spread": draw.figure_genetic_spread(
+        "pairs": figure_pairs(infos[:5], flat[:, :5], np.zeros(len(flat), bool)),
+        "history": figure_genetic_history(run.genetic),
+        "spread": figure_genetic_spread(
             part, run.genetic["best"].values, run.genetic["best_theta"].values, run.genetic["mean_theta"].values, None
         ),
-        "traces": draw.figure_traces(infos[:3], values[..., :3]),
-        "residuals": draw.figure_residuals(window),
-        "distribution": draw.figure_residual_distribution(window),
-        "reliability": draw.figure_reliability(window),
+        "traces": figure_traces(infos[:3], values[..., :3]),
+        "residuals": figure_residuals(window),
+        "distribution": figure_residual_distribution(window),
+        "reliability": figure_reliability(window),
     }
 
 
@@ -98,8 +106,8 @@ def test_eclipses_are_shaded_in_every_plot_beside_other_shapes(everything):
 def test_an_unknown_eclipse_is_not_shaded(run):
     window = run.windows["test"]
     unknown = window.assign(eclipse=window["eclipse"] * np.nan)
-    assert not draw.figure_point(unknown, ["genetic"]).layout.shapes
-    assert not draw.figure_point(window.drop_vars("eclipse"), ["genetic"]).layout.shapes
+    assert not figure_point(unknown, ["genetic"]).layout.shapes
+    assert not figure_point(window.drop_vars("eclipse"), ["genetic"]).layout.shapes
 
 
 def test_the_interval_lies_around_the_mean_and_the_models_inside_it(everything):
@@ -118,7 +126,7 @@ def test_probability_of_on_is_between_zero_and_one(everything):
 
 def test_each_plot_keeps_its_height_however_many_channels(run):
     window = run.windows["test"]
-    one, three = (draw.figure_point(window.isel(channel=slice(n)), ["genetic"]) for n in (1, 3))
+    one, three = (figure_point(window.isel(channel=slice(n)), ["genetic"]) for n in (1, 3))
 
     def plot_height(figure):
         span = figure.layout.yaxis.domain
@@ -135,7 +143,7 @@ def test_long_series_are_thinned_to_their_extremes(run):
     time = window["time"].values[0] + np.arange(17_000) * np.timedelta64(180, "s")
     long = window.isel(time=index).assign_coords(time=time)
     long["observed"][9_100, 0] = 500.0
-    figure = draw.figure_stochastic(long, bins=100)
+    figure = figure_stochastic(long, bins=100)
     assert max(len(t.x) for t in figure.data if t.mode == "markers") <= 602
     assert np.nanmax(trace(figure, "telemetry").y) == pytest.approx(500 - 273.15, abs=1e-3)
 
@@ -143,9 +151,9 @@ def test_long_series_are_thinned_to_their_extremes(run):
 def test_a_channel_without_telemetry_is_drawn_without_it(run):
     empty = run.windows["test"].copy(deep=True)
     empty["observed"][:, 0] = np.nan
-    for figure in (draw.figure_stochastic(empty), draw.figure_residuals(empty)):
+    for figure in (figure_stochastic(empty), figure_residuals(empty)):
         assert figure.data
-    names = [t.name for t in draw.figure_point(empty, ["genetic"]).data if (t.yaxis or "y") == "y"]
+    names = [t.name for t in figure_point(empty, ["genetic"]).data if (t.yaxis or "y") == "y"]
     assert names == ["genetic algorithm, mean of its runs"]
 
 
@@ -160,7 +168,7 @@ def test_residuals_are_of_scored_samples_only(run, everything):
 def test_densities_peak_at_one_and_do_not_fall_before_a_bound_of_the_prior(run):
     info = next(i for i in run.parameters if i.name == "payload_capacity")
     prior = np.random.default_rng(1).uniform(1000.0, 2000.0, 4_000)
-    figure = draw.figure_density(info, prior, chains(run, info.name), genetic=1980.0)
+    figure = figure_density(info, prior, chains(run, info.name), genetic=1980.0)
     assert [t.name for t in figure.data] == ["prior", *(f"chain {k}" for k in (1, 2, 3, 4)), "genetic algorithm"]
     for shown in figure.data[1:5]:
         assert max(shown.y) == pytest.approx(1.0)
@@ -173,9 +181,9 @@ def test_a_prior_much_wider_than_the_posterior_does_not_make_it_a_needle(run):
     info = next(i for i in run.parameters if i.name == "battery_link")
     rng = np.random.default_rng(2)
     posterior = rng.normal(0.6, 0.001, (4, 500))
-    low, high = draw.figure_density(info, rng.uniform(0.0, 5.0, 4_000), posterior).layout.xaxis.range
+    low, high = figure_density(info, rng.uniform(0.0, 5.0, 4_000), posterior).layout.xaxis.range
     assert 0.59 < low < 0.6 < high < 0.61
-    low, high = draw.figure_density(info, rng.uniform(0.59, 0.61, 4_000), posterior).layout.xaxis.range
+    low, high = figure_density(info, rng.uniform(0.59, 0.61, 4_000), posterior).layout.xaxis.range
     assert low < 0.591
     assert high > 0.609
 
@@ -183,7 +191,7 @@ def test_a_prior_much_wider_than_the_posterior_does_not_make_it_a_needle(run):
 def test_absolute_temperatures_are_shifted_to_celsius_in_densities(run):
     info = next(i for i in run.parameters if i.name == "initial.panel")
     prior = draws(run.posterior, "prior", [info.name]).ravel()
-    figure = draw.figure_density(info, prior, chains(run, info.name))
+    figure = figure_density(info, prior, chains(run, info.name))
     assert figure.layout.xaxis.title.text == "initial.panel, °C"
     assert np.median(figure.data[1].x) == pytest.approx(285.0 - 273.15, abs=0.3)
 
@@ -192,8 +200,8 @@ def test_the_most_correlated_quantities_are_chosen_in_their_order():
     correlation = np.eye(5)
     correlation[1, 4] = correlation[4, 1] = -0.9
     correlation[0, 2] = correlation[2, 0] = 0.5
-    assert draw.most_correlated(correlation, 4) == [0, 1, 2, 4]
-    assert draw.most_correlated(correlation, 9) == [0, 1, 2, 3, 4]
+    assert most_correlated(correlation, 4) == [0, 1, 2, 4]
+    assert most_correlated(correlation, 9) == [0, 1, 2, 3, 4]
 
 
 def test_pairs_show_every_divergent_draw(run):
@@ -201,7 +209,7 @@ def test_pairs_show_every_divergent_draw(run):
     values = draws(run.posterior, "posterior", [i.name for i in infos]).reshape(-1, 3)
     diverging = np.zeros(len(values), bool)
     diverging[[11, 501, 777]] = True
-    figure = draw.figure_pairs(infos, values, diverging)
+    figure = figure_pairs(infos, values, diverging)
     crosses = [t for t in figure.data if t.type == "scatter" and t.marker.symbol == "x"]
     assert len(crosses) == 3
     assert all(len(t.x) == 3 for t in crosses)
@@ -211,15 +219,15 @@ def test_ranks_of_chains_that_agree_stay_near_one_and_of_a_stuck_chain_do_not(ru
     info = run.parameters[0]
     rng = np.random.default_rng(3)
     values = rng.normal(size=(4, 2_000, 1))
-    good = [np.array(t.y) for t in draw.figure_traces([info], values).data if t.line.shape == "hv"]
+    good = [np.array(t.y) for t in figure_traces([info], values).data if t.line.shape == "hv"]
     assert all(abs(y - 1).max() < 0.5 for y in good)
     values[2] += 3.0
-    stuck = [np.array(t.y) for t in draw.figure_traces([info], values).data if t.line.shape == "hv"]
+    stuck = [np.array(t.y) for t in figure_traces([info], values).data if t.line.shape == "hv"]
     assert stuck[2].max() > 2
 
 
 def test_the_genetic_history_sets_its_best_run_apart(run):
-    figure = draw.figure_genetic_history(run.genetic)
+    figure = figure_genetic_history(run.genetic)
     assert len(figure.data) == 10
     best = figure.data[-1]
     assert best.name == f"best run ({int(run.genetic['rmse'].values.argmin()) + 1})"
@@ -229,7 +237,7 @@ def test_the_genetic_history_sets_its_best_run_apart(run):
 
 def test_the_spread_places_parameters_within_their_priors(run):
     info = dataclasses.replace(run.parameters[0], prior_quantiles=(1.0, 2.0, 3.0))
-    figure = draw.figure_genetic_spread([info], np.array([[1.0], [2.5]]), np.array([2.0]), np.array([3.0]), None)
+    figure = figure_genetic_spread([info], np.array([[1.0], [2.5]]), np.array([2.0]), np.array([3.0]), None)
     assert figure.data[0].x.tolist() == [0.0, 0.75]
     assert figure.data[1].x.tolist() == [1.0]
 
@@ -237,7 +245,7 @@ def test_the_spread_places_parameters_within_their_priors(run):
 def test_the_heat_map_has_every_pair(run):
     names = [i.name for i in run.parameters]
     values = draws(run.posterior, "posterior", names).reshape(-1, len(names))
-    figure = draw.figure_correlation(names, np.corrcoef(values.T))
+    figure = figure_correlation(names, np.corrcoef(values.T))
     assert figure.data[0].z.shape == (14, 14)
     assert float(figure.data[0].z[0, 1]) == pytest.approx(0.92, abs=0.02)
 
@@ -251,7 +259,7 @@ def test_methods_have_a_colour_of_their_own_on_white_and_on_dark():
 def test_a_scenario_without_heaters_has_only_temperatures(run):
     bare = run.windows["test"].drop_dims("heater")
     assert isinstance(bare, xr.Dataset)
-    assert len([k for k in draw.figure_stochastic(bare).layout.to_plotly_json() if k.startswith("yaxis")]) == 3
+    assert len([k for k in figure_stochastic(bare).layout.to_plotly_json() if k.startswith("yaxis")]) == 3
 
 
 def test_reliability_shows_each_channels_transform_and_both_coverages(run, everything):

@@ -57,7 +57,7 @@ def test_a_page_that_cannot_be_written_leaves_no_part_behind(slim_run, monkeypat
     def refuse(*_):
         raise OSError("no space")
 
-    monkeypatch.setattr("flightcal.report.page.os.replace", refuse)
+    monkeypatch.setattr("flightcal.run.folder.os.replace", refuse)
     with pytest.raises(OSError, match="no space"):
         write_report(slim_run)
     assert not list(slim_run.glob(".*"))

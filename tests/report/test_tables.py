@@ -6,8 +6,17 @@ import numpy as np
 import pytest
 
 from flightcal.report import tables
+from flightcal.report.panels import (
+    convergence,
+    heaters,
+    parameters,
+    provenance,
+    reliability,
+    residuals,
+    scores,
+    telemetry,
+)
 from flightcal.report.text import METHODS
-from flightcal.report.verdict import residual_checks
 from flightcal.validation import uniformity
 
 
@@ -17,27 +26,26 @@ def column(table, title):
 
 def test_every_row_has_a_cell_for_every_column(run):
     made = [
-        tables.comparison(run.metrics),
-        tables.scores(run.metrics),
-        tables.all_scores(run.metrics),
-        tables.parameters(run),
-        tables.heaters(run.windows),
-        tables.heater_scores(run.metrics),
-        tables.residual_tests(residual_checks(run)),
-        tables.uniformity({name: uniformity(window) for name, window in run.windows.items()}),
-        tables.gates(run.diagnostics),
-        tables.quality(run.quality),
-        tables.provenance(run.provenance),
+        scores.comparison(run.metrics),
+        scores.by_channel(run.metrics),
+        scores.all_scores(run.metrics),
+        parameters.summary(run),
+        heaters.against_telemetry(run.windows),
+        heaters.heater_scores(run.metrics),
+        residuals.tests_of(run.checks),
+        reliability.transforms({name: uniformity(window) for name, window in run.windows.items()}),
+        convergence.gates(run.diagnostics),
+        telemetry.findings(run.quality),
+        provenance.origins(run.provenance),
     ]
     for table in made:
         assert table.rows
         assert {len(row) for row in table.rows} == {len(table.header)}
         assert sum(span for _, span in table.groups) in (0, len(table.header))
-        assert all(row < len(table.rows) and col < len(table.header) for row, col in table.states or {})
 
 
 def test_the_comparison_has_the_papers_ratios_and_says_why_a_score_is_undefined(run):
-    table = tables.comparison(run.metrics)
+    table = scores.comparison(run.metrics)
     test = [row for row in table.rows if row[0] == "test"]
     assert [row[5] for row in test] == ["0.753", "0.885", "0.885", "–"]
     assert [row[4] for row in test] == ["0.668 ↓", "0.719 ↓", "–", "0.524 ↓"]
@@ -45,7 +53,7 @@ def test_the_comparison_has_the_papers_ratios_and_says_why_a_score_is_undefined(
 
 
 def test_the_best_genetic_run_stands_beside_the_mean(run):
-    table = tables.comparison(run.metrics)
+    table = scores.comparison(run.metrics)
     of = {(m.method, m.window, m.channel, m.metric): m.value for m in run.metrics}
     best, stochastic = (of[method, "test", "all", "rmse"] for method in ("genetic_best", "stochastic"))
     row = next(r for r in table.rows if r[:2] == ["test", "RMSE, K"])
@@ -53,16 +61,16 @@ def test_the_best_genetic_run_stands_beside_the_mean(run):
 
 
 def test_scores_have_a_row_for_each_window_and_channel_with_all_channels_first(run):
-    rows = tables.scores(run.metrics).rows
+    rows = scores.by_channel(run.metrics).rows
     assert [row[1] for row in rows if row[0] == "test"] == [
         "all", "panel_temperature", "battery_temperature", "payload_temperature",
     ]  # fmt: skip
-    assert len(tables.all_scores(run.metrics).rows) == 2 * 4 * len(METHODS)
-    assert set(column(tables.scores(run.metrics), "GA best")) != {"–"}
+    assert len(scores.all_scores(run.metrics).rows) == 2 * 4 * len(METHODS)
+    assert set(column(scores.by_channel(run.metrics), "GA best")) != {"–"}
 
 
 def test_parameters_are_shown_with_their_units_and_temperatures_in_celsius(run):
-    table = tables.parameters(run)
+    table = parameters.summary(run)
     threshold = next(row for row in table.rows if row[0].startswith("battery_threshold"))
     assert threshold[0] == "battery_threshold, °C\nsets heaters.battery_heater.on_below"
     assert threshold[2].startswith("10.0")
@@ -71,12 +79,12 @@ def test_parameters_are_shown_with_their_units_and_temperatures_in_celsius(run):
 
 def test_a_long_list_of_targets_is_cut(run):
     many = dataclasses.replace(run.parameters[0], target=tuple(f"faces.f{k}.emissivity" for k in range(12)))
-    table = tables.parameters(dataclasses.replace(run, parameters=[many]))
+    table = parameters.summary(dataclasses.replace(run, parameters=[many]))
     assert table.rows[0][0].endswith("sets faces.f0.emissivity, faces.f1.emissivity and 10 more")
 
 
 def test_contraction_compares_the_deviations_of_prior_and_posterior(run):
-    table = tables.parameters(run)
+    table = parameters.summary(run)
     prior = run.posterior["prior"]["battery_link"].values.std()
     posterior = run.posterior["posterior"]["battery_link"].values.std()
     shown = next(row for row in table.rows if row[0].startswith("battery_link"))[3]
@@ -87,28 +95,30 @@ def test_an_edge_and_a_high_r_hat_are_marked(run):
     diagnostics = run.diagnostics | {
         "parameters": [p | {"r_hat": 1.2} if p["name"] == "battery_link" else p for p in run.diagnostics["parameters"]]
     }
-    table = tables.parameters(dataclasses.replace(run, diagnostics=diagnostics))
+    table = parameters.summary(dataclasses.replace(run, diagnostics=diagnostics))
     names = [row[0].split(",")[0].split("\n")[0] for row in table.rows]
-    assert table.states == {(names.index("battery_link"), 4): "bad", (names.index("payload_capacity"), 2): "warn"}
+    places = [(row, column) for row in range(len(table.rows)) for column in range(len(table.header))]
+    states = {place: table.state(*place) for place in places if table.state(*place)}
+    assert states == {(names.index("battery_link"), 4): "bad", (names.index("payload_capacity"), 2): "warn"}
 
 
 def test_a_run_without_chains_lists_its_priors(run):
-    table = tables.parameters(dataclasses.replace(run, posterior=None, diagnostics=None))
+    table = parameters.summary(dataclasses.replace(run, posterior=None, diagnostics=None))
     assert {row[2] for row in table.rows} == {"–"}
 
 
 def test_heaters_compare_the_posterior_with_telemetry(run):
-    table = tables.heaters({"test": run.windows["test"]})
+    table = heaters.against_telemetry({"test": run.windows["test"]})
     window = run.windows["test"]
     duty = 100 * float(window["duty_cycle"].sel(heater="battery_heater").mean())
     assert float(table.rows[0][8].split(" ")[0]) == pytest.approx(duty, rel=1e-3)
     assert column(table, "telemetry within 95%?").count("✓ yes") == 6
     shifted = window.assign(observed_switch_count=window["observed_switch_count"] + 9)
-    assert tables.heaters({"test": shifted}).rows[1][9] == "✕ no"
+    assert heaters.against_telemetry({"test": shifted}).rows[1][9] == "✕ no"
 
 
 def test_heaters_compare_every_method_with_telemetry(run):
-    table = tables.heaters({"test": run.windows["test"]})
+    table = heaters.against_telemetry({"test": run.windows["test"]})
     assert table.header[3:8] == ("telemetry", "uncal.", "poorly cal.", "GA mean", "GA best")
     duty = run.windows["test"]["point_duty_cycle"].sel({"method": "genetic_best", "heater": "payload_heater"})
     assert float(table.rows[3][7]) == pytest.approx(100 * float(duty), rel=6e-3)
@@ -116,14 +126,14 @@ def test_heaters_compare_every_method_with_telemetry(run):
 
 def test_energy_of_telemetry_is_its_duty_cycle_at_the_simulated_power(run):
     window = run.windows["test"]
-    row = tables.heaters({"test": window}).rows[2]
+    row = heaters.against_telemetry({"test": window}).rows[2]
     expected = float(window["observed_duty_cycle"][0]) * 14.0 * 2 * 5800.0 / 1000
     assert float(row[3]) == pytest.approx(expected, rel=6e-3)
 
 
 def test_heaters_without_simulations_still_have_telemetry_and_the_genetic_algorithm(run):
     bare = run.windows["test"].drop_dims("simulation")
-    rows = tables.heaters({"test": bare}).rows
+    rows = heaters.against_telemetry({"test": bare}).rows
     assert {row[8] for row in rows} == {"–"}
     assert np.isfinite([float(row[6]) for row in rows]).all()
 

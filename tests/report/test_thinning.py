@@ -2,8 +2,8 @@
 
 import numpy as np
 
-from flightcal.report.figures.style import polygons
-from flightcal.report.figures.thinning import break_lines, changes, extremes, stretches
+from flightcal.report.style import polygons
+from flightcal.report.thinning import break_lines, changes, extremes, stretches
 
 
 def times(size: int) -> np.ndarray:

@@ -5,8 +5,9 @@ import json
 
 import pytest
 
+from flightcal.report.panels.parameters import at_edge
 from flightcal.report.run_files import read_run
-from flightcal.report.verdict import at_edge, residual_checks, verdict
+from flightcal.report.verdict import verdict
 
 
 def converged(run):
@@ -15,7 +16,7 @@ def converged(run):
 
 
 def findings(run):
-    return {f.title: f for f in verdict(run, residual_checks(run))}
+    return {f.title: f for f in verdict(run)}
 
 
 def about(run, words):
@@ -47,7 +48,7 @@ def test_passed_gates_are_good(run):
 
 
 def test_every_state_is_said_in_words_and_not_by_colour_alone(run):
-    for finding in verdict(run, residual_checks(run)):
+    for finding in verdict(run):
         assert len(finding.mark.split(" ", 1)[1]) > 3
 
 
@@ -148,7 +149,7 @@ def test_small_noise_is_not_taken_for_an_edge(run):
 def test_an_interrupted_run_comes_first(run):
     tree = run.posterior.copy()
     tree.attrs = run.posterior.attrs | {"interrupted": "true"}
-    first = verdict(dataclasses.replace(run, posterior=tree), {})[0]
+    first = verdict(dataclasses.replace(run, posterior=tree))[0]
     assert first.title == "The run was interrupted"
     assert "250 draws of each of 4 chains" in first.text
 
@@ -176,7 +177,7 @@ def test_what_is_not_there_is_told_instead_of_judged(own_run):
     for name in ("posterior.nc", "diagnostics.json", "metrics.json", "prediction.nc"):
         (own_run / name).unlink()
     run = read_run(own_run)
-    states = {f.title: f.state for f in verdict(run, residual_checks(run))}
+    states = {f.title: f.state for f in verdict(run)}
     assert states["Convergence is not known"] == "none"
     assert states["No scores"] == "none"
     assert states["The noise is not judged"] == "none"

@@ -12,7 +12,7 @@ import xarray
 from ..calibration import Priors, Problem, build_problem
 from ..environment import orbital_period
 from ..errors import RunError
-from ..run_directory import hash_of, hash_of_file
+from ..run import hash_of, hash_of_file
 from ..scenario import load_scenario, resolved_yaml
 from ..telemetry import read_telemetry
 from .campaign import Tally, run_campaign

@@ -23,7 +23,7 @@ import numpy as np
 import xarray
 
 from ..errors import RunError
-from ..run_directory import write_atomically
+from ..run import write_atomically
 from ..simulator.system import FloatArray
 from .designs import GROWING
 from .store import DamagedRecord, RunStore

@@ -18,7 +18,7 @@ from typing import Final, get_args
 import numpy as np
 
 from ..external.record import Outcome, Record
-from ..run_directory import hash_of, write_atomically
+from ..run import hash_of, write_atomically
 from ..simulator.system import FloatArray
 
 FINISHED: Final = "finished"

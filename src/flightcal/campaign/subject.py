@@ -9,7 +9,7 @@ from typing import Any
 
 import numpy as np
 
-from ..run_directory import hash_of, hash_of_file
+from ..run import hash_of, hash_of_file
 from ..scenario import Scenario, input_files
 
 _TRYING = ("timeout", "retries", "keep_failed")

@@ -7,26 +7,14 @@ from typing import Any
 
 import numpy as np
 import plotly.graph_objects as go
-from numpy.typing import NDArray
 
 from ..calibration import Problem
-from ..report.figures.style import (
-    BAND,
-    DIVERGING,
-    GENETIC,
-    LINE,
-    MODEL_BAND,
-    PRIOR,
-    STOCHASTIC,
-    TELEMETRY,
-    WARNING,
-    finish,
-    polygons,
-)
-from ..report.figures.thinning import break_lines, extremes
-from ..report.figures.windows import CELSIUS, CHANNEL_HEIGHT, time_canvas
+from ..report.heat_map import heat_map
 from ..report.run_files import ParameterInfo
+from ..report.style import BAND, GENETIC, LINE, MODEL_BAND, PRIOR, STOCHASTIC, TELEMETRY, WARNING, finish, polygons
 from ..report.text import labelled, number
+from ..report.thinning import break_lines, extremes
+from ..report.windows import CELSIUS, CHANNEL_HEIGHT, scatter, time_canvas
 from .identifiability import UNTOLD, Identifiability
 from .prior_predictive import PriorPredictive
 from .profile import DROP, Profile
@@ -104,22 +92,8 @@ def figure_sensitivity(found: Sensitivity) -> go.Figure:
 
 def _heat_map(values: Any, columns: Sequence[str], rows: Sequence[str], title: str, *, signed: bool) -> go.Figure:
     """[row, column] with its numbers, from -1 or 0 to 1."""
-    half = DIVERGING[2:]
-    colours = DIVERGING if signed else half
-    text = [[f"{value:.2f}" if abs(value) >= 0.05 else "" for value in row] for row in values]
-    figure = go.Figure(
-        go.Heatmap(
-            z=values.astype(np.float32), x=list(columns), y=list(rows), zmin=-1 if signed else 0, zmax=1,
-            colorscale=[[i / (len(colours) - 1), colour] for i, colour in enumerate(colours)],
-            text=text, texttemplate="%{text}", textfont={"size": 10}, xgap=1, ygap=1,
-            colorbar={"thickness": 12, "len": 0.7, "y": 0.35},
-            hovertemplate="%{y}, %{x}: %{z:.3f}<extra></extra>",
-        )
-    )  # fmt: skip
-    finish(figure, 110 + 4 * max(map(len, columns)) + max(22 * len(rows), 160), legend=False, top=8)
-    figure.update_xaxes(tickangle=-40, automargin=True, showgrid=False, ticks="", title_text=title, type="category")
-    figure.update_yaxes(autorange="reversed", automargin=True, showgrid=False, ticks="")
-    return figure
+    height = 110 + 4 * max(map(len, columns)) + max(22 * len(rows), 160)
+    return heat_map(values, columns, rows, height, signed=signed).update_xaxes(title_text=title, type="category")
 
 
 def figure_scan(scan: Scan, info: ParameterInfo) -> go.Figure:
@@ -179,35 +153,30 @@ def _small(figure: go.Figure, info: ParameterInfo, span: list[float]) -> go.Figu
 def figure_predictive(problem: Problem, found: PriorPredictive) -> go.Figure:
     """Telemetry over the prior's bands, one plot a channel."""
     channels = problem.simulator.channels
-    figure, _ = time_canvas(list(channels), [CHANNEL_HEIGHT] * len(channels))
-    for k, _channel in enumerate(channels):
+    figure = time_canvas(list(channels), [CHANNEL_HEIGHT] * len(channels))
+    for k in range(len(channels)):
         columns = [row[:, k] + CELSIUS for row in (*found.quantiles, *found.model)]
         time, columns = break_lines(problem.times, extremes(columns, _BINS), columns)
-        first = k == 0
         for name, low, high, colour in (
             ("95% of the prior, noise and discrepancy included", columns[0], columns[2], BAND),
             ("99% of the simulations", columns[3], columns[4], MODEL_BAND),
         ):
             x, y = polygons(time, low, high)
-            _trace(figure, k, x, y, name, first, line={"width": 0}, fill="toself", fillcolor=colour, hoverinfo="skip")
-        _trace(
-            figure, k, time, columns[1], "prior's median", first, line={"color": STOCHASTIC, "width": 1.6},
-            hovertemplate="%{y:.2f} °C",
+            scatter(
+                figure, k + 1, x, y, name,
+                mode="lines", line={"width": 0}, fill="toself", fillcolor=colour, hoverinfo="skip",
+            )  # fmt: skip
+        scatter(
+            figure, k + 1, time, columns[1], "prior's median", mode="lines",
+            line={"color": STOCHASTIC, "width": 1.6}, hovertemplate="%{y:.2f} °C",
         )  # fmt: skip
         seen = np.flatnonzero(problem.valid[:, k])
         if len(seen):
             values = problem.observed[seen, k] + CELSIUS
             kept = extremes([values], 3 * _BINS)
-            _trace(
-                figure, k, problem.times[seen[kept]], values[kept], "telemetry", first, mode="markers",
+            scatter(
+                figure, k + 1, problem.times[seen[kept]], values[kept], "telemetry", mode="markers",
                 marker={"color": TELEMETRY, "size": 3.5}, hovertemplate="%{y:.2f} °C",
             )  # fmt: skip
         figure.update_yaxes(title_text="temperature, °C", row=k + 1)
     return figure
-
-
-def _trace(figure: go.Figure, row: int, x: NDArray[Any], y: NDArray[Any], name: str, legend: bool, **more: Any) -> None:
-    look = {"mode": "lines"} | more
-    figure.add_trace(
-        go.Scatter(x=x, y=np.asarray(y, np.float32), name=name, legendgroup=name, showlegend=legend, **look), row + 1, 1
-    )

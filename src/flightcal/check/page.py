@@ -7,11 +7,12 @@ from pathlib import Path
 import numpy as np
 
 from ..calibration import Problem
+from ..report import block
 from ..report.block import Block, Section
-from ..report.figures import figure_correlation
-from ..report.figures.style import GENETIC, PRIOR, STOCHASTIC, WARNING
+from ..report.heat_map import figure_correlation
 from ..report.page import compose
-from ..report.tables import Table
+from ..report.style import GENETIC, PRIOR, STOCHASTIC, WARNING
+from ..report.tables import Cell, Table
 from ..report.text import number, percent
 from ..report.verdict import Finding
 from . import figures as draw
@@ -37,22 +38,21 @@ def render(checked: Checked, problem: Problem, findings: list[Finding], folder: 
 
 def _prior(checked: Checked, problem: Problem) -> list[Block]:
     predictive = checked.predictive
-    rows = [[c.channel, percent(c.inside), percent(c.reached), _beyond(c.beyond)] for c in predictive.channels]
+    rows = [
+        [c.channel, percent(c.inside), Cell(percent(c.reached), _state(c.reached)), _beyond(c.beyond)]
+        for c in predictive.channels
+    ]
     blocks = [
-        Block(
-            "text",
+        block.text(
             f"{predictive.draws} draws from the priors, simulated, against the telemetry of “{problem.window}”. "
             "What the simulator can reach with the prior is the 99% band of its simulations, widened by twice the "
             "least noise that the prior holds plausible.",
         ),
-        Block(
-            "table",
-            table=Table(
+        block.table(
+            Table(
                 ("channel", "inside the 95% band, with noise", "reached by the simulator", "beyond it at most, K"),
                 rows,
                 range(1, 4),
-                states={(i, 2): "bad" if c.reached < 0.5 else "warn" if c.reached < 0.95 else "good"
-                        for i, c in enumerate(predictive.channels)},
             ),
         ),
     ]  # fmt: skip
@@ -61,11 +61,13 @@ def _prior(checked: Checked, problem: Problem) -> list[Block]:
             [h.heater, percent(h.observed), f"{percent(h.lower)} to {percent(h.upper)}"] for h in predictive.heaters
         ]
         header = ("heater", "duty cycle in telemetry", "prior's 95%")
-        blocks.append(Block("table", table=Table(header, heaters, range(1, 3))))
-    blocks.append(
-        Block("figure", "Telemetry over the prior's bands.", figures=(draw.figure_predictive(problem, predictive),))
-    )
+        blocks.append(block.table(Table(header, heaters, range(1, 3))))
+    blocks.append(block.figure(draw.figure_predictive(problem, predictive), "Telemetry over the prior's bands."))
     return blocks
+
+
+def _state(reached: float) -> str:
+    return "bad" if reached < 0.5 else "warn" if reached < 0.95 else "good"
 
 
 def _beyond(value: float) -> str:
@@ -75,23 +77,21 @@ def _beyond(value: float) -> str:
 def _identifiability(checked: Checked) -> list[Block]:
     found = checked.identifiability
     blocks = [
-        Block(
-            "text",
+        block.text(
             "All in units of the priors' standard deviations, on the scale on which the priors are about normal, in "
             "the Gaussian approximation of the posterior. A parameter whose open mark is far to the left of its filled "
             "one would be known well if others were known: it is hidden by a combination.",
         ),
-        Block("figure", "Width of each parameter's posterior.", figures=(draw.figure_widths(found),)),
-        Block(
-            "figure",
+        block.figure(draw.figure_widths(found), "Width of each parameter's posterior."),
+        block.figure(
+            draw.figure_spectrum(found),
             "Fisher information in every direction, in units of the prior's: how many times the telemetry counts for "
             "more than the prior. Crosses: it counts for less.",
-            figures=(draw.figure_spectrum(found),),
         ),
-        Block(
-            "figure",
+        block.figure(
+            draw.figure_directions(found),
             "What the least known directions are made of: weights in standard deviations of the priors.",
-            figures=(draw.figure_directions(found),), wide=True,
+            wide=True,
         ),
     ]  # fmt: skip
     strength = np.abs(found.correlation - np.eye(len(found.names))).max(axis=0)
@@ -100,7 +100,7 @@ def _identifiability(checked: Checked) -> list[Block]:
         correlation = found.correlation[np.ix_(chosen, chosen)]
         caption = "Correlation of the posterior, in the Gaussian approximation."
         names = [found.names[k] for k in chosen]
-        blocks.append(Block("figure", caption, figures=(figure_correlation(names, correlation),), wide=True))
+        blocks.append(block.figure(figure_correlation(names, correlation), caption, wide=True))
     return blocks
 
 
@@ -112,8 +112,7 @@ def _sensitivity(checked: Checked) -> list[Block]:
     moved = [f"{number(float(d), 3)} {u}" for d, u in zip(found.deviation, units, strict=False)]
     rows = [[output, text] for output, text in zip(found.outputs, moved, strict=False)]
     return [
-        Block(
-            "text",
+        block.text(
             f"{found.method}, {found.runs} simulations over the whole prior ({found.failed} failed). Outputs: RMS "
             "temperature change of each channel against the point that was examined, duty cycle of each heater, and "
             "the log likelihood by its rank, noise levels held. "
@@ -121,8 +120,8 @@ def _sensitivity(checked: Checked) -> list[Block]:
             f"{'takes part in, alone or with others' if kind == 'total' else 'causes alone'}. "
             f"Their 95% error is up to {number(float(np.nanmax(error)), 2)}.",
         ),
-        Block("figure", f"Sensitivity, {kind} indices.", figures=(draw.figure_sensitivity(found),), wide=True),
-        Block("folded", "How far the prior moves each output", table=Table(("output", "deviation"), rows, (1,))),
+        block.figure(draw.figure_sensitivity(found), f"Sensitivity, {kind} indices.", wide=True),
+        block.folded("How far the prior moves each output", Table(("output", "deviation"), rows, (1,))),
     ]  # fmt: skip
 
 
@@ -139,7 +138,7 @@ def _smoothness(checked: Checked) -> list[Block]:
         "Log density along every parameter, relative to the point examined; the others follow as they are correlated "
         "with it. On each side of a dotted line the heaters switch another number of times."
     )
-    blocks = [Block("grid", caption, figures=shown, key=key)]
+    blocks = [block.grid(shown, caption, key)]
     if found.gradient:
         rows = [
             [e.name, number(e.error, 2), number(e.gradient, 5), number(e.difference, 5)]
@@ -149,7 +148,7 @@ def _smoothness(checked: Checked) -> list[Block]:
         title = f"The gradient against differences at {found.points} points"
         if found.left_out:
             title += f" ({found.left_out} derivatives left out: the heaters switch otherwise next to the point)"
-        blocks.append(Block("folded", title, table=Table(header, rows, range(1, 4))))
+        blocks.append(block.folded(title, Table(header, rows, range(1, 4))))
     return blocks
 
 
@@ -159,4 +158,4 @@ def _profiles(checked: Checked) -> list[Block]:
     caption = (
         "Profiles: all other parameters fitted again at every point. Dotted: 1.92 nats below the best, a 95% interval."
     )
-    return [Block("grid", caption, figures=shown, key=key, wide=True)]
+    return [block.grid(shown, caption, key, wide=True)]

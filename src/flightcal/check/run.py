@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import json
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from pathlib import Path
@@ -18,7 +17,7 @@ from ..experiment import identity_of, parameter_records, read
 from ..report.page import write_page
 from ..report.run_files import read_run
 from ..report.verdict import Finding
-from ..run_directory import RunDirectory, hash_of, hash_of_file, open_run, plain, read_provenance
+from ..run import Run, hash_of, hash_of_file, open_run, plain, read_json, read_provenance, typed
 from ..scenario import input_files, load_scenario, resolved_yaml
 from ..telemetry import window_bounds
 from .centre import find_centre
@@ -83,8 +82,8 @@ def check_scenario(
             advance("writing", 0.0)
             _write(run, problem, checked)
             advance("writing", 1.0)
-    content = json.loads(run.file(_JSON).read_text(encoding="utf-8"))
-    findings = tuple(Finding(**(item | {"details": tuple(item["details"])})) for item in content["findings"])
+    content = read_json(run.file(_JSON))
+    findings = tuple(typed(Finding, item) for item in content["findings"])
     return CheckSummary(content["passed"], content["verdict"], findings, run.file(_PAGE))
 
 
@@ -143,7 +142,7 @@ def _budget(problem: Problem, effort: Effort) -> str:
     return f"at most {most} runs of the simulator, seed {problem.scenario.calibration.seed}"
 
 
-def _write(run: RunDirectory, problem: Problem, checked: Checked) -> None:
+def _write(run: Run, problem: Problem, checked: Checked) -> None:
     findings = findings_of(checked)
     passed, verdict = verdict_of(findings)
     centre, found = checked.centre, checked.identifiability

@@ -7,7 +7,7 @@ from collections.abc import Callable
 from pathlib import Path
 
 from ..errors import RunError
-from ..run_directory import write_atomically
+from ..run import write_atomically
 from ..validation.metrics import ZERO_CELSIUS
 from .file import load_spacecraft
 from .simulator import fly

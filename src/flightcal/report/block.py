@@ -2,11 +2,19 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
+from functools import wraps
+from typing import TypeVar
 
 import plotly.graph_objects as go
 
 from .tables import Table
+
+R = TypeVar("R")
+
+Key = tuple[str, str, str]
+"""An entry of the legend of a grid: name, colour, and line, dash or mark."""
 
 
 @dataclass(frozen=True)
@@ -18,8 +26,7 @@ class Block:
     text: str = ""
     table: Table | None = None
     figures: tuple[go.Figure, ...] = ()
-    key: tuple[tuple[str, str, str], ...] = ()
-    """Legend of a grid: name, colour, and line, dash or mark."""
+    key: tuple[Key, ...] = ()
     wide: bool = False
     """A figure that scrolls sideways on a narrow screen."""
 
@@ -31,6 +38,19 @@ class Section:
     anchor: str
     title: str
     blocks: list[Block]
+
+
+def section(anchor: str, title: str) -> Callable[[Callable[[R], list[Block]]], Callable[[R], Section | None]]:
+    """Makes a section of the blocks that a function gives of a run; None of none."""
+
+    def of(build: Callable[[R], list[Block]]) -> Callable[[R], Section | None]:
+        def panel(run: R) -> Section | None:
+            blocks = build(run)
+            return Section(anchor, title, blocks) if blocks else None
+
+        return wraps(build)(panel)
+
+    return of
 
 
 def text(text: str) -> Block:
@@ -51,3 +71,18 @@ def table(table: Table, nothing: str = "There is nothing to list.") -> Block:
 def figure(figure: go.Figure, caption: str, *, wide: bool = False) -> Block:
     """A figure with its caption."""
     return Block("figure", caption, figures=(figure,), wide=wide)
+
+
+def heading(text: str) -> Block:
+    """A title inside a section."""
+    return Block("heading", text)
+
+
+def folded(title: str, table: Table) -> Block:
+    """A table that opens by a click on its title."""
+    return Block("folded", title, table=table)
+
+
+def grid(figures: Sequence[go.Figure], caption: str, key: Sequence[Key], *, wide: bool = False) -> Block:
+    """Small figures beside each other, with one legend; wide: larger ones."""
+    return Block("grid", caption, figures=tuple(figures), key=tuple(key), wide=wide)

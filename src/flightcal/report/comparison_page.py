@@ -4,10 +4,11 @@ from __future__ import annotations
 
 from pathlib import Path
 
+from . import block
 from .block import Block, Section
 from .page import compose, write_page
 from .run_files import Record, read_content
-from .tables import Table
+from .tables import Cell, Table
 from .text import count, number, percent
 from .verdict import Finding
 
@@ -37,7 +38,7 @@ def write_comparison(folder: Path) -> Path:
     output = folder / "comparison.html"
     sections = [
         Section("comparison", "Unseen windows", _scores(content)),
-        Section("channels", "By window and channel", [Block("table", table=_channels(content))]),
+        Section("channels", "By window and channel", [block.table(_channels(content))]),
         Section("blocks", "Blocks left out of the training", _blocks(content)),
     ]
     if content.get("left_out"):
@@ -62,22 +63,22 @@ def _findings(content: Record) -> list[Finding]:
 
 
 def _scores(content: Record) -> list[Block]:
-    rows, states = [], {}
-    for row, model in enumerate(content["models"]):
-        means = content["means"][model]
-        rows.append([f"{model}\n{WORDS[model]}", *(_shown(metric, means[metric]) for metric in SCORES)])
-        for column, (metric, (_, _, more)) in enumerate(SCORES.items(), start=1):
-            values = [content["means"][other][metric] for other in content["models"]]
-            known = [value for value in values if value is not None]
-            if more is not None and known and means[metric] == (max(known) if more else min(known)):
-                states[row, column] = "good"
-        if means["picp"] is not None and not 0.9 <= means["picp"] <= 0.99:
-            states[row, list(SCORES).index("picp") + 1] = "bad"
+    best = {}
+    for metric, (_, _, more) in SCORES.items():
+        known = [value for means in content["means"].values() if (value := means[metric]) is not None]
+        best[metric] = None if more is None or not known else max(known) if more else min(known)
+    rows = []
+    for model in content["models"]:
+        cells = [f"{model}\n{WORDS[model]}"]
+        for metric, value in ((metric, content["means"][model][metric]) for metric in SCORES):
+            off = metric == "picp" and value is not None and not 0.9 <= value <= 0.99
+            is_best = value is not None and value == best[metric]
+            cells.append(Cell(_shown(metric, value), "bad" if off else "good" if is_best else ""))
+        rows.append(cells)
     header = ("model", *(title for title, _, _ in SCORES.values()))
     return [
-        Block("table", table=Table(header, rows, range(1, len(header)), states=states)),
-        Block(
-            "text",
+        block.table(Table(header, rows, range(1, len(header)))),
+        block.text(
             "Means over the windows that the calibration has not seen, of all channels together; the best of each "
             "score is set off. PICP: share of telemetry inside the 95% interval, to be near 95%; MPIW: its mean width, "
             "which counts only where the interval covers; CRPS and log score judge the whole predicted distribution. "
@@ -96,19 +97,15 @@ def _channels(content: Record) -> Table:
 
 
 def _blocks(content: Record) -> list[Block]:
-    rows, states = [], {}
-    for row, (model, loo) in enumerate(content["blocks"].items()):
-        if loo["unreliable"]:
-            states[row, 4] = "warn"
-        rows.append(
-            [model, number(loo["density"], 5), number(loo["below_best"], 3), number(loo["standard_error"], 2),
-             f"{count(loo['unreliable'])} of {count(loo['blocks'])}"]
-        )  # fmt: skip
+    rows = [
+        [model, number(loo["density"], 5), number(loo["below_best"], 3), number(loo["standard_error"], 2),
+         Cell(f"{count(loo['unreliable'])} of {count(loo['blocks'])}", "warn" if loo["unreliable"] else "")]
+        for model, loo in content["blocks"].items()
+    ]  # fmt: skip
     header = ("model", "log density, nat", "below the best", "standard error of that", "blocks with Pareto k above 0.7")
     return [
-        Block("table", table=Table(header, rows, range(1, len(header)), states=states)),
-        Block(
-            "text",
+        block.table(Table(header, rows, range(1, len(header)))),
+        block.text(
             "Each quarter of an orbit of the training window is predicted from all the others (PSIS-LOO in blocks). "
             "Where Pareto k is above 0.7 leaving the block out changes the posterior too much for this to be exact. "
             "Neighbours in time are known here, so a discrepancy in time looks better than it is for the future.",
@@ -124,9 +121,8 @@ def _left_out(content: Record) -> list[Block]:
     ]
     header = ("window", "model", *(title for title, _, _ in SCORES.values()), "converged")
     return [
-        Block("table", table=Table(header, sorted(rows), range(2, len(header) - 1))),
-        Block(
-            "text",
+        block.table(Table(header, sorted(rows), range(2, len(header) - 1))),
+        block.text(
             "Each training window is predicted by a calibration on the others, as a window is that nobody has seen. "
             "So settings can be chosen by this table, and the unseen windows above remain unseen.",
         ),

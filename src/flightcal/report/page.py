@@ -3,8 +3,6 @@
 from __future__ import annotations
 
 import json
-import os
-import tempfile
 from collections.abc import Sequence
 from dataclasses import dataclass, field
 from importlib.resources import files
@@ -17,11 +15,13 @@ import plotly.graph_objects as go
 from plotly.offline import get_plotlyjs
 from plotly.utils import PlotlyJSONEncoder
 
+from flightcal.run import write_atomically
+
 from .block import Section
-from .figures.style import DARK
+from .panels import panels
 from .run_files import RunFiles, read_run
-from .sections import sections
-from .verdict import Finding, residual_checks, verdict
+from .style import DARK
+from .verdict import Finding, verdict
 
 
 def write_report(run: Path, output: Path | None = None) -> Path:
@@ -38,27 +38,13 @@ def write_report(run: Path, output: Path | None = None) -> Path:
 
 def write_page(output: Path, page: str) -> None:
     """Writes a page whole or not at all."""
-    handle, temporary = tempfile.mkstemp(dir=output.parent, prefix=f".{output.name}.", suffix=".part")
-    try:
-        with os.fdopen(handle, "w", encoding="utf-8") as stream:
-            stream.write(page)
-        # mkstemp makes files that only their owner can read; a report is for others too.
-        umask = os.umask(0)
-        os.umask(umask)
-        os.chmod(temporary, 0o666 & ~umask)
-        os.replace(temporary, output)
-    except BaseException:
-        Path(temporary).unlink(missing_ok=True)
-        raise
+    write_atomically(output, lambda path: path.write_text(page, encoding="utf-8"))
 
 
 def render(run: RunFiles) -> str:
     """The page of a run as text."""
-    checks = residual_checks(run)
     created = str((run.provenance or {}).get("created", ""))
-    return compose(
-        "flightcal report", _scenario_name(run), run.folder, created, verdict(run, checks), sections(run, checks)
-    )
+    return compose("flightcal report", _scenario_name(run), run.folder, created, verdict(run), panels(run))
 
 
 def compose(

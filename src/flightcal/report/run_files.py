@@ -2,19 +2,23 @@
 
 from __future__ import annotations
 
-import json
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
+from functools import cached_property, partial
 from pathlib import Path
-from typing import Any
+from typing import Any, TypeVar
 
 import numpy as np
 import xarray as xr
 
 from flightcal.errors import RunError
+from flightcal.run import read_dataset, read_json, read_records, read_tree, typed
 from flightcal.scenario.schema import is_trained
-from flightcal.validation import Metric
+from flightcal.validation import Metric, ResidualCheck, check_window
 
 Record = dict[str, Any]
+
+K = TypeVar("K")
 
 ABSOLUTE = frozenset({"on_below", "off_above", "initial", "boundary"})
 """Fields of a scenario that are a temperature; other fields in kelvin, such as `bias`, are differences."""
@@ -78,6 +82,21 @@ class RunFiles:
         """Windows that were not calibrated on."""
         return {name: window for name, window in self.windows.items() if not is_trained(name)}
 
+    @property
+    def sampled(self) -> list[ParameterInfo]:
+        """Parameters of which the posterior has draws; none without a posterior."""
+        known = self.posterior["posterior"].data_vars if self.posterior is not None else {}
+        return [info for info in self.parameters if info.name in known]
+
+    @cached_property
+    def checks(self) -> dict[str, list[ResidualCheck]]:
+        """Tests of the residuals by window, where there is a stochastic prediction."""
+        return {
+            name: check_window(window, unseen=not is_trained(name))
+            for name, window in self.windows.items()
+            if has_prediction(window, "stochastic")
+        }
+
 
 def read_run(folder: Path) -> RunFiles:
     """Reads a run directory. Raises RunError where it is none, or where a file in it cannot be read."""
@@ -86,23 +105,26 @@ def read_run(folder: Path) -> RunFiles:
     missing = tuple(name for name in STAGES if not (folder / name).is_file())
     if len(missing) == len(STAGES):
         raise RunError(f"{folder}: none of {', '.join(STAGES)} is there; expected a run directory")
-    posterior, prediction = _tree(folder / "posterior.nc"), _tree(folder / "prediction.nc")
+
+    def kept(name: str, read: Callable[[Path], K]) -> K | None:
+        return read(folder / name) if (folder / name).is_file() else None
+
+    prediction = kept("prediction.nc", read_tree)
     windows = {n: group.to_dataset() for n, group in prediction.children.items()} if prediction else {}
-    scenario = folder / "scenario.yaml"
     return RunFiles(
         folder=folder,
-        scenario=scenario.read_text(encoding="utf-8") if scenario.is_file() else None,
-        provenance=_json(folder / "provenance.json"),
-        genetic=_dataset(folder / "genetic.nc"),
-        posterior=posterior,
+        scenario=kept("scenario.yaml", lambda file: file.read_text(encoding="utf-8")),
+        provenance=kept("provenance.json", read_json),
+        genetic=kept("genetic.nc", read_dataset),
+        posterior=kept("posterior.nc", read_tree),
         windows=dict(sorted(windows.items(), key=lambda item: not is_trained(item[0]))),
-        metrics=_records(folder / "metrics.json", _metric),
-        diagnostics=_json(folder / "diagnostics.json"),
-        parameters=_records(folder / "parameters.json", _parameter),
-        quality=_json(folder / "telemetry_quality.json"),
-        emulator=_json(folder / "emulator.json"),
-        emulator_check=_json(folder / "emulator_check.json"),
-        full_check=_json(folder / "full_simulator_check.json"),
+        metrics=kept("metrics.json", partial(read_records, read=partial(typed, Metric))) or [],
+        diagnostics=kept("diagnostics.json", read_json),
+        parameters=kept("parameters.json", partial(read_records, read=parameter_info)) or [],
+        quality=kept("telemetry_quality.json", read_json),
+        emulator=kept("emulator.json", read_json),
+        emulator_check=kept("emulator_check.json", read_json),
+        full_check=kept("full_simulator_check.json", read_json),
         missing=missing,
     )
 
@@ -110,26 +132,20 @@ def read_run(folder: Path) -> RunFiles:
 def read_content(folder: Path, kind: str) -> Record:
     """Content of `<kind>.json` in the folder of a comparison or validation. Raises RunError."""
     file = folder / f"{kind}.json"
-    try:
-        content: Record = json.loads(file.read_text(encoding="utf-8"))
-    except FileNotFoundError:
-        raise RunError(f"{folder}: found no {file.name}, expected the folder of a {kind}") from None
-    except ValueError as error:
-        raise RunError(f"{file}: not JSON: {error}") from None
+    if not file.is_file():
+        raise RunError(f"{folder}: found no {file.name}, expected the folder of a {kind}")
+    content: Record = read_json(file)
     return content
 
 
-def draws(posterior: xr.DataTree, group: str, names: list[str]) -> np.ndarray:
+def draws(posterior: xr.DataTree, group: str, names: Sequence[str]) -> np.ndarray:
     """Draws of scalar quantities from a group of posterior.nc: [chain, draw, quantity], SI."""
     dataset = posterior[group].to_dataset()
     return np.stack([dataset[n].transpose("chain", "draw").values for n in names], axis=-1)
 
 
-def _metric(record: Record) -> Metric:
-    return Metric(**{k: record[k] for k in Metric.__dataclass_fields__ if k in record})
-
-
-def _parameter(record: Record) -> ParameterInfo:
+def parameter_info(record: Record) -> ParameterInfo:
+    """What a record of parameters.json says, as it is shown."""
     target = tuple(record["target"])
     fields = {path.rsplit(".", 1)[-1] for path in target}
     sets_temperature = record["mode"] == "sets" and bool(fields) and fields <= ABSOLUTE
@@ -145,45 +161,6 @@ def _parameter(record: Record) -> ParameterInfo:
         prior=record["prior"],
         prior_quantiles=tuple(record["prior_quantiles"]),
     )
-
-
-def _json(path: Path) -> Any:
-    """Content of a JSON file, None where there is no file."""
-    if not path.is_file():
-        return None
-    try:
-        return json.loads(path.read_text(encoding="utf-8"))
-    except ValueError as error:
-        raise RunError(f"{path}: not JSON: {error}") from None
-
-
-def _records(path: Path, read: Any) -> list[Any]:
-    """Records of a JSON list, each through `read`; empty where there is no file."""
-    try:
-        return [read(record) for record in _json(path) or []]
-    except KeyError as error:
-        raise RunError(f"{path}: a record has no field {error}") from None
-    except TypeError as error:
-        raise RunError(f"{path}: a record is not as expected: {error}") from None
-
-
-def _dataset(path: Path) -> xr.Dataset | None:
-    if not path.is_file():
-        return None
-    try:
-        return xr.load_dataset(path, engine="h5netcdf")
-    except (OSError, ValueError) as error:
-        raise RunError(f"{path}: not a netCDF file: {error}") from None
-
-
-def _tree(path: Path) -> xr.DataTree | None:
-    if not path.is_file():
-        return None
-    try:
-        with xr.open_datatree(path, engine="h5netcdf") as tree:
-            return tree.load()
-    except (OSError, ValueError) as error:
-        raise RunError(f"{path}: not a netCDF file: {error}") from None
 
 
 def bins(run: RunFiles) -> int:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Sized
 
 SUPERSCRIPTS = str.maketrans("0123456789-", "⁰¹²³⁴⁵⁶⁷⁸⁹⁻")
 
@@ -90,3 +91,25 @@ def duration(seconds: float) -> str:
 def listed(items: list[str]) -> str:
     """``a``, ``a and b``, ``a, b and c``."""
     return items[0] if len(items) == 1 else f"{', '.join(items[:-1])} and {items[-1]}" if items else ""
+
+
+def moment(text: object) -> str:
+    """A time of a record, UTC, to the second; a dash where there is none."""
+    return str(text).replace("T", " ")[:19] if text else "–"
+
+
+def chance(p_value: float) -> str:
+    """``p = 0.031``"""
+    return "p < 0.0001" if p_value < 1e-4 else f"p = {number(p_value, 2)}"
+
+
+def shown(value: object) -> str:
+    """A value of any type, as of a gate of convergence."""
+    if isinstance(value, float) and not value.is_integer():
+        return number(value, 5)
+    return count(value) if isinstance(value, int | float) and not isinstance(value, bool) else str(value)
+
+
+def letter(index: int, items: Sized) -> str:
+    """``a``, ``b``, ... of a figure that is one of several; nothing of one alone."""
+    return chr(ord("a") + index % 26) if len(items) > 1 else ""

@@ -3,33 +3,25 @@
 from __future__ import annotations
 
 import json
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from typing import Literal
 
 import numpy as np
 
 from flightcal.scenario.schema import is_trained
-from flightcal.validation import Metric, ResidualCheck, check_window
-from flightcal.validation.residuals import IID
+from flightcal.validation import Metric, ResidualCheck
 
-from .run_files import STAGES, Record, RunFiles, draws
-from .text import count, listed, number, percent
+from .panels.discrepancy import STANDS_IN, stand_ins
+from .panels.parameters import EDGE, at_edge
+from .panels.residuals import IID_IN_WORDS, TESTED, assumption, channels, correlation_expected, noises
+from .run_files import STAGES, Record, RunFiles
+from .text import listed, number, percent, shown
 
 State = Literal["good", "warn", "bad", "none"]
 
-EDGE = 0.2
-"""Share of the posterior in the prior's outer 5% above which it is called pressed against the prior's edge."""
-
 EQUAL = 0.02
 """Errors that differ by no more than this share are called equal."""
-
-STANDS_IN = -0.9
-"""Correlation below which a discrepancy is said to stand in for a parameter: to know the one would more than halve the
-other's standard deviation."""
-
-SHOWN = 0.1
-"""Lag-1 autocorrelation above which residuals are called correlated as AR(1) noise expects."""
 
 COVERAGE = 0.03
 """A coverage this near to the nominal one is called right."""
@@ -50,11 +42,7 @@ class Finding:
         return {"good": "✓ good", "warn": "! caution", "bad": "✕ problem", "none": "– not in this run"}[self.state]
 
 
-Checks = dict[str, list[ResidualCheck]]
-"""Tests of the stochastic residuals by window."""
-
-
-def verdict(run: RunFiles, checks: Checks) -> list[Finding]:
+def verdict(run: RunFiles) -> list[Finding]:
     """All findings of a run, the most basic ones first."""
     scored = [m.window for m in run.metrics if not is_trained(m.window)]
     scores = [_scores(run, window) for window in dict.fromkeys([*run.test_windows, *scored])]
@@ -63,7 +51,7 @@ def verdict(run: RunFiles, checks: Checks) -> list[Finding]:
         _convergence(run.diagnostics),
         *_explanations(run),
         *(scores or [_no_scores(run)]),
-        _noise(checks),
+        _noise(run.checks),
         *_heaters(run),
         _edges(run),
         *_stand_in(run),
@@ -118,13 +106,6 @@ def _explanations(run: RunFiles) -> list[Finding]:
         "them apart."
     )
     return [Finding("warn", "Another explanation fits nearly as well", text, tuple(details))]
-
-
-def shown(value: object) -> str:
-    """What a gate found or required, as text."""
-    if isinstance(value, float) and not value.is_integer():
-        return number(value, 5)
-    return count(value) if isinstance(value, int | float) and not isinstance(value, bool) else str(value)
 
 
 def _value(metrics: Sequence[Metric], method: str, window: str, name: str) -> float | None:
@@ -206,16 +187,7 @@ def _no_scores(run: RunFiles) -> Finding:
     return Finding("warn", "No test", text)
 
 
-def residual_checks(run: RunFiles) -> Checks:
-    """Tests of the stochastic residuals in every window that has a stochastic prediction."""
-    return {
-        name: check_window(window, unseen=not is_trained(name))
-        for name, window in run.windows.items()
-        if "stochastic" in window["method"].values and np.isfinite(window["mean"].sel({"method": "stochastic"})).any()
-    }
-
-
-def _noise(checks: Checks) -> Finding:
+def _noise(checks: Mapping[str, Sequence[ResidualCheck]]) -> Finding:
     if not checks:
         return Finding("none", "The noise is not judged", "There is no stochastic prediction.")
     window = next((name for name in checks if is_trained(name)), next(iter(checks)))
@@ -244,59 +216,12 @@ def _noise(checks: Checks) -> Finding:
     else:
         lacking = " and that this noise does not describe. No interval in this report contains this model discrepancy."
     text = (
-        f"In “{window}” the {tested} of {_channels(against, of_window)} contradict {assumed}. Intervals of the "
+        f"In “{window}” the {tested} of {channels(against, of_window)} contradict {assumed}. Intervals of the "
         f"parameters are too narrow by up to about a factor of {number(worst.factor, 2)} ({worst.channel}, lag-1 "
         f"autocorrelation {number(worst.lag1, 3)}): the model lacks something that the telemetry shows{lacking}"
     )
-    title = f"The assumption of {'iid noise' if plain else listed(_noises(against))} is contradicted"
+    title = f"The assumption of {'iid noise' if plain else listed(noises(against))} is contradicted"
     return Finding("bad" if worst.factor >= 2 else "warn", title, text, details)
-
-
-IID_IN_WORDS = "independent, identically distributed (iid) noise"
-
-
-def _noises(of_window: Sequence[ResidualCheck]) -> list[str]:
-    return list(dict.fromkeys(c.noise for c in of_window))
-
-
-def assumption(of_window: Sequence[ResidualCheck]) -> str:
-    """What is assumed of a window's residuals, in words."""
-    noise = listed([IID_IN_WORDS if name == IID else name for name in _noises(of_window)])
-    discrepant = [c for c in of_window if c.discrepancy]
-    if not discrepant:
-        return noise
-    of = "" if len(discrepant) == len(of_window) else f" of {listed([c.channel for c in discrepant])}"
-    return f"{noise} beside a discrepancy{of} in {discrepant[0].discrepancy.replace('phase', 'orbit phase')}"
-
-
-def correlation_expected(of_window: Sequence[ResidualCheck]) -> str:
-    """That residuals are correlated as AR(1) noise expects; nothing where there is no such noise, or none are."""
-    found = [c for c in of_window if c.tested == "innovations" and c.residual_lag1 > SHOWN]
-    if not found:
-        return ""
-    return (
-        f"The residuals of the mean of {_channels(found, of_window)} are correlated (lag-1 autocorrelation "
-        f"{spread([c.residual_lag1 for c in found])}), which the AR(1) noise expects."
-    )
-
-
-TESTED = (
-    "Tested are its innovations, the part of each residual that those before it do not tell. Whether sensors or "
-    "simulator err in this way, telemetry does not tell."
-)
-
-
-def spread(values: Sequence[float]) -> str:
-    """``0.62`` or ``0.62 to 0.91``."""
-    low, high = number(min(values), 2), number(max(values), 2)
-    return low if low == high else f"{low} to {high}"
-
-
-def _channels(some: Sequence[ResidualCheck], every: Sequence[ResidualCheck]) -> str:
-    """Names of some channels; how many they are where they are all."""
-    if len(some) == len(every) > 2:
-        return f"all {len(every)} channels"
-    return listed([c.channel for c in some])
 
 
 def _heaters(run: RunFiles) -> list[Finding]:
@@ -332,28 +257,6 @@ def _heaters(run: RunFiles) -> list[Finding]:
     return findings
 
 
-def at_edge(run: RunFiles) -> dict[str, str]:
-    """Quantities whose posterior is pressed against an edge of the prior's 95%: "lower" or "upper".
-
-    A noise level or discrepancy near zero is no finding: the lower edge of its prior is zero.
-    """
-    if run.posterior is None:
-        return {}
-    available = run.posterior["posterior"].to_dataset().data_vars
-    infos = [i for i in run.parameters if i.name in available]
-    if not infos:
-        return {}
-    values = draws(run.posterior, "posterior", [i.name for i in infos]).reshape(-1, len(infos))
-    edges = {}
-    for info, column in zip(infos, values.T, strict=True):
-        low, _, high = info.prior_quantiles
-        if (column < low).mean() > EDGE and info.kind not in ("noise", "discrepancy"):
-            edges[info.name] = "lower"
-        elif (column > high).mean() > EDGE:
-            edges[info.name] = "upper"
-    return edges
-
-
 def _stand_in(run: RunFiles) -> list[Finding]:
     """Parameters in whose place the discrepancy stands, where there is one."""
     correlation = stand_ins(run)
@@ -375,15 +278,6 @@ def _stand_in(run: RunFiles) -> list[Finding]:
     )
     title = f"The discrepancy stands in for {len(against)} parameter{'s' if len(against) > 1 else ''}"
     return [Finding("warn", title, text)]
-
-
-def stand_ins(run: RunFiles) -> dict[str, float]:
-    """Correlation of each parameter with the discrepancy along its effect, the worst (most negative) first."""
-    if run.posterior is None or "discrepancy" not in run.posterior.children:
-        return {}
-    found = run.posterior["discrepancy"].to_dataset()["correlation"]
-    pairs = zip(found["parameter"].values, found.values, strict=True)
-    return dict(sorted(((str(n), float(v)) for n, v in pairs if np.isfinite(v)), key=lambda pair: pair[1]))
 
 
 def _edges(run: RunFiles) -> Finding:

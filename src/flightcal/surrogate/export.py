@@ -10,7 +10,7 @@ from pathlib import Path
 import numpy as np
 
 from ..errors import RunError
-from ..run_directory import write_atomically
+from ..run import write_atomically
 from ..scenario import Scenario, resolved_yaml
 from ..scenario.schema import Calibration, Channel, InitialState, Observation, TelemetryFile, TimeColumn, Window
 from .certificate import certificate, certificate_lines, measure_speed, sensor_errors

@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 
 from ..errors import RunError
 from ..external.record import Record
-from ..run_directory import write_atomically
+from ..run import write_atomically
 from ..simulator.system import FloatArray
 
 FINISHED = "finished"

@@ -13,7 +13,7 @@ import numpy as np
 import xarray
 
 from ..errors import ScenarioError
-from ..run_directory import write_atomically
+from ..run import write_atomically
 from ..scenario import Scenario, SimulatorModel, settable
 from ..scenario._reduced import FORMAT
 from ..scenario.network import ReducedNumber, SimulatorError

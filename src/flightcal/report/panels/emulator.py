@@ -1,15 +1,19 @@
-"""Of what stood in for a simulator during the calibration: an emulator or a reduced model."""
+"""How the emulator was learnt, and the simulator itself beside it."""
 
 from __future__ import annotations
 
-from .. import block, tables
-from ..block import Block
-from ..run_files import RunFiles
-from ..text import count, number
+from .. import block
+from ..block import Block, section
+from ..run_files import Record, RunFiles
+from ..tables import Table
+from ..text import count, number, percent
 
 
-def emulator(run: RunFiles) -> list[Block]:
+@section("emulator", "Emulator")
+def panel(run: RunFiles) -> list[Block]:
     """How the emulator was learnt, and the simulator itself beside it."""
+    if run.emulator is None:
+        return []
     record = run.emulator or {}
     reached = record["reached"]
     blocks = [
@@ -24,7 +28,7 @@ def emulator(run: RunFiles) -> list[Block]:
             "not yet seen are covered. "
             + ("It did." if reached else "It did not: the budget of runs was spent before, and intervals are wider.")
         ),
-        block.table(tables.emulator_rounds(record)),
+        block.table(rounds(record)),
     ]
     if any(window.sizes.get("heater", 0) for window in run.windows.values()):
         blocks.append(
@@ -39,27 +43,40 @@ def emulator(run: RunFiles) -> list[Block]:
     if run.emulator_check is not None:
         check = run.emulator_check
         blocks += [
-            Block("heading", "The simulator itself at the posterior's mean and at draws"),
+            block.heading("The simulator itself at the posterior's mean and at draws"),
             block.text(
                 f"{check['runs']} runs that the emulator has not seen; {check['failed']} more failed. Over the draws "
                 f"the simulator's log density and the emulator's differ by {number(check['density_error'], 2)} "
                 "(standard deviation): to first order no mean is off by more than so many of its standard deviations."
             ),
-            block.table(tables.emulator_check(check)),
+            block.table(held_out(check)),
         ]
     return blocks
 
 
-def full_simulator(run: RunFiles) -> list[Block]:
-    """The operational simulator beside its reduced model."""
-    check = run.full_check or {}
-    return [
-        block.text(
-            "The calibration went through a reduced model. Here it is beside the operational simulator that it stands "
-            f"for, on-board software in the loop, on the training window: {count(check['flights'])} flights, at the "
-            f"posterior's mean and at draws from it ({count(check['failed'])} could not be compared). The difference "
-            "is reduced minus operational; it includes what the software does that a thermostat does not, and the "
-            "flight's own initial temperatures. A sensor whose heater cycles out of step differs by up to its band."
-        ),
-        block.table(tables.full_check(check)),
-    ]
+def rounds(record: Record) -> Table:
+    """What each round of the active learning found."""
+    rows = []
+    for r in record["rounds"]:
+        covered = r["validation"]["channels"][-1]["coverage"][-1] if r["validation"] else None
+        rows.append(
+            [count(r["number"]), count(r["runs"]), count(r["failed"]), count(r["fitted"]), count(r["samples"]),
+             count(r["shapes"]), number(r["error_share"], 2), number(r["expected_shift"], 2),
+             number(r["mean_shift"], 2), percent(covered, 0), r["verdict"]]
+        )  # fmt: skip
+    header = (
+        "round", "runs", "failed", "fitted", "samples", "shapes", "error / noise", "expected shift, sd",
+        "mean moved, sd", "new runs covered", "what goes on",
+    )  # fmt: skip
+    return Table(header, rows, range(10))
+
+
+def held_out(check: Record) -> Table:
+    """How held-out runs were predicted, by channel."""
+    rows = [
+        [c["channel"], number(c["rmse"], 2), number(c["worst"], 2), number(c["deviation"], 2),
+         number(c["standardised"], 2), *(percent(share, 0) for share in c["coverage"])]
+        for c in check["channels"]
+    ]  # fmt: skip
+    header = ("channel", "RMSE, K", "worst, K", "predicted sd, K", "error / sd", "in 50%", "in 80%", "in 95%")
+    return Table(header, rows, range(1, 8))

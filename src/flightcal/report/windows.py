@@ -1,4 +1,4 @@
-"""Telemetry and prediction in time: figures 1 to 4 and 6 of the paper."""
+"""Telemetry and predictions of a window in time, as several panels draw them."""
 
 from __future__ import annotations
 
@@ -10,19 +10,8 @@ import xarray as xr
 from numpy.typing import NDArray
 from plotly.subplots import make_subplots
 
-from ..text import METHODS
-from .style import (
-    BAND,
-    ECLIPSE,
-    METHOD_COLOURS,
-    MODEL_BAND,
-    STATUS_FILL,
-    STOCHASTIC,
-    TELEMETRY,
-    finish,
-    polygons,
-    small_titles,
-)
+from .style import ECLIPSE, METHOD_COLOURS, STATUS_FILL, STOCHASTIC, TELEMETRY, finish, small_titles
+from .text import METHODS
 from .thinning import break_lines, changes, extremes, stretches
 
 CELSIUS = -273.15
@@ -46,53 +35,30 @@ def figure_point(prediction: xr.Dataset, methods: Sequence[str], bins: int = BIN
 
     prediction: a group of prediction.nc; methods: the first is drawn solid, others dotted.
     """
-    figure, rows = _canvas(prediction, names(prediction, "channel"), names(prediction, "heater"))
+    figure, rows = window_canvas(prediction, names(prediction, "channel"), names(prediction, "heater"))
     for channel in names(prediction, "channel"):
-        _telemetry(figure, prediction, channel, rows[channel], bins)
+        draw_telemetry(figure, prediction, channel, rows[channel], bins)
         for method in methods:
             _line(figure, prediction, method, channel, rows[channel], bins, dash=_dash(method, methods))
     for heater in names(prediction, "heater"):
-        _status(figure, prediction, methods, heater, rows[heater], bins)
+        draw_status(figure, prediction, methods, heater, rows[heater], bins)
     return figure
 
 
-def figure_heater_status(prediction: xr.Dataset, methods: Sequence[str], bins: int = BINS) -> go.Figure:
-    """Heater status of several methods over that of telemetry (figure 3)."""
-    figure, rows = _canvas(prediction, [], names(prediction, "heater"))
-    for heater in names(prediction, "heater"):
-        _status(figure, prediction, methods, heater, rows[heater], bins)
-    return figure
-
-
-def figure_stochastic(prediction: xr.Dataset, bins: int = BINS) -> go.Figure:
-    """Mean and interval of the posterior's prediction, and probability that a heater is on (figure 6)."""
-    figure, rows = _canvas(prediction, names(prediction, "channel"), names(prediction, "heater"))
-    for channel in names(prediction, "channel"):
-        _stochastic(figure, prediction, channel, rows[channel], bins)
-    for heater in names(prediction, "heater"):
-        _status(figure, prediction, ["stochastic"], heater, rows[heater], bins, title="P(on)")
-    return figure
-
-
-def time_canvas(titles: Sequence[str], heights: Sequence[int]) -> tuple[go.Figure, int]:
-    """Empty plots above each other on one UTC axis, and the figure's height; heights in px."""
+def time_canvas(titles: Sequence[str], heights: Sequence[int]) -> go.Figure:
+    """Empty plots above each other on one UTC axis; heights in px."""
     rows = len(titles)
     inner = sum(heights) + GAP * (rows - 1)
     figure = make_subplots(
-        rows=rows,
-        cols=1,
-        shared_xaxes=True,
-        subplot_titles=[t.replace("_", " ") for t in titles],
-        row_heights=list(heights),
-        vertical_spacing=GAP / inner if rows > 1 else 0.0,
-    )
-    height = inner + 30 + 34 + 52
-    finish(figure, height)
+        rows=rows, cols=1, shared_xaxes=True, subplot_titles=[t.replace("_", " ") for t in titles],
+        row_heights=list(heights), vertical_spacing=GAP / inner if rows > 1 else 0.0,
+    )  # fmt: skip
+    finish(figure, inner + 30 + 34 + 52)
     small_titles(figure, left=True)
     figure.update_xaxes(type="date")
     figure.update_xaxes(title_text="time, UTC", row=rows)
     figure.update_layout(hovermode="x unified")
-    return figure, height
+    return figure
 
 
 def shade_eclipse(figure: go.Figure, prediction: xr.Dataset, rows: int) -> None:
@@ -104,23 +70,14 @@ def shade_eclipse(figure: go.Figure, prediction: xr.Dataset, rows: int) -> None:
     whole = len(dark_stretches) * rows > MOST_SHAPES
     shapes = [
         {
-            "type": "rect",
-            "xref": "x",
-            "yref": "paper" if whole else f"y{row if row > 1 else ''} domain",
-            "x0": _iso(time[start]),
-            "x1": _iso(time[end]),
-            "y0": 0,
-            "y1": 1,
-            "fillcolor": ECLIPSE,
-            "line": {"width": 0},
-            "layer": "below",
-            "name": "eclipse",
-            "legendgroup": "eclipse",
+            "type": "rect", "xref": "x", "yref": "paper" if whole else f"y{row if row > 1 else ''} domain",
+            "x0": _iso(time[start]), "x1": _iso(time[end]), "y0": 0, "y1": 1, "fillcolor": ECLIPSE,
+            "line": {"width": 0}, "layer": "below", "name": "eclipse", "legendgroup": "eclipse",
             "showlegend": number == 0 and row == 1,
         }
         for number, (start, end) in enumerate(dark_stretches)
         for row in range(1, 2 if whole else rows + 1)
-    ]
+    ]  # fmt: skip
     # Not update_layout: it would merge these into the shapes that are there, one by one.
     figure.layout.shapes = [*figure.layout.shapes, *shapes]
 
@@ -129,35 +86,34 @@ def _iso(time: np.datetime64) -> str:
     return str(np.datetime_as_string(time, unit="ms"))
 
 
-def _canvas(prediction: xr.Dataset, channels: list[str], heaters: list[str]) -> tuple[go.Figure, Rows]:
+def window_canvas(prediction: xr.Dataset, channels: list[str], heaters: list[str]) -> tuple[go.Figure, Rows]:
     """Plots for channels and, beneath, heaters, with eclipses; and their rows."""
     plots = [*channels, *heaters]
-    figure, _ = time_canvas(plots, [CHANNEL_HEIGHT] * len(channels) + [HEATER_HEIGHT] * len(heaters))
+    figure = time_canvas(plots, [CHANNEL_HEIGHT] * len(channels) + [HEATER_HEIGHT] * len(heaters))
     for row in range(1, len(channels) + 1):
         figure.update_yaxes(title_text="temperature, °C", row=row)
     shade_eclipse(figure, prediction, len(plots))
     return figure, {name: row for row, name in enumerate(plots, start=1)}
 
 
-def _column(prediction: xr.Dataset, variable: str, channel: str, method: str | None = None) -> NDArray[np.float64]:
+def column(prediction: xr.Dataset, variable: str, channel: str, method: str | None = None) -> NDArray[np.float64]:
     """A variable of one channel in degC, [T]."""
     # A selector as a dictionary: `method` as a keyword of `sel` means something else.
     selector = {"channel": channel} | ({"method": method} if method else {})
     return np.asarray(prediction[variable].sel(selector).values, float) + CELSIUS
 
 
-def _scatter(figure: go.Figure, row: int, x: NDArray, y: NDArray, name: str, **more: object) -> None:
+def scatter(figure: go.Figure, row: int, x: NDArray, y: NDArray, name: str, **more: object) -> None:
     """Adds a trace whose legend entry stands once for all rows."""
-    shown = any(t.legendgroup == name and t.showlegend is not False for t in figure.data)
-    show = bool(more.pop("legend", True)) and not shown
-    figure.add_trace(
-        go.Scatter(x=x, y=y.astype(np.float32), name=name, legendgroup=name, showlegend=show, **more), row=row, col=1
+    first = not any(t.legendgroup == name and t.showlegend is not False for t in figure.data)
+    figure.add_scatter(
+        x=x, y=y.astype(np.float32), name=name, legendgroup=name, showlegend=first, row=row, col=1, **more
     )
 
 
-def _telemetry(figure: go.Figure, prediction: xr.Dataset, channel: str, row: int, bins: int) -> None:
+def draw_telemetry(figure: go.Figure, prediction: xr.Dataset, channel: str, row: int, bins: int) -> None:
     """Telemetry as dots; samples that are not scored as open ones."""
-    observed = _column(prediction, "observed", channel)
+    observed = column(prediction, "observed", channel)
     scored = prediction["scored"].values.astype(bool)
     time = prediction["time"].values
     for name, part, symbol in (("telemetry", scored, "circle"), ("telemetry, not scored", ~scored, "circle-open")):
@@ -165,7 +121,7 @@ def _telemetry(figure: go.Figure, prediction: xr.Dataset, channel: str, row: int
         if not chosen.size:
             continue
         chosen = chosen[extremes([observed[chosen]], 3 * bins)]
-        _scatter(
+        scatter(
             figure, row, time[chosen], observed[chosen], name, mode="markers",
             marker={"color": TELEMETRY, "size": 3.5, "symbol": symbol, "line": {"width": 1}},
             hovertemplate="%{y:.2f} °C",
@@ -180,58 +136,24 @@ def _dash(method: str, methods: Sequence[str]) -> str:
 def _line(
     figure: go.Figure, prediction: xr.Dataset, method: str, channel: str, row: int, bins: int, dash: str = "solid"
 ) -> None:
-    mean = _column(prediction, "mean", channel, method)
+    mean = column(prediction, "mean", channel, method)
     time, (mean,) = break_lines(prediction["time"].values, extremes([mean], 3 * bins), [mean])
-    _scatter(
+    scatter(
         figure, row, time, mean, METHODS.get(method, method), mode="lines", hovertemplate="%{y:.2f} °C",
         line={"color": METHOD_COLOURS.get(method, STOCHASTIC), "width": 1.8, "dash": dash},
     )  # fmt: skip
 
 
-def _stochastic(figure: go.Figure, prediction: xr.Dataset, channel: str, row: int, bins: int) -> None:
-    """Interval with noise, interval of the model alone, telemetry, and mean of the stochastic prediction."""
-    share = f"{100 * float(prediction.attrs.get('interval', 0.95)):g}%"
-    columns = [
-        _column(prediction, "mean", channel, "stochastic"),
-        _column(prediction, "lower", channel, "stochastic"),
-        _column(prediction, "upper", channel, "stochastic"),
-        _column(prediction, "model_lower", channel),
-        _column(prediction, "model_upper", channel),
-    ]
-    indices = extremes(columns[:3], bins)
-    time, (mean, lower, upper, model_lower, model_upper) = break_lines(prediction["time"].values, indices, columns)
-    for name, low, high, colour in (
-        (f"{share} interval", lower, upper, BAND),
-        (f"{share} of the model, without noise", model_lower, model_upper, MODEL_BAND),
-    ):
-        x, y = polygons(time, low, high)
-        _scatter(
-            figure, row, x, y, name,
-            mode="lines", line={"width": 0}, fill="toself", fillcolor=colour, hoverinfo="skip",
-        )  # fmt: skip
-    _telemetry(figure, prediction, channel, row, bins)
-    _scatter(
-        figure, row, time, mean, "stochastic mean", mode="lines", line={"color": STOCHASTIC, "width": 1.8},
-        customdata=np.stack([lower, upper], axis=1).astype(np.float32),
-        hovertemplate="%{y:.2f} °C (%{customdata[0]:.2f} to %{customdata[1]:.2f})",
-    )  # fmt: skip
-
-
-def _status(
-    figure: go.Figure,
-    prediction: xr.Dataset,
-    methods: Sequence[str],
-    heater: str,
-    row: int,
-    bins: int,
+def draw_status(
+    figure: go.Figure, prediction: xr.Dataset, methods: Sequence[str], heater: str, row: int, bins: int,
     title: str = "status",
-) -> None:
+) -> None:  # fmt: skip
     """Status of telemetry as an area, of methods as step lines; for the posterior the probability of on."""
     time = prediction["time"].values
     observed = np.asarray(prediction["observed_status"].sel(heater=heater).values, float)
     on = np.array(stretches(observed > 0.5, time), int).reshape(-1, 2)
     x, y = time[on][:, [0, 0, 1, 1, 1]].ravel(), np.tile([0.0, 1.0, 1.0, 0.0, np.nan], len(on))
-    _scatter(
+    scatter(
         figure, row, x, y, "heater on in telemetry", mode="lines", line={"width": 0},
         fill="toself", fillcolor=STATUS_FILL, hoverinfo="skip",
     )  # fmt: skip
@@ -241,7 +163,7 @@ def _status(
         drawn = drawn if drawn.size <= 6 * bins else extremes([status], 3 * bins)
         x, (y,) = break_lines(time, drawn, [status])
         name = "probability of on (posterior)" if method == "stochastic" else METHODS.get(method, method)
-        _scatter(
+        scatter(
             figure, row, x, y, name, mode="lines",
             line={
                 "color": METHOD_COLOURS.get(method, STOCHASTIC), "width": 1.8, "shape": "hv",

@@ -2,25 +2,77 @@
 
 from __future__ import annotations
 
+import math
+
 import numpy as np
 import plotly.graph_objects as go
 import xarray as xr
-from plotly.subplots import make_subplots
 
 from flightcal.validation import (
     Coverage,
+    Uniformity,
     chance_band,
     coverage_by_hour,
     coverage_by_phase,
     effective_samples,
     probability_integral_transform,
+    uniformity,
 )
+from flightcal.validation.residuals import SIGNIFICANCE
 
-from .style import LINE, STATUS_FILL, STOCHASTIC, finish, small_titles
-from .windows import names
+from .. import block
+from ..block import Block, section
+from ..run_files import RunFiles, has_prediction
+from ..style import LINE, STATUS_FILL, STOCHASTIC, finish, plots, small_titles
+from ..tables import Cell, Table
+from ..text import chance, count, number
+from ..windows import names
 
 ROW_HEIGHT = 150
 BINS = 10
+
+
+@section("reliability", "Reliability")
+def panel(run: RunFiles) -> list[Block]:
+    """Whether intervals hold what they promise."""
+    windows = {name: window for name, window in run.windows.items() if has_prediction(window, "stochastic")}
+    if not windows:
+        return [block.note("There is no stochastic prediction in this run, so no reliability of one.")]
+    if not all("probability_below" in window for window in windows.values()):
+        return [block.note("An earlier version of flightcal predicted this run; it did not keep what this asks for.")]
+    blocks = [
+        block.table(transforms({name: uniformity(window) for name, window in windows.items()})),
+        block.text(
+            "The transform of a sample is the share of the prediction's draws that are of a lower temperature: "
+            "predictions that are right make it uniform, ones that are too narrow pile it up at 0 "
+            "and 1, ones that are too wide in the middle, biased ones at one end. The test is that of Kolmogorov and "
+            "Smirnov for as many independent samples as these are worth; bands of chance use the same number. An "
+            "average coverage may be right while parts of the orbit or of the forecast are not covered."
+        ),
+    ]
+    for name, window in windows.items():
+        caption = (
+            f"Reliability in the window “{name}”: probability integral transform, and share of telemetry inside the "
+            "interval by place in the orbit and by hour of the forecast. Grey: what 95% of the values would be by "
+            "chance where the interval is right; dotted: the interval's probability."
+        )
+        blocks.append(block.figure(figure_reliability(window), caption, wide=True))
+    return blocks
+
+
+def transforms(found: dict[str, list[Uniformity]]) -> Table:
+    """Whether the probability integral transform is uniform, by window and channel."""
+    rows = []
+    for window, of_window in found.items():
+        for u in of_window:
+            uniform = "– unknown" if math.isnan(u.p_value) else "✓ uniform"
+            verdict = Cell("✕ not uniform", "bad") if u.p_value < SIGNIFICANCE else Cell(uniform, "good")
+            rows.append(
+                [window, u.channel, verdict, chance(u.p_value), number(u.distance, 2),
+                 f"{count(u.effective)}\nof {count(u.samples)}"]
+            )  # fmt: skip
+    header = ("window", "channel", "transform", "Kolmogorov-Smirnov", "distance", "effective number")
+    return Table(header, rows, range(3, 6))
 
 
 def figure_reliability(prediction: xr.Dataset) -> go.Figure:
@@ -29,12 +81,8 @@ def figure_reliability(prediction: xr.Dataset) -> go.Figure:
     prediction: a group of prediction.nc. Grey: what 95% of the values would be where the intervals are right.
     """
     channels = names(prediction, "channel")
-    rows, gap = len(channels), 60
-    inner = rows * ROW_HEIGHT + (rows - 1) * gap
     titles = [title for channel in channels for title in (channel.replace("_", " "), "by place", "by hour")]
-    figure = make_subplots(
-        rows, 3, subplot_titles=titles, horizontal_spacing=0.09, vertical_spacing=gap / inner if rows > 1 else 0.0
-    )
+    figure, height = plots(titles, 3, ROW_HEIGHT, horizontal_spacing=0.09)
     time = prediction["time"].values
     transforms = probability_integral_transform(prediction)
     parts = [coverage_by_phase(prediction), coverage_by_hour(prediction)]
@@ -49,12 +97,12 @@ def figure_reliability(prediction: xr.Dataset) -> go.Figure:
         figure.update_yaxes(title_text="density, –", nticks=5, row=row, col=1)
         for column in (2, 3):
             figure.update_yaxes(title_text="coverage, –", range=[lowest, 1.01], nticks=5, row=row, col=column)
-    finish(figure, inner + 34 + 30 + 52)
+    finish(figure, height)
     small_titles(figure)
     figure.update_xaxes(range=[0, 1], col=1)
-    figure.update_xaxes(title_text="predicted probability of less, –", row=rows, col=1)
-    figure.update_xaxes(title_text="place in the orbit, –", row=rows, col=2)
-    figure.update_xaxes(title_text="forecast, h", row=rows, col=3)
+    figure.update_xaxes(title_text="predicted probability of less, –", row=len(channels), col=1)
+    figure.update_xaxes(title_text="place in the orbit, –", row=len(channels), col=2)
+    figure.update_xaxes(title_text="forecast, h", row=len(channels), col=3)
     return figure
 
 

@@ -6,7 +6,6 @@ unchanged is not run again, which is what makes a run resumable.
 
 from __future__ import annotations
 
-import dataclasses
 import hashlib
 import json
 import os
@@ -20,19 +19,18 @@ from datetime import UTC, datetime
 from importlib import metadata
 from pathlib import Path
 from time import perf_counter
-from typing import Any, Final
+from typing import Any
 
-import numpy as np
 import xarray
 
-from .errors import RunError
+from ..errors import RunError
+from .records import ENGINE, read_dataset, read_tree
 
 _PACKAGES = ("flightcal", "jax", "numba", "numpy", "nutpie", "pymoo", "scipy", "xarray", "pyerfa", "sgp4")
-_ENGINE: Final = "h5netcdf"
 
 
 @dataclass(frozen=True)
-class RunDirectory:
+class Run:
     """A run's folder. `identity` is the hash of the scenario (method settings apart) and of its input files."""
 
     path: Path
@@ -83,20 +81,18 @@ class RunDirectory:
 
     def write_netcdf(self, name: str, data: xarray.Dataset | xarray.DataTree) -> None:
         """Write a dataset or a tree of them atomically."""
-        write_atomically(self.file(name), lambda path: data.to_netcdf(str(path), engine=_ENGINE))
+        write_atomically(self.file(name), lambda path: data.to_netcdf(str(path), engine=ENGINE))
 
     def read_dataset(self, name: str) -> xarray.Dataset:
         """A dataset of the run, in memory."""
-        with xarray.open_dataset(self.file(name), engine=_ENGINE) as data:
-            return data.load()
+        return read_dataset(self.file(name))
 
     def read_tree(self, name: str) -> xarray.DataTree:
         """A tree of datasets of the run, in memory."""
-        with xarray.open_datatree(self.file(name), engine=_ENGINE) as tree:
-            return tree.load()
+        return read_tree(self.file(name))
 
 
-def open_run(path: Path, identity: str, scenario_text: str, inputs: Mapping[str, str], seed: int) -> RunDirectory:
+def open_run(path: Path, identity: str, scenario_text: str, inputs: Mapping[str, str], seed: int) -> Run:
     """Create the folder, or reopen it when it belongs to the same scenario and inputs.
 
     Raises RunError for a folder that holds another scenario's run, or something that is not a run at all.
@@ -113,7 +109,7 @@ def open_run(path: Path, identity: str, scenario_text: str, inputs: Mapping[str,
                 f"(found {found[:12]}, expected {identity[:12]}); choose another --out, or delete the folder"
             )
     path.mkdir(parents=True, exist_ok=True)
-    run = RunDirectory(path, identity)
+    run = Run(path, identity)
     provenance = read_provenance(path)
     run.write_text("scenario.yaml", scenario_text)
     run.write_json(
@@ -171,25 +167,6 @@ def write_atomically(target: Path, write: Callable[[Path], Any]) -> None:
         os.replace(temporary, target)
     finally:
         temporary.unlink(missing_ok=True)
-
-
-def plain(value: Any) -> Any:
-    """Dataclasses, NumPy values and times as JSON knows them; NaN as null."""
-    if dataclasses.is_dataclass(value) and not isinstance(value, type):
-        return {field.name: plain(getattr(value, field.name)) for field in dataclasses.fields(value)}
-    if isinstance(value, dict):
-        return {key: plain(item) for key, item in value.items()}
-    if isinstance(value, (list, tuple)):
-        return [plain(item) for item in value]
-    if isinstance(value, np.datetime64):
-        return str(value.astype("datetime64[s]"))
-    if isinstance(value, np.ndarray):
-        return plain(value.tolist())
-    if isinstance(value, np.generic):
-        value = value.item()
-    if isinstance(value, float) and not np.isfinite(value):
-        return None
-    return value
 
 
 def _version(package: str) -> str:

@@ -1,10 +1,13 @@
 import json
+from dataclasses import dataclass
+from functools import partial
 
+import numpy as np
 import pytest
 import xarray
 
 from flightcal.errors import RunError
-from flightcal.run_directory import open_run, read_provenance
+from flightcal.run import open_run, plain, read_dataset, read_provenance, read_records, read_tree, typed
 
 
 def opened(path, identity="a"):
@@ -88,3 +91,40 @@ def test_datasets_and_trees_come_back_as_written(tmp_path):
     run.write_netcdf("b.nc", xarray.DataTree.from_dict({"train": data}))
     xarray.testing.assert_identical(run.read_dataset("a.nc"), data)
     xarray.testing.assert_identical(run.read_tree("b.nc")["train"].to_dataset(), data)
+
+
+@dataclass(frozen=True)
+class Part:
+    name: str
+    values: tuple[float, ...]
+
+
+@dataclass(frozen=True)
+class Whole:
+    first: np.datetime64 | None
+    share: float
+    limit: float | None
+    parts: tuple[Part, ...]
+    note: str = ""
+
+
+def test_a_dataclass_comes_back_as_written(tmp_path):
+    run = opened(tmp_path / "run")
+    record = Whole(np.datetime64("2024-03-01T00:00:00"), np.nan, None, (Part("a", (1.0, 2.0)), Part("b", ())))
+    run.write_json("records.json", [plain(record) | {"of a later version": 1}])
+    assert repr(read_records(run.file("records.json"), partial(typed, Whole))) == repr([record])
+
+
+def test_a_record_that_lacks_a_field_is_named(tmp_path):
+    file = tmp_path / "records.json"
+    for content, words in (('[{"name": "a"}]', "no field 'values'"), ("[1]", "not as expected"), ("{", "not JSON")):
+        file.write_text(content)
+        with pytest.raises(RunError, match=rf"records\.json: .*{words}"):
+            read_records(file, partial(typed, Part))
+
+
+@pytest.mark.parametrize("read", [read_dataset, read_tree])
+def test_a_damaged_netcdf_file_is_named(tmp_path, read):
+    (tmp_path / "a.nc").write_text("{")
+    with pytest.raises(RunError, match=r"a\.nc: not a netCDF file"):
+        read(tmp_path / "a.nc")

@@ -2,11 +2,13 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from typing import Any
 
 import numpy as np
 import plotly.graph_objects as go
 from numpy.typing import NDArray
+from plotly.subplots import make_subplots
 
 # Okabe & Ito (2008), Color Universal Design, darkened where a thin line on white needs it.
 TELEMETRY = "#262626"
@@ -106,6 +108,15 @@ def finish(figure: go.Figure, height: int, *, legend: bool = True, top: int = 30
         modebar={"orientation": "v"},
     )
     return figure
+
+
+def plots(titles: Sequence[str], columns: int, row_height: int, *, gap: int = 60, **more: Any) -> tuple[go.Figure, int]:
+    """Empty plots in rows of `columns`, and the height of the figure; heights and gaps in px."""
+    rows = -(-len(titles) // columns)
+    inner = rows * row_height + (rows - 1) * gap
+    spacing = gap / inner if rows > 1 else 0.0
+    figure = make_subplots(rows, columns, subplot_titles=list(titles), vertical_spacing=spacing, **more)
+    return figure, inner + 34 + 30 + 52
 
 
 def small_titles(figure: go.Figure, *, left: bool = False) -> None:

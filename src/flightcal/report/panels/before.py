@@ -1,0 +1,51 @@
+"""The window before calibration: figures 1 to 3 of the paper."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import plotly.graph_objects as go
+import xarray as xr
+
+from .. import block
+from ..block import Block, section
+from ..run_files import RunFiles, bins, has_prediction
+from ..windows import BINS, draw_status, figure_point, names, window_canvas
+
+
+@section("before", "Before calibration")
+def panel(run: RunFiles) -> list[Block]:
+    """Figures 1 to 3: before calibration."""
+    if not run.windows:
+        return [block.note("There is no prediction in this run (prediction.nc): figures 1 to 4 and 6 are missing.")]
+    name, window = next(iter(run.windows.items()))
+    blocks = []
+    for figure, method, words in (
+        (1, "uncalibrated", "Uncalibrated: every parameter at its prior's median"),
+        (2, "poorly_calibrated", "Poorly calibrated: best of the genetic algorithm's first generation"),
+    ):
+        if has_prediction(window, method):
+            caption = f"Figure {figure}. {words}, against telemetry of the window “{name}”."
+            if "eclipse" in window and (window["eclipse"] < 0.5).any():
+                caption += " Eclipses are shaded."
+            if figure == 1 and window.sizes["time"] > 6 * bins(run):
+                caption += " Of a long series like this one, every figure shows the extremes of each stretch."
+            blocks.append(block.figure(figure_point(window, [method], bins(run)), caption))
+        else:
+            blocks.append(block.note(f"Figure {figure}: the prediction has no method “{method}”."))
+    methods = [m for m in ("uncalibrated", "poorly_calibrated") if has_prediction(window, m)]
+    if window.sizes.get("heater", 0) and methods:
+        caption = f"Figure 3. Heater status of both against telemetry (grey area: on) in the window “{name}”."
+        blocks.append(block.figure(figure_heater_status(window, methods, bins(run)), caption))
+    else:
+        why = "neither was simulated" if window.sizes.get("heater", 0) else "the scenario has no heaters"
+        blocks.append(block.note(f"Figure 3: {why}."))
+    return blocks
+
+
+def figure_heater_status(prediction: xr.Dataset, methods: Sequence[str], bins: int = BINS) -> go.Figure:
+    """Heater status of several methods over that of telemetry (figure 3)."""
+    figure, rows = window_canvas(prediction, [], names(prediction, "heater"))
+    for heater in names(prediction, "heater"):
+        draw_status(figure, prediction, methods, heater, rows[heater], bins)
+    return figure

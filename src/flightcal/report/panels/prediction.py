@@ -1,0 +1,78 @@
+"""Mean and interval of the stochastic update: figure 6 of the paper."""
+
+from __future__ import annotations
+
+import numpy as np
+import plotly.graph_objects as go
+import xarray as xr
+
+from flightcal.scenario.schema import is_trained
+
+from .. import block
+from ..block import Block, section
+from ..run_files import RunFiles, bins, has_prediction
+from ..style import BAND, MODEL_BAND, STOCHASTIC, polygons
+from ..text import letter
+from ..thinning import break_lines, extremes
+from ..windows import BINS, column, draw_status, draw_telemetry, names, scatter, window_canvas
+
+
+@section("prediction", "Prediction with interval")
+def panel(run: RunFiles) -> list[Block]:
+    """Figure 6: mean and interval of the stochastic update."""
+    order = run.test_windows | {n: w for n, w in run.windows.items() if is_trained(n)}
+    blocks = []
+    for i, (name, window) in enumerate(order.items()):
+        if not has_prediction(window, "stochastic"):
+            continue
+        attributes = [
+            f"{words}: {window.attrs[key]}."
+            for key, words in (("interval_contains", "The interval contains"), ("initial_state", "Initial state"))
+            if window.attrs.get(key)
+        ]
+        beneath = "; beneath, the probability that each heater is on" if window.sizes.get("heater", 0) else ""
+        caption = (
+            f"Figure 6{letter(i, order)}. Mean and interval of the posterior's prediction against telemetry of the "
+            f"window “{name}”{beneath}. {' '.join(attributes)}"
+        )
+        blocks.append(block.figure(figure_stochastic(window, bins(run)), caption))
+    return blocks or [block.note("Figure 6: there is no stochastic prediction in this run.")]
+
+
+def figure_stochastic(prediction: xr.Dataset, bins: int = BINS) -> go.Figure:
+    """Mean and interval of the posterior's prediction, and probability that a heater is on (figure 6)."""
+    figure, rows = window_canvas(prediction, names(prediction, "channel"), names(prediction, "heater"))
+    for channel in names(prediction, "channel"):
+        _stochastic(figure, prediction, channel, rows[channel], bins)
+    for heater in names(prediction, "heater"):
+        draw_status(figure, prediction, ["stochastic"], heater, rows[heater], bins, title="P(on)")
+    return figure
+
+
+def _stochastic(figure: go.Figure, prediction: xr.Dataset, channel: str, row: int, bins: int) -> None:
+    """Interval with noise, interval of the model alone, telemetry, and mean of the stochastic prediction."""
+    share = f"{100 * float(prediction.attrs.get('interval', 0.95)):g}%"
+    columns = [
+        column(prediction, "mean", channel, "stochastic"),
+        column(prediction, "lower", channel, "stochastic"),
+        column(prediction, "upper", channel, "stochastic"),
+        column(prediction, "model_lower", channel),
+        column(prediction, "model_upper", channel),
+    ]
+    indices = extremes(columns[:3], bins)
+    time, (mean, lower, upper, model_lower, model_upper) = break_lines(prediction["time"].values, indices, columns)
+    for name, low, high, colour in (
+        (f"{share} interval", lower, upper, BAND),
+        (f"{share} of the model, without noise", model_lower, model_upper, MODEL_BAND),
+    ):
+        x, y = polygons(time, low, high)
+        scatter(
+            figure, row, x, y, name,
+            mode="lines", line={"width": 0}, fill="toself", fillcolor=colour, hoverinfo="skip",
+        )  # fmt: skip
+    draw_telemetry(figure, prediction, channel, row, bins)
+    scatter(
+        figure, row, time, mean, "stochastic mean", mode="lines", line={"color": STOCHASTIC, "width": 1.8},
+        customdata=np.stack([lower, upper], axis=1).astype(np.float32),
+        hovertemplate="%{y:.2f} °C (%{customdata[0]:.2f} to %{customdata[1]:.2f})",
+    )  # fmt: skip

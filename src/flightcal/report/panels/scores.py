@@ -1,0 +1,113 @@
+"""Scores of the methods: the two side by side, by channel, and every one in full."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+
+from flightcal.validation import Metric, comparison_table
+
+from .. import block
+from ..block import Block, section
+from ..run_files import RunFiles
+from ..tables import Cell, Table
+from ..text import METHODS, SHORT_METHODS, number, percent
+
+
+@section("scores", "Scores")
+def panel(run: RunFiles) -> list[Block]:
+    """Scores of the two methods, side by side and in full."""
+    if not run.metrics:
+        return [block.note("There are no scores in this run (metrics.json).")]
+    return [
+        block.text(
+            "Genetic algorithm (GA, mean of its runs as published) against the stochastic update (posterior mean), "
+            "over all channels. A ratio below one (↓) says that the stochastic one is better. The paper's ratios are "
+            "0.1014/0.1346 = 0.753 for RMSE and 0.054/0.061 = 0.885 for MAPE; its temperatures are masked, so that "
+            "only ratios compare. A mean of runs can leave the ridge of good fits, so the best run stands beside it."
+        ),
+        block.table(comparison(run.metrics), "There is no pair of methods to compare."),
+        block.heading("By window and channel"),
+        block.table(by_channel(run.metrics)),
+        block.folded("Every score of every method", all_scores(run.metrics)),
+        block.text(
+            "Only samples that were not used for the initial state count. PICP: share of telemetry inside the 95% "
+            "interval; MPIW: mean width of that interval; CRPS: continuous ranked probability score, for a point "
+            "method its mean absolute error. MAPE in °C is undefined (–) where telemetry comes within 1 °C of 0 °C."
+        ),
+    ]
+
+
+def comparison(metrics: Sequence[Metric]) -> Table:
+    """Genetic against stochastic over all channels, the paper's ratios and the best genetic run beside."""
+    names = {"rmse": "RMSE, K", "mape_kelvin": "MAPE, % of kelvin", "mape_celsius": "MAPE, % of °C", "crps": "CRPS, K"}
+    best = {(m.window, m.metric): m.value for m in metrics if (m.method, m.channel) == ("genetic_best", "all")}
+    rows = []
+    for row in (r for r in comparison_table(metrics) if r.channel == "all"):
+        ratio: str = "–"
+        if row.ratio is not None:
+            mark, state = ("↓", "good") if row.ratio < 1 else ("↑", "warn")
+            ratio = Cell(f"{number(row.ratio, 3)} {mark}", state)
+        of_best = best.get((row.window, row.metric))
+        to_best = row.stochastic / of_best if of_best and row.stochastic is not None else None
+        note = f"\n{row.note.replace('degC', '°C')}" if row.note else ""
+        rows.append(
+            [row.window, names[row.metric] + note, number(row.genetic), number(row.stochastic),
+             ratio, number(row.published, 3), number(of_best), number(to_best, 3)]
+        )  # fmt: skip
+    header = (
+        "window", "score", "GA mean", "stochastic", "stoch. / GA mean", "same in the paper", "GA best",
+        "stoch. / GA best",
+    )  # fmt: skip
+    return Table(header, rows, range(2, 8))
+
+
+def by_channel(metrics: Sequence[Metric]) -> Table:
+    """Temperature scores with a row for each window and channel, all channels first: methods beside each other."""
+    found = {(m.window, m.channel, m.method, m.metric): m.value for m in metrics}
+    methods = list(dict.fromkeys(m.method for m in metrics if m.metric == "rmse"))
+    rows = []
+    for place in _places(metrics):
+
+        def value(method: str, metric: str, place: tuple[str, str] = place) -> float | None:
+            return found.get((*place, method, metric))
+
+        def pair(metric: str, value: Callable[[str, str], float | None] = value) -> str:
+            return f"{number(value('genetic', metric), 3)} / {number(value('stochastic', metric), 3)}"
+
+        genetic, stochastic = value("genetic", "rmse"), value("stochastic", "rmse")
+        ratio = stochastic / genetic if genetic and stochastic is not None else None
+        rows.append(
+            [*place, *(number(value(method, "rmse"), 3) for method in methods), number(ratio, 3),
+             percent(value("stochastic", "picp")), number(value("stochastic", "mpiw"), 3), pair("crps"),
+             pair("mape_kelvin"), pair("mape_celsius")]
+        )  # fmt: skip
+    header = (
+        "window", "channel", *(SHORT_METHODS.get(method, method) for method in methods), "stoch. / GA mean",
+        "PICP", "MPIW, K", "CRPS, K", "MAPE, % of K", "MAPE, % of °C",
+    )  # fmt: skip
+    groups = (("", 2), ("RMSE, K", len(methods) + 1), ("95% interval", 2), ("GA mean / stochastic", 3))
+    return Table(header, rows, range(2, len(header)), groups)
+
+
+def _places(metrics: Sequence[Metric]) -> list[tuple[str, str]]:
+    """Windows and channels with temperature scores, all channels first."""
+    places = dict.fromkeys((m.window, m.channel) for m in metrics if m.metric == "rmse")
+    windows = list(dict.fromkeys(window for window, _ in places))
+    return sorted(places, key=lambda place: (windows.index(place[0]), place[1] != "all"))
+
+
+def all_scores(metrics: Sequence[Metric]) -> Table:
+    """Every temperature score: a row for each window, channel and method."""
+    names = ("rmse", "mape_kelvin", "mape_celsius", "crps", "picp", "mpiw")
+    found = {(m.window, m.channel, m.method, m.metric): m.value for m in metrics}
+    methods = list(dict.fromkeys(m.method for m in metrics))
+    rows = [
+        [*place, METHODS.get(method, method), *(number(found.get((*place, method, name))) for name in names)]
+        for place in _places(metrics)
+        for method in methods
+        if (*place, method, "rmse") in found
+    ]
+    header = (
+        "window", "channel", "method", "RMSE, K", "MAPE, % of K", "MAPE, % of °C", "CRPS, K", "PICP, share", "MPIW, K",
+    )  # fmt: skip
+    return Table(header, rows, range(3, 9))
