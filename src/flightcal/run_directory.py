@@ -27,7 +27,7 @@ import xarray
 
 from .errors import RunError
 
-_PACKAGES = ("flightcal", "jax", "numba", "numpy", "nutpie", "pymoo", "scipy", "xarray", "pyerfa", "sgp4")
+_PACKAGES = ("flightcal", "numba", "numpy", "nutpie", "scipy", "xarray", "pyerfa", "sgp4")
 _ENGINE: Final = "h5netcdf"
 
 

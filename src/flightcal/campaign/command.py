@@ -47,6 +47,8 @@ def run_scenario_campaign(
     kind, seed, around, spread: see `make_design`; seed None: the scenario's. say: told in words what is done.
     Raises FlightcalError for what is the user's to mend, also where no run at all finished.
     """
+    if scheduler is not None:
+        require("distributed", "cluster", "--scheduler")
     scenario = load_scenario(scenario_file, telemetry=telemetry)
     period = orbital_period(scenario.environment, scenario.folder)
     data = read_telemetry(scenario.telemetry, scenario.folder, period=period)
@@ -81,7 +83,6 @@ def run_scenario_campaign(
 def _runner(workers: int, scheduler: str | None) -> AbstractContextManager[Runner]:
     if scheduler is None:
         return nullcontext(Here(workers))
-    require("distributed", "cluster", "--scheduler")
     from .cluster import remote_cluster
 
     return remote_cluster(scheduler)
