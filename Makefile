@@ -3,7 +3,9 @@ PYTHON ?= $(shell for python in python3 python3.13 python3.12 python3.11; do \
 	"$$python" -c 'import sys, venv, ensurepip; sys.exit(sys.version_info < (3, 11))' 2>/dev/null && echo $$python && break; done)
 VENV := .venv
 BIN := $(VENV)/bin
+# The default install alone, and what working on flightcal needs besides.
 INSTALLED := $(VENV)/installed
+INSTALLED_DEV := $(VENV)/installed-dev
 RUN ?= runs/leo_observer
 
 .PHONY: demo test test-slow bench lint format chromium clean
@@ -11,23 +13,23 @@ RUN ?= runs/leo_observer
 demo: $(INSTALLED)
 	$(BIN)/flightcal demo --out $(RUN)
 
-test: $(INSTALLED)
+test: $(INSTALLED_DEV)
 	$(BIN)/pytest -n 2 -m "not slow"
 
-test-slow: $(INSTALLED)
+test-slow: $(INSTALLED_DEV)
 	$(BIN)/pytest -n 2 -m slow
 
 # Side by side with peers, which it installs; writes docs/benchmarks.md. Takes half an hour.
-bench: $(INSTALLED)
+bench: $(INSTALLED_DEV)
 	$(BIN)/python -m pip install --quiet --editable ".[bench]"
 	$(BIN)/python -m benchmarks
 
-lint: $(INSTALLED)
+lint: $(INSTALLED_DEV)
 	$(BIN)/ruff check .
 	$(BIN)/ruff format --check .
 	$(BIN)/mypy
 
-format: $(INSTALLED)
+format: $(INSTALLED_DEV)
 	$(BIN)/ruff check --fix .
 	$(BIN)/ruff format .
 
@@ -39,6 +41,10 @@ $(INSTALLED): pyproject.toml
 	@test -n "$(PYTHON)" || { echo "flightcal needs Python 3.11 or newer with venv: none of python3, python3.11 to python3.13 is; name one with make PYTHON=..."; exit 1; }
 	$(PYTHON) -m venv $(VENV)
 	$(BIN)/python -m pip install --quiet --upgrade pip
+	$(BIN)/python -m pip install --quiet --editable .
+	@touch $@
+
+$(INSTALLED_DEV): $(INSTALLED)
 	$(BIN)/python -m pip install --quiet --editable ".[dev]"
 	@touch $@
 

@@ -11,7 +11,7 @@ from datetime import UTC, datetime
 from importlib import metadata
 from pathlib import Path
 
-PACKAGES = ("flightcal", "numba", "jax", "diffrax", "numpyro", "nutpie", "emcee", "scipy", "numpy", "pymoo")
+PACKAGES = ("flightcal", "numba", "jax", "diffrax", "numpyro", "nutpie", "emcee", "scipy", "numpy")
 
 
 @dataclass(frozen=True)

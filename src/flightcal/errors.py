@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from importlib.util import find_spec
+
 
 class FlightcalError(Exception):
     """Something in the user's input or run is wrong; the message names place, what was found and what was expected."""
@@ -21,3 +23,9 @@ class OrbitError(FlightcalError):
 
 class RunError(FlightcalError):
     """A run directory is not what the command needs."""
+
+
+def require(module: str, extra: str, what: str) -> None:
+    """Raise FlightcalError where a module that `what` needs is not installed; extra: what installs it."""
+    if find_spec(module) is None:
+        raise FlightcalError(f"{what}: found no package '{module}', which it needs: pip install \"flightcal[{extra}]\"")

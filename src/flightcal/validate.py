@@ -7,13 +7,10 @@ calibrates that. A repeat that ends is a file; a later call takes up where an ea
 from __future__ import annotations
 
 import json
-import multiprocessing
-from collections.abc import Callable, Iterator, Sequence
-from concurrent.futures import FIRST_COMPLETED, Future, ProcessPoolExecutor, wait
-from concurrent.futures.process import BrokenProcessPool
+from collections.abc import Callable, Sequence
 from contextlib import suppress
 from dataclasses import dataclass
-from functools import cache
+from functools import cache, partial
 from pathlib import Path
 from time import perf_counter
 from typing import Any
@@ -35,6 +32,7 @@ from .simulator import SimulationFailure
 from .simulator.system import FloatArray
 from .telemetry import read_telemetry
 from .validation.simulation_based import INTERVALS, RankCheck, Repeat, check_ranks, ranks
+from .workers import each
 
 LOG_DENSITY = "log density"
 """The quantity beside theta's entries whose ranks are looked at: it depends on the telemetry, so it also sees what
@@ -99,9 +97,12 @@ def validate_scenario(
     on_progress(repeats - len(missing), repeats)
     if missing:
         _compile(problem)
-    for number, repeat in _run(missing, workers, source):
+
+    def done(number: int, repeat: Repeat) -> None:
         _write(_file(run, number), repeat)
         on_progress(sum(_file(run, k).exists() for k in range(repeats)), repeats)
+
+    _run(missing, workers, source, done)
     return judge(run, problem, repeats)
 
 
@@ -232,22 +233,17 @@ def _one(source: Source, number: int) -> Repeat:
     return run_repeat(problem, data, short(settings.nuts), [settings.seed, number])
 
 
-def _run(missing: list[int], workers: int, source: Source) -> Iterator[tuple[int, Repeat]]:
-    """The repeats as they end."""
+def _run(missing: list[int], workers: int, source: Source, done: Callable[[int, Repeat], None]) -> None:
+    """The repeats that are missing; done: told each as it ends."""
     if workers == 1 or len(missing) < 2:
         for number in missing:
-            yield number, _one(source, number)
-        return
-    executor = ProcessPoolExecutor(workers, mp_context=multiprocessing.get_context("spawn"))
-    try:
-        going: dict[Future[Repeat], int] = {executor.submit(_one, source, number): number for number in missing}
-        while going:
-            for done in wait(going, return_when=FIRST_COMPLETED).done:
-                yield going.pop(done), done.result()
-    except BrokenProcessPool:
-        raise RunError("a process of the validation was killed; run the same command to take it up again") from None
-    finally:
-        executor.shutdown(cancel_futures=True)
+            done(number, _one(source, number))
+    else:
+        each(partial(_one, source), missing, workers, done=done, lost=_lost)
+
+
+def _lost(number: int) -> Repeat:
+    raise RunError("a process of the validation was killed; run the same command to take it up again")
 
 
 # --- files --------------------------------------------------------------------------------------------------

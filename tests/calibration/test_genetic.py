@@ -1,5 +1,3 @@
-import subprocess
-import sys
 import warnings
 
 import numpy as np
@@ -11,6 +9,10 @@ from flightcal.scenario.schema import GeneticSettings
 
 LOWER, UPPER = np.array([-5.0, 0.0, 100.0]), np.array([5.0, 1.0, 300.0])
 TARGET = np.array([1.5, 0.2, 250.0])
+PYMOO = [
+    [1.448175511385295, 0.19709683187523452, 249.69992002497912],
+    [1.351451257263825, 0.19127960115540818, 249.7122995133641],
+]
 
 
 def bowl(individuals):
@@ -154,12 +156,13 @@ def test_a_single_run_has_no_spread():
     np.testing.assert_array_equal(result.mean, result.best_overall)
 
 
-def test_the_import_brings_no_plotting_library():
-    code = (
-        "import sys, numpy as np\n"
-        "from flightcal.calibration.genetic import minimise\n"
-        "from flightcal.scenario.schema import GeneticSettings\n"
-        "minimise(lambda x: x[:, 0], np.zeros(1), np.ones(1), GeneticSettings(runs=1, generations=2), 0)\n"
-        "assert 'pymoo' in sys.modules and 'matplotlib' not in sys.modules\n"
-    )
-    subprocess.run([sys.executable, "-W", "error", "-c", code], check=True)
+def test_a_run_is_that_of_pymoo():
+    """pymoo 0.6.2: GA with LHS, SBX(prob=0.9, eta=15) and PM(eta=20), seeded alike; ties and failures among it."""
+
+    def steps(individuals):
+        costs = np.round(bowl(individuals), 2)
+        costs[individuals[:, 1] > 0.9] = np.nan
+        return costs
+
+    result = minimise(steps, LOWER, UPPER, small(runs=2, population=15, generations=25), seed=9)
+    np.testing.assert_allclose(result.best, PYMOO, rtol=1e-12)

@@ -1,11 +1,12 @@
 """Whole campaigns: taken up again, retried, killed."""
 
+import multiprocessing
 import os
 import signal
 import subprocess
 import sys
 import time
-from contextlib import contextmanager
+from contextlib import contextmanager, nullcontext
 from functools import partial
 from pathlib import Path
 
@@ -14,7 +15,7 @@ import pytest
 
 from flightcal.campaign import Design, RunStore, Subject, open_campaign, run_campaign
 from flightcal.campaign.campaign import outcomes_of
-from flightcal.campaign.cluster import local_cluster
+from flightcal.campaign.run import Here
 from flightcal.errors import RunError
 from tests.campaign.simulators import Deadly, Sleeper, Various, executions, label
 from tests.campaign.test_run import thetas
@@ -34,15 +35,9 @@ def nothing():
     yield
 
 
-@pytest.fixture(scope="module")
+@pytest.fixture
 def connect():
-    with local_cluster(2) as client:
-
-        @contextmanager
-        def again():
-            yield client
-
-        yield again
+    return lambda: nullcontext(Here(2))
 
 
 def test_a_campaign_runs_all_once_and_its_repetition_none(connect, tmp_path):
@@ -110,10 +105,10 @@ def test_a_theta_that_the_design_has_twice_is_run_once(connect, tmp_path):
 def test_a_store_that_cannot_be_written_is_a_message(connect, tmp_path):
     @contextmanager
     def connect_and_break():
-        with connect() as client:
+        with connect() as runner:
             (tmp_path / "c" / "runs").rmdir()
             (tmp_path / "c" / "runs").write_text("a file where the folder should be")
-            yield client
+            yield runner
 
     with pytest.raises(RunError, match="a worker cannot record its run"):
         run_campaign(tmp_path / "c", SUBJECT, design(3), Sleeper(tmp_path / "log"), connect_and_break)
@@ -123,17 +118,18 @@ def test_a_store_that_cannot_be_written_is_a_message(connect, tmp_path):
 
 SCRIPT = """
 import sys
+from contextlib import nullcontext
 from functools import partial
 from pathlib import Path
 from flightcal.campaign import run_campaign
-from flightcal.campaign.cluster import local_cluster
+from flightcal.campaign.run import Here
 from tests.campaign.simulators import Deadly
 from tests.campaign.test_campaign import SUBJECT, design
 
 if __name__ == "__main__":
     folder, runs, seconds = Path(sys.argv[1]), int(sys.argv[2]), float(sys.argv[3])
     tally = run_campaign(
-        folder / "c", SUBJECT, design(runs), Deadly(folder / "log", seconds), partial(local_cluster, 2)
+        folder / "c", SUBJECT, design(runs), Deadly(folder / "log", seconds), partial(nullcontext, Here(2))
     )
     print(tally)
 """
@@ -227,23 +223,16 @@ def test_ctrl_c_leaves_no_run_that_counts_as_a_crash_and_the_same_call_resumes(c
     assert all(executions(tmp_path / "log")[run] == before[run] for run in done)
 
 
-def test_a_worker_that_is_killed_from_outside_costs_only_its_run(tmp_path):
-    with local_cluster(2) as client:
+def test_a_worker_that_is_killed_from_outside_costs_only_its_run(connect, tmp_path):
+    killed = []
 
-        @contextmanager
-        def given():
-            yield client
+    def kill_once(tally):
+        if not killed and tally.outcomes["finished"] >= 10:
+            killed.append(multiprocessing.active_children()[0])
+            killed[0].kill()
 
-        pids = list(client.run(os.getpid).values())
-        killed = []
-
-        def kill_once(tally):
-            if not killed and tally.outcomes["finished"] >= 10:
-                os.kill(pids[0], signal.SIGKILL)
-                killed.append(pids[0])
-
-        run = Deadly(tmp_path / "log", 0.02, times=0)
-        tally = run_campaign(tmp_path / "c", SUBJECT, design(60), run, given, on_progress=kill_once)
+    run = Deadly(tmp_path / "log", 0.02, times=0)
+    tally = run_campaign(tmp_path / "c", SUBJECT, design(60), run, connect, on_progress=kill_once)
     assert tally.outcomes == {"finished": 60}
     assert killed
     assert executions(tmp_path / "log").total() <= 61

@@ -10,7 +10,6 @@ from typer.testing import CliRunner
 
 from flightcal.campaign import open_campaign
 from flightcal.campaign.cluster import remote_cluster
-from flightcal.campaign.run import run_missing
 from flightcal.cli import app
 from flightcal.errors import RunError
 from tests.campaign.simulators import Sleeper, executions
@@ -30,8 +29,8 @@ def test_a_campaign_runs_on_a_scheduler_by_its_address_and_leaves_the_cluster_up
     result = CliRunner().invoke(app, [*arguments, "--scheduler", cluster.scheduler_address])
     assert result.exit_code == 0, result.output
     assert set(open_campaign(tmp_path / "c")["outcome"].values.tolist()) == {"finished"}
-    with remote_cluster(cluster.scheduler_address) as client:
-        assert client.submit(sum, [1, 2]).result() == 3
+    with remote_cluster(cluster.scheduler_address) as reached:
+        assert reached.client.submit(sum, [1, 2]).result() == 3
 
 
 def test_a_scheduler_without_workers_is_a_message(cluster, monkeypatch):
@@ -46,7 +45,7 @@ def test_a_scheduler_without_workers_is_a_message(cluster, monkeypatch):
 @pytest.mark.slow
 def test_a_scheduler_that_goes_away_is_a_message_and_the_runs_that_are_done_stay_done(cluster, tmp_path):
     given = job(tmp_path, Sleeper(tmp_path / "log", 0.05))
-    with remote_cluster(cluster.scheduler_address) as client:
+    with remote_cluster(cluster.scheduler_address) as runner:
         closing = threading.Thread(target=cluster.close)
 
         def close_once(outcomes):
@@ -54,7 +53,7 @@ def test_a_scheduler_that_goes_away_is_a_message_and_the_runs_that_are_done_stay
                 closing.start()
 
         with pytest.raises(RunError, match="the Dask scheduler is gone"):
-            run_missing(client, given, thetas(400), on_progress=close_once)
+            runner.run_missing(given, thetas(400), on_progress=close_once)
         closing.join()
     done = [theta for theta in thetas(400) if given.recorded(theta) is not None]
     assert 5 <= len(done) < 400

@@ -122,7 +122,7 @@ def test_ctrl_c_says_what_is_left(scenario, tmp_path, monkeypatch):
     def interrupt(*_, **__):
         raise KeyboardInterrupt
 
-    monkeypatch.setattr("flightcal.campaign.campaign.run_missing", interrupt)
+    monkeypatch.setattr("flightcal.campaign.run.Here.run_missing", interrupt)
     result = run(app, ["campaign", str(scenario), "--runs", "5", "--workers", "1", "--out", str(tmp_path / "c")])
     assert result.exit_code == INTERRUPTED
     assert "stopped: 0 of 5 runs done; 5 left" in result.output

@@ -1,5 +1,7 @@
 """Gaussian processes with a trend, against the textbook's dense formulas and finite differences."""
 
+import jax
+import jax.numpy as jnp
 import numpy as np
 import pytest
 
@@ -117,6 +119,44 @@ def test_the_likelihood_that_is_climbed_is_the_restricted_one():
     ours = [float(gaussian_process._minus_log_likelihood(np.log(p), squares, orthonormal, target)[0]) for p in points]
     theirs = [dense(p[:2], p[2]) for p in points]
     assert ours[1] - ours[0] == pytest.approx(theirs[1] - theirs[0], rel=1e-8)
+
+
+def minus_log_likelihood_in_jax(logarithms, inputs, orthonormal, residual):
+    """The same by triangular solves, for JAX to differentiate."""
+    difference = (inputs[:, None] - inputs[None]) * jnp.exp(-logarithms[:-1])
+    square = jnp.sum(difference**2, axis=-1)
+    # A root's derivative at zero is infinite.
+    distance = jnp.sqrt(5.0 * jnp.where(square > 0.0, square, 1.0)) * (square > 0.0)
+    correlation = (1.0 + distance + 5.0 / 3.0 * square) * jnp.exp(-distance)
+    factor = jnp.linalg.cholesky(correlation + jnp.exp(logarithms[-1]) * jnp.eye(len(inputs)))
+    whitened = jax.scipy.linalg.solve_triangular(factor, orthonormal, lower=True)
+    target = jax.scipy.linalg.solve_triangular(factor, residual, lower=True)
+    inner = jnp.linalg.cholesky(whitened.T @ whitened)
+    explained = jax.scipy.linalg.solve_triangular(inner, whitened.T @ target, lower=True)
+    freedom = len(inputs) - orthonormal.shape[1]
+    return (
+        0.5 * freedom * jnp.log(target @ target - explained @ explained)
+        + jnp.log(jnp.diagonal(factor)).sum()
+        + jnp.log(jnp.diagonal(inner)).sum()
+    )
+
+
+@pytest.mark.parametrize(
+    ("lengthscale", "nugget", "tolerance"), [(3.0, 1e-6, 1e-9), (0.7, 1e-2, 1e-12), (30.0, 1e-7, 1e-7)]
+)
+def test_the_gradient_that_is_climbed_by_is_that_of_jax(lengthscale, nugget, tolerance):
+    rng = np.random.default_rng(3)
+    inputs = rng.standard_normal((40, 4))
+    orthonormal = np.linalg.qr(trend(inputs))[0]
+    target = np.sin(inputs @ [0.8, -0.5, 0.3, 1.0]) + 0.01 * rng.standard_normal(40)
+    residual = target - orthonormal @ (orthonormal.T @ target)
+    squares = np.moveaxis((inputs[:, None] - inputs[None]) ** 2, -1, 0)
+    x = np.log([lengthscale, 2.0 * lengthscale, 0.5 * lengthscale, lengthscale, nugget])
+    value, gradient = gaussian_process._minus_log_likelihood(x, squares, orthonormal, residual)
+    with jax.enable_x64(True):
+        expected, by_jax = jax.value_and_grad(minus_log_likelihood_in_jax)(x, inputs, orthonormal, residual)
+    assert value == pytest.approx(float(expected), rel=tolerance)
+    np.testing.assert_allclose(gradient, by_jax, rtol=0, atol=tolerance * np.abs(by_jax).max())
 
 
 def test_intervals_hold_on_a_process_of_the_kind_that_is_assumed():

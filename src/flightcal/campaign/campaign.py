@@ -9,12 +9,11 @@ from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
-from distributed import Client
 
 from ..simulator.system import FloatArray
 from .folder import DAMAGED, NOT_RUN, Design, locked, prepare
 from .job import Job, RunFunction
-from .run import run_missing
+from .run import Runner
 from .store import FINISHED, DamagedRecord, RunStore
 from .subject import Subject
 
@@ -50,7 +49,7 @@ def run_campaign(
     subject: Subject,
     design: Design,
     run: RunFunction,
-    connect: Callable[[], AbstractContextManager[Client]],
+    connect: Callable[[], AbstractContextManager[Runner]],
     *,
     together: int = 1,
     retry_failed: bool = False,
@@ -59,7 +58,7 @@ def run_campaign(
 ) -> Tally:
     """Run the design's thetas that have no record yet in `folder`, and record them; the same call resumes.
 
-    connect: gives the Dask client whose workers run them; not called where nothing is left to do.
+    connect: gives what runs them; not called where nothing is left to do.
     together: at most so many thetas are one call of `run`; with more than one, a kill costs all of a call's runs.
     retry_failed: run those again, too, whose record says that they failed. on_begin: told what was done before.
     Raises RunError where the folder is another campaign's, where another process runs it, or where the workers fail.
@@ -82,13 +81,12 @@ def run_campaign(
                 on_progress(Tally(done + Counter({NOT_RUN: max(len(before) - done.total(), 0)})))
 
             job = Job(run, store, len(subject.times), len(subject.channels), len(subject.heaters))
-            with connect() as client:
+            with connect() as runner:
                 for row, outcome in rows:
                     if outcome != NOT_RUN:
                         store.discard(row)
-                threads = max(1, sum(client.nthreads().values()))
-                chunk = max(1, min(together, len(missing) // threads))
-                run_missing(client, job, np.array(list(missing.values())), chunk=chunk, on_progress=progress)
+                chunk = max(1, min(together, len(missing) // runner.workers))
+                runner.run_missing(job, np.array(list(missing.values())), chunk=chunk, on_progress=progress)
         return Tally(Counter(outcomes_of(store, design.theta)))
 
 

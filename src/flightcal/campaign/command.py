@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections import Counter
 from collections.abc import Callable
+from contextlib import AbstractContextManager, nullcontext
 from functools import partial
 from pathlib import Path
 
@@ -11,15 +12,15 @@ import xarray
 
 from ..calibration import Priors, Problem, build_problem
 from ..environment import orbital_period
-from ..errors import RunError
+from ..errors import RunError, require
 from ..run import hash_of, hash_of_file
 from ..scenario import load_scenario, resolved_yaml
 from ..telemetry import read_telemetry
 from .campaign import Tally, run_campaign
-from .cluster import local_cluster, remote_cluster
 from .designs import KINDS, around_posterior, latin_hypercube, prior_draws, sobol
 from .folder import NOT_RUN, Design, open_campaign
 from .job import run_function
+from .run import Here, Runner
 from .store import FINISHED
 from .subject import Subject, input_hashes, scenario_parts
 
@@ -46,6 +47,8 @@ def run_scenario_campaign(
     kind, seed, around, spread: see `make_design`; seed None: the scenario's. say: told in words what is done.
     Raises FlightcalError for what is the user's to mend, also where no run at all finished.
     """
+    if scheduler is not None:
+        require("distributed", "cluster", "--scheduler")
     scenario = load_scenario(scenario_file, telemetry=telemetry)
     period = orbital_period(scenario.environment, scenario.folder)
     data = read_telemetry(scenario.telemetry, scenario.folder, period=period)
@@ -55,7 +58,7 @@ def run_scenario_campaign(
     design = make_design(problem, runs, seed, kind=kind, around=around, spread=spread)
     say(f"design: {design.kind}, {runs} runs of {len(subject.parameters)} parameters, seed {seed}")
     run, together = run_function(problem.simulator, len(problem.times))
-    connect = partial(local_cluster, workers) if scheduler is None else partial(remote_cluster, scheduler)
+    connect = partial(_runner, workers, scheduler)
     try:
         tally = run_campaign(
             out,
@@ -75,6 +78,14 @@ def run_scenario_campaign(
     if not tally.outcomes[FINISHED]:
         raise RunError(f"{out}: none of the {tally.total} runs finished; {first_failure(out)}")
     return tally
+
+
+def _runner(workers: int, scheduler: str | None) -> AbstractContextManager[Runner]:
+    if scheduler is None:
+        return nullcontext(Here(workers))
+    from .cluster import remote_cluster
+
+    return remote_cluster(scheduler)
 
 
 def first_failure(folder: Path) -> str:

@@ -50,7 +50,12 @@ class Job:
         except DamagedRecord:
             return None
 
-    def crashed(self, theta: FloatArray, message: str, seconds: float = np.nan) -> Record:
+    def give_up(self, theta: FloatArray) -> Counter[str]:
+        """Record that the run at theta [d] kills its worker; the same count as of `record_missing`."""
+        self.store.write(theta, self._crashed(theta, "the worker process died each time that it was run"))
+        return self.record_missing(theta[None])
+
+    def _crashed(self, theta: FloatArray, message: str, seconds: float = np.nan) -> Record:
         """A record of a run that did not come back."""
         temperatures = np.full((self.times, self.channels), np.nan)
         return Record(theta, "crashed", message, 1, seconds, temperatures, np.full((self.times, self.heaters), np.nan))
@@ -63,7 +68,7 @@ class Job:
         except Exception as error:
             if len(thetas) > 1:
                 return [record for theta in thetas for record in self._run(theta[None])]
-            return [self.crashed(thetas[0], f"{type(error).__name__}: {error}", perf_counter() - started)]
+            return [self._crashed(thetas[0], f"{type(error).__name__}: {error}", perf_counter() - started)]
 
 
 @runtime_checkable

@@ -1,6 +1,6 @@
 """Which parameters the outputs and the likelihood depend on, over the whole prior.
 
-Variance-based indices by SALib: a parameter's first-order index is the share of an output's variance that it causes
+Variance-based indices: a parameter's first-order index is the share of an output's variance that it causes
 alone, its total index the share that it takes part in (Saltelli et al. 2010, Comput. Phys. Commun. 181, 259). Where a
 simulation is dear there is no design for the total index; the first-order index then comes from the prior's draws
 (random balance designs with Tissot and Prieur's correction, 2012, Reliab. Eng. Syst. Saf. 107, 205).
@@ -12,7 +12,7 @@ from collections.abc import Callable
 from dataclasses import dataclass
 
 import numpy as np
-from scipy.stats import rankdata
+from scipy.stats import norm, qmc, rankdata
 
 from ..calibration import Problem
 from ..simulator.system import FloatArray
@@ -21,6 +21,8 @@ from .evaluate import Advance, Effort, Runs, in_batches, log_likelihoods
 LIKELIHOOD = "log likelihood"
 _HARMONICS = 6
 _RESAMPLES = 100
+_HALF_95 = float(norm.ppf(0.975))
+"""Half the width of a 95% interval, in standard deviations."""
 
 
 @dataclass(frozen=True)
@@ -117,45 +119,58 @@ def sobol(
     outputs_of: points [S, dimension] in the unit cube -> outputs [S, O], NaN where one fails. base: a power of two.
     Blocks of the design in which an evaluation fails are left out. Returns the outputs, too.
     """
-    from SALib.analyze import sobol as analysis
-    from SALib.sample import sobol as design
-
-    names = [str(k) for k in range(dimension)]
-    description = {"num_vars": dimension, "names": names, "bounds": [[0.0, 1.0]] * dimension}
-    points = design.sample(description, base, calc_second_order=False, seed=np.random.default_rng(seed))
-    outputs = outputs_of(points)
+    # Row by row of the design: a point of A, that point with one entry after the other from B, the point of B.
+    a, b = np.hsplit(qmc.Sobol(2 * dimension, seed=np.random.default_rng(seed)).random(base), 2)
+    crossed = np.where(np.eye(dimension, dtype=bool), b[:, None], a[:, None])
+    outputs = outputs_of(np.concatenate([a[:, None], crossed, b[:, None]], axis=1).reshape(-1, dimension))
     blocks = outputs.reshape(base, dimension + 2, -1)
-    whole = blocks[np.isfinite(blocks).all(axis=(1, 2))].reshape(-1, outputs.shape[1])
-    results = []
-    for column in whole.T:
-        if len(column) < 4 * (dimension + 2) or np.ptp(column) == 0.0:
-            results.append(np.zeros((4, dimension)))
-            continue
-        # A seed of zero is no seed to SALib.
-        found = analysis.analyze(description, column, calc_second_order=False, num_resamples=_RESAMPLES, seed=seed + 1)
-        results.append(np.array([found[key] for key in ("S1", "S1_conf", "ST", "ST_conf")]))
-    return Indices(*np.stack(results, axis=1)), outputs
+    whole = blocks[np.isfinite(blocks).all(axis=(1, 2))]
+    results = np.zeros((4, outputs.shape[1], dimension))
+    again = np.random.default_rng(seed + 1).integers(max(len(whole), 1), size=(len(whole), _RESAMPLES)).T
+    for k, column in enumerate(np.moveaxis(whole, -1, 0)):
+        if len(column) >= 4 and np.ptp(column) > 0.0:
+            column = (column - column.mean()) / column.std()
+            resampled = np.array([_estimates(column[rows]) for rows in again])
+            results[::2, k] = _estimates(column)
+            results[1::2, k] = _HALF_95 * resampled.std(axis=0, ddof=1)
+    return Indices(*results), outputs
+
+
+def _estimates(blocks: FloatArray) -> FloatArray:
+    """First-order and total indices [2, d] of blocks [B, d + 2] of one output; table 2 (b, f) of Saltelli et al."""
+    a, crossed, b = blocks[:, :1], blocks[:, 1:-1], blocks[:, -1:]
+    variance = np.var([a, b])
+    if variance <= np.finfo(float).eps:
+        return np.zeros((2, crossed.shape[1]))
+    return np.stack([np.mean(b * (crossed - a), axis=0), 0.5 * np.mean((a - crossed) ** 2, axis=0)]) / variance
 
 
 def given_data(inputs: FloatArray, outputs: FloatArray, seed: int) -> Indices:
     """First-order indices from any sample of inputs [S, d] and outputs [S, O]; samples with NaN are left out."""
-    from SALib.analyze import rbd_fast
-
     whole = np.isfinite(outputs).all(axis=1)
-    dimension = inputs.shape[1]
-    names = [str(k) for k in range(dimension)]
-    description = {"num_vars": dimension, "names": names, "bounds": [[0.0, 1.0]] * dimension}
-    results = []
-    for column in outputs[whole].T:
+    inputs, outputs = inputs[whole], outputs[whole]
+    first, error = np.zeros((2, outputs.shape[1], inputs.shape[1]))
+    for k, column in enumerate(outputs.T):
         if len(column) < 4 * _HARMONICS or np.ptp(column) == 0.0:
-            results.append(np.zeros((2, dimension)))
             continue
-        found = rbd_fast.analyze(
-            description, inputs[whole], column, M=_HARMONICS, num_resamples=_RESAMPLES, seed=seed + 1
-        )
-        results.append(np.array([found["S1"], found["S1_conf"]], float))
-    first, error = np.stack(results, axis=1)
+        rng = np.random.default_rng(seed + 1)
+        for j, values in enumerate(inputs.T):
+            first[k, j] = _share_of_harmonics(values, column)
+            halves = [rng.choice(len(column), size=len(column) // 2) for _ in range(_RESAMPLES)]
+            resampled = [_share_of_harmonics(values[rows], column[rows]) for rows in halves]
+            error[k, j] = _HALF_95 * np.std(resampled, ddof=1)
     return Indices(first, error, np.full_like(first, np.nan), np.full_like(first, np.nan))
+
+
+def _share_of_harmonics(values: FloatArray, outputs: FloatArray) -> float:
+    """How much of the variance of outputs [S] is slow along sorted values [S], up and down again; unbiased."""
+    order = np.argsort(values)
+    power = np.abs(np.fft.rfft(outputs[np.concatenate([order[::2], order[1::2][::-1]])])[1:]) ** 2
+    if len(values) % 2 == 0:
+        power[-1] /= 2.0  # the highest frequency of an even number has no twin
+    share = power[:_HARMONICS].sum() / power.sum()
+    bias = 2.0 * _HARMONICS / len(values)
+    return float(share - bias / (1.0 - bias) * (1.0 - share))
 
 
 def _outputs(problem: Problem, reference: FloatArray, likelihoods: FloatArray, runs: Runs) -> FloatArray:

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import importlib.util
 from datetime import datetime
 from pathlib import Path
 from typing import Any
@@ -10,7 +9,7 @@ from typing import Any
 import numpy as np
 import xarray
 
-from ..errors import ScenarioError
+from ..errors import require
 from ..scenario import Scenario
 from ..scenario.external import (
     CallableSimulator,
@@ -68,18 +67,20 @@ def _program(
     if isinstance(model, CallableSimulator):
         function = model.callable
         in_jax, place = function.gradient == "jax", folder / function.file
+        if in_jax:
+            require("jax", "jax", "simulator: gradient: jax")
         return WorkerProgram(
             FunctionDescription(
                 place, function.function, in_jax, _utc(start), times, outputs, heaters, _modified(place)
             )
         )
     if isinstance(model, UmbridgeSimulator):
-        _need("umbridge", "umbridge")
+        require("umbridge", "umbridge", "simulator")
         server = model.umbridge
         config = {**server.config, "start": _utc(start).isoformat(), "times": times.tolist()}
         return WorkerProgram(ServerDescription(server.url, server.model, config, len(times), outputs, heaters))
     assert isinstance(model, FmuSimulator)
-    _need("fmpy", "fmu")
+    require("fmpy", "fmu", "simulator")
     grid, samples = communication_points(times, model.fmu.step)
     at = start + np.round(grid * 1e9).astype("timedelta64[ns]")
     drivers = {
@@ -105,14 +106,6 @@ def _modified(file: Path) -> int:
         return file.stat().st_mtime_ns
     except OSError:
         return 0  # the first run says what is wrong
-
-
-def _need(package: str, extra: str) -> None:
-    """Raises ScenarioError where an optional package is missing."""
-    if importlib.util.find_spec(package) is None:
-        raise ScenarioError(
-            f"simulator: found no package '{package}', which it needs: pip install 'flightcal[{extra}]'"
-        )
 
 
 def _utc(time: np.datetime64) -> datetime:

@@ -47,7 +47,9 @@ class FunctionDescription:
         module = importlib.util.module_from_spec(specification)
         sys.modules[self.file.stem] = module
         if self.in_jax:
-            from .._jax import jax  # noqa: F401 - double precision before the file builds any array
+            import jax
+
+            jax.config.update("jax_enable_x64", True)  # before the file builds any array
         specification.loader.exec_module(module)
         function = getattr(module, self.function, None)
         if not callable(function):
@@ -76,7 +78,7 @@ class JaxModel:
     """A function in JAX, compiled for the window."""
 
     def __init__(self, description: FunctionDescription, function: Callable[..., Any]) -> None:
-        from .._jax import jax
+        import jax
 
         def at(inputs: Mapping[str, Any]) -> Any:
             return function(inputs, description.times, description.start)

@@ -26,7 +26,7 @@ import xarray
 from ..errors import RunError
 from .records import ENGINE, read_dataset, read_tree
 
-_PACKAGES = ("flightcal", "jax", "numba", "numpy", "nutpie", "pymoo", "scipy", "xarray", "pyerfa", "sgp4")
+_PACKAGES = ("flightcal", "numba", "numpy", "nutpie", "scipy", "xarray", "pyerfa", "sgp4")
 
 
 @dataclass(frozen=True)

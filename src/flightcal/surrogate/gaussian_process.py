@@ -20,9 +20,9 @@ from typing import Any
 
 import numpy as np
 from scipy.linalg import cholesky, solve_triangular
+from scipy.linalg.lapack import dtrtri
 from scipy.optimize import minimize
 
-from .._jax import jax, jnp
 from ..compiled import compiled_long
 from ..errors import FlightcalError
 from ..simulator.system import FloatArray
@@ -166,11 +166,13 @@ def _hyper_parameters(inputs: FloatArray, terms: FloatArray, target: FloatArray)
     d = inputs.shape[1]
     if size <= 1e-12 * float(np.abs(target).max(initial=0.0)):
         return np.full(d, _LONGEST), _LEAST_NUGGET
-    squares = jnp.asarray(np.moveaxis((inputs[:, None] - inputs[None]) ** 2, -1, 0).copy())
+    squares = np.moveaxis((inputs[:, None] - inputs[None]) ** 2, -1, 0).copy()
 
     def objective(x: FloatArray) -> tuple[float, FloatArray]:
-        value, gradient = _minus_log_likelihood(x, squares, orthonormal, residual / size)
-        value, gradient = float(value), np.array(gradient)
+        try:
+            value, gradient = _minus_log_likelihood(x, squares, orthonormal, residual / size)
+        except np.linalg.LinAlgError:
+            return 1e10, np.zeros_like(x)
         return (value, gradient) if np.isfinite(value + gradient.sum()) else (1e10, np.zeros_like(x))
 
     bounds = [(math.log(_SHORTEST), math.log(_LONGEST))] * d + [(math.log(_LEAST_NUGGET), math.log(_GREATEST_NUGGET))]
@@ -181,27 +183,39 @@ def _hyper_parameters(inputs: FloatArray, terms: FloatArray, target: FloatArray)
     return np.exp(best[:d]), float(np.exp(best[d]))
 
 
-@jax.jit
-@jax.value_and_grad
-def _minus_log_likelihood(logarithms: Any, squares: Any, orthonormal: Any, residual: Any) -> Any:
-    """Minus the restricted log likelihood with the variance at its best; squares: [d, S, S] of differences."""
-    inverse_squares = jnp.exp(-2.0 * logarithms[:-1])
-    square = jnp.tensordot(inverse_squares, squares, 1)
-    # A root's derivative at zero is infinite.
-    distance = jnp.sqrt(jnp.where(square > 0.0, square, 1.0)) * (square > 0.0)
-    correlation = (1.0 + _ROOT_5 * distance + 5.0 / 3.0 * square) * jnp.exp(-_ROOT_5 * distance)
+def _minus_log_likelihood(
+    logarithms: FloatArray, squares: FloatArray, orthonormal: FloatArray, residual: FloatArray
+) -> tuple[float, FloatArray]:
+    """Minus the restricted log likelihood with the variance at its best, and its gradient by `logarithms` [d + 1].
+
+    squares: [d, S, S] of differences. With P the precision of the residual r about an unknown trend of q terms, the
+    derivative by K is (P - (S - q) P r r^T P / r^T P r) / 2; Rasmussen and Williams (2006), sec. 5.4.1, has the same
+    without a trend. Raises LinAlgError where K is not positive definite.
+    """
+    inverse_squares, nugget = np.exp(-2.0 * logarithms[:-1]), np.exp(logarithms[-1])
     runs, terms = orthonormal.shape
-    factor = jnp.linalg.cholesky(correlation + jnp.exp(logarithms[-1]) * jnp.eye(runs))
-    solved = jax.scipy.linalg.solve_triangular(factor, jnp.column_stack([orthonormal, residual]), lower=True)
-    whitened, target = solved[:, :terms], solved[:, terms]
-    inner = jnp.linalg.cholesky(whitened.T @ whitened)
-    explained = jax.scipy.linalg.solve_triangular(inner, whitened.T @ target, lower=True)
-    unexplained = target @ target - explained @ explained
-    return (
-        0.5 * (runs - terms) * jnp.log(unexplained)
-        + jnp.log(jnp.diagonal(factor)).sum()
-        + jnp.log(jnp.diagonal(inner)).sum()
+    flat = squares.reshape(len(squares), -1)
+    square = inverse_squares @ flat
+    distance = _ROOT_5 * np.sqrt(square)
+    decay = np.exp(-distance)
+    correlation = ((1.0 + distance + 5.0 / 3.0 * square) * decay).reshape(runs, runs)
+    correlation[np.diag_indices(runs)] += nugget
+    factor = cholesky(correlation, lower=True, overwrite_a=True, check_finite=False)
+    root = dtrtri(factor, lower=1)[0]
+    basis, upper = np.linalg.qr(root @ orthonormal)
+    whitened = root @ residual
+    unexplained = whitened - basis @ (basis.T @ whitened)
+    sum_of_squares = float(unexplained @ unexplained)
+    value = (
+        0.5 * (runs - terms) * math.log(sum_of_squares)
+        + np.log(np.diagonal(factor)).sum()
+        + np.log(np.abs(np.diagonal(upper))).sum()
     )
+    projected, pulled = root - basis @ (basis.T @ root), root.T @ unexplained
+    by_correlation = 0.5 * (projected.T @ projected - (runs - terms) / sum_of_squares * np.outer(pulled, pulled))
+    # d k / d log lengthscale is 5/3 (1 + distance) decay times its part of the square.
+    by_square = 5.0 / 3.0 * (1.0 + distance) * decay * by_correlation.ravel()
+    return float(value), np.append(inverse_squares * (flat @ by_square), nugget * np.trace(by_correlation))
 
 
 def _condition(
