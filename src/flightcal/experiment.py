@@ -37,8 +37,7 @@ from .listener import Listener, Silent
 from .prediction import predict
 from .report import write_report
 from .run_directory import RunDirectory, hash_of, hash_of_file, open_run, plain
-from .scenario import Scenario, SimulatorModel, input_files, load_scenario, resolved_yaml
-from .scenario.schema import is_orthogonal
+from .scenario import Scenario, SimulatorModel, input_files, is_orthogonal, load_scenario, resolved_yaml
 from .simulator.system import FloatArray
 from .telemetry import quality_table, read_telemetry
 from .validation import Metric, score

@@ -30,8 +30,7 @@ from .environment import orbital_period
 from .errors import RunError, ScenarioError
 from .report import write_validation
 from .run_directory import RunDirectory, hash_of, hash_of_file, open_run, plain, write_atomically
-from .scenario import NutsSettings, Scenario, input_files, load_scenario, resolved_yaml
-from .scenario.schema import is_orthogonal
+from .scenario import NutsSettings, Scenario, input_files, is_orthogonal, load_scenario, resolved_yaml
 from .simulator import SimulationFailure
 from .simulator.system import FloatArray
 from .telemetry import read_telemetry

@@ -7,7 +7,7 @@ import pytest
 
 from flightcal.calibration.genetic import minimise
 from flightcal.errors import FlightcalError
-from flightcal.scenario.schema import GeneticSettings
+from flightcal.scenario import GeneticSettings
 
 LOWER, UPPER = np.array([-5.0, 0.0, 100.0]), np.array([5.0, 1.0, 300.0])
 TARGET = np.array([1.5, 0.2, 250.0])
@@ -158,7 +158,7 @@ def test_the_import_brings_no_plotting_library():
     code = (
         "import sys, numpy as np\n"
         "from flightcal.calibration.genetic import minimise\n"
-        "from flightcal.scenario.schema import GeneticSettings\n"
+        "from flightcal.scenario import GeneticSettings\n"
         "minimise(lambda x: x[:, 0], np.zeros(1), np.ones(1), GeneticSettings(runs=1, generations=2), 0)\n"
         "assert 'pymoo' in sys.modules and 'matplotlib' not in sys.modules\n"
     )

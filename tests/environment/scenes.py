@@ -8,7 +8,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from flightcal.scenario.environment import Environment
+from flightcal.scenario import Environment
 
 EPOCH = np.datetime64("2024-03-20T03:06:00", "ns")
 """March equinox of 2024, so the Sun is at right ascension and declination 0 (Astronomical Almanac)."""

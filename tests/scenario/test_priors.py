@@ -3,7 +3,7 @@ import math
 import pytest
 
 from flightcal.scenario import Beta, HalfNormal, LogNormal, Normal, TruncatedNormal, Uniform
-from flightcal.scenario._priors import read_prior, support, written_prior
+from flightcal.scenario.priors import read_prior, support, written_prior
 
 PRIORS = [
     Uniform(lower=-1.5, upper=0.1),

@@ -15,7 +15,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ..errors import FlightcalError
-from ..scenario.schema import GeneticSettings
+from ..scenario import GeneticSettings
 
 Array = NDArray[np.float64]
 

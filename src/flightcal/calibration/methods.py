@@ -12,8 +12,7 @@ import numpy as np
 import xarray
 
 from ..errors import FlightcalError
-from ..scenario import GeneticSettings, NutsSettings
-from ..scenario.schema import is_orthogonal
+from ..scenario import GeneticSettings, NutsSettings, is_orthogonal
 from ..simulator.system import FloatArray
 from .confounding import confounding
 from .diagnostics import Diagnostics, diagnose

@@ -11,12 +11,12 @@ import numpy as np
 import xarray
 
 from ..errors import ScenarioError
-from ..scenario import Scenario
-from ..scenario.external import (
+from ..scenario import (
     CallableSimulator,
     ExecutableSimulator,
     ExternalModel,
     FmuSimulator,
+    Scenario,
     UmbridgeSimulator,
 )
 from ..simulator.inputs import Times

@@ -11,7 +11,7 @@ import numpy as np
 import xarray as xr
 
 from flightcal.errors import RunError
-from flightcal.scenario.schema import is_trained
+from flightcal.scenario import is_trained
 from flightcal.validation import Metric
 
 Record = dict[str, Any]

@@ -6,10 +6,10 @@ from typing import Any
 
 from pydantic import BaseModel
 
-from ._priors import prior_schema
-from ._residuals import NOISE, PHASE, TIME
-from ._units import quantity_schema
+from .priors import prior_schema
 from .schema import Scenario
+from .uncertain import NOISE, PHASE, TIME
+from .units import quantity_schema
 
 _DIALECT = "https://json-schema.org/draft/2020-12/schema"
 _PRIORS = ("Uniform", "Normal", "TruncatedNormal", "LogNormal", "HalfNormal", "Beta")

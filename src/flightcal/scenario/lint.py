@@ -5,9 +5,9 @@ from __future__ import annotations
 from dataclasses import dataclass
 from pathlib import Path
 
-from ._checks import CHECKS
-from ._document import Location, Problem
-from ._reading import Reading, read_scenario
+from .checks import CHECKS
+from .document import Location, Problem
+from .reading import Reading, read_scenario
 from .schema import Scenario
 
 _UNNAMED = ("telemetry", "simulator")

@@ -6,8 +6,8 @@ from typing import Annotated, Literal
 
 from pydantic import Field, model_validator
 
-from ._fields import Block, BoundaryTemperature, FaceNormal, Flag, Marker, Number, Pair, Time, exactly_one
-from ._units import Duration, Power, Quantity, Temperature
+from .fields import Block, BoundaryTemperature, FaceNormal, Flag, Marker, Number, Pair, Time, exactly_one
+from .units import Duration, Power, Quantity, Temperature
 
 
 class Node(Block):

@@ -6,9 +6,9 @@ from typing import Annotated, Any, Literal
 
 from pydantic import Field, Tag, model_validator
 
-from ._fields import Block, Count, Flag, exactly_one, one_of
-from ._units import Duration, Quantity
+from .fields import Block, Count, Flag, exactly_one, one_of
 from .priors import HalfNormal, LogNormal, Prior, Uncertain, UncertainTags, Uniform
+from .units import Duration, Quantity
 
 
 class SwitchTimes(Block):

@@ -6,13 +6,13 @@ from io import StringIO
 from pathlib import Path
 from typing import Any
 
-from ._priors import written_prior
-from ._residuals import written_channel_noise, written_discrepancy, written_noise, written_number
-from ._units import written
-from ._windows import grouped_windows
 from .external import KINDS
 from .network import SimulatorModel
+from .priors import written_prior
 from .schema import Observation, Scenario
+from .uncertain import written_channel_noise, written_discrepancy, written_noise, written_number
+from .units import written
+from .windows import grouped_windows
 
 _WIDTH = 10_000
 """Lines are not broken: long text such as two-line elements must stay whole."""

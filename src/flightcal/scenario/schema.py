@@ -12,8 +12,7 @@ from typing import Annotated, Any, Literal
 from pydantic import Field, Tag, model_validator
 
 from ..errors import ScenarioError
-from ._fields import Block, ChannelUnit, Count, Markers, Names, Number, Range, Time, exactly_one, one_of
-from ._units import Duration, Quantity
+from .calibration import Calibration
 from .environment import Environment
 from .external import (
     KINDS,
@@ -24,9 +23,12 @@ from .external import (
     is_external,
     kind_of_simulator,
 )
+from .fields import Block, ChannelUnit, Count, Markers, Names, Number, Range, exactly_one, one_of
 from .network import SimulatorModel
 from .priors import Prior
 from .residuals import ChannelNoise, Discrepancy, Noise, StatusLikelihood
+from .units import Duration, Quantity
+from .windows import Window, is_trained
 
 # --- telemetry ----------------------------------------------------------------------------------------------
 
@@ -135,81 +137,7 @@ class Observation(Block):
         return self
 
 
-# --- windows and methods ------------------------------------------------------------------------------------
-
-
-class Window(Block):
-    """A stretch of telemetry: start and either a number of orbits or an end."""
-
-    start: Time
-    orbits: Annotated[Number, Field(gt=0)] | None = None
-    end: Time | None = None
-
-    @model_validator(mode="after")
-    def _one_length(self) -> Window:
-        given = {"orbits": self.orbits is not None, "end": self.end is not None}
-        exactly_one(given, "exactly one of 'orbits' and 'end'")
-        if self.end is not None and self.end <= self.start:
-            raise ValueError(f"found end {self.end.isoformat()}, expected one after {self.start.isoformat()}")
-        return self
-
-
-def is_trained(window: str) -> bool:
-    """Whether the window of this name is one to calibrate on."""
-    return window.partition(".")[0] == "train"
-
-
-class GeneticSettings(Block):
-    """The genetic algorithm."""
-
-    runs: Count = Field(10, ge=1)
-    population: Count = Field(64, ge=8)
-    generations: Count = Field(120, ge=1)
-    heater_status_weight: Number = Field(0.0, ge=0)
-    """Kelvin that a status sample simulated wrongly counts as in the RMSE; 0: temperatures only."""
-
-
-class NutsSettings(Block):
-    """The No-U-Turn sampler and the gates its result must pass."""
-
-    chains: Count = Field(4, ge=2)
-    draws: Count = Field(1000, ge=50)
-    warmup: Count = Field(400, ge=50)
-    target_acceptance: Number = Field(0.9, gt=0.5, lt=1)
-    max_r_hat: Number = Field(1.01, gt=1)
-    min_ess: Number = Field(400, gt=0)
-
-
-class EmulatorSettings(Block):
-    """The emulator of a simulator without derivatives, and the real runs that it is made from."""
-
-    runs: Count = Field(300, ge=40)
-    """Budget of real runs of the training window; failed ones count, and the last check does."""
-    start: Count | None = Field(None, ge=10)
-    """Runs of the start design through the priors (default: ten for each parameter)."""
-    batch: Count | None = Field(None, ge=1)
-    """Runs that a round adds (default: four for each parameter)."""
-    shift: Number = Field(0.1, gt=0)
-    """By how many standard deviations the emulator's error, or a further round, may still shift the posterior."""
-
-
-class PredictionSettings(Block):
-    """Propagation of the posterior."""
-
-    simulations: Count = Field(1000, ge=20)
-    interval: Number = Field(0.95, gt=0, lt=1)
-    initial_span: Duration = 600.0
-    """The first samples of an unseen window, used for its initial temperatures and never scored."""
-
-
-class Calibration(Block):
-    """Settings of the methods."""
-
-    seed: Annotated[Count, Field(ge=0, lt=2**32)] = 1
-    genetic: GeneticSettings = GeneticSettings()
-    nuts: NutsSettings = NutsSettings()
-    prediction: PredictionSettings = PredictionSettings()
-    emulator: EmulatorSettings = EmulatorSettings()
+# --- the whole --------------------------------------------------------------------------------------------------
 
 
 class InitialState(Block):

@@ -16,8 +16,7 @@ from typing import Any
 import numpy as np
 
 from ..errors import FlightcalError
-from ..scenario import Parameter, Scenario
-from ..scenario.network import Conductor, Face, Node, SimulatorModel
+from ..scenario import Conductor, Face, Node, Parameter, Scenario, SimulatorModel
 from ..simulator import Network
 from ..simulator.system import FloatArray
 from .patterns import plain

@@ -13,15 +13,21 @@ from pydantic import ValidationError
 from ..environment import orbital_period
 from ..errors import FlightcalError, ScenarioError
 from ..operational.file import Mission, load_spacecraft
-from ..scenario import Parameter, Scenario, settable
-from ..scenario._document import Document, Problem, read_document
-from ..scenario._draft import draft_of_scenario
-from ..scenario._parameters import read_parameters
-from ..scenario._units import show
-from ..scenario._wording import problems_of
-from ..scenario.lint import Finding
-from ..scenario.network import ModeChange
-from ..scenario.schema import Observation
+from ..scenario import (
+    Document,
+    Finding,
+    ModeChange,
+    Observation,
+    Parameter,
+    Problem,
+    Scenario,
+    draft_of_scenario,
+    problems_of,
+    read_document,
+    read_parameters,
+    settable,
+    show,
+)
 from ..telemetry import window_bounds
 from .patterns import has_wildcard, matching
 from .schema import FlightWindow, Reduction

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import xarray as xr
 
-from flightcal.scenario.schema import is_trained
+from flightcal.scenario import is_trained
 
 from .. import block, tables
 from .. import figures as draw

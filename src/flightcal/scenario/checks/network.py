@@ -5,12 +5,12 @@ from __future__ import annotations
 from collections.abc import Iterator
 from pathlib import Path
 
-from .._document import Location, Problem
-from .._draft import Draft
-from .._reading import Reading
-from .._units import show
+from ..blocks import Draft
+from ..document import Location, Problem
 from ..network import Conductor
-from ._common import channel_of_kind, heated_node, readable, unknown
+from ..reading import Reading
+from ..units import show
+from .common import channel_of_kind, heated_node, readable, unknown
 
 _CONDUCTORS: Location = ("simulator", "conductors")
 

@@ -6,13 +6,13 @@ from collections.abc import Iterator
 from itertools import pairwise
 from pathlib import Path
 
-from .._document import Location, Problem
-from .._draft import Draft
-from .._reading import Reading
-from .._units import celsius
+from ..blocks import Draft
+from ..document import Location, Problem
 from ..network import Heater
-from ..settable import load_coefficient
-from ._common import channel_of_kind, heated_node, readable, unknown
+from ..numbers import load_coefficient
+from ..reading import Reading
+from ..units import celsius
+from .common import channel_of_kind, heated_node, readable, unknown
 
 _TIMELINE: Location = ("simulator", "timeline")
 

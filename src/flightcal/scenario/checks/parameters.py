@@ -6,14 +6,13 @@ import math
 from collections.abc import Iterator, Mapping
 from pathlib import Path
 
-from .._document import Problem
-from .._priors import support
-from .._reading import Reading
-from .._units import celsius
-from ..priors import HalfNormal, LogNormal, Prior, TruncatedNormal
+from ..document import Problem
+from ..numbers import Settable, is_difference
+from ..priors import HalfNormal, LogNormal, Prior, TruncatedNormal, support
+from ..reading import Reading
 from ..schema import Parameter
-from ..settable import Settable, is_difference
-from ._common import readable
+from ..units import celsius
+from .common import readable
 
 _FAR_OUT = 5.0
 """Standard deviations from a truncated normal's mean to its bounds, beyond which sampling it fails."""

@@ -6,12 +6,12 @@ from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
 from typing import TypeVar, get_args
 
-from ._draft import Draft, draft_of_scenario
-from ._fields import Block
-from ._units import Quantity, si_unit, to_si
+from .blocks import Draft, draft_of_scenario
 from .environment import AttitudeOffset, Environment
+from .fields import Block
 from .network import Conductor, Face, Heater, Load, Node
 from .schema import Channel, Observation, Scenario
+from .units import Quantity, si_unit, to_si
 
 T = TypeVar("T")
 

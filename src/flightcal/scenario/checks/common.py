@@ -6,10 +6,10 @@ from collections.abc import Callable, Collection, Iterator, Mapping
 from pathlib import Path
 from typing import TypeVar
 
-from .._document import Problem
-from .._draft import Draft
-from .._reading import Reading
-from .._units import did_you_mean, show
+from ..blocks import Draft
+from ..document import Problem
+from ..reading import Reading
+from ..units import did_you_mean, show
 
 Check = Callable[[Reading, Path], Iterator[Problem]]
 """A check looks at what could be read of a scenario in a folder, and yields what is wrong."""

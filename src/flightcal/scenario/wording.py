@@ -10,9 +10,9 @@ from typing import Any, get_args
 from pydantic import ValidationError
 
 from . import environment, external, network, priors, residuals, schema
-from ._document import Location, Problem
-from ._fields import Block
-from ._units import did_you_mean, show
+from .document import Location, Problem
+from .fields import Block
+from .units import did_you_mean, show
 
 _EXPECTED = {
     "string_type": "text",

@@ -7,12 +7,12 @@ from collections.abc import Iterator
 from datetime import datetime, timedelta
 from pathlib import Path
 
-from .._document import Problem
-from .._reading import Reading
-from .._units import did_you_mean
+from ..document import Problem
 from ..environment import CircularOrbit, Environment, KeplerianOrbit, TleOrbit
-from ..schema import Window, is_trained
-from ._common import readable
+from ..reading import Reading
+from ..units import did_you_mean
+from ..windows import Window, is_trained
+from .common import readable
 from .environment import EARTH_RADIUS
 
 _EARTH_MU = 3.986004418e14  # m3/s2 (WGS 84)

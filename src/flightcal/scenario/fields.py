@@ -8,7 +8,7 @@ from typing import Annotated, Any, Literal
 
 from pydantic import BaseModel, BeforeValidator, ConfigDict, Discriminator, Field, PlainSerializer, Tag, WithJsonSchema
 
-from ._units import Quantity, show, to_si, written
+from .units import Quantity, show, to_si, written
 
 _FIRST_YEAR, _LAST_YEAR = 1957, 2200
 """Of spaceflight, and within what nanosecond time stamps can hold."""

@@ -6,9 +6,9 @@ import re
 from collections.abc import Iterator
 from pathlib import Path
 
-from .._document import Location, Problem
-from .._reading import Reading
-from .._units import show
+from ..document import Location, Problem
+from ..reading import Reading
+from ..units import show
 
 _NAME = re.compile(r"[\w+-][\w+ -]*(?<! )")
 _DIMENSIONS = ("chain", "draw")

@@ -5,11 +5,11 @@ from __future__ import annotations
 from collections.abc import Mapping
 from typing import Any
 
-from ._document import Location, Problem
-from ._priors import FORMS, read_prior, written_prior
-from ._units import Quantity, written
+from .document import Location, Problem
+from .priors import FORMS, read_prior, written_prior
 from .residuals import Discrepancy, Noise
 from .schema import Observation
+from .units import Quantity, written
 
 _STAND_IN = 1.0
 """For a number with problems of its own, so that the rest of its block is still checked."""

@@ -9,8 +9,6 @@ from typing import Any
 
 from pydantic import TypeAdapter, ValidationError
 
-from ._fields import Names
-from ._units import Power
 from .environment import Environment
 from .external import (
     KINDS,
@@ -24,9 +22,12 @@ from .external import (
     is_external,
     kind_of_simulator,
 )
+from .fields import Names
 from .network import Conductor, Face, Heater, Load, ModeChange, Node, ReducedNumber, SimulatorModel
 from .residuals import Discrepancy, Noise
-from .schema import Channel, Observation, Parameter, Scenario, Window
+from .schema import Channel, Observation, Parameter, Scenario
+from .units import Power
+from .windows import Window
 
 _NO_NETWORK = SimulatorModel.model_construct(nodes={})
 

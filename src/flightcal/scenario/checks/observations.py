@@ -6,12 +6,12 @@ import math
 from collections.abc import Iterator
 from pathlib import Path
 
-from .._document import Problem
-from .._draft import Draft
-from .._priors import support
-from .._reading import Reading
+from ..blocks import Draft
+from ..document import Problem
+from ..priors import support
+from ..reading import Reading
 from ..schema import Observation
-from ._common import channel_of_kind, readable, unknown
+from .common import channel_of_kind, readable, unknown
 
 _ERRORS = ("bias", "gain", "time_offset", "lag")
 

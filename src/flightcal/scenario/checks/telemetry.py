@@ -6,11 +6,11 @@ import os
 from collections.abc import Iterator
 from pathlib import Path
 
-from .._document import Location, Problem
-from .._reading import Reading
-from .._units import did_you_mean, is_temperature, kind_of, parse_unit, show, si_unit, to_si
+from ..document import Location, Problem
+from ..reading import Reading
 from ..schema import Channel
-from ._common import readable
+from ..units import did_you_mean, is_temperature, kind_of, parse_unit, show, si_unit, to_si
+from .common import readable
 
 _COMBINATIONS = {"temperature": ("mean",), "status": (), "driver": ("mean", "sum", "product")}
 

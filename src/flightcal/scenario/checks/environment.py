@@ -8,9 +8,7 @@ import re
 from collections.abc import Iterator
 from pathlib import Path
 
-from .._document import Location, Problem
-from .._reading import Reading
-from .._units import show
+from ..document import Location, Problem
 from ..environment import (
     CircularOrbit,
     InertialAttitude,
@@ -20,6 +18,8 @@ from ..environment import (
     SpinningAttitude,
     TleOrbit,
 )
+from ..reading import Reading
+from ..units import show
 
 EARTH_RADIUS = 6378.137e3  # m, equatorial (WGS 84)
 _LOCAL_TIME = re.compile(r"([01]\d|2[0-3]):[0-5]\d")

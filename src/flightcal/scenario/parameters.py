@@ -5,13 +5,12 @@ from __future__ import annotations
 from collections.abc import Iterator, Mapping
 from typing import Any
 
-from ._document import Location, Problem
-from ._draft import Draft
-from ._priors import read_prior
-from ._residuals import read_noise
-from ._units import Quantity, did_you_mean
-from .priors import Normal
-from .settable import Settable, is_difference
+from .blocks import Draft
+from .document import Location, Problem
+from .numbers import Settable, is_difference
+from .priors import Normal, read_prior
+from .uncertain import read_noise
+from .units import Quantity, did_you_mean
 
 _FIELDS = {
     "nodes": ("capacity", "boundary"),

@@ -10,13 +10,13 @@ from collections.abc import Iterator, Mapping
 from pathlib import Path, PurePosixPath
 from typing import Any
 
-from .._document import Location, Problem
-from .._draft import Draft, External
-from .._reading import Reading
-from .._units import show
+from ..blocks import Draft, External
+from ..document import Location, Problem
 from ..external import Executable, PythonFunction, Umbridge
-from ._common import channel_of_kind, readable, unknown
-from ._fmu import check_fmu
+from ..reading import Reading
+from ..units import show
+from .common import channel_of_kind, readable, unknown
+from .fmu import check_fmu
 
 _SIMULATOR: Location = ("simulator",)
 _TEMPLATE_NAMES = ("inputs", "times", "start", "end")

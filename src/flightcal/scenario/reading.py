@@ -8,16 +8,16 @@ from typing import Any
 
 from pydantic import ValidationError
 
-from ._document import Document, Problem, read_document
-from ._draft import Draft, draft_of_data
-from ._parameters import read_observations, read_parameters
-from ._reduced import fill_in
-from ._residuals import read_discrepancy, read_noise_block
-from ._units import show
-from ._windows import flat_windows
-from ._wording import problems_of, unknown_key, written_keys
+from .blocks import Draft, draft_of_data
+from .document import Document, Problem, read_document
+from .numbers import Settable, settable_of
+from .parameters import read_observations, read_parameters
+from .reduced import fill_in
 from .schema import Scenario
-from .settable import Settable, settable_of
+from .uncertain import read_discrepancy, read_noise_block
+from .units import show
+from .windows import flat_windows
+from .wording import problems_of, unknown_key, written_keys
 
 
 @dataclass(frozen=True)

@@ -7,13 +7,13 @@ from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
 
-from .._document import Location, Problem
-from .._draft import Draft, External
-from .._priors import support
-from .._reading import Reading
+from ..blocks import Draft, External
+from ..document import Location, Problem
 from ..external import PythonFunction, Umbridge
+from ..priors import support
+from ..reading import Reading
 from ..residuals import Noise
-from ._common import readable, unknown
+from .common import readable, unknown
 
 _POSITIVE = "expected one of positive values: half_normal, lognormal or truncated_normal"
 
