@@ -140,7 +140,7 @@ def variant(scenario: Scenario, model: str) -> Scenario:
         elif model == "iid":
             names = ("distribution", "degrees_of_freedom", "quantisation")
             written |= {name: getattr(own, name) for name in names if name in own.model_fields_set}
-        return Noise(**written)
+        return Noise.model_construct(**written)
 
     observations = {
         channel: item

@@ -1,6 +1,6 @@
 """What a user writes: the scenario file as immutable objects in SI, and all that is wrong with it; imports: errors."""
 
-from .blocks import draft_of_scenario
+from .blocks import blocks_of
 from .calibration import Calibration, EmulatorSettings, GeneticSettings, NutsSettings, PredictionSettings
 from .document import Document, Problem, read_document
 from .environment import (
@@ -42,7 +42,7 @@ from .network import (
     SimulatorModel,
 )
 from .numbers import Settable, settable
-from .parameters import read_parameters
+from .parameters import read_parameters, set_twice
 from .priors import Beta, HalfNormal, LogNormal, Normal, Prior, TruncatedNormal, Uniform, support
 from .reduced import REDUCED_MODEL_FORMAT
 from .residuals import Discrepancy, DutyCycle, Noise, PhaseDiscrepancy, SwitchTimes, TimeDiscrepancy
@@ -64,6 +64,7 @@ from .windows import Window, is_trained
 from .wording import problems_of
 
 __all__ = [
+    "REDUCED_MODEL_FORMAT",
     "Attitude",
     "Beta",
     "Block",
@@ -109,7 +110,6 @@ __all__ = [
     "Prior",
     "Problem",
     "Quantity",
-    "REDUCED_MODEL_FORMAT",
     "ReducedNumber",
     "SampledAttitude",
     "SampledOrbit",
@@ -130,7 +130,7 @@ __all__ = [
     "Uniform",
     "Vector",
     "Window",
-    "draft_of_scenario",
+    "blocks_of",
     "input_files",
     "is_orthogonal",
     "is_temperature",
@@ -146,6 +146,7 @@ __all__ = [
     "read_parameters",
     "resolved_yaml",
     "schema_of",
+    "set_twice",
     "settable",
     "show",
     "si_unit",

@@ -61,7 +61,7 @@ def _dotted(location: Location, reading: Reading) -> str:
     if len(parts) > 1 and parts[0] in _UNNAMED and parts[1] in _SECTIONS:
         del parts[0]
     if len(parts) > 1 and parts[0] == "conductors" and isinstance(parts[1], int):
-        conductors = reading.draft.conductors
+        conductors = reading.blocks.conductors
         conductor = conductors[parts[1]] if parts[1] < len(conductors) else None
         parts[1] = conductor.label if conductor else parts[1]
     return "".join(f"[{part}]" if isinstance(part, int) else f".{part}" for part in parts).lstrip(".")

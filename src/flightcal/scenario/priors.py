@@ -6,14 +6,15 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Callable
-from typing import Annotated, Any, Literal
+from dataclasses import dataclass
+from typing import Annotated, Any, Literal, cast, get_args
 
-from pydantic import Field, Tag
+from pydantic import Field
+from pydantic_core import core_schema
 
 from .document import Location, Problem
-from .fields import Block, Number, one_of
-from .units import did_you_mean, example, quantity_schema, show, to_si, written
+from .fields import Block, Number, refusal
+from .units import Quantity, did_you_mean, example, quantity_schema, show, to_si, written
 
 
 class Uniform(Block):
@@ -69,9 +70,9 @@ class Beta(Block):
 
 Prior = Uniform | Normal | TruncatedNormal | LogNormal | HalfNormal | Beta
 
-# --- how they are written ----------------------------------------------------------------------
+# --- how they are written ----------------------------------------------------------------------------------------
 
-FORMS: dict[str, tuple[Callable[..., Prior], dict[str, str]]] = {
+FORMS: dict[str, tuple[type[Prior], dict[str, str]]] = {
     "uniform": (Uniform, {"lower": "value", "upper": "value"}),
     "normal": (Normal, {"mean": "value", "standard_deviation": "spread"}),
     "truncated_normal": (
@@ -87,67 +88,55 @@ _ABOVE = {"standard_deviation": 0.0, "scale": 0.0, "median": 0.0, "factor": 1.0,
 _NAMES = ", ".join(FORMS)
 
 
-def read_prior(value: Any, unit: str, location: Location, *, difference: bool = False) -> Prior | list[Problem]:
-    """The prior written as `value` for a quantity in SI `unit`, or what is wrong with it.
+def read_prior(value: Any, unit: str, *, difference: bool = False) -> Prior:
+    """The prior written as `value` for a quantity in SI `unit`; one that has been read stays as it is.
 
     difference: of two temperatures. Standard deviations and scales always are differences.
+    Raises ValidationError, with the places in `value`.
     """
+    if isinstance(value, get_args(Prior)):
+        return cast(Prior, value)
     if not isinstance(value, dict) or len(value) != 1:
         found = "none" if value == {} else " and ".join(map(repr, value)) if isinstance(value, dict) else show(value)
         wanted = f"one distribution such as {{uniform: [{example(unit)}, ...]}}: {_NAMES}"
-        return [Problem(location, f"found {found}, expected {wanted}")]
+        raise refusal(Problem((), f"found {found}, expected {wanted}"))
     ((kind, arguments),) = value.items()
-    location = (*location, kind)
     if kind not in FORMS:
-        return [
-            Problem(location, f"unknown distribution {kind!r}, expected one of {_NAMES}{did_you_mean(kind, FORMS)}")
-        ]
+        message = f"unknown distribution {kind!r}, expected one of {_NAMES}{did_you_mean(kind, FORMS)}"
+        raise refusal(Problem((kind,), message))
     make, fields = FORMS[kind]
-    places = {name: (*location, name) for name in fields}
+    places: dict[str, Location] = {name: (kind, name) for name in fields}
     if kind == "uniform":
         if not isinstance(arguments, list) or len(arguments) != 2:
-            return [Problem(location, f"found {show(arguments)}, expected two bounds [lower, upper]")]
-        places = {"lower": (*location, 0), "upper": (*location, 1)}
+            raise refusal(Problem((kind,), f"found {show(arguments)}, expected two bounds [lower, upper]"))
+        places = {"lower": (kind, 0), "upper": (kind, 1)}
         arguments = dict(zip(fields, arguments, strict=True))
     elif kind == "half_normal":
-        places = {"scale": location}
+        places = {"scale": (kind,)}
         arguments = {"scale": arguments}
     elif not isinstance(arguments, dict):
-        return [Problem(location, f"found {show(arguments)}, expected a mapping with {', '.join(fields)}")]
+        raise refusal(Problem((kind,), f"found {show(arguments)}, expected a mapping with {', '.join(fields)}"))
     if kind == "beta" and not unit:
         arguments = {"lower": 0.0, "upper": 1.0, **arguments}
-    return _build(make, fields, arguments, places, unit, difference)
-
-
-def _build(
-    make: Callable[..., Prior],
-    fields: dict[str, str],
-    arguments: dict[str, Any],
-    places: dict[str, Location],
-    unit: str,
-    difference: bool,
-) -> Prior | list[Problem]:
-    around = next(iter(places.values()))[:-1]
     problems = [
-        Problem((*around, key), f"unknown key {key!r}, expected {', '.join(fields)}{did_you_mean(key, fields)}")
+        Problem((kind, key), f"unknown key {key!r}, expected {', '.join(fields)}{did_you_mean(key, fields)}")
         for key in arguments
         if key not in fields
     ]
     numbers = {}
     for name, role in fields.items():
         if name not in arguments:
-            problems.append(Problem(around, f"missing key {name!r}"))
+            problems.append(Problem((kind,), f"missing key {name!r}"))
             continue
         try:
             numbers[name] = _read_number(arguments[name], name, role, unit, difference)
         except ValueError as error:
             problems.append(Problem(places[name], str(error)))
-    if problems:
-        return problems
-    lower, upper = numbers.get("lower", -math.inf), numbers.get("upper", math.inf)
-    if not lower < upper:
+    if not problems and not numbers.get("lower", -math.inf) < numbers.get("upper", math.inf):
         found = f"found {show(arguments['lower'])} and {show(arguments['upper'])}"
-        return [Problem(places["upper"], f"{found}, expected a lower bound below the upper one")]
+        problems.append(Problem(places["upper"], f"{found}, expected a lower bound below the upper one"))
+    if problems:
+        raise refusal(*problems)
     return make(**numbers)
 
 
@@ -211,18 +200,35 @@ def prior_schema() -> dict[str, Any]:
     }
 
 
-UncertainTags = (
-    Annotated[Uniform, Tag("<Uniform>")]
-    | Annotated[Normal, Tag("<Normal>")]
-    | Annotated[TruncatedNormal, Tag("<TruncatedNormal>")]
-    | Annotated[LogNormal, Tag("<LogNormal>")]
-    | Annotated[HalfNormal, Tag("<HalfNormal>")]
-    | Annotated[Beta, Tag("<Beta>")]
-    | Annotated[float, Tag("<number>")]
-)
-"""What an uncertain number may be, for unions that choose by `one_of`."""
-Uncertain = Annotated[
-    UncertainTags,
-    one_of(lambda value: "<number>" if isinstance(value, (int, float)) else None, "a number with its unit, or a prior"),
-]
-"""A number that is known, or has a prior."""
+# --- an uncertain number ----------------------------------------------------------------------------------------
+
+
+@dataclass(frozen=True)
+class Uncertain:
+    """Marks a number that is known or has a prior: a float or a Prior in SI, and how both are written."""
+
+    quantity: Quantity
+
+    def read(self, value: Any) -> Prior | float:
+        """The written number or prior in SI. Raises ValueError."""
+        if isinstance(value, (dict, *get_args(Prior))):
+            return read_prior(value, self.quantity.unit, difference=self.quantity.difference)
+        return self.quantity.read(value)
+
+    def write(self, value: Prior | float) -> Any:
+        """The number or prior as a user writes it."""
+        return self.quantity.write(value) if isinstance(value, float) else written_prior(value, self.quantity.unit)
+
+    def __get_pydantic_core_schema__(self, source: Any, handler: Any) -> core_schema.CoreSchema:
+        return core_schema.no_info_plain_validator_function(
+            self.read,
+            serialization=core_schema.plain_serializer_function_ser_schema(self.write, when_used="json"),
+        )
+
+    def __get_pydantic_json_schema__(self, schema: core_schema.CoreSchema, handler: Any) -> dict[str, Any]:
+        return {"anyOf": [quantity_schema(self.quantity.unit), prior_schema()]}
+
+
+UncertainDeviation = Annotated[Prior | float, Uncertain(Quantity("K", above=0.0, difference=True))]
+UncertainDuration = Annotated[Prior | float, Uncertain(Quantity("s", above=0.0))]
+UncertainNumber = Annotated[Prior | float, Uncertain(Quantity("", above=0.0))]

@@ -10,6 +10,7 @@ from pathlib import Path
 from typing import Annotated, Any, Literal
 
 from pydantic import Field, Tag, model_validator
+from pydantic_core import core_schema
 
 from ..errors import ScenarioError
 from .calibration import Calibration
@@ -23,9 +24,9 @@ from .external import (
     is_external,
     kind_of_simulator,
 )
-from .fields import Block, ChannelUnit, Count, Markers, Names, Number, Range, exactly_one, one_of
+from .fields import FILLED_IN, Block, ChannelUnit, Count, Markers, Names, Number, Paths, Range, exactly_one, one_of
 from .network import SimulatorModel
-from .priors import Prior
+from .priors import Prior, prior_schema, read_prior
 from .residuals import ChannelNoise, Discrepancy, Noise, StatusLikelihood
 from .units import Duration, Quantity
 from .windows import Window, is_trained
@@ -95,14 +96,32 @@ AnySimulator = Annotated[
 ]
 
 
+def is_difference(path: str) -> bool:
+    """Whether a path in kelvin is a temperature difference."""
+    return path.startswith("observations.") and path.endswith(".bias")
+
+
+class _OwnPrior:
+    """Marks a prior that is written in the unit of its parameter."""
+
+    def __get_pydantic_core_schema__(self, source: Any, handler: Any) -> core_schema.CoreSchema:
+        def read(value: Any, info: core_schema.ValidationInfo) -> Prior:
+            return read_prior(value, info.data["unit"], difference=any(map(is_difference, info.data.get("sets", ()))))
+
+        return core_schema.with_info_plain_validator_function(read)
+
+    def __get_pydantic_json_schema__(self, schema: core_schema.CoreSchema, handler: Any) -> dict[str, Any]:
+        return prior_schema()
+
+
 class Parameter(Block):
     """An uncertain number: what it sets or scales (dotted paths), its prior and its SI unit."""
 
-    sets: tuple[str, ...] = ()
-    scales: tuple[str, ...] = ()
-    prior: Annotated[Prior, Field(discriminator="kind")]
-    unit: str
+    sets: Paths = ()
+    scales: Paths = ()
+    unit: Annotated[str, FILLED_IN]
     """SI unit of the quantity it sets; "" when it scales."""
+    prior: Annotated[Prior, _OwnPrior()]
     drift: Annotated[Number, Field(gt=0)] | None = None
     """It differs between the windows of a calibration on several: scale of the half-normal prior of the standard
     deviation between them, in standard deviations of the parameter's own prior. null: it does not."""
@@ -118,7 +137,7 @@ class Observation(Block):
     heater: str | None = None
     gain: Annotated[float, Quantity("", above=0)] = 1.0
     """Slope of the reading in degC: y = gain x + bias, with the simulated temperature x in degC."""
-    bias: Number = 0.0
+    bias: Annotated[float, Quantity("K", difference=True)] = 0.0
     """Kelvin, added to the simulated temperature."""
     time_offset: Annotated[float, Quantity("s")] = 0.0
     """The reading is of so much later than its time tag says (negative: earlier)."""
@@ -161,7 +180,7 @@ class Scenario(Block):
     environment: Environment = Environment()
     simulator: AnySimulator
     initial_state: InitialState = InitialState()
-    parameters: dict[str, Parameter] = Field(min_length=1)
+    parameters: dict[str, Parameter]
     observations: dict[str, Observation] = Field(min_length=1)
     noise: Noise = Noise()
     """Of the temperature channels that have none of their own."""
@@ -170,7 +189,7 @@ class Scenario(Block):
     """`train`, and any number of other windows, on which the result is scored. Several to train on are a list or a
     mapping in the place of `train`, and are called ``train.<name>``; other windows may be grouped likewise."""
     calibration: Calibration = Calibration()
-    folder: Path = Field(default=Path(), exclude=True)
+    folder: Annotated[Path, FILLED_IN] = Field(default=Path(), exclude=True)
     """Folder of the file; relative paths start there."""
 
     @property
@@ -197,4 +216,4 @@ def noise_of(scenario: Scenario, channel: str) -> Noise:
     own = scenario.observations[channel].noise
     if own is None:
         return scenario.noise
-    return own if isinstance(own, Noise) else Noise(standard_deviation=own)
+    return own if isinstance(own, Noise) else Noise.model_construct(standard_deviation=own)

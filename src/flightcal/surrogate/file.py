@@ -21,10 +21,11 @@ from ..scenario import (
     Parameter,
     Problem,
     Scenario,
-    draft_of_scenario,
+    blocks_of,
     problems_of,
     read_document,
     read_parameters,
+    set_twice,
     settable,
     show,
 )
@@ -156,32 +157,9 @@ def _parameters(blocks: dict[str, Any], scenario: Scenario) -> tuple[dict[str, P
                     problems.append(Problem(("parameters", name, key), f"found {path!r}, which fits no number"))
                 found += fits
             written[name][key] = found
-    read, found_problems = read_parameters(written, numbers, draft_of_scenario(scenario))
-    problems += found_problems
-    parameters = {}
-    for name, block in read.items():
-        try:
-            parameters[name] = Parameter.model_validate(block)
-        except ValidationError as error:
-            for problem in problems_of(error, Parameter):
-                problems.append(Problem(("parameters", name, *problem.location), problem.message))
-    problems += _set_twice(parameters)
-    return parameters, problems
-
-
-def _set_twice(parameters: dict[str, Parameter]) -> list[Problem]:
-    by: dict[str, str] = {}
-    problems = []
-    for name, parameter in parameters.items():
-        for path in parameter.sets:
-            if path in by:
-                problems.append(Problem(("parameters", name), f"found '{path}', which '{by[path]}' sets already"))
-            by[path] = name
-    for name, parameter in parameters.items():
-        for path in parameter.scales:
-            if path in by:
-                problems.append(Problem(("parameters", name), f"found '{path}' scaled, which '{by[path]}' sets"))
-    return problems
+    read, found_problems = read_parameters(written, numbers, blocks_of(scenario))
+    parameters = {name: parameter for name, parameter in read.items() if parameter is not None}
+    return parameters, [*problems, *found_problems, *set_twice(parameters)]
 
 
 def _windows(reduction: Reduction) -> dict[tuple[str, ...], FlightWindow]:

@@ -30,11 +30,11 @@ _ATTITUDE: Location = ("environment", "attitude")
 
 def check(reading: Reading, folder: Path) -> Iterator[Problem]:
     """Orbit and attitude describe one that exists."""
-    environment = reading.draft.environment
+    environment = reading.blocks.environment
     if environment is None:
         return
     orbit, attitude = environment.orbit, environment.attitude
-    if environment.attitude_offset is not None and reading.draft.reduced is not None:
+    if environment.attitude_offset is not None and reading.blocks.reduced is not None:
         message = "found an attitude offset, expected none: a reduced order model knows its faces' directions only"
         yield Problem(("environment", "attitude_offset"), message)
     if isinstance(orbit, CircularOrbit):
