@@ -9,8 +9,7 @@ import numpy as np
 from tests.oracle import dense, jax, jnp
 
 from flightcal.calibration import Problem
-from flightcal.scenario import Normal, Prior, Uniform
-from flightcal.scenario.priors import LogNormal, TruncatedNormal
+from flightcal.scenario import LogNormal, Normal, Prior, TruncatedNormal, Uniform
 from flightcal.simulator import Drive, NetworkSimulator, Structure, System
 from flightcal.simulator.system import packed_bounds
 

@@ -14,7 +14,7 @@ from typer.testing import CliRunner
 
 from flightcal.cli import app
 from flightcal.errors import TelemetryError
-from flightcal.scenario.schema import TelemetryFile, Window
+from flightcal.scenario import TelemetryFile, Window
 from flightcal.telemetry import driver_series, read_telemetry, select_window
 
 CASES = sorted(path.parent for path in (Path(__file__).parent / "broken" / "telemetry").glob("*/case.yaml"))

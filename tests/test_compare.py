@@ -12,8 +12,7 @@ from flightcal.compare import MODELS, comparison_of, recommend, variant
 from flightcal.experiment import Summary
 from flightcal.report import write_comparison
 from flightcal.run import plain
-from flightcal.scenario import load_scenario, resolved_yaml
-from flightcal.scenario.schema import noise_of
+from flightcal.scenario import load_scenario, noise_of, resolved_yaml
 from flightcal.validation import BlockLoo, Metric
 from tests import small
 from tests.test_experiment import write

@@ -9,7 +9,7 @@ from typer.testing import CliRunner
 from flightcal import left_out, prediction
 from flightcal.cli import USER_ERROR, app
 from flightcal.errors import RunError
-from flightcal.scenario.external import ExternalModel
+from flightcal.scenario import ExternalModel
 from tests import small
 from tests.test_experiment import write
 

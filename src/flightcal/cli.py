@@ -107,7 +107,7 @@ def schema(
     """Print the JSON Schema of scenario files, for editors."""
     if spacecraft:
         from .operational.schema import SpacecraftFile
-        from .scenario.json_schema import schema_of
+        from .scenario import schema_of
 
         content = schema_of(SpacecraftFile)
     else:

@@ -24,9 +24,17 @@ from .experiment import Summary, read, run_experiment
 from .listener import Listener
 from .report import write_comparison
 from .run import plain, write_atomically
-from .scenario import Discrepancy, Noise, Scenario, load_scenario, resolved_yaml
-from .scenario.residuals import PhaseDiscrepancy, TimeDiscrepancy
-from .scenario.schema import is_trained, noise_of
+from .scenario import (
+    Discrepancy,
+    Noise,
+    PhaseDiscrepancy,
+    Scenario,
+    TimeDiscrepancy,
+    is_trained,
+    load_scenario,
+    noise_of,
+    resolved_yaml,
+)
 from .simulator.system import FloatArray
 from .validation import BlockLoo, Metric, block_log_likelihood, blocks_of, leave_blocks_out
 
@@ -132,7 +140,7 @@ def variant(scenario: Scenario, model: str) -> Scenario:
         elif model == "iid":
             names = ("distribution", "degrees_of_freedom", "quantisation")
             written |= {name: getattr(own, name) for name in names if name in own.model_fields_set}
-        return Noise(**written)
+        return Noise.model_construct(**written)
 
     observations = {
         channel: item

@@ -17,8 +17,7 @@ from .calibration.joint import join, label_of
 from .errors import RunError
 from .experiment import in_window, nearest_trained
 from .prediction import predict
-from .scenario import Scenario
-from .scenario.external import ExternalModel
+from .scenario import ExternalModel, Scenario
 from .validation import score
 
 LEFT_OUT = "left_out"

@@ -9,8 +9,7 @@ from flightcal.calibration import active, build_problem, calibrate_nuts
 from flightcal.calibration.active import learn, simulated_priors, start_design
 from flightcal.calibration.horizon import beginnings
 from flightcal.errors import FlightcalError
-from flightcal.scenario import NutsSettings
-from flightcal.scenario.schema import EmulatorSettings
+from flightcal.scenario import EmulatorSettings, NutsSettings
 from flightcal.surrogate.runs import read_runs
 from tests import derivative_free
 

@@ -7,7 +7,7 @@ import xarray as xr
 
 from flightcal.calibration.diagnostics import diagnose
 from flightcal.calibration.nuts import MAXIMUM_DEPTH
-from flightcal.scenario.schema import NutsSettings
+from flightcal.scenario import NutsSettings
 
 CHAINS, DRAWS = 4, 1000
 SETTINGS = NutsSettings()
@@ -190,7 +190,7 @@ def test_the_old_arviz_is_not_imported():
     code = (
         "import sys, numpy as np, xarray as xr\n"
         "from flightcal.calibration.diagnostics import diagnose\n"
-        "from flightcal.scenario.schema import NutsSettings\n"
+        "from flightcal.scenario import NutsSettings\n"
         "assert 'arviz_stats' not in sys.modules\n"
         "x = np.random.default_rng(0).normal(size=(4, 100))\n"
         "d = {'x': (('chain', 'draw'), x)}\n"

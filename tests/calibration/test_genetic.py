@@ -5,7 +5,7 @@ import pytest
 
 from flightcal.calibration.genetic import minimise
 from flightcal.errors import FlightcalError
-from flightcal.scenario.schema import GeneticSettings
+from flightcal.scenario import GeneticSettings
 
 LOWER, UPPER = np.array([-5.0, 0.0, 100.0]), np.array([5.0, 1.0, 300.0])
 TARGET = np.array([1.5, 0.2, 250.0])

@@ -10,7 +10,7 @@ from flightcal.calibration.native import density as native_module
 from flightcal.calibration.nuts import overdispersed_starts, sample
 from flightcal.calibration.whitening import Whitening, whitening
 from flightcal.probability.likelihood import iid_log_likelihood
-from flightcal.scenario.schema import NutsSettings
+from flightcal.scenario import NutsSettings
 from flightcal.simulator import SimulationFailure
 from flightcal.simulator.forward import TOO_MANY_SWITCHES
 

@@ -13,7 +13,7 @@ from scipy.special import digamma, polygamma
 from flightcal.calibration.nuts import MAXIMUM_DEPTH, OVERDISPERSION, _Density, overdispersed_starts, sample
 from flightcal.calibration.whitening import LARGEST_DEVIATION, Whitening, whitening
 from flightcal.errors import FlightcalError
-from flightcal.scenario.schema import NutsSettings
+from flightcal.scenario import NutsSettings
 
 
 def identity(d):
@@ -391,7 +391,7 @@ def test_no_warning_reaches_the_user_and_nothing_is_printed(tmp_path):
         "import sys, numpy as np\n"
         "from flightcal.calibration.nuts import sample\n"
         "from flightcal.calibration.whitening import Whitening\n"
-        "from flightcal.scenario.schema import NutsSettings\n"
+        "from flightcal.scenario import NutsSettings\n"
         "assert 'nutpie' not in sys.modules\n"
         "sample(lambda z: (-0.5 * float(z @ z), -z), Whitening(np.zeros(2), np.eye(2)),\n"
         "       NutsSettings(draws=50, warmup=50), 1)\n"

@@ -7,8 +7,7 @@ from scipy.stats import halfnorm, norm
 from flightcal.calibration import build_problem
 from flightcal.check.centre import find_centre
 from flightcal.check.identifiability import identifiability, sparse_basis
-from flightcal.scenario import LogNormal, Normal
-from flightcal.scenario.priors import HalfNormal
+from flightcal.scenario import HalfNormal, LogNormal, Normal
 
 from .. import small
 from .problems import centre_at, formula_problem, samples

@@ -10,7 +10,7 @@ import pytest
 
 from flightcal.environment.geometry import geometry_of
 from flightcal.environment.orbit import local_time_to_raan
-from flightcal.scenario.environment import Environment
+from flightcal.scenario import Environment
 
 EPOCH = np.datetime64("2024-03-20T03:06:00", "ns")
 """March equinox of 2024, so the Sun is at right ascension and declination 0 (Astronomical Almanac)."""

@@ -4,8 +4,8 @@ import pytest
 from jsonschema import Draft202012Validator
 
 from flightcal.operational.schema import SpacecraftFile
-from flightcal.scenario._document import read_document
-from flightcal.scenario.json_schema import schema_of
+from flightcal.scenario import schema_of
+from flightcal.scenario.document import read_document
 
 EXAMPLE = Path(__file__).parents[2] / "examples" / "leo_observer" / "spacecraft.yaml"
 

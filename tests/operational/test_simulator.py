@@ -14,9 +14,7 @@ from flightcal.errors import FlightcalError
 from flightcal.operational.geometry import Coating, Material, Side, box, box_joints, mesh_plates
 from flightcal.operational.onboard import HeaterLine, OnboardSoftware, OnOff, TemperatureTransition, VotedSensor
 from flightcal.operational.simulator import Branch, Downlink, Spacecraft, Thermistor, ThermistorFailure, fly
-from flightcal.scenario import Scenario
-from flightcal.scenario.environment import Environment
-from flightcal.scenario.network import Conductor, Node, SimulatorModel
+from flightcal.scenario import Conductor, Environment, Node, Scenario, SimulatorModel
 from flightcal.simulator.network import DEEP_SPACE, STEFAN_BOLTZMANN
 
 from .. import small

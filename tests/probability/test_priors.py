@@ -3,7 +3,7 @@ import pytest
 import scipy.stats
 
 from flightcal.probability.priors import Priors
-from flightcal.scenario.priors import Beta, HalfNormal, LogNormal, Normal, TruncatedNormal, Uniform
+from flightcal.scenario import Beta, HalfNormal, LogNormal, Normal, TruncatedNormal, Uniform
 
 SIGMA = np.log(2.5)
 CASES = {

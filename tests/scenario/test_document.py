@@ -1,6 +1,6 @@
 import pytest
 
-from flightcal.scenario._document import parse_document, read_document
+from flightcal.scenario.document import parse_document, read_document
 
 
 def test_yaml_1_2_leaves_words_and_times_alone():

@@ -11,7 +11,7 @@ from hypothesis import strategies as st
 from ruamel.yaml import YAML
 
 from flightcal.scenario import resolved_yaml, settable
-from flightcal.scenario._document import read_document, walk
+from flightcal.scenario.document import read_document, walk
 from flightcal.scenario.lint import examine
 
 EXAMPLE = Path(__file__).parent / "example.yaml"

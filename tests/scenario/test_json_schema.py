@@ -5,7 +5,7 @@ import pytest
 from jsonschema import Draft202012Validator
 
 from flightcal.scenario import json_schema, load_scenario, resolved_yaml, write_template
-from flightcal.scenario._document import parse_document, read_document
+from flightcal.scenario.document import parse_document, read_document
 
 EXAMPLE = Path(__file__).parent / "example.yaml"
 BROKEN = Path(__file__).parents[1] / "broken"

@@ -15,8 +15,8 @@ from flightcal.scenario import (
     TruncatedNormal,
     Uniform,
     load_scenario,
+    noise_of,
 )
-from flightcal.scenario.schema import noise_of
 
 EXAMPLE = Path(__file__).parent / "example.yaml"
 

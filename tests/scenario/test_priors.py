@@ -1,9 +1,11 @@
 import math
 
 import pytest
+from pydantic import ValidationError
 
 from flightcal.scenario import Beta, HalfNormal, LogNormal, Normal, TruncatedNormal, Uniform
-from flightcal.scenario._priors import read_prior, support, written_prior
+from flightcal.scenario.priors import read_prior, support, written_prior
+from flightcal.scenario.wording import problems_of
 
 PRIORS = [
     Uniform(lower=-1.5, upper=0.1),
@@ -43,17 +45,17 @@ PRIORS = [
     ],
 )
 def test_written_prior_is_read_in_si(written, unit, prior):
-    assert read_prior(written, unit, ()) == prior
+    assert read_prior(written, unit) == prior
 
 
 def test_mean_temperature_has_an_offset_and_its_standard_deviation_none():
     for deviation in ("2 K", "2 degC", "2 delta_degC"):
-        prior = read_prior({"normal": {"mean": "12 degC", "standard_deviation": deviation}}, "K", ())
+        prior = read_prior({"normal": {"mean": "12 degC", "standard_deviation": deviation}}, "K")
         assert prior == Normal(mean=285.15, standard_deviation=2.0)
 
 
 def test_mean_of_a_temperature_difference_has_no_offset():
-    prior = read_prior({"normal": {"mean": "1 degC", "standard_deviation": "2 K"}}, "K", (), difference=True)
+    prior = read_prior({"normal": {"mean": "1 degC", "standard_deviation": "2 K"}}, "K", difference=True)
 
     assert prior == Normal(mean=1.0, standard_deviation=2.0)
 
@@ -61,7 +63,7 @@ def test_mean_of_a_temperature_difference_has_no_offset():
 @pytest.mark.parametrize("prior", PRIORS, ids=lambda prior: prior.kind)
 @pytest.mark.parametrize("unit", ["", "K", "W/K"])
 def test_prior_reads_back_as_it_is_written(prior, unit):
-    assert read_prior(written_prior(prior, unit), unit, ()) == prior
+    assert read_prior(written_prior(prior, unit), unit) == prior
 
 
 @pytest.mark.parametrize(
@@ -92,9 +94,10 @@ def test_prior_reads_back_as_it_is_written(prior, unit):
     ],
 )
 def test_what_is_no_prior_is_refused_in_its_place(written, unit, location, message):
-    problems = read_prior(written, unit, ("prior",))
+    with pytest.raises(ValidationError) as refused:
+        read_prior(written, unit)
 
-    assert isinstance(problems, list)
+    problems = problems_of(refused.value, location=("prior",))
     assert problems[0].location == ("prior", *location)
     assert message in problems[0].message
 

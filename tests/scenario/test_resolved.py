@@ -3,9 +3,8 @@ from pathlib import Path
 
 import pytest
 
-from flightcal.scenario import load_scenario, resolved_yaml, write_template
-from flightcal.scenario._document import parse_document
-from flightcal.scenario.external import simulator_files
+from flightcal.scenario import load_scenario, resolved_yaml, simulator_files, write_template
+from flightcal.scenario.document import parse_document
 
 EXAMPLE = Path(__file__).parent / "example.yaml"
 TLE = """tle:

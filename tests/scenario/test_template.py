@@ -6,7 +6,7 @@ import pytest
 from flightcal.environment import face_fluxes
 from flightcal.errors import ScenarioError
 from flightcal.scenario import lint, load_scenario, write_template
-from flightcal.scenario._example_telemetry import example_telemetry, sunlight_on_zenith_face
+from flightcal.scenario.example_telemetry import example_telemetry, sunlight_on_zenith_face
 
 
 def test_template_lints_clean_as_it_is(tmp_path):

@@ -2,7 +2,7 @@ import math
 
 import pytest
 
-from flightcal.scenario._units import Quantity, is_temperature, kind_of, registry, si_unit, to_si, written
+from flightcal.scenario.units import Quantity, is_temperature, kind_of, registry, si_unit, to_si, written
 
 
 @pytest.mark.parametrize(

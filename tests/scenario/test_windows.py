@@ -59,8 +59,5 @@ def test_what_is_wrong_with_windows_in_a_group_is_said_in_its_place(tmp_path, wi
     assert line > text.index("windows:"), "the line is that of the window, or of the block"
 
 
-def test_a_drift_needs_several_windows_to_drift_between(tmp_path):
-    found = findings(tmp_path, {"train": FIRST}, drift=0.3)
-    assert [text.split(": ", 1)[1] for text in found] == [
-        "parameters.link.drift: found a drift and 1 window to train on, expected several to drift between"
-    ]
+def test_a_parameter_may_drift_with_one_window_to_train_on(tmp_path):
+    assert findings(tmp_path, {"train": FIRST}, drift=0.3) == []

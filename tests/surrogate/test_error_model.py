@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from flightcal.scenario.network import SimulatorError
+from flightcal.scenario import SimulatorError
 from flightcal.surrogate.candidate import Errors
 from flightcal.surrogate.error_model import covariance, estimate, left_out, shapes
 

@@ -15,8 +15,7 @@ from flightcal.calibration import build_problem, calibrate_nuts
 from flightcal.cli import app
 from flightcal.experiment import read, run_experiment
 from flightcal.operational.simulator import fly
-from flightcal.scenario import lint, load_scenario, resolved_yaml
-from flightcal.scenario.schema import NutsSettings
+from flightcal.scenario import NutsSettings, lint, load_scenario, resolved_yaml
 from flightcal.simulator import NetworkSimulator
 from flightcal.surrogate.build import InexactSimulator
 from flightcal.surrogate.file import load_task

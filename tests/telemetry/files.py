@@ -11,7 +11,7 @@ import pandas as pd
 import pytest
 import xarray as xr
 
-from flightcal.scenario.schema import TelemetryFile
+from flightcal.scenario import TelemetryFile
 from flightcal.telemetry import read_telemetry
 
 START = np.datetime64("2024-03-01T00:00:00", "ns")

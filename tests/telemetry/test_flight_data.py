@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 import xarray as xr
 
-from flightcal.scenario.schema import TelemetryFile, Window
+from flightcal.scenario import TelemetryFile, Window
 from flightcal.telemetry import (
     driver_series,
     quality_table,

@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 from flightcal.errors import TelemetryError
-from flightcal.scenario.schema import Window
+from flightcal.scenario import Window
 from flightcal.telemetry import quality_table, select_window, window_bounds
 
 from .files import frame, read, seconds

@@ -19,7 +19,7 @@ from ..campaign.designs import sobol
 from ..errors import FlightcalError
 from ..external.record import Record
 from ..probability.priors import Priors
-from ..scenario.schema import EmulatorSettings, NutsSettings
+from ..scenario import EmulatorSettings, NutsSettings
 from ..simulator import SimulationFailure
 from ..simulator.system import FloatArray
 from ..surrogate.emulator import EmulatedSimulator, Emulator, fit_emulator

@@ -15,7 +15,7 @@ import numpy as np
 import xarray as xr
 from numpy.typing import NDArray
 
-from ..scenario.schema import NutsSettings
+from ..scenario import NutsSettings
 from .nuts import MAXIMUM_DEPTH
 
 Array = NDArray[np.float64]

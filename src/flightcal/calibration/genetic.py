@@ -16,7 +16,7 @@ from numpy.typing import NDArray
 from scipy.spatial.distance import cdist, pdist
 
 from ..errors import FlightcalError
-from ..scenario.schema import GeneticSettings
+from ..scenario import GeneticSettings
 
 Array = NDArray[np.float64]
 

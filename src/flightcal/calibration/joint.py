@@ -23,9 +23,7 @@ import xarray
 from ..errors import ScenarioError
 from ..probability.priors import Priors
 from ..probability.residuals import ResidualModel
-from ..scenario import Normal, Prior, Scenario, Uniform, support
-from ..scenario.priors import HalfNormal
-from ..scenario.schema import is_trained
+from ..scenario import HalfNormal, Normal, Prior, Scenario, Uniform, is_trained, support
 from ..simulator import Simulator, Trajectory
 from ..simulator.system import FloatArray, IntArray, Switch
 from .native import NativeDensity, joint_density

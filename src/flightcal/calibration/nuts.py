@@ -28,7 +28,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ..errors import FlightcalError
-from ..scenario.schema import NutsSettings
+from ..scenario import NutsSettings
 from .native import STOPPED, NativeDensity
 from .nutpie_models import native_model, python_model
 from .whitening import Whitening

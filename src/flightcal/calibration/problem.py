@@ -33,9 +33,7 @@ from ..probability.surrogate_error import (
     shrinkage,
     with_error_shapes,
 )
-from ..scenario import Normal, Prior, Scenario
-from ..scenario.external import ExternalModel
-from ..scenario.schema import is_trained
+from ..scenario import ExternalModel, Normal, Prior, Scenario, is_trained
 from ..simulator import NetworkSimulator, SimulationFailure, Simulator, Trajectory, open_loop
 from ..simulator.sampling import ICE_POINT
 from ..simulator.system import FloatArray, Switch

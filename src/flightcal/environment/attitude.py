@@ -20,7 +20,7 @@ import numpy as np
 from scipy.spatial.transform import Rotation, Slerp
 
 from ..errors import OrbitError
-from ..scenario.environment import Attitude, InertialAttitude, SampledAttitude, SpinningAttitude
+from ..scenario import Attitude, InertialAttitude, SampledAttitude, SpinningAttitude
 from ._samples import read_samples, within_span
 from ._time import J2000, Floats, seconds_since
 from .geometry import Geometry

@@ -8,7 +8,7 @@ from pathlib import Path
 import numpy as np
 
 from ..errors import OrbitError
-from ..scenario.environment import Environment
+from ..scenario import Environment
 from ._time import Floats, Times, seconds_later
 from .geometry import Geometry, geometry_of
 from .orbit import EARTH_RADIUS, orbital_period

@@ -10,7 +10,7 @@ from typing import Literal
 import numpy as np
 from numpy.typing import NDArray
 
-from ..scenario.environment import Environment, SpinningAttitude, Vector
+from ..scenario import Environment, SpinningAttitude, Vector
 from ._time import Floats, Times
 from .attitude import body_to_inertial, unit
 from .eclipse import sunlit_fraction

@@ -9,7 +9,7 @@ from pathlib import Path
 import numpy as np
 
 from ..errors import OrbitError
-from ..scenario.environment import Environment
+from ..scenario import Environment
 from . import sun
 from ._time import Floats, Times, seconds_since
 from .orbit import argument_of_latitude, orbital_period, propagator

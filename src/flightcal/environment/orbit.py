@@ -17,7 +17,7 @@ from sgp4.api import SGP4_ERRORS, Satrec
 from sgp4.io import verify_checksum
 
 from ..errors import OrbitError
-from ..scenario.environment import CircularOrbit, Environment, KeplerianOrbit, Orbit, SampledOrbit, TleOrbit
+from ..scenario import CircularOrbit, Environment, KeplerianOrbit, Orbit, SampledOrbit, TleOrbit
 from ._samples import read_samples, within_span
 from ._time import Floats, Times, julian_dates, seconds_since
 

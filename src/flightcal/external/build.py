@@ -10,12 +10,12 @@ import numpy as np
 import xarray
 
 from ..errors import require
-from ..scenario import Scenario
-from ..scenario.external import (
+from ..scenario import (
     CallableSimulator,
     ExecutableSimulator,
     ExternalModel,
     FmuSimulator,
+    Scenario,
     UmbridgeSimulator,
 )
 from ..simulator.inputs import Times

@@ -17,7 +17,7 @@ from typing import Any
 
 import numpy as np
 
-from ..scenario.external import Executable
+from ..scenario import Executable
 from ..simulator.system import FloatArray
 from ._processes import kill_group, live
 from .program import Outputs, RunFailure

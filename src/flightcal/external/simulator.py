@@ -13,8 +13,7 @@ from time import perf_counter
 import numpy as np
 
 from ..errors import ScenarioError
-from ..scenario import Scenario
-from ..scenario.external import ExternalModel, kind_of_simulator
+from ..scenario import ExternalModel, Scenario, kind_of_simulator
 from ..simulator import SimulationFailure, Trajectory
 from ..simulator.system import FloatArray, IntArray, Switch
 from ._processes import kill_all

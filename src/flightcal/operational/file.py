@@ -14,13 +14,18 @@ import numpy as np
 from pydantic import ValidationError
 
 from ..errors import FlightcalError, ScenarioError
-from ..scenario import Scenario
-from ..scenario._document import Problem, read_document
-from ..scenario._units import show
-from ..scenario._wording import problems_of
-from ..scenario.lint import Finding
-from ..scenario.network import Node, SimulatorModel
-from ..scenario.schema import TelemetryFile, TimeColumn
+from ..scenario import (
+    Finding,
+    Node,
+    Problem,
+    Scenario,
+    SimulatorModel,
+    TelemetryFile,
+    TimeColumn,
+    problems_of,
+    read_document,
+    show,
+)
 from . import geometry, onboard, simulator
 from .schema import HeaterBlock, SideBlock, SoftwareBlock, SpacecraftFile, ThermistorBlock
 

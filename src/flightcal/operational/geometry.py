@@ -15,7 +15,7 @@ from typing import Literal
 import numpy as np
 
 from ..errors import FlightcalError
-from ..scenario.network import Conductor, Face, Node
+from ..scenario import Conductor, Face, Node
 from ..simulator.network import DEEP_SPACE
 from .view_factors import Array, Rectangles, gebhart_factors, view_factors
 

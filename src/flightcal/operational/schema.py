@@ -6,10 +6,20 @@ from typing import Annotated, Literal
 
 from pydantic import Field, model_validator
 
-from ..scenario._fields import Block, Count, Pair, Time
-from ..scenario._units import Duration, Power, Quantity, Temperature
-from ..scenario.environment import Environment
-from ..scenario.network import Conductor, Face, Node
+from ..scenario import (
+    Block,
+    Conductor,
+    Count,
+    Duration,
+    Environment,
+    Face,
+    Node,
+    Pair,
+    Power,
+    Quantity,
+    Temperature,
+    Time,
+)
 
 Length = Annotated[float, Quantity("m")]
 Kelvins = Annotated[float, Quantity("K", at_least=0, difference=True)]

@@ -12,7 +12,7 @@ import numpy as np
 
 from ..calibration.problem import Problem
 from ..errors import RunError
-from ..scenario.schema import is_trained
+from ..scenario import is_trained
 from ..simulator.system import FloatArray
 from ..telemetry import window_bounds
 from ..validation.metrics import crps_of_draws, probability_below

@@ -11,8 +11,7 @@ import xarray
 from ..calibration.problem import Problem, build_problem
 from ..environment import orbit_phase, sunlit_share
 from ..probability.noise import CORRELATED, CORRELATED_STUDENT
-from ..scenario import Scenario, SimulatorModel
-from ..scenario.schema import is_trained
+from ..scenario import Scenario, SimulatorModel, is_trained
 from ..simulator import Trajectory
 from ..simulator.system import FloatArray
 from ..surrogate.emulator import EmulatedSimulator

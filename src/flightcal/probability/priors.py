@@ -23,7 +23,7 @@ from numpy.typing import ArrayLike, NDArray
 from scipy.special import betaincinv, betaln, erfinv, expit, logit, ndtr, ndtri
 
 from ..compiled import compiled, inlined
-from ..scenario.priors import Beta, HalfNormal, LogNormal, Normal, Prior, TruncatedNormal, Uniform
+from ..scenario import Beta, HalfNormal, LogNormal, Normal, Prior, TruncatedNormal, Uniform
 
 Array = NDArray[np.float64]
 

@@ -14,10 +14,7 @@ from numpy.typing import NDArray
 
 from ..environment import orbit_phase
 from ..errors import ScenarioError
-from ..scenario import Prior, Scenario, support
-from ..scenario.priors import Uniform
-from ..scenario.residuals import Discrepancy, Noise, TimeDiscrepancy
-from ..scenario.schema import noise_of
+from ..scenario import Discrepancy, Noise, Prior, Scenario, TimeDiscrepancy, Uniform, noise_of, support
 from ..simulator.system import FloatArray
 from .discrepancy import (
     PhaseBasis,

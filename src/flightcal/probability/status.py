@@ -14,8 +14,7 @@ from functools import cached_property
 import numpy as np
 import xarray
 
-from ..scenario import Prior, Scenario, SimulatorModel
-from ..scenario.residuals import DutyCycle, SwitchTimes
+from ..scenario import DutyCycle, Prior, Scenario, SimulatorModel, SwitchTimes
 from ..simulator import Trajectory
 from ..simulator.inputs import Times
 from ..simulator.system import FloatArray, IntArray, Switch

@@ -13,7 +13,7 @@ import xarray as xr
 
 from flightcal.errors import RunError
 from flightcal.run import read_dataset, read_json, read_records, read_tree, typed
-from flightcal.scenario.schema import is_trained
+from flightcal.scenario import is_trained
 from flightcal.validation import Metric, ResidualCheck, check_window
 
 Record = dict[str, Any]

@@ -9,7 +9,7 @@ from typing import Literal
 
 import numpy as np
 
-from flightcal.scenario.schema import is_trained
+from flightcal.scenario import is_trained
 from flightcal.validation import Metric, ResidualCheck
 
 from .panels.discrepancy import STANDS_IN, stand_ins

@@ -1,11 +1,15 @@
-"""The problem file: schema, units, lint."""
+"""What a user writes: the scenario file as immutable objects in SI, and all that is wrong with it; imports: errors."""
 
-from ._priors import support
+from .blocks import blocks_of
+from .calibration import Calibration, EmulatorSettings, GeneticSettings, NutsSettings, PredictionSettings
+from .document import Document, Problem, read_document
 from .environment import (
+    Attitude,
     CircularOrbit,
     Environment,
     InertialAttitude,
     KeplerianOrbit,
+    Orbit,
     SampledAttitude,
     SampledOrbit,
     SpinningAttitude,
@@ -13,46 +17,69 @@ from .environment import (
 )
 from .external import (
     CallableSimulator,
+    Executable,
     ExecutableSimulator,
     ExternalModel,
     FmuSimulator,
     UmbridgeSimulator,
+    kind_of_simulator,
     simulator_files,
 )
+from .fields import Block, Count, Number, Pair, Time, Vector
 from .inputs import input_files
-from .json_schema import json_schema
+from .json_schema import json_schema, schema_of
 from .lint import Finding, lint
 from .load import load_scenario
-from .network import Conductor, Face, Heater, Load, ModeChange, Node, SimulatorModel
-from .priors import Beta, HalfNormal, LogNormal, Normal, Prior, TruncatedNormal, Uniform
-from .residuals import Discrepancy, Noise
+from .network import (
+    Conductor,
+    Face,
+    Heater,
+    Load,
+    ModeChange,
+    Node,
+    ReducedNumber,
+    SimulatorError,
+    SimulatorModel,
+)
+from .numbers import Settable, settable
+from .parameters import read_parameters, set_twice
+from .priors import Beta, HalfNormal, LogNormal, Normal, Prior, TruncatedNormal, Uniform, support
+from .reduced import REDUCED_MODEL_FORMAT
+from .residuals import Discrepancy, DutyCycle, Noise, PhaseDiscrepancy, SwitchTimes, TimeDiscrepancy
 from .resolved import resolved_yaml
 from .schema import (
-    Calibration,
     Channel,
-    GeneticSettings,
     InitialState,
-    NutsSettings,
     Observation,
     Parameter,
-    PredictionSettings,
     Scenario,
     TelemetryFile,
     TimeColumn,
-    Window,
+    noise_of,
 )
-from .settable import Settable, settable
 from .template import write_template
+from .units import Duration, Power, Quantity, Temperature, is_temperature, kind_of, show, si_unit, to_si
+from .windows import Window, is_trained
+from .wording import problems_of
 
 __all__ = [
+    "REDUCED_MODEL_FORMAT",
+    "Attitude",
     "Beta",
+    "Block",
     "Calibration",
     "CallableSimulator",
     "Channel",
     "CircularOrbit",
     "Conductor",
+    "Count",
     "Discrepancy",
+    "Document",
+    "Duration",
+    "DutyCycle",
+    "EmulatorSettings",
     "Environment",
+    "Executable",
     "ExecutableSimulator",
     "ExternalModel",
     "Face",
@@ -70,31 +97,59 @@ __all__ = [
     "Node",
     "Noise",
     "Normal",
+    "Number",
     "NutsSettings",
     "Observation",
+    "Orbit",
+    "Pair",
     "Parameter",
+    "PhaseDiscrepancy",
+    "Power",
     "PredictionSettings",
     "Prior",
+    "Problem",
+    "Quantity",
+    "ReducedNumber",
     "SampledAttitude",
     "SampledOrbit",
     "Scenario",
     "Settable",
+    "SimulatorError",
     "SimulatorModel",
     "SpinningAttitude",
+    "SwitchTimes",
     "TelemetryFile",
+    "Temperature",
+    "Time",
     "TimeColumn",
+    "TimeDiscrepancy",
     "TleOrbit",
     "TruncatedNormal",
     "UmbridgeSimulator",
     "Uniform",
+    "Vector",
     "Window",
+    "blocks_of",
     "input_files",
+    "is_temperature",
+    "is_trained",
     "json_schema",
+    "kind_of",
+    "kind_of_simulator",
     "lint",
     "load_scenario",
+    "noise_of",
+    "problems_of",
+    "read_document",
+    "read_parameters",
     "resolved_yaml",
+    "schema_of",
+    "set_twice",
     "settable",
+    "show",
+    "si_unit",
     "simulator_files",
     "support",
+    "to_si",
     "write_template",
 ]

@@ -6,8 +6,8 @@ from typing import Annotated, Any, Literal
 
 from pydantic import Field, Tag
 
-from ._fields import Block, Number, Quaternion, Time, TleLines, Vector, one_of
-from ._units import Angle, Duration, Quantity
+from .fields import Block, Number, Quaternion, Time, TleLines, Vector, one_of
+from .units import Angle, Duration, Quantity
 
 
 class CircularOrbit(Block):

@@ -7,8 +7,8 @@ from typing import Annotated, Any, Literal
 
 from pydantic import BeforeValidator, Field, PlainSerializer, WithJsonSchema, model_validator
 
-from ._fields import Block, Count, Flag, Marker
-from ._units import Duration, Quantity, read_any, show, si_unit, to_si, written
+from .fields import Block, Count, Flag, Marker
+from .units import Duration, Quantity, read_any, show, si_unit, to_si, written
 
 # --- what goes in and what comes out --------------------------------------------------------------------------
 

@@ -5,9 +5,9 @@ from __future__ import annotations
 from dataclasses import dataclass
 from pathlib import Path
 
-from ._checks import CHECKS
-from ._document import Location, Problem
-from ._reading import Reading, read_scenario
+from .checks import CHECKS
+from .document import Location, Problem
+from .reading import Reading, read_scenario
 from .schema import Scenario
 
 _UNNAMED = ("telemetry", "simulator")
@@ -61,7 +61,7 @@ def _dotted(location: Location, reading: Reading) -> str:
     if len(parts) > 1 and parts[0] in _UNNAMED and parts[1] in _SECTIONS:
         del parts[0]
     if len(parts) > 1 and parts[0] == "conductors" and isinstance(parts[1], int):
-        conductors = reading.draft.conductors
+        conductors = reading.blocks.conductors
         conductor = conductors[parts[1]] if parts[1] < len(conductors) else None
         parts[1] = conductor.label if conductor else parts[1]
     return "".join(f"[{part}]" if isinstance(part, int) else f".{part}" for part in parts).lstrip(".")

@@ -4,10 +4,10 @@ from __future__ import annotations
 
 from typing import Annotated, Literal
 
-from pydantic import Field, model_validator
+from pydantic import Field, WrapValidator, model_validator
 
-from ._fields import Block, BoundaryTemperature, FaceNormal, Flag, Marker, Number, Pair, Time, exactly_one
-from ._units import Duration, Power, Quantity, Temperature
+from .fields import FILLED_IN, Block, BoundaryTemperature, FaceNormal, Flag, Marker, Number, Pair, Time, exactly_one
+from .units import Duration, Power, Quantity, Temperature
 
 
 class Node(Block):
@@ -79,6 +79,17 @@ class Heater(Block):
     """Status channel: it gives the state at the window's start, and the input in open loop."""
 
 
+class NodePowers(dict[str, float]):
+    """What a mode dissipates: node -> W."""
+
+
+Powers = Annotated[
+    dict[str, Power],
+    WrapValidator(lambda value, read: value if isinstance(value, NodePowers) else NodePowers(read(value))),
+]
+"""A mode; once read it stays as it is."""
+
+
 class ModeChange(Block):
     """From `at` on the spacecraft is in `mode`."""
 
@@ -125,7 +136,7 @@ class SimulatorModel(Block):
     (initial temperatures, thresholds, powers, `measured_by`) replaces what it says."""
     checked_on: str | None = None
     """Reduction file (that `flightcal reduce` read): at the end posterior draws fly on its operational simulator."""
-    reduced_numbers: dict[str, ReducedNumber] = Field(default_factory=dict)
+    reduced_numbers: Annotated[dict[str, ReducedNumber], FILLED_IN] = Field(default_factory=dict)
     """Filled in from that file: what parameters may set in it, ``reduced.<name>``."""
     errors: dict[str, SimulatorError] = Field(default_factory=dict)
     """Temperature channel -> error against the simulator that this one stands in for; it enters the likelihood."""
@@ -137,7 +148,7 @@ class SimulatorModel(Block):
     heaters: dict[str, Heater] = Field(default_factory=dict)
     heater_input: Literal["simulated", "measured"] = "simulated"
     """simulated: thermostats act (closed loop); measured: status channels drive the heaters (open loop)."""
-    modes: dict[str, dict[str, Power]] = Field(default_factory=dict)
+    modes: dict[str, Powers] = Field(default_factory=dict)
     """Mode -> node -> dissipation."""
     timeline: tuple[ModeChange, ...] = ()
     loads: dict[str, Load] = Field(default_factory=dict)

@@ -4,20 +4,30 @@ from __future__ import annotations
 
 from typing import Annotated, Any, Literal
 
-from pydantic import Field, Tag, model_validator
+from pydantic import Discriminator, Field, Tag, model_validator
 
-from ._fields import Block, Count, exactly_one, one_of
-from ._units import Duration, Quantity
-from .priors import HalfNormal, LogNormal, Prior, Uncertain, UncertainTags, Uniform
+from .fields import Block, Count, exactly_one
+from .priors import (
+    FORMS,
+    HalfNormal,
+    LogNormal,
+    Prior,
+    Uncertain,
+    UncertainDeviation,
+    UncertainDuration,
+    UncertainNumber,
+    Uniform,
+)
+from .units import Duration, Quantity
 
 
 class SwitchTimes(Block):
     """The times at which a heater switches, known to lie between samples of its status."""
 
-    timing: Annotated[Prior, Field(discriminator="kind")] | float = LogNormal(median=20.0, factor=2.0)
+    timing: UncertainDuration = LogNormal(median=20.0, factor=2.0)
     """Standard deviation of a switch's time around the simulated one, s: control cycle, delays and what the simulator
     lacks; a prior (inferred) or a known value."""
-    error_rate: Annotated[Prior, Field(discriminator="kind")] | float = 1e-3
+    error_rate: Annotated[Prior | float, Uncertain(Quantity("", above=0.0, at_most=0.5))] = 1e-3
     """Share of status samples that are wrong, whatever the timing; a prior (inferred) or a known value."""
 
 
@@ -49,13 +59,13 @@ class Noise(Block):
     """iid: independent; ar1: its correlation over a gap of the telemetry is exp(-gap / correlation_time)."""
     distribution: Literal["normal", "student_t"] = "normal"
     """student_t: heavy tails, for outliers; with ar1, of the innovations."""
-    standard_deviation: Uncertain = HalfNormal(scale=2.0)
+    standard_deviation: UncertainDeviation = HalfNormal(scale=2.0)
     """At one sample, K; of student_t: its scale."""
-    correlation_time: Uncertain = LogNormal(median=600.0, factor=2.0)
+    correlation_time: UncertainDuration = LogNormal(median=600.0, factor=2.0)
     """Of ar1, s; what lasts longer is a discrepancy's."""
-    white: Uncertain | None = None
+    white: UncertainDeviation | None = None
     """Standard deviation of independent noise beside that of ar1, K; null: none."""
-    degrees_of_freedom: Uncertain = 4.0
+    degrees_of_freedom: UncertainNumber = 4.0
     """Of student_t."""
     quantisation: Annotated[float, Quantity("K", above=0, difference=True)] | None = None
     """Step to which the telemetry is rounded: the likelihood is the probability of the whole step (iid normal only)."""
@@ -64,9 +74,9 @@ class Noise(Block):
 class TimeDiscrepancy(Block):
     """Discrepancy as a Matern process in time; on another window it fades to its prior."""
 
-    amplitude: Uncertain = HalfNormal(scale=1.0)
+    amplitude: UncertainDeviation = HalfNormal(scale=1.0)
     """Prior standard deviation, K; it keeps the discrepancy from taking the parameters' place."""
-    lengthscale: Uncertain | None = None
+    lengthscale: UncertainDuration | None = None
     """s, with two bounds; null: uniform from what `functions` can tell to a quarter of the window."""
     smoothness: Literal["3/2", "5/2"] = "3/2"
     functions: Count = Field(40, ge=4, le=400)
@@ -77,9 +87,9 @@ class TimeDiscrepancy(Block):
 class PhaseDiscrepancy(Block):
     """Discrepancy that comes again in every orbit: a Matern process around the orbit; it carries to other windows."""
 
-    amplitude: Uncertain = HalfNormal(scale=1.0)
+    amplitude: UncertainDeviation = HalfNormal(scale=1.0)
     """Prior standard deviation, K."""
-    lengthscale: Uncertain = Uniform(lower=0.05, upper=0.5)
+    lengthscale: UncertainNumber = Uniform(lower=0.05, upper=0.5)
     """Orbits, with two bounds."""
     smoothness: Literal["3/2", "5/2"] = "3/2"
     harmonics: Count = Field(8, ge=1, le=100)
@@ -102,13 +112,11 @@ class Discrepancy(Block):
         return self
 
 
-def _noise_kind(value: Any) -> str | None:
-    if isinstance(value, (int, float)):
-        return "<number>"
-    return "<Noise>" if isinstance(value, dict) else None
+def _noise_kind(value: Any) -> str:
+    is_prior = isinstance(value, dict) and len(value) == 1 and set(value) <= set(FORMS)
+    return "<Noise>" if isinstance(value, Noise) or (isinstance(value, dict) and not is_prior) else "<number>"
 
 
 ChannelNoise = Annotated[
-    UncertainTags | Annotated[Noise, Tag("<Noise>")],
-    one_of(_noise_kind, "a standard deviation such as '0.1 K', its prior, or a mapping with 'model'"),
+    Annotated[UncertainDeviation, Tag("<number>")] | Annotated[Noise, Tag("<Noise>")], Discriminator(_noise_kind)
 ]

@@ -6,13 +6,12 @@ from io import StringIO
 from pathlib import Path
 from typing import Any
 
-from ._priors import written_prior
-from ._residuals import written_channel_noise, written_discrepancy, written_noise, written_number
-from ._units import written
-from ._windows import grouped_windows
 from .external import KINDS
 from .network import SimulatorModel
-from .schema import Observation, Scenario
+from .priors import written_prior
+from .residuals import Noise
+from .schema import Scenario
+from .windows import grouped_windows
 
 _WIDTH = 10_000
 """Lines are not broken: long text such as two-line elements must stay whole."""
@@ -45,24 +44,29 @@ def _written(scenario: Scenario, absolute: bool) -> dict[str, Any]:
         if channel.stale_after is None:
             block["stale_after"] = None
     for name, parameter in scenario.parameters.items():
-        paths = {key: list(getattr(parameter, key)) for key in ("sets", "scales") if getattr(parameter, key)}
-        data["parameters"][name] = {**paths, "prior": written_prior(parameter.prior, parameter.unit)}
-        if parameter.drift is not None:
-            data["parameters"][name]["drift"] = parameter.drift
+        block = data["parameters"][name]
+        block["prior"] = written_prior(parameter.prior, parameter.unit)
+        data["parameters"][name] = {key: value for key, value in block.items() if key != "unit" and value != []}
     for name, observation in scenario.observations.items():
-        data["observations"][name] |= _written_errors(observation)
-        if observation.heater is not None:
-            for error in ("gain", "bias", "time_offset"):
-                del data["observations"][name][error]
+        block = data["observations"][name]
+        for error in ("gain", "bias", "time_offset") if observation.heater is not None else ():
+            del block[error]
+        if isinstance(observation.noise, Noise):
+            block["noise"] = _written_noise(block["noise"])
     data["windows"] = grouped_windows(data["windows"])
-    data["noise"] = written_noise(scenario.noise)
-    if scenario.discrepancy is not None:
-        data["discrepancy"] = written_discrepancy(scenario.discrepancy)
+    data["noise"] = _written_noise(data["noise"])
     if isinstance(scenario.simulator, SimulatorModel):
         data["simulator"] = _written_network(data["simulator"])
     if absolute:
         _make_absolute(data, scenario.folder)
     return data
+
+
+def _written_noise(noise: dict[str, Any]) -> dict[str, Any]:
+    """With what its model and distribution have."""
+    left_out = {"correlation_time", "white"} if noise["model"] != "ar1" else set()
+    left_out |= {"degrees_of_freedom"} if noise["distribution"] != "student_t" else set()
+    return {key: value for key, value in noise.items() if key not in left_out}
 
 
 def _written_network(model: dict[str, Any]) -> dict[str, Any]:
@@ -76,21 +80,6 @@ def _written_network(model: dict[str, Any]) -> dict[str, Any]:
         for name, heater in model["heaters"].items()
     }
     return {**{k: v for k, v in model.items() if k not in left_out}, "nodes": nodes, "heaters": heaters}
-
-
-def _written_errors(observation: Observation) -> dict[str, Any]:
-    errors: dict[str, Any] = {"bias": written(observation.bias, "K")}
-    noise = written_channel_noise(observation)
-    if noise is not None:
-        errors["noise"] = noise
-    if observation.likelihood is not None and observation.likelihood.switch_times is not None:
-        form = observation.likelihood.switch_times
-        switch_times = {
-            "timing": written_number(form.timing, "s"),
-            "error_rate": written_number(form.error_rate, ""),
-        }
-        errors["likelihood"] = {"switch_times": switch_times}
-    return errors
 
 
 def _make_absolute(data: dict[str, Any], folder: Path) -> None:

@@ -10,10 +10,10 @@ from pathlib import Path
 from typing import Annotated, Any, Literal
 
 from pydantic import Field, Tag, model_validator
+from pydantic_core import core_schema
 
 from ..errors import ScenarioError
-from ._fields import Block, ChannelUnit, Count, Markers, Names, Number, Range, Time, exactly_one, one_of
-from ._units import Duration, Quantity
+from .calibration import Calibration
 from .environment import Environment
 from .external import (
     KINDS,
@@ -24,9 +24,12 @@ from .external import (
     is_external,
     kind_of_simulator,
 )
+from .fields import FILLED_IN, Block, ChannelUnit, Count, Markers, Names, Number, Paths, Range, exactly_one, one_of
 from .network import SimulatorModel
-from .priors import Prior
+from .priors import Prior, prior_schema, read_prior
 from .residuals import ChannelNoise, Discrepancy, Noise, StatusLikelihood
+from .units import Duration, Quantity
+from .windows import Window, is_trained
 
 # --- telemetry ----------------------------------------------------------------------------------------------
 
@@ -93,14 +96,32 @@ AnySimulator = Annotated[
 ]
 
 
+def is_difference(path: str) -> bool:
+    """Whether a path in kelvin is a temperature difference."""
+    return path.startswith("observations.") and path.endswith(".bias")
+
+
+class _OwnPrior:
+    """Marks a prior that is written in the unit of its parameter."""
+
+    def __get_pydantic_core_schema__(self, source: Any, handler: Any) -> core_schema.CoreSchema:
+        def read(value: Any, info: core_schema.ValidationInfo) -> Prior:
+            return read_prior(value, info.data["unit"], difference=any(map(is_difference, info.data.get("sets", ()))))
+
+        return core_schema.with_info_plain_validator_function(read)
+
+    def __get_pydantic_json_schema__(self, schema: core_schema.CoreSchema, handler: Any) -> dict[str, Any]:
+        return prior_schema()
+
+
 class Parameter(Block):
     """An uncertain number: what it sets or scales (dotted paths), its prior and its SI unit."""
 
-    sets: tuple[str, ...] = ()
-    scales: tuple[str, ...] = ()
-    prior: Annotated[Prior, Field(discriminator="kind")]
-    unit: str
+    sets: Paths = ()
+    scales: Paths = ()
+    unit: Annotated[str, FILLED_IN]
     """SI unit of the quantity it sets; "" when it scales."""
+    prior: Annotated[Prior, _OwnPrior()]
     drift: Annotated[Number, Field(gt=0)] | None = None
     """It differs between the windows of a calibration on several: scale of the half-normal prior of the standard
     deviation between them, in standard deviations of the parameter's own prior. null: it does not."""
@@ -116,7 +137,7 @@ class Observation(Block):
     heater: str | None = None
     gain: Annotated[float, Quantity("", above=0)] = 1.0
     """Slope of the reading in degC: y = gain x + bias, with the simulated temperature x in degC."""
-    bias: Number = 0.0
+    bias: Annotated[float, Quantity("K", difference=True)] = 0.0
     """Kelvin, added to the simulated temperature."""
     time_offset: Annotated[float, Quantity("s")] = 0.0
     """The reading is of so much later than its time tag says (negative: earlier)."""
@@ -135,81 +156,7 @@ class Observation(Block):
         return self
 
 
-# --- windows and methods ------------------------------------------------------------------------------------
-
-
-class Window(Block):
-    """A stretch of telemetry: start and either a number of orbits or an end."""
-
-    start: Time
-    orbits: Annotated[Number, Field(gt=0)] | None = None
-    end: Time | None = None
-
-    @model_validator(mode="after")
-    def _one_length(self) -> Window:
-        given = {"orbits": self.orbits is not None, "end": self.end is not None}
-        exactly_one(given, "exactly one of 'orbits' and 'end'")
-        if self.end is not None and self.end <= self.start:
-            raise ValueError(f"found end {self.end.isoformat()}, expected one after {self.start.isoformat()}")
-        return self
-
-
-def is_trained(window: str) -> bool:
-    """Whether the window of this name is one to calibrate on."""
-    return window.partition(".")[0] == "train"
-
-
-class GeneticSettings(Block):
-    """The genetic algorithm."""
-
-    runs: Count = Field(10, ge=1)
-    population: Count = Field(64, ge=8)
-    generations: Count = Field(120, ge=1)
-    heater_status_weight: Number = Field(0.0, ge=0)
-    """Kelvin that a status sample simulated wrongly counts as in the RMSE; 0: temperatures only."""
-
-
-class NutsSettings(Block):
-    """The No-U-Turn sampler and the gates its result must pass."""
-
-    chains: Count = Field(4, ge=2)
-    draws: Count = Field(1000, ge=50)
-    warmup: Count = Field(400, ge=50)
-    target_acceptance: Number = Field(0.9, gt=0.5, lt=1)
-    max_r_hat: Number = Field(1.01, gt=1)
-    min_ess: Number = Field(400, gt=0)
-
-
-class EmulatorSettings(Block):
-    """The emulator of a simulator without derivatives, and the real runs that it is made from."""
-
-    runs: Count = Field(300, ge=40)
-    """Budget of real runs of the training window; failed ones count, and the last check does."""
-    start: Count | None = Field(None, ge=10)
-    """Runs of the start design through the priors (default: ten for each parameter)."""
-    batch: Count | None = Field(None, ge=1)
-    """Runs that a round adds (default: four for each parameter)."""
-    shift: Number = Field(0.1, gt=0)
-    """By how many standard deviations the emulator's error, or a further round, may still shift the posterior."""
-
-
-class PredictionSettings(Block):
-    """Propagation of the posterior."""
-
-    simulations: Count = Field(1000, ge=20)
-    interval: Number = Field(0.95, gt=0, lt=1)
-    initial_span: Duration = 600.0
-    """The first samples of an unseen window, used for its initial temperatures and never scored."""
-
-
-class Calibration(Block):
-    """Settings of the methods."""
-
-    seed: Annotated[Count, Field(ge=0, lt=2**32)] = 1
-    genetic: GeneticSettings = GeneticSettings()
-    nuts: NutsSettings = NutsSettings()
-    prediction: PredictionSettings = PredictionSettings()
-    emulator: EmulatorSettings = EmulatorSettings()
+# --- the whole --------------------------------------------------------------------------------------------------
 
 
 class InitialState(Block):
@@ -233,7 +180,7 @@ class Scenario(Block):
     environment: Environment = Environment()
     simulator: AnySimulator
     initial_state: InitialState = InitialState()
-    parameters: dict[str, Parameter] = Field(min_length=1)
+    parameters: dict[str, Parameter]
     observations: dict[str, Observation] = Field(min_length=1)
     noise: Noise = Noise()
     """Of the temperature channels that have none of their own."""
@@ -242,7 +189,7 @@ class Scenario(Block):
     """`train`, and any number of other windows, on which the result is scored. Several to train on are a list or a
     mapping in the place of `train`, and are called ``train.<name>``; other windows may be grouped likewise."""
     calibration: Calibration = Calibration()
-    folder: Path = Field(default=Path(), exclude=True)
+    folder: Annotated[Path, FILLED_IN] = Field(default=Path(), exclude=True)
     """Folder of the file; relative paths start there."""
 
     @property
@@ -264,4 +211,4 @@ def noise_of(scenario: Scenario, channel: str) -> Noise:
     own = scenario.observations[channel].noise
     if own is None:
         return scenario.noise
-    return own if isinstance(own, Noise) else Noise(standard_deviation=own)
+    return own if isinstance(own, Noise) else Noise.model_construct(standard_deviation=own)

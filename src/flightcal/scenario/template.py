@@ -6,7 +6,7 @@ from importlib.resources import files
 from pathlib import Path
 
 from ..errors import ScenarioError
-from ._example_telemetry import example_telemetry
+from .example_telemetry import example_telemetry
 
 
 def write_template(folder: str | Path) -> list[Path]:

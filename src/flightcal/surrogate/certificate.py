@@ -11,7 +11,7 @@ from typing import Any
 import numpy as np
 
 from ..operational.simulator import fly
-from ..scenario.network import SimulatorError
+from ..scenario import SimulatorError
 from ..simulator.system import FloatArray
 from .error_model import estimate, left_out
 from .file import Task

@@ -14,8 +14,7 @@ from ..errors import FlightcalError
 from ..operational.file import Mission
 from ..operational.onboard import OnOff
 from ..operational.simulator import Spacecraft, fly
-from ..scenario import Parameter
-from ..scenario.network import SimulatorModel
+from ..scenario import Parameter, SimulatorModel
 from ..simulator import Trajectory
 from ..simulator.inputs import Times
 from ..simulator.system import FloatArray

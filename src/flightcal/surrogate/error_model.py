@@ -13,7 +13,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from ..scenario.network import SimulatorError
+from ..scenario import SimulatorError
 from ..simulator.system import FloatArray
 
 if TYPE_CHECKING:

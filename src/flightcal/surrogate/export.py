@@ -11,8 +11,17 @@ import numpy as np
 
 from ..errors import RunError
 from ..run import write_atomically
-from ..scenario import Scenario, resolved_yaml
-from ..scenario.schema import Calibration, Channel, InitialState, Observation, TelemetryFile, TimeColumn, Window
+from ..scenario import (
+    Calibration,
+    Channel,
+    InitialState,
+    Observation,
+    Scenario,
+    TelemetryFile,
+    TimeColumn,
+    Window,
+    resolved_yaml,
+)
 from .certificate import certificate, certificate_lines, measure_speed, sensor_errors
 from .file import Task, load_task, written_time
 from .reduce import Progress, Reduced, reduce

@@ -13,15 +13,22 @@ from pydantic import ValidationError
 from ..environment import orbital_period
 from ..errors import FlightcalError, ScenarioError
 from ..operational.file import Mission, load_spacecraft
-from ..scenario import Parameter, Scenario, settable
-from ..scenario._document import Document, Problem, read_document
-from ..scenario._draft import draft_of_scenario
-from ..scenario._parameters import read_parameters
-from ..scenario._units import show
-from ..scenario._wording import problems_of
-from ..scenario.lint import Finding
-from ..scenario.network import ModeChange
-from ..scenario.schema import Observation
+from ..scenario import (
+    Document,
+    Finding,
+    ModeChange,
+    Observation,
+    Parameter,
+    Problem,
+    Scenario,
+    blocks_of,
+    problems_of,
+    read_document,
+    read_parameters,
+    set_twice,
+    settable,
+    show,
+)
 from ..telemetry import window_bounds
 from .patterns import has_wildcard, matching
 from .schema import FlightWindow, Reduction
@@ -150,32 +157,9 @@ def _parameters(blocks: dict[str, Any], scenario: Scenario) -> tuple[dict[str, P
                     problems.append(Problem(("parameters", name, key), f"found {path!r}, which fits no number"))
                 found += fits
             written[name][key] = found
-    read, found_problems = read_parameters(written, numbers, draft_of_scenario(scenario))
-    problems += found_problems
-    parameters = {}
-    for name, block in read.items():
-        try:
-            parameters[name] = Parameter.model_validate(block)
-        except ValidationError as error:
-            for problem in problems_of(error, Parameter):
-                problems.append(Problem(("parameters", name, *problem.location), problem.message))
-    problems += _set_twice(parameters)
-    return parameters, problems
-
-
-def _set_twice(parameters: dict[str, Parameter]) -> list[Problem]:
-    by: dict[str, str] = {}
-    problems = []
-    for name, parameter in parameters.items():
-        for path in parameter.sets:
-            if path in by:
-                problems.append(Problem(("parameters", name), f"found '{path}', which '{by[path]}' sets already"))
-            by[path] = name
-    for name, parameter in parameters.items():
-        for path in parameter.scales:
-            if path in by:
-                problems.append(Problem(("parameters", name), f"found '{path}' scaled, which '{by[path]}' sets"))
-    return problems
+    read, found_problems = read_parameters(written, numbers, blocks_of(scenario))
+    parameters = {name: parameter for name, parameter in read.items() if parameter is not None}
+    return parameters, [*problems, *found_problems, *set_twice(parameters)]
 
 
 def _windows(reduction: Reduction) -> dict[tuple[str, ...], FlightWindow]:

@@ -5,9 +5,7 @@ from __future__ import annotations
 import numpy as np
 import xarray
 
-from ..scenario import Scenario, settable
-from ..scenario.network import Face, Node, SimulatorModel
-from ..scenario.schema import Parameter
+from ..scenario import Face, Node, Parameter, Scenario, SimulatorModel, settable
 from ..simulator import Network, NetworkSimulator, network_simulator
 from ..simulator.inputs import Times
 from .affine import KEPT

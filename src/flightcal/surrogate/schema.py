@@ -7,9 +7,7 @@ from typing import Annotated, Any, Literal
 from pydantic import Field
 
 from ..operational.schema import CommandBlock, Kelvins
-from ..scenario._fields import Block, Count, Number
-from ..scenario._units import Duration, Quantity
-from ..scenario.schema import Window
+from ..scenario import Block, Count, Duration, Number, Quantity, Window
 
 
 class FlightWindow(Window):

@@ -14,9 +14,8 @@ import xarray
 
 from ..errors import ScenarioError
 from ..run import write_atomically
-from ..scenario import Scenario, SimulatorModel, settable
-from ..scenario._reduced import FORMAT
-from ..scenario.network import ReducedNumber, SimulatorError
+from ..scenario import REDUCED_MODEL_FORMAT as FORMAT
+from ..scenario import ReducedNumber, Scenario, SimulatorError, SimulatorModel, settable
 from ..simulator.system import FloatArray
 from .affine import Product
 from .reduced_model import Normal, ReducedModel

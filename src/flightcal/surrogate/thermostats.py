@@ -8,7 +8,7 @@ from ..errors import FlightcalError
 from ..operational.file import Mission
 from ..operational.onboard import HeaterLine, OnOff
 from ..operational.simulator import Spacecraft, fly
-from ..scenario.network import Heater
+from ..scenario import Heater
 
 
 def canonical_heaters(spacecraft: Spacecraft, band: float) -> tuple[dict[str, Heater], list[str]]:

@@ -6,8 +6,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from flightcal.scenario._units import is_temperature, kind_of, si_unit, to_si
-from flightcal.scenario.schema import Channel
+from flightcal.scenario import Channel, is_temperature, kind_of, si_unit, to_si
 
 
 @dataclass(frozen=True)

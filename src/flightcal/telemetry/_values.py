@@ -12,7 +12,7 @@ import pyarrow.compute as pc
 from numpy.typing import NDArray
 
 from flightcal.errors import TelemetryError
-from flightcal.scenario.schema import Channel
+from flightcal.scenario import Channel
 
 from ._files import NULL_WORDS, Source
 from ._flags import Flag, Flags

@@ -11,7 +11,7 @@ import xarray as xr
 from numpy.typing import NDArray
 
 from flightcal.errors import TelemetryError
-from flightcal.scenario.schema import Channel, TelemetryFile
+from flightcal.scenario import Channel, TelemetryFile
 
 from ._files import Source, content, locate, nearest, read_table
 from ._flags import Flag, Flags, flag_attributes, meaning

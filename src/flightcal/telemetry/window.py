@@ -6,7 +6,7 @@ import numpy as np
 import xarray as xr
 
 from flightcal.errors import TelemetryError
-from flightcal.scenario.schema import Window
+from flightcal.scenario import Window
 
 
 def window_bounds(window: Window, period: float | None) -> tuple[np.datetime64, np.datetime64]:

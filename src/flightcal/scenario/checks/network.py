@@ -5,47 +5,47 @@ from __future__ import annotations
 from collections.abc import Iterator
 from pathlib import Path
 
-from .._document import Location, Problem
-from .._draft import Draft
-from .._reading import Reading
-from .._units import show
+from ..blocks import Blocks, readable
+from ..document import Location, Problem
 from ..network import Conductor
-from ._common import channel_of_kind, heated_node, readable, unknown
+from ..reading import Reading
+from ..units import show
+from .common import channel_of_kind, heated_node, unknown
 
 _CONDUCTORS: Location = ("simulator", "conductors")
 
 
 def check(reading: Reading, folder: Path) -> Iterator[Problem]:
     """Conductors and faces touch nodes that exist; every temperature is determined."""
-    draft = reading.draft
-    yield from _check_conductors(draft)
-    yield from _check_labels(draft)
-    yield from _check_boundaries(draft)
-    yield from _check_faces(draft)
-    if draft.reduced is None:
-        yield from _check_arithmetic(draft)
-    yield from _check_initial(draft)
+    blocks = reading.blocks
+    yield from _check_conductors(blocks)
+    yield from _check_labels(blocks)
+    yield from _check_boundaries(blocks)
+    yield from _check_faces(blocks)
+    if blocks.reduced is None:
+        yield from _check_arithmetic(blocks)
+    yield from _check_initial(blocks)
 
 
-def _check_conductors(draft: Draft) -> Iterator[Problem]:
-    for k, conductor in enumerate(draft.conductors):
+def _check_conductors(blocks: Blocks) -> Iterator[Problem]:
+    for k, conductor in enumerate(blocks.conductors):
         if conductor is None:
             continue
         location = (*_CONDUCTORS, k, "between")
         for name in dict.fromkeys(conductor.between):
-            if name not in draft.nodes:
-                yield Problem(location, unknown("node", name, draft.nodes))
+            if name not in blocks.nodes:
+                yield Problem(location, unknown("node", name, blocks.nodes))
         first, second = conductor.between
         if first == second:
             yield Problem(location, f"found {show(first)} twice, expected two different nodes")
-        elif all((node := draft.nodes.get(name)) and node.boundary is not None for name in conductor.between):
+        elif all((node := blocks.nodes.get(name)) and node.boundary is not None for name in conductor.between):
             message = f"found the boundary nodes {first!r} and {second!r}, expected one whose temperature can change"
             yield Problem(location, message)
 
 
-def _check_labels(draft: Draft) -> Iterator[Problem]:
+def _check_labels(blocks: Blocks) -> Iterator[Problem]:
     first: dict[str, int] = {}
-    for k, conductor in enumerate(draft.conductors):
+    for k, conductor in enumerate(blocks.conductors):
         if conductor is None:
             continue
         if conductor.label in first:
@@ -54,21 +54,21 @@ def _check_labels(draft: Draft) -> Iterator[Problem]:
         first.setdefault(conductor.label, k)
 
 
-def _check_boundaries(draft: Draft) -> Iterator[Problem]:
-    for name, node in readable(draft.nodes).items():
-        wrong = channel_of_kind(draft, node.boundary, "temperature") if isinstance(node.boundary, str) else None
+def _check_boundaries(blocks: Blocks) -> Iterator[Problem]:
+    for name, node in readable(blocks.nodes).items():
+        wrong = channel_of_kind(blocks, node.boundary, "temperature") if isinstance(node.boundary, str) else None
         if wrong:
             yield Problem(("simulator", "nodes", name, "boundary"), wrong)
 
 
-def _check_faces(draft: Draft) -> Iterator[Problem]:
-    environment = draft.environment
-    for name, face in readable(draft.faces).items():
+def _check_faces(blocks: Blocks) -> Iterator[Problem]:
+    environment = blocks.environment
+    for name, face in readable(blocks.faces).items():
         location = ("simulator", "faces", name)
-        wrong = heated_node(draft, face.node, "sunlight")
+        wrong = heated_node(blocks, face.node, "sunlight")
         if wrong:
             yield Problem((*location, "node"), wrong)
-        node = draft.nodes.get(face.node)
+        node = blocks.nodes.get(face.node)
         if node is not None and node.arithmetic:
             # Its temperature jumps by 200 K when the Sun comes up, farther than the linear equations of a step follow.
             message = f"found the arithmetic node {face.node!r}, expected one with the heat capacity of its outer layer"
@@ -79,13 +79,13 @@ def _check_faces(draft: Draft) -> Iterator[Problem]:
             yield Problem(location, "found a face without an orbit, expected 'orbit' in environment to light it")
 
 
-def _check_arithmetic(draft: Draft) -> Iterator[Problem]:
+def _check_arithmetic(blocks: Blocks) -> Iterator[Problem]:
     """A massless node takes the temperature of what it is linked to: something with a temperature of its own."""
-    if None in draft.conductors:
+    if None in blocks.conductors:
         return
-    links = [conductor for conductor in draft.conductors if isinstance(conductor, Conductor)]
-    massless = {name for name, node in readable(draft.nodes).items() if node.arithmetic}
-    determined = set(draft.nodes) - massless
+    links = [conductor for conductor in blocks.conductors if isinstance(conductor, Conductor)]
+    massless = {name for name, node in readable(blocks.nodes).items() if node.arithmetic}
+    determined = set(blocks.nodes) - massless
     while True:
         reached = {
             name
@@ -96,17 +96,17 @@ def _check_arithmetic(draft: Draft) -> Iterator[Problem]:
         if not reached:
             break
         determined |= reached
-    for name in draft.nodes:
+    for name in blocks.nodes:
         if name in massless - determined:
             message = "found an arithmetic node without a conductor to a node with a capacity or a boundary"
             yield Problem(("simulator", "nodes", name), f"{message}, expected one")
 
 
-def _check_initial(draft: Draft) -> Iterator[Problem]:
+def _check_initial(blocks: Blocks) -> Iterator[Problem]:
     """Initial temperatures come from telemetry or are written, and belong to nodes that can have one."""
-    observations = draft.observations.values()
+    observations = blocks.observations.values()
     observed = {observation.node for observation in observations if observation is not None}
-    for name, node in readable(draft.nodes).items():
+    for name, node in readable(blocks.nodes).items():
         location = ("simulator", "nodes", name)
         if node.capacity is None and node.initial is not None:
             kind = "an arithmetic" if node.arithmetic else "a boundary"

@@ -6,9 +6,9 @@ import re
 from collections.abc import Iterator
 from pathlib import Path
 
-from .._document import Location, Problem
-from .._reading import Reading
-from .._units import show
+from ..document import Location, Problem
+from ..reading import Reading
+from ..units import show
 
 _NAME = re.compile(r"[\w+-][\w+ -]*(?<! )")
 _DIMENSIONS = ("chain", "draw")
@@ -16,23 +16,23 @@ _DIMENSIONS = ("chain", "draw")
 
 def check(reading: Reading, folder: Path) -> Iterator[Problem]:
     """Every name can stand in a dotted path; a parameter is not called like a dimension of the results."""
-    draft = reading.draft
+    blocks = reading.blocks
     sections: dict[Location, list[str]] = {
-        ("telemetry", "channels"): list(draft.channels),
-        ("simulator", "nodes"): list(draft.nodes),
-        ("simulator", "faces"): list(draft.faces),
-        ("simulator", "heaters"): list(draft.heaters),
-        ("simulator", "modes"): list(draft.modes),
-        ("simulator", "loads"): list(draft.loads),
-        ("parameters",): list(draft.parameters),
+        ("telemetry", "channels"): list(blocks.channels),
+        ("simulator", "nodes"): list(blocks.nodes),
+        ("simulator", "faces"): list(blocks.faces),
+        ("simulator", "heaters"): list(blocks.heaters),
+        ("simulator", "modes"): list(blocks.modes),
+        ("simulator", "loads"): list(blocks.loads),
+        ("parameters",): list(blocks.parameters),
     }
-    if draft.external is not None:
+    if blocks.external is not None:
         for section in ("inputs", "outputs", "heaters"):
-            sections["simulator", section] = list(getattr(draft.external, section))
+            sections["simulator", section] = list(getattr(blocks.external, section))
     named = [((*section, name), name) for section, names in sections.items() for name in names]
     # A window of a group is called after both.
-    named += [(("windows", name), part) for name in draft.windows for part in name.split(".", 1)]
-    for k, conductor in enumerate(draft.conductors):
+    named += [(("windows", name), part) for name in blocks.windows for part in name.split(".", 1)]
+    for k, conductor in enumerate(blocks.conductors):
         if conductor is not None and conductor.name is not None:
             named.append((("simulator", "conductors", k, "name"), conductor.name))
     for location, name in named:
@@ -40,7 +40,7 @@ def check(reading: Reading, folder: Path) -> Iterator[Problem]:
             message = f"found the name {show(name)}, expected letters, digits, spaces, '_', '-' and '+' only"
             yield Problem(location, message)
     for name in _DIMENSIONS:
-        if name in draft.parameters:
+        if name in blocks.parameters:
             yield Problem(
                 ("parameters", name), f"found the name {name!r}, expected another: results use it for an axis"
             )

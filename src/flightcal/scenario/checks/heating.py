@@ -6,38 +6,38 @@ from collections.abc import Iterator
 from itertools import pairwise
 from pathlib import Path
 
-from .._document import Location, Problem
-from .._draft import Draft
-from .._reading import Reading
-from .._units import celsius
+from ..blocks import Blocks, readable
+from ..document import Location, Problem
 from ..network import Heater
-from ..settable import load_coefficient
-from ._common import channel_of_kind, heated_node, readable, unknown
+from ..numbers import load_coefficient
+from ..reading import Reading
+from ..units import celsius
+from .common import channel_of_kind, heated_node, unknown
 
 _TIMELINE: Location = ("simulator", "timeline")
 
 
 def check(reading: Reading, folder: Path) -> Iterator[Problem]:
     """Heaters, modes and loads heat nodes that exist, by channels and a timeline that exist."""
-    draft = reading.draft
-    for name, heater in readable(draft.heaters).items():
-        yield from _check_heater(draft, heater, ("simulator", "heaters", name))
-    for mode, powers in readable(draft.modes).items():
-        for node in powers if draft.reduced is None else ():
-            wrong = heated_node(draft, node, "dissipation")
+    blocks = reading.blocks
+    for name, heater in readable(blocks.heaters).items():
+        yield from _check_heater(blocks, heater, ("simulator", "heaters", name))
+    for mode, powers in readable(blocks.modes).items():
+        for node in powers if blocks.reduced is None else ():
+            wrong = heated_node(blocks, node, "dissipation")
             if wrong:
                 yield Problem(("simulator", "modes", mode, node), wrong)
-    yield from _check_timeline(draft)
-    yield from _check_loads(draft)
+    yield from _check_timeline(blocks)
+    yield from _check_loads(blocks)
 
 
-def _check_heater(draft: Draft, heater: Heater, location: Location) -> Iterator[Problem]:
-    wrong = heated_node(draft, heater.node, "a heater")
+def _check_heater(blocks: Blocks, heater: Heater, location: Location) -> Iterator[Problem]:
+    wrong = heated_node(blocks, heater.node, "a heater")
     if wrong:
         yield Problem((*location, "node"), wrong)
-    sensor = draft.nodes.get(heater.sensor)
-    if heater.sensor not in draft.nodes:
-        yield Problem((*location, "sensor"), unknown("node", heater.sensor, draft.nodes))
+    sensor = blocks.nodes.get(heater.sensor)
+    if heater.sensor not in blocks.nodes:
+        yield Problem((*location, "sensor"), unknown("node", heater.sensor, blocks.nodes))
     elif sensor is not None and sensor.capacity is None:
         message = f"found {heater.sensor!r}, a node without a capacity, expected one with a capacity"
         yield Problem((*location, "sensor"), message)
@@ -45,47 +45,47 @@ def _check_heater(draft: Draft, heater: Heater, location: Location) -> Iterator[
         found = f"on_below {celsius(heater.on_below)} and off_above {celsius(heater.off_above)}"
         yield Problem((*location, "on_below"), f"found {found}, expected on_below under off_above")
     if heater.measured_by is not None:
-        wrong = channel_of_kind(draft, heater.measured_by, "status")
+        wrong = channel_of_kind(blocks, heater.measured_by, "status")
         if wrong:
             yield Problem((*location, "measured_by"), wrong)
-    elif draft.heater_input == "measured":
+    elif blocks.heater_input == "measured":
         yield Problem(
             location, "missing key 'measured_by', expected the heater's status channel: heater_input is measured"
         )
 
 
-def _check_timeline(draft: Draft) -> Iterator[Problem]:
-    if len(draft.modes) > 1 and not draft.timeline:
-        modes = ", ".join(draft.modes)
+def _check_timeline(blocks: Blocks) -> Iterator[Problem]:
+    if len(blocks.modes) > 1 and not blocks.timeline:
+        modes = ", ".join(blocks.modes)
         message = (
-            f"found {len(draft.modes)} modes ({modes}) without a 'timeline', expected one that says when each holds"
+            f"found {len(blocks.modes)} modes ({modes}) without a 'timeline', expected one that says when each holds"
         )
         yield Problem(("simulator", "modes"), message)
-    for k, change in enumerate(draft.timeline):
-        if change is not None and change.mode not in draft.modes:
-            yield Problem((*_TIMELINE, k, "mode"), unknown("mode", change.mode, draft.modes))
-    for k, (earlier, later) in enumerate(pairwise(draft.timeline)):
+    for k, change in enumerate(blocks.timeline):
+        if change is not None and change.mode not in blocks.modes:
+            yield Problem((*_TIMELINE, k, "mode"), unknown("mode", change.mode, blocks.modes))
+    for k, (earlier, later) in enumerate(pairwise(blocks.timeline)):
         if earlier is not None and later is not None and not earlier.at < later.at:
             message = f"found {later.at.isoformat()} after {earlier.at.isoformat()}, expected times in ascending order"
             yield Problem((*_TIMELINE, k + 1, "at"), message)
-    first = draft.timeline[0] if draft.timeline else None
-    for name, window in readable(draft.windows).items():
-        if len(draft.modes) > 1 and first is not None and window.start < first.at:
+    first = blocks.timeline[0] if blocks.timeline else None
+    for name, window in readable(blocks.windows).items():
+        if len(blocks.modes) > 1 and first is not None and window.start < first.at:
             found = f"found {window.start.isoformat()}, before the timeline's first entry {first.at.isoformat()}"
             yield Problem(("windows", name, "start"), f"{found}, expected a mode to be known from the start")
 
 
-def _check_loads(draft: Draft) -> Iterator[Problem]:
-    for name, load in readable(draft.loads).items():
+def _check_loads(blocks: Blocks) -> Iterator[Problem]:
+    for name, load in readable(blocks.loads).items():
         location = ("simulator", "loads", name)
-        wrong = heated_node(draft, load.node, "a load")
+        wrong = heated_node(blocks, load.node, "a load")
         if wrong:
             yield Problem((*location, "node"), wrong)
-        wrong = channel_of_kind(draft, load.driver, "driver")
+        wrong = channel_of_kind(blocks, load.driver, "driver")
         if wrong:
             yield Problem((*location, "driver"), wrong)
             continue
         try:
-            load_coefficient(load, draft.channels[load.driver])
+            load_coefficient(load, blocks.channels[load.driver])
         except ValueError as error:
             yield Problem((*location, "coefficient"), str(error))

@@ -7,33 +7,33 @@ from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
 
-from .._document import Location, Problem
-from .._draft import Draft, External
-from .._priors import support
-from .._reading import Reading
+from ..blocks import Blocks, External, readable
+from ..document import Location, Problem
 from ..external import PythonFunction, Umbridge
+from ..priors import support
+from ..reading import Reading
 from ..residuals import Noise
-from ._common import readable, unknown
+from .common import unknown
 
 _POSITIVE = "expected one of positive values: half_normal, lognormal or truncated_normal"
 
 
 def check(reading: Reading, folder: Path) -> Iterator[Problem]:
     """Noise has what its model has; a discrepancy stands beside normal noise, and its lengthscales have bounds."""
-    draft = reading.draft
-    if draft.noise is not None:
-        yield from _check_noise(draft.noise, ("noise",))
-    for name, observation in readable(draft.observations).items():
+    blocks = reading.blocks
+    if blocks.noise is not None:
+        yield from _check_noise(blocks.noise, ("noise",))
+    for name, observation in readable(blocks.observations).items():
         place = ("observations", name, "noise")
         own = observation.noise
         if isinstance(own, Noise):
             yield from _check_noise(own, place)
         elif own is not None:
             yield from _check_positive(own, place)
-        noise = own if isinstance(own, Noise) else draft.noise if own is None else None
+        noise = own if isinstance(own, Noise) else blocks.noise if own is None else None
         if noise is not None and observation.heater is None:
-            yield from _check_channel(noise, draft, name, place if isinstance(own, Noise) else ("noise",))
-    yield from _check_discrepancy(draft)
+            yield from _check_channel(noise, blocks, name, place if isinstance(own, Noise) else ("noise",))
+    yield from _check_discrepancy(blocks)
 
 
 def _check_noise(noise: Noise, location: Location) -> Iterator[Problem]:
@@ -60,23 +60,23 @@ def _check_positive(value: Any, location: Location) -> Iterator[Problem]:
         yield Problem(location, f"found a {value.kind} prior with negative values, {_POSITIVE}")
 
 
-def _check_channel(noise: Noise, draft: Draft, channel: str, location: Location) -> Iterator[Problem]:
+def _check_channel(noise: Noise, blocks: Blocks, channel: str, location: Location) -> Iterator[Problem]:
     kind = "quantised" if noise.quantisation is not None else "Student's t" if noise.distribution != "normal" else None
     if kind is None:
         return
-    has_discrepancy = draft.discrepancy is not None and (
-        not draft.discrepancy.channels or channel in draft.discrepancy.channels
+    has_discrepancy = blocks.discrepancy is not None and (
+        not blocks.discrepancy.channels or channel in blocks.discrepancy.channels
     )
     beside = (
         (has_discrepancy, "a discrepancy"),
-        (draft.has_errors, "'simulator.errors'"),
-        (_is_emulated(draft.external), "the error of an emulator, which simulators without derivatives get"),
+        (blocks.has_errors, "'simulator.errors'"),
+        (_is_emulated(blocks.external), "the error of an emulator, which simulators without derivatives get"),
     )
     for there, what in beside:
         if there:
             message = f"found {kind} noise of {channel!r} beside {what}, expected normal noise"
             yield Problem(location, f"{message}: only with that can its weights be integrated out")
-    source = draft.channels.get(channel)
+    source = blocks.channels.get(channel)
     if noise.quantisation is not None and source is not None and len(source.column) > 1:
         message = f"found 'quantisation' of {channel!r}, which is made of {len(source.column)} columns"
         yield Problem(
@@ -91,11 +91,11 @@ def _is_emulated(external: External | None) -> bool:
     return not (isinstance(external.block, PythonFunction) and external.block.gradient == "jax")
 
 
-def _check_discrepancy(draft: Draft) -> Iterator[Problem]:
-    discrepancy = draft.discrepancy
+def _check_discrepancy(blocks: Blocks) -> Iterator[Problem]:
+    discrepancy = blocks.discrepancy
     if discrepancy is None:
         return
-    temperatures = [name for name, item in draft.observations.items() if item is None or item.heater is None]
+    temperatures = [name for name, item in blocks.observations.items() if item is None or item.heater is None]
     for k, name in enumerate(discrepancy.channels):
         if name not in temperatures:
             yield Problem(("discrepancy", "channels", k), unknown("observed temperature channel", name, temperatures))

@@ -8,11 +8,11 @@ from collections.abc import Iterator
 from pathlib import Path
 from xml.etree import ElementTree
 
-from .._document import Location, Problem
-from .._draft import External
-from .._units import show
+from ..blocks import External, readable
+from ..document import Location, Problem
 from ..external import Fmu
-from ._common import readable, unknown
+from ..units import show
+from .common import unknown
 
 _DESCRIPTION = "modelDescription.xml"
 _MOST = 50_000_000

@@ -5,14 +5,14 @@ from __future__ import annotations
 import re
 from collections.abc import Iterable, Mapping
 from types import UnionType
-from typing import Any, get_args
+from typing import Annotated, Any, get_args, get_origin
 
 from pydantic import ValidationError
 
 from . import environment, external, network, priors, residuals, schema
-from ._document import Location, Problem
-from ._fields import Block
-from ._units import did_you_mean, show
+from .document import Location, Problem
+from .fields import FILLED_IN, Block
+from .units import did_you_mean, show
 
 _EXPECTED = {
     "string_type": "text",
@@ -40,12 +40,17 @@ _TAGS |= dict.fromkeys(("<named>", "<vector>", "<all>", "<number>"), Block)
 """What pydantic puts into a location to say which part of a union it chose."""
 
 
-def problems_of(error: ValidationError, root: type[Block] = schema.Scenario) -> list[Problem]:
-    """One problem per place of a schema error; `root` is the block of the whole file."""
-    return [Problem(*_translate(detail, root)) for detail in error.errors(include_url=False)]
+UNREADABLE = object()
+"""Stands for a part of a block that could not be read; what is wrong with it has been said."""
 
 
-def _translate(detail: Mapping[str, Any], root: type[Block]) -> tuple[Location, str]:
+def problems_of(error: ValidationError, kind: Any = schema.Scenario, location: Location = ()) -> list[Problem]:
+    """One problem per place of a schema error; `kind` is what was to be read, and `location` its place."""
+    told = [_translate(d, kind) for d in error.errors(include_url=False) if d["input"] is not UNREADABLE]
+    return [Problem((*location, *inside), message) for inside, message in told]
+
+
+def _translate(detail: Mapping[str, Any], root: Any) -> tuple[Location, str]:
     kind, value, context = detail["type"], detail["input"], detail.get("ctx", {})
     location = tuple(part for part in detail["loc"] if part not in _TAGS)
     if kind == "missing":
@@ -55,6 +60,8 @@ def _translate(detail: Mapping[str, Any], root: type[Block]) -> tuple[Location, 
         return location, unknown_key(str(detail["loc"][-1]), keys)
     if kind == "value_error":
         return location, str(context["error"])
+    if kind == "told":
+        return location, detail["msg"]
     if kind == "literal_error":
         valid = re.findall(r"'([^']*)'", context["expected"])
         hint = did_you_mean(value, valid) if isinstance(value, str) else ""
@@ -73,15 +80,12 @@ def unknown_key(key: str, keys: Iterable[str]) -> str:
 
 def written_keys(block: type[Block]) -> list[str]:
     """What a user may write in a block: all fields but those that flightcal fills in."""
-    filled_in = {schema.Scenario: "folder", schema.Parameter: "unit", schema.SimulatorModel: "reduced_numbers"}.get(
-        block
-    )
-    return [name for name in block.model_fields if name != filled_in]
+    return [name for name, field in block.model_fields.items() if FILLED_IN not in field.metadata]
 
 
-def _keys_at(location: Location, root: type[Block]) -> list[str]:
+def _keys_at(location: Location, root: Any) -> list[str]:
     """Valid keys of the block at a location as pydantic gives it, with the tags of unions."""
-    here: Any = root
+    here = _bare(root)
     for part in location:
         if part in _TAGS:
             here = _TAGS[str(part)]
@@ -89,6 +93,14 @@ def _keys_at(location: Location, root: type[Block]) -> list[str]:
             here = here.model_fields[str(part)].annotation
         else:  # dict[str, X] or tuple[X, ...]
             here = next(kind for kind in get_args(here) if kind is not str)
-        if isinstance(here, UnionType):  # X | None
-            here = next(kind for kind in get_args(here) if kind is not type(None))
+        here = _bare(here)
     return written_keys(here)
+
+
+def _bare(kind: Any) -> Any:
+    """A block or a collection of blocks, whatever surrounds it."""
+    if get_origin(kind) is Annotated:
+        return _bare(get_args(kind)[0])
+    if isinstance(kind, UnionType):  # X | None
+        return _bare(next(part for part in get_args(kind) if part is not type(None)))
+    return kind

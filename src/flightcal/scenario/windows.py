@@ -1,10 +1,34 @@
-"""Windows in groups: several to train on, several to test on."""
+"""Windows of telemetry, alone or in groups: several to train on, several to test on."""
 
 from __future__ import annotations
 
-from typing import Any
+from typing import Annotated, Any
 
-from ._document import Location
+from pydantic import Field, model_validator
+
+from .document import Location
+from .fields import Block, Number, Time, exactly_one
+
+
+class Window(Block):
+    """A stretch of telemetry: start and either a number of orbits or an end."""
+
+    start: Time
+    orbits: Annotated[Number, Field(gt=0)] | None = None
+    end: Time | None = None
+
+    @model_validator(mode="after")
+    def _one_length(self) -> Window:
+        given = {"orbits": self.orbits is not None, "end": self.end is not None}
+        exactly_one(given, "exactly one of 'orbits' and 'end'")
+        if self.end is not None and self.end <= self.start:
+            raise ValueError(f"found end {self.end.isoformat()}, expected one after {self.start.isoformat()}")
+        return self
+
+
+def is_trained(window: str) -> bool:
+    """Whether the window of this name is one to calibrate on."""
+    return window.partition(".")[0] == "train"
 
 
 def flat_windows(windows: Any, lines: dict[Location, int]) -> Any:

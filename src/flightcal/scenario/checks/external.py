@@ -10,13 +10,13 @@ from collections.abc import Iterator, Mapping
 from pathlib import Path, PurePosixPath
 from typing import Any
 
-from .._document import Location, Problem
-from .._draft import Draft, External
-from .._reading import Reading
-from .._units import show
+from ..blocks import Blocks, External, readable
+from ..document import Location, Problem
 from ..external import Executable, PythonFunction, Umbridge
-from ._common import channel_of_kind, readable, unknown
-from ._fmu import check_fmu
+from ..reading import Reading
+from ..units import show
+from .common import channel_of_kind, unknown
+from .fmu import check_fmu
 
 _SIMULATOR: Location = ("simulator",)
 _TEMPLATE_NAMES = ("inputs", "times", "start", "end")
@@ -25,7 +25,7 @@ _URL = re.compile(r"https?://[^\s/]+(/\S*)?")
 
 def check(reading: Reading, folder: Path) -> Iterator[Problem]:
     """Names fit each other, and the files that the scenario names are there and are what they should be."""
-    external = reading.draft.external
+    external = reading.blocks.external
     if external is None:
         return
     yield from _check_inputs(external)
@@ -42,7 +42,7 @@ def check(reading: Reading, folder: Path) -> Iterator[Problem]:
             yield Problem((*location, "url"), message)
     elif block is not None:
         yield from check_fmu(block, external, folder, location)
-        yield from _check_drivers(block.drivers, reading.draft, location)
+        yield from _check_drivers(block.drivers, reading.blocks, location)
 
 
 def _check_inputs(external: External) -> Iterator[Problem]:
@@ -89,9 +89,9 @@ def _check_same_name(external: External) -> Iterator[Problem]:
                 first.setdefault(called, name)
 
 
-def _check_drivers(drivers: Mapping[str, str], draft: Draft, location: Location) -> Iterator[Problem]:
+def _check_drivers(drivers: Mapping[str, str], blocks: Blocks, location: Location) -> Iterator[Problem]:
     for variable, channel in drivers.items():
-        wrong = channel_of_kind(draft, channel, "driver")
+        wrong = channel_of_kind(blocks, channel, "driver")
         if wrong:
             yield Problem((*location, "drivers", variable), wrong)
 

@@ -4,16 +4,14 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
-from typing import TypeVar, get_args
+from typing import get_args
 
-from ._draft import Draft, draft_of_scenario
-from ._fields import Block
-from ._units import Quantity, si_unit, to_si
+from .blocks import Blocks, blocks_of, readable
 from .environment import AttitudeOffset, Environment
+from .fields import Block
 from .network import Conductor, Face, Heater, Load, Node
 from .schema import Channel, Observation, Scenario
-
-T = TypeVar("T")
+from .units import Quantity, si_unit, to_si
 
 
 @dataclass(frozen=True)
@@ -38,20 +36,15 @@ def settable(scenario: Scenario) -> dict[str, Settable]:
     thermal network observations.<channel>.gain, time_offset and, where it is written, lag. Within a line: order of the
     file.
     """
-    return settable_of(draft_of_scenario(scenario))
+    return settable_of(blocks_of(scenario))
 
 
-def settable_of(draft: Draft) -> dict[str, Settable]:
+def settable_of(blocks: Blocks) -> dict[str, Settable]:
     """`settable` of the blocks that could be read."""
     return {
         path: Settable(quantity.unit, value, quantity.lower, quantity.upper)
-        for path, quantity, value in _numbers(draft)
+        for path, quantity, value in _numbers(blocks)
     }
-
-
-def is_difference(path: str) -> bool:
-    """Whether a path in kelvin is a temperature difference."""
-    return path.startswith("observations.") and path.endswith(".bias")
 
 
 def load_coefficient(load: Load, driver: Channel | None) -> tuple[str, float] | None:
@@ -77,42 +70,41 @@ def quantity_of(block: type[Block], name: str) -> Quantity:
     return next(item for item in candidates if isinstance(item, Quantity))
 
 
-def _numbers(draft: Draft) -> Iterator[tuple[str, Quantity, float]]:
+def _numbers(blocks: Blocks) -> Iterator[tuple[str, Quantity, float]]:
     """Path, unit with bounds, and value of every settable number that could be read."""
-    nodes, faces, heaters = _readable(draft.nodes), _readable(draft.faces), _readable(draft.heaters)
-    if draft.reduced is not None:
-        for name, number in _readable(draft.reduced).items():
+    nodes, faces, heaters = readable(blocks.nodes), readable(blocks.faces), readable(blocks.heaters)
+    if blocks.reduced is not None:
+        for name, number in readable(blocks.reduced).items():
             yield name, Quantity(number.unit, at_least=number.lower, at_most=number.upper), number.value
     else:
-        yield from _network_numbers(draft, nodes, faces)
+        yield from _network_numbers(blocks, nodes, faces)
     for name, heater in heaters.items():
         yield from _fields_of("heaters", {name: heater}, Heater, "power", "on_below", "off_above")
-    for mode, powers in _readable(draft.modes).items():
+    for mode, powers in readable(blocks.modes).items():
         for name, power in powers.items():
             yield f"modes.{mode}.{name}", Quantity("W"), power
-    yield from _coefficients(draft)
-    if draft.external:
-        for name, item in _readable(draft.external.inputs).items():
+    yield from _coefficients(blocks)
+    if blocks.external:
+        for name, item in readable(blocks.external.inputs).items():
             if item.initial_of is None:
                 yield f"inputs.{name}", Quantity(item.si[0]), item.si[1]
-    elif draft.environment:
+    elif blocks.environment:
         for name in ("albedo", "earth_infrared", "solar_constant"):
-            yield f"environment.{name}", quantity_of(Environment, name), getattr(draft.environment, name)
-        if offset := draft.environment.attitude_offset:
+            yield f"environment.{name}", quantity_of(Environment, name), getattr(blocks.environment, name)
+        if offset := blocks.environment.attitude_offset:
             for axis in ("x", "y", "z"):
                 yield f"environment.attitude_offset.{axis}", quantity_of(AttitudeOffset, axis), getattr(offset, axis)
-    for name, observation in _readable(draft.observations).items():
+    for name, observation in readable(blocks.observations).items():
         if observation.heater is None:
-            yield f"observations.{name}.bias", Quantity("K", difference=True), observation.bias
-            if not draft.external:
-                yield from _fields_of("observations", {name: observation}, Observation, "gain", "time_offset", "lag")
+            fields = ("bias",) if blocks.external else ("bias", "gain", "time_offset", "lag")
+            yield from _fields_of("observations", {name: observation}, Observation, *fields)
 
 
 def _network_numbers(
-    draft: Draft, nodes: Mapping[str, Node], faces: Mapping[str, Face]
+    blocks: Blocks, nodes: Mapping[str, Node], faces: Mapping[str, Face]
 ) -> Iterator[tuple[str, Quantity, float]]:
     # The first conductor of a label keeps it; a second one is reported by lint.
-    conductors = {conductor.label: conductor for conductor in reversed(draft.conductors) if conductor}
+    conductors = {conductor.label: conductor for conductor in reversed(blocks.conductors) if conductor}
     conductors = dict(reversed(conductors.items()))
 
     yield from _fields_of("nodes", nodes, Node, "capacity")
@@ -134,10 +126,10 @@ def _fields_of(
                 yield f"{section}.{block_name}.{name}", quantity_of(kind, name), getattr(block, name)
 
 
-def _coefficients(draft: Draft) -> Iterator[tuple[str, Quantity, float]]:
-    for name, load in _readable(draft.loads).items():
+def _coefficients(blocks: Blocks) -> Iterator[tuple[str, Quantity, float]]:
+    for name, load in readable(blocks.loads).items():
         try:
-            found = load_coefficient(load, draft.channels.get(load.driver))
+            found = load_coefficient(load, blocks.channels.get(load.driver))
         except ValueError:
             continue  # reported by lint, with its line
         if found:
@@ -153,7 +145,3 @@ def _coefficient_unit(driver_unit: str | None) -> str | None:
     if unit in ("", "W"):
         return "W" if unit == "" else ""
     return f"W/{unit}" if unit.isalpha() else si_unit(f"W/({unit})")
-
-
-def _readable(blocks: Mapping[str, T | None]) -> dict[str, T]:
-    return {name: block for name, block in blocks.items() if block is not None}

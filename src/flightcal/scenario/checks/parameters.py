@@ -6,56 +6,33 @@ import math
 from collections.abc import Iterator, Mapping
 from pathlib import Path
 
-from .._document import Problem
-from .._priors import support
-from .._reading import Reading
-from .._units import celsius
-from ..priors import HalfNormal, LogNormal, Prior, TruncatedNormal
-from ..schema import Parameter
-from ..settable import Settable, is_difference
-from ._common import readable
+from ..blocks import readable
+from ..document import Problem
+from ..numbers import Settable
+from ..parameters import set_twice
+from ..priors import HalfNormal, LogNormal, Prior, TruncatedNormal, support
+from ..reading import Reading
+from ..schema import Parameter, is_difference
+from ..units import celsius
 
 _FAR_OUT = 5.0
 """Standard deviations from a truncated normal's mean to its bounds, beyond which sampling it fails."""
 
 
 def check(reading: Reading, folder: Path) -> Iterator[Problem]:
-    """Every parameter does something, no two set the same number, and no draw from a prior is impossible."""
-    # A parameter with problems of its own carries a stand-in for its prior; one that refers to a block
-    # which could not be read waits for that.
-    broken = {problem.location[:2] for problem in reading.problems}
+    """No two parameters set the same number, and no draw from a prior is impossible."""
+    # One that refers to a block which could not be read waits for that.
     parameters = {
         name: parameter
-        for name, parameter in readable(reading.draft.parameters).items()
-        if ("parameters", name) not in broken and reading.numbers.keys() >= {*parameter.sets, *parameter.scales}
+        for name, parameter in readable(reading.blocks.parameters).items()
+        if reading.numbers.keys() >= {*parameter.sets, *parameter.scales}
     }
-    yield from _check_paths(parameters)
+    yield from set_twice(parameters)
     for name, parameter in parameters.items():
         message = _prior_problem(parameter, reading.numbers)
         if message:
             yield Problem(("parameters", name, "prior"), message)
     yield from _check_thresholds(parameters, reading)
-
-
-def _check_paths(parameters: Mapping[str, Parameter]) -> Iterator[Problem]:
-    setter: dict[str, str] = {}
-    for name, parameter in parameters.items():
-        location = ("parameters", name)
-        if not parameter.sets and not parameter.scales:
-            message = "found neither 'sets' nor 'scales', expected a path such as nodes.battery.capacity"
-            yield Problem(location, message)
-        for path in parameter.sets:
-            if path in setter:
-                message = f"found {path!r}, which {setter[path]!r} already sets, expected one parameter for it"
-                yield Problem((*location, "sets"), message)
-            setter.setdefault(path, name)
-    for name, parameter in parameters.items():
-        for k, path in enumerate(parameter.scales):
-            if path in setter:
-                message = f"found {path!r}, which {setter[path]!r} sets, expected either to set or to scale it"
-                yield Problem(("parameters", name, "scales"), message)
-            elif path in parameter.scales[:k]:
-                yield Problem(("parameters", name, "scales"), f"found {path!r} twice, expected it once")
 
 
 def _prior_problem(parameter: Parameter, numbers: Mapping[str, Settable]) -> str | None:
@@ -116,7 +93,7 @@ def _beyond(kind: str, reach: tuple[float, float], number: Settable, unit: str, 
 def _check_thresholds(parameters: Mapping[str, Parameter], reading: Reading) -> Iterator[Problem]:
     """No draw puts a heater's `on_below` over its `off_above`, as far as the priors have ends."""
     setter = {path: name for name, parameter in parameters.items() for path in parameter.sets}
-    for heater in readable(reading.draft.heaters):
+    for heater in readable(reading.blocks.heaters):
         on_path, off_path = f"heaters.{heater}.on_below", f"heaters.{heater}.off_above"
         names = [setter[path] for path in (on_path, off_path) if path in setter]
         if not names or setter.get(on_path) == setter.get(off_path):

@@ -6,47 +6,47 @@ import math
 from collections.abc import Iterator
 from pathlib import Path
 
-from .._document import Problem
-from .._draft import Draft
-from .._priors import support
-from .._reading import Reading
+from ..blocks import Blocks, readable
+from ..document import Problem
+from ..priors import support
+from ..reading import Reading
 from ..schema import Observation
-from ._common import channel_of_kind, readable, unknown
+from .common import channel_of_kind, unknown
 
 _ERRORS = ("bias", "gain", "time_offset", "lag")
 
 
 def check(reading: Reading, folder: Path) -> Iterator[Problem]:
     """Channels exist and suit what they measure; at least one temperature is observed."""
-    draft = reading.draft
-    for name, observation in readable(draft.observations).items():
+    blocks = reading.blocks
+    for name, observation in readable(blocks.observations).items():
         location = ("observations", name)
-        wrong = channel_of_kind(draft, name, "temperature" if observation.heater is None else "status")
+        wrong = channel_of_kind(blocks, name, "temperature" if observation.heater is None else "status")
         if wrong:
             yield Problem(location, wrong)
-        wrong_target = _target_problem(draft, observation)
+        wrong_target = _target_problem(blocks, observation)
         if wrong_target:
             yield Problem((*location, wrong_target[0]), wrong_target[1])
         if observation.heater is not None:
-            yield from _check_status(draft, observation, name)
+            yield from _check_status(blocks, observation, name)
             continue
         if observation.likelihood is not None:
             message = "found a 'likelihood' for a temperature, expected one for the status of a heater only"
             yield Problem((*location, "likelihood"), message)
-        yield from _check_sensor(draft, observation, name)
-    observations = draft.observations.values()
-    if draft.observations and not any(
+        yield from _check_sensor(blocks, observation, name)
+    observations = blocks.observations.values()
+    if blocks.observations and not any(
         observation is None or observation.heater is None for observation in observations
     ):
         message = "found no temperature channel, expected at least one: the likelihood is that of temperatures"
         yield Problem(("observations",), message)
 
 
-def _target_problem(draft: Draft, observation: Observation) -> tuple[str, str] | None:
+def _target_problem(blocks: Blocks, observation: Observation) -> tuple[str, str] | None:
     """The key, and what is wrong with what it names as the thing that is measured; None: nothing is."""
-    external = draft.external
+    external = blocks.external
     if observation.heater is not None:
-        heaters = draft.heaters if external is None else external.heaters
+        heaters = blocks.heaters if external is None else external.heaters
         wrong = None if observation.heater in heaters else unknown("heater", observation.heater, heaters)
         return ("heater", wrong) if wrong else None
     if observation.output is not None:
@@ -57,42 +57,44 @@ def _target_problem(draft: Draft, observation: Observation) -> tuple[str, str] |
     name = observation.node or ""
     if external is not None:
         return "node", f"found 'node', expected 'output': the simulator is external ({external.kind})"
-    if name not in draft.nodes:
-        return "node", unknown("node", name, draft.nodes)
-    if (node := draft.nodes[name]) is not None and node.boundary is not None:
+    if name not in blocks.nodes:
+        return "node", unknown("node", name, blocks.nodes)
+    if (node := blocks.nodes[name]) is not None and node.boundary is not None:
         return "node", f"found the boundary node {name!r}, expected one that is simulated"
     return None
 
 
-def _check_sensor(draft: Draft, observation: Observation, name: str) -> Iterator[Problem]:
+def _check_sensor(blocks: Blocks, observation: Observation, name: str) -> Iterator[Problem]:
     """Errors of the sensor that the simulator cannot give."""
-    for key in _ERRORS[1:] if draft.external is not None else ():
+    for key in _ERRORS[1:] if blocks.external is not None else ():
         if getattr(observation, key) != Observation.model_fields[key].default:
             message = (
                 f"found {key!r}, expected none but 'bias': an external simulator gives what its sensors would show"
             )
             yield Problem(("observations", name, key), message)
-    if observation.lag is None or draft.external is not None:
+    if observation.lag is None or blocks.external is not None:
         return
-    if draft.reduced is not None:
+    if blocks.reduced is not None:
         message = "found a lag, expected none: the simulator is a reduced order model, which has no sensors of its own"
         yield Problem(("observations", name, "lag"), message)
-    elif (node := draft.nodes.get(observation.node or "")) is not None and node.arithmetic:
+    elif (node := blocks.nodes.get(observation.node or "")) is not None and node.arithmetic:
         message = f"found a lag behind the massless node {observation.node!r}, expected a node with a capacity"
         yield Problem(("observations", name, "lag"), f"{message}: the sensor starts at its node's initial temperature")
 
 
-def _check_status(draft: Draft, observation: Observation, name: str) -> Iterator[Problem]:
+def _check_status(blocks: Blocks, observation: Observation, name: str) -> Iterator[Problem]:
     for key in ("noise", *_ERRORS):
         if key in observation.model_fields_set:
             yield Problem(("observations", name, key), f"found {key!r} for a heater's status, expected none")
     if observation.likelihood is None:
         return
     location = ("observations", name, "likelihood")
-    if draft.external is not None:
-        message = f"found a likelihood of status with an external simulator ({draft.external.kind}), expected a network"
+    if blocks.external is not None:
+        message = (
+            f"found a likelihood of status with an external simulator ({blocks.external.kind}), expected a network"
+        )
         yield Problem(location, f"{message}: it needs the times at which simulated thermostats switch")
-    elif draft.heater_input == "measured":
+    elif blocks.heater_input == "measured":
         message = "found a likelihood of status with heater_input: measured, expected heater_input: simulated"
         yield Problem(location, f"{message}: a status that drives the heater says nothing of the thermostat")
     form = observation.likelihood.switch_times

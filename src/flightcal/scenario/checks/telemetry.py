@@ -6,23 +6,23 @@ import os
 from collections.abc import Iterator
 from pathlib import Path
 
-from .._document import Location, Problem
-from .._reading import Reading
-from .._units import did_you_mean, is_temperature, kind_of, parse_unit, show, si_unit, to_si
+from ..blocks import readable
+from ..document import Location, Problem
+from ..reading import Reading
 from ..schema import Channel
-from ._common import readable
+from ..units import did_you_mean, is_temperature, kind_of, parse_unit, show, si_unit, to_si
 
 _COMBINATIONS = {"temperature": ("mean",), "status": (), "driver": ("mean", "sum", "product")}
 
 
 def check(reading: Reading, folder: Path) -> Iterator[Problem]:
     """Files exist; units, ranges and options of channels suit their kind."""
-    for name in reading.draft.files:
+    for name in reading.blocks.files:
         if not os.path.isfile(folder / name):  # unlike Path's, False for a name that no file can have
             found = "a folder" if os.path.isdir(folder / name) else "no such file"
             message = f"found {found} at {show(name)}, expected a telemetry file, relative to the scenario"
             yield Problem(("telemetry", "file"), message)
-    for name, channel in readable(reading.draft.channels).items():
+    for name, channel in readable(reading.blocks.channels).items():
         location = ("telemetry", "channels", name)
         yield from _check_columns(channel, location)
         unit_problem = _unit_problem(channel)
@@ -83,7 +83,7 @@ def _check_options(channel: Channel, location: Location, reading: Reading) -> It
         yield Problem((*location, "on"), f"found 'on' for a {channel.kind}, expected it for a status only")
     if channel.kind != "driver" and "fill" in channel.model_fields_set:
         yield Problem((*location, "fill"), f"found 'fill' for a {channel.kind}, expected it for a driver only")
-    environment = reading.draft.environment
+    environment = reading.blocks.environment
     known = environment is None or environment.orbit is not None or environment.period is not None
     if channel.fill == "previous_orbit" and not known:
         message = "found 'previous_orbit', expected 'orbit' or 'period' in environment: no orbital period is known"

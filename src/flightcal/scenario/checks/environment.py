@@ -8,9 +8,7 @@ import re
 from collections.abc import Iterator
 from pathlib import Path
 
-from .._document import Location, Problem
-from .._reading import Reading
-from .._units import show
+from ..document import Location, Problem
 from ..environment import (
     CircularOrbit,
     InertialAttitude,
@@ -20,6 +18,8 @@ from ..environment import (
     SpinningAttitude,
     TleOrbit,
 )
+from ..reading import Reading
+from ..units import show
 
 EARTH_RADIUS = 6378.137e3  # m, equatorial (WGS 84)
 _LOCAL_TIME = re.compile(r"([01]\d|2[0-3]):[0-5]\d")
@@ -30,11 +30,11 @@ _ATTITUDE: Location = ("environment", "attitude")
 
 def check(reading: Reading, folder: Path) -> Iterator[Problem]:
     """Orbit and attitude describe one that exists."""
-    environment = reading.draft.environment
+    environment = reading.blocks.environment
     if environment is None:
         return
     orbit, attitude = environment.orbit, environment.attitude
-    if environment.attitude_offset is not None and reading.draft.reduced is not None:
+    if environment.attitude_offset is not None and reading.blocks.reduced is not None:
         message = "found an attitude offset, expected none: a reduced order model knows its faces' directions only"
         yield Problem(("environment", "attitude_offset"), message)
     if isinstance(orbit, CircularOrbit):

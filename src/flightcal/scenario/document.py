@@ -8,7 +8,7 @@ from dataclasses import dataclass, field
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from ._units import show
+from .units import show
 
 if TYPE_CHECKING:
     from ruamel.yaml import YAML

@@ -7,12 +7,12 @@ from collections.abc import Iterator
 from datetime import datetime, timedelta
 from pathlib import Path
 
-from .._document import Problem
-from .._reading import Reading
-from .._units import did_you_mean
+from ..blocks import readable
+from ..document import Problem
 from ..environment import CircularOrbit, Environment, KeplerianOrbit, TleOrbit
-from ..schema import Window, is_trained
-from ._common import readable
+from ..reading import Reading
+from ..units import did_you_mean
+from ..windows import Window, is_trained
 from .environment import EARTH_RADIUS
 
 _EARTH_MU = 3.986004418e14  # m3/s2 (WGS 84)
@@ -21,29 +21,24 @@ _TOLERANCE = timedelta(minutes=1)
 
 
 def check(reading: Reading, folder: Path) -> Iterator[Problem]:
-    """`train` exists, no other window overlaps it, and orbits can be counted; what drifts, drifts between windows."""
-    draft = reading.draft
-    trained = [name for name in draft.windows if is_trained(name)]
-    if len(trained) < 2:
-        for name, parameter in readable(draft.parameters).items():
-            if parameter.drift is not None:
-                message = f"found a drift and {len(trained)} window to train on, expected several to drift between"
-                yield Problem(("parameters", name, "drift"), message)
+    """`train` exists, no other window overlaps it, and orbits can be counted."""
+    blocks = reading.blocks
+    trained = [name for name in blocks.windows if is_trained(name)]
     if "windows" in reading.document.data and not trained:
-        message = f"missing window 'train', expected the stretch to calibrate on{did_you_mean('train', draft.windows)}"
+        message = f"missing window 'train', expected the stretch to calibrate on{did_you_mean('train', blocks.windows)}"
         yield Problem(("windows",), message)
-    environment = draft.environment
+    environment = blocks.environment
     if environment is None:
         return
     if environment.orbit is None and environment.period is None:
-        in_orbits = [name for name, window in readable(draft.windows).items() if window.orbits is not None]
+        in_orbits = [name for name, window in readable(blocks.windows).items() if window.orbits is not None]
         for name in in_orbits:
             message = "found a length in orbits, expected 'orbit' or 'period' in environment to know how long one is"
             yield Problem(("windows", name, "orbits"), message)
-        if not in_orbits and draft.windows:
+        if not in_orbits and blocks.windows:
             message = "found neither 'orbit' nor 'period', expected one: gaps and phases are told in orbits"
             yield Problem(("environment",), message)
-    yield from _check_overlap(readable(draft.windows), environment)
+    yield from _check_overlap(readable(blocks.windows), environment)
 
 
 def _check_overlap(windows: dict[str, Window], environment: Environment) -> Iterator[Problem]:

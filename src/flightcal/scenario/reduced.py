@@ -6,12 +6,12 @@ import json
 from pathlib import Path
 from typing import Any
 
-from ._document import Problem
-from ._units import did_you_mean, show
+from .document import Problem
+from .units import did_you_mean, show
 
 _HERE = ("simulator", "reduced_model")
 _SECTIONS = ("nodes", "faces", "heaters", "modes")
-FORMAT = "2"
+REDUCED_MODEL_FORMAT = "2"
 
 
 def fill_in(written: dict[str, Any], folder: Path) -> tuple[dict[str, Any], list[Problem]]:
@@ -61,7 +61,7 @@ def _read(path: Path) -> tuple[Any, str]:
 
     try:
         with h5py.File(path, "r") as file:
-            if file.attrs.get("flightcal_reduced_model") != FORMAT:
+            if file.attrs.get("flightcal_reduced_model") != REDUCED_MODEL_FORMAT:
                 return None, "which is not a reduced model of this version, expected one that 'flightcal reduce' wrote"
             return json.loads(file.attrs["about"]), ""
     except FileNotFoundError:

@@ -4,7 +4,7 @@ from pathlib import Path
 import pytest
 
 from flightcal.scenario import Channel, Load, Settable, load_scenario, settable
-from flightcal.scenario.settable import load_coefficient
+from flightcal.scenario.numbers import load_coefficient
 
 EXAMPLE = Path(__file__).parent / "example.yaml"
 BROKEN = Path(__file__).parents[1] / "broken"

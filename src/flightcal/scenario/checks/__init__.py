@@ -1,7 +1,7 @@
 """What blocks of a scenario must be to each other; one module and one line here for each concern."""
 
 from . import environment, external, heating, names, network, observations, parameters, residuals, telemetry, windows
-from ._common import Check
+from .common import Check
 
 CHECKS: tuple[Check, ...] = (
     names.check,

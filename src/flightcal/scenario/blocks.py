@@ -1,39 +1,30 @@
-"""What of a scenario can be read block by block, so that one error does not hide the others."""
+"""What of a scenario could be read, block by block, so that one error does not hide the others."""
 
 from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass, field
 from functools import lru_cache
-from typing import Any
+from typing import Any, TypeVar
 
 from pydantic import TypeAdapter, ValidationError
 
-from ._fields import Names
-from ._units import Power
+from .document import Location, Problem
 from .environment import Environment
-from .external import (
-    KINDS,
-    ExternalHeater,
-    ExternalModel,
-    Input,
-    Output,
-    WrittenHeater,
-    WrittenInput,
-    WrittenOutput,
-    is_external,
-    kind_of_simulator,
-)
+from .external import ExternalHeater, ExternalModel, Input, Output, kind_of_simulator
 from .network import Conductor, Face, Heater, Load, ModeChange, Node, ReducedNumber, SimulatorModel
 from .residuals import Discrepancy, Noise
-from .schema import Channel, Observation, Parameter, Scenario, Window
+from .schema import Channel, Observation, Parameter, Scenario
+from .windows import Window
+from .wording import problems_of
 
+T = TypeVar("T")
 _NO_NETWORK = SimulatorModel.model_construct(nodes={})
 
 
 @dataclass(frozen=True)
 class External:
-    """What of an external simulator can be read; None as in `Draft`."""
+    """What of an external simulator could be read; None as in `Blocks`."""
 
     kind: str
     """The key that tells its kind: callable, executable, fmu or umbridge; "": none of them is there."""
@@ -45,7 +36,7 @@ class External:
 
 
 @dataclass(frozen=True)
-class Draft:
+class Blocks:
     """The blocks of a scenario. None: the block is there, but cannot be read; its name counts as known."""
 
     files: tuple[str, ...]
@@ -73,14 +64,14 @@ class Draft:
     """Whether the simulator has errors against the one that it stands in for."""
 
 
-def draft_of_scenario(scenario: Scenario) -> Draft:
+def blocks_of(scenario: Scenario) -> Blocks:
     """The blocks of a whole scenario."""
     model, external = scenario.simulator, None
     if isinstance(model, ExternalModel):
         kind = kind_of_simulator(model) or ""
         external = External(kind, getattr(model, kind), model.inputs, model.outputs, model.heaters)
         model = _NO_NETWORK
-    return Draft(
+    return Blocks(
         files=scenario.telemetry.file,
         channels=scenario.telemetry.channels,
         environment=scenario.environment,
@@ -103,62 +94,17 @@ def draft_of_scenario(scenario: Scenario) -> Draft:
     )
 
 
-def draft_of_data(data: Any) -> Draft:
-    """The blocks of what a file says, whatever it says. Priors have been read into objects (see `_priors`)."""
-    telemetry, model = _mapping(data, "telemetry"), _mapping(data, "simulator")
-    external = None
-    if is_external(model):
-        kind = kind_of_simulator(model) or ""
-        external = External(
-            kind,
-            _block(KINDS[kind].model_fields[kind].annotation, model[kind]) if kind else None,
-            _entries(WrittenInput, model, "inputs"),
-            _entries(WrittenOutput, model, "outputs"),
-            _entries(WrittenHeater, model, "heaters"),
-        )
-        model = {}
-    return Draft(
-        files=_block(Names, telemetry.get("file")) or (),
-        channels=_entries(Channel, telemetry, "channels"),
-        environment=_block(Environment, _mapping(data).get("environment", {})),
-        nodes=_entries(Node, model, "nodes"),
-        conductors=_items(Conductor, model, "conductors"),
-        faces=_entries(Face, model, "faces"),
-        heaters=_entries(Heater, model, "heaters"),
-        heater_input=model.get("heater_input", "simulated"),
-        modes=_entries(dict[str, Power], model, "modes"),
-        timeline=_items(ModeChange, model, "timeline"),
-        loads=_entries(Load, model, "loads"),
-        observations=_entries(Observation, data, "observations"),
-        windows=_entries(Window, data, "windows"),
-        parameters=_entries(Parameter, data, "parameters"),
-        external=external,
-        reduced=_entries(ReducedNumber, model, "reduced_numbers") if "reduced_model" in model else None,
-        noise=_block(Noise, _mapping(data).get("noise", {})),
-        discrepancy=_block(Discrepancy, _mapping(data).get("discrepancy")),
-        has_errors=bool(model.get("errors")),
-    )
+def readable(blocks: Mapping[str, T | None]) -> dict[str, T]:
+    """The blocks that could be read."""
+    return {name: block for name, block in blocks.items() if block is not None}
 
 
-def _mapping(value: Any, key: str | None = None) -> Mapping[str, Any]:
-    if key is not None:
-        value = _mapping(value).get(key)
-    return value if isinstance(value, dict) else {}
-
-
-def _entries(kind: Any, parent: Any, key: str) -> dict[str, Any]:
-    return {name: _block(kind, value) for name, value in _mapping(parent, key).items()}
-
-
-def _items(kind: Any, parent: Any, key: str) -> tuple[Any, ...]:
-    values = _mapping(parent).get(key)
-    return tuple(_block(kind, value) for value in values) if isinstance(values, list) else ()
-
-
-def _block(kind: Any, value: Any) -> Any:
+def read_block(kind: Any, value: Any, location: Location, problems: list[Problem]) -> Any:
+    """What stands at `location` as an object; None where it cannot be read, and `problems` then say why."""
     try:
         return _adapter(kind).validate_python(value)
-    except ValidationError:
+    except ValidationError as error:
+        problems += problems_of(error, kind, location)
         return None
 
 

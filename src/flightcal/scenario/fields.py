@@ -6,9 +6,22 @@ from collections.abc import Callable
 from datetime import UTC, datetime
 from typing import Annotated, Any, Literal
 
-from pydantic import BaseModel, BeforeValidator, ConfigDict, Discriminator, Field, PlainSerializer, Tag, WithJsonSchema
+from pydantic import (
+    BaseModel,
+    BeforeValidator,
+    ConfigDict,
+    Discriminator,
+    Field,
+    PlainSerializer,
+    Tag,
+    ValidationError,
+    WithJsonSchema,
+)
+from pydantic.json_schema import SkipJsonSchema
+from pydantic_core import PydanticCustomError
 
-from ._units import Quantity, show, to_si, written
+from .document import Problem
+from .units import Quantity, show, to_si, written
 
 _FIRST_YEAR, _LAST_YEAR = 1957, 2200
 """Of spaceflight, and within what nanosecond time stamps can hold."""
@@ -89,6 +102,9 @@ def one_of(choose: Callable[[Any], str | None], expected: str) -> Discriminator:
     return Discriminator(tag, custom_error_type="no_such_block", custom_error_message=expected)
 
 
+FILLED_IN = SkipJsonSchema()
+"""Marks a field that flightcal fills in: no user may write it."""
+
 Number = Annotated[float, Field(strict=True)]
 Count = Annotated[int, Field(strict=True)]
 Flag = Annotated[bool, Field(strict=True)]
@@ -109,8 +125,14 @@ FaceNormal = Annotated[
 ]
 Pair = Annotated[tuple[str, str], _of_length(2, "the names of two nodes [first, second]")]
 TleLines = Annotated[tuple[str, str], _of_length(2, "the two lines of a TLE [first, second]")]
+# Names of things, or paths of numbers: one, or several.
 _NAMES = {"anyOf": [{"type": "string"}, {"type": "array", "items": {"type": "string"}, "minItems": 1}]}
 Names = Annotated[tuple[str, ...], BeforeValidator(_read_names), Field(min_length=1), WithJsonSchema(_NAMES)]
+Paths = Annotated[
+    tuple[str, ...],
+    BeforeValidator(lambda value: (value,) if isinstance(value, str) else value),
+    WithJsonSchema(_NAMES),
+]
 Marker = Annotated[float | str, BeforeValidator(_read_marker)]
 _MARKER = {"type": ["number", "string"]}
 Markers = Annotated[
@@ -128,6 +150,12 @@ BoundaryTemperature = Annotated[
     PlainSerializer(lambda value: value if isinstance(value, str) else written(value, "K"), when_used="json"),
     WithJsonSchema({"type": "string"}),
 ]
+
+
+def refusal(*problems: Problem) -> ValidationError:
+    """What the reader of a field raises about several places inside it."""
+    errors = [(problem.location, PydanticCustomError("told", problem.message)) for problem in problems]
+    return ValidationError.from_exception_data("", [{"type": e, "loc": at, "input": None} for at, e in errors])
 
 
 def exactly_one(present: dict[str, bool], expected: str) -> None:

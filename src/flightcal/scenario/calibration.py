@@ -1,0 +1,63 @@
+"""Settings of the methods: the blocks of `calibration`."""
+
+from __future__ import annotations
+
+from typing import Annotated
+
+from pydantic import Field
+
+from .fields import Block, Count, Number
+from .units import Duration
+
+
+class GeneticSettings(Block):
+    """The genetic algorithm."""
+
+    runs: Count = Field(10, ge=1)
+    population: Count = Field(64, ge=8)
+    generations: Count = Field(120, ge=1)
+    heater_status_weight: Number = Field(0.0, ge=0)
+    """Kelvin that a status sample simulated wrongly counts as in the RMSE; 0: temperatures only."""
+
+
+class NutsSettings(Block):
+    """The No-U-Turn sampler and the gates its result must pass."""
+
+    chains: Count = Field(4, ge=2)
+    draws: Count = Field(1000, ge=50)
+    warmup: Count = Field(400, ge=50)
+    target_acceptance: Number = Field(0.9, gt=0.5, lt=1)
+    max_r_hat: Number = Field(1.01, gt=1)
+    min_ess: Number = Field(400, gt=0)
+
+
+class EmulatorSettings(Block):
+    """The emulator of a simulator without derivatives, and the real runs that it is made from."""
+
+    runs: Count = Field(300, ge=40)
+    """Budget of real runs of the training window; failed ones count, and the last check does."""
+    start: Count | None = Field(None, ge=10)
+    """Runs of the start design through the priors (default: ten for each parameter)."""
+    batch: Count | None = Field(None, ge=1)
+    """Runs that a round adds (default: four for each parameter)."""
+    shift: Number = Field(0.1, gt=0)
+    """By how many standard deviations the emulator's error, or a further round, may still shift the posterior."""
+
+
+class PredictionSettings(Block):
+    """Propagation of the posterior."""
+
+    simulations: Count = Field(1000, ge=20)
+    interval: Number = Field(0.95, gt=0, lt=1)
+    initial_span: Duration = 600.0
+    """The first samples of an unseen window, used for its initial temperatures and never scored."""
+
+
+class Calibration(Block):
+    """Settings of the methods."""
+
+    seed: Annotated[Count, Field(ge=0, lt=2**32)] = 1
+    genetic: GeneticSettings = GeneticSettings()
+    nuts: NutsSettings = NutsSettings()
+    prediction: PredictionSettings = PredictionSettings()
+    emulator: EmulatorSettings = EmulatorSettings()

@@ -1,0 +1,150 @@
+"""Reads parameters: their units follow from the numbers that they set."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Mapping
+from typing import Any
+
+from .blocks import Blocks, read_block
+from .document import Location, Problem
+from .numbers import Settable
+from .priors import Normal
+from .schema import Parameter, is_difference
+from .units import did_you_mean
+
+_FIELDS = {
+    "nodes": ("capacity", "boundary"),
+    "conductors": ("conductance", "radiative"),
+    "faces": ("area", "absorptivity", "emissivity"),
+    "heaters": ("power", "on_below", "off_above"),
+    "loads": ("coefficient",),
+    "observations": ("bias", "lag"),
+}
+_NOT_READ = Normal(mean=0.0, standard_deviation=1.0)
+"""In the place of a prior whose unit is not known."""
+
+
+def read_parameters(
+    written: Mapping[str, Any], numbers: Mapping[str, Settable], blocks: Blocks
+) -> tuple[dict[str, Parameter | None], list[Problem]]:
+    """Parameters with their priors in the SI unit of what they set, None where one is wrong, and what is wrong."""
+    problems: list[Problem] = []
+    return {
+        name: _read(value, ("parameters", name), numbers, blocks, problems) for name, value in written.items()
+    }, problems
+
+
+def set_twice(parameters: Mapping[str, Parameter]) -> Iterator[Problem]:
+    """Numbers that several parameters set, or that one sets and another scales."""
+    setter: dict[str, str] = {}
+    for name, parameter in parameters.items():
+        for path in parameter.sets:
+            if path in setter:
+                message = f"found {path!r}, which {setter[path]!r} already sets, expected one parameter for it"
+                yield Problem(("parameters", name, "sets"), message)
+            setter.setdefault(path, name)
+    for name, parameter in parameters.items():
+        for k, path in enumerate(parameter.scales):
+            if path in setter:
+                message = f"found {path!r}, which {setter[path]!r} sets, expected either to set or to scale it"
+                yield Problem(("parameters", name, "scales"), message)
+            elif path in parameter.scales[:k]:
+                yield Problem(("parameters", name, "scales"), f"found {path!r} twice, expected it once")
+
+
+def _read(
+    value: Any, location: Location, numbers: Mapping[str, Settable], blocks: Blocks, problems: list[Problem]
+) -> Parameter | None:
+    if not isinstance(value, dict):
+        read: Parameter | None = read_block(Parameter, value, location, problems)
+        return read
+    found = []
+    if "unit" in value:
+        message = "unknown key 'unit', expected none: the unit follows from the path that the parameter sets"
+        found.append(Problem((*location, "unit"), message))
+    for key in ("sets", "scales"):
+        found += _unknown_paths(value.get(key), (*location, key), numbers, blocks)
+    unit, wrong = _unit_of(value, location, numbers)
+    found += wrong
+    if unit is None and "prior" in value:
+        value = {**value, "prior": _NOT_READ}
+    read = read_block(Parameter, {**value, "unit": unit or ""}, location, found)
+    if read is not None and not found and not (read.sets or read.scales):
+        message = "found neither 'sets' nor 'scales', expected a path such as nodes.battery.capacity"
+        found.append(Problem(location, message))
+    problems += found
+    return None if found or unit is None else read
+
+
+def _unit_of(
+    block: dict[str, Any], location: Location, numbers: Mapping[str, Settable]
+) -> tuple[str | None, list[Problem]]:
+    """SI unit of what the parameter sets, "" when it only scales; None where that cannot be known."""
+    paths = _paths(block, "sets")
+    if not paths and _paths(block, "scales"):
+        return "", []
+    known = {path: numbers[path].unit for path in paths if path in numbers}
+    units = list(dict.fromkeys(known.values()))
+    if len({(unit, is_difference(path)) for path, unit in known.items()}) > 1:
+        kinds = {path: "temperature difference" if is_difference(path) else unit for path, unit in known.items()}
+        found = " and ".join(f"{path} ({kind or 'dimensionless'})" for path, kind in kinds.items())
+        return None, [Problem((*location, "sets"), f"found {found}, expected paths of one unit")]
+    if units and units[0] and _paths(block, "scales"):
+        message = f"found 'scales' beside 'sets' in {units[0]}, expected a plain number to do both, or two parameters"
+        return units[0], [Problem((*location, "scales"), message)]
+    return (units[0] if units else None), []
+
+
+def _paths(block: dict[str, Any], key: str) -> list[str]:
+    value = block.get(key)
+    value = [value] if isinstance(value, str) else value
+    return [path for path in value if isinstance(path, str)] if isinstance(value, list) else []
+
+
+def _unknown_paths(
+    written: Any, location: Location, numbers: Mapping[str, Settable], blocks: Blocks
+) -> Iterator[Problem]:
+    places = {location: written} if isinstance(written, str) else {}
+    if isinstance(written, list):
+        places = {(*location, k): path for k, path in enumerate(written)}
+    for place, path in places.items():
+        if isinstance(path, str) and path not in numbers and not _may_exist(path, blocks):
+            yield Problem(place, _unknown_path(path, numbers, blocks))
+
+
+def _may_exist(path: str, blocks: Blocks) -> bool:
+    """Whether the number may stand in a block that could not be read, whose own problems are reported."""
+    section, _, rest = path.partition(".")
+    if section == "environment":
+        return blocks.environment is None and blocks.external is None
+    if section == "inputs":
+        return blocks.external is not None and rest in blocks.external.inputs and blocks.external.inputs[rest] is None
+    if section == "conductors":
+        return None in blocks.conductors
+    if section == "loads":
+        return rest.removesuffix(".coefficient") in blocks.loads
+    if section not in ("nodes", "faces", "heaters", "modes", "observations"):
+        return False
+    section_blocks = getattr(blocks, section)
+    name = rest.partition(".")[0]
+    return name in section_blocks and section_blocks[name] is None
+
+
+def _unknown_path(path: str, numbers: Mapping[str, Settable], blocks: Blocks) -> str:
+    section, _, rest = path.partition(".")
+    name, _, field = rest.rpartition(".")
+    names = getattr(blocks, section, ()) if section != "conductors" else {c.label for c in blocks.conductors if c}
+    if section == "nodes" and name in names and field == "initial":
+        wanted = "another number: every window's initial temperatures are estimated, 'initial_state' is their prior"
+        return f"found {path!r}, expected {wanted}"
+    if section in _FIELDS and name in names and field in _FIELDS[section]:
+        wanted = f"a number that stands in the scenario: write {field!r} in {section}.{name} first"
+        return f"found {path!r}, expected {wanted}"
+    if section == "environment" and name == "attitude_offset" and field in ("x", "y", "z"):
+        wanted = "a number that stands in the scenario: write 'attitude_offset: {x: 0 deg}' in environment first"
+        return f"found {path!r}, expected {wanted}"
+    if section == "inputs" and blocks.external is not None and rest in blocks.external.inputs:
+        wanted = "another input: every window's initial temperatures are estimated, 'initial_state' is their prior"
+        return f"found {path!r}, expected {wanted}"
+    like = next(iter(numbers), "inputs.link" if blocks.external else "nodes.battery.capacity")
+    return f"unknown path {path!r}, expected one such as {like!r}{did_you_mean(path, numbers)}"

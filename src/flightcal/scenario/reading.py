@@ -1,0 +1,197 @@
+"""From a scenario file to its blocks, the whole scenario, and what is wrong with it, in one pass.
+
+Each block is read once. What is made of blocks, up to the scenario, is made of the objects that were read; a part that
+cannot be read is `UNREADABLE` there, and nothing more is said of it.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass, field, replace
+from pathlib import Path
+from typing import Any
+
+from .blocks import Blocks, External, read_block
+from .document import Document, Problem, read_document
+from .environment import Environment
+from .external import KINDS, WrittenHeater, WrittenInput, WrittenOutput, is_external, kind_of_simulator
+from .fields import Names
+from .network import Conductor, Face, Heater, Load, ModeChange, Node, Powers, ReducedNumber, SimulatorModel
+from .numbers import Settable, settable_of
+from .parameters import read_parameters
+from .reduced import fill_in
+from .residuals import Discrepancy, Noise
+from .schema import AnySimulator, Channel, Observation, Scenario, TelemetryFile
+from .units import show
+from .windows import Window, flat_windows
+from .wording import UNREADABLE, unknown_key, written_keys
+
+
+@dataclass(frozen=True)
+class Reading:
+    """A scenario file as far as it could be read."""
+
+    document: Document
+    blocks: Blocks
+    numbers: dict[str, Settable]
+    """What parameters may set, from the blocks that could be read."""
+    scenario: Scenario | None
+    """null: the file does not fit the schema."""
+    problems: tuple[Problem, ...]
+    """What is wrong with YAML, schema and units; references between blocks are not looked at."""
+
+
+def read_scenario(path: Path, telemetry: Path | None = None) -> Reading:
+    """The scenario file at `path`; nothing wrong with it is raised.
+
+    telemetry: replaces where telemetry is read from: a file, or a folder with files of the same names.
+    """
+    document = read_document(path)
+    reader = _Reader(list(document.problems))
+    data = document.data
+    if not isinstance(data, dict):
+        if not reader.problems:
+            reader.problems.append(Problem((), f"found {show(data)}, expected a mapping (key: value)"))
+        return Reading(document, _Reader().blocks({})[0], {}, None, tuple(reader.problems))
+    if "folder" in data:
+        reader.problems.append(Problem(("folder",), unknown_key("folder", written_keys(Scenario))))
+    data = {**data, "folder": path.parent}
+    if telemetry is not None:
+        data["telemetry"] = _elsewhere(data.get("telemetry"), telemetry.absolute())
+    if isinstance(data.get("simulator"), dict):
+        data["simulator"], found = fill_in(data["simulator"], path.parent)
+        reader.problems += found
+    if "windows" in data:
+        data["windows"] = flat_windows(data["windows"], document.lines)
+    blocks, parts = reader.blocks(data)
+    numbers = settable_of(blocks)
+    # The unit of a parameter follows from what it sets, so parameters come last.
+    parameters, found = read_parameters(_mapping(data, "parameters"), numbers, blocks)
+    reader.problems += found
+    scenario = reader.whole(Scenario, data, {**parts, "parameters": parameters})
+    problems = tuple(reader.problems)
+    return Reading(document, replace(blocks, parameters=parameters), numbers, None if problems else scenario, problems)
+
+
+@dataclass
+class _Reader:
+    """Reads blocks and collects what is wrong with them."""
+
+    problems: list[Problem] = field(default_factory=list)
+
+    def block(self, kind: Any, value: Any, *location: str | int) -> Any:
+        return read_block(kind, value, location, self.problems)
+
+    def entries(self, kind: Any, parent: Mapping[str, Any], *location: str) -> dict[str, Any]:
+        """The blocks in a mapping, by name; `location` ends with its key."""
+        return {
+            name: self.block(kind, value, *location, name) for name, value in _mapping(parent, location[-1]).items()
+        }
+
+    def items(self, kind: Any, parent: Mapping[str, Any], *location: str) -> tuple[Any, ...]:
+        """The blocks in a list."""
+        values = parent.get(location[-1])
+        return tuple(
+            self.block(kind, v, *location, k) for k, v in enumerate(values if isinstance(values, list) else ())
+        )
+
+    def whole(self, kind: Any, written: Mapping[str, Any], parts: Mapping[str, Any], *location: str) -> Any:
+        """A block whose parts have been read; a mapping or list without any says what is wrong with it itself."""
+        kept = {key: _kept(part) for key, part in parts.items() if key in written and part not in ({}, ())}
+        return self.block(kind, {**written, **kept}, *location)
+
+    def blocks(self, data: Mapping[str, Any]) -> tuple[Blocks, dict[str, Any]]:
+        """All blocks but parameters, and those that a scenario is made of, by key."""
+        telemetry, model = _mapping(data, "telemetry"), _mapping(data, "simulator")
+        files = self.block(Names, telemetry["file"], "telemetry", "file") if "file" in telemetry else ()
+        channels = self.entries(Channel, telemetry, "telemetry", "channels")
+        external, network = None, self.network({} if is_external(model) else model)
+        if is_external(model):
+            external, simulator = self.external(model)
+        else:
+            simulator = self.whole(SimulatorModel, model, network, "simulator") if model else {}
+        parts: dict[str, Any] = {
+            "telemetry": self.whole(TelemetryFile, telemetry, {"file": files, "channels": channels}, "telemetry")
+            if telemetry
+            else {},
+            "environment": self.block(Environment, data.get("environment", {}), "environment"),
+            "simulator": simulator,
+            "observations": self.entries(Observation, data, "observations"),
+            "noise": self.block(Noise, data.get("noise", {}), "noise"),
+            "windows": self.entries(Window, data, "windows"),
+        }
+        if data.get("discrepancy") is not None:
+            parts["discrepancy"] = self.block(Discrepancy, data["discrepancy"], "discrepancy")
+        blocks = Blocks(
+            files=files or (),
+            channels=channels,
+            environment=parts["environment"],
+            nodes=network["nodes"],
+            conductors=network["conductors"],
+            faces=network["faces"],
+            heaters=network["heaters"],
+            heater_input=model.get("heater_input", "simulated") if external is None else "simulated",
+            modes=network["modes"],
+            timeline=network["timeline"],
+            loads=network["loads"],
+            observations=parts["observations"],
+            windows=parts["windows"],
+            external=external,
+            reduced=network["reduced_numbers"] if external is None and "reduced_model" in model else None,
+            noise=parts["noise"],
+            discrepancy=parts.get("discrepancy"),
+            has_errors=external is None and bool(model.get("errors")),
+        )
+        return blocks, parts
+
+    def network(self, model: Mapping[str, Any]) -> dict[str, Any]:
+        """The parts of a thermal network."""
+        entries = {
+            "nodes": Node,
+            "faces": Face,
+            "heaters": Heater,
+            "modes": Powers,
+            "loads": Load,
+            "reduced_numbers": ReducedNumber,
+        }
+        items = {"conductors": Conductor, "timeline": ModeChange}
+        return {key: self.entries(kind, model, "simulator", key) for key, kind in entries.items()} | {
+            key: self.items(kind, model, "simulator", key) for key, kind in items.items()
+        }
+
+    def external(self, model: Mapping[str, Any]) -> tuple[External, Any]:
+        """An external simulator, in parts and whole."""
+        kind = kind_of_simulator(model) or ""
+        parts = {
+            "inputs": self.entries(WrittenInput, model, "simulator", "inputs"),
+            "outputs": self.entries(WrittenOutput, model, "simulator", "outputs"),
+            "heaters": self.entries(WrittenHeater, model, "simulator", "heaters"),
+        }
+        block = None
+        if kind:
+            block = self.block(KINDS[kind].model_fields[kind].annotation, model[kind], "simulator", kind)
+        whole = self.whole(AnySimulator, model, {**parts, **({kind: block} if kind else {})}, "simulator")
+        return External(kind, block, **parts), whole
+
+
+def _kept(part: Any) -> Any:
+    if isinstance(part, dict):
+        return {name: UNREADABLE if block is None else block for name, block in part.items()}
+    if isinstance(part, tuple):
+        return [UNREADABLE if block is None else block for block in part]
+    return UNREADABLE if part is None else part
+
+
+def _mapping(value: Any, key: str) -> Mapping[str, Any]:
+    found = value.get(key)
+    return found if isinstance(found, dict) else {}
+
+
+def _elsewhere(telemetry: Any, place: Path) -> Any:
+    if not isinstance(telemetry, dict):
+        return telemetry
+    files = telemetry.get("file")
+    names = [files] if isinstance(files, str) else files
+    if not place.is_dir() or not isinstance(names, list):
+        return {**telemetry, "file": [str(place)]}
+    return {**telemetry, "file": [str(place / Path(str(name)).name) for name in names]}
