@@ -41,7 +41,7 @@ from .network import (
     SimulatorError,
     SimulatorModel,
 )
-from .numbers import Settable, settable
+from .numbers import Numbers, Settable, numbers_of, settable
 from .parameters import read_parameters, set_twice
 from .priors import Beta, HalfNormal, LogNormal, Normal, Prior, TruncatedNormal, Uniform, support
 from .reduced import REDUCED_MODEL_FORMAT
@@ -99,6 +99,7 @@ __all__ = [
     "Noise",
     "Normal",
     "Number",
+    "Numbers",
     "NutsSettings",
     "Observation",
     "Orbit",
@@ -141,6 +142,7 @@ __all__ = [
     "lint",
     "load_scenario",
     "noise_of",
+    "numbers_of",
     "problems_of",
     "read_document",
     "read_parameters",
