@@ -4,6 +4,7 @@ from datetime import datetime
 from pathlib import Path
 
 import pytest
+from jsonschema import Draft202012Validator
 
 from flightcal.errors import ScenarioError
 from flightcal.scenario import (
@@ -14,9 +15,14 @@ from flightcal.scenario import (
     Normal,
     TruncatedNormal,
     Uniform,
+    json_schema,
+    lint,
     load_scenario,
     noise_of,
+    resolved_yaml,
 )
+from flightcal.scenario.document import read_document
+from flightcal.scenario.reading import read_scenario
 
 EXAMPLE = Path(__file__).parent / "example.yaml"
 
@@ -158,3 +164,30 @@ def test_importing_the_scenario_loads_no_slow_package():
     code = f"import sys, flightcal.scenario; print([name for name in {slow} if name in sys.modules])"
 
     assert subprocess.check_output([sys.executable, "-c", code], text=True).strip() == "[]"
+
+
+@pytest.mark.parametrize("empty", ["{}", ""])
+def test_scenario_without_parameters_is_sound(tmp_path, empty):
+    text = EXAMPLE.read_text()
+    start, end = text.index("parameters:\n"), text.index("observations:\n")
+    path = tmp_path / "scenario.yaml"
+    path.write_text(f"{text[:start]}parameters: {empty}\n{text[end:]}")
+
+    assert lint(path, telemetry=EXAMPLE.parent) == []
+    scenario = load_scenario(path, telemetry=EXAMPLE.parent)
+    assert scenario.parameters == {}
+    path.write_text(resolved_yaml(scenario, absolute=True))
+    assert load_scenario(path).parameters == {}
+    assert Draft202012Validator(json_schema()).is_valid(read_document(path).data)
+
+
+def test_scenario_is_made_of_the_blocks_that_the_checks_see():
+    reading = read_scenario(EXAMPLE)
+    scenario, blocks = reading.scenario, reading.blocks
+
+    assert scenario.environment is blocks.environment
+    for section in ("nodes", "faces", "heaters", "modes", "loads"):
+        for name, block in getattr(scenario.simulator, section).items():
+            assert block is getattr(blocks, section)[name]
+    for section in ("parameters", "observations", "windows"):
+        assert all(block is getattr(blocks, section)[name] for name, block in getattr(scenario, section).items())

@@ -1,9 +1,10 @@
 import math
 from pathlib import Path
 
+import numpy as np
 import pytest
 
-from flightcal.scenario import Channel, Load, Settable, load_scenario, settable
+from flightcal.scenario import Channel, Load, Settable, load_scenario, numbers_of, settable
 from flightcal.scenario.numbers import load_coefficient
 
 EXAMPLE = Path(__file__).parent / "example.yaml"
@@ -101,3 +102,39 @@ def test_inputs_of_an_external_simulator_and_biases_are_settable():
         "observations.radiator_temp.bias": ("K", 0.0),
     }
     assert scenario.parameters["link"].unit == "W/K"
+
+
+NUMBERS = numbers_of(
+    {"a": 2.0, "b": 3.0, "c": 5.0, "d": 7.0},
+    [(("a", "elsewhere"), ()), ((), ("b", "c")), ((), ("c", "a")), (("d",), ())],
+)
+"""a is set by the first entry and scaled by the third, b scaled by the second, c by both, d set by the fourth."""
+THETA = np.array([1.5, 0.5, 4.0, -1.0])
+
+
+def test_numbers_are_set_and_scaled_by_the_entries_of_theta():
+    np.testing.assert_array_equal(NUMBERS.at(THETA), [1.5 * 4.0, 3.0 * 0.5, 5.0 * 0.5 * 4.0, -1.0])
+
+
+def test_numbers_of_many_thetas_are_those_of_each():
+    thetas = np.random.default_rng(1).normal(size=(2, 3, 4))
+    found = NUMBERS.at(thetas)
+    assert found.shape == (2, 3, 4)
+    np.testing.assert_array_equal(found[1, 2], NUMBERS.at(thetas[1, 2]))
+    bars = NUMBERS.pull_back(thetas, np.ones((2, 3, 4)))
+    np.testing.assert_array_equal(bars[0, 1], NUMBERS.pull_back(thetas[0, 1], np.ones(4)))
+
+
+def test_pull_back_is_the_transposed_derivative_of_the_numbers():
+    bar = np.array([0.3, -2.0, 1.1, 0.7])
+    step = 1e-6 * np.eye(4)
+    jacobian = (NUMBERS.at(THETA + step) - NUMBERS.at(THETA - step)) / 2e-6
+    np.testing.assert_allclose(NUMBERS.pull_back(THETA, bar), jacobian @ bar, rtol=1e-8)
+
+
+def test_numbers_that_theta_does_not_touch_stay_what_they_are():
+    numbers = numbers_of({"a": 2.0, "b": 3.0}, [(("b",), ())])
+    np.testing.assert_array_equal(numbers.moved(), [False, True])
+    assert numbers.position("b") == 1
+    np.testing.assert_array_equal(numbers.at(np.array([4.0])), [2.0, 4.0])
+    np.testing.assert_array_equal(numbers_of({"a": 2.0}, []).at(np.zeros(0)), [2.0])

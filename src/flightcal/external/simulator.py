@@ -13,7 +13,7 @@ from time import perf_counter
 import numpy as np
 
 from ..errors import ScenarioError
-from ..scenario import ExternalModel, Scenario, kind_of_simulator
+from ..scenario import ExternalModel, Numbers, Scenario, kind_of_simulator, numbers_of
 from ..simulator import SimulationFailure, Trajectory
 from ..simulator.system import FloatArray, IntArray, Switch
 from ._processes import kill_all
@@ -25,43 +25,20 @@ _WORTH_ANOTHER_TRY = ("crashed", "timed out", "partial output", "unreachable")
 
 @dataclass(frozen=True)
 class Inputs:
-    """From theta to what the simulator takes, and back for derivatives.
-
-    A number is the parameter that sets it, or the value in the scenario times the parameters that scale it.
-    """
+    """From theta to what the simulator takes, and back for derivatives."""
 
     names: tuple[str, ...]
     """[I] as the simulator calls them."""
-    values: FloatArray
-    """[I + N] SI: the inputs, then the channels' biases, as the scenario has them."""
+    numbers: Numbers
+    """[I + N] the inputs, then the channels' biases."""
     factors: FloatArray
     """[I] from SI to the simulator's units: factor * SI + offset."""
     offsets: FloatArray
-    sets: IntArray
-    """[., 2] position in the values, position in theta."""
-    scales: IntArray
-    """[., 2] likewise."""
-
-    def at(self, theta: FloatArray) -> FloatArray:
-        """[I + N] SI at theta [d]."""
-        values = self.values.copy()
-        values[self.sets[:, 0]] = theta[self.sets[:, 1]]
-        np.multiply.at(values, self.scales[:, 0], theta[self.scales[:, 1]])
-        return values
 
     def given(self, values: FloatArray) -> dict[str, float]:
         """What the simulator gets, by its own names and in its own units."""
         numbers = self.factors * values[: len(self.names)] + self.offsets
         return dict(zip(self.names, numbers.tolist(), strict=True))
-
-    def pull_back(self, theta: FloatArray, values_bar: FloatArray) -> FloatArray:
-        """Cotangent of theta [d] from that of the SI values [I + N]."""
-        theta_bar = np.zeros(len(theta))
-        np.add.at(theta_bar, self.sets[:, 1], values_bar[self.sets[:, 0]])
-        for position, by in self.scales:
-            others = [j for p, j in self.scales if p == position and j != by]
-            theta_bar[by] += values_bar[position] * self.values[position] * np.prod(theta[others])
-        return theta_bar
 
 
 @dataclass(frozen=True)
@@ -102,14 +79,14 @@ class ExternalSimulator:
 
     def heater_power(self, theta: FloatArray) -> FloatArray:
         """Power [H] W of each heater while it is on, at theta [d]; NaN where it is not known."""
-        return np.where(self.heater_inputs >= 0, self.inputs.at(theta)[self.heater_inputs], self.powers)
+        return np.where(self.heater_inputs >= 0, self.inputs.numbers.at(theta)[self.heater_inputs], self.powers)
 
     def run(self, theta: FloatArray) -> Record:
         """One run at theta [d], tried again as often as the scenario says; failures are in the record, not raised."""
         return self._run(theta, lambda: False)
 
     def _run(self, theta: FloatArray, stopped: Callable[[], bool]) -> Record:
-        values = self.inputs.at(theta)
+        values = self.inputs.numbers.at(theta)
         attempts = 0
         while True:
             attempts += 1
@@ -163,7 +140,7 @@ class ExternalSimulator:
             message = f"simulator: found no gradient ({self.kind}), expected one: NUTS needs it. Calibrate through"
             raise ScenarioError(f"{message} an emulator of this simulator")
         trajectory = self.simulate(theta)
-        values = self.inputs.at(theta)
+        values = self.inputs.numbers.at(theta)
 
         def cotangent(temperatures_bar: FloatArray) -> FloatArray:
             outputs_bar = np.zeros((len(self.times), len(self.outputs)))
@@ -176,7 +153,7 @@ class ExternalSimulator:
                 wanted = f"{len(self.inputs.factors)} finite numbers"
                 raise SimulationFailure(f"the {self.kind} gives a gradient of {given_bar}, expected {wanted}")
             values_bar = np.concatenate([given_bar * self.inputs.factors, temperatures_bar.sum(axis=0)])
-            return self.inputs.pull_back(theta, values_bar)
+            return self.inputs.numbers.pull_back(theta, values_bar)
 
         return trajectory, cotangent
 
@@ -208,20 +185,17 @@ class ExternalSimulator:
 
 def build_inputs(scenario: Scenario, model: ExternalModel, channels: Sequence[str]) -> tuple[tuple[str, ...], Inputs]:
     """Names of theta's entries, and the map from theta to what the simulator takes."""
+    parameters = scenario.parameters.values()
+    values = {f"inputs.{name}": item.si[1] for name, item in model.inputs.items()}
+    values |= {f"observations.{channel}.bias": scenario.observations[channel].bias for channel in channels}
+    initial = {item.initial_of: f"inputs.{name}" for name, item in model.inputs.items() if item.initial_of is not None}
+    entries = [*((item.sets, item.scales) for item in parameters), *(((path,), ()) for path in initial.values())]
     items = list(model.inputs.values())
-    paths = [f"inputs.{name}" for name in model.inputs] + [f"observations.{channel}.bias" for channel in channels]
-    initial = {f"initial.{item.initial_of}": k for k, item in enumerate(items) if item.initial_of is not None}
-    sets = [(paths.index(path), k) for k, p in enumerate(scenario.parameters.values()) for path in p.sets]
-    sets += [(position, len(scenario.parameters) + k) for k, position in enumerate(initial.values())]
-    scales = [(paths.index(path), k) for k, p in enumerate(scenario.parameters.values()) for path in p.scales]
-    biases = [scenario.observations[channel].bias for channel in channels]
-    return (*scenario.parameters, *initial), Inputs(
+    return (*scenario.parameters, *(f"initial.{output}" for output in initial)), Inputs(
         names=tuple(item.name or name for name, item in model.inputs.items()),
-        values=np.array([*(item.si[1] for item in items), *biases]),
+        numbers=numbers_of(values, entries),
         factors=np.array([item.scale[0] for item in items]),
         offsets=np.array([item.scale[1] for item in items]),
-        sets=np.array(sets, dtype=np.int64).reshape(-1, 2),
-        scales=np.array(scales, dtype=np.int64).reshape(-1, 2),
     )
 
 

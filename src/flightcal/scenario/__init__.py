@@ -41,7 +41,7 @@ from .network import (
     SimulatorError,
     SimulatorModel,
 )
-from .numbers import Settable, settable
+from .numbers import Numbers, Settable, numbers_of, settable
 from .parameters import read_parameters, set_twice
 from .priors import Beta, HalfNormal, LogNormal, Normal, Prior, TruncatedNormal, Uniform, support
 from .reduced import REDUCED_MODEL_FORMAT
@@ -98,6 +98,7 @@ __all__ = [
     "Noise",
     "Normal",
     "Number",
+    "Numbers",
     "NutsSettings",
     "Observation",
     "Orbit",
@@ -139,6 +140,7 @@ __all__ = [
     "lint",
     "load_scenario",
     "noise_of",
+    "numbers_of",
     "problems_of",
     "read_document",
     "read_parameters",

@@ -7,7 +7,7 @@ from typing import Annotated, Any, Literal
 
 from pydantic import BeforeValidator, Field, PlainSerializer, WithJsonSchema, model_validator
 
-from .fields import Block, Count, Flag, Marker
+from .fields import Block, Count, Flag, Marker, read_empty
 from .units import Duration, Quantity, read_any, show, si_unit, to_si, written
 
 # --- what goes in and what comes out --------------------------------------------------------------------------
@@ -88,13 +88,9 @@ def _read_input(value: Any) -> Any:
     return value if isinstance(value, (dict, Input)) else {"value": value}
 
 
-def _read_empty(value: Any) -> Any:
-    return {} if value is None else value
-
-
 WrittenInput = Annotated[Input, BeforeValidator(_read_input, json_schema_input_type=float | str | Input)]
-WrittenOutput = Annotated[Output, BeforeValidator(_read_empty, json_schema_input_type=Output | None)]
-WrittenHeater = Annotated[ExternalHeater, BeforeValidator(_read_empty, json_schema_input_type=ExternalHeater | None)]
+WrittenOutput = Annotated[Output, BeforeValidator(read_empty, json_schema_input_type=Output | None)]
+WrittenHeater = Annotated[ExternalHeater, BeforeValidator(read_empty, json_schema_input_type=ExternalHeater | None)]
 
 
 class ExternalModel(Block):

@@ -70,6 +70,11 @@ def _read_driver_unit(value: Any) -> Any:
     return "dimensionless" if value in (1, "1", "") and not isinstance(value, bool) else value
 
 
+def read_empty(value: Any) -> Any:
+    """A block of which nothing but the key is written, as an empty one."""
+    return {} if value is None else value
+
+
 def _of_length(length: int, what: str) -> BeforeValidator:
     def check(value: Any) -> Any:
         if not isinstance(value, (list, tuple)) or len(value) != length:

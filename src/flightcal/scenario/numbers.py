@@ -1,10 +1,10 @@
-"""The numbers of a scenario that a parameter may set or scale, by dotted path."""
+"""The numbers of a scenario that a parameter may set or scale, by dotted path, and what theta makes of them."""
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
-from typing import get_args
+from typing import TYPE_CHECKING, get_args
 
 from .blocks import Blocks, blocks_of, readable
 from .environment import AttitudeOffset, Environment
@@ -12,6 +12,92 @@ from .fields import Block
 from .network import Conductor, Face, Heater, Load, Node
 from .schema import Channel, Observation, Scenario
 from .units import Quantity, si_unit, to_si
+
+if TYPE_CHECKING:
+    import numpy as np
+    from numpy.typing import NDArray
+
+    FloatArray = NDArray[np.float64]
+    IntArray = NDArray[np.int64]
+
+
+@dataclass(frozen=True)
+class Numbers:
+    """Numbers by dotted path, and which entries of theta set or scale them.
+
+    A number is what the scenario writes or the entry that sets it, times the entries that scale it. (NumPy is imported
+    where it is used: to read a scenario must not wait for it.)
+    """
+
+    paths: tuple[str, ...]
+    values: FloatArray
+    """[P] SI, as the scenario writes them."""
+    sets: IntArray
+    """[., 2] position in the numbers, entry of theta."""
+    scales: IntArray
+    """[., 2] likewise."""
+
+    def at(self, theta: FloatArray) -> FloatArray:
+        """[..., P] SI at theta [..., d]."""
+        numbers = self._unscaled(theta)
+        for position, entry in self.scales:
+            numbers[..., position] *= theta[..., entry]
+        return numbers
+
+    def pull_back(self, theta: FloatArray, numbers_bar: FloatArray) -> FloatArray:
+        """Cotangent [..., d] of theta [..., d] from that of the numbers [..., P]."""
+        import numpy as np
+
+        theta_bar = np.zeros_like(theta)
+        unscaled, factors = self._unscaled(theta), np.ones(numbers_bar.shape)
+        scaling: dict[int, list[int]] = {}
+        for position, entry in self.scales.tolist():
+            scaling.setdefault(position, []).append(entry)
+        for position, entries in scaling.items():
+            factors[..., position] = np.prod(theta[..., entries], axis=-1)
+            for k, entry in enumerate(entries):
+                others = np.prod(theta[..., entries[:k] + entries[k + 1 :]], axis=-1)
+                theta_bar[..., entry] += numbers_bar[..., position] * unscaled[..., position] * others
+        for position, entry in self.sets:
+            theta_bar[..., entry] += numbers_bar[..., position] * factors[..., position]
+        return theta_bar
+
+    def position(self, path: str) -> int:
+        """Where a number stands."""
+        return self.paths.index(path)
+
+    def moved(self) -> NDArray[np.bool_]:
+        """[P] whether theta touches a number."""
+        import numpy as np
+
+        touched = np.zeros(len(self.paths), dtype=np.bool_)
+        touched[self.sets[:, 0]] = touched[self.scales[:, 0]] = True
+        return touched
+
+    def _unscaled(self, theta: FloatArray) -> FloatArray:
+        import numpy as np
+
+        numbers = np.broadcast_to(self.values, (*theta.shape[:-1], len(self.values))).copy()
+        numbers[..., self.sets[:, 0]] = theta[..., self.sets[:, 1]]
+        return numbers
+
+
+def numbers_of(values: Mapping[str, float], entries: Iterable[tuple[Sequence[str], Sequence[str]]]) -> Numbers:
+    """Numbers by path, and of each entry of theta the paths that it sets and that it scales; others are left out."""
+    import numpy as np
+
+    place = {path: k for k, path in enumerate(values)}
+    sets, scales = [], []
+    for entry, (set_paths, scaled_paths) in enumerate(entries):
+        sets += [(place[path], entry) for path in set_paths if path in place]
+        scales += [(place[path], entry) for path in scaled_paths if path in place]
+    return Numbers(tuple(values), np.array([*values.values()], dtype=float), _pairs(sets), _pairs(scales))
+
+
+def _pairs(pairs: list[tuple[int, int]]) -> IntArray:
+    import numpy as np
+
+    return np.array(pairs, dtype=np.int64).reshape(-1, 2)
 
 
 @dataclass(frozen=True)

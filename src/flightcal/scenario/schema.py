@@ -9,7 +9,7 @@ from __future__ import annotations
 from pathlib import Path
 from typing import Annotated, Any, Literal
 
-from pydantic import Field, Tag, model_validator
+from pydantic import BeforeValidator, Field, Tag, model_validator
 from pydantic_core import core_schema
 
 from ..errors import ScenarioError
@@ -24,7 +24,20 @@ from .external import (
     is_external,
     kind_of_simulator,
 )
-from .fields import FILLED_IN, Block, ChannelUnit, Count, Markers, Names, Number, Paths, Range, exactly_one, one_of
+from .fields import (
+    FILLED_IN,
+    Block,
+    ChannelUnit,
+    Count,
+    Markers,
+    Names,
+    Number,
+    Paths,
+    Range,
+    exactly_one,
+    one_of,
+    read_empty,
+)
 from .network import SimulatorModel
 from .priors import Prior, prior_schema, read_prior
 from .residuals import ChannelNoise, Discrepancy, Noise, StatusLikelihood
@@ -180,7 +193,10 @@ class Scenario(Block):
     environment: Environment = Environment()
     simulator: AnySimulator
     initial_state: InitialState = InitialState()
-    parameters: dict[str, Parameter]
+    parameters: Annotated[
+        dict[str, Parameter], BeforeValidator(read_empty, json_schema_input_type=dict[str, Parameter] | None)
+    ]
+    """None: initial temperatures and what noise and the like infer are all that is calibrated."""
     observations: dict[str, Observation] = Field(min_length=1)
     noise: Noise = Noise()
     """Of the temperature channels that have none of their own."""

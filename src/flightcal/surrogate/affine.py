@@ -17,7 +17,7 @@ from typing import Literal
 import numpy as np
 from scipy.sparse import csr_matrix
 
-from ..scenario import Scenario
+from ..scenario import Scenario, numbers_of
 from ..simulator.network import Network
 from ..simulator.system import FloatArray, Structure
 
@@ -93,32 +93,24 @@ def _free_numbers(
     network: Network, scenario: Scenario, medians: FloatArray
 ) -> tuple[list[tuple[float, list[int]]], tuple[str, ...], FloatArray]:
     """Every number of the network as a coefficient times free numbers; the free numbers' names and values."""
-    sets = {path: name for name, parameter in scenario.parameters.items() for path in parameter.sets}
-    scales: dict[str, list[str]] = defaultdict(list)
-    for name, parameter in scenario.parameters.items():
-        for path in parameter.scales:
-            scales[path].append(name)
-    inside = {
-        name
-        for name, parameter in scenario.parameters.items()
+    parameters = list(scenario.parameters.items())
+    written = dict(zip(network.paths, network.values.tolist(), strict=True))
+    theta = numbers_of(written, [(parameter.sets, parameter.scales) for _, parameter in parameters])
+    free = {
+        f"reduced.{name}": float(median)
+        for (name, parameter), median in zip(parameters, medians, strict=True)
         if any(not path.startswith(KEPT) for path in (*parameter.sets, *parameter.scales))
     }
-    median = dict(zip(scenario.parameters, medians, strict=True))
-    free = {f"reduced.{name}": float(median[name]) for name in scenario.parameters if name in inside}
-    free |= {
-        path: value for path, value in zip(network.paths, network.values.tolist(), strict=True) if path.startswith(KEPT)
-    }
+    free |= {path: value for path, value in written.items() if path.startswith(KEPT)}
     place = {name: k for k, name in enumerate(free)}
-    numbers: list[tuple[float, list[int]]] = []
-    for path, value in zip(network.paths, network.values.tolist(), strict=True):
-        if path in place:
-            numbers.append((1.0, [place[path]]))
-            continue
-        scaling = [place[f"reduced.{name}"] for name in scales[path]]
-        if path in sets:
-            numbers.append((1.0, [place[f"reduced.{sets[path]}"], *scaling]))
-        else:
-            numbers.append((value, scaling))
+    is_set = set(theta.sets[:, 0].tolist())
+    numbers: list[tuple[float, list[int]]] = [
+        (1.0, [place[path]]) if path in place else (1.0 if k in is_set else value, [])
+        for k, (path, value) in enumerate(written.items())
+    ]
+    for position, entry in [*theta.sets.tolist(), *theta.scales.tolist()]:
+        if network.paths[position] not in place:
+            numbers[position][1].append(place[f"reduced.{parameters[entry][0]}"])
     return numbers, tuple(free), np.array(list(free.values()))
 
 

@@ -3,9 +3,8 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
-from functools import partial
 from typing import Any
 
 import numpy as np
@@ -14,13 +13,10 @@ from ..errors import FlightcalError
 from ..operational.file import Mission
 from ..operational.onboard import OnOff
 from ..operational.simulator import Spacecraft, fly
-from ..scenario import Parameter, SimulatorModel
+from ..scenario import Parameter, SimulatorModel, numbers_of, settable
 from ..simulator import Trajectory
 from ..simulator.inputs import Times
 from ..simulator.system import FloatArray
-
-Change = Callable[[float], float]
-"""From a number as it is written to what theta makes of it."""
 
 
 @dataclass(frozen=True)
@@ -63,56 +59,46 @@ def fly_at(
 
 def spacecraft_at(craft: Spacecraft, parameters: Mapping[str, Parameter], theta: FloatArray) -> Spacecraft:
     """The spacecraft with its numbers as theta [d] sets and scales them."""
-    numbers: dict[str, Change] = {}
-    for value, parameter in zip(theta.tolist(), parameters.values(), strict=True):
-        for path in parameter.sets:
-            numbers[path] = partial(_set, value)
-        for path in parameter.scales:
-            numbers[path] = partial(_scale, value, numbers.get(path))
+    entries = [(parameter.sets, parameter.scales) for parameter in parameters.values()]
+
+    def moved(values: Mapping[str, float]) -> dict[str, float]:
+        numbers = numbers_of(values, entries)
+        at = numbers.at(theta)
+        return {numbers.paths[k]: float(at[k]) for k in np.flatnonzero(numbers.moved())}
+
+    numbers = moved({path: number.value for path, number in settable(craft.scenario).items()})
     environment = craft.scenario.environment
-    changes = {
-        name: numbers[f"environment.{name}"](getattr(environment, name))
-        for name in ("albedo", "earth_infrared")
-        if f"environment.{name}" in numbers
-    }
+    names = ("albedo", "earth_infrared")
+    changes = {name: numbers[path] for name in names if (path := f"environment.{name}") in numbers}
     scenario = craft.scenario.model_copy(
         update={
             "simulator": _network_at(craft.scenario.network, numbers),
             "environment": environment.model_copy(update=changes),
         }
     )
+    touched = {path for entry in entries for paths in entry for path in paths}
     lines = []
     for line in craft.software.heaters:
-        limits = {f: numbers[p] for f in ("on_below", "off_above") if (p := f"heaters.{line.name}.{f}") in numbers}
         law = line.law
-        if limits and not isinstance(law, OnOff):
+        paths = {f"heaters.{line.name}.{name}": name for name in ("on_below", "off_above")}
+        if touched & paths.keys() and not isinstance(law, OnOff):
             raise FlightcalError(f"check: found parameters on the thresholds of '{line.name}', which is no thermostat")
         if isinstance(law, OnOff):
-            law = replace(law, **{name: change(getattr(law, name)) for name, change in limits.items()})
+            limits = moved({path: getattr(law, name) for path, name in paths.items()})
+            law = replace(law, **{paths[path]: limit for path, limit in limits.items()})
         lines.append(replace(line, law=law))
-    branches = tuple(
-        replace(branch, power={node: numbers[path](watts) for node, watts in branch.power.items()})
-        if (path := f"heaters.{branch.line}.power") in numbers
-        else branch
-        for branch in craft.branches
-    )
+    branches = []
+    for branch in craft.branches:
+        path = f"heaters.{branch.line}.power"
+        power = {node: moved({path: watts}).get(path, watts) for node, watts in branch.power.items()}
+        branches.append(replace(branch, power=power))
     software = replace(craft.software, heaters=tuple(lines))
-    return replace(craft, scenario=scenario, software=software, branches=branches)
+    return replace(craft, scenario=scenario, software=software, branches=tuple(branches))
 
 
-def _set(value: float, _: float) -> float:
-    return value
-
-
-def _scale(factor: float, before: Change | None, written: float) -> float:
-    return factor * (written if before is None else before(written))
-
-
-def _network_at(model: SimulatorModel, numbers: Mapping[str, Change]) -> SimulatorModel:
+def _network_at(model: SimulatorModel, numbers: Mapping[str, float]) -> SimulatorModel:
     def changed(block: Any, prefix: str, fields: Sequence[str]) -> Any:
-        update = {
-            name: numbers[f"{prefix}.{name}"](getattr(block, name)) for name in fields if f"{prefix}.{name}" in numbers
-        }
+        update = {name: numbers[path] for name in fields if (path := f"{prefix}.{name}") in numbers}
         return block.model_copy(update=update) if update else block
 
     return model.model_copy(
@@ -125,10 +111,7 @@ def _network_at(model: SimulatorModel, numbers: Mapping[str, Change]) -> Simulat
                 n: changed(b, f"faces.{n}", ("area", "absorptivity", "emissivity")) for n, b in model.faces.items()
             },
             "modes": {
-                mode: {
-                    node: numbers[path](watts) if (path := f"modes.{mode}.{node}") in numbers else watts
-                    for node, watts in powers.items()
-                }
+                mode: {node: numbers.get(f"modes.{mode}.{node}", watts) for node, watts in powers.items()}
                 for mode, powers in model.modes.items()
             },
         }
