@@ -25,7 +25,7 @@ from .listener import Listener
 from .report import write_comparison
 from .run_directory import plain, write_atomically
 from .scenario import Discrepancy, Noise, Scenario, load_scenario, resolved_yaml
-from .scenario.residuals import PhaseDiscrepancy, TimeDiscrepancy
+from .scenario.residuals import NEEDS, PhaseDiscrepancy, TimeDiscrepancy
 from .scenario.schema import is_trained, noise_of
 from .simulator.system import FloatArray
 from .validation import BlockLoo, Metric, block_log_likelihood, blocks_of, leave_blocks_out
@@ -124,14 +124,15 @@ def variant(scenario: Scenario, model: str) -> Scenario:
     """
 
     def noise(own: Noise) -> Noise:
+        of_memory = [name for name, (key, _) in NEEDS.items() if key == "model"]
         # What is written of correlated noise says nothing of noise that is to stand alone.
         same = own.model == "iid" or model.endswith("ar1")
         written: dict[str, Any] = {"standard_deviation": own.standard_deviation} if same else {}
         if model.endswith("ar1"):
-            written |= {"model": "ar1", "correlation_time": own.correlation_time, "white": own.white}
+            written |= {"model": "ar1"} | {name: getattr(own, name) for name in of_memory}
         elif model == "iid":
-            names = ("distribution", "degrees_of_freedom", "quantisation")
-            written |= {name: getattr(own, name) for name in names if name in own.model_fields_set}
+            kept = own.model_fields_set - {"standard_deviation", "model", *of_memory}
+            written |= {name: getattr(own, name) for name in kept}
         return Noise(**written)
 
     observations = {

@@ -97,8 +97,8 @@ def run_experiment(
             )
         if not problem.residuals.is_normal:
             raise ScenarioError(
-                "noise: found quantised or Student's t noise, expected normal noise: the simulator's server offers no "
-                "gradient, and only with normal noise can an emulator's error be integrated out"
+                f"noise: found {' and '.join(problem.residuals.not_normal)}, expected normal noise: the simulator's "
+                "server offers no gradient, and only with normal noise can an emulator's error be integrated out"
             )
         key = hash_of(identity, settings.emulator.model_dump())
         emulation = emulator_stage(run, key, problem, data, listener)
