@@ -84,11 +84,6 @@ class ResidualModel:
         """Whether all residuals are normal given theta."""
         return all(kind.is_normal for kind in self.terms.kinds)
 
-    @property
-    def not_normal(self) -> list[str]:
-        """What the noise is called that is not normal."""
-        return list(dict.fromkeys(kind.words for kind in self.terms.kinds if not kind.is_normal))
-
     def independent(self) -> ResidualModel:
         """The same channels and entries with independent normal noise alone: the published likelihood."""
         shapes = replace(self.terms.shapes, channels=np.zeros_like(self.terms.discrepant))
