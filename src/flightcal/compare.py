@@ -35,6 +35,7 @@ from .scenario import (
     noise_of,
     resolved_yaml,
 )
+from .scenario.residuals import NEEDS
 from .simulator.system import FloatArray
 from .validation import BlockLoo, Metric, block_log_likelihood, blocks_of, leave_blocks_out
 
@@ -132,15 +133,16 @@ def variant(scenario: Scenario, model: str) -> Scenario:
     """
 
     def noise(own: Noise) -> Noise:
+        of_memory = [name for name, (key, _) in NEEDS.items() if key == "model"]
         # What is written of correlated noise says nothing of noise that is to stand alone.
         same = own.model == "iid" or model.endswith("ar1")
         written: dict[str, Any] = {"standard_deviation": own.standard_deviation} if same else {}
         if model.endswith("ar1"):
-            written |= {"model": "ar1", "correlation_time": own.correlation_time, "white": own.white}
+            written |= {"model": "ar1"} | {name: getattr(own, name) for name in of_memory}
         elif model == "iid":
-            names = ("distribution", "degrees_of_freedom", "quantisation")
-            written |= {name: getattr(own, name) for name in names if name in own.model_fields_set}
-        return Noise.model_construct(**written)
+            kept = own.model_fields_set - {"standard_deviation", "model", *of_memory}
+            written |= {name: getattr(own, name) for name in kept}
+        return Noise(**written)
 
     observations = {
         channel: item

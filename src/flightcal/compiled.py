@@ -1,27 +1,60 @@
 """How compiled functions are made: by Numba, at the first call, and kept in a cache on disk.
 
-Numba's cache looks at the file of a function alone; what it calls in other files may change unseen. So the stamp that a
-cached function carries is that of all files of its folder, and a compiled function calls no one outside of it.
+A **kernel** is a C function of one address. It is compiled once, it is never linked into another, and others call it by
+its address. So a log density is a table of kernels (`Program`), not code. To write one:
+
+    class SumCall(NamedTuple):            # what it reads and what it fills: arrays, numbers, and named tuples of these
+        values: Any                       # [n]
+        total: Any                        # [1]
+
+    @kernel                               # @kernel(long=True) for what takes long: Python's other threads run meanwhile
+    def add_up(call):
+        values, total = call.values, call.total    # name what loops use: each `call.x` reads the description anew
+        total[0] = 0.0
+        for k in range(values.shape[0]):
+            total[0] += values[k]
+        return 0                          # another number ends a Program: the reason
+
+    total = np.empty(1)
+    add_up(SumCall(values, total))        # from Python, once
+    row = add_up.row(SumCall(values, total))       # stored once, to be called often: row() -> 0
+    Program([row, other.row(...)]).run()  # one after the other, in C
+
+Rules: arrays are C-contiguous; numbers are int or float and stay what they are (what changes is an array, and so is a
+bool); a stored call's arrays stay where they are, so change what is in them, not which they are. A kernel allocates nothing and raises nothing; its memory comes with
+the call. Inside of a kernel, `@inlined` functions are its parts. A kernel is compiled for each kind of call (number of
+dimensions and type of each array) that it is asked for.
+
+A cached kernel holds until a file of its folder changes, if that folder is called ``kernels``, or else until its own
+file does; so a folder ``kernels`` holds compiled code alone, and calls no compiled code outside of it. With
+FLIGHTCAL_STRICT=1 in the environment every product and sum is rounded by itself, however code is cut up and inlined.
 """
 
 from __future__ import annotations
 
+import ctypes
 import hashlib
+import os
 from collections.abc import Callable, Sequence
-from functools import cache
+from dataclasses import dataclass
+from functools import cache, cached_property
 from pathlib import Path
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
-from numba import njit, typeof
+from llvmlite import ir
+from numba import from_dtype, njit, typeof
 from numba.core import sigutils, types
 from numba.core.ccallback import CFunc
-from numba.extending import intrinsic
+from numba.core.typing.templates import AttributeTemplate, infer_getattr
+from numba.extending import intrinsic, lower_getattr_generic, models, register_model
 from numpy.typing import NDArray
+
+_STRICT = os.environ.get("FLIGHTCAL_STRICT") == "1"
 
 _OPTIONS: dict[str, Any] = {
     "error_model": "numpy",
-    "fastmath": {"contract", "nsz", "arcp"},
+    "fastmath": False if _STRICT else {"contract", "nsz", "arcp"},
     "_nrt": False,
 }
 """Products and sums may be fused and divisions by the same number shared; nothing is reordered, and NaN and infinity
@@ -30,9 +63,10 @@ to arrays, which it otherwise does at every access."""
 
 
 @cache
-def _digest(folder: Path) -> str:
-    digest = hashlib.sha256()
-    for file in sorted(folder.glob("*.py")):
+def _digest(path: Path) -> str:
+    """Of a file, or of all files of a folder, and of how they are compiled."""
+    digest = hashlib.sha256(str(_STRICT).encode())
+    for file in sorted(path.glob("*.py")) if path.is_dir() else [path]:
         digest.update(file.read_bytes())
     return digest.hexdigest()
 
@@ -77,6 +111,206 @@ def _stamp(function: Any, stamp: str) -> None:
 inlined: Any = njit(forceinline=True, **_OPTIONS)
 """A function that compiled functions call; a call that is not inlined copies every array's description, which takes
 longer than the work on a small network."""
+
+
+# --- a call: what a kernel is given ---------------------------------------------------------------------------
+
+
+class CallType(types.Type):
+    """Numba's type of a kernel's argument: the address of a named tuple of type `kind`, whose fields can be read."""
+
+    def __init__(self, kind: Any) -> None:
+        self.kind = kind
+        super().__init__(name=f"Call({kind})")
+
+
+register_model(CallType)(models.OpaqueModel)
+
+
+@infer_getattr
+class _Fields(AttributeTemplate):
+    key = CallType
+
+    def generic_resolve(  # type: ignore[override]
+        self, call: Any, name: str
+    ) -> Any:
+        return call.kind.types[call.kind.fields.index(name)] if name in call.kind.fields else None
+
+
+@lower_getattr_generic(CallType)
+def _read(context: Any, builder: Any, call: Any, address: Any, name: str) -> Any:
+    pointer = builder.bitcast(address, context.get_value_type(call.kind).as_pointer())
+    return _load(builder, builder.gep(pointer, [_word(0), _word(call.kind.fields.index(name))]))
+
+
+def _word(number: int) -> Any:
+    return ir.Constant(ir.IntType(32), number)
+
+
+def _load(builder: Any, pointer: Any) -> Any:
+    """What lies there, piece by piece: nothing of it changes while a kernel runs, which LLVM cannot see by itself."""
+    kind = pointer.type.pointee
+    if not isinstance(kind, ir.Aggregate):
+        loaded = builder.load(pointer)
+        loaded.set_metadata("invariant.load", builder.module.add_metadata([]))
+        return loaded
+    value = ir.Constant(kind, ir.Undefined)
+    for k in range(len(kind)):
+        value = builder.insert_value(value, _load(builder, builder.gep(pointer, [_word(0), _word(k)])), k)
+    return value
+
+
+@cache
+def _array_kind(dtype: Any, dimensions: int) -> Any:
+    return types.Array(from_dtype(dtype), dimensions, "C")
+
+
+@cache
+def _tuple_kind(made_by: type, kinds: tuple[Any, ...]) -> Any:
+    return types.BaseTuple.from_types(kinds, made_by)
+
+
+def kind_of(value: Any) -> Any:
+    """Numba's type of what a call holds."""
+    if isinstance(value, np.ndarray):
+        if not value.flags.c_contiguous:
+            raise TypeError(f"found an array {value.shape} that is not contiguous, expected a contiguous one")
+        return _array_kind(value.dtype, value.ndim)
+    if isinstance(value, tuple):
+        return _tuple_kind(type(value), tuple(map(kind_of, value)))
+    return types.float64 if isinstance(value, float) else types.int64
+
+
+def _words(value: Any) -> list[int]:
+    """The same as compiled code has it in memory: of an array size, address, shape and strides."""
+    if isinstance(value, np.ndarray):
+        return [0, 0, value.size, value.itemsize, value.ctypes.data, *value.shape, *value.strides]
+    if isinstance(value, tuple):
+        return [word for part in value for word in _words(part)]
+    return [int(np.float64(value).view(np.int64)) if isinstance(value, float) else int(value)]
+
+
+# --- kernels ----------------------------------------------------------------------------------------------------
+
+
+class Kernel:
+    """A C function of the address of a call, compiled when it is first asked for."""
+
+    def __init__(self, function: Callable[[Any], Any], long: bool) -> None:
+        self.function, self._long = function, long
+        self._compiled: dict[Any, Any] = {}
+
+    def compile(self, kind: Any) -> Any:
+        """The C function for one kind of call, from the cache where it is there."""
+        if kind not in self._compiled:
+            made = c_function(self.function, types.int64(CallType(kind)))
+            # ctypes holds the interpreter lock or frees it; to get it back may take longer than a short function.
+            prototype = ctypes.CFUNCTYPE if self._long else ctypes.PYFUNCTYPE
+            self._compiled[kind] = made, prototype(ctypes.c_int64, ctypes.c_void_p)(made.address)
+        return self._compiled[kind]
+
+    def row(self, call: NamedTuple) -> Row:
+        """A call of this kernel, stored."""
+        return Row(self, kind_of(call), np.array(_words(call), np.int64), call)
+
+    def __call__(self, call: NamedTuple) -> int:
+        """Run it once."""
+        return self.row(call)()
+
+
+def kernel(function: Callable[[Any], Any] | None = None, *, long: bool = False) -> Any:
+    """Make a C function of one call; see the module. long: what Python calls frees the interpreter lock."""
+    return (lambda made: Kernel(made, long)) if function is None else Kernel(function, long)
+
+
+@dataclass(frozen=True)
+class Row:
+    """A kernel with one call of it."""
+
+    kernel: Kernel
+    kind: Any
+    memory: NDArray[np.int64]
+    """The call as compiled code has it,"""
+    kept: NamedTuple
+    """and the arrays that it refers to."""
+
+    @cached_property
+    def _run(self) -> Any:
+        run, address = self.kernel.compile(self.kind)[1], self.memory.ctypes.data
+        return lambda: run(address)
+
+    def __call__(self) -> int:
+        """Run it; the kernel's result."""
+        return int(self._run())
+
+    @property
+    def addresses(self) -> tuple[int, int]:
+        """Of the C function and of the call."""
+        return self.kernel.compile(self.kind)[0].address, self.memory.ctypes.data
+
+
+def c_function(function: Callable[..., Any], signature: Any) -> Any:
+    """A C function of any signature, compiled and cached as a kernel is; `.address` is where it lies."""
+    made: Any = CFunc(function, sigutils.normalize_signature(signature), locals={}, options=_OPTIONS)
+    made.enable_caching()
+    file = Path(function.__code__.co_filename)
+    _stamp(made, _digest(file.parent if file.parent.name == "kernels" else file))
+    made.compile()
+    return made
+
+
+# --- a table of kernels ---------------------------------------------------------------------------------------
+
+
+@intrinsic
+def call_at(typing_context: Any, function: Any, call: Any) -> Any:
+    """The kernel at an address, of the call at another."""
+
+    def generate(context: Any, builder: Any, sig: Any, args: Any) -> Any:
+        word = ir.IntType(64)
+        return builder.call(builder.inttoptr(args[0], ir.FunctionType(word, [word]).as_pointer()), [args[1]])
+
+    return types.int64(types.int64, types.int64), generate
+
+
+@inlined
+def run_rows(rows: Any) -> Any:
+    """Run kernels (address, address of the call) [R, 2] in order until one does not return 0, which is the result."""
+    for k in range(rows.shape[0]):
+        outcome = call_at(rows[k, 0], rows[k, 1])
+        if outcome != 0:
+            return outcome
+    return 0
+
+
+class _Table(NamedTuple):
+    rows: Any
+
+
+@kernel(long=True)
+def run_program(call: Any) -> Any:
+    """The same as a kernel: one for every model."""
+    return run_rows(call.rows)
+
+
+class Program:
+    """Kernels with their calls, run one after the other until one does not return 0: what is computed, as data."""
+
+    def __init__(self, rows: Sequence[Row]) -> None:
+        self.rows = tuple(rows)
+
+    @cached_property
+    def table(self) -> NDArray[np.int64]:
+        """[R, 2] addresses; see `run_rows`."""
+        return np.array([row.addresses for row in self.rows], np.int64).reshape(-1, 2)
+
+    @cached_property
+    def _row(self) -> Row:
+        return run_program.row(_Table(self.table))
+
+    def run(self) -> int:
+        """0, or what the kernel returned that ended it; the interpreter lock is free meanwhile."""
+        return self._row()
 
 
 # --- functions that need no Python ----------------------------------------------------------------------------

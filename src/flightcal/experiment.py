@@ -38,6 +38,7 @@ from .prediction import predict
 from .report import write_report
 from .run import Run, hash_of, hash_of_file, open_run, plain
 from .scenario import Scenario, SimulatorModel, input_files, load_scenario, resolved_yaml
+from .scenario.schema import not_normal
 from .simulator.system import FloatArray
 from .telemetry import quality_table, read_telemetry
 from .validation import Metric, score
@@ -97,8 +98,8 @@ def run_experiment(
             )
         if not problem.residuals.is_normal:
             raise ScenarioError(
-                "noise: found quantised or Student's t noise, expected normal noise: the simulator's server offers no "
-                "gradient, and only with normal noise can an emulator's error be integrated out"
+                f"noise: found {' and '.join(not_normal(scenario))} noise, expected normal noise: the simulator's "
+                "server offers no gradient, and only with normal noise can an emulator's error be integrated out"
             )
         key = hash_of(identity, settings.emulator.model_dump())
         emulation = emulator_stage(run, key, problem, data, listener)

@@ -10,7 +10,6 @@ import xarray
 
 from ..calibration.problem import Problem, build_problem
 from ..environment import orbit_phase, sunlit_share
-from ..probability.noise import CORRELATED, CORRELATED_STUDENT
 from ..scenario import Scenario, SimulatorModel, is_trained
 from ..simulator import Trajectory
 from ..simulator.system import FloatArray
@@ -79,7 +78,7 @@ def predict(
         "interval": settings.interval,
         "interval_contains": f"parameters, initial temperatures{error}{scatter}, {_contained(problem, window)}",
         "model_interval_contains": f"parameters, initial temperatures{error}{scatter}"
-        + (", model discrepancy" if problem.residuals.compiled.discrepant.any() else ""),
+        + (", model discrepancy" if problem.residuals.terms.discrepant.any() else ""),
         "duty_cycle_contains": f"parameters, initial temperatures{scatter}{_of_duty(errors, window)}",
         "initial_state": "calibrated with the parameters"
         if is_trained(window)
@@ -118,9 +117,9 @@ def _residual_model(
 def _contained(problem: Problem, window: str) -> str:
     """What of the residuals is in the interval, and which part of the discrepancy carries over to the window."""
     model = problem.residuals
-    correlated = bool(np.isin(model.compiled.kinds, (CORRELATED, CORRELATED_STUDENT)).any())
+    correlated = any(kind.has_memory for kind in model.terms.kinds)
     noise = "correlated measurement noise (drawn anew)" if correlated else "measurement noise"
-    if not model.compiled.discrepant.any():
+    if not model.terms.discrepant.any():
         return f"{noise}; not model discrepancy"
     if is_trained(window):
         return f"{noise}, and model discrepancy as the residuals of this window show it"

@@ -9,12 +9,13 @@ from typing import Literal
 
 import numpy as np
 
+from flightcal.probability.noise import INDEPENDENT
 from flightcal.scenario import is_trained
 from flightcal.validation import Metric, ResidualCheck
 
 from .panels.discrepancy import STANDS_IN, stand_ins
 from .panels.parameters import EDGE, at_edge
-from .panels.residuals import IID_IN_WORDS, TESTED, assumption, channels, correlation_expected, noises
+from .panels.residuals import TESTED, assumption, channels, correlation_expected, noises
 from .run_files import STAGES, Record, RunFiles
 from .text import listed, number, percent, shown
 
@@ -206,7 +207,7 @@ def _noise(checks: Mapping[str, Sequence[ResidualCheck]]) -> Finding:
     worst = max(against, key=lambda c: c.factor)
     tested = listed(list(dict.fromkeys(c.tested for c in against)))
     assumed, discrepant = assumption(against), any(c.discrepancy for c in against)
-    if plain := assumed == IID_IN_WORDS:
+    if plain := assumed == INDEPENDENT.in_full:
         lacking = (
             ", and the likelihood, which is that of the paper, has no term for it. No interval in this report contains "
             "this model discrepancy."

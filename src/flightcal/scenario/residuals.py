@@ -52,6 +52,16 @@ class StatusLikelihood(Block):
         return self
 
 
+NEEDS = {
+    "correlation_time": ("model", "ar1"),
+    "white": ("model", "ar1"),
+    "degrees_of_freedom": ("distribution", "student_t"),
+}
+"""Numbers of noise, and what they go with alone."""
+NOT_NORMAL = {"student_t": "Student's t"}
+"""Distributions of noise beside which no weights can be integrated out, and what they are called."""
+
+
 class Noise(Block):
     """Noise of temperature channels: independent or correlated from sample to sample, normal or with outliers."""
 
@@ -69,6 +79,11 @@ class Noise(Block):
     """Of student_t."""
     quantisation: Annotated[float, Quantity("K", above=0, difference=True)] | None = None
     """Step to which the telemetry is rounded: the likelihood is the probability of the whole step (iid normal only)."""
+
+    @property
+    def not_normal(self) -> str | None:
+        """What it is called where it is not normal."""
+        return "quantised" if self.quantisation is not None else NOT_NORMAL.get(self.distribution)
 
 
 class TimeDiscrepancy(Block):

@@ -222,6 +222,12 @@ class Scenario(Block):
         return self.simulator
 
 
+def not_normal(scenario: Scenario) -> list[str]:
+    """What the noise of temperature channels is called where it is not normal."""
+    channels = (name for name, item in scenario.observations.items() if item.heater is None)
+    return sorted({found for name in channels if (found := noise_of(scenario, name).not_normal)})
+
+
 def noise_of(scenario: Scenario, channel: str) -> Noise:
     """The noise of a temperature channel: its own, or the scenario's."""
     own = scenario.observations[channel].noise

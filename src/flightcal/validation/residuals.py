@@ -17,6 +17,8 @@ from numpy.typing import ArrayLike, NDArray
 from scipy.signal import correlate
 from scipy.stats import chi2
 
+from ..probability.noise import INDEPENDENT, called
+
 Array = NDArray[np.float64]
 Times = NDArray[np.datetime64]
 
@@ -32,8 +34,8 @@ HARMLESS = 1.1
 FEWEST = 20
 """Residuals needed to say anything."""
 
-IID, CORRELATED = "iid noise", "AR(1)"
-"""What noise is called where a prediction does not say, and how what is said of correlated noise begins."""
+IID = INDEPENDENT.words
+"""What noise is called where a prediction does not say."""
 
 Verdict = Literal["white", "slight", "expected", "contradicted", "unknown"]
 
@@ -184,7 +186,7 @@ class ResidualCheck:
     @property
     def tested(self) -> str:
         """What was tested."""
-        return "innovations" if self.noise.startswith(CORRELATED) else "residuals"
+        return _tested(self.noise)
 
 
 def check_residuals(
@@ -289,6 +291,11 @@ def _verdict(p_value: float, factor: float) -> Verdict:
     return "slight" if factor < HARMLESS else "contradicted"
 
 
+def _tested(noise: str) -> str:
+    """What is tested where the noise has this name: of noise with a memory what is new in each sample."""
+    return "innovations" if called(noise).has_memory else "residuals"
+
+
 def _words(
     channel: str,
     verdict: Verdict,
@@ -302,7 +309,8 @@ def _words(
     if verdict == "unknown":
         return f"{channel}: no two residuals lie one nominal spacing apart, so the noise cannot be judged."
     chance = "p < 0.0001" if p_value < 1e-4 else f"p = {p_value:.2g}"
-    tested, of = ("innovations", " of the innovations") if noise.startswith(CORRELATED) else ("residuals", "")
+    tested = _tested(noise)
+    of = " of the innovations" if tested == "innovations" else ""
     if verdict == "white":
         return f"{channel}: no contradiction to {noise} (lag-1 autocorrelation{of} {lag1:.2f}, {chance})."
     if verdict == "slight":

@@ -15,18 +15,17 @@ from typing import Any, NamedTuple
 import numpy as np
 from numba import types
 
-from ...compiled import callback, inlined, store, stored
-from ...probability import likelihood
-from ...probability.likelihood import Residuals, log_likelihood_compiled, residual_memory
-from ...probability.priors import NDTRI, Priors, evaluate
-from ...probability.switching import NO_STATUS, StatusData, StatusWork, status_compiled, status_work
+from ...compiled import Program, callback, inlined, run_rows, store, stored
+from ...probability.kernels.switching import NO_STATUS, StatusCall, StatusData, StatusWork, status_work, switching
+from ...probability.likelihood import Residuals, likelihood_calls, window_memory
+from ...probability.priors import Priors
 from ...simulator import NetworkSimulator, simulate
 from ...simulator.forward import FINISHED, NOT_FINITE, TOO_MANY_SWITCHES
 from ...simulator.system import FloatArray
 from ...simulator.whole import Window, Workspace, linearise_compiled, make_window, make_workspace, simulate_compiled
 from ..whitening import Whitening
 
-FOLDERS = [Path(file).parent for file in (__file__, likelihood.__file__, simulate.__file__)]
+FOLDERS = [Path(file).parent for file in (__file__, simulate.__file__)]
 """Of all code that is compiled into the functions."""
 
 STOP, GRADIENTS, FAILURES, REASON, DRAWS = range(5)
@@ -51,10 +50,6 @@ class Posterior(NamedTuple):
     """What the density is made of; only read."""
 
     window: Window
-    kinds: Any
-    arguments: Any
-    quantile: Any
-    """Address of the normal quantile function."""
     simulated: Any
     """Positions in theta of what the simulator takes."""
     channel: Any
@@ -62,10 +57,7 @@ class Posterior(NamedTuple):
     column: Any
     position: Any
     numbers: Any
-    """[N, 9] of the residuals, where they are not inferred."""
-    residuals: Residuals
-    observed: Any
-    status: StatusData
+    """[N, n] of the residuals, where they are not inferred."""
     settings: Any
     """[P] of the likelihood of heaters' status; empty: there is none."""
     setting: Any
@@ -89,10 +81,16 @@ class _Call(NamedTuple):
     prior_density: Any
     """[1]"""
     numbers: Any
-    """[N, 9], as the next."""
+    """[N, n], as the next."""
     numbers_bar: Any
-    memory: Any
     status: StatusWork
+    priors: Any
+    """[R, 2] rows of a `Program`, as the next two."""
+    likelihood: Any
+    switching: Any
+    likelihood_value: Any
+    """[1], as the next."""
+    switching_value: Any
 
 
 @dataclass(frozen=True)
@@ -155,7 +153,7 @@ def native_density(
 ) -> NativeDensity:
     """The log density at w, up to a constant.
 
-    observed: [T, N] K; numbers: [N, 9] of the residuals, anything where one is inferred; places: positions in theta of
+    observed: [T, N] K; numbers: [N, n] of the residuals, anything where one is inferred; places: positions in theta of
     what the simulator takes, and channels, columns and positions in theta of the numbers that are inferred; status:
     what is measured of the heaters, settings [P], which of them are inferred, and the positions in theta of these.
     """
@@ -164,21 +162,33 @@ def native_density(
     data, settings, *rest = status or (NO_STATUS, np.empty(0), np.empty(0), np.empty(0))
     setting, setting_position = (np.array(part, np.int64) for part in rest)
     posterior = Posterior(
-        make_window(simulator), priors.kinds, priors.arguments, NDTRI,
-        simulated, channel, column, position, np.array(numbers), residuals, np.array(observed, order="C"),
-        data, np.array(settings), setting, setting_position, np.array(coordinates.mean),
-        np.array(coordinates.factor, order="C"),
+        make_window(simulator), simulated, channel, column, position, np.array(numbers), np.array(settings), setting,
+        setting_position, np.array(coordinates.mean), np.array(coordinates.factor, order="C"),
     )  # fmt: skip
     control, row = np.zeros(5, np.int64), np.empty((4, 1, d))
     work = make_workspace(simulator)
-    call = _Call(
-        posterior, work, control, row[0], row[1], row[2], row[3], np.empty(1),
-        np.empty_like(numbers), np.empty_like(numbers), residual_memory(residuals),
-        status_work(data, len(settings), len(work.switches_bar)),
+    outputs, density = work.outputs, np.empty(1)
+    memory = window_memory(
+        np.array(observed, order="C"), outputs.temperatures[0], np.empty_like(numbers), work.temperatures_bar
+    )
+    of_status = status_work(data, len(settings), len(work.switches_bar))
+    switched = StatusCall(
+        data, of_status, outputs.switches, outputs.switch_time, outputs.switch_heater, outputs.switch_on,
+        outputs.status[0], work.switches_bar, np.empty(1),
     )  # fmt: skip
-    memory = store(call)
-    density, record = c_functions(_density, _record)
-    return NativeDensity(density, record, memory.ctypes.data, call.control, (memory, call), d)
+    programs = (
+        Program([priors.row(row[0], row[1], row[2], row[3], density)]),
+        Program(likelihood_calls([residuals], [memory]).rows),
+        Program([switching.row(switched)] if len(settings) else []),
+    )
+    call = _Call(
+        posterior, work, control, row[0], row[1], row[2], row[3], density, memory.numbers, memory.numbers_bar,
+        of_status, programs[0].table, programs[1].table, programs[2].table, memory.value, switched.value,
+    )  # fmt: skip
+    stored_call = store(call)
+    density_function, record = c_functions(_density, _record)
+    kept = (stored_call, call, programs)
+    return NativeDensity(density_function, record, stored_call.ctypes.data, call.control, kept, d)
 
 
 @cache
@@ -226,10 +236,7 @@ def _log_density(posterior, work, call, w, gradient, value):
     d = posterior.mean.shape[0]
     finite = True
     unwhiten(posterior.mean, posterior.factor, w, call.z[0])
-    evaluate(
-        posterior.kinds, posterior.arguments, posterior.quantile,
-        call.z, call.theta, call.slope, call.prior_gradient, call.prior_density,
-    )  # fmt: skip
+    run_rows(call.priors)
     for i in range(d):
         finite = finite and np.isfinite(call.theta[0, i])
     if not finite:
@@ -244,20 +251,15 @@ def _log_density(posterior, work, call, w, gradient, value):
             call.numbers[k, j] = posterior.numbers[k, j]
     for k in range(posterior.position.shape[0]):
         call.numbers[posterior.channel[k], posterior.column[k]] = call.theta[0, posterior.position[k]]
-    value[0] = call.prior_density[0] + log_likelihood_compiled(
-        posterior.residuals, call.memory, posterior.observed, work.outputs.temperatures[0], call.numbers,
-        work.temperatures_bar, call.numbers_bar,
-    )  # fmt: skip
+    run_rows(call.likelihood)
+    value[0] = call.prior_density[0] + call.likelihood_value[0]
     if posterior.settings.shape[0] > 0:
         for k in range(posterior.settings.shape[0]):
             call.status.settings[k] = posterior.settings[k]
         for k in range(posterior.setting.shape[0]):
             call.status.settings[posterior.setting[k]] = call.theta[0, posterior.setting_position[k]]
-        outputs, switches = work.outputs, work.outputs.switches[0]
-        value[0] += status_compiled(
-            posterior.status, outputs.switch_time[:switches], outputs.switch_heater[:switches],
-            outputs.switch_on[:switches], outputs.status[0], call.status, work.switches_bar[:switches],
-        )  # fmt: skip
+        run_rows(call.switching)
+        value[0] += call.switching_value[0]
     linearise_compiled(posterior.window, work)
     # From here on z holds the cotangent of z.
     for i in range(d):

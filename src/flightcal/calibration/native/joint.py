@@ -12,8 +12,8 @@ from llvmlite import ir
 from numba import types
 from numba.extending import intrinsic
 
-from ...compiled import inlined, make_stored, store
-from ...probability.priors import NDTRI, Priors, evaluate
+from ...compiled import Program, inlined, make_stored, run_rows, store
+from ...probability.priors import Priors
 from ...simulator.system import IntArray
 from ..whitening import Whitening
 from .density import (
@@ -46,12 +46,10 @@ class _JointCall(NamedTuple):
     """[m] position of a drifting coordinate's tau, and"""
     score: Any
     """[m] of its xi; -1: it does not drift."""
-    kinds: Any
-    arguments: Any
-    own_kinds: Any
-    """[m] of the priors that the windows' densities count."""
-    own_arguments: Any
-    quantile: Any
+    priors: Any
+    """[1, 2] row of a `Program`, as the next."""
+    own_priors: Any
+    """Of the priors that the windows' densities count."""
     mean: Any
     factor: Any
     control: Any
@@ -90,17 +88,19 @@ def joint_density(
         at, gradient = (inside[row, 0, first:].ctypes.data for row in (0, 4))
         reason = window.control[REASON:].ctypes.data
         places.append((window.function.address, window.address, at, gradient, value.ctypes.data, reason))
+    of_windows = tuple(prior for of_window in own for prior in of_window.priors)
+    programs = (
+        Program([priors.row(rows[0], rows[1], rows[2], rows[3], value)]),
+        Program([Priors(("",) * len(of_windows), of_windows).row(inside[0], inside[1], inside[2], inside[3], value)]),
+    )
     call = _JointCall(
         np.array(places, np.int64),
         np.array(sizes, np.int64),
         np.concatenate(columns).astype(np.int64),
         np.concatenate([deviation for deviation, _ in drifts]).astype(np.int64),
         np.concatenate([score for _, score in drifts]).astype(np.int64),
-        priors.kinds,
-        priors.arguments,
-        np.concatenate([prior.kinds for prior in own]),
-        np.concatenate([prior.arguments for prior in own]),
-        NDTRI,
+        programs[0].table,
+        programs[1].table,
         np.array(coordinates.mean),
         np.array(coordinates.factor, order="C"),
         control,
@@ -110,7 +110,7 @@ def joint_density(
     )  # fmt: skip
     memory = store(call)
     density, record = c_functions(_density, _record)
-    return NativeDensity(density, record, memory.ctypes.data, control, (memory, call, windows), d)
+    return NativeDensity(density, record, memory.ctypes.data, control, (memory, call, windows, programs), d)
 
 
 @intrinsic
@@ -141,7 +141,7 @@ def _log_density(call, w, gradient, value):
     d, m = call.mean.shape[0], call.columns.shape[0]
     finite = True
     unwhiten(call.mean, call.factor, w, call.z[0])
-    evaluate(call.kinds, call.arguments, call.quantile, call.z, call.theta, call.slope, call.gradient, call.value)
+    run_rows(call.priors)
     for i in range(d):
         finite = finite and np.isfinite(call.theta[0, i])
     if not finite:
@@ -151,10 +151,7 @@ def _log_density(call, w, gradient, value):
         call.inside[0, k] = call.z[0, call.columns[k]]
         if call.score[k] >= 0:
             call.inside[0, k] += call.theta[0, call.deviation[k]] * call.z[0, call.score[k]]
-    evaluate(
-        call.own_kinds, call.own_arguments, call.quantile,
-        call.inside, call.inside_theta, call.inside_slope, call.inside_prior, call.value,
-    )  # fmt: skip
+    run_rows(call.own_priors)
     # The windows' densities count their own priors, which are not these.
     result -= call.value[0]
     for k in range(call.sizes.shape[0]):

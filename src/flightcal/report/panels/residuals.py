@@ -10,8 +10,8 @@ import xarray as xr
 from numpy.typing import NDArray
 from scipy.stats import norm
 
+from flightcal.probability.noise import INDEPENDENT, called
 from flightcal.validation import ResidualCheck, autocorrelation
-from flightcal.validation.residuals import IID
 
 from .. import block
 from ..block import Block, section
@@ -26,9 +26,7 @@ ROW_HEIGHT = 150
 MOST_LAGS = 120
 
 SHOWN = 0.1
-"""Lag-1 autocorrelation above which residuals are called correlated as AR(1) noise expects."""
-
-IID_IN_WORDS = "independent, identically distributed (iid) noise"
+"""Lag-1 autocorrelation above which residuals are called correlated as noise with a memory expects."""
 
 TESTED = (
     "Tested are its innovations, the part of each residual that those before it do not tell. Whether sensors or "
@@ -93,7 +91,7 @@ def _contradiction(window: str, of_window: Sequence[ResidualCheck]) -> str:
 
 def assumption(of_window: Sequence[ResidualCheck]) -> str:
     """What is assumed of a window's residuals, in words."""
-    noise = listed([IID_IN_WORDS if name == IID else name for name in noises(of_window)])
+    noise = listed([called(name).in_full for name in noises(of_window)])
     discrepant = [c for c in of_window if c.discrepancy]
     if not discrepant:
         return noise
@@ -107,13 +105,13 @@ def noises(of_window: Sequence[ResidualCheck]) -> list[str]:
 
 
 def correlation_expected(of_window: Sequence[ResidualCheck]) -> str:
-    """That residuals are correlated as AR(1) noise expects; nothing where there is no such noise, or none are."""
+    """That residuals are correlated as noise with a memory expects; nothing where there is no such, or none are."""
     found = [c for c in of_window if c.tested == "innovations" and c.residual_lag1 > SHOWN]
     if not found:
         return ""
     return (
         f"The residuals of the mean of {channels(found, of_window)} are correlated (lag-1 autocorrelation "
-        f"{spread([c.residual_lag1 for c in found])}), which the AR(1) noise expects."
+        f"{spread([c.residual_lag1 for c in found])}), which the {listed(noises(found))} expects."
     )
 
 
@@ -136,7 +134,7 @@ def tests_of(checks: dict[str, list[ResidualCheck]]) -> Table:
     for window, of_window in checks.items():
         for c in of_window:
             p = chance(c.p_value)
-            white = "iid" if c.noise == IID and not c.discrepancy else "white"
+            white = "iid" if c.noise == INDEPENDENT.words and not c.discrepancy else "white"
             verdict = {
                 "white": Cell(f"✓ {white}", "good"), "slight": Cell(f"✓ nearly {white}", "good"),
                 "contradicted": Cell(f"✕ not {white}", "bad"), "expected": "– not white,\nas expected",
@@ -201,7 +199,7 @@ def figure_residual_distribution(prediction: xr.Dataset) -> go.Figure:
         if present.sum() > 2:
             _histogram(figure, values[present], row)
             _autocorrelation(figure, values[present], time[present], row)
-            if "innovation" in prediction and str(prediction["noise"].values[row - 1]).startswith("AR(1)"):
+            if "innovation" in prediction and called(str(prediction["noise"].values[row - 1])).has_memory:
                 innovations = prediction["innovation"].transpose("time", "channel").values[present, row - 1]
                 _autocorrelation(figure, innovations, time[present], row, of_noise=True)
         figure.update_yaxes(title_text="density, 1/K", row=row, col=1, rangemode="tozero", nticks=5)

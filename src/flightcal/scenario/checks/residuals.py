@@ -12,7 +12,7 @@ from ..document import Location, Problem
 from ..external import PythonFunction, Umbridge
 from ..priors import support
 from ..reading import Reading
-from ..residuals import Noise
+from ..residuals import NEEDS, Noise
 from .common import unknown
 
 _POSITIVE = "expected one of positive values: half_normal, lognormal or truncated_normal"
@@ -38,20 +38,16 @@ def check(reading: Reading, folder: Path) -> Iterator[Problem]:
 
 def _check_noise(noise: Noise, location: Location) -> Iterator[Problem]:
     written = noise.model_fields_set
-    for key, there, wanted in (
-        ("correlation_time", noise.model == "ar1", "'model: ar1'"),
-        ("white", noise.model == "ar1", "'model: ar1'"),
-        ("degrees_of_freedom", noise.distribution == "student_t", "'distribution: student_t'"),
-    ):
-        if key in written and getattr(noise, key) is not None and not there:
-            yield Problem((*location, key), f"found {key!r} without {wanted}, expected both or neither")
+    for key, (needed, value) in NEEDS.items():
+        if key in written and getattr(noise, key) is not None and getattr(noise, needed) != value:
+            yield Problem((*location, key), f"found {key!r} without '{needed}: {value}', expected both or neither")
     if noise.quantisation is not None and (noise.model, noise.distribution) != ("iid", "normal"):
         message = f"found 'quantisation' with {noise.model} {noise.distribution} noise, expected iid normal noise"
         yield Problem((*location, "quantisation"), f"{message}: only its probability of a step is known exactly")
     if noise.distribution == "student_t" and noise.white is not None:
         message = "found 'white' beside correlated Student's t noise, expected 'distribution: normal'"
         yield Problem((*location, "white"), f"{message}: the two cannot be told apart exactly")
-    for key in ("standard_deviation", "correlation_time", "white", "degrees_of_freedom"):
+    for key in ("standard_deviation", *NEEDS):
         yield from _check_positive(getattr(noise, key), (*location, key))
 
 
@@ -61,7 +57,7 @@ def _check_positive(value: Any, location: Location) -> Iterator[Problem]:
 
 
 def _check_channel(noise: Noise, blocks: Blocks, channel: str, location: Location) -> Iterator[Problem]:
-    kind = "quantised" if noise.quantisation is not None else "Student's t" if noise.distribution != "normal" else None
+    kind = noise.not_normal
     if kind is None:
         return
     has_discrepancy = blocks.discrepancy is not None and (
