@@ -21,9 +21,9 @@ its address. So a log density is a table of kernels (`Program`), not code. To wr
     Program([row, other.row(...)]).run()  # one after the other, in C
 
 Rules: arrays are C-contiguous; numbers are int or float and stay what they are (what changes is an array, and so is a
-bool); a stored call's arrays stay where they are, so change what is in them, not which they are. A kernel allocates nothing and raises nothing; its memory comes with
-the call. Inside of a kernel, `@inlined` functions are its parts. A kernel is compiled for each kind of call (number of
-dimensions and type of each array) that it is asked for.
+bool); a stored call's arrays stay where they are, so change what is in them, not which they are. A kernel allocates
+nothing and raises nothing; its memory comes with the call. Inside of a kernel, `@inlined` functions are its parts. A
+kernel is compiled for each kind of call (number of dimensions and type of each array) that it is asked for.
 
 A cached kernel holds until a file of its folder changes, if that folder is called ``kernels``, or else until its own
 file does; so a folder ``kernels`` holds compiled code alone, and calls no compiled code outside of it. With
@@ -108,7 +108,7 @@ def _stamp(function: Any, stamp: str) -> None:
     file._source_stamp, file._load_index = stamp, load_index
 
 
-inlined: Any = njit(forceinline=True, **_OPTIONS)
+inlined: Any = njit(forceinline=True, no_cpython_wrapper=True, no_cfunc_wrapper=True, **_OPTIONS)
 """A function that compiled functions call; a call that is not inlined copies every array's description, which takes
 longer than the work on a small network."""
 
@@ -165,9 +165,15 @@ def _array_kind(dtype: Any, dimensions: int) -> Any:
     return types.Array(from_dtype(dtype), dimensions, "C")
 
 
-@cache
-def _tuple_kind(made_by: type, kinds: tuple[Any, ...]) -> Any:
-    return types.BaseTuple.from_types(kinds, made_by)
+_TUPLE_KINDS: dict[tuple[Any, ...], Any] = {}
+"""By class and identities of the kinds: to compare Numba's types takes long."""
+
+
+def _tuple_kind(made_by: type, kinds: list[Any]) -> Any:
+    key = (made_by, *map(id, kinds))
+    if key not in _TUPLE_KINDS:
+        _TUPLE_KINDS[key] = types.BaseTuple.from_types(kinds, made_by)
+    return _TUPLE_KINDS[key]
 
 
 def kind_of(value: Any) -> Any:
@@ -177,7 +183,7 @@ def kind_of(value: Any) -> Any:
             raise TypeError(f"found an array {value.shape} that is not contiguous, expected a contiguous one")
         return _array_kind(value.dtype, value.ndim)
     if isinstance(value, tuple):
-        return _tuple_kind(type(value), tuple(map(kind_of, value)))
+        return _tuple_kind(type(value), [kind_of(part) for part in value])
     return types.float64 if isinstance(value, float) else types.int64
 
 
@@ -277,7 +283,7 @@ def call_at(typing_context: Any, function: Any, call: Any) -> Any:
 def run_rows(rows: Any) -> Any:
     """Run kernels (address, address of the call) [R, 2] in order until one does not return 0, which is the result."""
     for k in range(rows.shape[0]):
-        outcome = call_at(rows[k, 0], rows[k, 1])
+        outcome: Any = call_at(rows[k, 0], rows[k, 1])  # type: ignore[call-arg]
         if outcome != 0:
             return outcome
     return 0

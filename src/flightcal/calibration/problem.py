@@ -37,7 +37,7 @@ from ..scenario import Normal, Prior, Scenario
 from ..scenario.external import ExternalModel
 from ..scenario.schema import is_trained
 from ..simulator import NetworkSimulator, SimulationFailure, Simulator, Trajectory, open_loop
-from ..simulator.sampling import ICE_POINT
+from ..simulator.kernels.sampling import ICE_POINT
 from ..simulator.system import FloatArray, Switch
 from ..surrogate.build import InexactSimulator, build_simulator
 from ..telemetry import select_window, window_bounds

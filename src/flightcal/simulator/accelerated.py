@@ -13,9 +13,9 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from .._jax import jax, jnp
-from .crossing import CROSSING_TOLERANCE, LOCATION_ITERATIONS
-from .forward import FINISHED, NOT_FINITE, TOO_MANY_SWITCHES
-from .step import EIGHT_THIRDS
+from .kernels.crossing import CROSSING_TOLERANCE, LOCATION_ITERATIONS
+from .kernels.forward import FINISHED, NOT_FINITE, TOO_MANY_SWITCHES
+from .kernels.step import EIGHT_THIRDS
 from .system import Drive, FloatArray, IntArray, Structure, System, packed_bounds
 
 _ROUNDS_PER_STEP = 60

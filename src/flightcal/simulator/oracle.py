@@ -10,7 +10,7 @@ from typing import Any
 import numpy as np
 
 from .._jax import jax, jnp
-from .sampling import BIAS, GAIN, ICE_POINT, TIME_OFFSET
+from .kernels.sampling import BIAS, GAIN, ICE_POINT, TIME_OFFSET
 from .system import Drive, Structure, System
 
 _LOCATION_ITERATIONS = 60
