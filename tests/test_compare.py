@@ -13,7 +13,7 @@ from flightcal.experiment import Summary
 from flightcal.report import write_comparison
 from flightcal.run_directory import plain
 from flightcal.scenario import load_scenario, resolved_yaml
-from flightcal.scenario.schema import is_orthogonal, noise_of
+from flightcal.scenario.schema import noise_of
 from flightcal.validation import BlockLoo, Metric
 from tests import small
 from tests.test_experiment import write
@@ -36,12 +36,11 @@ def test_every_model_of_a_scenario_is_a_scenario_without_findings(tmp_path, mode
     written["observations"]["body_temp"]["noise"] = {
         "distribution": "student_t", "standard_deviation": {"half_normal": "0.5 K"}
     }  # fmt: skip
-    written["discrepancy"] = {"phase": {"harmonics": 5}, "channels": ["panel_temp"], "orthogonal": True}
+    written["discrepancy"] = {"phase": {"harmonics": 5}, "channels": ["panel_temp"]}
     scenario, _ = small.load(tmp_path, written)
     file = tmp_path / "variant.yaml"
     file.write_text(resolved_yaml(variant(scenario, model), absolute=True), encoding="utf-8")
     found = load_scenario(file)
-    assert is_orthogonal(found) == (model not in ("iid", "ar1"))
     noise = noise_of(found, "body_temp")
     assert (noise.model, noise.distribution) == {
         "iid": ("iid", "student_t"),

@@ -102,14 +102,6 @@ def test_a_simulator_without_derivatives_is_a_message(tmp_path, monkeypatch):
     assert "without derivatives" in result.output
 
 
-def test_a_discrepancy_whose_prior_follows_the_telemetry_is_a_message(tmp_path):
-    file = write(tmp_path)
-    file.write_text(file.read_text() + "\ndiscrepancy: {orthogonal: true, time: {functions: 20}}\n")
-    result = run(app, ["validate", str(file), "--out", str(tmp_path / "out")])
-    assert result.exit_code == USER_ERROR
-    assert "discrepancy.orthogonal: found true" in " ".join(result.output.split())
-
-
 def test_another_model_of_the_residuals_is_another_validation(scenario):
     file, out, _, _ = scenario
     validate_scenario(file, out, 20, workers=1)

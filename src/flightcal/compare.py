@@ -17,7 +17,7 @@ import numpy as np
 import xarray
 
 from . import left_out
-from .calibration import JointProblem, Problem, calibration_problem
+from .calibration import JointProblem, calibration_problem
 from .environment import orbital_period
 from .errors import RunError
 from .experiment import Summary, read, run_experiment
@@ -25,7 +25,7 @@ from .listener import Listener
 from .report import write_comparison
 from .run_directory import plain, write_atomically
 from .scenario import Discrepancy, Noise, Scenario, load_scenario, resolved_yaml
-from .scenario.residuals import PhaseDiscrepancy, TimeDiscrepancy
+from .scenario.residuals import NEEDS, PhaseDiscrepancy, TimeDiscrepancy
 from .scenario.schema import is_trained, noise_of
 from .simulator.system import FloatArray
 from .validation import BlockLoo, Metric, block_log_likelihood, blocks_of, leave_blocks_out
@@ -124,14 +124,15 @@ def variant(scenario: Scenario, model: str) -> Scenario:
     """
 
     def noise(own: Noise) -> Noise:
+        of_memory = [name for name, (key, _) in NEEDS.items() if key == "model"]
         # What is written of correlated noise says nothing of noise that is to stand alone.
         same = own.model == "iid" or model.endswith("ar1")
         written: dict[str, Any] = {"standard_deviation": own.standard_deviation} if same else {}
         if model.endswith("ar1"):
-            written |= {"model": "ar1", "correlation_time": own.correlation_time, "white": own.white}
+            written |= {"model": "ar1"} | {name: getattr(own, name) for name in of_memory}
         elif model == "iid":
-            names = ("distribution", "degrees_of_freedom", "quantisation")
-            written |= {name: getattr(own, name) for name in names if name in own.model_fields_set}
+            kept = own.model_fields_set - {"standard_deviation", "model", *of_memory}
+            written |= {name: getattr(own, name) for name in kept}
         return Noise(**written)
 
     observations = {
@@ -147,7 +148,6 @@ def variant(scenario: Scenario, model: str) -> Scenario:
             time=((own and own.time) or TimeDiscrepancy()) if model in ("time", "both") else None,
             phase=((own and own.phase) or PhaseDiscrepancy()) if model != "time" else None,
             channels=own.channels if own is not None else (),
-            orthogonal=own is not None and own.orthogonal,
         )
     return scenario.model_copy(
         update={"observations": observations, "noise": noise(scenario.noise), "discrepancy": discrepancy}
@@ -264,11 +264,6 @@ def _block_loo(file: Path, summary: Summary) -> BlockLoo:
     problem = calibration_problem(scenario, read(scenario))
     with xarray.open_dataset(summary.run / "posterior.nc", group="posterior", engine="h5netcdf") as opened:
         posterior = opened.load()
-    with xarray.open_dataset(summary.run / "posterior.nc", engine="h5netcdf") as opened:
-        fixed = json.loads(opened.attrs.get("orthogonal_at", "null"))
-    if fixed is not None:
-        assert isinstance(problem, Problem)
-        problem = problem.orthogonal_at(np.array(fixed))
     thetas: FloatArray = np.stack([posterior[name].values.ravel() for name in problem.names], axis=1)
     rng = np.random.default_rng(scenario.calibration.seed)
     thetas = thetas[rng.choice(len(thetas), min(_DRAWS, len(thetas)), replace=False)]

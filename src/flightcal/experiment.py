@@ -38,7 +38,7 @@ from .prediction import predict
 from .report import write_report
 from .run_directory import RunDirectory, hash_of, hash_of_file, open_run, plain
 from .scenario import Scenario, SimulatorModel, input_files, load_scenario, resolved_yaml
-from .scenario.schema import is_orthogonal
+from .scenario.schema import not_normal
 from .simulator.system import FloatArray
 from .telemetry import quality_table, read_telemetry
 from .validation import Metric, score
@@ -98,13 +98,8 @@ def run_experiment(
             )
         if not problem.residuals.is_normal:
             raise ScenarioError(
-                "noise: found quantised or Student's t noise, expected normal noise: the simulator's server offers no "
-                "gradient, and only with normal noise can an emulator's error be integrated out"
-            )
-        if is_orthogonal(scenario):
-            raise ScenarioError(
-                "discrepancy.orthogonal: found it with a simulator without derivatives, expected one that has them: "
-                "the directions would be those of an emulator"
+                f"noise: found {' and '.join(not_normal(scenario))} noise, expected normal noise: the simulator's "
+                "server offers no gradient, and only with normal noise can an emulator's error be integrated out"
             )
         key = hash_of(identity, settings.emulator.model_dump())
         emulation = emulator_stage(run, key, problem, data, listener)
@@ -125,9 +120,7 @@ def run_experiment(
     draws = posterior_draws(posterior, problem.names, settings.prediction.simulations, settings.seed)
     if isinstance(scenario.simulator, SimulatorModel):
         full_check_stage(run, predict_key, problem, draws, listener)
-    fixed = json.loads(posterior.attrs.get("orthogonal_at", "null"))
-    orthogonal_at = None if fixed is None else np.array(fixed)
-    metrics = _predict_stage(run, predict_key, problem, data, points, draws, orthogonal_at, emulation, listener)
+    metrics = _predict_stage(run, predict_key, problem, data, points, draws, emulation, listener)
     listener.stage("report", False)
     with run.stage("report", hash_of(predict_key, "report")):
         report = write_report(run.path)
@@ -202,7 +195,6 @@ def _predict_stage(
     data: xarray.Dataset,
     points: dict[str, FloatArray],
     draws: FloatArray,
-    orthogonal_at: FloatArray | None,
     emulation: Emulation | None,
     listener: Listener,
 ) -> tuple[Metric, ...]:
@@ -220,7 +212,7 @@ def _predict_stage(
                 thetas = in_window(problem, data, window, points, draws)
                 windows[window] = predict(
                     scenario, data, window, *thetas, seed=seed, stand_in=stand_in,
-                    trained=nearest_trained(problem, window, draws), orthogonal_at=orthogonal_at,
+                    trained=nearest_trained(problem, window, draws),
                 )[0]  # fmt: skip
             metrics = [metric for window, predicted in windows.items() for metric in score(predicted, window)]
             run.write_netcdf("prediction.nc", xarray.DataTree.from_dict(windows))

@@ -31,7 +31,6 @@ from .errors import RunError, ScenarioError
 from .report import write_validation
 from .run_directory import RunDirectory, hash_of, hash_of_file, open_run, plain, write_atomically
 from .scenario import NutsSettings, Scenario, input_files, load_scenario, resolved_yaml
-from .scenario.schema import is_orthogonal
 from .simulator import SimulationFailure
 from .simulator.system import FloatArray
 from .telemetry import read_telemetry
@@ -214,11 +213,6 @@ def _prepared(scenario_file: str, telemetry: str | None, residuals: str | None) 
     period = orbital_period(scenario.environment, scenario.folder)
     data = read_telemetry(scenario.telemetry, scenario.folder, period=period)
     problem = build_problem(scenario, data)
-    if is_orthogonal(scenario):
-        raise ScenarioError(
-            f"{scenario_file}: discrepancy.orthogonal: found true, expected a discrepancy whose prior is the same for "
-            "all telemetry: what it is orthogonal to is found in the telemetry's own fit"
-        )
     if needs_emulator(problem):
         raise ScenarioError(
             f"{scenario_file}: simulator: found one without derivatives, expected a thermal network or one with a "

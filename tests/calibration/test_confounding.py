@@ -33,7 +33,7 @@ def test_a_parameter_whose_effect_the_discrepancy_takes_back_is_told(case):
 def test_the_discrepancy_is_that_of_the_dense_conditional_normal(case):
     problem, thetas, runs = case
     expected = discrepancy_given(problem, thetas[:1], runs[:1])[0]
-    basis = problem.residuals.compiled.basis
+    basis = problem.residuals.terms.shapes.basis
     prior = problem.residuals.prior_deviations(problem.numbers(thetas[0])[1]) ** 2
     covariance = basis * prior @ basis.T
     residual = (problem.observed - runs[0].temperatures)[:, 1]

@@ -114,10 +114,10 @@ def test_with_correlated_noise_and_a_discrepancy_it_is_the_dense_normal_of_each_
     for problem in joint.problems:
         inside = joint.window_thetas(problem, joint.to_theta(z)[None])[0]
         model, residual = problem.residuals, problem.observed - problem.simulate(inside).temperatures
-        apart = np.abs(model.compiled.seconds[:, None] - model.compiled.seconds)
+        apart = np.abs(model.terms.seconds[:, None] - model.terms.seconds)
         for k in range(2):
             covariance = 0.04 * np.exp(-apart / 480.0) + 0.01 * np.eye(len(apart))
-            basis = model.compiled.basis * model.prior_deviations(model.fixed[k])
+            basis = model.terms.shapes.basis * model.prior_deviations(model.fixed[k])
             expected += stats.multivariate_normal.logpdf(residual[:, k], cov=covariance + basis @ basis.T)
     assert joint.log_density(z) == pytest.approx(expected, rel=1e-9)
     assert joint.log_density_and_gradient(z)[0] == pytest.approx(expected, rel=1e-9)

@@ -13,9 +13,7 @@ from flightcal.calibration import (
     posterior_tree,
     with_residual_noise,
 )
-from flightcal.calibration.confounding import discrepancy_given
 from flightcal.errors import FlightcalError
-from flightcal.prediction import predict
 from flightcal.scenario import GeneticSettings, NutsSettings
 
 from .. import small
@@ -146,30 +144,3 @@ def test_a_model_that_cannot_be_simulated_anywhere_is_reported(problem, monkeypa
     monkeypatch.setattr(type(problem), "log_density_and_gradient", fails)
     with pytest.raises(FlightcalError, match="no start of the calibration can be simulated"):
         calibrate_nuts(problem, NutsSettings(chains=2, draws=50, warmup=50), seed=1)
-
-
-def test_an_orthogonal_discrepancy_stays_so_from_the_mode_to_a_prediction(tmp_path):
-    written = small.content() | {"discrepancy": {"orthogonal": True, "time": {"functions": 20}}}
-    scenario, data = small.closed_loop(tmp_path, written)
-    problem = build_problem(scenario, data)
-
-    found = calibrate_nuts(problem, NutsSettings(chains=2, draws=50, warmup=50), seed=4, random_starts=2)
-    tree = posterior_tree(problem, found, seed=1)
-
-    assert json.loads(tree.attrs["orthogonal_at"]) == pytest.approx(found.orthogonal_at)
-    theta = found.flat[-1]
-    own = [problem.names.index(name) for name in scenario.parameters]
-    moved = problem.jacobian(problem.to_z(found.orthogonal_at))[..., own]
-    runs = problem.simulate_many(theta[None])
-    along = [
-        np.abs(np.einsum("tnp,tn->np", moved, discrepancy_given(case, theta[None], runs)[0])).max()
-        for case in (problem, problem.orthogonal_at(found.orthogonal_at))
-    ]
-    assert along[1] < 1e-6 * along[0]
-    free, held = (
-        predict(scenario, data, "test", {}, found.flat, seed=1, orthogonal_at=fixed)[0]
-        for fixed in (None, found.orthogonal_at)
-    )
-    assert np.isfinite(held["mean"]).all()
-    assert not np.array_equal(free["mean"], held["mean"])
-    assert "repairs forecasts, not the parameters" in held.attrs["interval_contains"]

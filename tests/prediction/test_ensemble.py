@@ -159,8 +159,9 @@ def test_intervals_hold_discrepancy_and_both_kinds_of_noise_of_the_usable_draws(
     drawn = Drawn(*(size * rng.standard_normal(simulated.shape) for size in (0.3, 0.7, 1.1, 1.3)))
     usable = np.arange(40) % 4 > 0
     thetas[5, problem.names.index("initial.body")] = np.nan
-    compiled = problem.residuals.compiled._replace(discrepant=np.array([True, False]))
-    discrepant = replace(problem, residuals=replace(problem.residuals, compiled=compiled))
+    terms = problem.residuals.terms
+    terms = replace(terms, shapes=replace(terms.shapes, channels=np.array([True, False])))
+    discrepant = replace(problem, residuals=replace(problem.residuals, terms=terms))
     ensemble = propagate(discrepant, thetas, 0.8, np.random.default_rng(1), KnownErrors(drawn, usable))
     without = propagate(problem, thetas, 0.8, np.random.default_rng(1), KnownErrors(drawn, usable))
     assert without.discrepancy is None

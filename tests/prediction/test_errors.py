@@ -10,8 +10,8 @@ from flightcal.calibration import build_problem
 from flightcal.prediction import condition_initial, predict, window_errors
 from flightcal.prediction.errors import FirstErrors, WhiteErrors
 from flightcal.prediction.matern import covariance, fading, stationary
-from flightcal.probability.noise import CORRELATED, INDEPENDENT
-from flightcal.probability.noise import TIME as MEMORY
+from flightcal.probability.noise.ar1 import TIME as MEMORY
+from flightcal.probability.residuals import TIME_LENGTH, TIME_SIZE
 
 from .. import small
 
@@ -50,20 +50,22 @@ def of_the_process(errors, channel, apart):
     """Prior covariance of a channel's discrepancy in both windows: the part in time is a Matern process."""
     model, numbers = errors.model, errors.model.fixed[channel]
     in_time = 0 if model.time is None else model.time.count
-    basis = np.concatenate([part.residuals.compiled.basis[:, in_time:] for part in (errors.train, errors.problem)])
+    basis = np.concatenate([part.residuals.terms.shapes.basis[:, in_time:] for part in (errors.train, errors.problem)])
     in_phase = basis * model.prior_deviations(numbers)[in_time:] ** 2 @ basis.T
-    return in_phase if model.time is None else in_phase + covariance(2.5, numbers[5], numbers[6], apart)
+    return (
+        in_phase if model.time is None else in_phase + covariance(2.5, numbers[TIME_SIZE], numbers[TIME_LENGTH], apart)
+    )
 
 
 def of_the_basis(errors, channel, apart):
     """The same with the training window's functions, and beyond its edge what a Matern process adds to its state."""
     model, numbers = errors.model, errors.model.fixed[channel]
-    basis = np.concatenate([model.compiled.basis, errors.basis(numbers)])
+    basis = np.concatenate([model.terms.shapes.basis, errors.basis(numbers)])
     total = basis * model.prior_deviations(numbers) ** 2 @ basis.T
-    seen = fading(2.5, numbers[6], errors.gaps)
+    seen = fading(2.5, numbers[TIME_LENGTH], errors.gaps)
     own = np.ix_(*[np.arange(len(errors.train.times), len(apart))] * 2)
-    total[own] += covariance(2.5, numbers[5], numbers[6], apart[own])
-    total[own] -= seen @ stationary(2.5, numbers[5], numbers[6]) @ seen.T
+    total[own] += covariance(2.5, numbers[TIME_SIZE], numbers[TIME_LENGTH], apart[own])
+    total[own] -= seen @ stationary(2.5, numbers[TIME_SIZE], numbers[TIME_LENGTH]) @ seen.T
     return total
 
 
@@ -77,12 +79,12 @@ class Dense:
         own = np.arange(len(times)) >= len(train.times)
         apart = seconds[:, None] - seconds
         discrepancy = np.zeros_like(apart)
-        if model.compiled.discrepant[channel]:
+        if model.terms.discrepant[channel]:
             law = of_the_basis if exact else of_the_process
             discrepancy = law(errors, channel, apart)
         noise = np.where(own[:, None] == own, 0.2**2 * np.exp(-np.abs(apart) / 480.0), 0.0)
         white = 0.1
-        if model.compiled.kinds[channel] == INDEPENDENT:
+        if not model.terms.kinds[channel].has_memory:
             noise, white = np.zeros_like(noise), 0.2
         self.white = white
         self.errors = (discrepancy + noise)[np.ix_(own, own)]
@@ -250,7 +252,7 @@ def test_on_the_training_window_the_discrepancy_is_that_of_its_residuals(case):
     assert np.nanstd(residual - drawn.mean[0, :, 1]) < 0.3 < 0.5 < np.nanstd(residual)
     np.testing.assert_allclose(drawn.discrepancy.mean(axis=0)[:, 1], drawn.mean[0, :, 1], atol=0.1)
     assert not drawn.mean[..., 0].any()
-    memory = 0.2 if train.residuals.compiled.kinds[0] == CORRELATED else 0.0
+    memory = 0.2 if train.residuals.terms.kinds[0].has_memory else 0.0
     assert drawn.noise.std() == pytest.approx(memory, rel=0.05)
 
 
@@ -323,20 +325,17 @@ def test_the_prediction_says_which_part_carries_over(tmp_path):
     assert "noise" not in test["model_interval_contains"]
 
 
-@pytest.mark.parametrize("orthogonal", [False, True])
 @pytest.mark.parametrize("part", ["time", "phase"])
-def test_the_prediction_names_no_part_that_is_not_there(tmp_path, part, orthogonal):
-    scenario, data = made(tmp_path, discrepancy={part: DISCREPANCY[part], "orthogonal": orthogonal})
+def test_the_prediction_names_no_part_that_is_not_there(tmp_path, part):
+    scenario, data = made(tmp_path, discrepancy={part: DISCREPANCY[part]})
     draws = np.tile(truth(build_problem(scenario, data)), (4, 1))
     train, test = (predict(scenario, data, window, {}, draws, seed=1)[0].attrs for window in ("train", "test"))
     parts = {
         "time": "its part in time is continued from the edge of the training window and fades to its prior",
         "phase": "its part in orbit phase carries over from the training window",
     }
-    repairs = "; it is orthogonal to what parameters do, which repairs forecasts, not the parameters"
-    end = repairs if orthogonal else ""
-    assert test["interval_contains"].endswith(f"and model discrepancy: {parts[part]}{end}")
-    assert train["interval_contains"].endswith(f"and model discrepancy as the residuals of this window show it{end}")
+    assert test["interval_contains"].endswith(f"and model discrepancy: {parts[part]}")
+    assert train["interval_contains"].endswith("and model discrepancy as the residuals of this window show it")
 
 
 def test_the_prediction_holds_the_discrepancy_and_what_of_the_residuals_should_be_white(tmp_path):

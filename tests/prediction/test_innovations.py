@@ -6,28 +6,16 @@ import numpy as np
 import pytest
 
 from flightcal.prediction.innovations import discrepancy_in_words, innovations, noise_in_words
-from flightcal.probability.noise import (
-    CORRELATED,
-    CORRELATED_STUDENT,
-    DEVIATION,
-    INDEPENDENT,
-    NUMBERS,
-    ROUNDED,
-    STEP,
-    STUDENT,
-    TIME,
-    WHITE,
-)
+
+from ..probability.residual_cases import CORRELATED, CORRELATED_STUDENT, INDEPENDENT, ROUNDED, STUDENT
 
 TIMES = np.cumsum(np.random.default_rng(0).choice([30.0, 60.0, 400.0], 300))
 
 
 def of(kind, residual, **numbers):
-    columns = {"deviation": DEVIATION, "time": TIME, "white": WHITE, "step": STEP}
-    own = np.zeros((1, NUMBERS))
-    for name, value in numbers.items():
-        own[0, columns[name]] = value
-    model = SimpleNamespace(compiled=SimpleNamespace(kinds=np.array([kind])))
+    named = {"standard_deviation": "deviation", "correlation_time": "time", "quantisation": "step"}
+    own = np.array([[numbers.get(named.get(name, name), 0.0) for name in kind.names]])
+    model = SimpleNamespace(terms=SimpleNamespace(kinds=(kind,)))
     return innovations(model, residual[:, None], TIMES, own, np.random.default_rng(1))[:, 0]
 
 
@@ -68,7 +56,7 @@ def test_innovations_of_independent_noise_are_the_residuals():
 
 def test_the_words_name_each_kind_of_noise_and_the_parts_of_each_discrepancy():
     kinds = [INDEPENDENT, CORRELATED, CORRELATED_STUDENT, STUDENT, ROUNDED]
-    model = SimpleNamespace(compiled=SimpleNamespace(kinds=np.array(kinds), discrepant=np.array([True, False])))
+    model = SimpleNamespace(terms=SimpleNamespace(kinds=kinds, discrepant=np.array([True, False])))
     assert noise_in_words(model) == [
         "iid noise",
         "AR(1) noise",

@@ -5,19 +5,32 @@ from scipy import stats
 
 from flightcal.probability import discrepancy
 from flightcal.probability.likelihood import Residuals
-from flightcal.probability.noise import CORRELATED, CORRELATED_STUDENT, INDEPENDENT, ROUNDED, STUDENT
+from flightcal.probability.noise.ar1 import Correlated
+from flightcal.probability.noise.iid import Independent
+from flightcal.probability.noise.rounded import Rounded
+from flightcal.probability.noise.student import CorrelatedStudent, Student
+from flightcal.probability.shapes import Shapes, products_at
 
 SAMPLES = 70
-NUMBERS = np.array(
-    [[0.5, 0.2, 700.0, 5.0, 0.5, 0.8, 900.0, 1.1, 0.2], [0.7, 0.3, 300.0, 3.0, 0.3, 0.5, 1200.0, 0.6, 0.3]]
-)
-"""Standard deviation, white, time, degrees, step; of the discrepancy amplitude and length in time, and in phase."""
+NOISE = {
+    "standard_deviation": (0.5, 0.7),
+    "white": (0.2, 0.3),
+    "correlation_time": (700.0, 300.0),
+    "degrees_of_freedom": (5.0, 3.0),
+    "quantisation": (0.5, 0.3),
+}
+"""Of each channel."""
+DISCREPANCY = np.array([[0.8, 900.0, 1.1, 0.2], [0.5, 1200.0, 0.6, 0.3]])
+"""Amplitude and length in time, and in phase."""
+INDEPENDENT, CORRELATED, STUDENT, CORRELATED_STUDENT, ROUNDED = (
+    Independent(), Correlated(), Student(), CorrelatedStudent(), Rounded()
+)  # fmt: skip
 
 
 class Case:
     """Two channels with gaps, at uneven times."""
 
-    def __init__(self, kinds, discrepant, smoothness=(1.5, 2.5), parts=("time", "phase"), tied=0):
+    def __init__(self, kinds, discrepant, smoothness=(1.5, 2.5), parts=("time", "phase")):
         rng = np.random.default_rng(0)
         self.seconds = np.cumsum(rng.uniform(20, 200, SAMPLES))
         self.phase = self.seconds / 5400.0
@@ -25,7 +38,10 @@ class Case:
         self.observed[[0, 5, 6, 7, 30], 0] = np.nan
         self.observed[[59, 12], 1] = np.nan
         self.simulated = 0.3 * rng.normal(size=(SAMPLES, 2))
-        self.numbers = NUMBERS.copy()
+        own = np.zeros((2, 3))
+        for k, kind in enumerate(kinds):
+            own[k, : len(kind.names)] = [NOISE[name][k] for name in kind.names]
+        self.numbers = np.concatenate([own, DISCREPANCY], axis=1)
         self.smoothness = smoothness
         self.time = discrepancy.time_basis(self.seconds[0], self.seconds[-1], 1500.0, smoothness[0], 12)
         self.harmonics = discrepancy.PhaseBasis(3)
@@ -34,22 +50,12 @@ class Case:
         self.parts = parts
         self.basis = np.concatenate([bases[part] for part in parts], axis=1)
         valid = np.isfinite(self.observed).T.copy()
-        self.residuals = Residuals(
-            seconds=self.seconds,
-            valid=valid,
-            kinds=np.array(kinds),
-            discrepant=np.array(discrepant),
-            basis=self.basis,
-            transposed=self.basis.T.copy(),
-            products=np.stack([self.basis[own].T @ self.basis[own] for own in valid]),
-            frequency=np.concatenate([frequencies[part] for part in parts]),
-            in_time=np.array([12 if "time" in parts else 0]),
-            smoothness=np.array(smoothness),
-            factor=np.array([discrepancy.matern_factor(nu) for nu in smoothness]),
-            rows=np.stack([np.linalg.qr(rng.normal(size=(self.basis.shape[1], tied)))[0].T.copy() for _ in range(2)]),
-            # The second channel has one less.
-            held=np.array([tied, max(tied - 1, 0)]),
+        in_time = 12 if "time" in parts else 0
+        prior = discrepancy.MaternPrior(
+            in_time, np.concatenate([frequencies[part] for part in parts]), np.array(smoothness)
         )
+        shapes = Shapes(np.array(discrepant), self.basis, products_at(self.basis, valid), in_time, prior)
+        self.residuals = Residuals(self.seconds, valid, tuple(kinds), shapes)
 
     def valid(self, channel):
         return np.isfinite(self.observed[:, channel])
@@ -59,7 +65,7 @@ class Case:
 
     def prior_variances(self, channel):
         """Of the weights [m]: Matern spectral densities by the book (Rasmussen & Williams 2006, eq. 4.15)."""
-        *_, time_size, time_length, phase_size, phase_length = self.numbers[channel]
+        time_size, time_length, phase_size, phase_length = self.numbers[channel, -4:]
         parts = []
         if "time" in self.parts:
             w, rate = self.time.frequencies, np.sqrt(2 * self.smoothness[0]) / time_length
@@ -75,12 +81,6 @@ class Case:
             parts.append(phase_size**2 * both_signs / both_signs[:4].sum())
         return np.concatenate(parts)
 
-    def prior_covariance(self, channel):
-        """Of the weights [m, m], given that what is tied is zero."""
-        free, rows = np.diag(self.prior_variances(channel)), self.residuals.rows[channel]
-        rows = rows[: self.residuals.held[channel]]
-        return free - free @ rows.T @ np.linalg.solve(rows @ free @ rows.T, rows @ free)
-
     def noise_covariance(self, channel, seconds):
         deviation, white, time = self.numbers[channel, :3]
         if self.residuals.kinds[channel] == INDEPENDENT:
@@ -93,7 +93,7 @@ class Case:
         total = self.noise_covariance(channel, self.seconds[valid])
         if self.residuals.discrepant[channel]:
             basis = self.basis[valid]
-            total = total + basis @ self.prior_covariance(channel) @ basis.T
+            total = total + basis * self.prior_variances(channel) @ basis.T
         return total
 
     def dense(self):
@@ -102,7 +102,10 @@ class Case:
 
     def _dense(self, channel):
         kind, residual = self.residuals.kinds[channel], self.residual(channel)
-        deviation, _, time, degrees, step = self.numbers[channel, :5]
+        named = dict(zip(kind.names, self.numbers[channel], strict=False))
+        deviation, time, degrees, step = (
+            named.get(name) for name in ("standard_deviation", "correlation_time", "degrees_of_freedom", "quantisation")
+        )
         if kind in (INDEPENDENT, CORRELATED):
             return stats.multivariate_normal.logpdf(residual, np.zeros(len(residual)), self.covariance(channel))
         if kind == STUDENT:

@@ -1,34 +1,20 @@
 """Noise and discrepancy of a problem: what of them is in theta, and that both ways to the density agree."""
 
-from types import SimpleNamespace
-
 import numpy as np
 import pytest
 from scipy import stats
 
-from flightcal.calibration import build_problem, calibration_problem, climb, find_mode
+from flightcal.calibration import build_problem, climb, find_mode
 from flightcal.calibration.start import fit_residuals
 from flightcal.calibration.whitening import whitening
 from flightcal.errors import ScenarioError
 from flightcal.probability.discrepancy import shortest_lengthscale, time_basis
-from flightcal.probability.likelihood import log_likelihood, weights_given
-from flightcal.probability.noise import (
-    CORRELATED,
-    CORRELATED_STUDENT,
-    DEGREES,
-    DEVIATION,
-    INDEPENDENT,
-    NUMBERS,
-    PHASE_LENGTH,
-    ROUNDED,
-    STEP,
-    STUDENT,
-    TIME,
-    WHITE,
-)
-from flightcal.probability.residuals import draw_noise
+from flightcal.probability.likelihood import log_likelihood
+from flightcal.probability.noise import DEVIATION
+from flightcal.probability.residuals import PHASE_LENGTH
 
 from .. import small
+from .residual_cases import CORRELATED, CORRELATED_STUDENT, INDEPENDENT, ROUNDED, STUDENT
 
 MODELS = {
     "iid": ({}, None),
@@ -82,14 +68,16 @@ def test_names_stand_between_parameters_and_initial_temperatures(tmp_path):
     )
     theta = problem.priors.median() * (1 + 0.001 * np.arange(len(problem.names)))
     numbers = problem.numbers(theta)
-    for name, column in (("noise.{}", DEVIATION), ("noise.{}.white", WHITE), ("noise.{}.correlation_time", TIME)):
-        expected = [theta[problem.names.index(name.format(channel))] for channel in channels]
+    names = CORRELATED.names
+    for name in names:
+        column, key = names.index(name), "" if name == "standard_deviation" else f".{name}"
+        expected = [theta[problem.names.index(f"noise.{channel}{key}")] for channel in channels]
         np.testing.assert_array_equal(numbers[:, column], expected)
     np.testing.assert_array_equal(
         numbers[:, PHASE_LENGTH],
         [theta[problem.names.index(f"discrepancy.phase.lengthscale.{channel}")] for channel in channels],
     )
-    np.testing.assert_allclose(problem.noise(theta), np.hypot(numbers[:, DEVIATION], numbers[:, WHITE]))
+    np.testing.assert_allclose(problem.noise(theta), np.hypot(numbers[:, DEVIATION], numbers[:, names.index("white")]))
 
 
 @pytest.mark.parametrize("seed", range(2))
@@ -98,7 +86,7 @@ def test_the_c_function_is_what_the_parts_give_in_python(problem, seed):
     prior = problem.priors.at(z)
     run, pull_back = problem.simulator.linearise(prior.theta[problem.simulated])
     value, temperatures_bar, numbers_bar = log_likelihood(
-        problem.residuals.compiled, problem.observed, run.temperatures, problem.numbers(prior.theta)
+        problem.residuals.terms, problem.observed, run.temperatures, problem.numbers(prior.theta)
     )
     theta_bar = np.zeros_like(z)
     theta_bar[problem.simulated] = pull_back(temperatures_bar)
@@ -139,14 +127,14 @@ def test_of_normal_residuals_it_has_the_parameters_information_of_the_dense_cova
     model = problem.residuals
     for k in range(2):
         valid = problem.valid[:, k]
-        seconds, basis = model.compiled.seconds[valid], model.compiled.basis[valid]
+        seconds, basis = model.terms.seconds[valid], model.terms.shapes.basis[valid]
         deviation, white, time = numbers[k, :3]
-        if model.compiled.kinds[k] == CORRELATED:
+        if model.terms.kinds[k] == CORRELATED:
             covariance = deviation**2 * np.exp(-np.abs(seconds[:, None] - seconds) / time)
             covariance += white**2 * np.eye(len(seconds))
         else:
             covariance = deviation**2 * np.eye(len(seconds))
-        if model.compiled.discrepant[k]:
+        if model.terms.discrepant[k]:
             covariance += basis * model.prior_deviations(numbers[k]) ** 2 @ basis.T
         own = jacobian[valid, k]
         expected += own.T @ np.linalg.solve(covariance, own)
@@ -167,20 +155,20 @@ KINDS = {
 @pytest.mark.parametrize("model", KINDS)
 def test_the_noise_is_of_the_kind_that_the_scenario_says(model, tmp_path):
     problem = build_problem(*made(tmp_path, *MODELS[model]))
-    assert problem.residuals.compiled.kinds.tolist() == [KINDS[model]] * 2
+    assert problem.residuals.terms.kinds == (KINDS[model],) * 2
 
 
 def test_the_discrepancy_is_of_the_functions_at_the_samples_times(tmp_path):
     model = build_problem(*made(tmp_path, *MODELS["both"])).residuals
-    found = model.compiled.basis[:, : model.time.count]
-    np.testing.assert_array_equal(found, model.time.at(model.compiled.seconds))
+    found = model.terms.shapes.basis[:, : model.time.count]
+    np.testing.assert_array_equal(found, model.time.at(model.terms.seconds))
 
 
 def test_by_default_lengthscales_are_those_that_the_functions_are_enough_for(tmp_path):
     problem = build_problem(*made(tmp_path, *MODELS["time"]))
     prior = problem.priors.priors[problem.names.index("discrepancy.time.lengthscale")]
     assert prior.lower == shortest_lengthscale(problem.residuals.time, 2.5)
-    assert prior.upper == 0.25 * problem.residuals.compiled.seconds[-1]
+    assert prior.upper == 0.25 * problem.residuals.terms.seconds[-1]
     with pytest.raises(ScenarioError, match="found 8 functions"):
         build_problem(*made(tmp_path, discrepancy={"time": {"functions": 8}}))
 
@@ -193,24 +181,8 @@ def test_a_written_lengthscale_says_how_far_the_functions_reach_and_a_test_windo
     scenario, data = small.closed_loop(tmp_path, written)
     for window in ("train", "test"):
         model = build_problem(scenario, data, window).residuals
-        assert model.time == time_basis(0.0, model.compiled.seconds[-1], 600.0, 1.5, 20)
-        assert model.compiled.discrepant.tolist() == [True, False]
-
-
-def test_directions_that_are_combinations_of_others_or_none_are_left_out(tmp_path):
-    model = build_problem(*made(tmp_path, *MODELS["both"])).residuals
-    jacobian = np.random.default_rng(0).normal(size=(len(model.compiled.seconds), 2, 4))
-    jacobian[:, 0, 1] *= 1e-9
-    jacobian[:, 0, 3] = 2.0 * jacobian[:, 0, 0] - jacobian[:, 0, 2]
-    jacobian[:, 1, 2:] = 0.0
-    held = model.orthogonal_to(jacobian).compiled
-    np.testing.assert_array_equal(held.held, [3, 2])
-    for k in range(2):
-        own = model.compiled.valid[k]
-        products = jacobian[own, k].T @ model.compiled.basis[own]
-        lengths = np.maximum(np.linalg.norm(products, axis=1, keepdims=True), 1e-300)
-        rows = held.rows[k, : held.held[k]]
-        np.testing.assert_allclose(rows.T @ (rows @ products.T / lengths.T), products.T / lengths.T, atol=1e-6)
+        assert model.time == time_basis(0.0, model.terms.seconds[-1], 600.0, 1.5, 20)
+        assert model.terms.discrepant.tolist() == [True, False]
 
 
 def information(density):
@@ -223,8 +195,9 @@ def information(density):
 @pytest.mark.parametrize("model", ["student", "correlated student", "quantised"])
 def test_normal_residuals_in_the_place_of_others_have_their_information(model, tmp_path):
     problem = build_problem(*made(tmp_path, *MODELS[model]))
-    numbers = problem.residuals.fixed.copy()
-    numbers[:, [DEVIATION, DEGREES, TIME]] = 0.4, 3.5, 500.0
+    numbers, names = problem.residuals.fixed.copy(), KINDS[model].names
+    given = {"standard_deviation": 0.4, "degrees_of_freedom": 3.5, "correlation_time": 500.0, "quantisation": 0.2}
+    numbers[:, : len(names)] = [given[name] for name in names]
     equivalent, equal = problem.residuals.normal_equivalent(numbers)
     densities = {
         "quantised": lambda x: (
@@ -233,7 +206,7 @@ def test_normal_residuals_in_the_place_of_others_have_their_information(model, t
     }
     expected = information(densities.get(model, lambda x: stats.t(3.5, 0.0, 0.4).pdf(x)))
     np.testing.assert_allclose(equal[:, DEVIATION] ** -2.0, expected, rtol=1e-3)
-    assert (equivalent.compiled.kinds == (CORRELATED if model == "correlated student" else INDEPENDENT)).all()
+    assert equivalent.terms.kinds == (CORRELATED if model == "correlated student" else INDEPENDENT,) * 2
 
 
 def test_the_curvature_is_minus_the_second_derivative_by_the_numbers_logarithms(problem):
@@ -250,10 +223,10 @@ def test_the_curvature_is_minus_the_second_derivative_by_the_numbers_logarithms(
         moved = numbers.copy()
         for channel, column, size in steps:
             moved[channel, column] *= np.exp(size)
-        return log_likelihood(model.compiled, residual, np.zeros(residual.shape), moved)[0]
+        return log_likelihood(model.terms, residual, np.zeros(residual.shape), moved)[0]
 
     size = 1e-3
-    simple = (model.compiled.kinds == INDEPENDENT) & ~model.compiled.discrepant
+    simple = np.array([kind == INDEPENDENT for kind in model.terms.kinds]) & ~model.terms.discrepant
     for one in model.entries:
         for other in model.entries:
             if one.channel != other.channel or simple[one.channel]:
@@ -278,9 +251,9 @@ def test_errors_are_drawn_with_the_models_own_likelihood(tmp_path):
     values = []
     for _ in range(400):
         drawn = np.where(problem.valid, problem.draw_errors(theta, rng), np.nan)
-        values.append(log_likelihood(problem.residuals.compiled, drawn, none, numbers)[0])
+        values.append(log_likelihood(problem.residuals.terms, drawn, none, numbers)[0])
     count = problem.valid.sum()
-    at_zero = log_likelihood(problem.residuals.compiled, np.where(problem.valid, 0.0, np.nan), none, numbers)[0]
+    at_zero = log_likelihood(problem.residuals.terms, np.where(problem.valid, 0.0, np.nan), none, numbers)[0]
     # Twice the drop from the peak is chi-squared with as many degrees of freedom as there are samples.
     squares = 2.0 * (at_zero - np.array(values))
     assert squares.mean() == pytest.approx(count, abs=4 * np.sqrt(2 * count / 400))
@@ -308,9 +281,11 @@ def test_noise_is_drawn_from_its_distribution(kind, distribution):
     """Correlated noise by what each sample adds to those before; 1500 draws tell 0.3 K from 0.28 K."""
     rng = np.random.default_rng(0)
     seconds = np.cumsum(rng.choice([30.0, 60.0, 400.0], 1500))
-    numbers = np.zeros((1, NUMBERS))
-    numbers[0, [DEVIATION, WHITE, TIME, DEGREES, STEP]] = 0.3, 0.2, 200.0, 2.5, 0.8
-    drawn = draw_noise(SimpleNamespace(compiled=SimpleNamespace(kinds=[kind])), numbers, 0, seconds, rng)
+    given = dict(zip(CORRELATED.names, (0.3, 0.2, 200.0), strict=True))
+    given |= {"degrees_of_freedom": 2.5, "quantisation": 0.8}
+    memory, white = kind.draw(np.array([given[name] for name in kind.names]), seconds, rng)
+    assert memory.any() == kind.has_memory
+    drawn = memory + white
     kept = np.exp(-np.diff(seconds) / 200.0)
     if kind == CORRELATED:
         covariance = 0.09 * np.exp(-np.abs(seconds[:, None] - seconds) / 200.0) + 0.04 * np.eye(1500)
@@ -327,7 +302,7 @@ def test_telemetry_drawn_anew_keeps_the_discrepancy_that_the_residuals_show(tmp_
     run, rng, count = problem.simulate(theta), np.random.default_rng(0), 1500
     drawn = np.stack([problem.replicate(theta, run, rng)[:, 1] for _ in range(count)])
     model, numbers = problem.residuals, problem.numbers(theta)
-    valid, basis = problem.valid[:, 1], model.compiled.basis
+    valid, basis = problem.valid[:, 1], model.terms.shapes.basis
     prior = basis * model.prior_deviations(numbers[1]) ** 2 @ basis.T
     gain = prior[:, valid] @ np.linalg.inv(prior[np.ix_(valid, valid)] + 0.04 * np.eye(valid.sum()))
     mean = run.temperatures[:, 1] + gain @ (problem.observed - run.temperatures)[valid, 1]
@@ -384,58 +359,3 @@ def test_the_beginning_of_a_window_has_the_density_of_telemetry_that_ends_there(
     assert whole.of_temperatures((elapsed <= 0.5)[:, None]).log_density(z) == pytest.approx(
         ended.log_density(z), rel=1e-12
     )
-
-
-def orthogonal(folder):
-    problem = build_problem(*made(folder, *MODELS["both and ar1"]))
-    theta = problem.priors.median()
-    return problem.orthogonal_at(theta), theta
-
-
-def test_an_orthogonal_discrepancy_is_at_right_angles_to_what_parameters_do(tmp_path):
-    problem, theta = orthogonal(tmp_path)
-    own = [problem.names.index(name) for name in problem.scenario.parameters]
-    jacobian = np.where(problem.valid[..., None], problem.jacobian(problem.to_z(theta))[..., own], 0.0)
-    compiled, numbers = problem.residuals.compiled, problem.numbers(theta)
-    simulated = problem.simulate(theta).temperatures
-    mean, factor = weights_given(compiled, problem.observed, simulated, numbers)
-    for k in range(len(mean)):
-        expected = compiled.basis @ mean[k]
-        cosines = jacobian[:, k].T @ expected / np.linalg.norm(jacobian[:, k], axis=0) / np.linalg.norm(expected)
-        np.testing.assert_allclose(cosines[np.isfinite(cosines)], 0.0, atol=1e-9)
-        products = jacobian[:, k].T @ compiled.basis
-        np.testing.assert_allclose(products @ factor[k], 0.0, atol=1e-8 * np.linalg.norm(products) * factor[k].max())
-    assert np.abs(mean).max() > 0.0
-    assert compiled.held.max() == len(own)
-    # What is drawn is at right angles too.
-    quiet = numbers.copy()
-    quiet[:, [DEVIATION, WHITE]] = 1e-9
-    drawn = problem.residuals.draw_errors(quiet, np.random.default_rng(0))
-    for k in range(len(mean)):
-        sizes = np.linalg.norm(jacobian[:, k], axis=0) * np.linalg.norm(drawn[:, k])
-        assert (np.abs(jacobian[:, k].T @ drawn[:, k]) <= 1e-6 * sizes).all()
-
-
-def test_errors_with_an_orthogonal_discrepancy_are_drawn_with_their_own_likelihood(tmp_path):
-    problem, theta = orthogonal(tmp_path)
-    numbers, rng = problem.numbers(theta), np.random.default_rng(0)
-    none, compiled = np.zeros_like(problem.observed), problem.residuals.compiled
-    at_zero = log_likelihood(compiled, np.where(problem.valid, 0.0, np.nan), none, numbers)[0]
-    drawn = [np.where(problem.valid, problem.draw_errors(theta, rng), np.nan) for _ in range(400)]
-    squares = [2.0 * (at_zero - log_likelihood(compiled, errors, none, numbers)[0]) for errors in drawn]
-    assert stats.kstest(squares, stats.chi2(problem.valid.sum()).cdf).pvalue > 1e-3
-
-
-def test_a_discrepancy_with_no_more_functions_than_parameters_cannot_be_orthogonal_to_them(tmp_path):
-    problem = build_problem(*made(tmp_path, {}, {"phase": {"harmonics": 1}}))
-    with pytest.raises(ScenarioError, match=r"discrepancy.orthogonal: found 3 functions .* 3 parameters"):
-        problem.orthogonal_at(problem.priors.median())
-
-
-def test_directions_are_those_of_one_training_window(tmp_path):
-    discrepancy = {"orthogonal": True, "time": {"functions": 20, "lengthscale": {"uniform": ["20 min", "40 min"]}}}
-    written = small.content() | {"discrepancy": discrepancy}
-    train = written["windows"].pop("train")
-    written["windows"] = {"train": {"first": train, "second": written["windows"]["test"]}}
-    with pytest.raises(ScenarioError, match=r"discrepancy.orthogonal: found 2 windows to train on, expected one"):
-        calibration_problem(*small.load(tmp_path, written))

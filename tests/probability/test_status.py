@@ -9,8 +9,8 @@ import pytest
 from flightcal.calibration import Mode, build_problem, climb, find_mode, search_record
 from flightcal.calibration.native import DENSITY_NOT_FINITE, REASONS
 from flightcal.calibration.whitening import whitening
+from flightcal.probability.kernels.switching import DutyCycles, StatusData, StatusSamples
 from flightcal.probability.status import THRESHOLD_ERROR, HeaterStatus, heater_status, measured_switches
-from flightcal.probability.switching import DutyCycles, StatusData, StatusSamples
 from flightcal.simulator import open_loop
 from flightcal.simulator.system import Switch
 

@@ -6,13 +6,14 @@ import numpy as np
 import pytest
 from scipy import stats
 
-from flightcal.probability.switching import (
+from flightcal.probability.kernels.switching import (
     BAND,
     NO_STATUS,
     DutyCycles,
+    StatusCall,
     StatusSamples,
-    status_compiled,
     status_work,
+    switching,
 )
 
 TIMES = np.delete(np.arange(0.0, 1200.0, 60.0), [9, 10])
@@ -34,15 +35,25 @@ def sampled(times, on):
     return NO_STATUS._replace(samples=samples)
 
 
+def run(data, work, times, heaters, ons, status):
+    """Value, and derivatives by switches; those by settings are in `work`."""
+    # Room for one more switch than there are.
+    room = [np.append(part, np.nan) for part in (times, ons)]
+    bar, value = np.full(len(times) + 1, np.nan), np.empty(1)
+    call = StatusCall(data, work, np.array([len(times)]), room[0], np.append(heaters, 0), room[1], status, bar, value)
+    assert switching(call) == 0
+    assert np.isnan(bar[-1])
+    return float(value[0]), bar[:-1]
+
+
 def evaluate(data, switches, settings, initial=0.0):
     """Value, and derivatives by switches and settings."""
     switches = np.asarray(switches, float)
     work = status_work(data, len(settings), len(switches))
     work.settings[:] = settings
     ons = np.where(np.arange(len(switches)) % 2 == 0, 1.0 - initial, initial)
-    bar = np.empty(len(switches))
     heaters = np.zeros(len(switches), np.int64)
-    value = status_compiled(data, switches, heaters, ons, np.full((1, 1), initial), work, bar)
+    value, bar = run(data, work, switches, heaters, ons, np.full((1, 1), initial))
     return value, bar, work.settings_bar.copy()
 
 
@@ -162,8 +173,7 @@ def test_channels_and_heaters_are_told_apart():
     heaters, ons = np.array([1, 0, 1, 1]), np.array([1.0, 1.0, 0.0, 1.0])
     work = status_work(data, 6, 4)
     work.settings[:] = [20.0, 0.01, 10.0, 0.02, 15.0, 0.03]
-    bar = np.empty(4)
-    value = status_compiled(data, times, heaters, ons, np.zeros((1, 2)), work, bar)
+    value, bar = run(data, work, times, heaters, ons, np.zeros((1, 2)))
     first = evaluate(single[0], times[[0, 2, 3]], [10.0, 0.02])
     again = evaluate(single[0], times[[0, 2, 3]], [15.0, 0.03])
     other = evaluate(single[1], times[[1]], [20.0, 0.01])

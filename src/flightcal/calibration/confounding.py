@@ -22,8 +22,8 @@ def discrepancy_given(problem: Problem, thetas: FloatArray, runs: Sequence[Traje
     for s, run in enumerate(runs):
         if run is not None:
             numbers = problem.numbers(thetas[s])
-            weights, _ = weights_given(model.compiled, problem.observed, run.temperatures, numbers)
-            expected[s] = model.compiled.basis @ weights.T
+            weights, _ = weights_given(model.terms, problem.observed, run.temperatures, numbers)
+            expected[s] = model.terms.shapes.basis @ weights.T
     return expected
 
 
@@ -36,7 +36,7 @@ def confounding(problem: Problem, thetas: FloatArray, runs: Sequence[Trajectory 
     deviations of their noise. Near -1 the data tell the sum of the two and not the parameter: what the one gives, the
     other takes. mean, lower and upper [time, channel], K: of the expected discrepancy over the draws.
     """
-    if not problem.residuals.compiled.discrepant.any():
+    if not problem.residuals.terms.discrepant.any():
         return None
     expected = discrepancy_given(problem, thetas, runs)
     kept = np.isfinite(expected).all(axis=(1, 2))

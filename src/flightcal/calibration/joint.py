@@ -25,7 +25,7 @@ from ..probability.priors import Priors
 from ..probability.residuals import ResidualModel
 from ..scenario import Normal, Prior, Scenario, Uniform, support
 from ..scenario.priors import HalfNormal
-from ..scenario.schema import is_orthogonal, is_trained
+from ..scenario.schema import is_trained
 from ..simulator import Simulator, Trajectory
 from ..simulator.system import FloatArray, IntArray, Switch
 from .native import NativeDensity, joint_density
@@ -327,11 +327,6 @@ def calibration_problem(scenario: Scenario, telemetry: xarray.Dataset) -> Proble
     if not windows:
         raise ScenarioError("windows: found none to train on, expected 'train'")
     written = scenario.discrepancy
-    if len(windows) > 1 and is_orthogonal(scenario):
-        raise ScenarioError(
-            f"discrepancy.orthogonal: found {len(windows)} windows to train on, expected one: "
-            "the directions that it is orthogonal to are one window's"
-        )
     if len(windows) > 1 and written is not None and written.phase is not None:
         raise ScenarioError(
             f"discrepancy.phase: found {len(windows)} windows to train on, expected one: "

@@ -13,7 +13,6 @@ import xarray
 
 from ..errors import FlightcalError
 from ..scenario import GeneticSettings, NutsSettings
-from ..scenario.schema import is_orthogonal
 from ..simulator.system import FloatArray
 from .confounding import confounding
 from .diagnostics import Diagnostics, diagnose
@@ -115,8 +114,6 @@ class Posterior:
     modes: tuple[Mode, ...]
     """Local optima that were found before sampling, best first; chains start around the first."""
     diagnostics: Diagnostics
-    orthogonal_at: FloatArray | None = None
-    """theta [d] at which a discrepancy's directions were fixed that it is orthogonal to; null: it is free."""
 
     @property
     def flat(self) -> FloatArray:
@@ -144,17 +141,6 @@ def calibrate_nuts(
     settings = settings or problem.scenario.calibration.nuts
     seed = problem.scenario.calibration.seed if seed is None else seed
     rng = np.random.default_rng(seed)
-    fixed = None
-    if is_orthogonal(problem.scenario):
-        assert isinstance(problem, Problem)
-        opened = None if problem.open_loop is None else problem.open_loop.independent()
-        first = find_mode(
-            problem.independent(), starts, open_loop=opened, rng=rng, random_starts=random_starts, on_start=on_start
-        )[0]
-        if np.isfinite(first.log_density):
-            fixed = problem.to_theta(first.z)
-            problem = problem.orthogonal_at(fixed)
-            starts, random_starts = [(f"the mode of independent noise from {first.origin}", fixed)], 0
     modes = find_mode(
         problem, starts, open_loop=problem.open_loop, rng=rng, random_starts=random_starts, on_start=on_start
     )
@@ -174,7 +160,7 @@ def calibrate_nuts(
     )
     theta = problem.to_theta(draws.z)
     posterior = xarray.Dataset({name: (("chain", "draw"), theta[..., k]) for k, name in enumerate(problem.names)})
-    return Posterior(problem.names, theta, draws, modes, diagnose(posterior, draws.statistics, settings), fixed)
+    return Posterior(problem.names, theta, draws, modes, diagnose(posterior, draws.statistics, settings))
 
 
 def search_record(problem: AnyProblem, modes: Sequence[Mode]) -> dict[str, Any]:
@@ -190,8 +176,6 @@ def search_record(problem: AnyProblem, modes: Sequence[Mode]) -> dict[str, Any]:
         first = opened.problems[0] if isinstance(opened, JointProblem) else opened
         if first.measured_switches is not None:
             how += "; in open loop sensors are held to their thresholds when heaters are seen to switch"
-    if is_orthogonal(problem.scenario):
-        how += "; there the discrepancy's directions were fixed that it is orthogonal to"
     found = [
         {
             "origin": mode.origin,
@@ -240,11 +224,6 @@ def posterior_tree(
     Where there is a discrepancy, also that: what it is on the window, and how far parameters stand in for it. Where
     parameters drift from window to window, `windows`: what they are in each.
     """
-    directions: dict[str, str] = {}
-    if posterior.orthogonal_at is not None:
-        directions["orthogonal_at"] = json.dumps(posterior.orthogonal_at.tolist())
-        assert isinstance(problem, Problem)
-        problem = problem.orthogonal_at(posterior.orthogonal_at)
     rng = np.random.default_rng(seed)
     names, channels = posterior.names, list(problem.simulator.channels)
     prior = problem.priors.sample(rng, 2000)
@@ -294,7 +273,6 @@ def posterior_tree(
             "/": xarray.Dataset(
                 attrs={
                     "interrupted": str(posterior.draws.interrupted).lower(),
-                    **directions,
                     "mode_search": json.dumps(search_record(problem, posterior.modes)),
                     "other_explanations": json.dumps(
                         [asdict(found) for found in _other_explanations(posterior, problem)]

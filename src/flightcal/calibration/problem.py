@@ -21,8 +21,8 @@ from numpy.typing import NDArray
 
 from ..environment import orbital_period
 from ..errors import ScenarioError
-from ..probability.likelihood import log_likelihood, precision_times
-from ..probability.noise import DEVIATION, WHITE
+from ..probability.likelihood import Likelihood, precision_times
+from ..probability.noise import DEVIATION
 from ..probability.priors import Priors, PriorTerms
 from ..probability.residuals import ResidualModel, residual_model
 from ..probability.status import THRESHOLD_ERROR, HeaterStatus, heater_status, measured_switches
@@ -132,7 +132,7 @@ class Problem:
         return None if basis is None else error_shapes(basis, self.valid)
 
     def numbers(self, theta: FloatArray) -> FloatArray:
-        """The numbers of noise and discrepancy [N, 9] at theta [d]; see `noise`."""
+        """The numbers of noise and discrepancy [N, n] at theta [d]; see `noise`."""
         channels, columns, positions = self.places
         numbers = self.residuals.fixed.copy()
         numbers[channels, columns] = theta[positions]
@@ -140,8 +140,7 @@ class Problem:
 
     def noise(self, theta: FloatArray) -> FloatArray:
         """Standard deviation of the noise of one sample of each channel [N], K, at theta [d]; discrepancy apart."""
-        numbers = self.numbers(theta)
-        return np.asarray(np.hypot(numbers[:, DEVIATION], numbers[:, WHITE]))
+        return self.residuals.deviations(self.numbers(theta))
 
     def draw_errors(self, theta: FloatArray, rng: np.random.Generator) -> FloatArray:
         """What telemetry at theta [d] differs by from the simulation, [T, N] K: noise and discrepancy, drawn anew."""
@@ -160,14 +159,6 @@ class Problem:
         """The same problem, its theta too, with independent normal noise alone: no discrepancy, no correlation."""
         opened = None if self.open_loop is None else self.open_loop.independent()
         return replace(self, residuals=self.residuals.independent(), open_loop=opened)
-
-    def orthogonal_at(self, theta: FloatArray) -> Problem:
-        """The same with a discrepancy orthogonal to what the scenario's parameters do to the temperatures at theta [d].
-
-        Raises SimulationFailure and ScenarioError.
-        """
-        own = [self.names.index(name) for name in self.scenario.parameters]
-        return replace(self, residuals=self.residuals.orthogonal_to(self.jacobian(self.to_z(theta))[..., own]))
 
     def to_theta(self, z: FloatArray) -> FloatArray:
         """Physical values [..., d] of unconstrained z [..., d]."""
@@ -215,7 +206,7 @@ class Problem:
         if self.heater_status is not None and self.measured_switches is None:
             status = (self.heater_status.data, self.heater_status.settings, *self.inferred_settings)
         return native_density(
-            self.simulator, self.priors, self.observed, model.compiled, model.fixed, places, coordinates, status
+            self.simulator, self.priors, self.observed, model.terms, model.fixed, places, coordinates, status
         )
 
     def log_density_and_gradient(self, z: FloatArray) -> tuple[float, FloatArray]:
@@ -271,7 +262,7 @@ class Problem:
         return float(value), self._pull_back(numbers_bar)
 
     def _pull_back(self, numbers_bar: FloatArray) -> FloatArray:
-        """Derivative by theta [d] from that by the residuals' numbers [N, 9]."""
+        """Derivative by theta [d] from that by the residuals' numbers [N, n]."""
         channels, columns, positions = self.places
         theta_bar = np.zeros(len(self.names))
         np.add.at(theta_bar, positions, numbers_bar[channels, columns])
@@ -283,12 +274,12 @@ class Problem:
         return threading.local()
 
     def _log_likelihood(self, run: Trajectory, numbers: FloatArray) -> tuple[Any, ...]:
-        """Log likelihood, its derivative by the numbers [N, 9], and those by what the simulator gives."""
+        """Log likelihood, its derivative by the numbers [N, n], and those by what the simulator gives."""
         model, shapes = self.residuals, self.error_shapes
         if shapes is None:
-            value, temperatures_bar, numbers_bar = log_likelihood(
-                model.compiled, self.observed, run.temperatures, numbers
-            )
+            if not hasattr(self._own, "likelihood"):
+                self._own.likelihood = Likelihood(model.terms, numbers.shape[1])
+            value, temperatures_bar, numbers_bar = self._own.likelihood(self.observed, run.temperatures, numbers)
             return value, numbers_bar, temperatures_bar
         if model.is_independent:
             value, temperatures_bar, noise_bar, variance_bar = low_rank_log_likelihood(
@@ -298,7 +289,7 @@ class Problem:
             numbers_bar[:, DEVIATION] = noise_bar
         else:
             value, temperatures_bar, numbers_bar, variance_bar = with_error_shapes(
-                model.compiled, self.observed, run.temperatures, numbers, shapes, run.error_variance
+                model.terms, self.observed, run.temperatures, numbers, shapes, run.error_variance
             )
         return value, numbers_bar, temperatures_bar, variance_bar
 
@@ -334,7 +325,7 @@ class Problem:
         equivalent, equal = self.residuals.normal_equivalent(numbers)
 
         def weighted(columns: FloatArray) -> FloatArray:
-            return precision_times(equivalent.compiled, columns, equal)
+            return precision_times(equivalent.terms, columns, equal)
 
         # Not a product of BLAS, whose threads spin for a hundred times longer than this takes when the cores are busy.
         solved = np.zeros_like(jacobian)

@@ -5,7 +5,6 @@ from __future__ import annotations
 import numpy as np
 from scipy.optimize import minimize
 
-from ..probability.noise import DEVIATION, PHASE_SIZE, TIME_SIZE, WHITE
 from ..simulator import SimulationFailure
 from ..simulator.system import FloatArray
 from .joint import AnyProblem
@@ -54,19 +53,20 @@ def _guess(problem: AnyProblem, theta: FloatArray, residual: FloatArray, share: 
     theta = theta.copy()
     median = problem.priors.median()
     rmse = np.sqrt(np.nanmean(residual**2, axis=0))
-    channels, columns, positions = problem.places
+    channels, _, positions = problem.places
+    sizes = np.array([entry.size for entry in problem.residuals.entries])
     for position in np.unique(positions):
         theta[position] = median[position]
         of_it = channels[positions == position]
-        column = columns[positions == position][0]
+        kind = sizes[positions == position][0]
         size = max(float(np.exp(np.log(np.maximum(rmse[of_it], _LEAST)).mean())), _LEAST)
         white = max(float(np.mean([_white(residual[:, k]) for k in of_it])), _LEAST)
-        explained = problem.residuals.compiled.discrepant[of_it].all()
-        if column == DEVIATION:
+        explained = problem.residuals.terms.discrepant[of_it].all()
+        if kind == "noise":
             theta[position] = white if explained and share == 1.0 else size
-        elif column == WHITE:
+        elif kind == "white":
             theta[position] = white
-        elif column in (TIME_SIZE, PHASE_SIZE):
+        elif kind == "discrepancy":
             theta[position] = share * size
     return theta
 

@@ -93,7 +93,7 @@ def propagate(
         simulated = simulated + drawn.discrepancy
         noisy = simulated + drawn.noise + drawn.white
         deviation = noisy.std(axis=0)
-        if problem.residuals.compiled.discrepant.any():
+        if problem.residuals.terms.discrepant.any():
             bounds = np.quantile(drawn.discrepancy, tails, axis=0)
             discrepancy = np.concatenate([drawn.discrepancy.mean(axis=0)[None], bounds])
     lower, upper = np.quantile(noisy, tails, axis=0)

@@ -19,8 +19,7 @@ from numpy.typing import NDArray
 
 from ..calibration.problem import Problem
 from ..probability.likelihood import weights_given
-from ..probability.noise import CORRELATED, CORRELATED_STUDENT, DEVIATION, TIME, TIME_LENGTH, TIME_SIZE, WHITE
-from ..probability.residuals import ResidualModel, correlate, draw_noise, white_noise
+from ..probability.residuals import TIME_LENGTH, TIME_SIZE, ResidualModel
 from ..simulator import Trajectory
 from ..simulator.system import FloatArray
 from .duty import duty_errors
@@ -44,7 +43,7 @@ def _duty_errors(train: Problem, runs: Sequence[Trajectory | None]) -> FloatArra
     simulated = [run.status for run in runs if run is not None]
     if not simulated:
         return np.empty((0, train.status.shape[1]))
-    seconds = train.residuals.compiled.seconds
+    seconds = train.residuals.terms.seconds
     return duty_errors(train.status, np.mean(simulated, axis=0), seconds, train.period)
 
 
@@ -56,7 +55,7 @@ class WindowErrors:
     """Of the window."""
     train: Problem
     numbers: FloatArray
-    """[S, N, 9]."""
+    """[S, N, n]."""
     train_temperatures: FloatArray
     """[S, T, N] K, simulated on the training window; NaN where that failed."""
     first: int
@@ -78,7 +77,7 @@ class WindowErrors:
     @cached_property
     def gaps(self) -> FloatArray:
         """From the edge of the training window that is nearer, [T] s."""
-        return np.asarray(-self.seconds if self.before else self.seconds - self.model.compiled.seconds[-1])
+        return np.asarray(-self.seconds if self.before else self.seconds - self.model.terms.seconds[-1])
 
     @cached_property
     def before(self) -> bool:
@@ -95,7 +94,7 @@ class WindowErrors:
         """The state of the part in time at the edge, over its weights: [p, m]."""
         time, nu = self.model.time, self.smoothness
         assert time is not None
-        at = self.train.residuals.compiled.seconds[[0 if self.before else -1]]
+        at = self.train.residuals.terms.seconds[[0 if self.before else -1]]
         # A process looked at backwards has the slope of the other sign.
         sign = -1.0 if self.before else 1.0
         return np.concatenate([sign**order * time.at(at, order) for order in range(ORDER[nu])])
@@ -103,7 +102,7 @@ class WindowErrors:
     @property
     def smoothness(self) -> float:
         """Of the part in time."""
-        return float(self.model.compiled.smoothness[0])
+        return self.model.smoothness
 
     def usable(self) -> NDArray[np.bool_]:
         """[S] whether the training window could be simulated."""
@@ -116,17 +115,17 @@ class WindowErrors:
     def weights(self, draw: int) -> tuple[FloatArray, FloatArray]:
         """The weights' mean [N, m] and a factor [N, m, m] of their covariance, as the training residuals leave them."""
         observed, simulated = self.train.observed, self.train_temperatures[draw]
-        return weights_given(self.model.compiled, observed, simulated, self.numbers[draw])
+        return weights_given(self.model.terms, observed, simulated, self.numbers[draw])
 
     def basis(self, numbers: FloatArray) -> FloatArray:
-        """What the weights do to the window's expected discrepancy, [T, m]; numbers: [9] of a channel."""
+        """What the weights do to the window's expected discrepancy, [T, m]; numbers: [n] of a channel."""
         if self.is_train:
-            return np.asarray(self.model.compiled.basis)
+            return np.asarray(self.model.terms.shapes.basis)
         parts = []
         if self.model.time is not None:
             parts.append(self._fading(numbers) @ self.edge)
         in_time = 0 if self.problem.residuals.time is None else self.problem.residuals.time.count
-        parts.append(self.problem.residuals.compiled.basis[:, in_time:])
+        parts.append(self.problem.residuals.terms.shapes.basis[:, in_time:])
         return np.concatenate(parts, axis=1)
 
     def _fading(self, numbers: FloatArray) -> FloatArray:
@@ -142,7 +141,7 @@ class WindowErrors:
         """
         own, first = self.numbers[draw, channel], self.first
         discrepancy = np.zeros((len(self.seconds), first))
-        if self.model.compiled.discrepant[channel]:
+        if self.model.terms.discrepant[channel]:
             basis = self.basis(own)
             discrepancy = basis @ (factor @ (basis[:first] @ factor).T)
             if self.model.time is not None:
@@ -151,17 +150,12 @@ class WindowErrors:
                 apart = self.seconds[:, None] - self.seconds[:first]
                 discrepancy += covariance(self.smoothness, own[TIME_SIZE], own[TIME_LENGTH], apart)
                 discrepancy -= seen @ at_rest @ seen[:first].T
-        noise = np.zeros_like(discrepancy)
-        if self.model.compiled.kinds[channel] in (CORRELATED, CORRELATED_STUDENT):
-            apart = np.abs(self.seconds[:, None] - self.seconds[:first])
-            noise = own[DEVIATION] ** 2 * np.exp(-apart / own[TIME])
-        return discrepancy, noise
+        apart = self.seconds[:, None] - self.seconds[:first]
+        return discrepancy, self.model.terms.kinds[channel].covariance(own, apart)
 
     def white_variance(self, draw: int, channel: int) -> float:
         """Of the noise that no other sample knows of, K^2."""
-        own = self.numbers[draw, channel]
-        correlated = self.model.compiled.kinds[channel] in (CORRELATED, CORRELATED_STUDENT)
-        return float(own[WHITE] ** 2 if correlated else own[DEVIATION] ** 2)
+        return self.model.terms.kinds[channel].white_variance(self.numbers[draw, channel])
 
     def at_first(self) -> FirstErrors:
         """The law of the first samples' errors, in which initial temperatures are estimated."""
@@ -171,7 +165,7 @@ class WindowErrors:
         for s in range(draws):
             weights, factor = self.weights(s)
             for k in range(channels):
-                if self.model.compiled.discrepant[k]:
+                if self.model.terms.discrepant[k]:
                     mean[s, :, k] = (self.basis(self.numbers[s, k]) @ weights[k])[: self.first]
                 discrepancy, noise = self.covariances(s, k, factor[k])
                 factors[k, s] = self._factor(s, k, discrepancy, noise)
@@ -192,13 +186,13 @@ class WindowErrors:
         """Errors of the draws, whose simulations of the window are `temperatures` [S, T, N]."""
         shape = temperatures.shape
         discrepancy, mean, edge = np.zeros(shape), np.zeros(shape), None
-        compiled = self.model.compiled
+        discrepant = self.model.terms.discrepant
         continues = self.model.time is not None and not self.is_train
         if continues:
             edge = np.zeros((shape[0], shape[2], ORDER[self.smoothness]))
         weights = [self.weights(s) for s in range(shape[0])]
         for s, (expected, factor) in enumerate(weights):
-            for k in np.flatnonzero(compiled.discrepant):
+            for k in np.flatnonzero(discrepant):
                 drawn = expected[k] + factor[k] @ rng.standard_normal(len(expected[k]))
                 basis = self.basis(self.numbers[s, k])
                 mean[s, :, k] = basis @ expected[k]
@@ -216,7 +210,7 @@ class WindowErrors:
 
     def _continued(self, edge: FloatArray, rng: np.random.Generator) -> FloatArray:
         """The part in time [S, T, N] from its state at the edge [S, N, p]."""
-        discrepant = self.model.compiled.discrepant
+        discrepant = self.model.terms.discrepant
         values = np.zeros((len(edge), len(self.seconds), len(discrepant)))
         order = slice(None, None, -1 if self.before else 1)
         gaps = np.diff(np.concatenate([[0.0], self.gaps[order]]))
@@ -232,15 +226,8 @@ class WindowErrors:
         shape = (len(self.numbers), len(self.seconds), self.numbers.shape[1])
         noise, white = np.zeros(shape), np.zeros(shape)
         for s, numbers in enumerate(self.numbers):
-            for k, kind in enumerate(self.model.compiled.kinds):
-                if kind == CORRELATED:
-                    innovations = numbers[k, DEVIATION] * rng.standard_normal(shape[1])
-                    noise[s, :, k] = correlate(innovations, self.seconds, numbers[k, TIME])
-                    white[s, :, k] = white_noise(self.model, numbers, k, shape[1], rng)
-                elif kind == CORRELATED_STUDENT:
-                    noise[s, :, k] = draw_noise(self.model, numbers, k, self.seconds, rng)
-                else:
-                    white[s, :, k] = draw_noise(self.model, numbers, k, self.seconds, rng)
+            for k, kind in enumerate(self.model.terms.kinds):
+                noise[s, :, k], white[s, :, k] = kind.draw(numbers[k], self.seconds, rng)
         return noise, white
 
     def _correct(

@@ -10,9 +10,8 @@ import xarray
 
 from ..calibration.problem import Problem, build_problem
 from ..environment import orbit_phase, sunlit_share
-from ..probability.noise import CORRELATED, CORRELATED_STUDENT
 from ..scenario import Scenario, SimulatorModel
-from ..scenario.schema import is_orthogonal, is_trained
+from ..scenario.schema import is_trained
 from ..simulator import Trajectory
 from ..simulator.system import FloatArray
 from ..surrogate.emulator import EmulatedSimulator
@@ -35,7 +34,6 @@ def predict(
     seed: int,
     stand_in: Callable[[Problem], Problem] | None = None,
     trained: tuple[str, FloatArray] | None = None,
-    orthogonal_at: FloatArray | None = None,
 ) -> tuple[xarray.Dataset, Ensemble]:
     """Predict a window with point estimates and with posterior draws.
 
@@ -43,7 +41,6 @@ def predict(
     ordered as `Problem.names`. On the train window thetas hold its initial temperatures; on any other, these are
     conditioned on the first samples of the window (`initial.condition_initial`), which are marked as not scored.
     trained: window whose residuals tell the discrepancy, and the draws there [S, d'] (None: `train`, and `draws`).
-    orthogonal_at: theta [d] at which the directions were fixed that the discrepancy is orthogonal to, see `Posterior`.
     stand_in: gives a window's problem an emulator, through which the draws are propagated; points always run on the
     simulator itself.
     Raises TelemetryError and RunError.
@@ -64,7 +61,6 @@ def predict(
         if window != name:
             train = build_problem(scenario, telemetry, name)
             train = train if stand_in is None else stand_in(train)
-        train = train if orthogonal_at is None else train.orthogonal_at(orthogonal_at)
         errors = window_errors(for_draws, train, thetas_there, int((~scored).sum()))
     if not is_trained(window):
         if len(thetas):
@@ -83,7 +79,7 @@ def predict(
         "interval": settings.interval,
         "interval_contains": f"parameters, initial temperatures{error}{scatter}, {_contained(problem, window)}",
         "model_interval_contains": f"parameters, initial temperatures{error}{scatter}"
-        + (", model discrepancy" if problem.residuals.compiled.discrepant.any() else ""),
+        + (", model discrepancy" if problem.residuals.terms.discrepant.any() else ""),
         "duty_cycle_contains": f"parameters, initial temperatures{scatter}{_of_duty(errors, window)}",
         "initial_state": "calibrated with the parameters"
         if is_trained(window)
@@ -122,18 +118,18 @@ def _residual_model(
 def _contained(problem: Problem, window: str) -> str:
     """What of the residuals is in the interval, and which part of the discrepancy carries over to the window."""
     model = problem.residuals
-    correlated = bool(np.isin(model.compiled.kinds, (CORRELATED, CORRELATED_STUDENT)).any())
+    correlated = any(kind.has_memory for kind in model.terms.kinds)
     noise = "correlated measurement noise (drawn anew)" if correlated else "measurement noise"
-    if not model.compiled.discrepant.any():
+    if not model.terms.discrepant.any():
         return f"{noise}; not model discrepancy"
     if is_trained(window):
-        return f"{noise}, and model discrepancy as the residuals of this window show it{_orthogonal(problem)}"
+        return f"{noise}, and model discrepancy as the residuals of this window show it"
     parts = []
     if model.phase is not None:
         parts.append("its part in orbit phase carries over from the training window")
     if model.time is not None:
         parts.append("its part in time is continued from the edge of the training window and fades to its prior")
-    return f"{noise}, and model discrepancy: {'; '.join(parts)}{_orthogonal(problem)}"
+    return f"{noise}, and model discrepancy: {'; '.join(parts)}"
 
 
 def _of_duty(errors: WindowErrors | None, window: str) -> str:
@@ -149,12 +145,6 @@ def _of_duty(errors: WindowErrors | None, window: str) -> str:
 def _scatters(scenario: Scenario) -> bool:
     model = scenario.simulator
     return isinstance(model, SimulatorModel) and any(heater.scatter for heater in model.heaters.values())
-
-
-def _orthogonal(problem: Problem) -> str:
-    if not is_orthogonal(problem.scenario):
-        return ""
-    return "; it is orthogonal to what parameters do, which repairs forecasts, not the parameters"
 
 
 def _dataset(

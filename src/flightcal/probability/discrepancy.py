@@ -14,9 +14,10 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from ..compiled import inlined
+from ..compiled import Row
 from ..simulator.system import FloatArray
-from .noise import PHASE_LENGTH, PHASE_SIZE, TIME_LENGTH, TIME_SIZE
+from .kernels.matern import LENGTH, PHASE_LENGTH, PHASE_SIZE, SIZE, MaternCall, pull_back_spectrum, spectrum
+from .shapes import Weights
 
 _BOUNDARY = {1.5: 4.5, 2.5: 4.1}
 """Smoothness of a Matern process -> the domain's half-width in lengthscales that its approximation needs."""
@@ -100,228 +101,44 @@ def matern_factor(smoothness: float) -> float:
     )  # fmt: skip
 
 
-# --- compiled -----------------------------------------------------------------------------------------------
+@dataclass(frozen=True)
+class MaternPrior:
+    """The prior of the weights of both: independent normal ones, by the processes' spectral densities."""
 
+    in_time: int
+    """How many are of the process in time, the first."""
+    frequency: FloatArray
+    """[m] rad/s of those in time, rad per orbit of those in phase."""
+    smoothness: FloatArray
+    """[2] of the process in time and in phase."""
 
-@inlined
-def spectrum(frequency, in_time, smoothness, factor, numbers, root, slope):
-    """Prior standard deviations of the weights [m], and the derivative of the log variances by the log lengthscale.
+    @property
+    def factor(self) -> FloatArray:
+        """[2] `matern_factor` of these."""
+        return np.array([matern_factor(nu) for nu in self.smoothness])
 
-    frequency: [m] rad/s in time, in_time of them first; then rad per orbit. smoothness, factor: [2], of the process in
-    time and in phase, and `matern_factor`. Of phase the variances are scaled so that they add up to the
-    amplitude's square everywhere.
-    """
-    nu, amplitude, length = smoothness[0], numbers[TIME_SIZE], numbers[TIME_LENGTH]
-    for j in range(in_time):
-        flat = 2.0 * nu / (length * length)
-        density = factor[0] * math.exp(-2.0 * nu * math.log(length) - (nu + 0.5) * math.log(flat + frequency[j] ** 2))
-        root[j] = amplitude * math.sqrt(density)
-        slope[j] = (2.0 * nu + 1.0) * flat / (flat + frequency[j] ** 2) - 2.0 * nu
-    nu, amplitude, length = smoothness[1], numbers[PHASE_SIZE], numbers[PHASE_LENGTH]
-    total, mean = 0.0, 0.0
-    for j in range(in_time, frequency.shape[0]):
-        flat = 2.0 * nu / (length * length)
-        # A harmonic's share is that of its frequency and of its negative; cosine and sine have it both.
-        density = math.exp(-(nu + 0.5) * math.log1p(frequency[j] ** 2 / flat)) * (1.0 if frequency[j] == 0.0 else 2.0)
-        slope[j] = (2.0 * nu + 1.0) * flat / (flat + frequency[j] ** 2)
-        root[j] = density
-        share = density if frequency[j] == 0.0 else 0.5 * density
-        total += share
-        mean += share * slope[j]
-    for j in range(in_time, frequency.shape[0]):
-        root[j] = amplitude * math.sqrt(root[j] / total)
-        slope[j] -= mean / total
+    def deviations(self, numbers: FloatArray) -> FloatArray:
+        """Standard deviations [m] of the weights; numbers: [4] amplitudes and lengthscales, see `kernels.matern`."""
+        nu, amplitude, length = self.smoothness[0], numbers[SIZE], numbers[LENGTH]
+        parts = []
+        if self.in_time:
+            density = matern_factor(nu) * length ** (-2 * nu)
+            density = density * (2 * nu / length**2 + self.frequency[: self.in_time] ** 2) ** (-nu - 0.5)
+            parts.append(amplitude * np.sqrt(density))
+        frequency, nu = self.frequency[self.in_time :], self.smoothness[1]
+        if len(frequency):
+            density = (2 * nu / numbers[PHASE_LENGTH] ** 2 + frequency**2) ** (-nu - 0.5)
+            density = np.where(frequency == 0.0, density, 2.0 * density)
+            # Cosine and sine of a harmonic add up to one.
+            total = density[: len(frequency) // 2 + 1].sum()
+            parts.append(numbers[PHASE_SIZE] * np.sqrt(density / total))
+        return np.concatenate([*parts, np.empty(0)])
 
-
-@inlined
-def factorise(gram, scale, root, projected, upper, inverse, scratch, weights):
-    """Cholesky factor of 1 + scale root gram root, its inverse, and the weights' mean over `root`.
-
-    gram: [m, m] products of the basis; projected: [m] of the basis with the residuals; scale: of both.
-    Fills inverse [m, m], a lower triangle X with X^T X the inverse of what is factorised, and weights [m]: the expected
-    weights given the residuals are root x weights, their covariance is root X^T X root.
-    Returns the log determinant, and by how much the residuals' square is explained.
-    """
-    m = root.shape[0]
-    for i in range(m):
-        left = scale * root[i]
-        for j in range(i, m):
-            upper[i, j] = left * gram[i, j] * root[j]
-        upper[i, i] += 1.0
-    log_determinant = 0.0
-    for i in range(m):
-        # In rows of their own while they are worked on, four others at a time: so a compiler can take entries together.
-        for j in range(m):
-            scratch[j] = upper[i, j]
-            weights[j] = 0.0
-        weights[i] = 1.0
-        whole = i // 4 * 4
-        for k in range(0, whole, 4):
-            first, second, third, fourth = upper[k, i], upper[k + 1, i], upper[k + 2, i], upper[k + 3, i]
-            for j in range(i, m):
-                scratch[j] -= (
-                    first * upper[k, j] + second * upper[k + 1, j] + third * upper[k + 2, j] + fourth * upper[k + 3, j]
-                )
-            for j in range(k + 4):
-                weights[j] -= (
-                    first * inverse[k, j]
-                    + second * inverse[k + 1, j]
-                    + third * inverse[k + 2, j]
-                    + fourth * inverse[k + 3, j]
-                )
-        for k in range(whole, i):
-            above = upper[k, i]
-            for j in range(i, m):
-                scratch[j] -= above * upper[k, j]
-            for j in range(k + 1):
-                weights[j] -= above * inverse[k, j]
-        pivot = 1.0 / math.sqrt(scratch[i])
-        log_determinant -= 2.0 * math.log(pivot)
-        for j in range(i, m):
-            upper[i, j] = scratch[j] * pivot
-        for j in range(m):
-            inverse[i, j] = weights[j] * pivot  # zero above the diagonal
-    explained = 0.0
-    for j in range(m):
-        weights[j] = 0.0
-    for i in range(m):
-        total = 0.0
-        for j in range(i + 1):
-            total += inverse[i, j] * (scale * root[j] * projected[j])
-        explained += total * total
-        for j in range(i + 1):
-            weights[j] += inverse[i, j] * total
-    # Diagonal of the inverse of what was factorised.
-    for j in range(m):
-        scratch[j] = 0.0
-    for i in range(m):
-        for j in range(i + 1):
-            scratch[j] += inverse[i, j] * inverse[i, j]
-    return log_determinant, explained
-
-
-@inlined
-def constrain(rows, root, inverse, weights, shrunk, posterior, crossed, prior, factor, scratch):
-    """Condition weights that `factorise` gave on rows w = 0, with rows [p, m] independent of each other.
-
-    By p(y | Rw = 0) = p(y) p(Rw = 0 | y) / p(Rw = 0). Changes weights and shrunk, with which `pull_back_spectrum` then
-    gives the derivatives that it should. Fills crossed [p, m], whose products with itself the weights' covariance is
-    less by, and posterior [p, m]: its factor F is less by crossed^T posterior. prior: [p, m], factor: [p, p],
-    scratch: [p, 1] of work. Returns what the log likelihood is more by.
-    """
-    count, m = rows.shape
-    added = 0.0
-    for a in range(count):
-        for i in range(m):
-            total = 0.0
-            for j in range(i + 1):
-                total += inverse[i, j] * root[j] * rows[a, j]
-            posterior[a, i] = total
-        for j in range(m):
-            total = 0.0
-            for i in range(j, m):
-                total += inverse[i, j] * posterior[a, i]
-            crossed[a, j] = root[j] * total
-            prior[a, j] = root[j] * rows[a, j]
-    for a in range(count):
-        scratch[a, 0] = 0.0
-        for j in range(m):
-            scratch[a, 0] += prior[a, j] * weights[j]
-    added -= _factorise_rows(posterior, factor)
-    _divide(factor, posterior)
-    _divide(factor, crossed)
-    _divide(factor, scratch)
-    for a in range(count):
-        added -= 0.5 * scratch[a, 0] * scratch[a, 0]
-        for j in range(m):
-            weights[j] -= crossed[a, j] * scratch[a, 0] / root[j]
-            shrunk[j] -= (crossed[a, j] / root[j]) ** 2
-    added += _factorise_rows(prior, factor)
-    _divide(factor, prior)
-    for a in range(count):
-        for j in range(m):
-            shrunk[j] += prior[a, j] * prior[a, j]
-    return added
-
-
-@inlined
-def _factorise_rows(rows, factor):
-    """Cholesky factor [p, p] of the products of rows [p, m] with one another; returns half their log determinant."""
-    count, m = rows.shape
-    for a in range(count):
-        for b in range(a + 1):
-            total = 0.0
-            for j in range(m):
-                total += rows[a, j] * rows[b, j]
-            factor[a, b] = total
-    half = 0.0
-    for a in range(count):
-        for b in range(a + 1):
-            total = factor[a, b]
-            for c in range(b):
-                total -= factor[a, c] * factor[b, c]
-            factor[a, b] = total / factor[b, b] if b < a else math.sqrt(total)
-        half += math.log(factor[a, a])
-    return half
-
-
-@inlined
-def _divide(factor, rows):
-    """Rows [p, m] divided by a lower triangle [p, p]."""
-    for a in range(rows.shape[0]):
-        for b in range(a):
-            for j in range(rows.shape[1]):
-                rows[a, j] -= factor[a, b] * rows[b, j]
-        for j in range(rows.shape[1]):
-            rows[a, j] /= factor[a, a]
-
-
-@inlined
-def pull_back_spectrum(in_time, weights, shrunk, slope, numbers, numbers_bar):
-    """Add the derivatives of the log density by amplitudes and lengthscales to numbers_bar [9].
-
-    weights: [m] as `factorise` gives them; shrunk: [m] the diagonal of the inverse. The derivative by a log variance is
-    (weight^2 - 1 + shrunk) / 2.
-    """
-    for j in range(weights.shape[0]):
-        by_log_variance = 0.5 * (weights[j] * weights[j] - 1.0 + shrunk[j])
-        size, length = (TIME_SIZE, TIME_LENGTH) if j < in_time else (PHASE_SIZE, PHASE_LENGTH)
-        numbers_bar[size] += 2.0 * by_log_variance / numbers[size]
-        numbers_bar[length] += by_log_variance * slope[j] / numbers[length]
-
-
-@inlined
-def project(basis, start, end, residual, projected):
-    """Add to projected [m] the samples from start to end of the basis [T, m] transposed times residuals [T]."""
-    m = basis.shape[1]
-    whole = start + (end - start) // 4 * 4
-    for t in range(start, whole, 4):
-        first, second, third, fourth = residual[t], residual[t + 1], residual[t + 2], residual[t + 3]
-        for j in range(m):
-            projected[j] += (
-                basis[t, j] * first + basis[t + 1, j] * second + basis[t + 2, j] * third + basis[t + 3, j] * fourth
-            )
-    for t in range(whole, end):
-        for j in range(m):
-            projected[j] += basis[t, j] * residual[t]
-
-
-@inlined
-def combine(transposed, weights, combined):
-    """Basis, as [m, T], times weights [m] -> [T]."""
-    m, samples = transposed.shape
-    for t in range(samples):
-        combined[t] = 0.0
-    whole = m // 4 * 4
-    for j in range(0, whole, 4):
-        first, second, third, fourth = weights[j], weights[j + 1], weights[j + 2], weights[j + 3]
-        for t in range(samples):
-            combined[t] += (
-                transposed[j, t] * first
-                + transposed[j + 1, t] * second
-                + transposed[j + 2, t] * third
-                + transposed[j + 3, t] * fourth
-            )
-    for j in range(whole, m):
-        for t in range(samples):
-            combined[t] += transposed[j, t] * weights[j]
+    def rows(self, numbers: FloatArray, numbers_bar: FloatArray, weights: Weights, place: int) -> tuple[Row, Row]:
+        """What fills the weights' prior, and what takes their posterior to the derivatives; numbers: [4]."""
+        counted = len(self.frequency) if place == 0 else self.in_time
+        call = MaternCall(
+            self.in_time, counted, self.frequency, self.smoothness, self.factor, numbers, weights.root[place],
+            weights.slope[place], weights.weights[place], weights.shrunk[place], numbers_bar,
+        )  # fmt: skip
+        return spectrum.row(call), pull_back_spectrum.row(call)

@@ -1,116 +1,223 @@
 """How probable the telemetry is, given simulated temperatures.
 
 Channels are independent of each other given theta. Each one's residuals are noise (`noise`) and, where the scenario has
-one, a discrepancy (`discrepancy`) whose weights are integrated out. A surrogate's error, which channels share, comes on
-top (`surrogate_error`).
+one, known shapes (`shapes`) whose weights are integrated out. The likelihood is rows of kernels in three phases: every
+window's forward rows, `close`, and every window's backward rows; only weights that windows share need more than the
+first. A surrogate's error, which channels share, comes on top (`surrogate_error`).
 """
 
 from __future__ import annotations
 
-import math
-from typing import Any, NamedTuple
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+from typing import NamedTuple
 
 import numpy as np
+from numpy.typing import NDArray
 
-from ..compiled import compiled, inlined
+from ..compiled import Program, Row
 from ..simulator.system import FloatArray
-from .discrepancy import combine, constrain, factorise, project, pull_back_spectrum, spectrum
-from .noise import (
-    CORRELATED,
-    CORRELATED_STUDENT,
-    DEVIATION,
-    INDEPENDENT,
-    LOG_ROOT_2_PI,
-    NUMBERS,
-    ROUNDED,
-    filter_gains,
-    normal,
-    pull_back_filter,
-    rounded,
-    student,
-    whiten,
-)
+from .kernels.window import ProjectCall, WindowCall, finish, project, start
+from .noise import NoiseCall, NoiseKind, ShapesCall
+from .shapes import Shapes, Weights
 
-_PIECE = 64
-"""Samples whose part of the basis stays in the nearest cache while all channels are gone through."""
+SHAPE_NUMBERS = 4
+"""The last of a channel's numbers, which are those of its shapes' weights."""
 
 
-class Residuals(NamedTuple):
-    """What the residuals of a window's N channels are made of, as compiled code reads it."""
+@dataclass(frozen=True)
+class Residuals:
+    """What the residuals of a window's N channels are made of."""
 
-    seconds: Any
+    seconds: FloatArray
     """[T] times."""
-    valid: Any
+    valid: NDArray[np.bool_]
     """[N, T] whether there is a sample."""
-    kinds: Any
+    kinds: tuple[NoiseKind, ...]
     """[N] of noise."""
-    discrepant: Any
-    """[N] whether there is a discrepancy."""
-    basis: Any
-    """[T, m] of the discrepancy, those in time first."""
-    transposed: Any
-    """[m, T]."""
-    products: Any
-    """[N, m, m] of the basis with itself, at each channel's valid samples."""
-    frequency: Any
-    """[m], and the next two, as `discrepancy.spectrum` takes them."""
-    in_time: Any
-    """[1] how many of the basis are in time."""
-    smoothness: Any
-    factor: Any
-    rows: Any
-    """[N, p, m] combinations of the weights that are zero; p = 0: the weights are free."""
-    held: Any
-    """[N] how many of them a channel has: the first."""
+    shapes: Shapes
+
+    @property
+    def discrepant(self) -> NDArray[np.bool_]:
+        """[N] whether there are shapes."""
+        return self.shapes.channels
 
 
-class ResidualMemory(NamedTuple):
-    """What the likelihood works in."""
+class WindowMemory(NamedTuple):
+    """What the likelihood of a window reads and fills."""
 
-    residual: Any
-    """[N, T], as the next."""
-    fitted: Any
-    projected: Any
-    """[N, m], and then the expected weights."""
-    residual_bar: Any
-    """[T], as the next three."""
-    decay: Any
-    gain: Any
-    root: Any
-    vectors: Any
-    """[8, m + 1]."""
-    gram: Any
-    """[m, m], as the next three."""
-    upper: Any
-    inverse: Any
-    covariance: Any
-    columns: Any
-    """[T, m + 1], as the next three, where there is a discrepancy with correlated noise; else [T, 1]: the residuals."""
-    whitened: Any
-    whitened_bar: Any
-    columns_bar: Any
-    posterior: Any
-    """[p, m], as the next two; see `discrepancy.constrain`."""
-    crossed: Any
-    prior: Any
-    small: Any
-    """[p, p]."""
-    vector: Any
-    """[p, 1]."""
+    observed: FloatArray
+    """[T, N] K, read, as the next two; what is not valid is of no matter."""
+    simulated: FloatArray
+    numbers: FloatArray
+    """[N, n] of each channel: its noise's, in the kind's order, and last the four of its shapes' weights."""
+    simulated_bar: FloatArray
+    """[T, N], filled: derivatives of the log likelihood, as the next."""
+    numbers_bar: FloatArray
+    """[N, n]"""
+    value: FloatArray
+    """[1], filled: the log likelihood; of several windows that share weights, the first has what these add."""
 
 
-def residual_memory(residuals: Residuals) -> ResidualMemory:
-    """Memory for the likelihood of one thread."""
-    samples, m = residuals.basis.shape
-    together = bool((residuals.discrepant & (residuals.kinds == CORRELATED)).any())
-    wide = (samples, m + 1 if together else 1)
-    channels = len(residuals.kinds)
-    by_channel = (np.empty((channels, samples)), np.empty((channels, samples)), np.empty((channels, m)))
-    vectors, square = (np.empty(samples) for _ in range(4)), (np.empty((m, m)) for _ in range(4))
-    wides = (np.empty(wide) for _ in range(4))
-    count = residuals.rows.shape[1]
-    constrained = (*(np.empty((count, m)) for _ in range(3)), np.empty((count, count)), np.empty((count, 1)))
-    return ResidualMemory._make([*by_channel, *vectors, np.empty((8, m + 1)), *square, *wides, *constrained])
+def window_memory(
+    observed: FloatArray, simulated: FloatArray, numbers: FloatArray, simulated_bar: FloatArray | None = None
+) -> WindowMemory:
+    """Memory with arrays that are read, and perhaps one that is filled."""
+    bar = np.empty(simulated.shape) if simulated_bar is None else simulated_bar
+    return WindowMemory(observed, simulated, numbers, bar, np.empty(numbers.shape), np.empty(1))
+
+
+class LikelihoodCalls(NamedTuple):
+    """Rows of a Program: forward of every window, close, backward of every window."""
+
+    forward: tuple[list[Row], ...]
+    close: list[Row]
+    backward: tuple[list[Row], ...]
+
+    @property
+    def rows(self) -> list[Row]:
+        """All, in order."""
+        return [row for rows in (*self.forward, self.close, *self.backward) for row in rows]
+
+
+def likelihood_calls(residuals: Sequence[Residuals], memories: Sequence[WindowMemory]) -> LikelihoodCalls:
+    """The log likelihood of one window or several, and its derivatives: each reads and fills its memory.
+
+    Several windows share the weights that are not a window's own, and the numbers of the weights' prior.
+    """
+    windows = [_Window(own, memory) for own, memory in zip(residuals, memories, strict=True)]
+    together = len(windows) > 1 and residuals[0].shapes.is_shared
+    forward, closing = [window.begin() for window in windows], []
+    backward: list[list[Row]] = [[] for _ in windows]
+    for window, rows in zip(windows, forward, strict=True):
+        weights = None
+        for k, discrepant in enumerate(window.terms.discrepant):
+            if not discrepant:
+                rows.append(window.alone(k))
+            elif not together:
+                weights = weights or window.weights()
+                rows += [row for phase in _with_shapes([window], k, weights) for row in phase]
+    if together:
+        for k in np.flatnonzero(residuals[0].discrepant).tolist():
+            opening, closed, returning = _with_shapes(windows, k, windows[0].weights(len(windows)), keep=True)
+            closing += closed
+            for rows, row in zip(forward, opening, strict=True):
+                rows.append(row)
+            for rows, row in zip(backward, returning, strict=True):
+                rows.append(row)
+    for window, rows in zip(windows, backward, strict=True):
+        rows.append(finish.row(window.call))
+    return LikelihoodCalls(tuple(forward), closing, tuple(backward))
+
+
+class _Window:
+    """Memory for the rows of a window."""
+
+    def __init__(self, terms: Residuals, memory: WindowMemory) -> None:
+        channels, samples = terms.valid.shape
+        self.terms, self.memory = terms, memory
+        self.residual, self.residual_bar = np.zeros((2, channels, samples))
+        self.values, self.projected = np.empty(channels), np.empty((channels, terms.shapes.basis.shape[1]))
+        self.transposed = np.ascontiguousarray(terms.shapes.basis.T)
+        self._narrow = self._columns(1)
+        self._wide: tuple[FloatArray, FloatArray] | None = None
+        self.call = WindowCall(
+            terms.valid, memory.observed, memory.simulated, self.residual, self.values, memory.numbers_bar,
+            self.residual_bar, memory.simulated_bar, memory.value,
+        )  # fmt: skip
+
+    def _columns(self, count: int) -> tuple[FloatArray, FloatArray]:
+        samples = len(self.terms.seconds)
+        return np.empty((3, samples)), np.empty((4, samples, count))
+
+    def weights(self, windows: int = 1) -> Weights:
+        """Memory for a channel's weights."""
+        shapes = self.terms.shapes
+        return Weights(windows, shapes.own, shapes.basis.shape[1])
+
+    def begin(self) -> list[Row]:
+        """Residuals, and their products with the basis."""
+        terms = self.terms
+        wanted = [k for k, kind in enumerate(terms.kinds) if terms.discrepant[k] and kind.projects]
+        rows = [start.row(self.call)]
+        if wanted:
+            rows.append(project.row(ProjectCall(np.array(wanted), terms.shapes.basis, self.residual, self.projected)))
+        return rows
+
+    def noise(self, k: int, rows: FloatArray, columns: FloatArray) -> NoiseCall:
+        """A channel's noise."""
+        terms, memory = self.terms, self.memory
+        return NoiseCall(
+            terms.seconds, terms.valid[k], self.residual[k], memory.numbers[k], self.residual_bar[k],
+            memory.numbers_bar[k], self.values[k : k + 1], rows, columns,
+        )  # fmt: skip
+
+    def alone(self, k: int) -> Row:
+        """A channel's noise alone."""
+        return self.terms.kinds[k].kernel.row(self.noise(k, *self._narrow))
+
+    def shapes(self, k: int, gram: FloatArray, weights: Weights, place: int, *, keep: bool) -> ShapesCall:
+        """A channel with shapes, in the window that has this place among the weights'; keep: memory of its own."""
+        shapes = self.terms.shapes
+        count = shapes.basis.shape[1]
+        if self.terms.kinds[k].projects:
+            wide = self._narrow
+        elif keep:
+            wide = self._columns(count + 1)
+        else:
+            wide = self._wide = self._wide or self._columns(count + 1)
+        return ShapesCall(
+            self.noise(k, *wide), shapes.basis, self.transposed, self.projected[k], gram, weights.scale[place],
+            weights.moment[place], weights.known[place], weights.mean[place], weights.root[place],
+            weights.inverse[place], weights.untold[place], np.empty(count + 1), np.empty((count, count)),
+        )  # fmt: skip
+
+
+def _with_shapes(
+    windows: Sequence[_Window], k: int, weights: Weights, *, keep: bool = False
+) -> tuple[list[Row], list[Row], list[Row]]:
+    """Opening rows of channel k in every window, rows that close, and rows that return to every window."""
+    kinds = [window.terms.kinds[k] for window in windows]
+    gram = weights.gram
+    if kinds[0].projects:
+        gram = np.stack([window.terms.shapes.products[k] for window in windows])
+    opening, returning, before, after = [], [], [], []
+    for place, (window, kind) in enumerate(zip(windows, kinds, strict=True)):
+        assert kind.opens is not None
+        assert kind.returns is not None
+        call = window.shapes(k, gram[place], weights, place, keep=keep)
+        opening.append(kind.opens.row(call))
+        returning.append(kind.returns.row(call))
+        numbers, numbers_bar = (
+            array[k, -SHAPE_NUMBERS:] for array in (window.memory.numbers, window.memory.numbers_bar)
+        )
+        fills, pulls = window.terms.shapes.prior.rows(numbers, numbers_bar, weights, place)
+        before.append(fills)
+        after.append(pulls)
+    return opening, [*before, weights.close(gram, windows[0].values[k : k + 1]), *after], returning
+
+
+# --- in Python ------------------------------------------------------------------------------------------------
+
+
+class Likelihood:
+    """The log likelihood of one window, for one thread at a time."""
+
+    def __init__(self, residuals: Residuals, numbers: int) -> None:
+        """numbers: how many each channel has."""
+        channels, samples = residuals.valid.shape
+        observed, simulated = np.empty((2, samples, channels))
+        self.memory = window_memory(observed, simulated, np.empty((channels, numbers)))
+        self._program = Program(likelihood_calls([residuals], [self.memory]).rows)
+
+    def __call__(
+        self, observed: FloatArray, simulated: FloatArray, numbers: FloatArray
+    ) -> tuple[float, FloatArray, FloatArray]:
+        """See `log_likelihood`."""
+        memory = self.memory
+        memory.observed[:], memory.simulated[:], memory.numbers[:] = observed, simulated, numbers
+        self._program.run()
+        return float(memory.value[0]), memory.simulated_bar.copy(), memory.numbers_bar.copy()
 
 
 def log_likelihood(
@@ -118,267 +225,54 @@ def log_likelihood(
 ) -> tuple[float, FloatArray, FloatArray]:
     """Log likelihood of temperatures observed and simulated [T, N], K, and its derivatives.
 
-    observed: valid where `residuals.valid` says; numbers: [N, 9] of noise and discrepancy (see `noise`). The
-    derivatives are by `simulated` [T, N] and by `numbers` [N, 9].
+    observed: valid where `residuals.valid` says; numbers: [N, n], see `WindowMemory`. The derivatives are by
+    `simulated` [T, N] and by `numbers` [N, n].
     """
-    simulated_bar, numbers_bar = np.empty(simulated.shape), np.empty(numbers.shape)
-    memory = residual_memory(residuals)
-    value = log_likelihood_compiled(residuals, memory, observed, simulated, numbers, simulated_bar, numbers_bar)
-    return value, simulated_bar, numbers_bar
+    return Likelihood(residuals, numbers.shape[1])(observed, simulated, numbers)
 
 
 def weights_given(
     residuals: Residuals, observed: FloatArray, simulated: FloatArray, numbers: FloatArray
 ) -> tuple[FloatArray, FloatArray]:
-    """The discrepancy's weights given residuals: mean [N, m], and F [N, m, m] with their covariance F F^T.
+    """The shapes' weights given residuals: mean [N, m], and F [N, m, m] with their covariance F F^T.
 
-    Arguments as in `log_likelihood`; zero for a channel without discrepancy.
+    Arguments as in `log_likelihood`; zero for a channel without shapes.
     """
-    m = residuals.basis.shape[1]
-    mean, factor = np.zeros((len(numbers), m)), np.zeros((len(numbers), m, m))
-    weights_compiled(residuals, residual_memory(residuals), observed, simulated, numbers, mean, factor)
+    channels, count = len(numbers), residuals.shapes.basis.shape[1]
+    mean, factor = np.zeros((channels, count)), np.zeros((channels, count, count))
+    arrays = (np.ascontiguousarray(array, float) for array in (observed, simulated, numbers))
+    window = _Window(residuals, window_memory(*arrays))
+    for row in window.begin():
+        row()
+    weights = window.weights()
+    for k in np.flatnonzero(residuals.discrepant).tolist():
+        opening, closing, _ = _with_shapes([window], k, weights)
+        for row in (*opening, *closing):
+            row()
+        mean[k], factor[k] = weights.mean[0], weights.root[0][:, None] * weights.inverse[0].T
     return mean, factor
 
 
-@compiled
-def log_likelihood_compiled(residuals, memory, observed, simulated, numbers, simulated_bar, numbers_bar):
-    """`log_likelihood` in compiled code: fills the derivatives, returns the value."""
-    value, residual_bar = 0.0, memory.residual_bar
-    _start(residuals, memory, observed, simulated)
-    for k in range(numbers.shape[0]):
-        valid, residual = residuals.valid[k], memory.residual[k]
-        for j in range(NUMBERS):
-            numbers_bar[k, j] = 0.0
-        kind = residuals.kinds[k]
-        if residuals.discrepant[k]:
-            value += _discrepant(residuals, memory, k, numbers[k], numbers_bar[k])
-            if kind == INDEPENDENT:
-                continue
-        elif kind == INDEPENDENT:
-            value += normal(valid, residual, numbers[k], residual_bar, numbers_bar[k])
-        elif kind == CORRELATED:
-            value += _correlated(residuals, memory, k, numbers[k], numbers_bar[k])
-        elif kind == ROUNDED:
-            value += rounded(valid, residual, numbers[k], residual_bar, numbers_bar[k])
-        else:
-            value += student(
-                kind == CORRELATED_STUDENT, residuals.seconds, valid, residual, numbers[k], residual_bar, numbers_bar[k]
-            )
-        for t in range(residual_bar.shape[0]):
-            simulated_bar[t, k] = -residual_bar[t] if valid[t] else 0.0
-    _finish(residuals, memory, numbers, simulated_bar, numbers_bar)
-    return value
+def precision_times(residuals: Residuals, columns: FloatArray, numbers: FloatArray) -> FloatArray:
+    """C^-1 times columns [T, N, c], with C the covariance of the residuals of normal noise and shapes.
 
-
-@inlined
-def _start(residuals, memory, observed, simulated):
-    """Residuals of all channels, and their products with the basis where it needs no whitening.
-
-    A piece of the window at a time for all channels, so that the basis comes from memory once.
+    What the shapes are expected to explain of a column is taken off it, and the rest weighed by the noise.
     """
-    samples = memory.residual.shape[1]
-    for k in range(memory.residual.shape[0]):
-        for t in range(samples):
-            memory.residual[k, t] = observed[t, k] - simulated[t, k] if residuals.valid[k, t] else 0.0
-        for j in range(memory.projected.shape[1]):
-            memory.projected[k, j] = 0.0
-    for start in range(0, samples, _PIECE):
-        end = min(start + _PIECE, samples)
-        for k in range(memory.residual.shape[0]):
-            if residuals.discrepant[k] and residuals.kinds[k] == INDEPENDENT:
-                project(residuals.basis, start, end, memory.residual[k], memory.projected[k])
+    shapes = replace(residuals.shapes, channels=np.zeros_like(residuals.discrepant))
+    alone, none = Likelihood(replace(residuals, shapes=shapes), numbers.shape[1]), np.zeros(columns.shape[:2])
 
+    def weighed(columns: FloatArray) -> FloatArray:
+        parts = [alone(columns[..., c], none, numbers)[1] for c in range(columns.shape[-1])]
+        return np.stack(parts, axis=-1) if parts else np.empty(columns.shape)
 
-@inlined
-def _finish(residuals, memory, numbers, simulated_bar, numbers_bar):
-    """The derivatives by the simulated, and by the noise, of channels with a discrepancy in independent noise."""
-    samples = memory.residual.shape[1]
-    for k in range(memory.residual.shape[0]):
-        if not (residuals.discrepant[k] and residuals.kinds[k] == INDEPENDENT):
-            continue
-        combine(residuals.transposed, memory.projected[k], memory.fitted[k])
-        precision = 1.0 / (numbers[k, DEVIATION] * numbers[k, DEVIATION])
-        left = 0.0
-        for t in range(samples):
-            scaled = (memory.residual[k, t] - memory.fitted[k, t]) * precision if residuals.valid[k, t] else 0.0
-            simulated_bar[t, k] = scaled
-            left += scaled * scaled
-        numbers_bar[k, DEVIATION] += numbers[k, DEVIATION] * left
-
-
-@inlined
-def _correlated(residuals, memory, k, numbers, numbers_bar):
-    """Correlated noise alone."""
-    valid, seconds = residuals.valid[k], residuals.seconds
-    log_determinant = filter_gains(seconds, valid, numbers, memory.decay, memory.gain, memory.root)
-    columns, whitened = memory.columns[:, :1], memory.whitened[:, :1]
-    whitened_bar, columns_bar = memory.whitened_bar[:, :1], memory.columns_bar[:, :1]
-    for t in range(columns.shape[0]):
-        columns[t, 0] = memory.residual[k, t]
-    state = memory.vectors[0, :1]
-    whiten(valid, memory.decay, memory.gain, memory.root, columns, whitened, state)
-    squares, samples = 0.0, 0
-    for t in range(columns.shape[0]):
-        squares += whitened[t, 0] * whitened[t, 0]
-        samples += 1 if valid[t] else 0
-        whitened_bar[t, 0] = -whitened[t, 0]
-    pull_back_filter(
-        seconds, valid, numbers, memory.decay, memory.gain, memory.root,
-        columns, whitened, whitened_bar, columns_bar, state, numbers_bar,
-    )  # fmt: skip
-    for t in range(columns.shape[0]):
-        memory.residual_bar[t] = columns_bar[t, 0]
-    return -0.5 * (squares + log_determinant) - samples * LOG_ROOT_2_PI
-
-
-@inlined
-def _infer_weights(residuals, memory, k, numbers):
-    """Weights of a channel's discrepancy given its residuals: in the rows of memory.vectors and in memory.inverse.
-
-    Returns the log determinant of the residuals' covariance and their square in standard deviations.
-    """
-    root, slope, weights, shrunk = _rows(memory)
-    projected = memory.projected[k]
-    spectrum(residuals.frequency, residuals.in_time[0], residuals.smoothness, residuals.factor, numbers, root, slope)
-    valid, m, samples = residuals.valid[k], root.shape[0], 0
-    squares = 0.0
-    if residuals.kinds[k] == INDEPENDENT:
-        precision = 1.0 / (numbers[DEVIATION] * numbers[DEVIATION])
-        for t in range(memory.residual.shape[1]):
-            squares += memory.residual[k, t] * memory.residual[k, t]
-            samples += 1 if valid[t] else 0
-        determinant, explained = factorise(
-            residuals.products[k], precision, root, projected, memory.upper, memory.inverse, shrunk, weights
-        )
-        determinant -= 2.0 * _constrain(residuals, memory, k)
-        return determinant + 2.0 * samples * math.log(numbers[DEVIATION]), squares * precision - explained
-    determinant = filter_gains(residuals.seconds, valid, numbers, memory.decay, memory.gain, memory.root)
-    columns, whitened = memory.columns, memory.whitened
-    for t in range(columns.shape[0]):
-        for j in range(m):
-            columns[t, j] = residuals.basis[t, j]
-        columns[t, m] = memory.residual[k, t]
-    whiten(valid, memory.decay, memory.gain, memory.root, columns, whitened, memory.vectors[7])
-    for i in range(m):
-        for j in range(i, m):
-            memory.gram[i, j] = 0.0
-    for t in range(columns.shape[0]):
-        if not valid[t]:
-            continue
-        last = whitened[t, m]
-        squares += last * last
-        for i in range(m):
-            projected[i] += whitened[t, i] * last
-        for i in range(m):
-            left = whitened[t, i]
-            for j in range(i, m):
-                memory.gram[i, j] += left * whitened[t, j]
-    second, explained = factorise(memory.gram, 1.0, root, projected, memory.upper, memory.inverse, shrunk, weights)
-    return determinant + second - 2.0 * _constrain(residuals, memory, k), squares - explained
-
-
-@inlined
-def _constrain(residuals, memory, k):
-    """Hold a channel's weights to the rows that are zero; returns what the log likelihood is more by."""
-    root, _, weights, shrunk = _rows(memory)
-    count = residuals.held[k]
-    for a in range(count, memory.crossed.shape[0]):
-        for j in range(memory.crossed.shape[1]):
-            memory.crossed[a, j] = 0.0
-    return constrain(
-        residuals.rows[k, :count], root, memory.inverse, weights, shrunk, memory.posterior[:count],
-        memory.crossed[:count], memory.prior[:count], memory.small, memory.vector[:count],
-    )  # fmt: skip
-
-
-@inlined
-def _rows(memory):
-    """Rows of memory.vectors: prior deviations and log slopes, weights over deviations, shrinkage [m]."""
-    m = memory.gram.shape[0]
-    vectors = memory.vectors
-    return vectors[0, :m], vectors[1, :m], vectors[2, :m], vectors[3, :m]
-
-
-@inlined
-def _discrepant(residuals, memory, k, numbers, numbers_bar):
-    """Noise and a discrepancy; what of its derivatives takes a pass over the basis is left to `_finish`."""
-    valid = residuals.valid[k]
-    log_determinant, squares = _infer_weights(residuals, memory, k, numbers)
-    root, slope, weights, shrunk = _rows(memory)
-    expected = memory.projected[k]
-    m, samples = root.shape[0], 0
-    for t in range(valid.shape[0]):
-        samples += 1 if valid[t] else 0
-    pull_back_spectrum(residuals.in_time[0], weights, shrunk, slope, numbers, numbers_bar)
-    for j in range(m):
-        expected[j] = root[j] * weights[j]
-    if residuals.kinds[k] == INDEPENDENT:
-        trace = float(samples - m)
-        for j in range(m):
-            trace += shrunk[j]
-        numbers_bar[DEVIATION] -= trace / numbers[DEVIATION]
-    else:
-        _pull_back_whitened(residuals, memory, k, numbers, root, expected, numbers_bar)
-    return -0.5 * (squares + log_determinant) - samples * LOG_ROOT_2_PI
-
-
-@inlined
-def _pull_back_whitened(residuals, memory, k, numbers, root, expected, numbers_bar):
-    """The derivatives by residuals and by the noise's numbers, of correlated noise with a discrepancy."""
-    valid, covariance, m = residuals.valid[k], memory.covariance, root.shape[0]
-    for i in range(m):
-        for j in range(m):
-            covariance[i, j] = 0.0
-    for k_row in range(m):
-        for i in range(k_row + 1):
-            left = memory.inverse[k_row, i] * root[i]
-            for j in range(k_row + 1):
-                covariance[i, j] += left * memory.inverse[k_row, j]
-    for i in range(m):
-        for j in range(m):
-            covariance[i, j] *= root[j]
-            for a in range(memory.crossed.shape[0]):
-                covariance[i, j] -= memory.crossed[a, i] * memory.crossed[a, j]
-    whitened, whitened_bar = memory.whitened, memory.whitened_bar
-    for t in range(whitened.shape[0]):
-        if not valid[t]:
-            continue
-        left = whitened[t, m]
-        for j in range(m):
-            left -= whitened[t, j] * expected[j]
-        for j in range(m):
-            whitened_bar[t, j] = left * expected[j]
-        for i in range(m):
-            one = whitened[t, i]
-            for j in range(m):
-                whitened_bar[t, j] -= one * covariance[i, j]
-        whitened_bar[t, m] = -left
-    pull_back_filter(
-        residuals.seconds, valid, numbers, memory.decay, memory.gain, memory.root,
-        memory.columns, whitened, whitened_bar, memory.columns_bar, memory.vectors[7], numbers_bar,
-    )  # fmt: skip
-    for t in range(whitened.shape[0]):
-        memory.residual_bar[t] = memory.columns_bar[t, m]
-
-
-@compiled
-def weights_compiled(residuals, memory, observed, simulated, numbers, mean, factor):
-    """`weights_given` in compiled code."""
-    _start(residuals, memory, observed, simulated)
-    for k in range(numbers.shape[0]):
-        if not residuals.discrepant[k]:
-            continue
-        _infer_weights(residuals, memory, k, numbers[k])
-        root, _, weights, _ = _rows(memory)
-        for i in range(root.shape[0]):
-            mean[k, i] = root[i] * weights[i]
-            for j in range(root.shape[0]):
-                factor[k, i, j] = root[i] * memory.inverse[j, i]
-                for a in range(residuals.held[k]):
-                    factor[k, i, j] -= memory.crossed[a, i] * memory.posterior[a, j]
-
-
-# --- independent noise alone ----------------------------------------------------------------------------------
+    solved = weighed(columns)
+    if not residuals.discrepant.any():
+        return solved
+    _, factor = weights_given(residuals, none, none, numbers)
+    # Not products of BLAS: as in the Hessian that this is for, its threads would spin when the cores are busy.
+    projected = np.einsum("tm,tnc->nmc", residuals.shapes.basis, solved)
+    weights = np.einsum("nij,njc->nic", factor, np.einsum("nji,njc->nic", factor, projected))
+    return weighed(columns - np.einsum("tm,nmc->tnc", residuals.shapes.basis, weights))
 
 
 def iid_log_likelihood(
@@ -389,50 +283,8 @@ def iid_log_likelihood(
     observed: [T, N] K, NaN where there is no valid sample; simulated: [T, N] K; noise: [N] K.
     Returns the log likelihood and its derivatives by `simulated` [T, N] and by `noise` [N].
     """
-    simulated_bar, noise_bar = np.empty(simulated.shape), np.empty(noise.shape)
-    return iid_compiled(observed, simulated, noise, simulated_bar, noise_bar), simulated_bar, noise_bar
-
-
-@compiled
-def iid_compiled(observed, simulated, noise, simulated_bar, noise_bar):
-    """`iid_log_likelihood` in compiled code: fills the derivatives, returns the value."""
-    value = 0.0
-    for k in range(noise.shape[0]):
-        precision = 1.0 / noise[k]
-        squares, samples = 0.0, 0
-        for t in range(observed.shape[0]):
-            scaled = (observed[t, k] - simulated[t, k]) * precision
-            if np.isfinite(observed[t, k]):
-                squares += scaled * scaled
-                samples += 1
-                simulated_bar[t, k] = scaled * precision
-            else:
-                simulated_bar[t, k] = 0.0
-        value -= 0.5 * squares + samples * (np.log(noise[k]) + 0.5 * np.log(2.0 * np.pi))
-        noise_bar[k] = (squares - samples) * precision
-    return value
-
-
-def precision_times(residuals: Residuals, columns: FloatArray, numbers: FloatArray) -> FloatArray:
-    """C^-1 times columns [T, N, c], with C the covariance of the residuals of normal noise and discrepancy.
-
-    What the discrepancy is expected to explain of a column is taken off it, and the rest weighed by the noise.
-    """
-    alone = residuals._replace(discrepant=np.zeros_like(residuals.discrepant))
-    none = np.zeros(columns.shape[:2])
-
-    def weighed(columns: FloatArray) -> FloatArray:
-        parts = [
-            log_likelihood(alone, np.ascontiguousarray(columns[..., c]), none, numbers)[1]
-            for c in range(columns.shape[-1])
-        ]
-        return np.stack(parts, axis=-1) if parts else np.empty(columns.shape)
-
-    solved = weighed(columns)
-    if not residuals.discrepant.any():
-        return solved
-    _, factor = weights_given(residuals, none, none, numbers)
-    # Not products of BLAS: as in the Hessian that this is for, its threads would spin when the cores are busy.
-    projected = np.einsum("tm,tnc->nmc", residuals.basis, solved)
-    weights = np.einsum("nij,njc->nic", factor, np.einsum("nji,njc->nic", factor, projected))
-    return weighed(columns - np.einsum("tm,nmc->tnc", residuals.basis, weights))
+    valid = np.isfinite(observed)
+    scaled = np.where(valid, observed - simulated, 0.0) / noise
+    squares, samples = np.einsum("tn,tn->n", scaled, scaled), valid.sum(axis=0)
+    value = -0.5 * squares - samples * (np.log(noise) + 0.5 * np.log(2.0 * np.pi))
+    return float(value.sum()), scaled / noise, (squares - samples) / noise

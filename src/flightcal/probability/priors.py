@@ -9,32 +9,25 @@ A Beta uses the logit.
 
 from __future__ import annotations
 
-import math
 from collections.abc import Callable
 from dataclasses import dataclass
 from functools import cached_property
 from typing import Any, NamedTuple
 
 import numpy as np
-from llvmlite import ir
-from numba.core import types
-from numba.extending import get_cython_function_address, intrinsic
 from numpy.typing import ArrayLike, NDArray
 from scipy.special import betaincinv, betaln, erfinv, expit, logit, ndtr, ndtri
 
-from ..compiled import compiled, inlined
+from ..compiled import Row
 from ..scenario.priors import Beta, HalfNormal, LogNormal, Normal, Prior, TruncatedNormal, Uniform
+from .kernels.priors import NDTRI, TINY, PriorsCall, evaluate
 
 Array = NDArray[np.float64]
 
 _SMALLEST = 2.0**-53
 """Probabilities stay this far from 0 and 1, so that quantiles are finite (normal score 8.2)."""
 
-_TINY = 1e-300
-"""Smallest argument of the normal quantile function: it and its derivative are finite there."""
-
-_LOG_ROOT_2_PI = 0.5 * np.log(2.0 * np.pi)
-_ROOT_HALF = math.sqrt(0.5)
+_MOST_ARGUMENTS = 8
 
 
 class PriorTerms(NamedTuple):
@@ -64,9 +57,13 @@ class Priors:
         z = np.ascontiguousarray(z, float)
         theta, slope, gradient = np.empty((3, *z.shape))
         log_density = np.empty(z.shape[:-1])
-        rows = (array.reshape(-1, len(self.priors)) for array in (z, theta, slope, gradient))
-        evaluate(self.kinds, self.arguments, NDTRI, *rows, log_density.reshape(-1))
+        a, b, c, d = (array.reshape(-1, len(self.priors)) for array in (z, theta, slope, gradient))
+        self.row(a, b, c, d, log_density.reshape(-1))()
         return PriorTerms(theta, slope, log_density, gradient)
+
+    def row(self, z: Array, theta: Array, slope: Array, gradient: Array, log_density: Array) -> Row:
+        """The same as a row of a Program: reads z [S, d], fills the others, log_density [S]."""
+        return evaluate.row(PriorsCall(self.kinds, self.arguments, NDTRI, z, theta, slope, gradient, log_density))
 
     def to_theta(self, z: ArrayLike) -> Array:
         """Physical theta [..., d] of unconstrained z [..., d]; it may reach a bound, never passes it."""
@@ -128,93 +125,6 @@ class Priors:
         return arguments
 
 
-# --- compiled: theta, its slope, and the log density with its gradient --------------------------------------
-
-_UNIFORM, _NORMAL, _TRUNCATED, _LOG_NORMAL, _HALF_NORMAL, _BETA = range(6)
-"""In the order of `_FAMILIES`."""
-
-_MOST_ARGUMENTS = 8
-
-NDTRI = np.int64(get_cython_function_address("scipy.special.cython_special", "ndtri"))
-
-
-@intrinsic
-def _call(typing_context: Any, address: Any, x: Any) -> Any:
-    """The C function double -> double at an address, which as an argument does not end up in the cache."""
-
-    def generate(context: Any, builder: Any, sig: Any, args: Any) -> Any:
-        kind = ir.FunctionType(ir.DoubleType(), [ir.DoubleType()])
-        return builder.call(builder.inttoptr(args[0], kind.as_pointer()), [args[1]])
-
-    return types.float64(types.int64, types.float64), generate
-
-
-@compiled
-def evaluate(kinds, arguments, quantile, z, theta, slope, gradient, log_density):
-    """`Priors.at` in compiled code, at z [S, d]; quantile: address of the normal quantile function."""
-    for s in range(z.shape[0]):
-        total = 0.0
-        for j in range(z.shape[1]):
-            score, given = z[s, j], arguments[j]
-            # By default z is N(0, 1) under the prior.
-            density, derivative = -0.5 * score * score - _LOG_ROOT_2_PI, -score
-            if kinds[j] == _UNIFORM:
-                lower, upper = given[0], given[1]
-                value = min(max(lower + (upper - lower) * _below(score), lower), upper)
-                rate = (upper - lower) * _bell(score)
-            elif kinds[j] == _NORMAL:
-                value, rate = given[0] + given[1] * score, given[1]
-            elif kinds[j] == _TRUNCATED:
-                mean, deviation, lower, upper = given[0], given[1], given[2], given[3]
-                below_lower, below_upper, above_lower, above_upper = given[4], given[5], given[6], given[7]
-                below = below_lower + (below_upper - below_lower) * _below(score)
-                above = above_upper + (above_lower - above_upper) * _below(-score)
-                # The smaller of the two has the digits.
-                x = _call(quantile, max(min(below, above), _TINY))
-                if below >= above:
-                    x = -x
-                mass = above_lower - above_upper if above_lower < below_upper else below_upper - below_lower
-                value = min(max(mean + deviation * x, lower), upper)
-                rate = deviation * mass * _bell(score) / _bell(x)
-            elif kinds[j] == _LOG_NORMAL:
-                value = math.exp(given[0] + given[1] * score)
-                rate = given[1] * value
-            elif kinds[j] == _HALF_NORMAL:
-                value = given[0] * math.exp(score)
-                rate = value
-                square = math.exp(2.0 * score)
-                density = 0.5 * math.log(2.0 / math.pi) - 0.5 * square + score
-                derivative = 1.0 - square
-            else:
-                alpha, beta, lower, upper = given[0], given[1], given[2], given[3]
-                share, rest = 1.0 / (1.0 + math.exp(-score)), 1.0 / (1.0 + math.exp(score))
-                value = lower + (upper - lower) * share
-                rate = (upper - lower) * share * rest
-                density = -alpha * _softplus(-score) - beta * _softplus(score) - given[4]
-                derivative = alpha * rest - beta * share
-            theta[s, j], slope[s, j], gradient[s, j] = value, rate, derivative
-            total += density
-        log_density[s] = total
-
-
-@inlined
-def _below(score):
-    """Probability below a normal score."""
-    return 0.5 * math.erfc(-score * _ROOT_HALF)
-
-
-@inlined
-def _bell(score):
-    """Density of the standard normal."""
-    return math.exp(-0.5 * score * score - _LOG_ROOT_2_PI)
-
-
-@inlined
-def _softplus(x):
-    """log(1 + exp(x)), without overflow."""
-    return max(x, 0.0) + math.log1p(math.exp(-abs(x)))
-
-
 # --- families: one set of functions per kind of prior -------------------------------------------------------
 
 
@@ -232,7 +142,7 @@ class _Family:
 
 def _score(lower_tail: Array, upper_tail: Array) -> Array:
     """Normal score from the probabilities below and above: the smaller of the two has the digits."""
-    score = ndtri(np.maximum(np.minimum(lower_tail, upper_tail), _TINY))
+    score = ndtri(np.maximum(np.minimum(lower_tail, upper_tail), TINY))
     return np.where(lower_tail < upper_tail, score, -score)
 
 

@@ -1,13 +1,14 @@
 """What a scenario says about the residuals of a window: noise of each channel, discrepancy, and their numbers.
 
-The numbers [N, 9] (see `noise`) are each fixed, or an entry of theta under its name; several may be one entry.
+Each channel has a row of n numbers: its noise's, in the kind's order, and last amplitudes and lengthscales of its
+discrepancy in time and in orbit phase. Each is fixed, or an entry of theta under its name; several may be one entry.
 """
 
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
 from functools import cached_property
-from typing import Any
+from typing import Any, Literal
 
 import numpy as np
 from numpy.typing import NDArray
@@ -16,42 +17,29 @@ from ..environment import orbit_phase
 from ..errors import ScenarioError
 from ..scenario import Prior, Scenario, support
 from ..scenario.priors import Uniform
-from ..scenario.residuals import Discrepancy, Noise, TimeDiscrepancy
+from ..scenario.residuals import Discrepancy, TimeDiscrepancy
 from ..scenario.schema import noise_of
 from ..simulator.system import FloatArray
 from .discrepancy import (
+    MaternPrior,
     PhaseBasis,
     TimeBasis,
     functions_for,
     longest_lengthscale,
-    matern_factor,
     shortest_lengthscale,
     time_basis,
 )
-from .likelihood import Residuals, log_likelihood, weights_given
-from .noise import (
-    CORRELATED,
-    CORRELATED_STUDENT,
-    DEGREES,
-    DEVIATION,
-    INDEPENDENT,
-    NUMBERS,
-    PHASE_LENGTH,
-    PHASE_SIZE,
-    ROUNDED,
-    STEP,
-    STUDENT,
-    TIME,
-    TIME_LENGTH,
-    TIME_SIZE,
-    WHITE,
-)
+from .likelihood import SHAPE_NUMBERS, Likelihood, Residuals, weights_given
+from .noise import DEVIATION, INDEPENDENT, KINDS, MOST_NUMBERS, kind_of_noise
+from .shapes import Shapes, products_at
+
+NUMBERS = MOST_NUMBERS + SHAPE_NUMBERS
+TIME_SIZE, TIME_LENGTH, PHASE_SIZE, PHASE_LENGTH = range(MOST_NUMBERS, NUMBERS)
+"""Columns of the numbers [N, n]."""
 
 _SMOOTHNESS = {"3/2": 1.5, "5/2": 2.5}
 _WIDEST = 0.8
 """Of the longest lengthscale: the shortest at most, where a scenario does not say."""
-_SAME_DIRECTION = 1e-6
-"""Singular value of directions of length one below which one of them is a combination of the others."""
 _DIFFERENCE = 1e-4
 """Of a number's logarithm."""
 
@@ -63,15 +51,17 @@ class Entry:
     name: str
     channel: int
     column: int
+    size: Literal["noise", "white", "discrepancy", ""] = ""
+    """Of what it is the size, K: all of the noise, the white part of correlated noise, or the discrepancy."""
 
 
 @dataclass(frozen=True)
 class ResidualModel:
     """Noise and discrepancy of a window's N channels."""
 
-    compiled: Residuals
+    terms: Residuals
     fixed: FloatArray
-    """[N, 9] the numbers; anything where one is an entry of theta."""
+    """[N, n] the numbers; anything where one is an entry of theta."""
     entries: tuple[Entry, ...]
     time: TimeBasis | None
     """Of the discrepancy: the first columns of the basis."""
@@ -80,169 +70,94 @@ class ResidualModel:
     @cached_property
     def is_independent(self) -> bool:
         """Whether all noise is independent and normal, and there is no discrepancy."""
-        return not self.compiled.discrepant.any() and bool((self.compiled.kinds == INDEPENDENT).all())
+        return not self.terms.discrepant.any() and all(kind == INDEPENDENT for kind in self.terms.kinds)
+
+    @property
+    def smoothness(self) -> float:
+        """Of the discrepancy's part in time."""
+        prior = self.terms.shapes.prior
+        assert isinstance(prior, MaternPrior)
+        return float(prior.smoothness[0])
 
     @cached_property
     def is_normal(self) -> bool:
         """Whether all residuals are normal given theta."""
-        return bool(np.isin(self.compiled.kinds, (INDEPENDENT, CORRELATED)).all())
+        return all(kind.is_normal for kind in self.terms.kinds)
 
     def independent(self) -> ResidualModel:
         """The same channels and entries with independent normal noise alone: the published likelihood."""
-        none = np.zeros_like(self.compiled.discrepant)
-        return replace(self, compiled=self.compiled._replace(kinds=np.zeros_like(self.compiled.kinds), discrepant=none))
+        shapes = replace(self.terms.shapes, channels=np.zeros_like(self.terms.discrepant))
+        kinds = (INDEPENDENT,) * len(self.terms.kinds)
+        return replace(self, terms=replace(self.terms, kinds=kinds, shapes=shapes))
 
     def at_samples(self, valid: NDArray[np.bool_]) -> ResidualModel:
         """The same where other samples [T, N] are valid."""
-        compiled = self.compiled._replace(
-            valid=np.ascontiguousarray(valid.T), products=_products(self.compiled.basis, valid.T)
-        )
-        return replace(self, compiled=compiled)
+        shapes = replace(self.terms.shapes, products=products_at(self.terms.shapes.basis, valid.T))
+        return replace(self, terms=replace(self.terms, valid=np.ascontiguousarray(valid.T), shapes=shapes))
+
+    def deviations(self, numbers: FloatArray) -> FloatArray:
+        """Standard deviation of the noise of one sample of each channel [N], K; numbers: [N, n]."""
+        return np.array([kind.deviation(own) for kind, own in zip(self.terms.kinds, numbers, strict=True)])
 
     def normal_equivalent(self, numbers: FloatArray) -> tuple[ResidualModel, FloatArray]:
-        """Normal residuals of the same information on the simulated temperatures, and their numbers [N, 9].
-
-        Student's t has (nu + 1) / (nu + 3) of a normal's (Lange et al. 1989, J. Am. Stat. Assoc. 84, 881); rounding is
-        taken for uniform noise.
-        """
-        kinds, numbers = self.compiled.kinds.copy(), numbers.copy()
-        student = np.isin(kinds, (STUDENT, CORRELATED_STUDENT))
-        degrees = numbers[student, DEGREES]
-        numbers[student, DEVIATION] *= np.sqrt((degrees + 3.0) / (degrees + 1.0))
-        rounded = kinds == ROUNDED
-        numbers[rounded, DEVIATION] = np.hypot(numbers[rounded, DEVIATION], numbers[rounded, STEP] / np.sqrt(12.0))
-        kinds[(kinds == STUDENT) | rounded] = INDEPENDENT
-        kinds[kinds == CORRELATED_STUDENT] = CORRELATED
-        return replace(self, compiled=self.compiled._replace(kinds=kinds)), numbers
+        """Normal residuals of the same information on the simulated temperatures, and their numbers [N, n]."""
+        found = [kind.normal_equivalent(own) for kind, own in zip(self.terms.kinds, numbers, strict=True)]
+        numbers = numbers.copy()
+        for own, (_, equal) in zip(numbers, found, strict=True):
+            own[: len(equal)] = equal
+        return replace(self, terms=replace(self.terms, kinds=tuple(kind for kind, _ in found))), numbers
 
     def curvature(self, residual: FloatArray, numbers: FloatArray) -> FloatArray:
-        """Minus the second derivatives [N, 9, 9] of the log likelihood by the numbers' logarithms.
+        """Minus the second derivatives [N, n, n] of the log likelihood by the numbers' logarithms.
 
         residual: [T, N] K. By differences of the first derivatives; of independent normal noise alone its expectation,
         twice the number of samples.
         """
-        curvature = np.zeros((len(numbers), NUMBERS, NUMBERS))
-        simple = (self.compiled.kinds == INDEPENDENT) & ~self.compiled.discrepant
-        curvature[simple, DEVIATION, DEVIATION] = 2.0 * self.compiled.valid[simple].sum(axis=1)
+        curvature = np.zeros((*numbers.shape, numbers.shape[1]))
+        simple = np.array([kind == INDEPENDENT for kind in self.terms.kinds]) & ~self.terms.discrepant
+        curvature[simple, DEVIATION, DEVIATION] = 2.0 * self.terms.valid[simple].sum(axis=1)
         if simple.all():
             return curvature
-        none = np.zeros(residual.shape)
+        none, likelihood = np.zeros(residual.shape), Likelihood(self.terms, numbers.shape[1])
         for column in sorted({entry.column for entry in self.entries if not simple[entry.channel]}):
             slopes = []
             for sign in (1.0, -1.0):
                 moved = numbers.copy()
                 moved[:, column] *= np.exp(sign * _DIFFERENCE)
-                slopes.append(moved * log_likelihood(self.compiled, residual, none, moved)[2])
+                slopes.append(moved * likelihood(residual, none, moved)[2])
             second = (slopes[1] - slopes[0]) / (2.0 * _DIFFERENCE)
             curvature[~simple, :, column] = second[~simple]
         return 0.5 * (curvature + curvature.transpose(0, 2, 1))
 
+    def draw_noise(self, numbers: FloatArray, rng: np.random.Generator) -> FloatArray:
+        """Noise [T, N], K, of all channels."""
+        kinds, seconds = self.terms.kinds, self.terms.seconds
+        drawn = [sum(kind.draw(own, seconds, rng)) for kind, own in zip(kinds, numbers, strict=True)]
+        return np.stack(drawn, axis=1)
+
     def draw_errors(self, numbers: FloatArray, rng: np.random.Generator) -> FloatArray:
         """Residuals [T, N], K, drawn from the model with the discrepancy's weights from their prior."""
-        drawn = np.stack(
-            [draw_noise(self, numbers, k, self.compiled.seconds, rng) for k in range(len(numbers))], axis=1
-        )
-        for k in np.flatnonzero(self.compiled.discrepant):
+        drawn = self.draw_noise(numbers, rng)
+        for k in np.flatnonzero(self.terms.discrepant):
             deviation = self.prior_deviations(numbers[k])
-            standard = rng.standard_normal(len(deviation))
-            if self.compiled.held[k]:
-                held = self.compiled.rows[k, : self.compiled.held[k]] * deviation
-                standard -= held.T @ np.linalg.solve(held @ held.T, held @ standard)
-            drawn[:, k] += self.compiled.basis @ (deviation * standard)
+            drawn[:, k] += self.terms.shapes.basis @ (deviation * rng.standard_normal(len(deviation)))
         return drawn
-
-    def orthogonal_to(self, jacobian: FloatArray) -> ResidualModel:
-        """The same with a discrepancy that is orthogonal, in each channel, to directions in which temperatures move.
-
-        jacobian: [T, N, p] K per parameter; products are over the channel's valid samples. The weights are conditioned
-        on it, so that on other windows it is the same discrepancy (Plumlee 2017, J. Am. Stat. Assoc. 112, 1274,
-        projects the process instead). What does not move a channel, or moves it like others, is left out.
-        Raises ScenarioError where nothing is left of the discrepancy.
-        """
-        compiled = self.compiled
-        valid, basis = compiled.valid.T[..., None], compiled.basis
-        products = np.einsum("tnp,tm->npm", np.where(valid, jacobian, 0.0), basis)
-        found = []
-        for own in products:
-            lengths = np.linalg.norm(own, axis=1, keepdims=True)
-            scaled = (own / np.where(lengths > 0.0, lengths, 1.0))[lengths[:, 0] > 0.0]
-            _, values, directions = np.linalg.svd(scaled, full_matrices=False)
-            found.append(directions[values > _SAME_DIRECTION])
-        rows = np.zeros((len(found), max(len(own) for own in found), basis.shape[1]))
-        for k, own in enumerate(found):
-            rows[k, : len(own)] = own
-        if rows.shape[1] >= rows.shape[2]:
-            raise ScenarioError(
-                f"discrepancy.orthogonal: found {rows.shape[2]} functions for a discrepancy that is orthogonal to "
-                f"{rows.shape[1]} parameters, expected more functions or harmonics"
-            )
-        held = np.array([len(own) for own in found], np.int64)
-        return replace(self, compiled=compiled._replace(rows=rows, held=held))
 
     def draw_given(
         self, observed: FloatArray, simulated: FloatArray, numbers: FloatArray, rng: np.random.Generator
     ) -> tuple[FloatArray, FloatArray]:
         """A discrepancy that residuals between observed and simulated [T, N] show, and new noise, [T, N] each, K."""
-        noise = np.stack(
-            [draw_noise(self, numbers, k, self.compiled.seconds, rng) for k in range(len(numbers))], axis=1
-        )
+        noise = self.draw_noise(numbers, rng)
         discrepancy = np.zeros_like(noise)
-        if self.compiled.discrepant.any():
-            mean, factor = weights_given(self.compiled, observed, simulated, numbers)
+        if self.terms.discrepant.any():
+            mean, factor = weights_given(self.terms, observed, simulated, numbers)
             drawn = mean + np.einsum("nij,nj->ni", factor, rng.standard_normal(mean.shape))
-            discrepancy = self.compiled.basis @ drawn.T
+            discrepancy = self.terms.shapes.basis @ drawn.T
         return discrepancy, noise
 
     def prior_deviations(self, numbers: FloatArray) -> FloatArray:
-        """Prior standard deviations [m] of the discrepancy's weights of a channel with `numbers` [9]."""
-        parts = []
-        if self.time is not None:
-            nu, length = self.compiled.smoothness[0], numbers[TIME_LENGTH]
-            density = self.compiled.factor[0] * length ** (-2 * nu)
-            density = density * (2 * nu / length**2 + self.time.frequencies**2) ** (-nu - 0.5)
-            parts.append(numbers[TIME_SIZE] * np.sqrt(density))
-        if self.phase is not None:
-            nu, frequency = self.compiled.smoothness[1], self.phase.frequencies
-            density = (2 * nu / numbers[PHASE_LENGTH] ** 2 + frequency**2) ** (-nu - 0.5)
-            density = np.where(frequency == 0.0, density, 2.0 * density)
-            # Cosine and sine of a harmonic add up to one.
-            total = density[: self.phase.harmonics + 1].sum()
-            parts.append(numbers[PHASE_SIZE] * np.sqrt(density / total))
-        return np.concatenate(parts)
-
-
-def draw_noise(
-    model: ResidualModel, numbers: FloatArray, channel: int, seconds: FloatArray, rng: np.random.Generator
-) -> FloatArray:
-    """A channel's noise [T], K, at `seconds` [T]: correlated noise from its stationary distribution."""
-    own, kind, count = numbers[channel], model.compiled.kinds[channel], len(seconds)
-    if kind in (STUDENT, CORRELATED_STUDENT):
-        innovations = own[DEVIATION] * rng.standard_t(own[DEGREES], count)
-    else:
-        innovations = own[DEVIATION] * rng.standard_normal(count)
-    if kind == ROUNDED:
-        return np.asarray(innovations + own[STEP] * (rng.random(count) - 0.5))
-    if kind in (INDEPENDENT, STUDENT):
-        return np.asarray(innovations)
-    return correlate(innovations, seconds, own[TIME]) + white_noise(model, numbers, channel, count, rng)
-
-
-def white_noise(
-    model: ResidualModel, numbers: FloatArray, channel: int, count: int, rng: np.random.Generator
-) -> FloatArray:
-    """What is white in a channel's correlated noise, [count] K."""
-    if model.compiled.kinds[channel] != CORRELATED or numbers[channel, WHITE] == 0.0:
-        return np.zeros(count)
-    return np.asarray(numbers[channel, WHITE] * rng.standard_normal(count))
-
-
-def correlate(innovations: FloatArray, seconds: FloatArray, time: float) -> FloatArray:
-    """An Ornstein-Uhlenbeck process [T] at `seconds` [T] from innovations [T] with its stationary scale."""
-    decay = np.exp(-np.diff(seconds) / time)
-    process = np.array(innovations)
-    for t, kept in enumerate(decay, start=1):
-        process[t] = kept * process[t - 1] + np.sqrt(1.0 - kept * kept) * innovations[t]
-    return process
+        """Prior standard deviations [m] of the discrepancy's weights of a channel with `numbers` [n]."""
+        return self.terms.shapes.prior.deviations(numbers[-SHAPE_NUMBERS:])
 
 
 # --- from the scenario ----------------------------------------------------------------------------------------
@@ -260,21 +175,23 @@ def residual_model(
     priors: dict[str, Prior] = {}
     entries: list[Entry] = []
 
-    def put(name: str, value: Prior | float, channel: int, column: int) -> None:
+    def put(name: str, value: Prior | float, channel: int, column: int, size: Any = "") -> None:
         if isinstance(value, float):
             fixed[channel, column] = value
         else:
             priors.setdefault(name, value)
-            entries.append(Entry(name, channel, column))
+            entries.append(Entry(name, channel, column, size))
 
     noises = [noise_of(scenario, channel) for channel in channels]
-    for column, key in ((DEVIATION, ""), (WHITE, "white"), (TIME, "correlation_time"), (DEGREES, "degrees_of_freedom")):
-        for k, (channel, noise) in enumerate(zip(channels, noises, strict=True)):
-            value = _number(noise, column)
+    kinds = [kind_of_noise(noise) for noise in noises]
+    for number in dict.fromkeys(name for kind in KINDS for name in kind.names):
+        for k, (channel, noise, kind) in enumerate(zip(channels, noises, kinds, strict=True)):
+            value = getattr(noise, number) if number in kind.names else None
             if value is not None:
-                put(".".join(part for part in ("noise", channel, key) if part), value, k, column)
-    for k, noise in enumerate(noises):
-        fixed[k, STEP] = noise.quantisation or 0.0
+                column = kind.names.index(number)
+                own = () if column == DEVIATION else (number,)
+                size = "noise" if column == DEVIATION else "white" if number == kind.white else ""
+                put(".".join(("noise", channel, *own)), value, k, column, size)
 
     written = scenario.discrepancy or Discrepancy.model_construct(time=None, phase=None, channels=())
     time = _time_part(written.time, seconds) if written.time is not None else None
@@ -293,7 +210,8 @@ def residual_model(
             value = length if (what, key) == ("time", "lengthscale") else getattr(block, key)
             for k in np.flatnonzero(discrepant).tolist():
                 own = () if key in block.shared else (channels[k],)
-                put(".".join(("discrepancy", what, key, *own)), value, k, column)
+                size = "discrepancy" if key == "amplitude" else ""
+                put(".".join(("discrepancy", what, key, *own)), value, k, column, size)
 
     basis, frequency = [], []
     if time is not None:
@@ -306,46 +224,11 @@ def residual_model(
     together = np.concatenate(basis, axis=1) if basis else np.zeros((len(seconds), 0))
     valid = np.ascontiguousarray(np.isfinite(observed).T)
     smoothness = np.array([_SMOOTHNESS[block.smoothness] if block else 1.5 for block in (written.time, written.phase)])
-    compiled = Residuals(
-        seconds=np.ascontiguousarray(seconds, float),
-        valid=valid,
-        kinds=np.array([_kind(noise) for noise in noises], np.int64),
-        discrepant=discrepant,
-        basis=np.ascontiguousarray(together),
-        transposed=np.ascontiguousarray(together.T),
-        products=_products(together, valid),
-        frequency=np.concatenate([*frequency, np.empty(0)]),
-        in_time=np.array([0 if time is None else time.count], np.int64),
-        smoothness=smoothness,
-        factor=np.array([matern_factor(nu) for nu in smoothness]),
-        rows=np.zeros((len(channels), 0, together.shape[1])),
-        held=np.zeros(len(channels), np.int64),
-    )
-    return ResidualModel(compiled, fixed, tuple(entries), time, phase), priors
-
-
-def _products(basis: FloatArray, valid: NDArray[np.bool_]) -> FloatArray:
-    """Of the basis [T, m] with itself at each channel's valid samples [N, T], [N, m, m]."""
-    return np.stack([np.einsum("ti,tj->ij", basis[own], basis[own]) for own in valid])
-
-
-def _kind(noise: Noise) -> int:
-    if noise.quantisation is not None:
-        return ROUNDED
-    if noise.distribution == "student_t":
-        return CORRELATED_STUDENT if noise.model == "ar1" else STUDENT
-    return CORRELATED if noise.model == "ar1" else INDEPENDENT
-
-
-def _number(noise: Noise, column: int) -> Prior | float | None:
-    """What stands in a column of the noise; None: nothing."""
-    if column == DEVIATION:
-        return noise.standard_deviation
-    if column == WHITE:
-        return noise.white if noise.model == "ar1" else None
-    if column == TIME:
-        return noise.correlation_time if noise.model == "ar1" else None
-    return noise.degrees_of_freedom if noise.distribution == "student_t" else None
+    in_time = 0 if time is None else time.count
+    prior = MaternPrior(in_time, np.concatenate([*frequency, np.empty(0)]), smoothness)
+    shapes = Shapes(discrepant, np.ascontiguousarray(together), products_at(together, valid), in_time, prior)
+    terms = Residuals(np.ascontiguousarray(seconds, float), valid, tuple(kinds), shapes)
+    return ResidualModel(terms, fixed, tuple(entries), time, phase), priors
 
 
 def _time_part(written: TimeDiscrepancy, seconds: FloatArray) -> TimeBasis:

@@ -1,8 +1,8 @@
 """Heater status as data: what the telemetry of a window says of the heaters, and how probable a simulation makes it.
 
-In closed loop the simulated switches meet the measured status (see `switching`). In open loop, where the measured
-status drives the heaters and the mode is sought, no thermostat acts; there its sensor should be at the threshold when
-the heater is seen to switch, which is what makes uncertain thresholds observable.
+In closed loop the simulated switches meet the measured status (see `kernels/switching.py`). In open loop, where the
+measured status drives the heaters and the mode is sought, no thermostat acts; there its sensor should be at the
+threshold when the heater is seen to switch, which is what makes uncertain thresholds observable.
 """
 
 from __future__ import annotations
@@ -20,8 +20,8 @@ from ..simulator import Trajectory
 from ..simulator.inputs import Times
 from ..simulator.system import FloatArray, IntArray, Switch
 from ..telemetry.drivers import SHORT_GAP
+from .kernels.switching import DutyCycles, StatusCall, StatusData, StatusSamples, status_work, switching
 from .priors import Priors
-from .switching import DutyCycles, StatusData, StatusSamples, status_compiled, status_work
 
 _MARGIN = 3.0
 """Samples nearer to the window's ends than so many (median) timing errors are not used: whether a heater switches just
@@ -48,15 +48,16 @@ class HeaterStatus:
     def log_likelihood(self, run: Trajectory, settings: FloatArray) -> tuple[float, FloatArray, FloatArray]:
         """Log likelihood of a simulation, and its derivatives by the switches' times [E] and by the settings [P].
 
-        (-inf, ...) where more switches are uncertain at once than `switching.BAND`.
+        (-inf, ...) where more switches are uncertain at once than `kernels.switching.BAND`.
         """
         switches = run.switches
         work = status_work(self.data, len(settings), len(switches.time))
         work.settings[:] = settings
-        switches_bar = np.empty(len(switches.time))
-        heaters = np.asarray(switches.heater, np.int64)
-        value = status_compiled(self.data, switches.time, heaters, switches.on, run.status, work, switches_bar)
-        return value, switches_bar, work.settings_bar
+        switches_bar, value = np.empty(len(switches.time)), np.empty(1)
+        heaters, count = np.asarray(switches.heater, np.int64), np.array([len(switches.time)])
+        times, ons, status = (np.ascontiguousarray(part) for part in (switches.time, switches.on, run.status))
+        switching(StatusCall(self.data, work, count, times, heaters, ons, status, switches_bar, value))
+        return float(value[0]), switches_bar, work.settings_bar
 
     def information(self, run: Trajectory, settings: FloatArray) -> tuple[FloatArray, FloatArray]:
         """Rows [r, E] of which R^T R is the information on the switches' times, and that on each setting [P].

@@ -11,7 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ..simulator.system import FloatArray
-from .likelihood import Residuals, iid_log_likelihood, log_likelihood, precision_times
+from .likelihood import Likelihood, Residuals, iid_log_likelihood, precision_times
 
 
 @dataclass(frozen=True)
@@ -83,16 +83,16 @@ def with_error_shapes(
 ) -> tuple[float, FloatArray, FloatArray, FloatArray]:
     """`log_likelihood` with an error of the simulator in given shapes on top of noise and discrepancy, all normal.
 
-    Returns the log likelihood and its derivatives by `simulated` [T, N], `numbers` [N, 9] and `variance` [r]. With C
+    Returns the log likelihood and its derivatives by `simulated` [T, N], `numbers` [N, n] and `variance` [r]. With C
     the covariance that `log_likelihood` knows, its derivatives by the simulated are C^-1 times residuals, and those by
     the numbers are quadratic in residuals but for their value at zero: all that Woodbury's identity needs, at the cost
     of two likelihoods for each shape.
     """
     none = np.zeros(simulated.shape)
-    residual = observed - simulated
+    residual, likelihood = observed - simulated, Likelihood(residuals, numbers.shape[1])
 
     def base(residual: FloatArray) -> tuple[float, FloatArray, FloatArray]:
-        return log_likelihood(residuals, residual, none, numbers)
+        return likelihood(residual, none, numbers)
 
     value, simulated_bar, _ = base(residual)
     products = np.einsum("tni,tnj->ij", shapes.basis, precision_times(residuals, shapes.basis, numbers))

@@ -9,9 +9,9 @@ from typing import Literal
 
 import numpy as np
 
+from flightcal.probability.noise import INDEPENDENT, called
 from flightcal.scenario.schema import is_trained
 from flightcal.validation import Metric, ResidualCheck, check_window
-from flightcal.validation.residuals import IID
 
 from .run_files import STAGES, Record, RunFiles, draws
 from .text import count, listed, number, percent
@@ -29,7 +29,7 @@ STANDS_IN = -0.9
 other's standard deviation."""
 
 SHOWN = 0.1
-"""Lag-1 autocorrelation above which residuals are called correlated as AR(1) noise expects."""
+"""Lag-1 autocorrelation above which residuals are called correlated as noise with a memory expects."""
 
 COVERAGE = 0.03
 """A coverage this near to the nominal one is called right."""
@@ -234,7 +234,7 @@ def _noise(checks: Checks) -> Finding:
     worst = max(against, key=lambda c: c.factor)
     tested = listed(list(dict.fromkeys(c.tested for c in against)))
     assumed, discrepant = assumption(against), any(c.discrepancy for c in against)
-    if plain := assumed == IID_IN_WORDS:
+    if plain := assumed == INDEPENDENT.in_full:
         lacking = (
             ", and the likelihood, which is that of the paper, has no term for it. No interval in this report contains "
             "this model discrepancy."
@@ -252,16 +252,13 @@ def _noise(checks: Checks) -> Finding:
     return Finding("bad" if worst.factor >= 2 else "warn", title, text, details)
 
 
-IID_IN_WORDS = "independent, identically distributed (iid) noise"
-
-
 def _noises(of_window: Sequence[ResidualCheck]) -> list[str]:
     return list(dict.fromkeys(c.noise for c in of_window))
 
 
 def assumption(of_window: Sequence[ResidualCheck]) -> str:
     """What is assumed of a window's residuals, in words."""
-    noise = listed([IID_IN_WORDS if name == IID else name for name in _noises(of_window)])
+    noise = listed([called(name).in_full for name in _noises(of_window)])
     discrepant = [c for c in of_window if c.discrepancy]
     if not discrepant:
         return noise
@@ -270,13 +267,13 @@ def assumption(of_window: Sequence[ResidualCheck]) -> str:
 
 
 def correlation_expected(of_window: Sequence[ResidualCheck]) -> str:
-    """That residuals are correlated as AR(1) noise expects; nothing where there is no such noise, or none are."""
+    """That residuals are correlated as noise with a memory expects; nothing where there is no such, or none are."""
     found = [c for c in of_window if c.tested == "innovations" and c.residual_lag1 > SHOWN]
     if not found:
         return ""
     return (
         f"The residuals of the mean of {_channels(found, of_window)} are correlated (lag-1 autocorrelation "
-        f"{spread([c.residual_lag1 for c in found])}), which the AR(1) noise expects."
+        f"{spread([c.residual_lag1 for c in found])}), which the {listed(_noises(found))} expects."
     )
 
 

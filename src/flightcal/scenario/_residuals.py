@@ -8,17 +8,11 @@ from typing import Any
 from ._document import Location, Problem
 from ._priors import FORMS, read_prior, written_prior
 from ._units import Quantity, written
-from .residuals import Discrepancy, Noise
+from .residuals import NEEDS, NOISE, Discrepancy, Noise
 from .schema import Observation
 
 _STAND_IN = 1.0
 """For a number with problems of its own, so that the rest of its block is still checked."""
-NOISE = {
-    "standard_deviation": Quantity("K", above=0.0, difference=True),
-    "correlation_time": Quantity("s", above=0.0),
-    "white": Quantity("K", above=0.0, difference=True),
-    "degrees_of_freedom": Quantity("", above=0.0),
-}
 TIME = {"amplitude": Quantity("K", above=0.0, difference=True), "lengthscale": Quantity("s", above=0.0)}
 PHASE = {"amplitude": Quantity("K", above=0.0, difference=True), "lengthscale": Quantity("", above=0.0)}
 """Numbers of the blocks, which are known or have priors."""
@@ -83,11 +77,9 @@ def written_channel_noise(observation: Observation) -> Any:
 def written_noise(noise: Noise) -> dict[str, Any]:
     """Noise as a user writes it, with what its model and distribution have."""
     block: dict[str, Any] = {"model": noise.model, "distribution": noise.distribution}
-    keys = ["standard_deviation"]
-    keys += ["correlation_time", "white"] if noise.model == "ar1" else []
-    keys += ["degrees_of_freedom"] if noise.distribution == "student_t" else []
-    for key in keys:
-        if getattr(noise, key) is not None:
+    for key in NOISE:
+        needed, value = NEEDS.get(key, ("", None))
+        if getattr(noise, key) is not None and getattr(noise, needed, None) == value:
             block[key] = written_number(getattr(noise, key), NOISE[key].unit)
     if noise.quantisation is not None:
         block["quantisation"] = written(noise.quantisation, "K")

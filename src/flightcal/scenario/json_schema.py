@@ -7,8 +7,9 @@ from typing import Any
 from pydantic import BaseModel
 
 from ._priors import prior_schema
-from ._residuals import NOISE, PHASE, TIME
+from ._residuals import PHASE, TIME
 from ._units import quantity_schema
+from .residuals import NOISE
 from .schema import Scenario
 
 _DIALECT = "https://json-schema.org/draft/2020-12/schema"

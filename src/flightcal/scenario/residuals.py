@@ -6,7 +6,7 @@ from typing import Annotated, Any, Literal
 
 from pydantic import Field, Tag, model_validator
 
-from ._fields import Block, Count, Flag, exactly_one, one_of
+from ._fields import Block, Count, exactly_one, one_of
 from ._units import Duration, Quantity
 from .priors import HalfNormal, LogNormal, Prior, Uncertain, UncertainTags, Uniform
 
@@ -42,6 +42,23 @@ class StatusLikelihood(Block):
         return self
 
 
+NOISE = {
+    "standard_deviation": Quantity("K", above=0.0, difference=True),
+    "correlation_time": Quantity("s", above=0.0),
+    "white": Quantity("K", above=0.0, difference=True),
+    "degrees_of_freedom": Quantity("", above=0.0),
+}
+"""Numbers of noise, which are known or have priors."""
+NEEDS = {
+    "correlation_time": ("model", "ar1"),
+    "white": ("model", "ar1"),
+    "degrees_of_freedom": ("distribution", "student_t"),
+}
+"""Which of them go with what alone."""
+NOT_NORMAL = {"student_t": "Student's t"}
+"""Distributions of noise beside which no weights can be integrated out, and what they are called."""
+
+
 class Noise(Block):
     """Noise of temperature channels: independent or correlated from sample to sample, normal or with outliers."""
 
@@ -59,6 +76,11 @@ class Noise(Block):
     """Of student_t."""
     quantisation: Annotated[float, Quantity("K", above=0, difference=True)] | None = None
     """Step to which the telemetry is rounded: the likelihood is the probability of the whole step (iid normal only)."""
+
+    @property
+    def not_normal(self) -> str | None:
+        """What it is called where it is not normal."""
+        return "quantised" if self.quantisation is not None else NOT_NORMAL.get(self.distribution)
 
 
 class TimeDiscrepancy(Block):
@@ -94,8 +116,6 @@ class Discrepancy(Block):
     phase: PhaseDiscrepancy | None = None
     channels: tuple[str, ...] = ()
     """Temperature channels that have one; none named: all."""
-    orthogonal: Flag = False
-    """In each channel, to what the parameters do to the training window: repairs forecasts, not the parameters."""
 
     @model_validator(mode="after")
     def _some_part(self) -> Discrepancy:

@@ -259,9 +259,10 @@ class Scenario(Block):
         return self.simulator
 
 
-def is_orthogonal(scenario: Scenario) -> bool:
-    """Whether there is a discrepancy that is orthogonal to what the parameters do."""
-    return scenario.discrepancy is not None and scenario.discrepancy.orthogonal
+def not_normal(scenario: Scenario) -> list[str]:
+    """What the noise of temperature channels is called where it is not normal."""
+    channels = (name for name, item in scenario.observations.items() if item.heater is None)
+    return sorted({found for name in channels if (found := noise_of(scenario, name).not_normal)})
 
 
 def noise_of(scenario: Scenario, channel: str) -> Noise:

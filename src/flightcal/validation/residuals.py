@@ -18,6 +18,8 @@ from scipy.signal import correlate
 from scipy.special import erfc
 from scipy.stats import chi2
 
+from ..probability.noise import INDEPENDENT, called
+
 Array = NDArray[np.float64]
 Times = NDArray[np.datetime64]
 
@@ -33,8 +35,8 @@ HARMLESS = 1.1
 FEWEST = 20
 """Residuals needed to say anything."""
 
-IID, CORRELATED = "iid noise", "AR(1)"
-"""What noise is called where a prediction does not say, and how what is said of correlated noise begins."""
+IID = INDEPENDENT.words
+"""What noise is called where a prediction does not say."""
 
 Verdict = Literal["white", "slight", "expected", "contradicted", "unknown"]
 
@@ -236,7 +238,7 @@ class ResidualCheck:
     @property
     def tested(self) -> str:
         """What was tested."""
-        return "innovations" if self.noise.startswith(CORRELATED) else "residuals"
+        return _tested(self.noise)
 
 
 def check_residuals(
@@ -348,6 +350,11 @@ def _verdict(p_value: float, factor: float) -> Verdict:
     return "slight" if factor < HARMLESS else "contradicted"
 
 
+def _tested(noise: str) -> str:
+    """What is tested where the noise has this name: of noise with a memory what is new in each sample."""
+    return "innovations" if called(noise).has_memory else "residuals"
+
+
 def _words(
     channel: str,
     verdict: Verdict,
@@ -361,7 +368,8 @@ def _words(
     if verdict == "unknown":
         return f"{channel}: no two residuals lie one nominal spacing apart, so the noise cannot be judged."
     chance = "p < 0.0001" if p_value < 1e-4 else f"p = {p_value:.2g}"
-    tested, of = ("innovations", " of the innovations") if noise.startswith(CORRELATED) else ("residuals", "")
+    tested = _tested(noise)
+    of = " of the innovations" if tested == "innovations" else ""
     if verdict == "white":
         return f"{channel}: no contradiction to {noise} (lag-1 autocorrelation{of} {lag1:.2f}, {chance})."
     if verdict == "slight":

@@ -9,6 +9,7 @@ from numpy.typing import NDArray
 from plotly.subplots import make_subplots
 from scipy.stats import norm
 
+from flightcal.probability.noise import called
 from flightcal.validation import autocorrelation
 
 from .style import GENETIC, LINE, PRIOR, STATUS_FILL, STOCHASTIC, finish, small_titles
@@ -65,7 +66,7 @@ def figure_residual_distribution(prediction: xr.Dataset) -> go.Figure:
         if present.sum() > 2:
             _histogram(figure, values[present], row)
             _autocorrelation(figure, values[present], time[present], row)
-            if "innovation" in prediction and str(prediction["noise"].values[row - 1]).startswith("AR(1)"):
+            if "innovation" in prediction and called(str(prediction["noise"].values[row - 1])).has_memory:
                 innovations = prediction["innovation"].transpose("time", "channel").values[present, row - 1]
                 _autocorrelation(figure, innovations, time[present], row, of_noise=True)
         figure.update_yaxes(title_text="density, 1/K", row=row, col=1, rangemode="tozero", nticks=5)

@@ -12,7 +12,7 @@ from .._draft import Draft, External
 from .._priors import support
 from .._reading import Reading
 from ..external import PythonFunction, Umbridge
-from ..residuals import Noise
+from ..residuals import NEEDS, NOISE, Noise
 from ._common import readable, unknown
 
 _POSITIVE = "expected one of positive values: half_normal, lognormal or truncated_normal"
@@ -38,20 +38,16 @@ def check(reading: Reading, folder: Path) -> Iterator[Problem]:
 
 def _check_noise(noise: Noise, location: Location) -> Iterator[Problem]:
     written = noise.model_fields_set
-    for key, there, wanted in (
-        ("correlation_time", noise.model == "ar1", "'model: ar1'"),
-        ("white", noise.model == "ar1", "'model: ar1'"),
-        ("degrees_of_freedom", noise.distribution == "student_t", "'distribution: student_t'"),
-    ):
-        if key in written and getattr(noise, key) is not None and not there:
-            yield Problem((*location, key), f"found {key!r} without {wanted}, expected both or neither")
+    for key, (needed, value) in NEEDS.items():
+        if key in written and getattr(noise, key) is not None and getattr(noise, needed) != value:
+            yield Problem((*location, key), f"found {key!r} without '{needed}: {value}', expected both or neither")
     if noise.quantisation is not None and (noise.model, noise.distribution) != ("iid", "normal"):
         message = f"found 'quantisation' with {noise.model} {noise.distribution} noise, expected iid normal noise"
         yield Problem((*location, "quantisation"), f"{message}: only its probability of a step is known exactly")
     if noise.distribution == "student_t" and noise.white is not None:
         message = "found 'white' beside correlated Student's t noise, expected 'distribution: normal'"
         yield Problem((*location, "white"), f"{message}: the two cannot be told apart exactly")
-    for key in ("standard_deviation", "correlation_time", "white", "degrees_of_freedom"):
+    for key in NOISE:
         yield from _check_positive(getattr(noise, key), (*location, key))
 
 
@@ -61,7 +57,7 @@ def _check_positive(value: Any, location: Location) -> Iterator[Problem]:
 
 
 def _check_channel(noise: Noise, draft: Draft, channel: str, location: Location) -> Iterator[Problem]:
-    kind = "quantised" if noise.quantisation is not None else "Student's t" if noise.distribution != "normal" else None
+    kind = noise.not_normal
     if kind is None:
         return
     has_discrepancy = draft.discrepancy is not None and (
@@ -95,9 +91,6 @@ def _check_discrepancy(draft: Draft) -> Iterator[Problem]:
     discrepancy = draft.discrepancy
     if discrepancy is None:
         return
-    if discrepancy.orthogonal and _is_emulated(draft.external):
-        message = "found true with a simulator without derivatives, expected one that has them"
-        yield Problem(("discrepancy", "orthogonal"), f"{message}: the directions would be those of an emulator")
     temperatures = [name for name, item in draft.observations.items() if item is None or item.heater is None]
     for k, name in enumerate(discrepancy.channels):
         if name not in temperatures:

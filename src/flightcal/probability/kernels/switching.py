@@ -15,7 +15,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from ..compiled import compiled, inlined
+from ...compiled import inlined, kernel
 
 _REACH = 8.0
 """So many standard deviations from its time a switch has surely happened, or surely not (6e-16)."""
@@ -97,25 +97,45 @@ def status_work(data: StatusData, settings: int, switches: int) -> StatusWork:
     )  # fmt: skip
 
 
-@compiled
-def status_compiled(data, times, heaters, ons, status, work, times_bar):
-    """Log likelihood at work.settings; fills work.settings_bar and times_bar [E].
+class StatusCall(NamedTuple):
+    """What is known of the heaters, and a simulation."""
 
-    times, heaters, ons: [E] simulated switches in order of time; status: [T, H] simulated, for a heater that never
-    switches.
-    """
-    work.settings_bar[:] = 0.0
-    times_bar[:] = 0.0
+    data: StatusData
+    work: StatusWork
+    """With the settings, and filled: the derivative by them."""
+    switches: Any
+    """[1] how many are simulated, of at least that many below, in order of time."""
+    time: Any
+    heater: Any
+    on: Any
+    status: Any
+    """[T, H] simulated, for a heater that never switches."""
+    times_bar: Any
+    """[at least E], filled."""
+    value: Any
+    """[1], filled: the log likelihood."""
+
+
+@kernel
+def switching(call):
+    """The log likelihood and its derivatives."""
+    data, work, count, status = call.data, call.work, call.switches[0], call.status
+    times, heaters, ons, times_bar = call.time[:count], call.heater[:count], call.on[:count], call.times_bar[:count]
+    for k in range(work.settings_bar.shape[0]):
+        work.settings_bar[k] = 0.0
+    for e in range(count):
+        times_bar[e] = 0.0
     value = 0.0
     for c in range(data.samples.heater.shape[0]):
-        count = _switches_of(data.samples.heater[c], heaters, work.places)
-        initial = _initial(data.samples.heater[c], count, ons, status, work.places)
-        value += _chain(data.samples, c, count, initial, times, work, times_bar)
+        own = _switches_of(data.samples.heater[c], heaters, work.places)
+        initial = _initial(data.samples.heater[c], own, ons, status, work.places)
+        value += _chain(data.samples, c, own, initial, times, work, times_bar)
     for d in range(data.duties.heater.shape[0]):
-        count = _switches_of(data.duties.heater[d], heaters, work.places)
-        initial = _initial(data.duties.heater[d], count, ons, status, work.places)
-        value += _duty(data.duties, d, count, initial, times, work, times_bar)
-    return value
+        own = _switches_of(data.duties.heater[d], heaters, work.places)
+        initial = _initial(data.duties.heater[d], own, ons, status, work.places)
+        value += _duty(data.duties, d, own, initial, times, work, times_bar)
+    call.value[0] = value
+    return 0
 
 
 @inlined

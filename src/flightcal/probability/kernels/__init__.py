@@ -1,0 +1,1 @@
+"""Compiled code that kinds of noise share, and of priors and switches; nothing else."""

@@ -1,0 +1,119 @@
+"""Independent priors and what a log density needs of them; see `probability/priors.py`."""
+
+from __future__ import annotations
+
+import math
+from typing import Any, NamedTuple
+
+from llvmlite import ir
+from numba.core import types
+from numba.extending import get_cython_function_address, intrinsic
+
+from ...compiled import inlined, kernel
+
+_UNIFORM, _NORMAL, _TRUNCATED, _LOG_NORMAL, _HALF_NORMAL, _BETA = range(6)
+"""Families, in the order of `priors._FAMILIES`."""
+TINY = 1e-300
+"""Smallest argument of the normal quantile function: it and its derivative are finite there."""
+_LOG_ROOT_2_PI = 0.5 * math.log(2.0 * math.pi)
+_ROOT_HALF = math.sqrt(0.5)
+NDTRI = int(get_cython_function_address("scipy.special.cython_special", "ndtri"))
+
+
+class PriorsCall(NamedTuple):
+    """Priors of d parameters, at S points."""
+
+    kinds: Any
+    """[d] place of the family."""
+    arguments: Any
+    """[d, most] what the family computes with."""
+    quantile: int
+    """Address of the normal quantile function, which so does not end up in the cache."""
+    z: Any
+    """[S, d], and filled:"""
+    theta: Any
+    """[S, d], as the next two."""
+    slope: Any
+    gradient: Any
+    log_density: Any
+    """[S]"""
+
+
+@intrinsic
+def _call(typing_context: Any, address: Any, x: Any) -> Any:
+    """The C function double -> double at an address."""
+
+    def generate(context: Any, builder: Any, sig: Any, args: Any) -> Any:
+        kind = ir.FunctionType(ir.DoubleType(), [ir.DoubleType()])
+        return builder.call(builder.inttoptr(args[0], kind.as_pointer()), [args[1]])
+
+    return types.float64(types.int64, types.float64), generate
+
+
+@kernel
+def evaluate(call):
+    """Theta, its slope, the log density and its gradient."""
+    kinds, arguments, quantile, z = call.kinds, call.arguments, call.quantile, call.z
+    theta, slope, gradient, log_density = call.theta, call.slope, call.gradient, call.log_density
+    for s in range(z.shape[0]):
+        total = 0.0
+        for j in range(z.shape[1]):
+            score, given = z[s, j], arguments[j]
+            # By default z is N(0, 1) under the prior.
+            density, derivative = -0.5 * score * score - _LOG_ROOT_2_PI, -score
+            if kinds[j] == _UNIFORM:
+                lower, upper = given[0], given[1]
+                value = min(max(lower + (upper - lower) * _below(score), lower), upper)
+                rate = (upper - lower) * _bell(score)
+            elif kinds[j] == _NORMAL:
+                value, rate = given[0] + given[1] * score, given[1]
+            elif kinds[j] == _TRUNCATED:
+                mean, deviation, lower, upper = given[0], given[1], given[2], given[3]
+                below_lower, below_upper, above_lower, above_upper = given[4], given[5], given[6], given[7]
+                below = below_lower + (below_upper - below_lower) * _below(score)
+                above = above_upper + (above_lower - above_upper) * _below(-score)
+                # The smaller of the two has the digits.
+                x = _call(quantile, max(min(below, above), TINY))
+                if below >= above:
+                    x = -x
+                mass = above_lower - above_upper if above_lower < below_upper else below_upper - below_lower
+                value = min(max(mean + deviation * x, lower), upper)
+                rate = deviation * mass * _bell(score) / _bell(x)
+            elif kinds[j] == _LOG_NORMAL:
+                value = math.exp(given[0] + given[1] * score)
+                rate = given[1] * value
+            elif kinds[j] == _HALF_NORMAL:
+                value = given[0] * math.exp(score)
+                rate = value
+                square = math.exp(2.0 * score)
+                density = 0.5 * math.log(2.0 / math.pi) - 0.5 * square + score
+                derivative = 1.0 - square
+            else:
+                alpha, beta, lower, upper = given[0], given[1], given[2], given[3]
+                share, rest = 1.0 / (1.0 + math.exp(-score)), 1.0 / (1.0 + math.exp(score))
+                value = lower + (upper - lower) * share
+                rate = (upper - lower) * share * rest
+                density = -alpha * _softplus(-score) - beta * _softplus(score) - given[4]
+                derivative = alpha * rest - beta * share
+            theta[s, j], slope[s, j], gradient[s, j] = value, rate, derivative
+            total += density
+        log_density[s] = total
+    return 0
+
+
+@inlined
+def _below(score):
+    """Probability below a normal score."""
+    return 0.5 * math.erfc(-score * _ROOT_HALF)
+
+
+@inlined
+def _bell(score):
+    """Density of the standard normal."""
+    return math.exp(-0.5 * score * score - _LOG_ROOT_2_PI)
+
+
+@inlined
+def _softplus(x):
+    """log(1 + exp(x)), without overflow."""
+    return max(x, 0.0) + math.log1p(math.exp(-abs(x)))

@@ -1,0 +1,47 @@
+"""Kinds of noise of a channel: one file each, and one line here."""
+
+from __future__ import annotations
+
+from ...scenario.residuals import Noise
+from .ar1 import Correlated
+from .iid import Independent
+from .kind import DEVIATION, NoiseCall, NoiseKind, ShapesCall
+from .rounded import Rounded
+from .student import CorrelatedStudent, Student
+
+INDEPENDENT: NoiseKind = Independent()
+"""The published likelihood's, and what a search for the mode begins with."""
+
+KINDS: tuple[NoiseKind, ...] = (
+    INDEPENDENT,
+    Correlated(),
+    Student(),
+    CorrelatedStudent(),
+    Rounded(),
+)
+
+MOST_NUMBERS = max(len(kind.names) for kind in KINDS)
+"""Of any kind."""
+
+
+def kind_of_noise(written: Noise) -> NoiseKind:
+    """The kind that a scenario says."""
+    return next(kind for kind in KINDS if kind.is_meant(written))
+
+
+def called(words: str) -> NoiseKind:
+    """The kind of that name."""
+    return next(kind for kind in KINDS if kind.words == words)
+
+
+__all__ = [
+    "DEVIATION",
+    "INDEPENDENT",
+    "KINDS",
+    "MOST_NUMBERS",
+    "NoiseCall",
+    "NoiseKind",
+    "ShapesCall",
+    "called",
+    "kind_of_noise",
+]
