@@ -37,13 +37,13 @@ import hashlib
 import os
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
-from functools import cache, cached_property
+from functools import cache, cached_property, partial
 from pathlib import Path
 from typing import Any, NamedTuple
 
 import numpy as np
 from llvmlite import ir
-from numba import from_dtype, njit, typeof
+from numba import from_dtype, njit
 from numba.core import sigutils, types
 from numba.core.ccallback import CFunc
 from numba.core.typing.templates import AttributeTemplate, infer_getattr
@@ -71,22 +71,15 @@ def _digest(path: Path) -> str:
     return digest.hexdigest()
 
 
-def compiled(function: Callable[..., Any]) -> Any:
-    """A short function that Python calls: compiled at its first call, and cached until a file of its folder changes."""
-    return _cached(function, nogil=False)
+def _stamp_of(function: Callable[..., Any]) -> str:
+    file = Path(function.__code__.co_filename)
+    return _digest(file.parent if file.parent.name == "kernels" else file)
 
 
 def compiled_long(function: Callable[..., Any]) -> Any:
-    """The same for what takes long: the interpreter lock is free while it runs.
-
-    To get the lock back while other threads want it may take longer than a short function.
-    """
-    return _cached(function, nogil=True)
-
-
-def _cached(function: Callable[..., Any], *, nogil: bool) -> Any:
-    dispatcher: Any = njit(cache=True, nogil=nogil, **_OPTIONS)(function)
-    _stamp(dispatcher, _digest(Path(function.__code__.co_filename).parent))
+    """A long function that Python calls, by Numba's own way: the interpreter lock is free while it runs."""
+    dispatcher: Any = njit(cache=True, nogil=True, **_OPTIONS)(function)
+    _stamp(dispatcher, _stamp_of(function))
     return dispatcher
 
 
@@ -196,6 +189,17 @@ def _words(value: Any) -> list[int]:
     return [int(np.float64(value).view(np.int64)) if isinstance(value, float) else int(value)]
 
 
+class Stored:
+    """A call in memory as compiled code has it."""
+
+    def __init__(self, call: NamedTuple) -> None:
+        self.kind = kind_of(call)
+        self._memory = np.array(_words(call), np.int64)
+        self.address = self._memory.ctypes.data
+        self.kept = call
+        """The arrays that it refers to."""
+
+
 # --- kernels ----------------------------------------------------------------------------------------------------
 
 
@@ -217,7 +221,7 @@ class Kernel:
 
     def row(self, call: NamedTuple) -> Row:
         """A call of this kernel, stored."""
-        return Row(self, kind_of(call), np.array(_words(call), np.int64), call)
+        return Row(self, Stored(call))
 
     def __call__(self, call: NamedTuple) -> int:
         """Run it once."""
@@ -234,16 +238,11 @@ class Row:
     """A kernel with one call of it."""
 
     kernel: Kernel
-    kind: Any
-    memory: NDArray[np.int64]
-    """The call as compiled code has it,"""
-    kept: NamedTuple
-    """and the arrays that it refers to."""
+    call: Stored
 
     @cached_property
     def _run(self) -> Any:
-        run, address = self.kernel.compile(self.kind)[1], self.memory.ctypes.data
-        return lambda: run(address)
+        return partial(self.kernel.compile(self.call.kind)[1], self.call.address)
 
     def __call__(self) -> int:
         """Run it; the kernel's result."""
@@ -252,15 +251,15 @@ class Row:
     @property
     def addresses(self) -> tuple[int, int]:
         """Of the C function and of the call."""
-        return self.kernel.compile(self.kind)[0].address, self.memory.ctypes.data
+        return self.kernel.compile(self.call.kind)[0].address, self.call.address
 
 
+@cache
 def c_function(function: Callable[..., Any], signature: Any) -> Any:
     """A C function of any signature, compiled and cached as a kernel is; `.address` is where it lies."""
     made: Any = CFunc(function, sigutils.normalize_signature(signature), locals={}, options=_OPTIONS)
     made.enable_caching()
-    file = Path(function.__code__.co_filename)
-    _stamp(made, _digest(file.parent if file.parent.name == "kernels" else file))
+    _stamp(made, _stamp_of(function))
     made.compile()
     return made
 
@@ -317,79 +316,3 @@ class Program:
     def run(self) -> int:
         """0, or what the kernel returned that ended it; the interpreter lock is free meanwhile."""
         return self._row()
-
-
-# --- functions that need no Python ----------------------------------------------------------------------------
-
-
-class _Stored:
-    """Numba's type of the value that `store` has put away; a compiled function that calls `stored` is made for it."""
-
-    kind: Any = None
-
-
-def make_stored() -> Any:
-    """A function `stored` for C functions of another kind of value: Numba asks each for its type only once."""
-
-    @intrinsic
-    def stored(typing_context: Any, address: Any) -> Any:
-        """The value at an address; see `store`."""
-        kind = _Stored.kind
-
-        def generate(context: Any, builder: Any, sig: Any, args: Any) -> Any:
-            return builder.load(builder.bitcast(args[0], context.get_value_type(kind).as_pointer()))
-
-        return kind(types.voidptr), generate
-
-    return stored
-
-
-stored = make_stored()
-
-
-@intrinsic
-def _put(typing_context: Any, address: Any, value: Any) -> Any:
-    def generate(context: Any, builder: Any, sig: Any, args: Any) -> Any:
-        pointer = builder.inttoptr(args[0], context.get_value_type(value).as_pointer())
-        builder.store(args[1], pointer)
-        return context.get_constant(types.int64, context.get_abi_sizeof(context.get_value_type(value)))
-
-    return types.int64(types.int64, value), generate
-
-
-@compiled
-def _store(address: Any, value: Any) -> Any:
-    return _put(address, value)  # type: ignore[call-arg]
-
-
-def store(value: Any) -> NDArray[np.uint8]:
-    """Memory that holds `value`, a named tuple of arrays, as compiled code has it; the arrays must outlive its use.
-
-    To hand many arrays to a compiled function takes longer than a short one runs, and only Python can do it.
-    """
-    kind = typeof(value)
-    leaves = _leaves(kind)
-    memory = np.zeros(_MOST_WORDS * leaves, np.uint64)
-    _store(memory.ctypes.data, value)
-    _Stored.kind = kind
-    return memory.view(np.uint8)
-
-
-_MOST_WORDS = 16
-"""Of an array of up to four dimensions: five, and two for each dimension; with room to spare."""
-
-
-def _leaves(kind: Any) -> int:
-    """How many arrays and numbers it holds."""
-    return sum(_leaves(part) for part in kind.types) if hasattr(kind, "types") else 1
-
-
-def callback(function: Callable[..., Any], signature: Any, folders: Sequence[Path]) -> Any:
-    """A C function, compiled and cached until a file of the folders, or the type of what is `stored`, changes."""
-    compiled_function: Any = CFunc(function, sigutils.normalize_signature(signature), locals={}, options=_OPTIONS)
-    compiled_function.enable_caching()
-    kind = hashlib.sha256(str(_Stored.kind).encode()).hexdigest()
-    stamp = "".join([*(_digest(folder) for folder in folders), kind])
-    _stamp(compiled_function, stamp)
-    compiled_function.compile()
-    return compiled_function

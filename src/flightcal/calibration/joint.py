@@ -28,7 +28,7 @@ from ..scenario.priors import HalfNormal
 from ..scenario.schema import is_trained
 from ..simulator import Simulator, Trajectory
 from ..simulator.system import FloatArray, IntArray, Switch
-from .native import NativeDensity, joint_density
+from .native import NativeDensity, native_density
 from .problem import Problem, build_problem
 from .whitening import Whitening
 
@@ -182,16 +182,12 @@ class JointProblem:
 
     def native_density(self, coordinates: Whitening) -> NativeDensity | None:
         """The log density at w [d] of other coordinates as a C function; None where a window has none."""
-        densities = [
-            problem.native_density(Whitening(np.zeros(len(problem.names)), np.eye(len(problem.names))))
-            for problem in self.problems
+        parts = [
+            problem.window_parts(link.columns, link.drifts)
+            for problem, link in zip(self.problems, self._links, strict=True)
         ]
-        windows = [density for density in densities if density is not None]
-        if len(windows) < len(densities):
-            return None
-        columns, drifts = [link.columns for link in self._links], [link.drifts for link in self._links]
-        own = [problem.priors for problem in self.problems]
-        return joint_density(windows, columns, drifts, own, self.priors, coordinates)
+        windows = [own for own in parts if own is not None]
+        return native_density(windows, self.priors, coordinates) if len(windows) == len(parts) else None
 
     def log_density(self, z: FloatArray) -> float:
         """Log posterior density (up to a constant) at z [d]; -inf where a simulation fails."""

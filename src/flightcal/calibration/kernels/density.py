@@ -7,15 +7,12 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from ...compiled import inlined, kernel, run_rows
-from ...probability.likelihood import log_likelihood_compiled
-from ...probability.priors import evaluate
-from ...probability.switching import status_compiled
 
 STOP, GRADIENTS, FAILURES, REASON, DRAWS = range(5)
 """Places in a density's `control`: whether it is to stop, counts, and why the last failure was one."""
 
 DENSITY_NOT_FINITE = 3
-"""A reason beside the simulator's."""
+"""A reason beside those of `forward`."""
 
 STOPPED = -1e300
 """Log density everywhere once a chain is to stop: it ends a trajectory at once. nutpie panics when the point that a
@@ -25,64 +22,50 @@ DIVERGENCE = 1
 """Returned where there is no density; nutpie takes it as a divergence."""
 
 
-class Coordinates(NamedTuple):
-    """Where the density is asked for: w [d], z = mean + factor w, and theta with its slopes."""
+class Place(NamedTuple):
+    """Where the density is asked for, and what it is."""
 
     mean: Any
+    """[d] z = mean + factor w"""
     factor: Any
     """[d, d]"""
     w: Any
+    """[d]"""
     z: Any
     """[1, d], as the next three."""
     theta: Any
     slope: Any
     z_bar: Any
-    """Cotangent of z: the prior's part, then the windows' too."""
+    """Derivative by z: first the prior's, then the windows' on top."""
+    values: Any
+    """[1 + 2 W] parts of the log density: the prior, and each window's temperatures and heater status."""
     value: Any
-    """[1] log density so far."""
+    """[1] their sum, and"""
     gradient: Any
-    """[d] by w."""
-
-
-class PriorCall(NamedTuple):
-    """What `begin` takes."""
-
-    at: Coordinates
-    kinds: Any
-    arguments: Any
-    quantile: int
-    """Address of the normal quantile function."""
+    """[d] its derivative by w: the result."""
 
 
 @kernel
 def begin(call):
-    """From w to theta, and what the priors say."""
-    at = call.at
-    d, w, z, theta = at.mean.shape[0], at.w, at.z, at.theta
-    for i in range(d):
-        total = at.mean[i]
-        for j in range(d):
-            total += at.factor[i, j] * w[j]
+    """From w to z."""
+    mean, factor, w, z = call.mean, call.factor, call.w, call.z
+    for i in range(mean.shape[0]):
+        total = mean[i]
+        for j in range(mean.shape[0]):
+            total += factor[i, j] * w[j]
         z[0, i] = total
-    evaluate(call.kinds, call.arguments, call.quantile, z, theta, at.slope, at.z_bar, at.value)
-    for i in range(d):
-        if not np.isfinite(theta[0, i]):
-            return DENSITY_NOT_FINITE
     return 0
-
-
-class EndCall(NamedTuple):
-    """What `end` takes."""
-
-    at: Coordinates
 
 
 @kernel
 def end(call):
-    """The gradient by w."""
-    at = call.at
-    factor, z_bar, gradient = at.factor, at.z_bar, at.gradient
-    finite = np.isfinite(at.value[0])
+    """The sum of the parts, and the derivative by w."""
+    factor, z_bar, values, gradient = call.factor, call.z_bar, call.values, call.gradient
+    value = values[0]
+    for k in range(1, values.shape[0]):
+        value += values[k]
+    call.value[0] = value
+    finite = np.isfinite(value)
     for j in range(factor.shape[1]):
         total = 0.0
         for i in range(factor.shape[0]):
@@ -95,169 +78,106 @@ def end(call):
 # --- a window ---------------------------------------------------------------------------------------------------
 
 
-class Link(NamedTuple):
-    """Where a window's theta [m] comes from, and where its numbers come from in turn."""
+class LinkCall(NamedTuple):
+    """A window's theta [m] among the problem's [d], and what of the window is an entry of it."""
 
+    place: Place
     columns: Any
-    """[m] place of each entry in the problem's theta."""
-    drifting: Any
-    """[p] entries that drift: in z they are z + tau xi, with a prior's transform of the window's own,"""
+    """[m] places in the problem's theta."""
     deviation: Any
-    """[m] places of tau and"""
+    """[m] and of a drifting entry's tau,"""
     score: Any
-    """[m] of xi in the problem's theta; -1: it does not drift."""
-    kinds: Any
-    """[p]"""
-    arguments: Any
-    quantile: int
+    """[m] and xi; -1: it does not drift."""
+    drifting: Any
+    """[p] entries that drift, and of these, after the priors' transform:"""
+    drifting_z: Any
+    """[1, p] and the next two."""
+    drifting_theta: Any
+    drifting_slope: Any
+    theta: Any
+    """[m] filled, and its derivative by z."""
+    slope: Any
     simulated: Any
-    """Entries that the simulator takes, in its order."""
+    """[k] entries that the simulator takes."""
+    simulator_theta: Any
+    """[1, k]"""
+    simulator_bar: Any
+    """[k]"""
     channel: Any
-    """Of the residuals' numbers [N, 9] that are entries: channels, columns and entries, [q] each."""
+    """[q] of the residuals' numbers [N, n] that are entries: channels, columns and entries."""
     column: Any
     position: Any
+    fixed_numbers: Any
+    """[N, n] as the next two; these are copied where they are no entries."""
     numbers: Any
-    """[N, 9] as they are where they are not inferred."""
-    settings: Any
-    """[P] of the likelihood of heaters' status."""
-    setting: Any
-    """Those that are inferred, and their entries."""
-    setting_position: Any
-
-
-class WindowMemory(NamedTuple):
-    """What is found of a window."""
-
-    theta: Any
-    """[m], and its slopes by z."""
-    slope: Any
-    drifted: Any
-    """[1, p] z of what drifts, and the next three."""
-    drifted_theta: Any
-    drifted_slope: Any
-    unused: Any
-    value: Any
-    """[1], not used."""
-    simulated: Any
-    """[1, .] theta of the simulator."""
-    simulated_bar: Any
-    """[.]"""
-    numbers: Any
-    """[N, 9]"""
     numbers_bar: Any
+    setting: Any
+    """[s] of the settings [P] of the heaters' status that are entries: which, and entries."""
+    setting_position: Any
+    fixed_settings: Any
+    """[P] as the next two."""
     settings: Any
-    """[P]"""
     settings_bar: Any
 
 
-class LinkCall(NamedTuple):
-    """What `gather` and `scatter` take."""
-
-    at: Coordinates
-    link: Link
-    memory: WindowMemory
+@kernel
+def drift(call):
+    """z of what drifts: that of all windows, and tau xi."""
+    z, theta = call.place.z, call.place.theta
+    for k in range(call.drifting.shape[0]):
+        i = call.drifting[k]
+        call.drifting_z[0, k] = z[0, call.columns[i]] + theta[0, call.deviation[i]] * z[0, call.score[i]]
+    return 0
 
 
 @kernel
 def gather(call):
-    """A window's theta from the problem's, and the numbers that are entries of it."""
-    link, memory, at = call.link, call.memory, call.at
-    z, theta = at.z, at.theta
-    for i in range(link.columns.shape[0]):
-        memory.theta[i] = theta[0, link.columns[i]]
-        memory.slope[i] = at.slope[0, link.columns[i]]
-    for k in range(link.drifting.shape[0]):
-        i = link.drifting[k]
-        memory.drifted[0, k] = z[0, link.columns[i]] + theta[0, link.deviation[i]] * z[0, link.score[i]]
-    evaluate(
-        link.kinds, link.arguments, link.quantile,
-        memory.drifted, memory.drifted_theta, memory.drifted_slope, memory.unused, memory.value,
-    )  # fmt: skip
-    for k in range(link.drifting.shape[0]):
-        memory.theta[link.drifting[k]] = memory.drifted_theta[0, k]
-        memory.slope[link.drifting[k]] = memory.drifted_slope[0, k]
-    for k in range(link.simulated.shape[0]):
-        memory.simulated[0, k] = memory.theta[link.simulated[k]]
-    for k in range(link.numbers.shape[0]):
-        for j in range(link.numbers.shape[1]):
-            memory.numbers[k, j] = link.numbers[k, j]
-    for k in range(link.position.shape[0]):
-        memory.numbers[link.channel[k], link.column[k]] = memory.theta[link.position[k]]
-    for k in range(link.settings.shape[0]):
-        memory.settings[k] = link.settings[k]
-    for k in range(link.setting.shape[0]):
-        memory.settings[link.setting[k]] = memory.theta[link.setting_position[k]]
+    """A window's theta from the problem's, and to all that is an entry of it."""
+    all_theta, all_slope, theta, slope = call.place.theta, call.place.slope, call.theta, call.slope
+    for i in range(call.columns.shape[0]):
+        theta[i], slope[i] = all_theta[0, call.columns[i]], all_slope[0, call.columns[i]]
+    for k in range(call.drifting.shape[0]):
+        i = call.drifting[k]
+        theta[i], slope[i] = call.drifting_theta[0, k], call.drifting_slope[0, k]
+    for i in range(theta.shape[0]):
+        if not np.isfinite(theta[i]):
+            return DENSITY_NOT_FINITE
+    for k in range(call.simulated.shape[0]):
+        call.simulator_theta[0, k] = theta[call.simulated[k]]
+    for k in range(call.numbers.shape[0]):
+        for j in range(call.numbers.shape[1]):
+            call.numbers[k, j] = call.fixed_numbers[k, j]
+    for k in range(call.position.shape[0]):
+        call.numbers[call.channel[k], call.column[k]] = theta[call.position[k]]
+    for k in range(call.settings.shape[0]):
+        call.settings[k] = call.fixed_settings[k]
+    for k in range(call.setting.shape[0]):
+        call.settings[call.setting[k]] = theta[call.setting_position[k]]
     return 0
 
 
 @kernel
 def scatter(call):
-    """The derivative of `gather` backwards, onto the cotangent of z."""
-    link, memory, at = call.link, call.memory, call.at
-    for k in range(link.simulated.shape[0]):
-        _pull_back(at, link, memory, link.simulated[k], memory.simulated_bar[k])
-    for k in range(link.position.shape[0]):
-        bar = memory.numbers_bar[link.channel[k], link.column[k]]
-        _pull_back(at, link, memory, link.position[k], bar)
-    for k in range(link.setting.shape[0]):
-        _pull_back(at, link, memory, link.setting_position[k], memory.settings_bar[link.setting[k]])
+    """The same backwards: to the derivative by the problem's z."""
+    for k in range(call.simulated.shape[0]):
+        _add(call, call.simulated[k], call.simulator_bar[k])
+    for k in range(call.position.shape[0]):
+        _add(call, call.position[k], call.numbers_bar[call.channel[k], call.column[k]])
+    for k in range(call.setting.shape[0]):
+        _add(call, call.setting_position[k], call.settings_bar[call.setting[k]])
     return 0
 
 
 @inlined
-def _pull_back(at, link, memory, i, theta_bar):
-    """The cotangent of entry i of a window's theta."""
-    cotangent = memory.slope[i] * theta_bar
-    at.z_bar[0, link.columns[i]] += cotangent
-    if link.score[i] >= 0:
-        tau, xi = link.deviation[i], link.score[i]
-        at.z_bar[0, xi] += cotangent * at.theta[0, tau]
-        at.z_bar[0, tau] += cotangent * at.z[0, xi] * at.slope[0, tau]
-
-
-class LikelihoodCall(NamedTuple):
-    """What `likelihood` takes."""
-
-    residuals: Any
-    memory: Any
-    observed: Any
-    outputs: Any
-    numbers: Any
-    temperatures_bar: Any
-    numbers_bar: Any
-    value: Any
-
-
-@kernel
-def likelihood(call):
-    """Add the log likelihood of the temperatures."""
-    call.value[0] += log_likelihood_compiled(
-        call.residuals, call.memory, call.observed, call.outputs.temperatures[0], call.numbers,
-        call.temperatures_bar, call.numbers_bar,
-    )  # fmt: skip
-    return 0
-
-
-class StatusCall(NamedTuple):
-    """What `status` takes."""
-
-    data: Any
-    outputs: Any
-    work: Any
-    switches_bar: Any
-    value: Any
-
-
-@kernel
-def status(call):
-    """Add the log likelihood of the heaters' status."""
-    outputs = call.outputs
-    switches = outputs.switches[0]
-    call.value[0] += status_compiled(
-        call.data, outputs.switch_time[:switches], outputs.switch_heater[:switches], outputs.switch_on[:switches],
-        outputs.status[0], call.work, call.switches_bar[:switches],
-    )  # fmt: skip
-    return 0
+def _add(call, i, theta_bar):
+    """What entry i of a window's theta adds."""
+    place = call.place
+    cotangent = call.slope[i] * theta_bar
+    place.z_bar[0, call.columns[i]] += cotangent
+    if call.score[i] >= 0:
+        tau, xi = call.deviation[i], call.score[i]
+        place.z_bar[0, xi] += cotangent * place.theta[0, tau]
+        place.z_bar[0, tau] += cotangent * place.z[0, xi] * place.slope[0, tau]
 
 
 # --- what nutpie calls ------------------------------------------------------------------------------------------
@@ -267,40 +187,36 @@ class DensityCall(NamedTuple):
     """What `density` and `record` take."""
 
     rows: Any
-    """[R, 2] the Program."""
+    """[R, 2] of the Program."""
     control: Any
-    w: Any
-    """[d]"""
-    value: Any
-    gradient: Any
+    place: Place
 
 
 def density(dimensions, w, gradient, value, call):
-    """Log density and gradient [d] at w [d]; another number than 0 where there is none."""
-    control = call.control
-    d = call.w.shape[0]
+    """Log density [1] and gradient [d] at w [d]; returns DIVERGENCE where there is none."""
+    control, place = call.control, call.place
     if control[STOP] != 0:
         value[0] = STOPPED
-        for j in range(d):
+        for j in range(place.w.shape[0]):
             gradient[j] = 1.0
         return 0
     control[GRADIENTS] += 1
-    for j in range(d):
-        call.w[j] = w[j]
+    for j in range(place.w.shape[0]):
+        place.w[j] = w[j]
     outcome = run_rows(call.rows)
     if outcome != 0:
         control[FAILURES] += 1
         control[REASON] = outcome
         return DIVERGENCE
-    value[0] = call.value[0]
-    for j in range(d):
-        gradient[j] = call.gradient[j]
+    value[0] = place.value[0]
+    for j in range(place.w.shape[0]):
+        gradient[j] = place.gradient[j]
     return 0
 
 
 def record(dimensions, expanded, w, copy, call):
-    """Count a draw, and copy it."""
+    """Count a draw w [d], and copy it."""
     call.control[DRAWS] += 1
-    for j in range(call.w.shape[0]):
+    for j in range(call.place.w.shape[0]):
         copy[j] = w[j]
     return 0
