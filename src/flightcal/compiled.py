@@ -34,17 +34,24 @@ from __future__ import annotations
 
 import ctypes
 import hashlib
+import importlib
 import os
-from collections.abc import Callable, Sequence
+import pickle
+import subprocess
+import sys
+from collections.abc import Callable, Iterable, Iterator, Sequence
+from contextlib import suppress
 from dataclasses import dataclass
 from functools import cache, cached_property, partial
 from pathlib import Path
+from tempfile import TemporaryDirectory
 from typing import Any, NamedTuple
 
 import numpy as np
 from llvmlite import ir
 from numba import from_dtype, njit
 from numba.core import sigutils, types
+from numba.core.caching import IndexDataCacheFile
 from numba.core.ccallback import CFunc
 from numba.core.typing.templates import AttributeTemplate, infer_getattr
 from numba.extending import intrinsic, lower_getattr_generic, models, register_model
@@ -64,33 +71,24 @@ to arrays, which it otherwise does at every access."""
 
 @cache
 def _digest(path: Path) -> str:
-    """Of a file, or of all files of a folder, and of how they are compiled."""
-    digest = hashlib.sha256(str(_STRICT).encode())
+    """Of a file, or of all files of a folder."""
+    digest = hashlib.sha256()
     for file in sorted(path.glob("*.py")) if path.is_dir() else [path]:
         digest.update(file.read_bytes())
     return digest.hexdigest()
 
 
-def _stamp_of(function: Callable[..., Any]) -> str:
-    file = Path(function.__code__.co_filename)
-    return _digest(file.parent if file.parent.name == "kernels" else file)
-
-
-def compiled_long(function: Callable[..., Any]) -> Any:
-    """A long function that Python calls, by Numba's own way: the interpreter lock is free while it runs."""
-    dispatcher: Any = njit(cache=True, nogil=True, **_OPTIONS)(function)
-    _stamp(dispatcher, _stamp_of(function))
-    return dispatcher
-
-
-def _stamp(function: Any, stamp: str) -> None:
-    """Have a function's cache hold only while the stamp stays, and be empty where it cannot be read.
+def _cached(function: Any, code: Callable[..., Any], what: str) -> Any:
+    """Have a function's cache hold as long as a kernel's; what: sets it apart from others of the same code.
 
     Numba reads an index before it looks at the stamp, and the index names the classes of arguments: after an upgrade,
     perhaps ones that are no longer there.
     """
-    file = function._cache._cache_file
-    load = file._load_index
+    file, cached = Path(code.__code__.co_filename), function._cache
+    stamp = _digest(file.parent if file.parent.name == "kernels" else file)
+    name = hashlib.sha256(f"{what} {_STRICT}".encode()).hexdigest()[:12]
+    cached._cache_file = IndexDataCacheFile(cached.cache_path, f"{cached._impl.filename_base}-{name}", stamp)
+    load = cached._cache_file._load_index
 
     def load_index() -> Any:
         try:
@@ -98,10 +96,16 @@ def _stamp(function: Any, stamp: str) -> None:
         except (ImportError, AttributeError):
             return {}
 
-    file._source_stamp, file._load_index = stamp, load_index
+    cached._cache_file._load_index = load_index
+    return function
 
 
-inlined: Any = njit(forceinline=True, no_cpython_wrapper=True, no_cfunc_wrapper=True, **_OPTIONS)
+def compiled_long(function: Callable[..., Any]) -> Any:
+    """A long function that Python calls, by Numba's own way: the interpreter lock is free while it runs."""
+    return _cached(njit(cache=True, nogil=True, **_OPTIONS)(function), function, "")
+
+
+inlined: Any = njit(**(_OPTIONS | {"forceinline": True, "no_cpython_wrapper": True, "no_cfunc_wrapper": True}))
 """A function that compiled functions call; a call that is not inlined copies every array's description, which takes
 longer than the work on a small network."""
 
@@ -210,14 +214,19 @@ class Kernel:
         self.function, self._long = function, long
         self._compiled: dict[Any, Any] = {}
 
-    def compile(self, kind: Any) -> Any:
-        """The C function for one kind of call, from the cache where it is there."""
+    def compile(self, kind: Any) -> tuple[int, Any]:
+        """Address of the C function for one kind of call, and the same for Python; from the cache where it is there."""
         if kind not in self._compiled:
             made = c_function(self.function, types.int64(CallType(kind)))
             # ctypes holds the interpreter lock or frees it; to get it back may take longer than a short function.
             prototype = ctypes.CFUNCTYPE if self._long else ctypes.PYFUNCTYPE
-            self._compiled[kind] = made, prototype(ctypes.c_int64, ctypes.c_void_p)(made.address)
+            self._compiled[kind] = made, prototype(ctypes.c_int64, ctypes.c_void_p)(made)
         return self._compiled[kind]
+
+    def is_cached(self, kind: Any) -> bool:
+        """Whether nothing need be compiled."""
+        made = _prepared(self.function, types.int64(CallType(kind)))
+        return made._cache.load_overload(made._sig, made._targetdescr.target_context) is not None
 
     def row(self, call: NamedTuple) -> Row:
         """A call of this kernel, stored."""
@@ -251,17 +260,26 @@ class Row:
     @property
     def addresses(self) -> tuple[int, int]:
         """Of the C function and of the call."""
-        return self.kernel.compile(self.call.kind)[0].address, self.call.address
+        return self.kernel.compile(self.call.kind)[0], self.call.address
+
+
+def _prepared(function: Callable[..., Any], signature: Any) -> Any:
+    made: Any = CFunc(function, sigutils.normalize_signature(signature), locals={}, options=_OPTIONS)
+    made.enable_caching()
+    return _cached(made, function, str(signature))
+
+
+_MADE: list[Any] = []
+"""What would else be freed while its address is in use."""
 
 
 @cache
-def c_function(function: Callable[..., Any], signature: Any) -> Any:
-    """A C function of any signature, compiled and cached as a kernel is; `.address` is where it lies."""
-    made: Any = CFunc(function, sigutils.normalize_signature(signature), locals={}, options=_OPTIONS)
-    made.enable_caching()
-    _stamp(made, _stamp_of(function))
+def c_function(function: Callable[..., Any], signature: Any) -> int:
+    """Address of a C function of any signature, compiled and cached as a kernel is."""
+    made = _prepared(function, signature)
     made.compile()
-    return made
+    _MADE.append(made)
+    return int(made.address)
 
 
 # --- a table of kernels ---------------------------------------------------------------------------------------
@@ -310,9 +328,51 @@ class Program:
         return np.array([row.addresses for row in self.rows], np.int64).reshape(-1, 2)
 
     @cached_property
-    def _row(self) -> Row:
+    def row(self) -> Row:
+        """The whole Program as one row."""
         return run_program.row(_Table(self.table))
 
     def run(self) -> int:
         """0, or what the kernel returned that ended it; the interpreter lock is free meanwhile."""
-        return self._row()
+        return self.row()
+
+
+# --- ahead of time ----------------------------------------------------------------------------------------------
+
+
+def warm(rows: Iterable[Row]) -> None:
+    """Have the kernels of rows in the cache: what is missing is compiled by this process and another, side by side.
+
+    Numba lets only one thread of a process compile.
+    """
+    wanted = {(row.kernel, row.call.kind): None for row in rows}
+    missing = [(kernel, kind) for kernel, kind in wanted if not kernel.is_cached(kind)]
+    # What is given much is long.
+    missing.sort(key=lambda task: len(str(task[1])), reverse=True)
+    if len(missing) < 2:
+        return
+    with TemporaryDirectory() as claims:
+        names = [(kernel.function.__module__, kernel.function.__name__, kind) for kernel, kind in missing]
+        command = [sys.executable, "-c", f"import {__name__} as compiled; compiled._compile_asked()"]
+        path = os.pathsep.join(part for part in sys.path if part)
+        with subprocess.Popen(command, stdin=subprocess.PIPE, env=os.environ | {"PYTHONPATH": path}) as other:
+            assert other.stdin is not None
+            with suppress(BrokenPipeError), other.stdin:
+                other.stdin.write(pickle.dumps((claims, names)))
+            for kernel, kind in _claimed(claims, missing):
+                kernel.compile(kind)
+
+
+def _compile_asked() -> None:
+    """What the other process does. Where it fails, the first one compiles what it then finds missing."""
+    claims, names = pickle.load(sys.stdin.buffer)
+    for module, name, kind in _claimed(claims, names):
+        getattr(importlib.import_module(module), name).compile(kind)
+
+
+def _claimed(folder: str, tasks: Sequence[Any]) -> Iterator[Any]:
+    """Those that no other process works on."""
+    for k, task in enumerate(tasks):
+        with suppress(FileExistsError):
+            Path(folder, str(k)).touch(exist_ok=False)
+            yield task

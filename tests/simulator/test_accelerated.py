@@ -5,7 +5,7 @@ import pytest
 
 from flightcal.simulator import integrate
 from flightcal.simulator.accelerated import integrate_thousands
-from flightcal.simulator.forward import FINISHED, NOT_FINITE, TOO_MANY_SWITCHES
+from flightcal.simulator.kernels.forward import FINISHED, NOT_FINITE, TOO_MANY_SWITCHES
 from flightcal.simulator.system import pack, unpack
 
 from .systems import random_system

@@ -8,11 +8,12 @@ from scipy.optimize import brentq
 from flightcal._jax import jax, jnp
 from flightcal.environment import face_fluxes
 from flightcal.simulator import SimulationFailure, open_loop, oracle
-from flightcal.simulator.assembly import assemble, pull_back_assembly
+from flightcal.simulator.assembly import assemble
 from flightcal.simulator.network import DEEP_SPACE, STEFAN_BOLTZMANN
 from flightcal.simulator.system import System, packed_bounds
 
 from .. import small
+from .systems import pull_back_assembly
 from .test_network import rich
 
 

@@ -20,13 +20,14 @@ from typing import Any
 import numpy as np
 import xarray
 
+from ..compiled import warm
 from ..errors import ScenarioError
 from ..probability.priors import Priors
 from ..probability.residuals import ResidualModel
 from ..scenario import Normal, Prior, Scenario, Uniform, support
 from ..scenario.priors import HalfNormal
 from ..scenario.schema import is_trained
-from ..simulator import Simulator, Trajectory
+from ..simulator import NetworkSimulator, Simulator, Trajectory
 from ..simulator.system import FloatArray, IntArray, Switch
 from .native import NativeDensity, native_density
 from .problem import Problem, build_problem
@@ -330,6 +331,14 @@ def calibration_problem(scenario: Scenario, telemetry: xarray.Dataset) -> Proble
         )
     problems = tuple(build_problem(scenario, telemetry, window) for window in windows)
     return problems[0] if len(windows) == 1 else join(_with_common_lengthscales(problems))
+
+
+def warm_problem(problem: AnyProblem) -> None:
+    """Have all compiled code of a problem in the cache, as far as its simulator is a thermal network."""
+    d = len(problem.names)
+    density = problem.native_density(Whitening(np.zeros(d), np.eye(d)))
+    if density is not None and isinstance(problem.simulator, NetworkSimulator):
+        warm((*density.program.rows, *problem.simulator.rows))
 
 
 def _with_common_lengthscales(problems: tuple[Problem, ...]) -> tuple[Problem, ...]:

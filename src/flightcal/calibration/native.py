@@ -83,9 +83,11 @@ class NativeDensity:
 
     def __init__(self, program: Program, place: Place) -> None:
         self.dimensions = len(place.w)
-        self._control = np.zeros(5, np.int64)
-        self._call = Stored(DensityCall(program.table, self._control, place))
-        self._kept = program
+        self.program, self._place, self._control = program, place, np.zeros(5, np.int64)
+
+    @cached_property
+    def _call(self) -> Stored:
+        return Stored(DensityCall(self.program.table, self._control, self._place))
 
     @property
     def address(self) -> int:
@@ -95,12 +97,12 @@ class NativeDensity:
     @cached_property
     def function(self) -> int:
         """Address of a C function (d, w, gradient, log density, `address`) -> 0, or another number: no density."""
-        return int(c_function(density, _signature(1, self._call.kind)).address)
+        return c_function(density, _signature(1, self._call.kind))
 
     @cached_property
     def record(self) -> int:
         """The same of (d, d, w, copy of w, `address`) -> 0; called for every draw."""
-        return int(c_function(record, _signature(2, self._call.kind)).address)
+        return c_function(record, _signature(2, self._call.kind))
 
     @cached_property
     def _function(self) -> Any:
@@ -194,12 +196,12 @@ class _Window:
         own = Priors(tuple(parts.priors.names[k] for k in drifting), tuple(parts.priors.priors[k] for k in drifting))
         z, theta, slope, unused = np.empty((4, 1, len(drifting)))
         window_theta, window_slope = np.empty((2, len(columns)))
-        link = LinkCall(
+        link = LinkCall._make([
             place, columns, deviation, score, drifting, z, theta, slope, window_theta, window_slope,
             *_places(parts.simulated), calls.thetas, calls.theta_bar,
             *_places(*parts.numbers), np.array(fixed), numbers, made.numbers_bar,
             *_places(*parts.settings), np.array(settings), work.settings, work.settings_bar,
-        )  # fmt: skip
+        ])  # fmt: skip
         drifted = (drift.row(link), own.row(z, theta, slope, unused, np.empty(1))) if len(drifting) else ()
         self.forward = (*drifted, gather.row(link), *calls.forward)
         self.backward = (*calls.backward, scatter.row(link))

@@ -209,7 +209,7 @@ class Problem:
         if not isinstance(self.simulator, NetworkSimulator):
             return None
         status = None if self.measured_switches is not None else self.heater_status
-        settings = self.inferred_settings if status else (np.empty(0), np.empty(0))
+        settings = self.inferred_settings if status else (np.empty(0, int), np.empty(0, int))
         return WindowParts(
             self.simulator, self.observed, self.residuals, status, self.priors,
             self.simulated, self.places, settings, columns, drifts,

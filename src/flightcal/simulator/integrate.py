@@ -77,7 +77,7 @@ class Integration:
         points, n, heaters = len(drive.times), len(structure.mass), len(structure.sensor)
         samples, channels = len(observation.sampling.point), len(observation.sensors.state)
         most, entries = MOST_SWITCHES_PER_STEP * points, packed_size(structure)
-        self.simulations = np.array([min(rooms, 1)])
+        self.structure, self.simulations = structure, np.ones(1, np.int64)
         self.packed, self.packed_bar = np.empty((rooms, entries)), np.empty(entries)
         self.errors, self.errors_bar = np.empty((rooms, 3, channels)), np.empty((3, channels))
         self.scatter = np.zeros((rooms, scatter, heaters))
@@ -153,6 +153,16 @@ class Integration:
         """Every time a thermostat acted in a single simulation."""
         return switches(self.outputs, 0)
 
+    def pull_back(self, states_bar: FloatArray, switches_bar: FloatArray | None = None) -> System:
+        """Cotangent of the system from those of the states on the grid [K+1, n] and of the switches' times [E].
+
+        The adjoint of `forward`. switches_bar: None: zero.
+        """
+        self.states_bar[:] = states_bar
+        self.switches_bar[: self.outputs.switches[0]] = 0.0 if switches_bar is None else switches_bar
+        self.adjoint()
+        return unpack(self.structure, self.packed_bar.copy())
+
 
 def switches(outputs: Outputs, simulation: int) -> Switch:
     """The thermostats' events in one simulation."""
@@ -174,29 +184,13 @@ def check_outcome(outcome: int) -> None:
 def integrate(structure: Structure, system: System, drive: Drive, *, derivative: bool = True) -> Integration:
     """Integrate one system (NumPy arrays) over the drive's grid.
 
-    derivative: whether `pull_back` will be asked of the run; a tenth faster without.
+    derivative: whether the run will be asked to `pull_back`; a tenth faster without.
     Raises SimulationFailure when a state is not finite or heaters switch more than 20 times a step on average.
     """
     run = Integration(structure, drive, NOTHING, derivative=derivative)
     run.packed[0] = pack(system)
     check_outcome(run.forward())
     return run
-
-
-def pull_back(
-    structure: Structure,
-    run: Integration,
-    states_bar: FloatArray,
-    switches_bar: FloatArray | None = None,
-) -> System:
-    """Cotangent of the system from those of the states on the grid [K+1, n] and of the switches' times [E].
-
-    The adjoint of `integrate`. switches_bar: None: zero.
-    """
-    run.states_bar[:] = states_bar
-    run.switches_bar[: run.outputs.switches[0]] = 0.0 if switches_bar is None else switches_bar
-    run.adjoint()
-    return unpack(structure, run.packed_bar)
 
 
 def in_parallel(task: Callable[[int], Any], count: int) -> list[Any]:

@@ -15,7 +15,7 @@ from typing import Protocol
 import numpy as np
 import xarray
 
-from ..compiled import Program
+from ..compiled import Program, Row
 from ..scenario import Scenario
 from .assembly import ParameterMap, assemble, assembly_memory
 from .inputs import Times, build_drive
@@ -284,6 +284,13 @@ class NetworkSimulator:
     def calls(self) -> Calls:
         """Memory and C calls for one simulation at a time with its derivative."""
         return Calls(self, derivative=True)
+
+    @property
+    def rows(self) -> tuple[Row, ...]:
+        """Calls of all kernels that simulations and their derivatives need."""
+        calls = self.calls()
+        with self._borrowed(WIDTH) as many:
+            return (*calls.forward, *calls.backward, *many.forward, Program([]).row)
 
     def _linearised(self, theta: FloatArray) -> Calls:
         """This thread's memory, with the simulation at theta (that very array)."""

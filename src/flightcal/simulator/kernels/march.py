@@ -22,7 +22,7 @@ class MarchCall(NamedTuple):
     """linearly, at the end."""
     duration: float
     """s"""
-    count: int
+    steps: int
     """How many equal steps."""
     memory: Any
     """[step_size(structure)]"""
@@ -32,7 +32,7 @@ class MarchCall(NamedTuple):
 def march(call):
     """Advance x by equal steps."""
     structure, packed, x, b0, b1 = call.structure, call.packed, call.x, call.b0, call.b1
-    duration, count = call.duration, call.count
+    duration, count = call.duration, call.steps
     n = structure.mass.shape[0]
     entries = structure.linear_column.shape[0]
     A, N = packed[:entries], packed[entries : entries + structure.radiative_column.shape[0]]
