@@ -60,7 +60,7 @@ _START_ROUNDS = 2
 
 def forward(rounds: int) -> dict[str, float]:
     """Of the forward run, over the C program's time: called with prepared arguments as that is, and from Python."""
-    from flightcal.simulator.integrate import NOTHING, integrate_packed
+    from flightcal.simulator import integrate
     from flightcal.simulator.system import pack
 
     from .canonical import canonical
@@ -73,12 +73,12 @@ def forward(rounds: int) -> dict[str, float]:
     model = canonical(problem)
     structure, drive = model.structure, model.drive
     system = model.simulator.system(theta[problem.simulated])
-    packed, no_sensors = pack(system), np.zeros((3, 0))
+    packed = pack(system)
     timings = interleaved(
         {
             "C": c_program.forward(structure, system, drive),
             "prepared": forward_alone(structure, packed, drive),
-            "Python": lambda: integrate_packed(structure, packed, drive, NOTHING, no_sensors, derivative=False),
+            "Python": lambda: integrate(structure, system, drive, derivative=False),
         },
         rounds,
     )
@@ -88,18 +88,18 @@ def forward(rounds: int) -> dict[str, float]:
 
 def memory(orbits: int, nodes: int) -> dict[str, float]:
     """Peak of the process in MiB, by how much a gradient raised it, and the seconds that it took."""
-    from flightcal.simulator import integrate, pull_back
+    from flightcal.simulator import integrate
 
     from .networks import chain
 
     small = chain(4)
     run = integrate(*small)
-    pull_back(*small, run, np.ones_like(run.states))
+    run.pull_back(np.ones_like(run.states))
     case = chain(nodes, 1, orbits)
     before = _peak()
     begin = time.perf_counter()
     run = integrate(*case)
-    pull_back(*case, run, np.ones_like(run.states))
+    run.pull_back(np.ones_like(run.states))
     seconds = time.perf_counter() - begin
     peak = _peak()
     return {"peak": peak, "growth": peak - before, "seconds": seconds}

@@ -9,7 +9,6 @@ import numpy as np
 from tests.oracle import jax
 
 from flightcal.simulator import integrate
-from flightcal.simulator.integrate import NOTHING, integrate_packed
 from flightcal.simulator.system import pack
 
 from ..apart import measured_apart
@@ -37,9 +36,7 @@ def measure(quick: bool) -> Section:
     notes = []
     runs: dict[str, Callable[[], Any]] = {
         _PREPARED: forward_alone(structure, packed, drive),
-        "flightcal, called from Python": lambda: (
-            integrate_packed(structure, packed, drive, NOTHING, np.zeros((3, 0)), derivative=False).states
-        ),
+        "flightcal, called from Python": lambda: integrate(structure, system, drive, derivative=False).states,
     }
     if c_program.compiler_version():
         runs["C program of the same scheme"] = c_program.forward(structure, system, drive)

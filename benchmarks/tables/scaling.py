@@ -10,7 +10,7 @@ from typing import Any
 
 import numpy as np
 
-from flightcal.simulator import integrate, pull_back
+from flightcal.simulator import integrate
 
 from ..apart import measured_apart
 from ..networks import ORBIT, Case, boxes, chain, plate, with_parameters
@@ -59,7 +59,7 @@ def _sizes(name: str, sizes: list[int], make: Any, rounds: int) -> Table:
         run = integrate(*case)
         bar = np.ones_like(run.states)
         functions[size, "forward"] = lambda case=case: integrate(*case, derivative=False)
-        functions[size, "gradient"] = lambda case=case, bar=bar: pull_back(*case, integrate(*case), bar)
+        functions[size, "gradient"] = lambda case=case, bar=bar: integrate(*case).pull_back(bar)
     timings = interleaved(functions, rounds, budget=30)
     rows = [
         [

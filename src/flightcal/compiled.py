@@ -21,9 +21,9 @@ its address. So a log density is a table of kernels (`Program`), not code. To wr
     Program([row, other.row(...)]).run()  # one after the other, in C
 
 Rules: arrays are C-contiguous; numbers are int or float and stay what they are (what changes is an array, and so is a
-bool); a stored call's arrays stay where they are, so change what is in them, not which they are. A kernel allocates nothing and raises nothing; its memory comes with
-the call. Inside of a kernel, `@inlined` functions are its parts. A kernel is compiled for each kind of call (number of
-dimensions and type of each array) that it is asked for.
+bool); a stored call's arrays stay where they are, so change what is in them, not which they are. A kernel allocates
+nothing and raises nothing; its memory comes with the call. Inside of a kernel, `@inlined` functions are its parts. A
+kernel is compiled for each kind of call (number of dimensions and type of each array) that it is asked for.
 
 A cached kernel holds until a file of its folder changes, if that folder is called ``kernels``, or else until its own
 file does; so a folder ``kernels`` holds compiled code alone, and calls no compiled code outside of it. With
@@ -34,17 +34,24 @@ from __future__ import annotations
 
 import ctypes
 import hashlib
+import importlib
 import os
-from collections.abc import Callable, Sequence
+import pickle
+import subprocess
+import sys
+from collections.abc import Callable, Iterable, Iterator, Sequence
+from contextlib import suppress
 from dataclasses import dataclass
-from functools import cache, cached_property
+from functools import cache, cached_property, partial
 from pathlib import Path
+from tempfile import TemporaryDirectory
 from typing import Any, NamedTuple
 
 import numpy as np
 from llvmlite import ir
-from numba import from_dtype, njit, typeof
+from numba import from_dtype, njit
 from numba.core import sigutils, types
+from numba.core.caching import IndexDataCacheFile
 from numba.core.ccallback import CFunc
 from numba.core.typing.templates import AttributeTemplate, infer_getattr
 from numba.extending import intrinsic, lower_getattr_generic, models, register_model
@@ -64,40 +71,24 @@ to arrays, which it otherwise does at every access."""
 
 @cache
 def _digest(path: Path) -> str:
-    """Of a file, or of all files of a folder, and of how they are compiled."""
-    digest = hashlib.sha256(str(_STRICT).encode())
+    """Of a file, or of all files of a folder."""
+    digest = hashlib.sha256()
     for file in sorted(path.glob("*.py")) if path.is_dir() else [path]:
         digest.update(file.read_bytes())
     return digest.hexdigest()
 
 
-def compiled(function: Callable[..., Any]) -> Any:
-    """A short function that Python calls: compiled at its first call, and cached until a file of its folder changes."""
-    return _cached(function, nogil=False)
-
-
-def compiled_long(function: Callable[..., Any]) -> Any:
-    """The same for what takes long: the interpreter lock is free while it runs.
-
-    To get the lock back while other threads want it may take longer than a short function.
-    """
-    return _cached(function, nogil=True)
-
-
-def _cached(function: Callable[..., Any], *, nogil: bool) -> Any:
-    dispatcher: Any = njit(cache=True, nogil=nogil, **_OPTIONS)(function)
-    _stamp(dispatcher, _digest(Path(function.__code__.co_filename).parent))
-    return dispatcher
-
-
-def _stamp(function: Any, stamp: str) -> None:
-    """Have a function's cache hold only while the stamp stays, and be empty where it cannot be read.
+def _cached(function: Any, code: Callable[..., Any], what: str) -> Any:
+    """Have a function's cache hold as long as a kernel's; what: sets it apart from others of the same code.
 
     Numba reads an index before it looks at the stamp, and the index names the classes of arguments: after an upgrade,
     perhaps ones that are no longer there.
     """
-    file = function._cache._cache_file
-    load = file._load_index
+    file, cached = Path(code.__code__.co_filename), function._cache
+    stamp = _digest(file.parent if file.parent.name == "kernels" else file)
+    name = hashlib.sha256(f"{what} {_STRICT}".encode()).hexdigest()[:12]
+    cached._cache_file = IndexDataCacheFile(cached.cache_path, f"{cached._impl.filename_base}-{name}", stamp)
+    load = cached._cache_file._load_index
 
     def load_index() -> Any:
         try:
@@ -105,10 +96,16 @@ def _stamp(function: Any, stamp: str) -> None:
         except (ImportError, AttributeError):
             return {}
 
-    file._source_stamp, file._load_index = stamp, load_index
+    cached._cache_file._load_index = load_index
+    return function
 
 
-inlined: Any = njit(forceinline=True, **_OPTIONS)
+def compiled_long(function: Callable[..., Any]) -> Any:
+    """A long function that Python calls, by Numba's own way: the interpreter lock is free while it runs."""
+    return _cached(njit(cache=True, nogil=True, **_OPTIONS)(function), function, "")
+
+
+inlined: Any = njit(**(_OPTIONS | {"forceinline": True, "no_cpython_wrapper": True, "no_cfunc_wrapper": True}))
 """A function that compiled functions call; a call that is not inlined copies every array's description, which takes
 longer than the work on a small network."""
 
@@ -165,9 +162,15 @@ def _array_kind(dtype: Any, dimensions: int) -> Any:
     return types.Array(from_dtype(dtype), dimensions, "C")
 
 
-@cache
-def _tuple_kind(made_by: type, kinds: tuple[Any, ...]) -> Any:
-    return types.BaseTuple.from_types(kinds, made_by)
+_TUPLE_KINDS: dict[tuple[Any, ...], Any] = {}
+"""By class and identities of the kinds: to compare Numba's types takes long."""
+
+
+def _tuple_kind(made_by: type, kinds: list[Any]) -> Any:
+    key = (made_by, *map(id, kinds))
+    if key not in _TUPLE_KINDS:
+        _TUPLE_KINDS[key] = types.BaseTuple.from_types(kinds, made_by)
+    return _TUPLE_KINDS[key]
 
 
 def kind_of(value: Any) -> Any:
@@ -177,7 +180,7 @@ def kind_of(value: Any) -> Any:
             raise TypeError(f"found an array {value.shape} that is not contiguous, expected a contiguous one")
         return _array_kind(value.dtype, value.ndim)
     if isinstance(value, tuple):
-        return _tuple_kind(type(value), tuple(map(kind_of, value)))
+        return _tuple_kind(type(value), [kind_of(part) for part in value])
     return types.float64 if isinstance(value, float) else types.int64
 
 
@@ -190,6 +193,17 @@ def _words(value: Any) -> list[int]:
     return [int(np.float64(value).view(np.int64)) if isinstance(value, float) else int(value)]
 
 
+class Stored:
+    """A call in memory as compiled code has it."""
+
+    def __init__(self, call: NamedTuple) -> None:
+        self.kind = kind_of(call)
+        self._memory = np.array(_words(call), np.int64)
+        self.address = self._memory.ctypes.data
+        self.kept = call
+        """The arrays that it refers to."""
+
+
 # --- kernels ----------------------------------------------------------------------------------------------------
 
 
@@ -200,18 +214,23 @@ class Kernel:
         self.function, self._long = function, long
         self._compiled: dict[Any, Any] = {}
 
-    def compile(self, kind: Any) -> Any:
-        """The C function for one kind of call, from the cache where it is there."""
+    def compile(self, kind: Any) -> tuple[int, Any]:
+        """Address of the C function for one kind of call, and the same for Python; from the cache where it is there."""
         if kind not in self._compiled:
             made = c_function(self.function, types.int64(CallType(kind)))
             # ctypes holds the interpreter lock or frees it; to get it back may take longer than a short function.
             prototype = ctypes.CFUNCTYPE if self._long else ctypes.PYFUNCTYPE
-            self._compiled[kind] = made, prototype(ctypes.c_int64, ctypes.c_void_p)(made.address)
+            self._compiled[kind] = made, prototype(ctypes.c_int64, ctypes.c_void_p)(made)
         return self._compiled[kind]
+
+    def is_cached(self, kind: Any) -> bool:
+        """Whether nothing need be compiled."""
+        made = _prepared(self.function, types.int64(CallType(kind)))
+        return made._cache.load_overload(made._sig, made._targetdescr.target_context) is not None
 
     def row(self, call: NamedTuple) -> Row:
         """A call of this kernel, stored."""
-        return Row(self, kind_of(call), np.array(_words(call), np.int64), call)
+        return Row(self, Stored(call))
 
     def __call__(self, call: NamedTuple) -> int:
         """Run it once."""
@@ -228,16 +247,11 @@ class Row:
     """A kernel with one call of it."""
 
     kernel: Kernel
-    kind: Any
-    memory: NDArray[np.int64]
-    """The call as compiled code has it,"""
-    kept: NamedTuple
-    """and the arrays that it refers to."""
+    call: Stored
 
     @cached_property
     def _run(self) -> Any:
-        run, address = self.kernel.compile(self.kind)[1], self.memory.ctypes.data
-        return lambda: run(address)
+        return partial(self.kernel.compile(self.call.kind)[1], self.call.address)
 
     def __call__(self) -> int:
         """Run it; the kernel's result."""
@@ -246,17 +260,26 @@ class Row:
     @property
     def addresses(self) -> tuple[int, int]:
         """Of the C function and of the call."""
-        return self.kernel.compile(self.kind)[0].address, self.memory.ctypes.data
+        return self.kernel.compile(self.call.kind)[0], self.call.address
 
 
-def c_function(function: Callable[..., Any], signature: Any) -> Any:
-    """A C function of any signature, compiled and cached as a kernel is; `.address` is where it lies."""
+def _prepared(function: Callable[..., Any], signature: Any) -> Any:
     made: Any = CFunc(function, sigutils.normalize_signature(signature), locals={}, options=_OPTIONS)
     made.enable_caching()
-    file = Path(function.__code__.co_filename)
-    _stamp(made, _digest(file.parent if file.parent.name == "kernels" else file))
+    return _cached(made, function, str(signature))
+
+
+_MADE: list[Any] = []
+"""What would else be freed while its address is in use."""
+
+
+@cache
+def c_function(function: Callable[..., Any], signature: Any) -> int:
+    """Address of a C function of any signature, compiled and cached as a kernel is."""
+    made = _prepared(function, signature)
     made.compile()
-    return made
+    _MADE.append(made)
+    return int(made.address)
 
 
 # --- a table of kernels ---------------------------------------------------------------------------------------
@@ -277,7 +300,7 @@ def call_at(typing_context: Any, function: Any, call: Any) -> Any:
 def run_rows(rows: Any) -> Any:
     """Run kernels (address, address of the call) [R, 2] in order until one does not return 0, which is the result."""
     for k in range(rows.shape[0]):
-        outcome = call_at(rows[k, 0], rows[k, 1])
+        outcome: Any = call_at(rows[k, 0], rows[k, 1])  # type: ignore[call-arg]
         if outcome != 0:
             return outcome
     return 0
@@ -305,85 +328,51 @@ class Program:
         return np.array([row.addresses for row in self.rows], np.int64).reshape(-1, 2)
 
     @cached_property
-    def _row(self) -> Row:
+    def row(self) -> Row:
+        """The whole Program as one row."""
         return run_program.row(_Table(self.table))
 
     def run(self) -> int:
         """0, or what the kernel returned that ended it; the interpreter lock is free meanwhile."""
-        return self._row()
+        return self.row()
 
 
-# --- functions that need no Python ----------------------------------------------------------------------------
+# --- ahead of time ----------------------------------------------------------------------------------------------
 
 
-class _Stored:
-    """Numba's type of the value that `store` has put away; a compiled function that calls `stored` is made for it."""
+def warm(rows: Iterable[Row]) -> None:
+    """Have the kernels of rows in the cache: what is missing is compiled by this process and another, side by side.
 
-    kind: Any = None
-
-
-def make_stored() -> Any:
-    """A function `stored` for C functions of another kind of value: Numba asks each for its type only once."""
-
-    @intrinsic
-    def stored(typing_context: Any, address: Any) -> Any:
-        """The value at an address; see `store`."""
-        kind = _Stored.kind
-
-        def generate(context: Any, builder: Any, sig: Any, args: Any) -> Any:
-            return builder.load(builder.bitcast(args[0], context.get_value_type(kind).as_pointer()))
-
-        return kind(types.voidptr), generate
-
-    return stored
-
-
-stored = make_stored()
-
-
-@intrinsic
-def _put(typing_context: Any, address: Any, value: Any) -> Any:
-    def generate(context: Any, builder: Any, sig: Any, args: Any) -> Any:
-        pointer = builder.inttoptr(args[0], context.get_value_type(value).as_pointer())
-        builder.store(args[1], pointer)
-        return context.get_constant(types.int64, context.get_abi_sizeof(context.get_value_type(value)))
-
-    return types.int64(types.int64, value), generate
-
-
-@compiled
-def _store(address: Any, value: Any) -> Any:
-    return _put(address, value)  # type: ignore[call-arg]
-
-
-def store(value: Any) -> NDArray[np.uint8]:
-    """Memory that holds `value`, a named tuple of arrays, as compiled code has it; the arrays must outlive its use.
-
-    To hand many arrays to a compiled function takes longer than a short one runs, and only Python can do it.
+    Numba lets only one thread of a process compile.
     """
-    kind = typeof(value)
-    leaves = _leaves(kind)
-    memory = np.zeros(_MOST_WORDS * leaves, np.uint64)
-    _store(memory.ctypes.data, value)
-    _Stored.kind = kind
-    return memory.view(np.uint8)
+    wanted = {(row.kernel, row.call.kind): None for row in rows}
+    missing = [(kernel, kind) for kernel, kind in wanted if not kernel.is_cached(kind)]
+    # What is given much is long.
+    missing.sort(key=lambda task: len(str(task[1])), reverse=True)
+    if len(missing) < 2:
+        return
+    with TemporaryDirectory() as claims:
+        names = [(kernel.function.__module__, kernel.function.__name__, kind) for kernel, kind in missing]
+        command = [sys.executable, "-c", f"import {__name__} as compiled; compiled._compile_asked()"]
+        path = os.pathsep.join(part for part in sys.path if part)
+        with subprocess.Popen(command, stdin=subprocess.PIPE, env=os.environ | {"PYTHONPATH": path}) as other:
+            assert other.stdin is not None
+            with suppress(BrokenPipeError), other.stdin:
+                other.stdin.write(pickle.dumps((claims, names)))
+            for kernel, kind in _claimed(claims, missing):
+                kernel.compile(kind)
 
 
-_MOST_WORDS = 16
-"""Of an array of up to four dimensions: five, and two for each dimension; with room to spare."""
+def _compile_asked() -> None:
+    """What the other process does. Where it fails, the first one compiles what it then finds missing."""
+    claims, names = pickle.load(sys.stdin.buffer)
+    for module, name, kind in _claimed(claims, names):
+        getattr(importlib.import_module(module), name).compile(kind)
 
 
-def _leaves(kind: Any) -> int:
-    """How many arrays and numbers it holds."""
-    return sum(_leaves(part) for part in kind.types) if hasattr(kind, "types") else 1
-
-
-def callback(function: Callable[..., Any], signature: Any, folders: Sequence[Path]) -> Any:
-    """A C function, compiled and cached until a file of the folders, or the type of what is `stored`, changes."""
-    compiled_function: Any = CFunc(function, sigutils.normalize_signature(signature), locals={}, options=_OPTIONS)
-    compiled_function.enable_caching()
-    kind = hashlib.sha256(str(_Stored.kind).encode()).hexdigest()
-    stamp = "".join([*(_digest(folder) for folder in folders), kind])
-    _stamp(compiled_function, stamp)
-    compiled_function.compile()
-    return compiled_function
+def _claimed(folder: str, tasks: Sequence[Any]) -> Iterator[Any]:
+    """Those that no other process works on."""
+    for k, task in enumerate(tasks):
+        with suppress(FileExistsError):
+            Path(folder, str(k)).touch(exist_ok=False)
+            yield task

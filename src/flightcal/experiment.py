@@ -28,6 +28,7 @@ from .calibration import (
     genetic_points,
     posterior_tree,
     search_record,
+    warm_problem,
     with_residual_noise,
 )
 from .calibration.emulated import needs_emulator
@@ -128,11 +129,12 @@ def run_experiment(
 
 
 def _compile_stage(run: Run, key: str, problem: AnyProblem, listener: Listener) -> None:
-    """Call what the later stages call, so that their times are without compilation; a minute, the first time."""
+    """Compile and call what the later stages call, so that their times are without compilation."""
     done = run.is_done("compile", key, ())
     listener.stage("compile", done)
     if not done:
         with run.stage("compile", key):
+            warm_problem(problem)
             median = problem.priors.median()
             problem.log_density_and_gradient(problem.to_z(median))
             problem.simulate_many(np.tile(median, (8, 1)))

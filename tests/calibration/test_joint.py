@@ -13,7 +13,7 @@ from flightcal.calibration.native import DENSITY_NOT_FINITE, REASONS
 from flightcal.calibration.whitening import Whitening
 from flightcal.errors import ScenarioError
 from flightcal.scenario import load_scenario
-from flightcal.simulator.forward import TOO_MANY_SWITCHES
+from flightcal.simulator.kernels.forward import TOO_MANY_SWITCHES
 
 from .. import small
 

@@ -6,7 +6,7 @@ from typing import Any
 
 import numpy as np
 
-from flightcal.simulator.sampling import BIAS, GAIN, ICE_POINT, TIME_OFFSET
+from flightcal.simulator.kernels.sampling import BIAS, GAIN, ICE_POINT, TIME_OFFSET
 from flightcal.simulator.system import Drive, Structure, System
 
 from .double import jax, jnp

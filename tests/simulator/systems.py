@@ -2,7 +2,10 @@
 
 import numpy as np
 
-from flightcal.simulator.assembly import ParameterMap, assemble
+from flightcal.simulator.assembly import ParameterMap, assemble, assembly_memory
+from flightcal.simulator.integrate import NOTHING, Integration
+from flightcal.simulator.kernels.assembly import PullBackCall, pull_back
+from flightcal.simulator.kernels.lanes import WIDTH
 from flightcal.simulator.network import STEFAN_BOLTZMANN
 from flightcal.simulator.system import Drive, System, make_structure, unpack
 
@@ -28,6 +31,29 @@ def assembled(network, numbers, initial):
     """The system of a network at the scenario's numbers [V], from initial temperatures [n]."""
     _, packed = assemble(no_parameters(numbers), network.terms, np.asarray(initial, float)[network.diffusive])
     return unpack(network.structure, packed)
+
+
+def pull_back_assembly(mapping, terms, theta, numbers, packed_bar, used, used_bar):
+    """Cotangent of theta [d] from that of the packed system [P] and of numbers [., .] that are used elsewhere too."""
+    theta_bar, memory = np.empty(len(theta)), assembly_memory(mapping, terms)
+    pull_back(PullBackCall(mapping, terms, used, theta[None], numbers[None], packed_bar, used_bar, memory, theta_bar))
+    return theta_bar
+
+
+def simulated(structure, packed, drive, observation=NOTHING, errors=None, scatter=None, *, lanes=False):
+    """A run of packed systems [S, P] in lanes, or of one [P], with errors [S, 3, N] or [3, N] and scatter."""
+    rooms = len(packed) if lanes else 1
+    run = Integration(
+        structure, drive, observation, rooms=rooms, lanes=WIDTH if lanes else 1, derivative=not lanes,
+        scatter=0 if scatter is None else scatter.shape[-2],
+    )  # fmt: skip
+    run.simulations[0] = rooms
+    run.packed[:] = packed
+    run.errors[:] = 0.0 if errors is None else errors
+    if scatter is not None:
+        run.scatter[:] = scatter
+    run.forward()
+    return run
 
 
 def drive_of(times, inputs, heaters=0, measured=None):

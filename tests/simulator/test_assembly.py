@@ -4,11 +4,11 @@ import numpy as np
 import pytest
 
 from flightcal.simulator import build_network
-from flightcal.simulator.assembly import ParameterMap, Terms, assemble, own_initial, pull_back_assembly
+from flightcal.simulator.assembly import ParameterMap, Terms, assemble, own_initial
 from flightcal.simulator.system import System, pack
 
 from .. import small
-from .systems import assembled, no_parameters
+from .systems import assembled, no_parameters, pull_back_assembly
 from .test_network import rich
 
 UNUSED = np.zeros((0, 0), np.int64)

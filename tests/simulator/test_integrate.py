@@ -5,7 +5,7 @@ import sys
 import numpy as np
 import pytest
 
-from flightcal.simulator import integrate, pull_back
+from flightcal.simulator import integrate
 from flightcal.simulator.system import Drive, System
 
 from .. import oracle
@@ -41,7 +41,7 @@ def test_states_and_gradient_equal_the_oracles(options):
     np.testing.assert_allclose(run.states, states, atol=1e-9)
     np.testing.assert_array_equal(run.status, status)
 
-    gradient = pull_back(structure, system, drive, run, cotangent)
+    gradient = run.pull_back(cotangent)
     for name, got, wanted in zip(System._fields, gradient, expected, strict=True):
         if np.size(wanted):
             scale = np.abs(wanted).max() or 1.0
@@ -64,7 +64,7 @@ def test_gradient_agrees_with_finite_differences_across_a_switch(field):
         return (moved.states * weights).sum()
 
     expected = (objective(size) - objective(-size)) / (2 * size)
-    got = (getattr(pull_back(structure, system, drive, run, weights), field) * direction).sum()
+    got = (getattr(run.pull_back(weights), field) * direction).sum()
     assert got == pytest.approx(expected, rel=1e-5)
 
 
@@ -83,7 +83,7 @@ def test_the_derivative_of_switching_times_agrees_with_differences(case):
             assert len(moved.switches.time) == len(of_times)
             return (moved.states * states_bar).sum() + moved.switches.time @ of_times
 
-        gradient = pull_back(structure, system, drive, run, states_bar, of_times)
+        gradient = run.pull_back(states_bar, of_times)
         for field in ("linear", "radiative", "forcing", "heating", "lower", "upper", "initial"):
             value, slope = getattr(system, field), getattr(gradient, field)
             direction = np.sign(slope) * np.abs(value)
@@ -129,14 +129,14 @@ def test_the_derivative_is_the_same_whether_steps_are_kept_or_computed_again(mon
     size = kept.record.steps.shape[1]
     segments = int(kept.record.segments[0])
     weights = np.random.default_rng(0).normal(size=kept.states.shape)
-    expected = pull_back(structure, system, drive, kept, weights)
+    expected = kept.pull_back(weights)
     assert len(kept.record.steps) > segments
     for most in (0, 1, segments // 2, segments - 1, segments):
         monkeypatch.setattr(module, "_MOST_KEPT", most * size)
         noted = integrate(structure, system, drive)
         assert len(noted.record.steps) == most + 1
         np.testing.assert_array_equal(noted.states, kept.states)
-        for first, second in zip(expected, pull_back(structure, system, drive, noted, weights), strict=True):
+        for first, second in zip(expected, noted.pull_back(weights), strict=True):
             np.testing.assert_allclose(second, first, rtol=1e-11, atol=1e-11 * np.abs(first).max(initial=0.0))
 
 

@@ -4,13 +4,13 @@ import numpy as np
 import pytest
 from numba import njit
 
-from flightcal.simulator.forward import FINISHED, NOT_FINITE, TOO_MANY_SWITCHES
-from flightcal.simulator.integrate import NOTHING, Observation, integrate_many, integrate_packed, switches
-from flightcal.simulator.lanes import WIDTH, elements, lane_count, lane_memory, put, take
+from flightcal.simulator.integrate import Observation, switches
+from flightcal.simulator.kernels.forward import FINISHED, NOT_FINITE, TOO_MANY_SWITCHES
+from flightcal.simulator.kernels.lanes import WIDTH, elements, lane_count, lane_memory, put, take
 from flightcal.simulator.sampling import Sensors, locate
 from flightcal.simulator.system import pack
 
-from .systems import random_system
+from .systems import random_system, simulated
 
 
 @njit(_nrt=False)
@@ -75,11 +75,11 @@ def test_simulations_side_by_side_are_those_one_by_one(options, count):
     samples = np.linspace(0.0, drive.times[-1], 70)
     observation = Observation(locate(samples, drive.times), Sensors(np.array([2, 0]), np.array([False, True])))
     errors = np.array([[1.0], [0.0], [0.0]]) + np.random.default_rng(1).normal(size=(count, 3, 2))
-    outputs = integrate_many(structure, packed, drive, observation, errors)
+    outputs = simulated(structure, packed, drive, observation, errors, lanes=True).outputs
     assert (outputs.outcome == FINISHED).all()
     numbers = set()
     for k in range(count):
-        alone = integrate_packed(structure, packed[k], drive, observation, errors[k]).outputs
+        alone = simulated(structure, packed[k], drive, observation, errors[k]).outputs
         np.testing.assert_allclose(outputs.temperatures[k], alone.temperatures[0], rtol=0, atol=1e-9)
         np.testing.assert_array_equal(outputs.status[k], alone.status[0])
         np.testing.assert_allclose(outputs.duty_cycle[k], alone.duty_cycle[0], atol=1e-9)
@@ -95,12 +95,12 @@ def test_simulations_side_by_side_are_those_one_by_one(options, count):
 def test_a_failed_simulation_leaves_its_neighbours_alone():
     structure, system, drive = random_system(1)
     packed = around(system, 12)
-    expected = integrate_many(structure, packed, drive, NOTHING, np.empty((12, 3, 0)))
+    expected = simulated(structure, packed, drive, lanes=True).outputs
     broken = packed.copy()
     broken[3, -1] = np.nan
     tight = system._replace(upper=system.lower + 1e-7, heating=system.heating * 1e3)
     broken[5] = pack(tight)
-    outputs = integrate_many(structure, broken, drive, NOTHING, np.empty((12, 3, 0)))
+    outputs = simulated(structure, broken, drive, lanes=True).outputs
     assert outputs.outcome[3] == NOT_FINITE
     assert outputs.outcome[5] == TOO_MANY_SWITCHES
     others = [k for k in range(12) if k not in (3, 5)]
@@ -111,6 +111,6 @@ def test_a_failed_simulation_leaves_its_neighbours_alone():
 def test_results_do_not_depend_on_what_is_in_the_other_lanes():
     structure, system, drive = random_system(1)
     packed = around(system, 16)
-    outputs = integrate_many(structure, packed, drive, NOTHING, np.empty((16, 3, 0)))
-    turned = integrate_many(structure, packed[::-1].copy(), drive, NOTHING, np.empty((16, 3, 0)))
+    outputs = simulated(structure, packed, drive, lanes=True).outputs
+    turned = simulated(structure, packed[::-1].copy(), drive, lanes=True).outputs
     np.testing.assert_array_equal(outputs.duty_cycle, turned.duty_cycle[::-1])

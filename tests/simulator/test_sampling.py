@@ -2,16 +2,25 @@
 
 import numpy as np
 import pytest
+from numba import njit
 from scipy.optimize import check_grad
 
 from flightcal.simulator.inputs import make_grid
-from flightcal.simulator.sampling import Sensors, interpolate, locate, spread
+from flightcal.simulator.kernels import sampling as kernels
+from flightcal.simulator.kernels.forward import Record
+from flightcal.simulator.kernels.sampling import SpreadCall, spread
+from flightcal.simulator.sampling import Sensors, locate
 
 from .. import oracle
 from ..oracle import jax
 from .systems import drive_of
 
 NOTHING = np.empty(0)
+
+
+@njit
+def interpolate(sampling, sensors, times, on_grid, errors, at_samples):
+    kernels.interpolate(sampling, sensors, times, on_grid, errors, at_samples)
 
 
 def no_errors(channels):
@@ -82,7 +91,8 @@ def test_what_sensors_say_and_its_derivative_are_the_oracles(scene):
     got = at_samples(locate(samples, grid), grid, states, sensors, errors)
     np.testing.assert_allclose(got, said(states, errors), atol=1e-9)
     states_bar, errors_bar = np.empty_like(states), np.empty_like(errors)
-    spread(locate(samples, grid), sensors, grid, states, errors, weights, states_bar, errors_bar)
+    record = Record._make([np.empty(0)] * len(Record._fields))._replace(states=states[None])
+    spread(SpreadCall(locate(samples, grid), sensors, grid, record, errors[None], weights, states_bar, errors_bar))
     by_states, by_errors = jax.grad(lambda *at: (said(*at) * weights).sum(), argnums=(0, 1))(states, errors)
     by_errors = by_errors.at[2].multiply(sensors.moved)
     np.testing.assert_allclose(states_bar, by_states, atol=1e-9)

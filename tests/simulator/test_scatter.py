@@ -2,11 +2,11 @@
 
 import numpy as np
 
-from flightcal.simulator.forward import FINISHED
-from flightcal.simulator.integrate import NOTHING, integrate_many, integrate_packed, switches
+from flightcal.simulator.integrate import switches
+from flightcal.simulator.kernels.forward import FINISHED
 from flightcal.simulator.system import pack
 
-from .systems import random_system
+from .systems import random_system, simulated
 
 
 def scatter_of(count, seed=0):
@@ -16,7 +16,7 @@ def scatter_of(count, seed=0):
 def test_a_heater_switches_where_its_own_draw_has_moved_the_threshold():
     structure, system, drive = random_system(5)
     scatter = scatter_of(1)[0]
-    run = integrate_packed(structure, pack(system), drive, NOTHING, np.zeros((3, 0)), scatter=scatter)
+    run = simulated(structure, pack(system), drive, scatter=scatter)
     record, latest, seen = run.record, [0, 0], 0
     for segment in np.flatnonzero(record.event[0, : record.segments[0]] >= 0):
         k = record.event[0, segment]
@@ -33,11 +33,9 @@ def test_scattered_simulations_side_by_side_are_those_one_by_one():
     structure, system, drive = random_system(5)
     scatter = scatter_of(11)
     packed = np.tile(pack(system), (11, 1))
-    outputs = integrate_many(structure, packed, drive, NOTHING, np.zeros((11, 3, 0)), scatter)
+    outputs = simulated(structure, packed, drive, scatter=scatter, lanes=True).outputs
     assert (outputs.outcome == FINISHED).all()
     for k in range(11):
-        alone = integrate_packed(
-            structure, packed[k], drive, NOTHING, np.zeros((3, 0)), derivative=False, scatter=scatter[k]
-        ).outputs
+        alone = simulated(structure, packed[k], drive, scatter=scatter[k]).outputs
         np.testing.assert_allclose(switches(outputs, k).time, switches(alone, 0).time, atol=1e-6)
     assert len({tuple(switches(outputs, k).time) for k in range(11)}) == 11

@@ -7,12 +7,13 @@ from scipy.optimize import brentq
 
 from flightcal.environment import face_fluxes
 from flightcal.simulator import SimulationFailure, open_loop
-from flightcal.simulator.assembly import assemble, pull_back_assembly
+from flightcal.simulator.assembly import assemble
 from flightcal.simulator.network import DEEP_SPACE, STEFAN_BOLTZMANN
 from flightcal.simulator.system import System, packed_bounds
 
 from .. import oracle, small
 from ..oracle import jax, jnp
+from .systems import pull_back_assembly
 from .test_network import rich
 
 

@@ -2,7 +2,7 @@
 
 from ..probability.priors import Priors
 from .diagnostics import Diagnostics, Gate, diagnose
-from .joint import AnyProblem, JointProblem, calibration_problem
+from .joint import AnyProblem, JointProblem, calibration_problem, warm_problem
 from .methods import (
     Posterior,
     calibrate_genetic,
@@ -36,5 +36,6 @@ __all__ = [
     "mean_and_some",
     "posterior_tree",
     "search_record",
+    "warm_problem",
     "with_residual_noise",
 ]

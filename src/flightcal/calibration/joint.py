@@ -20,13 +20,14 @@ from typing import Any
 import numpy as np
 import xarray
 
+from ..compiled import warm
 from ..errors import ScenarioError
 from ..probability.priors import Priors
 from ..probability.residuals import ResidualModel
 from ..scenario import HalfNormal, Normal, Prior, Scenario, Uniform, is_trained, support
-from ..simulator import Simulator, Trajectory
+from ..simulator import NetworkSimulator, Simulator, Trajectory
 from ..simulator.system import FloatArray, IntArray, Switch
-from .native import NativeDensity, joint_density
+from .native import NativeDensity, native_density
 from .problem import Problem, build_problem
 from .whitening import Whitening
 
@@ -180,16 +181,12 @@ class JointProblem:
 
     def native_density(self, coordinates: Whitening) -> NativeDensity | None:
         """The log density at w [d] of other coordinates as a C function; None where a window has none."""
-        densities = [
-            problem.native_density(Whitening(np.zeros(len(problem.names)), np.eye(len(problem.names))))
-            for problem in self.problems
+        parts = [
+            problem.window_parts(link.columns, link.drifts)
+            for problem, link in zip(self.problems, self._links, strict=True)
         ]
-        windows = [density for density in densities if density is not None]
-        if len(windows) < len(densities):
-            return None
-        columns, drifts = [link.columns for link in self._links], [link.drifts for link in self._links]
-        own = [problem.priors for problem in self.problems]
-        return joint_density(windows, columns, drifts, own, self.priors, coordinates)
+        windows = [own for own in parts if own is not None]
+        return native_density(windows, self.priors, coordinates) if len(windows) == len(parts) else None
 
     def log_density(self, z: FloatArray) -> float:
         """Log posterior density (up to a constant) at z [d]; -inf where a simulation fails."""
@@ -332,6 +329,14 @@ def calibration_problem(scenario: Scenario, telemetry: xarray.Dataset) -> Proble
         )
     problems = tuple(build_problem(scenario, telemetry, window) for window in windows)
     return problems[0] if len(windows) == 1 else join(_with_common_lengthscales(problems))
+
+
+def warm_problem(problem: AnyProblem) -> None:
+    """Have all compiled code of a problem in the cache, as far as its simulator is a thermal network."""
+    d = len(problem.names)
+    density = problem.native_density(Whitening(np.zeros(d), np.eye(d)))
+    if density is not None and isinstance(problem.simulator, NetworkSimulator):
+        warm((*density.program.rows, *problem.simulator.rows))
 
 
 def _with_common_lengthscales(problems: tuple[Problem, ...]) -> tuple[Problem, ...]:

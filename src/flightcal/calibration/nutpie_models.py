@@ -59,8 +59,8 @@ def native_model(density: NativeDensity, start: FloatArray) -> Any:
             d = len(start)
             sizes = {f"{NAME}_dim_0": d}
             return _lib.PyMcModel(
-                _lib.LogpFunc(density.function.address, density.address, density),
-                _lib.ExpandFunc(d, d, density.record.address, density.address, density),
+                _lib.LogpFunc(density.function, density.address, density),
+                _lib.ExpandFunc(d, d, density.record, density.address, density),
                 _lib.PyVariable.new_variables([NAME], ["float64"], [(d,)], {}, {}),
                 d,
                 sizes,

@@ -35,11 +35,11 @@ from ..probability.surrogate_error import (
 )
 from ..scenario import ExternalModel, Normal, Prior, Scenario, is_trained
 from ..simulator import NetworkSimulator, SimulationFailure, Simulator, Trajectory, open_loop
-from ..simulator.sampling import ICE_POINT
-from ..simulator.system import FloatArray, Switch
+from ..simulator.kernels.sampling import ICE_POINT
+from ..simulator.system import FloatArray, IntArray, Switch
 from ..surrogate.build import InexactSimulator, build_simulator
 from ..telemetry import select_window, window_bounds
-from .native import NativeDensity, native_density
+from .native import NativeDensity, WindowParts, native_density
 from .whitening import Whitening
 
 _SAMPLES_FOR_START = 3
@@ -196,16 +196,22 @@ class Problem:
 
     def native_density(self, coordinates: Whitening) -> NativeDensity | None:
         """The log density at w [d] of other coordinates as a C function; None where there is none."""
+        parts = self.window_parts(np.arange(len(self.names)), (np.full(len(self.names), -1),) * 2)
+        return None if parts is None else native_density([parts], self.priors, coordinates)
+
+    def window_parts(self, columns: IntArray, drifts: tuple[IntArray, IntArray]) -> WindowParts | None:
+        """What a compiled density of this window, or of several, needs; None where there can be none.
+
+        columns, drifts: see `WindowParts`.
+        """
         if not isinstance(self.simulator, NetworkSimulator):
             return None
-        model = self.residuals
-        places = (self.simulated, *self.places)
-        status = None
-        if self.heater_status is not None and self.measured_switches is None:
-            status = (self.heater_status.data, self.heater_status.settings, *self.inferred_settings)
-        return native_density(
-            self.simulator, self.priors, self.observed, model.terms, model.fixed, places, coordinates, status
-        )
+        status = None if self.measured_switches is not None else self.heater_status
+        settings = self.inferred_settings if status else (np.empty(0, int), np.empty(0, int))
+        return WindowParts(
+            self.simulator, self.observed, self.residuals, status, self.priors,
+            self.simulated, self.places, settings, columns, drifts,
+        )  # fmt: skip
 
     def log_density_and_gradient(self, z: FloatArray) -> tuple[float, FloatArray]:
         """Log posterior density at z [d] and its gradient [d]; (-inf, 0) where the simulation fails."""

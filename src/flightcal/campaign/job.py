@@ -12,7 +12,7 @@ import numpy as np
 
 from ..external.record import Record
 from ..simulator import SimulationFailure, Simulator
-from ..simulator.lanes import WIDTH
+from ..simulator.kernels.lanes import WIDTH
 from ..simulator.system import FloatArray
 from .store import DamagedRecord, RunStore
 

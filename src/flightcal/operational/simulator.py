@@ -20,9 +20,9 @@ from ..errors import FlightcalError
 from ..scenario import Scenario
 from ..simulator.assembly import ParameterMap, assemble
 from ..simulator.inputs import face_series
-from ..simulator.march import march
+from ..simulator.kernels.march import MarchCall, march
+from ..simulator.kernels.step import step_size
 from ..simulator.network import Network, build_network
-from ..simulator.step import step_size
 from ..simulator.system import FloatArray, Structure
 from .onboard import Memory, OnboardSoftware, cycle, started
 
@@ -136,7 +136,8 @@ def fly(
     }
     forcing = packed[len(structure.linear_column) + len(structure.radiative_column) :][: len(structure.forcing_row)]
     substeps = math.ceil(software.period / scenario.network.step - 1e-9)
-    workspace = np.empty(step_size(structure))
+    b0, b1, workspace = np.empty(len(mass)), np.empty(len(mass)), np.empty(step_size.py_func(structure))
+    advance = march.row(MarchCall(structure, packed, x, b0, b1, software.period, substeps, workspace))
     rng = np.random.default_rng(seed)
     memory = started(software)
     place = {name: k for k, name in enumerate(network.nodes)}
@@ -163,8 +164,8 @@ def fly(
             stamps.append(start + np.timedelta64(round(seconds[k] * 1e9), "ns"))
         for mode, column in mode_columns.items():
             inputs[k : k + 2, column] = float(mode == memory.mode)
-        b0, b1 = (_heat(structure, forcing, inputs[point]) + heat for point in (k, k + 1))
-        march(structure, packed, x, b0, b1, software.period, substeps, workspace)
+        b0[:], b1[:] = (_heat(structure, forcing, inputs[point]) + heat for point in (k, k + 1))
+        advance()
         if not np.isfinite(x).all():
             raise FlightcalError(f"operational simulator: a temperature is not finite at {seconds[k + 1]:.0f} s")
         working += clock.perf_counter() - turn

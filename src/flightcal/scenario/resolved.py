@@ -9,7 +9,7 @@ from typing import Any
 from .external import KINDS
 from .network import SimulatorModel
 from .priors import written_prior
-from .residuals import Noise
+from .residuals import NEEDS, Noise
 from .schema import Scenario
 from .windows import grouped_windows
 
@@ -64,8 +64,7 @@ def _written(scenario: Scenario, absolute: bool) -> dict[str, Any]:
 
 def _written_noise(noise: dict[str, Any]) -> dict[str, Any]:
     """With what its model and distribution have."""
-    left_out = {"correlation_time", "white"} if noise["model"] != "ar1" else set()
-    left_out |= {"degrees_of_freedom"} if noise["distribution"] != "student_t" else set()
+    left_out = {key for key, (needed, value) in NEEDS.items() if noise[needed] != value}
     return {key: value for key, value in noise.items() if key not in left_out}
 
 

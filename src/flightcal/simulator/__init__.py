@@ -1,6 +1,6 @@
 """From theta to temperatures and heater status: network, canonical form, compiled integration."""
 
-from .integrate import SimulationFailure, integrate, pull_back
+from .integrate import SimulationFailure, integrate
 from .network import Network, build_network
 from .simulate import NetworkSimulator, Simulator, Trajectory, network_simulator, open_loop
 from .system import Drive, Structure, Switch, System
@@ -19,5 +19,4 @@ __all__ = [
     "integrate",
     "network_simulator",
     "open_loop",
-    "pull_back",
 ]

@@ -12,7 +12,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from ..compiled import compiled, inlined
+from .kernels import assembly as kernels
 from .system import FloatArray, IntArray
 
 MOST_FACTORS = 6
@@ -60,109 +60,18 @@ def assemble(mapping: ParameterMap, terms: Terms, theta: FloatArray) -> tuple[Fl
 
     theta: the parameters, then the initial temperatures that `terms.initial` refers to.
     """
-    thetas = np.atleast_2d(theta)
-    numbers = np.empty((len(thetas), len(mapping.written)))
-    packed = np.empty((len(thetas), terms.entries + len(terms.initial)))
-    extended = np.empty(len(mapping.written) + 1 + len(terms.inverse))
-    assemble_compiled(mapping, terms, thetas, extended, numbers, packed)
+    thetas = np.array(theta, float, ndmin=2)
+    count, written = len(thetas), len(mapping.written)
+    numbers, packed = np.empty((count, written)), np.empty((count, terms.entries + len(terms.initial)))
+    none = np.empty((0, 0), np.int64)
+    call = kernels.AssembleCall(
+        np.array([count]), mapping, terms, none, thetas, assembly_memory(mapping, terms), numbers, packed,
+        np.empty((count, 0, 0)),
+    )  # fmt: skip
+    kernels.assemble(call)
     return (numbers[0], packed[0]) if theta.ndim == 1 else (numbers, packed)
 
 
-def pull_back_assembly(
-    mapping: ParameterMap,
-    terms: Terms,
-    theta: FloatArray,
-    numbers: FloatArray,
-    packed_bar: FloatArray,
-    used: IntArray,
-    used_bar: FloatArray,
-) -> FloatArray:
-    """Cotangent of theta [d] from that of the packed system [P] and of some numbers: the adjoint of `assemble`.
-
-    used, used_bar: [., .] positions of numbers that are used elsewhere too, and their cotangents from there.
-    """
-    theta_bar = np.empty(len(theta))
-    memory = np.empty(2 * (len(numbers) + 1 + len(terms.inverse)) + MOST_FACTORS)
-    pull_back_compiled(mapping, terms, theta, numbers, packed_bar, used, used_bar, memory, theta_bar)
-    return theta_bar
-
-
-@compiled
-def assemble_compiled(mapping, terms, thetas, extended, numbers, packed):
-    """`assemble` in compiled code, at thetas [S, d]; extended: workspace for the numbers, a one and the reciprocals."""
-    parameters = mapping.parameters
-    for s in range(thetas.shape[0]):
-        for k in range(numbers.shape[1]):
-            numbers[s, k] = mapping.written[k]
-        for k in range(mapping.set_positions.shape[0]):
-            numbers[s, mapping.set_positions[k]] = thetas[s, mapping.set_by[k]]
-        for k in range(mapping.scaled_positions.shape[0]):
-            numbers[s, mapping.scaled_positions[k]] *= thetas[s, mapping.scaled_by[k]]
-        _extend(terms, numbers[s], extended)
-        packed[s] = 0.0
-        for t in range(terms.entry.shape[0]):
-            product = terms.constant[t]
-            for k in range(terms.factors.shape[1]):
-                product *= extended[terms.factors[t, k]]
-            packed[s, terms.entry[t]] += product
-        # A massless state's temperature is only guessed.
-        guess = 0.0
-        for k in range(parameters, thetas.shape[1]):
-            guess += thetas[s, k] / (thetas.shape[1] - parameters)
-        for i in range(terms.initial.shape[0]):
-            place = terms.initial[i]
-            packed[s, terms.entries + i] = thetas[s, parameters + place] if place >= 0 else guess
-
-
-@inlined
-def _extend(terms, numbers, extended):
-    """The numbers, a one, and the reciprocals."""
-    count = numbers.shape[0]
-    for k in range(count):
-        extended[k] = numbers[k]
-    extended[count] = 1.0
-    for k in range(terms.inverse.shape[0]):
-        extended[count + 1 + k] = 1.0 / numbers[terms.inverse[k]]
-
-
-@compiled
-def pull_back_compiled(mapping, terms, theta, numbers, packed_bar, used, used_bar, memory, theta_bar):
-    """`pull_back_assembly` in compiled code; memory: twice the workspace of `assemble_compiled` and MOST_FACTORS."""
-    size = numbers.shape[0] + 1 + terms.inverse.shape[0]
-    count = numbers.shape[0]
-    extended, extended_bar, before = memory[:size], memory[size : 2 * size], memory[2 * size :]
-    theta_bar[:] = 0.0
-    _extend(terms, numbers, extended)
-    extended_bar[:] = 0.0
-    for kind in range(used.shape[0]):
-        for k in range(used.shape[1]):
-            extended_bar[used[kind, k]] += used_bar[kind, k]
-    for t in range(terms.entry.shape[0]):
-        # The product of all other factors, without a division: those before times those after.
-        product = terms.constant[t] * packed_bar[terms.entry[t]]
-        for k in range(terms.factors.shape[1]):
-            before[k] = product
-            product *= extended[terms.factors[t, k]]
-        after = 1.0
-        for back in range(terms.factors.shape[1]):
-            k = terms.factors.shape[1] - 1 - back
-            extended_bar[terms.factors[t, k]] += before[k] * after
-            after *= extended[terms.factors[t, k]]
-    for k in range(terms.inverse.shape[0]):
-        inverse = extended[count + 1 + k]
-        extended_bar[terms.inverse[k]] -= extended_bar[count + 1 + k] * inverse * inverse
-    for k in range(mapping.set_positions.shape[0]):
-        theta_bar[mapping.set_by[k]] += extended_bar[mapping.set_positions[k]]
-    for k in range(mapping.scaled_positions.shape[0]):
-        position, parameter = mapping.scaled_positions[k], mapping.scaled_by[k]
-        if theta[parameter] != 0.0:
-            others = numbers[position] / theta[parameter]
-        else:
-            others = mapping.written[position]
-            for other in range(mapping.scaled_positions.shape[0]):
-                if other != k and mapping.scaled_positions[other] == position:
-                    others *= theta[mapping.scaled_by[other]]
-        theta_bar[parameter] += extended_bar[position] * others
-    for i in range(terms.initial.shape[0]):
-        if terms.initial[i] >= 0:
-            theta_bar[mapping.parameters + terms.initial[i]] += packed_bar[terms.entries + i]
+def assembly_memory(mapping: ParameterMap, terms: Terms) -> FloatArray:
+    """What the kernels of assembly work in."""
+    return np.empty(2 * (len(mapping.written) + 1 + len(terms.inverse)) + MOST_FACTORS)

@@ -1,4 +1,4 @@
-"""From a canonical system to its trajectory and back: the thin layer of NumPy around the compiled functions."""
+"""From a canonical system to its trajectory and back: memory for the kernels, and what Python calls of them."""
 
 from __future__ import annotations
 
@@ -10,24 +10,26 @@ from typing import Any
 
 import numpy as np
 
-from .adjoint import adjoint, adjoint_memory_size
-from .forward import (
+from ..compiled import Row
+from .kernels.adjoint import AdjointCall, adjoint, adjoint_memory_size
+from .kernels.forward import (
     COUNTERS,
     FINISHED,
     NOT_FINITE,
     REALS,
     TOO_MANY_SWITCHES,
+    ForwardCall,
     Outputs,
     Record,
     forward,
     memory_size,
 )
-from .lanes import WIDTH, lane_memory
+from .kernels.lanes import lane_memory
+from .kernels.sampling import SpreadCall, spread
+from .kernels.step import step_size
 from .sampling import Sampling, Sensors
-from .step import step_size
-from .system import Drive, FloatArray, Structure, Switch, System, pack, unpack
+from .system import Drive, FloatArray, Structure, Switch, System, pack, packed_size, unpack
 
-_SPARE_SEGMENTS = 256
 MOST_SWITCHES_PER_STEP = 20
 _MOST_KEPT = 20_000_000
 """So many numbers (160 MB) of a run's steps are kept for its derivative; beyond, they are computed again for it."""
@@ -50,205 +52,145 @@ NOTHING = Observation(
 )
 
 
-@dataclass(frozen=True)
-class Run:
-    """One integrated trajectory with the record that its derivative needs."""
+class Integration:
+    """Memory and C calls for simulations of packed systems [S, P] on one window, and for the derivative of one.
 
-    record: Record
-    """Of a single lane."""
-    outputs: Outputs
-    """Of a single simulation."""
+    Fill the first rows of `packed`, `errors` (of the sensors, see `Sensors`) and `scatter` (see `ForwardCall`), and
+    `simulations`; `forward` then fills `record` and `outputs`. For the derivative, with room for one simulation and
+    `derivative` set: from `temperatures_bar` and `switches_bar` (zero unless filled) `spread` makes `states_bar` and
+    `errors_bar`, and `adjoint` then `packed_bar`.
+
+    Memory is for the most switches that a simulation may have: what is never touched costs nothing.
+    """
+
+    def __init__(
+        self,
+        structure: Structure,
+        drive: Drive,
+        observation: Observation,
+        *,
+        rooms: int = 1,
+        lanes: int = 1,
+        derivative: bool = False,
+        scatter: int = 0,
+    ) -> None:
+        points, n, heaters = len(drive.times), len(structure.mass), len(structure.sensor)
+        samples, channels = len(observation.sampling.point), len(observation.sensors.state)
+        most, entries = MOST_SWITCHES_PER_STEP * points, packed_size(structure)
+        self.structure, self.simulations = structure, np.ones(1, np.int64)
+        self.packed, self.packed_bar = np.empty((rooms, entries)), np.empty(entries)
+        self.errors, self.errors_bar = np.empty((rooms, 3, channels)), np.empty((3, channels))
+        self.scatter = np.zeros((rooms, scatter, heaters))
+        self.temperatures_bar = np.empty((samples, channels))
+        self.states_bar = np.empty((points, n))
+        # As Python: they are only lengths.
+        step, first = step_size.py_func(structure), memory_size.py_func(structure)
+        if lanes > 1:
+            memory = lane_memory(first + step)
+        else:
+            memory = np.empty(first + step * (1 + (min(most, _MOST_KEPT // step) if derivative else 0)))
+        self.record = Record(
+            heat=np.empty((lanes, n, points)),
+            states=np.empty((lanes, points, n)),
+            status=np.empty((lanes, points, heaters)),
+            segments=np.zeros(lanes, np.int64),
+            step=np.empty((lanes, most), np.int64),
+            start=np.empty((lanes, most)),
+            length=np.empty((lanes, most)),
+            event=np.empty((lanes, most), np.int64),
+            state=np.empty((lanes, most if derivative else 0, n)),
+            heater=np.empty((lanes, most, heaters)),
+            steps=memory[first:].reshape(-1, step) if derivative else np.empty((0, 0)),
+        )
+        switches = rooms * most if heaters else 0
+        self.outputs = Outputs(
+            outcome=np.full(rooms, FINISHED, np.int64),
+            temperatures=np.empty((rooms, samples, channels)),
+            status=np.empty((rooms, samples, heaters)),
+            duty_cycle=np.empty((rooms, heaters)),
+            switches=np.zeros(rooms, np.int64),
+            switch_first=np.zeros(rooms, np.int64),
+            switch_time=np.empty(switches),
+            switch_heater=np.empty(switches, np.int64),
+            switch_on=np.empty(switches),
+            noted=np.zeros(1, np.int64),
+        )
+        self.switches_bar = np.zeros(switches)
+        self.forward: Row = forward.row(
+            ForwardCall(
+                self.simulations, structure, self.packed, drive.times, drive.series, drive.measured,
+                drive.initially_on, observation.sampling, observation.sensors, self.errors, self.scatter,
+                memory, np.empty((COUNTERS, lanes), np.int64), np.empty((REALS, lanes)),
+                np.empty((lanes, heaters), np.bool_), self.record, self.outputs,
+            )
+        )  # fmt: skip
+        self.spread: Row = spread.row(
+            SpreadCall(
+                observation.sampling, observation.sensors, drive.times, self.record, self.errors,
+                self.temperatures_bar, self.states_bar, self.errors_bar,
+            )
+        )  # fmt: skip
+        self.adjoint: Row = adjoint.row(
+            AdjointCall(
+                structure, self.packed, drive.times, drive.series, self.record, self.states_bar,
+                self.outputs.switches, self.switches_bar, np.empty(adjoint_memory_size(structure)),
+                np.empty((n, points)), self.packed_bar,
+            )
+        )  # fmt: skip
 
     @property
     def states(self) -> FloatArray:
-        """[K+1, n] K on the drive's grid."""
+        """[K+1, n] K on the drive's grid, of a single simulation."""
         return np.asarray(self.record.states[0])
 
     @property
     def status(self) -> FloatArray:
-        """[K+1, H] heater status just after each grid point."""
+        """[K+1, H] heater status just after each grid point, of a single simulation."""
         return np.asarray(self.record.status[0])
 
     @property
     def switches(self) -> Switch:
-        """Every time a thermostat acted."""
+        """Every time a thermostat acted in a single simulation."""
         return switches(self.outputs, 0)
+
+    def pull_back(self, states_bar: FloatArray, switches_bar: FloatArray | None = None) -> System:
+        """Cotangent of the system from those of the states on the grid [K+1, n] and of the switches' times [E].
+
+        The adjoint of `forward`. switches_bar: None: zero.
+        """
+        self.states_bar[:] = states_bar
+        self.switches_bar[: self.outputs.switches[0]] = 0.0 if switches_bar is None else switches_bar
+        self.adjoint()
+        return unpack(self.structure, self.packed_bar.copy())
 
 
 def switches(outputs: Outputs, simulation: int) -> Switch:
     """The thermostats' events in one simulation."""
     first = outputs.switch_first[simulation]
     here = slice(first, first + outputs.switches[simulation])
-    return Switch(outputs.switch_time[here], outputs.switch_heater[here], outputs.switch_on[here])
+    return Switch(*(part[here].copy() for part in (outputs.switch_time, outputs.switch_heater, outputs.switch_on)))
 
 
-def integrate(structure: Structure, system: System, drive: Drive, *, derivative: bool = True) -> Run:
-    """Integrate one system (NumPy arrays) over the drive's grid.
-
-    derivative: whether `pull_back` will be asked of the run; a tenth faster without.
-    Raises SimulationFailure when a state is not finite or heaters switch more than 20 times a step on average.
-    """
-    return integrate_packed(structure, pack(system), drive, NOTHING, np.zeros((3, 0)), derivative=derivative)
-
-
-def integrate_packed(
-    structure: Structure,
-    packed: FloatArray,
-    drive: Drive,
-    observation: Observation,
-    errors: FloatArray,
-    *,
-    derivative: bool = True,
-    scatter: FloatArray | None = None,
-) -> Run:
-    """`integrate` of a packed system [P], observed with errors [3, N] (see `Sensors`).
-
-    scatter: [E, H] K of the thresholds, see `forward`; its derivative takes it as given. None: there is none.
-    """
-    scattered = None if scatter is None else scatter[None]
-    capacity = len(drive.times) - 1 + _SPARE_SEGMENTS
-    while True:
-        memory, steps = step_memory(structure, capacity if derivative else 0)
-        record = make_record(structure, drive, 1, capacity, steps if derivative else None)
-        outputs = make_outputs(structure, observation, 1, capacity)
-        _forward(structure, packed[None], drive, observation, errors[None], scattered, memory, record, outputs)
-        outcome = outputs.outcome[0]
-        if outcome == TOO_MANY_SWITCHES and capacity < MOST_SWITCHES_PER_STEP * len(drive.times):
-            capacity *= 4
-            continue
-        break
+def check_outcome(outcome: int) -> None:
+    """Raises SimulationFailure where a simulation has not finished."""
     if outcome == NOT_FINITE:
         raise SimulationFailure("a temperature is not finite")
     if outcome == TOO_MANY_SWITCHES:
         raise SimulationFailure(
             f"heaters switch more than {MOST_SWITCHES_PER_STEP} times a time step: a thermostat chatters"
         )
-    return Run(record, outputs)
 
 
-def integrate_many(
-    structure: Structure,
-    packed: FloatArray,
-    drive: Drive,
-    observation: Observation,
-    errors: FloatArray,
-    scatter: FloatArray | None = None,
-) -> Outputs:
-    """Packed systems [S, P] side by side, observed with errors [S, 3, N] (see `Sensors`).
+def integrate(structure: Structure, system: System, drive: Drive, *, derivative: bool = True) -> Integration:
+    """Integrate one system (NumPy arrays) over the drive's grid.
 
-    scatter: [S, E, H] K of the thresholds, see `forward`; None: there is none.
-    outputs.outcome says which failed; TOO_MANY_SWITCHES: more than one a step, which `integrate_packed` may still do.
+    derivative: whether the run will be asked to `pull_back`; a tenth faster without.
+    Raises SimulationFailure when a state is not finite or heaters switch more than 20 times a step on average.
     """
-    capacity = len(drive.times) - 1 + _SPARE_SEGMENTS
-    outputs = make_outputs(structure, observation, len(packed), capacity)
-    record = make_record(structure, drive, WIDTH, capacity, None)
-    memory = lane_memory(memory_size.py_func(structure) + step_size.py_func(structure))
-    _forward(structure, packed, drive, observation, errors, scatter, memory, record, outputs)
-    return outputs
-
-
-def pull_back(
-    structure: Structure,
-    system: System,
-    drive: Drive,
-    run: Run,
-    states_bar: FloatArray,
-    switches_bar: FloatArray | None = None,
-) -> System:
-    """Cotangent of the system from those of the states on the grid [K+1, n] and of the switches' times [E].
-
-    The adjoint of `integrate`. switches_bar: None: zero.
-    """
-    return unpack(structure, pull_back_packed(structure, pack(system), drive, run, states_bar, switches_bar))
-
-
-def pull_back_packed(
-    structure: Structure,
-    packed: FloatArray,
-    drive: Drive,
-    run: Run,
-    states_bar: FloatArray,
-    switches_bar: FloatArray | None = None,
-) -> FloatArray:
-    """The same of a packed system [P]."""
-    if switches_bar is None:
-        switches_bar = np.zeros(run.outputs.switches[0])
-    packed_bar = np.empty_like(packed)
-    memory = np.empty(adjoint_memory_size(structure))
-    heat_bar = np.empty((len(structure.mass), len(drive.times)))
-    adjoint(
-        structure, packed, drive.times, drive.series, run.record, states_bar, switches_bar, memory, heat_bar, packed_bar
-    )
-    return packed_bar
-
-
-def _forward(
-    structure: Structure,
-    packed: FloatArray,
-    drive: Drive,
-    observation: Observation,
-    errors: FloatArray,
-    scatter: FloatArray | None,
-    memory: FloatArray,
-    record: Record,
-    outputs: Outputs,
-) -> None:
-    lanes, heaters = record.heater.shape[0], record.heater.shape[2]
-    scatter = np.zeros((1, 0, heaters)) if scatter is None else np.ascontiguousarray(scatter)
-    counters, reals = np.empty((COUNTERS, lanes), np.int64), np.empty((REALS, lanes))
-    forward(
-        structure, packed, drive.times, drive.series, drive.measured, drive.initially_on,
-        observation.sampling, observation.sensors, errors, scatter,
-        memory, counters, reals, np.empty((lanes, heaters), np.bool_), record, outputs,
-    )  # fmt: skip
-
-
-def step_memory(structure: Structure, most: int) -> tuple[FloatArray, FloatArray]:
-    """Memory for `forward` of a single simulation, and its part that holds the steps [., step_size].
-
-    At most so many steps are kept, and no more than the limit on memory allows.
-    """
-    # As Python: it takes longer to hand a structure to a compiled function than to add up a few lengths.
-    size, first = step_size.py_func(structure), memory_size.py_func(structure)
-    memory = np.empty(first + size * (1 + min(most, _MOST_KEPT // size)))
-    return memory, memory[first:].reshape(-1, size)
-
-
-def make_record(structure: Structure, drive: Drive, lanes: int, segments: int, steps: FloatArray | None) -> Record:
-    """Memory for what `forward` notes; steps: of `step_memory`, or None: the record is not for a derivative."""
-    points, n, heaters = len(drive.times), len(structure.mass), len(structure.sensor)
-    return Record(
-        heat=np.empty((lanes, n, points)),
-        states=np.empty((lanes, points, n)),
-        status=np.empty((lanes, points, heaters)),
-        segments=np.zeros(lanes, np.int64),
-        step=np.empty((lanes, segments), np.int64),
-        start=np.empty((lanes, segments)),
-        length=np.empty((lanes, segments)),
-        event=np.empty((lanes, segments), np.int64),
-        state=np.empty((lanes, 0 if steps is None else segments, n)),
-        heater=np.empty((lanes, segments, heaters)),
-        steps=np.empty((0, 0)) if steps is None else steps,
-    )
-
-
-def make_outputs(structure: Structure, observation: Observation, simulations: int, most_switches: int) -> Outputs:
-    """Memory for what is kept of simulations."""
-    samples, channels, heaters = len(observation.sampling.point), len(observation.sensors.state), len(structure.sensor)
-    # Memory that is never touched costs nothing.
-    most = simulations * most_switches if heaters else 0
-    return Outputs(
-        outcome=np.full(simulations, FINISHED, np.int64),
-        temperatures=np.empty((simulations, samples, channels)),
-        status=np.empty((simulations, samples, heaters)),
-        duty_cycle=np.empty((simulations, heaters)),
-        switches=np.zeros(simulations, np.int64),
-        switch_first=np.zeros(simulations, np.int64),
-        switch_time=np.empty(most),
-        switch_heater=np.empty(most, np.int64),
-        switch_on=np.empty(most),
-        noted=np.zeros(1, np.int64),
-    )
+    run = Integration(structure, drive, NOTHING, derivative=derivative)
+    run.packed[0] = pack(system)
+    check_outcome(run.forward())
+    return run
 
 
 def in_parallel(task: Callable[[int], Any], count: int) -> list[Any]:

@@ -4,31 +4,28 @@ from __future__ import annotations
 
 import math
 import os
-from collections.abc import Callable
+import threading
+from collections import defaultdict
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
 from dataclasses import dataclass, field
-from functools import cached_property, partial
-from typing import Any, Protocol
+from functools import cached_property
+from typing import Protocol
 
 import numpy as np
 import xarray
 
+from ..compiled import Program, Row
 from ..scenario import Scenario
-from .assembly import ParameterMap, assemble, pull_back_assembly
-from .forward import FINISHED, TOO_MANY_SWITCHES, Outputs
+from .assembly import ParameterMap, assemble, assembly_memory
 from .inputs import Times, build_drive
-from .integrate import (
-    Observation,
-    Run,
-    SimulationFailure,
-    in_parallel,
-    integrate_many,
-    integrate_packed,
-    pull_back_packed,
-    switches,
-)
-from .lanes import WIDTH
+from .integrate import Integration, Observation, check_outcome, in_parallel, switches
+from .kernels.assembly import AssembleCall, PullBackCall, pull_back
+from .kernels.assembly import assemble as assemble_kernel
+from .kernels.forward import FINISHED, Outputs
+from .kernels.lanes import WIDTH
 from .network import Network, build_network, sensor_state
-from .sampling import Sensors, locate, spread
+from .sampling import Sensors, locate
 from .system import Drive, FloatArray, IntArray, Switch, System, packed_bounds, unpack
 
 _FEW = 3
@@ -106,6 +103,61 @@ def parameter_map(network: Network, scenario: Scenario) -> ParameterMap:
     )
 
 
+class Calls:
+    """Memory and C calls of one simulator, for one thread at a time: theta to what is observed, and back.
+
+    Fill the first rows of `thetas` [S, d], and `simulations`; `forward` then fills `outputs`, and `backward`, where
+    there is room for one simulation, `theta_bar` [d] from `temperatures_bar` [T, N] and `switches_bar`.
+    """
+
+    def __init__(
+        self,
+        simulator: NetworkSimulator,
+        *,
+        rooms: int = 1,
+        lanes: int = 1,
+        derivative: bool = False,
+        scatter: int = 0,
+    ) -> None:
+        mapping, terms, places = simulator.mapping, simulator.network.terms, simulator.channel_errors
+        self.integration = of = Integration(
+            simulator.network.structure, simulator.drive, simulator.observation,
+            rooms=rooms, lanes=lanes, derivative=derivative, scatter=scatter,
+        )  # fmt: skip
+        self.simulations, self.outputs = of.simulations, of.outputs
+        self.temperatures_bar, self.switches_bar = of.temperatures_bar, of.switches_bar
+        self.thetas, self.theta_bar = np.empty((rooms, len(simulator.parameters))), np.empty(len(simulator.parameters))
+        self.numbers = np.empty((rooms, len(mapping.written)))
+        memory = assembly_memory(mapping, terms)
+        assembling = AssembleCall(
+            of.simulations, mapping, terms, places, self.thetas, memory, self.numbers, of.packed, of.errors
+        )
+        pulling = PullBackCall(
+            mapping, terms, places, self.thetas, self.numbers, of.packed_bar, of.errors_bar, memory, self.theta_bar
+        )
+        self.forward = (assemble_kernel.row(assembling), of.forward)
+        self.backward = (of.spread, of.adjoint, pull_back.row(pulling))
+        self.theta: FloatArray | None = None
+        """What was simulated last, the very array: where another comes in between, it is simulated again."""
+
+    @cached_property
+    def run_forward(self) -> Program:
+        """`forward` as one C call."""
+        return Program(self.forward)
+
+    @cached_property
+    def run_backward(self) -> Program:
+        """`backward` as one C call."""
+        return Program(self.backward)
+
+    def simulate(self, theta: FloatArray) -> None:
+        """One simulation at theta [d]. Raises SimulationFailure."""
+        if self.theta is not theta:
+            self.thetas[0], self.theta = theta, None
+            check_outcome(self.run_forward.run())
+            self.theta = theta
+
+
 @dataclass(frozen=True)
 class NetworkSimulator:
     """A thermal network on one window.
@@ -151,8 +203,9 @@ class NetworkSimulator:
 
     def simulate(self, theta: FloatArray) -> Trajectory:
         """One simulation at theta [d]."""
-        numbers, packed = self._assemble(theta)
-        return _trajectory(self._integrate(numbers, packed, derivative=False).outputs, 0)
+        with self._borrowed(1) as calls:
+            calls.simulate(np.array(theta))
+            return _trajectory(calls.outputs, 0)
 
     def simulate_many(self, thetas: FloatArray) -> list[Trajectory | None]:
         """Simulations at thetas [S, d], in parallel; None where one failed."""
@@ -166,14 +219,21 @@ class NetworkSimulator:
         return self._simulate(thetas, self.scatter * drawn)
 
     def _simulate(self, thetas: FloatArray, scatter: FloatArray | None) -> list[Trajectory | None]:
-        def of(part: Any) -> FloatArray | None:
-            return None if scatter is None else scatter[part]
+        few = len(thetas) < _FEW
+        size = 1 if few else min(_CHUNK, WIDTH * math.ceil(len(thetas) / (WIDTH * (os.cpu_count() or 1))))
 
-        if len(thetas) < _FEW:
-            return in_parallel(lambda k: self._simulate_or_none(thetas[k], of(k)), len(thetas))
-        size = min(_CHUNK, WIDTH * math.ceil(len(thetas) / (WIDTH * (os.cpu_count() or 1))))
-        chunks = [slice(first, first + size) for first in range(0, len(thetas), size)]
-        found = in_parallel(lambda k: self._simulate_lanes(thetas[chunks[k]], of(chunks[k])), len(chunks))
+        def simulate(first: int) -> list[Trajectory | None]:
+            part = slice(first, first + size)
+            with self._borrowed(1 if few else WIDTH, 0 if scatter is None else scatter.shape[1]) as calls:
+                count = len(thetas[part])
+                calls.simulations[0], calls.thetas[:count] = count, thetas[part]
+                if scatter is not None:
+                    calls.integration.scatter[:count] = scatter[part]
+                calls.run_forward.run()
+                finished = calls.outputs.outcome[:count] == FINISHED
+                return [_trajectory(calls.outputs, k) if done else None for k, done in enumerate(finished.tolist())]
+
+        found = in_parallel(lambda k: simulate(k * size), math.ceil(len(thetas) / size))
         return [trajectory for chunk in found for trajectory in chunk]
 
     def linearise(self, theta: FloatArray) -> tuple[Trajectory, Callable[..., FloatArray]]:
@@ -181,9 +241,17 @@ class NetworkSimulator:
 
         From the cotangents of the temperatures [T, N] and, if given, of the switches' times [E] to that of theta [d].
         """
-        numbers, packed = self._assemble(theta)
-        run = self._integrate(numbers, packed, derivative=True)
-        return _trajectory(run.outputs, 0), partial(self._cotangent, theta, numbers, packed, run)
+        theta = np.array(theta)
+        calls = self._linearised(theta)
+
+        def cotangent(temperatures_bar: FloatArray, switches_bar: FloatArray | None = None) -> FloatArray:
+            calls = self._linearised(theta)
+            calls.temperatures_bar[:] = temperatures_bar
+            calls.switches_bar[: calls.outputs.switches[0]] = 0.0 if switches_bar is None else switches_bar
+            calls.run_backward.run()
+            return calls.theta_bar.copy()
+
+        return _trajectory(calls.outputs, 0), cotangent
 
     def threshold_excess(
         self, theta: FloatArray, switches: Switch
@@ -192,9 +260,8 @@ class NetworkSimulator:
 
         Also its vector-Jacobian product: cotangent [E] -> of theta [d]. Raises SimulationFailure.
         """
-        structure = self.network.structure
-        numbers, packed = self._assemble(theta)
-        run = self._integrate(numbers, packed, derivative=True)
+        theta, structure = np.array(theta), self.network.structure
+        run = self._linearised(theta).integration
         at = locate(switches.time, self.drive.times)
         sensor = structure.sensor[switches.heater]
         lower, upper = packed_bounds(structure)[3:5]
@@ -202,74 +269,66 @@ class NetworkSimulator:
         left, right = run.states[at.point, sensor], run.states[at.point + 1, sensor]
 
         def pull_back(excess_bar: FloatArray) -> FloatArray:
-            states_bar = np.zeros(run.states.shape)
-            np.add.at(states_bar, (at.point, sensor), (1.0 - at.weight) * excess_bar)
-            np.add.at(states_bar, (at.point + 1, sensor), at.weight * excess_bar)
-            packed_bar = pull_back_packed(structure, packed, self.drive, run, states_bar)
-            np.subtract.at(packed_bar, threshold, excess_bar)
-            return pull_back_assembly(
-                self.mapping, self.network.terms, theta, numbers, packed_bar,
-                self.channel_errors, np.zeros(self.channel_errors.shape),
-            )  # fmt: skip
+            calls = self._linearised(theta)
+            run = calls.integration
+            run.states_bar[:], run.errors_bar[:], run.switches_bar[: run.outputs.switches[0]] = 0.0, 0.0, 0.0
+            np.add.at(run.states_bar, (at.point, sensor), (1.0 - at.weight) * excess_bar)
+            np.add.at(run.states_bar, (at.point + 1, sensor), at.weight * excess_bar)
+            run.adjoint()
+            np.subtract.at(run.packed_bar, threshold, excess_bar)
+            calls.backward[-1]()
+            return calls.theta_bar.copy()
 
-        return (1.0 - at.weight) * left + at.weight * right - packed[threshold], pull_back
+        return (1.0 - at.weight) * left + at.weight * right - run.packed[0, threshold], pull_back
+
+    def calls(self) -> Calls:
+        """Memory and C calls for one simulation at a time with its derivative."""
+        return Calls(self, derivative=True)
+
+    @property
+    def rows(self) -> tuple[Row, ...]:
+        """Calls of all kernels that simulations and their derivatives need."""
+        calls = self.calls()
+        with self._borrowed(WIDTH) as many:
+            return (*calls.forward, *calls.backward, *many.forward, Program([]).row)
+
+    def _linearised(self, theta: FloatArray) -> Calls:
+        """This thread's memory, with the simulation at theta (that very array)."""
+        if not hasattr(self._own, "calls"):
+            self._own.calls = self.calls()
+        calls: Calls = self._own.calls
+        calls.simulate(theta)
+        return calls
+
+    @contextmanager
+    def _borrowed(self, lanes: int, scatter: int = 0) -> Iterator[Calls]:
+        """Memory for simulations without a derivative, one or many, while no other thread has it."""
+        free = self._free[lanes, scatter]
+        calls = free.pop() if free else Calls(self, rooms=1 if lanes == 1 else _CHUNK, lanes=lanes, scatter=scatter)
+        try:
+            yield calls
+        finally:
+            free.append(calls)
+
+    @cached_property
+    def _free(self) -> defaultdict[tuple[int, int], list[Calls]]:
+        """What no thread uses at the moment: for so many lanes and scattered switches."""
+        return defaultdict(list)
+
+    @cached_property
+    def _own(self) -> threading.local:
+        """What each thread has for itself."""
+        return threading.local()
 
     def _assemble(self, theta: FloatArray) -> tuple[FloatArray, FloatArray]:
         return assemble(self.mapping, self.network.terms, theta)
 
-    def _integrate(
-        self, numbers: FloatArray, packed: FloatArray, *, derivative: bool, scatter: FloatArray | None = None
-    ) -> Run:
-        errors = numbers[self.channel_errors]
-        return integrate_packed(
-            self.network.structure, packed, self.drive, self.observation, errors,
-            derivative=derivative, scatter=scatter,
-        )  # fmt: skip
-
-    def _simulate_or_none(self, theta: FloatArray, scatter: FloatArray | None) -> Trajectory | None:
-        try:
-            return _trajectory(self._integrate(*self._assemble(theta), derivative=False, scatter=scatter).outputs, 0)
-        except SimulationFailure:
-            return None
-
-    def _simulate_lanes(self, thetas: FloatArray, scatter: FloatArray | None) -> list[Trajectory | None]:
-        numbers, packed = self._assemble(thetas)
-        errors = np.ascontiguousarray(numbers[:, self.channel_errors])
-        outputs = integrate_many(self.network.structure, packed, self.drive, self.observation, errors, scatter)
-        return [
-            # With very many switches a simulation needs more room than a lane has.
-            self._simulate_or_none(theta, None if scatter is None else scatter[k]) if outcome == TOO_MANY_SWITCHES
-            else _trajectory(outputs, k) if outcome == FINISHED
-            else None
-            for k, (theta, outcome) in enumerate(zip(thetas, outputs.outcome.tolist(), strict=True))
-        ]  # fmt: skip
-
-    def _cotangent(
-        self,
-        theta: FloatArray,
-        numbers: FloatArray,
-        packed: FloatArray,
-        run: Run,
-        temperatures_bar: FloatArray,
-        switches_bar: FloatArray | None = None,
-    ) -> FloatArray:
-        network, observation, errors = self.network, self.observation, numbers[self.channel_errors]
-        states_bar, errors_bar = np.empty(run.states.shape), np.empty(errors.shape)
-        spread(
-            observation.sampling, observation.sensors, self.drive.times, run.states, errors,
-            temperatures_bar, states_bar, errors_bar,
-        )  # fmt: skip
-        packed_bar = pull_back_packed(network.structure, packed, self.drive, run, states_bar, switches_bar)
-        return pull_back_assembly(
-            self.mapping, network.terms, theta, numbers, packed_bar, self.channel_errors, errors_bar
-        )
-
 
 def _trajectory(outputs: Outputs, simulation: int) -> Trajectory:
     return Trajectory(
-        outputs.temperatures[simulation],
-        outputs.status[simulation],
-        outputs.duty_cycle[simulation],
+        outputs.temperatures[simulation].copy(),
+        outputs.status[simulation].copy(),
+        outputs.duty_cycle[simulation].copy(),
         switches(outputs, simulation),
     )
 

@@ -131,6 +131,11 @@ def packed_bounds(structure: Structure) -> IntArray:
     )
 
 
+def packed_size(structure: Structure) -> int:
+    """How many numbers P a packed system has."""
+    return int(packed_bounds(structure)[-1]) + len(structure.mass)
+
+
 def elimination_order(count: int, links: Iterable[tuple[int, int]]) -> list[int]:
     """Minimum-degree order of a symmetric pattern (Tinney & Walker 1967): the least connected state goes first."""
     neighbours: list[set[int]] = [set() for _ in range(count)]

@@ -15,7 +15,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from ..compiled import compiled_long, inlined
+from ...compiled import inlined, kernel
 from .crossing import WHOLE, decide
 from .lanes import elements, lane_count, put, take
 from .sampling import observe
@@ -124,21 +124,47 @@ class _Lanes(NamedTuple):
     N: Any
 
 
-@compiled_long
-def forward(
-    structure, packed, times, series, measured, initially_on, sampling, sensors, errors, scatter,
-    memory, counters, reals, driven, record, outputs,
-):  # fmt: skip
-    """Simulate packed [S, P] (see `system.pack`) over the grid; returns nothing, fills `record` and `outputs`.
+class ForwardCall(NamedTuple):
+    """What `forward` takes: S rooms for simulations, of which the first ones are made."""
 
-    errors [S, 3, N]: of the sensors, see `Sensors`. scatter [S, E, H] K: what is added to both thresholds of each
-    heater, at first and after each switch of its (by the number of switches of all, modulo E); E = 0: nothing is.
-    Workspace: memory [memory_size + step_size], or that x 8 for eight lanes; counters [COUNTERS, lane], reals
-    [REALS, lane] and driven [lane, H]. In memory with room for more `Step`s, a single simulation keeps its first ones;
-    all others are made in the last place.
-    """
+    simulations: Any
+    """[1] how many."""
+    structure: Any
+    packed: Any
+    """[S, P], see `system.pack`."""
+    times: Any
+    series: Any
+    measured: Any
+    initially_on: Any
+    sampling: Any
+    sensors: Any
+    errors: Any
+    """[S, 3, N] of the sensors, see `Sensors`."""
+    scatter: Any
+    """[S, E, H] K, added to both thresholds of each heater at first and after each switch of its (by the number of
+    switches of all, modulo E); E = 0: nothing is."""
+    memory: Any
+    """[memory_size + step_size], or that x 8 for eight lanes. With room for more `Step`s, a single simulation keeps its
+    first ones; all others are made in the last place."""
+    counters: Any
+    """[COUNTERS, lane]"""
+    reals: Any
+    """[REALS, lane]"""
+    driven: Any
+    """[lane, H]"""
+    record: Record
+    outputs: Outputs
+
+
+@kernel(long=True)
+def forward(call):
+    """Simulate over the grid, and fill `record` and `outputs`; returns the outcome where there is one simulation."""
+    structure, packed, times, series = call.structure, call.packed, call.times, call.series
+    measured, initially_on, scatter, memory = call.measured, call.initially_on, call.scatter, call.memory
+    record, outputs, simulations = call.record, call.outputs, call.simulations[0]
+    outputs.noted[0] = 0
     count = lane_count(memory)
-    lanes = _make_lanes(structure, memory, counters, reals, driven)
+    lanes = _make_lanes(structure, memory, call.counters, call.reals, call.driven)
     size = step_size(structure)
     first = memory_size(structure)
     rows = (memory.shape[0] - first) // size
@@ -146,7 +172,7 @@ def forward(
     waiting = 0  # the next simulation that no lane has taken
     active = 0
     for lane in range(count):
-        if waiting < packed.shape[0]:
+        if waiting < simulations:
             _load(structure, packed, series, measured, initially_on, scatter, lanes, lane, waiting, record)
             _enter_step(structure, packed, times, measured, lanes, lane, record)
             active += 1
@@ -181,14 +207,15 @@ def forward(
                 outputs.outcome[simulation] = NOT_FINITE
             else:
                 outputs.outcome[simulation] = FINISHED
-                observe(sampling, sensors, errors, times, simulation, lane, record, outputs)
+                observe(call.sampling, call.sensors, call.errors, times, simulation, lane, record, outputs)
             active -= 1
             lanes.phase[lane] = _IDLE
-            if waiting < packed.shape[0]:
+            if waiting < simulations:
                 _load(structure, packed, series, measured, initially_on, scatter, lanes, lane, waiting, record)
                 _enter_step(structure, packed, times, measured, lanes, lane, record)
                 active += 1
                 waiting += 1
+    return outputs.outcome[0] if packed.shape[0] == 1 else 0
 
 
 @inlined

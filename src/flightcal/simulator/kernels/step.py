@@ -19,7 +19,7 @@ from __future__ import annotations
 
 from typing import Any, NamedTuple
 
-from ..compiled import compiled, inlined
+from ...compiled import inlined
 from .lanes import elements
 
 EIGHT_THIRDS = 8.0 / 3.0
@@ -126,7 +126,7 @@ def advance(structure, A, N, x0, h, step):
         x1[i] = x4[i] + k4[i]
 
 
-@compiled
+@inlined
 def length_derivative(structure, A, N, h, ramp, step, memory, velocity):
     """velocity = d x1 / d h of a step, with b1 moving along `ramp` [n] (K/s^2) as the step's end moves.
 

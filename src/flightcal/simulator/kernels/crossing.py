@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from ..compiled import inlined
+from ...compiled import inlined
 from .lanes import put, take
 
 WHOLE = 1

@@ -7,7 +7,9 @@ noted initial state, so the memory is one state a segment.
 
 from __future__ import annotations
 
-from ..compiled import compiled_long, inlined
+from typing import Any, NamedTuple
+
+from ...compiled import kernel
 from .step import (
     EIGHT_THIRDS,
     advance,
@@ -19,14 +21,35 @@ from .step import (
 )
 
 
-@compiled_long
-def adjoint(structure, packed, times, series, record, states_bar, switches_bar, memory, heat_bar, packed_bar):
-    """Pull cotangents back to packed_bar [P] (see `system.pack`): states_bar [K+1, n] of the states on the grid, and
-    switches_bar [E] of the times of the thermostats' switches, in order of time.
+class AdjointCall(NamedTuple):
+    """What `adjoint` takes, after `forward` of a single simulation."""
 
-    record: that of a single simulation, packed [P]; workspace: memory [adjoint_memory_size(structure)] and heat_bar
-    [n, K+1]; what packed_bar holds is overwritten.
-    """
+    structure: Any
+    packed: Any
+    """[1, P]"""
+    times: Any
+    series: Any
+    record: Any
+    states_bar: Any
+    """[K+1, n] cotangent of the states on the grid."""
+    switches: Any
+    """[1] number of the thermostats' switches E,"""
+    switches_bar: Any
+    """and the cotangents of their times in order of time: [at least E]."""
+    memory: Any
+    """[adjoint_memory_size(structure)]"""
+    heat_bar: Any
+    """[n, K+1]"""
+    packed_bar: Any
+    """[P] what is asked for."""
+
+
+@kernel(long=True)
+def adjoint(call):
+    """Pull the cotangents back to packed_bar."""
+    structure, packed, times, series, record = call.structure, call.packed[0], call.times, call.series, call.record
+    states_bar, switches_bar, memory = call.states_bar, call.switches_bar[: call.switches[0]], call.memory
+    heat_bar, packed_bar = call.heat_bar, call.packed_bar
     n, H = structure.mass.shape[0], structure.sensor.shape[0]
     a, m = structure.linear_column.shape[0], structure.radiative_column.shape[0]
     forcings, heatings = structure.forcing_row.shape[0], structure.heating_row.shape[0]
@@ -196,9 +219,9 @@ def adjoint(structure, packed, times, series, record, states_bar, switches_bar, 
         for k in range(times.shape[0]):
             total += heat_bar[i, k] * series[j, k]
         forcing_bar[p] = total
+    return 0
 
 
-@inlined
 def adjoint_memory_size(structure):
     """Length of the memory that `adjoint` works in."""
     return 25 * structure.mass.shape[0] + structure.sensor.shape[0]
