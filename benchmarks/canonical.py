@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 from tests.oracle import dense, jax, jnp
 
-from flightcal.calibration import Problem
+from flightcal.problem import Problem
 from flightcal.scenario import LogNormal, Normal, Prior, TruncatedNormal, Uniform
 from flightcal.simulator import Drive, NetworkSimulator, Structure, System
 from flightcal.simulator.system import packed_bounds

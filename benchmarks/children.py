@@ -17,7 +17,7 @@ def chains(count: int, cores: int, draws: int) -> dict[str, float]:
     os.sched_setaffinity(0, sorted(os.sched_getaffinity(0))[:cores])
     from flightcal.calibration import climb
     from flightcal.calibration.nuts import sample
-    from flightcal.calibration.whitening import whitening
+    from flightcal.problem.coordinates import whitening
     from flightcal.scenario import NutsSettings
 
     from .problem import benchmark_problem
@@ -116,7 +116,7 @@ def experiment(scenario: str, out: str) -> dict[str, float]:
     begin = time.perf_counter()
     from numba.core import event
 
-    from flightcal.experiment import run_experiment
+    from flightcal.commands.calibrate import run_experiment
 
     imported = time.perf_counter()
     compiling: list[float] = []

@@ -14,8 +14,8 @@ import numpy as np
 import pandas as pd
 from ruamel.yaml import YAML
 
-from flightcal.calibration import Problem, build_problem
 from flightcal.environment import orbital_period
+from flightcal.problem import Problem, build_problem
 from flightcal.scenario import Scenario, load_scenario
 from flightcal.simulator import NetworkSimulator, network_simulator
 from flightcal.telemetry import read_telemetry

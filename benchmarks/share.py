@@ -5,8 +5,8 @@ from __future__ import annotations
 from collections.abc import Callable
 from typing import Any
 
-from flightcal.calibration import Problem
 from flightcal.compiled import Program
+from flightcal.problem import Problem
 from flightcal.simulator import Drive, NetworkSimulator, Structure
 from flightcal.simulator.integrate import NOTHING, Integration
 

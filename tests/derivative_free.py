@@ -7,11 +7,11 @@ from typing import Any
 import numpy as np
 import xarray
 
-from flightcal.calibration import Problem, build_problem
+from flightcal.emulation.runs import TrainingRuns, no_runs
 from flightcal.external.record import Record
+from flightcal.problem import Problem, build_problem
 from flightcal.scenario import Scenario
 from flightcal.simulator import Simulator, network_simulator
-from flightcal.surrogate.runs import TrainingRuns, no_runs
 from flightcal.telemetry import read_telemetry
 from tests import small
 

@@ -10,7 +10,7 @@ from typer.testing import CliRunner
 
 from flightcal import cli
 from flightcal.cli import GATE_FAILED, INTERRUPTED, USER_ERROR, app
-from tests.test_experiment import write
+from tests.commands.test_calibrate import write
 
 run = CliRunner().invoke
 COMMANDS = ("demo", "init", "lint", "schema", "simulate", "calibrate", "campaign", "report", "validate", "compare")

@@ -8,7 +8,7 @@ import pandas as pd
 import pytest
 import xarray
 
-from flightcal.experiment import Silent, run_experiment
+from flightcal.commands.calibrate import Silent, run_experiment
 from flightcal.external.in_worker import close_workers
 from tests.external import scenes
 

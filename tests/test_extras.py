@@ -8,9 +8,9 @@ import pytest
 from typer.testing import CliRunner
 
 from flightcal.cli import USER_ERROR, app
+from tests.commands.test_calibrate import write
 from tests.external.scenes import write as write_external
 from tests.external.scenes import written
-from tests.test_experiment import write
 
 EXTRAS = ("jax", "dask", "distributed", "umbridge", "fmpy")
 DESCRIPTION = """<fmiModelDescription fmiVersion="2.0" modelName="model" guid="model">

@@ -6,12 +6,12 @@ theta is drawn from the prior anew in each repeat, so that intervals of any prob
 import numpy as np
 import pytest
 
-from flightcal.calibration import build_problem, calibrate_nuts
-from flightcal.calibration.synthetic import simulate_telemetry
-from flightcal.prediction import predict
+from flightcal.calibration import calibrate_nuts
+from flightcal.commands.validate import run_repeat
+from flightcal.prediction import predict, score
+from flightcal.problem import build_problem
+from flightcal.problem.synthetic import simulate_telemetry
 from flightcal.scenario import NutsSettings
-from flightcal.validate import run_repeat
-from flightcal.validation import score
 from flightcal.validation.simulation_based import check_ranks
 from tests import small
 

@@ -9,7 +9,8 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from flightcal.calibration import build_problem, calibrate_nuts
+from flightcal.calibration import calibrate_nuts
+from flightcal.problem import build_problem
 from flightcal.scenario import NutsSettings
 from tests import small
 

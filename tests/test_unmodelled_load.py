@@ -7,7 +7,8 @@ load also shifts the times at which the thermostat switches, and no residual tha
 import numpy as np
 import pytest
 
-from flightcal.calibration import build_problem, calibrate_nuts
+from flightcal.calibration import calibrate_nuts
+from flightcal.problem import build_problem
 from flightcal.scenario import NutsSettings
 from tests import small
 

@@ -62,7 +62,7 @@ def _start() -> tuple[Any, Any, Any]:
     """Problem, mode z [d], and starts z [chain, d] around it as flightcal takes them."""
     from flightcal.calibration import climb
     from flightcal.calibration.nuts import overdispersed_starts
-    from flightcal.calibration.whitening import whitening
+    from flightcal.problem.coordinates import whitening
 
     from ..problem import benchmark_problem
 

@@ -7,8 +7,9 @@ from typing import Any
 
 import numpy as np
 
-from flightcal.calibration import Problem, calibrate_genetic, climb
-from flightcal.calibration.whitening import whitening
+from flightcal.calibration import calibrate_genetic, climb
+from flightcal.problem import Problem
+from flightcal.problem.coordinates import whitening
 from flightcal.scenario import GeneticSettings
 
 from ..problem import benchmark_problem

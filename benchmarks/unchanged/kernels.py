@@ -24,8 +24,8 @@ QUANTITIES = ("density", "gradient", "temperatures", "side_by_side")
 
 def dump(scenario: str, points: int, file: str) -> None:
     """What this checkout gives at points around the prior's median."""
-    from flightcal.calibration import calibration_problem
-    from flightcal.experiment import read
+    from flightcal.commands.calibrate import read
+    from flightcal.problem import calibration_problem
     from flightcal.scenario import load_scenario
 
     loaded = load_scenario(scenario)

@@ -11,7 +11,7 @@ import sys
 import tempfile
 from pathlib import Path
 
-from flightcal.operational.export import fly_to_csv
+from flightcal.commands.fly import fly_to_csv
 
 FOLDER = Path(__file__).parent
 FIRST_ROW = "2024-03-01T00:00:00"

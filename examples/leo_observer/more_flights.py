@@ -19,11 +19,10 @@ import numpy as np
 import xarray
 from ruamel.yaml import YAML
 
-from flightcal.calibration import build_problem
-from flightcal.experiment import posterior_draws, read
-from flightcal.prediction import predict
+from flightcal.commands.calibrate import posterior_draws, read
+from flightcal.prediction import predict, score
+from flightcal.problem import build_problem
 from flightcal.scenario import Scenario, load_scenario
-from flightcal.validation import score
 
 FOLDER = Path(__file__).parent
 FIRST_ROW = datetime.fromisoformat(make_telemetry.FIRST_ROW)

@@ -8,9 +8,9 @@ from pathlib import Path
 import numpy as np
 import pandas as pd
 
-from flightcal.calibration import build_problem
-from flightcal.calibration.synthetic import simulate_telemetry
 from flightcal.environment import orbital_period
+from flightcal.problem import build_problem
+from flightcal.problem.synthetic import simulate_telemetry
 from flightcal.scenario import load_scenario
 from flightcal.telemetry import read_telemetry
 

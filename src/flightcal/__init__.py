@@ -6,14 +6,14 @@ import importlib
 from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
-    from .calibration import build_problem, calibrate_genetic, calibrate_nuts, genetic_points
+    from .calibration import calibrate_genetic, calibrate_nuts, genetic_points
     from .campaign import open_campaign
+    from .commands.calibrate import read, run_experiment
     from .errors import FlightcalError
-    from .experiment import read, run_experiment
-    from .prediction import predict
+    from .prediction import comparison_table, predict, score
+    from .problem import build_problem
     from .report import write_report
     from .scenario import lint, load_scenario
-    from .validation import comparison_table, score
 
 _PLACES = {
     "FlightcalError": "errors",

@@ -85,8 +85,8 @@ def lint(scenario: ScenarioFile, telemetry: TelemetryPlace = None) -> None:
     if findings:
         typer.echo(f"{len(findings)} problem{'s' if len(findings) > 1 else ''} found", err=True)
         raise typer.Exit(USER_ERROR)
-    from .calibration import build_problem
-    from .experiment import read
+    from .commands.calibrate import read
+    from .problem import build_problem
     from .telemetry import quality_table
 
     loaded = load_scenario(scenario, telemetry=telemetry)
@@ -106,7 +106,7 @@ def schema(
 ) -> None:
     """Print the JSON Schema of scenario files, for editors."""
     if spacecraft:
-        from .operational.schema import SpacecraftFile
+        from .operational import SpacecraftFile
         from .scenario import schema_of
 
         content = schema_of(SpacecraftFile)
@@ -132,7 +132,7 @@ def simulate(
     telemetry: TelemetryPlace = None,
 ) -> None:
     """Simulate one window and write temperatures and heater status beside the telemetry."""
-    from .export import simulate_to_csv
+    from .commands.simulate import simulate_to_csv
 
     file = out or Path(f"{window}_simulated.csv")
     for line in simulate_to_csv(scenario, window, settings or [], file, telemetry):
@@ -162,8 +162,8 @@ def check(
     telemetry: TelemetryPlace = None,
 ) -> None:
     """Say before sampling what the telemetry can tell, and whether the prior reaches it and NUTS will get along."""
-    from .check import check_scenario
-    from .progress import bars, print_check
+    from .commands.check import check_scenario
+    from .commands.display import bars, print_check
 
     with bars() as advance:
         summary = check_scenario(
@@ -184,8 +184,8 @@ def fly(
     ] = None,
 ) -> None:
     """Fly the full-order operational simulator, on-board software in the loop, and write its telemetry."""
-    from .operational.export import fly_to_csv
-    from .progress import bar
+    from .commands.display import bar
+    from .commands.fly import fly_to_csv
 
     with bar("flying") as advance:
         lines = fly_to_csv(spacecraft, out, pace, advance)
@@ -200,8 +200,8 @@ def reduce(
     out: Annotated[Path, typer.Option(help="Folder to write; nothing is overwritten.")],
 ) -> None:
     """Make a reduced order model of an operational simulator, with a certificate of its error."""
-    from .progress import bars
-    from .surrogate.export import reduce_to_folder
+    from .commands.display import bars
+    from .commands.reduce import reduce_to_folder
 
     with bars() as advance:
         lines = reduce_to_folder(file, out, advance)
@@ -243,8 +243,8 @@ def campaign(
     telemetry: TelemetryPlace = None,
 ) -> None:
     """Run the simulator at every theta of a design, and keep what each run gave."""
-    from .campaign.command import run_scenario_campaign
-    from .progress import bar
+    from .commands.campaign import run_scenario_campaign
+    from .commands.display import bar
 
     with bar("running") as advance:
         run_scenario_campaign(
@@ -279,8 +279,8 @@ def compare(
     telemetry: TelemetryPlace = None,
 ) -> None:
     """Calibrate with several models of noise and discrepancy, compare them on unseen windows, and recommend one."""
-    from .compare import compare_models
-    from .progress import Display, print_comparison
+    from .commands.compare import compare_models
+    from .commands.display import Display, print_comparison
 
     chosen = [model.strip() for model in models.split(",") if model.strip()]
     with Display() as display:
@@ -306,8 +306,8 @@ def validate(
     telemetry: TelemetryPlace = None,
 ) -> None:
     """Check the calibration on telemetry that the scenario itself makes: do its intervals cover what made it?"""
-    from .progress import bar, print_validation
-    from .validate import validate_scenario
+    from .commands.display import bar, print_validation
+    from .commands.validate import validate_scenario
 
     with bar("validating") as advance:
         validation = validate_scenario(
@@ -325,8 +325,8 @@ def validate(
 
 
 def _calibrate(scenario: Path, out: Path, telemetry: Path | None) -> None:
-    from .experiment import run_experiment
-    from .progress import Display, print_summary
+    from .commands.calibrate import run_experiment
+    from .commands.display import Display, print_summary
 
     with Display() as display:
         summary = run_experiment(scenario, out, telemetry=telemetry, listener=display)

@@ -3,8 +3,8 @@
 import numpy as np
 import pytest
 
-from flightcal.calibration import build_problem
 from flightcal.calibration.confounding import confounding, discrepancy_given
+from flightcal.problem import build_problem
 
 from .. import small
 

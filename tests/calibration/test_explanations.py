@@ -6,11 +6,12 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from flightcal.calibration import Mode, build_problem, calibrate_nuts, posterior_tree
+from flightcal.calibration import Mode, calibrate_nuts, posterior_tree
 from flightcal.calibration.explanations import other_explanations
-from flightcal.calibration.synthetic import simulate_telemetry, with_telemetry
-from flightcal.compare import variant
-from flightcal.experiment import read
+from flightcal.commands.calibrate import read
+from flightcal.commands.compare import variant
+from flightcal.problem import build_problem
+from flightcal.problem.synthetic import simulate_telemetry, with_telemetry
 from flightcal.scenario import NutsSettings, load_scenario
 
 VALIDATION = Path(__file__).parents[2] / "examples" / "validation" / "scenario.yaml"

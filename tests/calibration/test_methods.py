@@ -6,7 +6,6 @@ import numpy as np
 import pytest
 
 from flightcal.calibration import (
-    build_problem,
     calibrate_genetic,
     calibrate_nuts,
     genetic_points,
@@ -14,6 +13,7 @@ from flightcal.calibration import (
     with_residual_noise,
 )
 from flightcal.errors import FlightcalError
+from flightcal.problem import build_problem
 from flightcal.scenario import GeneticSettings, NutsSettings
 
 from .. import small

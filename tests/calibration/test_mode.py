@@ -5,9 +5,10 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from flightcal.calibration import build_problem, climb, find_mode
-from flightcal.calibration.synthetic import simulate_telemetry, with_telemetry
-from flightcal.compare import variant
+from flightcal.calibration import climb, find_mode
+from flightcal.commands.compare import variant
+from flightcal.problem import build_problem
+from flightcal.problem.synthetic import simulate_telemetry, with_telemetry
 from flightcal.scenario import load_scenario
 from flightcal.telemetry import read_telemetry
 

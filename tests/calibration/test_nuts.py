@@ -11,8 +11,8 @@ from arviz_stats.base import array_stats
 from scipy.special import digamma, polygamma
 
 from flightcal.calibration.nuts import MAXIMUM_DEPTH, OVERDISPERSION, _Density, overdispersed_starts, sample
-from flightcal.calibration.whitening import LARGEST_DEVIATION, Whitening, whitening
 from flightcal.errors import FlightcalError
+from flightcal.problem.coordinates import LARGEST_DEVIATION, Whitening, whitening
 from flightcal.scenario import NutsSettings
 
 
@@ -390,7 +390,7 @@ def test_no_warning_reaches_the_user_and_nothing_is_printed(tmp_path):
     code = (
         "import sys, numpy as np\n"
         "from flightcal.calibration.nuts import sample\n"
-        "from flightcal.calibration.whitening import Whitening\n"
+        "from flightcal.problem.coordinates import Whitening\n"
         "from flightcal.scenario import NutsSettings\n"
         "assert 'nutpie' not in sys.modules\n"
         "sample(lambda z: (-0.5 * float(z @ z), -z), Whitening(np.zeros(2), np.eye(2)),\n"

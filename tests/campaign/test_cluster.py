@@ -14,7 +14,7 @@ from flightcal.cli import app
 from flightcal.errors import RunError
 from tests.campaign.simulators import Sleeper, executions
 from tests.campaign.test_run import job, thetas
-from tests.test_experiment import write
+from tests.commands.test_calibrate import write
 
 
 @pytest.fixture

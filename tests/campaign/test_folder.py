@@ -12,7 +12,7 @@ from flightcal.errors import RunError
 from flightcal.external.record import Record
 from flightcal.scenario import load_scenario
 from tests import small
-from tests.test_experiment import write
+from tests.commands.test_calibrate import write
 
 EXAMPLES = Path(__file__).parents[2] / "examples"
 SUBJECT = Subject(

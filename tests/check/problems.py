@@ -11,9 +11,10 @@ from typing import Any
 
 import numpy as np
 
-from flightcal.calibration import Priors, Problem, build_problem
 from flightcal.check.centre import Centre
-from flightcal.experiment import parameter_records
+from flightcal.commands.calibrate import parameter_records
+from flightcal.probability import Priors
+from flightcal.problem import Problem, build_problem
 from flightcal.report.run_files import ParameterInfo, parameter_info
 from flightcal.scenario import Prior
 from flightcal.simulator import Trajectory

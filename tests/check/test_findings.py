@@ -5,7 +5,7 @@ import pytest
 
 from flightcal.check.evaluate import THOROUGH
 from flightcal.check.findings import findings_of, verdict_of
-from flightcal.check.run import check
+from flightcal.commands.check import check
 from flightcal.report.verdict import Finding
 from flightcal.scenario import Normal
 from flightcal.simulator.system import Switch

@@ -4,9 +4,9 @@ import numpy as np
 import pytest
 from scipy.stats import halfnorm, norm
 
-from flightcal.calibration import build_problem
 from flightcal.check.centre import find_centre
 from flightcal.check.identifiability import identifiability, sparse_basis
+from flightcal.problem import build_problem
 from flightcal.scenario import HalfNormal, LogNormal, Normal
 
 from .. import small

@@ -6,9 +6,9 @@ import numpy as np
 import pytest
 from scipy.optimize import brentq
 
-from flightcal.calibration import Problem, build_problem
 from flightcal.check.evaluate import THOROUGH, signature
 from flightcal.check.smoothness import REACH, TOLERANCE, check_gradient, scan_all, smoothness
+from flightcal.problem import Problem, build_problem
 from flightcal.scenario import Normal
 from flightcal.simulator.system import Switch
 

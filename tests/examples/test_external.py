@@ -8,13 +8,14 @@ import numpy as np
 import pytest
 from scipy.optimize import least_squares
 
-from flightcal.calibration import build_problem, calibrate_nuts
-from flightcal.calibration.active import learn
-from flightcal.calibration.emulated import CHECKED, check_on_the_simulator, empty_runs, external
-from flightcal.calibration.horizon import beginnings
-from flightcal.calibration.simulator_check import LARGEST_DENSITY_ERROR
-from flightcal.experiment import read
+from flightcal.calibration import calibrate_nuts
+from flightcal.commands.calibrate import read
+from flightcal.emulation.active import learn
+from flightcal.emulation.emulated import CHECKED, check_on_the_simulator, empty_runs, external
+from flightcal.emulation.horizon import beginnings
+from flightcal.emulation.simulator_check import LARGEST_DENSITY_ERROR
 from flightcal.external import close_workers
+from flightcal.problem import build_problem
 from flightcal.scenario import load_scenario
 
 EXAMPLES = Path(__file__).parents[2] / "examples"

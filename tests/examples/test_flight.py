@@ -5,8 +5,8 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from flightcal.calibration import Problem, build_problem
-from flightcal.experiment import read
+from flightcal.commands.calibrate import read
+from flightcal.problem import Problem, build_problem
 from flightcal.scenario import lint, load_scenario
 
 EXAMPLES = Path(__file__).parents[2] / "examples"

@@ -10,8 +10,8 @@ import numpy as np
 import pandas as pd
 import pytest
 
-from flightcal.calibration import build_problem
-from flightcal.experiment import read
+from flightcal.commands.calibrate import read
+from flightcal.problem import build_problem
 from flightcal.scenario import lint, load_scenario
 from flightcal.telemetry import window_bounds
 

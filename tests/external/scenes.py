@@ -7,7 +7,7 @@ import numpy as np
 import pandas as pd
 from ruamel.yaml import YAML
 
-from flightcal.experiment import read
+from flightcal.commands.calibrate import read
 from flightcal.external import build_external
 from flightcal.scenario import lint, load_scenario
 

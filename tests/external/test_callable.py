@@ -4,11 +4,11 @@ import time
 import numpy as np
 import pytest
 
-from flightcal.calibration import build_problem
+from flightcal.commands.calibrate import read
 from flightcal.errors import ScenarioError
-from flightcal.experiment import read
 from flightcal.external.in_worker import close_workers
 from flightcal.prediction import predict
+from flightcal.problem import build_problem
 from flightcal.scenario import load_scenario
 
 from .scenes import SAMPLES, THETA, TIMES, findings, simulator_of, write, written

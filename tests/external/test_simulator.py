@@ -6,8 +6,8 @@ import xarray
 from typer.testing import CliRunner
 
 from flightcal.cli import app
+from flightcal.commands.calibrate import run_experiment
 from flightcal.errors import ScenarioError
-from flightcal.experiment import run_experiment
 from flightcal.external import ExternalSimulator, close_workers
 from flightcal.prediction.predict import STOCHASTIC
 from flightcal.report import write_report

@@ -9,8 +9,8 @@ import time
 import numpy as np
 import pytest
 
+from flightcal.commands.calibrate import run_experiment
 from flightcal.errors import ScenarioError
-from flightcal.experiment import run_experiment
 from flightcal.external.in_worker import close_workers
 from flightcal.simulator import SimulationFailure
 

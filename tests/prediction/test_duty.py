@@ -3,10 +3,10 @@
 import numpy as np
 import pytest
 
-from flightcal.calibration import build_problem
 from flightcal.errors import RunError
 from flightcal.prediction import predict, window_errors
 from flightcal.prediction.duty import draw_duty_errors, duty_errors
+from flightcal.problem import build_problem
 
 from .. import small
 

@@ -5,12 +5,11 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from flightcal.calibration import build_problem
 from flightcal.errors import RunError
-from flightcal.prediction import propagate
+from flightcal.prediction import crps_of_draws, probability_below, propagate
 from flightcal.prediction.ensemble import duration
 from flightcal.prediction.errors import Drawn
-from flightcal.validation import crps_of_draws, probability_below
+from flightcal.problem import build_problem
 
 from .. import small
 

@@ -6,12 +6,12 @@ import numpy as np
 import pytest
 from scipy import stats
 
-from flightcal.calibration import build_problem
 from flightcal.prediction import condition_initial, predict, window_errors
 from flightcal.prediction.errors import FirstErrors, WhiteErrors
 from flightcal.prediction.matern import covariance, fading, stationary
 from flightcal.probability.noise.ar1 import TIME as MEMORY
 from flightcal.probability.residuals import TIME_LENGTH, TIME_SIZE
+from flightcal.problem import build_problem
 
 from .. import small
 

@@ -7,9 +7,9 @@ import numpy as np
 import pytest
 from scipy.linalg import expm
 
-from flightcal.calibration import build_problem
 from flightcal.prediction import WhiteErrors, condition_initial
 from flightcal.prediction.errors import FirstErrors
+from flightcal.problem import build_problem
 
 from .. import small
 

@@ -6,8 +6,8 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from flightcal.calibration import build_problem
 from flightcal.prediction import STOCHASTIC, condition_initial, predict
+from flightcal.problem import build_problem
 
 from .. import small
 

@@ -5,9 +5,9 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from flightcal.calibration import build_problem
 from flightcal.prediction import predict, propagate
-from flightcal.surrogate.build import InexactSimulator
+from flightcal.problem import build_problem
+from flightcal.problem.simulators import InexactSimulator
 
 from .. import small
 

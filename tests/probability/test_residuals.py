@@ -4,14 +4,15 @@ import numpy as np
 import pytest
 from scipy import stats
 
-from flightcal.calibration import build_problem, climb, find_mode
+from flightcal.calibration import climb, find_mode
 from flightcal.calibration.start import fit_residuals
-from flightcal.calibration.whitening import whitening
 from flightcal.errors import ScenarioError
+from flightcal.probability import DEVIATION
 from flightcal.probability.discrepancy import shortest_lengthscale, time_basis
 from flightcal.probability.likelihood import log_likelihood
-from flightcal.probability.noise import DEVIATION
 from flightcal.probability.residuals import PHASE_LENGTH
+from flightcal.problem import build_problem
+from flightcal.problem.coordinates import whitening
 
 from .. import small
 from .residual_cases import CORRELATED, CORRELATED_STUDENT, INDEPENDENT, ROUNDED, STUDENT

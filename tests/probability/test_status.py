@@ -6,11 +6,12 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 
-from flightcal.calibration import Mode, build_problem, climb, find_mode, search_record
-from flightcal.calibration.native import DENSITY_NOT_FINITE, REASONS
-from flightcal.calibration.whitening import whitening
+from flightcal.calibration import Mode, climb, find_mode, search_record
 from flightcal.probability.kernels.switching import DutyCycles, StatusData, StatusSamples
 from flightcal.probability.status import THRESHOLD_ERROR, HeaterStatus, heater_status, measured_switches
+from flightcal.problem import build_problem
+from flightcal.problem.coordinates import whitening
+from flightcal.problem.native import DENSITY_NOT_FINITE, REASONS
 from flightcal.simulator import open_loop
 from flightcal.simulator.system import Switch
 

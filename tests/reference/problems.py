@@ -7,8 +7,8 @@ import pandas as pd
 from arviz_stats.base import array_stats
 from ruamel.yaml import YAML
 
-from flightcal.calibration import build_problem
-from flightcal.experiment import read
+from flightcal.commands.calibrate import read
+from flightcal.problem import build_problem
 from flightcal.scenario import load_scenario
 
 START = np.datetime64("2024-03-01T00:00:00", "ns")

@@ -12,7 +12,7 @@ from pathlib import Path
 import numpy as np
 import xarray as xr
 
-from flightcal.validation import crps_of_draws, probability_below
+from flightcal.prediction import crps_of_draws, probability_below
 
 CHANNELS = ["panel_temperature", "battery_temperature", "payload_temperature"]
 HEATERS = ["battery_heater", "payload_heater"]
@@ -266,7 +266,7 @@ def _write_texts(
 ) -> None:
     from dataclasses import asdict
 
-    from flightcal.validation import score
+    from flightcal.prediction import score
 
     def write(name: str, content: object) -> None:
         (folder / name).write_text(json.dumps(content, indent=1), encoding="utf-8")

@@ -6,7 +6,8 @@ import numpy as np
 import pytest
 import xarray as xr
 
-from flightcal.report.panels import discrepancy, panels
+from flightcal.report import panels
+from flightcal.report.panels import discrepancy
 from flightcal.report.panels.discrepancy import figure_discrepancy_in_phase, figure_discrepancy_in_time
 from flightcal.report.panels.parameters import window_values
 from flightcal.report.run_files import ParameterInfo

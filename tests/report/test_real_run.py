@@ -5,11 +5,11 @@ import re
 
 import pytest
 
-from flightcal.experiment import run_experiment
+from flightcal.commands.calibrate import run_experiment
 from flightcal.report import write_report
 from flightcal.report.run_files import STAGES, read_run
 from flightcal.report.verdict import verdict
-from tests.test_experiment import write
+from tests.commands.test_calibrate import write
 
 
 @pytest.fixture(scope="module")

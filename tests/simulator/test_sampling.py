@@ -5,7 +5,7 @@ import pytest
 from numba import njit
 from scipy.optimize import check_grad
 
-from flightcal.simulator.inputs import make_grid
+from flightcal.simulator.drive import make_grid
 from flightcal.simulator.kernels import sampling as kernels
 from flightcal.simulator.kernels.forward import Record
 from flightcal.simulator.kernels.sampling import SpreadCall, spread

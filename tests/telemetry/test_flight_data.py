@@ -10,12 +10,7 @@ import pytest
 import xarray as xr
 
 from flightcal.scenario import TelemetryFile, Window
-from flightcal.telemetry import (
-    driver_series,
-    quality_table,
-    read_telemetry,
-    select_window,
-)
+from flightcal.telemetry import driver_series, quality_table, read_telemetry, select_window
 
 from .files import flight_data
 

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 from scipy.stats import multivariate_normal, norm
 
-from flightcal.calibration import build_problem
+from flightcal.problem import build_problem
 from flightcal.validation import block_log_likelihood, blocks_of, leave_blocks_out
 from tests import small
 

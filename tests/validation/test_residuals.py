@@ -8,13 +8,7 @@ import xarray as xr
 from scipy.signal import lfilter
 from scipy.stats import chi2
 
-from flightcal.validation import (
-    autocorrelation,
-    check_residuals,
-    check_window,
-    effective_samples,
-    ljung_box,
-)
+from flightcal.validation import autocorrelation, check_residuals, check_window, effective_samples, ljung_box
 from flightcal.validation.residuals import pair_counts, segments
 
 START = np.datetime64("2024-03-01", "ns")

@@ -1,8 +1,6 @@
 """The problem, its priors and likelihood, and the methods that solve it."""
 
-from ..probability.priors import Priors
-from .diagnostics import Diagnostics, Gate, diagnose
-from .joint import AnyProblem, JointProblem, calibration_problem, warm_problem
+from .diagnostics import Diagnostics, Gate, diagnose, least_effective, with_gate
 from .methods import (
     Posterior,
     calibrate_genetic,
@@ -14,28 +12,24 @@ from .methods import (
     with_residual_noise,
 )
 from .mode import Mode, climb, find_mode
-from .problem import Problem, build_problem
+from .nuts import sample
 
 __all__ = [
-    "AnyProblem",
     "Diagnostics",
     "Gate",
-    "JointProblem",
     "Mode",
     "Posterior",
-    "Priors",
-    "Problem",
-    "build_problem",
     "calibrate_genetic",
     "calibrate_nuts",
-    "calibration_problem",
     "climb",
     "diagnose",
     "find_mode",
     "genetic_points",
+    "least_effective",
     "mean_and_some",
     "posterior_tree",
+    "sample",
     "search_record",
-    "warm_problem",
+    "with_gate",
     "with_residual_noise",
 ]

@@ -7,10 +7,9 @@ from collections.abc import Sequence
 import numpy as np
 import xarray
 
-from ..probability.likelihood import weights_given
-from ..simulator import SimulationFailure, Trajectory
-from ..simulator.system import FloatArray
-from .problem import Problem
+from ..probability import weights_given
+from ..problem import Problem
+from ..simulator import FloatArray, SimulationFailure, Trajectory
 
 _TAIL = 0.025
 

@@ -11,7 +11,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from ..simulator.system import FloatArray
+from ..simulator import FloatArray
 from .mode import SAME, Mode
 
 _NEARLY = 5.0  # nats: less than a hundredth of the best density is no explanation worth a word

@@ -12,17 +12,15 @@ import numpy as np
 import xarray
 
 from ..errors import FlightcalError
+from ..problem import AnyProblem, JointProblem, Problem, label_of, whitening
 from ..scenario import GeneticSettings, NutsSettings
-from ..simulator.system import FloatArray
+from ..simulator import FloatArray
 from .confounding import confounding
 from .diagnostics import Diagnostics, diagnose
 from .explanations import Explanation, other_explanations
 from .genetic import minimise
-from .joint import AnyProblem, JointProblem, label_of
 from .mode import Mode, find_mode
 from .nuts import Draws, sample
-from .problem import Problem
-from .whitening import whitening
 
 _SEARCH_BOX = 0.998
 """Share of each prior inside the box that the genetic algorithm searches."""

@@ -19,11 +19,9 @@ from dataclasses import dataclass
 import numpy as np
 
 from ..errors import FlightcalError
-from ..simulator import SimulationFailure
-from ..simulator.system import FloatArray
-from .joint import AnyProblem
+from ..problem import AnyProblem, whitening
+from ..simulator import FloatArray, SimulationFailure
 from .start import fit_residuals
-from .whitening import whitening
 
 SAME = 0.1
 """Nats; modes that differ by less are one."""

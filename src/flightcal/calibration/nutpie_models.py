@@ -12,8 +12,8 @@ from typing import Any
 
 import numpy as np
 
-from ..simulator.system import FloatArray
-from .native import NativeDensity
+from ..problem import NativeDensity
+from ..simulator import FloatArray
 
 NAME = "w"
 """Of what is kept of each draw, [d]."""

@@ -28,10 +28,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ..errors import FlightcalError
+from ..problem import STOPPED, NativeDensity, Whitening
 from ..scenario import NutsSettings
-from .native import STOPPED, NativeDensity
 from .nutpie_models import native_model, python_model
-from .whitening import Whitening
 
 Array = NDArray[np.float64]
 LogDensity = Callable[[Array], tuple[float, Array]]

@@ -5,9 +5,8 @@ from __future__ import annotations
 import numpy as np
 from scipy.optimize import minimize
 
-from ..simulator import SimulationFailure
-from ..simulator.system import FloatArray
-from .joint import AnyProblem
+from ..problem import AnyProblem
+from ..simulator import FloatArray, SimulationFailure
 
 _LEAST = 1e-3  # K
 _STEPS = 200

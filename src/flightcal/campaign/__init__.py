@@ -1,23 +1,30 @@
 """Campaigns: a simulator run at every theta of a design, on this machine or on a cluster, each run kept."""
 
 from .campaign import Tally, run_campaign
-from .folder import Design, locked, open_campaign, prepare
+from .cluster import remote_cluster
+from .folder import NOT_RUN, Design, locked, open_campaign, prepare
 from .job import Job, RunFunction, run_function
-from .store import DamagedRecord, RunStore
+from .run import Here, Runner
+from .store import FINISHED, DamagedRecord, RunStore
 from .subject import Subject, input_hashes, scenario_parts
 
 __all__ = [
+    "FINISHED",
+    "NOT_RUN",
     "DamagedRecord",
     "Design",
+    "Here",
     "Job",
     "RunFunction",
     "RunStore",
+    "Runner",
     "Subject",
     "Tally",
     "input_hashes",
     "locked",
     "open_campaign",
     "prepare",
+    "remote_cluster",
     "run_campaign",
     "run_function",
     "scenario_parts",

@@ -10,7 +10,7 @@ from pathlib import Path
 
 import numpy as np
 
-from ..simulator.system import FloatArray
+from ..simulator import FloatArray
 from .folder import DAMAGED, NOT_RUN, Design, locked, prepare
 from .job import Job, RunFunction
 from .run import Runner

@@ -14,7 +14,7 @@ from distributed import CancelledError, Client, Future, KilledWorker, WorkerPlug
 from distributed.comm import CommClosedError
 
 from ..errors import RunError
-from ..simulator.system import FloatArray
+from ..simulator import FloatArray
 from .job import Job
 from .run import cannot_record
 

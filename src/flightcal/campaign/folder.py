@@ -23,9 +23,9 @@ import numpy as np
 import xarray
 
 from ..errors import RunError
+from ..probability import GROWING
 from ..run import write_atomically
-from ..simulator.system import FloatArray
-from .designs import GROWING
+from ..simulator import FloatArray
 from .store import DamagedRecord, RunStore
 from .subject import Subject
 

@@ -10,10 +10,8 @@ from typing import Protocol, runtime_checkable
 
 import numpy as np
 
-from ..external.record import Record
-from ..simulator import SimulationFailure, Simulator
-from ..simulator.kernels.lanes import WIDTH
-from ..simulator.system import FloatArray
+from ..external import Record
+from ..simulator import WIDTH, FloatArray, SimulationFailure, Simulator
 from .store import DamagedRecord, RunStore
 
 RunFunction = Callable[[FloatArray], Sequence[Record]]

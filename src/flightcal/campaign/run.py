@@ -12,8 +12,8 @@ from dataclasses import dataclass
 from typing import Protocol
 
 from ..errors import RunError
-from ..simulator.system import FloatArray
-from ..workers import each
+from ..run import each
+from ..simulator import FloatArray
 from .job import Job
 
 

@@ -17,9 +17,9 @@ from typing import Final, get_args
 
 import numpy as np
 
-from ..external.record import Outcome, Record
+from ..external import Outcome, Record
 from ..run import hash_of, write_atomically
-from ..simulator.system import FloatArray
+from ..simulator import FloatArray
 
 FINISHED: Final = "finished"
 _ABANDONED: Final = 3600.0  # s; a file that was begun so long ago and never renamed is of a process that was killed

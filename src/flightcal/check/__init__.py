@@ -1,5 +1,28 @@
 """Checks before sampling: what the data can tell, and whether prior and sampler will get along with them."""
 
-from .run import CheckSummary, check, check_scenario
+from .centre import find_centre
+from .evaluate import THOROUGH, Effort, effort_for
+from .findings import Checked, findings_of, verdict_of
+from .identifiability import identifiability
+from .page import render
+from .prior_predictive import prior_predictive
+from .profile import check_names, profile
+from .sensitivity import sensitivity
+from .smoothness import smoothness
 
-__all__ = ["CheckSummary", "check", "check_scenario"]
+__all__ = [
+    "THOROUGH",
+    "Checked",
+    "Effort",
+    "check_names",
+    "effort_for",
+    "find_centre",
+    "findings_of",
+    "identifiability",
+    "prior_predictive",
+    "profile",
+    "render",
+    "sensitivity",
+    "smoothness",
+    "verdict_of",
+]

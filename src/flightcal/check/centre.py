@@ -8,12 +8,12 @@ from typing import Any, cast
 
 import numpy as np
 
-from ..calibration import Priors, Problem, climb, find_mode, with_residual_noise
-from ..calibration.active import simulated_priors
-from ..calibration.emulated import needs_emulator
+from ..calibration import climb, find_mode, with_residual_noise
+from ..emulation import needs_emulator, simulated_priors
 from ..errors import FlightcalError
-from ..simulator import SimulationFailure, Simulator, Trajectory
-from ..simulator.system import FloatArray
+from ..probability import Priors
+from ..problem import Problem
+from ..simulator import FloatArray, SimulationFailure, Simulator, Trajectory
 from .evaluate import Runs, densities, mean_square
 
 _STEP = 0.1

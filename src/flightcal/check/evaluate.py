@@ -9,10 +9,9 @@ from typing import Any, cast
 
 import numpy as np
 
-from ..calibration import Problem
-from ..external.simulator import ExternalSimulator
-from ..simulator import SimulationFailure, Simulator, Trajectory
-from ..simulator.system import FloatArray
+from ..external import ExternalSimulator
+from ..problem import Problem
+from ..simulator import FloatArray, SimulationFailure, Simulator, Trajectory
 
 _BATCH = 512
 

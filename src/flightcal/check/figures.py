@@ -8,13 +8,29 @@ from typing import Any
 import numpy as np
 import plotly.graph_objects as go
 
-from ..calibration import Problem
-from ..report.heat_map import heat_map
-from ..report.run_files import ParameterInfo
-from ..report.style import BAND, GENETIC, LINE, MODEL_BAND, PRIOR, STOCHASTIC, TELEMETRY, WARNING, finish, polygons
-from ..report.text import labelled, number
-from ..report.thinning import break_lines, extremes
-from ..report.windows import CELSIUS, CHANNEL_HEIGHT, scatter, time_canvas
+from ..problem import Problem
+from ..report import (
+    BAND,
+    CELSIUS,
+    CHANNEL_HEIGHT,
+    GENETIC,
+    LINE,
+    MODEL_BAND,
+    PRIOR,
+    STOCHASTIC,
+    TELEMETRY,
+    WARNING,
+    ParameterInfo,
+    break_lines,
+    extremes,
+    finish,
+    heat_map,
+    labelled,
+    number,
+    polygons,
+    scatter,
+    time_canvas,
+)
 from .identifiability import UNTOLD, Identifiability
 from .prior_predictive import PriorPredictive
 from .profile import DROP, Profile

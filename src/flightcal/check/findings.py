@@ -8,9 +8,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from ..report.run_files import ParameterInfo
-from ..report.text import listed, number, percent, unit
-from ..report.verdict import Finding
+from ..report import Finding, ParameterInfo, listed, number, percent, unit
 from .centre import Centre
 from .identifiability import BLIND, Combination, Identifiability, Move
 from .prior_predictive import EDGE, PriorPredictive

@@ -13,8 +13,8 @@ from dataclasses import dataclass
 import numpy as np
 from scipy.linalg import qr
 
-from ..calibration import Problem
-from ..simulator.system import FloatArray
+from ..problem import Problem
+from ..simulator import FloatArray
 from .evaluate import spread_in_z
 
 UNTOLD = 1.0

@@ -6,15 +6,23 @@ from pathlib import Path
 
 import numpy as np
 
-from ..calibration import Problem
-from ..report import block
-from ..report.block import Block, Section
-from ..report.heat_map import figure_correlation
-from ..report.page import compose
-from ..report.style import GENETIC, PRIOR, STOCHASTIC, WARNING
-from ..report.tables import Cell, Table
-from ..report.text import number, percent
-from ..report.verdict import Finding
+from ..problem import Problem
+from ..report import (
+    GENETIC,
+    PRIOR,
+    STOCHASTIC,
+    WARNING,
+    Block,
+    Cell,
+    Finding,
+    Section,
+    Table,
+    block,
+    compose,
+    figure_correlation,
+    number,
+    percent,
+)
 from . import figures as draw
 from .findings import Checked, verdict_of
 

@@ -6,8 +6,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from ..calibration import Problem
-from ..simulator.system import FloatArray
+from ..problem import Problem
+from ..simulator import FloatArray
 from .centre import Centre
 from .evaluate import Runs
 

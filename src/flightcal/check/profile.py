@@ -13,10 +13,9 @@ from itertools import pairwise
 import numpy as np
 from scipy.optimize import minimize
 
-from ..calibration import Problem
 from ..errors import ScenarioError
-from ..simulator import SimulationFailure
-from ..simulator.system import FloatArray, IntArray
+from ..problem import Problem
+from ..simulator import FloatArray, IntArray, SimulationFailure
 from .centre import Centre
 from .evaluate import spread_in_z
 

@@ -14,8 +14,8 @@ from dataclasses import dataclass
 import numpy as np
 from scipy.stats import norm, qmc, rankdata
 
-from ..calibration import Problem
-from ..simulator.system import FloatArray
+from ..problem import Problem
+from ..simulator import FloatArray
 from .evaluate import Advance, Effort, Runs, in_batches, log_likelihoods
 
 LIKELIHOOD = "log likelihood"

@@ -11,9 +11,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from ..calibration import Problem
-from ..simulator import Trajectory
-from ..simulator.system import FloatArray
+from ..problem import Problem
+from ..simulator import FloatArray, Trajectory
 from .centre import Centre
 from .evaluate import Advance, Effort, densities, in_batches, signature
 

@@ -1,7 +1,5 @@
 """Orbit, attitude, Sun and Earth: heat flux on each face, eclipses, orbit phase."""
 
-from __future__ import annotations
-
 from .eclipse import shadow_edges, sunlit_fraction, sunlit_share
 from .fluxes import FaceFluxes, face_fluxes
 from .geometry import orbit_phase

@@ -8,18 +8,27 @@ from typing import TYPE_CHECKING, Any
 if TYPE_CHECKING:
     from .build import build_external
     from .in_worker import close_workers
+    from .program import RunFailure
     from .record import Outcome, Record
     from .simulator import ExternalSimulator
 
 _PLACES = {
-    "ExternalSimulator": "simulator",
-    "Outcome": "record",
-    "Record": "record",
     "build_external": "build",
     "close_workers": "in_worker",
+    "RunFailure": "program",
+    "Outcome": "record",
+    "Record": "record",
+    "ExternalSimulator": "simulator",
 }
 
-__all__ = ["ExternalSimulator", "Outcome", "Record", "build_external", "close_workers"]
+__all__ = [
+    "ExternalSimulator",
+    "Outcome",
+    "Record",
+    "RunFailure",
+    "build_external",
+    "close_workers",
+]
 
 
 def __getattr__(name: str) -> Any:

@@ -18,8 +18,7 @@ from ..scenario import (
     Scenario,
     UmbridgeSimulator,
 )
-from ..simulator.inputs import Times
-from ..simulator.system import FloatArray, IntArray
+from ..simulator import FloatArray, IntArray, Times
 from ..telemetry import driver_series
 from .callable import FunctionDescription
 from .executable import ExecutableProgram

@@ -15,7 +15,7 @@ import numpy as np
 from .program import Outputs, RunFailure, checked
 
 if TYPE_CHECKING:  # the worker starts in a tenth of a second without it
-    from ..simulator.system import FloatArray
+    from ..simulator import FloatArray
 
 
 @dataclass(frozen=True)

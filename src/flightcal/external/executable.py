@@ -18,7 +18,7 @@ from typing import Any
 import numpy as np
 
 from ..scenario import Executable
-from ..simulator.system import FloatArray
+from ..simulator import FloatArray
 from ._processes import kill_group, live
 from .program import Outputs, RunFailure
 

@@ -12,7 +12,7 @@ import numpy as np
 from .program import Outputs, RunFailure
 
 if TYPE_CHECKING:  # the worker starts in a tenth of a second without it
-    from ..simulator.system import FloatArray, IntArray
+    from ..simulator import FloatArray, IntArray
 
 _REAL = ("Real", "Float64", "Float32")
 """Types whose variables FMPy gets and sets by functions of the same name."""

@@ -20,7 +20,7 @@ from typing import Any, Protocol
 
 import numpy as np
 
-from ..simulator.system import FloatArray
+from ..simulator import FloatArray
 from ._processes import at_fork, live
 from .executable import ending
 from .program import Outputs, RunFailure

@@ -10,7 +10,7 @@ import numpy as np
 from .record import Outcome
 
 if TYPE_CHECKING:  # the worker starts in a tenth of a second without it
-    from ..simulator.system import FloatArray
+    from ..simulator import FloatArray
 
 
 class RunFailure(Exception):  # noqa: N818 - a value of the domain, not a programming error

@@ -6,7 +6,7 @@ from dataclasses import dataclass
 from typing import TYPE_CHECKING, Literal
 
 if TYPE_CHECKING:  # the worker starts in a tenth of a second without it
-    from ..simulator.system import FloatArray
+    from ..simulator import FloatArray
 
 
 Outcome = Literal[

@@ -14,8 +14,7 @@ import numpy as np
 
 from ..errors import ScenarioError
 from ..scenario import ExternalModel, Numbers, Scenario, kind_of_simulator, numbers_of
-from ..simulator import SimulationFailure, Trajectory
-from ..simulator.system import FloatArray, IntArray, Switch
+from ..simulator import FloatArray, IntArray, SimulationFailure, Switch, Trajectory
 from ._processes import kill_all
 from .program import Program, RunFailure, checked
 from .record import Outcome, Record

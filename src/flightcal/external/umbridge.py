@@ -13,7 +13,7 @@ import numpy as np
 from .program import Outputs, RunFailure
 
 if TYPE_CHECKING:  # the worker starts in a tenth of a second without it
-    from ..simulator.system import FloatArray
+    from ..simulator import FloatArray
 
 _NOT_FINITE = re.compile(r"\b(nan|-?inf(inity)?)\b", re.IGNORECASE)
 

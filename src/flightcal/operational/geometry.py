@@ -16,7 +16,7 @@ import numpy as np
 
 from ..errors import FlightcalError
 from ..scenario import Conductor, Face, Node
-from ..simulator.network import DEEP_SPACE
+from ..simulator import DEEP_SPACE
 from .view_factors import Array, Rectangles, gebhart_factors, view_factors
 
 SPACE = "space"

@@ -18,12 +18,18 @@ import pandas as pd
 
 from ..errors import FlightcalError
 from ..scenario import Scenario
-from ..simulator.assembly import ParameterMap, assemble
-from ..simulator.inputs import face_series
-from ..simulator.kernels.march import MarchCall, march
-from ..simulator.kernels.step import step_size
-from ..simulator.network import Network, build_network
-from ..simulator.system import FloatArray, Structure
+from ..simulator import (
+    FloatArray,
+    MarchCall,
+    Network,
+    ParameterMap,
+    Structure,
+    assemble,
+    build_network,
+    face_series,
+    march,
+    step_size,
+)
 from .onboard import Memory, OnboardSoftware, cycle, started
 
 

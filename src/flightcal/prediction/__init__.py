@@ -3,15 +3,49 @@
 from .ensemble import Ensemble, propagate
 from .errors import WhiteErrors, WindowErrors, window_errors
 from .initial import condition_initial
+from .metrics import (
+    ZERO_CELSIUS,
+    Array,
+    Metric,
+    comparison_table,
+    crps_of_draws,
+    implied_energy,
+    log_score_normal,
+    mape_celsius,
+    mape_kelvin,
+    mean_absolute_error,
+    mpiw,
+    picp,
+    probability_below,
+    rmse,
+    score,
+    status_agreement,
+)
 from .predict import STOCHASTIC, predict
 
 __all__ = [
     "STOCHASTIC",
+    "ZERO_CELSIUS",
+    "Array",
     "Ensemble",
+    "Metric",
     "WhiteErrors",
     "WindowErrors",
+    "comparison_table",
     "condition_initial",
+    "crps_of_draws",
+    "implied_energy",
+    "log_score_normal",
+    "mape_celsius",
+    "mape_kelvin",
+    "mean_absolute_error",
+    "mpiw",
+    "picp",
     "predict",
+    "probability_below",
     "propagate",
+    "rmse",
+    "score",
+    "status_agreement",
     "window_errors",
 ]

@@ -12,7 +12,7 @@ import math
 
 import numpy as np
 
-from ..simulator.system import FloatArray
+from ..simulator import FloatArray
 
 FEWEST_ORBITS = 3
 """Of the training window: fewer do not tell how far errors differ."""

@@ -10,14 +10,14 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from ..calibration.problem import Problem
 from ..errors import RunError
+from ..problem import Problem
 from ..scenario import is_trained
-from ..simulator.system import FloatArray
+from ..simulator import FloatArray
 from ..telemetry import window_bounds
-from ..validation.metrics import crps_of_draws, probability_below
 from .duty import draw_duty_errors
 from .errors import WindowErrors
+from .metrics import crps_of_draws, probability_below
 
 _FEWEST = 0.5  # share of simulations that must succeed
 

@@ -17,11 +17,9 @@ from functools import cached_property
 import numpy as np
 from numpy.typing import NDArray
 
-from ..calibration.problem import Problem
-from ..probability.likelihood import weights_given
-from ..probability.residuals import TIME_LENGTH, TIME_SIZE, ResidualModel
-from ..simulator import Trajectory
-from ..simulator.system import FloatArray
+from ..probability import TIME_LENGTH, TIME_SIZE, ResidualModel, weights_given
+from ..problem import Problem
+from ..simulator import FloatArray, Trajectory
 from .duty import duty_errors
 from .matern import ORDER, continue_path, covariance, fading, stationary
 

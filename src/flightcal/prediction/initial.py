@@ -11,9 +11,9 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
-from ..calibration.problem import Problem
+from ..problem import Problem
 from ..scenario import Normal
-from ..simulator.system import FloatArray
+from ..simulator import FloatArray
 from .errors import FirstErrors, WhiteErrors
 
 _DIFFERENCE = 0.01  # K

@@ -4,8 +4,8 @@ from __future__ import annotations
 
 import numpy as np
 
-from ..probability.residuals import ResidualModel
-from ..simulator.system import FloatArray
+from ..probability import ResidualModel
+from ..simulator import FloatArray
 
 
 def noise_in_words(model: ResidualModel) -> list[str]:

@@ -9,7 +9,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from ..simulator.system import FloatArray
+from ..simulator import FloatArray
 
 ORDER = {1.5: 2, 2.5: 3}
 """Smoothness -> entries of the state."""

@@ -8,12 +8,11 @@ from dataclasses import replace
 import numpy as np
 import xarray
 
-from ..calibration.problem import Problem, build_problem
+from ..emulation import EmulatedSimulator
 from ..environment import orbit_phase, sunlit_share
+from ..problem import Problem, build_problem
 from ..scenario import Scenario, SimulatorModel, is_trained
-from ..simulator import Trajectory
-from ..simulator.system import FloatArray
-from ..surrogate.emulator import EmulatedSimulator
+from ..simulator import FloatArray, Trajectory
 from .duty import FEWEST_ORBITS
 from .ensemble import Ensemble, duration, propagate
 from .errors import WhiteErrors, WindowErrors, window_errors

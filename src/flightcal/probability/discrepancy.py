@@ -15,7 +15,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from ..compiled import Row
-from ..simulator.system import FloatArray
+from ..simulator import FloatArray
 from .kernels.matern import LENGTH, PHASE_LENGTH, PHASE_SIZE, SIZE, MaternCall, pull_back_spectrum, spectrum
 from .shapes import Weights
 

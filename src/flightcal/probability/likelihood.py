@@ -16,9 +16,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ..compiled import Program, Row
-from ..simulator.system import FloatArray
+from ..simulator import FloatArray
 from .kernels.window import ProjectCall, WindowCall, finish, project, start
-from .noise import NoiseCall, NoiseKind, ShapesCall
+from .noise.kind import NoiseCall, NoiseKind, ShapesCall
 from .shapes import Shapes, Weights
 
 SHAPE_NUMBERS = 4

@@ -16,7 +16,7 @@ from numpy.typing import NDArray
 from ..environment import orbit_phase
 from ..errors import ScenarioError
 from ..scenario import Discrepancy, Prior, Scenario, TimeDiscrepancy, Uniform, noise_of, support
-from ..simulator.system import FloatArray
+from ..simulator import FloatArray
 from .discrepancy import (
     MaternPrior,
     PhaseBasis,
@@ -27,7 +27,8 @@ from .discrepancy import (
     time_basis,
 )
 from .likelihood import SHAPE_NUMBERS, Likelihood, Residuals, weights_given
-from .noise import DEVIATION, INDEPENDENT, KINDS, MOST_NUMBERS, kind_of_noise
+from .noise import INDEPENDENT, KINDS, MOST_NUMBERS, kind_of_noise
+from .noise.kind import DEVIATION
 from .shapes import Shapes, products_at
 
 NUMBERS = MOST_NUMBERS + SHAPE_NUMBERS

@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ..compiled import Row
-from ..simulator.system import FloatArray
+from ..simulator import FloatArray
 from .kernels.shapes import CloseCall, close
 
 

@@ -15,10 +15,8 @@ import numpy as np
 import xarray
 
 from ..scenario import DutyCycle, Prior, Scenario, SimulatorModel, SwitchTimes
-from ..simulator import Trajectory
-from ..simulator.inputs import Times
-from ..simulator.system import FloatArray, IntArray, Switch
-from ..telemetry.drivers import SHORT_GAP
+from ..simulator import FloatArray, IntArray, Switch, Times, Trajectory
+from ..telemetry import SHORT_GAP
 from .kernels.switching import DutyCycles, StatusCall, StatusData, StatusSamples, status_work, switching
 from .priors import Priors
 

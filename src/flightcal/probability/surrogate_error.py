@@ -10,7 +10,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from ..simulator.system import FloatArray
+from ..simulator import FloatArray
 from .likelihood import Likelihood, Residuals, iid_log_likelihood, precision_times
 
 

@@ -1,7 +1,54 @@
 """The report of a run directory: one HTML page with figures, tables and a verdict, readable offline."""
 
+from .block import Block, Section
 from .comparison_page import write_comparison
-from .page import write_report
+from .heat_map import figure_correlation, heat_map
+from .page import compose, write_page, write_report
+from .panels import panels
+from .run_files import ParameterInfo, read_run
+from .style import BAND, GENETIC, LINE, MODEL_BAND, PRIOR, STOCHASTIC, TELEMETRY, WARNING, finish, polygons
+from .tables import Cell, Table
+from .text import labelled, listed, number, percent, unit
+from .thinning import break_lines, extremes
 from .validation_page import write_validation
+from .verdict import Finding
+from .windows import CELSIUS, CHANNEL_HEIGHT, scatter, time_canvas
 
-__all__ = ["write_comparison", "write_report", "write_validation"]
+__all__ = [
+    "BAND",
+    "CELSIUS",
+    "CHANNEL_HEIGHT",
+    "GENETIC",
+    "LINE",
+    "MODEL_BAND",
+    "PRIOR",
+    "STOCHASTIC",
+    "TELEMETRY",
+    "WARNING",
+    "Block",
+    "Cell",
+    "Finding",
+    "ParameterInfo",
+    "Section",
+    "Table",
+    "break_lines",
+    "compose",
+    "extremes",
+    "figure_correlation",
+    "finish",
+    "heat_map",
+    "labelled",
+    "listed",
+    "number",
+    "panels",
+    "percent",
+    "polygons",
+    "read_run",
+    "scatter",
+    "time_canvas",
+    "unit",
+    "write_comparison",
+    "write_page",
+    "write_report",
+    "write_validation",
+]

@@ -15,8 +15,7 @@ import plotly.graph_objects as go
 from plotly.offline import get_plotlyjs
 from plotly.utils import PlotlyJSONEncoder
 
-from flightcal.run import write_atomically
-
+from ..run import write_atomically
 from .block import Section
 from .panels import panels
 from .run_files import RunFiles, read_run

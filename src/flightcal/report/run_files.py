@@ -11,10 +11,11 @@ from typing import Any, TypeVar
 import numpy as np
 import xarray as xr
 
-from flightcal.errors import RunError
-from flightcal.run import read_dataset, read_json, read_records, read_tree, typed
-from flightcal.scenario import is_trained
-from flightcal.validation import Metric, ResidualCheck, check_window
+from ..errors import RunError
+from ..prediction import Metric
+from ..run import read_dataset, read_json, read_records, read_tree, typed
+from ..scenario import is_trained
+from ..validation import ResidualCheck, check_window
 
 Record = dict[str, Any]
 

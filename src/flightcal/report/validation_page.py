@@ -11,8 +11,7 @@ import plotly.graph_objects as go
 from numpy.typing import NDArray
 from plotly.subplots import make_subplots
 
-from flightcal.validation.simulation_based import Band, ecdf, ecdf_band, joint
-
+from ..validation import Band, ecdf, ecdf_band, joint
 from . import block
 from .block import Section
 from .page import compose, write_page

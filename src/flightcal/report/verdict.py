@@ -9,10 +9,10 @@ from typing import Literal
 
 import numpy as np
 
-from flightcal.probability.noise import INDEPENDENT
-from flightcal.scenario import is_trained
-from flightcal.validation import Metric, ResidualCheck
-
+from ..prediction import Metric
+from ..probability import INDEPENDENT
+from ..scenario import is_trained
+from ..validation import ResidualCheck
 from .panels.discrepancy import STANDS_IN, stand_ins
 from .panels.parameters import EDGE, at_edge
 from .panels.residuals import TESTED, assumption, channels, correlation_expected, noises

@@ -30,22 +30,12 @@ from .inputs import input_files
 from .json_schema import json_schema, schema_of
 from .lint import Finding, lint
 from .load import load_scenario
-from .network import (
-    Conductor,
-    Face,
-    Heater,
-    Load,
-    ModeChange,
-    Node,
-    ReducedNumber,
-    SimulatorError,
-    SimulatorModel,
-)
+from .network import Conductor, Face, Heater, Load, ModeChange, Node, ReducedNumber, SimulatorError, SimulatorModel
 from .numbers import Numbers, Settable, numbers_of, settable
 from .parameters import read_parameters, set_twice
 from .priors import Beta, HalfNormal, LogNormal, Normal, Prior, TruncatedNormal, Uniform, support
 from .reduced import REDUCED_MODEL_FORMAT
-from .residuals import Discrepancy, DutyCycle, Noise, PhaseDiscrepancy, SwitchTimes, TimeDiscrepancy
+from .residuals import NEEDS, Discrepancy, DutyCycle, Noise, PhaseDiscrepancy, SwitchTimes, TimeDiscrepancy
 from .resolved import resolved_yaml
 from .schema import (
     Channel,
@@ -56,6 +46,7 @@ from .schema import (
     TelemetryFile,
     TimeColumn,
     noise_of,
+    not_normal,
 )
 from .template import write_template
 from .units import Duration, Power, Quantity, Temperature, is_temperature, kind_of, show, si_unit, to_si
@@ -63,6 +54,7 @@ from .windows import Window, is_trained
 from .wording import problems_of
 
 __all__ = [
+    "NEEDS",
     "REDUCED_MODEL_FORMAT",
     "Attitude",
     "Beta",
@@ -140,6 +132,7 @@ __all__ = [
     "lint",
     "load_scenario",
     "noise_of",
+    "not_normal",
     "numbers_of",
     "problems_of",
     "read_document",

@@ -1,22 +1,51 @@
 """From theta to temperatures and heater status: network, canonical form, compiled integration."""
 
-from .integrate import SimulationFailure, integrate
-from .network import Network, build_network
+from .assembly import MOST_FACTORS, ParameterMap, Terms, assemble, own_initial
+from .drive import Times, face_series
+from .integrate import Observation, SimulationFailure, in_parallel, integrate
+from .kernels.forward import NOT_FINITE, TOO_MANY_SWITCHES
+from .kernels.lanes import WIDTH
+from .kernels.march import MarchCall, march
+from .kernels.sampling import ICE_POINT
+from .kernels.step import step_size
+from .network import DEEP_SPACE, Network, build_network
+from .sampling import Sensors
 from .simulate import NetworkSimulator, Simulator, Trajectory, network_simulator, open_loop
-from .system import Drive, Structure, Switch, System
+from .system import Drive, FloatArray, IntArray, Structure, Switch, System, make_structure
 
 __all__ = [
+    "DEEP_SPACE",
+    "ICE_POINT",
+    "MOST_FACTORS",
+    "NOT_FINITE",
+    "TOO_MANY_SWITCHES",
+    "WIDTH",
     "Drive",
+    "FloatArray",
+    "IntArray",
+    "MarchCall",
     "Network",
     "NetworkSimulator",
+    "Observation",
+    "ParameterMap",
+    "Sensors",
     "SimulationFailure",
     "Simulator",
     "Structure",
     "Switch",
     "System",
+    "Terms",
+    "Times",
     "Trajectory",
+    "assemble",
     "build_network",
+    "face_series",
+    "in_parallel",
     "integrate",
+    "make_structure",
+    "march",
     "network_simulator",
     "open_loop",
+    "own_initial",
+    "step_size",
 ]

@@ -18,7 +18,7 @@ import xarray
 from ..compiled import Program, Row
 from ..scenario import Scenario
 from .assembly import ParameterMap, assemble, assembly_memory
-from .inputs import Times, build_drive
+from .drive import Times, build_drive
 from .integrate import Integration, Observation, check_outcome, in_parallel, switches
 from .kernels.assembly import AssembleCall, PullBackCall, pull_back
 from .kernels.assembly import assemble as assemble_kernel

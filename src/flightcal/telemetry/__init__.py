@@ -1,11 +1,12 @@
 """Flight data: files -> samples in SI on UTC time, a reason for each that is not used; windows; inputs."""
 
-from .drivers import driver_series, status_fraction
+from .drivers import SHORT_GAP, driver_series, status_fraction
 from .quality import QualityRecord, quality_table
 from .read import read_telemetry
 from .window import select_window, window_bounds
 
 __all__ = [
+    "SHORT_GAP",
     "QualityRecord",
     "driver_series",
     "quality_table",

@@ -19,7 +19,7 @@ import pyarrow as pa
 import pyarrow.csv
 import pyarrow.parquet
 
-from flightcal.errors import TelemetryError
+from ..errors import TelemetryError
 
 NULL_WORDS = frozenset(
     ["", "N/A", "n/a", "#N/A", "NA", "NULL", "Null", "null", "None", "NaN", "nan", "NAN", "-NaN", "-nan"]

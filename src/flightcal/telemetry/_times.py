@@ -11,8 +11,7 @@ import pyarrow as pa
 import pyarrow.compute as pc
 from numpy.typing import NDArray
 
-from flightcal.errors import TelemetryError
-
+from ..errors import TelemetryError
 from ._files import Source
 
 Nanoseconds = NDArray[np.int64]

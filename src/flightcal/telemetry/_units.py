@@ -6,7 +6,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from flightcal.scenario import Channel, is_temperature, kind_of, si_unit, to_si
+from ..scenario import Channel, is_temperature, kind_of, si_unit, to_si
 
 
 @dataclass(frozen=True)

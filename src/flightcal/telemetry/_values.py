@@ -11,9 +11,8 @@ import pyarrow as pa
 import pyarrow.compute as pc
 from numpy.typing import NDArray
 
-from flightcal.errors import TelemetryError
-from flightcal.scenario import Channel
-
+from ..errors import TelemetryError
+from ..scenario import Channel
 from ._files import NULL_WORDS, Source
 from ._flags import Flag, Flags
 

@@ -6,8 +6,7 @@ import numpy as np
 import xarray as xr
 from numpy.typing import NDArray
 
-from flightcal.errors import TelemetryError
-
+from ..errors import TelemetryError
 from ._flags import SAMPLE_FLAGS, Flag, Flags, flag_attributes, meaning
 
 

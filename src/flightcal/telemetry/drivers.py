@@ -8,7 +8,7 @@ import numpy as np
 import xarray as xr
 from numpy.typing import NDArray
 
-from flightcal.errors import TelemetryError
+from ..errors import TelemetryError
 
 Fill = Literal["interpolate", "previous_orbit"]
 

@@ -10,9 +10,8 @@ import pyarrow as pa
 import xarray as xr
 from numpy.typing import NDArray
 
-from flightcal.errors import TelemetryError
-from flightcal.scenario import Channel, TelemetryFile
-
+from ..errors import TelemetryError
+from ..scenario import Channel, TelemetryFile
 from ._files import Source, content, locate, nearest, read_table
 from ._flags import Flag, Flags, flag_attributes, meaning
 from ._times import Nanoseconds, parse_times

@@ -5,8 +5,8 @@ from __future__ import annotations
 import numpy as np
 import xarray as xr
 
-from flightcal.errors import TelemetryError
-from flightcal.scenario import Window
+from ..errors import TelemetryError
+from ..scenario import Window
 
 
 def window_bounds(window: Window, period: float | None) -> tuple[np.datetime64, np.datetime64]:

@@ -1,25 +1,7 @@
 """How good a prediction is, and whether its residuals are what the likelihood took them for."""
 
 from .block_loo import BlockLoo, block_log_likelihood, blocks_of, leave_blocks_out
-from .metrics import (
-    Comparison,
-    Metric,
-    comparison_table,
-    crps_of_draws,
-    duty_cycle_error,
-    energy_error,
-    log_score_normal,
-    mape_celsius,
-    mape_kelvin,
-    mean_absolute_error,
-    mpiw,
-    picp,
-    probability_below,
-    rmse,
-    score,
-    status_agreement,
-    switch_count_error,
-)
+from .full_simulator import full_check_stage
 from .reliability import (
     Coverage,
     Uniformity,
@@ -30,6 +12,7 @@ from .reliability import (
     uniformity,
 )
 from .residuals import (
+    SIGNIFICANCE,
     ResidualCheck,
     autocorrelation,
     check_residuals,
@@ -37,40 +20,35 @@ from .residuals import (
     effective_samples,
     ljung_box,
 )
+from .simulation_based import INTERVALS, Band, RankCheck, Repeat, check_ranks, ecdf, ecdf_band, joint, ranks
 
 __all__ = [
+    "INTERVALS",
+    "SIGNIFICANCE",
+    "Band",
     "BlockLoo",
-    "Comparison",
     "Coverage",
-    "Metric",
+    "RankCheck",
+    "Repeat",
     "ResidualCheck",
     "Uniformity",
     "autocorrelation",
     "block_log_likelihood",
     "blocks_of",
     "chance_band",
+    "check_ranks",
     "check_residuals",
     "check_window",
-    "comparison_table",
     "coverage_by_hour",
     "coverage_by_phase",
-    "crps_of_draws",
-    "duty_cycle_error",
+    "ecdf",
+    "ecdf_band",
     "effective_samples",
-    "energy_error",
+    "full_check_stage",
+    "joint",
     "leave_blocks_out",
     "ljung_box",
-    "log_score_normal",
-    "mape_celsius",
-    "mape_kelvin",
-    "mean_absolute_error",
-    "mpiw",
-    "picp",
-    "probability_below",
     "probability_integral_transform",
-    "rmse",
-    "score",
-    "status_agreement",
-    "switch_count_error",
+    "ranks",
     "uniformity",
 ]

@@ -14,10 +14,10 @@ from typing import TYPE_CHECKING
 import numpy as np
 from numpy.typing import NDArray
 
-from .metrics import Array
+from ..prediction import Array
 
 if TYPE_CHECKING:
-    from ..calibration.problem import Problem
+    from ..problem import Problem
 
 BLOCKS_PER_ORBIT = 4
 

@@ -17,7 +17,7 @@ from numpy.typing import ArrayLike, NDArray
 from scipy.signal import correlate
 from scipy.stats import chi2
 
-from ..probability.noise import INDEPENDENT, called
+from ..probability import INDEPENDENT, called
 
 Array = NDArray[np.float64]
 Times = NDArray[np.datetime64]

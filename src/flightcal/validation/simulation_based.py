@@ -14,7 +14,7 @@ from functools import lru_cache
 import numpy as np
 from scipy.stats import binom
 
-from .metrics import Array
+from ..prediction import Array
 
 INTERVALS = (0.5, 0.8, 0.95)
 """Probabilities of the central intervals whose coverage is counted."""

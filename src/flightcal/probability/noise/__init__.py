@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from ...scenario.residuals import Noise
+from ...scenario import Noise
 from .ar1 import Correlated
 from .iid import Independent
 from .kind import DEVIATION, NoiseCall, NoiseKind, ShapesCall

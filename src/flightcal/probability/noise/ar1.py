@@ -10,8 +10,8 @@ import math
 import numpy as np
 
 from ...compiled import inlined, kernel
-from ...scenario.residuals import Noise
-from ...simulator.system import FloatArray
+from ...scenario import Noise
+from ...simulator import FloatArray
 from .kind import DEVIATION, NoiseKind
 
 WHITE, TIME = 1, 2

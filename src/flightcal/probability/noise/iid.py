@@ -7,8 +7,8 @@ import math
 import numpy as np
 
 from ...compiled import kernel
-from ...scenario.residuals import Noise
-from ...simulator.system import FloatArray
+from ...scenario import Noise
+from ...simulator import FloatArray
 from .kind import DEVIATION, NoiseKind
 
 _LOG_ROOT_2_PI = 0.5 * math.log(2.0 * math.pi)

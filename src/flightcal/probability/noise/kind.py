@@ -12,8 +12,8 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from ...compiled import Kernel
-from ...scenario.residuals import Noise
-from ...simulator.system import FloatArray
+from ...scenario import Noise
+from ...simulator import FloatArray
 
 DEVIATION = 0
 """Place of every kind's first number: its standard deviation (of Student's t: its scale), K."""

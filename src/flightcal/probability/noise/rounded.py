@@ -8,8 +8,8 @@ import numpy as np
 from scipy.stats import truncnorm
 
 from ...compiled import inlined, kernel
-from ...scenario.residuals import Noise
-from ...simulator.system import FloatArray
+from ...scenario import Noise
+from ...simulator import FloatArray
 from .iid import Independent
 from .kind import DEVIATION, NoiseKind
 

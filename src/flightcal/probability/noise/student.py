@@ -7,8 +7,8 @@ import math
 import numpy as np
 
 from ...compiled import inlined, kernel
-from ...scenario.residuals import Noise
-from ...simulator.system import FloatArray
+from ...scenario import Noise
+from ...simulator import FloatArray
 from .ar1 import Correlated, correlate, filtered
 from .iid import Independent
 from .kind import DEVIATION, NoiseKind

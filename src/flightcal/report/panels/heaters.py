@@ -8,9 +8,7 @@ from collections.abc import Sequence
 import numpy as np
 import xarray as xr
 
-from flightcal.validation import Metric
-from flightcal.validation.metrics import implied_energy
-
+from ...prediction import Metric, implied_energy
 from .. import block
 from ..block import Block, section
 from ..run_files import Record, RunFiles

@@ -6,8 +6,7 @@ import numpy as np
 import plotly.graph_objects as go
 import xarray as xr
 
-from flightcal.scenario.schema import is_trained
-
+from ...scenario import is_trained
 from .. import block
 from ..block import Block, section
 from ..run_files import RunFiles, bins, has_prediction

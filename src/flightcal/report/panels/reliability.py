@@ -8,7 +8,8 @@ import numpy as np
 import plotly.graph_objects as go
 import xarray as xr
 
-from flightcal.validation import (
+from ...validation import (
+    SIGNIFICANCE,
     Coverage,
     Uniformity,
     chance_band,
@@ -18,8 +19,6 @@ from flightcal.validation import (
     probability_integral_transform,
     uniformity,
 )
-from flightcal.validation.residuals import SIGNIFICANCE
-
 from .. import block
 from ..block import Block, section
 from ..run_files import RunFiles, has_prediction

@@ -10,9 +10,8 @@ import xarray as xr
 from numpy.typing import NDArray
 from scipy.stats import norm
 
-from flightcal.probability.noise import INDEPENDENT, called
-from flightcal.validation import ResidualCheck, autocorrelation
-
+from ...probability import INDEPENDENT, called
+from ...validation import ResidualCheck, autocorrelation
 from .. import block
 from ..block import Block, section
 from ..run_files import RunFiles, bins

@@ -4,8 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 
-from flightcal.validation import Metric, comparison_table
-
+from ...prediction import Metric, comparison_table
 from .. import block
 from ..block import Block, section
 from ..run_files import RunFiles

@@ -1,0 +1,1 @@
+"""One module a verb of the command line; the only room that knows all others."""

@@ -1,0 +1,66 @@
+"""One simulation of a window, beside the telemetry, as a CSV file that any tool reads."""
+
+from __future__ import annotations
+
+import difflib
+from pathlib import Path
+
+import numpy as np
+import pandas
+
+from ..errors import ScenarioError
+from ..prediction import ZERO_CELSIUS
+from ..problem import Problem, build_problem
+from ..scenario import load_scenario
+from ..simulator import FloatArray, SimulationFailure
+from .calibrate import read
+
+
+def simulate_to_csv(
+    scenario_file: Path, window: str, assignments: list[str], file: Path, telemetry: Path | None = None
+) -> list[str]:
+    """Simulate with parameters at their prior medians unless assigned ("name=value", SI); write `file`.
+
+    Columns: time, then per channel simulated and measured temperature (degC), then per heater simulated and measured
+    status. Returns lines that say what was done. Raises ScenarioError and TelemetryError.
+    """
+    scenario = load_scenario(scenario_file, telemetry=telemetry)
+    problem = build_problem(scenario, read(scenario), window)
+    theta = _assigned(problem, assignments)
+    try:
+        run = problem.simulate(theta)
+    except SimulationFailure as failure:
+        raise ScenarioError(f"{scenario_file}: the simulation of window '{window}' fails: {failure}") from None
+    table = pandas.DataFrame({"time": problem.times})
+    for k, channel in enumerate(problem.simulator.channels):
+        table[f"{channel} simulated degC"] = run.temperatures[:, k] - ZERO_CELSIUS
+        table[f"{channel} measured degC"] = problem.observed[:, k] - ZERO_CELSIUS
+    for k, heater in enumerate(problem.simulator.heaters):
+        table[f"{heater} simulated"] = run.status[:, k]
+        table[f"{heater} measured"] = problem.status[:, k]
+    table.to_csv(file, index=False, float_format="%.4f")
+    lines = [
+        f"{channel}: RMSE {rmse:.3f} K"
+        for channel, rmse in zip(
+            problem.simulator.channels,
+            np.sqrt(np.nanmean((problem.observed - run.temperatures) ** 2, axis=0)),
+            strict=True,
+        )
+    ]
+    lines += [f"{h}: duty cycle {d:.1%}" for h, d in zip(problem.simulator.heaters, run.duty_cycle, strict=True)]
+    return [*lines, f"wrote {file}"]
+
+
+def _assigned(problem: Problem, assignments: list[str]) -> FloatArray:
+    theta = problem.priors.median()
+    for text in assignments:
+        name, _, value = text.partition("=")
+        if name not in problem.names:
+            near = difflib.get_close_matches(name, problem.names, 1)
+            hint = f"; did you mean '{near[0]}'?" if near else f", expected one of {', '.join(problem.names)}"
+            raise ScenarioError(f"--set {text}: found unknown parameter '{name}'{hint}")
+        try:
+            theta[problem.names.index(name)] = float(value)
+        except ValueError:
+            raise ScenarioError(f"--set {text}: found '{value}', expected a number in SI units") from None
+    return theta

@@ -1,0 +1,17 @@
+"""What stands in for a simulator without derivatives: Gaussian processes that learn from its runs."""
+
+from .active import simulated_priors
+from .emulated import needs_emulator
+from .emulator import EmulatedSimulator
+from .stage import CHECK_FILE, Emulation, check_emulator, emulator_stage, window_emulator
+
+__all__ = [
+    "CHECK_FILE",
+    "EmulatedSimulator",
+    "Emulation",
+    "check_emulator",
+    "emulator_stage",
+    "needs_emulator",
+    "simulated_priors",
+    "window_emulator",
+]

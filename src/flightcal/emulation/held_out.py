@@ -1,0 +1,111 @@
+"""Whether an emulator errs by as much as it says, on runs that it has not seen."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+
+import numpy as np
+from scipy.special import ndtri
+
+from ..errors import FlightcalError
+from ..simulator import FloatArray
+from .emulator import Emulator
+
+PROBABILITIES = (0.5, 0.8, 0.95)
+_DEVIATIONS = 3.0
+
+
+@dataclass(frozen=True)
+class ChannelValidation:
+    """How one channel (or all) of held-out runs was predicted."""
+
+    channel: str
+    rmse: float
+    """K."""
+    worst: float
+    """K, largest absolute error."""
+    deviation: float
+    """K, root mean square of the standard deviation that was predicted."""
+    standardised: float
+    """Root mean square of the error in predicted standard deviations; one if these are right."""
+    coverage: tuple[float, ...]
+    """Share of samples inside the intervals of `PROBABILITIES`."""
+
+
+@dataclass(frozen=True)
+class Validation:
+    """The verdict on an emulator."""
+
+    runs: int
+    channels: tuple[ChannelValidation, ...]
+    """Each channel, then "all"."""
+    failures: tuple[str, ...]
+    """What speaks against the emulator; empty: it passed."""
+
+    @property
+    def passed(self) -> bool:
+        """Whether errors were as large as predicted, or smaller."""
+        return not self.failures
+
+    def table(self) -> str:
+        """One line for each channel."""
+        head = "channel                 RMSE K  worst K    sd K  error/sd " + " ".join(
+            f"{p:>6.0%}" for p in PROBABILITIES
+        )
+        lines = [
+            f"{c.channel:22s} {c.rmse:7.4f} {c.worst:8.4f} {c.deviation:7.4f} {c.standardised:9.2f} "
+            + " ".join(f"{share:6.1%}" for share in c.coverage)
+            for c in self.channels
+        ]
+        return "\n".join([head, *lines])
+
+
+def validate(emulator: Emulator, z: FloatArray, temperatures: FloatArray) -> Validation:
+    """Judge an emulator by runs that it was not fitted to: z [K, d], temperatures [K, T, N] K.
+
+    Raises FlightcalError where there are none.
+    """
+    if not len(z):
+        raise FlightcalError("emulator: found no held-out run that finished, expected at least one to judge it by")
+    mean, deviation = emulator.predict(z)
+    return judge(temperatures - mean, deviation, emulator.runs.channels)
+
+
+def judge(errors: FloatArray, deviations: FloatArray, channels: tuple[str, ...]) -> Validation:
+    """Judge errors [K, T, N] by the standard deviations [K, T, N] that were predicted, K both.
+
+    The samples of a run are so alike that it counts as one trial: the emulator fails where the 95% intervals cover
+    less, or the standardised errors' mean square is more, than K such trials explain (three standard deviations).
+    """
+    runs = len(errors)
+    ratios = np.abs(errors) / np.maximum(deviations, 1e-300)
+    found = []
+    for k, name in enumerate((*channels, "all")):
+        chosen = slice(k, k + 1) if k < len(channels) else slice(None)
+        error, ratio = errors[..., chosen], ratios[..., chosen]
+        found.append(
+            ChannelValidation(
+                channel=name,
+                rmse=float(np.sqrt(np.mean(error**2))),
+                worst=float(np.abs(error).max()),
+                deviation=float(np.sqrt(np.mean(deviations[..., chosen] ** 2))),
+                standardised=float(np.sqrt(np.mean(ratio**2))),
+                coverage=tuple(float(np.mean(ratio <= ndtri(0.5 + 0.5 * p))) for p in PROBABILITIES),
+            )
+        )
+    least = 0.95 - _DEVIATIONS * math.sqrt(0.95 * 0.05 / runs)
+    most = math.sqrt(1.0 + _DEVIATIONS * math.sqrt(2.0 / runs))
+    failures = []
+    for channel in found:
+        if channel.coverage[-1] < least:
+            failures.append(
+                f"{channel.channel}: the 95% intervals cover {channel.coverage[-1]:.0%} of {runs} held-out runs, "
+                f"expected at least {least:.0%}: the emulator errs by more than it says"
+            )
+        if not channel.standardised <= most:
+            failures.append(
+                f"{channel.channel}: errors on {runs} held-out runs are {channel.standardised:.2f} of the predicted "
+                f"standard deviations (root mean square), expected at most {most:.2f}"
+            )
+    return Validation(runs, tuple(found), tuple(failures))

@@ -1,0 +1,135 @@
+"""Whether a posterior through an emulator is that of the simulator, judged by the simulator's own runs at its draws."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass, replace
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ..problem import Problem
+from ..simulator import FloatArray, SimulationFailure, Simulator, Trajectory
+from .emulator import status_switches
+from .runs import TrainingRuns
+
+LARGEST_DENSITY_ERROR = 0.5
+"""Of the log density, standard deviation over posterior draws. To first order no quantity's mean is off by more than so
+many of its standard deviations; where one is off by 0.5, its 95% interval covers 92%."""
+
+
+@dataclass(frozen=True)
+class Steps:
+    """Whether a heater switches as it was measured to."""
+
+    heater: str
+    measured: int
+    """Switches in the telemetry's status."""
+    unmatched: float
+    """Measured switches without a simulated counterpart, and the other way round: the median over the runs."""
+
+
+def density_error(problem: Problem, emulated: Problem, thetas: FloatArray, runs: TrainingRuns) -> float:
+    """Standard deviation of the exact less the emulated log density over posterior draws [S, d].
+
+    runs: the simulator's at these draws, all finished. NaN with fewer than two. Importance weights would make up for
+    the difference; to first order a mean then moves by its covariance with the log weights, in its own standard
+    deviations at most by the standard deviation of these.
+    """
+    if len(runs) < 2:
+        return float("nan")
+    z = problem.to_z(thetas)
+    exact = replace(problem, simulator=Replay(problem.simulator, runs), open_loop=None)
+    return float(np.std([exact.log_density(point) - emulated.log_density(point) for point in z], ddof=1))
+
+
+def steps(problem: Problem, runs: TrainingRuns) -> tuple[Steps, ...]:
+    """Of each heater whose status is measured, from finished runs at the posterior."""
+    found = []
+    for k, heater in enumerate(problem.simulator.heaters):
+        if len(runs) and np.isfinite(problem.status[:, k]).any():
+            unmatched = [unmatched_switches(problem.status[:, k], status) for status in runs.status[:, :, k]]
+            known = problem.status[np.isfinite(problem.status[:, k]), k] > 0.5
+            measured = int(np.count_nonzero(known[1:] != known[:-1]))
+            found.append(Steps(heater, measured, float(np.median(unmatched))))
+    return tuple(found)
+
+
+def unmatched_switches(measured: FloatArray, simulated: FloatArray) -> int:
+    """Switches of two sampled statuses [T] that have no counterpart: the nearest of the same direction, mutually.
+
+    Those next to the window's ends do not count, for their counterpart may lie outside. Samples of which one is NaN are
+    passed over.
+    """
+    known = np.isfinite(measured) & np.isfinite(simulated)
+    first, second = measured[known] > 0.5, simulated[known] > 0.5
+    count = 0
+    for on in (True, False):
+        ours, theirs = _switched(first, on), _switched(second, on)
+        for alone in (_without_counterpart(ours, theirs), _without_counterpart(theirs, ours)):
+            count += int(((alone > 1) & (alone < known.sum() - 1)).sum())
+    return count
+
+
+def _switched(status: NDArray[np.bool_], on: bool) -> NDArray[np.intp]:
+    """Positions of the first samples after a switch on, or off."""
+    return 1 + np.flatnonzero((status[1:] == on) & (status[:-1] != on))
+
+
+def _without_counterpart(own: NDArray[np.intp], other: NDArray[np.intp]) -> NDArray[np.intp]:
+    if not len(own) or not len(other):
+        return own
+    apart = np.abs(own[:, None] - other)
+    mutual = apart.argmin(axis=0)[apart.argmin(axis=1)] == np.arange(len(own))
+    return own[~mutual]
+
+
+@dataclass(frozen=True)
+class Replay:
+    """Finished runs in the place of the simulator that made them: a `Simulator` that knows their thetas only."""
+
+    original: Simulator
+    runs: TrainingRuns
+
+    @property
+    def parameters(self) -> tuple[str, ...]:
+        """Names of theta's entries."""
+        return self.runs.parameters
+
+    @property
+    def channels(self) -> tuple[str, ...]:
+        """Temperature channels."""
+        return self.runs.channels
+
+    @property
+    def heaters(self) -> tuple[str, ...]:
+        """Names of the heaters."""
+        return self.runs.heaters
+
+    @property
+    def error_basis(self) -> FloatArray | None:
+        """None: these are the simulator's own runs."""
+        return None
+
+    def heater_power(self, theta: FloatArray) -> FloatArray:
+        """Power [H] W of each heater while it is on, at theta [d]."""
+        return self.original.heater_power(theta)
+
+    def simulate(self, theta: FloatArray) -> Trajectory:
+        """The run at theta [d]. Raises SimulationFailure where there is none."""
+        # theta may have been to the unconstrained scale and back.
+        there = np.flatnonzero(np.isclose(self.runs.theta, theta, rtol=1e-6, atol=1e-12).all(axis=1))
+        if not len(there):
+            raise SimulationFailure("there is no run at these parameters")
+        k = int(there[0])
+        seconds = (self.runs.times - self.runs.times[0]) / np.timedelta64(1, "s")
+        status = self.runs.status[k]
+        return Trajectory(self.runs.temperatures[k], status, status.mean(axis=0), status_switches(status, seconds))
+
+    def simulate_many(self, thetas: FloatArray) -> list[Trajectory | None]:
+        """The runs at thetas [S, d]."""
+        return [self.simulate(theta) for theta in thetas]
+
+    def linearise(self, theta: FloatArray) -> tuple[Trajectory, Callable[..., FloatArray]]:
+        """Raises SimulationFailure: runs have no derivatives."""
+        raise SimulationFailure("runs have no derivatives")

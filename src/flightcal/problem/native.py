@@ -1,0 +1,216 @@
+"""The log density of thermal networks on one window or several, and its gradient, as one C function.
+
+Nothing of Python is in it: chains run side by side without a common lock, and no time goes into handing arrays over.
+It is a Program of kernels in three phases: all windows forwards, what they have in common, all windows backwards.
+"""
+
+from __future__ import annotations
+
+import ctypes
+from collections.abc import Sequence
+from dataclasses import dataclass
+from functools import cached_property
+from typing import Any
+
+import numpy as np
+from numba import types
+
+from ..compiled import CallType, Program, Row, Stored, c_function
+from ..probability import (
+    NO_STATUS,
+    HeaterStatus,
+    Priors,
+    ResidualModel,
+    StatusCall,
+    WindowMemory,
+    likelihood_calls,
+    status_work,
+    switching,
+    window_memory,
+)
+from ..simulator import NOT_FINITE, TOO_MANY_SWITCHES, FloatArray, IntArray, NetworkSimulator
+from .coordinates import Whitening
+from .kernels.density import (
+    DENSITY_NOT_FINITE,
+    DRAWS,
+    FAILURES,
+    GRADIENTS,
+    REASON,
+    STOP,
+    STOPPED,
+    DensityCall,
+    LinkCall,
+    Place,
+    begin,
+    density,
+    drift,
+    end,
+    gather,
+    record,
+    scatter,
+)
+
+__all__ = ["DENSITY_NOT_FINITE", "REASONS", "STOPPED", "NativeDensity", "WindowParts", "native_density"]
+
+REASONS = {
+    NOT_FINITE: "a temperature is not finite",
+    TOO_MANY_SWITCHES: "heaters switch too often: a thermostat chatters",
+    DENSITY_NOT_FINITE: "the log density or its gradient is not finite",
+}
+
+
+@dataclass(frozen=True)
+class WindowParts:
+    """What a density reads of one window, and how the window's theta [m] follows from the problem's [d]."""
+
+    simulator: NetworkSimulator
+    observed: FloatArray
+    """[T, N] K"""
+    residuals: ResidualModel
+    status: HeaterStatus | None
+    """Where it has a likelihood."""
+    priors: Priors
+    """Of the window's theta: what drifts is transformed by them."""
+    simulated: IntArray
+    """Entries of the window's theta that the simulator takes."""
+    numbers: tuple[IntArray, IntArray, IntArray]
+    """Of the residuals' numbers that are entries: channels, columns and entries."""
+    settings: tuple[IntArray, IntArray]
+    """Of the status' settings that are entries: which, and entries."""
+    columns: IntArray
+    """[m] places in the problem's theta,"""
+    drifts: tuple[IntArray, IntArray]
+    """[m] and of a drifting entry's tau and xi; -1: it does not drift."""
+
+
+class NativeDensity:
+    """A density of its own memory, for one thread at a time."""
+
+    def __init__(self, program: Program, place: Place) -> None:
+        self.dimensions = len(place.w)
+        self.program, self._place, self._control = program, place, np.zeros(5, np.int64)
+
+    @cached_property
+    def _call(self) -> Stored:
+        return Stored(DensityCall(self.program.table, self._control, self._place))
+
+    @property
+    def address(self) -> int:
+        """What the C functions take last."""
+        return self._call.address
+
+    @cached_property
+    def function(self) -> int:
+        """Address of a C function (d, w, gradient, log density, `address`) -> 0, or another number: no density."""
+        return c_function(density, _signature(1, self._call.kind))
+
+    @cached_property
+    def record(self) -> int:
+        """The same of (d, d, w, copy of w, `address`) -> 0; called for every draw."""
+        return c_function(record, _signature(2, self._call.kind))
+
+    @cached_property
+    def _function(self) -> Any:
+        return ctypes.CFUNCTYPE(ctypes.c_int64, ctypes.c_uint64, *[ctypes.c_void_p] * 4)(self.function)
+
+    def __call__(self, w: FloatArray) -> tuple[float, FloatArray]:
+        """Log density at w [d] and its gradient [d]; (-inf, 0) where there is none."""
+        w, gradient, value = np.ascontiguousarray(w, float), np.zeros(self.dimensions), np.empty(1)
+        if self._function(self.dimensions, w.ctypes.data, gradient.ctypes.data, value.ctypes.data, self.address):
+            return -np.inf, np.zeros(self.dimensions)
+        return float(value[0]), gradient
+
+    @property
+    def draws(self) -> int:
+        """Draws recorded."""
+        return int(self._control[DRAWS])
+
+    @property
+    def gradients(self) -> int:
+        """Evaluations."""
+        return int(self._control[GRADIENTS])
+
+    @property
+    def failures(self) -> int:
+        """Evaluations without a density."""
+        return int(self._control[FAILURES])
+
+    @property
+    def last_failure(self) -> str | None:
+        """Why the last of these had none."""
+        return REASONS.get(int(self._control[REASON]))
+
+    def stop(self) -> None:
+        """From now on every trajectory ends at once."""
+        self._control[STOP] = 1
+
+
+def _signature(sizes: int, kind: Any) -> Any:
+    """Of a C function that takes so many sizes, arrays, and a call."""
+    arrays = [types.CPointer(types.double)] * (4 - sizes)
+    return types.int64(*[types.uint64] * sizes, *arrays, CallType(kind))
+
+
+def native_density(windows: Sequence[WindowParts], priors: Priors, coordinates: Whitening) -> NativeDensity:
+    """The log density at w, up to a constant: the priors' and the windows' likelihood."""
+    d = len(priors.names)
+    z, theta, slope, z_bar = np.empty((4, 1, d))
+    place = Place(
+        np.array(coordinates.mean), np.array(coordinates.factor, order="C"), np.empty(d), z, theta, slope, z_bar,
+        np.zeros(1 + 2 * len(windows)), np.empty(1), np.empty(d),
+    )  # fmt: skip
+    made = [_Window(window, place, place.values[1 + 2 * k :]) for k, window in enumerate(windows)]
+    likelihood = likelihood_calls([window.residuals.terms for window in windows], [own.memory for own in made])
+    rows = [begin.row(place), priors.row(z, theta, slope, z_bar, place.values[:1])]
+    for own, of_temperatures in zip(made, likelihood.forward, strict=True):
+        rows += [*own.forward, *of_temperatures, *own.status]
+    rows += likelihood.close
+    for own, of_temperatures in zip(made, likelihood.backward, strict=True):
+        rows += [*of_temperatures, *own.backward]
+    return NativeDensity(Program([*rows, end.row(place)]), place)
+
+
+class _Window:
+    """Rows of one window, and memory for them."""
+
+    forward: tuple[Row, ...]
+    """From the problem's theta to temperatures,"""
+    status: tuple[Row, ...]
+    """what the heaters' status says,"""
+    backward: tuple[Row, ...]
+    """and from the derivatives by all these to that by the problem's z."""
+    memory: WindowMemory
+    """Of the likelihood of the temperatures."""
+
+    def __init__(self, parts: WindowParts, place: Place, values: FloatArray) -> None:
+        """values: [at least 2], to be filled: log likelihood of temperatures and of heater status."""
+        calls, fixed = parts.simulator.calls(), parts.residuals.fixed
+        outputs = calls.outputs
+        observed, numbers = np.ascontiguousarray(parts.observed), np.empty(fixed.shape)
+        made = window_memory(observed, outputs.temperatures[0], numbers, calls.temperatures_bar)
+        self.memory = made._replace(value=values[:1])
+        data, settings = (parts.status.data, parts.status.settings) if parts.status else (NO_STATUS, np.empty(0))
+        work = status_work(data, len(settings), len(calls.switches_bar))
+        of_status = StatusCall(
+            data, work, outputs.switches, outputs.switch_time, outputs.switch_heater, outputs.switch_on,
+            outputs.status[0], calls.switches_bar, values[1:2],
+        )  # fmt: skip
+        self.status = (switching.row(of_status),) if parts.status else ()
+        columns, deviation, score = _places(parts.columns, *parts.drifts)
+        drifting = np.flatnonzero(score >= 0)
+        own = Priors(tuple(parts.priors.names[k] for k in drifting), tuple(parts.priors.priors[k] for k in drifting))
+        z, theta, slope, unused = np.empty((4, 1, len(drifting)))
+        window_theta, window_slope = np.empty((2, len(columns)))
+        link = LinkCall._make([
+            place, columns, deviation, score, drifting, z, theta, slope, window_theta, window_slope,
+            *_places(parts.simulated), calls.thetas, calls.theta_bar,
+            *_places(*parts.numbers), np.array(fixed), numbers, made.numbers_bar,
+            *_places(*parts.settings), np.array(settings), work.settings, work.settings_bar,
+        ])  # fmt: skip
+        drifted = (drift.row(link), own.row(z, theta, slope, unused, np.empty(1))) if len(drifting) else ()
+        self.forward = (*drifted, gather.row(link), *calls.forward)
+        self.backward = (*calls.backward, scatter.row(link))
+
+
+def _places(*found: Any) -> list[Any]:
+    return [np.array(places, np.int64) for places in found]

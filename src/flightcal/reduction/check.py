@@ -1,0 +1,145 @@
+"""The last check of a calibration through a reduced model: posterior draws flown on the operational simulator."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, replace
+from typing import Any
+
+import numpy as np
+
+from ..errors import FlightcalError
+from ..operational import Mission, OnOff, Spacecraft, fly
+from ..scenario import Parameter, SimulatorModel, numbers_of, settable
+from ..simulator import FloatArray, Times, Trajectory
+
+
+@dataclass(frozen=True)
+class Flown:
+    """One theta on the operational simulator, at the samples of a window."""
+
+    temperatures: FloatArray
+    """[T, N] K, of the sensors' nodes, without noise; the thermistors' biases are in."""
+    duty: FloatArray
+    """[H] share of the window's time that each heater line gives power."""
+
+
+def fly_at(
+    mission: Mission,
+    parameters: Mapping[str, Parameter],
+    theta: FloatArray,
+    sensors: Sequence[str],
+    times: Times,
+) -> Flown:
+    """Fly the mission with the parameters of the full network at theta [d], and look at `sensors` at `times` [T].
+
+    The flight begins where the mission does, so initial temperatures are the spacecraft file's.
+    Raises FlightcalError for times before the mission's start.
+    """
+    if times[0] < mission.start:
+        raise FlightcalError(f"check: found {times[0]}, before the mission's start {mission.start}")
+    craft = spacecraft_at(mission.spacecraft, parameters, theta)
+    seconds: FloatArray = (times - mission.start) / np.timedelta64(1, "ns") * 1e-9
+    duration = math.ceil(seconds[-1] / craft.software.period) * craft.software.period + craft.software.period
+    flight = fly(craft, mission.start, duration, seed=mission.seed)
+    thermistors = {item.name: item for item in craft.thermistors}
+    columns = [flight.nodes.index(thermistors[name].node) for name in sensors]
+    temperatures = np.stack(
+        [np.interp(seconds, flight.cycle_times, flight.temperatures[:, column]) for column in columns], axis=1
+    )
+    within = (flight.cycle_times >= seconds[0]) & (flight.cycle_times < seconds[-1])
+    biases = np.array([thermistors[name].bias for name in sensors])
+    return Flown(temperatures + biases, np.asarray((flight.power[within] > 0.0).mean(axis=0)))
+
+
+def spacecraft_at(craft: Spacecraft, parameters: Mapping[str, Parameter], theta: FloatArray) -> Spacecraft:
+    """The spacecraft with its numbers as theta [d] sets and scales them."""
+    entries = [(parameter.sets, parameter.scales) for parameter in parameters.values()]
+
+    def moved(values: Mapping[str, float]) -> dict[str, float]:
+        numbers = numbers_of(values, entries)
+        at = numbers.at(theta)
+        return {numbers.paths[k]: float(at[k]) for k in np.flatnonzero(numbers.moved())}
+
+    numbers = moved({path: number.value for path, number in settable(craft.scenario).items()})
+    environment = craft.scenario.environment
+    names = ("albedo", "earth_infrared")
+    changes = {name: numbers[path] for name in names if (path := f"environment.{name}") in numbers}
+    scenario = craft.scenario.model_copy(
+        update={
+            "simulator": _network_at(craft.scenario.network, numbers),
+            "environment": environment.model_copy(update=changes),
+        }
+    )
+    touched = {path for entry in entries for paths in entry for path in paths}
+    lines = []
+    for line in craft.software.heaters:
+        law = line.law
+        paths = {f"heaters.{line.name}.{name}": name for name in ("on_below", "off_above")}
+        if touched & paths.keys() and not isinstance(law, OnOff):
+            raise FlightcalError(f"check: found parameters on the thresholds of '{line.name}', which is no thermostat")
+        if isinstance(law, OnOff):
+            limits = moved({path: getattr(law, name) for path, name in paths.items()})
+            law = replace(law, **{paths[path]: limit for path, limit in limits.items()})
+        lines.append(replace(line, law=law))
+    branches = []
+    for branch in craft.branches:
+        path = f"heaters.{branch.line}.power"
+        power = {node: moved({path: watts}).get(path, watts) for node, watts in branch.power.items()}
+        branches.append(replace(branch, power=power))
+    software = replace(craft.software, heaters=tuple(lines))
+    return replace(craft, scenario=scenario, software=software, branches=tuple(branches))
+
+
+def _network_at(model: SimulatorModel, numbers: Mapping[str, float]) -> SimulatorModel:
+    def changed(block: Any, prefix: str, fields: Sequence[str]) -> Any:
+        update = {name: numbers[path] for name in fields if (path := f"{prefix}.{name}") in numbers}
+        return block.model_copy(update=update) if update else block
+
+    return model.model_copy(
+        update={
+            "nodes": {n: changed(b, f"nodes.{n}", ("capacity", "boundary")) for n, b in model.nodes.items()},
+            "conductors": tuple(
+                changed(c, f"conductors.{c.label}", ("conductance", "radiative")) for c in model.conductors
+            ),
+            "faces": {
+                n: changed(b, f"faces.{n}", ("area", "absorptivity", "emissivity")) for n, b in model.faces.items()
+            },
+            "modes": {
+                mode: {node: numbers.get(f"modes.{mode}.{node}", watts) for node, watts in powers.items()}
+                for mode, powers in model.modes.items()
+            },
+        }
+    )
+
+
+def compare(
+    flown: Sequence[Flown], reduced: Sequence[Trajectory], sensors: Sequence[str], heaters: Sequence[str]
+) -> list[dict[str, float | str]]:
+    """Reduced minus operational over draws: a record for each sensor (K) and heater (share of the time)."""
+    errors = np.stack([b.temperatures - a.temperatures for a, b in zip(flown, reduced, strict=True)])
+    duty = np.stack([b.duty_cycle - a.duty for a, b in zip(flown, reduced, strict=True)])
+    records: list[dict[str, float | str]] = [
+        {
+            "channel": name,
+            "mean": float(errors[..., k].mean()),
+            "rms": float(np.sqrt(np.mean(errors[..., k] ** 2))),
+            "quantile_95": float(np.quantile(np.abs(errors[..., k]), 0.95)),
+            "worst": float(np.abs(errors[..., k]).max()),
+            "unit": "K",
+        }
+        for k, name in enumerate(sensors)
+    ]
+    records += [
+        {
+            "channel": name,
+            "mean": float(duty[:, k].mean()),
+            "rms": float(np.sqrt(np.mean(duty[:, k] ** 2))),
+            "quantile_95": float(np.quantile(np.abs(duty[:, k]), 0.95)),
+            "worst": float(np.abs(duty[:, k]).max()),
+            "unit": "1",
+        }
+        for k, name in enumerate(heaters)
+    ]
+    return records

@@ -1,0 +1,221 @@
+"""The reduction file, and the full network that it reduces as a scenario."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from datetime import datetime
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from pydantic import ValidationError
+
+from ..environment import orbital_period
+from ..errors import FlightcalError, ScenarioError
+from ..operational import Mission, load_spacecraft
+from ..scenario import (
+    Document,
+    Finding,
+    ModeChange,
+    Observation,
+    Parameter,
+    Problem,
+    Scenario,
+    blocks_of,
+    problems_of,
+    read_document,
+    read_parameters,
+    set_twice,
+    settable,
+    show,
+)
+from ..telemetry import window_bounds
+from .patterns import has_wildcard, matching
+from .schema import FlightWindow, Reduction
+from .thermostats import canonical_heaters
+
+
+@dataclass(frozen=True)
+class Task:
+    """What is reduced, and all that is wanted of the result."""
+
+    reduction: Reduction
+    mission: Mission
+    scenario: Scenario
+    """The full network, its heaters as thermostats; an observation for each sensor; no telemetry."""
+    period: float
+    """s, of an orbit."""
+    settling: float
+    """s"""
+    notes: tuple[str, ...]
+    """What of the on-board software the thermostats leave out."""
+
+    def bounds(self, window: FlightWindow) -> tuple[np.datetime64, np.datetime64]:
+        """Start and end (UTC)."""
+        return window_bounds(window, self.period)
+
+    def with_timeline(self, window: FlightWindow) -> Scenario:
+        """The scenario with the window's mode changes."""
+        software = self.mission.spacecraft.software
+        changes = window.timeline
+        written = software.timeline if changes is None else [(item.at, item.mode) for item in changes]
+        start = self.bounds(window)[0]
+        timeline = [
+            ModeChange.model_construct(at=written_time(start + np.timedelta64(round(at * 1e6), "us")), mode=mode)
+            for at, mode in [(0.0, software.initial_mode), *written]
+        ]
+        model = self.scenario.network.model_copy(update={"timeline": tuple(timeline)})
+        return self.scenario.model_copy(update={"simulator": model})
+
+
+def written_time(time: np.datetime64) -> datetime:
+    """As a scenario's blocks hold it."""
+    found: datetime = time.astype("datetime64[us]").item()
+    return found
+
+
+def load_task(path: str | Path) -> Task:
+    """The reduction file at `path` and the spacecraft that it names.
+
+    Raises ScenarioError, whose message lists what is wrong with the file, a line each.
+    """
+    place = Path(path)
+    document = read_document(place)
+    problems = list(document.problems)
+    if not isinstance(document.data, dict):
+        if not problems:
+            problems.append(Problem((), f"found {show(document.data)}, expected a mapping (key: value)"))
+        raise _error(place, document, problems)
+    try:
+        reduction = Reduction.model_validate(document.data)
+    except ValidationError as error:
+        raise _error(place, document, [*problems, *problems_of(error, Reduction)]) from None
+    if problems:
+        raise _error(place, document, problems)
+    mission = load_spacecraft(place.parent / reduction.spacecraft)
+    try:
+        if mission.spacecraft.scenario.environment.attitude_offset is not None:
+            raise FlightcalError(
+                f"{reduction.spacecraft}: environment.attitude_offset: found one, expected none: a reduced model knows "
+                "its faces' directions only"
+            )
+        scenario, notes = _full_network(mission, reduction)
+        period = orbital_period(scenario.environment, scenario.folder)
+    except FlightcalError as error:
+        raise ScenarioError(f"{path}: {error}") from None
+    parameters, problems = _parameters(reduction.parameters, scenario)
+    problems += _unknown_modes(reduction, mission) or _disabling_modes(reduction, mission)
+    settling = period if reduction.settling is None else reduction.settling
+    problems += _too_short(reduction, period, settling)
+    if problems:
+        raise _error(place, document, problems)
+    return Task(
+        reduction,
+        mission,
+        scenario.model_copy(update={"parameters": parameters}),
+        period,
+        settling,
+        tuple(notes),
+    )
+
+
+def _full_network(mission: Mission, reduction: Reduction) -> tuple[Scenario, list[str]]:
+    craft = mission.spacecraft
+    heaters, notes = canonical_heaters(craft, reduction.pulse_width_band)
+    nodes = craft.scenario.network.nodes
+    for name, heater in heaters.items():
+        if nodes[heater.sensor].capacity is None:
+            raise FlightcalError(f"heater line '{name}': found sensor node '{heater.sensor}', expected a capacity")
+    thermistors = {item.name: item for item in craft.thermistors}
+    observations = {}
+    for name in reduction.sensors or craft.downlink.thermistors:
+        if name not in thermistors:
+            raise FlightcalError(f"sensors: found '{name}', expected one of {', '.join(thermistors)}")
+        item = thermistors[name]
+        if item.node in nodes and nodes[item.node].boundary is not None:
+            raise FlightcalError(f"sensors: found '{name}' on the boundary '{item.node}', expected a node")
+        observations[name] = Observation.model_construct(node=item.node, heater=None, bias=0.0, noise=None)
+    model = craft.scenario.network.model_copy(update={"heaters": heaters})
+    return craft.scenario.model_copy(update={"simulator": model, "observations": observations}), notes
+
+
+def _parameters(blocks: dict[str, Any], scenario: Scenario) -> tuple[dict[str, Parameter], list[Problem]]:
+    """Parameters whose patterns are written out; what is wrong with them."""
+    numbers = settable(scenario)
+    problems: list[Problem] = []
+    written: dict[str, Any] = {}
+    for name, block in blocks.items():
+        written[name] = dict(block) if isinstance(block, dict) else block
+        for key in ("sets", "scales"):
+            paths = block.get(key) if isinstance(block, dict) else None
+            if paths is None:
+                continue
+            found: list[Any] = []
+            for path in [paths] if isinstance(paths, str) else paths:
+                fits = matching(path, numbers) if isinstance(path, str) and has_wildcard(path) else [path]
+                if not fits:
+                    problems.append(Problem(("parameters", name, key), f"found {path!r}, which fits no number"))
+                found += fits
+            written[name][key] = found
+    read, found_problems = read_parameters(written, numbers, blocks_of(scenario))
+    parameters = {name: parameter for name, parameter in read.items() if parameter is not None}
+    return parameters, [*problems, *found_problems, *set_twice(parameters)]
+
+
+def _windows(reduction: Reduction) -> dict[tuple[str, ...], FlightWindow]:
+    return {
+        (kind, "windows", name): window
+        for kind in ("training", "held_out")
+        for name, window in getattr(reduction, kind).windows.items()
+    }
+
+
+def _unknown_modes(reduction: Reduction, mission: Mission) -> list[Problem]:
+    modes = set(mission.spacecraft.software.enabled)
+    return [
+        Problem((*place, "timeline", k, "mode"), f"found '{item.mode}', expected one of {', '.join(sorted(modes))}")
+        for place, window in _windows(reduction).items()
+        for k, item in enumerate(window.timeline or ())
+        if item.mode not in modes
+    ]
+
+
+def _disabling_modes(reduction: Reduction, mission: Mission) -> list[Problem]:
+    """Modes of the windows and of the flight in which the enable table switches a heater off: none may."""
+    software = mission.spacecraft.software
+    own = {software.initial_mode, *(mode for _, mode in software.timeline)}
+    used = {("spacecraft",): own} | {
+        (*place, "timeline"): {item.mode for item in window.timeline or ()}
+        for place, window in _windows(reduction).items()
+    }
+    return [
+        Problem(
+            place,
+            f"found the mode '{mode}', in which the enable table switches heater line '{line.name}' off, expected "
+            "modes that leave every line on: a reduced model's thermostats act in every mode",
+        )
+        for place, modes in used.items()
+        for mode in sorted(modes)
+        for line in software.heaters
+        if line.name not in software.enabled[mode]
+    ]
+
+
+def _too_short(reduction: Reduction, period: float, settling: float) -> list[Problem]:
+    problems = []
+    for place, window in _windows(reduction).items():
+        start, end = window_bounds(window, period)
+        length = float((end - start) / np.timedelta64(1, "s"))
+        if length < 1.5 * settling:
+            problems.append(
+                Problem(place, f"found {length:.0f} s, expected half as much again as the {settling:.0f} s of settling")
+            )
+    return problems
+
+
+def _error(path: Path, document: Document, problems: list[Problem]) -> ScenarioError:
+    findings = (
+        Finding(str(path), p.line or document.line(p.location), ".".join(map(str, p.location)), p.message)
+        for p in problems
+    )
+    return ScenarioError("\n".join(map(str, findings)))

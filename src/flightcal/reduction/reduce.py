@@ -1,0 +1,145 @@
+"""From a reduction file to reduced models: runs of the full network, a search for the order, the chosen model."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator, Sequence
+from dataclasses import dataclass
+from functools import partial
+
+import numpy as np
+
+from ..errors import FlightcalError
+from ..probability import Priors
+from ..scenario import Scenario
+from ..simulator import FloatArray, Network, NetworkSimulator, Times, build_network
+from .affine import decompose
+from .candidate import Candidate, Errors, errors_of
+from .file import Task
+from .full_order import FullRuns, run_full
+from .projection import choose_shapes, collect, project
+from .reduced_model import ReducedModel
+from .reduced_scenario import reduced_scenario, simulate_reduced
+
+MARGIN = 0.4
+"""Of the tolerance that training runs must keep. Unseen ones may be worse."""
+_JUDGING_DRAWS = 8
+"""Training runs of each window that a size is judged on."""
+
+Progress = Callable[[str, float], None]
+"""Told what is being done, and the share of it that is done."""
+
+
+@dataclass(frozen=True)
+class Tried:
+    """A size and how it did on training runs."""
+
+    states: int
+    massless: int
+    error: float
+    """K, the quantile of the absolute errors that the tolerance is for; infinite where a simulation failed."""
+
+
+@dataclass(frozen=True)
+class Reduced:
+    """The result."""
+
+    candidate: Candidate
+    model: ReducedModel
+    tried: tuple[Tried, ...]
+    held_out: tuple[Errors, ...]
+    runs: tuple[FullRuns, ...]
+    """Held out."""
+
+
+def reduce(task: Task, on_progress: Progress = lambda *_: None) -> Reduced:
+    """Run the full network, choose the smallest model that keeps the tolerance, and judge it on held-out runs.
+
+    Raises FlightcalError where sizes do not fit the network.
+    """
+    training = run_full(task, task.reduction.training, partial(on_progress, "full network, training"))
+    network = build_network(task.scenario)
+    tried: list[Tried] = []
+    best: tuple[float, Candidate, ReducedModel] | None = None
+    sizes = [(states, settled) for states in _sizes(task, network) for settled in _settled(task)]
+    for k, (candidate, model) in enumerate(_projections(task, network, training, sizes)):
+        error = _judged(task, errors_of(candidate, training, _JUDGING_DRAWS))
+        tried.append(Tried(candidate.states, candidate.massless, error))
+        if best is None or error < best[0]:
+            best = (error, candidate, model)
+        on_progress("choosing the order", (k + 1) / len(sizes))
+        if error <= MARGIN * task.reduction.tolerance:
+            break
+    assert best is not None  # there is at least one size
+    held_out = run_full(task, task.reduction.held_out, partial(on_progress, "full network, held out"))
+    errors = errors_of(best[1], held_out)
+    return Reduced(best[1], best[2], tuple(tried), tuple(errors), tuple(held_out))
+
+
+def _judged(task: Task, errors: Sequence[Errors]) -> float:
+    if any(item.failed for item in errors):
+        return float("inf")
+    everything = np.concatenate([np.abs(item.temperatures).ravel() for item in errors])
+    return float(np.quantile(everything, task.reduction.quantile))
+
+
+def _own_nodes(task: Task) -> list[str]:
+    """Nodes that are to be states of any reduced model: of thermostats, then of sensors."""
+    watched = [heater.sensor for heater in task.scenario.network.heaters.values()]
+    observed = [item.node or "" for item in task.scenario.observations.values()]
+    return list(dict.fromkeys([*watched, *observed]))
+
+
+def _sizes(task: Task, network: Network) -> Sequence[int]:
+    """Numbers of states that are tried, in this order."""
+    heaters = {heater.sensor for heater in task.scenario.network.heaters.values()}
+    settings = task.reduction.projection
+    highest = settings.most_states if settings.states is None else settings.states
+    highest = min(highest, len(network.diffusive))
+    if highest < len(heaters):
+        raise FlightcalError(
+            f"projection: found at most {highest} states, expected {len(heaters)}: one for each thermostat's node"
+        )
+    first = min(max(len(_own_nodes(task)), 1), highest)
+    return [highest] if settings.states is not None else range(first, highest + 1)
+
+
+def medians_of(scenario: Scenario) -> FloatArray:
+    """Prior medians of the parameters [d]."""
+    return Priors(tuple(scenario.parameters), tuple(item.prior for item in scenario.parameters.values())).median()
+
+
+def _settled(task: Task) -> list[int]:
+    """How many shapes settle at once in the models of a size: none, and as many as the file allows.
+
+    Either can be the better one: a shape that settles is there, but what it stores is not, and the quickest ways to
+    move are not those that move least.
+    """
+    return sorted({0, task.reduction.projection.settled})
+
+
+def _projections(
+    task: Task, network: Network, training: Sequence[FullRuns], sizes: Sequence[tuple[int, int]]
+) -> Iterator[tuple[Candidate, ReducedModel]]:
+    affine = decompose(network, task.scenario, medians_of(task.scenario))
+    own, settings = _own_nodes(task), task.reduction.projection
+    most = max(states + settled for states, settled in sizes)
+    snapshots = collect(network, affine, training, own, most, settings.follow_within)
+    for states, settled in sizes:
+        shapes = choose_shapes(snapshots, own, min(states + settled, snapshots.basis.shape[1]))
+        sampled = settings.sampled_nodes or states + 2
+        model = project(network, affine, task.scenario, shapes, snapshots, sampled, own, states)
+        yield projected(task, network, model)
+
+
+def projected(task: Task, network: Network, model: ReducedModel) -> tuple[Candidate, ReducedModel]:
+    """A projected model, to be judged."""
+
+    def build(scenario: Scenario, start: np.datetime64, end: np.datetime64, times: Times) -> NetworkSimulator:
+        reduced = reduced_scenario(scenario, model, task.reduction.step)
+        return simulate_reduced(model, reduced, start, end, times, task.period)
+
+    restriction = np.zeros((len(model.states), len(network.nodes)))
+    for k, name in enumerate(model.states):
+        restriction[k, network.nodes.index(name)] = 1.0
+    massless = len(model.settled) + len(model.mixed) + model.followers + len(model.states)
+    return Candidate(build, restriction, len(model.states), massless), model

@@ -1,0 +1,170 @@
+"""A reduced order model: small dense matrices for each product of free numbers, and its canonical form.
+
+    (M dx/dt, 0) = sum_k p_k (L_k (x, q, v) + R_k (x, q, y)^4 + B_k w + sum_h u_h g_kh)
+    y = E (x, q) + e,    M = sum_k p_k M_k
+
+The states x [r] are temperatures of nodes of the full network, so thermostats and observations look at states, and
+initial states are temperatures. q are temperatures that settle at once; each has a balance, in which the rates of the
+states stand for its own. v [s] are amplitudes of the fourth powers of what follows at once, such as the outer
+layer of insulation: its balance is linear in them, whatever the step.
+
+In the canonical form y [m], v, q and the rates z = dx/dt [r] are massless states. Eliminating a massless state that
+enters linearly gives the same Rosenbrock step as eliminating it from the equations first, so nothing is lost by it;
+and with y first, then v, q, x and z the pivots of an implicit step are those of definite matrices, in the end
+M - h/2 J, so that the kernel's factorisation needs no pivoting.
+"""
+
+from __future__ import annotations
+
+from collections import defaultdict
+from collections.abc import Mapping
+from dataclasses import dataclass
+from typing import Literal
+
+import numpy as np
+
+from ..simulator import MOST_FACTORS, FloatArray, IntArray, Network, Terms, make_structure, own_initial
+from .affine import Kind, Product
+from .patterns import plain
+
+Normal = tuple[float, float, float] | Literal["all"]
+
+
+@dataclass(frozen=True)
+class ReducedModel:
+    """Everything that a simulation needs, whatever the window and theta."""
+
+    states: tuple[str, ...]
+    """Nodes [r] of the full network whose temperatures are the states."""
+    settled: tuple[str, ...]
+    """Nodes [f] whose temperatures q settle at once."""
+    mixed: tuple[str, ...]
+    """Nodes [m] whose temperatures y are mixed from those of states and settled nodes: where radiation acts, and
+    sensors."""
+    mixing: FloatArray
+    """E [m, r+f]"""
+    mixing_offset: FloatArray
+    """e [m] K"""
+    free: tuple[str, ...]
+    """Names of the free numbers; see `affine.Affine`."""
+    values: FloatArray
+    """SI, as written or prior medians."""
+    columns: tuple[str, ...]
+    """Input series w, as a network's; faces are the ways that faces look."""
+    ways: dict[str, Normal]
+    """Name -> outward normal in the body frame."""
+    heaters: tuple[str, ...]
+    sensors: tuple[int, ...]
+    """[H] state that each thermostat watches."""
+    capacity: dict[Product, FloatArray]
+    """M_k [r+f, r] J/K."""
+    matrices: dict[Kind, dict[Product, FloatArray]]
+    """linear L_k [r+f+s, r+f+s], radiative R_k [r+f+s, r+f+m], forcing B_k [r+f+s, w], heating g_k [r+f+s, H]; W."""
+    followers: int
+    """s"""
+    initial: FloatArray
+    """[r] K, typical."""
+    initial_spread: FloatArray
+    """[r] K, standard deviation of the states over the training runs."""
+    shifts: tuple[tuple[float, float], ...] = ()
+    """[H] (on, off) K: how far from its thresholds the on-board software switches each heater; none: not at all."""
+
+
+def network_of(model: ReducedModel, numbers: Mapping[str, float] | None = None) -> Network:
+    """The model in the canonical form, as a network that `NetworkSimulator` runs.
+
+    numbers: by dotted path, SI: they replace free numbers of the same path, or stand beside them (biases of channels).
+    """
+    values = dict(zip(model.free, model.values.tolist(), strict=True)) | dict(numbers or {})
+    r, f, m, s = len(model.states), len(model.settled), len(model.mixed), model.followers
+    y, v, q, x, z = np.split(np.arange(m + s + f + 2 * r), np.cumsum([m, s, f, r]))
+    balances, unknowns = np.concatenate([z, q, v]), np.concatenate([x, q, v])
+    temperatures, radiating = unknowns[: r + f], np.concatenate([x, q, y])
+    terms: dict[str, dict[tuple[int, int], list[tuple[float, Product]]]] = {
+        kind: defaultdict(list) for kind in ("linear", "radiative", "forcing", "heating", "lower", "upper")
+    }
+    one = model.columns.index("one")
+    for i in range(m):
+        terms["linear"][y[i], y[i]].append((-1.0, ()))
+        terms["forcing"][y[i], one].append((model.mixing_offset[i], ()))
+        for j in range(r + f):
+            terms["linear"][y[i], temperatures[j]].append((model.mixing[i, j], ()))
+    for i in range(r):
+        terms["linear"][x[i], z[i]].append((1.0, ()))
+    for product, matrix in model.capacity.items():
+        _add(terms["linear"], balances, z, -matrix, product)
+    columns: dict[Kind, IntArray] = {
+        "linear": unknowns,
+        "radiative": radiating,
+        "forcing": np.arange(len(model.columns)),
+    }
+    for kind, these in columns.items():
+        for product, matrix in model.matrices[kind].items():
+            _add(terms[kind], balances, these, matrix, product)
+    for product, matrix in model.matrices["heating"].items():
+        _add(terms["heating"], np.arange(len(model.heaters)), balances, matrix.T, product)
+    shifts = model.shifts or ((0.0, 0.0),) * len(model.heaters)
+    for k, heater in enumerate(model.heaters):
+        for limit, field, shift in zip(("lower", "upper"), ("on_below", "off_above"), shifts[k], strict=True):
+            terms[limit][k, 0] += [(1.0, (model.free.index(f"heaters.{heater}.{field}"),)), (shift, ())]
+    entries = {kind: sorted(found) for kind, found in terms.items()}
+    mass = np.concatenate([np.zeros(m + s + f), np.ones(r), np.zeros(r)])
+    structure = make_structure(
+        mass,
+        entries["linear"],
+        entries["radiative"],
+        entries["forcing"],
+        entries["heating"],
+        [int(x[k]) for k in model.sensors],
+    )
+    return Network(
+        nodes=(
+            *map(plain, model.mixed),
+            *(f"follower.{k}" for k in range(s)),
+            *map(plain, model.settled),
+            *map(plain, model.states),
+            *(f"rate.{name}" for name in model.states),
+        ),
+        columns=model.columns,
+        paths=tuple(values),
+        values=np.array(list(values.values())),
+        heaters=model.heaters,
+        structure=structure,
+        terms=_table(terms, entries, len(values), own_initial(mass)),
+    )
+
+
+def _add(
+    entries: dict[tuple[int, int], list[tuple[float, Product]]],
+    rows: IntArray,
+    columns: IntArray,
+    matrix: FloatArray,
+    product: Product,
+) -> None:
+    for i, j in zip(*np.nonzero(matrix), strict=True):
+        entries[int(rows[i]), int(columns[j])].append((float(matrix[i, j]), product))
+
+
+def _table(
+    terms: dict[str, dict[tuple[int, int], list[tuple[float, Product]]]],
+    entries: dict[str, list[tuple[int, int]]],
+    numbers: int,
+    initial: IntArray,
+) -> Terms:
+    entry, constants, factors = [], [], []
+    number = 0
+    for kind, places in entries.items():
+        for place in places:
+            for constant, product in terms[kind][place]:
+                entry.append(number)
+                constants.append(constant)
+                factors.append([*product, *[numbers] * (MOST_FACTORS - len(product))])
+            number += 1
+    return Terms(
+        entry=np.array(entry, dtype=np.int64),
+        constant=np.array(constants),
+        factors=np.array(factors, dtype=np.int64).reshape(-1, MOST_FACTORS),
+        inverse=np.zeros(0, dtype=np.int64),
+        entries=number,
+        initial=initial,
+    )

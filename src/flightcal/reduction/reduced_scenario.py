@@ -1,0 +1,85 @@
+"""A reduced order model in a scenario: what of the scenario stays, and its simulator on a window."""
+
+from __future__ import annotations
+
+import numpy as np
+import xarray
+
+from ..scenario import Face, Node, Parameter, Scenario, SimulatorModel, settable
+from ..simulator import Network, NetworkSimulator, Times, network_simulator
+from .affine import KEPT
+from .patterns import plain
+from .reduced_model import ReducedModel, network_of
+
+
+def reduced_scenario(scenario: Scenario, model: ReducedModel, step: float) -> Scenario:
+    """The full network's scenario with the model in its place: parameters set the model's numbers."""
+    return scenario.model_copy(
+        update={
+            "simulator": simulator_block(scenario.network, model, step),
+            "observations": {
+                name: item.model_copy(update={"node": plain(item.node or "")})
+                for name, item in scenario.observations.items()
+            },
+            "parameters": {name: _rewritten(name, parameter, model) for name, parameter in scenario.parameters.items()},
+        }
+    )
+
+
+def simulator_block(full: SimulatorModel, model: ReducedModel, step: float) -> SimulatorModel:
+    """What a scenario says of the simulator: the states as nodes, a face for each way, heaters and modes."""
+    states = {
+        plain(name): Node.model_construct(capacity=1.0, initial=float(value), arithmetic=False, boundary=None)
+        for name, value in zip(model.states, model.initial, strict=True)
+    }
+    mixed = {
+        plain(name): Node.model_construct(capacity=None, initial=None, arithmetic=True, boundary=None)
+        for name in (*model.settled, *model.mixed)
+    }
+    faces = {
+        way: Face.model_construct(
+            node=plain(model.states[0]), area=1.0, normal=normal, absorptivity=1.0, emissivity=1.0
+        )
+        for way, normal in model.ways.items()
+    }
+    heaters = {
+        # Where its heat goes is in the model's matrices; the block wants one of its nodes.
+        name: heater.model_copy(update={"node": plain(heater.sensor), "sensor": plain(heater.sensor)})
+        for name, heater in full.heaters.items()
+    }
+    return full.model_copy(
+        update={
+            "step": step,
+            "nodes": {**states, **mixed},
+            "conductors": (),
+            "faces": faces,
+            "heaters": heaters,
+            "loads": {},
+        }
+    )
+
+
+def network_for(model: ReducedModel, scenario: Scenario) -> Network:
+    """The model's network with the numbers that the scenario writes for heaters, modes, environment and biases."""
+    numbers = settable(scenario)
+    kept = (*KEPT, "observations.")
+    return network_of(model, {path: item.value for path, item in numbers.items() if path.startswith(kept)})
+
+
+def simulate_reduced(
+    model: ReducedModel, scenario: Scenario, start: np.datetime64, end: np.datetime64, times: Times, period: float
+) -> NetworkSimulator:
+    """The simulator of a `reduced_scenario` without telemetry."""
+    network = network_for(model, scenario)
+    return network_simulator(scenario, xarray.Dataset(), start, end, times, period=period, network=network)
+
+
+def _rewritten(name: str, parameter: Parameter, model: ReducedModel) -> Parameter:
+    """The parameter sets its own number in the model, and touches heaters, modes and environment as before."""
+    own = (f"reduced.{name}",) if f"reduced.{name}" in model.free else ()
+    return parameter.model_copy(
+        update={
+            "sets": (*own, *(path for path in parameter.sets if path.startswith(KEPT))),
+            "scales": tuple(path for path in parameter.scales if path.startswith(KEPT)),
+        }
+    )

@@ -1,0 +1,155 @@
+"""A projected model in one netCDF file: arrays, and the blocks of a scenario as JSON; nothing is pickled."""
+
+from __future__ import annotations
+
+import json
+import math
+from collections.abc import Mapping
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import xarray
+
+from ..errors import ScenarioError
+from ..run import write_atomically
+from ..scenario import REDUCED_MODEL_FORMAT as FORMAT
+from ..scenario import ReducedNumber, Scenario, SimulatorError, SimulatorModel, settable
+from ..simulator import FloatArray
+from .affine import Product
+from .reduced_model import Normal, ReducedModel
+
+_KINDS = ("capacity", "linear", "radiative", "forcing", "heating")
+_COLUMNS = {"capacity": "state", "linear": "unknown", "radiative": "radiating", "forcing": "input", "heating": "heater"}
+
+
+@dataclass(frozen=True)
+class Stored:
+    """What a file holds; where a scenario names it, its attribute `about` is read too (`scenario/_reduced.py`)."""
+
+    model: ReducedModel
+    errors: dict[str, SimulatorError]
+    """By sensor."""
+    sensors: dict[str, str]
+    """Sensor -> node."""
+    simulator: SimulatorModel
+    """Nodes, faces, heaters and modes as a scenario sees them."""
+    parameters: dict[str, ReducedNumber]
+    """Free numbers ``reduced.<name>``."""
+
+
+def save(path: Path, stored: Stored) -> None:
+    """Write atomically."""
+    dataset = _dataset(stored)
+    write_atomically(path, lambda place: dataset.to_netcdf(str(place), engine="h5netcdf"))
+
+
+def load(path: Path) -> Stored:
+    """Raises ScenarioError where the file is not a reduced model of this format."""
+    try:
+        with xarray.open_dataset(path, engine="h5netcdf") as opened:
+            data = opened.load()
+    except (OSError, ValueError) as error:
+        raise ScenarioError(f"{path}: cannot be read as a reduced model: {error}") from None
+    if data.attrs.get("flightcal_reduced_model") != FORMAT:
+        found = data.attrs.get("flightcal_reduced_model", "no mark of one")
+        raise ScenarioError(f"{path}: found {found}, expected a reduced model of format {FORMAT}")
+    about = json.loads(data.attrs["about"])
+    matrices: dict[str, dict[Product, FloatArray]] = {}
+    for kind in _KINDS:
+        products = [tuple(product) for product in about["products"][kind]]
+        values = data[kind].to_numpy() if products else np.zeros((0, 0, 0))
+        matrices[kind] = dict(zip(products, values, strict=True))
+    capacity = matrices.pop("capacity")
+    model = ReducedModel(
+        states=tuple(about["states"]),
+        settled=tuple(about["settled"]),
+        mixed=tuple(about["mixed"]),
+        mixing=data["mixing"].to_numpy(),
+        mixing_offset=data["mixing_offset"].to_numpy(),
+        free=tuple(about["free"]),
+        values=data["values"].to_numpy(),
+        columns=tuple(about["columns"]),
+        ways={name: _normal(way) for name, way in about["ways"].items()},
+        heaters=tuple(about["heaters"]),
+        sensors=tuple(about["watched"]),
+        capacity=capacity,
+        matrices=matrices,  # type: ignore[arg-type]
+        followers=about["followers"],
+        initial=data["initial"].to_numpy(),
+        initial_spread=data["initial_spread"].to_numpy(),
+        shifts=tuple((on, off) for on, off in about["shifts"]),
+    )
+    return Stored(
+        model,
+        {name: SimulatorError.model_validate(item) for name, item in about["errors"].items()},
+        about["sensors"],
+        SimulatorModel.model_validate(about["simulator"]),
+        {name: ReducedNumber.model_validate(item) for name, item in about["parameters"].items()},
+    )
+
+
+def _normal(written: Any) -> Normal:
+    if written == "all":
+        return "all"
+    x, y, z = written
+    return x, y, z
+
+
+def _dataset(stored: Stored) -> xarray.Dataset:
+    model = stored.model
+    matrices: dict[str, Mapping[Product, FloatArray]] = {"capacity": model.capacity}
+    matrices.update({str(kind): found for kind, found in model.matrices.items()})
+    variables: dict[str, Any] = {
+        "mixing": (("mixed", "temperature"), model.mixing),
+        "mixing_offset": ("mixed", model.mixing_offset),
+        "values": ("free", model.values),
+        "initial": ("state", model.initial),
+        "initial_spread": ("state", model.initial_spread),
+    }
+    for kind, found in matrices.items():
+        if found:
+            row = "temperature" if kind == "capacity" else "unknown"
+            column = "state" if kind == "capacity" else "unknown_too" if kind == "linear" else _COLUMNS[kind]
+            variables[kind] = ((f"{kind}_product", row, column), np.stack(list(found.values())))
+    about = {
+        "states": model.states,
+        "settled": model.settled,
+        "mixed": model.mixed,
+        "free": model.free,
+        "columns": model.columns,
+        "ways": model.ways,
+        "heaters": model.heaters,
+        "shifts": model.shifts,
+        "watched": model.sensors,
+        "followers": model.followers,
+        "products": {kind: list(found) for kind, found in matrices.items()},
+        "errors": {name: item.model_dump(mode="json") for name, item in stored.errors.items()},
+        "sensors": stored.sensors,
+        "simulator": stored.simulator.model_dump(mode="json", exclude_none=True),
+        "parameters": {name: item.model_dump(mode="json") for name, item in stored.parameters.items()},
+    }
+    return xarray.Dataset(variables, attrs={"flightcal_reduced_model": FORMAT, "about": json.dumps(about)})
+
+
+def stored_of(
+    model: ReducedModel, scenario: Scenario, block: SimulatorModel, errors: dict[str, SimulatorError]
+) -> Stored:
+    """What is stored of a model of the full network's scenario."""
+    numbers = settable(scenario)
+    values = dict(zip(model.free, model.values.tolist(), strict=True))
+    parameters = {}
+    for name, item in scenario.parameters.items():
+        if f"reduced.{name}" not in values:
+            continue
+        # A factor is not negative; what is set keeps to the bounds of what it sets.
+        lower, upper = (numbers[item.sets[0]].lower, numbers[item.sets[0]].upper) if item.sets else (0.0, math.inf)
+        parameters[f"reduced.{name}"] = ReducedNumber.model_construct(
+            unit=item.unit,
+            value=values[f"reduced.{name}"],
+            lower=lower if math.isfinite(lower) else None,
+            upper=upper if math.isfinite(upper) else None,
+        )
+    sensors = {name: item.node or "" for name, item in scenario.observations.items()}
+    return Stored(model, errors, sensors, block, parameters)

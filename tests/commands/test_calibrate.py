@@ -1,0 +1,167 @@
+"""The stages of the experiment on a small satellite whose telemetry its own model made."""
+
+import dataclasses
+import json
+from pathlib import Path
+
+import numpy as np
+import pandas as pd
+import pytest
+from ruamel.yaml import YAML
+
+from flightcal.commands import calibrate as experiment
+from flightcal.commands.calibrate import Silent, run_experiment
+from flightcal.errors import RunError
+from tests import small
+
+FILES = {
+    "scenario.yaml", "provenance.json", "telemetry_quality.json", "parameters.json", "genetic.nc", "posterior.nc",
+    "diagnostics.json", "prediction.nc", "metrics.json", "report.html", "log.jsonl",
+}  # fmt: skip
+
+
+class Stages(Silent):
+    """Which stages ran and which were done before."""
+
+    def __init__(self):
+        self.seen = {}
+
+    def stage(self, name, done_before):
+        self.seen[name] = done_before
+
+
+def write(folder: Path, **calibration) -> Path:
+    """The small scenario and its telemetry as files; the gates are as easy as a short run can pass."""
+    written = small.content()
+    written["calibration"]["nuts"] |= {"max_r_hat": 1.5, "min_ess": 5}
+    for block, values in calibration.items():
+        written["calibration"][block] |= values
+    _, data = small.closed_loop(folder, written)
+    table = pd.DataFrame(
+        {
+            "time": np.datetime_as_string(data["time"].values, unit="s"),
+            "body": data["body_temp"].values - 273.15,
+            "panel": data["panel_temp"].values - 273.15,
+            "heater": (data["heater_status"].values > 0.5).astype(int),
+            "sun": small.sunlight((data["time"].values - small.START) / np.timedelta64(1, "s")),
+        }
+    )
+    table.to_csv(folder / "telemetry.csv", index=False)
+    return folder / "scenario.yaml"
+
+
+@pytest.fixture(scope="module")
+def finished(tmp_path_factory):
+    folder = tmp_path_factory.mktemp("small")
+    scenario = write(folder)
+    return scenario, folder / "run", run_experiment(scenario, folder / "run")
+
+
+def test_a_run_leaves_all_its_files_and_no_others(finished):
+    _, run, summary = finished
+    assert {file.name for file in run.iterdir()} == FILES
+    assert summary.report == run / "report.html"
+
+
+def test_metrics_cover_every_method_and_window(finished):
+    _, run, summary = finished
+    records = json.loads((run / "metrics.json").read_text())
+    found = {(record["method"], record["window"]) for record in records if record["metric"] == "rmse"}
+    methods = {"uncalibrated", "poorly_calibrated", "genetic", "genetic_best", "stochastic"}
+    assert found == {(method, window) for method in methods for window in ("train", "test")}
+    assert len(summary.metrics) == len(records)
+
+
+def test_the_calibrated_model_predicts_unseen_telemetry_to_its_noise(finished):
+    _, _, summary = finished
+    rmse = {
+        (metric.method, metric.channel): metric.value
+        for metric in summary.metrics
+        if metric.metric == "rmse" and metric.window == "test"
+    }
+    # The noise is 0.1 K; with 170 samples its RMSE is known to 5%, and the thresholds leave 5 standard errors.
+    assert rmse["stochastic", "body_temp"] < 0.13
+    assert rmse["stochastic", "panel_temp"] < 0.13
+    assert rmse["uncalibrated", "panel_temp"] > 0.3
+
+
+def test_a_second_call_runs_no_stage_again(finished):
+    scenario, run, first = finished
+    before = (run / "posterior.nc").read_bytes()
+    stages = Stages()
+    again = run_experiment(scenario, run, listener=stages)
+    assert stages.seen == {
+        "read": False,
+        "compile": True,
+        "genetic": True,
+        "nuts": True,
+        "predict": True,
+        "report": False,
+    }
+    assert again.metrics == first.metrics
+    assert (run / "posterior.nc").read_bytes() == before
+
+
+def test_a_changed_setting_runs_its_stage_and_those_after_it(tmp_path):
+    run = tmp_path / "run"
+    run_experiment(write(tmp_path), run)
+    stages = Stages()
+    run_experiment(write(tmp_path, prediction={"simulations": 30}), run, listener=stages)
+    assert (stages.seen["genetic"], stages.seen["nuts"], stages.seen["predict"]) == (True, True, False)
+
+
+def test_another_scenario_is_refused_and_nothing_changes(finished, tmp_path):
+    _, run, _ = finished
+    scenario = write(tmp_path)
+    content = YAML(typ="safe").load(scenario)
+    content["simulator"]["nodes"]["body"]["capacity"] = "3100 J/K"
+    with scenario.open("w") as file:
+        YAML(typ="safe").dump(content, file)
+    before = {file.name: file.read_bytes() for file in run.iterdir()}
+    with pytest.raises(RunError, match="another scenario"):
+        run_experiment(scenario, run)
+    assert {file.name: file.read_bytes() for file in run.iterdir()} == before
+
+
+def test_a_moved_scenario_with_the_same_telemetry_is_the_same_run(finished, tmp_path):
+    scenario, run, _ = finished
+    for file in ("scenario.yaml", "telemetry.csv"):
+        (tmp_path / file).write_bytes((scenario.parent / file).read_bytes())
+    stages = Stages()
+    run_experiment(tmp_path / "scenario.yaml", run, listener=stages)
+    assert stages.seen["nuts"]
+
+
+def test_a_failed_gate_fails_the_summary_and_saves_everything(tmp_path):
+    summary = run_experiment(write(tmp_path, nuts={"min_ess": 1e6}), tmp_path / "run")
+    assert not summary.passed
+    assert "effective draws" in summary.diagnostics["verdict"]
+    assert {file.name for file in summary.run.iterdir()} == FILES
+
+
+def test_interrupted_sampling_is_saved_reported_and_taken_up_again(tmp_path, monkeypatch):
+    scenario, run = write(tmp_path), tmp_path / "run"
+    whole = experiment.calibrate_nuts
+
+    def cut_short(problem, **options):
+        posterior = whole(problem, **options)
+        draws = posterior.draws
+        cut = dataclasses.replace(
+            draws,
+            z=draws.z[:, :40],
+            statistics={name: values[:, :40] for name, values in draws.statistics.items()},
+            interrupted=True,
+        )
+        return dataclasses.replace(posterior, theta=posterior.theta[:, :40], draws=cut)
+
+    monkeypatch.setattr(experiment, "calibrate_nuts", cut_short)
+    summary = run_experiment(scenario, run)
+    assert summary.interrupted
+    assert not summary.passed
+    assert {file.name for file in run.iterdir()} == FILES
+    monkeypatch.undo()
+    stages = Stages()
+    summary = run_experiment(scenario, run, listener=stages)
+    assert stages.seen["genetic"]
+    assert not stages.seen["nuts"]
+    assert not summary.interrupted

@@ -1,0 +1,149 @@
+"""The whole check of a scenario, from the command line: words, exit code, files."""
+
+import json
+import re
+
+import pytest
+from typer.testing import CliRunner
+
+from flightcal.cli import app
+from flightcal.commands.check import check_scenario
+from flightcal.errors import ScenarioError
+from flightcal.external.in_worker import close_workers
+from tests import small
+from tests.external import scenes
+
+RUN = CliRunner()
+
+
+def written_to(folder, written=None, panel_error=0.0):
+    """A scenario file with telemetry of its own model, the panel's off by so many kelvin."""
+    _, data = small.closed_loop(folder, written)
+    table = data.to_dataframe().reset_index()
+    for channel in ("body_temp", "panel_temp"):
+        table[channel] -= 273.15
+    table["panel_temp"] += panel_error
+    table["time"] = table["time"].dt.strftime("%Y-%m-%dT%H:%M:%S")
+    names = {"body_temp": "body", "panel_temp": "panel", "heater_status": "heater"}
+    table.rename(columns=names)[["time", "body", "panel", "heater", "sun"]].to_csv(
+        folder / "telemetry.csv", index=False
+    )
+    return folder / "scenario.yaml"
+
+
+def check(file, out, *options):
+    return RUN.invoke(app, ["check", str(file), "--out", str(out), *options], catch_exceptions=False)
+
+
+@pytest.fixture(scope="module")
+def folder(tmp_path_factory):
+    return tmp_path_factory.mktemp("checked")
+
+
+@pytest.fixture(scope="module")
+def done(folder):
+    return check(written_to(folder), folder / "run", "--profile", "link")
+
+
+def test_a_scenario_without_faults_is_ready_to_sample(done, folder):
+    assert done.exit_code == 0, done.output
+    assert "Ready to sample" in done.output
+    content = json.loads((folder / "run" / "check.json").read_text())
+    assert content["passed"] is True
+    assert {finding["state"] for finding in content["findings"]} <= {"good", "warn"}
+    titles = [finding["title"] for finding in content["findings"]]
+    assert "The gradient is right" in titles
+    assert "The likelihood alone bounds link" in titles
+    assert content["examined_at"]["theta"]["link"] == pytest.approx(small.TRUTH["link"], rel=0.05)
+
+
+def test_its_page_stands_alone_and_has_every_part(done, folder):
+    page = (folder / "run" / "check.html").read_text()
+    for part in ("flightcal check", "Prior predictive", "Identifiability", "Sensitivity", "Smoothness", "Profiles"):
+        assert part in page
+    # Bands, four of identifiability, sensitivities, a scan of each of six parameters, and a profile.
+    assert page.count('class="plot"') == 1 + 4 + 1 + 6 + 1
+    assert "http-equiv" in page
+    assert "src=" not in page.split("<script>")[0]
+
+
+def test_the_same_check_is_not_made_twice_and_another_profile_is_another_check(done, folder):
+    made = (folder / "run" / "check.json").stat().st_mtime_ns
+    assert check(folder / "scenario.yaml", folder / "run", "--profile", "link").exit_code == 0
+    assert (folder / "run" / "check.json").stat().st_mtime_ns == made
+    assert check(folder / "scenario.yaml", folder / "run").exit_code == 0
+    assert (folder / "run" / "check.json").stat().st_mtime_ns != made
+
+
+def test_a_scenario_with_a_product_of_unknowns_and_an_unreachable_channel_exits_with_3(tmp_path):
+    written = small.content()
+    del written["parameters"]["link"]
+    for name in ("contact_area", "contact_conductance"):
+        written["parameters"][name] = {
+            "scales": "conductors.body-panel.conductance",
+            "prior": {"lognormal": {"median": 1, "factor": 1.5}},
+        }
+    found = check(written_to(tmp_path, written, panel_error=-60.0), tmp_path / "run")
+    assert found.exit_code == 3, found.output
+    words = " ".join(found.output.split())
+    assert "2 findings matter" in words
+    assert "act alike: only their product is known" in words
+    assert "The prior cannot reach the telemetry of panel_temp" in words
+
+
+def test_what_is_the_users_to_mend_is_a_message(folder, tmp_path):
+    found = check(folder / "scenario.yaml", tmp_path / "run", "--profile", "lnk")
+    assert found.exit_code == 1
+    assert "--profile lnk: expected one of link, panel_size" in found.output
+
+
+COUNTED = """
+import {module} as np
+from pathlib import Path
+
+def simulate(inputs, times, start):
+    with (Path(__file__).parent / "runs").open("a") as file:
+        file.write("run ")
+    battery = 293 + inputs["load"] / inputs["link"] * (1 - np.exp(-inputs["link"] * times / 900)) - 5
+    return np.stack([battery, battery - 15], axis=1)
+"""
+
+
+def external(folder, gradient):
+    """A Python function that writes down that it was called, and telemetry near what it gives."""
+    (folder / "model.py").write_text(COUNTED.format(module="jax.numpy" if gradient == "jax" else "numpy"))
+    return scenes.write(folder, scenes.written({"callable": {"file": "model.py", "gradient": gradient}}))
+
+
+def test_a_simulator_without_derivatives_is_checked_within_the_budget_that_is_stated(tmp_path):
+    summary = check_scenario(external(tmp_path, "none"), tmp_path / "run", runs=90)
+    close_workers()
+    runs = (tmp_path / "runs").read_text().count("run")
+    stated = int(re.search(r"at most (\d+) runs", summary.page.read_text()).group(1))
+    assert 60 < runs <= stated <= 95
+    titles = [finding.title for finding in summary.findings]
+    assert "There is no gradient to check" in titles
+    assert "Jumps were not looked for" in titles
+    content = json.loads((tmp_path / "run" / "check.json").read_text())
+    assert "RBD-FAST" in content["sensitivity"]["method"]
+
+
+def test_a_profile_needs_derivatives(tmp_path):
+    with pytest.raises(ScenarioError, match="--profile: found a simulator without derivatives"):
+        check_scenario(external(tmp_path, "none"), tmp_path / "run", profiles=["link"])
+    close_workers()
+
+
+def test_the_gradient_of_an_external_simulator_is_checked(tmp_path):
+    summary = check_scenario(external(tmp_path, "jax"), tmp_path / "run", runs=60)
+    close_workers()
+    assert "The gradient is right" in [finding.title for finding in summary.findings]
+
+
+def test_a_simulator_with_an_error_of_its_own_is_checked(tmp_path):
+    written = small.content()
+    error = {"offset": "0.2 K", "deviation": "0.1 K", "correlation_time": "600 s"}
+    written["simulator"]["errors"] = {"body_temp": error, "panel_temp": error}
+    summary = check_scenario(written_to(tmp_path, written), tmp_path / "run")
+    assert summary.passed
+    assert "The gradient is right" in [finding.title for finding in summary.findings]

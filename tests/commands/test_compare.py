@@ -1,0 +1,195 @@
+"""`flightcal compare`: which models it makes of a scenario, what it recommends and why, and its page."""
+
+import json
+
+import numpy as np
+import pytest
+from typer.testing import CliRunner
+
+from flightcal.cli import USER_ERROR, app
+from flightcal.commands import compare, left_out
+from flightcal.commands.calibrate import Summary
+from flightcal.commands.compare import MODELS, comparison_of, recommend, variant
+from flightcal.prediction import Metric
+from flightcal.report import write_comparison
+from flightcal.run import plain
+from flightcal.scenario import load_scenario, noise_of, resolved_yaml
+from flightcal.validation import BlockLoo
+from tests import small
+from tests.commands.test_calibrate import write
+
+run = CliRunner().invoke
+
+
+def loo(density, blocks=4):
+    return BlockLoo(density, np.full(blocks, density / blocks), np.full(blocks, 0.2))
+
+
+def means(**of_models):
+    names = ("rmse", "mape_kelvin", "picp", "mpiw", "crps", "log_score")
+    return {model: dict(zip(names, values, strict=True)) for model, values in of_models.items()}
+
+
+@pytest.mark.parametrize("model", MODELS)
+def test_every_model_of_a_scenario_is_a_scenario_without_findings(tmp_path, model):
+    written = small.content()
+    written["observations"]["body_temp"]["noise"] = {
+        "distribution": "student_t", "standard_deviation": {"half_normal": "0.5 K"}
+    }  # fmt: skip
+    written["discrepancy"] = {"phase": {"harmonics": 5}, "channels": ["panel_temp"]}
+    scenario, _ = small.load(tmp_path, written)
+    file = tmp_path / "variant.yaml"
+    file.write_text(resolved_yaml(variant(scenario, model), absolute=True), encoding="utf-8")
+    found = load_scenario(file)
+    noise = noise_of(found, "body_temp")
+    assert (noise.model, noise.distribution) == {
+        "iid": ("iid", "student_t"),
+        "ar1": ("ar1", "normal"),
+        "phase+ar1": ("ar1", "normal"),
+    }.get(model, ("iid", "normal"))
+    assert noise.standard_deviation.scale == 0.5
+    assert noise_of(found, "panel_temp").standard_deviation == 0.1
+    own = found.discrepancy
+    assert (own is not None and own.time is not None) == (model in ("time", "both"))
+    assert (own is not None and own.phase is not None) == (model in ("phase", "both", "phase+ar1"))
+    if own is not None and own.phase is not None:
+        assert own.phase.harmonics == 5
+
+
+@pytest.mark.parametrize(("model", "scale"), [("iid", 2.0), ("phase", 2.0), ("ar1", 0.1), ("phase+ar1", 0.1)])
+def test_the_prior_of_correlated_noise_is_not_that_of_independent_noise(tmp_path, model, scale):
+    written = small.content()
+    written["noise"] = {"model": "ar1", "standard_deviation": {"half_normal": "0.1 K"}, "white": "0.05 K"}
+    found = noise_of(variant(small.load(tmp_path, written)[0], model), "body_temp")
+    assert found.standard_deviation.scale == scale
+    assert found.white == (0.05 if model.endswith("ar1") else None)
+
+
+def test_the_best_log_score_among_models_that_converged_is_recommended():
+    found = means(
+        iid=(1.0, 0.3, 0.95, 4.0, 0.60, -1.5),
+        ar1=(1.0, 0.3, 0.97, 5.0, 0.62, -1.6),
+        phase=(0.6, 0.2, 0.94, 2.4, 0.35, -0.9),
+        time=(0.6, 0.2, 0.93, 2.5, 0.36, -1.0),
+        both=(0.5, 0.2, 0.95, 2.0, 0.30, -0.5),
+    )
+    loos = {"iid": loo(-50.0), "ar1": loo(-30.0), "phase": loo(-20.0), "time": loo(-5.0), "both": loo(-6.0)}
+    passed = dict.fromkeys(found, True) | {"both": False}
+    best, reason = recommend(found, loos, passed)
+    assert best == "phase"
+    assert "covers 94.0%" in reason
+    assert "not converged: both" in reason
+    assert "CRPS 0.35 K instead of 0.6 K (-42%)" in reason
+    assert "predicted best by 'time', which says less" in reason
+
+
+def test_an_interval_that_does_not_cover_is_not_recommended_without_caution():
+    found = means(iid=(1.0, 0.3, 0.95, 4.0, 0.6, -1.5), phase=(0.4, 0.1, 0.84, 1.2, 0.3, -0.8))
+    loos = {"iid": loo(-3.0), "phase": loo(-2.0)}
+    best, reason = recommend(found, loos, dict.fromkeys(found, True))
+    assert best == "phase"
+    assert "where coverage matters more than sharpness, use 'iid', whose interval covers 95.0%" in reason
+    found["iid"]["picp"] = 0.7
+    assert "No model's interval covers" in recommend(found, loos, dict.fromkeys(found, True))[1]
+    assert "It also predicts blocks left out of the training window best" in reason
+
+
+def test_scores_are_those_of_unseen_windows_and_the_page_shows_them(tmp_path):
+    def metrics(factor):
+        return [
+            Metric(method, window, channel, metric, value * factor, "K")
+            for method in ("genetic", "stochastic")
+            for window in ("train", "test", "later")
+            for channel in ("body", "all")
+            for metric, value in (("rmse", 1.0 if window == "test" else 3.0), ("picp", 0.9), ("log_score", 1.0))
+        ]
+
+    loos = {"iid": BlockLoo(-4.0, np.array([-1.0, -3.0]), np.array([0.1, 0.9])), "phase": loo(-3.0, 2)}
+    content = plain(
+        comparison_of("Toy", {"iid": metrics(1.0), "phase": metrics(1.05)}, loos, {"iid": True, "phase": False})
+    )
+    assert content["means"]["iid"]["rmse"] == pytest.approx(2.0)
+    assert content["means"]["iid"]["mpiw"] is None
+    assert {row["window"] for row in content["scores"]} == {"test", "later"}
+    assert content["recommended"] == "iid"
+    assert content["blocks"]["iid"]["below_best"] == pytest.approx(1.0)
+    # Differences of 0.5 less and 1.5 more: their standard deviation of one, times the root of two.
+    assert content["blocks"]["iid"]["standard_error"] == pytest.approx(np.sqrt(2) * 1.0)
+    assert content["blocks"]["iid"]["unreliable"] == 1
+    scores = content["means"]["iid"] | {"rmse": 4.321, "passed": False}
+    content["left_out"] = {"iid": {"june": scores}}
+    (tmp_path / "comparison.json").write_text(json.dumps(content))
+    page = write_comparison(tmp_path).read_text(encoding="utf-8")
+    assert "Recommended: iid" in page
+    assert "Not converged: phase" in page
+    assert "1 of 2" in page
+    assert "Training windows left out" in page
+    assert "4.32" in page
+
+
+@pytest.mark.parametrize(("models", "message"), [("iid", "two or more"), ("iid,ar2", "found ar2")])
+def test_models_that_are_none_are_a_message(tmp_path, models, message):
+    result = run(app, ["compare", str(write(tmp_path)), "--models", models, "--out", str(tmp_path / "out")])
+    assert result.exit_code == USER_ERROR
+    assert message in result.output
+    assert not (tmp_path / "out").exists()
+
+
+@pytest.mark.slow
+def test_a_discrepancy_is_recommended_where_the_simulator_lacks_a_load(tmp_path):
+    file = write(tmp_path, nuts={"draws": 200, "warmup": 200}, genetic={"runs": 2})
+    text = (tmp_path / "telemetry.csv").read_text().splitlines()
+    rows = [line.split(",") for line in text]
+    place = rows[0].index("body")
+    for k, row in enumerate(rows[1:]):
+        # What comes again in every orbit and the model lacks: 0.8 K.
+        row[place] = f"{float(row[place]) + 0.8 * np.sin(4 * np.pi * 60 * k / small.PERIOD):.4f}"
+    (tmp_path / "telemetry.csv").write_text("\n".join(map(",".join, rows)) + "\n")
+    found = compare.compare_models(file, tmp_path / "out", ["iid", "phase"])
+    print(found.content["means"], found.content["reason"])
+    assert found.content["recommended"] == "phase"
+    assert found.content["means"]["phase"]["crps"] < 0.8 * found.content["means"]["iid"]["crps"]
+    assert (tmp_path / "out" / "comparison.html").exists()
+    assert (tmp_path / "out" / "phase" / "report.html").exists()
+
+
+def test_an_interrupted_sampling_ends_the_comparison_and_what_was_left_out_is_kept(tmp_path, monkeypatch):
+    scenario_file, out = write(tmp_path), tmp_path / "out"
+    ran = []
+
+    def experiment(file, run, *, listener):
+        run.mkdir(parents=True, exist_ok=True)
+        ran.append(run.name)
+        return Summary(run, run / "report.html", {"passed": True}, (), interrupted=run.name == "ar1")
+
+    monkeypatch.setattr(compare, "run_experiment", experiment)
+    monkeypatch.setattr(compare, "_block_loo", lambda *_: loo(1.0))
+    with pytest.raises(KeyboardInterrupt):
+        compare.compare_models(scenario_file, out, ["iid", "ar1", "time"])
+    assert ran == ["iid", "ar1"]
+    asked = []
+    monkeypatch.setattr(left_out, "leave_windows_out", lambda *_, **__: asked.append(1) or {"june": {"picp": 0.9}})
+    summary = experiment(out / "iid.yaml", out / "iid", listener=None)
+    for _ in range(2):
+        assert compare._left_out(out / "iid.yaml", summary, lambda _: None) == {"june": {"picp": 0.9}}
+    assert len(asked) == 1
+
+
+def test_scores_of_windows_left_out_stand_in_the_comparison_if_asked_for(tmp_path, monkeypatch):
+    values = {"rmse": 1.0, "mape_kelvin": 0.3, "picp": 0.95, "mpiw": 4.0, "crps": 0.6, "log_score": -1.0}
+    metrics = [Metric("stochastic", "test", "all", name, value, "K") for name, value in values.items()]
+
+    def experiment(file, run, *, listener):
+        run.mkdir(parents=True, exist_ok=True)
+        return Summary(run, run / "report.html", {"passed": True}, tuple(metrics), interrupted=False)
+
+    monkeypatch.setattr(compare, "run_experiment", experiment)
+    monkeypatch.setattr(compare, "_block_loo", lambda *_: loo(1.0))
+    monkeypatch.setattr(left_out, "check_windows", lambda _: None)
+    scores = values | {"passed": True}
+    monkeypatch.setattr(left_out, "leave_windows_out", lambda *_, **__: {"june": scores})
+    for asked in (False, True):
+        out = tmp_path / str(asked)
+        compare.compare_models(write(tmp_path), out, ["iid", "ar1"], leave_windows_out=asked)
+        found = json.loads((out / "comparison.json").read_text(encoding="utf-8"))["left_out"]
+        assert found == ({"iid": {"june": scores}, "ar1": {"june": scores}} if asked else {})

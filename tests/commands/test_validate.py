@@ -1,0 +1,112 @@
+"""`flightcal validate`: what it writes, that it resumes, and its exit codes; the repeats themselves are made up."""
+
+import json
+import re
+
+import numpy as np
+import pytest
+from typer.testing import CliRunner
+
+from flightcal.cli import GATE_FAILED, USER_ERROR, app
+from flightcal.commands import validate
+from flightcal.commands.validate import validate_scenario
+from flightcal.errors import RunError
+from flightcal.validation.simulation_based import Repeat
+from tests.commands.test_calibrate import write
+
+run = CliRunner().invoke
+
+
+@pytest.fixture
+def scenario(tmp_path, monkeypatch):
+    """The small scenario, whose repeats are draws of a posterior N(0, width^2) around a truth of N(0, 1)."""
+    file = write(tmp_path)
+    made = []
+
+    def one(source, number):
+        made.append(number)
+        rng = np.random.default_rng([4, number])
+        return Repeat(
+            rng.normal(size=7), rng.random(7) ** one.power, np.zeros(7), np.ones(7), 100,
+            ("R-hat",) if number == 3 else (), 0, 1.5,
+        )  # fmt: skip
+
+    one.power = 1.0
+    monkeypatch.setattr(validate, "_one", one)
+    monkeypatch.setattr(validate, "_compile", lambda problem: None)
+    return file, tmp_path / "out", made, one
+
+
+def test_a_validation_leaves_its_repeats_its_result_and_a_page(scenario):
+    file, out, _, _ = scenario
+    found = validate_scenario(file, out, 20, workers=1)
+    assert found.passed
+    assert len(list((out / "repeats").iterdir())) == 20
+    content = json.loads((out / "validation.json").read_text())
+    assert [quantity["name"] for quantity in content["quantities"]] == [*found.names]
+    assert found.names[-1] == "log density"
+    assert np.array(content["ranks"]).shape == (20, 7)
+    page = (out / "validation.html").read_text(encoding="utf-8")
+    assert "Posteriors cover what made the telemetry" in page
+    assert "failed a gate in 1 of 20 repeats" in page
+    places = re.findall(r'class="plot" id="(figure-\d+)"', page)
+    assert len(places) == 2
+
+
+def test_repeats_that_are_done_are_not_run_again_and_more_can_be_asked_for(scenario):
+    file, out, made, _ = scenario
+    validate_scenario(file, out, 20, workers=1)
+    first = (out / "repeats" / "0007.json").read_bytes()
+    (out / "repeats" / "0011.json").unlink()
+    made.clear()
+    told = []
+    found = validate_scenario(file, out, 25, workers=1, on_progress=lambda *done: told.append(done))
+    assert made == [11, 20, 21, 22, 23, 24]
+    assert told[0] == (19, 25)
+    assert told[-1] == (25, 25)
+    assert len(found.repeats) == 25
+    assert (out / "repeats" / "0007.json").read_bytes() == first
+
+
+def test_another_scenario_is_refused(scenario, tmp_path):
+    file, out, _, _ = scenario
+    validate_scenario(file, out, 20, workers=1)
+    file.write_text(file.read_text().replace("3000 J/K", "3100 J/K"))
+    validate._prepared.cache_clear()
+    with pytest.raises(RunError, match="another scenario"):
+        validate_scenario(file, out, 20, workers=1)
+
+
+def test_a_damaged_repeat_is_a_message(scenario):
+    file, out, _, _ = scenario
+    validate_scenario(file, out, 20, workers=1)
+    (out / "repeats" / "0002.json").write_text("{")
+    with pytest.raises(RunError, match=r"0002\.json: found a damaged repeat"):
+        validate_scenario(file, out, 20, workers=1)
+
+
+def test_ranks_outside_of_the_band_have_the_exit_code_of_a_failed_gate(scenario):
+    file, out, _, one = scenario
+    arguments = ["validate", str(file), "--repeats", "40", "--workers", "1", "--out"]
+    assert run(app, [*arguments, str(out)]).exit_code == 0
+    one.power = 3.0
+    result = run(app, [*arguments, str(out.with_name("wrong"))])
+    assert result.exit_code == GATE_FAILED
+    assert "not uniform" in result.output
+
+
+def test_a_simulator_without_derivatives_is_a_message(tmp_path, monkeypatch):
+    monkeypatch.setattr(validate, "needs_emulator", lambda problem: True)
+    result = run(app, ["validate", str(write(tmp_path)), "--out", str(tmp_path / "out")])
+    assert result.exit_code == USER_ERROR
+    assert "without derivatives" in result.output
+
+
+def test_another_model_of_the_residuals_is_another_validation(scenario):
+    file, out, _, _ = scenario
+    validate_scenario(file, out, 20, workers=1)
+    with pytest.raises(RunError, match="another scenario"):
+        validate_scenario(file, out, 20, workers=1, residuals="ar1")
+    result = run(app, ["validate", str(file), "--residuals", "ar2", "--out", str(out)])
+    assert result.exit_code == USER_ERROR
+    assert "found ar2, expected one of iid, ar1" in result.output

@@ -1,0 +1,220 @@
+"""Calibration through an emulator, against the same calibration of the real simulator, whose truth is known."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from flightcal.calibration import calibrate_nuts
+from flightcal.emulation import active
+from flightcal.emulation.active import learn, simulated_priors, start_design
+from flightcal.emulation.horizon import beginnings
+from flightcal.emulation.runs import read_runs
+from flightcal.errors import FlightcalError
+from flightcal.problem import build_problem
+from flightcal.scenario import EmulatorSettings, NutsSettings
+from tests import derivative_free
+
+NUTS = NutsSettings(chains=4, draws=500, warmup=300)
+LATER = 60  # minutes after the training window
+
+
+def through_emulator(learnt, seed=2):
+    return calibrate_nuts(learnt.problem, NUTS, seed, starts=[("active learning", learnt.theta)], random_starts=0)
+
+
+def learnt_in_full(problem, telemetry, seed):
+    evaluate = derivative_free.evaluator(problem.simulator)
+    nothing, beginning = derivative_free.empty(problem), beginnings(problem, telemetry)
+    return learn(problem, evaluate, nothing, EmulatorSettings(), seed, beginning=beginning)
+
+
+def assert_agree(posterior, exact):
+    """Means within 0.2 standard deviations and standard deviations within 20%, as issue 4 asks."""
+    mean, deviation = exact.flat.mean(axis=0), exact.flat.std(axis=0)
+    np.testing.assert_array_less(np.abs(posterior.flat.mean(axis=0) - mean) / deviation, 0.2)
+    np.testing.assert_allclose(posterior.flat.std(axis=0) / deviation, 1.0, atol=0.2)
+
+
+@pytest.fixture(scope="module")
+def problem(tmp_path_factory):
+    return derivative_free.problem(tmp_path_factory.mktemp("active"), heater=False)
+
+
+@pytest.fixture(scope="module")
+def learnt(problem):
+    """By runs that also cover an hour after the training window, and fail where the link is weak."""
+    simulator = derivative_free.simulator(problem, LATER)
+    told, saved = [], []
+    found = learn(
+        problem,
+        derivative_free.evaluator(simulator, lambda theta: theta[0] < 0.5),
+        derivative_free.empty(problem, LATER),
+        EmulatorSettings(runs=150),
+        seed=5,
+        window=slice(0, len(problem.times)),
+        save=saved.append,
+        on_round=told.append,
+    )
+    return found, told, saved
+
+
+def test_the_posterior_is_that_of_the_real_simulator(problem, learnt):
+    found = learnt[0]
+    assert found.reached
+    assert len(found.runs) <= 150
+    posterior = through_emulator(found)
+    assert posterior.diagnostics.gates[0].passed
+    assert_agree(posterior, calibrate_nuts(problem, NUTS, 1))
+
+
+def test_every_round_says_what_it_did(learnt):
+    found, told, saved = learnt
+    assert tuple(told) == found.rounds
+    assert {a.runs for a in told} <= {len(runs) for runs in saved}
+    assert np.diff([0, *(len(runs) for runs in saved)]).max() <= 8
+    assert told[-1].expected_shift < 0.1
+    assert told[-1].expected_shift < told[0].expected_shift
+    assert told[-1].validation.passed
+    assert str(told[0]).startswith("round 0: 50 runs (")
+    assert str(told[-1]).endswith("the emulator's error no longer matters")
+
+
+def test_failed_runs_are_kept_and_their_region_is_named(learnt):
+    found = learnt[0]
+    failed = ~found.runs.finished
+    assert (failed == (found.runs.theta[:, 0] < 0.5)).all()
+    assert found.rounds[-1].failed == failed.sum() > 0
+    assert f"{failed.sum()} of them, and 0 that finished, have 'link' below" in found.failures
+    assert found.emulator.runs.finished.all()
+
+
+def test_the_same_runs_predict_another_window(problem, learnt):
+    emulated = learnt[0].problem.simulator.on(slice(len(problem.times), None))
+    theta = learnt[0].theta[problem.simulated]
+    real = derivative_free.simulator(problem, LATER).simulate(theta).temperatures[-LATER:]
+    run = emulated.simulate(theta)
+    assert run.temperatures.shape == real.shape
+    deviation = np.sqrt(np.einsum("tnr,r->tn", emulated.error_basis**2, run.error_variance))
+    assert (np.abs(run.temperatures - real) < 4.0 * deviation + 1e-3).all()
+    assert deviation.max() < 0.1
+
+
+def test_it_takes_up_where_it_stopped(problem, tmp_path, monkeypatch):
+    monkeypatch.setattr(active, "_NUTS", NutsSettings(chains=2, draws=100, warmup=100))
+    evaluate, asked = derivative_free.evaluator(problem.simulator), []
+
+    def interrupted(thetas):
+        if len(asked) + len(thetas) > 48:
+            raise KeyboardInterrupt
+        return counted(thetas)
+
+    def counted(thetas):
+        asked.extend(thetas)
+        return evaluate(thetas)
+
+    file, settings = tmp_path / "runs.nc", EmulatorSettings(runs=60, start=40, batch=10)
+    arguments = {"settings": settings, "seed": 5, "save": lambda runs: runs.write(file)}
+    with pytest.raises(KeyboardInterrupt):
+        learn(problem, interrupted, derivative_free.empty(problem), **arguments)
+    assert len(asked) == 48  # in the middle of a round
+    found = learn(problem, counted, read_runs(file, derivative_free.empty(problem)), **arguments)
+    assert len(asked) == len(found.runs) <= 60
+    assert found.reached or found.rounds[-1].verdict == "the budget of runs is spent"
+    straight = learn(problem, evaluate, derivative_free.empty(problem), settings=settings, seed=5)
+    np.testing.assert_array_equal(found.runs.theta, straight.runs.theta)
+    np.testing.assert_array_equal(found.theta, straight.theta)
+
+
+def test_a_simulator_that_hardly_ever_finishes_is_an_error_with_its_message(problem):
+    evaluate = derivative_free.evaluator(problem.simulator, lambda theta: theta[0] > 0.5)
+    with pytest.raises(FlightcalError, match=r"expected at least 12: .*runs failed \(.* crashed\).*segmentation fault"):
+        learn(problem, evaluate, derivative_free.empty(problem), EmulatorSettings(runs=40), seed=5)
+
+
+def test_the_start_design_goes_through_the_priors(problem):
+    scale = simulated_priors(problem)
+    design = start_design(scale, 64, seed=3)
+    quarters = np.stack([scale.quantile(share) for share in (0.25, 0.5, 0.75)])
+    counts = np.stack([(design < quarter).sum(axis=0) for quarter in quarters])
+    np.testing.assert_allclose(counts / 64, [[0.25] * 5, [0.5] * 5, [0.75] * 5], atol=0.05)
+
+
+def test_a_channel_without_samples_leaves_its_noise_to_the_prior(problem):
+    runs = derivative_free.empty(problem).add(
+        derivative_free.evaluator(problem.simulator)(start_design(simulated_priors(problem), 8, seed=3)), 0
+    )
+    observed = problem.observed.copy()
+    noise = problem.names.index("noise.body_temp")
+    assert len(np.unique(active._best_runs(problem, runs)[:, noise])) > 1
+    observed[:, 0] = np.nan
+    best = active._best_runs(replace(problem, observed=observed), runs)
+    assert (best[:, noise] == problem.priors.median()[noise]).all()
+    panel = np.sqrt(np.mean((runs.temperatures - problem.observed)[:, :, 1] ** 2, axis=1))
+    np.testing.assert_array_equal(best[0][problem.simulated], runs.theta[np.argmin(panel)])
+
+
+def test_a_thermostats_window_is_looked_at_from_its_beginning(tmp_path, monkeypatch):
+    monkeypatch.setattr(active, "_NUTS", NutsSettings(chains=2, draws=100, warmup=100))
+    scenario, telemetry = derivative_free.scene(tmp_path, heater=True)
+    problem = build_problem(scenario, telemetry)
+    found = learn(
+        problem,
+        derivative_free.evaluator(problem.simulator),
+        derivative_free.empty(problem),
+        EmulatorSettings(runs=60, start=50, batch=10),
+        seed=5,
+        beginning=beginnings(problem, telemetry),
+    )
+    first, last = found.rounds
+    assert first.samples < len(problem.times) / 4
+    assert first.error_share < 2.0
+    assert last.samples == len(problem.times) == len(found.problem.times)
+    assert last.validation is not None
+    assert not found.reached
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("heater", [False, True], ids=["no heater", "heater"])
+def test_five_parameters_take_at_most_300_runs(tmp_path, heater):
+    scenario, telemetry = derivative_free.scene(tmp_path, heater=heater)
+    problem = build_problem(scenario, telemetry)
+    found = learnt_in_full(problem, telemetry, seed=1)
+    print(*found.rounds, sep="\n")
+    assert found.reached
+    assert len(found.runs) <= 300
+    assert_agree(through_emulator(found), calibrate_nuts(problem, NUTS, 1))
+
+
+REPEATS = {False: 10, True: 6}
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("heater", [False, True], ids=["no heater", "heater"])
+def test_intervals_through_the_emulator_cover_the_truth(tmp_path, heater):
+    """As often as they say, and with a thermostat as often as those of the real simulator: one of six is noise."""
+    covered = []
+    for seed in range(REPEATS[heater]):
+        rng = np.random.default_rng(seed)
+        drawn = {"link": rng.uniform(0.45, 0.85), "panel_size": rng.uniform(0.8, 1.3)}
+        scenario, telemetry = derivative_free.scene(tmp_path, heater=heater, seed=seed, **drawn)
+        problem = build_problem(scenario, telemetry)
+        found = learnt_in_full(problem, telemetry, seed)
+        posterior = through_emulator(found)
+        low, high = np.quantile(posterior.flat, (0.025, 0.975), axis=0)
+        truth = {
+            "initial.body": 284.0,
+            "initial.panel": 262.0,
+            "noise.body_temp": 0.1,
+            "capacity": 3200.0,
+            "power": 28.0,
+        }
+        values = np.array([(truth | drawn)[name] for name in problem.names])
+        covered.append((low <= values) & (values <= high))
+        print(seed, len(found.runs), found.reached, found.rounds[-1], covered[-1])
+        assert found.reached
+        if heater:
+            # The local mode in which the heater is on from the start is 80 nats below.
+            assert_agree(posterior, calibrate_nuts(problem, NUTS, 1))
+    # As if all parameters of a repeat were covered together.
+    assert np.mean(covered) > 0.95 - 3.0 * np.sqrt(0.95 * 0.05 / REPEATS[heater])

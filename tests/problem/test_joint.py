@@ -1,0 +1,256 @@
+"""Several windows as one problem, against the residuals of all of them put together by hand."""
+
+from types import SimpleNamespace
+
+import numpy as np
+import pytest
+from scipy import stats
+
+from flightcal.calibration import calibrate_genetic, genetic_points, posterior_tree
+from flightcal.calibration.methods import Posterior
+from flightcal.errors import ScenarioError
+from flightcal.problem import build_problem, calibration_problem
+from flightcal.problem.coordinates import Whitening
+from flightcal.problem.joint import JointProblem
+from flightcal.problem.native import DENSITY_NOT_FINITE, REASONS
+from flightcal.scenario import load_scenario
+from flightcal.simulator.kernels.forward import TOO_MANY_SWITCHES
+from tests import small
+
+
+def written(**changes):
+    content = small.content()
+    content["windows"] = {
+        "train": {
+            "first": {"start": "2024-03-01T00:00:00", "end": "2024-03-01T01:30:00"},
+            "second": {"start": "2024-03-01T02:10:00", "end": "2024-03-01T03:20:00"},
+        },
+        "test": [{"start": "2024-03-01T03:30:00", "end": "2024-03-01T05:00:00"}],
+    }
+    return content | changes
+
+
+def drifting():
+    content = written()
+    content["parameters"]["link"]["drift"] = 0.5
+    return content
+
+
+@pytest.fixture(scope="module", params=["shared", "drifting"])
+def joint(request, tmp_path_factory):
+    content = written() if request.param == "shared" else drifting()
+    return calibration_problem(*small.closed_loop(tmp_path_factory.mktemp("joint"), content))
+
+
+def test_a_default_lengthscale_suits_all_windows(tmp_path):
+    scenario, data = small.closed_loop(tmp_path, written(discrepancy={"time": {}}))
+    joint = calibration_problem(scenario, data)
+    own = [build_problem(scenario, data, window) for window in scenario.train_windows]
+    name = "discrepancy.time.lengthscale"
+    bounds = [(prior.lower, prior.upper) for prior in (of(problem, name) for problem in own)]
+    assert bounds[0] != bounds[1]
+    for problem in (*joint.problems, *joint.open_loop.problems, joint):
+        prior = of(problem, name)
+        assert (prior.lower, prior.upper) == (max(low for low, _ in bounds), min(high for _, high in bounds))
+    z = joint.to_z(joint.priors.median())
+    theta = joint.to_theta(z + 0.2)
+    for problem in joint.problems:
+        inside = joint.window_thetas(problem, theta[None])[0]
+        assert inside[problem.names.index(name)] == theta[joint.names.index(name)]
+
+
+def test_windows_whose_lengths_no_default_lengthscale_suits_are_a_message(tmp_path):
+    content = written(discrepancy={"time": {}})
+    content["windows"]["train"]["first"]["end"] = "2024-03-01T00:12:00"
+    with pytest.raises(ScenarioError, match="no default suits them all"):
+        calibration_problem(*small.closed_loop(tmp_path, content))
+
+
+def of(problem, name):
+    return problem.priors.priors[problem.names.index(name)]
+
+
+def points(joint, count=3):
+    """Away from the mode, in all directions."""
+    z = joint.to_z(joint.priors.median())
+    return z + 0.3 * np.random.default_rng(0).standard_normal((count, len(z)))
+
+
+def test_windows_share_parameters_and_noise_and_have_initial_temperatures_of_their_own(joint):
+    drift = ("drift.link", "drift.link.first", "drift.link.second") if "drift.link" in joint.names else ()
+    initial = [f"initial.{window}.{node}" for window in ("first", "second") for node in ("body", "panel")]
+    assert joint.names == ("link", "panel_size", "power", "noise.body_temp", *drift, *initial)
+    assert joint.observed.shape == (90 + 70, 2)
+
+
+def test_one_window_to_train_on_is_an_ordinary_problem(tmp_path):
+    scenario, data = small.load(tmp_path)
+    assert not isinstance(calibration_problem(scenario, data), JointProblem)
+
+
+def test_the_density_is_the_windows_likelihoods_and_each_prior_once(joint):
+    for z in points(joint):
+        theta = joint.to_theta(z)
+        expected = float(joint.priors.at(z).log_density)
+        for problem in joint.problems:
+            inside = problem.to_z(joint.window_thetas(problem, theta[None])[0])
+            run = problem.simulate(problem.to_theta(inside))
+            noise = problem.noise(problem.to_theta(inside))
+            squares = ((problem.observed - run.temperatures) / noise) ** 2
+            expected -= 0.5 * squares.sum() + len(run.temperatures) * np.log(noise * np.sqrt(2 * np.pi)).sum()
+        assert joint.log_density_and_gradient(z)[0] == pytest.approx(expected, rel=1e-9)
+        assert joint.log_density(z) == pytest.approx(expected, rel=1e-9)
+
+
+def test_with_correlated_noise_and_a_discrepancy_it_is_the_dense_normal_of_each_window(tmp_path):
+    content = written(
+        noise={"model": "ar1", "standard_deviation": "0.2 K", "correlation_time": "8 min", "white": "0.1 K"},
+        discrepancy={"time": {"amplitude": "0.8 K", "lengthscale": "30 min"}},
+    )
+    content["observations"]["panel_temp"].pop("noise")
+    joint = calibration_problem(*small.closed_loop(tmp_path, content))
+    z = points(joint, 1)[0]
+    expected = float(joint.priors.at(z).log_density)
+    for problem in joint.problems:
+        inside = joint.window_thetas(problem, joint.to_theta(z)[None])[0]
+        model, residual = problem.residuals, problem.observed - problem.simulate(inside).temperatures
+        apart = np.abs(model.terms.seconds[:, None] - model.terms.seconds)
+        for k in range(2):
+            covariance = 0.04 * np.exp(-apart / 480.0) + 0.01 * np.eye(len(apart))
+            basis = model.terms.shapes.basis * model.prior_deviations(model.fixed[k])
+            expected += stats.multivariate_normal.logpdf(residual[:, k], cov=covariance + basis @ basis.T)
+    assert joint.log_density(z) == pytest.approx(expected, rel=1e-9)
+    assert joint.log_density_and_gradient(z)[0] == pytest.approx(expected, rel=1e-9)
+    assert all(problem.residuals.is_independent for problem in joint.independent().problems)
+
+
+def test_where_one_window_cannot_be_simulated_there_is_no_simulation(joint):
+    thetas = np.tile(joint.priors.median(), (2, 1))
+    thetas[0, joint.names.index("initial.second.panel")] = 1e300
+    failed, run = joint.simulate_many(thetas)
+    assert failed is None
+    np.testing.assert_array_equal(run.temperatures, joint.simulate(thetas[1]).temperatures)
+
+
+def test_of_given_simulations_the_derivative_by_the_noise_is_that_of_all_windows(joint):
+    z = points(joint, 1)[0]
+    theta, k = joint.to_theta(z), joint.names.index("noise.body_temp")
+    run = joint.simulate(theta)
+    shares = [problem.simulate(joint.window_thetas(problem, theta[None])[0]).duty_cycle for problem in joint.problems]
+    assert run.duty_cycle == pytest.approx((90 * shares[0] + 70 * shares[1]) / 160)
+    assert abs(shares[0] - shares[1]) > 0.01
+    value, found = joint.likelihood_of_numbers(run, theta)
+    assert value == pytest.approx(joint.log_density(z) - joint.priors.at(z).log_density, rel=1e-10)
+    step = 1e-5 * theta[k] * np.eye(len(theta))[k]
+    above, below = (joint.likelihood_of_numbers(run, theta + sign * step)[0] for sign in (1.0, -1.0))
+    assert found[k] == pytest.approx((above - below) / (2.0 * step[k]), rel=1e-6)
+    assert not np.delete(found, k).any()
+
+
+def test_the_gradient_agrees_with_differences(joint):
+    z = points(joint, 1)[0]
+    gradient = joint.log_density_and_gradient(z)[1]
+    for k, name in enumerate(joint.names):
+        step = 1e-5 * np.eye(len(z))[k]
+        difference = (joint.log_density(z + step) - joint.log_density(z - step)) / 2e-5
+        assert gradient[k] == pytest.approx(difference, rel=1e-3, abs=1e-3 * np.abs(gradient).max()), name
+
+
+def test_the_c_function_is_the_density_in_other_coordinates(joint):
+    z = points(joint)
+    factor = np.random.default_rng(1).normal(size=(z.shape[1],) * 2) / 5.0
+    density = joint.native_density(Whitening(z[0], factor))
+    for w in 0.3 * np.random.default_rng(2).standard_normal((3, z.shape[1])):
+        expected, gradient = joint.log_density_and_gradient(z[0] + factor @ w)
+        value, found = density(w)
+        assert value == pytest.approx(expected, rel=1e-12)
+        np.testing.assert_allclose(found, factor.T @ gradient, rtol=1e-8, atol=1e-9 * np.abs(gradient).max())
+    assert density(np.full(len(factor), 1e200))[0] == -np.inf
+    assert (density.gradients, density.failures) == (4, 1)
+    assert density.last_failure == REASONS[DENSITY_NOT_FINITE]
+    steep = joint.native_density(Whitening(z[0], 1e307 * np.eye(len(factor))))
+    assert steep(np.zeros(len(factor)))[0] == -np.inf
+    assert steep.last_failure == REASONS[DENSITY_NOT_FINITE]
+
+
+def test_what_a_window_fails_by_is_what_all_fail_by(tmp_path):
+    joint = calibration_problem(*small.load(tmp_path, small.chattering() | {"windows": written()["windows"]}))
+    density = joint.native_density(Whitening(np.zeros(len(joint.names)), np.eye(len(joint.names))))
+    z = joint.to_z(joint.priors.median())
+    assert density(z)[0] == joint.log_density(z) == -np.inf
+    value, gradient = joint.log_density_and_gradient(z)
+    assert value == -np.inf
+    assert not gradient.any()
+    assert density.last_failure == REASONS[TOO_MANY_SWITCHES]
+
+
+def test_the_gauss_newton_hessian_is_that_of_all_windows_residuals(joint):
+    z = points(joint, 1)[0]
+    noise = joint.noise(joint.to_theta(z))
+    weighted = []
+    for k in range(len(z)):
+        step = 1e-4 * np.eye(len(z))[k]
+        above, below = joint.simulate_many(joint.to_theta(np.stack([z + step, z - step])))
+        weighted.append(((above.temperatures - below.temperatures) / 2e-4 / noise).ravel())
+    expected = np.array(weighted) @ np.array(weighted).T + np.diag(joint.priors.precision(z))
+    k = joint.names.index("noise.body_temp")
+    found = joint.gauss_newton_hessian(z)
+    expected[k, k] = found[k, k]
+    scale = np.sqrt(np.outer(np.diag(expected), np.diag(expected)))
+    np.testing.assert_allclose(found / scale, expected / scale, atol=1e-5)
+
+
+def test_a_drifting_parameter_is_the_common_one_moved_on_its_normal_scale(tmp_path):
+    joint = calibration_problem(*small.closed_loop(tmp_path, drifting()))
+    theta = joint.priors.median()
+    place = {name: k for k, name in enumerate(joint.names)}
+    theta[[place["link"], place["drift.link"], place["drift.link.first"], place["drift.link.second"]]] = 0.7, 0.4, 1, -2
+    values = joint.window_values(theta)["link"]
+    # Of a lognormal prior with a factor of 1.3.
+    np.testing.assert_allclose(values, 0.7 * 1.3 ** (0.4 * np.array([1.0, -2.0])), rtol=1e-9)
+    unseen = build_problem(joint.scenario, joint_data(joint, tmp_path), "test.1")
+    draws = joint.window_thetas(unseen, np.tile(theta, (4000, 1)), np.random.default_rng(0))[:, 0]
+    assert np.log(draws).mean() == pytest.approx(np.log(0.7), abs=4 * 0.4 * np.log(1.3) / np.sqrt(4000))
+    assert np.log(draws).std() == pytest.approx(0.4 * np.log(1.3), rel=0.05)
+    assert joint.window_thetas(unseen, theta[None])[0, 0] == pytest.approx(0.7)
+    initial = [unseen.names.index(name) for name in ("initial.body", "initial.panel")]
+    theta[place["initial.second.panel"]] += 1.0
+    np.testing.assert_array_equal(joint.window_thetas(unseen, theta[None])[0, initial], unseen.priors.median()[initial])
+
+
+def test_the_posterior_tree_holds_the_values_of_drifting_parameters_by_window(joint):
+    theta = joint.to_theta(points(joint, 6)).reshape(2, 3, -1)
+    sampled = SimpleNamespace(statistics={}, interrupted=False)
+    tree = posterior_tree(joint, Posterior(joint.names, theta, sampled, (), None), seed=1)
+    if "drift.link" not in joint.names:
+        assert "windows" not in tree.children
+        return
+    found = tree["windows"].to_dataset()
+    assert found["link"].dims == ("chain", "draw", "window")
+    assert found["window"].values.tolist() == ["first", "second"]
+    np.testing.assert_allclose(found["link"], joint.window_values(theta)["link"])
+
+
+def joint_data(joint, folder):
+    return small.load(folder, drifting())[1]
+
+
+def test_the_error_is_pooled_over_the_samples_of_all_windows_and_the_search_finds_one(joint):
+    theta = joint.priors.median()
+    run = joint.simulate_many(theta[None])[0]
+    expected = np.sqrt(np.mean((run.temperatures - joint.observed) ** 2))
+    assert joint.rmse(theta[None])[0] == pytest.approx(expected)
+    runs = calibrate_genetic(joint)
+    assert (runs["history"][:, -1] < runs["history"][:, 0]).all()
+    point = genetic_points(joint, runs)["genetic_best"]
+    assert joint.rmse(point[None])[0] == pytest.approx(float(runs["rmse"].min()))
+
+
+def test_windows_in_groups_are_read_back_as_they_were(tmp_path):
+    from flightcal.scenario import resolved_yaml
+
+    scenario, _ = small.load(tmp_path, drifting())
+    assert scenario.train_windows == ("train.first", "train.second")
+    assert list(scenario.windows) == ["train.first", "train.second", "test.1"]
+    (tmp_path / "again.yaml").write_text(resolved_yaml(scenario))
+    assert load_scenario(tmp_path / "again.yaml") == scenario

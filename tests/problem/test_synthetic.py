@@ -1,0 +1,115 @@
+"""Telemetry that the likelihood itself makes, and problems with it in the place of the measured one."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from scipy.stats import norm
+
+from flightcal.problem import build_problem
+from flightcal.problem.synthetic import simulate_telemetry, with_telemetry
+from tests import small
+
+
+@pytest.fixture(scope="module")
+def made(tmp_path_factory):
+    scenario, data = small.closed_loop(tmp_path_factory.mktemp("synthetic"))
+    data["body_temp"][40:60] = np.nan
+    data["heater_status"][50:55] = np.nan
+    problem = build_problem(scenario, data)
+    theta = problem.priors.median()
+    theta[problem.names.index("noise.body_temp")] = 0.3
+    return problem, data, theta
+
+
+def test_the_residuals_have_the_noise_of_theta_and_the_gaps_stay(made):
+    problem, _, theta = made
+    rng = np.random.default_rng(1)
+    run = problem.simulate(theta)
+    draws = [simulate_telemetry(problem, theta, rng) for _ in range(50)]
+    residuals = np.stack([temperatures - run.temperatures for temperatures, _ in draws])
+    assert np.array_equal(np.isfinite(residuals[0]), problem.valid)
+    # 8,000 samples or more fix a standard deviation to 0.8%; four standard errors.
+    assert np.nanstd(residuals, axis=(0, 1)) == pytest.approx(problem.noise(theta), rel=0.032)
+    status = draws[0][1]
+    assert np.array_equal(np.isfinite(status), np.isfinite(problem.status))
+    assert np.array_equal(status[np.isfinite(status)], run.status[np.isfinite(status)])
+
+
+def test_a_simulator_that_knows_its_error_has_it_in_the_telemetry(made):
+    problem, _, theta = made
+
+    class Erring:
+        """The problem's simulator, as if a surrogate: its error is 3 and 0.5 K of two shapes in time."""
+
+        error_basis = np.zeros((len(problem.times), 2, 2))
+
+        def __getattr__(self, name):
+            return getattr(problem.simulator, name)
+
+        def simulate(self, theta):
+            return replace(problem.simulator.simulate(theta), error_variance=np.array([9.0, 0.25]))
+
+    Erring.error_basis[:, 0, 0] = 1.0
+    Erring.error_basis[::2, 1, 1] = 1.0
+    erring, rng = replace(problem, simulator=Erring()), np.random.default_rng(5)
+    run = problem.simulate(theta)
+    draws = np.stack([simulate_telemetry(erring, theta, rng)[0] - run.temperatures for _ in range(2000)])
+    noise = problem.noise(theta) ** 2
+    # A variance of 2,000 draws is known to 3.2%; four standard errors.
+    assert np.var(draws[:, 7], axis=0) == pytest.approx([9.0 + noise[0], noise[1]], rel=0.13)
+    assert np.var(draws[:, 8], axis=0) == pytest.approx([9.0 + noise[0], 0.25 + noise[1]], rel=0.13)
+    # The same draw of a shape at all times.
+    assert np.cov(draws[:, 7, 0], draws[:, 20, 0])[0, 1] == pytest.approx(9.0, rel=0.13)
+
+
+def test_a_problem_with_other_telemetry_is_as_if_it_had_been_measured(made):
+    problem, data, theta = made
+    observed, status = simulate_telemetry(problem, theta, np.random.default_rng(2))
+    other = with_telemetry(problem, data, observed, status)
+    measured = data.copy(deep=True)
+    at = {"time": problem.times}
+    measured["body_temp"].loc[at], measured["panel_temp"].loc[at] = observed.T
+    measured["heater_status"].loc[at] = status[:, 0]
+    built = build_problem(problem.scenario, measured)
+    z = problem.to_z(theta)
+
+    def likelihood(of):
+        return of.log_density(of.to_z(theta)) - of.priors.at(of.to_z(theta)).log_density
+
+    assert other.priors is problem.priors
+    assert other.open_loop.priors is problem.priors
+    assert likelihood(other) == pytest.approx(likelihood(built))
+    assert likelihood(other.open_loop) == pytest.approx(likelihood(built.open_loop))
+    assert other.log_density_and_gradient(z)[0] == pytest.approx(other.log_density(z))
+    assert np.array_equal(data["heater_status"].values, made[1]["heater_status"].values, equal_nan=True)
+
+
+def test_status_with_a_likelihood_has_its_timing_errors_and_false_samples(tmp_path):
+    written = small.content()
+    written["observations"]["heater_status"]["likelihood"] = {"switch_times": {"timing": "60 s", "error_rate": 0.1}}
+    problem = build_problem(*small.closed_loop(tmp_path, written))
+    theta = problem.priors.median()
+    run = problem.simulate(theta)
+    rng = np.random.default_rng(4)
+    draws = np.stack([simulate_telemetry(problem, theta, rng)[1][:, 0] for _ in range(400)])
+    seconds = (problem.times - problem.times[0]) / np.timedelta64(1, "s")
+    far = np.abs(seconds[:, None] - run.switches.time).min(axis=1) > 300.0
+    assert 20 < far.sum() < len(far) - 20
+    wrong = draws != run.status[:, 0]
+    # 400 draws of a share of 0.1: five standard errors of all far samples together.
+    assert wrong[:, far].mean() == pytest.approx(0.1, abs=5 * np.sqrt(0.09 / (400 * far.sum())))
+    first = run.switches.time[0]
+    middle = np.argmin(np.abs(seconds - first))
+    happened = norm.cdf((seconds[middle] - first) / 60.0)
+    on = run.switches.on[0] * happened + (1.0 - run.switches.on[0]) * (1.0 - happened)
+    assert draws[:, middle].mean() == pytest.approx(0.8 * on + 0.1, abs=5 * 0.5 / 20)
+
+
+def test_the_open_loop_follows_the_new_status(made):
+    problem, data, theta = made
+    observed, status = simulate_telemetry(problem, theta, np.random.default_rng(3))
+    other = with_telemetry(problem, data, observed, 1.0 - status)
+    run = other.open_loop.simulate(theta)
+    # Driven by the reverse of the status, the body is warm when it should be cold.
+    assert np.corrcoef(run.temperatures[60:, 0], problem.simulate(theta).temperatures[60:, 0])[0, 1] < 0.9

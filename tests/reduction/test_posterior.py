@@ -1,0 +1,246 @@
+"""The posterior through a reduced model against the one through the full network, and the command that makes both."""
+
+from __future__ import annotations
+
+import json
+from copy import deepcopy
+
+import numpy as np
+import pandas as pd
+import pytest
+from ruamel.yaml import YAML
+from typer.testing import CliRunner
+
+from flightcal.calibration import calibrate_nuts
+from flightcal.cli import app
+from flightcal.commands.calibrate import read, run_experiment
+from flightcal.operational.simulator import fly
+from flightcal.problem import build_problem
+from flightcal.problem.simulators import InexactSimulator
+from flightcal.reduction.file import load_task
+from flightcal.reduction.patterns import plain
+from flightcal.scenario import NutsSettings, lint, load_scenario, resolved_yaml
+from flightcal.simulator import NetworkSimulator
+from tests.reduction import craft
+
+PARAMETERS = list(craft.REDUCTION["parameters"])
+
+
+@pytest.fixture(scope="module")
+def folder(tmp_path_factory):
+    """A reduction carried out, and the telemetry of the flight."""
+    folder = tmp_path_factory.mktemp("craft")
+    biased = deepcopy(craft.SPACECRAFT["thermistors"])
+    biased["structure_1"]["bias"] = "0.5 K"
+    craft.write(folder, {"projection": {"states": 10}}, {"thermistors": biased})
+    return carried_out(folder)
+
+
+def carried_out(folder):
+    """Fly and reduce what a folder's files say."""
+    for command in (
+        ["fly", str(folder / "spacecraft.yaml"), "--out", str(folder / "telemetry.csv")],
+        ["reduce", str(folder / "reduce.yaml"), "--out", str(folder / "rom")],
+    ):
+        done = CliRunner().invoke(app, command)
+        assert done.exit_code == 0, done.output
+    return folder
+
+
+def changed(folder, source, target, change):
+    """A scenario with something changed."""
+    yaml = YAML()
+    content = yaml.load(source.read_text())
+    change(content)
+    with (folder / target).open("w") as file:
+        yaml.dump(content, file)
+    return folder / target
+
+
+def test_the_command_writes_a_model_a_certificate_and_a_scenario_once(folder):
+    certificate = json.loads((folder / "rom" / "certificate.json").read_text())
+    assert certificate["states"] == 10
+    assert certificate["within_tolerance"]
+    assert lint(folder / "rom" / "scenario.yaml") == []
+    assert load_scenario(folder / "rom" / "scenario.yaml").observations["structure_1"].bias == 0.5
+    again = CliRunner().invoke(app, ["reduce", str(folder / "reduce.yaml"), "--out", str(folder / "rom")])
+    assert again.exit_code == 1
+    assert "nothing is overwritten" in again.output
+
+
+def test_a_scenario_with_a_reduced_model_is_read_back_as_it_was(folder):
+    scenario = load_scenario(folder / "rom" / "scenario.yaml")
+    text = resolved_yaml(scenario, absolute=True)
+    (folder / "again.yaml").write_text(text)
+    again = load_scenario(folder / "again.yaml")
+    assert again.network.nodes == scenario.network.nodes
+    assert again.network.errors == scenario.network.errors
+    assert again.parameters == scenario.parameters
+
+
+def test_the_error_of_the_reduced_model_widens_the_likelihood(folder):
+    scenario = load_scenario(folder / "rom" / "scenario.yaml")
+    problem = build_problem(scenario, read(scenario), "train")
+    assert isinstance(problem.simulator, InexactSimulator)
+    basis, variance = problem.simulator.error_basis, problem.simulator.error_variance
+    for k, channel in enumerate(problem.simulator.channels):
+        error = scenario.network.errors[channel]
+        mean = np.mean(np.einsum("tr,r->t", basis[:, k] ** 2, variance))
+        assert mean == pytest.approx(error.offset**2 + error.deviation**2, rel=1e-6)
+    z = problem.to_z(problem.priors.median())
+    value, gradient = problem.log_density_and_gradient(z)
+    assert value == pytest.approx(problem.log_density(z))
+    for k in (0, 2, 4):
+        step = np.zeros(len(z))
+        step[k] = 1e-5
+        difference = (problem.log_density(z + step) - problem.log_density(z - step)) / 2e-5
+        assert gradient[k] == pytest.approx(difference, rel=1e-3, abs=1e-2)
+
+
+def test_the_sensors_of_a_reduced_model_have_gain_bias_and_time_offset(folder):
+    def errors(content):
+        content["observations"]["unit_1"] |= {"gain": 1.1, "bias": "0.5 K", "time_offset": "120 s"}
+
+    path = folder / "rom" / "scenario.yaml"
+    exact, erring = (load_scenario(p) for p in (path, changed(folder / "rom", path, "errors.yaml", errors)))
+    problems = [build_problem(scenario, read(scenario), "train") for scenario in (exact, erring)]
+    theta = problems[0].priors.median()
+    first, second = (problem.simulate(theta).temperatures for problem in problems)
+    seconds = (problems[0].times - problems[0].times[0]) / np.timedelta64(1, "s")
+    unit = problems[0].simulator.channels.index("unit_1")
+    later = np.interp(seconds + 120.0, seconds, first[:, unit])
+    expected = 1.1 * (later - 273.15) + 273.15 + 0.5
+    np.testing.assert_allclose(second[:-2, unit], expected[:-2], atol=0.01)  # the window ends after the last sample
+    others = [k for k in range(first.shape[1]) if k != unit]
+    np.testing.assert_array_equal(second[:, others], first[:, others])
+
+
+def test_a_calibration_ends_with_draws_on_the_operational_simulator(folder):
+    def quick(content):
+        content["calibration"] = {
+            "seed": 1,
+            "genetic": {"runs": 1, "population": 8, "generations": 4},
+            "nuts": {"chains": 2, "draws": 50, "warmup": 50},
+            "prediction": {"simulations": 20},
+        }
+
+    summary = run_experiment(
+        changed(folder / "rom", folder / "rom" / "scenario.yaml", "quick.yaml", quick), folder / "run"
+    )
+    found = json.loads((summary.run / "full_simulator_check.json").read_text())
+    assert (found["flights"], found["failed"]) == (21, 0)
+    records = {record["channel"]: record for record in found["records"]}
+    assert set(records) == {"battery_1", "unit_1", "structure_1", "battery"}
+    # The posterior fits telemetry of the same operational simulator with a noise of 0.05 K. Its thermistor's noise
+    # switches the heater early, so the battery may be anywhere in the thermostat's band of 1.5 K, a little exceeded.
+    assert all(0.0 < records[sensor]["rms"] < 0.2 for sensor in ("unit_1", "structure_1"))
+    assert 0.0 < records["battery_1"]["worst"] < 1.9
+    assert records["battery"]["worst"] < 0.05
+    page = summary.report.read_text()
+    assert 'id="full-simulator"' in page
+    again = run_experiment(folder / "rom" / "quick.yaml", folder / "run")
+    assert json.loads((again.run / "full_simulator_check.json").read_text()) == found
+
+
+@pytest.mark.parametrize(
+    ("change", "message"),
+    [
+        (lambda s: s["simulator"].update(reduced_model="none.nc"), "which is not there"),
+        (lambda s: s["simulator"].update(reduced_model="certificate.json"), "cannot be read as a reduced model"),
+        (lambda s: s["simulator"].update(checked_on="none.yaml"), "'none.yaml', which is not there"),
+        (lambda s: s["simulator"]["heaters"].update(other={"power": "3 W"}), "which the reduced model does not have"),
+        (lambda s: s["parameters"]["blanket"].update(sets="reduced.blankets"), "unknown path 'reduced.blankets'"),
+        (lambda s: s["observations"].update(unit_1={"node": "nowhere"}), "unknown node 'nowhere'"),
+        (
+            lambda s: s["observations"]["unit_1"].update(lag="9 s"),
+            "found a lag, expected none: the simulator is a reduced",
+        ),
+    ],
+)
+def test_what_is_wrong_in_a_reduced_scenario_is_said(folder, change, message):
+    path = changed(folder / "rom", folder / "rom" / "scenario.yaml", "broken.yaml", change)
+    assert any(message in str(finding) for finding in lint(path)), [str(finding) for finding in lint(path)]
+
+
+def known_start(content, initial):
+    """Initial temperatures that are known to half a kelvin, heaters as measured, noise as it is: one posterior each."""
+    content["simulator"]["heater_input"] = "measured"
+    content["simulator"].pop("errors", None)
+    content["initial_state"] = {"observed": "0.3 K", "unobserved": "0.3 K"}
+    for name, node in content["simulator"]["nodes"].items():
+        if node is not None and "initial" in node:
+            node["initial"] = f"{initial[name]!r} K"
+    for item in content["observations"].values():
+        if "node" in item:
+            item["noise"] = "0.3 K"
+    content["windows"] = {"train": {"start": "2024-03-01T01:40:00", "orbits": 1.0}}
+
+
+@pytest.fixture(scope="module")
+def fine_folder(tmp_path_factory):
+    """A reduction whose error is small beside the telemetry's noise, for then alone the two posteriors are the same."""
+    folder = tmp_path_factory.mktemp("fine")
+    noisy = {name: {**item, "noise": "0.3 K"} for name, item in craft.SPACECRAFT["thermistors"].items()}
+    changes = {
+        "projection": {"states": 26, "most_states": 26, "follow_within": "20 s"},
+        "step": "30 s",
+        "training": {**craft.REDUCTION["training"], "draws": 16},
+    }
+    craft.write(folder, changes, {"thermistors": noisy})
+    return carried_out(folder)
+
+
+@pytest.mark.slow
+def test_the_posterior_through_the_reduced_model_is_that_through_the_full_network(fine_folder):
+    """Means within 0.2 posterior standard deviations; Monte Carlo error is about 0.05 of them."""
+    folder = fine_folder
+    task = load_task(folder / "reduce.yaml")
+    mission = task.mission
+    flight = fly(mission.spacecraft, mission.start, 6100.0, seed=mission.seed)
+    at_start = flight.temperatures[600]
+    initial = dict(zip(flight.nodes, at_start.tolist(), strict=True))
+    by_plain_name = {plain(name): value for name, value in initial.items()}
+
+    full = task.scenario
+    written = folder / "rom" / "scenario.yaml"
+    reduced = load_scenario(changed(folder / "rom", written, "known.yaml", lambda s: known_start(s, by_plain_name)))
+    model = full.network.model_copy(
+        update={
+            "heaters": {
+                name: heater.model_copy(update={"measured_by": f"{name}_status"})
+                for name, heater in full.network.heaters.items()
+            },
+            "timeline": reduced.network.timeline,
+            "heater_input": "measured",
+            "step": 30.0,
+            "nodes": {
+                name: node.model_copy(update={"initial": initial[name]}) if node.capacity is not None else node
+                for name, node in full.network.nodes.items()
+            },
+        }
+    )
+    full = reduced.model_copy(
+        update={
+            "simulator": model,
+            "parameters": full.parameters,
+            "observations": {
+                name: item.model_copy(update={"node": full.observations[name].node}) if item.node else item
+                for name, item in reduced.observations.items()
+            },
+        }
+    )
+    telemetry = read(reduced)
+    settings = NutsSettings(chains=2, draws=600, warmup=300)
+    means, deviations = [], []
+    for scenario in (full, reduced):
+        problem = build_problem(scenario, telemetry, "train")
+        assert isinstance(problem.simulator, NetworkSimulator if scenario is full else InexactSimulator)
+        draws = calibrate_nuts(problem, settings, seed=5).theta.reshape(-1, len(problem.names))
+        columns = [problem.names.index(name) for name in PARAMETERS]
+        means.append(draws[:, columns].mean(axis=0))
+        deviations.append(draws[:, columns].std(axis=0))
+    distance = np.abs(means[1] - means[0]) / deviations[0]
+    print(pd.DataFrame({"full": means[0], "reduced": means[1], "sd": deviations[0], "distance": distance}, PARAMETERS))
+    assert (distance < 0.2).all()
+    # The reduced model's error makes the posterior wider, never much narrower.
+    assert (deviations[1] > 0.85 * deviations[0]).all()
