@@ -1,1 +1,1 @@
-"""Whether a change of the code leaves results as they were: this checkout against another one."""
+"""Proofs that a refactoring changed nothing: the same work by two checkouts, and what differs."""
