@@ -1,24 +1,34 @@
-"""The calibration problem: priors and windows of telemetry, and the log density on unconstrained z."""
+"""The calibration problem: priors and windows of telemetry, and the log density on unconstrained z.
 
+Imports: compiled, environment, errors, external, probability, reduction, scenario, simulator, telemetry.
+"""
+
+from .build import build_problem, build_window, initial_priors, problem_of
 from .coordinates import Whitening, whitening
-from .joint import AnyProblem, JointProblem, calibration_problem, join, label_of, warm_problem
-from .native import STOPPED, NativeDensity
-from .problem import Problem, build_problem
+from .entries import Entry
+from .native import DENSITY_NOT_FINITE, REASONS, STOPPED, NativeDensity
+from .problem import Problem, Runs
+from .simulators import InexactSimulator, build_simulator
 from .synthetic import simulate_telemetry, with_telemetry
+from .window import Window
 
 __all__ = [
+    "DENSITY_NOT_FINITE",
+    "REASONS",
     "STOPPED",
-    "AnyProblem",
-    "JointProblem",
+    "Entry",
+    "InexactSimulator",
     "NativeDensity",
     "Problem",
+    "Runs",
     "Whitening",
+    "Window",
     "build_problem",
-    "calibration_problem",
-    "join",
-    "label_of",
+    "build_simulator",
+    "build_window",
+    "initial_priors",
+    "problem_of",
     "simulate_telemetry",
-    "warm_problem",
     "whitening",
     "with_telemetry",
 ]

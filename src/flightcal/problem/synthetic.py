@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import replace
 
 import numpy as np
@@ -10,40 +11,49 @@ import xarray
 from ..errors import ScenarioError
 from ..simulator import FloatArray, Trajectory
 from ..telemetry import window_bounds
-from .problem import Problem, build_problem
+from .build import build_window, open_windows
+from .problem import Problem
+from .window import Window
+
+Telemetry = tuple[FloatArray, FloatArray]
+"""Of one window: temperatures [T, N] K and heater status [T, H]."""
 
 
-def simulate_telemetry(problem: Problem, theta: FloatArray, rng: np.random.Generator) -> tuple[FloatArray, FloatArray]:
-    """A draw of what the likelihood says of telemetry at theta [d]: temperatures [T, N] K and heater status [T, H].
+def simulate_telemetry(problem: Problem, theta: FloatArray, rng: np.random.Generator) -> list[Telemetry]:
+    """A draw of what the likelihood says of each window's telemetry at theta [d].
 
-    At the problem's sample times, NaN where the problem has no valid sample. Raises SimulationFailure, and
-    ScenarioError where the likelihood is one of duty cycles, which says nothing of the samples.
+    At the windows' sample times, NaN where a window has no valid sample. Raises SimulationFailure, and ScenarioError
+    where the likelihood is one of duty cycles, which says nothing of the samples.
     """
-    run = problem.simulate(theta)
-    temperatures = run.temperatures + problem.draw_errors(theta, rng)
-    basis = problem.simulator.error_basis
+    return [_simulate(window, problem.at(window, theta[None])[0], rng) for window in problem.windows]
+
+
+def _simulate(window: Window, theta: FloatArray, rng: np.random.Generator) -> Telemetry:
+    run = window.simulate(theta)
+    temperatures = run.temperatures + window.draw_errors(theta, rng)
+    basis = window.simulator.error_basis
     if basis is not None:
         weights = np.sqrt(run.error_variance) * rng.standard_normal(len(run.error_variance))
         temperatures += np.einsum("tnr,r->tn", basis, weights)
     return (
-        np.where(problem.valid, temperatures, np.nan),
-        np.where(np.isfinite(problem.status), _status(problem, run, theta, rng), np.nan),
+        np.where(window.valid, temperatures, np.nan),
+        np.where(np.isfinite(window.status), _status(window, run, theta, rng), np.nan),
     )
 
 
-def _status(problem: Problem, run: Trajectory, theta: FloatArray, rng: np.random.Generator) -> FloatArray:
+def _status(window: Window, run: Trajectory, theta: FloatArray, rng: np.random.Generator) -> FloatArray:
     """Status [T, H]: of a heater whose status has a likelihood, with its timing errors and false samples."""
     status = run.status.copy()
-    if problem.heater_status is None:
+    if window.heater_status is None:
         return status
-    data, settings = problem.heater_status.data, problem.status_settings(theta)
+    data, settings = window.heater_status.data, window.status_settings(theta)
     if len(data.duties.heater):
         raise ScenarioError(
-            f"{problem.scenario.name}: observations: found a likelihood of duty cycles, expected one of switch times: "
+            f"{window.scenario.name}: observations: found a likelihood of duty cycles, expected one of switch times: "
             "telemetry cannot be made from it"
         )
-    start, _ = window_bounds(problem.scenario.windows[problem.window], problem.period)
-    seconds = (problem.times - start) / np.timedelta64(1, "ns") * 1e-9
+    start, _ = window_bounds(window.scenario.windows[window.name], window.period)
+    seconds = (window.times - start) / np.timedelta64(1, "ns") * 1e-9
     for heater, place in zip(data.samples.heater, data.samples.setting, strict=True):
         timing, error_rate = settings[place], settings[place + 1]
         own = run.switches.heater == heater
@@ -57,26 +67,30 @@ def _status(problem: Problem, run: Trajectory, theta: FloatArray, rng: np.random
     return status
 
 
-def with_telemetry(problem: Problem, telemetry: xarray.Dataset, observed: FloatArray, status: FloatArray) -> Problem:
-    """The problem with other temperatures [T, N] K and heater status [T, H], and the same simulator and priors.
+def with_telemetry(problem: Problem, telemetry: xarray.Dataset, made: Sequence[Telemetry]) -> Problem:
+    """The problem with other telemetry in its windows, and the same simulators and priors.
 
     telemetry: what the problem was built from; its drivers stay. The priors of initial temperatures stay those around
     the telemetry that there was. In open loop the heaters are driven by the new status.
     """
-    made = telemetry.copy(deep=True)
-    at = {"time": problem.times}
-    for k, channel in enumerate(problem.simulator.channels):
-        made[channel].loc[at] = observed[:, k]
-    for k, name in enumerate(problem.simulator.heaters):
-        channels = [c for c, item in problem.scenario.observations.items() if item.heater == name]
-        measured_by = getattr(problem.scenario.simulator.heaters[name], "measured_by", None)
-        for channel in {*channels, *([measured_by] if measured_by is not None else [])}:
-            made[channel].loc[at] = status[:, k]
-    built = build_problem(problem.scenario, made, problem.window)
-    opened = built.open_loop
+    changed = telemetry.copy(deep=True)
+    for window, (observed, status) in zip(problem.windows, made, strict=True):
+        _put(changed, window, observed, status)
+    built = [build_window(problem.scenario, changed, window.name) for window in problem.windows]
+    opened = open_windows(built, changed) if problem.open_loop is not None else ()
     return replace(
-        built,
-        simulator=problem.simulator,
-        priors=problem.priors,
-        open_loop=None if opened is None else replace(opened, priors=problem.priors),
+        problem,
+        windows=tuple(replace(new, simulator=old.simulator) for new, old in zip(built, problem.windows, strict=True)),
+        open_loop=None if problem.open_loop is None else replace(problem.open_loop, windows=opened),
     )
+
+
+def _put(telemetry: xarray.Dataset, window: Window, observed: FloatArray, status: FloatArray) -> None:
+    at = {"time": window.times}
+    for k, channel in enumerate(window.simulator.channels):
+        telemetry[channel].loc[at] = observed[:, k]
+    for k, name in enumerate(window.simulator.heaters):
+        channels = [c for c, item in window.scenario.observations.items() if item.heater == name]
+        measured_by = getattr(window.scenario.simulator.heaters[name], "measured_by", None)
+        for channel in {*channels, *([measured_by] if measured_by is not None else [])}:
+            telemetry[channel].loc[at] = status[:, k]

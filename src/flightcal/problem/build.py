@@ -1,0 +1,140 @@
+"""From a scenario and its telemetry to the calibration problem."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import numpy as np
+import xarray
+
+from ..environment import orbital_period
+from ..errors import ScenarioError
+from ..probability import heater_status, measured_switches, residual_model
+from ..scenario import ExternalModel, Normal, Prior, Scenario, is_trained
+from ..simulator import ICE_POINT, FloatArray, open_loop
+from ..telemetry import select_window, window_bounds
+from .entries import entries_of
+from .problem import Problem
+from .simulators import build_simulator
+from .window import Window
+
+_SAMPLES_FOR_START = 3
+
+
+def build_problem(scenario: Scenario, telemetry: xarray.Dataset, *windows: str, span: float | None = None) -> Problem:
+    """The calibration problem of a scenario on some of its windows, by default on all that it trains on.
+
+    span: only each window's first so many seconds. Raises ScenarioError and TelemetryError.
+    """
+    names = windows or scenario.train_windows
+    if not names:
+        raise ScenarioError("windows: found none to train on, expected 'train'")
+    built = [build_window(scenario, telemetry, name, span=span) for name in names]
+    return problem_of(scenario, built, open_windows(built, telemetry, span=span))
+
+
+def problem_of(scenario: Scenario, windows: Sequence[Window], opened: Sequence[Window] = ()) -> Problem:
+    """The problem of windows of one scenario; opened: the same in open loop. Raises ScenarioError."""
+    written = scenario.discrepancy
+    if len(windows) > 1 and written is not None and written.phase is not None:
+        raise ScenarioError(
+            f"discrepancy.phase: found {len(windows)} windows to train on, expected one: "
+            "what comes again in every orbit is learnt from one window"
+        )
+    entries = entries_of(scenario, windows)
+    in_open_loop = Problem(opened[0].scenario, entries, tuple(opened)) if opened else None
+    return Problem(scenario, entries, tuple(windows), in_open_loop)
+
+
+def open_windows(
+    windows: Sequence[Window], telemetry: xarray.Dataset, *, span: float | None = None
+) -> tuple[Window, ...]:
+    """The same windows with every heater driven by its measured status; empty where that cannot be."""
+    if not all(_can_be_opened(window.scenario) for window in windows):
+        return ()
+    return tuple(build_window(open_loop(window.scenario), telemetry, window.name, span=span) for window in windows)
+
+
+def build_window(scenario: Scenario, telemetry: xarray.Dataset, name: str, *, span: float | None = None) -> Window:
+    """One window of a scenario; span: only its first so many seconds. Raises ScenarioError and TelemetryError."""
+    if name not in scenario.windows:
+        raise ScenarioError(f"window '{name}' is not in the scenario, which has {', '.join(scenario.windows)}")
+    period = orbital_period(scenario.environment, scenario.folder)
+    chosen = select_window(telemetry, scenario.windows[name], period)
+    start, end = window_bounds(scenario.windows[name], period)
+    if span is not None:
+        end = min(end, start + np.timedelta64(round(span * 1e9), "ns"))
+        chosen = chosen.sel(time=slice(start, end))
+    times = chosen["time"].values
+    simulator = build_simulator(scenario, telemetry, start, end, times, period=period)
+    observed = np.stack([chosen[channel].values for channel in simulator.channels], axis=1)
+    reads: dict[str, Prior] = {parameter: item.prior for parameter, item in scenario.parameters.items()}
+    residuals, of_residuals = residual_model(
+        scenario, simulator.channels, times, observed, checked=is_trained(name) and span is None
+    )
+    reads |= of_residuals
+    status = heater_status(scenario, chosen, start)
+    reads |= {} if status is None else status.priors
+    reads |= initial_priors(scenario, simulator.channels, observed)
+    return Window(
+        scenario=scenario,
+        name=name,
+        times=times,
+        observed=observed,
+        status=measured_status(scenario, chosen),
+        simulator=simulator,
+        residuals=residuals,
+        reads=reads,
+        heater_status=status,
+        measured_switches=measured_switches(scenario, chosen, start),
+    )
+
+
+def _can_be_opened(scenario: Scenario) -> bool:
+    """Whether the heaters act in closed loop, and all of them could be driven by their measured status instead."""
+    if isinstance(scenario.simulator, ExternalModel):
+        return False
+    heaters = scenario.simulator.heaters.values()
+    measurable = bool(heaters) and all(heater.measured_by is not None for heater in heaters)
+    return measurable and scenario.simulator.heater_input == "simulated"
+
+
+def initial_priors(scenario: Scenario, channels: tuple[str, ...], observed: FloatArray) -> dict[str, Prior]:
+    """Normal priors of the initial temperatures (K): around the first samples, or around what the scenario writes."""
+    first = {}
+    for k, channel in enumerate(channels):
+        valid = observed[np.isfinite(observed[:, k]), k]
+        observation = scenario.observations[channel]
+        place = observation.node or observation.output
+        if len(valid) and place not in first:
+            reading = float(np.mean(valid[:_SAMPLES_FOR_START])) - observation.bias
+            first[place] = (reading - ICE_POINT) / observation.gain + ICE_POINT
+    typical = float(np.mean(list(first.values()))) if first else 293.15
+    priors: dict[str, Prior] = {}
+    for name, written in _initial_temperatures(scenario).items():
+        if name in first:
+            priors[f"initial.{name}"] = Normal(mean=first[name], standard_deviation=scenario.initial_state.observed)
+        else:
+            centre = written if written is not None else typical
+            priors[f"initial.{name}"] = Normal(mean=centre, standard_deviation=scenario.initial_state.unobserved)
+    return priors
+
+
+def _initial_temperatures(scenario: Scenario) -> dict[str, float | None]:
+    """What has an initial temperature that is estimated, and the one that the scenario writes, K."""
+    model = scenario.simulator
+    if isinstance(model, ExternalModel):
+        return {item.initial_of: item.si[1] for item in model.inputs.values() if item.initial_of is not None}
+    return {name: node.initial for name, node in model.nodes.items() if node.capacity is not None}
+
+
+def measured_status(scenario: Scenario, telemetry: xarray.Dataset) -> FloatArray:
+    """Measured status [T, H] of the heaters, NaN where a heater has no status channel or no valid sample."""
+    heaters = tuple(scenario.simulator.heaters)
+    status = np.full((telemetry.sizes["time"], len(heaters)), np.nan)
+    for k, name in enumerate(heaters):
+        watching = [c for c, item in scenario.observations.items() if item.heater == name]
+        channel = watching[0] if watching else getattr(scenario.simulator.heaters[name], "measured_by", None)
+        if channel is not None:
+            status[:, k] = telemetry[channel].values
+    return status
