@@ -86,14 +86,14 @@ def lint(scenario: ScenarioFile, telemetry: TelemetryPlace = None) -> None:
         typer.echo(f"{len(findings)} problem{'s' if len(findings) > 1 else ''} found", err=True)
         raise typer.Exit(USER_ERROR)
     from .commands.calibrate import read
-    from .problem import build_problem
+    from .problem import build_window
     from .telemetry import quality_table
 
     loaded = load_scenario(scenario, telemetry=telemetry)
     data = read(loaded)
     for window in loaded.windows:
-        problem = build_problem(loaded, data, window)
-        typer.echo(f"window {window}: {len(problem.times)} samples of {len(problem.simulator.channels)} channels")
+        built = build_window(loaded, data, window)
+        typer.echo(f"window {window}: {len(built.times)} samples of {len(built.simulator.channels)} channels")
     for record in quality_table(data):
         typer.echo(f"telemetry {record.channel or 'file'}: {record.finding}, {record.samples} samples; {record.detail}")
     typer.echo(f"{scenario}: no problems found")

@@ -8,26 +8,29 @@ import numpy as np
 import xarray
 
 from ..probability import weights_given
-from ..problem import Problem
-from ..simulator import FloatArray, SimulationFailure, Trajectory
+from ..problem import Problem, Runs
+from ..simulator import FloatArray, SimulationFailure
 
 _TAIL = 0.025
 
 
-def discrepancy_given(problem: Problem, thetas: FloatArray, runs: Sequence[Trajectory | None]) -> FloatArray:
+def discrepancy_given(problem: Problem, thetas: FloatArray, runs: Sequence[Runs | None]) -> FloatArray:
     """Discrepancy [S, T, N], K, expected with the residuals of each theta [S, d]; NaN where its simulation failed."""
-    model = problem.residuals
-    expected = np.full((len(thetas), *problem.observed.shape), np.nan)
-    for s, run in enumerate(runs):
-        if run is not None:
-            numbers = problem.numbers(thetas[s])
-            weights, _ = weights_given(model.terms, problem.observed, run.temperatures, numbers)
-            expected[s] = model.terms.shapes.basis @ weights.T
-    return expected
+    parts = []
+    for k, window in enumerate(problem.windows):
+        model, inside = window.residuals, problem.at(window, thetas)
+        expected = np.full((len(thetas), *window.observed.shape), np.nan)
+        for s, of_theta in enumerate(runs):
+            if of_theta is not None:
+                numbers, simulated = window.numbers(inside[s]), of_theta[k].temperatures
+                weights, _ = weights_given(model.terms, window.observed, simulated, numbers)
+                expected[s] = model.terms.shapes.basis @ weights.T
+        parts.append(expected)
+    return np.concatenate(parts, axis=1)
 
 
-def confounding(problem: Problem, thetas: FloatArray, runs: Sequence[Trajectory | None]) -> xarray.Dataset | None:
-    """What the discrepancy is on the problem's window, and its correlation with each parameter; None: there is none.
+def confounding(problem: Problem, thetas: FloatArray, runs: Sequence[Runs | None]) -> xarray.Dataset | None:
+    """What the discrepancy is on the windows, and its correlation with each parameter; None: there is none.
 
     thetas: posterior draws [S, d], and their simulations. correlation [parameter]: over the draws, of parameter i with
     how much of the discrepancy lies in the direction in which it moves the temperatures, <J_i, delta>: J_i is the
@@ -35,7 +38,7 @@ def confounding(problem: Problem, thetas: FloatArray, runs: Sequence[Trajectory 
     deviations of their noise. Near -1 the data tell the sum of the two and not the parameter: what the one gives, the
     other takes. mean, lower and upper [time, channel], K: of the expected discrepancy over the draws.
     """
-    if not problem.residuals.terms.discrepant.any():
+    if not any(window.residuals.terms.discrepant.any() for window in problem.windows):
         return None
     expected = discrepancy_given(problem, thetas, runs)
     kept = np.isfinite(expected).all(axis=(1, 2))
@@ -43,11 +46,14 @@ def confounding(problem: Problem, thetas: FloatArray, runs: Sequence[Trajectory 
     simulated = problem.simulated
     centre = thetas.mean(axis=0)
     try:
-        jacobian = problem.jacobian(problem.to_z(centre))[..., simulated]
+        jacobian = np.concatenate(problem.jacobians(problem.to_z(centre)))[..., simulated]
     except SimulationFailure:
         return None
-    scale = np.where(problem.valid, 1.0 / problem.noise(centre) ** 2, 0.0)
-    along = np.einsum("tni,tn,stn->si", jacobian, scale, expected, optimize=True)
+    weights = []
+    for window in problem.windows:
+        noise = window.noise(problem.at(window, centre[None])[0])
+        weights.append(np.where(window.valid, 1.0 / noise**2, 0.0))
+    along = np.einsum("tni,tn,stn->si", jacobian, np.concatenate(weights), expected, optimize=True)
     values = thetas[:, simulated]
     with np.errstate(invalid="ignore", divide="ignore"):
         centred = [part - part.mean(axis=0) for part in (along, values)]
@@ -63,7 +69,7 @@ def confounding(problem: Problem, thetas: FloatArray, runs: Sequence[Trajectory 
         },
         coords={
             "parameter": [problem.names[k] for k in simulated],
-            "time": problem.times,
-            "channel": list(problem.simulator.channels),
+            "time": np.concatenate([window.times for window in problem.windows]),
+            "channel": list(problem.channels),
         },
     )

@@ -12,9 +12,10 @@ import numpy as np
 import xarray
 
 from ..errors import FlightcalError
-from ..problem import AnyProblem, JointProblem, Problem, label_of, whitening
+from ..probability import DEVIATION
+from ..problem import Problem, whitening
 from ..scenario import GeneticSettings, NutsSettings
-from ..simulator import FloatArray
+from ..simulator import FloatArray, Trajectory
 from .confounding import confounding
 from .diagnostics import Diagnostics, diagnose
 from .explanations import Explanation, other_explanations
@@ -28,7 +29,7 @@ _LEAST_NOISE = 1e-3  # K, so that a perfect fit still has a noise level
 
 
 def calibrate_genetic(
-    problem: AnyProblem,
+    problem: Problem,
     settings: GeneticSettings | None = None,
     seed: int | None = None,
     *,
@@ -42,7 +43,7 @@ def calibrate_genetic(
     """
     settings = settings or problem.scenario.calibration.genetic
     seed = problem.scenario.calibration.seed if seed is None else seed
-    searched = np.sort(problem.simulated)
+    searched = problem.simulated
     median = problem.priors.median()
     lower, upper = (bound[searched] for bound in problem.priors.bounds(_SEARCH_BOX))
 
@@ -74,7 +75,7 @@ def calibrate_genetic(
     )
 
 
-def genetic_points(problem: AnyProblem, runs: xarray.Dataset) -> dict[str, FloatArray]:
+def genetic_points(problem: Problem, runs: xarray.Dataset) -> dict[str, FloatArray]:
     """The point estimates of `calibrate_genetic` by method name: thetas [d] ordered as `Problem.names`.
 
     genetic: the mean of the runs' best, as published; it can leave the ridge of good fits, hence genetic_best;
@@ -90,14 +91,15 @@ def genetic_points(problem: AnyProblem, runs: xarray.Dataset) -> dict[str, Float
     return points
 
 
-def with_residual_noise(problem: AnyProblem, theta: FloatArray) -> FloatArray:
+def with_residual_noise(problem: Problem, theta: FloatArray) -> FloatArray:
     """theta [d] with its ``noise.*`` entries set to the RMSE of each channel (K); prior median where it fails."""
     theta = theta.copy()
-    run = problem.simulate_many(theta[None])[0]
-    if run is not None:
-        rmse = np.sqrt(np.nanmean((problem.observed - run.temperatures) ** 2, axis=0))
-        channels, positions = problem.inferred_noise
-        theta[positions] = np.maximum(rmse[channels], _LEAST_NOISE)
+    runs = problem.simulate_many(theta[None])[0]
+    if runs is not None:
+        rmse = np.sqrt(np.nanmean(problem.residual(runs) ** 2, axis=0))
+        channels, columns, positions = problem.places
+        of_noise = columns == DEVIATION
+        theta[positions[of_noise]] = np.maximum(rmse[channels[of_noise]], _LEAST_NOISE)
     return theta
 
 
@@ -120,7 +122,7 @@ class Posterior:
 
 
 def calibrate_nuts(
-    problem: AnyProblem,
+    problem: Problem,
     settings: NutsSettings | None = None,
     seed: int | None = None,
     *,
@@ -161,7 +163,7 @@ def calibrate_nuts(
     return Posterior(problem.names, theta, draws, modes, diagnose(posterior, draws.statistics, settings))
 
 
-def search_record(problem: AnyProblem, modes: Sequence[Mode]) -> dict[str, Any]:
+def search_record(problem: Problem, modes: Sequence[Mode]) -> dict[str, Any]:
     """How the mode was sought, in words, and what was found: for the log and the report."""
     opened = problem.open_loop
     if opened is None:
@@ -171,8 +173,7 @@ def search_record(problem: AnyProblem, modes: Sequence[Mode]) -> dict[str, Any]:
         how = (
             "in open loop, heaters driven by their measured status, and finished in closed loop, thermostats simulated"
         )
-        first = opened.problems[0] if isinstance(opened, JointProblem) else opened
-        if first.measured_switches is not None:
+        if opened.windows[0].measured_switches is not None:
             how += "; in open loop sensors are held to their thresholds when heaters are seen to switch"
     found = [
         {
@@ -185,7 +186,7 @@ def search_record(problem: AnyProblem, modes: Sequence[Mode]) -> dict[str, Any]:
     return {"sought": how, "modes": found}
 
 
-def _other_explanations(posterior: Posterior, problem: AnyProblem) -> tuple[Explanation, ...]:
+def _other_explanations(posterior: Posterior, problem: Problem) -> tuple[Explanation, ...]:
     """Of a posterior, whose record of modes may be empty."""
     if not posterior.modes:
         return ()
@@ -194,7 +195,7 @@ def _other_explanations(posterior: Posterior, problem: AnyProblem) -> tuple[Expl
     return other_explanations(posterior.names, posterior.modes, z, posterior.flat, values)
 
 
-def _status_forms(problem: AnyProblem) -> dict[str, str]:
+def _status_forms(problem: Problem) -> dict[str, str]:
     """Status channels that count in the likelihood, and as what."""
     forms = {name: item.likelihood for name, item in problem.scenario.observations.items() if item.likelihood}
     return {name: "switch times" if form.switch_times else "duty cycle" for name, form in forms.items()}
@@ -206,16 +207,22 @@ def mean_and_some(thetas: FloatArray, count: int, seed: int) -> FloatArray:
     return np.concatenate([thetas.mean(axis=0)[None], thetas[chosen]])
 
 
-def _drifting(problem: JointProblem, theta: FloatArray) -> xarray.Dataset | None:
+def _drifting(problem: Problem, theta: FloatArray) -> xarray.Dataset | None:
     """What the parameters that drift are in each window, at draws [chain, draw, d]; None: there are none."""
     values = problem.window_values(theta)
-    labels = [label_of(inside.window) for inside in problem.problems]
+    labels = [window.label for window in problem.windows]
     dims = ("chain", "draw", "window")
     return xarray.Dataset({name: (dims, of) for name, of in values.items()}, {"window": labels}) if values else None
 
 
+def _sequences(runs: Sequence[Trajectory]) -> dict[str, float]:
+    """In how many orders heaters switched in simulations of a window, and how common the most common one is."""
+    found = Counter(tuple(zip(run.switches.heater.tolist(), run.switches.on.tolist(), strict=True)) for run in runs)
+    return {"sequences": len(found), "share_of_most_common": max(found.values()) / found.total() if found else 1.0}
+
+
 def posterior_tree(
-    problem: AnyProblem, posterior: Posterior, *, seed: int, most_predictions: int = 250
+    problem: Problem, posterior: Posterior, *, seed: int, most_predictions: int = 250
 ) -> xarray.DataTree:
     """The posterior in ArviZ's groups: posterior, sample_stats, prior, posterior_predictive, observed_data.
 
@@ -223,28 +230,30 @@ def posterior_tree(
     parameters drift from window to window, `windows`: what they are in each.
     """
     rng = np.random.default_rng(seed)
-    names, channels = posterior.names, list(problem.simulator.channels)
+    names, channels = posterior.names, list(problem.channels)
     prior = problem.priors.sample(rng, 2000)
     chains, draws = posterior.theta.shape[:2]
     every = max(1, -(-chains * draws // most_predictions))
     kept = np.arange(0, draws, every)
     thetas = posterior.theta[:, kept]
     runs = problem.simulate_many(thetas.reshape(-1, len(names)))
-    missing = np.full(problem.observed.shape, np.nan)
+    times, observed, status = (
+        np.concatenate([getattr(window, what) for window in problem.windows])
+        for what in ("times", "observed", "status")
+    )
+    missing = np.full(observed.shape, np.nan)
     predicted = np.stack(
         [
-            missing if run is None else problem.replicate(theta, run, rng)
-            for theta, run in zip(thetas.reshape(-1, len(names)), runs, strict=True)
+            missing if of_theta is None else problem.replicate(theta, of_theta, rng)
+            for theta, of_theta in zip(thetas.reshape(-1, len(names)), runs, strict=True)
         ]
     )
-    sequences = Counter(
-        tuple(zip(run.switches.heater.tolist(), run.switches.on.tolist(), strict=True))
-        for run in runs
-        if run is not None
-    )
-    time = {"time": problem.times}
-    discrepancy = confounding(problem, thetas.reshape(-1, len(names)), runs) if isinstance(problem, Problem) else None
-    drifting = None if isinstance(problem, Problem) else _drifting(problem, posterior.theta)
+    sequences = [
+        _sequences(of_window) for of_window in zip(*(found for found in runs if found is not None), strict=True)
+    ]
+    time = {"time": times}
+    discrepancy = confounding(problem, thetas.reshape(-1, len(names)), runs)
+    drifting = _drifting(problem, posterior.theta)
     return xarray.DataTree.from_dict(
         {
             **({} if discrepancy is None else {"discrepancy": discrepancy}),
@@ -263,10 +272,10 @@ def posterior_tree(
             ),
             "observed_data": xarray.Dataset(
                 {
-                    "temperature": (("time", "channel"), problem.observed),
-                    "status": (("time", "heater"), problem.status),
+                    "temperature": (("time", "channel"), observed),
+                    "status": (("time", "heater"), status),
                 },
-                coords={**time, "channel": channels, "heater": list(problem.simulator.heaters)},
+                coords={**time, "channel": channels, "heater": list(problem.heaters)},
             ),
             "/": xarray.Dataset(
                 attrs={
@@ -278,13 +287,8 @@ def posterior_tree(
                     "status_likelihood": json.dumps(_status_forms(problem)),
                     "switch_sequences": json.dumps(
                         [
-                            {
-                                "window": problem.window,
-                                "sequences": len(sequences),
-                                "share_of_most_common": max(sequences.values()) / sequences.total()
-                                if sequences
-                                else 1.0,
-                            }
+                            {"window": window.name} | found
+                            for window, found in zip(problem.windows, sequences, strict=False)
                         ]
                     ),
                 }

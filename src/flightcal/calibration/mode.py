@@ -19,7 +19,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from ..errors import FlightcalError
-from ..problem import AnyProblem, whitening
+from ..problem import Problem, whitening
 from ..simulator import FloatArray, SimulationFailure
 from .start import fit_residuals
 
@@ -48,7 +48,7 @@ class Mode:
     """Which start it was reached from."""
 
 
-def climb(problem: AnyProblem, z: FloatArray, origin: str = "") -> Mode:
+def climb(problem: Problem, z: FloatArray, origin: str = "") -> Mode:
     """Levenberg-Marquardt ascent of the log density from z [d], with its exact gradient and Gauss-Newton Hessian.
 
     Marquardt's scaled damping (Marquardt 1963), so steps do not depend on the parameters' units.
@@ -79,10 +79,10 @@ def climb(problem: AnyProblem, z: FloatArray, origin: str = "") -> Mode:
 
 
 def find_mode(
-    problem: AnyProblem,
+    problem: Problem,
     starts: Sequence[tuple[str, FloatArray]],
     *,
-    open_loop: AnyProblem | None = None,
+    open_loop: Problem | None = None,
     rng: np.random.Generator,
     random_starts: int = _CLIMBED,
     on_start: Callable[[str], None] = lambda _: None,
@@ -111,7 +111,7 @@ def find_mode(
 
 
 def _search(
-    problem: AnyProblem,
+    problem: Problem,
     starts: Sequence[tuple[str, FloatArray]],
     rng: np.random.Generator,
     random_starts: int,
@@ -119,7 +119,7 @@ def _search(
 ) -> tuple[Mode, ...]:
     """`find_mode` in one problem: from the named starts, and from the best of many prior draws."""
     found = []
-    if not problem.residuals.is_independent:
+    if not problem.is_independent:
         modes = _search(problem.independent(), starts, rng, random_starts, on_start)
         for mode in _distinct(modes)[:_FOLLOWED]:
             on_start(f"noise and discrepancy from the mode of {mode.origin}")
@@ -135,7 +135,7 @@ def _search(
     return tuple(sorted(found, key=lambda mode: -mode.log_density))
 
 
-def _around(problem: AnyProblem, z: FloatArray, width: float, rng: np.random.Generator) -> FloatArray:
+def _around(problem: Problem, z: FloatArray, width: float, rng: np.random.Generator) -> FloatArray:
     """Draws [S, d] of the normal distribution around a mode z [d], so many times as wide.
 
     None where simulations next to the mode fail.
@@ -147,19 +147,20 @@ def _around(problem: AnyProblem, z: FloatArray, width: float, rng: np.random.Gen
     return coordinates.to_z(width * rng.standard_normal((_DRAWS, len(z))))
 
 
-def _best(problem: AnyProblem, draws: FloatArray, count: int) -> FloatArray:
+def _best(problem: Problem, draws: FloatArray, count: int) -> FloatArray:
     """The draws [S, d] of highest log density [count, d]."""
     densities = np.array([problem.log_density(z) for z in draws])
     return draws[np.argsort(-densities)[:count]]
 
 
-def _nearest(problem: AnyProblem, draws: FloatArray, count: int) -> FloatArray:
+def _nearest(problem: Problem, draws: FloatArray, count: int) -> FloatArray:
     """The draws [S, d] whose simulated temperatures are nearest to the telemetry [count, d], whatever their noise."""
-    samples = problem.valid.sum(axis=0)
     misfits = np.full(len(draws), np.inf)
-    for k, run in enumerate(problem.simulate_many(problem.to_theta(draws))):
-        if run is not None:
-            square = np.where(problem.valid, problem.observed - run.temperatures, 0.0) ** 2
+    for k, runs in enumerate(problem.simulate_many(problem.to_theta(draws))):
+        if runs is not None:
+            residual = problem.residual(runs)
+            samples = np.isfinite(residual).sum(axis=0)
+            square = np.nan_to_num(residual) ** 2
             misfits[k] = samples @ np.log(square.sum(axis=0))  # minus twice the log likelihood of the best noise
     return draws[np.argsort(misfits)[:count]]
 

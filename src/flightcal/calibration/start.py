@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 from scipy.optimize import minimize
 
-from ..problem import AnyProblem
+from ..problem import Problem
 from ..simulator import FloatArray, SimulationFailure
 
 _LEAST = 1e-3  # K
@@ -14,7 +14,7 @@ _SMALL = 0.1
 """Of a discrepancy to start with, over the residuals: so that one that is not there is found not to be."""
 
 
-def fit_residuals(problem: AnyProblem, z: FloatArray) -> FloatArray:
+def fit_residuals(problem: Problem, z: FloatArray) -> FloatArray:
     """z [d] with the entries of noise and discrepancy at their best for the residuals there.
 
     From two starts: residuals that are nearly all noise, and residuals that are nearly all discrepancy.
@@ -22,18 +22,18 @@ def fit_residuals(problem: AnyProblem, z: FloatArray) -> FloatArray:
     positions = np.unique(problem.places[2])
     theta = problem.to_theta(z)
     try:
-        run = problem.simulate(theta)
+        runs = problem.simulate(theta)
     except SimulationFailure:
         return z
     if not len(positions):
         return z
-    residual = np.where(problem.valid, problem.observed - run.temperatures, np.nan)
+    residual = problem.residual(runs)
 
     def cost(part: FloatArray) -> tuple[float, FloatArray]:
         whole = z.copy()
         whole[positions] = part
         prior = problem.priors.at(whole)
-        value, theta_bar = problem.likelihood_of_numbers(run, prior.theta)
+        value, theta_bar = problem.likelihood_of_numbers(runs, prior.theta)
         gradient = prior.gradient + prior.slope * theta_bar
         return -float(prior.log_density) - value, -gradient[positions]
 
@@ -47,7 +47,7 @@ def fit_residuals(problem: AnyProblem, z: FloatArray) -> FloatArray:
     return best
 
 
-def _guess(problem: AnyProblem, theta: FloatArray, residual: FloatArray, share: float) -> FloatArray:
+def _guess(problem: Problem, theta: FloatArray, residual: FloatArray, share: float) -> FloatArray:
     """theta [d] with sizes of noise and discrepancy from residuals [T, N]; share: of the discrepancy in them."""
     theta = theta.copy()
     median = problem.priors.median()
@@ -60,7 +60,7 @@ def _guess(problem: AnyProblem, theta: FloatArray, residual: FloatArray, share: 
         kind = sizes[positions == position][0]
         size = max(float(np.exp(np.log(np.maximum(rmse[of_it], _LEAST)).mean())), _LEAST)
         white = max(float(np.mean([_white(residual[:, k]) for k in of_it])), _LEAST)
-        explained = problem.residuals.terms.discrepant[of_it].all()
+        explained = problem.windows[0].residuals.terms.discrepant[of_it].all()
         if kind == "noise":
             theta[position] = white if explained and share == 1.0 else size
         elif kind == "white":

@@ -7,6 +7,7 @@ call takes up where an earlier one stopped.
 from __future__ import annotations
 
 import json
+from collections.abc import Callable
 from dataclasses import dataclass
 from functools import partial
 from pathlib import Path
@@ -28,7 +29,7 @@ from ..emulation import CHECK_FILE, Emulation, check_emulator, emulator_stage, n
 from ..environment import orbital_period
 from ..errors import FlightcalError, RunError, ScenarioError
 from ..prediction import Metric, predict, score
-from ..problem import AnyProblem, Problem, build_problem, calibration_problem, warm_problem
+from ..problem import Problem, Window, build_problem, warm_problem
 from ..progress import Listener, Silent
 from ..report import write_report
 from ..run import Run, hash_of, hash_of_file, open_run, plain
@@ -74,7 +75,7 @@ def run_experiment(
     scenario = load_scenario(scenario_file, telemetry=telemetry)
     listener.stage("read", False)
     data = read(scenario)
-    problem = calibration_problem(scenario, data)
+    problem = build_problem(scenario, data)
     inputs = {str(name): hash_of_file(Path(name)) for name in input_files(scenario)}
     identity = identity_of(scenario, inputs)
     run = open_run(Path(out), identity, resolved_yaml(scenario, absolute=True), inputs, scenario.calibration.seed)
@@ -85,12 +86,7 @@ def run_experiment(
     settings = scenario.calibration
     emulation = None
     if needs_emulator(problem):
-        if not isinstance(problem, Problem):
-            raise ScenarioError(
-                f"windows.train: found {len(scenario.train_windows)} windows, expected one: the simulator has no "
-                "derivatives, and an emulator is one window's"
-            )
-        if not problem.residuals.is_normal:
+        if not all(window.residuals.is_normal for window in problem.windows):
             raise ScenarioError(
                 f"noise: found {' and '.join(not_normal(scenario))} noise, expected normal noise: the simulator's "
                 "server offers no gradient, and only with normal noise can an emulator's error be integrated out"
@@ -121,7 +117,7 @@ def run_experiment(
     return Summary(run.path, report, diagnostics, metrics, interrupted)
 
 
-def _compile_stage(run: Run, key: str, problem: AnyProblem, listener: Listener) -> None:
+def _compile_stage(run: Run, key: str, problem: Problem, listener: Listener) -> None:
     """Compile and call what the later stages call, so that their times are without compilation."""
     done = run.is_done("compile", key, ())
     listener.stage("compile", done)
@@ -133,7 +129,7 @@ def _compile_stage(run: Run, key: str, problem: AnyProblem, listener: Listener) 
             problem.simulate_many(np.tile(median, (8, 1)))
 
 
-def _genetic_stage(run: Run, key: str, problem: AnyProblem, listener: Listener) -> xarray.Dataset:
+def _genetic_stage(run: Run, key: str, problem: Problem, listener: Listener) -> xarray.Dataset:
     done = run.is_done("genetic", key, ("genetic.nc",))
     listener.stage("genetic", done)
     if not done:
@@ -146,7 +142,7 @@ def _genetic_stage(run: Run, key: str, problem: AnyProblem, listener: Listener) 
 def _nuts_stage(
     run: Run,
     key: str,
-    problem: AnyProblem,
+    problem: Problem,
     points: dict[str, FloatArray],
     emulation: Emulation | None,
     listener: Listener,
@@ -175,7 +171,6 @@ def _nuts_stage(
             run.write_netcdf("posterior.nc", tree)
             diagnostics = posterior.diagnostics
             if emulation is not None:
-                assert isinstance(problem, Problem)
                 diagnostics = check_emulator(run, problem, emulation, posterior.flat, diagnostics)
             run.write_json("diagnostics.json", _diagnostics(diagnostics, posterior.draws))
         if interrupted:
@@ -186,7 +181,7 @@ def _nuts_stage(
 def _predict_stage(
     run: Run,
     key: str,
-    problem: AnyProblem,
+    problem: Problem,
     data: xarray.Dataset,
     points: dict[str, FloatArray],
     draws: FloatArray,
@@ -201,41 +196,17 @@ def _predict_stage(
             seed = scenario.calibration.seed
             uncalibrated = with_residual_noise(problem, problem.priors.median())
             points = {"uncalibrated": uncalibrated, **points}
-            stand_in = None if emulation is None else partial(window_emulator, run, key, emulation, draws)
+            stand_in: Callable[[Window], Window] = (
+                _as_it_is if emulation is None else partial(window_emulator, run, key, emulation, draws)
+            )
             windows = {}
             for window in scenario.windows:
-                thetas = in_window(problem, data, window, points, draws)
-                windows[window] = predict(
-                    scenario, data, window, *thetas, seed=seed, stand_in=stand_in,
-                    trained=nearest_trained(problem, window, draws),
-                )[0]  # fmt: skip
+                windows[window] = predict(problem, data, window, points, draws, seed=seed, stand_in=stand_in)[0]
             metrics = [metric for window, predicted in windows.items() for metric in score(predicted, window)]
             run.write_netcdf("prediction.nc", xarray.DataTree.from_dict(windows))
             run.write_json("metrics.json", [plain(metric) for metric in metrics])
     records = json.loads(run.file("metrics.json").read_text(encoding="utf-8"))
     return tuple(Metric(**record) for record in records)
-
-
-def in_window(
-    problem: AnyProblem, data: xarray.Dataset, window: str, points: dict[str, FloatArray], draws: FloatArray
-) -> tuple[dict[str, FloatArray], FloatArray]:
-    """Points [d] and draws [S, d] as thetas of a window's own problem."""
-    if isinstance(problem, Problem):
-        return points, draws
-    known = {inside.window: inside for inside in problem.problems}
-    inside = known.get(window) or build_problem(problem.scenario, data, window)
-    rng = np.random.default_rng([problem.scenario.calibration.seed, *window.encode()])
-    of_points = {name: problem.window_thetas(inside, theta[None])[0] for name, theta in points.items()}
-    return of_points, problem.window_thetas(inside, draws, rng)
-
-
-def nearest_trained(problem: AnyProblem, window: str, draws: FloatArray) -> tuple[str, FloatArray]:
-    """The training window that is nearest to a window, and posterior draws [S, d] as thetas of its problem."""
-    if isinstance(problem, Problem):
-        return problem.window, draws
-    start = np.datetime64(problem.scenario.windows[window].start)
-    nearest = min(problem.problems, key=lambda inside: abs(inside.times[0] - start))
-    return nearest.window, problem.window_thetas(nearest, draws)
 
 
 def posterior_draws(posterior: xarray.DataTree, names: tuple[str, ...], count: int, seed: int) -> FloatArray:
@@ -254,37 +225,28 @@ def identity_of(scenario: Scenario, inputs: dict[str, str]) -> str:
     return hash_of(content, sorted(inputs.values()))
 
 
-def parameter_records(problem: AnyProblem) -> list[dict[str, Any]]:
+def parameter_records(problem: Problem) -> list[dict[str, Any]]:
     """parameters.json: what each entry of theta is, its prior and its unit."""
-    lower, median, upper = (problem.priors.quantile(p) for p in (0.025, 0.5, 0.975))
+    quantiles = np.stack([problem.priors.quantile(p) for p in (0.025, 0.5, 0.975)], axis=1)
     records = []
-    for k, name in enumerate(problem.names):
-        parameter = problem.scenario.parameters.get(name)
-        prior = problem.priors.priors[k]
-        values = ", ".join(f"{key} {value:.6g}" for key, value in prior.model_dump(exclude={"kind"}).items())
+    for entry, of_prior in zip(problem.entries, quantiles.tolist(), strict=True):
+        values = ", ".join(f"{key} {value:.6g}" for key, value in entry.prior.model_dump(exclude={"kind"}).items())
         records.append(
             {
-                "name": name,
-                "kind": "parameter" if parameter else name.split(".")[0],
-                "unit": parameter.unit if parameter else _unit_of(name),
-                "target": [*parameter.sets, *parameter.scales] if parameter else [],
-                "mode": ("sets" if parameter.sets else "scales") if parameter else "",
-                "prior": f"{prior.kind}: {values}",
-                "prior_quantiles": [lower[k], median[k], upper[k]],
+                "name": entry.name,
+                "kind": entry.kind,
+                "unit": entry.unit,
+                "target": [*entry.sets, *entry.scales],
+                "mode": "sets" if entry.sets else "scales" if entry.scales else "",
+                "prior": f"{entry.prior.kind}: {values}",
+                "prior_quantiles": of_prior,
             }
         )
     return records
 
 
-def _unit_of(name: str) -> str:
-    """SI unit of an entry of theta that is not one of the scenario's parameters; "" without one."""
-    first, *rest = name.split(".")
-    if first in ("drift", "error_rate") or "degrees_of_freedom" in rest:
-        return ""
-    if rest[:2] == ["phase", "lengthscale"] and first == "discrepancy":
-        return ""  # orbits
-    in_seconds = first == "timing" or rest[-1:] == ["correlation_time"] or rest[:2] == ["time", "lengthscale"]
-    return "s" if in_seconds else "K"
+def _as_it_is(window: Window) -> Window:
+    return window
 
 
 def _diagnostics(diagnostics: Diagnostics, draws: Any) -> dict[str, Any]:

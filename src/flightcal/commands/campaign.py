@@ -65,7 +65,8 @@ def run_scenario_campaign(
     seed = scenario.calibration.seed if seed is None else seed
     design = make_design(problem, runs, seed, kind=kind, around=around, spread=spread)
     say(f"design: {design.kind}, {runs} runs of {len(subject.parameters)} parameters, seed {seed}")
-    run, together = run_function(problem.simulator, len(problem.times))
+    (own,) = problem.windows
+    run, together = run_function(own.simulator, len(own.times))
     connect = partial(_runner, workers, scheduler)
     try:
         tally = run_campaign(
@@ -107,14 +108,15 @@ def first_failure(folder: Path) -> str:
 
 def subject_of(problem: Problem) -> Subject:
     """What a campaign of a problem's simulator runs."""
-    scenario, simulator = problem.scenario, problem.simulator
+    (window,) = problem.windows
+    scenario, simulator = problem.scenario, window.simulator
     return Subject(
-        parts=scenario_parts(scenario, problem.window),
+        parts=scenario_parts(scenario, window.name),
         inputs=input_hashes(scenario),
         parameters=simulator.parameters,
         channels=simulator.channels,
         heaters=simulator.heaters,
-        times=problem.times,
+        times=window.times,
         text=resolved_yaml(scenario, absolute=True),
     )
 
@@ -141,12 +143,13 @@ def make_design(
         raise RunError(
             f"--design {kind} {'needs' if around is None else 'does not go with'} --around, the run to draw from"
         )
-    names = problem.simulator.parameters
+    (window,) = problem.windows
+    names = window.simulator.parameters
     priors = Priors(names, tuple(problem.priors.priors[problem.names.index(name)] for name in names))
     origin = {"priors": hash_of([prior.model_dump(mode="json") for prior in priors.priors])}
     if around is not None:
         file = around / "posterior.nc"
-        posterior = _posterior(file, problem.window)
+        posterior = _posterior(file, window.name)
         try:
             theta = around_posterior(priors, posterior, runs, seed, spread=spread)
         except RunError as error:

@@ -19,7 +19,7 @@ import xarray
 from ..environment import orbital_period
 from ..errors import RunError
 from ..prediction import Metric
-from ..problem import JointProblem, calibration_problem
+from ..problem import build_problem
 from ..progress import Listener
 from ..report import write_comparison
 from ..run import plain, write_atomically
@@ -271,7 +271,7 @@ def _change(means: Mapping[str, Mapping[str, float | None]], model: str, metric:
 def _block_loo(file: Path, summary: Summary) -> BlockLoo:
     """From the posterior of a finished run."""
     scenario = load_scenario(file)
-    problem = calibration_problem(scenario, read(scenario))
+    problem = build_problem(scenario, read(scenario))
     with xarray.open_dataset(summary.run / "posterior.nc", group="posterior", engine="h5netcdf") as opened:
         posterior = opened.load()
     thetas: FloatArray = np.stack([posterior[name].values.ravel() for name in problem.names], axis=1)
@@ -279,7 +279,7 @@ def _block_loo(file: Path, summary: Summary) -> BlockLoo:
     thetas = thetas[rng.choice(len(thetas), min(_DRAWS, len(thetas)), replace=False)]
     period = orbital_period(scenario.environment, scenario.folder)
     parts = []
-    for own in problem.problems if isinstance(problem, JointProblem) else (problem,):
-        inside = problem.window_thetas(own, thetas) if isinstance(problem, JointProblem) else thetas
-        parts.append(block_log_likelihood(own, inside, blocks_of(own.times, period)))
+    for window in problem.windows:
+        inside = problem.at(window, thetas)
+        parts.append(block_log_likelihood(window, inside, blocks_of(window.times, period)))
     return leave_blocks_out(np.concatenate(parts, axis=1))

@@ -15,9 +15,8 @@ import xarray
 from ..calibration import calibrate_nuts
 from ..errors import RunError
 from ..prediction import predict, score
-from ..problem import Problem, calibration_problem, join, label_of
+from ..problem import build_problem
 from ..scenario import ExternalModel, Scenario
-from .calibrate import in_window, nearest_trained
 
 LEFT_OUT = "left_out"
 
@@ -34,8 +33,9 @@ def leave_windows_out(
     check_windows(scenario)
     found = {}
     for window in scenario.train_windows:
-        say(f"without {label_of(window)}")
-        found[label_of(window)] = _predicted_by_others(scenario, telemetry, window)
+        label = window.removeprefix("train.")
+        say(f"without {label}")
+        found[label] = _predicted_by_others(scenario, telemetry, window)
     return found
 
 
@@ -50,10 +50,7 @@ def check_windows(scenario: Scenario) -> None:
 def _predicted_by_others(scenario: Scenario, telemetry: xarray.Dataset, window: str) -> dict[str, Any]:
     others = {name: scenario.windows[name] for name in scenario.train_windows if name != window}
     alone = scenario.model_copy(update={"windows": others | {LEFT_OUT: scenario.windows[window]}})
-    problem = calibration_problem(alone, telemetry)
-    if isinstance(problem, Problem):
-        # Joint though it is of one window: what drifts is then known from its prior alone.
-        problem = join((problem,))
+    problem = build_problem(alone, telemetry)
     posterior = calibrate_nuts(problem)
     if posterior.draws.interrupted:
         raise KeyboardInterrupt
@@ -61,9 +58,6 @@ def _predicted_by_others(scenario: Scenario, telemetry: xarray.Dataset, window: 
     rng = np.random.default_rng(settings.seed)
     count = min(settings.prediction.simulations, len(posterior.flat))
     draws = posterior.flat[rng.choice(len(posterior.flat), count, replace=False)]
-    predicted, _ = predict(
-        alone, telemetry, LEFT_OUT, *in_window(problem, telemetry, LEFT_OUT, {}, draws), seed=settings.seed,
-        trained=nearest_trained(problem, LEFT_OUT, draws),
-    )  # fmt: skip
+    predicted, _ = predict(problem, telemetry, LEFT_OUT, {}, draws, seed=settings.seed)
     scores = {metric.metric: metric.value for metric in score(predicted, LEFT_OUT) if metric.channel == "all"}
     return scores | {"passed": posterior.diagnostics.passed}

@@ -17,7 +17,7 @@ from .calibrate import read
 
 
 def simulate_to_csv(
-    scenario_file: Path, window: str, assignments: list[str], file: Path, telemetry: Path | None = None
+    scenario_file: Path, name: str, assignments: list[str], file: Path, telemetry: Path | None = None
 ) -> list[str]:
     """Simulate with parameters at their prior medians unless assigned ("name=value", SI); write `file`.
 
@@ -25,29 +25,30 @@ def simulate_to_csv(
     status. Returns lines that say what was done. Raises ScenarioError and TelemetryError.
     """
     scenario = load_scenario(scenario_file, telemetry=telemetry)
-    problem = build_problem(scenario, read(scenario), window)
+    problem = build_problem(scenario, read(scenario), name)
     theta = _assigned(problem, assignments)
+    (window,) = problem.windows
     try:
-        run = problem.simulate(theta)
+        (run,) = problem.simulate(theta)
     except SimulationFailure as failure:
-        raise ScenarioError(f"{scenario_file}: the simulation of window '{window}' fails: {failure}") from None
-    table = pandas.DataFrame({"time": problem.times})
-    for k, channel in enumerate(problem.simulator.channels):
+        raise ScenarioError(f"{scenario_file}: the simulation of window '{name}' fails: {failure}") from None
+    table = pandas.DataFrame({"time": window.times})
+    for k, channel in enumerate(window.simulator.channels):
         table[f"{channel} simulated degC"] = run.temperatures[:, k] - ZERO_CELSIUS
-        table[f"{channel} measured degC"] = problem.observed[:, k] - ZERO_CELSIUS
-    for k, heater in enumerate(problem.simulator.heaters):
+        table[f"{channel} measured degC"] = window.observed[:, k] - ZERO_CELSIUS
+    for k, heater in enumerate(window.simulator.heaters):
         table[f"{heater} simulated"] = run.status[:, k]
-        table[f"{heater} measured"] = problem.status[:, k]
+        table[f"{heater} measured"] = window.status[:, k]
     table.to_csv(file, index=False, float_format="%.4f")
     lines = [
         f"{channel}: RMSE {rmse:.3f} K"
         for channel, rmse in zip(
-            problem.simulator.channels,
-            np.sqrt(np.nanmean((problem.observed - run.temperatures) ** 2, axis=0)),
+            window.simulator.channels,
+            np.sqrt(np.nanmean((window.observed - run.temperatures) ** 2, axis=0)),
             strict=True,
         )
     ]
-    lines += [f"{h}: duty cycle {d:.1%}" for h, d in zip(problem.simulator.heaters, run.duty_cycle, strict=True)]
+    lines += [f"{h}: duty cycle {d:.1%}" for h, d in zip(window.simulator.heaters, run.duty_cycle, strict=True)]
     return [*lines, f"wrote {file}"]
 
 

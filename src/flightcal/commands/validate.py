@@ -44,7 +44,7 @@ _REPEATS, _RESULT = "repeats", "validation.json"
 Source = tuple[str, str | None, str | None]
 """Scenario file, telemetry in the place of its own, model of the residuals in the place of its own."""
 
-Simulate = Callable[[Problem, FloatArray, np.random.Generator], tuple[FloatArray, FloatArray]]
+Simulate = Callable[[Problem, FloatArray, np.random.Generator], list[tuple[FloatArray, FloatArray]]]
 
 
 @dataclass(frozen=True)
@@ -133,7 +133,7 @@ def run_repeat(
     while True:
         theta = problem.priors.sample(rng, 1)[0]
         with suppress(SimulationFailure):
-            observed, status = simulate(problem, theta, rng)
+            telemetry_made = simulate(problem, theta, rng)
             break
         redrawn += 1
         if redrawn == _MOST_REDRAWN:
@@ -141,7 +141,7 @@ def run_repeat(
                 f"none of {_MOST_REDRAWN} draws from the priors can be simulated; check the priors with "
                 "'flightcal simulate'"
             )
-    made = with_telemetry(problem, telemetry, observed, status)
+    made = with_telemetry(problem, telemetry, telemetry_made)
     posterior = calibrate_nuts(made, settings, int(rng.integers(2**32)))
     if posterior.draws.interrupted:
         raise KeyboardInterrupt

@@ -11,7 +11,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from ..errors import RunError
-from ..problem import Problem
+from ..problem import Window
 from ..scenario import is_trained
 from ..simulator import FloatArray
 from ..telemetry import window_bounds
@@ -56,35 +56,35 @@ class Ensemble:
 
 
 def propagate(
-    problem: Problem,
+    window: Window,
     thetas: FloatArray,
     interval: float,
     rng: np.random.Generator,
     errors: WindowErrors | None = None,
 ) -> Ensemble:
-    """Simulate at thetas [S, d] in one batch, add a surrogate's error, discrepancy and noise of each, and summarise.
+    """Simulate at thetas [S, q] in one batch, add a surrogate's error, discrepancy and noise of each, and summarise.
 
     On a window that was not trained on, thermostats scatter around their thresholds as far as the scenario says.
     interval: probability inside, such as 0.95; errors: of each theta (None: independent noise). Raises RunError when
     more than half of the simulations fail.
     """
     # Where the telemetry is known, so is when its heaters switched.
-    trained = is_trained(problem.window)
-    runs = problem.simulate_many(thetas) if trained else problem.simulate_as_flown(thetas, rng)
+    trained = is_trained(window.name)
+    runs = window.simulate_many(thetas) if trained else window.simulate_as_flown(thetas, rng)
     usable = np.ones(len(thetas), bool) if errors is None else errors.usable()
     usable &= np.array([run is not None for run in runs], bool)
     kept = [(thetas[s], run) for s, run in enumerate(runs) if run is not None and usable[s]]
     if len(kept) < _FEWEST * len(thetas):
-        raise RunError(f"window '{problem.window}': {len(thetas) - len(kept)} of {len(thetas)} simulations failed")
+        raise RunError(f"window '{window.name}': {len(thetas) - len(kept)} of {len(thetas)} simulations failed")
     simulated = np.stack([run.temperatures for _, run in kept])  # [S, T, N]
     discrepancy = None
     tails = [0.5 * (1 - interval), 0.5 * (1 + interval)]
-    basis = problem.simulator.error_basis
+    basis = window.simulator.error_basis
     if basis is not None:
         weights = np.stack([np.sqrt(run.error_variance) for _, run in kept])  # [S, r]
         simulated += np.einsum("tnr,sr->stn", basis, weights * rng.standard_normal(weights.shape))
     if errors is None:
-        noise = np.stack([problem.noise(theta) for theta, _ in kept])  # [S, N]
+        noise = np.stack([window.noise(theta) for theta, _ in kept])  # [S, N]
         mean, noisy = simulated.mean(axis=0), simulated + noise[:, None, :] * rng.standard_normal(simulated.shape)
         deviation = np.sqrt(simulated.var(axis=0) + (noise**2).mean(axis=0))
     else:
@@ -93,17 +93,17 @@ def propagate(
         simulated = simulated + drawn.discrepancy
         noisy = simulated + drawn.noise + drawn.white
         deviation = noisy.std(axis=0)
-        if problem.residuals.terms.discrepant.any():
+        if window.residuals.terms.discrepant.any():
             bounds = np.quantile(drawn.discrepancy, tails, axis=0)
             discrepancy = np.concatenate([drawn.discrepancy.mean(axis=0)[None], bounds])
     lower, upper = np.quantile(noisy, tails, axis=0)
     model_lower, model_upper = np.quantile(simulated, tails, axis=0)
-    heaters = len(problem.simulator.heaters)
+    heaters = len(window.simulator.heaters)
     duty_cycle = np.stack([run.duty_cycle for _, run in kept])
     if errors is not None and not trained:
-        drawn_duty = draw_duty_errors(errors.duty, duration(problem) / problem.period, len(kept), rng)
+        drawn_duty = draw_duty_errors(errors.duty, duration(window) / window.period, len(kept), rng)
         duty_cycle = np.clip(duty_cycle + drawn_duty, 0.0, 1.0)
-    power = np.stack([problem.simulator.heater_power(theta[problem.simulated]) for theta, _ in kept])
+    power = np.stack([window.simulator.heater_power(theta[window.simulated]) for theta, _ in kept])
     return Ensemble(
         mean=mean,
         standard_deviation=deviation,
@@ -111,12 +111,12 @@ def propagate(
         upper=upper,
         model_lower=model_lower,
         model_upper=model_upper,
-        crps=crps_of_draws(problem.observed, noisy),
-        probability_below=probability_below(problem.observed, noisy),
+        crps=crps_of_draws(window.observed, noisy),
+        probability_below=probability_below(window.observed, noisy),
         status=np.stack([run.status for _, run in kept]).mean(axis=0),
         duty_cycle=duty_cycle,
         switch_count=np.stack([np.bincount(run.switches.heater, minlength=heaters) for _, run in kept]).astype(float),
-        energy=duty_cycle * power * duration(problem),
+        energy=duty_cycle * power * duration(window),
         switch_sequences=tuple(
             tuple(zip(run.switches.heater.tolist(), run.switches.on.astype(int).tolist(), strict=True))
             for _, run in kept
@@ -126,7 +126,7 @@ def propagate(
     )
 
 
-def duration(problem: Problem) -> float:
-    """Length of the problem's window, s: what duty cycles are shares of."""
-    start, end = window_bounds(problem.scenario.windows[problem.window], problem.period)
+def duration(window: Window) -> float:
+    """Length of the window, s: what duty cycles are shares of."""
+    start, end = window_bounds(window.scenario.windows[window.name], window.period)
     return float((end - start) / np.timedelta64(1, "s"))

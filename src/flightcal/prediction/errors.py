@@ -10,7 +10,7 @@ the prior plus the gain times what it errs by is a draw given the data; Journel 
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
 
@@ -18,25 +18,40 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ..probability import TIME_LENGTH, TIME_SIZE, ResidualModel, weights_given
-from ..problem import Problem
+from ..problem import Problem, Window
 from ..simulator import FloatArray, Trajectory
 from .duty import duty_errors
 from .matern import ORDER, continue_path, covariance, fading, stationary
 
 
-def window_errors(problem: Problem, train: Problem, thetas: FloatArray, first: int) -> WindowErrors:
-    """Errors of a window at posterior draws thetas [S, d], which hold the training window's initial temperatures.
+def window_errors(
+    problem: Problem,
+    window: Window,
+    draws: FloatArray,
+    first: int,
+    stand_in: Callable[[Window], Window] = lambda window: window,
+) -> WindowErrors:
+    """Errors of a window at posterior draws [S, d] of the problem.
 
-    first: how many samples at the window's start tell about them.
+    The nearest training window tells discrepancy and noise; all of them tell the errors of duty cycles. first: how many
+    samples at the window's start tell about them; stand_in: gives a training window its emulator.
     """
-    missing = np.full(train.observed.shape, np.nan)
-    runs = train.simulate_many(thetas)
-    temperatures = np.stack([missing if run is None else run.temperatures for run in runs])
-    numbers = np.stack([train.numbers(theta) for theta in thetas])
-    return WindowErrors(problem, train, numbers, temperatures, first, _duty_errors(train, runs))
+    nearest = problem.nearest(window.times[0])
+    duty = []
+    for own in problem.windows:
+        train = window if own.name == window.name else stand_in(own)
+        thetas = problem.at(own, draws)
+        runs = train.simulate_many(thetas)
+        duty.append(_duty_errors(train, runs))
+        if own.name == nearest.name:
+            missing = np.full(train.observed.shape, np.nan)
+            temperatures = np.stack([missing if run is None else run.temperatures for run in runs])
+            numbers = np.stack([train.numbers(theta) for theta in thetas])
+            seen = train
+    return WindowErrors(window, seen, numbers, temperatures, first, np.concatenate(duty))
 
 
-def _duty_errors(train: Problem, runs: Sequence[Trajectory | None]) -> FloatArray:
+def _duty_errors(train: Window, runs: Sequence[Trajectory | None]) -> FloatArray:
     """Of the runs' mean, [K, H]."""
     simulated = [run.status for run in runs if run is not None]
     if not simulated:
@@ -49,9 +64,8 @@ def _duty_errors(train: Problem, runs: Sequence[Trajectory | None]) -> FloatArra
 class WindowErrors:
     """Discrepancy and noise of a window at S draws of theta."""
 
-    problem: Problem
-    """Of the window."""
-    train: Problem
+    window: Window
+    train: Window
     numbers: FloatArray
     """[S, N, n]."""
     train_temperatures: FloatArray
@@ -59,7 +73,7 @@ class WindowErrors:
     first: int
     """How many samples at the window's start the draws are corrected for; 0 on the training window."""
     duty: FloatArray
-    """[K, H] by how much telemetry's duty cycles exceed the simulation's in the orbits of the training window."""
+    """[K, H] by how much telemetry's duty cycles exceed the simulation's in the orbits of the training windows."""
 
     @property
     def model(self) -> ResidualModel:
@@ -69,7 +83,7 @@ class WindowErrors:
     @cached_property
     def seconds(self) -> FloatArray:
         """Of the window, from the training window's start, [T]."""
-        since = self.problem.times - self.train.times[0]
+        since = self.window.times - self.train.times[0]
         return np.asarray(since / np.timedelta64(1, "ns") * 1e-9, float)
 
     @cached_property
@@ -85,7 +99,7 @@ class WindowErrors:
     @cached_property
     def is_train(self) -> bool:
         """Whether the window is the training window."""
-        return self.problem.window == self.train.window
+        return self.window.name == self.train.name
 
     @cached_property
     def edge(self) -> FloatArray:
@@ -122,8 +136,8 @@ class WindowErrors:
         parts = []
         if self.model.time is not None:
             parts.append(self._fading(numbers) @ self.edge)
-        in_time = 0 if self.problem.residuals.time is None else self.problem.residuals.time.count
-        parts.append(self.problem.residuals.terms.shapes.basis[:, in_time:])
+        in_time = 0 if self.window.residuals.time is None else self.window.residuals.time.count
+        parts.append(self.window.residuals.terms.shapes.basis[:, in_time:])
         return np.concatenate(parts, axis=1)
 
     def _fading(self, numbers: FloatArray) -> FloatArray:
@@ -171,7 +185,7 @@ class WindowErrors:
 
     def _factor(self, draw: int, channel: int, discrepancy: FloatArray, noise: FloatArray) -> FloatArray:
         """Cholesky factor [first, first] of the first samples' covariance; what is not valid stands apart."""
-        valid = np.isfinite(self.problem.observed[: self.first, channel])
+        valid = np.isfinite(self.window.observed[: self.first, channel])
         total = (discrepancy + noise)[: self.first]
         total = np.where(valid[:, None] & valid, total, 0.0)
         white = self.white_variance(draw, channel)
@@ -243,7 +257,7 @@ class WindowErrors:
         for k in range(temperatures.shape[1]):
             of_discrepancy, of_noise = self.covariances(draw, k, factors[k])
             factor = self._factor(draw, k, of_discrepancy, of_noise)
-            residual = self.problem.observed[first, k] - temperatures[first, k]
+            residual = self.window.observed[first, k] - temperatures[first, k]
             valid = np.isfinite(residual)
             missing = np.stack([residual - mean[first, k], residual - (discrepancy + noise + white)[first, k]], axis=1)
             missing = np.where(valid[:, None], missing, 0.0)

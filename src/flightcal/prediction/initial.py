@@ -11,7 +11,7 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
-from ..problem import Problem
+from ..problem import Window
 from ..scenario import Normal
 from ..simulator import FloatArray
 from .errors import FirstErrors, WhiteErrors
@@ -21,21 +21,21 @@ _ITERATIONS = 3  # a heater that switches in the span bends what is linear other
 
 
 def condition_initial(
-    first: Problem,
+    first: Window,
     thetas: FloatArray,
     errors: FirstErrors | WhiteErrors,
     rng: np.random.Generator | None = None,
 ) -> FloatArray:
-    """Thetas [S, d] with their initial temperatures replaced by ones conditioned on the samples of `first`.
+    """Thetas [S, q] with their initial temperatures replaced by ones conditioned on the samples of `first`.
 
-    first: the problem cut to the window's first samples; errors: by which these may differ from the simulation, of
+    first: the window cut to the window's first samples; errors: by which these may differ from the simulation, of
     each theta; rng: draw from the Gaussian (None: take its mean). A theta whose simulation fails keeps the prior mean;
     an external simulator may have none.
     """
     positions = np.array([k for k, name in enumerate(first.names) if name.startswith("initial.")])
     if not len(positions):
         return thetas.copy()
-    priors = [first.priors.priors[k] for k in positions]
+    priors = [first.reads[first.names[k]] for k in positions]
     mean = np.array([prior.mean for prior in priors if isinstance(prior, Normal)])
     precision = np.array([prior.standard_deviation**-2.0 for prior in priors if isinstance(prior, Normal)])
     thetas = thetas.copy()
@@ -67,8 +67,8 @@ def condition_initial(
     return thetas
 
 
-def _jacobian(first: Problem, theta: FloatArray, positions: NDArray[np.intp]) -> FloatArray | None:
-    """d temperatures / d initial temperatures at theta [d], [T, N, n]; None where a simulation fails."""
+def _jacobian(first: Window, theta: FloatArray, positions: NDArray[np.intp]) -> FloatArray | None:
+    """d temperatures / d initial temperatures at theta [q], [T, N, n]; None where a simulation fails."""
     shifts = np.zeros((len(positions), len(theta)))
     shifts[np.arange(len(positions)), positions] = _DIFFERENCE
     runs = first.simulate_many(np.concatenate([theta + shifts, theta - shifts]))

@@ -10,7 +10,7 @@ import xarray
 
 from ..emulation import EmulatedSimulator
 from ..environment import orbit_phase, sunlit_share
-from ..problem import Problem, build_problem
+from ..problem import Problem, Window, build_window
 from ..scenario import Scenario, SimulatorModel, is_trained
 from ..simulator import FloatArray, Trajectory
 from .duty import FEWEST_ORBITS
@@ -23,80 +23,77 @@ STOCHASTIC = "stochastic"
 
 
 def predict(
-    scenario: Scenario,
+    problem: Problem,
     telemetry: xarray.Dataset,
-    window: str,
+    name: str,
     points: Mapping[str, FloatArray],
     draws: FloatArray,
     *,
     seed: int,
-    stand_in: Callable[[Problem], Problem] | None = None,
-    trained: tuple[str, FloatArray] | None = None,
+    stand_in: Callable[[Window], Window] = lambda window: window,
 ) -> tuple[xarray.Dataset, Ensemble]:
-    """Predict a window with point estimates and with posterior draws.
+    """Predict a window of the problem's scenario, by name, with point estimates and with posterior draws.
 
     points: method -> theta [d], with ``noise.*`` the method's own residual level; draws: posterior thetas [S, d]; both
-    ordered as `Problem.names`. On the train window thetas hold its initial temperatures; on any other, these are
-    conditioned on the first samples of the window (`initial.condition_initial`), which are marked as not scored.
-    trained: window whose residuals tell the discrepancy, and the draws there [S, d'] (None: `train`, and `draws`).
-    stand_in: gives a window's problem an emulator, through which the draws are propagated; points always run on the
-    simulator itself.
+    ordered as `Problem.names`. On windows that were trained on thetas hold the initial temperatures; on any other,
+    these are conditioned on the first samples of the window (`initial.condition_initial`), which are marked as not
+    scored. What telemetry differs by is learnt from the training window that is nearest.
+    stand_in: gives a window an emulator, through which the draws are propagated; points always run on the simulator
+    itself.
     Raises TelemetryError and RunError.
     """
+    scenario = problem.scenario
     settings = scenario.calibration.prediction
-    rng = np.random.default_rng([seed, *window.encode()])
-    problem = build_problem(scenario, telemetry, window)
-    for_draws = problem if stand_in is None else stand_in(problem)
-    scored = np.ones(len(problem.times), bool)
-    thetas = np.stack(list(points.values())) if points else np.empty((0, draws.shape[1]))
-    if not is_trained(window):
-        first = build_problem(scenario, telemetry, window, span=settings.initial_span)
-        scored = problem.times > first.times[-1]
+    rng = np.random.default_rng([seed, *name.encode()])
+    trained = {window.name: window for window in problem.windows}
+    window = trained.get(name) or build_window(scenario, telemetry, name)
+    for_draws = stand_in(window)
+    scored = np.ones(len(window.times), bool)
+    thetas = problem.at(window, np.stack(list(points.values())) if points else np.empty((0, draws.shape[1])))
+    inside = problem.at(window, draws, rng)
+    if name not in trained:
+        first = build_window(scenario, telemetry, name, span=settings.initial_span)
+        scored = window.times > first.times[-1]
     errors = None
-    if not problem.residuals.is_independent:
-        name, thetas_there = trained or ("train", draws)
-        train = for_draws
-        if window != name:
-            train = build_problem(scenario, telemetry, name)
-            train = train if stand_in is None else stand_in(train)
-        errors = window_errors(for_draws, train, thetas_there, int((~scored).sum()))
-    if not is_trained(window):
+    if not window.residuals.is_independent:
+        errors = window_errors(problem, for_draws, draws, int((~scored).sum()), stand_in)
+    if name not in trained:
         if len(thetas):
-            thetas = condition_initial(first, thetas, _white(problem, thetas))
+            thetas = condition_initial(first, thetas, _white(window, thetas))
         if isinstance(for_draws.simulator, EmulatedSimulator):
             first = replace(first, simulator=for_draws.simulator.on(slice(len(first.times))))
-        draws = condition_initial(first, draws, _white(problem, draws) if errors is None else errors.at_first(), rng)
-    ensemble = propagate(for_draws, draws, settings.interval, rng, errors)
-    runs = problem.simulate_many(thetas) if len(thetas) else []
-    prediction = _dataset(problem, dict(zip(points, runs, strict=True)), thetas, ensemble, scored)
+        inside = condition_initial(first, inside, _white(window, inside) if errors is None else errors.at_first(), rng)
+    ensemble = propagate(for_draws, inside, settings.interval, rng, errors)
+    runs = window.simulate_many(thetas) if len(thetas) else []
+    prediction = _dataset(window, dict(zip(points, runs, strict=True)), thetas, ensemble, scored)
     error = "" if for_draws.simulator.error_basis is None else ", the surrogate's error"
-    scatter = ", scatter of the thermostats" if not is_trained(window) and _scatters(scenario) else ""
+    scatter = ", scatter of the thermostats" if name not in trained and _scatters(scenario) else ""
     if errors is not None:
-        prediction = prediction.assign(_residual_model(problem, errors, ensemble, rng))
+        prediction = prediction.assign(_residual_model(window, errors, ensemble, rng))
     prediction.attrs |= {
         "interval": settings.interval,
-        "interval_contains": f"parameters, initial temperatures{error}{scatter}, {_contained(problem, window)}",
+        "interval_contains": f"parameters, initial temperatures{error}{scatter}, {_contained(window)}",
         "model_interval_contains": f"parameters, initial temperatures{error}{scatter}"
-        + (", model discrepancy" if problem.residuals.terms.discrepant.any() else ""),
-        "duty_cycle_contains": f"parameters, initial temperatures{scatter}{_of_duty(errors, window)}",
+        + (", model discrepancy" if window.residuals.terms.discrepant.any() else ""),
+        "duty_cycle_contains": f"parameters, initial temperatures{scatter}{_of_duty(errors, name)}",
         "initial_state": "calibrated with the parameters"
-        if is_trained(window)
+        if name in trained
         else f"estimated from the first {settings.initial_span / 60:g} min of the window, which are not scored",
         "failed_simulations": ensemble.failed,
     }
     return prediction, ensemble
 
 
-def _white(problem: Problem, thetas: FloatArray) -> WhiteErrors:
-    """Independent noise of thetas [S, d]: what the methods know of that have no model of the residuals."""
-    return WhiteErrors(np.stack([problem.noise(theta) for theta in thetas]))
+def _white(window: Window, thetas: FloatArray) -> WhiteErrors:
+    """Independent noise of thetas [S, q]: what the methods know of that have no model of the residuals."""
+    return WhiteErrors(np.stack([window.noise(theta) for theta in thetas]))
 
 
 def _residual_model(
-    problem: Problem, errors: WindowErrors, ensemble: Ensemble, rng: np.random.Generator
+    window: Window, errors: WindowErrors, ensemble: Ensemble, rng: np.random.Generator
 ) -> dict[str, tuple[str | tuple[str, ...], object]]:
     """Variables of a window whose residuals are more than iid noise: what is assumed, and what should be white."""
-    model = problem.residuals
+    model = window.residuals
     numbers = np.median(errors.numbers, axis=0)
     by_sample = ("time", "channel")
     found: dict[str, tuple[str | tuple[str, ...], object]] = {
@@ -104,7 +101,7 @@ def _residual_model(
         "discrepant": ("channel", discrepancy_in_words(model)),
         "innovation": (
             by_sample,
-            innovations(model, problem.observed - ensemble.mean, errors.seconds, numbers, rng),
+            innovations(model, window.observed - ensemble.mean, errors.seconds, numbers, rng),
         ),
     }
     if ensemble.discrepancy is not None:
@@ -113,14 +110,14 @@ def _residual_model(
     return found
 
 
-def _contained(problem: Problem, window: str) -> str:
+def _contained(window: Window) -> str:
     """What of the residuals is in the interval, and which part of the discrepancy carries over to the window."""
-    model = problem.residuals
+    model = window.residuals
     correlated = any(kind.has_memory for kind in model.terms.kinds)
     noise = "correlated measurement noise (drawn anew)" if correlated else "measurement noise"
     if not model.terms.discrepant.any():
         return f"{noise}; not model discrepancy"
-    if is_trained(window):
+    if is_trained(window.name):
         return f"{noise}, and model discrepancy as the residuals of this window show it"
     parts = []
     if model.phase is not None:
@@ -130,14 +127,14 @@ def _contained(problem: Problem, window: str) -> str:
     return f"{noise}, and model discrepancy: {'; '.join(parts)}"
 
 
-def _of_duty(errors: WindowErrors | None, window: str) -> str:
+def _of_duty(errors: WindowErrors | None, name: str) -> str:
     """What else the interval of a duty cycle has."""
-    if errors is None or is_trained(window):
+    if errors is None or is_trained(name):
         return ""
     orbits = int(np.isfinite(errors.duty).sum(axis=0).max(initial=0))
     if orbits < FEWEST_ORBITS:
         return f"; not its error, which takes {FEWEST_ORBITS} whole orbits of training to tell (here {orbits})"
-    return f", its error as in {orbits} orbits of the training window"
+    return f", its error as in {orbits} orbits of training"
 
 
 def _scatters(scenario: Scenario) -> bool:
@@ -146,16 +143,16 @@ def _scatters(scenario: Scenario) -> bool:
 
 
 def _dataset(
-    problem: Problem,
+    window: Window,
     runs: Mapping[str, Trajectory | None],
     thetas: FloatArray,
     ensemble: Ensemble,
     scored: FloatArray,
 ) -> xarray.Dataset:
-    samples, channels = problem.observed.shape
-    heaters = len(problem.simulator.heaters)
+    samples, channels = window.observed.shape
+    heaters = len(window.simulator.heaters)
     methods = [*runs, STOCHASTIC]
-    seconds = duration(problem)
+    seconds = duration(window)
     mean = np.full((len(methods), samples, channels), np.nan)
     lower, upper, deviation = mean.copy(), mean.copy(), mean.copy()
     status = np.full((len(methods), samples, heaters), np.nan)
@@ -166,19 +163,19 @@ def _dataset(
             continue
         mean[k], status[k], duty[k] = run.temperatures, run.status, run.duty_cycle
         count[k] = np.bincount(run.switches.heater, minlength=heaters)
-        energy[k] = run.duty_cycle * problem.simulator.heater_power(thetas[k][problem.simulated]) * seconds
+        energy[k] = run.duty_cycle * window.simulator.heater_power(thetas[k][window.simulated]) * seconds
     mean[-1], lower[-1], upper[-1] = ensemble.mean, ensemble.lower, ensemble.upper
     deviation[-1], status[-1] = ensemble.standard_deviation, ensemble.status
     duty[-1] = ensemble.duty_cycle.mean(axis=0)
     count[-1] = ensemble.switch_count.mean(axis=0)
     energy[-1] = ensemble.energy.mean(axis=0)
-    environment, folder = problem.scenario.environment, problem.scenario.folder
-    scenario = problem.scenario
+    environment, folder = window.scenario.environment, window.scenario.folder
+    scenario = window.scenario
     origin = np.datetime64(scenario.windows[scenario.train_windows[0]].start)  # phases of all windows are comparable
     by_method, by_simulation = ("method", "time", "channel"), ("simulation", "heater")
     return xarray.Dataset(
         {
-            "observed": (("time", "channel"), problem.observed),
+            "observed": (("time", "channel"), window.observed),
             "scored": ("time", scored),
             "mean": (by_method, mean),
             "lower": (by_method, lower),
@@ -188,7 +185,7 @@ def _dataset(
             "model_upper": (("time", "channel"), ensemble.model_upper),
             "crps": (("time", "channel"), ensemble.crps),
             "probability_below": (("time", "channel"), ensemble.probability_below),
-            "observed_status": (("time", "heater"), problem.status),
+            "observed_status": (("time", "heater"), window.status),
             "status": (("method", "time", "heater"), status),
             "duty_cycle": (by_simulation, ensemble.duty_cycle),
             "switch_count": (by_simulation, ensemble.switch_count),
@@ -196,15 +193,15 @@ def _dataset(
             "point_duty_cycle": (("method", "heater"), duty),
             "point_switch_count": (("method", "heater"), count),
             "point_energy": (("method", "heater"), energy),
-            "observed_duty_cycle": ("heater", _observed_duty_cycle(problem.status)),
-            "observed_switch_count": ("heater", _observed_switch_count(problem.status)),
-            "eclipse": ("time", sunlit_share(environment, problem.times, folder)),
-            "orbit_phase": ("time", orbit_phase(environment, problem.times, folder, origin)),
+            "observed_duty_cycle": ("heater", _observed_duty_cycle(window.status)),
+            "observed_switch_count": ("heater", _observed_switch_count(window.status)),
+            "eclipse": ("time", sunlit_share(environment, window.times, folder)),
+            "orbit_phase": ("time", orbit_phase(environment, window.times, folder, origin)),
         },
         coords={
-            "time": problem.times,
-            "channel": list(problem.simulator.channels),
-            "heater": list(problem.simulator.heaters),
+            "time": window.times,
+            "channel": list(window.simulator.channels),
+            "heater": list(window.simulator.heaters),
             "method": methods,
         },
     )

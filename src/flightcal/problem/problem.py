@@ -63,6 +63,12 @@ class Problem:
         return np.unique(np.concatenate([found, np.array(drifts, dtype=np.int64)]))
 
     @cached_property
+    def places(self) -> tuple[IntArray, IntArray, IntArray]:
+        """Of the residuals' numbers that are entries of theta: channels, columns and positions in theta, [.] each."""
+        channels, columns, positions = self.windows[0].places
+        return channels, columns, self.links[0].columns[positions]
+
+    @cached_property
     def channels(self) -> tuple[str, ...]:
         """Temperature channels of all windows."""
         return tuple(self.windows[0].simulator.channels)
@@ -116,6 +122,14 @@ class Problem:
             done = tuple(run for run in runs if run is not None)
             found.append(done if len(done) == len(runs) else None)
         return found
+
+    def replicate(self, theta: FloatArray, runs: Runs, rng: np.random.Generator) -> FloatArray:
+        """Telemetry [T, N], K, drawn anew at theta [d] with its simulations, as `Window.replicate`."""
+        parts = [
+            window.replicate(self.at(window, theta[None])[0], run, rng)
+            for window, run in zip(self.windows, runs, strict=True)
+        ]
+        return np.concatenate(parts)
 
     def residual(self, runs: Runs) -> FloatArray:
         """Telemetry minus simulation [T, N], K, the windows' samples one after another; NaN where there is none."""

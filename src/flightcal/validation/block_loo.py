@@ -17,7 +17,7 @@ from numpy.typing import NDArray
 from ..prediction import Array
 
 if TYPE_CHECKING:
-    from ..problem import Problem
+    from ..problem import Window
 
 BLOCKS_PER_ORBIT = 4
 
@@ -53,15 +53,15 @@ def blocks_of(times: NDArray[np.datetime64], period: float, per_orbit: int = BLO
     return np.asarray(np.unique(part, return_inverse=True)[1], np.int64)
 
 
-def block_log_likelihood(problem: Problem, thetas: Array, blocks: NDArray[np.int64]) -> Array:
-    """log p(y_b | y_-b, theta) of the temperatures of each block at thetas [S, d]: [S, B]; NaN where one fails.
+def block_log_likelihood(window: Window, thetas: Array, blocks: NDArray[np.int64]) -> Array:
+    """log p(y_b | y_-b, theta) of the temperatures of each block at thetas [S, q]: [S, B]; NaN where one fails.
 
     It is log p(y | theta) - log p(y_-b | theta), the likelihood of all samples less that of all others.
     """
-    whole = problem.of_temperatures(np.ones((len(blocks), 1), bool))
-    others = [problem.of_temperatures((blocks != b)[:, None]) for b in range(blocks.max() + 1)]
+    whole = window.of_temperatures(np.ones((len(blocks), 1), bool))
+    others = [window.of_temperatures((blocks != b)[:, None]) for b in range(blocks.max() + 1)]
     found = np.full((len(thetas), len(others)), np.nan)
-    for s, (theta, run) in enumerate(zip(thetas, problem.simulate_many(thetas), strict=True)):
+    for s, (theta, run) in enumerate(zip(thetas, window.simulate_many(thetas), strict=True)):
         if run is not None:
             value = whole.likelihood_of_numbers(run, theta)[0]
             found[s] = [value - part.likelihood_of_numbers(run, theta)[0] for part in others]

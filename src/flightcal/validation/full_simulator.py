@@ -6,7 +6,7 @@ from collections.abc import Collection
 
 from ..calibration import mean_and_some
 from ..errors import ScenarioError
-from ..problem import AnyProblem
+from ..problem import Problem
 from ..progress import Listener
 from ..reduction import compare, fly_at, load_task
 from ..run import Run
@@ -17,7 +17,7 @@ CHECKED = 20
 """Posterior draws that are flown, besides the mean."""
 
 
-def full_check_stage(run: Run, key: str, problem: AnyProblem, draws: FloatArray, listener: Listener) -> None:
+def full_check_stage(run: Run, key: str, problem: Problem, draws: FloatArray, listener: Listener) -> None:
     """Fly the mean of posterior thetas [S, d] and some of them, and write how far the reduced model is off.
 
     The flight is that of the spacecraft file, its failures and initial temperatures included.
@@ -35,24 +35,25 @@ def full_check_stage(run: Run, key: str, problem: AnyProblem, draws: FloatArray,
         parameters = {name: task.scenario.parameters[name] for name in _shared(problem, task.scenario.parameters)}
         thetas = mean_and_some(draws, CHECKED, scenario.calibration.seed)
         positions = [problem.names.index(name) for name in parameters]
-        channels = problem.simulator.channels
-        flown, reduced = [], []
-        for k, (theta, trajectory) in enumerate(zip(thetas, problem.simulate_many(thetas), strict=True)):
+        channels = problem.channels
+        flown, reduced, failed = [], [], 0
+        for k, (theta, runs) in enumerate(zip(thetas, problem.simulate_many(thetas), strict=True)):
             listener.search(f"flight {k + 1} of {len(thetas)}")
-            if trajectory is not None:
-                flown.append(fly_at(task.mission, parameters, theta[positions], channels, problem.times))
+            failed += runs is None
+            for window, trajectory in zip(problem.windows, runs or (), strict=False):
+                flown.append(fly_at(task.mission, parameters, theta[positions], channels, window.times))
                 reduced.append(trajectory)
         run.write_json(
             FULL_CHECK_FILE,
             {
                 "flights": len(flown),
-                "failed": len(thetas) - len(flown),
-                "records": compare(flown, reduced, channels, problem.simulator.heaters) if flown else [],
+                "failed": failed,
+                "records": compare(flown, reduced, channels, problem.heaters) if flown else [],
             },
         )
 
 
-def _shared(problem: AnyProblem, names: Collection[str]) -> tuple[str, ...]:
+def _shared(problem: Problem, names: Collection[str]) -> tuple[str, ...]:
     """The scenario's parameters, all of which the reduction must know."""
     unknown = [name for name in problem.scenario.parameters if name not in names]
     if unknown:
