@@ -27,8 +27,8 @@ class Canonical:
     @property
     def simulator(self) -> NetworkSimulator:
         """flightcal's simulator, for its numbers only."""
-        assert isinstance(self.problem.simulator, NetworkSimulator)
-        return self.problem.simulator
+        assert isinstance(self.problem.windows[0].simulator, NetworkSimulator)
+        return self.problem.windows[0].simulator
 
     def system(self, theta: Any) -> System:
         """The entries at theta [d], differentiable by JAX: the same table of terms that flightcal's assembly reads."""
@@ -63,8 +63,10 @@ class Canonical:
     def log_density(self, z: Any, temperatures: Any) -> Any:
         """Log density of z [d]; `temperatures`: theta -> [T, N]. No sample of this problem is missing."""
         theta = self.to_theta(z)
-        scaled = (self.problem.observed - temperatures(theta)) / self.problem.fixed_noise
-        constant = self.problem.observed.shape[0] * np.sum(np.log(self.problem.fixed_noise * np.sqrt(2 * np.pi)))
+        scaled = (self.problem.windows[0].observed - temperatures(theta)) / self.problem.fixed_noise
+        constant = self.problem.windows[0].observed.shape[0] * np.sum(
+            np.log(self.problem.fixed_noise * np.sqrt(2 * np.pi))
+        )
         log_prior = jnp.sum(jax.scipy.stats.norm.logpdf(z))
         return log_prior - 0.5 * jnp.sum(scaled**2) - constant
 
@@ -87,7 +89,7 @@ def _quantile(prior: Prior, score: Any) -> Any:
 
 def canonical(problem: Problem) -> Canonical:
     """The canonical form of a problem whose noise is fixed and whose nodes all have a capacity."""
-    simulator = problem.simulator
+    simulator = problem.windows[0].simulator
     assert isinstance(simulator, NetworkSimulator)
     assert len(problem.simulated) == len(problem.names)
     assert simulator.network.structure.mass.all()

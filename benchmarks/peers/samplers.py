@@ -198,11 +198,13 @@ def emcee(seconds: float) -> dict[str, Any]:
     def log_probability(z: Any) -> Any:
         thetas = problem.to_theta(z)
         values = np.asarray(problem.priors.at(z).log_density).copy()
-        for k, run in enumerate(problem.simulate_many(thetas)):
+        for k, run in enumerate(problem.windows[0].simulate_many(thetas)):
             values[k] += (
                 -np.inf
                 if run is None
-                else iid_log_likelihood(problem.observed, run.temperatures, problem.noise(thetas[k]))[0]
+                else iid_log_likelihood(
+                    problem.windows[0].observed, run.temperatures, problem.windows[0].noise(thetas[k])
+                )[0]
             )
         return values
 

@@ -43,7 +43,7 @@ def measure_batch(quick: bool) -> Section:
     """1,000 simulations from the posterior."""
     problem, theta = benchmark_problem()
     thetas = laplace_draws(problem, theta, 200 if quick else 1000)
-    together, single = problem.simulate_many(thetas), [problem.simulate(row) for row in thetas]
+    together, single = problem.windows[0].simulate_many(thetas), [problem.windows[0].simulate(row) for row in thetas]
     apart = max(
         float(np.abs(run.temperatures - other.temperatures).max())
         for run, other in zip(together, single, strict=True)
@@ -52,8 +52,8 @@ def measure_batch(quick: bool) -> Section:
     if not apart < 1e-6:
         raise AssertionError(f"batch and one by one differ by {apart:.2g} K")
     runs = {
-        "batch": lambda: problem.simulate_many(thetas),
-        "one by one": lambda: [problem.simulate(row) for row in thetas],
+        "batch": lambda: problem.windows[0].simulate_many(thetas),
+        "one by one": lambda: [problem.windows[0].simulate(row) for row in thetas],
     }
     timings = interleaved(runs, 5 if quick else 11)
     over = ratios(timings, "batch")
@@ -73,7 +73,7 @@ def measure_batch(quick: bool) -> Section:
 def measure_genetic(quick: bool) -> Section:
     """Evaluations per second of the genetic algorithm."""
     problem, _ = benchmark_problem()
-    looped = dataclasses.replace(problem, simulator=OneByOne(problem.simulator))
+    looped = dataclasses.replace(problem, simulator=OneByOne(problem.windows[0].simulator))
     settings = GeneticSettings(runs=1, population=64, generations=10 if quick else 30)
     results = {name: calibrate_genetic(chosen, settings) for name, chosen in (("a", problem), ("b", looped))}
     if not np.allclose(results["a"]["rmse"], results["b"]["rmse"], rtol=1e-6):

@@ -51,7 +51,7 @@ def measure(quick: bool) -> Section:
     else:
         notes.append("No gcc was found, so the C program is left out.")
     observed = {name: lambda run=run: model.observe(run()) for name, run in runs.items()}
-    runs["flightcal, theta to temperatures"] = lambda: problem.simulate(theta).temperatures
+    runs["flightcal, theta to temperatures"] = lambda: problem.windows[0].simulate(theta).temperatures
     for method, rtol, atol in _SCIPY:
         runs[f"SciPy solve_ivp, {method} with events"] = lambda method=method, rtol=rtol, atol=atol: model.observe(
             scipy_ode.solve_with_events(model, theta, method, rtol, atol)
@@ -76,7 +76,7 @@ def measure(quick: bool) -> Section:
     z = problem.to_z(theta)
     both = interleaved(
         {
-            "forward": lambda: problem.simulate(theta),
+            "forward": lambda: problem.windows[0].simulate(theta),
             "gradient": lambda: problem.log_density_and_gradient(z),
         },
         5 if quick else 21,

@@ -63,7 +63,7 @@ def contenders(model: Canonical) -> list[Contender]:
         )
 
     def flightcal(theta: Any) -> Any:
-        return problem.simulate(theta).temperatures
+        return problem.windows[0].simulate(theta).temperatures
 
     finite = Contender("central differences of flightcal's forward", flightcal, _differences(model), 0.01)
     return [
@@ -88,8 +88,8 @@ def _differences(model: Canonical) -> Callable[[Any], Any]:
         prior = np.asarray(problem.priors.at(points).log_density)
         values = np.array(
             [
-                iid_log_likelihood(problem.observed, run.temperatures, problem.noise(theta))[0]
-                for run, theta in zip(problem.simulate_many(thetas), thetas, strict=True)
+                iid_log_likelihood(problem.windows[0].observed, run.temperatures, problem.windows[0].noise(theta))[0]
+                for run, theta in zip(problem.windows[0].simulate_many(thetas), thetas, strict=True)
             ]
         )
         values += prior
@@ -144,9 +144,9 @@ def measure(quick: bool) -> Section:
     columns = ["", "one gradient", "over flightcal", "RMS, K", "max, K", "gradient differs by"]
     return Section(
         "Gradient of the log density",
-        f"Two orbits, 8 nodes, 1 thermostat that switches {len(problem.simulate(theta).switches.time)} times, "
+        f"Two orbits, 8 nodes, 1 thermostat that switches {len(problem.windows[0].simulate(theta).switches.time)} times, "
         f"{len(model.drive.times) - 1} grid steps, {len(problem.names)} parameters (10, and 8 initial temperatures), "
-        f"{problem.observed.size} samples of telemetry. RMS and max: of the temperatures at the telemetry's times "
+        f"{problem.windows[0].observed.size} samples of telemetry. RMS and max: of the temperatures at the telemetry's times "
         "against SciPy's Radau with events (rtol 1e-10). The last column is the norm of the difference from "
         "flightcal's gradient, over the norm of that, a little off the parameters that the telemetry was made with.",
         [Table(columns, rows)],

@@ -23,7 +23,7 @@ needs_gcc = pytest.mark.skipif(not c_program.compiler_version(), reason="no gcc"
 def test_the_peers_get_flightcals_system_and_log_density():
     problem, theta = benchmark_problem()
     model = canonical(problem)
-    trajectory = problem.simulate(theta)
+    trajectory = problem.windows[0].simulate(theta)
     assert len(trajectory.switches.time) >= 4
     z = problem.to_z(theta)
     np.testing.assert_allclose(model.to_theta(z), theta, rtol=1e-9)
@@ -44,7 +44,7 @@ def test_scipy_with_events_agrees_with_flightcal():
     problem, theta = benchmark_problem()
     states = scipy_ode.solve_with_events(canonical(problem), theta, "LSODA", 1e-7, 1e-5)
     found = canonical(problem).observe(states)
-    np.testing.assert_allclose(found, problem.simulate(theta).temperatures, rtol=0, atol=0.01)
+    np.testing.assert_allclose(found, problem.windows[0].simulate(theta).temperatures, rtol=0, atol=0.01)
 
 
 def test_timings_take_turns():

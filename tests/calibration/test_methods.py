@@ -88,7 +88,7 @@ def test_points_are_whole_thetas_whose_noise_is_the_rmse_of_each_channel(problem
     np.testing.assert_array_equal(points["genetic"][chosen], genetic["mean_theta"])
     np.testing.assert_array_equal(points["genetic_best"][chosen], genetic["best_theta"])
     for theta in points.values():
-        residual = problem.observed - problem.simulate(theta).temperatures
+        residual = problem.windows[0].observed - problem.windows[0].simulate(theta).temperatures
         assert theta[problem.names.index("noise.body_temp")] == pytest.approx(np.sqrt(np.mean(residual[:, 0] ** 2)))
     start = genetic["first_generation_best"].values[np.argmin(genetic["rmse"].values)]
     np.testing.assert_array_equal(points["poorly_calibrated"][chosen], start)

@@ -44,11 +44,11 @@ def test_a_campaign_says_what_it_did_and_leaves_one_dataset(finished, problem):
     assert "found: 0 of 50 runs done; 50 left" in result.output
     assert "campaign: 50 of 50 runs done: 50 finished; 0 left" in result.output
     data = open_campaign(out)
-    assert data["parameter"].values.tolist() == list(problem.simulator.parameters)
+    assert data["parameter"].values.tolist() == list(problem.windows[0].simulator.parameters)
     assert data["channel"].values.tolist() == ["body_temp", "panel_temp"]
-    np.testing.assert_array_equal(data["time"], problem.times)
+    np.testing.assert_array_equal(data["time"], problem.windows[0].times)
     for k in (0, 49):
-        expected = problem.simulator.simulate(data["theta"].values[k])
+        expected = problem.windows[0].simulator.simulate(data["theta"].values[k])
         np.testing.assert_allclose(data["temperatures"].values[k], expected.temperatures, rtol=0, atol=1e-9)
         np.testing.assert_array_equal(data["status"].values[k], expected.status)
     assert (out / "scenario.yaml").read_text().startswith("name: small")

@@ -58,16 +58,16 @@ def test_residuals_at_the_truth_are_the_noise(example):
 
     for window in ("train", "test"):
         problem = build_problem(scenario, data, window)
-        assert problem.simulator.parameters == tuple(scenario.parameters)
-        run = problem.simulator.simulate(truth)
-        residuals = problem.observed - run.temperatures
+        assert problem.windows[0].simulator.parameters == tuple(scenario.parameters)
+        run = problem.windows[0].simulator.simulate(truth)
+        residuals = problem.windows[0].observed - run.temperatures
         assert np.isfinite(residuals).all()
         # Standard errors of a mean and of a standard deviation of independent samples; 4.5 of them.
         samples = len(residuals)
         np.testing.assert_allclose(residuals.mean(axis=0), 0.0, atol=4.5 * NOISE / np.sqrt(samples))
         np.testing.assert_allclose(residuals.std(axis=0), NOISE, rtol=4.5 / np.sqrt(2 * samples))
-        if np.isfinite(problem.status).any():
-            np.testing.assert_array_equal(problem.status, run.status)
+        if np.isfinite(problem.windows[0].status).any():
+            np.testing.assert_array_equal(problem.windows[0].status, run.status)
             assert set(np.unique(run.status)) == {0.0, 1.0}
 
 
@@ -102,14 +102,18 @@ def test_least_squares_from_the_prior_medians_finds_the_truth(example):
     start = problem.priors.median()[: len(truth)]
 
     def residuals(scaled):
-        return ((problem.observed - problem.simulator.simulate(scaled * start).temperatures) / NOISE).ravel()
+        return (
+            (problem.windows[0].observed - problem.windows[0].simulator.simulate(scaled * start).temperatures) / NOISE
+        ).ravel()
 
     fit = least_squares(residuals, np.ones(len(truth)), diff_step=1e-4, xtol=1e-6)
 
     off = fit.x - truth / start
     # Chi-square of five degrees of freedom: above 20.5 once in a thousand.
     assert off @ (fit.jac.T @ fit.jac) @ off < 20.5
-    assert 2 * fit.cost / problem.observed.size == pytest.approx(1.0, abs=4.5 * np.sqrt(2 / problem.observed.size))
+    assert 2 * fit.cost / problem.windows[0].observed.size == pytest.approx(
+        1.0, abs=4.5 * np.sqrt(2 / problem.windows[0].observed.size)
+    )
 
 
 def exact_moments(problem, z):

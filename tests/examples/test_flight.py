@@ -22,7 +22,7 @@ def simulated(problem: Problem, **changes: float) -> np.ndarray:
     theta = problem.priors.median()
     for name, value in changes.items():
         theta[problem.names.index(name)] = value
-    return problem.simulate(theta).temperatures
+    return problem.windows[0].simulate(theta).temperatures
 
 
 @pytest.mark.parametrize("file", [FUNCUBE, BUPT, EXAMPLES / "bupt1" / "scenario.yaml"])

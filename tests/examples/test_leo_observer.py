@@ -89,7 +89,7 @@ def test_every_heater_cycles_in_train_and_test():
     telemetry = read(scenario)
     for window in ("train", "test"):
         problem = build_problem(scenario, telemetry, window)
-        switches = np.nansum(np.abs(np.diff(problem.status, axis=0)) > 0.5, axis=0)
+        switches = np.nansum(np.abs(np.diff(problem.windows[0].status, axis=0)) > 0.5, axis=0)
         assert (switches >= 3).all(), (window, switches)
 
 

@@ -79,8 +79,8 @@ def case(folder, noise, *, minutes=35):
 
 def test_a_new_windows_duty_is_off_as_in_training_where_residuals_have_a_model(tmp_path):
     scenario, data, problem, draws = case(tmp_path, NOISE)
-    simulated = problem.simulate(draws[0]).status[:, 0]
-    seconds = (problem.times - problem.times[0]) / np.timedelta64(1, "s")
+    simulated = problem.windows[0].simulate(draws[0]).status[:, 0]
+    seconds = (problem.windows[0].times - problem.windows[0].times[0]) / np.timedelta64(1, "s")
     told = data["heater_status"].values.copy()
     told[: len(simulated)] = np.where(seconds // 2100 == 2, 1.0, simulated)  # on for all of the third of four orbits
     data["heater_status"].values[:] = told
@@ -133,10 +133,10 @@ def test_the_simulation_that_telemetry_is_held_to_is_the_mean_of_the_draws_that_
     draws[:, train.names.index("power")] += [0.0, 2.0, 4.0, -2.0, 8.0, 0.0]
     draws[5, train.names.index("initial.body")] = np.nan
     errors = window_errors(build_problem(scenario, data, "test"), train, draws, 11)
-    status = np.mean([train.simulate(theta).status for theta in draws[:5]], axis=0)
-    seconds = (train.times - train.times[0]) / np.timedelta64(1, "s")
+    status = np.mean([train.windows[0].simulate(theta).status for theta in draws[:5]], axis=0)
+    seconds = (train.windows[0].times - train.windows[0].times[0]) / np.timedelta64(1, "s")
     assert len(errors.duty) == 4
-    np.testing.assert_allclose(errors.duty, duty_errors(train.status, status, seconds, 2100.0))
+    np.testing.assert_allclose(errors.duty, duty_errors(train.windows[0].status, status, seconds, 2100.0))
 
 
 def test_a_training_window_that_no_draw_can_simulate_is_a_clear_error(tmp_path):

@@ -63,7 +63,7 @@ def of_the_basis(errors, channel, apart):
     basis = np.concatenate([model.terms.shapes.basis, errors.basis(numbers)])
     total = basis * model.prior_deviations(numbers) ** 2 @ basis.T
     seen = fading(2.5, numbers[TIME_LENGTH], errors.gaps)
-    own = np.ix_(*[np.arange(len(errors.train.times), len(apart))] * 2)
+    own = np.ix_(*[np.arange(len(errors.train.windows[0].times), len(apart))] * 2)
     total[own] += covariance(2.5, numbers[TIME_SIZE], numbers[TIME_LENGTH], apart[own])
     total[own] -= seen @ stationary(2.5, numbers[TIME_SIZE], numbers[TIME_LENGTH]) @ seen.T
     return total
@@ -74,9 +74,9 @@ class Dense:
 
     def __init__(self, errors, channel, *, first, exact=False):
         train, window, model = errors.train, errors.problem, errors.model
-        times = np.concatenate([train.times, window.times])
-        seconds = (times - train.times[0]) / np.timedelta64(1, "s")
-        own = np.arange(len(times)) >= len(train.times)
+        times = np.concatenate([train.windows[0].times, window.times])
+        seconds = (times - train.windows[0].times[0]) / np.timedelta64(1, "s")
+        own = np.arange(len(times)) >= len(train.windows[0].times)
         apart = seconds[:, None] - seconds
         discrepancy = np.zeros_like(apart)
         if model.terms.discrepant[channel]:
@@ -88,11 +88,13 @@ class Dense:
             noise, white = np.zeros_like(noise), 0.2
         self.white = white
         self.errors = (discrepancy + noise)[np.ix_(own, own)]
-        seen = np.concatenate([np.isfinite(train.observed[:, channel]), np.isfinite(window.observed[:, channel])])
-        seen[len(train.times) + first :] = False
+        seen = np.concatenate(
+            [np.isfinite(train.windows[0].observed[:, channel]), np.isfinite(window.observed[:, channel])]
+        )
+        seen[len(train.windows[0].times) + first :] = False
         total = discrepancy + noise + white**2 * np.eye(len(times))
         self.cross, self.seen = (discrepancy + noise)[np.ix_(own, seen)], total[np.ix_(seen, seen)]
-        self.observed, self.kept = np.concatenate([train.observed, window.observed])[:, channel], seen
+        self.observed, self.kept = np.concatenate([train.windows[0].observed, window.observed])[:, channel], seen
 
     def given(self, simulated):
         residual = (self.observed - simulated)[self.kept]
@@ -112,7 +114,7 @@ def case(request, tmp_path_factory):
     errors = window_errors(window, train, thetas, FIRST)
     temperatures = np.stack([run.temperatures for run in window.simulate_many(thetas)])
     drawn = errors.draw(temperatures, np.random.default_rng(0))
-    simulated = np.concatenate([train.simulate(thetas[0]).temperatures, temperatures[0]])
+    simulated = np.concatenate([train.windows[0].simulate(thetas[0]).temperatures, temperatures[0]])
     return train, window, errors, drawn, simulated
 
 
@@ -169,7 +171,7 @@ def test_a_discrepancy_in_phase_alone_is_that_of_the_dense_normal(tmp_path):
     errors = window_errors(window, train, thetas, FIRST)
     temperatures = np.stack([run.temperatures for run in window.simulate_many(thetas)])
     drawn = errors.draw(temperatures, np.random.default_rng(0))
-    simulated = np.concatenate([train.simulate(thetas[0]).temperatures, temperatures[0]])
+    simulated = np.concatenate([train.windows[0].simulate(thetas[0]).temperatures, temperatures[0]])
     mean, expected = Dense(errors, 0, first=FIRST).given(simulated[:, 0])
     assert np.abs(mean).max() > 0.01
     np.testing.assert_allclose(drawn.mean[0, :, 0], mean, atol=1e-8 * np.abs(mean).max())
@@ -225,7 +227,7 @@ def test_draws_of_different_thetas_are_together_what_they_are_alone(tmp_path):
             np.testing.assert_allclose(found.std(axis=0), expected.std(axis=0), rtol=5 / np.sqrt(count), atol=1e-9)
         # After the first samples noise is as correlated as its time says; of N samples that is known to this.
         noise = drawn.noise[s::2, 60:, 0]
-        kept = np.exp(-60.0 / train.numbers(pair[s])[0, MEMORY])
+        kept = np.exp(-60.0 / train.windows[0].numbers(pair[s])[0, MEMORY])
         found = (noise[:, 1:] * noise[:, :-1]).sum() / (noise[:, :-1] ** 2).sum()
         assert found == pytest.approx(kept, abs=4 * np.sqrt((1.0 - kept**2) / noise.size))
 
@@ -237,22 +239,24 @@ def test_a_draw_is_usable_where_its_own_simulation_of_the_training_window_is(tmp
     errors = window_errors(window, train, thetas, FIRST)
     np.testing.assert_array_equal(errors.usable(), [True, False, True])
     for s in (0, 2):
-        np.testing.assert_array_equal(errors.numbers[s], train.numbers(thetas[s]))
-        np.testing.assert_allclose(errors.train_temperatures[s], train.simulate(thetas[s]).temperatures, atol=1e-9)
+        np.testing.assert_array_equal(errors.numbers[s], train.windows[0].numbers(thetas[s]))
+        np.testing.assert_allclose(
+            errors.train_temperatures[s], train.windows[0].simulate(thetas[s]).temperatures, atol=1e-9
+        )
 
 
 def test_on_the_training_window_the_discrepancy_is_that_of_its_residuals(case):
     train, _, _, _, simulated = case
     thetas = np.tile(truth(train), (300, 1))
     errors = window_errors(train, train, thetas, 0)
-    temperatures = np.tile(simulated[: len(train.times)], (300, 1, 1))
+    temperatures = np.tile(simulated[: len(train.windows[0].times)], (300, 1, 1))
     drawn = errors.draw(temperatures, np.random.default_rng(1))
-    residual = (train.observed - temperatures[0])[:, 1]
+    residual = (train.windows[0].observed - temperatures[0])[:, 1]
     # What the discrepancy takes away of the residuals leaves noise, and without it more than that.
     assert np.nanstd(residual - drawn.mean[0, :, 1]) < 0.3 < 0.5 < np.nanstd(residual)
     np.testing.assert_allclose(drawn.discrepancy.mean(axis=0)[:, 1], drawn.mean[0, :, 1], atol=0.1)
     assert not drawn.mean[..., 0].any()
-    memory = 0.2 if train.residuals.terms.kinds[0].has_memory else 0.0
+    memory = 0.2 if train.windows[0].residuals.terms.kinds[0].has_memory else 0.0
     assert drawn.noise.std() == pytest.approx(memory, rel=0.05)
 
 
@@ -346,7 +350,7 @@ def test_the_prediction_holds_the_discrepancy_and_what_of_the_residuals_should_b
     assert prediction["discrepant"].values.tolist() == ["", "time and phase"]
     assert prediction["noise"].values.tolist() == ["AR(1) noise", "AR(1) noise"]
     own = prediction.sel(channel="panel_temp")
-    of_errors = ensemble.mean[:, 1] - problem.simulate(draws[0]).temperatures[:, 1]
+    of_errors = ensemble.mean[:, 1] - problem.windows[0].simulate(draws[0]).temperatures[:, 1]
     # The mean has the weights' expected value, the discrepancy is drawn: Monte Carlo error of 40 draws.
     width = (own["discrepancy_upper"] - own["discrepancy_lower"]).values / 4
     assert (np.abs(own["discrepancy_mean"].values - of_errors) < 5 * width / np.sqrt(40) + 1e-6).all()
@@ -407,4 +411,4 @@ def test_innovations_are_those_of_the_draws_median_numbers(tmp_path, monkeypatch
 
     monkeypatch.setattr(sys.modules["flightcal.prediction.predict"], "innovations", noted)
     predict(scenario, data, "train", {}, pair[[0, 1, 1, 1]], seed=1)
-    np.testing.assert_allclose(given[0], train.numbers(pair[1]))
+    np.testing.assert_allclose(given[0], train.windows[0].numbers(pair[1]))

@@ -159,18 +159,20 @@ def test_the_initial_temperatures_are_at_the_top_of_their_density_where_radiatio
     positions = [problem.names.index(f"initial.{node}") for node in ("body", "panel")]
     truth = problem.priors.median()
     truth[positions] += 4.0, 40.0
-    made = problem.simulate(truth).temperatures
+    made = problem.windows[0].simulate(truth).temperatures
     problem = replace(problem, observed=made + NOISE * np.random.default_rng(0).standard_normal(made.shape))
     priors = [problem.priors.priors[k] for k in positions]
 
     def log_density(theta):
-        residual = (problem.observed - problem.simulate(theta).temperatures)[np.isfinite(problem.observed)]
+        residual = (problem.windows[0].observed - problem.windows[0].simulate(theta).temperatures)[
+            np.isfinite(problem.windows[0].observed)
+        ]
         off = [(theta[k] - prior.mean) / prior.standard_deviation for k, prior in zip(positions, priors, strict=True)]
         return -0.5 * np.sum(residual**2) / NOISE[0] ** 2 - 0.5 * np.sum(np.square(off))
 
     theta = problem.priors.median()[None]
     theta[0, positions] = 5.0, 1500.0
-    found = condition_initial(problem, theta, WhiteErrors(problem.noise(theta[0])[None]))[0]
+    found = condition_initial(problem, theta, WhiteErrors(problem.windows[0].noise(theta[0])[None]))[0]
     for k in positions:
         step = np.zeros(len(found))
         step[k] = 0.05

@@ -140,7 +140,7 @@ def test_interval_and_span_are_those_of_the_settings(tmp_path):
     result, _ = predict(scenario, data, "train", {}, draws, seed=1)
     width = (result["upper"] - result["lower"]).sel({"method": STOCHASTIC}).values.mean(axis=0)
     # The quantiles of 400 draws, averaged over 181 samples.
-    np.testing.assert_allclose(width, 2 * 1.2816 * problem.noise(draws[0]), rtol=0.02)
+    np.testing.assert_allclose(width, 2 * 1.2816 * problem.windows[0].noise(draws[0]), rtol=0.02)
     assert result.attrs["interval"] == 0.8
     later, _ = predict(scenario, data, "test", {}, draws[:4], seed=1)
     assert int((~later["scored"]).sum()) == 21
@@ -160,7 +160,7 @@ def test_draws_are_conditioned_with_their_own_noise_and_failures_are_counted(cas
     thetas[:, problem.names.index("noise.body_temp")] = [0.1, 0.2, 0.3, 0.4]
     thetas[3, problem.names.index("power")] = np.nan
     result, ensemble = predict(scenario, data, "test", {}, thetas, seed=1)
-    np.testing.assert_array_equal(given[0], [problem.noise(theta) for theta in thetas])
+    np.testing.assert_array_equal(given[0], [problem.windows[0].noise(theta) for theta in thetas])
     assert result.attrs["failed_simulations"] == ensemble.failed == 1
 
 
@@ -220,7 +220,7 @@ def test_each_points_run_and_the_ensemble_stand_in_their_own_rows(case):
     by_method = ("mean", "status", "point_duty_cycle", "point_switch_count", "point_energy")
     assert all(np.isnan(result[name].sel({"method": "failed"})).all() for name in by_method)
     for method in ("truth", "strong", "warm"):
-        row, run = result.sel({"method": method}), problem.simulate(thetas[method])
+        row, run = result.sel({"method": method}), problem.windows[0].simulate(thetas[method])
         energy = run.duty_cycle * thetas[method][position("power")] * 10800.0
         expected = (run.temperatures, run.status, run.duty_cycle, [len(run.switches.time)], energy)
         for name, values in zip(by_method, expected, strict=True):

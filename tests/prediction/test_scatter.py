@@ -29,13 +29,13 @@ def thetas_of(problem, count):
 def test_the_first_switch_is_off_by_the_scatter_over_the_rate_of_the_sensor(case):
     problem = build_problem(*case, "test")
     count = 600
-    runs = problem.simulate_as_flown(thetas_of(problem, count), np.random.default_rng(1))
+    runs = problem.windows[0].simulate_as_flown(thetas_of(problem, count), np.random.default_rng(1))
     first = np.array([run.switches.time[0] for run in runs])
     assert len(np.unique(first)) == count
-    exact = problem.simulate(thetas_of(problem, 1)[0])
-    seconds = (problem.times - problem.times[0]) / np.timedelta64(1, "s")
+    exact = problem.windows[0].simulate(thetas_of(problem, 1)[0])
+    seconds = (problem.windows[0].times - problem.windows[0].times[0]) / np.timedelta64(1, "s")
     at = np.searchsorted(seconds, exact.switches.time[0])
-    body = exact.temperatures[:, problem.simulator.channels.index("body_temp")]
+    body = exact.temperatures[:, problem.windows[0].simulator.channels.index("body_temp")]
     rate = (body[at - 1] - body[at - 2]) / (seconds[at - 1] - seconds[at - 2])
     # A standard deviation from 600 draws is known to 3%; the rate changes a little from before to after.
     assert first.std() == pytest.approx(SCATTER / abs(rate), rel=0.12)
@@ -46,7 +46,7 @@ def test_the_first_switch_is_off_by_the_scatter_over_the_rate_of_the_sensor(case
 
 def test_few_simulations_scatter_as_the_same_ones_among_many(case):
     problem = build_problem(*case, "test")
-    few, many = (problem.simulate_as_flown(thetas_of(problem, n), np.random.default_rng(1)) for n in (2, 20))
+    few, many = (problem.windows[0].simulate_as_flown(thetas_of(problem, n), np.random.default_rng(1)) for n in (2, 20))
     for one, other in zip(few, many[:2], strict=True):
         # One by one and side by side differ by rounding.
         np.testing.assert_allclose(one.switches.time, other.switches.time, atol=1e-6)
@@ -54,7 +54,9 @@ def test_few_simulations_scatter_as_the_same_ones_among_many(case):
 
 def test_a_simulator_with_an_error_scatters_as_its_network_does(case):
     problem = build_problem(*case, "test")
-    inexact = InexactSimulator(problem.simulator, np.zeros((*problem.observed.shape, 1)), np.array([0.04]))
+    inexact = InexactSimulator(
+        problem.windows[0].simulator, np.zeros((*problem.windows[0].observed.shape, 1)), np.array([0.04])
+    )
     runs, expected = (
         p.simulate_as_flown(thetas_of(problem, 4), np.random.default_rng(1))
         for p in (replace(problem, simulator=inexact), problem)
@@ -80,7 +82,7 @@ def test_each_heater_has_its_own_scatter(tmp_path):
 def test_exact_thermostats_draw_nothing(tmp_path):
     problem = build_problem(*small.closed_loop(tmp_path), "test")
     rng = np.random.default_rng(1)
-    problem.simulate_as_flown(thetas_of(problem, 2), rng)
+    problem.windows[0].simulate_as_flown(thetas_of(problem, 2), rng)
     assert rng.random() == np.random.default_rng(1).random()
 
 
@@ -90,7 +92,7 @@ def test_scatter_widens_the_prediction_of_a_new_window_and_not_that_of_the_train
         exact = build_problem(*small.closed_loop(tmp_path), window)
         thetas = thetas_of(problem, 200)
         with_scatter, without = (propagate(p, thetas, 0.95, np.random.default_rng(1)) for p in (problem, exact))
-        body = problem.simulator.channels.index("body_temp")
+        body = problem.windows[0].simulator.channels.index("body_temp")
         wide, narrow = ((e.model_upper - e.model_lower)[:, body] for e in (with_scatter, without))
         np.testing.assert_allclose(narrow, 0.0, atol=1e-9)
         if window == "train":
@@ -112,6 +114,6 @@ def test_simulations_with_very_many_switches_scatter_too(tmp_path):
     problem = build_problem(*small.load(tmp_path, written), "test")
     values = {"noise.body_temp": 0.1, "initial.body": 283.16, "initial.panel": 262.0} | small.TRUTH
     thetas = np.tile([values[name] for name in problem.names], (4, 1))
-    runs = problem.simulate_as_flown(thetas, np.random.default_rng(1))
-    assert min(len(run.switches.time) for run in runs) > 2 * len(problem.times)
+    runs = problem.windows[0].simulate_as_flown(thetas, np.random.default_rng(1))
+    assert min(len(run.switches.time) for run in runs) > 2 * len(problem.windows[0].times)
     assert len({run.switches.time[0] for run in runs}) == 4

@@ -68,7 +68,7 @@ def test_names_stand_between_parameters_and_initial_temperatures(tmp_path):
         *("initial.body", "initial.panel"),
     )
     theta = problem.priors.median() * (1 + 0.001 * np.arange(len(problem.names)))
-    numbers = problem.numbers(theta)
+    numbers = problem.windows[0].numbers(theta)
     names = CORRELATED.names
     for name in names:
         column, key = names.index(name), "" if name == "standard_deviation" else f".{name}"
@@ -78,16 +78,16 @@ def test_names_stand_between_parameters_and_initial_temperatures(tmp_path):
         numbers[:, PHASE_LENGTH],
         [theta[problem.names.index(f"discrepancy.phase.lengthscale.{channel}")] for channel in channels],
     )
-    np.testing.assert_allclose(problem.noise(theta), np.hypot(numbers[:, DEVIATION], numbers[:, names.index("white")]))
+    np.testing.assert_allclose(problem.windows[0].noise(theta), np.hypot(numbers[:, DEVIATION], numbers[:, names.index("white")]))
 
 
 @pytest.mark.parametrize("seed", range(2))
 def test_the_c_function_is_what_the_parts_give_in_python(problem, seed):
     z = near_truth(problem, seed)
     prior = problem.priors.at(z)
-    run, pull_back = problem.simulator.linearise(prior.theta[problem.simulated])
+    run, pull_back = problem.windows[0].simulator.linearise(prior.theta[problem.simulated])
     value, temperatures_bar, numbers_bar = log_likelihood(
-        problem.residuals.terms, problem.observed, run.temperatures, problem.numbers(prior.theta)
+        problem.windows[0].residuals.terms, problem.windows[0].observed, run.temperatures, problem.windows[0].numbers(prior.theta)
     )
     theta_bar = np.zeros_like(z)
     theta_bar[problem.simulated] = pull_back(temperatures_bar)
@@ -119,15 +119,15 @@ def test_the_gauss_newton_hessian_can_whiten(problem):
 
 def test_of_normal_residuals_it_has_the_parameters_information_of_the_dense_covariance(problem):
     """J^T C^-1 J, with C from the likelihood of unit residuals; where these are not normal, of their equivalents."""
-    if not problem.residuals.is_normal:
+    if not problem.windows[0].residuals.is_normal:
         pytest.skip("compared with normal residuals only")
     z = near_truth(problem)
-    numbers = problem.numbers(problem.to_theta(z))
+    numbers = problem.windows[0].numbers(problem.to_theta(z))
     jacobian = problem.jacobian(z)
     expected = np.diag(problem.priors.precision(z))
-    model = problem.residuals
+    model = problem.windows[0].residuals
     for k in range(2):
-        valid = problem.valid[:, k]
+        valid = problem.windows[0].valid[:, k]
         seconds, basis = model.terms.seconds[valid], model.terms.shapes.basis[valid]
         deviation, white, time = numbers[k, :3]
         if model.terms.kinds[k] == CORRELATED:
@@ -156,7 +156,7 @@ KINDS = {
 @pytest.mark.parametrize("model", KINDS)
 def test_the_noise_is_of_the_kind_that_the_scenario_says(model, tmp_path):
     problem = build_problem(*made(tmp_path, *MODELS[model]))
-    assert problem.residuals.terms.kinds == (KINDS[model],) * 2
+    assert problem.windows[0].residuals.terms.kinds == (KINDS[model],) * 2
 
 
 def test_the_discrepancy_is_of_the_functions_at_the_samples_times(tmp_path):
@@ -168,8 +168,8 @@ def test_the_discrepancy_is_of_the_functions_at_the_samples_times(tmp_path):
 def test_by_default_lengthscales_are_those_that_the_functions_are_enough_for(tmp_path):
     problem = build_problem(*made(tmp_path, *MODELS["time"]))
     prior = problem.priors.priors[problem.names.index("discrepancy.time.lengthscale")]
-    assert prior.lower == shortest_lengthscale(problem.residuals.time, 2.5)
-    assert prior.upper == 0.25 * problem.residuals.terms.seconds[-1]
+    assert prior.lower == shortest_lengthscale(problem.windows[0].residuals.time, 2.5)
+    assert prior.upper == 0.25 * problem.windows[0].residuals.terms.seconds[-1]
     with pytest.raises(ScenarioError, match="found 8 functions"):
         build_problem(*made(tmp_path, discrepancy={"time": {"functions": 8}}))
 
@@ -196,10 +196,10 @@ def information(density):
 @pytest.mark.parametrize("model", ["student", "correlated student", "quantised"])
 def test_normal_residuals_in_the_place_of_others_have_their_information(model, tmp_path):
     problem = build_problem(*made(tmp_path, *MODELS[model]))
-    numbers, names = problem.residuals.fixed.copy(), KINDS[model].names
+    numbers, names = problem.windows[0].residuals.fixed.copy(), KINDS[model].names
     given = {"standard_deviation": 0.4, "degrees_of_freedom": 3.5, "correlation_time": 500.0, "quantisation": 0.2}
     numbers[:, : len(names)] = [given[name] for name in names]
-    equivalent, equal = problem.residuals.normal_equivalent(numbers)
+    equivalent, equal = problem.windows[0].residuals.normal_equivalent(numbers)
     densities = {
         "quantised": lambda x: (
             (stats.norm.cdf((0.1 - np.abs(x)) / 0.4) - stats.norm.cdf((-0.1 - np.abs(x)) / 0.4)) / 0.2
@@ -213,11 +213,13 @@ def test_normal_residuals_in_the_place_of_others_have_their_information(model, t
 def test_the_curvature_is_minus_the_second_derivative_by_the_numbers_logarithms(problem):
     z = near_truth(problem)
     theta = problem.to_theta(z)
-    numbers, model = problem.numbers(theta), problem.residuals
-    residual = np.where(problem.valid, problem.observed - problem.simulate(theta).temperatures, 0.0)
+    numbers, model = problem.windows[0].numbers(theta), problem.windows[0].residuals
+    residual = np.where(
+        problem.windows[0].valid, problem.windows[0].observed - problem.windows[0].simulate(theta).temperatures, 0.0
+    )
     found = model.curvature(residual, numbers)
     if model.is_independent:
-        np.testing.assert_array_equal(found[:, DEVIATION, DEVIATION], 2.0 * problem.valid.sum(axis=0))
+        np.testing.assert_array_equal(found[:, DEVIATION, DEVIATION], 2.0 * problem.windows[0].valid.sum(axis=0))
         return
 
     def value(*steps):
@@ -247,14 +249,14 @@ def test_errors_are_drawn_with_the_models_own_likelihood(tmp_path):
     """The expected log density of draws is that of the normal with their covariance, within Monte Carlo error."""
     problem = build_problem(*made(tmp_path, *MODELS["both and ar1"]))
     theta = problem.priors.median()
-    numbers, rng = problem.numbers(theta), np.random.default_rng(0)
-    none = np.zeros_like(problem.observed)
+    numbers, rng = problem.windows[0].numbers(theta), np.random.default_rng(0)
+    none = np.zeros_like(problem.windows[0].observed)
     values = []
     for _ in range(400):
-        drawn = np.where(problem.valid, problem.draw_errors(theta, rng), np.nan)
-        values.append(log_likelihood(problem.residuals.terms, drawn, none, numbers)[0])
-    count = problem.valid.sum()
-    at_zero = log_likelihood(problem.residuals.terms, np.where(problem.valid, 0.0, np.nan), none, numbers)[0]
+        drawn = np.where(problem.windows[0].valid, problem.windows[0].draw_errors(theta, rng), np.nan)
+        values.append(log_likelihood(problem.windows[0].residuals.terms, drawn, none, numbers)[0])
+    count = problem.windows[0].valid.sum()
+    at_zero = log_likelihood(problem.windows[0].residuals.terms, np.where(problem.windows[0].valid, 0.0, np.nan), none, numbers)[0]
     # Twice the drop from the peak is chi-squared with as many degrees of freedom as there are samples.
     squares = 2.0 * (at_zero - np.array(values))
     assert squares.mean() == pytest.approx(count, abs=4 * np.sqrt(2 * count / 400))
@@ -300,13 +302,13 @@ def test_telemetry_drawn_anew_keeps_the_discrepancy_that_the_residuals_show(tmp_
     """Mean and covariance of what is drawn are the dense conditional normal's, and the noise is new."""
     problem = build_problem(*made(tmp_path, {"standard_deviation": "0.2 K"}, {"phase": {"harmonics": 2}}))
     theta = problem.priors.median()
-    run, rng, count = problem.simulate(theta), np.random.default_rng(0), 1500
-    drawn = np.stack([problem.replicate(theta, run, rng)[:, 1] for _ in range(count)])
-    model, numbers = problem.residuals, problem.numbers(theta)
-    valid, basis = problem.valid[:, 1], model.terms.shapes.basis
+    run, rng, count = problem.windows[0].simulate(theta), np.random.default_rng(0), 1500
+    drawn = np.stack([problem.windows[0].replicate(theta, run, rng)[:, 1] for _ in range(count)])
+    model, numbers = problem.windows[0].residuals, problem.windows[0].numbers(theta)
+    valid, basis = problem.windows[0].valid[:, 1], model.terms.shapes.basis
     prior = basis * model.prior_deviations(numbers[1]) ** 2 @ basis.T
     gain = prior[:, valid] @ np.linalg.inv(prior[np.ix_(valid, valid)] + 0.04 * np.eye(valid.sum()))
-    mean = run.temperatures[:, 1] + gain @ (problem.observed - run.temperatures)[valid, 1]
+    mean = run.temperatures[:, 1] + gain @ (problem.windows[0].observed - run.temperatures)[valid, 1]
     covariance = prior - gain @ prior[valid] + 0.04 * np.eye(len(basis))
     variance = np.diag(covariance)
     assert (np.abs(drawn.mean(axis=0) - mean) < 5 * np.sqrt(variance / count)).all()

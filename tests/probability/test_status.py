@@ -70,7 +70,7 @@ def test_settings_that_are_inferred_stand_between_noise_and_initial_temperatures
         "noise.body_temp", "timing.heater_status", "error_rate.heater_status", "initial.body", "initial.panel",
     )  # fmt: skip
     theta = np.array([TRUTH[name] for name in problem.names])
-    np.testing.assert_array_equal(problem.status_settings(theta), [15.0, 0.01])
+    np.testing.assert_array_equal(problem.windows[0].status_settings(theta), [15.0, 0.01])
     fixed = build_problem(*made(tmp_path, {"switch_times": {"timing": "12 s", "error_rate": 0.002}}))
     assert "timing.heater_status" not in fixed.names
     np.testing.assert_array_equal(fixed.status_settings(theta), [12.0, 0.002])
@@ -109,8 +109,8 @@ def test_the_density_has_what_the_status_adds(problem):
     """That of the same problem without it, and the priors of its settings aside."""
     z = near_truth(problem, 0)
     theta = problem.to_theta(z)
-    run, settings = problem.simulate(theta), problem.status_settings(theta)
-    added = problem.heater_status.log_likelihood(run, settings)[0]
+    run, settings = problem.windows[0].simulate(theta), problem.windows[0].status_settings(theta)
+    added = problem.windows[0].heater_status.log_likelihood(run, settings)[0]
     assert problem.log_density(z) - replace(problem, heater_status=None).log_density(z) == pytest.approx(
         added, rel=1e-9
     )
@@ -120,7 +120,7 @@ def test_the_density_has_what_the_status_adds(problem):
 def test_it_is_no_part_of_a_problem_of_the_temperatures_alone(problem):
     z = near_truth(problem, 0)
     expected = replace(problem, heater_status=None).log_density(z)
-    alone = problem.of_temperatures(np.ones((len(problem.times), 1), bool))
+    alone = problem.windows[0].of_temperatures(np.ones((len(problem.windows[0].times), 1), bool))
     assert alone.log_density(z) == pytest.approx(expected, rel=1e-12)
 
 
@@ -164,9 +164,9 @@ def test_the_information_is_that_of_the_moving_switches(problem):
     """Against switches' times at theta next to it: a variance of tau^2 + 60^2 / 12 each, or that of the duty cycles."""
     z = near_truth(problem, 1)
     theta = problem.to_theta(z)
-    run = problem.simulate(theta)
-    moving = differences(lambda z: problem.simulate(problem.to_theta(z)).switches.time, z).T
-    data, settings = problem.heater_status.data, problem.status_settings(theta)
+    run = problem.windows[0].simulate(theta)
+    moving = differences(lambda z: problem.windows[0].simulate(problem.to_theta(z)).switches.time, z).T
+    data, settings = problem.windows[0].heater_status.data, problem.windows[0].status_settings(theta)
     if len(data.duties.measured):
         deviation = []
         for step in 1e-3 * np.eye(len(moving)):
@@ -181,7 +181,7 @@ def test_the_information_is_that_of_the_moving_switches(problem):
                         measured = data.duties.measured.copy()
                         measured[number] += shift
                         other = data._replace(duties=data.duties._replace(measured=measured))
-                        status = replace(problem.heater_status, data=other)
+                        status = replace(problem.windows[0].heater_status, data=other)
                         shifted.append(status.log_likelihood(case, settings)[0])
                     at.append((shifted[0] - shifted[1]) / 2e-4)
                 values.append((at[0] - at[1]) / 2e-3 * settings[0])
@@ -229,11 +229,11 @@ def test_each_heaters_switches_are_known_from_its_own_channels():
 def test_in_open_loop_the_sensor_is_at_its_threshold_when_the_heater_is_seen_to_switch(problem):
     """The density falls by the squared distance; its curvature by the thresholds is one row for each switch."""
     opened = problem.open_loop
-    switches = opened.measured_switches
-    status = problem.status[:, 0]
+    switches = opened.windows[0].measured_switches
+    status = problem.windows[0].status[:, 0]
     assert len(switches.time) == np.sum(np.abs(np.diff(status)) == 1.0) >= 6
     theta = np.array([TRUTH[name] for name in problem.names])
-    excess, pull_back = opened.simulator.threshold_excess(theta[opened.simulated], switches)
+    excess, pull_back = opened.windows[0].simulator.threshold_excess(theta[opened.simulated], switches)
     # The heater switches halfway between samples, up to half a minute off; it moves by less than 0.02 K/s.
     assert (np.abs(excess) < 0.6).all()
     assert np.abs(excess).max() > 0.01
@@ -242,13 +242,13 @@ def test_in_open_loop_the_sensor_is_at_its_threshold_when_the_heater_is_seen_to_
     added = opened.log_density(z) - without.log_density(z)
     assert added == pytest.approx(-0.5 * (excess**2).sum() / THRESHOLD_ERROR**2, rel=1e-6)
     rows = np.array([pull_back(row) for row in np.eye(len(excess))])
-    upper = opened.simulator.parameters.index("off_above")
+    upper = opened.windows[0].simulator.parameters.index("off_above")
     np.testing.assert_allclose(rows[:, upper], np.where(switches.on > 0.5, 0.0, -1.0), atol=1e-12)
 
 
 def test_in_open_loop_too_a_failed_simulation_has_no_density(problem):
     value, gradient = problem.open_loop.log_density_and_gradient(np.full(len(problem.names), 1e200))
-    assert problem.open_loop.measured_switches is not None
+    assert problem.open_loop.windows[0].measured_switches is not None
     assert value == -np.inf
     assert not gradient.any()
 
@@ -282,9 +282,9 @@ def test_the_open_loop_brings_thresholds_near_the_truth(tmp_path):
 
 def test_a_scenario_that_gives_status_no_likelihood_has_none(tmp_path):
     problem = build_problem(*small.closed_loop(tmp_path))
-    assert problem.heater_status is None
-    assert problem.open_loop.measured_switches is None
-    assert problem.status_settings(np.zeros(len(problem.names))).size == 0
+    assert problem.windows[0].heater_status is None
+    assert problem.open_loop.windows[0].measured_switches is None
+    assert problem.windows[0].status_settings(np.zeros(len(problem.names))).size == 0
 
 
 @pytest.mark.parametrize("likelihood", [None, INFERRED], ids=["temperatures alone", "status too"])

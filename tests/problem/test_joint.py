@@ -4,6 +4,7 @@ from types import SimpleNamespace
 
 import numpy as np
 import pytest
+from flightcal.problem.joint import JointProblem
 from scipy import stats
 
 from flightcal.calibration import calibrate_genetic, genetic_points, posterior_tree

@@ -48,14 +48,14 @@ def near_truth(problem, seed, spread=0.05):
 
 def test_theta_holds_parameters_inferred_noise_and_initial_temperatures_in_this_order(problem):
     assert problem.names == ("link", "panel_size", "power", "noise.body_temp", "initial.body", "initial.panel")
-    np.testing.assert_allclose(problem.noise(truth(problem)), [0.1, 0.1])
+    np.testing.assert_allclose(problem.windows[0].noise(truth(problem)), [0.1, 0.1])
 
 
 @pytest.mark.parametrize("seed", range(3))
 def test_log_density_is_likelihood_times_prior_times_jacobian(problem, seed):
     z = near_truth(problem, seed)
     theta = problem.to_theta(z)
-    first = np.array([np.mean(column[np.isfinite(column)][:3]) for column in problem.observed.T])
+    first = np.array([np.mean(column[np.isfinite(column)][:3]) for column in problem.windows[0].observed.T])
     priors = {
         **PRIORS,
         "initial.body": stats.norm(first[0], 2.0),
@@ -65,9 +65,9 @@ def test_log_density_is_likelihood_times_prior_times_jacobian(problem, seed):
     # By differences of the fourth order.
     far, near = (problem.to_theta(z + step) - problem.to_theta(z - step) for step in (2e-3, 1e-3))
     expected += np.log((8.0 * near - far) / 12e-3).sum()
-    simulated = problem.simulate(theta).temperatures
+    simulated = problem.windows[0].simulate(theta).temperatures
     noise = np.array([theta[3], 0.1])
-    expected += np.nansum(stats.norm(simulated, noise).logpdf(problem.observed))
+    expected += np.nansum(stats.norm(simulated, noise).logpdf(problem.windows[0].observed))
     assert problem.log_density(z) == pytest.approx(expected, rel=1e-10)
 
 
@@ -122,9 +122,9 @@ class Surrogate:
 
 @pytest.fixture(scope="module")
 def surrogate(problem):
-    times = np.linspace(0.0, 1.0, len(problem.times))
+    times = np.linspace(0.0, 1.0, len(problem.windows[0].times))
     shapes = np.stack([np.cos(np.outer(times, [2.0, 3.0])), np.sin(np.outer(times, [7.0, 5.0]))], axis=-1)
-    return replace(problem, simulator=Surrogate(problem.simulator, shapes))
+    return replace(problem, simulator=Surrogate(problem.windows[0].simulator, shapes))
 
 
 @pytest.mark.parametrize("seed", range(2))
@@ -141,9 +141,11 @@ def test_the_error_of_a_surrogate_is_in_the_density_and_its_gradient(problem, su
 def test_what_a_surrogate_may_be_off_by_tells_nothing_of_the_parameters(problem, surrogate):
     """J^T C^-1 J with the dense covariance C of the residuals, in the parameters and initial temperatures."""
     z = near_truth(problem, 0)
-    theta, valid = problem.to_theta(z), problem.valid.ravel()
+    theta, valid = problem.to_theta(z), problem.windows[0].valid.ravel()
     shapes = surrogate.simulator.error_basis.reshape(-1, 2)[valid]
-    covariance = np.diag(np.broadcast_to(problem.noise(theta) ** 2, problem.observed.shape).ravel()[valid])
+    covariance = np.diag(
+        np.broadcast_to(problem.windows[0].noise(theta) ** 2, problem.windows[0].observed.shape).ravel()[valid]
+    )
     covariance += shapes @ np.diag(theta[0] * np.array([0.04, 0.3])) @ shapes.T
     jacobian = problem.jacobian(z).reshape(-1, len(z))[valid]
     expected = jacobian.T @ np.linalg.solve(covariance, jacobian) + np.diag(problem.priors.precision(z))
@@ -156,7 +158,7 @@ def test_the_noise_level_has_the_curvature_of_residuals_of_its_size(problem):
     """Where the mean square residual is sigma^2, minus d2 / d(log sigma)2 is 2 T exactly, plus the prior's."""
     z = problem.to_z(truth(problem))
     k = problem.names.index("noise.body_temp")
-    residual = problem.observed[:, 0] - problem.simulate(problem.to_theta(z)).temperatures[:, 0]
+    residual = problem.windows[0].observed[:, 0] - problem.windows[0].simulate(problem.to_theta(z)).temperatures[:, 0]
     theta = problem.to_theta(z)
     theta[k] = np.sqrt(np.nanmean(residual**2))
     z = problem.to_z(theta)
@@ -169,9 +171,9 @@ def test_the_noise_level_has_the_curvature_of_residuals_of_its_size(problem):
 
 def test_the_jacobian_is_that_of_the_adjoint(problem):
     z = near_truth(problem, 5)
-    weights = np.random.default_rng(0).normal(size=problem.observed.shape)
+    weights = np.random.default_rng(0).normal(size=problem.windows[0].observed.shape)
     theta = problem.to_theta(z)
-    _, pull_back = problem.simulator.linearise(theta[problem.simulated])
+    _, pull_back = problem.windows[0].simulator.linearise(theta[problem.simulated])
     slope = (problem.to_theta(z + 1e-6) - problem.to_theta(z - 1e-6)) / 2e-6
     expected = np.zeros_like(z)
     expected[problem.simulated] = pull_back(weights)
@@ -223,7 +225,7 @@ def test_rmse_is_nan_where_a_simulation_fails_and_weighs_wrong_heater_status(pro
     other = theta.copy()
     other[problem.names.index("power")] = 36.0
     plain, weighted = (problem.rmse(other[None], weight)[0] for weight in (0.0, 3.0))
-    wrong = np.nanmean(np.abs(problem.status - problem.simulate(other).status))
+    wrong = np.nanmean(np.abs(problem.windows[0].status - problem.windows[0].simulate(other).status))
     assert wrong > 0.05
     assert weighted**2 - plain**2 == pytest.approx(9.0 * wrong)
 
@@ -242,7 +244,7 @@ def test_initial_priors_stand_at_the_first_samples_or_at_what_the_scenario_write
 def test_the_open_loop_twin_is_driven_by_the_measured_status_and_shares_theta(problem):
     assert problem.open_loop is not None
     assert problem.open_loop.names == problem.names
-    assert np.isfinite(problem.open_loop.simulator.drive.measured).all()
+    assert np.isfinite(problem.open_loop.windows[0].simulator.drive.measured).all()
     assert problem.open_loop.open_loop is None
 
 
@@ -264,5 +266,5 @@ def test_initial_temperatures_are_expected_where_the_first_readings_are_without_
     written["observations"]["body_temp"] |= {"gain": 1.1, "bias": "0.5 K"}
     problem = build_problem(*small.closed_loop(tmp_path, written))
     prior = problem.priors.priors[problem.names.index("initial.body")]
-    reading = problem.observed[:3, 0].mean() - 273.15
+    reading = problem.windows[0].observed[:3, 0].mean() - 273.15
     assert prior.mean == pytest.approx(273.15 + (reading - 0.5) / 1.1, abs=1e-9)

@@ -25,14 +25,14 @@ def made(tmp_path_factory):
 def test_the_residuals_have_the_noise_of_theta_and_the_gaps_stay(made):
     problem, _, theta = made
     rng = np.random.default_rng(1)
-    run = problem.simulate(theta)
+    run = problem.windows[0].simulate(theta)
     draws = [simulate_telemetry(problem, theta, rng) for _ in range(50)]
     residuals = np.stack([temperatures - run.temperatures for temperatures, _ in draws])
-    assert np.array_equal(np.isfinite(residuals[0]), problem.valid)
+    assert np.array_equal(np.isfinite(residuals[0]), problem.windows[0].valid)
     # 8,000 samples or more fix a standard deviation to 0.8%; four standard errors.
-    assert np.nanstd(residuals, axis=(0, 1)) == pytest.approx(problem.noise(theta), rel=0.032)
+    assert np.nanstd(residuals, axis=(0, 1)) == pytest.approx(problem.windows[0].noise(theta), rel=0.032)
     status = draws[0][1]
-    assert np.array_equal(np.isfinite(status), np.isfinite(problem.status))
+    assert np.array_equal(np.isfinite(status), np.isfinite(problem.windows[0].status))
     assert np.array_equal(status[np.isfinite(status)], run.status[np.isfinite(status)])
 
 
@@ -42,20 +42,20 @@ def test_a_simulator_that_knows_its_error_has_it_in_the_telemetry(made):
     class Erring:
         """The problem's simulator, as if a surrogate: its error is 3 and 0.5 K of two shapes in time."""
 
-        error_basis = np.zeros((len(problem.times), 2, 2))
+        error_basis = np.zeros((len(problem.windows[0].times), 2, 2))
 
         def __getattr__(self, name):
-            return getattr(problem.simulator, name)
+            return getattr(problem.windows[0].simulator, name)
 
         def simulate(self, theta):
-            return replace(problem.simulator.simulate(theta), error_variance=np.array([9.0, 0.25]))
+            return replace(problem.windows[0].simulator.simulate(theta), error_variance=np.array([9.0, 0.25]))
 
     Erring.error_basis[:, 0, 0] = 1.0
     Erring.error_basis[::2, 1, 1] = 1.0
     erring, rng = replace(problem, simulator=Erring()), np.random.default_rng(5)
-    run = problem.simulate(theta)
+    run = problem.windows[0].simulate(theta)
     draws = np.stack([simulate_telemetry(erring, theta, rng)[0] - run.temperatures for _ in range(2000)])
-    noise = problem.noise(theta) ** 2
+    noise = problem.windows[0].noise(theta) ** 2
     # A variance of 2,000 draws is known to 3.2%; four standard errors.
     assert np.var(draws[:, 7], axis=0) == pytest.approx([9.0 + noise[0], noise[1]], rel=0.13)
     assert np.var(draws[:, 8], axis=0) == pytest.approx([9.0 + noise[0], 0.25 + noise[1]], rel=0.13)
@@ -68,7 +68,7 @@ def test_a_problem_with_other_telemetry_is_as_if_it_had_been_measured(made):
     observed, status = simulate_telemetry(problem, theta, np.random.default_rng(2))
     other = with_telemetry(problem, data, observed, status)
     measured = data.copy(deep=True)
-    at = {"time": problem.times}
+    at = {"time": problem.windows[0].times}
     measured["body_temp"].loc[at], measured["panel_temp"].loc[at] = observed.T
     measured["heater_status"].loc[at] = status[:, 0]
     built = build_problem(problem.scenario, measured)
@@ -90,10 +90,10 @@ def test_status_with_a_likelihood_has_its_timing_errors_and_false_samples(tmp_pa
     written["observations"]["heater_status"]["likelihood"] = {"switch_times": {"timing": "60 s", "error_rate": 0.1}}
     problem = build_problem(*small.closed_loop(tmp_path, written))
     theta = problem.priors.median()
-    run = problem.simulate(theta)
+    run = problem.windows[0].simulate(theta)
     rng = np.random.default_rng(4)
     draws = np.stack([simulate_telemetry(problem, theta, rng)[1][:, 0] for _ in range(400)])
-    seconds = (problem.times - problem.times[0]) / np.timedelta64(1, "s")
+    seconds = (problem.windows[0].times - problem.windows[0].times[0]) / np.timedelta64(1, "s")
     far = np.abs(seconds[:, None] - run.switches.time).min(axis=1) > 300.0
     assert 20 < far.sum() < len(far) - 20
     wrong = draws != run.status[:, 0]
@@ -112,4 +112,4 @@ def test_the_open_loop_follows_the_new_status(made):
     other = with_telemetry(problem, data, observed, 1.0 - status)
     run = other.open_loop.simulate(theta)
     # Driven by the reverse of the status, the body is warm when it should be cold.
-    assert np.corrcoef(run.temperatures[60:, 0], problem.simulate(theta).temperatures[60:, 0])[0, 1] < 0.9
+    assert np.corrcoef(run.temperatures[60:, 0], problem.windows[0].simulate(theta).temperatures[60:, 0])[0, 1] < 0.9

@@ -81,9 +81,9 @@ def test_a_scenario_with_a_reduced_model_is_read_back_as_it_was(folder):
 def test_the_error_of_the_reduced_model_widens_the_likelihood(folder):
     scenario = load_scenario(folder / "rom" / "scenario.yaml")
     problem = build_problem(scenario, read(scenario), "train")
-    assert isinstance(problem.simulator, InexactSimulator)
-    basis, variance = problem.simulator.error_basis, problem.simulator.error_variance
-    for k, channel in enumerate(problem.simulator.channels):
+    assert isinstance(problem.windows[0].simulator, InexactSimulator)
+    basis, variance = problem.windows[0].simulator.error_basis, problem.windows[0].simulator.error_variance
+    for k, channel in enumerate(problem.windows[0].simulator.channels):
         error = scenario.network.errors[channel]
         mean = np.mean(np.einsum("tr,r->t", basis[:, k] ** 2, variance))
         assert mean == pytest.approx(error.offset**2 + error.deviation**2, rel=1e-6)
@@ -105,7 +105,7 @@ def test_the_sensors_of_a_reduced_model_have_gain_bias_and_time_offset(folder):
     exact, erring = (load_scenario(p) for p in (path, changed(folder / "rom", path, "errors.yaml", errors)))
     problems = [build_problem(scenario, read(scenario), "train") for scenario in (exact, erring)]
     theta = problems[0].priors.median()
-    first, second = (problem.simulate(theta).temperatures for problem in problems)
+    first, second = (problem.windows[0].simulate(theta).temperatures for problem in problems)
     seconds = (problems[0].times - problems[0].times[0]) / np.timedelta64(1, "s")
     unit = problems[0].simulator.channels.index("unit_1")
     later = np.interp(seconds + 120.0, seconds, first[:, unit])
@@ -234,7 +234,7 @@ def test_the_posterior_through_the_reduced_model_is_that_through_the_full_networ
     means, deviations = [], []
     for scenario in (full, reduced):
         problem = build_problem(scenario, telemetry, "train")
-        assert isinstance(problem.simulator, NetworkSimulator if scenario is full else InexactSimulator)
+        assert isinstance(problem.windows[0].simulator, NetworkSimulator if scenario is full else InexactSimulator)
         draws = calibrate_nuts(problem, settings, seed=5).theta.reshape(-1, len(problem.names))
         columns = [problem.names.index(name) for name in PARAMETERS]
         means.append(draws[:, columns].mean(axis=0))
