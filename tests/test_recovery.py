@@ -38,7 +38,7 @@ def test_ranks_of_what_made_the_telemetry_are_uniform(tmp_path):
 @pytest.mark.slow
 def test_telemetry_with_twice_the_noise_that_the_likelihood_takes_it_for_is_found(tmp_path):
     def noisier(problem, theta, rng):
-        observed, status = simulate_telemetry(problem, theta, rng)
+        ((observed, status),) = simulate_telemetry(problem, theta, rng)
         simulated = problem.windows[0].simulate(theta).temperatures
         return simulated + 2.0 * (observed - simulated), status
 

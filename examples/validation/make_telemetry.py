@@ -40,7 +40,7 @@ def main() -> None:
     scenario = load_scenario(FILE.parent / "scenario.yaml")
     period = orbital_period(scenario.environment, scenario.folder)
     problem = build_problem(scenario, read_telemetry(scenario.telemetry, scenario.folder, period=period))
-    temperatures, status = simulate_telemetry(problem, problem.priors.median(), rng)
+    ((temperatures, status),) = simulate_telemetry(problem, problem.priors.median(), rng)
     seen = np.isin(START + seconds.astype("timedelta64[s]"), problem.windows[0].times)
     table.loc[seen, ["body", "panel"]] = (temperatures - 273.15).round(3)
     table.loc[seen, "heater"] = status[:, 0]

@@ -20,7 +20,7 @@ def case(tmp_path_factory):
     rng = np.random.default_rng(0)
     for name, spread in (("panel_size", 0.02), ("power", 0.2)):
         thetas[:, problem.names.index(name)] += spread * rng.standard_normal(60)
-    return problem, thetas, problem.windows[0].simulate_many(thetas)
+    return problem, thetas, problem.simulate_many(thetas)
 
 
 def test_a_parameter_whose_effect_the_discrepancy_takes_back_is_told(case):
@@ -33,10 +33,11 @@ def test_a_parameter_whose_effect_the_discrepancy_takes_back_is_told(case):
 def test_the_discrepancy_is_that_of_the_dense_conditional_normal(case):
     problem, thetas, runs = case
     expected = discrepancy_given(problem, thetas[:1], runs[:1])[0]
-    basis = problem.windows[0].residuals.terms.shapes.basis
-    prior = problem.windows[0].residuals.prior_deviations(problem.windows[0].numbers(thetas[0])[1]) ** 2
+    (window,) = problem.windows
+    basis = window.residuals.terms.shapes.basis
+    prior = window.residuals.prior_deviations(window.numbers(thetas[0])[1]) ** 2
     covariance = basis * prior @ basis.T
-    residual = (problem.windows[0].observed - runs[0].temperatures)[:, 1]
+    residual = problem.residual(runs[0])[:, 1]
     dense = covariance @ np.linalg.solve(covariance + 0.1**2 * np.eye(len(residual)), residual)
     np.testing.assert_allclose(expected[:, 1], dense, atol=1e-8)
     assert not expected[:, 0].any()

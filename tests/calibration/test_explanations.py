@@ -67,7 +67,7 @@ def test_a_sensor_that_starts_on_the_other_side_of_a_threshold_is_another_explan
     problem = build_problem(scenario, data)
     rng = np.random.default_rng([scenario.calibration.seed, 23])
     truth = problem.priors.sample(rng, 1)[0]
-    made = with_telemetry(problem, data, *simulate_telemetry(problem, truth, rng))
+    made = with_telemetry(problem, data, simulate_telemetry(problem, truth, rng))
     posterior = calibrate_nuts(made, NutsSettings(chains=2, draws=100, warmup=200), int(rng.integers(2**32)))
     attributes = posterior_tree(made, posterior, seed=1).attrs
     assert '"initial.body", 283.2' in attributes["other_explanations"]

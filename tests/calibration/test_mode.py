@@ -132,7 +132,7 @@ def test_a_thermostat_that_starts_near_its_threshold_or_drifts_out_of_step_is_fo
     problem = build_problem(scenario, data)
     rng = np.random.default_rng([scenario.calibration.seed, repeat])
     truth = problem.priors.sample(rng, 1)[0]
-    made = with_telemetry(problem, data, *simulate_telemetry(problem, truth, rng))
+    made = with_telemetry(problem, data, simulate_telemetry(problem, truth, rng))
     assert made.open_loop is not None
     found = find_mode(made, [], open_loop=made.open_loop, rng=rng)
     assert found[0].log_density > climb(made, made.to_z(truth)).log_density - 1.0

@@ -7,7 +7,7 @@ import pytest
 from scipy import stats
 
 from flightcal.errors import ScenarioError
-from flightcal.problem import build_problem
+from flightcal.problem import build_problem, build_window
 from flightcal.simulator import SimulationFailure
 from tests import small
 
@@ -124,7 +124,8 @@ class Surrogate:
 def surrogate(problem):
     times = np.linspace(0.0, 1.0, len(problem.windows[0].times))
     shapes = np.stack([np.cos(np.outer(times, [2.0, 3.0])), np.sin(np.outer(times, [7.0, 5.0]))], axis=-1)
-    return replace(problem, simulator=Surrogate(problem.windows[0].simulator, shapes))
+    (window,) = problem.windows
+    return replace(problem, windows=(replace(window, simulator=Surrogate(window.simulator, shapes)),))
 
 
 @pytest.mark.parametrize("seed", range(2))
@@ -142,12 +143,12 @@ def test_what_a_surrogate_may_be_off_by_tells_nothing_of_the_parameters(problem,
     """J^T C^-1 J with the dense covariance C of the residuals, in the parameters and initial temperatures."""
     z = near_truth(problem, 0)
     theta, valid = problem.to_theta(z), problem.windows[0].valid.ravel()
-    shapes = surrogate.simulator.error_basis.reshape(-1, 2)[valid]
+    shapes = surrogate.windows[0].simulator.error_basis.reshape(-1, 2)[valid]
     covariance = np.diag(
         np.broadcast_to(problem.windows[0].noise(theta) ** 2, problem.windows[0].observed.shape).ravel()[valid]
     )
     covariance += shapes @ np.diag(theta[0] * np.array([0.04, 0.3])) @ shapes.T
-    jacobian = problem.jacobian(z).reshape(-1, len(z))[valid]
+    jacobian = problem.jacobians(z)[0].reshape(-1, len(z))[valid]
     expected = jacobian.T @ np.linalg.solve(covariance, jacobian) + np.diag(problem.priors.precision(z))
     found = surrogate.gauss_newton_hessian(z)
     kept = np.ix_(problem.simulated, problem.simulated)
@@ -178,7 +179,7 @@ def test_the_jacobian_is_that_of_the_adjoint(problem):
     expected = np.zeros_like(z)
     expected[problem.simulated] = pull_back(weights)
     expected *= slope
-    found = np.tensordot(weights, problem.jacobian(z), 2)
+    found = np.tensordot(weights, problem.jacobians(z)[0], 2)
     np.testing.assert_allclose(found, expected, rtol=1e-3, atol=1e-3 * np.abs(expected).max())
 
 
@@ -199,7 +200,7 @@ def test_a_jacobian_next_to_a_failure_names_the_direction(problem):
     z = near_truth(problem, 0)
     z[problem.names.index("initial.panel")] = np.nan
     with pytest.raises(SimulationFailure, match="fails, in the direction of"):
-        problem.jacobian(z)
+        problem.jacobians(z)[0]
 
 
 def test_samples_that_are_nan_count_for_nothing(tmp_path):
@@ -208,11 +209,12 @@ def test_samples_that_are_nan_count_for_nothing(tmp_path):
     z = near_truth(whole, 1)
     theta = whole.to_theta(z)
     gone = np.arange(30, 70)
-    terms = stats.norm(whole.simulate(theta).temperatures, whole.noise(theta)).logpdf(whole.observed)
+    (window,) = whole.windows
+    terms = stats.norm(window.simulate(theta).temperatures, window.noise(theta)).logpdf(window.observed)
     data["body_temp"].values[gone] = np.nan
     cut = build_problem(scenario, data)
     assert cut.log_density(z) == pytest.approx(whole.log_density(z) - terms[gone, 0].sum(), rel=1e-12)
-    residual = (whole.observed - whole.simulate(theta).temperatures) ** 2
+    residual = (window.observed - window.simulate(theta).temperatures) ** 2
     residual[gone, 0] = np.nan
     assert cut.rmse(theta[None]) == pytest.approx([np.sqrt(np.nanmean(residual))])
 
@@ -256,7 +258,7 @@ def test_a_window_that_is_not_there_is_named(tmp_path):
 
 def test_a_span_cuts_the_window_to_its_first_samples(tmp_path):
     scenario, data = small.load(tmp_path)
-    first, whole = build_problem(scenario, data, "test", span=600.0), build_problem(scenario, data, "test")
+    first, whole = build_window(scenario, data, "test", span=600.0), build_window(scenario, data, "test")
     np.testing.assert_array_equal(first.times, whole.times[:11])
     np.testing.assert_array_equal(first.observed, whole.observed[:11])
 

@@ -26,7 +26,7 @@ def test_the_residuals_have_the_noise_of_theta_and_the_gaps_stay(made):
     problem, _, theta = made
     rng = np.random.default_rng(1)
     run = problem.windows[0].simulate(theta)
-    draws = [simulate_telemetry(problem, theta, rng) for _ in range(50)]
+    draws = [simulate_telemetry(problem, theta, rng)[0] for _ in range(50)]
     residuals = np.stack([temperatures - run.temperatures for temperatures, _ in draws])
     assert np.array_equal(np.isfinite(residuals[0]), problem.windows[0].valid)
     # 8,000 samples or more fix a standard deviation to 0.8%; four standard errors.
@@ -52,9 +52,10 @@ def test_a_simulator_that_knows_its_error_has_it_in_the_telemetry(made):
 
     Erring.error_basis[:, 0, 0] = 1.0
     Erring.error_basis[::2, 1, 1] = 1.0
-    erring, rng = replace(problem, simulator=Erring()), np.random.default_rng(5)
+    (window,) = problem.windows
+    erring, rng = replace(problem, windows=(replace(window, simulator=Erring()),)), np.random.default_rng(5)
     run = problem.windows[0].simulate(theta)
-    draws = np.stack([simulate_telemetry(erring, theta, rng)[0] - run.temperatures for _ in range(2000)])
+    draws = np.stack([simulate_telemetry(erring, theta, rng)[0][0] - run.temperatures for _ in range(2000)])
     noise = problem.windows[0].noise(theta) ** 2
     # A variance of 2,000 draws is known to 3.2%; four standard errors.
     assert np.var(draws[:, 7], axis=0) == pytest.approx([9.0 + noise[0], noise[1]], rel=0.13)
@@ -65,8 +66,8 @@ def test_a_simulator_that_knows_its_error_has_it_in_the_telemetry(made):
 
 def test_a_problem_with_other_telemetry_is_as_if_it_had_been_measured(made):
     problem, data, theta = made
-    observed, status = simulate_telemetry(problem, theta, np.random.default_rng(2))
-    other = with_telemetry(problem, data, observed, status)
+    ((observed, status),) = simulate_telemetry(problem, theta, np.random.default_rng(2))
+    other = with_telemetry(problem, data, [(observed, status)])
     measured = data.copy(deep=True)
     at = {"time": problem.windows[0].times}
     measured["body_temp"].loc[at], measured["panel_temp"].loc[at] = observed.T
@@ -77,8 +78,8 @@ def test_a_problem_with_other_telemetry_is_as_if_it_had_been_measured(made):
     def likelihood(of):
         return of.log_density(of.to_z(theta)) - of.priors.at(of.to_z(theta)).log_density
 
-    assert other.priors is problem.priors
-    assert other.open_loop.priors is problem.priors
+    assert other.entries is problem.entries
+    assert other.open_loop.entries is problem.entries
     assert likelihood(other) == pytest.approx(likelihood(built))
     assert likelihood(other.open_loop) == pytest.approx(likelihood(built.open_loop))
     assert other.log_density_and_gradient(z)[0] == pytest.approx(other.log_density(z))
@@ -92,7 +93,7 @@ def test_status_with_a_likelihood_has_its_timing_errors_and_false_samples(tmp_pa
     theta = problem.priors.median()
     run = problem.windows[0].simulate(theta)
     rng = np.random.default_rng(4)
-    draws = np.stack([simulate_telemetry(problem, theta, rng)[1][:, 0] for _ in range(400)])
+    draws = np.stack([simulate_telemetry(problem, theta, rng)[0][1][:, 0] for _ in range(400)])
     seconds = (problem.windows[0].times - problem.windows[0].times[0]) / np.timedelta64(1, "s")
     far = np.abs(seconds[:, None] - run.switches.time).min(axis=1) > 300.0
     assert 20 < far.sum() < len(far) - 20
@@ -108,8 +109,8 @@ def test_status_with_a_likelihood_has_its_timing_errors_and_false_samples(tmp_pa
 
 def test_the_open_loop_follows_the_new_status(made):
     problem, data, theta = made
-    observed, status = simulate_telemetry(problem, theta, np.random.default_rng(3))
-    other = with_telemetry(problem, data, observed, 1.0 - status)
-    run = other.open_loop.simulate(theta)
+    ((observed, status),) = simulate_telemetry(problem, theta, np.random.default_rng(3))
+    other = with_telemetry(problem, data, [(observed, 1.0 - status)])
+    (run,) = other.open_loop.simulate(theta)
     # Driven by the reverse of the status, the body is warm when it should be cold.
     assert np.corrcoef(run.temperatures[60:, 0], problem.windows[0].simulate(theta).temperatures[60:, 0])[0, 1] < 0.9

@@ -4,15 +4,13 @@ from types import SimpleNamespace
 
 import numpy as np
 import pytest
-from flightcal.problem.joint import JointProblem
 from scipy import stats
 
 from flightcal.calibration import calibrate_genetic, genetic_points, posterior_tree
 from flightcal.calibration.methods import Posterior
 from flightcal.errors import ScenarioError
-from flightcal.problem import build_problem, calibration_problem
+from flightcal.problem import build_problem, build_window
 from flightcal.problem.coordinates import Whitening
-from flightcal.problem.joint import JointProblem
 from flightcal.problem.native import DENSITY_NOT_FINITE, REASONS
 from flightcal.scenario import load_scenario
 from flightcal.simulator.kernels.forward import TOO_MANY_SWITCHES
@@ -40,31 +38,31 @@ def drifting():
 @pytest.fixture(scope="module", params=["shared", "drifting"])
 def joint(request, tmp_path_factory):
     content = written() if request.param == "shared" else drifting()
-    return calibration_problem(*small.closed_loop(tmp_path_factory.mktemp("joint"), content))
+    return build_problem(*small.closed_loop(tmp_path_factory.mktemp("joint"), content))
 
 
 def test_a_default_lengthscale_suits_all_windows(tmp_path):
     scenario, data = small.closed_loop(tmp_path, written(discrepancy={"time": {}}))
-    joint = calibration_problem(scenario, data)
+    joint = build_problem(scenario, data)
     own = [build_problem(scenario, data, window) for window in scenario.train_windows]
     name = "discrepancy.time.lengthscale"
     bounds = [(prior.lower, prior.upper) for prior in (of(problem, name) for problem in own)]
     assert bounds[0] != bounds[1]
-    for problem in (*joint.problems, *joint.open_loop.problems, joint):
+    for problem in (joint, joint.open_loop):
         prior = of(problem, name)
         assert (prior.lower, prior.upper) == (max(low for low, _ in bounds), min(high for _, high in bounds))
     z = joint.to_z(joint.priors.median())
     theta = joint.to_theta(z + 0.2)
-    for problem in joint.problems:
-        inside = joint.window_thetas(problem, theta[None])[0]
-        assert inside[problem.names.index(name)] == theta[joint.names.index(name)]
+    for window in joint.windows:
+        inside = joint.at(window, theta[None])[0]
+        assert inside[window.names.index(name)] == theta[joint.names.index(name)]
 
 
 def test_windows_whose_lengths_no_default_lengthscale_suits_are_a_message(tmp_path):
     content = written(discrepancy={"time": {}})
     content["windows"]["train"]["first"]["end"] = "2024-03-01T00:12:00"
     with pytest.raises(ScenarioError, match="no default suits them all"):
-        calibration_problem(*small.closed_loop(tmp_path, content))
+        build_problem(*small.closed_loop(tmp_path, content))
 
 
 def of(problem, name):
@@ -81,23 +79,43 @@ def test_windows_share_parameters_and_noise_and_have_initial_temperatures_of_the
     drift = ("drift.link", "drift.link.first", "drift.link.second") if "drift.link" in joint.names else ()
     initial = [f"initial.{window}.{node}" for window in ("first", "second") for node in ("body", "panel")]
     assert joint.names == ("link", "panel_size", "power", "noise.body_temp", *drift, *initial)
-    assert joint.observed.shape == (90 + 70, 2)
+    assert [window.observed.shape for window in joint.windows] == [(90, 2), (70, 2)]
 
 
-def test_one_window_to_train_on_is_an_ordinary_problem(tmp_path):
-    scenario, data = small.load(tmp_path)
-    assert not isinstance(calibration_problem(scenario, data), JointProblem)
+def test_with_one_window_initial_temperatures_need_no_name_of_a_window(tmp_path):
+    problem = build_problem(*small.load(tmp_path))
+    assert [name for name in problem.names if name.startswith("initial.")] == ["initial.body", "initial.panel"]
+
+
+def test_with_one_window_a_drift_is_legal_and_an_unseen_window_is_drawn_anew(tmp_path):
+    content = small.content()
+    content["parameters"]["link"]["drift"] = 0.5
+    scenario, data = small.closed_loop(tmp_path, content)
+    problem = build_problem(scenario, data)
+    assert [name for name in problem.names if name.startswith("drift")] == ["drift.link", "drift.link.train"]
+    theta = problem.priors.median()
+    theta[problem.names.index("drift.link")], theta[problem.names.index("drift.link.train")] = 0.4, 1.0
+    place = problem.names.index("link")
+    assert problem.window_values(theta)["link"][0] == pytest.approx(theta[place] * 1.3**0.4)
+    unseen = build_window(scenario, data, "test")
+    draws = problem.at(unseen, np.tile(theta, (4000, 1)), np.random.default_rng(0))[:, place]
+    assert np.log(draws).std() == pytest.approx(0.4 * np.log(1.3), rel=0.05)
+    z = problem.to_z(theta)
+    gradient = problem.log_density_and_gradient(z)[1]
+    for k, step in enumerate(1e-5 * np.eye(len(z))):
+        difference = (problem.log_density(z + step) - problem.log_density(z - step)) / 2e-5
+        assert gradient[k] == pytest.approx(difference, rel=1e-3, abs=1e-3 * np.abs(gradient).max())
 
 
 def test_the_density_is_the_windows_likelihoods_and_each_prior_once(joint):
     for z in points(joint):
         theta = joint.to_theta(z)
         expected = float(joint.priors.at(z).log_density)
-        for problem in joint.problems:
-            inside = problem.to_z(joint.window_thetas(problem, theta[None])[0])
-            run = problem.simulate(problem.to_theta(inside))
-            noise = problem.noise(problem.to_theta(inside))
-            squares = ((problem.observed - run.temperatures) / noise) ** 2
+        for window in joint.windows:
+            inside = joint.at(window, theta[None])[0]
+            run = window.simulate(inside)
+            noise = window.noise(inside)
+            squares = ((window.observed - run.temperatures) / noise) ** 2
             expected -= 0.5 * squares.sum() + len(run.temperatures) * np.log(noise * np.sqrt(2 * np.pi)).sum()
         assert joint.log_density_and_gradient(z)[0] == pytest.approx(expected, rel=1e-9)
         assert joint.log_density(z) == pytest.approx(expected, rel=1e-9)
@@ -109,12 +127,12 @@ def test_with_correlated_noise_and_a_discrepancy_it_is_the_dense_normal_of_each_
         discrepancy={"time": {"amplitude": "0.8 K", "lengthscale": "30 min"}},
     )
     content["observations"]["panel_temp"].pop("noise")
-    joint = calibration_problem(*small.closed_loop(tmp_path, content))
+    joint = build_problem(*small.closed_loop(tmp_path, content))
     z = points(joint, 1)[0]
     expected = float(joint.priors.at(z).log_density)
-    for problem in joint.problems:
-        inside = joint.window_thetas(problem, joint.to_theta(z)[None])[0]
-        model, residual = problem.residuals, problem.observed - problem.simulate(inside).temperatures
+    for window in joint.windows:
+        inside = joint.at(window, joint.to_theta(z)[None])[0]
+        model, residual = window.residuals, window.observed - window.simulate(inside).temperatures
         apart = np.abs(model.terms.seconds[:, None] - model.terms.seconds)
         for k in range(2):
             covariance = 0.04 * np.exp(-apart / 480.0) + 0.01 * np.eye(len(apart))
@@ -122,24 +140,22 @@ def test_with_correlated_noise_and_a_discrepancy_it_is_the_dense_normal_of_each_
             expected += stats.multivariate_normal.logpdf(residual[:, k], cov=covariance + basis @ basis.T)
     assert joint.log_density(z) == pytest.approx(expected, rel=1e-9)
     assert joint.log_density_and_gradient(z)[0] == pytest.approx(expected, rel=1e-9)
-    assert all(problem.residuals.is_independent for problem in joint.independent().problems)
+    assert joint.independent().is_independent
 
 
 def test_where_one_window_cannot_be_simulated_there_is_no_simulation(joint):
     thetas = np.tile(joint.priors.median(), (2, 1))
     thetas[0, joint.names.index("initial.second.panel")] = 1e300
-    failed, run = joint.simulate_many(thetas)
+    failed, runs = joint.simulate_many(thetas)
     assert failed is None
-    np.testing.assert_array_equal(run.temperatures, joint.simulate(thetas[1]).temperatures)
+    for run, again in zip(runs, joint.simulate(thetas[1]), strict=True):
+        np.testing.assert_array_equal(run.temperatures, again.temperatures)
 
 
 def test_of_given_simulations_the_derivative_by_the_noise_is_that_of_all_windows(joint):
     z = points(joint, 1)[0]
     theta, k = joint.to_theta(z), joint.names.index("noise.body_temp")
     run = joint.simulate(theta)
-    shares = [problem.simulate(joint.window_thetas(problem, theta[None])[0]).duty_cycle for problem in joint.problems]
-    assert run.duty_cycle == pytest.approx((90 * shares[0] + 70 * shares[1]) / 160)
-    assert abs(shares[0] - shares[1]) > 0.01
     value, found = joint.likelihood_of_numbers(run, theta)
     assert value == pytest.approx(joint.log_density(z) - joint.priors.at(z).log_density, rel=1e-10)
     step = 1e-5 * theta[k] * np.eye(len(theta))[k]
@@ -175,7 +191,7 @@ def test_the_c_function_is_the_density_in_other_coordinates(joint):
 
 
 def test_what_a_window_fails_by_is_what_all_fail_by(tmp_path):
-    joint = calibration_problem(*small.load(tmp_path, small.chattering() | {"windows": written()["windows"]}))
+    joint = build_problem(*small.load(tmp_path, small.chattering() | {"windows": written()["windows"]}))
     density = joint.native_density(Whitening(np.zeros(len(joint.names)), np.eye(len(joint.names))))
     z = joint.to_z(joint.priors.median())
     assert density(z)[0] == joint.log_density(z) == -np.inf
@@ -187,12 +203,12 @@ def test_what_a_window_fails_by_is_what_all_fail_by(tmp_path):
 
 def test_the_gauss_newton_hessian_is_that_of_all_windows_residuals(joint):
     z = points(joint, 1)[0]
-    noise = joint.noise(joint.to_theta(z))
+    noise = joint.windows[0].noise(joint.at(joint.windows[0], joint.to_theta(z)[None])[0])
     weighted = []
     for k in range(len(z)):
         step = 1e-4 * np.eye(len(z))[k]
         above, below = joint.simulate_many(joint.to_theta(np.stack([z + step, z - step])))
-        weighted.append(((above.temperatures - below.temperatures) / 2e-4 / noise).ravel())
+        weighted.append(((joint.residual(below) - joint.residual(above)) / 2e-4 / noise).ravel())
     expected = np.array(weighted) @ np.array(weighted).T + np.diag(joint.priors.precision(z))
     k = joint.names.index("noise.body_temp")
     found = joint.gauss_newton_hessian(z)
@@ -202,21 +218,22 @@ def test_the_gauss_newton_hessian_is_that_of_all_windows_residuals(joint):
 
 
 def test_a_drifting_parameter_is_the_common_one_moved_on_its_normal_scale(tmp_path):
-    joint = calibration_problem(*small.closed_loop(tmp_path, drifting()))
+    joint = build_problem(*small.closed_loop(tmp_path, drifting()))
     theta = joint.priors.median()
     place = {name: k for k, name in enumerate(joint.names)}
     theta[[place["link"], place["drift.link"], place["drift.link.first"], place["drift.link.second"]]] = 0.7, 0.4, 1, -2
     values = joint.window_values(theta)["link"]
     # Of a lognormal prior with a factor of 1.3.
     np.testing.assert_allclose(values, 0.7 * 1.3 ** (0.4 * np.array([1.0, -2.0])), rtol=1e-9)
-    unseen = build_problem(joint.scenario, joint_data(joint, tmp_path), "test.1")
-    draws = joint.window_thetas(unseen, np.tile(theta, (4000, 1)), np.random.default_rng(0))[:, 0]
+    unseen = build_window(joint.scenario, joint_data(joint, tmp_path), "test.1")
+    draws = joint.at(unseen, np.tile(theta, (4000, 1)), np.random.default_rng(0))[:, 0]
     assert np.log(draws).mean() == pytest.approx(np.log(0.7), abs=4 * 0.4 * np.log(1.3) / np.sqrt(4000))
     assert np.log(draws).std() == pytest.approx(0.4 * np.log(1.3), rel=0.05)
-    assert joint.window_thetas(unseen, theta[None])[0, 0] == pytest.approx(0.7)
+    assert joint.at(unseen, theta[None])[0, 0] == pytest.approx(0.7)
     initial = [unseen.names.index(name) for name in ("initial.body", "initial.panel")]
     theta[place["initial.second.panel"]] += 1.0
-    np.testing.assert_array_equal(joint.window_thetas(unseen, theta[None])[0, initial], unseen.priors.median()[initial])
+    medians = [unseen.reads[name].mean for name in ("initial.body", "initial.panel")]
+    np.testing.assert_array_equal(joint.at(unseen, theta[None])[0, initial], medians)
 
 
 def test_the_posterior_tree_holds_the_values_of_drifting_parameters_by_window(joint):
@@ -238,8 +255,7 @@ def joint_data(joint, folder):
 
 def test_the_error_is_pooled_over_the_samples_of_all_windows_and_the_search_finds_one(joint):
     theta = joint.priors.median()
-    run = joint.simulate_many(theta[None])[0]
-    expected = np.sqrt(np.mean((run.temperatures - joint.observed) ** 2))
+    expected = np.sqrt(np.mean(joint.residual(joint.simulate(theta)) ** 2))
     assert joint.rmse(theta[None])[0] == pytest.approx(expected)
     runs = calibrate_genetic(joint)
     assert (runs["history"][:, -1] < runs["history"][:, 0]).all()
