@@ -1,4 +1,7 @@
-"""The problem, its priors and likelihood, and the methods that solve it."""
+"""The problem, its priors and likelihood, and the methods that solve it.
+
+Imports: errors, probability, problem, scenario, simulator.
+"""
 
 from .diagnostics import Diagnostics, Gate, diagnose, least_effective, with_gate
 from .methods import (

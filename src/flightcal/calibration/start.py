@@ -53,7 +53,7 @@ def _guess(problem: Problem, theta: FloatArray, residual: FloatArray, share: flo
     median = problem.priors.median()
     rmse = np.sqrt(np.nanmean(residual**2, axis=0))
     channels, _, positions = problem.places
-    sizes = np.array([entry.size for entry in problem.residuals.entries])
+    sizes = np.array([entry.size for entry in problem.windows[0].residuals.entries])
     for position in np.unique(positions):
         theta[position] = median[position]
         of_it = channels[positions == position]

@@ -1,4 +1,7 @@
-"""Campaigns: a simulator run at every theta of a design, on this machine or on a cluster, each run kept."""
+"""Campaigns: a simulator run at every theta of a design, on this machine or on a cluster, each run kept.
+
+Imports: errors, external, probability, run, scenario, simulator.
+"""
 
 from .campaign import Tally, run_campaign
 from .cluster import remote_cluster

@@ -1,4 +1,7 @@
-"""Checks before sampling: what the data can tell, and whether prior and sampler will get along with them."""
+"""Checks before sampling: what the data can tell, and whether prior and sampler will get along with them.
+
+Imports: calibration, emulation, errors, external, probability, problem, report, simulator.
+"""
 
 from .centre import find_centre
 from .evaluate import THOROUGH, Effort, effort_for

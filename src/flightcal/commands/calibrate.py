@@ -29,7 +29,7 @@ from ..emulation import CHECK_FILE, Emulation, check_emulator, emulator_stage, n
 from ..environment import orbital_period
 from ..errors import FlightcalError, RunError, ScenarioError
 from ..prediction import Metric, predict, score
-from ..problem import Problem, Window, build_problem, warm_problem
+from ..problem import Problem, Window, build_problem
 from ..progress import Listener, Silent
 from ..report import write_report
 from ..run import Run, hash_of, hash_of_file, open_run, plain
@@ -123,7 +123,7 @@ def _compile_stage(run: Run, key: str, problem: Problem, listener: Listener) -> 
     listener.stage("compile", done)
     if not done:
         with run.stage("compile", key):
-            warm_problem(problem)
+            problem.warm()
             median = problem.priors.median()
             problem.log_density_and_gradient(problem.to_z(median))
             problem.simulate_many(np.tile(median, (8, 1)))

@@ -1,4 +1,7 @@
-"""What stands in for a simulator without derivatives: Gaussian processes that learn from its runs."""
+"""What stands in for a simulator without derivatives: Gaussian processes that learn from its runs.
+
+Imports: calibration, compiled, errors, external, probability, problem, progress, run, scenario, simulator, telemetry.
+"""
 
 from .active import simulated_priors
 from .emulated import needs_emulator

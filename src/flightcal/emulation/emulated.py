@@ -9,7 +9,7 @@ import numpy as np
 from ..calibration import mean_and_some
 from ..errors import FlightcalError
 from ..external import ExternalSimulator, RunFailure
-from ..problem import AnyProblem, Problem
+from ..problem import Problem
 from ..simulator import FloatArray
 from .active import simulated_priors, start_design
 from .emulator import EmulatedSimulator, Emulator, fit_emulator
@@ -26,7 +26,7 @@ _GLOBAL_TOLERANCE = 0.5
 """Share of the noise that principal shapes may leave out where the emulator only leads a search."""
 
 
-def needs_emulator(problem: AnyProblem) -> bool:
+def needs_emulator(problem: Problem) -> bool:
     """Whether the problem's simulator is an external one without derivatives. Raises FlightcalError where it fails."""
     if not isinstance(problem.simulator, ExternalSimulator):
         return False

@@ -1,4 +1,7 @@
-"""Orbit, attitude, Sun and Earth: heat flux on each face, eclipses, orbit phase."""
+"""Orbit, attitude, Sun and Earth: heat flux on each face, eclipses, orbit phase.
+
+Imports: errors, scenario.
+"""
 
 from .eclipse import shadow_edges, sunlit_fraction, sunlit_share
 from .fluxes import FaceFluxes, face_fluxes

@@ -1,4 +1,7 @@
-"""Simulators that flightcal did not write, behind the one `Simulator` protocol."""
+"""Simulators that flightcal did not write, behind the one `Simulator` protocol.
+
+Imports: errors, scenario, simulator, telemetry.
+"""
 
 from __future__ import annotations
 

@@ -1,4 +1,7 @@
-"""The full-order operational simulator: networks from geometry, and the on-board software in the loop."""
+"""The full-order operational simulator: networks from geometry, and the on-board software in the loop.
+
+Imports: errors, scenario, simulator.
+"""
 
 from .file import Mission, load_spacecraft
 from .onboard import HeaterLine, OnOff

@@ -1,4 +1,7 @@
-"""From a calibration to temperatures and heater duty with intervals, on windows seen and unseen."""
+"""From a calibration to temperatures and heater duty with intervals, on windows seen and unseen.
+
+Imports: emulation, environment, errors, probability, problem, scenario, simulator, telemetry.
+"""
 
 from .ensemble import Ensemble, propagate
 from .errors import WhiteErrors, WindowErrors, window_errors

@@ -1,6 +1,9 @@
 """The probability model: priors of theta, and how telemetry differs from a simulation (noise, discrepancy, switches).
 
-It knows of no calibration: `problem/problem.py` puts it together with a simulator."""
+It knows of no calibration: `problem/problem.py` puts it together with a simulator.
+
+Imports: compiled, environment, errors, scenario, simulator, telemetry.
+"""
 
 from .designs import GROWING, KINDS, around_posterior, latin_hypercube, prior_draws, sobol
 from .kernels.switching import NO_STATUS, StatusCall, status_work, switching

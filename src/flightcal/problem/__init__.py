@@ -6,15 +6,13 @@ Imports: compiled, environment, errors, external, probability, reduction, scenar
 from .build import build_problem, build_window, initial_priors, problem_of
 from .coordinates import Whitening, whitening
 from .entries import Entry
-from .native import DENSITY_NOT_FINITE, REASONS, STOPPED, NativeDensity
+from .native import STOPPED, NativeDensity
 from .problem import Problem, Runs
 from .simulators import InexactSimulator, build_simulator
 from .synthetic import simulate_telemetry, with_telemetry
 from .window import Window
 
 __all__ = [
-    "DENSITY_NOT_FINITE",
-    "REASONS",
     "STOPPED",
     "Entry",
     "InexactSimulator",

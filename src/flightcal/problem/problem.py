@@ -14,12 +14,13 @@ from functools import cached_property
 
 import numpy as np
 
+from ..compiled import warm
 from ..probability import Priors, PriorTerms
 from ..scenario import Scenario
-from ..simulator import FloatArray, IntArray, SimulationFailure, Trajectory
+from ..simulator import FloatArray, IntArray, NetworkSimulator, SimulationFailure, Trajectory
 from .coordinates import Whitening
 from .entries import Entry, Link, drifting_parameters, link
-from .native import NativeDensity, native_density
+from .native import NativeDensity, WindowParts, native_density
 from .window import Window
 
 _DIFFERENCE = 1e-4  # of z, whose prior has a standard deviation of about one
@@ -174,7 +175,20 @@ class Problem:
 
     def native_density(self, coordinates: Whitening) -> NativeDensity | None:
         """The log density at w [d] of other coordinates as a C function; None where there is none."""
-        return native_density(self.windows, self.links, self.priors, coordinates)
+        if not all(isinstance(window.simulator, NetworkSimulator) for window in self.windows):
+            return None
+        parts = [self._parts(window, own) for window, own in zip(self.windows, self.links, strict=True)]
+        return native_density(parts, self.priors, coordinates)
+
+    def _parts(self, window: Window, own: Link) -> WindowParts:
+        assert isinstance(window.simulator, NetworkSimulator)
+        status = None if window.measured_switches is not None else window.heater_status
+        settings = window.inferred_settings if status else (np.empty(0, int), np.empty(0, int))
+        priors = Priors(window.names, tuple(self.entries[k].prior for k in own.columns))
+        return WindowParts(
+            window.simulator, window.observed, window.residuals, status, priors,
+            window.simulated, window.places, settings, own.columns, own.drifts,
+        )  # fmt: skip
 
     def _in_python(self, z: FloatArray) -> tuple[float, FloatArray]:
         """The compiled density's twin, for simulators that have none; thresholds apart."""
@@ -259,6 +273,13 @@ class Problem:
                 total += np.einsum("ai,ab,bj->ij", derivative, part, derivative, optimize=True)
         temperatures[np.diag_indices(len(z))] += self.priors.precision(z)
         return temperatures + numbers + status
+
+    def warm(self) -> None:
+        """Have all compiled code in the cache, as far as the simulators are thermal networks."""
+        density = self.native_density(Whitening(np.zeros(len(self.names)), np.eye(len(self.names))))
+        simulator = self.windows[0].simulator
+        if density is not None and isinstance(simulator, NetworkSimulator):
+            warm((*density.program.rows, *simulator.rows))
 
     # --- what drifts --------------------------------------------------------------------------------------------
 

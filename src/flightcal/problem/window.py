@@ -8,6 +8,7 @@ and discrepancy (``noise.<channel>``, ``noise.<channel>.<what>``, ``discrepancy.
 
 from __future__ import annotations
 
+import threading
 from collections.abc import Callable
 from dataclasses import dataclass, replace
 from functools import cached_property
@@ -20,13 +21,12 @@ from ..environment import orbital_period
 from ..probability import (
     DEVIATION,
     THRESHOLD_ERROR,
-    WHITE,
     ErrorShapes,
     HeaterStatus,
+    Likelihood,
     PriorTerms,
     ResidualModel,
     error_shapes,
-    log_likelihood,
     low_rank_log_likelihood,
     precision_times,
     shrinkage,
@@ -128,7 +128,7 @@ class Window:
         return None if basis is None else error_shapes(basis, self.valid)
 
     def numbers(self, theta: FloatArray) -> FloatArray:
-        """The numbers of noise and discrepancy [N, 9] at theta [q]; see `noise`."""
+        """The numbers of noise and discrepancy [N, n] at theta [q]; see `noise`."""
         channels, columns, positions = self.places
         numbers = self.residuals.fixed.copy()
         numbers[channels, columns] = theta[positions]
@@ -136,8 +136,7 @@ class Window:
 
     def noise(self, theta: FloatArray) -> FloatArray:
         """Standard deviation of the noise of one sample of each channel [N], K, at theta [q]; discrepancy apart."""
-        numbers = self.numbers(theta)
-        return np.asarray(np.hypot(numbers[:, DEVIATION], numbers[:, WHITE]))
+        return self.residuals.deviations(self.numbers(theta))
 
     def draw_errors(self, theta: FloatArray, rng: np.random.Generator) -> FloatArray:
         """What telemetry at theta [q] differs by from the simulation, [T, N] K: noise and discrepancy, drawn anew."""
@@ -229,12 +228,12 @@ class Window:
         return -0.5 * float((scaled**2).sum()), scaled, to_theta
 
     def of_residuals(self, run: Trajectory, numbers: FloatArray) -> tuple[Any, ...]:
-        """Log likelihood, its derivative by the numbers [N, 9], and those by what the simulator gives."""
+        """Log likelihood, its derivative by the numbers [N, n], and those by what the simulator gives."""
         model, shapes = self.residuals, self.error_shapes
         if shapes is None:
-            value, temperatures_bar, numbers_bar = log_likelihood(
-                model.compiled, self.observed, run.temperatures, numbers
-            )
+            if not hasattr(self._own, "likelihood"):
+                self._own.likelihood = Likelihood(model.terms, numbers.shape[1])
+            value, temperatures_bar, numbers_bar = self._own.likelihood(self.observed, run.temperatures, numbers)
             return value, numbers_bar, temperatures_bar
         if model.is_independent:
             value, temperatures_bar, noise_bar, variance_bar = low_rank_log_likelihood(
@@ -244,12 +243,17 @@ class Window:
             numbers_bar[:, DEVIATION] = noise_bar
         else:
             value, temperatures_bar, numbers_bar, variance_bar = with_error_shapes(
-                model.compiled, self.observed, run.temperatures, numbers, shapes, run.error_variance
+                model.terms, self.observed, run.temperatures, numbers, shapes, run.error_variance
             )
         return value, numbers_bar, temperatures_bar, variance_bar
 
+    @cached_property
+    def _own(self) -> threading.local:
+        """What each thread has for itself."""
+        return threading.local()
+
     def _pull_back(self, numbers_bar: FloatArray) -> FloatArray:
-        """Derivative by theta [q] from that by the residuals' numbers [N, 9]."""
+        """Derivative by theta [q] from that by the residuals' numbers [N, n]."""
         channels, columns, positions = self.places
         theta_bar = np.zeros(len(self.names))
         np.add.at(theta_bar, positions, numbers_bar[channels, columns])
@@ -284,7 +288,7 @@ class Window:
         equivalent, equal = self.residuals.normal_equivalent(numbers)
 
         def weighted(columns: FloatArray) -> FloatArray:
-            return precision_times(equivalent.compiled, columns, equal)
+            return precision_times(equivalent.terms, columns, equal)
 
         # Not a product of BLAS, whose threads spin for a hundred times longer than this takes when the cores are busy.
         solved = np.zeros_like(jacobian)

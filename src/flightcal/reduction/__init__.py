@@ -1,4 +1,7 @@
-"""A small network in the place of a large one, and how far it may be off."""
+"""A small network in the place of a large one, and how far it may be off.
+
+Imports: environment, errors, operational, probability, run, scenario, simulator, telemetry.
+"""
 
 from .certificate import certificate, certificate_lines, measure_speed, sensor_errors
 from .check import compare, fly_at

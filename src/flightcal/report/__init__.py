@@ -1,4 +1,7 @@
-"""The report of a run directory: one HTML page with figures, tables and a verdict, readable offline."""
+"""The report of a run directory: one HTML page with figures, tables and a verdict, readable offline.
+
+Imports: errors, prediction, probability, run, scenario, validation.
+"""
 
 from .block import Block, Section
 from .comparison_page import write_comparison

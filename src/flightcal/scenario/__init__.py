@@ -1,4 +1,7 @@
-"""What a user writes: the scenario file as immutable objects in SI, and all that is wrong with it; imports: errors."""
+"""What a user writes: the scenario file as immutable objects in SI, and all that is wrong with it; imports: errors.
+
+Imports: errors.
+"""
 
 from .blocks import blocks_of
 from .calibration import Calibration, EmulatorSettings, GeneticSettings, NutsSettings, PredictionSettings

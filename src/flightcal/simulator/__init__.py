@@ -1,4 +1,7 @@
-"""From theta to temperatures and heater status: network, canonical form, compiled integration."""
+"""From theta to temperatures and heater status: network, canonical form, compiled integration.
+
+Imports: compiled, environment, errors, scenario, telemetry.
+"""
 
 from .assembly import MOST_FACTORS, ParameterMap, Terms, assemble, own_initial
 from .drive import Times, face_series

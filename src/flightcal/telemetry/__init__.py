@@ -1,4 +1,7 @@
-"""Flight data: files -> samples in SI on UTC time, a reason for each that is not used; windows; inputs."""
+"""Flight data: files -> samples in SI on UTC time, a reason for each that is not used; windows; inputs.
+
+Imports: errors, scenario.
+"""
 
 from .drivers import SHORT_GAP, driver_series, status_fraction
 from .quality import QualityRecord, quality_table

@@ -1,4 +1,7 @@
-"""How good a prediction is, and whether its residuals are what the likelihood took them for."""
+"""How good a prediction is, and whether its residuals are what the likelihood took them for.
+
+Imports: calibration, errors, prediction, probability, problem, progress, reduction, run, simulator.
+"""
 
 from .block_loo import BlockLoo, block_log_likelihood, blocks_of, leave_blocks_out
 from .full_simulator import full_check_stage
