@@ -3,7 +3,7 @@
 The benchmarks read it too.
 """
 
-from .double import jax, jnp
+from .double import QUICKLY_COMPILED, jax, jnp
 from .integration import dense, integrate, observe, rosenbrock_step
 
-__all__ = ["dense", "integrate", "jax", "jnp", "observe", "rosenbrock_step"]
+__all__ = ["QUICKLY_COMPILED", "dense", "integrate", "jax", "jnp", "observe", "rosenbrock_step"]

@@ -9,11 +9,8 @@ from flightcal.simulator import integrate
 from flightcal.simulator.system import Drive, System
 
 from .. import oracle
-from ..oracle import jax
+from ..oracle import QUICKLY_COMPILED, jax
 from .systems import from_dense, random_system
-
-# The oracle runs once per case and takes far longer to compile than to run.
-QUICKLY_COMPILED = {"xla_backend_optimization_level": 0, "xla_llvm_disable_expensive_passes": True}
 
 CASES = {
     "two thermostats and a massless node": {},

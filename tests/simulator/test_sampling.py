@@ -12,7 +12,7 @@ from flightcal.simulator.kernels.sampling import SpreadCall, spread
 from flightcal.simulator.sampling import Sensors, locate
 
 from .. import oracle
-from ..oracle import jax
+from ..oracle import QUICKLY_COMPILED, jax
 from .systems import drive_of
 
 NOTHING = np.empty(0)
@@ -93,7 +93,8 @@ def test_what_sensors_say_and_its_derivative_are_the_oracles(scene):
     states_bar, errors_bar = np.empty_like(states), np.empty_like(errors)
     record = Record._make([np.empty(0)] * len(Record._fields))._replace(states=states[None])
     spread(SpreadCall(locate(samples, grid), sensors, grid, record, errors[None], weights, states_bar, errors_bar))
-    by_states, by_errors = jax.grad(lambda *at: (said(*at) * weights).sum(), argnums=(0, 1))(states, errors)
+    gradient = jax.grad(lambda *at: (said(*at) * weights).sum(), argnums=(0, 1))
+    by_states, by_errors = jax.jit(gradient, compiler_options=QUICKLY_COMPILED)(states, errors)
     by_errors = by_errors.at[2].multiply(sensors.moved)
     np.testing.assert_allclose(states_bar, by_states, atol=1e-9)
     np.testing.assert_allclose(errors_bar, by_errors, atol=1e-7)
