@@ -2,6 +2,7 @@
 
 import dataclasses
 import json
+import shutil
 from pathlib import Path
 
 import numpy as np
@@ -102,9 +103,8 @@ def test_a_second_call_runs_no_stage_again(finished):
     assert (run / "posterior.nc").read_bytes() == before
 
 
-def test_a_changed_setting_runs_its_stage_and_those_after_it(tmp_path):
-    run = tmp_path / "run"
-    run_experiment(write(tmp_path), run)
+def test_a_changed_setting_runs_its_stage_and_those_after_it(finished, tmp_path):
+    run = shutil.copytree(finished[1], tmp_path / "run")
     stages = Stages()
     run_experiment(write(tmp_path, prediction={"simulations": 30}), run, listener=stages)
     assert (stages.seen["genetic"], stages.seen["nuts"], stages.seen["predict"]) == (True, True, False)
