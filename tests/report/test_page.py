@@ -2,13 +2,14 @@
 
 import json
 import re
+from pathlib import Path
 
 import numpy as np
 import pytest
 import xarray as xr
 
 from flightcal.errors import RunError
-from flightcal.report import write_report
+from flightcal.report import panels, write_report
 from flightcal.report.run_files import STAGES
 
 from .synthetic_run import names
@@ -66,6 +67,11 @@ def test_a_page_that_cannot_be_written_leaves_no_part_behind(slim_run, monkeypat
 def test_sections_come_in_order_and_are_in_the_contents(page):
     assert re.findall(r'<section id="(\w+)">', page) == SECTIONS
     assert re.findall(r'<a href="#(\w+)">', page) == SECTIONS
+
+
+def test_every_panel_has_its_place_in_the_order():
+    files = {file.stem for file in Path(panels.__file__).parent.glob("[!_]*.py")}
+    assert sorted(panels.ORDER) == sorted(files)
 
 
 def test_nothing_is_fetched_and_nothing_can_be_sent(page):

@@ -109,7 +109,7 @@ def figure_sensitivity(found: Sensitivity) -> go.Figure:
 def _heat_map(values: Any, columns: Sequence[str], rows: Sequence[str], title: str, *, signed: bool) -> go.Figure:
     """[row, column] with its numbers, from -1 or 0 to 1."""
     height = 110 + 4 * max(map(len, columns)) + max(22 * len(rows), 160)
-    return heat_map(values, columns, rows, height, signed=signed).update_xaxes(title_text=title, type="category")
+    return heat_map(values, columns, rows, height, signed=signed, title_text=title, type="category")
 
 
 def figure_scan(scan: Scan, info: ParameterInfo) -> go.Figure:

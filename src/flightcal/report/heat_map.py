@@ -22,10 +22,12 @@ def heat_map(
     written: bool = True,
     pair: str = "%{y}, %{x}",
     angle: int = -40,
+    **axis: Any,
 ) -> go.Figure:
     """Values [row, column] as colours, from -1 or 0 to 1; height in px; written: with the numbers themselves.
 
-    pair: names of a row and a column for the reader's pointer; angle: of the columns' names, degrees.
+    pair: names of a row and a column for the reader's pointer; angle: of the columns' names, degrees; axis: more
+    of their axis.
     """
     colours = DIVERGING if signed else DIVERGING[2:]
     text = [[f"{value:.2f}" if written and abs(value) >= 0.05 else "" for value in row] for row in values]
@@ -38,7 +40,7 @@ def heat_map(
         )
     )  # fmt: skip
     finish(figure, height, legend=False, top=8)
-    figure.update_xaxes(tickangle=angle, automargin=True, showgrid=False, ticks="")
+    figure.update_xaxes(tickangle=angle, automargin=True, showgrid=False, ticks="", **axis)
     figure.update_yaxes(autorange="reversed", automargin=True, showgrid=False, ticks="")
     return figure
 

@@ -147,21 +147,12 @@ def draws(posterior: xr.DataTree, group: str, names: Sequence[str]) -> np.ndarra
 
 def parameter_info(record: Record) -> ParameterInfo:
     """What a record of parameters.json says, as it is shown."""
-    target = tuple(record["target"])
-    fields = {path.rsplit(".", 1)[-1] for path in target}
+    fields = {path.rsplit(".", 1)[-1] for path in record["target"]}
     sets_temperature = record["mode"] == "sets" and bool(fields) and fields <= ABSOLUTE
     absolute = record["unit"] == "K" and (record["kind"] == "initial" or sets_temperature)
     in_orbits = record["name"].startswith("discrepancy.phase.lengthscale")
-    return ParameterInfo(
-        name=record["name"],
-        kind=record["kind"],
-        unit="degC" if absolute else "orbits" if in_orbits else record["unit"],
-        offset=-273.15 if absolute else 0.0,
-        target=target,
-        mode=record["mode"],
-        prior=record["prior"],
-        prior_quantiles=tuple(record["prior_quantiles"]),
-    )
+    unit = "degC" if absolute else "orbits" if in_orbits else record["unit"]
+    return typed(ParameterInfo, record | {"unit": unit, "offset": -273.15 if absolute else 0.0})
 
 
 def bins(run: RunFiles) -> int:

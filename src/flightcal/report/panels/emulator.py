@@ -12,9 +12,9 @@ from ..text import count, number, percent
 @section("emulator", "Emulator")
 def panel(run: RunFiles) -> list[Block]:
     """How the emulator was learnt, and the simulator itself beside it."""
-    if run.emulator is None:
+    record = run.emulator
+    if record is None:
         return []
-    record = run.emulator or {}
     reached = record["reached"]
     blocks = [
         block.text(

@@ -12,9 +12,9 @@ from ..text import count, number
 @section("full-simulator", "The full simulator")
 def panel(run: RunFiles) -> list[Block]:
     """The operational simulator beside its reduced model."""
-    if run.full_check is None:
+    check = run.full_check
+    if check is None:
         return []
-    check = run.full_check or {}
     return [
         block.text(
             "The calibration went through a reduced model. Here it is beside the operational simulator that it stands "
