@@ -192,7 +192,7 @@ def _parents(population: Array, fitness: Array, children: int, rng: np.random.Ge
 def _crossed(parents: Array, lower: Array, upper: Array, rng: np.random.Generator) -> Array:
     """Children [2 matings, d] by simulated binary crossover within the box; Deb & Agrawal (1995)."""
     _, matings, d = parents.shape
-    mated = rng.random(matings) < CROSSOVER_PROBABILITY
+    mated: NDArray[np.bool_] = np.less(rng.random(matings), CROSSOVER_PROBABILITY)
     if not mated.any():
         return parents.reshape(-1, d)
     rng.random(matings)
