@@ -29,11 +29,19 @@ from .external import (
     simulator_files,
 )
 from .fields import Block, Count, Number, Pair, Time, Vector
-from .inputs import input_files
 from .json_schema import json_schema, schema_of
-from .lint import Finding, lint
-from .load import load_scenario
-from .network import Conductor, Face, Heater, Load, ModeChange, Node, ReducedNumber, SimulatorError, SimulatorModel
+from .lint import Finding, lint, load_scenario
+from .network import (
+    Conductor,
+    Face,
+    Heater,
+    Load,
+    ModeChange,
+    Node,
+    ReducedNumber,
+    SimulatorError,
+    SimulatorModel,
+)
 from .numbers import Numbers, Settable, numbers_of, settable
 from .parameters import read_parameters, set_twice
 from .priors import Beta, HalfNormal, LogNormal, Normal, Prior, TruncatedNormal, Uniform, support
@@ -48,6 +56,7 @@ from .schema import (
     Scenario,
     TelemetryFile,
     TimeColumn,
+    input_files,
     noise_of,
     not_normal,
 )

@@ -19,6 +19,7 @@ from .windows import Window
 from .wording import problems_of
 
 T = TypeVar("T")
+_OF_NETWORK = ("nodes", "conductors", "faces", "heaters", "heater_input", "modes", "timeline", "loads")
 _NO_NETWORK = SimulatorModel.model_construct(nodes={})
 
 
@@ -75,14 +76,7 @@ def blocks_of(scenario: Scenario) -> Blocks:
         files=scenario.telemetry.file,
         channels=scenario.telemetry.channels,
         environment=scenario.environment,
-        nodes=model.nodes,
-        conductors=model.conductors,
-        faces=model.faces,
-        heaters=model.heaters,
-        heater_input=model.heater_input,
-        modes=model.modes,
-        timeline=model.timeline,
-        loads=model.loads,
+        **{key: getattr(model, key) for key in _OF_NETWORK},
         observations=scenario.observations,
         windows=scenario.windows,
         parameters=scenario.parameters,

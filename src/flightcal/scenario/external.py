@@ -5,10 +5,10 @@ from __future__ import annotations
 from pathlib import Path
 from typing import Annotated, Any, Literal
 
-from pydantic import BeforeValidator, Field, PlainSerializer, WithJsonSchema, model_validator
+from pydantic import BeforeValidator, Field, model_validator
 
 from .fields import Block, Count, Flag, Marker, read_empty
-from .units import Duration, Quantity, read_any, show, si_unit, to_si, written
+from .units import Duration, QuantityOrName, read_any, show, si_unit, to_si
 
 # --- what goes in and what comes out --------------------------------------------------------------------------
 
@@ -57,30 +57,12 @@ class Output(Block):
         return 273.15 if self.unit == "degC" else 0.0
 
 
-def _read_power(value: Any) -> float | str:
-    """A written power in W; other text is an input's name."""
-    try:
-        return Quantity("W", at_least=0.0).read(value)
-    except ValueError:
-        if isinstance(value, str) and value.strip() and value.strip()[0] not in "+-.0123456789":
-            return value
-        raise
-
-
-HeaterPower = Annotated[
-    float | str,
-    BeforeValidator(_read_power),
-    PlainSerializer(lambda value: value if isinstance(value, str) else written(value, "W"), when_used="json"),
-    WithJsonSchema({"type": "string"}),
-]
-
-
 class ExternalHeater(Block):
     """A heater whose status the simulator gives: 1 on, 0 off, or the share of full power between."""
 
     name: str | None = None
     """What the simulator calls the status: a column, an FMU's variable; null: as here."""
-    power: HeaterPower | None = None
+    power: Annotated[float | str, QuantityOrName("W", at_least=0.0)] | None = None
     """While it is on: a power, or the name of the input that says it; null: not known, so neither is its energy."""
 
 

@@ -12,7 +12,6 @@ from pydantic import (
     ConfigDict,
     Discriminator,
     Field,
-    PlainSerializer,
     Tag,
     ValidationError,
     WithJsonSchema,
@@ -21,7 +20,7 @@ from pydantic.json_schema import SkipJsonSchema
 from pydantic_core import PydanticCustomError
 
 from .document import Problem
-from .units import Quantity, show, to_si, written
+from .units import show, to_si
 
 _FIRST_YEAR, _LAST_YEAR = 1957, 2200
 """Of spaceflight, and within what nanosecond time stamps can hold."""
@@ -84,17 +83,6 @@ def _of_length(length: int, what: str) -> BeforeValidator:
     return BeforeValidator(check)
 
 
-def _read_boundary(value: Any) -> Any:
-    """A written temperature in K; other text is a channel's name."""
-    try:
-        return Quantity("K", at_least=0.0).read(value)
-    except ValueError:
-        # Text that begins like a number was meant as a temperature.
-        if isinstance(value, str) and value.strip() and value.strip()[0] not in "+-.0123456789":
-            return value
-        raise
-
-
 def one_of(choose: Callable[[Any], str | None], expected: str) -> Discriminator:
     """Chooses a block of a union by what is written, so that its errors alone are reported.
 
@@ -148,12 +136,6 @@ Markers = Annotated[
 Range = Annotated[tuple[Marker, Marker], _of_length(2, "two values [lowest, highest]")]
 ChannelUnit = Annotated[
     str, BeforeValidator(_read_driver_unit), WithJsonSchema({"anyOf": [{"type": "string"}, {"const": 1}]})
-]
-BoundaryTemperature = Annotated[
-    float | str,
-    BeforeValidator(_read_boundary),
-    PlainSerializer(lambda value: value if isinstance(value, str) else written(value, "K"), when_used="json"),
-    WithJsonSchema({"type": "string"}),
 ]
 
 

@@ -1,10 +1,11 @@
-"""All that is wrong with a scenario file, at once."""
+"""A scenario file as a scenario, or all that is wrong with it, at once."""
 
 from __future__ import annotations
 
 from dataclasses import dataclass
 from pathlib import Path
 
+from ..errors import ScenarioError
 from .checks import CHECKS
 from .document import Location, Problem
 from .reading import Reading, read_scenario
@@ -37,6 +38,18 @@ def lint(path: str | Path, *, telemetry: str | Path | None = None) -> list[Findi
     telemetry: replaces where telemetry is read from: a file, or a folder with files of the same names.
     """
     return examine(path, telemetry)[1]
+
+
+def load_scenario(path: str | Path, *, telemetry: str | Path | None = None) -> Scenario:
+    """The scenario in the file at `path`; its `folder` is the file's.
+
+    telemetry: replaces where telemetry is read from: a file, or a folder with files of the same names.
+    Raises ScenarioError, whose message lists everything wrong with the file, a line each.
+    """
+    scenario, findings = examine(path, telemetry)
+    if scenario is None:
+        raise ScenarioError("\n".join(map(str, findings)))
+    return scenario
 
 
 def examine(path: str | Path, telemetry: str | Path | None = None) -> tuple[Scenario | None, list[Finding]]:

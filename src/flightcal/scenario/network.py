@@ -6,8 +6,8 @@ from typing import Annotated, Literal
 
 from pydantic import Field, WrapValidator, model_validator
 
-from .fields import FILLED_IN, Block, BoundaryTemperature, FaceNormal, Flag, Marker, Number, Pair, Time, exactly_one
-from .units import Duration, Power, Quantity, Temperature
+from .fields import FILLED_IN, Block, FaceNormal, Flag, Marker, Number, Pair, Time, exactly_one
+from .units import Duration, Power, Quantity, QuantityOrName, Temperature
 
 
 class Node(Block):
@@ -16,7 +16,7 @@ class Node(Block):
     capacity: Annotated[float, Quantity("J/K", above=0)] | None = None
     initial: Temperature | None = None
     arithmetic: Flag = False
-    boundary: BoundaryTemperature | None = None
+    boundary: Annotated[float | str, QuantityOrName("K", at_least=0.0)] | None = None
     """A temperature, or the name of a temperature channel that is measured."""
 
     @model_validator(mode="after")

@@ -26,6 +26,17 @@ from .units import show
 from .windows import Window, flat_windows
 from .wording import UNREADABLE, unknown_key, written_keys
 
+_ENTRIES: dict[str, Any] = {
+    "nodes": Node,
+    "faces": Face,
+    "heaters": Heater,
+    "modes": Powers,
+    "loads": Load,
+    "reduced_numbers": ReducedNumber,
+}
+_ITEMS: dict[str, Any] = {"conductors": Conductor, "timeline": ModeChange}
+"""The parts of a thermal network."""
+
 
 @dataclass(frozen=True)
 class Reading:
@@ -96,7 +107,12 @@ class _Reader:
         )
 
     def whole(self, kind: Any, written: Mapping[str, Any], parts: Mapping[str, Any], *location: str) -> Any:
-        """A block whose parts have been read; a mapping or list without any says what is wrong with it itself."""
+        """A block whose parts have been read; {} where nothing is written, or no mapping.
+
+        A part that is {} or () is left as it is written, so that it is said what is wrong with it.
+        """
+        if not written:
+            return {}
         kept = {key: _kept(part) for key, part in parts.items() if key in written and part not in ({}, ())}
         return self.block(kind, {**written, **kept}, *location)
 
@@ -105,15 +121,17 @@ class _Reader:
         telemetry, model = _mapping(data, "telemetry"), _mapping(data, "simulator")
         files = self.block(Names, telemetry["file"], "telemetry", "file") if "file" in telemetry else ()
         channels = self.entries(Channel, telemetry, "telemetry", "channels")
-        external, network = None, self.network({} if is_external(model) else model)
+        external, network = None, {} if is_external(model) else model
+        in_network: dict[str, Any] = {
+            key: self.entries(kind, network, "simulator", key) for key, kind in _ENTRIES.items()
+        }
+        in_network |= {key: self.items(kind, network, "simulator", key) for key, kind in _ITEMS.items()}
         if is_external(model):
             external, simulator = self.external(model)
         else:
-            simulator = self.whole(SimulatorModel, model, network, "simulator") if model else {}
-        parts: dict[str, Any] = {
-            "telemetry": self.whole(TelemetryFile, telemetry, {"file": files, "channels": channels}, "telemetry")
-            if telemetry
-            else {},
+            simulator = self.whole(SimulatorModel, model, in_network, "simulator")
+        parts = {
+            "telemetry": self.whole(TelemetryFile, telemetry, {"file": files, "channels": channels}, "telemetry"),
             "environment": self.block(Environment, data.get("environment", {}), "environment"),
             "simulator": simulator,
             "observations": self.entries(Observation, data, "observations"),
@@ -122,42 +140,22 @@ class _Reader:
         }
         if data.get("discrepancy") is not None:
             parts["discrepancy"] = self.block(Discrepancy, data["discrepancy"], "discrepancy")
+        reduced = in_network.pop("reduced_numbers")
         blocks = Blocks(
             files=files or (),
             channels=channels,
             environment=parts["environment"],
-            nodes=network["nodes"],
-            conductors=network["conductors"],
-            faces=network["faces"],
-            heaters=network["heaters"],
-            heater_input=model.get("heater_input", "simulated") if external is None else "simulated",
-            modes=network["modes"],
-            timeline=network["timeline"],
-            loads=network["loads"],
+            **in_network,
+            heater_input=network.get("heater_input", "simulated"),
             observations=parts["observations"],
             windows=parts["windows"],
             external=external,
-            reduced=network["reduced_numbers"] if external is None and "reduced_model" in model else None,
+            reduced=reduced if "reduced_model" in network else None,
             noise=parts["noise"],
             discrepancy=parts.get("discrepancy"),
-            has_errors=external is None and bool(model.get("errors")),
+            has_errors=bool(network.get("errors")),
         )
         return blocks, parts
-
-    def network(self, model: Mapping[str, Any]) -> dict[str, Any]:
-        """The parts of a thermal network."""
-        entries = {
-            "nodes": Node,
-            "faces": Face,
-            "heaters": Heater,
-            "modes": Powers,
-            "loads": Load,
-            "reduced_numbers": ReducedNumber,
-        }
-        items = {"conductors": Conductor, "timeline": ModeChange}
-        return {key: self.entries(kind, model, "simulator", key) for key, kind in entries.items()} | {
-            key: self.items(kind, model, "simulator", key) for key, kind in items.items()
-        }
 
     def external(self, model: Mapping[str, Any]) -> tuple[External, Any]:
         """An external simulator, in parts and whole."""

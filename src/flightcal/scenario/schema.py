@@ -23,6 +23,7 @@ from .external import (
     UmbridgeSimulator,
     is_external,
     kind_of_simulator,
+    simulator_files,
 )
 from .fields import (
     FILLED_IN,
@@ -234,3 +235,16 @@ def noise_of(scenario: Scenario, channel: str) -> Noise:
     if own is None:
         return scenario.noise
     return own if isinstance(own, Noise) else Noise.model_construct(standard_deviation=own)
+
+
+def input_files(scenario: Scenario) -> list[Path]:
+    """Telemetry, orbit and attitude files and those that the simulator is made of, as paths that can be opened."""
+    environment = scenario.environment
+    named = [*scenario.telemetry.file]
+    for block, field in ((environment.orbit, "positions"), (environment.attitude, "quaternions")):
+        if hasattr(block, field):
+            named.append(getattr(block, field))
+    if isinstance(scenario.simulator, SimulatorModel):
+        model = scenario.simulator
+        named += [name for name in (model.reduced_model, model.checked_on) if name is not None]
+    return [*(scenario.folder / name for name in named), *simulator_files(scenario.simulator, scenario.folder)]

@@ -231,6 +231,23 @@ class Quantity:
         return quantity_schema(self.unit, lower=self.lower, upper=self.upper)
 
 
+@dataclass(frozen=True)
+class QuantityOrName(Quantity):
+    """Marks a quantity, or the name of something that has it: text that does not begin like a number."""
+
+    def read(self, value: Any) -> Any:
+        """The written quantity in SI, or the name. Raises ValueError."""
+        is_text = isinstance(value, str) and bool(value.strip())
+        return value if is_text and value.strip()[0] not in "+-.0123456789" else super().read(value)
+
+    def write(self, number: Any) -> str | float:
+        """The number, or the name, as a user writes it."""
+        return number if isinstance(number, str) else super().write(number)
+
+    def __get_pydantic_json_schema__(self, schema: core_schema.CoreSchema, handler: Any) -> dict[str, Any]:
+        return {"type": "string"}
+
+
 def written(number: float, unit: str) -> str | float:
     """An SI number as a user writes it: with its unit, or plain if it has none; reads back the same."""
     return f"{number!r} {unit}" if unit else number
