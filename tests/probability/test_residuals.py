@@ -10,9 +10,11 @@ from flightcal.errors import ScenarioError
 from flightcal.probability import DEVIATION
 from flightcal.probability.discrepancy import shortest_lengthscale, time_basis
 from flightcal.probability.likelihood import log_likelihood
+from flightcal.probability.noise import kind_of_noise
 from flightcal.probability.residuals import PHASE_LENGTH
 from flightcal.problem import build_problem
 from flightcal.problem.coordinates import whitening
+from flightcal.scenario import Noise
 
 from .. import small
 from .residual_cases import CORRELATED, CORRELATED_STUDENT, INDEPENDENT, ROUNDED, STUDENT
@@ -157,6 +159,11 @@ KINDS = {
 def test_the_noise_is_of_the_kind_that_the_scenario_says(model, tmp_path):
     problem = build_problem(*made(tmp_path, *MODELS[model]))
     assert problem.windows[0].residuals.terms.kinds == (KINDS[model],) * 2
+
+
+def test_noise_that_no_kind_is_meant_by_is_named():
+    with pytest.raises(ScenarioError, match=r"noise: found ar1 noise that is rare, expected one of iid noise, AR"):
+        kind_of_noise(Noise.model_construct(model="ar1", distribution="rare", quantisation=None))
 
 
 def test_the_discrepancy_is_of_the_functions_at_the_samples_times(tmp_path):

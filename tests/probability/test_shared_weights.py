@@ -3,10 +3,18 @@
 import numpy as np
 import pytest
 from scipy import stats
+from scipy.linalg import block_diag
 
 from flightcal.compiled import Program
 from flightcal.probability.discrepancy import MaternPrior, PhaseBasis, TimeBasis
-from flightcal.probability.likelihood import Likelihood, Residuals, likelihood_calls, window_memory
+from flightcal.probability.likelihood import (
+    Likelihood,
+    Residuals,
+    information,
+    likelihood_calls,
+    weights_together,
+    window_memory,
+)
 from flightcal.probability.shapes import Shapes, products_at
 
 from .residual_cases import CORRELATED, INDEPENDENT, Case
@@ -45,30 +53,33 @@ class Windows:
         apart = np.abs(seconds[:, None] - seconds)
         return white**2 * np.eye(len(seconds)) + deviation**2 * np.exp(-apart / time)
 
+    def of_weights(self, k):
+        """The basis of all windows' own weights and of the shared ones, at valid samples, and their variances."""
+        bases = [window.shapes.basis[window.valid[k]] for window in self.residuals]
+        variances = [w.shapes.prior.deviations(self.numbers[k, -4:]) ** 2 for w in self.residuals]
+        own = block_diag(*(basis[:, : self.in_time] for basis in bases))
+        shared = np.concatenate(bases)[:, self.in_time :]
+        variance = [*(each[: self.in_time] for each in variances), variances[0][self.in_time :]]
+        return np.concatenate([own, shared], axis=1), np.concatenate(variance)
+
+    def covariance(self, k):
+        """Of all windows' valid residuals."""
+        total = block_diag(*(self.noise(k, window.seconds[window.valid[k]]) for window in self.residuals))
+        if k == 0:
+            basis, variance = self.of_weights(k)
+            total += basis * variance @ basis.T
+        return total
+
+    def of_channel(self, k, arrays):
+        """Arrays [T, N, ...] of the windows, at a channel's valid samples."""
+        return np.concatenate([a[w.valid[k], k] for a, w in zip(arrays, self.residuals, strict=True)])
+
     def dense(self):
         """The log likelihood, with a covariance between windows."""
-        value = 0.0
-        for k in range(2):
-            valid = [window.valid[k] for window in self.residuals]
-            residual = np.concatenate(
-                [(m.observed - m.simulated)[own, k] for m, own in zip(self.memories, valid, strict=True)]
-            )
-            covariance, first = np.zeros((len(residual),) * 2), 0
-            bases = [window.shapes.basis[own] for window, own in zip(self.residuals, valid, strict=True)]
-            for window, own, basis in zip(self.residuals, valid, bases, strict=True):
-                here = slice(first, first + len(basis))
-                covariance[here, here] = self.noise(k, window.seconds[own])
-                if k == 0:
-                    variance = window.shapes.prior.deviations(self.numbers[0, -4:]) ** 2
-                    covariance[here, here] += (
-                        basis[:, : self.in_time] * variance[: self.in_time] @ basis[:, : self.in_time].T
-                    )
-                first = here.stop
-            if k == 0:
-                shared = np.concatenate(bases)[:, self.in_time :]
-                covariance += shared * variance[self.in_time :] @ shared.T
-            value += stats.multivariate_normal.logpdf(residual, cov=covariance)
-        return value
+        residual = [memory.observed - memory.simulated for memory in self.memories]
+        return sum(
+            stats.multivariate_normal.logpdf(self.of_channel(k, residual), cov=self.covariance(k)) for k in range(2)
+        )
 
     def run(self):
         for memory in self.memories:
@@ -129,6 +140,32 @@ def test_what_windows_share_is_closed_between_their_phases(windows):
     for rows in (*forward, close, *backward):
         Program(rows).run()
     assert sum(memory.value[0] for memory in windows.memories) == before
+
+
+def test_weights_are_those_of_the_dense_conditional_normal(windows):
+    arrays = ([getattr(m, name) for m in windows.memories] for name in ("observed", "simulated", "numbers"))
+    found = weights_together(windows.residuals, *arrays)
+    basis, variance = windows.of_weights(0)
+    gain = variance[:, None] * basis.T @ np.linalg.inv(windows.covariance(0))
+    mean = gain @ windows.of_channel(0, [memory.observed - memory.simulated for memory in windows.memories])
+    covariance = np.diag(variance) - gain @ basis * variance
+    own, shared = windows.in_time, np.arange(len(COUNTS) * windows.in_time, len(variance))
+    for place, (expected, factor) in enumerate(found):
+        kept = np.concatenate([np.arange(place * own, (place + 1) * own), shared])
+        np.testing.assert_allclose(expected[0], mean[kept], atol=1e-9 * np.abs(mean).max())
+        np.testing.assert_allclose(factor[0] @ factor[0].T, covariance[np.ix_(kept, kept)], atol=1e-9 * variance.max())
+        assert not expected[1].any()
+
+
+def test_the_information_is_that_of_the_dense_covariance(windows):
+    rng = np.random.default_rng(5)
+    jacobians = [np.where(w.valid.T[..., None], rng.normal(size=(*w.valid.T.shape, 4)), 0.0) for w in windows.residuals]
+    expected = np.zeros((4, 4))
+    for k in range(2):
+        columns = windows.of_channel(k, jacobians)
+        expected += columns.T @ np.linalg.solve(windows.covariance(k), columns)
+    found = information(windows.residuals, jacobians, [memory.numbers for memory in windows.memories])
+    np.testing.assert_allclose(found, expected, rtol=1e-9, atol=1e-9 * np.abs(expected).max())
 
 
 @pytest.mark.parametrize("kind", KINDS.values())

@@ -10,7 +10,7 @@ Both are a basis [T, m] with a diagonal prior of its weights, so a likelihood co
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -133,6 +133,10 @@ class MaternPrior:
             total = density[: len(frequency) // 2 + 1].sum()
             parts.append(numbers[PHASE_SIZE] * np.sqrt(density / total))
         return np.concatenate([*parts, np.empty(0)])
+
+    def first(self, count: int) -> MaternPrior:
+        """That of the first weights alone."""
+        return replace(self, frequency=self.frequency[:count])
 
     def rows(self, numbers: FloatArray, numbers_bar: FloatArray, weights: Weights, place: int) -> tuple[Row, Row]:
         """What fills the weights' prior, and what takes their posterior to the derivatives; numbers: [4]."""

@@ -19,7 +19,7 @@ from ..compiled import Program, Row
 from ..simulator import FloatArray
 from .kernels.window import ProjectCall, WindowCall, finish, project, start
 from .noise.kind import NoiseCall, NoiseKind, ShapesCall
-from .shapes import Shapes, Weights
+from .shapes import Shapes, Weights, shrinkage
 
 SHAPE_NUMBERS = 4
 """The last of a channel's numbers, which are those of its shapes' weights."""
@@ -238,19 +238,32 @@ def weights_given(
 
     Arguments as in `log_likelihood`; zero for a channel without shapes.
     """
-    channels, count = len(numbers), residuals.shapes.basis.shape[1]
-    mean, factor = np.zeros((channels, count)), np.zeros((channels, count, count))
-    arrays = (np.ascontiguousarray(array, float) for array in (observed, simulated, numbers))
-    window = _Window(residuals, window_memory(*arrays))
-    for row in window.begin():
-        row()
-    weights = window.weights()
-    for k in np.flatnonzero(residuals.discrepant).tolist():
-        opening, closing, _ = _with_shapes([window], k, weights)
+    return weights_together([residuals], [observed], [simulated], [numbers])[0]
+
+
+def weights_together(
+    residuals: Sequence[Residuals],
+    observed: Sequence[FloatArray],
+    simulated: Sequence[FloatArray],
+    numbers: Sequence[FloatArray],
+) -> list[tuple[FloatArray, FloatArray]]:
+    """The same of each of several windows, which share the weights that are not a window's own."""
+    channels, count = len(numbers[0]), residuals[0].shapes.basis.shape[1]
+    found = [(np.zeros((channels, count)), np.zeros((channels, count, count))) for _ in residuals]
+    windows = []
+    for own, *arrays in zip(residuals, observed, simulated, numbers, strict=True):
+        windows.append(_Window(own, window_memory(*(np.ascontiguousarray(array, float) for array in arrays))))
+        for row in windows[-1].begin():
+            row()
+    weights = windows[0].weights(len(windows))
+    for k in np.flatnonzero(residuals[0].discrepant).tolist():
+        opening, closing, _ = _with_shapes(windows, k, weights)
         for row in (*opening, *closing):
             row()
-        mean[k], factor[k] = weights.mean[0], weights.root[0][:, None] * weights.inverse[0].T
-    return mean, factor
+        for place, (mean, factor) in enumerate(found):
+            mean[k] = weights.mean[place]
+            factor[k] = weights.root[place][:, None] * weights.inverse[place].T
+    return found
 
 
 def precision_times(residuals: Residuals, columns: FloatArray, numbers: FloatArray) -> FloatArray:
@@ -273,6 +286,32 @@ def precision_times(residuals: Residuals, columns: FloatArray, numbers: FloatArr
     projected = np.einsum("tm,tnc->nmc", residuals.shapes.basis, solved)
     weights = np.einsum("nij,njc->nic", factor, np.einsum("nji,njc->nic", factor, projected))
     return weighed(columns - np.einsum("tm,nmc->tnc", residuals.shapes.basis, weights))
+
+
+def information(
+    residuals: Sequence[Residuals], jacobians: Sequence[FloatArray], numbers: Sequence[FloatArray]
+) -> FloatArray:
+    """J^T C^-1 J [p, p] of windows that share weights, with J [T, N, p] of each, zero where there is no sample.
+
+    With a window's own weights in C, the shared ones take away as Woodbury's identity says.
+    """
+    shapes = residuals[0].shapes
+    columns = jacobians[0].shape[2]
+    total = np.zeros((columns, columns))
+    products = np.zeros((len(shapes.channels), *(columns + shapes.basis.shape[1] - shapes.own,) * 2))
+    for window, jacobian, own in zip(residuals, jacobians, numbers, strict=True):
+        basis = np.where(window.valid.T[..., None], window.shapes.basis[:, None, shapes.own :], 0.0)
+        both = np.concatenate([jacobian, basis], axis=2)
+        solved = precision_times(replace(window, shapes=window.shapes.alone()), both, own)
+        products += np.einsum("tni,tnj->nij", both, solved)
+    for k, of_channel in enumerate(products):
+        total += of_channel[:columns, :columns]
+        if shapes.channels[k]:
+            deviation = shapes.prior.deviations(numbers[0][k, -SHAPE_NUMBERS:])[shapes.own :]
+            covariance, _ = shrinkage(of_channel[columns:, columns:], deviation**2)
+            crossed = of_channel[columns:, :columns]
+            total -= crossed.T @ covariance @ crossed
+    return total
 
 
 def iid_log_likelihood(

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Protocol
 
 import numpy as np
@@ -18,6 +18,9 @@ class WeightsPrior(Protocol):
 
     def deviations(self, numbers: FloatArray) -> FloatArray:
         """Standard deviations [m]."""
+
+    def first(self, count: int) -> WeightsPrior:
+        """That of the first weights alone."""
 
     def rows(self, numbers: FloatArray, numbers_bar: FloatArray, weights: Weights, place: int) -> tuple[Row, Row]:
         """What fills the weights' prior in one of their windows, and what takes their posterior to the derivatives.
@@ -44,10 +47,30 @@ class Shapes:
         """Whether windows share weights."""
         return self.own < self.basis.shape[1]
 
+    def alone(self) -> Shapes:
+        """Those whose weights are the window's own."""
+        own = self.own
+        return replace(
+            self, basis=np.ascontiguousarray(self.basis[:, :own]), products=self.products[:, :own, :own].copy(),
+            prior=self.prior.first(own), channels=self.channels & (own > 0),
+        )  # fmt: skip
+
 
 def products_at(basis: FloatArray, valid: NDArray[np.bool_]) -> FloatArray:
     """Of a basis [T, m] with itself at each channel's valid samples [N, T], [N, m, m]."""
     return np.stack([np.einsum("ti,tj->ij", basis[own], basis[own]) for own in valid])
+
+
+def shrinkage(products: FloatArray, variance: FloatArray) -> tuple[FloatArray, float]:
+    """Posterior covariance [r, r] of the shapes' weights given residuals, and log det (I + V Phi^T C^-1 Phi).
+
+    products: Phi^T C^-1 Phi [r, r]. The inverse of C + Phi V Phi^T is C^-1 - C^-1 Phi (this) Phi^T C^-1 (Woodbury), for
+    variances [r] of zero too.
+    """
+    root = np.sqrt(variance)
+    factor = np.linalg.cholesky(np.eye(len(root)) + root[:, None] * products * root)
+    half = np.linalg.solve(factor, np.diag(root))
+    return half.T @ half, 2.0 * float(np.log(np.diag(factor)).sum())
 
 
 class Weights:

@@ -12,6 +12,7 @@ from numpy.typing import NDArray
 
 from ..simulator import FloatArray
 from .likelihood import Likelihood, Residuals, iid_log_likelihood, precision_times
+from .shapes import shrinkage
 
 
 @dataclass(frozen=True)
@@ -32,18 +33,6 @@ def error_shapes(basis: FloatArray, valid: NDArray[np.bool_]) -> ErrorShapes:
     """Prepare a simulator's `error_basis` [T, N, r] for a window whose samples are `valid` [T, N]."""
     masked = np.where(valid[..., None], basis, 0.0)
     return ErrorShapes(masked, np.einsum("tni,tnj->nij", masked, masked))
-
-
-def shrinkage(products: FloatArray, variance: FloatArray) -> tuple[FloatArray, float]:
-    """Posterior covariance [r, r] of the shapes' weights given residuals, and log det (I + V Phi^T C^-1 Phi).
-
-    products: Phi^T C^-1 Phi [r, r]. The inverse of C + Phi V Phi^T is C^-1 - C^-1 Phi (this) Phi^T C^-1 (Woodbury), for
-    variances [r] of zero too.
-    """
-    root = np.sqrt(variance)
-    factor = np.linalg.cholesky(np.eye(len(root)) + root[:, None] * products * root)
-    half = np.linalg.solve(factor, np.diag(root))
-    return half.T @ half, 2.0 * float(np.log(np.diag(factor)).sum())
 
 
 def low_rank_log_likelihood(

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from ...errors import ScenarioError
 from ...scenario import Noise
 from .ar1 import Correlated
 from .iid import Independent
@@ -25,8 +26,12 @@ MOST_NUMBERS = max(len(kind.names) for kind in KINDS)
 
 
 def kind_of_noise(written: Noise) -> NoiseKind:
-    """The kind that a scenario says."""
-    return next(kind for kind in KINDS if kind.is_meant(written))
+    """The kind that a scenario says. Raises ScenarioError where there is none of that model and distribution."""
+    for kind in KINDS:
+        if kind.is_meant(written):
+            return kind
+    kinds = ", ".join(kind.words for kind in KINDS)
+    raise ScenarioError(f"noise: found {written.model} noise that is {written.distribution}, expected one of {kinds}")
 
 
 def called(words: str) -> NoiseKind:
