@@ -12,7 +12,7 @@ import pyarrow.compute as pc
 from numpy.typing import NDArray
 
 from ..errors import TelemetryError
-from ._files import Source
+from .readers import Source
 
 Nanoseconds = NDArray[np.int64]
 

@@ -13,8 +13,8 @@ from numpy.typing import NDArray
 
 from ..errors import TelemetryError
 from ..scenario import Channel
-from ._files import NULL_WORDS, Source
 from ._flags import Flag, Flags
+from .readers import NULL_WORDS, Source
 
 Values = NDArray[np.float64]
 

@@ -12,13 +12,13 @@ from numpy.typing import NDArray
 
 from ..errors import TelemetryError
 from ..scenario import Channel, TelemetryFile
-from ._files import Source, content, locate, nearest, read_table
 from ._flags import Flag, Flags, flag_attributes, meaning
 from ._times import Nanoseconds, parse_times
 from ._units import Conversion, conversion
 from ._values import Values, channel_values
 from .average import average
 from .clean import order_rows, sampling_interval
+from .readers import Source, content, locate, nearest, read_table
 from .stale import RowContent, repeats, row_content
 
 RESERVED_NAMES = frozenset(["time", "channel", "flags", "finding", "rows", "masked"])

@@ -1,0 +1,59 @@
+"""A telemetry file, and what a reader of its kind must offer."""
+
+from __future__ import annotations
+
+import gzip
+from collections.abc import Collection
+from dataclasses import dataclass
+from pathlib import Path
+from typing import IO, Protocol
+
+import pyarrow as pa
+
+NULL_WORDS = frozenset(
+    ["", "N/A", "n/a", "#N/A", "NA", "NULL", "Null", "null", "None", "NaN", "nan", "NAN", "-NaN", "-nan"]
+)
+"""What stands for a missing value in a file whose scenario says nothing else."""
+
+
+class Reader(Protocol):
+    """Files of one kind -> tables. Whatever pyarrow, the system or a codec raises becomes a message."""
+
+    @property
+    def kind(self) -> str:
+        """What messages call it."""
+
+    @property
+    def suffixes(self) -> tuple[str, ...]:
+        """Of its files' names, in lower case; those that end in .gz are also opened uncompressed by `Source.open`."""
+
+    @property
+    def magic(self) -> bytes | None:
+        """First bytes of all its files, if there are such."""
+
+    def read(self, source: Source, time_column: str, markers: Collection[str]) -> pa.Table:
+        """The whole file; the time column of a text file stays text, other columns are typed by what they hold.
+
+        markers: texts that are kept although they usually stand for a missing value (`NULL_WORDS`).
+        """
+
+    def place(self, source: Source, row: int) -> str:
+        """Where data row `row` (from 0) stands, as a person looks for it."""
+
+
+@dataclass(frozen=True)
+class Source:
+    """A telemetry file: where it is, the name by which messages call it, and what reads it."""
+
+    path: Path
+    name: str
+    reader: Reader
+
+    def open(self) -> IO[bytes]:
+        """The file's bytes, uncompressed."""
+        compressed = self.path.name.lower().endswith(".gz")
+        return gzip.open(self.path, "rb") if compressed else self.path.open("rb")  # type: ignore[return-value]
+
+    def place(self, row: int) -> str:
+        """The file's name, and where in it data row `row` (from 0) stands."""
+        return f"{self.name}: {self.reader.place(self, row)}"
