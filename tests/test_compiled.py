@@ -1,16 +1,114 @@
-"""Compiled functions are taken from the cache until a file of their folder changes."""
+"""Kernels, tables of them, and the cache: it holds until a file of a kernel's folder changes."""
 
 import os
 import subprocess
 import sys
+from typing import Any, NamedTuple
+
+import numpy as np
+import pytest
+
+from flightcal.compiled import Program, kernel, kind_of, warm
+
+
+class Inner(NamedTuple):
+    square: Any
+    whole: Any
+
+
+class SumCall(NamedTuple):
+    values: Any
+    wanted: Any
+    inner: Inner
+    scale: float
+    offset: int
+    total: Any
+
+
+@kernel
+def add_up(call):
+    values, total = call.values, call.total
+    for k in range(values.shape[0]):
+        if call.wanted[k]:
+            total[0] += call.scale * values[k]
+    total[0] += call.offset + call.inner.square[1, 0] + call.inner.whole[-1]
+    return 0
+
+
+@kernel(long=True)
+def at_most(call):
+    """1 where the total is more than the scale."""
+    return 1 if call.total[0] > call.scale else 0
+
+
+def call_of(values, scale=2.0):
+    inner = Inner(np.array([[1.0, 2.0], [30.0, 4.0]]), np.array([7, 500]))
+    wanted = np.array([True, False, True])
+    return SumCall(np.array(values), wanted, inner, scale, 9000, np.zeros(1))
+
+
+def test_a_kernel_reads_and_fills_what_its_call_holds():
+    call = call_of([1.0, 100.0, 3.0])
+    assert add_up(call) == 0
+    assert call.total[0] == 2.0 * 4.0 + 9000 + 30 + 500
+
+
+def test_a_row_reads_anew_what_is_in_its_arrays():
+    call = call_of([1.0, 100.0, 3.0])
+    row = add_up.row(call)
+    for expected in (9538.0, 19076.0):
+        assert row() == 0
+        assert call.total[0] == expected
+    call.values[:] = 0.0
+    row()
+    assert call.total[0] == 19076.0 + 9530.0
+
+
+def test_a_kernel_is_compiled_for_each_kind_of_call():
+    other = call_of([1, 100, 3])
+    assert kind_of(other) != kind_of(call_of([1.0, 100.0, 3.0]))
+    assert kind_of(other) == kind_of(call_of([5, 6, 7, 8]))
+    add_up(other)
+    assert other.total[0] == 9538.0
+
+
+def test_an_array_with_gaps_is_refused():
+    with pytest.raises(TypeError, match="not contiguous"):
+        add_up.row(call_of([1.0])._replace(values=np.arange(6.0)[::2]))
+
+
+def test_a_program_runs_until_a_kernel_does_not_return_0():
+    call = call_of([1.0, 100.0, 3.0], scale=10000.0)
+    rows = [add_up.row(call), at_most.row(call)]
+    assert Program([]).run() == 0
+    program = Program(rows * 3)
+    assert program.run() == 1
+    assert call.total[0] == 40000.0 + 9530.0
+    call.total[0] = -60000.0 - 2 * 9530.0
+    assert program.run() == 1
+    assert call.total[0] == 20000.0, "the second at_most ended it"
+    assert Program([program.row, add_up.row(call)]).run() == 1
+
+
+# --- the cache ------------------------------------------------------------------------------------------------
 
 MAIN = """
-from flightcal.compiled import compiled
+from typing import Any, NamedTuple
+import numpy as np
+from flightcal.compiled import inlined, kernel
 from .other import addend
 
-@compiled
-def plus(x):
-    return x + addend()
+class Call(NamedTuple):
+    x: Any
+
+@inlined
+def fused(x):
+    return x[0] * x[1] + x[2]
+
+@kernel
+def plus(call):
+    call.x[0] = fused(call.x) + addend()
+    return 0
 """
 OTHER = """
 from flightcal.compiled import inlined
@@ -19,61 +117,107 @@ from flightcal.compiled import inlined
 def addend():
     return {}
 """
+USE = """
+import sys
+import numpy as np
+from flightcal.compiled import warm
+from package.{}.main import Call, plus
+call = Call(np.array([1.0 + 2.0**-30, 1.0 - 2.0**-30, -1.0]))
+row = plus.row(call)
+hit = plus.is_cached(row.call.kind)
+{}
+row()
+print(call.x[0], int(hit))
+"""
 
 
-def call(folder):
-    """What plus(1) gives in a process of its own, and how often it came from the cache."""
-    code = "from package.main import plus; print(plus(1), sum(plus.stats.cache_hits.values()))"
-    environment = {**os.environ, "NUMBA_CACHE_DIR": str(folder / "cache"), "PYTHONPATH": str(folder)}
+@pytest.fixture
+def package(tmp_path):
+    """A function that writes a package with a folder of kernels."""
+
+    def write(folder="kernels", addend=1):
+        own = tmp_path / "package" / folder
+        own.mkdir(parents=True, exist_ok=True)
+        for init in (own.parent / "__init__.py", own / "__init__.py"):
+            init.touch()
+        (own / "main.py").write_text(MAIN)
+        (own / "other.py").write_text(OTHER.format(addend))
+        return own
+
+    return write
+
+
+def used(package, between="", **environment):
+    """What plus gives in a process of its own, and whether it came from the cache."""
+    folder = package.parent.parent
+    path = os.pathsep.join([str(folder), os.environ.get("PYTHONPATH", "")])
+    environment = {**os.environ, "NUMBA_CACHE_DIR": str(folder / "cache"), "PYTHONPATH": path, **environment}
+    code = USE.format(package.name, between)
     done = subprocess.run(
         [sys.executable, "-c", code], capture_output=True, text=True, check=True, env=environment, cwd=folder
     )
-    return tuple(map(int, done.stdout.split()))
+    value, hit = done.stdout.split()
+    return float(value), int(hit)
 
 
-def test_a_change_in_a_file_that_a_compiled_function_calls_is_noticed(tmp_path):
-    package = tmp_path / "package"
-    package.mkdir()
-    (package / "__init__.py").touch()
-    (package / "main.py").write_text(MAIN)
-    (package / "other.py").write_text(OTHER.format(1))
-    assert call(tmp_path) == (2, 0)
-    assert call(tmp_path) == (2, 1)
-    (package / "other.py").write_text(OTHER.format(5))
-    assert call(tmp_path) == (6, 0)
+def test_a_change_in_a_folder_of_kernels_is_noticed_and_one_outside_of_it_is_not(package):
+    own = package()
+    assert used(own)[1] == 0
+    value, hit = used(own)
+    assert hit == 1
+    (own.parent / "outside.py").write_text("'''Another module.'''")
+    (own.parent / "__init__.py").write_text("'''Another docstring.'''")
+    assert used(own) == (value, 1)
+    package(addend=5)
+    again, hit = used(own)
+    assert (again, hit) == (value + 4.0, 0)
 
 
-TAKES_A_PAIR = """
-from flightcal.compiled import compiled
-from .{} import Pair
-
-@compiled
-def added(pair):
-    return pair.left + pair.right
-
-def plus(x):
-    return added(Pair(x, 1))
-
-plus.stats = added.stats
-"""
-PAIR = """
-from typing import NamedTuple
-
-class Pair(NamedTuple):
-    left: int
-    right: int
-"""
+def test_a_kernel_in_another_folder_holds_until_its_own_file_changes(package):
+    own = package("elsewhere")
+    assert used(own)[1] == 0
+    package("elsewhere", addend=5)
+    assert used(own)[1] == 1
+    with (own / "main.py").open("a") as file:
+        file.write("# another line\n")
+    assert used(own)[1] == 0
 
 
-def test_a_cache_that_names_a_class_of_an_earlier_version_is_no_hindrance(tmp_path):
-    package = tmp_path / "package"
-    package.mkdir()
-    (package / "__init__.py").touch()
-    (package / "earlier.py").write_text(PAIR)
-    (package / "main.py").write_text(TAKES_A_PAIR.format("earlier"))
-    assert call(tmp_path) == (2, 0)
-    assert call(tmp_path) == (2, 1)
-    (package / "earlier.py").rename(package / "later.py")
-    (package / "main.py").write_text(TAKES_A_PAIR.format("later"))
-    assert call(tmp_path) == (2, 0)
-    assert call(tmp_path) == (2, 1)
+def test_strict_code_rounds_every_product_and_has_a_cache_of_its_own(package):
+    own = package(addend=0)
+    strict, hit = used(own, FLIGHTCAL_STRICT="1")
+    assert (strict, hit) == (0.0, 0), "1 - 2^-60 is rounded to 1 before 1 is taken off"
+    assert used(own)[1] == 0
+    assert used(own, FLIGHTCAL_STRICT="1") == (0.0, 1)
+    assert used(own)[1] == 1
+
+
+def test_a_cache_that_names_a_class_of_an_earlier_version_is_no_hindrance(package):
+    own = package("elsewhere")
+    used(own)
+    (own / "main.py").write_text(MAIN.replace("Call", "Other") + "\nCall = Other\n")
+    assert used(own)[1] == 0
+    assert used(own)[1] == 1
+
+
+ROWS = "\nwarm([row, plus.row(Call(np.array([1, 2, 3])))])\n"
+CACHED = "hit = plus.is_cached(row.call.kind) and plus.is_cached(plus.row(Call(np.array([1, 2, 3]))).call.kind)"
+ALONE = {
+    "this process": "sys.executable = sys.executable + '-that-does-not-exist'",
+    "the other one": "from flightcal import compiled; compiled._claimed = lambda *_: []",
+}
+
+
+@pytest.mark.parametrize("alone", ALONE.values(), ids=ALONE.keys())
+def test_this_process_and_another_fill_the_cache_and_one_alone_does_too(package, alone):
+    own = package()
+    assert used(own, alone + ROWS)[1] == 0
+    assert used(own, CACHED)[1] == 1
+
+
+def test_what_is_in_the_cache_is_not_compiled_again():
+    rows = [add_up.row(call_of(values)) for values in ([1.0, 2.0, 3.0], [1, 2, 3])]
+    for row in rows:
+        row()
+    warm(rows)
+    assert all(row.kernel.is_cached(row.call.kind) for row in rows)

@@ -40,7 +40,7 @@ import pickle
 import subprocess
 import sys
 from collections.abc import Callable, Iterable, Iterator, Sequence
-from contextlib import suppress
+from contextlib import ExitStack, suppress
 from dataclasses import dataclass
 from functools import cache, cached_property, partial
 from pathlib import Path
@@ -351,16 +351,17 @@ def warm(rows: Iterable[Row]) -> None:
     missing.sort(key=lambda task: len(str(task[1])), reverse=True)
     if len(missing) < 2:
         return
-    with TemporaryDirectory() as claims:
+    with TemporaryDirectory() as claims, ExitStack() as other:
         names = [(kernel.function.__module__, kernel.function.__name__, kind) for kernel, kind in missing]
-        command = [sys.executable, "-c", f"import {__name__} as compiled; compiled._compile_asked()"]
-        path = os.pathsep.join(part for part in sys.path if part)
-        with subprocess.Popen(command, stdin=subprocess.PIPE, env=os.environ | {"PYTHONPATH": path}) as other:
-            assert other.stdin is not None
-            with suppress(BrokenPipeError), other.stdin:
-                other.stdin.write(pickle.dumps((claims, names)))
-            for kernel, kind in _claimed(claims, missing):
-                kernel.compile(kind)
+        command = [sys.executable, "-c", f"from {__name__} import _compile_asked; _compile_asked()"]
+        environment = os.environ | {"PYTHONPATH": os.pathsep.join(part for part in sys.path if part)}
+        with suppress(OSError):
+            process = other.enter_context(subprocess.Popen(command, stdin=subprocess.PIPE, env=environment))
+            assert process.stdin is not None
+            with process.stdin:
+                process.stdin.write(pickle.dumps((claims, names)))
+        for kernel, kind in _claimed(claims, missing):
+            kernel.compile(kind)
 
 
 def _compile_asked() -> None:
