@@ -12,7 +12,7 @@ from pathlib import Path
 import pandas as pd
 import pyarrow as pa
 
-from flightcal.errors import TelemetryError
+from ...errors import TelemetryError
 
 from ._source import NULL_WORDS, Reader, Source
 from .csv import Csv
