@@ -31,6 +31,7 @@ from .sampling import Sampling, Sensors
 from .system import Drive, FloatArray, Structure, Switch, System, pack, packed_size, unpack
 
 MOST_SWITCHES_PER_STEP = 20
+_SPARE = 256
 _MOST_KEPT = 20_000_000
 """So many numbers (160 MB) of a run's steps are kept for its derivative; beyond, they are computed again for it."""
 
@@ -60,7 +61,8 @@ class Integration:
     `derivative` set: from `temperatures_bar` and `switches_bar` (zero unless filled) `spread` makes `states_bar` and
     `errors_bar`, and `adjoint` then `packed_bar`.
 
-    Memory is for the most switches that a simulation may have: what is never touched costs nothing.
+    Memory is for the most switches that a simulation may have, and what is never touched costs nothing; but in lanes
+    for about one a step: where TOO_MANY_SWITCHES is the outcome, the simulation may yet be possible alone.
     """
 
     def __init__(
@@ -76,7 +78,7 @@ class Integration:
     ) -> None:
         points, n, heaters = len(drive.times), len(structure.mass), len(structure.sensor)
         samples, channels = len(observation.sampling.point), len(observation.sensors.state)
-        most, entries = MOST_SWITCHES_PER_STEP * points, packed_size(structure)
+        most, entries = MOST_SWITCHES_PER_STEP * points if lanes == 1 else points + _SPARE, packed_size(structure)
         self.structure, self.simulations = structure, np.ones(1, np.int64)
         self.packed, self.packed_bar = np.empty((rooms, entries)), np.empty(entries)
         self.errors, self.errors_bar = np.empty((rooms, 3, channels)), np.empty((3, channels))
@@ -115,7 +117,7 @@ class Integration:
             switch_on=np.empty(switches),
             noted=np.zeros(1, np.int64),
         )
-        self.switches_bar = np.zeros(switches)
+        self.switches_bar = np.zeros(switches if derivative else 0)
         self.forward: Row = forward.row(
             ForwardCall(
                 self.simulations, structure, self.packed, drive.times, drive.series, drive.measured,

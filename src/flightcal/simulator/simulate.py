@@ -22,7 +22,7 @@ from .drive import Times, build_drive
 from .integrate import Integration, Observation, check_outcome, in_parallel, switches
 from .kernels.assembly import AssembleCall, PullBackCall, pull_back
 from .kernels.assembly import assemble as assemble_kernel
-from .kernels.forward import FINISHED, Outputs
+from .kernels.forward import FINISHED, TOO_MANY_SWITCHES, Outputs
 from .kernels.lanes import WIDTH
 from .network import Network, build_network, sensor_state
 from .sampling import Sensors, locate
@@ -230,8 +230,14 @@ class NetworkSimulator:
                 if scatter is not None:
                     calls.integration.scatter[:count] = scatter[part]
                 calls.run_forward.run()
-                finished = calls.outputs.outcome[:count] == FINISHED
-                return [_trajectory(calls.outputs, k) if done else None for k, done in enumerate(finished.tolist())]
+                outcomes = calls.outputs.outcome[:count].tolist()
+                found = [_trajectory(calls.outputs, k) if out == FINISHED else None for k, out in enumerate(outcomes)]
+            if not few:
+                # With very many switches a simulation needs more room than a lane has.
+                for k in [k for k, outcome in enumerate(outcomes, first) if outcome == TOO_MANY_SWITCHES]:
+                    again = None if scatter is None else scatter[k : k + 1]
+                    found[k - first] = self._simulate(thetas[k : k + 1], again)[0]
+            return found
 
         found = in_parallel(lambda k: simulate(k * size), math.ceil(len(thetas) / size))
         return [trajectory for chunk in found for trajectory in chunk]
