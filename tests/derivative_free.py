@@ -7,12 +7,12 @@ from typing import Any
 import numpy as np
 import xarray
 
-from flightcal.emulation.runs import TrainingRuns, no_runs
+from flightcal.emulation.active import Runs
+from flightcal.emulation.emulated import empty_runs
+from flightcal.emulation.runs import TrainingRuns
 from flightcal.external.record import Record
-from flightcal.problem import Problem, build_problem
+from flightcal.problem import Problem, Window, build_problem
 from flightcal.scenario import Scenario
-from flightcal.simulator import Simulator, network_simulator
-from flightcal.telemetry import read_telemetry
 from tests import small
 
 TRUTH = {"link": 0.65, "panel_size": 1.1, "initial_body": 284.0, "initial_panel": 262.0}
@@ -23,8 +23,13 @@ def problem(folder: Path, *, heater: bool, seed: int = 0, **values: float) -> Pr
     return build_problem(*scene(folder, heater=heater, seed=seed, **values))
 
 
-def scene(folder: Path, *, heater: bool, seed: int = 0, **values: float) -> tuple[Scenario, xarray.Dataset]:
-    """A scenario and telemetry that its own model made: with a thermostat, or with an uncertain capacity."""
+def scene(
+    folder: Path, *, heater: bool, seed: int = 0, train: dict[str, Any] | None = None, **values: float
+) -> tuple[Scenario, xarray.Dataset]:
+    """A scenario and telemetry that its own model made: with a thermostat, or with an uncertain capacity.
+
+    train: the windows to train on, where there are several.
+    """
     written = small.content()
     truth: dict[str, float] = TRUTH | ({"power": 28.0} if heater else {"capacity": 3200.0})
     if not heater:
@@ -35,39 +40,31 @@ def scene(folder: Path, *, heater: bool, seed: int = 0, **values: float) -> tupl
             "sets": "nodes.body.capacity",
             "prior": {"lognormal": {"median": "3000 J/K", "factor": 1.2}},
         }
+    if train is not None:
+        written["windows"] = {"train": train}
     folder.mkdir(exist_ok=True)
     scenario, data = small.load(folder, written)
     return scenario, small.telemetry_of(scenario, data, seed=seed, **(truth | values))
 
 
-def times(problem: Problem, minutes: int) -> Any:
-    """The problem's sample times, and so many minutes after the last."""
-    later = problem.times[-1] + np.arange(1, minutes + 1) * np.timedelta64(60, "s")
-    return np.concatenate([problem.times, later])
+def nothing(problem: Problem) -> Runs:
+    """No runs yet."""
+    return tuple(empty_runs(window) for window in problem.windows)
 
 
-def simulator(problem: Problem, minutes: int = 0) -> Simulator:
-    """The problem's simulator on `times`."""
-    scenario, period = problem.scenario, small.period_of(problem.scenario)
-    samples = times(problem, minutes)
-    data = read_telemetry(scenario.telemetry, scenario.folder, period=period)
-    return network_simulator(scenario, data, samples[0], samples[-1], samples, period=period)
-
-
-def empty(problem: Problem, minutes: int = 0) -> TrainingRuns:
-    """No runs yet, on `times`."""
-    simulator = problem.simulator
-    return no_runs(simulator.parameters, simulator.channels, simulator.heaters, times(problem, minutes))
-
-
-def evaluator(simulator: Simulator, fails: Callable[[Any], bool] = lambda _: False) -> Callable[[Any], list[Record]]:
-    """Real runs of a simulator; where `fails` says so of theta [d], it crashes."""
+def evaluate(window: Window, thetas: Any, fails: Callable[[Any], bool] = lambda _: False) -> list[Record]:
+    """Real runs of a window at thetas [S, p]; where `fails` says so of one, it crashes."""
 
     def run(theta: Any) -> Record:
-        found = simulator.simulate(theta)
+        found = window.simulator.simulate(theta)
         if fails(theta):
-            nothing = np.full(found.temperatures.shape, np.nan), np.full(found.status.shape, np.nan)
-            return Record(theta, "crashed", "segmentation fault", 1, 0.0, *nothing)
+            missing = np.full(found.temperatures.shape, np.nan), np.full(found.status.shape, np.nan)
+            return Record(theta, "crashed", "segmentation fault", 1, 0.0, *missing)
         return Record(theta, "finished", "", 1, 0.0, found.temperatures, found.status)
 
-    return lambda thetas: [run(theta) for theta in thetas]
+    return [run(theta) for theta in thetas]
+
+
+def runs_at(window: Window, thetas: Any) -> TrainingRuns:
+    """The runs of a window at thetas [S, p]."""
+    return empty_runs(window).add(evaluate(window, thetas), 0)

@@ -1,14 +1,16 @@
 """Calibration through an emulator, against the same calibration of the real simulator, whose truth is known."""
 
 from dataclasses import replace
+from functools import partial
 
 import numpy as np
 import pytest
 
 from flightcal.calibration import calibrate_nuts
 from flightcal.emulation import active
-from flightcal.emulation.active import learn, simulated_priors, start_design
-from flightcal.emulation.horizon import beginnings
+from flightcal.emulation.active import learn, start_design
+from flightcal.emulation.emulator import simulated_priors
+from flightcal.emulation.horizon import beginning
 from flightcal.emulation.runs import read_runs
 from flightcal.errors import FlightcalError
 from flightcal.problem import build_problem
@@ -16,7 +18,6 @@ from flightcal.scenario import EmulatorSettings, NutsSettings
 from tests import derivative_free
 
 NUTS = NutsSettings(chains=4, draws=500, warmup=300)
-LATER = 60  # minutes after the training window
 
 
 def through_emulator(learnt, seed=2):
@@ -24,9 +25,8 @@ def through_emulator(learnt, seed=2):
 
 
 def learnt_in_full(problem, telemetry, seed):
-    evaluate = derivative_free.evaluator(problem.simulator)
-    nothing, beginning = derivative_free.empty(problem), beginnings(problem, telemetry)
-    return learn(problem, evaluate, nothing, EmulatorSettings(), seed, beginning=beginning)
+    nothing, first = derivative_free.nothing(problem), partial(beginning, telemetry)
+    return learn(problem, derivative_free.evaluate, nothing, EmulatorSettings(), seed, beginning=first)
 
 
 def assert_agree(posterior, exact):
@@ -43,17 +43,15 @@ def problem(tmp_path_factory):
 
 @pytest.fixture(scope="module")
 def learnt(problem):
-    """By runs that also cover an hour after the training window, and fail where the link is weak."""
-    simulator = derivative_free.simulator(problem, LATER)
+    """By runs that fail where the link is weak."""
     told, saved = [], []
     found = learn(
         problem,
-        derivative_free.evaluator(simulator, lambda theta: theta[0] < 0.5),
-        derivative_free.empty(problem, LATER),
+        partial(derivative_free.evaluate, fails=lambda theta: theta[0] < 0.5),
+        derivative_free.nothing(problem),
         EmulatorSettings(runs=150),
         seed=5,
-        window=slice(0, len(problem.times)),
-        save=saved.append,
+        save=lambda runs: saved.append(runs[0]),
         on_round=told.append,
     )
     return found, told, saved
@@ -62,7 +60,7 @@ def learnt(problem):
 def test_the_posterior_is_that_of_the_real_simulator(problem, learnt):
     found = learnt[0]
     assert found.reached
-    assert len(found.runs) <= 150
+    assert len(found.runs[0]) <= 150
     posterior = through_emulator(found)
     assert posterior.diagnostics.gates[0].passed
     assert_agree(posterior, calibrate_nuts(problem, NUTS, 1))
@@ -82,58 +80,48 @@ def test_every_round_says_what_it_did(learnt):
 
 def test_failed_runs_are_kept_and_their_region_is_named(learnt):
     found = learnt[0]
-    failed = ~found.runs.finished
-    assert (failed == (found.runs.theta[:, 0] < 0.5)).all()
+    (runs,) = found.runs
+    failed = ~runs.finished
+    assert (failed == (runs.theta[:, 0] < 0.5)).all()
     assert found.rounds[-1].failed == failed.sum() > 0
     assert f"{failed.sum()} of them, and 0 that finished, have 'link' below" in found.failures
-    assert found.emulator.runs.finished.all()
-
-
-def test_the_same_runs_predict_another_window(problem, learnt):
-    emulated = learnt[0].problem.simulator.on(slice(len(problem.times), None))
-    theta = learnt[0].theta[problem.simulated]
-    real = derivative_free.simulator(problem, LATER).simulate(theta).temperatures[-LATER:]
-    run = emulated.simulate(theta)
-    assert run.temperatures.shape == real.shape
-    deviation = np.sqrt(np.einsum("tnr,r->tn", emulated.error_basis**2, run.error_variance))
-    assert (np.abs(run.temperatures - real) < 4.0 * deviation + 1e-3).all()
-    assert deviation.max() < 0.1
+    assert found.fits[0].emulator.runs.finished.all()
 
 
 def test_it_takes_up_where_it_stopped(problem, tmp_path, monkeypatch):
     monkeypatch.setattr(active, "_NUTS", NutsSettings(chains=2, draws=100, warmup=100))
-    evaluate, asked = derivative_free.evaluator(problem.simulator), []
+    evaluate, asked, nothing = derivative_free.evaluate, [], derivative_free.nothing(problem)
 
-    def interrupted(thetas):
+    def interrupted(window, thetas):
         if len(asked) + len(thetas) > 48:
             raise KeyboardInterrupt
-        return counted(thetas)
+        return counted(window, thetas)
 
-    def counted(thetas):
+    def counted(window, thetas):
         asked.extend(thetas)
-        return evaluate(thetas)
+        return evaluate(window, thetas)
 
     file, settings = tmp_path / "runs.nc", EmulatorSettings(runs=60, start=40, batch=10)
-    arguments = {"settings": settings, "seed": 5, "save": lambda runs: runs.write(file)}
+    arguments = {"settings": settings, "seed": 5, "save": lambda runs: runs[0].write(file)}
     with pytest.raises(KeyboardInterrupt):
-        learn(problem, interrupted, derivative_free.empty(problem), **arguments)
+        learn(problem, interrupted, nothing, **arguments)
     assert len(asked) == 48  # in the middle of a round
-    found = learn(problem, counted, read_runs(file, derivative_free.empty(problem)), **arguments)
-    assert len(asked) == len(found.runs) <= 60
+    found = learn(problem, counted, (read_runs(file, nothing[0]),), **arguments)
+    assert len(asked) == len(found.runs[0]) <= 60
     assert found.reached or found.rounds[-1].verdict == "the budget of runs is spent"
-    straight = learn(problem, evaluate, derivative_free.empty(problem), settings=settings, seed=5)
-    np.testing.assert_array_equal(found.runs.theta, straight.runs.theta)
+    straight = learn(problem, evaluate, nothing, settings=settings, seed=5)
+    np.testing.assert_array_equal(found.runs[0].theta, straight.runs[0].theta)
     np.testing.assert_array_equal(found.theta, straight.theta)
 
 
 def test_a_simulator_that_hardly_ever_finishes_is_an_error_with_its_message(problem):
-    evaluate = derivative_free.evaluator(problem.simulator, lambda theta: theta[0] > 0.5)
+    evaluate = partial(derivative_free.evaluate, fails=lambda theta: theta[0] > 0.5)
     with pytest.raises(FlightcalError, match=r"expected at least 12: .*runs failed \(.* crashed\).*segmentation fault"):
-        learn(problem, evaluate, derivative_free.empty(problem), EmulatorSettings(runs=40), seed=5)
+        learn(problem, evaluate, derivative_free.nothing(problem), EmulatorSettings(runs=40), seed=5)
 
 
 def test_the_start_design_goes_through_the_priors(problem):
-    scale = simulated_priors(problem)
+    scale = simulated_priors(problem.windows[0])
     design = start_design(scale, 64, seed=3)
     quarters = np.stack([scale.quantile(share) for share in (0.25, 0.5, 0.75)])
     counts = np.stack([(design < quarter).sum(axis=0) for quarter in quarters])
@@ -141,16 +129,15 @@ def test_the_start_design_goes_through_the_priors(problem):
 
 
 def test_a_channel_without_samples_leaves_its_noise_to_the_prior(problem):
-    runs = derivative_free.empty(problem).add(
-        derivative_free.evaluator(problem.simulator)(start_design(simulated_priors(problem), 8, seed=3)), 0
-    )
-    observed = problem.observed.copy()
+    (window,) = problem.windows
+    runs = derivative_free.runs_at(window, start_design(simulated_priors(window), 8, seed=3))
+    observed = window.observed.copy()
     noise = problem.names.index("noise.body_temp")
-    assert len(np.unique(active._best_runs(problem, runs)[:, noise])) > 1
+    assert len(np.unique(active._best_runs(problem, (runs,))[:, noise])) > 1
     observed[:, 0] = np.nan
-    best = active._best_runs(replace(problem, observed=observed), runs)
+    best = active._best_runs(replace(problem, windows=(replace(window, observed=observed),)), (runs,))
     assert (best[:, noise] == problem.priors.median()[noise]).all()
-    panel = np.sqrt(np.mean((runs.temperatures - problem.observed)[:, :, 1] ** 2, axis=1))
+    panel = np.sqrt(np.mean((runs.temperatures - window.observed)[:, :, 1] ** 2, axis=1))
     np.testing.assert_array_equal(best[0][problem.simulated], runs.theta[np.argmin(panel)])
 
 
@@ -160,16 +147,17 @@ def test_a_thermostats_window_is_looked_at_from_its_beginning(tmp_path, monkeypa
     problem = build_problem(scenario, telemetry)
     found = learn(
         problem,
-        derivative_free.evaluator(problem.simulator),
-        derivative_free.empty(problem),
+        derivative_free.evaluate,
+        derivative_free.nothing(problem),
         EmulatorSettings(runs=60, start=50, batch=10),
         seed=5,
-        beginning=beginnings(problem, telemetry),
+        beginning=partial(beginning, telemetry),
     )
     first, last = found.rounds
-    assert first.samples < len(problem.times) / 4
+    whole = len(problem.windows[0].times)
+    assert first.samples < whole / 4
     assert first.error_share < 2.0
-    assert last.samples == len(problem.times) == len(found.problem.times)
+    assert last.samples == whole == len(found.problem.windows[0].times)
     assert last.validation is not None
     assert not found.reached
 
@@ -182,7 +170,7 @@ def test_five_parameters_take_at_most_300_runs(tmp_path, heater):
     found = learnt_in_full(problem, telemetry, seed=1)
     print(*found.rounds, sep="\n")
     assert found.reached
-    assert len(found.runs) <= 300
+    assert len(found.runs[0]) <= 300
     assert_agree(through_emulator(found), calibrate_nuts(problem, NUTS, 1))
 
 
@@ -211,7 +199,7 @@ def test_intervals_through_the_emulator_cover_the_truth(tmp_path, heater):
         }
         values = np.array([(truth | drawn)[name] for name in problem.names])
         covered.append((low <= values) & (values <= high))
-        print(seed, len(found.runs), found.reached, found.rounds[-1], covered[-1])
+        print(seed, len(found.runs[0]), found.reached, found.rounds[-1], covered[-1])
         assert found.reached
         if heater:
             # The local mode in which the heater is on from the start is 80 nats below.

@@ -3,8 +3,8 @@
 import numpy as np
 import pytest
 
-from flightcal.emulation.active import simulated_priors, start_design
-from flightcal.emulation.emulator import EmulatedSimulator, fit_emulator
+from flightcal.emulation.active import start_design
+from flightcal.emulation.emulator import EmulatedSimulator, fit_emulator, simulated_priors
 from flightcal.emulation.held_out import judge, validate
 from flightcal.simulator import SimulationFailure
 from tests import derivative_free
@@ -16,11 +16,10 @@ class Case:
     """An emulator from 60 runs through the priors, and 60 others."""
 
     def __init__(self, folder, heater):
-        self.problem = derivative_free.problem(folder, heater=heater)
-        self.scale = simulated_priors(self.problem)
-        evaluate = derivative_free.evaluator(self.problem.simulator)
-        self.runs = derivative_free.empty(self.problem).add(evaluate(start_design(self.scale, 60, seed=1)), 0)
-        self.unseen = derivative_free.empty(self.problem).add(evaluate(start_design(self.scale, 60, seed=2)), 0)
+        (self.window,) = derivative_free.problem(folder, heater=heater).windows
+        self.scale = simulated_priors(self.window)
+        self.runs = derivative_free.runs_at(self.window, start_design(self.scale, 60, seed=1))
+        self.unseen = derivative_free.runs_at(self.window, start_design(self.scale, 60, seed=2))
         self.emulator = fit_emulator(self.runs, self.scale.to_z(self.runs.theta), TOLERANCE)
         self.simulator = EmulatedSimulator(self.emulator, self.scale)
 
@@ -54,7 +53,7 @@ def test_a_run_that_it_was_fitted_to_comes_back(case):
 
 def test_its_derivatives_agree_with_finite_differences(case):
     rng = np.random.default_rng(3)
-    temperatures_bar = rng.standard_normal(case.problem.observed.shape)
+    temperatures_bar = rng.standard_normal(case.window.observed.shape)
     variance_bar = rng.standard_normal(case.simulator.error_basis.shape[2])
     theta = case.scale.to_theta(0.4 * np.ones(5))
 
@@ -92,7 +91,7 @@ def test_far_from_the_runs_it_is_less_sure_and_farther_it_says_nothing(case):
 
 def test_heaters_do_what_they_did_in_the_nearest_run(case):
     theta = case.unseen.theta[0]
-    emulated, real = case.simulator.simulate(theta), case.problem.simulator.simulate(theta)
+    emulated, real = case.simulator.simulate(theta), case.window.simulator.simulate(theta)
     assert emulated.status.shape == real.status.shape
     if case.runs.heaters:
         assert any(np.array_equal(emulated.status, status) for status in case.runs.status)

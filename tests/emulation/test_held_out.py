@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from flightcal.emulation.held_out import judge
+from flightcal.emulation.held_out import judge, together
 
 
 @pytest.fixture
@@ -37,3 +37,19 @@ def test_an_error_that_is_not_a_number_fails(errors):
 def test_the_table_has_a_line_for_each_channel(errors):
     table = judge(errors, np.ones(errors.shape), ("a", "b")).table().splitlines()
     assert [line.split()[0] for line in table] == ["channel", "a", "b", "all"]
+
+
+def test_windows_are_judged_each_for_itself(errors):
+    fine = judge(errors, np.ones((40, 25, 2)) * [0.1, 0.3], ("a", "b"))
+    wrong = judge(errors[:20], np.ones((20, 25, 2)) * [0.1, 0.12], ("a", "b"))
+    assert together({"": wrong}) == wrong
+    found = together({"june: ": fine, "july: ": wrong})
+    assert not found.passed
+    assert all(failure.startswith(("july: b: ", "july: all: ")) for failure in found.failures)
+    assert found.runs == 60
+    assert [channel.channel for channel in found.channels] == [
+        "june: a", "june: b", "june: all", "july: a", "july: b", "july: all", "all",
+    ]  # fmt: skip
+    everything = judge(errors[np.r_[:40, :20]], np.ones((60, 25, 2)), ("a", "b")).channels[-1]
+    assert found.channels[-1].rmse == pytest.approx(everything.rmse)
+    assert found.channels[-1].worst == pytest.approx(everything.worst)

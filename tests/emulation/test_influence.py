@@ -6,8 +6,8 @@ import numpy as np
 import pytest
 
 from flightcal.emulation import gaussian_process
-from flightcal.emulation.active import simulated_priors, start_design
-from flightcal.emulation.emulator import EmulatedSimulator, fit_emulator
+from flightcal.emulation.active import start_design
+from flightcal.emulation.emulator import fit_emulator, simulated_priors, with_emulator
 from flightcal.emulation.influence import importance, influence, most_telling
 from tests import derivative_free
 
@@ -20,12 +20,11 @@ def problem(tmp_path_factory):
 @pytest.fixture(scope="module")
 def rough(problem):
     """A problem with an emulator of few runs through the priors, and draws that stand in for a posterior."""
-    scale = simulated_priors(problem)
-    runs = derivative_free.empty(problem).add(
-        derivative_free.evaluator(problem.simulator)(start_design(scale, 30, seed=1)), 0
-    )
+    (window,) = problem.windows
+    scale = simulated_priors(window)
+    runs = derivative_free.runs_at(window, start_design(scale, 30, seed=1))
     emulator = fit_emulator(runs, scale.to_z(runs.theta), np.array([0.05, 0.05]))
-    emulated = replace(problem, simulator=EmulatedSimulator(emulator, scale), open_loop=None)
+    emulated = replace(problem, windows=(with_emulator(window, emulator),), open_loop=None)
     z = 0.5 * np.random.default_rng(4).standard_normal((200, len(problem.names)))
     z[:, problem.names.index("noise.body_temp")] -= 3.0
     return emulated, z
@@ -33,9 +32,9 @@ def rough(problem):
 
 def test_the_chosen_runs_lessen_the_emulators_error_more_than_draws_at_random(rough):
     problem, draws = rough
-    emulator = problem.simulator.emulator
+    emulator = problem.windows[0].simulator.emulator
     processes = emulator.processes
-    weight = importance(problem, draws.mean(axis=0))[: len(processes.scale)]
+    weight = importance(problem, draws.mean(axis=0))[0][: len(processes.scale)]
     z = draws[:, problem.simulated]
 
     def error_with(new):
@@ -50,7 +49,7 @@ def test_the_chosen_runs_lessen_the_emulators_error_more_than_draws_at_random(ro
         conditioned = gaussian_process.GaussianProcesses(inputs, lengthscales, nugget, processes.scale, *rest)
         return sum(conditioned.predict(x)[1] @ weight for x in emulator.inputs(z))
 
-    chosen = error_with(most_telling(problem, draws, 6, np.random.default_rng(0)))
+    chosen = error_with(most_telling(problem, draws, 6, np.random.default_rng(0))[:, problem.simulated])
     at_random = [error_with(z[6 * k : 6 * k + 6]) for k in range(10)]
     assert chosen < min(at_random)
     assert chosen < 0.5 * error_with(z[:0])
@@ -58,8 +57,12 @@ def test_the_chosen_runs_lessen_the_emulators_error_more_than_draws_at_random(ro
 
 def test_the_expected_shift_is_the_share_of_the_emulators_error_in_the_posterior(rough):
     problem, draws = rough
-    simulator = problem.simulator
+    (window,) = problem.windows
+    simulator = window.simulator
     processes = simulator.emulator.processes
+
+    def simulated_by(other):
+        return replace(problem, windows=(replace(window, simulator=other),))
 
     def shift(factor):
         smaller = replace(processes, scale=factor * processes.scale)
@@ -67,12 +70,11 @@ def test_the_expected_shift_is_the_share_of_the_emulators_error_in_the_posterior
             simulator.emulator.principal, tail_variance=factor * simulator.emulator.principal.tail_variance
         )
         emulator = replace(simulator.emulator, processes=smaller, principal=principal)
-        changed = replace(problem, simulator=replace(simulator, emulator=emulator))
-        return influence(changed, draws, np.random.default_rng(1))
+        return influence(simulated_by(replace(simulator, emulator=emulator)), draws, np.random.default_rng(1))
 
     (share, moved), (less_share, less_moved) = shift(1e-4), shift(1e-6)
     assert share == pytest.approx(10.0 * less_share, rel=1e-6)
     assert moved == pytest.approx(10.0 * less_moved, rel=0.1)
     z = draws[0]
-    certain = replace(problem, simulator=replace(simulator, certain=True))
+    certain = simulated_by(replace(simulator, certain=True))
     assert np.linalg.eigvalsh(certain.gauss_newton_hessian(z) - problem.gauss_newton_hessian(z))[-1] > 0.0

@@ -18,25 +18,25 @@ def scene(tmp_path_factory):
     truth |= {"initial.body": 284.0, "initial.panel": 262.0}
     theta = np.array([truth[name] for name in problem.names])
     thetas = theta * (1.0 + 1e-4 * np.random.default_rng(1).standard_normal((30, len(theta))))
-    evaluate = derivative_free.evaluator(problem.simulator)
-    return problem, thetas, derivative_free.empty(problem).add(evaluate(thetas[:, problem.simulated]), 0)
+    return problem, thetas, derivative_free.runs_at(problem.windows[0], thetas[:, problem.simulated])
 
 
 def test_what_is_exact_has_no_density_error(scene):
     problem, thetas, runs = scene
-    assert density_error(problem, problem, thetas, runs) < 1e-6
-    assert np.isnan(density_error(problem, problem, thetas[:1], runs.take(slice(0, 1))))
+    assert density_error(problem, problem, thetas, (runs,)) < 1e-6
+    assert np.isnan(density_error(problem, problem, thetas[:1], (runs.take(slice(0, 1)),)))
 
 
 def test_the_density_error_is_that_of_the_log_likelihood(scene):
     problem, thetas, runs = scene
     off = replace(runs, temperatures=runs.temperatures + 0.02 * np.random.default_rng(2).standard_normal((30, 1, 1)))
+    (window,) = problem.windows
     squares = [
-        np.nansum(((problem.observed - both) / problem.noise(thetas[0])) ** 2, axis=(1, 2))
+        np.nansum(((window.observed - both) / window.noise(thetas[0])) ** 2, axis=(1, 2))
         for both in (runs.temperatures, off.temperatures)
     ]
     expected = np.std(0.5 * (squares[0] - squares[1]), ddof=1)
-    assert density_error(problem, problem, thetas, off) == pytest.approx(expected, rel=0.01)
+    assert density_error(problem, problem, thetas, (off,)) == pytest.approx(expected, rel=0.01)
     # A bound on how far importance weights would move a mean, and so on what the emulator's posterior is off by.
     weights = np.exp(0.5 * (squares[0] - squares[1]) * 1e-3)
     moved = weights @ thetas / weights.sum() - thetas.mean(axis=0)
@@ -45,7 +45,7 @@ def test_the_density_error_is_that_of_the_log_likelihood(scene):
 
 def test_a_replay_knows_its_runs_only(scene):
     problem, thetas, runs = scene
-    replay = Replay(problem.simulator, runs)
+    replay = Replay(problem.windows[0].simulator, runs)
     run = replay.simulate(thetas[3][problem.simulated])
     np.testing.assert_array_equal(run.temperatures, runs.temperatures[3])
     assert len(run.switches.time) == np.count_nonzero(np.diff(runs.status[3, :, 0]))
@@ -55,16 +55,16 @@ def test_a_replay_knows_its_runs_only(scene):
 
 def test_heaters_are_in_step_at_the_truth_and_not_in_another_cycle(scene):
     problem, thetas, runs = scene
-    (found,) = steps(problem, runs)
+    (window,) = problem.windows
+    (found,) = steps(window, runs)
     assert (found.heater, found.unmatched) == ("heater", 0.0)
-    assert found.measured == np.count_nonzero(np.diff(problem.status[:, 0]))
+    assert found.measured == np.count_nonzero(np.diff(window.status[:, 0]))
     # Already on at the start, where the telemetry sees it switched on: the local mode that fits all but three samples.
     other = thetas[:3].copy()
     other[:, problem.names.index("initial.body")] = 282.6
-    evaluate = derivative_free.evaluator(problem.simulator)
-    slipped = derivative_free.empty(problem).add(evaluate(other[:, problem.simulated]), 0)
-    assert steps(problem, slipped)[0].unmatched >= 1.0
-    unmeasured = replace(problem, status=np.full_like(problem.status, np.nan))
+    slipped = derivative_free.runs_at(window, other[:, problem.simulated])
+    assert steps(window, slipped)[0].unmatched >= 1.0
+    unmeasured = replace(window, status=np.full_like(window.status, np.nan))
     assert steps(unmeasured, runs) == ()
 
 

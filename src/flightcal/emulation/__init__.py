@@ -3,9 +3,8 @@
 Imports: calibration, compiled, errors, external, probability, problem, progress, run, scenario, simulator, telemetry.
 """
 
-from .active import simulated_priors
 from .emulated import needs_emulator
-from .emulator import EmulatedSimulator
+from .emulator import EmulatedSimulator, simulated_priors
 from .stage import CHECK_FILE, Emulation, check_emulator, emulator_stage, window_emulator
 
 __all__ = [

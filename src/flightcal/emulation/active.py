@@ -3,7 +3,8 @@
 A start design through the priors; then, round by round: fit an emulator to the runs near the posterior, sample the
 posterior with it (its error is in the likelihood), and run the simulator at those posterior draws from which the
 emulator's error in the posterior shrinks most. The posterior is that of as much of the window as the emulator follows.
-It ends when the emulator's error no longer matters, or with the budget.
+It ends when the emulator's error no longer matters, or with the budget. With several windows each has an emulator of
+its own, all at the same thetas; the posterior is that of all together.
 """
 
 from __future__ import annotations
@@ -11,6 +12,7 @@ from __future__ import annotations
 import math
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -18,18 +20,21 @@ from numpy.typing import NDArray
 from ..calibration import find_mode, least_effective, sample
 from ..errors import FlightcalError
 from ..external import Record
-from ..probability import Priors, sobol
-from ..problem import Problem, whitening
+from ..probability import DEVIATION, Priors, sobol
+from ..problem import Problem, Window, whitening
 from ..scenario import EmulatorSettings, NutsSettings
 from ..simulator import FloatArray, SimulationFailure
-from .emulator import EmulatedSimulator, Emulator, fit_emulator
-from .held_out import Validation, validate
+from .emulator import Emulator, fit_emulator, simulated_priors, with_emulator
+from .held_out import Validation, together, validate
 from .horizon import farthest_emulator, shape_tolerance
 from .influence import influence, most_telling
 from .runs import TrainingRuns, failure_summary
 
-Evaluate = Callable[[FloatArray], Sequence[Record]]
-"""Real runs at thetas [S, d], in the simulator's order of parameters; failed ones are records too."""
+Evaluate = Callable[[Window, FloatArray], Sequence[Record]]
+"""Real runs of a window at thetas [S, p], in its simulator's order of parameters; failed ones are records too."""
+
+Runs = tuple[TrainingRuns, ...]
+"""Of each window; the k-th of all are at the same theta of the calibration."""
 
 _NUTS = NutsSettings(chains=4, draws=400, warmup=200)
 """Of a round: enough for means within 0.05 standard deviations."""
@@ -44,19 +49,19 @@ _JUDGED_PER_PARAMETER = 4
 """So many of the nearest runs for each parameter tell how far into the window the emulator can be trusted."""
 _MODE_STARTS = 4
 _SAVED_TOGETHER = 8
-"""Runs that are asked for, and saved, together: an interruption costs no more than these."""
+"""Runs of a window that are asked for, and saved, together: an interruption costs no more than these."""
 
 
 @dataclass(frozen=True)
 class Round:
-    """What one round found."""
+    """What one round found; numbers of runs, samples and shapes are those of all windows together."""
 
     number: int
     runs: int
     """Asked for so far."""
     failed: int
     samples: int
-    """Of the window, from its beginning, that the posterior was taken from."""
+    """Of the windows, from their beginnings, that the posterior was taken from."""
     fitted: int
     """Runs that the emulator was fitted to: the finished ones near the posterior of the round before."""
     shapes: int
@@ -85,18 +90,28 @@ class Round:
 
 
 @dataclass(frozen=True)
+class Fit:
+    """A window's emulator."""
+
+    window: Window
+    """As much of it as the emulator follows, with the emulator as its simulator."""
+    emulator: Emulator
+    fitted: NDArray[np.intp]
+    """Positions of the runs that it was fitted to."""
+    tolerance: FloatArray
+    """[N] K, what it is fitted with on the whole window."""
+
+
+@dataclass(frozen=True)
 class Learnt:
     """The end of active learning."""
 
     problem: Problem
-    """With the emulator as its simulator."""
-    emulator: Emulator
-    runs: TrainingRuns
+    """With emulators as its windows' simulators."""
+    fits: tuple[Fit, ...]
+    """Each window's."""
+    runs: Runs
     """All of them, failed ones too."""
-    fitted: NDArray[np.intp]
-    """Positions of the runs that the emulator was fitted to."""
-    tolerance: FloatArray
-    """[N] K, what it was fitted with."""
     rounds: tuple[Round, ...]
     reached: bool
     """Whether the emulator's error no longer matters, by the stated rule."""
@@ -115,7 +130,7 @@ class _Belief:
     effective: float
     """Least effective number of draws."""
     samples: int
-    """Of the window, of which this is the posterior."""
+    """Of the windows, of which this is the posterior."""
 
     @property
     def mean(self) -> FloatArray:
@@ -129,50 +144,40 @@ class _Belief:
 def learn(
     problem: Problem,
     evaluate: Evaluate,
-    runs: TrainingRuns,
+    runs: Runs,
     settings: EmulatorSettings,
     seed: int,
     *,
-    window: slice | None = None,
-    beginning: Callable[[int], Problem] | None = None,
-    save: Callable[[TrainingRuns], None] = lambda _: None,
+    beginning: Callable[[Window, int], Window] | None = None,
+    save: Callable[[Runs], None] = lambda _: None,
     on_round: Callable[[Round], None] = lambda _: None,
 ) -> Learnt:
-    """Learn an emulator of `problem.simulator` around the posterior.
+    """Learn an emulator of each window's simulator around the posterior.
 
-    evaluate: real runs at the sample times of `runs`; window: the problem's among these (None: all). beginning: the
-    problem on its first so many samples (None: only the whole window is looked at; see `horizon`). runs: what has been
-    run before (`no_runs`: nothing). The same seed and settings ask for the same runs, so what has been run is not
+    beginning: a window's first so many samples (None: only whole windows are looked at; see `horizon`). runs: what has
+    been run before (`no_runs`: nothing). The same seed and settings ask for the same runs, so what has been run is not
     run again, and an interrupted call ends as it would have. save: is given all runs after each few of them.
     Raises FlightcalError where too few runs of the start design finish.
     """
-    scale = simulated_priors(problem)
+    windows = problem.windows
+    inputs = sum(len(window.simulator.parameters) for window in windows)
     rng = np.random.default_rng(seed)
-    campaign = _Campaign(evaluate, save, stored=runs)
-    design = start_design(scale, min(settings.runs, settings.start or 10 * len(scale.names)), seed)
-    runs = campaign.complete(runs.take(slice(0, 0)), design, 0)
-    _check_start(runs)
-    part = window or slice(None)
-    whole = len(problem.times)
+    shortest = min(len(own) for own in runs)  # of all windows but where an interrupted call saved only some
+    campaign = _Campaign(problem, evaluate, save, stored=_each(runs, slice(0, shortest)))
+    count = max(0, min(settings.runs, settings.start or 10 * inputs)) // len(windows)
+    runs = campaign.complete(_each(runs, slice(0, 0)), _through_the_priors(problem, count, seed), 0)
+    _check_start(problem, runs)
+    whole = sum(len(window.times) for window in windows)
     validation: Validation | None = None
     belief: _Belief | None = None
     rounds: list[Round] = []
     while True:
-        noise = noise_level(problem, belief)
-        chosen, nearest = _near(scale.to_z(runs.theta), runs.finished, belief, problem)
-        near = runs.take(chosen)
-        batch = min(settings.batch or 4 * len(scale.names), settings.runs - len(runs))
-        if beginning is None or batch <= 0:
-            emulator, samples = fit_emulator(near, scale.to_z(near.theta), shape_tolerance(noise, whole)), whole
-        else:
-            emulator, samples = farthest_emulator(near, scale.to_z(near.theta), noise, part, nearest)
-        shown = problem if beginning is None or samples == whole else beginning(samples)
-        seen = part if samples == whole else slice(0, samples)
-        simulator = EmulatedSimulator(emulator, scale, seen, heater_powers=problem.simulator.heater_power)
-        # One scale of z for all rounds, though a prior may be centred on a sample that the beginning has not.
-        emulated = replace(shown, simulator=simulator, priors=problem.priors, open_loop=None)
-        finished = runs.take(runs.finished).during(part).during(slice(0, samples))
-        before, belief = belief, _posterior(emulated, finished, belief, rng)
+        asked = sum(len(own) for own in runs)
+        batch = min(max(len(windows), settings.batch or 4 * inputs), settings.runs - asked) // len(windows)
+        fits = _fit(problem, runs, belief, beginning if batch > 0 else None)
+        emulated = replace(problem, windows=tuple(fit.window for fit in fits), open_loop=None)
+        samples = sum(len(fit.window.times) for fit in fits)
+        before, belief = belief, _posterior(emulated, runs, belief, rng)
         share, shift = influence(emulated, belief.z, rng)
         moved, monte_carlo = _movement(before, belief)
         reached = (
@@ -189,32 +194,75 @@ def learn(
             if reached
             else "the budget of runs is spent"
             if batch <= 0
-            else f"{batch} more runs"
+            else f"{batch * len(windows)} more runs"
         )
         rounds.append(
             Round(
-                number=len(rounds), runs=len(runs), failed=int((~runs.finished).sum()), samples=samples,
-                fitted=len(near), shapes=emulator.coefficients.shape[1], error_share=share, expected_shift=shift,
+                number=len(rounds), runs=asked, failed=sum(int((~own.finished).sum()) for own in runs), samples=samples,
+                fitted=sum(len(fit.fitted) for fit in fits),
+                shapes=sum(fit.emulator.coefficients.shape[1] for fit in fits), error_share=share, expected_shift=shift,
                 mean_shift=moved, monte_carlo=monte_carlo, validation=validation, verdict=verdict,
             )
         )  # fmt: skip
         on_round(rounds[-1])
         if reached or batch <= 0:
-            theta = problem.to_theta(belief.mean)
-            tolerance, failures = shape_tolerance(noise, whole), failure_summary(runs)
-            return Learnt(emulated, emulator, runs, chosen, tolerance, tuple(rounds), reached, theta, failures)
-        z = most_telling(emulated, belief.z, batch, rng)
+            texts = {title(problem, window): failure_summary(own) for window, own in zip(windows, runs, strict=True)}
+            failures = "; ".join(f"{start}{text}" for start, text in texts.items() if text)
+            return Learnt(emulated, fits, runs, tuple(rounds), reached, problem.to_theta(belief.mean), failures)
         number = len(rounds)
-        runs = campaign.complete(runs, scale.to_theta(z), number)
-        new = runs.take((runs.round == number) & runs.finished)
-        new = new if samples == whole else new.during(part).during(slice(0, samples))
-        validation = validate(emulator, scale.to_z(new.theta), new.temperatures) if len(new) else None
+        runs = campaign.complete(runs, problem.to_theta(most_telling(emulated, belief.z, batch, rng)), number)
+        new = [own.take((own.round == number) & own.finished) for own in runs]
+        validation = _validation(problem, fits, new) if all(len(own) for own in new) else None
 
 
-def simulated_priors(problem: Problem) -> Priors:
-    """Priors of what the simulator takes, in its order."""
+def title(problem: Problem, window: Window) -> str:
+    """What begins a message about a window where there are several."""
+    return "" if len(problem.windows) == 1 else f"{window.label}: "
+
+
+def _each(runs: Runs, chosen: Any) -> Runs:
+    return tuple(own.take(chosen) for own in runs)
+
+
+def _through_the_priors(problem: Problem, count: int, seed: int) -> FloatArray:
+    """Thetas [count, d] of the start design; what simulations do not depend on is at its prior's median."""
     kept = problem.simulated
-    return Priors(tuple(problem.names[k] for k in kept), tuple(problem.priors.priors[k] for k in kept))
+    scale = Priors(tuple(problem.names[k] for k in kept), tuple(problem.priors.priors[k] for k in kept))
+    thetas = np.tile(problem.priors.median(), (count, 1))
+    thetas[:, kept] = start_design(scale, count, seed)
+    return thetas
+
+
+def _fit(
+    problem: Problem, runs: Runs, belief: _Belief | None, beginning: Callable[[Window, int], Window] | None
+) -> tuple[Fit, ...]:
+    """Emulators of the runs near the posterior, of all runs where there is none yet."""
+    fits = []
+    for window, own, found in zip(problem.windows, problem.links, runs, strict=True):
+        # One scale of z for all rounds, though a prior may be centred on a sample that the beginning has not.
+        scale, theta, draws = simulated_priors(window), None, None
+        if belief is not None:
+            theta = problem.at(window, problem.to_theta(np.median(belief.z, axis=0))[None])[0]
+            draws = own.coordinates(belief.z, problem.to_theta(belief.z))[:, window.simulated]
+        noise = noise_level(window, theta)
+        chosen, nearest = _near(scale.to_z(found.theta), found.finished, draws)
+        near, tolerance = found.take(chosen), shape_tolerance(noise, len(window.times))
+        z = scale.to_z(near.theta)
+        emulator = fit_emulator(near, z, tolerance) if beginning is None else farthest_emulator(near, z, noise, nearest)
+        samples = len(emulator.runs.times)
+        shown = window if beginning is None or samples == len(window.times) else beginning(window, samples)
+        fits.append(Fit(with_emulator(shown, emulator, scale), emulator, chosen, tolerance))
+    return tuple(fits)
+
+
+def _validation(problem: Problem, fits: Sequence[Fit], runs: Sequence[TrainingRuns]) -> Validation:
+    """Of emulators, on finished runs of each window that they were not fitted to."""
+    found = {}
+    for window, fit, own in zip(problem.windows, fits, runs, strict=True):
+        seen = own.during(slice(0, len(fit.window.times)))
+        z = simulated_priors(window).to_z(own.theta)
+        found[title(problem, window)] = validate(fit.emulator, z, seen.temperatures)
+    return together(found)
 
 
 def start_design(scale: Priors, count: int, seed: int) -> FloatArray:
@@ -226,54 +274,77 @@ def start_design(scale: Priors, count: int, seed: int) -> FloatArray:
 class _Campaign:
     """Real runs, a few at a time, each few saved."""
 
+    problem: Problem
     evaluate: Evaluate
-    save: Callable[[TrainingRuns], None]
-    stored: TrainingRuns
+    save: Callable[[Runs], None]
+    stored: Runs
     """What an earlier call ran."""
 
-    def complete(self, runs: TrainingRuns, design: FloatArray, number: int) -> TrainingRuns:
-        """`runs` and those of round `number` at thetas `design` [S, d], of which only what is missing is run."""
-        there = self.stored.take(self.stored.round == number)
-        later = self.stored.take(self.stored.round > number)
-        is_there = [bool(np.isclose(there.theta, theta, rtol=1e-9, atol=0.0).all(axis=1).any()) for theta in design]
-        missing = design[~np.array(is_there)][: max(0, len(design) - len(there))]
+    def complete(self, runs: Runs, thetas: FloatArray, number: int) -> Runs:
+        """`runs` and those of round `number` at thetas [S, d], of which only what is missing is run."""
+        there = tuple(own.take(own.round == number) for own in self.stored)
+        later = tuple(own.take(own.round > number) for own in self.stored)
+        windows = self.problem.windows
+        designs = [self.problem.at(window, thetas)[:, window.simulated] for window in windows]
+        known, design = np.concatenate([own.theta for own in there], axis=1), np.concatenate(designs, axis=1)
+        is_there = [bool(np.isclose(known, theta, rtol=1e-9, atol=0.0).all(axis=1).any()) for theta in design]
+        missing = np.flatnonzero(~np.array(is_there, bool))[: max(0, len(design) - len(known))]
         for first in range(0, len(missing), _SAVED_TOGETHER):
-            there = there.add(self.evaluate(missing[first : first + _SAVED_TOGETHER]), number)
-            self.save(runs.join(there).join(later))
-        return runs.join(there)
+            few = missing[first : first + _SAVED_TOGETHER]
+            there = tuple(
+                own.add(self.evaluate(window, design[few]), number)
+                for own, window, design in zip(there, windows, designs, strict=True)
+            )
+            self.save(_joined(_joined(runs, there), later))
+        return _joined(runs, there)
 
 
-def _check_start(runs: TrainingRuns) -> None:
+def _joined(runs: Runs, others: Runs) -> Runs:
+    return tuple(own.join(other) for own, other in zip(runs, others, strict=True))
+
+
+def on_all_windows(runs: Runs) -> NDArray[np.bool_]:
+    """[S] where the runs of all windows finished."""
+    return np.all([own.finished for own in runs], axis=0)
+
+
+def _check_start(problem: Problem, runs: Runs) -> None:
     """Raises FlightcalError where too few runs of the start design finish."""
-    least = 2 * (len(runs.parameters) + 1)
-    if runs.finished.sum() < least:
-        last = "" if runs.finished.all() else f"; the last message: {runs.message[~runs.finished][-1]}"
-        raise FlightcalError(
-            f"emulator: found {int(runs.finished.sum())} finished runs in the start design, expected at least {least}: "
-            f"{failure_summary(runs)}{last}"
-        )
+    for window, own in zip(problem.windows, runs, strict=True):
+        least = 2 * (len(own.parameters) + 1)
+        if own.finished.sum() < least:
+            last = "" if own.finished.all() else f"; the last message: {own.message[~own.finished][-1]}"
+            raise FlightcalError(
+                f"emulator: {title(problem, window)}found {int(own.finished.sum())} finished runs in the start design, "
+                f"expected at least {least}: "
+                f"{failure_summary(own) or 'allow more runs (calibration.emulator.runs)'}{last}"
+            )
+    if not on_all_windows(runs).any():
+        raise FlightcalError("emulator: found no run of the start design that finished on all windows, expected one")
 
 
-def noise_level(problem: Problem, belief: _Belief | None = None) -> FloatArray:
-    """[N] K: the posterior's median noise, or before there is one what the telemetry's second differences look like."""
-    if belief is not None:
-        return np.maximum(problem.noise(problem.to_theta(np.median(belief.z, axis=0))), _LEAST_NOISE)
-    noise = problem.fixed_noise.copy()
-    for k in np.flatnonzero(np.isnan(noise)):
-        values = problem.observed[np.isfinite(problem.observed[:, k]), k]
+def noise_level(window: Window, theta: FloatArray | None = None) -> FloatArray:
+    """[N] K: the noise at theta [q], or without one what the telemetry's second differences look like."""
+    if theta is not None:
+        return np.maximum(window.noise(theta), _LEAST_NOISE)
+    noise = window.residuals.fixed[:, DEVIATION].copy()
+    for k in window.inferred_noise[0]:
+        values = window.observed[np.isfinite(window.observed[:, k]), k]
         # Second differences of white noise have a variance of six times its own.
         noise[k] = 1.4826 * np.median(np.abs(np.diff(values, 2))) / math.sqrt(6.0) if len(values) > 2 else 0.0
     return np.maximum(noise, _LEAST_NOISE)
 
 
 def _near(
-    z: FloatArray, finished: NDArray[np.bool_], belief: _Belief | None, problem: Problem
+    z: FloatArray, finished: NDArray[np.bool_], draws: FloatArray | None
 ) -> tuple[NDArray[np.intp], NDArray[np.bool_]]:
-    """Positions of the finished runs at z [S, d] that the emulator is fitted to, and which of them are nearest."""
+    """Positions of the finished runs at z [S, p] that an emulator is fitted to, and which of them are nearest.
+
+    draws: of the posterior [P, p]; None: there is none yet.
+    """
     positions = np.flatnonzero(finished)
-    if belief is None:
+    if draws is None:
         return positions, np.ones(len(positions), bool)
-    draws = belief.z[:, problem.simulated]
     factor = np.linalg.cholesky(np.cov(draws.T).reshape(draws.shape[1], -1) + 1e-12 * np.eye(draws.shape[1]))
     distance = np.linalg.norm(np.linalg.solve(factor, (z[positions] - draws.mean(axis=0)).T), axis=0)
     order = np.argsort(distance)
@@ -282,7 +353,7 @@ def _near(
     return positions[chosen], np.isin(chosen, order[: _JUDGED_PER_PARAMETER * draws.shape[1]])
 
 
-def _posterior(problem: Problem, runs: TrainingRuns, before: _Belief | None, rng: np.random.Generator) -> _Belief:
+def _posterior(problem: Problem, runs: Runs, before: _Belief | None, rng: np.random.Generator) -> _Belief:
     """Posterior draws of the emulated problem, its mode sought from the best real runs and the round before.
 
     Not from prior draws: where runs are far the emulator's own variance explains any telemetry a little, and a climb
@@ -301,23 +372,46 @@ def _posterior(problem: Problem, runs: TrainingRuns, before: _Belief | None, rng
         # The mode is at the edge of where there are runs.
         coordinates = whitening(before.mean, np.asarray(np.linalg.inv(np.cov(before.z.T)), float))
     draws = sample(problem.log_density_and_gradient, coordinates, _NUTS, int(rng.integers(2**32)))
-    return _Belief(draws.z.reshape(-1, draws.z.shape[-1]), least_effective(draws.z), len(problem.times))
+    samples = sum(len(window.times) for window in problem.windows)
+    return _Belief(draws.z.reshape(-1, draws.z.shape[-1]), least_effective(draws.z), samples)
 
 
-def _best_runs(problem: Problem, runs: TrainingRuns) -> FloatArray:
-    """Thetas [., d] of the finished runs of the highest density, with each channel's inferred noise at its RMSE."""
-    residuals = np.where(problem.valid, problem.observed - runs.temperatures, 0.0)
-    samples = problem.valid.sum(axis=0)
-    rmse = np.sqrt(np.einsum("stn,stn->sn", residuals, residuals) / np.maximum(samples, 1))
-    thetas = np.tile(problem.priors.median(), (len(runs), 1))
-    thetas[:, problem.simulated] = runs.theta
-    channels, positions = problem.inferred_noise
-    told = samples[channels] > 0
+def _best_runs(problem: Problem, runs: Runs) -> FloatArray:
+    """Thetas [., d] of the best of the runs that finished on all windows, each channel's inferred noise at its RMSE."""
+    finished = _each(runs, on_all_windows(runs))
+    thetas = _thetas_of(problem, finished)
+    squares, samples = np.zeros((len(thetas), len(problem.channels))), np.zeros(len(problem.channels))
+    for window, own in zip(problem.windows, finished, strict=True):
+        temperatures = own.temperatures[:, : len(window.times)]
+        residuals = np.where(window.valid, window.observed - temperatures, 0.0)
+        squares += np.einsum("stn,stn->sn", residuals, residuals)
+        samples += window.valid.sum(axis=0)
+    rmse = np.sqrt(squares / np.maximum(samples, 1))
+    channels, columns, positions = problem.places
+    told = (columns == DEVIATION) & (samples[channels] > 0)
     thetas[:, positions[told]] = np.maximum(rmse[:, channels[told]], _LEAST_NOISE)
-    noise = np.stack([problem.noise(theta) for theta in thetas])
+    window = problem.windows[0]
+    noise = np.stack([window.noise(theta) for theta in problem.at(window, thetas)])
     density = -samples @ (np.log(noise) + 0.5 * (rmse / noise) ** 2).T
     density += problem.priors.at(problem.to_z(thetas)).log_density
     return thetas[np.argsort(-density)[:_MODE_STARTS]]
+
+
+def _thetas_of(problem: Problem, runs: Runs) -> FloatArray:
+    """Thetas [S, d] of runs; what simulations do not depend on is at its prior's median, and so are drifts' sizes."""
+    thetas = np.tile(problem.priors.median(), (len(runs[0]), 1))
+    for window, own, found in zip(problem.windows, problem.links, runs, strict=True):
+        thetas[:, own.columns[window.simulated]] = found.theta
+    drifting = problem.links[0].columns[problem.links[0].drifting]
+    if len(drifting):
+        priors, names = problem.links[0].priors, runs[0].parameters
+        places = [names.index(name) for name in priors.names]
+        values = [priors.to_z(found.theta[:, places]) for found in runs]
+        common = np.mean(values, axis=0)
+        thetas[:, drifting] = priors.to_theta(common)
+        for own, inside in zip(problem.links, values, strict=True):
+            thetas[:, own.score] = (inside - common) / thetas[:, own.deviation]
+    return thetas
 
 
 def _movement(before: _Belief | None, now: _Belief) -> tuple[float, float]:

@@ -1,4 +1,4 @@
-"""Problems whose simulator has no derivatives, with an emulator in the simulator's place."""
+"""Problems whose simulators have no derivatives, with emulators in the simulators' place."""
 
 from __future__ import annotations
 
@@ -8,13 +8,14 @@ import numpy as np
 
 from ..calibration import mean_and_some
 from ..errors import FlightcalError
-from ..external import ExternalSimulator, RunFailure
-from ..problem import Problem
+from ..external import ExternalSimulator, Record, RunFailure
+from ..problem import Problem, Window
 from ..simulator import FloatArray
-from .active import simulated_priors, start_design
-from .emulator import EmulatedSimulator, Emulator, fit_emulator
-from .held_out import Validation, judge, validate
+from .active import Runs, noise_level, on_all_windows, start_design, title
+from .emulator import fit_emulator, simulated_priors, with_emulator
+from .held_out import Validation, judge, together, validate
 from .horizon import shape_tolerance
+from .influence import emulated
 from .runs import TrainingRuns, failure_summary, no_runs
 from .simulator_check import Steps, density_error, steps
 
@@ -27,62 +28,63 @@ _GLOBAL_TOLERANCE = 0.5
 
 
 def needs_emulator(problem: Problem) -> bool:
-    """Whether the problem's simulator is an external one without derivatives. Raises FlightcalError where it fails."""
-    if not isinstance(problem.simulator, ExternalSimulator):
-        return False
+    """Whether a window's simulator is an external one without derivatives. Raises FlightcalError where it fails."""
+    simulators = [window.simulator for window in problem.windows]
     try:
-        return not problem.simulator.program.has_gradient
+        return any(isinstance(own, ExternalSimulator) and not own.program.has_gradient for own in simulators)
     except RunFailure as failure:
         raise FlightcalError(f"simulator: {failure.outcome}: {failure.message}") from None
 
 
-def external(problem: Problem) -> ExternalSimulator:
-    """The problem's simulator, which `needs_emulator`."""
-    assert isinstance(problem.simulator, ExternalSimulator)
-    return problem.simulator
+def run_many(window: Window, thetas: FloatArray) -> list[Record]:
+    """Real runs of a window, of a problem that `needs_emulator`, at thetas [S, p]."""
+    assert isinstance(window.simulator, ExternalSimulator)
+    return window.simulator.run_many(thetas)
 
 
-def empty_runs(problem: Problem) -> TrainingRuns:
-    """No runs of the problem's simulator yet."""
-    simulator = problem.simulator
-    return no_runs(simulator.parameters, simulator.channels, simulator.heaters, problem.times)
+def empty_runs(window: Window) -> TrainingRuns:
+    """No runs of the window's simulator yet."""
+    simulator = window.simulator
+    return no_runs(simulator.parameters, simulator.channels, simulator.heaters, window.times)
 
 
-def with_emulator(problem: Problem, emulator: Emulator) -> Problem:
-    """The problem with an emulator of its simulator, which still tells the heaters' power."""
-    simulator = EmulatedSimulator(emulator, simulated_priors(problem), heater_powers=problem.simulator.heater_power)
-    return replace(problem, simulator=simulator, open_loop=None)
+def in_place(problem: Problem, windows: list[Window]) -> Problem:
+    """The problem with other simulators in its windows, which have no open loop."""
+    return replace(problem, windows=tuple(windows), open_loop=None)
 
 
-def through_the_priors(problem: Problem, runs: TrainingRuns, noise: FloatArray) -> Problem:
-    """The problem with a coarse emulator of all finished runs, good for a search, not for an interval. noise: [N] K."""
-    finished = runs.take(runs.finished)
-    z = simulated_priors(problem).to_z(finished.theta)
-    return with_emulator(problem, fit_emulator(finished, z, _GLOBAL_TOLERANCE * noise))
+def through_the_priors(problem: Problem, runs: Runs) -> Problem:
+    """The problem with coarse emulators of all finished runs, good for a search, not for an interval."""
+    windows = []
+    for window, own in zip(problem.windows, runs, strict=True):
+        finished = own.take(own.finished)
+        z = simulated_priors(window).to_z(finished.theta)
+        windows.append(with_emulator(window, fit_emulator(finished, z, _GLOBAL_TOLERANCE * noise_level(window))))
+    return in_place(problem, windows)
 
 
 def around_draws(
-    problem: Problem, thetas: FloatArray, seed: int, runs: TrainingRuns | None = None
-) -> tuple[Problem, TrainingRuns, Validation]:
-    """The problem of a window that is only predicted, with an emulator made around posterior draws thetas [S, d].
+    window: Window, thetas: FloatArray, seed: int, runs: TrainingRuns | None = None
+) -> tuple[Window, TrainingRuns, Validation]:
+    """A window that is only predicted, with an emulator made around posterior draws thetas [S, q].
 
     Initial temperatures are this window's own, and are drawn from their priors. runs: what an earlier call returned.
     Returns the runs too, and how they are predicted when left out. Raises FlightcalError where too few runs finish.
     """
-    scale = simulated_priors(problem)
+    scale = simulated_priors(window)
     if runs is None:
         count = _RUNS_PER_INPUT * len(scale.names)
         design = start_design(scale, count, seed)
         chosen = np.random.default_rng(seed).choice(len(thetas), count, replace=len(thetas) < count)
         own = np.array([name.startswith("initial.") for name in scale.names])
-        design[:, ~own] = thetas[chosen][:, problem.simulated][:, ~own]
-        runs = empty_runs(problem).add(external(problem).run_many(design), 0)
+        design[:, ~own] = thetas[chosen][:, window.simulated][:, ~own]
+        runs = empty_runs(window).add(run_many(window, design), 0)
     finished = runs.take(runs.finished)
     if len(finished) < 2 * (len(scale.names) + 1):
-        raise FlightcalError(f"window '{problem.window}': {failure_summary(runs)}; too few are left for an emulator")
-    noise = problem.noise(np.median(thetas, axis=0))
-    emulator = fit_emulator(finished, scale.to_z(finished.theta), shape_tolerance(noise, len(problem.times)))
-    return with_emulator(problem, emulator), runs, judge(*emulator.leave_one_out(), finished.channels)
+        raise FlightcalError(f"window '{window.name}': {failure_summary(runs)}; too few are left for an emulator")
+    tolerance = shape_tolerance(window.noise(np.median(thetas, axis=0)), len(window.times))
+    emulator = fit_emulator(finished, scale.to_z(finished.theta), tolerance)
+    return with_emulator(window, emulator), runs, judge(*emulator.leave_one_out(), finished.channels)
 
 
 @dataclass(frozen=True)
@@ -97,19 +99,22 @@ class SimulatorCheck:
 
 
 def check_on_the_simulator(
-    problem: Problem, emulated: Problem, thetas: FloatArray, seed: int
-) -> tuple[SimulatorCheck, TrainingRuns]:
-    """Run the simulator at the mean of posterior draws thetas [S, d] and at some of them, and judge the emulator by it.
+    problem: Problem, with_emulators: Problem, thetas: FloatArray, seed: int
+) -> tuple[SimulatorCheck, Runs]:
+    """Run the simulators at the mean of posterior draws thetas [S, d] and at some of them, and judge the emulators.
 
-    Raises FlightcalError where no run finishes.
+    Raises FlightcalError where no run of a window finishes.
     """
     design = mean_and_some(thetas, CHECKED - 1, seed)
-    runs = empty_runs(problem).add(external(problem).run_many(design[:, problem.simulated]), 0)
-    assert isinstance(emulated.simulator, EmulatedSimulator)
-    finished = runs.take(runs.finished)
-    z = simulated_priors(problem).to_z(finished.theta)
-    validation = validate(emulated.simulator.emulator, z, finished.temperatures)
+    runs, validations, found = [], {}, []
+    for window, stand_in in zip(problem.windows, with_emulators.windows, strict=True):
+        own = empty_runs(window).add(run_many(window, problem.at(window, design)[:, window.simulated]), 0)
+        finished, start = own.take(own.finished), title(problem, window)
+        z = simulated_priors(window).to_z(finished.theta)
+        validations[start] = validate(emulated(stand_in).emulator, z, finished.temperatures)
+        found += [replace(item, heater=f"{start}{item.heater}") for item in steps(window, finished)]
+        runs.append(own)
     # The mean is no draw.
-    drawn = runs.finished & (np.arange(len(runs)) > 0)
-    error = density_error(problem, emulated, design[drawn], runs.take(drawn))
-    return SimulatorCheck(validation, error, steps(problem, finished)), runs
+    drawn = on_all_windows(tuple(runs)) & (np.arange(len(design)) > 0)
+    error = density_error(problem, with_emulators, design[drawn], [own.take(drawn) for own in runs])
+    return SimulatorCheck(together(validations), error, tuple(found)), tuple(runs)

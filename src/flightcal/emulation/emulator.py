@@ -15,6 +15,8 @@ from typing import Any, Protocol
 import numpy as np
 from numpy.typing import NDArray
 
+from ..probability import Priors
+from ..problem import Window
 from ..simulator import FloatArray, SimulationFailure, Switch, Trajectory, in_parallel
 from .gaussian_process import GaussianProcesses, fit
 from .principal import PrincipalShapes, principal_shapes
@@ -264,6 +266,22 @@ class EmulatedSimulator:
         """[S] changes of the status between samples, at the later sample."""
         times = self.emulator.runs.times[self.window]
         return [status_switches(status, (times - times[0]) / np.timedelta64(1, "s")) for status in self._status]
+
+
+def simulated_priors(window: Window) -> Priors:
+    """Priors of what a window's simulator takes, in its order."""
+    names = tuple(window.names[k] for k in window.simulated)
+    return Priors(names, tuple(window.reads[name] for name in names))
+
+
+def with_emulator(window: Window, emulator: Emulator, scale: Scale | None = None) -> Window:
+    """The window with an emulator of its simulator, which still tells the heaters' power.
+
+    scale: what the emulator was fitted on (None: that of the window's own priors).
+    """
+    powers = window.simulator.heater_power
+    simulator = EmulatedSimulator(emulator, scale or simulated_priors(window), heater_powers=powers)
+    return replace(window, simulator=simulator)
 
 
 def status_switches(status: FloatArray, seconds: FloatArray) -> Switch:

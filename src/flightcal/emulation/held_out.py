@@ -3,7 +3,8 @@
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
+from collections.abc import Mapping
+from dataclasses import dataclass, replace
 
 import numpy as np
 from scipy.special import ndtri
@@ -109,3 +110,26 @@ def judge(errors: FloatArray, deviations: FloatArray, channels: tuple[str, ...])
                 f"standard deviations (root mean square), expected at most {most:.2f}"
             )
     return Validation(runs, tuple(found), tuple(failures))
+
+
+def together(found: Mapping[str, Validation]) -> Validation:
+    """One verdict on several windows' emulators, by what their channels' names begin with; "all" weighs runs alike."""
+    if len(found) == 1:
+        return next(iter(found.values()))
+    runs = np.array([validation.runs for validation in found.values()])
+    last = [validation.channels[-1] for validation in found.values()]
+
+    def mean(values: list[float]) -> float:
+        return float(runs @ np.array(values) / runs.sum())
+
+    everything = ChannelValidation(
+        channel="all",
+        rmse=math.sqrt(mean([channel.rmse**2 for channel in last])),
+        worst=max(channel.worst for channel in last),
+        deviation=math.sqrt(mean([channel.deviation**2 for channel in last])),
+        standardised=math.sqrt(mean([channel.standardised**2 for channel in last])),
+        coverage=tuple(mean(list(shares)) for shares in zip(*(channel.coverage for channel in last), strict=True)),
+    )
+    channels = [replace(c, channel=f"{start}{c.channel}") for start, one in found.items() for c in one.channels]
+    failures = tuple(f"{start}{failure}" for start, one in found.items() for failure in one.failures)
+    return Validation(int(runs.sum()), (*channels, everything), failures)

@@ -9,13 +9,12 @@ emulator to follow the simulator a few cycles farther. So the window grows as th
 from __future__ import annotations
 
 import math
-from collections.abc import Callable
 
 import numpy as np
 import xarray
 from numpy.typing import NDArray
 
-from ..problem import Problem, build_problem
+from ..problem import Window, build_window
 from ..simulator import FloatArray
 from ..telemetry import window_bounds
 from .emulator import Emulator, fit_emulator
@@ -29,16 +28,11 @@ _TELLS_APART = 0.3
 _FEWEST_SAMPLES = 10
 
 
-def beginnings(problem: Problem, telemetry: xarray.Dataset) -> Callable[[int], Problem]:
-    """The problem on its window's first so many samples, made from the telemetry that it was made from."""
-    scenario = problem.scenario
-    start, _ = window_bounds(scenario.windows[problem.window], problem.period)
-
-    def beginning(samples: int) -> Problem:
-        span = (problem.times[samples - 1] - start) / np.timedelta64(1, "ns") * 1e-9
-        return build_problem(scenario, telemetry, problem.window, span=float(span))
-
-    return beginning
+def beginning(telemetry: xarray.Dataset, window: Window, samples: int) -> Window:
+    """The first so many samples of a window, made from the telemetry that it was made from."""
+    start, _ = window_bounds(window.scenario.windows[window.name], window.period)
+    span = (window.times[samples - 1] - start) / np.timedelta64(1, "ns") * 1e-9
+    return build_window(window.scenario, telemetry, window.name, span=float(span))
 
 
 def shape_tolerance(noise: FloatArray, samples: int) -> FloatArray:
@@ -46,27 +40,17 @@ def shape_tolerance(noise: FloatArray, samples: int) -> FloatArray:
     return TRUNCATION * noise / math.sqrt(samples)
 
 
-def farthest_emulator(
-    runs: TrainingRuns, z: FloatArray, noise: FloatArray, window: slice, judged: NDArray[np.bool_]
-) -> tuple[Emulator, int]:
+def farthest_emulator(runs: TrainingRuns, z: FloatArray, noise: FloatArray, judged: NDArray[np.bool_]) -> Emulator:
     """The emulator of finished runs at z [S, d] on the longest beginning of the window on which it tells them apart.
 
     Halves the window until the second half of what is left is resolved: each channel's left-out error at the `judged`
     runs [S] is within its noise [N] K, or within `_TELLS_APART` of what these runs differ by (root mean squares).
-    window: of the runs' sample times. Returns the number of samples too; all of them: the emulator is one of all the
-    runs' times, else of the beginning only.
     """
-    whole = len(range(*window.indices(len(runs.times))))
-    start = window.start or 0
-    samples = whole
+    samples = len(runs.times)
     while True:
-        seen = runs if samples == whole else runs.during(slice(start, start + samples))
-        emulator = fit_emulator(seen, z, shape_tolerance(noise, samples))
-        first = start if samples == whole else 0
-        if samples // 2 < _FEWEST_SAMPLES or _resolved(
-            emulator, noise, slice(first + samples // 2, first + samples), judged
-        ):
-            return emulator, samples
+        emulator = fit_emulator(runs.during(slice(0, samples)), z, shape_tolerance(noise, samples))
+        if samples // 2 < _FEWEST_SAMPLES or _resolved(emulator, noise, slice(samples // 2, samples), judged):
+            return emulator
         samples //= 2
 
 

@@ -2,13 +2,13 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
 
-from ..problem import Problem
+from ..problem import Problem, Window
 from ..simulator import FloatArray, SimulationFailure, Simulator, Trajectory
 from .emulator import status_switches
 from .runs import TrainingRuns
@@ -29,27 +29,31 @@ class Steps:
     """Measured switches without a simulated counterpart, and the other way round: the median over the runs."""
 
 
-def density_error(problem: Problem, emulated: Problem, thetas: FloatArray, runs: TrainingRuns) -> float:
+def density_error(problem: Problem, emulated: Problem, thetas: FloatArray, runs: Sequence[TrainingRuns]) -> float:
     """Standard deviation of the exact less the emulated log density over posterior draws [S, d].
 
-    runs: the simulator's at these draws, all finished. NaN with fewer than two. Importance weights would make up for
-    the difference; to first order a mean then moves by its covariance with the log weights, in its own standard
-    deviations at most by the standard deviation of these.
+    runs: those of each window's simulator at these draws, all finished. NaN with fewer than two. Importance weights
+    would make up for the difference; to first order a mean then moves by its covariance with the log weights, in its
+    own standard deviations at most by the standard deviation of these.
     """
-    if len(runs) < 2:
+    if len(thetas) < 2:
         return float("nan")
     z = problem.to_z(thetas)
-    exact = replace(problem, simulator=Replay(problem.simulator, runs), open_loop=None)
+    replays = [
+        replace(window, simulator=Replay(window.simulator, own))
+        for window, own in zip(problem.windows, runs, strict=True)
+    ]
+    exact = replace(problem, windows=tuple(replays), open_loop=None)
     return float(np.std([exact.log_density(point) - emulated.log_density(point) for point in z], ddof=1))
 
 
-def steps(problem: Problem, runs: TrainingRuns) -> tuple[Steps, ...]:
-    """Of each heater whose status is measured, from finished runs at the posterior."""
+def steps(window: Window, runs: TrainingRuns) -> tuple[Steps, ...]:
+    """Of each heater whose status is measured in a window, from finished runs at the posterior."""
     found = []
-    for k, heater in enumerate(problem.simulator.heaters):
-        if len(runs) and np.isfinite(problem.status[:, k]).any():
-            unmatched = [unmatched_switches(problem.status[:, k], status) for status in runs.status[:, :, k]]
-            known = problem.status[np.isfinite(problem.status[:, k]), k] > 0.5
+    for k, heater in enumerate(window.simulator.heaters):
+        if len(runs) and np.isfinite(window.status[:, k]).any():
+            unmatched = [unmatched_switches(window.status[:, k], status) for status in runs.status[:, :, k]]
+            known = window.status[np.isfinite(window.status[:, k]), k] > 0.5
             measured = int(np.count_nonzero(known[1:] != known[:-1]))
             found.append(Steps(heater, measured, float(np.median(unmatched))))
     return tuple(found)

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 from dataclasses import dataclass
+from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -11,25 +12,25 @@ import numpy as np
 import xarray
 
 from ..calibration import Diagnostics, Gate, with_gate
-from ..problem import Problem
+from ..problem import Problem, Window
 from ..progress import Listener
 from ..run import Run, hash_of, plain
 from ..simulator import FloatArray
-from .active import Learnt, Round, learn, noise_level, simulated_priors
+from .active import Learnt, Round, Runs, learn
 from .emulated import (
     CHECKED,
     SimulatorCheck,
     around_draws,
     check_on_the_simulator,
     empty_runs,
-    external,
+    in_place,
+    run_many,
     through_the_priors,
-    with_emulator,
 )
-from .emulator import fit_emulator
+from .emulator import fit_emulator, simulated_priors, with_emulator
 from .held_out import Validation
-from .horizon import beginnings
-from .runs import TrainingRuns, read_runs
+from .horizon import beginning
+from .runs import read_runs
 from .simulator_check import LARGEST_DENSITY_ERROR
 
 RUNS_FILE, EMULATOR_FILE, CHECK_FILE = "training_runs.nc", "emulator.json", "emulator_check.json"
@@ -40,9 +41,9 @@ class Emulation:
     """What the later stages need of the emulator."""
 
     problem: Problem
-    """The training window's, with the emulator in the simulator's place."""
+    """With emulators in the place of its windows' simulators."""
     searched: Problem
-    """The same with a coarse emulator of all runs, for the genetic algorithm."""
+    """The same with coarse emulators of all runs, for the genetic algorithm."""
     theta: FloatArray
     """[d] where to start sampling."""
     reached: bool
@@ -51,13 +52,17 @@ class Emulation:
     """Of the last round."""
 
 
-def emulator_stage(run: Run, key: str, problem: Problem, telemetry: xarray.Dataset, listener: Listener) -> Emulation:
-    """Learn the emulator, or take it from its files: all runs in training_runs.nc, the rounds in emulator.json."""
-    done = run.is_done("emulator", key, (RUNS_FILE, EMULATOR_FILE))
+def emulator_stage(
+    run: Run, key: str, problem: Problem, telemetry: xarray.Dataset, listener: Listener
+) -> Emulation:
+    """Learn the emulators, or take them from their files: runs in training_runs.nc, the rounds in emulator.json."""
+    files = _files(run, RUNS_FILE, problem)
+    done = run.is_done("emulator", key, (*(file.name for file in files), EMULATOR_FILE))
     listener.stage("emulator", done)
     if not done:
         calibration = problem.scenario.calibration
-        settings = calibration.emulator.model_copy(update={"runs": calibration.emulator.runs - CHECKED})
+        left = calibration.emulator.runs - CHECKED * len(problem.windows)
+        settings = calibration.emulator.model_copy(update={"runs": left})
         with run.stage("emulator", key):
 
             def told(round_: Round) -> None:
@@ -66,22 +71,28 @@ def emulator_stage(run: Run, key: str, problem: Problem, telemetry: xarray.Datas
 
             learnt = learn(
                 problem,
-                external(problem).run_many,
-                _runs_so_far(run.file(RUNS_FILE), problem),
+                run_many,
+                _runs_so_far(files, problem),
                 settings,
                 calibration.seed,
-                beginning=beginnings(problem, telemetry),
-                save=lambda runs: runs.write(run.file(RUNS_FILE)),
+                beginning=partial(beginning, telemetry),
+                save=partial(_write, files),
                 on_round=told,
             )
             run.write_json(EMULATOR_FILE, _content(learnt))
     content = json.loads(run.file(EMULATOR_FILE).read_text(encoding="utf-8"))
-    runs = read_runs(run.file(RUNS_FILE), empty_runs(problem))
-    fitted = runs.take(np.array(content["fitted"]))
-    emulator = fit_emulator(fitted, simulated_priors(problem).to_z(fitted.theta), np.array(content["tolerance"]))
+    runs = _runs_so_far(files, problem)
+    chosen, tolerances = content["fitted"], content["tolerance"]
+    if len(files) == 1:
+        chosen, tolerances = [chosen], [tolerances]
+    windows = []
+    for window, own, positions, tolerance in zip(problem.windows, runs, chosen, tolerances, strict=True):
+        fitted = own.take(np.array(positions))
+        z = simulated_priors(window).to_z(fitted.theta)
+        windows.append(with_emulator(window, fit_emulator(fitted, z, np.array(tolerance))))
     return Emulation(
-        problem=with_emulator(problem, emulator),
-        searched=through_the_priors(problem, runs, noise_level(problem)),
+        problem=in_place(problem, windows),
+        searched=through_the_priors(problem, runs),
         theta=np.array(content["theta"]),
         reached=content["reached"],
         verdict=content["rounds"][-1]["verdict"],
@@ -96,8 +107,9 @@ def check_emulator(
     draws: posterior thetas [S, d]. Writes emulator_check.json and check_runs.nc.
     """
     check, runs = check_on_the_simulator(problem, emulation.problem, draws, problem.scenario.calibration.seed)
-    runs.write(run.file("check_runs.nc"))
-    found = {"failed": int((~runs.finished).sum()), "density_error": check.density_error, "steps": check.steps}
+    _write(_files(run, "check_runs.nc", problem), runs)
+    failed = sum(int((~own.finished).sum()) for own in runs)
+    found = {"failed": failed, "density_error": check.density_error, "steps": check.steps}
     run.write_json(CHECK_FILE, plain(check.validation) | plain(found))
     rule = Gate(
         "Emulator's error",
@@ -158,36 +170,54 @@ def _in_step(check: SimulatorCheck) -> list[Gate]:
     ]
 
 
-def window_emulator(run: Run, key: str, emulation: Emulation, draws: FloatArray, problem: Problem) -> Problem:
-    """A window's problem with an emulator around posterior draws [S, d]; its runs are kept in the run directory."""
-    if problem.window == "train":
-        return emulation.problem
-    key = hash_of(key, problem.window)
-    stage, file = f"emulator {problem.window}", run.file(f"training_runs_{problem.window}.nc")
-    kept = read_runs(file, empty_runs(problem)) if run.is_done(stage, key, (file.name,)) else None
-    emulated, runs, validation = around_draws(problem, draws, problem.scenario.calibration.seed, kept)
+def window_emulator(run: Run, key: str, emulation: Emulation, draws: FloatArray, window: Window) -> Window:
+    """A window with an emulator around posterior draws thetas [S, d]; its runs are kept in the run directory."""
+    for trained in emulation.problem.windows:
+        if trained.name == window.name:
+            return trained
+    name, seed = window.name, window.scenario.calibration.seed
+    key = hash_of(key, name)
+    stage, file = f"emulator {name}", run.file(f"training_runs_{name}.nc")
+    kept = read_runs(file, empty_runs(window)) if run.is_done(stage, key, (file.name,)) else None
+    thetas = emulation.problem.at(window, draws, np.random.default_rng([seed, *name.encode()]))
+    emulated, runs, validation = around_draws(window, thetas, seed, kept)
     if kept is None:
         with run.stage(stage, key):
             runs.write(file)
-            run.write_json(f"emulator_{problem.window}.json", plain(validation))
+            run.write_json(f"emulator_{name}.json", plain(validation))
     return emulated
 
 
-def _runs_so_far(file: Path, problem: Problem) -> TrainingRuns:
-    nothing = empty_runs(problem)
-    return read_runs(file, nothing) if file.exists() else nothing
+def _files(run: Run, name: str, problem: Problem) -> list[Path]:
+    """The file of each training window's runs, which has the window's name where there are several."""
+    if len(problem.windows) == 1:
+        return [run.file(name)]
+    return [run.file(f"{Path(name).stem}_{window.name}.nc") for window in problem.windows]
+
+
+def _write(files: list[Path], runs: Runs) -> None:
+    for file, own in zip(files, runs, strict=True):
+        own.write(file)
+
+
+def _runs_so_far(files: list[Path], problem: Problem) -> Runs:
+    empty = [empty_runs(window) for window in problem.windows]
+    return tuple(read_runs(file, own) if file.exists() else own for file, own in zip(files, empty, strict=True))
 
 
 def _content(learnt: Learnt) -> dict[str, Any]:
+    """What emulator.json says; of several windows `fitted` and `tolerance` are lists, in the windows' order."""
+    last, several = learnt.rounds[-1], len(learnt.fits) > 1
+    fitted, tolerance = [fit.fitted for fit in learnt.fits], [fit.tolerance for fit in learnt.fits]
     content: dict[str, Any] = plain(
         {
-            "runs": len(learnt.runs),
-            "failed": int((~learnt.runs.finished).sum()),
+            "runs": last.runs,
+            "failed": last.failed,
             "failures": learnt.failures,
             "reached": learnt.reached,
             "theta": learnt.theta,
-            "fitted": learnt.fitted,
-            "tolerance": learnt.tolerance,
+            "fitted": fitted if several else fitted[0],
+            "tolerance": tolerance if several else tolerance[0],
             "rounds": learnt.rounds,
         }
     )

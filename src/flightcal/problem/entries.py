@@ -139,6 +139,12 @@ class Link:
             theta[self.drifting], slope[self.drifting] = moved.theta, moved.slope
         return PriorTerms(theta, slope, prior.log_density, prior.gradient)
 
+    def coordinates(self, z: FloatArray, thetas: FloatArray) -> FloatArray:
+        """The window's own coordinates [S, q] at z [S, d], which are thetas [S, d]."""
+        inside = z[:, self.columns]
+        inside[:, self.drifting] += thetas[:, self.deviation] * z[:, self.score]
+        return inside
+
     def pull_back(self, z: FloatArray, prior: PriorTerms, inside_bar: FloatArray) -> FloatArray:
         """Cotangent of z [d] from that [q] of the window's own coordinates."""
         z_bar = np.zeros(len(z))

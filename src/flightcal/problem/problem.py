@@ -249,8 +249,7 @@ class Problem:
     def _jacobian(self, window: Window, own: Link, z: FloatArray) -> FloatArray:
         """d temperatures / d coordinates of one window, [T, N, q]."""
         prior = self.priors.at(z)
-        coordinates = z[own.columns]
-        coordinates[own.drifting] += prior.theta[own.deviation] * z[own.score]
+        coordinates = own.coordinates(z[None], prior.theta[None])[0]
         priors = Priors(window.names, tuple(self.entries[k].prior for k in own.columns))
         steps = np.zeros((len(window.simulated), len(coordinates)))
         steps[np.arange(len(steps)), window.simulated] = _DIFFERENCE

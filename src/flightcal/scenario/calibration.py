@@ -35,7 +35,7 @@ class EmulatorSettings(Block):
     """The emulator of a simulator without derivatives, and the real runs that it is made from."""
 
     runs: Count = Field(300, ge=40)
-    """Budget of real runs of the training window; failed ones count, and the last check does."""
+    """Budget of real runs of all training windows together; failed ones count, and the last check does."""
     start: Count | None = Field(None, ge=10)
     """Runs of the start design through the priors (default: ten for each parameter)."""
     batch: Count | None = Field(None, ge=1)
