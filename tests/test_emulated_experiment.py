@@ -21,6 +21,8 @@ def simulate(inputs, times, start):
     battery = 293.15 + 2 * inputs["load"] * np.exp(-inputs["link"] * times / 900)
     return np.stack([battery, 280.0 + inputs["load"] * np.tanh(inputs["link"] * times / 900)], axis=1)
 """
+TRAIN = {"start": "2024-03-01T00:00:00", "end": "2024-03-01T00:31:00"}
+LATER = {"start": "2024-03-01T00:40:00", "end": "2024-03-01T01:10:00"}
 TRUTH = {"link": 0.8, "load": 5.0}
 EMULATOR_FILES = {
     "training_runs.nc", "emulator.json", "check_runs.nc", "emulator_check.json", "training_runs_later.nc",
@@ -41,19 +43,18 @@ class Said(Silent):
         self.rounds.append(said)
 
 
-@pytest.fixture(scope="module")
-def finished(tmp_path_factory):
-    folder = tmp_path_factory.mktemp("emulated")
+def written(folder, windows, runs, predicted=40):
+    """A scenario of which the telemetry was made by its own simulator from the start of each window of minutes."""
     (folder / "model.py").write_text(textwrap.dedent(PROGRAM))
     content = scenes.written(
         {"callable": {"file": "model.py"}},
-        windows={"later": {"start": "2024-03-01T00:40:00", "end": "2024-03-01T01:10:00"}},
+        windows=windows,
         calibration={
             "seed": 2,
-            "emulator": {"runs": 80, "start": 20},
+            "emulator": {"runs": runs, "start": runs // 4},
             "genetic": {"runs": 2, "population": 16, "generations": 8},
             "nuts": {"chains": 2, "draws": 200, "warmup": 100, "max_r_hat": 1.5, "min_ess": 5},
-            "prediction": {"simulations": 40, "initial_span": "5 min"},
+            "prediction": {"simulations": predicted, "initial_span": "5 min"},
         },
     )
     scenario = scenes.write(folder, content)
@@ -61,12 +62,18 @@ def finished(tmp_path_factory):
     exec(PROGRAM, names)
     table = pd.read_csv(folder / "telemetry.csv")
     rng = np.random.default_rng(4)
-    # Each window's simulation starts at the window's start.
     for first, last in ((0, 31), (40, 71)):
         made = names["simulate"](TRUTH, 60.0 * np.arange(last - first), None) - 273.15
         made += 0.1 * rng.standard_normal(made.shape)
         table.loc[first : last - 1, ["battery", "radiator"]] = made
     table.to_csv(folder / "telemetry.csv", index=False)
+    return scenario
+
+
+@pytest.fixture(scope="module")
+def finished(tmp_path_factory):
+    folder = tmp_path_factory.mktemp("emulated")
+    scenario = written(folder, {"later": LATER}, 80)
     said = Said()
     yield scenario, folder / "run", run_experiment(scenario, folder / "run", listener=said), said
     close_workers()
@@ -135,3 +142,35 @@ def test_nothing_is_run_twice(finished):
     assert said.stages | {"read": True, "report": True} == dict.fromkeys(said.stages, True)
     assert (run / "training_runs.nc").stat().st_mtime_ns == before
     assert again.metrics == summary.metrics
+
+
+def test_several_windows_are_trained_on_together(tmp_path):
+    scenario = written(tmp_path, {"train": {"a": TRAIN, "b": LATER}}, 120, predicted=20)
+    run, said = tmp_path / "run", Said()
+    summary = run_experiment(scenario, run, listener=said)
+    assert summary.passed
+    found = {record["name"]: record for record in summary.diagnostics["parameters"]}
+    for name, truth in TRUTH.items():
+        assert abs(found[name]["mean"] - truth) < 4.0 * found[name]["sd"]
+    record = json.loads((run / "emulator.json").read_text())
+    counts = []
+    for window, fitted in zip(("train.a", "train.b"), record["fitted"], strict=True):
+        with xarray.open_dataset(run / f"training_runs_{window}.nc", engine="h5netcdf") as runs:
+            counts.append(runs.sizes["run"])
+            assert max(fitted) < runs.sizes["run"]
+        with xarray.open_dataset(run / f"check_runs_{window}.nc", engine="h5netcdf") as runs:
+            assert runs.sizes["run"] == 20
+    assert counts[0] == counts[1]
+    assert sum(counts) == record["runs"] <= 80
+    check = json.loads((run / "emulator_check.json").read_text())
+    assert check["runs"] == 40
+    assert [channel["channel"] for channel in check["channels"]] == [
+        *(f"{label}: {channel}" for label in "ab" for channel in ("battery_temp", "radiator_temp", "all")), "all",
+    ]  # fmt: skip
+    assert {metric.window for metric in summary.metrics} == {"train.a", "train.b"}
+    assert not list(run.glob("emulator_train*"))
+    again = Said()
+    run_experiment(scenario, run, listener=again)
+    assert again.stages["emulator"]
+    assert again.stages["predict"]
+    close_workers()

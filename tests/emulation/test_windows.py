@@ -15,7 +15,7 @@ from flightcal.scenario import NutsSettings
 from flightcal.scenario.schema import EmulatorSettings
 from tests import derivative_free
 
-NUTS = NutsSettings(chains=4, draws=400, warmup=200)
+NUTS = NutsSettings(chains=2, draws=500, warmup=150)
 TRAIN = {
     "dawn": {"start": "2024-03-01T00:00:00", "end": "2024-03-01T01:10:00"},
     "noon": {"start": "2024-03-01T03:20:00", "end": "2024-03-01T05:00:00"},
