@@ -10,7 +10,6 @@ from __future__ import annotations
 from collections.abc import Callable
 from dataclasses import dataclass, field, replace
 from functools import cached_property, partial
-from typing import Any, Protocol
 
 import numpy as np
 from numpy.typing import NDArray
@@ -23,16 +22,6 @@ from .principal import PrincipalShapes, principal_shapes
 from .runs import TrainingRuns
 
 _REACH = 1.5
-
-
-class Scale(Protocol):
-    """The unconstrained scale of parameters, such as `calibration.Priors`."""
-
-    def to_z(self, theta: FloatArray) -> FloatArray:
-        """z [..., d] of theta [..., d]."""
-
-    def at(self, z: FloatArray) -> Any:
-        """Terms at z [d], of which `slope` [d] is d theta / d z."""
 
 
 @dataclass(frozen=True)
@@ -124,7 +113,7 @@ class EmulatedSimulator:
     """
 
     emulator: Emulator
-    scale: Scale
+    scale: Priors
     window: slice = field(default_factory=lambda: slice(None))
     """Of the emulator's sample times."""
     certain: bool = False
@@ -274,7 +263,7 @@ def simulated_priors(window: Window) -> Priors:
     return Priors(names, tuple(window.reads[name] for name in names))
 
 
-def with_emulator(window: Window, emulator: Emulator, scale: Scale | None = None) -> Window:
+def with_emulator(window: Window, emulator: Emulator, scale: Priors | None = None) -> Window:
     """The window with an emulator of its simulator, which still tells the heaters' power.
 
     scale: what the emulator was fitted on (None: that of the window's own priors).

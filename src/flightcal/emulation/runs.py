@@ -22,7 +22,7 @@ _PER_RUN = ("theta", "temperatures", "status", "outcome", "message", "round")
 
 @dataclass(frozen=True)
 class TrainingRuns:
-    """S runs on the same T sample times, which may be those of several windows, one after the other."""
+    """S runs of one window, at its T sample times."""
 
     parameters: tuple[str, ...]
     """[d]"""
