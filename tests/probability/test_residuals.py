@@ -80,7 +80,9 @@ def test_names_stand_between_parameters_and_initial_temperatures(tmp_path):
         numbers[:, PHASE_LENGTH],
         [theta[problem.names.index(f"discrepancy.phase.lengthscale.{channel}")] for channel in channels],
     )
-    np.testing.assert_allclose(problem.windows[0].noise(theta), np.hypot(numbers[:, DEVIATION], numbers[:, names.index("white")]))
+    np.testing.assert_allclose(
+        problem.windows[0].noise(theta), np.hypot(numbers[:, DEVIATION], numbers[:, names.index("white")])
+    )
 
 
 @pytest.mark.parametrize("seed", range(2))
@@ -89,7 +91,10 @@ def test_the_c_function_is_what_the_parts_give_in_python(problem, seed):
     prior = problem.priors.at(z)
     run, pull_back = problem.windows[0].simulator.linearise(prior.theta[problem.simulated])
     value, temperatures_bar, numbers_bar = log_likelihood(
-        problem.windows[0].residuals.terms, problem.windows[0].observed, run.temperatures, problem.windows[0].numbers(prior.theta)
+        problem.windows[0].residuals.terms,
+        problem.windows[0].observed,
+        run.temperatures,
+        problem.windows[0].numbers(prior.theta),
     )
     theta_bar = np.zeros_like(z)
     theta_bar[problem.simulated] = pull_back(temperatures_bar)
@@ -263,7 +268,9 @@ def test_errors_are_drawn_with_the_models_own_likelihood(tmp_path):
         drawn = np.where(problem.windows[0].valid, problem.windows[0].draw_errors(theta, rng), np.nan)
         values.append(log_likelihood(problem.windows[0].residuals.terms, drawn, none, numbers)[0])
     count = problem.windows[0].valid.sum()
-    at_zero = log_likelihood(problem.windows[0].residuals.terms, np.where(problem.windows[0].valid, 0.0, np.nan), none, numbers)[0]
+    at_zero = log_likelihood(
+        problem.windows[0].residuals.terms, np.where(problem.windows[0].valid, 0.0, np.nan), none, numbers
+    )[0]
     # Twice the drop from the peak is chi-squared with as many degrees of freedom as there are samples.
     squares = 2.0 * (at_zero - np.array(values))
     assert squares.mean() == pytest.approx(count, abs=4 * np.sqrt(2 * count / 400))

@@ -52,9 +52,7 @@ class Emulation:
     """Of the last round."""
 
 
-def emulator_stage(
-    run: Run, key: str, problem: Problem, telemetry: xarray.Dataset, listener: Listener
-) -> Emulation:
+def emulator_stage(run: Run, key: str, problem: Problem, telemetry: xarray.Dataset, listener: Listener) -> Emulation:
     """Learn the emulators, or take them from their files: runs in training_runs.nc, the rounds in emulator.json."""
     files = _files(run, RUNS_FILE, problem)
     done = run.is_done("emulator", key, (*(file.name for file in files), EMULATOR_FILE))

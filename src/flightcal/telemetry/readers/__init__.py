@@ -13,7 +13,6 @@ import pandas as pd
 import pyarrow as pa
 
 from ...errors import TelemetryError
-
 from ._source import NULL_WORDS, Reader, Source
 from .csv import Csv
 from .parquet import Parquet

@@ -11,7 +11,7 @@ from itertools import islice
 import pyarrow as pa
 import pyarrow.csv
 
-from ..errors import TelemetryError
+from ...errors import TelemetryError
 from ._source import NULL_WORDS, Source
 
 _MAGIC = {
