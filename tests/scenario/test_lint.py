@@ -72,6 +72,15 @@ def test_broken_environment_causes_no_finding_about_faces_and_windows(lint_edite
     ]
 
 
+def test_observation_with_a_wrong_noise_is_still_told_what_it_names_wrongly(lint_edited):
+    found = lint_edited(("{node: radiator, bias: -0.1 K, noise: {half_normal: 0.5 K}}", "{node: radiatr, noise: 3}"))
+
+    assert [finding.split(": ")[1] for finding in found] == [
+        "observations.radiator_temp.noise",
+        "observations.radiator_temp.node",
+    ]
+
+
 def test_default_filled_in_by_flightcal_cannot_be_written(lint_edited):
     assert lint_edited(("name: example", "folder: here")) == [
         "2: folder: unknown key 'folder', expected name, description, telemetry, environment, simulator, "

@@ -147,7 +147,10 @@ class _Reader:
             environment=parts["environment"],
             **in_network,
             heater_input=network.get("heater_input", "simulated"),
-            observations=parts["observations"],
+            observations={
+                name: _without_numbers(data["observations"][name]) if block is None else block
+                for name, block in parts["observations"].items()
+            },
             windows=parts["windows"],
             external=external,
             reduced=reduced if "reduced_model" in network else None,
@@ -158,18 +161,28 @@ class _Reader:
         return blocks, parts
 
     def external(self, model: Mapping[str, Any]) -> tuple[External, Any]:
-        """An external simulator, in parts and whole."""
+        """An external simulator, in parts and whole; where it is of no kind, that alone is said of it."""
         kind = kind_of_simulator(model) or ""
+        reader = self if kind else _Reader()
         parts = {
-            "inputs": self.entries(WrittenInput, model, "simulator", "inputs"),
-            "outputs": self.entries(WrittenOutput, model, "simulator", "outputs"),
-            "heaters": self.entries(WrittenHeater, model, "simulator", "heaters"),
+            "inputs": reader.entries(WrittenInput, model, "simulator", "inputs"),
+            "outputs": reader.entries(WrittenOutput, model, "simulator", "outputs"),
+            "heaters": reader.entries(WrittenHeater, model, "simulator", "heaters"),
         }
         block = None
         if kind:
             block = self.block(KINDS[kind].model_fields[kind].annotation, model[kind], "simulator", kind)
-        whole = self.whole(AnySimulator, model, {**parts, **({kind: block} if kind else {})}, "simulator")
+        whole = self.whole(AnySimulator, model, {**parts, kind: block}, "simulator")
         return External(kind, block, **parts), whole
+
+
+def _without_numbers(observation: Any) -> Any:
+    """An observation that cannot be read, for what it refers to; None where more than its numbers is wrong."""
+    if not isinstance(observation, dict):
+        return None
+    kept = {key: value for key, value in observation.items() if key not in ("bias", "likelihood")}
+    # A noise of its own, or it would seem to have the scenario's.
+    return _Reader().block(Observation, kept | ({"noise": "1 K"} if "noise" in kept else {}))
 
 
 def _kept(part: Any) -> Any:
