@@ -19,25 +19,22 @@ from typing import Any
 
 import numpy as np
 
+sys.path.insert(0, str(Path(__file__).parents[2]))
+from benchmarks.unchanged.either import problem_of, temperatures
+
 QUANTITIES = ("density", "gradient", "temperatures", "side_by_side")
 
 
 def dump(scenario: str, points: int, file: str) -> None:
     """What this checkout gives at points around the prior's median."""
-    from flightcal.commands.calibrate import read
-    from flightcal.problem import build_problem
-    from flightcal.scenario import load_scenario
-
-    loaded = load_scenario(scenario)
-    problem: Any = build_problem(loaded, read(loaded))
+    problem = problem_of(scenario)
     centre = problem.to_z(problem.priors.median())
     z = centre + 0.5 * np.random.default_rng(0).standard_normal((points, len(centre)))
     values, gradients = zip(*map(problem.log_density_and_gradient, z), strict=True)
-    together = problem.windows[0].simulate_many(problem.to_theta(z))
-    alone = [one for row in z[::8] for one in problem.windows[0].simulate_many(problem.to_theta(row)[None])]
-    empty = np.full(problem.windows[0].observed.shape, np.nan)
-    runs = [np.stack([empty if run is None else run.temperatures for run in found]) for found in (alone, together)]
-    np.savez(file, **dict(zip(QUANTITIES, (np.array(values), np.array(gradients), *runs), strict=True)))
+    thetas = problem.to_theta(z)
+    alone = np.concatenate([temperatures(problem, theta[None]) for theta in thetas[::8]])
+    found = (np.array(values), np.array(gradients), alone, temperatures(problem, thetas))
+    np.savez(file, **dict(zip(QUANTITIES, found, strict=True)))
 
 
 def difference(found: Any, expected: Any) -> float:

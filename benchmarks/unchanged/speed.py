@@ -15,29 +15,23 @@ import subprocess
 import sys
 import time
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 
-CALLS = {"gradient": 60, "simulate": 60, "linearise": 40, "simulate_many 64": 6, "simulate_many 2": 20}
+sys.path.insert(0, str(Path(__file__).parents[2]))
+from benchmarks.unchanged.either import problem_of
+
+CALLS = {"gradient": 60, "simulate": 60, "simulate_many 64": 6, "simulate_many 2": 20}
 
 
 def measure(scenario: str) -> None:
     """Answer each line of the input with a round's times (s)."""
-    from flightcal.calibration import calibration_problem
-    from flightcal.experiment import read
-    from flightcal.scenario import load_scenario
-
-    loaded = load_scenario(scenario)
-    problem: Any = calibration_problem(loaded, read(loaded))
+    problem = problem_of(scenario)
     theta = problem.priors.median()
-    z, thetas, window = problem.to_z(theta), np.tile(theta, (64, 1)), getattr(problem, "problems", [problem])[0]
-    own = window.priors.median()
-    bar = np.ones(window.observed.shape)
+    z, thetas = problem.to_z(theta), np.tile(theta, (64, 1))
     work = {
         "gradient": lambda: problem.log_density_and_gradient(z),
         "simulate": lambda: problem.simulate(theta),
-        "linearise": lambda: window.simulator.linearise(own[window.simulated])[1](bar),
         "simulate_many 64": lambda: problem.simulate_many(thetas),
         "simulate_many 2": lambda: problem.simulate_many(thetas[:2]),
     }
