@@ -143,6 +143,77 @@ def test_with_correlated_noise_and_a_discrepancy_it_is_the_dense_normal_of_each_
     assert joint.independent().is_independent
 
 
+@pytest.fixture(scope="module", params=["iid", "ar1"])
+def phased(request, tmp_path_factory):
+    """Windows that share the weights of a discrepancy in orbit phase."""
+    noise = {"standard_deviation": "0.2 K"}
+    if request.param == "ar1":
+        noise |= {"model": "ar1", "correlation_time": "8 min", "white": "0.1 K"}
+    content = written(noise=noise, discrepancy={"phase": {"amplitude": "0.8 K", "lengthscale": 0.2}})
+    content["observations"]["panel_temp"].pop("noise")
+    return build_problem(*small.closed_loop(tmp_path_factory.mktemp("phased"), content))
+
+
+def covariance_of_all(problem, channel, kind):
+    """Of the residuals of all windows together: noise by window, and one set of weights."""
+    total, bases = np.zeros((160, 160)), []
+    for window, start in zip(problem.windows, (0, 90), strict=True):
+        model = window.residuals
+        apart = np.abs(model.terms.seconds[:, None] - model.terms.seconds)
+        noise = (
+            0.04 * np.exp(-apart / 480.0) + 0.01 * np.eye(len(apart)) if kind == "ar1" else 0.04 * np.eye(len(apart))
+        )
+        total[start : start + len(apart), start : start + len(apart)] = noise
+        bases.append(model.terms.shapes.basis * model.prior_deviations(model.fixed[channel]))
+    basis = np.concatenate(bases)
+    return total + basis @ basis.T
+
+
+def test_windows_share_the_weights_of_a_discrepancy_in_orbit_phase(phased, request):
+    kind = request.node.callspec.params["phased"]
+    z = points(phased, 1)[0]
+    expected = float(phased.priors.at(z).log_density)
+    residual = phased.residual(phased.simulate(phased.to_theta(z)))
+    for k in range(2):
+        expected += stats.multivariate_normal.logpdf(residual[:, k], cov=covariance_of_all(phased, k, kind))
+    assert phased.log_density(z) == pytest.approx(expected, rel=1e-9)
+    value, gradient = phased.log_density_and_gradient(z)
+    assert value == pytest.approx(expected, rel=1e-9)
+    for k, name in enumerate(phased.names):
+        step = 1e-5 * np.eye(len(z))[k]
+        difference = (phased.log_density(z + step) - phased.log_density(z - step)) / 2e-5
+        assert gradient[k] == pytest.approx(difference, rel=1e-3, abs=1e-3 * np.abs(gradient).max()), name
+
+
+def test_the_hessian_has_the_covariance_of_all_windows_together(phased, request):
+    kind = request.node.callspec.params["phased"]
+    z = points(phased, 1)[0]
+    jacobian = np.concatenate(phased.jacobians(z))
+    expected = np.diag(phased.priors.precision(z))
+    for k in range(2):
+        expected += jacobian[:, k].T @ np.linalg.solve(covariance_of_all(phased, k, kind), jacobian[:, k])
+    found = phased.gauss_newton_hessian(z)
+    scale = np.sqrt(np.outer(np.diag(expected), np.diag(expected)))
+    np.testing.assert_allclose(found / scale, expected / scale, atol=1e-6)
+
+
+def test_the_weights_are_what_all_windows_tell(phased, request):
+    kind = request.node.callspec.params["phased"]
+    theta = phased.priors.median()
+    runs = phased.simulate(theta)
+    thetas = [phased.at(window, theta[None])[0] for window in phased.windows]
+    residual = phased.residual(runs)
+    for (mean, factor), window in zip(phased.weights(runs, thetas), phased.windows, strict=True):
+        model = window.residuals
+        for k in range(2):
+            deviation = model.prior_deviations(model.fixed[k])
+            basis = np.concatenate([own.residuals.terms.shapes.basis for own in phased.windows]) * deviation
+            gain = np.linalg.solve(covariance_of_all(phased, k, kind), basis).T * deviation[:, None]
+            np.testing.assert_allclose(mean[k], gain @ residual[:, k], atol=1e-8)
+            expected = np.diag(deviation**2) - gain @ basis * deviation
+            np.testing.assert_allclose(factor[k] @ factor[k].T, expected, atol=1e-8)
+
+
 def test_where_one_window_cannot_be_simulated_there_is_no_simulation(joint):
     thetas = np.tile(joint.priors.median(), (2, 1))
     thetas[0, joint.names.index("initial.second.panel")] = 1e300

@@ -7,7 +7,6 @@ from collections.abc import Sequence
 import numpy as np
 import xarray
 
-from ..probability import weights_given
 from ..problem import Problem, Runs
 from ..simulator import FloatArray, SimulationFailure
 
@@ -16,17 +15,16 @@ _TAIL = 0.025
 
 def discrepancy_given(problem: Problem, thetas: FloatArray, runs: Sequence[Runs | None]) -> FloatArray:
     """Discrepancy [S, T, N], K, expected with the residuals of each theta [S, d]; NaN where its simulation failed."""
-    parts = []
-    for k, window in enumerate(problem.windows):
-        model, inside = window.residuals, problem.at(window, thetas)
-        expected = np.full((len(thetas), *window.observed.shape), np.nan)
-        for s, of_theta in enumerate(runs):
-            if of_theta is not None:
-                numbers, simulated = window.numbers(inside[s]), of_theta[k].temperatures
-                weights, _ = weights_given(model.terms, window.observed, simulated, numbers)
-                expected[s] = model.terms.shapes.basis @ weights.T
-        parts.append(expected)
-    return np.concatenate(parts, axis=1)
+    inside = [problem.at(window, thetas) for window in problem.windows]
+    samples = sum(len(window.times) for window in problem.windows)
+    expected = np.full((len(thetas), samples, len(problem.channels)), np.nan)
+    for s, of_theta in enumerate(runs):
+        if of_theta is not None:
+            weights = problem.weights(of_theta, [of_window[s] for of_window in inside])
+            bases = [window.residuals.terms.shapes.basis for window in problem.windows]
+            parts = [basis @ mean.T for basis, (mean, _) in zip(bases, weights, strict=True)]
+            expected[s] = np.concatenate(parts)
+    return expected
 
 
 def confounding(problem: Problem, thetas: FloatArray, runs: Sequence[Runs | None]) -> xarray.Dataset | None:

@@ -36,19 +36,27 @@ def window_errors(
     The nearest training window tells discrepancy and noise; all of them tell the errors of duty cycles. first: how many
     samples at the window's start tell about them; stand_in: gives a training window its emulator.
     """
-    nearest = problem.nearest(window.times[0])
-    duty = []
-    for own in problem.windows:
-        train = window if own.name == window.name else stand_in(own)
-        thetas = problem.at(own, draws)
-        runs = train.simulate_many(thetas)
-        duty.append(_duty_errors(train, runs))
-        if own.name == nearest.name:
-            missing = np.full(train.observed.shape, np.nan)
-            temperatures = np.stack([missing if run is None else run.temperatures for run in runs])
-            numbers = np.stack([train.numbers(theta) for theta in thetas])
-            seen = train
-    return WindowErrors(window, seen, numbers, temperatures, first, np.concatenate(duty))
+    trained = [window if own.name == window.name else stand_in(own) for own in problem.windows]
+    thetas = [problem.at(own, draws) for own in trained]
+    runs = [own.simulate_many(theta) for own, theta in zip(trained, thetas, strict=True)]
+    duty = [_duty_errors(own, of_window) for own, of_window in zip(trained, runs, strict=True)]
+    place = [own.name for own in problem.windows].index(problem.nearest(window.times[0]).name)
+    train = trained[place]
+    missing = np.full(train.observed.shape, np.nan)
+    temperatures = np.stack([missing if run is None else run.temperatures for run in runs[place]])
+    numbers = np.stack([train.numbers(theta) for theta in thetas[place]])
+    errors = WindowErrors(window, train, numbers, temperatures, first, np.concatenate(duty))
+    if not problem.shares_weights:
+        return errors
+    found = []
+    for s, of_draw in enumerate(zip(*runs, strict=True)):
+        done = tuple(run for run in of_draw if run is not None)
+        if len(done) == len(of_draw):
+            found.append(problem.weights(done, [theta[s] for theta in thetas])[place])
+        else:
+            temperatures[s] = np.nan
+            found.append(errors.weights(s))
+    return replace(errors, together=tuple(found))
 
 
 def _duty_errors(train: Window, runs: Sequence[Trajectory | None]) -> FloatArray:
@@ -74,6 +82,8 @@ class WindowErrors:
     """How many samples at the window's start the draws are corrected for; 0 on the training window."""
     duty: FloatArray
     """[K, H] by how much telemetry's duty cycles exceed the simulation's in the orbits of the training windows."""
+    together: tuple[tuple[FloatArray, FloatArray], ...] = ()
+    """[S] what `weights` gives, where training windows share weights; empty: they share none."""
 
     @property
     def model(self) -> ResidualModel:
@@ -122,10 +132,14 @@ class WindowErrors:
 
     def only(self, kept: NDArray[np.bool_]) -> WindowErrors:
         """Those of some of the draws."""
-        return replace(self, numbers=self.numbers[kept], train_temperatures=self.train_temperatures[kept])
+        together = tuple(found for found, own in zip(self.together, kept, strict=False) if own)
+        numbers, temperatures = self.numbers[kept], self.train_temperatures[kept]
+        return replace(self, numbers=numbers, train_temperatures=temperatures, together=together)
 
     def weights(self, draw: int) -> tuple[FloatArray, FloatArray]:
         """The weights' mean [N, m] and a factor [N, m, m] of their covariance, as the training residuals leave them."""
+        if self.together:
+            return self.together[draw]
         observed, simulated = self.train.observed, self.train_temperatures[draw]
         return weights_given(self.model.terms, observed, simulated, self.numbers[draw])
 

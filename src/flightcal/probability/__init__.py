@@ -7,13 +7,24 @@ Imports: compiled, environment, errors, scenario, simulator, telemetry.
 
 from .designs import GROWING, KINDS, around_posterior, latin_hypercube, prior_draws, sobol
 from .kernels.switching import NO_STATUS, StatusCall, status_work, switching
-from .likelihood import Likelihood, WindowMemory, likelihood_calls, precision_times, weights_given, window_memory
+from .likelihood import (
+    Likelihood,
+    LikelihoodTogether,
+    WindowMemory,
+    information,
+    likelihood_calls,
+    precision_times,
+    weights_given,
+    weights_together,
+    window_memory,
+)
 from .noise import INDEPENDENT, called
 from .noise.kind import DEVIATION
 from .priors import Priors, PriorTerms
 from .residuals import TIME_LENGTH, TIME_SIZE, ResidualModel, residual_model
+from .shapes import shrinkage
 from .status import THRESHOLD_ERROR, HeaterStatus, heater_status, measured_switches
-from .surrogate_error import ErrorShapes, error_shapes, low_rank_log_likelihood, shrinkage, with_error_shapes
+from .surrogate_error import ErrorShapes, error_shapes, low_rank_log_likelihood, with_error_shapes
 
 __all__ = [
     "DEVIATION",
@@ -27,6 +38,7 @@ __all__ = [
     "ErrorShapes",
     "HeaterStatus",
     "Likelihood",
+    "LikelihoodTogether",
     "PriorTerms",
     "Priors",
     "ResidualModel",
@@ -36,6 +48,7 @@ __all__ = [
     "called",
     "error_shapes",
     "heater_status",
+    "information",
     "latin_hypercube",
     "likelihood_calls",
     "low_rank_log_likelihood",
@@ -48,6 +61,7 @@ __all__ = [
     "status_work",
     "switching",
     "weights_given",
+    "weights_together",
     "window_memory",
     "with_error_shapes",
 ]

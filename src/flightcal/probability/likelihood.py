@@ -200,24 +200,42 @@ def _with_shapes(
 # --- in Python ------------------------------------------------------------------------------------------------
 
 
+class LikelihoodTogether:
+    """The log likelihood of several windows that share weights, for one thread at a time."""
+
+    def __init__(self, residuals: Sequence[Residuals], numbers: int) -> None:
+        """numbers: how many each channel has."""
+        self.memories = []
+        for own in residuals:
+            channels, samples = own.valid.shape
+            observed, simulated = np.empty((2, samples, channels))
+            self.memories.append(window_memory(observed, simulated, np.empty((channels, numbers))))
+        self._program = Program(likelihood_calls(residuals, self.memories).rows)
+
+    def __call__(
+        self, observed: Sequence[FloatArray], simulated: Sequence[FloatArray], numbers: Sequence[FloatArray]
+    ) -> tuple[float, list[tuple[FloatArray, FloatArray]]]:
+        """The log likelihood, and each window's derivatives as in `log_likelihood`."""
+        for memory, *arrays in zip(self.memories, observed, simulated, numbers, strict=True):
+            memory.observed[:], memory.simulated[:], memory.numbers[:] = arrays
+        self._program.run()
+        value = float(sum(memory.value[0] for memory in self.memories))
+        return value, [(memory.simulated_bar.copy(), memory.numbers_bar.copy()) for memory in self.memories]
+
+
 class Likelihood:
     """The log likelihood of one window, for one thread at a time."""
 
     def __init__(self, residuals: Residuals, numbers: int) -> None:
         """numbers: how many each channel has."""
-        channels, samples = residuals.valid.shape
-        observed, simulated = np.empty((2, samples, channels))
-        self.memory = window_memory(observed, simulated, np.empty((channels, numbers)))
-        self._program = Program(likelihood_calls([residuals], [self.memory]).rows)
+        self._windows = LikelihoodTogether([residuals], numbers)
 
     def __call__(
         self, observed: FloatArray, simulated: FloatArray, numbers: FloatArray
     ) -> tuple[float, FloatArray, FloatArray]:
         """See `log_likelihood`."""
-        memory = self.memory
-        memory.observed[:], memory.simulated[:], memory.numbers[:] = observed, simulated, numbers
-        self._program.run()
-        return float(memory.value[0]), memory.simulated_bar.copy(), memory.numbers_bar.copy()
+        value, ((simulated_bar, numbers_bar),) = self._windows([observed], [simulated], [numbers])
+        return value, simulated_bar, numbers_bar
 
 
 def log_likelihood(

@@ -26,7 +26,7 @@ from .discrepancy import (
     shortest_lengthscale,
     time_basis,
 )
-from .likelihood import SHAPE_NUMBERS, Likelihood, Residuals, weights_given
+from .likelihood import SHAPE_NUMBERS, Likelihood, Residuals
 from .noise import INDEPENDENT, KINDS, MOST_NUMBERS, kind_of_noise
 from .noise.kind import DEVIATION
 from .shapes import Shapes, products_at
@@ -133,25 +133,32 @@ class ResidualModel:
         drawn = [sum(kind.draw(own, seconds, rng)) for kind, own in zip(kinds, numbers, strict=True)]
         return np.stack(drawn, axis=1)
 
-    def draw_errors(self, numbers: FloatArray, rng: np.random.Generator) -> FloatArray:
-        """Residuals [T, N], K, drawn from the model with the discrepancy's weights from their prior."""
+    def draw_errors(
+        self, numbers: FloatArray, rng: np.random.Generator, shared: FloatArray | None = None
+    ) -> FloatArray:
+        """Residuals [T, N], K, drawn from the model with the discrepancy's weights from their prior.
+
+        shared: [N, m] standard normal, of which those are taken that windows share (None: drawn too).
+        """
         drawn = self.draw_noise(numbers, rng)
+        own = self.terms.shapes.own
         for k in np.flatnonzero(self.terms.discrepant):
             deviation = self.prior_deviations(numbers[k])
-            drawn[:, k] += self.terms.shapes.basis @ (deviation * rng.standard_normal(len(deviation)))
+            standard = rng.standard_normal(len(deviation))
+            if shared is not None:
+                standard[own:] = shared[k, own:]
+            drawn[:, k] += self.terms.shapes.basis @ (deviation * standard)
         return drawn
 
     def draw_given(
-        self, observed: FloatArray, simulated: FloatArray, numbers: FloatArray, rng: np.random.Generator
-    ) -> tuple[FloatArray, FloatArray]:
-        """A discrepancy that residuals between observed and simulated [T, N] show, and new noise, [T, N] each, K."""
-        noise = self.draw_noise(numbers, rng)
-        discrepancy = np.zeros_like(noise)
+        self, numbers: FloatArray, mean: FloatArray, factor: FloatArray, rng: np.random.Generator
+    ) -> FloatArray:
+        """Residuals [T, N], K: a discrepancy whose weights have mean [N, m] and covariance F F^T, and new noise."""
+        drawn = self.draw_noise(numbers, rng)
         if self.terms.discrepant.any():
-            mean, factor = weights_given(self.terms, observed, simulated, numbers)
-            drawn = mean + np.einsum("nij,nj->ni", factor, rng.standard_normal(mean.shape))
-            discrepancy = self.terms.shapes.basis @ drawn.T
-        return discrepancy, noise
+            weights = mean + np.einsum("nij,nj->ni", factor, rng.standard_normal(mean.shape))
+            drawn += self.terms.shapes.basis @ weights.T
+        return drawn
 
     def prior_deviations(self, numbers: FloatArray) -> FloatArray:
         """Prior standard deviations [m] of the discrepancy's weights of a channel with `numbers` [n]."""

@@ -35,12 +35,6 @@ def build_problem(scenario: Scenario, telemetry: xarray.Dataset, *windows: str, 
 
 def problem_of(scenario: Scenario, windows: Sequence[Window], opened: Sequence[Window] = ()) -> Problem:
     """The problem of windows of one scenario; opened: the same in open loop. Raises ScenarioError."""
-    written = scenario.discrepancy
-    if len(windows) > 1 and written is not None and written.phase is not None:
-        raise ScenarioError(
-            f"discrepancy.phase: found {len(windows)} windows to train on, expected one: "
-            "what comes again in every orbit is learnt from one window"
-        )
     entries = entries_of(scenario, windows)
     in_open_loop = Problem(opened[0].scenario, entries, tuple(opened)) if opened else None
     return Problem(scenario, entries, tuple(windows), in_open_loop)

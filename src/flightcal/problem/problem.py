@@ -8,14 +8,15 @@ from __future__ import annotations
 
 import math
 import threading
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
 
 import numpy as np
 
 from ..compiled import warm
-from ..probability import Priors, PriorTerms
+from ..errors import ScenarioError
+from ..probability import LikelihoodTogether, Priors, PriorTerms, information, weights_given, weights_together
 from ..scenario import Scenario
 from ..simulator import FloatArray, IntArray, NetworkSimulator, SimulationFailure, Trajectory
 from .coordinates import Whitening
@@ -125,10 +126,15 @@ class Problem:
         return found
 
     def replicate(self, theta: FloatArray, runs: Runs, rng: np.random.Generator) -> FloatArray:
-        """Telemetry [T, N], K, drawn anew at theta [d] with its simulations, as `Window.replicate`."""
+        """Telemetry [T, N], K, drawn anew at theta [d] with its simulations.
+
+        The discrepancy is one that the residuals show; the noise is new.
+        """
+        thetas = [self.at(window, theta[None])[0] for window in self.windows]
+        weights = self.weights(runs, thetas)
         parts = [
-            window.replicate(self.at(window, theta[None])[0], run, rng)
-            for window, run in zip(self.windows, runs, strict=True)
+            window.replicate(inside, run, of_window, rng)
+            for window, inside, run, of_window in zip(self.windows, thetas, runs, weights, strict=True)
         ]
         return np.concatenate(parts)
 
@@ -156,13 +162,13 @@ class Problem:
     def log_density(self, z: FloatArray) -> float:
         """Log posterior density (up to a constant) at z [d]; -inf where a simulation fails."""
         prior = self.priors.at(z)
-        value = float(prior.log_density)
         try:
-            for window, inside in self._inside(z, prior):
-                value += window.log_likelihood(inside.theta)
+            inside = [(window, own.theta) for window, own in self._inside(z, prior)]
+            runs = [window.simulate(theta) for window, theta in inside]
+            value = float(prior.log_density) + self._of_residuals(runs, [theta for _, theta in inside])[0]
+            return value + sum(window.of_heaters(theta, run) for (window, theta), run in zip(inside, runs, strict=True))
         except SimulationFailure:
             return -np.inf
-        return value
 
     def log_density_and_gradient(self, z: FloatArray) -> tuple[float, FloatArray]:
         """Log posterior density at z [d] and its gradient [d]; (-inf, 0) where a simulation fails."""
@@ -195,14 +201,18 @@ class Problem:
         prior = self.priors.at(z)
         if not math.isfinite(prior.theta.sum()):
             return -np.inf, np.zeros_like(z)
-        value, gradient = float(prior.log_density), prior.gradient.copy()
+        gradient = prior.gradient.copy()
         try:
-            for (window, inside), own in zip(self._inside(z, prior), self.links, strict=True):
-                likelihood, theta_bar = window.log_likelihood_and_gradient(inside.theta)
-                value += likelihood
-                gradient += own.pull_back(z, prior, inside.slope * theta_bar)
+            inside = list(self._inside(z, prior))
+            linear = [window.simulator.linearise(at.theta[window.simulated]) for window, at in inside]
         except SimulationFailure:
             return -np.inf, np.zeros_like(z)
+        value, cotangents = self._of_residuals([run for run, _ in linear], [at.theta for _, at in inside])
+        value += float(prior.log_density)
+        for (window, at), own, (run, cotangent), bars in zip(inside, self.links, linear, cotangents, strict=True):
+            added, theta_bar = window.pull_back(at.theta, run, cotangent, *bars)
+            value += added
+            gradient += own.pull_back(z, prior, at.slope * theta_bar)
         return value, gradient
 
     def _with_thresholds(self, z: FloatArray, value: float, gradient: FloatArray) -> tuple[float, FloatArray]:
@@ -216,12 +226,38 @@ class Problem:
 
     def likelihood_of_numbers(self, runs: Runs, theta: FloatArray) -> tuple[float, FloatArray]:
         """Log likelihood of simulations at theta [d], and its gradient [d] by noise and discrepancy alone."""
-        value, theta_bar = 0.0, np.zeros(len(self.names))
-        for window, own, run in zip(self.windows, self.links, runs, strict=True):
-            likelihood, inside_bar = window.likelihood_of_numbers(run, own.thetas(theta[None], self.priors, None)[0])
-            value += likelihood
-            np.add.at(theta_bar, own.columns, inside_bar)
+        inside = [own.thetas(theta[None], self.priors, None)[0] for own in self.links]
+        value, bars = self._of_residuals(runs, inside)
+        theta_bar = np.zeros(len(self.names))
+        for window, own, (numbers_bar, *_) in zip(self.windows, self.links, bars, strict=True):
+            np.add.at(theta_bar, own.columns, window.by_numbers(numbers_bar))
         return value, theta_bar
+
+    @cached_property
+    def shares_weights(self) -> bool:
+        """Whether the windows have weights of a discrepancy in common."""
+        terms = self.windows[0].residuals.terms
+        return len(self.windows) > 1 and terms.shapes.is_shared and bool(terms.discrepant.any())
+
+    def _of_residuals(
+        self, runs: Sequence[Trajectory], thetas: Sequence[FloatArray]
+    ) -> tuple[float, list[tuple[FloatArray, ...]]]:
+        """Log likelihood of the windows' temperatures at their thetas, and what `Window.of_residuals` gives."""
+        numbers = [window.numbers(theta) for window, theta in zip(self.windows, thetas, strict=True)]
+        if not self.shares_weights:
+            found = [w.of_residuals(run, own) for w, run, own in zip(self.windows, runs, numbers, strict=True)]
+            return float(sum(value for value, *_ in found)), [tuple(bars) for _, *bars in found]
+        if any(window.error_shapes is not None for window in self.windows):
+            raise ScenarioError(
+                f"discrepancy.phase: found it with {len(self.windows)} windows to train on and a simulator that has an "
+                "error of its own, expected one of these two"
+            )
+        if not hasattr(self._own, "likelihood"):
+            terms = [window.residuals.terms for window in self.windows]
+            self._own.likelihood = LikelihoodTogether(terms, numbers[0].shape[1])
+        observed = [window.observed for window in self.windows]
+        value, bars = self._own.likelihood(observed, [run.temperatures for run in runs], numbers)
+        return value, [(numbers_bar, temperatures_bar) for temperatures_bar, numbers_bar in bars]
 
     def _inside(self, z: FloatArray, prior: PriorTerms) -> Iterator[tuple[Window, PriorTerms]]:
         for window, own in zip(self.windows, self.links, strict=True):
@@ -265,13 +301,38 @@ class Problem:
         """
         prior = self.priors.at(z)
         temperatures, numbers, status = np.zeros((3, len(z), len(z)))
+        if self.shares_weights:
+            temperatures += self._information_together(z, prior)
         for (window, inside), own in zip(self._inside(z, prior), self.links, strict=True):
-            found = window.information(inside, self._jacobian(window, own, z))
+            jacobian = None if self.shares_weights else self._jacobian(window, own, z)
+            found = window.information(inside, jacobian)
             derivative = own.derivative(z, prior)
             for total, part in zip((temperatures, numbers, status), found, strict=True):
                 total += np.einsum("ai,ab,bj->ij", derivative, part, derivative, optimize=True)
         temperatures[np.diag_indices(len(z))] += self.priors.precision(z)
         return temperatures + numbers + status
+
+    def _information_together(self, z: FloatArray, prior: PriorTerms) -> FloatArray:
+        """J^T C^-1 J [d, d] of windows that share weights."""
+        terms, numbers, jacobians = [], [], []
+        for (window, inside), jacobian in zip(self._inside(z, prior), self.jacobians(z), strict=True):
+            equivalent, equal = window.residuals.normal_equivalent(window.numbers(inside.theta))
+            terms.append(equivalent.terms)
+            numbers.append(equal)
+            jacobians.append(np.where(window.valid[..., None], jacobian, 0.0))
+        return information(terms, jacobians, numbers)
+
+    def weights(self, runs: Runs, thetas: Sequence[FloatArray]) -> list[tuple[FloatArray, FloatArray]]:
+        """The discrepancy's weights of each window given all residuals: see `probability.weights_together`.
+
+        runs, thetas: of each window, the latter [q].
+        """
+        numbers = [window.numbers(theta) for window, theta in zip(self.windows, thetas, strict=True)]
+        terms = [window.residuals.terms for window in self.windows]
+        observed, simulated = [window.observed for window in self.windows], [run.temperatures for run in runs]
+        if self.shares_weights:
+            return weights_together(terms, observed, simulated, numbers)
+        return [weights_given(*of_window) for of_window in zip(terms, observed, simulated, numbers, strict=True)]
 
     def warm(self) -> None:
         """Have all compiled code in the cache, as far as the simulators are thermal networks."""

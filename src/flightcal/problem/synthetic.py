@@ -25,12 +25,16 @@ def simulate_telemetry(problem: Problem, theta: FloatArray, rng: np.random.Gener
     At the windows' sample times, NaN where a window has no valid sample. Raises SimulationFailure, and ScenarioError
     where the likelihood is one of duty cycles, which says nothing of the samples.
     """
-    return [_simulate(window, problem.at(window, theta[None])[0], rng) for window in problem.windows]
+    shared = None
+    if problem.shares_weights:
+        shapes = problem.windows[0].residuals.terms.shapes
+        shared = rng.standard_normal((len(shapes.channels), shapes.basis.shape[1]))
+    return [_simulate(window, problem.at(window, theta[None])[0], rng, shared) for window in problem.windows]
 
 
-def _simulate(window: Window, theta: FloatArray, rng: np.random.Generator) -> Telemetry:
+def _simulate(window: Window, theta: FloatArray, rng: np.random.Generator, shared: FloatArray | None) -> Telemetry:
     run = window.simulate(theta)
-    temperatures = run.temperatures + window.draw_errors(theta, rng)
+    temperatures = run.temperatures + window.draw_errors(theta, rng, shared)
     basis = window.simulator.error_basis
     if basis is not None:
         weights = np.sqrt(run.error_variance) * rng.standard_normal(len(run.error_variance))

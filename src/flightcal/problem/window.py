@@ -138,17 +138,21 @@ class Window:
         """Standard deviation of the noise of one sample of each channel [N], K, at theta [q]; discrepancy apart."""
         return self.residuals.deviations(self.numbers(theta))
 
-    def draw_errors(self, theta: FloatArray, rng: np.random.Generator) -> FloatArray:
-        """What telemetry at theta [q] differs by from the simulation, [T, N] K: noise and discrepancy, drawn anew."""
-        return self.residuals.draw_errors(self.numbers(theta), rng)
+    def draw_errors(self, theta: FloatArray, rng: np.random.Generator, shared: FloatArray | None = None) -> FloatArray:
+        """What telemetry at theta [q] differs by from the simulation, [T, N] K: noise and discrepancy, drawn anew.
 
-    def replicate(self, theta: FloatArray, run: Trajectory, rng: np.random.Generator) -> FloatArray:
+        shared: as in `ResidualModel.draw_errors`.
+        """
+        return self.residuals.draw_errors(self.numbers(theta), rng, shared)
+
+    def replicate(
+        self, theta: FloatArray, run: Trajectory, weights: tuple[FloatArray, FloatArray], rng: np.random.Generator
+    ) -> FloatArray:
         """Telemetry [T, N], K, drawn anew at theta [q] with its simulation `run`.
 
-        The discrepancy is one that the residuals show; the noise is new.
+        weights: mean [N, m] and a factor [N, m, m] of the covariance of the discrepancy's, given telemetry.
         """
-        discrepancy, drawn = self.residuals.draw_given(self.observed, run.temperatures, self.numbers(theta), rng)
-        return np.asarray(run.temperatures + discrepancy + drawn)
+        return np.asarray(run.temperatures + self.residuals.draw_given(self.numbers(theta), *weights, rng))
 
     # --- simulations --------------------------------------------------------------------------------------------
 
@@ -180,34 +184,37 @@ class Window:
 
     # --- the likelihood -----------------------------------------------------------------------------------------
 
-    def log_likelihood(self, theta: FloatArray) -> float:
-        """Log likelihood at theta [q], up to a constant. Raises SimulationFailure."""
-        run = self.simulate(theta)
-        value = float(self.of_residuals(run, self.numbers(theta))[0])
-        if self.measured_switches is not None:
-            return value + self.at_thresholds(theta)[0]
-        if self.heater_status is not None:
-            value += self.heater_status.log_likelihood(run, self.status_settings(theta))[0]
-        return value
+    def of_heaters(self, theta: FloatArray, run: Trajectory) -> float:
+        """Log likelihood, up to a constant, of what is measured of the heaters, with the simulation at theta [q].
 
-    def log_likelihood_and_gradient(self, theta: FloatArray) -> tuple[float, FloatArray]:
-        """Log likelihood at theta [q] and its gradient [q], thresholds apart. Raises SimulationFailure."""
-        trajectory, cotangent = self.simulator.linearise(theta[self.simulated])
-        value, numbers_bar, *cotangents = self.of_residuals(trajectory, self.numbers(theta))
-        theta_bar, switches_bar = self._pull_back(numbers_bar), {}
+        Raises SimulationFailure.
+        """
+        if self.measured_switches is not None:
+            return self.at_thresholds(theta)[0]
+        if self.heater_status is not None:
+            return float(self.heater_status.log_likelihood(run, self.status_settings(theta))[0])
+        return 0.0
+
+    def pull_back(
+        self,
+        theta: FloatArray,
+        run: Trajectory,
+        cotangent: Callable[..., FloatArray],
+        numbers_bar: FloatArray,
+        *cotangents: FloatArray,
+    ) -> tuple[float, FloatArray]:
+        """Log likelihood of the heaters' status, and the gradient [q] of that and of the residuals; thresholds apart.
+
+        cotangent: of the simulation at theta [q]; the rest as `of_residuals` gives it.
+        """
+        value, theta_bar, switches_bar = 0.0, self.by_numbers(numbers_bar), {}
         if self.heater_status is not None and self.measured_switches is None:
             settings = self.status_settings(theta)
-            added, switches_bar["switches_bar"], settings_bar = self.heater_status.log_likelihood(trajectory, settings)
-            value += added
+            value, switches_bar["switches_bar"], settings_bar = self.heater_status.log_likelihood(run, settings)
             places, positions = self.inferred_settings
             theta_bar[positions] += settings_bar[places]
         theta_bar[self.simulated] += cotangent(*cotangents, **switches_bar)
-        return value, theta_bar
-
-    def likelihood_of_numbers(self, run: Trajectory, theta: FloatArray) -> tuple[float, FloatArray]:
-        """Log likelihood of a simulation at theta [q], and its gradient [q] by noise and discrepancy alone."""
-        value, numbers_bar, *_ = self.of_residuals(run, self.numbers(theta))
-        return float(value), self._pull_back(numbers_bar)
+        return float(value), theta_bar
 
     def at_thresholds(self, theta: FloatArray) -> tuple[float, FloatArray, Callable[[FloatArray], FloatArray]]:
         """In open loop: log likelihood (up to a constant) of the sensors being at their thresholds when heaters switch.
@@ -252,7 +259,7 @@ class Window:
         """What each thread has for itself."""
         return threading.local()
 
-    def _pull_back(self, numbers_bar: FloatArray) -> FloatArray:
+    def by_numbers(self, numbers_bar: FloatArray) -> FloatArray:
         """Derivative by theta [q] from that by the residuals' numbers [N, n]."""
         channels, columns, positions = self.places
         theta_bar = np.zeros(len(self.names))
@@ -276,14 +283,20 @@ class Window:
             found[..., k] = (right.temperatures - left.temperatures) / (2.0 * step)
         return found
 
-    def information(self, prior: PriorTerms, jacobian: FloatArray) -> Information:
+    def information(self, prior: PriorTerms, jacobian: FloatArray | None) -> Information:
         """Minus the Hessian of the log likelihood by coordinates whose theta [q] and slopes are `prior`'s.
 
-        jacobian: [T, N, q] of the temperatures. J^T C^-1 J with C the covariance of the residuals (or of normal ones of
-        the same information), and the curvature in what is inferred of noise and discrepancy as if a surrogate were
-        exact, bent to be positive. Raises SimulationFailure.
+        jacobian: [T, N, q] of the temperatures (None: that part is zero). J^T C^-1 J with C the covariance of the
+        residuals (or of normal ones of the same information), and the curvature in what is inferred of noise and
+        discrepancy as if a surrogate were exact, bent to be positive. Raises SimulationFailure.
         """
         numbers, run = self.numbers(prior.theta), self.simulate(prior.theta)
+        residual = np.where(self.valid, self.observed - run.temperatures, 0.0)
+        curvature = self._curvature(residual, numbers, prior)
+        hessian = np.zeros(curvature.shape) if jacobian is None else self._of_temperatures(numbers, run, jacobian)
+        return Information(hessian, curvature, self._status_information(prior))
+
+    def _of_temperatures(self, numbers: FloatArray, run: Trajectory, jacobian: FloatArray) -> FloatArray:
         jacobian = np.where(self.valid[..., None], jacobian, 0.0)
         equivalent, equal = self.residuals.normal_equivalent(numbers)
 
@@ -299,9 +312,7 @@ class Window:
             covariance, _ = shrinkage(np.einsum("tni,tnj->ij", basis, weighted(basis)), run.error_variance)
             crossed = np.einsum("tni,tnj->ij", basis, solved)
             hessian -= crossed.T @ covariance @ crossed
-        residual = np.where(self.valid, self.observed - run.temperatures, 0.0)
-        curvature = self._curvature(residual, numbers, prior)
-        return Information(0.5 * (hessian + hessian.T), curvature, self._status_information(prior))
+        return 0.5 * (hessian + hessian.T)
 
     def _curvature(self, residual: FloatArray, numbers: FloatArray, prior: PriorTerms) -> FloatArray:
         """Curvature [q, q] in the entries of theta that are the residuals' numbers; never negative."""

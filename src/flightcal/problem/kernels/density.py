@@ -126,6 +126,9 @@ def drift(call):
     z, theta = call.place.z, call.place.theta
     for k in range(call.drifting.shape[0]):
         i = call.drifting[k]
+        # The common value is not seen again where the window's own takes its place.
+        if not (np.isfinite(theta[0, call.columns[i]]) and np.isfinite(theta[0, call.deviation[i]])):
+            return DENSITY_NOT_FINITE
         call.drifting_z[0, k] = z[0, call.columns[i]] + theta[0, call.deviation[i]] * z[0, call.score[i]]
     return 0
 
