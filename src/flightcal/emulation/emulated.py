@@ -27,11 +27,10 @@ _GLOBAL_TOLERANCE = 0.5
 
 
 def needs_emulator(problem: Problem) -> bool:
-    """Whether the problem's simulator is an external one without derivatives. Raises FlightcalError where it fails."""
-    if not isinstance(problem.simulator, ExternalSimulator):
-        return False
+    """Whether a window's simulator is an external one without derivatives. Raises FlightcalError where it fails."""
+    simulators = [window.simulator for window in problem.windows]
     try:
-        return not problem.simulator.program.has_gradient
+        return any(isinstance(own, ExternalSimulator) and not own.program.has_gradient for own in simulators)
     except RunFailure as failure:
         raise FlightcalError(f"simulator: {failure.outcome}: {failure.message}") from None
 

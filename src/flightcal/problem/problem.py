@@ -153,13 +153,16 @@ class Problem:
 
     # --- the log density ----------------------------------------------------------------------------------------
 
-    def log_density(self, z: FloatArray) -> float:
-        """Log posterior density (up to a constant) at z [d]; -inf where a simulation fails."""
+    def log_density(self, z: FloatArray, runs: Runs | None = None) -> float:
+        """Log posterior density (up to a constant) at z [d]; -inf where a simulation fails.
+
+        runs: the simulations at z, where they have been made.
+        """
         prior = self.priors.at(z)
         value = float(prior.log_density)
         try:
-            for window, inside in self._inside(z, prior):
-                value += window.log_likelihood(inside.theta)
+            for k, (window, inside) in enumerate(self._inside(z, prior)):
+                value += window.log_likelihood(inside.theta, None if runs is None else runs[k])
         except SimulationFailure:
             return -np.inf
         return value

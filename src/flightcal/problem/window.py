@@ -180,9 +180,9 @@ class Window:
 
     # --- the likelihood -----------------------------------------------------------------------------------------
 
-    def log_likelihood(self, theta: FloatArray) -> float:
-        """Log likelihood at theta [q], up to a constant. Raises SimulationFailure."""
-        run = self.simulate(theta)
+    def log_likelihood(self, theta: FloatArray, run: Trajectory | None = None) -> float:
+        """Log likelihood at theta [q], up to a constant; run: the simulation, if made. Raises SimulationFailure."""
+        run = self.simulate(theta) if run is None else run
         value = float(self.of_residuals(run, self.numbers(theta))[0])
         if self.measured_switches is not None:
             return value + self.at_thresholds(theta)[0]
