@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass, replace
+from datetime import timedelta
 from functools import cache
 from pathlib import Path
 from tempfile import TemporaryDirectory
@@ -13,8 +14,7 @@ import numpy as np
 
 from flightcal.check.centre import Centre
 from flightcal.commands.calibrate import parameter_records
-from flightcal.probability import Priors
-from flightcal.problem import Problem, build_problem
+from flightcal.problem import Entry, Problem, Window, build_problem
 from flightcal.report.run_files import ParameterInfo, parameter_info
 from flightcal.scenario import Prior
 from flightcal.simulator import Trajectory
@@ -66,7 +66,7 @@ def _small() -> Problem:
 
 
 def samples() -> int:
-    return len(_small().times)
+    return len(_small().windows[0].times)
 
 
 def formula_problem(
@@ -78,17 +78,39 @@ def formula_problem(
     **more: Any,
 ) -> Problem:
     """A problem whose telemetry is the formula [T, 2] at the truth, with a noise of 0.1 K that is known."""
-    base = _small()
-    simulator = Formula(tuple(priors), base.simulator.channels, temperatures, samples=len(base.times), **more)
+    base = _small().windows[0]
+    simulator = Formula(tuple(priors), base.simulator.channels, temperatures, samples=samples(), **more)
     exact = temperatures(np.array([truth[name] for name in priors]))
-    return replace(
+    window = replace(
         base,
         observed=exact + NOISE * np.random.default_rng(seed).standard_normal(exact.shape),
         status=np.full((len(exact), len(simulator.heaters)), np.nan),
         simulator=simulator,
-        priors=Priors(tuple(priors), tuple(priors.values())),
-        open_loop=None,
+        reads=priors,
     )
+    entries = tuple(Entry(name, "K", prior, "parameter") for name, prior in priors.items())
+    return Problem(base.scenario, entries, (window,))
+
+
+def observing(problem: Problem, observed: Any) -> Problem:
+    """A problem of one window with other temperatures [T, 2]."""
+    return replace(problem, windows=(replace(problem.windows[0], observed=observed),))
+
+
+def several(**problems: Problem) -> Problem:
+    """The windows of several problems of the same parameters as one, a day after each other, by their labels."""
+    scenario = next(iter(problems.values())).scenario
+    windows: list[Window] = []
+    spans = {}
+    for day, (label, problem) in enumerate(sorted(problems.items())):
+        (window,) = problem.windows
+        span = scenario.windows[window.name]
+        later = {end: getattr(span, end) + timedelta(days=day) for end in ("start", "end")}
+        spans[f"train.{label}"] = span.model_copy(update=later)
+        windows.append(replace(window, name=f"train.{label}", times=window.times + np.timedelta64(day, "D")))
+    windows.sort(key=lambda window: list(problems).index(window.label))
+    scenario = scenario.model_copy(update={"windows": spans})
+    return replace(problem, scenario=scenario, windows=tuple(windows))
 
 
 def centre_at(problem: Problem, **theta: float) -> Centre:

@@ -8,7 +8,7 @@ from flightcal.check.centre import expanded, find_centre
 from flightcal.errors import FlightcalError
 from flightcal.scenario import LogNormal, Normal
 
-from .problems import formula_problem, samples
+from .problems import formula_problem, samples, several
 
 PRIORS = {"gain": LogNormal(median=2.0, factor=1.5), "level": Normal(mean=0.0, standard_deviation=5.0)}
 TRUTH = {"gain": 2.6, "level": 3.0}
@@ -37,10 +37,15 @@ def test_steps_by_differences_end_at_the_mode_that_gradients_find(problem, monke
     np.testing.assert_allclose(found.hessian, exact.hessian, rtol=0.05)
 
 
-def test_an_expansion_is_exact_where_the_simulator_is_linear():
-    matrix = np.random.default_rng(0).standard_normal((samples(), 2, 2))
+@pytest.mark.parametrize("windows", [1, 2])
+def test_an_expansion_is_exact_where_the_simulators_are_linear(windows):
     priors = {name: Normal(mean=1.0, standard_deviation=2.0) for name in "ab"}
-    problem = formula_problem(priors, lambda theta: 290.0 + matrix @ theta, {"a": 1.0, "b": 1.0})
+
+    def linear_problem(seed):
+        matrix = np.random.default_rng(seed).standard_normal((samples(), 2, 2))
+        return formula_problem(priors, lambda theta: 290.0 + matrix @ theta, {"a": 1.0, "b": 1.0})
+
+    problem = linear_problem(0) if windows == 1 else several(one=linear_problem(0), other=linear_problem(1))
     z = np.array([0.3, -0.2])
     linear = expanded(problem, z)
     elsewhere = np.array([1.3, 0.4])

@@ -10,7 +10,7 @@ from flightcal.report.verdict import Finding
 from flightcal.scenario import Normal
 from flightcal.simulator.system import Switch
 
-from .problems import formula_problem, infos, samples
+from .problems import formula_problem, infos, observing, samples, several
 
 PRIORS = {"level": Normal(mean=1.0, standard_deviation=1.0), "idle": Normal(mean=0.0, standard_deviation=1.0)}
 TRUTH = {"level": 1.0, "idle": 0.0}
@@ -24,8 +24,7 @@ def found_in(findings, words):
     return next(finding for finding in findings if words in finding.title)
 
 
-@pytest.fixture(scope="module")
-def grazed():
+def grazing():
     """Above a level that lies half a standard deviation off the mode, the heater switches twice more."""
 
     def high(theta):
@@ -38,7 +37,12 @@ def grazed():
         times = [600.0, 900.0, 4000.0, 4300.0] if high(theta) else [600.0, 900.0]
         return Switch(np.array(times), np.zeros(len(times), np.int64), np.tile([1.0, 0.0], len(times) // 2))
 
-    return findings_for(formula_problem(PRIORS, temperatures, TRUTH, switches=switches, heaters=("heater",)))
+    return formula_problem(PRIORS, temperatures, TRUTH, switches=switches, heaters=("heater",))
+
+
+@pytest.fixture(scope="module")
+def grazed():
+    return findings_for(grazing())
 
 
 def test_a_jump_near_the_mode_matters_and_is_explained(grazed):
@@ -68,3 +72,29 @@ def test_the_verdict_counts_what_matters_and_what_is_a_caution(grazed):
 def test_a_check_is_a_function_of_its_seed():
     problem = formula_problem(PRIORS, lambda t: 290.0 + t[0] * np.ones((samples(), 2)), TRUTH)
     assert findings_for(problem) == findings_for(problem)
+
+
+def test_a_check_finds_the_same_with_two_windows_in_either_order():
+    """The first window grazes a threshold, the second alone tells of `idle` and its panel is out of reach."""
+
+    def telling(theta):
+        return 290.0 + np.ones((samples(), 1)) * np.array([theta[0] + theta[1], theta[0] - theta[1]])
+
+    other = formula_problem(PRIORS, telling, TRUTH, heaters=("heater",))
+    far = observing(other, other.windows[0].observed - np.array([0.0, 9.0]))
+    found = [
+        findings_for(several(**windows)) for windows in ({"one": grazing(), "two": far}, {"two": far, "one": grazing()})
+    ]
+    states = [{finding.title: finding.state for finding in findings} for findings in found]
+    assert states[0] == states[1]
+    assert states[0]["The prior cannot reach the telemetry of panel_temp in 'two'"] == "bad"
+    assert "The telemetry tells every parameter, and every combination of them" in states[0]
+    details = [found_in(findings, "The prior cannot reach").details for findings in found]
+    assert details[0] == details[1]
+
+
+def test_a_jump_is_told_with_the_time_of_its_own_window():
+    smooth = formula_problem(PRIORS, lambda t: 290.0 + t[0] * np.ones((samples(), 2)), TRUTH, heaters=("heater",))
+    finding = found_in(findings_for(several(first=smooth, second=grazing())), "The log density jumps by")
+    (words,) = [detail for detail in finding.details if detail.startswith("level at 1.003 K")]
+    assert "heater switches 2 times below and 4 above: the runs part at 2024-03-02 01:06:40 UTC" in words

@@ -10,7 +10,7 @@ from flightcal.problem import build_problem
 from flightcal.scenario import HalfNormal, LogNormal, Normal
 
 from .. import small
-from .problems import centre_at, formula_problem, samples
+from .problems import centre_at, formula_problem, samples, several
 
 POSITIVE = LogNormal(median=2.0, factor=1.5)
 
@@ -35,6 +35,28 @@ def test_a_linear_gaussian_problem_gives_the_exact_spectrum_and_widths():
     np.testing.assert_allclose(found.known_alone, 1.0 / np.sqrt(1.0 + np.diag(information)), rtol=1e-5)
     expected = covariance / np.sqrt(np.outer(np.diag(covariance), np.diag(covariance)))
     np.testing.assert_allclose(found.correlation, expected, atol=1e-5)
+
+
+def test_the_information_of_two_windows_is_the_sum_of_theirs():
+    priors = {name: Normal(mean=10.0, standard_deviation=2.0) for name in "abc"}
+    truth = dict.fromkeys(priors, 10.0)
+
+    def telling(matrix, seed):
+        return formula_problem(priors, lambda theta: 290.0 + matrix @ theta, truth, seed=seed)
+
+    one, other = telling(0.003 * shapes(3) * [1.0, 0.0, 1.0], 0), telling(0.003 * shapes(3, 1) * [0.0, 1.0, 1.0], 1)
+    both = several(one=one, other=other)
+    found = {}
+    for name, problem in {"one": one, "other": other, "both": both}.items():
+        centre = centre_at(problem, **truth)
+        found[name] = (identifiability(problem, centre.z, centre.hessian), centre.hessian - np.eye(3))
+    np.testing.assert_allclose(found["both"][1], found["one"][1] + found["other"][1], rtol=1e-9, atol=1e-9)
+    assert found["one"][0].combinations[0].names == ("b",)
+    assert found["other"][0].combinations[0].names == ("a",)
+    for alone in ("one", "other"):
+        assert (found["both"][0].information >= found[alone][0].information).all()
+        assert (found["both"][0].width <= found[alone][0].width * (1.0 + 1e-9)).all()
+    assert found["both"][0].information[0] > 10.0 * found["one"][0].information[0]
 
 
 def found_in(temperatures, names, truth=2.0):

@@ -1,7 +1,5 @@
 """Priors that reach the telemetry, and priors that do not."""
 
-from dataclasses import replace
-
 import numpy as np
 import pytest
 from scipy.stats import norm
@@ -9,7 +7,7 @@ from scipy.stats import norm
 from flightcal.check.prior_predictive import prior_predictive
 from flightcal.scenario import Normal
 
-from .problems import centre_at, formula_problem, samples
+from .problems import centre_at, formula_problem, observing, samples, several
 
 PRIORS = {"body": Normal(mean=0.0, standard_deviation=1.0), "panel": Normal(mean=0.0, standard_deviation=1.0)}
 EXACT = {"body": 0.0, "panel": 0.0}
@@ -34,13 +32,14 @@ def test_a_prior_around_the_truth_holds_the_telemetry_in_its_band_of_known_width
     assert [channel.inside for channel in found.channels] == [1.0, 1.0]
     assert [channel.reached for channel in found.channels] == [1.0, 1.0]
     assert found.pressed == ()
-    half = 0.5 * (found.quantiles[2] - found.quantiles[0]).mean()
+    (bands,) = found.bands
+    half = 0.5 * (bands.quantiles[2] - bands.quantiles[0]).mean()
     assert half == pytest.approx(1.96 * np.sqrt(1.0 + 0.1**2), rel=0.04)
 
 
 def test_a_channel_that_the_prior_cannot_reach_is_named_with_side_and_distance(problem):
-    observed = problem.observed + np.array([0.0, -6.0])
-    far = replace(problem, observed=observed)
+    observed = problem.windows[0].observed + np.array([0.0, -6.0])
+    far = observing(problem, observed)
     found = found_for(far, centre_at(far, body=0.0, panel=-5.9))
     body, panel = found.channels
     assert body.reached == 1.0
@@ -68,4 +67,20 @@ def test_failed_simulations_are_counted_and_left_out(problem):
     runs[::4] = [None] * 10
     found = prior_predictive(problem, (draws, runs), centre_at(problem, **EXACT), 0)
     assert (found.draws, found.failed) == (40, 10)
-    assert np.isfinite(found.quantiles).all()
+    assert np.isfinite(found.bands[0].quantiles).all()
+
+
+def test_telemetry_out_of_reach_in_one_of_two_windows_is_that_windows(problem):
+    far = observing(problem, problem.windows[0].observed + np.array([0.0, -6.0]))
+    both = several(near=problem, far=far)
+    found = found_for(both, centre_at(both, **EXACT), 400)
+    reached = {(channel.window, channel.channel): channel.reached for channel in found.channels}
+    assert reached == {
+        ("near", "body_temp"): 1.0,
+        ("near", "panel_temp"): 1.0,
+        ("far", "body_temp"): 1.0,
+        ("far", "panel_temp"): 0.0,
+    }
+    alone = found_for(problem, centre_at(problem, **EXACT), 400)
+    np.testing.assert_allclose(found.bands[0].model, alone.bands[0].model)
+    np.testing.assert_allclose(found.bands[1].model, alone.bands[0].model)

@@ -18,7 +18,7 @@ def test_the_profile_of_a_linear_problem_is_its_marginal_parabola():
     flat = matrix.reshape(-1, 3) / NOISE
     precision = flat.T @ flat + np.eye(3) / 4.0
     covariance = np.linalg.inv(precision)
-    mean = covariance @ flat.T @ ((problem.observed - 290.0).ravel() / NOISE)
+    mean = covariance @ flat.T @ ((problem.windows[0].observed - 290.0).ravel() / NOISE)
     found = profile(problem, centre_at(problem, **dict(zip("abc", mean, strict=True))), "a")
     deviation = np.sqrt(covariance[0, 0])
     np.testing.assert_allclose(found.log_density, -0.5 * ((found.theta - mean[0]) / deviation) ** 2, atol=1e-4)

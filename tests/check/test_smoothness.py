@@ -13,7 +13,7 @@ from flightcal.scenario import Normal
 from flightcal.simulator.system import Switch
 
 from .. import small
-from .problems import NOISE, centre_at, formula_problem, samples
+from .problems import NOISE, centre_at, formula_problem, observing, samples, several
 
 PRIORS = {"level": Normal(mean=1.0, standard_deviation=1.0), "slope": Normal(mean=0.0, standard_deviation=1.0)}
 EDGE = 1.003
@@ -58,12 +58,22 @@ def test_a_jump_is_found_at_its_place_with_its_size_and_its_cause(told):
         assert jump.heater == ""
 
 
+def test_a_jump_of_one_of_two_windows_is_found_with_its_window():
+    level = {"level": 1.0, "slope": 0.0}
+    smooth = formula_problem(PRIORS, lambda t: 290.0 + t[0] * np.ones((samples(), 2)), level, heaters=("heater",))
+    both = several(smooth=smooth, jumping=problem_with_a_step(told=True))
+    (jump,) = scan_all(both, centre_at(both, **level), THOROUGH)[0].jumps
+    assert jump.theta == pytest.approx(EDGE, abs=1e-7)
+    assert (jump.window, jump.heater, jump.seconds, jump.switches) == ("jumping", "heater", 4000.0, (2, 4))
+
+
 def test_a_jump_against_a_steep_slope_is_found():
     deviation = NOISE / np.sqrt(2 * samples())
     edge = 1.0 + 2.53 * deviation
     # Two and a half deviations off the log density falls by 0.25 nats from point to point; the jump lifts it by 0.2.
     problem = problem_with_a_step(told=False, edge=edge, step=-0.08 * deviation)
-    problem = replace(problem, observed=problem.observed - problem.observed.mean() + 291.0)
+    observed = problem.windows[0].observed
+    problem = observing(problem, observed - observed.mean() + 291.0)
     (jump,) = scan_all(problem, centre_at(problem, level=1.0, slope=0.0), THOROUGH)[0].jumps
     assert jump.theta == pytest.approx(edge, abs=1e-7)
     assert jump.nats == pytest.approx(0.2, abs=0.01)
@@ -113,9 +123,9 @@ def without_heater(folder, on_below="-150 degC"):
     return build_problem(*small.closed_loop(folder, written, noise=0.3))
 
 
-def coldest(run):
+def coldest(runs):
     """The body's lowest temperature in the middle of a run, K: the vertex of a parabola through its lowest samples."""
-    body = run.temperatures[:, 0]
+    body = runs[0].temperatures[:, 0]
     lowest = 30 + int(np.argmin(body[30:150]))
     rise = np.polyfit([-1.0, 0.0, 1.0], body[lowest - 1 : lowest + 2], 2)
     return np.polyval(rise, -0.5 * rise[1] / rise[0])
@@ -155,7 +165,7 @@ def grazing(tmp_path_factory):
     theta = np.array([({"initial.body": 285.0, "initial.panel": 262.0} | truth)[name] for name in cold.names])
     threshold = coldest(cold.simulate(theta)) - MARGIN
     problem = without_heater(tmp_path_factory.mktemp("grazing"), f"{threshold - 273.15:.9f} degC")
-    problem = replace(problem, observed=cold.observed, open_loop=None)
+    problem = replace(observing(problem, cold.windows[0].observed), open_loop=None)
     return problem, cold, centre_at(problem, **{name: truth[name] for name in problem.names}), threshold
 
 
@@ -174,7 +184,7 @@ def test_a_thermostat_that_is_grazed_is_found_where_the_body_touches_its_thresho
     assert nearest.place == pytest.approx(expected, abs=0.05)
     assert nearest.heater == "heater"
     assert abs(nearest.switches[1] - nearest.switches[0]) >= 1
-    body = cold.simulate(cold.to_theta(centre.z + expected * along)).temperatures[:, 0]
+    body = cold.simulate(cold.to_theta(centre.z + expected * along))[0].temperatures[:, 0]
     assert nearest.seconds == pytest.approx(60.0 * (30 + np.argmin(body[30:150])), abs=120.0)
     assert abs(nearest.nats) > 1.0
 

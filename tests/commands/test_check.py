@@ -2,7 +2,9 @@
 
 import json
 import re
+from html import unescape
 
+import numpy as np
 import pytest
 from typer.testing import CliRunner
 
@@ -97,6 +99,46 @@ def test_what_is_the_users_to_mend_is_a_message(folder, tmp_path):
     assert "--profile lnk: expected one of link, panel_size" in found.output
 
 
+TWO = {
+    "first": {"start": "2024-03-01T00:00:00", "end": "2024-03-01T01:30:00"},
+    "second": {"start": "2024-03-01T02:10:00", "end": "2024-03-01T03:20:00"},
+}
+
+
+def test_two_training_windows_are_checked_together_in_either_order(tmp_path):
+    found = []
+    for number, labels in enumerate((("first", "second"), ("second", "first"))):
+        written = small.content()
+        written["windows"]["train"] = {label: TWO[label] for label in labels}
+        folder = tmp_path / str(number)
+        folder.mkdir()
+        summary = check_scenario(written_to(folder, written), folder / "run")
+        assert summary.passed
+        page = summary.page.read_text()
+        # Bands of each window, four of identifiability, sensitivities, a scan of each of eight parameters.
+        assert page.count('class="plot"') == 2 + 4 + 1 + 8
+        assert "body_temp in 'second'" in unescape(page)
+        # 400 draws, 256 (7 + 2) of the Sobol indices and 61 points along each of 8 parameters, in each of two windows.
+        assert f"about {2 * (400 + 256 * 9 + 61 * 8)} simulations" in page
+        found.append(json.loads((folder / "run" / "check.json").read_text()))
+    # Sensitivities are sampled along theta's entries in their order, which is that of the windows.
+    sampled = "Over the whole prior the likelihood depends most on"
+    states = [
+        {finding["title"]: finding["state"] for finding in content["findings"] if sampled not in finding["title"]}
+        for content in found
+    ]
+    assert len(states[0]) > 2
+    assert states[0] == states[1]
+    totals = [
+        dict(zip(content["sensitivity"]["names"], content["sensitivity"]["indices"]["total"][-1], strict=True))
+        for content in found
+    ]
+    assert totals[0] == pytest.approx(totals[1], abs=0.1)
+    information = [content["identifiability"]["information"] for content in found]
+    np.testing.assert_allclose(information[0], information[1], rtol=0.01)
+    assert set(found[0]["examined_at"]["theta"]) >= {"initial.first.body", "initial.second.body"}
+
+
 COUNTED = """
 import {module} as np
 from pathlib import Path
@@ -109,14 +151,23 @@ def simulate(inputs, times, start):
 """
 
 
-def external(folder, gradient):
+def external(folder, gradient, **changes):
     """A Python function that writes down that it was called, and telemetry near what it gives."""
     (folder / "model.py").write_text(COUNTED.format(module="jax.numpy" if gradient == "jax" else "numpy"))
-    return scenes.write(folder, scenes.written({"callable": {"file": "model.py", "gradient": gradient}}))
+    return scenes.write(folder, scenes.written({"callable": {"file": "model.py", "gradient": gradient}}, **changes))
 
 
-def test_a_simulator_without_derivatives_is_checked_within_the_budget_that_is_stated(tmp_path):
-    summary = check_scenario(external(tmp_path, "none"), tmp_path / "run", runs=90)
+TWO_SHORT = {
+    "train": {
+        "first": {"start": "2024-03-01T00:00:00", "end": "2024-03-01T00:31:00"},
+        "second": {"start": "2024-03-01T01:00:00", "end": "2024-03-01T01:31:00"},
+    }
+}
+
+
+@pytest.mark.parametrize("windows", [{}, TWO_SHORT], ids=["one", "two"])
+def test_a_simulator_without_derivatives_is_checked_within_the_budget_that_is_stated(tmp_path, windows):
+    summary = check_scenario(external(tmp_path, "none", windows=windows), tmp_path / "run", runs=90)
     close_workers()
     runs = (tmp_path / "runs").read_text().count("run")
     stated = int(re.search(r"at most (\d+) runs", summary.page.read_text()).group(1))

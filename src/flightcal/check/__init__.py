@@ -4,7 +4,7 @@ Imports: calibration, emulation, errors, external, probability, problem, report,
 """
 
 from .centre import find_centre
-from .evaluate import THOROUGH, Effort, effort_for
+from .evaluate import THOROUGH, Effort, effort_for, runs_of_a_search
 from .findings import Checked, findings_of, verdict_of
 from .identifiability import identifiability
 from .page import render
@@ -25,6 +25,7 @@ __all__ = [
     "prior_predictive",
     "profile",
     "render",
+    "runs_of_a_search",
     "sensitivity",
     "smoothness",
     "verdict_of",

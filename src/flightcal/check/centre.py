@@ -9,12 +9,12 @@ from typing import Any, cast
 import numpy as np
 
 from ..calibration import climb, find_mode, with_residual_noise
-from ..emulation import needs_emulator, simulated_priors
+from ..emulation import needs_emulator
 from ..errors import FlightcalError
 from ..probability import Priors
-from ..problem import Problem
+from ..problem import Problem, Window
 from ..simulator import FloatArray, SimulationFailure, Simulator, Trajectory
-from .evaluate import Runs, densities, mean_square
+from .evaluate import ManyRuns, densities
 
 _STEP = 0.1
 """Of z, for derivatives of a simulator without any: so long that the digits it prints do not matter."""
@@ -42,7 +42,7 @@ class Centre:
 
 def find_centre(
     problem: Problem,
-    prior_runs: tuple[FloatArray, Runs],
+    prior_runs: tuple[FloatArray, ManyRuns],
     searches: int,
     seed: int,
     say: Callable[[str], None] = lambda _: None,
@@ -116,23 +116,31 @@ class _Linear:
 
 
 def expanded(problem: Problem, z: FloatArray) -> Problem:
-    """The problem with its simulator expanded about z [d] by central differences, 2 s + 1 runs in one batch."""
-    columns = problem.simulated
-    steps = np.zeros((len(columns), len(z)))
-    steps[np.arange(len(columns)), columns] = _STEP
-    runs = problem.simulate_many(problem.to_theta(np.concatenate([z[None], z + steps, z - steps])))
+    """The problem with its simulators expanded about z [d] by central differences."""
+    theta = problem.to_theta(z)[None]
+    windows = tuple(_expanded(window, problem.at(window, theta)[0]) for window in problem.windows)
+    return replace(problem, windows=windows, open_loop=None)
+
+
+def _expanded(window: Window, theta: FloatArray) -> Window:
+    """A window expanded about its theta [q]; 2 s + 1 runs in one batch."""
+    simulator = window.simulator
+    priors = Priors(simulator.parameters, tuple(window.reads[name] for name in simulator.parameters))
+    z = priors.to_z(theta[window.simulated])
+    steps = _STEP * np.eye(len(z))
+    runs = simulator.simulate_many(priors.to_theta(np.concatenate([z[None], z + steps, z - steps])))
     if any(run is None for run in runs):
         raise FlightcalError("simulations next to the best of the prior's draws fail, so nothing can be said of it")
     temperatures = np.stack([cast(Trajectory, run).temperatures for run in runs])
-    above, below = temperatures[1 : len(columns) + 1], temperatures[len(columns) + 1 :]
+    above, below = temperatures[1 : len(z) + 1], temperatures[len(z) + 1 :]
     jacobian = np.moveaxis((above - below) / (2.0 * _STEP), 0, -1)
-    linear = _Linear(problem.simulator, simulated_priors(problem), z[columns], cast(Trajectory, runs[0]), jacobian)
-    return replace(problem, simulator=cast(Simulator, linear), open_loop=None)
+    linear = _Linear(simulator, priors, z, cast(Trajectory, runs[0]), jacobian)
+    return replace(window, simulator=cast(Simulator, linear))
 
 
-def _without_derivatives(problem: Problem, draws: FloatArray, runs: Runs, rounds: int) -> Centre:
+def _without_derivatives(problem: Problem, draws: FloatArray, runs: ManyRuns, rounds: int) -> Centre:
     """Gauss-Newton steps with differences, from the prior draw that is nearest to the telemetry."""
-    misfits = [np.inf if run is None else mean_square(problem.observed, run.temperatures) for run in runs]
+    misfits = [np.inf if own is None else float(np.nanmean(problem.residual(own) ** 2)) for own in runs]
     if not np.isfinite(misfits).any():
         raise FlightcalError("no simulation at the prior's draws finishes; see 'flightcal simulate'")
     z = problem.to_z(with_residual_noise(problem, draws[int(np.argmin(misfits))]))

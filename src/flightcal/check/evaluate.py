@@ -4,16 +4,18 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable
-from dataclasses import dataclass, replace
-from typing import Any, cast
+from dataclasses import dataclass
 
 import numpy as np
 
 from ..external import ExternalSimulator
-from ..problem import Problem
-from ..simulator import FloatArray, SimulationFailure, Simulator, Trajectory
+from ..problem import Problem, Runs
+from ..simulator import FloatArray
 
 _BATCH = 512
+
+ManyRuns = list[Runs | None]
+"""Of each window at many points; None where a simulation failed."""
 
 Advance = Callable[[float], None]
 """Is told which share (0..1) of a part is done."""
@@ -44,51 +46,30 @@ def effort_for(problem: Problem, runs: int) -> Effort:
 
     A third of the budget each for the prior's draws, for the scans, and for a mode without derivatives.
     """
-    if not isinstance(problem.simulator, ExternalSimulator):
+    if not any(isinstance(window.simulator, ExternalSimulator) for window in problem.windows):
         return THOROUGH
-    part, dimension = runs // 3, len(problem.simulated)
-    scan = 2 * (max(part // dimension, 5) // 2) + 1
-    searches = min(max((part - 2 * dimension) // (2 * dimension + 5), 1), 3)
-    return Effort(draws=max(part, 8), base=0, scan=scan, locate=False, searches=searches)
+    part, count = runs // 3, len(problem.windows)
+    scan = 2 * (max(part // (len(problem.simulated) * count), 5) // 2) + 1
+    searches = min(max((part + 5 * count) // runs_of_a_search(problem) - 1, 1), 3)
+    return Effort(draws=max(part // count, 8), base=0, scan=scan, locate=False, searches=searches)
 
 
-class _Given:
-    """A simulator that has made some runs already; all else is the simulator's own."""
-
-    def __init__(self, simulator: Simulator, runs: dict[bytes, Trajectory | None]) -> None:
-        self._simulator = simulator
-        self._runs = runs
-
-    def __getattr__(self, name: str) -> Any:
-        return getattr(self._simulator, name)
-
-    def simulate(self, theta: FloatArray) -> Trajectory:
-        """The run at theta [d]."""
-        key = theta.tobytes()
-        if key not in self._runs:
-            return self._simulator.simulate(theta)
-        run = self._runs[key]
-        if run is None:
-            raise SimulationFailure("the simulation at this point failed")
-        return run
+def runs_of_a_search(problem: Problem) -> int:
+    """Runs of the simulator that a Gauss-Newton step by differences takes, and what is tried along it."""
+    return sum(2 * len(window.simulated) + 5 for window in problem.windows)
 
 
-Runs = list[Trajectory | None]
-
-
-def densities(problem: Problem, z: FloatArray, runs: Runs | None = None) -> tuple[FloatArray, Runs]:
+def densities(problem: Problem, z: FloatArray, runs: ManyRuns | None = None) -> tuple[FloatArray, ManyRuns]:
     """Log densities [S] at z [S, d], -inf where a simulation fails, and the simulations themselves.
 
     runs: the simulations, where they have been made.
     """
-    thetas = problem.to_theta(z)
-    runs = problem.simulate_many(thetas) if runs is None else runs
-    made = {theta[problem.simulated].tobytes(): run for theta, run in zip(thetas, runs, strict=True)}
-    given = replace(problem, simulator=cast(Simulator, _Given(problem.simulator, made)))
-    return np.array([given.log_density(row) for row in z]), runs
+    runs = problem.simulate_many(problem.to_theta(z)) if runs is None else runs
+    values = [-np.inf if own is None else problem.log_density(row, own) for row, own in zip(z, runs, strict=True)]
+    return np.array(values), runs
 
 
-def log_likelihoods(problem: Problem, z: FloatArray, runs: Runs | None = None) -> tuple[FloatArray, Runs]:
+def log_likelihoods(problem: Problem, z: FloatArray, runs: ManyRuns | None = None) -> tuple[FloatArray, ManyRuns]:
     """As `densities`, without the priors' share."""
     values, runs = densities(problem, z, runs)
     return values - problem.priors.at(z).log_density, runs
@@ -99,23 +80,19 @@ def in_batches(count: int) -> list[slice]:
     return [slice(first, min(first + _BATCH, count)) for first in range(0, count, _BATCH)]
 
 
-def signature(run: Trajectory | None, heaters: int) -> tuple[int, ...]:
+def signature(runs: Runs | None, heaters: int) -> tuple[int, ...]:
     """How often each heater switches, its first switch on or off: a run that grazes a threshold changes it.
 
-    (-1,) where the run failed. The order in which different heaters switch is left out: it matters to nothing.
+    (-1,) where a run failed. The order in which different heaters switch is left out: it matters to nothing.
     """
-    if run is None:
+    if runs is None:
         return (-1,)
     counted: list[int] = []
-    for heater in range(heaters):
-        on = run.switches.on[run.switches.heater == heater]
-        counted += [len(on), int(on[0]) if len(on) else 0]
+    for run in runs:
+        for heater in range(heaters):
+            on = run.switches.on[run.switches.heater == heater]
+            counted += [len(on), int(on[0]) if len(on) else 0]
     return tuple(counted)
-
-
-def mean_square(observed: FloatArray, temperatures: FloatArray) -> float:
-    """Of the residuals over all valid samples, K^2."""
-    return float(np.nanmean((observed - temperatures) ** 2))
 
 
 def spread_in_z(problem: Problem) -> FloatArray:

@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 import plotly.graph_objects as go
 
-from ..problem import Problem
+from ..problem import Window
 from ..report import (
     BAND,
     CELSIUS,
@@ -32,7 +32,7 @@ from ..report import (
     time_canvas,
 )
 from .identifiability import UNTOLD, Identifiability
-from .prior_predictive import PriorPredictive
+from .prior_predictive import Bands
 from .profile import DROP, Profile
 from .sensitivity import Sensitivity
 from .smoothness import Scan
@@ -166,13 +166,13 @@ def _small(figure: go.Figure, info: ParameterInfo, span: list[float]) -> go.Figu
     return figure
 
 
-def figure_predictive(problem: Problem, found: PriorPredictive) -> go.Figure:
-    """Telemetry over the prior's bands, one plot a channel."""
-    channels = problem.simulator.channels
+def figure_predictive(window: Window, found: Bands) -> go.Figure:
+    """Telemetry of a window over the prior's bands, one plot a channel."""
+    channels = window.simulator.channels
     figure = time_canvas(list(channels), [CHANNEL_HEIGHT] * len(channels))
     for k in range(len(channels)):
         columns = [row[:, k] + CELSIUS for row in (*found.quantiles, *found.model)]
-        time, columns = break_lines(problem.times, extremes(columns, _BINS), columns)
+        time, columns = break_lines(window.times, extremes(columns, _BINS), columns)
         for name, low, high, colour in (
             ("95% of the prior, noise and discrepancy included", columns[0], columns[2], BAND),
             ("99% of the simulations", columns[3], columns[4], MODEL_BAND),
@@ -186,12 +186,12 @@ def figure_predictive(problem: Problem, found: PriorPredictive) -> go.Figure:
             figure, k + 1, time, columns[1], "prior's median", mode="lines",
             line={"color": STOCHASTIC, "width": 1.6}, hovertemplate="%{y:.2f} °C",
         )  # fmt: skip
-        seen = np.flatnonzero(problem.valid[:, k])
+        seen = np.flatnonzero(window.valid[:, k])
         if len(seen):
-            values = problem.observed[seen, k] + CELSIUS
+            values = window.observed[seen, k] + CELSIUS
             kept = extremes([values], 3 * _BINS)
             scatter(
-                figure, k + 1, problem.times[seen[kept]], values[kept], "telemetry", mode="markers",
+                figure, k + 1, window.times[seen[kept]], values[kept], "telemetry", mode="markers",
                 marker={"color": TELEMETRY, "size": 3.5}, hovertemplate="%{y:.2f} °C",
             )  # fmt: skip
         figure.update_yaxes(title_text="temperature, °C", row=k + 1)

@@ -44,14 +44,18 @@ class Checked:
     sensitivity: Sensitivity
     smoothness: Smoothness
     profiles: tuple[Profile, ...]
-    start: np.datetime64
-    """Of the window, UTC."""
+    starts: dict[str, np.datetime64]
+    """Of each window by its label, UTC."""
     budget: str
     """What was spent, in words."""
 
     def info(self, name: str) -> ParameterInfo:
         """How a parameter is shown."""
         return next(info for info in self.infos if info.name == name)
+
+    def named(self, name: str, window: str) -> str:
+        """A channel or a heater in a window, which is named where there are several."""
+        return name if len(self.starts) == 1 else f"{name} in '{window}'"
 
     def value(self, name: str, theta: float) -> str:
         """A value of a parameter with its unit, as it is shown."""
@@ -101,12 +105,12 @@ def _reach(checked: Checked) -> list[Finding]:
     missed = [c for c in predictive.channels if c.reached < _REACHED]
     partly = [c for c in predictive.channels if _REACHED <= c.reached < _MOSTLY]
     details = tuple(
-        f"{c.channel}: {percent(c.reached)} of the telemetry is reached; at most it is {number(abs(c.beyond), 3)} K "
-        f"{'above' if c.beyond > 0 else 'below'} all that the prior gives."
+        f"{checked.named(c.channel, c.window)}: {percent(c.reached)} of the telemetry is reached; at most it is "
+        f"{number(abs(c.beyond), 3)} K {'above' if c.beyond > 0 else 'below'} all that the prior gives."
         for c in (*missed, *partly)
     )
     if missed:
-        names = listed([c.channel for c in missed])
+        names = listed([checked.named(c.channel, c.window) for c in missed])
         text = (
             "No parameters that the prior holds likely bring the simulator there, whatever the noise. "
             "Look for a wrong unit, offset or load in the model first; then widen the priors of what drives "
@@ -114,19 +118,20 @@ def _reach(checked: Checked) -> list[Finding]:
         )
         found.append(Finding("bad", f"The prior cannot reach the telemetry of {names}", text, details))
     elif partly:
-        names = listed([c.channel for c in partly])
+        names = listed([checked.named(c.channel, c.window) for c in partly])
         text = "The model, or a prior that is too narrow, leaves parts of the telemetry out."
         found.append(Finding("warn", f"The prior does not reach all telemetry of {names}", text, details))
     out = [heater for heater in predictive.heaters if not heater.reached]
     if out:
+        names = listed([checked.named(h.heater, h.window) for h in out])
         found.append(
             Finding(
                 "warn",
-                f"The prior does not reach the duty cycle of {listed([heater.heater for heater in out])}",
+                f"The prior does not reach the duty cycle of {names}",
                 "Power, thresholds or losses may be off.",
                 tuple(
-                    f"{h.heater}: on for {percent(h.observed)} of the time, the prior gives {percent(h.lower)} to "
-                    f"{percent(h.upper)}." for h in out
+                    f"{checked.named(h.heater, h.window)}: on for {percent(h.observed)} of the time, the prior gives "
+                    f"{percent(h.lower)} to {percent(h.upper)}." for h in out
                 ),
             )
         )  # fmt: skip
@@ -139,7 +144,8 @@ def _reach(checked: Checked) -> list[Finding]:
         found.append(Finding("warn", title, text))
     if not found:
         lowest = min(predictive.channels, key=lambda c: c.inside)
-        share = "All" if lowest.inside == 1.0 else f"At least {percent(lowest.inside)} ({lowest.channel})"
+        where = checked.named(lowest.channel, lowest.window)
+        share = "All" if lowest.inside == 1.0 else f"At least {percent(lowest.inside)} ({where})"
         text = (
             f"{share} of each channel's telemetry lies inside the prior's 95% band, and no parameter is pulled to the "
             f"outer {EDGE:.0%} of its prior."
@@ -330,7 +336,7 @@ def jump_words(checked: Checked, jump: Jump) -> str:
     )
     if not jump.heater:
         return words + "."
-    time = checked.start + np.timedelta64(round(1e3 * jump.seconds), "ms")
+    time = checked.starts[jump.window] + np.timedelta64(round(1e3 * jump.seconds), "ms")
     moment = str(np.datetime_as_string(time, unit="s")).replace("T", " ")
     below, above = jump.switches
     return f"{words}; {jump.heater} switches {below} times below and {above} above: the runs part at {moment} UTC."

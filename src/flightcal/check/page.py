@@ -20,6 +20,7 @@ from ..report import (
     block,
     compose,
     figure_correlation,
+    listed,
     number,
     percent,
 )
@@ -37,7 +38,7 @@ def render(checked: Checked, problem: Problem, findings: list[Finding], folder: 
     content = [
         Section("prior", "Prior predictive", _prior(checked, problem)),
         Section("identifiability", "Identifiability", _identifiability(checked)),
-        Section("sensitivity", "Sensitivity", _sensitivity(checked)),
+        Section("sensitivity", "Sensitivity", _sensitivity(checked, problem)),
         Section("smoothness", "Smoothness", _smoothness(checked)),
         *([Section("profiles", "Profiles", _profiles(checked))] if checked.profiles else []),
     ]
@@ -47,12 +48,18 @@ def render(checked: Checked, problem: Problem, findings: list[Finding], folder: 
 def _prior(checked: Checked, problem: Problem) -> list[Block]:
     predictive = checked.predictive
     rows = [
-        [c.channel, percent(c.inside), Cell(percent(c.reached), _state(c.reached)), _beyond(c.beyond)]
+        [
+            checked.named(c.channel, c.window),
+            percent(c.inside),
+            Cell(percent(c.reached), _state(c.reached)),
+            _beyond(c.beyond),
+        ]
         for c in predictive.channels
     ]
+    names = [f"“{window.name}”" for window in problem.windows]
     blocks = [
         block.text(
-            f"{predictive.draws} draws from the priors, simulated, against the telemetry of “{problem.window}”. "
+            f"{predictive.draws} draws from the priors, simulated, against the telemetry of {listed(names)}. "
             "What the simulator can reach with the prior is the 99% band of its simulations, widened by twice the "
             "least noise that the prior holds plausible.",
         ),
@@ -66,11 +73,14 @@ def _prior(checked: Checked, problem: Problem) -> list[Block]:
     ]  # fmt: skip
     if predictive.heaters:
         heaters = [
-            [h.heater, percent(h.observed), f"{percent(h.lower)} to {percent(h.upper)}"] for h in predictive.heaters
+            [checked.named(h.heater, h.window), percent(h.observed), f"{percent(h.lower)} to {percent(h.upper)}"]
+            for h in predictive.heaters
         ]
         header = ("heater", "duty cycle in telemetry", "prior's 95%")
         blocks.append(block.table(Table(header, heaters, range(1, 3))))
-    blocks.append(block.figure(draw.figure_predictive(problem, predictive), "Telemetry over the prior's bands."))
+    for name, window, bands in zip(names, problem.windows, predictive.bands, strict=True):
+        caption = f"Telemetry {f'of {name} ' if len(names) > 1 else ''}over the prior's bands."
+        blocks.append(block.figure(draw.figure_predictive(window, bands), caption))
     return blocks
 
 
@@ -112,11 +122,11 @@ def _identifiability(checked: Checked) -> list[Block]:
     return blocks
 
 
-def _sensitivity(checked: Checked) -> list[Block]:
+def _sensitivity(checked: Checked, problem: Problem) -> list[Block]:
     found = checked.sensitivity
     kind = "total" if np.isfinite(found.indices.total).any() else "first-order"
     error = found.indices.total_error if kind == "total" else found.indices.first_error
-    units = ["K"] * len(checked.predictive.channels) + ["of the time"] * len(checked.predictive.heaters)
+    units = ["K"] * len(problem.channels) + ["of the time"] * len(problem.heaters)
     moved = [f"{number(float(d), 3)} {u}" for d, u in zip(found.deviation, units, strict=False)]
     rows = [[output, text] for output, text in zip(found.outputs, moved, strict=False)]
     return [

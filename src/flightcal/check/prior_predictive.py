@@ -2,14 +2,15 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
 
-from ..problem import Problem
-from ..simulator import FloatArray
+from ..problem import Problem, Window
+from ..simulator import FloatArray, Trajectory
 from .centre import Centre
-from .evaluate import Runs
+from .evaluate import ManyRuns
 
 BAND = 0.95
 _WHOLE = 0.99
@@ -22,8 +23,10 @@ EDGE = 0.01
 
 @dataclass(frozen=True)
 class ChannelReach:
-    """Telemetry of a channel against the prior."""
+    """Telemetry of a channel in one window against the prior."""
 
+    window: str
+    """Its label."""
     channel: str
     inside: float
     """Share inside the 95% band of the prior predictive distribution, noise and discrepancy included."""
@@ -35,8 +38,10 @@ class ChannelReach:
 
 @dataclass(frozen=True)
 class HeaterReach:
-    """Duty cycle of a heater against the prior's 95%."""
+    """Duty cycle of a heater in one window against the prior's 95%."""
 
+    window: str
+    """Its label."""
     heater: str
     observed: float
     """NaN where the status is not measured."""
@@ -61,71 +66,100 @@ class Pressed:
 
 
 @dataclass(frozen=True)
+class Bands:
+    """What the prior gives in one window."""
+
+    quantiles: FloatArray
+    """[3, T, N] K: lower edge of the 95% band, median, upper edge; noise and discrepancy included."""
+    model: FloatArray
+    """[2, T, N] K: the 99% band of the simulations themselves, and twice the least noise."""
+
+
+@dataclass(frozen=True)
 class PriorPredictive:
     """What the prior gives, and where telemetry is beside it."""
 
     draws: int
     failed: int
-    quantiles: FloatArray
-    """[3, T, N] K: lower edge of the 95% band, median, upper edge; noise and discrepancy included."""
-    model: FloatArray
-    """[2, T, N] K: the 99% band of the simulations themselves, and twice the least noise."""
+    bands: tuple[Bands, ...]
+    """Of each window."""
     channels: tuple[ChannelReach, ...]
     heaters: tuple[HeaterReach, ...]
     pressed: tuple[Pressed, ...]
 
 
 def prior_predictive(
-    problem: Problem, prior_runs: tuple[FloatArray, Runs], centre: Centre, seed: int
+    problem: Problem, prior_runs: tuple[FloatArray, ManyRuns], centre: Centre, seed: int
 ) -> PriorPredictive:
     """Bands and shares of the prior's draws; prior_runs: thetas [S, d] and their simulations."""
     thetas, runs = prior_runs
-    whole = np.array([run is not None for run in runs])
-    finished = [run for run in runs if run is not None]
-    temperatures = np.stack([run.temperatures for run in finished])
+    whole = np.array([own is not None for own in runs])
     rng = np.random.default_rng(seed)
-    predicted = temperatures + np.stack([problem.draw_errors(theta, rng) for theta in thetas[whole]])
+    quiet = problem.priors.quantile(_QUIET)[None]
+    bands: list[Bands] = []
+    channels: list[ChannelReach] = []
+    heaters: list[HeaterReach] = []
+    for k, window in enumerate(problem.windows):
+        of_window = [own[k] for own in runs if own is not None]
+        least = 2.0 * window.noise(problem.at(window, quiet)[0])
+        bands.append(_bands(window, of_window, problem.at(window, thetas[whole]), least, rng))
+        channels += _channels(window, bands[-1])
+        heaters += _heaters(window, np.stack([run.duty_cycle for run in of_window]))
+    return PriorPredictive(
+        draws=len(thetas),
+        failed=int((~whole).sum()),
+        bands=tuple(bands),
+        channels=tuple(channels),
+        heaters=tuple(heaters),
+        pressed=_pressed(problem, centre),
+    )
+
+
+def _bands(
+    window: Window, runs: Sequence[Trajectory], thetas: FloatArray, least: FloatArray, rng: np.random.Generator
+) -> Bands:
+    """runs: at thetas [S, q] of the window. least: [N] K, twice the least noise."""
+    temperatures = np.stack([run.temperatures for run in runs])
+    predicted = temperatures + np.stack([window.draw_errors(theta, rng) for theta in thetas])
     tail = 0.5 * (1.0 - BAND)
     quantiles = np.quantile(predicted, [tail, 0.5, 1.0 - tail], axis=0)
-    least = 2.0 * problem.noise(problem.priors.quantile(_QUIET))
     model = np.quantile(temperatures, [0.5 * (1.0 - _WHOLE), 0.5 * (1.0 + _WHOLE)], axis=0)
     model += least * np.array([-1.0, 1.0])[:, None, None]
-    channels = []
-    for k, channel in enumerate(problem.simulator.channels):
-        valid = problem.valid[:, k]
-        seen = problem.observed[valid, k]
-        above = seen - model[1, valid, k]
-        below = model[0, valid, k] - seen
+    return Bands(quantiles, model)
+
+
+def _channels(window: Window, bands: Bands) -> list[ChannelReach]:
+    found = []
+    for k, channel in enumerate(window.simulator.channels):
+        valid = window.valid[:, k]
+        seen = window.observed[valid, k]
+        above = seen - bands.model[1, valid, k]
+        below = bands.model[0, valid, k] - seen
         most_above, most_below = above.max(initial=0.0), below.max(initial=0.0)
-        inside = (seen >= quantiles[0, valid, k]) & (seen <= quantiles[2, valid, k])
-        channels.append(
+        inside = (seen >= bands.quantiles[0, valid, k]) & (seen <= bands.quantiles[2, valid, k])
+        found.append(
             ChannelReach(
+                window.label,
                 channel,
                 float(inside.mean()) if len(seen) else np.nan,
                 float(((above <= 0.0) & (below <= 0.0)).mean()) if len(seen) else np.nan,
                 float(most_above if most_above >= most_below else -most_below),
             )
         )
-    return PriorPredictive(
-        draws=len(thetas),
-        failed=int((~whole).sum()),
-        quantiles=quantiles,
-        model=model,
-        channels=tuple(channels),
-        heaters=_heaters(problem, np.stack([run.duty_cycle for run in finished])),
-        pressed=_pressed(problem, centre),
-    )
+    return found
 
 
-def _heaters(problem: Problem, duty: FloatArray) -> tuple[HeaterReach, ...]:
+def _heaters(window: Window, duty: FloatArray) -> list[HeaterReach]:
+    """duty: [S, H] of the simulations."""
     tail = 0.5 * (1.0 - BAND)
     found = []
-    for k, heater in enumerate(problem.simulator.heaters):
-        status = problem.status[:, k]
+    for k, heater in enumerate(window.simulator.heaters):
+        status = window.status[:, k]
         known = np.isfinite(status)
         lower, upper = np.quantile(duty[:, k], [tail, 1.0 - tail])
-        found.append(HeaterReach(heater, float(status[known].mean()) if known.any() else np.nan, lower, upper))
-    return tuple(found)
+        observed = float(status[known].mean()) if known.any() else np.nan
+        found.append(HeaterReach(window.label, heater, observed, lower, upper))
+    return found
 
 
 def _pressed(problem: Problem, centre: Centre) -> tuple[Pressed, ...]:

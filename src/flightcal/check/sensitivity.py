@@ -14,9 +14,9 @@ from dataclasses import dataclass
 import numpy as np
 from scipy.stats import norm, qmc, rankdata
 
-from ..problem import Problem
+from ..problem import Problem, Runs
 from ..simulator import FloatArray
-from .evaluate import Advance, Effort, Runs, in_batches, log_likelihoods
+from .evaluate import Advance, Effort, ManyRuns, in_batches, log_likelihoods
 
 LIKELIHOOD = "log likelihood"
 _HARMONICS = 6
@@ -45,7 +45,7 @@ class Sensitivity:
     names: tuple[str, ...]
     """[d] of what the simulator takes."""
     outputs: tuple[str, ...]
-    """[O] channels (RMS temperature change), heaters (duty cycle), the log likelihood (its rank)."""
+    """[O] channels (RMS temperature change), heaters (duty cycle), the log likelihood (its rank), over all windows."""
     deviation: FloatArray
     """[O] over the prior: K, share of the time, rank."""
     indices: Indices
@@ -64,14 +64,14 @@ def sensitivity(
     z: FloatArray,
     effort: Effort,
     seed: int,
-    prior_runs: tuple[FloatArray, Runs],
+    prior_runs: tuple[FloatArray, ManyRuns],
     advance: Advance = lambda _: None,
 ) -> Sensitivity:
     """Indices over the prior of what the simulator takes; noise levels and the like stay as at z [d].
 
     prior_runs: prior thetas [S, d] and their simulations, from which the indices come where `effort.base` is 0.
     """
-    reference = problem.simulate(problem.to_theta(z)).temperatures
+    reference = problem.simulate(problem.to_theta(z))
     columns = problem.simulated
 
     def whole(share: FloatArray) -> FloatArray:
@@ -102,7 +102,7 @@ def sensitivity(
         method = "first-order indices from the prior's draws (RBD-FAST)"
     return Sensitivity(
         names=tuple(problem.names[k] for k in columns),
-        outputs=(*problem.simulator.channels, *problem.simulator.heaters, LIKELIHOOD),
+        outputs=(*problem.channels, *problem.heaters, LIKELIHOOD),
         deviation=np.nanstd(outputs, axis=0),
         indices=indices,
         method=method,
@@ -173,13 +173,16 @@ def _share_of_harmonics(values: FloatArray, outputs: FloatArray) -> float:
     return float(share - bias / (1.0 - bias) * (1.0 - share))
 
 
-def _outputs(problem: Problem, reference: FloatArray, likelihoods: FloatArray, runs: Runs) -> FloatArray:
+def _outputs(problem: Problem, reference: Runs, likelihoods: FloatArray, runs: ManyRuns) -> FloatArray:
     """RMS temperature change of each channel, duty of each heater and log likelihood: [S, N + H + 1]."""
-    outputs = np.full((len(runs), reference.shape[1] + len(problem.simulator.heaters) + 1), np.nan)
-    for row, likelihood, run in zip(outputs, likelihoods, runs, strict=True):
-        if run is not None:
-            change = np.sqrt(np.mean((run.temperatures - reference) ** 2, axis=0))
-            row[:] = [*change, *run.duty_cycle, likelihood]
+    outputs = np.full((len(runs), len(problem.channels) + len(problem.heaters) + 1), np.nan)
+    spans = np.array([(window.times[-1] - window.times[0]) / np.timedelta64(1, "s") for window in problem.windows])
+    shares = spans / spans.sum()
+    for row, likelihood, own in zip(outputs, likelihoods, runs, strict=True):
+        if own is not None:
+            moved = [run.temperatures - base.temperatures for run, base in zip(own, reference, strict=True)]
+            change = np.sqrt(np.mean(np.concatenate(moved) ** 2, axis=0))
+            row[:] = [*change, *(shares @ np.stack([run.duty_cycle for run in own])), likelihood]
     return outputs
 
 

@@ -11,8 +11,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from ..problem import Problem
-from ..simulator import FloatArray, Trajectory
+from ..problem import Problem, Runs
+from ..simulator import FloatArray
 from .centre import Centre
 from .evaluate import Advance, Effort, densities, in_batches, signature
 
@@ -50,6 +50,8 @@ class Jump:
     """From the window's start to the first switch that differs; NaN where none does."""
     switches: tuple[int, int]
     """Of that heater, below and above the place."""
+    window: str
+    """Label of the window in which it does; empty where none does."""
 
 
 @dataclass(frozen=True)
@@ -111,7 +113,7 @@ def scan_all(problem: Problem, centre: Centre, effort: Effort, advance: Advance 
     marks: list[tuple[int, ...]] = []
     for part in in_batches(len(points)):
         flat[part], runs = densities(problem, points[part])
-        marks += [signature(run, len(problem.simulator.heaters)) for run in runs]
+        marks += [signature(own, len(problem.heaters)) for own in runs]
         advance(0.7 * part.stop / len(points))
     values = flat.reshape(len(names), -1)
     signatures = [marks[k * effort.scan : (k + 1) * effort.scan] for k in range(len(names))]
@@ -168,7 +170,7 @@ def _located(
     candidates = _candidates(values, signatures)
     if not candidates:
         return []
-    heaters = len(problem.simulator.heaters)
+    heaters = len(problem.heaters)
     scan, lower, slope = (np.array(column) for column in zip(*candidates, strict=True))
     ends = np.stack([place[lower], place[lower + 1]])
     heights = np.stack([values[scan, lower], values[scan, lower + 1]])
@@ -178,8 +180,8 @@ def _located(
         middle = ends.mean(axis=0)
         height, runs = densities(problem, centre.z + middle[:, None] * directions[:, scan].T)
         smooth = slope * (middle - ends[0]) / spacing
-        for c, run in enumerate(runs):
-            mark = signature(run, heaters)
+        for c, own in enumerate(runs):
+            mark = signature(own, heaters)
             lower_mark, upper_mark = marks[0][c], marks[1][c]
             if lower_mark != upper_mark and mark == upper_mark:
                 side = 1
@@ -198,42 +200,45 @@ def _located(
     thetas = problem.to_theta(points[0])
     jumps = []
     for row, c in enumerate(kept.tolist()):
-        heater, seconds, switches = _what_differs(below[row], above[row], heaters)
+        window, heater, seconds, switches = _what_differs(problem, below[row], above[row])
         jumps.append(
             Jump(
                 name=names[scan[c]],
                 place=float(ends[0, c]),
                 theta=float(thetas[row, problem.names.index(names[scan[c]])]),
                 nats=float(rise[c]),
-                heater=problem.simulator.heaters[heater] if heater >= 0 else "",
+                heater=heater,
                 seconds=seconds,
                 switches=switches,
+                window=window,
             )
         )
     return jumps
 
 
-def _what_differs(
-    below: Trajectory | None, above: Trajectory | None, heaters: int
-) -> tuple[int, float, tuple[int, int]]:
-    """The heater that switches another number of times (-1: none), when first, s, and how often on both sides.
+def _what_differs(problem: Problem, below: Runs | None, above: Runs | None) -> tuple[str, str, float, tuple[int, int]]:
+    """Window and heater that switches another number of times (empty: none), when first, s, how often on both sides.
 
     Of several the one whose switches differ first: what the others do follows from it.
     """
-    first = (-1, np.nan, (0, 0))
+    nothing = ("", "", np.nan, (0, 0))
     if below is None or above is None:
-        return first
-    for heater in range(heaters):
-        times = [np.asarray(run.switches.time)[run.switches.heater == heater] for run in (below, above)]
-        if len(times[0]) == len(times[1]):
-            continue
-        common = min(map(len, times))
-        apart = np.flatnonzero(np.abs(times[0][:common] - times[1][:common]) > _DRIFT)
-        k = int(apart[0]) if len(apart) else common
-        seconds = min(float(row[k]) for row in times if len(row) > k)
-        if first[0] < 0 or seconds < first[1]:
-            first = (heater, seconds, (len(times[0]), len(times[1])))
-    return first
+        return nothing
+    found = []
+    for window, *sides in zip(problem.windows, below, above, strict=True):
+        for number, heater in enumerate(problem.heaters):
+            times = [np.asarray(run.switches.time)[run.switches.heater == number] for run in sides]
+            if len(times[0]) == len(times[1]):
+                continue
+            common = min(map(len, times))
+            apart = np.flatnonzero(np.abs(times[0][:common] - times[1][:common]) > _DRIFT)
+            first = int(apart[0]) if len(apart) else common
+            seconds = min(float(row[first]) for row in times if len(row) > first)
+            found.append((window.times[0], seconds, window.label, heater, (len(times[0]), len(times[1]))))
+    if not found:
+        return nothing
+    _, seconds, label, heater, counts = min(found, key=lambda item: item[:2])
+    return label, heater, seconds, counts
 
 
 def check_gradient(
@@ -249,7 +254,6 @@ def check_gradient(
     moves = np.random.default_rng(seed).standard_normal((_POINTS - 1, dimension))
     around = centre.z + moves @ np.linalg.cholesky(centre.covariance).T
     deviation = 1.0 / np.sqrt(np.diag(centre.hessian))
-    heaters = len(problem.simulator.heaters)
     steps = np.array(_STEPS)
     offsets = np.concatenate([np.diag(step * deviation) for step in steps])
     worst: dict[int, GradientError] = {}
@@ -260,7 +264,7 @@ def check_gradient(
             continue
         points += 1
         values, runs = densities(problem, np.concatenate([z[None], z + offsets, z - offsets]))
-        marks = [signature(run, heaters) for run in runs]
+        marks = [signature(own, len(problem.heaters)) for own in runs]
         usable = np.array([mark == marks[0] for mark in marks[1:]]).reshape(2, len(steps), dimension)
         sides = values[1:].reshape(2, len(steps), dimension) - values[0]
         slopes = np.where(usable, sides / steps[:, None], np.nan) * np.array([1.0, -1.0])[:, None, None]

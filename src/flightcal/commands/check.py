@@ -21,12 +21,12 @@ from ..check import (
     prior_predictive,
     profile,
     render,
+    runs_of_a_search,
     sensitivity,
     smoothness,
     verdict_of,
 )
 from ..emulation import needs_emulator
-from ..environment import orbital_period
 from ..errors import FlightcalError, ScenarioError
 from ..problem import Problem, build_problem
 from ..report import Finding, read_run, write_page
@@ -62,7 +62,7 @@ def check_scenario(
     runs: int = RUNS,
     advance: Progress = lambda stage, share: None,
 ) -> CheckSummary:
-    """Check a scenario's (first) training window and write check.json and check.html into the folder `out`.
+    """Check a scenario on its training windows and write check.json and check.html into the folder `out`.
 
     profiles: parameters whose profile likelihood is wanted. runs: budget of a simulator that is not flightcal's own.
     The folder may be that of the calibration; the same check is not made twice. Raises FlightcalError for what is the
@@ -70,7 +70,7 @@ def check_scenario(
     """
     scenario = load_scenario(scenario_file, telemetry=telemetry)
     advance("reading telemetry", 0.0)
-    problem = build_problem(scenario, read(scenario), scenario.train_windows[0])
+    problem = build_problem(scenario, read(scenario))
     check_names(problem, list(profiles))
     if profiles and needs_emulator(problem):
         raise ScenarioError("--profile: found a simulator without derivatives, expected one with them")
@@ -122,8 +122,7 @@ def check(
         profile(problem, centre, name, lambda share, name=name: advance(f"profile of {name}", share))  # type: ignore[misc]
         for name in profiles
     )
-    scenario = problem.scenario
-    period = orbital_period(scenario.environment, scenario.folder)
+    spans = problem.scenario.windows
     return Checked(
         infos=infos,
         centre=centre,
@@ -132,18 +131,18 @@ def check(
         sensitivity=indices,
         smoothness=smooth,
         profiles=profiled,
-        start=window_bounds(scenario.windows[problem.window], period)[0],
+        starts={own.label: window_bounds(spans[own.name], own.period)[0] for own in problem.windows},
         budget=_budget(problem, effort),
     )
 
 
 def _budget(problem: Problem, effort: Effort) -> str:
     """What was spent, in words."""
-    dimension = len(problem.simulated)
+    dimension, windows = len(problem.simulated), len(problem.windows)
     if effort is THOROUGH:
-        runs = effort.draws + effort.base * (dimension + 2) + effort.scan * len(problem.names)
+        runs = windows * (effort.draws + effort.base * (dimension + 2) + effort.scan * len(problem.names))
         return f"about {runs} simulations besides the search of the mode, seed {problem.scenario.calibration.seed}"
-    most = effort.draws + effort.scan * dimension + (effort.searches + 1) * (2 * dimension + 5)
+    most = windows * (effort.draws + effort.scan * dimension) + (effort.searches + 1) * runs_of_a_search(problem)
     return f"at most {most} runs of the simulator, seed {problem.scenario.calibration.seed}"
 
 

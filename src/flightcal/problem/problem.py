@@ -159,12 +159,16 @@ class Problem:
 
     # --- the log density ----------------------------------------------------------------------------------------
 
-    def log_density(self, z: FloatArray) -> float:
-        """Log posterior density (up to a constant) at z [d]; -inf where a simulation fails."""
+    def log_density(self, z: FloatArray, runs: Runs | None = None) -> float:
+        """Log posterior density (up to a constant) at z [d]; -inf where a simulation fails.
+
+        runs: the simulations at z, where they have been made.
+        """
         prior = self.priors.at(z)
         try:
             inside = [(window, own.theta) for window, own in self._inside(z, prior)]
-            runs = [window.simulate(theta) for window, theta in inside]
+            if runs is None:
+                runs = tuple(window.simulate(theta) for window, theta in inside)
             value = float(prior.log_density) + self._of_residuals(runs, [theta for _, theta in inside])[0]
             return value + sum(window.of_heaters(theta, run) for (window, theta), run in zip(inside, runs, strict=True))
         except SimulationFailure:
