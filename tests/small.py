@@ -12,6 +12,7 @@ import xarray as xr
 from ruamel.yaml import YAML
 
 from flightcal.environment import orbital_period
+from flightcal.probability import Priors
 from flightcal.scenario import Scenario, load_scenario
 from flightcal.simulator import NetworkSimulator, network_simulator
 from flightcal.telemetry import read_telemetry
@@ -172,3 +173,8 @@ def closed_loop(folder: Path, written: Mapping[str, Any] | None = None, **option
     """Scenario and telemetry made by its own model at `TRUTH`, thermostats acting."""
     scenario, data = load(folder, written)
     return scenario, telemetry_of(scenario, data, **options)
+
+
+def median(window: Any) -> Any:
+    """A theta of a window: the medians of the priors that it would give itself."""
+    return Priors(window.names, tuple(window.reads.values())).median()

@@ -57,7 +57,9 @@ def coverage(folder, seed):
     truth = {name: drawn[priors.names.index(name)] for name in scenario.parameters}
     data = small.telemetry_of(scenario, placeholder, noise=0.1, seed=seed, **truth)
     posterior = calibrate_nuts(build_problem(scenario, data), NUTS, seed)
-    predicted = {w: predict(scenario, data, w, {}, posterior.flat, seed=seed)[0] for w in ("train", "test")}
+    predicted = {
+        w: predict(build_problem(scenario, data), data, w, {}, posterior.flat, seed=seed)[0] for w in ("train", "test")
+    }
     return [
         metric.value
         for window, prediction in predicted.items()

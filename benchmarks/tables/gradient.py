@@ -142,11 +142,12 @@ def measure(quick: bool) -> Section:
     ]
     by_time = sorted((one.name for one in found if one.name.startswith("diffrax")), key=lambda n: timings[n].median)
     columns = ["", "one gradient", "over flightcal", "RMS, K", "max, K", "gradient differs by"]
+    (window,) = problem.windows
     return Section(
         "Gradient of the log density",
-        f"Two orbits, 8 nodes, 1 thermostat that switches {len(problem.windows[0].simulate(theta).switches.time)} times, "
+        f"Two orbits, 8 nodes, 1 thermostat that switches {len(window.simulate(theta).switches.time)} times, "
         f"{len(model.drive.times) - 1} grid steps, {len(problem.names)} parameters (10, and 8 initial temperatures), "
-        f"{problem.windows[0].observed.size} samples of telemetry. RMS and max: of the temperatures at the telemetry's times "
+        f"{window.observed.size} samples of telemetry. RMS and max: of the temperatures at the telemetry's times "
         "against SciPy's Radau with events (rtol 1e-10). The last column is the norm of the difference from "
         "flightcal's gradient, over the norm of that, a little off the parameters that the telemetry was made with.",
         [Table(columns, rows)],

@@ -102,9 +102,10 @@ def main(run: Path, flights: int) -> None:
         with tempfile.TemporaryDirectory() as folder:
             scenario = another_flight(flown, Path(folder), number)
             telemetry = read(scenario)
-        draws = posterior_draws(posterior, build_problem(scenario, telemetry).names, 300, seed=number)
+        problem = build_problem(scenario, telemetry)
+        draws = posterior_draws(posterior, problem.names, 300, seed=number)
         windows = [name for name in scenario.windows if name.startswith("test")]
-        predictions = [predict(scenario, telemetry, name, {}, draws, seed=number)[0] for name in windows]
+        predictions = [predict(problem, telemetry, name, {}, draws, seed=number)[0] for name in windows]
         duty += [duty_cycles(prediction) for prediction in predictions]
         found = [score(prediction, name) for prediction, name in zip(predictions, windows, strict=True)]
         for metric in ("picp", "mpiw", "crps"):

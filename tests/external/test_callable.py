@@ -240,7 +240,9 @@ def test_temperatures_and_duty_of_a_functions_test_window_are_predicted(tmp_path
     scenario = load_scenario(write(tmp_path, written(block, windows=test)))
 
     draws = np.tile(THETA, (4, 1))
-    result = predict(scenario, read(scenario), "test", {"point": THETA}, draws, seed=1)[0]
+    result = predict(build_problem(scenario, read(scenario)), read(scenario), "test", {"point": THETA}, draws, seed=1)[
+        0
+    ]
 
     inside = np.arange(40) * 60.0
     battery = 300 + THETA[1] / THETA[0] * (1 - np.exp(-THETA[0] * inside / 900))

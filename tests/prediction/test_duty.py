@@ -6,7 +6,7 @@ import pytest
 from flightcal.errors import RunError
 from flightcal.prediction import predict, window_errors
 from flightcal.prediction.duty import draw_duty_errors, duty_errors
-from flightcal.problem import build_problem
+from flightcal.problem import build_problem, build_window
 
 from .. import small
 
@@ -84,9 +84,9 @@ def test_a_new_windows_duty_is_off_as_in_training_where_residuals_have_a_model(t
     told = data["heater_status"].values.copy()
     told[: len(simulated)] = np.where(seconds // 2100 == 2, 1.0, simulated)  # on for all of the third of four orbits
     data["heater_status"].values[:] = told
-    train = predict(scenario, data, "train", {}, draws, seed=1)[0]
-    test = predict(scenario, data, "test", {}, draws, seed=1)[0]
-    own = build_problem(scenario, data, "test").simulate(draws[0])
+    train = predict(build_problem(scenario, data), data, "train", {}, draws, seed=1)[0]
+    test = predict(build_problem(scenario, data), data, "test", {}, draws, seed=1)[0]
+    own = build_window(scenario, data, "test").simulate(draws[0])
     spread = np.quantile(train["duty_cycle"], [0.025, 0.975]) - simulated.mean()
     assert np.abs(spread).max() < 0.02  # status of the training window is known
     error = 1.0 - simulated[seconds // 2100 == 2].mean()
@@ -104,7 +104,7 @@ def test_a_new_windows_duty_is_off_as_in_training_where_residuals_have_a_model(t
 def test_independent_noise_leaves_duty_as_it_is_simulated(tmp_path):
     scenario, data, _, draws = case(tmp_path, {"standard_deviation": "0.2 K"})
     data["heater_status"].values[:60] = 1.0
-    test, ensemble = predict(scenario, data, "test", {}, draws[:20], seed=1)
+    test, ensemble = predict(build_problem(scenario, data), data, "test", {}, draws[:20], seed=1)
     assert np.ptp(test["duty_cycle"].values) < 0.05
     assert test.attrs["duty_cycle_contains"] == "parameters, initial temperatures"
     np.testing.assert_array_equal(test["duty_cycle"], ensemble.duty_cycle)
@@ -113,7 +113,7 @@ def test_independent_noise_leaves_duty_as_it_is_simulated(tmp_path):
 def test_two_orbits_of_training_say_that_they_tell_too_little(tmp_path):
     scenario, data, _, draws = case(tmp_path, NOISE, minutes=70)
     data["heater_status"].values[:60] = 1.0
-    test = predict(scenario, data, "test", {}, draws[:20], seed=1)[0]
+    test = predict(build_problem(scenario, data), data, "test", {}, draws[:20], seed=1)[0]
     assert np.ptp(test["duty_cycle"].values) < 0.05
     assert test.attrs["duty_cycle_contains"].endswith("which takes 3 whole orbits of training to tell (here 2)")
 
@@ -122,7 +122,7 @@ def test_a_duty_cycle_stays_a_share(tmp_path):
     scenario, data, _, draws = case(tmp_path, NOISE)
     seconds = (data["time"].values - data["time"].values[0]) / np.timedelta64(1, "s")
     data["heater_status"].values[:] = seconds // 2100 % 2
-    duty = predict(scenario, data, "test", {}, draws, seed=1)[0]["duty_cycle"].values
+    duty = predict(build_problem(scenario, data), data, "test", {}, draws, seed=1)[0]["duty_cycle"].values
     assert duty.min() == 0.0
     assert duty.max() == 1.0
 
@@ -132,7 +132,7 @@ def test_the_simulation_that_telemetry_is_held_to_is_the_mean_of_the_draws_that_
     draws = draws[:6]
     draws[:, train.names.index("power")] += [0.0, 2.0, 4.0, -2.0, 8.0, 0.0]
     draws[5, train.names.index("initial.body")] = np.nan
-    errors = window_errors(build_problem(scenario, data, "test"), train, draws, 11)
+    errors = window_errors(train, build_window(scenario, data, "test"), draws, 11)
     status = np.mean([train.windows[0].simulate(theta).status for theta in draws[:5]], axis=0)
     seconds = (train.windows[0].times - train.windows[0].times[0]) / np.timedelta64(1, "s")
     assert len(errors.duty) == 4
@@ -143,4 +143,4 @@ def test_a_training_window_that_no_draw_can_simulate_is_a_clear_error(tmp_path):
     scenario, data, train, draws = case(tmp_path, NOISE)
     draws[:, train.names.index("initial.body")] = np.nan
     with pytest.raises(RunError, match="window 'test': 20 of 20 simulations failed"):
-        predict(scenario, data, "test", {}, draws[:20], seed=1)
+        predict(build_problem(scenario, data), data, "test", {}, draws[:20], seed=1)

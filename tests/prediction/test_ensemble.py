@@ -9,7 +9,7 @@ from flightcal.errors import RunError
 from flightcal.prediction import crps_of_draws, probability_below, propagate
 from flightcal.prediction.ensemble import duration
 from flightcal.prediction.errors import Drawn
-from flightcal.problem import build_problem
+from flightcal.problem import build_window
 
 from .. import small
 
@@ -18,7 +18,7 @@ from .. import small
 def problem(tmp_path_factory):
     written = small.content()
     written["windows"]["train"]["end"] = "2024-03-01T01:15:00"
-    return build_problem(*small.closed_loop(tmp_path_factory.mktemp("ensemble"), written))
+    return build_window(*small.closed_loop(tmp_path_factory.mktemp("ensemble"), written), "train")
 
 
 def thetas_of(problem, count, **spread):
@@ -32,7 +32,7 @@ def thetas_of(problem, count, **spread):
 
 def test_equal_thetas_leave_the_noise_alone_in_the_interval(problem):
     ensemble = propagate(problem, thetas_of(problem, 1500), 0.9, np.random.default_rng(1))
-    run = problem.windows[0].simulate(thetas_of(problem, 1)[0])
+    run = problem.simulate(thetas_of(problem, 1)[0])
     np.testing.assert_allclose(ensemble.mean, run.temperatures, atol=1e-9)
     for bound in (ensemble.model_lower, ensemble.model_upper):
         np.testing.assert_allclose(bound, run.temperatures, atol=1e-9)
@@ -46,7 +46,7 @@ def test_equal_thetas_leave_the_noise_alone_in_the_interval(problem):
 def test_spread_of_theta_and_noise_add_up(problem):
     thetas = thetas_of(problem, 300, link=0.02)
     ensemble = propagate(problem, thetas, 0.95, np.random.default_rng(1))
-    simulated = np.stack([problem.windows[0].simulate(theta).temperatures for theta in thetas])
+    simulated = np.stack([problem.simulate(theta).temperatures for theta in thetas])
     np.testing.assert_allclose(ensemble.mean, simulated.mean(axis=0))
     np.testing.assert_allclose(ensemble.standard_deviation**2, simulated.var(axis=0) + np.array([0.25, 0.01]))
     np.testing.assert_allclose(ensemble.model_lower, np.quantile(simulated, 0.025, axis=0))
@@ -59,8 +59,8 @@ def test_a_new_draw_with_noise_lies_in_the_interval_as_often_as_it_says(problem)
     rng = np.random.default_rng(2)
     inside = []
     for theta in fresh:
-        new = problem.windows[0].simulate(theta).temperatures
-        new = new + problem.windows[0].noise(theta) * rng.standard_normal(new.shape)
+        new = problem.simulate(theta).temperatures
+        new = new + problem.noise(theta) * rng.standard_normal(new.shape)
         inside.append((ensemble.lower <= new) & (new <= ensemble.upper))
     assert np.mean(inside) == pytest.approx(0.8, abs=0.02)
 
@@ -70,7 +70,7 @@ def test_heater_duty_switches_and_energy_are_those_of_each_simulation(problem):
     # One that is too warm for its heater to switch at all.
     thetas[3, problem.names.index("initial.body")] = 400.0
     ensemble = propagate(problem, thetas, 0.95, np.random.default_rng(1))
-    runs = [problem.windows[0].simulate(theta) for theta in thetas]
+    runs = [problem.simulate(theta) for theta in thetas]
     power = thetas[:, problem.names.index("power")]
     # Simulations side by side and one by one differ by rounding.
     np.testing.assert_allclose(ensemble.duty_cycle[:, 0], [run.duty_cycle[0] for run in runs], rtol=1e-10)
@@ -118,16 +118,13 @@ def test_what_a_surrogate_may_be_off_by_is_in_the_intervals(problem):
     """Equal thetas, one constant shape of standard deviation 0.8 K on the first channel, none on the second."""
 
     class Surrogate:
-        error_basis = np.broadcast_to([[1.0], [0.0]], (*problem.windows[0].observed.shape, 1))
+        error_basis = np.broadcast_to([[1.0], [0.0]], (*problem.observed.shape, 1))
 
         def __getattr__(self, name):
-            return getattr(problem.windows[0].simulator, name)
+            return getattr(problem.simulator, name)
 
         def simulate_many(self, thetas):
-            return [
-                replace(run, error_variance=np.array([0.64]))
-                for run in problem.windows[0].simulator.simulate_many(thetas)
-            ]
+            return [replace(run, error_variance=np.array([0.64])) for run in problem.simulator.simulate_many(thetas)]
 
     thetas = thetas_of(problem, 2000)
     ensemble = propagate(replace(problem, simulator=Surrogate()), thetas, 0.9, np.random.default_rng(1))
@@ -156,14 +153,14 @@ class KnownErrors:
 
 def test_intervals_hold_discrepancy_and_both_kinds_of_noise_of_the_usable_draws(problem):
     thetas = thetas_of(problem, 40, link=0.02)
-    simulated = np.stack([problem.windows[0].simulate(theta).temperatures for theta in thetas])
+    simulated = np.stack([problem.simulate(theta).temperatures for theta in thetas])
     rng = np.random.default_rng(3)
     drawn = Drawn(*(size * rng.standard_normal(simulated.shape) for size in (0.3, 0.7, 1.1, 1.3)))
     usable = np.arange(40) % 4 > 0
     thetas[5, problem.names.index("initial.body")] = np.nan
-    terms = problem.windows[0].residuals.terms
+    terms = problem.residuals.terms
     terms = replace(terms, shapes=replace(terms.shapes, channels=np.array([True, False])))
-    discrepant = replace(problem, residuals=replace(problem.windows[0].residuals, terms=terms))
+    discrepant = replace(problem, residuals=replace(problem.residuals, terms=terms))
     ensemble = propagate(discrepant, thetas, 0.8, np.random.default_rng(1), KnownErrors(drawn, usable))
     without = propagate(problem, thetas, 0.8, np.random.default_rng(1), KnownErrors(drawn, usable))
     assert without.discrepancy is None
@@ -177,9 +174,9 @@ def test_intervals_hold_discrepancy_and_both_kinds_of_noise_of_the_usable_draws(
     np.testing.assert_allclose(ensemble.lower, np.quantile(noisy, 0.1, axis=0))
     np.testing.assert_allclose(ensemble.upper, np.quantile(noisy, 0.9, axis=0))
     np.testing.assert_allclose(ensemble.standard_deviation, noisy.std(axis=0))
-    np.testing.assert_allclose(ensemble.crps, crps_of_draws(problem.windows[0].observed, noisy))
-    np.testing.assert_allclose(ensemble.probability_below, probability_below(problem.windows[0].observed, noisy))
-    assert (np.isfinite(ensemble.crps) == np.isfinite(problem.windows[0].observed)).all()
+    np.testing.assert_allclose(ensemble.crps, crps_of_draws(problem.observed, noisy))
+    np.testing.assert_allclose(ensemble.probability_below, probability_below(problem.observed, noisy))
+    assert (np.isfinite(ensemble.crps) == np.isfinite(problem.observed)).all()
     discrepancy = drawn.discrepancy[usable]
     expected = [discrepancy.mean(axis=0), *np.quantile(discrepancy, [0.1, 0.9], axis=0)]
     np.testing.assert_allclose(ensemble.discrepancy, expected)
@@ -189,7 +186,7 @@ def test_duty_is_a_share_of_the_problems_own_window(problem):
     scenario = problem.scenario
     for window in ("train", "test"):
         own = scenario.windows[window]
-        other = replace(problem, window=window)
+        other = replace(problem, name=window)
         assert duration(other) == (own.end - own.start).total_seconds()
 
 
@@ -199,8 +196,8 @@ def test_telemetry_of_the_model_itself_is_anywhere_in_the_drawn_distribution(pro
     rng = np.random.default_rng(5)
     told = []
     for theta in thetas[400:]:
-        new = problem.windows[0].simulate(theta).temperatures
-        telemetry = new + problem.windows[0].noise(theta) * rng.standard_normal(new.shape)
+        new = problem.simulate(theta).temperatures
+        telemetry = new + problem.noise(theta) * rng.standard_normal(new.shape)
         told.append(propagate(replace(problem, observed=telemetry), thetas[:400], 0.9, rng).probability_below)
     for bound in (0.1, 0.25, 0.5, 0.75, 0.9):
         shares = (np.stack(told) < bound).mean(axis=(1, 2))  # of windows, whose samples depend on each other

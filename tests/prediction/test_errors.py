@@ -11,7 +11,7 @@ from flightcal.prediction.errors import FirstErrors, WhiteErrors
 from flightcal.prediction.matern import covariance, fading, stationary
 from flightcal.probability.noise.ar1 import TIME as MEMORY
 from flightcal.probability.residuals import TIME_LENGTH, TIME_SIZE
-from flightcal.problem import build_problem
+from flightcal.problem import build_problem, build_window
 
 from .. import small
 
@@ -50,7 +50,7 @@ def of_the_process(errors, channel, apart):
     """Prior covariance of a channel's discrepancy in both windows: the part in time is a Matern process."""
     model, numbers = errors.model, errors.model.fixed[channel]
     in_time = 0 if model.time is None else model.time.count
-    basis = np.concatenate([part.residuals.terms.shapes.basis[:, in_time:] for part in (errors.train, errors.problem)])
+    basis = np.concatenate([part.residuals.terms.shapes.basis[:, in_time:] for part in (errors.train, errors.window)])
     in_phase = basis * model.prior_deviations(numbers)[in_time:] ** 2 @ basis.T
     return (
         in_phase if model.time is None else in_phase + covariance(2.5, numbers[TIME_SIZE], numbers[TIME_LENGTH], apart)
@@ -63,7 +63,7 @@ def of_the_basis(errors, channel, apart):
     basis = np.concatenate([model.terms.shapes.basis, errors.basis(numbers)])
     total = basis * model.prior_deviations(numbers) ** 2 @ basis.T
     seen = fading(2.5, numbers[TIME_LENGTH], errors.gaps)
-    own = np.ix_(*[np.arange(len(errors.train.windows[0].times), len(apart))] * 2)
+    own = np.ix_(*[np.arange(len(errors.train.times), len(apart))] * 2)
     total[own] += covariance(2.5, numbers[TIME_SIZE], numbers[TIME_LENGTH], apart[own])
     total[own] -= seen @ stationary(2.5, numbers[TIME_SIZE], numbers[TIME_LENGTH]) @ seen.T
     return total
@@ -73,10 +73,10 @@ class Dense:
     """Everything about one channel as one normal distribution: training residuals, first residuals, errors."""
 
     def __init__(self, errors, channel, *, first, exact=False):
-        train, window, model = errors.train, errors.problem, errors.model
-        times = np.concatenate([train.windows[0].times, window.times])
-        seconds = (times - train.windows[0].times[0]) / np.timedelta64(1, "s")
-        own = np.arange(len(times)) >= len(train.windows[0].times)
+        train, window, model = errors.train, errors.window, errors.model
+        times = np.concatenate([train.times, window.times])
+        seconds = (times - train.times[0]) / np.timedelta64(1, "s")
+        own = np.arange(len(times)) >= len(train.times)
         apart = seconds[:, None] - seconds
         discrepancy = np.zeros_like(apart)
         if model.terms.discrepant[channel]:
@@ -88,13 +88,11 @@ class Dense:
             noise, white = np.zeros_like(noise), 0.2
         self.white = white
         self.errors = (discrepancy + noise)[np.ix_(own, own)]
-        seen = np.concatenate(
-            [np.isfinite(train.windows[0].observed[:, channel]), np.isfinite(window.observed[:, channel])]
-        )
-        seen[len(train.windows[0].times) + first :] = False
+        seen = np.concatenate([np.isfinite(train.observed[:, channel]), np.isfinite(window.observed[:, channel])])
+        seen[len(train.times) + first :] = False
         total = discrepancy + noise + white**2 * np.eye(len(times))
         self.cross, self.seen = (discrepancy + noise)[np.ix_(own, seen)], total[np.ix_(seen, seen)]
-        self.observed, self.kept = np.concatenate([train.windows[0].observed, window.observed])[:, channel], seen
+        self.observed, self.kept = np.concatenate([train.observed, window.observed])[:, channel], seen
 
     def given(self, simulated):
         residual = (self.observed - simulated)[self.kept]
@@ -109,9 +107,9 @@ CASES = {"after": ("after", NOISE), "before": ("before", NOISE), "iid": ("after"
 def case(request, tmp_path_factory):
     order, noise = CASES[request.param]
     scenario, data = made(tmp_path_factory.mktemp("errors"), order, noise=noise)
-    train, window = build_problem(scenario, data), build_problem(scenario, data, "test")
+    train, window = build_problem(scenario, data), build_window(scenario, data, "test")
     thetas = np.tile(truth(train), (DRAWS, 1))
-    errors = window_errors(window, train, thetas, FIRST)
+    errors = window_errors(train, window, thetas, FIRST)
     temperatures = np.stack([run.temperatures for run in window.simulate_many(thetas)])
     drawn = errors.draw(temperatures, np.random.default_rng(0))
     simulated = np.concatenate([train.windows[0].simulate(thetas[0]).temperatures, temperatures[0]])
@@ -166,9 +164,9 @@ def test_of_the_functions_themselves_they_are_exactly_those_of_the_dense_normal(
 
 def test_a_discrepancy_in_phase_alone_is_that_of_the_dense_normal(tmp_path):
     scenario, data = made(tmp_path, discrepancy={"phase": PHASE, "channels": ["body_temp"]})
-    train, window = build_problem(scenario, data), build_problem(scenario, data, "test")
+    train, window = build_problem(scenario, data), build_window(scenario, data, "test")
     thetas = np.tile(truth(train), (400, 1))
-    errors = window_errors(window, train, thetas, FIRST)
+    errors = window_errors(train, window, thetas, FIRST)
     temperatures = np.stack([run.temperatures for run in window.simulate_many(thetas)])
     drawn = errors.draw(temperatures, np.random.default_rng(0))
     simulated = np.concatenate([train.windows[0].simulate(thetas[0]).temperatures, temperatures[0]])
@@ -195,7 +193,7 @@ def of_pairs(folder):
     """Two thetas of which every number differs, and the two windows."""
     discrepancy = {"time": UNCERTAIN_TIME, "phase": PHASE, "channels": ["panel_temp"]}
     scenario, data = made(folder, discrepancy=discrepancy, noise=UNCERTAIN_NOISE)
-    train, window = build_problem(scenario, data), build_problem(scenario, data, "test")
+    train, window = build_problem(scenario, data), build_window(scenario, data, "test")
     pair = np.tile(train.priors.median(), (2, 1))
     for name, value in {"initial.body": 285.0, "initial.panel": 262.0, **small.TRUTH}.items():
         if name in train.names:
@@ -210,11 +208,11 @@ def test_draws_of_different_thetas_are_together_what_they_are_alone(tmp_path):
     count = 150
     thetas = np.tile(pair, (count, 1))
     rng = np.random.default_rng(0)
-    errors = window_errors(window, train, thetas, FIRST)
+    errors = window_errors(train, window, thetas, FIRST)
     temperatures = np.stack([run.temperatures for run in window.simulate_many(thetas)])
     drawn, law = errors.draw(temperatures, rng), errors.only(np.arange(2 * count) < 2).at_first()
     for s in range(2):
-        alone = window_errors(window, train, thetas[s::2], FIRST)
+        alone = window_errors(train, window, thetas[s::2], FIRST)
         own, own_law = alone.draw(temperatures[s::2], rng), alone.only(np.arange(count) < 1).at_first()
         kept = errors.only(np.arange(2 * count) % 2 == s).draw(temperatures[s::2], rng)
         for together in (drawn.mean[s], drawn.mean[2 * (count - 1) + s], kept.mean[-1]):
@@ -236,7 +234,7 @@ def test_a_draw_is_usable_where_its_own_simulation_of_the_training_window_is(tmp
     train, window, pair = of_pairs(tmp_path)
     thetas = pair[[0, 0, 1]]
     thetas[1, train.names.index("initial.body")] = np.nan
-    errors = window_errors(window, train, thetas, FIRST)
+    errors = window_errors(train, window, thetas, FIRST)
     np.testing.assert_array_equal(errors.usable(), [True, False, True])
     for s in (0, 2):
         np.testing.assert_array_equal(errors.numbers[s], train.windows[0].numbers(thetas[s]))
@@ -248,7 +246,7 @@ def test_a_draw_is_usable_where_its_own_simulation_of_the_training_window_is(tmp
 def test_on_the_training_window_the_discrepancy_is_that_of_its_residuals(case):
     train, _, _, _, simulated = case
     thetas = np.tile(truth(train), (300, 1))
-    errors = window_errors(train, train, thetas, 0)
+    errors = window_errors(train, train.windows[0], thetas, 0)
     temperatures = np.tile(simulated[: len(train.windows[0].times)], (300, 1, 1))
     drawn = errors.draw(temperatures, np.random.default_rng(1))
     residual = (train.windows[0].observed - temperatures[0])[:, 1]
@@ -264,8 +262,8 @@ def test_far_from_the_training_window_the_part_in_time_is_its_prior(tmp_path):
     scenario, data = made(tmp_path, discrepancy={"time": TIME | {"lengthscale": "9 min"}}, noise={})
     train = build_problem(scenario, data)
     theta = train.priors.median()
-    window = build_problem(scenario, data, "test")
-    errors = window_errors(window, train, np.tile(theta, (800, 1)), 0)
+    window = build_window(scenario, data, "test")
+    errors = window_errors(train, window, np.tile(theta, (800, 1)), 0)
     drawn = errors.draw(np.zeros((800, *window.observed.shape)), np.random.default_rng(0))
     # The last half hour lies ten lengthscales away.
     late = drawn.discrepancy[:, -30:]
@@ -278,11 +276,13 @@ def test_correlated_noise_of_students_t_is_noise_with_a_memory(tmp_path):
         key: NOISE[key] for key in ("standard_deviation", "correlation_time")
     }
     scenario, data = made(tmp_path, discrepancy=None, noise=noise)
-    train, window = build_problem(scenario, data), build_problem(scenario, data, "test")
-    errors = window_errors(window, train, np.tile(truth(train), (200, 1)), FIRST)
+    train, window = build_problem(scenario, data), build_window(scenario, data, "test")
+    errors = window_errors(train, window, np.tile(truth(train), (200, 1)), FIRST)
     drawn = errors.draw(np.tile(window.observed, (200, 1, 1)), np.random.default_rng(0))
     assert not drawn.white.any()
-    said = predict(scenario, data, "train", {}, np.tile(truth(train), (3, 1)), seed=1)[0].attrs["interval_contains"]
+    said = predict(build_problem(scenario, data), data, "train", {}, np.tile(truth(train), (3, 1)), seed=1)[0].attrs[
+        "interval_contains"
+    ]
     assert "correlated measurement noise" in said
     late = drawn.noise[:, 60:, 0]
     innovations = (late[:, 1:] - np.exp(-60 / 480) * late[:, :-1]) / np.sqrt(1 - np.exp(-120 / 480)) / 0.2
@@ -304,10 +304,10 @@ def test_first_samples_are_whitened_by_the_errors_of_their_own_draw_and_channel(
 
 def test_initial_temperatures_are_less_sure_where_the_first_samples_err_together(tmp_path):
     scenario, data = made(tmp_path)
-    train, window = build_problem(scenario, data), build_problem(scenario, data, "test")
-    first = build_problem(scenario, data, "test", span=600.0)
+    train, window = build_problem(scenario, data), build_window(scenario, data, "test")
+    first = build_window(scenario, data, "test", span=600.0)
     thetas = np.tile(truth(train), (400, 1))
-    errors = window_errors(window, train, thetas, FIRST).at_first()
+    errors = window_errors(train, window, thetas, FIRST).at_first()
     apart = FirstErrors(errors.mean, errors.factors * np.eye(FIRST))
     panel = first.names.index("initial.panel")
     together, alone = (
@@ -319,7 +319,9 @@ def test_initial_temperatures_are_less_sure_where_the_first_samples_err_together
 def test_the_prediction_says_which_part_carries_over(tmp_path):
     scenario, data = made(tmp_path)
     draws = np.tile(truth(build_problem(scenario, data)), (30, 1))
-    train, test = (predict(scenario, data, window, {}, draws, seed=1)[0].attrs for window in ("train", "test"))
+    train, test = (
+        predict(build_problem(scenario, data), data, window, {}, draws, seed=1)[0].attrs for window in ("train", "test")
+    )
     assert "as the residuals of this window show it" in train["interval_contains"]
     assert "orbit phase carries over" in test["interval_contains"]
     fades = "in time is continued from the edge of the training window and fades to its prior"
@@ -333,7 +335,9 @@ def test_the_prediction_says_which_part_carries_over(tmp_path):
 def test_the_prediction_names_no_part_that_is_not_there(tmp_path, part):
     scenario, data = made(tmp_path, discrepancy={part: DISCREPANCY[part]})
     draws = np.tile(truth(build_problem(scenario, data)), (4, 1))
-    train, test = (predict(scenario, data, window, {}, draws, seed=1)[0].attrs for window in ("train", "test"))
+    train, test = (
+        predict(build_problem(scenario, data), data, window, {}, draws, seed=1)[0].attrs for window in ("train", "test")
+    )
     parts = {
         "time": "its part in time is continued from the edge of the training window and fades to its prior",
         "phase": "its part in orbit phase carries over from the training window",
@@ -346,7 +350,7 @@ def test_the_prediction_holds_the_discrepancy_and_what_of_the_residuals_should_b
     scenario, data = made(tmp_path)
     problem = build_problem(scenario, data)
     draws = np.tile(truth(problem), (40, 1))
-    prediction, ensemble = predict(scenario, data, "train", {}, draws, seed=1)
+    prediction, ensemble = predict(build_problem(scenario, data), data, "train", {}, draws, seed=1)
     assert prediction["discrepant"].values.tolist() == ["", "time and phase"]
     assert prediction["noise"].values.tolist() == ["AR(1) noise", "AR(1) noise"]
     own = prediction.sel(channel="panel_temp")
@@ -365,7 +369,7 @@ def test_the_prediction_holds_the_discrepancy_and_what_of_the_residuals_should_b
 def test_a_prediction_with_independent_noise_says_nothing_of_innovations(tmp_path):
     scenario, data = small.closed_loop(tmp_path)
     draws = np.tile(build_problem(scenario, data).priors.median(), (10, 1))
-    prediction = predict(scenario, data, "train", {}, draws, seed=1)[0]
+    prediction = predict(build_problem(scenario, data), data, "train", {}, draws, seed=1)[0]
     assert not {"noise", "innovation", "discrepancy_mean"} & set(prediction.data_vars)
 
 
@@ -379,7 +383,9 @@ def test_a_predictions_draws_start_from_first_samples_that_err_as_the_residuals_
         return condition_initial(first, thetas, errors, rng)
 
     monkeypatch.setattr(sys.modules["flightcal.prediction.predict"], "condition_initial", noted)
-    predict(scenario, data, "test", {"truth": truth(problem)}, np.tile(truth(problem), (3, 1)), seed=1)
+    predict(
+        build_problem(scenario, data), data, "test", {"truth": truth(problem)}, np.tile(truth(problem), (3, 1)), seed=1
+    )
     assert given == [(WhiteErrors, True), (FirstErrors, False)]
 
 
@@ -388,15 +394,13 @@ def test_a_stand_in_is_asked_once_for_each_window_whose_residuals_count(tmp_path
     draws = np.tile(truth(build_problem(*written)), (3, 1))
     asked = []
 
-    def stand_in(problem):
-        asked.append(problem.window)
-        return problem
+    def stand_in(window):
+        asked.append(window.name)
+        return window
 
-    for window, trained, expected in (
-        ("train", None, ["train"]), ("test", None, ["test", "train"]), ("train", ("test", draws), ["train", "test"])
-    ):  # fmt: skip
+    for window, expected in (("train", ["train"]), ("test", ["test", "train"])):
         asked.clear()
-        predict(*written, window, {}, draws, seed=1, stand_in=stand_in, trained=trained)
+        predict(build_problem(*written), written[1], window, {}, draws, seed=1, stand_in=stand_in)
         assert asked == expected
 
 
@@ -410,5 +414,5 @@ def test_innovations_are_those_of_the_draws_median_numbers(tmp_path, monkeypatch
         return residual
 
     monkeypatch.setattr(sys.modules["flightcal.prediction.predict"], "innovations", noted)
-    predict(scenario, data, "train", {}, pair[[0, 1, 1, 1]], seed=1)
+    predict(build_problem(scenario, data), data, "train", {}, pair[[0, 1, 1, 1]], seed=1)
     np.testing.assert_allclose(given[0], train.windows[0].numbers(pair[1]))

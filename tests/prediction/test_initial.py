@@ -9,7 +9,7 @@ from scipy.linalg import expm
 
 from flightcal.prediction import WhiteErrors, condition_initial
 from flightcal.prediction.errors import FirstErrors
-from flightcal.problem import build_problem
+from flightcal.problem import build_window
 
 from .. import small
 
@@ -31,7 +31,7 @@ def first(tmp_path_factory):
     scenario, data = small.load(tmp_path_factory.mktemp("linear"), written)
     data["body_temp"].values[213:215] = np.nan
     data["body_temp"].values[210:] += 0.3 * np.random.default_rng(0).standard_normal(data.sizes["time"] - 210)
-    return build_problem(scenario, data, "test", span=600.0)
+    return build_window(scenario, data, "test", span=600.0)
 
 
 def exact(first, link):
@@ -155,24 +155,22 @@ def test_the_initial_temperatures_are_at_the_top_of_their_density_where_radiatio
     written["parameters"] = {"link": written["parameters"]["link"]}
     written["observations"] = {"body_temp": {"node": "body", "noise": "0.3 K"}}
     scenario, data = small.load(tmp_path, written)
-    problem = build_problem(scenario, data, "test", span=600.0)
+    problem = build_window(scenario, data, "test", span=600.0)
     positions = [problem.names.index(f"initial.{node}") for node in ("body", "panel")]
-    truth = problem.priors.median()
+    truth = small.median(problem)
     truth[positions] += 4.0, 40.0
-    made = problem.windows[0].simulate(truth).temperatures
+    made = problem.simulate(truth).temperatures
     problem = replace(problem, observed=made + NOISE * np.random.default_rng(0).standard_normal(made.shape))
-    priors = [problem.priors.priors[k] for k in positions]
+    priors = [problem.reads[problem.names[k]] for k in positions]
 
     def log_density(theta):
-        residual = (problem.windows[0].observed - problem.windows[0].simulate(theta).temperatures)[
-            np.isfinite(problem.windows[0].observed)
-        ]
+        residual = (problem.observed - problem.simulate(theta).temperatures)[np.isfinite(problem.observed)]
         off = [(theta[k] - prior.mean) / prior.standard_deviation for k, prior in zip(positions, priors, strict=True)]
         return -0.5 * np.sum(residual**2) / NOISE[0] ** 2 - 0.5 * np.sum(np.square(off))
 
-    theta = problem.priors.median()[None]
+    theta = small.median(problem)[None]
     theta[0, positions] = 5.0, 1500.0
-    found = condition_initial(problem, theta, WhiteErrors(problem.windows[0].noise(theta[0])[None]))[0]
+    found = condition_initial(problem, theta, WhiteErrors(problem.noise(theta[0])[None]))[0]
     for k in positions:
         step = np.zeros(len(found))
         step[k] = 0.05

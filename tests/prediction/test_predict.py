@@ -27,7 +27,14 @@ def case(tmp_path_factory):
 
 def predicted(case, window, data=None):
     scenario, own, points, draws = case
-    return predict(scenario, own if data is None else data, window, points, draws, seed=1)[0]
+    return predict(
+        build_problem(scenario, own if data is None else data),
+        own if data is None else data,
+        window,
+        points,
+        draws,
+        seed=1,
+    )[0]
 
 
 def changed(data, scenario, *, after):
@@ -101,7 +108,7 @@ def test_the_true_parameters_predict_an_unseen_window_within_the_noise(case):
 
 def test_the_train_window_is_predicted_with_the_initial_temperatures_of_theta(case):
     scenario, data, points, _ = case
-    expected = build_problem(scenario, data).simulate(points["point"]).temperatures
+    expected = build_problem(scenario, data).simulate(points["point"])[0].temperatures
     np.testing.assert_array_equal(predicted(case, "train")["mean"].sel({"method": "point"}), expected)
 
 
@@ -111,7 +118,7 @@ def test_the_same_seed_gives_the_same_prediction(case):
 
 def test_another_seed_draws_other_noise(case):
     scenario, data, points, draws = case
-    other, _ = predict(scenario, data, "test", points, draws, seed=2)
+    other, _ = predict(build_problem(scenario, data), data, "test", points, draws, seed=2)
     lower, own = (result["lower"].sel({"method": STOCHASTIC}).values for result in (other, predicted(case, "test")))
     assert np.isfinite(lower).all()
     assert not np.array_equal(lower, own)
@@ -125,7 +132,7 @@ def test_another_window_draws_other_noise(tmp_path):
     draws = np.tile(build_problem(scenario, data).priors.median(), (5, 1))
     noise = []
     for window in ("train", "train.again"):
-        own = predict(scenario, data, window, {}, draws, seed=1)[0].sel({"method": STOCHASTIC})
+        own = predict(build_problem(scenario, data), data, window, {}, draws, seed=1)[0].sel({"method": STOCHASTIC})
         noise.append((own["lower"] - own["mean"]).values)
     assert noise[0].shape == noise[1].shape
     assert not np.allclose(*noise)
@@ -137,12 +144,12 @@ def test_interval_and_span_are_those_of_the_settings(tmp_path):
     scenario, data = small.closed_loop(tmp_path, written)
     problem = build_problem(scenario, data)
     draws = np.tile(problem.priors.median(), (400, 1))
-    result, _ = predict(scenario, data, "train", {}, draws, seed=1)
+    result, _ = predict(build_problem(scenario, data), data, "train", {}, draws, seed=1)
     width = (result["upper"] - result["lower"]).sel({"method": STOCHASTIC}).values.mean(axis=0)
     # The quantiles of 400 draws, averaged over 181 samples.
     np.testing.assert_allclose(width, 2 * 1.2816 * problem.windows[0].noise(draws[0]), rtol=0.02)
     assert result.attrs["interval"] == 0.8
-    later, _ = predict(scenario, data, "test", {}, draws[:4], seed=1)
+    later, _ = predict(build_problem(scenario, data), data, "test", {}, draws[:4], seed=1)
     assert int((~later["scored"]).sum()) == 21
     assert later.attrs["initial_state"].startswith("estimated from the first 20 min")
 
@@ -159,7 +166,7 @@ def test_draws_are_conditioned_with_their_own_noise_and_failures_are_counted(cas
     thetas = draws[:4].copy()
     thetas[:, problem.names.index("noise.body_temp")] = [0.1, 0.2, 0.3, 0.4]
     thetas[3, problem.names.index("power")] = np.nan
-    result, ensemble = predict(scenario, data, "test", {}, thetas, seed=1)
+    result, ensemble = predict(build_problem(scenario, data), data, "test", {}, thetas, seed=1)
     np.testing.assert_array_equal(given[0], [problem.windows[0].noise(theta) for theta in thetas])
     assert result.attrs["failed_simulations"] == ensemble.failed == 1
 
@@ -188,8 +195,9 @@ def test_draws_run_on_a_stand_in_from_the_first_sample_and_points_on_the_simulat
     scenario, data, points, draws = case
     monkeypatch.setattr(sys.modules["flightcal.prediction.predict"], "EmulatedSimulator", Shifted)
     result, _ = predict(
-        scenario, data, "test", points, draws, seed=1, stand_in=lambda p: replace(p, simulator=Shifted(p.simulator))
-    )
+        build_problem(scenario, data), data, "test", points, draws, seed=1,
+        stand_in=lambda window: replace(window, simulator=Shifted(window.simulator)),
+    )  # fmt: skip
     np.testing.assert_allclose(result["mean"].sel({"method": "point"}), predicted(case, "test")["mean"][0], atol=1e-9)
     # The first samples tell the stand-in that its panel is 2 K colder.
     panel = result.sel(channel="panel_temp")
@@ -215,7 +223,7 @@ def test_each_points_run_and_the_ensemble_stand_in_their_own_rows(case):
     thetas["failed"][position("power")] = np.nan
     thetas["strong"][position("power")] = 35.0
     thetas["warm"][position("initial.body")] = 1000.0  # its heater never switches
-    result, ensemble = predict(scenario, data, "train", thetas, draws, seed=1)
+    result, ensemble = predict(build_problem(scenario, data), data, "train", thetas, draws, seed=1)
     assert result["method"].values.tolist() == [*thetas, STOCHASTIC]
     by_method = ("mean", "status", "point_duty_cycle", "point_switch_count", "point_energy")
     assert all(np.isnan(result[name].sel({"method": "failed"})).all() for name in by_method)
@@ -246,11 +254,11 @@ def test_measured_duty_and_switches_are_those_of_the_valid_samples(case):
     own[[20, 60, 61]] = 0.7
     own[[40, 59, 90, 91]] = np.nan
     with np.errstate(invalid="raise"):
-        result, _ = predict(scenario, other, "test", {}, draws[:3], seed=1)
+        result, _ = predict(build_problem(scenario, other), other, "test", {}, draws[:3], seed=1)
         assert result["observed_duty_cycle"].values == pytest.approx([(173 * 0.3 + 3 * 0.7) / 176])
         assert result["observed_switch_count"].values == [4]
         own[:] = np.nan
-        result, _ = predict(scenario, other, "test", {}, draws[:3], seed=1)
+        result, _ = predict(build_problem(scenario, other), other, "test", {}, draws[:3], seed=1)
     assert np.isnan(result["observed_duty_cycle"]).all()
     assert np.isnan(result["observed_switch_count"]).all()
 

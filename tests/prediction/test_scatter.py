@@ -54,12 +54,11 @@ def test_few_simulations_scatter_as_the_same_ones_among_many(case):
 
 def test_a_simulator_with_an_error_scatters_as_its_network_does(case):
     problem = build_problem(*case, "test")
-    inexact = InexactSimulator(
-        problem.windows[0].simulator, np.zeros((*problem.windows[0].observed.shape, 1)), np.array([0.04])
-    )
+    (window,) = problem.windows
+    inexact = InexactSimulator(window.simulator, np.zeros((*window.observed.shape, 1)), np.array([0.04]))
     runs, expected = (
-        p.simulate_as_flown(thetas_of(problem, 4), np.random.default_rng(1))
-        for p in (replace(problem, simulator=inexact), problem)
+        own.simulate_as_flown(thetas_of(problem, 4), np.random.default_rng(1))
+        for own in (replace(window, simulator=inexact), window)
     )
     for run, own in zip(runs, expected, strict=True):
         np.testing.assert_array_equal(run.switches.time, own.switches.time)
@@ -74,7 +73,7 @@ def test_each_heater_has_its_own_scatter(tmp_path):
         "node": "panel", "power": "5 W", "sensor": "panel",
         "on_below": "-60 degC", "off_above": "-55 degC", "scatter": "0.2 K",
     }  # fmt: skip
-    simulator = build_problem(*small.load(tmp_path, written)).simulator
+    simulator = build_problem(*small.load(tmp_path, written)).windows[0].simulator
     assert simulator.heaters == ("heater", "other")
     np.testing.assert_allclose(simulator.scatter, [0.06, 0.2])
 
@@ -91,7 +90,9 @@ def test_scatter_widens_the_prediction_of_a_new_window_and_not_that_of_the_train
         problem = build_problem(*case, window)
         exact = build_problem(*small.closed_loop(tmp_path), window)
         thetas = thetas_of(problem, 200)
-        with_scatter, without = (propagate(p, thetas, 0.95, np.random.default_rng(1)) for p in (problem, exact))
+        with_scatter, without = (
+            propagate(p.windows[0], thetas, 0.95, np.random.default_rng(1)) for p in (problem, exact)
+        )
         body = problem.windows[0].simulator.channels.index("body_temp")
         wide, narrow = ((e.model_upper - e.model_lower)[:, body] for e in (with_scatter, without))
         np.testing.assert_allclose(narrow, 0.0, atol=1e-9)
@@ -104,7 +105,8 @@ def test_scatter_widens_the_prediction_of_a_new_window_and_not_that_of_the_train
 def test_a_prediction_says_that_its_thermostats_scatter(case):
     draws = thetas_of(build_problem(*case, "train"), 20)
     for interval in ("interval_contains", "model_interval_contains"):
-        said = [predict(*case, window, {}, draws, seed=1)[0].attrs[interval] for window in ("train", "test")]
+        told = [predict(build_problem(*case), case[1], window, {}, draws, seed=1)[0] for window in ("train", "test")]
+        said = [prediction.attrs[interval] for prediction in told]
         assert ["scatter of the thermostats" in words for words in said] == [False, True]
 
 

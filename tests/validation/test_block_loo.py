@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 from scipy.stats import multivariate_normal, norm
 
-from flightcal.problem import build_problem
+from flightcal.problem import build_window
 from flightcal.validation import block_log_likelihood, blocks_of, leave_blocks_out
 from tests import small
 
@@ -27,20 +27,20 @@ def test_a_block_is_predicted_from_all_other_samples(tmp_path, model):
     written["noise"] = noise
     scenario, data = small.closed_loop(tmp_path, written)
     data["body_temp"][30:45] = np.nan
-    problem = build_problem(scenario, data)
-    theta = problem.priors.median()
+    problem = build_window(scenario, data, "train")
+    theta = small.median(problem)
     for name, value in (small.TRUTH | {"initial.body": 285.0, "initial.panel": 262.0}).items():
         if name in problem.names:
             theta[problem.names.index(name)] = value
-    blocks = blocks_of(problem.windows[0].times, small.PERIOD)
+    blocks = blocks_of(problem.times, small.PERIOD)
     assert np.bincount(blocks).tolist() == [23, 22, 23, 22, 30]
     found = block_log_likelihood(problem, theta[None], blocks)[0]
-    seconds = (problem.windows[0].times - problem.windows[0].times[0]) / np.timedelta64(1, "s")
-    simulated = problem.windows[0].simulate(theta).temperatures
+    seconds = (problem.times - problem.times[0]) / np.timedelta64(1, "s")
+    simulated = problem.simulate(theta).temperatures
     expected = np.zeros(5)
     for k in range(2):
-        valid = problem.windows[0].valid[:, k]
-        residual = (problem.windows[0].observed - simulated)[valid, k]
+        valid = problem.valid[:, k]
+        residual = (problem.observed - simulated)[valid, k]
         gaps = np.abs(seconds[valid, None] - seconds[valid])
         covariance = 0.01 * (np.exp(-gaps / 400.0) if model == "ar1" else np.eye(len(gaps)))
         for b in range(5):

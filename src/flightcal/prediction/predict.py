@@ -75,7 +75,7 @@ def predict(
         "interval_contains": f"parameters, initial temperatures{error}{scatter}, {_contained(window)}",
         "model_interval_contains": f"parameters, initial temperatures{error}{scatter}"
         + (", model discrepancy" if window.residuals.terms.discrepant.any() else ""),
-        "duty_cycle_contains": f"parameters, initial temperatures{scatter}{_of_duty(errors, name)}",
+        "duty_cycle_contains": f"parameters, initial temperatures{scatter}{_of_duty(errors, name, len(trained))}",
         "initial_state": "calibrated with the parameters"
         if name in trained
         else f"estimated from the first {settings.initial_span / 60:g} min of the window, which are not scored",
@@ -127,14 +127,14 @@ def _contained(window: Window) -> str:
     return f"{noise}, and model discrepancy: {'; '.join(parts)}"
 
 
-def _of_duty(errors: WindowErrors | None, name: str) -> str:
+def _of_duty(errors: WindowErrors | None, name: str, windows: int) -> str:
     """What else the interval of a duty cycle has."""
     if errors is None or is_trained(name):
         return ""
     orbits = int(np.isfinite(errors.duty).sum(axis=0).max(initial=0))
     if orbits < FEWEST_ORBITS:
         return f"; not its error, which takes {FEWEST_ORBITS} whole orbits of training to tell (here {orbits})"
-    return f", its error as in {orbits} orbits of training"
+    return f", its error as in {orbits} orbits of the training window{'s' if windows > 1 else ''}"
 
 
 def _scatters(scenario: Scenario) -> bool:
