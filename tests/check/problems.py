@@ -12,7 +12,7 @@ from typing import Any
 import numpy as np
 
 from flightcal.check.centre import Centre
-from flightcal.commands.calibrate import parameter_records
+from flightcal.commands.folder import parameter_records
 from flightcal.probability import Priors
 from flightcal.problem import Problem, build_problem
 from flightcal.report.run_files import ParameterInfo, parameter_info

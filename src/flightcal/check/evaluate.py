@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Callable
 from dataclasses import dataclass, replace
 from typing import Any, cast
 
@@ -15,7 +14,6 @@ from ..simulator import FloatArray, SimulationFailure, Simulator, Trajectory
 
 _BATCH = 512
 
-Advance = Callable[[float], None]
 """Is told which share (0..1) of a part is done."""
 
 
