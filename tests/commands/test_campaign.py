@@ -197,7 +197,7 @@ def test_on_another_window_initial_temperatures_are_that_windows(scenario, tmp_p
     draws = posterior_of(build_problem(loaded, data), tmp_path / "run")
     test = build_problem(loaded, data, "test")
     design = make_design(test, 100, 1, around=tmp_path / "run")
-    initial = test.simulator.parameters.index("initial.body")
+    initial = test.windows[0].simulator.parameters.index("initial.body")
     assert not set(design.theta[:, initial]) & set(draws.ravel())
     prior = test.priors.priors[test.names.index("initial.body")]
     assert abs(design.theta[:, initial].mean() - prior.mean) < 5 * prior.standard_deviation / 10

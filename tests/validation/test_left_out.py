@@ -41,7 +41,7 @@ def test_each_window_is_predicted_as_unseen_by_a_calibration_on_the_others(tmp_p
     calibrated, told, panel_sizes = [], Told(), []
 
     def at_the_truth(problem):
-        calibrated.append([inside.window for inside in problem.problems])
+        calibrated.append([window.name for window in problem.windows])
         theta = problem.priors.median()
         for name, value in (small.TRUTH | {"noise.body_temp": 0.1, "drift.link": 1e-6}).items():
             if name in problem.names:

@@ -50,7 +50,7 @@ def variant(scenario: Scenario, model: str) -> Scenario:
         elif model == "iid":
             kept = own.model_fields_set - {"standard_deviation", "model", *of_memory}
             written |= {name: getattr(own, name) for name in kept}
-        return Noise(**written)
+        return Noise.model_construct(**written)
 
     observations = {
         channel: item
