@@ -84,9 +84,9 @@ def test_a_damaged_record_is_counted_and_run_again(connect, tmp_path):
     run()
     store = RunStore(tmp_path / "c" / "runs", SUBJECT.identity)
     store.file(thetas(10)[4]).write_bytes(b"")
-    begun = []
-    assert run(on_begin=begun.append).outcomes == {"finished": 10}
-    assert str(begun[0]) == "9 of 10 runs done: 9 finished; 1 left, 1 of them damaged"
+    told = Told()
+    assert run(progress=told).outcomes == {"finished": 10}
+    assert told.said[0] == "found: 9 of 10 runs done: 9 finished; 1 left, 1 of them damaged"
     assert executions(tmp_path / "log").total() == 11
 
 
