@@ -8,9 +8,10 @@ import pandas as pd
 import pytest
 import xarray
 
-from flightcal.commands.calibrate import Silent, run_experiment
+from flightcal.commands.calibrate import run_experiment
 from flightcal.external.in_worker import close_workers
 from tests.external import scenes
+from tests.told import Told
 
 PROGRAM = """
 import numpy as np
@@ -28,19 +29,6 @@ EMULATOR_FILES = {
     "training_runs.nc", "emulator.json", "check_runs.nc", "emulator_check.json", "training_runs_later.nc",
     "emulator_later.json",
 }  # fmt: skip
-
-
-class Said(Silent):
-    """What the experiment said."""
-
-    def __init__(self):
-        self.stages, self.rounds = {}, []
-
-    def stage(self, name, done_before):
-        self.stages[name] = done_before
-
-    def learning(self, said):
-        self.rounds.append(said)
 
 
 def written(folder, windows, runs, predicted=40):
@@ -74,8 +62,8 @@ def written(folder, windows, runs, predicted=40):
 def finished(tmp_path_factory):
     folder = tmp_path_factory.mktemp("emulated")
     scenario = written(folder, {"later": LATER}, 80)
-    said = Said()
-    yield scenario, folder / "run", run_experiment(scenario, folder / "run", listener=said), said
+    told = Told()
+    yield scenario, folder / "run", run_experiment(scenario, folder / "run", progress=told), told
     close_workers()
 
 
@@ -107,11 +95,14 @@ def test_the_simulator_itself_has_the_last_word(finished):
 
 
 def test_rounds_are_told_and_kept(finished):
-    _, run, _, said = finished
+    _, run, _, told = finished
     log = [json.loads(line) for line in (run / "log.jsonl").read_text().splitlines()]
-    assert [record["text"] for record in log if record["event"] == "round"] == said.rounds
-    assert said.rounds[0].startswith("round 0: 20 runs")
-    assert set(said.stages) == {"read", "emulator", "genetic", "nuts", "predict", "report"}
+    assert [record["text"] for record in log if record["event"] == "said"] == told.said
+    assert told.said[0].startswith("round 0: 20 runs")
+    assert set(told.stages) == {
+        "reading telemetry", "learning an emulator", "genetic algorithm", "stochastic update (NUTS)",
+        "predicting and scoring", "writing the report",
+    }  # fmt: skip
     assert {file.name for file in run.iterdir()} >= EMULATOR_FILES
 
 
@@ -137,17 +128,18 @@ def test_the_report_has_a_passage_on_the_emulator(finished):
 def test_nothing_is_run_twice(finished):
     scenario, run, summary, _ = finished
     before = (run / "training_runs.nc").stat().st_mtime_ns
-    said = Said()
-    again = run_experiment(scenario, run, listener=said)
-    assert said.stages | {"read": True, "report": True} == dict.fromkeys(said.stages, True)
+    told = Told()
+    again = run_experiment(scenario, run, progress=told)
+    again_made = {title for title in told.stages if not told.done_before(title)}
+    assert again_made == {"reading telemetry", "writing the report"}
     assert (run / "training_runs.nc").stat().st_mtime_ns == before
     assert again.metrics == summary.metrics
 
 
 def test_several_windows_are_trained_on_together(tmp_path):
     scenario = written(tmp_path, {"train": {"a": TRAIN, "b": LATER}}, 120, predicted=20)
-    run, said = tmp_path / "run", Said()
-    summary = run_experiment(scenario, run, listener=said)
+    run = tmp_path / "run"
+    summary = run_experiment(scenario, run)
     assert summary.passed
     found = {record["name"]: record for record in summary.diagnostics["parameters"]}
     for name, truth in TRUTH.items():
@@ -169,8 +161,8 @@ def test_several_windows_are_trained_on_together(tmp_path):
     ]  # fmt: skip
     assert {metric.window for metric in summary.metrics} == {"train.a", "train.b"}
     assert not list(run.glob("emulator_train*"))
-    again = Said()
-    run_experiment(scenario, run, listener=again)
-    assert again.stages["emulator"]
-    assert again.stages["predict"]
+    again = Told()
+    run_experiment(scenario, run, progress=again)
+    assert again.done_before("learning an emulator")
+    assert again.done_before("predicting and scoring")
     close_workers()

@@ -11,7 +11,7 @@ from flightcal.run import open_run, plain, read_dataset, read_provenance, read_r
 
 
 def opened(path, identity="a"):
-    return open_run(path, identity, "name: x\n", {"telemetry.csv": "0"}, 1)
+    return open_run(path, {"the scenario": identity}, "name: x\n", {"telemetry.csv": "0"}, 1)
 
 
 def test_a_stage_is_done_only_with_its_files_and_the_same_inputs(tmp_path):
@@ -32,11 +32,11 @@ def test_a_stage_that_fails_is_not_done(tmp_path):
     assert not run.is_done("nuts", "key", ())
 
 
-def test_a_forgotten_stage_runs_again_and_keeps_its_files(tmp_path):
+def test_a_stage_that_has_begun_again_is_not_done_and_keeps_its_files(tmp_path):
     run = opened(tmp_path / "run")
     with run.stage("nuts", "key"):
         run.write_json("posterior.json", {})
-    run.forget("nuts")
+    run.begin("nuts")
     assert not run.is_done("nuts", "key", ())
     assert run.file("posterior.json").exists()
 
@@ -49,7 +49,7 @@ def test_reopening_keeps_what_is_done(tmp_path):
 
 def test_another_scenario_is_refused(tmp_path):
     opened(tmp_path / "run")
-    with pytest.raises(RunError, match="run of another scenario"):
+    with pytest.raises(RunError, match=r"run of another scenario .*\(what differs: the scenario\)"):
         opened(tmp_path / "run", identity="b")
 
 

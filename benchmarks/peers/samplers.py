@@ -29,8 +29,9 @@ def main() -> None:
 
 
 def flightcal(seconds: float) -> dict[str, Any]:
-    """The scenario's 4 chains of 1,000 draws, from when the last of them is warm; a small run before compiles."""
+    """The scenario's 4 chains of 1,000 draws, from when their warm-up draws are made; a small run before compiles."""
     from flightcal.calibration import calibrate_nuts
+    from flightcal.progress import Silent
     from flightcal.scenario import NutsSettings
 
     from ..problem import benchmark_problem
@@ -40,12 +41,13 @@ def flightcal(seconds: float) -> dict[str, Any]:
     settings = NutsSettings(draws=1000 if seconds > 60 else 300)
     marks: list[float] = []
 
-    def progress(chains: Any) -> None:
-        if not marks and all(chain.draws >= chain.warmup for chain in chains):
-            marks.append(time.perf_counter())
+    class Marks(Silent):
+        def at(self, done: float, note: str = "") -> None:
+            if not marks and done >= settings.chains * settings.warmup:
+                marks.append(time.perf_counter())
 
     begin = time.perf_counter()
-    posterior = calibrate_nuts(problem, settings, progress=progress)
+    posterior = calibrate_nuts(problem, settings, progress=Marks())
     end = time.perf_counter()
     warmed = marks[0] if marks else begin
     return {

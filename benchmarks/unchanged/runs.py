@@ -87,7 +87,7 @@ def _arrays(first: Path, second: Path) -> list[str]:
         ):
             for node in one.subtree:
                 for variable in node.to_dataset().data_vars:
-                    left, right = node[variable].values, two[f"{node.path}/{variable}"].values
+                    left, right = node[variable].values, two[node.path][variable].values
                     if left.dtype.kind == "f" and left.shape == right.shape:
                         if not np.array_equal(left, right, equal_nan=True):
                             largest = np.nanmax(np.abs(left - right) / np.maximum(np.abs(left), 1e-300))

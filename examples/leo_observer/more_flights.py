@@ -19,10 +19,11 @@ import numpy as np
 import xarray
 from ruamel.yaml import YAML
 
-from flightcal.commands.calibrate import posterior_draws, read
+from flightcal.calibration import posterior_draws
 from flightcal.prediction import predict, score
 from flightcal.problem import build_problem
 from flightcal.scenario import Scenario, load_scenario
+from flightcal.telemetry import read
 
 FOLDER = Path(__file__).parent
 FIRST_ROW = datetime.fromisoformat(make_telemetry.FIRST_ROW)

@@ -8,27 +8,28 @@ from typing import TYPE_CHECKING, Any
 if TYPE_CHECKING:
     from .calibration import calibrate_genetic, calibrate_nuts, genetic_points
     from .campaign import open_campaign
-    from .commands.calibrate import read, run_experiment
+    from .commands.calibrate import run_experiment
     from .errors import FlightcalError
     from .prediction import comparison_table, predict, score
     from .problem import build_problem
     from .report import write_report
     from .scenario import lint, load_scenario
+    from .telemetry import read
 
 _PLACES = {
     "FlightcalError": "errors",
-    "build_problem": "calibration",
+    "build_problem": "problem",
     "calibrate_genetic": "calibration",
     "calibrate_nuts": "calibration",
-    "comparison_table": "validation",
+    "comparison_table": "prediction",
     "genetic_points": "calibration",
     "lint": "scenario",
     "load_scenario": "scenario",
     "open_campaign": "campaign",
     "predict": "prediction",
-    "read": "experiment",
-    "run_experiment": "experiment",
-    "score": "validation",
+    "read": "telemetry",
+    "run_experiment": "commands.calibrate",
+    "score": "prediction",
     "write_report": "report",
 }
 

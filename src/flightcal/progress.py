@@ -1,43 +1,87 @@
-"""Who is told how an experiment goes on: the stages say it, a display or nobody hears it."""
+"""Who is told how work goes on: the one convention. Work says it; a display, a log or nobody hears it."""
 
 from __future__ import annotations
 
-from typing import Any, Protocol
+import sys
+from collections.abc import Callable, Iterator
+from contextlib import AbstractContextManager, contextmanager
+from time import monotonic
+from typing import Final, Protocol
+
+EVERY: Final = 60.0
+"""s between two lines on one stage, where there is no terminal."""
 
 
-class Listener(Protocol):
-    """Is told how the experiment goes on."""
+class Progress(Protocol):
+    """Is told how work goes on."""
 
-    def stage(self, name: str, done_before: bool) -> None:
-        """A stage begins, or is taken from an earlier call."""
+    def stage(self, title: str, total: float | None = None) -> AbstractContextManager[Progress]:
+        """A stage that lasts as long as the block, and whom to tell of it.
 
-    def generation(self, run: int, generation: int, best: float) -> None:
-        """The genetic algorithm has finished a generation."""
+        total: what `at` counts to; None: that is not known. A stage of a stage is shown in its place.
+        """
 
-    def learning(self, said: str) -> None:
-        """What a round of the active learning did."""
+    def at(self, done: float, note: str = "") -> None:
+        """So much of the stage is done; `note` says it in words."""
 
-    def search(self, what: str) -> None:
-        """What the mode search is at."""
-
-    def sampling(self, chains: Any) -> None:
-        """State of the chains (`calibration.nuts.ChainProgress` each)."""
+    def say(self, line: str) -> None:
+        """A line that stays."""
 
 
 class Silent:
-    """A listener that says nothing."""
+    """Says nothing."""
 
-    def stage(self, name: str, done_before: bool) -> None:
+    @contextmanager
+    def stage(self, title: str, total: float | None = None) -> Iterator[Progress]:
+        """Nothing."""
+        yield self
+
+    def at(self, done: float, note: str = "") -> None:
         """Nothing."""
 
-    def generation(self, run: int, generation: int, best: float) -> None:
+    def say(self, line: str) -> None:
         """Nothing."""
 
-    def learning(self, said: str) -> None:
-        """Nothing."""
 
-    def search(self, what: str) -> None:
-        """Nothing."""
+SILENT: Final[Progress] = Silent()
 
-    def sampling(self, chains: Any) -> None:
-        """Nothing."""
+
+def _to_the_error_output(line: str) -> None:
+    print(line, file=sys.stderr, flush=True)
+
+
+class Lines:
+    """Prints a line for each stage, and its note each minute and at its end, so that a log shows how far it is."""
+
+    def __init__(self, write: Callable[[str], None] = _to_the_error_output) -> None:
+        self._write = write
+        self._within: str | None = None
+        """What stands before a note; None: this is not a stage."""
+        self._total: float | None = None
+        self._printed = monotonic()
+
+    @contextmanager
+    def stage(self, title: str, total: float | None = None) -> Iterator[Progress]:
+        """Print the title; that of a stage of a stage stands before its notes."""
+        inside = Lines(self._write)
+        inside._total = total
+        if self._within is None:
+            self._write(title)
+            inside._within = ""
+            yield inside
+        else:
+            inside._within, inside._printed = f"{self._within}{title}: ", self._printed
+            yield inside
+            self._printed = inside._printed
+
+    def at(self, done: float, note: str = "") -> None:
+        """Print the note where it is the last one, or a minute after the last line."""
+        whole = self._total is not None and done >= self._total
+        if note and (whole or monotonic() - self._printed >= EVERY):
+            self._write(f"  {self._within}{note}")
+            self._printed = monotonic()
+            self._total = None if whole else self._total
+
+    def say(self, line: str) -> None:
+        """Print the line."""
+        self._write(line)

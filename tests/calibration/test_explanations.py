@@ -8,11 +8,11 @@ import pytest
 
 from flightcal.calibration import Mode, calibrate_nuts, posterior_tree
 from flightcal.calibration.explanations import other_explanations
-from flightcal.commands.calibrate import read
-from flightcal.commands.compare import variant
 from flightcal.problem import build_problem
 from flightcal.problem.synthetic import simulate_telemetry, with_telemetry
 from flightcal.scenario import NutsSettings, load_scenario
+from flightcal.telemetry import read
+from flightcal.validation import variant
 
 VALIDATION = Path(__file__).parents[2] / "examples" / "validation" / "scenario.yaml"
 Z = np.random.default_rng(1).normal([0.0, 1.0], [1.0, 0.1], (400, 2))

@@ -6,6 +6,7 @@ import pytest
 from flightcal.calibration.genetic import minimise
 from flightcal.errors import FlightcalError
 from flightcal.scenario import GeneticSettings
+from tests.told import Told
 
 LOWER, UPPER = np.array([-5.0, 0.0, 100.0]), np.array([5.0, 1.0, 300.0])
 TARGET = np.array([1.5, 0.2, 250.0])
@@ -60,17 +61,20 @@ def test_shapes_and_summaries_agree_with_the_runs():
 
 
 def test_cost_is_called_once_a_generation_with_the_whole_population():
-    calls, reports = [], []
+    calls, told = [], Told()
 
     def counted(individuals):
         calls.append(individuals.shape)
         return bowl(individuals)
 
-    result = minimise(counted, LOWER, UPPER, small(), seed=1, on_generation=lambda *args: reports.append(args))
+    result = minimise(counted, LOWER, UPPER, small(), seed=1, progress=told)
     assert calls == [(24, 3)] * 90
     assert result.evaluations == 90 * 24
-    assert [report[:2] for report in reports] == [(run, generation) for run in range(3) for generation in range(30)]
-    np.testing.assert_array_equal([report[2] for report in reports], result.history.ravel())
+    assert told.stages["search"] == [
+        (30 * run + generation + 1, f"run {run + 1}, generation {generation + 1}, cost {best:.4g}")
+        for run, history in enumerate(result.history)
+        for generation, best in enumerate(history)
+    ]
 
 
 def test_initial_population_is_a_latin_hypercube_of_the_box():

@@ -15,6 +15,7 @@ from flightcal.calibration import (
 from flightcal.errors import FlightcalError
 from flightcal.problem import build_problem
 from flightcal.scenario import GeneticSettings, NutsSettings
+from tests.told import Told
 
 from .. import small
 
@@ -67,10 +68,11 @@ def test_the_same_seed_gives_the_same_genetic_result_and_another_a_different_one
 
 
 def test_settings_and_seed_are_the_scenarios_unless_given(problem):
-    reports = []
-    result = calibrate_genetic(problem, on_generation=lambda *report: reports.append(report))
+    told = Told()
+    result = calibrate_genetic(problem, progress=told)
     assert (result.sizes["run"], result.sizes["generation"], result.attrs["seed"]) == (2, 8, 3)
-    assert [report[:2] for report in reports] == [(run, generation) for run in range(2) for generation in range(8)]
+    assert [done for done, _ in told.stages["search"]] == list(range(1, 17))
+    assert told.stages["search"][-1][1] == f"run 2, generation 8, RMSE {result['rmse'].values[1]:.3f} K"
 
 
 def test_the_weight_of_heater_status_is_part_of_what_is_minimised(problem):

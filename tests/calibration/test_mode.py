@@ -6,11 +6,12 @@ import numpy as np
 import pytest
 
 from flightcal.calibration import climb, find_mode
-from flightcal.commands.compare import variant
 from flightcal.problem import build_problem
 from flightcal.problem.synthetic import simulate_telemetry, with_telemetry
 from flightcal.scenario import load_scenario
 from flightcal.telemetry import read_telemetry
+from flightcal.validation import variant
+from tests.told import Told
 
 from .. import small
 
@@ -26,11 +27,11 @@ def problem(tmp_path_factory):
 
 @pytest.fixture(scope="module")
 def modes(problem):
-    told = []
+    told = Told()
     found = find_mode(
-        problem, [], open_loop=problem.open_loop, rng=np.random.default_rng(2), random_starts=2, on_start=told.append
+        problem, [], open_loop=problem.open_loop, rng=np.random.default_rng(2), random_starts=2, progress=told
     )
-    return found, told
+    return found, [note for _, note in told.notes]
 
 
 def test_prior_draws_lead_to_the_truth_through_the_open_loop(problem, modes):

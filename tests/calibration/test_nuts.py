@@ -13,7 +13,9 @@ from scipy.special import digamma, polygamma
 from flightcal.calibration.nuts import MAXIMUM_DEPTH, OVERDISPERSION, _Density, overdispersed_starts, sample
 from flightcal.errors import FlightcalError
 from flightcal.problem.coordinates import LARGEST_DEVIATION, Whitening, whitening
+from flightcal.progress import Silent
 from flightcal.scenario import NutsSettings
+from tests.told import Told
 
 
 def identity(d):
@@ -326,25 +328,22 @@ def test_ctrl_c_does_not_wait_for_a_long_trajectory():
     assert draws.interrupted
 
 
-def test_progress_reaches_the_end_and_counts_each_chain():
-    reports = []
+def test_progress_reaches_the_end_and_counts_all_chains():
+    told = Told()
     settings = short(chains=3)
-    draws = sample(slow, identity(2), settings.model_copy(update={"draws": 50}), seed=1, progress=reports.append)
+    draws = sample(slow, identity(2), settings.model_copy(update={"draws": 50}), seed=1, progress=told)
+    reports = told.stages["sampling"]
     assert len(reports) > 2
-    assert all(len(report) == 3 for report in reports)
-    counts = np.array([[chain.draws for chain in report] for report in reports])
-    assert (np.diff(counts, axis=0) >= 0).all()
-    assert (counts[-1] == 250).all()
-    assert reports[-1][0].total == 250
-    assert reports[-1][0].warmup == 200
-    assert sum(chain.gradients for chain in reports[-1]) == draws.gradients
+    assert (np.diff([done for done, _ in reports]) >= 0).all()
+    assert reports[-1] == (750, f"750/750 draws, {draws.gradients} gradients")
 
 
 def test_an_exception_in_the_callers_progress_stops_the_chains_and_is_passed_on():
-    def progress(_):
-        raise RuntimeError("the terminal is gone")
+    class Gone(Silent):
+        def at(self, done, note=""):
+            raise RuntimeError("the terminal is gone")
 
-    assert_all_chains_end(short(draws=5_000), RuntimeError, "terminal", progress=progress)
+    assert_all_chains_end(short(draws=5_000), RuntimeError, "terminal", progress=Gone())
 
 
 def test_a_panic_of_one_chain_stops_the_others_and_is_passed_on(monkeypatch):

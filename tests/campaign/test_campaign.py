@@ -17,8 +17,10 @@ from flightcal.campaign import Design, RunStore, Subject, open_campaign, run_cam
 from flightcal.campaign.campaign import outcomes_of
 from flightcal.campaign.run import Here
 from flightcal.errors import RunError
+from flightcal.progress import Silent
 from tests.campaign.simulators import Deadly, Sleeper, Various, executions, label
 from tests.campaign.test_run import thetas
+from tests.told import Told
 
 SUBJECT = Subject(
     {"simulator": "s"}, {}, ("a", "b"), ("x", "y"), ("h",), np.datetime64("2024-03-01", "ns") + np.arange(5)
@@ -41,14 +43,14 @@ def connect():
 
 
 def test_a_campaign_runs_all_once_and_its_repetition_none(connect, tmp_path):
-    begun, told = [], []
+    told = Told()
     tally = run_campaign(
         tmp_path / "c", SUBJECT, design(30), Sleeper(tmp_path / "log"), connect,
-        together=4, on_begin=begun.append, on_progress=told.append,
+        together=4, progress=told,
     )  # fmt: skip
     assert (tally.outcomes, tally.left, tally.total) == ({"finished": 30}, 0, 30)
-    assert (begun[0].left, told[-1].left) == (30, 0)
-    assert {progress.total for progress in told} == {30}
+    assert told.said == ["found: 0 of 30 runs done; 30 left"]
+    assert told.stages["running"][-1] == (30, "30 of 30 runs done: 30 finished; 0 left")
     assert str(tally) == "30 of 30 runs done: 30 finished; 0 left"
     again = run_campaign(tmp_path / "c", SUBJECT, design(30), Sleeper(tmp_path / "log"), nothing)
     assert again == tally
@@ -82,9 +84,9 @@ def test_a_damaged_record_is_counted_and_run_again(connect, tmp_path):
     run()
     store = RunStore(tmp_path / "c" / "runs", SUBJECT.identity)
     store.file(thetas(10)[4]).write_bytes(b"")
-    begun = []
-    assert run(on_begin=begun.append).outcomes == {"finished": 10}
-    assert str(begun[0]) == "9 of 10 runs done: 9 finished; 1 left, 1 of them damaged"
+    told = Told()
+    assert run(progress=told).outcomes == {"finished": 10}
+    assert told.said[0] == "found: 9 of 10 runs done: 9 finished; 1 left, 1 of them damaged"
     assert executions(tmp_path / "log").total() == 11
 
 
@@ -226,13 +228,14 @@ def test_ctrl_c_leaves_no_run_that_counts_as_a_crash_and_the_same_call_resumes(c
 def test_a_worker_that_is_killed_from_outside_costs_only_its_run(connect, tmp_path):
     killed = []
 
-    def kill_once(tally):
-        if not killed and tally.outcomes["finished"] >= 10:
-            killed.append(multiprocessing.active_children()[0])
-            killed[0].kill()
+    class KillOnce(Silent):
+        def at(self, done, note=""):
+            if not killed and done >= 10:
+                killed.append(multiprocessing.active_children()[0])
+                killed[0].kill()
 
     run = Deadly(tmp_path / "log", 0.02, times=0)
-    tally = run_campaign(tmp_path / "c", SUBJECT, design(60), run, connect, on_progress=kill_once)
+    tally = run_campaign(tmp_path / "c", SUBJECT, design(60), run, connect, progress=KillOnce())
     assert tally.outcomes == {"finished": 60}
     assert killed
     assert executions(tmp_path / "log").total() <= 61

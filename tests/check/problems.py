@@ -13,7 +13,7 @@ from typing import Any
 import numpy as np
 
 from flightcal.check.centre import Centre
-from flightcal.commands.calibrate import parameter_records
+from flightcal.commands.folder import parameter_records
 from flightcal.problem import Entry, Problem, Window, build_problem
 from flightcal.report.run_files import ParameterInfo, parameter_info
 from flightcal.scenario import Prior

@@ -3,9 +3,9 @@
 import numpy as np
 import pytest
 
+from flightcal.check import check
 from flightcal.check.evaluate import THOROUGH
 from flightcal.check.findings import findings_of, verdict_of
-from flightcal.commands.check import check
 from flightcal.report.verdict import Finding
 from flightcal.scenario import Normal
 from flightcal.simulator.system import Switch

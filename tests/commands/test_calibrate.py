@@ -10,10 +10,12 @@ import pandas as pd
 import pytest
 from ruamel.yaml import YAML
 
-from flightcal.commands import calibrate as experiment
-from flightcal.commands.calibrate import Silent, run_experiment
+from flightcal.calibration import stages
+from flightcal.commands.calibrate import run_experiment
 from flightcal.errors import RunError
+from flightcal.report import write_report
 from tests import small
+from tests.told import Told
 
 FILES = {
     "scenario.yaml", "provenance.json", "telemetry_quality.json", "parameters.json", "genetic.nc", "posterior.nc",
@@ -21,14 +23,12 @@ FILES = {
 }  # fmt: skip
 
 
-class Stages(Silent):
-    """Which stages ran and which were done before."""
-
-    def __init__(self):
-        self.seen = {}
-
-    def stage(self, name, done_before):
-        self.seen[name] = done_before
+TITLES = {
+    "compile": "compiling (long only once)",
+    "genetic": "genetic algorithm",
+    "nuts": "stochastic update (NUTS)",
+    "predict": "predicting and scoring",
+}
 
 
 def write(folder: Path, **calibration) -> Path:
@@ -89,25 +89,67 @@ def test_the_calibrated_model_predicts_unseen_telemetry_to_its_noise(finished):
 def test_a_second_call_runs_no_stage_again(finished):
     scenario, run, first = finished
     before = (run / "posterior.nc").read_bytes()
-    stages = Stages()
-    again = run_experiment(scenario, run, listener=stages)
-    assert stages.seen == {
-        "read": False,
-        "compile": True,
-        "genetic": True,
-        "nuts": True,
-        "predict": True,
-        "report": False,
-    }
+    told = Told()
+    again = run_experiment(scenario, run, progress=told)
+    assert list(told.stages) == ["reading telemetry", *TITLES.values(), "writing the report"]
+    assert all(told.done_before(title) for title in TITLES.values())
+    assert not told.done_before("writing the report")
     assert again.metrics == first.metrics
     assert (run / "posterior.nc").read_bytes() == before
 
 
 def test_a_changed_setting_runs_its_stage_and_those_after_it(finished, tmp_path):
     run = shutil.copytree(finished[1], tmp_path / "run")
-    stages = Stages()
-    run_experiment(write(tmp_path, prediction={"simulations": 30}), run, listener=stages)
-    assert (stages.seen["genetic"], stages.seen["nuts"], stages.seen["predict"]) == (True, True, False)
+    told = Told()
+    run_experiment(write(tmp_path, prediction={"simulations": 30}), run, progress=told)
+    assert [told.done_before(TITLES[name]) for name in ("genetic", "nuts", "predict")] == [True, True, False]
+
+
+def with_windows(scenario: Path, **windows) -> Path:
+    """The scenario with other windows."""
+    content = YAML(typ="safe").load(scenario)
+    content["windows"] |= windows
+    with scenario.open("w") as file:
+        YAML(typ="safe").dump(content, file)
+    return scenario
+
+
+LATER = {"start": "2024-03-01T04:00:00", "end": "2024-03-01T05:00:00"}
+SHORTER = {"start": "2024-03-01T00:30:00", "end": "2024-03-01T03:00:00"}
+
+
+def test_a_window_to_predict_can_be_added_to_a_finished_run(finished, tmp_path):
+    scenario, run, first = finished
+    shutil.copytree(run, tmp_path / "run")
+    for file in ("scenario.yaml", "telemetry.csv"):
+        shutil.copy(scenario.parent / file, tmp_path)
+    told = Told()
+    second = run_experiment(with_windows(tmp_path / "scenario.yaml", later=LATER), tmp_path / "run", progress=told)
+    found = {name: told.done_before(title) for name, title in TITLES.items()}
+    assert found == {"compile": True, "genetic": True, "nuts": True, "predict": False}
+    assert {metric.window for metric in second.metrics} == {"train", "test", "later"}
+    assert {metric for metric in second.metrics if metric.window != "later"} == set(first.metrics)
+    assert "later" in (tmp_path / "run" / "report.html").read_text(encoding="utf-8")
+
+
+def test_another_window_to_train_on_is_refused_with_its_reason(finished, tmp_path):
+    scenario, run, _ = finished
+    for file in ("scenario.yaml", "telemetry.csv"):
+        shutil.copy(scenario.parent / file, tmp_path)
+    with pytest.raises(RunError, match=r"what differs: the windows to train on\); choose another --out"):
+        run_experiment(with_windows(tmp_path / "scenario.yaml", train=SHORTER), run)
+
+
+def test_the_folder_of_an_earlier_flightcal_is_refused_with_what_to_do_and_can_still_be_reported(finished, tmp_path):
+    scenario, run, _ = finished
+    shutil.copytree(run, tmp_path / "run")
+    file = tmp_path / "run" / "provenance.json"
+    provenance = json.loads(file.read_text())
+    del provenance["parts"]
+    file.write_text(json.dumps(provenance))
+    with pytest.raises(RunError, match="an earlier flightcal, which cannot be taken up; choose another --out"):
+        run_experiment(scenario, tmp_path / "run")
+    assert write_report(tmp_path / "run").stat().st_size > 100_000
 
 
 def test_another_scenario_is_refused_and_nothing_changes(finished, tmp_path):
@@ -127,9 +169,9 @@ def test_a_moved_scenario_with_the_same_telemetry_is_the_same_run(finished, tmp_
     scenario, run, _ = finished
     for file in ("scenario.yaml", "telemetry.csv"):
         (tmp_path / file).write_bytes((scenario.parent / file).read_bytes())
-    stages = Stages()
-    run_experiment(tmp_path / "scenario.yaml", run, listener=stages)
-    assert stages.seen["nuts"]
+    told = Told()
+    run_experiment(tmp_path / "scenario.yaml", run, progress=told)
+    assert told.done_before(TITLES["nuts"])
 
 
 def test_a_failed_gate_fails_the_summary_and_saves_everything(tmp_path):
@@ -141,10 +183,10 @@ def test_a_failed_gate_fails_the_summary_and_saves_everything(tmp_path):
 
 def test_interrupted_sampling_is_saved_reported_and_taken_up_again(tmp_path, monkeypatch):
     scenario, run = write(tmp_path), tmp_path / "run"
-    whole = experiment.calibrate_nuts
+    whole = stages.calibrate_nuts
 
-    def cut_short(problem, **options):
-        posterior = whole(problem, **options)
+    def cut_short(*arguments, **options):
+        posterior = whole(*arguments, **options)
         draws = posterior.draws
         cut = dataclasses.replace(
             draws,
@@ -154,14 +196,15 @@ def test_interrupted_sampling_is_saved_reported_and_taken_up_again(tmp_path, mon
         )
         return dataclasses.replace(posterior, theta=posterior.theta[:, :40], draws=cut)
 
-    monkeypatch.setattr(experiment, "calibrate_nuts", cut_short)
+    monkeypatch.setattr(stages, "calibrate_nuts", cut_short)
     summary = run_experiment(scenario, run)
     assert summary.interrupted
     assert not summary.passed
     assert {file.name for file in run.iterdir()} == FILES
     monkeypatch.undo()
-    stages = Stages()
-    summary = run_experiment(scenario, run, listener=stages)
-    assert stages.seen["genetic"]
-    assert not stages.seen["nuts"]
+    told = Told()
+    summary = run_experiment(scenario, run, progress=told)
+    assert told.done_before(TITLES["genetic"])
+    assert not told.done_before(TITLES["nuts"])
+    assert not told.done_before(TITLES["predict"])
     assert not summary.interrupted

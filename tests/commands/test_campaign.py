@@ -9,13 +9,14 @@ from typer.testing import CliRunner
 
 from flightcal.campaign import open_campaign
 from flightcal.cli import INTERRUPTED, USER_ERROR, app
-from flightcal.commands.calibrate import read
 from flightcal.commands.campaign import make_design, run_scenario_campaign, subject_of
 from flightcal.errors import RunError
 from flightcal.probability import Priors
 from flightcal.problem import build_problem
 from flightcal.scenario import load_scenario
+from flightcal.telemetry import read
 from tests.commands.test_calibrate import write
+from tests.told import Told
 
 run = CliRunner().invoke
 
@@ -196,7 +197,7 @@ def test_on_another_window_initial_temperatures_are_that_windows(scenario, tmp_p
     draws = posterior_of(build_problem(loaded, data), tmp_path / "run")
     test = build_problem(loaded, data, "test")
     design = make_design(test, 100, 1, around=tmp_path / "run")
-    initial = test.simulator.parameters.index("initial.body")
+    initial = test.windows[0].simulator.parameters.index("initial.body")
     assert not set(design.theta[:, initial]) & set(draws.ravel())
     prior = test.priors.priors[test.names.index("initial.body")]
     assert abs(design.theta[:, initial].mean() - prior.mean) < 5 * prior.standard_deviation / 10
@@ -220,6 +221,6 @@ def test_a_campaigns_theta_is_what_the_simulator_takes(problem):
 
 def test_a_scenarios_campaign_can_be_run_from_python(scenario, finished):
     out, _ = finished
-    told = []
-    assert run_scenario_campaign(scenario, out, 20, say=told.append).outcomes == {"finished": 20}
-    assert told[-1] == "campaign: 20 of 20 runs done: 20 finished; 0 left"
+    told = Told()
+    assert run_scenario_campaign(scenario, out, 20, progress=told).outcomes == {"finished": 20}
+    assert told.said[-1] == "campaign: 20 of 20 runs done: 20 finished; 0 left"

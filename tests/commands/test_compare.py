@@ -6,15 +6,16 @@ import numpy as np
 import pytest
 from typer.testing import CliRunner
 
+from flightcal import validation
 from flightcal.cli import USER_ERROR, app
-from flightcal.commands import compare, left_out
+from flightcal.commands import compare
 from flightcal.commands.calibrate import Summary
-from flightcal.commands.compare import MODELS, comparison_of, recommend, variant
 from flightcal.prediction import Metric
+from flightcal.progress import SILENT
 from flightcal.report import write_comparison
 from flightcal.run import plain
 from flightcal.scenario import load_scenario, noise_of, resolved_yaml
-from flightcal.validation import BlockLoo
+from flightcal.validation import MODELS, BlockLoo, comparison_of, recommend, variant
 from tests import small
 from tests.commands.test_calibrate import write
 
@@ -157,7 +158,7 @@ def test_an_interrupted_sampling_ends_the_comparison_and_what_was_left_out_is_ke
     scenario_file, out = write(tmp_path), tmp_path / "out"
     ran = []
 
-    def experiment(file, run, *, listener):
+    def experiment(file, run, *, progress=SILENT):
         run.mkdir(parents=True, exist_ok=True)
         ran.append(run.name)
         return Summary(run, run / "report.html", {"passed": True}, (), interrupted=run.name == "ar1")
@@ -168,10 +169,10 @@ def test_an_interrupted_sampling_ends_the_comparison_and_what_was_left_out_is_ke
         compare.compare_models(scenario_file, out, ["iid", "ar1", "time"])
     assert ran == ["iid", "ar1"]
     asked = []
-    monkeypatch.setattr(left_out, "leave_windows_out", lambda *_, **__: asked.append(1) or {"june": {"picp": 0.9}})
-    summary = experiment(out / "iid.yaml", out / "iid", listener=None)
+    monkeypatch.setattr(validation, "leave_windows_out", lambda *_, **__: asked.append(1) or {"june": {"picp": 0.9}})
+    summary = experiment(out / "iid.yaml", out / "iid")
     for _ in range(2):
-        assert compare._left_out(out / "iid.yaml", summary, lambda _: None) == {"june": {"picp": 0.9}}
+        assert compare._left_out(out / "iid.yaml", summary, SILENT) == {"june": {"picp": 0.9}}
     assert len(asked) == 1
 
 
@@ -179,15 +180,15 @@ def test_scores_of_windows_left_out_stand_in_the_comparison_if_asked_for(tmp_pat
     values = {"rmse": 1.0, "mape_kelvin": 0.3, "picp": 0.95, "mpiw": 4.0, "crps": 0.6, "log_score": -1.0}
     metrics = [Metric("stochastic", "test", "all", name, value, "K") for name, value in values.items()]
 
-    def experiment(file, run, *, listener):
+    def experiment(file, run, *, progress=SILENT):
         run.mkdir(parents=True, exist_ok=True)
         return Summary(run, run / "report.html", {"passed": True}, tuple(metrics), interrupted=False)
 
     monkeypatch.setattr(compare, "run_experiment", experiment)
     monkeypatch.setattr(compare, "_block_loo", lambda *_: loo(1.0))
-    monkeypatch.setattr(left_out, "check_windows", lambda _: None)
+    monkeypatch.setattr(validation, "check_windows", lambda _: None)
     scores = values | {"passed": True}
-    monkeypatch.setattr(left_out, "leave_windows_out", lambda *_, **__: {"june": scores})
+    monkeypatch.setattr(validation, "leave_windows_out", lambda *_, **__: {"june": scores})
     for asked in (False, True):
         out = tmp_path / str(asked)
         compare.compare_models(write(tmp_path), out, ["iid", "ar1"], leave_windows_out=asked)

@@ -5,10 +5,10 @@ from io import StringIO
 import pytest
 from rich.console import Console
 
-from flightcal.calibration.nuts import ChainProgress
-from flightcal.commands import display as progress
+from flightcal import progress
+from flightcal.commands.display import display
 
-CHAINS = (ChainProgress(30, 100, 50, 400, 0), ChainProgress(12, 100, 50, 200, 0))
+TITLE = "stochastic update (NUTS)"
 TOLD = "42/200 draws, 600 gradients"
 
 
@@ -22,30 +22,43 @@ def clock(monkeypatch):
 
 def lines_of(clock, terminal, moments):
     written = StringIO()
-    with progress.Display(Console(file=written, force_terminal=terminal, width=200)) as display:
-        display.stage("nuts", False)
+    with (
+        display(Console(file=written, force_terminal=terminal, width=200)) as shown,
+        shown.stage(TITLE) as stage,
+        stage.stage("sampling", 200) as sampling,
+    ):
         for clock[0] in moments:
-            display.sampling(CHAINS)
+            sampling.at(42, TOLD)
     return written.getvalue().splitlines()
 
 
 def test_a_log_has_a_line_for_a_stage_and_one_for_each_minute_of_it(clock):
-    expected = ["stochastic update (NUTS)", f"  {TOLD}", f"  {TOLD}"]
+    expected = [TITLE, f"  sampling: {TOLD}", f"  sampling: {TOLD}"]
     assert lines_of(clock, False, [1.0, 59.0, 61.0, 62.0, 120.0, 121.5]) == expected
 
 
 def test_a_new_stage_waits_a_minute_with_its_first_note(clock):
     written = StringIO()
-    with progress.Display(Console(file=written, force_terminal=False, width=200)) as display:
-        display.stage("genetic", False)
-        clock[0] = 59.0
-        display.stage("nuts", False)
-        clock[0] = 70.0
-        display.search("the start of a test")
-    assert written.getvalue().splitlines() == ["genetic algorithm", "stochastic update (NUTS)"]
+    with display(Console(file=written, force_terminal=False, width=200)) as shown:
+        with shown.stage("genetic algorithm"):
+            clock[0] = 59.0
+        with shown.stage(TITLE) as stage:
+            clock[0] = 70.0
+            stage.at(0.0, "the start of a test")
+    assert written.getvalue().splitlines() == ["genetic algorithm", TITLE]
+
+
+def test_a_log_has_the_last_note_of_a_stage_once_and_what_is_said(clock):
+    written = StringIO()
+    with display(Console(file=written, force_terminal=False, width=200)) as shown, shown.stage(TITLE, 2) as stage:
+        stage.at(1, "half")
+        stage.say("round 1: [20 runs]")
+        stage.at(2, "done before")
+        stage.at(2, "done before")
+    assert written.getvalue().splitlines() == [TITLE, "round 1: [20 runs]", "  done before"]
 
 
 def test_a_terminal_has_a_bar_and_no_lines(clock):
     written = lines_of(clock, True, [61.0, 122.0])
-    assert any(TOLD in line for line in written)
-    assert f"  {TOLD}" not in written
+    assert any(TITLE in line and f"sampling: {TOLD}" in line for line in written)
+    assert f"  sampling: {TOLD}" not in written

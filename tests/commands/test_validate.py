@@ -8,11 +8,11 @@ import pytest
 from typer.testing import CliRunner
 
 from flightcal.cli import GATE_FAILED, USER_ERROR, app
-from flightcal.commands import validate
 from flightcal.commands.validate import validate_scenario
 from flightcal.errors import RunError
-from flightcal.validation.simulation_based import Repeat
+from flightcal.validation import Repeat, repeats
 from tests.commands.test_calibrate import write
+from tests.told import Told
 
 run = CliRunner().invoke
 
@@ -32,8 +32,8 @@ def scenario(tmp_path, monkeypatch):
         )  # fmt: skip
 
     one.power = 1.0
-    monkeypatch.setattr(validate, "_one", one)
-    monkeypatch.setattr(validate, "_compile", lambda problem: None)
+    monkeypatch.setattr(repeats, "_one", one)
+    monkeypatch.setattr(repeats, "warm", lambda problem: None)
     return file, tmp_path / "out", made, one
 
 
@@ -59,11 +59,11 @@ def test_repeats_that_are_done_are_not_run_again_and_more_can_be_asked_for(scena
     first = (out / "repeats" / "0007.json").read_bytes()
     (out / "repeats" / "0011.json").unlink()
     made.clear()
-    told = []
-    found = validate_scenario(file, out, 25, workers=1, on_progress=lambda *done: told.append(done))
+    told = Told()
+    found = validate_scenario(file, out, 25, workers=1, progress=told)
     assert made == [11, 20, 21, 22, 23, 24]
-    assert told[0] == (19, 25)
-    assert told[-1] == (25, 25)
+    assert told.stages["validating"][0] == (19, "")
+    assert told.stages["validating"][-1] == (25, "25 of 25 repeats")
     assert len(found.repeats) == 25
     assert (out / "repeats" / "0007.json").read_bytes() == first
 
@@ -72,7 +72,7 @@ def test_another_scenario_is_refused(scenario, tmp_path):
     file, out, _, _ = scenario
     validate_scenario(file, out, 20, workers=1)
     file.write_text(file.read_text().replace("3000 J/K", "3100 J/K"))
-    validate._prepared.cache_clear()
+    repeats.prepared.cache_clear()
     with pytest.raises(RunError, match="another scenario"):
         validate_scenario(file, out, 20, workers=1)
 
@@ -96,7 +96,7 @@ def test_ranks_outside_of_the_band_have_the_exit_code_of_a_failed_gate(scenario)
 
 
 def test_a_simulator_without_derivatives_is_a_message(tmp_path, monkeypatch):
-    monkeypatch.setattr(validate, "needs_emulator", lambda problem: True)
+    monkeypatch.setattr(repeats, "needs_emulator", lambda problem: True)
     result = run(app, ["validate", str(write(tmp_path)), "--out", str(tmp_path / "out")])
     assert result.exit_code == USER_ERROR
     assert "without derivatives" in result.output

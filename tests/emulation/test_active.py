@@ -16,6 +16,7 @@ from flightcal.errors import FlightcalError
 from flightcal.problem import build_problem
 from flightcal.scenario import EmulatorSettings, NutsSettings
 from tests import derivative_free
+from tests.told import Told
 
 NUTS = NutsSettings(chains=4, draws=500, warmup=300)
 
@@ -44,7 +45,7 @@ def problem(tmp_path_factory):
 @pytest.fixture(scope="module")
 def learnt(problem):
     """By runs that fail where the link is weak."""
-    told, saved = [], []
+    told, saved = Told(), []
     found = learn(
         problem,
         partial(derivative_free.evaluate, fails=lambda theta: theta[0] < 0.5),
@@ -52,7 +53,7 @@ def learnt(problem):
         EmulatorSettings(runs=150),
         seed=5,
         save=lambda runs: saved.append(runs[0]),
-        on_round=told.append,
+        progress=told,
     )
     return found, told, saved
 
@@ -68,14 +69,15 @@ def test_the_posterior_is_that_of_the_real_simulator(problem, learnt):
 
 def test_every_round_says_what_it_did(learnt):
     found, told, saved = learnt
-    assert tuple(told) == found.rounds
-    assert {a.runs for a in told} <= {len(runs) for runs in saved}
+    assert told.said == [str(a) for a in found.rounds]
+    assert [done for done, _ in told.notes] == [a.runs for a in found.rounds]
+    assert {a.runs for a in found.rounds} <= {len(runs) for runs in saved}
     assert np.diff([0, *(len(runs) for runs in saved)]).max() <= 8
-    assert told[-1].expected_shift < 0.1
-    assert told[-1].expected_shift < told[0].expected_shift
-    assert told[-1].validation.passed
-    assert str(told[0]).startswith("round 0: 50 runs (")
-    assert str(told[-1]).endswith("the emulator's error no longer matters")
+    assert found.rounds[-1].expected_shift < 0.1
+    assert found.rounds[-1].expected_shift < found.rounds[0].expected_shift
+    assert found.rounds[-1].validation.passed
+    assert told.said[0].startswith("round 0: 50 runs (")
+    assert told.said[-1].endswith("the emulator's error no longer matters")
 
 
 def test_failed_runs_are_kept_and_their_region_is_named(learnt):

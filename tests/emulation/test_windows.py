@@ -11,8 +11,7 @@ from flightcal.emulation.active import learn
 from flightcal.emulation.horizon import beginning
 from flightcal.emulation.influence import emulated
 from flightcal.problem import build_problem
-from flightcal.scenario import NutsSettings
-from flightcal.scenario.schema import EmulatorSettings
+from flightcal.scenario import EmulatorSettings, NutsSettings
 from tests import derivative_free
 
 NUTS = NutsSettings(chains=2, draws=500, warmup=150)

@@ -9,7 +9,6 @@ import pytest
 from scipy.optimize import least_squares
 
 from flightcal.calibration import calibrate_nuts
-from flightcal.commands.calibrate import read
 from flightcal.emulation.active import learn
 from flightcal.emulation.emulated import CHECKED, check_on_the_simulator, empty_runs, external
 from flightcal.emulation.horizon import beginnings
@@ -17,6 +16,7 @@ from flightcal.emulation.simulator_check import LARGEST_DENSITY_ERROR
 from flightcal.external import close_workers
 from flightcal.problem import build_problem
 from flightcal.scenario import load_scenario
+from flightcal.telemetry import read
 
 EXAMPLES = Path(__file__).parents[2] / "examples"
 NOISE = 0.1  # K

@@ -5,9 +5,9 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from flightcal.commands.calibrate import read
 from flightcal.problem import Problem, build_problem
 from flightcal.scenario import lint, load_scenario
+from flightcal.telemetry import read
 
 EXAMPLES = Path(__file__).parents[2] / "examples"
 FUNCUBE = EXAMPLES / "funcube1" / "scenario.yaml"

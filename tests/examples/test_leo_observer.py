@@ -10,10 +10,9 @@ import numpy as np
 import pandas as pd
 import pytest
 
-from flightcal.commands.calibrate import read
 from flightcal.problem import build_problem
 from flightcal.scenario import lint, load_scenario
-from flightcal.telemetry import window_bounds
+from flightcal.telemetry import read, window_bounds
 
 FOLDER = Path(__file__).parents[2] / "examples" / "leo_observer"
 

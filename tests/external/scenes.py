@@ -7,9 +7,9 @@ import numpy as np
 import pandas as pd
 from ruamel.yaml import YAML
 
-from flightcal.commands.calibrate import read
 from flightcal.external import build_external
 from flightcal.scenario import lint, load_scenario
+from flightcal.telemetry import read
 
 START = np.datetime64("2024-03-01T00:00:00", "ns")
 SAMPLES = 31

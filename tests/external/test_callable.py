@@ -4,12 +4,12 @@ import time
 import numpy as np
 import pytest
 
-from flightcal.commands.calibrate import read
 from flightcal.errors import ScenarioError
 from flightcal.external.in_worker import close_workers
 from flightcal.prediction import predict
 from flightcal.problem import build_problem
 from flightcal.scenario import load_scenario
+from flightcal.telemetry import read
 
 from .scenes import SAMPLES, THETA, TIMES, findings, simulator_of, write, written
 

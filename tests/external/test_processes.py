@@ -18,7 +18,7 @@ import sys
 import numpy as np
 from tests.external.scenes import THETA, simulator_of
 from flightcal.scenario import load_scenario
-from flightcal.commands.calibrate import read
+from flightcal.telemetry import read
 from flightcal.calibration import build_problem
 scenario = load_scenario(sys.argv[1])
 simulator = build_problem(scenario, read(scenario)).simulator

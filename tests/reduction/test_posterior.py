@@ -13,7 +13,7 @@ from typer.testing import CliRunner
 
 from flightcal.calibration import calibrate_nuts
 from flightcal.cli import app
-from flightcal.commands.calibrate import read, run_experiment
+from flightcal.commands.calibrate import run_experiment
 from flightcal.operational.simulator import fly
 from flightcal.problem import build_problem
 from flightcal.problem.simulators import InexactSimulator
@@ -21,6 +21,7 @@ from flightcal.reduction.file import load_task
 from flightcal.reduction.patterns import plain
 from flightcal.scenario import NutsSettings, lint, load_scenario, resolved_yaml
 from flightcal.simulator import NetworkSimulator
+from flightcal.telemetry import read
 from tests.reduction import craft
 
 PARAMETERS = list(craft.REDUCTION["parameters"])

@@ -7,9 +7,9 @@ import pandas as pd
 from arviz_stats.base import array_stats
 from ruamel.yaml import YAML
 
-from flightcal.commands.calibrate import read
 from flightcal.problem import build_problem
 from flightcal.scenario import load_scenario
+from flightcal.telemetry import read
 
 START = np.datetime64("2024-03-01T00:00:00", "ns")
 MINUTE = 60.0

@@ -16,6 +16,7 @@ from numpy.typing import NDArray
 from scipy.spatial.distance import cdist, pdist
 
 from ..errors import FlightcalError
+from ..progress import SILENT, Progress
 from ..scenario import GeneticSettings
 
 Array = NDArray[np.float64]
@@ -80,32 +81,27 @@ def minimise(
     settings: GeneticSettings,
     seed: int,
     *,
-    on_generation: Callable[[int, int, float], None] | None = None,
+    progress: Progress = SILENT,
+    words: Callable[[float], str] = "cost {:.4g}".format,
 ) -> GeneticResult:
     """Minimise `cost` in the box with `settings.runs` independent runs.
 
     cost: [S, d] -> [S], called once a generation with the whole population; not finite: a failed simulation.
     lower, upper: [d], finite, lower < upper.
-    on_generation: called with run and generation (from 0) and the run's best cost so far.
+    words: how a run's best cost so far is told.
     Raises FlightcalError when no simulation of any run succeeds.
     """
     run_seeds = np.random.SeedSequence(seed).generate_state(settings.runs)
-    runs = []
-    for number, run_seed in enumerate(run_seeds):
-        report = None if on_generation is None else _Report(on_generation, number)
-        runs.append(_evolve(cost, lower, upper, settings, int(run_seed), report))
-    return _merge(runs)
+    with progress.stage("search", settings.runs * settings.generations) as search:
 
+        def evolved(number: int) -> _Run:
+            def told(generation: int, best_cost: float) -> None:
+                note = f"run {number + 1}, generation {generation + 1}, {words(best_cost)}"
+                search.at(number * settings.generations + generation + 1, note)
 
-@dataclass(frozen=True)
-class _Report:
-    """`on_generation` of one run."""
+            return _evolve(cost, lower, upper, settings, int(run_seeds[number]), told)
 
-    on_generation: Callable[[int, int, float], None]
-    run: int
-
-    def __call__(self, generation: int, best_cost: float) -> None:
-        self.on_generation(self.run, generation, best_cost)
+        return _merge([evolved(number) for number in range(settings.runs)])
 
 
 def _evolve(
@@ -114,7 +110,7 @@ def _evolve(
     upper: Array,
     settings: GeneticSettings,
     seed: int,
-    report: _Report | None,
+    told: Callable[[int, float], None],
 ) -> _Run:
     """One run."""
     rng = np.random.default_rng(seed)
@@ -144,8 +140,7 @@ def _evolve(
         if generation == 0:
             first_generation_best = best
         history[generation] = best_cost
-        if report is not None:
-            report(generation, best_cost)
+        told(generation, best_cost)
     return _Run(best, best_cost, history, first_generation_best, evaluations, failures)
 
 

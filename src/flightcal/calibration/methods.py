@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import json
 from collections import Counter
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from dataclasses import asdict, dataclass
 from typing import Any
 
@@ -14,6 +14,7 @@ import xarray
 from ..errors import FlightcalError
 from ..probability import DEVIATION
 from ..problem import Problem, whitening
+from ..progress import SILENT, Progress
 from ..scenario import GeneticSettings, NutsSettings
 from ..simulator import FloatArray, Trajectory
 from .confounding import confounding
@@ -33,11 +34,11 @@ def calibrate_genetic(
     settings: GeneticSettings | None = None,
     seed: int | None = None,
     *,
-    on_generation: Callable[[int, int, float], None] | None = None,
+    progress: Progress = SILENT,
 ) -> xarray.Dataset:
     """Minimise the RMSE over the channels with the genetic algorithm (optimisation-based calibration).
 
-    settings, seed: None: the scenario's. on_generation: called with run, generation and the best RMSE so far (K).
+    settings, seed: None: the scenario's.
     Returns ten runs, as published: best [run, parameter], rmse [run] (K), history [run, generation] (K, best so far),
     first_generation_best [run, parameter]; over the runs: mean_theta, best_theta and spread_theta [parameter].
     """
@@ -58,7 +59,8 @@ def calibrate_genetic(
         upper,
         settings,
         seed,
-        on_generation=on_generation,
+        progress=progress,
+        words="RMSE {:.3f} K".format,
     )
     return xarray.Dataset(
         {
@@ -128,22 +130,21 @@ def calibrate_nuts(
     *,
     starts: Sequence[tuple[str, FloatArray]] = (),
     random_starts: int = 6,
-    on_start: Callable[[str], None] = lambda _: None,
-    progress: Any = None,
+    progress: Progress = SILENT,
 ) -> Posterior:
     """Sample the posterior with NUTS: find the mode, whiten with the Gauss-Newton Hessian, run the chains.
 
     settings, seed: None: the scenario's. starts: named thetas [d] from which the mode is sought too, such as the
-    genetic algorithm's. random_starts: prior draws from which it is sought. on_start: told what the mode search is at.
-    progress: see `nuts.sample`.
+    genetic algorithm's. random_starts: prior draws from which it is sought.
     Raises FlightcalError when no start has a finite density.
     """
     settings = settings or problem.scenario.calibration.nuts
     seed = problem.scenario.calibration.seed if seed is None else seed
     rng = np.random.default_rng(seed)
-    modes = find_mode(
-        problem, starts, open_loop=problem.open_loop, rng=rng, random_starts=random_starts, on_start=on_start
-    )
+    with progress.stage("mode search") as search:
+        modes = find_mode(
+            problem, starts, open_loop=problem.open_loop, rng=rng, random_starts=random_starts, progress=search
+        )
     if not np.isfinite(modes[0].log_density):
         raise FlightcalError(
             "no start of the calibration can be simulated: every simulation fails or is not finite; "

@@ -13,13 +13,14 @@ modes with independent noise are followed with the residuals' own model, beside 
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
 
 from ..errors import FlightcalError
 from ..problem import Problem, whitening
+from ..progress import SILENT, Progress
 from ..simulator import FloatArray, SimulationFailure
 from .start import fit_residuals
 
@@ -85,7 +86,7 @@ def find_mode(
     open_loop: Problem | None = None,
     rng: np.random.Generator,
     random_starts: int = _CLIMBED,
-    on_start: Callable[[str], None] = lambda _: None,
+    progress: Progress = SILENT,
 ) -> tuple[Mode, ...]:
     """Modes reached from the named thetas [d] in `starts` and from prior draws, best first.
 
@@ -93,19 +94,19 @@ def find_mode(
     the closed loop is searched around the best of the modes found there, and from the named starts.
     """
     if open_loop is None:
-        return _search(problem, starts, rng, random_starts, on_start)
+        return _search(problem, starts, rng, random_starts, progress)
     found = []
-    modes = _distinct(_search(open_loop, starts, rng, random_starts, on_start))[:_FOLLOWED]
+    modes = _distinct(_search(open_loop, starts, rng, random_starts, progress))[:_FOLLOWED]
     for mode in modes:
-        on_start(f"closed loop from the open-loop mode of {mode.origin}")
+        progress.at(0.0, f"closed loop from the open-loop mode of {mode.origin}")
         for z in (mode.z, *_best(problem, _around(open_loop, mode.z, 1.0, rng), _CLIMBED)):
             found.append(climb(problem, z, f"open loop from {mode.origin}"))
     if modes:
-        on_start(f"closed loop far around the open-loop mode of {modes[0].origin}")
+        progress.at(0.0, f"closed loop far around the open-loop mode of {modes[0].origin}")
         for z in _nearest(problem, _around(open_loop, modes[0].z, _WIDE, rng), _CLIMBED):
             found.append(climb(problem, fit_residuals(problem, z), f"far around the open loop from {modes[0].origin}"))
     for name, theta in starts:
-        on_start(f"closed loop from {name}")
+        progress.at(0.0, f"closed loop from {name}")
         found.append(climb(problem, fit_residuals(problem, problem.to_z(theta)), name))
     return tuple(sorted(found, key=lambda mode: -mode.log_density))
 
@@ -115,22 +116,22 @@ def _search(
     starts: Sequence[tuple[str, FloatArray]],
     rng: np.random.Generator,
     random_starts: int,
-    on_start: Callable[[str], None],
+    progress: Progress,
 ) -> tuple[Mode, ...]:
     """`find_mode` in one problem: from the named starts, and from the best of many prior draws."""
     found = []
     if not problem.is_independent:
-        modes = _search(problem.independent(), starts, rng, random_starts, on_start)
+        modes = _search(problem.independent(), starts, rng, random_starts, progress)
         for mode in _distinct(modes)[:_FOLLOWED]:
-            on_start(f"noise and discrepancy from the mode of {mode.origin}")
+            progress.at(0.0, f"noise and discrepancy from the mode of {mode.origin}")
             found.append(climb(problem, fit_residuals(problem, mode.z), mode.origin))
     if random_starts:
         draws = problem.to_z(problem.priors.sample(rng, _DRAWS))
         for k, z in enumerate(_best(problem, draws, random_starts)):
-            on_start(f"prior draw {k + 1} of {random_starts}")
+            progress.at(0.0, f"prior draw {k + 1} of {random_starts}")
             found.append(climb(problem, z, f"prior draw {k + 1}"))
     for name, theta in starts:
-        on_start(name)
+        progress.at(0.0, name)
         found.append(climb(problem, problem.to_z(theta), name))
     return tuple(sorted(found, key=lambda mode: -mode.log_density))
 

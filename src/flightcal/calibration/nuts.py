@@ -29,6 +29,7 @@ from numpy.typing import NDArray
 
 from ..errors import FlightcalError
 from ..problem import STOPPED, NativeDensity, Whitening
+from ..progress import SILENT, Progress
 from ..scenario import NutsSettings
 from .nutpie_models import native_model, python_model
 
@@ -57,17 +58,6 @@ _STATISTICS: dict[str, tuple[str, type]] = {
     "log_density": ("logp", float),
 }
 """Our name -> nutpie's, and its type (nutpie's integers are unsigned, and wrap around when subtracted)."""
-
-
-@dataclass(frozen=True)
-class ChainProgress:
-    """How far a chain is: draws of `total` (warm-up included), gradients, failed simulations."""
-
-    draws: int
-    total: int
-    warmup: int
-    gradients: int
-    failures: int
 
 
 @dataclass(frozen=True)
@@ -128,13 +118,13 @@ def sample(
     *,
     starts: Array | None = None,
     native: Callable[[Whitening], NativeDensity | None] = lambda _: None,
-    progress: Callable[[tuple[ChainProgress, ...]], None] | None = None,
+    progress: Progress = SILENT,
 ) -> Draws:
     """Draw from a density with `settings.chains` chains at the same time.
 
     native: the same density in whitened coordinates as a C function, one for each chain; None: there is none.
     starts: z [chain, d], not the very mode, where there is no gradient; None: `overdispersed_starts`.
-    progress: called about five times a second, in the calling thread, with the state of each chain.
+    progress: told the draws of all chains about five times a second, in the calling thread.
 
     The same seed gives the same draws on any number of cores. Ctrl-C ends the chains and returns what they have.
     Raises FlightcalError when a chain cannot start.
@@ -147,7 +137,8 @@ def sample(
     densities = [native(whitening) or _Density(log_density, whitening) for _ in seeds]
     samplers: list[Any] = []
     traces: dict[int, Any] = {}
-    with _interruption() as interrupted:
+    total = settings.chains * (settings.warmup + settings.draws)
+    with progress.stage("sampling", total) as sampling, _interruption() as interrupted:
         try:
             for density, start, chain_seed in zip(densities, whitening.to_w(starts), seeds, strict=True):
                 samplers.append(_start(density, start, settings, int(chain_seed)))
@@ -155,8 +146,8 @@ def sample(
                 for chain, sampler in enumerate(samplers):
                     if chain not in traces and (trace := _wait(sampler)) is not None:
                         traces[chain] = trace
-                if progress is not None:
-                    progress(tuple(_progress(density, settings) for density in densities))
+                drawn, gradients = (sum(getattr(d, what) for d in densities) for what in ("draws", "gradients"))
+                sampling.at(drawn, f"{drawn}/{total} draws, {gradients} gradients")
             # Counted before the density is stopped: the draw that this cuts short is not one of the posterior's.
             kept = [density.draws for density in densities]
             for density in densities:
@@ -230,11 +221,6 @@ class _Density:
 
 
 _ChainDensity = _Density | NativeDensity
-
-
-def _progress(density: _ChainDensity, settings: NutsSettings) -> ChainProgress:
-    total = settings.warmup + settings.draws
-    return ChainProgress(density.draws, total, settings.warmup, density.gradients, density.failures)
 
 
 def _start(density: _ChainDensity, start: Array, settings: NutsSettings, seed: int) -> Any:

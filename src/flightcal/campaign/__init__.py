@@ -1,6 +1,6 @@
 """Campaigns: a simulator run at every theta of a design, on this machine or on a cluster, each run kept.
 
-Imports: errors, external, probability, run, scenario, simulator.
+Imports: errors, external, probability, progress, run, scenario, simulator.
 """
 
 from .campaign import Tally, run_campaign

@@ -10,6 +10,7 @@ from pathlib import Path
 
 import numpy as np
 
+from ..progress import SILENT, Progress
 from ..simulator import FloatArray
 from .folder import DAMAGED, NOT_RUN, Design, locked, prepare
 from .job import Job, RunFunction
@@ -53,14 +54,13 @@ def run_campaign(
     *,
     together: int = 1,
     retry_failed: bool = False,
-    on_begin: Callable[[Tally], None] = lambda _: None,
-    on_progress: Callable[[Tally], None] = lambda _: None,
+    progress: Progress = SILENT,
 ) -> Tally:
     """Run the design's thetas that have no record yet in `folder`, and record them; the same call resumes.
 
     connect: gives what runs them; not called where nothing is left to do.
     together: at most so many thetas are one call of `run`; with more than one, a kill costs all of a call's runs.
-    retry_failed: run those again, too, whose record says that they failed. on_begin: told what was done before.
+    retry_failed: run those again, too, whose record says that they failed.
     Raises RunError where the folder is another campaign's, where another process runs it, or where the workers fail.
     """
     folder = folder.absolute()  # workers may have been started elsewhere
@@ -68,7 +68,7 @@ def run_campaign(
         store = prepare(folder, subject, design)
         store.tidy()
         before = outcomes_of(store, design.theta)
-        on_begin(Tally(Counter(before)))
+        progress.say(f"found: {Tally(Counter(before))}")
         again = {NOT_RUN, DAMAGED} if not retry_failed else {outcome for outcome in before if outcome != FINISHED}
         # A theta that is in the design twice is one run.
         rows = [(row, outcome) for row, outcome in zip(design.theta, before, strict=True) if outcome in again]
@@ -76,17 +76,18 @@ def run_campaign(
         if missing:
             kept = Counter(outcome for outcome in before if outcome not in again)
 
-            def progress(outcomes: Counter[str]) -> None:
+            def tell(outcomes: Counter[str]) -> None:
                 done = kept + outcomes
-                on_progress(Tally(done + Counter({NOT_RUN: max(len(before) - done.total(), 0)})))
+                tally = Tally(done + Counter({NOT_RUN: max(len(before) - done.total(), 0)}))
+                running.at(tally.total - tally.left, str(tally))
 
             job = Job(run, store, len(subject.times), len(subject.channels), len(subject.heaters))
-            with connect() as runner:
+            with progress.stage("running", len(before)) as running, connect() as runner:
                 for row, outcome in rows:
                     if outcome != NOT_RUN:
                         store.discard(row)
                 chunk = max(1, min(together, len(missing) // runner.workers))
-                runner.run_missing(job, np.array(list(missing.values())), chunk=chunk, on_progress=progress)
+                runner.run_missing(job, np.array(list(missing.values())), chunk=chunk, on_progress=tell)
         return Tally(Counter(outcomes_of(store, design.theta)))
 
 

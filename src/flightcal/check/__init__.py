@@ -1,6 +1,9 @@
 """Checks before sampling: what the data can tell, and whether prior and sampler will get along with them.
 
-Imports: calibration, emulation, errors, external, probability, problem, report, simulator.
+Imports: calibration, emulation, environment, errors, external, probability, problem, progress, report, run,
+simulator, telemetry.
+
+Imports: calibration, emulation, errors, external, probability, problem, progress, report, run, simulator, telemetry.
 """
 
 from .centre import find_centre
@@ -12,11 +15,15 @@ from .prior_predictive import prior_predictive
 from .profile import check_names, profile
 from .sensitivity import sensitivity
 from .smoothness import smoothness
+from .whole import CHECK, CheckSummary, check
 
 __all__ = [
+    "CHECK",
     "THOROUGH",
+    "CheckSummary",
     "Checked",
     "Effort",
+    "check",
     "check_names",
     "effort_for",
     "find_centre",

@@ -13,6 +13,7 @@ from ..emulation import needs_emulator
 from ..errors import FlightcalError
 from ..probability import Priors
 from ..problem import Problem, Window
+from ..progress import SILENT, Progress
 from ..simulator import FloatArray, SimulationFailure, Simulator, Trajectory
 from .evaluate import ManyRuns, densities
 
@@ -45,11 +46,11 @@ def find_centre(
     prior_runs: tuple[FloatArray, ManyRuns],
     searches: int,
     seed: int,
-    say: Callable[[str], None] = lambda _: None,
+    progress: Progress = SILENT,
 ) -> Centre:
     """The mode, sought from the prior's median and from prior draws; without derivatives, from the best of the draws.
 
-    prior_runs: prior thetas [S, d] and their simulations. searches: see `Effort`. say: told where the search is.
+    prior_runs: prior thetas [S, d] and their simulations. searches: see `Effort`.
     Raises FlightcalError where nothing can be simulated.
     """
     if needs_emulator(problem):
@@ -60,7 +61,7 @@ def find_centre(
         open_loop=problem.open_loop,
         rng=np.random.default_rng(seed),
         random_starts=searches,
-        on_start=say,
+        progress=progress,
     )
     best = modes[0]
     if not np.isfinite(best.log_density):

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Callable
 from dataclasses import dataclass
 
 import numpy as np
@@ -16,8 +15,6 @@ _BATCH = 512
 
 ManyRuns = list[Runs | None]
 """Of each window at many points; None where a simulation failed."""
-
-Advance = Callable[[float], None]
 """Is told which share (0..1) of a part is done."""
 
 

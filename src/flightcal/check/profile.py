@@ -6,7 +6,6 @@ parameter that the data do not hold stays where its prior has it instead of runn
 
 from __future__ import annotations
 
-from collections.abc import Callable
 from dataclasses import dataclass
 from itertools import pairwise
 
@@ -15,6 +14,7 @@ from scipy.optimize import minimize
 
 from ..errors import ScenarioError
 from ..problem import Problem
+from ..progress import SILENT, Progress
 from ..simulator import FloatArray, IntArray, SimulationFailure
 from .centre import Centre
 from .evaluate import spread_in_z
@@ -50,7 +50,7 @@ class Profile:
         return bool(drop[0] > DROP and drop[-1] > DROP)
 
 
-def profile(problem: Problem, centre: Centre, name: str, advance: Callable[[float], None] = lambda _: None) -> Profile:
+def profile(problem: Problem, centre: Centre, name: str, progress: Progress = SILENT) -> Profile:
     """The profile of a parameter on both sides of the centre, each point starting from its neighbour's.
 
     It needs a gradient. Raises ScenarioError where there is no such parameter.
@@ -67,7 +67,7 @@ def profile(problem: Problem, centre: Centre, name: str, advance: Callable[[floa
         for step, offset in enumerate(offsets):
             last = _fitted(problem, _followed(centre, last, k, float(centre.z[k] + sign * offset)), others)
             found.append((last[k], last))
-            advance((number * _POINTS + step + 1) / (2 * _POINTS))
+            progress.at((number * _POINTS + step + 1) / (2 * _POINTS))
     points = np.stack([z for _, z in sorted(found, key=lambda item: item[0])])
     density = np.array([problem.log_density(z) for z in points])
     likelihood = density - problem.priors.at(points).log_density

@@ -15,8 +15,9 @@ import numpy as np
 from scipy.stats import norm, qmc, rankdata
 
 from ..problem import Problem, Runs
+from ..progress import SILENT, Progress
 from ..simulator import FloatArray
-from .evaluate import Advance, Effort, ManyRuns, in_batches, log_likelihoods
+from .evaluate import Effort, ManyRuns, in_batches, log_likelihoods
 
 LIKELIHOOD = "log likelihood"
 _HARMONICS = 6
@@ -65,7 +66,7 @@ def sensitivity(
     effort: Effort,
     seed: int,
     prior_runs: tuple[FloatArray, ManyRuns],
-    advance: Advance = lambda _: None,
+    progress: Progress = SILENT,
 ) -> Sensitivity:
     """Indices over the prior of what the simulator takes; noise levels and the like stay as at z [d].
 
@@ -87,7 +88,7 @@ def sensitivity(
         for part in in_batches(len(share)):
             values, runs = log_likelihoods(problem, whole(share[part]))
             outputs.append(_outputs(problem, reference, values, runs))
-            advance(part.stop / len(share))
+            progress.at(part.stop / len(share))
         return _ranked(np.concatenate(outputs))
 
     if effort.base:

@@ -12,9 +12,10 @@ from dataclasses import dataclass
 import numpy as np
 
 from ..problem import Problem, Runs
+from ..progress import SILENT, Progress
 from ..simulator import FloatArray
 from .centre import Centre
-from .evaluate import Advance, Effort, densities, in_batches, signature
+from .evaluate import Effort, densities, in_batches, signature
 
 REACH = 3.0
 """Standard deviations of the posterior to each side that a scan covers."""
@@ -101,7 +102,7 @@ class Smoothness:
         return tuple(sorted((jump for scan in self.scans for jump in scan.jumps), key=lambda jump: -abs(jump.nats)))
 
 
-def scan_all(problem: Problem, centre: Centre, effort: Effort, advance: Advance = lambda _: None) -> tuple[Scan, ...]:
+def scan_all(problem: Problem, centre: Centre, effort: Effort, progress: Progress = SILENT) -> tuple[Scan, ...]:
     """A scan along each parameter through the centre, with its jumps located where the effort allows it."""
     covariance = centre.covariance
     directions = covariance / np.sqrt(np.diag(covariance))
@@ -114,11 +115,10 @@ def scan_all(problem: Problem, centre: Centre, effort: Effort, advance: Advance 
     for part in in_batches(len(points)):
         flat[part], runs = densities(problem, points[part])
         marks += [signature(own, len(problem.heaters)) for own in runs]
-        advance(0.7 * part.stop / len(points))
+        progress.at(part.stop / len(points))
     values = flat.reshape(len(names), -1)
     signatures = [marks[k * effort.scan : (k + 1) * effort.scan] for k in range(len(names))]
     jumps = _located(problem, centre, names, directions[:, scanned], place, values, signatures) if effort.locate else []
-    advance(1.0)
     thetas = problem.to_theta(points).reshape(len(names), effort.scan, -1)
     return tuple(
         Scan(
@@ -242,7 +242,7 @@ def _what_differs(problem: Problem, below: Runs | None, above: Runs | None) -> t
 
 
 def check_gradient(
-    problem: Problem, centre: Centre, seed: int, advance: Advance = lambda _: None
+    problem: Problem, centre: Centre, seed: int, progress: Progress = SILENT
 ) -> tuple[tuple[GradientError, ...], int, int]:
     """The gradient against differences of the log density, at the centre and at draws around it.
 
@@ -280,15 +280,16 @@ def check_gradient(
             if k not in worst or error[best, k] > worst[k].error:
                 difference = float(slopes[best, k] / deviation[k])
                 worst[k] = GradientError(problem.names[k], float(error[best, k]), float(gradient[k]), difference)
-        advance((number + 1) / (1 + len(around)))
+        progress.at((number + 1) / (1 + len(around)))
     return tuple(worst[k] for k in sorted(worst)), points, left_out
 
 
 def smoothness(
-    problem: Problem, centre: Centre, effort: Effort, seed: int, *, gradient: bool, advance: Advance = lambda _: None
+    problem: Problem, centre: Centre, effort: Effort, seed: int, *, gradient: bool, progress: Progress = SILENT
 ) -> Smoothness:
     """Scans along every parameter, and where there is a gradient its check."""
-    scans = scan_all(problem, centre, effort, lambda share: advance(0.8 * share))
-    errors, points, left_out = check_gradient(problem, centre, seed) if gradient else ((), 0, 0)
-    advance(1.0)
+    with progress.stage("scans", 1.0) as scanning:
+        scans = scan_all(problem, centre, effort, scanning)
+    with progress.stage("gradient", 1.0) as checking:
+        errors, points, left_out = check_gradient(problem, centre, seed, checking) if gradient else ((), 0, 0)
     return Smoothness(scans, errors, points, left_out, effort.locate)

@@ -3,34 +3,54 @@
 from __future__ import annotations
 
 from collections import Counter
-from collections.abc import Callable
 from contextlib import AbstractContextManager, nullcontext
 from functools import partial
 from pathlib import Path
+from typing import TYPE_CHECKING, Annotated
 
-import xarray
+import typer
 
-from ..campaign import (
-    FINISHED,
-    NOT_RUN,
-    Design,
-    Here,
-    Runner,
-    Subject,
-    Tally,
-    input_hashes,
-    open_campaign,
-    run_campaign,
-    run_function,
-    scenario_parts,
-)
-from ..environment import orbital_period
 from ..errors import RunError, require
-from ..probability import KINDS, Priors, around_posterior, latin_hypercube, prior_draws, sobol
-from ..problem import Problem, build_problem
-from ..run import hash_of, hash_of_file
-from ..scenario import load_scenario, resolved_yaml
-from ..telemetry import read_telemetry
+from ..progress import SILENT, Progress
+from .options import ScenarioFile, TelemetryPlace
+
+if TYPE_CHECKING:
+    import xarray
+
+    from ..campaign import Design, Runner, Subject, Tally
+    from ..problem import Problem
+
+
+def campaign(
+    scenario: ScenarioFile,
+    out: Annotated[Path, typer.Option(help="Folder of the campaign; runs that are done in it are not run again.")],
+    runs: Annotated[int, typer.Option(min=1, help="Runs of the design; a larger number than before grows it.")],
+    design: Annotated[
+        str | None,
+        typer.Option(help="sobol, latin-hypercube, prior or posterior; default: sobol, with --around posterior."),
+    ] = None,
+    around: Annotated[Path | None, typer.Option(help="Run whose posterior the design's draws are of.")] = None,
+    spread: Annotated[float, typer.Option(min=0.0, help="Scales the posterior draws' distance from their mean.")] = 1.0,
+    window: Annotated[str, typer.Option(help="Window of the scenario.")] = "train",
+    seed: Annotated[int | None, typer.Option(min=0, help="Of the design; default: the scenario's.")] = None,
+    workers: Annotated[int, typer.Option(min=1, help="Processes on this machine, one run at a time in each.")] = 2,
+    scheduler: Annotated[
+        str | None, typer.Option(help="Run on this Dask cluster instead, such as tcp://host:8786; it must see --out.")
+    ] = None,
+    retry_failed: Annotated[bool, typer.Option("--retry-failed", help="Run failed runs again, too.")] = False,
+    telemetry: TelemetryPlace = None,
+) -> None:
+    """Run the simulator at every theta of a design, and keep what each run gave.
+
+    Example: `flightcal campaign scenario.yaml --design sobol --runs 2000 --out runs/sobol`
+    """
+    from .display import display
+
+    with display() as progress:
+        run_scenario_campaign(
+            scenario, out, runs, window=window, kind=design, seed=seed, around=around, spread=spread, workers=workers,
+            scheduler=scheduler, retry_failed=retry_failed, telemetry=telemetry, progress=progress,
+        )  # fmt: skip
 
 
 def run_scenario_campaign(
@@ -47,24 +67,26 @@ def run_scenario_campaign(
     scheduler: str | None = None,
     retry_failed: bool = False,
     telemetry: Path | None = None,
-    say: Callable[[str], None] = lambda _: None,
-    on_progress: Callable[[Tally], None] = lambda _: None,
+    progress: Progress = SILENT,
 ) -> Tally:
     """Run a campaign of a scenario, or take it up where it stopped; what became of its runs.
 
-    kind, seed, around, spread: see `make_design`; seed None: the scenario's. say: told in words what is done.
+    kind, seed, around, spread: see `make_design`; seed None: the scenario's.
     Raises FlightcalError for what is the user's to mend, also where no run at all finished.
     """
+    from ..campaign import FINISHED, Tally, open_campaign, run_campaign, run_function
+    from ..problem import build_problem
+    from ..scenario import load_scenario
+    from ..telemetry import read
+
     if scheduler is not None:
         require("distributed", "cluster", "--scheduler")
     scenario = load_scenario(scenario_file, telemetry=telemetry)
-    period = orbital_period(scenario.environment, scenario.folder)
-    data = read_telemetry(scenario.telemetry, scenario.folder, period=period)
-    problem = build_problem(scenario, data, window)
+    problem = build_problem(scenario, read(scenario), window)
     subject = subject_of(problem)
     seed = scenario.calibration.seed if seed is None else seed
     design = make_design(problem, runs, seed, kind=kind, around=around, spread=spread)
-    say(f"design: {design.kind}, {runs} runs of {len(subject.parameters)} parameters, seed {seed}")
+    progress.say(f"design: {design.kind}, {runs} runs of {len(subject.parameters)} parameters, seed {seed}")
     (own,) = problem.windows
     run, together = run_function(own.simulator, len(own.times))
     connect = partial(_runner, workers, scheduler)
@@ -77,19 +99,20 @@ def run_scenario_campaign(
             connect,
             together=together,
             retry_failed=retry_failed,
-            on_begin=lambda before: say(f"found: {before}"),
-            on_progress=on_progress,
+            progress=progress,
         )
     except KeyboardInterrupt:
-        say(f"stopped: {Tally(Counter(open_campaign(out)['outcome'].values.tolist()))}")
+        progress.say(f"stopped: {Tally(Counter(open_campaign(out)['outcome'].values.tolist()))}")
         raise
-    say(f"campaign: {tally}")
+    progress.say(f"campaign: {tally}")
     if not tally.outcomes[FINISHED]:
         raise RunError(f"{out}: none of the {tally.total} runs finished; {first_failure(out)}")
     return tally
 
 
 def _runner(workers: int, scheduler: str | None) -> AbstractContextManager[Runner]:
+    from ..campaign import Here
+
     if scheduler is None:
         return nullcontext(Here(workers))
     from ..campaign import remote_cluster
@@ -99,6 +122,8 @@ def _runner(workers: int, scheduler: str | None) -> AbstractContextManager[Runne
 
 def first_failure(folder: Path) -> str:
     """What the first failed run of a campaign says."""
+    from ..campaign import FINISHED, NOT_RUN, open_campaign
+
     data = open_campaign(folder)
     for k, (outcome, message) in enumerate(zip(data["outcome"].values, data["message"].values, strict=True)):
         if outcome not in (FINISHED, NOT_RUN):
@@ -108,6 +133,9 @@ def first_failure(folder: Path) -> str:
 
 def subject_of(problem: Problem) -> Subject:
     """What a campaign of a problem's simulator runs."""
+    from ..campaign import Subject, input_hashes, scenario_parts
+    from ..scenario import resolved_yaml
+
     (window,) = problem.windows
     scenario, simulator = problem.scenario, window.simulator
     return Subject(
@@ -136,6 +164,10 @@ def make_design(
     whose posterior a design of kind posterior takes its draws from, their distance from their mean scaled by `spread`.
     Raises RunError where these do not go together.
     """
+    from ..campaign import Design
+    from ..probability import KINDS, Priors, around_posterior, latin_hypercube, prior_draws, sobol
+    from ..run import hash_of, hash_of_file
+
     kind = kind or ("sobol" if around is None else "posterior")
     if kind not in KINDS:
         raise RunError(f"--design {kind}: expected {', '.join(KINDS)}")
@@ -161,6 +193,8 @@ def make_design(
 
 def _posterior(file: Path, window: str) -> xarray.Dataset:
     """The draws in a run's posterior.nc; on another window than that of the calibration, without the initial state."""
+    import xarray
+
     try:
         with xarray.open_dataset(file, group="posterior", engine="h5netcdf") as opened:
             posterior = opened.load()

@@ -8,48 +8,50 @@ window stands beside it.
 from __future__ import annotations
 
 import json
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Annotated, Any
 
-import numpy as np
-import xarray
+import typer
 
-from ..environment import orbital_period
 from ..errors import RunError
-from ..prediction import Metric
-from ..problem import build_problem
-from ..progress import Listener
-from ..report import write_comparison
-from ..run import plain, write_atomically
-from ..scenario import (
-    NEEDS,
-    Discrepancy,
-    Noise,
-    PhaseDiscrepancy,
-    Scenario,
-    TimeDiscrepancy,
-    is_trained,
-    load_scenario,
-    noise_of,
-    resolved_yaml,
-)
-from ..simulator import FloatArray
-from ..validation import BlockLoo, block_log_likelihood, blocks_of, leave_blocks_out
-from . import left_out
-from .calibrate import Summary, read, run_experiment
+from ..progress import SILENT, Progress
+from .calibrate import Summary, run_experiment
+from .options import GATE_FAILED, ScenarioFile, TelemetryPlace
 
-MODELS = ("iid", "ar1", "time", "phase", "both", "phase+ar1")
-"""iid: independent noise, as published; ar1: correlated; time, phase, both: independent and a discrepancy; phase+ar1:
-a discrepancy that comes again in every orbit, and correlated noise for what does not."""
+if TYPE_CHECKING:
+    from ..validation import BlockLoo
 
-COMPARED = ("rmse", "mape_kelvin", "picp", "mpiw", "crps", "log_score")
-COVERED = (0.90, 0.99)
-"""What the 95% interval may cover of unseen telemetry without a word of caution."""
-_DRAWS = 200
 _RESULT = "comparison.json"
 _LEFT_OUT = "left_out.json"
+
+
+def compare(
+    scenario: ScenarioFile,
+    out: Annotated[Path, typer.Option(help="Folder of the runs; what is done in it is not run again.")],
+    models: Annotated[
+        str, typer.Option(help="Which to compare: iid, ar1, time, phase, both, phase+ar1.")
+    ] = "iid,ar1,time,phase,both,phase+ar1",
+    leave_windows_out: Annotated[
+        bool, typer.Option("--leave-windows-out", help="Also predict each training window by the others.")
+    ] = False,
+    telemetry: TelemetryPlace = None,
+) -> None:
+    """Calibrate with several models of noise and discrepancy, compare them on unseen windows, and recommend one.
+
+    Example: `flightcal compare scenario.yaml --out runs/compared`
+    """
+    from .display import display, print_comparison
+
+    chosen = [model.strip() for model in models.split(",") if model.strip()]
+    with display() as progress:
+        comparison = compare_models(
+            scenario, out, chosen, telemetry=telemetry, leave_windows_out=leave_windows_out, progress=progress
+        )
+    print_comparison(comparison)
+    if not comparison.passed:
+        raise typer.Exit(GATE_FAILED)
 
 
 @dataclass(frozen=True)
@@ -70,19 +72,23 @@ class Comparison:
 def compare_models(
     scenario_file: Path | str,
     out: Path | str,
-    models: Sequence[str] = MODELS,
+    models: Sequence[str],
     *,
     telemetry: Path | str | None = None,
     leave_windows_out: bool = False,
-    listener: Listener | None = None,
-    say: Callable[[str], None] = lambda _: None,
+    progress: Progress = SILENT,
 ) -> Comparison:
     """Run the experiment with each model in a folder of its name in `out`, and write comparison.json and .html.
 
-    What is done in the folder is not run again. leave_windows_out: also predict each training window by the others
-    (see `left_out`). say: told which model begins.
+    models: some of `validation.MODELS`. What is done in the folder is not run again. leave_windows_out: also predict
+    each training window by the others (see `validation.leave_windows_out`).
     Raises FlightcalError for what is the user's to mend, and KeyboardInterrupt after a sampling that was interrupted.
     """
+    from ..report import write_comparison
+    from ..run import plain
+    from ..scenario import is_trained, load_scenario, resolved_yaml
+    from ..validation import MODELS, check_windows, comparison_of, variant
+
     unknown = [model for model in models if model not in MODELS]
     if unknown or len(models) < 2:
         raise RunError(f"--models: found {', '.join(unknown or models)}, expected two or more of {', '.join(MODELS)}")
@@ -90,20 +96,20 @@ def compare_models(
     if all(is_trained(window) for window in scenario.windows):
         raise RunError(f"{scenario_file}: windows: found none but those to train on, expected one to compare on")
     if leave_windows_out:
-        left_out.check_windows(scenario)
+        check_windows(scenario)
     folder = Path(out)
     folder.mkdir(parents=True, exist_ok=True)
     summaries, loos, others = {}, {}, {}
     for model in models:
-        say(model)
+        progress.say(model)
         file = folder / f"{model}.yaml"
         _write(file, resolved_yaml(variant(scenario, model), absolute=True))
-        summaries[model] = run_experiment(file, folder / model, listener=listener)
+        summaries[model] = run_experiment(file, folder / model, progress=progress)
         if summaries[model].interrupted:
             raise KeyboardInterrupt
         loos[model] = _block_loo(file, summaries[model])
         if leave_windows_out:
-            others[model] = _left_out(file, summaries[model], say)
+            others[model] = _left_out(file, summaries[model], progress)
     metrics = {model: summary.metrics for model, summary in summaries.items()}
     passed = {model: summary.passed for model, summary in summaries.items()}
     content = comparison_of(scenario.name, metrics, loos, passed) | {"left_out": others}
@@ -112,174 +118,35 @@ def compare_models(
     return Comparison(folder, summaries, content)
 
 
-def _write(file: Path, text: str) -> None:
-    write_atomically(file, lambda path: path.write_text(text, encoding="utf-8"))
+def _block_loo(file: Path, summary: Summary) -> BlockLoo:
+    """From the posterior of a finished run."""
+    from ..problem import build_problem
+    from ..run import read_tree
+    from ..scenario import load_scenario
+    from ..telemetry import read
+    from ..validation import block_loo
+
+    scenario = load_scenario(file)
+    return block_loo(build_problem(scenario, read(scenario)), read_tree(summary.run / "posterior.nc"))
 
 
-def _left_out(file: Path, summary: Summary, say: Callable[[str], None]) -> dict[str, Any]:
-    """Scores of training windows that were left out, kept in the run directory, which is this scenario's alone."""
+def _left_out(file: Path, summary: Summary, progress: Progress) -> dict[str, Any]:
+    """Scores of training windows that were left out, kept in the run's folder, which is this scenario's alone."""
+    from ..run import plain
+    from ..scenario import load_scenario
+    from ..telemetry import read
+    from ..validation import leave_windows_out
+
     kept = summary.run / _LEFT_OUT
     if not kept.exists():
         own = load_scenario(file)
-        scores = left_out.leave_windows_out(own, read(own), say=say)
+        scores = leave_windows_out(own, read(own), progress=progress)
         _write(kept, json.dumps(plain(scores), indent=1, allow_nan=False) + "\n")
     found: dict[str, Any] = json.loads(kept.read_text(encoding="utf-8"))
     return found
 
 
-def variant(scenario: Scenario, model: str) -> Scenario:
-    """The scenario with another model of the residuals: its own blocks where it has them, their defaults elsewhere.
+def _write(file: Path, text: str) -> None:
+    from ..run import write_atomically
 
-    Heavy tails and rounding stay with iid alone, for they go together with neither correlation nor discrepancy.
-    """
-
-    def noise(own: Noise) -> Noise:
-        of_memory = [name for name, (key, _) in NEEDS.items() if key == "model"]
-        # What is written of correlated noise says nothing of noise that is to stand alone.
-        same = own.model == "iid" or model.endswith("ar1")
-        written: dict[str, Any] = {"standard_deviation": own.standard_deviation} if same else {}
-        if model.endswith("ar1"):
-            written |= {"model": "ar1"} | {name: getattr(own, name) for name in of_memory}
-        elif model == "iid":
-            kept = own.model_fields_set - {"standard_deviation", "model", *of_memory}
-            written |= {name: getattr(own, name) for name in kept}
-        return Noise(**written)
-
-    observations = {
-        channel: item
-        if item.heater is not None
-        else item.model_copy(update={"noise": noise(noise_of(scenario, channel))})
-        for channel, item in scenario.observations.items()
-    }
-    own = scenario.discrepancy
-    discrepancy = None
-    if model not in ("iid", "ar1"):
-        discrepancy = Discrepancy(
-            time=((own and own.time) or TimeDiscrepancy()) if model in ("time", "both") else None,
-            phase=((own and own.phase) or PhaseDiscrepancy()) if model != "time" else None,
-            channels=own.channels if own is not None else (),
-        )
-    return scenario.model_copy(
-        update={"observations": observations, "noise": noise(scenario.noise), "discrepancy": discrepancy}
-    )
-
-
-def comparison_of(
-    name: str, metrics: Mapping[str, Sequence[Metric]], loos: Mapping[str, BlockLoo], passed: Mapping[str, bool]
-) -> dict[str, Any]:
-    """Content of comparison.json: scores by model, the blocks left out, and what is recommended and why."""
-    rows = []
-    for model, found in metrics.items():
-        values = {
-            (m.window, m.channel, m.metric): m.value
-            for m in found
-            if m.method == "stochastic" and not is_trained(m.window) and m.metric in COMPARED
-        }
-        for window, channel in dict.fromkeys((window, channel) for window, channel, _ in values):
-            scores = {metric: values.get((window, channel, metric)) for metric in COMPARED}
-            rows.append({"model": model, "window": window, "channel": channel, **scores})
-    means = {
-        model: _means([row for row in rows if row["model"] == model and row["channel"] == "all"]) for model in metrics
-    }
-    best = max(loos.values(), key=lambda loo: loo.density)
-    recommended, reason = recommend(means, loos, passed)
-    return {
-        "name": name,
-        "models": list(metrics),
-        "recommended": recommended,
-        "reason": reason,
-        "passed": passed,
-        "scores": rows,
-        "means": means,
-        "blocks": {
-            model: {
-                "density": loo.density,
-                "below_best": best.density - loo.density,
-                "standard_error": float(np.sqrt(len(loo.of_blocks)) * np.std(best.of_blocks - loo.of_blocks)),
-                "blocks": len(loo.of_blocks),
-                "unreliable": loo.unreliable,
-            }
-            for model, loo in loos.items()
-        },
-    }
-
-
-def _means(rows: Sequence[dict[str, Any]]) -> dict[str, float | None]:
-    """Of each score over the windows."""
-    means: dict[str, float | None] = {}
-    for metric in COMPARED:
-        values = [row[metric] for row in rows if row[metric] is not None]
-        means[metric] = float(np.mean(values)) if values else None
-    return means
-
-
-def recommend(
-    means: Mapping[str, Mapping[str, float | None]], loos: Mapping[str, BlockLoo], passed: Mapping[str, bool]
-) -> tuple[str, str]:
-    """The model to use, and why: of those that were sampled well, the one with the best log score.
-
-    The log score is proper (Gneiting & Raftery 2007): an interval too narrow costs it as much as one too wide.
-    """
-
-    def covers(model: str) -> bool:
-        share = means[model]["picp"]
-        return share is not None and COVERED[0] <= share <= COVERED[1]
-
-    def score(model: str) -> float:
-        value = means[model]["log_score"]
-        return -np.inf if value is None else value
-
-    sampled = [model for model in means if passed[model]] or list(means)
-    best = max(sampled, key=score)
-    share = means[best]["picp"]
-    words = [
-        f"On the windows that come after the training, '{best}' has the best log score, {score(best):.3f} nats a sample"
-        + (f"; its 95% interval covers {share:.1%} of them." if share is not None else ".")
-    ]
-    covering = [model for model in sampled if covers(model)]
-    if not covers(best) and covering:
-        safe = max(covering, key=score)
-        words.append(
-            "That is not right for an interval of 95%: where coverage matters more than sharpness, use "
-            f"'{safe}', whose interval covers {means[safe]['picp']:.1%}."
-        )
-    elif not covers(best):
-        words.append("No model's interval covers between 90% and 99%: take none of these intervals at its word.")
-    others = [model for model in means if model not in sampled and score(model) > score(best)]
-    if others:
-        words.append(f"A better log score, but not converged: {', '.join(others)}.")
-    if best != "iid" and "iid" in means:
-        words += [f"Against 'iid': {_change(means, best, 'crps', 'CRPS')}, {_change(means, best, 'mpiw', 'MPIW')}."]
-    inside = max(loos, key=lambda model: loos[model].density)
-    if inside == best:
-        words.append("It also predicts blocks left out of the training window best.")
-    else:
-        words.append(
-            f"Blocks left out of the training window are predicted best by '{inside}', which says less: their "
-            "neighbours in time are known, those of the future are not."
-        )
-    return best, " ".join(words)
-
-
-def _change(means: Mapping[str, Mapping[str, float | None]], model: str, metric: str, title: str) -> str:
-    value, reference = means[model][metric], means["iid"][metric]
-    if value is None or not reference:
-        return f"{title} undefined"
-    return f"{title} {value:.3g} K instead of {reference:.3g} K ({value / reference - 1:+.0%})"
-
-
-def _block_loo(file: Path, summary: Summary) -> BlockLoo:
-    """From the posterior of a finished run."""
-    scenario = load_scenario(file)
-    problem = build_problem(scenario, read(scenario))
-    with xarray.open_dataset(summary.run / "posterior.nc", group="posterior", engine="h5netcdf") as opened:
-        posterior = opened.load()
-    thetas: FloatArray = np.stack([posterior[name].values.ravel() for name in problem.names], axis=1)
-    rng = np.random.default_rng(scenario.calibration.seed)
-    thetas = thetas[rng.choice(len(thetas), min(_DRAWS, len(thetas)), replace=False)]
-    period = orbital_period(scenario.environment, scenario.folder)
-    parts = []
-    for window in problem.windows:
-        inside = problem.at(window, thetas)
-        parts.append(block_log_likelihood(window, inside, blocks_of(window.times, period)))
-    return leave_blocks_out(np.concatenate(parts, axis=1))
+    write_atomically(file, lambda path: path.write_text(text, encoding="utf-8"))

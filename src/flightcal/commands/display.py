@@ -3,152 +3,67 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Iterator
+from collections.abc import Iterator
 from contextlib import contextmanager
-from time import monotonic
-from typing import TYPE_CHECKING, Any
+from dataclasses import dataclass
+from typing import TYPE_CHECKING
 
+import rich.progress
 from rich.console import Console
 from rich.padding import Padding
-from rich.progress import BarColumn, Progress, TaskID, TextColumn, TimeElapsedColumn
+from rich.progress import BarColumn, TaskID, TextColumn, TimeElapsedColumn
 from rich.table import Table
 from rich.text import Text
 
 from ..prediction import comparison_table
+from ..progress import Lines, Progress
 from ..validation import INTERVALS
-from .calibrate import Summary
 
 if TYPE_CHECKING:
+    from .calibrate import Summary
     from .check import CheckSummary
     from .compare import Comparison as ModelComparison
     from .validate import Validation
 
-_TITLES = {
-    "read": "reading telemetry",
-    "compile": "compiling (long only once)",
-    "emulator": "learning an emulator",
-    "genetic": "genetic algorithm",
-    "nuts": "stochastic update (NUTS)",
-    "predict": "predicting and scoring",
-    "report": "writing the report",
-}
-
-
-EVERY = 60.0
-"""s between two lines on one stage, where there is no terminal."""
-
 
 @contextmanager
-def bar(title: str) -> Iterator[Callable[..., None]]:
-    """A bar on a terminal; what it yields is told the share (0..1) that is done and may be told a note.
-
-    Elsewhere it prints the note for each tenth that is done.
-    """
-    console = Console(stderr=True)
-    note_column = TextColumn("{task.fields[note]}")
-    progress = Progress(TextColumn(title), BarColumn(bar_width=30), note_column, TimeElapsedColumn(), console=console)
-    task = progress.add_task(title, total=1.0, note="")
-    if console.is_terminal:
-        with progress:
-            yield lambda share, note="": progress.update(task, completed=share, note=note)
+def display(console: Console | None = None) -> Iterator[Progress]:
+    """Whom to tell how work goes on: a bar for each stage on a terminal, else lines."""
+    console = console or Console(stderr=True)
+    if not console.is_terminal:
+        yield Lines(lambda line: console.print(line, highlight=False, soft_wrap=True, markup=False))
         return
-    tenths = 0
-
-    def advance(share: float, note: str = "") -> None:
-        nonlocal tenths
-        if note and int(10 * share) > tenths:
-            tenths = int(10 * share)
-            console.print(f"{title}: {note}", highlight=False, soft_wrap=True)
-
-    yield advance
+    columns = (TextColumn("{task.description:<28}"), BarColumn(bar_width=30), TextColumn("{task.fields[note]}"))
+    with rich.progress.Progress(*columns, TimeElapsedColumn(), console=console) as bars:
+        yield _Bars(bars)
 
 
-@contextmanager
-def bars() -> Iterator[Callable[[str, float], None]]:
-    """A bar for each of several stages on a terminal, else a line; what it yields is told stage and share (0..1)."""
-    console = Console(stderr=True)
-    columns = (TextColumn("{task.description:<28}"), BarColumn(bar_width=30), TimeElapsedColumn())
-    tasks: dict[str, TaskID] = {}
-    with Progress(*columns, console=console, disable=not console.is_terminal) as progress:
+@dataclass(frozen=True)
+class _Bars:
+    """A bar for each stage, which the stages inside of it share."""
 
-        def advance(stage: str, share: float) -> None:
-            if stage not in tasks:
-                tasks[stage] = progress.add_task(stage, total=1.0)
-                if not console.is_terminal:
-                    console.print(stage, highlight=False)
-            progress.update(tasks[stage], completed=share)
+    bars: rich.progress.Progress
+    task: TaskID | None = None
+    before: str = ""
+    """What stands before a note."""
 
-        yield advance
+    @contextmanager
+    def stage(self, title: str, total: float | None = None) -> Iterator[Progress]:
+        if self.task is not None:
+            self.bars.update(self.task, total=total, completed=0)
+            yield _Bars(self.bars, self.task, f"{self.before}{title}: ")
+            return
+        task = self.bars.add_task(title, total=total, note="")
+        yield _Bars(self.bars, task)
+        whole = self.bars.tasks[task].total or 1.0
+        self.bars.update(task, total=whole, completed=whole)
 
+    def at(self, done: float, note: str = "") -> None:
+        if self.task is not None:
+            self.bars.update(self.task, completed=done, note=f"{self.before}{note}" if note else "")
 
-class Display:
-    """Progress for `experiment.run_experiment` (a Listener): bars on a terminal, else lines.
-
-    A line for each stage, and in a long one another each minute, so that a log shows how far it is.
-    """
-
-    def __init__(self, console: Console | None = None) -> None:
-        self._console = console or Console(stderr=True)
-        self._progress = Progress(
-            TextColumn("{task.description:<26}"),
-            BarColumn(bar_width=30),
-            TextColumn("{task.fields[note]}"),
-            TimeElapsedColumn(),
-            console=self._console,
-        )
-        self._task: TaskID | None = None
-        self._said = monotonic()
-
-    def __enter__(self) -> Display:
-        if self._console.is_terminal:
-            self._progress.start()
-        return self
-
-    def __exit__(self, *_: object) -> None:
-        if self._console.is_terminal:
-            self._progress.stop()
-
-    def stage(self, name: str, done_before: bool) -> None:
-        """Finish the last bar and begin the stage's."""
-        self.finish()
-        note = "done before" if done_before else ""
-        self._task = self._progress.add_task(_TITLES.get(name, name), total=1 if done_before else None, note=note)
-        if done_before:
-            self._progress.update(self._task, completed=1)
-        if not self._console.is_terminal:
-            self._console.print(f"{_TITLES.get(name, name)} {note}".rstrip(), highlight=False)
-            self._said = monotonic()
-
-    def finish(self) -> None:
-        """Fill the current bar."""
-        if self._task is not None:
-            total = self._progress.tasks[self._task].total or 1
-            self._progress.update(self._task, total=total, completed=total)
-
-    def generation(self, run: int, generation: int, best: float) -> None:
-        """Show run, generation and best cost."""
-        self._update(note=f"run {run + 1}, generation {generation + 1}, RMSE {best:.3f} K")
-
-    def learning(self, said: str) -> None:
-        """A line for each round of the active learning."""
-        self._progress.console.print(said, highlight=False)
-
-    def search(self, what: str) -> None:
-        """Show what the mode search is at."""
-        self._update(note=f"mode search: {what}")
-
-    def sampling(self, chains: Any) -> None:
-        """Show the draws of all chains together."""
-        drawn, total = sum(chain.draws for chain in chains), sum(chain.total for chain in chains)
-        gradients = sum(chain.gradients for chain in chains)
-        self._update(total=total, completed=drawn, note=f"{drawn}/{total} draws, {gradients} gradients")
-
-    def _update(self, note: str, **fields: Any) -> None:
-        if self._task is not None:
-            self._progress.update(self._task, note=note, **fields)
-        if not self._console.is_terminal and monotonic() - self._said >= EVERY:
-            self._console.print(f"  {note}", highlight=False, soft_wrap=True)
-            self._said = monotonic()
+    def say(self, line: str) -> None:
+        self.bars.console.print(line, highlight=False, markup=False)
 
 
 def print_summary(summary: Summary, console: Console | None = None) -> None:

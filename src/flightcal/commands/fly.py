@@ -1,36 +1,58 @@
-"""A flight of the operational simulator as a CSV file, which a scenario reads as telemetry."""
+"""`flightcal fly`: a flight of the operational simulator as a CSV file, which a scenario reads as telemetry."""
 
 from __future__ import annotations
 
 import math
-from collections.abc import Callable
 from pathlib import Path
+from typing import Annotated
+
+import typer
 
 from ..errors import RunError
-from ..operational import fly, load_spacecraft
-from ..prediction import ZERO_CELSIUS
-from ..run import write_atomically
+from ..progress import SILENT, Progress
 
 
-def fly_to_csv(
-    spacecraft_file: Path, out: Path, pace: float | None, on_progress: Callable[[float], None] = lambda _: None
-) -> list[str]:
+def fly(
+    spacecraft: Annotated[Path, typer.Argument(help="The spacecraft, a YAML file.", show_default=False)],
+    out: Annotated[Path, typer.Option(help="CSV file to write; nothing is overwritten.")] = Path("telemetry.csv"),
+    pace: Annotated[
+        float | None, typer.Option(min=0.001, help="Seconds to simulate in a second at most; 1: real time.")
+    ] = None,
+) -> None:
+    """Fly the full-order operational simulator, on-board software in the loop, and write its telemetry.
+
+    Example: `flightcal fly spacecraft.yaml --out telemetry.csv`
+    """
+    from .display import display
+
+    with display() as progress:
+        lines = fly_to_csv(spacecraft, out, pace, progress)
+    for line in lines:
+        typer.echo(line)
+
+
+def fly_to_csv(spacecraft_file: Path, out: Path, pace: float | None, progress: Progress = SILENT) -> list[str]:
     """Fly a spacecraft file and write its telemetry: time (UTC), temperatures (degC), heater status, mode.
 
-    on_progress: told the share that is done. Returns lines that say what was done. Raises ScenarioError, and RunError
-    where `out` is there already.
+    Returns lines that say what was done. Raises ScenarioError, and RunError where `out` is there already.
     """
+    from ..operational import fly as flown
+    from ..operational import load_spacecraft
+    from ..prediction import ZERO_CELSIUS
+    from ..run import write_atomically
+
     if out.exists():
         raise RunError(f"{out}: found a file, expected none: nothing is overwritten")
     mission = load_spacecraft(spacecraft_file)
-    flight = fly(
-        mission.spacecraft,
-        mission.start,
-        mission.duration,
-        seed=mission.seed,
-        pace=math.inf if pace is None else pace,
-        on_cycle=lambda time, _: on_progress(time / mission.duration),
-    )
+    with progress.stage("flying", mission.duration) as flying:
+        flight = flown(
+            mission.spacecraft,
+            mission.start,
+            mission.duration,
+            seed=mission.seed,
+            pace=math.inf if pace is None else pace,
+            on_cycle=lambda time, _: flying.at(time, f"{time / 3600:.1f} of {mission.duration / 3600:.1f} h"),
+        )
     table = flight.telemetry.copy()
     thermistors = list(mission.spacecraft.downlink.thermistors)
     table[thermistors] -= ZERO_CELSIUS

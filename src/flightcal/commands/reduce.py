@@ -1,130 +1,23 @@
-"""`flightcal reduce`: the reduced model, its certificate, and a scenario that calibrates through it, in a folder."""
+"""`flightcal reduce`: a reduced model and its certificate, in a folder."""
 
-from __future__ import annotations
-
-import json
-import os
-from dataclasses import replace
 from pathlib import Path
+from typing import Annotated
 
-import numpy as np
-
-from ..errors import RunError
-from ..reduction import (
-    FlightWindow,
-    Progress,
-    Reduced,
-    Task,
-    certificate,
-    certificate_lines,
-    load_task,
-    measure_speed,
-    reduce,
-    reduced_scenario,
-    save,
-    sensor_errors,
-    stored_of,
-    switching_shifts,
-    written_time,
-)
-from ..run import write_atomically
-from ..scenario import (
-    Calibration,
-    Channel,
-    InitialState,
-    Observation,
-    Scenario,
-    TelemetryFile,
-    TimeColumn,
-    Window,
-    resolved_yaml,
-)
-
-MODEL_FILE = "reduced_model.nc"
-_BELIEVABLE = ("-200 degC", "300 degC")
+import typer
 
 
-def reduce_to_folder(path: Path, out: Path, on_progress: Progress = lambda *_: None) -> list[str]:
-    """Reduce what the file at `path` names; nothing is overwritten. Returns the certificate, and what was written.
+def reduce(
+    file: Annotated[Path, typer.Argument(help="The reduction, a YAML file.", show_default=False)],
+    out: Annotated[Path, typer.Option(help="Folder to write; nothing is overwritten.")],
+) -> None:
+    """Make a reduced order model of an operational simulator, with a certificate of its error.
 
-    Raises ScenarioError, and RunError where `out` holds something already.
+    Example: `flightcal reduce reduce.yaml --out rom`
     """
-    if out.exists() and (not out.is_dir() or any(out.iterdir())):
-        raise RunError(f"{out}: found something there, expected a new or empty folder: nothing is overwritten")
-    task = load_task(path)
-    reduced = _as_the_software_switches(task, reduce(task, on_progress))
-    on_progress("measuring the speed", 0.0)
-    content = certificate(task, reduced, measure_speed(task, reduced))
-    lines = certificate_lines(content)
-    out.mkdir(parents=True, exist_ok=True)
-    written = ["certificate.json", "certificate.txt", "scenario.yaml", MODEL_FILE]
-    _write_text(out / "certificate.json", json.dumps(content, indent=1, allow_nan=False) + "\n")
-    _write_text(out / "certificate.txt", "\n".join(lines) + "\n")
-    block = reduced_scenario(task.scenario, reduced.model, task.reduction.step).network
-    save(out / MODEL_FILE, stored_of(reduced.model, task.scenario, block, sensor_errors(task, reduced)))
-    _write_text(out / "scenario.yaml", _scenario_text(task, reduced, path, out))
-    return [*lines, *(f"wrote {out / name}" for name in written)]
+    from ..reduction import reduce_to_folder
+    from .display import display
 
-
-def _as_the_software_switches(task: Task, reduced: Reduced) -> Reduced:
-    """Its thermostats where the on-board software really switches; the certificate compares without."""
-    shifts = switching_shifts(task.mission)
-    model = reduced.model
-    return replace(reduced, model=replace(model, shifts=tuple(shifts[name] for name in model.heaters)))
-
-
-def _write_text(path: Path, text: str) -> None:
-    write_atomically(path, lambda place: place.write_text(text, encoding="utf-8"))
-
-
-def _scenario_text(task: Task, reduced: Reduced, path: Path, out: Path) -> str:
-    """A scenario for the telemetry of the spacecraft file's flight."""
-    flight = FlightWindow.model_construct(start=written_time(task.mission.start), end=None, orbits=1.0, timeline=None)
-    flown = task.with_timeline(flight)
-    scenario = reduced_scenario(task.scenario, reduced.model, task.reduction.step)
-    model = scenario.network.model_copy(update={"reduced_model": MODEL_FILE, "checked_on": os.path.relpath(path, out)})
-    channels = {
-        # No thermistor reads what lies outside of this: it is a mark of the ground's.
-        name: Channel.model_construct(column=(name,), kind="temperature", unit="degC", valid_range=_BELIEVABLE)
-        for name in scenario.observations
-    }
-    statuses = {f"{name}_status": f"heater.{name}" for name in model.heaters}
-    channels |= {name: Channel.model_construct(column=(column,), kind="status") for name, column in statuses.items()}
-    heaters = {
-        name: heater.model_copy(update={"measured_by": f"{name}_status"}) for name, heater in model.heaters.items()
-    }
-    biases = {item.name: item.bias for item in task.mission.spacecraft.thermistors}
-    observations = {
-        name: item.model_copy(update={"bias": item.bias + biases[name]}) for name, item in scenario.observations.items()
-    } | {f"{name}_status": Observation.model_construct(heater=name) for name in model.heaters}
-    file = os.path.relpath(path.parent / task.reduction.telemetry, out)
-    chosen = Scenario.model_construct(
-        name=task.reduction.name,
-        description=f"Written by flightcal reduce: {task.reduction.method} with {reduced.candidate.states} states",
-        telemetry=TelemetryFile.model_construct(
-            file=(file,), time=TimeColumn.model_construct(column="time"), channels=channels
-        ),
-        environment=scenario.environment,
-        simulator=model.model_copy(
-            update={"heaters": heaters, "timeline": flown.network.timeline, "step": task.reduction.step}
-        ),
-        initial_state=InitialState(),
-        parameters=scenario.parameters,
-        observations=observations,
-        windows=_windows(task),
-        calibration=Calibration(),
-        folder=out,
-    )
-    return resolved_yaml(chosen)
-
-
-def _windows(task: Task) -> dict[str, Window]:
-    """Those of the file, or two orbits after the settling and the two that follow."""
-    if task.reduction.windows:
-        return dict(task.reduction.windows)
-    start = task.mission.start + np.timedelta64(round(task.settling), "s")
-    later = start + np.timedelta64(round(2.0 * task.period), "s")
-    return {
-        name: Window.model_construct(start=written_time(time), orbits=2.0)
-        for name, time in (("train", start), ("test", later))
-    }
+    with display() as progress:
+        lines = reduce_to_folder(file, out, progress)
+    for line in lines:
+        typer.echo(line)

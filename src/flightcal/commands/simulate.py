@@ -1,19 +1,39 @@
-"""One simulation of a window, beside the telemetry, as a CSV file that any tool reads."""
+"""`flightcal simulate`: one simulation of a window, beside the telemetry, as a CSV file that any tool reads."""
 
 from __future__ import annotations
 
 import difflib
 from pathlib import Path
+from typing import TYPE_CHECKING, Annotated
 
-import numpy as np
-import pandas
+import typer
 
 from ..errors import ScenarioError
-from ..prediction import ZERO_CELSIUS
-from ..problem import Problem, build_problem
-from ..scenario import load_scenario
-from ..simulator import FloatArray, SimulationFailure
-from .calibrate import read
+from .options import ScenarioFile, TelemetryPlace
+
+if TYPE_CHECKING:
+    from ..problem import Problem
+    from ..simulator import FloatArray
+
+
+def simulate(
+    scenario: ScenarioFile,
+    window: Annotated[str, typer.Option(help="Window of the scenario.")] = "train",
+    settings: Annotated[
+        list[str] | None,
+        typer.Option(
+            "--set", help="name=value of a parameter or of initial.<node>, in SI; the rest is at its prior median."
+        ),
+    ] = None,
+    out: Annotated[Path | None, typer.Option(help="CSV file to write; default: <window>_simulated.csv.")] = None,
+    telemetry: TelemetryPlace = None,
+) -> None:
+    """Simulate one window and write temperatures and heater status beside the telemetry.
+
+    Example: `flightcal simulate scenario.yaml --window test --set radiator_absorptivity=0.2`
+    """
+    for line in simulate_to_csv(scenario, window, settings or [], out or Path(f"{window}_simulated.csv"), telemetry):
+        typer.echo(line)
 
 
 def simulate_to_csv(
@@ -24,6 +44,15 @@ def simulate_to_csv(
     Columns: time, then per channel simulated and measured temperature (degC), then per heater simulated and measured
     status. Returns lines that say what was done. Raises ScenarioError and TelemetryError.
     """
+    import numpy as np
+    import pandas
+
+    from ..prediction import ZERO_CELSIUS
+    from ..problem import build_problem
+    from ..scenario import load_scenario
+    from ..simulator import SimulationFailure
+    from ..telemetry import read
+
     scenario = load_scenario(scenario_file, telemetry=telemetry)
     problem = build_problem(scenario, read(scenario), name)
     theta = _assigned(problem, assignments)

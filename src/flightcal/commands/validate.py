@@ -1,65 +1,43 @@
-"""`flightcal validate`: the whole machinery on telemetry that the user's own scenario makes, many times over.
-
-Each repeat draws theta from the prior, makes telemetry with it at the scenario's own sample times and gaps, and
-calibrates that. A repeat that ends is a file; a later call takes up where an earlier one stopped, and may ask for more.
-"""
+"""`flightcal validate`: simulation-based calibration of the user's own scenario."""
 
 from __future__ import annotations
 
-import json
-from collections.abc import Callable, Sequence
-from contextlib import suppress
-from dataclasses import dataclass
-from functools import cache, partial
 from pathlib import Path
-from time import perf_counter
-from typing import Any
+from typing import TYPE_CHECKING, Annotated
 
-import numpy as np
-import xarray
+import typer
 
-from ..calibration import Posterior, calibrate_nuts, least_effective
-from ..emulation import needs_emulator
-from ..environment import orbital_period
-from ..errors import RunError, ScenarioError
-from ..problem import Problem, build_problem, simulate_telemetry, with_telemetry
-from ..report import write_validation
-from ..run import Run, each, hash_of, hash_of_file, open_run, plain, write_atomically
-from ..scenario import NutsSettings, Scenario, input_files, load_scenario, resolved_yaml
-from ..simulator import FloatArray, SimulationFailure
-from ..telemetry import read_telemetry
-from ..validation import INTERVALS, RankCheck, Repeat, check_ranks, ranks
-from .compare import MODELS, variant
+from ..errors import RunError
+from ..progress import SILENT, Progress
+from .options import GATE_FAILED, ScenarioFile, TelemetryPlace
 
-LOG_DENSITY = "log density"
-"""The quantity beside theta's entries whose ranks are looked at: it depends on the telemetry, so it also sees what
-leaves every marginal distribution right (Modrák et al. 2023, Bayesian Analysis)."""
-
-_CHAINS, _MOST_DRAWS = 2, 300
-_MAX_R_HAT, _MIN_ESS = 1.05, 50.0
-_MOST_REDRAWN = 100
-_PRIOR_DRAWS = 4000
-_REPEATS, _RESULT = "repeats", "validation.json"
-
-Source = tuple[str, str | None, str | None]
-"""Scenario file, telemetry in the place of its own, model of the residuals in the place of its own."""
-
-Simulate = Callable[[Problem, FloatArray, np.random.Generator], list[tuple[FloatArray, FloatArray]]]
+if TYPE_CHECKING:
+    from ..validation import Validation
 
 
-@dataclass(frozen=True)
-class Validation:
-    """What the repeats came to."""
+def validate(
+    scenario: ScenarioFile,
+    out: Annotated[Path, typer.Option(help="Folder to write; repeats that are done in it are not run again.")],
+    repeats: Annotated[int, typer.Option(min=20, help="Repeats; a larger number than before adds to them.")] = 200,
+    workers: Annotated[int, typer.Option(min=1, help="Processes, one repeat at a time in each.")] = 2,
+    residuals: Annotated[
+        str | None, typer.Option(help="Model of the residuals instead of the scenario's, as of `compare`.")
+    ] = None,
+    telemetry: TelemetryPlace = None,
+) -> None:
+    """Check the calibration on telemetry that the scenario itself makes: do its intervals cover what made it?
 
-    folder: Path
-    names: tuple[str, ...]
-    repeats: tuple[Repeat, ...]
-    checks: tuple[RankCheck, ...]
+    Example: `flightcal validate scenario.yaml --repeats 200 --out runs/validation`
+    """
+    from .display import display, print_validation
 
-    @property
-    def passed(self) -> bool:
-        """Whether the ranks of all quantities stay in the band."""
-        return all(check.inside for check in self.checks)
+    with display() as progress:
+        validation = validate_scenario(
+            scenario, out, repeats, workers=workers, telemetry=telemetry, residuals=residuals, progress=progress
+        )
+    print_validation(validation)
+    if not validation.passed:
+        raise typer.Exit(GATE_FAILED)
 
 
 def validate_scenario(
@@ -70,195 +48,26 @@ def validate_scenario(
     workers: int = 2,
     telemetry: Path | str | None = None,
     residuals: str | None = None,
-    on_progress: Callable[[int, int], None] = lambda *_: None,
+    progress: Progress = SILENT,
 ) -> Validation:
     """Run the repeats that are missing in the folder `out`, and judge all of them.
 
-    workers: processes; 1: this one. residuals: one of `compare.MODELS` in the place of the scenario's own.
-    on_progress: told how many repeats of how many are done.
+    workers: processes; 1: this one. residuals: one of `validation.MODELS` in the place of the scenario's own.
     Raises FlightcalError for what is the user's to mend.
     """
+    from ..report import write_validation
+    from ..run import hash_of
+    from ..validation import MODELS, judge, prepared, run_repeats, short
+    from .folder import open_for
+
     if residuals is not None and residuals not in MODELS:
         raise RunError(f"--residuals: found {residuals}, expected one of {', '.join(MODELS)}")
     source = (str(scenario_file), None if telemetry is None else str(telemetry), residuals)
-    problem, _ = _prepared(*source)
+    problem, _ = prepared(*source)
     scenario = problem.scenario
-    settings = short(scenario.calibration.nuts)
-    inputs = {str(name): hash_of_file(Path(name)) for name in input_files(scenario)}
-    content = scenario.model_dump(mode="json", exclude={"calibration", "description", "folder"})
-    content["telemetry"].pop("file")
-    identity = hash_of("validate", content, sorted(inputs.values()), settings.model_dump(), scenario.calibration.seed)
-    run = open_run(Path(out), identity, resolved_yaml(scenario, absolute=True), inputs, scenario.calibration.seed)
-    run.file(_REPEATS).mkdir(exist_ok=True)
-    missing = [k for k in range(repeats) if not _file(run, k).exists()]
-    on_progress(repeats - len(missing), repeats)
-    if missing:
-        _compile(problem)
-
-    def done(number: int, repeat: Repeat) -> None:
-        _write(_file(run, number), repeat)
-        on_progress(sum(_file(run, k).exists() for k in range(repeats)), repeats)
-
-    _run(missing, workers, source, done)
-    return judge(run, problem, repeats)
-
-
-def short(settings: NutsSettings) -> NutsSettings:
-    """The scenario's sampler with two chains and at most 300 draws each, and gates that so few can pass."""
-    return settings.model_copy(
-        update={
-            "chains": _CHAINS,
-            "draws": min(settings.draws, _MOST_DRAWS),
-            "max_r_hat": max(settings.max_r_hat, _MAX_R_HAT),
-            "min_ess": min(settings.min_ess, _MIN_ESS),
-        }
-    )
-
-
-def run_repeat(
-    problem: Problem,
-    telemetry: xarray.Dataset,
-    settings: NutsSettings,
-    seed: Sequence[int],
-    simulate: Simulate = simulate_telemetry,
-) -> Repeat:
-    """One repeat. telemetry: what the problem was built from; simulate: what makes the telemetry.
-
-    Thetas that cannot be simulated have no telemetry, and are drawn again: prior and posterior both leave them out.
-    Raises RunError where that never ends.
-    """
-    started = perf_counter()
-    rng = np.random.default_rng(seed)
-    redrawn = 0
-    while True:
-        theta = problem.priors.sample(rng, 1)[0]
-        with suppress(SimulationFailure):
-            telemetry_made = simulate(problem, theta, rng)
-            break
-        redrawn += 1
-        if redrawn == _MOST_REDRAWN:
-            raise RunError(
-                f"none of {_MOST_REDRAWN} draws from the priors can be simulated; check the priors with "
-                "'flightcal simulate'"
-            )
-    made = with_telemetry(problem, telemetry, telemetry_made)
-    posterior = calibrate_nuts(made, settings, int(rng.integers(2**32)))
-    if posterior.draws.interrupted:
-        raise KeyboardInterrupt
-    return _repeat(made, theta, posterior, redrawn, started, rng)
-
-
-def _repeat(
-    problem: Problem,
-    theta: FloatArray,
-    posterior: Posterior,
-    redrawn: int,
-    started: float,
-    rng: np.random.Generator,
-) -> Repeat:
-    truth = np.append(theta, problem.log_density(problem.to_z(theta)))
-    draws = np.concatenate([posterior.theta, posterior.draws.statistics["log_density"][..., None]], axis=-1)
-    rank, count = ranks(truth, draws, least_effective(draws), rng)
-    return Repeat(
-        truth=truth,
-        rank=rank,
-        mean=draws.mean(axis=(0, 1)),
-        deviation=draws.std(axis=(0, 1)),
-        draws=count,
-        gates=tuple(gate.name for gate in posterior.diagnostics.gates if not gate.passed),
-        redrawn=redrawn,
-        seconds=perf_counter() - started,
-    )
-
-
-def judge(run: Run, problem: Problem, repeats: int) -> Validation:
-    """Read the first `repeats` repeats of a folder, judge them, and write validation.json and validation.html."""
-    names = (*problem.names, LOG_DENSITY)
-    found = tuple(_read(_file(run, k)) for k in range(repeats))
-    prior = np.append(problem.priors.sample(np.random.default_rng(0), _PRIOR_DRAWS).std(axis=0), np.nan)
-    checks = tuple(check_ranks(names, found, prior))
-    validation = Validation(run.path, names, found, checks)
-    run.write_json(
-        _RESULT,
-        {
-            "name": problem.scenario.name,
-            "passed": validation.passed,
-            "repeats": repeats,
-            "intervals": list(INTERVALS),
-            "quantities": [plain(check) for check in checks],
-            "ranks": plain(np.array([repeat.rank for repeat in found])),
-            "scores": plain(np.array([(repeat.mean - repeat.truth) / repeat.deviation for repeat in found])),
-            "contractions": plain(np.array([1.0 - (repeat.deviation / prior) ** 2 for repeat in found])),
-            "draws": [repeat.draws for repeat in found],
-            "gates": [list(repeat.gates) for repeat in found],
-            "redrawn": sum(repeat.redrawn for repeat in found),
-            "seconds": sum(repeat.seconds for repeat in found),
-        },
-    )
+    how = hash_of("validate", short(scenario.calibration.nuts).model_dump(), scenario.calibration.seed)
+    run = open_for(scenario, Path(out), progress, **{"the sampler and the seed": how})
+    run_repeats(run.folder, source, repeats, workers=workers, progress=progress)
+    validation = judge(run.folder, problem, repeats)
     write_validation(run.path)
     return validation
-
-
-# --- processes ----------------------------------------------------------------------------------------------
-
-
-@cache
-def _prepared(scenario_file: str, telemetry: str | None, residuals: str | None) -> tuple[Problem, xarray.Dataset]:
-    """The scenario's problem and its telemetry: once in each process."""
-    scenario: Scenario = load_scenario(scenario_file, telemetry=telemetry)
-    if residuals is not None:
-        scenario = variant(scenario, residuals)
-    period = orbital_period(scenario.environment, scenario.folder)
-    data = read_telemetry(scenario.telemetry, scenario.folder, period=period)
-    problem = build_problem(scenario, data)
-    if needs_emulator(problem):
-        raise ScenarioError(
-            f"{scenario_file}: simulator: found one without derivatives, expected a thermal network or one with a "
-            "gradient: each repeat would need an emulator of its own"
-        )
-    return problem, data
-
-
-def _compile(problem: Problem) -> None:
-    """Once, so that the processes find it compiled."""
-    problem.log_density_and_gradient(problem.to_z(problem.priors.median()))
-
-
-def _one(source: Source, number: int) -> Repeat:
-    problem, data = _prepared(*source)
-    settings = problem.scenario.calibration
-    return run_repeat(problem, data, short(settings.nuts), [settings.seed, number])
-
-
-def _run(missing: list[int], workers: int, source: Source, done: Callable[[int, Repeat], None]) -> None:
-    """The repeats that are missing; done: told each as it ends."""
-    if workers == 1 or len(missing) < 2:
-        for number in missing:
-            done(number, _one(source, number))
-    else:
-        each(partial(_one, source), missing, workers, done=done, lost=_lost)
-
-
-def _lost(number: int) -> Repeat:
-    raise RunError("a process of the validation was killed; run the same command to take it up again")
-
-
-# --- files --------------------------------------------------------------------------------------------------
-
-
-def _file(run: Run, number: int) -> Path:
-    return run.file(_REPEATS) / f"{number:04d}.json"
-
-
-def _write(file: Path, repeat: Repeat) -> None:
-    text = json.dumps(plain(repeat), allow_nan=False) + "\n"
-    write_atomically(file, lambda path: path.write_text(text, encoding="utf-8"))
-
-
-def _read(file: Path) -> Repeat:
-    try:
-        content: dict[str, Any] = json.loads(file.read_text(encoding="utf-8"))
-        arrays = {name: np.array(content[name], float) for name in ("truth", "rank", "mean", "deviation")}
-        return Repeat(**(content | arrays | {"gates": tuple(content["gates"])}))
-    except (ValueError, KeyError, TypeError) as error:
-        raise RunError(f"{file}: found a damaged repeat ({error}); delete it and run the same command again") from None

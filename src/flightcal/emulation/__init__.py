@@ -5,13 +5,12 @@ Imports: calibration, compiled, errors, external, probability, problem, progress
 
 from .emulated import needs_emulator
 from .emulator import EmulatedSimulator, simulated_priors
-from .stage import CHECK_FILE, Emulation, check_emulator, emulator_stage, window_emulator
+from .stage import NUTS_THROUGH_EMULATOR, Emulation, emulator_stage, window_emulator
 
 __all__ = [
-    "CHECK_FILE",
+    "NUTS_THROUGH_EMULATOR",
     "EmulatedSimulator",
     "Emulation",
-    "check_emulator",
     "emulator_stage",
     "needs_emulator",
     "simulated_priors",

@@ -22,6 +22,7 @@ from ..errors import FlightcalError
 from ..external import Record
 from ..probability import DEVIATION, Priors, sobol
 from ..problem import Problem, Window, whitening
+from ..progress import SILENT, Progress
 from ..scenario import EmulatorSettings, NutsSettings
 from ..simulator import FloatArray, SimulationFailure
 from .emulator import Emulator, fit_emulator, simulated_priors, with_emulator
@@ -150,7 +151,7 @@ def learn(
     *,
     beginning: Callable[[Window, int], Window] | None = None,
     save: Callable[[Runs], None] = lambda _: None,
-    on_round: Callable[[Round], None] = lambda _: None,
+    progress: Progress = SILENT,
 ) -> Learnt:
     """Learn an emulator of each window's simulator around the posterior.
 
@@ -204,7 +205,8 @@ def learn(
                 mean_shift=moved, monte_carlo=monte_carlo, validation=validation, verdict=verdict,
             )
         )  # fmt: skip
-        on_round(rounds[-1])
+        progress.at(asked)
+        progress.say(str(rounds[-1]))
         if reached or batch <= 0:
             texts = {title(problem, window): failure_summary(own) for window, own in zip(windows, runs, strict=True)}
             failures = "; ".join(f"{start}{text}" for start, text in texts.items() if text)

@@ -2,21 +2,21 @@
 
 from __future__ import annotations
 
-import json
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import partial
 from pathlib import Path
-from typing import Any
+from typing import Any, Final
 
 import numpy as np
 import xarray
 
-from ..calibration import Diagnostics, Gate, with_gate
+from ..calibration import NUTS, Diagnostics, Gate, keep_sample, with_gate
+from ..errors import ScenarioError
 from ..problem import Problem, Window
-from ..progress import Listener
-from ..run import Run, hash_of, plain
+from ..run import Run, Stage, plain, read_json
+from ..scenario import EmulatorSettings, NutsSettings, not_normal
 from ..simulator import FloatArray
-from .active import Learnt, Round, Runs, learn
+from .active import Learnt, Runs, learn
 from .emulated import (
     CHECKED,
     SimulatorCheck,
@@ -52,33 +52,38 @@ class Emulation:
     """Of the last round."""
 
 
-def emulator_stage(run: Run, key: str, problem: Problem, telemetry: xarray.Dataset, listener: Listener) -> Emulation:
-    """Learn the emulators, or take them from their files: runs in training_runs.nc, the rounds in emulator.json."""
+def emulator_stage(problem: Problem) -> Stage[Emulation]:
+    """The stage that learns emulators of a problem's windows: their runs in training_runs.nc, rounds in emulator.json.
+
+    It takes in the problem and its telemetry. Raises ScenarioError where no emulator can stand in.
+    """
+    if not all(window.residuals.is_normal for window in problem.windows):
+        raise ScenarioError(
+            f"noise: found {' and '.join(not_normal(problem.scenario))} noise, expected normal noise: the simulator's "
+            "server offers no gradient, and only with normal noise can an emulator's error be integrated out"
+        )
+    files = (*_names(RUNS_FILE, problem), EMULATOR_FILE)
+    return Stage("emulator", "learning an emulator", files, _learn, _read_learnt)
+
+
+def _learn(run: Run, problem: Problem, telemetry: xarray.Dataset, *, settings: EmulatorSettings, seed: int) -> None:
     files = _files(run, RUNS_FILE, problem)
-    done = run.is_done("emulator", key, (*(file.name for file in files), EMULATOR_FILE))
-    listener.stage("emulator", done)
-    if not done:
-        calibration = problem.scenario.calibration
-        left = calibration.emulator.runs - CHECKED * len(problem.windows)
-        settings = calibration.emulator.model_copy(update={"runs": left})
-        with run.stage("emulator", key):
+    learnt = learn(
+        problem,
+        run_many,
+        _runs_so_far(files, problem),
+        settings.model_copy(update={"runs": settings.runs - CHECKED * len(problem.windows)}),
+        seed,
+        beginning=partial(beginning, telemetry),
+        save=partial(_write, files),
+        progress=run.progress,
+    )
+    run.folder.write_json(EMULATOR_FILE, _content(learnt))
 
-            def told(round_: Round) -> None:
-                listener.learning(str(round_))
-                run.log(stage="emulator", event="round", text=str(round_))
 
-            learnt = learn(
-                problem,
-                run_many,
-                _runs_so_far(files, problem),
-                settings,
-                calibration.seed,
-                beginning=partial(beginning, telemetry),
-                save=partial(_write, files),
-                on_round=told,
-            )
-            run.write_json(EMULATOR_FILE, _content(learnt))
-    content = json.loads(run.file(EMULATOR_FILE).read_text(encoding="utf-8"))
+def _read_learnt(run: Run, problem: Problem, telemetry: xarray.Dataset) -> Emulation:
+    content = read_json(run.folder.file(EMULATOR_FILE))
+    files = _files(run, RUNS_FILE, problem)
     runs = _runs_so_far(files, problem)
     chosen, tolerances = content["fitted"], content["tolerance"]
     if len(files) == 1:
@@ -97,6 +102,24 @@ def emulator_stage(run: Run, key: str, problem: Problem, telemetry: xarray.Datas
     )
 
 
+def _sample(
+    run: Run, problem: Problem, genetic: xarray.Dataset, emulation: Emulation, *, settings: NutsSettings, seed: int
+) -> None:
+    keep_sample(
+        run,
+        emulation.problem,
+        settings,
+        seed,
+        starts=[("active learning", emulation.theta)],
+        random_starts=0,
+        judge=lambda posterior: check_emulator(run, problem, emulation, posterior.flat, posterior.diagnostics),
+    )
+
+
+NUTS_THROUGH_EMULATOR: Final = replace(NUTS, files=(*NUTS.files, CHECK_FILE), make=_sample)
+"""Of a problem, what the genetic algorithm gave, and the emulator."""
+
+
 def check_emulator(
     run: Run, problem: Problem, emulation: Emulation, draws: FloatArray, diagnostics: Diagnostics
 ) -> Diagnostics:
@@ -108,7 +131,7 @@ def check_emulator(
     _write(_files(run, "check_runs.nc", problem), runs)
     failed = sum(int((~own.finished).sum()) for own in runs)
     found = {"failed": failed, "density_error": check.density_error, "steps": check.steps}
-    run.write_json(CHECK_FILE, plain(check.validation) | plain(found))
+    run.folder.write_json(CHECK_FILE, plain(check.validation) | plain(found))
     rule = Gate(
         "Emulator's error",
         emulation.reached,
@@ -168,29 +191,36 @@ def _in_step(check: SimulatorCheck) -> list[Gate]:
     ]
 
 
-def window_emulator(run: Run, key: str, emulation: Emulation, draws: FloatArray, window: Window) -> Window:
-    """A window with an emulator around posterior draws thetas [S, d]; its runs are kept in the run directory."""
+def window_emulator(run: Run, emulation: Emulation, draws: FloatArray, window: Window) -> Window:
+    """A window with an emulator around posterior draws thetas [S, d]; its runs are kept in the run's folder."""
     for trained in emulation.problem.windows:
         if trained.name == window.name:
             return trained
     name, seed = window.name, window.scenario.calibration.seed
-    key = hash_of(key, name)
-    stage, file = f"emulator {name}", run.file(f"training_runs_{name}.nc")
-    kept = read_runs(file, empty_runs(window)) if run.is_done(stage, key, (file.name,)) else None
     thetas = emulation.problem.at(window, draws, np.random.default_rng([seed, *name.encode()]))
-    emulated, runs, validation = around_draws(window, thetas, seed, kept)
-    if kept is None:
-        with run.stage(stage, key):
-            runs.write(file)
-            run.write_json(f"emulator_{name}.json", plain(validation))
-    return emulated
+    runs_file, found_file = f"training_runs_{name}.nc", f"emulator_{name}.json"
+
+    def make(run: Run, *_: Any) -> None:
+        runs, validation = around_draws(window, thetas, seed)[1:]
+        runs.write(run.folder.file(runs_file))
+        run.folder.write_json(found_file, plain(validation))
+
+    def read(run: Run, *_: Any) -> Window:
+        return around_draws(window, thetas, seed, read_runs(run.folder.file(runs_file), empty_runs(window)))[0]
+
+    stage = Stage(f"emulator {name}", "", (runs_file, found_file), make, read)
+    return run.stage(stage, emulation, draws, window.scenario.windows[name])
+
+
+def _names(name: str, problem: Problem) -> list[str]:
+    """The file of each training window's runs, which has the window's name where there are several."""
+    if len(problem.windows) == 1:
+        return [name]
+    return [f"{Path(name).stem}_{window.name}.nc" for window in problem.windows]
 
 
 def _files(run: Run, name: str, problem: Problem) -> list[Path]:
-    """The file of each training window's runs, which has the window's name where there are several."""
-    if len(problem.windows) == 1:
-        return [run.file(name)]
-    return [run.file(f"{Path(name).stem}_{window.name}.nc") for window in problem.windows]
+    return [run.folder.file(file) for file in _names(name, problem)]
 
 
 def _write(files: list[Path], runs: Runs) -> None:

@@ -1,6 +1,6 @@
 """From a calibration to temperatures and heater duty with intervals, on windows seen and unseen.
 
-Imports: emulation, environment, errors, probability, problem, scenario, simulator, telemetry.
+Imports: calibration, emulation, environment, errors, probability, problem, run, scenario, simulator, telemetry.
 """
 
 from .ensemble import Ensemble, propagate
@@ -25,8 +25,10 @@ from .metrics import (
     status_agreement,
 )
 from .predict import STOCHASTIC, predict
+from .stages import PREDICT
 
 __all__ = [
+    "PREDICT",
     "STOCHASTIC",
     "ZERO_CELSIUS",
     "Array",

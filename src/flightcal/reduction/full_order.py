@@ -2,13 +2,13 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
 from dataclasses import dataclass, replace
 
 import numpy as np
 import xarray
 
 from ..probability import Priors
+from ..progress import SILENT, Progress
 from ..scenario import Scenario
 from ..simulator import FloatArray, NetworkSimulator, Observation, Sensors, Switch, Times, network_simulator
 from .file import Task
@@ -62,13 +62,13 @@ def window_simulator(
     return simulator, times
 
 
-def run_full(task: Task, runs: Runs, on_progress: Callable[[float], None] = lambda _: None) -> list[FullRuns]:
+def run_full(task: Task, runs: Runs, progress: Progress = SILENT) -> list[FullRuns]:
     """The runs that the file asks for; a draw whose simulation fails is left out."""
     rng = np.random.default_rng(runs.seed)
     found = []
     for k, (name, window) in enumerate(runs.windows.items()):
         found.append(_run_window(task, name, window, rng, runs.draws))
-        on_progress((k + 1) / len(runs.windows))
+        progress.at((k + 1) / len(runs.windows))
     return found
 
 

@@ -2,14 +2,14 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
-from functools import partial
 
 import numpy as np
 
 from ..errors import FlightcalError
 from ..probability import Priors
+from ..progress import SILENT, Progress
 from ..scenario import Scenario
 from ..simulator import FloatArray, Network, NetworkSimulator, Times, build_network
 from .affine import decompose
@@ -24,9 +24,6 @@ MARGIN = 0.4
 """Of the tolerance that training runs must keep. Unseen ones may be worse."""
 _JUDGING_DRAWS = 8
 """Training runs of each window that a size is judged on."""
-
-Progress = Callable[[str, float], None]
-"""Told what is being done, and the share of it that is done."""
 
 
 @dataclass(frozen=True)
@@ -51,26 +48,29 @@ class Reduced:
     """Held out."""
 
 
-def reduce(task: Task, on_progress: Progress = lambda *_: None) -> Reduced:
+def reduce(task: Task, progress: Progress = SILENT) -> Reduced:
     """Run the full network, choose the smallest model that keeps the tolerance, and judge it on held-out runs.
 
     Raises FlightcalError where sizes do not fit the network.
     """
-    training = run_full(task, task.reduction.training, partial(on_progress, "full network, training"))
+    with progress.stage("full network, training", 1.0) as flying:
+        training = run_full(task, task.reduction.training, flying)
     network = build_network(task.scenario)
     tried: list[Tried] = []
     best: tuple[float, Candidate, ReducedModel] | None = None
     sizes = [(states, settled) for states in _sizes(task, network) for settled in _settled(task)]
-    for k, (candidate, model) in enumerate(_projections(task, network, training, sizes)):
-        error = _judged(task, errors_of(candidate, training, _JUDGING_DRAWS))
-        tried.append(Tried(candidate.states, candidate.massless, error))
-        if best is None or error < best[0]:
-            best = (error, candidate, model)
-        on_progress("choosing the order", (k + 1) / len(sizes))
-        if error <= MARGIN * task.reduction.tolerance:
-            break
+    with progress.stage("choosing the order", len(sizes)) as choosing:
+        for k, (candidate, model) in enumerate(_projections(task, network, training, sizes)):
+            error = _judged(task, errors_of(candidate, training, _JUDGING_DRAWS))
+            tried.append(Tried(candidate.states, candidate.massless, error))
+            if best is None or error < best[0]:
+                best = (error, candidate, model)
+            choosing.at(k + 1)
+            if error <= MARGIN * task.reduction.tolerance:
+                break
     assert best is not None  # there is at least one size
-    held_out = run_full(task, task.reduction.held_out, partial(on_progress, "full network, held out"))
+    with progress.stage("full network, held out", 1.0) as flying:
+        held_out = run_full(task, task.reduction.held_out, flying)
     errors = errors_of(best[1], held_out)
     return Reduced(best[1], best[2], tuple(tried), tuple(errors), tuple(held_out))
 

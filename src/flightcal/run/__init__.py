@@ -1,14 +1,17 @@
-"""A run's folder: files written atomically, records, and stages that are not made twice.
+"""A run's folder, its stages, the records in it, and work in many processes; knows nothing of heat.
 
-Imports: errors.
+Imports: errors, progress.
 """
 
-from .folder import Run, hash_of, hash_of_file, open_run, read_provenance, write_atomically
+from .folder import RunDirectory, hash_of, hash_of_file, open_run, read_provenance, write_atomically
 from .records import plain, read_dataset, read_json, read_records, read_tree, typed
+from .stages import Run, Stage
 from .workers import each
 
 __all__ = [
     "Run",
+    "RunDirectory",
+    "Stage",
     "each",
     "hash_of",
     "hash_of_file",

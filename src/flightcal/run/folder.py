@@ -30,8 +30,8 @@ _PACKAGES = ("flightcal", "numba", "numpy", "nutpie", "scipy", "xarray", "pyerfa
 
 
 @dataclass(frozen=True)
-class Run:
-    """A run's folder. `identity` is the hash of the scenario (method settings apart) and of its input files."""
+class RunDirectory:
+    """A run's folder. `identity` is the hash of what is calibrated on; see `open_run`."""
 
     path: Path
     identity: str
@@ -48,9 +48,20 @@ class Run:
     @contextmanager
     def stage(self, stage: str, inputs: str) -> Iterator[None]:
         """Time a stage and record it as done when the block ends without an error."""
-        self.log(stage=stage, event="start")
-        started = perf_counter()
+        started = self.begin(stage)
         yield
+        self.end(stage, inputs, started)
+
+    def begin(self, stage: str) -> float:
+        """Mark a stage as not done, for its files are about to change. Returns the time, for `end`."""
+        provenance = read_provenance(self.path)
+        if provenance.get("stage_inputs", {}).pop(stage, None) is not None:
+            self.write_json("provenance.json", provenance)
+        self.log(stage=stage, event="start")
+        return perf_counter()
+
+    def end(self, stage: str, inputs: str, started: float) -> None:
+        """Record a stage as done from these inputs (a hash)."""
         seconds = round(perf_counter() - started, 3)
         provenance = read_provenance(self.path)
         done = {
@@ -59,12 +70,6 @@ class Run:
         }
         self.write_json("provenance.json", {**provenance, **done})
         self.log(stage=stage, event="end", seconds=seconds)
-
-    def forget(self, stage: str) -> None:
-        """Mark a stage as not done: its files stay, and the next call runs it again."""
-        provenance = read_provenance(self.path)
-        provenance.get("stage_inputs", {}).pop(stage, None)
-        self.write_json("provenance.json", provenance)
 
     def log(self, **record: Any) -> None:
         """Append a line to log.jsonl."""
@@ -92,30 +97,42 @@ class Run:
         return read_tree(self.file(name))
 
 
-def open_run(path: Path, identity: str, scenario_text: str, inputs: Mapping[str, str], seed: int) -> Run:
+def open_run(
+    path: Path, parts: Mapping[str, str], scenario_text: str, inputs: Mapping[str, str], seed: int
+) -> RunDirectory:
     """Create the folder, or reopen it when it belongs to the same scenario and inputs.
 
-    Raises RunError for a folder that holds another scenario's run, or something that is not a run at all.
+    parts: hashes of all that the folder is bound to, by names that a message can say.
+    Raises RunError for a folder that holds another scenario's run, that of an earlier flightcal, or no run at all.
     """
+    identity = hash_of(dict(parts))
     if path.exists():
         if not path.is_dir():
             raise RunError(f"{path}: found a file, expected a folder for the run")
-        found = read_provenance(path).get("identity")
-        if found is None and any(path.iterdir()):
+        provenance = read_provenance(path)
+        if not provenance and any(path.iterdir()):
             raise RunError(f"{path}: the folder holds files but no run; expected an empty or new folder")
-        if found is not None and found != identity:
+        found = provenance.get("parts", {})
+        if provenance and not found:
             raise RunError(
-                f"{path}: the folder holds the run of another scenario or of other telemetry "
-                f"(found {found[:12]}, expected {identity[:12]}); choose another --out, or delete the folder"
+                f"{path}: the folder holds the run of an earlier flightcal, which cannot be taken up; choose another "
+                "--out, or delete the folder ('flightcal report' still reads it)"
+            )
+        if provenance and found != parts:
+            names = [name for name in {**found, **parts} if found.get(name) != parts.get(name)]
+            raise RunError(
+                f"{path}: the folder holds the run of another scenario or of other telemetry (what differs: "
+                f"{', '.join(names)}); choose another --out, or delete the folder"
             )
     path.mkdir(parents=True, exist_ok=True)
-    run = Run(path, identity)
+    run = RunDirectory(path, identity)
     provenance = read_provenance(path)
     run.write_text("scenario.yaml", scenario_text)
     run.write_json(
         "provenance.json",
         {
             "identity": identity,
+            "parts": dict(parts),
             "created": provenance.get("created", _now()),
             "flightcal": _version("flightcal"),
             "python": sys.version.split()[0],

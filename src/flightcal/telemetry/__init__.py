@@ -1,11 +1,11 @@
 """Flight data: files -> samples in SI on UTC time, a reason for each that is not used; windows; inputs.
 
-Imports: errors, scenario.
+Imports: environment, errors, scenario.
 """
 
 from .drivers import SHORT_GAP, driver_series, status_fraction
 from .quality import QualityRecord, quality_table
-from .read import read_telemetry
+from .read import read, read_telemetry
 from .window import select_window, window_bounds
 
 __all__ = [
@@ -13,6 +13,7 @@ __all__ = [
     "QualityRecord",
     "driver_series",
     "quality_table",
+    "read",
     "read_telemetry",
     "select_window",
     "status_fraction",

@@ -10,8 +10,9 @@ import pyarrow as pa
 import xarray as xr
 from numpy.typing import NDArray
 
+from ..environment import orbital_period
 from ..errors import TelemetryError
-from ..scenario import Channel, TelemetryFile
+from ..scenario import Channel, Scenario, TelemetryFile
 from ._flags import Flag, Flags, flag_attributes, meaning
 from ._times import Nanoseconds, parse_times
 from ._units import Conversion, conversion
@@ -33,6 +34,12 @@ class _Rows:
     values: Values
     flags: Flags
     content: RowContent
+
+
+def read(scenario: Scenario) -> xr.Dataset:
+    """The telemetry of a scenario, cleaned; see `read_telemetry`. Raises TelemetryError."""
+    period = orbital_period(scenario.environment, scenario.folder)
+    return read_telemetry(scenario.telemetry, scenario.folder, period=period)
 
 
 def read_telemetry(specification: TelemetryFile, folder: Path, *, period: float | None = None) -> xr.Dataset:

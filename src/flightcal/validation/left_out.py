@@ -6,7 +6,6 @@ else to choose by: each is left out in turn, the others are calibrated on, and i
 
 from __future__ import annotations
 
-from collections.abc import Callable
 from typing import Any
 
 import numpy as np
@@ -16,25 +15,26 @@ from ..calibration import calibrate_nuts
 from ..errors import RunError
 from ..prediction import predict, score
 from ..problem import build_problem
+from ..progress import SILENT, Progress
 from ..scenario import ExternalModel, Scenario
 
 LEFT_OUT = "left_out"
 
 
 def leave_windows_out(
-    scenario: Scenario, telemetry: xarray.Dataset, *, say: Callable[[str], None] = lambda _: None
+    scenario: Scenario, telemetry: xarray.Dataset, *, progress: Progress = SILENT
 ) -> dict[str, dict[str, Any]]:
     """Scores of each training window's telemetry as the posterior of all others predicts it, by the window's label.
 
     A window's record holds the metrics over its channels together, and `passed`: whether the sampling on the others
-    passed its gates. say: told which window is left out. Raises RunError where there are not several to train on, and
+    passed its gates. Raises RunError where there are not several to train on, and
     KeyboardInterrupt where a sampling is interrupted.
     """
     check_windows(scenario)
     found = {}
     for window in scenario.train_windows:
         label = window.removeprefix("train.")
-        say(f"without {label}")
+        progress.say(f"without {label}")
         found[label] = _predicted_by_others(scenario, telemetry, window)
     return found
 

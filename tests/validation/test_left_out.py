@@ -8,11 +8,12 @@ from typer.testing import CliRunner
 
 from flightcal import prediction
 from flightcal.cli import USER_ERROR, app
-from flightcal.commands import left_out
 from flightcal.errors import RunError
 from flightcal.scenario import ExternalModel
+from flightcal.validation import left_out
 from tests import small
 from tests.commands.test_calibrate import write
+from tests.told import Told
 
 
 def windows():
@@ -37,10 +38,10 @@ def test_each_window_is_predicted_as_unseen_by_a_calibration_on_the_others(tmp_p
     # Of a single window that is left a drift is known from its prior.
     written["parameters"]["link"]["drift"] = 0.5
     scenario, data = small.closed_loop(tmp_path, written)
-    calibrated, said, panel_sizes = [], [], []
+    calibrated, told, panel_sizes = [], Told(), []
 
     def at_the_truth(problem):
-        calibrated.append([inside.window for inside in problem.problems])
+        calibrated.append([window.name for window in problem.windows])
         theta = problem.priors.median()
         for name, value in (small.TRUTH | {"noise.body_temp": 0.1, "drift.link": 1e-6}).items():
             if name in problem.names:
@@ -57,9 +58,9 @@ def test_each_window_is_predicted_as_unseen_by_a_calibration_on_the_others(tmp_p
 
     monkeypatch.setattr(left_out, "calibrate_nuts", at_the_truth)
     monkeypatch.setattr(left_out, "predict", predict)
-    found = left_out.leave_windows_out(scenario, data, say=said.append)
+    found = left_out.leave_windows_out(scenario, data, progress=told)
     assert calibrated == [["train.second"], ["train.first"]]
-    assert said == ["without first", "without second"]
+    assert told.said == ["without first", "without second"]
     assert [len(np.unique(sizes)) for sizes in panel_sizes] == [40, 40]
     assert list(found) == ["first", "second"]
     assert [scores["passed"] for scores in found.values()] == [True, False]

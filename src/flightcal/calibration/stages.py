@@ -1,0 +1,113 @@
+"""The stages of a run that calibrate: compiling, the genetic algorithm, NUTS."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+from typing import Any, Final
+
+import numpy as np
+import xarray
+
+from ..errors import RunError
+from ..problem import Problem
+from ..run import Run, Stage, plain, read_json
+from ..scenario import GeneticSettings, NutsSettings
+from ..simulator import FloatArray
+from .diagnostics import Diagnostics
+from .methods import Posterior, calibrate_genetic, calibrate_nuts, genetic_points, posterior_tree, search_record
+
+POSTERIOR_FILE, DIAGNOSTICS_FILE, GENETIC_FILE = "posterior.nc", "diagnostics.json", "genetic.nc"
+
+
+@dataclass(frozen=True)
+class Sampled:
+    """What NUTS left in a run."""
+
+    posterior: xarray.DataTree
+    diagnostics: dict[str, Any]
+    """Content of diagnostics.json."""
+
+    @property
+    def interrupted(self) -> bool:
+        """Whether sampling was cut short."""
+        return bool(self.posterior.attrs["interrupted"] == "true")
+
+
+def posterior_draws(posterior: xarray.DataTree, names: tuple[str, ...], count: int, seed: int) -> FloatArray:
+    """At most `count` posterior thetas [S, d], chosen at random without repetition."""
+    group = posterior["posterior"].to_dataset()
+    draws = np.stack([group[name].values.ravel() for name in names], axis=1)
+    if len(draws) <= count:
+        return draws
+    return draws[np.sort(np.random.default_rng(seed).choice(len(draws), count, replace=False))]
+
+
+def warm(problem: Problem) -> None:
+    """Compile and call what later stages call, so that their times are without compilation."""
+    problem.warm()
+    median = problem.priors.median()
+    problem.log_density_and_gradient(problem.to_z(median))
+    problem.simulate_many(np.tile(median, (8, 1)))
+
+
+def _search(run: Run, problem: Problem, *, settings: GeneticSettings, seed: int) -> None:
+    run.folder.write_netcdf(GENETIC_FILE, calibrate_genetic(problem, settings, seed, progress=run.progress))
+
+
+def _sample(run: Run, problem: Problem, genetic: xarray.Dataset, *, settings: NutsSettings, seed: int) -> None:
+    best = genetic_points(problem, genetic)["genetic_best"]
+    keep_sample(run, problem, settings, seed, starts=[("the genetic algorithm's best", best)])
+
+
+def keep_sample(
+    run: Run,
+    problem: Problem,
+    settings: NutsSettings,
+    seed: int,
+    *,
+    starts: Sequence[tuple[str, FloatArray]],
+    random_starts: int = 6,
+    judge: Callable[[Posterior], Diagnostics] = lambda posterior: posterior.diagnostics,
+) -> None:
+    """Sample a problem as `calibrate_nuts` does, and write posterior.nc and diagnostics.json. judge: of the posterior.
+
+    Raises RunError where sampling was interrupted before the first draw.
+    """
+    posterior = calibrate_nuts(
+        problem, settings, seed, starts=starts, random_starts=random_starts, progress=run.progress
+    )
+    run.folder.log(stage=NUTS.name, event="mode", mode_search=search_record(problem, posterior.modes))
+    if posterior.theta.shape[1] == 0:
+        raise RunError("sampling was interrupted before the first draw; run the same command to start it again")
+    run.folder.write_netcdf(POSTERIOR_FILE, posterior_tree(problem, posterior, seed=seed))
+    found = judge(posterior)
+    content = plain(found) | {
+        "passed": found.passed, "verdict": found.verdict, "gradient_evaluations": int(posterior.draws.gradients)
+    }  # fmt: skip
+    run.folder.write_json(DIAGNOSTICS_FILE, content)
+
+
+def _read_sample(run: Run, *_: Any) -> Sampled:
+    return Sampled(run.folder.read_tree(POSTERIOR_FILE), read_json(run.folder.file(DIAGNOSTICS_FILE)))
+
+
+COMPILE: Final = Stage(
+    "compile", "compiling (long only once)", (), lambda run, problem: warm(problem), lambda run, problem: None
+)
+"""Of a problem."""
+
+GENETIC: Final = Stage(
+    "genetic", "genetic algorithm", (GENETIC_FILE,), _search, lambda run, problem: run.folder.read_dataset(GENETIC_FILE)
+)
+"""Of a problem; `calibrate_genetic`."""
+
+NUTS: Final = Stage(
+    "nuts",
+    "stochastic update (NUTS)",
+    (POSTERIOR_FILE, DIAGNOSTICS_FILE),
+    _sample,
+    _read_sample,
+    lambda sampled: not sampled.interrupted,
+)
+"""Of a problem and what the genetic algorithm gave; `calibrate_nuts`."""

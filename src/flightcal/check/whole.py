@@ -1,0 +1,138 @@
+"""A scenario checked, whole: everything that can be said of it before it is sampled, in a run's folder."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any, Final
+
+import numpy as np
+
+from ..emulation import needs_emulator
+from ..errors import FlightcalError
+from ..problem import Problem
+from ..progress import SILENT, Progress
+from ..report import Finding, read_run, write_page
+from ..run import Run, Stage, plain, read_json, read_provenance, typed
+from ..telemetry import window_bounds
+from .centre import find_centre
+from .evaluate import THOROUGH, Effort, runs_of_a_search
+from .findings import Checked, findings_of, verdict_of
+from .identifiability import identifiability
+from .page import render
+from .prior_predictive import prior_predictive
+from .profile import profile
+from .sensitivity import sensitivity
+from .smoothness import smoothness
+
+_JSON, _PAGE = "check.json", "check.html"
+
+
+@dataclass(frozen=True)
+class CheckSummary:
+    """What a caller needs to know of a finished check."""
+
+    passed: bool
+    verdict: str
+    findings: tuple[Finding, ...]
+    page: Path
+
+
+def _make(
+    run: Run, problem: Problem, parameters: list[dict[str, Any]], *, effort: Effort, profiles: Sequence[str], seed: int
+) -> None:
+    run.folder.write_json("parameters.json", parameters)
+    checked = check(problem, effort, tuple(read_run(run.path).parameters), profiles, run.progress)
+    with run.progress.stage("writing"):
+        _write(run, problem, checked)
+
+
+def _read(run: Run, *_: Any) -> CheckSummary:
+    content = read_json(run.folder.file(_JSON))
+    findings = tuple(typed(Finding, item) for item in content["findings"])
+    return CheckSummary(content["passed"], content["verdict"], findings, run.folder.file(_PAGE))
+
+
+CHECK: Final = Stage("check", "", (_JSON, _PAGE), _make, _read)
+"""Of a problem and the records of its parameters. Effort, profiles: see `check`."""
+
+
+def check(
+    problem: Problem,
+    effort: Effort,
+    infos: tuple[Any, ...],
+    profiles: Sequence[str] = (),
+    progress: Progress = SILENT,
+) -> Checked:
+    """Everything that is checked of a problem; infos: how its parameters are shown (`report.run_files`)."""
+    seed = problem.scenario.calibration.seed
+    with progress.stage("prior predictive"):
+        draws = problem.priors.sample(np.random.default_rng(seed), effort.draws)
+        prior_runs = draws, problem.simulate_many(draws)
+    if all(run is None for run in prior_runs[1]):
+        raise FlightcalError(f"none of {len(draws)} simulations at prior draws finishes; see 'flightcal simulate'")
+    with progress.stage("search of the mode") as searching:
+        centre = find_centre(problem, prior_runs, effort.searches, seed, searching)
+    found = identifiability(problem, centre.z, centre.hessian)
+    with progress.stage("sensitivity", 1.0) as measuring:
+        indices = sensitivity(problem, centre.z, effort, seed, prior_runs, measuring)
+    with progress.stage("scans and gradient") as scanning:
+        smooth = smoothness(problem, centre, effort, seed, gradient=not needs_emulator(problem), progress=scanning)
+    profiled = []
+    for name in profiles:
+        with progress.stage(f"profile of {name}", 1.0) as profiling:
+            profiled.append(profile(problem, centre, name, profiling))
+    spans = problem.scenario.windows
+    return Checked(
+        infos=infos,
+        centre=centre,
+        identifiability=found,
+        predictive=prior_predictive(problem, prior_runs, centre, seed),
+        sensitivity=indices,
+        smoothness=smooth,
+        profiles=tuple(profiled),
+        starts={own.label: window_bounds(spans[own.name], own.period)[0] for own in problem.windows},
+        budget=_budget(problem, effort),
+    )
+
+
+def _budget(problem: Problem, effort: Effort) -> str:
+    """What was spent, in words."""
+    dimension, windows = len(problem.simulated), len(problem.windows)
+    if effort is THOROUGH:
+        runs = windows * (effort.draws + effort.base * (dimension + 2) + effort.scan * len(problem.names))
+        return f"about {runs} simulations besides the search of the mode, seed {problem.scenario.calibration.seed}"
+    most = windows * (effort.draws + effort.scan * dimension) + (effort.searches + 1) * runs_of_a_search(problem)
+    return f"at most {most} runs of the simulator, seed {problem.scenario.calibration.seed}"
+
+
+def _write(run: Run, problem: Problem, checked: Checked) -> None:
+    findings = findings_of(checked)
+    passed, verdict = verdict_of(findings)
+    centre, found = checked.centre, checked.identifiability
+    theta = problem.to_theta(centre.z)
+    content = {
+        "passed": passed,
+        "verdict": verdict,
+        "findings": plain(findings),
+        "examined_at": {
+            "what": centre.words,
+            "log_density": centre.log_density,
+            "theta": dict(zip(problem.names, theta.tolist(), strict=True)),
+        },
+        "prior_predictive": {
+            "draws": checked.predictive.draws,
+            "failed": checked.predictive.failed,
+            "channels": checked.predictive.channels,
+            "heaters": checked.predictive.heaters,
+            "pressed": checked.predictive.pressed,
+        },
+        "identifiability": found,
+        "sensitivity": checked.sensitivity,
+        "smoothness": checked.smoothness,
+        "profiles": checked.profiles,
+    }
+    run.folder.write_json(_JSON, plain(content))
+    created = str(read_provenance(run.path).get("created", ""))
+    write_page(run.folder.file(_PAGE), render(checked, problem, findings, run.path, created))

@@ -1,0 +1,63 @@
+"""A run's folder as `calibrate` and `check` share it: what binds it to a scenario, and what was read for it."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import xarray
+
+from ..problem import Problem
+from ..progress import Progress
+from ..run import Run, hash_of, hash_of_file, open_run, plain
+from ..scenario import Scenario, input_files, is_trained, resolved_yaml
+from ..telemetry import quality_table
+
+
+def open_for(scenario: Scenario, out: Path, progress: Progress, **more: str) -> Run:
+    """The run of a scenario in the folder `out`, or RunError where that holds something else.
+
+    The folder is bound to what is calibrated on: the scenario without its method settings, its place and the windows
+    that are only predicted, and the input files. more: hashes of what else it is bound to, by name.
+    """
+    inputs = {str(name): hash_of_file(Path(name)) for name in input_files(scenario)}
+    content = scenario.model_dump(mode="json", exclude={"calibration", "description", "folder"})
+    content["telemetry"].pop("file")
+    trained = {name: window for name, window in content.pop("windows").items() if is_trained(name)}
+    parts = {
+        "the scenario": hash_of(content),
+        "the windows to train on": hash_of(trained),
+        "the telemetry and other input files": hash_of(sorted(inputs.values())),
+        **more,
+    }
+    text = resolved_yaml(scenario, absolute=True)
+    return Run(open_run(out, parts, text, inputs, scenario.calibration.seed), progress)
+
+
+def keep_what_was_read(run: Run, data: xarray.Dataset, problem: Problem) -> None:
+    """Write telemetry_quality.json and parameters.json; telemetry and problem are what stages may be made from."""
+    with run.folder.stage("read", run.folder.identity):
+        run.folder.write_json("telemetry_quality.json", plain(quality_table(data)))
+        run.folder.write_json("parameters.json", parameter_records(problem))
+    run.given(run.folder.identity, data, problem)
+
+
+def parameter_records(problem: Problem) -> list[dict[str, Any]]:
+    """parameters.json: what each entry of theta is, its prior and its unit."""
+    quantiles = np.stack([problem.priors.quantile(p) for p in (0.025, 0.5, 0.975)], axis=1)
+    records = []
+    for entry, of_prior in zip(problem.entries, quantiles.tolist(), strict=True):
+        values = ", ".join(f"{key} {value:.6g}" for key, value in entry.prior.model_dump(exclude={"kind"}).items())
+        records.append(
+            {
+                "name": entry.name,
+                "kind": entry.kind,
+                "unit": entry.unit,
+                "target": [*entry.sets, *entry.scales],
+                "mode": "sets" if entry.sets else "scales" if entry.scales else "",
+                "prior": f"{entry.prior.kind}: {values}",
+                "prior_quantiles": of_prior,
+            }
+        )
+    return records

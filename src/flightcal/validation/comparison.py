@@ -1,0 +1,190 @@
+"""Models of the residuals side by side on windows that none has seen: which there are, their scores, which to use."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from typing import Any
+
+import numpy as np
+import xarray
+
+from ..environment import orbital_period
+from ..prediction import Metric
+from ..problem import Problem
+from ..scenario import (
+    NEEDS,
+    Discrepancy,
+    Noise,
+    PhaseDiscrepancy,
+    Scenario,
+    TimeDiscrepancy,
+    is_trained,
+    noise_of,
+)
+from ..simulator import FloatArray
+from .block_loo import BlockLoo, block_log_likelihood, blocks_of, leave_blocks_out
+
+MODELS = ("iid", "ar1", "time", "phase", "both", "phase+ar1")
+"""iid: independent noise, as published; ar1: correlated; time, phase, both: independent and a discrepancy; phase+ar1:
+a discrepancy that comes again in every orbit, and correlated noise for what does not."""
+
+COMPARED = ("rmse", "mape_kelvin", "picp", "mpiw", "crps", "log_score")
+COVERED = (0.90, 0.99)
+"""What the 95% interval may cover of unseen telemetry without a word of caution."""
+_DRAWS = 200
+
+
+def variant(scenario: Scenario, model: str) -> Scenario:
+    """The scenario with another model of the residuals: its own blocks where it has them, their defaults elsewhere.
+
+    Heavy tails and rounding stay with iid alone, for they go together with neither correlation nor discrepancy.
+    """
+
+    def noise(own: Noise) -> Noise:
+        of_memory = [name for name, (key, _) in NEEDS.items() if key == "model"]
+        # What is written of correlated noise says nothing of noise that is to stand alone.
+        same = own.model == "iid" or model.endswith("ar1")
+        written: dict[str, Any] = {"standard_deviation": own.standard_deviation} if same else {}
+        if model.endswith("ar1"):
+            written |= {"model": "ar1"} | {name: getattr(own, name) for name in of_memory}
+        elif model == "iid":
+            kept = own.model_fields_set - {"standard_deviation", "model", *of_memory}
+            written |= {name: getattr(own, name) for name in kept}
+        return Noise.model_construct(**written)
+
+    observations = {
+        channel: item
+        if item.heater is not None
+        else item.model_copy(update={"noise": noise(noise_of(scenario, channel))})
+        for channel, item in scenario.observations.items()
+    }
+    own = scenario.discrepancy
+    discrepancy = None
+    if model not in ("iid", "ar1"):
+        discrepancy = Discrepancy(
+            time=((own and own.time) or TimeDiscrepancy()) if model in ("time", "both") else None,
+            phase=((own and own.phase) or PhaseDiscrepancy()) if model != "time" else None,
+            channels=own.channels if own is not None else (),
+        )
+    return scenario.model_copy(
+        update={"observations": observations, "noise": noise(scenario.noise), "discrepancy": discrepancy}
+    )
+
+
+def comparison_of(
+    name: str, metrics: Mapping[str, Sequence[Metric]], loos: Mapping[str, BlockLoo], passed: Mapping[str, bool]
+) -> dict[str, Any]:
+    """Content of comparison.json: scores by model, the blocks left out, and what is recommended and why."""
+    rows = []
+    for model, found in metrics.items():
+        values = {
+            (m.window, m.channel, m.metric): m.value
+            for m in found
+            if m.method == "stochastic" and not is_trained(m.window) and m.metric in COMPARED
+        }
+        for window, channel in dict.fromkeys((window, channel) for window, channel, _ in values):
+            scores = {metric: values.get((window, channel, metric)) for metric in COMPARED}
+            rows.append({"model": model, "window": window, "channel": channel, **scores})
+    means = {
+        model: _means([row for row in rows if row["model"] == model and row["channel"] == "all"]) for model in metrics
+    }
+    best = max(loos.values(), key=lambda loo: loo.density)
+    recommended, reason = recommend(means, loos, passed)
+    return {
+        "name": name,
+        "models": list(metrics),
+        "recommended": recommended,
+        "reason": reason,
+        "passed": passed,
+        "scores": rows,
+        "means": means,
+        "blocks": {
+            model: {
+                "density": loo.density,
+                "below_best": best.density - loo.density,
+                "standard_error": float(np.sqrt(len(loo.of_blocks)) * np.std(best.of_blocks - loo.of_blocks)),
+                "blocks": len(loo.of_blocks),
+                "unreliable": loo.unreliable,
+            }
+            for model, loo in loos.items()
+        },
+    }
+
+
+def _means(rows: Sequence[dict[str, Any]]) -> dict[str, float | None]:
+    """Of each score over the windows."""
+    means: dict[str, float | None] = {}
+    for metric in COMPARED:
+        values = [row[metric] for row in rows if row[metric] is not None]
+        means[metric] = float(np.mean(values)) if values else None
+    return means
+
+
+def recommend(
+    means: Mapping[str, Mapping[str, float | None]], loos: Mapping[str, BlockLoo], passed: Mapping[str, bool]
+) -> tuple[str, str]:
+    """The model to use, and why: of those that were sampled well, the one with the best log score.
+
+    The log score is proper (Gneiting & Raftery 2007): an interval too narrow costs it as much as one too wide.
+    """
+
+    def covers(model: str) -> bool:
+        share = means[model]["picp"]
+        return share is not None and COVERED[0] <= share <= COVERED[1]
+
+    def score(model: str) -> float:
+        value = means[model]["log_score"]
+        return -np.inf if value is None else value
+
+    sampled = [model for model in means if passed[model]] or list(means)
+    best = max(sampled, key=score)
+    share = means[best]["picp"]
+    words = [
+        f"On the windows that come after the training, '{best}' has the best log score, {score(best):.3f} nats a sample"
+        + (f"; its 95% interval covers {share:.1%} of them." if share is not None else ".")
+    ]
+    covering = [model for model in sampled if covers(model)]
+    if not covers(best) and covering:
+        safe = max(covering, key=score)
+        words.append(
+            "That is not right for an interval of 95%: where coverage matters more than sharpness, use "
+            f"'{safe}', whose interval covers {means[safe]['picp']:.1%}."
+        )
+    elif not covers(best):
+        words.append("No model's interval covers between 90% and 99%: take none of these intervals at its word.")
+    others = [model for model in means if model not in sampled and score(model) > score(best)]
+    if others:
+        words.append(f"A better log score, but not converged: {', '.join(others)}.")
+    if best != "iid" and "iid" in means:
+        words += [f"Against 'iid': {_change(means, best, 'crps', 'CRPS')}, {_change(means, best, 'mpiw', 'MPIW')}."]
+    inside = max(loos, key=lambda model: loos[model].density)
+    if inside == best:
+        words.append("It also predicts blocks left out of the training window best.")
+    else:
+        words.append(
+            f"Blocks left out of the training window are predicted best by '{inside}', which says less: their "
+            "neighbours in time are known, those of the future are not."
+        )
+    return best, " ".join(words)
+
+
+def _change(means: Mapping[str, Mapping[str, float | None]], model: str, metric: str, title: str) -> str:
+    value, reference = means[model][metric], means["iid"][metric]
+    if value is None or not reference:
+        return f"{title} undefined"
+    return f"{title} {value:.3g} K instead of {reference:.3g} K ({value / reference - 1:+.0%})"
+
+
+def block_loo(problem: Problem, posterior: xarray.DataTree) -> BlockLoo:
+    """How well blocks of the training windows are predicted by a posterior that has not seen them."""
+    scenario = problem.scenario
+    group = posterior["posterior"].to_dataset()
+    thetas: FloatArray = np.stack([group[name].values.ravel() for name in problem.names], axis=1)
+    rng = np.random.default_rng(scenario.calibration.seed)
+    thetas = thetas[rng.choice(len(thetas), min(_DRAWS, len(thetas)), replace=False)]
+    period = orbital_period(scenario.environment, scenario.folder)
+    parts = []
+    for window in problem.windows:
+        inside = problem.at(window, thetas)
+        parts.append(block_log_likelihood(window, inside, blocks_of(window.times, period)))
+    return leave_blocks_out(np.concatenate(parts, axis=1))

@@ -1,0 +1,233 @@
+"""The whole machinery on telemetry that the user's own scenario makes, many times over.
+
+Each repeat draws theta from the prior, makes telemetry with it at the scenario's own sample times and gaps, and
+calibrates that. A repeat that ends is a file; a later call takes up where an earlier one stopped, and may ask for more.
+"""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Callable, Sequence
+from contextlib import suppress
+from dataclasses import dataclass
+from functools import cache, partial
+from pathlib import Path
+from time import perf_counter
+from typing import Any
+
+import numpy as np
+import xarray
+
+from ..calibration import Posterior, calibrate_nuts, least_effective, warm
+from ..emulation import needs_emulator
+from ..errors import RunError, ScenarioError
+from ..problem import Problem, build_problem, simulate_telemetry, with_telemetry
+from ..progress import SILENT, Progress
+from ..run import RunDirectory, each, plain, write_atomically
+from ..scenario import NutsSettings, load_scenario
+from ..simulator import FloatArray, SimulationFailure
+from ..telemetry import read
+from .comparison import variant
+from .simulation_based import INTERVALS, RankCheck, Repeat, check_ranks, ranks
+
+LOG_DENSITY = "log density"
+"""The quantity beside theta's entries whose ranks are looked at: it depends on the telemetry, so it also sees what
+leaves every marginal distribution right (Modrák et al. 2023, Bayesian Analysis)."""
+
+_CHAINS, _MOST_DRAWS = 2, 300
+_MAX_R_HAT, _MIN_ESS = 1.05, 50.0
+_MOST_REDRAWN = 100
+_PRIOR_DRAWS = 4000
+_REPEATS, _RESULT = "repeats", "validation.json"
+
+Source = tuple[str, str | None, str | None]
+"""Scenario file, telemetry in the place of its own, model of the residuals in the place of its own."""
+
+Simulate = Callable[[Problem, FloatArray, np.random.Generator], list[tuple[FloatArray, FloatArray]]]
+
+
+@dataclass(frozen=True)
+class Validation:
+    """What the repeats came to."""
+
+    folder: Path
+    names: tuple[str, ...]
+    repeats: tuple[Repeat, ...]
+    checks: tuple[RankCheck, ...]
+
+    @property
+    def passed(self) -> bool:
+        """Whether the ranks of all quantities stay in the band."""
+        return all(check.inside for check in self.checks)
+
+
+def run_repeats(
+    run: RunDirectory, source: Source, repeats: int, *, workers: int = 2, progress: Progress = SILENT
+) -> None:
+    """Run those of so many repeats that are missing in a folder. workers: processes; 1: this one."""
+    problem, _ = prepared(*source)
+    run.file(_REPEATS).mkdir(exist_ok=True)
+    missing = [k for k in range(repeats) if not _file(run, k).exists()]
+    with progress.stage("validating", repeats) as validating:
+        validating.at(repeats - len(missing))
+        if missing:
+            # Once, so that the processes find it compiled.
+            warm(problem)
+        left = len(missing)
+
+        def done(number: int, repeat: Repeat) -> None:
+            nonlocal left
+            _write(_file(run, number), repeat)
+            left -= 1
+            validating.at(repeats - left, f"{repeats - left} of {repeats} repeats")
+
+        if workers == 1 or left < 2:
+            for number in missing:
+                done(number, _one(source, number))
+        else:
+            each(partial(_one, source), missing, workers, done=done, lost=_lost)
+
+
+def short(settings: NutsSettings) -> NutsSettings:
+    """The scenario's sampler with two chains and at most 300 draws each, and gates that so few can pass."""
+    return settings.model_copy(
+        update={
+            "chains": _CHAINS,
+            "draws": min(settings.draws, _MOST_DRAWS),
+            "max_r_hat": max(settings.max_r_hat, _MAX_R_HAT),
+            "min_ess": min(settings.min_ess, _MIN_ESS),
+        }
+    )
+
+
+def run_repeat(
+    problem: Problem,
+    telemetry: xarray.Dataset,
+    settings: NutsSettings,
+    seed: Sequence[int],
+    simulate: Simulate = simulate_telemetry,
+) -> Repeat:
+    """One repeat. telemetry: what the problem was built from; simulate: what makes the telemetry.
+
+    Thetas that cannot be simulated have no telemetry, and are drawn again: prior and posterior both leave them out.
+    Raises RunError where that never ends.
+    """
+    started = perf_counter()
+    rng = np.random.default_rng(seed)
+    redrawn = 0
+    while True:
+        theta = problem.priors.sample(rng, 1)[0]
+        with suppress(SimulationFailure):
+            telemetry_made = simulate(problem, theta, rng)
+            break
+        redrawn += 1
+        if redrawn == _MOST_REDRAWN:
+            raise RunError(
+                f"none of {_MOST_REDRAWN} draws from the priors can be simulated; check the priors with "
+                "'flightcal simulate'"
+            )
+    made = with_telemetry(problem, telemetry, telemetry_made)
+    posterior = calibrate_nuts(made, settings, int(rng.integers(2**32)))
+    if posterior.draws.interrupted:
+        raise KeyboardInterrupt
+    return _repeat(made, theta, posterior, redrawn, started, rng)
+
+
+def _repeat(
+    problem: Problem,
+    theta: FloatArray,
+    posterior: Posterior,
+    redrawn: int,
+    started: float,
+    rng: np.random.Generator,
+) -> Repeat:
+    truth = np.append(theta, problem.log_density(problem.to_z(theta)))
+    draws = np.concatenate([posterior.theta, posterior.draws.statistics["log_density"][..., None]], axis=-1)
+    rank, count = ranks(truth, draws, least_effective(draws), rng)
+    return Repeat(
+        truth=truth,
+        rank=rank,
+        mean=draws.mean(axis=(0, 1)),
+        deviation=draws.std(axis=(0, 1)),
+        draws=count,
+        gates=tuple(gate.name for gate in posterior.diagnostics.gates if not gate.passed),
+        redrawn=redrawn,
+        seconds=perf_counter() - started,
+    )
+
+
+def judge(run: RunDirectory, problem: Problem, repeats: int) -> Validation:
+    """Read the first `repeats` repeats of a folder, judge them, and write validation.json."""
+    names = (*problem.names, LOG_DENSITY)
+    found = tuple(_read(_file(run, k)) for k in range(repeats))
+    prior = np.append(problem.priors.sample(np.random.default_rng(0), _PRIOR_DRAWS).std(axis=0), np.nan)
+    checks = tuple(check_ranks(names, found, prior))
+    validation = Validation(run.path, names, found, checks)
+    run.write_json(
+        _RESULT,
+        {
+            "name": problem.scenario.name,
+            "passed": validation.passed,
+            "repeats": repeats,
+            "intervals": list(INTERVALS),
+            "quantities": [plain(check) for check in checks],
+            "ranks": plain(np.array([repeat.rank for repeat in found])),
+            "scores": plain(np.array([(repeat.mean - repeat.truth) / repeat.deviation for repeat in found])),
+            "contractions": plain(np.array([1.0 - (repeat.deviation / prior) ** 2 for repeat in found])),
+            "draws": [repeat.draws for repeat in found],
+            "gates": [list(repeat.gates) for repeat in found],
+            "redrawn": sum(repeat.redrawn for repeat in found),
+            "seconds": sum(repeat.seconds for repeat in found),
+        },
+    )
+    return validation
+
+
+# --- processes ----------------------------------------------------------------------------------------------
+
+
+@cache
+def prepared(scenario_file: str, telemetry: str | None, residuals: str | None) -> tuple[Problem, xarray.Dataset]:
+    """The scenario's problem and its telemetry: once in each process."""
+    scenario = load_scenario(scenario_file, telemetry=telemetry)
+    if residuals is not None:
+        scenario = variant(scenario, residuals)
+    data = read(scenario)
+    problem = build_problem(scenario, data)
+    if needs_emulator(problem):
+        raise ScenarioError(
+            f"{scenario_file}: simulator: found one without derivatives, expected a thermal network or one with a "
+            "gradient: each repeat would need an emulator of its own"
+        )
+    return problem, data
+
+
+def _one(source: Source, number: int) -> Repeat:
+    problem, data = prepared(*source)
+    settings = problem.scenario.calibration
+    return run_repeat(problem, data, short(settings.nuts), [settings.seed, number])
+
+
+def _lost(number: int) -> Repeat:
+    raise RunError("a process of the validation was killed; run the same command to take it up again")
+
+
+# --- files --------------------------------------------------------------------------------------------------
+
+
+def _file(run: RunDirectory, number: int) -> Path:
+    return run.file(_REPEATS) / f"{number:04d}.json"
+
+
+def _write(file: Path, repeat: Repeat) -> None:
+    text = json.dumps(plain(repeat), allow_nan=False) + "\n"
+    write_atomically(file, lambda path: path.write_text(text, encoding="utf-8"))
+
+
+def _read(file: Path) -> Repeat:
+    try:
+        content: dict[str, Any] = json.loads(file.read_text(encoding="utf-8"))
+        arrays = {name: np.array(content[name], float) for name in ("truth", "rank", "mean", "deviation")}
+        return Repeat(**(content | arrays | {"gates": tuple(content["gates"])}))
+    except (ValueError, KeyError, TypeError) as error:
+        raise RunError(f"{file}: found a damaged repeat ({error}); delete it and run the same command again") from None
