@@ -32,6 +32,13 @@ def die_at_two(number):
     return number
 
 
+def die_late_at_one(number):
+    if number == 1:
+        time.sleep(1.0)
+        os.kill(os.getpid(), signal.SIGKILL)
+    return number
+
+
 def pid(_):
     return os.getpid()
 
@@ -66,6 +73,10 @@ def test_no_more_processes_than_items_and_none_for_nothing():
 
 def test_an_item_that_kills_its_process_each_time_is_lost_and_no_other():
     assert results(die_at_two, range(6)) == {0: 0, 1: 1, 2: LOST, 3: 3, 4: 4, 5: 5}
+
+
+def test_an_item_is_tried_again_by_processes_that_have_become_idle():
+    assert results(die_late_at_one, range(2)) == {0: 0, 1: LOST}
 
 
 def test_an_error_of_the_task_is_raised_with_its_own_traceback():

@@ -46,9 +46,18 @@ def each(
     waiting, packed = deque(enumerate(items)), pickle.dumps(task)
     pool: dict[Any, _Worker] = {}
     deaths, failed_starts, whole = Counter[int](), 0, False
+
+    def hand_out() -> int:
+        """Have no process idle while items wait; how many are busy."""
+        for worker in pool.values():
+            if waiting and worker.up and worker.at is None:
+                worker.at = waiting.popleft()
+                worker.tell(pickle.dumps(worker.at[1]))
+        return sum(worker.at is not None for worker in pool.values())
+
     try:
-        while waiting or any(worker.at for worker in pool.values()):
-            while len(pool) < min(workers, len(waiting) + sum(worker.at is not None for worker in pool.values())):
+        while (busy := hand_out()) or waiting:
+            while len(pool) < min(workers, busy + len(waiting)):
                 worker = _Worker(packed)
                 pool[worker.connection] = worker
             for connection in wait(list(pool)):
@@ -75,9 +84,7 @@ def each(
                 if kind == "raised":
                     raise answer
                 worker.up = True
-                if waiting:
-                    worker.at = waiting.popleft()
-                    worker.tell(pickle.dumps(worker.at[1]))
+                hand_out()
                 if at is not None:
                     done(at[1], answer)
         whole = True
