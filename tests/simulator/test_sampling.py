@@ -23,6 +23,14 @@ def interpolate(sampling, sensors, times, on_grid, errors, at_samples):
     kernels.interpolate(sampling, sensors, times, on_grid, errors, at_samples)
 
 
+def spread_back(sampling, sensors, grid, states, errors, weights):
+    """Cotangents of states [K+1, n] and errors [3, N] from those of the samples [T, N]."""
+    states_bar, errors_bar = np.empty_like(states), np.empty_like(errors)
+    record = Record._make([np.empty(0)] * len(Record._fields))._replace(states=states[None])
+    spread(SpreadCall(sampling, sensors, grid, record, errors[None], weights, states_bar, errors_bar))
+    return states_bar, errors_bar
+
+
 def no_errors(channels):
     return np.array([[1.0], [0.0], [0.0]]) * np.ones(channels)
 
@@ -90,9 +98,7 @@ def test_what_sensors_say_and_its_derivative_are_the_oracles(scene):
 
     got = at_samples(locate(samples, grid), grid, states, sensors, errors)
     np.testing.assert_allclose(got, said(states, errors), atol=1e-9)
-    states_bar, errors_bar = np.empty_like(states), np.empty_like(errors)
-    record = Record._make([np.empty(0)] * len(Record._fields))._replace(states=states[None])
-    spread(SpreadCall(locate(samples, grid), sensors, grid, record, errors[None], weights, states_bar, errors_bar))
+    states_bar, errors_bar = spread_back(locate(samples, grid), sensors, grid, states, errors, weights)
     gradient = jax.grad(lambda *at: (said(*at) * weights).sum(), argnums=(0, 1))
     by_states, by_errors = jax.jit(gradient, compiler_options=QUICKLY_COMPILED)(states, errors)
     by_errors = by_errors.at[2].multiply(sensors.moved)
@@ -108,9 +114,7 @@ def test_the_derivative_by_the_errors_agrees_with_differences(scene):
         return float((at_samples(locate(samples, grid), grid, states, sensors, flat.reshape(3, 4)) * weights).sum())
 
     def gradient(flat):
-        states_bar, errors_bar = np.empty_like(states), np.empty_like(errors)
-        spread(locate(samples, grid), sensors, grid, states, flat.reshape(3, 4), weights, states_bar, errors_bar)
-        return errors_bar.ravel()
+        return spread_back(locate(samples, grid), sensors, grid, states, flat.reshape(3, 4), weights)[1].ravel()
 
     assert check_grad(value, gradient, errors.ravel(), epsilon=1e-6) < 1e-3 * np.abs(gradient(errors.ravel())).max()
 
@@ -120,6 +124,5 @@ def test_the_slope_of_the_steps_that_settle_massless_nodes_is_not_one_in_time():
     grid = make_grid(300.0, 30.0, NOTHING, NOTHING, np.array([100.0]), settle=True)
     states = np.where(np.arange(len(grid)) < 2, 290.0, 250.0)[:, None]
     sensors, sampling = Sensors(np.array([0]), np.array([True])), locate(np.array([0.0, 60.0]), grid)
-    states_bar, errors_bar = np.empty_like(states), np.empty((3, 1))
-    spread(sampling, sensors, grid, states, no_errors(1), np.ones((2, 1)), states_bar, errors_bar)
+    _, errors_bar = spread_back(sampling, sensors, grid, states, no_errors(1), np.ones((2, 1)))
     assert errors_bar[2, 0] == 0.0
