@@ -137,6 +137,9 @@ def drift(call):
 def gather(call):
     """A window's theta from the problem's, and to all that is an entry of it."""
     all_theta, all_slope, theta, slope = call.place.theta, call.place.slope, call.theta, call.slope
+    for i in range(all_theta.shape[1]):
+        if not np.isfinite(all_theta[0, i]):
+            return DENSITY_NOT_FINITE
     for i in range(call.columns.shape[0]):
         theta[i], slope[i] = all_theta[0, call.columns[i]], all_slope[0, call.columns[i]]
     for k in range(call.drifting.shape[0]):

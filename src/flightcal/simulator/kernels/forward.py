@@ -240,7 +240,7 @@ def _make_lanes(structure, memory, counters, reals, driven):
     n, H = structure.mass.shape[0], structure.sensor.shape[0]
     a, m = structure.linear_column.shape[0], structure.radiative_column.shape[0]
     at = 4 * n + 3 * H + 2
-    memory[:] = 0.0
+    memory[: at + a + m] = 0.0  # not the steps behind it, which are many
     counters[:] = 0
     return _Lanes(
         counters[0],
