@@ -2,6 +2,7 @@ import importlib.util
 import shutil
 import subprocess
 import sys
+from functools import partial
 from pathlib import Path
 
 import numpy as np
@@ -10,8 +11,8 @@ from scipy.optimize import least_squares
 
 from flightcal.calibration import calibrate_nuts
 from flightcal.emulation.active import learn
-from flightcal.emulation.emulated import CHECKED, check_on_the_simulator, empty_runs, external
-from flightcal.emulation.horizon import beginnings
+from flightcal.emulation.emulated import CHECKED, check_on_the_simulator, empty_runs, run_many
+from flightcal.emulation.horizon import beginning
 from flightcal.emulation.simulator_check import LARGEST_DENSITY_ERROR
 from flightcal.external import close_workers
 from flightcal.problem import build_problem
@@ -141,15 +142,15 @@ def test_calibration_through_an_emulator_covers_the_truth_and_is_the_simulators_
     data = read(scenario)
     problem = build_problem(scenario, data)
     settings, seed = scenario.calibration.emulator, scenario.calibration.seed
-    beginning = beginnings(problem, data)
+    nothing = tuple(empty_runs(window) for window in problem.windows)
 
-    learnt = learn(problem, external(problem).run_many, empty_runs(problem), settings, seed, beginning=beginning)
+    learnt = learn(problem, run_many, nothing, settings, seed, beginning=partial(beginning, data))
     posterior = calibrate_nuts(learnt.problem, starts=[("active learning", learnt.theta)], random_starts=0)
-    check, runs = check_on_the_simulator(problem, learnt.problem, posterior.flat, seed)
+    check, (runs,) = check_on_the_simulator(problem, learnt.problem, posterior.flat, seed)
 
     assert learnt.reached
     assert posterior.diagnostics.passed
-    assert len(learnt.runs) + len(runs) <= 300
+    assert len(learnt.runs[0]) + len(runs) <= 300
     assert len(runs) == CHECKED
     assert check.validation.passed
     assert check.density_error < LARGEST_DENSITY_ERROR

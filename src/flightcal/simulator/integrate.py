@@ -153,7 +153,7 @@ class Integration:
     @property
     def switches(self) -> Switch:
         """Every time a thermostat acted in a single simulation."""
-        return switches(self.outputs, 0)
+        return switches(copied(self.outputs, 1), 0)
 
     def pull_back(self, states_bar: FloatArray, switches_bar: FloatArray | None = None) -> System:
         """Cotangent of the system from those of the states on the grid [K+1, n] and of the switches' times [E].
@@ -170,7 +170,14 @@ def switches(outputs: Outputs, simulation: int) -> Switch:
     """The thermostats' events in one simulation."""
     first = outputs.switch_first[simulation]
     here = slice(first, first + outputs.switches[simulation])
-    return Switch(*(part[here].copy() for part in (outputs.switch_time, outputs.switch_heater, outputs.switch_on)))
+    return Switch(outputs.switch_time[here], outputs.switch_heater[here], outputs.switch_on[here])
+
+
+def copied(outputs: Outputs, simulations: int) -> Outputs:
+    """Of the first simulations, in memory of their own."""
+    of_simulations = [part[:simulations].copy() for part in outputs[:6]]
+    of_switches = [part[: outputs.noted[0]].copy() for part in outputs[6:9]]
+    return Outputs._make([*of_simulations, *of_switches, outputs.noted.copy()])
 
 
 def check_outcome(outcome: int) -> None:

@@ -19,7 +19,7 @@ from ..compiled import Program, Row
 from ..scenario import Scenario
 from .assembly import ParameterMap, assemble, assembly_memory
 from .drive import Times, build_drive
-from .integrate import Integration, Observation, check_outcome, in_parallel, switches
+from .integrate import Integration, Observation, check_outcome, copied, in_parallel, switches
 from .kernels.assembly import AssembleCall, PullBackCall, pull_back
 from .kernels.assembly import assemble as assemble_kernel
 from .kernels.forward import FINISHED, TOO_MANY_SWITCHES, Outputs
@@ -205,7 +205,7 @@ class NetworkSimulator:
         """One simulation at theta [d]."""
         with self._borrowed(1) as calls:
             calls.simulate(np.array(theta))
-            return _trajectory(calls.outputs, 0)
+            return _trajectory(copied(calls.outputs, 1), 0)
 
     def simulate_many(self, thetas: FloatArray) -> list[Trajectory | None]:
         """Simulations at thetas [S, d], in parallel; None where one failed."""
@@ -230,8 +230,9 @@ class NetworkSimulator:
                 if scatter is not None:
                     calls.integration.scatter[:count] = scatter[part]
                 calls.run_forward.run()
-                outcomes = calls.outputs.outcome[:count].tolist()
-                found = [_trajectory(calls.outputs, k) if out == FINISHED else None for k, out in enumerate(outcomes)]
+                outputs = copied(calls.outputs, count)
+            outcomes = outputs.outcome.tolist()
+            found = [_trajectory(outputs, k) if outcome == FINISHED else None for k, outcome in enumerate(outcomes)]
             if not few:
                 # With very many switches a simulation needs more room than a lane has.
                 for k in [k for k, outcome in enumerate(outcomes, first) if outcome == TOO_MANY_SWITCHES]:
@@ -257,7 +258,7 @@ class NetworkSimulator:
             calls.run_backward.run()
             return calls.theta_bar.copy()
 
-        return _trajectory(calls.outputs, 0), cotangent
+        return _trajectory(copied(calls.outputs, 1), 0), cotangent
 
     def threshold_excess(
         self, theta: FloatArray, switches: Switch
@@ -332,9 +333,9 @@ class NetworkSimulator:
 
 def _trajectory(outputs: Outputs, simulation: int) -> Trajectory:
     return Trajectory(
-        outputs.temperatures[simulation].copy(),
-        outputs.status[simulation].copy(),
-        outputs.duty_cycle[simulation].copy(),
+        outputs.temperatures[simulation],
+        outputs.status[simulation],
+        outputs.duty_cycle[simulation],
         switches(outputs, simulation),
     )
 
