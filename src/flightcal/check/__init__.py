@@ -1,9 +1,7 @@
 """Checks before sampling: what the data can tell, and whether prior and sampler will get along with them.
 
-Imports: calibration, emulation, environment, errors, external, probability, problem, progress, report, run,
+Imports: calibration, emulation, errors, external, probability, problem, progress, report, run,
 simulator, telemetry.
-
-Imports: calibration, emulation, errors, external, probability, problem, progress, report, run, simulator, telemetry.
 """
 
 from .centre import find_centre

@@ -2,8 +2,6 @@
 
 Imports: calibration, emulation, environment, errors, prediction, probability, problem, progress, reduction, run,
 scenario, simulator, telemetry.
-
-Imports: calibration, emulation, environment, errors, prediction, probability, problem, progress, reduction, run, scenario, simulator, telemetry.
 """
 
 from .block_loo import BlockLoo, block_log_likelihood, blocks_of, leave_blocks_out
