@@ -323,7 +323,7 @@ def _write_texts(
         {"flightcal": "0.1.0", "python": "3.11.9", "packages": {"numpy": "2.4.6", "jax": "0.10.2"},
          "inputs": {"scenario.yaml": "9f" * 32, "telemetry.csv": "a1" * 32}, "seed": 1,
          "stages": {"read": 0.4, "genetic": 21.3, "nuts": 42.5, "predict": 3.1},
-         "identity": "c3" * 32, "stage_inputs": {},
+         "identity": "c3" * 32, "parts": {"the scenario": "d4" * 32}, "stage_inputs": {},
          "created": "2024-05-02T09:30:00+00:00", "machine": {"cpu_count": 4, "platform": "Linux x86_64"}},
     )  # fmt: skip
     (folder / "scenario.yaml").write_text(
