@@ -33,7 +33,7 @@ class Canonical:
     def system(self, theta: Any) -> System:
         """The entries at theta [d], differentiable by JAX: the same table of terms that flightcal's assembly reads."""
         simulator = self.simulator
-        theta = theta[self.problem.simulated]
+        theta = theta[self.problem.windows[0].simulated]
         network, mapping, terms = simulator.network, simulator.mapping, simulator.network.terms
         values = jnp.asarray(network.values).at[mapping.set_positions].set(theta[mapping.set_by])
         values = values.at[mapping.scaled_positions].multiply(theta[mapping.scaled_by], unique_indices=True)
@@ -63,9 +63,11 @@ class Canonical:
     def log_density(self, z: Any, temperatures: Any) -> Any:
         """Log density of z [d]; `temperatures`: theta -> [T, N]. No sample of this problem is missing."""
         theta = self.to_theta(z)
-        scaled = (self.problem.windows[0].observed - temperatures(theta)) / self.problem.fixed_noise
+        scaled = (self.problem.windows[0].observed - temperatures(theta)) / self.problem.windows[0].noise(
+            self.problem.priors.median()
+        )
         constant = self.problem.windows[0].observed.shape[0] * np.sum(
-            np.log(self.problem.fixed_noise * np.sqrt(2 * np.pi))
+            np.log(self.problem.windows[0].noise(self.problem.priors.median()) * np.sqrt(2 * np.pi))
         )
         log_prior = jnp.sum(jax.scipy.stats.norm.logpdf(z))
         return log_prior - 0.5 * jnp.sum(scaled**2) - constant

@@ -72,7 +72,7 @@ def forward(rounds: int) -> dict[str, float]:
     problem, theta = benchmark_problem()
     model = canonical(problem)
     structure, drive = model.structure, model.drive
-    system = model.simulator.system(theta[problem.simulated])
+    system = model.simulator.system(theta[problem.windows[0].simulated])
     packed = pack(system)
     timings = interleaved(
         {

@@ -173,7 +173,7 @@ def make_problem(written: dict[str, Any], truth: dict[str, float], folder: Path)
             data[channel].values[:] = run.status[:, k]
     problem = build_problem(scenario, data)
     ordered = problem.priors.median()
-    ordered[problem.simulated] = theta
+    ordered[problem.windows[0].simulated] = theta
     return problem, ordered
 
 

@@ -15,7 +15,7 @@ def integration_alone(problem: Problem, z: Any) -> Callable[[], Any]:
     """What `problem.log_density_and_gradient(z)` spends its time in: the same integration and adjoint, nothing else."""
     assert isinstance(problem.windows[0].simulator, NetworkSimulator)
     calls = problem.windows[0].simulator.calls()
-    calls.simulate(problem.to_theta(z)[problem.simulated])
+    calls.simulate(problem.to_theta(z)[problem.windows[0].simulated])
     calls.temperatures_bar[:] = 1.0
     calls.run_backward.run()
     return Program([calls.integration.forward, calls.integration.adjoint]).run

@@ -30,7 +30,7 @@ def measure(quick: bool) -> Section:
     problem, theta = benchmark_problem()
     model = canonical(problem)
     structure, drive = model.structure, model.drive
-    system = model.simulator.system(theta[problem.simulated])
+    system = model.simulator.system(theta[problem.windows[0].simulated])
     packed = pack(system)
     reference = scipy_ode.tight_reference(model, theta)
     notes = []

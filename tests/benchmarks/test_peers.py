@@ -27,7 +27,9 @@ def test_the_peers_get_flightcals_system_and_log_density():
     assert len(trajectory.switches.time) >= 4
     z = problem.to_z(theta)
     np.testing.assert_allclose(model.to_theta(z), theta, rtol=1e-9)
-    for found, expected in zip(model.system(theta), model.simulator.system(theta[problem.simulated]), strict=True):
+    for found, expected in zip(
+        model.system(theta), model.simulator.system(theta[problem.windows[0].simulated]), strict=True
+    ):
         np.testing.assert_allclose(found, expected, rtol=1e-12)
     assert model.log_density(z, lambda _: trajectory.temperatures) == pytest.approx(problem.log_density(z), rel=1e-10)
 

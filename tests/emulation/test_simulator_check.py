@@ -18,7 +18,7 @@ def scene(tmp_path_factory):
     truth |= {"initial.body": 284.0, "initial.panel": 262.0}
     theta = np.array([truth[name] for name in problem.names])
     thetas = theta * (1.0 + 1e-4 * np.random.default_rng(1).standard_normal((30, len(theta))))
-    return problem, thetas, derivative_free.runs_at(problem.windows[0], thetas[:, problem.simulated])
+    return problem, thetas, derivative_free.runs_at(problem.windows[0], thetas[:, problem.windows[0].simulated])
 
 
 def test_what_is_exact_has_no_density_error(scene):
@@ -46,11 +46,11 @@ def test_the_density_error_is_that_of_the_log_likelihood(scene):
 def test_a_replay_knows_its_runs_only(scene):
     problem, thetas, runs = scene
     replay = Replay(problem.windows[0].simulator, runs)
-    run = replay.simulate(thetas[3][problem.simulated])
+    run = replay.simulate(thetas[3][problem.windows[0].simulated])
     np.testing.assert_array_equal(run.temperatures, runs.temperatures[3])
     assert len(run.switches.time) == np.count_nonzero(np.diff(runs.status[3, :, 0]))
     with pytest.raises(SimulationFailure, match="no run"):
-        replay.simulate(1.01 * thetas[3][problem.simulated])
+        replay.simulate(1.01 * thetas[3][problem.windows[0].simulated])
 
 
 def test_heaters_are_in_step_at_the_truth_and_not_in_another_cycle(scene):
@@ -62,7 +62,7 @@ def test_heaters_are_in_step_at_the_truth_and_not_in_another_cycle(scene):
     # Already on at the start, where the telemetry sees it switched on: the local mode that fits all but three samples.
     other = thetas[:3].copy()
     other[:, problem.names.index("initial.body")] = 282.6
-    slipped = derivative_free.runs_at(window, other[:, problem.simulated])
+    slipped = derivative_free.runs_at(window, other[:, problem.windows[0].simulated])
     assert steps(window, slipped)[0].unmatched >= 1.0
     unmeasured = replace(window, status=np.full_like(window.status, np.nan))
     assert steps(unmeasured, runs) == ()

@@ -19,9 +19,9 @@ import numpy as np
 from tests.external.scenes import THETA, simulator_of
 from flightcal.scenario import load_scenario
 from flightcal.telemetry import read
-from flightcal.calibration import build_problem
+from flightcal.problem import build_problem
 scenario = load_scenario(sys.argv[1])
-simulator = build_problem(scenario, read(scenario)).simulator
+simulator = build_problem(scenario, read(scenario)).windows[0].simulator
 print("ready", flush=True)
 try:
     simulator.simulate_many(np.tile(THETA, (3, 1)))

@@ -12,7 +12,7 @@ from flightcal.probability.discrepancy import shortest_lengthscale, time_basis
 from flightcal.probability.likelihood import log_likelihood
 from flightcal.probability.noise import kind_of_noise
 from flightcal.probability.residuals import PHASE_LENGTH
-from flightcal.problem import build_problem
+from flightcal.problem import build_problem, build_window
 from flightcal.problem.coordinates import whitening
 from flightcal.scenario import Noise
 
@@ -89,7 +89,7 @@ def test_names_stand_between_parameters_and_initial_temperatures(tmp_path):
 def test_the_c_function_is_what_the_parts_give_in_python(problem, seed):
     z = near_truth(problem, seed)
     prior = problem.priors.at(z)
-    run, pull_back = problem.windows[0].simulator.linearise(prior.theta[problem.simulated])
+    run, pull_back = problem.windows[0].simulator.linearise(prior.theta[problem.windows[0].simulated])
     value, temperatures_bar, numbers_bar = log_likelihood(
         problem.windows[0].residuals.terms,
         problem.windows[0].observed,
@@ -97,7 +97,7 @@ def test_the_c_function_is_what_the_parts_give_in_python(problem, seed):
         problem.windows[0].numbers(prior.theta),
     )
     theta_bar = np.zeros_like(z)
-    theta_bar[problem.simulated] = pull_back(temperatures_bar)
+    theta_bar[problem.windows[0].simulated] = pull_back(temperatures_bar)
     for channel, column, position in zip(*problem.places, strict=True):
         theta_bar[position] += numbers_bar[channel, column]
     found, gradient = problem.log_density_and_gradient(z)
@@ -130,7 +130,7 @@ def test_of_normal_residuals_it_has_the_parameters_information_of_the_dense_cova
         pytest.skip("compared with normal residuals only")
     z = near_truth(problem)
     numbers = problem.windows[0].numbers(problem.to_theta(z))
-    jacobian = problem.jacobian(z)
+    (jacobian,) = problem.jacobians(z)
     expected = np.diag(problem.priors.precision(z))
     model = problem.windows[0].residuals
     for k in range(2):
@@ -146,7 +146,7 @@ def test_of_normal_residuals_it_has_the_parameters_information_of_the_dense_cova
             covariance += basis * model.prior_deviations(numbers[k]) ** 2 @ basis.T
         own = jacobian[valid, k]
         expected += own.T @ np.linalg.solve(covariance, own)
-    kept = np.ix_(problem.simulated, problem.simulated)
+    kept = np.ix_(problem.windows[0].simulated, problem.windows[0].simulated)
     found = problem.gauss_newton_hessian(z)
     np.testing.assert_allclose(found[kept], expected[kept], rtol=1e-8, atol=1e-10 * np.abs(expected).max())
 
@@ -193,7 +193,7 @@ def test_a_written_lengthscale_says_how_far_the_functions_reach_and_a_test_windo
     written["discrepancy"] = {"time": {"lengthscale": "10 min", "functions": 20}, "channels": ["body_temp"]}
     scenario, data = small.closed_loop(tmp_path, written)
     for window in ("train", "test"):
-        model = build_problem(scenario, data, window).residuals
+        model = build_window(scenario, data, window).residuals
         assert model.time == time_basis(0.0, model.terms.seconds[-1], 600.0, 1.5, 20)
         assert model.terms.discrepant.tolist() == [True, False]
 
@@ -316,8 +316,9 @@ def test_telemetry_drawn_anew_keeps_the_discrepancy_that_the_residuals_show(tmp_
     """Mean and covariance of what is drawn are the dense conditional normal's, and the noise is new."""
     problem = build_problem(*made(tmp_path, {"standard_deviation": "0.2 K"}, {"phase": {"harmonics": 2}}))
     theta = problem.priors.median()
-    run, rng, count = problem.windows[0].simulate(theta), np.random.default_rng(0), 1500
-    drawn = np.stack([problem.windows[0].replicate(theta, run, rng)[:, 1] for _ in range(count)])
+    runs, rng, count = problem.simulate(theta), np.random.default_rng(0), 1500
+    (run,) = runs
+    drawn = np.stack([problem.replicate(theta, runs, rng)[:, 1] for _ in range(count)])
     model, numbers = problem.windows[0].residuals, problem.windows[0].numbers(theta)
     valid, basis = problem.windows[0].valid[:, 1], model.terms.shapes.basis
     prior = basis * model.prior_deviations(numbers[1]) ** 2 @ basis.T
@@ -369,9 +370,10 @@ def test_too_few_functions_for_a_short_lengthscale_are_named(tmp_path):
 def test_the_beginning_of_a_window_has_the_density_of_telemetry_that_ends_there(model, tmp_path):
     scenario, data = made(tmp_path, *MODELS[model])
     whole = build_problem(scenario, data)
-    elapsed = (whole.times - whole.times[0]) / (whole.times[-1] - whole.times[0])
-    late = data["time"].isin(whole.times[elapsed > 0.5])
-    ended = build_problem(scenario, data.assign({name: data[name].where(~late) for name in whole.simulator.channels}))
+    (window,) = whole.windows
+    elapsed = (window.times - window.times[0]) / (window.times[-1] - window.times[0])
+    late = data["time"].isin(window.times[elapsed > 0.5])
+    ended = build_problem(scenario, data.assign({name: data[name].where(~late) for name in window.simulator.channels}))
     z = near_truth(whole)
     assert whole.of_temperatures((elapsed <= 0.5)[:, None]).log_density(z) == pytest.approx(
         ended.log_density(z), rel=1e-12

@@ -55,6 +55,11 @@ def inexact(tmp_path_factory):
     return build_problem(*small.closed_loop(tmp_path_factory.mktemp("inexact"), content))
 
 
+def without_status(problem):
+    (window,) = problem.windows
+    return replace(problem, windows=(replace(window, measured_switches=None, heater_status=None),))
+
+
 def near_truth(problem, seed):
     z = problem.to_z(np.array([TRUTH[name] for name in problem.names]))
     return z + 0.03 * np.random.default_rng(seed).standard_normal(len(z))
@@ -111,15 +116,13 @@ def test_the_density_has_what_the_status_adds(problem):
     theta = problem.to_theta(z)
     run, settings = problem.windows[0].simulate(theta), problem.windows[0].status_settings(theta)
     added = problem.windows[0].heater_status.log_likelihood(run, settings)[0]
-    assert problem.log_density(z) - replace(problem, heater_status=None).log_density(z) == pytest.approx(
-        added, rel=1e-9
-    )
+    assert problem.log_density(z) - without_status(problem).log_density(z) == pytest.approx(added, rel=1e-9)
     assert abs(added) > 1.0
 
 
 def test_it_is_no_part_of_a_problem_of_the_temperatures_alone(problem):
     z = near_truth(problem, 0)
-    expected = replace(problem, heater_status=None).log_density(z)
+    expected = without_status(problem).log_density(z)
     alone = problem.windows[0].of_temperatures(np.ones((len(problem.windows[0].times), 1), bool))
     assert alone.log_density(z) == pytest.approx(expected, rel=1e-12)
 
@@ -193,7 +196,7 @@ def test_the_information_is_that_of_the_moving_switches(problem):
         interval = np.where(gap, 660.0, 60.0)
         rows = np.eye(len(moving))[seen] / np.sqrt(settings[0] ** 2 + interval[seen, None] ** 2 / 12.0)
     expected = (rows @ moving).T @ (rows @ moving)
-    found = problem.gauss_newton_hessian(z) - replace(problem, heater_status=None).gauss_newton_hessian(z)
+    found = problem.gauss_newton_hessian(z) - without_status(problem).gauss_newton_hessian(z)
     scale = np.sqrt(np.outer(np.diag(expected), np.diag(expected)) + 1e-12)
     kept = np.ix_(problem.simulated, problem.simulated)
     np.testing.assert_allclose((found / scale)[kept], (expected / scale)[kept], atol=1e-3)
@@ -238,7 +241,7 @@ def test_in_open_loop_the_sensor_is_at_its_threshold_when_the_heater_is_seen_to_
     assert (np.abs(excess) < 0.6).all()
     assert np.abs(excess).max() > 0.01
     z = problem.to_z(theta)
-    without = replace(opened, measured_switches=None, heater_status=None)
+    without = without_status(opened)
     added = opened.log_density(z) - without.log_density(z)
     assert added == pytest.approx(-0.5 * (excess**2).sum() / THRESHOLD_ERROR**2, rel=1e-6)
     rows = np.array([pull_back(row) for row in np.eye(len(excess))])

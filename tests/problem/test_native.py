@@ -32,14 +32,14 @@ def step_by_step(problem, z):
     """The log density and its gradient from the simulator, the likelihood and the priors."""
     prior = problem.priors.at(z)
     try:
-        run, pull_back = problem.windows[0].simulator.linearise(prior.theta[problem.simulated])
+        run, pull_back = problem.windows[0].simulator.linearise(prior.theta[problem.windows[0].simulated])
     except SimulationFailure:
         return -np.inf, np.zeros_like(z)
     value, temperatures_bar, noise_bar = iid_log_likelihood(
         problem.windows[0].observed, run.temperatures, problem.windows[0].noise(prior.theta)
     )
     theta_bar = np.zeros_like(z)
-    theta_bar[problem.simulated] = pull_back(temperatures_bar)
+    theta_bar[problem.windows[0].simulated] = pull_back(temperatures_bar)
     channels, positions = problem.windows[0].inferred_noise
     theta_bar[positions] += noise_bar[channels]
     return prior.log_density + value, prior.gradient + prior.slope * theta_bar

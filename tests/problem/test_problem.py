@@ -151,7 +151,7 @@ def test_what_a_surrogate_may_be_off_by_tells_nothing_of_the_parameters(problem,
     jacobian = problem.jacobians(z)[0].reshape(-1, len(z))[valid]
     expected = jacobian.T @ np.linalg.solve(covariance, jacobian) + np.diag(problem.priors.precision(z))
     found = surrogate.gauss_newton_hessian(z)
-    kept = np.ix_(problem.simulated, problem.simulated)
+    kept = np.ix_(problem.windows[0].simulated, problem.windows[0].simulated)
     np.testing.assert_allclose(found[kept], expected[kept], rtol=1e-6, atol=1e-6 * np.abs(expected).max())
 
 
@@ -174,10 +174,10 @@ def test_the_jacobian_is_that_of_the_adjoint(problem):
     z = near_truth(problem, 5)
     weights = np.random.default_rng(0).normal(size=problem.windows[0].observed.shape)
     theta = problem.to_theta(z)
-    _, pull_back = problem.windows[0].simulator.linearise(theta[problem.simulated])
+    _, pull_back = problem.windows[0].simulator.linearise(theta[problem.windows[0].simulated])
     slope = (problem.to_theta(z + 1e-6) - problem.to_theta(z - 1e-6)) / 2e-6
     expected = np.zeros_like(z)
-    expected[problem.simulated] = pull_back(weights)
+    expected[problem.windows[0].simulated] = pull_back(weights)
     expected *= slope
     found = np.tensordot(weights, problem.jacobians(z)[0], 2)
     np.testing.assert_allclose(found, expected, rtol=1e-3, atol=1e-3 * np.abs(expected).max())

@@ -105,10 +105,10 @@ def test_the_sensors_of_a_reduced_model_have_gain_bias_and_time_offset(folder):
     path = folder / "rom" / "scenario.yaml"
     exact, erring = (load_scenario(p) for p in (path, changed(folder / "rom", path, "errors.yaml", errors)))
     problems = [build_problem(scenario, read(scenario), "train") for scenario in (exact, erring)]
-    theta = problems[0].priors.median()
+    theta, window = problems[0].priors.median(), problems[0].windows[0]
     first, second = (problem.windows[0].simulate(theta).temperatures for problem in problems)
-    seconds = (problems[0].times - problems[0].times[0]) / np.timedelta64(1, "s")
-    unit = problems[0].simulator.channels.index("unit_1")
+    seconds = (window.times - window.times[0]) / np.timedelta64(1, "s")
+    unit = window.simulator.channels.index("unit_1")
     later = np.interp(seconds + 120.0, seconds, first[:, unit])
     expected = 1.1 * (later - 273.15) + 273.15 + 0.5
     np.testing.assert_allclose(second[:-2, unit], expected[:-2], atol=0.01)  # the window ends after the last sample

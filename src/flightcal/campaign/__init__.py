@@ -4,7 +4,6 @@ Imports: errors, external, probability, progress, run, scenario, simulator.
 """
 
 from .campaign import Tally, run_campaign
-from .cluster import remote_cluster
 from .folder import NOT_RUN, Design, locked, open_campaign, prepare
 from .job import Job, RunFunction, run_function
 from .run import Here, Runner
@@ -27,7 +26,6 @@ __all__ = [
     "locked",
     "open_campaign",
     "prepare",
-    "remote_cluster",
     "run_campaign",
     "run_function",
     "scenario_parts",

@@ -115,7 +115,7 @@ def _runner(workers: int, scheduler: str | None) -> AbstractContextManager[Runne
 
     if scheduler is None:
         return nullcontext(Here(workers))
-    from ..campaign import remote_cluster
+    from ..campaign.cluster import remote_cluster
 
     return remote_cluster(scheduler)
 
