@@ -78,7 +78,7 @@ def test_settings_that_are_inferred_stand_between_noise_and_initial_temperatures
     np.testing.assert_array_equal(problem.windows[0].status_settings(theta), [15.0, 0.01])
     fixed = build_problem(*made(tmp_path, {"switch_times": {"timing": "12 s", "error_rate": 0.002}}))
     assert "timing.heater_status" not in fixed.names
-    np.testing.assert_array_equal(fixed.status_settings(theta), [12.0, 0.002])
+    np.testing.assert_array_equal(fixed.windows[0].status_settings(theta), [12.0, 0.002])
 
 
 def test_samples_in_a_gap_or_near_the_windows_ends_are_not_used(tmp_path):
@@ -123,7 +123,8 @@ def test_the_density_has_what_the_status_adds(problem):
 def test_it_is_no_part_of_a_problem_of_the_temperatures_alone(problem):
     z = near_truth(problem, 0)
     expected = without_status(problem).log_density(z)
-    alone = problem.windows[0].of_temperatures(np.ones((len(problem.windows[0].times), 1), bool))
+    (window,) = problem.windows
+    alone = replace(problem, windows=(window.of_temperatures(np.ones((len(window.times), 1), bool)),))
     assert alone.log_density(z) == pytest.approx(expected, rel=1e-12)
 
 
@@ -154,7 +155,7 @@ def test_more_uncertain_switches_than_there_is_room_for_have_no_density_and_are_
 @pytest.mark.parametrize("loop", ["closed", "open"])
 def test_so_they_do_where_the_simulator_has_an_error_of_its_own(inexact, loop):
     case = inexact if loop == "closed" else inexact.open_loop
-    assert case.error_shapes is not None
+    assert case.windows[0].error_shapes is not None
     z = near_truth(case, 0)
     value, gradient = case.log_density_and_gradient(z)
     assert value == pytest.approx(case.log_density(z), rel=1e-12)
