@@ -94,7 +94,14 @@ class Problem:
         The window need not be one of these: then its initial temperatures are the medians of their priors, and a
         parameter that drifts is drawn anew around the common value (rng; None: it is the common value).
         """
-        return link(self.entries, self.windows, window).thetas(thetas, self.priors, rng)
+        return self._link(window).thetas(thetas, self.priors, rng)
+
+    def _link(self, window: Window) -> Link:
+        """That of `links`, where the window or one in its place (an emulator's) is among these."""
+        for known, own in zip(self.windows, self.links, strict=True):
+            if (known.name, known.names) == (window.name, window.names):
+                return own
+        return link(self.entries, self.windows, window)
 
     def nearest(self, start: np.datetime64) -> Window:
         """The window that is nearest to a time."""
