@@ -11,7 +11,7 @@ from flightcal.prediction import predict, score
 from flightcal.problem import build_problem
 from flightcal.problem.synthetic import simulate_telemetry
 from flightcal.scenario import NutsSettings
-from flightcal.validation import run_repeat
+from flightcal.validation.repeats import run_repeat
 from flightcal.validation.simulation_based import check_ranks
 from tests import small
 

@@ -15,7 +15,8 @@ from flightcal.progress import SILENT
 from flightcal.report import write_comparison
 from flightcal.run import plain
 from flightcal.scenario import load_scenario, noise_of, resolved_yaml
-from flightcal.validation import MODELS, BlockLoo, comparison_of, recommend, variant
+from flightcal.validation import MODELS, BlockLoo, comparison_of, variant
+from flightcal.validation.comparison import recommend
 from tests import small
 from tests.commands.test_calibrate import write
 

@@ -10,7 +10,8 @@ from typer.testing import CliRunner
 from flightcal.cli import GATE_FAILED, USER_ERROR, app
 from flightcal.commands.validate import validate_scenario
 from flightcal.errors import RunError
-from flightcal.validation import Repeat, repeats
+from flightcal.validation import repeats
+from flightcal.validation.simulation_based import Repeat
 from tests.commands.test_calibrate import write
 from tests.told import Told
 

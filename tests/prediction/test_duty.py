@@ -4,8 +4,9 @@ import numpy as np
 import pytest
 
 from flightcal.errors import RunError
-from flightcal.prediction import predict, window_errors
+from flightcal.prediction import predict
 from flightcal.prediction.duty import draw_duty_errors, duty_errors
+from flightcal.prediction.errors import window_errors
 from flightcal.problem import build_problem, build_window
 
 from .. import small

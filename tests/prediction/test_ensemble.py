@@ -6,8 +6,8 @@ import numpy as np
 import pytest
 
 from flightcal.errors import RunError
-from flightcal.prediction import crps_of_draws, probability_below, propagate
-from flightcal.prediction.ensemble import duration
+from flightcal.prediction import crps_of_draws, probability_below
+from flightcal.prediction.ensemble import duration, propagate
 from flightcal.prediction.errors import Drawn
 from flightcal.problem import build_window
 

@@ -6,8 +6,9 @@ import numpy as np
 import pytest
 from scipy import stats
 
-from flightcal.prediction import condition_initial, predict, window_errors
-from flightcal.prediction.errors import FirstErrors, WhiteErrors
+from flightcal.prediction import predict
+from flightcal.prediction.errors import FirstErrors, WhiteErrors, window_errors
+from flightcal.prediction.initial import condition_initial
 from flightcal.prediction.matern import covariance, fading, stationary
 from flightcal.probability.noise.ar1 import TIME as MEMORY
 from flightcal.probability.residuals import TIME_LENGTH, TIME_SIZE

@@ -7,8 +7,8 @@ import numpy as np
 import pytest
 from scipy.linalg import expm
 
-from flightcal.prediction import WhiteErrors, condition_initial
-from flightcal.prediction.errors import FirstErrors
+from flightcal.prediction.errors import FirstErrors, WhiteErrors
+from flightcal.prediction.initial import condition_initial
 from flightcal.problem import build_window
 
 from .. import small

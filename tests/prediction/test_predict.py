@@ -6,7 +6,8 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from flightcal.prediction import STOCHASTIC, condition_initial, predict
+from flightcal.prediction import STOCHASTIC, predict
+from flightcal.prediction.initial import condition_initial
 from flightcal.problem import build_problem
 
 from .. import small

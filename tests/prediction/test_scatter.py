@@ -5,7 +5,8 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from flightcal.prediction import predict, propagate
+from flightcal.prediction import predict
+from flightcal.prediction.ensemble import propagate
 from flightcal.problem import build_problem
 from flightcal.problem.simulators import InexactSimulator
 

@@ -5,7 +5,7 @@ import pytest
 from scipy.stats import multivariate_normal, norm
 
 from flightcal.problem import build_window
-from flightcal.validation import block_log_likelihood, blocks_of, leave_blocks_out
+from flightcal.validation.block_loo import block_log_likelihood, blocks_of, leave_blocks_out
 from tests import small
 
 

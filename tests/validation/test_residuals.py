@@ -8,8 +8,8 @@ import xarray as xr
 from scipy.signal import lfilter
 from scipy.stats import chi2
 
-from flightcal.validation import autocorrelation, check_residuals, check_window, effective_samples, ljung_box
-from flightcal.validation.residuals import pair_counts, segments
+from flightcal.validation import autocorrelation, check_window, effective_samples
+from flightcal.validation.residuals import check_residuals, ljung_box, pair_counts, segments
 
 START = np.datetime64("2024-03-01", "ns")
 

@@ -9,9 +9,10 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable
-from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
+import xarray
 from numpy.typing import NDArray
 from scipy.spatial.distance import cdist, pdist
 
@@ -40,40 +41,6 @@ _FAILED = 1e300
 """What the algorithm sees instead of a cost that is not finite: it loses every tournament."""
 
 
-@dataclass(frozen=True)
-class GeneticResult:
-    """What the runs found, in the box's coordinates. A run in which all simulations failed: NaN, cost inf."""
-
-    best: Array
-    """[run, d]"""
-    cost: Array
-    """[run], of `best`."""
-    history: Array
-    """[run, generation], best cost so far."""
-    first_generation_best: Array
-    """[run, d], best individual of the initial population; NaN where all of it failed."""
-    evaluations: int
-    """Simulations, all runs together."""
-    failures: int
-    """Simulations whose cost was not finite."""
-    mean: Array
-    """[d], mean of `best` over the runs: what is published, and may lie off the ridge of good fits."""
-    best_overall: Array
-    """[d], best of the run with the lowest cost."""
-    spread: Array
-    """[d], standard deviation of `best` over the runs (zero for a single run)."""
-
-
-@dataclass(frozen=True)
-class _Run:
-    best: Array
-    cost: float
-    history: Array
-    first_generation_best: Array
-    evaluations: int
-    failures: int
-
-
 def minimise(
     cost: Callable[[Array], Array],
     lower: Array,
@@ -83,18 +50,24 @@ def minimise(
     *,
     progress: Progress = SILENT,
     words: Callable[[float], str] = "cost {:.4g}".format,
-) -> GeneticResult:
+) -> xarray.Dataset:
     """Minimise `cost` in the box with `settings.runs` independent runs.
 
     cost: [S, d] -> [S], called once a generation with the whole population; not finite: a failed simulation.
     lower, upper: [d], finite, lower < upper.
     words: how a run's best cost so far is told.
+
+    Returns best [run, parameter]; its cost [run]; history [run, generation], the best cost so far;
+    first_generation_best [run, parameter], NaN where all of that generation failed. Where a whole run failed, its best
+    is NaN and its cost inf. Over the other runs: mean_theta [parameter], the mean of their best, which is published and
+    may lie off the ridge of good fits; best_theta, the best of all; spread_theta, their standard deviation (zero for a
+    single run). Attributes: evaluations and failures (cost not finite), of all runs together.
     Raises FlightcalError when no simulation of any run succeeds.
     """
     run_seeds = np.random.SeedSequence(seed).generate_state(settings.runs)
     with progress.stage("search", settings.runs * settings.generations) as search:
 
-        def evolved(number: int) -> _Run:
+        def evolved(number: int) -> dict[str, Any]:
             def told(generation: int, best_cost: float) -> None:
                 note = f"run {number + 1}, generation {generation + 1}, {words(best_cost)}"
                 search.at(number * settings.generations + generation + 1, note)
@@ -111,8 +84,8 @@ def _evolve(
     settings: GeneticSettings,
     seed: int,
     told: Callable[[int, float], None],
-) -> _Run:
-    """One run."""
+) -> dict[str, Any]:
+    """One run's part of what `minimise` returns."""
     rng = np.random.default_rng(seed)
     population, fitness = _latin_hypercube(settings.population, lower, upper, rng), np.empty(0)
     best, best_cost = np.full(len(lower), np.nan), np.inf
@@ -141,7 +114,14 @@ def _evolve(
             first_generation_best = best
         history[generation] = best_cost
         told(generation, best_cost)
-    return _Run(best, best_cost, history, first_generation_best, evaluations, failures)
+    return {
+        "best": best,
+        "cost": best_cost,
+        "history": history,
+        "first_generation_best": first_generation_best,
+        "evaluations": evaluations,
+        "failures": failures,
+    }
 
 
 def _latin_hypercube(count: int, lower: Array, upper: Array, rng: np.random.Generator) -> Array:
@@ -226,24 +206,25 @@ def _mutated(individuals: Array, lower: Array, upper: Array, rng: np.random.Gene
     return np.clip(np.where(chosen[:, None], changed, individuals), lower, upper)
 
 
-def _merge(runs: list[_Run]) -> GeneticResult:
-    best = np.array([run.best for run in runs])
-    cost = np.array([run.cost for run in runs])
-    evaluations, failures = sum(run.evaluations for run in runs), sum(run.failures for run in runs)
+def _merge(runs: list[dict[str, Any]]) -> xarray.Dataset:
+    of_runs = {name: np.array([run[name] for run in runs]) for name in runs[0]}
+    best, cost = of_runs["best"], of_runs["cost"]
     succeeded = np.isfinite(cost)
+    evaluations, failures = (int(of_runs.pop(name).sum()) for name in ("evaluations", "failures"))
     if not succeeded.any():
         raise FlightcalError(
             f"genetic algorithm: found no finite cost in {evaluations} simulations, expected at least one; "
             "every simulation failed, so the priors allow no working model"
         )
-    return GeneticResult(
-        best=best,
-        cost=cost,
-        history=np.array([run.history for run in runs]),
-        first_generation_best=np.array([run.first_generation_best for run in runs]),
-        evaluations=evaluations,
-        failures=failures,
-        mean=best[succeeded].mean(axis=0),
-        best_overall=best[int(np.argmin(cost))],
-        spread=best[succeeded].std(axis=0, ddof=1 if succeeded.sum() > 1 else 0),
+    return xarray.Dataset(
+        {
+            "best": (("run", "parameter"), best),
+            "cost": ("run", cost),
+            "history": (("run", "generation"), of_runs["history"]),
+            "first_generation_best": (("run", "parameter"), of_runs["first_generation_best"]),
+            "mean_theta": ("parameter", best[succeeded].mean(axis=0)),
+            "best_theta": ("parameter", best[int(np.argmin(cost))]),
+            "spread_theta": ("parameter", best[succeeded].std(axis=0, ddof=1 if succeeded.sum() > 1 else 0)),
+        },
+        attrs={"evaluations": evaluations, "failures": failures},
     )

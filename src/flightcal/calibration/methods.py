@@ -13,8 +13,9 @@ import xarray
 
 from ..errors import FlightcalError
 from ..probability import DEVIATION
-from ..problem import Problem, whitening
+from ..problem import Problem, Runs, whitening
 from ..progress import SILENT, Progress
+from ..run import plain
 from ..scenario import GeneticSettings, NutsSettings
 from ..simulator import FloatArray, Trajectory
 from .confounding import confounding
@@ -39,8 +40,7 @@ def calibrate_genetic(
     """Minimise the RMSE over the channels with the genetic algorithm (optimisation-based calibration).
 
     settings, seed: None: the scenario's.
-    Returns ten runs, as published: best [run, parameter], rmse [run] (K), history [run, generation] (K, best so far),
-    first_generation_best [run, parameter]; over the runs: mean_theta, best_theta and spread_theta [parameter].
+    Returns what `genetic.minimise` does, its cost as rmse [run] (K), with the seed among the attributes.
     """
     settings = settings or problem.scenario.calibration.genetic
     seed = problem.scenario.calibration.seed if seed is None else seed
@@ -53,7 +53,7 @@ def calibrate_genetic(
         thetas[:, searched] = part
         return thetas
 
-    result = minimise(
+    found = minimise(
         lambda part: problem.rmse(whole(part), settings.heater_status_weight),
         lower,
         upper,
@@ -62,19 +62,8 @@ def calibrate_genetic(
         progress=progress,
         words="RMSE {:.3f} K".format,
     )
-    return xarray.Dataset(
-        {
-            "best": (("run", "parameter"), result.best),
-            "rmse": ("run", result.cost),
-            "history": (("run", "generation"), result.history),
-            "first_generation_best": (("run", "parameter"), result.first_generation_best),
-            "mean_theta": ("parameter", result.mean),
-            "best_theta": ("parameter", result.best_overall),
-            "spread_theta": ("parameter", result.spread),
-        },
-        coords={"parameter": [problem.names[k] for k in searched]},
-        attrs={"seed": seed, "evaluations": result.evaluations, "failures": result.failures},
-    )
+    names = [problem.names[k] for k in searched]
+    return found.rename(cost="rmse").assign_coords(parameter=names).assign_attrs(seed=seed)
 
 
 def genetic_points(problem: Problem, runs: xarray.Dataset) -> dict[str, FloatArray]:
@@ -160,8 +149,8 @@ def calibrate_nuts(
         progress=progress,
     )
     theta = problem.to_theta(draws.z)
-    posterior = xarray.Dataset({name: (("chain", "draw"), theta[..., k]) for k, name in enumerate(problem.names)})
-    return Posterior(problem.names, theta, draws, modes, diagnose(posterior, draws.statistics, settings))
+    judged = diagnose(_variables(problem.names, theta), draws.statistics, settings)
+    return Posterior(problem.names, theta, draws, modes, judged)
 
 
 def search_record(problem: Problem, modes: Sequence[Mode]) -> dict[str, Any]:
@@ -176,15 +165,8 @@ def search_record(problem: Problem, modes: Sequence[Mode]) -> dict[str, Any]:
         )
         if opened.windows[0].measured_switches is not None:
             how += "; in open loop sensors are held to their thresholds when heaters are seen to switch"
-    found = [
-        {
-            "origin": mode.origin,
-            "log_density": float(mode.log_density) if np.isfinite(mode.log_density) else None,
-            "converged": mode.converged,
-        }
-        for mode in modes
-    ]
-    return {"sought": how, "modes": found}
+    kept = ("origin", "log_density", "converged")
+    return {"sought": how, "modes": [{name: plain(getattr(mode, name)) for name in kept} for mode in modes]}
 
 
 def _other_explanations(posterior: Posterior, problem: Problem) -> tuple[Explanation, ...]:
@@ -236,63 +218,57 @@ def posterior_tree(
     chains, draws = posterior.theta.shape[:2]
     every = max(1, -(-chains * draws // most_predictions))
     kept = np.arange(0, draws, every)
-    thetas = posterior.theta[:, kept]
-    runs = problem.simulate_many(thetas.reshape(-1, len(names)))
+    thetas = posterior.theta[:, kept].reshape(-1, len(names))
+    runs = problem.simulate_many(thetas)
     times, observed, status = (
         np.concatenate([getattr(window, what) for window in problem.windows])
         for what in ("times", "observed", "status")
     )
     missing = np.full(observed.shape, np.nan)
-    predicted = np.stack(
-        [
-            missing if of_theta is None else problem.replicate(theta, of_theta, rng)
-            for theta, of_theta in zip(thetas.reshape(-1, len(names)), runs, strict=True)
-        ]
-    )
-    sequences = [
-        _sequences(of_window) for of_window in zip(*(found for found in runs if found is not None), strict=True)
+    predicted = [
+        missing if of_theta is None else problem.replicate(theta, of_theta, rng)
+        for theta, of_theta in zip(thetas, runs, strict=True)
     ]
-    time = {"time": times}
-    discrepancy = confounding(problem, thetas.reshape(-1, len(names)), runs)
-    drifting = _drifting(problem, posterior.theta)
-    return xarray.DataTree.from_dict(
-        {
-            **({} if discrepancy is None else {"discrepancy": discrepancy}),
-            **({} if drifting is None else {"windows": drifting}),
-            "posterior": xarray.Dataset({n: (("chain", "draw"), posterior.theta[..., k]) for k, n in enumerate(names)}),
-            "sample_stats": xarray.Dataset({n: (("chain", "draw"), v) for n, v in posterior.draws.statistics.items()}),
-            "prior": xarray.Dataset({n: (("chain", "draw"), prior[None, :, k]) for k, n in enumerate(names)}),
-            "posterior_predictive": xarray.Dataset(
-                {
-                    "temperature": (
-                        ("chain", "draw", "time", "channel"),
-                        predicted.reshape(chains, len(kept), *missing.shape),
-                    )
-                },
-                coords={**time, "channel": channels, "draw": kept},
-            ),
-            "observed_data": xarray.Dataset(
-                {
-                    "temperature": (("time", "channel"), observed),
-                    "status": (("time", "heater"), status),
-                },
-                coords={**time, "channel": channels, "heater": list(problem.heaters)},
-            ),
-            "/": xarray.Dataset(
-                attrs={
-                    "interrupted": str(posterior.draws.interrupted).lower(),
-                    "mode_search": json.dumps(search_record(problem, posterior.modes)),
-                    "other_explanations": json.dumps(
-                        [asdict(found) for found in _other_explanations(posterior, problem)]
-                    ),
-                    "status_likelihood": json.dumps(_status_forms(problem)),
-                    "switch_sequences": json.dumps(
-                        [
-                            {"window": window.name} | found
-                            for window, found in zip(problem.windows, sequences, strict=False)
-                        ]
-                    ),
-                }
-            ),
-        }
-    )
+    by_draw, by_sample = ("chain", "draw"), ("time", "channel")
+    sampled = np.stack(predicted).reshape(chains, len(kept), *missing.shape)
+    samples = {"time": times, "channel": channels}
+    groups = {
+        "discrepancy": confounding(problem, thetas, runs),
+        "windows": _drifting(problem, posterior.theta),
+        "posterior": _variables(names, posterior.theta),
+        "sample_stats": xarray.Dataset(
+            {name: (by_draw, values) for name, values in posterior.draws.statistics.items()}
+        ),
+        "prior": _variables(names, prior[None]),
+        "posterior_predictive": xarray.Dataset(
+            {"temperature": ((*by_draw, *by_sample), sampled)}, samples | {"draw": kept}
+        ),
+        "observed_data": xarray.Dataset(
+            {"temperature": (by_sample, observed), "status": (("time", "heater"), status)},
+            samples | {"heater": list(problem.heaters)},
+        ),
+        "/": xarray.Dataset(attrs=_attributes(problem, posterior, runs)),
+    }
+    return xarray.DataTree.from_dict({name: group for name, group in groups.items() if group is not None})
+
+
+def _variables(names: Sequence[str], values: FloatArray) -> xarray.Dataset:
+    """Values [chain, draw, d] as a variable of each name."""
+    return xarray.Dataset({name: (("chain", "draw"), values[..., k]) for k, name in enumerate(names)})
+
+
+def _attributes(problem: Problem, posterior: Posterior, runs: Sequence[Runs | None]) -> dict[str, str]:
+    """What posterior.nc says beside its arrays, as JSON; runs: simulations at some of the draws."""
+    of_windows = zip(*(found for found in runs if found is not None), strict=True)
+    sequences = [
+        {"window": window.name} | _sequences(of_window)
+        for window, of_window in zip(problem.windows, of_windows, strict=False)
+    ]
+    content = {
+        "interrupted": posterior.draws.interrupted,
+        "mode_search": search_record(problem, posterior.modes),
+        "other_explanations": [asdict(found) for found in _other_explanations(posterior, problem)],
+        "status_likelihood": _status_forms(problem),
+        "switch_sequences": sequences,
+    }
+    return {name: json.dumps(value) for name, value in content.items()}

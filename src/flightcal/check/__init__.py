@@ -4,34 +4,8 @@ Imports: calibration, emulation, errors, external, probability, problem, progres
 simulator, telemetry.
 """
 
-from .centre import find_centre
-from .evaluate import THOROUGH, Effort, effort_for, runs_of_a_search
-from .findings import Checked, findings_of, verdict_of
-from .identifiability import identifiability
-from .page import render
-from .prior_predictive import prior_predictive
-from .profile import check_names, profile
-from .sensitivity import sensitivity
-from .smoothness import smoothness
+from .evaluate import effort_for
+from .profile import check_names
 from .whole import CHECK, CheckSummary, check
 
-__all__ = [
-    "CHECK",
-    "THOROUGH",
-    "CheckSummary",
-    "Checked",
-    "Effort",
-    "check",
-    "check_names",
-    "effort_for",
-    "find_centre",
-    "findings_of",
-    "identifiability",
-    "prior_predictive",
-    "profile",
-    "render",
-    "runs_of_a_search",
-    "sensitivity",
-    "smoothness",
-    "verdict_of",
-]
+__all__ = ["CHECK", "CheckSummary", "check", "check_names", "effort_for"]

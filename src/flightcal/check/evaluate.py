@@ -15,7 +15,6 @@ _BATCH = 512
 
 ManyRuns = list[Runs | None]
 """Of each window at many points; None where a simulation failed."""
-"""Is told which share (0..1) of a part is done."""
 
 
 @dataclass(frozen=True)

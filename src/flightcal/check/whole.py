@@ -110,25 +110,20 @@ def _budget(problem: Problem, effort: Effort) -> str:
 def _write(run: Run, problem: Problem, checked: Checked) -> None:
     findings = findings_of(checked)
     passed, verdict = verdict_of(findings)
-    centre, found = checked.centre, checked.identifiability
+    centre = checked.centre
     theta = problem.to_theta(centre.z)
+    predictive = {name: value for name, value in vars(checked.predictive).items() if name != "bands"}
     content = {
         "passed": passed,
         "verdict": verdict,
-        "findings": plain(findings),
+        "findings": findings,
         "examined_at": {
             "what": centre.words,
             "log_density": centre.log_density,
             "theta": dict(zip(problem.names, theta.tolist(), strict=True)),
         },
-        "prior_predictive": {
-            "draws": checked.predictive.draws,
-            "failed": checked.predictive.failed,
-            "channels": checked.predictive.channels,
-            "heaters": checked.predictive.heaters,
-            "pressed": checked.predictive.pressed,
-        },
-        "identifiability": found,
+        "prior_predictive": predictive,
+        "identifiability": checked.identifiability,
         "sensitivity": checked.sensitivity,
         "smoothness": checked.smoothness,
         "profiles": checked.profiles,

@@ -3,9 +3,6 @@
 Imports: calibration, emulation, environment, errors, probability, problem, run, scenario, simulator, telemetry.
 """
 
-from .ensemble import Ensemble, propagate
-from .errors import WhiteErrors, WindowErrors, window_errors
-from .initial import condition_initial
 from .metrics import (
     ZERO_CELSIUS,
     Array,
@@ -32,12 +29,8 @@ __all__ = [
     "STOCHASTIC",
     "ZERO_CELSIUS",
     "Array",
-    "Ensemble",
     "Metric",
-    "WhiteErrors",
-    "WindowErrors",
     "comparison_table",
-    "condition_initial",
     "crps_of_draws",
     "implied_energy",
     "log_score_normal",
@@ -48,9 +41,7 @@ __all__ = [
     "picp",
     "predict",
     "probability_below",
-    "propagate",
     "rmse",
     "score",
     "status_agreement",
-    "window_errors",
 ]

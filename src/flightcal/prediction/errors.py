@@ -114,17 +114,12 @@ class WindowErrors:
     @cached_property
     def edge(self) -> FloatArray:
         """The state of the part in time at the edge, over its weights: [p, m]."""
-        time, nu = self.model.time, self.smoothness
+        time = self.model.time
         assert time is not None
-        at = self.train.residuals.terms.seconds[[0 if self.before else -1]]
+        at = self.model.terms.seconds[[0 if self.before else -1]]
         # A process looked at backwards has the slope of the other sign.
         sign = -1.0 if self.before else 1.0
-        return np.concatenate([sign**order * time.at(at, order) for order in range(ORDER[nu])])
-
-    @property
-    def smoothness(self) -> float:
-        """Of the part in time."""
-        return self.model.smoothness
+        return np.concatenate([sign**order * time.at(at, order) for order in range(ORDER[self.model.smoothness])])
 
     def usable(self) -> NDArray[np.bool_]:
         """[S] whether the training window could be simulated."""
@@ -156,7 +151,7 @@ class WindowErrors:
 
     def _fading(self, numbers: FloatArray) -> FloatArray:
         """The part in time expected from its state at the edge, [T, p]."""
-        return fading(self.smoothness, numbers[TIME_LENGTH], self.gaps)
+        return fading(self.model.smoothness, numbers[TIME_LENGTH], self.gaps)
 
     # --- the first samples ------------------------------------------------------------------------------------
 
@@ -172,16 +167,12 @@ class WindowErrors:
             discrepancy = basis @ (factor @ (basis[:first] @ factor).T)
             if self.model.time is not None:
                 seen = self._fading(own)
-                at_rest = stationary(self.smoothness, own[TIME_SIZE], own[TIME_LENGTH])
+                at_rest = stationary(self.model.smoothness, own[TIME_SIZE], own[TIME_LENGTH])
                 apart = self.seconds[:, None] - self.seconds[:first]
-                discrepancy += covariance(self.smoothness, own[TIME_SIZE], own[TIME_LENGTH], apart)
+                discrepancy += covariance(self.model.smoothness, own[TIME_SIZE], own[TIME_LENGTH], apart)
                 discrepancy -= seen @ at_rest @ seen[:first].T
         apart = self.seconds[:, None] - self.seconds[:first]
         return discrepancy, self.model.terms.kinds[channel].covariance(own, apart)
-
-    def white_variance(self, draw: int, channel: int) -> float:
-        """Of the noise that no other sample knows of, K^2."""
-        return self.model.terms.kinds[channel].white_variance(self.numbers[draw, channel])
 
     def at_first(self) -> FirstErrors:
         """The law of the first samples' errors, in which initial temperatures are estimated."""
@@ -202,7 +193,7 @@ class WindowErrors:
         valid = np.isfinite(self.window.observed[: self.first, channel])
         total = (discrepancy + noise)[: self.first]
         total = np.where(valid[:, None] & valid, total, 0.0)
-        white = self.white_variance(draw, channel)
+        white = self.model.terms.kinds[channel].white_variance(self.numbers[draw, channel])
         total[np.diag_indices(self.first)] += np.where(valid, white, 1.0)
         return np.asarray(np.linalg.cholesky(total))
 
@@ -210,27 +201,25 @@ class WindowErrors:
 
     def draw(self, temperatures: FloatArray, rng: np.random.Generator) -> Drawn:
         """Errors of the draws, whose simulations of the window are `temperatures` [S, T, N]."""
-        shape = temperatures.shape
-        discrepancy, mean, edge = np.zeros(shape), np.zeros(shape), None
-        discrepant = self.model.terms.discrepant
+        draws, _, channels = temperatures.shape
+        discrepancy, mean = np.zeros(temperatures.shape), np.zeros(temperatures.shape)
         continues = self.model.time is not None and not self.is_train
-        if continues:
-            edge = np.zeros((shape[0], shape[2], ORDER[self.smoothness]))
-        weights = [self.weights(s) for s in range(shape[0])]
+        # Weights of the part in time that is drawn from its edge on, instead of with the others.
+        in_time = self.edge.shape[1] if continues else 0
+        edge = np.zeros((draws, channels, ORDER[self.model.smoothness] if continues else 0))
+        weights = [self.weights(s) for s in range(draws)]
         for s, (expected, factor) in enumerate(weights):
-            for k in np.flatnonzero(discrepant):
+            for k in np.flatnonzero(self.model.terms.discrepant):
                 drawn = expected[k] + factor[k] @ rng.standard_normal(len(expected[k]))
                 basis = self.basis(self.numbers[s, k])
                 mean[s, :, k] = basis @ expected[k]
-                discrepancy[s, :, k] = basis @ drawn
-                if edge is not None:
-                    in_time = self.edge.shape[1]
+                discrepancy[s, :, k] = basis[:, in_time:] @ drawn[in_time:]
+                if continues:
                     edge[s, k] = self.edge @ drawn[:in_time]
-                    discrepancy[s, :, k] = basis[:, in_time:] @ drawn[in_time:]
-        if edge is not None:
+        if continues:
             discrepancy += self._continued(edge, rng)
         noise, white = self._noise(rng)
-        for s in range(shape[0]):
+        for s in range(draws):
             self._correct(s, weights[s][1], temperatures[s], mean[s], discrepancy[s], noise[s], white[s])
         return Drawn(mean, discrepancy, noise, white)
 
@@ -242,7 +231,7 @@ class WindowErrors:
         gaps = np.diff(np.concatenate([[0.0], self.gaps[order]]))
         own = self.numbers[:, discrepant]
         path = continue_path(
-            self.smoothness, own[..., TIME_SIZE], own[..., TIME_LENGTH], edge[:, discrepant], gaps, rng
+            self.model.smoothness, own[..., TIME_SIZE], own[..., TIME_LENGTH], edge[:, discrepant], gaps, rng
         )
         values[:, order, discrepant] = np.moveaxis(path, 0, 1)
         return values

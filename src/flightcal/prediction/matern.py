@@ -17,8 +17,8 @@ _ROUNDING = 1e-15
 """Of a variance at rest: what the difference of two such covariances is off by."""
 
 
-def transition(smoothness: float, length: FloatArray, gap: float) -> FloatArray:
-    """The expected state after a gap, over the state before it: [..., p, p]."""
+def transition(smoothness: float, length: FloatArray | float, gap: FloatArray | float) -> FloatArray:
+    """The expected state after a gap [...] or a number, over the state before it: [..., p, p]."""
     rate = np.asarray(np.sqrt(2.0 * smoothness) / length)
     x = rate * gap
     if smoothness == 1.5:
@@ -35,9 +35,7 @@ def transition(smoothness: float, length: FloatArray, gap: float) -> FloatArray:
 
 def fading(smoothness: float, length: float, gaps: FloatArray) -> FloatArray:
     """The expected value after each of the gaps [T], over the state before them: [T, p]."""
-    x = np.sqrt(2.0 * smoothness) / length * gaps
-    columns = {1.5: [1.0 + x, gaps], 2.5: [1.0 + x + 0.5 * x**2, gaps * (1.0 + x), 0.5 * gaps**2]}
-    return np.asarray(np.exp(-x)[:, None] * np.stack(columns[smoothness], axis=1))
+    return np.ascontiguousarray(transition(smoothness, length, gaps)[:, 0])
 
 
 def stationary(smoothness: float, amplitude: FloatArray, length: FloatArray) -> FloatArray:

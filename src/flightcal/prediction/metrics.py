@@ -116,11 +116,6 @@ def probability_below(observed: ArrayLike, draws: ArrayLike) -> Array:
     return np.where(np.isfinite(y), share, np.nan)
 
 
-def duty_cycle_error(observed_duty: float, duty: float) -> float:
-    """Simulated minus observed share of the time that a heater is on, -1 to 1."""
-    return float(duty - observed_duty)
-
-
 def status_agreement(observed_status: ArrayLike, probability: ArrayLike) -> float:
     """Expected share of samples in which a simulated heater is on or off as telemetry says.
 
@@ -129,16 +124,6 @@ def status_agreement(observed_status: ArrayLike, probability: ArrayLike) -> floa
     """
     y, p = _valid(observed_status, probability)
     return _mean(1 - np.abs(p - y))
-
-
-def switch_count_error(observed_count: float, count: float) -> float:
-    """Simulated minus observed number of changes between on and off."""
-    return float(count - observed_count)
-
-
-def energy_error(observed_energy: float, energy: float) -> float:
-    """Simulated minus observed heater energy, J."""
-    return float(energy - observed_energy)
 
 
 @dataclass(frozen=True)
@@ -212,17 +197,19 @@ def _temperature_scores(part: xr.Dataset, method: str) -> Iterator[Score]:
 
 
 def _heater_scores(part: xr.Dataset) -> Iterator[Score]:
-    """Scores of one heater of one method; for the stochastic method of the mean over simulations."""
+    """Scores of one heater of one method; for the stochastic method of the mean over simulations.
+
+    Errors are simulated minus observed: share of the time that it is on, times that it switches, energy.
+    """
     empty = "no status in telemetry"
     observed_duty, observed_count = float(part["observed_duty_cycle"]), float(part["observed_switch_count"])
     duty, energy = float(part["point_duty_cycle"]), float(part["point_energy"])
-    yield _checked("duty_cycle_error", duty_cycle_error(observed_duty, duty), "1", empty)
+    yield _checked("duty_cycle_error", duty - observed_duty, "1", empty)
     agreement = status_agreement(part["observed_status"].values, part["status"].values)
     yield _checked("status_agreement", agreement, "1", empty)
-    count_error = switch_count_error(observed_count, float(part["point_switch_count"]))
-    yield _checked("switch_count_error", count_error, "1", empty)
+    yield _checked("switch_count_error", float(part["point_switch_count"]) - observed_count, "1", empty)
     if duty > 0 or math.isnan(observed_duty):
-        error = energy_error(implied_energy(observed_duty, duty, energy), energy)
+        error = energy - implied_energy(observed_duty, duty, energy)
         name, value, unit, note = _checked("energy_error", error, "J", empty)
         yield name, value, unit, note or "telemetry's energy: its duty cycle at the simulated power"
     else:

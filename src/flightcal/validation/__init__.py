@@ -4,8 +4,8 @@ Imports: calibration, emulation, environment, errors, prediction, probability, p
 scenario, simulator, telemetry.
 """
 
-from .block_loo import BlockLoo, block_log_likelihood, blocks_of, leave_blocks_out
-from .comparison import COMPARED, MODELS, block_loo, comparison_of, recommend, variant
+from .block_loo import BlockLoo
+from .comparison import MODELS, block_loo, comparison_of, variant
 from .full_simulator import FULL_SIMULATOR
 from .left_out import check_windows, leave_windows_out
 from .reliability import (
@@ -17,20 +17,11 @@ from .reliability import (
     probability_integral_transform,
     uniformity,
 )
-from .repeats import Validation, judge, prepared, run_repeat, run_repeats, short
-from .residuals import (
-    SIGNIFICANCE,
-    ResidualCheck,
-    autocorrelation,
-    check_residuals,
-    check_window,
-    effective_samples,
-    ljung_box,
-)
-from .simulation_based import INTERVALS, Band, RankCheck, Repeat, check_ranks, ecdf, ecdf_band, joint, ranks
+from .repeats import Validation, judge, prepared, run_repeats, short
+from .residuals import SIGNIFICANCE, ResidualCheck, autocorrelation, check_window, effective_samples
+from .simulation_based import INTERVALS, Band, ecdf, ecdf_band, joint
 
 __all__ = [
-    "COMPARED",
     "FULL_SIMULATOR",
     "INTERVALS",
     "MODELS",
@@ -38,18 +29,12 @@ __all__ = [
     "Band",
     "BlockLoo",
     "Coverage",
-    "RankCheck",
-    "Repeat",
     "ResidualCheck",
     "Uniformity",
     "Validation",
     "autocorrelation",
-    "block_log_likelihood",
     "block_loo",
-    "blocks_of",
     "chance_band",
-    "check_ranks",
-    "check_residuals",
     "check_window",
     "check_windows",
     "comparison_of",
@@ -60,14 +45,9 @@ __all__ = [
     "effective_samples",
     "joint",
     "judge",
-    "leave_blocks_out",
     "leave_windows_out",
-    "ljung_box",
     "prepared",
     "probability_integral_transform",
-    "ranks",
-    "recommend",
-    "run_repeat",
     "run_repeats",
     "short",
     "uniformity",

@@ -23,7 +23,7 @@ from ..emulation import needs_emulator
 from ..errors import RunError, ScenarioError
 from ..problem import Problem, build_problem, simulate_telemetry, with_telemetry
 from ..progress import SILENT, Progress
-from ..run import RunDirectory, each, plain, write_atomically
+from ..run import RunDirectory, each, plain
 from ..scenario import NutsSettings, load_scenario
 from ..simulator import FloatArray, SimulationFailure
 from ..telemetry import read
@@ -67,7 +67,7 @@ def run_repeats(
     """Run those of so many repeats that are missing in a folder. workers: processes; 1: this one."""
     problem, _ = prepared(*source)
     run.file(_REPEATS).mkdir(exist_ok=True)
-    missing = [k for k in range(repeats) if not _file(run, k).exists()]
+    missing = [k for k in range(repeats) if not run.file(_name(k)).exists()]
     with progress.stage("validating", repeats) as validating:
         validating.at(repeats - len(missing))
         if missing:
@@ -77,7 +77,7 @@ def run_repeats(
 
         def done(number: int, repeat: Repeat) -> None:
             nonlocal left
-            _write(_file(run, number), repeat)
+            run.write_json(_name(number), plain(repeat))
             left -= 1
             validating.at(repeats - left, f"{repeats - left} of {repeats} repeats")
 
@@ -159,27 +159,25 @@ def _repeat(
 def judge(run: RunDirectory, problem: Problem, repeats: int) -> Validation:
     """Read the first `repeats` repeats of a folder, judge them, and write validation.json."""
     names = (*problem.names, LOG_DENSITY)
-    found = tuple(_read(_file(run, k)) for k in range(repeats))
+    found = tuple(_read(run.file(_name(k))) for k in range(repeats))
     prior = np.append(problem.priors.sample(np.random.default_rng(0), _PRIOR_DRAWS).std(axis=0), np.nan)
     checks = tuple(check_ranks(names, found, prior))
     validation = Validation(run.path, names, found, checks)
-    run.write_json(
-        _RESULT,
-        {
-            "name": problem.scenario.name,
-            "passed": validation.passed,
-            "repeats": repeats,
-            "intervals": list(INTERVALS),
-            "quantities": [plain(check) for check in checks],
-            "ranks": plain(np.array([repeat.rank for repeat in found])),
-            "scores": plain(np.array([(repeat.mean - repeat.truth) / repeat.deviation for repeat in found])),
-            "contractions": plain(np.array([1.0 - (repeat.deviation / prior) ** 2 for repeat in found])),
-            "draws": [repeat.draws for repeat in found],
-            "gates": [list(repeat.gates) for repeat in found],
-            "redrawn": sum(repeat.redrawn for repeat in found),
-            "seconds": sum(repeat.seconds for repeat in found),
-        },
-    )
+    content = {
+        "name": problem.scenario.name,
+        "passed": validation.passed,
+        "repeats": repeats,
+        "intervals": INTERVALS,
+        "quantities": checks,
+        "ranks": [repeat.rank for repeat in found],
+        "scores": [(repeat.mean - repeat.truth) / repeat.deviation for repeat in found],
+        "contractions": [1.0 - (repeat.deviation / prior) ** 2 for repeat in found],
+        "draws": [repeat.draws for repeat in found],
+        "gates": [repeat.gates for repeat in found],
+        "redrawn": sum(repeat.redrawn for repeat in found),
+        "seconds": sum(repeat.seconds for repeat in found),
+    }
+    run.write_json(_RESULT, plain(content))
     return validation
 
 
@@ -215,13 +213,8 @@ def _lost(number: int) -> Repeat:
 # --- files --------------------------------------------------------------------------------------------------
 
 
-def _file(run: RunDirectory, number: int) -> Path:
-    return run.file(_REPEATS) / f"{number:04d}.json"
-
-
-def _write(file: Path, repeat: Repeat) -> None:
-    text = json.dumps(plain(repeat), allow_nan=False) + "\n"
-    write_atomically(file, lambda path: path.write_text(text, encoding="utf-8"))
+def _name(number: int) -> str:
+    return f"{_REPEATS}/{number:04d}.json"
 
 
 def _read(file: Path) -> Repeat:

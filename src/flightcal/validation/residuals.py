@@ -155,29 +155,27 @@ class ResidualCheck:
     """
 
     channel: str
+    noise: str
+    """What is assumed."""
     samples: int
-    spacing: float
-    """Nominal, s."""
     mean: float
     """Telemetry minus prediction, K."""
     standard_deviation: float
     """K."""
-    lag1: float
+    verdict: Verdict = "unknown"
+    words: str = ""
+    lag1: float = math.nan
     """Autocorrelation one nominal spacing apart."""
-    ljung_box: float
-    p_value: float
-    lags: int
+    ljung_box: float = math.nan
+    p_value: float = math.nan
+    lags: int = 0
     """Of the Ljung-Box test."""
-    effective: float
+    effective: float = math.nan
     """Effective number of independent residuals."""
-    factor: float
+    factor: float = math.nan
     """The posterior is too narrow by about this factor: sqrt(samples / effective)."""
-    factor_ar1: float
+    factor_ar1: float = math.nan
     """The same for AR(1) noise: sqrt((1 + lag1) / (1 - lag1)); too large for residuals that vary smoothly."""
-    verdict: Verdict
-    words: str
-    noise: str = IID
-    """What is assumed."""
     discrepancy: str = ""
     """Its parts (time, phase), whose mean the prediction holds."""
     residual_lag1: float = math.nan
@@ -185,8 +183,8 @@ class ResidualCheck:
 
     @property
     def tested(self) -> str:
-        """What was tested."""
-        return _tested(self.noise)
+        """What was tested: of noise with a memory what is new in each sample."""
+        return "innovations" if called(self.noise).has_memory else "residuals"
 
 
 def check_residuals(
@@ -203,49 +201,22 @@ def check_residuals(
     lag-1 autocorrelation r.
     """
     values = np.asarray(residuals, float)
-    valid = values[np.isfinite(values)]
-    spacing = nominal_spacing(time[np.isfinite(values)])
-    if valid.size < FEWEST or np.ptp(valid) == 0:
-        reason = "too few residuals" if valid.size < FEWEST else "residuals that do not vary"
-        words = f"{channel}: {reason} ({valid.size}) to judge the noise."
-        spread = float(valid.std()) if valid.size else math.nan
-        mean = float(valid.mean()) if valid.size else math.nan
-        unknown = (math.nan,) * 3
-        return ResidualCheck(
-            channel,
-            valid.size,
-            spacing,
-            mean,
-            spread,
-            *unknown,
-            0,
-            *unknown,
-            verdict="unknown",
-            words=words,
-            noise=noise,
-        )
-    time = time[np.isfinite(values)]
-    lags = min(20, valid.size // 5)
-    lag1 = float(autocorrelation(valid, time, 1)[1])
-    neighbours = pair_counts(valid, time, 1)[1] / (valid.size - 1)
-    statistic, p_value = ljung_box(valid, time, lags)
-    effective = effective_samples(valid, time)
-    factor = math.sqrt(valid.size / effective)
-    verdict = _verdict(p_value, factor)
-    if uncertain and verdict == "contradicted":
-        verdict = "expected"
-    words = _words(channel, verdict, noise, lag1, p_value, valid.size, effective, factor)
-    if neighbours < 0.5:
-        words += (
-            f" Only {neighbours:.0%} of neighbouring samples lie the nominal {spacing:g} s apart; the "
-            "dependence between the others is not seen, and the factor may be larger."
-        )
-    return ResidualCheck(
-        channel=channel,
-        samples=valid.size,
-        spacing=spacing,
-        mean=float(valid.mean()),
-        standard_deviation=float(valid.std()),
+    present = np.isfinite(values)
+    values, time = values[present], time[present]
+    count = values.size
+    mean, spread = (float(values.mean()), float(values.std())) if count else (math.nan, math.nan)
+    check = ResidualCheck(channel, noise, count, mean, spread)
+    if count < FEWEST or np.ptp(values) == 0:
+        reason = "too few residuals" if count < FEWEST else "residuals that do not vary"
+        return replace(check, words=f"{channel}: {reason} ({count}) to judge the noise.")
+    lags = min(20, count // 5)
+    lag1 = float(autocorrelation(values, time, 1)[1])
+    statistic, p_value = ljung_box(values, time, lags)
+    effective = effective_samples(values, time)
+    factor = math.sqrt(count / effective)
+    check = replace(
+        check,
+        verdict=_verdict(p_value, factor, uncertain),
         lag1=lag1,
         ljung_box=statistic,
         p_value=p_value,
@@ -253,11 +224,16 @@ def check_residuals(
         effective=effective,
         factor=factor,
         factor_ar1=math.sqrt((1 + lag1) / max(1 - lag1, 1e-12)) if lag1 > 0 else 1.0,
-        verdict=verdict,
-        words=words,
-        noise=noise,
         residual_lag1=lag1,
     )
+    words = _words(check)
+    neighbours = pair_counts(values, time, 1)[1] / (count - 1)
+    if neighbours < 0.5:
+        words += (
+            f" Only {neighbours:.0%} of neighbouring samples lie the nominal {nominal_spacing(time):g} s apart; the "
+            "dependence between the others is not seen, and the factor may be larger."
+        )
+    return replace(check, words=words)
 
 
 def check_window(prediction: xr.Dataset, method: str = "stochastic", *, unseen: bool = False) -> list[ResidualCheck]:
@@ -283,49 +259,37 @@ def check_window(prediction: xr.Dataset, method: str = "stochastic", *, unseen: 
     return checks
 
 
-def _verdict(p_value: float, factor: float) -> Verdict:
+def _verdict(p_value: float, factor: float, uncertain: bool) -> Verdict:
     if math.isnan(p_value):
         return "unknown"
     if p_value >= SIGNIFICANCE:
         return "white"
-    return "slight" if factor < HARMLESS else "contradicted"
+    if factor < HARMLESS:
+        return "slight"
+    return "expected" if uncertain else "contradicted"
 
 
-def _tested(noise: str) -> str:
-    """What is tested where the noise has this name: of noise with a memory what is new in each sample."""
-    return "innovations" if called(noise).has_memory else "residuals"
-
-
-def _words(
-    channel: str,
-    verdict: Verdict,
-    noise: str,
-    lag1: float,
-    p_value: float,
-    samples: int,
-    effective: float,
-    factor: float,
-) -> str:
+def _words(check: ResidualCheck) -> str:
+    channel, noise, verdict, lag1, tested = check.channel, check.noise, check.verdict, check.lag1, check.tested
     if verdict == "unknown":
         return f"{channel}: no two residuals lie one nominal spacing apart, so the noise cannot be judged."
-    chance = "p < 0.0001" if p_value < 1e-4 else f"p = {p_value:.2g}"
-    tested = _tested(noise)
+    chance = "p < 0.0001" if check.p_value < 1e-4 else f"p = {check.p_value:.2g}"
     of = " of the innovations" if tested == "innovations" else ""
     if verdict == "white":
         return f"{channel}: no contradiction to {noise} (lag-1 autocorrelation{of} {lag1:.2f}, {chance})."
     if verdict == "slight":
         return (
             f"{channel}: autocorrelation{of} can be shown ({lag1:.2f} at lag 1, {chance}) but hardly "
-            f"matters: parameter intervals are too narrow by a factor of about {factor:.2f}."
+            f"matters: parameter intervals are too narrow by a factor of about {check.factor:.2f}."
         )
     if verdict == "expected":
         return (
             f"{channel}: the {tested} are correlated (lag-1 autocorrelation {lag1:.3f}, {chance}), which a discrepancy "
             f"in time makes them where nothing tells it; the prediction's interval contains it."
         )
-    least = "at least " if effective < 10 else "about "
+    least = "at least " if check.effective < 10 else "about "
     return (
         f"{channel}: the {tested} contradict {noise} (lag-1 autocorrelation {lag1:.3f}, {chance}): "
-        f"{samples} {tested} carry the information of about {effective:.0f} independent ones, so the "
-        f"parameter intervals that rest on them are too narrow by {least}a factor of {factor:.1f}."
+        f"{check.samples} {tested} carry the information of about {check.effective:.0f} independent ones, so the "
+        f"parameter intervals that rest on them are too narrow by {least}a factor of {check.factor:.1f}."
     )
