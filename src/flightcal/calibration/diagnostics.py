@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
@@ -94,9 +94,8 @@ def diagnose(posterior: Group, sample_stats: Group | Mapping[str, NDArray[Any]],
 def with_gate(diagnostics: Diagnostics, gate: Gate) -> Diagnostics:
     """The diagnostics with one more condition, which the calibration fails where it is not met."""
     verdict = diagnostics.verdict if gate.passed else f"{diagnostics.verdict} {gate.name}: {gate.found}. {gate.advice}"
-    return Diagnostics(
-        diagnostics.parameters, (*diagnostics.gates, gate), diagnostics.passed and gate.passed, verdict.strip()
-    )
+    passed = diagnostics.passed and gate.passed
+    return replace(diagnostics, gates=(*diagnostics.gates, gate), passed=passed, verdict=verdict.strip())
 
 
 def least_effective(draws: Array) -> float:
@@ -135,76 +134,61 @@ def _summary(name: object, values: Array) -> ParameterSummary:
     )
 
 
+def _gate(name: str, passed: bool, found: str, required: str, advice: str) -> Gate:
+    """A gate that gives advice only where it is not passed."""
+    return Gate(name, passed, found, required, "" if passed else advice)
+
+
 def _r_hat_gate(parameters: tuple[ParameterSummary, ...], settings: NutsSettings) -> Gate:
     # What cannot be computed is worse than any number.
     worst = max(parameters, key=lambda p: math.inf if math.isnan(p.r_hat) else p.r_hat)
-    passed = worst.r_hat < settings.max_r_hat
     advice = (
         f"'{worst.name}' never changed or is not a number: no chain moved, or it does not act on the simulation."
         if math.isnan(worst.r_hat)
         else f"The chains do not agree on '{worst.name}'. Give them a longer warm-up (nuts: warmup); if they still "
         "disagree, the data allow more than one explanation: compare the chains, and narrow a prior or add data."
     )
-    return Gate(
-        "R-hat",
-        passed,
-        f"{_number(worst.r_hat, '.3f')} ({worst.name})",
-        f"below {settings.max_r_hat:g}",
-        "" if passed else advice,
-    )
+    found = f"{_number(worst.r_hat, '.3f')} ({worst.name})"
+    return _gate("R-hat", worst.r_hat < settings.max_r_hat, found, f"below {settings.max_r_hat:g}", advice)
 
 
 def _ess_gate(parameters: tuple[ParameterSummary, ...], settings: NutsSettings, draws: int, *, tail: bool) -> Gate:
-    def size(parameter: ParameterSummary) -> float:
-        return parameter.ess_tail if tail else parameter.ess_bulk
-
-    worst = min(parameters, key=lambda p: -math.inf if math.isnan(size(p)) else size(p))
-    passed = size(worst) > settings.min_ess
-    purpose = "the ends of its interval" if tail else "its mean"
-    advice = f"There are too few independent draws of '{worst.name}' for {purpose}."
+    sizes = {p.name: p.ess_tail if tail else p.ess_bulk for p in parameters}
+    worst = min(sizes, key=lambda name: -math.inf if math.isnan(sizes[name]) else sizes[name])
+    size = sizes[worst]
+    advice = (
+        f"There are too few independent draws of '{worst}' for {'the ends of its interval' if tail else 'its mean'}."
+    )
     # A chain that is stuck has hardly any independent draws, and more of them are as stuck.
-    if size(worst) > 0.1 * settings.min_ess:
-        needed = math.ceil(1.2 * draws * settings.min_ess / size(worst) / 100.0) * 100
+    if size > 0.1 * settings.min_ess:
+        needed = math.ceil(1.2 * draws * settings.min_ess / size / 100.0) * 100
         advice += f" Ask for about {needed} draws a chain (nuts: draws)."
     else:
         advice += " More draws alone will not mend it: heed the other findings first."
-    return Gate(
-        "effective draws, tails" if tail else "effective draws",
-        passed,
-        f"{_number(size(worst), '.0f')} ({worst.name})",
-        f"above {settings.min_ess:g}",
-        "" if passed else advice,
-    )
+    name = "effective draws, tails" if tail else "effective draws"
+    found = f"{_number(size, '.0f')} ({worst})"
+    return _gate(name, size > settings.min_ess, found, f"above {settings.min_ess:g}", advice)
 
 
 def _divergence_gate(diverging: Array, settings: NutsSettings) -> Gate:
     count = int(diverging.sum())
-    return Gate(
-        "divergences",
-        count == 0,
-        f"{count} of {diverging.size} draws",
-        "none",
-        ""
-        if count == 0
-        else "Some trajectories broke off, so part of the posterior may be missing: where simulations fail, or where "
+    advice = (
+        "Some trajectories broke off, so part of the posterior may be missing: where simulations fail, or where "
         "a heater only just touches its threshold. Raise the acceptance (nuts: target_acceptance, now "
-        f"{settings.target_acceptance:g}) towards 0.99, or narrow the priors to where the model works.",
+        f"{settings.target_acceptance:g}) towards 0.99, or narrow the priors to where the model works."
     )
+    return _gate("divergences", count == 0, f"{count} of {diverging.size} draws", "none", advice)
 
 
 def _depth_gate(depth: Array) -> Gate:
     share = float((depth >= MAXIMUM_DEPTH).mean()) if depth.size else math.nan
-    passed = share <= LARGEST_SATURATED_SHARE
-    return Gate(
-        "trajectory length",
-        passed,
-        f"{_number(100.0 * share, '.1f')}% cut at depth {MAXIMUM_DEPTH}",
-        f"at most {100.0 * LARGEST_SATURATED_SHARE:g}%",
-        ""
-        if passed
-        else "The sampler takes very small steps through a very long posterior: some parameters can hardly be told "
-        "apart by these data. Fix one of them, or give it a narrower prior.",
+    found = f"{_number(100.0 * share, '.1f')}% cut at depth {MAXIMUM_DEPTH}"
+    advice = (
+        "The sampler takes very small steps through a very long posterior: some parameters can hardly be told "
+        "apart by these data. Fix one of them, or give it a narrower prior."
     )
+    required = f"at most {100.0 * LARGEST_SATURATED_SHARE:g}%"
+    return _gate("trajectory length", share <= LARGEST_SATURATED_SHARE, found, required, advice)
 
 
 def _energy_gate(energy: Array) -> Gate:
@@ -212,17 +196,11 @@ def _energy_gate(energy: Array) -> Gate:
 
     enough = energy.shape[1] >= _FEWEST_DRAWS
     worst = float(np.min(array_stats.bfmi(energy))) if enough else math.nan
-    passed = worst > MINIMUM_E_BFMI
-    return Gate(
-        "E-BFMI",
-        passed,
-        _number(worst, ".2f"),
-        f"above {MINIMUM_E_BFMI:g}",
-        ""
-        if passed
-        else "The chains move too slowly between likely and unlikely parts of the posterior, whose tails are heavy: "
-        "give the widest priors, those of noise levels first, an upper end.",
+    advice = (
+        "The chains move too slowly between likely and unlikely parts of the posterior, whose tails are heavy: "
+        "give the widest priors, those of noise levels first, an upper end."
     )
+    return _gate("E-BFMI", worst > MINIMUM_E_BFMI, _number(worst, ".2f"), f"above {MINIMUM_E_BFMI:g}", advice)
 
 
 def _number(value: float, form: str) -> str:
@@ -231,10 +209,9 @@ def _number(value: float, form: str) -> str:
 
 def _verdict(gates: tuple[Gate, ...], passed: bool, chains: int, draws: int) -> str:
     if passed:
-        r_hat, ess = gates[0], gates[1]
         return (
-            f"Converged: {chains} chains of {draws} draws agree (R-hat {r_hat.found} at worst), with at least "
-            f"{ess.found} effective draws and no divergence. The posterior can be used."
+            f"Converged: {chains} chains of {draws} draws agree (R-hat {gates[0].found} at worst), with at least "
+            f"{gates[1].found} effective draws and no divergence. The posterior can be used."
         )
     failed = [gate for gate in gates if not gate.passed]
     reasons = " ".join(f"{gate.name}: found {gate.found}, required {gate.required}. {gate.advice}" for gate in failed)

@@ -7,7 +7,8 @@ there a trajectory grazes a threshold, and the log density can jump. Each such p
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
+from typing import Any
 
 import numpy as np
 
@@ -45,13 +46,13 @@ class Jump:
     """Of the parameter there, SI."""
     nats: float
     """Upwards with the parameter."""
-    heater: str
+    heater: str = ""
     """The one that switches another number of times on the two sides; empty where none does."""
-    seconds: float
+    seconds: float = np.nan
     """From the window's start to the first switch that differs; NaN where none does."""
-    switches: tuple[int, int]
+    switches: tuple[int, int] = (0, 0)
     """Of that heater, below and above the place."""
-    window: str
+    window: str = ""
     """Label of the window in which it does; empty where none does."""
 
 
@@ -183,10 +184,8 @@ def _located(
         for c, own in enumerate(runs):
             mark = signature(own, heaters)
             lower_mark, upper_mark = marks[0][c], marks[1][c]
-            if lower_mark != upper_mark and mark == upper_mark:
-                side = 1
-            elif lower_mark != upper_mark and mark == lower_mark:
-                side = 0
+            if lower_mark != upper_mark and mark in (lower_mark, upper_mark):
+                side = int(mark == upper_mark)
             else:
                 odd = np.abs([height[c] - heights[0, c] - smooth[c], heights[1, c] - height[c] - smooth[c]])
                 side = int(odd[0] > odd[1])
@@ -199,31 +198,20 @@ def _located(
     below, above = (densities(problem, point)[1] for point in points)
     thetas = problem.to_theta(points[0])
     jumps = []
-    for row, c in enumerate(kept.tolist()):
-        window, heater, seconds, switches = _what_differs(problem, below[row], above[row])
-        jumps.append(
-            Jump(
-                name=names[scan[c]],
-                place=float(ends[0, c]),
-                theta=float(thetas[row, problem.names.index(names[scan[c]])]),
-                nats=float(rise[c]),
-                heater=heater,
-                seconds=seconds,
-                switches=switches,
-                window=window,
-            )
-        )
+    for c, theta, *sides in zip(kept.tolist(), thetas, below, above, strict=True):
+        name = names[scan[c]]
+        jump = Jump(name, float(ends[0, c]), float(theta[problem.names.index(name)]), float(rise[c]))
+        jumps.append(replace(jump, **_what_differs(problem, *sides)))
     return jumps
 
 
-def _what_differs(problem: Problem, below: Runs | None, above: Runs | None) -> tuple[str, str, float, tuple[int, int]]:
-    """Window and heater that switches another number of times (empty: none), when first, s, how often on both sides.
+def _what_differs(problem: Problem, below: Runs | None, above: Runs | None) -> dict[str, Any]:
+    """Of a jump: the heater that switches another number of times, when first, how often, and in which window.
 
     Of several the one whose switches differ first: what the others do follows from it.
     """
-    nothing = ("", "", np.nan, (0, 0))
     if below is None or above is None:
-        return nothing
+        return {}
     found = []
     for window, *sides in zip(problem.windows, below, above, strict=True):
         for number, heater in enumerate(problem.heaters):
@@ -234,11 +222,10 @@ def _what_differs(problem: Problem, below: Runs | None, above: Runs | None) -> t
             apart = np.flatnonzero(np.abs(times[0][:common] - times[1][:common]) > _DRIFT)
             first = int(apart[0]) if len(apart) else common
             seconds = min(float(row[first]) for row in times if len(row) > first)
-            found.append((window.times[0], seconds, window.label, heater, (len(times[0]), len(times[1]))))
-    if not found:
-        return nothing
-    _, seconds, label, heater, counts = min(found, key=lambda item: item[:2])
-    return label, heater, seconds, counts
+            counts = len(times[0]), len(times[1])
+            differs = {"heater": heater, "seconds": seconds, "switches": counts, "window": window.label}
+            found.append((window.times[0], seconds, differs))
+    return min(found, key=lambda item: item[:2])[-1] if found else {}
 
 
 def check_gradient(

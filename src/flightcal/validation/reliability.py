@@ -63,13 +63,12 @@ def uniformity(prediction: xr.Dataset) -> list[Uniformity]:
     for channel, values in zip(prediction["channel"].values, probability_integral_transform(prediction).T, strict=True):
         present = np.isfinite(values)
         ordered, count = np.sort(values[present]), int(present.sum())
-        if count < 2:
-            results.append(Uniformity(str(channel), count, float(count), math.nan, math.nan))
-            continue
-        rank = np.arange(count)
-        distance = float(max((ordered - rank / count).max(), ((rank + 1) / count - ordered).max()))
         effective = effective_samples(values[present], time[present])
-        p_value = float(kstwo.sf(distance, max(1, round(effective))))
+        distance = p_value = math.nan
+        if count > 1:
+            rank = np.arange(count)
+            distance = float(max((ordered - rank / count).max(), ((rank + 1) / count - ordered).max()))
+            p_value = float(kstwo.sf(distance, max(1, round(effective))))
         results.append(Uniformity(str(channel), count, effective, distance, p_value))
     return results
 
