@@ -2,6 +2,7 @@
 
 from dataclasses import replace
 from pathlib import Path
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -24,7 +25,7 @@ BEST = Mode(np.array([0.0, 1.0]), 10.0, True, 3, "a start")
 def told(*modes):
     """Of a theta that is the exponential of z."""
     modes = (BEST, *modes)
-    return other_explanations(["a", "b"], modes, Z, np.exp(Z), np.exp([mode.z for mode in modes]))
+    return other_explanations(SimpleNamespace(names=["a", "b"], to_theta=np.exp), modes, Z)
 
 
 def test_an_optimum_away_from_all_draws_is_told_by_the_entries_that_are_away():
@@ -73,13 +74,7 @@ def test_a_sensor_that_starts_on_the_other_side_of_a_threshold_is_another_explan
     posterior = calibrate_nuts(made, NutsSettings(chains=2, draws=100, warmup=200), int(rng.integers(2**32)))
     attributes = posterior_tree(made, posterior, seed=1).attrs
     assert '"initial.body", 283.2' in attributes["other_explanations"]
-    found = other_explanations(
-        made.names,
-        posterior.modes,
-        posterior.draws.z.reshape(-1, len(truth)),
-        posterior.flat,
-        made.to_theta(np.stack([mode.z for mode in posterior.modes])),
-    )
+    found = other_explanations(made, posterior.modes, posterior.draws.z.reshape(-1, len(truth)))
     place = made.names.index("initial.body")
     there = {name: value for name, _, value in found[0].differs}["initial.body"]
     assert abs(there - truth[place]) < 0.05 < abs(posterior.flat[:, place].mean() - truth[place])

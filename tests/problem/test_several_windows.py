@@ -308,8 +308,9 @@ def test_a_drifting_parameter_is_the_common_one_moved_on_its_normal_scale(tmp_pa
 
 
 def test_the_posterior_tree_holds_the_values_of_drifting_parameters_by_window(joint):
-    theta = joint.to_theta(points(joint, 6)).reshape(2, 3, -1)
-    sampled = SimpleNamespace(statistics={}, interrupted=False)
+    z = points(joint, 6).reshape(2, 3, -1)
+    theta = joint.to_theta(z)
+    sampled = SimpleNamespace(z=z, statistics={}, interrupted=False)
     tree = posterior_tree(joint, Posterior(joint.names, theta, sampled, (), None), seed=1)
     if "drift.link" not in joint.names:
         assert "windows" not in tree.children

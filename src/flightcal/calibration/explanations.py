@@ -11,6 +11,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from ..problem import Problem
 from ..simulator import FloatArray
 from .mode import SAME, Mode
 
@@ -27,26 +28,25 @@ class Explanation:
     """Name of an entry of theta, its posterior median, and its value there, both SI; the most different first."""
 
 
-def other_explanations(
-    names: Sequence[str], modes: Sequence[Mode], z: FloatArray, theta: FloatArray, values: FloatArray
-) -> tuple[Explanation, ...]:
-    """Of `modes`, best first, those within 5 nats of the first that lie outside of all draws.
+def other_explanations(problem: Problem, modes: Sequence[Mode], z: FloatArray) -> tuple[Explanation, ...]:
+    """Of `modes`, best first, those within 5 nats of the first that lie outside of all draws z [S, d].
 
-    z, theta: draws [S, d], unconstrained and physical; values: physical values [mode, d] of the modes. Outside: in some
-    entry by more than its standard deviation beyond the outermost draw.
+    Outside: in some entry by more than its standard deviation beyond the outermost draw.
     """
     deviation = z.std(axis=0)
     lower, upper = z.min(axis=0) - deviation, z.max(axis=0) + deviation
-    median = np.median(theta, axis=0)
+    median = np.median(problem.to_theta(z), axis=0)
     found: list[Explanation] = []
-    for mode, value in zip(modes, values, strict=True):
+    for mode in modes:
         below = modes[0].log_density - mode.log_density
         outside = (mode.z < lower) | (mode.z > upper)
         if not mode.converged or not below < _NEARLY or not outside.any():
             continue
         far = np.abs(mode.z - z.mean(axis=0)) / np.maximum(deviation, np.finfo(float).tiny)
         order = [k for k in np.argsort(-far) if outside[k]]
-        explanation = Explanation(float(below), tuple((names[k], float(median[k]), float(value[k])) for k in order))
+        value = problem.to_theta(mode.z)
+        differs = tuple((problem.names[k], float(median[k]), float(value[k])) for k in order)
+        explanation = Explanation(float(below), differs)
         if not any(_same(explanation, other) for other in found):
             found.append(explanation)
     return tuple(found)

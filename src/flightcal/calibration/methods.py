@@ -20,7 +20,7 @@ from ..scenario import GeneticSettings, NutsSettings
 from ..simulator import FloatArray, Trajectory
 from .confounding import confounding
 from .diagnostics import Diagnostics, diagnose
-from .explanations import Explanation, other_explanations
+from .explanations import other_explanations
 from .genetic import minimise
 from .mode import Mode, find_mode
 from .nuts import Draws, sample
@@ -169,15 +169,6 @@ def search_record(problem: Problem, modes: Sequence[Mode]) -> dict[str, Any]:
     return {"sought": how, "modes": [{name: plain(getattr(mode, name)) for name in kept} for mode in modes]}
 
 
-def _other_explanations(posterior: Posterior, problem: Problem) -> tuple[Explanation, ...]:
-    """Of a posterior, whose record of modes may be empty."""
-    if not posterior.modes:
-        return ()
-    values = problem.to_theta(np.stack([mode.z for mode in posterior.modes]))
-    z = posterior.draws.z.reshape(-1, values.shape[-1])
-    return other_explanations(posterior.names, posterior.modes, z, posterior.flat, values)
-
-
 def _status_forms(problem: Problem) -> dict[str, str]:
     """Status channels that count in the likelihood, and as what."""
     forms = {name: item.likelihood for name, item in problem.scenario.observations.items() if item.likelihood}
@@ -264,10 +255,11 @@ def _attributes(problem: Problem, posterior: Posterior, runs: Sequence[Runs | No
         {"window": window.name} | _sequences(of_window)
         for window, of_window in zip(problem.windows, of_windows, strict=False)
     ]
+    others = other_explanations(problem, posterior.modes, posterior.draws.z.reshape(-1, len(problem.names)))
     content = {
         "interrupted": posterior.draws.interrupted,
         "mode_search": search_record(problem, posterior.modes),
-        "other_explanations": [asdict(found) for found in _other_explanations(posterior, problem)],
+        "other_explanations": [asdict(other) for other in others],
         "status_likelihood": _status_forms(problem),
         "switch_sequences": sequences,
     }

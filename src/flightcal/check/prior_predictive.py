@@ -6,6 +6,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
+from numpy.typing import NDArray
 
 from ..problem import Problem, Window
 from ..simulator import FloatArray, Trajectory
@@ -135,18 +136,17 @@ def _channels(window: Window, bands: Bands) -> list[ChannelReach]:
         seen = window.observed[valid, k]
         above = seen - bands.model[1, valid, k]
         below = bands.model[0, valid, k] - seen
-        most_above, most_below = above.max(initial=0.0), below.max(initial=0.0)
+        most_above, most_below = float(above.max(initial=0.0)), float(below.max(initial=0.0))
+        beyond = most_above if most_above >= most_below else -most_below
         inside = (seen >= bands.quantiles[0, valid, k]) & (seen <= bands.quantiles[2, valid, k])
-        found.append(
-            ChannelReach(
-                window.label,
-                channel,
-                float(inside.mean()) if len(seen) else np.nan,
-                float(((above <= 0.0) & (below <= 0.0)).mean()) if len(seen) else np.nan,
-                float(most_above if most_above >= most_below else -most_below),
-            )
-        )
+        reached = (above <= 0.0) & (below <= 0.0)
+        found.append(ChannelReach(window.label, channel, _share(inside), _share(reached), beyond))
     return found
+
+
+def _share(values: NDArray[np.bool_] | FloatArray) -> float:
+    """Mean; NaN of nothing."""
+    return float(values.mean()) if len(values) else np.nan
 
 
 def _heaters(window: Window, duty: FloatArray) -> list[HeaterReach]:
@@ -155,10 +155,8 @@ def _heaters(window: Window, duty: FloatArray) -> list[HeaterReach]:
     found = []
     for k, heater in enumerate(window.simulator.heaters):
         status = window.status[:, k]
-        known = np.isfinite(status)
         lower, upper = np.quantile(duty[:, k], [tail, 1.0 - tail])
-        observed = float(status[known].mean()) if known.any() else np.nan
-        found.append(HeaterReach(window.label, heater, observed, lower, upper))
+        found.append(HeaterReach(window.label, heater, _share(status[np.isfinite(status)]), lower, upper))
     return found
 
 

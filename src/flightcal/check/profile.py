@@ -53,38 +53,30 @@ class Profile:
 def profile(problem: Problem, centre: Centre, name: str, progress: Progress = SILENT) -> Profile:
     """The profile of a parameter on both sides of the centre, each point starting from its neighbour's.
 
-    It needs a gradient. Raises ScenarioError where there is no such parameter.
+    It needs a gradient.
     """
-    check_names(problem, [name])
     k = problem.names.index(name)
     deviation = min(float(np.sqrt(centre.covariance[k, k])), float(spread_in_z(problem)[k]))
     others = np.delete(np.arange(len(centre.z)), k)
     offsets = np.linspace(0.0, _REACH * deviation, _POINTS + 1)[1:]
-    middle = _fitted(problem, centre.z, others)
-    found = [(middle[k], middle)]
-    for number, sign in enumerate((-1.0, 1.0)):
-        last = middle
-        for step, offset in enumerate(offsets):
+    found = [_fitted(problem, centre.z, others)]
+    for sign in (-1.0, 1.0):
+        last = found[0]
+        for offset in offsets:
             last = _fitted(problem, _followed(centre, last, k, float(centre.z[k] + sign * offset)), others)
-            found.append((last[k], last))
-            progress.at((number * _POINTS + step + 1) / (2 * _POINTS))
-    points = np.stack([z for _, z in sorted(found, key=lambda item: item[0])])
+            found.append(last)
+            progress.at((len(found) - 1) / (2 * _POINTS))
+    found.sort(key=lambda z: float(z[k]))
+    points = np.stack(found)
     density = np.array([problem.log_density(z) for z in points])
     likelihood = density - problem.priors.at(points).log_density
     best = int(np.argmax(density))
     theta = problem.to_theta(points)[:, k]
-    lower, upper = _interval(points[:, k], density - density[best], best)
+    interval = _interval(points[:, k], density - density[best], best)
     edges = np.stack([centre.z, centre.z])
-    edges[:, k] = np.where(np.isnan([lower, upper]), 0.0, [lower, upper])
-    bounds = np.where(np.isnan([lower, upper]), np.nan, problem.to_theta(edges)[:, k])
-    return Profile(
-        name=name,
-        theta=theta,
-        log_density=density - density[best],
-        log_likelihood=likelihood - likelihood[best],
-        lower=float(bounds[0]),
-        upper=float(bounds[1]),
-    )
+    edges[:, k] = np.nan_to_num(interval)
+    lower, upper = np.where(np.isnan(interval), np.nan, problem.to_theta(edges)[:, k]).tolist()
+    return Profile(name, theta, density - density[best], likelihood - likelihood[best], lower, upper)
 
 
 def check_names(problem: Problem, names: list[str]) -> None:

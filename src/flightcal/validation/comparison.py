@@ -127,32 +127,26 @@ def recommend(
 
     The log score is proper (Gneiting & Raftery 2007): an interval too narrow costs it as much as one too wide.
     """
-
-    def covers(model: str) -> bool:
-        share = means[model]["picp"]
-        return share is not None and COVERED[0] <= share <= COVERED[1]
-
-    def score(model: str) -> float:
-        value = means[model]["log_score"]
-        return -np.inf if value is None else value
-
+    scores = {model: -np.inf if of["log_score"] is None else of["log_score"] for model, of in means.items()}
+    covers = [model for model, of in means.items() if of["picp"] and COVERED[0] <= of["picp"] <= COVERED[1]]
     sampled = [model for model in means if passed[model]] or list(means)
-    best = max(sampled, key=score)
+    best = max(sampled, key=scores.__getitem__)
     share = means[best]["picp"]
+    covered = "" if share is None else f"; its 95% interval covers {share:.1%} of them"
     words = [
-        f"On the windows that come after the training, '{best}' has the best log score, {score(best):.3f} nats a sample"
-        + (f"; its 95% interval covers {share:.1%} of them." if share is not None else ".")
+        f"On the windows that come after the training, '{best}' has the best log score, {scores[best]:.3f} nats a "
+        f"sample{covered}."
     ]
-    covering = [model for model in sampled if covers(model)]
-    if not covers(best) and covering:
-        safe = max(covering, key=score)
+    covering = [model for model in sampled if model in covers]
+    if best not in covers and covering:
+        safe = max(covering, key=scores.__getitem__)
         words.append(
             "That is not right for an interval of 95%: where coverage matters more than sharpness, use "
             f"'{safe}', whose interval covers {means[safe]['picp']:.1%}."
         )
-    elif not covers(best):
+    elif best not in covers:
         words.append("No model's interval covers between 90% and 99%: take none of these intervals at its word.")
-    others = [model for model in means if model not in sampled and score(model) > score(best)]
+    others = [model for model in means if model not in sampled and scores[model] > scores[best]]
     if others:
         words.append(f"A better log score, but not converged: {', '.join(others)}.")
     if best != "iid" and "iid" in means:

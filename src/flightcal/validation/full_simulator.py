@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Collection
 from typing import Final
 
 from ..calibration import Sampled, mean_and_some, posterior_draws
@@ -21,7 +20,14 @@ def _fly(run: Run, problem: Problem, sampled: Sampled, *, simulations: int, seed
     scenario = problem.scenario
     assert scenario.network.checked_on is not None
     task = load_task(scenario.folder / scenario.network.checked_on)
-    parameters = {name: task.scenario.parameters[name] for name in _shared(problem, task.scenario.parameters)}
+    known = task.scenario.parameters
+    unknown = [name for name in scenario.parameters if name not in known]
+    if unknown:
+        raise ScenarioError(
+            f"simulator.checked_on: found no parameter '{unknown[0]}' in {scenario.network.checked_on}, "
+            f"expected all of the scenario's; it has {', '.join(known)}"
+        )
+    parameters = {name: known[name] for name in scenario.parameters}
     thetas = mean_and_some(draws, CHECKED, seed)
     positions = [problem.names.index(name) for name in parameters]
     channels = problem.channels
@@ -50,14 +56,3 @@ FULL_SIMULATOR: Final = Stage(
 The flight is that of the spacecraft file, its failures and initial temperatures included.
 Raises ScenarioError where the reduction file does not read or has other parameters.
 """
-
-
-def _shared(problem: Problem, names: Collection[str]) -> tuple[str, ...]:
-    """The scenario's parameters, all of which the reduction must know."""
-    unknown = [name for name in problem.scenario.parameters if name not in names]
-    if unknown:
-        raise ScenarioError(
-            f"simulator.checked_on: found no parameter '{unknown[0]}' in {problem.scenario.network.checked_on}, "
-            f"expected all of the scenario's; it has {', '.join(names)}"
-        )
-    return tuple(problem.scenario.parameters)

@@ -18,7 +18,7 @@ from typing import Any
 import numpy as np
 import xarray
 
-from ..calibration import Posterior, calibrate_nuts, least_effective, warm
+from ..calibration import calibrate_nuts, least_effective, warm
 from ..emulation import needs_emulator
 from ..errors import RunError, ScenarioError
 from ..problem import Problem, build_problem, simulate_telemetry, with_telemetry
@@ -130,18 +130,7 @@ def run_repeat(
     posterior = calibrate_nuts(made, settings, int(rng.integers(2**32)))
     if posterior.draws.interrupted:
         raise KeyboardInterrupt
-    return _repeat(made, theta, posterior, redrawn, started, rng)
-
-
-def _repeat(
-    problem: Problem,
-    theta: FloatArray,
-    posterior: Posterior,
-    redrawn: int,
-    started: float,
-    rng: np.random.Generator,
-) -> Repeat:
-    truth = np.append(theta, problem.log_density(problem.to_z(theta)))
+    truth = np.append(theta, made.log_density(made.to_z(theta)))
     draws = np.concatenate([posterior.theta, posterior.draws.statistics["log_density"][..., None]], axis=-1)
     rank, count = ranks(truth, draws, least_effective(draws), rng)
     return Repeat(
