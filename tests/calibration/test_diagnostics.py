@@ -3,7 +3,6 @@ import sys
 
 import numpy as np
 import pytest
-import xarray as xr
 
 from flightcal.calibration.diagnostics import diagnose
 from flightcal.calibration.nuts import MAXIMUM_DEPTH
@@ -13,17 +12,13 @@ CHAINS, DRAWS = 4, 1000
 SETTINGS = NutsSettings()
 
 
-def dataset(**variables):
-    return xr.Dataset({name: (("chain", "draw"), values) for name, values in variables.items()})
-
-
 def draws(seed=0, shape=(CHAINS, DRAWS)):
     return np.random.default_rng(seed).normal(size=shape)
 
 
 def statistics(shape=(CHAINS, DRAWS), **changes):
     plain = {"diverging": np.zeros(shape, bool), "depth": np.full(shape, 3), "energy": draws(99, shape)}
-    return dataset(**{**plain, **changes})
+    return {**plain, **changes}
 
 
 def autoregressive(coefficient, seed=0):
@@ -45,7 +40,7 @@ def gate(found, name):
 
 
 def test_independent_draws_pass_every_gate():
-    found = diagnose(dataset(link=draws(1), noise=draws(2)), statistics(), SETTINGS)
+    found = diagnose({"link": draws(1), "noise": draws(2)}, statistics(), SETTINGS)
     assert found.passed
     assert len(found.gates) == 6
     assert all(item.advice == "" for item in found.gates)
@@ -54,7 +49,7 @@ def test_independent_draws_pass_every_gate():
 
 def test_the_table_describes_each_quantity_in_order():
     values = 5.0 + 2.0 * draws(3)
-    found = diagnose(dataset(second=draws(1), first=values), statistics(), SETTINGS)
+    found = diagnose({"second": draws(1), "first": values}, statistics(), SETTINGS)
     assert [row.name for row in found.parameters] == ["second", "first"]
     row = found.parameters[1]
     assert row.mean == pytest.approx(values.mean())
@@ -67,14 +62,14 @@ def test_the_table_describes_each_quantity_in_order():
 
 
 def test_effective_draws_of_correlated_chains_are_the_known_number():
-    found = diagnose(dataset(slow=autoregressive(0.5)), statistics(), SETTINGS)
+    found = diagnose({"slow": autoregressive(0.5)}, statistics(), SETTINGS)
     assert found.parameters[0].ess_bulk == pytest.approx(4000 / 3, rel=0.15)
 
 
 def test_one_chain_elsewhere_fails_on_r_hat_and_is_named():
     values = draws(1)
     values[2] += 3.0
-    found = diagnose(dataset(fine=draws(2), radiator_absorptivity=values), statistics(), SETTINGS)
+    found = diagnose({"fine": draws(2), "radiator_absorptivity": values}, statistics(), SETTINGS)
     assert not found.passed
     assert "R-hat" in failed(found)
     assert "(radiator_absorptivity)" in gate(found, "R-hat").found
@@ -86,27 +81,27 @@ def test_chains_of_one_centre_and_two_widths_fail_on_r_hat():
     """Only the folded, rank-normalised R-hat sees this."""
     values = draws(1)
     values[0] *= 3.0
-    assert "R-hat" in failed(diagnose(dataset(x=values), statistics(), SETTINGS))
+    assert "R-hat" in failed(diagnose({"x": values}, statistics(), SETTINGS))
 
 
 def test_the_r_hat_gate_follows_the_settings():
     values = draws(1)
     values[0] += 0.6
-    data = dataset(x=values)
+    data = {"x": values}
     assert "R-hat" in failed(diagnose(data, statistics(), SETTINGS))
     loose = NutsSettings(max_r_hat=1.1)
     assert "R-hat" not in failed(diagnose(data, statistics(), loose))
 
 
 def test_slow_chains_fail_on_effective_draws_with_the_number_to_ask_for():
-    found = diagnose(dataset(x=autoregressive(0.9, seed=5)), statistics(), NutsSettings(max_r_hat=1.5))
+    found = diagnose({"x": autoregressive(0.9, seed=5)}, statistics(), NutsSettings(max_r_hat=1.5))
     assert "effective draws" in failed(found)
     size = found.parameters[0].ess_bulk
     assert 100 < size < 400
     asked = int(gate(found, "effective draws").advice.split("about ")[1].split(" ")[0])
     assert asked == pytest.approx(1.2 * 1000 * 400 / size, abs=100)
     assert not failed(
-        diagnose(dataset(x=autoregressive(0.9, seed=5)), statistics(), NutsSettings(max_r_hat=1.5, min_ess=90))
+        diagnose({"x": autoregressive(0.9, seed=5)}, statistics(), NutsSettings(max_r_hat=1.5, min_ess=90))
     )
 
 
@@ -117,22 +112,22 @@ def test_rarely_visited_tails_fail_on_their_own():
     for chain in values:
         rng.shuffle(chain[: int(0.93 * DRAWS)])
     shuffled = np.roll(values, 137, axis=1)
-    row = diagnose(dataset(x=shuffled), statistics(), SETTINGS).parameters[0]
+    row = diagnose({"x": shuffled}, statistics(), SETTINGS).parameters[0]
     assert row.ess_tail < 0.5 * row.ess_bulk
     between = NutsSettings(max_r_hat=2.0, min_ess=0.7 * row.ess_bulk)
-    assert failed(diagnose(dataset(x=shuffled), statistics(), between)) == {"effective draws, tails"}
+    assert failed(diagnose({"x": shuffled}, statistics(), between)) == {"effective draws, tails"}
 
 
 def test_stuck_chains_are_not_told_to_draw_more():
     values = 0.01 * draws(1) + np.arange(CHAINS)[:, None]
-    found = diagnose(dataset(x=values), statistics(), SETTINGS)
+    found = diagnose({"x": values}, statistics(), SETTINGS)
     assert "More draws alone will not mend it" in gate(found, "effective draws").advice
 
 
 def test_a_single_divergence_fails():
     diverging = np.zeros((CHAINS, DRAWS), bool)
     diverging[1, 20] = True
-    found = diagnose(dataset(x=draws()), statistics(diverging=diverging), NutsSettings(target_acceptance=0.85))
+    found = diagnose({"x": draws()}, statistics(diverging=diverging), NutsSettings(target_acceptance=0.85))
     assert failed(found) == {"divergences"}
     assert gate(found, "divergences").found == "1 of 4000 draws"
     assert "now 0.85" in found.verdict
@@ -141,17 +136,17 @@ def test_a_single_divergence_fails():
 def test_more_than_a_hundredth_of_cut_trajectories_fails():
     depth = np.full((CHAINS, DRAWS), 3)
     depth[:, :10] = MAXIMUM_DEPTH
-    assert diagnose(dataset(x=draws()), statistics(depth=depth), SETTINGS).passed
+    assert diagnose({"x": draws()}, statistics(depth=depth), SETTINGS).passed
     depth[0, 10] = MAXIMUM_DEPTH
-    assert failed(diagnose(dataset(x=draws()), statistics(depth=depth), SETTINGS)) == {"trajectory length"}
+    assert failed(diagnose({"x": draws()}, statistics(depth=depth), SETTINGS)) == {"trajectory length"}
 
 
 def test_one_chain_of_sluggish_energy_fails():
     energy = draws(99)
-    assert diagnose(dataset(x=draws()), statistics(energy=energy), SETTINGS).passed
+    assert diagnose({"x": draws()}, statistics(energy=energy), SETTINGS).passed
     # E-BFMI of an autoregressive energy is 2 (1 - a).
     energy[3] = autoregressive(0.95)[3]
-    found = diagnose(dataset(x=draws()), statistics(energy=energy), SETTINGS)
+    found = diagnose({"x": draws()}, statistics(energy=energy), SETTINGS)
     assert failed(found) == {"E-BFMI"}
     assert float(gate(found, "E-BFMI").found) == pytest.approx(0.1, abs=0.06)
 
@@ -159,7 +154,7 @@ def test_one_chain_of_sluggish_energy_fails():
 @pytest.mark.parametrize("value", [1.5, np.nan])
 @pytest.mark.filterwarnings("error")
 def test_a_quantity_that_never_changes_or_is_not_a_number_fails(value):
-    found = diagnose(dataset(x=draws(), stuck=np.full((CHAINS, DRAWS), value)), statistics(), SETTINGS)
+    found = diagnose({"x": draws(), "stuck": np.full((CHAINS, DRAWS), value)}, statistics(), SETTINGS)
     assert failed(found) == {"R-hat", "effective draws", "effective draws, tails"}
     assert "'stuck' never changed or is not a number" in found.verdict
 
@@ -168,35 +163,20 @@ def test_a_quantity_that_never_changes_or_is_not_a_number_fails(value):
 @pytest.mark.filterwarnings("error")
 def test_too_few_draws_say_nothing(length):
     shape = (CHAINS, length)
-    found = diagnose(dataset(x=draws(0, shape)), statistics(shape), SETTINGS)
+    found = diagnose({"x": draws(0, shape)}, statistics(shape), SETTINGS)
     assert not found.passed
     assert found.verdict.startswith(f"Not converged: 4 chains of {length} draws say nothing")
     assert np.isnan(found.parameters[0].r_hat)
 
 
-def test_groups_of_a_data_tree_are_taken_in_any_order_of_dimensions():
-    posterior, stats = dataset(x=draws(1), y=draws(2)), statistics()
-    tree = xr.DataTree.from_dict({"posterior": posterior.transpose("draw", "chain"), "sample_stats": stats})
-    assert diagnose(tree["posterior"], tree["sample_stats"], SETTINGS) == diagnose(posterior, stats, SETTINGS)
-
-
-def test_statistics_may_be_plain_arrays():
-    posterior, stats = dataset(x=draws(1)), statistics()
-    arrays = {name: stats[name].values for name in stats.data_vars}
-    assert diagnose(posterior, arrays, SETTINGS) == diagnose(posterior, stats, SETTINGS)
-
-
 def test_the_old_arviz_is_not_imported():
     code = (
-        "import sys, numpy as np, xarray as xr\n"
+        "import sys, numpy as np\n"
         "from flightcal.calibration.diagnostics import diagnose\n"
         "from flightcal.scenario import NutsSettings\n"
         "assert 'arviz_stats' not in sys.modules\n"
         "x = np.random.default_rng(0).normal(size=(4, 100))\n"
-        "d = {'x': (('chain', 'draw'), x)}\n"
-        "s = {'diverging': (('chain', 'draw'), x > 9), 'depth': (('chain', 'draw'), 0 * x),\n"
-        "     'energy': (('chain', 'draw'), x)}\n"
-        "diagnose(xr.Dataset(d), xr.Dataset(s), NutsSettings())\n"
+        "diagnose({'x': x}, {'diverging': x > 9, 'depth': 0 * x, 'energy': x}, NutsSettings())\n"
         "assert 'arviz' not in sys.modules and 'nutpie' not in sys.modules\n"
     )
     subprocess.run([sys.executable, "-c", code], check=True)

@@ -6,9 +6,9 @@ import numpy as np
 import pytest
 
 from flightcal.errors import RunError
-from flightcal.prediction import crps_of_draws, probability_below
 from flightcal.prediction.ensemble import duration, propagate
 from flightcal.prediction.errors import Drawn
+from flightcal.prediction.metrics import crps_of_draws, probability_below
 from flightcal.problem import build_window
 
 from .. import small

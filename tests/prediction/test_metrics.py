@@ -8,9 +8,8 @@ import xarray as xr
 from scipy.integrate import quad
 from scipy.stats import norm
 
-from flightcal.prediction import (
-    Metric,
-    comparison_table,
+from flightcal.prediction import Metric, comparison_table, score
+from flightcal.prediction.metrics import (
     crps_of_draws,
     log_score_normal,
     mape_celsius,
@@ -20,7 +19,6 @@ from flightcal.prediction import (
     picp,
     probability_below,
     rmse,
-    score,
     status_agreement,
 )
 

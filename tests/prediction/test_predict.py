@@ -6,8 +6,9 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from flightcal.prediction import STOCHASTIC, predict
+from flightcal.prediction import predict
 from flightcal.prediction.initial import condition_initial
+from flightcal.prediction.predict import STOCHASTIC
 from flightcal.problem import build_problem
 
 from .. import small

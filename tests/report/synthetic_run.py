@@ -12,7 +12,7 @@ from pathlib import Path
 import numpy as np
 import xarray as xr
 
-from flightcal.prediction import crps_of_draws, probability_below
+from flightcal.prediction.metrics import crps_of_draws, probability_below
 
 CHANNELS = ["panel_temperature", "battery_temperature", "payload_temperature"]
 HEATERS = ["battery_heater", "payload_heater"]

@@ -3,7 +3,7 @@
 Imports: errors, probability, problem, progress, run, scenario, simulator.
 """
 
-from .diagnostics import Diagnostics, Gate, least_effective, with_gate
+from .diagnostics import Diagnostics, Gate, gate, least_effective, with_gate
 from .methods import Posterior, calibrate_genetic, calibrate_nuts, genetic_points, mean_and_some, with_residual_noise
 from .mode import climb, find_mode
 from .nuts import sample
@@ -21,6 +21,7 @@ __all__ = [
     "calibrate_nuts",
     "climb",
     "find_mode",
+    "gate",
     "genetic_points",
     "keep_sample",
     "least_effective",

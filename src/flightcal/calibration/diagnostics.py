@@ -12,14 +12,12 @@ from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
-import xarray as xr
 from numpy.typing import NDArray
 
 from ..scenario import NutsSettings
 from .nuts import MAXIMUM_DEPTH
 
 Array = NDArray[np.float64]
-Group = xr.Dataset | xr.DataTree
 
 MINIMUM_E_BFMI = 0.3
 """Below it a chain's energy changes too little from draw to draw (Betancourt 2016; Stan warns at the same value)."""
@@ -71,21 +69,22 @@ class Diagnostics:
     verdict: str
 
 
-def diagnose(posterior: Group, sample_stats: Group | Mapping[str, NDArray[Any]], settings: NutsSettings) -> Diagnostics:
+def diagnose(
+    posterior: Mapping[str, Array], statistics: Mapping[str, NDArray[Any]], settings: NutsSettings
+) -> Diagnostics:
     """Judge chains by `settings.max_r_hat`, `settings.min_ess` and the sampler's own statistics.
 
-    posterior: scalar variables on (chain, draw). sample_stats: diverging, depth, energy on (chain, draw), or
-    as arrays [chain, draw].
+    posterior: values [chain, draw] by name. statistics: diverging, depth and energy, [chain, draw] each.
     """
-    parameters = tuple(_summary(name, _values(posterior, str(name))) for name in posterior.data_vars)
-    chains, draws = posterior.sizes["chain"], posterior.sizes["draw"]
+    parameters = tuple(_summary(name, values) for name, values in posterior.items())
+    chains, draws = statistics["energy"].shape
     gates = (
         _r_hat_gate(parameters, settings),
         _ess_gate(parameters, settings, draws, tail=False),
         _ess_gate(parameters, settings, draws, tail=True),
-        _divergence_gate(_values(sample_stats, "diverging"), settings),
-        _depth_gate(_values(sample_stats, "depth")),
-        _energy_gate(_values(sample_stats, "energy")),
+        _divergence_gate(statistics["diverging"], settings),
+        _depth_gate(statistics["depth"]),
+        _energy_gate(statistics["energy"]),
     )
     passed = all(gate.passed for gate in gates)
     return Diagnostics(parameters, gates, passed, _verdict(gates, passed, chains, draws))
@@ -105,23 +104,17 @@ def least_effective(draws: Array) -> float:
     return float(min(array_stats.ess(draws[..., k], method="bulk") for k in range(draws.shape[-1])))
 
 
-def _values(group: Group | Mapping[str, NDArray[Any]], name: str) -> Array:
-    """A variable [chain, draw]."""
-    values = group[name]
-    return values.transpose("chain", "draw").values if isinstance(values, xr.DataArray) else np.asarray(values)
-
-
-def _summary(name: object, values: Array) -> ParameterSummary:
+def _summary(name: str, values: Array) -> ParameterSummary:
     """Posterior moments, quantiles and sampling measures of one quantity [chain, draw]."""
     # Imported here: arviz-stats needs a second to load.
     from arviz_stats.base import array_stats
 
     if values.shape[1] < _FEWEST_DRAWS:
-        return ParameterSummary(str(name), *[math.nan] * 9)
+        return ParameterSummary(name, *[math.nan] * 9)
     low, median, high = np.quantile(values, (0.025, 0.5, 0.975))
     varies = bool(np.isfinite(values).all() and np.ptp(values) > 0.0)
     return ParameterSummary(
-        name=str(name),
+        name=name,
         mean=float(values.mean()),
         sd=float(values.std(ddof=1)),
         q2_5=float(low),
@@ -134,8 +127,8 @@ def _summary(name: object, values: Array) -> ParameterSummary:
     )
 
 
-def _gate(name: str, passed: bool, found: str, required: str, advice: str) -> Gate:
-    """A gate that gives advice only where it is not passed."""
+def gate(name: str, passed: bool, found: str, required: str, advice: str) -> Gate:
+    """A gate, which gives advice only where it is not passed."""
     return Gate(name, passed, found, required, "" if passed else advice)
 
 
@@ -149,7 +142,7 @@ def _r_hat_gate(parameters: tuple[ParameterSummary, ...], settings: NutsSettings
         "disagree, the data allow more than one explanation: compare the chains, and narrow a prior or add data."
     )
     found = f"{_number(worst.r_hat, '.3f')} ({worst.name})"
-    return _gate("R-hat", worst.r_hat < settings.max_r_hat, found, f"below {settings.max_r_hat:g}", advice)
+    return gate("R-hat", worst.r_hat < settings.max_r_hat, found, f"below {settings.max_r_hat:g}", advice)
 
 
 def _ess_gate(parameters: tuple[ParameterSummary, ...], settings: NutsSettings, draws: int, *, tail: bool) -> Gate:
@@ -167,7 +160,7 @@ def _ess_gate(parameters: tuple[ParameterSummary, ...], settings: NutsSettings, 
         advice += " More draws alone will not mend it: heed the other findings first."
     name = "effective draws, tails" if tail else "effective draws"
     found = f"{_number(size, '.0f')} ({worst})"
-    return _gate(name, size > settings.min_ess, found, f"above {settings.min_ess:g}", advice)
+    return gate(name, size > settings.min_ess, found, f"above {settings.min_ess:g}", advice)
 
 
 def _divergence_gate(diverging: Array, settings: NutsSettings) -> Gate:
@@ -177,7 +170,7 @@ def _divergence_gate(diverging: Array, settings: NutsSettings) -> Gate:
         "a heater only just touches its threshold. Raise the acceptance (nuts: target_acceptance, now "
         f"{settings.target_acceptance:g}) towards 0.99, or narrow the priors to where the model works."
     )
-    return _gate("divergences", count == 0, f"{count} of {diverging.size} draws", "none", advice)
+    return gate("divergences", count == 0, f"{count} of {diverging.size} draws", "none", advice)
 
 
 def _depth_gate(depth: Array) -> Gate:
@@ -188,7 +181,7 @@ def _depth_gate(depth: Array) -> Gate:
         "apart by these data. Fix one of them, or give it a narrower prior."
     )
     required = f"at most {100.0 * LARGEST_SATURATED_SHARE:g}%"
-    return _gate("trajectory length", share <= LARGEST_SATURATED_SHARE, found, required, advice)
+    return gate("trajectory length", share <= LARGEST_SATURATED_SHARE, found, required, advice)
 
 
 def _energy_gate(energy: Array) -> Gate:
@@ -200,7 +193,7 @@ def _energy_gate(energy: Array) -> Gate:
         "The chains move too slowly between likely and unlikely parts of the posterior, whose tails are heavy: "
         "give the widest priors, those of noise levels first, an upper end."
     )
-    return _gate("E-BFMI", worst > MINIMUM_E_BFMI, _number(worst, ".2f"), f"above {MINIMUM_E_BFMI:g}", advice)
+    return gate("E-BFMI", worst > MINIMUM_E_BFMI, _number(worst, ".2f"), f"above {MINIMUM_E_BFMI:g}", advice)
 
 
 def _number(value: float, form: str) -> str:

@@ -149,7 +149,8 @@ def calibrate_nuts(
         progress=progress,
     )
     theta = problem.to_theta(draws.z)
-    judged = diagnose(_variables(problem.names, theta), draws.statistics, settings)
+    by_name = {name: theta[..., k] for k, name in enumerate(problem.names)}
+    judged = diagnose(by_name, draws.statistics, settings)
     return Posterior(problem.names, theta, draws, modes, judged)
 
 

@@ -116,23 +116,18 @@ def sample(
     settings: NutsSettings,
     seed: int,
     *,
-    starts: Array | None = None,
     native: Callable[[Whitening], NativeDensity | None] = lambda _: None,
     progress: Progress = SILENT,
 ) -> Draws:
     """Draw from a density with `settings.chains` chains at the same time.
 
     native: the same density in whitened coordinates as a C function, one for each chain; None: there is none.
-    starts: z [chain, d], not the very mode, where there is no gradient; None: `overdispersed_starts`.
     progress: told the draws of all chains about five times a second, in the calling thread.
 
     The same seed gives the same draws on any number of cores. Ctrl-C ends the chains and returns what they have.
     Raises FlightcalError when a chain cannot start.
     """
-    if starts is None:
-        starts = overdispersed_starts(log_density, whitening, settings.chains, seed)
-    else:
-        _check_starts(log_density, whitening, starts)
+    starts = overdispersed_starts(log_density, whitening, settings.chains, seed)
     seeds = np.random.SeedSequence(seed, spawn_key=(1,)).generate_state(settings.chains, np.uint64)
     densities = [native(whitening) or _Density(log_density, whitening) for _ in seeds]
     samplers: list[Any] = []
@@ -164,16 +159,6 @@ def sample(
                 with suppress(BaseException):
                     sampler.cancel()
     return _collect([traces[chain] for chain in range(len(samplers))], kept, densities, whitening, settings)
-
-
-def _check_starts(log_density: LogDensity, whitening: Whitening, starts: Array) -> None:
-    density = _Density(log_density, whitening)
-    for chain, w in enumerate(whitening.to_w(starts)):
-        if not _can_start(density, w):
-            raise FlightcalError(
-                f"NUTS: chain {chain + 1} cannot start where it was told to, expected a finite density with a "
-                f"gradient: {density.last_failure}"
-            )
 
 
 class _Density:

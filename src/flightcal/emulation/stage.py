@@ -10,7 +10,7 @@ from typing import Any, Final
 import numpy as np
 import xarray
 
-from ..calibration import NUTS, Diagnostics, Gate, keep_sample, with_gate
+from ..calibration import NUTS, Diagnostics, Gate, gate, keep_sample, with_gate
 from ..errors import ScenarioError
 from ..problem import Problem, Window
 from ..run import Run, Stage, plain, read_json
@@ -132,41 +132,36 @@ def check_emulator(
     failed = sum(int((~own.finished).sum()) for own in runs)
     found = {"failed": failed, "density_error": check.density_error, "steps": check.steps}
     run.folder.write_json(CHECK_FILE, plain(check.validation) | plain(found))
-    rule = Gate(
+    rule = gate(
         "Emulator's error",
         emulation.reached,
         "no longer matters" if emulation.reached else emulation.verdict,
         "no longer matters",
-        ""
-        if emulation.reached
-        else "Allow more runs (calibration.emulator.runs): the posterior is as wide as it is partly for want of them.",
+        "Allow more runs (calibration.emulator.runs): the posterior is as wide as it is partly for want of them.",
     )
-    for gate in (rule, _held_out(check.validation), _density(check), *_in_step(check)):
-        diagnostics = with_gate(diagnostics, gate)
+    for judged in (rule, _held_out(check.validation), _density(check), *_in_step(check)):
+        diagnostics = with_gate(diagnostics, judged)
     return diagnostics
 
 
 def _held_out(validation: Validation) -> Gate:
     covered = validation.channels[-1].coverage[-1]
-    return Gate(
+    return gate(
         "Emulator against simulator",
         validation.passed,
         f"95% intervals cover {covered:.0%} of {validation.runs} runs at the posterior",
         "as many as they say",
-        "" if validation.passed else f"{validation.failures[0]}. Allow more runs (calibration.emulator.runs).",
+        f"{next(iter(validation.failures), '')}. Allow more runs (calibration.emulator.runs).",
     )
 
 
 def _density(check: SimulatorCheck) -> Gate:
-    passed = check.density_error <= LARGEST_DENSITY_ERROR
-    return Gate(
+    return gate(
         "Posterior against simulator",
-        passed,
+        check.density_error <= LARGEST_DENSITY_ERROR,
         f"the emulator's log density is off by {check.density_error:.2f} over draws (standard deviation)",
         f"at most {LARGEST_DENSITY_ERROR:g}",
-        ""
-        if passed
-        else "The simulator's own posterior is another one: its means may be off by as many standard deviations. Allow "
+        "The simulator's own posterior is another one: its means may be off by as many standard deviations. Allow "
         "more runs (calibration.emulator.runs), or narrow the priors.",
     )
 
@@ -176,16 +171,13 @@ def _in_step(check: SimulatorCheck) -> list[Gate]:
     if not check.steps:
         return []
     worst = max(check.steps, key=lambda item: item.unmatched)
-    passed = worst.unmatched < 1.0
     return [
-        Gate(
+        gate(
             "Heaters in step",
-            passed,
+            worst.unmatched < 1.0,
             f"{worst.unmatched:g} switches of '{worst.heater}' without a counterpart ({worst.measured} measured)",
             "none",
-            ""
-            if passed
-            else "At the posterior the simulator's heater goes through other cycles than the telemetry shows: a "
+            "At the posterior the simulator's heater goes through other cycles than the telemetry shows: a "
             "local mode, or the model cannot follow the heater. Try another seed, narrower priors or a shorter window.",
         )
     ]

@@ -3,45 +3,8 @@
 Imports: calibration, emulation, environment, errors, probability, problem, run, scenario, simulator, telemetry.
 """
 
-from .metrics import (
-    ZERO_CELSIUS,
-    Array,
-    Metric,
-    comparison_table,
-    crps_of_draws,
-    implied_energy,
-    log_score_normal,
-    mape_celsius,
-    mape_kelvin,
-    mean_absolute_error,
-    mpiw,
-    picp,
-    probability_below,
-    rmse,
-    score,
-    status_agreement,
-)
-from .predict import STOCHASTIC, predict
+from .metrics import ZERO_CELSIUS, Array, Metric, comparison_table, implied_energy, score
+from .predict import predict
 from .stages import PREDICT
 
-__all__ = [
-    "PREDICT",
-    "STOCHASTIC",
-    "ZERO_CELSIUS",
-    "Array",
-    "Metric",
-    "comparison_table",
-    "crps_of_draws",
-    "implied_energy",
-    "log_score_normal",
-    "mape_celsius",
-    "mape_kelvin",
-    "mean_absolute_error",
-    "mpiw",
-    "picp",
-    "predict",
-    "probability_below",
-    "rmse",
-    "score",
-    "status_agreement",
-]
+__all__ = ["PREDICT", "ZERO_CELSIUS", "Array", "Metric", "comparison_table", "implied_energy", "predict", "score"]
