@@ -82,9 +82,7 @@ def keep_sample(
         raise RunError("sampling was interrupted before the first draw; run the same command to start it again")
     run.folder.write_netcdf(POSTERIOR_FILE, posterior_tree(problem, posterior, seed=seed))
     found = judge(posterior)
-    content = plain(found) | {
-        "passed": found.passed, "verdict": found.verdict, "gradient_evaluations": int(posterior.draws.gradients)
-    }  # fmt: skip
+    content = plain(found) | {"gradient_evaluations": int(posterior.draws.gradients)}
     run.folder.write_json(DIAGNOSTICS_FILE, content)
 
 

@@ -164,10 +164,10 @@ Score = tuple[str, float | None, str, str]
 """Name, value or None, unit, note."""
 
 
-def _checked(name: str, value: float | None, unit: str, note: str) -> Score:
-    """The score, with None and the note in place of a value that is undefined."""
+def _checked(name: str, value: float | None, unit: str, note: str, remark: str = "") -> Score:
+    """The score with a remark; None with a note where it is undefined."""
     defined = value is not None and math.isfinite(value)
-    return name, value if defined else None, unit, "" if defined else note
+    return name, value if defined else None, unit, remark if defined else note
 
 
 def _temperature_scores(part: xr.Dataset, method: str) -> Iterator[Score]:
@@ -180,8 +180,7 @@ def _temperature_scores(part: xr.Dataset, method: str) -> Iterator[Score]:
     near_zero = "telemetry comes within 1 degC of 0 degC"
     yield _checked("mape_celsius", percent, "%", near_zero if percent is None else empty)
     if method in POINT_METHODS:
-        name, value, unit, note = _checked("crps", mean_absolute_error(observed, mean), "K", empty)
-        yield name, value, unit, note or "of a point: the mean absolute error"
+        yield _checked("crps", mean_absolute_error(observed, mean), "K", empty, "of a point: the mean absolute error")
         return
     lower, upper = part["lower"].values, part["upper"].values
     seen = np.where(np.isfinite(observed), 0.0, np.nan)
@@ -206,8 +205,8 @@ def _heater_scores(part: xr.Dataset) -> Iterator[Score]:
     yield _checked("switch_count_error", float(part["point_switch_count"]) - observed_count, "1", empty)
     if duty > 0 or math.isnan(observed_duty):
         error = energy - implied_energy(observed_duty, duty, energy)
-        name, value, unit, note = _checked("energy_error", error, "J", empty)
-        yield name, value, unit, note or "telemetry's energy: its duty cycle at the simulated power"
+        remark = "telemetry's energy: its duty cycle at the simulated power"
+        yield _checked("energy_error", error, "J", empty, remark)
     else:
         yield _checked("energy_error", None, "J", "the simulated heater is never on, so its power is not known")
 

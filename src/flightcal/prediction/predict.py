@@ -210,12 +210,8 @@ def _dataset(
 def _observed_duty_cycle(status: FloatArray) -> FloatArray:
     """Share of the valid status samples [T, H] that are on, [H]; NaN without any."""
     valid = np.isfinite(status)
-    return np.divide(
-        np.where(valid, status, 0.0).sum(axis=0),
-        valid.sum(axis=0),
-        out=np.full(status.shape[1], np.nan),
-        where=valid.any(axis=0),
-    )
+    with np.errstate(invalid="ignore"):
+        return np.asarray(np.where(valid, status, 0.0).sum(axis=0) / valid.sum(axis=0))
 
 
 def _observed_switch_count(status: FloatArray) -> FloatArray:
