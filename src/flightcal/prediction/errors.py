@@ -218,10 +218,10 @@ class WindowErrors:
                     edge[s, k] = self.edge @ drawn[:in_time]
         if continues:
             discrepancy += self._continued(edge, rng)
-        noise, white = self._noise(rng)
+        errors = Drawn(mean, discrepancy, *self._noise(rng))
         for s in range(draws):
-            self._correct(s, weights[s][1], temperatures[s], mean[s], discrepancy[s], noise[s], white[s])
-        return Drawn(mean, discrepancy, noise, white)
+            self._correct(s, weights[s][1], temperatures[s], errors)
+        return errors
 
     def _continued(self, edge: FloatArray, rng: np.random.Generator) -> FloatArray:
         """The part in time [S, T, N] from its state at the edge [S, N, p]."""
@@ -245,18 +245,12 @@ class WindowErrors:
                 noise[s, :, k], white[s, :, k] = kind.draw(numbers[k], self.seconds, rng)
         return noise, white
 
-    def _correct(
-        self,
-        draw: int,
-        factors: FloatArray,
-        temperatures: FloatArray,
-        mean: FloatArray,
-        discrepancy: FloatArray,
-        noise: FloatArray,
-        white: FloatArray,
-    ) -> None:
-        """Correct one draw, [T, N] each, for the residuals of the first samples; in place."""
+    def _correct(self, draw: int, factors: FloatArray, temperatures: FloatArray, errors: Drawn) -> None:
+        """Correct one draw, simulated temperatures [T, N], for the residuals of the first samples; in place."""
         first = slice(self.first)
+        mean, discrepancy, noise, white = (
+            part[draw] for part in (errors.mean, errors.discrepancy, errors.noise, errors.white)
+        )
         for k in range(temperatures.shape[1]):
             of_discrepancy, of_noise = self.covariances(draw, k, factors[k])
             factor = self._factor(draw, k, of_discrepancy, of_noise)
