@@ -28,9 +28,7 @@ def problem(tmp_path_factory):
 @pytest.fixture(scope="module")
 def modes(problem):
     told = Told()
-    found = find_mode(
-        problem, [], open_loop=problem.open_loop, rng=np.random.default_rng(2), random_starts=2, progress=told
-    )
+    found = find_mode(problem, [], rng=np.random.default_rng(2), random_starts=2, progress=told)
     return found, [note for _, note in told.notes]
 
 
@@ -67,7 +65,6 @@ def test_named_starts_are_climbed_in_closed_loop_too_and_the_best_comes_first(pr
     found = find_mode(
         problem,
         [("near", theta), ("far", far)],
-        open_loop=problem.open_loop,
         rng=np.random.default_rng(0),
         random_starts=0,
     )
@@ -106,7 +103,7 @@ def test_a_thermostat_out_of_step_after_an_outage_is_brought_back_into_it(tmp_pa
     at_truth = problem.log_density(problem.to_z(np.array([values[name] for name in problem.names])))
     assert climb(problem, start).log_density < at_truth - 100
     rng = np.random.default_rng(0)
-    assert find_mode(problem, [], open_loop=problem.open_loop, rng=rng)[0].log_density >= at_truth
+    assert find_mode(problem, [], rng=rng)[0].log_density >= at_truth
 
 
 REPEATS = (
@@ -135,5 +132,5 @@ def test_a_thermostat_that_starts_near_its_threshold_or_drifts_out_of_step_is_fo
     truth = problem.priors.sample(rng, 1)[0]
     made = with_telemetry(problem, data, simulate_telemetry(problem, truth, rng))
     assert made.open_loop is not None
-    found = find_mode(made, [], open_loop=made.open_loop, rng=rng)
+    found = find_mode(made, [], rng=rng)
     assert found[0].log_density > climb(made, made.to_z(truth)).log_density - 1.0

@@ -348,7 +348,7 @@ def test_where_noise_and_discrepancy_start_is_a_mode_of_them(tmp_path):
 def test_the_mode_is_found_through_that_of_independent_noise(tmp_path):
     problem = build_problem(*made(tmp_path, *MODELS["both"]))
     rng = np.random.default_rng(0)
-    found = find_mode(problem, [], open_loop=problem.open_loop, rng=rng, random_starts=2)[0]
+    found = find_mode(problem, [], rng=rng, random_starts=2)[0]
     assert found.converged
     assert np.abs(problem.log_density_and_gradient(found.z)[1]).max() < 0.3
     from_truth = climb(problem, fit_residuals(problem, near_truth(problem)))

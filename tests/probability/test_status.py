@@ -270,7 +270,7 @@ def test_open_loop_looks_at_thresholds_only_where_they_are_uncertain_or_status_c
 @pytest.mark.parametrize("likelihood", [None, INFERRED], ids=["temperatures alone", "status too"])
 def test_the_mode_is_found_with_thresholds_two_kelvin_off_the_middle_of_their_priors(tmp_path, likelihood):
     problem = build_problem(*made(tmp_path, likelihood, on_below="8 degC", off_above="15 degC"))
-    mode = find_mode(problem, [], open_loop=problem.open_loop, rng=np.random.default_rng(0), random_starts=3)[0]
+    mode = find_mode(problem, [], rng=np.random.default_rng(0), random_starts=3)[0]
     truth = problem.to_z(np.array([TRUTH[name] for name in problem.names]))
     deviation = np.sqrt(np.diag(np.linalg.inv(problem.gauss_newton_hessian(mode.z))))
     assert mode.converged

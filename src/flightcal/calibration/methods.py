@@ -131,9 +131,7 @@ def calibrate_nuts(
     seed = problem.scenario.calibration.seed if seed is None else seed
     rng = np.random.default_rng(seed)
     with progress.stage("mode search") as search:
-        modes = find_mode(
-            problem, starts, open_loop=problem.open_loop, rng=rng, random_starts=random_starts, progress=search
-        )
+        modes = find_mode(problem, starts, rng=rng, random_starts=random_starts, progress=search)
     if not np.isfinite(modes[0].log_density):
         raise FlightcalError(
             "no start of the calibration can be simulated: every simulation fails or is not finite; "

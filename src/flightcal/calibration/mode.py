@@ -83,16 +83,16 @@ def find_mode(
     problem: Problem,
     starts: Sequence[tuple[str, FloatArray]],
     *,
-    open_loop: Problem | None = None,
     rng: np.random.Generator,
     random_starts: int = _CLIMBED,
     progress: Progress = SILENT,
 ) -> tuple[Mode, ...]:
     """Modes reached from the named thetas [d] in `starts` and from prior draws, best first.
 
-    open_loop: the same problem with measured heater status; where it is given, all starts are followed in it first, and
-    the closed loop is searched around the best of the modes found there, and from the named starts.
+    Where the problem has an open loop, all starts are followed in it first, and the closed loop is searched around the
+    best of the modes found there, and from the named starts.
     """
+    open_loop = problem.open_loop
     if open_loop is None:
         return _search(problem, starts, rng, random_starts, progress)
     found = []

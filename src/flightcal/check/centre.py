@@ -58,7 +58,6 @@ def find_centre(
     modes = find_mode(
         problem,
         [("the prior's median", problem.priors.median())],
-        open_loop=problem.open_loop,
         rng=np.random.default_rng(seed),
         random_starts=searches,
         progress=progress,
