@@ -8,7 +8,7 @@ from typing import Any
 
 import numpy as np
 
-from flightcal.operational.geometry import Coating, Material, Side, box, box_joints, mesh_plates
+from flightcal.operational.geometry import Body, Box, Coating, Material, Side, box_joints, box_plates, mesh_plates
 from flightcal.simulator import Drive, Structure, System
 from flightcal.simulator.system import elimination_order, make_structure
 
@@ -45,13 +45,10 @@ def boxes(nodes: int, heaters: int = 1, orbits: int = 2) -> Case:
     So large networks come about: by more units, not by one ever finer plate.
     """
     count = max(1, round(nodes / _PER_BOX))
-    aluminium, black = Material(150.0, 2700.0, 900.0), Coating(0.9, 0.9)
-    panels = box(
-        "unit", (0.0, 0.0, 0.0), (1.0, 1.0, 1.0),
-        thickness=0.003, material=aluminium, mesh=4, outside=Side(black), inside=black,
-    )  # fmt: skip
-    bare = [replace(panel, positive=None, negative=None) for panel in panels]
-    mesh = mesh_plates(bare, box_joints("unit", 10.0))
+    materials, coatings = {"aluminium": Material(150.0, 2700.0, 900.0)}, {"black": Coating(0.9, 0.9)}
+    unit = Box((0.0, 0.0, 0.0), (1.0, 1.0, 1.0), 0.003, "aluminium", 4, Side("black"), "black", joints=10.0)
+    bare = {name: replace(p, positive=None, negative=None) for name, p in box_plates("unit", unit).items()}
+    mesh = mesh_plates(Body(materials, coatings, {}, {}, bare, tuple(box_joints("unit", unit))))
     place = {name: k for k, name in enumerate(mesh.nodes)}
     assert len(place) == _PER_BOX
     within = [(place[a], place[b]) for a, b in (conductor.between for conductor in mesh.conductors)]

@@ -54,7 +54,7 @@ def test_its_battery_stays_in_its_band_though_a_thermistor_and_a_branch_fail(mis
     battery = flight.temperatures[:, flight.nodes.index("battery")] - 273.15
     assert battery[flight.cycle_times > 9000.0].min() > 21.5
     assert battery.max() < 24.5
-    line = [item.name for item in mission.spacecraft.software.heaters].index("battery")
+    line = [*mission.spacecraft.software.heaters].index("battery")
     later = flight.cycle_times > 9000.0
     assert flight.power[later, line].max() == 23.0, "the redundant branch heats"
 

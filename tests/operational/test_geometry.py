@@ -6,23 +6,29 @@ import pytest
 from flightcal.errors import FlightcalError
 from flightcal.operational.geometry import (
     SPACE,
+    Body,
+    Box,
     Coating,
     Insulation,
     Joint,
     Material,
     Plate,
     Side,
-    box,
-    box_joints,
     mesh_plates,
 )
 
-ALUMINIUM = Material(conductivity=150.0, density=2700.0, specific_heat=900.0)
-WHITE, BLACK = Coating(0.2, 0.85), Coating(0.9, 0.9)
+
+def meshed(plates=None, joints=(), boxes=None):
+    """The mesh of plates and boxes by name."""
+    materials = {"aluminium": Material(conductivity=150.0, density=2700.0, specific_heat=900.0)}
+    coatings = {"white": Coating(0.2, 0.85), "black": Coating(0.9, 0.9)}
+    return mesh_plates(
+        Body(materials, coatings, {"blanket": Insulation(0.02, "white")}, boxes or {}, plates or {}, tuple(joints))
+    )
 
 
 def strip(mesh, **sides):
-    return Plate("strip", (0.0, 0.0, 0.0), (2.0, 0.5, 0.0), 0.01, ALUMINIUM, mesh, **sides)
+    return Plate((0.0, 0.0, 0.0), (2.0, 0.5, 0.0), 0.01, "aluminium", mesh, **sides)
 
 
 def conductance_matrix(mesh):
@@ -48,21 +54,20 @@ def between(mesh, first, second):
 
 @pytest.mark.parametrize("mesh", [(1, 1), (8, 3)])
 def test_capacity_is_that_of_the_material(mesh):
-    found = sum(node.capacity for node in mesh_plates([strip(mesh)]).nodes.values())
+    found = sum(node.capacity for node in meshed({"strip": strip(mesh)}).nodes.values())
     assert found == pytest.approx(2700.0 * 900.0 * 2.0 * 0.5 * 0.01)
 
 
 def test_a_strip_conducts_as_a_bar():
-    found = between(mesh_plates([strip((10, 1))]), "strip[0,0]", "strip[9,0]")
+    found = between(meshed({"strip": strip((10, 1))}), "strip[0,0]", "strip[9,0]")
     assert found == pytest.approx(150.0 * 0.5 * 0.01 / (0.9 * 2.0))
-    across = between(mesh_plates([strip((1, 10))]), "strip[0,0]", "strip[0,9]")
+    across = between(meshed({"strip": strip((1, 10))}), "strip[0,0]", "strip[0,9]")
     assert across == pytest.approx(150.0 * 2.0 * 0.01 / (0.9 * 0.5))
 
 
 def test_a_joint_is_two_half_cells_and_the_contact_in_series():
-    wall = Plate("wall", (2.0, 0.0, 0.0), (0.0, 0.5, 1.0), 0.01, ALUMINIUM, (5, 4))
-    floor = strip((4, 5))
-    mesh = mesh_plates([floor, wall], [Joint("strip", "wall", 30.0)])
+    wall = Plate((2.0, 0.0, 0.0), (0.0, 0.5, 1.0), 0.01, "aluminium", (5, 4))
+    mesh = meshed({"strip": strip((4, 5)), "wall": wall}, [Joint(("strip", "wall"), 30.0)])
     joints = [c for c in mesh.conductors if {n.split("[")[0] for n in c.between} == {"strip", "wall"}]
     assert len(joints) == 5
     sheet = 150.0 * 0.01 * 0.1
@@ -71,18 +76,15 @@ def test_a_joint_is_two_half_cells_and_the_contact_in_series():
 
 
 def test_a_joint_of_other_meshes_keeps_the_length_of_the_edge():
-    wall = Plate("wall", (2.0, 0.1, 0.0), (0.0, 0.4, 1.0), 0.01, ALUMINIUM, (3, 2))
-    mesh = mesh_plates([strip((4, 5)), wall], [Joint("strip", "wall", 1e-6)])
+    wall = Plate((2.0, 0.1, 0.0), (0.0, 0.4, 1.0), 0.01, "aluminium", (3, 2))
+    mesh = meshed({"strip": strip((4, 5)), "wall": wall}, [Joint(("strip", "wall"), 1e-6)])
     joints = [c for c in mesh.conductors if {n.split("[")[0] for n in c.between} == {"strip", "wall"}]
     assert sum(joint.conductance for joint in joints) == pytest.approx(1e-6 * 0.4, rel=1e-4)
 
 
 def test_a_closed_box_exchanges_within_itself_and_faces_outwards():
-    plates = box(
-        "bus", (0.0, 0.0, 0.0), (1.0, 0.8, 0.6), thickness=0.002, material=ALUMINIUM, mesh=3,
-        outside=Side(WHITE), inside=BLACK,
-    )  # fmt: skip
-    mesh = mesh_plates(plates, box_joints("bus", 20.0))
+    bus = Box((0.0, 0.0, 0.0), (1.0, 0.8, 0.6), 0.002, "aluminium", 3, Side("white"), "black", joints=20.0)
+    mesh = meshed(boxes={"bus": bus})
     assert len(mesh.nodes) == 54
     assert SPACE not in mesh.nodes
     assert mesh.openness["bus"] < 1e-9
@@ -100,8 +102,8 @@ def test_a_closed_box_exchanges_within_itself_and_faces_outwards():
 
 
 def test_insulation_is_a_thin_layer_with_its_own_coating():
-    side = Side(BLACK, insulation=Insulation(0.02, WHITE))
-    mesh = mesh_plates([strip((2, 2), positive=side)])
+    side = Side("black", insulation="blanket")
+    mesh = meshed({"strip": strip((2, 2), positive=side)})
     layers = {name: node.capacity for name, node in mesh.nodes.items() if name.endswith("insulation")}
     assert layers == pytest.approx(dict.fromkeys(layers, 77.0 * 0.25))
     assert len(layers) == 4
@@ -111,9 +113,9 @@ def test_insulation_is_a_thin_layer_with_its_own_coating():
 
 
 def test_what_an_open_enclosure_loses_goes_to_space():
-    below = strip((1, 1), positive=Side(BLACK, enclosure="gap"))
-    above = Plate("lid", (0.0, 0.0, 0.3), (2.0, 0.5, 0.0), 0.01, ALUMINIUM, (1, 1), negative=Side(BLACK, "gap"))
-    mesh = mesh_plates([below, above])
+    below = strip((1, 1), positive=Side("black", enclosure="gap"))
+    above = Plate((0.0, 0.0, 0.3), (2.0, 0.5, 0.0), 0.01, "aluminium", (1, 1), negative=Side("black", "gap"))
+    mesh = meshed({"strip": below, "lid": above})
     assert 0.1 < mesh.openness["gap"] < 0.9
     out = [c.radiative for c in mesh.conductors if SPACE in c.between]
     across = [c.radiative for c in mesh.conductors if c.radiative is not None and SPACE not in c.between]
@@ -125,27 +127,27 @@ def test_what_an_open_enclosure_loses_goes_to_space():
 @pytest.mark.parametrize(
     ("plates", "joints", "message"),
     [
-        ([Plate("p", (0, 0, 0), (1.0, 1.0, 1.0), 0.01, ALUMINIUM, (1, 1))], [], "exactly one zero"),
-        ([strip((0, 2))], [], "at least one cell"),
-        ([strip((1, 1))], [Joint("strip", "wall", 1.0)], "found no plate 'wall'"),
+        ({"p": Plate((0, 0, 0), (1.0, 1.0, 1.0), 0.01, "aluminium", (1, 1))}, [], "exactly one zero"),
+        ({"strip": strip((0, 2))}, [], "at least one cell"),
+        ({"strip": strip((1, 1))}, [Joint(("strip", "wall"), 1.0)], "found no plate 'wall'"),
         (
-            [strip((1, 1)), Plate("far", (5.0, 0.0, 0.0), (0.0, 1.0, 1.0), 0.01, ALUMINIUM, (1, 1))],
-            [Joint("strip", "far", 1.0)],
+            {"strip": strip((1, 1)), "far": Plate((5.0, 0.0, 0.0), (0.0, 1.0, 1.0), 0.01, "aluminium", (1, 1))},
+            [Joint(("strip", "far"), 1.0)],
             "found no common edge",
         ),
     ],
 )
 def test_what_is_no_plate_or_joint_is_an_error(plates, joints, message):
     with pytest.raises(FlightcalError, match=message):
-        mesh_plates(plates, joints)
+        meshed(plates, joints)
 
 
 def test_sides_one_behind_the_other_are_an_error():
-    side = {"negative": Side(BLACK, enclosure="gap")}
-    lids = [
-        Plate(f"lid{k}", (0.0, 0.0, z), (2.0, 0.5, 0.0), 0.01, ALUMINIUM, (1, 1), **side)
+    side = {"negative": Side("black", enclosure="gap")}
+    lids = {
+        f"lid{k}": Plate((0.0, 0.0, z), (2.0, 0.5, 0.0), 0.01, "aluminium", (1, 1), **side)
         for k, z in enumerate((0.02, 0.03))
-    ]
-    floor = strip((1, 1), positive=Side(BLACK, enclosure="gap"))
+    }
+    floor = strip((1, 1), positive=Side("black", enclosure="gap"))
     with pytest.raises(FlightcalError, match="sides overlap, or stand behind one another"):
-        mesh_plates([floor, *lids])
+        meshed({"floor": floor, **lids})

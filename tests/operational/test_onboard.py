@@ -8,6 +8,8 @@ import pytest
 
 from flightcal.errors import FlightcalError
 from flightcal.operational.onboard import (
+    Branch,
+    Command,
     HeaterLine,
     OnboardSoftware,
     OnOff,
@@ -20,16 +22,23 @@ from flightcal.operational.onboard import (
 )
 
 PERIOD = 10.0
-THREE = VotedSensor("battery", ("a", "b", "c"))
+THREE = VotedSensor(("a", "b", "c"))
 
 
 def software(law, **changes):
-    line = HeaterLine("heater", "battery", law, **changes.pop("line", {}))
+    line = HeaterLine(
+        "battery",
+        **{
+            "branches": {"nominal": Branch({"tank": 20.0})},
+            "thermostat" if isinstance(law, OnOff) else "pulse_width": law,
+            **changes.pop("line", {}),
+        },
+    )
     return OnboardSoftware(
         **{
             "period": PERIOD,
-            "sensors": (THREE,),
-            "heaters": (line,),
+            "sensors": {"battery": THREE},
+            "heaters": {"heater": line},
             "enabled": {"nominal": ("heater",), "safe": ("heater",), "launch": ()},
             "initial_mode": "nominal",
             **changes,
@@ -82,7 +91,7 @@ def test_minimum_times_delay_a_switch():
 
 
 def test_a_heater_that_the_mode_does_not_enable_stays_off_and_goes_off():
-    configuration = software(OnOff(280.0, 285.0), timeline=((20.0, "launch"), (40.0, "nominal")))
+    configuration = software(OnOff(280.0, 285.0), timeline=(Command(40.0, "nominal"), Command(20.0, "launch")))
     found = drive(configuration, [270.0] * 6)
     assert on(found) == [True, True, False, False, True, True]
     assert [memory.mode for memory in found] == ["nominal"] * 2 + ["launch"] * 2 + ["nominal"] * 2
@@ -126,8 +135,9 @@ def test_the_integral_does_not_wind_up_while_the_heater_is_always_on():
 
 
 def test_a_dead_branch_gives_way_to_the_redundant_one_and_then_the_heater_is_given_up():
+    branches = dict.fromkeys(("nominal", "redundant"), Branch({"tank": 20.0}))
     configuration = software(
-        OnOff(280.0, 285.0), line={"branches": ("nominal", "redundant"), "failure_time": 50.0, "failure_rise": 0.5}
+        OnOff(280.0, 285.0), line={"branches": branches, "failure_time": 50.0, "failure_rise": 0.5}
     )
     found = drive(configuration, [275.0] * 12)
     assert [memory.lines["heater"].branch for memory in found] == [0] * 5 + [1] * 7
@@ -148,7 +158,7 @@ def test_without_a_sensor_the_line_does_what_it_was_told(choice, expected):
     [
         ({"initial_mode": "cruise"}, "initial mode: found 'cruise'"),
         ({"enabled": {"nominal": ("pump",)}}, "enable table, mode 'nominal': found 'pump'"),
-        ({"timeline": ((5.0, "cruise"),)}, "timeline at 5.0 s: found 'cruise'"),
+        ({"timeline": (Command(5.0, "cruise"),)}, "timeline at 5.0 s: found 'cruise'"),
         ({"transitions": (TemperatureTransition("safe", "tank", below=1.0),)}, "found 'tank'"),
     ],
 )
@@ -159,4 +169,4 @@ def test_a_name_that_is_not_there_is_an_error(changes, message):
 
 def test_pulses_must_fit_the_control_cycle():
     with pytest.raises(FlightcalError, match=r"expected a multiple of the control cycle of 10\.0 s"):
-        software(PulseWidth(290.0, 0.1, 600.0, period=25.0))
+        software(PulseWidth(290.0, 0.1, period=25.0, integral_time=600.0))

@@ -3,7 +3,7 @@ from pathlib import Path
 import pytest
 from jsonschema import Draft202012Validator
 
-from flightcal.operational.schema import SpacecraftFile
+from flightcal.operational import SpacecraftFile
 from flightcal.scenario import schema_of
 from flightcal.scenario.document import read_document
 

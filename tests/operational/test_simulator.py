@@ -11,9 +11,16 @@ import pandas as pd
 import pytest
 
 from flightcal.errors import FlightcalError
-from flightcal.operational.geometry import Coating, Material, Side, box, box_joints, mesh_plates
-from flightcal.operational.onboard import HeaterLine, OnboardSoftware, OnOff, TemperatureTransition, VotedSensor
-from flightcal.operational.simulator import Branch, Downlink, Spacecraft, Thermistor, ThermistorFailure, fly
+from flightcal.operational.geometry import Body, Box, Coating, Material, Side, box_joints, box_plates, mesh_plates
+from flightcal.operational.onboard import (
+    Branch,
+    HeaterLine,
+    OnboardSoftware,
+    OnOff,
+    TemperatureTransition,
+    VotedSensor,
+)
+from flightcal.operational.simulator import Downlink, Spacecraft, Thermistor, ThermistorFailure, fly
 from flightcal.scenario import Conductor, Environment, Node, Scenario, SimulatorModel
 from flightcal.simulator.network import DEEP_SPACE, STEFAN_BOLTZMANN
 
@@ -21,7 +28,7 @@ from .. import small
 
 DATA = Path(os.environ.get("FLIGHTCAL_DATA", Path(__file__).resolve().parents[3] / "shared" / "data"))
 START = small.START
-ALUMINIUM = Material(conductivity=150.0, density=2700.0, specific_heat=900.0)
+ALUMINIUM = {"aluminium": Material(conductivity=150.0, density=2700.0, specific_heat=900.0)}
 
 
 def scenario_of(folder, nodes, conductors, faces=None, modes=None, step=10.0, environment=None):
@@ -61,11 +68,12 @@ def tank(folder, **changes):
         modes={"nominal": {"panel": 5.0}, "safe": {"panel": 1.0}},
         step=changes.pop("step", 10.0),
     )
-    line = HeaterLine("heater", "tank", OnOff(283.0, 286.0), branches=("nominal", "redundant"), failure_time=600.0)
+    branches = {name: Branch({"tank": 20.0}) for name in ("nominal", "redundant")} | changes.pop("branches", {})
+    line = HeaterLine("tank", branches, OnOff(283.0, 286.0), failure_time=600.0)
     settings = {
         "period": 10.0,
-        "sensors": (VotedSensor("tank", ("t1", "t2", "t3")),),
-        "heaters": (line,),
+        "sensors": {"tank": VotedSensor(("t1", "t2", "t3"))},
+        "heaters": {"heater": line},
         "enabled": {"nominal": ("heater",), "safe": ("heater",)},
         "initial_mode": "nominal",
         **changes.pop("software", {}),
@@ -74,8 +82,7 @@ def tank(folder, **changes):
         **{
             "scenario": scenario,
             "software": OnboardSoftware(**settings),
-            "thermistors": tuple(Thermistor(f"t{k}", "tank", bias=0.1 * (k - 2)) for k in (1, 2, 3)),
-            "branches": (Branch("heater", "nominal", {"tank": 20.0}), Branch("heater", "redundant", {"tank": 20.0})),
+            "thermistors": {f"t{k}": Thermistor("tank", bias=0.1 * (k - 2)) for k in (1, 2, 3)},
             "downlink": Downlink(("t1", "t2"), period=60.0),
             **changes,
         }
@@ -106,25 +113,24 @@ def test_the_thermostat_holds_the_voted_temperature(tmp_path):
 def test_one_stuck_thermistor_changes_nothing_and_two_open_ones_leave_the_third(tmp_path):
     craft = tank(tmp_path)
     healthy = fly(craft, START, 10_000.0)
-    t1, t2, t3 = craft.thermistors
-    stuck = replace(craft, thermistors=(replace(t1, failures=(ThermistorFailure(0.0, "stuck", 320.0),)), t2, t3))
+    given = craft.thermistors
+    failed = replace(given["t1"], failures=(ThermistorFailure(0.0, "stuck", 320.0),))
+    stuck = replace(craft, thermistors={**given, "t1": failed})
     # The median of what is left is that of the two others: 0.1 K higher than t2.
     assert np.abs(of(fly(stuck, START, 10_000.0), "tank") - of(healthy, "tank")).max() < 0.5
     opened = (ThermistorFailure(3000.0, "open"),)
-    lone = replace(craft, thermistors=(replace(t1, failures=opened), replace(t2, failures=opened), t3))
+    lone = replace(craft, thermistors={**given, **{k: replace(given[k], failures=opened) for k in ("t1", "t2")}})
     flight = fly(lone, START, 10_000.0)
     assert of(flight, "tank").min() > 282.7
     assert flight.telemetry["t1"].iloc[51:].isna().all()
 
 
 def test_a_branch_that_fails_is_replaced_and_the_tank_stays_warm(tmp_path):
-    craft = tank(tmp_path)
-    nominal, redundant = craft.branches
-    failing = replace(craft, branches=(replace(nominal, fails_at=2000.0), redundant))
-    flight = fly(failing, START, 20_000.0)
+    failing = Branch({"tank": 20.0}, fails_at=2000.0)
+    flight = fly(tank(tmp_path, branches={"nominal": failing}), START, 20_000.0)
     assert of(flight, "tank").min() > 280.0
     assert of(flight, "tank")[-400:].min() > 282.9
-    dead = replace(craft, branches=(replace(nominal, fails_at=2000.0), replace(redundant, fails_at=2000.0)))
+    dead = tank(tmp_path, branches={"nominal": failing, "redundant": failing})
     assert of(fly(dead, START, 20_000.0), "tank")[-1] < 275.0
 
 
@@ -151,7 +157,7 @@ def test_telemetry_is_sampled_and_rounded_to_its_quantum(tmp_path):
 
 def test_noise_depends_on_the_seed_alone(tmp_path):
     craft = tank(tmp_path)
-    noisy = replace(craft, thermistors=tuple(replace(t, noise=0.2) for t in craft.thermistors))
+    noisy = replace(craft, thermistors={k: replace(t, noise=0.2) for k, t in craft.thermistors.items()})
     first, second, other = (fly(noisy, START, 3000.0, seed=seed).telemetry for seed in (1, 1, 2))
     pd.testing.assert_frame_equal(first, second)
     assert not first.equals(other)
@@ -189,9 +195,9 @@ def test_esatan_simple_transient_is_reproduced(tmp_path):
     }
     links = {(1, 0): 10.0, (1, 2): 1.0, (1, 3): 5.0, (4, 3): 2.0}
     conductors = [Conductor.model_construct(between=(f"n{i}", f"n{j}"), conductance=g) for (i, j), g in links.items()]
-    software = OnboardSoftware(0.1, (), (), {"on": ()}, "on")
+    software = OnboardSoftware(0.1, "on", {"on": ()})
     scenario = scenario_of(tmp_path, nodes, conductors, modes={"on": {"n0": 5.0}}, step=0.01)
-    craft = Spacecraft(scenario, software, (), (), Downlink((), period=0.1))
+    craft = Spacecraft(scenario, software, {}, Downlink((), period=0.1))
     flight = fly(craft, START, 10.0)
     reference = table[::10, 1::2][:100]
     for k in range(5):
@@ -200,11 +206,9 @@ def test_esatan_simple_transient_is_reproduced(tmp_path):
 
 def box_in_orbit(folder, mesh, duration):
     """Temperatures of a sunlit box's middle cells after some time."""
-    plates = box(
-        "bus", (0.0, 0.0, 0.0), (0.5, 0.5, 0.5), thickness=0.002, material=ALUMINIUM, mesh=mesh,
-        outside=Side(Coating(0.4, 0.7)), inside=Coating(0.5, 0.8),
-    )  # fmt: skip
-    made = mesh_plates(plates, box_joints("bus", 50.0))
+    bus = Box((0.0, 0.0, 0.0), (0.5, 0.5, 0.5), 0.002, "aluminium", mesh, Side("outer"), "inner", joints=50.0)
+    coatings = {"outer": Coating(0.4, 0.7), "inner": Coating(0.5, 0.8)}
+    made = mesh_plates(Body(ALUMINIUM, coatings, {}, {"bus": bus}, {}, ()))
     nodes = {name: node.model_copy(update={"initial": 290.0}) for name, node in made.nodes.items()}
     environment = Environment.model_validate(
         {
@@ -213,15 +217,16 @@ def box_in_orbit(folder, mesh, duration):
         }
     )
     scenario = scenario_of(folder, nodes, made.conductors, made.faces, {"on": {}}, 20.0, environment)
-    craft = Spacecraft(scenario, OnboardSoftware(60.0, (), (), {"on": ()}, "on"), (), (), Downlink((), period=60.0))
-    return fly(craft, START, duration), plates
+    craft = Spacecraft(scenario, OnboardSoftware(60.0, "on", {"on": ()}), {}, Downlink((), period=60.0))
+    return fly(craft, START, duration)
 
 
 def test_a_meshed_box_converges_to_a_mean_temperature_of_each_side(tmp_path):
     means = []
     for mesh in (1, 3, 5):
-        flight, plates = box_in_orbit(tmp_path, mesh, 6000.0)
-        sides = [[k for k, n in enumerate(flight.nodes) if n.startswith(f"{plate.name}[")] for plate in plates]
+        flight = box_in_orbit(tmp_path, mesh, 6000.0)
+        names = [f"bus.{axis}{sign}[" for axis in "xyz" for sign in "-+"]
+        sides = [[k for k, n in enumerate(flight.nodes) if n.startswith(name)] for name in names]
         means.append(np.array([flight.temperatures[-1][side].mean() for side in sides]))
     coarse, fine = np.abs(means[0] - means[2]).max(), np.abs(means[1] - means[2]).max()
     assert fine < 0.5 * coarse
@@ -232,11 +237,10 @@ def test_a_meshed_box_converges_to_a_mean_temperature_of_each_side(tmp_path):
 @pytest.mark.parametrize(
     ("changes", "message"),
     [
-        ({"thermistors": (Thermistor("t1", "pump"),)}, "thermistor 't1': found 'pump'"),
+        ({"thermistors": {"t1": Thermistor("pump")}}, "thermistor 't1': found 'pump'"),
         ({"downlink": Downlink(("t9",), period=60.0)}, "downlink: found 't9'"),
         ({"downlink": Downlink(("t1",), period=25.0)}, "expected a multiple of the control cycle"),
-        ({"branches": (Branch("heater", "nominal", {"tank": 20.0}),)}, "found no branch 'redundant'"),
-        ({"branches": (Branch("pump", "nominal", {"tank": 20.0}),)}, "found 'pump'"),
+        ({"branches": {"nominal": Branch({"pump": 20.0})}}, "branch 'nominal': found 'pump'"),
     ],
 )
 def test_what_does_not_fit_together_is_an_error(tmp_path, changes, message):
@@ -245,8 +249,7 @@ def test_what_does_not_fit_together_is_an_error(tmp_path, changes, message):
 
 
 def test_a_temperature_that_is_not_finite_is_an_error(tmp_path):
-    craft = tank(tmp_path)
-    hot = replace(craft, branches=(Branch("heater", "nominal", {"tank": math.inf}), craft.branches[1]))
+    hot = tank(tmp_path, branches={"nominal": Branch({"tank": math.inf})})
     with pytest.raises(FlightcalError, match="not finite at"):
         fly(hot, START, 10_000.0)
 
@@ -258,12 +261,10 @@ def test_five_thousand_nodes_fly_and_keep_the_balance_of_energy(tmp_path):
     units, capacities = 52, {}
     nodes, conductors = {"space": Node.model_construct(boundary=DEEP_SPACE)}, []
     for k in range(units):
-        plates = box(
-            f"unit{k}", (0.0, 0.0, 0.0), (0.5, 0.5, 0.5), thickness=0.003, material=ALUMINIUM, mesh=4,
-            outside=Side(Coating(0.5, 0.8)), inside=Coating(0.5, 0.8),
-        )  # fmt: skip
-        bare = [replace(plate, positive=None, negative=None) for plate in plates]
-        made = mesh_plates(bare, box_joints(f"unit{k}", 20.0))
+        name, coating = f"unit{k}", {"grey": Coating(0.5, 0.8)}
+        unit = Box((0.0, 0.0, 0.0), (0.5, 0.5, 0.5), 0.003, "aluminium", 4, Side("grey"), "grey", joints=20.0)
+        bare = {key: replace(p, positive=None, negative=None) for key, p in box_plates(name, unit).items()}
+        made = mesh_plates(Body(ALUMINIUM, coating, {}, {}, bare, tuple(box_joints(name, unit))))
         nodes |= {name: node.model_copy(update={"initial": 290.0}) for name, node in made.nodes.items()}
         capacities |= {name: node.capacity for name, node in made.nodes.items()}
         conductors += made.conductors
@@ -273,7 +274,7 @@ def test_five_thousand_nodes_fly_and_keep_the_balance_of_energy(tmp_path):
     area = 0.8 * 0.5**2 / 16
     conductors += [Conductor.model_construct(between=(name, "space"), radiative=area) for name in capacities]
     scenario = scenario_of(tmp_path, nodes, conductors, modes={"on": {"unit0.z-[1,1]": 40.0}}, step=20.0)
-    craft = Spacecraft(scenario, OnboardSoftware(60.0, (), (), {"on": ()}, "on"), (), (), Downlink((), period=60.0))
+    craft = Spacecraft(scenario, OnboardSoftware(60.0, "on", {"on": ()}), {}, Downlink((), period=60.0))
     flight = fly(craft, START, 3000.0)
     assert len(flight.nodes) == 4992
     weights = np.array([capacities[name] for name in flight.nodes])

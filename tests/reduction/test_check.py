@@ -26,7 +26,7 @@ def test_theta_sets_and_scales_the_spacecrafts_numbers(task):
     model, written = changed.scenario.network, task.mission.spacecraft.scenario.network
     assert model.faces["window"].absorptivity == 0.25
     assert model.nodes["battery"].capacity == 5600.0
-    assert changed.branches[0].power == {"battery": 18.0}
+    assert changed.software.heaters["battery"].branches["nominal"].power == {"battery": 18.0}
     blankets = [
         (a.radiative, b.radiative)
         for a, b in zip(model.conductors, written.conductors, strict=True)

@@ -66,7 +66,7 @@ def fly_to_csv(spacecraft_file: Path, out: Path, pace: float | None, progress: P
             lines.append(f"enclosure {enclosure}: up to {share:.0%} of a cell's view is open to space")
     for k, line in enumerate(mission.spacecraft.software.heaters):
         lines.append(
-            f"heater {line.name}: on {(flight.power[:, k] > 0).mean():.1%} of the time, "
+            f"heater {line}: on {(flight.power[:, k] > 0).mean():.1%} of the time, "
             f"{flight.power[:, k].mean():.2f} W on average"
         )
     changes = [

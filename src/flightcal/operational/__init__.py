@@ -3,19 +3,18 @@
 Imports: errors, scenario, simulator.
 """
 
-from .file import Mission, load_spacecraft
-from .onboard import HeaterLine, OnOff
-from .schema import CommandBlock, Kelvins, SpacecraftFile
-from .simulator import Spacecraft, fly
+from .file import Mission, SpacecraftFile, load_spacecraft
+from .onboard import Command, HeaterLine, OnOff
+from .simulator import Spacecraft, Thermistor, fly
 
 __all__ = [
-    "CommandBlock",
+    "Command",
     "HeaterLine",
-    "Kelvins",
     "Mission",
     "OnOff",
     "Spacecraft",
     "SpacecraftFile",
+    "Thermistor",
     "fly",
     "load_spacecraft",
 ]

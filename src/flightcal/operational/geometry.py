@@ -7,15 +7,15 @@ all other sides of it, which nothing may stand between), or covered by insulatio
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from itertools import combinations
-from typing import Literal
+from typing import Annotated
 
 import numpy as np
 
 from ..errors import FlightcalError
-from ..scenario import Conductor, Face, Node
+from ..scenario import Conductor, Count, Face, Node, Pair, Part, Quantity
 from ..simulator import DEEP_SPACE
 from .view_factors import Array, Rectangles, gebhart_factors, view_factors
 
@@ -28,64 +28,68 @@ _LEAST_SHARE = 1e-4
 """Of what a cell emits: couplings that carry less than this are left out."""
 
 
+_Length = Annotated[float, Quantity("m")]
+_Thickness = Annotated[float, Quantity("m", above=0)]
+_ContactConductance = Annotated[float, Quantity("W/m/K", above=0)]
+
+
 @dataclass(frozen=True)
-class Material:
+class Material(Part):
     """What plates are made of."""
 
-    conductivity: float
+    conductivity: Annotated[float, Quantity("W/m/K", above=0)]
     """W/(m K), in the plane."""
-    density: float
+    density: Annotated[float, Quantity("kg/m^3", above=0)]
     """kg/m^3"""
-    specific_heat: float
+    specific_heat: Annotated[float, Quantity("J/kg/K", above=0)]
     """J/(kg K)"""
 
 
 @dataclass(frozen=True)
-class Coating:
+class Coating(Part):
     """A surface."""
 
-    absorptivity: float
-    emissivity: float
+    absorptivity: Annotated[float, Quantity("", at_least=0, at_most=1)]
+    emissivity: Annotated[float, Quantity("", above=0, at_most=1)]
 
 
 @dataclass(frozen=True)
-class Insulation:
+class Insulation(Part):
     """Multi-layer insulation over a side: its outer layer radiates to space and to the plate below."""
 
-    effective_emissivity: float
-    coating: Coating
+    effective_emissivity: Annotated[float, Quantity("", above=0, at_most=1)]
+    coating: str
     """Of the outer layer."""
-    heat_capacity: float = 77.0
+    heat_capacity: Annotated[float, Quantity("J/K/m^2", above=0)] = 77.0
     """Of the outer layer, J/(m^2 K): 50 um of polyimide (1420 kg/m^3, 1090 J/(kg K)). Without one its temperature would
     jump by 200 K when the Sun comes up, farther than a step that solves linear equations can follow."""
 
 
 @dataclass(frozen=True)
-class Side:
+class Side(Part):
     """One side of a plate."""
 
-    coating: Coating
+    coating: str
     enclosure: str | None = None
-    """Which one it looks into; None: outside."""
-    insulation: Insulation | None = None
+    """Which one it looks into; null: outside."""
+    insulation: str | None = None
 
 
 @dataclass(frozen=True)
-class Plate:
-    """A rectangle with edges along the axes, and its mesh."""
+class Plate(Part):
+    """A rectangle whose edges are parallel to the body axes, and its mesh."""
 
-    name: str
-    corner: tuple[float, float, float]
+    corner: tuple[_Length, _Length, _Length]
     """With the smallest coordinates, m."""
-    size: tuple[float, float, float]
+    size: tuple[_Length, _Length, _Length]
     """Along x, y, z, m; exactly one is zero: the plate's normal."""
-    thickness: float
+    thickness: _Thickness
     """m"""
-    material: Material
-    mesh: tuple[int, int]
+    material: str
+    mesh: tuple[Count, Count]
     """Cells along the two edges, in the order of the axes."""
     positive: Side | None = None
-    """The side towards larger coordinates; None: adiabatic."""
+    """The side towards larger coordinates; null: adiabatic."""
     negative: Side | None = None
 
     @property
@@ -101,13 +105,41 @@ class Plate:
 
 
 @dataclass(frozen=True)
-class Joint:
+class Box(Part):
+    """Six plates, ``<box>.x-`` to ``<box>.z+``; the inside is an enclosure named after the box."""
+
+    corner: tuple[_Length, _Length, _Length]
+    size: tuple[_Length, _Length, _Length]
+    thickness: _Thickness
+    material: str
+    mesh: Count
+    """Cells along each edge."""
+    outside: Side
+    inside: str
+    """Coating."""
+    joints: _ContactConductance
+    """Conductance of its edges."""
+
+
+@dataclass(frozen=True)
+class Joint(Part):
     """Two plates that touch along an edge."""
 
-    first: str
-    second: str
-    conductance: float
+    between: Pair
+    conductance: _ContactConductance
     """W/K for each metre of the edge."""
+
+
+@dataclass(frozen=True)
+class Body:
+    """Plates and boxes, and what they are made of, by name."""
+
+    materials: Mapping[str, Material]
+    coatings: Mapping[str, Coating]
+    insulations: Mapping[str, Insulation]
+    boxes: Mapping[str, Box]
+    plates: Mapping[str, Plate]
+    joints: tuple[Joint, ...]
 
 
 @dataclass(frozen=True)
@@ -121,91 +153,104 @@ class Mesh:
     """Enclosure -> largest share of a cell's view that meets none of its sides (0: closed), but space."""
 
 
-def box(
-    name: str,
-    corner: tuple[float, float, float],
-    size: tuple[float, float, float],
-    *,
-    thickness: float,
-    material: Material,
-    mesh: int,
-    outside: Side,
-    inside: Coating,
-) -> list[Plate]:
-    """The six plates of a box, ``name.x-`` to ``name.z+``, each of mesh x mesh cells; its inside is an enclosure."""
-    plates = []
-    inner = Side(inside, enclosure=name)
+def box_plates(name: str, box: Box) -> dict[str, Plate]:
+    """The six plates of a box, each of mesh x mesh cells."""
+    plates = {}
+    inner = Side(box.inside, enclosure=name)
     for axis, letter in enumerate("xyz"):
-        flat = tuple(0.0 if k == axis else size[k] for k in range(3))
+        x, y, z = (0.0 if k == axis else box.size[k] for k in range(3))
         for sign in "-+":
-            place = tuple(corner[k] + (size[k] if k == axis and sign == "+" else 0.0) for k in range(3))
-            plates.append(
-                Plate(
-                    name=f"{name}.{letter}{sign}",
-                    corner=place,  # type: ignore[arg-type]
-                    size=flat,  # type: ignore[arg-type]
-                    thickness=thickness,
-                    material=material,
-                    mesh=(mesh, mesh),
-                    positive=outside if sign == "+" else inner,
-                    negative=inner if sign == "+" else outside,
-                )
+            corner = list(box.corner)
+            corner[axis] += box.size[axis] if sign == "+" else 0.0
+            plates[f"{name}.{letter}{sign}"] = Plate(
+                corner=(corner[0], corner[1], corner[2]),
+                size=(x, y, z),
+                thickness=box.thickness,
+                material=box.material,
+                mesh=(box.mesh, box.mesh),
+                positive=box.outside if sign == "+" else inner,
+                negative=inner if sign == "+" else box.outside,
             )
     return plates
 
 
-def box_joints(name: str, conductance: float) -> list[Joint]:
+def box_joints(name: str, box: Box) -> list[Joint]:
     """The twelve edges of a box."""
     sides = [f"{name}.{letter}{sign}" for letter in "xyz" for sign in "-+"]
-    return [Joint(a, b, conductance) for a, b in combinations(sides, 2) if a[-2] != b[-2]]
+    return [Joint((a, b), box.joints) for a, b in combinations(sides, 2) if a[-2] != b[-2]]
 
 
-def mesh_plates(plates: Sequence[Plate], joints: Sequence[Joint] = ()) -> Mesh:
-    """The nodes, conductors and faces of plates.
+def mesh_plates(body: Body) -> Mesh:
+    """The nodes, conductors and faces of boxes and plates.
 
-    Raises FlightcalError where a plate is not flat, a joint does not join, or the sides of an enclosure overlap.
+    Raises FlightcalError where something has no name that is known, a plate is not flat, a joint does not join, or the
+    sides of an enclosure overlap.
     """
-    for plate in plates:
-        _check(plate)
-    by_name = {plate.name: plate for plate in plates}
+    _check_names(body)
+    plates: dict[str, Plate] = {}
+    joints: list[Joint] = []
+    for name, box in body.boxes.items():
+        plates |= box_plates(name, box)
+        joints += box_joints(name, box)
+    plates |= body.plates
+    joints += body.joints
+    for name, plate in plates.items():
+        _check(name, plate)
     nodes: dict[str, Node] = {}
     faces: dict[str, Face] = {}
     conductors: list[Conductor] = []
-    for plate in plates:
-        nodes |= _nodes(plate)
-        conductors += _in_plane(plate)
+    for name, plate in plates.items():
+        cells, material = cell_names(name, plate), body.materials[plate.material]
+        nodes |= _nodes(plate, material, cells)
+        conductors += _in_plane(plate, material, cells)
         for sign, side in (("+", plate.positive), ("-", plate.negative)):
             if side is not None and side.enclosure is None:
-                more_nodes, more_conductors, more_faces = _outside(plate, sign, side)
+                more_nodes, more_conductors, more_faces = _outside(body, plate, cells, sign, side)
                 nodes |= more_nodes
                 conductors += more_conductors
                 faces |= more_faces
     for joint in joints:
-        for name in (joint.first, joint.second):
-            if name not in by_name:
-                raise FlightcalError(f"joint {joint.first}-{joint.second}: found no plate '{name}'")
-        conductors += _joined(by_name[joint.first], by_name[joint.second], joint)
+        for name in joint.between:
+            if name not in plates:
+                raise FlightcalError(f"joint {'-'.join(joint.between)}: found no plate '{name}'")
+        conductors += _joined(body, plates, joint)
     openness = {}
-    for enclosure in sorted({s.enclosure for p in plates for s in (p.positive, p.negative) if s and s.enclosure}):
-        radiation, openness[enclosure] = _enclosed(plates, enclosure)
+    sides = [side for plate in plates.values() for side in (plate.positive, plate.negative) if side is not None]
+    for enclosure in sorted({side.enclosure for side in sides if side.enclosure}):
+        radiation, openness[enclosure] = _enclosed(body, plates, enclosure)
         conductors += radiation
     if any(SPACE in conductor.between for conductor in conductors):
         nodes[SPACE] = Node.model_construct(boundary=DEEP_SPACE)
     return Mesh(nodes, tuple(conductors), faces, openness)
 
 
-def cell_names(plate: Plate) -> list[str]:
-    """The plate's nodes, row by row: the first edge's cells outermost."""
-    return [f"{plate.name}[{i},{j}]" for i in range(plate.mesh[0]) for j in range(plate.mesh[1])]
+def cell_names(name: str, plate: Plate) -> list[str]:
+    """The nodes of a plate, row by row: the first edge's cells outermost."""
+    return [f"{name}[{i},{j}]" for i in range(plate.mesh[0]) for j in range(plate.mesh[1])]
 
 
-def _check(plate: Plate) -> None:
+def _check_names(body: Body) -> None:
+    """What plates, boxes and insulations say that they are made of is there."""
+    boxes, plates = body.boxes.items(), body.plates.items()
+    sides = [(f"boxes.{name}", box.outside) for name, box in boxes]
+    sides += [(f"plates.{name}", side) for name, plate in plates for side in (plate.positive, plate.negative) if side]
+    for where, kind, name, known in (
+        *((f"boxes.{name}", "material", box.material, body.materials) for name, box in boxes),
+        *((f"plates.{name}", "material", plate.material, body.materials) for name, plate in plates),
+        *((f"boxes.{name}", "coating", box.inside, body.coatings) for name, box in boxes),
+        *((where, "coating", side.coating, body.coatings) for where, side in sides),
+        *((where, "insulation", side.insulation, body.insulations) for where, side in sides if side.insulation),
+        *((f"insulations.{k}", "coating", item.coating, body.coatings) for k, item in body.insulations.items()),
+    ):
+        if name not in known:
+            raise FlightcalError(f"{where}: found the {kind} '{name}', expected one of {sorted(known)}")
+
+
+def _check(name: str, plate: Plate) -> None:
     if list(plate.size).count(0.0) != 1 or min(plate.size) < 0.0:
-        raise FlightcalError(
-            f"plate '{plate.name}': found size {plate.size} m, expected exactly one zero, along the normal"
-        )
+        raise FlightcalError(f"plate '{name}': found size {plate.size} m, expected exactly one zero, along the normal")
     if min(plate.mesh) < 1:
-        raise FlightcalError(f"plate '{plate.name}': found a mesh of {plate.mesh}, expected at least one cell")
+        raise FlightcalError(f"plate '{name}': found a mesh of {plate.mesh}, expected at least one cell")
 
 
 def _cells(plate: Plate, side: int) -> Rectangles:
@@ -226,17 +271,16 @@ def _cell_size(plate: Plate) -> tuple[float, float]:
     return plate.size[a] / plate.mesh[0], plate.size[b] / plate.mesh[1]
 
 
-def _nodes(plate: Plate) -> dict[str, Node]:
+def _nodes(plate: Plate, material: Material, cells: Sequence[str]) -> dict[str, Node]:
     width, height = _cell_size(plate)
-    material = plate.material
     capacity = material.density * material.specific_heat * plate.thickness * width * height
-    return {name: Node.model_construct(capacity=capacity) for name in cell_names(plate)}
+    return {name: Node.model_construct(capacity=capacity) for name in cells}
 
 
-def _in_plane(plate: Plate) -> list[Conductor]:
-    names = np.array(cell_names(plate)).reshape(plate.mesh)
+def _in_plane(plate: Plate, material: Material, cells: Sequence[str]) -> list[Conductor]:
+    names = np.array(cells).reshape(plate.mesh)
     width, height = _cell_size(plate)
-    sheet = plate.material.conductivity * plate.thickness  # W/K of a square
+    sheet = material.conductivity * plate.thickness  # W/K of a square
     return [
         *(_conductor(a, b, sheet * height / width) for a, b in zip(names[:-1].flat, names[1:].flat, strict=True)),
         *(_conductor(a, b, sheet * width / height) for a, b in zip(names[:, :-1].flat, names[:, 1:].flat, strict=True)),
@@ -248,23 +292,22 @@ def _conductor(first: str, second: str, conductance: float) -> Conductor:
 
 
 def _outside(
-    plate: Plate, sign: Literal["+", "-"] | str, side: Side
+    body: Body, plate: Plate, cells: Sequence[str], sign: str, side: Side
 ) -> tuple[dict[str, Node], list[Conductor], dict[str, Face]]:
     width, height = _cell_size(plate)
     area = width * height
     x, y, z = ((1.0 if sign == "+" else -1.0) if k == plate.axis else 0.0 for k in range(3))
+    insulation = body.insulations[side.insulation] if side.insulation else None
+    coating = body.coatings[insulation.coating if insulation else side.coating]
     nodes: dict[str, Node] = {}
     conductors, faces = [], {}
-    for name in cell_names(plate):
-        surface, coating = name, side.coating
-        if side.insulation is not None:
-            surface, coating = f"{name}{sign}insulation", side.insulation.coating
-            nodes[surface] = Node.model_construct(capacity=area * side.insulation.heat_capacity)
-            conductors.append(
-                Conductor.model_construct(
-                    between=(name, surface), radiative=area * side.insulation.effective_emissivity
-                )
-            )
+    for name in cells:
+        surface = name
+        if insulation is not None:
+            surface = f"{name}{sign}insulation"
+            nodes[surface] = Node.model_construct(capacity=area * insulation.heat_capacity)
+            radiative = area * insulation.effective_emissivity
+            conductors.append(Conductor.model_construct(between=(name, surface), radiative=radiative))
         faces[f"{name}{sign}"] = Face.model_construct(
             node=surface,
             area=area,
@@ -275,28 +318,35 @@ def _outside(
     return nodes, conductors, faces
 
 
-def _joined(first: Plate, second: Plate, joint: Joint) -> list[Conductor]:
+def _joined(body: Body, plates: Mapping[str, Plate], joint: Joint) -> list[Conductor]:
     """Cells of both plates along their common edge: half a cell, the contact, half a cell in series."""
+    first, second = (plates[name] for name in joint.between)
+    where = f"joint {'-'.join(joint.between)}"
     if first.axis == second.axis:
-        raise FlightcalError(f"joint {joint.first}-{joint.second}: found parallel plates, expected a common edge")
+        raise FlightcalError(f"{where}: found parallel plates, expected a common edge")
     along = 3 - first.axis - second.axis
+    sheets = [body.materials[plate.material].conductivity * plate.thickness for plate in (first, second)]
     conductors = []
     ours, theirs = _cells(first, 1), _cells(second, 1)
-    for k, name in enumerate(cell_names(first)):
+    our_names, their_names = (cell_names(name, plates[name]) for name in joint.between)
+    for k, name in enumerate(our_names):
         if not _touches(ours, k, second):
             continue
-        for m, other in enumerate(cell_names(second)):
+        for m, other in enumerate(their_names):
             overlap = min(ours.upper[k, along], theirs.upper[m, along]) - max(
                 ours.lower[k, along], theirs.lower[m, along]
             )
             if overlap > _SAME_PLACE and _touches(theirs, m, first):
                 resistance = 1.0 / (joint.conductance * overlap)
-                for plate, cells, cell, across in ((first, ours, k, second.axis), (second, theirs, m, first.axis)):
+                for sheet, cells, cell, across in (
+                    (sheets[0], ours, k, second.axis),
+                    (sheets[1], theirs, m, first.axis),
+                ):
                     half = 0.5 * (cells.upper[cell, across] - cells.lower[cell, across])
-                    resistance += half / (plate.material.conductivity * plate.thickness * overlap)
+                    resistance += half / (sheet * overlap)
                 conductors.append(_conductor(name, other, 1.0 / resistance))
     if not conductors:
-        raise FlightcalError(f"joint {joint.first}-{joint.second}: found no common edge")
+        raise FlightcalError(f"{where}: found no common edge")
     return conductors
 
 
@@ -310,18 +360,18 @@ def _touches(cells: Rectangles, k: int, plate: Plate) -> bool:
     return within and min(abs(end - plane) for end in ends) < _SAME_PLACE
 
 
-def _enclosed(plates: Sequence[Plate], enclosure: str) -> tuple[list[Conductor], float]:
+def _enclosed(body: Body, plates: Mapping[str, Plate], enclosure: str) -> tuple[list[Conductor], float]:
     """Radiation between all sides of an enclosure, and the largest share of a cell's view that meets none."""
     names: list[str] = []
     groups: list[Rectangles] = []
     emissivities: list[float] = []
-    for plate in plates:
+    for name, plate in plates.items():
         for sign, side in ((1, plate.positive), (-1, plate.negative)):
             if side is not None and side.enclosure == enclosure:
-                cells = cell_names(plate)
+                cells = cell_names(name, plate)
                 names += cells
                 groups.append(_cells(plate, sign))
-                emissivities += [side.coating.emissivity] * len(cells)
+                emissivities += [body.coatings[side.coating].emissivity] * len(cells)
     factors = np.block([[view_factors(first, second) for second in groups] for first in groups])
     seen = factors.sum(axis=1)
     if seen.max() > _MOST_SEEN:

@@ -7,121 +7,166 @@ commands. So a run can be stopped, stored and taken up at any cycle, and a test 
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping
+from collections.abc import Collection, Iterable, Mapping
 from dataclasses import dataclass, field, replace
-from typing import Literal
+from functools import cached_property
+from typing import Annotated, Literal
 
 import numpy as np
+from pydantic import Field
 
 from ..errors import FlightcalError
+from ..scenario import Count, Duration, Kelvins, Part, Power, Quantity, Seconds, Temperature
 
 
 @dataclass(frozen=True)
-class VotedSensor:
+class VotedSensor(Part):
     """Up to three thermistors that are read as one temperature."""
 
-    name: str
-    thermistors: tuple[str, ...]
-    lowest: float = 173.15
+    thermistors: Annotated[tuple[str, ...], Field(min_length=1, max_length=3)]
+    lowest: Temperature = 173.15
     """K; a reading outside of lowest..highest is taken for a failure, as is NaN (open circuit)."""
-    highest: float = 423.15
-    disagreement: float = 5.0
+    highest: Temperature = 423.15
+    disagreement: Kelvins = 5.0
     """K; of two readings that differ by more, none is believed, unless a third decides."""
 
 
 @dataclass(frozen=True)
-class OnOff:
+class OnOff(Part):
     """Hysteresis: on below `on_below`, off above `off_above`; never shorter than the minimum times."""
 
-    on_below: float
+    on_below: Temperature
     """K"""
-    off_above: float
-    minimum_on: float = 0.0
+    off_above: Temperature
+    minimum_on: Seconds = 0.0
     """s"""
-    minimum_off: float = 0.0
+    minimum_off: Seconds = 0.0
 
 
 @dataclass(frozen=True)
-class PulseWidth:
-    """Proportional-integral control; the heater is on for a share of every period."""
+class PulseWidth(Part):
+    """Proportional-integral control by the width of pulses; the heater is on for a share of every period."""
 
-    set_point: float
+    set_point: Temperature
     """K"""
-    gain: float
+    gain: Annotated[float, Quantity("1/K", above=0)]
     """Share of the period for each kelvin below the set point."""
-    integral_time: float
-    """s; infinite: proportional only. The integral is held while the output is at a limit."""
-    period: float
+    period: Duration
     """s; of the pulses, a multiple of the control cycle."""
+    integral_time: Duration | None = None
+    """s; null: proportional only. The integral is held while the output is at a limit."""
 
 
 @dataclass(frozen=True)
-class HeaterLine:
-    """A heater with a nominal and perhaps a redundant branch."""
+class Branch(Part):
+    """What a branch of a heater line heats."""
 
-    name: str
+    power: Annotated[dict[str, Power], Field(min_length=1)]
+    """Node -> W."""
+    fails_at: Seconds | None = None
+    """s; no power from then on; null: it does not fail."""
+
+
+@dataclass(frozen=True)
+class HeaterLine(Part):
+    """A heater with a nominal and perhaps a redundant branch, and its control."""
+
     sensor: str
     """A `VotedSensor`."""
-    law: OnOff | PulseWidth
-    branches: tuple[str, ...] = ("nominal",)
+    branches: Annotated[dict[str, Branch], Field(min_length=1)]
     """In the order in which they are used."""
-    failure_time: float = math.inf
-    """s; a branch that has been on for so long without `failure_rise` gives way to the next."""
-    failure_rise: float = 0.1
+    thermostat: OnOff | None = None
+    pulse_width: PulseWidth | None = None
+    failure_time: Duration | None = None
+    """s; a branch that has been on for so long without `failure_rise` gives way to the next; null: never."""
+    failure_rise: Kelvins = 0.1
     """K"""
     without_sensor: Literal["off", "on", "hold"] = "off"
     """What to do while the voted sensor gives nothing."""
 
+    def __post_init__(self) -> None:
+        if (self.thermostat is None) == (self.pulse_width is None):
+            raise ValueError("expected exactly one of 'thermostat' and 'pulse_width'")
+
+    @property
+    def law(self) -> OnOff | PulseWidth:
+        """Its control."""
+        law = self.thermostat or self.pulse_width
+        assert law is not None
+        return law
+
 
 @dataclass(frozen=True)
-class TemperatureTransition:
+class TemperatureTransition(Part):
     """A change of mode when a voted sensor is beyond a limit for some cycles."""
 
     to: str
     sensor: str
-    below: float | None = None
+    below: Temperature | None = None
     """K"""
-    above: float | None = None
-    cycles: int = 3
+    above: Temperature | None = None
+    cycles: Count = 3
     modes: tuple[str, ...] = ()
     """In which it is watched; none named: in all but `to`."""
 
 
 @dataclass(frozen=True)
-class OnboardSoftware:
-    """The configuration."""
+class Command(Part):
+    """A commanded change of mode."""
 
-    period: float
+    at: Seconds
+    """s, after the start."""
+    mode: str
+
+
+@dataclass(frozen=True)
+class OnboardSoftware(Part):
+    """The configuration of the on-board software."""
+
+    period: Duration
     """s, of the control cycle."""
-    sensors: tuple[VotedSensor, ...]
-    heaters: tuple[HeaterLine, ...]
-    enabled: Mapping[str, tuple[str, ...]]
-    """Mode -> names of the heater lines that may be switched on in it."""
     initial_mode: str
-    timeline: tuple[tuple[float, str], ...] = ()
-    """(s, mode): commanded changes, in order."""
+    enabled: Annotated[dict[str, tuple[str, ...]], Field(min_length=1)]
+    """Mode -> names of the heater lines that may be switched on in it."""
+    sensors: dict[str, VotedSensor] = field(default_factory=dict)
+    heaters: dict[str, HeaterLine] = field(default_factory=dict)
+    timeline: tuple[Command, ...] = ()
     transitions: tuple[TemperatureTransition, ...] = ()
 
     def __post_init__(self) -> None:
-        sensors = {sensor.name for sensor in self.sensors}
-        lines = {line.name for line in self.heaters}
-        modes = set(self.enabled)
-        for where, name, known in (
-            *((f"heater line '{line.name}'", line.sensor, sensors) for line in self.heaters),
-            *((f"transition to '{item.to}'", item.sensor, sensors) for item in self.transitions),
-            *((f"transition on '{item.sensor}'", item.to, modes) for item in self.transitions),
-            *((f"enable table, mode '{mode}'", line, lines) for mode, these in self.enabled.items() for line in these),
-            *((f"timeline at {time} s", mode, modes) for time, mode in self.timeline),
-            ("initial mode", self.initial_mode, modes),
-        ):
-            if name not in known:
-                raise FlightcalError(f"on-board software: {where}: found '{name}', expected one of {sorted(known)}")
-        for line in self.heaters:
-            if isinstance(line.law, PulseWidth) and not _whole(line.law.period / self.period):
+        refuse_unknown(
+            "on-board software",
+            (
+                *((f"heater line '{name}'", line.sensor, self.sensors) for name, line in self.heaters.items()),
+                *((f"transition to '{item.to}'", item.sensor, self.sensors) for item in self.transitions),
+                *((f"transition on '{item.sensor}'", item.to, self.enabled) for item in self.transitions),
+                *(
+                    (f"enable table, mode '{mode}'", line, self.heaters)
+                    for mode, lines in self.enabled.items()
+                    for line in lines
+                ),
+                *((f"timeline at {command.at} s", command.mode, self.enabled) for command in self.timeline),
+                ("initial mode", self.initial_mode, self.enabled),
+            ),
+        )
+        for name, line in self.heaters.items():
+            if line.pulse_width is not None and not is_multiple(line.pulse_width.period, self.period):
                 raise FlightcalError(
-                    f"on-board software: heater line '{line.name}': found a pulse period of {line.law.period} s, "
+                    f"on-board software: heater line '{name}': found a pulse period of {line.pulse_width.period} s, "
                     f"expected a multiple of the control cycle of {self.period} s"
                 )
+
+    @cached_property
+    def commands(self) -> tuple[Command, ...]:
+        """The timeline in order of time."""
+        return tuple(sorted(self.timeline, key=lambda command: command.at))
+
+
+def refuse_unknown(whose: str, names: Iterable[tuple[str, str, Collection[str]]]) -> None:
+    """Raises FlightcalError for the first name (where it stands, name, those that there are) that nothing has."""
+    for where, name, known in names:
+        if name not in known:
+            raise FlightcalError(f"{whose}: {where}: found '{name}', expected one of {sorted(known)}")
 
 
 @dataclass(frozen=True)
@@ -161,17 +206,17 @@ class Memory:
 
 def started(software: OnboardSoftware) -> Memory:
     """The memory after a boot."""
-    return Memory(mode=software.initial_mode, lines={line.name: LineMemory() for line in software.heaters})
+    return Memory(mode=software.initial_mode, lines={name: LineMemory() for name in software.heaters})
 
 
 def cycle(software: OnboardSoftware, memory: Memory, time: float, readings: Mapping[str, float]) -> Memory:
     """One control cycle at `time` (s), with the thermistors' readings (K; NaN: open)."""
-    voted = {sensor.name: vote(sensor, readings) for sensor in software.sensors}
+    voted = {name: vote(sensor, readings) for name, sensor in software.sensors.items()}
     memory = _change_mode(software, replace(memory, voted=voted), time)
     enabled = software.enabled[memory.mode]
     lines = {
-        line.name: _control(software, line, memory.lines[line.name], time, voted[line.sensor], line.name in enabled)
-        for line in software.heaters
+        name: _control(software, line, memory.lines[name], time, voted[line.sensor], name in enabled)
+        for name, line in software.heaters.items()
     }
     return replace(memory, lines=lines)
 
@@ -190,8 +235,10 @@ def vote(sensor: VotedSensor, readings: Mapping[str, float]) -> float:
 
 def _change_mode(software: OnboardSoftware, memory: Memory, time: float) -> Memory:
     mode, commanded = memory.mode, memory.commanded
-    while commanded < len(software.timeline) and software.timeline[commanded][0] <= time:
-        mode = software.timeline[commanded][1]
+    for command in software.commands[commanded:]:
+        if command.at > time:
+            break
+        mode = command.mode
         commanded += 1
     beyond = {}
     for k, item in enumerate(software.transitions):
@@ -237,7 +284,9 @@ def _pulse(
     if time < memory.pulse_begin + law.period - 0.5 * software.period:
         return memory
     error = law.set_point - temperature
-    integral = memory.integral + law.gain * error * law.period / law.integral_time
+    integral = memory.integral
+    if law.integral_time is not None:
+        integral += law.gain * error * law.period / law.integral_time
     share = law.gain * error + integral
     if not 0.0 <= share <= 1.0:
         integral = memory.integral
@@ -248,7 +297,9 @@ def _pulse(
 
 def _replace_failed_branch(line: HeaterLine, memory: LineMemory, time: float, temperature: float) -> LineMemory:
     """The next branch, where one has been on long enough and nothing became warmer."""
-    if not memory.on or math.isnan(temperature) or time - memory.watched_from < line.failure_time:
+    if line.failure_time is None or not memory.on or math.isnan(temperature):
+        return memory
+    if time - memory.watched_from < line.failure_time:
         return memory
     if math.isnan(memory.start) or temperature - memory.start >= line.failure_rise:
         return replace(memory, start=temperature, watched_from=time)
@@ -262,5 +313,7 @@ def _replace_failed_branch(line: HeaterLine, memory: LineMemory, time: float, te
     )
 
 
-def _whole(value: float) -> bool:
-    return abs(value - round(value)) < 1e-9 and round(value) >= 1
+def is_multiple(duration: float, period: float) -> bool:
+    """Whether a duration is a whole number of periods, at least one."""
+    ratio = duration / period
+    return abs(ratio - round(ratio)) <= 1e-9 and round(ratio) >= 1

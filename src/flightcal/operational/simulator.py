@@ -11,13 +11,13 @@ import math
 import time as clock
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
-from typing import Literal
+from typing import Annotated, Literal
 
 import numpy as np
 import pandas as pd
 
 from ..errors import FlightcalError
-from ..scenario import Scenario
+from ..scenario import Duration, Kelvins, Part, Quantity, Scenario, Seconds, Temperature
 from ..simulator import (
     FloatArray,
     MarchCall,
@@ -30,51 +30,47 @@ from ..simulator import (
     march,
     step_size,
 )
-from .onboard import Memory, OnboardSoftware, cycle, started
+from .onboard import Memory, OnboardSoftware, cycle, is_multiple, refuse_unknown, started
 
 
 @dataclass(frozen=True)
-class ThermistorFailure:
-    """From `time` (s) on the thermistor is open (reads NaN), stuck at `value` (K), or drifts by `value` (K/s)."""
+class ThermistorFailure(Part):
+    """From `at` (s, after the start) on the thermistor is open (reads NaN), stuck at a temperature, or drifts."""
 
-    time: float
+    at: Seconds
     kind: Literal["open", "stuck", "drift"]
-    value: float = math.nan
+    stuck_at: Temperature | None = None
+    """K"""
+    rate: Annotated[float, Quantity("K/s")] | None = None
+    """K/s"""
+
+    def __post_init__(self) -> None:
+        wanted = {"open": None, "stuck": "stuck_at", "drift": "rate"}[self.kind]
+        given = [name for name in ("stuck_at", "rate") if getattr(self, name) is not None]
+        if given != ([wanted] if wanted else []):
+            raise ValueError(f"found {given or 'no number'}, expected {wanted or 'none'} with kind '{self.kind}'")
 
 
 @dataclass(frozen=True)
-class Thermistor:
+class Thermistor(Part):
     """A sensor on a node."""
 
-    name: str
     node: str
-    bias: float = 0.0
+    bias: Annotated[float, Quantity("K", difference=True)] = 0.0
     """K"""
-    noise: float = 0.0
+    noise: Kelvins = 0.0
     """K, standard deviation."""
     failures: tuple[ThermistorFailure, ...] = ()
 
 
 @dataclass(frozen=True)
-class Branch:
-    """What a branch of a heater line heats."""
-
-    line: str
-    name: str
-    power: Mapping[str, float]
-    """Node -> W."""
-    fails_at: float = math.inf
-    """s; no power from then on."""
-
-
-@dataclass(frozen=True)
-class Downlink:
+class Downlink(Part):
     """What is sent to ground."""
 
     thermistors: tuple[str, ...]
-    period: float
+    period: Duration
     """s, a multiple of the control cycle."""
-    quantum: float = 0.0
+    quantum: Kelvins = 0.0
     """K; readings are rounded to multiples of it (0: not at all)."""
 
 
@@ -85,8 +81,7 @@ class Spacecraft:
     scenario: Scenario
     """Network, environment and dissipation by mode; its heaters are not used."""
     software: OnboardSoftware
-    thermistors: tuple[Thermistor, ...]
-    branches: tuple[Branch, ...]
+    thermistors: Mapping[str, Thermistor]
     downlink: Downlink
 
 
@@ -155,14 +150,13 @@ def fly(
     begin, working = clock.perf_counter(), 0.0
     for k in range(cycles):
         turn = clock.perf_counter()
-        readings = {t.name: _read(t, x[place[t.node]], seconds[k], rng) for t in spacecraft.thermistors}
+        readings = {name: _read(t, x[place[t.node]], seconds[k], rng) for name, t in spacecraft.thermistors.items()}
         memory = cycle(software, memory, seconds[k], readings)
         heat = np.zeros(len(mass))
-        for j, line in enumerate(software.heaters):
-            for branch in _active(spacecraft, memory, line.name, seconds[k]):
-                for node, watts in branch.power.items():
-                    heat[place[node]] += watts / capacity[place[node]]
-                    power[k, j] += watts
+        for j, name in enumerate(software.heaters):
+            for node, watts in _power(software, memory, name, seconds[k]).items():
+                heat[place[node]] += watts / capacity[place[node]]
+                power[k, j] += watts
         temperatures[k] = x
         modes.append(memory.mode)
         if k % every == 0:
@@ -179,7 +173,7 @@ def fly(
         ahead = seconds[k + 1] / pace - (clock.perf_counter() - begin)
         if ahead > 0.0:
             clock.sleep(ahead)
-    columns = [*spacecraft.downlink.thermistors, *(f"heater.{line.name}" for line in software.heaters), "mode"]
+    columns = [*spacecraft.downlink.thermistors, *(f"heater.{name}" for name in software.heaters), "mode"]
     return Flight(
         telemetry=pd.DataFrame(rows, columns=columns, index=pd.DatetimeIndex(stamps, name="time")),
         cycle_times=seconds[:-1],
@@ -192,25 +186,26 @@ def fly(
 
 
 def _check(spacecraft: Spacecraft, network: Network) -> None:
-    nodes, software = set(network.nodes), spacecraft.software
-    thermistors = {item.name for item in spacecraft.thermistors}
-    lines = {line.name for line in software.heaters}
-    branches = {(branch.line, branch.name) for branch in spacecraft.branches}
-    for where, name, known in (
-        *((f"thermistor '{item.name}'", item.node, nodes) for item in spacecraft.thermistors),
-        *((f"voted sensor '{s.name}'", name, thermistors) for s in software.sensors for name in s.thermistors),
-        *(("downlink", name, thermistors) for name in spacecraft.downlink.thermistors),
-        *((f"branch '{branch.name}'", branch.line, lines) for branch in spacecraft.branches),
-        *((f"branch '{branch.name}'", node, nodes) for branch in spacecraft.branches for node in branch.power),
-    ):
-        if name not in known:
-            raise FlightcalError(f"spacecraft: {where}: found '{name}', expected one of {sorted(known)}")
-    for line in software.heaters:
-        for name in line.branches:
-            if (line.name, name) not in branches:
-                raise FlightcalError(f"spacecraft: heater line '{line.name}': found no branch '{name}'")
-    ratio = spacecraft.downlink.period / software.period
-    if abs(ratio - round(ratio)) > 1e-9 or round(ratio) < 1:
+    thermistors, software = spacecraft.thermistors, spacecraft.software
+    refuse_unknown(
+        "spacecraft",
+        (
+            *((f"thermistor '{name}'", item.node, network.nodes) for name, item in thermistors.items()),
+            *(
+                (f"voted sensor '{sensor}'", name, thermistors)
+                for sensor, item in software.sensors.items()
+                for name in item.thermistors
+            ),
+            *(("downlink", name, thermistors) for name in spacecraft.downlink.thermistors),
+            *(
+                (f"branch '{name}'", node, network.nodes)
+                for line in software.heaters.values()
+                for name, branch in line.branches.items()
+                for node in branch.power
+            ),
+        ),
+    )
+    if not is_multiple(spacecraft.downlink.period, software.period):
         raise FlightcalError(
             f"spacecraft: downlink: found a period of {spacecraft.downlink.period} s, expected a multiple of the "
             f"control cycle of {software.period} s"
@@ -245,25 +240,20 @@ def _heat(structure: Structure, forcing: FloatArray, inputs: FloatArray) -> Floa
 def _read(thermistor: Thermistor, temperature: float, time: float, rng: np.random.Generator) -> float:
     value = temperature + thermistor.bias + thermistor.noise * rng.standard_normal()
     for failure in thermistor.failures:
-        if time >= failure.time:
-            if failure.kind == "open":
-                value = math.nan
-            elif failure.kind == "stuck":
-                value = failure.value
+        if time >= failure.at:
+            if failure.rate is not None:
+                value += failure.rate * (time - failure.at)
             else:
-                value += failure.value * (time - failure.time)
+                value = math.nan if failure.stuck_at is None else failure.stuck_at
     return float(value)
 
 
-def _active(spacecraft: Spacecraft, memory: Memory, line: str, time: float) -> list[Branch]:
-    """The branch that heats, if any."""
+def _power(software: OnboardSoftware, memory: Memory, line: str, time: float) -> Mapping[str, float]:
+    """Node -> W that a heater line gives."""
     state = memory.lines[line]
-    chosen = next(item for item in spacecraft.software.heaters if item.name == line).branches[state.branch]
-    return [
-        branch
-        for branch in spacecraft.branches
-        if state.on and (branch.line, branch.name) == (line, chosen) and time < branch.fails_at
-    ]
+    branch = list(software.heaters[line].branches.values())[state.branch]
+    works = branch.fails_at is None or time < branch.fails_at
+    return branch.power if state.on and works else {}
 
 
 def _frame(spacecraft: Spacecraft, memory: Memory, readings: Mapping[str, float]) -> list[float | str]:
@@ -271,5 +261,5 @@ def _frame(spacecraft: Spacecraft, memory: Memory, readings: Mapping[str, float]
     quantum = spacecraft.downlink.quantum
     values = [readings[name] for name in spacecraft.downlink.thermistors]
     rounded = [quantum * round(v / quantum) if quantum > 0.0 and math.isfinite(v) else v for v in values]
-    status = [float(memory.lines[line.name].on) for line in spacecraft.software.heaters]
+    status = [float(memory.lines[name].on) for name in spacecraft.software.heaters]
     return [*rounded, *status, memory.mode]

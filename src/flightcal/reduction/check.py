@@ -10,7 +10,7 @@ from typing import Any
 import numpy as np
 
 from ..errors import FlightcalError
-from ..operational import Mission, OnOff, Spacecraft, fly
+from ..operational import Mission, Spacecraft, fly
 from ..scenario import Parameter, SimulatorModel, numbers_of, settable
 from ..simulator import FloatArray, Times, Trajectory
 
@@ -43,13 +43,13 @@ def fly_at(
     seconds: FloatArray = (times - mission.start) / np.timedelta64(1, "ns") * 1e-9
     duration = math.ceil(seconds[-1] / craft.software.period) * craft.software.period + craft.software.period
     flight = fly(craft, mission.start, duration, seed=mission.seed)
-    thermistors = {item.name: item for item in craft.thermistors}
-    columns = [flight.nodes.index(thermistors[name].node) for name in sensors]
+    thermistors = [craft.thermistors[name] for name in sensors]
+    columns = [flight.nodes.index(item.node) for item in thermistors]
     temperatures = np.stack(
         [np.interp(seconds, flight.cycle_times, flight.temperatures[:, column]) for column in columns], axis=1
     )
     within = (flight.cycle_times >= seconds[0]) & (flight.cycle_times < seconds[-1])
-    biases = np.array([thermistors[name].bias for name in sensors])
+    biases = np.array([item.bias for item in thermistors])
     return Flown(temperatures + biases, np.asarray((flight.power[within] > 0.0).mean(axis=0)))
 
 
@@ -73,23 +73,24 @@ def spacecraft_at(craft: Spacecraft, parameters: Mapping[str, Parameter], theta:
         }
     )
     touched = {path for entry in entries for paths in entry for path in paths}
-    lines = []
-    for line in craft.software.heaters:
-        law = line.law
-        paths = {f"heaters.{line.name}.{name}": name for name in ("on_below", "off_above")}
-        if touched & paths.keys() and not isinstance(law, OnOff):
-            raise FlightcalError(f"check: found parameters on the thresholds of '{line.name}', which is no thermostat")
-        if isinstance(law, OnOff):
-            limits = moved({path: getattr(law, name) for path, name in paths.items()})
-            law = replace(law, **{paths[path]: limit for path, limit in limits.items()})
-        lines.append(replace(line, law=law))
-    branches = []
-    for branch in craft.branches:
-        path = f"heaters.{branch.line}.power"
-        power = {node: moved({path: watts}).get(path, watts) for node, watts in branch.power.items()}
-        branches.append(replace(branch, power=power))
-    software = replace(craft.software, heaters=tuple(lines))
-    return replace(craft, scenario=scenario, software=software, branches=tuple(branches))
+    heaters = {}
+    for name, line in craft.software.heaters.items():
+        thermostat = line.thermostat
+        paths = {f"heaters.{name}.{limit}": limit for limit in ("on_below", "off_above")}
+        if thermostat is not None:
+            limits = moved({path: getattr(thermostat, limit) for path, limit in paths.items()})
+            thermostat = replace(thermostat, **{paths[path]: limit for path, limit in limits.items()})
+        elif touched & paths.keys():
+            raise FlightcalError(f"check: found parameters on the thresholds of '{name}', which is no thermostat")
+        path = f"heaters.{name}.power"
+        branches = {
+            key: replace(
+                branch, power={node: moved({path: watts}).get(path, watts) for node, watts in branch.power.items()}
+            )
+            for key, branch in line.branches.items()
+        }
+        heaters[name] = replace(line, thermostat=thermostat, branches=branches)
+    return replace(craft, scenario=scenario, software=replace(craft.software, heaters=heaters))
 
 
 def _network_at(model: SimulatorModel, numbers: Mapping[str, float]) -> SimulatorModel:

@@ -8,26 +8,22 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-from pydantic import ValidationError
 
 from ..environment import orbital_period
 from ..errors import FlightcalError, ScenarioError
-from ..operational import Mission, load_spacecraft
+from ..operational import Command, Mission, load_spacecraft
 from ..scenario import (
-    Document,
-    Finding,
     ModeChange,
     Observation,
     Parameter,
     Problem,
     Scenario,
     blocks_of,
-    problems_of,
-    read_document,
+    file_error,
+    read_file,
     read_parameters,
     set_twice,
     settable,
-    show,
 )
 from ..telemetry import window_bounds
 from .patterns import has_wildcard, matching
@@ -58,11 +54,13 @@ class Task:
         """The scenario with the window's mode changes."""
         software = self.mission.spacecraft.software
         changes = window.timeline
-        written = software.timeline if changes is None else [(item.at, item.mode) for item in changes]
+        commands = software.commands if changes is None else changes
         start = self.bounds(window)[0]
         timeline = [
-            ModeChange.model_construct(at=written_time(start + np.timedelta64(round(at * 1e6), "us")), mode=mode)
-            for at, mode in [(0.0, software.initial_mode), *written]
+            ModeChange.model_construct(
+                at=written_time(start + np.timedelta64(round(item.at * 1e6), "us")), mode=item.mode
+            )
+            for item in (Command(0.0, software.initial_mode), *commands)
         ]
         model = self.scenario.network.model_copy(update={"timeline": tuple(timeline)})
         return self.scenario.model_copy(update={"simulator": model})
@@ -80,18 +78,7 @@ def load_task(path: str | Path) -> Task:
     Raises ScenarioError, whose message lists what is wrong with the file, a line each.
     """
     place = Path(path)
-    document = read_document(place)
-    problems = list(document.problems)
-    if not isinstance(document.data, dict):
-        if not problems:
-            problems.append(Problem((), f"found {show(document.data)}, expected a mapping (key: value)"))
-        raise _error(place, document, problems)
-    try:
-        reduction = Reduction.model_validate(document.data)
-    except ValidationError as error:
-        raise _error(place, document, [*problems, *problems_of(error, Reduction)]) from None
-    if problems:
-        raise _error(place, document, problems)
+    reduction, document = read_file(place, Reduction)
     mission = load_spacecraft(place.parent / reduction.spacecraft)
     try:
         if mission.spacecraft.scenario.environment.attitude_offset is not None:
@@ -108,7 +95,7 @@ def load_task(path: str | Path) -> Task:
     settling = period if reduction.settling is None else reduction.settling
     problems += _too_short(reduction, period, settling)
     if problems:
-        raise _error(place, document, problems)
+        raise file_error(place, document, problems)
     return Task(
         reduction,
         mission,
@@ -126,7 +113,7 @@ def _full_network(mission: Mission, reduction: Reduction) -> tuple[Scenario, lis
     for name, heater in heaters.items():
         if nodes[heater.sensor].capacity is None:
             raise FlightcalError(f"heater line '{name}': found sensor node '{heater.sensor}', expected a capacity")
-    thermistors = {item.name: item for item in craft.thermistors}
+    thermistors = craft.thermistors
     observations = {}
     for name in reduction.sensors or craft.downlink.thermistors:
         if name not in thermistors:
@@ -183,7 +170,7 @@ def _unknown_modes(reduction: Reduction, mission: Mission) -> list[Problem]:
 def _disabling_modes(reduction: Reduction, mission: Mission) -> list[Problem]:
     """Modes of the windows and of the flight in which the enable table switches a heater off: none may."""
     software = mission.spacecraft.software
-    own = {software.initial_mode, *(mode for _, mode in software.timeline)}
+    own = {software.initial_mode, *(command.mode for command in software.timeline)}
     used = {("spacecraft",): own} | {
         (*place, "timeline"): {item.mode for item in window.timeline or ()}
         for place, window in _windows(reduction).items()
@@ -191,13 +178,13 @@ def _disabling_modes(reduction: Reduction, mission: Mission) -> list[Problem]:
     return [
         Problem(
             place,
-            f"found the mode '{mode}', in which the enable table switches heater line '{line.name}' off, expected "
+            f"found the mode '{mode}', in which the enable table switches heater line '{line}' off, expected "
             "modes that leave every line on: a reduced model's thermostats act in every mode",
         )
         for place, modes in used.items()
         for mode in sorted(modes)
         for line in software.heaters
-        if line.name not in software.enabled[mode]
+        if line not in software.enabled[mode]
     ]
 
 
@@ -211,11 +198,3 @@ def _too_short(reduction: Reduction, period: float, settling: float) -> list[Pro
                 Problem(place, f"found {length:.0f} s, expected half as much again as the {settling:.0f} s of settling")
             )
     return problems
-
-
-def _error(path: Path, document: Document, problems: list[Problem]) -> ScenarioError:
-    findings = (
-        Finding(str(path), p.line or document.line(p.location), ".".join(map(str, p.location)), p.message)
-        for p in problems
-    )
-    return ScenarioError("\n".join(map(str, findings)))

@@ -85,9 +85,10 @@ def _scenario_text(task: Task, reduced: Reduced, path: Path, out: Path) -> str:
     heaters = {
         name: heater.model_copy(update={"measured_by": f"{name}_status"}) for name, heater in model.heaters.items()
     }
-    biases = {item.name: item.bias for item in task.mission.spacecraft.thermistors}
+    thermistors = task.mission.spacecraft.thermistors
     observations = {
-        name: item.model_copy(update={"bias": item.bias + biases[name]}) for name, item in scenario.observations.items()
+        name: item.model_copy(update={"bias": item.bias + thermistors[name].bias})
+        for name, item in scenario.observations.items()
     } | {f"{name}_status": Observation.model_construct(heater=name) for name in model.heaters}
     file = os.path.relpath(path.parent / task.reduction.telemetry, out)
     chosen = Scenario.model_construct(

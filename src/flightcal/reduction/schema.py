@@ -6,14 +6,14 @@ from typing import Annotated, Any, Literal
 
 from pydantic import Field
 
-from ..operational import CommandBlock, Kelvins
-from ..scenario import Block, Count, Duration, Number, Quantity, Window
+from ..operational import Command
+from ..scenario import Block, Count, Duration, Kelvins, Number, Quantity, Window
 
 
 class FlightWindow(Window):
     """A stretch of flight that is simulated, and the mode changes in it."""
 
-    timeline: tuple[CommandBlock, ...] | None = None
+    timeline: tuple[Command, ...] | None = None
     """Seconds after the window's start; null: the spacecraft's own, counted from there."""
 
 

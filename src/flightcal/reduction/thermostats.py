@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 from ..errors import FlightcalError
-from ..operational import HeaterLine, Mission, OnOff, Spacecraft, fly
+from ..operational import HeaterLine, Mission, OnOff, Spacecraft, Thermistor, fly
 from ..scenario import Heater
 
 
@@ -17,18 +17,19 @@ def canonical_heaters(spacecraft: Spacecraft, band: float) -> tuple[dict[str, He
     Raises FlightcalError for a line that heats or watches more than one node.
     """
     heaters, notes = {}, []
-    for line in spacecraft.software.heaters:
-        where = f"heater line '{line.name}'"
-        power = next(b.power for b in spacecraft.branches if (b.line, b.name) == (line.name, line.branches[0]))
+    for name, line in spacecraft.software.heaters.items():
+        where = f"heater line '{name}'"
+        branch = next(iter(line.branches))
+        power = line.branches[branch].power
         if len(power) != 1:
             raise FlightcalError(
-                f"{where}: found {len(power)} nodes that branch '{line.branches[0]}' heats, expected one: a thermostat "
+                f"{where}: found {len(power)} nodes that branch '{branch}' heats, expected one: a thermostat "
                 "of the canonical form heats one node"
             )
         ((node, watts),) = power.items()
-        sensor, _ = _watched(spacecraft, line)
+        sensor, _ = _watched(spacecraft, name)
         lower, upper = _thresholds(line, band)
-        heaters[line.name] = Heater.model_construct(
+        heaters[name] = Heater.model_construct(
             node=node,
             power=watts,
             sensor=sensor,
@@ -37,7 +38,7 @@ def canonical_heaters(spacecraft: Spacecraft, band: float) -> tuple[dict[str, He
             initially_on=False,
             measured_by=None,
         )
-        notes += [f"{where}: {note}" for note in _left_out(spacecraft, line, band)]
+        notes += [f"{where}: {note}" for note in _left_out(spacecraft, name, band)]
     if spacecraft.software.transitions:
         notes.append("changes of mode by temperature are left out: modes follow the timeline")
     return heaters, notes
@@ -52,27 +53,33 @@ def switching_shifts(mission: Mission) -> dict[str, tuple[float, float]]:
     craft = mission.spacecraft
     flight = fly(craft, mission.start, mission.duration, seed=mission.seed)
     shifts = {}
-    for k, line in enumerate(craft.software.heaters):
-        node, bias = _watched(craft, line)
+    for k, (heater, line) in enumerate(craft.software.heaters.items()):
+        node, bias = _watched(craft, heater)
         temperature = flight.temperatures[:, flight.nodes.index(node)]
         change = np.diff((flight.power[:, k] > 0.0).astype(int), prepend=0)
         found = []
         for sign, name in ((1, "on_below"), (-1, "off_above")):
             there = temperature[change == sign]
-            measured = isinstance(line.law, OnOff) and len(there) > 0
-            found.append(float(np.median(there) - getattr(line.law, name)) if measured else -bias)
-        shifts[line.name] = (found[0], found[1])
+            measured = line.thermostat is not None and len(there) > 0
+            found.append(float(np.median(there) - getattr(line.thermostat, name)) if measured else -bias)
+        shifts[heater] = (found[0], found[1])
     return shifts
 
 
-def _watched(spacecraft: Spacecraft, line: HeaterLine) -> tuple[str, float]:
+def _thermistors(spacecraft: Spacecraft, heater: str) -> list[Thermistor]:
+    """Those that a heater line watches."""
+    software = spacecraft.software
+    voted = software.sensors[software.heaters[heater].sensor].thermistors
+    return [item for name, item in spacecraft.thermistors.items() if name in voted]
+
+
+def _watched(spacecraft: Spacecraft, heater: str) -> tuple[str, float]:
     """Node of the line's thermistors, and the bias (K) of their voted reading."""
-    voted = next(sensor for sensor in spacecraft.software.sensors if sensor.name == line.sensor)
-    thermistors = [item for item in spacecraft.thermistors if item.name in voted.thermistors]
+    thermistors = _thermistors(spacecraft, heater)
     nodes = {item.node for item in thermistors}
     if len(nodes) != 1:
         raise FlightcalError(
-            f"heater line '{line.name}': found thermistors on {', '.join(sorted(nodes))}, expected one node: a "
+            f"heater line '{heater}': found thermistors on {', '.join(sorted(nodes))}, expected one node: a "
             "thermostat of the canonical form watches one"
         )
     return nodes.pop(), float(np.median([item.bias for item in thermistors]))
@@ -84,22 +91,21 @@ def _thresholds(line: HeaterLine, band: float) -> tuple[float, float]:
     return line.law.set_point - 0.5 * band, line.law.set_point + 0.5 * band
 
 
-def _left_out(spacecraft: Spacecraft, line: HeaterLine, band: float) -> list[str]:
-    notes = []
+def _left_out(spacecraft: Spacecraft, heater: str, band: float) -> list[str]:
+    notes, line = [], spacecraft.software.heaters[heater]
     if not isinstance(line.law, OnOff):
         notes.append(f"control by pulse width is a hysteresis of {band:g} K around the set point")
     elif line.law.minimum_on > 0.0 or line.law.minimum_off > 0.0:
         notes.append("minimum times on and off are left out")
-    voted = next(sensor for sensor in spacecraft.software.sensors if sensor.name == line.sensor)
-    thermistors = [item for item in spacecraft.thermistors if item.name in voted.thermistors]
+    thermistors = _thermistors(spacecraft, heater)
     noise = max(item.noise for item in thermistors)
     if noise > 0.0:
         notes.append(f"noise of {noise:g} K on its thermistors switches it early, always by as much as in the median")
     if any(item.failures for item in thermistors):
         notes.append("failures of its thermistors shift its thresholds as in the median, whenever they happen")
     if len(line.branches) > 1:
-        notes.append(f"only its branch '{line.branches[0]}' is there; failures and redundancy are left out")
-    off = [mode for mode, lines in spacecraft.software.enabled.items() if line.name not in lines]
+        notes.append(f"only its branch '{next(iter(line.branches))}' is there; failures and redundancy are left out")
+    off = [mode for mode, lines in spacecraft.software.enabled.items() if heater not in lines]
     if off:
         notes.append(f"switched off in {', '.join(off)} by the enable table; its thermostat acts in every mode")
     return notes

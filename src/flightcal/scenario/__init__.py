@@ -5,7 +5,7 @@ Imports: errors.
 
 from .blocks import blocks_of
 from .calibration import Calibration, EmulatorSettings, GeneticSettings, NutsSettings, PredictionSettings
-from .document import Document, Problem, read_document
+from .document import Problem
 from .environment import (
     Attitude,
     CircularOrbit,
@@ -28,9 +28,9 @@ from .external import (
     kind_of_simulator,
     simulator_files,
 )
-from .fields import Block, Count, Number, Pair, Time, Vector
+from .fields import Block, Count, Number, Pair, Part, Time, Vector
 from .json_schema import json_schema, schema_of
-from .lint import Finding, lint, load_scenario
+from .lint import Finding, file_error, lint, load_scenario, read_file
 from .network import (
     Conductor,
     Face,
@@ -61,9 +61,20 @@ from .schema import (
     not_normal,
 )
 from .template import write_template
-from .units import Duration, Power, Quantity, Temperature, is_temperature, kind_of, show, si_unit, to_si
+from .units import (
+    Duration,
+    Kelvins,
+    Power,
+    Quantity,
+    Seconds,
+    Temperature,
+    is_temperature,
+    kind_of,
+    show,
+    si_unit,
+    to_si,
+)
 from .windows import Window, is_trained
-from .wording import problems_of
 
 __all__ = [
     "NEEDS",
@@ -78,7 +89,6 @@ __all__ = [
     "Conductor",
     "Count",
     "Discrepancy",
-    "Document",
     "Duration",
     "DutyCycle",
     "EmulatorSettings",
@@ -94,6 +104,7 @@ __all__ = [
     "Heater",
     "InertialAttitude",
     "InitialState",
+    "Kelvins",
     "KeplerianOrbit",
     "Load",
     "LogNormal",
@@ -108,6 +119,7 @@ __all__ = [
     "Orbit",
     "Pair",
     "Parameter",
+    "Part",
     "PhaseDiscrepancy",
     "Power",
     "PredictionSettings",
@@ -118,6 +130,7 @@ __all__ = [
     "SampledAttitude",
     "SampledOrbit",
     "Scenario",
+    "Seconds",
     "Settable",
     "SimulatorError",
     "SimulatorModel",
@@ -135,6 +148,7 @@ __all__ = [
     "Vector",
     "Window",
     "blocks_of",
+    "file_error",
     "input_files",
     "is_temperature",
     "is_trained",
@@ -146,8 +160,7 @@ __all__ = [
     "noise_of",
     "not_normal",
     "numbers_of",
-    "problems_of",
-    "read_document",
+    "read_file",
     "read_parameters",
     "resolved_yaml",
     "schema_of",

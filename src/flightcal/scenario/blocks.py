@@ -4,14 +4,14 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass, field
-from functools import lru_cache
 from typing import Any, TypeVar
 
-from pydantic import TypeAdapter, ValidationError
+from pydantic import ValidationError
 
 from .document import Location, Problem
 from .environment import Environment
 from .external import ExternalHeater, ExternalModel, Input, Output, kind_of_simulator
+from .fields import reader_of
 from .network import Conductor, Face, Heater, Load, ModeChange, Node, ReducedNumber, SimulatorModel
 from .residuals import Discrepancy, Noise
 from .schema import Channel, Observation, Parameter, Scenario
@@ -96,12 +96,7 @@ def readable(blocks: Mapping[str, T | None]) -> dict[str, T]:
 def read_block(kind: Any, value: Any, location: Location, problems: list[Problem]) -> Any:
     """What stands at `location` as an object; None where it cannot be read, and `problems` then say why."""
     try:
-        return _adapter(kind).validate_python(value)
+        return reader_of(kind).validate_python(value)
     except ValidationError as error:
-        problems += problems_of(error, kind, location)
+        problems += problems_of(error, location)
         return None
-
-
-@lru_cache(maxsize=100)
-def _adapter(kind: Any) -> TypeAdapter[Any]:
-    return TypeAdapter(kind)

@@ -4,9 +4,9 @@ from __future__ import annotations
 
 from typing import Annotated, Any, Literal
 
-from pydantic import Field, Tag
+from pydantic import Field
 
-from .fields import Block, Number, Quaternion, Time, TleLines, Vector, one_of
+from .fields import Block, Number, OneOf, Quaternion, Time, TleLines, Vector
 from .units import Angle, Duration, Quantity
 
 
@@ -70,43 +70,35 @@ class SampledAttitude(Block):
     quaternions: str
 
 
-def _orbit_kind(value: Any) -> str | None:
+def _orbit_kind(value: Any) -> type[Block] | None:
     if not isinstance(value, dict):
         return None
     if "tle" in value:
-        return "<TleOrbit>"
+        return TleOrbit
     if "positions" in value:
-        return "<SampledOrbit>"
+        return SampledOrbit
     elements = {"semi_major_axis", "eccentricity", "argument_of_perigee", "mean_anomaly"}
-    return "<KeplerianOrbit>" if elements & set(value) else "<CircularOrbit>"
+    return KeplerianOrbit if elements & set(value) else CircularOrbit
 
 
-def _attitude_kind(value: Any) -> str | None:
+def _attitude_kind(value: Any) -> Any:
     if isinstance(value, str):
-        return "<named>"
+        return _NamedAttitude
     if not isinstance(value, dict):
         return None
     if "inertial" in value:
-        return "<InertialAttitude>"
-    return "<SampledAttitude>" if "quaternions" in value else "<SpinningAttitude>"
+        return InertialAttitude
+    return SampledAttitude if "quaternions" in value else SpinningAttitude
 
 
+_NamedAttitude = Literal["nadir", "sun_pointing"]
 Orbit = Annotated[
-    Annotated[CircularOrbit, Tag("<CircularOrbit>")]
-    | Annotated[KeplerianOrbit, Tag("<KeplerianOrbit>")]
-    | Annotated[TleOrbit, Tag("<TleOrbit>")]
-    | Annotated[SampledOrbit, Tag("<SampledOrbit>")],
-    one_of(
-        _orbit_kind,
-        "an orbit: altitude and inclination, Keplerian elements, 'tle' or 'positions'",
-    ),
+    CircularOrbit | KeplerianOrbit | TleOrbit | SampledOrbit,
+    OneOf(_orbit_kind, "an orbit: altitude and inclination, Keplerian elements, 'tle' or 'positions'"),
 ]
 Attitude = Annotated[
-    Annotated[Literal["nadir", "sun_pointing"], Tag("<named>")]
-    | Annotated[InertialAttitude, Tag("<InertialAttitude>")]
-    | Annotated[SpinningAttitude, Tag("<SpinningAttitude>")]
-    | Annotated[SampledAttitude, Tag("<SampledAttitude>")],
-    one_of(
+    _NamedAttitude | InertialAttitude | SpinningAttitude | SampledAttitude,
+    OneOf(
         _attitude_kind,
         "an attitude: nadir, sun_pointing, or a mapping with 'inertial', 'spin_axis' or 'quaternions'",
     ),

@@ -3,24 +3,27 @@
 from __future__ import annotations
 
 from collections.abc import Callable
+from dataclasses import dataclass, fields
 from datetime import UTC, datetime
-from typing import Annotated, Any, Literal
+from functools import lru_cache
+from typing import Annotated, Any, Literal, Self
 
 from pydantic import (
     BaseModel,
     BeforeValidator,
     ConfigDict,
-    Discriminator,
     Field,
-    Tag,
+    ModelWrapValidatorHandler,
+    TypeAdapter,
     ValidationError,
     WithJsonSchema,
+    model_validator,
 )
 from pydantic.json_schema import SkipJsonSchema
-from pydantic_core import PydanticCustomError
+from pydantic_core import core_schema
 
-from .document import Problem
 from .units import show, to_si
+from .wording import in_plain_words
 
 _FIRST_YEAR, _LAST_YEAR = 1957, 2200
 """Of spaceflight, and within what nanosecond time stamps can hold."""
@@ -30,6 +33,41 @@ class Block(BaseModel):
     """A block of the scenario file: immutable, and an unknown key is an error."""
 
     model_config = ConfigDict(frozen=True, extra="forbid", allow_inf_nan=False, use_attribute_docstrings=True)
+
+    @model_validator(mode="wrap")
+    @classmethod
+    def _in_plain_words(cls, value: Any, read: ModelWrapValidatorHandler[Self]) -> Self:
+        try:
+            return read(value)
+        except ValidationError as error:
+            raise in_plain_words(error, keys_of(cls)) from None
+
+
+def keys_of(block: type[Block]) -> list[str]:
+    """What a user may write in a block: all fields but those that flightcal fills in."""
+    return [name for name, field in block.model_fields.items() if FILLED_IN not in field.metadata]
+
+
+class Part:
+    """A block that is a plain dataclass: read from a file like a `Block`, and made of SI numbers in code, unread."""
+
+    __pydantic_config__ = ConfigDict(extra="forbid", allow_inf_nan=False, use_attribute_docstrings=True)
+
+    @classmethod
+    def __get_pydantic_core_schema__(cls, source: Any, handler: Any) -> core_schema.CoreSchema:
+        def read(value: Any, inner: Callable[[Any], Any]) -> Any:
+            try:
+                return inner(value)
+            except ValidationError as error:
+                raise in_plain_words(error, [field.name for field in fields(source)]) from None
+
+        return core_schema.no_info_wrap_validator_function(read, handler(source))
+
+
+@lru_cache(maxsize=100)
+def reader_of(kind: Any) -> TypeAdapter[Any]:
+    """What reads a block or field."""
+    return TypeAdapter(kind)
 
 
 def _read_time(value: Any) -> datetime:
@@ -83,22 +121,28 @@ def _of_length(length: int, what: str) -> BeforeValidator:
     return BeforeValidator(check)
 
 
-def one_of(choose: Callable[[Any], str | None], expected: str) -> Discriminator:
-    """Chooses a block of a union by what is written, so that its errors alone are reported.
+@dataclass(frozen=True)
+class OneOf:
+    """Marks a union, one part of which is chosen by what is written, so that its errors alone are reported."""
 
-    `choose` returns a tag: the block's class name in angle brackets.
-    """
+    choose: Callable[[Any], Any]
+    """What is written -> the part; None: none of them."""
+    expected: str
 
-    def tag(value: Any) -> str | None:
-        return f"<{type(value).__name__}>" if isinstance(value, Block) else choose(value)
+    def __get_pydantic_core_schema__(self, source: Any, handler: Any) -> core_schema.CoreSchema:
+        def read(value: Any, _: Any) -> Any:
+            kind = type(value) if isinstance(value, Block) else self.choose(value)
+            if kind is None:
+                raise ValueError(f"found {show(value)}, expected {self.expected}")
+            return reader_of(kind).validate_python(value)
 
-    return Discriminator(tag, custom_error_type="no_such_block", custom_error_message=expected)
+        return core_schema.no_info_wrap_validator_function(read, handler(source))
 
 
 FILLED_IN = SkipJsonSchema()
 """Marks a field that flightcal fills in: no user may write it."""
 
-Number = Annotated[float, Field(strict=True)]
+Number = Annotated[float, Field(strict=True, allow_inf_nan=False)]
 Count = Annotated[int, Field(strict=True)]
 Flag = Annotated[bool, Field(strict=True)]
 
@@ -110,10 +154,9 @@ Time = Annotated[
 Vector = Annotated[tuple[Number, Number, Number], _of_length(3, "three numbers [x, y, z]")]
 Quaternion = Annotated[tuple[Number, Number, Number, Number], _of_length(4, "four numbers [w, x, y, z]")]
 FaceNormal = Annotated[
-    Annotated[Vector, Tag("<vector>")] | Annotated[Literal["all"], Tag("<all>")],
-    one_of(
-        lambda value: "<all>" if isinstance(value, str) else "<vector>",
-        "a normal: three numbers [x, y, z], or all",
+    Vector | Literal["all"],
+    OneOf(
+        lambda value: Literal["all"] if isinstance(value, str) else Vector, "a normal: three numbers [x, y, z], or all"
     ),
 ]
 Pair = Annotated[tuple[str, str], _of_length(2, "the names of two nodes [first, second]")]
@@ -137,12 +180,6 @@ Range = Annotated[tuple[Marker, Marker], _of_length(2, "two values [lowest, high
 ChannelUnit = Annotated[
     str, BeforeValidator(_read_driver_unit), WithJsonSchema({"anyOf": [{"type": "string"}, {"const": 1}]})
 ]
-
-
-def refusal(*problems: Problem) -> ValidationError:
-    """What the reader of a field raises about several places inside it."""
-    errors = [(problem.location, PydanticCustomError("told", problem.message)) for problem in problems]
-    return ValidationError.from_exception_data("", [{"type": e, "loc": at, "input": None} for at, e in errors])
 
 
 def exactly_one(present: dict[str, bool], expected: str) -> None:

@@ -4,13 +4,18 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 from pathlib import Path
+from typing import TypeVar
 
 from ..errors import ScenarioError
+from .blocks import read_block
 from .checks import CHECKS
-from .document import Location, Problem
+from .document import Document, Location, Problem, read_document
+from .fields import Block
 from .reading import Reading, read_scenario
 from .schema import Scenario
+from .units import show
 
+File = TypeVar("File", bound=Block)
 _UNNAMED = ("telemetry", "simulator")
 """Blocks that locations leave out before their sections, as the paths of parameters do."""
 _SECTIONS = ("channels", "nodes", "conductors", "faces", "heaters", "modes", "timeline", "loads", "inputs", "outputs")
@@ -62,6 +67,32 @@ def examine(path: str | Path, telemetry: str | Path | None = None) -> tuple[Scen
     findings = list(dict.fromkeys(_finding(problem, reading, str(path)) for problem in problems))
     findings.sort(key=lambda finding: finding.line or 0)
     return (None if findings else reading.scenario), findings
+
+
+def read_file(path: Path, kind: type[File]) -> tuple[File, Document]:
+    """The YAML file at `path`, whose whole content is a block, and where in it things stand.
+
+    Raises ScenarioError, whose message lists what is wrong with the file, a line each.
+    """
+    document = read_document(path)
+    problems = list(document.problems)
+    content: File | None = None
+    if isinstance(document.data, dict):
+        content = read_block(kind, document.data, (), problems)
+    elif not problems:
+        problems.append(Problem((), f"found {show(document.data)}, expected a mapping (key: value)"))
+    if content is None or problems:
+        raise file_error(path, document, problems)
+    return content, document
+
+
+def file_error(path: Path, document: Document, problems: list[Problem]) -> ScenarioError:
+    """What is wrong with a file, a line each."""
+    findings = (
+        Finding(str(path), p.line or document.line(p.location), ".".join(map(str, p.location)), p.message)
+        for p in problems
+    )
+    return ScenarioError("\n".join(map(str, findings)))
 
 
 def _finding(problem: Problem, reading: Reading, file: str) -> Finding:

@@ -7,7 +7,7 @@ from typing import Annotated, Literal
 from pydantic import Field, WrapValidator, model_validator
 
 from .fields import FILLED_IN, Block, FaceNormal, Flag, Marker, Number, Pair, Time, exactly_one
-from .units import Duration, Power, Quantity, QuantityOrName, Temperature
+from .units import Duration, Kelvins, Power, Quantity, QuantityOrName, Temperature
 
 
 class Node(Block):
@@ -71,7 +71,7 @@ class Heater(Block):
     """The node whose temperature the thermostat watches; it must have a capacity."""
     on_below: Temperature
     off_above: Temperature
-    scatter: Annotated[float, Quantity("K", at_least=0, difference=True)] = 0.0
+    scatter: Kelvins = 0.0
     """Standard deviation of the temperature at which it switches around its thresholds, K: control cycle, noise of the
     readings. It counts in predictions; in a calibration thermostats are exact."""
     initially_on: Flag = False
@@ -120,9 +120,9 @@ class ReducedNumber(Block):
 class SimulatorError(Block):
     """Error of a simulator in the place of a slower one, of one channel: what is constant in a run, and what varies."""
 
-    offset: Annotated[float, Quantity("K", at_least=0, difference=True)]
+    offset: Kelvins
     """Standard deviation."""
-    deviation: Annotated[float, Quantity("K", at_least=0, difference=True)]
+    deviation: Kelvins
     """Standard deviation."""
     correlation_time: Duration
     """Of what varies: its correlation falls to 1/e."""

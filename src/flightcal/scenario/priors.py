@@ -13,8 +13,9 @@ from pydantic import Field
 from pydantic_core import core_schema
 
 from .document import Location, Problem
-from .fields import Block, Number, refusal
+from .fields import Block, Number
 from .units import Quantity, did_you_mean, example, quantity_schema, show, to_si, written
+from .wording import refusal
 
 
 class Uniform(Block):

@@ -15,7 +15,7 @@ from .blocks import Blocks, External, read_block
 from .document import Document, Problem, read_document
 from .environment import Environment
 from .external import KINDS, WrittenHeater, WrittenInput, WrittenOutput, is_external, kind_of_simulator
-from .fields import Names
+from .fields import Names, keys_of
 from .network import Conductor, Face, Heater, Load, ModeChange, Node, Powers, ReducedNumber, SimulatorModel
 from .numbers import Settable, settable_of
 from .parameters import read_parameters
@@ -24,7 +24,7 @@ from .residuals import Discrepancy, Noise
 from .schema import AnySimulator, Channel, Observation, Scenario, TelemetryFile
 from .units import show
 from .windows import Window, flat_windows
-from .wording import UNREADABLE, unknown_key, written_keys
+from .wording import UNREADABLE, unknown_key
 
 _ENTRIES: dict[str, Any] = {
     "nodes": Node,
@@ -65,7 +65,7 @@ def read_scenario(path: Path, telemetry: Path | None = None) -> Reading:
             reader.problems.append(Problem((), f"found {show(data)}, expected a mapping (key: value)"))
         return Reading(document, _Reader().blocks({})[0], {}, None, tuple(reader.problems))
     if "folder" in data:
-        reader.problems.append(Problem(("folder",), unknown_key("folder", written_keys(Scenario))))
+        reader.problems.append(Problem(("folder",), unknown_key("folder", keys_of(Scenario))))
     data = {**data, "folder": path.parent}
     if telemetry is not None:
         data["telemetry"] = _elsewhere(data.get("telemetry"), telemetry.absolute())

@@ -4,9 +4,9 @@ from __future__ import annotations
 
 from typing import Annotated, Any, Literal
 
-from pydantic import Discriminator, Field, Tag, model_validator
+from pydantic import Field, model_validator
 
-from .fields import Block, Count, exactly_one
+from .fields import Block, Count, OneOf, exactly_one
 from .priors import (
     FORMS,
     HalfNormal,
@@ -127,11 +127,9 @@ class Discrepancy(Block):
         return self
 
 
-def _noise_kind(value: Any) -> str:
+def _noise_kind(value: Any) -> Any:
     is_prior = isinstance(value, dict) and len(value) == 1 and set(value) <= set(FORMS)
-    return "<Noise>" if isinstance(value, Noise) or (isinstance(value, dict) and not is_prior) else "<number>"
+    return Noise if isinstance(value, dict) and not is_prior else UncertainDeviation
 
 
-ChannelNoise = Annotated[
-    Annotated[UncertainDeviation, Tag("<number>")] | Annotated[Noise, Tag("<Noise>")], Discriminator(_noise_kind)
-]
+ChannelNoise = Annotated[Noise | UncertainDeviation, OneOf(_noise_kind, "noise")]

@@ -9,7 +9,7 @@ from __future__ import annotations
 from pathlib import Path
 from typing import Annotated, Any, Literal
 
-from pydantic import BeforeValidator, Field, Tag, model_validator
+from pydantic import BeforeValidator, Field, model_validator
 from pydantic_core import core_schema
 
 from ..errors import ScenarioError
@@ -33,10 +33,10 @@ from .fields import (
     Markers,
     Names,
     Number,
+    OneOf,
     Paths,
     Range,
     exactly_one,
-    one_of,
     read_empty,
 )
 from .network import SimulatorModel
@@ -88,22 +88,15 @@ class TelemetryFile(Block):
 # --- simulator, parameters and observations -----------------------------------------------------------------
 
 
-def _simulator_kind(value: Any) -> str | None:
+def _simulator_kind(value: Any) -> type[Block] | None:
     if not isinstance(value, dict):
         return None
-    if not is_external(value):
-        return f"<{SimulatorModel.__name__}>"
-    kind = kind_of_simulator(value)
-    return f"<{KINDS[kind].__name__}>" if kind else None
+    return KINDS.get(kind_of_simulator(value) or "") if is_external(value) else SimulatorModel
 
 
 AnySimulator = Annotated[
-    Annotated[SimulatorModel, Tag("<SimulatorModel>")]
-    | Annotated[CallableSimulator, Tag("<CallableSimulator>")]
-    | Annotated[ExecutableSimulator, Tag("<ExecutableSimulator>")]
-    | Annotated[FmuSimulator, Tag("<FmuSimulator>")]
-    | Annotated[UmbridgeSimulator, Tag("<UmbridgeSimulator>")],
-    one_of(
+    SimulatorModel | CallableSimulator | ExecutableSimulator | FmuSimulator | UmbridgeSimulator,
+    OneOf(
         _simulator_kind,
         "a simulator: a thermal network ('nodes'), or 'callable', 'executable', 'fmu' or 'umbridge'",
     ),

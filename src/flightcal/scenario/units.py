@@ -292,6 +292,8 @@ def _finite(number: Any, found: Any = None) -> float:
 
 
 Temperature = Annotated[float, Quantity("K", at_least=0.0)]
+Kelvins = Annotated[float, Quantity("K", at_least=0.0, difference=True)]
 Duration = Annotated[float, Quantity("s", above=0.0)]
+Seconds = Annotated[float, Quantity("s", at_least=0.0)]
 Angle = Annotated[float, Quantity("rad")]
 Power = Annotated[float, Quantity("W")]

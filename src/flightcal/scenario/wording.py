@@ -3,15 +3,13 @@
 from __future__ import annotations
 
 import re
-from collections.abc import Iterable, Mapping
-from types import UnionType
-from typing import Annotated, Any, get_args, get_origin
+from collections.abc import Collection, Mapping
+from typing import Any
 
 from pydantic import ValidationError
+from pydantic_core import PydanticCustomError
 
-from . import environment, external, network, priors, residuals, schema
 from .document import Location, Problem
-from .fields import FILLED_IN, Block
 from .units import did_you_mean, show
 
 _EXPECTED = {
@@ -23,6 +21,7 @@ _EXPECTED = {
     "bool_type": "true or false",
     "dict_type": "a mapping (key: value)",
     "model_type": "a mapping (key: value)",
+    "dataclass_type": "a mapping (key: value)",
     "tuple_type": "a list",
     "greater_than": "more than {gt:g}",
     "greater_than_equal": "at least {ge:g}",
@@ -30,77 +29,58 @@ _EXPECTED = {
     "less_than_equal": "at most {le:g}",
     "too_short": "at least one entry",
 }
-_TAGS = {
-    f"<{name}>": kind
-    for module in (environment, external, network, priors, residuals, schema)
-    for name, kind in vars(module).items()
-    if isinstance(kind, type) and issubclass(kind, Block)
-}
-_TAGS |= dict.fromkeys(("<named>", "<vector>", "<all>", "<number>"), Block)
-"""What pydantic puts into a location to say which part of a union it chose."""
-
+_TOLD = "told"
+"""Kind of an error whose message is in plain words."""
 
 UNREADABLE = object()
 """Stands for a part of a block that could not be read; what is wrong with it has been said."""
 
 
-def problems_of(error: ValidationError, kind: Any = schema.Scenario, location: Location = ()) -> list[Problem]:
-    """One problem per place of a schema error; `kind` is what was to be read, and `location` its place."""
-    told = [_translate(d, kind) for d in error.errors(include_url=False) if d["input"] is not UNREADABLE]
-    return [Problem((*location, *inside), message) for inside, message in told]
+def problems_of(error: ValidationError, location: Location = ()) -> list[Problem]:
+    """One problem per place of a schema error; `location` is the place of what was to be read."""
+    told = in_plain_words(error).errors(include_url=False)
+    return [Problem((*location, *d["loc"]), d["msg"]) for d in told if d["input"] is not UNREADABLE]
 
 
-def _translate(detail: Mapping[str, Any], root: Any) -> tuple[Location, str]:
-    kind, value, context = detail["type"], detail["input"], detail.get("ctx", {})
-    location = tuple(part for part in detail["loc"] if part not in _TAGS)
-    if kind == "missing":
-        return location[:-1], f"missing key {location[-1]!r}"
-    if kind == "extra_forbidden":
-        keys = _keys_at(detail["loc"][:-1], root)
-        return location, unknown_key(str(detail["loc"][-1]), keys)
-    if kind == "value_error":
-        return location, str(context["error"])
-    if kind == "told":
-        return location, detail["msg"]
-    if kind == "literal_error":
-        valid = re.findall(r"'([^']*)'", context["expected"])
-        hint = did_you_mean(value, valid) if isinstance(value, str) else ""
-        return location, f"found {show(value)}, expected {context['expected'].replace(chr(39), '')}{hint}"
-    if kind == "no_such_block":
-        return location, f"found {show(value)}, expected {detail['msg']}"
-    expected = _EXPECTED.get(kind, "something else").format(**context)
-    quotes = " (in quotes)" if kind == "string_type" and isinstance(value, (int, float)) else ""
-    return location, f"found {show(value)}, expected {expected}{quotes}"
+def in_plain_words(error: ValidationError, keys: Collection[str] = ()) -> ValidationError:
+    """A schema error with messages that a user understands.
+
+    keys: what may be written in the block that could not be read; blocks inside it have told what is wrong with them.
+    """
+    details = error.errors(include_url=False)
+    return _error([(*_translate(detail, keys), detail["input"]) for detail in details])
 
 
-def unknown_key(key: str, keys: Iterable[str]) -> str:
+def refusal(*problems: Problem) -> ValidationError:
+    """What the reader of a field raises about several places inside it."""
+    return _error([(problem.location, problem.message, None) for problem in problems])
+
+
+def unknown_key(key: str, keys: Collection[str]) -> str:
     """Message about a key that a block does not have."""
     return f"unknown key {show(key)}, expected {', '.join(keys)}{did_you_mean(key, keys)}"
 
 
-def written_keys(block: type[Block]) -> list[str]:
-    """What a user may write in a block: all fields but those that flightcal fills in."""
-    return [name for name, field in block.model_fields.items() if FILLED_IN not in field.metadata]
+def _error(told: list[tuple[Location, str, Any]]) -> ValidationError:
+    return ValidationError.from_exception_data(
+        "", [{"type": PydanticCustomError(_TOLD, message), "loc": at, "input": value} for at, message, value in told]
+    )
 
 
-def _keys_at(location: Location, root: Any) -> list[str]:
-    """Valid keys of the block at a location as pydantic gives it, with the tags of unions."""
-    here = _bare(root)
-    for part in location:
-        if part in _TAGS:
-            here = _TAGS[str(part)]
-        elif isinstance(here, type) and issubclass(here, Block):
-            here = here.model_fields[str(part)].annotation
-        else:  # dict[str, X] or tuple[X, ...]
-            here = next(kind for kind in get_args(here) if kind is not str)
-        here = _bare(here)
-    return written_keys(here)
-
-
-def _bare(kind: Any) -> Any:
-    """A block or a collection of blocks, whatever surrounds it."""
-    if get_origin(kind) is Annotated:
-        return _bare(get_args(kind)[0])
-    if isinstance(kind, UnionType):  # X | None
-        return _bare(next(part for part in get_args(kind) if part is not type(None)))
-    return kind
+def _translate(detail: Mapping[str, Any], keys: Collection[str]) -> tuple[Location, str]:
+    location, kind, value, context = detail["loc"], detail["type"], detail["input"], detail.get("ctx", {})
+    if kind == _TOLD:
+        return location, detail["msg"]
+    if kind == "missing":
+        return location[:-1], f"missing key {location[-1]!r}"
+    if kind in ("extra_forbidden", "unexpected_keyword_argument"):
+        return location, unknown_key(str(location[-1]), keys)
+    if kind == "value_error":
+        return location, str(context["error"])
+    if kind == "literal_error":
+        valid = re.findall(r"'([^']*)'", context["expected"])
+        hint = did_you_mean(value, valid) if isinstance(value, str) else ""
+        return location, f"found {show(value)}, expected {context['expected'].replace(chr(39), '')}{hint}"
+    expected = _EXPECTED.get(kind, "something else").format(**context)
+    quotes = " (in quotes)" if kind == "string_type" and isinstance(value, (int, float)) else ""
+    return location, f"found {show(value)}, expected {expected}{quotes}"
