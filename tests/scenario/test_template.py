@@ -6,7 +6,8 @@ import pytest
 from flightcal.environment import face_fluxes
 from flightcal.errors import ScenarioError
 from flightcal.scenario import lint, load_scenario, write_template
-from flightcal.scenario.example_telemetry import example_telemetry, sunlight_on_zenith_face
+
+from .example_telemetry import example_telemetry, sunlight_on_zenith_face
 
 
 def test_template_lints_clean_as_it_is(tmp_path):
@@ -33,8 +34,9 @@ def test_folder_that_cannot_be_made_is_an_error(tmp_path):
         write_template(tmp_path / "file" / "folder")
 
 
-def test_example_telemetry_is_the_same_every_time():
-    assert example_telemetry() == example_telemetry()
+def test_example_telemetry_is_what_its_maker_gives(tmp_path):
+    _, telemetry = write_template(tmp_path)
+    assert telemetry.read_bytes() == example_telemetry().encode()
 
 
 def test_example_telemetry_is_plausible():

@@ -6,7 +6,6 @@ from importlib.resources import files
 from pathlib import Path
 
 from ..errors import ScenarioError
-from .example_telemetry import example_telemetry
 
 
 def write_template(folder: str | Path) -> list[Path]:
@@ -15,10 +14,8 @@ def write_template(folder: str | Path) -> list[Path]:
     Raises ScenarioError where one of the files is there already, or the folder cannot be written.
     """
     target = Path(folder)
-    texts = {
-        "scenario.yaml": (files(__package__) / "template.yaml").read_text(encoding="utf-8"),
-        "telemetry.csv": example_telemetry(),
-    }
+    sources = {"scenario.yaml": "template.yaml", "telemetry.csv": "template.csv"}
+    texts = {name: (files(__package__) / source).read_text(encoding="utf-8") for name, source in sources.items()}
     for name in texts:
         if (target / name).exists():
             raise ScenarioError(f"{target / name}: found a file, expected none: nothing is overwritten")

@@ -1,4 +1,4 @@
-"""Made-up telemetry of the template's satellite, so that a new scenario can be tried at once.
+"""Makes `scenario/template.csv`, made-up telemetry of the template's satellite to try a new scenario with.
 
 Deliberately not flightcal's own simulator: an explicit Euler scheme, a cylindrical shadow, and numbers of the
 satellite that differ from the template's, so that there is something to calibrate.
