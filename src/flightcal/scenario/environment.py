@@ -6,7 +6,7 @@ from typing import Annotated, Any, Literal
 
 from pydantic import Field
 
-from .fields import Block, Number, OneOf, Quaternion, Time, TleLines, Vector
+from .fields import Block, FileName, Number, OneOf, Quaternion, Time, TleLines, Vector
 from .units import Angle, Duration, Quantity
 
 
@@ -44,7 +44,7 @@ class TleOrbit(Block):
 class SampledOrbit(Block):
     """Positions from a CSV file: columns time (ISO 8601 UTC), x, y, z in metres, Earth-centred inertial."""
 
-    positions: str
+    positions: FileName
 
 
 class InertialAttitude(Block):
@@ -67,7 +67,7 @@ class SpinningAttitude(Block):
 class SampledAttitude(Block):
     """Quaternions from a CSV file with columns time, w, x, y, z (body to inertial)."""
 
-    quaternions: str
+    quaternions: FileName
 
 
 def _orbit_kind(value: Any) -> type[Block] | None:

@@ -5,9 +5,9 @@ from __future__ import annotations
 from pathlib import Path
 from typing import Annotated, Any, Literal
 
-from pydantic import BeforeValidator, Field, model_validator
+from pydantic import BeforeValidator, Field, SerializationInfo, field_serializer, model_validator
 
-from .fields import Block, Count, Flag, Marker, read_empty
+from .fields import Block, Count, FileName, Flag, Marker, from_folder, read_empty
 from .units import Duration, QuantityOrName, read_any, show, si_unit, to_si
 
 # --- what goes in and what comes out --------------------------------------------------------------------------
@@ -97,7 +97,7 @@ class PythonFunction(Block):
     It returns temperatures [T, N], one column for each output, or these and the heaters' status [T, H].
     """
 
-    file: str
+    file: FileName
     function: str = "simulate"
     gradient: Literal["none", "jax"] = "none"
     """jax: written in JAX, which gives its exact gradient."""
@@ -116,17 +116,22 @@ class Executable(Block):
 
     command: tuple[str, ...] = Field(min_length=1)
     """Program and arguments. A program with a '/' in it is relative to the scenario; others are looked for in PATH."""
-    templates: dict[str, str] = Field(default_factory=dict)
+    templates: dict[str, FileName] = Field(default_factory=dict)
     """File to write in the folder -> Jinja template with `inputs`, `times` (s from the start), `start` and `end`."""
-    files: tuple[str, ...] = ()
+    files: tuple[FileName, ...] = ()
     """Copied into the folder as they are."""
     output: str = "output.csv"
     """The CSV file that it writes in the folder: a time column, one for each output, one for each heater."""
     time: OutputTime = OutputTime()
     interpolate: Flag = False
     """Linearly, from the output's times to the telemetry's (a status: as it was last); false: they must be the same."""
-    keep_failed: str | None = None
+    keep_failed: FileName | None = None
     """Keep the folders of failed runs in this one; null: they are removed."""
+
+    @field_serializer("command", when_used="json")
+    def _write_command(self, command: tuple[str, ...], info: SerializationInfo) -> list[str]:
+        program, *arguments = command
+        return [from_folder(program, info) if "/" in program else program, *arguments]
 
     def program(self, folder: Path) -> str:
         """The program as the system finds it."""
@@ -136,7 +141,7 @@ class Executable(Block):
 class Fmu(Block):
     """A co-simulation FMU of FMI 2 or 3."""
 
-    file: str
+    file: FileName
     step: Duration | None = None
     """Longest communication step; null: from one sample to the next."""
     drivers: dict[str, str] = Field(default_factory=dict)

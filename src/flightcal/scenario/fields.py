@@ -14,6 +14,8 @@ from pydantic import (
     ConfigDict,
     Field,
     ModelWrapValidatorHandler,
+    PlainSerializer,
+    SerializationInfo,
     TypeAdapter,
     ValidationError,
     WithJsonSchema,
@@ -112,6 +114,11 @@ def read_empty(value: Any) -> Any:
     return {} if value is None else value
 
 
+def from_folder(name: str, info: SerializationInfo) -> str:
+    """A file's name as it is written: absolute, where a folder is given as the context."""
+    return name if info.context is None else str((info.context / name).absolute())
+
+
 def _of_length(length: int, what: str) -> BeforeValidator:
     def check(value: Any) -> Any:
         if not isinstance(value, (list, tuple)) or len(value) != length:
@@ -164,6 +171,8 @@ TleLines = Annotated[tuple[str, str], _of_length(2, "the two lines of a TLE [fir
 # Names of things, or paths of numbers: one, or several.
 _NAMES = {"anyOf": [{"type": "string"}, {"type": "array", "items": {"type": "string"}, "minItems": 1}]}
 Names = Annotated[tuple[str, ...], BeforeValidator(_read_names), Field(min_length=1), WithJsonSchema(_NAMES)]
+FileName = Annotated[str, PlainSerializer(from_folder, when_used="json")]
+FileNames = Annotated[tuple[FileName, ...], BeforeValidator(_read_names), Field(min_length=1), WithJsonSchema(_NAMES)]
 Paths = Annotated[
     tuple[str, ...],
     BeforeValidator(lambda value: (value,) if isinstance(value, str) else value),

@@ -6,7 +6,7 @@ from typing import Annotated, Literal
 
 from pydantic import Field, WrapValidator, model_validator
 
-from .fields import FILLED_IN, Block, FaceNormal, Flag, Marker, Number, Pair, Time, exactly_one
+from .fields import FILLED_IN, Block, FaceNormal, FileName, Flag, Marker, Number, Pair, Time, exactly_one
 from .units import Duration, Kelvins, Power, Quantity, QuantityOrName, Temperature
 
 
@@ -131,10 +131,10 @@ class SimulatorError(Block):
 class SimulatorModel(Block):
     """The thermal network and the control of its heaters."""
 
-    reduced_model: str | None = None
+    reduced_model: FileName | None = None
     """File that `flightcal reduce` wrote: nodes, faces, heaters and modes come from it; what is written here besides
     (initial temperatures, thresholds, powers, `measured_by`) replaces what it says."""
-    checked_on: str | None = None
+    checked_on: FileName | None = None
     """Reduction file (that `flightcal reduce` read): at the end posterior draws fly on its operational simulator."""
     reduced_numbers: Annotated[dict[str, ReducedNumber], FILLED_IN] = Field(default_factory=dict)
     """Filled in from that file: what parameters may set in it, ``reduced.<name>``."""

@@ -205,31 +205,23 @@ def prior_schema() -> dict[str, Any]:
 
 
 @dataclass(frozen=True)
-class Uncertain:
+class Uncertain(Quantity):
     """Marks a number that is known or has a prior: a float or a Prior in SI, and how both are written."""
 
-    quantity: Quantity
-
-    def read(self, value: Any) -> Prior | float:
+    def read(self, value: Any) -> Any:
         """The written number or prior in SI. Raises ValueError."""
         if isinstance(value, (dict, *get_args(Prior))):
-            return read_prior(value, self.quantity.unit, difference=self.quantity.difference)
-        return self.quantity.read(value)
+            return read_prior(value, self.unit, difference=self.difference)
+        return super().read(value)
 
-    def write(self, value: Prior | float) -> Any:
+    def write(self, number: Any) -> Any:
         """The number or prior as a user writes it."""
-        return self.quantity.write(value) if isinstance(value, float) else written_prior(value, self.quantity.unit)
-
-    def __get_pydantic_core_schema__(self, source: Any, handler: Any) -> core_schema.CoreSchema:
-        return core_schema.no_info_plain_validator_function(
-            self.read,
-            serialization=core_schema.plain_serializer_function_ser_schema(self.write, when_used="json"),
-        )
+        return super().write(number) if isinstance(number, float) else written_prior(number, self.unit)
 
     def __get_pydantic_json_schema__(self, schema: core_schema.CoreSchema, handler: Any) -> dict[str, Any]:
-        return {"anyOf": [quantity_schema(self.quantity.unit), prior_schema()]}
+        return {"anyOf": [quantity_schema(self.unit), prior_schema()]}
 
 
-UncertainDeviation = Annotated[Prior | float, Uncertain(Quantity("K", above=0.0, difference=True))]
-UncertainDuration = Annotated[Prior | float, Uncertain(Quantity("s", above=0.0))]
-UncertainNumber = Annotated[Prior | float, Uncertain(Quantity("", above=0.0))]
+UncertainDeviation = Annotated[Prior | float, Uncertain("K", above=0.0, difference=True)]
+UncertainDuration = Annotated[Prior | float, Uncertain("s", above=0.0)]
+UncertainNumber = Annotated[Prior | float, Uncertain("", above=0.0)]

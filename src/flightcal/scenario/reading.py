@@ -15,7 +15,7 @@ from .blocks import Blocks, External, read_block
 from .document import Document, Problem, read_document
 from .environment import Environment
 from .external import KINDS, WrittenHeater, WrittenInput, WrittenOutput, is_external, kind_of_simulator
-from .fields import Names, keys_of
+from .fields import FileNames, keys_of
 from .network import Conductor, Face, Heater, Load, ModeChange, Node, Powers, ReducedNumber, SimulatorModel
 from .numbers import Settable, settable_of
 from .parameters import read_parameters
@@ -119,7 +119,7 @@ class _Reader:
     def blocks(self, data: Mapping[str, Any]) -> tuple[Blocks, dict[str, Any]]:
         """All blocks but parameters, and those that a scenario is made of, by key."""
         telemetry, model = _mapping(data, "telemetry"), _mapping(data, "simulator")
-        files = self.block(Names, telemetry["file"], "telemetry", "file") if "file" in telemetry else ()
+        files = self.block(FileNames, telemetry["file"], "telemetry", "file") if "file" in telemetry else ()
         channels = self.entries(Channel, telemetry, "telemetry", "channels")
         external, network = None, {} if is_external(model) else model
         in_network: dict[str, Any] = {

@@ -27,7 +27,7 @@ class SwitchTimes(Block):
     timing: UncertainDuration = LogNormal(median=20.0, factor=2.0)
     """Standard deviation of a switch's time around the simulated one, s: control cycle, delays and what the simulator
     lacks; a prior (inferred) or a known value."""
-    error_rate: Annotated[Prior | float, Uncertain(Quantity("", above=0.0, at_most=0.5))] = 1e-3
+    error_rate: Annotated[Prior | float, Uncertain("", above=0.0, at_most=0.5)] = 1e-3
     """Share of status samples that are wrong, whatever the timing; a prior (inferred) or a known value."""
 
 

@@ -3,10 +3,8 @@
 from __future__ import annotations
 
 from io import StringIO
-from pathlib import Path
 from typing import Any
 
-from .external import KINDS
 from .network import SimulatorModel
 from .priors import written_prior
 from .residuals import NEEDS, Noise
@@ -35,7 +33,7 @@ def resolved_yaml(scenario: Scenario, *, absolute: bool = False) -> str:
 
 def _written(scenario: Scenario, absolute: bool) -> dict[str, Any]:
     """The scenario as a user writes it, as plain values."""
-    data = scenario.model_dump(mode="json", exclude_none=True)
+    data = scenario.model_dump(mode="json", exclude_none=True, context=scenario.folder if absolute else None)
     for name, channel in scenario.telemetry.channels.items():
         block = data["telemetry"]["channels"][name]
         for key, kind in (("on", "status"), ("fill", "driver")):
@@ -57,8 +55,6 @@ def _written(scenario: Scenario, absolute: bool) -> dict[str, Any]:
     data["noise"] = _written_noise(data["noise"])
     if isinstance(scenario.simulator, SimulatorModel):
         data["simulator"] = _written_network(data["simulator"])
-    if absolute:
-        _make_absolute(data, scenario.folder)
     return data
 
 
@@ -79,30 +75,3 @@ def _written_network(model: dict[str, Any]) -> dict[str, Any]:
         for name, heater in model["heaters"].items()
     }
     return {**{k: v for k, v in model.items() if k not in left_out}, "nodes": nodes, "heaters": heaters}
-
-
-def _make_absolute(data: dict[str, Any], folder: Path) -> None:
-    telemetry, environment = data["telemetry"], data["environment"]
-    telemetry["file"] = [str((folder / name).absolute()) for name in telemetry["file"]]
-    for block, key in ((environment.get("orbit"), "positions"), (environment["attitude"], "quaternions")):
-        if isinstance(block, dict) and key in block:
-            block[key] = str((folder / block[key]).absolute())
-    _make_simulator_absolute(data["simulator"], folder)
-
-
-def _make_simulator_absolute(model: dict[str, Any], folder: Path) -> None:
-    def absolute(name: str) -> str:
-        return str((folder / name).absolute())
-
-    for key in ("reduced_model", "checked_on"):
-        if key in model:
-            model[key] = absolute(model[key])
-    block: dict[str, Any] = next((model[kind] for kind in KINDS if kind in model), {})
-    for key in ("file", "keep_failed"):
-        if key in block:
-            block[key] = absolute(block[key])
-    if "command" in block:
-        program, *arguments = block["command"]
-        block["command"] = [absolute(program) if "/" in program else program, *arguments]
-        block["templates"] = {name: absolute(template) for name, template in block["templates"].items()}
-        block["files"] = [absolute(name) for name in block["files"]]

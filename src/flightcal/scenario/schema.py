@@ -30,6 +30,7 @@ from .fields import (
     Block,
     ChannelUnit,
     Count,
+    FileNames,
     Markers,
     Names,
     Number,
@@ -78,7 +79,7 @@ class Channel(Block):
 class TelemetryFile(Block):
     """The flight data: one file or several, one time column, the channels."""
 
-    file: Names
+    file: FileNames
     time: TimeColumn
     average: Duration | None = None
     """Block mean over this long; null: every sample as it is."""
