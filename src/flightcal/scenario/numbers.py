@@ -7,10 +7,9 @@ from dataclasses import dataclass
 from typing import TYPE_CHECKING, get_args
 
 from .blocks import Blocks, blocks_of, readable
-from .environment import AttitudeOffset, Environment
 from .fields import Block
-from .network import Conductor, Face, Heater, Load, Node
-from .schema import Channel, Observation, Scenario
+from .network import Conductor, Load
+from .schema import Channel, Scenario
 from .units import Quantity, si_unit, to_si
 
 if TYPE_CHECKING:
@@ -100,6 +99,18 @@ def _pairs(pairs: list[tuple[int, int]]) -> IntArray:
     return np.array(pairs, dtype=np.int64).reshape(-1, 2)
 
 
+_NETWORK = (
+    ("nodes", ("capacity",)),
+    ("nodes", ("boundary",)),
+    ("conductors", ("conductance",)),
+    ("conductors", ("radiative",)),
+    ("faces", ("area", "absorptivity", "emissivity")),
+    ("heaters", ("power", "on_below", "off_above")),
+)
+"""Sections of a network, and what parameters may set or scale in their blocks, in the order of the paths."""
+_OTHERS = {"loads": ("coefficient",), "observations": ("bias", "lag")}
+
+
 @dataclass(frozen=True)
 class Settable:
     """A number that a parameter may set or scale: SI unit ("" if dimensionless), SI value and SI bounds."""
@@ -149,23 +160,20 @@ def load_coefficient(load: Load, driver: Channel | None) -> tuple[str, float] | 
     return unit, float(load.coefficient)
 
 
-def quantity_of(block: type[Block], name: str) -> Quantity:
-    """Unit and bounds of a field, from its annotation."""
-    field = block.model_fields[name]
-    candidates = [*field.metadata, *(item for part in get_args(field.annotation) for item in get_args(part))]
-    return next(item for item in candidates if isinstance(item, Quantity))
-
-
 def _numbers(blocks: Blocks) -> Iterator[tuple[str, Quantity, float]]:
     """Path, unit with bounds, and value of every settable number that could be read."""
-    nodes, faces, heaters = readable(blocks.nodes), readable(blocks.faces), readable(blocks.heaters)
-    if blocks.reduced is not None:
-        for name, number in readable(blocks.reduced).items():
-            yield name, Quantity(number.unit, at_least=number.lower, at_most=number.upper), number.value
-    else:
-        yield from _network_numbers(blocks, nodes, faces)
-    for name, heater in heaters.items():
-        yield from _fields_of("heaters", {name: heater}, Heater, "power", "on_below", "off_above")
+    for name, number in readable(blocks.reduced or {}).items():
+        yield name, Quantity(number.unit, at_least=number.lower, at_most=number.upper), number.value
+    # The first conductor of a label keeps it; a second one is reported by lint.
+    conductors: dict[str, Conductor] = {}
+    for conductor in blocks.conductors:
+        if conductor is not None:
+            conductors.setdefault(conductor.label, conductor)
+    for section, fields in _NETWORK:
+        if section == "heaters" or blocks.reduced is None:
+            named = conductors if section == "conductors" else readable(getattr(blocks, section))
+            for name, block in named.items():
+                yield from _fields_of(f"{section}.{name}", block, fields)
     for mode, powers in readable(blocks.modes).items():
         for name, power in powers.items():
             yield f"modes.{mode}.{name}", Quantity("W"), power
@@ -175,41 +183,28 @@ def _numbers(blocks: Blocks) -> Iterator[tuple[str, Quantity, float]]:
             if item.initial_of is None:
                 yield f"inputs.{name}", Quantity(item.si[0]), item.si[1]
     elif blocks.environment:
-        for name in ("albedo", "earth_infrared", "solar_constant"):
-            yield f"environment.{name}", quantity_of(Environment, name), getattr(blocks.environment, name)
+        yield from _fields_of("environment", blocks.environment, ("albedo", "earth_infrared", "solar_constant"))
         if offset := blocks.environment.attitude_offset:
-            for axis in ("x", "y", "z"):
-                yield f"environment.attitude_offset.{axis}", quantity_of(AttitudeOffset, axis), getattr(offset, axis)
+            yield from _fields_of("environment.attitude_offset", offset, ("x", "y", "z"))
     for name, observation in readable(blocks.observations).items():
         if observation.heater is None:
             fields = ("bias",) if blocks.external else ("bias", "gain", "time_offset", "lag")
-            yield from _fields_of("observations", {name: observation}, Observation, *fields)
+            yield from _fields_of(f"observations.{name}", observation, fields)
 
 
-def _network_numbers(
-    blocks: Blocks, nodes: Mapping[str, Node], faces: Mapping[str, Face]
-) -> Iterator[tuple[str, Quantity, float]]:
-    # The first conductor of a label keeps it; a second one is reported by lint.
-    conductors = {conductor.label: conductor for conductor in reversed(blocks.conductors) if conductor}
-    conductors = dict(reversed(conductors.items()))
-
-    yield from _fields_of("nodes", nodes, Node, "capacity")
-    for name, node in nodes.items():
-        if isinstance(node.boundary, float):
-            yield f"nodes.{name}.boundary", Quantity("K", at_least=0.0), node.boundary
-    yield from _fields_of("conductors", conductors, Conductor, "conductance")
-    yield from _fields_of("conductors", conductors, Conductor, "radiative")
-    for name, face in faces.items():
-        yield from _fields_of("faces", {name: face}, Face, "area", "absorptivity", "emissivity")
+def fields_in(section: str) -> list[str]:
+    """What parameters may set in the blocks of a section, where it is written."""
+    return [field for key, fields in (*_NETWORK, *_OTHERS.items()) if key == section for field in fields]
 
 
-def _fields_of(
-    section: str, blocks: Mapping[str, Block], kind: type[Block], *names: str
-) -> Iterator[tuple[str, Quantity, float]]:
-    for block_name, block in blocks.items():
-        for name in names:
-            if getattr(block, name) is not None:
-                yield f"{section}.{block_name}.{name}", quantity_of(kind, name), getattr(block, name)
+def _fields_of(prefix: str, block: Block, names: Iterable[str]) -> Iterator[tuple[str, Quantity, float]]:
+    """What is written of a block's fields; text is the name of a channel that is measured."""
+    for name in names:
+        value = getattr(block, name)
+        if value is not None and not isinstance(value, str):
+            field = type(block).model_fields[name]
+            kinds = [*field.metadata, *(item for part in get_args(field.annotation) for item in get_args(part))]
+            yield f"{prefix}.{name}", next(item for item in kinds if isinstance(item, Quantity)), value
 
 
 def _coefficients(blocks: Blocks) -> Iterator[tuple[str, Quantity, float]]:

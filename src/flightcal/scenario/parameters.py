@@ -7,19 +7,11 @@ from typing import Any
 
 from .blocks import Blocks, read_block
 from .document import Location, Problem
-from .numbers import Settable
+from .numbers import Settable, fields_in
 from .priors import Normal
 from .schema import Parameter, is_difference
 from .units import did_you_mean
 
-_FIELDS = {
-    "nodes": ("capacity", "boundary"),
-    "conductors": ("conductance", "radiative"),
-    "faces": ("area", "absorptivity", "emissivity"),
-    "heaters": ("power", "on_below", "off_above"),
-    "loads": ("coefficient",),
-    "observations": ("bias", "lag"),
-}
 _NOT_READ = Normal(mean=0.0, standard_deviation=1.0)
 """In the place of a prior whose unit is not known."""
 
@@ -137,7 +129,7 @@ def _unknown_path(path: str, numbers: Mapping[str, Settable], blocks: Blocks) ->
     if section == "nodes" and name in names and field == "initial":
         wanted = "another number: every window's initial temperatures are estimated, 'initial_state' is their prior"
         return f"found {path!r}, expected {wanted}"
-    if section in _FIELDS and name in names and field in _FIELDS[section]:
+    if name in names and field in fields_in(section):
         wanted = f"a number that stands in the scenario: write {field!r} in {section}.{name} first"
         return f"found {path!r}, expected {wanted}"
     if section == "environment" and name == "attitude_offset" and field in ("x", "y", "z"):
