@@ -99,7 +99,7 @@ def _pairs(pairs: list[tuple[int, int]]) -> IntArray:
     return np.array(pairs, dtype=np.int64).reshape(-1, 2)
 
 
-_NETWORK = (
+_NETWORK: tuple[tuple[str, tuple[str, ...]], ...] = (
     ("nodes", ("capacity",)),
     ("nodes", ("boundary",)),
     ("conductors", ("conductance",)),
@@ -108,7 +108,7 @@ _NETWORK = (
     ("heaters", ("power", "on_below", "off_above")),
 )
 """Sections of a network, and what parameters may set or scale in their blocks, in the order of the paths."""
-_OTHERS = {"loads": ("coefficient",), "observations": ("bias", "lag")}
+_OTHERS: dict[str, tuple[str, ...]] = {"loads": ("coefficient",), "observations": ("bias", "lag")}
 
 
 @dataclass(frozen=True)

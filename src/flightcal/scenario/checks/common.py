@@ -2,11 +2,12 @@
 
 from __future__ import annotations
 
+import os
 from collections.abc import Callable, Collection, Iterator
 from pathlib import Path
 
 from ..blocks import Blocks
-from ..document import Problem
+from ..document import Location, Problem
 from ..reading import Reading
 from ..units import did_you_mean, show
 
@@ -22,22 +23,32 @@ def unknown(what: str, name: str, names: Collection[str]) -> str:
     return f"unknown {what} {show(name)}, expected {listed}{did_you_mean(name, names)}"
 
 
-def heated_node(blocks: Blocks, name: str, what: str) -> str | None:
-    """What is wrong with `name` as the node that takes up heat from `what`, or None."""
-    if name not in blocks.nodes:
-        return unknown("node", name, blocks.nodes)
-    node = blocks.nodes[name]
+def known(what: str, name: str, names: Collection[str], location: Location) -> Iterator[Problem]:
+    """Something has the name."""
+    if name not in names:
+        yield Problem(location, unknown(what, name, names))
+
+
+def heated_node(blocks: Blocks, name: str, what: str, location: Location) -> Iterator[Problem]:
+    """The node of this name can take up heat from `what`."""
+    yield from known("node", name, blocks.nodes, location)
+    node = blocks.nodes.get(name)
     if node is not None and node.boundary is not None:
-        return f"found the boundary node {name!r}, expected a node that {what} can heat: its temperature is given"
-    return None
+        found = f"found the boundary node {name!r}, expected a node that {what} can heat"
+        yield Problem(location, f"{found}: its temperature is given")
 
 
-def channel_of_kind(blocks: Blocks, name: str, kind: str) -> str | None:
-    """What is wrong with `name` as the name of a channel of a kind, or None."""
+def channel_of_kind(blocks: Blocks, name: str, kind: str, location: Location) -> Iterator[Problem]:
+    """The channel of this name is of a kind."""
+    of_kind = [other for other, channel in blocks.channels.items() if channel is None or channel.kind == kind]
+    channel = blocks.channels.get(name)
     if name not in blocks.channels:
-        of_kind = [other for other, channel in blocks.channels.items() if channel is None or channel.kind == kind]
-        return unknown(f"{kind} channel", name, of_kind)
-    channel = blocks.channels[name]
-    if channel is not None and channel.kind != kind:
-        return f"found {show(name)}, a {channel.kind} channel, expected a {kind} channel"
-    return None
+        yield Problem(location, unknown(f"{kind} channel", name, of_kind))
+    elif channel is not None and channel.kind != kind:
+        yield Problem(location, f"found {show(name)}, a {channel.kind} channel, expected a {kind} channel")
+
+
+def file_exists(folder: Path, name: str, wanted: str, location: Location) -> Iterator[Problem]:
+    """The file is there."""
+    if not os.path.isfile(folder / name):  # unlike Path's, False for a name that no file can have
+        yield Problem(location, f"found no such file as {show(name)}, expected {wanted} relative to the scenario")

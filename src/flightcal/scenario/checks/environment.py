@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import math
-import os
 import re
 from collections.abc import Iterator
 from pathlib import Path
@@ -20,6 +19,7 @@ from ..environment import (
 )
 from ..reading import Reading
 from ..units import show
+from .common import file_exists
 
 EARTH_RADIUS = 6378.137e3  # m, equatorial (WGS 84)
 _LOCAL_TIME = re.compile(r"([01]\d|2[0-3]):[0-5]\d")
@@ -50,9 +50,9 @@ def check(reading: Reading, folder: Path) -> Iterator[Problem]:
     if isinstance(orbit, TleOrbit):
         yield from _check_tle(orbit)
     if isinstance(orbit, SampledOrbit):
-        yield from _check_file(folder, orbit.positions, (*_ORBIT, "positions"))
+        yield from file_exists(folder, orbit.positions, "a path", (*_ORBIT, "positions"))
     if isinstance(attitude, SampledAttitude):
-        yield from _check_file(folder, attitude.quaternions, (*_ATTITUDE, "quaternions"))
+        yield from file_exists(folder, attitude.quaternions, "a path", (*_ATTITUDE, "quaternions"))
     if isinstance(attitude, InertialAttitude):
         length = math.hypot(*attitude.inertial)
         if abs(length - 1) > _UNIT_LENGTH_TOLERANCE:
@@ -94,8 +94,3 @@ def _check_tle(orbit: TleOrbit) -> Iterator[Problem]:
             reason = str(error).splitlines()[0]
             problems.append(Problem(location, f"found lines that are not two-line elements: {reason}"))
     yield from problems
-
-
-def _check_file(folder: Path, name: str, location: Location) -> Iterator[Problem]:
-    if not os.path.isfile(folder / name):  # unlike Path's, False for a name that no file can have
-        yield Problem(location, f"found no such file as {show(name)}, expected a path relative to the scenario")

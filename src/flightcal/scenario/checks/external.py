@@ -3,19 +3,18 @@
 from __future__ import annotations
 
 import ast
-import os
 import re
 import shutil
 from collections.abc import Iterator, Mapping
 from pathlib import Path, PurePosixPath
 from typing import Any
 
-from ..blocks import Blocks, External, readable
+from ..blocks import External, readable
 from ..document import Location, Problem
 from ..external import Executable, PythonFunction, Umbridge
 from ..reading import Reading
 from ..units import show
-from .common import channel_of_kind, unknown
+from .common import channel_of_kind, file_exists, known, unknown
 from .fmu import check_fmu
 
 _SIMULATOR: Location = ("simulator",)
@@ -42,7 +41,8 @@ def check(reading: Reading, folder: Path) -> Iterator[Problem]:
             yield Problem((*location, "url"), message)
     elif block is not None:
         yield from check_fmu(block, external, folder, location)
-        yield from _check_drivers(block.drivers, reading.blocks, location)
+        for variable, channel in block.drivers.items():
+            yield from channel_of_kind(reading.blocks, channel, "driver", (*location, "drivers", variable))
 
 
 def _check_inputs(external: External) -> Iterator[Problem]:
@@ -53,9 +53,8 @@ def _check_inputs(external: External) -> Iterator[Problem]:
             yield Problem(location, f"found the name {name!r}, expected another: templates know it as something else")
         if item.initial_of is None:
             continue
-        if item.initial_of not in external.outputs:
-            yield Problem((*location, "initial_of"), unknown("output", item.initial_of, external.outputs))
-        elif item.initial_of in first:
+        yield from known("output", item.initial_of, external.outputs, (*location, "initial_of"))
+        if item.initial_of in first and item.initial_of in external.outputs:
             other = first[item.initial_of]
             message = f"found the output {item.initial_of!r}, whose initial temperature is the input {other!r} already"
             yield Problem((*location, "initial_of"), message)
@@ -69,9 +68,8 @@ def _check_heaters(external: External) -> Iterator[Problem]:
         if not isinstance(heater.power, str):
             continue
         location = (*_SIMULATOR, "heaters", name, "power")
-        if heater.power not in external.inputs:
-            yield Problem(location, unknown("input", heater.power, external.inputs))
-        elif (item := external.inputs[heater.power]) is not None and item.si[0] != "W":
+        yield from known("input", heater.power, external.inputs, location)
+        if (item := external.inputs.get(heater.power)) is not None and item.si[0] != "W":
             yield Problem(location, f"found the input {heater.power!r}, {show(item.value)}, expected one in W")
 
 
@@ -89,19 +87,11 @@ def _check_same_name(external: External) -> Iterator[Problem]:
                 first.setdefault(called, name)
 
 
-def _check_drivers(drivers: Mapping[str, str], blocks: Blocks, location: Location) -> Iterator[Problem]:
-    for variable, channel in drivers.items():
-        wrong = channel_of_kind(blocks, channel, "driver")
-        if wrong:
-            yield Problem((*location, "drivers", variable), wrong)
-
-
 def _check_function(block: PythonFunction, folder: Path, location: Location) -> Iterator[Problem]:
     """The file is read as text and parsed; nothing in it runs."""
     here = (*location, "file")
-    missing = _missing(folder, block.file, "a Python file")
-    if missing:
-        yield Problem(here, missing)
+    if missing := list(file_exists(folder, block.file, "a Python file,", here)):
+        yield from missing
         return
     try:
         tree = ast.parse((folder / block.file).read_bytes(), block.file)
@@ -139,9 +129,7 @@ def _check_executable(block: Executable, external: External, folder: Path, locat
         message = f"found {show(block.command[0])}, expected a program that can be run, {place}"
         yield Problem((*location, "command"), message)
     for k, name in enumerate(block.files):
-        missing = _missing(folder, name, "a file to copy")
-        if missing:
-            yield Problem((*location, "files", k), missing)
+        yield from file_exists(folder, name, "a file to copy,", (*location, "files", k))
     written: dict[str, Location] = {}
     for name in (*block.templates, *(Path(name).name for name in block.files), block.output):
         where = (*location, "templates", name) if name in block.templates else location
@@ -153,9 +141,8 @@ def _check_executable(block: Executable, external: External, folder: Path, locat
         written[name] = where
     for name, template in block.templates.items():
         where = (*location, "templates", name)
-        missing = _missing(folder, template, "a template")
-        if missing:
-            yield Problem(where, missing)
+        if missing := list(file_exists(folder, template, "a template,", where)):
+            yield from missing
         else:
             yield from _check_template(folder / template, template, external, where)
 
@@ -183,9 +170,3 @@ def _check_template(path: Path, name: str, external: External, location: Locatio
             yield Problem(
                 location, f"template {show(name)}, line {node.lineno}: {unknown('input', key, external.inputs)}"
             )
-
-
-def _missing(folder: Path, name: str, what: str) -> str | None:
-    if os.path.isfile(folder / name):  # unlike Path's, False for a name that no file can have
-        return None
-    return f"found no such file as {show(name)}, expected {what}, relative to the scenario"

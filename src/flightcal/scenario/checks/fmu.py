@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import os
 import zipfile
 from collections.abc import Iterator
 from pathlib import Path
@@ -12,7 +11,7 @@ from ..blocks import External, readable
 from ..document import Location, Problem
 from ..external import Fmu
 from ..units import show
-from .common import unknown
+from .common import file_exists, known
 
 _DESCRIPTION = "modelDescription.xml"
 _MOST = 50_000_000
@@ -24,8 +23,8 @@ def check_fmu(block: Fmu, external: External, folder: Path, location: Location) 
     """The file is a co-simulation FMU of version 2 or 3 with the variables that the scenario names."""
     here = (*location, "file")
     path = folder / block.file
-    if not os.path.isfile(path):
-        yield Problem(here, f"found no such file as {show(block.file)}, expected an FMU, relative to the scenario")
+    if missing := list(file_exists(folder, block.file, "an FMU,", here)):
+        yield from missing
         return
     try:
         with zipfile.ZipFile(path) as archive:
@@ -63,19 +62,18 @@ def _check_variables(
         for name, item in blocks.items():
             variable = item.name or name
             where: Location = ("simulator", section, name)
-            if variable not in causality:
-                yield Problem(where, unknown("real variable of the FMU", variable, causality))
-            elif section == "inputs" and causality[variable] not in ("parameter", "input", "local"):
-                message = f"found the variable {show(variable)}, {_article(causality[variable])} of the FMU"
+            yield from known("real variable of the FMU", variable, causality, where)
+            kind = causality.get(variable, "input")
+            if section == "inputs" and kind not in ("parameter", "input", "local"):
+                message = f"found the variable {show(variable)}, {_article(kind)} of the FMU"
                 yield Problem(where, f"{message}, expected a parameter or an input")
     taken = {item.name or name for name, item in named["inputs"].items()}
     for variable in block.drivers:
         where = (*location, "drivers", variable)
-        if variable not in causality:
-            yield Problem(where, unknown("real variable of the FMU", variable, causality))
-        elif causality[variable] != "input":
-            found = f"found the variable {show(variable)}, {_article(causality[variable])} of the FMU"
-            yield Problem(where, f"{found}, expected an input")
+        yield from known("real variable of the FMU", variable, causality, where)
+        kind = causality.get(variable, "input")
+        if kind != "input":
+            yield Problem(where, f"found the variable {show(variable)}, {_article(kind)} of the FMU, expected an input")
         elif variable in taken:
             yield Problem(where, f"found the variable {show(variable)}, which 'inputs' sets too, expected it once")
 

@@ -12,7 +12,7 @@ from ..network import Heater
 from ..numbers import load_coefficient
 from ..reading import Reading
 from ..units import celsius
-from .common import channel_of_kind, heated_node, unknown
+from .common import channel_of_kind, heated_node, known
 
 _TIMELINE: Location = ("simulator", "timeline")
 
@@ -24,30 +24,23 @@ def check(reading: Reading, folder: Path) -> Iterator[Problem]:
         yield from _check_heater(blocks, heater, ("simulator", "heaters", name))
     for mode, powers in readable(blocks.modes).items():
         for node in powers if blocks.reduced is None else ():
-            wrong = heated_node(blocks, node, "dissipation")
-            if wrong:
-                yield Problem(("simulator", "modes", mode, node), wrong)
+            yield from heated_node(blocks, node, "dissipation", ("simulator", "modes", mode, node))
     yield from _check_timeline(blocks)
     yield from _check_loads(blocks)
 
 
 def _check_heater(blocks: Blocks, heater: Heater, location: Location) -> Iterator[Problem]:
-    wrong = heated_node(blocks, heater.node, "a heater")
-    if wrong:
-        yield Problem((*location, "node"), wrong)
+    yield from heated_node(blocks, heater.node, "a heater", (*location, "node"))
+    yield from known("node", heater.sensor, blocks.nodes, (*location, "sensor"))
     sensor = blocks.nodes.get(heater.sensor)
-    if heater.sensor not in blocks.nodes:
-        yield Problem((*location, "sensor"), unknown("node", heater.sensor, blocks.nodes))
-    elif sensor is not None and sensor.capacity is None:
+    if sensor is not None and sensor.capacity is None:
         message = f"found {heater.sensor!r}, a node without a capacity, expected one with a capacity"
         yield Problem((*location, "sensor"), message)
     if not heater.on_below < heater.off_above:
         found = f"on_below {celsius(heater.on_below)} and off_above {celsius(heater.off_above)}"
         yield Problem((*location, "on_below"), f"found {found}, expected on_below under off_above")
     if heater.measured_by is not None:
-        wrong = channel_of_kind(blocks, heater.measured_by, "status")
-        if wrong:
-            yield Problem((*location, "measured_by"), wrong)
+        yield from channel_of_kind(blocks, heater.measured_by, "status", (*location, "measured_by"))
     elif blocks.heater_input == "measured":
         yield Problem(
             location, "missing key 'measured_by', expected the heater's status channel: heater_input is measured"
@@ -62,8 +55,8 @@ def _check_timeline(blocks: Blocks) -> Iterator[Problem]:
         )
         yield Problem(("simulator", "modes"), message)
     for k, change in enumerate(blocks.timeline):
-        if change is not None and change.mode not in blocks.modes:
-            yield Problem((*_TIMELINE, k, "mode"), unknown("mode", change.mode, blocks.modes))
+        if change is not None:
+            yield from known("mode", change.mode, blocks.modes, (*_TIMELINE, k, "mode"))
     for k, (earlier, later) in enumerate(pairwise(blocks.timeline)):
         if earlier is not None and later is not None and not earlier.at < later.at:
             message = f"found {later.at.isoformat()} after {earlier.at.isoformat()}, expected times in ascending order"
@@ -78,12 +71,9 @@ def _check_timeline(blocks: Blocks) -> Iterator[Problem]:
 def _check_loads(blocks: Blocks) -> Iterator[Problem]:
     for name, load in readable(blocks.loads).items():
         location = ("simulator", "loads", name)
-        wrong = heated_node(blocks, load.node, "a load")
-        if wrong:
-            yield Problem((*location, "node"), wrong)
-        wrong = channel_of_kind(blocks, load.driver, "driver")
-        if wrong:
-            yield Problem((*location, "driver"), wrong)
+        yield from heated_node(blocks, load.node, "a load", (*location, "node"))
+        if wrong := list(channel_of_kind(blocks, load.driver, "driver", (*location, "driver"))):
+            yield from wrong
             continue
         try:
             load_coefficient(load, blocks.channels[load.driver])

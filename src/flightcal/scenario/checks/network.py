@@ -10,7 +10,7 @@ from ..document import Location, Problem
 from ..network import Conductor
 from ..reading import Reading
 from ..units import show
-from .common import channel_of_kind, heated_node, unknown
+from .common import channel_of_kind, heated_node, known
 
 _CONDUCTORS: Location = ("simulator", "conductors")
 
@@ -33,8 +33,7 @@ def _check_conductors(blocks: Blocks) -> Iterator[Problem]:
             continue
         location = (*_CONDUCTORS, k, "between")
         for name in dict.fromkeys(conductor.between):
-            if name not in blocks.nodes:
-                yield Problem(location, unknown("node", name, blocks.nodes))
+            yield from known("node", name, blocks.nodes, location)
         first, second = conductor.between
         if first == second:
             yield Problem(location, f"found {show(first)} twice, expected two different nodes")
@@ -56,18 +55,15 @@ def _check_labels(blocks: Blocks) -> Iterator[Problem]:
 
 def _check_boundaries(blocks: Blocks) -> Iterator[Problem]:
     for name, node in readable(blocks.nodes).items():
-        wrong = channel_of_kind(blocks, node.boundary, "temperature") if isinstance(node.boundary, str) else None
-        if wrong:
-            yield Problem(("simulator", "nodes", name, "boundary"), wrong)
+        if isinstance(node.boundary, str):
+            yield from channel_of_kind(blocks, node.boundary, "temperature", ("simulator", "nodes", name, "boundary"))
 
 
 def _check_faces(blocks: Blocks) -> Iterator[Problem]:
     environment = blocks.environment
     for name, face in readable(blocks.faces).items():
         location = ("simulator", "faces", name)
-        wrong = heated_node(blocks, face.node, "sunlight")
-        if wrong:
-            yield Problem((*location, "node"), wrong)
+        yield from heated_node(blocks, face.node, "sunlight", (*location, "node"))
         node = blocks.nodes.get(face.node)
         if node is not None and node.arithmetic:
             # Its temperature jumps by 200 K when the Sun comes up, farther than the linear equations of a step follow.

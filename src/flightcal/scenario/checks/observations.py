@@ -7,11 +7,11 @@ from collections.abc import Iterator
 from pathlib import Path
 
 from ..blocks import Blocks, readable
-from ..document import Problem
+from ..document import Location, Problem
 from ..priors import support
 from ..reading import Reading
 from ..schema import Observation
-from .common import channel_of_kind, unknown
+from .common import channel_of_kind, known
 
 _ERRORS = ("bias", "gain", "time_offset", "lag")
 
@@ -21,12 +21,9 @@ def check(reading: Reading, folder: Path) -> Iterator[Problem]:
     blocks = reading.blocks
     for name, observation in readable(blocks.observations).items():
         location = ("observations", name)
-        wrong = channel_of_kind(blocks, name, "temperature" if observation.heater is None else "status")
-        if wrong:
-            yield Problem(location, wrong)
-        wrong_target = _target_problem(blocks, observation)
-        if wrong_target:
-            yield Problem((*location, wrong_target[0]), wrong_target[1])
+        kind = "temperature" if observation.heater is None else "status"
+        yield from channel_of_kind(blocks, name, kind, location)
+        yield from _check_target(blocks, observation, location)
         if observation.heater is not None:
             yield from _check_status(blocks, observation, name)
             continue
@@ -42,26 +39,25 @@ def check(reading: Reading, folder: Path) -> Iterator[Problem]:
         yield Problem(("observations",), message)
 
 
-def _target_problem(blocks: Blocks, observation: Observation) -> tuple[str, str] | None:
-    """The key, and what is wrong with what it names as the thing that is measured; None: nothing is."""
+def _check_target(blocks: Blocks, observation: Observation, location: Location) -> Iterator[Problem]:
+    """What is measured is there."""
     external = blocks.external
     if observation.heater is not None:
         heaters = blocks.heaters if external is None else external.heaters
-        wrong = None if observation.heater in heaters else unknown("heater", observation.heater, heaters)
-        return ("heater", wrong) if wrong else None
-    if observation.output is not None:
-        if external is None:
-            return "output", "found 'output', expected 'node': the simulator is a thermal network"
-        known = observation.output in external.outputs
-        return None if known else ("output", unknown("output", observation.output, external.outputs))
-    name = observation.node or ""
-    if external is not None:
-        return "node", f"found 'node', expected 'output': the simulator is external ({external.kind})"
-    if name not in blocks.nodes:
-        return "node", unknown("node", name, blocks.nodes)
-    if (node := blocks.nodes[name]) is not None and node.boundary is not None:
-        return "node", f"found the boundary node {name!r}, expected one that is simulated"
-    return None
+        yield from known("heater", observation.heater, heaters, (*location, "heater"))
+    elif observation.output is not None and external is not None:
+        yield from known("output", observation.output, external.outputs, (*location, "output"))
+    elif observation.output is not None:
+        message = "found 'output', expected 'node': the simulator is a thermal network"
+        yield Problem((*location, "output"), message)
+    elif external is not None:
+        message = f"found 'node', expected 'output': the simulator is external ({external.kind})"
+        yield Problem((*location, "node"), message)
+    else:
+        name, here = observation.node or "", (*location, "node")
+        yield from known("node", name, blocks.nodes, here)
+        if (node := blocks.nodes.get(name)) is not None and node.boundary is not None:
+            yield Problem(here, f"found the boundary node {name!r}, expected one that is simulated")
 
 
 def _check_sensor(blocks: Blocks, observation: Observation, name: str) -> Iterator[Problem]:

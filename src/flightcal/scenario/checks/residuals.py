@@ -13,7 +13,7 @@ from ..external import PythonFunction, Umbridge
 from ..priors import support
 from ..reading import Reading
 from ..residuals import NEEDS, Noise
-from .common import unknown
+from .common import known
 
 _POSITIVE = "expected one of positive values: half_normal, lognormal or truncated_normal"
 
@@ -93,8 +93,7 @@ def _check_discrepancy(blocks: Blocks) -> Iterator[Problem]:
         return
     temperatures = [name for name, item in blocks.observations.items() if item is None or item.heater is None]
     for k, name in enumerate(discrepancy.channels):
-        if name not in temperatures:
-            yield Problem(("discrepancy", "channels", k), unknown("observed temperature channel", name, temperatures))
+        yield from known("observed temperature channel", name, temperatures, ("discrepancy", "channels", k))
     for part in ("time", "phase"):
         block = getattr(discrepancy, part)
         if block is None:
