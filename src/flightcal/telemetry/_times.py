@@ -12,9 +12,8 @@ import pyarrow.compute as pc
 from numpy.typing import NDArray
 
 from ..errors import TelemetryError
+from .clean import Nanoseconds
 from .readers import Source
-
-Nanoseconds = NDArray[np.int64]
 
 _UNREADABLE = np.iinfo(np.int64).min
 """Not a time, also to numpy."""
@@ -44,14 +43,14 @@ def parse_times(column: pa.ChunkedArray, written: str, source: Source) -> Nanose
     if pa.types.is_timestamp(column.type) or pa.types.is_date(column.type):
         unit = getattr(column.type, "unit", "s")
         times = _nanoseconds(column.to_pandas().to_numpy(dtype=f"datetime64[{unit}]"))
-    elif _is_text(column) or pa.types.is_integer(column.type) or pa.types.is_floating(column.type):
+    elif is_text(column) or pa.types.is_integer(column.type) or pa.types.is_floating(column.type):
         times = _PARSERS[written](column)
     else:
         raise TelemetryError(f"{source.name}: found times of type {column.type}, expected {_EXAMPLES[written]}")
     bad = (times == _UNREADABLE) | (times < _EARLIEST) | (times > _LATEST)
     if bad.any():
         raise _unreadable(column, written, source, int(np.argmax(bad)), int(bad.sum()))
-    if written == "iso8601" and _is_text(column):
+    if written == "iso8601" and is_text(column):
         _check_zones(column, source)
     return times
 
@@ -67,7 +66,7 @@ def _iso8601(column: pa.ChunkedArray) -> Nanoseconds:
 
 
 def _unix(column: pa.ChunkedArray) -> Nanoseconds:
-    if _is_text(column):
+    if is_text(column):
         text = pd.Series(_trimmed(column).to_numpy(zero_copy_only=False))
         seconds = pd.to_numeric(text, errors="coerce").to_numpy(float)
     else:
@@ -117,10 +116,8 @@ def _unreadable(column: pa.ChunkedArray, written: str, source: Source, row: int,
     hint = f"; format: {others[0]} would read it" if others else ""
     if written == "unix" and re.fullmatch(r"\d{13,19}(\.0*)?", str(value).strip()):
         hint = "; these look like milliseconds or finer"
-    also = "" if rows == 1 else f" (and in {rows - 1} more row{'s' if rows > 2 else ''})"
-    return TelemetryError(
-        f"{where}: found the time '{value}'{also}, expected {_EXAMPLES[written]}, between 1957 and 2150{hint}"
-    )
+    found = f"found the time '{value}'{more_rows(rows)}"
+    return TelemetryError(f"{where}: {found}, expected {_EXAMPLES[written]}, between 1957 and 2150{hint}")
 
 
 def _check_zones(column: pa.ChunkedArray, source: Source) -> None:
@@ -141,8 +138,14 @@ def _nanoseconds(times: NDArray[np.datetime64]) -> Nanoseconds:
     return np.where(near, times, np.datetime64("NaT", "D")).astype("datetime64[ns]").astype(np.int64)
 
 
-def _is_text(column: pa.ChunkedArray) -> bool:
+def is_text(column: pa.ChunkedArray) -> bool:
+    """Whether the cells of a column are text."""
     return pa.types.is_string(column.type) or pa.types.is_large_string(column.type)
+
+
+def more_rows(rows: int) -> str:
+    """What a message on the first of several rows says of the others."""
+    return "" if rows == 1 else f" (and in {rows - 1} more row{'s' if rows > 2 else ''})"
 
 
 def _trimmed(column: pa.ChunkedArray) -> pa.ChunkedArray:

@@ -14,6 +14,7 @@ from numpy.typing import NDArray
 from ..errors import TelemetryError
 from ..scenario import Channel
 from ._flags import Flag, Flags
+from ._times import is_text, more_rows
 from .readers import NULL_WORDS, Source
 
 Values = NDArray[np.float64]
@@ -44,7 +45,7 @@ def channel_values(name: str, channel: Channel, table: pa.Table, source: Source)
 def _numbers(label: str, channel: Channel, cells: pa.ChunkedArray, source: Source) -> tuple[Values, Flags]:
     if pa.types.is_dictionary(cells.type):
         cells = cells.cast(cells.type.value_type)
-    if _is_text(cells.type):
+    if is_text(cells):
         values, marked = _numbers_in_text(label, channel, cells, source)
     elif _is_numeric(cells.type):
         values = pc.cast(cells, pa.float64(), safe=False).to_numpy()
@@ -73,13 +74,15 @@ def _numbers_in_text(
         hint = "a mark of an invalid value belongs in the channel's 'invalid'"
         if _number(found.replace(",", ".")) is not None:
             hint = "the decimal sign is a point"
-        raise TelemetryError(f"{source.place(row)}: {label}: found '{found}'{_more(bad)}, expected a number; {hint}")
+        raise TelemetryError(
+            f"{source.place(row)}: {label}: found '{found}'{more_rows(bad.sum())}, expected a number; {hint}"
+        )
     return values, marked
 
 
 def _status(label: str, channel: Channel, cells: pa.ChunkedArray, source: Source) -> tuple[Values, Flags]:
     """1 on, 0 off; a value that is neither nor marked invalid is an error, as off would be a guess."""
-    if not (_is_text(cells.type) or _is_numeric(cells.type) or pa.types.is_dictionary(cells.type)):
+    if not (is_text(cells) or _is_numeric(cells.type) or pa.types.is_dictionary(cells.type)):
         raise TelemetryError(f"{source.name}: {label}: found values of type {cells.type}, expected a status")
     encoded = cells.combine_chunks()
     encoded = encoded if pa.types.is_dictionary(encoded.type) else pc.dictionary_encode(encoded)
@@ -94,7 +97,7 @@ def _status(label: str, channel: Channel, cells: pa.ChunkedArray, source: Source
         found = _written(encoded.dictionary[int(codes[row])].as_py())
         on = ", ".join({_written(value).lower(): _written(value) for value in reversed(channel.on)}.values())
         raise TelemetryError(
-            f"{source.place(row)}: {label}: found the status '{found}'{_more(bad)}, "
+            f"{source.place(row)}: {label}: found the status '{found}'{more_rows(bad.sum())}, "
             f"expected one that means on ({on}) or off (0, OFF, FALSE, ...); "
             "a mark of an invalid value belongs in the channel's 'invalid'"
         )
@@ -142,15 +145,6 @@ def _missing(channel: Channel) -> Flag:
 
 def _contains(text: pa.ChunkedArray, words: Collection[str]) -> NDArray[np.bool_]:
     return pc.is_in(text, value_set=pa.array(sorted(words), type=text.type)).to_numpy()
-
-
-def _more(bad: NDArray[np.bool_]) -> str:
-    rows = int(bad.sum())
-    return "" if rows == 1 else f" (and in {rows - 1} more row{'s' if rows > 2 else ''})"
-
-
-def _is_text(kind: pa.DataType) -> bool:
-    return pa.types.is_string(kind) or pa.types.is_large_string(kind)
 
 
 def _is_numeric(kind: pa.DataType) -> bool:

@@ -28,6 +28,11 @@ class RowOrder:
     """Times (ns) of the dropped rows whose content differs from that of the row kept."""
 
 
+def clock_text(time: np.datetime64) -> str:
+    """A time as messages and tables give it, to a second."""
+    return str(np.datetime_as_string(time, unit="s"))
+
+
 def order_rows(times: Nanoseconds, keys: RowKeys) -> RowOrder:
     """Sort rows by time and keep the first of each time.
 

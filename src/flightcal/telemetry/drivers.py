@@ -9,6 +9,7 @@ import xarray as xr
 from numpy.typing import NDArray
 
 from ..errors import TelemetryError
+from .clean import clock_text
 
 Fill = Literal["interpolate", "previous_orbit"]
 
@@ -70,7 +71,7 @@ def driver_series(
             if np.isinf(gap[first])
             else f"a gap of {gap[first] / 60:.1f} min"
         )
-        raise TelemetryError(f"channel '{channel}': found no sample at {_text(times[first])}, {length}; {advice}")
+        raise TelemetryError(f"channel '{channel}': found no sample at {clock_text(times[first])}, {length}; {advice}")
     return result
 
 
@@ -86,9 +87,9 @@ def status_fraction(dataset: xr.Dataset, channel: str, edges: NDArray[np.datetim
     rows = _seconds(dataset["time"].to_numpy()[[0, -1]])
     slack = max(interval, dataset.attrs["sampling_interval_s"])
     if at[0] < rows[0] - slack or at[-1] > rows[1] + slack:
-        first, last = (_text(time) for time in dataset["time"].to_numpy()[[0, -1]])
+        first, last = (clock_text(time) for time in dataset["time"].to_numpy()[[0, -1]])
         raise TelemetryError(
-            f"channel '{channel}': found no status from {_text(edges[0])} to {_text(edges[-1])}, "
+            f"channel '{channel}': found no status from {clock_text(edges[0])} to {clock_text(edges[-1])}, "
             f"expected times within the telemetry, {first} to {last}"
         )
     changes = seconds[1:] - np.minimum(np.diff(seconds), interval) / 2
@@ -132,7 +133,3 @@ def _valid(dataset: xr.Dataset, channel: str) -> tuple[NDArray[np.float64], NDAr
 
 def _seconds(times: NDArray[np.datetime64]) -> NDArray[np.float64]:
     return times.astype("datetime64[ns]").astype(np.int64) / 1e9
-
-
-def _text(time: np.datetime64) -> str:
-    return str(np.datetime_as_string(time, unit="s"))

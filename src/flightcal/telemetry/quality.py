@@ -9,7 +9,7 @@ import xarray as xr
 from numpy.typing import NDArray
 
 from ._flags import SAMPLE_FLAGS, Flag, meaning
-from .clean import Gap, find_gaps
+from .clean import Gap, clock_text, find_gaps
 
 LISTED = 10
 """Runs and gaps that a record's detail lists; the longest ones."""
@@ -64,7 +64,7 @@ def _row_records(dataset: xr.Dataset) -> list[QualityRecord]:
         missing = sum(gap.samples for gap in gaps)
         first, last = np.datetime64(gaps[0].start, "ns"), np.datetime64(gaps[-1].end, "ns")
         share = missing / (missing + len(times))
-        records.append(QualityRecord("", "gaps", missing, share, first, last, _gaps_text(gaps)))
+        records.append(QualityRecord("", "gaps", missing, share, first, last, _gapsclock_text(gaps)))
     return records
 
 
@@ -105,26 +105,22 @@ def _record(
             samples / total,
             times[hit[0]],
             times[hit[-1]],
-            _runs_text(runs, noun),
+            _runsclock_text(runs, noun),
         )
     ]
 
 
-def _runs_text(runs: list[tuple[int, np.datetime64]], noun: str) -> str:
+def _runsclock_text(runs: list[tuple[int, np.datetime64]], noun: str) -> str:
     listed = sorted(sorted(runs, key=lambda run: -run[0])[:LISTED], key=lambda run: run[1])
-    text = ", ".join(f"{samples} from {_text(time)}" for samples, time in listed)
+    text = ", ".join(f"{samples} from {clock_text(time)}" for samples, time in listed)
     number = f"{len(runs)} run{'s' if len(runs) > 1 else ''} of {noun}s"
     return f"{number}: {text}" if len(runs) <= LISTED else f"{number}, the longest: {text}"
 
 
-def _gaps_text(gaps: list[Gap]) -> str:
+def _gapsclock_text(gaps: list[Gap]) -> str:
     listed = sorted(sorted(gaps, key=lambda gap: gap.start - gap.end)[:LISTED], key=lambda gap: gap.start)
     text = ", ".join(
-        f"{(gap.end - gap.start) / 1e9:g} s from {_text(np.datetime64(gap.start, 'ns'))}" for gap in listed
+        f"{(gap.end - gap.start) / 1e9:g} s from {clock_text(np.datetime64(gap.start, 'ns'))}" for gap in listed
     )
     number = f"{len(gaps)} gap{'s' if len(gaps) > 1 else ''}"
     return f"{number}: {text}" if len(gaps) <= LISTED else f"{number}, the longest: {text}"
-
-
-def _text(time: np.datetime64) -> str:
-    return str(np.datetime_as_string(time, unit="s"))

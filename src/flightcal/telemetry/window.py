@@ -7,6 +7,7 @@ import xarray as xr
 
 from ..errors import TelemetryError
 from ..scenario import Window
+from .clean import clock_text
 
 
 def window_bounds(window: Window, period: float | None) -> tuple[np.datetime64, np.datetime64]:
@@ -35,8 +36,8 @@ def select_window(dataset: xr.Dataset, window: Window, period: float | None = No
     start, end = window_bounds(window, period or dataset.attrs.get("period_s"))
     times = dataset["time"].to_numpy()
     slack = np.timedelta64(round(dataset.attrs["sampling_interval_s"] * 1e9), "ns")
-    name = f"window {_text(start)} to {_text(end)}"
-    span = f"telemetry runs from {_text(times[0])} to {_text(times[-1])}"
+    name = f"window {clock_text(start)} to {clock_text(end)}"
+    span = f"telemetry runs from {clock_text(times[0])} to {clock_text(times[-1])}"
     if end <= times[0] or start > times[-1]:
         raise TelemetryError(f"{name}: found no telemetry, expected a window within it; {span}")
     if start < times[0] - slack or end > times[-1] + slack:
@@ -45,12 +46,8 @@ def select_window(dataset: xr.Dataset, window: Window, period: float | None = No
     if selected.sizes["time"] == 0:
         before, after = times[times < start][-1], times[times >= end][0]
         raise TelemetryError(
-            f"{name}: found no telemetry, a gap from {_text(before)} to {_text(after)}, expected samples"
+            f"{name}: found no telemetry, a gap from {clock_text(before)} to {clock_text(after)}, expected samples"
         )
     if not any(selected[channel].notnull().any() for channel in selected["channel"].to_numpy()):
         raise TelemetryError(f"{name}: found {selected.sizes['time']} samples, none valid, expected some that are")
     return selected
-
-
-def _text(time: np.datetime64) -> str:
-    return str(np.datetime_as_string(time, unit="s"))
