@@ -30,11 +30,11 @@ from .sun import OBLIQUITY
 def body_to_inertial(attitude: Attitude, at: Geometry, folder: Path = Path()) -> Floats:
     """Matrices [T, 3, 3] whose columns are the body axes in the inertial frame.
 
-    Sample files are read from `folder`. Raises OrbitError: a quaternion or an axis of length zero,
-    samples that do not cover the times, a spin without period.
+    Sample files are read from `folder`. Raises OrbitError: samples that do not cover the times or have a length of
+    zero, a spin without period.
     """
     if isinstance(attitude, InertialAttitude):
-        quaternion = unit(attitude.inertial, "environment.attitude.inertial")
+        quaternion = unit(attitude.inertial)
         matrix = Rotation.from_quat(quaternion, scalar_first=True).as_matrix()
         return np.broadcast_to(matrix, (len(at.times), 3, 3))
     if isinstance(attitude, SpinningAttitude):
@@ -47,13 +47,10 @@ def body_to_inertial(attitude: Attitude, at: Geometry, folder: Path = Path()) ->
     return _axes(z=-at.position, towards_y=-np.cross(at.position, at.velocity))
 
 
-def unit(vector: Floats | tuple[float, ...], place: str) -> Floats:
-    """`vector` [..., K] at length one; OrbitError that begins with `place` where it has none."""
+def unit(vector: Floats | tuple[float, ...]) -> Floats:
+    """`vector` [..., K], not zero, at length one."""
     array = np.asarray(vector, np.float64)
-    length = np.linalg.norm(array, axis=-1, keepdims=True)
-    if not (np.isfinite(length) & (length > 0)).all():
-        raise OrbitError(f"{place}: found {vector}, expected a vector of finite length, not zero")
-    scaled: Floats = array / length
+    scaled: Floats = array / np.linalg.norm(array, axis=-1, keepdims=True)
     return scaled
 
 
@@ -67,8 +64,8 @@ def _axes(z: Floats, towards_y: Floats) -> Floats:
 def _spinning(attitude: SpinningAttitude, at: Geometry) -> Floats:
     if attitude.period is None:
         raise OrbitError("environment.attitude: found no spin 'period', expected one: body axes depend on it")
-    axis = unit(attitude.spin_axis, "environment.attitude.spin_axis")
-    direction = unit(attitude.direction, "environment.attitude.direction")
+    axis = unit(attitude.spin_axis)
+    direction = unit(attitude.direction)
     turns = seconds_since(at.times, J2000) / attitude.period % 1.0
     spin = Rotation.from_rotvec(2 * np.pi * turns[:, None] * direction)
     matrices: Floats = (spin * _shortest_turn(axis, direction)).as_matrix()
@@ -88,7 +85,9 @@ def _sampled(attitude: SampledAttitude, at: Geometry, folder: Path) -> Floats:
     place = f"environment.attitude.quaternions: {attitude.quaternions}"
     times, quaternions = read_samples(folder / attitude.quaternions, ("w", "x", "y", "z"), place, at_least=2)
     within_span(at.times, times, place)
-    rotations = Rotation.from_quat(unit(quaternions, place), scalar_first=True)
+    if not quaternions.any(axis=1).all():
+        raise OrbitError(f"{place}: found a quaternion of length zero, expected length 1 (w, x, y, z)")
+    rotations = Rotation.from_quat(unit(quaternions), scalar_first=True)
     slerp = Slerp(seconds_since(times, times[0]), rotations)
     matrices: Floats = slerp(seconds_since(at.times, times[0])).as_matrix()
     return matrices

@@ -53,8 +53,7 @@ def face_fluxes(
     """
     at = geometry_of(environment, folder)(times)
     names = tuple(faces)
-    flat = {name: normal for name, normal in faces.items() if normal != "all"}
-    normals = [unit(normal, f"simulator.faces.{name}.normal") for name, normal in flat.items()]
+    normals = [unit(normal) for normal in faces.values() if normal != "all"]
     averaged = np.array([normal == "all" for normal in faces.values()], dtype=bool)
     flux = solar_flux(np.linalg.norm(at.to_sun, axis=-1), environment.solar_constant)
     direct = flux * sunlit_fraction(at.position, at.sun)
@@ -77,7 +76,7 @@ def face_fluxes(
 def _oriented(environment: Environment, normals: Floats, at: Geometry, folder: Path) -> Faces:
     attitude = environment.attitude
     if isinstance(attitude, SpinningAttitude) and attitude.period is None:
-        axis = unit(attitude.spin_axis, "environment.attitude.spin_axis")
-        return Spun(unit(attitude.direction, "environment.attitude.direction"), normals @ axis)
+        axis = unit(attitude.spin_axis)
+        return Spun(unit(attitude.direction), normals @ axis)
     # Body axes are the matrices' columns: row vector times transpose turns every normal at once.
     return Flat(normals @ np.swapaxes(body_to_inertial(attitude, at, folder), 1, 2))

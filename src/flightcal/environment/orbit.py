@@ -14,7 +14,6 @@ import erfa
 import numpy as np
 from scipy.interpolate import CubicSpline
 from sgp4.api import SGP4_ERRORS, Satrec
-from sgp4.io import verify_checksum
 
 from ..errors import OrbitError
 from ..scenario import CircularOrbit, Environment, KeplerianOrbit, Orbit, SampledOrbit, TleOrbit
@@ -39,7 +38,7 @@ Propagator = Callable[[Times], tuple[Floats, Floats]]
 def propagator(orbit: Orbit, folder: Path = Path()) -> Propagator:
     """The function that gives position and velocity on `orbit`; sample files are read from `folder`.
 
-    Raises OrbitError: perigee inside the Earth, unreadable elements or samples, times outside their span.
+    Raises OrbitError: unreadable samples, times outside their span.
     """
     if isinstance(orbit, SampledOrbit):
         return _sampled(orbit, folder)[0]
@@ -64,7 +63,7 @@ def orbital_period(environment: Environment, folder: Path = Path()) -> float:
     if isinstance(orbit, SampledOrbit):
         return _sampled(orbit, folder)[1]
     if isinstance(orbit, TleOrbit):
-        satellite = _satellite(orbit)
+        satellite = Satrec.twoline2rv(*orbit.tle)
         return float(2 * np.pi / (satellite.mdot + satellite.argpdot) * 60.0)
     elements = _keplerian(orbit) if isinstance(orbit, CircularOrbit) else orbit
     _, perigee_rate, anomaly_rate = secular_rates(elements)
@@ -112,12 +111,7 @@ def local_time_to_raan(local_time: str, epoch: np.datetime64) -> float:
     enters through sidereal time; the apparent local time differs by the equation of time, up to 16 min.
     UT1 is taken as UTC (0.9 s).
     """
-    try:
-        hours, minutes = (int(part) for part in local_time.split(":"))
-    except ValueError:
-        hours = minutes = -1
-    if not (0 <= hours < 24 and 0 <= minutes < 60):
-        raise OrbitError(f"environment.orbit.ltan: found {local_time!r}, expected a local time such as '18:00'")
+    hours, minutes = (int(part) for part in local_time.split(":"))
     whole, days = julian_dates(np.array([epoch]))
     sidereal = erfa.gst00b(whole, days[0])
     midnight_to_now = (whole + days[0] + 0.5) % 1.0
@@ -126,12 +120,8 @@ def local_time_to_raan(local_time: str, epoch: np.datetime64) -> float:
 
 
 def _keplerian(orbit: CircularOrbit) -> KeplerianOrbit:
-    if orbit.raan is not None and orbit.ltan is None:
-        raan = orbit.raan
-    elif orbit.ltan is not None and orbit.raan is None:
-        raan = local_time_to_raan(orbit.ltan, np.datetime64(orbit.epoch))
-    else:
-        raise OrbitError("environment.orbit: expected exactly one of 'ltan' and 'raan'")
+    raan = orbit.raan if orbit.ltan is None else local_time_to_raan(orbit.ltan, np.datetime64(orbit.epoch))
+    assert raan is not None  # the schema wants one of the two
     return KeplerianOrbit.model_construct(
         semi_major_axis=EARTH_RADIUS + orbit.altitude,
         eccentricity=0.0,
@@ -146,9 +136,6 @@ def _keplerian(orbit: CircularOrbit) -> KeplerianOrbit:
 def _secular(orbit: KeplerianOrbit) -> Propagator:
     """Kepler's ellipse with secular drifts; the velocity is the exact derivative of the position."""
     axis, eccentricity = orbit.semi_major_axis, orbit.eccentricity
-    perigee_height = axis * (1 - eccentricity) - EARTH_RADIUS
-    if perigee_height < 0:
-        raise OrbitError(f"environment.orbit: found perigee {perigee_height / 1e3:.0f} km high, expected above 0 km")
     node_rate, perigee_rate, anomaly_rate = secular_rates(orbit)
     epoch = np.datetime64(orbit.epoch)
     shape = np.sqrt(1 - eccentricity**2)
@@ -199,23 +186,8 @@ def eccentric_anomaly(mean_anomaly: Floats, eccentricity: float) -> Floats:
 # --- two-line elements --------------------------------------------------------------------------------------
 
 
-def _satellite(orbit: TleOrbit) -> Satrec:
-    first, second = (line.strip() for line in orbit.tle)
-    complete = all(line.startswith(f"{n} ") and len(line) == 69 for n, line in ((1, first), (2, second)))
-    if not complete or first[2:7] != second[2:7]:
-        raise OrbitError(
-            f"environment.orbit.tle: found {first!r} and {second!r}, "
-            "expected two lines of 69 characters that begin with '1 ' and '2 ' and one satellite's number"
-        )
-    try:
-        verify_checksum(first, second)
-    except ValueError as error:
-        raise OrbitError(f"environment.orbit.tle: {error}") from None
-    return Satrec.twoline2rv(first, second)
-
-
 def _tle(orbit: TleOrbit) -> Propagator:
-    satellite = _satellite(orbit)
+    satellite = Satrec.twoline2rv(*orbit.tle)
     epoch = satellite.jdsatepoch + satellite.jdsatepochF
 
     def state(times: Times) -> tuple[Floats, Floats]:

@@ -2,12 +2,62 @@
 
 from __future__ import annotations
 
+import re
 from typing import Annotated, Any, Literal
 
-from pydantic import Field
+from pydantic import AfterValidator, Field, model_validator
 
-from .fields import Block, FileName, Number, OneOf, Quaternion, Time, TleLines, Vector
-from .units import Angle, Duration, Quantity
+from .document import Problem
+from .fields import Block, FileName, Number, OneOf, Time, Vector, of_length
+from .units import Angle, Duration, Quantity, show
+from .wording import refusal
+
+EARTH_RADIUS = 6378.137e3
+"""m, equatorial (WGS 84)."""
+_LOCAL_TIME = re.compile(r"([01]\d|2[0-3]):[0-5]\d")
+
+
+def _check_local_time(text: str) -> str:
+    if not _LOCAL_TIME.fullmatch(text):
+        raise ValueError(f"found {show(text)}, expected a local time HH:MM such as 18:00")
+    return text
+
+
+def _check_elements(lines: tuple[str, str]) -> tuple[str, str]:
+    from sgp4.earth_gravity import wgs72
+    from sgp4.io import compute_checksum, twoline2rv
+
+    first, second = (line.strip() for line in lines)
+    problems = []
+    for k, line in enumerate((first, second)):
+        if not line.startswith(f"{k + 1} ") or len(line) != 69 or not line.isascii():
+            message = f"found {len(line)} characters, {show(line[:20])}..., expected 69 that begin with '{k + 1} '"
+            problems.append(Problem((k,), message))
+        elif line[68] != str(compute_checksum(line)):
+            message = f"found the checksum {line[68]}, expected {compute_checksum(line)}: a character is wrong"
+            problems.append(Problem((k,), message))
+    if problems:
+        raise refusal(*problems)
+    try:
+        twoline2rv(first, second, wgs72)
+    except (ValueError, ArithmeticError) as error:
+        raise ValueError(f"found lines that are not two-line elements: {str(error).splitlines()[0]}") from None
+    return first, second
+
+
+def _check_length(quaternion: tuple[float, ...]) -> tuple[float, ...]:
+    if not any(quaternion):
+        raise ValueError("found a quaternion of length 0, expected length 1 (w, x, y, z)")
+    return quaternion
+
+
+LocalTime = Annotated[str, AfterValidator(_check_local_time)]
+TleLines = Annotated[
+    tuple[str, str], of_length(2, "the two lines of a TLE [first, second]"), AfterValidator(_check_elements)
+]
+Quaternion = Annotated[
+    tuple[Number, Number, Number, Number], of_length(4, "four numbers [w, x, y, z]"), AfterValidator(_check_length)
+]
 
 
 class CircularOrbit(Block):
@@ -15,12 +65,20 @@ class CircularOrbit(Block):
 
     altitude: Annotated[float, Quantity("m", above=100e3, at_most=1e9)]
     inclination: Angle
-    ltan: str | None = None
+    ltan: LocalTime | None = None
     """Local time of the ascending node, ``"HH:MM"``."""
     raan: Angle | None = None
     argument_of_latitude: Angle = 0.0
     """Angle from the ascending node at `epoch`."""
     epoch: Time
+
+    @model_validator(mode="after")
+    def _one_node(self) -> CircularOrbit:
+        if (self.ltan is None) == (self.raan is None):
+            found = "neither" if self.ltan is None else "both"
+            wanted = "exactly one of 'ltan' (local time) and 'raan' (right ascension)"
+            raise ValueError(f"found {found}, expected {wanted}")
+        return self
 
 
 class KeplerianOrbit(Block):
@@ -33,6 +91,14 @@ class KeplerianOrbit(Block):
     argument_of_perigee: Angle
     mean_anomaly: Angle
     epoch: Time
+
+    @model_validator(mode="after")
+    def _above_ground(self) -> KeplerianOrbit:
+        perigee = self.semi_major_axis * (1 - self.eccentricity) - EARTH_RADIUS
+        if perigee <= 0:
+            message = f"found a perigee {-perigee / 1e3:.0f} km below the Earth's surface, expected one above it"
+            raise refusal(Problem(("semi_major_axis",), message))
+        return self
 
 
 class TleOrbit(Block):

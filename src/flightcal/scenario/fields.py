@@ -9,6 +9,7 @@ from functools import lru_cache
 from typing import Annotated, Any, Literal, Self
 
 from pydantic import (
+    AfterValidator,
     BaseModel,
     BeforeValidator,
     ConfigDict,
@@ -119,13 +120,21 @@ def from_folder(name: str, info: SerializationInfo) -> str:
     return name if info.context is None else str((info.context / name).absolute())
 
 
-def _of_length(length: int, what: str) -> BeforeValidator:
+def of_length(length: int, what: str) -> BeforeValidator:
+    """Marks a list of so many entries."""
+
     def check(value: Any) -> Any:
         if not isinstance(value, (list, tuple)) or len(value) != length:
             raise ValueError(f"found {show(value)}, expected {what}")
         return value
 
     return BeforeValidator(check)
+
+
+def _not_zero(vector: tuple[float, ...]) -> tuple[float, ...]:
+    if not any(vector):
+        raise ValueError("found a vector of length zero, expected a direction")
+    return vector
 
 
 @dataclass(frozen=True)
@@ -158,16 +167,14 @@ Time = Annotated[
     BeforeValidator(_read_time),
     WithJsonSchema({"type": "string", "pattern": r"^\d{4}-?\d{2}", "examples": ["2024-03-01T00:00:00"]}),
 ]
-Vector = Annotated[tuple[Number, Number, Number], _of_length(3, "three numbers [x, y, z]")]
-Quaternion = Annotated[tuple[Number, Number, Number, Number], _of_length(4, "four numbers [w, x, y, z]")]
+Vector = Annotated[tuple[Number, Number, Number], of_length(3, "three numbers [x, y, z]"), AfterValidator(_not_zero)]
 FaceNormal = Annotated[
     Vector | Literal["all"],
     OneOf(
         lambda value: Literal["all"] if isinstance(value, str) else Vector, "a normal: three numbers [x, y, z], or all"
     ),
 ]
-Pair = Annotated[tuple[str, str], _of_length(2, "the names of two nodes [first, second]")]
-TleLines = Annotated[tuple[str, str], _of_length(2, "the two lines of a TLE [first, second]")]
+Pair = Annotated[tuple[str, str], of_length(2, "the names of two nodes [first, second]")]
 # Names of things, or paths of numbers: one, or several.
 _NAMES = {"anyOf": [{"type": "string"}, {"type": "array", "items": {"type": "string"}, "minItems": 1}]}
 Names = Annotated[tuple[str, ...], BeforeValidator(_read_names), Field(min_length=1), WithJsonSchema(_NAMES)]
@@ -185,7 +192,7 @@ Markers = Annotated[
     BeforeValidator(_read_markers),
     WithJsonSchema({"anyOf": [_MARKER, {"type": "array", "items": _MARKER}]}),
 ]
-Range = Annotated[tuple[Marker, Marker], _of_length(2, "two values [lowest, highest]")]
+Range = Annotated[tuple[Marker, Marker], of_length(2, "two values [lowest, highest]")]
 ChannelUnit = Annotated[
     str, BeforeValidator(_read_driver_unit), WithJsonSchema({"anyOf": [{"type": "string"}, {"const": 1}]})
 ]

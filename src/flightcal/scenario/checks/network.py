@@ -69,8 +69,6 @@ def _check_faces(blocks: Blocks) -> Iterator[Problem]:
             # Its temperature jumps by 200 K when the Sun comes up, farther than the linear equations of a step follow.
             message = f"found the arithmetic node {face.node!r}, expected one with the heat capacity of its outer layer"
             yield Problem((*location, "node"), f"{message} (50 um of polyimide: 77 J/K for each m^2)")
-        if face.normal != "all" and not any(face.normal):
-            yield Problem((*location, "normal"), "found a vector of length zero, expected a direction")
         if environment is not None and environment.orbit is None:
             yield Problem(location, "found a face without an orbit, expected 'orbit' in environment to light it")
 

@@ -9,11 +9,10 @@ from pathlib import Path
 
 from ..blocks import readable
 from ..document import Problem
-from ..environment import CircularOrbit, Environment, KeplerianOrbit, TleOrbit
+from ..environment import EARTH_RADIUS, CircularOrbit, Environment, KeplerianOrbit, TleOrbit
 from ..reading import Reading
 from ..units import did_you_mean
 from ..windows import Window, is_trained
-from .environment import EARTH_RADIUS
 
 _EARTH_MU = 3.986004418e14  # m3/s2 (WGS 84)
 _TOLERANCE = timedelta(minutes=1)
