@@ -19,18 +19,21 @@ def check(reading: Reading, folder: Path) -> Iterator[Problem]:
     """Conductors and faces touch nodes that exist; every temperature is determined."""
     blocks = reading.blocks
     yield from _check_conductors(blocks)
-    yield from _check_labels(blocks)
-    yield from _check_boundaries(blocks)
     yield from _check_faces(blocks)
     if blocks.reduced is None:
         yield from _check_arithmetic(blocks)
-    yield from _check_initial(blocks)
+    yield from _check_temperatures(blocks)
 
 
 def _check_conductors(blocks: Blocks) -> Iterator[Problem]:
+    labels = set()
     for k, conductor in enumerate(blocks.conductors):
         if conductor is None:
             continue
+        if conductor.label in labels:
+            message = f"found a second conductor called {conductor.label!r}, expected a 'name' that tells them apart"
+            yield Problem((*_CONDUCTORS, k), message)
+        labels.add(conductor.label)
         location = (*_CONDUCTORS, k, "between")
         for name in dict.fromkeys(conductor.between):
             yield from known("node", name, blocks.nodes, location)
@@ -40,23 +43,6 @@ def _check_conductors(blocks: Blocks) -> Iterator[Problem]:
         elif all((node := blocks.nodes.get(name)) and node.boundary is not None for name in conductor.between):
             message = f"found the boundary nodes {first!r} and {second!r}, expected one whose temperature can change"
             yield Problem(location, message)
-
-
-def _check_labels(blocks: Blocks) -> Iterator[Problem]:
-    first: dict[str, int] = {}
-    for k, conductor in enumerate(blocks.conductors):
-        if conductor is None:
-            continue
-        if conductor.label in first:
-            message = f"found a second conductor called {conductor.label!r}, expected a 'name' that tells them apart"
-            yield Problem((*_CONDUCTORS, k), message)
-        first.setdefault(conductor.label, k)
-
-
-def _check_boundaries(blocks: Blocks) -> Iterator[Problem]:
-    for name, node in readable(blocks.nodes).items():
-        if isinstance(node.boundary, str):
-            yield from channel_of_kind(blocks, node.boundary, "temperature", ("simulator", "nodes", name, "boundary"))
 
 
 def _check_faces(blocks: Blocks) -> Iterator[Problem]:
@@ -96,12 +82,14 @@ def _check_arithmetic(blocks: Blocks) -> Iterator[Problem]:
             yield Problem(("simulator", "nodes", name), f"{message}, expected one")
 
 
-def _check_initial(blocks: Blocks) -> Iterator[Problem]:
-    """Initial temperatures come from telemetry or are written, and belong to nodes that can have one."""
+def _check_temperatures(blocks: Blocks) -> Iterator[Problem]:
+    """Given temperatures are measured; initial ones are measured or written, and belong to nodes that can have one."""
     observations = blocks.observations.values()
     observed = {observation.node for observation in observations if observation is not None}
     for name, node in readable(blocks.nodes).items():
         location = ("simulator", "nodes", name)
+        if isinstance(node.boundary, str):
+            yield from channel_of_kind(blocks, node.boundary, "temperature", (*location, "boundary"))
         if node.capacity is None and node.initial is not None:
             kind = "an arithmetic" if node.arithmetic else "a boundary"
             yield Problem((*location, "initial"), f"found 'initial' for {kind} node, expected it for a capacity only")

@@ -41,15 +41,9 @@ def _prior_problem(parameter: Parameter, numbers: Mapping[str, Settable]) -> str
         outside = max(prior.lower - prior.mean, prior.mean - prior.upper) / prior.standard_deviation
         if outside > _FAR_OUT:
             return f"found a mean {outside:.0f} standard deviations outside the bounds, expected it near or inside"
-    for path in parameter.sets:
-        message = _set_problem(path, prior, numbers[path])
-        if message:
-            return message
-    for path in parameter.scales:
-        message = _scale_problem(path, prior, numbers[path])
-        if message:
-            return message
-    return None
+    problems = [_set_problem(path, prior, numbers[path]) for path in parameter.sets]
+    problems += [_scale_problem(path, prior, numbers[path]) for path in parameter.scales]
+    return next(filter(None, problems), None)
 
 
 def _set_problem(path: str, prior: Prior, number: Settable) -> str | None:
@@ -59,7 +53,7 @@ def _set_problem(path: str, prior: Prior, number: Settable) -> str | None:
             return f"found a {prior.kind} prior of a temperature, expected normal, truncated_normal or uniform"
         # The tail of a normal prior below absolute zero has no weight.
         lower = number.lower if math.isinf(lower) else lower
-    return _beyond(prior.kind, (lower, upper), number, number.unit, "")
+    return _beyond(prior.kind, lower, upper, number, "")
 
 
 def _scale_problem(path: str, prior: Prior, number: Settable) -> str | None:
@@ -69,24 +63,22 @@ def _scale_problem(path: str, prior: Prior, number: Settable) -> str | None:
         return f"found a prior that scales the temperature {path}, expected 'sets': kelvin are not scaled"
     lower, upper = sorted(bound * number.value for bound in support(prior))
     written = f"{number.value:g} {number.unit}".strip()
-    return _beyond(prior.kind, (lower, upper), number, number.unit, f" for {path} of {written}")
+    return _beyond(prior.kind, lower, upper, number, f" for {path} of {written}")
 
 
-def _beyond(kind: str, reach: tuple[float, float], number: Settable, unit: str, target: str) -> str | None:
+def _beyond(kind: str, lower: float, upper: float, number: Settable, target: str) -> str | None:
     """Where a prior that reaches from one number to another leaves what the quantity can be."""
-    limits = (f"at least {number.lower:g} {unit}".strip(), f"at most {number.upper:g} {unit}".strip())
-    if reach[0] < number.lower:
-        if math.isinf(reach[0]):
-            advice = (
-                "lognormal or truncated_normal" if math.isinf(number.upper) else "uniform, beta or truncated_normal"
-            )
-            return f"found a {kind} prior, which has no lower end, expected {limits[0]}{target}: use {advice}"
-        return f"found a prior that reaches down to {reach[0]:g} {unit}".strip() + f", expected {limits[0]}{target}"
-    if reach[1] > number.upper:
-        if math.isinf(reach[1]):
-            advice = "uniform, beta or truncated_normal"
-            return f"found a {kind} prior, which has no upper end, expected {limits[1]}{target}: use {advice}"
-        return f"found a prior that reaches up to {reach[1]:g} {unit}".strip() + f", expected {limits[1]}{target}"
+    two_ends = "uniform, beta or truncated_normal"
+    one_end = "lognormal or truncated_normal" if math.isinf(number.upper) else two_ends
+    for beyond, end, limit, name, down, least, advice in (
+        (lower < number.lower, lower, number.lower, "lower", "down", "at least", one_end),
+        (upper > number.upper, upper, number.upper, "upper", "up", "at most", two_ends),
+    ):
+        expected = f"expected {f'{least} {limit:g} {number.unit}'.strip()}{target}"
+        if beyond and math.isinf(end):
+            return f"found a {kind} prior, which has no {name} end, {expected}: use {advice}"
+        if beyond:
+            return f"{f'found a prior that reaches {down} to {end:g} {number.unit}'.strip()}, {expected}"
     return None
 
 
