@@ -5,14 +5,16 @@ from __future__ import annotations
 import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
-from typing import Any
+from typing import TypeVar
 
 import numpy as np
 
 from ..errors import FlightcalError
 from ..operational import Mission, Spacecraft, fly
-from ..scenario import Parameter, SimulatorModel, numbers_of, settable
+from ..scenario import Block, Parameter, SimulatorModel, numbers_of, settable
 from ..simulator import FloatArray, Times, Trajectory
+
+BlockT = TypeVar("BlockT", bound=Block)
 
 
 @dataclass(frozen=True)
@@ -63,13 +65,10 @@ def spacecraft_at(craft: Spacecraft, parameters: Mapping[str, Parameter], theta:
         return {numbers.paths[k]: float(at[k]) for k in np.flatnonzero(numbers.moved())}
 
     numbers = moved({path: number.value for path, number in settable(craft.scenario).items()})
-    environment = craft.scenario.environment
-    names = ("albedo", "earth_infrared")
-    changes = {name: numbers[path] for name in names if (path := f"environment.{name}") in numbers}
     scenario = craft.scenario.model_copy(
         update={
             "simulator": _network_at(craft.scenario.network, numbers),
-            "environment": environment.model_copy(update=changes),
+            "environment": _block_at(craft.scenario.environment, "environment", numbers),
         }
     )
     touched = {path for entry in entries for paths in entry for path in paths}
@@ -93,20 +92,17 @@ def spacecraft_at(craft: Spacecraft, parameters: Mapping[str, Parameter], theta:
     return replace(craft, scenario=scenario, software=replace(craft.software, heaters=heaters))
 
 
-def _network_at(model: SimulatorModel, numbers: Mapping[str, float]) -> SimulatorModel:
-    def changed(block: Any, prefix: str, fields: Sequence[str]) -> Any:
-        update = {name: numbers[path] for name in fields if (path := f"{prefix}.{name}") in numbers}
-        return block.model_copy(update=update) if update else block
+def _block_at(block: BlockT, prefix: str, numbers: Mapping[str, float]) -> BlockT:
+    update = {name: numbers[path] for name in type(block).model_fields if (path := f"{prefix}.{name}") in numbers}
+    return block.model_copy(update=update) if update else block
 
+
+def _network_at(model: SimulatorModel, numbers: Mapping[str, float]) -> SimulatorModel:
     return model.model_copy(
         update={
-            "nodes": {n: changed(b, f"nodes.{n}", ("capacity", "boundary")) for n, b in model.nodes.items()},
-            "conductors": tuple(
-                changed(c, f"conductors.{c.label}", ("conductance", "radiative")) for c in model.conductors
-            ),
-            "faces": {
-                n: changed(b, f"faces.{n}", ("area", "absorptivity", "emissivity")) for n, b in model.faces.items()
-            },
+            "nodes": {name: _block_at(block, f"nodes.{name}", numbers) for name, block in model.nodes.items()},
+            "conductors": tuple(_block_at(c, f"conductors.{c.label}", numbers) for c in model.conductors),
+            "faces": {name: _block_at(block, f"faces.{name}", numbers) for name, block in model.faces.items()},
             "modes": {
                 mode: {node: numbers.get(f"modes.{mode}.{node}", watts) for node, watts in powers.items()}
                 for mode, powers in model.modes.items()
@@ -121,26 +117,15 @@ def compare(
     """Reduced minus operational over draws: a record for each sensor (K) and heater (share of the time)."""
     errors = np.stack([b.temperatures - a.temperatures for a, b in zip(flown, reduced, strict=True)])
     duty = np.stack([b.duty_cycle - a.duty for a, b in zip(flown, reduced, strict=True)])
-    records: list[dict[str, float | str]] = [
+    return [
         {
             "channel": name,
-            "mean": float(errors[..., k].mean()),
-            "rms": float(np.sqrt(np.mean(errors[..., k] ** 2))),
-            "quantile_95": float(np.quantile(np.abs(errors[..., k]), 0.95)),
-            "worst": float(np.abs(errors[..., k]).max()),
-            "unit": "K",
+            "mean": float(difference[..., k].mean()),
+            "rms": float(np.sqrt(np.mean(difference[..., k] ** 2))),
+            "quantile_95": float(np.quantile(np.abs(difference[..., k]), 0.95)),
+            "worst": float(np.abs(difference[..., k]).max()),
+            "unit": unit,
         }
-        for k, name in enumerate(sensors)
+        for names, difference, unit in ((sensors, errors, "K"), (heaters, duty, "1"))
+        for k, name in enumerate(names)
     ]
-    records += [
-        {
-            "channel": name,
-            "mean": float(duty[:, k].mean()),
-            "rms": float(np.sqrt(np.mean(duty[:, k] ** 2))),
-            "quantile_95": float(np.quantile(np.abs(duty[:, k]), 0.95)),
-            "worst": float(np.abs(duty[:, k]).max()),
-            "unit": "1",
-        }
-        for k, name in enumerate(heaters)
-    ]
-    return records
