@@ -55,7 +55,11 @@ def _read(
         message = "unknown key 'unit', expected none: the unit follows from the path that the parameter sets"
         found.append(Problem((*location, "unit"), message))
     for key in ("sets", "scales"):
-        found += _unknown_paths(value.get(key), (*location, key), numbers, blocks)
+        found += [
+            Problem(place, _unknown_path(path, numbers, blocks))
+            for place, path in _paths(value, key, location).items()
+            if path not in numbers and not _may_exist(path, blocks)
+        ]
     unit, wrong = _unit_of(value, location, numbers)
     found += wrong
     if unit is None and "prior" in value:
@@ -72,36 +76,28 @@ def _unit_of(
     block: dict[str, Any], location: Location, numbers: Mapping[str, Settable]
 ) -> tuple[str | None, list[Problem]]:
     """SI unit of what the parameter sets, "" when it only scales; None where that cannot be known."""
-    paths = _paths(block, "sets")
-    if not paths and _paths(block, "scales"):
+    paths, scales = (_paths(block, key, location) for key in ("sets", "scales"))
+    if not paths and scales:
         return "", []
-    known = {path: numbers[path].unit for path in paths if path in numbers}
+    known = {path: numbers[path].unit for path in paths.values() if path in numbers}
     units = list(dict.fromkeys(known.values()))
     if len({(unit, is_difference(path)) for path, unit in known.items()}) > 1:
         kinds = {path: "temperature difference" if is_difference(path) else unit for path, unit in known.items()}
         found = " and ".join(f"{path} ({kind or 'dimensionless'})" for path, kind in kinds.items())
         return None, [Problem((*location, "sets"), f"found {found}, expected paths of one unit")]
-    if units and units[0] and _paths(block, "scales"):
+    if units and units[0] and scales:
         message = f"found 'scales' beside 'sets' in {units[0]}, expected a plain number to do both, or two parameters"
         return units[0], [Problem((*location, "scales"), message)]
     return (units[0] if units else None), []
 
 
-def _paths(block: dict[str, Any], key: str) -> list[str]:
-    value = block.get(key)
-    value = [value] if isinstance(value, str) else value
-    return [path for path in value if isinstance(path, str)] if isinstance(value, list) else []
-
-
-def _unknown_paths(
-    written: Any, location: Location, numbers: Mapping[str, Settable], blocks: Blocks
-) -> Iterator[Problem]:
-    places = {location: written} if isinstance(written, str) else {}
-    if isinstance(written, list):
-        places = {(*location, k): path for k, path in enumerate(written)}
-    for place, path in places.items():
-        if isinstance(path, str) and path not in numbers and not _may_exist(path, blocks):
-            yield Problem(place, _unknown_path(path, numbers, blocks))
+def _paths(block: dict[str, Any], key: str, location: Location) -> dict[Location, str]:
+    """The paths under a key by where they stand, as far as they are text."""
+    written, here = block.get(key), (*location, key)
+    if isinstance(written, str):
+        return {here: written}
+    listed = written if isinstance(written, list) else []
+    return {(*here, k): path for k, path in enumerate(listed) if isinstance(path, str)}
 
 
 def _may_exist(path: str, blocks: Blocks) -> bool:

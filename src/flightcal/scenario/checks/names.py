@@ -19,16 +19,11 @@ def check(reading: Reading, folder: Path) -> Iterator[Problem]:
     blocks = reading.blocks
     sections: dict[Location, list[str]] = {
         ("telemetry", "channels"): list(blocks.channels),
-        ("simulator", "nodes"): list(blocks.nodes),
-        ("simulator", "faces"): list(blocks.faces),
-        ("simulator", "heaters"): list(blocks.heaters),
-        ("simulator", "modes"): list(blocks.modes),
-        ("simulator", "loads"): list(blocks.loads),
         ("parameters",): list(blocks.parameters),
     }
-    if blocks.external is not None:
-        for section in ("inputs", "outputs", "heaters"):
-            sections["simulator", section] = list(getattr(blocks.external, section))
+    external = ("inputs", "outputs", "heaters")
+    for section in external if blocks.external else ("nodes", "faces", "heaters", "modes", "loads"):
+        sections["simulator", section] = list(getattr(blocks.external or blocks, section))
     named = [((*section, name), name) for section, names in sections.items() for name in names]
     # A window of a group is called after both.
     named += [(("windows", name), part) for name in blocks.windows for part in name.split(".", 1)]
