@@ -5,16 +5,13 @@ from __future__ import annotations
 import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
-from typing import TypeVar
 
 import numpy as np
 
 from ..errors import FlightcalError
 from ..operational import Mission, Spacecraft, fly
-from ..scenario import Block, Parameter, SimulatorModel, numbers_of, settable
+from ..scenario import AnyBlock, Parameter, SimulatorModel, numbers_of, settable
 from ..simulator import FloatArray, Times, Trajectory
-
-BlockT = TypeVar("BlockT", bound=Block)
 
 
 @dataclass(frozen=True)
@@ -92,7 +89,7 @@ def spacecraft_at(craft: Spacecraft, parameters: Mapping[str, Parameter], theta:
     return replace(craft, scenario=scenario, software=replace(craft.software, heaters=heaters))
 
 
-def _block_at(block: BlockT, prefix: str, numbers: Mapping[str, float]) -> BlockT:
+def _block_at(block: AnyBlock, prefix: str, numbers: Mapping[str, float]) -> AnyBlock:
     update = {name: numbers[path] for name in type(block).model_fields if (path := f"{prefix}.{name}") in numbers}
     return block.model_copy(update=update) if update else block
 

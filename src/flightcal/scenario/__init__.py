@@ -28,7 +28,7 @@ from .external import (
     kind_of_simulator,
     simulator_files,
 )
-from .fields import Block, Count, Number, Pair, Part, Time, Vector
+from .fields import AnyBlock, Block, Count, Number, Pair, Part, Time, Vector
 from .json_schema import json_schema, schema_of
 from .lint import Finding, file_error, lint, load_scenario, read_file
 from .network import (
@@ -79,6 +79,7 @@ from .windows import Window, is_trained
 __all__ = [
     "NEEDS",
     "REDUCED_MODEL_FORMAT",
+    "AnyBlock",
     "Attitude",
     "Beta",
     "Block",

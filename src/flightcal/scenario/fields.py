@@ -2,11 +2,11 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Iterable
 from dataclasses import dataclass, fields
 from datetime import UTC, datetime
 from functools import lru_cache
-from typing import Annotated, Any, Literal, Self
+from typing import Annotated, Any, Literal, Self, TypeVar
 
 from pydantic import (
     AfterValidator,
@@ -198,8 +198,12 @@ ChannelUnit = Annotated[
 ]
 
 
-def exactly_one(present: dict[str, bool], expected: str) -> None:
-    """Raises ValueError, for a validator, unless one of the keys is there."""
-    found = [name for name, there in present.items() if there]
+AnyBlock = TypeVar("AnyBlock", bound=Block)
+
+
+def exactly_one(block: AnyBlock, keys: Iterable[str], expected: str) -> AnyBlock:
+    """The block. Raises ValueError, for a validator, unless one of the keys is there (a flag: is true)."""
+    found = [key for key in keys if getattr(block, key) is not None and getattr(block, key) is not False]
     if len(found) != 1:
         raise ValueError(f"found {' and '.join(map(repr, found)) or 'none of them'}, expected {expected}")
+    return block

@@ -4,18 +4,16 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 from pathlib import Path
-from typing import TypeVar
 
 from ..errors import ScenarioError
 from .blocks import read_block
 from .checks import CHECKS
 from .document import Document, Location, Problem, read_document
-from .fields import Block
+from .fields import AnyBlock
 from .reading import Reading, read_scenario
 from .schema import Scenario
 from .units import show
 
-File = TypeVar("File", bound=Block)
 _UNNAMED = ("telemetry", "simulator")
 """Blocks that locations leave out before their sections, as the paths of parameters do."""
 _SECTIONS = ("channels", "nodes", "conductors", "faces", "heaters", "modes", "timeline", "loads", "inputs", "outputs")
@@ -69,14 +67,14 @@ def examine(path: str | Path, telemetry: str | Path | None = None) -> tuple[Scen
     return (None if findings else reading.scenario), findings
 
 
-def read_file(path: Path, kind: type[File]) -> tuple[File, Document]:
+def read_file(path: Path, kind: type[AnyBlock]) -> tuple[AnyBlock, Document]:
     """The YAML file at `path`, whose whole content is a block, and where in it things stand.
 
     Raises ScenarioError, whose message lists what is wrong with the file, a line each.
     """
     document = read_document(path)
     problems = list(document.problems)
-    content: File | None = None
+    content: AnyBlock | None = None
     if isinstance(document.data, dict):
         content = read_block(kind, document.data, (), problems)
     elif not problems:

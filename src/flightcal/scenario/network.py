@@ -21,13 +21,8 @@ class Node(Block):
 
     @model_validator(mode="after")
     def _one_kind(self) -> Node:
-        kinds = {
-            "capacity": self.capacity is not None,
-            "arithmetic": self.arithmetic,
-            "boundary": self.boundary is not None,
-        }
-        exactly_one(kinds, "exactly one of 'capacity', 'arithmetic: true' (massless) and 'boundary' (given)")
-        return self
+        expected = "exactly one of 'capacity', 'arithmetic: true' (massless) and 'boundary' (given)"
+        return exactly_one(self, ("capacity", "arithmetic", "boundary"), expected)
 
 
 class Face(Block):
@@ -52,9 +47,8 @@ class Conductor(Block):
 
     @model_validator(mode="after")
     def _one_law(self) -> Conductor:
-        given = {"conductance": self.conductance is not None, "radiative": self.radiative is not None}
-        exactly_one(given, "exactly one of 'conductance' (W/K) and 'radiative' (m^2)")
-        return self
+        expected = "exactly one of 'conductance' (W/K) and 'radiative' (m^2)"
+        return exactly_one(self, ("conductance", "radiative"), expected)
 
     @property
     def label(self) -> str:

@@ -47,9 +47,7 @@ class StatusLikelihood(Block):
 
     @model_validator(mode="after")
     def _one_form(self) -> StatusLikelihood:
-        given = {name: getattr(self, name) is not None for name in ("switch_times", "duty_cycle")}
-        exactly_one(given, "exactly one of 'switch_times' and 'duty_cycle'")
-        return self
+        return exactly_one(self, ("switch_times", "duty_cycle"), "exactly one of 'switch_times' and 'duty_cycle'")
 
 
 NEEDS = {

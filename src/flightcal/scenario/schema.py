@@ -159,9 +159,7 @@ class Observation(Block):
 
     @model_validator(mode="after")
     def _one_target(self) -> Observation:
-        given = {name: getattr(self, name) is not None for name in ("node", "output", "heater")}
-        exactly_one(given, "exactly one of 'node', 'output' and 'heater'")
-        return self
+        return exactly_one(self, ("node", "output", "heater"), "exactly one of 'node', 'output' and 'heater'")
 
 
 # --- the whole --------------------------------------------------------------------------------------------------

@@ -19,8 +19,7 @@ class Window(Block):
 
     @model_validator(mode="after")
     def _one_length(self) -> Window:
-        given = {"orbits": self.orbits is not None, "end": self.end is not None}
-        exactly_one(given, "exactly one of 'orbits' and 'end'")
+        exactly_one(self, ("orbits", "end"), "exactly one of 'orbits' and 'end'")
         if self.end is not None and self.end <= self.start:
             raise ValueError(f"found end {self.end.isoformat()}, expected one after {self.start.isoformat()}")
         return self
