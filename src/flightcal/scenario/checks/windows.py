@@ -69,10 +69,7 @@ def _span(window: Window, environment: Environment) -> tuple[datetime, datetime]
 def _two_body_period(environment: Environment) -> float | None:
     orbit = environment.orbit
     if isinstance(orbit, TleOrbit):
-        try:
-            period = 86400.0 / float(orbit.tle[1].strip()[52:63])
-        except (ValueError, ZeroDivisionError):
-            return None  # reported with the orbit
+        period = 86400.0 / float(orbit.tle[1][52:63])  # the schema has seen that it is a number
         return period if math.isfinite(period) else None
     if isinstance(orbit, CircularOrbit):
         semi_major_axis = EARTH_RADIUS + orbit.altitude
