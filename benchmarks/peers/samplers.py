@@ -193,21 +193,14 @@ def emcee(seconds: float) -> dict[str, Any]:
     """The stretch move with 64 walkers on flightcal's batch; the first half of the time is burn-in."""
     import emcee as package
 
-    from flightcal.probability.likelihood import iid_log_likelihood
-
     problem, _, starts = _start()
 
     def log_probability(z: Any) -> Any:
         thetas = problem.to_theta(z)
         values = np.asarray(problem.priors.at(z).log_density).copy()
-        for k, run in enumerate(problem.windows[0].simulate_many(thetas)):
-            values[k] += (
-                -np.inf
-                if run is None
-                else iid_log_likelihood(
-                    problem.windows[0].observed, run.temperatures, problem.windows[0].noise(thetas[k])
-                )[0]
-            )
+        (window,) = problem.windows
+        for k, run in enumerate(window.simulate_many(thetas)):
+            values[k] += -np.inf if run is None else window.of_residuals(run, window.numbers(thetas[k]))[0]
         return values
 
     sampler = package.EnsembleSampler(len(starts), starts.shape[1], log_probability, vectorize=True)

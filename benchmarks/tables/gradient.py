@@ -9,8 +9,6 @@ from typing import Any
 
 import numpy as np
 
-from flightcal.probability.likelihood import iid_log_likelihood
-
 from ..canonical import Canonical, canonical
 from ..peers import diffrax_ode, jax_scan, scipy_ode
 from ..problem import benchmark_problem
@@ -85,11 +83,12 @@ def _differences(model: Canonical) -> Callable[[Any], Any]:
         steps = _DIFFERENCE * np.eye(len(z))
         points = np.concatenate([z[None], z + steps, z - steps])
         thetas = problem.to_theta(points)
+        (window,) = problem.windows
         prior = np.asarray(problem.priors.at(points).log_density)
         values = np.array(
             [
-                iid_log_likelihood(problem.windows[0].observed, run.temperatures, problem.windows[0].noise(theta))[0]
-                for run, theta in zip(problem.windows[0].simulate_many(thetas), thetas, strict=True)
+                window.of_residuals(run, window.numbers(theta))[0]
+                for run, theta in zip(window.simulate_many(thetas), thetas, strict=True)
             ]
         )
         values += prior

@@ -8,7 +8,6 @@ import pytest
 from flightcal.prediction import predict
 from flightcal.prediction.ensemble import propagate
 from flightcal.problem import build_problem
-from flightcal.problem.simulators import InexactSimulator
 
 from .. import small
 
@@ -56,7 +55,8 @@ def test_few_simulations_scatter_as_the_same_ones_among_many(case):
 def test_a_simulator_with_an_error_scatters_as_its_network_does(case):
     problem = build_problem(*case, "test")
     (window,) = problem.windows
-    inexact = InexactSimulator(window.simulator, np.zeros((*window.observed.shape, 1)), np.array([0.04]))
+    error = {"error_basis": np.zeros((*window.observed.shape, 1)), "error_variance": np.array([0.04])}
+    inexact = replace(window.simulator, **error)
     runs, expected = (
         own.simulate_as_flown(thetas_of(problem, 4), np.random.default_rng(1))
         for own in (replace(window, simulator=inexact), window)

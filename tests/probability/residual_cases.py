@@ -4,12 +4,12 @@ import numpy as np
 from scipy import stats
 
 from flightcal.probability import discrepancy
-from flightcal.probability.likelihood import Residuals
+from flightcal.probability.likelihood import Likelihood, Residuals
 from flightcal.probability.noise.ar1 import Correlated
 from flightcal.probability.noise.iid import Independent
 from flightcal.probability.noise.rounded import Rounded
 from flightcal.probability.noise.student import CorrelatedStudent, Student
-from flightcal.probability.shapes import Shapes, products_at
+from flightcal.probability.shapes import Shapes
 
 SAMPLES = 70
 NOISE = {
@@ -25,6 +25,24 @@ DISCREPANCY = np.array([[0.8, 900.0, 1.1, 0.2], [0.5, 1200.0, 0.6, 0.3]])
 INDEPENDENT, CORRELATED, STUDENT, CORRELATED_STUDENT, ROUNDED = (
     Independent(), Correlated(), Student(), CorrelatedStudent(), Rounded()
 )  # fmt: skip
+
+
+def log_likelihood(residuals, observed, simulated, numbers, variance=()):
+    """Of one window: the log likelihood, and its derivatives by simulated, numbers and variances."""
+    value, (bars,) = Likelihood([residuals], numbers.shape[1])((observed, simulated, numbers, variance))
+    return value, *bars
+
+
+def iid_log_likelihood(observed, simulated, noise):
+    """Independent normal noise, as published, with one standard deviation per channel [N], K.
+
+    Returns the log likelihood and its derivatives by `simulated` [T, N] and by `noise` [N].
+    """
+    valid = np.isfinite(observed)
+    scaled = np.where(valid, observed - simulated, 0.0) / noise
+    squares, samples = np.einsum("tn,tn->n", scaled, scaled), valid.sum(axis=0)
+    value = -0.5 * squares - samples * (np.log(noise) + 0.5 * np.log(2.0 * np.pi))
+    return float(value.sum()), scaled / noise, (squares - samples) / noise
 
 
 class Case:
@@ -54,7 +72,7 @@ class Case:
         prior = discrepancy.MaternPrior(
             in_time, np.concatenate([frequencies[part] for part in parts]), np.array(smoothness)
         )
-        shapes = Shapes(np.array(discrepant), self.basis, products_at(self.basis, valid), in_time, prior)
+        shapes = Shapes(np.array(discrepant), self.basis, in_time, prior)
         self.residuals = Residuals(self.seconds, valid, tuple(kinds), shapes)
 
     def valid(self, channel):

@@ -2,8 +2,11 @@ import numpy as np
 import pytest
 from scipy.stats import multivariate_normal
 
-from flightcal.probability.likelihood import iid_log_likelihood
-from flightcal.probability.surrogate_error import error_shapes, low_rank_log_likelihood
+from flightcal.probability.discrepancy import MaternPrior
+from flightcal.probability.likelihood import Residuals
+from flightcal.probability.shapes import Shapes
+
+from . import residual_cases
 
 SAMPLES, CHANNELS, SHAPES = 12, 3, 4
 
@@ -23,8 +26,16 @@ def case():
 
 
 def log_likelihood(case):
-    shapes = error_shapes(case["basis"], np.isfinite(case["observed"]))
-    return low_rank_log_likelihood(case["observed"], case["simulated"], case["noise"], shapes, case["variance"])
+    """Independent noise and the error of a simulator: value, and derivatives by simulated, noise and variance."""
+    prior = MaternPrior(0, np.empty(0), np.array([1.5, 1.5]))
+    shapes = Shapes(np.zeros(CHANNELS, bool), np.empty((SAMPLES, 0)), 0, prior, case["basis"])
+    valid = np.isfinite(case["observed"]).T.copy()
+    residuals = Residuals(np.arange(SAMPLES, dtype=float), valid, (residual_cases.INDEPENDENT,) * CHANNELS, shapes)
+    numbers = np.concatenate([case["noise"][:, None], np.zeros((CHANNELS, 4))], axis=1)
+    value, simulated_bar, numbers_bar, variance_bar = residual_cases.log_likelihood(
+        residuals, case["observed"], case["simulated"], numbers, case["variance"]
+    )
+    return value, simulated_bar, numbers_bar[:, 0], variance_bar
 
 
 def test_it_is_the_density_of_the_dense_normal_distribution(case):
@@ -55,6 +66,6 @@ def test_derivatives_are_those_of_differences(case, name, place):
 def test_without_variance_it_is_the_iid_likelihood(case):
     case["variance"][:] = 0.0
     found = log_likelihood(case)
-    expected = iid_log_likelihood(case["observed"], case["simulated"], case["noise"])
+    expected = residual_cases.iid_log_likelihood(case["observed"], case["simulated"], case["noise"])
     for one, other in zip(found[:3], expected, strict=True):
         np.testing.assert_allclose(one, other, rtol=1e-13)

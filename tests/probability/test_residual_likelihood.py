@@ -7,19 +7,21 @@ import pytest
 from scipy import stats
 from scipy.special import digamma
 
-from flightcal.probability.likelihood import (
-    Likelihood,
-    iid_log_likelihood,
-    log_likelihood,
-    precision_times,
-    weights_given,
-)
+from flightcal.probability.likelihood import Likelihood, precision_times, weights_given
 from flightcal.probability.noise.ar1 import WHITE
 from flightcal.probability.noise.rounded import STEP
 from flightcal.probability.noise.student import DEGREES
-from flightcal.probability.surrogate_error import error_shapes, low_rank_log_likelihood, with_error_shapes
 
-from .residual_cases import CORRELATED, CORRELATED_STUDENT, INDEPENDENT, ROUNDED, STUDENT, Case
+from .residual_cases import (
+    CORRELATED,
+    CORRELATED_STUDENT,
+    INDEPENDENT,
+    ROUNDED,
+    STUDENT,
+    Case,
+    iid_log_likelihood,
+    log_likelihood,
+)
 
 CASES = {
     "independent": ((INDEPENDENT, INDEPENDENT), (False, False), {}),
@@ -56,12 +58,12 @@ def test_it_is_the_dense_log_density(case):
 
 def test_what_its_memory_held_before_is_of_no_matter(case):
     expected = log_likelihood(case.residuals, case.observed, case.simulated, case.numbers)
-    likelihood = Likelihood(case.residuals, case.numbers.shape[1])
-    likelihood(1e3 * case.observed, case.simulated, 2.0 * case.numbers)
-    found = likelihood(case.observed, case.simulated, case.numbers)
-    assert found[0] == expected[0]
-    np.testing.assert_array_equal(found[1], expected[1])
-    np.testing.assert_array_equal(found[2], expected[2])
+    likelihood = Likelihood([case.residuals], case.numbers.shape[1])
+    likelihood((1e3 * case.observed, case.simulated, 2.0 * case.numbers))
+    value, (bars,) = likelihood((case.observed, case.simulated, case.numbers))
+    assert value == expected[0]
+    np.testing.assert_array_equal(bars.simulated, expected[1])
+    np.testing.assert_array_equal(bars.numbers, expected[2])
 
 
 def test_derivatives_by_the_numbers_are_those_of_differences(case):
@@ -104,7 +106,7 @@ def test_correlated_noise_needs_no_white_noise_beside_it():
 
 def test_independent_noise_is_the_published_likelihood():
     case = Case((INDEPENDENT, INDEPENDENT), (False, False))
-    value, simulated_bar, numbers_bar = log_likelihood(case.residuals, case.observed, case.simulated, case.numbers)
+    value, simulated_bar, numbers_bar, _ = log_likelihood(case.residuals, case.observed, case.simulated, case.numbers)
     expected = iid_log_likelihood(case.observed, case.simulated, case.numbers[:, 0])
     assert value == pytest.approx(expected[0], rel=1e-13)
     np.testing.assert_allclose(simulated_bar, expected[1], rtol=1e-13)
@@ -135,7 +137,7 @@ def test_a_step_far_in_the_tail_has_its_whole_probability(share):
     case.residuals = replace(case.residuals, valid=np.ones((2, len(case.observed)), bool))
     case.simulated[:] = 0.0
     case.numbers[:, 0], case.numbers[:, STEP] = 1.0, share
-    value, simulated_bar, numbers_bar = log_likelihood(case.residuals, case.observed, case.simulated, case.numbers)
+    value, simulated_bar, numbers_bar, _ = log_likelihood(case.residuals, case.observed, case.simulated, case.numbers)
     lower = np.abs(case.observed) - share / 2
     # By quadrature: the density at the lower end times the integral of how it falls from there.
     nodes, weights = np.polynomial.legendre.leggauss(200)
@@ -151,7 +153,7 @@ def test_a_step_far_in_the_tail_has_its_whole_probability(share):
 @pytest.mark.parametrize("kind", [INDEPENDENT, CORRELATED])
 def test_weights_are_those_of_the_dense_conditional_normal(kind):
     case = Case((kind, kind), (True, True))
-    mean, factor = weights_given(case.residuals, case.observed, case.simulated, case.numbers)
+    ((mean, factor),) = weights_given([case.residuals], [case.observed], [case.simulated], [case.numbers])
     for k in range(2):
         prior, basis = np.diag(case.prior_variances(k)), case.basis[case.valid(k)]
         gain = prior @ basis.T @ np.linalg.inv(case.covariance(k))
@@ -162,7 +164,7 @@ def test_weights_are_those_of_the_dense_conditional_normal(kind):
 
 def test_a_channel_without_discrepancy_has_no_weights():
     case = Case((INDEPENDENT, CORRELATED), (True, False))
-    mean, factor = weights_given(case.residuals, case.observed, case.simulated, case.numbers)
+    ((mean, factor),) = weights_given([case.residuals], [case.observed], [case.simulated], [case.numbers])
     assert mean[0].any()
     assert not mean[1].any()
     assert not factor[1].any()
@@ -175,34 +177,33 @@ def test_a_channel_without_discrepancy_has_no_weights():
 def surrogate(request):
     kinds, discrepant, options = CASES[request.param]
     case = Case(kinds, discrepant, **options)
-    basis = np.random.default_rng(2).normal(size=(*case.observed.shape, 3))
-    return case, error_shapes(basis, np.isfinite(case.observed)), np.array([0.3, 1.1, 0.0])
+    errors = np.random.default_rng(2).normal(size=(*case.observed.shape, 3))
+    case.residuals = case.residuals.with_errors(errors)
+    return case, np.array([0.3, 1.1, 0.0])
 
 
 def test_with_a_surrogates_error_it_is_the_dense_normal_of_all_channels(surrogate):
-    case, shapes, variance = surrogate
+    case, variance = surrogate
     valid = np.isfinite(case.observed)
     covariance = np.zeros((valid.sum(), valid.sum()))
     place = np.cumsum(valid.ravel()).reshape(valid.shape) - 1
     for k in range(2):
         own = place[valid[:, k], k]
         covariance[np.ix_(own, own)] = case.covariance(k)
-    basis = shapes.basis[valid]
+    basis = case.residuals.shapes.errors[valid]
     covariance += basis * variance @ basis.T
     expected = stats.multivariate_normal.logpdf((case.observed - case.simulated)[valid], cov=covariance)
-    found = with_error_shapes(case.residuals, case.observed, case.simulated, case.numbers, shapes, variance)[0]
+    found = log_likelihood(case.residuals, case.observed, case.simulated, case.numbers, variance)[0]
     assert found == pytest.approx(expected, rel=1e-10)
 
 
 def test_derivatives_with_a_surrogates_error_are_those_of_differences(surrogate):
-    case, shapes, variance = surrogate
+    case, variance = surrogate
     given = {"simulated": case.simulated, "numbers": case.numbers, "variance": variance + 0.2}
 
     def value(**changed):
         now = given | changed
-        return with_error_shapes(
-            case.residuals, case.observed, now["simulated"], now["numbers"], shapes, now["variance"]
-        )
+        return log_likelihood(case.residuals, case.observed, now["simulated"], now["numbers"], now["variance"])
 
     for name, place in (("simulated", 1), ("numbers", 2), ("variance", 3)):
         derivative = value()[place]
@@ -217,16 +218,13 @@ def test_derivatives_with_a_surrogates_error_are_those_of_differences(surrogate)
             assert derivative[index] == pytest.approx(expected, rel=2e-6, abs=2e-6), (name, index)
 
 
-def test_of_independent_noise_it_is_what_the_faster_form_gives():
-    case = Case((INDEPENDENT, INDEPENDENT), (False, False))
-    shapes = error_shapes(np.random.default_rng(2).normal(size=(*case.observed.shape, 3)), np.isfinite(case.observed))
-    variance = np.array([0.3, 1.1, 0.0])
-    found = with_error_shapes(case.residuals, case.observed, case.simulated, case.numbers, shapes, variance)
-    expected = low_rank_log_likelihood(case.observed, case.simulated, case.numbers[:, 0], shapes, variance)
-    assert found[0] == pytest.approx(expected[0], rel=1e-12)
-    np.testing.assert_allclose(found[1], expected[1], rtol=1e-10, atol=1e-12)
-    np.testing.assert_allclose(found[2][:, 0], expected[2], rtol=1e-10)
-    np.testing.assert_allclose(found[3], expected[3], rtol=1e-10)
+def test_an_error_without_variance_is_none(surrogate):
+    case, _ = surrogate
+    given = case.observed, case.simulated, case.numbers
+    found = log_likelihood(case.residuals, *given, np.zeros(3))
+    expected = log_likelihood(case.residuals.with_errors(np.empty((0, 0, 0))), *given)
+    for one, other in zip(found[:3], expected[:3], strict=True):
+        np.testing.assert_allclose(one, other, rtol=1e-12, atol=1e-12)
 
 
 @pytest.mark.parametrize("kind", [INDEPENDENT, CORRELATED])

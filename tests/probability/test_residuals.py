@@ -11,7 +11,6 @@ from flightcal.calibration.start import fit_residuals
 from flightcal.errors import ScenarioError
 from flightcal.probability import DEVIATION
 from flightcal.probability.discrepancy import shortest_lengthscale, time_basis
-from flightcal.probability.likelihood import log_likelihood
 from flightcal.probability.noise import kind_of_noise
 from flightcal.probability.residuals import PHASE_LENGTH
 from flightcal.problem import build_problem, build_window
@@ -19,7 +18,7 @@ from flightcal.problem.coordinates import whitening
 from flightcal.scenario import Noise
 
 from .. import small
-from .residual_cases import CORRELATED, CORRELATED_STUDENT, INDEPENDENT, ROUNDED, STUDENT
+from .residual_cases import CORRELATED, CORRELATED_STUDENT, INDEPENDENT, ROUNDED, STUDENT, log_likelihood
 
 MODELS = {
     "iid": ({}, None),
@@ -92,7 +91,7 @@ def test_the_c_function_is_what_the_parts_give_in_python(problem, seed):
     z = near_truth(problem, seed)
     prior = problem.priors.at(z)
     run, pull_back = problem.windows[0].simulator.linearise(prior.theta[problem.windows[0].simulated])
-    value, temperatures_bar, numbers_bar = log_likelihood(
+    value, temperatures_bar, numbers_bar, _ = log_likelihood(
         problem.windows[0].residuals.terms,
         problem.windows[0].observed,
         run.temperatures,
@@ -221,7 +220,7 @@ def test_normal_residuals_in_the_place_of_others_have_their_information(model, t
     }
     expected = information(densities.get(model, lambda x: stats.t(3.5, 0.0, 0.4).pdf(x)))
     np.testing.assert_allclose(equal[:, DEVIATION] ** -2.0, expected, rtol=1e-3)
-    assert equivalent.terms.kinds == (CORRELATED if model == "correlated student" else INDEPENDENT,) * 2
+    assert equivalent.kinds == (CORRELATED if model == "correlated student" else INDEPENDENT,) * 2
 
 
 def test_the_curvature_is_minus_the_second_derivative_by_the_numbers_logarithms(problem):

@@ -1,4 +1,7 @@
-"""Several windows that share the weights of a discrepancy in phase, against dense normals of all their samples."""
+"""Several windows that share the weights of a discrepancy in phase, against dense normals of all their samples.
+
+Also where the simulator has an error in shapes whose weights channels share, as many as windows have, or fewer.
+"""
 
 import numpy as np
 import pytest
@@ -12,14 +15,17 @@ from flightcal.probability.likelihood import (
     Residuals,
     information,
     likelihood_calls,
-    weights_together,
+    weights_given,
     window_memory,
 )
-from flightcal.probability.shapes import Shapes, products_at
+from flightcal.probability.shapes import Shapes
 
 from .residual_cases import CORRELATED, INDEPENDENT, Case
 
 COUNTS = (40, 55, 30)
+NO_ERROR = (0, 0, 0)
+ERRORS = {"no": NO_ERROR, "all": (2, 2, 2), "some": (3, 0, 1)}
+"""Shapes of each window's error, by the windows that have one."""
 PARTS = {"phase": (0, 3), "time and phase": (8, 3)}
 KINDS = {"independent": INDEPENDENT, "correlated": CORRELATED}
 
@@ -27,7 +33,7 @@ KINDS = {"independent": INDEPENDENT, "correlated": CORRELATED}
 class Windows:
     """Windows of two channels, of which the second has no discrepancy; numbers of `Case`."""
 
-    def __init__(self, kind, in_time, harmonics):
+    def __init__(self, kind, in_time, harmonics, errors=NO_ERROR):
         rng = np.random.default_rng(1)
         self.numbers = Case((kind, kind), (True, False)).numbers
         self.in_time, self.residuals, self.memories = in_time, [], []
@@ -40,9 +46,11 @@ class Windows:
             frequency = np.concatenate([time.frequencies, phase.frequencies])
             prior = MaternPrior(in_time, frequency, np.array([1.5, 2.5]))
             valid = np.isfinite(observed).T.copy()
-            shapes = Shapes(np.array([True, False]), basis, products_at(basis, valid), in_time, prior)
+            error = 0.3 * np.random.default_rng(place).normal(size=(count, 2, errors[place]))
+            shapes = Shapes(np.array([True, False]), basis, in_time, prior, error)
             self.residuals.append(Residuals(seconds, valid, (kind, kind), shapes))
-            self.memories.append(window_memory(observed, simulated, self.numbers.copy()))
+            variance = np.linspace(0.5, 2.0, errors[place])
+            self.memories.append(window_memory(observed, simulated, self.numbers.copy(), variance))
         self.calls = likelihood_calls(self.residuals, self.memories)
         self.program = Program(self.calls.rows)
 
@@ -75,11 +83,21 @@ class Windows:
         return np.concatenate([a[w.valid[k], k] for a, w in zip(arrays, self.residuals, strict=True)])
 
     def dense(self):
-        """The log likelihood, with a covariance between windows."""
+        """The log likelihood, with a covariance between windows and channels."""
         residual = [memory.observed - memory.simulated for memory in self.memories]
-        return sum(
-            stats.multivariate_normal.logpdf(self.of_channel(k, residual), cov=self.covariance(k)) for k in range(2)
-        )
+        both = np.concatenate([self.of_channel(k, residual) for k in range(2)])
+        return stats.multivariate_normal.logpdf(both, cov=self.covariance_of_all())
+
+    def covariance_of_all(self):
+        """Of all windows' valid residuals, of the one channel and then of the other."""
+        bases = [own.shapes.errors for own in self.residuals]
+        rows = [
+            block_diag(*(basis[own.valid[k], k] for basis, own in zip(bases, self.residuals, strict=True)))
+            for k in range(2)
+        ]
+        errors = np.concatenate(rows)
+        variance = np.concatenate([memory.variance for memory in self.memories])
+        return block_diag(self.covariance(0), self.covariance(1)) + errors * variance @ errors.T
 
     def run(self):
         for memory in self.memories:
@@ -94,12 +112,32 @@ def parts(request):
 
 
 @pytest.fixture(params=KINDS)
-def windows(request, parts):
+def exact(request, parts):
     return Windows(KINDS[request.param], *parts)
+
+
+@pytest.fixture(params=[("independent", "no"), ("correlated", "no"), ("independent", "all"), ("correlated", "some")])
+def windows(request, parts):
+    """With an error of the simulator in some windows or all, too."""
+    kind, errors = request.param
+    return Windows(KINDS[kind], *parts, ERRORS[errors])
 
 
 def test_the_log_likelihood_is_that_of_all_samples_together(windows):
     assert windows.run() == pytest.approx(windows.dense(), rel=1e-10)
+
+
+def test_derivatives_by_the_errors_variances_are_those_of_differences(windows):
+    windows.run()
+    for memory in windows.memories:
+        derivative = memory.variance_bar.copy()
+        for j in range(len(derivative)):
+            sides = []
+            for sign in (1.0, -1.0):
+                memory.variance[j] += sign * 1e-5
+                sides.append(windows.run())
+                memory.variance[j] -= sign * 1e-5
+            assert derivative[j] == pytest.approx((sides[0] - sides[1]) / 2e-5, rel=1e-6, abs=1e-6), j
 
 
 def test_derivatives_by_the_simulated_are_those_of_differences(windows):
@@ -132,24 +170,24 @@ def test_derivatives_by_the_numbers_are_those_of_differences(windows):
         assert derivative[index] == pytest.approx(expected, rel=1e-6, abs=1e-6), index
 
 
-def test_what_windows_share_is_closed_between_their_phases(windows):
-    forward, close, backward = windows.calls
+def test_what_windows_share_is_closed_between_their_phases(exact):
+    forward, close, backward = exact.calls
     assert close
     assert [len(rows) for rows in backward] == [2, 2, 2]  # the channel's, and what ends a window
-    before = windows.run()
+    before = exact.run()
     for rows in (*forward, close, *backward):
         Program(rows).run()
-    assert sum(memory.value[0] for memory in windows.memories) == before
+    assert sum(memory.value[0] for memory in exact.memories) == before
 
 
-def test_weights_are_those_of_the_dense_conditional_normal(windows):
-    arrays = ([getattr(m, name) for m in windows.memories] for name in ("observed", "simulated", "numbers"))
-    found = weights_together(windows.residuals, *arrays)
-    basis, variance = windows.of_weights(0)
-    gain = variance[:, None] * basis.T @ np.linalg.inv(windows.covariance(0))
-    mean = gain @ windows.of_channel(0, [memory.observed - memory.simulated for memory in windows.memories])
+def test_weights_are_those_of_the_dense_conditional_normal(exact):
+    arrays = ([getattr(m, name) for m in exact.memories] for name in ("observed", "simulated", "numbers"))
+    found = weights_given(exact.residuals, *arrays)
+    basis, variance = exact.of_weights(0)
+    gain = variance[:, None] * basis.T @ np.linalg.inv(exact.covariance(0))
+    mean = gain @ exact.of_channel(0, [memory.observed - memory.simulated for memory in exact.memories])
     covariance = np.diag(variance) - gain @ basis * variance
-    own, shared = windows.in_time, np.arange(len(COUNTS) * windows.in_time, len(variance))
+    own, shared = exact.in_time, np.arange(len(COUNTS) * exact.in_time, len(variance))
     for place, (expected, factor) in enumerate(found):
         kept = np.concatenate([np.arange(place * own, (place + 1) * own), shared])
         np.testing.assert_allclose(expected[0], mean[kept], atol=1e-9 * np.abs(mean).max())
@@ -159,12 +197,13 @@ def test_weights_are_those_of_the_dense_conditional_normal(windows):
 
 def test_the_information_is_that_of_the_dense_covariance(windows):
     rng = np.random.default_rng(5)
-    jacobians = [np.where(w.valid.T[..., None], rng.normal(size=(*w.valid.T.shape, 4)), 0.0) for w in windows.residuals]
-    expected = np.zeros((4, 4))
-    for k in range(2):
-        columns = windows.of_channel(k, jacobians)
-        expected += columns.T @ np.linalg.solve(windows.covariance(k), columns)
-    found = information(windows.residuals, jacobians, [memory.numbers for memory in windows.memories])
+    jacobians = [rng.normal(size=(*w.valid.T.shape, 4)) for w in windows.residuals]
+    derivatives = [rng.normal(size=(4, 6)) for _ in windows.residuals]
+    by_all = [jacobian @ derivative for jacobian, derivative in zip(jacobians, derivatives, strict=True)]
+    columns = np.concatenate([windows.of_channel(k, by_all) for k in range(2)])
+    expected = columns.T @ np.linalg.solve(windows.covariance_of_all(), columns)
+    given = ([getattr(memory, name) for memory in windows.memories] for name in ("numbers", "variance"))
+    found = information(windows.residuals, jacobians, derivatives, *given)
     np.testing.assert_allclose(found, expected, rtol=1e-9, atol=1e-9 * np.abs(expected).max())
 
 
@@ -179,7 +218,8 @@ def test_windows_that_share_no_weights_are_each_on_their_own(kind):
     assert not calls.close
     Program(calls.rows).run()
     for case, memory in zip(cases, memories, strict=True):
-        alone = Likelihood(case.residuals, case.numbers.shape[1])(memory.observed, memory.simulated, memory.numbers)
-        assert memory.value[0] == alone[0]
-        np.testing.assert_array_equal(memory.simulated_bar, alone[1])
-        np.testing.assert_array_equal(memory.numbers_bar, alone[2])
+        alone = Likelihood([case.residuals], case.numbers.shape[1])
+        value, (bars,) = alone((memory.observed, memory.simulated, memory.numbers))
+        assert memory.value[0] == value
+        np.testing.assert_array_equal(memory.simulated_bar, bars.simulated)
+        np.testing.assert_array_equal(memory.numbers_bar, bars.numbers)

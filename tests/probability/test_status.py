@@ -157,7 +157,7 @@ def test_more_uncertain_switches_than_there_is_room_for_have_no_density_and_are_
 @pytest.mark.parametrize("loop", ["closed", "open"])
 def test_so_they_do_where_the_simulator_has_an_error_of_its_own(inexact, loop):
     case = inexact if loop == "closed" else inexact.open_loop
-    assert case.windows[0].error_shapes is not None
+    assert case.windows[0].simulator.error_basis is not None
     z = near_truth(case, 0)
     value, gradient = case.log_density_and_gradient(z)
     assert value == pytest.approx(case.log_density(z), rel=1e-12)

@@ -4,7 +4,6 @@ import numpy as np
 import pytest
 
 from flightcal.calibration.nuts import sample
-from flightcal.probability.likelihood import iid_log_likelihood
 from flightcal.problem import build_problem
 from flightcal.problem.coordinates import Whitening, whitening
 from flightcal.problem.native import DENSITY_NOT_FINITE, REASONS
@@ -12,6 +11,7 @@ from flightcal.scenario import NutsSettings
 from flightcal.simulator import SimulationFailure
 from flightcal.simulator.kernels.forward import TOO_MANY_SWITCHES
 from tests import small
+from tests.probability.residual_cases import iid_log_likelihood
 
 
 @pytest.fixture(scope="module")

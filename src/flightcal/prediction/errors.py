@@ -136,7 +136,7 @@ class WindowErrors:
         if self.together:
             return self.together[draw]
         observed, simulated = self.train.observed, self.train_temperatures[draw]
-        return weights_given(self.model.terms, observed, simulated, self.numbers[draw])
+        return weights_given([self.model.terms], [observed], [simulated], [self.numbers[draw]])[0]
 
     def basis(self, numbers: FloatArray) -> FloatArray:
         """What the weights do to the window's expected discrepancy, [T, m]; numbers: [n] of a channel."""

@@ -138,9 +138,10 @@ class MaternPrior:
         """That of the first weights alone."""
         return replace(self, frequency=self.frequency[:count])
 
-    def rows(self, numbers: FloatArray, numbers_bar: FloatArray, weights: Weights, place: int) -> tuple[Row, Row]:
+    def rows(
+        self, numbers: FloatArray, numbers_bar: FloatArray, weights: Weights, place: int, *, counted: int
+    ) -> tuple[Row, Row]:
         """What fills the weights' prior, and what takes their posterior to the derivatives; numbers: [4]."""
-        counted = len(self.frequency) if place == 0 else self.in_time
         call = MaternCall(
             self.in_time, counted, self.frequency, self.smoothness, self.factor, numbers, weights.root[place],
             weights.slope[place], weights.weights[place], weights.shrunk[place], numbers_bar,

@@ -1,15 +1,16 @@
 """How probable the telemetry is, given simulated temperatures.
 
-Channels are independent of each other given theta. Each one's residuals are noise (`noise`) and, where the scenario has
-one, known shapes (`shapes`) whose weights are integrated out. The likelihood is rows of kernels in three phases: every
-window's forward rows, `close`, and every window's backward rows; only weights that windows share need more than the
-first. A surrogate's error, which channels share, comes on top (`surrogate_error`).
+Each channel's residuals are noise (`noise`) and known shapes (`shapes`) whose weights are integrated out, where the
+scenario has a discrepancy or the simulator has an error of its own. The likelihood is rows of kernels in three phases:
+every window's forward rows, `close`, and every window's backward rows; only weights that windows share need more than
+the first.
 """
 
 from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
+from functools import cached_property
 from typing import NamedTuple
 
 import numpy as np
@@ -22,7 +23,7 @@ from .noise.kind import NoiseCall, NoiseKind, ShapesCall
 from .shapes import Shapes, Weights, shrinkage
 
 SHAPE_NUMBERS = 4
-"""The last of a channel's numbers, which are those of its shapes' weights."""
+"""The last of a channel's numbers, which are those of its discrepancy's weights."""
 
 
 @dataclass(frozen=True)
@@ -39,32 +40,64 @@ class Residuals:
 
     @property
     def discrepant(self) -> NDArray[np.bool_]:
-        """[N] whether there are shapes."""
+        """[N] whether there is a discrepancy."""
         return self.shapes.channels
+
+    @cached_property
+    def shaped(self) -> list[int]:
+        """Channels that have shapes."""
+        return [k for k, discrepant in enumerate(self.discrepant) if discrepant or self.shapes.errors.shape[2]]
+
+    @cached_property
+    def products(self) -> FloatArray:
+        """[N, M, M] of each channel's shapes with one another, at its valid samples."""
+        bases = [self.shapes.of_channel(k)[valid] for k, valid in enumerate(self.valid)]
+        return np.stack([np.einsum("ti,tj->ij", basis, basis) for basis in bases])
+
+    def with_errors(self, errors: FloatArray | None) -> Residuals:
+        """The same with the error of a simulator in shapes [T, N, r]; None: it has none."""
+        return self if errors is None else replace(self, shapes=replace(self.shapes, errors=errors))
+
+    def with_first(self, count: int) -> Residuals:
+        """The same with the first shapes of the discrepancy alone."""
+        shapes = self.shapes.first(count)
+        return self if shapes is self.shapes else replace(self, shapes=shapes)
 
 
 class WindowMemory(NamedTuple):
     """What the likelihood of a window reads and fills."""
 
     observed: FloatArray
-    """[T, N] K, read, as the next two; what is not valid is of no matter."""
+    """[T, N] K, read, as the next three; what is not valid is of no matter."""
     simulated: FloatArray
     numbers: FloatArray
-    """[N, n] of each channel: its noise's, in the kind's order, and last the four of its shapes' weights."""
+    """[N, n] of each channel: its noise's, in the kind's order, and last the four of its discrepancy's weights."""
+    variance: FloatArray
+    """[r] of the weights of the simulator's error."""
     simulated_bar: FloatArray
-    """[T, N], filled: derivatives of the log likelihood, as the next."""
+    """[T, N], filled: derivatives of the log likelihood, as the next two."""
     numbers_bar: FloatArray
     """[N, n]"""
+    variance_bar: FloatArray
+    """[r]"""
     value: FloatArray
     """[1], filled: the log likelihood; of several windows that share weights, the first has what these add."""
 
 
 def window_memory(
-    observed: FloatArray, simulated: FloatArray, numbers: FloatArray, simulated_bar: FloatArray | None = None
+    observed: FloatArray,
+    simulated: FloatArray,
+    numbers: FloatArray,
+    variance: FloatArray | None = None,
+    *,
+    simulated_bar: FloatArray | None = None,
 ) -> WindowMemory:
     """Memory with arrays that are read, and perhaps one that is filled."""
     bar = np.empty(simulated.shape) if simulated_bar is None else simulated_bar
-    return WindowMemory(observed, simulated, numbers, bar, np.empty(numbers.shape), np.empty(1))
+    variance = np.empty(0) if variance is None else variance
+    return WindowMemory(
+        observed, simulated, numbers, variance, bar, np.empty(numbers.shape), np.empty(variance.shape), np.empty(1)
+    )
 
 
 class LikelihoodCalls(NamedTuple):
@@ -85,29 +118,45 @@ def likelihood_calls(residuals: Sequence[Residuals], memories: Sequence[WindowMe
 
     Several windows share the weights that are not a window's own, and the numbers of the weights' prior.
     """
-    windows = [_Window(own, memory) for own, memory in zip(residuals, memories, strict=True)]
-    together = len(windows) > 1 and residuals[0].shapes.is_shared
-    forward, closing = [window.begin() for window in windows], []
-    backward: list[list[Row]] = [[] for _ in windows]
+    residuals = _of_one_size(residuals)
+    windows = [_Window(*own) for own in zip(residuals, memories, strict=True)]
+    closing: list[Row] = []
+    forward, backward = ([window.begin() for window in windows], [[finish.row(w.call)] for w in windows])
     for window, rows in zip(windows, forward, strict=True):
-        weights = None
-        for k, discrepant in enumerate(window.terms.discrepant):
-            if not discrepant:
-                rows.append(window.alone(k))
-            elif not together:
-                weights = weights or window.weights()
-                rows += [row for phase in _with_shapes([window], k, weights) for row in phase]
-    if together:
-        for k in np.flatnonzero(residuals[0].discrepant).tolist():
-            opening, closed, returning = _with_shapes(windows, k, windows[0].weights(len(windows)), keep=True)
-            closing += closed
-            for rows, row in zip(forward, opening, strict=True):
-                rows.append(row)
-            for rows, row in zip(backward, returning, strict=True):
-                rows.append(row)
-    for window, rows in zip(windows, backward, strict=True):
-        rows.append(finish.row(window.call))
+        rows += [window.alone(k) for k in range(len(window.values)) if k not in window.terms.shaped]
+    for parts in _joined(residuals):
+        opened, closed, returned, _ = _with_shapes(windows, parts)
+        if len({place for place, _ in parts}) == 1:
+            forward[parts[0][0]] += [*opened, *closed, *returned]
+            continue
+        closing += closed
+        for (place, _), opens, returns in zip(parts, opened, returned, strict=True):
+            forward[place].append(opens)
+            backward[place].insert(-1, returns)
     return LikelihoodCalls(tuple(forward), closing, tuple(backward))
+
+
+def _of_one_size(residuals: Sequence[Residuals]) -> Sequence[Residuals]:
+    """The same, with as many shapes of each window's error: those that are added are nothing anywhere."""
+    most = max(own.shapes.errors.shape[2] for own in residuals)
+    found = []
+    for own in residuals:
+        errors = np.zeros((*own.valid.T.shape, most))
+        errors[..., : own.shapes.errors.shape[2]] = own.shapes.errors if own.shapes.errors.size else 0.0
+        found.append(own if own.shapes.errors.shape[2] == most else own.with_errors(errors))
+    return found
+
+
+def _joined(residuals: Sequence[Residuals]) -> list[list[tuple[int, int]]]:
+    """Windows and channels that have shapes, put together where they share weights."""
+    over_windows = len(residuals) > 1 and residuals[0].shapes.is_shared
+    over_channels = any(own.shapes.errors.shape[2] for own in residuals)
+    found: dict[tuple[int, int], list[tuple[int, int]]] = {}
+    for place, own in enumerate(residuals):
+        for k in own.shaped:
+            key = (0 if over_windows else place, 0 if over_channels else k)
+            found.setdefault(key, []).append((place, k))
+    return list(found.values())
 
 
 class _Window:
@@ -115,12 +164,17 @@ class _Window:
 
     def __init__(self, terms: Residuals, memory: WindowMemory) -> None:
         channels, samples = terms.valid.shape
+        shapes = terms.shapes
         self.terms, self.memory = terms, memory
         self.residual, self.residual_bar = np.zeros((2, channels, samples))
-        self.values, self.projected = np.empty(channels), np.empty((channels, terms.shapes.basis.shape[1]))
-        self.transposed = np.ascontiguousarray(terms.shapes.basis.T)
+        self.values, self.projected = np.empty(channels), np.empty((channels, shapes.count))
+        # Channels have the same shapes, but for a simulator's error.
+        apart = channels if shapes.errors.shape[2] else 1
+        bases = [np.ascontiguousarray(shapes.of_channel(k)) for k in range(apart)]
+        self.bases = [(basis, np.ascontiguousarray(basis.T)) for basis in bases] * (channels // apart)
         self._narrow = self._columns(1)
         self._wide: tuple[FloatArray, FloatArray] | None = None
+        self._weights: Weights | None = None
         self.call = WindowCall(
             terms.valid, memory.observed, memory.simulated, self.residual, self.values, memory.numbers_bar,
             self.residual_bar, memory.simulated_bar, memory.value,
@@ -130,18 +184,19 @@ class _Window:
         samples = len(self.terms.seconds)
         return np.empty((3, samples)), np.empty((4, samples, count))
 
-    def weights(self, windows: int = 1) -> Weights:
-        """Memory for a channel's weights."""
-        shapes = self.terms.shapes
-        return Weights(windows, shapes.own, shapes.basis.shape[1])
+    def weights(self) -> Weights:
+        """Memory for the weights of one channel after the other."""
+        count = self.terms.shapes.count
+        self._weights = self._weights or Weights(count, np.empty((1, 0), np.int64), count)
+        return self._weights
 
     def begin(self) -> list[Row]:
-        """Residuals, and their products with the basis."""
-        terms = self.terms
-        wanted = [k for k, kind in enumerate(terms.kinds) if terms.discrepant[k] and kind.projects]
+        """Residuals, and their products with the shapes."""
         rows = [start.row(self.call)]
-        if wanted:
-            rows.append(project.row(ProjectCall(np.array(wanted), terms.shapes.basis, self.residual, self.projected)))
+        wanted = np.array([k for k in self.terms.shaped if self.terms.kinds[k].projects], np.int64)
+        # All channels in one go, but for a simulator's error.
+        for own in np.split(wanted, len(wanted) if self.terms.shapes.errors.shape[2] else 1) if len(wanted) else ():
+            rows.append(project.row(ProjectCall(own, self.bases[own[0]][0], self.residual, self.projected)))
         return rows
 
     def noise(self, k: int, rows: FloatArray, columns: FloatArray) -> NoiseCall:
@@ -157,51 +212,89 @@ class _Window:
         return self.terms.kinds[k].kernel.row(self.noise(k, *self._narrow))
 
     def shapes(self, k: int, gram: FloatArray, weights: Weights, place: int, *, keep: bool) -> ShapesCall:
-        """A channel with shapes, in the window that has this place among the weights'; keep: memory of its own."""
-        shapes = self.terms.shapes
-        count = shapes.basis.shape[1]
+        """A channel with shapes, which has this place among the weights' parts; keep: memory of its own."""
+        count = self.terms.shapes.count
         if self.terms.kinds[k].projects:
             wide = self._narrow
         elif keep:
             wide = self._columns(count + 1)
         else:
             wide = self._wide = self._wide or self._columns(count + 1)
+        basis, transposed = self.bases[k]
         return ShapesCall(
-            self.noise(k, *wide), shapes.basis, self.transposed, self.projected[k], gram, weights.scale[place],
+            self.noise(k, *wide), basis, transposed, self.projected[k], gram, weights.scale[place],
             weights.moment[place], weights.known[place], weights.mean[place], weights.root[place],
             weights.inverse[place], weights.untold[place], np.empty(count + 1), np.empty((count, count)),
         )  # fmt: skip
 
 
 def _with_shapes(
-    windows: Sequence[_Window], k: int, weights: Weights, *, keep: bool = False
-) -> tuple[list[Row], list[Row], list[Row]]:
-    """Opening rows of channel k in every window, rows that close, and rows that return to every window."""
-    kinds = [window.terms.kinds[k] for window in windows]
-    gram = weights.gram
-    if kinds[0].projects:
-        gram = np.stack([window.terms.shapes.products[k] for window in windows])
+    windows: Sequence[_Window], parts: Sequence[tuple[int, int]]
+) -> tuple[list[Row], list[Row], list[Row], Weights]:
+    """Rows that open each part, a window's channel, rows that close, rows that return to each, and their weights."""
+    alone, (first, channel) = len(parts) == 1, parts[0]
+    weights = windows[first].weights() if alone else _shared_weights(windows, parts)
+    kinds = [windows[place].terms.kinds[k] for place, k in parts]
+    gram = np.empty(weights.gram.shape) if any(kind.projects for kind in kinds) else weights.gram
     opening, returning, before, after = [], [], [], []
-    for place, (window, kind) in enumerate(zip(windows, kinds, strict=True)):
+    told: set[int] = set()
+    for p, ((place, k), kind) in enumerate(zip(parts, kinds, strict=True)):
+        window = windows[place]
+        shapes, memory = window.terms.shapes, window.memory
         assert kind.opens is not None
         assert kind.returns is not None
-        call = window.shapes(k, gram[place], weights, place, keep=keep)
+        if kind.projects:
+            gram[p] = window.terms.products[k]
+        call = window.shapes(k, gram[p], weights, p, keep=not alone)
         opening.append(kind.opens.row(call))
         returning.append(kind.returns.row(call))
-        numbers, numbers_bar = (
-            array[k, -SHAPE_NUMBERS:] for array in (window.memory.numbers, window.memory.numbers_bar)
-        )
-        fills, pulls = window.terms.shapes.prior.rows(numbers, numbers_bar, weights, place)
-        before.append(fills)
-        after.append(pulls)
-    return opening, [*before, weights.close(gram, windows[0].values[k : k + 1]), *after], returning
+        if shapes.channels[k]:
+            numbers, numbers_bar = (array[k, -SHAPE_NUMBERS:] for array in (memory.numbers, memory.numbers_bar))
+            # What windows share is counted in the first alone.
+            counted = shapes.basis.shape[1] if place == first else shapes.own
+            fills, pulls = shapes.prior.rows(numbers, numbers_bar, weights, p, counted=counted)
+            before.append(fills)
+            after.append(pulls)
+        if len(memory.variance):
+            fills, pulls = weights.of_errors(p, shapes.basis.shape[1], memory.variance, memory.variance_bar)
+            before.append(fills)
+            # So is what channels share.
+            after += [] if place in told else [pulls]
+            told.add(place)
+    closing = weights.close(gram, windows[first].values[channel : channel + 1])
+    return opening, [*before, closing, *after], returning, weights
+
+
+def _shared_weights(windows: Sequence[_Window], parts: Sequence[tuple[int, int]]) -> Weights:
+    """Memory for weights that parts share: of a discrepancy between windows, of an error between channels."""
+    shapes = windows[0].terms.shapes
+    over_windows = len({place for place, _ in parts}) > 1
+    between = shapes.basis.shape[1] - shapes.own if over_windows else 0
+    places: dict[tuple[str, int, int], int] = {}
+    shared = [
+        [places.setdefault(("channel", k, j), len(places)) for j in range(between)]
+        + [places.setdefault(("window", place, j), len(places)) for j in range(shapes.errors.shape[2])]
+        for place, k in parts
+    ]
+    return Weights(shapes.count - len(shared[0]), np.array(shared, np.int64), shapes.count)
 
 
 # --- in Python ------------------------------------------------------------------------------------------------
 
 
-class LikelihoodTogether:
-    """The log likelihood of several windows that share weights, for one thread at a time."""
+class Bars(NamedTuple):
+    """Derivatives of the log likelihood by what one window simulates."""
+
+    simulated: FloatArray
+    """[T, N]"""
+    numbers: FloatArray
+    """[N, n]"""
+    variance: FloatArray
+    """[r]"""
+
+
+class Likelihood:
+    """The log likelihood of a window, or of several that may share weights, for one thread at a time."""
 
     def __init__(self, residuals: Sequence[Residuals], numbers: int) -> None:
         """numbers: how many each channel has."""
@@ -209,97 +302,71 @@ class LikelihoodTogether:
         for own in residuals:
             channels, samples = own.valid.shape
             observed, simulated = np.empty((2, samples, channels))
-            self.memories.append(window_memory(observed, simulated, np.empty((channels, numbers))))
+            variance = np.empty(own.shapes.errors.shape[2])
+            self.memories.append(window_memory(observed, simulated, np.empty((channels, numbers)), variance))
         self._program = Program(likelihood_calls(residuals, self.memories).rows)
 
-    def __call__(
-        self, observed: Sequence[FloatArray], simulated: Sequence[FloatArray], numbers: Sequence[FloatArray]
-    ) -> tuple[float, list[tuple[FloatArray, FloatArray]]]:
-        """The log likelihood, and each window's derivatives as in `log_likelihood`."""
-        for memory, *arrays in zip(self.memories, observed, simulated, numbers, strict=True):
-            memory.observed[:], memory.simulated[:], memory.numbers[:] = arrays
+    def __call__(self, *windows: tuple[FloatArray, ...]) -> tuple[float, list[Bars]]:
+        """The log likelihood, and its derivatives by what is simulated of each window.
+
+        windows: of each temperatures observed and simulated [T, N], K, numbers [N, n], see `WindowMemory`, and, where
+        the simulator has an error, the variances [r] of its weights.
+        """
+        for memory, own in zip(self.memories, windows, strict=True):
+            for array, given in zip(memory, own, strict=False):
+                array[:] = given
         self._program.run()
         value = float(sum(memory.value[0] for memory in self.memories))
-        return value, [(memory.simulated_bar.copy(), memory.numbers_bar.copy()) for memory in self.memories]
-
-
-class Likelihood:
-    """The log likelihood of one window, for one thread at a time."""
-
-    def __init__(self, residuals: Residuals, numbers: int) -> None:
-        """numbers: how many each channel has."""
-        self._windows = LikelihoodTogether([residuals], numbers)
-
-    def __call__(
-        self, observed: FloatArray, simulated: FloatArray, numbers: FloatArray
-    ) -> tuple[float, FloatArray, FloatArray]:
-        """See `log_likelihood`."""
-        value, ((simulated_bar, numbers_bar),) = self._windows([observed], [simulated], [numbers])
-        return value, simulated_bar, numbers_bar
-
-
-def log_likelihood(
-    residuals: Residuals, observed: FloatArray, simulated: FloatArray, numbers: FloatArray
-) -> tuple[float, FloatArray, FloatArray]:
-    """Log likelihood of temperatures observed and simulated [T, N], K, and its derivatives.
-
-    observed: valid where `residuals.valid` says; numbers: [N, n], see `WindowMemory`. The derivatives are by
-    `simulated` [T, N] and by `numbers` [N, n].
-    """
-    return Likelihood(residuals, numbers.shape[1])(observed, simulated, numbers)
+        bars = [(own.simulated_bar, own.numbers_bar, own.variance_bar) for own in self.memories]
+        return value, [Bars(*(array.copy() for array in of_window)) for of_window in bars]
 
 
 def weights_given(
-    residuals: Residuals, observed: FloatArray, simulated: FloatArray, numbers: FloatArray
-) -> tuple[FloatArray, FloatArray]:
-    """The shapes' weights given residuals: mean [N, m], and F [N, m, m] with their covariance F F^T.
-
-    Arguments as in `log_likelihood`; zero for a channel without shapes.
-    """
-    return weights_together([residuals], [observed], [simulated], [numbers])[0]
-
-
-def weights_together(
     residuals: Sequence[Residuals],
     observed: Sequence[FloatArray],
     simulated: Sequence[FloatArray],
     numbers: Sequence[FloatArray],
 ) -> list[tuple[FloatArray, FloatArray]]:
-    """The same of each of several windows, which share the weights that are not a window's own."""
-    channels, count = len(numbers[0]), residuals[0].shapes.basis.shape[1]
-    found = [(np.zeros((channels, count)), np.zeros((channels, count, count))) for _ in residuals]
-    windows = []
+    """The discrepancy's weights given residuals of windows, which may share some; a simulator's error is left out.
+
+    Arguments of each window as in `Likelihood`. Of each mean [N, m], and F [N, m, m] with their covariance F F^T; zero
+    for a channel without a discrepancy.
+    """
+    windows, found = [], []
     for own, *arrays in zip(residuals, observed, simulated, numbers, strict=True):
         windows.append(_Window(own, window_memory(*(np.ascontiguousarray(array, float) for array in arrays))))
+        channels, count = len(own.kinds), own.shapes.count
+        found.append((np.zeros((channels, count)), np.zeros((channels, count, count))))
         for row in windows[-1].begin():
             row()
-    weights = windows[0].weights(len(windows))
-    for k in np.flatnonzero(residuals[0].discrepant).tolist():
-        opening, closing, _ = _with_shapes(windows, k, weights)
+    for parts in _joined(residuals):
+        opening, closing, _, weights = _with_shapes(windows, parts)
         for row in (*opening, *closing):
             row()
-        for place, (mean, factor) in enumerate(found):
-            mean[k] = weights.mean[place]
-            factor[k] = weights.root[place][:, None] * weights.inverse[place].T
+        for p, (place, k) in enumerate(parts):
+            mean, factor = found[place]
+            mean[k] = weights.mean[p]
+            factor[k] = weights.root[p][:, None] * weights.inverse[p].T
     return found
 
 
 def precision_times(residuals: Residuals, columns: FloatArray, numbers: FloatArray) -> FloatArray:
-    """C^-1 times columns [T, N, c], with C the covariance of the residuals of normal noise and shapes.
+    """C^-1 times columns [T, N, c], with C the covariance of the residuals of normal noise and a discrepancy.
 
-    What the shapes are expected to explain of a column is taken off it, and the rest weighed by the noise.
+    What the discrepancy is expected to explain of a column is taken off it, and the rest weighed by the noise.
     """
-    shapes = replace(residuals.shapes, channels=np.zeros_like(residuals.discrepant))
-    alone, none = Likelihood(replace(residuals, shapes=shapes), numbers.shape[1]), np.zeros(columns.shape[:2])
+    alone, none = Likelihood([residuals.with_first(0)], numbers.shape[1]), np.zeros(columns.shape[:2])
 
     def weighed(columns: FloatArray) -> FloatArray:
-        parts = [alone(columns[..., c], none, numbers)[1] for c in range(columns.shape[-1])]
-        return np.stack(parts, axis=-1) if parts else np.empty(columns.shape)
+        found = np.zeros(columns.shape)
+        for c in np.flatnonzero(columns.any(axis=(0, 1))):
+            found[..., c] = alone((columns[..., c], none, numbers))[1][0].simulated
+        return found
 
     solved = weighed(columns)
     if not residuals.discrepant.any():
         return solved
-    _, factor = weights_given(residuals, none, none, numbers)
+    ((_, factor),) = weights_given([residuals], [none], [none], [numbers])
     # Not products of BLAS: as in the Hessian that this is for, its threads would spin when the cores are busy.
     projected = np.einsum("tm,tnc->nmc", residuals.shapes.basis, solved)
     weights = np.einsum("nij,njc->nic", factor, np.einsum("nji,njc->nic", factor, projected))
@@ -307,41 +374,48 @@ def precision_times(residuals: Residuals, columns: FloatArray, numbers: FloatArr
 
 
 def information(
-    residuals: Sequence[Residuals], jacobians: Sequence[FloatArray], numbers: Sequence[FloatArray]
+    residuals: Sequence[Residuals],
+    jacobians: Sequence[FloatArray],
+    derivatives: Sequence[FloatArray],
+    numbers: Sequence[FloatArray],
+    variances: Sequence[FloatArray],
 ) -> FloatArray:
-    """J^T C^-1 J [p, p] of windows that share weights, with J [T, N, p] of each, zero where there is no sample.
+    """J^T C^-1 J [d, d] of windows, with C the covariance of all their residuals, which are normal.
 
-    With a window's own weights in C, the shared ones take away as Woodbury's identity says.
+    jacobians: of each window's temperatures by its own coordinates, [T, N, q]; derivatives: of these by the common
+    ones, [q, d]. With the weights that a channel has for itself in C, those that windows or channels share take away as
+    Woodbury's identity says.
     """
-    shapes = residuals[0].shapes
-    columns = jacobians[0].shape[2]
-    total = np.zeros((columns, columns))
-    products = np.zeros((len(shapes.channels), *(columns + shapes.basis.shape[1] - shapes.own,) * 2))
-    for window, jacobian, own in zip(residuals, jacobians, numbers, strict=True):
-        basis = np.where(window.valid.T[..., None], window.shapes.basis[:, None, shapes.own :], 0.0)
-        both = np.concatenate([jacobian, basis], axis=2)
-        solved = precision_times(replace(window, shapes=window.shapes.alone()), both, own)
-        products += np.einsum("tni,tnj->nij", both, solved)
-    for k, of_channel in enumerate(products):
-        total += of_channel[:columns, :columns]
-        if shapes.channels[k]:
-            deviation = shapes.prior.deviations(numbers[0][k, -SHAPE_NUMBERS:])[shapes.own :]
-            covariance, _ = shrinkage(of_channel[columns:, columns:], deviation**2)
-            crossed = of_channel[columns:, :columns]
-            total -= crossed.T @ covariance @ crossed
-    return total
+    shapes, (channels, _), d = residuals[0].shapes, numbers[0].shape, derivatives[0].shape[1]
+    own = shapes.own if len(residuals) > 1 else shapes.basis.shape[1]
+    deviations = [window_deviations[own:] for window_deviations in _deviations(residuals[0], numbers[0])]
+    shared = len(deviations[0])
+    variance = np.concatenate([*(each**2 for each in deviations), *variances])
+    total = np.zeros((d + len(variance),) * 2)
+    first = d + channels * shared
+    for window, jacobian, derivative, of_noise, of_error in zip(
+        residuals, jacobians, derivatives, numbers, variances, strict=True
+    ):
+        basis = np.broadcast_to(window.shapes.basis[:, None, own:], (*jacobian.shape[:2], shared))
+        errors = window.shapes.errors if len(of_error) else basis[..., :0]
+        both = np.where(window.valid.T[..., None], np.concatenate([jacobian, basis, errors], axis=2), 0.0)
+        solved = precision_times(window.with_first(own), both, of_noise)
+        q = jacobian.shape[2]
+        for k, products in enumerate(np.einsum("tni,tnj->nij", both, solved)):
+            places = np.zeros((len(products), len(total)))
+            places[:q, :d] = derivative
+            places[q : q + shared, d + k * shared :][:, :shared] = np.eye(shared)
+            places[q + shared :, first:][:, : len(of_error)] = np.eye(len(of_error))
+            total += np.einsum("ai,ab,bj->ij", places, products, places, optimize=True)
+        first += len(of_error)
+    covariance, _ = shrinkage(total[d:, d:], variance)
+    crossed = total[d:, :d]
+    found: FloatArray = total[:d, :d] - crossed.T @ covariance @ crossed
+    return 0.5 * (found + found.T)
 
 
-def iid_log_likelihood(
-    observed: FloatArray, simulated: FloatArray, noise: FloatArray
-) -> tuple[float, FloatArray, FloatArray]:
-    """Independent Gaussian noise, as published: y ~ N(y(theta), sigma^2) with one sigma per channel.
-
-    observed: [T, N] K, NaN where there is no valid sample; simulated: [T, N] K; noise: [N] K.
-    Returns the log likelihood and its derivatives by `simulated` [T, N] and by `noise` [N].
-    """
-    valid = np.isfinite(observed)
-    scaled = np.where(valid, observed - simulated, 0.0) / noise
-    squares, samples = np.einsum("tn,tn->n", scaled, scaled), valid.sum(axis=0)
-    value = -0.5 * squares - samples * (np.log(noise) + 0.5 * np.log(2.0 * np.pi))
-    return float(value.sum()), scaled / noise, (squares - samples) / noise
+def _deviations(residuals: Residuals, numbers: FloatArray) -> list[FloatArray]:
+    """Prior standard deviations [m] of each channel's discrepancy; zero where it has none."""
+    prior, none = residuals.shapes.prior, np.zeros(residuals.shapes.basis.shape[1])
+    pairs = zip(residuals.discrepant, numbers, strict=True)
+    return [prior.deviations(own[-SHAPE_NUMBERS:]) if discrepant else none for discrepant, own in pairs]

@@ -29,7 +29,7 @@ from .discrepancy import (
 from .likelihood import SHAPE_NUMBERS, Likelihood, Residuals
 from .noise import INDEPENDENT, KINDS, MOST_NUMBERS, kind_of_noise
 from .noise.kind import DEVIATION
-from .shapes import Shapes, products_at
+from .shapes import Shapes
 
 NUMBERS = MOST_NUMBERS + SHAPE_NUMBERS
 TIME_SIZE, TIME_LENGTH, PHASE_SIZE, PHASE_LENGTH = range(MOST_NUMBERS, NUMBERS)
@@ -84,26 +84,26 @@ class ResidualModel:
 
     def independent(self) -> ResidualModel:
         """The same channels and entries with independent normal noise alone: the published likelihood."""
-        shapes = replace(self.terms.shapes, channels=np.zeros_like(self.terms.discrepant))
         kinds = (INDEPENDENT,) * len(self.terms.kinds)
-        return replace(self, terms=replace(self.terms, kinds=kinds, shapes=shapes))
+        return replace(self, terms=replace(self.terms.with_first(0), kinds=kinds))
 
     def at_samples(self, valid: NDArray[np.bool_]) -> ResidualModel:
         """The same where other samples [T, N] are valid."""
-        shapes = replace(self.terms.shapes, products=products_at(self.terms.shapes.basis, valid.T))
-        return replace(self, terms=replace(self.terms, valid=np.ascontiguousarray(valid.T), shapes=shapes))
+        return replace(self, terms=replace(self.terms, valid=np.ascontiguousarray(valid.T)))
 
     def deviations(self, numbers: FloatArray) -> FloatArray:
         """Standard deviation of the noise of one sample of each channel [N], K; numbers: [N, n]."""
         return np.array([kind.deviation(own) for kind, own in zip(self.terms.kinds, numbers, strict=True)])
 
-    def normal_equivalent(self, numbers: FloatArray) -> tuple[ResidualModel, FloatArray]:
+    def normal_equivalent(self, numbers: FloatArray) -> tuple[Residuals, FloatArray]:
         """Normal residuals of the same information on the simulated temperatures, and their numbers [N, n]."""
+        if self.is_normal:
+            return self.terms, numbers
         found = [kind.normal_equivalent(own) for kind, own in zip(self.terms.kinds, numbers, strict=True)]
         numbers = numbers.copy()
         for own, (_, equal) in zip(numbers, found, strict=True):
             own[: len(equal)] = equal
-        return replace(self, terms=replace(self.terms, kinds=tuple(kind for kind, _ in found))), numbers
+        return replace(self.terms, kinds=tuple(kind for kind, _ in found)), numbers
 
     def curvature(self, residual: FloatArray, numbers: FloatArray) -> FloatArray:
         """Minus the second derivatives [N, n, n] of the log likelihood by the numbers' logarithms.
@@ -116,13 +116,13 @@ class ResidualModel:
         curvature[simple, DEVIATION, DEVIATION] = 2.0 * self.terms.valid[simple].sum(axis=1)
         if simple.all():
             return curvature
-        none, likelihood = np.zeros(residual.shape), Likelihood(self.terms, numbers.shape[1])
+        none, likelihood = np.zeros(residual.shape), Likelihood([self.terms], numbers.shape[1])
         for column in sorted({entry.column for entry in self.entries if not simple[entry.channel]}):
             slopes = []
             for sign in (1.0, -1.0):
                 moved = numbers.copy()
                 moved[:, column] *= np.exp(sign * _DIFFERENCE)
-                slopes.append(moved * likelihood(residual, none, moved)[2])
+                slopes.append(moved * likelihood((residual, none, moved))[1][0].numbers)
             second = (slopes[1] - slopes[0]) / (2.0 * _DIFFERENCE)
             curvature[~simple, :, column] = second[~simple]
         return 0.5 * (curvature + curvature.transpose(0, 2, 1))
@@ -231,7 +231,7 @@ def residual_model(
     smoothness = np.array([_SMOOTHNESS[block.smoothness] if block else 1.5 for block in (written.time, written.phase)])
     in_time = 0 if time is None else time.count
     prior = MaternPrior(in_time, np.concatenate([*frequency, np.empty(0)]), smoothness)
-    shapes = Shapes(discrepant, np.ascontiguousarray(together), products_at(together, valid), in_time, prior)
+    shapes = Shapes(discrepant, np.ascontiguousarray(together), in_time, prior)
     terms = Residuals(np.ascontiguousarray(seconds, float), valid, tuple(kinds), shapes)
     return ResidualModel(terms, fixed, tuple(entries), time, phase), priors
 

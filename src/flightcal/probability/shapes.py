@@ -1,16 +1,19 @@
-"""What a simulation lacks: known shapes with normal weights that are integrated out."""
+"""What a simulation lacks: known shapes with normal weights that are integrated out.
+
+There are those of a discrepancy (`discrepancy`) and those of the error of a simulator that stands in for another.
+"""
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field
 from typing import Protocol
 
 import numpy as np
 from numpy.typing import NDArray
 
 from ..compiled import Row
-from ..simulator import FloatArray
-from .kernels.shapes import CloseCall, close
+from ..simulator import FloatArray, IntArray
+from .kernels.shapes import CloseCall, SpreadCall, close, pull_back_spread, spread
 
 
 class WeightsPrior(Protocol):
@@ -22,43 +25,53 @@ class WeightsPrior(Protocol):
     def first(self, count: int) -> WeightsPrior:
         """That of the first weights alone."""
 
-    def rows(self, numbers: FloatArray, numbers_bar: FloatArray, weights: Weights, place: int) -> tuple[Row, Row]:
-        """What fills the weights' prior in one of their windows, and what takes their posterior to the derivatives.
+    def rows(
+        self, numbers: FloatArray, numbers_bar: FloatArray, weights: Weights, place: int, *, counted: int
+    ) -> tuple[Row, Row]:
+        """What fills the weights' prior in one of their parts, and what takes their posterior to the derivatives.
 
-        Those of weights that windows share are counted in the first window alone.
+        counted: of how many of the first weights; what windows share is counted in one of them.
         """
 
 
 @dataclass(frozen=True)
 class Shapes:
-    """Shapes in a window of T samples, with weights of each channel's own."""
+    """Shapes in a window of T samples: a discrepancy's, with weights of each channel's own, and a simulator's error's.
+
+    The error is that of a surrogate; channels share its weights, and their variances may depend on theta.
+    """
 
     channels: NDArray[np.bool_]
-    """[N] which have them."""
+    """[N] which have a discrepancy."""
     basis: FloatArray
-    """[T, m] those whose weights are a window's own first, then those whose weights all windows share."""
-    products: FloatArray
-    """[N, m, m] of the basis with itself, at each channel's valid samples."""
+    """[T, m] of the discrepancy: those whose weights are a window's own first, then those that all windows share."""
     own: int
     prior: WeightsPrior
+    errors: FloatArray = field(default_factory=lambda: np.empty((0, 0, 0)))
+    """[T, N, r] K, of the simulator's error."""
 
     @property
     def is_shared(self) -> bool:
         """Whether windows share weights."""
         return self.own < self.basis.shape[1]
 
-    def alone(self) -> Shapes:
-        """Those whose weights are the window's own."""
-        own = self.own
-        return replace(
-            self, basis=np.ascontiguousarray(self.basis[:, :own]), products=self.products[:, :own, :own].copy(),
-            prior=self.prior.first(own), channels=self.channels & (own > 0),
+    @property
+    def count(self) -> int:
+        """Weights of a channel, m + r."""
+        return self.basis.shape[1] + self.errors.shape[2]
+
+    def of_channel(self, k: int) -> FloatArray:
+        """All shapes of a channel, [T, m + r]."""
+        return np.concatenate([self.basis, self.errors[:, k]], axis=1) if self.errors.shape[2] else self.basis
+
+    def first(self, count: int) -> Shapes:
+        """Those of the discrepancy that have the first weights."""
+        if count == self.count:
+            return self
+        return Shapes(
+            self.channels & (count > 0), np.ascontiguousarray(self.basis[:, :count]), min(self.own, count),
+            self.prior.first(count),
         )  # fmt: skip
-
-
-def products_at(basis: FloatArray, valid: NDArray[np.bool_]) -> FloatArray:
-    """Of a basis [T, m] with itself at each channel's valid samples [N, T], [N, m, m]."""
-    return np.stack([np.einsum("ti,tj->ij", basis[own], basis[own]) for own in valid])
 
 
 def shrinkage(products: FloatArray, variance: FloatArray) -> tuple[FloatArray, float]:
@@ -74,23 +87,39 @@ def shrinkage(products: FloatArray, variance: FloatArray) -> tuple[FloatArray, f
 
 
 class Weights:
-    """A channel's m weights in W windows: what these know of them, and their posterior; see `CloseCall`."""
+    """M weights of each of P parts, which are channels of windows: what these know of them, and their posterior.
 
-    def __init__(self, windows: int, own: int, count: int) -> None:
-        shared = count - own
-        self.own = own
-        self.root, self.slope, self.moment, self.weights, self.shrunk, self.mean = np.empty((6, windows, count))
-        self.gram, self.inverse = np.empty((2, windows, count, count))
-        self.scale, self.untold = np.empty((2, windows, 1))
-        self.known = np.empty((windows, 3))
-        self._upper = np.empty((count, count))
-        self._messages = np.empty((windows + 1, shared, shared)), np.empty((windows + 1, shared))
+    See `CloseCall`.
+    """
+
+    def __init__(self, own: int, shared: IntArray, count: int) -> None:
+        """shared: [P, c] places of what a part's last c weights are among those that parts share."""
+        parts, total = len(shared), int(shared.max(initial=-1)) + 1
+        self.own, self._shared = own, shared
+        self.root, self.slope, self.moment, self.weights, self.shrunk, self.mean = np.zeros((6, parts, count))
+        self.gram, self.inverse = np.empty((2, parts, count, count))
+        self.scale, self.untold = np.empty((2, parts, 1))
+        self.known = np.empty((parts, 3))
+        self._work = (
+            np.empty((count, count)), np.empty((*shared.shape, shared.shape[1])), np.empty(shared.shape),
+            np.empty((total, total)), np.empty(total), np.empty(total, np.int64),
+        )  # fmt: skip
 
     def close(self, gram: FloatArray, value: FloatArray) -> Row:
-        """What makes the posterior of what the windows know; gram: [W, m, m]; value: [1] log likelihood."""
+        """What makes the posterior of what the parts know; gram: [P, M, M]; value: [1] log likelihood."""
         return close.row(
             CloseCall(
-                self.own, self.root, gram, self.scale, self.moment, self.known, self.weights, self.shrunk, self.mean,
-                self.inverse, self.untold, value, self._upper, *self._messages,
+                self.own, self._shared, self.root, gram, self.scale, self.moment, self.known, self.weights,
+                self.shrunk, self.mean, self.inverse, self.untold, value, *self._work,
             )
         )  # fmt: skip
+
+    def of_errors(self, part: int, first: int, variance: FloatArray, variance_bar: FloatArray) -> tuple[Row, Row]:
+        """What fills the prior of a simulator's error, and what takes its posterior to the derivative.
+
+        variance: [r] of the part's weights from the first on.
+        """
+        here = slice(first, first + len(variance))
+        weights, shrunk = self.weights[part, here], self.shrunk[part, here]
+        call = SpreadCall(variance, self.root[part, here], weights, shrunk, variance_bar)
+        return spread.row(call), pull_back_spread.row(call)

@@ -8,14 +8,13 @@ from .coordinates import Whitening, whitening
 from .entries import Entry
 from .native import STOPPED, NativeDensity
 from .problem import Problem, Runs
-from .simulators import InexactSimulator, build_simulator
+from .simulators import build_simulator
 from .synthetic import simulate_telemetry, with_telemetry
 from .window import Window
 
 __all__ = [
     "STOPPED",
     "Entry",
-    "InexactSimulator",
     "NativeDensity",
     "Problem",
     "Runs",

@@ -8,7 +8,6 @@ from __future__ import annotations
 
 import ctypes
 from collections.abc import Sequence
-from dataclasses import dataclass
 from functools import cached_property
 from typing import Any
 
@@ -18,9 +17,7 @@ from numba import types
 from ..compiled import CallType, Program, Row, Stored, c_function
 from ..probability import (
     NO_STATUS,
-    HeaterStatus,
     Priors,
-    ResidualModel,
     StatusCall,
     WindowMemory,
     likelihood_calls,
@@ -28,8 +25,9 @@ from ..probability import (
     switching,
     window_memory,
 )
-from ..simulator import NOT_FINITE, TOO_MANY_SWITCHES, FloatArray, IntArray, NetworkSimulator
+from ..simulator import NOT_FINITE, TOO_MANY_SWITCHES, FloatArray
 from .coordinates import Whitening
+from .entries import Link
 from .kernels.density import (
     DENSITY_NOT_FINITE,
     DRAWS,
@@ -49,38 +47,15 @@ from .kernels.density import (
     record,
     scatter,
 )
+from .window import Window
 
-__all__ = ["DENSITY_NOT_FINITE", "REASONS", "STOPPED", "NativeDensity", "WindowParts", "native_density"]
+__all__ = ["DENSITY_NOT_FINITE", "REASONS", "STOPPED", "NativeDensity", "native_density"]
 
 REASONS = {
     NOT_FINITE: "a temperature is not finite",
     TOO_MANY_SWITCHES: "heaters switch too often: a thermostat chatters",
     DENSITY_NOT_FINITE: "the log density or its gradient is not finite",
 }
-
-
-@dataclass(frozen=True)
-class WindowParts:
-    """What a density reads of one window, and how the window's theta [m] follows from the problem's [d]."""
-
-    simulator: NetworkSimulator
-    observed: FloatArray
-    """[T, N] K"""
-    residuals: ResidualModel
-    status: HeaterStatus | None
-    """Where it has a likelihood."""
-    priors: Priors
-    """Of the window's theta: what drifts is transformed by them."""
-    simulated: IntArray
-    """Entries of the window's theta that the simulator takes."""
-    numbers: tuple[IntArray, IntArray, IntArray]
-    """Of the residuals' numbers that are entries: channels, columns and entries."""
-    settings: tuple[IntArray, IntArray]
-    """Of the status' settings that are entries: which, and entries."""
-    columns: IntArray
-    """[m] places in the problem's theta,"""
-    drifts: tuple[IntArray, IntArray]
-    """[m] and of a drifting entry's tau and xi; -1: it does not drift."""
 
 
 class NativeDensity:
@@ -151,16 +126,24 @@ def _signature(sizes: int, kind: Any) -> Any:
     return types.int64(*[types.uint64] * sizes, *arrays, CallType(kind))
 
 
-def native_density(windows: Sequence[WindowParts], priors: Priors, coordinates: Whitening) -> NativeDensity:
-    """The log density at w, up to a constant: the priors' and the windows' likelihood."""
+def native_density(
+    windows: Sequence[Window], links: Sequence[Link], priors: Priors, coordinates: Whitening
+) -> NativeDensity:
+    """The log density at w, up to a constant: the priors' and the likelihood of windows of thermal networks.
+
+    links: how each window's theta follows from that of the priors. Thresholds are left out.
+    """
     d = len(priors.names)
     z, theta, slope, z_bar = np.empty((4, 1, d))
     place = Place(
         np.array(coordinates.mean), np.array(coordinates.factor, order="C"), np.empty(d), z, theta, slope, z_bar,
         np.zeros(1 + 2 * len(windows)), np.empty(1), np.empty(d),
     )  # fmt: skip
-    made = [_Window(window, place, place.values[1 + 2 * k :]) for k, window in enumerate(windows)]
-    likelihood = likelihood_calls([window.residuals.terms for window in windows], [own.memory for own in made])
+    made = [
+        _Window(window, own, place, place.values[1 + 2 * k :])
+        for k, (window, own) in enumerate(zip(windows, links, strict=True))
+    ]
+    likelihood = likelihood_calls([window.terms for window in windows], [own.memory for own in made])
     rows = [begin.row(place), priors.row(z, theta, slope, z_bar, place.values[:1])]
     for own, of_temperatures in zip(made, likelihood.forward, strict=True):
         rows += [*own.forward, *of_temperatures, *own.status]
@@ -182,34 +165,40 @@ class _Window:
     memory: WindowMemory
     """Of the likelihood of the temperatures."""
 
-    def __init__(self, parts: WindowParts, place: Place, values: FloatArray) -> None:
+    def __init__(self, window: Window, link: Link, place: Place, values: FloatArray) -> None:
         """values: [at least 2], to be filled: log likelihood of temperatures and of heater status."""
-        calls, fixed = parts.simulator.calls(), parts.residuals.fixed
+        assert window.network is not None
+        calls, fixed = window.network.calls(), window.residuals.fixed
         outputs = calls.outputs
-        observed, numbers = np.ascontiguousarray(parts.observed), np.empty(fixed.shape)
-        made = window_memory(observed, outputs.temperatures[0], numbers, calls.temperatures_bar)
+        observed, numbers = np.ascontiguousarray(window.observed), np.empty(fixed.shape)
+        made = window_memory(
+            observed, outputs.temperatures[0], numbers, window.network.error_variance,
+            simulated_bar=calls.temperatures_bar,
+        )  # fmt: skip
         self.memory = made._replace(value=values[:1])
-        data, settings = (parts.status.data, parts.status.settings) if parts.status else (NO_STATUS, np.empty(0))
+        status = window.heater_status if window.measured_switches is None else None
+        data, settings, inferred = NO_STATUS, np.empty(0), (np.empty(0, int), np.empty(0, int))
+        if status is not None:
+            data, settings, inferred = status.data, status.settings, window.inferred_settings
         work = status_work(data, len(settings), len(calls.switches_bar))
         of_status = StatusCall(
             data, work, outputs.switches, outputs.switch_time, outputs.switch_heater, outputs.switch_on,
             outputs.status[0], calls.switches_bar, values[1:2],
         )  # fmt: skip
-        self.status = (switching.row(of_status),) if parts.status else ()
-        columns, deviation, score = _places(parts.columns, *parts.drifts)
-        drifting = np.flatnonzero(score >= 0)
-        own = Priors(tuple(parts.priors.names[k] for k in drifting), tuple(parts.priors.priors[k] for k in drifting))
+        self.status = (switching.row(of_status),) if status is not None else ()
+        columns, deviation, score = _places(link.columns, *link.drifts)
+        drifting = link.drifting
         z, theta, slope, unused = np.empty((4, 1, len(drifting)))
         window_theta, window_slope = np.empty((2, len(columns)))
-        link = LinkCall._make([
+        linked = LinkCall._make([
             place, columns, deviation, score, drifting, z, theta, slope, window_theta, window_slope,
-            *_places(parts.simulated), calls.thetas, calls.theta_bar,
-            *_places(*parts.numbers), np.array(fixed), numbers, made.numbers_bar,
-            *_places(*parts.settings), np.array(settings), work.settings, work.settings_bar,
+            *_places(window.simulated), calls.thetas, calls.theta_bar,
+            *_places(*window.places), np.array(fixed), numbers, made.numbers_bar,
+            *_places(*inferred), np.array(settings), work.settings, work.settings_bar,
         ])  # fmt: skip
-        drifted = (drift.row(link), own.row(z, theta, slope, unused, np.empty(1))) if len(drifting) else ()
-        self.forward = (*drifted, gather.row(link), *calls.forward)
-        self.backward = (*calls.backward, scatter.row(link))
+        drifted = (drift.row(linked), link.priors.row(z, theta, slope, unused, np.empty(1))) if len(drifting) else ()
+        self.forward = (*drifted, gather.row(linked), *calls.forward)
+        self.backward = (*calls.backward, scatter.row(linked))
 
 
 def _places(*found: Any) -> list[Any]:

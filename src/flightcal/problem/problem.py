@@ -15,13 +15,12 @@ from functools import cached_property
 import numpy as np
 
 from ..compiled import warm
-from ..errors import ScenarioError
-from ..probability import LikelihoodTogether, Priors, PriorTerms, information, weights_given, weights_together
+from ..probability import Bars, Likelihood, Priors, PriorTerms, information, weights_given
 from ..scenario import Scenario
-from ..simulator import FloatArray, IntArray, NetworkSimulator, SimulationFailure, Trajectory
+from ..simulator import FloatArray, IntArray, SimulationFailure, Trajectory
 from .coordinates import Whitening
 from .entries import Entry, Link, drifting_parameters, link
-from .native import NativeDensity, WindowParts, native_density
+from .native import NativeDensity, native_density
 from .window import Window
 
 _DIFFERENCE = 1e-4  # of z, whose prior has a standard deviation of about one
@@ -192,20 +191,9 @@ class Problem:
 
     def native_density(self, coordinates: Whitening) -> NativeDensity | None:
         """The log density at w [d] of other coordinates as a C function; None where there is none."""
-        if not all(isinstance(window.simulator, NetworkSimulator) for window in self.windows):
+        if any(window.network is None for window in self.windows):
             return None
-        parts = [self._parts(window, own) for window, own in zip(self.windows, self.links, strict=True)]
-        return native_density(parts, self.priors, coordinates)
-
-    def _parts(self, window: Window, own: Link) -> WindowParts:
-        assert isinstance(window.simulator, NetworkSimulator)
-        status = None if window.measured_switches is not None else window.heater_status
-        settings = window.inferred_settings if status else (np.empty(0, int), np.empty(0, int))
-        priors = Priors(window.names, tuple(self.entries[k].prior for k in own.columns))
-        return WindowParts(
-            window.simulator, window.observed, window.residuals, status, priors,
-            window.simulated, window.places, settings, own.columns, own.drifts,
-        )  # fmt: skip
+        return native_density(self.windows, self.links, self.priors, coordinates)
 
     def _in_python(self, z: FloatArray) -> tuple[float, FloatArray]:
         """The compiled density's twin, for simulators that have none; thresholds apart."""
@@ -221,7 +209,7 @@ class Problem:
         value, cotangents = self._of_residuals([run for run, _ in linear], [at.theta for _, at in inside])
         value += float(prior.log_density)
         for (window, at), own, (run, cotangent), bars in zip(inside, self.links, linear, cotangents, strict=True):
-            added, theta_bar = window.pull_back(at.theta, run, cotangent, *bars)
+            added, theta_bar = window.pull_back(at.theta, run, cotangent, bars)
             value += added
             gradient += own.pull_back(z, prior, at.slope * theta_bar)
         return value, gradient
@@ -240,8 +228,8 @@ class Problem:
         inside = [own.thetas(theta[None], self.priors, None)[0] for own in self.links]
         value, bars = self._of_residuals(runs, inside)
         theta_bar = np.zeros(len(self.names))
-        for window, own, (numbers_bar, *_) in zip(self.windows, self.links, bars, strict=True):
-            np.add.at(theta_bar, own.columns, window.by_numbers(numbers_bar))
+        for window, own, of_window in zip(self.windows, self.links, bars, strict=True):
+            np.add.at(theta_bar, own.columns, window.by_numbers(of_window.numbers))
         return value, theta_bar
 
     @cached_property
@@ -250,25 +238,16 @@ class Problem:
         terms = self.windows[0].residuals.terms
         return len(self.windows) > 1 and terms.shapes.is_shared and bool(terms.discrepant.any())
 
-    def _of_residuals(
-        self, runs: Sequence[Trajectory], thetas: Sequence[FloatArray]
-    ) -> tuple[float, list[tuple[FloatArray, ...]]]:
-        """Log likelihood of the windows' temperatures at their thetas, and what `Window.of_residuals` gives."""
-        numbers = [window.numbers(theta) for window, theta in zip(self.windows, thetas, strict=True)]
-        if not self.shares_weights:
-            found = [w.of_residuals(run, own) for w, run, own in zip(self.windows, runs, numbers, strict=True)]
-            return float(sum(value for value, *_ in found)), [tuple(bars) for _, *bars in found]
-        if any(window.error_shapes is not None for window in self.windows):
-            raise ScenarioError(
-                f"discrepancy.phase: found it with {len(self.windows)} windows to train on and a simulator that has an "
-                "error of its own, expected one of these two"
-            )
+    def _of_residuals(self, runs: Sequence[Trajectory], thetas: Sequence[FloatArray]) -> tuple[float, list[Bars]]:
+        """Log likelihood of the windows' temperatures at their thetas, and its derivatives."""
+        given = [
+            (window.observed, run.temperatures, window.numbers(theta), run.error_variance)
+            for window, run, theta in zip(self.windows, runs, thetas, strict=True)
+        ]
         if not hasattr(self._own, "likelihood"):
-            terms = [window.residuals.terms for window in self.windows]
-            self._own.likelihood = LikelihoodTogether(terms, numbers[0].shape[1])
-        observed = [window.observed for window in self.windows]
-        value, bars = self._own.likelihood(observed, [run.temperatures for run in runs], numbers)
-        return value, [(numbers_bar, temperatures_bar) for temperatures_bar, numbers_bar in bars]
+            self._own.likelihood = Likelihood([window.terms for window in self.windows], given[0][2].shape[1])
+        value, bars = self._own.likelihood(*given)
+        return value, bars
 
     def _inside(self, z: FloatArray, prior: PriorTerms) -> Iterator[tuple[Window, PriorTerms]]:
         for window, own in zip(self.windows, self.links, strict=True):
@@ -311,46 +290,42 @@ class Problem:
         Raises SimulationFailure.
         """
         prior = self.priors.at(z)
-        temperatures, numbers, status = np.zeros((3, len(z), len(z)))
-        if self.shares_weights:
-            temperatures += self._information_together(z, prior)
+        hessian = self._information(z, prior)
         for (window, inside), own in zip(self._inside(z, prior), self.links, strict=True):
-            jacobian = None if self.shares_weights else self._jacobian(window, own, z)
-            found = window.information(inside, jacobian)
             derivative = own.derivative(z, prior)
-            for total, part in zip((temperatures, numbers, status), found, strict=True):
-                total += np.einsum("ai,ab,bj->ij", derivative, part, derivative, optimize=True)
-        temperatures[np.diag_indices(len(z))] += self.priors.precision(z)
-        return temperatures + numbers + status
+            found = window.information(inside)
+            hessian += np.einsum("ai,ab,bj->ij", derivative, found, derivative, optimize=True)
+        hessian[np.diag_indices(len(z))] += self.priors.precision(z)
+        return hessian
 
-    def _information_together(self, z: FloatArray, prior: PriorTerms) -> FloatArray:
-        """J^T C^-1 J [d, d] of windows that share weights."""
-        terms, numbers, jacobians = [], [], []
-        for (window, inside), jacobian in zip(self._inside(z, prior), self.jacobians(z), strict=True):
+    def _information(self, z: FloatArray, prior: PriorTerms) -> FloatArray:
+        """Gauss-Newton of the temperatures, J^T C^-1 J [d, d]; C: of residuals, or normal ones of their information."""
+        terms, numbers, jacobians, derivatives, variances = [], [], [], [], []
+        for (window, inside), own in zip(self._inside(z, prior), self.links, strict=True):
             equivalent, equal = window.residuals.normal_equivalent(window.numbers(inside.theta))
-            terms.append(equivalent.terms)
+            terms.append(equivalent.with_errors(window.simulator.error_basis))
             numbers.append(equal)
-            jacobians.append(np.where(window.valid[..., None], jacobian, 0.0))
-        return information(terms, jacobians, numbers)
+            jacobians.append(self._jacobian(window, own, z))
+            derivatives.append(own.derivative(z, prior))
+            variances.append(window.simulate(inside.theta).error_variance)
+        return information(terms, jacobians, derivatives, numbers, variances)
 
     def weights(self, runs: Runs, thetas: Sequence[FloatArray]) -> list[tuple[FloatArray, FloatArray]]:
-        """The discrepancy's weights of each window given all residuals: see `probability.weights_together`.
+        """The discrepancy's weights of each window given all residuals: see `probability.weights_given`.
 
         runs, thetas: of each window, the latter [q].
         """
         numbers = [window.numbers(theta) for window, theta in zip(self.windows, thetas, strict=True)]
         terms = [window.residuals.terms for window in self.windows]
         observed, simulated = [window.observed for window in self.windows], [run.temperatures for run in runs]
-        if self.shares_weights:
-            return weights_together(terms, observed, simulated, numbers)
-        return [weights_given(*of_window) for of_window in zip(terms, observed, simulated, numbers, strict=True)]
+        return weights_given(terms, observed, simulated, numbers)
 
     def warm(self) -> None:
         """Have all compiled code in the cache, as far as the simulators are thermal networks."""
         density = self.native_density(Whitening(np.zeros(len(self.names)), np.eye(len(self.names))))
-        simulator = self.windows[0].simulator
-        if density is not None and isinstance(simulator, NetworkSimulator):
-            warm((*density.program.rows, *simulator.rows))
+        network = self.windows[0].network
+        if density is not None and network is not None:
+            warm((*density.program.rows, *network.rows))
 
     # --- what drifts --------------------------------------------------------------------------------------------
 

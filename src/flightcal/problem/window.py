@@ -12,7 +12,7 @@ import threading
 from collections.abc import Callable
 from dataclasses import dataclass, replace
 from functools import cached_property
-from typing import Any, NamedTuple
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -21,30 +21,15 @@ from ..environment import orbital_period
 from ..probability import (
     DEVIATION,
     THRESHOLD_ERROR,
-    ErrorShapes,
+    Bars,
     HeaterStatus,
     Likelihood,
     PriorTerms,
     ResidualModel,
-    error_shapes,
-    low_rank_log_likelihood,
-    precision_times,
-    shrinkage,
-    with_error_shapes,
+    Residuals,
 )
 from ..scenario import Prior, Scenario
 from ..simulator import FloatArray, NetworkSimulator, SimulationFailure, Simulator, Switch, Trajectory
-from .simulators import InexactSimulator
-
-
-class Information(NamedTuple):
-    """Minus the Hessian of a window's log likelihood by its own coordinates [q, q], in three parts."""
-
-    temperatures: FloatArray
-    """Gauss-Newton: J^T C^-1 J."""
-    numbers: FloatArray
-    """Of noise and discrepancy."""
-    status: FloatArray
 
 
 @dataclass(frozen=True)
@@ -121,11 +106,15 @@ class Window:
         settings[places] = theta[positions]
         return settings
 
+    @property
+    def network(self) -> NetworkSimulator | None:
+        """The simulator, where it is a thermal network: compiled, and with thermostats that are known."""
+        return self.simulator if isinstance(self.simulator, NetworkSimulator) else None
+
     @cached_property
-    def error_shapes(self) -> ErrorShapes | None:
-        """Shapes in which a surrogate's temperatures may be off, at the valid samples."""
-        basis = self.simulator.error_basis
-        return None if basis is None else error_shapes(basis, self.valid)
+    def terms(self) -> Residuals:
+        """What the residuals are made of, with the error of a simulator that stands in for another."""
+        return self.residuals.terms.with_errors(self.simulator.error_basis)
 
     def numbers(self, theta: FloatArray) -> FloatArray:
         """The numbers of noise and discrepancy [N, n] at theta [q]; see `noise`."""
@@ -166,9 +155,9 @@ class Window:
 
     def simulate_as_flown(self, thetas: FloatArray, rng: np.random.Generator) -> list[Trajectory | None]:
         """The same, with thermostats that switch around their thresholds as far as the scenario says (`scatter`)."""
-        if isinstance(self.simulator, NetworkSimulator | InexactSimulator):
-            return self.simulator.simulate_scattered(thetas[:, self.simulated], rng)
-        return self.simulate_many(thetas)
+        if self.network is None:
+            return self.simulate_many(thetas)
+        return self.network.simulate_scattered(thetas[:, self.simulated], rng)
 
     # --- variants -----------------------------------------------------------------------------------------------
 
@@ -200,20 +189,19 @@ class Window:
         theta: FloatArray,
         run: Trajectory,
         cotangent: Callable[..., FloatArray],
-        numbers_bar: FloatArray,
-        *cotangents: FloatArray,
+        bars: Bars,
     ) -> tuple[float, FloatArray]:
         """Log likelihood of the heaters' status, and the gradient [q] of that and of the residuals; thresholds apart.
 
-        cotangent: of the simulation at theta [q]; the rest as `of_residuals` gives it.
+        cotangent: of the simulation at theta [q]; bars: of the residuals.
         """
-        value, theta_bar, switches_bar = 0.0, self.by_numbers(numbers_bar), {}
+        value, theta_bar, switches_bar = 0.0, self.by_numbers(bars.numbers), {}
         if self.heater_status is not None and self.measured_switches is None:
             settings = self.status_settings(theta)
             value, switches_bar["switches_bar"], settings_bar = self.heater_status.log_likelihood(run, settings)
             places, positions = self.inferred_settings
             theta_bar[positions] += settings_bar[places]
-        theta_bar[self.simulated] += cotangent(*cotangents, **switches_bar)
+        theta_bar[self.simulated] += cotangent(*self._cotangents(bars.simulated, bars.variance), **switches_bar)
         return float(value), theta_bar
 
     def at_thresholds(self, theta: FloatArray) -> tuple[float, FloatArray, Callable[[FloatArray], FloatArray]]:
@@ -222,9 +210,9 @@ class Window:
         Also the scaled deviations [E], and the vector-Jacobian product of these, to theta [q]. Raises
         SimulationFailure.
         """
-        assert isinstance(self.simulator, NetworkSimulator | InexactSimulator)
+        assert self.network is not None
         assert self.measured_switches is not None
-        excess, pull_back = self.simulator.threshold_excess(theta[self.simulated], self.measured_switches)
+        excess, pull_back = self.network.threshold_excess(theta[self.simulated], self.measured_switches)
         scaled = excess / THRESHOLD_ERROR
 
         def to_theta(bar: FloatArray) -> FloatArray:
@@ -234,25 +222,16 @@ class Window:
 
         return -0.5 * float((scaled**2).sum()), scaled, to_theta
 
-    def of_residuals(self, run: Trajectory, numbers: FloatArray) -> tuple[Any, ...]:
-        """Log likelihood, its derivative by the numbers [N, n], and those by what the simulator gives."""
-        model, shapes = self.residuals, self.error_shapes
-        if shapes is None:
-            if not hasattr(self._own, "likelihood"):
-                self._own.likelihood = Likelihood(model.terms, numbers.shape[1])
-            value, temperatures_bar, numbers_bar = self._own.likelihood(self.observed, run.temperatures, numbers)
-            return value, numbers_bar, temperatures_bar
-        if model.is_independent:
-            value, temperatures_bar, noise_bar, variance_bar = low_rank_log_likelihood(
-                self.observed, run.temperatures, numbers[:, DEVIATION], shapes, run.error_variance
-            )
-            numbers_bar = np.zeros_like(numbers)
-            numbers_bar[:, DEVIATION] = noise_bar
-        else:
-            value, temperatures_bar, numbers_bar, variance_bar = with_error_shapes(
-                model.terms, self.observed, run.temperatures, numbers, shapes, run.error_variance
-            )
-        return value, numbers_bar, temperatures_bar, variance_bar
+    def of_residuals(self, run: Trajectory, numbers: FloatArray) -> tuple[float, Bars]:
+        """Log likelihood of the temperatures, as if of this window alone, and its derivatives; numbers: [N, n]."""
+        if not hasattr(self._own, "likelihood"):
+            self._own.likelihood = Likelihood([self.terms], numbers.shape[1])
+        value, (bars,) = self._own.likelihood((self.observed, run.temperatures, numbers, run.error_variance))
+        return value, bars
+
+    def _cotangents(self, temperatures_bar: FloatArray, variance_bar: FloatArray) -> tuple[FloatArray, ...]:
+        """What the vector-Jacobian product of the simulator takes."""
+        return (temperatures_bar,) if self.simulator.error_basis is None else (temperatures_bar, variance_bar)
 
     @cached_property
     def _own(self) -> threading.local:
@@ -283,36 +262,16 @@ class Window:
             found[..., k] = (right.temperatures - left.temperatures) / (2.0 * step)
         return found
 
-    def information(self, prior: PriorTerms, jacobian: FloatArray | None) -> Information:
-        """Minus the Hessian of the log likelihood by coordinates whose theta [q] and slopes are `prior`'s.
+    def information(self, prior: PriorTerms) -> FloatArray:
+        """What is known of all but the temperatures: minus the Hessian [q, q] of that part of the log likelihood.
 
-        jacobian: [T, N, q] of the temperatures (None: that part is zero). J^T C^-1 J with C the covariance of the
-        residuals (or of normal ones of the same information), and the curvature in what is inferred of noise and
-        discrepancy as if a surrogate were exact, bent to be positive. Raises SimulationFailure.
+        By coordinates whose theta [q] and slopes are `prior`'s: the curvature in what is inferred of noise and
+        discrepancy as if a surrogate were exact, bent to be positive, and what the heaters' status tells. Raises
+        SimulationFailure.
         """
         numbers, run = self.numbers(prior.theta), self.simulate(prior.theta)
         residual = np.where(self.valid, self.observed - run.temperatures, 0.0)
-        curvature = self._curvature(residual, numbers, prior)
-        hessian = np.zeros(curvature.shape) if jacobian is None else self._of_temperatures(numbers, run, jacobian)
-        return Information(hessian, curvature, self._status_information(prior))
-
-    def _of_temperatures(self, numbers: FloatArray, run: Trajectory, jacobian: FloatArray) -> FloatArray:
-        jacobian = np.where(self.valid[..., None], jacobian, 0.0)
-        equivalent, equal = self.residuals.normal_equivalent(numbers)
-
-        def weighted(columns: FloatArray) -> FloatArray:
-            return precision_times(equivalent.terms, columns, equal)
-
-        # Not a product of BLAS, whose threads spin for a hundred times longer than this takes when the cores are busy.
-        solved = np.zeros_like(jacobian)
-        solved[..., self.simulated] = weighted(jacobian[..., self.simulated])
-        hessian: FloatArray = np.einsum("tni,tnj->ij", jacobian, solved)
-        if self.error_shapes is not None:
-            basis = self.error_shapes.basis
-            covariance, _ = shrinkage(np.einsum("tni,tnj->ij", basis, weighted(basis)), run.error_variance)
-            crossed = np.einsum("tni,tnj->ij", basis, solved)
-            hessian -= crossed.T @ covariance @ crossed
-        return 0.5 * (hessian + hessian.T)
+        return self._curvature(residual, numbers, prior) + self._status_information(prior)
 
     def _curvature(self, residual: FloatArray, numbers: FloatArray, prior: PriorTerms) -> FloatArray:
         """Curvature [q, q] in the entries of theta that are the residuals' numbers; never negative."""
@@ -339,9 +298,7 @@ class Window:
             run, cotangent = self.simulator.linearise(prior.theta[self.simulated])
             settings = self.status_settings(prior.theta)
             weights, precision = self.heater_status.information(run, settings)
-            none = [np.zeros(run.temperatures.shape)]
-            if self.error_shapes is not None:
-                none.append(np.zeros(run.error_variance.shape))
+            none = self._cotangents(np.zeros(run.temperatures.shape), np.zeros(run.error_variance.shape))
             rows = [cotangent(*none, switches_bar=row) for row in weights]
             places, positions = self.inferred_settings
             hessian[positions, positions] = precision[places] * prior.slope[positions] ** 2

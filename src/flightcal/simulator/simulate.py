@@ -9,7 +9,7 @@ from collections import defaultdict
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass, field
-from functools import cached_property
+from functools import cached_property, partial
 from typing import Protocol
 
 import numpy as np
@@ -176,16 +176,15 @@ class NetworkSimulator:
     """[3, N] positions of the channels' gains, biases and time offsets in the network's values."""
     scatter: FloatArray = field(default_factory=lambda: np.zeros(0))
     """[H] K, standard deviation of the temperature at which a heater switches; empty: none."""
+    error_basis: FloatArray | None = None
+    """[T, N, r] K, where it is a small network in the place of a larger one,"""
+    error_variance: FloatArray = field(default_factory=lambda: np.empty(0))
+    """[r] and the variances of these shapes' weights, at any theta."""
 
     @cached_property
     def parameters(self) -> tuple[str, ...]:
         """Names of theta's entries."""
         return (*self.names, *(f"initial.{self.network.nodes[k]}" for k in self.network.diffusive))
-
-    @property
-    def error_basis(self) -> None:
-        """None: it stands in for no other simulator."""
-        return None
 
     @property
     def heaters(self) -> tuple[str, ...]:
@@ -205,7 +204,7 @@ class NetworkSimulator:
         """One simulation at theta [d]."""
         with self._borrowed(1) as calls:
             calls.simulate(np.array(theta))
-            return _trajectory(copied(calls.outputs, 1), 0)
+            return self._trajectory(copied(calls.outputs, 1), 0)
 
     def simulate_many(self, thetas: FloatArray) -> list[Trajectory | None]:
         """Simulations at thetas [S, d], in parallel; None where one failed."""
@@ -232,7 +231,8 @@ class NetworkSimulator:
                 calls.run_forward.run()
                 outputs = copied(calls.outputs, count)
             outcomes = outputs.outcome.tolist()
-            found = [_trajectory(outputs, k) if outcome == FINISHED else None for k, outcome in enumerate(outcomes)]
+            made = partial(self._trajectory, outputs)
+            found = [made(k) if outcome == FINISHED else None for k, outcome in enumerate(outcomes)]
             if not few:
                 # With very many switches a simulation needs more room than a lane has.
                 for k in [k for k, outcome in enumerate(outcomes, first) if outcome == TOO_MANY_SWITCHES]:
@@ -251,14 +251,19 @@ class NetworkSimulator:
         theta = np.array(theta)
         calls = self._linearised(theta)
 
-        def cotangent(temperatures_bar: FloatArray, switches_bar: FloatArray | None = None) -> FloatArray:
+        def cotangent(
+            temperatures_bar: FloatArray,
+            error_variance_bar: FloatArray | None = None,
+            *,
+            switches_bar: FloatArray | None = None,
+        ) -> FloatArray:
             calls = self._linearised(theta)
             calls.temperatures_bar[:] = temperatures_bar
             calls.switches_bar[: calls.outputs.switches[0]] = 0.0 if switches_bar is None else switches_bar
             calls.run_backward.run()
             return calls.theta_bar.copy()
 
-        return _trajectory(copied(calls.outputs, 1), 0), cotangent
+        return self._trajectory(copied(calls.outputs, 1), 0), cotangent
 
     def threshold_excess(
         self, theta: FloatArray, switches: Switch
@@ -330,14 +335,14 @@ class NetworkSimulator:
     def _assemble(self, theta: FloatArray) -> tuple[FloatArray, FloatArray]:
         return assemble(self.mapping, self.network.terms, theta)
 
-
-def _trajectory(outputs: Outputs, simulation: int) -> Trajectory:
-    return Trajectory(
-        outputs.temperatures[simulation],
-        outputs.status[simulation],
-        outputs.duty_cycle[simulation],
-        switches(outputs, simulation),
-    )
+    def _trajectory(self, outputs: Outputs, simulation: int) -> Trajectory:
+        return Trajectory(
+            outputs.temperatures[simulation],
+            outputs.status[simulation],
+            outputs.duty_cycle[simulation],
+            switches(outputs, simulation),
+            self.error_variance,
+        )
 
 
 def network_simulator(

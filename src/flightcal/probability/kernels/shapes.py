@@ -1,9 +1,10 @@
-"""The posterior of the weights of known shapes, given what each window tells about them.
+"""The posterior of the weights of known shapes, given what each part, a channel of a window, tells about them.
 
-A window w has weights u_w of its own and shares weights v with the others; all are N(0, 1) over their prior deviations.
-Each window says, through its noise, exp(moment_w^T x - x^T gram_w x / 2) of x = (u_w, v). With u_w integrated out this
-is a message about v of the same form. So the posterior of (u_w, v) is what window w says, times the others' messages:
-one Cholesky factor of a window's size per window, and nothing but today's numbers where there is one window.
+A part p has weights u_p of its own and shares weights v_p with others: those of a discrepancy in orbit phase with the
+same channel of other windows, those of a simulator's error with the other channels of its window. All are N(0, 1) over
+their prior deviations. Each part says, through its noise, exp(moment_p^T x - x^T gram_p x / 2) of x = (u_p, v_p). With
+u_p integrated out this is a message about v_p of the same form. So the posterior of (u_p, v_p) is what the part says,
+times the messages of the others, with all that it does not share integrated out.
 """
 
 from __future__ import annotations
@@ -14,103 +15,107 @@ from typing import Any, NamedTuple
 from ...compiled import inlined, kernel
 
 _LOG_ROOT_2_PI = 0.5 * math.log(2.0 * math.pi)
+_LEAST_VARIANCE = 1e-300
+"""In the place of none: the derivative by it is then zero."""
 
 
 class CloseCall(NamedTuple):
-    """A channel's m weights in W windows, of which the first `own` are the window's."""
+    """P parts of m weights each, of which the first `own` are the part's."""
 
     own: int
+    shared: Any
+    """[P, c] places of the others among the S weights that parts share."""
     root: Any
-    """[W, m] prior standard deviations of the weights."""
+    """[P, m] prior standard deviations of the weights."""
     gram: Any
-    """[W, m, m] upper triangles, and the next three, as `ShapesCall` has them."""
+    """[P, m, m] upper triangles, and the next three, as `ShapesCall` has them."""
     scale: Any
-    """[W, 1]"""
+    """[P, 1]"""
     moment: Any
-    """[W, m]"""
+    """[P, m]"""
     known: Any
-    """[W, 3]"""
+    """[P, 3]"""
     weights: Any
-    """[W, m] filled: expected weights over prior deviations; as all that follow."""
+    """[P, m] filled: expected weights over prior deviations; as all that follow."""
     shrunk: Any
-    """[W, m] their variances over the prior ones."""
+    """[P, m] their variances over the prior ones."""
     mean: Any
-    """[W, m] expected weights."""
+    """[P, m] expected weights."""
     inverse: Any
-    """[W, m, m] lower triangles X; X^T X is the covariance over prior deviations."""
+    """[P, m, m] lower triangles X; X^T X is the covariance over prior deviations."""
     untold: Any
-    """[W, 1] samples that tell nothing about the weights."""
+    """[P, 1] samples that tell nothing about the weights."""
     value: Any
-    """[1] log likelihood of all windows."""
+    """[1] log likelihood of all parts."""
     upper: Any
-    """[m, m] to work in, as the next."""
+    """[m, m] to work in, as all that follow."""
     messages: Any
-    """[W + 1, s, s] about the s shared weights; the last: the sum of those of others."""
+    """[P, c, c] about the shared weights."""
     message_moments: Any
-    """[W + 1, s]"""
+    """[P, c]"""
+    others: Any
+    """[S, S] what the others tell."""
+    other_moments: Any
+    """[S]"""
+    order: Any
+    """[S]"""
 
 
 @kernel
 def close(call):
-    """The weights' posterior in each window, and the log likelihood."""
+    """The weights' posterior in each part, and the log likelihood."""
     gram, scale, moment, known, root, own = call.gram, call.scale, call.moment, call.known, call.root, call.own
     weights, shrunk, mean, inverse, untold = call.weights, call.shrunk, call.mean, call.inverse, call.untold
     messages, message_moments, upper = call.messages, call.message_moments, call.upper
-    windows, m = weights.shape
-    added, added_moment = messages[windows], message_moments[windows]
+    others, other_moments = call.others, call.other_moments
+    parts, m = weights.shape
+    # Where the weights that a part shares begin among its own, less where they begin among those of all.
+    shift = m - others.shape[0]
     determinant, squares, samples = 0.0, 0.0, 0.0
-    if windows == 1:
-        own = m  # nothing is shared
-    else:
-        for w in range(windows):
+    if parts > 1:
+        for p in range(parts):
             log_determinant, explained = _tell(
-                gram[w], scale[w, 0], root[w], moment[w], own, upper, weights[w], messages[w], message_moments[w]
+                gram[p], scale[p, 0], root[p], moment[p], own, upper, weights[p], messages[p], message_moments[p]
             )
-            if w > 0:
+            if p > 0:
                 determinant += log_determinant
                 squares -= explained
-    for w in range(windows):
-        for i in range(m - own):
-            added_moment[i] = 0.0
-            for j in range(i, m - own):
-                added[i, j] = 0.0
-        for other in range(windows):
-            if other != w:
-                for i in range(m - own):
-                    added_moment[i] += message_moments[other, i]
-                    for j in range(i, m - own):
-                        added[i, j] += messages[other, i, j]
-        log_determinant, explained = _factorise(
-            gram[w], scale[w, 0], root[w], moment[w], own, added, added_moment,
-            upper, inverse[w], shrunk[w], weights[w],
-        )  # fmt: skip
-        if w == 0:
+    for p in range(parts):
+        _add_others(p, call.shared, messages, message_moments, call.order, others, other_moments)
+        log_determinant, explained = _eliminate(others, other_moments, own - shift)
+        if p == 0:
             determinant += log_determinant
             squares -= explained
-        determinant += known[w, 0]
-        squares += known[w, 1]
-        samples += known[w, 2]
-        trace = known[w, 2] - m
+        log_determinant, explained = _factorise(
+            gram[p], scale[p, 0], root[p], moment[p], own, shift, others, other_moments,
+            upper, inverse[p], shrunk[p], weights[p],
+        )  # fmt: skip
+        if p == 0:
+            determinant += log_determinant
+            squares -= explained
+        determinant += known[p, 0]
+        squares += known[p, 1]
+        samples += known[p, 2]
+        trace = known[p, 2] - m
         for j in range(m):
-            mean[w, j] = root[w, j] * weights[w, j]
-            trace += shrunk[w, j]
+            mean[p, j] = root[p, j] * weights[p, j]
+            trace += shrunk[p, j]
         # What the others tell is in `shrunk`, too.
         for row in range(own, m):
             for i in range(own, row + 1):
                 for j in range(own, row + 1):
-                    told = added[i - own, j - own] if i <= j else added[j - own, i - own]
-                    trace += inverse[w, row, i] * inverse[w, row, j] * told
-        untold[w, 0] = trace
+                    told = others[i - shift, j - shift] if i <= j else others[j - shift, i - shift]
+                    trace += inverse[p, row, i] * inverse[p, row, j] * told
+        untold[p, 0] = trace
     call.value[0] = -0.5 * (squares + determinant) - samples * _LOG_ROOT_2_PI
     return 0
 
 
 @inlined
 def _tell(gram, scale, root, moment, own, upper, half, message, message_moment):
-    """What a window tells about the shared weights, its own integrated out: fills message [s, s] and its moment [s].
+    """What a part tells about the shared weights, its own integrated out: fills message [c, c] and its moment [c].
 
-    Returns the log determinant of the own weights' part, and by how much they explain the residuals' square. half: [m]
-    of work.
+    Returns what `_eliminate` does. half: [m] of work.
     """
     m = root.shape[0]
     for i in range(m):
@@ -118,8 +123,52 @@ def _tell(gram, scale, root, moment, own, upper, half, message, message_moment):
         half[i] = left * moment[i]
         for j in range(i, m):
             upper[i, j] = left * gram[i, j] * root[j]
+    log_determinant, explained = _eliminate(upper, half, own)
+    for i in range(own, m):
+        message_moment[i - own] = half[i]
+        for j in range(i, m):
+            message[i - own, j - own] = upper[i, j]
+    return log_determinant, explained
+
+
+@inlined
+def _add_others(part, shared, messages, message_moments, order, others, other_moments):
+    """The sum of all messages but a part's: of the weights that the part does not share first, then of those it does.
+
+    Fills others [S, S], an upper triangle, and other_moments [S].
+    """
+    total, count = others.shape[0], shared.shape[1]
+    for i in range(total):
+        order[i] = -1
+        other_moments[i] = 0.0
+        for j in range(i, total):
+            others[i, j] = 0.0
+    for i in range(count):
+        order[shared[part, i]] = total - count + i
+    first = 0
+    for i in range(total):
+        if order[i] < 0:
+            order[i] = first
+            first += 1
+    for other in range(shared.shape[0]):
+        if other != part:
+            for i in range(count):
+                row = order[shared[other, i]]
+                other_moments[row] += message_moments[other, i]
+                for j in range(i, count):
+                    column = order[shared[other, j]]
+                    others[min(row, column), max(row, column)] += messages[other, i, j]
+
+
+@inlined
+def _eliminate(upper, half, count):
+    """Integrate out the first weights, of prior N(0, 1), of what is told by an upper triangle and half, its moments.
+
+    Returns the log determinant of their part, and by how much they explain the residuals' square.
+    """
+    m = half.shape[0]
     log_determinant, explained = 0.0, 0.0
-    for i in range(own):
+    for i in range(count):
         pivot = 1.0 / math.sqrt(upper[i, i] + 1.0)
         log_determinant -= 2.0 * math.log(pivot)
         half[i] *= pivot
@@ -131,16 +180,14 @@ def _tell(gram, scale, root, moment, own, upper, half, message, message_moment):
             half[k] -= left * half[i]
             for j in range(k, m):
                 upper[k, j] -= left * upper[i, j]
-    for i in range(own, m):
-        message_moment[i - own] = half[i]
-        for j in range(i, m):
-            message[i - own, j - own] = upper[i, j]
     return log_determinant, explained
 
 
 @inlined
-def _factorise(gram, scale, root, moment, own, added, added_moment, upper, inverse, scratch, weights):
+def _factorise(gram, scale, root, moment, own, shift, added, added_moment, upper, inverse, scratch, weights):
     """Cholesky factor of 1 + scale root gram root + added, its inverse, and the weights' mean over `root`.
+
+    added: from `own - shift` on, of the weights from `own` on.
 
     Fills inverse [m, m], a lower triangle X with X^T X the inverse of what is factorised, weights [m], and scratch [m],
     the diagonal of X^T X. Returns the log determinant, and by how much the residuals' square is explained.
@@ -153,7 +200,7 @@ def _factorise(gram, scale, root, moment, own, added, added_moment, upper, inver
         upper[i, i] += 1.0
     for i in range(own, m):
         for j in range(i, m):
-            upper[i, j] += added[i - own, j - own]
+            upper[i, j] += added[i - shift, j - shift]
     log_determinant = 0.0
     for i in range(m):
         # In rows of their own while they are worked on, four others at a time: so a compiler can take entries together.
@@ -192,7 +239,7 @@ def _factorise(gram, scale, root, moment, own, added, added_moment, upper, inver
         weights[j] = 0.0
         scratch[j] = scale * root[j] * moment[j]
     for j in range(own, m):
-        scratch[j] += added_moment[j - own]
+        scratch[j] += added_moment[j - shift]
     for i in range(m):
         total = 0.0
         for j in range(i + 1):
@@ -207,3 +254,38 @@ def _factorise(gram, scale, root, moment, own, added, added_moment, upper, inver
         for j in range(i + 1):
             scratch[j] += inverse[i, j] * inverse[i, j]
     return log_determinant, explained
+
+
+# --- the error of a simulator that stands in for another ----------------------------------------------------------
+
+
+class SpreadCall(NamedTuple):
+    """The prior of r weights of a simulator's error, and what is known of them; see `CloseCall`."""
+
+    variance: Any
+    """[r], as all others."""
+    root: Any
+    """Filled by `spread`."""
+    weights: Any
+    """Read by `pull_back_spread`, as the next."""
+    shrunk: Any
+    variance_bar: Any
+    """Filled."""
+
+
+@kernel
+def spread(call):
+    """Prior standard deviations."""
+    for j in range(call.variance.shape[0]):
+        call.root[j] = math.sqrt(max(call.variance[j], _LEAST_VARIANCE))
+    return 0
+
+
+@kernel
+def pull_back_spread(call):
+    """The derivative by the variances."""
+    variance, weights, shrunk = call.variance, call.weights, call.shrunk
+    for j in range(variance.shape[0]):
+        by_log_variance = 0.5 * (weights[j] * weights[j] - 1.0 + shrunk[j])
+        call.variance_bar[j] = by_log_variance / max(variance[j], _LEAST_VARIANCE)
+    return 0
