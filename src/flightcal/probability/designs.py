@@ -6,38 +6,18 @@ S of a shorter one, so that a campaign can be grown.
 
 from __future__ import annotations
 
-from typing import Final, Protocol
+from typing import Final
 
 import numpy as np
 import xarray
-from numpy.typing import ArrayLike
 from scipy.stats import qmc
 
 from ..errors import RunError
 from ..simulator import FloatArray
+from .priors import Priors
 
 KINDS: Final = ("sobol", "latin-hypercube", "prior", "posterior")
 GROWING: Final = ("sobol", "prior", "posterior")
-
-
-class Priors(Protocol):
-    """What a design needs of `calibration.Priors`: independent priors of d named parameters."""
-
-    @property
-    def names(self) -> tuple[str, ...]:
-        """Names of theta's entries [d]."""
-
-    def quantile(self, probability: ArrayLike) -> FloatArray:
-        """Theta [..., d] below which `probability` [..., d] of each prior lies."""
-
-    def sample(self, rng: np.random.Generator, count: int) -> FloatArray:
-        """Prior draws of theta [count, d]."""
-
-    def to_theta(self, z: ArrayLike) -> FloatArray:
-        """Theta [..., d] of unconstrained z [..., d]."""
-
-    def to_z(self, theta: ArrayLike) -> FloatArray:
-        """Unconstrained z [..., d] of theta [..., d]."""
 
 
 def sobol(priors: Priors, runs: int, seed: int, *, share: float = 1.0) -> FloatArray:

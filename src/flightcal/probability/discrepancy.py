@@ -16,7 +16,7 @@ import numpy as np
 
 from ..compiled import Row
 from ..simulator import FloatArray
-from .kernels.matern import LENGTH, PHASE_LENGTH, PHASE_SIZE, SIZE, MaternCall, pull_back_spectrum, spectrum
+from .kernels.matern import MaternCall, pull_back_spectrum, spectrum
 from .shapes import Weights
 
 _BOUNDARY = {1.5: 4.5, 2.5: 4.1}
@@ -112,38 +112,24 @@ class MaternPrior:
     smoothness: FloatArray
     """[2] of the process in time and in phase."""
 
-    @property
-    def factor(self) -> FloatArray:
-        """[2] `matern_factor` of these."""
-        return np.array([matern_factor(nu) for nu in self.smoothness])
-
     def deviations(self, numbers: FloatArray) -> FloatArray:
         """Standard deviations [m] of the weights; numbers: [4] amplitudes and lengthscales, see `kernels.matern`."""
-        nu, amplitude, length = self.smoothness[0], numbers[SIZE], numbers[LENGTH]
-        parts = []
-        if self.in_time:
-            density = matern_factor(nu) * length ** (-2 * nu)
-            density = density * (2 * nu / length**2 + self.frequency[: self.in_time] ** 2) ** (-nu - 0.5)
-            parts.append(amplitude * np.sqrt(density))
-        frequency, nu = self.frequency[self.in_time :], self.smoothness[1]
-        if len(frequency):
-            density = (2 * nu / numbers[PHASE_LENGTH] ** 2 + frequency**2) ** (-nu - 0.5)
-            density = np.where(frequency == 0.0, density, 2.0 * density)
-            # Cosine and sine of a harmonic add up to one.
-            total = density[: len(frequency) // 2 + 1].sum()
-            parts.append(numbers[PHASE_SIZE] * np.sqrt(density / total))
-        return np.concatenate([*parts, np.empty(0)])
+        weights = Weights(len(self.frequency), np.empty((1, 0), np.int64), len(self.frequency))
+        fills, _ = self.rows(numbers, np.empty(4), weights, 0, counted=0)
+        fills()
+        return np.asarray(weights.root[0])
 
     def first(self, count: int) -> MaternPrior:
         """That of the first weights alone."""
-        return replace(self, frequency=self.frequency[:count])
+        return replace(self, in_time=min(self.in_time, count), frequency=self.frequency[:count])
 
     def rows(
-        self, numbers: FloatArray, numbers_bar: FloatArray, weights: Weights, place: int, *, counted: int
+        self, numbers: FloatArray, numbers_bar: FloatArray, weights: Weights, part: int, *, counted: int
     ) -> tuple[Row, Row]:
         """What fills the weights' prior, and what takes their posterior to the derivatives; numbers: [4]."""
+        factor = np.array([matern_factor(nu) for nu in self.smoothness])
         call = MaternCall(
-            self.in_time, counted, self.frequency, self.smoothness, self.factor, numbers, weights.root[place],
-            weights.slope[place], weights.weights[place], weights.shrunk[place], numbers_bar,
+            self.in_time, counted, self.frequency, self.smoothness, factor, numbers, weights.root[part],
+            weights.slope[part], weights.weights[part], weights.shrunk[part], numbers_bar,
         )  # fmt: skip
         return spectrum.row(call), pull_back_spectrum.row(call)

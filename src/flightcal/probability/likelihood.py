@@ -20,7 +20,7 @@ from ..compiled import Program, Row
 from ..simulator import FloatArray
 from .kernels.window import ProjectCall, WindowCall, finish, project, start
 from .noise.kind import NoiseCall, NoiseKind, ShapesCall
-from .shapes import Shapes, Weights, shrinkage
+from .shapes import Shapes, Weights
 
 SHAPE_NUMBERS = 4
 """The last of a channel's numbers, which are those of its discrepancy's weights."""
@@ -350,29 +350,6 @@ def weights_given(
     return found
 
 
-def precision_times(residuals: Residuals, columns: FloatArray, numbers: FloatArray) -> FloatArray:
-    """C^-1 times columns [T, N, c], with C the covariance of the residuals of normal noise and a discrepancy.
-
-    What the discrepancy is expected to explain of a column is taken off it, and the rest weighed by the noise.
-    """
-    alone, none = Likelihood([residuals.with_first(0)], numbers.shape[1]), np.zeros(columns.shape[:2])
-
-    def weighed(columns: FloatArray) -> FloatArray:
-        found = np.zeros(columns.shape)
-        for c in np.flatnonzero(columns.any(axis=(0, 1))):
-            found[..., c] = alone((columns[..., c], none, numbers))[1][0].simulated
-        return found
-
-    solved = weighed(columns)
-    if not residuals.discrepant.any():
-        return solved
-    ((_, factor),) = weights_given([residuals], [none], [none], [numbers])
-    # Not products of BLAS: as in the Hessian that this is for, its threads would spin when the cores are busy.
-    projected = np.einsum("tm,tnc->nmc", residuals.shapes.basis, solved)
-    weights = np.einsum("nij,njc->nic", factor, np.einsum("nji,njc->nic", factor, projected))
-    return weighed(columns - np.einsum("tm,nmc->tnc", residuals.shapes.basis, weights))
-
-
 def information(
     residuals: Sequence[Residuals],
     jacobians: Sequence[FloatArray],
@@ -383,39 +360,53 @@ def information(
     """J^T C^-1 J [d, d] of windows, with C the covariance of all their residuals, which are normal.
 
     jacobians: of each window's temperatures by its own coordinates, [T, N, q]; derivatives: of these by the common
-    ones, [q, d]. With the weights that a channel has for itself in C, those that windows or channels share take away as
-    Woodbury's identity says.
+    ones, [q, d]; numbers and variances as in `Likelihood`. The shapes stand beside the coordinates at first.
     """
     shapes, (channels, _), d = residuals[0].shapes, numbers[0].shape, derivatives[0].shape[1]
     own = shapes.own if len(residuals) > 1 else shapes.basis.shape[1]
-    deviations = [window_deviations[own:] for window_deviations in _deviations(residuals[0], numbers[0])]
-    shared = len(deviations[0])
-    variance = np.concatenate([*(each**2 for each in deviations), *variances])
-    total = np.zeros((d + len(variance),) * 2)
-    first = d + channels * shared
+    shared = shapes.basis.shape[1] - own
+    in_all = np.concatenate([_prior_variances(residuals[0], numbers[0])[:, own:].ravel(), *variances])
+    total, of_window = np.zeros((d + len(in_all),) * 2), d + channels * shared
     for window, jacobian, derivative, of_noise, of_error in zip(
         residuals, jacobians, derivatives, numbers, variances, strict=True
     ):
-        basis = np.broadcast_to(window.shapes.basis[:, None, own:], (*jacobian.shape[:2], shared))
-        errors = window.shapes.errors if len(of_error) else basis[..., :0]
-        both = np.where(window.valid.T[..., None], np.concatenate([jacobian, basis, errors], axis=2), 0.0)
-        solved = precision_times(window.with_first(own), both, of_noise)
-        q = jacobian.shape[2]
-        for k, products in enumerate(np.einsum("tni,tnj->nij", both, solved)):
-            places = np.zeros((len(products), len(total)))
+        q, errors = jacobian.shape[2], len(of_error)
+        alone = _prior_variances(window, of_noise)[:, :own]
+        basis = np.broadcast_to(window.shapes.basis[:, None], (*jacobian.shape[:2], own + shared))
+        parts = [jacobian, basis[..., own:], *([window.shapes.errors] if errors else []), basis[..., :own]]
+        columns = np.where(window.valid.T[..., None], np.concatenate(parts, axis=2), 0.0)
+        # Not a product of BLAS, whose threads spin for a hundred times longer than this takes when the cores are busy.
+        products = np.einsum("tni,tnj->nij", columns, _weighed(window, columns, of_noise))
+        for k in range(channels):
+            places = np.zeros((q + shared + errors, len(total)))
             places[:q, :d] = derivative
-            places[q : q + shared, d + k * shared :][:, :shared] = np.eye(shared)
-            places[q + shared :, first:][:, : len(of_error)] = np.eye(len(of_error))
-            total += np.einsum("ai,ab,bj->ij", places, products, places, optimize=True)
-        first += len(of_error)
-    covariance, _ = shrinkage(total[d:, d:], variance)
-    crossed = total[d:, :d]
-    found: FloatArray = total[:d, :d] - crossed.T @ covariance @ crossed
-    return 0.5 * (found + found.T)
+            places[q : q + shared, d + k * shared : d + (k + 1) * shared] = np.eye(shared)
+            places[q + shared :, of_window : of_window + errors] = np.eye(errors)
+            total += places.T @ _integrated_out(products[k], alone[k]) @ places
+        of_window += errors
+    return _integrated_out(total, in_all)
 
 
-def _deviations(residuals: Residuals, numbers: FloatArray) -> list[FloatArray]:
-    """Prior standard deviations [m] of each channel's discrepancy; zero where it has none."""
-    prior, none = residuals.shapes.prior, np.zeros(residuals.shapes.basis.shape[1])
-    pairs = zip(residuals.discrepant, numbers, strict=True)
-    return [prior.deviations(own[-SHAPE_NUMBERS:]) if discrepant else none for discrepant, own in pairs]
+def _prior_variances(residuals: Residuals, numbers: FloatArray) -> FloatArray:
+    """[N, m] of the discrepancy's weights; zero where a channel has none."""
+    variances = np.zeros((len(numbers), residuals.shapes.basis.shape[1]))
+    for k in np.flatnonzero(residuals.discrepant):
+        variances[k] = residuals.shapes.prior.deviations(numbers[k, -SHAPE_NUMBERS:]) ** 2
+    return variances
+
+
+def _weighed(residuals: Residuals, columns: FloatArray, numbers: FloatArray) -> FloatArray:
+    """Columns [T, N, c], times the inverse of the covariance of the noise alone."""
+    likelihood, none = Likelihood([residuals.with_first(0)], numbers.shape[1]), np.zeros(columns.shape[:2])
+    weighed = np.zeros(columns.shape)
+    for c in np.flatnonzero(columns.any(axis=(0, 1))):
+        weighed[..., c] = likelihood((columns[..., c], none, numbers))[1][0].simulated
+    return weighed
+
+
+def _integrated_out(products: FloatArray, variance: FloatArray) -> FloatArray:
+    """What is known of others than the last weights, which are normal of these variances: Woodbury's identity."""
+    first, root = len(products) - len(variance), np.sqrt(variance)
+    factor = np.linalg.cholesky(np.eye(len(root)) + root[:, None] * products[first:, first:] * root)
+    half = np.linalg.solve(factor, root[:, None] * products[first:, :first])
+    return np.asarray(products[:first, :first] - half.T @ half)

@@ -26,7 +26,7 @@ class WeightsPrior(Protocol):
         """That of the first weights alone."""
 
     def rows(
-        self, numbers: FloatArray, numbers_bar: FloatArray, weights: Weights, place: int, *, counted: int
+        self, numbers: FloatArray, numbers_bar: FloatArray, weights: Weights, part: int, *, counted: int
     ) -> tuple[Row, Row]:
         """What fills the weights' prior in one of their parts, and what takes their posterior to the derivatives.
 
@@ -72,18 +72,6 @@ class Shapes:
             self.channels & (count > 0), np.ascontiguousarray(self.basis[:, :count]), min(self.own, count),
             self.prior.first(count),
         )  # fmt: skip
-
-
-def shrinkage(products: FloatArray, variance: FloatArray) -> tuple[FloatArray, float]:
-    """Posterior covariance [r, r] of the shapes' weights given residuals, and log det (I + V Phi^T C^-1 Phi).
-
-    products: Phi^T C^-1 Phi [r, r]. The inverse of C + Phi V Phi^T is C^-1 - C^-1 Phi (this) Phi^T C^-1 (Woodbury), for
-    variances [r] of zero too.
-    """
-    root = np.sqrt(variance)
-    factor = np.linalg.cholesky(np.eye(len(root)) + root[:, None] * products * root)
-    half = np.linalg.solve(factor, np.diag(root))
-    return half.T @ half, 2.0 * float(np.log(np.diag(factor)).sum())
 
 
 class Weights:

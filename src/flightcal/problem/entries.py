@@ -147,12 +147,7 @@ class Link:
 
     def pull_back(self, z: FloatArray, prior: PriorTerms, inside_bar: FloatArray) -> FloatArray:
         """Cotangent of z [d] from that [q] of the window's own coordinates."""
-        z_bar = np.zeros(len(z))
-        np.add.at(z_bar, self.columns, inside_bar)
-        bar = inside_bar[self.drifting]
-        np.add.at(z_bar, self.score, bar * prior.theta[self.deviation])
-        np.add.at(z_bar, self.deviation, bar * z[self.score] * prior.slope[self.deviation])
-        return z_bar
+        return np.asarray(inside_bar @ self.derivative(z, prior))
 
     def derivative(self, z: FloatArray, prior: PriorTerms) -> FloatArray:
         """Of the window's coordinates by z [d], [q, d]."""

@@ -170,17 +170,17 @@ class _Window:
         assert window.network is not None
         calls, fixed = window.network.calls(), window.residuals.fixed
         outputs = calls.outputs
-        observed, numbers = np.ascontiguousarray(window.observed), np.empty(fixed.shape)
+        numbers, numbers_bar = np.zeros((2, len(window.written.values)))
+        of_noise, of_noise_bar = (array[: fixed.size].reshape(fixed.shape) for array in (numbers, numbers_bar))
         made = window_memory(
-            observed, outputs.temperatures[0], numbers, window.network.error_variance,
+            np.ascontiguousarray(window.observed), outputs.temperatures[0], of_noise, window.network.error_variance,
             simulated_bar=calls.temperatures_bar,
         )  # fmt: skip
-        self.memory = made._replace(value=values[:1])
+        self.memory = made._replace(numbers_bar=of_noise_bar, value=values[:1])
         status = window.heater_status if window.measured_switches is None else None
-        data, settings, inferred = NO_STATUS, np.empty(0), (np.empty(0, int), np.empty(0, int))
-        if status is not None:
-            data, settings, inferred = status.data, status.settings, window.inferred_settings
+        data, settings = status.data if status else NO_STATUS, numbers[fixed.size :]
         work = status_work(data, len(settings), len(calls.switches_bar))
+        work = work._replace(settings=settings, settings_bar=numbers_bar[fixed.size :])
         of_status = StatusCall(
             data, work, outputs.switches, outputs.switch_time, outputs.switch_heater, outputs.switch_on,
             outputs.status[0], calls.switches_bar, values[1:2],
@@ -193,8 +193,7 @@ class _Window:
         linked = LinkCall._make([
             place, columns, deviation, score, drifting, z, theta, slope, window_theta, window_slope,
             *_places(window.simulated), calls.thetas, calls.theta_bar,
-            *_places(*window.places), np.array(fixed), numbers, made.numbers_bar,
-            *_places(*inferred), np.array(settings), work.settings, work.settings_bar,
+            *_places(*window.written.sets.T), np.array(window.written.values), numbers, numbers_bar,
         ])  # fmt: skip
         drifted = (drift.row(linked), link.priors.row(z, theta, slope, unused, np.empty(1))) if len(drifting) else ()
         self.forward = (*drifted, gather.row(linked), *calls.forward)

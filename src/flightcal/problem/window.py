@@ -28,7 +28,7 @@ from ..probability import (
     ResidualModel,
     Residuals,
 )
-from ..scenario import Prior, Scenario
+from ..scenario import Numbers, Prior, Scenario
 from ..simulator import FloatArray, NetworkSimulator, SimulationFailure, Simulator, Switch, Trajectory
 
 
@@ -93,18 +93,23 @@ class Window:
         return channels[columns == DEVIATION], positions[columns == DEVIATION]
 
     @cached_property
-    def inferred_settings(self) -> Any:
-        """Settings [.] of the status likelihood that are inferred, and their positions in theta [.]."""
-        if self.heater_status is None:
-            return np.empty(0, int), np.empty(0, int)
-        return self.heater_status.inferred, np.array([self.names.index(n) for n in self.heater_status.priors], int)
+    def written(self) -> Numbers:
+        """Numbers of noise and discrepancy [N n] and settings of the status [P], and what of them theta sets."""
+        fixed, status = self.residuals.fixed, self.heater_status
+        sets = [
+            (channel * fixed.shape[1] + column, position)
+            for channel, column, position in zip(*self.places, strict=True)
+        ]
+        if status is not None:
+            own = zip(status.inferred, status.priors, strict=True)
+            sets += [(fixed.size + place, self.names.index(name)) for place, name in own]
+        settings = np.empty(0) if status is None else status.settings
+        pairs = np.array(sets, np.int64).reshape(-1, 2)
+        return Numbers((), np.concatenate([fixed.ravel(), settings]), pairs, np.empty((0, 2), np.int64))
 
     def status_settings(self, theta: FloatArray) -> FloatArray:
         """Settings [P] of the status likelihood at theta [q]."""
-        places, positions = self.inferred_settings
-        settings = np.empty(0) if self.heater_status is None else self.heater_status.settings.copy()
-        settings[places] = theta[positions]
-        return settings
+        return self.written.at(theta)[self.residuals.fixed.size :]
 
     @property
     def network(self) -> NetworkSimulator | None:
@@ -118,10 +123,8 @@ class Window:
 
     def numbers(self, theta: FloatArray) -> FloatArray:
         """The numbers of noise and discrepancy [N, n] at theta [q]; see `noise`."""
-        channels, columns, positions = self.places
-        numbers = self.residuals.fixed.copy()
-        numbers[channels, columns] = theta[positions]
-        return numbers
+        fixed = self.residuals.fixed
+        return self.written.at(theta)[: fixed.size].reshape(fixed.shape)
 
     def noise(self, theta: FloatArray) -> FloatArray:
         """Standard deviation of the noise of one sample of each channel [N], K, at theta [q]; discrepancy apart."""
@@ -195,12 +198,11 @@ class Window:
 
         cotangent: of the simulation at theta [q]; bars: of the residuals.
         """
-        value, theta_bar, switches_bar = 0.0, self.by_numbers(bars.numbers), {}
+        value, settings_bar, switches_bar = 0.0, None, {}
         if self.heater_status is not None and self.measured_switches is None:
             settings = self.status_settings(theta)
             value, switches_bar["switches_bar"], settings_bar = self.heater_status.log_likelihood(run, settings)
-            places, positions = self.inferred_settings
-            theta_bar[positions] += settings_bar[places]
+        theta_bar = self.by_numbers(bars.numbers, settings_bar)
         theta_bar[self.simulated] += cotangent(*self._cotangents(bars.simulated, bars.variance), **switches_bar)
         return float(value), theta_bar
 
@@ -238,12 +240,13 @@ class Window:
         """What each thread has for itself."""
         return threading.local()
 
-    def by_numbers(self, numbers_bar: FloatArray) -> FloatArray:
-        """Derivative by theta [q] from that by the residuals' numbers [N, n]."""
-        channels, columns, positions = self.places
-        theta_bar = np.zeros(len(self.names))
-        np.add.at(theta_bar, positions, numbers_bar[channels, columns])
-        return theta_bar
+    def by_numbers(self, numbers_bar: FloatArray, settings_bar: FloatArray | None = None) -> FloatArray:
+        """Derivative by theta [q] from that by the residuals' numbers [N, n] and the status' settings [P] (None: 0)."""
+        bar = np.zeros(len(self.written.values))
+        bar[: numbers_bar.size] = numbers_bar.ravel()
+        if settings_bar is not None:
+            bar[numbers_bar.size :] = settings_bar
+        return self.written.pull_back(np.zeros(len(self.names)), bar)
 
     # --- its curvature ------------------------------------------------------------------------------------------
 
@@ -300,8 +303,8 @@ class Window:
             weights, precision = self.heater_status.information(run, settings)
             none = self._cotangents(np.zeros(run.temperatures.shape), np.zeros(run.error_variance.shape))
             rows = [cotangent(*none, switches_bar=row) for row in weights]
-            places, positions = self.inferred_settings
-            hessian[positions, positions] = precision[places] * prior.slope[positions] ** 2
+            by_theta = self.by_numbers(np.zeros(self.residuals.fixed.shape), precision)
+            hessian[np.diag_indices(len(hessian))] = by_theta * prior.slope**2
         jacobian = np.reshape(rows, (-1, len(self.simulated))) * prior.slope[self.simulated]
         hessian[np.ix_(self.simulated, self.simulated)] += np.einsum("ei,ej->ij", jacobian, jacobian)
         return hessian

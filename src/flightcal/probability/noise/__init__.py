@@ -28,7 +28,7 @@ MOST_NUMBERS = max(len(kind.names) for kind in KINDS)
 def kind_of_noise(written: Noise) -> NoiseKind:
     """The kind that a scenario says. Raises ScenarioError where there is none of that model and distribution."""
     for kind in KINDS:
-        if kind.is_meant(written):
+        if kind.written == (written.model, written.distribution, written.quantisation is not None):
             return kind
     kinds = ", ".join(kind.words for kind in KINDS)
     raise ScenarioError(f"noise: found {written.model} noise that is {written.distribution}, expected one of {kinds}")

@@ -10,7 +10,6 @@ import math
 import numpy as np
 
 from ...compiled import inlined, kernel
-from ...scenario import Noise
 from ...simulator import FloatArray
 from .kind import DEVIATION, NoiseKind
 
@@ -230,14 +229,11 @@ def _previous(valid, t):
 class Correlated(NoiseKind):
     """Correlated normal noise."""
 
+    written = ("ar1", "normal", False)
     words = "AR(1) noise"
     names, white = ("standard_deviation", "white", "correlation_time"), "white"
     has_memory = True
     kernel, opens, returns = alone, opens, returns
-
-    def is_meant(self, written: Noise) -> bool:
-        """Whether it is what a scenario says."""
-        return (written.model, written.distribution) == ("ar1", "normal")
 
     def deviation(self, numbers: FloatArray) -> float:
         """Of one sample, K."""
@@ -255,14 +251,6 @@ class Correlated(NoiseKind):
     ) -> FloatArray:
         """How far each is off what the ones before make expected, as if its gap were endless."""
         return filtered(residual, seconds, numbers[DEVIATION], numbers[TIME], numbers[WHITE])
-
-    def covariance(self, numbers: FloatArray, apart: FloatArray) -> FloatArray:
-        """Of the process, K^2."""
-        return np.asarray(numbers[DEVIATION] ** 2 * np.exp(-np.abs(apart) / numbers[TIME]))
-
-    def white_variance(self, numbers: FloatArray) -> float:
-        """Of the white noise, K^2."""
-        return float(numbers[WHITE] ** 2)
 
 
 def correlate(innovations: FloatArray, seconds: FloatArray, time: float) -> FloatArray:

@@ -7,7 +7,6 @@ import math
 import numpy as np
 
 from ...compiled import kernel
-from ...scenario import Noise
 from ...simulator import FloatArray
 from .kind import DEVIATION, NoiseKind
 
@@ -90,6 +89,7 @@ def returns(call):
 class Independent(NoiseKind):
     """Independent normal noise."""
 
+    written = ("iid", "normal", False)
     words = "iid noise"
     names = ("standard_deviation",)
     kernel, opens, returns, projects = alone, opens, returns, True
@@ -98,10 +98,6 @@ class Independent(NoiseKind):
     def in_full(self) -> str:
         """What it is called where there is room."""
         return "independent, identically distributed (iid) noise"
-
-    def is_meant(self, written: Noise) -> bool:
-        """Whether it is what a scenario says."""
-        return (written.model, written.distribution, written.quantisation) == ("iid", "normal", None)
 
     def draw(self, numbers: FloatArray, seconds: FloatArray, rng: np.random.Generator) -> tuple[FloatArray, FloatArray]:
         """Noise with a memory and without."""

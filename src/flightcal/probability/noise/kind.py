@@ -12,7 +12,6 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from ...compiled import Kernel
-from ...scenario import Noise
 from ...simulator import FloatArray
 
 DEVIATION = 0
@@ -80,6 +79,8 @@ class ShapesCall(NamedTuple):
 class NoiseKind:
     """A kind of noise of one channel: all that anyone asks of it. `numbers` are [n], or more, in the kind's order."""
 
+    written: tuple[str, str, bool]
+    """Model and distribution of the scenario's `noise`, and whether it says a step of rounding."""
     words: str
     """What it is called,"""
     names: tuple[str, ...]
@@ -106,10 +107,6 @@ class NoiseKind:
         """Whether it is normal, so that weights of shapes can be integrated out beside it."""
         return self.opens is not None
 
-    def is_meant(self, written: Noise) -> bool:
-        """Whether it is what a scenario says."""
-        raise NotImplementedError
-
     def deviation(self, numbers: FloatArray) -> float:
         """Standard deviation of the noise of one sample, K."""
         return float(numbers[DEVIATION])
@@ -129,12 +126,16 @@ class NoiseKind:
         return self, numbers
 
     def covariance(self, numbers: FloatArray, apart: FloatArray) -> FloatArray:
-        """Of the noise with a memory, at samples that are so far `apart` (s), K^2."""
-        return np.zeros(apart.shape)
+        """Of the noise with a memory, an Ornstein-Uhlenbeck process, at samples that are so far `apart` (s), K^2."""
+        if not self.has_memory:
+            return np.zeros(apart.shape)
+        time = numbers[self.names.index("correlation_time")]
+        return np.asarray(numbers[DEVIATION] ** 2 * np.exp(-np.abs(apart) / time))
 
     def white_variance(self, numbers: FloatArray) -> float:
         """Of the noise without, K^2."""
-        return float(numbers[DEVIATION] ** 2)
+        size = self.white if self.has_memory else self.names[DEVIATION]
+        return float(numbers[self.names.index(size)] ** 2) if size else 0.0
 
     def __eq__(self, other: object) -> bool:
         return type(self) is type(other)

@@ -8,7 +8,6 @@ import numpy as np
 from scipy.stats import truncnorm
 
 from ...compiled import inlined, kernel
-from ...scenario import Noise
 from ...simulator import FloatArray
 from .iid import Independent
 from .kind import DEVIATION, NoiseKind
@@ -67,13 +66,10 @@ def _scaled_tail(x):
 class Rounded(NoiseKind):
     """Normal noise, then rounding."""
 
+    written = ("iid", "normal", True)
     words = "rounded iid noise"
     names = ("standard_deviation", "quantisation")
     kernel = alone
-
-    def is_meant(self, written: Noise) -> bool:
-        """Whether it is what a scenario says."""
-        return written.quantisation is not None
 
     def draw(self, numbers: FloatArray, seconds: FloatArray, rng: np.random.Generator) -> tuple[FloatArray, FloatArray]:
         """Noise with a memory and without."""

@@ -7,42 +7,20 @@ import math
 import numpy as np
 
 from ...compiled import inlined, kernel
-from ...scenario import Noise
 from ...simulator import FloatArray
-from .ar1 import Correlated, correlate, filtered
+from .ar1 import TIME, Correlated, correlate, filtered
 from .iid import Independent
 from .kind import DEVIATION, NoiseKind
 
 DEGREES = 1
-"""Places of its other numbers: degrees of freedom; and of the correlated one correlation time, s."""
-TIME = 2
+"""Place of its second number, the degrees of freedom; the third is that of correlated normal noise, `TIME`, or zero."""
 
 
 @kernel
 def alone(call):
-    """The likelihood; see `NoiseCall`."""
-    numbers, numbers_bar = call.numbers, call.numbers_bar
-    scale_bar, _, degrees_bar = _fill(call, False, numbers[DEVIATION], 1.0, numbers[DEGREES])
-    numbers_bar[DEVIATION] += scale_bar
-    numbers_bar[DEGREES] += degrees_bar
-    return 0
-
-
-@kernel
-def correlated(call):
-    """The likelihood of the correlated one; see `NoiseCall`."""
-    numbers, numbers_bar = call.numbers, call.numbers_bar
-    scale_bar, time_bar, degrees_bar = _fill(call, True, numbers[DEVIATION], numbers[TIME], numbers[DEGREES])
-    numbers_bar[DEVIATION] += scale_bar
-    numbers_bar[TIME] += time_bar
-    numbers_bar[DEGREES] += degrees_bar
-    return 0
-
-
-@inlined
-def _fill(call, correlated, scale, time, degrees):
-    """The likelihood, of the innovations where they are correlated; returns the derivatives by the three numbers."""
+    """The likelihood, where there is a correlation time that of the innovations; see `NoiseCall`."""
     seconds, valid, residual, residual_bar = call.seconds, call.valid, call.residual, call.residual_bar
+    scale, degrees, time = call.numbers[DEVIATION], call.numbers[DEGREES], call.numbers[TIME]
     constant = math.lgamma(0.5 * (degrees + 1.0)) - math.lgamma(0.5 * degrees) - 0.5 * math.log(math.pi * degrees)
     constant_bar = 0.5 * _digamma(0.5 * (degrees + 1.0)) - 0.5 * _digamma(0.5 * degrees) - 0.5 / degrees
     value, before = 0.0, -1
@@ -52,7 +30,7 @@ def _fill(call, correlated, scale, time, degrees):
         if not valid[t]:
             continue
         decay, rest, gap, last = 0.0, 1.0, 0.0, 0.0
-        if correlated and before >= 0:
+        if time > 0.0 and before >= 0:
             gap, last = seconds[t] - seconds[before], residual[before]
             decay = math.exp(-gap / time)
             rest = math.sqrt(-math.expm1(-2.0 * gap / time))
@@ -71,7 +49,10 @@ def _fill(call, correlated, scale, time, degrees):
             time_bar += decay_bar * decay * gap / (time * time)
         before = t
     call.value[0] = value
-    return scale_bar, time_bar, degrees_bar
+    call.numbers_bar[DEVIATION] += scale_bar
+    call.numbers_bar[DEGREES] += degrees_bar
+    call.numbers_bar[TIME] += time_bar
+    return 0
 
 
 @inlined
@@ -89,13 +70,10 @@ def _digamma(x):
 class Student(NoiseKind):
     """Independent Student's t noise."""
 
+    written = ("iid", "student_t", False)
     words = "independent Student-t noise"
     names = ("standard_deviation", "degrees_of_freedom")
     kernel = alone
-
-    def is_meant(self, written: Noise) -> bool:
-        """Whether it is what a scenario says."""
-        return (written.model, written.distribution) == ("iid", "student_t")
 
     def draw(self, numbers: FloatArray, seconds: FloatArray, rng: np.random.Generator) -> tuple[FloatArray, FloatArray]:
         """Noise with a memory and without."""
@@ -109,14 +87,11 @@ class Student(NoiseKind):
 class CorrelatedStudent(NoiseKind):
     """An Ornstein-Uhlenbeck process with Student's t innovations."""
 
+    written = ("ar1", "student_t", False)
     words = "AR(1) noise with Student-t innovations"
     names = ("standard_deviation", "degrees_of_freedom", "correlation_time")
     has_memory = True
-    kernel = correlated
-
-    def is_meant(self, written: Noise) -> bool:
-        """Whether it is what a scenario says."""
-        return (written.model, written.distribution) == ("ar1", "student_t")
+    kernel = alone
 
     def draw(self, numbers: FloatArray, seconds: FloatArray, rng: np.random.Generator) -> tuple[FloatArray, FloatArray]:
         """Noise with a memory and without."""
@@ -131,14 +106,6 @@ class CorrelatedStudent(NoiseKind):
     def normal_equivalent(self, numbers: FloatArray) -> tuple[NoiseKind, FloatArray]:
         """As of the independent one."""
         return Correlated(), np.array([_normal_deviation(numbers), 0.0, numbers[TIME]])
-
-    def covariance(self, numbers: FloatArray, apart: FloatArray) -> FloatArray:
-        """As of a normal process of the same scale, K^2."""
-        return np.asarray(numbers[DEVIATION] ** 2 * np.exp(-np.abs(apart) / numbers[TIME]))
-
-    def white_variance(self, numbers: FloatArray) -> float:
-        """There is none."""
-        return 0.0
 
 
 def _drawn(numbers: FloatArray, count: int, rng: np.random.Generator) -> FloatArray:

@@ -103,21 +103,13 @@ class LinkCall(NamedTuple):
     """[1, k]"""
     simulator_bar: Any
     """[k]"""
-    channel: Any
-    """[q] of the residuals' numbers [N, n] that are entries: channels, columns and entries."""
-    column: Any
+    number: Any
+    """[q] of the numbers of residuals and heaters' status [P] that are entries: which, and entries."""
     position: Any
     fixed_numbers: Any
-    """[N, n] as the next two; these are copied where they are no entries."""
+    """[P] as the next two; these are copied where they are no entries."""
     numbers: Any
     numbers_bar: Any
-    setting: Any
-    """[s] of the settings [P] of the heaters' status that are entries: which, and entries."""
-    setting_position: Any
-    fixed_settings: Any
-    """[P] as the next two."""
-    settings: Any
-    settings_bar: Any
 
 
 @kernel
@@ -151,14 +143,9 @@ def gather(call):
     for k in range(call.simulated.shape[0]):
         call.simulator_theta[0, k] = theta[call.simulated[k]]
     for k in range(call.numbers.shape[0]):
-        for j in range(call.numbers.shape[1]):
-            call.numbers[k, j] = call.fixed_numbers[k, j]
+        call.numbers[k] = call.fixed_numbers[k]
     for k in range(call.position.shape[0]):
-        call.numbers[call.channel[k], call.column[k]] = theta[call.position[k]]
-    for k in range(call.settings.shape[0]):
-        call.settings[k] = call.fixed_settings[k]
-    for k in range(call.setting.shape[0]):
-        call.settings[call.setting[k]] = theta[call.setting_position[k]]
+        call.numbers[call.number[k]] = theta[call.position[k]]
     return 0
 
 
@@ -168,9 +155,7 @@ def scatter(call):
     for k in range(call.simulated.shape[0]):
         _add(call, call.simulated[k], call.simulator_bar[k])
     for k in range(call.position.shape[0]):
-        _add(call, call.position[k], call.numbers_bar[call.channel[k], call.column[k]])
-    for k in range(call.setting.shape[0]):
-        _add(call, call.setting_position[k], call.settings_bar[call.setting[k]])
+        _add(call, call.position[k], call.numbers_bar[call.number[k]])
     return 0
 
 
