@@ -105,8 +105,7 @@ class Priors:
         for kind, family in enumerate(_FAMILIES.values()):
             index = np.flatnonzero(self.kinds == kind)
             if len(index):
-                arguments = self.arguments[index, : family.argument_count].T
-                result[..., index] = getattr(family, function)(values[..., index], *arguments)
+                result[..., index] = getattr(family, function)(values[..., index], *self.arguments[index].T)
         return result
 
     @cached_property
@@ -130,9 +129,8 @@ class Priors:
 
 @dataclass(frozen=True)
 class _Family:
-    """The functions of one kind of prior; each takes values [..., k] and the prior's arguments, each [k]."""
+    """The functions of one kind of prior; each takes values [..., k] and `arguments`, [k] and as many as any has."""
 
-    argument_count: int
     arguments: Callable[[Any], tuple[float, ...]]
     to_z: Callable[..., Array]
     # By default z is N(0, 1) under the prior.
@@ -189,34 +187,28 @@ def _beta_to_z(theta: Array, alpha: Array, beta: Array, lower: Array, upper: Arr
 
 _FAMILIES: dict[type, _Family] = {
     Uniform: _Family(
-        argument_count=2,
         arguments=lambda prior: (prior.lower, prior.upper),
-        to_z=lambda theta, lower, upper: _score(*_shares(theta, lower, upper)),
+        to_z=lambda theta, lower, upper, *_: _score(*_shares(theta, lower, upper)),
     ),
     Normal: _Family(
-        argument_count=2,
         arguments=lambda prior: (prior.mean, prior.standard_deviation),
-        to_z=lambda theta, mean, deviation: (theta - mean) / deviation,
+        to_z=lambda theta, mean, deviation, *_: (theta - mean) / deviation,
     ),
     TruncatedNormal: _Family(
-        argument_count=8,
         arguments=_truncated_arguments,
         to_z=_truncated_to_z,
     ),
     LogNormal: _Family(
-        argument_count=2,
         arguments=lambda prior: (np.log(prior.median), np.log(prior.factor)),
-        to_z=lambda theta, mean, deviation: (np.log(theta) - mean) / deviation,
+        to_z=lambda theta, mean, deviation, *_: (np.log(theta) - mean) / deviation,
     ),
     HalfNormal: _Family(
-        argument_count=1,
         arguments=lambda prior: (prior.scale,),
-        to_z=lambda theta, scale: np.log(theta / scale),
-        precision=lambda z, scale: 2.0 * np.exp(2.0 * z),
-        quantile=lambda p, scale: np.log(np.sqrt(2.0) * erfinv(p)),
+        to_z=lambda theta, scale, *_: np.log(theta / scale),
+        precision=lambda z, scale, *_: 2.0 * np.exp(2.0 * z),
+        quantile=lambda p, scale, *_: np.log(np.sqrt(2.0) * erfinv(p)),
     ),
     Beta: _Family(
-        argument_count=5,
         arguments=lambda prior: (prior.alpha, prior.beta, prior.lower, prior.upper, betaln(prior.alpha, prior.beta)),
         to_z=_beta_to_z,
         precision=lambda z, alpha, beta, *_: (alpha + beta) * expit(z) * expit(-z),

@@ -23,8 +23,6 @@ from .entries import Entry, Link, drifting_parameters, link
 from .native import NativeDensity, native_density
 from .window import Window
 
-_DIFFERENCE = 1e-4  # of z, whose prior has a standard deviation of about one
-
 Runs = tuple[Trajectory, ...]
 """A simulation of each window."""
 
@@ -139,7 +137,7 @@ class Problem:
         thetas = [self.at(window, theta[None])[0] for window in self.windows]
         weights = self.weights(runs, thetas)
         parts = [
-            window.replicate(inside, run, of_window, rng)
+            run.temperatures + window.residuals.draw_given(window.numbers(inside), *of_window, rng)
             for window, inside, run, of_window in zip(self.windows, thetas, runs, weights, strict=True)
         ]
         return np.concatenate(parts)
@@ -274,15 +272,8 @@ class Problem:
 
     def _jacobian(self, window: Window, own: Link, z: FloatArray) -> FloatArray:
         """d temperatures / d coordinates of one window, [T, N, q]."""
-        prior = self.priors.at(z)
-        coordinates = own.coordinates(z[None], prior.theta[None])[0]
-        priors = Priors(window.names, tuple(self.entries[k].prior for k in own.columns))
-        steps = np.zeros((len(window.simulated), len(coordinates)))
-        steps[np.arange(len(steps)), window.simulated] = _DIFFERENCE
-        above, below = (priors.to_theta(coordinates + sign * steps) for sign in (1.0, -1.0))
-        jacobian = np.zeros((*window.observed.shape, len(coordinates)))
-        jacobian[..., window.simulated] = window.differences(above, below, _DIFFERENCE)
-        return jacobian
+        coordinates = own.coordinates(z[None], self.priors.to_theta(z)[None])[0]
+        return window.jacobian(Priors(window.names, tuple(self.entries[k].prior for k in own.columns)), coordinates)
 
     def gauss_newton_hessian(self, z: FloatArray) -> FloatArray:
         """Gauss-Newton approximation [d, d] of minus the Hessian of the log density at z: priors and windows.

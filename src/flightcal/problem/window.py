@@ -24,12 +24,16 @@ from ..probability import (
     Bars,
     HeaterStatus,
     Likelihood,
+    Priors,
     PriorTerms,
     ResidualModel,
     Residuals,
 )
 from ..scenario import Numbers, Prior, Scenario
 from ..simulator import FloatArray, NetworkSimulator, SimulationFailure, Simulator, Switch, Trajectory
+
+_DIFFERENCE = 1e-4
+"""Of a coordinate, whose prior has a standard deviation of about one."""
 
 
 @dataclass(frozen=True)
@@ -137,15 +141,6 @@ class Window:
         """
         return self.residuals.draw_errors(self.numbers(theta), rng, shared)
 
-    def replicate(
-        self, theta: FloatArray, run: Trajectory, weights: tuple[FloatArray, FloatArray], rng: np.random.Generator
-    ) -> FloatArray:
-        """Telemetry [T, N], K, drawn anew at theta [q] with its simulation `run`.
-
-        weights: mean [N, m] and a factor [N, m, m] of the covariance of the discrepancy's, given telemetry.
-        """
-        return np.asarray(run.temperatures + self.residuals.draw_given(self.numbers(theta), *weights, rng))
-
     # --- simulations --------------------------------------------------------------------------------------------
 
     def simulate(self, theta: FloatArray) -> Trajectory:
@@ -250,20 +245,21 @@ class Window:
 
     # --- its curvature ------------------------------------------------------------------------------------------
 
-    def differences(self, above: FloatArray, below: FloatArray, step: float) -> FloatArray:
-        """Derivative of the temperatures [T, N, p] along p directions: central differences of one batch.
+    def jacobian(self, priors: Priors, coordinates: FloatArray) -> FloatArray:
+        """d temperatures [T, N, q] by coordinates [q] whose theta `priors` give: central differences of one batch.
 
-        above, below: thetas [p, q] that lie a step before and behind; the located switching makes the simulation
-        smooth, so differences are good to about seven digits. Raises SimulationFailure.
+        The located switching makes the simulation smooth, so they are good to about seven digits; zero for what is not
+        simulated. Raises SimulationFailure.
         """
-        runs = self.simulate_many(np.concatenate([above, below]))
-        found = np.zeros((*self.observed.shape, len(above)))
-        for k, (right, left) in enumerate(zip(runs, runs[len(above) :], strict=False)):
+        steps = np.zeros((len(self.simulated), len(coordinates)))
+        steps[np.arange(len(steps)), self.simulated] = _DIFFERENCE
+        runs = self.simulate_many(priors.to_theta(np.concatenate([coordinates + steps, coordinates - steps])))
+        jacobian = np.zeros((*self.observed.shape, len(coordinates)))
+        for k, right, left in zip(self.simulated, runs, runs[len(steps) :], strict=False):
             if right is None or left is None:
-                moved = self.names[int(np.argmax(np.abs(above[k] - below[k])))]
-                raise SimulationFailure(f"a simulation next to this point fails, in the direction of '{moved}'")
-            found[..., k] = (right.temperatures - left.temperatures) / (2.0 * step)
-        return found
+                raise SimulationFailure(f"a simulation next to this point fails, in the direction of '{self.names[k]}'")
+            jacobian[..., k] = (right.temperatures - left.temperatures) / (2.0 * _DIFFERENCE)
+        return jacobian
 
     def information(self, prior: PriorTerms) -> FloatArray:
         """What is known of all but the temperatures: minus the Hessian [q, q] of that part of the log likelihood.
