@@ -17,7 +17,6 @@ import numpy as np
 from ..compiled import Row
 from ..simulator import FloatArray
 from .kernels.matern import MaternCall, pull_back_spectrum, spectrum
-from .shapes import Weights
 
 _BOUNDARY = {1.5: 4.5, 2.5: 4.1}
 """Smoothness of a Matern process -> the domain's half-width in lengthscales that its approximation needs."""
@@ -114,22 +113,30 @@ class MaternPrior:
 
     def deviations(self, numbers: FloatArray) -> FloatArray:
         """Standard deviations [m] of the weights; numbers: [4] amplitudes and lengthscales, see `kernels.matern`."""
-        weights = Weights(len(self.frequency), np.empty((1, 0), np.int64), len(self.frequency))
-        fills, _ = self.rows(numbers, np.empty(4), weights, 0, counted=0)
+        root, *others = np.zeros((4, len(self.frequency)))
+        fills, _ = self.rows(numbers, np.empty(4), root, *others, counted=0)
         fills()
-        return np.asarray(weights.root[0])
+        return root
 
     def first(self, count: int) -> MaternPrior:
         """That of the first weights alone."""
         return replace(self, in_time=min(self.in_time, count), frequency=self.frequency[:count])
 
     def rows(
-        self, numbers: FloatArray, numbers_bar: FloatArray, weights: Weights, part: int, *, counted: int
+        self,
+        numbers: FloatArray,
+        numbers_bar: FloatArray,
+        root: FloatArray,
+        slope: FloatArray,
+        weights: FloatArray,
+        shrunk: FloatArray,
+        *,
+        counted: int,
     ) -> tuple[Row, Row]:
-        """What fills the weights' prior, and what takes their posterior to the derivatives; numbers: [4]."""
+        """What fills the weights' prior, and what takes their posterior to the derivatives; see `MaternCall`."""
         factor = np.array([matern_factor(nu) for nu in self.smoothness])
         call = MaternCall(
-            self.in_time, counted, self.frequency, self.smoothness, factor, numbers, weights.root[part],
-            weights.slope[part], weights.weights[part], weights.shrunk[part], numbers_bar,
+            self.in_time, counted, self.frequency, self.smoothness, factor, numbers, root, slope, weights, shrunk,
+            numbers_bar,
         )  # fmt: skip
         return spectrum.row(call), pull_back_spectrum.row(call)

@@ -252,7 +252,7 @@ def _with_shapes(
             numbers, numbers_bar = (array[k, -SHAPE_NUMBERS:] for array in (memory.numbers, memory.numbers_bar))
             # What windows share is counted in the first alone.
             counted = shapes.basis.shape[1] if place == first else shapes.own
-            fills, pulls = shapes.prior.rows(numbers, numbers_bar, weights, p, counted=counted)
+            fills, pulls = weights.of_discrepancy(p, shapes.prior, numbers, numbers_bar, counted=counted)
             before.append(fills)
             after.append(pulls)
         if len(memory.variance):

@@ -73,9 +73,7 @@ class ResidualModel:
     @property
     def smoothness(self) -> float:
         """Of the discrepancy's part in time."""
-        prior = self.terms.shapes.prior
-        assert isinstance(prior, MaternPrior)
-        return float(prior.smoothness[0])
+        return float(self.terms.shapes.prior.smoothness[0])
 
     @cached_property
     def is_normal(self) -> bool:

@@ -6,32 +6,14 @@ There are those of a discrepancy (`discrepancy`) and those of the error of a sim
 from __future__ import annotations
 
 from dataclasses import dataclass, field
-from typing import Protocol
 
 import numpy as np
 from numpy.typing import NDArray
 
 from ..compiled import Row
 from ..simulator import FloatArray, IntArray
+from .discrepancy import MaternPrior
 from .kernels.shapes import CloseCall, SpreadCall, close, pull_back_spread, spread
-
-
-class WeightsPrior(Protocol):
-    """The prior of a channel's weights: independent normal ones, with deviations from the last of its numbers."""
-
-    def deviations(self, numbers: FloatArray) -> FloatArray:
-        """Standard deviations [m]."""
-
-    def first(self, count: int) -> WeightsPrior:
-        """That of the first weights alone."""
-
-    def rows(
-        self, numbers: FloatArray, numbers_bar: FloatArray, weights: Weights, part: int, *, counted: int
-    ) -> tuple[Row, Row]:
-        """What fills the weights' prior in one of their parts, and what takes their posterior to the derivatives.
-
-        counted: of how many of the first weights; what windows share is counted in one of them.
-        """
 
 
 @dataclass(frozen=True)
@@ -46,7 +28,7 @@ class Shapes:
     basis: FloatArray
     """[T, m] of the discrepancy: those whose weights are a window's own first, then those that all windows share."""
     own: int
-    prior: WeightsPrior
+    prior: MaternPrior
     errors: FloatArray = field(default_factory=lambda: np.empty((0, 0, 0)))
     """[T, N, r] K, of the simulator's error."""
 
@@ -102,11 +84,18 @@ class Weights:
             )
         )  # fmt: skip
 
-    def of_errors(self, part: int, first: int, variance: FloatArray, variance_bar: FloatArray) -> tuple[Row, Row]:
-        """What fills the prior of a simulator's error, and what takes its posterior to the derivative.
+    def of_discrepancy(
+        self, part: int, prior: MaternPrior, numbers: FloatArray, numbers_bar: FloatArray, *, counted: int
+    ) -> tuple[Row, Row]:
+        """What fills the prior of a part's first weights, and what takes their posterior to the derivatives.
 
-        variance: [r] of the part's weights from the first on.
+        counted: of how many of them; what windows share is counted in one of them.
         """
+        places = (array[part] for array in (self.root, self.slope, self.weights, self.shrunk))
+        return prior.rows(numbers, numbers_bar, *places, counted=counted)
+
+    def of_errors(self, part: int, first: int, variance: FloatArray, variance_bar: FloatArray) -> tuple[Row, Row]:
+        """The same of a simulator's error: variance [r] of a part's weights from `first` on."""
         here = slice(first, first + len(variance))
         weights, shrunk = self.weights[part, here], self.shrunk[part, here]
         call = SpreadCall(variance, self.root[part, here], weights, shrunk, variance_bar)
