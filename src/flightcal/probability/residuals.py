@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 
 from ..environment import orbit_phase
 from ..errors import ScenarioError
-from ..scenario import Discrepancy, Prior, Scenario, TimeDiscrepancy, Uniform, noise_of, support
+from ..scenario import Discrepancy, PhaseDiscrepancy, Prior, Scenario, TimeDiscrepancy, Uniform, noise_of, support
 from ..simulator import FloatArray
 from .discrepancy import (
     MaternPrior,
@@ -197,64 +197,57 @@ def residual_model(
                 put(".".join(("noise", channel, *own)), value, k, column, size)
 
     written = scenario.discrepancy or Discrepancy.model_construct(time=None, phase=None, channels=())
-    time = _time_part(written.time, seconds) if written.time is not None else None
-    phase = PhaseBasis(written.phase.harmonics) if written.phase is not None else None
     discrepant = np.array([not written.channels or channel in written.channels for channel in channels])
-    discrepant &= time is not None or phase is not None
-    if written.time is not None and time is not None:
-        length = written.time.lengthscale or _default_lengthscale(written.time, time, seconds)
-        if checked:
-            _check_functions(written.time, time, length)
-    for what, columns in (("time", (TIME_SIZE, TIME_LENGTH)), ("phase", (PHASE_SIZE, PHASE_LENGTH))):
-        block = getattr(written, what)
-        if block is None:
-            continue
-        for column, key in zip(columns, ("amplitude", "lengthscale"), strict=True):
-            value = length if (what, key) == ("time", "lengthscale") else getattr(block, key)
+    discrepant &= written.time is not None or written.phase is not None
+
+    def put_part(part: str, block: TimeDiscrepancy | PhaseDiscrepancy, length: Prior | float, first: int) -> None:
+        values = (("amplitude", block.amplitude, "discrepancy"), ("lengthscale", length, ""))
+        for column, (key, value, size) in enumerate(values, first):
             for k in np.flatnonzero(discrepant).tolist():
                 own = () if key in block.shared else (channels[k],)
-                size = "discrepancy" if key == "amplitude" else ""
-                put(".".join(("discrepancy", what, key, *own)), value, k, column, size)
+                put(".".join(("discrepancy", part, key, *own)), value, k, column, size)
 
-    basis, frequency = [], []
-    if time is not None:
+    time, phase = None, None
+    basis, frequency = [np.empty((len(seconds), 0))], [np.empty(0)]
+    if written.time is not None:
+        time, length = _time_part(written.time, seconds, checked=checked)
+        put_part("time", written.time, length, TIME_SIZE)
         basis.append(time.at(seconds))
         frequency.append(time.frequencies)
-    if phase is not None:
+    if written.phase is not None:
+        phase = PhaseBasis(written.phase.harmonics)
+        put_part("phase", written.phase, written.phase.lengthscale, PHASE_SIZE)
         origin = np.datetime64(scenario.windows[scenario.train_windows[0]].start)
         basis.append(phase.at(orbit_phase(scenario.environment, times, scenario.folder, origin)))
         frequency.append(phase.frequencies)
-    together = np.concatenate(basis, axis=1) if basis else np.zeros((len(seconds), 0))
-    valid = np.ascontiguousarray(np.isfinite(observed).T)
     smoothness = np.array([_SMOOTHNESS[block.smoothness] if block else 1.5 for block in (written.time, written.phase)])
     in_time = 0 if time is None else time.count
-    prior = MaternPrior(in_time, np.concatenate([*frequency, np.empty(0)]), smoothness)
-    shapes = Shapes(discrepant, np.ascontiguousarray(together), in_time, prior)
+    prior = MaternPrior(in_time, np.concatenate(frequency), smoothness)
+    shapes = Shapes(discrepant, np.ascontiguousarray(np.concatenate(basis, axis=1)), in_time, prior)
+    valid = np.ascontiguousarray(np.isfinite(observed).T)
     terms = Residuals(np.ascontiguousarray(seconds, float), valid, tuple(kinds), shapes)
     return ResidualModel(terms, fixed, tuple(entries), time, phase), priors
 
 
-def _time_part(written: TimeDiscrepancy, seconds: FloatArray) -> TimeBasis:
+def _time_part(written: TimeDiscrepancy, seconds: FloatArray, *, checked: bool) -> tuple[TimeBasis, Prior | float]:
+    """Functions of time, and the lengthscale: where a scenario does not say, what these and the window suit.
+
+    checked: see that they are enough. Raises ScenarioError.
+    """
     first, last = (seconds[0], seconds[-1]) if len(seconds) > 1 else (0.0, 1.0)
-    longest = longest_lengthscale(first, last) if written.lengthscale is None else _bounds(written.lengthscale)[1]
-    return time_basis(first, last, longest, _SMOOTHNESS[written.smoothness], written.functions)
-
-
-def _default_lengthscale(written: TimeDiscrepancy, basis: TimeBasis, seconds: FloatArray) -> Prior | float:
-    first, last = (seconds[0], seconds[-1]) if len(seconds) > 1 else (0.0, 1.0)
-    shortest, longest = shortest_lengthscale(basis, _SMOOTHNESS[written.smoothness]), longest_lengthscale(first, last)
-    return Uniform(lower=min(shortest, _WIDEST * longest), upper=longest)
-
-
-def _bounds(value: Prior | float) -> tuple[float, float]:
-    return (value, value) if isinstance(value, float) else support(value)
-
-
-def _check_functions(written: TimeDiscrepancy, basis: TimeBasis, length: Prior | float) -> None:
+    smoothness, length = _SMOOTHNESS[written.smoothness], written.lengthscale
+    longest = longest_lengthscale(first, last) if length is None else _bounds(length)[1]
+    basis = time_basis(first, last, longest, smoothness, written.functions)
+    if length is None:
+        length = Uniform(lower=min(shortest_lengthscale(basis, smoothness), _WIDEST * longest), upper=longest)
     shortest = _bounds(length)[0]
-    needed = functions_for(basis, _SMOOTHNESS[written.smoothness], shortest)
-    if needed > written.functions:
+    if checked and (needed := functions_for(basis, smoothness, shortest)) > written.functions:
         raise ScenarioError(
             f"discrepancy.time: found {written.functions} functions for lengthscales from {shortest / 60:.3g} min on, "
             f"expected at least {needed}: more 'functions', a longer shortest lengthscale or a shorter longest one"
         )
+    return basis, length
+
+
+def _bounds(value: Prior | float) -> tuple[float, float]:
+    return (value, value) if isinstance(value, float) else support(value)
