@@ -127,8 +127,12 @@ def measured_status(scenario: Scenario, telemetry: xarray.Dataset) -> FloatArray
     heaters = tuple(scenario.simulator.heaters)
     status = np.full((telemetry.sizes["time"], len(heaters)), np.nan)
     for k, name in enumerate(heaters):
-        watching = [c for c, item in scenario.observations.items() if item.heater == name]
-        channel = watching[0] if watching else getattr(scenario.simulator.heaters[name], "measured_by", None)
-        if channel is not None:
+        for channel in status_channels(scenario, name)[:1]:
             status[:, k] = telemetry[channel].values
     return status
+
+
+def status_channels(scenario: Scenario, heater: str) -> list[str]:
+    """Channels that have a heater's measured status: those that observe it first, then the one that may drive it."""
+    driving = getattr(scenario.simulator.heaters[heater], "measured_by", None)
+    return [*(c for c, item in scenario.observations.items() if item.heater == heater), *filter(None, [driving])]

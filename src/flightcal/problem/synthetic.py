@@ -11,7 +11,7 @@ import xarray
 from ..errors import ScenarioError
 from ..simulator import FloatArray, Trajectory
 from ..telemetry import window_bounds
-from .build import build_window, open_windows
+from .build import build_window, open_windows, status_channels
 from .problem import Problem
 from .window import Window
 
@@ -94,7 +94,5 @@ def _put(telemetry: xarray.Dataset, window: Window, observed: FloatArray, status
     for k, channel in enumerate(window.simulator.channels):
         telemetry[channel].loc[at] = observed[:, k]
     for k, name in enumerate(window.simulator.heaters):
-        channels = [c for c, item in window.scenario.observations.items() if item.heater == name]
-        measured_by = getattr(window.scenario.simulator.heaters[name], "measured_by", None)
-        for channel in {*channels, *([measured_by] if measured_by is not None else [])}:
+        for channel in status_channels(window.scenario, name):
             telemetry[channel].loc[at] = status[:, k]
