@@ -47,6 +47,8 @@ class Windows:
             prior = MaternPrior(in_time, frequency, np.array([1.5, 2.5]))
             valid = np.isfinite(observed).T.copy()
             error = 0.3 * np.random.default_rng(place).normal(size=(count, 2, errors[place]))
+            # One shape is the first channel's alone.
+            error[:, 1, 1:2] = 0.0
             shapes = Shapes(np.array([True, False]), basis, in_time, prior, error)
             self.residuals.append(Residuals(seconds, valid, (kind, kind), shapes))
             variance = np.linspace(0.5, 2.0, errors[place])

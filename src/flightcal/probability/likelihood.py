@@ -46,13 +46,13 @@ class Residuals:
     @cached_property
     def shaped(self) -> list[int]:
         """Channels that have shapes."""
-        return [k for k, discrepant in enumerate(self.discrepant) if discrepant or self.shapes.errors.shape[2]]
+        return [k for k, discrepant in enumerate(self.discrepant) if discrepant or len(self.shapes.error_of(k))]
 
     @cached_property
-    def products(self) -> FloatArray:
-        """[N, M, M] of each channel's shapes with one another, at its valid samples."""
+    def products(self) -> list[FloatArray]:
+        """[M, M] of each channel's shapes with one another, at its valid samples."""
         bases = [self.shapes.of_channel(k)[valid] for k, valid in enumerate(self.valid)]
-        return np.stack([np.einsum("ti,tj->ij", basis, basis) for basis in bases])
+        return [np.einsum("ti,tj->ij", basis, basis) for basis in bases]
 
     def with_errors(self, errors: FloatArray | None) -> Residuals:
         """The same with the error of a simulator in shapes [T, N, r]; None: it has none."""
@@ -96,7 +96,7 @@ def window_memory(
     bar = np.empty(simulated.shape) if simulated_bar is None else simulated_bar
     variance = np.empty(0) if variance is None else variance
     return WindowMemory(
-        observed, simulated, numbers, variance, bar, np.empty(numbers.shape), np.empty(variance.shape), np.empty(1)
+        observed, simulated, numbers, variance, bar, np.empty(numbers.shape), np.zeros(variance.shape), np.empty(1)
     )
 
 
@@ -118,7 +118,6 @@ def likelihood_calls(residuals: Sequence[Residuals], memories: Sequence[WindowMe
 
     Several windows share the weights that are not a window's own, and the numbers of the weights' prior.
     """
-    residuals = _of_one_size(residuals)
     windows = [_Window(*own) for own in zip(residuals, memories, strict=True)]
     closing: list[Row] = []
     forward, backward = ([window.begin() for window in windows], [[finish.row(w.call)] for w in windows])
@@ -127,30 +126,19 @@ def likelihood_calls(residuals: Sequence[Residuals], memories: Sequence[WindowMe
     for parts in _joined(residuals):
         opened, closed, returned, _ = _with_shapes(windows, parts)
         if len({place for place, _ in parts}) == 1:
-            forward[parts[0][0]] += [*opened, *closed, *returned]
+            forward[parts[0][0]] += [*(row for rows in opened for row in rows), *closed, *returned]
             continue
         closing += closed
         for (place, _), opens, returns in zip(parts, opened, returned, strict=True):
-            forward[place].append(opens)
+            forward[place] += opens
             backward[place].insert(-1, returns)
     return LikelihoodCalls(tuple(forward), closing, tuple(backward))
-
-
-def _of_one_size(residuals: Sequence[Residuals]) -> Sequence[Residuals]:
-    """The same, with as many shapes of each window's error: those that are added are nothing anywhere."""
-    most = max(own.shapes.errors.shape[2] for own in residuals)
-    found = []
-    for own in residuals:
-        errors = np.zeros((*own.valid.T.shape, most))
-        errors[..., : own.shapes.errors.shape[2]] = own.shapes.errors if own.shapes.errors.size else 0.0
-        found.append(own if own.shapes.errors.shape[2] == most else own.with_errors(errors))
-    return found
 
 
 def _joined(residuals: Sequence[Residuals]) -> list[list[tuple[int, int]]]:
     """Windows and channels that have shapes, put together where they share weights."""
     over_windows = len(residuals) > 1 and residuals[0].shapes.is_shared
-    over_channels = any(own.shapes.errors.shape[2] for own in residuals)
+    over_channels = any(len(own.shapes.between) for own in residuals)
     found: dict[tuple[int, int], list[tuple[int, int]]] = {}
     for place, own in enumerate(residuals):
         for k in own.shaped:
@@ -167,11 +155,8 @@ class _Window:
         shapes = terms.shapes
         self.terms, self.memory = terms, memory
         self.residual, self.residual_bar = np.zeros((2, channels, samples))
-        self.values, self.projected = np.empty(channels), np.empty((channels, shapes.count))
-        # Channels have the same shapes, but for a simulator's error.
-        apart = channels if shapes.errors.shape[2] else 1
-        bases = [np.ascontiguousarray(shapes.of_channel(k)) for k in range(apart)]
-        self.bases = [(basis, np.ascontiguousarray(basis.T)) for basis in bases] * (channels // apart)
+        self.values, self.projected = np.empty(channels), np.empty((channels, shapes.basis.shape[1]))
+        self._transposed = np.ascontiguousarray(shapes.basis.T)
         self._narrow = self._columns(1)
         self._wide: tuple[FloatArray, FloatArray] | None = None
         self._weights: Weights | None = None
@@ -185,18 +170,17 @@ class _Window:
         return np.empty((3, samples)), np.empty((4, samples, count))
 
     def weights(self) -> Weights:
-        """Memory for the weights of one channel after the other."""
-        count = self.terms.shapes.count
+        """Memory for the weights of a discrepancy, of one channel after the other."""
+        count = self.terms.shapes.basis.shape[1]
         self._weights = self._weights or Weights(count, np.empty((1, 0), np.int64), count)
         return self._weights
 
     def begin(self) -> list[Row]:
-        """Residuals, and their products with the shapes."""
-        rows = [start.row(self.call)]
-        wanted = np.array([k for k in self.terms.shaped if self.terms.kinds[k].projects], np.int64)
-        # All channels in one go, but for a simulator's error.
-        for own in np.split(wanted, len(wanted) if self.terms.shapes.errors.shape[2] else 1) if len(wanted) else ():
-            rows.append(project.row(ProjectCall(own, self.bases[own[0]][0], self.residual, self.projected)))
+        """Residuals, and their products with the shapes of a discrepancy, of all channels that have no others."""
+        rows, shapes = [start.row(self.call)], self.terms.shapes
+        wanted = [k for k in self.terms.shaped if self.terms.kinds[k].projects and not len(shapes.error_of(k))]
+        if wanted:
+            rows.append(project.row(ProjectCall(np.array(wanted), shapes.basis, self.residual, self.projected)))
         return rows
 
     def noise(self, k: int, rows: FloatArray, columns: FloatArray) -> NoiseCall:
@@ -211,42 +195,58 @@ class _Window:
         """A channel's noise alone."""
         return self.terms.kinds[k].kernel.row(self.noise(k, *self._narrow))
 
-    def shapes(self, k: int, gram: FloatArray, weights: Weights, place: int, *, keep: bool) -> ShapesCall:
-        """A channel with shapes, which has this place among the weights' parts; keep: memory of its own."""
-        count = self.terms.shapes.count
-        if self.terms.kinds[k].projects:
+    def shapes(self, k: int, gram: FloatArray, weights: Weights, part: int, *, keep: bool) -> ShapesCall:
+        """A channel with shapes, which is this part of those with these weights; keep: memory of its own."""
+        count, projects = weights.count, self.terms.kinds[k].projects
+        if projects:
             wide = self._narrow
         elif keep:
             wide = self._columns(count + 1)
         else:
             wide = self._wide = self._wide or self._columns(count + 1)
-        basis, transposed = self.bases[k]
+        basis, transposed, projected = self.terms.shapes.basis, self._transposed, self.projected[k]
+        if count > basis.shape[1]:
+            own = self.terms.shapes.of_channel(k)
+            basis, projected = np.zeros((len(own), count)), np.empty(count)
+            basis[:, : own.shape[1]] = own
+            transposed = np.ascontiguousarray(basis.T)
         return ShapesCall(
-            self.noise(k, *wide), basis, transposed, self.projected[k], gram, weights.scale[place],
-            weights.moment[place], weights.known[place], weights.mean[place], weights.root[place],
-            weights.inverse[place], weights.untold[place], np.empty(count + 1), np.empty((count, count)),
+            self.noise(k, *wide), basis, transposed, projected, gram, weights.scale[part],
+            weights.moment[part], weights.known[part], weights.mean[part], weights.root[part],
+            weights.inverse[part], weights.untold[part], np.empty(count + 1), np.empty((count, count)),
         )  # fmt: skip
+
+    def opens(self, k: int, call: ShapesCall) -> list[Row]:
+        """What opens a channel with shapes, with their products where these are not those of `begin`."""
+        kind = self.terms.kinds[k]
+        assert kind.opens is not None
+        rows = [kind.opens.row(call)]
+        if kind.projects and call.basis is not self.terms.shapes.basis:
+            here = np.zeros(1, np.int64), call.basis, self.residual[k : k + 1], call.projected[None]
+            rows.insert(0, project.row(ProjectCall(*here)))
+        return rows
 
 
 def _with_shapes(
     windows: Sequence[_Window], parts: Sequence[tuple[int, int]]
-) -> tuple[list[Row], list[Row], list[Row], Weights]:
+) -> tuple[list[list[Row]], list[Row], list[Row], Weights]:
     """Rows that open each part, a window's channel, rows that close, rows that return to each, and their weights."""
-    alone, (first, channel) = len(parts) == 1, parts[0]
-    weights = windows[first].weights() if alone else _shared_weights(windows, parts)
+    first, channel = parts[0]
+    alone = len(parts) == 1 and not windows[first].terms.shapes.errors.shape[2]
+    weights = windows[first].weights() if alone else _own_weights(windows, parts)
     kinds = [windows[place].terms.kinds[k] for place, k in parts]
-    gram = np.empty(weights.gram.shape) if any(kind.projects for kind in kinds) else weights.gram
+    gram = np.zeros(weights.gram.shape) if any(kind.projects for kind in kinds) else weights.gram
     opening, returning, before, after = [], [], [], []
     told: set[int] = set()
     for p, ((place, k), kind) in enumerate(zip(parts, kinds, strict=True)):
         window = windows[place]
         shapes, memory = window.terms.shapes, window.memory
-        assert kind.opens is not None
         assert kind.returns is not None
         if kind.projects:
-            gram[p] = window.terms.products[k]
+            products = window.terms.products[k]
+            gram[p, : len(products), : len(products)] = products
         call = window.shapes(k, gram[p], weights, p, keep=not alone)
-        opening.append(kind.opens.row(call))
+        opening.append(window.opens(k, call))
         returning.append(kind.returns.row(call))
         if shapes.channels[k]:
             numbers, numbers_bar = (array[k, -SHAPE_NUMBERS:] for array in (memory.numbers, memory.numbers_bar))
@@ -255,28 +255,37 @@ def _with_shapes(
             fills, pulls = weights.of_discrepancy(p, shapes.prior, numbers, numbers_bar, counted=counted)
             before.append(fills)
             after.append(pulls)
-        if len(memory.variance):
-            fills, pulls = weights.of_errors(p, shapes.basis.shape[1], memory.variance, memory.variance_bar)
-            before.append(fills)
+        which = shapes.error_of(k)
+        if len(which):
             # So is what channels share.
-            after += [] if place in told else [pulls]
+            counted = len(which) - (len(shapes.between) if place in told else 0)
             told.add(place)
+            fills, pulls = weights.of_errors(
+                p, shapes.basis.shape[1], which, memory.variance, memory.variance_bar, counted=counted
+            )
+            before.append(fills)
+            after.append(pulls)
     closing = weights.close(gram, windows[first].values[channel : channel + 1])
     return opening, [*before, closing, *after], returning, weights
 
 
-def _shared_weights(windows: Sequence[_Window], parts: Sequence[tuple[int, int]]) -> Weights:
+def _own_weights(windows: Sequence[_Window], parts: Sequence[tuple[int, int]]) -> Weights:
     """Memory for weights that parts share: of a discrepancy between windows, of an error between channels."""
-    shapes = windows[0].terms.shapes
+    shapes = [windows[place].terms.shapes for place, _ in parts]
+    errors = [own.error_of(k).tolist() for own, (_, k) in zip(shapes, parts, strict=True)]
+    in_discrepancy, most = shapes[0].basis.shape[1], max(map(len, errors))
+    if len(parts) == 1:
+        return Weights(in_discrepancy + most, np.empty((1, 0), np.int64), in_discrepancy + most)
     over_windows = len({place for place, _ in parts}) > 1
-    between = shapes.basis.shape[1] - shapes.own if over_windows else 0
+    between = in_discrepancy - shapes[0].own if over_windows else 0
     places: dict[tuple[str, int, int], int] = {}
-    shared = [
-        [places.setdefault(("channel", k, j), len(places)) for j in range(between)]
-        + [places.setdefault(("window", place, j), len(places)) for j in range(shapes.errors.shape[2])]
-        for place, k in parts
-    ]
-    return Weights(shapes.count - len(shared[0]), np.array(shared, np.int64), shapes.count)
+    shared = []
+    for p, ((place, k), which) in enumerate(zip(parts, errors, strict=True)):
+        # A part that has fewer has shapes that are nothing anywhere.
+        keys = [("channel", k, j) for j in range(between)] + [("window", place, j) for j in which]
+        keys += [("none", p, j) for j in range(most - len(which))]
+        shared.append([places.setdefault(key, len(places)) for key in keys])
+    return Weights(in_discrepancy - between, np.array(shared, np.int64), in_discrepancy + most)
 
 
 # --- in Python ------------------------------------------------------------------------------------------------
@@ -332,16 +341,17 @@ def weights_given(
     Arguments of each window as in `Likelihood`. Of each mean [N, m], and F [N, m, m] with their covariance F F^T; zero
     for a channel without a discrepancy.
     """
+    residuals = [own.with_first(own.shapes.basis.shape[1]) for own in residuals]
     windows, found = [], []
     for own, *arrays in zip(residuals, observed, simulated, numbers, strict=True):
         windows.append(_Window(own, window_memory(*(np.ascontiguousarray(array, float) for array in arrays))))
-        channels, count = len(own.kinds), own.shapes.count
+        channels, count = len(own.kinds), own.shapes.basis.shape[1]
         found.append((np.zeros((channels, count)), np.zeros((channels, count, count))))
         for row in windows[-1].begin():
             row()
     for parts in _joined(residuals):
         opening, closing, _, weights = _with_shapes(windows, parts)
-        for row in (*opening, *closing):
+        for row in (*(row for rows in opening for row in rows), *closing):
             row()
         for p, (place, k) in enumerate(parts):
             mean, factor = found[place]

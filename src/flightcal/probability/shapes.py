@@ -6,6 +6,7 @@ There are those of a discrepancy (`discrepancy`) and those of the error of a sim
 from __future__ import annotations
 
 from dataclasses import dataclass, field
+from functools import cached_property
 
 import numpy as np
 from numpy.typing import NDArray
@@ -37,18 +38,31 @@ class Shapes:
         """Whether windows share weights."""
         return self.own < self.basis.shape[1]
 
-    @property
-    def count(self) -> int:
-        """Weights of a channel, m + r."""
-        return self.basis.shape[1] + self.errors.shape[2]
+    @cached_property
+    def seen(self) -> NDArray[np.bool_]:
+        """[N, r] whether a channel has a shape of the error."""
+        return np.asarray(self.errors.any(axis=0))
+
+    @cached_property
+    def between(self) -> IntArray:
+        """Shapes of the error that more than one channel has."""
+        return np.flatnonzero(self.seen.sum(axis=0) > 1)
+
+    def error_of(self, k: int) -> IntArray:
+        """Shapes of the error of a channel: those that it alone has, and last `between`, if it has any."""
+        if not self.errors.shape[2]:
+            return self.between
+        alone = np.flatnonzero(self.seen[k] & (self.seen.sum(axis=0) == 1))
+        return np.concatenate([alone, self.between]) if self.seen[k].any() else alone
 
     def of_channel(self, k: int) -> FloatArray:
-        """All shapes of a channel, [T, m + r]."""
-        return np.concatenate([self.basis, self.errors[:, k]], axis=1) if self.errors.shape[2] else self.basis
+        """All shapes of a channel, [T, M]: of the discrepancy, and `error_of`."""
+        which = self.error_of(k)
+        return np.concatenate([self.basis, self.errors[:, k, which]], axis=1) if len(which) else self.basis
 
     def first(self, count: int) -> Shapes:
         """Those of the discrepancy that have the first weights."""
-        if count == self.count:
+        if count == self.basis.shape[1] and not self.errors.shape[2]:
             return self
         return Shapes(
             self.channels & (count > 0), np.ascontiguousarray(self.basis[:, :count]), min(self.own, count),
@@ -65,7 +79,7 @@ class Weights:
     def __init__(self, own: int, shared: IntArray, count: int) -> None:
         """shared: [P, c] places of what a part's last c weights are among those that parts share."""
         parts, total = len(shared), int(shared.max(initial=-1)) + 1
-        self.own, self._shared = own, shared
+        self.own, self.count, self._shared = own, count, shared
         self.root, self.slope, self.moment, self.weights, self.shrunk, self.mean = np.zeros((6, parts, count))
         self.gram, self.inverse = np.empty((2, parts, count, count))
         self.scale, self.untold = np.empty((2, parts, 1))
@@ -94,9 +108,10 @@ class Weights:
         places = (array[part] for array in (self.root, self.slope, self.weights, self.shrunk))
         return prior.rows(numbers, numbers_bar, *places, counted=counted)
 
-    def of_errors(self, part: int, first: int, variance: FloatArray, variance_bar: FloatArray) -> tuple[Row, Row]:
-        """The same of a simulator's error: variance [r] of a part's weights from `first` on."""
-        here = slice(first, first + len(variance))
-        weights, shrunk = self.weights[part, here], self.shrunk[part, here]
-        call = SpreadCall(variance, self.root[part, here], weights, shrunk, variance_bar)
+    def of_errors(
+        self, part: int, first: int, which: IntArray, variance: FloatArray, variance_bar: FloatArray, *, counted: int
+    ) -> tuple[Row, Row]:
+        """The same of a simulator's error, of whose weights, of a variance [r], the part has some from `first` on."""
+        root, weights, shrunk = self.root[part], self.weights[part], self.shrunk[part]
+        call = SpreadCall(variance, which, first, counted, root, weights, shrunk, variance_bar)
         return spread.row(call), pull_back_spread.row(call)

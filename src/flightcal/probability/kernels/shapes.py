@@ -260,32 +260,41 @@ def _factorise(gram, scale, root, moment, own, shift, added, added_moment, upper
 
 
 class SpreadCall(NamedTuple):
-    """The prior of r weights of a simulator's error, and what is known of them; see `CloseCall`."""
+    """The prior of a part's weights of a simulator's error, and what is known of them; see `CloseCall`."""
 
     variance: Any
-    """[r], as all others."""
+    """[r] of all weights of the error."""
+    which: Any
+    """[e] those of them that the part has,"""
+    first: int
+    """which stand from here on among its own,"""
+    counted: int
+    """and how many of these `pull_back_spread` counts, the first: what channels share is counted in one of them."""
     root: Any
-    """Filled by `spread`."""
+    """[m] filled by `spread`."""
     weights: Any
-    """Read by `pull_back_spread`, as the next."""
+    """[m] read by `pull_back_spread`, as the next."""
     shrunk: Any
     variance_bar: Any
-    """Filled."""
+    """[r] filled."""
 
 
 @kernel
 def spread(call):
     """Prior standard deviations."""
-    for j in range(call.variance.shape[0]):
-        call.root[j] = math.sqrt(max(call.variance[j], _LEAST_VARIANCE))
+    variance, which, root = call.variance, call.which, call.root
+    for j in range(which.shape[0]):
+        root[call.first + j] = math.sqrt(max(variance[which[j]], _LEAST_VARIANCE))
     return 0
 
 
 @kernel
 def pull_back_spread(call):
     """The derivative by the variances."""
-    variance, weights, shrunk = call.variance, call.weights, call.shrunk
-    for j in range(variance.shape[0]):
-        by_log_variance = 0.5 * (weights[j] * weights[j] - 1.0 + shrunk[j])
-        call.variance_bar[j] = by_log_variance / max(variance[j], _LEAST_VARIANCE)
+    variance, which, variance_bar = call.variance, call.which, call.variance_bar
+    weights, shrunk = call.weights, call.shrunk
+    for j in range(call.counted):
+        i = call.first + j
+        by_log_variance = 0.5 * (weights[i] * weights[i] - 1.0 + shrunk[i])
+        variance_bar[which[j]] = by_log_variance / max(variance[which[j]], _LEAST_VARIANCE)
     return 0
