@@ -24,14 +24,13 @@ import xarray
 
 from ..errors import RunError
 from ..probability import GROWING
-from ..run import write_atomically
+from ..run import read_dataset, write_json, write_netcdf, write_text
 from ..simulator import FloatArray
 from .store import DamagedRecord, RunStore
 from .subject import Subject
 
 NOT_RUN: Final = "not run"
 DAMAGED: Final = "damaged"
-_ENGINE: Final = "h5netcdf"
 _DESCRIPTION, _DESIGN, _SCENARIO = "campaign.json", "design.nc", "scenario.yaml"
 _LOCK, _RUNS = "campaign.lock", "runs"
 _BEFORE_DESCRIPTION: Final = (_DESIGN, _SCENARIO, _LOCK, _RUNS)
@@ -89,13 +88,12 @@ def prepare(folder: Path, subject: Subject, design: Design) -> RunStore:
         _check_subject(folder, found, subject)
         _check_design(folder, found["design"], description["design"])
     if not file.exists() or _extends(folder, design):
-        write_atomically(folder / _DESIGN, lambda path: _described(subject, design).to_netcdf(path, engine=_ENGINE))
+        write_netcdf(folder / _DESIGN, _described(subject, design))
     (folder / _RUNS).mkdir(exist_ok=True)
     if not file.exists():
-        write_atomically(folder / _SCENARIO, lambda path: path.write_text(subject.text, encoding="utf-8"))
+        write_text(folder / _SCENARIO, subject.text)
         made_with = {"flightcal": metadata.version("flightcal"), "python": platform.python_version()}
-        text = json.dumps({**description, "made_with": made_with}, indent=1) + "\n"
-        write_atomically(file, lambda path: path.write_text(text, encoding="utf-8"))
+        write_json(file, {**description, "made_with": made_with})
     return RunStore(folder / _RUNS, subject.identity)
 
 
@@ -108,8 +106,7 @@ def open_campaign(folder: Path | str) -> xarray.Dataset:
     """
     folder = Path(folder)
     identity = _read_description(folder)["identity"]
-    with xarray.open_dataset(folder / _DESIGN, engine=_ENGINE) as opened:
-        data = opened.load()
+    data = read_dataset(folder / _DESIGN)
     store = RunStore(folder / _RUNS, identity)
     runs, times, channels, heaters = (data.sizes[name] for name in ("run", "time", "channel", "heater"))
     temperatures, status = np.full((runs, times, channels), np.nan), np.full((runs, times, heaters), np.nan)
@@ -181,8 +178,7 @@ def _check_design(folder: Path, found: Mapping[str, Any], asked: Mapping[str, An
 
 def _extends(folder: Path, design: Design) -> bool:
     """Whether the design is a longer one than the folder's. Raises RunError where their thetas differ."""
-    with xarray.open_dataset(folder / _DESIGN, engine=_ENGINE) as data:
-        found = data["theta"].values
+    found = read_dataset(folder / _DESIGN)["theta"].values
     if len(found) != len(design.theta) and design.kind not in GROWING:
         raise RunError(
             f"{folder}: found a {design.kind} design of {len(found)} runs, which cannot become one of "

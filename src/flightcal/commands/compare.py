@@ -7,7 +7,6 @@ window stands beside it.
 
 from __future__ import annotations
 
-import json
 from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
@@ -85,7 +84,7 @@ def compare_models(
     Raises FlightcalError for what is the user's to mend, and KeyboardInterrupt after a sampling that was interrupted.
     """
     from ..report import write_comparison
-    from ..run import plain
+    from ..run import plain, write_json, write_text
     from ..scenario import is_trained, load_scenario, resolved_yaml
     from ..validation import MODELS, check_windows, comparison_of, variant
 
@@ -103,7 +102,7 @@ def compare_models(
     for model in models:
         progress.say(model)
         file = folder / f"{model}.yaml"
-        _write(file, resolved_yaml(variant(scenario, model), absolute=True))
+        write_text(file, resolved_yaml(variant(scenario, model), absolute=True))
         summaries[model] = run_experiment(file, folder / model, progress=progress)
         if summaries[model].interrupted:
             raise KeyboardInterrupt
@@ -113,7 +112,7 @@ def compare_models(
     metrics = {model: summary.metrics for model, summary in summaries.items()}
     passed = {model: summary.passed for model, summary in summaries.items()}
     content = comparison_of(scenario.name, metrics, loos, passed) | {"left_out": others}
-    _write(folder / _RESULT, json.dumps(plain(content), indent=1, allow_nan=False) + "\n")
+    write_json(folder / _RESULT, plain(content))
     write_comparison(folder)
     return Comparison(folder, summaries, content)
 
@@ -132,7 +131,7 @@ def _block_loo(file: Path, summary: Summary) -> BlockLoo:
 
 def _left_out(file: Path, summary: Summary, progress: Progress) -> dict[str, Any]:
     """Scores of training windows that were left out, kept in the run's folder, which is this scenario's alone."""
-    from ..run import plain
+    from ..run import plain, read_json, write_json
     from ..scenario import load_scenario
     from ..telemetry import read
     from ..validation import leave_windows_out
@@ -141,12 +140,6 @@ def _left_out(file: Path, summary: Summary, progress: Progress) -> dict[str, Any
     if not kept.exists():
         own = load_scenario(file)
         scores = leave_windows_out(own, read(own), progress=progress)
-        _write(kept, json.dumps(plain(scores), indent=1, allow_nan=False) + "\n")
-    found: dict[str, Any] = json.loads(kept.read_text(encoding="utf-8"))
+        write_json(kept, plain(scores))
+    found: dict[str, Any] = read_json(kept)
     return found
-
-
-def _write(file: Path, text: str) -> None:
-    from ..run import write_atomically
-
-    write_atomically(file, lambda path: path.write_text(text, encoding="utf-8"))

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import json
 import os
 from dataclasses import replace
 from pathlib import Path
@@ -11,7 +10,7 @@ import numpy as np
 
 from ..errors import RunError
 from ..progress import SILENT, Progress
-from ..run import write_atomically
+from ..run import write_json, write_text
 from ..scenario import (
     Calibration,
     Channel,
@@ -50,11 +49,11 @@ def reduce_to_folder(path: Path, out: Path, progress: Progress = SILENT) -> list
     lines = certificate_lines(content)
     out.mkdir(parents=True, exist_ok=True)
     written = ["certificate.json", "certificate.txt", "scenario.yaml", MODEL_FILE]
-    _write_text(out / "certificate.json", json.dumps(content, indent=1, allow_nan=False) + "\n")
-    _write_text(out / "certificate.txt", "\n".join(lines) + "\n")
+    write_json(out / "certificate.json", content)
+    write_text(out / "certificate.txt", "\n".join(lines) + "\n")
     block = reduced_scenario(task.scenario, reduced.model, task.reduction.step).network
     save(out / MODEL_FILE, stored_of(reduced.model, task.scenario, block, sensor_errors(task, reduced)))
-    _write_text(out / "scenario.yaml", _scenario_text(task, reduced, path, out))
+    write_text(out / "scenario.yaml", _scenario_text(task, reduced, path, out))
     return [*lines, *(f"wrote {out / name}" for name in written)]
 
 
@@ -63,10 +62,6 @@ def _as_the_software_switches(task: Task, reduced: Reduced) -> Reduced:
     shifts = switching_shifts(task.mission)
     model = reduced.model
     return replace(reduced, model=replace(model, shifts=tuple(shifts[name] for name in model.heaters)))
-
-
-def _write_text(path: Path, text: str) -> None:
-    write_atomically(path, lambda place: place.write_text(text, encoding="utf-8"))
 
 
 def _scenario_text(task: Task, reduced: Reduced, path: Path, out: Path) -> str:

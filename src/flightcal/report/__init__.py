@@ -6,7 +6,7 @@ Imports: errors, prediction, probability, run, scenario, validation.
 from .block import Block, Section
 from .comparison_page import write_comparison
 from .heat_map import figure_correlation, heat_map
-from .page import compose, write_page, write_report
+from .page import compose, write_report
 from .panels import panels
 from .run_files import ParameterInfo, read_run
 from .style import BAND, GENETIC, LINE, MODEL_BAND, PRIOR, STOCHASTIC, TELEMETRY, WARNING, finish, polygons
@@ -51,7 +51,6 @@ __all__ = [
     "time_canvas",
     "unit",
     "write_comparison",
-    "write_page",
     "write_report",
     "write_validation",
 ]

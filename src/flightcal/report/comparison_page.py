@@ -4,9 +4,10 @@ from __future__ import annotations
 
 from pathlib import Path
 
+from ..run import write_text
 from . import block
 from .block import Block, Section
-from .page import compose, write_page
+from .page import compose
 from .run_files import Record, read_content
 from .tables import Cell, Table
 from .text import count, number, percent
@@ -43,7 +44,7 @@ def write_comparison(folder: Path) -> Path:
     ]
     if content.get("left_out"):
         sections.append(Section("windows", "Training windows left out", _left_out(content)))
-    write_page(output, compose("flightcal compare", content["name"], folder, "", _findings(content), sections))
+    write_text(output, compose("flightcal compare", content["name"], folder, "", _findings(content), sections))
     return output
 
 

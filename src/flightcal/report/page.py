@@ -15,7 +15,7 @@ import plotly.graph_objects as go
 from plotly.offline import get_plotlyjs
 from plotly.utils import PlotlyJSONEncoder
 
-from ..run import write_atomically
+from ..run import write_text
 from .block import Section
 from .panels import panels
 from .run_files import RunFiles, read_run
@@ -31,13 +31,8 @@ def write_report(run: Path, output: Path | None = None) -> Path:
     """
     files_of_run = read_run(Path(run))
     output = Path(output) if output is not None else Path(run) / "report.html"
-    write_page(output, render(files_of_run))
+    write_text(output, render(files_of_run))
     return output
-
-
-def write_page(output: Path, page: str) -> None:
-    """Writes a page whole or not at all."""
-    write_atomically(output, lambda path: path.write_text(page, encoding="utf-8"))
 
 
 def render(run: RunFiles) -> str:

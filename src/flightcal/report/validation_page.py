@@ -11,10 +11,11 @@ import plotly.graph_objects as go
 from numpy.typing import NDArray
 from plotly.subplots import make_subplots
 
+from ..run import write_text
 from ..validation import Band, ecdf, ecdf_band, joint
 from . import block
 from .block import Section
-from .page import compose, write_page
+from .page import compose
 from .run_files import Record, read_content
 from .style import LINE, STATUS_FILL, STOCHASTIC, WARNING, finish, plots, small_titles
 from .tables import Cell, Table
@@ -30,7 +31,7 @@ def write_validation(folder: Path) -> Path:
     content = read_content(folder, "validation")
     output = folder / "validation.html"
     findings, sections = [_uniform(content), _sampler(content)], [_ranks(content), _contraction(content)]
-    write_page(output, compose("flightcal validate", content["name"], folder, "", findings, sections))
+    write_text(output, compose("flightcal validate", content["name"], folder, "", findings, sections))
     return output
 
 

@@ -3,8 +3,19 @@
 Imports: errors, progress.
 """
 
-from .folder import RunDirectory, hash_of, hash_of_file, open_run, read_provenance, write_atomically
-from .records import plain, read_dataset, read_json, read_records, read_tree, typed
+from .folder import RunDirectory, hash_of, hash_of_file, open_run, read_provenance
+from .records import (
+    plain,
+    read_dataset,
+    read_json,
+    read_records,
+    read_tree,
+    typed,
+    write_atomically,
+    write_json,
+    write_netcdf,
+    write_text,
+)
 from .stages import Run, Stage
 from .workers import each
 
@@ -24,4 +35,7 @@ __all__ = [
     "read_tree",
     "typed",
     "write_atomically",
+    "write_json",
+    "write_netcdf",
+    "write_text",
 ]

@@ -11,8 +11,7 @@ import json
 import os
 import platform
 import sys
-import tempfile
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Iterator, Mapping
 from contextlib import contextmanager
 from dataclasses import dataclass
 from datetime import UTC, datetime
@@ -24,7 +23,7 @@ from typing import Any
 import xarray
 
 from ..errors import RunError
-from .records import ENGINE, read_dataset, read_tree
+from .records import read_dataset, read_tree, write_json, write_netcdf, write_text
 
 _PACKAGES = ("flightcal", "numba", "numpy", "nutpie", "scipy", "xarray", "pyerfa", "sgp4")
 
@@ -77,16 +76,12 @@ class RunDirectory:
             file.write(json.dumps({"time": _now(), **record}) + "\n")
 
     def write_json(self, name: str, content: Any) -> None:
-        """Write a JSON file atomically; NaN is not JSON and is refused."""
-        self.write_text(name, json.dumps(content, indent=1, allow_nan=False) + "\n")
-
-    def write_text(self, name: str, text: str) -> None:
-        """Write a text file atomically."""
-        write_atomically(self.file(name), lambda path: path.write_text(text, encoding="utf-8"))
+        """Write a JSON file; see `records.write_json`."""
+        write_json(self.file(name), content)
 
     def write_netcdf(self, name: str, data: xarray.Dataset | xarray.DataTree) -> None:
-        """Write a dataset or a tree of them atomically."""
-        write_atomically(self.file(name), lambda path: data.to_netcdf(str(path), engine=ENGINE))
+        """Write a dataset or a tree of them."""
+        write_netcdf(self.file(name), data)
 
     def read_dataset(self, name: str) -> xarray.Dataset:
         """A dataset of the run, in memory."""
@@ -127,7 +122,7 @@ def open_run(
     path.mkdir(parents=True, exist_ok=True)
     run = RunDirectory(path, identity)
     provenance = read_provenance(path)
-    run.write_text("scenario.yaml", scenario_text)
+    write_text(run.file("scenario.yaml"), scenario_text)
     run.write_json(
         "provenance.json",
         {
@@ -171,19 +166,6 @@ def hash_of_file(path: Path) -> str:
     """SHA-256 of a file's content."""
     with path.open("rb") as file:
         return hashlib.file_digest(file, "sha256").hexdigest()
-
-
-def write_atomically(target: Path, write: Callable[[Path], Any]) -> None:
-    """Write beside the target, then rename: readers see the old file or the new one, never half of one."""
-    handle, name = tempfile.mkstemp(prefix=f".{target.name}.", dir=target.parent)
-    os.close(handle)
-    temporary = Path(name)
-    try:
-        write(temporary)
-        temporary.chmod(0o644)
-        os.replace(temporary, target)
-    finally:
-        temporary.unlink(missing_ok=True)
 
 
 def _version(package: str) -> str:

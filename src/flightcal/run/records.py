@@ -4,6 +4,8 @@ from __future__ import annotations
 
 import dataclasses
 import json
+import os
+import tempfile
 from collections.abc import Callable, Mapping
 from pathlib import Path
 from types import UnionType
@@ -100,3 +102,31 @@ def read_tree(file: Path) -> xarray.DataTree:
             return tree.load()
     except (OSError, ValueError) as error:
         raise RunError(f"{file}: not a netCDF file: {error}") from None
+
+
+def write_atomically(target: Path, write: Callable[[Path], Any]) -> None:
+    """Write beside the target, then rename: readers see the old file or the new one, never half of one."""
+    handle, name = tempfile.mkstemp(prefix=f".{target.name}.", dir=target.parent)
+    os.close(handle)
+    temporary = Path(name)
+    try:
+        write(temporary)
+        temporary.chmod(0o644)
+        os.replace(temporary, target)
+    finally:
+        temporary.unlink(missing_ok=True)
+
+
+def write_text(file: Path, text: str) -> None:
+    """Write a text file atomically, UTF-8."""
+    write_atomically(file, lambda path: path.write_text(text, encoding="utf-8"))
+
+
+def write_json(file: Path, content: Any) -> None:
+    """Write a JSON file atomically; NaN is not JSON and is refused."""
+    write_text(file, json.dumps(content, indent=1, allow_nan=False) + "\n")
+
+
+def write_netcdf(file: Path, data: xarray.Dataset | xarray.DataTree) -> None:
+    """Write a dataset or a tree of them atomically."""
+    write_atomically(file, lambda path: data.to_netcdf(str(path), engine=ENGINE))
