@@ -92,14 +92,7 @@ def certificate(task: Task, reduced: Reduced, speed: Speed) -> dict[str, Any]:
                 for item in reduced.held_out
             },
             "sensors": {name: _statistics(absolute[:, k], reduction.quantile) for k, name in enumerate(channels)},
-            "duty": {
-                name: {
-                    "mean": float(duty[:, k].mean()),
-                    "quantile": float(np.quantile(duty[:, k], reduction.quantile)),
-                    "worst": float(duty[:, k].max()),
-                }
-                for k, name in enumerate(heaters)
-            },
+            "duty": {name: _statistics(duty[:, k], reduction.quantile, "") for k, name in enumerate(heaters)},
         },
         "error_model": {
             name: {
@@ -154,14 +147,12 @@ def certificate_lines(content: Mapping[str, Any]) -> list[str]:
     return [*lines, f"tolerance of {content['tolerance_K']:g} K for {share} of the errors: {verdict}"]
 
 
-def _statistics(absolute: FloatArray, quantile: float) -> dict[str, float]:
+def _statistics(absolute: FloatArray, quantile: float, unit: str = "_K") -> dict[str, float]:
+    names = (f"mean{unit}", f"quantile{unit}", f"worst{unit}")
     if not absolute.size:
-        return {"mean_K": math.inf, "quantile_K": math.inf, "worst_K": math.inf}
-    return {
-        "mean_K": float(absolute.mean()),
-        "quantile_K": float(np.quantile(absolute, quantile)),
-        "worst_K": float(absolute.max()),
-    }
+        return dict.fromkeys(names, math.inf)
+    found = (absolute.mean(), np.quantile(absolute, quantile), absolute.max())
+    return dict(zip(names, map(float, found), strict=True))
 
 
 def _finite(value: float) -> float | None:

@@ -13,13 +13,21 @@ import numpy as np
 import xarray
 
 from ..errors import ScenarioError
-from ..run import write_atomically
+from ..run import typed, write_netcdf
 from ..scenario import REDUCED_MODEL_FORMAT as FORMAT
 from ..scenario import ReducedNumber, Scenario, SimulatorError, SimulatorModel, settable
 from ..simulator import FloatArray
 from .affine import Product
 from .reduced_model import Normal, ReducedModel
 
+_WORDS = ("states", "settled", "mixed", "free", "columns", "ways", "heaters", "shifts", "followers")
+_ARRAYS = {
+    "mixing": ("mixed", "temperature"),
+    "mixing_offset": ("mixed",),
+    "values": ("free",),
+    "initial": ("state",),
+    "initial_spread": ("state",),
+}
 _KINDS = ("capacity", "linear", "radiative", "forcing", "heating")
 _COLUMNS = {"capacity": "state", "linear": "unknown", "radiative": "radiating", "forcing": "input", "heating": "heater"}
 
@@ -41,8 +49,7 @@ class Stored:
 
 def save(path: Path, stored: Stored) -> None:
     """Write atomically."""
-    dataset = _dataset(stored)
-    write_atomically(path, lambda place: dataset.to_netcdf(str(place), engine="h5netcdf"))
+    write_netcdf(path, _dataset(stored))
 
 
 def load(path: Path) -> Stored:
@@ -61,26 +68,9 @@ def load(path: Path) -> Stored:
         products = [tuple(product) for product in about["products"][kind]]
         values = data[kind].to_numpy() if products else np.zeros((0, 0, 0))
         matrices[kind] = dict(zip(products, values, strict=True))
-    capacity = matrices.pop("capacity")
-    model = ReducedModel(
-        states=tuple(about["states"]),
-        settled=tuple(about["settled"]),
-        mixed=tuple(about["mixed"]),
-        mixing=data["mixing"].to_numpy(),
-        mixing_offset=data["mixing_offset"].to_numpy(),
-        free=tuple(about["free"]),
-        values=data["values"].to_numpy(),
-        columns=tuple(about["columns"]),
-        ways={name: _normal(way) for name, way in about["ways"].items()},
-        heaters=tuple(about["heaters"]),
-        sensors=tuple(about["watched"]),
-        capacity=capacity,
-        matrices=matrices,  # type: ignore[arg-type]
-        followers=about["followers"],
-        initial=data["initial"].to_numpy(),
-        initial_spread=data["initial_spread"].to_numpy(),
-        shifts=tuple((on, off) for on, off in about["shifts"]),
-    )
+    arrays = {name: data[name].to_numpy() for name in _ARRAYS}
+    own = {"sensors": about["watched"], "ways": {name: _normal(way) for name, way in about["ways"].items()}}
+    model = typed(ReducedModel, about | arrays | own | {"capacity": matrices.pop("capacity"), "matrices": matrices})
     return Stored(
         model,
         {name: SimulatorError.model_validate(item) for name, item in about["errors"].items()},
@@ -101,29 +91,14 @@ def _dataset(stored: Stored) -> xarray.Dataset:
     model = stored.model
     matrices: dict[str, Mapping[Product, FloatArray]] = {"capacity": model.capacity}
     matrices.update({str(kind): found for kind, found in model.matrices.items()})
-    variables: dict[str, Any] = {
-        "mixing": (("mixed", "temperature"), model.mixing),
-        "mixing_offset": ("mixed", model.mixing_offset),
-        "values": ("free", model.values),
-        "initial": ("state", model.initial),
-        "initial_spread": ("state", model.initial_spread),
-    }
+    variables: dict[str, Any] = {name: (dimensions, getattr(model, name)) for name, dimensions in _ARRAYS.items()}
     for kind, found in matrices.items():
         if found:
             row = "temperature" if kind == "capacity" else "unknown"
             column = "state" if kind == "capacity" else "unknown_too" if kind == "linear" else _COLUMNS[kind]
             variables[kind] = ((f"{kind}_product", row, column), np.stack(list(found.values())))
-    about = {
-        "states": model.states,
-        "settled": model.settled,
-        "mixed": model.mixed,
-        "free": model.free,
-        "columns": model.columns,
-        "ways": model.ways,
-        "heaters": model.heaters,
-        "shifts": model.shifts,
+    about = {name: getattr(model, name) for name in _WORDS} | {
         "watched": model.sensors,
-        "followers": model.followers,
         "products": {kind: list(found) for kind, found in matrices.items()},
         "errors": {name: item.model_dump(mode="json") for name, item in stored.errors.items()},
         "sensors": stored.sensors,
