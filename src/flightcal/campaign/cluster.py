@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections import Counter, deque
-from collections.abc import Callable, Iterator
+from collections.abc import Iterator
 from contextlib import contextmanager, suppress
 from dataclasses import dataclass
 from queue import Empty, SimpleQueue
@@ -16,7 +16,7 @@ from distributed.comm import CommClosedError
 from ..errors import RunError
 from ..simulator import FloatArray
 from .job import Job
-from .run import cannot_record
+from .run import Tell, cannot_record, nobody, tasks_of
 
 _CONNECTING: Final = 10.0  # s
 _NO_WORKERS: Final = 60.0  # s that a cluster may take to get its first worker
@@ -60,17 +60,10 @@ class Cluster:
         """Runs that go on at a time."""
         return max(1, sum(self.client.nthreads().values()))
 
-    def run_missing(
-        self,
-        job: Job,
-        thetas: FloatArray,
-        *,
-        chunk: int = 1,
-        on_progress: Callable[[Counter[str]], None] = lambda _: None,
-    ) -> Counter[str]:
+    def run_missing(self, job: Job, thetas: FloatArray, chunk: int = 1, on_progress: Tell = nobody) -> Counter[str]:
         """See `Runner`. A cluster looks after its own workers, and says how often a run may kill one."""
         outcomes: Counter[str] = Counter()
-        waiting = deque(thetas[first : first + chunk] for first in range(0, len(thetas), chunk))
+        waiting = deque(tasks_of(thetas, chunk))
         with _carried(self.client, job) as name:
             running: dict[Any, tuple[Future, FloatArray]] = {}  # Dask forgets a task that no future is kept of
             done: SimpleQueue[Future] = SimpleQueue()

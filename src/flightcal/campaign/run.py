@@ -16,6 +16,13 @@ from ..run import each
 from ..simulator import FloatArray
 from .job import Job
 
+Tell = Callable[[Counter[str]], None]
+"""Is told how many runs have had which outcome so far."""
+
+
+def nobody(_: Counter[str]) -> None:
+    """Whom to tell where nobody asks."""
+
 
 class Runner(Protocol):
     """Where a campaign runs."""
@@ -24,14 +31,7 @@ class Runner(Protocol):
     def workers(self) -> int:
         """Runs that go on at a time."""
 
-    def run_missing(
-        self,
-        job: Job,
-        thetas: FloatArray,
-        *,
-        chunk: int = 1,
-        on_progress: Callable[[Counter[str]], None] = lambda _: None,
-    ) -> Counter[str]:
+    def run_missing(self, job: Job, thetas: FloatArray, chunk: int = 1, on_progress: Tell = nobody) -> Counter[str]:
         """Run those of thetas [S, d] that have no record, `chunk` of them to a task; how many have which outcome.
 
         on_progress: told the outcomes so far. A run that kills the worker again and again is recorded as crashed. Runs
@@ -46,14 +46,7 @@ class Here:
 
     workers: int
 
-    def run_missing(
-        self,
-        job: Job,
-        thetas: FloatArray,
-        *,
-        chunk: int = 1,
-        on_progress: Callable[[Counter[str]], None] = lambda _: None,
-    ) -> Counter[str]:
+    def run_missing(self, job: Job, thetas: FloatArray, chunk: int = 1, on_progress: Tell = nobody) -> Counter[str]:
         """See `Runner`."""
         outcomes: Counter[str] = Counter()
 
@@ -65,12 +58,16 @@ class Here:
             """The runs of a task that kills workers are tried one by one, then given up."""
             return self.run_missing(job, task) if len(task) > 1 else job.give_up(task[0])
 
-        tasks = [thetas[first : first + chunk] for first in range(0, len(thetas), chunk)]
         try:
-            each(job.record_missing, tasks, self.workers, done=done, lost=lost)
+            each(job.record_missing, tasks_of(thetas, chunk), self.workers, done=done, lost=lost)
         except OSError as error:
             raise cannot_record(error) from None
         return outcomes
+
+
+def tasks_of(thetas: FloatArray, chunk: int) -> list[FloatArray]:
+    """Thetas [S, d] in parts of `chunk` each, the last perhaps of fewer."""
+    return [thetas[first : first + chunk] for first in range(0, len(thetas), chunk)]
 
 
 def cannot_record(error: OSError) -> RunError:
