@@ -34,11 +34,6 @@ def test_an_error_that_is_not_a_number_fails(errors):
     assert not judge(errors, np.ones(errors.shape), ("a", "b")).passed
 
 
-def test_the_table_has_a_line_for_each_channel(errors):
-    table = judge(errors, np.ones(errors.shape), ("a", "b")).table().splitlines()
-    assert [line.split()[0] for line in table] == ["channel", "a", "b", "all"]
-
-
 def test_windows_are_judged_each_for_itself(errors):
     fine = judge(errors, np.ones((40, 25, 2)) * [0.1, 0.3], ("a", "b"))
     wrong = judge(errors[:20], np.ones((20, 25, 2)) * [0.1, 0.12], ("a", "b"))

@@ -5,8 +5,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from flightcal.emulation.simulator_check import Replay, density_error, steps, unmatched_switches
-from flightcal.simulator import SimulationFailure
+from flightcal.emulation.simulator_check import density_error, steps, unmatched_switches
 from tests import derivative_free
 
 
@@ -43,14 +42,11 @@ def test_the_density_error_is_that_of_the_log_likelihood(scene):
     assert (np.abs(moved) / thetas.std(axis=0) < 1.05e-3 * expected).all()
 
 
-def test_a_replay_knows_its_runs_only(scene):
-    problem, thetas, runs = scene
-    replay = Replay(problem.windows[0].simulator, runs)
-    run = replay.simulate(thetas[3][problem.windows[0].simulated])
+def test_runs_are_the_trajectories_that_the_simulator_gave(scene):
+    _, _, runs = scene
+    run = runs.trajectories()[3]
     np.testing.assert_array_equal(run.temperatures, runs.temperatures[3])
     assert len(run.switches.time) == np.count_nonzero(np.diff(runs.status[3, :, 0]))
-    with pytest.raises(SimulationFailure, match="no run"):
-        replay.simulate(1.01 * thetas[3][problem.windows[0].simulated])
 
 
 def test_heaters_are_in_step_at_the_truth_and_not_in_another_cycle(scene):

@@ -252,9 +252,7 @@ class EmulatedSimulator:
 
     @cached_property
     def _switches(self) -> list[Switch]:
-        """[S] changes of the status between samples, at the later sample."""
-        times = self.emulator.runs.times[self.window]
-        return [status_switches(status, (times - times[0]) / np.timedelta64(1, "s")) for status in self._status]
+        return self.emulator.runs.during(self.window).switches
 
 
 def simulated_priors(window: Window) -> Priors:
@@ -271,19 +269,3 @@ def with_emulator(window: Window, emulator: Emulator, scale: Priors | None = Non
     powers = window.simulator.heater_power
     simulator = EmulatedSimulator(emulator, scale or simulated_priors(window), heater_powers=powers)
     return replace(window, simulator=simulator)
-
-
-def status_switches(status: FloatArray, seconds: FloatArray) -> Switch:
-    """Changes in a status [T, H] sampled at `seconds` [T]; unknown samples are passed over."""
-    time: list[float] = []
-    heater: list[int] = []
-    on: list[float] = []
-    for h in range(status.shape[1]):
-        known = np.flatnonzero(np.isfinite(status[:, h]))
-        state: NDArray[np.bool_] = status[known, h] > 0.5
-        changed = 1 + np.flatnonzero(state[1:] != state[:-1])
-        time += seconds[known[changed]].tolist()
-        heater += [h] * len(changed)
-        on += state[changed].astype(float).tolist()
-    order = np.argsort(time, kind="stable")
-    return Switch(np.array(time)[order], np.array(heater, dtype=np.int64)[order], np.array(on)[order])

@@ -49,18 +49,6 @@ class Validation:
         """Whether errors were as large as predicted, or smaller."""
         return not self.failures
 
-    def table(self) -> str:
-        """One line for each channel."""
-        head = "channel                 RMSE K  worst K    sd K  error/sd " + " ".join(
-            f"{p:>6.0%}" for p in PROBABILITIES
-        )
-        lines = [
-            f"{c.channel:22s} {c.rmse:7.4f} {c.worst:8.4f} {c.deviation:7.4f} {c.standardised:9.2f} "
-            + " ".join(f"{share:6.1%}" for share in c.coverage)
-            for c in self.channels
-        ]
-        return "\n".join([head, *lines])
-
 
 def validate(emulator: Emulator, z: FloatArray, temperatures: FloatArray) -> Validation:
     """Judge an emulator by runs that it was not fitted to: z [K, d], temperatures [K, T, N] K.

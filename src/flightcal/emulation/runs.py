@@ -12,9 +12,9 @@ import xarray
 from numpy.typing import NDArray
 
 from ..errors import RunError
-from ..external import Record
-from ..run import write_atomically
-from ..simulator import FloatArray
+from ..external import Record, status_switches
+from ..run import write_netcdf
+from ..simulator import FloatArray, Switch, Trajectory
 
 FINISHED = "finished"
 _PER_RUN = ("theta", "temperatures", "status", "outcome", "message", "round")
@@ -52,6 +52,19 @@ class TrainingRuns:
     def finished(self) -> NDArray[np.bool_]:
         """[S]"""
         return np.asarray(self.outcome == FINISHED)
+
+    @property
+    def switches(self) -> list[Switch]:
+        """[S] changes of the status between samples, at the later sample; seconds from the first one."""
+        seconds = (self.times - self.times[0]) / np.timedelta64(1, "s")
+        return [status_switches(seconds, status) for status in self.status]
+
+    def trajectories(self) -> list[Trajectory]:
+        """[S] of finished runs."""
+        every = zip(self.temperatures, self.status, self.switches, strict=True)
+        return [
+            Trajectory(temperatures, status, status.mean(axis=0), switches) for temperatures, status, switches in every
+        ]
 
     def take(self, chosen: Any) -> TrainingRuns:
         """The runs at these positions, or where this mask [S] is true."""
@@ -105,7 +118,7 @@ class TrainingRuns:
                 "time": self.times,
             },
         )
-        write_atomically(file, lambda path: data.to_netcdf(str(path), engine="h5netcdf"))
+        write_netcdf(file, data)
 
 
 def no_runs(

@@ -2,15 +2,14 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
-from dataclasses import dataclass, replace
+from collections.abc import Sequence
+from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
 
 from ..problem import Problem, Window
-from ..simulator import FloatArray, SimulationFailure, Simulator, Trajectory
-from .emulator import status_switches
+from ..simulator import FloatArray
 from .runs import TrainingRuns
 
 LARGEST_DENSITY_ERROR = 0.5
@@ -38,13 +37,9 @@ def density_error(problem: Problem, emulated: Problem, thetas: FloatArray, runs:
     """
     if len(thetas) < 2:
         return float("nan")
-    z = problem.to_z(thetas)
-    replays = [
-        replace(window, simulator=Replay(window.simulator, own))
-        for window, own in zip(problem.windows, runs, strict=True)
-    ]
-    exact = replace(problem, windows=tuple(replays), open_loop=None)
-    return float(np.std([exact.log_density(point) - emulated.log_density(point) for point in z], ddof=1))
+    made = zip(*(own.trajectories() for own in runs), strict=True)
+    points = zip(problem.to_z(thetas), made, strict=True)
+    return float(np.std([problem.log_density(z, run) - emulated.log_density(z) for z, run in points], ddof=1))
 
 
 def steps(window: Window, runs: TrainingRuns) -> tuple[Steps, ...]:
@@ -86,54 +81,3 @@ def _without_counterpart(own: NDArray[np.intp], other: NDArray[np.intp]) -> NDAr
     apart = np.abs(own[:, None] - other)
     mutual = apart.argmin(axis=0)[apart.argmin(axis=1)] == np.arange(len(own))
     return own[~mutual]
-
-
-@dataclass(frozen=True)
-class Replay:
-    """Finished runs in the place of the simulator that made them: a `Simulator` that knows their thetas only."""
-
-    original: Simulator
-    runs: TrainingRuns
-
-    @property
-    def parameters(self) -> tuple[str, ...]:
-        """Names of theta's entries."""
-        return self.runs.parameters
-
-    @property
-    def channels(self) -> tuple[str, ...]:
-        """Temperature channels."""
-        return self.runs.channels
-
-    @property
-    def heaters(self) -> tuple[str, ...]:
-        """Names of the heaters."""
-        return self.runs.heaters
-
-    @property
-    def error_basis(self) -> FloatArray | None:
-        """None: these are the simulator's own runs."""
-        return None
-
-    def heater_power(self, theta: FloatArray) -> FloatArray:
-        """Power [H] W of each heater while it is on, at theta [d]."""
-        return self.original.heater_power(theta)
-
-    def simulate(self, theta: FloatArray) -> Trajectory:
-        """The run at theta [d]. Raises SimulationFailure where there is none."""
-        # theta may have been to the unconstrained scale and back.
-        there = np.flatnonzero(np.isclose(self.runs.theta, theta, rtol=1e-6, atol=1e-12).all(axis=1))
-        if not len(there):
-            raise SimulationFailure("there is no run at these parameters")
-        k = int(there[0])
-        seconds = (self.runs.times - self.runs.times[0]) / np.timedelta64(1, "s")
-        status = self.runs.status[k]
-        return Trajectory(self.runs.temperatures[k], status, status.mean(axis=0), status_switches(status, seconds))
-
-    def simulate_many(self, thetas: FloatArray) -> list[Trajectory | None]:
-        """The runs at thetas [S, d]."""
-        return [self.simulate(theta) for theta in thetas]
-
-    def linearise(self, theta: FloatArray) -> tuple[Trajectory, Callable[..., FloatArray]]:
-        """Raises SimulationFailure: runs have no derivatives."""
-        raise SimulationFailure("runs have no derivatives")

@@ -13,7 +13,7 @@ if TYPE_CHECKING:
     from .in_worker import close_workers
     from .program import RunFailure
     from .record import Outcome, Record
-    from .simulator import ExternalSimulator
+    from .simulator import ExternalSimulator, status_switches
 
 _PLACES = {
     "build_external": "build",
@@ -22,6 +22,7 @@ _PLACES = {
     "Outcome": "record",
     "Record": "record",
     "ExternalSimulator": "simulator",
+    "status_switches": "simulator",
 }
 
 __all__ = [
@@ -31,6 +32,7 @@ __all__ = [
     "RunFailure",
     "build_external",
     "close_workers",
+    "status_switches",
 ]
 
 

@@ -69,10 +69,6 @@ class FunctionModel:
         given = self._description
         return _outputs(self._function(dict(inputs), given.times.copy(), given.start), given)
 
-    def pull_back(self, inputs: Mapping[str, float], temperatures_bar: FloatArray) -> FloatArray:
-        """Without JAX there is no derivative."""
-        raise NotImplementedError
-
 
 class JaxModel:
     """A function in JAX, compiled for the window."""

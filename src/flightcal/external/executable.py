@@ -13,7 +13,7 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 from datetime import UTC, datetime
 from pathlib import Path
-from typing import Any
+from typing import IO, Any
 
 import numpy as np
 
@@ -95,32 +95,31 @@ class ExecutableProgram:
 
     def _execute(self, place: Path, timeout: float) -> None:
         command = [self.block.program(self.folder), *self.block.command[1:]]
-        said = place / "stderr.txt"
-        with (place / "stdout.txt").open("wb") as out, said.open("wb") as err:
+        with (place / "stdout.txt").open("wb") as out, (place / "stderr.txt").open("w+b") as said:
             try:
                 # A session of its own, so that all that the simulator starts can be killed with it.
                 process = subprocess.Popen(
-                    command, cwd=place, stdin=subprocess.DEVNULL, stdout=out, stderr=err, start_new_session=True
+                    command, cwd=place, stdin=subprocess.DEVNULL, stdout=out, stderr=said, start_new_session=True
                 )
             except OSError as error:
                 raise RunFailure("crashed", f"'{command[0]}' cannot be started: {error.strerror}") from None
-        expired = threading.Event()
+            expired = threading.Event()
 
-        def expire() -> None:
-            expired.set()
-            kill_group(process)
+            def expire() -> None:
+                expired.set()
+                kill_group(process)
 
-        timer = threading.Timer(timeout, expire)
-        with live(process):
-            timer.start()
-            try:
-                code = process.wait()
-            finally:
-                timer.cancel()
-        if expired.is_set():
-            raise RunFailure("timed out", f"still running after {timeout:g} s, killed{_last_words(said)}")
-        if code:
-            raise RunFailure("crashed", f"{ending(code)}{_last_words(said)}")
+            timer = threading.Timer(timeout, expire)
+            with live(process):
+                timer.start()
+                try:
+                    code = process.wait()
+                finally:
+                    timer.cancel()
+            if expired.is_set():
+                raise RunFailure("timed out", f"still running after {timeout:g} s, killed{last_words(said)}")
+            if code:
+                raise RunFailure("crashed", f"{ending(code)}{last_words(said)}")
 
     def _read(self, place: Path) -> Outputs:
         path = place / self.block.output
@@ -148,10 +147,10 @@ def ending(code: int) -> str:
     return f"killed by signal {-code} ({name})"
 
 
-def _last_words(path: Path) -> str:
-    with path.open("rb") as file:
-        file.seek(max(0, os.fstat(file.fileno()).st_size - 4 * _MOST_WORDS))
-        words = " ".join(file.read().decode("utf-8", "replace").split())
+def last_words(file: IO[bytes]) -> str:
+    """What a process wrote last into an open file, as the end of a message; nothing where it wrote nothing."""
+    file.seek(max(0, os.fstat(file.fileno()).st_size - 4 * _MOST_WORDS))
+    words = " ".join(file.read().decode("utf-8", "replace").split())
     return f"; it said: {words[-_MOST_WORDS:]}" if words else ""
 
 

@@ -60,10 +60,6 @@ class FmuModel:
             raise RunFailure("crashed", f"'{description.file.name}' cannot be opened: {error}") from None
         self._variables = {variable.name: variable for variable in self._description.modelVariables}
 
-    def pull_back(self, inputs: Mapping[str, float], temperatures_bar: FloatArray) -> FloatArray:
-        """An FMU gives no derivative of its trajectory."""
-        raise NotImplementedError
-
     def run(self, inputs: Mapping[str, float]) -> Outputs:
         """One simulation from the window's start to its last sample. Raises RunFailure."""
         from fmpy.fmi1 import FMICallException

@@ -12,7 +12,7 @@ import tempfile
 import threading
 from collections.abc import Mapping
 from contextlib import ExitStack
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 from functools import cached_property
 from multiprocessing.connection import Connection
 from pathlib import Path
@@ -22,22 +22,18 @@ import numpy as np
 
 from ..simulator import FloatArray
 from ._processes import at_fork, live
-from .executable import ending
+from .executable import ending, last_words
 from .program import Outputs, RunFailure
 
 _OPENING = 120.0
 """Seconds for the start of a worker, imports and all; a run's own time-out holds if it is longer."""
-_MOST_WORDS = 300
 
 
 class Model(Protocol):
     """An open model, in the worker."""
 
     def run(self, inputs: Mapping[str, float]) -> Outputs:
-        """See `Program.run`."""
-
-    def pull_back(self, inputs: Mapping[str, float], temperatures_bar: FloatArray) -> FloatArray:
-        """See `Program.pull_back`."""
+        """See `Program.run`. A model with a gradient has a `pull_back` too, as of `Program`, without the time-out."""
 
 
 class Description(Protocol):
@@ -89,26 +85,20 @@ class WorkerProgram:
         return answer
 
 
-@dataclass(eq=False)
 class _Worker:
     """A child process and the line to it. A request that fails in the child leaves it alive; anything else ends it."""
 
-    key: bytes
-    said: Any = field(init=False)
-    process: Any = field(init=False)
-    connection: Any = field(init=False)
-    resources: ExitStack = field(init=False, default_factory=ExitStack)
-
-    def __post_init__(self) -> None:
+    def __init__(self, key: bytes) -> None:
+        self.key, self.resources = key, ExitStack()
         ours, theirs = socket.socketpair()
-        self.connection = self.resources.enter_context(Connection(ours.detach()))
+        self.connection: Any = self.resources.enter_context(Connection(ours.detach()))
         self.said = self.resources.enter_context(tempfile.TemporaryFile())  # noqa: SIM115 - closed by `resources`
         package = str(Path(__file__).parents[2])
         paths = [package, *filter(None, [os.environ.get("PYTHONPATH")])]
         # Runs are parallel already: threads of their own would only be in each other's way.
         folder = self.resources.enter_context(tempfile.TemporaryDirectory(prefix="flightcal-"))
         alone = {name: os.environ.get(name, "1") for name in ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS")}
-        self.process = subprocess.Popen(
+        self.process: Any = subprocess.Popen(
             [sys.executable, "-P", "-m", "flightcal.external.worker", str(theirs.fileno())],
             pass_fds=[theirs.fileno()],
             stdin=subprocess.PIPE,
@@ -144,10 +134,9 @@ class _Worker:
 
     def _how_it_ended(self) -> str:
         self.process.wait()
-        self.said.seek(max(0, os.fstat(self.said.fileno()).st_size - 4 * _MOST_WORDS))
-        words = " ".join(self.said.read().decode("utf-8", "replace").split())
+        words = last_words(self.said)
         self.close()
-        return f"{ending(self.process.returncode)}{f'; it said: {words[-_MOST_WORDS:]}' if words else ''}"
+        return f"{ending(self.process.returncode)}{words}"
 
     def close(self) -> None:
         """End the process with all that it has started."""

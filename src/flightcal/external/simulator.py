@@ -162,7 +162,7 @@ class ExternalSimulator:
             temperatures=record.temperatures,
             status=record.status,
             duty_cycle=self._sample_weights @ record.status,
-            switches=_switches(self.times, record.status),
+            switches=status_switches(self.times, record.status),
         )
 
     @cached_property
@@ -226,7 +226,17 @@ def external_simulator(
     )
 
 
-def _switches(times: FloatArray, status: FloatArray) -> Switch:
-    on = np.asarray(status) > 0.5
-    sample, heater = np.nonzero(on[1:] != on[:-1])
-    return Switch(times[sample + 1], heater.astype(np.int64), on[sample + 1, heater].astype(float))
+def status_switches(seconds: FloatArray, status: FloatArray) -> Switch:
+    """Changes in a status [T, H] at `seconds` [T], each at the first sample after it; NaN, unknown, is passed over."""
+    time: list[float] = []
+    heater: list[int] = []
+    on: list[float] = []
+    for h in range(status.shape[1]):
+        known = np.flatnonzero(np.isfinite(status[:, h]))
+        state = np.asarray(status[known, h] > 0.5)
+        changed = 1 + np.flatnonzero(state[1:] != state[:-1])
+        time += seconds[known[changed]].tolist()
+        heater += [h] * len(changed)
+        on += state[changed].astype(float).tolist()
+    order = np.argsort(time, kind="stable")
+    return Switch(np.array(time)[order], np.array(heater, dtype=np.int64)[order], np.array(on)[order])
