@@ -100,11 +100,6 @@ def _cached(function: Any, code: Callable[..., Any], what: str) -> Any:
     return function
 
 
-def compiled_long(function: Callable[..., Any]) -> Any:
-    """A long function that Python calls, by Numba's own way: the interpreter lock is free while it runs."""
-    return _cached(njit(cache=True, nogil=True, **_OPTIONS)(function), function, "")
-
-
 inlined: Any = njit(**(_OPTIONS | {"forceinline": True, "no_cpython_wrapper": True, "no_cfunc_wrapper": True}))
 """A function that compiled functions call; a call that is not inlined copies every array's description, which takes
 longer than the work on a small network."""

@@ -15,7 +15,7 @@ from __future__ import annotations
 import math
 from collections.abc import Callable
 from dataclasses import dataclass
-from functools import partial
+from functools import cached_property, partial
 from typing import Any
 
 import numpy as np
@@ -23,7 +23,6 @@ from scipy.linalg import cholesky, solve_triangular
 from scipy.linalg.lapack import dtrtri
 from scipy.optimize import minimize
 
-from ..compiled import compiled_long
 from ..errors import FlightcalError
 from ..simulator import FloatArray
 
@@ -54,7 +53,7 @@ class GaussianProcesses:
     coefficients: FloatArray
     """[r, q] of the trend."""
     root: FloatArray
-    """[r, S, S] symmetric: R on and below the diagonal, so that its columns too are read in order."""
+    """[r, S, S] R, lower triangular."""
     orthonormal: FloatArray
     """[r, S, q] Q."""
     upper_inverse: FloatArray
@@ -62,13 +61,45 @@ class GaussianProcesses:
 
     def predict(self, x: FloatArray) -> tuple[FloatArray, FloatArray]:
         """Mean [r] and variance [r] at x [d]."""
-        mean, variance, *_ = self._evaluate(x, derivative=False)
-        return mean, variance
+        return self._at(x)[:2]
 
     def linearise(self, x: FloatArray) -> tuple[FloatArray, FloatArray, Callable[[FloatArray, FloatArray], FloatArray]]:
         """Mean [r], variance [r] at x [d], and (cotangent of the mean [r], of the variance [r]) -> of x [d]."""
-        mean, variance, by_correlation, by_trend, slopes = self._evaluate(x, derivative=True)
-        return mean, variance, partial(self._cotangent, x, by_correlation, by_trend, slopes)
+        mean, variance, difference, slope, a, w = self._at(x)
+
+        def cotangent(mean_bar: FloatArray, variance_bar: FloatArray) -> FloatArray:
+            double = 2.0 * variance_bar * self.scale
+            by_root = np.matmul((a + _times(self.orthonormal, w))[:, None], self.root)[:, 0]
+            correlation_bar = mean_bar[:, None] * self.weights - double[:, None] * by_root
+            x_bar = np.matmul((correlation_bar * slope)[:, None], difference)[:, 0] / self.lengthscales
+            terms_bar = mean_bar @ self.coefficients + double @ _times(self.upper_inverse, w)
+            return np.asarray(x_bar.sum(axis=0) + terms_bar[1:])
+
+        return mean, variance, cotangent
+
+    def _at(self, x: FloatArray) -> tuple[FloatArray, ...]:
+        """At x [d]: mean and variance [r], x less the runs' inputs in lengthscales [r, S, d], slope [r, S], a and w.
+
+        slope: d k / d x is this times that difference over the lengthscale.
+        """
+        difference = (x / self.lengthscales)[:, None] - self._scaled_inputs
+        square = np.einsum("rsd,rsd->rs", difference, difference)
+        distance = _ROOT_5 * np.sqrt(square)
+        decay = np.exp(-distance)
+        correlation = (1.0 + distance + 5.0 / 3.0 * square) * decay
+        terms = trend(x[None])[0]
+        a = _times(self.root, correlation)
+        w = terms @ self.upper_inverse - np.matmul(a[:, None], self.orthonormal)[:, 0]
+        mean = np.einsum("rs,rs->r", correlation, self.weights) + self.coefficients @ terms
+        known = 1.0 - np.einsum("rs,rs->r", a, a) + np.einsum("rq,rq->r", w, w)
+        # The nugget is there even on top of a run.
+        variance = self.scale * (np.maximum(known, 0.0) + self.nugget)
+        return mean, variance, difference, -5.0 / 3.0 * (1.0 + distance) * decay, a, w
+
+    @cached_property
+    def _scaled_inputs(self) -> FloatArray:
+        """[r, S, d] in lengthscales."""
+        return np.asarray(self.inputs / self.lengthscales[:, None])
 
     def leave_one_out(self) -> tuple[FloatArray, FloatArray]:
         """Each run's target minus its prediction from the other runs [S, r], and that prediction's variance [S, r].
@@ -83,50 +114,20 @@ class GaussianProcesses:
         terms = trend(x)
         found = np.empty((len(self.scale), len(x), len(x)))
         for j, lengthscales in enumerate(self.lengthscales):
-            a = np.tril(self.root[j]) @ matern(self.inputs, x, lengthscales)
+            a = self.root[j] @ matern(self.inputs, x, lengthscales)
             w = self.upper_inverse[j].T @ terms.T - self.orthonormal[j].T @ a
             found[j] = self.scale[j] * (matern(x, x, lengthscales) - a.T @ a + w.T @ w)
         return found
 
     def _projected(self, output: int) -> FloatArray:
         """(1 - Q Q^T) R [S, S]: its square is the precision of the runs' targets about an unknown trend."""
-        root, orthonormal = np.tril(self.root[output]), self.orthonormal[output]
+        root, orthonormal = self.root[output], self.orthonormal[output]
         return np.asarray(root - orthonormal @ (orthonormal.T @ root))
 
-    def _evaluate(
-        self, x: FloatArray, *, derivative: bool
-    ) -> tuple[FloatArray, FloatArray, FloatArray, FloatArray, FloatArray]:
-        """Mean [r], variance [r], half the variance's derivative by k [r, S] and h [r, q], and slopes [r, S] of k."""
-        (outputs, runs), count = self.weights.shape, self.coefficients.shape[1]
-        mean, variance, terms, correlation = np.empty(outputs), np.empty(outputs), np.empty(count), np.empty((2, runs))
-        by_correlation, by_trend, slopes = (
-            np.empty((outputs, runs)),
-            np.empty((outputs, count)),
-            np.empty((outputs, runs)),
-        )
-        _predict(
-            np.ascontiguousarray(x, float), self.inputs, self.lengthscales, self.nugget, self.scale,
-            self.weights, self.coefficients, self.root, self.orthonormal, self.upper_inverse, derivative,
-            terms, correlation, mean, variance, by_correlation, by_trend, slopes,
-        )  # fmt: skip
-        return mean, variance, by_correlation, by_trend, slopes
 
-    def _cotangent(
-        self,
-        x: FloatArray,
-        by_correlation: FloatArray,
-        by_trend: FloatArray,
-        slopes: FloatArray,
-        mean_bar: FloatArray,
-        variance_bar: FloatArray,
-    ) -> FloatArray:
-        x_bar = np.zeros(len(x))
-        mean_bar, variance_bar = (np.ascontiguousarray(bar, float) for bar in (mean_bar, variance_bar))
-        _pull_back(
-            np.ascontiguousarray(x, float), self.inputs, self.lengthscales, self.weights,
-            self.coefficients, by_correlation, by_trend, slopes, mean_bar, variance_bar, x_bar,
-        )  # fmt: skip
-        return x_bar
+def _times(matrices: FloatArray, vectors: FloatArray) -> FloatArray:
+    """Each of matrices [r, m, n] times its vector [r, n]."""
+    return np.asarray(np.matmul(matrices, vectors[..., None])[..., 0])
 
 
 def fit(inputs: FloatArray, targets: FloatArray) -> GaussianProcesses:
@@ -224,7 +225,7 @@ def _condition(
     """The fields of GaussianProcesses from `lengthscales` on, of one output."""
     runs, count = terms.shape
     factor = cholesky(matern(inputs, inputs, lengthscales) + nugget * np.eye(runs), lower=True)
-    root = solve_triangular(factor, np.eye(runs), lower=True)
+    root = np.tril(solve_triangular(factor, np.eye(runs), lower=True))
     orthonormal, upper = np.linalg.qr(solve_triangular(factor, terms, lower=True))
     whitened = solve_triangular(factor, target, lower=True)
     explained = orthonormal.T @ whitened
@@ -235,91 +236,7 @@ def _condition(
         float(unexplained @ unexplained) / (runs - count),
         root.T @ unexplained,
         solve_triangular(upper, explained),
-        np.tril(root) + np.tril(root, -1).T,
+        root,
         orthonormal,
         solve_triangular(upper, np.eye(count)),
     )
-
-
-@compiled_long
-def _predict(
-    x: Any, inputs: Any, lengthscales: Any, nugget: Any, scale: Any, weights: Any, coefficients: Any,
-    root: Any, orthonormal: Any, upper_inverse: Any, derivative: Any,
-    terms: Any, correlation: Any, mean: Any, variance: Any, by_correlation: Any, by_trend: Any, slopes: Any,
-) -> None:  # fmt: skip
-    runs, d = inputs.shape
-    count = coefficients.shape[1]
-    terms[0] = 1.0
-    for i in range(d):
-        terms[1 + i] = x[i]
-    k, a = correlation[0], correlation[1]
-    for output in range(weights.shape[0]):
-        predicted = 0.0
-        for s in range(runs):
-            square = 0.0
-            for i in range(d):
-                difference = (x[i] - inputs[s, i]) / lengthscales[output, i]
-                square += difference * difference
-            distance = np.sqrt(5.0 * square)
-            decay = np.exp(-distance)
-            k[s] = (1.0 + distance + 5.0 / 3.0 * square) * decay
-            # d k / d x_i is this times (x_i - input_i) / lengthscale_i^2.
-            slopes[output, s] = -5.0 / 3.0 * (1.0 + distance) * decay
-            predicted += k[s] * weights[output, s]
-            a[s] = 0.0
-        # Column by column: additions that run in lanes, where a row's sum would not.
-        for s in range(runs):
-            value = k[s]
-            for m in range(s, runs):
-                a[m] += value * root[output, s, m]
-        w = by_trend[output]
-        for j in range(count):
-            predicted += terms[j] * coefficients[output, j]
-            w[j] = 0.0
-            for i in range(j + 1):
-                w[j] += upper_inverse[output, i, j] * terms[i]
-        explained = 0.0
-        for s in range(runs):
-            explained += a[s] * a[s]
-            for j in range(count):
-                w[j] -= orthonormal[output, s, j] * a[s]
-        unknown_trend = 0.0
-        for j in range(count):
-            unknown_trend += w[j] * w[j]
-        mean[output] = predicted
-        # The nugget is there even on top of a run.
-        variance[output] = scale[output] * (max(1.0 - explained + unknown_trend, 0.0) + nugget[output])
-        if derivative:
-            half = by_correlation[output]
-            for s in range(runs):
-                half[s] = 0.0
-            for s in range(runs):
-                value = a[s]
-                for j in range(count):
-                    value += orthonormal[output, s, j] * w[j]
-                value *= -scale[output]
-                for m in range(s + 1):
-                    half[m] += value * root[output, s, m]
-            for i in range(count):
-                total = 0.0
-                for j in range(i, count):
-                    total += upper_inverse[output, i, j] * w[j]
-                # In place: entry i is not read again.
-                w[i] = scale[output] * total
-
-
-@compiled_long
-def _pull_back(
-    x: Any, inputs: Any, lengthscales: Any, weights: Any, coefficients: Any, by_correlation: Any,
-    by_trend: Any, slopes: Any, mean_bar: Any, variance_bar: Any, x_bar: Any,
-) -> None:  # fmt: skip
-    runs, d = inputs.shape
-    for output in range(weights.shape[0]):
-        for_mean, for_variance = mean_bar[output], 2.0 * variance_bar[output]
-        for i in range(d):
-            total = 0.0
-            for s in range(runs):
-                k_bar = for_mean * weights[output, s] + for_variance * by_correlation[output, s]
-                total += k_bar * slopes[output, s] * (x[i] - inputs[s, i])
-            x_bar[i] += total / (lengthscales[output, i] * lengthscales[output, i])
-            x_bar[i] += for_mean * coefficients[output, 1 + i] + for_variance * by_trend[output, 1 + i]
