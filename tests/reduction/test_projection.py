@@ -6,11 +6,11 @@ import numpy as np
 import pytest
 
 from flightcal.reduction.affine import decompose, product_of
-from flightcal.reduction.candidate import errors_of
+from flightcal.reduction.candidate import errors_of, simulator_on, theta_of
 from flightcal.reduction.file import load_task
 from flightcal.reduction.full_order import run_full, window_simulator
 from flightcal.reduction.projection import choose_shapes, collect, project
-from flightcal.reduction.reduce import medians_of, projected, reduce
+from flightcal.reduction.reduce import medians_of, reduce
 from flightcal.reduction.reduced_scenario import reduced_scenario
 from flightcal.reduction.storage import load, save, stored_of
 from flightcal.simulator import build_network
@@ -34,7 +34,7 @@ def model_of(task, training, order, sampled, light=300.0):
     affine = decompose(network, task.scenario, medians_of(task.scenario))
     snapshots = collect(network, affine, training, OWN, order, light)
     shapes = choose_shapes(snapshots, OWN, order)
-    return projected(task, network, project(network, affine, task.scenario, shapes, snapshots, sampled, OWN))
+    return project(network, affine, task.scenario, shapes, snapshots, sampled, OWN)
 
 
 def test_the_affine_matrices_give_the_networks_own_entries_at_any_theta(task):
@@ -56,22 +56,22 @@ def test_the_affine_matrices_give_the_networks_own_entries_at_any_theta(task):
 def test_the_whole_basis_gives_the_full_network(task, training):
     n = len(build_network(task.scenario).nodes)
     fine = replace(task, reduction=task.reduction.model_copy(update={"step": 10.0}))
-    candidate, _ = model_of(fine, training, n, n, light=1e-9)
-    assert candidate.states == n
-    (errors,) = errors_of(candidate, training, 3)
+    model = model_of(fine, training, n, n, light=1e-9)
+    assert len(model.states) == n
+    (errors,) = errors_of(fine, model, training, 3)
     assert errors.failed == 0
     assert np.abs(errors.temperatures).max() < 1e-6
     assert np.abs(errors.duty).max() < 1e-8
 
 
 def test_a_few_states_keep_unseen_runs_within_tenths_of_a_kelvin(task, training):
-    candidate, model = model_of(task, training, 10, 12)
+    model = model_of(task, training, 10, 12)
     assert model.followers > 0
-    errors = errors_of(candidate, run_full(task, task.reduction.held_out))
+    errors = errors_of(task, model, run_full(task, task.reduction.held_out))
     assert np.quantile(np.abs(errors[0].temperatures), 0.95) < 0.3
     # Fewer states are worse, so the measure measures something.
-    poor, _ = model_of(task, training, 4, 6)
-    worse = errors_of(poor, run_full(task, task.reduction.held_out))
+    poor = model_of(task, training, 4, 6)
+    worse = errors_of(task, poor, run_full(task, task.reduction.held_out))
     assert np.abs(worse[0].temperatures).mean() > 2.0 * np.abs(errors[0].temperatures).mean()
 
 
@@ -84,14 +84,13 @@ def test_shapes_settle_at_once_only_where_that_is_better(tmp_path, projection, s
     assert len(found.model.settled) == settled
     chosen, other = sorted(item.error for item in found.tried)
     assert chosen < 0.6 * other
-    assert found.candidate.massless == min(found.tried, key=lambda item: item.error).massless
+    assert found.model.massless == min(found.tried, key=lambda item: item.error).massless
 
 
 def test_the_gradient_agrees_with_finite_differences(task, training):
-    candidate, _ = model_of(task, training, 8, 10)
+    model = model_of(task, training, 8, 10)
     run = training[0]
-    simulator = candidate.build(run.scenario, run.start, run.end, run.times)
-    theta = np.concatenate([run.parameters[0], candidate.restriction @ run.temperatures[0, 0]])
+    simulator, theta = simulator_on(task, model, run), theta_of(model, run, 0)
     weights = np.random.default_rng(3).standard_normal((len(run.times), len(simulator.channels)))
     trajectory, cotangent = simulator.linearise(theta)
     assert len(trajectory.switches.time) > 0
@@ -121,15 +120,12 @@ def test_heat_that_goes_in_is_stored_or_goes_out(task, training):
 
 
 def test_a_model_read_back_gives_the_same_numbers(task, training, tmp_path):
-    candidate, model = model_of(task, training, 8, 10)
+    model = model_of(task, training, 8, 10)
     run = training[0]
     scenario = reduced_scenario(task.scenario, model, 60.0)
     save(tmp_path / "rom.nc", stored_of(model, task.scenario, scenario.network, {}))
     again = load(tmp_path / "rom.nc")
-    other, _ = projected(task, build_network(task.scenario), again.model)
-    theta = np.concatenate([run.parameters[1], candidate.restriction @ run.temperatures[1, 0]])
-    first, second = (
-        item.build(run.scenario, run.start, run.end, run.times).simulate(theta) for item in (candidate, other)
-    )
+    theta = theta_of(model, run, 1)
+    first, second = (simulator_on(task, item, run).simulate(theta) for item in (model, again.model))
     np.testing.assert_array_equal(first.temperatures, second.temperatures)
     assert again.parameters["reduced.battery_link"].unit == "W/K"

@@ -1,30 +1,17 @@
-"""A reduced model as it is judged: how it is simulated on a window, and where it starts from."""
+"""A reduced model beside the full network: simulated as its runs were, from where they began."""
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
 
-from ..scenario import Scenario
-from ..simulator import FloatArray, NetworkSimulator, SimulationFailure, Times
+from ..simulator import FloatArray, NetworkSimulator, SimulationFailure
+from .file import Task
 from .full_order import FullRuns
-
-Build = Callable[[Scenario, np.datetime64, np.datetime64, Times], NetworkSimulator]
-
-
-@dataclass(frozen=True)
-class Candidate:
-    """A reduced model of one size. Its parameters and channels are those of the full network."""
-
-    build: Build
-    """(Scenario with the window's timeline, start, end, times) -> simulator."""
-    restriction: FloatArray
-    """[k, n]: its initial temperatures from those of all nodes of the full network."""
-    states: int
-    """With heat stored."""
-    massless: int
+from .reduced_model import ReducedModel
+from .reduced_scenario import reduced_scenario, simulate_reduced
 
 
 @dataclass(frozen=True)
@@ -40,29 +27,37 @@ class Errors:
     """Simulations of the reduced model that failed; they are not among S."""
 
 
-def errors_of(candidate: Candidate, runs: Sequence[FullRuns], draws: int | None = None) -> list[Errors]:
+def simulator_on(task: Task, model: ReducedModel, runs: FullRuns) -> NetworkSimulator:
+    """The model on the window of the full network's runs; its parameters and channels are the full network's."""
+    scenario = reduced_scenario(runs.scenario, model, task.reduction.step)
+    return simulate_reduced(model, scenario, runs.start, runs.end, runs.times, task.period)
+
+
+def theta_of(model: ReducedModel, runs: FullRuns, k: int) -> FloatArray:
+    """The model's theta for the k-th run: its parameters, and the temperatures of the states where it begins."""
+    return np.concatenate([runs.parameters[k], runs.temperatures[k, 0, [runs.nodes.index(n) for n in model.states]]])
+
+
+def errors_of(task: Task, model: ReducedModel, runs: Sequence[FullRuns], draws: int | None = None) -> list[Errors]:
     """The errors in each window; draws: of only so many runs in each."""
-    return [_errors(candidate, run, draws) for run in runs]
+    return [_errors(simulator_on(task, model, own), model, own, draws) for own in runs]
 
 
-def _errors(candidate: Candidate, run: FullRuns, draws: int | None) -> Errors:
-    simulator = candidate.build(run.scenario, run.start, run.end, run.times)
+def _errors(simulator: NetworkSimulator, model: ReducedModel, runs: FullRuns, draws: int | None) -> Errors:
     temperatures, duty, failed = [], [], 0
-    count = len(run.parameters) if draws is None else min(draws, len(run.parameters))
-    for k in range(count):
-        theta = np.concatenate([run.parameters[k], candidate.restriction @ run.temperatures[k, 0]])
-        started = replace(simulator, drive=replace(simulator.drive, initially_on=run.status[k, 0]))
+    for k in range(len(runs.parameters))[:draws]:
+        started = replace(simulator, drive=replace(simulator.drive, initially_on=runs.status[k, 0]))
         try:
-            trajectory = started.simulate(theta)
+            trajectory = started.simulate(theta_of(model, runs, k))
         except SimulationFailure:
             failed += 1
             continue
-        temperatures.append(trajectory.temperatures - run.observed[k])
-        duty.append(trajectory.duty_cycle - run.duty[k])
-    shape = (0, len(run.times), len(simulator.channels))
+        temperatures.append(trajectory.temperatures - runs.observed[k])
+        duty.append(trajectory.duty_cycle - runs.duty[k])
+    shape = (len(runs.times), len(simulator.channels))
     return Errors(
-        run.window,
-        np.array(temperatures).reshape(-1, *shape[1:]),
+        runs.window,
+        np.array(temperatures).reshape(-1, *shape),
         np.array(duty).reshape(-1, len(simulator.heaters)),
         failed,
     )

@@ -13,6 +13,7 @@ import numpy as np
 from ..operational import fly
 from ..scenario import SimulatorError
 from ..simulator import FloatArray
+from .candidate import simulator_on, theta_of
 from .error_model import estimate, left_out
 from .file import Task
 from .full_order import SAMPLING, window_simulator
@@ -41,8 +42,7 @@ def measure_speed(task: Task, reduced: Reduced) -> Speed:
     """Time the reduced model, the compiled full network and the operational simulator on the first held-out window."""
     run = reduced.runs[0]
     seconds = float((run.end - run.start) / np.timedelta64(1, "s"))
-    small = reduced.candidate.build(run.scenario, run.start, run.end, run.times)
-    small_theta = np.concatenate([run.parameters[0], reduced.candidate.restriction @ run.temperatures[0, 0]])
+    small, small_theta = simulator_on(task, reduced.model, run), theta_of(reduced.model, run, 0)
     large, _ = window_simulator(run.scenario, run.start, run.end, task.period)
     large_theta = np.concatenate([run.parameters[0], run.temperatures[0, 0, large.network.diffusive]])
     craft = task.mission.spacecraft
@@ -72,9 +72,9 @@ def certificate(task: Task, reduced: Reduced, speed: Speed) -> dict[str, Any]:
     return {
         "name": reduction.name,
         "method": reduction.method,
-        "states": reduced.candidate.states,
-        "massless": reduced.candidate.massless,
-        "nodes_of_full_network": len(reduced.candidate.restriction[0]),
+        "states": len(reduced.model.states),
+        "massless": reduced.model.massless,
+        "nodes_of_full_network": len(reduced.runs[0].nodes),
         "tolerance_K": reduction.tolerance,
         "quantile": reduction.quantile,
         "within_tolerance": bool(overall["quantile_K"] <= reduction.tolerance and failed == 0),

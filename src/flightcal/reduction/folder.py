@@ -88,7 +88,7 @@ def _scenario_text(task: Task, reduced: Reduced, path: Path, out: Path) -> str:
     file = os.path.relpath(path.parent / task.reduction.telemetry, out)
     chosen = Scenario.model_construct(
         name=task.reduction.name,
-        description=f"Written by flightcal reduce: {task.reduction.method} with {reduced.candidate.states} states",
+        description=f"Written by flightcal reduce: {task.reduction.method} with {len(reduced.model.states)} states",
         telemetry=TelemetryFile.model_construct(
             file=(file,), time=TimeColumn.model_construct(column="time"), channels=channels
         ),

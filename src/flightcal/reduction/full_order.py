@@ -25,6 +25,8 @@ class FullRuns:
     window: str
     scenario: Scenario
     """With the window's timeline."""
+    nodes: tuple[str, ...]
+    """Of the network [n]."""
     start: np.datetime64
     end: np.datetime64
     times: Times
@@ -32,7 +34,7 @@ class FullRuns:
     parameters: FloatArray
     """[S, d] of the scenario's parameters."""
     temperatures: FloatArray
-    """[S, T, n] K, of all nodes in the network's order, massless ones too."""
+    """[S, T, n] K, of all nodes, massless ones too."""
     observed: FloatArray
     """[S, T, N] K, of the scenario's channels."""
     status: FloatArray
@@ -89,6 +91,7 @@ def _run_window(task: Task, name: str, window: FlightWindow, rng: np.random.Gene
     return FullRuns(
         name,
         scenario,
+        simulator.network.nodes,
         times[first],
         last,
         times[first:],

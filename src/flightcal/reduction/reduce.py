@@ -11,14 +11,13 @@ from ..errors import FlightcalError
 from ..probability import Priors
 from ..progress import SILENT, Progress
 from ..scenario import Scenario
-from ..simulator import FloatArray, Network, NetworkSimulator, Times, build_network
+from ..simulator import FloatArray, Network, build_network
 from .affine import decompose
-from .candidate import Candidate, Errors, errors_of
+from .candidate import Errors, errors_of
 from .file import Task
 from .full_order import FullRuns, run_full
 from .projection import choose_shapes, collect, project
 from .reduced_model import ReducedModel
-from .reduced_scenario import reduced_scenario, simulate_reduced
 
 MARGIN = 0.4
 """Of the tolerance that training runs must keep. Unseen ones may be worse."""
@@ -40,7 +39,6 @@ class Tried:
 class Reduced:
     """The result."""
 
-    candidate: Candidate
     model: ReducedModel
     tried: tuple[Tried, ...]
     held_out: tuple[Errors, ...]
@@ -57,22 +55,22 @@ def reduce(task: Task, progress: Progress = SILENT) -> Reduced:
         training = run_full(task, task.reduction.training, flying)
     network = build_network(task.scenario)
     tried: list[Tried] = []
-    best: tuple[float, Candidate, ReducedModel] | None = None
+    best: tuple[float, ReducedModel] | None = None
     sizes = [(states, settled) for states in _sizes(task, network) for settled in _settled(task)]
     with progress.stage("choosing the order", len(sizes)) as choosing:
-        for k, (candidate, model) in enumerate(_projections(task, network, training, sizes)):
-            error = _judged(task, errors_of(candidate, training, _JUDGING_DRAWS))
-            tried.append(Tried(candidate.states, candidate.massless, error))
+        for k, model in enumerate(_projections(task, network, training, sizes)):
+            error = _judged(task, errors_of(task, model, training, _JUDGING_DRAWS))
+            tried.append(Tried(len(model.states), model.massless, error))
             if best is None or error < best[0]:
-                best = (error, candidate, model)
+                best = (error, model)
             choosing.at(k + 1)
             if error <= MARGIN * task.reduction.tolerance:
                 break
     assert best is not None  # there is at least one size
     with progress.stage("full network, held out", 1.0) as flying:
         held_out = run_full(task, task.reduction.held_out, flying)
-    errors = errors_of(best[1], held_out)
-    return Reduced(best[1], best[2], tuple(tried), tuple(errors), tuple(held_out))
+    errors = errors_of(task, best[1], held_out)
+    return Reduced(best[1], tuple(tried), tuple(errors), tuple(held_out))
 
 
 def _judged(task: Task, errors: Sequence[Errors]) -> float:
@@ -119,7 +117,7 @@ def _settled(task: Task) -> list[int]:
 
 def _projections(
     task: Task, network: Network, training: Sequence[FullRuns], sizes: Sequence[tuple[int, int]]
-) -> Iterator[tuple[Candidate, ReducedModel]]:
+) -> Iterator[ReducedModel]:
     affine = decompose(network, task.scenario, medians_of(task.scenario))
     own, settings = _own_nodes(task), task.reduction.projection
     most = max(states + settled for states, settled in sizes)
@@ -127,19 +125,4 @@ def _projections(
     for states, settled in sizes:
         shapes = choose_shapes(snapshots, own, min(states + settled, snapshots.basis.shape[1]))
         sampled = settings.sampled_nodes or states + 2
-        model = project(network, affine, task.scenario, shapes, snapshots, sampled, own, states)
-        yield projected(task, network, model)
-
-
-def projected(task: Task, network: Network, model: ReducedModel) -> tuple[Candidate, ReducedModel]:
-    """A projected model, to be judged."""
-
-    def build(scenario: Scenario, start: np.datetime64, end: np.datetime64, times: Times) -> NetworkSimulator:
-        reduced = reduced_scenario(scenario, model, task.reduction.step)
-        return simulate_reduced(model, reduced, start, end, times, task.period)
-
-    restriction = np.zeros((len(model.states), len(network.nodes)))
-    for k, name in enumerate(model.states):
-        restriction[k, network.nodes.index(name)] = 1.0
-    massless = len(model.settled) + len(model.mixed) + model.followers + len(model.states)
-    return Candidate(build, restriction, len(model.states), massless), model
+        yield project(network, affine, task.scenario, shapes, snapshots, sampled, own, states)

@@ -69,6 +69,11 @@ class ReducedModel:
     shifts: tuple[tuple[float, float], ...] = ()
     """[H] (on, off) K: how far from its thresholds the on-board software switches each heater; none: not at all."""
 
+    @property
+    def massless(self) -> int:
+        """How many massless states it has in the canonical form."""
+        return len(self.settled) + len(self.mixed) + self.followers + len(self.states)
+
 
 def network_of(model: ReducedModel, numbers: Mapping[str, float] | None = None) -> Network:
     """The model in the canonical form, as a network that `NetworkSimulator` runs.
