@@ -8,7 +8,7 @@ themselves, with the processes' variances, and the shapes of the truncation erro
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, replace
 from functools import cached_property, partial
 
 import numpy as np
@@ -43,6 +43,10 @@ class Emulator:
     def error_basis(self) -> FloatArray:
         """[T, N, r + t] K."""
         return np.ascontiguousarray(np.concatenate([self.principal.shapes, self.principal.tail], axis=2))
+
+    def during(self, window: slice) -> Emulator:
+        """The same at these of the sample times."""
+        return replace(self, runs=self.runs.during(window), principal=self.principal.during(window))
 
     def inputs(self, z: FloatArray) -> FloatArray:
         """The processes' inputs [..., d] at z [..., d]."""
@@ -114,8 +118,6 @@ class EmulatedSimulator:
 
     emulator: Emulator
     scale: Priors
-    window: slice = field(default_factory=lambda: slice(None))
-    """Of the emulator's sample times."""
     certain: bool = False
     """As if it had no error: for comparison, never for a calibration."""
     heater_powers: Callable[[FloatArray], FloatArray] | None = None
@@ -136,14 +138,14 @@ class EmulatedSimulator:
         """Names of the heaters."""
         return self.emulator.runs.heaters
 
-    @cached_property
+    @property
     def error_basis(self) -> FloatArray | None:
-        """[T, N, r] K, of this window."""
-        return None if self.certain else np.ascontiguousarray(self.emulator.error_basis[self.window])
+        """[T, N, r] K."""
+        return None if self.certain else self.emulator.error_basis
 
     def on(self, window: slice) -> EmulatedSimulator:
-        """The same emulator on other sample times."""
-        return replace(self, window=window)
+        """The same at these of the sample times."""
+        return replace(self, emulator=self.emulator.during(window))
 
     def heater_power(self, theta: FloatArray) -> FloatArray:
         """Power [H] W of each heater while it is on, at theta [d]; NaN where it is not known."""
@@ -194,7 +196,7 @@ class EmulatedSimulator:
         temperatures_bar: FloatArray,
         error_variance_bar: FloatArray | None = None,
     ) -> FloatArray:
-        mean_bar = np.einsum("tnr,tn->r", self._shapes, temperatures_bar)
+        mean_bar = np.einsum("tnr,tn->r", self.emulator.principal.shapes, temperatures_bar)
         variance_bar = np.zeros_like(mean_bar) if error_variance_bar is None else error_variance_bar[: len(mean_bar)]
         z_bar = cotangent(mean_bar, variance_bar) / self.emulator.spread
         slope = self.scale.at(z).slope
@@ -202,29 +204,17 @@ class EmulatedSimulator:
         return np.divide(z_bar, slope, out=np.zeros_like(z_bar), where=slope > 0.0)
 
     def _trajectory(self, x: FloatArray, mean: FloatArray, variance: FloatArray) -> Trajectory:
-        temperatures = self._mean + np.einsum("tnr,r->tn", self._shapes, mean)
-        difference = (self.emulator.coefficients - mean) * self.emulator.principal.size
+        principal = self.emulator.principal
+        temperatures = principal.mean + np.einsum("tnr,r->tn", principal.shapes, mean)
+        difference = (self.emulator.coefficients - mean) * principal.size
         nearest = int(np.argmin(np.einsum("sr,sr->s", difference, difference)))
         return Trajectory(
             temperatures,
-            self._status[nearest],
+            self.emulator.runs.status[nearest],
             self._duty_cycle(x),
             self._switches[nearest],
-            np.empty(0) if self.certain else np.concatenate([variance, self.emulator.principal.tail_variance]),
+            np.empty(0) if self.certain else np.concatenate([variance, principal.tail_variance]),
         )
-
-    @cached_property
-    def _mean(self) -> FloatArray:
-        return self.emulator.principal.mean[self.window]
-
-    @cached_property
-    def _shapes(self) -> FloatArray:
-        return np.ascontiguousarray(self.emulator.principal.shapes[self.window])
-
-    @cached_property
-    def _status(self) -> FloatArray:
-        """[S, T, H] of the runs in this window."""
-        return self.emulator.runs.status[:, self.window]
 
     def _duty_cycle(self, x: FloatArray) -> FloatArray:
         """[H] at the processes' inputs x [d]; NaN where the runs do not tell."""
@@ -245,14 +235,15 @@ class EmulatedSimulator:
     @cached_property
     def _duty_cycles(self) -> FloatArray:
         """[S, H] share of the known samples in which a run's heaters are on; NaN without any."""
-        known = np.isfinite(self._status)
-        on = np.where(known, self._status, 0.0).sum(axis=1)
+        status = self.emulator.runs.status
+        known = np.isfinite(status)
+        on = np.where(known, status, 0.0).sum(axis=1)
         count = known.sum(axis=1)
         return np.divide(on, count, out=np.full(on.shape, np.nan), where=count > 0)
 
     @cached_property
     def _switches(self) -> list[Switch]:
-        return self.emulator.runs.during(self.window).switches
+        return self.emulator.runs.switches
 
 
 def simulated_priors(window: Window) -> Priors:

@@ -23,11 +23,6 @@ def emulated(window: Window) -> EmulatedSimulator:
     return window.simulator
 
 
-def _error_basis(window: Window) -> FloatArray:
-    """[T, N, r] K, of a window's emulator."""
-    return emulated(window).emulator.error_basis[emulated(window).window]
-
-
 def influence(problem: Problem, draws: FloatArray, rng: np.random.Generator) -> tuple[float, float]:
     """The emulators' standard deviation over the noise, and by how much it is expected to shift the posterior.
 
@@ -43,7 +38,7 @@ def influence(problem: Problem, draws: FloatArray, rng: np.random.Generator) -> 
         theta = problem.to_theta(z)
         deviations = []
         for window, run in zip(problem.windows, problem.simulate(theta), strict=True):
-            variance = np.einsum("tnr,r->tn", _error_basis(window) ** 2, run.error_variance)
+            variance = np.einsum("tnr,r->tn", emulated(window).emulator.error_basis ** 2, run.error_variance)
             deviations.append((variance / window.noise(problem.at(window, theta[None])[0]) ** 2)[window.valid])
         shares.append(float(np.concatenate(deviations).mean()))
     return math.sqrt(float(np.mean(shares))), math.sqrt(float(np.mean(shifts)))
@@ -87,7 +82,7 @@ def importance(problem: Problem, z: FloatArray) -> list[FloatArray]:
     bases, pulled = [], []
     for window, own in zip(problem.windows, problem.jacobians(z), strict=True):
         noise = window.noise(problem.at(window, theta[None])[0])[:, None]
-        basis = np.where(window.valid[..., None], _error_basis(window) / noise, 0.0)
+        basis = np.where(window.valid[..., None], emulated(window).emulator.error_basis / noise, 0.0)
         jacobian = np.where(window.valid[..., None], own / noise, 0.0)
         hessian = np.einsum("tnd,tne->de", jacobian, jacobian) + hessian
         bases.append(basis)

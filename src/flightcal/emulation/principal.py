@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -33,6 +33,11 @@ class PrincipalShapes:
     """[t]."""
     remainder: FloatArray
     """[N] K, root mean square of what the shapes leave out of a run that they were not made from."""
+
+    def during(self, window: slice) -> PrincipalShapes:
+        """The same at these of the sample times."""
+        at_times = {name: getattr(self, name)[window] for name in ("mean", "shapes", "projector", "tail")}
+        return replace(self, **at_times)
 
     def coefficients(self, temperatures: FloatArray) -> FloatArray:
         """Coefficients [S, r] of trajectories [S, T, N]."""
@@ -71,7 +76,7 @@ def principal_shapes(temperatures: FloatArray, tolerance: FloatArray, most: int 
     tail, tail_variance = _tail(error.reshape(runs, -1))
     return PrincipalShapes(
         mean=mean,
-        shapes=kept * tolerance[:, None] * deviation,
+        shapes=np.ascontiguousarray(kept * tolerance[:, None] * deviation),
         projector=kept / tolerance[:, None] / deviation,
         size=deviation / np.sqrt(samples * channels),
         tail=tail.reshape(samples, channels, -1) * tolerance[:, None],

@@ -17,7 +17,17 @@ from ..run import write_netcdf
 from ..simulator import FloatArray, Switch, Trajectory
 
 FINISHED = "finished"
-_PER_RUN = ("theta", "temperatures", "status", "outcome", "message", "round")
+_PER_RUN: dict[str, tuple[str, ...]] = {
+    "theta": ("parameter",),
+    "temperatures": ("time", "channel"),
+    "status": ("time", "heater"),
+    "outcome": (),
+    "message": (),
+    "round": (),
+}
+"""What is kept of each run, and its axes."""
+_IN_FILE = {"temperatures": "temperature"}
+"""What has another name in the file."""
 
 
 @dataclass(frozen=True)
@@ -90,27 +100,14 @@ class TrainingRuns:
         """These runs and the ones of `records`."""
         if not records:
             return self
-        return replace(
-            self,
-            theta=np.concatenate([self.theta, [record.theta for record in records]]),
-            temperatures=np.concatenate([self.temperatures, [record.temperatures for record in records]]),
-            status=np.concatenate([self.status, [record.status for record in records]]),
-            outcome=np.concatenate([self.outcome, [record.outcome for record in records]]),
-            message=np.concatenate([self.message, [record.message for record in records]]),
-            round=np.concatenate([self.round, np.full(len(records), round_)]),
-        )
+        added = {name: [getattr(record, name) for record in records] for name in _PER_RUN if name != "round"}
+        added["round"] = [round_] * len(records)
+        return replace(self, **{name: np.concatenate([getattr(self, name), new]) for name, new in added.items()})
 
     def write(self, file: Path) -> None:
         """Write netCDF, atomically."""
         data = xarray.Dataset(
-            {
-                "theta": (("run", "parameter"), self.theta),
-                "temperature": (("run", "time", "channel"), self.temperatures, {"unit": "K"}),
-                "status": (("run", "time", "heater"), self.status),
-                "outcome": ("run", self.outcome.astype(object)),
-                "message": ("run", self.message.astype(object)),
-                "round": ("run", self.round),
-            },
+            {_IN_FILE.get(name, name): (("run", *axes), getattr(self, name)) for name, axes in _PER_RUN.items()},
             coords={
                 "parameter": np.array(self.parameters, object),
                 "channel": np.array(self.channels, object),
@@ -118,6 +115,7 @@ class TrainingRuns:
                 "time": self.times,
             },
         )
+        data["temperature"].attrs["unit"] = "K"
         write_netcdf(file, data)
 
 
@@ -155,15 +153,8 @@ def read_runs(file: Path, like: TrainingRuns) -> TrainingRuns:
             f"{file}: found {data.sizes['time']} sample times that are not the scenario's {len(like.times)}; "
             "delete it to run anew"
         )
-    return replace(
-        like,
-        theta=data["theta"].values,
-        temperatures=data["temperature"].values,
-        status=data["status"].values,
-        outcome=data["outcome"].values.astype(object),
-        message=data["message"].values.astype(object),
-        round=data["round"].values.astype(int),
-    )
+    values = {name: data[_IN_FILE.get(name, name)].values.astype(getattr(like, name).dtype) for name in _PER_RUN}
+    return replace(like, **values)
 
 
 def failure_summary(runs: TrainingRuns) -> str:
