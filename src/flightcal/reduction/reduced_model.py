@@ -23,7 +23,7 @@ from typing import Literal
 
 import numpy as np
 
-from ..simulator import MOST_FACTORS, FloatArray, IntArray, Network, Terms, make_structure, own_initial
+from ..simulator import FIELDS, FloatArray, IntArray, Network, Term, canonical_form, own_initial
 from .affine import Kind, Product
 from .patterns import plain
 
@@ -85,9 +85,7 @@ def network_of(model: ReducedModel, numbers: Mapping[str, float] | None = None) 
     y, v, q, x, z = np.split(np.arange(m + s + f + 2 * r), np.cumsum([m, s, f, r]))
     balances, unknowns = np.concatenate([z, q, v]), np.concatenate([x, q, v])
     temperatures, radiating = unknowns[: r + f], np.concatenate([x, q, y])
-    terms: dict[str, dict[tuple[int, int], list[tuple[float, Product]]]] = {
-        kind: defaultdict(list) for kind in ("linear", "radiative", "forcing", "heating", "lower", "upper")
-    }
+    terms: dict[str, dict[tuple[int, int], list[Term]]] = {kind: defaultdict(list) for kind in FIELDS}
     one = model.columns.index("one")
     for i in range(m):
         terms["linear"][y[i], y[i]].append((-1.0, ()))
@@ -112,16 +110,9 @@ def network_of(model: ReducedModel, numbers: Mapping[str, float] | None = None) 
     for k, heater in enumerate(model.heaters):
         for limit, field, shift in zip(("lower", "upper"), ("on_below", "off_above"), shifts[k], strict=True):
             terms[limit][k, 0] += [(1.0, (model.free.index(f"heaters.{heater}.{field}"),)), (shift, ())]
-    entries = {kind: sorted(found) for kind, found in terms.items()}
     mass = np.concatenate([np.zeros(m + s + f), np.ones(r), np.zeros(r)])
-    structure = make_structure(
-        mass,
-        entries["linear"],
-        entries["radiative"],
-        entries["forcing"],
-        entries["heating"],
-        [int(x[k]) for k in model.sensors],
-    )
+    watched = [int(x[k]) for k in model.sensors]
+    structure, table = canonical_form(terms, mass, watched, len(values), own_initial(mass))
     return Network(
         nodes=(
             *map(plain, model.mixed),
@@ -135,12 +126,12 @@ def network_of(model: ReducedModel, numbers: Mapping[str, float] | None = None) 
         values=np.array(list(values.values())),
         heaters=model.heaters,
         structure=structure,
-        terms=_table(terms, entries, len(values), own_initial(mass)),
+        terms=table,
     )
 
 
 def _add(
-    entries: dict[tuple[int, int], list[tuple[float, Product]]],
+    entries: dict[tuple[int, int], list[Term]],
     rows: IntArray,
     columns: IntArray,
     matrix: FloatArray,
@@ -148,28 +139,3 @@ def _add(
 ) -> None:
     for i, j in zip(*np.nonzero(matrix), strict=True):
         entries[int(rows[i]), int(columns[j])].append((float(matrix[i, j]), product))
-
-
-def _table(
-    terms: dict[str, dict[tuple[int, int], list[tuple[float, Product]]]],
-    entries: dict[str, list[tuple[int, int]]],
-    numbers: int,
-    initial: IntArray,
-) -> Terms:
-    entry, constants, factors = [], [], []
-    number = 0
-    for kind, places in entries.items():
-        for place in places:
-            for constant, product in terms[kind][place]:
-                entry.append(number)
-                constants.append(constant)
-                factors.append([*product, *[numbers] * (MOST_FACTORS - len(product))])
-            number += 1
-    return Terms(
-        entry=np.array(entry, dtype=np.int64),
-        constant=np.array(constants),
-        factors=np.array(factors, dtype=np.int64).reshape(-1, MOST_FACTORS),
-        inverse=np.zeros(0, dtype=np.int64),
-        entries=number,
-        initial=initial,
-    )

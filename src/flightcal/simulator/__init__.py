@@ -3,7 +3,7 @@
 Imports: compiled, environment, errors, scenario, telemetry.
 """
 
-from .assembly import MOST_FACTORS, ParameterMap, Terms, assemble, own_initial
+from .assembly import ParameterMap, assemble, own_initial
 from .drive import Times, face_series
 from .integrate import Observation, SimulationFailure, in_parallel, integrate
 from .kernels.forward import NOT_FINITE, TOO_MANY_SWITCHES
@@ -11,15 +11,15 @@ from .kernels.lanes import WIDTH
 from .kernels.march import MarchCall, march
 from .kernels.sampling import ICE_POINT
 from .kernels.step import step_size
-from .network import DEEP_SPACE, Network, build_network
+from .network import DEEP_SPACE, FIELDS, Network, Term, build_network, canonical_form
 from .sampling import Sensors
 from .simulate import NetworkSimulator, Simulator, Trajectory, network_simulator, open_loop
-from .system import Drive, FloatArray, IntArray, Structure, Switch, System, make_structure
+from .system import Drive, FloatArray, IntArray, Structure, Switch, System
 
 __all__ = [
     "DEEP_SPACE",
+    "FIELDS",
     "ICE_POINT",
-    "MOST_FACTORS",
     "NOT_FINITE",
     "TOO_MANY_SWITCHES",
     "WIDTH",
@@ -37,15 +37,15 @@ __all__ = [
     "Structure",
     "Switch",
     "System",
-    "Terms",
+    "Term",
     "Times",
     "Trajectory",
     "assemble",
     "build_network",
+    "canonical_form",
     "face_series",
     "in_parallel",
     "integrate",
-    "make_structure",
     "march",
     "network_simulator",
     "open_loop",

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections import defaultdict
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 
 import numpy as np
@@ -43,8 +44,12 @@ class Network:
         return self.paths.index(path)
 
 
-_FIELDS = ("linear", "radiative", "forcing", "heating", "lower", "upper")
+FIELDS = ("linear", "radiative", "forcing", "heating", "lower", "upper")
 """Of a packed system, without the initial state."""
+
+
+Term = tuple[float, Sequence[int]]
+"""A constant, and the positions of the numbers that it is multiplied by; -1 - k: by the reciprocal of number k."""
 
 
 @dataclass
@@ -54,8 +59,8 @@ class _Balance:
     positions: dict[str, int]
     capacities: dict[int, int]
     """State -> position of its capacity (of a lagging sensor: of its time constant); massless states have none."""
-    terms: dict[str, dict[tuple[int, int], list[tuple[float, list[int]]]]] = field(
-        default_factory=lambda: {kind: defaultdict(list) for kind in _FIELDS}
+    terms: dict[str, dict[tuple[int, int], list[Term]]] = field(
+        default_factory=lambda: {kind: defaultdict(list) for kind in FIELDS}
     )
 
     def add(self, kind: str, state: int, other: int, constant: float, *paths: str) -> None:
@@ -119,25 +124,25 @@ def build_network(scenario: Scenario) -> Network:
         balance.terms["lower"][k, 0].append((1.0, [positions[f"heaters.{name}.on_below"]]))
         balance.terms["upper"][k, 0].append((1.0, [positions[f"heaters.{name}.off_above"]]))
 
-    entries = {kind: sorted(found) for kind, found in balance.terms.items()}
     mass = np.array([float(k in capacities) for k in range(len(nodes))])
     initial = own_initial(mass[len(lagging) :])
     watched = [state[item.node or ""] - len(lagging) for item in lagging.values()]
+    structure, terms = canonical_form(
+        balance.terms,
+        mass,
+        [state[heater.sensor] for heater in model.heaters.values()],
+        len(positions),
+        np.concatenate([initial[watched], initial]),
+        list(capacities.values()),
+    )
     return Network(
         nodes=nodes,
         columns=columns,
         paths=tuple(positions),
         values=np.array([quantity.value for quantity in quantities.values()]),
         heaters=tuple(model.heaters),
-        structure=make_structure(
-            mass,
-            entries["linear"],
-            entries["radiative"],
-            entries["forcing"],
-            entries["heating"],
-            [state[heater.sensor] for heater in model.heaters.values()],
-        ),
-        terms=_table(balance, entries, len(positions), np.concatenate([initial[watched], initial])),
+        structure=structure,
+        terms=terms,
         lagging=len(lagging),
     )
 
@@ -199,23 +204,39 @@ def _add_faces(balance: _Balance, scenario: Scenario, state: dict[str, int], col
             balance.add("forcing", node, column[f"{kind}.{name}"], constant, *paths, *offset)
 
 
-def _table(balance: _Balance, entries: dict[str, list[tuple[int, int]]], numbers: int, initial: IntArray) -> Terms:
-    """The terms as arrays; the entries are numbered through, each field as `make_structure` orders it."""
-    inverse = {position: k for k, position in enumerate(balance.capacities.values())}
+def canonical_form(
+    terms: Mapping[str, Mapping[tuple[int, int], Sequence[Term]]],
+    mass: FloatArray,
+    sensors: Sequence[int],
+    numbers: int,
+    initial: IntArray,
+    inverse: Sequence[int] = (),
+) -> tuple[Structure, Terms]:
+    """Structure and terms of a heat balance from the terms of each entry of its `FIELDS`, whose places are as of
+    `make_structure` ((heater, 0) for thresholds).
+
+    numbers: how many there are; inverse: positions of those whose reciprocals are factors.
+    """
+    entries = {kind: sorted(terms[kind]) for kind in FIELDS}
+    reciprocal = {position: numbers + 1 + k for k, position in enumerate(inverse)}
     entry, constants, table = [], [], []
+    number = 0
     for kind, places in entries.items():
         for place in places:
-            for constant, factors in balance.terms[kind][place]:
-                entry.append((kind, place))
+            for constant, factors in terms[kind][place]:
+                entry.append(number)
                 constants.append(constant)
-                chosen = [f if f >= 0 else numbers + 1 + inverse[-1 - f] for f in factors]
+                chosen = [f if f >= 0 else reciprocal[-1 - f] for f in factors]
                 table.append(chosen + [numbers] * (MOST_FACTORS - len(chosen)))
-    number = {key: k for k, key in enumerate(dict.fromkeys(entry))}
-    return Terms(
-        entry=np.array([number[key] for key in entry], dtype=np.int64),
+            number += 1
+    structure = make_structure(
+        mass, entries["linear"], entries["radiative"], entries["forcing"], entries["heating"], sensors
+    )
+    return structure, Terms(
+        entry=np.array(entry, dtype=np.int64),
         constant=np.array(constants),
         factors=np.array(table, dtype=np.int64).reshape(-1, MOST_FACTORS),
-        inverse=np.array(list(inverse), dtype=np.int64),
-        entries=len(number),
+        inverse=np.array(inverse, dtype=np.int64),
+        entries=number,
         initial=initial,
     )
