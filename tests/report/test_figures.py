@@ -16,7 +16,7 @@ from flightcal.report.panels.prediction import figure_stochastic
 from flightcal.report.panels.reliability import figure_reliability
 from flightcal.report.panels.residuals import figure_residual_distribution, figure_residuals
 from flightcal.report.run_files import draws
-from flightcal.report.style import DARK, METHOD_COLOURS
+from flightcal.report.style import DARK, METHODS
 from flightcal.report.windows import figure_point
 
 
@@ -251,8 +251,9 @@ def test_the_heat_map_has_every_pair(run):
 
 
 def test_methods_have_a_colour_of_their_own_on_white_and_on_dark():
-    assert len(set(METHOD_COLOURS.values())) == len(METHOD_COLOURS)
-    dark = [DARK[c] for c in METHOD_COLOURS.values()]
+    colours = [method.colour for method in METHODS.values()]
+    assert len(set(colours)) == len(colours)
+    dark = [DARK[c] for c in colours]
     assert len(set(dark)) == len(dark)
 
 

@@ -16,7 +16,7 @@ from flightcal.report.panels import (
     scores,
     telemetry,
 )
-from flightcal.report.text import METHODS
+from flightcal.report.style import METHODS
 from flightcal.validation import uniformity
 
 

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 import plotly.graph_objects as go
@@ -31,13 +31,29 @@ LINE = "#999999"
 DIVERGING = ("#b35806", "#fdb863", "#f4f4f4", "#92b9de", "#0a4a8a")
 """From −1 over 0 to 1."""
 
-METHOD_COLOURS = {
-    "uncalibrated": UNCALIBRATED,
-    "poorly_calibrated": POORLY_CALIBRATED,
-    "genetic": GENETIC,
-    "genetic_best": GENETIC_BEST,
-    "stochastic": STOCHASTIC,
+
+class Method(NamedTuple):
+    """How a method of prediction.nc is shown."""
+
+    title: str
+    short: str
+    """For narrow columns of tables."""
+    colour: str
+
+
+METHODS = {
+    "uncalibrated": Method("uncalibrated", "uncal.", UNCALIBRATED),
+    "poorly_calibrated": Method("poorly calibrated", "poorly cal.", POORLY_CALIBRATED),
+    "genetic": Method("genetic algorithm, mean of its runs", "GA mean", GENETIC),
+    "genetic_best": Method("genetic algorithm, best run", "GA best", GENETIC_BEST),
+    "stochastic": Method("stochastic", "stoch.", STOCHASTIC),
 }
+
+
+def method(name: str) -> Method:
+    """How a method is shown; one that the report does not know, by its name."""
+    return METHODS.get(name, Method(name, name, STOCHASTIC))
+
 
 DARK = {
     TELEMETRY: "#e6e6e6",
@@ -144,3 +160,11 @@ def polygons(
     if not outline_x:
         return x[:0], low[:0]
     return np.concatenate(outline_x), np.concatenate(outline_y)
+
+
+def band(figure: go.Figure, x: Any, y: Any, name: str, group: str, colour: str = STATUS_FILL, **place: int) -> None:
+    """Fills the outline x, y; its entry in the legend stands once for all plots of the figure. place: row and col."""
+    figure.add_scatter(
+        x=x, y=y, mode="lines", line={"width": 0}, fill="toself", fillcolor=colour, name=name, legendgroup=group,
+        showlegend=not any(trace.legendgroup == group for trace in figure.data), hoverinfo="skip", **place,
+    )  # fmt: skip

@@ -7,24 +7,6 @@ from collections.abc import Sized
 
 SUPERSCRIPTS = str.maketrans("0123456789-", "⁰¹²³⁴⁵⁶⁷⁸⁹⁻")
 
-METHODS = {
-    "uncalibrated": "uncalibrated",
-    "poorly_calibrated": "poorly calibrated",
-    "genetic": "genetic algorithm, mean of its runs",
-    "genetic_best": "genetic algorithm, best run",
-    "stochastic": "stochastic",
-}
-"""Names of the methods of prediction.nc as shown; others are shown as they are."""
-
-SHORT_METHODS = {
-    "uncalibrated": "uncal.",
-    "poorly_calibrated": "poorly cal.",
-    "genetic": "GA mean",
-    "genetic_best": "GA best",
-    "stochastic": "stoch.",
-}
-"""The same for the narrow columns of tables."""
-
 
 def number(value: float | None, digits: int = 4) -> str:
     """A number with so many significant digits; a dash for None or NaN."""

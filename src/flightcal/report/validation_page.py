@@ -17,7 +17,7 @@ from . import block
 from .block import Section
 from .page import compose
 from .run_files import Record, read_content
-from .style import LINE, STATUS_FILL, STOCHASTIC, WARNING, finish, plots, small_titles
+from .style import LINE, STATUS_FILL, STOCHASTIC, WARNING, band, finish, plots, small_titles
 from .tables import Cell, Table
 from .text import count, duration, listed, number, percent
 from .verdict import Finding
@@ -124,18 +124,15 @@ def _table(content: Record) -> Table:
     return Table(header, rows, range(2, len(header)))
 
 
-def figure_ranks(names: Sequence[str], ranks: NDArray[np.float64], inside: Sequence[bool], band: Band) -> go.Figure:
+def figure_ranks(names: Sequence[str], ranks: NDArray[np.float64], inside: Sequence[bool], allowed: Band) -> go.Figure:
     """Distribution of each quantity's ranks less the uniform one, in the band of all together. ranks: [R, q]."""
     figure, height = plots(names, COLUMNS, ROW_HEIGHT, gap=56, horizontal_spacing=0.08, shared_yaxes="all")
-    points = np.concatenate([[0.0], band.points, [1.0]])
-    low, high = (np.concatenate([[0.0], bound - band.points, [0.0]]) for bound in (band.lower, band.upper))
+    points = np.concatenate([[0.0], allowed.points, [1.0]])
+    low, high = (np.concatenate([[0.0], bound - allowed.points, [0.0]]) for bound in (allowed.lower, allowed.upper))
     for q, within in enumerate(inside):
         place = {"row": q // COLUMNS + 1, "col": q % COLUMNS + 1}
-        figure.add_scatter(
-            x=np.concatenate([points, points[::-1]]), y=np.concatenate([low, high[::-1]]), fill="toself",
-            fillcolor=STATUS_FILL, mode="lines", line={"width": 0}, name="95% band of all quantities together",
-            legendgroup="band", showlegend=q == 0, hoverinfo="skip", **place,
-        )  # fmt: skip
+        outline = np.concatenate([points, points[::-1]]), np.concatenate([low, high[::-1]])
+        band(figure, *outline, "95% band of all quantities together", "band", STATUS_FILL, **place)
         figure.add_scatter(
             x=points, y=ecdf(ranks[:, q], points) - points, mode="lines",
             line={"color": STOCHASTIC if within else WARNING, "width": 1.6, "shape": "hv"}, name="ranks",

@@ -10,8 +10,7 @@ import xarray as xr
 from numpy.typing import NDArray
 from plotly.subplots import make_subplots
 
-from .style import ECLIPSE, METHOD_COLOURS, STATUS_FILL, STOCHASTIC, TELEMETRY, finish, small_titles
-from .text import METHODS
+from .style import ECLIPSE, TELEMETRY, band, finish, method, small_titles
 from .thinning import break_lines, changes, extremes, stretches
 
 CELSIUS = -273.15
@@ -38,8 +37,8 @@ def figure_point(prediction: xr.Dataset, methods: Sequence[str], bins: int = BIN
     figure, rows = window_canvas(prediction, names(prediction, "channel"), names(prediction, "heater"))
     for channel in names(prediction, "channel"):
         draw_telemetry(figure, prediction, channel, rows[channel], bins)
-        for method in methods:
-            _line(figure, prediction, method, channel, rows[channel], bins, dash=_dash(method, methods))
+        for name in methods:
+            _line(figure, prediction, name, channel, rows[channel], bins, dash=_dash(name, methods))
     for heater in names(prediction, "heater"):
         draw_status(figure, prediction, methods, heater, rows[heater], bins)
     return figure
@@ -133,14 +132,12 @@ def _dash(method: str, methods: Sequence[str]) -> str:
     return "solid" if method == methods[0] else "dot"
 
 
-def _line(
-    figure: go.Figure, prediction: xr.Dataset, method: str, channel: str, row: int, bins: int, dash: str = "solid"
-) -> None:
-    mean = column(prediction, "mean", channel, method)
+def _line(figure: go.Figure, prediction: xr.Dataset, name: str, channel: str, row: int, bins: int, dash: str) -> None:
+    mean = column(prediction, "mean", channel, name)
     time, (mean,) = break_lines(prediction["time"].values, extremes([mean], 3 * bins), [mean])
     scatter(
-        figure, row, time, mean, METHODS.get(method, method), mode="lines", hovertemplate="%{y:.2f} °C",
-        line={"color": METHOD_COLOURS.get(method, STOCHASTIC), "width": 1.8, "dash": dash},
+        figure, row, time, mean, method(name).title, mode="lines", hovertemplate="%{y:.2f} °C",
+        line={"color": method(name).colour, "width": 1.8, "dash": dash},
     )  # fmt: skip
 
 
@@ -153,23 +150,17 @@ def draw_status(
     observed = np.asarray(prediction["observed_status"].sel(heater=heater).values, float)
     on = np.array(stretches(observed > 0.5, time), int).reshape(-1, 2)
     x, y = time[on][:, [0, 0, 1, 1, 1]].ravel(), np.tile([0.0, 1.0, 1.0, 0.0, np.nan], len(on))
-    scatter(
-        figure, row, x, y, "heater on in telemetry", mode="lines", line={"width": 0},
-        fill="toself", fillcolor=STATUS_FILL, hoverinfo="skip",
-    )  # fmt: skip
-    for method in methods:
-        status = np.asarray(prediction["status"].sel({"method": method, "heater": heater}).values, float)
+    on_in_telemetry = "heater on in telemetry"
+    band(figure, x, y.astype(np.float32), on_in_telemetry, on_in_telemetry, row=row, col=1)
+    for name in methods:
+        status = np.asarray(prediction["status"].sel({"method": name, "heater": heater}).values, float)
         drawn = changes(status)
         drawn = drawn if drawn.size <= 6 * bins else extremes([status], 3 * bins)
         x, (y,) = break_lines(time, drawn, [status])
-        name = "probability of on (posterior)" if method == "stochastic" else METHODS.get(method, method)
+        shown = "probability of on (posterior)" if name == "stochastic" else method(name).title
         scatter(
-            figure, row, x, y, name, mode="lines",
-            line={
-                "color": METHOD_COLOURS.get(method, STOCHASTIC), "width": 1.8, "shape": "hv",
-                "dash": _dash(method, methods),
-            },
-            hovertemplate="%{y:.2f}",
+            figure, row, x, y, shown, mode="lines", hovertemplate="%{y:.2f}",
+            line={"color": method(name).colour, "width": 1.8, "shape": "hv", "dash": _dash(name, methods)},
         )  # fmt: skip
     ticks = {"tickvals": [0, 0.5, 1]} if title == "P(on)" else {"tickvals": [0, 1], "ticktext": ["off", "on"]}
     figure.update_yaxes(range=[-0.08, 1.12], title_text=title, row=row, **ticks)

@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 from .. import block
 from ..block import Block, section
 from ..run_files import ParameterInfo, RunFiles, bins, draws
-from ..style import BAND, LINE, STOCHASTIC, TELEMETRY, finish, plots, polygons, small_titles
+from ..style import BAND, LINE, STOCHASTIC, TELEMETRY, band, finish, plots, polygons, small_titles
 from ..tables import Cell, Table, interval
 from ..text import number, percent
 from ..thinning import break_lines, extremes
@@ -238,10 +238,7 @@ def _draw(figure: go.Figure, x: NDArray, found: Columns, row: int, column: int) 
         name="telemetry − simulation", legendgroup="missing", showlegend=first, hovertemplate="%{y:.2f} K", **place,
     )  # fmt: skip
     outline, bounds = polygons(x, lower, upper)
-    figure.add_scatter(
-        x=outline, y=bounds.astype(np.float32), mode="lines", line={"width": 0}, fill="toself", fillcolor=BAND,
-        name="interval", legendgroup="interval", showlegend=first, hoverinfo="skip", **place,
-    )  # fmt: skip
+    band(figure, outline, bounds.astype(np.float32), "interval", "interval", BAND, **place)
     figure.add_scatter(
         x=x, y=mean.astype(np.float32), mode="lines", line={"color": STOCHASTIC, "width": 1.8},
         name="discrepancy, mean", legendgroup="mean", showlegend=first, hovertemplate="%{y:.2f} K", **place,

@@ -12,8 +12,9 @@ from ...prediction import Metric, implied_energy
 from .. import block
 from ..block import Block, section
 from ..run_files import Record, RunFiles
+from ..style import method
 from ..tables import Cell, Table, interval
-from ..text import METHODS, SHORT_METHODS, count, listed, number, percent, signed_percent
+from ..text import count, listed, number, percent, signed_percent
 
 
 @section("heaters", "Heaters")
@@ -88,7 +89,7 @@ def against_telemetry(windows: dict[str, xr.Dataset]) -> Table:
                     verdict = Cell("✓ yes", "good") if inside else Cell("✕ no", "warn")
                 rows.append([name, str(heater.values), label, *values, predicted, verdict])
     header = (
-        "window", "heater", "quantity", "telemetry", *(SHORT_METHODS.get(m, m) for m in methods),
+        "window", "heater", "quantity", "telemetry", *(method(m).short for m in methods),
         "stochastic, mean [95%]", "telemetry within 95%?",
     )  # fmt: skip
     return Table(header, rows, range(3, 5 + len(methods)))
@@ -112,8 +113,8 @@ def heater_scores(metrics: Sequence[Metric]) -> Table:
     for place in sorted(dict.fromkeys(key[:3] for key in found), key=lambda key: (windows.index(key[0]), key[1])):
         duty, agreement, switches = (found.get((*place, name)) for name in names)
         more = "+" if switches is not None and switches > 0 else ""
-        window, heater, method = place
-        rows.append([window, heater, METHODS.get(method, method), signed_percent(duty), percent(agreement),
+        window, heater, name = place
+        rows.append([window, heater, method(name).title, signed_percent(duty), percent(agreement),
                      f"{more}{number(switches, 3)}"])  # fmt: skip
     header = ("window", "heater", "method", "duty cycle error, points", "status agreement", "switch count error, –")
     return Table(header, rows, range(3, 6))

@@ -10,7 +10,7 @@ from ...scenario import is_trained
 from .. import block
 from ..block import Block, section
 from ..run_files import RunFiles, bins, has_prediction
-from ..style import BAND, MODEL_BAND, STOCHASTIC, polygons
+from ..style import BAND, MODEL_BAND, STOCHASTIC, band, polygons
 from ..text import letter
 from ..thinning import break_lines, extremes
 from ..windows import BINS, column, draw_status, draw_telemetry, names, scatter, window_canvas
@@ -65,10 +65,7 @@ def _stochastic(figure: go.Figure, prediction: xr.Dataset, channel: str, row: in
         (f"{share} of the model, without noise", model_lower, model_upper, MODEL_BAND),
     ):
         x, y = polygons(time, low, high)
-        scatter(
-            figure, row, x, y, name,
-            mode="lines", line={"width": 0}, fill="toself", fillcolor=colour, hoverinfo="skip",
-        )  # fmt: skip
+        band(figure, x, y.astype(np.float32), name, name, colour, row=row, col=1)
     draw_telemetry(figure, prediction, channel, row, bins)
     scatter(
         figure, row, time, mean, "stochastic mean", mode="lines", line={"color": STOCHASTIC, "width": 1.8},

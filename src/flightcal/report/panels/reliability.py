@@ -22,7 +22,7 @@ from ...validation import (
 from .. import block
 from ..block import Block, section
 from ..run_files import RunFiles, has_prediction
-from ..style import LINE, STATUS_FILL, STOCHASTIC, finish, plots, small_titles
+from ..style import LINE, STATUS_FILL, STOCHASTIC, band, finish, plots, small_titles
 from ..tables import Cell, Table
 from ..text import chance, count, number
 from ..windows import names
@@ -108,11 +108,7 @@ def figure_reliability(prediction: xr.Dataset) -> go.Figure:
 def _histogram(figure: go.Figure, values: np.ndarray, effective: float, row: int) -> None:
     density, edges = np.histogram(values, bins=BINS, range=(0.0, 1.0), density=True)
     low, high = (BINS * share for share in chance_band(1.0 / BINS, effective))
-    figure.add_scatter(
-        x=[0, 1, 1, 0], y=[low, low, high, high], fill="toself", fillcolor=STATUS_FILL, mode="lines",
-        line={"width": 0}, name="95% band of chance", legendgroup="band", showlegend=row == 1, hoverinfo="skip",
-        row=row, col=1,
-    )  # fmt: skip
+    band(figure, [0, 1, 1, 0], [low, low, high, high], "95% band of chance", "band", row=row, col=1)
     figure.add_bar(
         x=(edges[1:] + edges[:-1]) / 2, y=density.astype(np.float32), width=1.0 / BINS,
         marker={"color": STOCHASTIC, "opacity": 0.55, "line": {"width": 0}}, name="telemetry", legendgroup="telemetry",

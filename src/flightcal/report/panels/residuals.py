@@ -15,7 +15,7 @@ from ...validation import ResidualCheck, autocorrelation
 from .. import block
 from ..block import Block, section
 from ..run_files import RunFiles, bins
-from ..style import GENETIC, LINE, PRIOR, STATUS_FILL, STOCHASTIC, finish, plots, small_titles
+from ..style import GENETIC, LINE, PRIOR, STOCHASTIC, band, finish, plots, small_titles
 from ..tables import Cell, Table
 from ..text import chance, count, listed, number
 from ..thinning import extremes
@@ -235,11 +235,8 @@ def _autocorrelation(
     minutes = np.arange(lags + 1) * spacing / 60
     half = 1.96 / np.sqrt(values.size)
     if not of_noise:
-        figure.add_scatter(
-            x=[0, minutes[-1], minutes[-1], 0], y=[-half, -half, half, half], fill="toself", fillcolor=STATUS_FILL,
-            mode="lines", line={"width": 0}, name="95% band of white noise", legendgroup="band", showlegend=row == 1,
-            hoverinfo="skip", row=row, col=2,
-        )  # fmt: skip
+        outline = [0, minutes[-1], minutes[-1], 0], [-half, -half, half, half]
+        band(figure, *outline, "95% band of white noise", "band", row=row, col=2)
     name = "innovations" if of_noise else "autocorrelation"
     shown = not any(trace.name == name for trace in figure.data)
     figure.add_scatter(

@@ -8,8 +8,9 @@ from ...prediction import Metric, comparison_table
 from .. import block
 from ..block import Block, section
 from ..run_files import RunFiles
+from ..style import method
 from ..tables import Cell, Table
-from ..text import METHODS, SHORT_METHODS, number, percent
+from ..text import number, percent
 
 
 @section("scores", "Scores")
@@ -81,7 +82,7 @@ def by_channel(metrics: Sequence[Metric]) -> Table:
              pair("mape_kelvin"), pair("mape_celsius")]
         )  # fmt: skip
     header = (
-        "window", "channel", *(SHORT_METHODS.get(method, method) for method in methods), "stoch. / GA mean",
+        "window", "channel", *(method(name).short for name in methods), "stoch. / GA mean",
         "PICP", "MPIW, K", "CRPS, K", "MAPE, % of K", "MAPE, % of °C",
     )  # fmt: skip
     groups = (("", 2), ("RMSE, K", len(methods) + 1), ("95% interval", 2), ("GA mean / stochastic", 3))
@@ -101,10 +102,10 @@ def all_scores(metrics: Sequence[Metric]) -> Table:
     found = {(m.window, m.channel, m.method, m.metric): m.value for m in metrics}
     methods = list(dict.fromkeys(m.method for m in metrics))
     rows = [
-        [*place, METHODS.get(method, method), *(number(found.get((*place, method, name))) for name in names)]
+        [*place, method(own).title, *(number(found.get((*place, own, name))) for name in names)]
         for place in _places(metrics)
-        for method in methods
-        if (*place, method, "rmse") in found
+        for own in methods
+        if (*place, own, "rmse") in found
     ]
     header = (
         "window", "channel", "method", "RMSE, K", "MAPE, % of K", "MAPE, % of °C", "CRPS, K", "PICP, share", "MPIW, K",
