@@ -61,7 +61,8 @@ class GaussianProcesses:
 
     def predict(self, x: FloatArray) -> tuple[FloatArray, FloatArray]:
         """Mean [r] and variance [r] at x [d]."""
-        return self._at(x)[:2]
+        mean, variance, *_ = self._at(x)
+        return mean, variance
 
     def linearise(self, x: FloatArray) -> tuple[FloatArray, FloatArray, Callable[[FloatArray, FloatArray], FloatArray]]:
         """Mean [r], variance [r] at x [d], and (cotangent of the mean [r], of the variance [r]) -> of x [d]."""

@@ -102,7 +102,8 @@ class TrainingRuns:
             return self
         added = {name: [getattr(record, name) for record in records] for name in _PER_RUN if name != "round"}
         added["round"] = [round_] * len(records)
-        return replace(self, **{name: np.concatenate([getattr(self, name), new]) for name, new in added.items()})
+        every: dict[str, Any] = {name: np.concatenate([getattr(self, name), new]) for name, new in added.items()}
+        return replace(self, **every)
 
     def write(self, file: Path) -> None:
         """Write netCDF, atomically."""
@@ -153,7 +154,9 @@ def read_runs(file: Path, like: TrainingRuns) -> TrainingRuns:
             f"{file}: found {data.sizes['time']} sample times that are not the scenario's {len(like.times)}; "
             "delete it to run anew"
         )
-    values = {name: data[_IN_FILE.get(name, name)].values.astype(getattr(like, name).dtype) for name in _PER_RUN}
+    values: dict[str, Any] = {
+        name: data[_IN_FILE.get(name, name)].values.astype(getattr(like, name).dtype) for name in _PER_RUN
+    }
     return replace(like, **values)
 
 

@@ -6,12 +6,13 @@ from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
+import xarray
 
-from ..simulator import FloatArray, NetworkSimulator, SimulationFailure
+from ..simulator import FloatArray, NetworkSimulator, SimulationFailure, network_simulator
 from .file import Task
 from .full_order import FullRuns
 from .reduced_model import ReducedModel
-from .reduced_scenario import reduced_scenario, simulate_reduced
+from .reduced_scenario import network_for, reduced_scenario
 
 
 @dataclass(frozen=True)
@@ -30,7 +31,10 @@ class Errors:
 def simulator_on(task: Task, model: ReducedModel, runs: FullRuns) -> NetworkSimulator:
     """The model on the window of the full network's runs; its parameters and channels are the full network's."""
     scenario = reduced_scenario(runs.scenario, model, task.reduction.step)
-    return simulate_reduced(model, scenario, runs.start, runs.end, runs.times, task.period)
+    return network_simulator(
+        scenario, xarray.Dataset(), runs.start, runs.end, runs.times,
+        period=task.period, network=network_for(model, scenario),
+    )  # fmt: skip
 
 
 def theta_of(model: ReducedModel, runs: FullRuns, k: int) -> FloatArray:

@@ -2,11 +2,8 @@
 
 from __future__ import annotations
 
-import numpy as np
-import xarray
-
 from ..scenario import Face, Node, Parameter, Scenario, SimulatorModel, settable
-from ..simulator import Network, NetworkSimulator, Times, network_simulator
+from ..simulator import Network
 from .affine import KEPT
 from .patterns import plain
 from .reduced_model import ReducedModel, network_of
@@ -64,14 +61,6 @@ def network_for(model: ReducedModel, scenario: Scenario) -> Network:
     numbers = settable(scenario)
     kept = (*KEPT, "observations.")
     return network_of(model, {path: item.value for path, item in numbers.items() if path.startswith(kept)})
-
-
-def simulate_reduced(
-    model: ReducedModel, scenario: Scenario, start: np.datetime64, end: np.datetime64, times: Times, period: float
-) -> NetworkSimulator:
-    """The simulator of a `reduced_scenario` without telemetry."""
-    network = network_for(model, scenario)
-    return network_simulator(scenario, xarray.Dataset(), start, end, times, period=period, network=network)
 
 
 def _rewritten(name: str, parameter: Parameter, model: ReducedModel) -> Parameter:
