@@ -20,8 +20,8 @@ class Case:
         self.scale = simulated_priors(self.window)
         self.runs = derivative_free.runs_at(self.window, start_design(self.scale, 60, seed=1))
         self.unseen = derivative_free.runs_at(self.window, start_design(self.scale, 60, seed=2))
-        self.emulator = fit_emulator(self.runs, self.scale.to_z(self.runs.theta), TOLERANCE)
-        self.simulator = EmulatedSimulator(self.emulator, self.scale)
+        self.emulator = fit_emulator(self.runs, self.scale, TOLERANCE)
+        self.simulator = EmulatedSimulator(self.emulator)
 
 
 @pytest.fixture(scope="module", params=[False, True], ids=["no heater", "heater"])
@@ -30,7 +30,7 @@ def case(request, tmp_path_factory):
 
 
 def test_it_errs_by_as_much_as_it_says_on_runs_it_has_not_seen(case):
-    found = validate(case.emulator, case.scale.to_z(case.unseen.theta), case.unseen.temperatures)
+    found = validate(case.emulator, case.unseen)
     assert not [reason for reason in found.failures if reason.startswith("all")], found.table()
     if not case.runs.heaters:
         assert found.passed, found.table()
@@ -40,7 +40,7 @@ def test_it_errs_by_as_much_as_it_says_on_runs_it_has_not_seen(case):
 def test_left_out_runs_say_the_same(case):
     error, deviation = case.emulator.leave_one_out()
     assert judge(error, deviation, case.runs.channels).passed
-    unseen = validate(case.emulator, case.scale.to_z(case.unseen.theta), case.unseen.temperatures)
+    unseen = validate(case.emulator, case.unseen)
     assert np.sqrt(np.mean(error**2)) == pytest.approx(unseen.channels[-1].rmse, rel=0.8)
 
 

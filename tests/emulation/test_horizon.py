@@ -27,8 +27,7 @@ def test_a_beginning_is_the_window_on_the_first_samples(case):
 
 def test_an_emulator_is_asked_as_far_as_it_tells_runs_apart(case):
     window, _, runs = case
-    z, noise = simulated_priors(window).to_z(runs.theta), noise_level(window)
-    emulator = farthest_emulator(runs, z, noise, np.ones(len(runs), bool))
+    emulator = farthest_emulator(runs, simulated_priors(window), noise_level(window), np.ones(len(runs), bool))
     samples = len(emulator.runs.times)
     if not runs.heaters:
         assert samples == len(window.times)
@@ -43,6 +42,6 @@ def test_an_emulator_is_asked_as_far_as_it_tells_runs_apart(case):
 
 def test_noise_that_hides_the_error_needs_no_shorter_window(case):
     window, _, runs = case
-    z, judged = simulated_priors(window).to_z(runs.theta), np.ones(len(runs), bool)
-    emulator = farthest_emulator(runs, z, np.array([3.0, 3.0]), judged)
+    judged = np.ones(len(runs), bool)
+    emulator = farthest_emulator(runs, simulated_priors(window), np.array([3.0, 3.0]), judged)
     assert len(emulator.runs.times) == len(window.times)

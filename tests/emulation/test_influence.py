@@ -23,7 +23,7 @@ def rough(problem):
     (window,) = problem.windows
     scale = simulated_priors(window)
     runs = derivative_free.runs_at(window, start_design(scale, 30, seed=1))
-    emulator = fit_emulator(runs, scale.to_z(runs.theta), np.array([0.05, 0.05]))
+    emulator = fit_emulator(runs, scale, np.array([0.05, 0.05]))
     emulated = replace(problem, windows=(with_emulator(window, emulator),), open_loop=None)
     z = 0.5 * np.random.default_rng(4).standard_normal((200, len(problem.names)))
     z[:, problem.names.index("noise.body_temp")] -= 3.0

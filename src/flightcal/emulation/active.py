@@ -249,22 +249,24 @@ def _fit(
         noise = noise_level(window, theta)
         chosen, nearest = _near(scale.to_z(found.theta), found.finished, draws)
         near, tolerance = found.take(chosen), shape_tolerance(noise, len(window.times))
-        z = scale.to_z(near.theta)
-        emulator = fit_emulator(near, z, tolerance) if beginning is None else farthest_emulator(near, z, noise, nearest)
+        if beginning is None:
+            emulator = fit_emulator(near, scale, tolerance)
+        else:
+            emulator = farthest_emulator(near, scale, noise, nearest)
         samples = len(emulator.runs.times)
         shown = window if beginning is None or samples == len(window.times) else beginning(window, samples)
-        fits.append(Fit(with_emulator(shown, emulator, scale), emulator, chosen, tolerance))
+        fits.append(Fit(with_emulator(shown, emulator), emulator, chosen, tolerance))
     return tuple(fits)
 
 
 def _validation(problem: Problem, fits: Sequence[Fit], runs: Sequence[TrainingRuns]) -> Validation:
     """Of emulators, on finished runs of each window that they were not fitted to."""
-    found = {}
-    for window, fit, own in zip(problem.windows, fits, runs, strict=True):
-        seen = own.during(slice(0, len(fit.window.times)))
-        z = simulated_priors(window).to_z(own.theta)
-        found[title(problem, window)] = validate(fit.emulator, z, seen.temperatures)
-    return together(found)
+    return together(
+        {
+            title(problem, fit.window): validate(fit.emulator, own.during(slice(0, len(fit.window.times))))
+            for fit, own in zip(fits, runs, strict=True)
+        }
+    )
 
 
 def start_design(scale: Priors, count: int, seed: int) -> FloatArray:

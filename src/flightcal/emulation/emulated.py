@@ -57,9 +57,9 @@ def through_the_priors(problem: Problem, runs: Runs) -> Problem:
     """The problem with coarse emulators of all finished runs, good for a search, not for an interval."""
     windows = []
     for window, own in zip(problem.windows, runs, strict=True):
-        finished = own.take(own.finished)
-        z = simulated_priors(window).to_z(finished.theta)
-        windows.append(with_emulator(window, fit_emulator(finished, z, _GLOBAL_TOLERANCE * noise_level(window))))
+        tolerance = _GLOBAL_TOLERANCE * noise_level(window)
+        emulator = fit_emulator(own.take(own.finished), simulated_priors(window), tolerance)
+        windows.append(with_emulator(window, emulator))
     return in_place(problem, windows)
 
 
@@ -83,7 +83,7 @@ def around_draws(
     if len(finished) < 2 * (len(scale.names) + 1):
         raise FlightcalError(f"window '{window.name}': {failure_summary(runs)}; too few are left for an emulator")
     tolerance = shape_tolerance(window.noise(np.median(thetas, axis=0)), len(window.times))
-    emulator = fit_emulator(finished, scale.to_z(finished.theta), tolerance)
+    emulator = fit_emulator(finished, scale, tolerance)
     return with_emulator(window, emulator), runs, judge(*emulator.leave_one_out(), finished.channels)
 
 
@@ -110,8 +110,7 @@ def check_on_the_simulator(
     for window, stand_in in zip(problem.windows, with_emulators.windows, strict=True):
         own = empty_runs(window).add(run_many(window, problem.at(window, design)[:, window.simulated]), 0)
         finished, start = own.take(own.finished), title(problem, window)
-        z = simulated_priors(window).to_z(finished.theta)
-        validations[start] = validate(emulated(stand_in).emulator, z, finished.temperatures)
+        validations[start] = validate(emulated(stand_in).emulator, finished)
         found += [replace(item, heater=f"{start}{item.heater}") for item in steps(window, finished)]
         runs.append(own)
     # The mean is no draw.

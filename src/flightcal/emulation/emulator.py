@@ -30,6 +30,8 @@ class Emulator:
 
     runs: TrainingRuns
     """The S runs that it was fitted to, all finished."""
+    scale: Priors
+    """Of the runs' theta: z is theta on their unconstrained scale."""
     centre: FloatArray
     """[d] mean of the runs' z."""
     spread: FloatArray
@@ -93,19 +95,20 @@ class Emulator:
         return self.principal.mean + np.einsum("tnr,pr->ptn", self.principal.shapes, coefficients)
 
 
-def fit_emulator(runs: TrainingRuns, z: FloatArray, tolerance: FloatArray) -> Emulator:
-    """An emulator of finished runs at z [S, d].
+def fit_emulator(runs: TrainingRuns, scale: Priors, tolerance: FloatArray) -> Emulator:
+    """An emulator of finished runs, whose theta has the priors `scale`.
 
     tolerance: [N] K, what the principal shapes may leave out of each channel (root mean square); it is also the unit in
     which channels are weighed.
     Raises FlightcalError where the runs are too few.
     """
+    z = scale.to_z(runs.theta)
     centre, spread = z.mean(axis=0), z.std(axis=0)
     spread = np.where(spread > 0.0, spread, 1.0)
     principal = principal_shapes(runs.temperatures, tolerance)
     coefficients = principal.coefficients(runs.temperatures)
     processes = fit((z - centre) / spread, coefficients)
-    return Emulator(runs, centre, spread, principal, coefficients, processes)
+    return Emulator(runs, scale, centre, spread, principal, coefficients, processes)
 
 
 @dataclass(frozen=True)
@@ -117,7 +120,6 @@ class EmulatedSimulator:
     """
 
     emulator: Emulator
-    scale: Priors
     certain: bool = False
     """As if it had no error: for comparison, never for a calibration."""
     heater_powers: Callable[[FloatArray], FloatArray] | None = None
@@ -179,7 +181,7 @@ class EmulatedSimulator:
         return self._trajectory(x, mean, variance), partial(self._cotangent, z, cotangent)
 
     def _z(self, theta: FloatArray) -> FloatArray:
-        z = self.scale.to_z(theta)
+        z = self.emulator.scale.to_z(theta)
         if not np.isfinite(z).all():
             raise SimulationFailure("a parameter is not finite, or outside of its prior")
         if not self.emulator.covers(z):
@@ -199,7 +201,7 @@ class EmulatedSimulator:
         mean_bar = np.einsum("tnr,tn->r", self.emulator.principal.shapes, temperatures_bar)
         variance_bar = np.zeros_like(mean_bar) if error_variance_bar is None else error_variance_bar[: len(mean_bar)]
         z_bar = cotangent(mean_bar, variance_bar) / self.emulator.spread
-        slope = self.scale.at(z).slope
+        slope = self.emulator.scale.at(z).slope
         # Far outside of a bounded prior theta no longer moves.
         return np.divide(z_bar, slope, out=np.zeros_like(z_bar), where=slope > 0.0)
 
@@ -252,11 +254,6 @@ def simulated_priors(window: Window) -> Priors:
     return Priors(names, tuple(window.reads[name] for name in names))
 
 
-def with_emulator(window: Window, emulator: Emulator, scale: Priors | None = None) -> Window:
-    """The window with an emulator of its simulator, which still tells the heaters' power.
-
-    scale: what the emulator was fitted on (None: that of the window's own priors).
-    """
-    powers = window.simulator.heater_power
-    simulator = EmulatedSimulator(emulator, scale or simulated_priors(window), heater_powers=powers)
-    return replace(window, simulator=simulator)
+def with_emulator(window: Window, emulator: Emulator) -> Window:
+    """The window with an emulator of its simulator, which still tells the heaters' power."""
+    return replace(window, simulator=EmulatedSimulator(emulator, heater_powers=window.simulator.heater_power))

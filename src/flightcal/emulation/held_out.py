@@ -12,6 +12,7 @@ from scipy.special import ndtri
 from ..errors import FlightcalError
 from ..simulator import FloatArray
 from .emulator import Emulator
+from .runs import TrainingRuns
 
 PROBABILITIES = (0.5, 0.8, 0.95)
 _DEVIATIONS = 3.0
@@ -50,15 +51,15 @@ class Validation:
         return not self.failures
 
 
-def validate(emulator: Emulator, z: FloatArray, temperatures: FloatArray) -> Validation:
-    """Judge an emulator by runs that it was not fitted to: z [K, d], temperatures [K, T, N] K.
+def validate(emulator: Emulator, runs: TrainingRuns) -> Validation:
+    """Judge an emulator by K finished runs that it was not fitted to.
 
     Raises FlightcalError where there are none.
     """
-    if not len(z):
+    if not len(runs):
         raise FlightcalError("emulator: found no held-out run that finished, expected at least one to judge it by")
-    mean, deviation = emulator.predict(z)
-    return judge(temperatures - mean, deviation, emulator.runs.channels)
+    mean, deviation = emulator.predict(emulator.scale.to_z(runs.theta))
+    return judge(runs.temperatures - mean, deviation, runs.channels)
 
 
 def judge(errors: FloatArray, deviations: FloatArray, channels: tuple[str, ...]) -> Validation:

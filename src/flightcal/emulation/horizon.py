@@ -14,6 +14,7 @@ import numpy as np
 import xarray
 from numpy.typing import NDArray
 
+from ..probability import Priors
 from ..problem import Window, build_window
 from ..simulator import FloatArray
 from ..telemetry import window_bounds
@@ -40,15 +41,15 @@ def shape_tolerance(noise: FloatArray, samples: int) -> FloatArray:
     return TRUNCATION * noise / math.sqrt(samples)
 
 
-def farthest_emulator(runs: TrainingRuns, z: FloatArray, noise: FloatArray, judged: NDArray[np.bool_]) -> Emulator:
-    """The emulator of finished runs at z [S, d] on the longest beginning of the window on which it tells them apart.
+def farthest_emulator(runs: TrainingRuns, scale: Priors, noise: FloatArray, judged: NDArray[np.bool_]) -> Emulator:
+    """The emulator of finished runs on the longest beginning of the window on which it tells them apart.
 
     Halves the window until the second half of what is left is resolved: each channel's left-out error at the `judged`
     runs [S] is within its noise [N] K, or within `_TELLS_APART` of what these runs differ by (root mean squares).
     """
     samples = len(runs.times)
     while True:
-        emulator = fit_emulator(runs.during(slice(0, samples)), z, shape_tolerance(noise, samples))
+        emulator = fit_emulator(runs.during(slice(0, samples)), scale, shape_tolerance(noise, samples))
         if samples // 2 < _FEWEST_SAMPLES or _resolved(emulator, noise, slice(samples // 2, samples), judged):
             return emulator
         samples //= 2

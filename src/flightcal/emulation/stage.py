@@ -91,8 +91,8 @@ def _read_learnt(run: Run, problem: Problem, telemetry: xarray.Dataset) -> Emula
     windows = []
     for window, own, positions, tolerance in zip(problem.windows, runs, chosen, tolerances, strict=True):
         fitted = own.take(np.array(positions))
-        z = simulated_priors(window).to_z(fitted.theta)
-        windows.append(with_emulator(window, fit_emulator(fitted, z, np.array(tolerance))))
+        emulator = fit_emulator(fitted, simulated_priors(window), np.array(tolerance))
+        windows.append(with_emulator(window, emulator))
     return Emulation(
         problem=in_place(problem, windows),
         searched=through_the_priors(problem, runs),
