@@ -14,10 +14,10 @@ demo: $(INSTALLED)
 	$(BIN)/flightcal demo --out $(RUN)
 
 test: $(INSTALLED_DEV)
-	$(BIN)/pytest -n 2 --dist loadfile -m "not slow"
+	$(BIN)/pytest -n 2 --dist loadfile --no-loadscope-reorder -m "not slow"
 
 test-slow: $(INSTALLED_DEV)
-	$(BIN)/pytest -n 2 --dist loadfile -m slow
+	$(BIN)/pytest -n 2 --dist loadfile --no-loadscope-reorder -m slow
 
 # Side by side with peers, which it installs; writes docs/benchmarks.md. Takes half an hour.
 bench: $(INSTALLED_DEV)

@@ -65,7 +65,9 @@ def test_two_climbs_to_one_optimum_are_one_explanation():
 
 def test_a_sensor_that_starts_on_the_other_side_of_a_threshold_is_another_explanation():
     """Repeat 23 of the validation, whose posterior was 11 deviations from the truth at an equal density."""
-    scenario = variant(load_scenario(VALIDATION), "iid")
+    written = load_scenario(VALIDATION)
+    steps_of_then = written.network.model_copy(update={"step": 30.0})
+    scenario = variant(written.model_copy(update={"simulator": steps_of_then}), "iid")
     data = read(scenario)
     problem = build_problem(scenario, data)
     rng = np.random.default_rng([scenario.calibration.seed, 23])

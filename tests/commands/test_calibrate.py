@@ -18,7 +18,8 @@ from tests import small
 from tests.told import Told
 
 FILES = {
-    "scenario.yaml", "provenance.json", "telemetry_quality.json", "parameters.json", "genetic.nc", "posterior.nc",
+    "scenario.yaml", "provenance.json", "telemetry_quality.json", "parameters.json", "integration.json",
+    "genetic.nc", "posterior.nc",
     "diagnostics.json", "prediction.nc", "metrics.json", "report.html", "log.jsonl",
 }  # fmt: skip
 

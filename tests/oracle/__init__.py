@@ -4,6 +4,6 @@ The benchmarks read it too.
 """
 
 from .double import QUICKLY_COMPILED, jax, jnp
-from .integration import dense, integrate, observe, rosenbrock_step
+from .integration import dense, integrate, rosenbrock_step, simulate
 
-__all__ = ["QUICKLY_COMPILED", "dense", "integrate", "jax", "jnp", "observe", "rosenbrock_step"]
+__all__ = ["QUICKLY_COMPILED", "dense", "integrate", "jax", "jnp", "rosenbrock_step", "simulate"]

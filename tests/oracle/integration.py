@@ -33,6 +33,12 @@ def dense(structure: Structure, system: System) -> tuple[Any, Any, Any, Any]:
 
 def rosenbrock_step(A: Any, N: Any, mass: Any, x: Any, h: Any, b0: Any, b1: Any) -> Any:
     """One RODAS3 step of length h [s] from x [n], with all heat inputs b0 and b1 [n] at its ends (see `step`)."""
+    return _step_and_output(A, N, mass, x, h, b0, b1)[0]
+
+
+def _step_and_output(A: Any, N: Any, mass: Any, x: Any, h: Any, b0: Any, b1: Any) -> tuple[Any, Any]:
+    """The step's end [n], and what the dense output is made of (see `sampling`): [6, n] h f1 or
+    what takes its place, h v, and k1 to k4."""
 
     def rate(state: Any, heat: Any) -> Any:
         return A @ state + N @ state**4 + heat
@@ -50,7 +56,9 @@ def rosenbrock_step(A: Any, N: Any, mass: Any, x: Any, h: Any, b0: Any, b1: Any)
     k3 = solve(0.5 * h * rate(x3, b1) + 0.5 * mass * (k1 - k2))
     x4 = x3 + k3
     k4 = solve(0.5 * h * rate(x4, b1) + 0.5 * mass * (k1 - k2 - 8.0 / 3.0 * k3))
-    return x4 + k4
+    ended = 2.0 * k4 - k1 + k2 + 8.0 / 3.0 * k3
+    begun = jnp.where((mass > 0.0).all(), h * rate(x, b0), 5.0 * k1 - k2)
+    return x4 + k4, jnp.stack([begun, ended, k1, k2, k3, k4])
 
 
 def integrate(structure: Structure, system: System, drive: Drive, *, max_segments: int = 4) -> tuple[Any, Any]:
@@ -58,9 +66,14 @@ def integrate(structure: Structure, system: System, drive: Drive, *, max_segment
 
     At most `max_segments` - 1 switches happen in one grid step; more would be lost, so compare with `integrate`.
     """
+    return _run(structure, system, drive, max_segments)[:2]
+
+
+def _run(structure: Structure, system: System, drive: Drive, max_segments: int) -> tuple[Any, Any, Any]:
+    """As `integrate`, and of every segment whether there is one, its start, length, end states, `_step_and_output`."""
     A, N, B, g = dense(structure, system)
     mass = jnp.asarray(structure.mass)
-    heat = jnp.asarray(drive.inputs[:, : B.shape[1]]) @ B.T
+    heat = jnp.asarray(drive.inputs[:, :, : B.shape[1]]) @ B.T
     durations = jnp.diff(jnp.asarray(drive.times))
     measured = jnp.asarray(drive.measured)
     heaters = jnp.arange(len(structure.sensor))
@@ -76,9 +89,13 @@ def integrate(structure: Structure, system: System, drive: Drive, *, max_segment
         def advance(length: Any) -> Any:
             return rosenbrock_step(A, N, mass, x, length, b0, b0 + slope * length)
 
+        def segment_of(length: Any) -> Any:
+            x1, made_of = _step_and_output(A, N, mass, x, length, b0, b0 + slope * length)
+            return active, begin, length, x, x1, made_of
+
         x1 = advance(h)
         if len(heaters) == 0:
-            return (jnp.where(active, x1, x), u, jnp.where(active, duration, begin)), None
+            return (jnp.where(active, x1, x), u, jnp.where(active, duration, begin)), segment_of(h)
         threshold = jnp.where(u > 0.5, system.upper, system.lower)
         sign = jnp.where(u > 0.5, 1.0, -1.0)
         crossed = simulated & (sign * (x1[sensor] - threshold) > 0.0) & active
@@ -106,7 +123,7 @@ def integrate(structure: Structure, system: System, drive: Drive, *, max_segment
         x_next = jnp.where(active, advance(length), x)
         u_next = jnp.where(switched, u.at[event].set(1.0 - u[event]), u)
         begin_next = jnp.where(active, jnp.where(switched, begin + length, duration), begin)
-        return (x_next, u_next, begin_next), None
+        return (x_next, u_next, begin_next), segment_of(length)
 
     def step(carry: Any, row: Any) -> Any:
         x, u, driven = carry
@@ -114,13 +131,13 @@ def integrate(structure: Structure, system: System, drive: Drive, *, max_segment
         simulated, lasting = jnp.isnan(given), duration > 0.0
         u = jnp.where(lasting, jnp.where(simulated, jnp.where(driven, started(x, u), u), given), u)
         driven = jnp.where(lasting, ~simulated, driven)
-        (x, u, _), _ = jax.lax.scan(
+        (x, u, _), segments = jax.lax.scan(
             lambda c, s: segment(c, s, start, stop, duration, simulated),
             (x, u, jnp.zeros_like(duration)),
             None,
             length=max_segments,
         )
-        return (x, u, driven), (x, u)
+        return (x, u, driven), (x, u, segments)
 
     def started(x: Any, status: Any) -> Any:
         on = jnp.where(status > 0.5, 1.0, 0.0)
@@ -128,15 +145,36 @@ def integrate(structure: Structure, system: System, drive: Drive, *, max_segment
 
     driven = ~jnp.isnan(measured[0])
     u0 = jnp.where(driven, measured[0], started(system.initial, jnp.asarray(drive.initially_on)))
-    _, (states, status) = jax.lax.scan(step, (system.initial, u0, driven), (heat[:-1], heat[1:], durations, measured))
-    return jnp.concatenate([system.initial[None], states]), jnp.concatenate([u0[None], status])
+    rows = (heat[:, 0], heat[:, 1], durations, measured)
+    _, (states, status, segments) = jax.lax.scan(step, (system.initial, u0, driven), rows)
+    active, begin, *rest = segments
+    begin = jnp.asarray(drive.times)[:-1, None] + begin
+    flat = [part.reshape(-1, *part.shape[2:]) for part in (active, begin, *rest)]
+    return jnp.concatenate([system.initial[None], states]), jnp.concatenate([u0[None], status]), flat
 
 
-def observe(states: Any, drive: Drive, samples: Any, measured: Any, errors: Any) -> Any:
-    """What sensors with errors [3, N] say at `samples` [T] s of the states [K+1, n] `measured` [N]; see `Sensors`."""
+def simulate(
+    structure: Structure, system: System, drive: Drive, samples: Any, state: Any, errors: Any, *, max_segments: int = 4
+) -> Any:
+    """What sensors of the states `state` [N] with errors [3, N] say at `samples` [T] s; see `Sensors`."""
+    states, _, (active, begin, length, x0, x1, made_of) = _run(structure, system, drive, max_segments)
 
-    def channel(temperature: Any, error: Any) -> Any:
-        seen = jnp.interp(samples + error[TIME_OFFSET], jnp.asarray(drive.times), temperature)
-        return error[GAIN] * (seen - ICE_POINT) + ICE_POINT + error[BIAS]
+    mass = jnp.asarray(structure.mass)
 
-    return jax.vmap(channel, in_axes=1, out_axes=1)(jnp.asarray(states)[:, measured], jnp.asarray(errors))
+    def channel(i: Any, error: Any) -> Any:
+        def reading(sample: Any) -> Any:
+            time = sample + error[TIME_OFFSET]
+            before = active & (begin <= time)
+            k = jnp.where(before.any(), jnp.max(jnp.where(before, jnp.arange(len(begin)), -1)), jnp.argmax(active))
+            s = jnp.maximum((time - begin[k]) / length[k], 0.0)
+            first, last, k1, k2, k3, k4 = made_of[k, :, i]
+            value = s**2 * (3.0 - 2.0 * s)
+            massive = value * (x1[k, i] - x0[k, i]) + s * (1.0 - s) ** 2 * first - s**2 * (1.0 - s) * last
+            massless = s * (5.0 - 3.0 * s) * k1 - s * (1.0 - s) * k2 + s**2 * k3 + value * k4
+            inside = x0[k, i] + jnp.where(mass[i] > 0.0, massive, massless)
+            seen = jnp.where(time >= drive.times[-1], states[-1, i], inside)
+            return error[GAIN] * (seen - ICE_POINT) + ICE_POINT + error[BIAS]
+
+        return jax.vmap(reading)(jnp.asarray(samples))
+
+    return jax.vmap(channel, in_axes=(0, 1), out_axes=1)(jnp.asarray(state), jnp.asarray(errors))

@@ -178,7 +178,7 @@ class Shifted:
 
     def __init__(self, exact, part=slice(None)):
         self.exact, self.part = exact, part
-        self.error_basis = np.zeros((len(exact.observation.sampling.point), len(exact.channels), 1))
+        self.error_basis = np.zeros((len(exact.observation.times), len(exact.channels), 1))
 
     def __getattr__(self, name):
         return getattr(self.exact, name)

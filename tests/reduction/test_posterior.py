@@ -111,7 +111,8 @@ def test_the_sensors_of_a_reduced_model_have_gain_bias_and_time_offset(folder):
     expected = 1.1 * (later - 273.15) + 273.15 + 0.5
     np.testing.assert_allclose(second[:-2, unit], expected[:-2], atol=0.01)  # the window ends after the last sample
     others = [k for k in range(first.shape[1]) if k != unit]
-    np.testing.assert_array_equal(second[:, others], first[:, others])
+    # The steps are chosen by what the sensors say, so they differ.
+    np.testing.assert_allclose(second[:, others], first[:, others], atol=0.02)
 
 
 def test_a_calibration_ends_with_draws_on_the_operational_simulator(folder):

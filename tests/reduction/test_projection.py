@@ -60,7 +60,8 @@ def test_the_whole_basis_gives_the_full_network(task, training):
     assert len(model.states) == n
     (errors,) = errors_of(fine, model, training, 3)
     assert errors.failed == 0
-    assert np.abs(errors.temperatures).max() < 1e-6
+    # At the steps' ends they are equal; inside, massless states take another form of the cubic (see `sampling`).
+    assert np.abs(errors.temperatures).max() < 1e-5
     assert np.abs(errors.duty).max() < 1e-8
 
 

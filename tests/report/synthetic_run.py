@@ -318,6 +318,7 @@ def _write_texts(
          {"channel": "panel_temperature", "finding": "out_of_range", "samples": 2, "share": 0.003,
           "first": "2024-03-01T02:00:00", "last": "2024-03-01T02:00:40", "detail": "found 185 degC"}],
     )  # fmt: skip
+    write("integration.json", [{"window": "train", "steps": 96, "error": 0.0031, "largest": 0.0124}])
     write(
         "provenance.json",
         {"flightcal": "0.1.0", "python": "3.11.9", "packages": {"numpy": "2.4.6", "jax": "0.10.2"},

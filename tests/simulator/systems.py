@@ -57,10 +57,10 @@ def simulated(structure, packed, drive, observation=NOTHING, errors=None, scatte
 
 
 def drive_of(times, inputs, heaters=0, measured=None):
-    """A drive in which all thermostats act and heaters start off."""
-    times = np.asarray(times, float)
+    """A drive of inputs [K+1, q] at grid points, in which all thermostats act and heaters start off."""
+    times, inputs = np.asarray(times, float), np.asarray(inputs, float)
     measured = np.full((len(times) - 1, heaters), np.nan) if measured is None else measured
-    return Drive(times, np.asarray(inputs, float), measured, np.zeros(heaters))
+    return Drive(times, np.stack([inputs[:-1], inputs[1:]], axis=1), measured, np.zeros(heaters))
 
 
 def random_system(seed, *, nodes=6, heaters=2, massless=1, steps=150, step=30.0, measured_heaters=0):

@@ -96,7 +96,8 @@ def test_a_massless_node_obeys_its_heat_balance_and_equals_the_limit_of_a_small_
     structure, system, drive = random_system(4, heaters=0, massless=1)
     x = integrate(structure, system, drive).states
     A, N, B, _ = (np.array(matrix) for matrix in oracle.dense(structure, system))
-    balance = x @ A[-1] + x**4 @ N[-1] + drive.inputs @ B[-1]
+    inputs = np.concatenate([drive.inputs[:1, 0], drive.inputs[:, 1]])
+    balance = x @ A[-1] + x**4 @ N[-1] + inputs @ B[-1]
     jump = int(np.flatnonzero(np.diff(drive.times) == 0.0)[0])
     settled = np.ones(len(x), bool)
     settled[[0, 1, jump + 1, jump + 2]] = False
@@ -105,8 +106,8 @@ def test_a_massless_node_obeys_its_heat_balance_and_equals_the_limit_of_a_small_
     small = np.array([1.0] * (len(A) - 1) + [1 / 0.05])  # 0.05 J/K: a time constant of milliseconds
 
     def rate(t, y):
-        inputs = np.array([np.interp(t, drive.times, column) for column in drive.inputs.T])
-        return small * (A @ y + N @ y**4 + B @ inputs)
+        acting = np.array([np.interp(t, drive.times, column) for column in inputs.T])
+        return small * (A @ y + N @ y**4 + B @ acting)
 
     # Up to the jump, which interpolation would smear.
     span = (drive.times[2], drive.times[jump])

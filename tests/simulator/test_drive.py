@@ -1,75 +1,126 @@
-"""The grid and the series on it."""
+"""What acts on a network in a window, and what steps make of it."""
+
+import itertools
 
 import numpy as np
 import pytest
+from scipy.integrate import simpson
 
 from flightcal.environment import face_fluxes
 from flightcal.errors import TelemetryError
 from flightcal.simulator import build_network, open_loop
-from flightcal.simulator.drive import build_drive, make_grid
+from flightcal.simulator.drive import Inputs, drive_on, make_grid, window_inputs
 
 from .. import small
 from .test_network import rich
-
-NOTHING = np.empty(0)
 
 
 def seconds(count):
     return np.timedelta64(int(count), "s")
 
 
-def drive_of(scenario, data, *, start=0.0, hours=1.5):
-    """Network, drive and sampling on a window that begins `start` s into the telemetry."""
+def inputs_of(scenario, data, *, start=0.0, hours=1.5):
+    """Network and what acts on it in a window that begins `start` s into the telemetry."""
     times = data["time"].values
     begin = times[0] + seconds(start)
     end = begin + seconds(3600 * hours)
     samples = times[(times >= begin) & (times <= end)]
     network = build_network(scenario)
-    period = small.period_of(scenario)
-    return network, *build_drive(scenario, network, data, begin, end, samples, period=period)
+    return network, window_inputs(scenario, network, data, begin, end, samples, period=small.period_of(scenario))
 
 
-def series(network, drive, column):
-    return drive.inputs[:, network.columns.index(column)]
+def series(network, inputs, column):
+    return inputs.values[network.columns.index(column)]
 
 
-def test_no_step_of_the_grid_is_longer_than_asked_and_samples_and_kinks_are_on_it():
-    samples, kinks = np.array([0.0, 70.0, 140.0, 205.0, 280.0]), np.array([33.3, 500.0])
-    grid = make_grid(300.0, 30.0, samples, kinks, NOTHING, settle=False)
+def made(times, values, *, breaks=None, corners=(), settling=()):
+    """Inputs of the window that `times` cover, without heaters."""
+    times = np.asarray(times, float)
+    breaks = times[[0, -1]] if breaks is None else np.asarray(breaks, float)
+    return Inputs(
+        times, np.atleast_2d(np.asarray(values, float)), np.empty((len(times) - 1, 0)), breaks,
+        np.asarray(corners, float), np.asarray(settling, float), np.empty(0),
+    )  # fmt: skip
+
+
+def test_no_step_of_the_grid_is_longer_than_asked_and_breaks_are_on_it():
+    inputs = made([0.0, 300.0], [1.0, 1.0], breaks=[0.0, 33.3, 205.0, 300.0])
+    grid = make_grid(inputs, 30.0)
     assert (grid[0], grid[-1]) == (0.0, 300.0)
     assert np.diff(grid).min() > 0
     assert np.diff(grid).max() <= 30.0 + 1e-9
-    assert set(samples) | {33.3} <= set(grid)
-    assert 500.0 not in grid
+    assert {33.3, 205.0} <= set(grid)
 
 
-def test_a_jump_stands_twice_and_is_followed_by_settling_steps():
-    grid = make_grid(300.0, 30.0, NOTHING, NOTHING, np.array([0.0, 100.0, 300.0]), settle=True)
-    assert (grid == 100.0).sum() == 2
-    assert (np.diff(grid) == 0.0).sum() == 1
+def test_the_length_of_the_steps_follows_a_function_of_time():
+    inputs = made([0.0, 6000.0], [1.0, 1.0], breaks=[0.0, 2000.0, 6000.0])
+    grid = make_grid(inputs, lambda t: 20.0 + 0.02 * t)
+    middles = 0.5 * (grid[1:] + grid[:-1])
+    assert 2000.0 in grid
+    np.testing.assert_allclose(np.diff(grid), 20.0 + 0.02 * middles, rtol=0.05)
+
+
+def test_steps_end_at_the_inputs_corners_unless_these_are_much_closer_together():
+    corners = np.arange(60.0, 600.0, 60.0)
+    inputs = made([0.0, 600.0], [1.0, 1.0], corners=corners)
+    for length in (7.0, 50.0, 66.0, 150.0):
+        assert set(corners) <= set(make_grid(inputs, lambda t, length=length: length + 0.0 * t))
+    assert len(make_grid(inputs, lambda t: 200.0 + 0.0 * t)) == 4
+
+
+def test_the_start_and_a_jump_are_followed_by_settling_steps_where_nodes_are_massless():
+    grid = make_grid(
+        made([0.0, 100.0, 300.0], [1.0, 1.0, 1.0], breaks=[0.0, 100.0, 300.0], settling=[0.0, 100.0]), 30.0
+    )
+    assert (grid == 100.0).sum() == 1
     np.testing.assert_allclose(grid[(grid > 100.0) & (grid < 101.0)] - 100.0, [1e-4, 2e-4, 3e-4], rtol=1e-6)
+
+
+def test_what_is_linear_stays_what_it_is_in_steps_that_jump_where_it_does():
+    inputs = made([0.0, 100.0, 100.0, 300.0], [[0.0, 100.0, 500.0, 300.0]], breaks=[0.0, 100.0, 300.0])
+    drive = drive_on(inputs, np.array([0.0, 30.0, 100.0, 180.0, 300.0]))
+    expected = [[0.0, 30.0], [30.0, 100.0], [500.0, 420.0], [420.0, 300.0]]
+    np.testing.assert_allclose(drive.inputs[:, :, 0], expected, atol=1e-9)
+
+
+def test_a_step_gets_all_heat_and_its_centre_of_gravity_however_long_it_is():
+    times = np.linspace(0.0, 6000.0, 601)
+    values = np.stack([np.maximum(np.sin(times / 900.0), 0.0), np.random.default_rng(0).normal(size=601)])
+    grid = np.array([0.0, 333.3, 1234.5, 1240.0, 4000.0, 6000.0])
+    drive = drive_on(made(times, values), grid)
+    fine = np.unique(np.concatenate([times, grid]))
+    for k, (begin, end) in enumerate(itertools.pairwise(grid)):
+        t = fine[(fine >= begin) & (fine <= end)]
+        # Of products of lines, exact by Simpson's rule.
+        t = np.unique(np.concatenate([t, 0.5 * (t[1:] + t[:-1])]))
+        for j in range(2):
+            line = np.interp(t, [begin, end], drive.inputs[k, :, j])
+            for weight in (1.0, (t - begin) / (end - begin)):
+                got, wanted = (simpson(f * weight, x=t) for f in (line, np.interp(t, times, values[j])))
+                assert got == pytest.approx(wanted, abs=1e-9 * (end - begin))
 
 
 @pytest.fixture(scope="module")
 def everything(tmp_path_factory):
     scenario, data = small.load(tmp_path_factory.mktemp("rich"), rich())
-    return scenario, data, *drive_of(scenario, data)
+    return scenario, data, *inputs_of(scenario, data)
 
 
 def test_exactly_one_mode_is_active_and_it_changes_at_the_times_of_the_timeline(everything):
-    _, _, network, drive, _ = everything
-    busy, quiet = series(network, drive, "mode.busy"), series(network, drive, "mode.quiet")
+    _, _, network, inputs = everything
+    busy, quiet = series(network, inputs, "mode.busy"), series(network, inputs, "mode.quiet")
     np.testing.assert_array_equal(busy + quiet, 1.0)
     first = np.flatnonzero(busy)[0]
-    assert drive.times[first] == drive.times[first - 1] == 20.5 * 60
-    assert np.trapezoid(busy, drive.times) == pytest.approx((50 - 20.5) * 60)
+    assert inputs.times[first] == inputs.times[first - 1] == 20.5 * 60
+    assert np.trapezoid(busy, inputs.times) == pytest.approx((50 - 20.5) * 60)
+    assert {20.5 * 60, 50 * 60} <= set(inputs.breaks)
 
 
 def test_the_mode_of_the_last_change_before_the_window_holds_at_its_start(tmp_path):
     scenario, data = small.load(tmp_path, rich())
-    network, drive, _ = drive_of(scenario, data, start=1800.0)
-    assert series(network, drive, "mode.busy")[0] == 1.0
-    assert np.trapezoid(series(network, drive, "mode.busy"), drive.times) == pytest.approx(20 * 60)
+    network, inputs = inputs_of(scenario, data, start=1800.0)
+    assert series(network, inputs, "mode.busy")[0] == 1.0
+    assert np.trapezoid(series(network, inputs, "mode.busy"), inputs.times) == pytest.approx(20 * 60)
 
 
 def test_without_a_timeline_the_only_mode_holds(tmp_path):
@@ -77,47 +128,64 @@ def test_without_a_timeline_the_only_mode_holds(tmp_path):
     written["simulator"].pop("timeline")
     written["simulator"]["modes"].pop("quiet")
     scenario, data = small.load(tmp_path, written)
-    network, drive, _ = drive_of(scenario, data)
-    np.testing.assert_array_equal(series(network, drive, "mode.busy"), 1.0)
+    network, inputs = inputs_of(scenario, data)
+    np.testing.assert_array_equal(series(network, inputs, "mode.busy"), 1.0)
 
 
 def test_a_driver_follows_the_telemetry_between_samples(everything):
-    _, data, network, drive, _ = everything
+    _, data, network, inputs = everything
     at = (data["time"].values - data["time"].values[0]) / np.timedelta64(1, "s")
     np.testing.assert_allclose(
-        series(network, drive, "driver.sun"), np.interp(drive.times, at, data["sun"].values), atol=1e-9
+        series(network, inputs, "driver.sun"), np.interp(inputs.times, at, data["sun"].values), atol=1e-9
     )
 
 
 def test_a_measured_boundary_gives_its_temperature_and_the_fourth_power_of_it(everything):
-    _, _, network, drive, _ = everything
-    measured = series(network, drive, "temperature.bus")
-    np.testing.assert_allclose(measured, 285.15 + 0.001 * drive.times / 60.0, atol=1e-6)
-    np.testing.assert_allclose(series(network, drive, "temperature4.bus"), measured**4)
+    _, _, network, inputs = everything
+    measured = series(network, inputs, "temperature.bus")
+    np.testing.assert_allclose(measured, 285.15 + 0.001 * inputs.times / 60.0, atol=1e-6)
+    np.testing.assert_allclose(series(network, inputs, "temperature4.bus"), measured**4)
 
 
-def test_faces_get_the_environments_fluxes_and_eclipse_edges_are_on_the_grid(everything):
-    scenario, data, network, drive, _ = everything
-    times = data["time"].values[0] + np.round(drive.times * 1e9).astype("timedelta64[ns]")
+def test_faces_get_the_environments_fluxes_and_the_edges_of_the_sunlight_are_breaks(everything):
+    scenario, data, network, inputs = everything
+    begin = data["time"].values[0]
+    times = begin + np.round(inputs.times * 1e9).astype("timedelta64[ns]")
     fluxes = face_fluxes(scenario.environment, {"top": scenario.simulator.faces["top"].normal}, times)
     for kind in ("solar", "albedo", "infrared"):
-        np.testing.assert_allclose(series(network, drive, f"{kind}.top"), getattr(fluxes, kind)[:, 0])
-    # Between the points of the grid inputs are straight lines: with eclipse edges on it, the heat is right.
-    fine = data["time"].values[0] + np.arange(0, 5400 * 2 + 1) * np.timedelta64(500, "ms")
-    exact = face_fluxes(scenario.environment, {"top": scenario.simulator.faces["top"].normal}, fine).solar[:, 0]
+        np.testing.assert_allclose(series(network, inputs, f"{kind}.top"), getattr(fluxes, kind)[:, 0])
+    fine = np.arange(0.0, 5400.0, 0.5)
+    normals = {name: face.normal for name, face in scenario.simulator.faces.items()}
+    exact = face_fluxes(scenario.environment, normals, begin + np.round(fine * 1e9).astype("timedelta64[ns]")).solar
     assert (exact == 0).any()
-    on_grid = np.trapezoid(series(network, drive, "solar.top"), drive.times)
-    assert on_grid == pytest.approx(exact.mean() * 5400, rel=1e-3)
+    for lit in (exact > 0.0).T:
+        for edge in fine[1:][np.diff(lit)]:
+            assert np.abs(inputs.breaks - edge).min() <= 0.5
+    # However long the steps, a face gets all its sunlight.
+    drive = drive_on(inputs, make_grid(inputs, 600.0))
+    got = drive.inputs[:, :, network.columns.index("solar.top")].mean(axis=1) @ np.diff(drive.times)
+    assert got == pytest.approx(exact[:, list(normals).index("top")].mean() * 5400, rel=1e-3)
 
 
-def test_heaters_are_driven_by_thermostats_or_by_the_measured_share_of_each_step(tmp_path):
+def test_heaters_are_driven_by_thermostats_or_by_their_measured_status(tmp_path):
     scenario, data = small.load(tmp_path)
     data["heater_status"].values[10:25] = 1.0
-    _, drive, _ = drive_of(scenario, data)
-    assert np.isnan(drive.measured).all()
-    _, drive, _ = drive_of(open_loop(scenario), data)
-    assert np.isfinite(drive.measured).all()
-    assert drive.measured[:, 0] @ np.diff(drive.times) == pytest.approx(15 * 60.0)
+    _, inputs = inputs_of(scenario, data)
+    assert np.isnan(inputs.driven).all()
+    _, inputs = inputs_of(open_loop(scenario), data)
+    assert {9.5 * 60, 24.5 * 60} <= set(inputs.breaks)
+    for length in (25.0, 700.0):
+        drive = drive_on(inputs, make_grid(inputs, length))
+        np.testing.assert_allclose(drive.measured, np.round(drive.measured), atol=1e-6)
+        assert drive.measured[:, 0] @ np.diff(drive.times) == pytest.approx(15 * 60.0)
+
+
+def test_where_the_status_is_unknown_for_long_the_thermostat_acts(tmp_path):
+    scenario, data = small.load(tmp_path)
+    data["heater_status"].values[30:50] = np.nan
+    _, inputs = inputs_of(open_loop(scenario), data)
+    drive = drive_on(inputs, make_grid(inputs, 600.0))
+    assert np.diff(drive.times)[np.isnan(drive.measured[:, 0])].sum() == pytest.approx(20 * 60.0)
 
 
 def test_open_loop_needs_a_status_channel(tmp_path):
@@ -125,7 +193,7 @@ def test_open_loop_needs_a_status_channel(tmp_path):
     written["simulator"]["heaters"]["heater"].pop("measured_by")
     scenario, data = small.load(tmp_path, written)
     with pytest.raises(TelemetryError, match=r"heater 'heater'.*no 'measured_by'"):
-        drive_of(open_loop(scenario), data)
+        inputs_of(open_loop(scenario), data)
 
 
 @pytest.mark.parametrize("measured", [0.0, 1.0])
@@ -135,7 +203,7 @@ def test_a_heater_starts_in_its_measured_state(tmp_path, measured):
     scenario, data = small.load(tmp_path, written)
     data["heater_status"].values[:] = 1.0 - measured
     data["heater_status"].values[60] = measured
-    assert drive_of(scenario, data, start=3600.0)[1].initially_on == [measured]
+    assert inputs_of(scenario, data, start=3600.0)[1].initially_on == [measured]
 
 
 def test_a_heater_without_status_starts_as_the_scenario_says(tmp_path):
@@ -143,11 +211,11 @@ def test_a_heater_without_status_starts_as_the_scenario_says(tmp_path):
     written["simulator"]["heaters"]["heater"] |= {"initially_on": True}
     written["simulator"]["heaters"]["heater"].pop("measured_by")
     scenario, data = small.load(tmp_path, written)
-    assert drive_of(scenario, data)[1].initially_on == [1.0]
+    assert inputs_of(scenario, data)[1].initially_on == [1.0]
 
 
 def test_a_driver_that_cannot_be_bridged_is_an_error(tmp_path):
     scenario, data = small.load(tmp_path)
     data["sun"].values[20:80] = np.nan
     with pytest.raises(TelemetryError, match=r"channel 'sun'.*gap"):
-        drive_of(scenario, data)
+        inputs_of(scenario, data)

@@ -173,7 +173,7 @@ def test_two_heaters_in_one_step_switch_in_their_own_order(apart):
         np.ones(2), none, none, np.zeros((2, 1)), np.diag(rates), range(2), [1.0, 1.0], 280.0 + rates * at, [280.0] * 2
     )
     times = np.arange(0.0, 300.0, 60.0)
-    drive = Drive(times, np.ones((len(times), 1)), np.full((len(times) - 1, 2), np.nan), np.ones(2))
+    drive = Drive(times, np.ones((len(times) - 1, 2, 1)), np.full((len(times) - 1, 2), np.nan), np.ones(2))
     run = integrate(structure, system, drive)
     assert run.switches.on.tolist() == [0.0, 0.0]
     if apart:

@@ -7,7 +7,7 @@ from numba import njit
 from flightcal.simulator.integrate import Observation, switches
 from flightcal.simulator.kernels.forward import FINISHED, NOT_FINITE, TOO_MANY_SWITCHES
 from flightcal.simulator.kernels.lanes import WIDTH, elements, lane_count, lane_memory, put, take
-from flightcal.simulator.sampling import Sensors, locate
+from flightcal.simulator.sampling import Sensors
 from flightcal.simulator.system import pack
 
 from .systems import random_system, simulated
@@ -73,7 +73,7 @@ def test_simulations_side_by_side_are_those_one_by_one(options, count):
     structure, system, drive = random_system(**{"seed": 1, **options})
     packed = around(system, count)
     samples = np.linspace(0.0, drive.times[-1], 70)
-    observation = Observation(locate(samples, drive.times), Sensors(np.array([2, 0]), np.array([False, True])))
+    observation = Observation(samples, Sensors(np.array([2, 0]), np.array([False, True])))
     errors = np.array([[1.0], [0.0], [0.0]]) + np.random.default_rng(1).normal(size=(count, 3, 2))
     outputs = simulated(structure, packed, drive, observation, errors, lanes=True).outputs
     assert (outputs.outcome == FINISHED).all()

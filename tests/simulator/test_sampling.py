@@ -1,128 +1,178 @@
-"""What the sensors say of the states on the grid, and its derivative."""
+"""What the sensors say of the states inside the steps, and its derivative."""
 
 import numpy as np
 import pytest
-from numba import njit
-from scipy.optimize import check_grad
+from scipy.integrate import solve_ivp
 
-from flightcal.simulator.drive import make_grid
-from flightcal.simulator.kernels import sampling as kernels
-from flightcal.simulator.kernels.forward import Record
-from flightcal.simulator.kernels.sampling import SpreadCall, spread
-from flightcal.simulator.sampling import Sensors, locate
+from flightcal.simulator.integrate import check_outcome
+from flightcal.simulator.sampling import Observation, Sensors
+from flightcal.simulator.system import Drive, System, pack, unpack
 
 from .. import oracle
 from ..oracle import QUICKLY_COMPILED, jax
-from .systems import drive_of
-
-NOTHING = np.empty(0)
-
-
-@njit
-def interpolate(sampling, sensors, times, on_grid, errors, at_samples):
-    kernels.interpolate(sampling, sensors, times, on_grid, errors, at_samples)
-
-
-def spread_back(sampling, sensors, grid, states, errors, weights):
-    """Cotangents of states [K+1, n] and errors [3, N] from those of the samples [T, N]."""
-    states_bar, errors_bar = np.empty_like(states), np.empty_like(errors)
-    record = Record._make([np.empty(0)] * len(Record._fields))._replace(states=states[None])
-    spread(SpreadCall(sampling, sensors, grid, record, errors[None], weights, states_bar, errors_bar))
-    return states_bar, errors_bar
+from .systems import drive_of, from_dense, linear_network, random_system, simulated
 
 
 def no_errors(channels):
     return np.array([[1.0], [0.0], [0.0]]) * np.ones(channels)
 
 
-def at_samples(sampling, grid, on_grid, sensors=None, errors=None):
-    channels = on_grid.shape[1] if sensors is None else len(sensors.state)
-    sensors = Sensors(np.arange(channels), np.zeros(channels, bool)) if sensors is None else sensors
-    found = np.empty((len(sampling.point), channels))
-    interpolate(sampling, sensors, grid, on_grid, no_errors(channels) if errors is None else errors, found)
-    return found
+def said(structure, system, drive, samples, sensors, errors=None):
+    """A run, after which `outputs.temperatures` has what the sensors say."""
+    errors = no_errors(len(sensors.state)) if errors is None else errors
+    run = simulated(structure, pack(system), drive, Observation(np.asarray(samples, float), sensors), errors)
+    check_outcome(run.outputs.outcome[0])
+    return run
 
 
-def test_dense_samples_are_interpolated_instead_of_refining_the_grid():
-    samples = np.arange(0.0, 301.0, 1.0)
-    grid = make_grid(300.0, 30.0, samples, NOTHING, NOTHING, settle=False)
-    assert len(grid) == 11
-    line = np.stack([grid * 2.0, grid * 0.0 + 1.0], axis=1)
-    np.testing.assert_allclose(at_samples(locate(samples, grid), grid, line)[:, 0], 2.0 * samples)
+def unmoved(*states):
+    return Sensors(np.array(states), np.zeros(len(states), bool))
 
 
-def test_a_sample_at_a_jump_is_seen_after_it():
-    grid = make_grid(300.0, 30.0, NOTHING, NOTHING, np.array([100.0]), settle=False)
-    after = (np.arange(len(grid)) > np.flatnonzero(grid == 100.0)[0]).astype(float)[:, None]
-    assert at_samples(locate(np.array([99.999999999, 100.0]), grid), grid, after)[1, 0] == 1.0
+def ramp(rate=0.02, duration=300.0, steps=10):
+    """One node that warms at a constant rate, K/s, from 280 K."""
+    return linear_network([1.0], {}, [rate], [280.0], np.linspace(0.0, duration, steps + 1))
+
+
+def test_a_straight_line_is_read_off_exactly_wherever_the_samples_lie():
+    samples = np.sort(np.random.default_rng(0).uniform(0.0, 300.0, 1000))
+    run = said(*ramp(), samples, unmoved(0))
+    np.testing.assert_allclose(run.outputs.temperatures[0, :, 0], 280.0 + 0.02 * samples)
 
 
 def test_a_reading_in_celsius_is_gain_times_the_temperature_in_celsius_plus_bias():
-    grid = np.array([0.0, 60.0])
-    sensors = Sensors(np.array([0]), np.array([False]))
-    errors = np.array([[1.02], [0.5], [0.0]])
-    seen = at_samples(locate(grid, grid), grid, np.array([[273.15 - 40.0], [273.15 + 60.0]]), sensors, errors)
-    np.testing.assert_allclose(seen[:, 0] - 273.15, [1.02 * -40.0 + 0.5, 1.02 * 60.0 + 0.5])
+    run = said(*ramp(), [0.0, 300.0], unmoved(0), np.array([[1.02], [0.5], [0.0]]))
+    expected = 1.02 * (np.array([280.0, 286.0]) - 273.15) + 0.5
+    np.testing.assert_allclose(run.outputs.temperatures[0, :, 0] - 273.15, expected)
 
 
 @pytest.mark.parametrize("offset", [-70.0, -3.0, 0.0, 11.0, 70.0])
 def test_a_time_offset_moves_the_samples_of_a_ramp_and_no_further_than_the_window(offset):
-    grid = make_grid(300.0, 30.0, NOTHING, NOTHING, np.array([100.0]), settle=False)
     samples = np.linspace(0.0, 300.0, 21)
-    sensors = Sensors(np.array([0, 0]), np.array([True, False]))
     errors = no_errors(2)
     errors[2, 0] = offset
-    seen = at_samples(locate(samples, grid), grid, (280.0 + 0.02 * grid)[:, None], sensors, errors)
+    run = said(*ramp(), samples, Sensors(np.array([0, 0]), np.array([True, False])), errors)
+    seen = run.outputs.temperatures[0]
     np.testing.assert_allclose(seen[:, 0], 280.0 + 0.02 * np.clip(samples + offset, 0.0, 300.0))
     np.testing.assert_allclose(seen[:, 1], 280.0 + 0.02 * samples)
 
 
-@pytest.fixture
-def scene():
-    """A grid with a jump and settling steps, states of any kind, and sensors of which some are moved."""
+def test_inside_the_steps_the_error_falls_with_the_third_power_of_the_step_too():
+    errors = []
+    samples = np.linspace(0.0, 6000.0, 997)
+    for steps in (20, 40, 80):
+        structure, system, _ = random_system(5, heaters=0, massless=0, steps=1)
+        times = np.linspace(0.0, 6000.0, steps + 1)
+        drive = drive_of(times, np.stack([np.ones(steps + 1), times / 6000.0, times / 6000.0], axis=1))
+        A, N, B, _ = (np.array(matrix) for matrix in oracle.dense(structure, system))
+
+        def rate(t, x, A=A, N=N, B=B):
+            return A @ x + N @ x**4 + B @ [1.0, t / 6000.0, t / 6000.0]
+
+        exact = solve_ivp(rate, (0, 6000), system.initial, method="Radau", rtol=1e-11, atol=1e-10, t_eval=samples).y.T
+        run = said(structure, system, drive, samples, unmoved(*range(len(system.initial))))
+        errors.append(np.abs(run.outputs.temperatures[0] - exact).max())
+    orders = np.log2(np.array(errors[:-1]) / errors[1:])
+    assert (orders > 2.7).all(), f"errors {errors}"
+
+
+def test_a_massless_node_is_read_off_to_second_order_inside_a_step():
+    errors = []
+    samples = np.linspace(500.0, 5800.0, 397)
+    for steps in (20, 40, 80):
+        structure, system, _ = random_system(5, heaters=0, massless=1, steps=1)
+        times = np.linspace(0.0, 6000.0, steps + 1)
+        drive = drive_of(times, np.stack([np.ones(steps + 1), times / 6000.0, times / 6000.0], axis=1))
+        massless = int(np.flatnonzero(structure.mass == 0.0)[0])
+        exact = said(structure, system, dense(drive, 64), samples, unmoved(massless)).outputs.temperatures[0]
+        run = said(structure, system, drive, samples, unmoved(massless))
+        errors.append(np.abs(run.outputs.temperatures[0] - exact).max())
+    orders = np.log2(np.array(errors[:-1]) / errors[1:])
+    assert (orders > 1.7).all(), f"errors {errors}"
+
+
+def dense(drive, parts):
+    """The same drive in steps that are parts of its own; its inputs are straight lines in them."""
+    share = np.arange(parts) / parts
+    times = np.append((drive.times[:-1, None] + share * np.diff(drive.times)[:, None]).ravel(), drive.times[-1])
+    points = drive.inputs[:, :1] + share[:, None] * (drive.inputs[:, 1:] - drive.inputs[:, :1])
+    points = np.concatenate([points.reshape(-1, drive.inputs.shape[2]), drive.inputs[-1, 1:]])
+    finer = drive_of(times, points, heaters=len(drive.initially_on))
+    return Drive(finer.times, finer.inputs, finer.measured, drive.initially_on)
+
+
+CASES = {
+    "two thermostats and a massless node": {},
+    "one heater measured, two simulated": {"heaters": 3, "measured_heaters": 1, "seed": 3},
+    "long steps": {"steps": 40, "step": 110.0, "seed": 2},
+    "no heater": {"heaters": 0},
+}
+
+
+@pytest.mark.parametrize("options", CASES.values(), ids=CASES.keys())
+def test_what_sensors_say_and_its_derivative_are_the_oracles(options):
+    """Through heaters' switches inside the steps, before the start, after the end, and with offsets in time."""
+    structure, system, drive = random_system(**{"seed": 1, **options})
     rng = np.random.default_rng(0)
-    grid = make_grid(300.0, 30.0, NOTHING, NOTHING, np.array([100.0]), settle=True)
-    states = 280.0 + rng.normal(size=(len(grid), 3))
-    samples = np.sort(rng.uniform(0, 300, 40))
-    sensors = Sensors(np.array([2, 0, 2, 1]), np.array([True, False, False, True]))
-    errors = np.array([[0.9, 1.1, 1.0, 1.3], [0.3, 0.0, -1.0, 2.0], [17.0, 0.0, 0.0, -41.0]])
-    return grid, states, samples, sensors, errors, rng.normal(size=(40, 4))
+    samples = np.sort(np.append(rng.uniform(0.0, drive.times[-1], 150), [0.0, drive.times[-1]]))
+    sensors = Sensors(np.array([2, 0, 1, len(structure.mass) - 1, 0]), np.array([True, False, False, False, True]))
+    errors = np.array([[0.9, 1.1, 1.0, 1.0, 1.3], [0.3, 0.0, -1.0, 0.0, 2.0], [17.0, 0.0, 0.0, 0.0, -41.0]])
+    weights = rng.normal(size=(len(samples), 5))
+    run = said(structure, system, drive, samples, sensors, errors)
+    if options.get("heaters", 2) > options.get("measured_heaters", 0):
+        assert run.outputs.switches[0] >= 4, "the case must switch to test anything"
+    run.temperatures_bar[:] = weights
+    run.adjoint()
+
+    def objective(system, errors):
+        seen = oracle.simulate(structure, system, drive, samples, sensors.state, errors, max_segments=6)
+        return (seen * weights).sum(), seen
+
+    judge = jax.jit(jax.value_and_grad(objective, argnums=(0, 1), has_aux=True), compiler_options=QUICKLY_COMPILED)
+    (_, seen), (by_system, by_errors) = judge(system, errors)
+    np.testing.assert_allclose(run.outputs.temperatures[0], seen, atol=1e-8)
+    for name, got, wanted in zip(System._fields, unpack(structure, run.packed_bar), by_system, strict=True):
+        if np.size(wanted):
+            np.testing.assert_allclose(got, wanted, atol=1e-7 * (np.abs(wanted).max() or 1.0), rtol=1e-7, err_msg=name)
+    wanted = np.array(by_errors)
+    wanted[2] *= sensors.moved
+    np.testing.assert_allclose(run.errors_bar, wanted, rtol=1e-6, atol=1e-6)
+    assert np.abs(run.errors_bar[2, sensors.moved]).min() > 1e-3
 
 
-def test_what_sensors_say_and_its_derivative_are_the_oracles(scene):
-    grid, states, samples, sensors, errors, weights = scene
-    drive = drive_of(grid, np.ones((len(grid), 1)))
-
-    def said(states, errors):
-        return oracle.observe(states, drive, samples, sensors.state, errors)
-
-    got = at_samples(locate(samples, grid), grid, states, sensors, errors)
-    np.testing.assert_allclose(got, said(states, errors), atol=1e-9)
-    states_bar, errors_bar = spread_back(locate(samples, grid), sensors, grid, states, errors, weights)
-    gradient = jax.grad(lambda *at: (said(*at) * weights).sum(), argnums=(0, 1))
-    by_states, by_errors = jax.jit(gradient, compiler_options=QUICKLY_COMPILED)(states, errors)
-    by_errors = by_errors.at[2].multiply(sensors.moved)
-    np.testing.assert_allclose(states_bar, by_states, atol=1e-9)
-    np.testing.assert_allclose(errors_bar, by_errors, atol=1e-7)
-    assert np.abs(errors_bar[2, sensors.moved]).min() > 1e-3
+def hump(upper):
+    """One node in a step of 300 s, in which it first warms and then cools; its heater is on until `upper` K."""
+    structure, system = from_dense(
+        np.ones(1), np.array([[-1.0 / 600.0]]), np.zeros((1, 1)), np.array([[1.0 / 600.0]]), np.array([[1e-4]]),
+        [0], [200.0], [upper], [290.0],
+    )  # fmt: skip
+    drive = drive_of([0.0, 300.0], [[310.0], [262.0]], heaters=1)
+    return structure, system, Drive(drive.times, drive.inputs, drive.measured, np.ones(1))
 
 
-def test_the_derivative_by_the_errors_agrees_with_differences(scene):
-    grid, states, samples, sensors, errors, weights = scene
+def test_a_moment_past_the_threshold_inside_a_long_step_is_not_missed():
+    """The sensor is back within its band when the step ends."""
+    structure, system, drive = hump(1e3)
+    top = said(structure, system, drive, np.linspace(0.0, 300.0, 601), unmoved(0)).outputs.temperatures.max()
+    structure, system, drive = hump(top - 0.05)
+    run = said(structure, system, drive, [300.0], unmoved(0))
+    assert run.states[-1, 0] < top - 0.5
+    exact = said(structure, system, dense(drive, 64), [300.0], unmoved(0))
+    assert list(run.switches.on) == list(exact.switches.on) == [0.0]
+    np.testing.assert_allclose(run.switches.time, exact.switches.time, atol=3.0)
+    run.temperatures_bar[:] = 1.0
+    run.adjoint()
+    assert np.isfinite(run.packed_bar).all()
 
-    def value(flat):
-        return float((at_samples(locate(samples, grid), grid, states, sensors, flat.reshape(3, 4)) * weights).sum())
 
-    def gradient(flat):
-        return spread_back(locate(samples, grid), sensors, grid, states, flat.reshape(3, 4), weights)[1].ravel()
-
-    assert check_grad(value, gradient, errors.ravel(), epsilon=1e-6) < 1e-3 * np.abs(gradient(errors.ravel())).max()
-
-
-def test_the_slope_of_the_steps_that_settle_massless_nodes_is_not_one_in_time():
-    """Such a node jumps within a ten-thousandth of a second, and a sample at the jump must not see that as a rate."""
-    grid = make_grid(300.0, 30.0, NOTHING, NOTHING, np.array([100.0]), settle=True)
-    states = np.where(np.arange(len(grid)) < 2, 290.0, 250.0)[:, None]
-    sensors, sampling = Sensors(np.array([0]), np.array([True])), locate(np.array([0.0, 60.0]), grid)
-    _, errors_bar = spread_back(sampling, sensors, grid, states, no_errors(1), np.ones((2, 1)))
-    assert errors_bar[2, 0] == 0.0
+def test_a_moment_past_the_threshold_that_only_the_cubic_has_is_none():
+    """Where the solution stays short of the threshold that its continuation passes, no heater switches."""
+    outcomes = set()
+    structure, system, drive = hump(1e3)
+    top = said(structure, system, drive, np.linspace(0.0, 300.0, 601), unmoved(0)).outputs.temperatures.max()
+    for below in np.linspace(-0.08, 0.02, 81):
+        structure, system, drive = hump(top + below)
+        run = said(structure, system, drive, [300.0], unmoved(0))
+        assert (run.outputs.status[0] == 1.0 - len(run.switches.time)).all()
+        outcomes.add(len(run.switches.time))
+    assert outcomes == {0, 1}

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import asdict
 from pathlib import Path
 from typing import Any
 
@@ -36,11 +37,18 @@ def open_for(scenario: Scenario, out: Path, progress: Progress, **more: str) -> 
 
 
 def keep_what_was_read(run: Run, data: xarray.Dataset, problem: Problem) -> None:
-    """Write telemetry_quality.json and parameters.json; telemetry and problem are what stages may be made from."""
+    """Write what telemetry and problem are like, as JSON; they are what stages may be made from."""
     with run.folder.stage("read", run.folder.identity):
         run.folder.write_json("telemetry_quality.json", plain(quality_table(data)))
         run.folder.write_json("parameters.json", parameter_records(problem))
+        run.folder.write_json("integration.json", integration_records(problem))
     run.given(run.folder.identity, data, problem)
+
+
+def integration_records(problem: Problem) -> list[dict[str, Any]]:
+    """integration.json: the steps of each training window's integration and their error, K; empty without a network."""
+    found = [(window.name, window.network.accuracy) for window in problem.windows if window.network is not None]
+    return [{"window": name, **asdict(accuracy)} for name, accuracy in found if accuracy is not None]
 
 
 def parameter_records(problem: Problem) -> list[dict[str, Any]]:

@@ -26,7 +26,9 @@ def lint(scenario: ScenarioFile, telemetry: TelemetryPlace = None) -> None:
     data = read(loaded)
     for window in loaded.windows:
         built = build_window(loaded, data, window)
-        typer.echo(f"window {window}: {len(built.times)} samples of {len(built.simulator.channels)} channels")
+        accuracy = built.network.accuracy if built.network is not None else None
+        steps = "" if accuracy is None else f"; {accuracy.steps} steps, error {1e3 * accuracy.error:.2g} mK"
+        typer.echo(f"window {window}: {len(built.times)} samples of {len(built.simulator.channels)} channels{steps}")
     for record in quality_table(data):
         typer.echo(f"telemetry {record.channel or 'file'}: {record.finding}, {record.samples} samples; {record.detail}")
     typer.echo(f"{scenario}: no problems found")

@@ -4,6 +4,7 @@ Imports: errors, scenario.
 """
 
 from .eclipse import shadow_edges, sunlit_fraction, sunlit_share
+from .edges import sample_times, sun_edges
 from .fluxes import FaceFluxes, face_fluxes
 from .geometry import orbit_phase
 from .orbit import orbital_period
@@ -13,7 +14,9 @@ __all__ = [
     "face_fluxes",
     "orbit_phase",
     "orbital_period",
+    "sample_times",
     "shadow_edges",
+    "sun_edges",
     "sunlit_fraction",
     "sunlit_share",
 ]

@@ -62,10 +62,7 @@ def shadow_edges(environment: Environment, start: np.datetime64, end: np.datetim
     """
     if end < start:
         raise OrbitError(f"shadow_edges: found end {end}, expected a time not before start {start}")
-    geometry = geometry_of(environment, folder)
-    duration = float((end - start) / np.timedelta64(1, "s"))
-    step = orbital_period(environment.model_copy(update={"period": None}), folder) / _STEPS_PER_ORBIT
-    coarse = np.linspace(0.0, duration, max(2, int(np.ceil(duration / step)) + 1))
+    geometry, coarse = geometry_of(environment, folder), search_times(environment, start, end, folder)
 
     def penumbra(seconds: Floats) -> Floats:
         return _contacts(geometry(seconds_later(start, seconds)))[0]
@@ -73,8 +70,15 @@ def shadow_edges(environment: Environment, start: np.datetime64, end: np.datetim
     def umbra(seconds: Floats) -> Floats:
         return _contacts(geometry(seconds_later(start, seconds)))[1]
 
-    edges = np.concatenate([_zeros(contact, coarse) for contact in (penumbra, umbra)])
+    edges = np.concatenate([zeros(contact, coarse) for contact in (penumbra, umbra)])
     return np.sort(seconds_later(start, edges))
+
+
+def search_times(environment: Environment, start: np.datetime64, end: np.datetime64, folder: Path) -> Floats:
+    """Times, s from `start` to `end`, between which nothing in an orbit changes its sign twice, but for near misses."""
+    duration = float((end - start) / np.timedelta64(1, "s"))
+    step = orbital_period(environment.model_copy(update={"period": None}), folder) / _STEPS_PER_ORBIT
+    return np.linspace(0.0, duration, max(2, int(np.ceil(duration / step)) + 1))
 
 
 def _apparent(position: Floats, sun_position: Floats, earth_radius: float) -> tuple[Floats, Floats, Floats]:
@@ -92,7 +96,7 @@ def _contacts(at: Geometry) -> tuple[Floats, Floats]:
     return separation - (earth + sun), separation - np.abs(earth - sun)
 
 
-def _zeros(function: Callable[[Floats], Floats], coarse: Floats) -> Floats:
+def zeros(function: Callable[[Floats], Floats], coarse: Floats) -> Floats:
     """Zeros of `function` between the points of the grid `coarse`, all bisected together."""
     grid, value = _near_misses_refined(coarse, function(coarse), function)
     crossing = np.flatnonzero((value[:-1] > 0) != (value[1:] > 0))

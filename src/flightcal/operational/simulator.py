@@ -136,7 +136,7 @@ def fly(
         mode: network.columns.index(f"mode.{mode}") for mode in software.enabled if f"mode.{mode}" in network.columns
     }
     forcing = packed[len(structure.linear_column) + len(structure.radiative_column) :][: len(structure.forcing_row)]
-    substeps = math.ceil(software.period / scenario.network.step - 1e-9)
+    substeps = math.ceil(software.period / (scenario.network.step or software.period) - 1e-9)
     b0, b1, workspace = np.empty(len(mass)), np.empty(len(mass)), np.empty(step_size.py_func(structure))
     advance = march.row(MarchCall(structure, packed, x, b0, b1, software.period, substeps, workspace))
     rng = np.random.default_rng(seed)

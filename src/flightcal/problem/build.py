@@ -9,7 +9,7 @@ import xarray
 
 from ..environment import orbital_period
 from ..errors import ScenarioError
-from ..probability import heater_status, measured_switches, residual_model
+from ..probability import Priors, heater_status, measured_switches, residual_model
 from ..scenario import ExternalModel, Normal, Prior, Scenario, is_trained
 from ..simulator import ICE_POINT, FloatArray, open_loop
 from ..telemetry import select_window, window_bounds
@@ -19,6 +19,8 @@ from .simulators import build_simulator
 from .window import Window
 
 _SAMPLES_FOR_START = 3
+_TRIED, _SEED_OF_STEPS = 32, 0
+"""Draws of the prior at which the length of the integration's steps is chosen."""
 
 
 def build_problem(scenario: Scenario, telemetry: xarray.Dataset, *windows: str, span: float | None = None) -> Problem:
@@ -60,16 +62,24 @@ def build_window(scenario: Scenario, telemetry: xarray.Dataset, name: str, *, sp
         end = min(end, start + np.timedelta64(round(span * 1e9), "ns"))
         chosen = chosen.sel(time=slice(start, end))
     times = chosen["time"].values
-    simulator = build_simulator(scenario, telemetry, start, end, times, period=period)
-    observed = np.stack([chosen[channel].values for channel in simulator.channels], axis=1)
+    channels = tuple(channel for channel, item in scenario.observations.items() if item.heater is None)
+    observed = np.stack([chosen[channel].values for channel in channels], axis=1)
+    initial = initial_priors(scenario, channels, observed)
     reads: dict[str, Prior] = {parameter: item.prior for parameter, item in scenario.parameters.items()}
+    known = reads | initial
+
+    def tried(names: tuple[str, ...]) -> FloatArray:
+        priors = Priors(names, tuple(known[parameter] for parameter in names))
+        return priors.sample(np.random.default_rng(_SEED_OF_STEPS), _TRIED)
+
+    simulator = build_simulator(scenario, telemetry, start, end, times, period=period, tried=tried)
     residuals, of_residuals = residual_model(
         scenario, simulator.channels, times, observed, checked=is_trained(name) and span is None
     )
     reads |= of_residuals
     status = heater_status(scenario, chosen, start)
     reads |= {} if status is None else status.priors
-    reads |= initial_priors(scenario, simulator.channels, observed)
+    reads |= initial
     return Window(
         scenario=scenario,
         name=name,

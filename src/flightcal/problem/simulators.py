@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import replace
 
 import numpy as np
@@ -21,10 +22,11 @@ def build_simulator(
     samples: Times,
     *,
     period: float,
+    tried: Callable[[tuple[str, ...]], FloatArray] | None = None,
 ) -> Simulator:
     """The simulator of a scenario on the window [start, end], observed at `samples` [T] (UTC).
 
-    Raises ScenarioError and TelemetryError.
+    tried: see `network_simulator`. Raises ScenarioError and TelemetryError.
     """
     model = scenario.simulator
     if not isinstance(model, SimulatorModel):
@@ -32,7 +34,7 @@ def build_simulator(
     network = None
     if model.reduced_model is not None:
         network = network_for(load(scenario.folder / model.reduced_model).model, scenario)
-    exact = network_simulator(scenario, telemetry, start, end, samples, period=period, network=network)
+    exact = network_simulator(scenario, telemetry, start, end, samples, period=period, network=network, tried=tried)
     if not model.errors:
         return exact
     seconds: FloatArray = (samples - start) / np.timedelta64(1, "ns") * 1e-9

@@ -57,7 +57,7 @@ def window_simulator(
             simulator,
             channels=nodes,
             observation=Observation(
-                simulator.observation.sampling, Sensors(np.arange(len(nodes)), np.zeros(len(nodes), np.bool_))
+                simulator.observation.times, Sensors(np.arange(len(nodes)), np.zeros(len(nodes), np.bool_))
             ),
             channel_errors=np.tile(simulator.channel_errors[:, :1], len(nodes)),
         )

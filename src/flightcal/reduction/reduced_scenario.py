@@ -9,7 +9,7 @@ from .patterns import plain
 from .reduced_model import ReducedModel, network_of
 
 
-def reduced_scenario(scenario: Scenario, model: ReducedModel, step: float) -> Scenario:
+def reduced_scenario(scenario: Scenario, model: ReducedModel, step: float | None) -> Scenario:
     """The full network's scenario with the model in its place: parameters set the model's numbers."""
     return scenario.model_copy(
         update={
@@ -23,7 +23,7 @@ def reduced_scenario(scenario: Scenario, model: ReducedModel, step: float) -> Sc
     )
 
 
-def simulator_block(full: SimulatorModel, model: ReducedModel, step: float) -> SimulatorModel:
+def simulator_block(full: SimulatorModel, model: ReducedModel, step: float | None) -> SimulatorModel:
     """What a scenario says of the simulator: the states as nodes, a face for each way, heaters and modes."""
     states = {
         plain(name): Node.model_construct(capacity=1.0, initial=float(value), arithmetic=False, boundary=None)

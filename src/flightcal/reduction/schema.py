@@ -54,8 +54,8 @@ class Reduction(Block):
     """Thermistors that the reduced model gives; none: all that are sent to ground."""
     tolerance: Kelvins = 0.3
     """95% of the absolute errors on unseen runs stay below."""
-    step: Duration = 60.0
-    """Longest time step of the reduced model."""
+    step: Duration | None = None
+    """Longest time step of the reduced model; by default as long as the tolerance on its error allows."""
     settling: Duration | None = None
     """At the beginning of every run, in which initial temperatures fade, not looked at; null: one orbit."""
     initial_spread: Kelvins = 5.0

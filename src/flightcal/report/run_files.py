@@ -71,6 +71,8 @@ class RunFiles:
     diagnostics: Record | None
     parameters: list[ParameterInfo]
     quality: list[Record] | None
+    integration: list[Record]
+    """Steps of the training windows and their error; empty of earlier versions, and without a thermal network."""
     emulator: Record | None
     """Of a simulator without derivatives only, as is the next."""
     emulator_check: Record | None
@@ -123,6 +125,7 @@ def read_run(folder: Path) -> RunFiles:
         diagnostics=kept("diagnostics.json", read_json),
         parameters=kept("parameters.json", partial(read_records, read=parameter_info)) or [],
         quality=kept("telemetry_quality.json", read_json),
+        integration=kept("integration.json", read_json) or [],
         emulator=kept("emulator.json", read_json),
         emulator_check=kept("emulator_check.json", read_json),
         full_check=kept("full_simulator_check.json", read_json),

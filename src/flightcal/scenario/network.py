@@ -134,8 +134,11 @@ class SimulatorModel(Block):
     """Filled in from that file: what parameters may set in it, ``reduced.<name>``."""
     errors: dict[str, SimulatorError] = Field(default_factory=dict)
     """Temperature channel -> error against the simulator that this one stands in for; it enters the likelihood."""
-    step: Duration = 30.0
-    """Longest time step of the integration."""
+    step: Duration | None = None
+    """Longest time step of the integration; by default as long as `tolerance` allows."""
+    tolerance: Annotated[float, Quantity("K", above=0, difference=True)] | None = None
+    """On the error of the integration, root mean square over time; by default 5 mK or, if that is less, a tenth of the
+    least noise or resolution that the scenario writes for a temperature."""
     nodes: dict[str, Node] = Field(min_length=1)
     conductors: tuple[Conductor, ...] = ()
     faces: dict[str, Face] = Field(default_factory=dict)

@@ -177,6 +177,10 @@ class InitialState(Block):
     """Standard deviation, K."""
 
 
+_FINEST = 5e-3
+"""K, error of the integration that no telemetry shows."""
+
+
 class Scenario(Block):
     """One calibration problem, whole."""
 
@@ -213,6 +217,15 @@ class Scenario(Block):
             found = f"found an external simulator ({kind_of_simulator(self.simulator)})"
             raise ScenarioError(f"{self.name}: simulator: {found}, expected a thermal network: this needs its nodes")
         return self.simulator
+
+    @property
+    def step_tolerance(self) -> float:
+        """On the integration's error, K: see `SimulatorModel.tolerance`. Raises ScenarioError as `network`."""
+        if self.network.tolerance is not None:
+            return self.network.tolerance
+        noises = [noise_of(self, name) for name, item in self.observations.items() if item.heater is None]
+        written = [(noise.quantisation, noise.standard_deviation, noise.white) for noise in noises]
+        return min([_FINEST, *(0.1 * value for values in written for value in values if isinstance(value, float))])
 
 
 def not_normal(scenario: Scenario) -> list[str]:

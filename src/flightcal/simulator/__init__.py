@@ -5,15 +5,16 @@ Imports: compiled, environment, errors, scenario, telemetry.
 
 from .assembly import ParameterMap, assemble, own_initial
 from .drive import Times, face_series
-from .integrate import Observation, SimulationFailure, in_parallel, integrate
+from .integrate import SimulationFailure, in_parallel, integrate
 from .kernels.forward import NOT_FINITE, TOO_MANY_SWITCHES
 from .kernels.lanes import WIDTH
 from .kernels.march import MarchCall, march
 from .kernels.sampling import ICE_POINT
 from .kernels.step import step_size
 from .network import DEEP_SPACE, FIELDS, Network, Term, build_network, canonical_form
-from .sampling import Sensors
+from .sampling import Observation, Sensors
 from .simulate import NetworkSimulator, Simulator, Trajectory, network_simulator, open_loop
+from .steps import Accuracy
 from .system import Drive, FloatArray, IntArray, Structure, Switch, System
 
 __all__ = [
@@ -23,6 +24,7 @@ __all__ = [
     "NOT_FINITE",
     "TOO_MANY_SWITCHES",
     "WIDTH",
+    "Accuracy",
     "Drive",
     "FloatArray",
     "IntArray",

@@ -1,19 +1,22 @@
-"""The grid of the integration and the input series on it: sunlight, modes, measured drivers, measured heaters."""
+"""What acts on a network in a window, and what steps make of it: sunlight, modes, measured drivers and heaters."""
 
 from __future__ import annotations
 
+import itertools
+import math
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
 import xarray
 from numpy.typing import NDArray
 
-from ..environment import face_fluxes, shadow_edges
+from ..environment import face_fluxes, sample_times, shadow_edges, sun_edges
 from ..errors import TelemetryError
-from ..scenario import Scenario
-from ..telemetry import driver_series, status_fraction
+from ..scenario import Scenario, SpinningAttitude
+from ..telemetry import driver_corners, driver_series, status_changes, status_fraction
 from .network import Network, flux_kinds
-from .sampling import Sampling, locate
 from .system import Drive, FloatArray
 
 _SETTLING = np.array([1e-4, 2e-4, 3e-4])  # s; steps so short bring massless nodes into balance and move no other
@@ -21,36 +24,94 @@ _SETTLING = np.array([1e-4, 2e-4, 3e-4])  # s; steps so short bring massless nod
 _TURN = np.deg2rad(2.0)
 """By which attitudes are turned to either side for the slope of a flux, which has kinks where a face loses the Sun."""
 
+_FINE = 10.0  # s; linear between such times, sunlight on a turning face is right to 1e-5 of its amplitude
+_TURN_PARTS = 60
+"""So many such times there are in a body's turn."""
+_CLOSEST_EDGES = 30.0
+"""s, how close together, in the mean, a step is cut where a face gains or loses the Sun."""
+
+_PARTS = 8
+"""The least number of such times between two breaks."""
+_CLOSE = 0.35
+"""Of a step's length: corners of the inputs that are closer together do not end it."""
+_LONGER = 0.1
+"""Of a step, that may be shared out among the others."""
+
 Times = NDArray[np.datetime64]
 
 
-def make_grid(
-    duration: float, step: float, samples: FloatArray, kinks: FloatArray, jumps: FloatArray, settle: bool
-) -> FloatArray:
-    """Grid points [K+1] s from 0 to `duration`, no further apart than `step`.
+@dataclass(frozen=True)
+class Inputs:
+    """What acts on a network in a window, as exactly as it is known: steps of any length make a `Drive` of it."""
 
-    The samples are grid points unless they are denser than half a step (then outputs are interpolated); so are
-    the kinks of the inputs; a jump stands twice, once for each side. The start and every jump are followed by settling
-    steps if `settle`.
+    times: FloatArray
+    """[M] s from the window's start, not decreasing; two at the same time mark a jump."""
+    values: FloatArray
+    """w [q, M], linear between the times."""
+    driven: FloatArray
+    """[M - 1, H] as `Drive.measured`, between the times."""
+    breaks: FloatArray
+    """[B] s, ascending, from the start to the end of the window: where a step has to end."""
+    corners: FloatArray
+    """s, ascending: where one had better end, for the inputs change their course (at a driver's samples)."""
+    settling: FloatArray
+    """s, ascending: where massless nodes have to find into balance anew."""
+    initially_on: FloatArray
+    """[H], see `Drive`."""
+
+
+def make_grid(inputs: Inputs, length: float | Callable[[FloatArray], FloatArray]) -> FloatArray:
+    """Grid points [K+1] s, at all breaks and so close together that no step is much longer than `length` s.
+
+    length: the same everywhere, or a function of time [.] -> [.] that varies slowly; then steps end at corners too,
+    where these are not much closer together than that.
     """
-    jumps = np.unique(jumps[(jumps > 0) & (jumps < duration)])
-    fixed = [np.array([0.0, duration]), kinks[(kinks > 0) & (kinks < duration)], jumps]
-    if len(samples) > 1 and np.median(np.diff(samples)) >= 0.5 * step:
-        fixed.append(samples[(samples > 0) & (samples < duration)])
-    points = np.unique(np.concatenate(fixed))
-    # Points closer together than a microsecond are one point.
-    points = points[np.concatenate([[True], np.diff(points) > 1e-6])]
-    counts = np.maximum(1, np.ceil(np.diff(points) / step - 1e-9).astype(int))
-    grid = np.concatenate(
-        [np.linspace(a, b, count, endpoint=False) for a, b, count in zip(points[:-1], points[1:], counts, strict=True)]
-        + [points[-1:]]
-    )
-    twice = grid[np.searchsorted(grid, jumps - 1e-6)]
-    settling = np.add.outer([0.0, *twice], _SETTLING).ravel() if settle else np.empty(0)
-    return np.sort(np.concatenate([grid, twice, settling]))
+    parts, breaks = [], inputs.breaks
+    if callable(length) and len(inputs.corners):
+        spaced = np.diff(np.concatenate([breaks[:1], inputs.corners])) > _CLOSE * length(inputs.corners)
+        breaks = _apart(np.concatenate([breaks, inputs.corners[spaced]]))
+    for begin, end in itertools.pairwise(breaks):
+        if not callable(length):
+            steps = max(1, math.ceil((end - begin) / length - 1e-9))
+            parts.append(np.linspace(begin, end, steps, endpoint=False))
+            continue
+        # As many steps as the density 1 / length has room for, each holding the same share of it.
+        fine = np.union1d(np.linspace(begin, end, 17), begin + np.geomspace(1e-3, 1.0, 21) * (end - begin))
+        density = 1.0 / length(0.5 * (fine[1:] + fine[:-1]))
+        covered = np.concatenate([[0.0], np.cumsum(density * np.diff(fine))])
+        steps = max(1, math.ceil(covered[-1] - _LONGER))
+        parts.append(np.interp(np.arange(steps) * (covered[-1] / steps), covered, fine))
+    settling = np.add.outer(inputs.settling, _SETTLING).ravel()
+    return np.unique(np.concatenate([*parts, breaks[-1:], settling[settling < breaks[-1]]]))
 
 
-def build_drive(
+def drive_on(inputs: Inputs, grid: FloatArray) -> Drive:
+    """The inputs in the steps of a grid [K+1]: in each step the line that is nearest to them in the mean square.
+
+    So what a step gets in all, and its centre of gravity in time, are exact, however long the step.
+    """
+    extra = np.setdiff1d(grid, inputs.times)
+    right = np.searchsorted(inputs.times, extra)
+    share = (extra - inputs.times[right - 1]) / (inputs.times[right] - inputs.times[right - 1])
+    between = (1.0 - share) * inputs.values[:, right - 1] + share * inputs.values[:, right]
+    times = np.insert(inputs.times, right, extra)
+    values = np.insert(inputs.values, right, between, axis=1)
+    driven = np.insert(inputs.driven, right, inputs.driven[right - 1], axis=0)
+
+    cell = np.flatnonzero(np.diff(times) > 0.0)
+    step = np.searchsorted(grid, times[cell], side="right") - 1
+    begin, length = grid[step], np.diff(grid)[step]
+    u0, u1 = (times[cell] - begin) / length, (times[cell + 1] - begin) / length
+    f0, f1, width = values[:, cell], values[:, cell + 1], u1 - u0
+    first = np.searchsorted(step, np.arange(len(grid) - 1))
+    mean = np.add.reduceat(width * (f0 + f1) / 2.0, first, axis=1)
+    moment = np.add.reduceat(width * (f0 * (2.0 * u0 + u1) + f1 * (u0 + 2.0 * u1)) / 6.0, first, axis=1)
+    slope = 12.0 * moment - 6.0 * mean
+    ends = np.stack([mean - 0.5 * slope, mean + 0.5 * slope], axis=1)
+    return Drive(grid, np.ascontiguousarray(ends.T), driven[cell[first]], inputs.initially_on)
+
+
+def window_inputs(
     scenario: Scenario,
     network: Network,
     telemetry: xarray.Dataset,
@@ -59,43 +120,88 @@ def build_drive(
     samples: Times,
     *,
     period: float,
-) -> tuple[Drive, Sampling]:
-    """Grid, inputs and wiring of a window, and where `samples` [T] lie on the grid.
+) -> Inputs:
+    """What acts in a window, until its end or the last of `samples` [T].
 
     Raises TelemetryError when a driver cannot be bridged over a gap, or heaters driven by measurement lack status.
     """
     model = scenario.network
-    relative = _seconds(samples, start)
-    duration = max(float(_seconds(np.array([end]), start)[0]), float(relative[-1]) if len(relative) else 0.0)
-    changes = _seconds(np.array([change.at for change in model.timeline], dtype="datetime64[ns]"), start)
-    kinks = np.empty(0)
-    if model.faces and scenario.environment.orbit is not None:
-        kinks = _seconds(shadow_edges(scenario.environment, start, end, scenario.folder), start)
-    grid = make_grid(duration, model.step, relative, kinks, changes, settle=not network.structure.mass.all())
-    times = start.astype("datetime64[ns]") + np.round(grid * 1e9).astype("timedelta64[ns]")
-    steps = len(grid) - 1
+    end = max(end, samples[-1]) if len(samples) else end
+    duration = float(_seconds(np.array([end]), start)[0])
 
-    series = {"one": np.ones(len(grid))}
+    def inside(times: Times | Sequence[Any]) -> FloatArray:
+        seconds = np.unique(_seconds(np.array(times, dtype="datetime64[ns]"), start))
+        return seconds[(seconds > 0.0) & (seconds < duration)]
+
+    changes = _seconds(np.array([change.at for change in model.timeline], dtype="datetime64[ns]"), start)
+    jumps = inside([change.at for change in model.timeline])
+    switched = inside([time for name in _driving(scenario) for time in status_changes(telemetry, name)])
+    kinks = inside(_kinks(scenario, start, end))
+    breaks = _apart(np.concatenate([[0.0], jumps, switched, kinks, [duration]]))
+    channels = scenario.telemetry.channels
+    fills: dict[str, Any] = {load.driver: channels[load.driver].fill for load in model.loads.values()}
+    fills |= {node.boundary: "interpolate" for node in model.nodes.values() if isinstance(node.boundary, str)}
+    bends = [driver_corners(telemetry, name, fill, period) for name, fill in fills.items()]
+    fine = _fineness(scenario)
+    corners = inside(np.concatenate([sample_times(scenario.environment, scenario.folder), *bends]))
+    known = np.union1d(breaks, corners)
+    # At least a few in each stretch: in a penumbra of seconds sunlight is no straight line.
+    counts = np.maximum(_PARTS if np.isfinite(fine) else 1, np.ceil(np.diff(known) / fine)).astype(int)
+    points = np.concatenate(
+        [np.linspace(a, b, count, endpoint=False) for a, b, count in zip(known[:-1], known[1:], counts, strict=True)]
+        + [known[-1:]]
+    )
+    points = np.sort(np.concatenate([points, points[np.searchsorted(points, jumps - 1e-6)]]))
+    times = start.astype("datetime64[ns]") + np.round(points * 1e9).astype("timedelta64[ns]")
+
+    series = {"one": np.ones(len(points))}
     series |= face_series(scenario, times)
-    for mode, active in _mode_indicators(scenario, grid, changes).items():
+    for mode, active in _mode_indicators(scenario, points, changes).items():
         series[f"mode.{mode}"] = active
     for name, load in model.loads.items():
-        series[f"driver.{name}"] = driver_series(
-            telemetry, load.driver, times, fill=scenario.telemetry.channels[load.driver].fill, period=period
-        )
+        series[f"driver.{name}"] = driver_series(telemetry, load.driver, times, fill=fills[load.driver], period=period)
     for name, node in model.nodes.items():
         if isinstance(node.boundary, str):
             measured = driver_series(telemetry, node.boundary, times, fill="interpolate", period=period)
             series[f"temperature.{name}"] = measured
             series[f"temperature4.{name}"] = measured**4
-
-    drive = Drive(
-        times=grid,
-        inputs=np.stack([series[column] for column in network.columns], axis=1),
-        measured=_measured_heaters(scenario, telemetry, times, steps),
+    return Inputs(
+        times=points,
+        values=np.stack([series[column] for column in network.columns]),
+        driven=_measured_heaters(scenario, telemetry, times),
+        breaks=breaks,
+        corners=corners,
+        settling=np.empty(0) if network.structure.mass.all() else np.array([0.0, *jumps]),
         initially_on=_initial_status(scenario, telemetry, start),
     )
-    return drive, locate(relative, grid)
+
+
+def _kinks(scenario: Scenario, start: np.datetime64, end: np.datetime64) -> Times:
+    """When sunlight on a face begins or ends, or changes its course."""
+    faces, environment = scenario.network.faces, scenario.environment
+    if not faces or environment.orbit is None:
+        return np.empty(0, "datetime64[ns]")
+    edges = shadow_edges(environment, start, end, scenario.folder)
+    normals = list(dict.fromkeys(face.normal for face in faces.values()))
+    turns = sun_edges(environment, normals, start, end, scenario.folder)
+    # Of a body that spins quickly they would be the steps of the integration; there means will do.
+    often = len(turns) * _CLOSEST_EDGES > (end - start) / np.timedelta64(1, "s")
+    return edges if often else np.concatenate([edges, turns])
+
+
+def _fineness(scenario: Scenario) -> float:
+    """How far apart, in s, the inputs are looked up: linear in between."""
+    model, attitude = scenario.network, scenario.environment.attitude
+    fine = _FINE if model.faces or any(isinstance(node.boundary, str) for node in model.nodes.values()) else np.inf
+    if isinstance(attitude, SpinningAttitude) and attitude.period is not None and model.faces:
+        fine = min(fine, attitude.period / _TURN_PARTS)
+    return fine if model.step is None else min(fine, model.step)
+
+
+def _apart(points: FloatArray) -> FloatArray:
+    """Points in order, of those closer together than a microsecond the first."""
+    points = np.unique(points)
+    return points[np.concatenate([[True], np.diff(points) > 1e-6])]
 
 
 def face_series(scenario: Scenario, times: Times) -> dict[str, FloatArray]:
@@ -157,20 +263,27 @@ def _mode_indicators(scenario: Scenario, grid: FloatArray, changes: FloatArray) 
     return {mode: np.array([float(name == mode) for name in active]) for mode in modes}
 
 
-def _measured_heaters(scenario: Scenario, telemetry: xarray.Dataset, times: Times, steps: int) -> FloatArray:
-    heaters = scenario.network.heaters
-    measured = np.full((steps, len(heaters)), np.nan)
-    if scenario.network.heater_input == "measured":
-        for k, (name, heater) in enumerate(heaters.items()):
-            if heater.measured_by is None:
-                raise TelemetryError(
-                    f"heater '{name}' is to be driven by its measured status, but has no 'measured_by' channel"
-                )
-            # A jump's step of length zero has no share of anything; the integration skips it.
-            lasting = np.diff(times) > np.timedelta64(0, "ns")
-            edges = times[np.concatenate([[True], lasting])]
-            measured[lasting, k] = status_fraction(telemetry, heater.measured_by, edges)
-            measured[~lasting, k] = 0.0
+def _driving(scenario: Scenario) -> list[str]:
+    """Channels of the measured status that drives the heaters."""
+    if scenario.network.heater_input != "measured":
+        return []
+    for name, heater in scenario.network.heaters.items():
+        if heater.measured_by is None:
+            raise TelemetryError(
+                f"heater '{name}' is to be driven by its measured status, but has no 'measured_by' channel"
+            )
+    return [heater.measured_by or "" for heater in scenario.network.heaters.values()]
+
+
+def _measured_heaters(scenario: Scenario, telemetry: xarray.Dataset, times: Times) -> FloatArray:
+    """[M - 1, H] between `times` [M], see `Inputs`."""
+    measured = np.full((len(times) - 1, len(scenario.network.heaters)), np.nan)
+    # Nothing has a share of a jump's two times.
+    lasting = np.diff(times) > np.timedelta64(0, "ns")
+    edges = times[np.concatenate([[True], lasting])]
+    for k, channel in enumerate(_driving(scenario)):
+        measured[lasting, k] = status_fraction(telemetry, channel, edges)
+        measured[~lasting, k] = 0.0
     return measured
 
 

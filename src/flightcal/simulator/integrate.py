@@ -5,7 +5,6 @@ from __future__ import annotations
 import os
 from collections.abc import Callable
 from concurrent.futures import ThreadPoolExecutor
-from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
@@ -25,12 +24,14 @@ from .kernels.forward import (
     memory_size,
 )
 from .kernels.lanes import lane_memory
-from .kernels.sampling import SpreadCall, spread
+from .kernels.sampling import Looks
 from .kernels.step import step_size
-from .sampling import Sampling, Sensors
+from .sampling import NOTHING, Observation
 from .system import Drive, FloatArray, Structure, Switch, System, pack, packed_size, unpack
 
-MOST_SWITCHES_PER_STEP = 20
+MOST_SWITCHES = 20.0 / 30.0  # per second of a window, and as many for each point of the grid
+_USUAL_SWITCHES = 1.0 / 30.0
+"""So many fit in the lanes' memory, likewise."""
 _SPARE = 256
 _MOST_KEPT = 20_000_000
 """So many numbers (160 MB) of a run's steps are kept for its derivative; beyond, they are computed again for it."""
@@ -40,26 +41,13 @@ class SimulationFailure(Exception):  # noqa: N818 - a value of the domain, not a
     """A trajectory that cannot be computed: not finite, or a thermostat that chatters. Data for the caller."""
 
 
-@dataclass(frozen=True)
-class Observation:
-    """Where and when the states are looked at."""
-
-    sampling: Sampling
-    sensors: Sensors
-
-
-NOTHING = Observation(
-    Sampling(np.zeros(0, np.int64), np.zeros(0)), Sensors(np.zeros(0, np.int64), np.zeros(0, np.bool_))
-)
-
-
 class Integration:
     """Memory and C calls for simulations of packed systems [S, P] on one window, and for the derivative of one.
 
     Fill the first rows of `packed`, `errors` (of the sensors, see `Sensors`) and `scatter` (see `ForwardCall`), and
     `simulations`; `forward` then fills `record` and `outputs`. For the derivative, with room for one simulation and
-    `derivative` set: from `temperatures_bar` and `switches_bar` (zero unless filled) `spread` makes `states_bar` and
-    `errors_bar`, and `adjoint` then `packed_bar`.
+    `derivative` set: from `temperatures_bar`, `states_bar` and `switches_bar` (zero unless filled, each) `adjoint`
+    makes `packed_bar` and `errors_bar`.
 
     Memory is for the most switches that a simulation may have, and what is never touched costs nothing; but in lanes
     for about one a step: where TOO_MANY_SWITCHES is the outcome, the simulation may yet be possible alone.
@@ -77,14 +65,14 @@ class Integration:
         scatter: int = 0,
     ) -> None:
         points, n, heaters = len(drive.times), len(structure.mass), len(structure.sensor)
-        samples, channels = len(observation.sampling.point), len(observation.sensors.state)
-        most, entries = MOST_SWITCHES_PER_STEP * points if lanes == 1 else points + _SPARE, packed_size(structure)
+        samples, channels = len(observation.times), len(observation.sensors.state)
+        switching = MOST_SWITCHES if lanes == 1 else _USUAL_SWITCHES
+        most, entries = points + _SPARE + int(switching * drive.times[-1]), packed_size(structure)
         self.structure, self.simulations = structure, np.ones(1, np.int64)
         self.packed, self.packed_bar = np.empty((rooms, entries)), np.empty(entries)
         self.errors, self.errors_bar = np.empty((rooms, 3, channels)), np.empty((3, channels))
         self.scatter = np.zeros((rooms, scatter, heaters))
-        self.temperatures_bar = np.empty((samples, channels))
-        self.states_bar = np.empty((points, n))
+        self.temperatures_bar, self.states_bar = np.zeros((samples, channels)), np.zeros((points, n))
         # As Python: they are only lengths.
         step, first = step_size.py_func(structure), memory_size.py_func(structure)
         if lanes > 1:
@@ -92,7 +80,7 @@ class Integration:
         else:
             memory = np.empty(first + step * (1 + (min(most, _MOST_KEPT // step) if derivative else 0)))
         self.record = Record(
-            heat=np.empty((lanes, n, points)),
+            heat=np.empty((lanes, n, 2 * (points - 1))),
             states=np.empty((lanes, points, n)),
             status=np.empty((lanes, points, heaters)),
             segments=np.zeros(lanes, np.int64),
@@ -118,25 +106,23 @@ class Integration:
             noted=np.zeros(1, np.int64),
         )
         self.switches_bar = np.zeros(switches if derivative else 0)
+        settled = int(structure.mass.all())
+        pointers = np.empty((lanes, channels + 1), np.int64)
+        looks = Looks(observation.times, *observation.sensors, settled, self.errors, pointers)
         self.forward: Row = forward.row(
             ForwardCall(
                 self.simulations, structure, self.packed, drive.times, drive.series, drive.measured,
-                drive.initially_on, observation.sampling, observation.sensors, self.errors, self.scatter,
+                drive.initially_on, looks, self.scatter,
                 memory, np.empty((COUNTERS, lanes), np.int64), np.empty((REALS, lanes)),
                 np.empty((lanes, heaters), np.bool_), self.record, self.outputs,
             )
         )  # fmt: skip
-        self.spread: Row = spread.row(
-            SpreadCall(
-                observation.sampling, observation.sensors, drive.times, self.record, self.errors,
-                self.temperatures_bar, self.states_bar, self.errors_bar,
-            )
-        )  # fmt: skip
         self.adjoint: Row = adjoint.row(
             AdjointCall(
-                structure, self.packed, drive.times, drive.series, self.record, self.states_bar,
-                self.outputs.switches, self.switches_bar, np.empty(adjoint_memory_size(structure)),
-                np.empty((n, points)), self.packed_bar,
+                structure, self.packed, drive.times, drive.series, self.record, looks, self.outputs.temperatures,
+                self.temperatures_bar, self.states_bar, self.outputs.switches, self.switches_bar,
+                np.empty(adjoint_memory_size(structure)), np.empty(self.record.heat.shape[1:]), self.errors_bar,
+                self.packed_bar,
             )
         )  # fmt: skip
 
@@ -186,7 +172,7 @@ def check_outcome(outcome: int) -> None:
         raise SimulationFailure("a temperature is not finite")
     if outcome == TOO_MANY_SWITCHES:
         raise SimulationFailure(
-            f"heaters switch more than {MOST_SWITCHES_PER_STEP} times a time step: a thermostat chatters"
+            f"heaters switch more than {30 * MOST_SWITCHES:.0f} times in 30 s on average: a thermostat chatters"
         )
 
 
@@ -194,7 +180,7 @@ def integrate(structure: Structure, system: System, drive: Drive, *, derivative:
     """Integrate one system (NumPy arrays) over the drive's grid.
 
     derivative: whether the run will be asked to `pull_back`; a tenth faster without.
-    Raises SimulationFailure when a state is not finite or heaters switch more than 20 times a step on average.
+    Raises SimulationFailure when a state is not finite or heaters switch more than 20 times in 30 s on average.
     """
     run = Integration(structure, drive, NOTHING, derivative=derivative)
     run.packed[0] = pack(system)

@@ -1,22 +1,14 @@
-"""Where and when the states are looked at: at the telemetry's own times, between the points of the grid."""
+"""Where and when the states are looked at: at the telemetry's own times, wherever these lie in the steps."""
 
 from __future__ import annotations
 
+from dataclasses import dataclass
 from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
 from .system import FloatArray
-
-
-class Sampling(NamedTuple):
-    """Where samples lie on the grid: between `point` and the next, a share `weight` of the way."""
-
-    point: NDArray[np.int64]
-    """[T], not decreasing."""
-    weight: FloatArray
-    """[T] 0..1."""
 
 
 class Sensors(NamedTuple):
@@ -34,9 +26,30 @@ class Sensors(NamedTuple):
     """[N] whether samples may be of other times than their tags say: where its time offset is not always zero."""
 
 
-def locate(samples: FloatArray, grid: FloatArray) -> Sampling:
-    """Where samples (s, ascending) lie on a grid with possible double points."""
-    index = np.clip(np.searchsorted(grid, samples + 1e-9, side="right") - 1, 0, len(grid) - 2)
+@dataclass(frozen=True)
+class Observation:
+    """Where and when the states are looked at."""
+
+    times: FloatArray
+    """[T] s from the window's start, not decreasing."""
+    sensors: Sensors
+
+
+NOTHING = Observation(np.zeros(0), Sensors(np.zeros(0, np.int64), np.zeros(0, np.bool_)))
+
+
+class Place(NamedTuple):
+    """Where times lie on the grid: between `point` and the next, a share `weight` of the way."""
+
+    point: NDArray[np.int64]
+    """[T], not decreasing."""
+    weight: FloatArray
+    """[T] 0..1."""
+
+
+def locate(times: FloatArray, grid: FloatArray) -> Place:
+    """Where times (s, ascending) lie on a grid with possible double points."""
+    index = np.clip(np.searchsorted(grid, times + 1e-9, side="right") - 1, 0, len(grid) - 2)
     length = grid[index + 1] - grid[index]
-    weight = np.divide(samples - grid[index], length, out=np.zeros_like(samples), where=length > 0)
-    return Sampling(index, np.clip(weight, 0.0, 1.0))
+    weight = np.divide(times - grid[index], length, out=np.zeros_like(times), where=length > 0)
+    return Place(index, np.clip(weight, 0.0, 1.0))

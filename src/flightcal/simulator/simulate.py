@@ -8,7 +8,7 @@ import threading
 from collections import defaultdict
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from functools import cached_property, partial
 from typing import Protocol
 
@@ -18,14 +18,15 @@ import xarray
 from ..compiled import Program, Row
 from ..scenario import Scenario
 from .assembly import ParameterMap, assemble, assembly_memory
-from .drive import Times, build_drive
-from .integrate import Integration, Observation, check_outcome, copied, in_parallel, switches
+from .drive import Times, drive_on, make_grid, window_inputs
+from .integrate import Integration, check_outcome, copied, in_parallel, switches
 from .kernels.assembly import AssembleCall, PullBackCall, pull_back
 from .kernels.assembly import assemble as assemble_kernel
 from .kernels.forward import FINISHED, TOO_MANY_SWITCHES, Outputs
 from .kernels.lanes import WIDTH
 from .network import Network, build_network, sensor_state
-from .sampling import Sensors, locate
+from .sampling import Observation, Sensors, locate
+from .steps import Accuracy, Comparison, choose_grid, measure
 from .system import Drive, FloatArray, IntArray, Switch, System, packed_bounds, unpack
 
 _FEW = 3
@@ -34,6 +35,10 @@ _SCATTERED = 256
 """So many switches of a simulation have a scatter of their own; then it comes again."""
 _CHUNK = 128
 """At most so many simulations are one call, eight at a time."""
+
+
+_ROOM = 293.15
+"""K, where nothing says what a node's temperature is at first."""
 
 
 @dataclass(frozen=True)
@@ -136,7 +141,7 @@ class Calls:
             mapping, terms, places, self.thetas, self.numbers, of.packed_bar, of.errors_bar, memory, self.theta_bar
         )
         self.forward = (assemble_kernel.row(assembling), of.forward)
-        self.backward = (of.spread, of.adjoint, pull_back.row(pulling))
+        self.backward = (of.adjoint, pull_back.row(pulling))
         self.theta: FloatArray | None = None
         """What was simulated last, the very array: where another comes in between, it is simulated again."""
 
@@ -180,6 +185,8 @@ class NetworkSimulator:
     """[T, N, r] K, where it is a small network in the place of a larger one,"""
     error_variance: FloatArray = field(default_factory=lambda: np.empty(0))
     """[r] and the variances of these shapes' weights, at any theta."""
+    accuracy: Accuracy | None = None
+    """What its steps cost, where that has been looked at."""
 
     @cached_property
     def parameters(self) -> tuple[str, ...]:
@@ -283,10 +290,11 @@ class NetworkSimulator:
         def pull_back(excess_bar: FloatArray) -> FloatArray:
             calls = self._linearised(theta)
             run = calls.integration
-            run.states_bar[:], run.errors_bar[:], run.switches_bar[: run.outputs.switches[0]] = 0.0, 0.0, 0.0
+            run.temperatures_bar[:], run.switches_bar[: run.outputs.switches[0]] = 0.0, 0.0
             np.add.at(run.states_bar, (at.point, sensor), (1.0 - at.weight) * excess_bar)
             np.add.at(run.states_bar, (at.point + 1, sensor), at.weight * excess_bar)
             run.adjoint()
+            run.states_bar[:] = 0.0
             np.subtract.at(run.packed_bar, threshold, excess_bar)
             calls.backward[-1]()
             return calls.theta_bar.copy()
@@ -354,13 +362,15 @@ def network_simulator(
     *,
     period: float,
     network: Network | None = None,
+    tried: Callable[[tuple[str, ...]], FloatArray] | None = None,
 ) -> NetworkSimulator:
     """The simulator of a scenario on the window [start, end], observed at `samples` [T] (UTC).
 
-    network: in place of the one that the scenario's blocks describe (a reduced order model's).
+    network: in place of the one that the scenario's blocks describe (a reduced order model's). tried: the thetas [S, d]
+    at which the length of the steps is chosen, from the names of theta's entries; by default what the scenario writes.
     """
     network = network or build_network(scenario)
-    drive, sampling = build_drive(scenario, network, telemetry, start, end, samples, period=period)
+    inputs = window_inputs(scenario, network, telemetry, start, end, samples, period=period)
     observed = {name: item for name, item in scenario.observations.items() if item.node is not None}
     paths = {path for parameter in scenario.parameters.values() for path in (*parameter.sets, *parameter.scales)}
     states = [
@@ -368,16 +378,43 @@ def network_simulator(
     ]
     moved = [item.time_offset != 0.0 or f"observations.{name}.time_offset" in paths for name, item in observed.items()]
     errors = [[f"observations.{name}.{error}" for name in observed] for error in ("gain", "bias", "time_offset")]
-    return NetworkSimulator(
+    sensors = Sensors(np.array(states, dtype=np.int64), np.array(moved, dtype=np.bool_))
+    coarse = make_grid(inputs, scenario.network.step or np.inf)
+    simulator = NetworkSimulator(
         network=network,
         names=tuple(scenario.parameters),
         mapping=parameter_map(network, scenario),
-        drive=drive,
-        observation=Observation(sampling, Sensors(np.array(states, dtype=np.int64), np.array(moved, dtype=np.bool_))),
+        drive=drive_on(inputs, coarse),
+        observation=Observation((samples - start) / np.timedelta64(1, "ns") * 1e-9, sensors),
         channels=tuple(observed),
         channel_errors=np.array([[network.position(path) for path in row] for row in errors], dtype=np.int64),
         scatter=np.array([scenario.network.heaters[name].scatter for name in network.heaters]),
     )
+    thetas = _as_written(simulator, scenario) if tried is None else tried(simulator.parameters)
+
+    def compare(grid: FloatArray, halves: FloatArray) -> Comparison | None:
+        looking = replace(simulator, observation=Observation(halves, sensors), scatter=np.zeros(0))
+        runs = [replace(looking, drive=drive_on(inputs, points)).simulate_many(thetas) for points in (grid, halves)]
+        pairs = [(a, b) for a, b in zip(*runs, strict=True) if a and b]
+        if not (pairs and observed):
+            return None
+        switched = [np.concatenate([a.switches.time, b.switches.time]) for a, b in pairs]
+        return Comparison(np.stack([a.temperatures - b.temperatures for a, b in pairs]), switched)
+
+    if scenario.network.step is not None:
+        found = measure(coarse, compare)
+        return simulator if found is None else replace(simulator, accuracy=found[0])
+    grid, accuracy = choose_grid(inputs, compare, scenario.step_tolerance)
+    return replace(simulator, drive=drive_on(inputs, grid), accuracy=accuracy)
+
+
+def _as_written(simulator: NetworkSimulator, scenario: Scenario) -> FloatArray:
+    """The one theta [1, d] of what the scenario writes."""
+    mapping = simulator.mapping
+    theta = np.ones(mapping.parameters)
+    theta[mapping.set_by] = mapping.written[mapping.set_positions]
+    nodes = [scenario.network.nodes[simulator.network.nodes[k]] for k in simulator.network.diffusive]
+    return np.concatenate([theta, [_ROOM if node.initial is None else node.initial for node in nodes]])[None]
 
 
 def open_loop(scenario: Scenario) -> Scenario:

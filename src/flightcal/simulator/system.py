@@ -2,7 +2,7 @@
 
     mass * dx/dt = A x + N x^4 + B w(t) + sum_h u_h(t) g_h
 
-x [n] states in kelvin; w(t) input series, linear in time between the points of the grid; u_h the state of heater h,
+x [n] states in kelvin; w(t) input series, linear in time in each step of the grid; u_h the state of heater h,
 switched by hysteresis: on when its sensor falls to `lower`, off when it rises to `upper`. A massless state (mass 0)
 obeys its heat balance at every instant. Rows of massless states are in watts, all others are divided by the capacity.
 
@@ -75,15 +75,12 @@ class Structure(NamedTuple):
 
 @dataclass(frozen=True)
 class Drive:
-    """What acts on the system from outside, on the grid of the integration.
-
-    Two grid points at the same time mark a jump of the inputs: the step between them has length zero.
-    """
+    """What acts on the system from outside, on the grid of the integration."""
 
     times: FloatArray
-    """[K+1] s from the window's start, not decreasing."""
+    """[K+1] s from the window's start, not decreasing; nothing acts in a step of length zero."""
     inputs: FloatArray
-    """w [K+1, q]."""
+    """w [K, 2, q] at the start and at the end of each step, linear in between."""
     measured: FloatArray
     """[K, H] share of each step that a heater driven by its measured status is on; NaN: the thermostat acts."""
     initially_on: FloatArray
@@ -91,8 +88,8 @@ class Drive:
 
     @cached_property
     def series(self) -> FloatArray:
-        """The inputs by series [q, K+1], each contiguous."""
-        return np.ascontiguousarray(self.inputs.T)
+        """The inputs by series [q, 2 K], each contiguous."""
+        return np.ascontiguousarray(self.inputs.reshape(-1, self.inputs.shape[2]).T)
 
 
 class Switch(NamedTuple):

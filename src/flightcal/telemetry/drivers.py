@@ -15,6 +15,8 @@ Fill = Literal["interpolate", "previous_orbit"]
 
 SHORT_GAP = 3.0
 """Gaps of up to this many sampling intervals are interpolated, whatever the channel's `fill`."""
+_EDGE = 1e-3
+"""s, within which a driver jumps at the ends of a gap that is bridged from another orbit."""
 LONGEST_INTERPOLATED = 1800.0
 """Longest gap (s) that `fill: interpolate` bridges where no orbital period is known."""
 LONGEST_INTERPOLATED_SHARE = 0.1
@@ -75,6 +77,22 @@ def driver_series(
     return result
 
 
+def driver_corners(dataset: xr.Dataset, channel: str, fill: Fill, period: float | None) -> NDArray[np.datetime64]:
+    """Times between which `driver_series` is a straight line: those of the samples, and what bridges gaps.
+
+    Where a gap is bridged from another orbit the driver jumps at its ends, within a millisecond.
+    """
+    seconds, _, interval = _valid(dataset, channel)
+    corners = [seconds]
+    long = np.flatnonzero(np.diff(seconds) > SHORT_GAP * interval)
+    if fill == "previous_orbit" and period is not None:
+        turns = np.arange(1, int((seconds[-1] - seconds[0]) // period) + 2) * period
+        for begin, end in zip(seconds[long], seconds[long + 1], strict=True):
+            moved = np.concatenate([seconds + shift for shift in (*-turns, *turns)])
+            corners += [moved[(moved > begin) & (moved < end)], np.array([begin + _EDGE, end - _EDGE])]
+    return np.round(np.unique(np.concatenate(corners)) * 1e9).astype(np.int64).astype("datetime64[ns]")
+
+
 def status_fraction(dataset: xr.Dataset, channel: str, edges: NDArray[np.datetime64]) -> NDArray[np.float64]:
     """Share [K] of each interval [edges[k], edges[k + 1]] in which the status was on.
 
@@ -100,6 +118,16 @@ def status_fraction(dataset: xr.Dataset, channel: str, edges: NDArray[np.datetim
     long_gap = np.diff(seconds)[before] > SHORT_GAP * interval
     unknown = long_gap & (at[:-1] >= seconds[before] + interval) & (at[:-1] < seconds[before + 1])
     return np.where(unknown, np.nan, np.clip(share, 0.0, 1.0))
+
+
+def status_changes(dataset: xr.Dataset, channel: str) -> NDArray[np.datetime64]:
+    """When the status changes as `status_fraction` has it, and where it begins or ceases to be known."""
+    seconds, values, interval = _valid(dataset, channel)
+    gaps = np.diff(seconds)
+    changes = (seconds[1:] - np.minimum(gaps, interval) / 2)[np.diff(values) != 0.0]
+    long = np.flatnonzero(gaps > SHORT_GAP * interval)
+    found = np.unique(np.concatenate([changes, seconds[long] + interval, seconds[long + 1]]))
+    return np.round(found * 1e9).astype(np.int64).astype("datetime64[ns]")
 
 
 def _turns(seconds: NDArray[np.float64], at: NDArray[np.float64], period: float) -> list[int]:

@@ -15,7 +15,7 @@ from ..text import duration, moment
 def panel(run: RunFiles) -> list[Block]:
     """Versions, machine, seeds, times and the scenario."""
     blocks = [
-        block.table(origins(run.provenance))
+        block.table(origins(run.provenance, run.integration))
         if run.provenance is not None
         else block.note("There is no provenance in this run (provenance.json).")
     ]
@@ -24,8 +24,8 @@ def panel(run: RunFiles) -> list[Block]:
     return [*blocks, Block("source", run.scenario)]
 
 
-def origins(record: Record) -> Table:
-    """Versions, inputs, seed, wall times, machine."""
+def origins(record: Record, integration: list[Record]) -> Table:
+    """Versions, inputs, seed, steps of the integration, wall times, machine."""
     packages = [f"{n} {v}" for n, v in (record.get("packages") or {}).items() if n != "flightcal"]
     stages = record.get("stages") or {}
     rows = [
@@ -34,9 +34,18 @@ def origins(record: Record) -> Table:
         ["Python", str(record.get("python", "–"))],
         ["packages", ", ".join(packages) or "–"],
         ["seed", str(record.get("seed", "–"))],
+        *([f"integration, {of['window']}", steps(of)] for of in integration),
         *([f"wall time, {name}", duration(float(s))] for name, s in stages.items()),
         *([["wall time, all", duration(sum(float(s) for s in stages.values()))]] if stages else []),
         ["machine", ", ".join(f"{k}: {v}" for k, v in (record.get("machine") or {}).items()) or "–"],
         *([f"SHA-256 of {normpath(name)}", digest] for name, digest in (record.get("inputs") or {}).items()),
     ]
     return Table(("", ""), rows)
+
+
+def steps(record: Record) -> str:
+    """How many steps a window's integration has, and their error."""
+    return (
+        f"{record['steps']} steps; error {1e3 * record['error']:.2g} mK (root mean square, worst channel), "
+        f"at most {1e3 * record['largest']:.2g} mK, at draws of the prior"
+    )

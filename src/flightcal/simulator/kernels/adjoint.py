@@ -10,6 +10,7 @@ from __future__ import annotations
 from typing import Any, NamedTuple
 
 from ...compiled import kernel
+from .sampling import Looks, Observed, finish_errors, observe_end_back, observe_segment_back
 from .step import (
     EIGHT_THIRDS,
     advance,
@@ -30,6 +31,11 @@ class AdjointCall(NamedTuple):
     times: Any
     series: Any
     record: Any
+    looks: Looks
+    temperatures: Any
+    """[1, T, N] K, what the sensors say,"""
+    temperatures_bar: Any
+    """[T, N] and its cotangent."""
     states_bar: Any
     """[K+1, n] cotangent of the states on the grid."""
     switches: Any
@@ -39,17 +45,20 @@ class AdjointCall(NamedTuple):
     memory: Any
     """[adjoint_memory_size(structure)]"""
     heat_bar: Any
-    """[n, K+1]"""
+    """[n, 2 K]"""
+    errors_bar: Any
+    """[3, N] what is asked for, of the sensors,"""
     packed_bar: Any
-    """[P] what is asked for."""
+    """[P] and of the system."""
 
 
 @kernel(long=True)
 def adjoint(call):
-    """Pull the cotangents back to packed_bar."""
+    """Pull the cotangents back to packed_bar and errors_bar."""
     structure, packed, times, series, record = call.structure, call.packed[0], call.times, call.series, call.record
     states_bar, switches_bar, memory = call.states_bar, call.switches_bar[: call.switches[0]], call.memory
-    heat_bar, packed_bar = call.heat_bar, call.packed_bar
+    heat_bar, packed_bar, errors_bar = call.heat_bar, call.packed_bar, call.errors_bar
+    looks, errors, temperatures_bar = call.looks, call.looks.errors[0], call.temperatures_bar
     n, H = structure.mass.shape[0], structure.sensor.shape[0]
     a, m = structure.linear_column.shape[0], structure.radiative_column.shape[0]
     forcings, heatings = structure.forcing_row.shape[0], structure.heating_row.shape[0]
@@ -66,15 +75,24 @@ def adjoint(call):
     x_bar = packed_bar[first_threshold + 2 * H :]
 
     last = record.steps.shape[0] - 1  # the place of all steps that were not kept
-    workspace, u = memory[: 6 * n], memory[6 * n : 6 * n + H]
-    vectors = memory[6 * n + H :].reshape(-1, n)
+    workspace, u, ends = memory[: 6 * n], memory[6 * n : 6 * n + H], memory[6 * n + H : 6 * n + H + 2]
+    vectors = memory[6 * n + H + 2 :].reshape(-1, n)
     x0, velocity, work, linear = vectors[0], vectors[1], vectors[2], vectors[3]
     left, ramp = vectors[4], vectors[5]  # heat of the inputs at the step's start, and its change per second
     left_bar, right_bar, b0_bar, b1_bar, total_bar = vectors[6], vectors[7], vectors[8], vectors[9], vectors[10]
     v1, v2, v3, v4 = vectors[11], vectors[12], vectors[13], vectors[14]  # W^-T of the stages' cotangents
     radiative1, radiative2, radiative3, radiative4 = vectors[15], vectors[16], vectors[17], vectors[18]
+    seen = Observed(
+        vectors[19], vectors[20], vectors[21], vectors[22], vectors[23], vectors[24], ends[:1], ends[1:]
+    )  # fmt: skip
+    x0_seen, f1_seen, k1_seen, k2_seen = seen.x0, seen.f1, seen.k1, seen.k2
+    k3_seen, k4_seen, start_seen, length_seen = seen.k3, seen.k4, seen.start, seen.length
 
     heat_bar[:] = 0.0
+    errors_bar[:] = 0.0
+    last_point = times.shape[0] - 1
+    temperatures = call.temperatures[0]
+    observe_end_back(looks, errors, times[last_point], temperatures, temperatures_bar, x_bar, errors_bar)
     segment = record.segments[0] - 1
     switch = switches_bar.shape[0] - 1
     for back in range(times.shape[0] - 1):
@@ -86,8 +104,8 @@ def adjoint(call):
             continue
         rate = 1.0 / duration
         for i in range(n):
-            left[i] = record.heat[0, i, step]
-            ramp[i] = (record.heat[0, i, step + 1] - left[i]) * rate
+            left[i] = record.heat[0, i, 2 * step]
+            ramp[i] = (record.heat[0, i, 2 * step + 1] - left[i]) * rate
             left_bar[i] = 0.0
             right_bar[i] = 0.0
         time_bar = 0.0  # cotangent of the time at which the current segment ends
@@ -112,6 +130,11 @@ def adjoint(call):
                     b1[i] = b0[i] + ramp[i] * h
                 advance(structure, A, N, x0, h, now)
 
+            observed = observe_segment_back(
+                structure, looks, errors, now, record.start[0, segment], h, segment == 0, event >= 0 or begin > 0.0,
+                seen, temperatures, temperatures_bar, errors_bar,
+            )  # fmt: skip
+
             if event >= 0:
                 # The segment's length solves x1[sensor] = threshold: dL/dh must vanish in total.
                 length_derivative(structure, A, N, h, ramp, now, workspace, velocity)
@@ -120,6 +143,16 @@ def adjoint(call):
                 total = time_bar
                 for i in range(n):
                     total += x_bar[i] * velocity[i]
+                if observed:
+                    total += length_seen[0]
+                    d1, d2, d3, d4 = (
+                        workspace[:n],
+                        workspace[n : 2 * n],
+                        workspace[2 * n : 3 * n],
+                        workspace[3 * n : 4 * n],
+                    )
+                    for i in range(n):
+                        total += k1_seen[i] * d1[i] + k2_seen[i] * d2[i] + k3_seen[i] * d3[i] + k4_seen[i] * d4[i]
                 multiplier = total / velocity[structure.sensor[event]]
                 x_bar[structure.sensor[event]] -= multiplier
                 if u[event] > 0.5:
@@ -130,14 +163,23 @@ def adjoint(call):
             # Stages 4 and 3: v = W^-T k_bar, then through the rate at the stage's argument.
             for i in range(n):
                 v4[i] = x_bar[i]
+                v3[i] = x_bar[i]
+                v2[i] = 0.0
+                v1[i] = 2.0 * x_bar[i]
+            if observed:
+                for i in range(n):
+                    v4[i] += k4_seen[i]
+                    v3[i] += k3_seen[i]
+                    v2[i] += k2_seen[i]
+                    v1[i] += k1_seen[i]
             solve_transposed(structure, now.W, v4)
             transposed_products(structure, A, N, v4, linear, radiative4)
             for i in range(n):
                 carried = 0.5 * mass[i] * v4[i]
                 argument_bar = half * (linear[i] + radiative4[i] * 4.0 * x4[i] * x4[i] * x4[i])
-                v1[i] = 2.0 * x_bar[i] + carried + 2.0 * argument_bar
-                v2[i] = -carried
-                v3[i] = x_bar[i] + argument_bar - EIGHT_THIRDS * carried
+                v1[i] += carried + 2.0 * argument_bar
+                v2[i] -= carried
+                v3[i] += argument_bar - EIGHT_THIRDS * carried
                 x_bar[i] += argument_bar
             solve_transposed(structure, now.W, v3)
             transposed_products(structure, A, N, v3, linear, radiative3)
@@ -163,6 +205,18 @@ def adjoint(call):
                 curved = radiative1[i] * k1[i] + radiative2[i] * k2[i] + radiative3[i] * k3[i] + radiative4[i] * k4[i]
                 x_bar[i] += half * 12.0 * x0[i] * x0[i] * curved
 
+            if observed:
+                # The rate at the segment's start, and the start itself.
+                transposed_products(structure, A, N, f1_seen, linear, work)
+                for i in range(n):
+                    x_bar[i] += linear[i] + work[i] * slope[i] + x0_seen[i]
+                    b0_bar[i] += f1_seen[i]
+                    total_bar[i] += f1_seen[i]
+                    for p in range(structure.linear_start[i], structure.linear_start[i + 1]):
+                        A_bar[p] += f1_seen[i] * x0[structure.linear_column[p]]
+                    for p in range(structure.radiative_start[i], structure.radiative_start[i + 1]):
+                        N_bar[p] += f1_seen[i] * now.fourth1[structure.radiative_column[p]]
+
             for i in range(n):
                 w1, w2, w3, w4 = half * v1[i], half * v2[i], half * v3[i], half * v4[i]
                 for p in range(structure.linear_start[i], structure.linear_start[i + 1]):
@@ -184,7 +238,7 @@ def adjoint(call):
             # Heat at the segment's ends back to the step's ends, and the cotangent of the segment's start.
             share0 = begin / duration
             share1 = (begin + h) / duration if event >= 0 else 1.0
-            start_bar = 0.0
+            start_bar = start_seen[0] if observed else 0.0
             for i in range(n):
                 start_bar += ramp[i] * b0_bar[i]
                 left_bar[i] += (1.0 - share0) * b0_bar[i] + (1.0 - share1) * b1_bar[i]
@@ -195,6 +249,8 @@ def adjoint(call):
                     start_bar += ramp[i] * b1_bar[i]
             elif begin > 0.0:
                 # The segment ends at the grid point, so its length shrinks as its start moves.
+                if observed:
+                    start_bar -= length_seen[0]
                 d1, d2, d3, d4 = workspace[:n], workspace[n : 2 * n], workspace[2 * n : 3 * n], workspace[3 * n : 4 * n]
                 jacobian_product(structure, A, N, slope, k1, d1)
                 jacobian_product(structure, A, N, slope, k2, d2)
@@ -209,14 +265,15 @@ def adjoint(call):
             time_bar = start_bar
             segment -= 1
         for i in range(n):
-            heat_bar[i, step] += left_bar[i]
-            heat_bar[i, step + 1] += right_bar[i]
+            heat_bar[i, 2 * step] = left_bar[i]
+            heat_bar[i, 2 * step + 1] = right_bar[i]
+    finish_errors(errors, errors_bar)
     for i in range(n):
         x_bar[i] += states_bar[0, i]
     for p in range(forcings):
         i, j = structure.forcing_row[p], structure.forcing_column[p]
         total = 0.0
-        for k in range(times.shape[0]):
+        for k in range(series.shape[1]):
             total += heat_bar[i, k] * series[j, k]
         forcing_bar[p] = total
     return 0
@@ -224,4 +281,4 @@ def adjoint(call):
 
 def adjoint_memory_size(structure):
     """Length of the memory that `adjoint` works in."""
-    return 25 * structure.mass.shape[0] + structure.sensor.shape[0]
+    return 31 * structure.mass.shape[0] + structure.sensor.shape[0] + 2

@@ -10,14 +10,18 @@ import numpy as np
 
 from ...compiled import inlined
 from .lanes import put, take
+from .step import EIGHT_THIRDS
 
 WHOLE = 1
 """What a lane does: a step to the grid point, as if no heater switched,"""
 LOCATING = 2
-"""or a trial of the length at which a heater switches."""
+"""or a trial of the length at which a heater switches;"""
+LOST = 3
+"""or it has found that none does where one seemed to."""
 
 LOCATION_ITERATIONS = 60
 CROSSING_TOLERANCE = 1e-11  # K, on the sensor at the switch
+LOST_TOLERANCE = 1e-6  # K; a thermostat does not notice its sensor past the threshold for a moment by less
 
 
 @inlined
@@ -35,18 +39,27 @@ def decide(structure, measured, lanes, lane, step):
         tolerance = CROSSING_TOLERANCE
     else:
         return True
+    if lanes.phase[lane] == LOST:
+        lanes.phase[lane] = WHOLE
+        return True
     length = take(lanes.length, 0, lane)
-    chosen, first, rate = -1, length, 0.0
+    chosen, first, rate, high = -1, length, 0.0, length
     for k in range(structure.sensor.shape[0]):
+        if k == lanes.heater[lane]:
+            continue
         past = _past_threshold(structure, measured, lanes, lane, step.x1, k)
-        if k != lanes.heater[lane] and past > tolerance:
+        if past > tolerance:
             crossing, slope = _estimate(structure, measured, lanes, lane, step, k, past)
             if chosen < 0 or crossing < first:
-                chosen, first, rate = k, crossing, slope
+                chosen, first, rate, high = k, crossing, slope, length
+        elif lanes.settled[lane] == 0:
+            crossing, slope, peak = _excursion(structure, measured, lanes, lane, step, k, past)
+            if slope > 0.0 and (chosen < 0 or crossing < first):
+                chosen, first, rate, high = k, crossing, slope, peak
     if chosen < 0:
         return False
     lanes.heater[lane] = chosen
-    lanes.low[lane], lanes.high[lane] = 0.0, length
+    lanes.low[lane], lanes.high[lane] = 0.0, high
     lanes.rate[lane] = rate
     lanes.iterations[lane] = 0
     put(lanes.length, 0, lane, first)
@@ -85,6 +98,45 @@ def _estimate(structure, measured, lanes, lane, step, k, past):
 
 
 @inlined
+def _excursion(structure, measured, lanes, lane, step, k, end):
+    """Where the cubic of a sensor that is not past its threshold at the trial's end was so before (s).
+
+    Its slope there (K/s; 0: it was not), and where it was farthest past it (s). Both slopes at the trial's ends are
+    those of the dense output (see `sampling`).
+    """
+    sensor, length = structure.sensor[k], take(lanes.length, 0, lane)
+    sign = 1.0 if take(lanes.status, k, lane) > 0.5 else -1.0
+    first = sign * length * take(step.f1, sensor, lane)
+    last = sign * (
+        2.0 * take(step.k4, sensor, lane)
+        - take(step.k1, sensor, lane)
+        + take(step.k2, sensor, lane)
+        + EIGHT_THIRDS * take(step.k3, sensor, lane)
+    )
+    if not (first > 0.0 and last < 0.0) or structure.mass[sensor] == 0.0 or not np.isnan(measured[lanes.step[lane], k]):
+        return 0.0, 0.0, 0.0
+    before = _past_threshold(structure, measured, lanes, lane, lanes.x, k)
+    if before >= 0.0:
+        return 0.0, 0.0, 0.0
+    rise = end - before
+    # The slope first + 2 (3 rise - 2 first - last) s + 3 (first + last - 2 rise) s^2 falls through zero once.
+    square, middle = 3.0 * (first + last - 2.0 * rise), 3.0 * rise - 2.0 * first - last
+    root = np.sqrt(max(middle * middle - square * first, 0.0))
+    peak = first / (root - middle) if middle < 0.0 else (-middle - root) / square
+    rest = 1.0 - peak
+    top = (
+        before * (1.0 + 2.0 * peak) * rest * rest
+        + end * peak * peak * (3.0 - 2.0 * peak)
+        + first * peak * rest * rest
+        - last * peak * peak * rest
+    )
+    if not (top > LOST_TOLERANCE and 0.0 < peak < 1.0):
+        return 0.0, 0.0, 0.0
+    share, slope = _cubic_crossing(before, top, first * peak, 0.0)
+    return share * peak * length, slope / (peak * length), peak * length
+
+
+@inlined
 def _located(structure, measured, lanes, lane, step):
     """Whether the trial ends where the heater switches; if not, the next trial is set: a safeguarded secant step."""
     trial = take(lanes.length, 0, lane)
@@ -95,6 +147,10 @@ def _located(structure, measured, lanes, lane, step):
         or high - low < 1e-12 * lanes.duration[lane]
         or lanes.iterations[lane] >= LOCATION_ITERATIONS
     ):
+        if value < -LOST_TOLERANCE:
+            # The cubic had it past the threshold for a moment, the solution is not.
+            lanes.heater[lane], lanes.settled[lane], lanes.phase[lane] = -1, 1, LOST
+            put(lanes.length, 0, lane, lanes.duration[lane] - take(lanes.begin, 0, lane))
         return True
     if value > 0.0:
         high = trial

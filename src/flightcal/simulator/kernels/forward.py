@@ -18,14 +18,14 @@ import numpy as np
 from ...compiled import inlined, kernel
 from .crossing import WHOLE, decide
 from .lanes import elements, lane_count, put, take
-from .sampling import observe
+from .sampling import Looks, observe_end, observe_segment
 from .step import advance, make_step, step_size
 
 FINISHED = 0
 NOT_FINITE = 1
 TOO_MANY_SWITCHES = 2
 
-COUNTERS, REALS = 6, 6
+COUNTERS, REALS = 7, 6
 """A lane's integers and reals (see `_Lanes`)."""
 
 _IDLE = 0
@@ -36,7 +36,7 @@ class Record(NamedTuple):
     """What a lane notes of the simulation it carries: the states on the grid, and every segment."""
 
     heat: Any
-    """[lane, n, K+1] of the inputs, B w, on the grid."""
+    """[lane, n, 2 K] of the inputs, B w, at the start and at the end of each step."""
     states: Any
     """[lane, K+1, n] K."""
     status: Any
@@ -94,6 +94,8 @@ class _Lanes(NamedTuple):
     iterations: Any
     switches: Any
     """So far, where thresholds scatter."""
+    settled: Any
+    """1: no thermostat that is back within its band at the segment's end has left it in between."""
     duration: Any
     """Of the grid step, s."""
     low: Any
@@ -136,10 +138,7 @@ class ForwardCall(NamedTuple):
     series: Any
     measured: Any
     initially_on: Any
-    sampling: Any
-    sensors: Any
-    errors: Any
-    """[S, 3, N] of the sensors, see `Sensors`."""
+    looks: Looks
     scatter: Any
     """[S, E, H] K, added to both thresholds of each heater at first and after each switch of its (by the number of
     switches of all, modulo E); E = 0: nothing is."""
@@ -161,7 +160,7 @@ def forward(call):
     """Simulate over the grid, and fill `record` and `outputs`; returns the outcome where there is one simulation."""
     structure, packed, times, series = call.structure, call.packed, call.times, call.series
     measured, initially_on, scatter, memory = call.measured, call.initially_on, call.scatter, call.memory
-    record, outputs, simulations = call.record, call.outputs, call.simulations[0]
+    record, outputs, looks, simulations = call.record, call.outputs, call.looks, call.simulations[0]
     outputs.noted[0] = 0
     count = lane_count(memory)
     lanes = _make_lanes(structure, memory, call.counters, call.reals, call.driven)
@@ -174,6 +173,7 @@ def forward(call):
     for lane in range(count):
         if waiting < simulations:
             _load(structure, packed, series, measured, initially_on, scatter, lanes, lane, waiting, record)
+            looks.next[lane] = 0
             _enter_step(structure, packed, times, measured, lanes, lane, record)
             active += 1
             waiting += 1
@@ -187,7 +187,7 @@ def forward(call):
         for lane in range(count):
             if lanes.phase[lane] == _IDLE or decide(structure, measured, lanes, lane, step):
                 continue
-            reached = _accept(structure, times, lanes, lane, step, record)
+            reached = _accept(structure, times, lanes, lane, step, record, looks, outputs)
             if scatter.shape[1] > 0 and lanes.heater[lane] >= 0:
                 lanes.switches[lane] += 1
                 _set_thresholds(structure, packed, scatter, lanes, lane, lanes.heater[lane])
@@ -207,11 +207,12 @@ def forward(call):
                 outputs.outcome[simulation] = NOT_FINITE
             else:
                 outputs.outcome[simulation] = FINISHED
-                observe(call.sampling, call.sensors, call.errors, times, simulation, lane, record, outputs)
+                _finish(looks, lanes, lane, record, outputs)
             active -= 1
             lanes.phase[lane] = _IDLE
             if waiting < simulations:
                 _load(structure, packed, series, measured, initially_on, scatter, lanes, lane, waiting, record)
+                looks.next[lane] = 0
                 _enter_step(structure, packed, times, measured, lanes, lane, record)
                 active += 1
                 waiting += 1
@@ -249,6 +250,7 @@ def _make_lanes(structure, memory, counters, reals, driven):
         counters[3],
         counters[4],
         counters[5],
+        counters[6],
         reals[0],
         reals[1],
         reals[2],
@@ -356,9 +358,9 @@ def _enter_step(structure, packed, times, measured, lanes, lane, record):
     lanes.duration[lane] = duration
     rate = 1.0 / duration
     for i in range(n):
-        left = record.heat[lane, i, step]
+        left = record.heat[lane, i, 2 * step]
         put(lanes.left, i, lane, left)
-        put(lanes.ramp, i, lane, (record.heat[lane, i, step + 1] - left) * rate)
+        put(lanes.ramp, i, lane, (record.heat[lane, i, 2 * step + 1] - left) * rate)
     changed = False
     for k in range(H):
         if not np.isnan(measured[step, k]):
@@ -373,7 +375,7 @@ def _enter_step(structure, packed, times, measured, lanes, lane, record):
         _set_heating(structure, packed, lanes, lane)
     put(lanes.begin, 0, lane, 0.0)
     put(lanes.length, 0, lane, duration)
-    lanes.phase[lane] = WHOLE
+    lanes.phase[lane], lanes.settled[lane] = WHOLE, 0
     return True
 
 
@@ -382,12 +384,12 @@ def _start_segment(structure, packed, lanes, lane):
     """The next trial goes from the switch to the grid point."""
     _set_heating(structure, packed, lanes, lane)
     put(lanes.length, 0, lane, lanes.duration[lane] - take(lanes.begin, 0, lane))
-    lanes.phase[lane] = WHOLE
+    lanes.phase[lane], lanes.settled[lane] = WHOLE, 0
 
 
 @inlined
-def _accept(structure, times, lanes, lane, step, record):
-    """Note the segment and move to its end; whether that is the grid point."""
+def _accept(structure, times, lanes, lane, step, record, looks, outputs):
+    """Note the segment and what is observed in it, and move to its end; whether that is the grid point."""
     n, H = structure.mass.shape[0], structure.sensor.shape[0]
     segment = record.segments[lane]
     event = lanes.heater[lane]
@@ -399,6 +401,13 @@ def _accept(structure, times, lanes, lane, step, record):
     record.event[lane, segment] = event
     for k in range(H):
         record.heater[lane, segment, k] = take(lanes.status, k, lane)
+    begin = take(lanes.begin, 0, lane) + length
+    simulation = lanes.simulation[lane]
+    observe_segment(
+        structure, looks, looks.errors[simulation], lanes.x, lanes.status, step, lane, record.start[lane, segment],
+        times[lanes.step[lane]] + begin if event >= 0 else times[lanes.step[lane] + 1], length,
+        outputs.temperatures[simulation], outputs.status[simulation],
+    )  # fmt: skip
     if record.state.shape[1] > 0:
         for i in range(n):
             record.state[lane, segment, i] = take(lanes.x, i, lane)
@@ -407,6 +416,36 @@ def _accept(structure, times, lanes, lane, step, record):
     if event < 0:
         return True
     put(lanes.status, event, lane, 1.0 - take(lanes.status, event, lane))
-    begin = take(lanes.begin, 0, lane) + length
     put(lanes.begin, 0, lane, begin)
     return begin >= lanes.duration[lane]
+
+
+@inlined
+def _finish(looks, lanes, lane, record, outputs):
+    """From a lane's `Record` of a simulation that has come to its end to the rest of `Outputs`."""
+    simulation, segments, heaters = lanes.simulation[lane], record.segments[lane], record.heater.shape[2]
+    observe_end(
+        looks, looks.errors[simulation], lanes.x, lanes.status, lane,
+        outputs.temperatures[simulation], outputs.status[simulation],
+    )  # fmt: skip
+    first = outputs.noted[0]
+    switches = first
+    total = 0.0
+    for h in range(heaters):
+        outputs.duty_cycle[simulation, h] = 0.0
+    for s in range(segments):
+        length = record.length[lane, s]
+        total += length
+        for h in range(heaters):
+            outputs.duty_cycle[simulation, h] += length * record.heater[lane, s, h]
+        event = record.event[lane, s]
+        if event >= 0:
+            outputs.switch_time[switches] = record.start[lane, s] + length
+            outputs.switch_heater[switches] = event
+            outputs.switch_on[switches] = 1.0 - record.heater[lane, s, event]
+            switches += 1
+    for h in range(heaters):
+        outputs.duty_cycle[simulation, h] /= total
+    outputs.switches[simulation] = switches - first
+    outputs.switch_first[simulation] = first
+    outputs.noted[0] = switches

@@ -1,0 +1,60 @@
+"""When the sunlight on flat faces begins or ends, and when samples of orbit and attitude have corners."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from pathlib import Path
+
+import numpy as np
+
+from ..scenario import Environment, SampledAttitude, SampledOrbit, SpinningAttitude
+from ._samples import read_samples
+from ._time import Floats, Times, seconds_later
+from .attitude import body_to_inertial, unit
+from .eclipse import search_times, sunlit_fraction, zeros
+from .fluxes import Normal
+from .geometry import geometry_of
+
+
+def sun_edges(
+    environment: Environment,
+    normals: Sequence[Normal],
+    start: np.datetime64,
+    end: np.datetime64,
+    folder: Path = Path(),
+) -> Times:
+    """Times in [start, end] at which the Sun passes through the plane of a face with one of these normals, in order.
+
+    To 1 ms, and only where the Sun is not behind the Earth. A body whose sunlight is a mean over directions has no
+    such times. Raises OrbitError.
+    """
+    attitude = environment.attitude
+    flat = [unit(normal) for normal in normals if normal != "all"]
+    if not flat or (isinstance(attitude, SpinningAttitude) and attitude.period is None):
+        return np.empty(0, "datetime64[ns]")
+    geometry, coarse = geometry_of(environment, folder), search_times(environment, start, end, folder)
+
+    def cosines(seconds: Floats) -> Floats:
+        """Of the angles between all normals and the direction to the Sun, [T, F]."""
+        at = geometry(seconds_later(start, seconds))
+        to_sun = at.to_sun / np.linalg.norm(at.to_sun, axis=-1, keepdims=True)
+        return np.einsum("tij,ti->tj", body_to_inertial(attitude, at, folder), to_sun) @ np.array(flat).T
+
+    def cosine(k: int) -> Callable[[Floats], Floats]:
+        return lambda seconds: cosines(seconds)[:, k]
+
+    found = np.concatenate([zeros(cosine(k), coarse) for k in range(len(flat))])
+    times = np.unique(seconds_later(start, found))
+    at = geometry(times)
+    return times[sunlit_fraction(at.position, at.sun) > 0.0] if len(times) else times
+
+
+def sample_times(environment: Environment, folder: Path = Path()) -> Times:
+    """Times of the samples of orbit and attitude, where these come from files. Raises OrbitError."""
+    files: list[tuple[str, tuple[str, ...], str]] = []
+    if isinstance(environment.orbit, SampledOrbit):
+        files.append((environment.orbit.positions, ("x", "y", "z"), "environment.orbit.positions"))
+    if isinstance(environment.attitude, SampledAttitude):
+        files.append((environment.attitude.quaternions, ("w", "x", "y", "z"), "environment.attitude.quaternions"))
+    found = [read_samples(folder / name, columns, f"{place}: {name}", 2)[0] for name, columns, place in files]
+    return np.unique(np.concatenate([np.empty(0, "datetime64[ns]"), *found]))
