@@ -11,7 +11,10 @@ from tests.oracle import dense, jax, jnp
 from flightcal.problem import Problem
 from flightcal.scenario import LogNormal, Normal, Prior, TruncatedNormal, Uniform
 from flightcal.simulator import Drive, NetworkSimulator, Structure, System
+from flightcal.simulator.sampling import locate
 from flightcal.simulator.system import packed_bounds
+
+from .problem import drives_of_peers
 
 ndtr, ndtri = jax.scipy.special.ndtr, jax.scipy.special.ndtri
 
@@ -23,6 +26,9 @@ class Canonical:
     problem: Problem
     structure: Structure
     drive: Drive
+    """Linear between grid points, as peers take it; the telemetry's times are grid points."""
+    exact: Drive
+    """With the inputs as they are known at most: of the reference."""
 
     @property
     def simulator(self) -> NetworkSimulator:
@@ -47,14 +53,16 @@ class Canonical:
         """A, N [n, n], heat [K+1, n] on the drive's grid, g [H, n], lower, upper [H], x0 [n]; K and seconds."""
         system = self.system(theta)
         A, N, B, g = dense(self.structure, system)
-        heat = jnp.asarray(self.drive.inputs[:, : B.shape[1]]) @ B.T
+        inputs = np.concatenate([self.drive.inputs[:1, 0], self.drive.inputs[:, 1]])
+        heat = jnp.asarray(inputs[:, : B.shape[1]]) @ B.T
         return A, N, heat, g, system.lower, system.upper, system.initial
 
     def observe(self, states: Any) -> Any:
         """Temperatures [T, N] of states [K+1, n] on the grid."""
-        sampling, channels = self.simulator.observation.sampling, self.simulator.observation.sensors.state
-        weight = sampling.weight[:, None]
-        return (1 - weight) * states[sampling.point][:, channels] + weight * states[sampling.point + 1][:, channels]
+        observation = self.simulator.observation
+        place, channels = locate(observation.times, self.drive.times), observation.sensors.state
+        weight = place.weight[:, None]
+        return (1 - weight) * states[place.point][:, channels] + weight * states[place.point + 1][:, channels]
 
     def to_theta(self, z: Any) -> Any:
         """Physical theta [d] of z [d]; every prior here is N(0, 1) in z (see `flightcal.probability.priors`)."""
@@ -95,4 +103,4 @@ def canonical(problem: Problem) -> Canonical:
     assert isinstance(simulator, NetworkSimulator)
     assert len(problem.simulated) == len(problem.names)
     assert simulator.network.structure.mass.all()
-    return Canonical(problem, simulator.network.structure, simulator.drive)
+    return Canonical(problem, simulator.network.structure, *drives_of_peers(problem))

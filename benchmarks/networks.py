@@ -86,9 +86,10 @@ def _network(n: int, links: list[tuple[int, int]], heaters: int, orbits: int) ->
         upper=np.full(len(heated), 286.15),
         initial=np.full(n, 284.65),
     )
+    points = np.stack([np.ones_like(times), sun], axis=1)
     drive = Drive(
         times=times,
-        inputs=np.stack([np.ones_like(times), sun], axis=1),
+        inputs=np.stack([points[:-1], points[1:]], axis=1),
         measured=np.full((len(times) - 1, len(heated)), np.nan),
         initially_on=np.zeros(len(heated)),
     )

@@ -12,12 +12,14 @@ from typing import Any
 
 import numpy as np
 import pandas as pd
+import xarray
 from ruamel.yaml import YAML
 
 from flightcal.environment import orbital_period
 from flightcal.problem import Problem, build_problem
 from flightcal.scenario import Scenario, load_scenario
-from flightcal.simulator import NetworkSimulator, network_simulator
+from flightcal.simulator import Drive, NetworkSimulator, network_simulator
+from flightcal.simulator.drive import window_inputs
 from flightcal.telemetry import read_telemetry
 
 START = np.datetime64("2024-03-01T00:00:00", "ns")
@@ -76,7 +78,6 @@ def content() -> dict[str, Any]:
             "attitude": "nadir",
         },
         "simulator": {
-            "step": f"{SAMPLING} s",
             "nodes": {
                 node: {"capacity": f"{capacity} J/K", "initial": f"{_INITIAL[node]} degC"}
                 for node, capacity in _CAPACITIES.items()
@@ -200,3 +201,32 @@ def _theta(simulator: NetworkSimulator, scenario: Scenario, truth: dict[str, flo
     parameters = [truth.get(name, written[sets[k]] if k in sets else 1.0) for k, name in enumerate(simulator.names)]
     nodes = [simulator.network.nodes[k] for k in simulator.network.diffusive]
     return np.array([*parameters, *(scenario.simulator.nodes[node].initial for node in nodes)])
+
+
+def drives_of_peers(problem: Problem) -> tuple[Drive, Drive]:
+    """The inputs of the one window as the peers take them, linear between grid points, and as they are known at most.
+
+    The peers' grid has the telemetry's times, at which they give their states, and the kinks of the inputs.
+    """
+    (window,) = problem.windows
+    simulator = problem.scenario.network
+    heaters = {name: heater.model_copy(update={"measured_by": None}) for name, heater in simulator.heaters.items()}
+    alone = problem.scenario.model_copy(update={"simulator": simulator.model_copy(update={"heaters": heaters})})
+    assert isinstance(window.simulator, NetworkSimulator)
+    period = orbital_period(alone.environment, alone.folder)
+    inputs = window_inputs(
+        alone,
+        window.simulator.network,
+        xarray.Dataset(),
+        window.times[0],
+        window.times[-1],
+        window.times,
+        period=period,
+    )
+    own = window.simulator.drive
+    grids = [np.union1d(times, window.simulator.observation.times) for times in (inputs.breaks, inputs.times)]
+    values = [np.stack([np.interp(grid, inputs.times, row) for row in inputs.values], axis=1) for grid in grids]
+    return tuple(  # type: ignore[return-value]
+        Drive(grid, np.stack([at[:-1], at[1:]], axis=1), np.full((len(grid) - 1, 1), np.nan), own.initially_on)
+        for grid, at in zip(grids, values, strict=True)
+    )

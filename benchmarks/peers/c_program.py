@@ -56,19 +56,20 @@ def forward(structure: Structure, system: System, drive: Drive) -> Callable[[], 
     Everything that is not the simulation is done here, once.
     """
     library = _library()
+    inputs = np.concatenate([drive.inputs[:1, 0], drive.inputs[:, 1]])  # linear between grid points
     arrays = [
         structure.mass, structure.linear_start, structure.linear_column, structure.linear_slot,
         structure.radiative_start, structure.radiative_column, structure.radiative_slot,
         structure.factor_start, structure.factor_column, structure.factor_diagonal,
         structure.forcing_row, structure.forcing_column, structure.heating_heater, structure.heating_row,
-        structure.sensor, *system, drive.times, drive.inputs, drive.initially_on,
+        structure.sensor, *system, drive.times, inputs, drive.initially_on,
     ]  # fmt: skip
     kept = [
         np.ascontiguousarray(array, np.int64 if np.issubdtype(np.asarray(array).dtype, np.integer) else np.float64)
         for array in arrays
     ]
     n, steps = len(structure.mass), len(drive.times) - 1
-    counts = (n, len(structure.sensor), steps, drive.inputs.shape[1], len(system.forcing), len(system.heating))
+    counts = (n, len(structure.sensor), steps, inputs.shape[1], len(system.forcing), len(system.heating))
     problem = _Problem(*counts, *(array.ctypes.data for array in kept))
     states = np.empty((steps + 1, n))
     address = states.ctypes.data

