@@ -14,7 +14,7 @@ follows the smoothed edges directly, without the sharp second function, slides a
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any
 
 import diffrax
@@ -24,6 +24,7 @@ from tests.oracle import jax, jnp
 from ..canonical import Canonical
 
 WIDTH = 0.01  # K, w
+SHARP_WIDTH = 0.001  # K, with which the smoothing's error is near flightcal's
 HOLD, PUSH = 0.02, 0.3  # 1/s
 SHARP = 40.0
 LONGEST_STEP = 30.0
@@ -48,24 +49,28 @@ class Configuration:
     atol: float = 1e-5
     adjoint: str = "RecursiveCheckpointAdjoint"
     max_steps: int = 4096
+    width: float = WIDTH
+    """K, of the thermostat's edge; the rates grow as it becomes sharper."""
 
     @property
     def label(self) -> str:
         """How the tables call it."""
-        return f"diffrax {self.solver}, {self.adjoint}, rtol {self.rtol:.0e}"
+        edge = "" if self.width == WIDTH else f", edge {self.width:g} K"
+        return f"diffrax {self.solver}, {self.adjoint}, rtol {self.rtol:.0e}{edge}"
 
 
 def states(model: Canonical, configuration: Configuration) -> Callable[[Any], Any]:
     """theta [d] -> states [K+1, n] on the drive's grid."""
-    times = jnp.asarray(model.drive.times)
-    assert (np.diff(model.drive.times) > 0).all(), "the inputs of this problem have kinks, but no jumps"
+    times, known = jnp.asarray(model.drive.times), jnp.asarray(model.exact.times)
+    assert (np.diff(model.exact.times) > 0).all(), "the inputs of this problem have kinks, but no jumps"
+    exact, faster = replace(model, drive=model.exact), WIDTH / configuration.width
     sensor = int(model.structure.sensor[0])
     solver = getattr(diffrax, configuration.solver)()
     controller = diffrax.PIDController(rtol=configuration.rtol, atol=configuration.atol, dtmax=LONGEST_STEP)
     adjoint = _ADJOINTS[configuration.adjoint](configuration.max_steps)
 
     def solve(theta: Any) -> Any:
-        A, N, heat, g, lower, upper, initial = model.dense(theta)
+        A, N, heat, g, lower, upper, initial = exact.dense(theta)
         on = jnp.asarray(model.drive.initially_on[0])
         u0 = jnp.where(initial[sensor] < lower[0], 1.0, jnp.where(initial[sensor] > upper[0], 0.0, on))
 
@@ -73,10 +78,11 @@ def states(model: Canonical, configuration: Configuration) -> Callable[[Any], An
             A, N, inputs, g, lower, upper = arguments
             x, memory = y[:-1], y[-1]
             on = jax.nn.sigmoid(SHARP * memory)
-            push = (1.0 - on) * jax.nn.sigmoid((lower - x[sensor]) / WIDTH)
-            push -= on * jax.nn.sigmoid((x[sensor] - upper) / WIDTH)
+            push = (1.0 - on) * jax.nn.sigmoid((lower - x[sensor]) / configuration.width)
+            push -= on * jax.nn.sigmoid((x[sensor] - upper) / configuration.width)
             heat = inputs.evaluate(t) + on * g
-            return jnp.append(A @ x + N @ x**4 + heat, HOLD * (memory - memory**3) + PUSH * push)
+            change = faster * (HOLD * (memory - memory**3) + PUSH * push)
+            return jnp.append(A @ x + N @ x**4 + heat, change)
 
         solution = diffrax.diffeqsolve(
             diffrax.ODETerm(rate),
@@ -85,7 +91,7 @@ def states(model: Canonical, configuration: Configuration) -> Callable[[Any], An
             t1=times[-1],
             dt0=1.0,
             y0=jnp.append(initial, 2.0 * u0 - 1.0),
-            args=(A, N, diffrax.LinearInterpolation(times, heat), g[0], lower[0], upper[0]),
+            args=(A, N, diffrax.LinearInterpolation(known, heat), g[0], lower[0], upper[0]),
             saveat=diffrax.SaveAt(ts=times),
             stepsize_controller=controller,
             adjoint=adjoint,

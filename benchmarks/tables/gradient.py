@@ -21,6 +21,7 @@ DIFFRAX = (
     diffrax_ode.Configuration("Tsit5", adjoint="every step a checkpoint"),
     diffrax_ode.Configuration("Tsit5", adjoint="ForwardMode"),
     diffrax_ode.Configuration("Tsit5", adjoint="ForwardMode", rtol=1e-7, atol=1e-4),
+    diffrax_ode.Configuration("Tsit5", adjoint="ForwardMode", width=diffrax_ode.SHARP_WIDTH),
     diffrax_ode.Configuration("Kvaerno3", rtol=1e-7, atol=1e-4),
     diffrax_ode.Configuration("Kvaerno3", adjoint="ForwardMode", rtol=1e-7, atol=1e-4),
     diffrax_ode.Configuration("Heun", rtol=1e-6, atol=1e-3, adjoint="ForwardMode"),

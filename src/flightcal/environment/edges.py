@@ -13,7 +13,11 @@ from ._time import Floats, Times, seconds_later
 from .attitude import body_to_inertial, unit
 from .eclipse import search_times, sunlit_fraction, zeros
 from .fluxes import Normal
-from .geometry import geometry_of
+from .geometry import Geometry, geometry_of
+from .orbit import propagator
+
+_EDGE_ON = 1e-9
+"""Cosine of a face's normal to the Sun that counts as none."""
 
 
 def sun_edges(
@@ -33,12 +37,19 @@ def sun_edges(
     if not flat or (isinstance(attitude, SpinningAttitude) and attitude.period is None):
         return np.empty(0, "datetime64[ns]")
     geometry, coarse = geometry_of(environment, folder), search_times(environment, start, end, folder)
+    sun = geometry(seconds_later(start, coarse)).sun
+    assert environment.orbit is not None  # else there is no geometry
+    propagate = propagator(environment.orbit, folder)
 
     def cosines(seconds: Floats) -> Floats:
         """Of the angles between all normals and the direction to the Sun, [T, F]."""
-        at = geometry(seconds_later(start, seconds))
+        times = seconds_later(start, seconds)
+        # In the minutes between two of these times the Sun's path is straight to a kilometre.
+        at = Geometry(times, *propagate(times), np.stack([np.interp(seconds, coarse, axis) for axis in sun.T], axis=1))
         to_sun = at.to_sun / np.linalg.norm(at.to_sun, axis=-1, keepdims=True)
-        return np.einsum("tij,ti->tj", body_to_inertial(attitude, at, folder), to_sun) @ np.array(flat).T
+        found = np.einsum("tij,ti->tj", body_to_inertial(attitude, at, folder), to_sun) @ np.array(flat).T
+        # A face that stays edge on to the Sun is not turned by rounding.
+        return np.where(np.abs(found) < _EDGE_ON, 0.0, found)
 
     def cosine(k: int) -> Callable[[Floats], Floats]:
         return lambda seconds: cosines(seconds)[:, k]

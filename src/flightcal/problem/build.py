@@ -19,7 +19,7 @@ from .simulators import build_simulator
 from .window import Window
 
 _SAMPLES_FOR_START = 3
-_TRIED, _SEED_OF_STEPS = 32, 0
+_TRIED, _SEED_OF_STEPS = 64, 0
 """Draws of the prior at which the length of the integration's steps is chosen."""
 
 

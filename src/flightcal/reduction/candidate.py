@@ -28,9 +28,14 @@ class Errors:
     """Simulations of the reduced model that failed; they are not among S."""
 
 
-def simulator_on(task: Task, model: ReducedModel, runs: FullRuns) -> NetworkSimulator:
-    """The model on the window of the full network's runs; its parameters and channels are the full network's."""
-    scenario = reduced_scenario(runs.scenario, model, task.reduction.step)
+def simulator_on(
+    task: Task, model: ReducedModel, runs: FullRuns, longest_step: float | None = None
+) -> NetworkSimulator:
+    """The model on the window of the full network's runs; its parameters and channels are the full network's.
+
+    longest_step: s, where the task has none; by default the steps are chosen.
+    """
+    scenario = reduced_scenario(runs.scenario, model, task.reduction.step or longest_step)
     return network_simulator(
         scenario, xarray.Dataset(), runs.start, runs.end, runs.times,
         period=task.period, network=network_for(model, scenario),
@@ -42,9 +47,15 @@ def theta_of(model: ReducedModel, runs: FullRuns, k: int) -> FloatArray:
     return np.concatenate([runs.parameters[k], runs.temperatures[k, 0, [runs.nodes.index(n) for n in model.states]]])
 
 
-def errors_of(task: Task, model: ReducedModel, runs: Sequence[FullRuns], draws: int | None = None) -> list[Errors]:
-    """The errors in each window; draws: of only so many runs in each."""
-    return [_errors(simulator_on(task, model, own), model, own, draws) for own in runs]
+def errors_of(
+    task: Task,
+    model: ReducedModel,
+    runs: Sequence[FullRuns],
+    draws: int | None = None,
+    longest_step: float | None = None,
+) -> list[Errors]:
+    """The errors in each window; draws: of only so many runs in each; longest_step: see `simulator_on`."""
+    return [_errors(simulator_on(task, model, own, longest_step), model, own, draws) for own in runs]
 
 
 def _errors(simulator: NetworkSimulator, model: ReducedModel, runs: FullRuns, draws: int | None) -> Errors:

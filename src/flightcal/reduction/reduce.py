@@ -21,6 +21,7 @@ from .reduced_model import ReducedModel
 
 MARGIN = 0.4
 """Of the tolerance that training runs must keep. Unseen ones may be worse."""
+_JUDGING_STEP = 60.0  # s; steps are chosen for the model that is
 _JUDGING_DRAWS = 8
 """Training runs of each window that a size is judged on."""
 
@@ -59,7 +60,7 @@ def reduce(task: Task, progress: Progress = SILENT) -> Reduced:
     sizes = [(states, settled) for states in _sizes(task, network) for settled in _settled(task)]
     with progress.stage("choosing the order", len(sizes)) as choosing:
         for k, model in enumerate(_projections(task, network, training, sizes)):
-            error = _judged(task, errors_of(task, model, training, _JUDGING_DRAWS))
+            error = _judged(task, errors_of(task, model, training, _JUDGING_DRAWS, _JUDGING_STEP))
             tried.append(Tried(len(model.states), model.massless, error))
             if best is None or error < best[0]:
                 best = (error, model)

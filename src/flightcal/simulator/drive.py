@@ -25,13 +25,15 @@ _TURN = np.deg2rad(2.0)
 """By which attitudes are turned to either side for the slope of a flux, which has kinks where a face loses the Sun."""
 
 _FINE = 10.0  # s; linear between such times, sunlight on a turning face is right to 1e-5 of its amplitude
-_TURN_PARTS = 60
+_TURN_PARTS = 360
 """So many such times there are in a body's turn."""
 _CLOSEST_EDGES = 30.0
 """s, how close together, in the mean, a step is cut where a face gains or loses the Sun."""
 
 _PARTS = 8
 """The least number of such times between two breaks."""
+_CLOSEST = 1e-3
+"""s, between two of such times that lie between breaks."""
 _CLOSE = 0.35
 """Of a step's length: corners of the inputs that are closer together do not end it."""
 _LONGER = 0.1
@@ -144,9 +146,11 @@ def window_inputs(
     bends = [driver_corners(telemetry, name, fill, period) for name, fill in fills.items()]
     fine = _fineness(scenario)
     corners = inside(np.concatenate([sample_times(scenario.environment, scenario.folder), *bends]))
-    known = np.union1d(breaks, corners)
+    known = _apart(np.concatenate([breaks, corners]))
     # At least a few in each stretch: in a penumbra of seconds sunlight is no straight line.
-    counts = np.maximum(_PARTS if np.isfinite(fine) else 1, np.ceil(np.diff(known) / fine)).astype(int)
+    least = _PARTS if np.isfinite(fine) else 1
+    counts = np.minimum(np.maximum(least, np.ceil(np.diff(known) / fine)), np.diff(known) / _CLOSEST)
+    counts = np.maximum(1, counts).astype(int)
     points = np.concatenate(
         [np.linspace(a, b, count, endpoint=False) for a, b, count in zip(known[:-1], known[1:], counts, strict=True)]
         + [known[-1:]]

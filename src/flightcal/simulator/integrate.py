@@ -106,9 +106,10 @@ class Integration:
             noted=np.zeros(1, np.int64),
         )
         self.switches_bar = np.zeros(switches if derivative else 0)
-        settled = int(structure.mass.all())
-        pointers = np.empty((lanes, channels + 1), np.int64)
-        looks = Looks(observation.times, *observation.sensors, settled, self.errors, pointers)
+        looks = Looks(
+            observation.times, *observation.sensors, int(not observation.sensors.moved.any()),
+            int(structure.mass.all()), self.errors, np.empty((lanes, channels + 1), np.int64), np.empty((4, channels)),
+        )  # fmt: skip
         self.forward: Row = forward.row(
             ForwardCall(
                 self.simulations, structure, self.packed, drive.times, drive.series, drive.measured,

@@ -22,11 +22,13 @@ FALLBACK = 30.0
 """s, where nothing can be simulated at the thetas that are tried."""
 _SHORTEST = 0.5
 """s, no shorter for the tolerance's sake: where that would not do, a thermostat grazes its threshold at some theta."""
+_MOST = 8
+"""Times as many points as with `FALLBACK`: where that would not do, something diverges."""
 _TRIALS, _IDLE = 14, 2
 """How often at most, and how often without a gain."""
 _MARGIN = 0.7
 """Of the tolerance, at the thetas that are tried, as others will be simulated."""
-_LARGEST = 4.0
+_LARGEST = 2.5
 """Times the tolerance, for the largest error."""
 _OWN = 0.5
 """Of the largest error, what one step may add."""
@@ -78,7 +80,7 @@ def choose_grid(inputs: Inputs, compare: Compare, tolerance: float) -> tuple[Flo
     caps = np.full(len(inputs.times), np.inf)  # on the steps' length from each of these times to the next
     grid = make_grid(inputs, wanted)
     best: tuple[FloatArray, Accuracy] | None = None
-    left = _IDLE
+    left, most = _IDLE, _MOST * len(make_grid(inputs, FALLBACK))
     closest: tuple[float, FloatArray, Accuracy] | None = None
     for _ in range(_TRIALS):
         found = measure(grid, compare)
@@ -106,6 +108,8 @@ def choose_grid(inputs: Inputs, compare: Compare, tolerance: float) -> tuple[Flo
             caps[here] = np.minimum(caps[here], _SHORTER * (grid[k + 1] - grid[k]))
         wanted = _changed(wanted, grid, np.minimum(even, bounded), inputs.times, caps)
         grid = make_grid(inputs, wanted)
+        if len(grid) > most:
+            break
     if best is None and closest is not None:
         best = closest[1:]
     return best or (grid, Accuracy(len(grid) - 1, np.nan, np.nan))

@@ -131,7 +131,7 @@ def adjoint(call):
                 advance(structure, A, N, x0, h, now)
 
             observed = observe_segment_back(
-                structure, looks, errors, now, record.start[0, segment], h, segment == 0, event >= 0 or begin > 0.0,
+                structure, looks, errors, x0, now, record.start[0, segment], h, segment == 0, event >= 0 or begin > 0.0,
                 seen, temperatures, temperatures_bar, errors_bar,
             )  # fmt: skip
 

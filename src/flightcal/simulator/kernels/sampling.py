@@ -40,42 +40,54 @@ class Looks(NamedTuple):
     """[N] that each channel measures."""
     moved: Any
     """[N] whether the channel has a time offset."""
+    still: int
+    """1: none has."""
     settled: int
     """1: all nodes have a capacity."""
     errors: Any
     """[S, 3, N]"""
     next: Any
-    """[lane, N+1] workspace: the sample that comes next, of each channel, and of the heaters' status."""
+    """[lane, N+1] workspace: the sample that comes next, of each channel with an offset, and of all others."""
+    cubic: Any
+    """[4, N] workspace: the coefficients of each channel's cubic in a segment, or the cotangents of these."""
 
 
 @inlined
 def observe_segment(structure, looks, errors, x0, status, step, lane, start, end, length, temperatures, at_samples):
     """Fill what is looked at in [start, end) of temperatures [T, N] and status at_samples [T, H]."""
-    pointers, T = looks.next[lane], looks.time.shape[0]
+    pointers, cubic, T = looks.next[lane], looks.cubic, looks.time.shape[0]
     channels, heaters = looks.state.shape[0], at_samples.shape[1]
+    rate = 1.0 / length
     t = pointers[channels]
+    known = False
+    if t < T and looks.time[t] < end:
+        _set_cubic(structure, looks, errors, x0, step, lane, length)
+        known = True
     while t < T and looks.time[t] < end:
-        share = max((looks.time[t] - start) / length, 0.0)
-        weights = _weights(share)
-        for c in range(channels):
-            if not looks.moved[c]:
-                i = looks.state[c]
-                x = take(x0, i, lane) + _rise(structure, looks.settled, step, i, lane, length, weights)
-                temperatures[t, c] = _reading(errors, c, x)
+        share = max((looks.time[t] - start) * rate, 0.0)
+        if looks.still:
+            for c in range(channels):
+                temperatures[t, c] = cubic[0, c] + share * (cubic[1, c] + share * (cubic[2, c] + share * cubic[3, c]))
+        else:
+            for c in range(channels):
+                if not looks.moved[c]:
+                    temperatures[t, c] = _at(cubic, c, share)
         for k in range(heaters):
             at_samples[t, k] = take(status, k, lane)
         t += 1
     pointers[channels] = t
-    for c in range(channels):
-        if looks.moved[c]:
-            i, t = looks.state[c], pointers[c]
-            while t < T and looks.time[t] + errors[TIME_OFFSET, c] < end:
-                share = max((looks.time[t] + errors[TIME_OFFSET, c] - start) / length, 0.0)
-                weights = _weights(share)
-                x = take(x0, i, lane) + _rise(structure, looks.settled, step, i, lane, length, weights)
-                temperatures[t, c] = _reading(errors, c, x)
-                t += 1
-            pointers[c] = t
+    if not looks.still:
+        for c in range(channels):
+            if looks.moved[c]:
+                t = pointers[c]
+                while t < T and looks.time[t] + errors[TIME_OFFSET, c] < end:
+                    if not known:
+                        _set_cubic(structure, looks, errors, x0, step, lane, length)
+                        known = True
+                    share = (looks.time[t] + errors[TIME_OFFSET, c] - start) * rate
+                    temperatures[t, c] = _at(cubic, c, max(share, 0.0))
+                    t += 1
+                pointers[c] = t
 
 
 @inlined
@@ -121,139 +133,91 @@ def observe_end_back(looks, errors, end, temperatures, temperatures_bar, x_bar, 
     for c in range(channels):
         i, t = looks.state[c], looks.time.shape[0] - 1
         while t >= 0 and (looks.time[t] + errors[TIME_OFFSET, c] >= end if looks.moved[c] else t > before):
-            x_bar[i] += _reading_back(errors, c, temperatures[t, c], temperatures_bar[t, c], errors_bar)
+            errors_bar[GAIN, c] += temperatures_bar[t, c] * temperatures[t, c]
+            errors_bar[BIAS, c] += temperatures_bar[t, c]
+            x_bar[i] += errors[GAIN, c] * temperatures_bar[t, c]
             t -= 1
         pointers[c] = t
 
 
 @inlined
 def observe_segment_back(
-    structure, looks, errors, step, start, length, first_one, cut, bars, temperatures, temperatures_bar, errors_bar
+    structure, looks, errors, x0, step, start, length, first_one, cut, bars, temperatures, temperatures_bar, errors_bar
 ):
     """The derivative of `observe_segment` backwards into `bars`; whether any sample lies in the segment.
 
     cut: whether an end of the segment is where a heater switches, so that the segment's start and length move.
     """
-    pointers, channels = looks.next[0], looks.state.shape[0]
+    pointers, cubic, channels = looks.next[0], looks.cubic, looks.state.shape[0]
     rate = 1.0 / length
-    found = False
-    t = pointers[channels]
+    last = pointers[channels]
+    t = last
     while t >= 0 and (first_one or looks.time[t] >= start):
-        if not found:
-            _clear(structure, bars)
-            found = True
-        share = max((looks.time[t] - start) * rate, 0.0)
-        weights = _weights(share)
-        for c in range(channels):
-            if not looks.moved[c]:
-                y = _reading_back(errors, c, temperatures[t, c], temperatures_bar[t, c], errors_bar)
-                _rise_back(structure, looks.settled, step, looks.state[c], length, weights, y, bars)
-                if cut:
-                    slope = y * rate * _slope(structure, looks.settled, step, looks.state[c], length, share)
-                    _moved(looks.settled, step, looks.state[c], weights, y, slope, share, bars)
         t -= 1
     pointers[channels] = t
-    for c in range(channels):
-        if looks.moved[c]:
-            t = pointers[c]
-            while t >= 0 and (first_one or looks.time[t] + errors[TIME_OFFSET, c] >= start):
-                if not found:
-                    _clear(structure, bars)
-                    found = True
-                share = (looks.time[t] + errors[TIME_OFFSET, c] - start) * rate
-                y = _reading_back(errors, c, temperatures[t, c], temperatures_bar[t, c], errors_bar)
-                weights = _weights(max(share, 0.0))
-                _rise_back(structure, looks.settled, step, looks.state[c], length, weights, y, bars)
-                slope = 0.0
-                if share > 0.0:
-                    slope = y * rate * _slope(structure, looks.settled, step, looks.state[c], length, share)
-                    errors_bar[TIME_OFFSET, c] += slope
-                _moved(looks.settled, step, looks.state[c], weights, y, slope, max(share, 0.0), bars)
-                t -= 1
-            pointers[c] = t
-    return found
-
-
-@inlined
-def _clear(structure, bars):
+    found = t < last
+    if not looks.still:
+        for c in range(channels):
+            if looks.moved[c] and pointers[c] >= 0:
+                found = found or first_one or looks.time[pointers[c]] + errors[TIME_OFFSET, c] >= start
+    if not found:
+        return False
     for i in range(structure.mass.shape[0]):
         bars.x0[i], bars.f1[i] = 0.0, 0.0
         bars.k1[i], bars.k2[i], bars.k3[i], bars.k4[i] = 0.0, 0.0, 0.0, 0.0
     bars.start[0], bars.length[0] = 0.0, 0.0
-
-
-@inlined
-def _weights(share):
-    """Of x1 - x0, h f1 and h v at a share of the segment, and of k1, k2 and k3 for a massless node."""
-    rest = 1.0 - share
-    value = share * share * (3.0 - 2.0 * share)
-    return value, share * rest * rest, -share * share * rest, share * (5.0 - 3.0 * share), -share * rest, share * share
-
-
-@inlined
-def _rise(structure, settled, step, i, lane, length, weights):
-    """What such weights make of state i, K."""
-    k1, k2, k3, k4 = take(step.k1, i, lane), take(step.k2, i, lane), take(step.k3, i, lane), take(step.k4, i, lane)
-    value, first, last, of_k1, of_k2, of_k3 = weights
-    if structure.mass[i] > 0.0:
-        ended = 2.0 * k4 - k1 + k2 + EIGHT_THIRDS * k3
-        begun = length * take(step.f1, i, lane) if settled else 5.0 * k1 - k2
-        return value * (2.0 * k1 + k3 + k4) + first * begun + last * ended
-    return of_k1 * k1 + of_k2 * k2 + of_k3 * k3 + value * k4
-
-
-@inlined
-def _slope(structure, settled, step, i, length, share):
-    """The derivative of state i by the share, K."""
-    rest = 1.0 - share
-    of_value, of_first, of_last = 6.0 * share * rest, rest * (1.0 - 3.0 * share), share * (3.0 * share - 2.0)
-    weights = of_value, of_first, of_last, 5.0 - 6.0 * share, 2.0 * share - 1.0, 2.0 * share
-    return _rise(structure, settled, step, i, 0, length, weights)
-
-
-@inlined
-def _rise_back(structure, settled, step, i, length, weights, cotangent, bars):
-    """The derivative of x0 and `_rise` backwards."""
-    value, first, last, of_k1, of_k2, of_k3 = weights
-    bars.x0[i] += cotangent
-    if settled:
-        bars.k1[i] += cotangent * (2.0 * value - last)
-        bars.k2[i] += cotangent * last
-        bars.k3[i] += cotangent * (value + EIGHT_THIRDS * last)
-        bars.k4[i] += cotangent * (value + 2.0 * last)
-        bars.f1[i] += cotangent * (first * length)
-    elif structure.mass[i] > 0.0:
-        bars.k1[i] += cotangent * (2.0 * value - last + 5.0 * first)
-        bars.k2[i] += cotangent * (last - first)
-        bars.k3[i] += cotangent * (value + EIGHT_THIRDS * last)
-        bars.k4[i] += cotangent * (value + 2.0 * last)
-    else:
-        bars.k1[i] += cotangent * of_k1
-        bars.k2[i] += cotangent * of_k2
-        bars.k3[i] += cotangent * of_k3
-        bars.k4[i] += cotangent * value
-
-
-@inlined
-def _moved(settled, step, i, weights, cotangent, slope, share, bars):
-    """The derivative by the segment's ends, from that of the sample's time, `slope` (per s), times the cotangent."""
-    bars.start[0] -= slope
-    bars.length[0] -= slope * share
-    if settled:
-        bars.length[0] += cotangent * weights[1] * step.f1[i]
-
-
-@inlined
-def _reading(errors, c, temperature):
-    return errors[GAIN, c] * temperature + (1.0 - errors[GAIN, c]) * ICE_POINT + errors[BIAS, c]
-
-
-@inlined
-def _reading_back(errors, c, reading, cotangent, errors_bar):
-    """The derivative of `_reading` backwards: that of the temperature; see `finish_errors`."""
-    errors_bar[GAIN, c] += cotangent * reading
-    errors_bar[BIAS, c] += cotangent
-    return errors[GAIN, c] * cotangent
+    if cut or not looks.still:
+        # How the readings change with the samples' places in the segment.
+        _set_cubic(structure, looks, errors, x0, step, 0, length)
+        for sample in range(t + 1, last + 1):
+            share = max((looks.time[sample] - start) * rate, 0.0)
+            total = 0.0
+            for c in range(channels):
+                if not looks.moved[c]:
+                    total += temperatures_bar[sample, c] * _slope(cubic, c, share)
+            bars.start[0] -= total * rate
+            bars.length[0] -= total * rate * share
+    if not looks.still:
+        for c in range(channels):
+            if looks.moved[c]:
+                sample = pointers[c]
+                while sample >= 0 and (first_one or looks.time[sample] + errors[TIME_OFFSET, c] >= start):
+                    share = (looks.time[sample] + errors[TIME_OFFSET, c] - start) * rate
+                    if share > 0.0:
+                        slope = temperatures_bar[sample, c] * _slope(cubic, c, share) * rate
+                        bars.start[0] -= slope
+                        bars.length[0] -= slope * share
+                        errors_bar[TIME_OFFSET, c] += slope
+                    sample -= 1
+    for c in range(channels):
+        cubic[0, c], cubic[1, c], cubic[2, c], cubic[3, c] = 0.0, 0.0, 0.0, 0.0
+    for sample in range(t + 1, last + 1):
+        share = max((looks.time[sample] - start) * rate, 0.0)
+        square, cube = share * share, share * share * share
+        if looks.still:
+            for c in range(channels):
+                y = temperatures_bar[sample, c]
+                cubic[0, c] += y
+                cubic[1, c] += y * share
+                cubic[2, c] += y * square
+                cubic[3, c] += y * cube
+                errors_bar[GAIN, c] += y * temperatures[sample, c]
+                errors_bar[BIAS, c] += y
+        else:
+            for c in range(channels):
+                if not looks.moved[c]:
+                    _add(cubic, c, share, temperatures[sample, c], temperatures_bar[sample, c], errors_bar)
+    if not looks.still:
+        for c in range(channels):
+            if looks.moved[c]:
+                sample = pointers[c]
+                while sample >= 0 and (first_one or looks.time[sample] + errors[TIME_OFFSET, c] >= start):
+                    share = max((looks.time[sample] + errors[TIME_OFFSET, c] - start) * rate, 0.0)
+                    _add(cubic, c, share, temperatures[sample, c], temperatures_bar[sample, c], errors_bar)
+                    sample -= 1
+                pointers[c] = sample
+    _set_cubic_back(structure, looks, errors, step, length, bars)
+    return True
 
 
 @inlined
@@ -262,3 +226,78 @@ def finish_errors(errors, errors_bar):
     for c in range(errors.shape[1]):
         errors_bar[GAIN, c] -= (errors[BIAS, c] + ICE_POINT) * errors_bar[BIAS, c]
         errors_bar[GAIN, c] /= errors[GAIN, c]
+
+
+@inlined
+def _set_cubic(structure, looks, errors, x0, step, lane, length):
+    """The coefficients of each channel's reading by powers of the share of the segment that has passed."""
+    cubic = looks.cubic
+    for c in range(looks.state.shape[0]):
+        i = looks.state[c]
+        k1, k2, k3, k4 = take(step.k1, i, lane), take(step.k2, i, lane), take(step.k3, i, lane), take(step.k4, i, lane)
+        gain = errors[GAIN, c]
+        cubic[0, c] = _reading(errors, c, take(x0, i, lane))
+        if structure.mass[i] > 0.0:
+            rise = 2.0 * k1 + k3 + k4
+            begun = length * take(step.f1, i, lane) if looks.settled else 5.0 * k1 - k2
+            ended = 2.0 * k4 - k1 + k2 + EIGHT_THIRDS * k3
+            cubic[1, c] = gain * begun
+            cubic[2, c] = gain * (3.0 * rise - 2.0 * begun - ended)
+            cubic[3, c] = gain * (begun + ended - 2.0 * rise)
+        else:
+            cubic[1, c] = gain * (5.0 * k1 - k2)
+            cubic[2, c] = gain * (k2 + k3 + 3.0 * k4 - 3.0 * k1)
+            cubic[3, c] = gain * (-2.0 * k4)
+
+
+@inlined
+def _set_cubic_back(structure, looks, errors, step, length, bars):
+    """The derivative of `_set_cubic` backwards, from the cotangents in `looks.cubic`."""
+    cubic = looks.cubic
+    for c in range(looks.state.shape[0]):
+        i, gain = looks.state[c], errors[GAIN, c]
+        first, square, cube = gain * cubic[1, c], gain * cubic[2, c], gain * cubic[3, c]
+        bars.x0[i] += gain * cubic[0, c]
+        if structure.mass[i] > 0.0:
+            rise, begun, ended = 3.0 * square - 2.0 * cube, first - 2.0 * square + cube, cube - square
+            bars.k1[i] += 2.0 * rise - ended
+            bars.k2[i] += ended
+            bars.k3[i] += rise + EIGHT_THIRDS * ended
+            bars.k4[i] += rise + 2.0 * ended
+            if looks.settled:
+                bars.f1[i] += length * begun
+                bars.length[0] += step.f1[i] * begun
+            else:
+                bars.k1[i] += 5.0 * begun
+                bars.k2[i] -= begun
+        else:
+            bars.k1[i] += 5.0 * first - 3.0 * square
+            bars.k2[i] += square - first
+            bars.k3[i] += square
+            bars.k4[i] += 3.0 * square - 2.0 * cube
+
+
+@inlined
+def _at(cubic, c, share):
+    return cubic[0, c] + share * (cubic[1, c] + share * (cubic[2, c] + share * cubic[3, c]))
+
+
+@inlined
+def _slope(cubic, c, share):
+    return cubic[1, c] + share * (2.0 * cubic[2, c] + 3.0 * share * cubic[3, c])
+
+
+@inlined
+def _add(cubic, c, share, reading, cotangent, errors_bar):
+    """The derivative of `_at` backwards, into the cotangents of the coefficients."""
+    cubic[0, c] += cotangent
+    cubic[1, c] += cotangent * share
+    cubic[2, c] += cotangent * share * share
+    cubic[3, c] += cotangent * share * share * share
+    errors_bar[GAIN, c] += cotangent * reading
+    errors_bar[BIAS, c] += cotangent
+
+
+@inlined
+def _reading(errors, c, temperature):
+    return errors[GAIN, c] * temperature + (1.0 - errors[GAIN, c]) * ICE_POINT + errors[BIAS, c]
