@@ -36,7 +36,7 @@ def test_every_row_has_a_cell_for_every_column(run):
         reliability.transforms({name: uniformity(window) for name, window in run.windows.items()}),
         convergence.gates(run.diagnostics),
         telemetry.findings(run.quality),
-        provenance.origins(run.provenance),
+        provenance.origins(run.provenance, run.integration),
     ]
     for table in made:
         assert table.rows
