@@ -34,7 +34,7 @@ _PARTS = 8
 """The least number of such times between two breaks."""
 _CLOSEST = 1e-3
 """s, between two of such times that lie between breaks."""
-_CLOSE = 0.35
+_CLOSE = 0.6
 """Of a step's length: corners of the inputs that are closer together do not end it."""
 _LONGER = 0.1
 """Of a step, that may be shared out among the others."""

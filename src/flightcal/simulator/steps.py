@@ -22,6 +22,8 @@ FALLBACK = 30.0
 """s, where nothing can be simulated at the thetas that are tried."""
 _SHORTEST = 0.5
 """s, no shorter for the tolerance's sake: where that would not do, a thermostat grazes its threshold at some theta."""
+_FEWEST = 64
+"""Fewer steps gain little, and half steps tell less of the error of very long ones."""
 _MOST = 8
 """Times as many points as with `FALLBACK`: where that would not do, something diverges."""
 _TRIALS, _IDLE = 14, 2
@@ -77,7 +79,9 @@ def choose_grid(inputs: Inputs, compare: Compare, tolerance: float) -> tuple[Flo
         return np.clip(_WIDENING * since, _BEGINNING, _FIRST)
 
     wanted: Lengths = first
-    caps = np.full(len(inputs.times), np.inf)  # on the steps' length from each of these times to the next
+    caps = np.full(
+        len(inputs.times), inputs.breaks[-1] / _FEWEST
+    )  # on the steps' length from each of these times to the next
     grid = make_grid(inputs, wanted)
     best: tuple[FloatArray, Accuracy] | None = None
     left, most = _IDLE, _MOST * len(make_grid(inputs, FALLBACK))
@@ -100,10 +104,13 @@ def choose_grid(inputs: Inputs, compare: Compare, tolerance: float) -> tuple[Flo
                 if left == 0:
                     break
         # A step of third order adds as the fourth power of its length, and the whole error follows as the third.
-        even = (typical / np.sqrt(np.mean(typical**2) + 1e-300) + 1e-3) ** -0.25 * max(error, 1e-3) ** (-1.0 / 3.0)
+        too_long = np.flatnonzero(worst > _OWN * _LARGEST * tolerance)
+        # A largest error that no step shows has come from all of them, by way of the heaters' switches.
+        whole = max(error, 1e-3 if len(too_long) else largest)
+        even = (typical / np.sqrt(np.mean(typical**2) + 1e-300) + 1e-3) ** -0.25 * whole ** (-1.0 / 3.0)
         bounded = (worst / (_OWN * _LARGEST * tolerance) + 1e-3) ** -0.25
         # Where a step was too long once, none is as long again: near a switch errors follow no power of the length.
-        for k in np.flatnonzero(worst > _OWN * _LARGEST * tolerance):
+        for k in too_long:
             here = slice(*np.searchsorted(inputs.times, grid[[k, k + 1]]))
             caps[here] = np.minimum(caps[here], _SHORTER * (grid[k + 1] - grid[k]))
         wanted = _changed(wanted, grid, np.minimum(even, bounded), inputs.times, caps)
