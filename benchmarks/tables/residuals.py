@@ -34,7 +34,7 @@ def measure(quick: bool) -> Section:
         calls = {name: lambda p=p, z=z: p.log_density_and_gradient(z) for name, (p, z) in problems.items()}
         timings = interleaved(calls, 5 if quick else 41, budget=15 if quick else 60)
         relative = ratios(timings, next(iter(MODELS)))
-        times, channels = next(iter(problems.values()))[0].observed.shape
+        times, channels = next(iter(problems.values()))[0].windows[0].observed.shape
         columns += [f"T = {times:,}", "over independent noise"]
         cells += [[str(timings[name]) for name in MODELS], [ratio_text(relative[name]) for name in MODELS]]
     flown = " and ".join(map(str, ORBITS))
