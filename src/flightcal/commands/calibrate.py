@@ -54,6 +54,7 @@ def run_experiment(
     method, seed = scenario.calibration, scenario.calibration.seed
     with progress.stage("reading telemetry"):
         data = read(scenario)
+    with progress.stage("building the problem (the first time it compiles the simulator)"):
         problem = build_problem(scenario, data)
         run = open_for(scenario, Path(out), progress)
         keep_what_was_read(run, data, problem)
