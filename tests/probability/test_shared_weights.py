@@ -129,17 +129,22 @@ def test_the_log_likelihood_is_that_of_all_samples_together(windows):
     assert windows.run() == pytest.approx(windows.dense(), rel=1e-10)
 
 
+def slope(windows, numbers, place):
+    """By differences: of the log likelihood by one of the numbers that it reads."""
+    sides = []
+    for sign in (1.0, -1.0):
+        numbers[place] += sign * 1e-5
+        sides.append(windows.run())
+        numbers[place] -= sign * 1e-5
+    return (sides[0] - sides[1]) / 2e-5
+
+
 def test_derivatives_by_the_errors_variances_are_those_of_differences(windows):
     windows.run()
     for memory in windows.memories:
         derivative = memory.variance_bar.copy()
         for j in range(len(derivative)):
-            sides = []
-            for sign in (1.0, -1.0):
-                memory.variance[j] += sign * 1e-5
-                sides.append(windows.run())
-                memory.variance[j] -= sign * 1e-5
-            assert derivative[j] == pytest.approx((sides[0] - sides[1]) / 2e-5, rel=1e-6, abs=1e-6), j
+            assert derivative[j] == pytest.approx(slope(windows, memory.variance, j), rel=1e-6, abs=1e-6), j
 
 
 def test_derivatives_by_the_simulated_are_those_of_differences(windows):
@@ -148,12 +153,8 @@ def test_derivatives_by_the_simulated_are_those_of_differences(windows):
         derivative = memory.simulated_bar.copy()
         assert (derivative[~own.valid.T] == 0.0).all()
         for index in list(np.ndindex(derivative.shape))[::5]:
-            sides = []
-            for sign in (1.0, -1.0):
-                memory.simulated[index] += sign * 1e-5
-                sides.append(windows.run())
-                memory.simulated[index] -= sign * 1e-5
-            assert derivative[index] == pytest.approx((sides[0] - sides[1]) / 2e-5, rel=1e-6, abs=1e-6), index
+            expected = slope(windows, memory.simulated, index)
+            assert derivative[index] == pytest.approx(expected, rel=1e-6, abs=1e-6), index
 
 
 def test_derivatives_by_the_numbers_are_those_of_differences(windows):

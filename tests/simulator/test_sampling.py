@@ -57,13 +57,19 @@ def test_a_time_offset_moves_the_samples_of_a_ramp_and_no_further_than_the_windo
     np.testing.assert_allclose(seen[:, 1], 280.0 + 0.02 * samples)
 
 
+def warming(steps, *, massless):
+    """A tree of nodes whose heat grows evenly for 6,000 s."""
+    structure, system, _ = random_system(5, heaters=0, massless=massless, steps=1)
+    times = np.linspace(0.0, 6000.0, steps + 1)
+    inputs = np.stack([np.ones(steps + 1), times / 6000.0, times / 6000.0], axis=1)
+    return structure, system, drive_of(times, inputs)
+
+
 def test_inside_the_steps_the_error_falls_with_the_third_power_of_the_step_too():
     errors = []
     samples = np.linspace(0.0, 6000.0, 997)
     for steps in (20, 40, 80):
-        structure, system, _ = random_system(5, heaters=0, massless=0, steps=1)
-        times = np.linspace(0.0, 6000.0, steps + 1)
-        drive = drive_of(times, np.stack([np.ones(steps + 1), times / 6000.0, times / 6000.0], axis=1))
+        structure, system, drive = warming(steps, massless=0)
         A, N, B, _ = (np.array(matrix) for matrix in oracle.dense(structure, system))
 
         def rate(t, x, A=A, N=N, B=B):
@@ -80,9 +86,7 @@ def test_a_massless_node_is_read_off_to_second_order_inside_a_step():
     errors = []
     samples = np.linspace(500.0, 5800.0, 397)
     for steps in (20, 40, 80):
-        structure, system, _ = random_system(5, heaters=0, massless=1, steps=1)
-        times = np.linspace(0.0, 6000.0, steps + 1)
-        drive = drive_of(times, np.stack([np.ones(steps + 1), times / 6000.0, times / 6000.0], axis=1))
+        structure, system, drive = warming(steps, massless=1)
         massless = int(np.flatnonzero(structure.mass == 0.0)[0])
         exact = said(structure, system, dense(drive, 64), samples, unmoved(massless)).outputs.temperatures[0]
         run = said(structure, system, drive, samples, unmoved(massless))

@@ -38,6 +38,7 @@ _UNDIVIDED = 1e-3  # s; settling steps are left as they are
 _SHORTER = 0.7
 """Times the length of a step that was too long."""
 _WHOLE = 1.5
+"""Most by which the length that was wanted of a step differs from the one that it has, when the next is reckoned."""
 _GROWTH = 3.0
 """Most by which a step grows or shrinks from one trial to the next."""
 
@@ -79,9 +80,8 @@ def choose_grid(inputs: Inputs, compare: Compare, tolerance: float) -> tuple[Flo
         return np.clip(_WIDENING * since, _BEGINNING, _FIRST)
 
     wanted: Lengths = first
-    caps = np.full(
-        len(inputs.times), inputs.breaks[-1] / _FEWEST
-    )  # on the steps' length from each of these times to the next
+    # On the steps' length, from each of these times to the next.
+    caps = np.full(len(inputs.times), inputs.breaks[-1] / _FEWEST)
     grid = make_grid(inputs, wanted)
     best: tuple[FloatArray, Accuracy] | None = None
     left, most = _IDLE, _MOST * len(make_grid(inputs, FALLBACK))

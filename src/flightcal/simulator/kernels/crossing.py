@@ -123,13 +123,7 @@ def _excursion(structure, measured, lanes, lane, step, k, end):
     square, middle = 3.0 * (first + last - 2.0 * rise), 3.0 * rise - 2.0 * first - last
     root = np.sqrt(max(middle * middle - square * first, 0.0))
     peak = first / (root - middle) if middle < 0.0 else (-middle - root) / square
-    rest = 1.0 - peak
-    top = (
-        before * (1.0 + 2.0 * peak) * rest * rest
-        + end * peak * peak * (3.0 - 2.0 * peak)
-        + first * peak * rest * rest
-        - last * peak * peak * rest
-    )
+    top = _cubic(before, end, first, last, peak)
     if not (top > LOST_TOLERANCE and 0.0 < peak < 1.0):
         return 0.0, 0.0, 0.0
     share, slope = _cubic_crossing(before, top, first * peak, 0.0)
@@ -170,6 +164,18 @@ def _located(structure, measured, lanes, lane, step):
 
 
 @inlined
+def _cubic(before, end, first, last, share):
+    """The cubic from before to end with end slopes first and last, at a share of the way."""
+    rest = 1.0 - share
+    return (
+        before * (1.0 + 2.0 * share) * rest * rest
+        + end * share * share * (3.0 - 2.0 * share)
+        + first * share * rest * rest
+        - last * share * share * rest
+    )
+
+
+@inlined
 def _cubic_crossing(before, end, first, last):
     """Where in 0..1 the cubic from before < 0 to end > 0, with end slopes first and last, is zero; its slope there."""
     low, high = 0.0, 1.0
@@ -177,12 +183,7 @@ def _cubic_crossing(before, end, first, last):
     rate = end - before
     for _ in range(20):
         rest = 1.0 - share
-        value = (
-            before * (1.0 + 2.0 * share) * rest * rest
-            + end * share * share * (3.0 - 2.0 * share)
-            + first * share * rest * rest
-            - last * share * share * rest
-        )
+        value = _cubic(before, end, first, last, share)
         rate = (
             6.0 * share * rest * (end - before)
             + first * rest * (1.0 - 3.0 * share)
