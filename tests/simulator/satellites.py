@@ -6,14 +6,12 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
+from benchmarks.truth.satellites import ATTITUDES, NORMALS
 
 from flightcal.problem import Problem, build_problem
 from flightcal.telemetry import read_telemetry
 
 from .. import small
-
-ATTITUDES = ["nadir", "sun_pointing", {"spin_axis": [0, 0, 1], "direction": [0.1, 0.3, 1], "period": "20 min"}]
-NORMALS = [[1, 0, 0], [-1, 0, 0], [0, 1, 0], [0, -1, 0], [0, 0, 1], [0, 0, -1]]
 
 
 def random_satellite(seed: int) -> dict[str, Any]:
@@ -76,6 +74,7 @@ def random_satellite(seed: int) -> dict[str, Any]:
         "simulator": simulator,
         "parameters": parameters,
         "observations": {f"{name}_temp": {"node": name} for name in names},
+        "heat": "none",
         "windows": {"train": {"start": "2024-03-01T00:00:00", "end": "2024-03-01T03:10:00"}},
         "calibration": {"seed": 1},
     }  # fmt: skip

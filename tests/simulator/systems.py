@@ -51,7 +51,7 @@ def simulated(structure, packed, drive, observation=NOTHING, errors=None, scatte
     run.packed[:] = packed
     run.errors[:] = 0.0 if errors is None else errors
     if scatter is not None:
-        run.scatter[:] = scatter
+        run.scatter[:] = np.asarray(scatter)[..., None, :]
     run.forward()
     return run
 

@@ -4,16 +4,16 @@ Imports: compiled, environment, errors, scenario, telemetry.
 """
 
 from .assembly import ParameterMap, assemble, own_initial
-from .drive import Times, face_series
+from .drive import Times, face_series, in_steps
 from .integrate import SimulationFailure, in_parallel, integrate
 from .kernels.forward import NOT_FINITE, TOO_MANY_SWITCHES
 from .kernels.lanes import WIDTH
 from .kernels.march import MarchCall, march
 from .kernels.sampling import ICE_POINT
 from .kernels.step import step_size
-from .network import DEEP_SPACE, FIELDS, Network, Term, build_network, canonical_form
+from .network import DEEP_SPACE, FIELDS, STEFAN_BOLTZMANN, Network, Term, build_network, canonical_form
 from .sampling import Observation, Sensors
-from .simulate import NetworkSimulator, Simulator, Trajectory, network_simulator, open_loop
+from .simulate import SCATTERED, NetworkSimulator, Simulator, Trajectory, network_simulator, open_loop
 from .steps import Accuracy
 from .system import Drive, FloatArray, IntArray, Structure, Switch, System
 
@@ -22,6 +22,8 @@ __all__ = [
     "FIELDS",
     "ICE_POINT",
     "NOT_FINITE",
+    "SCATTERED",
+    "STEFAN_BOLTZMANN",
     "TOO_MANY_SWITCHES",
     "WIDTH",
     "Accuracy",
@@ -47,6 +49,7 @@ __all__ = [
     "canonical_form",
     "face_series",
     "in_parallel",
+    "in_steps",
     "integrate",
     "march",
     "network_simulator",

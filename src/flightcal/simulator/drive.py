@@ -92,14 +92,23 @@ def drive_on(inputs: Inputs, grid: FloatArray) -> Drive:
 
     So what a step gets in all, and its centre of gravity in time, are exact, however long the step.
     """
-    extra = np.setdiff1d(grid, inputs.times)
-    right = np.searchsorted(inputs.times, extra)
-    share = (extra - inputs.times[right - 1]) / (inputs.times[right] - inputs.times[right - 1])
-    between = (1.0 - share) * inputs.values[:, right - 1] + share * inputs.values[:, right]
-    times = np.insert(inputs.times, right, extra)
-    values = np.insert(inputs.values, right, between, axis=1)
-    driven = np.insert(inputs.driven, right, inputs.driven[right - 1], axis=0)
+    ends = in_steps(inputs.times, inputs.values, grid)
+    middle = 0.5 * (grid[1:] + grid[:-1])
+    driven = inputs.driven[np.searchsorted(inputs.times, middle) - 1]
+    return Drive(grid, np.ascontiguousarray(ends.T), driven, inputs.initially_on)
 
+
+def in_steps(times: FloatArray, values: FloatArray, grid: FloatArray) -> FloatArray:
+    """Values [q, M] that are linear between times [M] as the nearest line in each step of a grid [K+1]: [q, 2, K].
+
+    Times do not decrease and cover the grid; two at the same time mark a jump.
+    """
+    extra = np.setdiff1d(grid, times)
+    right = np.searchsorted(times, extra)
+    share = (extra - times[right - 1]) / (times[right] - times[right - 1])
+    between = (1.0 - share) * values[:, right - 1] + share * values[:, right]
+    times = np.insert(times, right, extra)
+    values = np.insert(values, right, between, axis=1)
     cell = np.flatnonzero(np.diff(times) > 0.0)
     step = np.searchsorted(grid, times[cell], side="right") - 1
     begin, length = grid[step], np.diff(grid)[step]
@@ -109,8 +118,7 @@ def drive_on(inputs: Inputs, grid: FloatArray) -> Drive:
     mean = np.add.reduceat(width * (f0 + f1) / 2.0, first, axis=1)
     moment = np.add.reduceat(width * (f0 * (2.0 * u0 + u1) + f1 * (u0 + 2.0 * u1)) / 6.0, first, axis=1)
     slope = 12.0 * moment - 6.0 * mean
-    ends = np.stack([mean - 0.5 * slope, mean + 0.5 * slope], axis=1)
-    return Drive(grid, np.ascontiguousarray(ends.T), driven[cell[first]], inputs.initially_on)
+    return np.stack([mean - 0.5 * slope, mean + 0.5 * slope], axis=1)
 
 
 def window_inputs(
@@ -169,6 +177,7 @@ def window_inputs(
             measured = driver_series(telemetry, node.boundary, times, fill="interpolate", period=period)
             series[f"temperature.{name}"] = measured
             series[f"temperature4.{name}"] = measured**4
+    series |= {f"heat.{name}": np.zeros(len(points)) for name in network.heated}
     return Inputs(
         times=points,
         values=np.stack([series[column] for column in network.columns]),

@@ -44,10 +44,10 @@ class SimulationFailure(Exception):  # noqa: N818 - a value of the domain, not a
 class Integration:
     """Memory and C calls for simulations of packed systems [S, P] on one window, and for the derivative of one.
 
-    Fill the first rows of `packed`, `errors` (of the sensors, see `Sensors`) and `scatter` (see `ForwardCall`), and
-    `simulations`; `forward` then fills `record` and `outputs`. For the derivative, with room for one simulation and
-    `derivative` set: from `temperatures_bar`, `states_bar` and `switches_bar` (zero unless filled, each) `adjoint`
-    makes `packed_bar` and `errors_bar`.
+    Fill the first rows of `packed`, `errors` (of the sensors, see `Sensors`), `scatter` and `acting` (see
+    `ForwardCall`), and `simulations`; `forward` then fills `record` and `outputs`. For the derivative, with room for
+    one simulation and `derivative` set: from `temperatures_bar`, `states_bar` and `switches_bar` (zero unless filled,
+    each) `adjoint` makes `packed_bar` and `errors_bar`.
 
     Memory is for the most switches that a simulation may have, and what is never touched costs nothing; but in lanes
     for about one a step: where TOO_MANY_SWITCHES is the outcome, the simulation may yet be possible alone.
@@ -63,6 +63,7 @@ class Integration:
         lanes: int = 1,
         derivative: bool = False,
         scatter: int = 0,
+        acting: int = 0,
     ) -> None:
         points, n, heaters = len(drive.times), len(structure.mass), len(structure.sensor)
         samples, channels = len(observation.times), len(observation.sensors.state)
@@ -71,7 +72,8 @@ class Integration:
         self.structure, self.simulations = structure, np.ones(1, np.int64)
         self.packed, self.packed_bar = np.empty((rooms, entries)), np.empty(entries)
         self.errors, self.errors_bar = np.empty((rooms, 3, channels)), np.empty((3, channels))
-        self.scatter = np.zeros((rooms, scatter, heaters))
+        self.scatter = np.zeros((rooms, scatter, 2, heaters))
+        self.acting = np.zeros((rooms, acting, 2 * (points - 1)))
         self.temperatures_bar, self.states_bar = np.zeros((samples, channels)), np.zeros((points, n))
         # As Python: they are only lengths.
         step, first = step_size.py_func(structure), memory_size.py_func(structure)
@@ -98,6 +100,7 @@ class Integration:
             temperatures=np.empty((rooms, samples, channels)),
             status=np.empty((rooms, samples, heaters)),
             duty_cycle=np.empty((rooms, heaters)),
+            final=np.empty((rooms, n)),
             switches=np.zeros(rooms, np.int64),
             switch_first=np.zeros(rooms, np.int64),
             switch_time=np.empty(switches),
@@ -113,7 +116,7 @@ class Integration:
         self.forward: Row = forward.row(
             ForwardCall(
                 self.simulations, structure, self.packed, drive.times, drive.series, drive.measured,
-                drive.initially_on, looks, self.scatter,
+                drive.initially_on, looks, self.scatter, self.acting,
                 memory, np.empty((COUNTERS, lanes), np.int64), np.empty((REALS, lanes)),
                 np.empty((lanes, heaters), np.bool_), self.record, self.outputs,
             )
@@ -162,8 +165,8 @@ def switches(outputs: Outputs, simulation: int) -> Switch:
 
 def copied(outputs: Outputs, simulations: int) -> Outputs:
     """Of the first simulations, in memory of their own."""
-    of_simulations = [part[:simulations].copy() for part in outputs[:6]]
-    of_switches = [part[: outputs.noted[0]].copy() for part in outputs[6:9]]
+    of_simulations = [part[:simulations].copy() for part in outputs[:7]]
+    of_switches = [part[: outputs.noted[0]].copy() for part in outputs[7:10]]
     return Outputs._make([*of_simulations, *of_switches, outputs.noted.copy()])
 
 

@@ -33,6 +33,8 @@ class Network:
     terms: Terms
     lagging: int = 0
     """How many of the states are sensors that follow their node with a lag."""
+    heated: tuple[str, ...] = ()
+    """Nodes into which heat may be injected that no block describes; of the input series the last, ``heat.<node>``."""
 
     @property
     def diffusive(self) -> IntArray:
@@ -73,8 +75,8 @@ class _Balance:
         self.terms[kind][place].append((constant, factors))
 
 
-def build_network(scenario: Scenario) -> Network:
-    """The network of a scenario that has been linted."""
+def build_network(scenario: Scenario, heated: Sequence[str] = ()) -> Network:
+    """The network of a scenario that has been linted; heated: nodes that take heat that no block describes."""
     model = scenario.network
     quantities = settable(scenario)
     positions = {path: k for k, path in enumerate(quantities)}
@@ -100,6 +102,7 @@ def build_network(scenario: Scenario) -> Network:
             for name, node in model.nodes.items()
             if isinstance(node.boundary, str)
         ),
+        *(f"heat.{name}" for name in heated),
     )
     column = {name: k for k, name in enumerate(columns)}
     capacities = {state[name]: positions[f"{name}.lag"] for name in lagging}
@@ -119,6 +122,8 @@ def build_network(scenario: Scenario) -> Network:
     for name, load in model.loads.items():
         if load.node in state:
             balance.add("forcing", state[load.node], column[f"driver.{name}"], 1.0, f"loads.{name}.coefficient")
+    for name in heated:
+        balance.add("forcing", state[name], column[f"heat.{name}"], 1.0)
     for k, (name, heater) in enumerate(model.heaters.items()):
         balance.add("heating", state[heater.node], k, 1.0, f"heaters.{name}.power")
         balance.terms["lower"][k, 0].append((1.0, [positions[f"heaters.{name}.on_below"]]))
@@ -144,6 +149,7 @@ def build_network(scenario: Scenario) -> Network:
         structure=structure,
         terms=terms,
         lagging=len(lagging),
+        heated=tuple(heated),
     )
 
 

@@ -6,7 +6,7 @@ import math
 import os
 import threading
 from collections import defaultdict
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass, field, replace
 from functools import cached_property, partial
@@ -31,7 +31,7 @@ from .system import Drive, FloatArray, IntArray, Switch, System, packed_bounds, 
 
 _FEW = 3
 """So many simulations at once are faster than one by one."""
-_SCATTERED = 256
+SCATTERED = 256
 """So many switches of a simulation have a scatter of their own; then it comes again."""
 _CHUNK = 128
 """At most so many simulations are one call, eight at a time."""
@@ -54,6 +54,8 @@ class Trajectory:
     switches: Switch
     error_variance: FloatArray = field(default_factory=lambda: np.empty(0))
     """[r] of the weights of the simulator's `error_basis` at this theta."""
+    final: FloatArray = field(default_factory=lambda: np.empty(0))
+    """[n] K at the window's end, of the nodes that have an initial temperature; empty: not known."""
 
 
 class Simulator(Protocol):
@@ -123,11 +125,12 @@ class Calls:
         lanes: int = 1,
         derivative: bool = False,
         scatter: int = 0,
+        acting: int = 0,
     ) -> None:
         mapping, terms, places = simulator.mapping, simulator.network.terms, simulator.channel_errors
         self.integration = of = Integration(
             simulator.network.structure, simulator.drive, simulator.observation,
-            rooms=rooms, lanes=lanes, derivative=derivative, scatter=scatter,
+            rooms=rooms, lanes=lanes, derivative=derivative, scatter=scatter, acting=acting,
         )  # fmt: skip
         self.simulations, self.outputs = of.simulations, of.outputs
         self.temperatures_bar, self.switches_bar = of.temperatures_bar, of.switches_bar
@@ -203,6 +206,10 @@ class NetworkSimulator:
         positions = [self.network.position(f"heaters.{heater}.power") for heater in self.heaters]
         return self._assemble(theta)[0][positions]
 
+    def numbers(self, theta: FloatArray) -> FloatArray:
+        """The network's numbers [V] at theta [d]."""
+        return self._assemble(theta)[0]
+
     def system(self, theta: FloatArray) -> System:
         """The canonical form at theta [d]."""
         return unpack(self.network.structure, self._assemble(theta)[1])
@@ -213,28 +220,53 @@ class NetworkSimulator:
             calls.simulate(np.array(theta))
             return self._trajectory(copied(calls.outputs, 1), 0)
 
-    def simulate_many(self, thetas: FloatArray) -> list[Trajectory | None]:
-        """Simulations at thetas [S, d], in parallel; None where one failed."""
-        return self._simulate(thetas, None)
+    def with_heat(self, heat: FloatArray) -> NetworkSimulator:
+        """The same with heat [h, 2 K], W, into the network's `heated` nodes in each step (`in_steps`), at any theta."""
+        inputs = self.drive.inputs.copy()
+        inputs.reshape(-1, inputs.shape[2])[:, inputs.shape[2] - len(heat) :] += heat.T
+        return replace(self, drive=replace(self.drive, inputs=inputs))
 
-    def simulate_scattered(self, thetas: FloatArray, rng: np.random.Generator) -> list[Trajectory | None]:
+    def simulate_many(self, thetas: FloatArray, heat: FloatArray | None = None) -> list[Trajectory | None]:
+        """Simulations at thetas [S, d], in parallel; None where one failed.
+
+        heat: [S, h, 2 K] W, of each as of `with_heat`, on top.
+        """
+        return self._simulate(thetas, None, heat)
+
+    def simulate_scattered(
+        self, thetas: FloatArray, rng: np.random.Generator, heat: FloatArray | None = None
+    ) -> list[Trajectory | None]:
         """The same with thermostats that switch around their thresholds: each switch is off by a draw of its own."""
         if not self.scatter.any():
-            return self._simulate(thetas, None)
-        drawn = rng.standard_normal((len(thetas), _SCATTERED, len(self.scatter)))
-        return self._simulate(thetas, self.scatter * drawn)
+            return self._simulate(thetas, None, heat)
+        drawn = self.scatter * rng.standard_normal((len(thetas), SCATTERED, 1, len(self.scatter)))
+        return self._simulate(thetas, np.repeat(drawn, 2, axis=2), heat)
 
-    def _simulate(self, thetas: FloatArray, scatter: FloatArray | None) -> list[Trajectory | None]:
+    def simulate_switching(
+        self, thetas: FloatArray, thresholds: FloatArray, heat: FloatArray | None = None
+    ) -> list[Trajectory | None]:
+        """The same with thresholds that are off by [S, E, 2, H] K, lower and upper, at a simulation's first E switches.
+
+        Then these come again.
+        """
+        return self._simulate(thetas, thresholds, heat)
+
+    def _simulate(
+        self, thetas: FloatArray, scatter: FloatArray | None, heat: FloatArray | None
+    ) -> list[Trajectory | None]:
         few = len(thetas) < _FEW
         size = 1 if few else min(_CHUNK, WIDTH * math.ceil(len(thetas) / (WIDTH * (os.cpu_count() or 1))))
 
         def simulate(first: int) -> list[Trajectory | None]:
             part = slice(first, first + size)
-            with self._borrowed(1 if few else WIDTH, 0 if scatter is None else scatter.shape[1]) as calls:
+            sizes = (0 if part is None else part.shape[1] for part in (scatter, heat))
+            with self._borrowed(1 if few else WIDTH, *sizes) as calls:
                 count = len(thetas[part])
                 calls.simulations[0], calls.thetas[:count] = count, thetas[part]
                 if scatter is not None:
                     calls.integration.scatter[:count] = scatter[part]
+                if heat is not None:
+                    calls.integration.acting[:count] = heat[part]
                 calls.run_forward.run()
                 outputs = copied(calls.outputs, count)
             outcomes = outputs.outcome.tolist()
@@ -243,8 +275,8 @@ class NetworkSimulator:
             if not few:
                 # With very many switches a simulation needs more room than a lane has.
                 for k in [k for k, outcome in enumerate(outcomes, first) if outcome == TOO_MANY_SWITCHES]:
-                    again = None if scatter is None else scatter[k : k + 1]
-                    found[k - first] = self._simulate(thetas[k : k + 1], again)[0]
+                    again = [None if part is None else part[k : k + 1] for part in (scatter, heat)]
+                    found[k - first] = self._simulate(thetas[k : k + 1], *again)[0]
             return found
 
         found = in_parallel(lambda k: simulate(k * size), math.ceil(len(thetas) / size))
@@ -321,18 +353,18 @@ class NetworkSimulator:
         return calls
 
     @contextmanager
-    def _borrowed(self, lanes: int, scatter: int = 0) -> Iterator[Calls]:
+    def _borrowed(self, lanes: int, scatter: int = 0, acting: int = 0) -> Iterator[Calls]:
         """Memory for simulations without a derivative, one or many, while no other thread has it."""
-        free = self._free[lanes, scatter]
-        calls = free.pop() if free else Calls(self, rooms=1 if lanes == 1 else _CHUNK, lanes=lanes, scatter=scatter)
+        free, rooms = self._free[lanes, scatter, acting], 1 if lanes == 1 else _CHUNK
+        calls = free.pop() if free else Calls(self, rooms=rooms, lanes=lanes, scatter=scatter, acting=acting)
         try:
             yield calls
         finally:
             free.append(calls)
 
     @cached_property
-    def _free(self) -> defaultdict[tuple[int, int], list[Calls]]:
-        """What no thread uses at the moment: for so many lanes and scattered switches."""
+    def _free(self) -> defaultdict[tuple[int, int, int], list[Calls]]:
+        """What no thread uses at the moment: for so many lanes, scattered switches and nodes that are heated."""
         return defaultdict(list)
 
     @cached_property
@@ -350,6 +382,7 @@ class NetworkSimulator:
             outputs.duty_cycle[simulation],
             switches(outputs, simulation),
             self.error_variance,
+            outputs.final[simulation, self.network.diffusive],
         )
 
 
@@ -362,14 +395,16 @@ def network_simulator(
     *,
     period: float,
     network: Network | None = None,
+    heated: Sequence[str] = (),
     tried: Callable[[tuple[str, ...]], FloatArray] | None = None,
 ) -> NetworkSimulator:
     """The simulator of a scenario on the window [start, end], observed at `samples` [T] (UTC).
 
-    network: in place of the one that the scenario's blocks describe (a reduced order model's). tried: the thetas [S, d]
+    network: in place of the one that the scenario's blocks describe (a reduced order model's); heated: see
+    `build_network`. tried: the thetas [S, d]
     at which the length of the steps is chosen, from the names of theta's entries; by default what the scenario writes.
     """
-    network = network or build_network(scenario)
+    network = network or build_network(scenario, heated)
     inputs = window_inputs(scenario, network, telemetry, start, end, samples, period=period)
     observed = {name: item for name, item in scenario.observations.items() if item.node is not None}
     paths = {path for parameter in scenario.parameters.values() for path in (*parameter.sets, *parameter.scales)}

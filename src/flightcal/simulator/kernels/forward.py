@@ -70,6 +70,8 @@ class Outputs(NamedTuple):
     """[S, T, H] at the samples."""
     duty_cycle: Any
     """[S, H]."""
+    final: Any
+    """[S, n] K at the window's end."""
     switches: Any
     """[S] number of switches."""
     switch_first: Any
@@ -140,8 +142,10 @@ class ForwardCall(NamedTuple):
     initially_on: Any
     looks: Looks
     scatter: Any
-    """[S, E, H] K, added to both thresholds of each heater at first and after each switch of its (by the number of
-    switches of all, modulo E); E = 0: nothing is."""
+    """[S, E, 2, H] K, added to the lower and to the upper threshold of each heater at first and after each switch of
+    its (by the number of switches of all, modulo E); E = 0: nothing is."""
+    acting: Any
+    """[S, h, 2 K] W, added to the last h input series; h = 0: nothing is."""
     memory: Any
     """[memory_size + step_size], or that x 8 for eight lanes. With room for more `Step`s, a single simulation keeps its
     first ones; all others are made in the last place."""
@@ -160,6 +164,7 @@ def forward(call):
     """Simulate over the grid, and fill `record` and `outputs`; returns the outcome where there is one simulation."""
     structure, packed, times, series = call.structure, call.packed, call.times, call.series
     measured, initially_on, scatter, memory = call.measured, call.initially_on, call.scatter, call.memory
+    acting = call.acting
     record, outputs, looks, simulations = call.record, call.outputs, call.looks, call.simulations[0]
     outputs.noted[0] = 0
     count = lane_count(memory)
@@ -172,7 +177,7 @@ def forward(call):
     active = 0
     for lane in range(count):
         if waiting < simulations:
-            _load(structure, packed, series, measured, initially_on, scatter, lanes, lane, waiting, record)
+            _load(structure, packed, series, measured, initially_on, scatter, acting, lanes, lane, waiting, record)
             looks.next[lane] = 0
             _enter_step(structure, packed, times, measured, lanes, lane, record)
             active += 1
@@ -211,7 +216,7 @@ def forward(call):
             active -= 1
             lanes.phase[lane] = _IDLE
             if waiting < simulations:
-                _load(structure, packed, series, measured, initially_on, scatter, lanes, lane, waiting, record)
+                _load(structure, packed, series, measured, initially_on, scatter, acting, lanes, lane, waiting, record)
                 looks.next[lane] = 0
                 _enter_step(structure, packed, times, measured, lanes, lane, record)
                 active += 1
@@ -273,7 +278,7 @@ def _make_lanes(structure, memory, counters, reals, driven):
 
 
 @inlined
-def _load(structure, packed, series, measured, initially_on, scatter, lanes, lane, simulation, record):
+def _load(structure, packed, series, measured, initially_on, scatter, acting, lanes, lane, simulation, record):
     """Put a simulation into a lane, before the first grid point."""
     n, H = structure.mass.shape[0], structure.sensor.shape[0]
     a, m = structure.linear_column.shape[0], structure.radiative_column.shape[0]
@@ -290,10 +295,14 @@ def _load(structure, packed, series, measured, initially_on, scatter, lanes, lan
         put(lanes.x, i, lane, packed[simulation, initial + i])
         for k in range(series.shape[1]):
             record.heat[lane, i, k] = 0.0
+    unmoved = series.shape[0] - acting.shape[1]
     for p in range(structure.forcing_row.shape[0]):
         i, j, value = structure.forcing_row[p], structure.forcing_column[p], packed[simulation, a + m + p]
         for k in range(series.shape[1]):
             record.heat[lane, i, k] += value * series[j, k]
+        if j >= unmoved:
+            for k in range(series.shape[1]):
+                record.heat[lane, i, k] += value * acting[simulation, j - unmoved, k]
     for k in range(H):
         _set_thresholds(structure, packed, scatter, lanes, lane, k)
         lanes.driven[lane, k] = not np.isnan(measured[0, k])
@@ -308,11 +317,12 @@ def _set_thresholds(structure, packed, scatter, lanes, lane, k):
     H = structure.sensor.shape[0]
     simulation = lanes.simulation[lane]
     lower = packed.shape[1] - structure.mass.shape[0] - 2 * H + k
-    off = 0.0
+    to_lower, to_upper = 0.0, 0.0
     if scatter.shape[1] > 0:
-        off = scatter[simulation, lanes.switches[lane] % scatter.shape[1], k]
-    put(lanes.lower, k, lane, packed[simulation, lower] + off)
-    put(lanes.upper, k, lane, packed[simulation, lower + H] + off)
+        row = lanes.switches[lane] % scatter.shape[1]
+        to_lower, to_upper = scatter[simulation, row, 0, k], scatter[simulation, row, 1, k]
+    put(lanes.lower, k, lane, packed[simulation, lower] + to_lower)
+    put(lanes.upper, k, lane, packed[simulation, lower + H] + to_upper)
 
 
 @inlined
@@ -424,6 +434,8 @@ def _accept(structure, times, lanes, lane, step, record, looks, outputs):
 def _finish(looks, lanes, lane, record, outputs):
     """From a lane's `Record` of a simulation that has come to its end to the rest of `Outputs`."""
     simulation, segments, heaters = lanes.simulation[lane], record.segments[lane], record.heater.shape[2]
+    for i in range(outputs.final.shape[1]):
+        outputs.final[simulation, i] = take(lanes.x, i, lane)
     observe_end(
         looks, looks.errors[simulation], lanes.x, lanes.status, lane,
         outputs.temperatures[simulation], outputs.status[simulation],
