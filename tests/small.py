@@ -82,6 +82,7 @@ def content() -> dict[str, Any]:
             "panel_temp": {"node": "panel", "noise": "0.1 K"},
             "heater_status": {"heater": "heater"},
         },
+        "heat": "none",
         "windows": {
             "train": {"start": "2024-03-01T00:00:00", "end": "2024-03-01T03:00:00"},
             "test": {"start": "2024-03-01T03:30:00", "end": "2024-03-01T06:30:00"},

@@ -64,6 +64,7 @@ def scenario_around(case: dict[str, Any]) -> dict[str, Any]:
         "simulator": model,
         "parameters": {"capacity": {"scales": "nodes.body.capacity", "prior": {"uniform": [0.5, 2]}}},
         "observations": {temperatures[0]: {"node": "body"}},
+        "heat": "none",
         "windows": {"train": window},
     }
 

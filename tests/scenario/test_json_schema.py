@@ -62,9 +62,17 @@ _TIMES = {"lognormal": {"median": "9 min", "factor": 2}}
         ({"discrepancy": {"time": {"lengthscale": {"uniform": ["9 min", "1 hour"]}}, "phase": {"harmonics": 6}}}, True),
         ({"discrepancy": {"phase": {"smoothness": "7/2"}}}, False),
         ({"discrepancy": {"phase": {"lengthscale": "1 K"}}}, False),
+        (
+            {"heat": {"pattern": {"harmonics": 3}, "slow": {"time": "2 h"}, "gains": None}},
+            True,
+        ),
+        ({"heat": "none"}, True),
+        ({"heat": "off"}, False),
+        ({"heat": None}, False),
+        ({"heat": {"slow": {"time": 7200}}}, False),
     ],
 )
-def test_noise_and_discrepancy_have_their_forms(validator, block, valid):
+def test_noise_discrepancy_and_heat_have_their_forms(validator, block, valid):
     assert validator.is_valid(read_document(EXAMPLE).data | block) == valid
 
 

@@ -3,7 +3,7 @@ from pathlib import Path
 
 import pytest
 
-from flightcal.scenario import load_scenario, resolved_yaml, simulator_files, write_template
+from flightcal.scenario import load_scenario, noise_of, resolved_yaml, simulator_files, write_template
 from flightcal.scenario.document import parse_document
 
 EXAMPLE = Path(__file__).parent / "example.yaml"
@@ -44,6 +44,9 @@ def resolve(folder, text, name="scenario.yaml"):
         ("noise: 0.2 K", "noise: {distribution: student_t, degrees_of_freedom: {lognormal: {median: 5, factor: 2}}}"),
         ("noise: 0.2 K", "noise: {quantisation: 0.1 K}"),
         ("windows:", "discrepancy: {time: {lengthscale: {uniform: [9 min, 1 hour]}}, phase: {shared: []}}\nwindows:"),
+        ("heat: none", ""),
+        ("heat: none", "heat: {}"),
+        ("heat: none", "heat: {nodes: [battery], pattern: {harmonics: 3}, gains: null, slow: null}"),
     ],
     ids=[
         "as it is",
@@ -59,6 +62,9 @@ def resolve(folder, text, name="scenario.yaml"):
         "student",
         "rounded",
         "discrepancy",
+        "heat left out",
+        "heat",
+        "heat over a driver",
     ],
 )
 def test_resolved_scenario_loads_as_an_equal_one(folder, edit):
@@ -89,6 +95,15 @@ def test_defaults_are_written_out_with_si_units(folder):
         "prior": {"uniform": ["5.0 W/A", "20.0 W/A"]},
     }
     assert data["telemetry"]["channels"]["photo_current"]["stale_after"] is None
+
+
+def test_noise_that_is_left_out_beside_heat_stays_so(folder):
+    """Written noise counts, and beside heat the default is another."""
+    scenario = resolve(folder, EXAMPLE.read_text().replace("heat: none", "heat: {}").replace(", noise: 0.2 K", ""))
+
+    again = resolve(folder, resolved_yaml(scenario), "resolved.yaml")
+
+    assert noise_of(scenario, "battery_temp").model == noise_of(again, "battery_temp").model == "ar1"
 
 
 def test_absolute_paths_let_the_copy_stand_in_another_folder(folder, tmp_path_factory):

@@ -121,6 +121,7 @@ def _mission(content: SpacecraftFile, folder: Path) -> Mission:
         telemetry=TelemetryFile.model_construct(file=(), time=TimeColumn.model_construct(column=""), channels={}),
         parameters={},
         observations={},
+        heat="none",
         windows={},
         folder=folder,
     )

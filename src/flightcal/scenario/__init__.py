@@ -29,6 +29,7 @@ from .external import (
     simulator_files,
 )
 from .fields import AnyBlock, Block, Count, Number, Pair, Part, Time, Vector
+from .heat import Heat, HeatGains, HeatPattern, HeatSlow
 from .json_schema import json_schema, schema_of
 from .lint import Finding, file_error, lint, load_scenario, read_file
 from .network import (
@@ -56,6 +57,8 @@ from .schema import (
     Scenario,
     TelemetryFile,
     TimeColumn,
+    default_noise,
+    heat_of,
     input_files,
     noise_of,
     not_normal,
@@ -102,6 +105,10 @@ __all__ = [
     "FmuSimulator",
     "GeneticSettings",
     "HalfNormal",
+    "Heat",
+    "HeatGains",
+    "HeatPattern",
+    "HeatSlow",
     "Heater",
     "InertialAttitude",
     "InitialState",
@@ -149,7 +156,9 @@ __all__ = [
     "Vector",
     "Window",
     "blocks_of",
+    "default_noise",
     "file_error",
+    "heat_of",
     "input_files",
     "is_temperature",
     "is_trained",

@@ -12,6 +12,7 @@ from .document import Location, Problem
 from .environment import Environment
 from .external import ExternalHeater, ExternalModel, Input, Output, kind_of_simulator
 from .fields import reader_of
+from .heat import Heat
 from .network import Conductor, Face, Heater, Load, ModeChange, Node, ReducedNumber, SimulatorModel
 from .residuals import Discrepancy, Noise
 from .schema import Channel, Observation, Parameter, Scenario
@@ -61,6 +62,8 @@ class Blocks:
     noise: Noise | None = None
     discrepancy: Discrepancy | None = None
     """null: there is none, or it cannot be read."""
+    heat: Heat | None = None
+    """null: none is written, or it cannot be read."""
     has_errors: bool = False
     """Whether the simulator has errors against the one that it stands in for."""
 
@@ -84,6 +87,7 @@ def blocks_of(scenario: Scenario) -> Blocks:
         reduced=model.reduced_numbers if model.reduced_model is not None else None,
         noise=scenario.noise,
         discrepancy=scenario.discrepancy,
+        heat=scenario.heat if isinstance(scenario.heat, Heat) else None,
         has_errors=bool(model.errors),
     )
 

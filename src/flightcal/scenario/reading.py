@@ -16,6 +16,7 @@ from .document import Document, Problem, read_document
 from .environment import Environment
 from .external import KINDS, WrittenHeater, WrittenInput, WrittenOutput, is_external, kind_of_simulator
 from .fields import FileNames, keys_of
+from .heat import Heat, WrittenHeat
 from .network import Conductor, Face, Heater, Load, ModeChange, Node, Powers, ReducedNumber, SimulatorModel
 from .numbers import Settable, settable_of
 from .parameters import read_parameters
@@ -140,6 +141,8 @@ class _Reader:
         }
         if data.get("discrepancy") is not None:
             parts["discrepancy"] = self.block(Discrepancy, data["discrepancy"], "discrepancy")
+        if data.get("heat") is not None:
+            parts["heat"] = self.block(WrittenHeat, data["heat"], "heat")
         reduced = in_network.pop("reduced_numbers")
         blocks = Blocks(
             files=files or (),
@@ -156,6 +159,7 @@ class _Reader:
             reduced=reduced if "reduced_model" in network else None,
             noise=parts["noise"],
             discrepancy=parts.get("discrepancy"),
+            heat=heat if isinstance(heat := parts.get("heat"), Heat) else None,
             has_errors=bool(network.get("errors")),
         )
         return blocks, parts

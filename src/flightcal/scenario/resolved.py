@@ -5,10 +5,11 @@ from __future__ import annotations
 from io import StringIO
 from typing import Any
 
+from .heat import Heat
 from .network import SimulatorModel
 from .priors import written_prior
 from .residuals import NEEDS, Noise
-from .schema import Scenario
+from .schema import Scenario, heat_of
 from .windows import grouped_windows
 
 _WIDTH = 10_000
@@ -53,6 +54,10 @@ def _written(scenario: Scenario, absolute: bool) -> dict[str, Any]:
             block["noise"] = _written_noise(block["noise"])
     data["windows"] = grouped_windows(data["windows"])
     data["noise"] = _written_noise(data["noise"])
+    if "noise" not in scenario.model_fields_set and heat_of(scenario) is not None:
+        del data["noise"]  # what is written counts, and beside heat the default is another
+    if isinstance(scenario.heat, Heat):
+        data["heat"] |= {part: None for part in ("pattern", "gains", "slow") if getattr(scenario.heat, part) is None}
     if isinstance(scenario.simulator, SimulatorModel):
         data["simulator"] = _written_network(data["simulator"])
     return data

@@ -40,8 +40,9 @@ from .fields import (
     exactly_one,
     read_empty,
 )
+from .heat import Heat, WrittenHeat
 from .network import SimulatorModel
-from .priors import Prior, prior_schema, read_prior
+from .priors import HalfNormal, LogNormal, Prior, prior_schema, read_prior
 from .residuals import ChannelNoise, Discrepancy, Noise, StatusLikelihood
 from .units import Duration, Quantity
 from .windows import Window, is_trained
@@ -179,6 +180,15 @@ class InitialState(Block):
 
 _FINEST = 5e-3
 """K, error of the integration that no telemetry shows."""
+_BY_DEFAULT = True
+"""Whether a scenario that does not write `heat` has it."""
+_BESIDE_HEAT = Noise(
+    model="ar1",
+    standard_deviation=HalfNormal(scale=1.0),
+    correlation_time=LogNormal(median=300.0, factor=2.0),
+    white=HalfNormal(scale=0.5),
+)
+"""Noise where none is written: heat leaves what lasts for minutes."""
 
 
 class Scenario(Block):
@@ -198,6 +208,8 @@ class Scenario(Block):
     noise: Noise = Noise()
     """Of the temperature channels that have none of their own."""
     discrepancy: Discrepancy | None = None
+    heat: WrittenHeat | None = None
+    """Heat that the simulator does not know of; none: there is none."""
     windows: dict[str, Window]
     """`train`, and any number of other windows, on which the result is scored. Several to train on are a list or a
     mapping in the place of `train`, and are called ``train.<name>``; other windows may be grouped likewise."""
@@ -231,11 +243,40 @@ class Scenario(Block):
 def not_normal(scenario: Scenario) -> list[str]:
     """What the noise of temperature channels is called where it is not normal."""
     channels = (name for name, item in scenario.observations.items() if item.heater is None)
-    return sorted({found for name in channels if (found := noise_of(scenario, name).not_normal)})
+    return sorted({found for name in channels if (found := _written_noise(scenario, name).not_normal)})
 
 
 def noise_of(scenario: Scenario, channel: str) -> Noise:
-    """The noise of a temperature channel: its own, or the scenario's."""
+    """The noise of a temperature channel: its own, or else the scenario's `default_noise`."""
+    has_own = scenario.observations[channel].noise is not None
+    return _written_noise(scenario, channel) if has_own else default_noise(scenario)
+
+
+def default_noise(scenario: Scenario) -> Noise:
+    """The noise of channels that have none of their own; where the scenario writes none, beside heat it is AR(1)."""
+    written = "noise" in scenario.model_fields_set
+    return scenario.noise if written or heat_of(scenario) is None else _BESIDE_HEAT
+
+
+def heat_of(scenario: Scenario) -> Heat | None:
+    """The heat that the simulator does not know of; None: there is none.
+
+    Where the scenario does not write it, it has the defaults, unless the scenario has what heat cannot stand beside.
+    """
+    if scenario.heat is not None:
+        return scenario.heat if isinstance(scenario.heat, Heat) else None
+    return Heat() if _BY_DEFAULT and _can_have_heat(scenario) else None
+
+
+def _can_have_heat(scenario: Scenario) -> bool:
+    model = scenario.simulator
+    if not isinstance(model, SimulatorModel) or model.reduced_model is not None or model.errors:
+        return False
+    holds_heat = any(node.capacity is not None for node in model.nodes.values())
+    return holds_heat and scenario.discrepancy is None and not not_normal(scenario)
+
+
+def _written_noise(scenario: Scenario, channel: str) -> Noise:
     own = scenario.observations[channel].noise
     if own is None:
         return scenario.noise

@@ -1,6 +1,18 @@
 """What blocks of a scenario must be to each other; one module and one line here for each concern."""
 
-from . import environment, external, heating, names, network, observations, parameters, residuals, telemetry, windows
+from . import (
+    environment,
+    external,
+    heat,
+    heating,
+    names,
+    network,
+    observations,
+    parameters,
+    residuals,
+    telemetry,
+    windows,
+)
 from .common import Check
 
 CHECKS: tuple[Check, ...] = (
@@ -13,5 +25,6 @@ CHECKS: tuple[Check, ...] = (
     parameters.check,
     observations.check,
     residuals.check,
+    heat.check,
     windows.check,
 )

@@ -1,0 +1,56 @@
+"""Unmodelled heat: which nodes can have it, and what it cannot stand beside."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from pathlib import Path
+
+from ..blocks import Blocks, readable
+from ..document import Location, Problem
+from ..reading import Reading
+from ..residuals import Noise
+from .common import known
+
+_HEAT: Location = ("heat",)
+
+
+def check(reading: Reading, folder: Path) -> Iterator[Problem]:
+    """Nodes with heat hold heat, and nothing stands beside it that excludes it."""
+    data, blocks = reading.document.data, reading.blocks
+    if isinstance(data, dict) and "heat" in data and data["heat"] is None:
+        yield Problem(_HEAT, "found nothing, expected none or a mapping: without the key it has its default")
+    if blocks.heat is None:
+        return
+    for what, wanted in _beside(blocks):
+        yield Problem(_HEAT, f"found heat beside {what}, expected {wanted}, or 'heat: none'")
+    if blocks.external is None and blocks.reduced is None:
+        yield from _check_nodes(blocks, blocks.heat.nodes)
+
+
+def _beside(blocks: Blocks) -> Iterator[tuple[str, str]]:
+    """What excludes heat, and what it should be instead."""
+    if blocks.external is not None:
+        yield f"an external simulator ({blocks.external.kind})", "a thermal network: it needs nodes"
+    if blocks.reduced is not None:
+        yield "'simulator.reduced_model'", "a network of nodes: a reduced order model has none"
+    elif blocks.has_errors:
+        yield "'simulator.errors'", "no errors: both explain the same"
+    if blocks.discrepancy is not None:
+        yield "'discrepancy'", "no discrepancy: both explain the same"
+    for name, observation in readable(blocks.observations).items():
+        noise = blocks.noise if observation.noise is None else observation.noise
+        if observation.heater is None and isinstance(noise, Noise) and noise.not_normal:
+            wanted = "normal noise (its weights can be integrated out only beside that)"
+            yield f"{noise.not_normal} noise of {name!r}", wanted
+
+
+def _check_nodes(blocks: Blocks, names: tuple[str, ...]) -> Iterator[Problem]:
+    for k, name in enumerate(names):
+        location = (*_HEAT, "nodes", k)
+        yield from known("node", name, blocks.nodes, location)
+        if (node := blocks.nodes.get(name)) is not None and node.capacity is None:
+            yield Problem(location, f"found {name!r}, a node without a capacity, expected one with a capacity")
+        if name in names[:k]:
+            yield Problem(location, f"found {name!r} twice, expected it once")
+    if not names and not any(node is None or node.capacity is not None for node in blocks.nodes.values()):
+        yield Problem(_HEAT, "found no node with a capacity, expected one: without it nothing holds heat")

@@ -1,0 +1,125 @@
+from pathlib import Path
+
+import pytest
+
+from flightcal.errors import ScenarioError
+from flightcal.scenario import (
+    HalfNormal,
+    Heat,
+    HeatGains,
+    HeatPattern,
+    HeatSlow,
+    LogNormal,
+    heat_of,
+    load_scenario,
+    noise_of,
+    schema,
+)
+
+from .. import small
+
+EXTERNAL = Path(__file__).parents[1] / "broken" / "valid_external.yaml"
+
+
+@pytest.fixture
+def with_heat_by_default(monkeypatch):
+    monkeypatch.setattr(schema, "_BY_DEFAULT", True)
+
+
+def omitted():
+    """A scenario whose block `heat` is left out, and that can have heat."""
+    written = small.content()
+    written.pop("heat", None)
+    return written
+
+
+def written_with(path, value):
+    written = omitted()
+    *parents, last = path.split(".")
+    block = written
+    for key in parents:
+        block = block[key]
+    block[last] = value
+    return written
+
+
+def load(folder, written):
+    return small.load(folder, written)[0]
+
+
+def test_a_block_has_the_defaults_of_what_it_does_not_write(tmp_path):
+    heat = load(tmp_path, omitted() | {"heat": {"nodes": ["body"], "slow": {"time": "2 h"}, "gains": None}}).heat
+
+    assert heat.slow.time == 7200.0
+    assert heat == Heat(nodes=("body",), pattern=HeatPattern(), gains=None, slow=HeatSlow(time="2 h"))
+    assert Heat() == Heat(
+        nodes=(),
+        pattern=HeatPattern(harmonics=6, scale=0.05),
+        gains=HeatGains(scale=0.05),
+        slow=HeatSlow(time="3 h", scale=0.007),
+    )
+
+
+def test_what_is_written_is_the_heat(tmp_path, with_heat_by_default):
+    block = {"nodes": ["panel"], "pattern": {"harmonics": 3}}
+
+    assert heat_of(load(tmp_path, omitted() | {"heat": block})) == Heat(
+        nodes=("panel",), pattern=HeatPattern(harmonics=3)
+    )
+    assert heat_of(load(tmp_path, omitted() | {"heat": "none"})) is None
+
+
+def test_a_block_that_is_left_out_is_heat_only_where_that_is_the_default(tmp_path, monkeypatch):
+    scenario = load(tmp_path, omitted())
+
+    for by_default, expected in ((False, None), (True, Heat())):
+        monkeypatch.setattr(schema, "_BY_DEFAULT", by_default)
+        assert heat_of(scenario) == expected
+
+
+@pytest.mark.parametrize(
+    ("path", "value"),
+    [
+        ("discrepancy", {"phase": {}}),
+        ("noise", {"distribution": "student_t"}),
+        ("observations.panel_temp.noise", {"quantisation": "0.1 K"}),
+        ("simulator.errors", {"body_temp": {"offset": "0.1 K", "deviation": "0.1 K", "correlation_time": "9 min"}}),
+    ],
+)
+def test_a_scenario_with_what_heat_cannot_stand_beside_has_none(tmp_path, with_heat_by_default, path, value):
+    written = written_with(path, value)
+
+    assert heat_of(load(tmp_path, written)) is None
+    with pytest.raises(ScenarioError, match="heat: found heat beside"):
+        load(tmp_path, written | {"heat": {}})
+    assert heat_of(load(tmp_path, written | {"heat": "none"})) is None
+
+
+def test_an_external_simulator_has_no_heat(with_heat_by_default):
+    assert heat_of(load_scenario(EXTERNAL, telemetry=EXTERNAL.parent / "scenarios")) is None
+
+
+def test_a_reduced_order_model_has_no_heat(tmp_path, with_heat_by_default):
+    scenario = load(tmp_path, omitted())
+    network = scenario.network.model_copy(update={"reduced_model": "rom.nc"})
+
+    assert heat_of(scenario.model_copy(update={"simulator": network})) is None
+
+
+def test_noise_that_is_left_out_is_correlated_beside_heat_alone(tmp_path, monkeypatch):
+    scenario = load(tmp_path, omitted())
+
+    monkeypatch.setattr(schema, "_BY_DEFAULT", False)
+    assert noise_of(scenario, "body_temp") is scenario.noise
+    monkeypatch.setattr(schema, "_BY_DEFAULT", True)
+    body, panel = (noise_of(scenario, channel) for channel in ("body_temp", "panel_temp"))
+    assert (body.model, body.white, body.standard_deviation) == ("ar1", HalfNormal(scale=0.5), HalfNormal(scale=1.0))
+    assert body.correlation_time == LogNormal(median=300.0, factor=2.0)
+    assert (panel.model, panel.white, panel.standard_deviation) == ("iid", None, 0.1)
+
+
+def test_noise_that_is_written_stays_beside_heat(tmp_path, with_heat_by_default):
+    scenario = load(tmp_path, omitted() | {"noise": {}})
+
+    assert heat_of(scenario) == Heat()
+    assert noise_of(scenario, "body_temp") is scenario.noise
