@@ -32,7 +32,7 @@ def log_likelihood(case):
     valid = np.isfinite(case["observed"]).T.copy()
     residuals = Residuals(np.arange(SAMPLES, dtype=float), valid, (residual_cases.INDEPENDENT,) * CHANNELS, shapes)
     numbers = np.concatenate([case["noise"][:, None], np.zeros((CHANNELS, 4))], axis=1)
-    value, simulated_bar, numbers_bar, variance_bar = residual_cases.log_likelihood(
+    value, simulated_bar, numbers_bar, variance_bar, _ = residual_cases.log_likelihood(
         residuals, case["observed"], case["simulated"], numbers, case["variance"]
     )
     return value, simulated_bar, numbers_bar[:, 0], variance_bar

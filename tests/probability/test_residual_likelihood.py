@@ -106,7 +106,7 @@ def test_correlated_noise_needs_no_white_noise_beside_it():
 
 def test_independent_noise_is_the_published_likelihood():
     case = Case((INDEPENDENT, INDEPENDENT), (False, False))
-    value, simulated_bar, numbers_bar, _ = log_likelihood(case.residuals, case.observed, case.simulated, case.numbers)
+    value, simulated_bar, numbers_bar, *_ = log_likelihood(case.residuals, case.observed, case.simulated, case.numbers)
     expected = iid_log_likelihood(case.observed, case.simulated, case.numbers[:, 0])
     assert value == pytest.approx(expected[0], rel=1e-13)
     np.testing.assert_allclose(simulated_bar, expected[1], rtol=1e-13)
@@ -137,7 +137,7 @@ def test_a_step_far_in_the_tail_has_its_whole_probability(share):
     case.residuals = replace(case.residuals, valid=np.ones((2, len(case.observed)), bool))
     case.simulated[:] = 0.0
     case.numbers[:, 0], case.numbers[:, STEP] = 1.0, share
-    value, simulated_bar, numbers_bar, _ = log_likelihood(case.residuals, case.observed, case.simulated, case.numbers)
+    value, simulated_bar, numbers_bar, *_ = log_likelihood(case.residuals, case.observed, case.simulated, case.numbers)
     lower = np.abs(case.observed) - share / 2
     # By quadrature: the density at the lower end times the integral of how it falls from there.
     nodes, weights = np.polynomial.legendre.leggauss(200)

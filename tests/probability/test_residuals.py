@@ -91,7 +91,7 @@ def test_the_c_function_is_what_the_parts_give_in_python(problem, seed):
     z = near_truth(problem, seed)
     prior = problem.priors.at(z)
     run, pull_back = problem.windows[0].simulator.linearise(prior.theta[problem.windows[0].simulated])
-    value, temperatures_bar, numbers_bar, _ = log_likelihood(
+    value, temperatures_bar, numbers_bar, *_ = log_likelihood(
         problem.windows[0].residuals.terms,
         problem.windows[0].observed,
         run.temperatures,

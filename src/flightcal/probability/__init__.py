@@ -6,6 +6,7 @@ Imports: compiled, environment, errors, scenario, simulator, telemetry.
 """
 
 from .designs import GROWING, KINDS, around_posterior, latin_hypercube, prior_draws, sobol
+from .heat import Sizes, Slow, WindowHeat, pattern, waves
 from .kernels.switching import NO_STATUS, StatusCall, status_work, switching
 from .likelihood import (
     Bars,
@@ -18,10 +19,12 @@ from .likelihood import (
     window_memory,
 )
 from .noise import INDEPENDENT, called
-from .noise.kind import DEVIATION
+from .noise.kind import DEVIATION, NoiseKind
+from .noise.shaped import Shaped
 from .priors import Priors, PriorTerms
 from .residuals import TIME_LENGTH, TIME_SIZE, ResidualModel, residual_model
 from .status import THRESHOLD_ERROR, HeaterStatus, heater_status, measured_switches
+from .weighing import Evidence, Gains, Weighed, filter_of, weigh
 
 __all__ = [
     "DEVIATION",
@@ -33,26 +36,38 @@ __all__ = [
     "TIME_LENGTH",
     "TIME_SIZE",
     "Bars",
+    "Evidence",
+    "Gains",
     "HeaterStatus",
     "Likelihood",
+    "NoiseKind",
     "PriorTerms",
     "Priors",
     "ResidualModel",
     "Residuals",
+    "Shaped",
+    "Sizes",
+    "Slow",
     "StatusCall",
+    "Weighed",
+    "WindowHeat",
     "WindowMemory",
     "around_posterior",
     "called",
+    "filter_of",
     "heater_status",
     "information",
     "latin_hypercube",
     "likelihood_calls",
     "measured_switches",
+    "pattern",
     "prior_draws",
     "residual_model",
     "sobol",
     "status_work",
     "switching",
+    "waves",
+    "weigh",
     "weights_given",
     "window_memory",
 ]

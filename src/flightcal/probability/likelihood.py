@@ -18,9 +18,11 @@ from numpy.typing import NDArray
 
 from ..compiled import Program, Row
 from ..simulator import FloatArray
+from .heat import WindowHeat
 from .kernels.window import ProjectCall, WindowCall, finish, project, start
 from .noise.kind import NoiseCall, NoiseKind, ShapesCall
 from .shapes import Shapes, Weights
+from .weighing import heat_rows
 
 SHAPE_NUMBERS = 4
 """The last of a channel's numbers, which are those of its discrepancy's weights."""
@@ -37,6 +39,8 @@ class Residuals:
     kinds: tuple[NoiseKind, ...]
     """[N] of noise."""
     shapes: Shapes
+    heat: WindowHeat | None = None
+    """That no block describes; None: there is none."""
 
     @property
     def discrepant(self) -> NDArray[np.bool_]:
@@ -80,6 +84,10 @@ class WindowMemory(NamedTuple):
     """[N, n]"""
     variance_bar: FloatArray
     """[r]"""
+    scales: FloatArray
+    """[g] prior deviations of the weights of heat, read,"""
+    scales_bar: FloatArray
+    """[g] and filled; of several windows the first alone."""
     value: FloatArray
     """[1], filled: the log likelihood; of several windows that share weights, the first has what these add."""
 
@@ -89,15 +97,17 @@ def window_memory(
     simulated: FloatArray,
     numbers: FloatArray,
     variance: FloatArray | None = None,
+    scales: FloatArray | None = None,
     *,
     simulated_bar: FloatArray | None = None,
 ) -> WindowMemory:
     """Memory with arrays that are read, and perhaps one that is filled."""
     bar = np.empty(simulated.shape) if simulated_bar is None else simulated_bar
-    variance = np.empty(0) if variance is None else variance
+    variance, scales = (np.empty(0) if part is None else part for part in (variance, scales))
     return WindowMemory(
-        observed, simulated, numbers, variance, bar, np.empty(numbers.shape), np.zeros(variance.shape), np.empty(1)
-    )
+        observed, simulated, numbers, variance, bar, np.zeros(numbers.shape), np.zeros(variance.shape), scales,
+        np.zeros(scales.shape), np.zeros(1),
+    )  # fmt: skip
 
 
 class LikelihoodCalls(NamedTuple):
@@ -118,6 +128,8 @@ def likelihood_calls(residuals: Sequence[Residuals], memories: Sequence[WindowMe
 
     Several windows share the weights that are not a window's own, and the numbers of the weights' prior.
     """
+    if residuals[0].heat is not None:
+        return LikelihoodCalls(*heat_rows(residuals, memories))
     windows = [_Window(*own) for own in zip(residuals, memories, strict=True)]
     closing: list[Row] = []
     forward, backward = ([window.begin() for window in windows], [[finish.row(w.call)] for w in windows])
@@ -300,6 +312,8 @@ class Bars(NamedTuple):
     """[N, n]"""
     variance: FloatArray
     """[r]"""
+    scales: FloatArray
+    """[g]"""
 
 
 class Likelihood:
@@ -312,21 +326,23 @@ class Likelihood:
             channels, samples = own.valid.shape
             observed, simulated = np.empty((2, samples, channels))
             variance = np.empty(own.shapes.errors.shape[2])
-            self.memories.append(window_memory(observed, simulated, np.empty((channels, numbers)), variance))
+            scales = np.empty(0 if own.heat is None else len(own.heat.scales))
+            self.memories.append(window_memory(observed, simulated, np.empty((channels, numbers)), variance, scales))
         self._program = Program(likelihood_calls(residuals, self.memories).rows)
 
     def __call__(self, *windows: tuple[FloatArray, ...]) -> tuple[float, list[Bars]]:
         """The log likelihood, and its derivatives by what is simulated of each window.
 
         windows: of each temperatures observed and simulated [T, N], K, numbers [N, n], see `WindowMemory`, and, where
-        the simulator has an error, the variances [r] of its weights.
+        the simulator has an error, the variances [r] of its weights, and, where there is heat, the scales [g] of its.
         """
         for memory, own in zip(self.memories, windows, strict=True):
-            for array, given in zip(memory, own, strict=False):
+            arrays = (memory.observed, memory.simulated, memory.numbers, memory.variance, memory.scales)
+            for array, given in zip(arrays, own, strict=False):
                 array[:] = given
         self._program.run()
         value = float(sum(memory.value[0] for memory in self.memories))
-        bars = [(own.simulated_bar, own.numbers_bar, own.variance_bar) for own in self.memories]
+        bars = [(own.simulated_bar, own.numbers_bar, own.variance_bar, own.scales_bar) for own in self.memories]
         return value, [Bars(*(array.copy() for array in of_window)) for of_window in bars]
 
 

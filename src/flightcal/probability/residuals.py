@@ -6,6 +6,7 @@ discrepancy in time and in orbit phase. Each is fixed, or an entry of theta unde
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
 from typing import Any, Literal
@@ -28,7 +29,7 @@ from .discrepancy import (
 )
 from .likelihood import SHAPE_NUMBERS, Likelihood, Residuals
 from .noise import INDEPENDENT, KINDS, MOST_NUMBERS, kind_of_noise
-from .noise.kind import DEVIATION
+from .noise.kind import DEVIATION, NoiseKind
 from .shapes import Shapes
 
 NUMBERS = MOST_NUMBERS + SHAPE_NUMBERS
@@ -84,6 +85,19 @@ class ResidualModel:
         """The same channels and entries with independent normal noise alone: the published likelihood."""
         kinds = (INDEPENDENT,) * len(self.terms.kinds)
         return replace(self, terms=replace(self.terms.with_first(0), kinds=kinds))
+
+    def with_known_shape(self, kinds: Sequence[NoiseKind], deviations: FloatArray | None = None) -> ResidualModel:
+        """The same with noise of other kinds [N], each of which has one number, its deviation.
+
+        deviations: [N] K, known ones (None: they are what they were).
+        """
+        terms = replace(self.terms, kinds=tuple(kinds))
+        if deviations is None:
+            entries = tuple(entry for entry in self.entries if entry.column == DEVIATION)
+            return replace(self, terms=terms, entries=entries)
+        fixed = np.zeros(self.fixed.shape)
+        fixed[:, DEVIATION] = deviations
+        return replace(self, terms=terms, fixed=fixed, entries=())
 
     def at_samples(self, valid: NDArray[np.bool_]) -> ResidualModel:
         """The same where other samples [T, N] are valid."""

@@ -86,7 +86,7 @@ def close(call):
         if p == 0:
             determinant += log_determinant
             squares -= explained
-        log_determinant, explained = _factorise(
+        log_determinant, explained = factorise(
             gram[p], scale[p, 0], root[p], moment[p], own, shift, others, other_moments,
             upper, inverse[p], shrunk[p], weights[p],
         )  # fmt: skip
@@ -184,7 +184,7 @@ def _eliminate(upper, half, count):
 
 
 @inlined
-def _factorise(gram, scale, root, moment, own, shift, added, added_moment, upper, inverse, scratch, weights):
+def factorise(gram, scale, root, moment, own, shift, added, added_moment, upper, inverse, scratch, weights):
     """Cholesky factor of 1 + scale root gram root + added, its inverse, and the weights' mean over `root`.
 
     added: from `own - shift` on, of the weights from `own` on.

@@ -81,12 +81,12 @@ def project(call):
     samples = basis.shape[0]
     for first in range(0, samples, _PIECE):
         for c in range(channels.shape[0]):
-            _project(basis, first, min(first + _PIECE, samples), residual[channels[c]], projected[channels[c]])
+            add_products(basis, first, min(first + _PIECE, samples), residual[channels[c]], projected[channels[c]])
     return 0
 
 
 @inlined
-def _project(basis, start, end, residual, projected):
+def add_products(basis, start, end, residual, projected):
     """Add to projected [m] the samples from start to end of the basis [T, m] transposed times residuals [T]."""
     m = basis.shape[1]
     whole = start + (end - start) // 4 * 4

@@ -1,0 +1,305 @@
+"""The likelihood beside unmodelled heat: its weights, which all channels and windows share, are integrated out.
+
+A channel k of a window is a part: its residuals, whitened for a noise of deviation one, and the temperature's response
+to the weights, whitened alike, do not change while the noise keeps its shape. So what a part tells of the weights is
+its products over the square of the noise's deviation, and one factorisation of m weights closes all.
+"""
+
+from __future__ import annotations
+
+import math
+from typing import Any, NamedTuple
+
+from ...compiled import inlined, kernel
+from .shapes import factorise
+from .window import add_products
+
+_LOG_2_PI = math.log(2.0 * math.pi)
+
+
+class HeatWindowCall(NamedTuple):
+    """A window's N channels, which are parts from `first` on."""
+
+    valid: Any
+    """[N, T] whether there is a sample."""
+    observed: Any
+    """[T, N] K, as the next."""
+    simulated: Any
+    numbers: Any
+    """[N, n]: the first is the noise's deviation, K."""
+    decay: Any
+    """[N, T] of the filter that whitens noise of deviation one, as the next two; see `noise.ar1`."""
+    gain: Any
+    root: Any
+    response: Any
+    """[N, T, m] of the temperature to the weights, whitened."""
+    first: int
+    white: Any
+    """[N, T] whitened residuals, filled."""
+    squares: Any
+    """[P] of all parts, as the next two: sums of their squares, filled."""
+    precision: Any
+    projected: Any
+    """[P, m] products with the response."""
+    mean: Any
+    """[m] expected weights, read by `returns`, as the next."""
+    trace: Any
+    """[P] of what is uncertain in the whitened response."""
+    simulated_bar: Any
+    """[T, N], filled by `returns`, as the next."""
+    numbers_bar: Any
+    """[N, n]"""
+    samples: Any
+    """[P] of each part."""
+
+
+class HeatCloseCall(NamedTuple):
+    """All parts together."""
+
+    squares: Any
+    """[P]"""
+    precision: Any
+    projected: Any
+    samples: Any
+    determinant: Any
+    """[P] log determinants of the noise of deviation one."""
+    products: Any
+    """[P, m, m] of the whitened response with itself; upper triangles."""
+    group: Any
+    """[m] whose scale each weight has."""
+    scales: Any
+    """[g] prior deviations of the weights."""
+    root: Any
+    """[m] to work in, as the next six; `mean`, `inverse` and `weights` stay of use."""
+    moment: Any
+    gram: Any
+    """[m, m]"""
+    upper: Any
+    inverse: Any
+    """X, lower triangle: X^T X is the weights' covariance over their prior deviations."""
+    shrunk: Any
+    weights: Any
+    mean: Any
+    """[m], filled."""
+    covariance: Any
+    """[m, m] upper triangle, filled."""
+    trace: Any
+    """[P] filled."""
+    scales_bar: Any
+    """[g] filled."""
+    none: Any
+    """[0, 0]"""
+    value: Any
+    """[1] filled: the log likelihood."""
+
+
+@kernel
+def opens(call):
+    """Whitened residuals of each channel, and what they tell of the weights."""
+    valid, observed, simulated, numbers = call.valid, call.observed, call.simulated, call.numbers
+    decay, gain, root, response, white = call.decay, call.gain, call.root, call.response, call.white
+    squares, precision, projected, first = call.squares, call.precision, call.projected, call.first
+    channels, samples = valid.shape
+    for k in range(channels):
+        state, total = 0.0, 0.0
+        for t in range(samples):
+            white[k, t] = 0.0
+            if valid[k, t]:
+                expected = decay[k, t] * state
+                new = observed[t, k] - simulated[t, k] - expected
+                state = expected + gain[k, t] * new
+                white[k, t] = root[k, t] * new
+                total += white[k, t] * white[k, t]
+        p = first + k
+        squares[p] = total
+        precision[p] = 1.0 / (numbers[k, 0] * numbers[k, 0])
+        for j in range(projected.shape[1]):
+            projected[p, j] = 0.0
+        add_products(response[k], 0, samples, white[k], projected[p])
+    return 0
+
+
+@kernel
+def close(call):
+    """The weights' posterior, the log likelihood, and its derivatives by the scales."""
+    squares, precision, projected, samples = call.squares, call.precision, call.projected, call.samples
+    products, group, scales, root, moment = call.products, call.group, call.scales, call.root, call.moment
+    gram, inverse, shrunk, weights, mean = call.gram, call.inverse, call.shrunk, call.weights, call.mean
+    covariance, trace, scales_bar, determinant = call.covariance, call.trace, call.scales_bar, call.determinant
+    parts, m = projected.shape
+    total = 0.0
+    for i in range(m):
+        root[i] = scales[group[i]]
+        moment[i] = 0.0
+        for j in range(i, m):
+            gram[i, j] = 0.0
+            covariance[i, j] = 0.0
+    for p in range(parts):
+        weight = precision[p]
+        total += weight * squares[p] + determinant[p] + samples[p] * (_LOG_2_PI - math.log(weight))
+        for i in range(m):
+            moment[i] += weight * projected[p, i]
+            for j in range(i, m):
+                gram[i, j] += weight * products[p, i, j]
+    log_determinant, explained = factorise(
+        gram, 1.0, root, moment, m, 0, call.none, root, call.upper, inverse, shrunk, weights
+    )
+    call.value[0] = -0.5 * (total + log_determinant - explained)
+    for k in range(scales.shape[0]):
+        scales_bar[k] = 0.0
+    for i in range(m):
+        mean[i] = root[i] * weights[i]
+        scales_bar[group[i]] += (weights[i] * weights[i] - 1.0 + shrunk[i]) / root[i]
+    for k in range(m):
+        for i in range(k + 1):
+            left = inverse[k, i]
+            for j in range(i, k + 1):
+                covariance[i, j] += left * inverse[k, j]
+    for i in range(m):
+        for j in range(i, m):
+            covariance[i, j] *= root[i] * root[j] * (1.0 if i == j else 2.0)
+    for p in range(parts):
+        trace[p] = 0.0
+        for i in range(m):
+            trace[p] += _dot(covariance, products, p, i, m)
+    return 0
+
+
+@inlined
+def _dot(covariance, products, p, i, m):
+    total = 0.0
+    for j in range(i, m):
+        total += covariance[i, j] * products[p, i, j]
+    return total
+
+
+@kernel
+def returns(call):
+    """Derivatives by what is simulated, and by the noise's deviations."""
+    valid, numbers, decay, gain, root = call.valid, call.numbers, call.decay, call.gain, call.root
+    response, white, precision, mean, trace = call.response, call.white, call.precision, call.mean, call.trace
+    simulated_bar, numbers_bar, samples, first = call.simulated_bar, call.numbers_bar, call.samples, call.first
+    channels, count = valid.shape
+    for k in range(channels):
+        p = first + k
+        weight, squares, state_bar = precision[p], 0.0, 0.0
+        for j in range(numbers_bar.shape[1]):
+            numbers_bar[k, j] = 0.0
+        for back in range(count):
+            t = count - 1 - back
+            simulated_bar[t, k] = 0.0
+            if valid[k, t]:
+                left = white[k, t] - _explained(response, mean, k, t)
+                squares += left * left
+                new_bar = root[k, t] * weight * left + gain[k, t] * state_bar
+                simulated_bar[t, k] = new_bar
+                state_bar = decay[k, t] * (state_bar - new_bar)
+        numbers_bar[k, 0] = (weight * (squares + trace[p]) - samples[p]) / numbers[k, 0]
+    return 0
+
+
+@inlined
+def _explained(response, mean, k, t):
+    total = 0.0
+    for j in range(mean.shape[0]):
+        total += response[k, t, j] * mean[j]
+    return total
+
+
+# --- with sizes of noise and heat that are known ----------------------------------------------------------------
+
+
+class KnownWindowCall(NamedTuple):
+    """A window's N channels where the sizes of noise and heat are known, so that all but the residuals is."""
+
+    valid: Any
+    """[N, T] whether there is a sample."""
+    observed: Any
+    """[T, N] K, as the next."""
+    simulated: Any
+    decay: Any
+    """[N, T] of the filter that whitens the noise, as the next two."""
+    gain: Any
+    root: Any
+    explaining: Any
+    """[N, T, m] whose products with the whitened residuals of all windows are `projected`."""
+    first: int
+    """1: of the windows the first."""
+    white: Any
+    """[N, T] whitened residuals, filled."""
+    squares: Any
+    """[1] sum of their squares in all windows."""
+    projected: Any
+    """[m] what the heat explains of them: its square is less."""
+    simulated_bar: Any
+    """[T, N], filled by `returns_known`, as the next."""
+    numbers_bar: Any
+    """[N, n]"""
+
+
+class KnownCloseCall(NamedTuple):
+    """All windows together."""
+
+    squares: Any
+    projected: Any
+    determinant: float
+    """Log determinant of the covariance of all residuals, and samples log 2 pi."""
+    value: Any
+    """[1] filled: the log likelihood."""
+
+
+@kernel
+def opens_known(call):
+    """Whitened residuals, and what heat explains of them."""
+    valid, observed, simulated = call.valid, call.observed, call.simulated
+    decay, gain, root, explaining, white = call.decay, call.gain, call.root, call.explaining, call.white
+    squares, projected = call.squares, call.projected
+    channels, samples = valid.shape
+    if call.first == 1:
+        squares[0] = 0.0
+        for j in range(projected.shape[0]):
+            projected[j] = 0.0
+    for k in range(channels):
+        state = 0.0
+        for t in range(samples):
+            white[k, t] = 0.0
+            if valid[k, t]:
+                expected = decay[k, t] * state
+                new = observed[t, k] - simulated[t, k] - expected
+                state = expected + gain[k, t] * new
+                white[k, t] = root[k, t] * new
+                squares[0] += white[k, t] * white[k, t]
+        add_products(explaining[k], 0, samples, white[k], projected)
+    return 0
+
+
+@kernel
+def close_known(call):
+    """The log likelihood."""
+    total = call.squares[0] + call.determinant
+    for j in range(call.projected.shape[0]):
+        total -= call.projected[j] * call.projected[j]
+    call.value[0] = -0.5 * total
+    return 0
+
+
+@kernel
+def returns_known(call):
+    """Derivatives by what is simulated."""
+    valid, decay, gain, root = call.valid, call.decay, call.gain, call.root
+    explaining, white, projected = call.explaining, call.white, call.projected
+    simulated_bar, numbers_bar = call.simulated_bar, call.numbers_bar
+    channels, count = valid.shape
+    for k in range(channels):
+        for j in range(numbers_bar.shape[1]):
+            numbers_bar[k, j] = 0.0
+        state_bar = 0.0
+        for back in range(count):
+            t = count - 1 - back
+            simulated_bar[t, k] = 0.0
+            if valid[k, t]:
+                left = white[k, t] - _explained(explaining, projected, k, t)
+                new_bar = root[k, t] * left + gain[k, t] * state_bar
+                simulated_bar[t, k] = new_bar
+                state_bar = decay[k, t] * (state_bar - new_bar)
+    return 0

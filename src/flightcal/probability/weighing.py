@@ -1,0 +1,281 @@
+"""The likelihood of windows with unmodelled heat, whose weights are integrated out; see `kernels.heat`."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import TYPE_CHECKING
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.linalg import solve_triangular
+from scipy.linalg.lapack import dtrtri
+
+from ..compiled import Row
+from ..simulator import FloatArray, IntArray
+from .heat import Sizes
+from .kernels.heat import (
+    HeatCloseCall,
+    HeatWindowCall,
+    KnownCloseCall,
+    KnownWindowCall,
+    close,
+    close_known,
+    opens,
+    opens_known,
+    returns,
+    returns_known,
+)
+from .noise.kind import NoiseCall, NoiseKind, ShapesCall
+
+if TYPE_CHECKING:
+    from .likelihood import Residuals, WindowMemory
+
+_LOG_2_PI = math.log(2.0 * math.pi)
+
+
+@dataclass(frozen=True)
+class Filter:
+    """What whitens a channel's noise of deviation one, [N, T] each; see `kernels.heat`."""
+
+    decay: FloatArray
+    gain: FloatArray
+    root: FloatArray
+    determinant: FloatArray
+    """[N] log determinants."""
+
+    def whiten(self, columns: FloatArray, valid: NDArray[np.bool_]) -> FloatArray:
+        """Columns [N, T, c] whitened; zero where there is no sample."""
+        white = np.zeros(columns.shape)
+        for k in range(len(columns)):
+            state = np.zeros(columns.shape[2])
+            for t in np.flatnonzero(valid[k]):
+                expected = self.decay[k, t] * state
+                new = columns[k, t] - expected
+                state = expected + self.gain[k, t] * new
+                white[k, t] = self.root[k, t] * new
+        return white
+
+
+def filter_of(terms: Residuals) -> Filter:
+    """Of a window's noise, whose kinds are normal and have one number, their deviation."""
+    channels, samples = terms.valid.shape
+    decay, gain, root = np.zeros((3, channels, samples))
+    determinant = np.zeros(channels)
+    unit = np.ones(1)
+    for k, kind in enumerate(terms.kinds):
+        white = kind.white_variance(unit)
+        known, before = 0.0, -1
+        for t in np.flatnonzero(terms.valid[k]).tolist():
+            process = float(kind.covariance(unit, np.zeros(1))[0])
+            variance = process
+            if before >= 0 and kind.has_memory:
+                gap = terms.seconds[t] - terms.seconds[before]
+                decay[k, t] = float(kind.covariance(unit, np.array([gap]))[0]) / process
+                variance = decay[k, t] ** 2 * known + process * (1.0 - decay[k, t] ** 2)
+            total = variance + white
+            gain[k, t], root[k, t] = variance / total, total**-0.5
+            determinant[k] += np.log(total)
+            known, before = variance * white / total, t
+    return Filter(decay, gain, root, determinant)
+
+
+@dataclass(frozen=True)
+class Weighed:
+    """What windows tell of the weights through their noise, but for its deviations."""
+
+    filters: tuple[Filter, ...]
+    white: tuple[FloatArray, ...]
+    """[N, T, m] whitened responses."""
+    products: FloatArray
+    """[P, m, m] of each part, a channel of a window, with itself."""
+    samples: FloatArray
+    """[P]"""
+    determinant: FloatArray
+    """[P]"""
+
+
+def weigh(residuals: Sequence[Residuals]) -> Weighed:
+    """Of windows with heat."""
+    filters = tuple(filter_of(own) for own in residuals)
+    white, products = [], []
+    for own, whitens in zip(residuals, filters, strict=True):
+        assert own.heat is not None
+        response = whitens.whiten(np.moveaxis(own.heat.response, 1, 0), own.valid)
+        white.append(np.ascontiguousarray(response))
+        products.append(np.ascontiguousarray(np.einsum("kti,ktj->kij", response, response, optimize=True)))
+    samples = np.concatenate([own.valid.sum(axis=1) for own in residuals]).astype(float)
+    determinant = np.concatenate([whitens.determinant for whitens in filters])
+    return Weighed(filters, tuple(white), np.concatenate(products), samples, determinant)
+
+
+def heat_rows(
+    residuals: Sequence[Residuals], memories: Sequence[WindowMemory]
+) -> tuple[tuple[list[Row], ...], list[Row], tuple[list[Row], ...]]:
+    """Rows that open each window, that close, and that return to each window; as of `likelihood_calls`.
+
+    All windows share the weights; the first memory has their scales, and the value.
+    """
+    heat, known = residuals[0].heat, weigh(residuals)
+    assert heat is not None
+    if heat.sizes is not None:
+        return _known_rows(residuals, memories, known, heat.sizes)
+    parts, m = known.products.shape[:2]
+    squares, precision, trace = np.zeros((3, parts))
+    projected, mean, none = np.zeros((parts, m)), np.zeros(m), np.zeros((0, 0))
+    forward, backward, first = [], [], 0
+    for own, memory, whitens, response in zip(residuals, memories, known.filters, known.white, strict=True):
+        call = HeatWindowCall(
+            own.valid, memory.observed, memory.simulated, memory.numbers, whitens.decay, whitens.gain, whitens.root,
+            response, first, np.zeros(own.valid.shape), squares, precision, projected, mean, trace,
+            memory.simulated_bar, memory.numbers_bar, known.samples,
+        )  # fmt: skip
+        first += len(own.valid)
+        memory.value[0], memory.scales_bar[:] = 0.0, 0.0
+        forward.append([opens.row(call)])
+        backward.append([returns.row(call)])
+    memory = memories[0]
+    closing: Row = close.row(
+        HeatCloseCall(  # type: ignore[call-arg]
+            squares, precision, projected, known.samples, known.determinant, known.products, heat.group,
+            memory.scales, *np.zeros((2, m)), *np.zeros((3, m, m)), *np.zeros((2, m)), mean, np.zeros((m, m)), trace,
+            memory.scales_bar, none, memory.value,
+        )
+    )  # fmt: skip
+    return tuple(forward), [closing], tuple(backward)
+
+
+def _known_rows(
+    residuals: Sequence[Residuals], memories: Sequence[WindowMemory], known: Weighed, sizes: Sizes
+) -> tuple[tuple[list[Row], ...], list[Row], tuple[list[Row], ...]]:
+    """`heat_rows` where the sizes of noise and heat are known."""
+    roots, precision = sizes.roots, np.tile(sizes.deviations, len(residuals)) ** -2.0
+    lower = np.linalg.cholesky(np.eye(len(roots)) + roots[:, None] * np.tensordot(precision, known.products, 1) * roots)
+    determinant = 2.0 * float(np.log(np.diag(lower)).sum()) + float(known.determinant.sum())
+    determinant += float(known.samples @ (_LOG_2_PI - np.log(precision)))
+    squares, projected = np.zeros(1), np.zeros(len(roots))
+    forward, backward = [], []
+    for place, (own, memory, whitens, response) in enumerate(
+        zip(residuals, memories, known.filters, known.white, strict=True)
+    ):
+        scaled = response / sizes.deviations[:, None, None] * roots
+        explaining = solve_triangular(lower, scaled.reshape(-1, len(roots)).T, lower=True).T.reshape(scaled.shape)
+        call = KnownWindowCall(
+            own.valid, memory.observed, memory.simulated, whitens.decay, whitens.gain,
+            whitens.root / sizes.deviations[:, None], np.ascontiguousarray(explaining), int(place == 0),
+            np.zeros(own.valid.shape), squares, projected, memory.simulated_bar, memory.numbers_bar,
+        )  # fmt: skip
+        memory.value[0] = 0.0
+        forward.append([opens_known.row(call)])
+        backward.append([returns_known.row(call)])
+    closing: Row = close_known.row(KnownCloseCall(squares, projected, determinant, memories[0].value))
+    return tuple(forward), [closing], tuple(backward)
+
+
+class Gains:
+    """What S draws make of residuals: weights of heat, each draw with its sizes of noise and heat."""
+
+    factors: list[tuple[IntArray, FloatArray]]
+    """Draws that have the same sizes, and F, whose F F^T is the covariance of their weights [m, m]."""
+
+    def __init__(
+        self, residuals: Sequence[Residuals], known: Weighed, deviations: FloatArray, roots: FloatArray
+    ) -> None:
+        """deviations: [S, P] of the noise of each part; roots: [S, m] prior deviations of the weights."""
+        self._residuals, self._known, self._deviations = residuals, known, deviations
+        sizes = np.concatenate([deviations, roots], axis=1)
+        _, place, which = np.unique(sizes, axis=0, return_index=True, return_inverse=True)
+        self.factors = []
+        for k, one in enumerate(place):
+            gram, own = np.tensordot(deviations[one] ** -2.0, known.products, 1), roots[one]
+            lower = np.linalg.cholesky(np.eye(len(own)) + own[:, None] * gram * own)
+            inverse = dtrtri(lower, lower=1)[0]
+            self.factors.append((np.flatnonzero(which.ravel() == k), own[:, None] * inverse.T))
+
+    def __call__(self, left: Sequence[FloatArray]) -> FloatArray:
+        """Weights [S, m] expected with residuals [S, T, N] of each window, K."""
+        moment, first = np.zeros((len(self._deviations), self._known.products.shape[1])), 0
+        known = zip(self._residuals, self._known.filters, self._known.white, left, strict=True)
+        for own, whitens, response, residual in known:
+            white = whitens.whiten(np.where(own.valid[..., None], residual.transpose(2, 1, 0), 0.0), own.valid)
+            precision = self._deviations[:, first : first + len(white)] ** -2.0
+            moment += np.einsum("sk,ktm,kts->sm", precision, response, white, optimize=True)
+            first += len(white)
+        for which, factor in self.factors:
+            moment[which] = moment[which] @ factor @ factor.T
+        return moment
+
+    def draw(self, left: Sequence[FloatArray], rng: np.random.Generator) -> FloatArray:
+        """Weights [S, m] drawn, likewise."""
+        drawn = self(left)
+        for which, factor in self.factors:
+            drawn[which] += rng.standard_normal((len(which), factor.shape[1])) @ factor.T
+        return drawn
+
+
+class Evidence:
+    """The log likelihood of windows with what is linear integrated out, by the numbers of their noise and its scales.
+
+    r columns stand in each window's residuals, with weights that all windows share.
+    """
+
+    def __init__(self, residuals: Sequence[Residuals], columns: Sequence[FloatArray], numbers: int) -> None:
+        """columns: [T, N, r] of each window; numbers: how many each channel has."""
+        self._parts: list[tuple[int, int, ShapesCall, NoiseKind]] = []
+        r = columns[0].shape[2]
+        self.numbers, self._own = np.zeros((len(residuals[0].kinds), numbers)), list(residuals)
+        self._root, self._mean, self._inverse = np.zeros(r), np.zeros(r), np.zeros((r, r))
+        for w, (own, basis) in enumerate(zip(residuals, columns, strict=True)):
+            for k, kind in enumerate(own.kinds):
+                seen = np.ascontiguousarray(np.where(own.valid[k][:, None], basis[:, k], 0.0))
+                samples = len(seen)
+                noise = NoiseCall(
+                    own.seconds, own.valid[k], np.zeros(samples), self.numbers[k], np.zeros(samples),
+                    np.zeros(numbers), np.zeros(1), np.empty((3, samples)), np.empty((4, samples, r + 1)),
+                )  # fmt: skip
+                gram = np.einsum("ti,tj->ij", seen, seen) if kind.projects else np.zeros((r, r))
+                call = ShapesCall(
+                    noise, seen, np.ascontiguousarray(seen.T), np.zeros(r), gram, np.zeros(1), np.zeros(r),
+                    np.zeros(3), self._mean, self._root, self._inverse, np.zeros(1), np.zeros(r + 1), np.zeros((r, r)),
+                )  # fmt: skip
+                self._parts.append((w, k, call, kind))
+        self._rows = [(kind.opens.row(call), kind.returns.row(call)) for _, _, call, kind in self._parts]  # type: ignore[union-attr]
+
+    def __call__(
+        self, left: Sequence[FloatArray], numbers: FloatArray, roots: FloatArray
+    ) -> tuple[float, FloatArray, FloatArray]:
+        """The value, and its derivatives by the numbers [N, n] and by the prior deviations [r] of the weights.
+
+        left: residuals [T, N] of each window, K.
+        """
+        self.numbers[:] = numbers
+        r = len(roots)
+        gram, moment, known = np.zeros((r, r)), np.zeros(r), np.zeros(3)
+        for (w, k, call, kind), (opens_part, _) in zip(self._parts, self._rows, strict=True):
+            noise = call.noise
+            noise.residual[:] = np.where(noise.valid, left[w][:, k], 0.0)
+            noise.numbers_bar[:] = 0.0
+            if kind.projects:
+                call.projected[:] = call.transposed @ noise.residual
+            opens_part()
+            gram += call.scale[0] * np.triu(call.gram)
+            moment += call.scale[0] * call.moment
+            known += call.known
+        gram = np.triu(gram) + np.triu(gram, 1).T
+        inner = np.eye(r) + roots[:, None] * gram * roots
+        inverse = np.linalg.inv(np.linalg.cholesky(inner))
+        half = inverse @ (roots * moment)
+        weights = inverse.T @ half
+        determinant = -2.0 * np.log(np.diag(inverse)).sum()
+        value = -0.5 * (known[0] + known[1] + determinant - half @ half) - 0.5 * known[2] * _LOG_2_PI
+        shrunk = (inverse**2).sum(axis=0)
+        self._root[:], self._mean[:], self._inverse[:] = roots, roots * weights, inverse
+        covariance = roots[:, None] * (inverse.T @ inverse) * roots
+        numbers_bar = np.zeros(numbers.shape)
+        for (_, k, call, kind), (_, returns_part) in zip(self._parts, self._rows, strict=True):
+            if kind.projects:
+                call.untold[0] = call.known[2] - call.scale[0] * float((call.gram * covariance).sum())
+            returns_part()
+            numbers_bar[k] += call.noise.numbers_bar
+        return float(value), numbers_bar, (weights**2 - 1.0 + shrunk) / roots

@@ -1,0 +1,414 @@
+"""Weights of heat integrated out, against dense normal distributions of all samples of all windows."""
+
+from dataclasses import dataclass, field, replace
+
+import numpy as np
+import pytest
+from scipy import stats
+from scipy.linalg import block_diag
+
+from flightcal.compiled import Program
+from flightcal.probability import (
+    Evidence,
+    Gains,
+    Shaped,
+    Sizes,
+    WindowHeat,
+    filter_of,
+    likelihood_calls,
+    weigh,
+    window_memory,
+)
+from flightcal.probability.discrepancy import MaternPrior
+from flightcal.probability.likelihood import Residuals
+from flightcal.probability.shapes import Shapes
+
+from .residual_cases import CORRELATED, INDEPENDENT
+
+KINDS = {
+    "correlated and white": (Shaped(500.0, 0.4), Shaped(0.0, 1.0)),
+    "correlated alone": (Shaped(900.0, 0.0), Shaped(200.0, 1.5)),
+    "white": (Shaped(0.0, 1.0), Shaped(0.0, 1.0)),
+}
+COUNTS = (35, 28)
+WEIGHTS = 7
+GROUP = np.array([0, 0, 0, 1, 1, 2, 2])
+SCALES = np.array([0.8, 1.7, 1.0])
+"""The last of what has a fixed one."""
+DEVIATIONS = np.array([0.3, 0.5])
+STEP = 1e-5
+
+
+def no_shapes(samples):
+    prior = MaternPrior(0, np.empty(0), np.array([1.5, 2.5]))
+    return Shapes(np.zeros(2, bool), np.empty((samples, 0)), 0, prior)
+
+
+def noise_covariance(kind, numbers, seconds):
+    """By the definition of each kind."""
+    if kind == INDEPENDENT:
+        return numbers[0] ** 2 * np.eye(len(seconds))
+    apart = np.abs(seconds[:, None] - seconds)
+    if kind == CORRELATED:
+        deviation, white, time = numbers[:3]
+    else:
+        deviation, white, time = numbers[0], kind.white_share * numbers[0], kind.time
+        if time == 0.0:
+            return deviation**2 * np.eye(len(seconds))
+    return deviation**2 * np.exp(-apart / time) + white**2 * np.eye(len(seconds))
+
+
+@dataclass
+class Windows:
+    """Of two channels with gaps at uneven times, whose heat has the same weights."""
+
+    kinds: tuple
+    residuals: list = field(default_factory=list)
+    observed: list = field(default_factory=list)
+    simulated: list = field(default_factory=list)
+
+    def __post_init__(self):
+        rng = np.random.default_rng(4)
+        for count in COUNTS:
+            seconds = np.cumsum(rng.uniform(30.0, 300.0, count))
+            seconds[count // 2 :] += 4000.0
+            observed, simulated = rng.normal(size=(count, 2)), 0.3 * rng.normal(size=(count, 2))
+            observed[[0, 4, 5], 0] = np.nan
+            observed[[-1, 11], 1] = np.nan
+            response = 0.4 * np.cumsum(rng.normal(size=(count, 2, WEIGHTS)), axis=0) / np.sqrt(count)
+            heat = WindowHeat(response, GROUP, ("heat.a", "heat.b", ""), np.zeros((count, 2)))
+            valid = np.isfinite(observed).T.copy()
+            self.residuals.append(Residuals(seconds, valid, self.kinds, no_shapes(count), heat))
+            self.observed.append(observed)
+            self.simulated.append(simulated)
+
+    def parts(self):
+        """Places of windows and channels, in order."""
+        return [(w, k) for w in range(len(COUNTS)) for k in range(2)]
+
+    def stacked(self, arrays):
+        """[T, N, ...] of the windows at valid samples, part by part."""
+        return np.concatenate([arrays[w][self.residuals[w].valid[k], k] for w, k in self.parts()])
+
+    def noise(self, numbers):
+        """Covariance [., .] of the noise of all, with numbers [N, n]."""
+        of_parts = []
+        for w, k in self.parts():
+            own = self.residuals[w]
+            of_parts.append(noise_covariance(own.kinds[k], numbers[k], own.seconds[own.valid[k]]))
+        return block_diag(*of_parts)
+
+    def response(self):
+        return self.stacked([own.heat.response for own in self.residuals])
+
+    def dense(self, numbers, roots):
+        """The log likelihood."""
+        left = self.stacked([o - s for o, s in zip(self.observed, self.simulated, strict=True)])
+        response = self.response() * roots
+        return stats.multivariate_normal.logpdf(left, cov=self.noise(numbers) + response @ response.T)
+
+    def posterior(self, left, numbers, roots):
+        """Mean and covariance of the weights given residuals [.]."""
+        wide = self.response() * roots**2
+        gain = np.linalg.solve(self.noise(numbers) + wide @ self.response().T, wide).T
+        return gain @ left, np.diag(roots**2) - gain @ wide
+
+
+@dataclass
+class Rows:
+    """The likelihood's rows, and the memory that they read and fill."""
+
+    windows: Windows
+    sizes: Sizes | None = None
+
+    def __post_init__(self):
+        self.numbers = np.zeros((2, 3))
+        self.numbers[:, 0] = DEVIATIONS
+        self.scales = SCALES.copy()
+        heats = [replace(own.heat, sizes=self.sizes) for own in self.windows.residuals]
+        residuals = [replace(own, heat=heat) for own, heat in zip(self.windows.residuals, heats, strict=True)]
+        self.memories = [
+            window_memory(observed, simulated.copy(), self.numbers, None, self.scales)
+            for observed, simulated in zip(self.windows.observed, self.windows.simulated, strict=True)
+        ]
+        self.calls = likelihood_calls(residuals, self.memories)
+        self.program = Program(self.calls.rows)
+
+    def run(self):
+        assert self.program.run() == 0
+        return sum(float(memory.value[0]) for memory in self.memories)
+
+    def slope(self, array, place):
+        """By differences: of the log likelihood by one of the numbers that it reads."""
+        sides = []
+        for sign in (1.0, -1.0):
+            array[place] += sign * STEP
+            sides.append(self.run())
+            array[place] -= sign * STEP
+        return (sides[0] - sides[1]) / (2.0 * STEP)
+
+
+@pytest.fixture(params=KINDS)
+def windows(request):
+    return Windows(KINDS[request.param])
+
+
+@pytest.fixture
+def rows(windows):
+    return Rows(windows)
+
+
+@pytest.fixture
+def known(windows):
+    return Rows(windows, Sizes(DEVIATIONS, SCALES[GROUP]))
+
+
+# --- what whitens -----------------------------------------------------------------------------------------------
+
+
+def test_what_the_filter_whitens_is_white(windows):
+    for own in windows.residuals:
+        whitens = filter_of(own)
+        for k, kind in enumerate(own.kinds):
+            valid = own.valid[k]
+            unit = np.tile(np.diag(valid.astype(float)), (2, 1, 1))
+            white = whitens.whiten(unit, own.valid)[k]
+            assert not white[~valid].any()
+            lower = white[np.ix_(valid, valid)]
+            covariance = noise_covariance(kind, np.ones(1), own.seconds[valid])
+            np.testing.assert_allclose(lower @ covariance @ lower.T, np.eye(valid.sum()), atol=1e-10)
+            assert whitens.determinant[k] == pytest.approx(np.linalg.slogdet(covariance)[1], abs=1e-9)
+
+
+def test_what_stands_where_there_is_no_sample_is_of_no_matter(windows):
+    own = windows.residuals[0]
+    columns = np.random.default_rng(0).normal(size=(*own.valid.shape, 3))
+    other = np.where(own.valid[..., None], columns, 1e9)
+    whitens = filter_of(own)
+    np.testing.assert_array_equal(whitens.whiten(columns, own.valid), whitens.whiten(other, own.valid))
+
+
+def test_a_channel_without_samples_tells_nothing(windows):
+    own = replace(windows.residuals[0], valid=np.zeros_like(windows.residuals[0].valid))
+    found = weigh([own])
+    assert not found.samples.any()
+    assert not found.determinant.any()
+    assert not found.products.any()
+
+
+# --- the likelihood -----------------------------------------------------------------------------------------------
+
+
+def test_the_log_likelihood_is_that_of_all_samples_together(windows, rows, known):
+    expected = windows.dense(DEVIATIONS[:, None], SCALES[GROUP])
+    assert rows.run() == pytest.approx(expected, rel=1e-9)
+    assert known.run() == pytest.approx(expected, rel=1e-9)
+
+
+def test_the_log_likelihood_is_that_at_other_sizes_too(windows, rows):
+    rows.numbers[:, 0] *= (1.7, 0.6)
+    rows.scales[:2] *= (0.2, 3.0)
+    assert rows.run() == pytest.approx(windows.dense(rows.numbers, rows.scales[GROUP]), rel=1e-9)
+
+
+def test_without_heat_it_is_that_of_the_noise(windows, rows):
+    rows.scales[:] = 1e-9
+    assert rows.run() == pytest.approx(windows.dense(DEVIATIONS[:, None], np.zeros(WEIGHTS)), rel=1e-9)
+
+
+@pytest.mark.parametrize("sizes", [None, Sizes(DEVIATIONS, SCALES[GROUP])], ids=["inferred", "known"])
+def test_derivatives_by_the_simulated_are_those_of_differences(windows, sizes):
+    found = Rows(windows, sizes)
+    found.run()
+    bars = [memory.simulated_bar.copy() for memory in found.memories]
+    for memory, bar, own in zip(found.memories, bars, found.windows.residuals, strict=True):
+        assert (bar[~own.valid.T] == 0.0).all()
+        for place in list(np.ndindex(bar.shape))[::5]:
+            assert bar[place] == pytest.approx(found.slope(memory.simulated, place), rel=1e-6, abs=1e-6), place
+
+
+def test_derivatives_are_the_same_where_the_sizes_are_known(rows, known):
+    rows.run()
+    known.run()
+    for one, other in zip(rows.memories, known.memories, strict=True):
+        np.testing.assert_allclose(one.simulated_bar, other.simulated_bar, rtol=1e-9, atol=1e-9)
+        assert not other.numbers_bar.any()
+        assert not other.scales_bar.any()
+
+
+def test_derivatives_by_the_numbers_are_those_of_differences(rows):
+    rows.run()
+    bar = sum(memory.numbers_bar for memory in rows.memories)
+    assert not bar[:, 1:].any()
+    for k in range(2):
+        assert bar[k, 0] == pytest.approx(rows.slope(rows.numbers, (k, 0)), rel=1e-6)
+
+
+def test_derivatives_by_the_scales_are_those_of_differences(rows):
+    rows.run()
+    bar = sum(memory.scales_bar for memory in rows.memories)
+    for g in range(len(SCALES)):
+        assert bar[g] == pytest.approx(rows.slope(rows.scales, g), rel=1e-6, abs=1e-6)
+
+
+def test_a_second_run_gives_the_same(rows, known):
+    for found in (rows, known):
+        first, bar = found.run(), found.memories[1].simulated_bar.copy()
+        assert found.run() == first
+        np.testing.assert_array_equal(found.memories[1].simulated_bar, bar)
+
+
+def test_where_heat_can_do_nothing_the_prior_of_its_scale_stays(windows):
+    for own in windows.residuals:
+        own.heat.response[..., GROUP == 1] = 0.0
+    rows = Rows(windows)
+    rows.run()
+    assert rows.memories[0].scales_bar[1] == pytest.approx(0.0, abs=1e-9)
+
+
+# --- weights ------------------------------------------------------------------------------------------------------
+
+
+def draws_of(windows, count):
+    """Residuals [S, T, N] of each window, deviations [S, P] and roots [S, m], which differ from draw to draw."""
+    rng = np.random.default_rng(7)
+    left = [rng.normal(size=(count, *own.shape)) for own in windows.observed]
+    deviations = np.tile(DEVIATIONS * rng.uniform(0.5, 2.0, (count, 2)), 2)
+    return left, deviations, SCALES[GROUP] * rng.uniform(0.5, 2.0, (count, 1))
+
+
+def test_expected_weights_are_those_of_the_dense_conditional_normal(windows):
+    left, deviations, roots = draws_of(windows, 4)
+    gains = Gains(windows.residuals, weigh(windows.residuals), deviations, roots)
+    found = gains(left)
+    assert sorted(np.concatenate([which for which, _ in gains.factors])) == [0, 1, 2, 3]
+    for which, factor in gains.factors:
+        (s,) = which
+        own = windows.stacked([of_window[s] for of_window in left])
+        mean, covariance = windows.posterior(own, deviations[s, :2, None], roots[s])
+        np.testing.assert_allclose(found[s], mean, atol=1e-9)
+        np.testing.assert_allclose(factor @ factor.T, covariance, atol=1e-9)
+
+
+def test_draws_of_the_same_sizes_share_a_factor(windows):
+    left, deviations, roots = draws_of(windows, 6)
+    which = np.array([0, 1, 0, 2, 1, 0])
+    gains = Gains(windows.residuals, weigh(windows.residuals), deviations[which], roots[which])
+    alone = Gains(windows.residuals, weigh(windows.residuals), deviations[:3], roots[:3])
+    assert len(gains.factors) == 3
+    np.testing.assert_allclose(gains(left)[3], alone([own[[5, 5, 3]] for own in left])[2], atol=1e-12)
+
+
+def test_draws_of_weights_have_the_conditional_mean_and_covariance(windows):
+    count = 20_000
+    rng = np.random.default_rng(1)
+    left = [np.tile(rng.normal(size=own.shape), (count, 1, 1)) for own in windows.observed]
+    deviations, roots = np.tile(DEVIATIONS, (count, 2)), np.tile(SCALES[GROUP], (count, 1))
+    drawn = Gains(windows.residuals, weigh(windows.residuals), deviations, roots).draw(left, rng)
+    mean, covariance = windows.posterior(windows.stacked([own[0] for own in left]), DEVIATIONS[:, None], roots[0])
+    # In independent coordinates means are N(0, 1 / count), variances N(1, 2 / count), the others N(0, 1 / count).
+    standard = np.linalg.solve(np.linalg.cholesky(covariance), (drawn - mean).T)
+    limit = 4.5 / np.sqrt(count)
+    assert np.abs(standard.mean(axis=1)).max() < limit
+    assert np.abs(standard @ standard.T / count - np.eye(WEIGHTS)).max() < np.sqrt(2.0) * limit
+
+
+# --- the evidence -------------------------------------------------------------------------------------------------
+
+NUMBERS = np.array([[0.3, 0.15, 400.0], [0.5, 0.0, 0.0]])
+PLACES = [(0, 0), (0, 1), (0, 2), (1, 0)]
+"""Of the numbers that matter."""
+
+
+@dataclass
+class Evident:
+    """Correlated noise on one channel, independent noise on the other."""
+
+    def __post_init__(self):
+        self.windows = Windows((CORRELATED, INDEPENDENT))
+        columns = [own.heat.response for own in self.windows.residuals]
+        bare = [replace(own, heat=None) for own in self.windows.residuals]
+        self.evidence = Evidence(bare, columns, NUMBERS.shape[1])
+        self.left = [
+            np.where(np.isfinite(o), o - s, 0.0)
+            for o, s in zip(self.windows.observed, self.windows.simulated, strict=True)
+        ]
+        self.roots = SCALES[GROUP] * np.linspace(0.5, 1.5, WEIGHTS)
+
+    def __call__(self, numbers=NUMBERS, roots=None):
+        return self.evidence(self.left, numbers, self.roots if roots is None else roots)
+
+
+@pytest.fixture(scope="module")
+def evident():
+    return Evident()
+
+
+def test_the_evidence_is_that_of_all_samples_together(evident):
+    assert evident()[0] == pytest.approx(evident.windows.dense(NUMBERS, evident.roots), rel=1e-9)
+    other = NUMBERS * (1.6, 0.5, 3.0)
+    assert evident(other)[0] == pytest.approx(evident.windows.dense(other, evident.roots), rel=1e-9)
+    assert evident()[0] == pytest.approx(evident.windows.dense(NUMBERS, evident.roots), rel=1e-9)
+
+
+@pytest.mark.parametrize("place", PLACES)
+def test_derivatives_of_the_evidence_by_the_numbers_are_those_of_differences(evident, place):
+    bar = evident()[1]
+    step = 1e-5 * NUMBERS[place]
+    sides = []
+    for sign in (1.0, -1.0):
+        moved = NUMBERS.copy()
+        moved[place] += sign * step
+        sides.append(evident(moved)[0])
+    assert bar[place] == pytest.approx((sides[0] - sides[1]) / (2.0 * step), rel=1e-6)
+
+
+def test_derivatives_of_the_evidence_by_the_weights_deviations_are_those_of_differences(evident):
+    bar = evident()[2]
+    for j in range(WEIGHTS):
+        step = STEP * np.eye(WEIGHTS)[j]
+        sides = [evident(roots=evident.roots + sign * step)[0] for sign in (1.0, -1.0)]
+        assert bar[j] == pytest.approx((sides[0] - sides[1]) / (2.0 * STEP), rel=1e-6, abs=1e-7)
+
+
+def test_the_evidence_is_the_likelihood_where_the_noises_shape_is_the_same(windows, rows):
+    kinds = tuple(CORRELATED if kind.has_memory else INDEPENDENT for kind in windows.kinds)
+    numbers = np.zeros((2, 3))
+    for k, kind in enumerate(windows.kinds):
+        numbers[k] = DEVIATIONS[k], kind.white_share * DEVIATIONS[k], kind.time
+    bare = [replace(own, heat=None, kinds=kinds) for own in windows.residuals]
+    evidence = Evidence(bare, [own.heat.response for own in windows.residuals], 3)
+    left = [np.nan_to_num(o - s) for o, s in zip(windows.observed, windows.simulated, strict=True)]
+    value, _, roots_bar = evidence(left, numbers, SCALES[GROUP])
+    assert value == pytest.approx(rows.run(), rel=1e-9)
+    np.testing.assert_allclose(np.bincount(GROUP, roots_bar), rows.memories[0].scales_bar, rtol=1e-8, atol=1e-9)
+
+
+# --- noise of known shape -----------------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize("shaped", [Shaped(500.0, 0.4), Shaped(500.0, 0.0)])
+def test_noise_of_known_shape_is_the_correlated_noise_of_that_shape(shaped):
+    deviation, seconds = 0.3, np.cumsum(np.random.default_rng(0).uniform(10.0, 400.0, 50))
+    own, full = np.array([deviation]), np.array([deviation, shaped.white_share * deviation, shaped.time])
+    apart = np.linspace(-2000.0, 2000.0, 9)
+    np.testing.assert_allclose(shaped.covariance(own, apart), CORRELATED.covariance(full, apart), rtol=1e-12)
+    assert shaped.white_variance(own) == pytest.approx(CORRELATED.white_variance(full), rel=1e-12)
+    assert shaped.deviation(own) == pytest.approx(CORRELATED.deviation(full), rel=1e-12)
+    residual = np.random.default_rng(1).normal(size=50)
+    found, expected = (
+        kind.innovations(residual, seconds, numbers, np.random.default_rng(0))
+        for kind, numbers in ((shaped, own), (CORRELATED, full))
+    )
+    np.testing.assert_allclose(found, expected, rtol=1e-12)
+
+
+@pytest.mark.parametrize("shaped", [Shaped(500.0, 0.4), Shaped(0.0, 1.0)])
+def test_draws_of_noise_of_known_shape_have_its_covariance(shaped):
+    count, seconds, numbers = 4000, np.array([0.0, 100.0, 700.0, 2000.0]), np.array([0.3])
+    rng = np.random.default_rng(0)
+    drawn = np.stack([sum(shaped.draw(numbers, seconds, rng)) for _ in range(count)])
+    expected = noise_covariance(shaped, numbers, seconds)
+    standard = np.linalg.solve(np.linalg.cholesky(expected), drawn.T)
+    assert np.abs(standard @ standard.T / count - np.eye(4)).max() < 4.5 * np.sqrt(2.0 / count)
+    assert shaped.deviation(numbers) == pytest.approx(np.sqrt(expected[0, 0]), rel=1e-12)
