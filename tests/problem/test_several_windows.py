@@ -352,7 +352,7 @@ def test_the_posterior_tree_holds_the_values_of_drifting_parameters_by_window(jo
     z = points(joint, 6).reshape(2, 3, -1)
     theta = joint.to_theta(z)
     sampled = SimpleNamespace(z=z, statistics={}, interrupted=False)
-    tree = posterior_tree(joint, Posterior(joint.names, theta, sampled, (), None), seed=1)
+    tree = posterior_tree(joint, Posterior(joint.names, theta, sampled, (), None, joint), seed=1)
     if "drift.link" not in joint.names:
         assert "windows" not in tree.children
         return

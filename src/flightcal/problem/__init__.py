@@ -6,6 +6,23 @@ Imports: compiled, environment, errors, external, probability, reduction, scenar
 from .build import build_problem, build_window, initial_priors, problem_of
 from .coordinates import Whitening, whitening
 from .entries import Entry
+from .heat import at_sizes, dressed, exact_heat, rehearsal, sampled_windows, with_heat
+from .heat_model import (
+    Gain,
+    Group,
+    HeatModel,
+    Held,
+    Units,
+    heat_model,
+    heat_of_weights,
+    held_by,
+    hold,
+    knots_of,
+    patterns_of,
+    responses,
+    split,
+    unit_heats,
+)
 from .native import STOPPED, NativeDensity
 from .problem import Problem, Runs
 from .simulators import build_simulator
@@ -15,17 +32,37 @@ from .window import Window
 __all__ = [
     "STOPPED",
     "Entry",
+    "Gain",
+    "Group",
+    "HeatModel",
+    "Held",
     "NativeDensity",
     "Problem",
     "Runs",
+    "Units",
     "Whitening",
     "Window",
+    "at_sizes",
     "build_problem",
     "build_simulator",
     "build_window",
+    "dressed",
+    "exact_heat",
+    "heat_model",
+    "heat_of_weights",
+    "held_by",
+    "hold",
     "initial_priors",
+    "knots_of",
+    "patterns_of",
     "problem_of",
+    "rehearsal",
+    "responses",
+    "sampled_windows",
     "simulate_telemetry",
+    "split",
+    "unit_heats",
     "whitening",
+    "with_heat",
     "with_telemetry",
 ]

@@ -10,13 +10,13 @@ import xarray
 from ..environment import orbital_period
 from ..errors import ScenarioError
 from ..probability import Priors, heater_status, measured_switches, residual_model
-from ..scenario import ExternalModel, Normal, Prior, Scenario, is_trained
+from ..scenario import ExternalModel, Normal, Prior, Scenario, SimulatorModel, is_trained
 from ..simulator import ICE_POINT, FloatArray, open_loop
 from ..telemetry import select_window, window_bounds
 from .entries import entries_of
 from .problem import Problem
 from .simulators import build_simulator
-from .window import Window
+from .window import Switching, Window
 
 _SAMPLES_FOR_START = 3
 _TRIED, _SEED_OF_STEPS = 64, 0
@@ -80,6 +80,9 @@ def build_window(scenario: Scenario, telemetry: xarray.Dataset, name: str, *, sp
     status = heater_status(scenario, chosen, start)
     reads |= {} if status is None else status.priors
     reads |= initial
+    switching = None
+    if isinstance(scenario.simulator, SimulatorModel) and scenario.simulator.heater_input == "measured":
+        switching = _switching(scenario, chosen, start)
     return Window(
         scenario=scenario,
         name=name,
@@ -91,7 +94,26 @@ def build_window(scenario: Scenario, telemetry: xarray.Dataset, name: str, *, sp
         reads=reads,
         heater_status=status,
         measured_switches=measured_switches(scenario, chosen, start),
+        switching=switching,
     )
+
+
+def _switching(scenario: Scenario, telemetry: xarray.Dataset, start: np.datetime64) -> Switching:
+    """When the heaters that are driven by their measured status switched in a window."""
+    found: list[tuple[float, float, float]] = []
+    nodes: list[str] = []
+    for heater in scenario.network.heaters.values():
+        values = telemetry[heater.measured_by or ""].values
+        valid = np.isfinite(values)
+        seconds = (telemetry["time"].values[valid] - start) / np.timedelta64(1, "ns") * 1e-9
+        gaps = np.diff(seconds)
+        usual = float(np.median(gaps)) if len(gaps) else 0.0
+        for k in np.flatnonzero(np.diff(values[valid] > 0.5)):
+            interval = min(float(gaps[k]), usual)
+            found.append((float(seconds[k + 1]) - 0.5 * interval, interval, heater.power))
+            nodes.append(heater.node)
+    times, intervals, powers = np.array(found).reshape(-1, 3).T
+    return Switching(times, intervals, powers, tuple(nodes))
 
 
 def _can_be_opened(scenario: Scenario) -> bool:

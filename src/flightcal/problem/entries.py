@@ -25,7 +25,7 @@ from ..scenario import HalfNormal, Normal, Prior, Scenario, Uniform, support
 from ..simulator import FloatArray, IntArray
 from .window import Window
 
-Kind = Literal["parameter", "noise", "discrepancy", "timing", "error_rate", "initial", "drift"]
+Kind = Literal["parameter", "noise", "discrepancy", "heat", "timing", "error_rate", "initial", "drift"]
 
 
 @dataclass(frozen=True)
@@ -70,6 +70,8 @@ def _entry(scenario: Scenario, name: str, prior: Prior) -> Entry:
     if parameter is not None:
         return Entry(name, parameter.unit, prior, "parameter", parameter.sets, parameter.scales)
     kind, *rest = name.split(".")
+    if kind == "heat":
+        return Entry(name, "" if rest == ["gains"] else "W", prior, "heat")
     in_seconds = kind == "timing" or rest[-1:] == ["correlation_time"] or rest[:2] == ["time", "lengthscale"]
     in_orbits = kind == "discrepancy" and rest[:2] == ["phase", "lengthscale"]
     none = kind == "error_rate" or "degrees_of_freedom" in rest or in_orbits

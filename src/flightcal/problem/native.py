@@ -171,16 +171,17 @@ class _Window:
         calls, fixed = window.network.calls(), window.residuals.fixed
         outputs = calls.outputs
         numbers, numbers_bar = np.zeros((2, len(window.written.values)))
-        of_noise, of_noise_bar = (array[: fixed.size].reshape(fixed.shape) for array in (numbers, numbers_bar))
+        first, last = window.bounds
+        of_noise, of_noise_bar = (array[:first].reshape(fixed.shape) for array in (numbers, numbers_bar))
         made = window_memory(
-            np.ascontiguousarray(window.observed), outputs.temperatures[0], of_noise, window.network.error_variance,
-            simulated_bar=calls.temperatures_bar,
+            np.ascontiguousarray(window.target), outputs.temperatures[0], of_noise, window.network.error_variance,
+            numbers[last:], simulated_bar=calls.temperatures_bar,
         )  # fmt: skip
-        self.memory = made._replace(numbers_bar=of_noise_bar, value=values[:1])
+        self.memory = made._replace(numbers_bar=of_noise_bar, scales_bar=numbers_bar[last:], value=values[:1])
         status = window.heater_status if window.measured_switches is None else None
-        data, settings = status.data if status else NO_STATUS, numbers[fixed.size :]
+        data, settings = status.data if status else NO_STATUS, numbers[first:last]
         work = status_work(data, len(settings), len(calls.switches_bar))
-        work = work._replace(settings=settings, settings_bar=numbers_bar[fixed.size :])
+        work = work._replace(settings=settings, settings_bar=numbers_bar[first:last])
         of_status = StatusCall(
             data, work, outputs.switches, outputs.switch_time, outputs.switch_heater, outputs.switch_on,
             outputs.status[0], calls.switches_bar, values[1:2],

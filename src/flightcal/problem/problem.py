@@ -15,13 +15,28 @@ from functools import cached_property
 import numpy as np
 
 from ..compiled import warm
-from ..probability import Bars, Likelihood, Priors, PriorTerms, information, weights_given
+from ..probability import (
+    DEVIATION,
+    Bars,
+    Gains,
+    Likelihood,
+    Priors,
+    PriorTerms,
+    Weighed,
+    information,
+    weigh,
+    weights_given,
+)
 from ..scenario import Scenario
 from ..simulator import FloatArray, IntArray, SimulationFailure, Trajectory
 from .coordinates import Whitening
 from .entries import Entry, Link, drifting_parameters, link
+from .heat_model import HeatModel
 from .native import NativeDensity, native_density
 from .window import Window
+
+_DIFFERENCE = 1e-4
+"""Of a coordinate."""
 
 Runs = tuple[Trajectory, ...]
 """A simulation of each window."""
@@ -36,6 +51,10 @@ class Problem:
     windows: tuple[Window, ...]
     open_loop: Problem | None = None
     """The same with every heater driven by its measured status, where there is one."""
+    heat: HeatModel | None = None
+    """Unmodelled heat to which the windows respond; None: there is none, or it has not been looked at."""
+    flown: tuple[Window, ...] = ()
+    """With heat: the windows as they are predicted, with thermostats that act; empty: as they are."""
 
     @cached_property
     def priors(self) -> Priors:
@@ -135,6 +154,17 @@ class Problem:
         The discrepancy is one that the residuals show; the noise is new.
         """
         thetas = [self.at(window, theta[None])[0] for window in self.windows]
+        if self.heat is not None:
+            gains = Gains([window.terms for window in self.windows], self.weighed, *self.heat_sizes(theta[None]))
+            drawn = gains.draw(self.heat_left([runs]), rng)[0]
+            return np.concatenate(
+                [
+                    run.temperatures - window.target + window.observed + window.heat.response @ drawn
+                    + window.residuals.draw_noise(window.numbers(inside), rng)
+                    for window, inside, run in zip(self.windows, thetas, runs, strict=True)
+                    if window.heat is not None
+                ]
+            )  # fmt: skip
         weights = self.weights(runs, thetas)
         parts = [
             run.temperatures + window.residuals.draw_given(window.numbers(inside), *of_window, rng)
@@ -227,7 +257,7 @@ class Problem:
         value, bars = self._of_residuals(runs, inside)
         theta_bar = np.zeros(len(self.names))
         for window, own, of_window in zip(self.windows, self.links, bars, strict=True):
-            np.add.at(theta_bar, own.columns, window.by_numbers(of_window.numbers))
+            np.add.at(theta_bar, own.columns, window.by_numbers(of_window.numbers, None, of_window.scales))
         return value, theta_bar
 
     @cached_property
@@ -239,7 +269,7 @@ class Problem:
     def _of_residuals(self, runs: Sequence[Trajectory], thetas: Sequence[FloatArray]) -> tuple[float, list[Bars]]:
         """Log likelihood of the windows' temperatures at their thetas, and its derivatives."""
         given = [
-            (window.observed, run.temperatures, window.numbers(theta), run.error_variance)
+            (window.target, run.temperatures, window.numbers(theta), run.error_variance, window.scales(theta))
             for window, run, theta in zip(self.windows, runs, thetas, strict=True)
         ]
         if not hasattr(self._own, "likelihood"):
@@ -263,12 +293,13 @@ class Problem:
 
         Raises SimulationFailure.
         """
-        prior = self.priors.at(z)
-        inside = [self._jacobian(window, own, z) for window, own in zip(self.windows, self.links, strict=True)]
-        return [
-            np.einsum("tna,ab->tnb", jacobian, own.derivative(z, prior))
-            for jacobian, own in zip(inside, self.links, strict=True)
-        ]
+        return [self.jacobians_of(place, z) for place in range(len(self.windows))]
+
+    def jacobians_of(self, place: int, z: FloatArray) -> FloatArray:
+        """d temperatures / d z of one window, [T, N, d]. Raises SimulationFailure."""
+        own = self.links[place]
+        inside = self._jacobian(self.windows[place], own, z)
+        return np.einsum("tna,ab->tnb", inside, own.derivative(z, self.priors.at(z)))
 
     def _jacobian(self, window: Window, own: Link, z: FloatArray) -> FloatArray:
         """d temperatures / d coordinates of one window, [T, N, q]."""
@@ -281,6 +312,10 @@ class Problem:
         Raises SimulationFailure.
         """
         prior = self.priors.at(z)
+        if self.heat is not None:
+            hessian = self._information_beside_heat(z, prior) + self._curvature_beside_heat(z, prior)
+            hessian[np.diag_indices(len(z))] += self.priors.precision(z)
+            return hessian
         hessian = self._information(z, prior)
         for (window, inside), own in zip(self._inside(z, prior), self.links, strict=True):
             derivative = own.derivative(z, prior)
@@ -300,6 +335,63 @@ class Problem:
             derivatives.append(own.derivative(z, prior))
             variances.append(window.simulate(inside.theta).error_variance)
         return information(terms, jacobians, derivatives, numbers, variances)
+
+    @cached_property
+    def weighed(self) -> Weighed:
+        """What the windows tell of the weights of heat."""
+        return weigh([window.terms for window in self.windows])
+
+    def heat_left(self, runs: Sequence[Runs]) -> list[FloatArray]:
+        """Telemetry minus S simulations as if these were without any heat, [S, T, N] K of each window."""
+        by_window = zip(self.windows, zip(*runs, strict=True), strict=True)
+        return [np.stack([window.target - run.temperatures for run in of_window]) for window, of_window in by_window]
+
+    def heat_sizes(self, thetas: FloatArray) -> tuple[FloatArray, FloatArray]:
+        """At thetas [S, d]: deviations [S, P] of the noise of each window's channels, and of the weights [S, m]."""
+        inside = [self.at(window, thetas) for window in self.windows]
+        parts = [
+            np.stack([window.numbers(own)[:, DEVIATION] for own in thetas_of])
+            for window, thetas_of in zip(self.windows, inside, strict=True)
+        ]
+        return np.concatenate(parts, axis=1), np.stack([self.windows[0].roots(own) for own in inside[0]])
+
+    def _information_beside_heat(self, z: FloatArray, prior: PriorTerms) -> FloatArray:
+        """`_information`, with the weights of heat integrated out."""
+        assert self.heat is not None
+        inside = [at.theta for _, at in self._inside(z, prior)]
+        roots = self.windows[0].roots(inside[0])
+        d, m, known = len(z), len(roots), self.weighed
+        total = np.zeros((d + m, d + m))
+        for window, own, theta, whitens, response in zip(
+            self.windows, self.links, inside, known.filters, known.white, strict=True
+        ):
+            jacobian = np.moveaxis(self._jacobian(window, own, z), 1, 0)
+            white = whitens.whiten(jacobian, window.terms.valid) @ own.derivative(z, prior)
+            columns = np.concatenate([white, response], axis=2)
+            precision = window.numbers(theta)[:, DEVIATION] ** -2.0
+            total += np.einsum("k,kti,ktj->ij", precision, columns, columns, optimize=True)
+        inner = np.eye(m) + roots[:, None] * total[d:, d:] * roots
+        half = np.linalg.solve(np.linalg.cholesky(inner), roots[:, None] * total[d:, :d])
+        return np.asarray(total[:d, :d] - half.T @ half)
+
+    def _curvature_beside_heat(self, z: FloatArray, prior: PriorTerms) -> FloatArray:
+        """Curvature [d, d] of the log likelihood in the sizes of noise and heat, bent to be positive: differences."""
+        runs = self.simulate(prior.theta)
+        own = np.array([k for k, entry in enumerate(self.entries) if entry.kind in ("noise", "heat")], dtype=np.int64)
+        columns = []
+        for k in own:
+            slopes = []
+            for sign in (1.0, -1.0):
+                moved = z.copy()
+                moved[k] += sign * _DIFFERENCE
+                at = self.priors.at(moved)
+                slopes.append((at.slope * self.likelihood_of_numbers(runs, at.theta)[1])[own])
+            columns.append((slopes[1] - slopes[0]) / (2.0 * _DIFFERENCE))
+        found = np.reshape(columns, (len(own), len(own)))
+        eigenvalues, directions = np.linalg.eigh(0.5 * (found + found.T))
+        curvature = np.zeros((len(z), len(z)))
+        curvature[np.ix_(own, own)] = (directions * np.abs(eigenvalues)) @ directions.T
+        return curvature
 
     def weights(self, runs: Runs, thetas: Sequence[FloatArray]) -> list[tuple[FloatArray, FloatArray]]:
         """The discrepancy's weights of each window given all residuals: see `probability.weights_given`.

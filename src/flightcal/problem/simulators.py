@@ -10,8 +10,16 @@ import xarray
 
 from ..external import build_external
 from ..reduction import load, network_for, shapes
-from ..scenario import Scenario, SimulatorModel
+from ..scenario import Scenario, SimulatorModel, heat_of
 from ..simulator import FloatArray, Simulator, Times, network_simulator
+
+
+def heated_nodes(scenario: Scenario) -> tuple[str, ...]:
+    """Nodes that take heat which no block describes."""
+    heat = heat_of(scenario)
+    if heat is None:
+        return ()
+    return heat.nodes or tuple(name for name, node in scenario.network.nodes.items() if node.capacity is not None)
 
 
 def build_simulator(
@@ -34,7 +42,10 @@ def build_simulator(
     network = None
     if model.reduced_model is not None:
         network = network_for(load(scenario.folder / model.reduced_model).model, scenario)
-    exact = network_simulator(scenario, telemetry, start, end, samples, period=period, network=network, tried=tried)
+    heated = heated_nodes(scenario)
+    exact = network_simulator(
+        scenario, telemetry, start, end, samples, period=period, network=network, heated=heated, tried=tried
+    )
     if not model.errors:
         return exact
     seconds: FloatArray = (samples - start) / np.timedelta64(1, "ns") * 1e-9

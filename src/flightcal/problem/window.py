@@ -9,7 +9,7 @@ and discrepancy (``noise.<channel>``, ``noise.<channel>.<what>``, ``discrepancy.
 from __future__ import annotations
 
 import threading
-from collections.abc import Callable
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
 from typing import Any
@@ -24,16 +24,33 @@ from ..probability import (
     Bars,
     HeaterStatus,
     Likelihood,
+    NoiseKind,
     Priors,
     PriorTerms,
     ResidualModel,
     Residuals,
+    WindowHeat,
 )
 from ..scenario import Numbers, Prior, Scenario
 from ..simulator import FloatArray, NetworkSimulator, SimulationFailure, Simulator, Switch, Trajectory
+from ..telemetry import window_bounds
 
 _DIFFERENCE = 1e-4
 """Of a coordinate, whose prior has a standard deviation of about one."""
+
+
+@dataclass(frozen=True)
+class Switching:
+    """Switches of heaters that are driven by their measured status: each lies somewhere between two samples."""
+
+    time: FloatArray
+    """[E] s from the window's start, midway."""
+    interval: FloatArray
+    """[E] s, between the samples."""
+    power: FloatArray
+    """[E] W of the heater, as the scenario writes it."""
+    node: tuple[str, ...]
+    """[E] that it heats."""
 
 
 @dataclass(frozen=True)
@@ -57,6 +74,10 @@ class Window:
     """What the telemetry says of the heaters, where the scenario gives it a likelihood."""
     measured_switches: Switch | None = None
     """In open loop, when heaters with uncertain thresholds switched; None: in closed loop."""
+    switching: Switching | None = None
+    """In open loop, what is known of when heaters switched."""
+    heat: WindowHeat | None = None
+    """How temperatures respond to unmodelled heat; None: there is none, or it has not been looked at."""
 
     @cached_property
     def names(self) -> tuple[str, ...]:
@@ -98,7 +119,7 @@ class Window:
 
     @cached_property
     def written(self) -> Numbers:
-        """Numbers of noise and discrepancy [N n] and settings of the status [P], and what of them theta sets."""
+        """Numbers of noise and discrepancy [N n], settings of the status [P], scales of heat [g]; what theta sets."""
         fixed, status = self.residuals.fixed, self.heater_status
         sets = [
             (channel * fixed.shape[1] + column, position)
@@ -108,12 +129,37 @@ class Window:
             own = zip(status.inferred, status.priors, strict=True)
             sets += [(fixed.size + place, self.names.index(name)) for place, name in own]
         settings = np.empty(0) if status is None else status.settings
+        first = fixed.size + len(settings)
+        scales = () if self.heat is None else self.heat.scales
+        sets += [(first + place, self.names.index(name)) for place, name in enumerate(scales) if name]
         pairs = np.array(sets, np.int64).reshape(-1, 2)
-        return Numbers((), np.concatenate([fixed.ravel(), settings]), pairs, np.empty((0, 2), np.int64))
+        values = np.concatenate([fixed.ravel(), settings, np.ones(len(scales))])
+        return Numbers((), values, pairs, np.empty((0, 2), np.int64))
+
+    @cached_property
+    def bounds(self) -> tuple[int, int]:
+        """Where among these the settings of the status begin, and the scales of heat."""
+        first, status = self.residuals.fixed.size, self.heater_status
+        return first, first + (0 if status is None else len(status.settings))
 
     def status_settings(self, theta: FloatArray) -> FloatArray:
         """Settings [P] of the status likelihood at theta [q]."""
-        return self.written.at(theta)[self.residuals.fixed.size :]
+        first, last = self.bounds
+        return self.written.at(theta)[first:last]
+
+    def scales(self, theta: FloatArray) -> FloatArray:
+        """Prior deviations [g] of the weights of heat at theta [q]."""
+        return self.written.at(theta)[self.bounds[1] :]
+
+    def roots(self, theta: FloatArray) -> FloatArray:
+        """The same of each weight, [m]."""
+        assert self.heat is not None
+        return self.scales(theta)[self.heat.group] if self.heat.sizes is None else self.heat.sizes.roots
+
+    @cached_property
+    def target(self) -> FloatArray:
+        """[T, N] K that a simulation is held to: telemetry, and the response to the heat that simulations have."""
+        return self.observed if self.heat is None else self.observed + self.heat.centre
 
     @property
     def network(self) -> NetworkSimulator | None:
@@ -123,7 +169,8 @@ class Window:
     @cached_property
     def terms(self) -> Residuals:
         """What the residuals are made of, with the error of a simulator that stands in for another."""
-        return self.residuals.terms.with_errors(self.simulator.error_basis)
+        terms = self.residuals.terms.with_errors(self.simulator.error_basis)
+        return terms if self.heat is None else replace(terms, heat=self.heat)
 
     def numbers(self, theta: FloatArray) -> FloatArray:
         """The numbers of noise and discrepancy [N, n] at theta [q]; see `noise`."""
@@ -147,15 +194,28 @@ class Window:
         """The simulation at theta [q]. Raises SimulationFailure."""
         return self.simulator.simulate(theta[self.simulated])
 
-    def simulate_many(self, thetas: FloatArray) -> list[Trajectory | None]:
-        """Simulations at thetas [S, q]; None where one failed."""
-        return self.simulator.simulate_many(thetas[:, self.simulated])
+    def simulate_many(self, thetas: FloatArray, heat: FloatArray | None = None) -> list[Trajectory | None]:
+        """Simulations at thetas [S, q]; None where one failed.
 
-    def simulate_as_flown(self, thetas: FloatArray, rng: np.random.Generator) -> list[Trajectory | None]:
+        heat: [S, h, 2 K] W that no block describes, of a thermal network.
+        """
+        if heat is None or self.network is None:
+            return self.simulator.simulate_many(thetas[:, self.simulated])
+        return self.network.simulate_many(thetas[:, self.simulated], heat)
+
+    def simulate_as_flown(
+        self, thetas: FloatArray, rng: np.random.Generator, heat: FloatArray | None = None
+    ) -> list[Trajectory | None]:
         """The same, with thermostats that switch around their thresholds as far as the scenario says (`scatter`)."""
         if self.network is None:
             return self.simulate_many(thetas)
-        return self.network.simulate_scattered(thetas[:, self.simulated], rng)
+        return self.network.simulate_scattered(thetas[:, self.simulated], rng, heat)
+
+    @cached_property
+    def first_sample(self) -> float:
+        """Time of the first sample, s from the window's start."""
+        start = window_bounds(self.scenario.windows[self.name], self.period)[0]
+        return float((self.times[0] - start) / np.timedelta64(1, "ns") * 1e-9)
 
     # --- variants -----------------------------------------------------------------------------------------------
 
@@ -168,6 +228,20 @@ class Window:
         observed = np.where(kept, self.observed, np.nan)
         residuals = self.residuals.at_samples(np.isfinite(observed))
         return replace(self, observed=observed, residuals=residuals, heater_status=None)
+
+    def with_known_shape(
+        self, kinds: Sequence[NoiseKind], scales: Mapping[str, Prior], deviations: FloatArray | None = None
+    ) -> Window:
+        """The same with noise of kinds [N] whose deviations alone are inferred, or known, and reading scales of heat.
+
+        deviations: [N] K; None: they are inferred.
+        """
+        residuals = self.residuals.with_known_shape(kinds, deviations)
+        dropped = {entry.name for entry in self.residuals.entries} - {entry.name for entry in residuals.entries}
+        kept = {name: prior for name, prior in self.reads.items() if name not in dropped}
+        initial = {name: prior for name, prior in kept.items() if name.startswith("initial.")}
+        reads = {name: prior for name, prior in kept.items() if name not in initial} | dict(scales) | initial
+        return replace(self, residuals=residuals, reads=reads)
 
     # --- the likelihood -----------------------------------------------------------------------------------------
 
@@ -197,7 +271,7 @@ class Window:
         if self.heater_status is not None and self.measured_switches is None:
             settings = self.status_settings(theta)
             value, switches_bar["switches_bar"], settings_bar = self.heater_status.log_likelihood(run, settings)
-        theta_bar = self.by_numbers(bars.numbers, settings_bar)
+        theta_bar = self.by_numbers(bars.numbers, settings_bar, bars.scales)
         theta_bar[self.simulated] += cotangent(*self._cotangents(bars.simulated, bars.variance), **switches_bar)
         return float(value), theta_bar
 
@@ -235,12 +309,17 @@ class Window:
         """What each thread has for itself."""
         return threading.local()
 
-    def by_numbers(self, numbers_bar: FloatArray, settings_bar: FloatArray | None = None) -> FloatArray:
-        """Derivative by theta [q] from that by the residuals' numbers [N, n] and the status' settings [P] (None: 0)."""
-        bar = np.zeros(len(self.written.values))
-        bar[: numbers_bar.size] = numbers_bar.ravel()
+    def by_numbers(
+        self, numbers_bar: FloatArray, settings_bar: FloatArray | None = None, scales_bar: FloatArray | None = None
+    ) -> FloatArray:
+        """Derivative by theta [q] from that by the residuals' numbers [N, n], the status' settings [P] and the scales
+        of heat [g] (None: 0)."""
+        bar, (first, last) = np.zeros(len(self.written.values)), self.bounds
+        bar[:first] = numbers_bar.ravel()
         if settings_bar is not None:
-            bar[numbers_bar.size :] = settings_bar
+            bar[first:last] = settings_bar
+        if scales_bar is not None:
+            bar[last:] = scales_bar
         return self.written.pull_back(np.zeros(len(self.names)), bar)
 
     # --- its curvature ------------------------------------------------------------------------------------------

@@ -1,0 +1,153 @@
+"""A problem with unmodelled heat: its windows, linearised around a point, as calibration and prediction see them."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from ..probability import DEVIATION, Gains, Shaped, Sizes, WindowHeat
+from ..simulator import FloatArray
+from .entries import entries_of
+from .heat_model import HeatModel, heat_of_weights, hold, responses, split, unit_heats
+from .problem import Problem, Runs
+from .window import Window
+
+_CORRECTIONS = 10
+_REMEMBERED = 5
+"""Points of a search for a fixed point."""
+
+
+def rehearsal(problem: Problem) -> Problem:
+    """A problem like that which is sampled with heat, to compile what that needs."""
+    windows = []
+    for window in sampled_windows(problem):
+        samples, channels = window.observed.shape
+        shapes = tuple(Shaped(1.0, 1.0) for _ in range(channels))
+        heat = WindowHeat(np.zeros((samples, channels, 1)), np.zeros(1, np.int64), (), np.zeros((samples, channels)))
+        held = window.with_known_shape(shapes, {}, np.ones(channels))
+        windows.append(replace(held, heat=replace(heat, sizes=Sizes(np.ones(channels), np.ones(1)))))
+    return Problem(problem.scenario, entries_of(problem.scenario, windows), tuple(windows))
+
+
+def sampled_windows(problem: Problem) -> tuple[Window, ...]:
+    """The windows that parameters and heat are learnt in: in open loop, where heaters have a measured status.
+
+    Where thresholds are uncertain, or the status itself counts, thermostats act.
+    """
+    opened = problem.open_loop
+    if opened is None or any(window.measured_switches is not None for window in opened.windows):
+        return problem.windows
+    return opened.windows
+
+
+def dressed(window: Window, model: HeatModel) -> Window:
+    """A window that reads what a calibration with heat knows: noise of known shape, scales of heat."""
+    return window.with_known_shape(model.shapes, model.priors)
+
+
+def at_sizes(problem: Problem, theta: FloatArray) -> Problem:
+    """A problem with heat in which the sizes of noise and heat are known: those of theta [d]."""
+    windows = []
+    for window in problem.windows:
+        inside = problem.at(window, theta[None])[0]
+        assert window.heat is not None
+        deviations = window.numbers(inside)[:, DEVIATION]
+        heat = replace(window.heat, scales=(), sizes=Sizes(deviations, window.roots(inside)))
+        held = window.with_known_shape(window.residuals.terms.kinds, {}, deviations)
+        reads = {name: prior for name, prior in held.reads.items() if not name.startswith("heat.")}
+        windows.append(replace(held, reads=reads, heat=heat))
+    return replace(problem, entries=entries_of(problem.scenario, windows), windows=tuple(windows), flown=())
+
+
+def with_heat(problem: Problem, model: HeatModel, theta: FloatArray) -> Problem:
+    """The problem around theta [d] of its own and the heat that the model has at its centre.
+
+    Raises SimulationFailure.
+    """
+    held = {own.window: own for own in model.held}
+    sampled = (hold(own, held[own.name]) if own.name in held else own for own in sampled_windows(problem))
+    windows = tuple(_linearised(window, model, problem.at(window, theta[None])[0]) for window in sampled)
+    flown = tuple(dressed(window, model) for window in problem.windows)
+    return Problem(problem.scenario, entries_of(problem.scenario, windows), windows, None, model, flown)
+
+
+@dataclass(frozen=True)
+class ExactHeat:
+    """Weights of heat of S draws, with which simulations do what the linear response says."""
+
+    weights: FloatArray
+    """[S, m]"""
+    temperatures: tuple[FloatArray, ...]
+    """Of each window [S, T, N] K, simulated with them."""
+    linear: tuple[FloatArray, ...]
+    """The same as the linear response has it."""
+
+
+def exact_heat(problem: Problem, runs: Sequence[Runs], thetas: FloatArray, rng: np.random.Generator) -> ExactHeat:
+    """Draws of weights given the telemetry, with which simulations at thetas [S, d] do what the linear response says.
+
+    runs: the simulations at thetas, of the heat at the model's centre. How temperatures respond to heat depends on
+    theta, and linearisation has one response for all: so each draw's weights are corrected, step by step, for what its
+    own simulation misses. Draws whose simulation fails keep theirs, and have NaN.
+    """
+    model = problem.heat
+    assert model is not None
+    gains = Gains([window.terms for window in problem.windows], problem.weighed, *problem.heat_sizes(thetas))
+    weights = gains.draw(problem.heat_left(runs), rng)
+    units = [unit_heats(model, window) for window in problem.windows]
+    linear = []
+    for window, of_window in zip(problem.windows, zip(*runs, strict=True), strict=True):
+        assert window.heat is not None
+        base = np.stack([run.temperatures for run in of_window])
+        linear.append(base + np.einsum("tnm,sm->stn", window.heat.response, weights - model.centre, optimize=True))
+    best, kept = np.full(len(thetas), np.inf), weights.copy()
+    kept_runs = [np.full(own.shape, np.nan) for own in linear]
+    points: list[FloatArray] = []
+    steps: list[FloatArray] = []
+    for _ in range(_CORRECTIONS + 1):
+        simulated = []
+        for window, of_window in zip(problem.windows, units, strict=True):
+            heat = heat_of_weights(model, of_window, split(model, weights - model.centre))
+            found = window.simulate_many(problem.at(window, thetas), heat)
+            missing = np.full(window.observed.shape, np.nan)
+            simulated.append(np.stack([missing if run is None else run.temperatures for run in found]))
+        left = [wanted - own for wanted, own in zip(linear, simulated, strict=True)]
+        missed = sum((own**2).sum(axis=(1, 2)) for own in left)
+        better = missed < best
+        best = np.where(better, missed, best)
+        kept[better] = weights[better]
+        for own, new in zip(kept_runs, simulated, strict=True):
+            own[better] = new[better]
+        points = [*points, weights][-_REMEMBERED:]
+        steps = [*steps, gains([np.nan_to_num(own) for own in left])][-_REMEMBERED:]
+        weights = _mixed(np.stack(points, axis=1), np.stack(steps, axis=1))
+    return ExactHeat(kept, tuple(kept_runs), tuple(linear))
+
+
+def _mixed(points: FloatArray, steps: FloatArray) -> FloatArray:
+    """Next points [S, m] from the last ones [S, k, m] and their steps: Anderson's mixing (1965, J. ACM 12, 547).
+
+    That combination of the points is moved on whose steps cancel best, with coefficients that sum to one.
+    """
+    products = np.einsum("sim,sjm->sij", steps, steps)
+    scale = np.trace(products, axis1=1, axis2=2)[:, None, None]
+    regular = products + (1e-10 * scale + 1e-300) * np.eye(steps.shape[1])
+    shares = np.linalg.solve(regular, np.ones((*steps.shape[:2], 1)))
+    shares /= shares.sum(axis=1, keepdims=True)
+    return np.asarray(((points + steps) * shares).sum(axis=1))
+
+
+def _linearised(window: Window, model: HeatModel, theta: FloatArray) -> Window:
+    """A window around theta [q] of its own."""
+    assert window.network is not None
+    units = unit_heats(model, window)
+    heated = window.network.with_heat(heat_of_weights(model, units, split(model, model.centre)))
+    around = replace(window, simulator=heated)
+    found = responses(around, theta, model, units)
+    kept = [response @ basis[: response.shape[2]] for response, basis in zip(found, model.kept, strict=True)]
+    response = np.concatenate(kept, axis=2)
+    centre = response @ model.centre
+    heat = WindowHeat(np.ascontiguousarray(response), model.group, model.scales, centre)
+    return replace(dressed(around, model), heat=heat)

@@ -1,0 +1,432 @@
+"""Unmodelled heat of a calibration: which functions of time it is made of, and how windows respond to them."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, field, replace
+from typing import Literal
+
+import numpy as np
+
+from ..environment import orbit_phase
+from ..probability import Shaped, Slow, pattern, waves
+from ..scenario import HalfNormal, Heat, Scenario
+from ..simulator import STEFAN_BOLTZMANN, FloatArray, IntArray, NetworkSimulator, SimulationFailure, in_steps, integrate
+from ..telemetry import window_bounds
+from .window import Switching, Window
+
+_FINE = 20.0
+"""s, how far apart functions of time are looked up: linear in between."""
+_KNOTS = 3.0
+"""So many knots there are in the correlation time of what is slow."""
+_SLOW_HARMONICS = 1
+_NUDGE = 0.02
+"""Of the heat that flows through a node: what its response is looked at with."""
+_HELD = 300.0
+"""s, within which a switch lies that a simulation had where the status is not measured."""
+_LEAST_FLOW = 1e-3
+"""W, of a node through which nothing flows."""
+
+Part = Literal["constant", "pattern", "gains", "slow", "switches"]
+
+
+@dataclass(frozen=True)
+class Group:
+    """Functions of time whose weights have one scale."""
+
+    part: Part
+    scale: str
+    """The scale's name in theta; "": it is one."""
+    size: float
+    """Of the half-normal prior of the scale: W, of gains a share."""
+    node: int = -1
+    """Of `HeatModel.nodes`; -1: each function has its own."""
+    window: str = ""
+    """The window that has them, of switches."""
+
+
+@dataclass(frozen=True)
+class Gain:
+    """Heat that the scenario describes, and whose size may be off: series into a node."""
+
+    node: int
+    columns: tuple[str, ...]
+    watts: tuple[float, ...]
+    """For each series' unit."""
+
+
+@dataclass(frozen=True)
+class Held:
+    """What heaters did in an open loop while their status was not measured: as one simulation had it."""
+
+    window: str
+    shares: tuple[tuple[int, int, float], ...]
+    """Step of the integration, heater, and share of the step that it was on."""
+    switches: tuple[tuple[float, int], ...]
+    """s from the window's start, and heater."""
+
+
+@dataclass(frozen=True)
+class HeatModel:
+    """The functions of time that heat is made of, and, once it has been looked at, what was found of their weights.
+
+    The functions of a group have weights N(0, scale^2). Of these only the directions are kept of which the telemetry
+    tells something; the others stay as their prior has them.
+    """
+
+    nodes: tuple[str, ...]
+    """[h] that take heat."""
+    flow: FloatArray
+    """[h] W, mean absolute heat through each at the prior's median."""
+    origin: np.datetime64
+    """From which times are counted."""
+    harmonics: int
+    slow: Slow | None
+    gains: tuple[Gain, ...]
+    groups: tuple[Group, ...]
+    kept: tuple[FloatArray, ...] = ()
+    """Of each group [f, k]: orthonormal directions in the weights of its f functions."""
+    centre: FloatArray = field(default_factory=lambda: np.empty(0))
+    """[m] weights of the kept directions, of all groups, around which windows were linearised."""
+    shapes: tuple[Shaped, ...] = ()
+    """[N] of each channel's noise."""
+    held: tuple[Held, ...] = ()
+    """Of windows in open loop with gaps in the status."""
+
+    @property
+    def names(self) -> tuple[str, ...]:
+        """Of the scales in theta."""
+        return tuple(dict.fromkeys(group.scale for group in self.groups if group.scale))
+
+    @property
+    def scales(self) -> tuple[str, ...]:
+        """[g] the same, and last "" of what has a fixed one."""
+        return (*self.names, "")
+
+    @property
+    def priors(self) -> dict[str, HalfNormal]:
+        """Of the scales."""
+        return {group.scale: HalfNormal(scale=group.size) for group in self.groups if group.scale}
+
+    @property
+    def group(self) -> IntArray:
+        """[m] whose scale each kept weight has, of `scales`."""
+        scales = self.scales
+        counts = [kept.shape[1] for kept in self.kept]
+        return np.repeat([scales.index(group.scale) for group in self.groups], counts).astype(np.int64)
+
+
+# --- what it is made of ---------------------------------------------------------------------------------------
+
+
+def heat_model(scenario: Scenario, written: Heat, windows: Sequence[Window], theta: FloatArray) -> HeatModel:
+    """That of a scenario's `heat` for a calibration on windows; theta: [q] of the first at the prior's median."""
+    simulator = windows[0].network
+    assert simulator is not None
+    nodes = simulator.network.heated
+    flow = flow_through(windows[0], theta)
+    origin = np.datetime64(scenario.windows[scenario.train_windows[0]].start)
+    groups: list[Group] = []
+    slow = None
+    if written.pattern is not None:
+        # What is constant has a size of its own: harmonics that are not there tell nothing of it.
+        parts: tuple[Part, ...] = ("constant", "pattern") if written.pattern.harmonics else ("constant",)
+        for part in parts:
+            for k, node in enumerate(nodes):
+                groups.append(Group(part, f"heat.{node}.{part}", written.pattern.scale * flow[k], k))
+    gains = _gains(simulator, theta[windows[0].simulated]) if written.gains is not None else ()
+    if written.gains is not None and gains:
+        groups.append(Group("gains", "heat.gains", written.gains.scale))
+    if written.slow is not None:
+        slow = Slow(_knots([_span(window, origin) for window in windows], written.slow.time), written.slow.time)
+        for k, node in enumerate(nodes):
+            groups.append(Group("slow", f"heat.{node}.slow", written.slow.scale * flow[k], k))
+    for window in windows:
+        if window.switching is not None and len(window.switching.time):
+            groups.append(Group("switches", "", 1.0, window=window.name))
+    harmonics = 0 if written.pattern is None else written.pattern.harmonics
+    return HeatModel(nodes, flow, origin, harmonics, slow, gains, tuple(groups))
+
+
+def knots_of(model: HeatModel, window: Window) -> FloatArray:
+    """The knots of what is slow in a window, s from the model's origin; none where nothing is."""
+    return np.empty(0) if model.slow is None else _knots([_span(window, model.origin)], model.slow.time)
+
+
+def _span(window: Window, origin: np.datetime64) -> tuple[float, float]:
+    """Beginning and end of a window, s from `origin`."""
+    begin = _start(window)
+    assert window.network is not None
+    first = float((begin - origin) / np.timedelta64(1, "ns") * 1e-9)
+    return first, first + float(window.network.drive.times[-1])
+
+
+def _start(window: Window) -> np.datetime64:
+    return window_bounds(window.scenario.windows[window.name], window.period)[0]
+
+
+def _knots(spans: Sequence[tuple[float, float]], time: float) -> FloatArray:
+    """On a common lattice, those that spans need."""
+    apart = time / _KNOTS
+    parts = [np.arange(np.floor(a / apart), np.ceil(b / apart) + 1.0) for a, b in spans]
+    return np.unique(np.concatenate(parts)) * apart
+
+
+def flow_through(window: Window, theta: FloatArray) -> FloatArray:
+    """Mean absolute heat [h] W through each heated node at theta [q]: half of what all its flows amount to."""
+    simulator = window.network
+    assert simulator is not None
+    network, theta = simulator.network, theta[window.simulated]
+    structure, system, drive = network.structure, simulator.system(theta), simulator.drive
+    run = integrate(structure, system, drive, derivative=False)
+    x = 0.5 * (run.states[1:] + run.states[:-1])
+    status, steps = run.status[:-1], np.diff(drive.times)
+    inputs = drive.inputs.mean(axis=1)
+    found = []
+    for name in network.heated:
+        i = network.nodes.index(name)
+        capacity = 1.0 / _forcing(simulator, system.forcing, i, f"heat.{name}")
+        rest, flows = np.zeros(len(steps)), []
+        for p in np.flatnonzero(structure.forcing_row == i).tolist():
+            flow = system.forcing[p] * inputs[:, structure.forcing_column[p]]
+            column = network.columns[structure.forcing_column[p]]
+            if column == "one" or column.startswith("temperature"):
+                rest += flow
+            else:
+                flows.append(flow)
+        for entries, start, columns, power in (
+            (system.linear, structure.linear_start, structure.linear_column, 1),
+            (system.radiative, structure.radiative_start, structure.radiative_column, 4),
+        ):
+            for p in range(int(start[i]), int(start[i + 1])):
+                j = int(columns[p])
+                rest += entries[p] * x[:, i] ** power
+                if j != i:
+                    flows.append(entries[p] * (x[:, j] ** power - x[:, i] ** power))
+        for p in np.flatnonzero(structure.heating_row == i).tolist():
+            flows.append(system.heating[p] * status[:, structure.heating_heater[p]])
+        for flow in _from_boundaries(window.scenario, simulator, name, theta, x[:, i], inputs):
+            flows.append(flow / capacity)
+            rest -= flow / capacity
+        absolute = np.abs(np.stack([rest, *flows])).sum(axis=0)
+        found.append(0.5 * capacity * float(absolute @ steps) / float(steps.sum()))
+    return np.maximum(found, _LEAST_FLOW)
+
+
+def _from_boundaries(
+    scenario: Scenario,
+    simulator: NetworkSimulator,
+    node: str,
+    theta: FloatArray,
+    temperature: FloatArray,
+    inputs: FloatArray,
+) -> list[FloatArray]:
+    """Heat [K] W from each node of given temperature into one of `temperature` [K], at theta [d] and inputs [K, q]."""
+    model, network, numbers = scenario.network, simulator.network, simulator.numbers(theta)
+    found = []
+    for conductor in model.conductors:
+        if node not in conductor.between:
+            continue
+        other = conductor.between[conductor.between.index(node) - 1]
+        given = model.nodes[other].boundary
+        if given is None:
+            continue
+        if isinstance(given, str):
+            boundary = inputs[:, network.columns.index(f"temperature.{other}")]
+        else:
+            boundary = np.full(len(inputs), numbers[network.position(f"nodes.{other}.boundary")])
+        if conductor.conductance is not None:
+            factor, power = numbers[network.position(f"conductors.{conductor.label}.conductance")], 1
+        else:
+            factor, power = STEFAN_BOLTZMANN * numbers[network.position(f"conductors.{conductor.label}.radiative")], 4
+        found.append(factor * (boundary**power - temperature**power))
+    return found
+
+
+def _forcing(simulator: NetworkSimulator, forcing: FloatArray, row: int, column: str) -> float:
+    structure = simulator.network.structure
+    place = simulator.network.columns.index(column)
+    here = (structure.forcing_row == row) & (structure.forcing_column == place)
+    return float(forcing[here].sum())
+
+
+def _gains(simulator: NetworkSimulator, theta: FloatArray) -> tuple[Gain, ...]:
+    """Absorbed fluxes by kind, modes and loads of each heated node, at theta [d]."""
+    network, forcing = simulator.network, simulator.system(theta).forcing
+    structure = network.structure
+    found: dict[tuple[int, str], list[tuple[str, float]]] = {}
+    for k, name in enumerate(network.heated):
+        i = network.nodes.index(name)
+        capacity = 1.0 / _forcing(simulator, forcing, i, f"heat.{name}")
+        for p in np.flatnonzero(structure.forcing_row == i).tolist():
+            column, watts = network.columns[structure.forcing_column[p]], float(capacity * forcing[p])
+            kind, _, which = column.partition(".")
+            if kind in ("solar", "albedo", "infrared"):
+                found.setdefault((k, kind), []).append((column, watts))
+            elif kind in ("mode", "driver") and watts != 0.0:
+                found.setdefault((k, f"{kind}.{which}"), []).append((column, watts))
+    return tuple(Gain(k, tuple(c for c, _ in own), tuple(w for _, w in own)) for (k, _), own in found.items())
+
+
+def held_by(window: Window, theta: FloatArray) -> Held | None:
+    """What the heaters do at theta [q] where a window in open loop has no status; None: it always has."""
+    assert window.network is not None
+    drive = window.network.drive
+    steps, heaters = np.nonzero(np.isnan(drive.measured))
+    if window.switching is None or not len(steps):
+        return None
+    simulator = window.network
+    run = integrate(simulator.network.structure, simulator.system(theta[window.simulated]), drive, derivative=False)
+    shares, found = [], run.switches
+    for step, heater in zip(steps.tolist(), heaters.tolist(), strict=True):
+        begin, end = drive.times[step], drive.times[step + 1]
+        inside = (found.heater == heater) & (found.time > begin) & (found.time < end)
+        first = 1.0 - found.on[inside][0] if inside.any() else run.status[step + 1, heater]
+        edges = np.concatenate([[begin], found.time[inside], [end]])
+        states = np.concatenate([[first], found.on[inside]])
+        shares.append((step, heater, float(states @ np.diff(edges) / (end - begin))))
+    switches = tuple(zip(found.time.tolist(), found.heater.tolist(), strict=True))
+    return Held(window.name, tuple(shares), switches)
+
+
+def hold(window: Window, held: Held) -> Window:
+    """A window in open loop whose heaters do what is held where their status is not known."""
+    assert window.network is not None
+    assert window.switching is not None
+    drive, heaters = window.network.drive, window.scenario.network.heaters
+    measured = drive.measured.copy()
+    for step, heater, share in held.shares:
+        measured[step, heater] = share
+    own = window.switching
+    blocks = [list(heaters.values())[heater] for _, heater in held.switches]
+    switching = Switching(
+        np.concatenate([own.time, [time for time, _ in held.switches]]),
+        np.concatenate([own.interval, np.full(len(blocks), _HELD)]),
+        np.concatenate([own.power, [block.power for block in blocks]]),
+        (*own.node, *(block.node for block in blocks)),
+    )
+    simulator = replace(window.network, drive=replace(drive, measured=measured))
+    return replace(window, simulator=simulator, switching=switching)
+
+
+# --- in a window ----------------------------------------------------------------------------------------------
+
+
+@dataclass(frozen=True)
+class Units:
+    """Heat of a weight of one, of f functions."""
+
+    node: IntArray
+    """[f] of the model's nodes."""
+    series: FloatArray
+    """[f, 2 K] W, in each step of the window's integration (`in_steps`)."""
+
+
+def unit_heats(model: HeatModel, window: Window) -> tuple[Units, ...]:
+    """Of each group, in a window of a thermal network."""
+    assert window.network is not None
+    drive, start = window.network.drive, _start(window)
+    grid = drive.times
+    fine = np.unique(np.concatenate([grid, np.arange(0.0, grid[-1], _FINE)]))
+    times = start.astype("datetime64[ns]") + np.round(fine * 1e9).astype("timedelta64[ns]")
+    seconds = fine + float((start - model.origin) / np.timedelta64(1, "ns") * 1e-9)
+    phase = orbit_phase(window.scenario.environment, times, window.scenario.folder, model.origin)
+    known = bool(np.isfinite(phase).all())
+    of_pattern = pattern(phase if known else 0.0 * fine, model.harmonics if known else 0)
+    of_slow = np.empty((0, len(fine)))
+    if model.slow is not None:
+        around = waves(phase if known else 0.0 * fine, _SLOW_HARMONICS if known else 0)
+        of_slow = np.concatenate([wave * model.slow.at(seconds) for wave in around])
+    in_all = {
+        "constant": _on_grid(fine, of_pattern[:1], grid),
+        "pattern": _on_grid(fine, of_pattern[1:], grid),
+        "slow": _on_grid(fine, of_slow, grid),
+    }
+    found = []
+    for group in model.groups:
+        if group.part in in_all:
+            series = in_all[group.part]
+            found.append(Units(np.full(len(series), group.node), series))
+        elif group.part == "gains":
+            place = {name: k for k, name in enumerate(window.network.network.columns)}
+            flows = [
+                sum(watts * drive.series[place[column]] for column, watts in zip(g.columns, g.watts, strict=True))
+                for g in model.gains
+            ]
+            found.append(Units(np.array([gain.node for gain in model.gains]), np.stack(flows)))
+        else:
+            found.append(_switch_heats(model, window, group.window == window.name))
+    return tuple(found)
+
+
+def _on_grid(times: FloatArray, values: FloatArray, grid: FloatArray) -> FloatArray:
+    """[f, 2 K]"""
+    return np.ascontiguousarray(np.moveaxis(in_steps(times, values, grid), 1, 2)).reshape(len(values), -1)
+
+
+def _switch_heats(model: HeatModel, window: Window, own: bool) -> Units:
+    """What a shift of each switch by its deviation adds: its heater's power for that time, around the switch."""
+    assert window.network is not None
+    switching, grid = window.switching, window.network.drive.times
+    if switching is None or not own:
+        return Units(np.empty(0, np.int64), np.empty((0, 2 * (len(grid) - 1))))
+    series = []
+    for time, interval, power in zip(switching.time, switching.interval, switching.power, strict=True):
+        edges = np.clip([time - 0.5 * interval, time + 0.5 * interval], grid[0], grid[-1])
+        inside = np.diff(np.clip(grid, *edges)) / np.diff(grid).clip(1e-9)
+        # Energy: power times the shift's deviation, interval / sqrt(12), spread over the interval.
+        series.append(np.repeat(power / np.sqrt(12.0) * inside, 2))
+    node = [model.nodes.index(name) for name in switching.node]
+    return Units(np.array(node, np.int64), np.reshape(series, (-1, 2 * (len(grid) - 1))))
+
+
+def heat_of_weights(model: HeatModel, units: Sequence[Units], weights: Sequence[FloatArray]) -> FloatArray:
+    """Heat [..., h, 2 K] W of weights [..., f] of each group's functions."""
+    leading = weights[0].shape[:-1]
+    heat = np.zeros((*leading, len(model.nodes), units[0].series.shape[1]))
+    for own, of_group in zip(units, weights, strict=True):
+        for node in np.unique(own.node):
+            here = np.flatnonzero(own.node == node)
+            heat[..., node, :] += of_group[..., here] @ own.series[here]
+    return heat
+
+
+def split(model: HeatModel, kept: FloatArray) -> list[FloatArray]:
+    """Weights [..., f] of each group's functions from those [..., m] of the kept directions."""
+    ends = np.cumsum([own.shape[1] for own in model.kept])
+    return [part @ basis.T for basis, part in zip(model.kept, np.split(kept, ends[:-1], axis=-1), strict=True)]
+
+
+def patterns_of(model: HeatModel, kept: FloatArray, phase: FloatArray) -> FloatArray:
+    """Heat [S, h, P] W that comes again in every orbit, at phases [P], of weights [S, m] of the kept directions."""
+    found = np.zeros((len(kept), len(model.nodes), len(phase)))
+    for group, weights in zip(model.groups, split(model, kept), strict=True):
+        if group.part in ("constant", "pattern"):
+            functions = pattern(phase, model.harmonics)
+            found[:, group.node] += weights @ (functions[:1] if group.part == "constant" else functions[1:])
+    return found
+
+
+def responses(window: Window, theta: FloatArray, model: HeatModel, units: Sequence[Units]) -> list[FloatArray]:
+    """What each function of each group does to the temperatures, [T, N, f] K, at theta [q]: central differences.
+
+    Raises SimulationFailure.
+    """
+    assert window.network is not None
+    series = np.concatenate([own.series for own in units])
+    node = np.concatenate([own.node for own in units])
+    largest = np.abs(series).max(axis=1, initial=0.0)
+    nudge = np.where(largest > 0.0, _NUDGE * model.flow[node] / np.where(largest > 0.0, largest, 1.0), 0.0)
+    moved = np.flatnonzero(nudge > 0.0)
+    heat = np.zeros((2 * len(moved), len(model.nodes), series.shape[1]))
+    for row, f in enumerate(moved):
+        heat[row, node[f]] = nudge[f] * series[f]
+        heat[len(moved) + row, node[f]] = -nudge[f] * series[f]
+    runs = window.network.simulate_many(np.tile(theta[window.simulated], (len(heat), 1)), heat)
+    response = np.zeros((*window.observed.shape, len(series)))
+    for row, f in enumerate(moved):
+        above, below = runs[row], runs[len(moved) + row]
+        if above is None or below is None:
+            raise SimulationFailure("a simulation with a little more heat fails")
+        response[..., f] = (above.temperatures - below.temperatures) / (2.0 * nudge[f])
+    return np.split(response, np.cumsum([len(own.node) for own in units])[:-1], axis=2)

@@ -1,0 +1,594 @@
+"""Problems with unmodelled heat, against simulations with that heat and against dense normal distributions."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from scipy.linalg import block_diag, cho_factor, cho_solve
+
+from flightcal.probability import Gains, Shaped, Slow
+from flightcal.problem import (
+    at_sizes,
+    build_problem,
+    exact_heat,
+    heat_model,
+    heat_of_weights,
+    held_by,
+    hold,
+    knots_of,
+    responses,
+    sampled_windows,
+    split,
+    unit_heats,
+    with_heat,
+)
+from flightcal.problem.heat_model import flow_through
+from flightcal.scenario import HalfNormal
+from flightcal.simulator.network import STEFAN_BOLTZMANN
+from tests import small
+
+HARMONICS = 2
+SHAPES = (Shaped(480.0, 0.3), Shaped(0.0, 1.0))
+
+
+def written(*, heaters=True, windows=2, **more):
+    """Windows to train on, of one orbit and of less; with heat."""
+    content = small.content() | {"heat": {"pattern": {"harmonics": HARMONICS}}} | more
+    content["noise"] = {"model": "ar1", "correlation_time": "8 min", "white": "0.05 K"}
+    spans = {
+        "first": {"start": "2024-03-01T00:00:00", "end": "2024-03-01T01:30:00"},
+        "second": {"start": "2024-03-01T02:30:00", "end": "2024-03-01T03:40:00"},
+    }
+    content["windows"] = {"train": dict(list(spans.items())[:windows])}
+    if not heaters:
+        del content["simulator"]["heaters"], content["observations"]["heater_status"], content["parameters"]["power"]
+    return content
+
+
+def problem_of(folder, content=None):
+    scenario, data = small.closed_loop(folder, content or written())
+    # A status that is not seen all the time.
+    if "heater_status" in data:
+        data["heater_status"].values[60:63] = np.nan
+    return build_problem(scenario, data)
+
+
+def model_of(problem):
+    windows = sampled_windows(problem)
+    theta = problem.at(windows[0], problem.priors.median()[None])[0]
+    return heat_model(problem.scenario, problem.scenario.heat, windows, theta)
+
+
+def looked_at(model, windows):
+    """A model of which some directions of each group are kept, and heat at the centre."""
+    rng = np.random.default_rng(0)
+    counts = np.max([[len(own.node) for own in unit_heats(model, window)] for window in windows], axis=0)
+    kept = []
+    for count in counts:
+        directions = np.linalg.qr(rng.normal(size=(count, count)))[0]
+        kept.append(directions[:, : count - count // 4])
+    scales = np.repeat([g.size for g in model.groups], [basis.shape[1] for basis in kept])
+    return replace(model, kept=tuple(kept), centre=0.5 * scales * rng.normal(size=len(scales)), shapes=SHAPES)
+
+
+TRUE = {"noise.body_temp": 0.1} | small.TRUTH
+
+
+@pytest.fixture(scope="module")
+def problem(tmp_path_factory):
+    return problem_of(tmp_path_factory.mktemp("heat"))
+
+
+@pytest.fixture(scope="module")
+def unheated(tmp_path_factory):
+    """Without heaters."""
+    return problem_of(tmp_path_factory.mktemp("heat"), written(heaters=False))
+
+
+@pytest.fixture(scope="module")
+def model(problem):
+    return model_of(problem)
+
+
+def middle(problem):
+    """theta [d] of a problem without heat."""
+    known = dict(zip(problem.names, problem.priors.median(), strict=True)) | TRUE
+    return np.array([known[name] for name in problem.names])
+
+
+@pytest.fixture(scope="module")
+def centre(problem):
+    return middle(problem)
+
+
+def with_some_heat(problem):
+    """A problem, and the same with heat."""
+    model, theta = model_of(problem), middle(problem)
+    windows = sampled_windows(problem)
+    found = [held_by(window, problem.at(window, theta[None])[0]) for window in windows]
+    model = replace(model, held=tuple(own for own in found if own is not None))
+    windows = [window if own is None else hold(window, own) for window, own in zip(windows, found, strict=True)]
+    return problem, with_heat(problem, looked_at(model, windows), theta)
+
+
+@pytest.fixture(scope="module", params=["open loop", "two windows without heaters"])
+def both(request, tmp_path_factory):
+    """Problem without heat and with it."""
+    content = written(windows=1) if request.param == "open loop" else written(heaters=False)
+    return with_some_heat(problem_of(tmp_path_factory.mktemp("heat"), content))
+
+
+@pytest.fixture(scope="module")
+def heated(both):
+    return both[1]
+
+
+@pytest.fixture(scope="module")
+def at_centre(both):
+    """z [d] of the problem with heat."""
+    problem, heated = both
+    known = dict(zip(problem.names, middle(problem), strict=True))
+    theta = [known.get(name, median) for name, median in zip(heated.names, heated.priors.median(), strict=True)]
+    return heated.to_z(np.array(theta))
+
+
+@pytest.fixture(scope="module")
+def known(heated, at_centre):
+    """At known sizes."""
+    return at_sizes(heated, heated.to_theta(at_centre))
+
+
+@pytest.fixture(scope="module")
+def at_known(heated, known, at_centre):
+    return np.array([at_centre[heated.names.index(name)] for name in known.names])
+
+
+# --- what it is made of -----------------------------------------------------------------------------------------
+
+
+def test_each_heated_node_has_a_constant_a_pattern_and_a_slow_part_and_each_window_its_switches(problem, model):
+    found = [(group.part, group.scale, group.node, group.window) for group in model.groups]
+    assert found == [
+        ("constant", "heat.body.constant", 0, ""),
+        ("constant", "heat.panel.constant", 1, ""),
+        ("pattern", "heat.body.pattern", 0, ""),
+        ("pattern", "heat.panel.pattern", 1, ""),
+        ("gains", "heat.gains", -1, ""),
+        ("slow", "heat.body.slow", 0, ""),
+        ("slow", "heat.panel.slow", 1, ""),
+        ("switches", "", -1, "train.first"),
+        ("switches", "", -1, "train.second"),
+    ]
+    assert model.nodes == ("body", "panel")
+    in_order = ("body.constant", "panel.constant", "body.pattern", "panel.pattern", "gains", "body.slow", "panel.slow")
+    names = tuple(f"heat.{name}" for name in in_order)
+    assert model.names == names
+    assert model.scales == (*names, "")
+    block = problem.scenario.heat
+    of_flow = {"constant": block.pattern.scale, "pattern": block.pattern.scale, "slow": block.slow.scale}
+    for name in names:
+        _, node, *part = name.split(".")
+        size = block.gains.scale if node == "gains" else of_flow[part[0]] * model.flow[model.nodes.index(node)]
+        assert model.priors[name] == HalfNormal(scale=size)
+
+
+def test_parts_that_are_not_written_are_none(tmp_path):
+    parts = {"pattern": None, "slow": {"time": "2 h", "scale": 0.1}, "gains": None, "nodes": ["panel"]}
+    model = model_of(problem_of(tmp_path, written(heaters=False, heat=parts)))
+    assert [(group.part, group.node) for group in model.groups] == [("slow", 0)]
+    assert model.groups[0].size == pytest.approx(0.1 * model.flow[0])
+    np.testing.assert_allclose(np.diff(model.slow.knots), 7200.0 / 3.0)
+
+
+def test_a_pattern_without_harmonics_is_a_constant(tmp_path):
+    parts = {"pattern": {"harmonics": 0}, "slow": None, "gains": None}
+    model = model_of(problem_of(tmp_path, written(heaters=False, heat=parts)))
+    assert [(group.part, group.node) for group in model.groups] == [("constant", 0), ("constant", 1)]
+
+
+def test_without_heaters_windows_are_sampled_as_they_are_and_no_switch_is_uncertain(unheated):
+    assert sampled_windows(unheated) is unheated.windows
+    assert "switches" not in {group.part for group in model_of(unheated).groups}
+
+
+def test_with_a_measured_status_windows_are_sampled_in_open_loop(problem):
+    assert sampled_windows(problem) is problem.open_loop.windows
+
+
+def test_knots_cover_each_window_on_one_lattice(problem, model):
+    apart = problem.scenario.heat.slow.time / 3.0
+    np.testing.assert_allclose(model.slow.knots % apart, 0.0, atol=1e-9)
+    for window, (begin, end) in zip(sampled_windows(problem), ((0.0, 5400.0), (9000.0, 13200.0)), strict=True):
+        knots = knots_of(model, window)
+        assert set(knots) <= set(model.slow.knots)
+        assert knots[0] <= begin < knots[0] + apart
+        assert knots[-1] - apart < end <= knots[-1]
+
+
+# --- heat that flows through a node -------------------------------------------------------------------------------
+
+
+def network_of(folder, nodes, conductors, *, powers=None, loads=None):
+    """A problem of nodes with `noise`; temperatures of the first is observed."""
+    content = written(heaters=False)
+    first = next(iter(nodes))
+    content["simulator"] = {"step": "30 s", "nodes": nodes, "conductors": conductors, "loads": loads or {}}
+    if powers:
+        content["simulator"]["modes"] = {"on": powers}
+    content["parameters"] = {
+        "mass": {"scales": [f"nodes.{first}.capacity"], "prior": {"lognormal": {"median": 1.0, "factor": 1.3}}}
+    }
+    content["observations"] = {"body_temp": {"node": first}}
+    return build_problem(*small.load(folder, content))
+
+
+def flow_of(problem, **initial):
+    window = problem.windows[0]
+    theta = small.median(window)
+    known = {f"initial_{name}": value for name, value in initial.items()}
+    theta[window.simulated] = small.theta_of(window.network, **known)
+    return dict(zip(window.network.network.heated, flow_through(window, theta), strict=True))
+
+
+def test_through_a_node_that_radiates_flows_what_it_dissipates(tmp_path):
+    nodes = {"body": {"capacity": "3000 J/K"}, "space": {"boundary": "4 K"}}
+    radiates = [{"between": ["body", "space"], "radiative": "0.05 m^2"}]
+    problem = network_of(tmp_path, nodes, radiates, powers={"body": "10 W"})
+    balance = (10.0 / (0.05 * STEFAN_BOLTZMANN) + 4.0**4) ** 0.25
+    assert flow_of(problem, body=balance)["body"] == pytest.approx(10.0, rel=1e-6)
+
+
+def test_through_a_node_between_two_conductors_flows_what_goes_in_and_out_again(tmp_path):
+    # So heavy are the others that nothing changes within the window.
+    heavy = {"capacity": "1e12 J/K", "initial": "0 degC"}
+    nodes = {"middle": {"capacity": "50 J/K"}, "hot": heavy, "cold": heavy}
+    conducts = [
+        {"between": ["middle", "hot"], "conductance": "0.3 W/K"},
+        {"between": ["middle", "cold"], "conductance": "0.6 W/K"},
+    ]
+    problem = network_of(tmp_path, nodes, conducts)
+    found = flow_of(problem, hot=330.0, middle=290.0, cold=270.0)
+    assert found["middle"] == pytest.approx(0.3 * 40.0, rel=1e-6)
+
+
+def test_through_a_node_that_warms_up_flows_half_of_what_it_keeps(tmp_path):
+    problem = network_of(tmp_path, {"body": {"capacity": "3000 J/K"}}, [], powers={"body": "8 W"})
+    assert flow_of(problem, body=280.0)["body"] == pytest.approx(4.0, rel=1e-6)
+
+
+def test_through_a_node_between_two_boundaries_flows_what_goes_in_and_out_again(tmp_path):
+    nodes = {"body": {"capacity": "3000 J/K"}, "hot": {"boundary": "330 K"}, "cold": {"boundary": "270 K"}}
+    conducts = [
+        {"between": ["body", "hot"], "conductance": "0.3 W/K"},
+        {"between": ["body", "cold"], "conductance": "0.6 W/K"},
+    ]
+    assert flow_of(network_of(tmp_path, nodes, conducts), body=290.0)["body"] == pytest.approx(12.0, rel=1e-6)
+
+
+# --- in a window --------------------------------------------------------------------------------------------------
+
+
+def by_group(model, units, part):
+    return [own for group, own in zip(model.groups, units, strict=True) if group.part == part]
+
+
+def energy(window, series):
+    """J of heat [..., 2 K]."""
+    steps = np.diff(window.network.drive.times)
+    return series.reshape(*series.shape[:-1], -1, 2).mean(axis=-1) @ steps
+
+
+def test_over_an_orbit_a_patterns_harmonics_add_nothing_to_the_constant(problem, model):
+    window = sampled_windows(problem)[0]
+    assert window.network.drive.times[-1] == small.PERIOD
+    units = unit_heats(model, window)
+    for own in by_group(model, units, "constant"):
+        np.testing.assert_allclose(own.series, 1.0, rtol=1e-12)
+        assert len(own.series) == 1
+    for own in by_group(model, units, "pattern"):
+        assert len(own.series) == 2 * HARMONICS
+        # Linear between points at most 20 s apart.
+        curvature = (2.0 * np.pi * HARMONICS / small.PERIOD) ** 2
+        found = energy(window, own.series)
+        np.testing.assert_allclose(found, 0.0, atol=20.0**2 / 12.0 * curvature * small.PERIOD)
+
+
+def test_a_pattern_is_the_same_at_the_same_phase_of_every_window(problem, model):
+    phase = np.linspace(3700.0, 5300.0, 30)
+    found = []
+    for window, start in zip(sampled_windows(problem), (0.0, 9000.0), strict=True):
+        series = by_group(model, unit_heats(model, window), "pattern")[0].series
+        middle = start + 0.5 * (window.network.drive.times[1:] + window.network.drive.times[:-1])
+        order = np.argsort(middle % small.PERIOD)
+        means = series.reshape(len(series), -1, 2).mean(axis=2)[:, order]
+        found.append([np.interp(phase, (middle % small.PERIOD)[order], own) for own in means])
+    np.testing.assert_allclose(found[0], found[1], rtol=0.0, atol=1e-3)
+
+
+def test_the_gain_of_a_load_is_the_heat_of_that_load(problem, model):
+    window = sampled_windows(problem)[1]
+    (own,) = by_group(model, unit_heats(model, window), "gains")
+    drive = window.network.drive
+    amperes = drive.series[window.network.network.columns.index("driver.sun")]
+    theta = problem.at(window, problem.priors.median()[None])[0]
+    coefficient = 12.0 * theta[window.names.index("panel_size")]
+    assert own.node.tolist() == [1]
+    np.testing.assert_allclose(own.series[0], coefficient * amperes, rtol=1e-12)
+
+
+def test_a_gain_does_what_a_larger_coefficient_does(problem, model, centre):
+    window = sampled_windows(problem)[0]
+    theta = problem.at(window, problem.priors.median()[None])[0]
+    (own,) = by_group(model, unit_heats(model, window), "gains")
+    heat = np.zeros((2, own.series.shape[1]))
+    heat[1] = 0.1 * own.series[0]
+    simulator, mapping = window.network, window.network.mapping
+    numbers = mapping.written.copy()
+    numbers[simulator.network.position("loads.sun.coefficient")] *= 1.1
+    expected = replace(simulator, mapping=mapping._replace(written=numbers)).simulate(theta[window.simulated])
+    found = simulator.with_heat(heat).simulate(theta[window.simulated])
+    np.testing.assert_allclose(found.temperatures, expected.temperatures, rtol=0.0, atol=1e-8)
+
+
+def test_a_switch_is_uncertain_by_its_heaters_power_over_a_sampling_interval(problem, model):
+    windows = sampled_windows(problem)
+    for window, other in zip(windows, reversed(windows), strict=True):
+        units = dict(
+            zip([group.window or group.scale for group in model.groups], unit_heats(model, window), strict=True)
+        )
+        switching, own = window.switching, units[window.name]
+        assert len(switching.time) > 4
+        assert len(own.node) == len(switching.time)
+        np.testing.assert_allclose(
+            energy(window, own.series), switching.power * switching.interval / np.sqrt(12.0), rtol=1e-9
+        )
+        assert set(own.node) == {model.nodes.index("body")}
+        assert not len(units[other.name].node)
+
+
+def test_slow_heat_is_the_process_on_the_constant_and_the_first_harmonic(problem, model):
+    window = sampled_windows(problem)[0]
+    own = by_group(model, unit_heats(model, window), "slow")[1]
+    assert own.series.shape[0] == 3 * len(model.slow.knots)
+    constant, cosine, sine = own.series.reshape(3, len(model.slow.knots), -1, 2).mean(axis=3)
+    middle = 0.5 * (window.network.drive.times[1:] + window.network.drive.times[:-1])
+    process = Slow(model.slow.knots, model.slow.time).at(middle)
+    np.testing.assert_allclose(constant, process, atol=1e-6)
+    angle = 2.0 * np.pi * middle / small.PERIOD
+    shift = np.arctan2(sine[0] / process[0], cosine[0] / process[0])
+    np.testing.assert_allclose(np.angle(np.exp(1j * (shift - angle - (shift - angle)[0]))), 0.0, atol=2e-3)
+
+
+def test_responses_are_what_a_little_heat_does(problem, model, centre):
+    window = sampled_windows(problem)[0]
+    theta = problem.at(window, centre[None])[0]
+    units = unit_heats(model, window)
+    found = responses(window, theta, model, units)
+    rng = np.random.default_rng(0)
+    weights = [
+        0.02 * group.size * rng.normal(size=len(own.node)) for group, own in zip(model.groups, units, strict=True)
+    ]
+    heat = heat_of_weights(model, units, weights)
+    sides = [window.network.with_heat(sign * heat).simulate(theta[window.simulated]).temperatures for sign in (1, -1)]
+    expected = sum(own @ of_group for own, of_group in zip(found, weights, strict=True))
+    assert np.abs(expected).max() > 0.01
+    # A heat's third power is left: temperatures cubed over the absolute one squared, and the nudge's.
+    np.testing.assert_allclose(0.5 * (sides[0] - sides[1]), expected, rtol=0.0, atol=1e-4 * np.abs(expected).max())
+
+
+def test_held_heaters_do_what_they_did_where_the_status_is_not_known(problem, centre):
+    window = sampled_windows(problem)[0]
+    assert np.isnan(window.network.drive.measured).any()
+    theta = problem.at(window, centre[None])[0]
+    held = held_by(window, theta)
+    found = hold(window, held)
+    assert not np.isnan(found.network.drive.measured).any()
+    run, expected = found.simulate(theta), window.simulate(theta)
+    # Within a step a share of the power stands for a switch.
+    step, power, capacity = 30.0, 30.0, 3000.0
+    assert np.abs(run.temperatures - expected.temperatures).max() < 0.25 * step * power / capacity
+    np.testing.assert_allclose(run.duty_cycle, expected.duty_cycle, atol=1e-9)
+    assert len(found.switching.time) == len(window.switching.time) + len(held.switches)
+
+
+def test_with_a_status_all_the_time_nothing_is_held(problem, centre):
+    window = sampled_windows(problem)[1]
+    assert held_by(window, problem.at(window, centre[None])[0]) is None
+
+
+# --- the problem with heat ----------------------------------------------------------------------------------------
+
+
+def test_its_theta_has_the_scales_of_heat_beside_one_size_of_the_noise(both):
+    problem, heated = both
+    model = heated.heat
+    assert [name for name in heated.names if name.startswith("heat.")] == list(model.names)
+    assert [name for name in heated.names if name.startswith("noise.")] == ["noise.body_temp"]
+    assert set(problem.names) - set(heated.names) == set()
+    for entry in heated.entries:
+        if entry.kind == "heat":
+            assert entry.prior == model.priors[entry.name]
+            assert entry.unit == ("" if entry.name == "heat.gains" else "W")
+
+
+def test_at_known_sizes_its_theta_is_what_simulations_depend_on(heated, known):
+    assert not [name for name in known.names if name.startswith(("heat.", "noise."))]
+    assert list(known.names) == [heated.names[k] for k in heated.simulated]
+
+
+def parts_of(heated):
+    """Windows and channels, in order."""
+    return [(w, k) for w in range(len(heated.windows)) for k in range(2)]
+
+
+def stacked(heated, arrays):
+    return np.concatenate([arrays[w][heated.windows[w].valid[:, k], k] for w, k in parts_of(heated)])
+
+
+def dense_noise(heated, deviations):
+    """Of all valid samples; deviations: of each channel."""
+    found = []
+    for w, k in parts_of(heated):
+        terms = heated.windows[w].residuals.terms
+        seconds = terms.seconds[terms.valid[k]]
+        shape, apart = SHAPES[k], np.abs(seconds[:, None] - seconds)
+        memory = np.exp(-apart / shape.time) if shape.time else 0.0
+        found.append(deviations[k] ** 2 * (memory + shape.white_share**2 * np.eye(len(seconds))))
+    return block_diag(*found)
+
+
+def dense_covariance(heated, theta):
+    """Of all residuals, at theta [d] of a problem with heat whose sizes are inferred."""
+    value = dict(zip(heated.names, theta, strict=True))
+    scales = np.array([value.get(name, 1.0) for name in heated.heat.scales])
+    response = stacked(heated, [w.heat.response for w in heated.windows]) * scales[heated.heat.group]
+    return dense_noise(heated, [value["noise.body_temp"], 0.1]) + response @ response.T
+
+
+def dense(heated, theta, simulate):
+    """Log likelihood, with temperatures that `simulate` gives for each window [T, N]."""
+    model = heated.heat
+    left = []
+    for window in heated.windows:
+        left.append(window.observed - simulate(window) + window.heat.response @ model.centre)
+    factor = cho_factor(dense_covariance(heated, theta), lower=True)
+    left = stacked(heated, left)
+    determinant = 2.0 * np.log(np.diag(factor[0])).sum()
+    return -0.5 * (left @ cho_solve(factor, left) + determinant + len(left) * np.log(2.0 * np.pi))
+
+
+def points(heated, at_centre, count=3):
+    return at_centre + 0.2 * np.random.default_rng(5).standard_normal((count, len(at_centre)))
+
+
+def test_its_windows_are_simulated_with_the_heat_at_the_centre(both):
+    problem, heated = both
+    model = heated.heat
+    for window, bare in zip(heated.windows, sampled_windows(problem), strict=True):
+        bare = next((hold(bare, own) for own in model.held if own.window == bare.name), bare)
+        heat = heat_of_weights(model, unit_heats(model, bare), split(model, model.centre))
+        theta = heated.at(window, heated.priors.median()[None])[0]
+        expected = bare.network.with_heat(heat).simulate(theta[window.simulated])
+        np.testing.assert_allclose(window.simulate(theta).temperatures, expected.temperatures, rtol=0.0, atol=1e-9)
+
+
+def test_the_log_density_is_the_priors_and_the_dense_normal_of_all_windows(heated, at_centre):
+    for z in points(heated, at_centre):
+        theta = heated.to_theta(z)
+        likelihood = dense(heated, theta, lambda w, t=theta: w.simulate(heated.at(w, t[None])[0]).temperatures)
+        expected = float(heated.priors.at(z).log_density) + likelihood
+        assert heated.log_density(z) == pytest.approx(expected, rel=1e-8)
+        assert heated.log_density_and_gradient(z)[0] == pytest.approx(expected, rel=1e-8)
+
+
+def test_at_known_sizes_the_log_density_is_the_same_but_for_the_sizes_priors(heated, at_centre, known, at_known):
+    own = [heated.names.index(name) for name in known.names]
+    for step in 0.1 * np.random.default_rng(0).standard_normal((3, len(own))):
+        z = at_centre.copy()
+        z[own] += step
+        whole, some = heated.log_density(z), known.log_density(at_known + step)
+        priors = float(heated.priors.at(z).log_density - known.priors.at(at_known + step).log_density)
+        assert some + priors == pytest.approx(whole, rel=1e-9)
+        gradient = heated.log_density_and_gradient(z)[1][own]
+        found = known.log_density_and_gradient(at_known + step)[1]
+        np.testing.assert_allclose(found, gradient, rtol=1e-6, atol=1e-6 * np.abs(gradient).max())
+
+
+@pytest.mark.parametrize("which", ["heated", "known"])
+def test_the_gradient_is_that_of_differences(request, which, heated, at_centre, known, at_known):
+    chosen, start = (heated, at_centre) if which == "heated" else (known, at_known)
+    for z in start + 0.1 * np.random.default_rng(1).standard_normal((2, len(start))):
+        gradient = chosen.log_density_and_gradient(z)[1]
+        twin = chosen._in_python(z)[1]
+        np.testing.assert_allclose(twin, gradient, rtol=1e-8, atol=1e-8 * np.abs(gradient).max())
+        for k, step in enumerate(1e-4 * np.eye(len(z))):
+            expected = (chosen.log_density(z + step) - chosen.log_density(z - step)) / 2e-4
+            assert gradient[k] == pytest.approx(expected, rel=1e-4, abs=1e-5 * np.abs(gradient).max()), chosen.names[k]
+
+
+def test_the_information_is_that_of_the_dense_covariance(heated, at_centre, known, at_known):
+    covariance = dense_covariance(heated, heated.to_theta(at_centre))
+    for chosen, z in ((heated, at_centre), (known, at_known)):
+        jacobian = stacked(chosen, chosen.jacobians(z))
+        expected = jacobian.T @ np.linalg.solve(covariance, jacobian) + np.diag(chosen.priors.precision(z))
+        found = chosen.gauss_newton_hessian(z)
+        of_simulated = np.ix_(chosen.simulated, chosen.simulated)
+        np.testing.assert_allclose(found, found.T, rtol=0.0, atol=1e-9 * np.abs(found).max())
+        np.testing.assert_allclose(
+            found[of_simulated], expected[of_simulated], rtol=1e-8, atol=1e-8 * np.abs(expected).max()
+        )
+
+
+def test_the_information_on_sizes_is_the_curvature_bent_to_be_positive(heated, at_centre):
+    own = np.array([k for k, entry in enumerate(heated.entries) if entry.kind in ("noise", "heat")])
+    covered = heated.gauss_newton_hessian(at_centre)[np.ix_(own, own)]
+    covered = covered - np.diag(heated.priors.precision(at_centre)[own])
+    runs = heated.simulate(heated.to_theta(at_centre))
+    step = 1e-3 * np.eye(len(at_centre))[own]
+
+    def at(z):
+        theta = heated.to_theta(z)
+        return dense(heated, theta, lambda w: runs[heated.windows.index(w)].temperatures)
+
+    middle = at(at_centre)
+    second = np.zeros((len(own), len(own)))
+    for i in range(len(own)):
+        for j in range(i + 1):
+            if i == j:
+                value = (at(at_centre + step[i]) + at(at_centre - step[i]) - 2.0 * middle) / 1e-6
+            else:
+                sides = [at(at_centre + a * step[i] + b * step[j]) * a * b for a in (1, -1) for b in (1, -1)]
+                value = sum(sides) / 4e-6
+            second[i, j] = second[j, i] = -value
+    eigenvalues, directions = np.linalg.eigh(second)
+    expected = (directions * np.abs(eigenvalues)) @ directions.T
+    np.testing.assert_allclose(covered, expected, rtol=0.0, atol=1e-3 * np.abs(expected).max())
+
+
+# --- heat that does what the linear response says -----------------------------------------------------------------
+
+
+def test_exact_heat_has_simulations_do_what_the_linear_response_says(heated, at_centre):
+    rng = np.random.default_rng(2)
+    z = np.tile(at_centre, (6, 1))
+    moved = [k for k in heated.simulated if heated.entries[k].kind == "parameter"]
+    z[:, moved] += 0.15 * rng.standard_normal((6, len(moved)))
+    thetas = heated.to_theta(z)
+    runs = heated.simulate_many(thetas)
+
+    found = exact_heat(heated, runs, thetas, np.random.default_rng(0))
+
+    gains = Gains([window.terms for window in heated.windows], heated.weighed, *heated.heat_sizes(thetas))
+    weights = gains.draw(heated.heat_left(runs), np.random.default_rng(0))
+    model, missed, before = heated.heat, [], []
+    uncorrected = [own.copy() for own in found.linear]
+    for place, (window, simulated, linear) in enumerate(
+        zip(heated.windows, found.temperatures, found.linear, strict=True)
+    ):
+        units = unit_heats(model, window)
+        for s, own in enumerate(found.weights):
+            base = runs[s][place].temperatures
+            expected = base + window.heat.response @ (weights[s] - model.centre)
+            np.testing.assert_allclose(linear[s], expected, rtol=0.0, atol=1e-9)
+            heat = heat_of_weights(model, units, split(model, own - model.centre))
+            run = window.network.with_heat(heat).simulate(heated.at(window, thetas[s : s + 1])[0][window.simulated])
+            np.testing.assert_allclose(simulated[s], run.temperatures, rtol=0.0, atol=1e-8)
+            missed.append(np.abs(simulated[s] - linear[s]).max())
+            heat = heat_of_weights(model, units, split(model, weights[s] - model.centre))
+            run = window.network.with_heat(heat).simulate(heated.at(window, thetas[s : s + 1])[0][window.simulated])
+            before.append(np.abs(run.temperatures - linear[s]).max())
+            uncorrected[place][s] = run.temperatures
+    # A tenth of the noise.
+    assert max(missed) < 0.01
+    assert max(missed) < 0.2 * max(before)
+    # What is left is nearly all of a shape that no weights mend.
+    steps, first = (
+        gains([linear - own for linear, own in zip(found.linear, simulated, strict=True)])
+        for simulated in (found.temperatures, uncorrected)
+    )
+    assert np.abs(steps).max() < 0.05 * np.abs(first).max()
+
+
+def test_several_windows_in_open_loop_can_have_heat(problem):
+    _, heated = with_some_heat(problem)
+    assert [len(window.heat.response) for window in heated.windows] == [90, 70]
