@@ -4,6 +4,7 @@ Imports: errors, probability, problem, progress, run, scenario, simulator.
 """
 
 from .diagnostics import Diagnostics, Gate, gate, least_effective, with_gate
+from .heat_file import with_kept_heat
 from .methods import Posterior, calibrate_genetic, calibrate_nuts, genetic_points, mean_and_some, with_residual_noise
 from .mode import climb, find_mode
 from .nuts import sample
@@ -30,5 +31,6 @@ __all__ = [
     "sample",
     "warm",
     "with_gate",
+    "with_kept_heat",
     "with_residual_noise",
 ]

@@ -25,6 +25,7 @@ MINIMUM_E_BFMI = 0.3
 LARGEST_SATURATED_SHARE = 0.01
 """Of draws whose trajectory was cut at the greatest depth; more than that and the sampler is a random walk."""
 
+_USABLE = "The posterior can be used."
 _TAIL = (0.05, 0.95)
 _FEWEST_DRAWS = 4
 """With fewer a chain, R-hat and effective sample sizes are not defined."""
@@ -92,7 +93,9 @@ def diagnose(
 
 def with_gate(diagnostics: Diagnostics, gate: Gate) -> Diagnostics:
     """The diagnostics with one more condition, which the calibration fails where it is not met."""
-    verdict = diagnostics.verdict if gate.passed else f"{diagnostics.verdict} {gate.name}: {gate.found}. {gate.advice}"
+    verdict = diagnostics.verdict
+    if not gate.passed:
+        verdict = f"{verdict.removesuffix(_USABLE).strip()} {gate.name}: {gate.found}. {gate.advice}"
     passed = diagnostics.passed and gate.passed
     return replace(diagnostics, gates=(*diagnostics.gates, gate), passed=passed, verdict=verdict.strip())
 
@@ -204,7 +207,7 @@ def _verdict(gates: tuple[Gate, ...], passed: bool, chains: int, draws: int) -> 
     if passed:
         return (
             f"Converged: {chains} chains of {draws} draws agree (R-hat {gates[0].found} at worst), with at least "
-            f"{gates[1].found} effective draws and no divergence. The posterior can be used."
+            f"{gates[1].found} effective draws and no divergence. {_USABLE}"
         )
     failed = [gate for gate in gates if not gate.passed]
     reasons = " ".join(f"{gate.name}: found {gate.found}, required {gate.required}. {gate.advice}" for gate in failed)

@@ -5,7 +5,7 @@ from __future__ import annotations
 import json
 from collections import Counter
 from collections.abc import Sequence
-from dataclasses import asdict, dataclass
+from dataclasses import asdict, dataclass, replace
 from typing import Any
 
 import numpy as np
@@ -13,21 +13,31 @@ import xarray
 
 from ..errors import FlightcalError
 from ..probability import DEVIATION
-from ..problem import Problem, Runs, whitening
+from ..problem import Problem, Runs, at_sizes, patterns_of, sampled_windows, whitening
 from ..progress import SILENT, Progress
 from ..run import plain
-from ..scenario import GeneticSettings, NutsSettings
+from ..scenario import GeneticSettings, NutsSettings, heat_of
 from ..simulator import FloatArray, Trajectory
 from .confounding import confounding
-from .diagnostics import Diagnostics, diagnose
-from .explanations import other_explanations
+from .diagnostics import Diagnostics, Gate, diagnose, gate, with_gate
+from .explanations import Explanation, other_explanations
 from .genetic import minimise
-from .mode import Mode, find_mode
+from .heat import HeatCheck, HeatPoint, check_heat, find_heat, spread_sizes, start_with_heat
+from .heat_file import HEAT_GROUP, heat_dataset
+from .mode import Mode, climb, find_mode
 from .nuts import Draws, sample
 
 _SEARCH_BOX = 0.998
 """Share of each prior inside the box that the genetic algorithm searches."""
 _LEAST_NOISE = 1e-3  # K, so that a perfect fit still has a noise level
+_PHASES = 73
+"""Of an orbit, at which patterns of heat are kept."""
+_OF_NOISE = 0.1
+"""So far off linear, over its noise, a channel may be whatever the weights: no interval shows it."""
+_CHECKED = 200
+"""Draws that are simulated with their heat."""
+MOST_PARETO_K = 0.7
+"""Above it importance weights cannot be relied on (Vehtari et al. 2024, JMLR 25, 72)."""
 
 
 def calibrate_genetic(
@@ -105,6 +115,12 @@ class Posterior:
     modes: tuple[Mode, ...]
     """Local optima that were found before sampling, best first; chains start around the first."""
     diagnostics: Diagnostics
+    problem: Problem
+    """What the draws are of: that which was given, or with unmodelled heat as it was found."""
+    heat: HeatPoint | None = None
+    """Around what unmodelled heat is linear; None: there is none."""
+    checked: HeatCheck | None = None
+    """Draws that were simulated with their heat."""
 
     @property
     def flat(self) -> FloatArray:
@@ -130,13 +146,11 @@ def calibrate_nuts(
     settings = settings or problem.scenario.calibration.nuts
     seed = problem.scenario.calibration.seed if seed is None else seed
     rng = np.random.default_rng(seed)
+    if heat_of(problem.scenario) is not None and problem.heat is None:
+        return _calibrate_with_heat(problem, settings, seed, starts, random_starts, progress)
     with progress.stage("mode search") as search:
         modes = find_mode(problem, starts, rng=rng, random_starts=random_starts, progress=search)
-    if not np.isfinite(modes[0].log_density):
-        raise FlightcalError(
-            "no start of the calibration can be simulated: every simulation fails or is not finite; "
-            "check the priors with 'flightcal simulate'"
-        )
+    _check_simulated(modes)
     coordinates = whitening(modes[0].z, problem.gauss_newton_hessian(modes[0].z))
     draws = sample(
         problem.log_density_and_gradient,
@@ -149,13 +163,77 @@ def calibrate_nuts(
     theta = problem.to_theta(draws.z)
     by_name = {name: theta[..., k] for k, name in enumerate(problem.names)}
     judged = diagnose(by_name, draws.statistics, settings)
-    return Posterior(problem.names, theta, draws, modes, judged)
+    return Posterior(problem.names, theta, draws, modes, judged, problem)
+
+
+def _check_simulated(modes: Sequence[Mode]) -> None:
+    if not np.isfinite(modes[0].log_density):
+        raise FlightcalError(
+            "no start of the calibration can be simulated: every simulation fails or is not finite; "
+            "check the priors with 'flightcal simulate'"
+        )
+
+
+def _calibrate_with_heat(
+    problem: Problem,
+    settings: NutsSettings,
+    seed: int,
+    starts: Sequence[tuple[str, FloatArray]],
+    random_starts: int,
+    progress: Progress,
+) -> Posterior:
+    """`calibrate_nuts` with unmodelled heat: sampled at the most probable sizes of noise and heat, then spread.
+
+    The mode is sought without heat, in open loop where heaters have a measured status.
+    """
+    rng = np.random.default_rng(seed)
+    sampled = sampled_windows(problem)
+    simple = problem if sampled is problem.windows else replace(problem, windows=sampled, open_loop=None)
+    with progress.stage("mode search") as search:
+        modes = find_mode(simple.independent(), starts, rng=rng, random_starts=random_starts, progress=search)
+    _check_simulated(modes)
+    with progress.stage("unmodelled heat") as search:
+        point = find_heat(problem, problem.to_theta(modes[0].z), progress=search)
+        heated, z = start_with_heat(problem, point)
+        known = at_sizes(heated, heated.to_theta(z))
+        mode = climb(known, np.array([z[heated.names.index(name)] for name in known.names]), modes[0].origin)
+    coordinates = whitening(mode.z, known.gauss_newton_hessian(mode.z))
+    draws = sample(
+        known.log_density_and_gradient, coordinates, settings, seed, native=known.native_density, progress=progress
+    )
+    theta = spread_sizes(problem, heated, point, known, draws.z, rng)
+    by_name = {name: theta[..., k] for k, name in enumerate(heated.names)}
+    judged = diagnose(by_name, draws.statistics, settings)
+    checked = None
+    if theta.shape[1]:
+        flat = theta.reshape(-1, theta.shape[-1])
+        chosen = rng.choice(len(flat), min(_CHECKED, len(flat)), replace=False)
+        checked = check_heat(heated, flat[chosen], rng)
+        judged = with_gate(judged, _linear_gate(checked))
+    return Posterior(heated.names, theta, draws, modes, judged, heated, point, checked)
+
+
+def _linear_gate(checked: HeatCheck) -> Gate:
+    return gate(
+        "response to heat",
+        checked.pareto_k < MOST_PARETO_K or checked.relative < _OF_NOISE,
+        f"Pareto k {checked.pareto_k:.2f}; {checked.draws} draws simulated with their heat are "
+        f"{1e3 * checked.difference:.0f} mK from linear, {100 * checked.relative:.0f}% of a channel's noise at worst",
+        f"Pareto k below {MOST_PARETO_K:g}, or less than {100 * _OF_NOISE:.0f}% of the noise",
+        "Temperatures respond to the unmodelled heat otherwise than linearly, so that its weights are not to be "
+        "believed: the heat is large, or heaters whose status is not measured switch with it. Give these a status "
+        "('measured_by'), or narrow the priors of heat.",
+    )
 
 
 def search_record(problem: Problem, modes: Sequence[Mode]) -> dict[str, Any]:
     """How the mode was sought, in words, and what was found: for the log and the report."""
     opened = problem.open_loop
-    if opened is None:
+    if problem.heat is not None:
+        driven = any(window.switching is not None for window in problem.windows)
+        where = "in open loop, heaters driven by their measured status" if driven else "in closed loop"
+        how = f"without unmodelled heat, {where}; then heat was looked at around it"
+    elif opened is None:
         measured = getattr(problem.scenario.simulator, "heater_input", "simulated") == "measured"
         how = "in open loop alone, heaters driven by their measured status" if measured else "in closed loop"
     else:
@@ -237,9 +315,38 @@ def posterior_tree(
             {"temperature": (by_sample, observed), "status": (("time", "heater"), status)},
             samples | {"heater": list(problem.heaters)},
         ),
+        HEAT_GROUP: _kept_heat(posterior),
         "/": xarray.Dataset(attrs=_attributes(problem, posterior, runs)),
     }
     return xarray.DataTree.from_dict({name: group for name, group in groups.items() if group is not None})
+
+
+def _kept_heat(posterior: Posterior) -> xarray.Dataset | None:
+    """What unmodelled heat is, and for the report its patterns, and parameters' deviations if it were known."""
+    point, checked = posterior.heat, posterior.checked
+    if point is None:
+        return None
+    kept = heat_dataset(point.model, point.names, point.theta)
+    around = point.around
+    sizes = np.array([point.sizes[name] for name in around.sizes.names])
+    places = around.moving
+    slope = posterior.problem.priors.at(_in_order(point, posterior)).slope
+    place = {name: k for k, name in enumerate(posterior.names)}
+    names = [point.names[k] for k in places]
+    known = around.known_heat(sizes) * np.array([slope[place[name]] for name in names])
+    kept = kept.assign(deviation_without_heat=("parameter", known)).assign_coords(parameter=names)
+    if checked is None:
+        return kept
+    phase = np.linspace(0.0, 1.0, _PHASES)
+    dims = ("heat_draw", "node", "orbit_phase")
+    patterns = patterns_of(point.model, checked.weights, phase)
+    return kept.assign(pattern=(dims, patterns)).assign_coords(node=list(point.model.nodes), orbit_phase=phase)
+
+
+def _in_order(point: HeatPoint, posterior: Posterior) -> FloatArray:
+    """z [d] of the point around which heat is linear."""
+    known = dict(zip(point.names, point.theta, strict=True)) | point.sizes
+    return posterior.problem.to_z(np.array([known[name] for name in posterior.names]))
 
 
 def _variables(names: Sequence[str], values: FloatArray) -> xarray.Dataset:
@@ -254,7 +361,9 @@ def _attributes(problem: Problem, posterior: Posterior, runs: Sequence[Runs | No
         {"window": window.name} | _sequences(of_window)
         for window, of_window in zip(problem.windows, of_windows, strict=False)
     ]
-    others = other_explanations(problem, posterior.modes, posterior.draws.z.reshape(-1, len(problem.names)))
+    others: tuple[Explanation, ...] = ()
+    if posterior.heat is None:
+        others = other_explanations(problem, posterior.modes, posterior.draws.z.reshape(-1, len(problem.names)))
     content = {
         "interrupted": posterior.draws.interrupted,
         "mode_search": search_record(problem, posterior.modes),

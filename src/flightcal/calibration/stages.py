@@ -10,9 +10,9 @@ import numpy as np
 import xarray
 
 from ..errors import RunError
-from ..problem import Problem
+from ..problem import Problem, rehearsal
 from ..run import Run, Stage, plain, read_json
-from ..scenario import GeneticSettings, NutsSettings
+from ..scenario import GeneticSettings, NutsSettings, heat_of
 from ..simulator import FloatArray
 from .diagnostics import Diagnostics
 from .methods import Posterior, calibrate_genetic, calibrate_nuts, genetic_points, posterior_tree, search_record
@@ -45,9 +45,14 @@ def posterior_draws(posterior: xarray.DataTree, names: tuple[str, ...], count: i
 
 def warm(problem: Problem) -> None:
     """Compile and call what later stages call, so that their times are without compilation."""
-    problem.warm()
+    if heat_of(problem.scenario) is not None:
+        problem.independent().warm()
+        rehearsal(problem).warm()
+    else:
+        problem.warm()
     median = problem.priors.median()
-    problem.log_density_and_gradient(problem.to_z(median))
+    if heat_of(problem.scenario) is None:
+        problem.log_density_and_gradient(problem.to_z(median))
     problem.simulate_many(np.tile(median, (8, 1)))
 
 
@@ -77,10 +82,10 @@ def keep_sample(
     posterior = calibrate_nuts(
         problem, settings, seed, starts=starts, random_starts=random_starts, progress=run.progress
     )
-    run.folder.log(stage=NUTS.name, event="mode", mode_search=search_record(problem, posterior.modes))
+    run.folder.log(stage=NUTS.name, event="mode", mode_search=search_record(posterior.problem, posterior.modes))
     if posterior.theta.shape[1] == 0:
         raise RunError("sampling was interrupted before the first draw; run the same command to start it again")
-    run.folder.write_netcdf(POSTERIOR_FILE, posterior_tree(problem, posterior, seed=seed))
+    run.folder.write_netcdf(POSTERIOR_FILE, posterior_tree(posterior.problem, posterior, seed=seed))
     found = judge(posterior)
     content = plain(found) | {"gradient_evaluations": int(posterior.draws.gradients)}
     run.folder.write_json(DIAGNOSTICS_FILE, content)

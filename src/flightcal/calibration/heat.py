@@ -1,0 +1,475 @@
+"""Finding unmodelled heat: parameters, weights of heat, and sizes of noise and heat, around which all is linear.
+
+Parameters and weights take Gauss-Newton steps; between these the sizes of heat and noise, and the noise's shape, are
+those under which the telemetry is most probable with all that is linear integrated out. What the telemetry tells
+nothing of is left to the prior.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+from scipy.optimize import minimize
+from threadpoolctl import threadpool_limits
+
+from ..errors import FlightcalError
+from ..probability import DEVIATION, Evidence, Priors, Shaped, filter_of
+from ..problem import (
+    HeatModel,
+    Problem,
+    Units,
+    Window,
+    exact_heat,
+    heat_model,
+    heat_of_weights,
+    held_by,
+    hold,
+    responses,
+    sampled_windows,
+    unit_heats,
+    with_heat,
+)
+from ..progress import SILENT, Progress
+from ..scenario import heat_of
+from ..simulator import FloatArray, IntArray, SimulationFailure
+from .sizes import Around
+
+_ROUNDS = 10
+_SHAPED = 3
+"""In the first rounds the noise's shape is looked for too."""
+_MOVED = 0.1
+"""Of its deviation: by how much no parameter may move in the last round."""
+_TOLD = 0.05
+"""Of what the prior knows of a direction: where the telemetry tells less, it is left to the prior."""
+_TOLD_MUCH = 0.5
+"""The same while the noise's shape is looked for."""
+_ITERATIONS = 25
+_SHORTEST = 1 / 16
+_SMALL = 0.3
+"""Of a prior's size, that of heat to begin with."""
+
+
+@dataclass(frozen=True)
+class HeatPoint:
+    """Around what a problem with heat is linear."""
+
+    model: HeatModel
+    names: tuple[str, ...]
+    """[d] of the entries of theta of the problem without heat,"""
+    theta: FloatArray
+    """[d] and theta."""
+    sizes: dict[str, float]
+    """Of noise and heat, by their names in theta: the most probable ones."""
+    rounds: int
+    moved: float
+    """Largest step of a parameter in the last round, in its deviations."""
+    around: Around
+    """What all this follows from, with the most probable sizes and with others."""
+
+
+@dataclass(frozen=True)
+class _Linear:
+    """A window around a point."""
+
+    window: Window
+    units: tuple[Units, ...]
+    left: FloatArray
+    """[T, N] K, telemetry minus simulation; zero where there is none."""
+    jacobian: FloatArray
+    """[T, N, d] by z of the whole problem."""
+    response: list[FloatArray]
+    """Of each group [T, N, f]."""
+
+
+def find_heat(problem: Problem, theta: FloatArray, *, progress: Progress = SILENT) -> HeatPoint:
+    """Look at heat around theta [d] of a problem whose scenario has it. Raises FlightcalError where that fails."""
+    written = heat_of(problem.scenario)
+    assert written is not None
+    windows, held = [], []
+    for window in sampled_windows(problem):
+        found = held_by(window, problem.at(window, theta[None])[0])
+        windows.append(window if found is None else hold(window, found))
+        held += [] if found is None else [found]
+    median = problem.at(windows[0], problem.priors.median()[None])[0]
+    model = replace(heat_model(problem.scenario, written, windows, median), held=tuple(held))
+    try:
+        # Its threads spin while others want the processor.
+        with threadpool_limits(1):
+            return _Search(problem, windows, model).run(theta, progress)
+    except SimulationFailure as failure:
+        raise FlightcalError(f"heat: {failure}, next to the point that fits the telemetry best") from None
+
+
+class _Search:
+    """The rounds of `find_heat`."""
+
+    def __init__(self, problem: Problem, windows: Sequence[Window], model: HeatModel) -> None:
+        self.problem, self.model = problem, model
+        self.windows = windows
+        self.sampling = replace(problem, windows=tuple(windows), open_loop=None)
+        self.terms = [replace(window.residuals.terms, heat=None) for window in windows]
+        residuals = windows[0].residuals
+        self.entries = residuals.entries
+        names = list(dict.fromkeys(entry.name for entry in self.entries))
+        priors = [windows[0].reads[name] for name in names]
+        scales = model.priors
+        self.sizes = Priors((*names, *scales), (*priors, *scales.values()))
+        self.noise, self.names = names, [*names, *scales]
+        self.floor = _floors(windows)
+        self.units = {window.name: unit_heats(model, window) for window in windows}
+        most = [max(len(own.node) for own in of_group) for of_group in zip(*self.units.values(), strict=True)]
+        self.group = np.repeat(np.arange(len(most)), most)
+
+    # --- numbers ------------------------------------------------------------------------------------------------
+
+    def numbers(self, sizes: FloatArray) -> FloatArray:
+        """[N, n] of the noise at sizes, no smaller than the telemetry's steps allow."""
+        numbers = self.windows[0].residuals.fixed.copy()
+        for entry in self.entries:
+            numbers[entry.channel, entry.column] = sizes[self.noise.index(entry.name)]
+        for k, column in enumerate(self._white()):
+            numbers[k, column] = np.hypot(numbers[k, column], self.floor[k])
+        return numbers
+
+    def _white(self) -> list[int]:
+        """Of each channel, the column of its white noise."""
+        kinds = self.terms[0].kinds
+        return [kind.names.index(kind.white) if kind.white else 0 for kind in kinds]
+
+    def roots(self, sizes: FloatArray) -> FloatArray:
+        """[g] scale of each group."""
+        known = dict(zip(self.names, sizes, strict=True))
+        return np.array([known[group.scale] if group.scale else 1.0 for group in self.model.groups])
+
+    def shapes(self, sizes: FloatArray) -> tuple[Shaped, ...]:
+        """Of each channel's noise."""
+        found = []
+        for kind, numbers in zip(self.terms[0].kinds, self.numbers(sizes), strict=True):
+            if kind.has_memory:
+                values = dict(zip(kind.names, numbers, strict=False))
+                found.append(Shaped(values["correlation_time"], values["white"] / values["standard_deviation"]))
+            else:
+                found.append(Shaped(0.0, 1.0))
+        return tuple(found)
+
+    # --- rounds -------------------------------------------------------------------------------------------------
+
+    def run(self, theta: FloatArray, progress: Progress) -> HeatPoint:
+        z, weights = self.problem.to_z(theta), np.zeros(len(self.group))
+        sizes = self._start(z)
+        moved, rounds = np.inf, 0
+        while rounds < _ROUNDS and (moved > _MOVED or rounds < _SHAPED):
+            rounds += 1
+            progress.at(min(1.0, rounds / (_SHAPED + 2)), f"round {rounds}")
+            linear = [self._linearise(window, z, weights) for window in self.windows]
+            if rounds <= _SHAPED:
+                sizes = self._fit(linear, z, weights, sizes)
+            else:
+                sizes = self._around(linear, z, weights, sizes).most_probable(sizes)
+            z, weights, moved = self._step(linear, z, weights, sizes)
+        linear = [self._linearise(window, z, weights) for window in self.windows]
+        around = self._around(linear, z, weights, sizes)
+        sizes = around.most_probable(sizes)
+        centre = np.concatenate([basis.T @ weights[self.group == g] for g, basis in enumerate(around.bases)])
+        model = replace(self.model, kept=around.bases, centre=centre, shapes=self.shapes(sizes))
+        found = dict(zip(self.names, sizes.tolist(), strict=True))
+        return HeatPoint(model, self.problem.names, self.problem.to_theta(z), found, rounds, moved, around)
+
+    def _start(self, z: FloatArray) -> FloatArray:
+        """Sizes to begin with: noise as the residuals have it, heat of a part of its prior's size."""
+        theta = self.problem.to_theta(z)
+        sizes = self.sizes.median()
+        runs = self.sampling.simulate(theta)
+        rmse = np.sqrt(np.nanmean(self.sampling.residual(runs) ** 2, axis=0))
+        for entry in self.entries:
+            if entry.size == "noise":
+                sizes[self.noise.index(entry.name)] = max(0.5 * rmse[entry.channel], 1e-3)
+            elif entry.size == "white":
+                sizes[self.noise.index(entry.name)] = max(0.2 * rmse[entry.channel], 1e-3)
+        for k in range(len(self.noise), len(sizes)):
+            sizes[k] = _SMALL * next(g.size for g in self.model.groups if g.scale == self.names[k])
+        return sizes
+
+    def _linearise(self, window: Window, z: FloatArray, weights: FloatArray) -> _Linear:
+        problem = self.sampling
+        assert window.network is not None
+        units, heat = self.units[window.name], self._heat(window, weights)
+        around = replace(window, simulator=window.network.with_heat(heat))
+        here = replace(problem, windows=tuple(around if own is window else own for own in problem.windows))
+        theta = here.at(around, problem.to_theta(z)[None])[0]
+        run = around.simulate(theta)
+        place = [own is window for own in problem.windows].index(True)
+        left = np.where(window.valid, window.observed - run.temperatures, 0.0)
+        jacobian = here.jacobians_of(place, z)
+        return _Linear(around, units, left, jacobian, responses(around, theta, self.model, units))
+
+    def _heat(self, window: Window, weights: FloatArray) -> FloatArray:
+        """[h, 2 K] W of weights of all groups."""
+        units = self.units[window.name]
+        of_groups = [weights[self.group == g][: len(own.node)] for g, own in enumerate(units)]
+        return heat_of_weights(self.model, units, of_groups)
+
+    def _columns(self, linear: Sequence[_Linear], bases: Sequence[FloatArray]) -> list[FloatArray]:
+        """[T, N, m + d] of each window: responses in the kept directions, and by z."""
+        found = []
+        for own in linear:
+            parts = []
+            for response, basis in zip(own.response, bases, strict=True):
+                wide = np.zeros((*response.shape[:2], len(basis)))
+                wide[..., : response.shape[2]] = response
+                parts.append(wide @ basis)
+            found.append(np.concatenate([*parts, own.jacobian[..., self._moving()]], axis=2))
+        return found
+
+    def _moving(self) -> IntArray:
+        return np.asarray(self.sampling.simulated)
+
+    def _told(
+        self, linear: Sequence[_Linear], sizes: FloatArray, roots: FloatArray, least: float
+    ) -> tuple[FloatArray, ...]:
+        """Of each group an orthonormal basis [f, k] of the directions of which the telemetry tells something."""
+        shapes, numbers = self.shapes(sizes), self.numbers(sizes)
+        whole = []
+        for own, terms in zip(linear, self.terms, strict=True):
+            whitens = filter_of(replace(terms, kinds=shapes))
+            columns = self._columns([own], [np.eye(f) for f in self._sizes_of_groups()])[0][..., : len(self.group)]
+            white = whitens.whiten(np.moveaxis(columns, 1, 0), terms.valid) / numbers[:, :1, None]
+            whole.append(white.reshape(-1, len(self.group)))
+        everything = np.concatenate(whole)
+        bases = []
+        for g, root in enumerate(roots):
+            columns = everything[:, self.group == g] * root
+            values, directions = np.linalg.eigh(columns.T @ columns)
+            bases.append(directions[:, values > least])
+        return tuple(bases)
+
+    def _sizes_of_groups(self) -> list[int]:
+        return np.bincount(self.group, minlength=len(self.model.groups)).tolist()
+
+    def _generous(self, sizes: FloatArray) -> FloatArray:
+        """Scales of the groups, or their priors' where these are larger."""
+        prior = np.array([group.size for group in self.model.groups])
+        return np.maximum(self.roots(sizes), prior)
+
+    def _prior_of_z(self, z: FloatArray) -> tuple[FloatArray, FloatArray]:
+        """Mean and deviations of the normal distribution that the prior of what is simulated is like at z."""
+        moving = self._moving()
+        precision = np.maximum(self.problem.priors.precision(z)[moving], 1e-6)
+        gradient = self.problem.priors.at(z).gradient[moving]
+        return z[moving] + gradient / precision, precision**-0.5
+
+    def _fit(self, linear: Sequence[_Linear], z: FloatArray, weights: FloatArray, sizes: FloatArray) -> FloatArray:
+        """The sizes under which the telemetry is most probable."""
+        bases = self._told(linear, sizes, self._generous(sizes), _TOLD_MUCH)
+        columns = self._columns(linear, bases)
+        mean, deviation = self._prior_of_z(z)
+        kept = np.concatenate([basis.T @ weights[self.group == g] for g, basis in enumerate(bases)])
+        from_prior = np.concatenate([kept, z[self._moving()] - mean])
+        left = [own.left + basis @ from_prior for own, basis in zip(linear, columns, strict=True)]
+        counts = [basis.shape[1] for basis in bases]
+        evidence = Evidence(self.terms, columns, self.windows[0].residuals.fixed.shape[1])
+        ends = np.cumsum(counts)
+        white = self._white()
+
+        def cost(u: FloatArray) -> tuple[float, FloatArray]:
+            at = self.sizes.at(u)
+            numbers, scales = self.numbers(at.theta), self.roots(at.theta)
+            roots = np.concatenate([np.repeat(scales, counts), deviation])
+            value, numbers_bar, roots_bar = evidence(left, numbers, roots)
+            bar = np.zeros(len(u))
+            for entry in self.entries:
+                slope = numbers_bar[entry.channel, entry.column]
+                if entry.column == white[entry.channel]:
+                    slope *= at.theta[self.noise.index(entry.name)] / numbers[entry.channel, entry.column]
+                bar[self.noise.index(entry.name)] += slope
+            for group, part in zip(self.model.groups, np.split(roots_bar, ends)[:-1], strict=True):
+                if group.scale:
+                    bar[self.names.index(group.scale)] += part.sum()
+            return -(value + float(at.log_density)), -(bar * at.slope + at.gradient)
+
+        found = minimize(
+            cost, self.sizes.to_z(sizes), jac=True, method="L-BFGS-B", options={"maxiter": _ITERATIONS, "ftol": 1e-7}
+        )
+        return self.sizes.to_theta(found.x)
+
+    def _step(
+        self, linear: Sequence[_Linear], z: FloatArray, weights: FloatArray, sizes: FloatArray
+    ) -> tuple[FloatArray, FloatArray, float]:
+        """The next point, and by how much parameters moved in their deviations."""
+        shapes, numbers, scales = self.shapes(sizes), self.numbers(sizes), self.roots(sizes)
+        moving, (mean, deviation) = self._moving(), self._prior_of_z(z)
+        roots = np.concatenate([scales[self.group], deviation])
+        filters = [filter_of(replace(terms, kinds=shapes)) for terms in self.terms]
+        columns = self._columns(linear, [np.eye(f) for f in self._sizes_of_groups()])
+        gram, moment = np.zeros((len(roots), len(roots))), np.zeros(len(roots))
+        for own, wide, terms, whitens in zip(linear, columns, self.terms, filters, strict=True):
+            both = np.concatenate([wide, own.left[..., None]], axis=2)
+            white = whitens.whiten(np.moveaxis(both, 1, 0), terms.valid) / numbers[:, :1, None]
+            flat = white.reshape(-1, both.shape[2])
+            gram += flat[:, :-1].T @ flat[:, :-1]
+            moment += flat[:, :-1].T @ flat[:, -1]
+        # In units of the prior's deviations, from the prior's mean.
+        now = np.concatenate([weights / roots[: len(weights)], (z[moving] - mean) / deviation])
+        inner = np.eye(len(roots)) + roots[:, None] * gram * roots
+        covariance = np.linalg.inv(inner)
+        step = covariance @ (roots * moment - now)
+        spread = np.sqrt(np.diag(covariance))[len(weights) :]
+
+        def cost(share: float) -> float:
+            moved_z, moved_weights = z.copy(), weights + share * step[: len(weights)] * roots[: len(weights)]
+            moved_z[moving] += share * step[len(weights) :] * deviation
+            total = float(((now + share * step) ** 2).sum())
+            for window, terms, whitens in zip(self.windows, self.terms, filters, strict=True):
+                left = self._left(window, moved_z, moved_weights)
+                if left is None:
+                    return np.inf
+                white = whitens.whiten(left.T[..., None], terms.valid) / numbers[:, :1, None]
+                total += float((white**2).sum())
+            return total
+
+        share, before = 1.0, cost(0.0)
+        while share >= _SHORTEST and not cost(share) < before + 1e-6:
+            share *= 0.5
+        if share < _SHORTEST:
+            return z, weights, 0.0
+        z = z.copy()
+        z[moving] += share * step[len(weights) :] * deviation
+        weights = weights + share * step[: len(weights)] * roots[: len(weights)]
+        return z, weights, share * float(np.abs(step[len(weights) :] / spread).max(initial=0.0))
+
+    def _left(self, window: Window, z: FloatArray, weights: FloatArray) -> FloatArray | None:
+        """Telemetry minus simulation [T, N]; None where it fails."""
+        assert window.network is not None
+        heat = self._heat(window, weights)
+        theta = self.sampling.at(window, self.problem.to_theta(z)[None])[0]
+        run = window.network.simulate_many(theta[None, window.simulated], heat[None])[0]
+        return None if run is None else np.where(window.valid, window.observed - run.temperatures, 0.0)
+
+    def _around(self, linear: Sequence[_Linear], z: FloatArray, weights: FloatArray, sizes: FloatArray) -> Around:
+        bases = self._told(linear, sizes, self._generous(sizes), _TOLD)
+        mean, deviation = self._prior_of_z(z)
+        kept = np.concatenate([basis.T @ weights[self.group == g] for g, basis in enumerate(bases)])
+        from_prior = np.concatenate([kept, z[self._moving()] - mean])
+        columns, shapes = self._columns(linear, bases), self.shapes(sizes)
+        gram, moment, squares, samples, determinant = [], [], [], [], []
+        for own, wide, terms in zip(linear, columns, self.terms, strict=True):
+            whitens = filter_of(replace(terms, kinds=shapes))
+            left = np.where(own.window.valid, own.left + wide @ from_prior, 0.0)
+            white = whitens.whiten(np.moveaxis(np.concatenate([wide, left[..., None]], axis=2), 1, 0), terms.valid)
+            products = np.einsum("kti,ktj->kij", white, white, optimize=True)
+            gram.append(products[:, :-1, :-1])
+            moment.append(products[:, :-1, -1])
+            squares.append(products[:, -1, -1])
+            samples.append(terms.valid.sum(axis=1))
+            determinant.append(whitens.determinant)
+        parts = (np.concatenate(part) for part in (gram, moment, squares, samples, determinant))
+        groups = np.repeat(np.arange(len(bases)), [basis.shape[1] for basis in bases])
+        noise = {entry.channel: self.noise.index(entry.name) for entry in self.entries if entry.column == DEVIATION}
+        held = self.numbers(sizes)[:, DEVIATION]
+        free = [k for k in range(len(self.names)) if k in noise.values() or k >= len(self.noise)]
+        scale = [self.names.index(group.scale) if group.scale else -1 for group in self.model.groups]
+        return Around(
+            bases, self.sizes, np.array(free), np.array([noise.get(k, -1) for k in range(len(held))]), held,
+            np.array(scale)[groups], mean, deviation, self._moving(), *parts,
+        )  # fmt: skip
+
+
+def _floors(windows: Sequence[Window]) -> FloatArray:
+    """[N] K, the least white noise: that of rounding to the telemetry's step, step / sqrt(12)."""
+    found = []
+    for k in range(windows[0].observed.shape[1]):
+        values = np.unique(np.concatenate([window.observed[window.valid[:, k], k] for window in windows]))
+        steps = np.diff(values)
+        found.append(float(np.min(steps[steps > 1e-6], initial=np.inf)) / np.sqrt(12.0) if len(steps) else 0.0)
+    kinds = windows[0].residuals.terms.kinds
+    return np.where(np.isfinite(found) & [kind.has_memory for kind in kinds], found, 0.0)
+
+
+def start_with_heat(problem: Problem, point: HeatPoint) -> tuple[Problem, FloatArray]:
+    """The problem around a point, and z [d] of it to begin at."""
+    heated = with_heat(problem, point.model, point.theta)
+    theta = heated.priors.median()
+    known = dict(zip(problem.names, point.theta, strict=True)) | point.sizes
+    for k, name in enumerate(heated.names):
+        theta[k] = known.get(name, theta[k])
+    return heated, heated.to_z(theta)
+
+
+def spread_sizes(
+    problem: Problem, heated: Problem, point: HeatPoint, known: Problem, z: FloatArray, rng: np.random.Generator
+) -> FloatArray:
+    """Thetas [chain, draw, d] of a problem with heat from draws z [chain, draw, k] at its most probable sizes.
+
+    problem: without heat; known: at those sizes.
+    """
+    flat = z.reshape(-1, z.shape[-1])
+    whole = np.tile(problem.to_z(point.theta), (len(flat), 1))
+    for k, name in enumerate(problem.names):
+        if name in known.names:
+            whole[:, k] = flat[:, known.names.index(name)]
+    names = point.around.sizes.names
+    sizes = np.array([point.sizes[name] for name in names])
+    if len(flat):
+        with threadpool_limits(1):
+            whole, drawn = point.around.spread(whole, sizes, rng)
+    else:
+        drawn = np.empty((0, len(names)))
+    values = problem.to_theta(whole)
+    found = [
+        drawn[:, names.index(name)] if name in names else values[:, problem.names.index(name)] for name in heated.names
+    ]
+    return np.stack(found, axis=-1).reshape(*z.shape[:2], len(found))
+
+
+# --- the calibration ------------------------------------------------------------------------------------------
+
+
+@dataclass(frozen=True)
+class HeatCheck:
+    """How well temperatures respond to heat as they were taken to: posterior draws simulated with their own heat."""
+
+    draws: int
+    pareto_k: float
+    """Of the weights that draws get for what they were taken to be (Vehtari et al. 2024); above 0.7: too far off."""
+    difference: float
+    """K, root mean square of simulated minus linear temperatures."""
+    relative: float
+    """The same of the worst channel, over the deviation of its noise."""
+    weights: FloatArray
+    """[draws, m] of the heat of each."""
+
+
+def check_heat(problem: Problem, thetas: FloatArray, rng: np.random.Generator) -> HeatCheck:
+    """Simulate draws [S, d] of a problem with heat, each with weights of heat that are drawn given the telemetry."""
+    from arviz_stats.base import array_stats
+
+    assert problem.heat is not None
+    found = problem.simulate_many(thetas)
+    done = [runs for runs in found if runs is not None]
+    if len(done) < max(1, len(thetas) // 2):
+        return HeatCheck(len(done), np.inf, np.inf, np.inf, np.empty((0, len(problem.heat.centre))))
+    kept = thetas[[runs is not None for runs in found]]
+    exact = exact_heat(problem, done, kept, rng)
+    deviations, _ = problem.heat_sizes(kept)
+    ratios, squares, relative, first = np.zeros(len(kept)), [], 0.0, 0
+    for window, whitens, of_exact, of_linear in zip(
+        problem.windows, problem.weighed.filters, exact.temperatures, exact.linear, strict=True
+    ):
+        precision = deviations[:, first : first + len(window.residuals.terms.kinds)] ** -2.0
+        first += precision.shape[1]
+        off = np.nanmean((of_exact - of_linear) ** 2, axis=(0, 1))
+        squares.append(off.mean())
+        inside = problem.at(window, np.median(kept, axis=0)[None])[0]
+        relative = max(relative, float(np.sqrt((off / window.noise(inside) ** 2).max())))
+        for sign, simulated in ((-0.5, of_exact), (0.5, of_linear)):
+            left = np.where(window.valid, window.observed - simulated, 0.0)
+            white = whitens.whiten(left.transpose(2, 1, 0), window.terms.valid)
+            ratios += sign * np.einsum("sk,kts->s", precision, white**2)
+    ratios = ratios[np.isfinite(ratios)]
+    if len(ratios) < max(1, len(thetas) // 2):
+        return HeatCheck(len(ratios), np.inf, np.inf, np.inf, exact.weights)
+    _, pareto_k = array_stats.psislw(ratios - ratios.max())
+    difference = float(np.sqrt(np.mean(squares)))
+    return HeatCheck(len(ratios), float(pareto_k), difference, relative, exact.weights)
