@@ -43,6 +43,12 @@ def test_equal_thetas_leave_the_noise_alone_in_the_interval(problem):
         np.testing.assert_allclose(ensemble.standard_deviation[:, channel], noise, rtol=1e-6)
 
 
+def test_draws_are_the_telemetry_whose_quantiles_the_interval_has(problem):
+    ensemble = propagate(problem, thetas_of(problem, 60, link=0.02), 0.9, np.random.default_rng(1))
+    assert ensemble.draws.shape == (60, *problem.observed.shape)
+    np.testing.assert_allclose(np.quantile(ensemble.draws, [0.05, 0.95], axis=0), [ensemble.lower, ensemble.upper])
+
+
 def test_spread_of_theta_and_noise_add_up(problem):
     thetas = thetas_of(problem, 300, link=0.02)
     ensemble = propagate(problem, thetas, 0.95, np.random.default_rng(1))

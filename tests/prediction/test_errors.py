@@ -379,9 +379,9 @@ def test_a_predictions_draws_start_from_first_samples_that_err_as_the_residuals_
     problem = build_problem(scenario, data)
     given = []
 
-    def noted(first, thetas, errors, rng=None):
+    def noted(first, thetas, errors, rng=None, heat=None):
         given.append((type(errors), rng is None))
-        return condition_initial(first, thetas, errors, rng)
+        return condition_initial(first, thetas, errors, rng, heat)
 
     monkeypatch.setattr(sys.modules["flightcal.prediction.predict"], "condition_initial", noted)
     predict(

@@ -107,7 +107,7 @@ def test_a_theta_that_fails_once_its_initial_temperatures_are_updated_keeps_the_
         def __getattr__(self, name):
             return getattr(first, name)
 
-        def simulate_many(self, thetas):
+        def simulate_many(self, thetas, heat=None):
             moved = (thetas[:, 0] > 4.05) & (np.abs(thetas[:, 2] - 263.15) > 0.1)
             return [None if off else run for off, run in zip(moved, first.simulate_many(thetas), strict=True)]
 

@@ -160,9 +160,9 @@ def test_draws_are_conditioned_with_their_own_noise_and_failures_are_counted(cas
     scenario, data, _, draws = case
     problem, given = build_problem(scenario, data), []
 
-    def noted(first, thetas, errors, rng=None):
+    def noted(first, thetas, errors, rng=None, heat=None):
         given.append(errors.noise)
-        return condition_initial(first, thetas, errors, rng)
+        return condition_initial(first, thetas, errors, rng, heat)
 
     monkeypatch.setattr(sys.modules["flightcal.prediction.predict"], "condition_initial", noted)
     thetas = draws[:4].copy()

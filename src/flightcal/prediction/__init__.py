@@ -5,6 +5,21 @@ Imports: calibration, emulation, environment, errors, probability, problem, run,
 
 from .metrics import ZERO_CELSIUS, Array, Metric, comparison_table, implied_energy, score
 from .predict import predict
-from .stages import PREDICT
+from .stages import PREDICT, PREDICTION_FILE
+from .unseen import ANY, Unseen, read_unseen, unseen
 
-__all__ = ["PREDICT", "ZERO_CELSIUS", "Array", "Metric", "comparison_table", "implied_energy", "predict", "score"]
+__all__ = [
+    "ANY",
+    "PREDICT",
+    "PREDICTION_FILE",
+    "ZERO_CELSIUS",
+    "Array",
+    "Metric",
+    "Unseen",
+    "comparison_table",
+    "implied_energy",
+    "predict",
+    "read_unseen",
+    "score",
+    "unseen",
+]

@@ -13,11 +13,12 @@ import numpy as np
 from ..errors import RunError
 from ..problem import Window
 from ..scenario import is_trained
-from ..simulator import FloatArray
+from ..simulator import SCATTERED, FloatArray
 from ..telemetry import window_bounds
 from .duty import draw_duty_errors
 from .errors import WindowErrors
 from .metrics import crps_of_draws, probability_below
+from .thresholds import Thresholds, scattered
 
 _FEWEST = 0.5  # share of simulations that must succeed
 
@@ -51,6 +52,8 @@ class Ensemble:
     switch_sequences: tuple[tuple[tuple[int, int], ...], ...]
     """[S] order in which heaters switched: (heater, 1 on or 0 off)."""
     failed: int
+    draws: FloatArray
+    """[S, T, N] K, of telemetry: simulation, discrepancy and noise together."""
     discrepancy: FloatArray | None = None
     """[3, T, N] K: its mean, and lower and upper bound of its interval; None: there is none."""
 
@@ -61,16 +64,23 @@ def propagate(
     interval: float,
     rng: np.random.Generator,
     errors: WindowErrors | None = None,
+    heat: FloatArray | None = None,
+    thresholds: Thresholds | None = None,
 ) -> Ensemble:
     """Simulate at thetas [S, q] in one batch, add a surrogate's error, discrepancy and noise of each, and summarise.
 
     On a window that was not trained on, thermostats scatter around their thresholds as far as the scenario says.
-    interval: probability inside, such as 0.95; errors: of each theta (None: independent noise). Raises RunError when
-    more than half of the simulations fail.
+    interval: probability inside, such as 0.95; errors: of each theta (None: independent noise); heat: [S, h, 2 K] W
+    that no block describes, of each theta; thresholds: of each theta (None: as written). Raises RunError when more than
+    half of the simulations fail.
     """
     # Where the telemetry is known, so is when its heaters switched.
     trained = is_trained(window.name)
-    runs = window.simulate_many(thetas) if trained else window.simulate_as_flown(thetas, rng)
+    if thresholds is not None and window.network is not None:
+        added = scattered(thresholds, SCATTERED, None if trained else rng)
+        runs = window.network.simulate_switching(thetas[:, window.simulated], added, heat)
+    else:
+        runs = window.simulate_many(thetas, heat) if trained else window.simulate_as_flown(thetas, rng, heat)
     usable = np.ones(len(thetas), bool) if errors is None else errors.usable()
     usable &= np.array([run is not None for run in runs], bool)
     kept = [(thetas[s], run) for s, run in enumerate(runs) if run is not None and usable[s]]
@@ -122,6 +132,7 @@ def propagate(
             for _, run in kept
         ),
         failed=len(thetas) - len(kept),
+        draws=noisy,
         discrepancy=discrepancy,
     )
 

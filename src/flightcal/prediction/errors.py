@@ -84,6 +84,8 @@ class WindowErrors:
     """[K, H] by how much telemetry's duty cycles exceed the simulation's in the orbits of the training windows."""
     together: tuple[tuple[FloatArray, FloatArray], ...] = ()
     """[S] what `weights` gives, where training windows share weights; empty: they share none."""
+    at_start: FloatArray | None = None
+    """[S, N] K, noise with a memory at the window's start; None: nothing is known of it."""
 
     @property
     def model(self) -> ResidualModel:
@@ -129,7 +131,8 @@ class WindowErrors:
         """Those of some of the draws."""
         together = tuple(found for found, own in zip(self.together, kept, strict=False) if own)
         numbers, temperatures = self.numbers[kept], self.train_temperatures[kept]
-        return replace(self, numbers=numbers, train_temperatures=temperatures, together=together)
+        at_start = None if self.at_start is None else self.at_start[kept]
+        return replace(self, numbers=numbers, train_temperatures=temperatures, together=together, at_start=at_start)
 
     def weights(self, draw: int) -> tuple[FloatArray, FloatArray]:
         """The weights' mean [N, m] and a factor [N, m, m] of their covariance, as the training residuals leave them."""
@@ -243,6 +246,13 @@ class WindowErrors:
         for s, numbers in enumerate(self.numbers):
             for k, kind in enumerate(self.model.terms.kinds):
                 noise[s, :, k], white[s, :, k] = kind.draw(numbers[k], self.seconds, rng)
+                if self.at_start is not None and kind.has_memory:
+                    # It starts from what it was, and no longer from anything.
+                    since = self.seconds - self.seconds[0]
+                    fades = kind.covariance(numbers[k], since) / kind.covariance(numbers[k], np.zeros(1))
+                    gap = np.array([self.window.first_sample])
+                    kept = kind.covariance(numbers[k], gap) / kind.covariance(numbers[k], np.zeros(1))
+                    noise[s, :, k] += fades * (kept * self.at_start[s, k] + (np.sqrt(1 - kept**2) - 1) * noise[s, 0, k])
         return noise, white
 
     def _correct(self, draw: int, factors: FloatArray, temperatures: FloatArray, errors: Drawn) -> None:

@@ -25,12 +25,13 @@ def condition_initial(
     thetas: FloatArray,
     errors: FirstErrors | WhiteErrors,
     rng: np.random.Generator | None = None,
+    heat: FloatArray | None = None,
 ) -> FloatArray:
     """Thetas [S, q] with their initial temperatures replaced by ones conditioned on the samples of `first`.
 
     first: the window cut to the window's first samples; errors: by which these may differ from the simulation, of
     each theta; rng: draw from the Gaussian (None: take its mean). A theta whose simulation fails keeps the prior mean;
-    an external simulator may have none.
+    an external simulator may have none. heat: [S, h, 2 K] W that no block describes, of each theta.
     """
     positions = np.array([k for k, name in enumerate(first.names) if name.startswith("initial.")])
     if not len(positions):
@@ -50,7 +51,7 @@ def condition_initial(
         columns = np.broadcast_to(np.where(valid[..., None], jacobian, 0.0), (len(thetas), *jacobian.shape))
         weighted = errors.whiten(columns).reshape(len(thetas), -1, len(positions))
         hessians = np.einsum("sti,stj->sij", weighted, weighted) + np.diag(precision)
-        runs = first.simulate_many(thetas)
+        runs = first.simulate_many(thetas, heat)
         simulated = np.stack([np.full(valid.shape, np.nan) if run is None else run.temperatures for run in runs])
         residuals = errors.whiten(np.where(valid, first.observed - simulated - errors.mean, 0.0)[..., None])
         simulated_so_far &= np.array([run is not None for run in runs])

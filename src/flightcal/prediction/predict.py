@@ -10,14 +10,18 @@ import xarray
 
 from ..emulation import EmulatedSimulator
 from ..environment import orbit_phase, sunlit_share
-from ..problem import Problem, Window, build_window
+from ..probability import Shaped
+from ..problem import Problem, Window, build_window, dressed
 from ..scenario import Scenario, SimulatorModel, is_trained
 from ..simulator import FloatArray, Trajectory
+from ..telemetry import window_bounds
 from .duty import FEWEST_ORBITS
 from .ensemble import Ensemble, duration, propagate
 from .errors import WhiteErrors, WindowErrors, window_errors
+from .heat import DrawnHeat, draw_heat, noise_errors
 from .initial import condition_initial
 from .innovations import discrepancy_in_words, innovations, noise_in_words
+from .unseen import unseen_attribute
 
 STOCHASTIC = "stochastic"
 
@@ -30,6 +34,7 @@ def predict(
     draws: FloatArray,
     *,
     seed: int,
+    heat: DrawnHeat | None = None,
     stand_in: Callable[[Window], Window] = lambda window: window,
 ) -> tuple[xarray.Dataset, Ensemble]:
     """Predict a window of the problem's scenario, by name, with point estimates and with posterior draws.
@@ -38,6 +43,7 @@ def predict(
     ordered as `Problem.names`. On windows that were trained on thetas hold the initial temperatures; on any other,
     these are conditioned on the first samples of the window (`initial.condition_initial`), which are marked as not
     scored. What telemetry differs by is learnt from the training window that is nearest.
+    heat: that of the draws (`draw_heat`), where it has been drawn.
     stand_in: gives a window an emulator, through which the draws are propagated; points always run on the simulator
     itself.
     Raises TelemetryError and RunError.
@@ -45,28 +51,44 @@ def predict(
     scenario = problem.scenario
     settings = scenario.calibration.prediction
     rng = np.random.default_rng([seed, *name.encode()])
-    trained = {window.name: window for window in problem.windows}
-    window = trained.get(name) or build_window(scenario, telemetry, name)
+    trained = {window.name: window for window in problem.flown or problem.windows}
+    window = trained.get(name) or _like_trained(problem, build_window(scenario, telemetry, name))
     for_draws = stand_in(window)
     scored = np.ones(len(window.times), bool)
     thetas = problem.at(window, np.stack(list(points.values())) if points else np.empty((0, draws.shape[1])))
     inside = problem.at(window, draws, rng)
     if name not in trained:
-        first = build_window(scenario, telemetry, name, span=settings.initial_span)
+        first = _like_trained(problem, build_window(scenario, telemetry, name, span=settings.initial_span))
         scored = window.times > first.times[-1]
-    errors = None
-    if not window.residuals.is_independent:
+    errors, heated, heat_in, thresholds, ended = None, None, None, None, None
+    if problem.heat is not None:
+        drawn = heat or draw_heat(problem, draws, rng)
+        heat_in, thresholds = drawn.in_window(window, rng), drawn.thresholds
+        start = window_bounds(scenario.windows[name], window.period)[0]
+        ended = None if name in trained else drawn.continued(start)
+        if ended is not None:
+            scored[:] = True
+        heated = heat_in.on(window)
+        errors = noise_errors(problem, window, inside, drawn.usable, int((~scored).sum()), ended)
+    elif not window.residuals.is_independent:
         errors = window_errors(problem, for_draws, draws, int((~scored).sum()), stand_in)
     if name not in trained:
         if len(thetas):
             thetas = condition_initial(first, thetas, _white(window, thetas))
         if isinstance(for_draws.simulator, EmulatedSimulator):
             first = replace(first, simulator=for_draws.simulator.on(slice(len(first.times))))
-        inside = condition_initial(first, inside, _white(window, inside) if errors is None else errors.at_first(), rng)
-    ensemble = propagate(for_draws, inside, settings.interval, rng, errors)
+        at_first = _white(window, inside) if errors is None else errors.at_first()
+        of_first = None if heat_in is None else heat_in.on(first)
+        if ended is None:
+            inside = condition_initial(first, inside, at_first, rng, of_first)
+        else:
+            inside[:, [k for k, own in enumerate(window.names) if own.startswith("initial.")]] = ended.temperatures
+    ensemble = propagate(for_draws, inside, settings.interval, rng, errors, heated, thresholds)
     runs = window.simulate_many(thetas) if len(thetas) else []
     prediction = _dataset(window, dict(zip(points, runs, strict=True)), thetas, ensemble, scored)
     error = "" if for_draws.simulator.error_basis is None else ", the surrogate's error"
+    if heated is not None:
+        error += ", unmodelled heat"
     scatter = ", scatter of the thermostats" if name not in trained and _scatters(scenario) else ""
     if errors is not None:
         prediction = prediction.assign(_residual_model(window, errors, ensemble, rng))
@@ -75,13 +97,22 @@ def predict(
         "interval_contains": f"parameters, initial temperatures{error}{scatter}, {_contained(window)}",
         "model_interval_contains": f"parameters, initial temperatures{error}{scatter}"
         + (", model discrepancy" if window.residuals.terms.discrepant.any() else ""),
-        "duty_cycle_contains": f"parameters, initial temperatures{scatter}{_of_duty(errors, name, len(trained))}",
+        "duty_cycle_contains": f"parameters, initial temperatures{scatter}"
+        + _of_duty(errors, name, len(trained), heated=heated is not None),
         "initial_state": "calibrated with the parameters"
         if name in trained
+        else "that of the end of the training window"
+        if ended is not None
         else f"estimated from the first {settings.initial_span / 60:g} min of the window, which are not scored",
         "failed_simulations": ensemble.failed,
     }
+    prediction.attrs |= unseen_attribute(trained, window, ensemble.mean)
     return prediction, ensemble
+
+
+def _like_trained(problem: Problem, window: Window) -> Window:
+    """A window that reads what the calibration knows."""
+    return window if problem.heat is None else dressed(window, problem.heat)
 
 
 def _white(window: Window, thetas: FloatArray) -> WhiteErrors:
@@ -115,6 +146,8 @@ def _contained(window: Window) -> str:
     model = window.residuals
     correlated = any(kind.has_memory for kind in model.terms.kinds)
     noise = "correlated measurement noise (drawn anew)" if correlated else "measurement noise"
+    if any(isinstance(kind, Shaped) for kind in model.terms.kinds):
+        return noise
     if not model.terms.discrepant.any():
         return f"{noise}; not model discrepancy"
     if is_trained(window.name):
@@ -127,10 +160,12 @@ def _contained(window: Window) -> str:
     return f"{noise}, and model discrepancy: {'; '.join(parts)}"
 
 
-def _of_duty(errors: WindowErrors | None, name: str, windows: int) -> str:
+def _of_duty(errors: WindowErrors | None, name: str, windows: int, *, heated: bool) -> str:
     """What else the interval of a duty cycle has."""
     if errors is None or is_trained(name):
         return ""
+    if heated:
+        return ", unmodelled heat, thresholds as the measured switches show them"
     orbits = int(np.isfinite(errors.duty).sum(axis=0).max(initial=0))
     if orbits < FEWEST_ORBITS:
         return f"; not its error, which takes {FEWEST_ORBITS} whole orbits of training to tell (here {orbits})"

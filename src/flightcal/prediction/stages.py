@@ -6,13 +6,16 @@ from collections.abc import Mapping
 from functools import partial
 from typing import Any, Final
 
+import numpy as np
 import xarray
 
-from ..calibration import Sampled, genetic_points, posterior_draws, with_residual_noise
+from ..calibration import Sampled, genetic_points, posterior_draws, with_kept_heat, with_residual_noise
 from ..emulation import Emulation, window_emulator
 from ..problem import Problem
 from ..run import Run, Stage, plain, read_records, typed
 from ..scenario import PredictionSettings, Window
+from ..simulator import FloatArray
+from .heat import draw_heat
 from .metrics import Metric, score
 from .predict import predict
 
@@ -31,17 +34,28 @@ def _predict(
     settings: PredictionSettings,
     seed: int,
 ) -> None:
-    draws = posterior_draws(sampled.posterior, problem.names, settings.simulations, seed)
     uncalibrated = with_residual_noise(problem, problem.priors.median())
     points = {"uncalibrated": uncalibrated, **genetic_points(problem, genetic)}
+    heated = with_kept_heat(problem, sampled.posterior)
+    points = {method: _in_order(theta, problem, heated) for method, theta in points.items()}
+    problem = heated
+    draws = posterior_draws(sampled.posterior, problem.names, settings.simulations, seed)
     stand_in = {} if emulation is None else {"stand_in": partial(window_emulator, run, emulation, draws)}
+    heat = None if problem.heat is None else draw_heat(problem, draws, np.random.default_rng(seed))
     predicted = {}
     for k, window in enumerate(windows):
         run.progress.at(k, f"window {window}")
-        predicted[window], _ = predict(problem, data, window, points, draws, seed=seed, **stand_in)
+        predicted[window], _ = predict(problem, data, window, points, draws, seed=seed, heat=heat, **stand_in)
     metrics = [metric for window, prediction in predicted.items() for metric in score(prediction, window)]
     run.folder.write_netcdf(PREDICTION_FILE, xarray.DataTree.from_dict(predicted))
     run.folder.write_json(METRICS_FILE, plain(metrics))
+
+
+def _in_order(theta: FloatArray, problem: Problem, heated: Problem) -> FloatArray:
+    """theta [d] of a problem as one of the same with heat, whose sizes matter to no point."""
+    known = dict(zip(problem.names, theta, strict=True))
+    medians = dict(zip(heated.names, heated.priors.median(), strict=True))
+    return np.array([known.get(name, medians[name]) for name in heated.names])
 
 
 def _read(run: Run, *_: Any) -> tuple[Metric, ...]:

@@ -1,0 +1,158 @@
+"""Unmodelled heat in a prediction: drawn given the telemetry, and injected, so that thermostats answer to it."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ..probability import Slow
+from ..problem import HeatModel, Problem, Window, exact_heat, heat_of_weights, knots_of, split, unit_heats
+from ..simulator import FloatArray, Trajectory
+from ..telemetry import window_bounds
+from .errors import WindowErrors
+from .thresholds import Thresholds, draw_thresholds
+
+_SAME_TIME = np.timedelta64(1, "s")
+
+
+@dataclass(frozen=True)
+class End:
+    """The end of a training window, in S draws."""
+
+    time: np.datetime64
+    temperatures: FloatArray
+    """[S, n] K of what has an initial temperature, NaN where a simulation failed."""
+    noise: FloatArray
+    """[S, N] K, of the noise with a memory, as the last residuals show it."""
+
+
+@dataclass(frozen=True)
+class DrawnHeat:
+    """Weights of heat of S posterior draws: as the telemetry leaves them, and as their prior has what it tells not."""
+
+    model: HeatModel
+    weights: tuple[FloatArray, ...]
+    """Of each group [S, f]."""
+    scales: tuple[FloatArray, ...]
+    """Of each group [S], their prior deviations."""
+    usable: NDArray[np.bool_]
+    """[S] whether the training windows could be simulated."""
+    thresholds: Thresholds | None
+    """Of the thermostats; None: as the scenario writes them."""
+    ends: tuple[End, ...]
+    """Of the training windows."""
+
+    def continued(self, start: np.datetime64) -> End | None:
+        """The end of a training window at a time; None: none ends there."""
+        for end in self.ends:
+            if abs(start - end.time) <= _SAME_TIME and bool(np.isfinite(end.temperatures).all(axis=1).any()):
+                return end
+        return None
+
+    def in_window(self, window: Window, rng: np.random.Generator) -> HeatIn:
+        """What it is in a window: what comes again does, what is slow goes on from the training windows and fades."""
+        knots = knots_of(self.model, window)
+        weights = list(self.weights)
+        if self.model.slow is not None:
+            expected, factor = self.model.slow.beyond(knots)
+            for g, group in enumerate(self.model.groups):
+                if group.part == "slow":
+                    known = self.weights[g].reshape(len(self.usable), -1, len(self.model.slow.knots))
+                    new = rng.standard_normal((*known.shape[:2], len(knots))) @ factor.T
+                    values = known @ expected.T + self.scales[g][:, None, None] * new
+                    weights[g] = values.reshape(len(values), -1)
+        slow = None if self.model.slow is None else Slow(knots, self.model.slow.time, plain=True)
+        return HeatIn(replace(self.model, slow=slow), tuple(weights))
+
+
+@dataclass(frozen=True)
+class HeatIn:
+    """Weights of heat of S draws in one window, or in a part of it."""
+
+    model: HeatModel
+    weights: tuple[FloatArray, ...]
+    """Of each group [S, f]."""
+
+    def on(self, window: Window) -> FloatArray:
+        """Heat [S, h, 2 K] W in the steps of the window's integration."""
+        return heat_of_weights(self.model, unit_heats(self.model, window), self.weights)
+
+
+def draw_heat(problem: Problem, draws: FloatArray, rng: np.random.Generator) -> DrawnHeat:
+    """Weights of heat at posterior draws [S, d] of a problem with heat."""
+    model = problem.heat
+    assert model is not None
+    runs = problem.simulate_many(draws)
+    usable = np.array([of_draw is not None for of_draw in runs], bool)
+    kept = np.zeros((len(draws), len(model.group)))
+    done = [of_draw for of_draw in runs if of_draw is not None]
+    if done:
+        kept[usable] = exact_heat(problem, done, draws[usable], rng).weights
+    window = problem.windows[0]
+    inside = problem.at(window, draws)
+    of_scales = np.stack([window.scales(theta) for theta in inside])
+    scales = tuple(of_scales[:, model.scales.index(group.scale)] for group in model.groups)
+    weights = []
+    for known, basis, scale in zip(split(model, kept), model.kept, scales, strict=True):
+        new = rng.standard_normal(known.shape)
+        weights.append(known + scale[:, None] * (new - new @ basis @ basis.T))
+    thetas, heats, ends = [], [], []
+    for window in problem.windows:
+        of_window, units = problem.at(window, draws), unit_heats(model, window)
+        heat = heat_of_weights(model, units, split(model, kept - model.centre))
+        found = window.simulate_many(of_window, heat)
+        count = sum(name.startswith("initial.") for name in window.names)
+        usable &= np.array([run is not None for run in found], bool)
+        ends.append(_end(window, of_window, found, count, rng))
+        thetas.append(of_window)
+        heats.append(heat)
+    thresholds = draw_thresholds(problem.windows, thetas, heats, rng)
+    return DrawnHeat(model, tuple(weights), scales, usable, thresholds, tuple(ends))
+
+
+def _end(
+    window: Window, thetas: FloatArray, runs: Sequence[Trajectory | None], count: int, rng: np.random.Generator
+) -> End:
+    """Where a training window ends, at thetas [S, q] and their simulations with heat; count: initial temperatures."""
+    time = window_bounds(window.scenario.windows[window.name], window.period)[1]
+    states = np.stack([np.full(count, np.nan) if run is None else run.final for run in runs])
+    noise = np.zeros((len(runs), window.observed.shape[1]))
+    for k, kind in enumerate(window.residuals.terms.kinds):
+        last = np.flatnonzero(window.valid[:, k])[-1:]
+        if not len(last) or not kind.has_memory:
+            continue
+        gap = np.array([(time - window.times[last[0]]) / np.timedelta64(1, "ns") * 1e-9])
+        for s, (theta, run) in enumerate(zip(thetas, runs, strict=True)):
+            numbers = window.numbers(theta)[k]
+            process, white = float(kind.covariance(numbers, np.zeros(1))[0]), kind.white_variance(numbers)
+            fading = float(kind.covariance(numbers, gap)[0]) / process
+            left = 0.0 if run is None else float(window.observed[last[0], k] - run.temperatures[last[0], k])
+            known = process * white / (process + white)
+            variance = fading**2 * known + process * (1.0 - fading**2)
+            noise[s, k] = fading * left * process / (process + white) + np.sqrt(variance) * rng.standard_normal()
+    return End(time, states, noise)
+
+
+def noise_errors(
+    problem: Problem,
+    window: Window,
+    thetas: FloatArray,
+    usable: NDArray[np.bool_],
+    first: int,
+    ended: End | None,
+) -> WindowErrors:
+    """Errors of a window beside heat: noise alone, at its thetas [S, q].
+
+    first: as in `WindowErrors`; ended: the training window that it goes on from, if any.
+    """
+    train = problem.nearest(window.times[0])
+    channels = len(window.residuals.terms.kinds)
+    numbers = np.stack([window.numbers(theta) for theta in thetas])
+    simulated = np.where(usable[:, None, None], 0.0, np.full((len(thetas), 1, 1), np.nan))
+    none = np.zeros((channels, 0)), np.zeros((channels, 0, 0))
+    duty = np.empty((0, window.status.shape[1]))
+    before = None if ended is None else ended.noise
+    return WindowErrors(window, train, numbers, simulated, first, duty, (none,) * len(thetas), before)

@@ -1,0 +1,173 @@
+"""At which temperatures thermostats truly switch, as their measured switches show: draw by draw of a posterior.
+
+A heater goes on when its sensor first falls to the threshold. So the lowest temperature since the last switch is above
+the threshold at the last sample that shows the heater off, and would be below it at the first that shows it on if the
+heater had stayed off; while it stays off the threshold is below all of it. The sensor's bias, the control cycle and
+minimum times are part of what the threshold is found to be, and what differs from switch to switch is scatter.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+
+import numpy as np
+from scipy.special import log_ndtr, ndtr
+
+from ..problem import Window
+from ..simulator import FloatArray, NetworkSimulator, Observation, Sensors
+
+_FINE = 10.0
+"""s, how far apart the sensors' temperatures are looked at."""
+_SLOPE = 120.0
+"""s before a switch, over which a sensor's slope is taken."""
+_PRIOR = 0.5
+"""K, deviation of a threshold from what the scenario writes, as the prior has it,"""
+_OFFSETS = np.linspace(-1.5, 1.5, 76)
+"""K, and those that are looked at."""
+_SCATTERS = np.geomspace(0.01, 0.6, 8)
+"""K, as are these,"""
+_PRIOR_SCATTER = 0.15
+"""K, of whose half-normal prior this is the scale."""
+_LEAST = 1e-12
+"""Probability of a switch that no threshold explains."""
+
+
+@dataclass(frozen=True)
+class Thresholds:
+    """By how much thresholds of S draws are off what the scenario writes, K: to go on, and to go off."""
+
+    offsets: FloatArray
+    """[S, 2, H]"""
+    scatter: FloatArray
+    """[S, 2, H] standard deviation from switch to switch."""
+
+
+@dataclass(frozen=True)
+class _Switches:
+    """Of one heater in one direction: three times (s) of each switch, and of stretches without one."""
+
+    since: FloatArray
+    """[E] when it last switched the other way,"""
+    before: FloatArray
+    """[E] the last sample before it switched,"""
+    after: FloatArray
+    """[E] and the first one after; infinite: it has not switched."""
+
+
+def draw_thresholds(
+    windows: tuple[Window, ...], thetas: list[FloatArray], heats: list[FloatArray], rng: np.random.Generator
+) -> Thresholds | None:
+    """Thresholds given measured switches, one draw for each of S draws of theta [S, q] and heat [S, h, 2 K] of windows.
+
+    None: heaters are not driven by their measured status, or there are none.
+    """
+    heaters = len(windows[0].simulator.heaters)
+    if not heaters or any(window.switching is None for window in windows):
+        return None
+    draws = len(thetas[0])
+    logs = np.zeros((2, heaters, draws, len(_OFFSETS), len(_SCATTERS)))
+    for window, theta, heat in zip(windows, thetas, heats, strict=True):
+        simulator = window.network
+        assert simulator is not None
+        looking = _looking(simulator)
+        if looking is None:
+            return None
+        runs = looking.simulate_many(theta[:, window.simulated], heat)
+        seconds = looking.observation.times
+        blocks = list(window.scenario.network.heaters.values())
+        for s, run in enumerate(runs):
+            if run is None:
+                continue
+            for heater, block in enumerate(blocks):
+                for side, (written, sign) in enumerate(((block.on_below, 1.0), (block.off_above, -1.0))):
+                    # Seen upside down, going off is going on.
+                    sensor = sign * (run.temperatures[:, heater] - written)
+                    found = _switches(window, heater, on=side == 0)
+                    logs[side, heater, s] += _log_likelihood(seconds, sensor, found, sign)
+    prior = -0.5 * (_OFFSETS / _PRIOR) ** 2
+    spread = -0.5 * (_SCATTERS / _PRIOR_SCATTER) ** 2 + np.log(_SCATTERS)
+    logs += prior[:, None] + spread
+    chances = np.exp(logs - logs.max(axis=(3, 4), keepdims=True)).reshape(2, heaters, draws, -1)
+    bounds = np.cumsum(chances, axis=3)
+    chosen = (bounds < rng.random((2, heaters, draws, 1)) * bounds[..., -1:]).sum(axis=3)
+    place, which = np.divmod(chosen, len(_SCATTERS))
+    width = _OFFSETS[1] - _OFFSETS[0]
+    offsets = _OFFSETS[place] + width * (rng.random(place.shape) - 0.5)
+    return Thresholds(np.moveaxis(offsets, 2, 0), np.moveaxis(_SCATTERS[which], 2, 0))
+
+
+def _looking(simulator: NetworkSimulator) -> NetworkSimulator | None:
+    """The simulator as its thermostats' sensors see it; None: no channel shows temperatures as they are."""
+    values, mapping = simulator.network.values, simulator.mapping
+    moved = {*mapping.set_positions.tolist(), *mapping.scaled_positions.tolist()}
+    for errors in simulator.channel_errors.T:
+        if tuple(values[errors]) == (1.0, 0.0, 0.0) and not moved & set(errors.tolist()):
+            break
+    else:
+        return None
+    sensors = np.asarray(simulator.network.structure.sensor, np.int64)
+    times = np.arange(0.0, simulator.drive.times[-1], _FINE)
+    return replace(
+        simulator,
+        observation=Observation(times, Sensors(sensors, np.zeros(len(sensors), np.bool_))),
+        channel_errors=np.ascontiguousarray(np.repeat(errors[:, None], len(sensors), axis=1)),
+        channels=simulator.heaters,
+    )
+
+
+def _switches(window: Window, heater: int, *, on: bool) -> _Switches:
+    """Of the telemetry of a window, of a heater that goes on, or off."""
+    status = window.status[:, heater]
+    assert window.network is not None
+    start = window.times[0]
+    known = np.flatnonzero(np.isfinite(status))
+    offset = window.first_sample
+    seconds = (window.times[known] - start) / np.timedelta64(1, "ns") * 1e-9 + offset
+    states = status[known] > 0.5
+    usual = 1.5 * float(np.median(np.diff(seconds))) if len(seconds) > 1 else 0.0
+    since, rows = None, []
+    for k in range(1, len(seconds)):
+        if seconds[k] - seconds[k - 1] > usual:
+            since = None
+        elif states[k] != states[k - 1]:
+            if states[k] == on:
+                if since is not None:
+                    rows.append((since, seconds[k - 1], seconds[k]))
+                since = None
+            else:
+                since = seconds[k]
+    if since is not None:
+        rows.append((since, seconds[-1], np.inf))
+    return _Switches(*np.array(rows, float).reshape(-1, 3).T)
+
+
+def _log_likelihood(seconds: FloatArray, sensor: FloatArray, found: _Switches, sign: float) -> FloatArray:
+    """Of offsets and scatters [o, c]: of the switches of a sensor that falls to its threshold, K above what is written.
+
+    sign: -1: offsets of one that rises to it.
+    """
+    total = np.zeros((len(_OFFSETS), len(_SCATTERS)))
+    for since, before, after in zip(found.since, found.before, found.after, strict=True):
+        first, last = np.searchsorted(seconds, [since, before])
+        if last <= first:
+            continue
+        high = sensor[first:last].min()
+        above = (high - sign * _OFFSETS[:, None]) / _SCATTERS
+        if not np.isfinite(after):
+            total += log_ndtr(above)
+            continue
+        # As if the heater had not switched: what follows the last sample is its doing.
+        back = max(first, last - round(_SLOPE / _FINE) - 1)
+        slope = (sensor[last - 1] - sensor[back]) / max(last - 1 - back, 1) / _FINE
+        low = min(high, sensor[last - 1] + slope * (after - seconds[last - 1]))
+        total += np.log(ndtr(above) - ndtr((low - sign * _OFFSETS[:, None]) / _SCATTERS) + _LEAST)
+    return total
+
+
+def scattered(thresholds: Thresholds, switches: int, rng: np.random.Generator | None) -> FloatArray:
+    """What is added to thresholds at each switch, [S, E, 2, H] K; rng: None: no scatter."""
+    offsets = thresholds.offsets[:, None]
+    if rng is None:
+        return offsets
+    drawn = rng.standard_normal((len(thresholds.offsets), switches, *thresholds.offsets.shape[1:]))
+    return np.asarray(offsets + thresholds.scatter[:, None] * drawn)

@@ -1,0 +1,159 @@
+"""Where a window lies outside of what was trained on: modes, powers, sunlight, temperatures, by name."""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from functools import reduce
+from pathlib import Path
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ..environment import orbit_phase, sunlit_share
+from ..problem import Window
+from ..run import read_tree
+from ..simulator import FloatArray
+from ..telemetry import window_bounds
+
+ANY = "any"
+"""Name of the share of time in which at least one thing is outside."""
+_WIDER = 0.05
+"""Of what was trained on: by how much its range is widened."""
+_ROUNDING = 1e-6
+_KELVIN = 2.0
+"""K, by which the range of a channel's telemetry is widened."""
+_LEAST = 0.005
+"""Share of time below which nothing is said."""
+_PLACES = np.array([0.125, 0.375, 0.625, 0.875])
+"""In each step of the integration, where one looks."""
+_SECTORS = 36
+"""Parts of the orbit, in each of which sunlight and eclipse may be new."""
+_WORDS = {"mode": "mode", "driver": "power of", "solar": "sunlight on", "temperature": "boundary temperature of"}
+
+Booleans = NDArray[np.bool_]
+
+
+@dataclass(frozen=True)
+class Unseen:
+    """What of a window was not trained on."""
+
+    name: str
+    """In words, or `ANY`."""
+    share: float
+    """Of the window's time."""
+
+
+def unseen(trained: Sequence[Window], window: Window, mean: FloatArray | None = None) -> tuple[Unseen, ...]:
+    """What of a window of a thermal network was not trained on, the largest share of its time first.
+
+    Modes that training lacks; powers, sunlight on faces and boundary temperatures outside of its range; sunlight where
+    in the orbit it had none, and the other way round; with mean [T, N], K, temperatures that are predicted outside of
+    the telemetry's range. Shares below 0.5% are left out. Empty where all is as it was.
+    """
+    if window.network is None:
+        return ()
+    durations, series = _looked_at(window)
+    known = [own for own in (_looked_at(other)[1] for other in trained) if own]
+    outside: dict[str, Booleans] = {}
+    for column, values in series.items():
+        kind, _, which = column.partition(".")
+        if kind in _WORDS:
+            before = np.concatenate([own[column] for own in known if column in own] or [np.empty(0)])
+            new = (values > 0.5) & ~(before > 0.5).any() if kind == "mode" else _beyond(values, before)
+            outside[f"{_WORDS[kind]} {which}"] = new
+    outside |= _sun(trained, window)
+    if mean is not None:
+        outside |= _temperatures(trained, window, mean)
+    whole = reduce(np.logical_or, outside.values(), np.zeros(len(durations), bool))
+    shares = {name: float(durations @ where / durations.sum()) for name, where in {ANY: whole, **outside}.items()}
+    found = [Unseen(name, share) for name, share in shares.items() if share >= _LEAST]
+    return tuple(sorted(found, key=lambda own: -own.share))
+
+
+def unseen_attribute(trained: Mapping[str, Window], window: Window, mean: FloatArray) -> dict[str, str]:
+    """`unseen` as an attribute of the prediction of a window that was not trained on; none where it is not known."""
+    if window.name in trained or window.network is None:
+        return {}
+    return {"unseen": json.dumps([vars(own) for own in unseen(list(trained.values()), window, mean)])}
+
+
+def read_unseen(file: Path) -> dict[str, tuple[Unseen, ...]]:
+    """What a run's prediction says of each window in which something was not trained on."""
+    attributes = {name: group.attrs for name, group in read_tree(file).children.items()}
+    found = {name: json.loads(own["unseen"]) for name, own in attributes.items() if "unseen" in own}
+    return {name: tuple(Unseen(**item) for item in items) for name, items in found.items() if items}
+
+
+def _looked_at(window: Window) -> tuple[FloatArray, dict[str, FloatArray]]:
+    """Time [P] s that each place stands for, and the inputs there by column [P]; none of another simulator."""
+    if window.network is None:
+        return np.empty(0), {}
+    drive = window.network.drive
+    begin, end = drive.inputs[:, 0], drive.inputs[:, 1]
+    values = begin[:, None] + _PLACES[:, None] * (end - begin)[:, None]
+    values = values.reshape(-1, values.shape[2])
+    durations = np.repeat(np.diff(drive.times) / len(_PLACES), len(_PLACES))
+    return durations, {column: values[:, k] for k, column in enumerate(window.network.network.columns)}
+
+
+def _times(window: Window) -> NDArray[np.datetime64]:
+    """[P] of the same places, UTC."""
+    assert window.network is not None
+    grid = window.network.drive.times
+    seconds = (grid[:-1, None] + _PLACES * np.diff(grid)[:, None]).ravel()
+    start = window_bounds(window.scenario.windows[window.name], window.period)[0].astype("datetime64[ns]")
+    return np.asarray(start + np.round(seconds * 1e9).astype("timedelta64[ns]"))
+
+
+def _beyond(values: FloatArray, before: FloatArray, wider: float | None = None) -> Booleans:
+    """Whether values are outside of the range of earlier ones, NaN left out; False where there are no earlier ones."""
+    before = before[np.isfinite(before)]
+    if not len(before):
+        return np.zeros(len(values), bool)
+    low, high = before.min(), before.max()
+    if wider is None:
+        wider = _WIDER * (high - low) + _ROUNDING * max(abs(low), abs(high))
+    return np.asarray((values < low - wider) | (values > high + wider))
+
+
+def _sun(trained: Sequence[Window], window: Window) -> dict[str, Booleans]:
+    """Where sunlight or eclipse are at places in the orbit at which training had the other alone."""
+    origin = min(own.times[0] for own in trained)
+    sectors, sunlit = _in_orbit(window, origin)
+    had = np.zeros((2, _SECTORS), bool)
+    for own in trained:
+        if own.network is not None:
+            of_training, lit = _in_orbit(own, origin)
+            had[lit.astype(int), of_training] = True
+    if not len(sectors) or not had.any():
+        return {}
+    dark, bright = had[:, sectors]
+    return {
+        "sunlight where in the orbit training had eclipse": sunlit & dark & ~bright,
+        "eclipse where in the orbit training had sunlight": ~sunlit & bright & ~dark,
+    }
+
+
+def _in_orbit(window: Window, origin: np.datetime64) -> tuple[NDArray[np.int64], Booleans]:
+    """Part of the orbit and whether there is sunlight at each place [P]; empty where this is not known."""
+    times, environment, folder = _times(window), window.scenario.environment, window.scenario.folder
+    phase = orbit_phase(environment, times, folder, origin)
+    share = sunlit_share(environment, times, folder)
+    if not (np.isfinite(phase).all() and np.isfinite(share).all()):
+        return np.empty(0, np.int64), np.empty(0, bool)
+    return (phase * _SECTORS).astype(np.int64) % _SECTORS, share > 0.5
+
+
+def _temperatures(trained: Sequence[Window], window: Window, mean: FloatArray) -> dict[str, Booleans]:
+    """Where channels' predicted means [T, N] are outside of the trained telemetry's range."""
+    if not len(window.times):
+        return {}
+    between = window.times[:-1] + np.diff(window.times) / 2
+    nearest = np.searchsorted(between, _times(window))
+    before = np.concatenate([own.observed for own in trained])
+    return {
+        f"temperature of {channel}": _beyond(mean[:, k], before[:, k], _KELVIN)[nearest]
+        for k, channel in enumerate(window.simulator.channels)
+    }

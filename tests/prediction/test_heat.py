@@ -1,0 +1,220 @@
+"""Unmodelled heat in predictions: how windows go on from training, and at which temperatures thermostats switch."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from flightcal.calibration.heat import find_heat, start_with_heat
+from flightcal.prediction import predict
+from flightcal.prediction.heat import DrawnHeat, draw_heat
+from flightcal.prediction.thresholds import Thresholds, scattered
+from flightcal.probability.heat import fading
+from flightcal.problem import build_problem, build_window, knots_of
+
+from .. import small
+
+NOISE = 0.1
+"""K, of the telemetry."""
+OFF = 0.3
+"""K: the heater truly goes on so much above what the scenario writes, and off so much below."""
+DRAWS = 40
+END = "2024-03-01T03:05:00"
+"""Of training: the heater is off for some minutes before and after."""
+
+
+def written(*, status=True, heaters=True):
+    content = small.content() | {"heat": {"pattern": {"harmonics": 2}, "slow": {"time": "30 min"}}}
+    content["windows"] = {
+        "train": {"start": "2024-03-01T00:00:00", "end": END},
+        "test": {
+            "next": {"start": END, "end": "2024-03-01T04:00:00"},
+            "later": {"start": "2024-03-01T06:00:00", "end": "2024-03-01T07:00:00"},
+        },
+    }
+    if not status:
+        del content["simulator"]["heaters"]["heater"]["measured_by"], content["observations"]["heater_status"]
+    if not heaters:
+        del content["simulator"]["heaters"], content["observations"]["heater_status"], content["parameters"]["power"]
+    return content
+
+
+def flown(folder, off, *, noise=NOISE):
+    """Telemetry of a satellite whose thermostat's thresholds are nearer to each other, by `off` each."""
+    content = written()
+    content["simulator"]["heaters"]["heater"] |= {"on_below": f"{10.0 + off} degC", "off_above": f"{13.0 - off} degC"}
+    return small.closed_loop(folder, content, noise=noise)[1]
+
+
+def drawn_of(folder, content, data):
+    """A problem with heat, draws of it at one point, and their heat."""
+    problem = build_problem(small.load(folder, content)[0], data)
+    heated, z = start_with_heat(problem, find_heat(problem, problem.priors.median()))
+    draws = np.tile(heated.to_theta(z), (DRAWS, 1))
+    return heated, draws, draw_heat(heated, draws, np.random.default_rng(0))
+
+
+@pytest.fixture(scope="module", params=[0.0, OFF])
+def off(request):
+    return request.param
+
+
+@pytest.fixture(scope="module")
+def case(tmp_path_factory, off):
+    data = flown(tmp_path_factory.mktemp("flown"), off)
+    return data, *drawn_of(tmp_path_factory.mktemp("heat"), written(), data)
+
+
+def predicted(case, name):
+    data, problem, draws, drawn = case
+    return predict(problem, data, name, {}, draws, seed=0, heat=drawn)[0].isel(method=-1)
+
+
+# --- from training to what follows --------------------------------------------------------------------------------
+
+
+@pytest.fixture(scope="module")
+def at_end(tmp_path_factory, off):
+    """Temperatures [N] K where training ends, as they truly were."""
+    data = flown(tmp_path_factory.mktemp("true"), off, noise=0.0).sel(time=np.datetime64(END))
+    return np.array([float(data[channel]) for channel in ("body_temp", "panel_temp")])
+
+
+def test_a_window_that_begins_where_training_ends_goes_on_from_its_final_state(case, at_end):
+    trained, following = predicted(case, "train"), predicted(case, "test.next")
+    *_, drawn = case
+    assert "end of the training window" in following.attrs["initial_state"]
+    assert following["scored"].all()
+    assert following["time"].values[0] == np.datetime64(END)
+    first = following["mean"].values[0]
+    np.testing.assert_allclose(first, drawn.ends[0].temperatures.mean(axis=0), rtol=0.0, atol=1e-6)
+    np.testing.assert_allclose(first, at_end, rtol=0.0, atol=NOISE)
+    # In a minute the body cools by a few noises, and the panel warms by as much.
+    assert trained["time"].values[-1] == np.datetime64(END) - np.timedelta64(1, "m")
+    np.testing.assert_allclose(first, trained["observed"].values[-1], rtol=0.0, atol=8.0 * NOISE)
+
+
+def test_other_windows_begin_as_their_first_samples_say(case):
+    *_, drawn = case
+    assert drawn.continued(small.START + np.timedelta64(6, "h")) is None
+    later = predicted(case, "test.later")
+    assert "estimated from the first" in later.attrs["initial_state"]
+    assert not later["scored"].values[0]
+
+
+def test_the_end_of_training_is_where_its_simulations_with_heat_end(case, at_end):
+    *_, drawn = case
+    (end,) = drawn.ends
+    assert end.time == np.datetime64(END)
+    assert drawn.continued(end.time) is end
+    # Surer of it than one sample is, and not surer than they may be.
+    error, deviation = end.temperatures.mean(axis=0) - at_end, end.temperatures.std(axis=0)
+    assert (deviation < NOISE).all()
+    assert (np.abs(error) < 4.0 * deviation).all()
+
+
+def test_no_training_window_is_gone_on_from_if_all_its_simulations_failed(case):
+    *_, drawn = case
+    (end,) = drawn.ends
+    failed = replace(end, temperatures=np.full_like(end.temperatures, np.nan))
+    assert replace(drawn, ends=(failed,)).continued(end.time) is None
+
+
+# --- slow heat ----------------------------------------------------------------------------------------------------
+
+
+COUNT = 2000
+
+
+@pytest.fixture(scope="module")
+def slow(case):
+    """Slow heat of many draws far above what its prior has, values at the knots [S, 3, Q] and scales [S] of a group."""
+    data, problem, *_ = case
+    model, rng = problem.heat, np.random.default_rng(0)
+    knots = len(model.slow.knots)
+    weights = tuple(4.0 + rng.standard_normal((COUNT, 3 * knots)) for _ in model.groups)
+    scales = tuple(rng.uniform(0.5, 2.0, COUNT) for _ in model.groups)
+    drawn = DrawnHeat(model, weights, scales, np.ones(COUNT, bool), None, ())
+    g = next(k for k, group in enumerate(model.groups) if group.part == "slow")
+    values = weights[g].reshape(COUNT, 3, knots) @ model.slow.root.T
+    return data, problem, drawn, g, values, scales[g]
+
+
+def in_window(slow, name):
+    """Knots, and values there [S, 3, R]."""
+    data, problem, drawn, g, *_ = slow
+    window = build_window(problem.scenario, data, name)
+    found = drawn.in_window(window, np.random.default_rng(1))
+    assert found.model.slow.plain
+    for other, group in enumerate(problem.heat.groups):
+        assert (found.weights[other] is drawn.weights[other]) == (group.part != "slow")
+    return knots_of(problem.heat, window), found.weights[g].reshape(COUNT, 3, -1)
+
+
+def test_in_the_training_window_slow_heat_is_what_was_found(slow):
+    _, problem, _, _, values, scale = slow
+    knots, found = in_window(slow, "train")
+    np.testing.assert_array_equal(knots, problem.heat.slow.knots)
+    # The factor of a covariance that is zero has a little on its diagonal.
+    np.testing.assert_allclose(found, values, rtol=0.0, atol=5.0 * np.sqrt(3e-9) * scale.max() + 1e-6)
+
+
+def test_slow_heat_fades_from_its_last_value_in_training(slow):
+    _, problem, _, _, values, scale = slow
+    knots, found = in_window(slow, "test.next")
+    fade = np.exp(-(knots - problem.heat.slow.knots[-1]).clip(0.0) / problem.heat.slow.time)
+    beyond = fade < 1.0
+    assert beyond.sum() > 3
+    expected = values[..., -1:] * fade[beyond]
+    standard = (found[..., beyond] - expected) / (scale[:, None, None] * np.sqrt(1.0 - fade[beyond] ** 2))
+    count = 3 * COUNT
+    assert np.abs(standard.mean(axis=(0, 1))).max() < 4.5 / np.sqrt(count)
+    assert np.abs(standard.var(axis=(0, 1)) - 1.0).max() < 4.5 * np.sqrt(2.0 / count)
+
+
+def test_far_from_training_slow_heat_is_as_its_prior_has_it(slow):
+    _, problem, _, _, _, scale = slow
+    knots, found = in_window(slow, "test.later")
+    assert knots[0] - problem.heat.slow.knots[-1] > 5.0 * problem.heat.slow.time
+    standard = (found / scale[:, None, None]).reshape(-1, len(knots))
+    limit = 4.5 / np.sqrt(len(standard))
+    # A value of 4 + 1 prior deviations in training has left e^-5 of it.
+    assert np.abs(standard.mean(axis=0)).max() < limit + 12.0 * np.exp(-5.0)
+    covariance = np.cov(standard.T)
+    expected = fading(knots, knots, problem.heat.slow.time)
+    assert np.abs(covariance - expected).max() < np.sqrt(2.0) * limit + 0.01
+
+
+# --- thresholds ---------------------------------------------------------------------------------------------------
+
+
+def test_thresholds_are_found_where_thermostats_switch(case, off):
+    *_, drawn = case
+    offsets = drawn.thresholds.offsets
+    assert offsets.shape == drawn.thresholds.scatter.shape == (DRAWS, 2, 1)
+    on, goes_off = offsets[:, :, 0].mean(axis=0)
+    assert on == pytest.approx(off, abs=0.1)
+    assert goes_off == pytest.approx(-off, abs=0.1)
+    # So sure of it that the prior's 0.5 K are no longer seen.
+    assert (offsets.std(axis=0) < 0.15).all()
+
+
+@pytest.mark.parametrize("content", [written(status=False), written(heaters=False)], ids=["status", "heaters"])
+def test_without_a_measured_status_there_are_no_thresholds(tmp_path_factory, content):
+    data = flown(tmp_path_factory.mktemp("flown"), 0.0)
+    *_, drawn = drawn_of(tmp_path_factory.mktemp("heat"), content, data)
+    assert drawn.thresholds is None
+    assert drawn.usable.all()
+
+
+def test_each_switch_is_off_by_its_draws_offset_and_by_scatter_of_its_own():
+    rng = np.random.default_rng(0)
+    offsets, scatter = rng.normal(size=(3, 2, 2)), rng.uniform(0.1, 0.3, (3, 2, 2))
+    thresholds = Thresholds(offsets, scatter)
+    np.testing.assert_array_equal(scattered(thresholds, 5, None), offsets[:, None])
+    count = 10_000
+    found = scattered(thresholds, count, rng)
+    assert found.shape == (3, count, 2, 2)
+    standard = (found - offsets[:, None]) / scatter[:, None]
+    assert np.abs(standard.mean(axis=1)).max() < 4.5 / np.sqrt(count)
+    assert np.abs(standard.std(axis=1) - 1.0).max() < 4.5 / np.sqrt(2 * count)
