@@ -9,14 +9,15 @@ from typer.testing import CliRunner
 from flightcal import validation
 from flightcal.cli import USER_ERROR, app
 from flightcal.commands import compare
+from flightcal.commands.backtest import Backtest
 from flightcal.commands.calibrate import Summary
 from flightcal.prediction import Metric
 from flightcal.progress import SILENT
 from flightcal.report import write_comparison
 from flightcal.run import plain
-from flightcal.scenario import load_scenario, noise_of, resolved_yaml
+from flightcal.scenario import heat_of, load_scenario, noise_of, resolved_yaml
 from flightcal.validation import MODELS, BlockLoo, comparison_of, variant
-from flightcal.validation.comparison import recommend
+from flightcal.validation.comparison import backtest_summary, recommend, recommend_by_backtest
 from tests import small
 from tests.commands.test_calibrate import write
 
@@ -56,6 +57,15 @@ def test_every_model_of_a_scenario_is_a_scenario_without_findings(tmp_path, mode
     assert (own is not None and own.phase is not None) == (model in ("phase", "both", "phase+ar1"))
     if own is not None and own.phase is not None:
         assert own.phase.harmonics == 5
+
+
+@pytest.mark.parametrize("model", MODELS)
+def test_no_model_has_heat_nor_the_noise_beside_it(tmp_path, model):
+    written = small.content()
+    plain = variant(small.load(tmp_path, written)[0], model)
+    with_heat = variant(small.load(tmp_path, written | {"heat": {}})[0], model)
+    assert heat_of(with_heat) is None
+    assert noise_of(with_heat, "body_temp") == noise_of(plain, "body_temp")
 
 
 @pytest.mark.parametrize(("model", "scale"), [("iid", 2.0), ("phase", 2.0), ("ar1", 0.1), ("phase+ar1", 0.1)])
@@ -129,6 +139,60 @@ def test_scores_are_those_of_unseen_windows_and_the_page_shows_them(tmp_path):
     assert "4.32" in page
 
 
+def rolling(crps, held, *, passed=True):
+    whole = {"origin": "all", "channel": "all", "band": "all", "rmse": 1.0, "coverage": 0.93, "coverage_error": 0.02}
+    whole |= {"width": 4.0, "crps": crps}
+    return {"scores": [whole | {"channel": "body"}, whole], "held": held, "origins": [{}] * 5, "passed": passed}
+
+
+def test_backtests_recommend_the_lowest_crps_and_name_what_holds_more_often():
+    found = {"iid": rolling(0.6, 5), "phase": rolling(0.4, 3), "both": rolling(0.3, 2, passed=False)}
+    summaries = {model: backtest_summary(content) for model, content in found.items()}
+    best, reason = recommend_by_backtest(summaries)
+    assert best == "phase"
+    assert "lowest CRPS, 0.4 K. Its interval covers 93.0% and held after 3 of 5 origins" in reason
+    assert "use 'iid': held after 5, CRPS 0.6 K" in reason
+    assert "A lower CRPS, but not converged: both" in reason
+
+
+def test_a_comparison_with_backtests_is_ranked_by_them(tmp_path):
+    metrics = [
+        Metric("stochastic", "test", "all", name, value, "K")
+        for name, value in (("rmse", 1.0), ("picp", 0.95), ("log_score", 1.0), ("crps", 0.5))
+    ]
+    loos = {"iid": loo(-4.0), "phase": loo(-3.0)}
+    backtests = {"iid": rolling(0.6, 5), "phase": rolling(0.4, 4)}
+    passed = {"iid": True, "phase": True}
+    content = plain(comparison_of("Toy", {"iid": metrics, "phase": metrics}, loos, passed, backtests))
+    assert content["recommended"] == "phase"
+    (tmp_path / "comparison.json").write_text(json.dumps(content))
+    page = write_comparison(tmp_path).read_text(encoding="utf-8")
+    assert "Rolling origins" in page
+    assert "4 of 5" in page
+    without = plain(comparison_of("Toy", {"iid": metrics, "phase": metrics}, loos, passed))
+    assert without["backtest"] == {}
+
+
+def test_each_model_is_backtested_if_asked_for(tmp_path, monkeypatch):
+    metric = Metric("stochastic", "test", "all", "log_score", 1.0, "nat")
+    asked = []
+
+    def experiment(file, run, *, progress=SILENT):
+        return Summary(run, run / "report.html", {"passed": True}, (metric,), interrupted=False, heat={})
+
+    def backtested(file, out, *, progress=SILENT):
+        asked.append((file.name, out.name))
+        crps = 0.2 if out.name.startswith("ar1") else 0.4
+        return Backtest(out, out / "report.html", rolling(crps, 5))
+
+    monkeypatch.setattr(compare, "run_experiment", experiment)
+    monkeypatch.setattr(compare, "backtest_scenario", backtested)
+    monkeypatch.setattr(compare, "_block_loo", lambda *_: loo(1.0))
+    found = compare.compare_models(write(tmp_path), tmp_path / "out", ["iid", "ar1"], backtest=True)
+    assert asked == [("iid.yaml", "iid_backtest"), ("ar1.yaml", "ar1_backtest")]
+    assert found.content["recommended"] == "ar1"
+
+
 @pytest.mark.parametrize(("models", "message"), [("iid", "two or more"), ("iid,ar2", "found ar2")])
 def test_models_that_are_none_are_a_message(tmp_path, models, message):
     result = run(app, ["compare", str(write(tmp_path)), "--models", models, "--out", str(tmp_path / "out")])
@@ -162,7 +226,7 @@ def test_an_interrupted_sampling_ends_the_comparison_and_what_was_left_out_is_ke
     def experiment(file, run, *, progress=SILENT):
         run.mkdir(parents=True, exist_ok=True)
         ran.append(run.name)
-        return Summary(run, run / "report.html", {"passed": True}, (), interrupted=run.name == "ar1")
+        return Summary(run, run / "report.html", {"passed": True}, (), interrupted=run.name == "ar1", heat={})
 
     monkeypatch.setattr(compare, "run_experiment", experiment)
     monkeypatch.setattr(compare, "_block_loo", lambda *_: loo(1.0))
@@ -183,7 +247,7 @@ def test_scores_of_windows_left_out_stand_in_the_comparison_if_asked_for(tmp_pat
 
     def experiment(file, run, *, progress=SILENT):
         run.mkdir(parents=True, exist_ok=True)
-        return Summary(run, run / "report.html", {"passed": True}, tuple(metrics), interrupted=False)
+        return Summary(run, run / "report.html", {"passed": True}, tuple(metrics), interrupted=False, heat={})
 
     monkeypatch.setattr(compare, "run_experiment", experiment)
     monkeypatch.setattr(compare, "_block_loo", lambda *_: loo(1.0))

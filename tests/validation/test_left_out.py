@@ -50,7 +50,7 @@ def test_each_window_is_predicted_as_unseen_by_a_calibration_on_the_others(tmp_p
         draws = SimpleNamespace(interrupted=len(calibrated) == 3)
         flat = np.tile(theta, (200, 1))
         flat[:, problem.names.index("panel_size")] *= 1.0 + 1e-9 * np.arange(200)
-        return SimpleNamespace(flat=flat, diagnostics=diagnostics, draws=draws)
+        return SimpleNamespace(flat=flat, diagnostics=diagnostics, draws=draws, problem=problem)
 
     def predict(*arguments, **options):
         panel_sizes.append(arguments[4][:, 1])

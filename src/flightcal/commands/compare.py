@@ -16,6 +16,7 @@ import typer
 
 from ..errors import RunError
 from ..progress import SILENT, Progress
+from .backtest import backtest_scenario
 from .calibrate import Summary, run_experiment
 from .options import GATE_FAILED, ScenarioFile, TelemetryPlace
 
@@ -35,9 +36,14 @@ def compare(
     leave_windows_out: Annotated[
         bool, typer.Option("--leave-windows-out", help="Also predict each training window by the others.")
     ] = False,
+    backtest: Annotated[
+        bool, typer.Option("--backtest", help="Also backtest each model from rolling origins, and rank by that.")
+    ] = False,
     telemetry: TelemetryPlace = None,
 ) -> None:
     """Calibrate with several models of noise and discrepancy, compare them on unseen windows, and recommend one.
+
+    A few windows may favour a model by chance: with `--backtest` they are ranked by their CRPS after rolling origins.
 
     Example: `flightcal compare scenario.yaml --out runs/compared`
     """
@@ -46,7 +52,13 @@ def compare(
     chosen = [model.strip() for model in models.split(",") if model.strip()]
     with display() as progress:
         comparison = compare_models(
-            scenario, out, chosen, telemetry=telemetry, leave_windows_out=leave_windows_out, progress=progress
+            scenario,
+            out,
+            chosen,
+            telemetry=telemetry,
+            leave_windows_out=leave_windows_out,
+            backtest=backtest,
+            progress=progress,
         )
     print_comparison(comparison)
     if not comparison.passed:
@@ -75,12 +87,14 @@ def compare_models(
     *,
     telemetry: Path | str | None = None,
     leave_windows_out: bool = False,
+    backtest: bool = False,
     progress: Progress = SILENT,
 ) -> Comparison:
     """Run the experiment with each model in a folder of its name in `out`, and write comparison.json and .html.
 
     models: some of `validation.MODELS`. What is done in the folder is not run again. leave_windows_out: also predict
-    each training window by the others (see `validation.leave_windows_out`).
+    each training window by the others (see `validation.leave_windows_out`). backtest: also backtest each model, in
+    `<model>_backtest`, and recommend by that.
     Raises FlightcalError for what is the user's to mend, and KeyboardInterrupt after a sampling that was interrupted.
     """
     from ..report import write_comparison
@@ -98,7 +112,7 @@ def compare_models(
         check_windows(scenario)
     folder = Path(out)
     folder.mkdir(parents=True, exist_ok=True)
-    summaries, loos, others = {}, {}, {}
+    summaries, loos, others, backtests = {}, {}, {}, {}
     for model in models:
         progress.say(model)
         file = folder / f"{model}.yaml"
@@ -109,9 +123,11 @@ def compare_models(
         loos[model] = _block_loo(file, summaries[model])
         if leave_windows_out:
             others[model] = _left_out(file, summaries[model], progress)
+        if backtest:
+            backtests[model] = backtest_scenario(file, folder / f"{model}_backtest", progress=progress).content
     metrics = {model: summary.metrics for model, summary in summaries.items()}
     passed = {model: summary.passed for model, summary in summaries.items()}
-    content = comparison_of(scenario.name, metrics, loos, passed) | {"left_out": others}
+    content = comparison_of(scenario.name, metrics, loos, passed, backtests) | {"left_out": others}
     write_json(folder / _RESULT, plain(content))
     write_comparison(folder)
     return Comparison(folder, summaries, content)

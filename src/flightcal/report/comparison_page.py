@@ -38,6 +38,7 @@ def write_comparison(folder: Path) -> Path:
     content = read_content(folder, "comparison")
     output = folder / "comparison.html"
     sections = [
+        *([Section("backtest", "Rolling origins", _backtest(content))] if content.get("backtest") else []),
         Section("comparison", "Unseen windows", _scores(content)),
         Section("channels", "By window and channel", [block.table(_channels(content))]),
         Section("blocks", "Blocks left out of the training", _blocks(content)),
@@ -52,6 +53,8 @@ def _findings(content: Record) -> list[Finding]:
     recommended = content["recommended"]
     share = content["means"][recommended]["picp"]
     right = share is not None and 0.9 <= share <= 0.99
+    if rolling := content.get("backtest", {}).get(recommended):
+        right = rolling["held"] == rolling["origins"]
     findings = [
         Finding("good" if right else "warn", f"Recommended: {recommended}, {WORDS[recommended]}", content["reason"]),
     ]
@@ -61,6 +64,27 @@ def _findings(content: Record) -> list[Finding]:
             Finding("warn", f"Not converged: {', '.join(failed)}", "See their own reports before using their scores.")
         )
     return findings
+
+
+def _backtest(content: Record) -> list[Block]:
+    best = min(own["crps"] for own in content["backtest"].values())
+    rows = [
+        [
+            f"{model}\n{WORDS[model]}", Cell(number(own["crps"], 3), "good" if own["crps"] == best else ""),
+            f"{percent(own['coverage'])} ± {percent(own['coverage_error'])}",
+            Cell(f"{own['held']} of {own['origins']}", "" if own["held"] == own["origins"] else "warn"),
+            number(own["rmse"], 3), number(own["width"], 3), "yes" if own["passed"] else "no",
+        ]
+        for model, own in content["backtest"].items()
+    ]  # fmt: skip
+    header = ("model", "CRPS, K", "PICP", "origins after which it held", "RMSE, K", "MPIW, K", "converged")
+    return [
+        block.table(Table(header, rows, range(1, len(header) - 1))),
+        block.text(
+            "Each model is trained up to several origins all over the telemetry and predicts what follows. That is "
+            "more telemetry than a few windows have, so models are ranked by it. Each has a report in its own folder."
+        ),
+    ]
 
 
 def _scores(content: Record) -> list[Block]:

@@ -4,10 +4,14 @@ Imports: calibration, emulation, environment, errors, prediction, probability, p
 scenario, simulator, telemetry.
 """
 
+from .backtest import backtest_record, origin_settings, origin_stage
 from .block_loo import BlockLoo
 from .comparison import MODELS, block_loo, comparison_of, variant
 from .full_simulator import FULL_SIMULATOR
+from .holding import HELD, Holding, Replicates, hold_together, holds, replicate
+from .horizon import ALL, BANDS, BandScore, DutyScore, ahead, band_scores, duty_scores
 from .left_out import check_windows, leave_windows_out
+from .origins import Origin, Plan, measured_drivers, plan_origins, read_length
 from .reliability import (
     Coverage,
     Uniformity,
@@ -22,17 +26,29 @@ from .residuals import SIGNIFICANCE, ResidualCheck, autocorrelation, check_windo
 from .simulation_based import INTERVALS, Band, ecdf, ecdf_band, joint
 
 __all__ = [
+    "ALL",
+    "BANDS",
     "FULL_SIMULATOR",
+    "HELD",
     "INTERVALS",
     "MODELS",
     "SIGNIFICANCE",
     "Band",
+    "BandScore",
     "BlockLoo",
     "Coverage",
+    "DutyScore",
+    "Holding",
+    "Origin",
+    "Plan",
+    "Replicates",
     "ResidualCheck",
     "Uniformity",
     "Validation",
+    "ahead",
     "autocorrelation",
+    "backtest_record",
+    "band_scores",
     "block_loo",
     "chance_band",
     "check_window",
@@ -40,14 +56,23 @@ __all__ = [
     "comparison_of",
     "coverage_by_hour",
     "coverage_by_phase",
+    "duty_scores",
     "ecdf",
     "ecdf_band",
     "effective_samples",
+    "hold_together",
+    "holds",
     "joint",
     "judge",
     "leave_windows_out",
+    "measured_drivers",
+    "origin_settings",
+    "origin_stage",
+    "plan_origins",
     "prepared",
     "probability_integral_transform",
+    "read_length",
+    "replicate",
     "run_repeats",
     "short",
     "uniformity",

@@ -23,6 +23,7 @@ from ..scenario import (
 )
 from ..simulator import FloatArray
 from .block_loo import BlockLoo, block_log_likelihood, blocks_of, leave_blocks_out
+from .horizon import ALL
 
 MODELS = ("iid", "ar1", "time", "phase", "both", "phase+ar1")
 """iid: independent noise, as published; ar1: correlated; time, phase, both: independent and a discrepancy; phase+ar1:
@@ -37,8 +38,10 @@ _DRAWS = 200
 def variant(scenario: Scenario, model: str) -> Scenario:
     """The scenario with another model of the residuals: its own blocks where it has them, their defaults elsewhere.
 
-    Heavy tails and rounding stay with iid alone, for they go together with neither correlation nor discrepancy.
+    Heavy tails and rounding stay with iid alone, for they go together with neither correlation nor discrepancy. None of
+    them has heat, and noise that is left out is that of scenarios without it.
     """
+    scenario = scenario.model_copy(update={"heat": "none"})
 
     def noise(own: Noise) -> Noise:
         of_memory = [name for name, (key, _) in NEEDS.items() if key == "model"]
@@ -72,9 +75,16 @@ def variant(scenario: Scenario, model: str) -> Scenario:
 
 
 def comparison_of(
-    name: str, metrics: Mapping[str, Sequence[Metric]], loos: Mapping[str, BlockLoo], passed: Mapping[str, bool]
+    name: str,
+    metrics: Mapping[str, Sequence[Metric]],
+    loos: Mapping[str, BlockLoo],
+    passed: Mapping[str, bool],
+    backtests: Mapping[str, Mapping[str, Any]] | None = None,
 ) -> dict[str, Any]:
-    """Content of comparison.json: scores by model, the blocks left out, and what is recommended and why."""
+    """Content of comparison.json: scores by model, the blocks left out, and what is recommended and why.
+
+    backtests: backtest.json of each model; where they are given, they tell which model is recommended.
+    """
     rows = []
     for model, found in metrics.items():
         values = {
@@ -89,7 +99,8 @@ def comparison_of(
         model: _means([row for row in rows if row["model"] == model and row["channel"] == "all"]) for model in metrics
     }
     best = max(loos.values(), key=lambda loo: loo.density)
-    recommended, reason = recommend(means, loos, passed)
+    rolling = {model: backtest_summary(content) for model, content in (backtests or {}).items()}
+    recommended, reason = recommend_by_backtest(rolling) if rolling else recommend(means, loos, passed)
     return {
         "name": name,
         "models": list(metrics),
@@ -98,6 +109,7 @@ def comparison_of(
         "passed": passed,
         "scores": rows,
         "means": means,
+        "backtest": rolling,
         "blocks": {
             model: {
                 "density": loo.density,
@@ -109,6 +121,38 @@ def comparison_of(
             for model, loo in loos.items()
         },
     }
+
+
+def backtest_summary(content: Mapping[str, Any]) -> dict[str, Any]:
+    """Of a backtest.json: scores of all origins, channels and horizons, and after how many origins intervals held."""
+    whole = next(own for own in content["scores"] if own["origin"] == own["channel"] == own["band"] == ALL)
+    kept = {name: whole[name] for name in ("rmse", "coverage", "coverage_error", "width", "crps")}
+    return kept | {"held": content["held"], "origins": len(content["origins"]), "passed": content["passed"]}
+
+
+def recommend_by_backtest(rolling: Mapping[str, Mapping[str, Any]]) -> tuple[str, str]:
+    """The model to use, and why: of those that were sampled well, the one with the lowest CRPS.
+
+    rolling: `backtest_summary` of each model.
+    """
+    sampled = [model for model, own in rolling.items() if own["passed"]] or list(rolling)
+    best = min(sampled, key=lambda model: rolling[model]["crps"])
+    own = rolling[best]
+    words = [
+        f"After rolling origins '{best}' has the lowest CRPS, {own['crps']:.3g} K. Its interval covers "
+        f"{own['coverage']:.1%} and held after {own['held']} of {own['origins']} origins."
+    ]
+    holding = [model for model in sampled if rolling[model]["held"] > own["held"]]
+    if holding:
+        safe = max(holding, key=lambda model: (rolling[model]["held"], -rolling[model]["crps"]))
+        words.append(
+            f"Where coverage matters more than sharpness, use '{safe}': held after {rolling[safe]['held']}, CRPS "
+            f"{rolling[safe]['crps']:.3g} K."
+        )
+    others = [model for model in rolling if model not in sampled and rolling[model]["crps"] < own["crps"]]
+    if others:
+        words.append(f"A lower CRPS, but not converged: {', '.join(others)}.")
+    return best, " ".join(words)
 
 
 def _means(rows: Sequence[dict[str, Any]]) -> dict[str, float | None]:

@@ -58,6 +58,6 @@ def _predicted_by_others(scenario: Scenario, telemetry: xarray.Dataset, window: 
     rng = np.random.default_rng(settings.seed)
     count = min(settings.prediction.simulations, len(posterior.flat))
     draws = posterior.flat[rng.choice(len(posterior.flat), count, replace=False)]
-    predicted, _ = predict(problem, telemetry, LEFT_OUT, {}, draws, seed=settings.seed)
+    predicted, _ = predict(posterior.problem, telemetry, LEFT_OUT, {}, draws, seed=settings.seed)
     scores = {metric.metric: metric.value for metric in score(predicted, LEFT_OUT) if metric.channel == "all"}
     return scores | {"passed": posterior.diagnostics.passed}

@@ -24,7 +24,7 @@ from ..errors import RunError, ScenarioError
 from ..problem import Problem, build_problem, simulate_telemetry, with_telemetry
 from ..progress import SILENT, Progress
 from ..run import RunDirectory, each, plain
-from ..scenario import NutsSettings, load_scenario
+from ..scenario import NutsSettings, heat_of, load_scenario
 from ..simulator import FloatArray, SimulationFailure
 from ..telemetry import read
 from .comparison import variant
@@ -185,6 +185,11 @@ def prepared(scenario_file: str, telemetry: str | None, residuals: str | None) -
         raise ScenarioError(
             f"{scenario_file}: simulator: found one without derivatives, expected a thermal network or one with a "
             "gradient: each repeat would need an emulator of its own"
+        )
+    if heat_of(scenario) is not None:
+        raise ScenarioError(
+            f"{scenario_file}: heat: found unmodelled heat, expected 'heat: none' (or --residuals): repeats are "
+            "made without it"
         )
     return problem, data
 

@@ -236,10 +236,13 @@ def check_residuals(
     return replace(check, words=words)
 
 
-def check_window(prediction: xr.Dataset, method: str = "stochastic", *, unseen: bool = False) -> list[ResidualCheck]:
+def check_window(
+    prediction: xr.Dataset, method: str = "stochastic", *, unseen: bool = False, heat: bool = False
+) -> list[ResidualCheck]:
     """Tests of every channel's scored residuals in a window. prediction: a group of prediction.nc.
 
-    Where the noise is more than iid, of its `innovation`. unseen: the window was not calibrated on.
+    Where the noise is more than iid, of its `innovation`. unseen: the window was not calibrated on;
+    heat: the prediction has unmodelled heat, of which the slow part is not known there.
     """
     scored = prediction.isel(time=prediction["scored"].values.astype(bool)).sel({"method": method})
     residuals = (scored["observed"] - scored["mean"]).transpose("time", "channel").values
@@ -251,7 +254,7 @@ def check_window(prediction: xr.Dataset, method: str = "stochastic", *, unseen: 
         noise, discrepancy = ([str(v) for v in scored[name].values] for name in ("noise", "discrepant"))
     checks = []
     for i, channel in enumerate(channels):
-        uncertain = unseen and "time" in discrepancy[i]
+        uncertain = unseen and (heat or "time" in discrepancy[i])
         check = check_residuals(channel, tested[:, i], time, noise=noise[i], uncertain=uncertain)
         present = np.isfinite(residuals[:, i])
         own = autocorrelation(residuals[present, i], time[present], 1)[1] if present.sum() > 1 else math.nan
@@ -284,8 +287,8 @@ def _words(check: ResidualCheck) -> str:
         )
     if verdict == "expected":
         return (
-            f"{channel}: the {tested} are correlated (lag-1 autocorrelation {lag1:.3f}, {chance}), which a discrepancy "
-            f"in time makes them where nothing tells it; the prediction's interval contains it."
+            f"{channel}: the {tested} are correlated (lag-1 autocorrelation {lag1:.3f}, {chance}), which what the "
+            f"simulator lacks makes them where no telemetry tells it; the prediction's interval contains it."
         )
     least = "at least " if check.effective < 10 else "about "
     return (

@@ -1,0 +1,167 @@
+"""Rolling origins: train up to an origin, predict what follows, and see whether intervals held."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from time import perf_counter
+from typing import Any
+
+import numpy as np
+import xarray
+
+from ..calibration import calibrate_nuts, warm
+from ..emulation import needs_emulator
+from ..errors import RunError
+from ..prediction import predict
+from ..problem import Problem, build_problem
+from ..run import Run, Stage, plain
+from ..scenario import NutsSettings, PredictionSettings, Scenario
+from ..simulator import FloatArray
+from .holding import Holding, Replicates, hold_together, replicate
+from .horizon import BANDS, band_scores, duty_scores
+from .origins import AHEAD, Origin, Plan
+
+_FOLDER = "origins"
+
+
+def origin_stage(scenario: Scenario, origin: Origin, title: str) -> Stage[xarray.Dataset]:
+    """Calibrate up to an origin and predict from there; of the telemetry, with `origin_settings`."""
+    file = f"{_FOLDER}/{origin.label}.nc"
+
+    def make(
+        run: Run, data: xarray.Dataset, *, span: Any, nuts: NutsSettings, prediction: PredictionSettings, seed: int
+    ) -> None:
+        run.folder.file(_FOLDER).mkdir(exist_ok=True)
+        run.folder.write_netcdf(file, _backtested(run, scenario, data, origin))
+
+    return Stage(origin.label, title, (file,), make, lambda run, data: run.folder.read_dataset(file))
+
+
+def origin_settings(scenario: Scenario, origin: Origin) -> dict[str, Any]:
+    """What an origin's prediction is made with, besides the scenario and its telemetry."""
+    method = scenario.calibration
+    span = [str(time) for time in (origin.start, origin.time, origin.end)]
+    return {"span": span, "nuts": method.nuts, "prediction": method.prediction, "seed": method.seed}
+
+
+def _backtested(run: Run, scenario: Scenario, data: xarray.Dataset, origin: Origin) -> xarray.Dataset:
+    started = perf_counter()
+    own = origin.scenario(scenario)
+    settings = scenario.calibration
+    problem = build_problem(own, data)
+    if needs_emulator(problem):
+        raise RunError(
+            "backtest: simulator: found one without derivatives, expected a thermal network or one with a gradient: "
+            "each origin would need an emulator of its own"
+        )
+    with run.progress.stage("compiling (long only once)"):
+        warm(problem)
+    posterior = calibrate_nuts(problem, progress=run.progress)
+    if posterior.draws.interrupted:
+        raise KeyboardInterrupt
+    rng = np.random.default_rng(settings.seed)
+    count = min(settings.prediction.simulations, len(posterior.flat))
+    draws = posterior.flat[np.sort(rng.choice(len(posterior.flat), count, replace=False))]
+    prediction, replicated = _predict(posterior.problem, data, draws)
+    attributes = {
+        "origin": str(origin.time),
+        "trained_from": str(origin.start),
+        "predicted_to": str(origin.end),
+        "passed": int(posterior.diagnostics.passed),
+        "verdict": posterior.diagnostics.verdict,
+        "failed_gates": ", ".join(gate.name for gate in posterior.diagnostics.gates if not gate.passed),
+        "seconds": perf_counter() - started,
+    }
+    found = {
+        "coverage": ("channel", replicated.coverage),
+        "replicated": (("replicate", "channel"), replicated.replicated),
+    }
+    return prediction.assign(found).assign_attrs(attributes)
+
+
+def _predict(problem: Problem, data: xarray.Dataset, draws: FloatArray) -> tuple[xarray.Dataset, Replicates]:
+    """What follows the origin, and its coverage beside that of telemetry drawn from the prediction.
+
+    It is predicted as a window of its own, whose first minutes tell its initial temperatures and are not scored.
+    """
+    method = problem.scenario.calibration
+    prediction, ensemble = predict(problem, data, AHEAD, {}, draws, seed=method.seed)
+    scored = prediction["scored"].values.astype(bool)
+    observed = prediction["observed"].values
+    return prediction, replicate(observed, scored, ensemble.draws, method.prediction.interval)
+
+
+def backtest_record(scenario: Scenario, plan: Plan, predictions: Mapping[str, xarray.Dataset]) -> dict[str, Any]:
+    """Content of backtest.json: what was done, whether intervals held, and scores by origin, channel and horizon.
+
+    predictions: groups of backtest.nc, in the order of the plan's origins.
+    """
+    channels = [str(name) for name in next(iter(predictions.values()))["channel"].values]
+    holdings = judge(predictions)
+    scores = band_scores(predictions, plan.period)
+    origins = [
+        _origin_record(name, prediction, holding, channels)
+        for (name, prediction), holding in zip(predictions.items(), holdings, strict=True)
+    ]
+    return {
+        "name": scenario.name,
+        "interval": scenario.calibration.prediction.interval,
+        "period": plan.period,
+        "train": plan.train,
+        "horizon": plan.horizon,
+        "measured": plan.measured,
+        "skipped": plan.skipped,
+        "channels": channels,
+        "bands": BANDS,
+        "holds": all(holding.holds for holding in holdings),
+        "held": sum(holding.holds for holding in holdings),
+        "passed": all(origin["passed"] for origin in origins),
+        "worst": _worst(origins),
+        "origins": origins,
+        "scores": plain(scores),
+        "duty": plain(duty_scores(predictions)),
+    }
+
+
+def judge(predictions: Mapping[str, xarray.Dataset]) -> list[Holding]:
+    """Whether intervals held after each origin, in one band for all of its channels (see `hold_together`)."""
+    kept = [Replicates(own["coverage"].values, own["replicated"].values) for own in predictions.values()]
+    return [hold_together([own])[0] for own in kept]
+
+
+def _worst(origins: list[dict[str, Any]]) -> dict[str, Any]:
+    """The channel of an origin whose coverage is furthest below its band, or the least above its lower end."""
+    found = [
+        {
+            "origin": own["name"],
+            "time": own["origin"],
+            "channel": own["worst"],
+            "coverage": own["coverage"][k],
+            "lower": own["lower"][k],
+        }
+        for own in origins
+        if (k := own["worst_place"]) >= 0
+    ]
+    return min(found, key=lambda record: record["coverage"] - record["lower"], default={})
+
+
+def _origin_record(name: str, prediction: xarray.Dataset, holding: Holding, channels: list[str]) -> dict[str, Any]:
+    attributes = prediction.attrs
+    return {
+        "name": name,
+        "origin": attributes["origin"][:19],
+        "trained_from": attributes["trained_from"][:19],
+        "predicted_to": attributes["predicted_to"][:19],
+        "passed": bool(attributes["passed"]),
+        "verdict": attributes["verdict"],
+        "failed_gates": attributes["failed_gates"],
+        "seconds": float(attributes["seconds"]),
+        "failed_simulations": int(attributes["failed_simulations"]),
+        "holds": holding.holds,
+        "worst": channels[holding.worst] if holding.worst >= 0 else None,
+        "worst_place": holding.worst,
+        "coverage": holding.coverage,
+        "lower": holding.lower,
+        "upper": holding.upper,
+        "too_wide": [name for name, wide in zip(channels, holding.too_wide, strict=True) if wide],
+    }

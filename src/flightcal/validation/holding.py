@@ -1,0 +1,156 @@
+"""Do intervals hold? A window's coverage against that of telemetry drawn from the prediction itself.
+
+Samples that follow each other share their errors, so coverage scatters far more than that of independent samples. By
+how much depends on the window. The prediction's own draws tell: each of them is taken as if it were the telemetry.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import Final
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ..simulator import FloatArray
+
+HELD: Final = 0.99
+"""Probability with which all channels of all windows lie in the band where the prediction is right."""
+
+_TAIL: Final = 0.05
+"""Share of a channel's replicates that tell how its coverage falls off."""
+
+
+@dataclass(frozen=True)
+class Replicates:
+    """Coverage of one window by channel: of its telemetry, and of draws in the place of the telemetry."""
+
+    coverage: FloatArray
+    """[N] share of the samples inside the interval; NaN of a channel that has none."""
+    replicated: FloatArray
+    """[S, N]."""
+
+
+@dataclass(frozen=True)
+class Holding:
+    """Whether the intervals of one window hold."""
+
+    coverage: FloatArray
+    """[N] as in `Replicates`."""
+    lower: FloatArray
+    """[N] lower end of the band of coverage; NaN of a channel without samples."""
+    upper: FloatArray
+    """[N]."""
+    holds: bool
+    """No channel's coverage is below its band."""
+    worst: int
+    """The channel whose coverage is furthest below its band, or the least above its lower end; -1 without samples."""
+
+    @property
+    def too_wide(self) -> NDArray[np.bool_]:
+        """[N] channels whose coverage is above the band: intervals wider than need be, which is no failure."""
+        return np.asarray(self.coverage > self.upper)
+
+
+def holds(observed: FloatArray, scored: NDArray[np.bool_], draws: FloatArray, interval: float) -> Holding:
+    """Whether one window's intervals hold: see `hold_together`, and `replicate` for the arrays."""
+    return hold_together([replicate(observed, scored, draws, interval)])[0]
+
+
+def replicate(observed: FloatArray, scored: NDArray[np.bool_], draws: FloatArray, interval: float) -> Replicates:
+    """Coverage of the central interval of draws [S, T, N], of telemetry [T, N] and of each draw in its place.
+
+    observed: K, NaN where missing; scored: [T], samples that count; draws: K, noise included, at least 40; interval:
+    probability inside. A draw is held to the interval of all the others, for telemetry has no part in it either.
+    """
+    tails = 0.5 * (1 - interval), 0.5 * (1 + interval)
+    counted = np.isfinite(observed) & np.asarray(scored, bool)[:, None]
+    low, high = np.quantile(draws, tails, axis=0)
+    inside = counted & (low <= observed) & (observed <= high)
+    lowest, highest = _lower_end(draws, tails[0]), -_lower_end(-draws, tails[0])
+    drawn = counted & (lowest < draws) & (draws < highest)
+    samples = counted.sum(axis=0)
+    with np.errstate(invalid="ignore"):
+        return Replicates(inside.sum(axis=0) / samples, drawn.sum(axis=1) / samples)
+
+
+def _lower_end(draws: FloatArray, probability: float) -> FloatArray:
+    """[T, N], above which a draw [S, T, N] lies that is not below this quantile of the other draws.
+
+    In order, draws up to place `k` are below the quantile of the others, which lies between the places `k` and
+    `k` + 2; those from `k` + 2 on are not; the one between them has to be looked at.
+    """
+    whole, part = divmod(probability * (len(draws) - 2), 1.0)
+    k = int(whole)
+    first, middle, last = np.partition(draws, (k, k + 1, k + 2), axis=0)[k : k + 3]
+    of_others = (1.0 - part) * first + part * last
+    return np.asarray(np.where(middle < of_others, middle, first))
+
+
+def hold_together(windows: Sequence[Replicates]) -> list[Holding]:
+    """Whether intervals hold in every window: no coverage, of any channel, lies below its band.
+
+    The bands are family-wise: of replicates drawn from the prediction 99% (`HELD`) have all channels of all windows
+    inside. A replicate counts by its most extreme channel, and a channel by the replicate's rank in it. Where channels
+    are many, ranks alone cannot tell: of a thousand draws twenty are the lowest or highest in one of ten channels.
+    These are told apart by their distance from the next one. Windows of one calibration have their draws in the same
+    order.
+
+    A perfect model's channel leaves the region of 90 to 100% often. With noise that is correlated over 20 min
+    (AR(1)), samples a minute apart, 95% intervals and four channels the band ends at about 69% in a window of two
+    orbits of 95 min, and at about 84% in one of eight.
+    """
+    size = min(len(window.replicated) for window in windows)
+    replicated = np.concatenate([window.replicated[:size] for window in windows], axis=1)
+    known = np.isfinite(replicated).all(axis=0)
+    low, high = _ends(replicated[:, known])
+    lower, upper = np.full((2, len(known)), np.nan)
+    lower[known], upper[known] = np.clip(low, 0.0, 1.0), np.clip(high, 0.0, 1.0)
+    found, at = [], 0
+    for window in windows:
+        own = slice(at, at := at + len(window.coverage))
+        room = window.coverage - lower[own]
+        worst = int(np.nanargmin(room)) if np.isfinite(room).any() else -1
+        found.append(Holding(window.coverage, lower[own], upper[own], not bool((room < 0.0).any()), worst))
+    return found
+
+
+def _ends(values: FloatArray) -> tuple[FloatArray, FloatArray]:
+    """Lower and upper end [n] of the band that `HELD` of the rows of values [S, n] lie in with all columns."""
+    if not values.shape[1]:
+        return np.empty(0), np.empty(0)
+    extremity = np.maximum(_extremity(values), _extremity(-values)).max(axis=1)
+    allowed = float(np.quantile(extremity, HELD, method="higher"))
+    return _lowest_allowed(values, allowed), -_lowest_allowed(-values, allowed)
+
+
+def _extremity(values: FloatArray) -> FloatArray:
+    """How low values [S, n] are in their columns: minus the logarithm of the share of values that are not higher.
+
+    Below all others: the same with the exponential tail of the column's lowest twentieth.
+    """
+    size = len(values)
+    ordered, scale = np.sort(values, axis=0), _tail(values)
+    found = np.empty_like(values)
+    for k, column in enumerate(values.T):
+        rank = np.searchsorted(ordered[:, k], column, side="right")
+        gap = (ordered[1, k] - ordered[0, k]) / scale[k]
+        found[:, k] = np.where(rank == 1, gap, 0.0) - np.log(rank / size)
+    return found
+
+
+def _lowest_allowed(values: FloatArray, extremity: float) -> FloatArray:
+    """The lowest value in each column of values [S, n] that is no more extreme than this, [n]; see `_extremity`."""
+    ordered, beyond = np.sort(values, axis=0), extremity - np.log(len(values))
+    if beyond > 0.0:
+        return np.asarray(ordered[0] - beyond * _tail(values))
+    # A rank of whole draws comes back from its logarithm with an error of rounding.
+    return np.asarray(ordered[max(int(np.ceil(np.exp(-beyond) - 1e-9)), 1) - 1])
+
+
+def _tail(values: FloatArray) -> FloatArray:
+    """Mean distance of the lowest values [S, n] of each column from the quantile below which they lie, [n]."""
+    start = np.quantile(values, _TAIL, axis=0)
+    inside = values <= start
+    return np.maximum(np.where(inside, start - values, 0.0).sum(axis=0) / inside.sum(axis=0), 1e-6)

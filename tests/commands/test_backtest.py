@@ -1,0 +1,127 @@
+"""`flightcal backtest` on the small satellite: what it leaves, that it resumes, that it knows no temperature ahead."""
+
+import json
+import re
+import shutil
+
+import numpy as np
+import pytest
+from typer.testing import CliRunner
+
+from flightcal.cli import GATE_FAILED, USER_ERROR, app
+from flightcal.commands.backtest import backtest_scenario
+from flightcal.run import read_tree
+from flightcal.validation import BANDS
+from tests.commands.test_calibrate import write
+from tests.told import Told
+
+run = CliRunner().invoke
+
+
+@pytest.fixture(scope="module")
+def finished(tmp_path_factory):
+    folder = tmp_path_factory.mktemp("backtest")
+    file = write(folder, prediction={"simulations": 200})
+    return file, folder / "run", backtest_scenario(file, folder / "run", 2, train="1.5 h", horizon="2 orbits")
+
+
+def test_a_backtest_leaves_its_records_its_predictions_and_a_page(finished):
+    _, out, found = finished
+    assert {file.name for file in out.iterdir()} == {
+        "scenario.yaml", "provenance.json", "log.jsonl", "origins", "backtest.json", "backtest.nc", "report.html",
+    }  # fmt: skip
+    content = json.loads((out / "backtest.json").read_text())
+    assert content == found.content
+    assert [own["origin"] for own in content["origins"]] == ["2024-03-01T01:29:00", "2024-03-01T05:31:00"]
+    assert {own["band"] for own in content["scores"]} == {*BANDS, "all"}
+    tree = read_tree(out / "backtest.nc")
+    assert list(tree.children) == [own["name"] for own in content["origins"]]
+    assert found.report == out / "report.html"
+
+
+def test_a_right_model_holds_and_its_errors_are_its_noise(finished):
+    content = finished[2].content
+    assert content["holds"]
+    whole = next(own for own in content["scores"] if own["origin"] == own["band"] == "all" == own["channel"])
+    assert whole["rmse"] < 0.2
+    assert whole["coverage"] > 0.85
+    assert [own["heater"] for own in content["duty"]] == ["heater", "heater"]
+
+
+def test_measured_drivers_are_named(finished):
+    _, out, found = finished
+    assert found.content["measured"] == ["sun"]
+    assert "Measured drivers: these predictions are not forecasts" in (out / "report.html").read_text(encoding="utf-8")
+
+
+def test_the_page_has_its_pictures(finished):
+    _, out, found = finished
+    page = (out / "report.html").read_text(encoding="utf-8")
+    assert f"Intervals held after {found.content['held']} of 2 origins" in page
+    assert len(re.findall(r'class="plot" id="(figure-\d+)"', page)) == 3
+    assert "Did intervals hold tomorrow?" in page
+
+
+def test_report_writes_the_page_of_a_backtest_again(finished, tmp_path):
+    _, out, _ = finished
+    result = run(app, ["report", str(out), "--out", str(tmp_path / "page.html")])
+    assert result.exit_code == 0
+    assert "flightcal backtest" in (tmp_path / "page.html").read_text(encoding="utf-8")
+
+
+def test_origins_that_are_done_are_not_run_again(finished, tmp_path):
+    file, out, first = finished
+    copy = tmp_path / "copy"
+    shutil.copytree(out, copy)
+    told = Told()
+    again = backtest_scenario(file, copy, 2, train="1.5 h", horizon="2 orbits", progress=told)
+    assert again.content == first.content
+    assert told.done_before("origin 1 of 2, 2024-03-01 01:29")
+    assert told.done_before("origin 2 of 2, 2024-03-01 05:31")
+    assert any(line.startswith("2 origins, each a calibration on 1 orbits") for line in told.said)
+    assert any(re.match(r"origin 1 took 0 s; one is left, about 0 s", line) for line in told.said)
+
+
+def test_no_temperature_after_an_origin_but_those_of_the_first_minutes_counts(finished, tmp_path):
+    file, out, _ = finished
+    lines = (file.parent / "telemetry.csv").read_text().splitlines()
+    heading = lines[0].split(",")
+    changed = lines[:1]
+    # The first origin stands at 89 min, and its first ten minutes are used.
+    for minute, line in enumerate(lines[1:]):
+        cells = line.split(",")
+        for name in ("body", "panel"):
+            cells[heading.index(name)] = str(float(cells[heading.index(name)]) + (25.0 if minute > 99 else 0.0))
+        changed.append(",".join(cells))
+    shutil.copy(file, tmp_path / "scenario.yaml")
+    (tmp_path / "telemetry.csv").write_text("\n".join(changed) + "\n")
+    backtest_scenario(tmp_path / "scenario.yaml", tmp_path / "run", 1, train="1.5 h", horizon="2 orbits")
+    name = "origin_20240301T012900"
+    before, after = (read_tree(folder / "backtest.nc")[name].to_dataset() for folder in (out, tmp_path / "run"))
+    assert np.abs(before["observed"] - after["observed"]).max() == pytest.approx(25.0, abs=1e-3)
+    for variable in ("mean", "lower", "upper"):
+        np.testing.assert_allclose(before[variable], after[variable], rtol=0, atol=1e-9)
+
+
+def test_intervals_that_do_not_hold_have_the_exit_code_of_a_failed_gate(finished, monkeypatch):
+    file, out, found = finished
+    arguments = ["backtest", str(file), "--out", str(out), "--origins", "2", "--train", "1.5 h"]
+    result = run(app, [*arguments, "--horizon", "2 orbits"])
+    assert result.exit_code == (0 if found.passed else GATE_FAILED)
+    assert f"Intervals held after {found.content['held']} of 2 origins" in result.output
+    monkeypatch.setattr("flightcal.commands.backtest.Backtest.passed", False)
+    assert run(app, [*arguments, "--horizon", "2 orbits"]).exit_code == GATE_FAILED
+
+
+def test_a_length_that_is_none_is_a_message(tmp_path):
+    result = run(app, ["backtest", str(write(tmp_path)), "--out", str(tmp_path / "out"), "--train", "two"])
+    assert result.exit_code == USER_ERROR
+    assert "--train: found 'two', expected a length of time such as '2 orbits' or '3 h'" in result.output
+    assert not (tmp_path / "out").exists()
+
+
+def test_a_simulator_without_derivatives_is_a_message(tmp_path, monkeypatch):
+    monkeypatch.setattr("flightcal.validation.backtest.needs_emulator", lambda problem: True)
+    result = run(app, ["backtest", str(write(tmp_path)), "--out", str(tmp_path / "out")])
+    assert result.exit_code == USER_ERROR
+    assert "without derivatives" in result.output

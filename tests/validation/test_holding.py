@@ -1,0 +1,116 @@
+"""Whether intervals hold: right and wrong predictions of noise that is correlated over 20 min."""
+
+import numpy as np
+import pytest
+from scipy.signal import lfilter
+
+from flightcal.validation import hold_together, holds, replicate
+
+MINUTES = 20.0
+RHO = np.exp(-1.0 / MINUTES)
+"""AR(1) noise, of samples a minute apart."""
+
+
+def correlated(rng, draws, samples, channels):
+    """AR(1) noise of unit deviation, [S, T, N]."""
+    fresh = rng.standard_normal((draws, samples, channels)) * np.sqrt(1 - RHO**2)
+    fresh[:, 0] /= np.sqrt(1 - RHO**2)
+    return lfilter([1.0], [1.0, -RHO], fresh, axis=1)
+
+
+def repeats(count, width=1.0, *, draws=300, samples=380, channels=4, seed=0):
+    """Share of predictions that hold, whose draws are so wide; telemetry has a deviation of one."""
+    rng = np.random.default_rng(seed)
+    everything = np.ones(samples, bool)
+    found = []
+    for _ in range(count):
+        made = correlated(rng, draws + 1, samples, channels)
+        found.append(holds(made[0], everything, width * made[1:], 0.95).holds)
+    return np.mean(found)
+
+
+def test_a_right_prediction_holds_in_99_of_100_repeats():
+    count = 150
+    # Too wide is no failure, so between 99% and 100%; 300 draws place the end of the band to about 0.6%.
+    error = np.sqrt(0.01 * 0.99 * (1 / count + 1 / 300))
+    assert repeats(count) >= 0.99 - 3 * error
+
+
+def test_intervals_half_as_wide_hold_nearly_never():
+    assert repeats(40, 0.5) <= 0.05
+
+
+def test_intervals_twice_as_wide_hold_and_are_said_to_be_wide():
+    made = correlated(np.random.default_rng(1), 301, 1500, 2)
+    found = holds(made[0], np.ones(1500, bool), 2 * made[1:], 0.95)
+    assert found.holds
+    assert found.too_wide.all()
+
+
+@pytest.mark.slow
+def test_the_share_of_right_predictions_that_hold_does_not_depend_on_how_many_channels_there_are():
+    for channels in (1, 12):
+        error = np.sqrt(0.01 * 0.99 * (1 / 600 + 1 / 400))
+        share = repeats(600, draws=400, samples=190, channels=channels)
+        assert 0.99 - 3 * error <= share
+
+
+def test_the_band_of_a_right_prediction_is_as_wide_as_the_docstring_says():
+    made = correlated(np.random.default_rng(2), 1001, 190, 4)
+    found = holds(made[0], np.ones(190, bool), made[1:], 0.95)
+    # The end of the band of four channels of one prediction is known to about 3 points.
+    assert found.lower.mean() == pytest.approx(0.69, abs=0.06)
+    assert (found.lower < 0.9).all()
+
+
+def test_coverage_is_the_share_of_scored_samples_inside_the_interval_of_all_draws():
+    rng = np.random.default_rng(3)
+    observed, draws = rng.standard_normal((50, 2)), rng.standard_normal((200, 50, 2))
+    observed[5, 1] = np.nan
+    scored = np.arange(50) >= 10
+    low, high = np.quantile(draws, [0.1, 0.9], axis=0)
+    inside = (low <= observed) & (observed <= high)
+    found = replicate(observed, scored, draws, 0.8)
+    np.testing.assert_allclose(found.coverage, inside[10:].mean(axis=0))
+    assert found.replicated.shape == (200, 2)
+
+
+def test_replicates_are_held_to_the_interval_of_the_other_draws():
+    draws = np.random.default_rng(4).standard_normal((60, 7, 1))
+    found = replicate(np.zeros((7, 1)), np.ones(7, bool), draws, 0.9)
+    for s in range(60):
+        low, high = np.quantile(np.delete(draws, s, axis=0), [0.05, 0.95], axis=0)
+        assert found.replicated[s, 0] == pytest.approx(((low <= draws[s]) & (draws[s] <= high)).mean())
+
+
+def test_the_worst_channel_is_the_one_furthest_below_its_band():
+    made = correlated(np.random.default_rng(5), 301, 400, 3)
+    observed = made[0] + np.array([0.0, 4.0, 0.0])
+    found = holds(observed, np.ones(400, bool), made[1:], 0.95)
+    assert not found.holds
+    assert found.worst == 1
+    assert found.coverage[1] < found.lower[1]
+
+
+def test_a_channel_without_samples_says_nothing():
+    made = correlated(np.random.default_rng(6), 301, 400, 2)
+    made[0, :, 1] = np.nan
+    found = holds(made[0], np.ones(400, bool), made[1:], 0.95)
+    assert found.holds
+    assert np.isnan([found.coverage[1], found.lower[1], found.upper[1]]).all()
+    nothing = holds(np.full((400, 2), np.nan), np.ones(400, bool), made[1:], 0.95)
+    assert nothing.holds
+    assert nothing.worst == -1
+
+
+def test_windows_judged_together_have_wider_bands_than_one_alone():
+    rng = np.random.default_rng(7)
+    everything = np.ones(300, bool)
+    windows = []
+    for _ in range(6):
+        made = correlated(rng, 301, 300, 2)
+        windows.append(replicate(made[0], everything, made[1:], 0.95))
+    alone = [hold_together([window])[0].lower.mean() for window in windows]
+    together = [found.lower.mean() for found in hold_together(windows)]
+    assert np.mean(together) < np.mean(alone)
+    assert len(together) == 6
