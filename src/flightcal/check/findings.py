@@ -10,6 +10,7 @@ import numpy as np
 
 from ..report import Finding, ParameterInfo, listed, number, percent, unit
 from .centre import Centre
+from .heat import ALIKE, BesideHeat, Imitated, Kind
 from .identifiability import BLIND, Combination, Identifiability, Move
 from .prior_predictive import EDGE, PriorPredictive
 from .profile import Profile
@@ -30,6 +31,13 @@ _LARGE = 0.25
 """Relative change of a parameter from which it matters that the telemetry cannot tell."""
 _IDLE = 0.01
 """Total index below which an output does not depend on a parameter."""
+_TELLS: dict[Kind, str] = {
+    "surface": "an eclipse or another attitude",
+    "power": "another mode or a change of the power",
+    "path": "a heater pulse",
+    "other": "a change of sunlight, modes or heaters",
+}
+"""What would tell a parameter from heat that the model lacks."""
 
 
 @dataclass(frozen=True)
@@ -40,6 +48,8 @@ class Checked:
     """Of theta's entries, in its order."""
     centre: Centre
     identifiability: Identifiability
+    heat: BesideHeat | None
+    """None: the problem has no unmodelled heat."""
     predictive: PriorPredictive
     sensitivity: Sensitivity
     smoothness: Smoothness
@@ -70,6 +80,7 @@ def findings_of(checked: Checked) -> list[Finding]:
         *_reach(checked),
         *_failures(checked),
         *_identifiability(checked),
+        *heat_findings(checked.heat),
         *_gradient(checked),
         *_jumps(checked),
         _sensitivity(checked),
@@ -266,6 +277,49 @@ def _moved(checked: Checked, move: Move) -> str:
         change = 100.0 * move.change
         return f"{move.name} {number(change, 2) if change < 0 else '+' + number(change, 2)}%"
     return f"{move.name} from {checked.value(move.name, move.before)} to {checked.value(move.name, move.after)}"
+
+
+# --- unmodelled heat -------------------------------------------------------------------------------------------
+
+
+def heat_findings(heat: BesideHeat | None) -> list[Finding]:
+    """What unmodelled heat takes from the parameters, and what would tell them; empty where there is none."""
+    if heat is None:
+        return []
+    matter = [own for own in heat.parameters if own.matters]
+    if not matter:
+        text = "No parameter's effect is like what heat of its prior's size can do."
+        return [Finding("good", "Unmodelled heat takes little from the parameters", text)]
+    found = []
+    for kind, advice in _TELLS.items():
+        alike = [own for own in matter if own.kind == kind]
+        if alike:
+            title = f"Unmodelled heat makes {listed([own.name for own in alike])} hard to tell"
+            details = tuple(imitated_words(own) for own in alike)
+            text = (
+                "This is so where heat has its prior's size; where the telemetry shows less, intervals are narrower. "
+                f"In the training windows, {advice} would tell."
+            )
+            found.append(Finding("warn", title, text, details))
+    if heat.pairs:
+        shown = tuple(f"{a} and {b}: heat in {node}, cosine {cosine:.2f}." for a, b, node, cosine in heat.pairs)
+        title = f"One heat imitates both of {len(shown)} pair{'s' if len(shown) > 1 else ''} of parameters"
+        found.append(Finding("warn", title, "Neither of the two should be read alone.", shown))
+    return found
+
+
+def imitated_words(own: Imitated) -> str:
+    """What heat takes from a parameter."""
+    what = f"Heat in {own.node} can imitate {own.name}" if own.cosine > ALIKE else f"Heat hides {own.name}"
+    return (
+        f"{what} (cosine {own.cosine:.2f}): its interval will be about {times(own.growth)} times as wide as "
+        f"without heat, {percent(own.beside, 0)} as wide as the prior's."
+    )
+
+
+def times(growth: float) -> str:
+    """How many times, as it is shown."""
+    return f"{growth:.0f}" if growth >= 9.95 else f"{growth:.1f}"
 
 
 # --- smoothness ------------------------------------------------------------------------------------------------

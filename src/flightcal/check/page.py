@@ -25,7 +25,8 @@ from ..report import (
     percent,
 )
 from . import figures as draw
-from .findings import Checked, verdict_of
+from .findings import Checked, times, verdict_of
+from .heat import ALIKE, WIDER, BesideHeat
 
 _MOST_CORRELATED = 24
 """Parameters up to which the correlations are drawn."""
@@ -38,6 +39,7 @@ def render(checked: Checked, problem: Problem, findings: list[Finding], folder: 
     content = [
         Section("prior", "Prior predictive", _prior(checked, problem)),
         Section("identifiability", "Identifiability", _identifiability(checked)),
+        *([] if checked.heat is None else [Section("heat", "Unmodelled heat", _heat(checked.heat))]),
         Section("sensitivity", "Sensitivity", _sensitivity(checked, problem)),
         Section("smoothness", "Smoothness", _smoothness(checked)),
         *([Section("profiles", "Profiles", _profiles(checked))] if checked.profiles else []),
@@ -120,6 +122,30 @@ def _identifiability(checked: Checked) -> list[Block]:
         names = [found.names[k] for k in chosen]
         blocks.append(block.figure(figure_correlation(names, correlation), caption, wide=True))
     return blocks
+
+
+def _heat(found: BesideHeat) -> list[Block]:
+    rows = [
+        [
+            own.name,
+            own.node,
+            Cell(f"{own.cosine:.2f}", "warn" if own.cosine > ALIKE else "good"),
+            percent(own.without),
+            percent(own.beside),
+            Cell(times(own.growth), "warn" if own.growth > WIDER else "good"),
+        ]
+        for own in found.parameters
+    ]
+    header = ("parameter", "most like heat in", "cosine", "width without heat", "width with heat", "times as wide")
+    return [
+        block.text(
+            "What heat that no block of the scenario describes takes from the parameters, in the linear approximation. "
+            "Heat has its prior's size; where the telemetry shows less, it takes less. The cosine is between a "
+            "parameter's effect on the temperatures and what heat in one node can do: near 1, it can do the same. "
+            "Widths are those of the posterior, as a share of the prior's.",
+        ),
+        block.table(Table(header, rows, range(2, 6))),
+    ]  # fmt: skip
 
 
 def _sensitivity(checked: Checked, problem: Problem) -> list[Block]:

@@ -19,6 +19,7 @@ from ..telemetry import window_bounds
 from .centre import find_centre
 from .evaluate import THOROUGH, Effort, runs_of_a_search
 from .findings import Checked, findings_of, verdict_of
+from .heat import beside_heat
 from .identifiability import identifiability
 from .page import render
 from .prior_predictive import prior_predictive
@@ -75,6 +76,8 @@ def check(
     with progress.stage("search of the mode") as searching:
         centre = find_centre(problem, prior_runs, effort.searches, seed, searching)
     found = identifiability(problem, centre.z, centre.hessian)
+    with progress.stage("unmodelled heat"):
+        heat = beside_heat(problem, centre.z)
     with progress.stage("sensitivity", 1.0) as measuring:
         indices = sensitivity(problem, centre.z, effort, seed, prior_runs, measuring)
     with progress.stage("scans and gradient") as scanning:
@@ -88,6 +91,7 @@ def check(
         infos=infos,
         centre=centre,
         identifiability=found,
+        heat=heat,
         predictive=prior_predictive(problem, prior_runs, centre, seed),
         sensitivity=indices,
         smoothness=smooth,
@@ -124,6 +128,7 @@ def _write(run: Run, problem: Problem, checked: Checked) -> None:
         },
         "prior_predictive": predictive,
         "identifiability": checked.identifiability,
+        "heat": checked.heat,
         "sensitivity": checked.sensitivity,
         "smoothness": checked.smoothness,
         "profiles": checked.profiles,
