@@ -3,6 +3,7 @@
 Imports: errors, prediction, probability, run, scenario, validation.
 """
 
+from .backtest_page import write_backtest
 from .block import Block, Section
 from .comparison_page import write_comparison
 from .heat_map import figure_correlation, heat_map
@@ -50,6 +51,7 @@ __all__ = [
     "scatter",
     "time_canvas",
     "unit",
+    "write_backtest",
     "write_comparison",
     "write_report",
     "write_validation",

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from functools import cached_property, partial
@@ -78,6 +79,8 @@ class RunFiles:
     emulator_check: Record | None
     full_check: Record | None
     """Of a calibration through a reduced model only."""
+    beside: list[Metric]
+    """Scores of the published run, of the demonstration only."""
     missing: tuple[str, ...]
 
     @property
@@ -92,10 +95,18 @@ class RunFiles:
         return [info for info in self.parameters if info.name in known]
 
     @cached_property
+    def heat(self) -> Record | None:
+        """What unmodelled heat is made of, as the calibration kept it; None without any."""
+        if self.posterior is None or "heat" not in self.posterior.children:
+            return None
+        model: Record = json.loads(str(self.posterior["heat"]["model"].item()))
+        return model
+
+    @cached_property
     def checks(self) -> dict[str, list[ResidualCheck]]:
         """Tests of the residuals by window, where there is a stochastic prediction."""
         return {
-            name: check_window(window, unseen=not is_trained(name))
+            name: check_window(window, unseen=not is_trained(name), heat=self.heat is not None)
             for name, window in self.windows.items()
             if has_prediction(window, "stochastic")
         }
@@ -129,6 +140,7 @@ def read_run(folder: Path) -> RunFiles:
         emulator=kept("emulator.json", read_json),
         emulator_check=kept("emulator_check.json", read_json),
         full_check=kept("full_simulator_check.json", read_json),
+        beside=kept("beside.json", partial(read_records, read=_beside)) or [],
         missing=missing,
     )
 
@@ -156,6 +168,11 @@ def parameter_info(record: Record) -> ParameterInfo:
     in_orbits = record["name"].startswith("discrepancy.phase.lengthscale")
     unit = "degC" if absolute else "orbits" if in_orbits else record["unit"]
     return typed(ParameterInfo, record | {"unit": unit, "offset": -273.15 if absolute else 0.0})
+
+
+def _beside(record: Record) -> Metric:
+    """A score of another run, whose records need not have all that ours have."""
+    return typed(Metric, {"channel": "all", "unit": ""} | record)
 
 
 def bins(run: RunFiles) -> int:

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import json
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Literal
 
@@ -12,10 +12,10 @@ import numpy as np
 from ..prediction import Metric
 from ..probability import INDEPENDENT
 from ..scenario import is_trained
-from ..validation import ResidualCheck
 from .panels.discrepancy import STANDS_IN, stand_ins
-from .panels.parameters import EDGE, at_edge
-from .panels.residuals import TESTED, assumption, channels, correlation_expected, noises
+from .panels.heat import IMPLAUSIBLE, LARGE, gains, node_heats
+from .panels.parameters import EDGE, WIDER, at_edge, shortened, widened
+from .panels.residuals import TESTED, THERMOSTATS, assumption, channels, correlation_expected, noises, thermostats
 from .run_files import STAGES, Record, RunFiles
 from .text import listed, number, percent, shown
 
@@ -23,6 +23,9 @@ State = Literal["good", "warn", "bad", "none"]
 
 EQUAL = 0.02
 """Errors that differ by no more than this share are called equal."""
+
+LINEAR = "response to heat"
+"""The gate that judges how heat was taken into account, not the chains."""
 
 COVERAGE = 0.03
 """A coverage this near to the nominal one is called right."""
@@ -52,7 +55,8 @@ def verdict(run: RunFiles) -> list[Finding]:
         _convergence(run.diagnostics),
         *_explanations(run),
         *(scores or [_no_scores(run)]),
-        _noise(run.checks),
+        _noise(run),
+        *_heat(run),
         *_heaters(run),
         _edges(run),
         *_stand_in(run),
@@ -75,6 +79,8 @@ def _convergence(diagnostics: Record | None) -> Finding:
     failed = [g for g in gates if not g["passed"]]
     words = str(diagnostics.get("verdict") or "")
     if diagnostics["passed"]:
+        # Other findings judge the model.
+        words = words.removesuffix("The posterior can be used.")
         text = f"All {len(gates)} gates are passed. {words} This judges the sampling, not the model."
         return Finding("good", "The chains have converged", " ".join(text.split()))
     details = tuple(
@@ -82,8 +88,15 @@ def _convergence(diagnostics: Record | None) -> Finding:
         for g in failed
     )
     share = f"{len(failed)} of {len(gates)} gates {'is' if len(failed) == 1 else 'are'} not passed."
+    if all(g["name"] == LINEAR for g in failed):
+        text = (
+            f"{share} The chains agree, but they take the response of temperatures to heat for linear, and it is not. "
+            "Do not rely on this posterior."
+        )
+        return Finding("bad", "The posterior cannot be relied on: the response to heat is not linear", text, details)
     # The rest of the words names the gates, as the details do.
-    return Finding("bad", "The chains have not converged", f"{share} {words.split('. ')[0]}.", details)
+    first = f"{words.split('. ')[0]}." if not words.startswith("Converged") else "Do not rely on this posterior."
+    return Finding("bad", "The chains have not converged", f"{share} {first}", details)
 
 
 def _explanations(run: RunFiles) -> list[Finding]:
@@ -131,7 +144,9 @@ def _scores(run: RunFiles, window: str) -> Finding:
     judged, interval = _interval(run, window)
     reliable, caveat = "good", ""
     if stochastic is not None and run.diagnostics is not None and not run.diagnostics["passed"]:
-        reliable, caveat = "warn", "All this rests on chains that have not converged."
+        only_heat = all(g["passed"] or g["name"] == LINEAR for g in run.diagnostics.get("gates", []))
+        rests_on = "a posterior that cannot be relied on" if only_heat else "chains that have not converged"
+        reliable, caveat = "warn", f"All this rests on {rests_on}."
     worst = max((state, judged, reliable), key=("good", "warn", "bad").index)
     return Finding(worst, title, f"{words} {interval} {caveat}".strip())  # type: ignore[arg-type]
 
@@ -188,7 +203,8 @@ def _no_scores(run: RunFiles) -> Finding:
     return Finding("warn", "No test", text)
 
 
-def _noise(checks: Mapping[str, Sequence[ResidualCheck]]) -> Finding:
+def _noise(run: RunFiles) -> Finding:
+    checks = run.checks
     if not checks:
         return Finding("none", "The noise is not judged", "There is no stochastic prediction.")
     window = next((name for name in checks if is_trained(name)), next(iter(checks)))
@@ -212,17 +228,56 @@ def _noise(checks: Mapping[str, Sequence[ResidualCheck]]) -> Finding:
             ", and the likelihood, which is that of the paper, has no term for it. No interval in this report contains "
             "this model discrepancy."
         )
+    elif run.heat is not None:
+        lacking = (
+            " and that unmodelled heat and noise take up in part only: it may be faster than they are, or not of heat."
+        )
     elif discrepant:
         lacking = " and that discrepancy and noise take up in part only: it may vary faster than they can."
     else:
         lacking = " and that this noise does not describe. No interval in this report contains this model discrepancy."
+    contradicted = f"In “{window}” the {tested} of {channels(against, of_window)} contradict {assumed}."
+    title = f"The assumption of {'iid noise' if plain else listed(noises(against))} is contradicted"
+    if thermostats(run, window):
+        return Finding("warn", title, f"{contradicted} {THERMOSTATS}", details)
     text = (
-        f"In “{window}” the {tested} of {channels(against, of_window)} contradict {assumed}. Intervals of the "
+        f"{contradicted} Intervals of the "
         f"parameters are too narrow by up to about a factor of {number(worst.factor, 2)} ({worst.channel}, lag-1 "
         f"autocorrelation {number(worst.lag1, 3)}): the model lacks something that the telemetry shows{lacking}"
     )
-    title = f"The assumption of {'iid noise' if plain else listed(noises(against))} is contradicted"
     return Finding("bad" if worst.factor >= 2 else "warn", title, text, details)
+
+
+def _heat(run: RunFiles) -> list[Finding]:
+    """How large the heat is that no block of the scenario describes."""
+    if run.heat is None:
+        return []
+    shares = {own.node: own.share for own in node_heats(run)}
+    if of_gains := gains(run):
+        shares["gains (relative errors of modes and absorbed fluxes)"] = of_gains.quantiles[1]
+    shares = dict(sorted(shares.items(), key=lambda item: -item[1]))
+    if not shares:
+        return []
+    wider, taken = widened(run), ""
+    if wider:
+        taken = f" It takes most from {shortened(wider)}: their intervals are more than {WIDER:g} times as wide."
+    large = listed([f"{name} ({percent(share, 0)})" for name, share in shares.items() if share > LARGE])
+    worst, share = next(iter(shares.items()))
+    if share > IMPLAUSIBLE:
+        text = (
+            f"Share of the mean heat through the node: {large}. Above {IMPLAUSIBLE:.0%} heat can hide a wrong set-up: "
+            f"look at attitude, areas, time tags and units before the parameters are used.{taken}"
+        )
+        return [Finding("bad", "Unmodelled heat is implausibly large", text)]
+    if share > LARGE:
+        text = (
+            f"Share of the mean heat through the node: {large}. Look for what the scenario lacks, such as a load or a "
+            "shadow."
+            f"{taken}"
+        )
+        return [Finding("warn", f"Unmodelled heat is above {LARGE:.0%} of what flows", text)]
+    text = f"At most {percent(share)} of the mean heat through any node ({worst}).{taken}"
+    return [Finding("good", "Unmodelled heat is small", text)]
 
 
 def _heaters(run: RunFiles) -> list[Finding]:

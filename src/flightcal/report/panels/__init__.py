@@ -18,6 +18,7 @@ ORDER = (
     "convergence",
     "emulator",
     "full_simulator",
+    "heat",
     "discrepancy",
     "residuals",
     "reliability",

@@ -48,7 +48,7 @@ def panel(run: RunFiles) -> list[Block]:
     blocks += _genetic_convergence(run)
     if run.posterior is None:
         return [*blocks, block.note("There are no chains in this run (posterior.nc).")]
-    blocks += _mode_search(run.posterior.attrs)
+    blocks += _mode_search(run.posterior.attrs, with_heat=run.heat is not None)
     infos = run.sampled
     if infos:
         of = {p["name"]: p for p in (run.diagnostics or {}).get("parameters", [])}
@@ -93,14 +93,17 @@ def _genetic_convergence(run: RunFiles) -> list[Block]:
     return blocks
 
 
-def _mode_search(attributes: Mapping[Any, Any]) -> list[Block]:
+def _mode_search(attributes: Mapping[Any, Any], *, with_heat: bool) -> list[Block]:
     """How the mode was sought, and where the chains start."""
     search = json.loads(attributes.get("mode_search", "{}"))
     if not search.get("modes"):
         return []
     best = search["modes"][0]
     found = len(search["modes"])
-    words = f"The mode was sought {search['sought']}. The chains start around the best of {found} found"
+    how = search["sought"]
+    if with_heat and "open loop" not in how:
+        how = "without unmodelled heat, heaters driven by their measured status where there is one"
+    words = f"The mode was sought {how}. The chains start around the best of {found} found"
     end = "." if best["converged"] else "; the search did not converge."
     return [block.text(f"{words} ({best['origin']}){end}")]
 

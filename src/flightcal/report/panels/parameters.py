@@ -8,10 +8,15 @@ from .. import block
 from ..block import Block, section
 from ..run_files import ParameterInfo, RunFiles, draws
 from ..tables import Cell, Table, interval
-from ..text import count, percent, unit
+from ..text import count, listed, number, percent, unit
 
 EDGE = 0.2
 """Share of the posterior in the prior's outer 5% above which it is called pressed against the prior's edge."""
+
+WIDER = 1.5
+"""Times as wide an interval has to be with unmodelled heat for the parameter to be named."""
+
+MOST_NAMED = 5
 
 INTERVAL = "median [95%]"
 
@@ -33,6 +38,8 @@ def panel(run: RunFiles) -> list[Block]:
             "about the quantity. ESS: effective sample size. Absolute temperatures are in °C, all else in SI units."
         )
     )
+    if words := taken_by_heat(run):
+        blocks.append(block.text(words))
     of_windows = window_values(run)
     if of_windows.rows:
         words = (
@@ -47,7 +54,7 @@ def summary(run: RunFiles) -> Table:
     """Prior against posterior of every uncertain quantity, with its diagnostics."""
     diagnosed = {p["name"]: p for p in (run.diagnostics or {}).get("parameters", [])}
     sampled = {info.name for info in run.sampled}
-    edges = at_edge(run)
+    edges, wider, held = at_edge(run), times_as_wide(run), held_shapes(run)
     rows = []
     for info in run.parameters:
         low, median, high = info.prior_quantiles
@@ -60,7 +67,9 @@ def summary(run: RunFiles) -> Table:
             q = np.quantile(values, [0.025, 0.5, 0.975])
             cells += [_interval(info, q[1], q[0], q[2]), percent(contraction(run, info.name))]
         else:
-            cells += ["–"] * 2
+            cells += [held.get(info.name, "–"), "–"]
+        if wider:
+            cells.append(number(wider.get(info.name), 2))
         of = diagnosed.get(info.name, {})
         r_hat = of.get("r_hat")
         effective = f"{count(of.get('ess_bulk'))} / {count(of.get('ess_tail'))}"
@@ -68,10 +77,66 @@ def summary(run: RunFiles) -> Table:
         if info.name in edges:
             cells[2] = Cell(f"{cells[2]}\n⚠ at the prior's {edges[info.name]} edge", "warn")
         rows.append(cells)
+    with_heat = ("with heat, times as wide",) if wider else ()
     header = (
-        "quantity, unit", f"prior, {INTERVAL}", f"posterior, {INTERVAL}", "contraction", "R-hat", "ESS bulk / tail",
+        "quantity, unit", f"prior, {INTERVAL}", f"posterior, {INTERVAL}", "contraction", *with_heat, "R-hat",
+        "ESS bulk / tail",
     )  # fmt: skip
-    return Table(header, rows, range(1, 6))
+    return Table(header, rows, range(1, len(header)))
+
+
+def times_as_wide(run: RunFiles) -> dict[str, float]:
+    """Posterior deviation of each parameter over that without unmodelled heat; empty where the run does not say."""
+    if run.heat is None or run.posterior is None or "deviation_without_heat" not in run.posterior["heat"]:
+        return {}
+    without = run.posterior["heat"].to_dataset()["deviation_without_heat"]
+    alone = dict(zip(map(str, without["parameter"].values), without.values.tolist(), strict=True))
+    sampled = [info.name for info in run.sampled if alone.get(info.name, 0.0) > 0]
+    return {name: float(draws(run.posterior, "posterior", [name]).std()) / alone[name] for name in sampled}
+
+
+def taken_by_heat(run: RunFiles) -> str:
+    """Which parameters unmodelled heat takes most from, in words; nothing where the run does not say."""
+    wider = times_as_wide(run)
+    if not wider:
+        return ""
+    named = [f"{name} ({number(wider[name], 2)})" for name in widened(run)]
+    most = (
+        f"Heat takes most from {shortened(named)}: part of the effect of each could as well be heat."
+        if named
+        else f"Heat widens no parameter's interval by more than a factor of {WIDER:g}."
+    )
+    return f"“With heat, times as wide”: the posterior's sd over its sd without unmodelled heat. {most}"
+
+
+def widened(run: RunFiles) -> list[str]:
+    """Parameters, without noise and initial temperatures, that heat widens by more than WIDER, the most first."""
+    wider = times_as_wide(run)
+    own = [info.name for info in run.parameters if info.kind == "parameter" and wider.get(info.name, 0.0) > WIDER]
+    return sorted(own, key=lambda name: -wider[name])
+
+
+def shortened(items: list[str]) -> str:
+    """The first of a list, and how many more there are."""
+    more = len(items) - MOST_NAMED
+    return listed(items if more <= 1 else [*items[:MOST_NAMED], f"{more} more"])
+
+
+def held_shapes(run: RunFiles) -> dict[str, str]:
+    """Numbers of the noise that a calibration with heat holds at their most probable value, by name, in words."""
+    if run.heat is None or run.posterior is None:
+        return {}
+    posterior = run.posterior["posterior"].to_dataset()
+    channels = [info.name.removeprefix("noise.") for info in run.parameters if info.kind == "noise"]
+    channels = [name for name in channels if f"noise.{name}" in posterior]
+    if len(channels) != len(run.heat["shapes"]):
+        return {}
+    found = {}
+    for channel, shape in zip(channels, run.heat["shapes"], strict=True):
+        if shape["time"] > 0:
+            found[f"noise.{channel}.correlation_time"] = f"held at {number(shape['time'], 3)}"
+            found[f"noise.{channel}.white"] = f"held at {number(shape['white_share'], 3)} times\nnoise.{channel}"
+    return found
 
 
 def _prior(info: ParameterInfo) -> str:
@@ -95,7 +160,7 @@ def contraction(run: RunFiles, name: str) -> float | None:
 def at_edge(run: RunFiles) -> dict[str, str]:
     """Quantities whose posterior is pressed against an edge of the prior's 95%: "lower" or "upper".
 
-    A noise level or discrepancy near zero is no finding: the lower edge of its prior is zero.
+    A noise level, discrepancy or heat near zero is no finding: the lower edge of its prior is zero.
     """
     infos = run.sampled
     if not infos or run.posterior is None:
@@ -104,7 +169,7 @@ def at_edge(run: RunFiles) -> dict[str, str]:
     edges = {}
     for info, column in zip(infos, values.T, strict=True):
         low, _, high = info.prior_quantiles
-        if (column < low).mean() > EDGE and info.kind not in ("noise", "discrepancy"):
+        if (column < low).mean() > EDGE and info.kind not in ("noise", "discrepancy", "heat"):
             edges[info.name] = "lower"
         elif (column > high).mean() > EDGE:
             edges[info.name] = "upper"

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import json
+
 import numpy as np
 import plotly.graph_objects as go
 import xarray as xr
@@ -11,7 +13,7 @@ from .. import block
 from ..block import Block, section
 from ..run_files import RunFiles, bins, has_prediction
 from ..style import BAND, MODEL_BAND, STOCHASTIC, band, polygons
-from ..text import letter
+from ..text import letter, percent
 from ..thinning import break_lines, extremes
 from ..windows import BINS, column, draw_status, draw_telemetry, names, scatter, window_canvas
 
@@ -35,7 +37,22 @@ def panel(run: RunFiles) -> list[Block]:
             f"window “{name}”{beneath}. {' '.join(attributes)}"
         )
         blocks.append(block.figure(figure_stochastic(window, bins(run)), caption))
+        if words := unseen(window):
+            blocks.append(block.text(f"Window “{name}”: {words}"))
     return blocks or [block.note("Figure 6: there is no stochastic prediction in this run.")]
+
+
+def unseen(window: xr.Dataset) -> str:
+    """How much of a window training contained nothing like, by name, the most first; nothing where it contained all."""
+    found = [own for own in json.loads(window.attrs.get("unseen", "[]")) if own["share"] > 0]
+    if not found:
+        return ""
+    found.sort(key=lambda own: -own["share"])
+    named = ", ".join(f"{own['name']} ({percent(own['share'], 0)})" for own in found)
+    return (
+        f"{'at least ' if len(found) > 1 else ''}{percent(found[0]['share'], 0)} of the time lies outside of what "
+        f"training contained: {named}. There the telemetry has not tested the model."
+    )
 
 
 def figure_stochastic(prediction: xr.Dataset, bins: int = BINS) -> go.Figure:

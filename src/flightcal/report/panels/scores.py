@@ -26,6 +26,7 @@ def panel(run: RunFiles) -> list[Block]:
             "only ratios compare. A mean of runs can leave the ridge of good fits, so the best run stands beside it."
         ),
         block.table(comparison(run.metrics), "There is no pair of methods to compare."),
+        *published(run),
         block.heading("By window and channel"),
         block.table(by_channel(run.metrics)),
         block.folded("Every score of every method", all_scores(run.metrics)),
@@ -35,6 +36,38 @@ def panel(run: RunFiles) -> list[Block]:
             "method its mean absolute error. MAPE in °C is undefined (–) where telemetry comes within 1 °C of 0 °C."
         ),
     ]
+
+
+def published(run: RunFiles) -> list[Block]:
+    """The same simulator calibrated as published, beside this run; nothing where that was not made."""
+    if not run.beside:
+        return []
+    words = (
+        "The published model has independent noise and no term for what the simulator lacks. It was calibrated on the "
+        "same telemetry for comparison. A coverage (PICP) near 95% is right; all other scores are better when smaller."
+    )
+    return [block.heading("Beside the published model"), block.text(words), block.table(beside(run))]
+
+
+def beside(run: RunFiles) -> Table:
+    """Scores over all channels: genetic algorithm, published model and this run, a row for each window and score."""
+    names = {
+        "rmse": "RMSE, K", "mape_kelvin": "MAPE, % of kelvin", "mape_celsius": "MAPE, % of °C", "crps": "CRPS, K",
+        "picp": "PICP", "mpiw": "MPIW, K",
+    }  # fmt: skip
+    ours = {(m.method, m.window, m.metric): m.value for m in run.metrics if m.channel == "all"}
+    theirs = {(m.method, m.window, m.metric): m.value for m in run.beside if m.channel == "all"}
+    rows = []
+    for window, metric in dict.fromkeys((m.window, m.metric) for m in run.beside if m.metric in names):
+        values = [
+            ours.get(("genetic", window, metric), theirs.get(("genetic", window, metric))),
+            theirs.get(("published", window, metric), theirs.get(("stochastic", window, metric))),
+            ours.get(("stochastic", window, metric)),
+        ]
+        shown = [percent(value) if metric == "picp" else number(value) for value in values]
+        rows.append([window, names[metric], *shown])
+    header = ("window", "score", "genetic algorithm, mean of its runs", "published model", "this run")
+    return Table(header, rows, range(2, 5))
 
 
 def comparison(metrics: Sequence[Metric]) -> Table:

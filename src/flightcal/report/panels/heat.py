@@ -1,0 +1,242 @@
+"""Heat that no block of the scenario describes: its pattern over the orbit, its sizes, and which are too large."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+import plotly.graph_objects as go
+from numpy.typing import NDArray
+
+from ...probability import pattern
+from .. import block
+from ..block import Block, section
+from ..run_files import Record, RunFiles, draws
+from ..style import BAND, LINE, STOCHASTIC, band, finish, plots, polygons, small_titles
+from ..tables import Cell, Table
+from ..text import number, percent
+
+LARGE, IMPLAUSIBLE = 0.1, 0.3
+"""Shares of the flow through a node above which its heat wants caution, and above which it is hardly believed."""
+
+MOST_NODES = 12
+"""Nodes that the figure shows; the table has all of them."""
+
+PHASES = 97
+ROW_HEIGHT = 170
+
+WORDS = {
+    "": "–",
+    "warn": f"caution: above {LARGE:.0%}",
+    "bad": "implausibly large: heat can hide a wrong set-up",
+}
+
+Array = NDArray[np.float64]
+
+
+@dataclass(frozen=True)
+class Size:
+    """Prior deviation of a part of the heat, as the posterior has it: W, of gains a share."""
+
+    quantiles: tuple[float, float, float]
+    """At 2.5, 50 and 97.5 percent."""
+    prior: float
+    """Scale of its half-normal prior."""
+
+
+@dataclass(frozen=True)
+class NodeHeat:
+    """What a node takes up beside what the scenario describes; a part that was not modelled is None."""
+
+    node: str
+    flow: float
+    """W, mean absolute heat through it at the prior's median."""
+    pattern: Size | None
+    slow: Size | None
+    phase: Array
+    """[P] orbits."""
+    expected: Array
+    """[P] W, of the pattern; empty without one."""
+    band: tuple[Array, Array] | None
+    """[P] W, 95% of it; None where the run does not say."""
+
+    @property
+    def share(self) -> float:
+        """Of the flow: the largest of the sizes and of the expected pattern."""
+        sizes = [size.quantiles[1] for size in (self.pattern, self.slow) if size is not None]
+        return max([*sizes, float(np.abs(self.expected).max(initial=0.0))]) / self.flow
+
+
+@section("heat", "Heat that the simulator lacks")
+def panel(run: RunFiles) -> list[Block]:
+    """Pattern over the orbit, sizes, and what both mean."""
+    if run.heat is None:
+        return []
+    nodes = node_heats(run)
+    shown = sorted(sorted(nodes, key=lambda own: -own.share)[:MOST_NODES], key=nodes.index)
+    shown = [own for own in shown if own.expected.size]
+    blocks = [
+        block.text(
+            "Each node takes up heat that no block of the scenario describes. It is calibrated with the parameters. "
+            "The pattern is a function of the orbit phase. It is the same in every orbit, so it carries over to every "
+            "window. The slow part belongs to the time it was learnt from, and fades within a few hours. Gains are "
+            "relative errors of modes, loads and absorbed fluxes; they carry over too. Predictions contain all of "
+            "this: it is injected into the simulator, so that thermostats answer to it."
+        )
+    ]
+    if shown:
+        rest = f" The {len(shown)} nodes with the largest shares; the table has all." if len(shown) < len(nodes) else ""
+        interval = " Band: its 95% interval." if any(own.band for own in shown) else ""
+        caption = (
+            "Expected pattern of unmodelled heat over the orbit. Left axis: W. Right axis: share of the mean heat that "
+            f"flows through the node.{interval}{rest}"
+        )
+        blocks.append(block.figure(figure_pattern(shown), caption, wide=True))
+    return [
+        *blocks,
+        block.table(sizes(nodes, gains(run)), "Nothing of it was modelled."),
+        block.text(
+            "Size: standard deviation, posterior median [95%]; beneath, its share of the flow and its prior's scale. "
+            "Flow: mean absolute heat through the node at the prior's median. Heat above 10% of the flow wants a "
+            "reason, such as a load or a shadow that the scenario lacks. Above 30% look for a wrong set-up first: "
+            "attitude, areas, time tags, units. Heat can make up for these in the fit, but not in another season or "
+            "attitude."
+        ),
+    ]
+
+
+def node_heats(run: RunFiles) -> list[NodeHeat]:
+    """Heat of each node, in the scenario's order; none without unmodelled heat."""
+    model = run.heat
+    if model is None:
+        return []
+    phase, expected, bands = _patterns(run, model)
+    found = []
+    for k, node in enumerate(model["nodes"]):
+        sizes = {own["part"]: _size(run, own) for own in model["groups"] if own["node"] == k}
+        found.append(
+            NodeHeat(
+                node, float(model["flow"][k]), sizes.get("pattern"), sizes.get("slow"), phase,
+                expected.get(node, np.empty(0)), bands.get(node),
+            )
+        )  # fmt: skip
+    return found
+
+
+def gains(run: RunFiles) -> Size | None:
+    """Size of the relative errors of modes, loads and absorbed fluxes; None without any."""
+    own = next((own for own in (run.heat or {"groups": []})["groups"] if own["part"] == "gains"), None)
+    return None if own is None else _size(run, own)
+
+
+def _size(run: RunFiles, group: Record) -> Size | None:
+    name = group["scale"]
+    if run.posterior is None or name not in run.posterior["posterior"]:
+        return None
+    low, median, high = np.quantile(draws(run.posterior, "posterior", [name]), [0.025, 0.5, 0.975]).tolist()
+    return Size((low, median, high), float(group["size"]))
+
+
+def _patterns(run: RunFiles, model: Record) -> tuple[Array, dict[str, Array], dict[str, tuple[Array, Array]]]:
+    """Phases [P], and of each node the expected pattern [P] W, and its 95% where the run has draws of it."""
+    assert run.posterior is not None
+    kept = run.posterior["heat"].to_dataset()
+    if "pattern" in kept:
+        of_draws = kept["pattern"].transpose("heat_draw", "node", "orbit_phase")
+        named = of_draws["node"].values if "node" in of_draws.coords else model["nodes"]
+        count = of_draws.sizes["orbit_phase"]
+        phase = of_draws["orbit_phase"].values if "orbit_phase" in of_draws.coords else np.linspace(0, 1, count)
+        low, high = np.quantile(of_draws.values, [0.025, 0.975], axis=0)
+        names = [str(name) for name in named]
+        bands = {name: (low[k], high[k]) for k, name in enumerate(names)}
+        return np.asarray(phase, float), dict(zip(names, of_draws.values.mean(axis=0), strict=True)), bands
+    phase, expected, first = np.linspace(0.0, 1.0, PHASES), {}, 0
+    for group, directions, functions in zip(model["groups"], model["kept"], model["functions"], strict=True):
+        basis = np.array(directions, float).reshape(functions, -1)
+        weights = basis @ np.array(model["centre"][first : first + basis.shape[1]], float)
+        first += basis.shape[1]
+        if group["part"] == "pattern":
+            # A constant alone where the orbit phase is not known.
+            expected[model["nodes"][group["node"]]] = weights @ pattern(phase, (functions - 1) // 2)
+    return phase, expected, {}
+
+
+def state(share: float) -> str:
+    """State of a share of the flow: nothing, warn or bad."""
+    return "bad" if share > IMPLAUSIBLE else "warn" if share > LARGE else ""
+
+
+def sizes(nodes: Sequence[NodeHeat], of_gains: Size | None) -> Table:
+    """Sizes of heat by node, in W and as a share of the flow, and a mark where they are large."""
+    rows = []
+    for own in nodes:
+        peak = float(np.abs(own.expected).max(initial=0.0))
+        largest: str = "–"
+        if own.expected.size:
+            largest = Cell(f"{number(peak, 3)}\n{percent(peak / own.flow)} of the flow", state(peak / own.flow))
+        rows.append(
+            [own.node, number(own.flow, 3), _cell(own.pattern, own.flow), largest, _cell(own.slow, own.flow),
+             Cell(WORDS[state(own.share)], state(own.share))]
+        )  # fmt: skip
+    if of_gains is not None:
+        low, median, high = of_gains.quantiles
+        text = f"{percent(median)} [{percent(low)}, {percent(high)}]\nprior {percent(of_gains.prior)}"
+        mark = state(median)
+        rows.append(["gains of all nodes", "–", Cell(text, mark), "–", "–", Cell(WORDS[mark], mark)])
+    header = (
+        "node", "flow through it, W", "pattern or gain, size, W", "largest of the expected pattern, W",
+        "slow part, size, W", "in words",
+    )  # fmt: skip
+    return Table(header, rows, range(1, 5))
+
+
+def _cell(size: Size | None, flow: float) -> str:
+    if size is None:
+        return "–"
+    low, median, high = size.quantiles
+    watts = f"{number(median, 3)} [{number(low, 3)}, {number(high, 3)}]"
+    return Cell(f"{watts}\n{percent(median / flow)} of the flow; prior {number(size.prior, 3)}", state(median / flow))
+
+
+def figure_pattern(nodes: Sequence[NodeHeat]) -> go.Figure:
+    """Expected pattern over the orbit with its band, two nodes in a row: W, and as a share of the flow."""
+    columns = min(2, len(nodes))
+    rows = -(-len(nodes) // columns)
+    specs = [[{"secondary_y": True}] * columns for _ in range(rows)]
+    figure, height = plots(
+        [own.node.replace("_", " ") for own in nodes], columns, ROW_HEIGHT, horizontal_spacing=0.18, specs=specs
+    )
+    for k, own in enumerate(nodes):
+        place = {"row": k // columns + 1, "col": k % columns + 1}
+        limits = [*(own.band or ()), own.expected, np.zeros(1)]
+        low, high = min(values.min() for values in limits), max(values.max() for values in limits)
+        pad = 0.06 * max(high - low, 1e-6 * own.flow)
+        ends = np.array([low - pad, high + pad])
+        figure.add_hline(y=0.0, line={"color": LINE, "width": 1}, secondary_y=False, **place)
+        if own.band is not None:
+            x, y = polygons(own.phase, *own.band)
+            band(figure, x.astype(np.float32), y.astype(np.float32), "95% interval", "band", BAND, **place)
+        figure.add_scatter(
+            x=own.phase.astype(np.float32), y=own.expected.astype(np.float32), name="expected pattern", mode="lines",
+            legendgroup="pattern", showlegend=k == 0, line={"color": STOCHASTIC, "width": 1.8},
+            customdata=(100 * own.expected / own.flow).astype(np.float32),
+            hovertemplate="phase %{x:.2f}: %{y:.3g} W, %{customdata:.2g}% of the flow<extra></extra>", **place,
+        )  # fmt: skip
+        # Plotly draws an axis only where it has a trace.
+        figure.add_scatter(
+            x=[0.0], y=[0.0], showlegend=False, hoverinfo="skip", opacity=0.0, mode="markers", secondary_y=True, **place
+        )
+        figure.update_yaxes(title_text="heat, W", range=ends.tolist(), nticks=5, secondary_y=False, **place)
+        figure.update_yaxes(
+            title_text=f"% of {number(own.flow, 3)} W", range=(100 * ends / own.flow).tolist(), nticks=5,
+            tickmode="auto", showgrid=False, secondary_y=True, **place,
+        )  # fmt: skip
+    finish(figure, height)
+    figure.update_layout(margin={"r": 72})
+    small_titles(figure)
+    figure.update_xaxes(range=[0, 1], nticks=6)
+    for column in range(1, columns + 1):
+        last = -(-(len(nodes) - column + 1) // columns)
+        figure.update_xaxes(title_text="orbit phase, orbits", row=last, col=column)
+    return figure

@@ -1,0 +1,245 @@
+"""What the report says of a run with unmodelled heat."""
+
+import dataclasses
+import json
+
+import numpy as np
+import pytest
+import xarray as xr
+
+from flightcal.report import panels
+from flightcal.report.panels import convergence, heat, parameters, prediction, residuals, scores
+from flightcal.report.run_files import read_run
+from flightcal.report.verdict import verdict
+
+NODES = ["panel", "battery", "payload"]
+FLOW = [50.0, 10.0, 8.0]
+
+
+def model(peak):
+    """Heat of three nodes with one harmonic; the battery's expected pattern is a cosine of `peak` W."""
+    weight = peak * np.sqrt(1 + 1 / 9)
+    groups = [
+        {"part": "pattern", "scale": f"heat.{n}.pattern", "size": 0.05 * flow, "node": k, "window": ""}
+        for k, (n, flow) in enumerate(zip(NODES, FLOW, strict=True))
+    ]
+    groups.append({"part": "gains", "scale": "heat.gains", "size": 0.05, "node": -1, "window": ""})
+    groups += [
+        {"part": "slow", "scale": f"heat.{n}.slow", "size": 0.01 * flow, "node": k, "window": ""}
+        for k, (n, flow) in enumerate(zip(NODES, FLOW, strict=True))
+    ]
+    return {
+        "nodes": NODES, "flow": FLOW, "harmonics": 1, "groups": groups, "functions": [3, 3, 3, 2, 1, 1, 1],
+        # Of the payload the telemetry tells nothing.
+        "kept": [[[0.0], [1.0], [0.0]], [[0.0], [1.0], [0.0]], [[], [], []], [[1.0], [0.0]], [[]], [[]], [[]]],
+        "centre": [0.5, weight, 0.1],
+        "shapes": [{"time": 300.0, "white_share": 0.5}] * 3,
+    }  # fmt: skip
+
+
+def made(run, peak=0.5, gain=0.04, *, diagnostics=None, **kept):
+    """The made-up run with heat; kept: further variables of its group."""
+    sizes = run.posterior["posterior"].to_dataset().sizes
+    draws = np.random.default_rng(5).normal(size=(sizes["chain"], sizes["draw"]))
+    both = ("chain", "draw")
+    values = {own["scale"]: own["size"] for own in model(peak)["groups"]} | {"heat.gains": gain}
+    groups = {name: group.to_dataset() for name, group in run.posterior.children.items()}
+    groups["posterior"] = groups["posterior"].assign({n: (both, v * (1 + 0.1 * draws)) for n, v in values.items()})
+    groups["heat"] = xr.Dataset({"model": ((), json.dumps(model(peak)))} | kept)
+    tree = xr.DataTree.from_dict(groups)
+    tree.attrs = run.posterior.attrs
+    return dataclasses.replace(run, posterior=tree, diagnostics=diagnostics or run.diagnostics)
+
+
+def gated(run, **failed):
+    """Diagnostics whose gates are all passed but those that are named, and that of heat."""
+    names = [g["name"] for g in run.diagnostics["gates"]] + ["response to heat"]
+    gates = [
+        {"name": n, "passed": n not in failed, "found": "a", "required": "b", "advice": failed.get(n, "")}
+        for n in names
+    ]
+    words = "Converged: 4 chains of 250 draws agree. The posterior can be used."
+    return run.diagnostics | {"gates": gates, "passed": not failed, "verdict": words}
+
+
+def about(run, words):
+    return next(f for f in verdict(run) if words in f.title)
+
+
+def section(run, name):
+    return next(s for s in panels(run) if s.anchor == name)
+
+
+def words_of(run, name):
+    return " ".join(b.text for b in section(run, name).blocks)
+
+
+def test_a_run_without_heat_has_no_panel_and_no_verdict_of_it(run):
+    assert heat.panel(run) is None
+    assert not any("heat" in f.title.lower() and "Heaters" not in f.title for f in verdict(run))
+
+
+def test_the_expected_pattern_is_that_of_the_weights_at_the_mode(run):
+    panel, battery, payload = heat.node_heats(made(run, peak=0.5))
+    assert battery.expected == pytest.approx(0.5 * np.cos(2 * np.pi * battery.phase))
+    assert panel.expected.max() == pytest.approx(0.5 / np.sqrt(1 + 1 / 9))
+    assert not payload.expected.any()
+    assert all(own.band is None for own in (panel, battery, payload))
+
+
+def test_draws_of_the_pattern_give_its_mean_and_band(run):
+    phase = np.linspace(0, 1, 11)
+    of_draws = np.random.default_rng(2).normal(size=(4000, 3, 1)) + np.arange(3)[:, None] + np.zeros(11)
+    coordinates = {"node": NODES, "orbit_phase": phase}
+    kept = xr.DataArray(of_draws, coordinates, ("heat_draw", "node", "orbit_phase"))
+    _, battery, _ = heat.node_heats(made(run, pattern=kept))
+    low, high = battery.band
+    assert battery.expected == pytest.approx(1.0, abs=5 / np.sqrt(4000))
+    # Standard error of a 2.5% quantile of 4000 normal draws: 0.042.
+    assert high - low == pytest.approx(3.92, abs=0.25)
+    figure = heat.figure_pattern([battery])
+    assert [t.name for t in figure.data if t.name] == ["95% interval", "expected pattern"]
+
+
+def test_both_axes_of_the_figure_are_of_the_same_heat(run):
+    battery = heat.node_heats(made(run))[1]
+    layout = heat.figure_pattern([battery]).layout
+    assert np.array(layout.yaxis2.range) == pytest.approx(100 * np.array(layout.yaxis.range) / battery.flow)
+    assert layout.yaxis2.title.text == "% of 10.0 W"
+
+
+def test_the_table_has_sizes_in_watts_and_as_shares_of_the_flow(run):
+    own = made(run, peak=0.5)
+    table = heat.sizes(heat.node_heats(own), heat.gains(own))
+    assert [row[0] for row in table.rows] == [*NODES, "gains of all nodes"]
+    battery = table.rows[1]
+    assert battery[1] == "10.0"
+    assert battery[2].endswith("5.0% of the flow; prior 0.500")
+    assert battery[3] == "0.500\n5.0% of the flow"
+    assert battery[4].endswith("1.0% of the flow; prior 0.100")
+    assert battery[5] == "–"
+
+
+@pytest.mark.parametrize(("peak", "mark", "state"), [(0.9, "–", ""), (1.5, "caution", "warn"), (3.5, "hide", "bad")])
+def test_heat_that_is_large_beside_the_flow_is_marked_in_words(run, peak, mark, state):
+    own = made(run, peak=peak)
+    table = heat.sizes(heat.node_heats(own), heat.gains(own))
+    assert mark in table.rows[1][5]
+    assert (table.state(1, 3), table.state(1, 5)) == (state, state)
+    assert table.rows[0][5] == "–"
+    assert about(own, "Unmodelled heat").state == (state or "good")
+
+
+def test_large_gains_are_told(run):
+    found = about(made(run, gain=0.2), "Unmodelled heat")
+    assert found.state == "warn"
+    assert "gains" in found.text
+
+
+def test_parameters_from_which_heat_takes_are_named(run):
+    names = [info.name for info in run.sampled]
+    sd = [float(run.posterior["posterior"][name].std()) for name in names]
+    factors = {"battery_link": 3.0, "payload_link": 1.2}
+    alone = xr.DataArray(
+        [s / factors.get(n, 1.0) for s, n in zip(sd, names, strict=True)], {"parameter": names}, ("parameter",)
+    )
+    own = made(run, deviation_without_heat=alone)
+    table = parameters.summary(own)
+    column = table.header.index("with heat, times as wide")
+    row = next(row for row in table.rows if row[0].startswith("battery_link"))
+    assert row[column] == "3.0"
+    assert {len(row) for row in table.rows} == {len(table.header)}
+    assert "Heat takes most from battery_link (3.0):" in parameters.taken_by_heat(own)
+    assert "takes most from battery_link:" in about(own, "Unmodelled heat").text
+    assert "times as wide" not in " ".join(parameters.summary(made(run)).header)
+
+
+def test_noise_that_is_held_says_at_what(run):
+    extra = [
+        dataclasses.replace(info, name=f"{info.name}.correlation_time", unit="s")
+        for info in run.parameters
+        if info.kind == "noise"
+    ]
+    own = made(dataclasses.replace(run, parameters=[*run.parameters, *extra]))
+    row = next(r for r in parameters.summary(own).rows if r[0].startswith("noise.panel_temperature.correlation_time"))
+    assert row[2] == "held at 300"
+
+
+def test_a_failed_gate_of_heat_forbids_the_posterior_but_not_the_chains(run):
+    own = made(run, diagnostics=gated(run, **{"response to heat": "Narrow the priors."}))
+    first = verdict(own)[0]
+    assert first.state == "bad"
+    assert first.title == "The posterior cannot be relied on: the response to heat is not linear"
+    assert "can be used" not in f"{first.title} {first.text}"
+    assert "Converged" not in first.text
+    assert about(own, "window “test”").text.endswith("rests on a posterior that cannot be relied on.")
+
+
+def test_several_failed_gates_do_not_say_that_the_chains_converged(run):
+    failed = {"response to heat": "Narrow the priors.", "R-hat": "Draw more."}
+    first = verdict(made(run, diagnostics=gated(run, **failed)))[0]
+    assert first.title == "The chains have not converged"
+    assert first.text == "2 of 7 gates are not passed. Do not rely on this posterior."
+
+
+def test_passed_gates_judge_the_sampling_alone(run):
+    first = verdict(made(run, diagnostics=gated(run)))[0]
+    assert first.state == "good"
+    assert "can be used" not in first.text
+
+
+def test_residuals_near_thermostats_do_not_judge_the_parameters(run):
+    found = about(made(run), "is contradicted")
+    assert found.state == "warn"
+    assert "too narrow by up to" not in found.text
+    assert residuals.THERMOSTATS in words_of(made(run), "residuals")
+    assert residuals.THERMOSTATS not in words_of(run, "residuals")
+
+
+def test_residuals_on_unseen_windows_may_be_correlated_with_heat(run):
+    assert {c.verdict for c in made(run).checks["test"]} <= {"white", "slight", "expected"}
+    assert "contradicted" in {c.verdict for c in run.checks["test"]}
+
+
+def test_how_the_mode_was_sought_is_told_with_heat(run):
+    tree = made(run).posterior
+    tree.attrs = tree.attrs | {
+        "mode_search": json.dumps(
+            {"sought": "in closed loop", "modes": [{"origin": "prior draw 1", "log_density": 1.0, "converged": True}]}
+        )
+    }
+    blocks = convergence.panel(dataclasses.replace(run, posterior=tree)).blocks
+    assert any(b.text.startswith("The mode was sought without unmodelled heat, heaters driven by") for b in blocks)
+
+
+def test_the_published_run_stands_beside(own_run):
+    metrics = json.loads((own_run / "metrics.json").read_text(encoding="utf-8"))
+    records = [
+        {"method": m["method"], "window": m["window"], "metric": m["metric"], "channel": "all", "value": 2 * m["value"]}
+        for m in metrics
+        if m["channel"] == "all" and m["method"] == "stochastic" and m["metric"] in ("rmse", "picp")
+    ]
+    (own_run / "beside.json").write_text(json.dumps(records), encoding="utf-8")
+    run = read_run(own_run)
+    table = scores.beside(run)
+    assert [row[:2] for row in table.rows if row[1] == "RMSE, K"] == [["train", "RMSE, K"], ["test", "RMSE, K"]]
+    _, _, genetic, published, ours = next(r for r in table.rows if r[:2] == ["test", "RMSE, K"])
+    assert float(published) == pytest.approx(2 * float(ours), rel=2e-3)
+    assert genetic == "0.4110"
+    assert "Beside the published model" in words_of(run, "scores")
+
+
+def test_without_a_published_run_nothing_stands_beside(run):
+    assert scores.published(run) == []
+
+
+def test_what_training_did_not_contain_is_told_the_most_first(run):
+    window = run.windows["test"].copy()
+    assert prediction.unseen(window) == ""
+    window.attrs["unseen"] = json.dumps(
+        [{"name": "Sun from above", "share": 0.12}, {"name": "mode imaging", "share": 0.33}]
+    )
+    words = prediction.unseen(window)
+    assert words.startswith("at least 33% of the time lies outside of what training contained: mode imaging (33%), Sun")
+    changed = dataclasses.replace(run, windows=run.windows | {"test": window})
+    assert f"Window “test”: {words}" in words_of(changed, "prediction")
