@@ -20,6 +20,7 @@ TABLES = {
     "genetic": "batch:measure_genetic",
     "scaling": "scaling:measure",
     "campaign": "campaign:measure",
+    "forecast": "forecast:measure",
     "whole": "whole:measure",
 }
 _OUT = Path(__file__).parents[1] / "docs" / "benchmarks.md"

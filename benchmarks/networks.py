@@ -139,6 +139,7 @@ def with_parameters(count: int, nodes: int = 100) -> dict[str, Any]:
             for k, (path, median) in enumerate(paths[:count])
         },
         "observations": {name: {"node": name, "noise": f"{NOISE} K"} for name in watched},
+        "heat": "none",
         "windows": {
             "train": {"start": str(START)[:19], "orbits": 2},
             "test": {"start": str(START + np.timedelta64(12000, "s"))[:19], "orbits": 2},

@@ -122,6 +122,7 @@ def content() -> dict[str, Any]:
             **{f"{node}_temp": {"node": node, "noise": f"{NOISE} K"} for node in _CAPACITIES},
             "heater_status": {"heater": "heater"},
         },
+        "heat": "none",
         "windows": {
             "train": {"start": str(START)[:19], "orbits": 2},
             "test": {"start": str(START + np.timedelta64(12000, "s"))[:19], "orbits": 2},

@@ -24,10 +24,15 @@ from ruamel.yaml import YAML
 RUNS = {
     "validation": ("examples/validation/scenario.yaml", None),
     "leo_observer": ("examples/leo_observer/scenario.yaml", None),
+    "published": ("examples/leo_observer/published.yaml", None),
     "with_discrepancy": ("examples/leo_observer/with_discrepancy.yaml", None),
     "bupt1": ("examples/bupt1/scenario.yaml", "bupt1"),
     "several_windows": ("examples/bupt1/several_windows.yaml", "bupt1"),
     "funcube1": ("examples/funcube1/scenario.yaml", "funcube1/funcube1_2016-02-04_first.csv"),
+    "funcube1_with_discrepancy": (
+        "examples/funcube1/with_discrepancy.yaml",
+        "funcube1/funcube1_2016-02-04_first.csv",
+    ),
     "executable": ("examples/executable/scenario.yaml", None),
 }
 SHORT = {
@@ -40,7 +45,7 @@ SHORT = {
 def make(checkout: Path, out: Path, telemetry: Path | None, only: list[str]) -> None:
     """Run the examples of a checkout with its own code."""
     for name, (file, data) in RUNS.items():
-        if (only and name not in only) or (data and telemetry is None):
+        if (only and name not in only) or (data and telemetry is None) or not (checkout / file).exists():
             continue
         yaml = YAML()
         scenario = yaml.load((checkout / file).read_text(encoding="utf-8"))
