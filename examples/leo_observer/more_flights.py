@@ -19,7 +19,7 @@ import numpy as np
 import xarray
 from ruamel.yaml import YAML
 
-from flightcal.calibration import posterior_draws
+from flightcal.calibration import posterior_draws, with_kept_heat
 from flightcal.prediction import predict, score
 from flightcal.problem import build_problem
 from flightcal.scenario import Scenario, load_scenario
@@ -103,7 +103,7 @@ def main(run: Path, flights: int) -> None:
         with tempfile.TemporaryDirectory() as folder:
             scenario = another_flight(flown, Path(folder), number)
             telemetry = read(scenario)
-        problem = build_problem(scenario, telemetry)
+        problem = with_kept_heat(build_problem(scenario, telemetry), posterior)
         draws = posterior_draws(posterior, problem.names, 300, seed=number)
         windows = [name for name in scenario.windows if name.startswith("test")]
         predictions = [predict(problem, telemetry, name, {}, draws, seed=number)[0] for name in windows]

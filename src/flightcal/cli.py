@@ -26,6 +26,7 @@ VERBS: Final = {
     "campaign": "campaign",
     "compare": "compare",
     "validate": "validate",
+    "backtest": "backtest",
 }
 """Verb -> its module in `commands`, which has a function of the verb's name: its signature is what the user types."""
 

@@ -8,10 +8,11 @@ from pathlib import Path
 import numpy as np
 import pandas as pd
 import pytest
+import xarray
 from ruamel.yaml import YAML
 
 from flightcal.calibration import stages
-from flightcal.commands.calibrate import run_experiment
+from flightcal.commands.calibrate import run_demo, run_experiment
 from flightcal.errors import RunError
 from flightcal.report import write_report
 from tests import small
@@ -210,3 +211,38 @@ def test_interrupted_sampling_is_saved_reported_and_taken_up_again(tmp_path, mon
     assert not told.done_before(TITLES["nuts"])
     assert not told.done_before(TITLES["predict"])
     assert not summary.interrupted
+
+
+def test_a_demo_keeps_the_scores_of_the_published_model_beside_its_own(tmp_path):
+    folder, out = tmp_path / "satellite", tmp_path / "run"
+    folder.mkdir()
+    published = write(folder)
+    content = YAML(typ="safe").load(published)
+    published.rename(folder / "published.yaml")
+    with published.open("w") as file:
+        YAML(typ="safe").dump(content | {"noise": {"model": "ar1"}}, file)
+
+    own, other = run_demo(out, folder)
+
+    assert (own.run, other.run) == (out, out / "published")
+    kept = [
+        {"method": m.method, "window": m.window, "metric": m.metric, "value": m.value}
+        for m in other.metrics
+        if m.channel == "all"
+    ]
+    assert json.loads((out / "beside.json").read_text()) == kept
+    assert (out / "genetic.nc").read_bytes() == (out / "published" / "genetic.nc").read_bytes()
+    assert own.metrics != other.metrics
+
+
+def test_a_genetic_algorithm_that_is_taken_over_is_that_which_would_be_run(finished, tmp_path):
+    scenario, run, _ = finished
+    content = YAML(typ="safe").load(scenario)
+    other = scenario.with_name("other.yaml")
+    with other.open("w") as file:
+        YAML(typ="safe").dump(content | {"noise": {"model": "ar1"}}, file)
+
+    run_experiment(other, tmp_path / "run")
+
+    taken, own = (xarray.load_dataset(folder / "genetic.nc", engine="h5netcdf") for folder in (run, tmp_path / "run"))
+    xarray.testing.assert_identical(taken, own)

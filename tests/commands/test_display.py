@@ -1,12 +1,15 @@
 """What a user sees of a long run."""
 
 from io import StringIO
+from pathlib import Path
 
 import pytest
 from rich.console import Console
 
 from flightcal import progress
-from flightcal.commands.display import display
+from flightcal.commands.calibrate import Summary
+from flightcal.commands.display import display, print_beside, print_summary, unseen_in_words
+from flightcal.prediction import ANY, Metric, Unseen
 
 TITLE = "stochastic update (NUTS)"
 TOLD = "42/200 draws, 600 gradients"
@@ -62,3 +65,50 @@ def test_a_terminal_has_a_bar_and_no_lines(clock):
     written = lines_of(clock, True, [61.0, 122.0])
     assert any(TITLE in line and f"sampling: {TOLD}" in line for line in written)
     assert f"  sampling: {TOLD}" not in written
+
+
+def summary(folder, metrics=(), heat=None):
+    return Summary(folder, folder / "report.html", {"passed": True, "verdict": "fine"}, metrics, False, heat or {})
+
+
+def printed(show, *arguments):
+    written = StringIO()
+    show(*arguments, Console(file=written, width=200))
+    return written.getvalue().splitlines()
+
+
+def test_a_summary_names_the_three_nodes_with_most_unmodelled_heat():
+    shares = {"array": 0.052, "tank": 0.03, "battery": 0.0204, "structure": 0.01}
+    line = "unmodelled heat, as a share of the heat that flows through the node; most in: "
+
+    assert line + "array 5.2%, tank 3.0%, battery 2.0%" in printed(print_summary, summary(Path("run"), heat=shares))
+    assert not any("unmodelled heat" in line for line in printed(print_summary, summary(Path("run"))))
+
+
+def test_the_published_method_stands_beside_the_default():
+    def scores(rmse, picp):
+        return (
+            Metric("genetic", "test", "all", "rmse", 0.4, "K"),
+            Metric("stochastic", "test", "battery", "rmse", 9.0, "K"),
+            Metric("stochastic", "test", "all", "rmse", rmse, "K"),
+            Metric("stochastic", "test", "all", "picp", picp, "1"),
+        )
+
+    own, published = summary(Path("run"), scores(0.2, 0.95)), summary(Path("run/published"), scores(0.3, 0.5))
+    lines = printed(print_beside, own, published)
+
+    cells = [[cell.strip() for cell in line.split("\u2502")[1:-1]] for line in lines if "\u2502" in line]
+    assert ["test", "rmse", "0.4 K", "0.3 K", "0.2 K"] in cells
+    assert ["test", "picp", "-", "50.0%", "95.0%"] in cells
+    assert lines[-1] == f"report: {Path('run/report.html')}"
+
+
+def test_what_a_window_has_that_was_not_trained_on_is_said_where_it_is_more_than_a_twentieth_of_it():
+    assert unseen_in_words(()) == ""
+    assert unseen_in_words((Unseen(ANY, 0.04), Unseen("mode imaging", 0.04))) == ""
+    found = (Unseen(ANY, 0.31), Unseen("sunlight on array", 0.3), Unseen("mode imaging", 0.06))
+    assert unseen_in_words(found) == (
+        "31% of its time is outside of what was trained on: sunlight on array (30%), mode imaging (6%)"
+    )
+    many = (Unseen(ANY, 0.5), *(Unseen(f"mode {k}", 0.1) for k in range(6)))
+    assert unseen_in_words(many).endswith("mode 3 (10%) and 2 more")

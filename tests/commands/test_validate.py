@@ -103,6 +103,14 @@ def test_a_simulator_without_derivatives_is_a_message(tmp_path, monkeypatch):
     assert "without derivatives" in result.output
 
 
+def test_unmodelled_heat_is_a_message(tmp_path):
+    file = write(tmp_path)
+    file.write_text(file.read_text().replace("heat: none", "heat: {}"))
+    result = run(app, ["validate", str(file), "--out", str(tmp_path / "out")])
+    assert result.exit_code == USER_ERROR
+    assert "heat: found unmodelled heat, expected 'heat: none'" in result.output
+
+
 def test_another_model_of_the_residuals_is_another_validation(scenario):
     file, out, _, _ = scenario
     validate_scenario(file, out, 20, workers=1)

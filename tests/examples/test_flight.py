@@ -25,7 +25,9 @@ def simulated(problem: Problem, **changes: float) -> np.ndarray:
     return problem.windows[0].simulate(theta).temperatures
 
 
-@pytest.mark.parametrize("file", [FUNCUBE, BUPT, EXAMPLES / "bupt1" / "scenario.yaml"])
+@pytest.mark.parametrize(
+    "file", [FUNCUBE, FUNCUBE.with_name("with_discrepancy.yaml"), BUPT, EXAMPLES / "bupt1" / "scenario.yaml"]
+)
 def test_the_scenario_has_no_findings(file: Path):
     assert lint(file) == []
 

@@ -11,7 +11,7 @@ import pandas as pd
 import pytest
 
 from flightcal.problem import build_problem
-from flightcal.scenario import lint, load_scenario
+from flightcal.scenario import Heat, heat_of, lint, load_scenario
 from flightcal.telemetry import read, window_bounds
 
 FOLDER = Path(__file__).parents[2] / "examples" / "leo_observer"
@@ -31,7 +31,7 @@ def imaging(telemetry, scenario):
     return (telemetry["mode"] == "imaging").to_numpy(), np.array([changes[k].mode == "imaging" for k in last])
 
 
-@pytest.mark.parametrize("name", ["scenario.yaml", "with_discrepancy.yaml"])
+@pytest.mark.parametrize("name", ["scenario.yaml", "published.yaml", "with_discrepancy.yaml"])
 def test_the_scenario_knows_when_the_satellite_images(name):
     telemetry = pd.read_csv(FOLDER / "telemetry.csv", parse_dates=["time"])
     flown, known = imaging(telemetry, load_scenario(FOLDER / name))
@@ -55,7 +55,7 @@ def test_another_flight_differs_in_imaging_after_the_training(tmp_path, monkeypa
     assert (first["mode"] == "contact").equals(other["mode"] == "contact")
 
 
-@pytest.mark.parametrize("name", ["scenario.yaml", "with_discrepancy.yaml"])
+@pytest.mark.parametrize("name", ["scenario.yaml", "published.yaml", "with_discrepancy.yaml"])
 def test_the_scenario_has_no_findings(name):
     assert lint(FOLDER / name) == []
 
@@ -75,6 +75,13 @@ def test_the_scenario_with_a_discrepancy_is_of_the_same_satellite():
     assert {name: own.parameters[name].prior for name in plain.parameters} == {
         name: parameter.prior for name, parameter in plain.parameters.items()
     }
+
+
+def test_the_published_scenario_is_the_same_without_heat():
+    own, published = (load_scenario(FOLDER / name) for name in ("scenario.yaml", "published.yaml"))
+    assert (heat_of(own), heat_of(published)) == (Heat(), None)
+    same = {"name": own.name, "heat": own.heat}
+    assert published.model_copy(update=same) == own
 
 
 def test_no_test_window_overlaps_another():

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
@@ -12,7 +12,12 @@ from ..progress import SILENT, Progress
 from .options import GATE_FAILED, INTERRUPTED, ScenarioFile, TelemetryPlace
 
 if TYPE_CHECKING:
-    from ..prediction import Metric
+    from ..prediction import Metric, Unseen
+
+DEMO = Path(__file__).parents[1] / "demo"
+"""The bundled satellite."""
+BESIDE = "beside.json"
+"""Scores of the published model, in the folder of a run of the same satellite."""
 
 
 @dataclass(frozen=True)
@@ -25,6 +30,10 @@ class Summary:
     """Content of diagnostics.json."""
     metrics: tuple[Metric, ...]
     interrupted: bool
+    heat: dict[str, float]
+    """Size of the unmodelled heat of nodes, as a share of the heat that flows through them; see `heat_shares`."""
+    unseen: dict[str, tuple[Unseen, ...]] = field(default_factory=dict)
+    """What of each window was not trained on; windows in which all was are not named."""
 
     @property
     def passed(self) -> bool:
@@ -33,22 +42,29 @@ class Summary:
 
 
 def run_experiment(
-    scenario_file: Path | str, out: Path | str, *, telemetry: Path | str | None = None, progress: Progress = SILENT
+    scenario_file: Path | str,
+    out: Path | str,
+    *,
+    telemetry: Path | str | None = None,
+    searched: Path | None = None,
+    progress: Progress = SILENT,
 ) -> Summary:
     """Calibrate by both methods, predict and score every window, and write the report into the folder `out`.
 
     telemetry: a file or folder to read the telemetry from instead of where the scenario says.
+    searched: a run of the same satellite, whose genetic algorithm is taken over. Noise and heat make no difference to
+    it.
     Raises FlightcalError for what is the user's to mend. An interrupted sampling is saved, scored and reported.
     """
     from ..calibration import COMPILE, GENETIC, NUTS
     from ..emulation import NUTS_THROUGH_EMULATOR, emulator_stage, needs_emulator
-    from ..prediction import PREDICT
+    from ..prediction import PREDICT, PREDICTION_FILE, read_unseen
     from ..problem import build_problem
     from ..report import write_report
     from ..scenario import load_scenario
     from ..telemetry import read
     from ..validation import FULL_SIMULATOR
-    from .folder import keep_what_was_read, open_for
+    from .folder import heat_shares, keep_what_was_read, open_for, taken_over
 
     scenario = load_scenario(scenario_file, telemetry=telemetry)
     method, seed = scenario.calibration, scenario.calibration.seed
@@ -66,7 +82,8 @@ def run_experiment(
     else:
         emulation = None
         run.stage(COMPILE, problem)
-        genetic = run.stage(GENETIC, problem, settings=method.genetic, seed=seed)
+        search = GENETIC if searched is None else taken_over(GENETIC, searched)
+        genetic = run.stage(search, problem, settings=method.genetic, seed=seed)
         sampled = run.stage(NUTS, problem, genetic, settings=method.nuts, seed=seed)
     if getattr(scenario.simulator, "checked_on", None) is not None:
         run.stage(FULL_SIMULATOR, problem, sampled, simulations=method.prediction.simulations, seed=seed)
@@ -76,7 +93,8 @@ def run_experiment(
     )  # fmt: skip
     with progress.stage("writing the report"), run.folder.stage("report", run.key(metrics)):
         report = write_report(run.path)
-    return Summary(run.path, report, sampled.diagnostics, metrics, sampled.interrupted)
+    shares, outside = heat_shares(sampled.posterior), read_unseen(run.folder.file(PREDICTION_FILE))
+    return Summary(run.path, report, sampled.diagnostics, metrics, sampled.interrupted, shares, outside)
 
 
 def calibrate(
@@ -100,8 +118,38 @@ def calibrate(
 
 
 def demo(out: Annotated[Path, typer.Option(help="Folder for the run.")] = Path("runs/leo_observer")) -> None:
-    """Run the whole experiment on the bundled scenario, an Earth-observation satellite with three heaters.
+    """Calibrate the bundled satellite with unmodelled heat and, in `published` in the folder, as published.
 
     Example: `flightcal demo --out runs/demo`
     """
-    calibrate(Path(__file__).parents[1] / "demo" / "scenario.yaml", out)
+    from .display import display, print_beside, print_summary
+
+    with display() as progress:
+        own, published = run_demo(out, progress=progress)
+    print_summary(own)
+    if published is not None:
+        print_beside(own, published)
+    if own.interrupted or published is None or published.interrupted:
+        raise typer.Exit(INTERRUPTED)
+    if not (own.passed and published.passed):
+        raise typer.Exit(GATE_FAILED)
+
+
+def run_demo(out: Path, folder: Path = DEMO, *, progress: Progress = SILENT) -> tuple[Summary, Summary | None]:
+    """The runs of scenario.yaml and published.yaml of a folder, in `out` and in `published` there.
+
+    None: the first was interrupted. The scores of the second are kept beside the first, for its report.
+    """
+    from ..report import write_report
+    from ..run import write_json
+
+    own = run_experiment(folder / "scenario.yaml", out, progress=progress)
+    if own.interrupted:
+        return own, None
+    progress.say("the same as published: independent noise, no unmodelled heat")
+    published = run_experiment(folder / "published.yaml", out / "published", searched=own.run, progress=progress)
+    kept = [metric for metric in published.metrics if metric.channel == "all"]
+    fields = ("method", "window", "metric", "value")
+    write_json(own.run / BESIDE, [{name: getattr(metric, name) for name in fields} for metric in kept])
+    write_report(own.run)
+    return own, published

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass
 from typing import TYPE_CHECKING
@@ -15,15 +15,22 @@ from rich.progress import BarColumn, TaskID, TextColumn, TimeElapsedColumn
 from rich.table import Table
 from rich.text import Text
 
-from ..prediction import comparison_table
+from ..prediction import ANY, Metric, Unseen, comparison_table
 from ..progress import Lines, Progress
-from ..validation import INTERVALS
+from ..validation import ALL, INTERVALS
 
 if TYPE_CHECKING:
+    from .backtest import Backtest
     from .calibrate import Summary
     from .check import CheckSummary
     from .compare import Comparison as ModelComparison
     from .validate import Validation
+
+_WORST = 3
+"""Nodes whose unmodelled heat is told."""
+_WORTH_SAYING = 0.05
+"""Share of a window's time, of what was not trained on."""
+_NAMED = 4
 
 
 @contextmanager
@@ -91,7 +98,51 @@ def print_summary(summary: Summary, console: Console | None = None) -> None:
             share = metric.metric == "picp" and metric.value is not None
             value = f"{metric.value:.1%}" if share else f"{_number(metric.value)} {metric.unit}"
             console.print(f"{metric.window}: {metric.metric.upper()} {value}", highlight=False)
+    if summary.heat:
+        worst = ", ".join(f"{node} {share:.1%}" for node, share in list(summary.heat.items())[:_WORST])
+        words = "unmodelled heat, as a share of the heat that flows through the node; most in"
+        console.print(f"{words}: {worst}", highlight=False, soft_wrap=True, markup=False)
+    for window, found in summary.unseen.items():
+        if words := unseen_in_words(found):
+            console.print(f"{window}: {words}", style="yellow", highlight=False, soft_wrap=True, markup=False)
     console.print(f"report: {summary.report}", highlight=False, soft_wrap=True)
+
+
+def print_beside(own: Summary, published: Summary, console: Console | None = None) -> None:
+    """Scores over all channels: the genetic algorithm, the published model and flightcal's default."""
+    console = console or Console()
+    methods = (("genetic", own, "genetic"), ("published stochastic", published, "stochastic"))
+    columns = (*methods, ("flightcal", own, "stochastic"))
+    table = Table(title="Beside the published method, over all channels", title_justify="left")
+    for heading in ("window", "metric", *(name for name, _, _ in columns)):
+        table.add_column(heading, justify="left" if heading in ("window", "metric") else "right")
+    found = [
+        {(m.window, m.metric): m for m in of.metrics if (m.method, m.channel) == (method, "all")}
+        for _, of, method in columns
+    ]
+    for window in dict.fromkeys(window for window, _ in found[-1]):
+        for metric in ("rmse", "crps", "picp", "mpiw"):
+            table.add_row(window, metric, *(_score(of.get((window, metric))) for of in found))
+    console.print(table)
+    console.print(f"published method: {published.diagnostics['verdict']}", highlight=False, markup=False)
+    console.print(f"its report: {published.report}", highlight=False, soft_wrap=True)
+    console.print(f"report: {own.report}", highlight=False, soft_wrap=True)
+
+
+def _score(metric: Metric | None) -> str:
+    if metric is None or metric.value is None:
+        return "-"
+    return f"{metric.value:.1%}" if metric.metric == "picp" else f"{_number(metric.value)} {metric.unit}"
+
+
+def unseen_in_words(found: Sequence[Unseen]) -> str:
+    """What of a window was not trained on; "" where it is little of its time."""
+    shares = {own.name: own.share for own in found}
+    if shares.get(ANY, 0.0) <= _WORTH_SAYING:
+        return ""
+    named = [f"{name} ({share:.0%})" for name, share in shares.items() if name != ANY]
+    more = f" and {len(named) - _NAMED} more" if len(named) > _NAMED else ""
+    return f"{shares[ANY]:.0%} of its time is outside of what was trained on: {', '.join(named[:_NAMED])}{more}"
 
 
 def print_check(summary: CheckSummary, console: Console | None = None) -> None:
@@ -145,9 +196,46 @@ def print_comparison(comparison: ModelComparison, console: Console | None = None
             words = f"PICP {scores['picp']:.1%}, CRPS {scores['crps']:.4g} K, log score {scores['log_score']:.4g}"
             note = "" if scores["passed"] else " (not converged)"
             console.print(f"{model}, {window} predicted by the others: {words}{note}", highlight=False, soft_wrap=True)
+    for model, own in comparison.content["backtest"].items():
+        words = f"CRPS {own['crps']:.4g} K, PICP {own['coverage']:.1%}, held after {own['held']} of {own['origins']}"
+        note = "" if own["passed"] else " (not converged)"
+        console.print(f"{model}, rolling origins: {words}{note}", highlight=False, soft_wrap=True)
     console.print(f"recommended: [bold]{comparison.content['recommended']}[/bold]", highlight=False)
     console.print(comparison.content["reason"], highlight=False, markup=False)
     console.print(f"page: {comparison.folder / 'comparison.html'}", highlight=False, soft_wrap=True, markup=False)
+
+
+def print_backtest(found: Backtest, console: Console | None = None) -> None:
+    """In how many origins intervals held, scores by horizon, and where the page is."""
+    console = console or Console()
+    content = found.content
+    style = "green" if content["holds"] else "bold red"
+    words = f"Intervals held after {content['held']} of {len(content['origins'])} origins"
+    console.print(f"\n[{style}]{words}[/{style}]", highlight=False)
+    if worst := content["worst"]:
+        console.print(
+            f"worst: {worst['channel']} after {worst['time']}, {worst['coverage']:.1%} inside its interval, "
+            f"of a right prediction {worst['lower']:.1%} or more",
+            highlight=False, soft_wrap=True, markup=False,
+        )  # fmt: skip
+    table = Table(title="All origins and channels, by horizon", title_justify="left")
+    for heading in ("horizon", "coverage", "RMSE K", "MPIW K", "CRPS K"):
+        table.add_column(heading, justify="left" if heading == "horizon" else "right")
+    for row in content["scores"]:
+        if row["origin"] == row["channel"] == ALL and row["samples"]:
+            share = f"{row['coverage']:.1%} ± {row['coverage_error']:.1%}"
+            table.add_row(row["band"], share, *(_number(row[name]) for name in ("rmse", "width", "crps")))
+    console.print(table)
+    if duty := content["duty"]:
+        console.print(f"duty cycles inside their interval: {sum(own['hit'] for own in duty)} of {len(duty)}")
+    if not content["passed"]:
+        console.print("[bold red]The sampling of an origin failed a gate; the page says which.[/bold red]")
+    if content["measured"]:
+        console.print(
+            f"driven by what was measured after the origin too, so no forecast: {', '.join(content['measured'])}",
+            highlight=False, soft_wrap=True, markup=False,
+        )  # fmt: skip
+    console.print(f"page: {found.report}", highlight=False, soft_wrap=True, markup=False)
 
 
 def _number(value: float | None) -> str:

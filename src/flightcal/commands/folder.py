@@ -2,18 +2,23 @@
 
 from __future__ import annotations
 
-from dataclasses import asdict
+import json
+import math
+import shutil
+from dataclasses import asdict, replace
 from pathlib import Path
-from typing import Any
+from typing import Any, TypeVar
 
 import numpy as np
 import xarray
 
 from ..problem import Problem
 from ..progress import Progress
-from ..run import Run, hash_of, hash_of_file, open_run, plain
-from ..scenario import Scenario, input_files, is_trained, resolved_yaml
+from ..run import Run, Stage, hash_of, hash_of_file, open_run, plain
+from ..scenario import Scenario, default_noise, heat_of, input_files, is_trained, resolved_yaml
 from ..telemetry import quality_table
+
+K = TypeVar("K")
 
 
 def open_for(scenario: Scenario, out: Path, progress: Progress, **more: str) -> Run:
@@ -23,7 +28,11 @@ def open_for(scenario: Scenario, out: Path, progress: Progress, **more: str) -> 
     that are only predicted, and the input files. more: hashes of what else it is bound to, by name.
     """
     inputs = {str(name): hash_of_file(Path(name)) for name in input_files(scenario)}
-    content = scenario.model_dump(mode="json", exclude={"calibration", "description", "folder"})
+    # What is left out of these two hangs together, and on the version of flightcal.
+    meant = {"heat": heat_of(scenario) or "none", "noise": default_noise(scenario)}
+    content = scenario.model_copy(update=meant).model_dump(
+        mode="json", exclude={"calibration", "description", "folder"}
+    )
     content["telemetry"].pop("file")
     trained = {name: window for name, window in content.pop("windows").items() if is_trained(name)}
     parts = {
@@ -69,3 +78,29 @@ def parameter_records(problem: Problem) -> list[dict[str, Any]]:
             }
         )
     return records
+
+
+def taken_over(stage: Stage[K], made: Path) -> Stage[K]:
+    """A stage that copies its files from the run in the folder `made`, where the same stage has made them."""
+
+    def copy(run: Run, *_: Any, **__: Any) -> None:
+        for name in stage.files:
+            shutil.copyfile(made / name, run.folder.file(name))
+
+    return replace(stage, make=copy)
+
+
+def heat_shares(posterior: xarray.DataTree) -> dict[str, float]:
+    """Size of unmodelled heat over the heat that flows through its node, by node, largest first.
+
+    Size: root of the sum of squares of the posterior means of its parts; empty: calibrated without heat.
+    """
+    if "heat" not in posterior.children:
+        return {}
+    model = json.loads(str(posterior["heat"]["model"].item()))
+    sizes = posterior["posterior"].to_dataset()
+    shares = {}
+    for node, flow in zip(model["nodes"], model["flow"], strict=True):
+        names = [name for part in ("constant", "pattern", "slow") if (name := f"heat.{node}.{part}") in sizes]
+        shares[node] = math.hypot(*(float(sizes[name].mean()) for name in names)) / flow
+    return dict(sorted(shares.items(), key=lambda item: -item[1]))

@@ -14,6 +14,7 @@ def report(
 
     Example: `flightcal report runs/first`
     """
-    from ..report import write_report
+    from ..report import write_backtest, write_report
 
-    typer.echo(f"report: {write_report(run, out)}")
+    write = write_backtest if (run / "backtest.json").is_file() else write_report
+    typer.echo(f"report: {write(run, out)}")

@@ -1,0 +1,56 @@
+import json
+
+import numpy as np
+import pytest
+import xarray
+
+from flightcal.commands.folder import heat_shares, open_for
+from flightcal.errors import RunError
+from flightcal.progress import Silent
+from flightcal.scenario import schema
+from tests import small
+
+
+def open_with(folder, **blocks):
+    """Open the run `folder`/run for the scenario without heat and noise, but for `blocks`."""
+    written = small.content()
+    written.pop("heat", None)
+    return open_for(small.load(folder, written | blocks)[0], folder / "run", Silent())
+
+
+@pytest.mark.parametrize(("by_default", "meant"), [(False, {"heat": "none", "noise": {}}), (True, {"heat": {}})])
+def test_a_block_that_is_left_out_is_the_same_as_what_it_means(tmp_path, monkeypatch, by_default, meant):
+    monkeypatch.setattr(schema, "_BY_DEFAULT", by_default)
+    open_with(tmp_path)
+
+    open_with(tmp_path, **meant)
+
+
+def test_a_run_without_heat_is_another_than_one_with_it(tmp_path):
+    open_with(tmp_path, heat="none")
+
+    with pytest.raises(RunError, match="what differs: the scenario"):
+        open_with(tmp_path, heat={})
+
+
+def test_written_noise_is_another_than_that_beside_heat(tmp_path):
+    open_with(tmp_path, heat={})
+
+    with pytest.raises(RunError, match="what differs: the scenario"):
+        open_with(tmp_path, heat={}, noise={})
+
+
+def test_shares_of_heat_are_its_sizes_over_what_flows_through_the_node():
+    draws = ("chain", "draw")
+    of_body = {"heat.body.constant": 0.2, "heat.body.pattern": 0.4, "heat.body.slow": 0.4}
+    sizes = of_body | {"heat.panel.pattern": 0.5, "heat.gains": 0.1}
+    posterior = xarray.Dataset({name: (draws, np.array([[0.5, 1.5]]) * size) for name, size in sizes.items()})
+    model = json.dumps({"nodes": ["body", "panel"], "flow": [10.0, 5.0]})
+    tree = xarray.DataTree.from_dict({"posterior": posterior, "heat": xarray.Dataset({"model": ((), model)})})
+
+    assert heat_shares(tree) == pytest.approx({"panel": 0.1, "body": 0.06})
+    assert list(heat_shares(tree)) == ["panel", "body"]
+
+
+def test_a_posterior_without_heat_has_no_shares():
+    assert heat_shares(xarray.DataTree.from_dict({"posterior": xarray.Dataset()})) == {}
