@@ -138,6 +138,7 @@ def test_nothing_is_run_twice(finished):
     assert again.metrics == summary.metrics
 
 
+@pytest.mark.slow
 def test_several_windows_are_trained_on_together(tmp_path):
     scenario = written(tmp_path, {"train": {"a": TRAIN, "b": LATER}}, 120, predicted=20)
     run = tmp_path / "run"

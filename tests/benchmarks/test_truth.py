@@ -22,6 +22,7 @@ def flight(tmp_path_factory):
     return fly(SEED, NUMBER, "square wave", tmp_path_factory.mktemp("flight"))
 
 
+@pytest.mark.slow
 def test_a_seed_gives_one_satellite_whatever_heat_it_lacks(flight, tmp_path):
     right = fly(SEED, NUMBER, "none", tmp_path)
     assert right.satellite == flight.satellite

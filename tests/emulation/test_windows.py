@@ -46,6 +46,7 @@ def learnt(problem, scene):
     return learn(problem, evaluate, derivative_free.nothing(problem), settings, 5, beginning=first)
 
 
+@pytest.mark.slow
 def test_the_posterior_is_that_of_the_real_simulators(problem, learnt):
     """Means within 0.2 standard deviations and standard deviations within 20%."""
     assert learnt.reached
@@ -58,6 +59,7 @@ def test_the_posterior_is_that_of_the_real_simulators(problem, learnt):
     np.testing.assert_allclose(found.std(axis=0) / deviation, 1.0, atol=0.2)
 
 
+@pytest.mark.slow
 def test_every_theta_is_run_on_every_window_within_the_budget(problem, learnt):
     dawn, noon = learnt.runs
     assert learnt.rounds[0].runs == 80
@@ -69,6 +71,7 @@ def test_every_theta_is_run_on_every_window_within_the_budget(problem, learnt):
         assert len(emulated(own).emulator.runs.times) == len(window.times)
 
 
+@pytest.mark.slow
 def test_a_run_that_fails_in_one_window_is_learnt_from_in_the_other(learnt):
     dawn, noon = learnt.runs
     assert dawn.finished.all()

@@ -94,6 +94,7 @@ def write_synthetic_run(folder: Path, seed: int = 1, orbits: float = 2.0, draws:
     for index, name in enumerate(["train", "test"]):
         start = np.datetime64("2024-03-01T00:00:00", "ns") + np.timedelta64(index * 26, "h")
         groups[name] = _window(start, orbits, truth, thetas, posterior, rng)
+    groups["test"].attrs["unseen"] = "[]"
     xr.DataTree.from_dict(groups).to_netcdf(folder / "prediction.nc", engine="h5netcdf")
     _posterior_tree(posterior, groups["train"], low, high, rng).to_netcdf(folder / "posterior.nc", engine="h5netcdf")
     _write_texts(folder, posterior, low, high, groups)
