@@ -101,17 +101,8 @@ def opens(call):
     squares, precision, projected, first = call.squares, call.precision, call.projected, call.first
     channels, samples = valid.shape
     for k in range(channels):
-        state, total = 0.0, 0.0
-        for t in range(samples):
-            white[k, t] = 0.0
-            if valid[k, t]:
-                expected = decay[k, t] * state
-                new = observed[t, k] - simulated[t, k] - expected
-                state = expected + gain[k, t] * new
-                white[k, t] = root[k, t] * new
-                total += white[k, t] * white[k, t]
         p = first + k
-        squares[p] = total
+        squares[p] = _whiten(valid, observed, simulated, decay, gain, root, k, white, 0.0)
         precision[p] = 1.0 / (numbers[k, 0] * numbers[k, 0])
         for j in range(projected.shape[1]):
             projected[p, j] = 0.0
@@ -199,6 +190,21 @@ def returns(call):
 
 
 @inlined
+def _whiten(valid, observed, simulated, decay, gain, root, k, white, total):
+    """The total, and the sum of squares of the whitened residuals of channel k, which this fills."""
+    state = 0.0
+    for t in range(valid.shape[1]):
+        white[k, t] = 0.0
+        if valid[k, t]:
+            expected = decay[k, t] * state
+            new = observed[t, k] - simulated[t, k] - expected
+            state = expected + gain[k, t] * new
+            white[k, t] = root[k, t] * new
+            total += white[k, t] * white[k, t]
+    return total
+
+
+@inlined
 def _explained(response, mean, k, t):
     total = 0.0
     for j in range(mean.shape[0]):
@@ -260,15 +266,7 @@ def opens_known(call):
         for j in range(projected.shape[0]):
             projected[j] = 0.0
     for k in range(channels):
-        state = 0.0
-        for t in range(samples):
-            white[k, t] = 0.0
-            if valid[k, t]:
-                expected = decay[k, t] * state
-                new = observed[t, k] - simulated[t, k] - expected
-                state = expected + gain[k, t] * new
-                white[k, t] = root[k, t] * new
-                squares[0] += white[k, t] * white[k, t]
+        squares[0] = _whiten(valid, observed, simulated, decay, gain, root, k, white, squares[0])
         add_products(explaining[k], 0, samples, white[k], projected)
     return 0
 
