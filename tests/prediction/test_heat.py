@@ -113,6 +113,20 @@ def test_the_end_of_training_is_where_its_simulations_with_heat_end(case, at_end
     assert (np.abs(error) < 4.0 * deviation).all()
 
 
+def test_the_end_of_training_has_the_nodes_in_the_order_of_theta_not_in_the_simulators(tmp_path):
+    content = written()
+    content["simulator"]["nodes"]["box"] = {"capacity": "500 J/K", "initial": "11 degC"}
+    content["simulator"]["conductors"].append({"between": ["body", "box"], "conductance": "0.3 W/K"})
+    data = small.closed_loop(tmp_path, content, noise=0.02)[1]
+    problem, _, drawn = drawn_of(tmp_path, content, data)
+    window = problem.windows[0]
+    names = [name for name in window.names if name.startswith("initial.")]
+    assert names != [name for name in window.simulator.parameters if name.startswith("initial.")]
+    found = dict(zip(names, drawn.ends[0].temperatures.mean(axis=0), strict=True))
+    for node in ("body", "panel"):
+        assert abs(found[f"initial.{node}"] - float(data[f"{node}_temp"].sel(time=np.datetime64(END)))) < NOISE
+
+
 def test_no_training_window_is_gone_on_from_if_all_its_simulations_failed(case):
     *_, drawn = case
     (end,) = drawn.ends

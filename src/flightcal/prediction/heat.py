@@ -24,7 +24,7 @@ class End:
 
     time: np.datetime64
     temperatures: FloatArray
-    """[S, n] K of what has an initial temperature, NaN where a simulation failed."""
+    """[S, n] K of what has an initial temperature, in the order of theta; NaN where a simulation failed."""
     noise: FloatArray
     """[S, N] K, of the noise with a memory, as the last residuals show it."""
 
@@ -104,21 +104,23 @@ def draw_heat(problem: Problem, draws: FloatArray, rng: np.random.Generator) -> 
         of_window, units = problem.at(window, draws), unit_heats(model, window)
         heat = heat_of_weights(model, units, split(model, kept - model.centre))
         found = window.simulate_many(of_window, heat)
-        count = sum(name.startswith("initial.") for name in window.names)
         usable &= np.array([run is not None for run in found], bool)
-        ends.append(_end(window, of_window, found, count, rng))
+        ends.append(_end(window, of_window, found, rng))
         thetas.append(of_window)
         heats.append(heat)
     thresholds = draw_thresholds(problem.windows, thetas, heats, rng)
     return DrawnHeat(model, tuple(weights), scales, usable, thresholds, tuple(ends))
 
 
-def _end(
-    window: Window, thetas: FloatArray, runs: Sequence[Trajectory | None], count: int, rng: np.random.Generator
-) -> End:
-    """Where a training window ends, at thetas [S, q] and their simulations with heat; count: initial temperatures."""
+def _end(window: Window, thetas: FloatArray, runs: Sequence[Trajectory | None], rng: np.random.Generator) -> End:
+    """Where a training window ends, at thetas [S, q] and their simulations with heat."""
     time = window_bounds(window.scenario.windows[window.name], window.period)[1]
-    states = np.stack([np.full(count, np.nan) if run is None else run.final for run in runs])
+    names, simulated = (
+        [name for name in of if name.startswith("initial.")] for of in (window.names, window.simulator.parameters)
+    )
+    # The simulator numbers its nodes as it eliminates them.
+    order = [simulated.index(name) for name in names]
+    states = np.stack([np.full(len(names), np.nan) if run is None else run.final[order] for run in runs])
     noise = np.zeros((len(runs), window.observed.shape[1]))
     for k, kind in enumerate(window.residuals.terms.kinds):
         last = np.flatnonzero(window.valid[:, k])[-1:]
