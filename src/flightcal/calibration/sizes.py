@@ -5,18 +5,26 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
+from numpy.typing import NDArray
+from scipy.linalg.lapack import dpotrf, dpotri
 from scipy.optimize import minimize
+from scipy.special import erf, ndtr, ndtri
 
 from ..probability import Priors
+from ..problem import whitening
+from ..scenario import HalfNormal, NutsSettings
 from ..simulator import FloatArray, IntArray
+from .nuts import sample
 
 _ITERATIONS = 100
 _DIFFERENCE = 1e-3
 """Of the logarithm of a size."""
 _SIZES = 64
 """Draws of the sizes of noise and heat: each is that of many draws of the parameters."""
-_FLATTEST = 1.5
-"""Deviation that the logarithm of a size has at most: of the half-normal prior it is about one."""
+_FURTHEST = 8.0
+"""Normal score of a size, beyond which rounding spoils it."""
+_CHAINS, _WARMUP, _APART = 2, 100, 2
+"""Of these: chains, draws before they count, and how many to one that is kept."""
 
 
 @dataclass(frozen=True)
@@ -71,16 +79,15 @@ class Around:
         at = self.sizes.at(z)
         precision, roots = self.precision(at.theta), self.roots(at.theta)
         gram, moment = np.tensordot(precision, self.gram, 1), precision @ self.moment
-        inverse = np.linalg.inv(np.linalg.cholesky(np.eye(len(roots)) + roots[:, None] * gram * roots))
-        half = inverse @ (roots * moment)
-        weights = inverse.T @ half
+        inverse, log_determinant = _inverse(np.eye(len(roots)) + roots[:, None] * gram * roots)
+        weights = inverse @ (roots * moment)
         total = precision @ self.squares + self.determinant.sum() - self.samples @ np.log(precision)
-        value = -0.5 * (total - 2.0 * np.log(np.diag(inverse)).sum() - half @ half)
-        mean, factor = roots * weights, roots[:, None] * inverse.T
-        second = factor @ factor.T + np.outer(mean, mean)
-        left = self.squares - 2.0 * self.moment @ mean + np.einsum("pij,ij->p", self.gram, second)
+        value = -0.5 * (total + log_determinant - weights @ (roots * moment))
+        mean = roots * weights
+        second = roots[:, None] * inverse * roots + np.outer(mean, mean)
+        left = self.squares - 2.0 * self.moment @ mean + self.gram.reshape(len(precision), -1) @ second.ravel()
         by_deviation = (precision * left - self.samples) * np.sqrt(precision)
-        by_root = (weights**2 - 1.0 + (inverse**2).sum(axis=0)) / roots
+        by_root = (weights**2 - 1.0 + np.diag(inverse)) / roots
         bar = np.zeros(len(z))
         channels = np.tile(self.noise, len(self.squares) // len(self.noise))
         np.add.at(bar, channels[channels >= 0], by_deviation[channels >= 0])
@@ -97,21 +104,43 @@ class Around:
         start[self.free] = found.x
         return self.sizes.to_theta(start)
 
-    def draw_sizes(self, sizes: FloatArray, count: int, rng: np.random.Generator) -> FloatArray:
-        """Sizes [count, s] from the normal distribution around the most probable ones, in their logarithms."""
+    def draw_sizes(self, sizes: FloatArray, count: int, seed: int) -> FloatArray:
+        """Sizes [count, s] as the telemetry leaves them, drawn with NUTS; sizes: [s] the most probable ones."""
         z = self.sizes.to_z(sizes)
-        slopes = []
-        for k in range(len(self.free)):
-            step = np.zeros(len(self.free))
-            step[k] = _DIFFERENCE
-            above, below = (self.cost(z[self.free] + sign * step, sizes)[1] for sign in (1.0, -1.0))
-            slopes.append((above - below) / (2.0 * _DIFFERENCE))
-        hessian = np.reshape(slopes, (len(self.free), len(self.free)))
-        eigenvalues, directions = np.linalg.eigh(0.5 * (hessian + hessian.T))
-        deviations = np.maximum(eigenvalues, _FLATTEST**-2.0) ** -0.5
+
+        def log_density(score: FloatArray) -> tuple[float, FloatArray]:
+            if np.abs(score).max() > _FURTHEST:
+                return -np.inf, np.zeros_like(score)
+            u, slope, log_slope, by_score = self._of_score(score)
+            cost, gradient = self.cost(u, sizes)
+            return log_slope - cost, by_score - gradient * slope
+
+        middle = self._score(z[self.free])
+        unit = _DIFFERENCE * np.eye(len(middle))
+        curved = [log_density(middle - step)[1] - log_density(middle + step)[1] for step in unit]
+        around = whitening(middle, np.stack(curved) / (2.0 * _DIFFERENCE))
+        settings = NutsSettings(chains=_CHAINS, draws=-(-count * _APART // _CHAINS), warmup=_WARMUP)
+        found = sample(log_density, around, settings, seed)
         drawn = np.tile(z, (count, 1))
-        drawn[:, self.free] += (rng.standard_normal((count, len(self.free))) * deviations) @ directions.T
+        drawn[:, self.free] = self._of_score(found.z.reshape(-1, len(middle))[_APART - 1 :: _APART][:count])[0]
         return self.sizes.to_theta(drawn)
+
+    def _half(self) -> NDArray[np.bool_]:
+        """[free] which have a half-normal prior."""
+        return np.array([isinstance(self.sizes.priors[k], HalfNormal) for k in self.free])
+
+    def _score(self, u: FloatArray) -> FloatArray:
+        """Normal scores of unconstrained u [free]: of a half-normal prior that is a logarithm."""
+        return np.where(self._half(), ndtri(erf(np.exp(u) / np.sqrt(2.0))), u)
+
+    def _of_score(self, score: FloatArray) -> tuple[FloatArray, FloatArray, float, FloatArray]:
+        """u of scores [..., free], the slope, and the sum of its logarithms, to a constant, with its gradient."""
+        half = self._half()
+        q = -ndtri(0.5 * ndtr(-score))
+        log_slope = np.where(half, 0.5 * (q**2 - score**2) - np.log(2.0 * q), 0.0)
+        slope = np.exp(log_slope)
+        by_score = np.where(half, (q**2 - 1.0) * slope - score, 0.0)
+        return np.where(half, np.log(q), score), slope, float(log_slope.sum()), by_score
 
     def of_z(self, sizes: FloatArray) -> tuple[FloatArray, FloatArray]:
         """Mean [q] of z of what is simulated at sizes [s], and the Cholesky factor of its covariance [q, q]."""
@@ -135,7 +164,7 @@ class Around:
         Also the sizes [S, s] of each. Every draw moves as mean and covariance of the linearised posterior do from the
         most probable sizes to those that it is given.
         """
-        drawn = self.draw_sizes(sizes, min(_SIZES, len(z)), rng)
+        drawn = self.draw_sizes(sizes, min(_SIZES, len(z)), int(rng.integers(2**31)))
         which = rng.permutation(np.arange(len(z)) % len(drawn))
         centre, factor = self.of_z(sizes)
         standard = np.linalg.solve(factor, (z[:, self.moving] - centre).T).T
@@ -145,3 +174,11 @@ class Around:
             here = np.ix_(which == k, self.moving)
             spread[here] = mean + standard[which == k] @ wider.T
         return spread, drawn[which]
+
+
+def _inverse(matrix: FloatArray) -> tuple[FloatArray, float]:
+    """Of a symmetric positive definite matrix [r, r], and the logarithm of its determinant."""
+    factor, _ = dpotrf(matrix, lower=True)
+    half, _ = dpotri(factor, lower=True)
+    lower = np.tril(half)
+    return lower + np.tril(half, -1).T, 2.0 * float(np.log(np.diag(factor)).sum())
