@@ -346,11 +346,12 @@ def test_a_switch_is_uncertain_by_its_heaters_power_over_a_sampling_interval(pro
         assert not len(units[other.name].node)
 
 
-def test_slow_heat_is_the_process_on_the_constant_and_the_first_harmonic(problem, model):
+def test_slow_heat_is_the_process_on_the_constant_and_on_each_harmonic(problem, model):
     window = sampled_windows(problem)[0]
     own = by_group(model, unit_heats(model, window), "slow")[1]
-    assert own.series.shape[0] == 3 * len(model.slow.knots)
-    constant, cosine, sine = own.series.reshape(3, len(model.slow.knots), -1, 2).mean(axis=3)
+    functions = 1 + 2 * HARMONICS
+    assert own.series.shape[0] == functions * len(model.slow.knots)
+    constant, cosine, sine, *_ = own.series.reshape(functions, len(model.slow.knots), -1, 2).mean(axis=3)
     middle = 0.5 * (window.network.drive.times[1:] + window.network.drive.times[:-1])
     process = Slow(model.slow.knots, model.slow.time).at(middle)
     np.testing.assert_allclose(constant, process, atol=1e-6)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import dataclass
 
 import numpy as np
@@ -11,20 +12,20 @@ from scipy.optimize import minimize
 from scipy.special import erf, ndtr, ndtri
 
 from ..probability import Priors
-from ..problem import whitening
-from ..scenario import HalfNormal, NutsSettings
+from ..scenario import HalfNormal
 from ..simulator import FloatArray, IntArray
-from .nuts import sample
 
 _ITERATIONS = 100
 _DIFFERENCE = 1e-3
-"""Of the logarithm of a size."""
+"""Of a score."""
 _SIZES = 64
 """Draws of the sizes of noise and heat: each is that of many draws of the parameters."""
-_FURTHEST = 8.0
-"""Normal score of a size, beyond which rounding spoils it."""
-_CHAINS, _WARMUP, _APART = 2, 100, 2
-"""Of these: chains, draws before they count, and how many to one that is kept."""
+_LEAST, _MOST = -4.0, 30.0
+"""Normal scores that a size may have: 4e-5 to 30 of its half-normal prior's scale."""
+_TRAJECTORIES, _STEPS, _STEP = 2, 4, 0.4
+"""Of a draw of sizes: about a quarter of a turn each, in deviations."""
+_FLATTEST = 1.5
+"""Deviation that a score has at most: that of the prior is one."""
 
 
 @dataclass(frozen=True)
@@ -72,8 +73,9 @@ class Around:
         """[r] prior deviations."""
         return np.concatenate([np.where(self.scale < 0, 1.0, sizes[self.scale]), self.deviation])
 
-    def cost(self, u: FloatArray, sizes: FloatArray) -> tuple[float, FloatArray]:
-        """Minus the log density of the free sizes at unconstrained u, and its gradient; sizes: [s] the others."""
+    def cost(self, score: FloatArray, sizes: FloatArray) -> tuple[float, FloatArray]:
+        """Minus the log density of the free sizes at their normal scores, and its gradient; sizes: [s] the others."""
+        u, stretch, log_stretch, by_stretch = self._of_score(score)
         z = self.sizes.to_z(sizes)
         z[self.free] = u
         at = self.sizes.at(z)
@@ -94,43 +96,55 @@ class Around:
         of_weights = by_root[: len(self.scale)]
         np.add.at(bar, self.scale[self.scale >= 0], of_weights[self.scale >= 0])
         gradient = bar * at.slope + at.gradient
-        return -(value + float(at.log_density)), -gradient[self.free]
+        return -(value + float(at.log_density) + log_stretch), -(gradient[self.free] * stretch + by_stretch)
 
     def most_probable(self, sizes: FloatArray) -> FloatArray:
-        """Sizes [s] with the free ones as the telemetry makes them most probable."""
-        start = self.sizes.to_z(sizes)
+        """Sizes [s] with the free ones as the telemetry makes them most probable, in their normal scores."""
+        return self._of_scores(self._most_probable(sizes)[None], sizes)[0]
+
+    def _most_probable(self, sizes: FloatArray) -> FloatArray:
+        """Normal scores [free]."""
+        start = self._score(self.sizes.to_z(sizes)[self.free]).clip(_LEAST, _MOST)
         options = {"maxiter": _ITERATIONS, "ftol": 1e-9}
-        found = minimize(self.cost, start[self.free], args=(sizes,), jac=True, method="L-BFGS-B", options=options)
-        start[self.free] = found.x
-        return self.sizes.to_theta(start)
+        bounds = [(_LEAST, _MOST)] * len(start)
+        found = minimize(self.cost, start, args=(sizes,), jac=True, method="L-BFGS-B", options=options, bounds=bounds)
+        return np.asarray(found.x, float)
 
-    def draw_sizes(self, sizes: FloatArray, count: int, seed: int) -> FloatArray:
-        """Sizes [count, s] as the telemetry leaves them, drawn with NUTS; sizes: [s] the most probable ones."""
-        z = self.sizes.to_z(sizes)
+    def draw_sizes(self, sizes: FloatArray, count: int, rng: np.random.Generator) -> FloatArray:
+        """Sizes [count, s] as the telemetry leaves them; sizes: [s] near the most probable ones.
 
-        def log_density(score: FloatArray) -> tuple[float, FloatArray]:
-            if np.abs(score).max() > _FURTHEST:
-                return -np.inf, np.zeros_like(score)
-            u, slope, log_slope, by_score = self._of_score(score)
-            cost, gradient = self.cost(u, sizes)
-            return log_slope - cost, by_score - gradient * slope
-
-        middle = self._score(z[self.free])
+        Drawn from the normal distribution of their scores around the mode, which is the prior where the telemetry
+        tells nothing; each then moves by a few Hamiltonian trajectories, which correct what is not normal.
+        """
+        middle = self._most_probable(sizes)
         unit = _DIFFERENCE * np.eye(len(middle))
-        curved = [log_density(middle - step)[1] - log_density(middle + step)[1] for step in unit]
-        around = whitening(middle, np.stack(curved) / (2.0 * _DIFFERENCE))
-        settings = NutsSettings(chains=_CHAINS, draws=-(-count * _APART // _CHAINS), warmup=_WARMUP)
-        found = sample(log_density, around, settings, seed)
-        drawn = np.tile(z, (count, 1))
-        drawn[:, self.free] = self._of_score(found.z.reshape(-1, len(middle))[_APART - 1 :: _APART][:count])[0]
-        return self.sizes.to_theta(drawn)
+        slopes = [self.cost(middle + step, sizes)[1] - self.cost(middle - step, sizes)[1] for step in unit]
+        hessian = np.stack(slopes) / (2.0 * _DIFFERENCE)
+        eigenvalues, directions = np.linalg.eigh(0.5 * (hessian + hessian.T))
+        root = directions * np.maximum(eigenvalues, _FLATTEST**-2.0) ** -0.5
+
+        def potential(w: FloatArray) -> tuple[float, FloatArray]:
+            score = middle + root @ w
+            if score.min() < _LEAST or score.max() > _MOST:
+                return np.inf, np.zeros_like(w)
+            cost, gradient = self.cost(score, sizes)
+            return cost, root.T @ gradient
+
+        drawn = [_moved(w, potential, rng) for w in rng.standard_normal((count, len(middle)))]
+        return self._of_scores((middle + np.stack(drawn) @ root.T).clip(_LEAST, _MOST), sizes)
+
+    def _of_scores(self, scores: FloatArray, sizes: FloatArray) -> FloatArray:
+        """Sizes [count, s] of scores [count, free], and the others as in sizes [s]."""
+        z = np.tile(self.sizes.to_z(sizes), (len(scores), 1))
+        z[:, self.free] = self._of_score(scores)[0]
+        return self.sizes.to_theta(z)
 
     def _half(self) -> NDArray[np.bool_]:
         """[free] which have a half-normal prior."""
         return np.array([isinstance(self.sizes.priors[k], HalfNormal) for k in self.free])
 
     def _score(self, u: FloatArray) -> FloatArray:
-        """Normal scores of unconstrained u [free]: of a half-normal prior that is a logarithm."""
+        """Normal scores of unconstrained u [free]: that of a half-normal prior is a logarithm, others are scores."""
         return np.where(self._half(), ndtri(erf(np.exp(u) / np.sqrt(2.0))), u)
 
     def _of_score(self, score: FloatArray) -> tuple[FloatArray, FloatArray, float, FloatArray]:
@@ -164,7 +178,7 @@ class Around:
         Also the sizes [S, s] of each. Every draw moves as mean and covariance of the linearised posterior do from the
         most probable sizes to those that it is given.
         """
-        drawn = self.draw_sizes(sizes, min(_SIZES, len(z)), int(rng.integers(2**31)))
+        drawn = self.draw_sizes(sizes, min(_SIZES, len(z)), rng)
         which = rng.permutation(np.arange(len(z)) % len(drawn))
         centre, factor = self.of_z(sizes)
         standard = np.linalg.solve(factor, (z[:, self.moving] - centre).T).T
@@ -174,6 +188,25 @@ class Around:
             here = np.ix_(which == k, self.moving)
             spread[here] = mean + standard[which == k] @ wider.T
         return spread, drawn[which]
+
+
+def _moved(
+    w: FloatArray, potential: Callable[[FloatArray], tuple[float, FloatArray]], rng: np.random.Generator
+) -> FloatArray:
+    """A draw w after Hamiltonian trajectories in a potential that is nearly |w|^2 / 2 (Neal 2011, section 5.3)."""
+    value, slope = potential(w)
+    for _ in range(_TRAJECTORIES):
+        step = _STEP * rng.uniform(0.8, 1.2)
+        momentum = rng.standard_normal(len(w))
+        energy, at, here, downhill = value + 0.5 * momentum @ momentum, w, value, slope
+        for _ in range(_STEPS):
+            momentum = momentum - 0.5 * step * downhill
+            at = at + step * momentum
+            here, downhill = potential(at)
+            momentum = momentum - 0.5 * step * downhill
+        if np.log(rng.uniform()) < energy - here - 0.5 * momentum @ momentum:
+            w, value, slope = at, here, downhill
+    return w
 
 
 def _inverse(matrix: FloatArray) -> tuple[FloatArray, float]:

@@ -19,7 +19,6 @@ _FINE = 20.0
 """s, how far apart functions of time are looked up: linear in between."""
 _KNOTS = 3.0
 """So many knots there are in the correlation time of what is slow."""
-_SLOW_HARMONICS = 1
 _NUDGE = 0.02
 """Of the heat that flows through a node: what its response is looked at with."""
 _HELD = 300.0
@@ -335,7 +334,7 @@ def unit_heats(model: HeatModel, window: Window) -> tuple[Units, ...]:
     of_pattern = pattern(phase if known else 0.0 * fine, model.harmonics if known else 0)
     of_slow = np.empty((0, len(fine)))
     if model.slow is not None:
-        around = waves(phase if known else 0.0 * fine, _SLOW_HARMONICS if known else 0)
+        around = waves(phase if known else 0.0 * fine, model.harmonics if known else 0)
         of_slow = np.concatenate([wave * model.slow.at(seconds) for wave in around])
     in_all = {
         "constant": _on_grid(fine, of_pattern[:1], grid),

@@ -27,11 +27,11 @@ class HeatGains(Block):
 
 
 class HeatSlow(Block):
-    """Heat that wanders slowly: an Ornstein-Uhlenbeck process."""
+    """Heat, and its pattern, that wanders slowly: an Ornstein-Uhlenbeck process of each harmonic of the pattern."""
 
     time: Duration = 10800.0
     """Its correlation time, s."""
-    scale: Number = Field(0.007, gt=0)
+    scale: Number = Field(0.006, gt=0)
     """Of the half-normal prior of its size, over the heat that flows through the node."""
 
 
