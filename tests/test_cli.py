@@ -96,7 +96,8 @@ def test_a_failed_gate_has_its_own_exit_code_and_the_report_can_be_written_again
     scenario = write(tmp_path, nuts={"min_ess": 1e6, "draws": 50, "warmup": 50})
     result = run(app, ["calibrate", str(scenario), "--out", str(tmp_path / "run")])
     assert result.exit_code == GATE_FAILED, result.output
-    assert "Not converged" in result.output
+    assert "Do not use it." in result.output
+    assert "Did the sampling converge? ✕ problem" in result.output
     again = run(app, ["report", str(tmp_path / "run"), "--out", str(tmp_path / "again.html")])
     assert again.exit_code == 0
     assert (tmp_path / "again.html").stat().st_size > 100_000

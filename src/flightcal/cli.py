@@ -9,8 +9,7 @@ from typing import Any, Final
 
 import typer
 
-from .commands.options import GATE_FAILED, INTERRUPTED, USER_ERROR
-from .errors import FlightcalError
+from .errors import GATE_FAILED, INTERRUPTED, MODEL_FAILED, USER_ERROR, WITH_LIMITS, FlightcalError
 
 VERBS: Final = {
     "demo": "calibrate",
@@ -37,8 +36,9 @@ app = typer.Typer(
     pretty_exceptions_enable=False,
     rich_markup_mode="markdown",
     help="Calibrate spacecraft operational simulation models in flight, with honest uncertainty.\n\n"
-    "Exit codes: 0 done; 1 something in the input is wrong; 2 wrong usage; 3 done, but the sampling or the validation "
-    "failed a gate, or a check found what matters; 130 interrupted.",
+    "Exit codes: 0 done, and what came of it can be used; 1 something in the input is wrong; 2 wrong usage; 3 the "
+    "sampling or the validation failed, or a check found what matters; 4 the model does not fit, or its intervals do "
+    "not hold; 5 to be used for some of it and not for the rest, which the verdict names; 130 interrupted.",
 )
 
 
@@ -81,4 +81,4 @@ def main() -> None:
 if __name__ == "__main__":
     main()
 
-__all__ = ["GATE_FAILED", "INTERRUPTED", "USER_ERROR", "app", "main"]
+__all__ = ["GATE_FAILED", "INTERRUPTED", "MODEL_FAILED", "USER_ERROR", "WITH_LIMITS", "app", "main"]

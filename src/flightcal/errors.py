@@ -1,8 +1,18 @@
-"""Errors that are the user's to mend: shown as a message, never as a traceback."""
+"""Errors that are the user's to mend, shown as a message, never as a traceback; and how commands end."""
 
 from __future__ import annotations
 
 from importlib.util import find_spec
+from typing import Final
+
+USER_ERROR: Final = 1
+GATE_FAILED: Final = 3
+"""The sampling cannot be believed, or a check found what matters."""
+MODEL_FAILED: Final = 4
+"""The model does not fit, or its intervals do not hold."""
+WITH_LIMITS: Final = 5
+"""To be used for some of it, and not for the rest."""
+INTERRUPTED: Final = 130
 
 
 class FlightcalError(Exception):

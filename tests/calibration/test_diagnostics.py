@@ -124,13 +124,29 @@ def test_stuck_chains_are_not_told_to_draw_more():
     assert "More draws alone will not mend it" in gate(found, "effective draws").advice
 
 
-def test_a_single_divergence_fails():
-    diverging = np.zeros((CHAINS, DRAWS), bool)
-    diverging[1, 20] = True
-    found = diagnose({"x": draws()}, statistics(diverging=diverging), NutsSettings(target_acceptance=0.85))
+def broken_off(where):
+    """Of draws whose place is 1 in `where` the trajectory broke off."""
+    x = draws()
+    return diagnose({"other": draws(5), "x": x}, statistics(diverging=where(x)), NutsSettings(target_acceptance=0.85))
+
+
+def test_a_few_scattered_divergences_are_told_and_do_not_fail():
+    found = broken_off(lambda x: np.arange(x.size).reshape(x.shape) % 80 == 7)
+    assert found.passed
+    assert gate(found, "divergences").found == "50 of 4000 draws, scattered"
+    assert "50 of 4000 draws, scattered" in found.verdict
+
+
+def test_many_divergences_fail_wherever_they_lie():
+    found = broken_off(lambda x: np.arange(x.size).reshape(x.shape) % 40 == 7)
     assert failed(found) == {"divergences"}
-    assert gate(found, "divergences").found == "1 of 4000 draws"
     assert "now 0.85" in found.verdict
+
+
+def test_a_few_divergences_crowded_at_one_end_fail_and_the_end_is_named():
+    found = broken_off(lambda x: x <= np.sort(x.ravel())[9])
+    assert failed(found) == {"divergences"}
+    assert gate(found, "divergences").found == "10 of 4000 draws, 100% of them at the lower end of x"
 
 
 def test_more_than_a_hundredth_of_cut_trajectories_fails():

@@ -3,12 +3,13 @@
 import json
 import re
 import shutil
+from dataclasses import replace
 
 import numpy as np
 import pytest
 from typer.testing import CliRunner
 
-from flightcal.cli import GATE_FAILED, USER_ERROR, app
+from flightcal.cli import GATE_FAILED, MODEL_FAILED, USER_ERROR, app
 from flightcal.commands.backtest import backtest_scenario
 from flightcal.run import read_tree
 from flightcal.validation import BANDS
@@ -103,14 +104,18 @@ def test_no_temperature_after_an_origin_but_those_of_the_first_minutes_counts(fi
         np.testing.assert_allclose(before[variable], after[variable], rtol=0, atol=1e-9)
 
 
-def test_intervals_that_do_not_hold_have_the_exit_code_of_a_failed_gate(finished, monkeypatch):
+def test_a_failed_gate_and_intervals_that_do_not_hold_have_exit_codes_of_their_own(finished, monkeypatch):
     file, out, found = finished
     arguments = ["backtest", str(file), "--out", str(out), "--origins", "2", "--train", "1.5 h"]
     result = run(app, [*arguments, "--horizon", "2 orbits"])
-    assert result.exit_code == (0 if found.passed else GATE_FAILED)
     assert f"Intervals held after {found.content['held']} of 2 origins" in result.output
-    monkeypatch.setattr("flightcal.commands.backtest.Backtest.passed", False)
-    assert run(app, [*arguments, "--horizon", "2 orbits"]).exit_code == GATE_FAILED
+    for passed, holds, code in ((True, True, 0), (False, True, GATE_FAILED), (True, False, MODEL_FAILED)):
+        content = found.content | {"passed": passed, "holds": holds}
+        monkeypatch.setattr(
+            "flightcal.commands.backtest.backtest_scenario",
+            lambda *_, content=content, **__: replace(found, content=content),
+        )
+        assert run(app, [*arguments, "--horizon", "2 orbits"]).exit_code == code
 
 
 def test_a_length_that_is_none_is_a_message(tmp_path):

@@ -21,7 +21,7 @@ from tests.told import Told
 FILES = {
     "scenario.yaml", "provenance.json", "telemetry_quality.json", "parameters.json", "integration.json",
     "genetic.nc", "posterior.nc",
-    "diagnostics.json", "prediction.nc", "metrics.json", "report.html", "log.jsonl",
+    "diagnostics.json", "prediction.nc", "metrics.json", "verdict.json", "report.html", "log.jsonl",
 }  # fmt: skip
 
 

@@ -178,7 +178,7 @@ def test_each_model_is_backtested_if_asked_for(tmp_path, monkeypatch):
     asked = []
 
     def experiment(file, run, *, progress=SILENT):
-        return Summary(run, run / "report.html", {"passed": True}, (metric,), interrupted=False, heat={})
+        return Summary(run, run / "report.html", {"passed": True}, (metric,), False, None, {})
 
     def backtested(file, out, *, progress=SILENT):
         asked.append((file.name, out.name))
@@ -226,7 +226,7 @@ def test_an_interrupted_sampling_ends_the_comparison_and_what_was_left_out_is_ke
     def experiment(file, run, *, progress=SILENT):
         run.mkdir(parents=True, exist_ok=True)
         ran.append(run.name)
-        return Summary(run, run / "report.html", {"passed": True}, (), interrupted=run.name == "ar1", heat={})
+        return Summary(run, run / "report.html", {"passed": True}, (), run.name == "ar1", None, {})
 
     monkeypatch.setattr(compare, "run_experiment", experiment)
     monkeypatch.setattr(compare, "_block_loo", lambda *_: loo(1.0))
@@ -247,7 +247,7 @@ def test_scores_of_windows_left_out_stand_in_the_comparison_if_asked_for(tmp_pat
 
     def experiment(file, run, *, progress=SILENT):
         run.mkdir(parents=True, exist_ok=True)
-        return Summary(run, run / "report.html", {"passed": True}, tuple(metrics), interrupted=False, heat={})
+        return Summary(run, run / "report.html", {"passed": True}, tuple(metrics), False, None, {})
 
     monkeypatch.setattr(compare, "run_experiment", experiment)
     monkeypatch.setattr(compare, "_block_loo", lambda *_: loo(1.0))

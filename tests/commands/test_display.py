@@ -10,6 +10,7 @@ from flightcal import progress
 from flightcal.commands.calibrate import Summary
 from flightcal.commands.display import display, print_beside, print_summary, unseen_in_words
 from flightcal.prediction import ANY, Metric, Unseen
+from flightcal.report import Answer, Finding, Verdict
 
 TITLE = "stochastic update (NUTS)"
 TOLD = "42/200 draws, 600 gradients"
@@ -68,7 +69,9 @@ def test_a_terminal_has_a_bar_and_no_lines(clock):
 
 
 def summary(folder, metrics=(), heat=None):
-    return Summary(folder, folder / "report.html", {"passed": True, "verdict": "fine"}, metrics, False, heat or {})
+    good = Finding("good", "fine", "")
+    verdict = Verdict((Answer("Did the sampling converge?", (good,)),), (), ())
+    return Summary(folder, folder / "report.html", {"passed": True}, metrics, False, verdict, heat or {})
 
 
 def printed(show, *arguments):

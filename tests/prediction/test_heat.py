@@ -102,6 +102,18 @@ def test_other_windows_begin_as_their_first_samples_say(case):
     assert not later["scored"].values[0]
 
 
+def test_in_training_the_noise_is_judged_where_heaters_do_what_was_measured(case):
+    data, problem, draws, drawn = case
+    observed, fitted = problem.windows[0].observed, drawn.fitted["train"]
+    # Of 185 samples each the deviation is known to 5%; two dozen weights and parameters take a little of it.
+    deviation = np.nanstd(observed - fitted, axis=0)
+    assert (deviation > 0.75 * NOISE).all()
+    assert (deviation < 1.15 * NOISE).all()
+    shifted = replace(drawn, fitted={"train": fitted + 1.0})
+    before, after = (predicted((data, problem, draws, own), "train")["innovation"] for own in (drawn, shifted))
+    assert (abs(after - before).mean() > 3.0 * NOISE).all()
+
+
 def test_the_end_of_training_is_where_its_simulations_with_heat_end(case, at_end):
     *_, drawn = case
     (end,) = drawn.ends
@@ -148,7 +160,7 @@ def slow(case):
     knots = len(model.slow.knots)
     weights = tuple(4.0 + rng.standard_normal((COUNT, 3 * knots)) for _ in model.groups)
     scales = tuple(rng.uniform(0.5, 2.0, COUNT) for _ in model.groups)
-    drawn = DrawnHeat(model, weights, scales, np.ones(COUNT, bool), None, ())
+    drawn = DrawnHeat(model, weights, scales, np.ones(COUNT, bool), None, (), {})
     g = next(k for k, group in enumerate(model.groups) if group.part == "slow")
     values = weights[g].reshape(COUNT, 3, knots) @ model.slow.root.T
     return data, problem, drawn, g, values, scales[g]

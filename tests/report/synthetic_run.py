@@ -12,7 +12,9 @@ from pathlib import Path
 import numpy as np
 import xarray as xr
 
+from flightcal.prediction import replicate
 from flightcal.prediction.metrics import crps_of_draws, probability_below
+from flightcal.report import Finding, RunFiles, verdict_of
 
 CHANNELS = ["panel_temperature", "battery_temperature", "payload_temperature"]
 HEATERS = ["battery_heater", "payload_heater"]
@@ -72,6 +74,12 @@ def simulate(theta: np.ndarray, initial: np.ndarray, seconds: np.ndarray, load: 
 def sunlit(seconds: float) -> float:
     """1 in sunlight, 0 in eclipse, for 36% of the orbit around the anti-solar point."""
     return float(abs((seconds / PERIOD) % 1.0 - 0.5) > 0.18)
+
+
+def every_finding(run: RunFiles) -> list[Finding]:
+    """All that the verdict on a run says, in order."""
+    judged = verdict_of(run)
+    return [*(found for answer in judged.answers for found in answer.findings), *judged.beside]
 
 
 def write_synthetic_run(folder: Path, seed: int = 1, orbits: float = 2.0, draws: int = 250) -> Path:
@@ -160,6 +168,7 @@ def _window(
     counts = np.abs(np.diff(on, axis=1)).sum(axis=1)
     point_counts = np.abs(np.diff(point_on, axis=1)).sum(axis=1)
     duration = orbits * PERIOD
+    held = replicate(observed, seconds >= 600.0, whole, 0.95)
     all_methods = ("method", "time", "channel")
     return xr.Dataset(
         {
@@ -173,6 +182,8 @@ def _window(
             "model_upper": (("time", "channel"), np.quantile(model, 0.975, axis=0)),
             "crps": (("time", "channel"), crps_of_draws(observed, whole)),
             "probability_below": (("time", "channel"), probability_below(observed, whole)),
+            "coverage": ("channel", held.coverage),
+            "replicated": (("replicate", "channel"), held.replicated),
             "observed_status": (("time", "heater"), status),
             "status": (("method", "time", "heater"), np.concatenate([point_on, on.mean(axis=0)[None]])),
             "duty_cycle": (("simulation", "heater"), on.mean(axis=1)),
@@ -290,7 +301,7 @@ def _write_texts(
         diagnosed.append(
             {"name": name, "mean": flat[:, i].mean(), "sd": flat[:, i].std(), "q2_5": q[0], "median": q[1],
              "q97_5": q[2], "r_hat": 1.001 + 0.0005 * i, "ess_bulk": 900.0 - 20 * i, "ess_tail": 700.0 - 10 * i,
-             "mcse_mean": flat[:, i].std() / 30}
+             "mcse_mean": flat[:, i].std() / 30, "prior_score": 0.5 * (-1.0) ** i}
         )  # fmt: skip
     write("parameters.json", parameters)
     gates = [

@@ -11,7 +11,8 @@ from flightcal.report.panels import discrepancy
 from flightcal.report.panels.discrepancy import figure_discrepancy_in_phase, figure_discrepancy_in_time
 from flightcal.report.panels.parameters import window_values
 from flightcal.report.run_files import ParameterInfo
-from flightcal.report.verdict import verdict
+
+from .synthetic_run import every_finding
 
 AMPLITUDE, LENGTH, PHASE = (
     "discrepancy.time.amplitude.battery_temperature",
@@ -73,7 +74,7 @@ def words(blocks):
 
 
 def finding(run, title):
-    return next(f for f in verdict(run) if title in f.title)
+    return next(f for f in every_finding(run) if title in f.title)
 
 
 def test_there_is_a_section_only_where_there_is_a_discrepancy(run):
@@ -161,7 +162,7 @@ def test_with_several_training_windows_it_is_said_that_no_correlation_was_determ
     last = section(own, "discrepancy").blocks[-1]
     assert last.kind == "note"
     assert "several training windows" in last.text
-    assert not [f for f in verdict(own) if "stands in" in f.title]
+    assert not [f for f in every_finding(own) if "stands in" in f.title]
 
 
 def test_values_of_drifting_parameters_stand_by_window(run):

@@ -1,196 +1,103 @@
-"""What the first section says."""
+"""Whether a run can be used, for what, and why; and with which exit code it ends."""
 
 import dataclasses
-import json
 
+import numpy as np
 import pytest
 
-from flightcal.report.panels.parameters import at_edge
-from flightcal.report.run_files import read_run
-from flightcal.report.verdict import verdict
+from flightcal.errors import GATE_FAILED, MODEL_FAILED, WITH_LIMITS
+from flightcal.prediction import replicate
+from flightcal.report.findings import in_few_words, value_of
+from flightcal.report.verdict import CONVERGED, HOLD, RIGHT, verdict_of
 
 
-def converged(run):
-    gates = [g | {"passed": True} for g in run.diagnostics["gates"]]
+def sampled(run):
+    """The same run with all gates passed."""
+    gates = [gate | {"passed": True} for gate in run.diagnostics["gates"]]
     return dataclasses.replace(run, diagnostics=run.diagnostics | {"passed": True, "gates": gates})
 
 
-def findings(run):
-    return {f.title: f for f in verdict(run)}
+def fitted(run, *, shifted=(), by=5.0):
+    """The same with a right model: telemetry is a draw of the prediction, and shifted in these channels after all."""
+    windows = {}
+    for seed, (name, window) in enumerate(run.windows.items()):
+        rng = np.random.default_rng(seed)
+        mean, deviation = (window[own].sel({"method": "stochastic"}).values for own in ("mean", "standard_deviation"))
+        draws = mean + deviation * rng.normal(size=(300, *mean.shape))
+        observed = mean + deviation * rng.normal(size=mean.shape)
+        if name != "train":
+            observed[:, list(shifted)] += by
+        held = replicate(observed, window["scored"].values, draws, 0.95)
+        windows[name] = window.assign(
+            observed=(("time", "channel"), observed),
+            coverage=("channel", held.coverage),
+            replicated=(("replicate", "channel"), held.replicated),
+        )
+    return dataclasses.replace(sampled(run), windows=windows)
 
 
-def about(run, words):
-    return next(f for title, f in findings(run).items() if words in title)
+def states(judged):
+    return {answer.question: answer.state for answer in judged.answers}
 
 
-def with_metric(run, method, metric, value):
-    changed = [
-        dataclasses.replace(m, value=value)
-        if (m.method, m.window, m.channel, m.metric) == (method, "test", "all", metric)
-        else m
-        for m in run.metrics
-    ]
-    return dataclasses.replace(run, metrics=changed)
+def test_a_right_model_can_be_used(run):
+    judged = verdict_of(fitted(run))
+    assert states(judged) == {CONVERGED: "good", RIGHT: "good", HOLD: "good"}
+    assert (judged.use, judged.exit_code) == ("Use it.", 0)
+    assert judged.then == "flightcal backtest scenario.yaml --out backtest"
 
 
-def test_failed_gates_are_told_with_what_was_found_and_required(run):
-    finding = about(run, "not converged")
-    assert finding.state == "bad"
-    assert finding.text == "1 of 6 gates is not passed. Not converged: do not rely on this posterior."
-    advice = "Raise the acceptance (nuts: target_acceptance)."
-    assert finding.details == (f"divergences: found 2 of 1000 draws, required none. {advice}",)
+def test_a_failed_gate_of_the_sampling_comes_before_all_else(run):
+    right = fitted(run)
+    judged = verdict_of(dataclasses.replace(right, diagnostics=run.diagnostics))
+    assert states(judged) == {CONVERGED: "bad", RIGHT: "good", HOLD: "good"}
+    assert (judged.use, judged.exit_code) == ("Do not use it.", GATE_FAILED)
+    assert judged.then == "Raise the acceptance (nuts: target_acceptance)."
 
 
-def test_passed_gates_are_good(run):
-    finding = about(converged(run), "have converged")
-    assert finding.state == "good"
-    assert "All 6 gates" in finding.text
+def test_a_model_whose_residuals_are_not_its_noise_cannot_be_used(run):
+    judged = verdict_of(sampled(run))
+    assert states(judged)[RIGHT] == "bad"
+    assert (judged.use, judged.exit_code) == ("Do not use it.", MODEL_FAILED)
 
 
-def test_every_state_is_said_in_words_and_not_by_colour_alone(run):
-    for finding in verdict(run):
-        assert len(finding.mark.split(" ", 1)[1]) > 3
+def test_five_kelvin_in_the_test_window_alone_are_a_failure(run):
+    judged = verdict_of(fitted(run, shifted=[0, 1, 2]))
+    assert states(judged) == {CONVERGED: "good", RIGHT: "good", HOLD: "bad"}
+    assert judged.exit_code == MODEL_FAILED
+    assert "3 of 3 channels" in judged.answers[2].worst.title
 
 
-def test_scores_are_told_beside_the_papers_ratio(run):
-    finding = about(converged(run), "window “test”")
-    assert finding.state == "good"
-    assert "the stochastic update is better than the genetic algorithm's mean" in finding.title
-    for words in (
-        "stochastic 0.275 K", "genetic algorithm 0.411 K", "0.753 in the paper", "0.885 in the paper", "PICP", "MPIW",
-    ):  # fmt: skip
-        assert words in finding.text
-
-
-def test_the_best_genetic_run_is_told_when_it_beats_the_stochastic_update(run):
-    assert "best single run of the genetic algorithm has 0.363 K, worse" in about(run, "window “test”").text
-    better = about(with_metric(run, "genetic_best", "rmse", 0.1), "window “test”").text
-    assert "best single run of the genetic algorithm has 0.100 K, better" in better
-
-
-def test_it_is_said_that_intervals_leave_out_discrepancy(run):
-    assert "not model discrepancy" in about(run, "window “test”").text
-    assert "No interval in this report contains this model discrepancy" in about(run, "iid noise").text
-
-
-def test_scores_of_chains_that_have_not_converged_are_no_good_news(run):
-    finding = about(run, "window “test”")
-    assert finding.state == "warn"
-    assert finding.text.endswith("rests on chains that have not converged.")
-
-
-def test_errors_that_hardly_differ_are_called_equal(run):
-    genetic = next(m.value for m in run.metrics if (m.method, m.window, m.metric) == ("genetic", "test", "rmse")
-                   and m.channel == "all")  # fmt: skip
-    finding = about(with_metric(run, "stochastic", "rmse", 0.99 * genetic), "window “test”")
-    assert "about as good as" in finding.title
-
-
-def test_a_worse_stochastic_result_is_told(run):
-    finding = about(with_metric(run, "stochastic", "rmse", 9.0), "window “test”")
-    assert finding.state == "warn"
-    assert "is worse" in finding.title
-
-
-@pytest.mark.parametrize(
-    ("coverage", "state", "words"),
-    [
-        (0.94, "good", "as it should"),
-        (0.88, "warn", "too narrow"),
-        (0.6, "bad", "too narrow"),
-        (0.999, "warn", "wider"),
-    ],
-)
-def test_coverage_is_judged_against_the_interval(run, coverage, state, words):
-    finding = about(with_metric(converged(run), "stochastic", "picp", coverage), "window “test”")
-    assert finding.state == state
-    assert words in finding.text
-
-
-def test_residuals_that_contradict_iid_noise_are_told_by_channel_with_the_factor(run):
-    finding = about(run, "iid noise is contradicted")
-    assert finding.state == "bad"
-    assert "battery_temperature and payload_temperature" in finding.text
-    assert "too narrow by up to about a factor of 7" in finding.text
-    assert any(d.startswith("panel_temperature: no contradiction") for d in finding.details)
-
-
-def test_a_posterior_at_its_priors_edge_is_told(run):
-    assert at_edge(run) == {"payload_capacity": "upper"}
-    finding = about(run, "1 posterior at the edge")
-    assert finding.state == "warn"
-    assert "payload_capacity (upper edge)" in finding.text
-
-
-def test_duty_cycles_outside_the_simulations_are_told(run):
-    assert about(run, "Heaters: 2 of 2").state == "good"
-    window = run.windows["test"]
-    shifted = window.assign(observed_duty_cycle=window["observed_duty_cycle"] + [0.3, 0.0])
-    finding = about(dataclasses.replace(run, windows=run.windows | {"test": shifted}), "Heaters: 1 of 2")
-    assert finding.state == "warn"
-    assert [d.endswith("which leaves telemetry out.") for d in finding.details] == [True, False]
-
-
-def test_what_the_interval_of_a_duty_cycle_contains_is_told(run):
-    assert "95% of what is predicted, which contains parameters, initial temperatures:" in about(run, "Heaters").text
-    said = run.windows["test"].copy()
-    del said.attrs["duty_cycle_contains"]  # of an older flightcal
-    told = about(dataclasses.replace(run, windows=run.windows | {"test": said}), "Heaters: 2 of 2")
-    assert told.text.endswith("95% of what is predicted:")
-
-
-def test_small_noise_is_not_taken_for_an_edge(run):
-    low_noise = [
-        dataclasses.replace(i, prior_quantiles=(0.9, 1.0, 2.0)) if i.kind == "noise" else i for i in run.parameters
-    ]
-    assert set(at_edge(dataclasses.replace(run, parameters=low_noise))) == {"payload_capacity"}
-
-
-def test_an_interrupted_run_comes_first(run):
-    tree = run.posterior.copy()
-    tree.attrs = run.posterior.attrs | {"interrupted": "true"}
-    first = verdict(dataclasses.replace(run, posterior=tree))[0]
-    assert first.title == "The run was interrupted"
-    assert "250 draws of each of 4 chains" in first.text
-
-
-def test_another_explanation_is_told_with_its_entries_and_units(run):
-    differs = [["battery_capacity", 3500.0, 4100.0], ["noise.none", 0.1, 0.2], ["a", 1.0, 2.0], ["b", 1.0, 2.0]]
-    tree = run.posterior.copy()
-    tree.attrs = run.posterior.attrs | {"other_explanations": json.dumps([{"below": 1.44, "differs": differs}])}
-    finding = about(dataclasses.replace(run, posterior=tree), "explanation")
-    assert finding.state == "warn"
-    assert finding.details == (
-        "battery_capacity 4100 instead of 3500 J/K, noise.none 0.2 instead of 0.1, a 2 instead of 1, and 1 more: "
-        "1.4 nats below the best.",
+def test_a_channel_that_does_not_hold_is_left_out_of_the_use(run):
+    judged = verdict_of(fitted(run, shifted=[1]))
+    assert judged.exit_code == WITH_LIMITS
+    assert judged.use == (
+        "Use it for temperatures of panel_temperature and payload_temperature, but not for temperatures of "
+        "battery_temperature."
     )
-    assert not any("explanation" in title for title in findings(run))
 
 
-def test_a_scenario_without_a_test_window_is_told(run):
-    metrics = [m for m in run.metrics if m.window == "train"]
-    bare = dataclasses.replace(run, windows={"train": run.windows["train"]}, metrics=metrics)
-    assert about(bare, "No test").state == "warn"
+def test_without_an_unseen_window_nothing_is_said_of_other_orbits(run):
+    right = fitted(run)
+    judged = verdict_of(dataclasses.replace(right, windows={"train": right.windows["train"]}))
+    assert states(judged)[HOLD] == "none"
+    assert judged.exit_code == WITH_LIMITS
+    assert (
+        judged.use == "Use it for the windows that it was trained on, but not for windows that it was not trained on."
+    )
 
 
-def test_what_is_not_there_is_told_instead_of_judged(own_run):
-    for name in ("posterior.nc", "diagnostics.json", "metrics.json", "prediction.nc"):
-        (own_run / name).unlink()
-    run = read_run(own_run)
-    states = {f.title: f.state for f in verdict(run)}
-    assert states["Convergence is not known"] == "none"
-    assert states["No scores"] == "none"
-    assert states["The noise is not judged"] == "none"
-    assert states["The run is not complete"] == "warn"
+def test_many_values_that_are_in_doubt_are_said_in_few_words():
+    names = [value_of(f"link_{k}") for k in range(8)]
+    assert in_few_words(["intervals of parameters", *names[:2], names[0]]) == (
+        "intervals of parameters and the values of link_0 and link_1"
+    )
+    assert in_few_words(names) == "the values of link_0, link_1, link_2, link_3, link_4 and 3 more"
 
 
-def test_scores_without_predictions_are_still_told(own_run):
-    (own_run / "prediction.nc").unlink()
-    assert "RMSE over all channels" in about(read_run(own_run), "window “test”").text
-
-
-def test_one_method_alone_is_not_compared(own_run):
-    metrics = json.loads((own_run / "metrics.json").read_text(encoding="utf-8"))
-    kept = [m for m in metrics if m["method"] != "stochastic"]
-    (own_run / "metrics.json").write_text(json.dumps(kept), encoding="utf-8")
-    assert "no other method" in about(read_run(own_run), "window “test”").text
+@pytest.mark.parametrize("shifted", [[], [0], [0, 1, 2]])
+def test_the_record_says_the_same_as_the_verdict(run, shifted):
+    judged = verdict_of(fitted(run, shifted=shifted))
+    record = judged.record
+    assert (record["use"], record["exit_code"], record["next"]) == (judged.use, judged.exit_code, judged.then)
+    assert [own["state"] for own in record["answers"]] == [answer.state for answer in judged.answers]

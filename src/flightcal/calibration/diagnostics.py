@@ -25,7 +25,13 @@ MINIMUM_E_BFMI = 0.3
 LARGEST_SATURATED_SHARE = 0.01
 """Of draws whose trajectory was cut at the greatest depth; more than that and the sampler is a random walk."""
 
-_USABLE = "The posterior can be used."
+LARGEST_DIVERGENT_SHARE = 0.02
+"""Of draws whose trajectory broke off; fewer, scattered over the posterior, bias nothing that can be seen."""
+
+_OUTER = 0.05
+"""Share of the draws at each end of a quantity: where divergences crowd, chains do not reach further out."""
+_FEWEST_DIVERGENT = 8
+"""With fewer nothing can be said of where they lie."""
 _TAIL = (0.05, 0.95)
 _FEWEST_DRAWS = 4
 """With fewer a chain, R-hat and effective sample sizes are not defined."""
@@ -45,6 +51,8 @@ class ParameterSummary:
     ess_bulk: float
     ess_tail: float
     mcse_mean: float
+    prior_score: float = math.nan
+    """Normal score of the posterior's median in its prior: 0 at the prior's median, 1.96 at its 97.5%."""
 
 
 @dataclass(frozen=True)
@@ -71,19 +79,26 @@ class Diagnostics:
 
 
 def diagnose(
-    posterior: Mapping[str, Array], statistics: Mapping[str, NDArray[Any]], settings: NutsSettings
+    posterior: Mapping[str, Array],
+    statistics: Mapping[str, NDArray[Any]],
+    settings: NutsSettings,
+    prior_scores: Mapping[str, float] | None = None,
 ) -> Diagnostics:
     """Judge chains by `settings.max_r_hat`, `settings.min_ess` and the sampler's own statistics.
 
     posterior: values [chain, draw] by name. statistics: diverging, depth and energy, [chain, draw] each.
+    prior_scores: see `ParameterSummary`.
     """
-    parameters = tuple(_summary(name, values) for name, values in posterior.items())
+    scores = prior_scores or {}
+    parameters = tuple(
+        replace(_summary(name, values), prior_score=scores.get(name, math.nan)) for name, values in posterior.items()
+    )
     chains, draws = statistics["energy"].shape
     gates = (
         _r_hat_gate(parameters, settings),
         _ess_gate(parameters, settings, draws, tail=False),
         _ess_gate(parameters, settings, draws, tail=True),
-        _divergence_gate(statistics["diverging"], settings),
+        _divergence_gate(posterior, statistics["diverging"], settings),
         _depth_gate(statistics["depth"]),
         _energy_gate(statistics["energy"]),
     )
@@ -95,7 +110,7 @@ def with_gate(diagnostics: Diagnostics, gate: Gate) -> Diagnostics:
     """The diagnostics with one more condition, which the calibration fails where it is not met."""
     verdict = diagnostics.verdict
     if not gate.passed:
-        verdict = f"{verdict.removesuffix(_USABLE).strip()} {gate.name}: {gate.found}. {gate.advice}"
+        verdict = f"{verdict} {gate.name}: {gate.found}. {gate.advice}"
     passed = diagnostics.passed and gate.passed
     return replace(diagnostics, gates=(*diagnostics.gates, gate), passed=passed, verdict=verdict.strip())
 
@@ -166,14 +181,38 @@ def _ess_gate(parameters: tuple[ParameterSummary, ...], settings: NutsSettings, 
     return gate(name, size > settings.min_ess, found, f"above {settings.min_ess:g}", advice)
 
 
-def _divergence_gate(diverging: Array, settings: NutsSettings) -> Gate:
-    count = int(diverging.sum())
+def _divergence_gate(posterior: Mapping[str, Array], diverging: Array, settings: NutsSettings) -> Gate:
+    """How many trajectories broke off, and where.
+
+    A few in thousands, scattered, also come of a right model. Crowded at one end of a quantity they say that the
+    posterior goes on where the chains do not follow.
+    """
+    count, share = int(diverging.sum()), float(diverging.mean()) if diverging.size else math.nan
+    crowded, place = "", 0.0
+    if count >= _FEWEST_DIVERGENT:
+        for name, values in posterior.items():
+            for end, outer in _outer_draws(values):
+                inside = float(outer[diverging.astype(bool)].mean())
+                if inside > place:
+                    crowded, place = f"{100.0 * inside:.0f}% of them at the {end} end of {name}", inside
+    found = f"{count} of {diverging.size} draws"
+    if place > 0.5:
+        found += f", {crowded}"
+    elif count:
+        found += ", scattered"
     advice = (
         "Some trajectories broke off, so part of the posterior may be missing: where simulations fail, or where "
         "a heater only just touches its threshold. Raise the acceptance (nuts: target_acceptance, now "
         f"{settings.target_acceptance:g}) towards 0.99, or narrow the priors to where the model works."
     )
-    return gate("divergences", count == 0, f"{count} of {diverging.size} draws", "none", advice)
+    required = f"at most {100.0 * LARGEST_DIVERGENT_SHARE:g}%, scattered"
+    return gate("divergences", share <= LARGEST_DIVERGENT_SHARE and place <= 0.5, found, required, advice)
+
+
+def _outer_draws(values: Array) -> tuple[tuple[str, NDArray[np.bool_]], ...]:
+    """Which draws lie at the lower, and which at the upper end of a quantity."""
+    low, high = np.quantile(values, (_OUTER, 1.0 - _OUTER))
+    return ("lower", values < low), ("upper", values > high)
 
 
 def _depth_gate(depth: Array) -> Gate:
@@ -207,7 +246,7 @@ def _verdict(gates: tuple[Gate, ...], passed: bool, chains: int, draws: int) -> 
     if passed:
         return (
             f"Converged: {chains} chains of {draws} draws agree (R-hat {gates[0].found} at worst), with at least "
-            f"{gates[1].found} effective draws and no divergence. {_USABLE}"
+            f"{gates[1].found} effective draws; trajectories that broke off: {gates[3].found}."
         )
     failed = [gate for gate in gates if not gate.passed]
     reasons = " ".join(f"{gate.name}: found {gate.found}, required {gate.required}. {gate.advice}" for gate in failed)

@@ -162,8 +162,16 @@ def calibrate_nuts(
     )
     theta = problem.to_theta(draws.z)
     by_name = {name: theta[..., k] for k, name in enumerate(problem.names)}
-    judged = diagnose(by_name, draws.statistics, settings)
+    judged = diagnose(by_name, draws.statistics, settings, _prior_scores(problem, theta))
     return Posterior(problem.names, theta, draws, modes, judged, problem)
+
+
+def _prior_scores(problem: Problem, theta: FloatArray) -> dict[str, float]:
+    """Normal score of each median of draws [chain, draw, d] in its prior; none of no draws."""
+    if not theta.shape[1]:
+        return {}
+    scores = problem.priors.to_z(np.median(theta, axis=(0, 1)))
+    return dict(zip(problem.names, scores.tolist(), strict=True))
 
 
 def _check_simulated(modes: Sequence[Mode]) -> None:
@@ -203,7 +211,7 @@ def _calibrate_with_heat(
     )
     theta = spread_sizes(problem, heated, point, known, draws.z, rng)
     by_name = {name: theta[..., k] for k, name in enumerate(heated.names)}
-    judged = diagnose(by_name, draws.statistics, settings)
+    judged = diagnose(by_name, draws.statistics, settings, _prior_scores(heated, theta))
     checked = None
     if theta.shape[1]:
         flat = theta.reshape(-1, theta.shape[-1])

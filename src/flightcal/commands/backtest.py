@@ -9,8 +9,9 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
+from ..errors import GATE_FAILED, MODEL_FAILED
 from ..progress import SILENT, Progress
-from .options import GATE_FAILED, ScenarioFile, TelemetryPlace
+from .options import ScenarioFile, TelemetryPlace
 
 if TYPE_CHECKING:
     from ..run import Run
@@ -45,8 +46,10 @@ def backtest(
             scenario, out, origins, train=train, horizon=horizon, telemetry=telemetry, progress=progress
         )
     print_backtest(found)
-    if not found.passed:
+    if not found.content["passed"]:
         raise typer.Exit(GATE_FAILED)
+    if not found.content["holds"]:
+        raise typer.Exit(MODEL_FAILED)
 
 
 @dataclass(frozen=True)
@@ -57,11 +60,6 @@ class Backtest:
     report: Path
     content: dict[str, Any]
     """Of backtest.json."""
-
-    @property
-    def passed(self) -> bool:
-        """Whether all intervals held, and the sampling of every origin passed its gates."""
-        return bool(self.content["holds"] and self.content["passed"])
 
 
 def backtest_scenario(

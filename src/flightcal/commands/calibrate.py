@@ -8,16 +8,20 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
+from ..errors import INTERRUPTED
 from ..progress import SILENT, Progress
-from .options import GATE_FAILED, INTERRUPTED, ScenarioFile, TelemetryPlace
+from .options import ScenarioFile, TelemetryPlace
 
 if TYPE_CHECKING:
     from ..prediction import Metric, Unseen
+    from ..report import Verdict
 
 DEMO = Path(__file__).parents[1] / "demo"
 """The bundled satellite."""
 BESIDE = "beside.json"
 """Scores of the published model, in the folder of a run of the same satellite."""
+VERDICT = "verdict.json"
+"""Whether the run can be used, for what, and why."""
 
 
 @dataclass(frozen=True)
@@ -30,6 +34,7 @@ class Summary:
     """Content of diagnostics.json."""
     metrics: tuple[Metric, ...]
     interrupted: bool
+    verdict: Verdict
     heat: dict[str, float]
     """Size of the unmodelled heat of nodes, as a share of the heat that flows through them; see `heat_shares`."""
     unseen: dict[str, tuple[Unseen, ...]] = field(default_factory=dict)
@@ -37,7 +42,7 @@ class Summary:
 
     @property
     def passed(self) -> bool:
-        """Whether the sampling was whole and passed all its gates."""
+        """Whether the sampling was whole and passed all its gates; `verdict` judges the model too."""
         return bool(self.diagnostics["passed"]) and not self.interrupted
 
 
@@ -60,7 +65,7 @@ def run_experiment(
     from ..emulation import NUTS_THROUGH_EMULATOR, emulator_stage, needs_emulator
     from ..prediction import PREDICT, PREDICTION_FILE, read_unseen
     from ..problem import build_problem
-    from ..report import write_report
+    from ..report import read_run, verdict_of, write_report
     from ..scenario import load_scenario
     from ..telemetry import read
     from ..validation import FULL_SIMULATOR
@@ -92,9 +97,11 @@ def run_experiment(
         windows=scenario.windows, settings=method.prediction, seed=seed,
     )  # fmt: skip
     with progress.stage("writing the report"), run.folder.stage("report", run.key(metrics)):
+        verdict = verdict_of(read_run(run.path))
+        run.folder.write_json(VERDICT, verdict.record)
         report = write_report(run.path)
     shares, outside = heat_shares(sampled.posterior), read_unseen(run.folder.file(PREDICTION_FILE))
-    return Summary(run.path, report, sampled.diagnostics, metrics, sampled.interrupted, shares, outside)
+    return Summary(run.path, report, sampled.diagnostics, metrics, sampled.interrupted, verdict, shares, outside)
 
 
 def calibrate(
@@ -113,12 +120,13 @@ def calibrate(
     print_summary(summary)
     if summary.interrupted:
         raise typer.Exit(INTERRUPTED)
-    if not summary.passed:
-        raise typer.Exit(GATE_FAILED)
+    raise typer.Exit(summary.verdict.exit_code)
 
 
 def demo(out: Annotated[Path, typer.Option(help="Folder for the run.")] = Path("runs/leo_observer")) -> None:
     """Calibrate the bundled satellite with unmodelled heat and, in `published` in the folder, as published.
+
+    The exit code is that of the first.
 
     Example: `flightcal demo --out runs/demo`
     """
@@ -131,8 +139,7 @@ def demo(out: Annotated[Path, typer.Option(help="Folder for the run.")] = Path("
         print_beside(own, published)
     if own.interrupted or published is None or published.interrupted:
         raise typer.Exit(INTERRUPTED)
-    if not (own.passed and published.passed):
-        raise typer.Exit(GATE_FAILED)
+    raise typer.Exit(own.verdict.exit_code)
 
 
 def run_demo(out: Path, folder: Path = DEMO, *, progress: Progress = SILENT) -> tuple[Summary, Summary | None]:

@@ -8,9 +8,9 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from ..errors import ScenarioError
+from ..errors import GATE_FAILED, ScenarioError
 from ..progress import SILENT, Progress
-from .options import GATE_FAILED, ScenarioFile, TelemetryPlace
+from .options import ScenarioFile, TelemetryPlace
 
 if TYPE_CHECKING:
     from ..check import CheckSummary

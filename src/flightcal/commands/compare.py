@@ -14,11 +14,11 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
-from ..errors import RunError
+from ..errors import GATE_FAILED, RunError
 from ..progress import SILENT, Progress
 from .backtest import backtest_scenario
 from .calibrate import Summary, run_experiment
-from .options import GATE_FAILED, ScenarioFile, TelemetryPlace
+from .options import ScenarioFile, TelemetryPlace
 
 if TYPE_CHECKING:
     from ..validation import BlockLoo

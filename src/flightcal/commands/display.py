@@ -20,6 +20,7 @@ from ..progress import Lines, Progress
 from ..validation import ALL, INTERVALS
 
 if TYPE_CHECKING:
+    from ..report import Verdict
     from .backtest import Backtest
     from .calibrate import Summary
     from .check import CheckSummary
@@ -76,10 +77,7 @@ class _Bars:
 def print_summary(summary: Summary, console: Console | None = None) -> None:
     """The verdict, the comparison of the methods, and where the report is."""
     console = console or Console()
-    style = "green" if summary.passed else "bold red"
-    console.print(f"\n[{style}]{summary.diagnostics['verdict']}[/{style}]", highlight=False)
-    if summary.interrupted:
-        console.print("[bold red]Sampling was interrupted; the draws so far are saved.[/bold red]")
+    _print_verdict(summary.verdict, console)
     table = Table(title="Scores over all channels", title_justify="left")
     for heading in ("window", "metric", "genetic", "stochastic", "ratio", "published ratio"):
         table.add_column(heading, justify="left" if heading in ("window", "metric") else "right")
@@ -108,6 +106,17 @@ def print_summary(summary: Summary, console: Console | None = None) -> None:
     console.print(f"report: {summary.report}", highlight=False, soft_wrap=True)
 
 
+def _print_verdict(verdict: Verdict, console: Console) -> None:
+    """What the run can be used for, the three answers, and what to do next: as the page has it."""
+    style = {"good": "green", "warn": "yellow", "bad": "bold red"}[verdict.state]
+    console.print()
+    console.print(verdict.use, style=style, highlight=False, soft_wrap=True, markup=False)
+    for answer in verdict.answers:
+        line = f"  {answer.question} {answer.worst.mark}: {answer.worst.title}"
+        console.print(line, highlight=False, soft_wrap=True, markup=False)
+    console.print(f"  next: {verdict.then}", highlight=False, soft_wrap=True, markup=False)
+
+
 def print_beside(own: Summary, published: Summary, console: Console | None = None) -> None:
     """Scores over all channels: the genetic algorithm, the published model and flightcal's default."""
     console = console or Console()
@@ -124,7 +133,8 @@ def print_beside(own: Summary, published: Summary, console: Console | None = Non
         for metric in ("rmse", "crps", "picp", "mpiw"):
             table.add_row(window, metric, *(_score(of.get((window, metric))) for of in found))
     console.print(table)
-    console.print(f"published method: {published.diagnostics['verdict']}", highlight=False, markup=False)
+    console.print("published method:", end="", highlight=False)
+    _print_verdict(published.verdict, console)
     console.print(f"its report: {published.report}", highlight=False, soft_wrap=True)
     console.print(f"report: {own.report}", highlight=False, soft_wrap=True)
 

@@ -2,7 +2,8 @@
 
 import typer
 
-from .options import USER_ERROR, ScenarioFile, TelemetryPlace
+from ..errors import USER_ERROR
+from .options import ScenarioFile, TelemetryPlace
 
 
 def lint(scenario: ScenarioFile, telemetry: TelemetryPlace = None) -> None:

@@ -1,13 +1,9 @@
-"""What several verbs take from the command line, and how all of them end."""
+"""What several verbs take from the command line."""
 
 from pathlib import Path
-from typing import Annotated, Final
+from typing import Annotated
 
 import typer
-
-USER_ERROR: Final = 1
-GATE_FAILED: Final = 3
-INTERRUPTED: Final = 130
 
 ScenarioFile = Annotated[Path, typer.Argument(help="The scenario, a YAML file.", show_default=False)]
 TelemetryPlace = Annotated[

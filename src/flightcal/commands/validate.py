@@ -7,9 +7,9 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from ..errors import RunError
+from ..errors import GATE_FAILED, RunError
 from ..progress import SILENT, Progress
-from .options import GATE_FAILED, ScenarioFile, TelemetryPlace
+from .options import ScenarioFile, TelemetryPlace
 
 if TYPE_CHECKING:
     from ..validation import Validation

@@ -3,6 +3,7 @@
 Imports: calibration, emulation, environment, errors, probability, problem, run, scenario, simulator, telemetry.
 """
 
+from .holding import HELD, Holding, Replicates, hold_together, holds, replicate, replicates_of
 from .metrics import ZERO_CELSIUS, Array, Metric, comparison_table, implied_energy, score
 from .predict import predict
 from .stages import PREDICT, PREDICTION_FILE
@@ -10,16 +11,23 @@ from .unseen import ANY, Unseen, read_unseen, unseen
 
 __all__ = [
     "ANY",
+    "HELD",
     "PREDICT",
     "PREDICTION_FILE",
     "ZERO_CELSIUS",
     "Array",
+    "Holding",
     "Metric",
+    "Replicates",
     "Unseen",
     "comparison_table",
+    "hold_together",
+    "holds",
     "implied_energy",
     "predict",
     "read_unseen",
+    "replicate",
+    "replicates_of",
     "score",
     "unseen",
 ]

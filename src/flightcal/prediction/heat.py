@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -44,6 +44,9 @@ class DrawnHeat:
     """Of the thermostats; None: as the scenario writes them."""
     ends: tuple[End, ...]
     """Of the training windows."""
+    fitted: Mapping[str, FloatArray]
+    """Of each training window [T, N] K, mean over the draws, simulated as it was learnt from: with heaters driven by
+    their measured status, where there is one."""
 
     def continued(self, start: np.datetime64) -> End | None:
         """The end of a training window at a time; None: none ends there."""
@@ -99,17 +102,19 @@ def draw_heat(problem: Problem, draws: FloatArray, rng: np.random.Generator) -> 
     for known, basis, scale in zip(split(model, kept), model.kept, scales, strict=True):
         new = rng.standard_normal(known.shape)
         weights.append(known + scale[:, None] * (new - new @ basis @ basis.T))
-    thetas, heats, ends = [], [], []
+    thetas, heats, ends, fitted = [], [], [], {}
     for window in problem.windows:
         of_window, units = problem.at(window, draws), unit_heats(model, window)
         heat = heat_of_weights(model, units, split(model, kept - model.centre))
         found = window.simulate_many(of_window, heat)
         usable &= np.array([run is not None for run in found], bool)
         ends.append(_end(window, of_window, found, rng))
+        done_runs = [run.temperatures for run in found if run is not None]
+        fitted[window.name] = np.mean(done_runs, axis=0) if done_runs else np.full(window.observed.shape, np.nan)
         thetas.append(of_window)
         heats.append(heat)
     thresholds = draw_thresholds(problem.windows, thetas, heats, rng)
-    return DrawnHeat(model, tuple(weights), scales, usable, thresholds, tuple(ends))
+    return DrawnHeat(model, tuple(weights), scales, usable, thresholds, tuple(ends), fitted)
 
 
 def _end(window: Window, thetas: FloatArray, runs: Sequence[Trajectory | None], rng: np.random.Generator) -> End:

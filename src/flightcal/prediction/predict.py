@@ -19,6 +19,7 @@ from .duty import FEWEST_ORBITS
 from .ensemble import Ensemble, duration, propagate
 from .errors import WhiteErrors, WindowErrors, window_errors
 from .heat import DrawnHeat, draw_heat, noise_errors
+from .holding import replicate
 from .initial import condition_initial
 from .innovations import discrepancy_in_words, innovations, noise_in_words
 from .unseen import unseen_attribute
@@ -90,8 +91,12 @@ def predict(
     if heated is not None:
         error += ", unmodelled heat"
     scatter = ", scatter of the thermostats" if name not in trained and _scatters(scenario) else ""
+    replicated = replicate(window.observed, scored, ensemble.draws, settings.interval)
+    prediction["coverage"] = "channel", replicated.coverage
+    prediction["replicated"] = ("replicate", "channel"), replicated.replicated
     if errors is not None:
-        prediction = prediction.assign(_residual_model(window, errors, ensemble, rng))
+        fitted = drawn.fitted[name] if problem.heat is not None and name in trained else ensemble.mean
+        prediction = prediction.assign(_residual_model(window, errors, ensemble, fitted, rng))
     prediction.attrs |= {
         "interval": settings.interval,
         "interval_contains": f"parameters, initial temperatures{error}{scatter}, {_contained(window)}",
@@ -121,9 +126,12 @@ def _white(window: Window, thetas: FloatArray) -> WhiteErrors:
 
 
 def _residual_model(
-    window: Window, errors: WindowErrors, ensemble: Ensemble, rng: np.random.Generator
+    window: Window, errors: WindowErrors, ensemble: Ensemble, fitted: FloatArray, rng: np.random.Generator
 ) -> dict[str, tuple[str | tuple[str, ...], object]]:
-    """Variables of a window whose residuals are more than iid noise: what is assumed, and what should be white."""
+    """Variables of a window whose residuals are more than iid noise: what is assumed, and what should be white.
+
+    fitted: [T, N] K, what telemetry is held to.
+    """
     model = window.residuals
     numbers = np.median(errors.numbers, axis=0)
     by_sample = ("time", "channel")
@@ -132,7 +140,7 @@ def _residual_model(
         "discrepant": ("channel", discrepancy_in_words(model)),
         "innovation": (
             by_sample,
-            innovations(model, window.observed - ensemble.mean, errors.seconds, numbers, rng),
+            innovations(model, window.observed - fitted, errors.seconds, numbers, rng),
         ),
     }
     if ensemble.discrepancy is not None:

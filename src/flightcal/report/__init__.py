@@ -6,16 +6,17 @@ Imports: errors, prediction, probability, run, scenario, validation.
 from .backtest_page import write_backtest
 from .block import Block, Section
 from .comparison_page import write_comparison
+from .findings import Finding
 from .heat_map import figure_correlation, heat_map
 from .page import compose, write_report
 from .panels import panels
-from .run_files import ParameterInfo, read_run
+from .run_files import ParameterInfo, RunFiles, read_run
 from .style import BAND, GENETIC, LINE, MODEL_BAND, PRIOR, STOCHASTIC, TELEMETRY, WARNING, finish, polygons
 from .tables import Cell, Table
 from .text import labelled, listed, number, percent, unit
 from .thinning import break_lines, extremes
 from .validation_page import write_validation
-from .verdict import Finding
+from .verdict import Answer, Verdict, verdict_of
 from .windows import CELSIUS, CHANNEL_HEIGHT, scatter, time_canvas
 
 __all__ = [
@@ -29,12 +30,15 @@ __all__ = [
     "STOCHASTIC",
     "TELEMETRY",
     "WARNING",
+    "Answer",
     "Block",
     "Cell",
     "Finding",
     "ParameterInfo",
+    "RunFiles",
     "Section",
     "Table",
+    "Verdict",
     "break_lines",
     "compose",
     "extremes",
@@ -51,6 +55,7 @@ __all__ = [
     "scatter",
     "time_canvas",
     "unit",
+    "verdict_of",
     "write_backtest",
     "write_comparison",
     "write_report",

@@ -8,10 +8,12 @@ import numpy as np
 import plotly.graph_objects as go
 import xarray as xr
 
+from ..prediction import HELD
 from ..run import read_tree, write_text
-from ..validation import ALL, HELD, ahead
+from ..validation import ALL, ahead
 from . import block
 from .block import Block, Section
+from .findings import Finding
 from .page import compose
 from .run_files import Record, read_content
 from .style import (
@@ -31,7 +33,6 @@ from .style import (
 from .tables import Cell, Table
 from .text import count, duration, listed, number, percent
 from .thinning import break_lines, extremes
-from .verdict import Finding
 from .windows import column, names
 
 MOST_COLUMNS = 5

@@ -7,11 +7,11 @@ from pathlib import Path
 from ..run import write_text
 from . import block
 from .block import Block, Section
+from .findings import Finding
 from .page import compose
 from .run_files import Record, read_content
 from .tables import Cell, Table
 from .text import count, number, percent
-from .verdict import Finding
 
 WORDS = {
     "iid": "independent noise, as published",

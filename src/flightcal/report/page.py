@@ -17,10 +17,11 @@ from plotly.utils import PlotlyJSONEncoder
 
 from ..run import write_text
 from .block import Section
+from .findings import Finding
 from .panels import panels
 from .run_files import RunFiles, read_run
 from .style import DARK
-from .verdict import Finding, verdict
+from .verdict import Verdict, verdict_of
 
 
 def write_report(run: Path, output: Path | None = None) -> Path:
@@ -38,13 +39,26 @@ def write_report(run: Path, output: Path | None = None) -> Path:
 def render(run: RunFiles) -> str:
     """The page of a run as text."""
     created = str((run.provenance or {}).get("created", ""))
-    return compose("flightcal report", _scenario_name(run), run.folder, created, verdict(run), panels(run))
+    judged = verdict_of(run)
+    return compose(
+        "flightcal report", _scenario_name(run), run.folder, created, judged.beside, panels(run), judged=judged
+    )
 
 
 def compose(
-    kind: str, name: str, folder: Path, created: str, findings: Sequence[Finding], content: Sequence[Section]
+    kind: str,
+    name: str,
+    folder: Path,
+    created: str,
+    findings: Sequence[Finding],
+    content: Sequence[Section],
+    *,
+    judged: Verdict | None = None,
 ) -> str:
-    """A page as text: what kind of page it is, the scenario's name, the run's folder and time, verdict and sections."""
+    """A page as text: what kind of page it is, the scenario's name, the run's folder and time, findings and sections.
+
+    judged: the verdict on a calibration, which stands before everything else.
+    """
     drawn = _Drawn()
     environment = jinja2.Environment(
         loader=jinja2.PackageLoader("flightcal.report"),
@@ -60,6 +74,7 @@ def compose(
         folder=folder.resolve().name,
         created=created.replace("T", " ")[:19],
         findings=findings,
+        verdict=judged,
         sections=content,
         figure_id=drawn.add,
         drawn=drawn,

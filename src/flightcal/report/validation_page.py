@@ -15,12 +15,12 @@ from ..run import write_text
 from ..validation import Band, ecdf, ecdf_band, joint
 from . import block
 from .block import Section
+from .findings import Finding
 from .page import compose
 from .run_files import Record, read_content
 from .style import LINE, STATUS_FILL, STOCHASTIC, WARNING, band, finish, plots, small_titles
 from .tables import Cell, Table
 from .text import count, duration, listed, number, percent
-from .verdict import Finding
 
 COLUMNS = 3
 ROW_HEIGHT = 140

@@ -8,7 +8,6 @@ from .backtest import backtest_record, origin_settings, origin_stage
 from .block_loo import BlockLoo
 from .comparison import MODELS, block_loo, comparison_of, variant
 from .full_simulator import FULL_SIMULATOR
-from .holding import HELD, Holding, Replicates, hold_together, holds, replicate
 from .horizon import ALL, BANDS, BandScore, DutyScore, ahead, band_scores, duty_scores
 from .left_out import check_windows, leave_windows_out
 from .origins import Origin, Plan, measured_drivers, plan_origins, read_length
@@ -29,7 +28,6 @@ __all__ = [
     "ALL",
     "BANDS",
     "FULL_SIMULATOR",
-    "HELD",
     "INTERVALS",
     "MODELS",
     "SIGNIFICANCE",
@@ -38,10 +36,8 @@ __all__ = [
     "BlockLoo",
     "Coverage",
     "DutyScore",
-    "Holding",
     "Origin",
     "Plan",
-    "Replicates",
     "ResidualCheck",
     "Uniformity",
     "Validation",
@@ -60,8 +56,6 @@ __all__ = [
     "ecdf",
     "ecdf_band",
     "effective_samples",
-    "hold_together",
-    "holds",
     "joint",
     "judge",
     "leave_windows_out",
@@ -72,7 +66,6 @@ __all__ = [
     "prepared",
     "probability_integral_transform",
     "read_length",
-    "replicate",
     "run_repeats",
     "short",
     "uniformity",

@@ -12,12 +12,10 @@ import xarray
 from ..calibration import calibrate_nuts, warm
 from ..emulation import needs_emulator
 from ..errors import RunError
-from ..prediction import predict
-from ..problem import Problem, build_problem
+from ..prediction import Holding, hold_together, predict, replicates_of
+from ..problem import build_problem
 from ..run import Run, Stage, plain
 from ..scenario import NutsSettings, PredictionSettings, Scenario
-from ..simulator import FloatArray
-from .holding import Holding, Replicates, hold_together, replicate
 from .horizon import BANDS, band_scores, duty_scores
 from .origins import AHEAD, Origin, Plan
 
@@ -62,7 +60,8 @@ def _backtested(run: Run, scenario: Scenario, data: xarray.Dataset, origin: Orig
     rng = np.random.default_rng(settings.seed)
     count = min(settings.prediction.simulations, len(posterior.flat))
     draws = posterior.flat[np.sort(rng.choice(len(posterior.flat), count, replace=False))]
-    prediction, replicated = _predict(posterior.problem, data, draws)
+    # A window of its own, whose first minutes tell its initial temperatures and are not scored.
+    prediction, _ = predict(posterior.problem, data, AHEAD, {}, draws, seed=settings.seed)
     attributes = {
         "origin": str(origin.time),
         "trained_from": str(origin.start),
@@ -72,23 +71,7 @@ def _backtested(run: Run, scenario: Scenario, data: xarray.Dataset, origin: Orig
         "failed_gates": ", ".join(gate.name for gate in posterior.diagnostics.gates if not gate.passed),
         "seconds": perf_counter() - started,
     }
-    found = {
-        "coverage": ("channel", replicated.coverage),
-        "replicated": (("replicate", "channel"), replicated.replicated),
-    }
-    return prediction.assign(found).assign_attrs(attributes)
-
-
-def _predict(problem: Problem, data: xarray.Dataset, draws: FloatArray) -> tuple[xarray.Dataset, Replicates]:
-    """What follows the origin, and its coverage beside that of telemetry drawn from the prediction.
-
-    It is predicted as a window of its own, whose first minutes tell its initial temperatures and are not scored.
-    """
-    method = problem.scenario.calibration
-    prediction, ensemble = predict(problem, data, AHEAD, {}, draws, seed=method.seed)
-    scored = prediction["scored"].values.astype(bool)
-    observed = prediction["observed"].values
-    return prediction, replicate(observed, scored, ensemble.draws, method.prediction.interval)
+    return prediction.assign_attrs(attributes)
 
 
 def backtest_record(scenario: Scenario, plan: Plan, predictions: Mapping[str, xarray.Dataset]) -> dict[str, Any]:
@@ -125,8 +108,7 @@ def backtest_record(scenario: Scenario, plan: Plan, predictions: Mapping[str, xa
 
 def judge(predictions: Mapping[str, xarray.Dataset]) -> list[Holding]:
     """Whether intervals held after each origin, in one band for all of its channels (see `hold_together`)."""
-    kept = [Replicates(own["coverage"].values, own["replicated"].values) for own in predictions.values()]
-    return [hold_together([own])[0] for own in kept]
+    return [hold_together([replicates_of(own)])[0] for own in predictions.values()]
 
 
 def _worst(origins: list[dict[str, Any]]) -> dict[str, Any]:

@@ -63,9 +63,19 @@ class NodeHeat:
 
     @property
     def share(self) -> float:
-        """Of the flow: the largest of the sizes and of the expected pattern."""
-        sizes = [size.quantiles[1] for size in (self.pattern, self.slow) if size is not None]
-        return max([*sizes, float(np.abs(self.expected).max(initial=0.0))]) / self.flow
+        """Of the flow: what telemetry shows for sure, the pattern's distance from zero beyond its 95% interval.
+
+        A mean of absolute values over the orbit, as the flow is one. What could as well be parameters is not counted.
+        """
+        if not self.expected.size:
+            return 0.0
+        low, high = self.band or (self.expected, self.expected)
+        return float(np.maximum(0.0, np.maximum(low, -high)).mean()) / self.flow
+
+    @property
+    def most(self) -> float:
+        """Of the flow: mean absolute value of the expected pattern."""
+        return float(np.abs(self.expected).mean()) / self.flow if self.expected.size else 0.0
 
 
 @section("heat", "Heat that the simulator lacks")
@@ -74,7 +84,7 @@ def panel(run: RunFiles) -> list[Block]:
     if run.heat is None:
         return []
     nodes = node_heats(run)
-    shown = sorted(sorted(nodes, key=lambda own: -own.share)[:MOST_NODES], key=nodes.index)
+    shown = sorted(sorted(nodes, key=lambda own: -own.most)[:MOST_NODES], key=nodes.index)
     shown = [own for own in shown if own.expected.size]
     blocks = [
         block.text(
@@ -98,7 +108,8 @@ def panel(run: RunFiles) -> list[Block]:
         block.table(sizes(nodes, gains(run)), "Nothing of it was modelled."),
         block.text(
             "Size: standard deviation, posterior median [95%]; beneath, its share of the flow and its prior's scale. "
-            "Flow: mean absolute heat through the node at the prior's median. Heat above 10% of the flow wants a "
+            "Flow: mean absolute heat through the node at the prior's median. Heat that is for sure, beyond its 95% "
+            "interval, above 10% of the flow wants a "
             "reason, such as a load or a shadow that the scenario lacks. Above 30% look for a wrong set-up first: "
             "attitude, areas, time tags, units. Heat can make up for these in the fit, but not in another season or "
             "attitude."

@@ -32,12 +32,6 @@ TESTED = (
     "simulator err in this way, telemetry does not tell."
 )
 
-THERMOSTATS = (
-    "The likelihood with unmodelled heat drives heaters by their measured status, where there is one. These "
-    "predictions simulate the thermostats. So near a heater the residuals also contain errors of when it switches. "
-    "There a contradiction does not say that intervals of parameters are too narrow."
-)
-
 
 @section("residuals", "Residuals")
 def panel(run: RunFiles) -> list[Block]:
@@ -47,13 +41,13 @@ def panel(run: RunFiles) -> list[Block]:
         return [block.note("There is no stochastic prediction in this run, so no residuals.")]
     blocks = [
         *(block.text(words) for words in map(_contradiction, checks, checks.values()) if words),
-        *([block.text(THERMOSTATS)] if any(thermostats(run, name) for name in checks) else []),
         block.table(tests_of(checks)),
         block.text(
             "Residual: telemetry minus the posterior's mean, which includes the expected discrepancy or unmodelled "
             "heat where there is one. Tested are the residuals, of AR(1) noise its innovations (the part of each "
             "residual that those before it do not tell), of rounded telemetry the noise drawn within the step; the "
-            "numbers are of that. "
+            "numbers are of that. With heat, the innovations of a training window are those of a simulation whose "
+            "heaters follow their measured status, as the likelihood has it. "
             "“Too narrow by” is √(number / effective number): by about this factor intervals of parameters are too "
             "narrow where the likelihood takes for white what is not. "
             "The posterior rests on what was trained on; other windows show whether the model's error persists."
@@ -95,11 +89,6 @@ def _contradiction(window: str, of_window: Sequence[ResidualCheck]) -> str:
             "it."
         )
     return f"{words} {correlation_expected(judged)}".strip()
-
-
-def thermostats(run: RunFiles, window: str) -> bool:
-    """Whether a window's residuals contain errors of switching that the likelihood of the run does not see."""
-    return run.heat is not None and run.windows[window].sizes.get("heater", 0) > 0
 
 
 def assumption(of_window: Sequence[ResidualCheck]) -> str:

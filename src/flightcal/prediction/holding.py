@@ -11,6 +11,7 @@ from dataclasses import dataclass
 from typing import Final
 
 import numpy as np
+import xarray
 from numpy.typing import NDArray
 
 from ..simulator import FloatArray
@@ -30,6 +31,11 @@ class Replicates:
     """[N] share of the samples inside the interval; NaN of a channel that has none."""
     replicated: FloatArray
     """[S, N]."""
+
+
+def replicates_of(prediction: xarray.Dataset) -> Replicates:
+    """Those that a window of prediction.nc keeps."""
+    return Replicates(prediction["coverage"].values, prediction["replicated"].values)
 
 
 @dataclass(frozen=True)

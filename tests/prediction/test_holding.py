@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 from scipy.signal import lfilter
 
-from flightcal.validation import hold_together, holds, replicate
+from flightcal.prediction import hold_together, holds, replicate
 
 MINUTES = 20.0
 RHO = np.exp(-1.0 / MINUTES)

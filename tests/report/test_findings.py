@@ -1,0 +1,209 @@
+"""What the first section says."""
+
+import dataclasses
+import json
+
+from flightcal.report.panels.parameters import at_edge
+from flightcal.report.run_files import read_run
+
+from .synthetic_run import every_finding
+
+
+def converged(run):
+    gates = [g | {"passed": True} for g in run.diagnostics["gates"]]
+    return dataclasses.replace(run, diagnostics=run.diagnostics | {"passed": True, "gates": gates})
+
+
+def findings(run):
+    return {f.title: f for f in every_finding(run)}
+
+
+def about(run, words):
+    return next(f for title, f in findings(run).items() if words in title)
+
+
+def with_metric(run, method, metric, value):
+    changed = [
+        dataclasses.replace(m, value=value)
+        if (m.method, m.window, m.channel, m.metric) == (method, "test", "all", metric)
+        else m
+        for m in run.metrics
+    ]
+    return dataclasses.replace(run, metrics=changed)
+
+
+def test_failed_gates_are_told_with_what_was_found_and_required(run):
+    finding = about(run, "not converged")
+    assert finding.state == "bad"
+    assert finding.text == "1 of 6 gates is not passed. Not converged: do not rely on this posterior."
+    advice = "Raise the acceptance (nuts: target_acceptance)."
+    assert finding.details == (f"divergences: found 2 of 1000 draws, required none. {advice}",)
+
+
+def test_passed_gates_are_good(run):
+    finding = about(converged(run), "have converged")
+    assert finding.state == "good"
+    assert "All 6 gates" in finding.text
+
+
+def test_every_state_is_said_in_words_and_not_by_colour_alone(run):
+    for finding in every_finding(run):
+        assert len(finding.mark.split(" ", 1)[1]) > 3
+
+
+def test_scores_are_told_beside_the_papers_ratio(run):
+    finding = about(converged(run), "On unseen telemetry")
+    assert finding.state == "good"
+    assert "the stochastic update is better than the genetic algorithm's mean" in finding.title
+    for words in (
+        "stochastic 0.275 K", "genetic algorithm 0.411 K", "0.753 in the paper", "0.885 in the paper", "PICP", "MPIW",
+    ):  # fmt: skip
+        assert words in finding.text
+
+
+def test_the_best_genetic_run_is_told_when_it_beats_the_stochastic_update(run):
+    assert "best single run of the genetic algorithm has 0.363 K, worse" in about(run, "On unseen telemetry").text
+    better = about(with_metric(run, "genetic_best", "rmse", 0.1), "On unseen telemetry").text
+    assert "best single run of the genetic algorithm has 0.100 K, better" in better
+
+
+def test_it_is_said_that_intervals_leave_out_discrepancy(run):
+    assert "not model discrepancy" in about(run, "On unseen telemetry").text
+    assert "No interval in this report contains this model discrepancy" in about(run, "iid noise").text
+
+
+def test_scores_of_chains_that_have_not_converged_are_no_good_news(run):
+    finding = about(run, "On unseen telemetry")
+    assert finding.state == "warn"
+    assert finding.text.endswith("rests on chains that have not converged.")
+
+
+def test_errors_that_hardly_differ_are_called_equal(run):
+    genetic = next(m.value for m in run.metrics if (m.method, m.window, m.metric) == ("genetic", "test", "rmse")
+                   and m.channel == "all")  # fmt: skip
+    finding = about(with_metric(run, "stochastic", "rmse", 0.99 * genetic), "On unseen telemetry")
+    assert "about as good as" in finding.title
+
+
+def test_a_worse_stochastic_result_is_told(run):
+    finding = about(with_metric(run, "stochastic", "rmse", 9.0), "On unseen telemetry")
+    assert finding.state == "warn"
+    assert "is worse" in finding.title
+
+
+def test_the_share_inside_the_interval_of_all_channels_is_told_and_judges_nothing(run):
+    finding = about(with_metric(converged(run), "stochastic", "picp", 0.6), "On unseen telemetry")
+    assert finding.state == "good"
+    assert "holds 60.0% of the telemetry of all channels (PICP)" in finding.text
+
+
+def test_residuals_that_contradict_iid_noise_are_told_by_channel_with_the_factor(run):
+    finding = about(run, "iid noise is contradicted")
+    assert finding.state == "bad"
+    assert "battery_temperature and payload_temperature" in finding.text
+    assert "too narrow by up to about a factor of 7" in finding.text
+    assert any(d.startswith("panel_temperature: no contradiction") for d in finding.details)
+
+
+def scored(run, **scores):
+    """The same run, posteriors so many deviations from their priors' medians."""
+    own = [p | {"prior_score": scores.get(p["name"], p["prior_score"])} for p in run.diagnostics["parameters"]]
+    return dataclasses.replace(run, diagnostics=run.diagnostics | {"parameters": own})
+
+
+def test_a_posterior_at_its_priors_edge_is_marked(run):
+    assert at_edge(run) == {"payload_capacity": "upper"}
+
+
+def test_priors_in_conflict_with_the_telemetry_are_told_by_name(run):
+    assert about(run, "where their priors expect them").state == "good"
+    finding = about(scored(run, battery_link=-4.2), "1 posterior lies far from where the prior expects it")
+    assert finding.state == "warn"
+    assert "battery_link (4.2 deviations below)" in finding.text
+    assert finding.not_for == ("the value of battery_link",)
+    assert about(scored(run, battery_link=6.0), "far from where").state == "bad"
+
+
+def test_many_priors_that_are_a_little_off_are_a_conflict_together(run):
+    names = [info.name for info in run.parameters if info.kind == "parameter"]
+    # Each alone is at 2.4 deviations, as one of eleven may be by chance; the sum of eight squares is 46.
+    assert about(scored(run, **dict.fromkeys(names[:1], 2.4)), "where their priors").state == "good"
+    assert about(scored(run, **dict.fromkeys(names, 2.4)), "far from their priors").state == "warn"
+
+
+def test_sizes_of_noise_are_held_to_no_prior(run):
+    assert about(scored(run, **{"noise.panel_temperature": -8.0}), "where their priors expect them").state == "good"
+
+
+def test_duty_cycles_outside_the_simulations_are_told(run):
+    assert about(run, "Heaters: 2 of 2").state == "good"
+    window = run.windows["test"]
+    shifted = window.assign(observed_duty_cycle=window["observed_duty_cycle"] + [0.3, 0.0])
+    finding = about(dataclasses.replace(run, windows=run.windows | {"test": shifted}), "Heaters: 1 of 2")
+    assert finding.state == "warn"
+    assert [d.endswith("which leaves telemetry out.") for d in finding.details] == [True, False]
+
+
+def test_what_the_interval_of_a_duty_cycle_contains_is_told(run):
+    assert "95% of what is predicted, which contains parameters, initial temperatures." in about(run, "Heaters").text
+    said = run.windows["test"].copy()
+    del said.attrs["duty_cycle_contains"]  # of an older flightcal
+    told = about(dataclasses.replace(run, windows=run.windows | {"test": said}), "Heaters: 2 of 2")
+    assert "95% of what is predicted. All" in told.text
+
+
+def test_small_noise_is_not_taken_for_an_edge(run):
+    low_noise = [
+        dataclasses.replace(i, prior_quantiles=(0.9, 1.0, 2.0)) if i.kind == "noise" else i for i in run.parameters
+    ]
+    assert set(at_edge(dataclasses.replace(run, parameters=low_noise))) == {"payload_capacity"}
+
+
+def test_an_interrupted_run_comes_first(run):
+    tree = run.posterior.copy()
+    tree.attrs = run.posterior.attrs | {"interrupted": "true"}
+    first = every_finding(dataclasses.replace(run, posterior=tree))[0]
+    assert first.title == "The run was interrupted"
+    assert "250 draws of each of 4 chains" in first.text
+
+
+def test_another_explanation_is_told_with_its_entries_and_units(run):
+    differs = [["battery_capacity", 3500.0, 4100.0], ["noise.none", 0.1, 0.2], ["a", 1.0, 2.0], ["b", 1.0, 2.0]]
+    tree = run.posterior.copy()
+    tree.attrs = run.posterior.attrs | {"other_explanations": json.dumps([{"below": 1.44, "differs": differs}])}
+    finding = about(dataclasses.replace(run, posterior=tree), "explanation")
+    assert finding.state == "warn"
+    assert finding.details == (
+        "battery_capacity 4100 instead of 3500 J/K, noise.none 0.2 instead of 0.1, a 2 instead of 1, and 1 more: "
+        "1.4 nats below the best.",
+    )
+    assert not any("explanation" in title for title in findings(run))
+
+
+def test_a_scenario_without_a_test_window_is_told(run):
+    metrics = [m for m in run.metrics if m.window == "train"]
+    bare = dataclasses.replace(run, windows={"train": run.windows["train"]}, metrics=metrics)
+    assert about(bare, "No unseen telemetry").not_for == ("windows that it was not trained on",)
+
+
+def test_what_is_not_there_is_told_instead_of_judged(own_run):
+    for name in ("posterior.nc", "diagnostics.json", "metrics.json", "prediction.nc"):
+        (own_run / name).unlink()
+    run = read_run(own_run)
+    states = {f.title: f.state for f in every_finding(run)}
+    assert states["Convergence is not known"] == "none"
+    assert states["No scores"] == "none"
+    assert states["The noise is not judged"] == "none"
+    assert states["The run is not complete"] == "warn"
+
+
+def test_scores_without_predictions_are_still_told(own_run):
+    (own_run / "prediction.nc").unlink()
+    assert "RMSE over all channels" in about(read_run(own_run), "On unseen telemetry").text
+
+
+def test_one_method_alone_is_not_compared(own_run):
+    metrics = json.loads((own_run / "metrics.json").read_text(encoding="utf-8"))
+    kept = [m for m in metrics if m["method"] != "stochastic"]
+    (own_run / "metrics.json").write_text(json.dumps(kept), encoding="utf-8")
+    assert "no other method" in about(read_run(own_run), "On unseen telemetry").text
