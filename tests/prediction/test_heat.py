@@ -70,6 +70,28 @@ def predicted(case, name):
     return predict(problem, data, name, {}, draws, seed=0, heat=drawn)[0].isel(method=-1)
 
 
+# --- drivers with gaps -------------------------------------------------------------------------------------------
+
+
+def test_where_a_driver_has_a_gap_a_prediction_is_as_unsure_as_the_driver(tmp_path_factory):
+    data = flown(tmp_path_factory.mktemp("whole"), 0.0)
+    content = written(heaters=False)
+    content["telemetry"]["channels"]["sun"]["fill"] = "previous_orbit"
+    gap = data.copy(deep=True)
+    # Half an hour of the window that begins at 06:00.
+    gap["sun"].values[375:405] = np.nan
+    widths = []
+    for k, telemetry in enumerate((data, gap)):
+        found = drawn_of(tmp_path_factory.mktemp(f"gap{k}"), content, telemetry)
+        ahead = predicted((telemetry, *found), "test.later")
+        widths.append((ahead["upper"] - ahead["lower"]).sel(channel="panel_temp").values)
+        assert found[0].heat.groups == tuple(g for g in found[0].heat.groups if g.part != "gaps")
+    whole, unsure = widths
+    np.testing.assert_allclose(unsure[:12], whole[:12], rtol=0.5)
+    # 12 W/A times 0.35 A is 4 W for 10 min in each piece: some 2 K in 800 J/K, four deviations of that wide.
+    assert unsure[45] > whole[45] + 3.0
+
+
 # --- from training to what follows --------------------------------------------------------------------------------
 
 

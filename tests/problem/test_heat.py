@@ -346,6 +346,39 @@ def test_a_switch_is_uncertain_by_its_heaters_power_over_a_sampling_interval(pro
         assert not len(units[other.name].node)
 
 
+def with_gap(folder, content, first, last):
+    """The problem with the Sun sensor's samples from minute `first` to `last` missing, and how much it varies, A."""
+    scenario, data = small.closed_loop(folder, content)
+    data["sun"].values[first : last + 1] = np.nan
+    return build_problem(scenario, data), float(np.nanstd(data["sun"].values))
+
+
+def test_a_gap_in_a_driver_is_unknown_heat_of_its_load_while_it_lasts(tmp_path):
+    # From 01:41 to 02:39 in shadow and sunlight; "first" has ended at 01:30, "second" begins at 02:30.
+    for (first, last), window, seconds in (((20, 45), 0, 27 * 60), ((101, 159), 1, 10 * 60)):
+        folder = tmp_path / str(first)
+        folder.mkdir()
+        content = written()
+        content["telemetry"]["channels"]["sun"]["fill"] = "previous_orbit"
+        problem, deviation = with_gap(folder, content, first, last)
+        model = model_of(problem)
+        windows = sampled_windows(problem)
+        (own,) = by_group(model, unit_heats(model, windows[window]), "gaps")
+        theta = problem.at(windows[window], problem.priors.median()[None])[0]
+        coefficient = 12.0 * theta[windows[window].names.index("panel_size")]
+        pieces = max(1, round(seconds / 600.0))
+        assert own.node.tolist() == [model.nodes.index("panel")] * pieces
+        np.testing.assert_allclose(
+            energy(windows[window], own.series), coefficient * deviation * seconds / pieces, rtol=1e-9
+        )
+        (other,) = by_group(model, unit_heats(model, windows[1 - window]), "gaps")
+        assert not len(other.node)
+
+
+def test_a_driver_without_a_gap_leaves_no_heat_unknown(model):
+    assert not any(group.part == "gaps" for group in model.groups)
+
+
 def test_slow_heat_is_the_process_on_the_constant_and_on_each_harmonic(problem, model):
     window = sampled_windows(problem)[0]
     own = by_group(model, unit_heats(model, window), "slow")[1]

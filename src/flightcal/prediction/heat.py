@@ -9,7 +9,17 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ..probability import Slow
-from ..problem import HeatModel, Problem, Window, exact_heat, heat_of_weights, knots_of, split, unit_heats
+from ..problem import (
+    HeatModel,
+    Problem,
+    Window,
+    exact_heat,
+    gaps_of,
+    heat_of_weights,
+    knots_of,
+    split,
+    unit_heats,
+)
 from ..simulator import FloatArray, Trajectory
 from ..telemetry import window_bounds
 from .errors import WindowErrors
@@ -68,7 +78,12 @@ class DrawnHeat:
                     values = known @ expected.T + self.scales[g][:, None, None] * new
                     weights[g] = values.reshape(len(values), -1)
         slow = None if self.model.slow is None else Slow(knots, self.model.slow.time, plain=True)
-        return HeatIn(replace(self.model, slow=slow), tuple(weights))
+        model = replace(self.model, slow=slow)
+        gaps = gaps_of(window)
+        if window.bridged and gaps not in model.groups:
+            model = replace(model, groups=(*model.groups, gaps))
+            weights.append(rng.standard_normal((len(self.usable), len(unit_heats(model, window)[-1].node))))
+        return HeatIn(model, tuple(weights))
 
 
 @dataclass(frozen=True)

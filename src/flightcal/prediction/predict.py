@@ -60,6 +60,8 @@ def predict(
     inside = problem.at(window, draws, rng)
     if name not in trained:
         first = _like_trained(problem, build_window(scenario, telemetry, name, span=settings.initial_span))
+        # Heat in a gap that goes on beyond the first samples is one.
+        first = replace(first, bridged=window.bridged)
         scored = window.times > first.times[-1]
     errors, heated, heat_in, thresholds, ended = None, None, None, None, None
     if problem.heat is not None:

@@ -13,6 +13,7 @@ from .heat_model import (
     HeatModel,
     Held,
     Units,
+    gaps_of,
     heat_model,
     heat_of_weights,
     held_by,
@@ -27,10 +28,11 @@ from .native import STOPPED, NativeDensity
 from .problem import Problem, Runs
 from .simulators import build_simulator
 from .synthetic import simulate_telemetry, with_telemetry
-from .window import Window
+from .window import Bridged, Window
 
 __all__ = [
     "STOPPED",
+    "Bridged",
     "Entry",
     "Gain",
     "Group",
@@ -48,6 +50,7 @@ __all__ = [
     "build_window",
     "dressed",
     "exact_heat",
+    "gaps_of",
     "heat_model",
     "heat_of_weights",
     "held_by",

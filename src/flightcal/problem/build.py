@@ -12,11 +12,11 @@ from ..errors import ScenarioError
 from ..probability import Priors, heater_status, measured_switches, residual_model
 from ..scenario import ExternalModel, Normal, Prior, Scenario, SimulatorModel, is_trained
 from ..simulator import ICE_POINT, FloatArray, open_loop
-from ..telemetry import select_window, window_bounds
+from ..telemetry import driver_gaps, select_window, window_bounds
 from .entries import entries_of
 from .problem import Problem
 from .simulators import build_simulator
-from .window import Switching, Window
+from .window import Bridged, Switching, Window
 
 _SAMPLES_FOR_START = 3
 _TRIED, _SEED_OF_STEPS = 64, 0
@@ -95,7 +95,23 @@ def build_window(scenario: Scenario, telemetry: xarray.Dataset, name: str, *, sp
         heater_status=status,
         measured_switches=measured_switches(scenario, chosen, start),
         switching=switching,
+        bridged=_bridged(scenario, telemetry, start, end),
     )
+
+
+def _bridged(
+    scenario: Scenario, telemetry: xarray.Dataset, start: np.datetime64, end: np.datetime64
+) -> tuple[Bridged, ...]:
+    """Loads of a network whose drivers have gaps between two times."""
+    if not isinstance(scenario.simulator, SimulatorModel):
+        return ()
+    found = []
+    for name, load in scenario.simulator.loads.items():
+        gaps, deviation = driver_gaps(telemetry, load.driver)
+        for begin, until in (np.clip(gaps, start, end) - start) / np.timedelta64(1, "ns") * 1e-9:
+            if until > begin and deviation > 0.0:
+                found.append(Bridged(name, float(begin), float(until), deviation))
+    return tuple(found)
 
 
 def _switching(scenario: Scenario, telemetry: xarray.Dataset, start: np.datetime64) -> Switching:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
+from itertools import pairwise
 from typing import Literal
 
 import numpy as np
@@ -23,10 +24,14 @@ _NUDGE = 0.02
 """Of the heat that flows through a node: what its response is looked at with."""
 _HELD = 300.0
 """s, within which a switch lies that a simulation had where the status is not measured."""
+_PIECE = 600.0
+"""s, of a gap in a driver, whose heat is unknown in each piece alone: a pass of a transmitter lasts as long."""
+_MOST_PIECES = 40
+"""Of gaps in a window; where there are more, those in which most heat may be missing."""
 _LEAST_FLOW = 1e-3
 """W, of a node through which nothing flows."""
 
-Part = Literal["constant", "pattern", "gains", "slow", "switches"]
+Part = Literal["constant", "pattern", "gains", "slow", "switches", "gaps"]
 
 
 @dataclass(frozen=True)
@@ -41,7 +46,7 @@ class Group:
     node: int = -1
     """Of `HeatModel.nodes`; -1: each function has its own."""
     window: str = ""
-    """The window that has them, of switches."""
+    """The window that has them, of switches and gaps."""
 
 
 @dataclass(frozen=True)
@@ -133,7 +138,7 @@ def heat_model(scenario: Scenario, written: Heat, windows: Sequence[Window], the
         for part in parts:
             for k, node in enumerate(nodes):
                 groups.append(Group(part, f"heat.{node}.{part}", written.pattern.scale * flow[k], k))
-    gains = _gains(simulator, theta[windows[0].simulated]) if written.gains is not None else ()
+    gains = _gains(simulator, theta[windows[0].simulated])
     if written.gains is not None and gains:
         groups.append(Group("gains", "heat.gains", written.gains.scale))
     if written.slow is not None:
@@ -143,8 +148,14 @@ def heat_model(scenario: Scenario, written: Heat, windows: Sequence[Window], the
     for window in windows:
         if window.switching is not None and len(window.switching.time):
             groups.append(Group("switches", "", 1.0, window=window.name))
+    groups += [gaps_of(window) for window in windows if window.bridged]
     harmonics = 0 if written.pattern is None else written.pattern.harmonics
     return HeatModel(nodes, flow, origin, harmonics, slow, gains, tuple(groups))
+
+
+def gaps_of(window: Window) -> Group:
+    """The group of the heat that flows unknown while drivers have gaps in a window."""
+    return Group("gaps", "", 1.0, window=window.name)
 
 
 def knots_of(model: HeatModel, window: Window) -> FloatArray:
@@ -353,6 +364,8 @@ def unit_heats(model: HeatModel, window: Window) -> tuple[Units, ...]:
                 for g in model.gains
             ]
             found.append(Units(np.array([gain.node for gain in model.gains]), np.stack(flows)))
+        elif group.part == "gaps":
+            found.append(_gap_heats(model, window, group.window == window.name))
         else:
             found.append(_switch_heats(model, window, group.window == window.name))
     return tuple(found)
@@ -377,6 +390,25 @@ def _switch_heats(model: HeatModel, window: Window, own: bool) -> Units:
         series.append(np.repeat(power / np.sqrt(12.0) * inside, 2))
     node = [model.nodes.index(name) for name in switching.node]
     return Units(np.array(node, np.int64), np.reshape(series, (-1, 2 * (len(grid) - 1))))
+
+
+def _gap_heats(model: HeatModel, window: Window, own: bool) -> Units:
+    """What a driver's deviation adds through its load, in each piece of a gap."""
+    assert window.network is not None
+    grid = window.network.drive.times
+    found: list[tuple[float, int, FloatArray]] = []
+    for gap in window.bridged if own else ():
+        edges = np.linspace(gap.begin, gap.end, 1 + max(1, round((gap.end - gap.begin) / _PIECE)))
+        for gain in model.gains:
+            if gain.columns != (f"driver.{gap.load}",):
+                continue
+            watts = abs(gain.watts[0]) * gap.deviation
+            for begin, end in pairwise(edges.tolist()):
+                inside = np.diff(np.clip(grid, begin, end)) / np.diff(grid).clip(1e-9)
+                found.append((watts * (end - begin), gain.node, np.repeat(watts * inside, 2)))
+    found = sorted(found, key=lambda piece: -piece[0])[:_MOST_PIECES]
+    series = np.reshape([piece[2] for piece in found], (-1, 2 * (len(grid) - 1)))
+    return Units(np.array([piece[1] for piece in found], np.int64), series)
 
 
 def heat_of_weights(model: HeatModel, units: Sequence[Units], weights: Sequence[FloatArray]) -> FloatArray:

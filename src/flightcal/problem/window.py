@@ -54,6 +54,18 @@ class Switching:
 
 
 @dataclass(frozen=True)
+class Bridged:
+    """A load whose driver is not known for a time."""
+
+    load: str
+    begin: float
+    """s from the window's start."""
+    end: float
+    deviation: float
+    """Of the driver over all telemetry, in its SI unit."""
+
+
+@dataclass(frozen=True)
 class Window:
     """Telemetry of one window, what simulates it, and how the two may differ."""
 
@@ -76,6 +88,8 @@ class Window:
     """In open loop, when heaters with uncertain thresholds switched; None: in closed loop."""
     switching: Switching | None = None
     """In open loop, what is known of when heaters switched."""
+    bridged: tuple[Bridged, ...] = ()
+    """Loads whose drivers have gaps in it."""
     heat: WindowHeat | None = None
     """How temperatures respond to unmodelled heat; None: there is none, or it has not been looked at."""
 

@@ -3,7 +3,7 @@
 Imports: environment, errors, scenario.
 """
 
-from .drivers import SHORT_GAP, driver_corners, driver_series, status_changes, status_fraction
+from .drivers import SHORT_GAP, driver_corners, driver_gaps, driver_series, status_changes, status_fraction
 from .quality import QualityRecord, quality_table
 from .read import read, read_telemetry
 from .window import select_window, window_bounds
@@ -12,6 +12,7 @@ __all__ = [
     "SHORT_GAP",
     "QualityRecord",
     "driver_corners",
+    "driver_gaps",
     "driver_series",
     "quality_table",
     "read",

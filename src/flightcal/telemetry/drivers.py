@@ -93,6 +93,17 @@ def driver_corners(dataset: xr.Dataset, channel: str, fill: Fill, period: float 
     return np.round(np.unique(np.concatenate(corners)) * 1e9).astype(np.int64).astype("datetime64[ns]")
 
 
+def driver_gaps(dataset: xr.Dataset, channel: str) -> tuple[NDArray[np.datetime64], float]:
+    """Where `driver_series` bridges more than `SHORT_GAP` sampling intervals, [G, 2], and how much the driver varies.
+
+    A gap is from the last sample before to the first after it; the driver's standard deviation is in its SI unit.
+    """
+    seconds, values, interval = _valid(dataset, channel)
+    long = np.flatnonzero(np.diff(seconds) > SHORT_GAP * interval)
+    gaps = np.round(np.stack([seconds[long], seconds[long + 1]], axis=1) * 1e9).astype(np.int64)
+    return gaps.astype("datetime64[ns]"), float(values.std())
+
+
 def status_fraction(dataset: xr.Dataset, channel: str, edges: NDArray[np.datetime64]) -> NDArray[np.float64]:
     """Share [K] of each interval [edges[k], edges[k + 1]] in which the status was on.
 
