@@ -82,7 +82,7 @@ def test_a_run_without_heat_has_no_panel_and_no_verdict_of_it(run):
 
 def test_the_expected_pattern_is_that_of_the_weights_at_the_mode(run):
     panel, battery, payload = heat.node_heats(made(run, peak=0.5))
-    assert battery.expected == pytest.approx(0.5 * np.cos(2 * np.pi * battery.phase))
+    assert battery.expected == pytest.approx(0.5 * np.cos(2 * np.pi * battery.places))
     assert panel.expected.max() == pytest.approx(0.5 / np.sqrt(1 + 1 / 9))
     assert not payload.expected.any()
     assert all(own.band is None for own in (panel, battery, payload))
@@ -91,8 +91,8 @@ def test_the_expected_pattern_is_that_of_the_weights_at_the_mode(run):
 def test_draws_of_the_pattern_give_its_mean_and_band(run):
     phase = np.linspace(0, 1, 11)
     of_draws = np.random.default_rng(2).normal(size=(4000, 3, 1)) + np.arange(3)[:, None] + np.zeros(11)
-    coordinates = {"node": NODES, "orbit_phase": phase}
-    kept = xr.DataArray(of_draws, coordinates, ("heat_draw", "node", "orbit_phase"))
+    coordinates = {"node": NODES, "place": phase}
+    kept = xr.DataArray(of_draws, coordinates, ("heat_draw", "node", "place"))
     _, battery, _ = heat.node_heats(made(run, pattern=kept))
     low, high = battery.band
     assert battery.expected == pytest.approx(1.0, abs=5 / np.sqrt(4000))
@@ -134,10 +134,10 @@ def test_heat_that_is_large_beside_the_flow_is_marked_in_words(run, peak, mark, 
 
 def test_heat_that_may_as_well_be_none_is_not_large(run):
     phase = np.linspace(0, 1, 11)
-    coordinates = {"node": NODES, "orbit_phase": phase}
+    coordinates = {"node": NODES, "place": phase}
     for spread, share in ((1.0, 2.0 - 1.96), (0.1, 2.0 - 0.196)):
         draws = 2.0 + spread * np.random.default_rng(2).normal(size=(4000, 3, 1)) + np.zeros(11)
-        own = made(run, pattern=xr.DataArray(draws, coordinates, ("heat_draw", "node", "orbit_phase")))
+        own = made(run, pattern=xr.DataArray(draws, coordinates, ("heat_draw", "node", "place")))
         battery = heat.node_heats(own)[1]
         # Standard error of a 2.5% quantile of 4000 normal draws: 0.042 deviations.
         assert battery.share == pytest.approx(share / battery.flow, abs=0.2 * spread / battery.flow)

@@ -123,3 +123,16 @@ def test_noise_that_is_written_stays_beside_heat(tmp_path, with_heat_by_default)
 
     assert heat_of(scenario) == Heat()
     assert noise_of(scenario, "body_temp") is scenario.noise
+
+
+@pytest.mark.parametrize(
+    ("over", "message"),
+    [
+        ({"over": "nowhere"}, "nowhere"),
+        ({"over": "body_temp"}, "driver"),
+        ({"over": "sun", "harmonics": 3}, "found 'harmonics' beside 'over', expected one of them"),
+    ],
+)
+def test_a_pattern_over_what_is_no_driver_is_refused(tmp_path, over, message):
+    with pytest.raises(ScenarioError, match=message):
+        load(tmp_path, omitted() | {"heat": {"pattern": over}})

@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 import xarray
 
-from ..probability import Shaped, Slow
+from ..probability import Profile, Shaped, Slow
 from ..problem import Gain, Group, HeatModel, Held, Problem, with_heat
 from ..run import plain
 from ..simulator import FloatArray
@@ -34,13 +34,15 @@ def with_kept_heat(problem: Problem, posterior: xarray.DataTree) -> Problem:
 
 
 def _model(content: Mapping[str, Any]) -> HeatModel:
-    slow, functions = content["slow"], content["functions"]
+    slow, profile, functions = content["slow"], content["profile"], content["functions"]
     kept = [np.array(own, float).reshape(count, -1) for own, count in zip(content["kept"], functions, strict=True)]
     return HeatModel(
         nodes=tuple(content["nodes"]),
         flow=np.array(content["flow"]),
         origin=np.datetime64(content["origin"]),
         harmonics=content["harmonics"],
+        over=content["over"],
+        profile=None if profile is None else Profile(np.array(profile["knots"], float), profile["length"]),
         slow=None if slow is None else Slow(np.array(slow["knots"], float), slow["time"]),
         gains=tuple(Gain(own["node"], tuple(own["columns"]), tuple(own["watts"])) for own in content["gains"]),
         groups=tuple(Group(**own) for own in content["groups"]),

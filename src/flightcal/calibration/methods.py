@@ -13,7 +13,7 @@ import xarray
 
 from ..errors import FlightcalError
 from ..probability import DEVIATION
-from ..problem import Problem, Runs, at_sizes, patterns_of, sampled_windows, whitening
+from ..problem import Problem, Runs, at_sizes, patterns_of, places_of, sampled_windows, whitening
 from ..progress import SILENT, Progress
 from ..run import plain
 from ..scenario import GeneticSettings, NutsSettings, heat_of
@@ -30,7 +30,7 @@ from .nuts import Draws, sample
 _SEARCH_BOX = 0.998
 """Share of each prior inside the box that the genetic algorithm searches."""
 _LEAST_NOISE = 1e-3  # K, so that a perfect fit still has a noise level
-_PHASES = 73
+_PLACES = 73
 """Of an orbit, at which patterns of heat are kept."""
 _OF_NOISE = 0.1
 """So far off linear, over its noise, a channel may be whatever the weights: no interval shows it."""
@@ -345,10 +345,10 @@ def _kept_heat(posterior: Posterior) -> xarray.Dataset | None:
     kept = kept.assign(deviation_without_heat=("parameter", known)).assign_coords(parameter=names)
     if checked is None:
         return kept
-    phase = np.linspace(0.0, 1.0, _PHASES)
-    dims = ("heat_draw", "node", "orbit_phase")
-    patterns = patterns_of(point.model, checked.weights, phase)
-    return kept.assign(pattern=(dims, patterns)).assign_coords(node=list(point.model.nodes), orbit_phase=phase)
+    along = places_of(point.model, _PLACES)
+    patterns = patterns_of(point.model, checked.weights, along)
+    of_nodes = {"node": list(point.model.nodes), "place": along}
+    return kept.assign(pattern=(("heat_draw", "node", "place"), patterns)).assign_coords(of_nodes)
 
 
 def _in_order(point: HeatPoint, posterior: Posterior) -> FloatArray:

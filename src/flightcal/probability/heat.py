@@ -31,6 +31,29 @@ def pattern(phase: FloatArray, harmonics: int) -> FloatArray:
     return np.asarray(waves(phase, harmonics) / np.sqrt(1.0 + (order / _FALL) ** 2)[:, None])
 
 
+@dataclass(frozen=True)
+class Profile:
+    """Heat as a smooth function of a driver: a Matern process (smoothness 3/2) at knots, linear in between.
+
+    Where training had no samples it goes back to its prior, within a correlation length.
+    """
+
+    knots: FloatArray
+    """[Q] of the driver, over its range, in its SI unit."""
+    length: float
+    """Of correlation, in the same."""
+
+    @cached_property
+    def root(self) -> FloatArray:
+        """[Q, Q] values at the knots for a weight of one: Cholesky factor of their covariance."""
+        apart = np.sqrt(3.0) * np.abs(np.subtract.outer(self.knots, self.knots)) / self.length
+        return cholesky((1.0 + apart) * np.exp(-apart))
+
+    def at(self, values: FloatArray) -> FloatArray:
+        """What each of the weights does, [Q, T], at values of the driver [T]."""
+        return np.asarray(self.root.T @ hats(values, self.knots))
+
+
 def hats(seconds: FloatArray, knots: FloatArray) -> FloatArray:
     """Functions [Q, T] that are one at a knot (s), zero at the others, and linear in between; constant beyond."""
     return np.stack([np.interp(seconds, knots, unit) for unit in np.eye(len(knots))])

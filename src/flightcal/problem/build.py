@@ -10,13 +10,13 @@ import xarray
 from ..environment import orbital_period
 from ..errors import ScenarioError
 from ..probability import Priors, heater_status, measured_switches, residual_model
-from ..scenario import ExternalModel, Normal, Prior, Scenario, SimulatorModel, is_trained
+from ..scenario import ExternalModel, Normal, Prior, Scenario, SimulatorModel, heat_of, is_trained
 from ..simulator import ICE_POINT, FloatArray, open_loop
-from ..telemetry import driver_gaps, select_window, window_bounds
+from ..telemetry import driver_gaps, driver_series, select_window, window_bounds
 from .entries import entries_of
 from .problem import Problem
 from .simulators import build_simulator
-from .window import Bridged, Switching, Window
+from .window import Bridged, Course, Switching, Window
 
 _SAMPLES_FOR_START = 3
 _TRIED, _SEED_OF_STEPS = 64, 0
@@ -96,7 +96,23 @@ def build_window(scenario: Scenario, telemetry: xarray.Dataset, name: str, *, sp
         measured_switches=measured_switches(scenario, chosen, start),
         switching=switching,
         bridged=_bridged(scenario, telemetry, start, end),
+        course=_course(scenario, telemetry, start, end),
     )
+
+
+def _course(scenario: Scenario, telemetry: xarray.Dataset, start: np.datetime64, end: np.datetime64) -> Course | None:
+    """The driver that the pattern of unmodelled heat is written over, between two times."""
+    heat = heat_of(scenario)
+    if heat is None or heat.pattern is None or heat.pattern.over is None:
+        return None
+    channel = heat.pattern.over
+    interval = float(telemetry.attrs["sampling_interval_s"])
+    seconds = np.append(np.arange(0.0, (end - start) / np.timedelta64(1, "ns") * 1e-9, interval), np.nan)
+    seconds[-1] = (end - start) / np.timedelta64(1, "ns") * 1e-9
+    times = start.astype("datetime64[ns]") + np.round(seconds * 1e9).astype("timedelta64[ns]")
+    known = telemetry[channel].values
+    values = driver_series(telemetry, channel, times)
+    return Course(seconds, values, (float(np.nanmin(known)), float(np.nanmax(known))))
 
 
 def _bridged(

@@ -10,20 +10,24 @@ from typing import Literal
 import numpy as np
 
 from ..environment import orbit_phase
-from ..probability import Shaped, Slow, pattern, waves
+from ..probability import Profile, Shaped, Slow, pattern, waves
 from ..scenario import HalfNormal, Heat, Scenario
 from ..simulator import STEFAN_BOLTZMANN, FloatArray, IntArray, NetworkSimulator, SimulationFailure, in_steps, integrate
 from ..telemetry import window_bounds
-from .window import Switching, Window
+from .window import Course, Switching, Window
 
 _FINE = 20.0
-"""s, how far apart functions of time are looked up: linear in between."""
+"""s, how far apart functions of time are looked up at most often: linear in between."""
+_LOOKS = 20_000
+"""In a window, at most so many."""
 _KNOTS = 3.0
 """So many knots there are in the correlation time of what is slow."""
 _NUDGE = 0.02
 """Of the heat that flows through a node: what its response is looked at with."""
 _HELD = 300.0
 """s, within which a switch lies that a simulation had where the status is not measured."""
+_OF_RANGE = 0.2
+"""Of a driver's range: the correlation length of heat over it."""
 _PIECE = 600.0
 """s, of a gap in a driver, whose heat is unknown in each piece alone: a pass of a transmitter lasts as long."""
 _MOST_PIECES = 40
@@ -85,6 +89,11 @@ class HeatModel:
     origin: np.datetime64
     """From which times are counted."""
     harmonics: int
+    """Of the orbit; 0 where the pattern is over a driver."""
+    over: str
+    """The driver channel that the pattern is over; "": it is over the orbit's phase."""
+    profile: Profile | None
+    """Of the pattern over a driver."""
     slow: Slow | None
     gains: tuple[Gain, ...]
     groups: tuple[Group, ...]
@@ -134,7 +143,8 @@ def heat_model(scenario: Scenario, written: Heat, windows: Sequence[Window], the
     slow = None
     if written.pattern is not None:
         # What is constant has a size of its own: harmonics that are not there tell nothing of it.
-        parts: tuple[Part, ...] = ("constant", "pattern") if written.pattern.harmonics else ("constant",)
+        varies = written.pattern.harmonics or written.pattern.over
+        parts: tuple[Part, ...] = ("constant", "pattern") if varies else ("constant",)
         for part in parts:
             for k, node in enumerate(nodes):
                 groups.append(Group(part, f"heat.{node}.{part}", written.pattern.scale * flow[k], k))
@@ -149,8 +159,19 @@ def heat_model(scenario: Scenario, written: Heat, windows: Sequence[Window], the
         if window.switching is not None and len(window.switching.time):
             groups.append(Group("switches", "", 1.0, window=window.name))
     groups += [gaps_of(window) for window in windows if window.bridged]
-    harmonics = 0 if written.pattern is None else written.pattern.harmonics
-    return HeatModel(nodes, flow, origin, harmonics, slow, gains, tuple(groups))
+    profile = _profile(windows[0].course)
+    harmonics = 0 if written.pattern is None or profile is not None else written.pattern.harmonics
+    over = (written.pattern and written.pattern.over) or ""
+    return HeatModel(nodes, flow, origin, harmonics, over, profile, slow, gains, tuple(groups))
+
+
+def _profile(course: Course | None) -> Profile | None:
+    """Over the range that a driver has in all telemetry."""
+    if course is None:
+        return None
+    low, high = course.range
+    length = max(_OF_RANGE * (high - low), np.finfo(float).tiny)
+    return Profile(np.linspace(low, high, round(_KNOTS / _OF_RANGE) + 1), length)
 
 
 def gaps_of(window: Window) -> Group:
@@ -337,12 +358,17 @@ def unit_heats(model: HeatModel, window: Window) -> tuple[Units, ...]:
     assert window.network is not None
     drive, start = window.network.drive, _start(window)
     grid = drive.times
-    fine = np.unique(np.concatenate([grid, np.arange(0.0, grid[-1], _FINE)]))
+    fine = np.unique(np.concatenate([grid, np.arange(0.0, grid[-1], max(_FINE, grid[-1] / _LOOKS))]))
     times = start.astype("datetime64[ns]") + np.round(fine * 1e9).astype("timedelta64[ns]")
     seconds = fine + float((start - model.origin) / np.timedelta64(1, "ns") * 1e-9)
     phase = orbit_phase(window.scenario.environment, times, window.scenario.folder, model.origin)
     known = bool(np.isfinite(phase).all())
-    of_pattern = pattern(phase if known else 0.0 * fine, model.harmonics if known else 0)
+    if model.profile is None:
+        of_pattern = pattern(phase if known else 0.0 * fine, model.harmonics if known else 0)
+    else:
+        assert window.course is not None
+        values = np.interp(fine, window.course.seconds, window.course.values)
+        of_pattern = np.concatenate([np.ones((1, len(fine))), model.profile.at(values)])
     of_slow = np.empty((0, len(fine)))
     if model.slow is not None:
         around = waves(phase if known else 0.0 * fine, model.harmonics if known else 0)
@@ -428,12 +454,21 @@ def split(model: HeatModel, kept: FloatArray) -> list[FloatArray]:
     return [part @ basis.T for basis, part in zip(model.kept, np.split(kept, ends[:-1], axis=-1), strict=True)]
 
 
-def patterns_of(model: HeatModel, kept: FloatArray, phase: FloatArray) -> FloatArray:
-    """Heat [S, h, P] W that comes again in every orbit, at phases [P], of weights [S, m] of the kept directions."""
-    found = np.zeros((len(kept), len(model.nodes), len(phase)))
+def places_of(model: HeatModel, count: int) -> FloatArray:
+    """[P] where a pattern is looked at: phases of an orbit, or values over the range of the driver that it is over."""
+    knots = np.array([0.0, 1.0]) if model.profile is None else model.profile.knots
+    return np.linspace(float(knots[0]), float(knots[-1]), count)
+
+
+def patterns_of(model: HeatModel, kept: FloatArray, places: FloatArray) -> FloatArray:
+    """Heat [S, h, P] W that comes again, at places [P] (see `places_of`), of weights [S, m] of the kept directions."""
+    if model.profile is None:
+        functions = pattern(places, model.harmonics)
+    else:
+        functions = np.concatenate([np.ones((1, len(places))), model.profile.at(places)])
+    found = np.zeros((len(kept), len(model.nodes), len(places)))
     for group, weights in zip(model.groups, split(model, kept), strict=True):
         if group.part in ("constant", "pattern"):
-            functions = pattern(phase, model.harmonics)
             found[:, group.node] += weights @ (functions[:1] if group.part == "constant" else functions[1:])
     return found
 

@@ -66,6 +66,18 @@ class Bridged:
 
 
 @dataclass(frozen=True)
+class Course:
+    """A driver over a window, of which unmodelled heat is a function."""
+
+    seconds: FloatArray
+    """[M] s from the window's start."""
+    values: FloatArray
+    """[M] in the driver's SI unit, linear in between."""
+    range: tuple[float, float]
+    """Over all telemetry."""
+
+
+@dataclass(frozen=True)
 class Window:
     """Telemetry of one window, what simulates it, and how the two may differ."""
 
@@ -90,6 +102,8 @@ class Window:
     """In open loop, what is known of when heaters switched."""
     bridged: tuple[Bridged, ...] = ()
     """Loads whose drivers have gaps in it."""
+    course: Course | None = None
+    """What the pattern of unmodelled heat is a function of; None: the orbit's phase."""
     heat: WindowHeat | None = None
     """How temperatures respond to unmodelled heat; None: there is none, or it has not been looked at."""
 

@@ -11,12 +11,20 @@ from .units import Duration
 
 
 class HeatPattern(Block):
-    """Heat that comes again in every orbit."""
+    """Heat that comes again: in every orbit, or at the same value of a driver."""
 
     harmonics: Count = Field(6, ge=0, le=24)
     """Of the orbit, beside the constant."""
+    over: str | None = None
+    """The driver channel, such as an angle to the Sun, of which it is a function in the place of the orbit's phase."""
     scale: Number = Field(0.05, gt=0)
     """Of the half-normal prior of its size, over the heat that flows through the node."""
+
+    @model_validator(mode="after")
+    def _one_argument(self) -> HeatPattern:
+        if self.over is not None and "harmonics" in self.model_fields_set:
+            raise ValueError("found 'harmonics' beside 'over', expected one of them: harmonics are of the orbit")
+        return self
 
 
 class HeatGains(Block):

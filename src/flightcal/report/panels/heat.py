@@ -24,6 +24,7 @@ MOST_NODES = 12
 """Nodes that the figure shows; the table has all of them."""
 
 PHASES = 97
+PHASE = "orbit phase, orbits"
 ROW_HEIGHT = 170
 
 WORDS = {
@@ -54,8 +55,8 @@ class NodeHeat:
     """W, mean absolute heat through it at the prior's median."""
     pattern: Size | None
     slow: Size | None
-    phase: Array
-    """[P] orbits."""
+    places: Array
+    """[P] orbits; over a driver its values, in its SI unit."""
     expected: Array
     """[P] W, of the pattern; empty without one."""
     band: tuple[Array, Array] | None
@@ -83,26 +84,27 @@ def panel(run: RunFiles) -> list[Block]:
     """Pattern over the orbit, sizes, and what both mean."""
     if run.heat is None:
         return []
-    nodes = node_heats(run)
+    nodes, over = node_heats(run), str(run.heat.get("over") or "")
     shown = sorted(sorted(nodes, key=lambda own: -own.most)[:MOST_NODES], key=nodes.index)
     shown = [own for own in shown if own.expected.size]
     blocks = [
         block.text(
             "Each node takes up heat that no block of the scenario describes. It is calibrated with the parameters. "
-            "The pattern is a function of the orbit phase. It is the same in every orbit, so it carries over to every "
-            "window. The slow part belongs to the time it was learnt from, and fades within a few hours. Gains are "
-            "relative errors of modes, loads and absorbed fluxes; they carry over too. Predictions contain all of "
-            "this: it is injected into the simulator, so that thermostats answer to it."
+            f"The pattern is a function of {f'the driver {over}' if over else 'the orbit phase'}. Where that is the "
+            "same, so is the heat, and it carries over to every window. The slow part belongs to the time it was "
+            "learnt from, and fades within a few hours. Gains are relative errors of modes, loads and absorbed fluxes; "
+            "they carry over too. Predictions contain all of this: it is injected into the simulator, so that "
+            "thermostats answer to it."
         )
     ]
     if shown:
         rest = f" The {len(shown)} nodes with the largest shares; the table has all." if len(shown) < len(nodes) else ""
         interval = " Band: its 95% interval." if any(own.band for own in shown) else ""
         caption = (
-            "Expected pattern of unmodelled heat over the orbit. Left axis: W. Right axis: share of the mean heat that "
-            f"flows through the node.{interval}{rest}"
+            f"Expected pattern of unmodelled heat over {over or 'the orbit'}. Left axis: W. Right axis: share of the "
+            f"mean heat that flows through the node.{interval}{rest}"
         )
-        blocks.append(block.figure(figure_pattern(shown), caption, wide=True))
+        blocks.append(block.figure(figure_pattern(shown, over or PHASE), caption, wide=True))
     return [
         *blocks,
         block.table(sizes(nodes, gains(run)), "Nothing of it was modelled."),
@@ -154,14 +156,13 @@ def _patterns(run: RunFiles, model: Record) -> tuple[Array, dict[str, Array], di
     assert run.posterior is not None
     kept = run.posterior["heat"].to_dataset()
     if "pattern" in kept:
-        of_draws = kept["pattern"].transpose("heat_draw", "node", "orbit_phase")
+        of_draws = kept["pattern"].transpose("heat_draw", "node", "place")
         named = of_draws["node"].values if "node" in of_draws.coords else model["nodes"]
-        count = of_draws.sizes["orbit_phase"]
-        phase = of_draws["orbit_phase"].values if "orbit_phase" in of_draws.coords else np.linspace(0, 1, count)
+        places = of_draws["place"].values
         low, high = np.quantile(of_draws.values, [0.025, 0.975], axis=0)
         names = [str(name) for name in named]
         bands = {name: (low[k], high[k]) for k, name in enumerate(names)}
-        return np.asarray(phase, float), dict(zip(names, of_draws.values.mean(axis=0), strict=True)), bands
+        return np.asarray(places, float), dict(zip(names, of_draws.values.mean(axis=0), strict=True)), bands
     phase, expected, first = np.linspace(0.0, 1.0, PHASES), {}, 0
     for group, directions, functions in zip(model["groups"], model["kept"], model["functions"], strict=True):
         basis = np.array(directions, float).reshape(functions, -1)
@@ -210,8 +211,8 @@ def _cell(size: Size | None, flow: float) -> str:
     return Cell(f"{watts}\n{percent(median / flow)} of the flow; prior {number(size.prior, 3)}", state(median / flow))
 
 
-def figure_pattern(nodes: Sequence[NodeHeat]) -> go.Figure:
-    """Expected pattern over the orbit with its band, two nodes in a row: W, and as a share of the flow."""
+def figure_pattern(nodes: Sequence[NodeHeat], over: str = PHASE) -> go.Figure:
+    """Expected pattern with its band, two nodes in a row: W, and as a share of the flow. over: what it is over."""
     columns = min(2, len(nodes))
     rows = -(-len(nodes) // columns)
     specs = [[{"secondary_y": True}] * columns for _ in range(rows)]
@@ -226,13 +227,13 @@ def figure_pattern(nodes: Sequence[NodeHeat]) -> go.Figure:
         ends = np.array([low - pad, high + pad])
         figure.add_hline(y=0.0, line={"color": LINE, "width": 1}, secondary_y=False, **place)
         if own.band is not None:
-            x, y = polygons(own.phase, *own.band)
+            x, y = polygons(own.places, *own.band)
             band(figure, x.astype(np.float32), y.astype(np.float32), "95% interval", "band", BAND, **place)
         figure.add_scatter(
-            x=own.phase.astype(np.float32), y=own.expected.astype(np.float32), name="expected pattern", mode="lines",
+            x=own.places.astype(np.float32), y=own.expected.astype(np.float32), name="expected pattern", mode="lines",
             legendgroup="pattern", showlegend=k == 0, line={"color": STOCHASTIC, "width": 1.8},
             customdata=(100 * own.expected / own.flow).astype(np.float32),
-            hovertemplate="phase %{x:.2f}: %{y:.3g} W, %{customdata:.2g}% of the flow<extra></extra>", **place,
+            hovertemplate="%{x:.3g}: %{y:.3g} W, %{customdata:.2g}% of the flow<extra></extra>", **place,
         )  # fmt: skip
         # Plotly draws an axis only where it has a trace.
         figure.add_scatter(
@@ -246,8 +247,8 @@ def figure_pattern(nodes: Sequence[NodeHeat]) -> go.Figure:
     finish(figure, height)
     figure.update_layout(margin={"r": 72})
     small_titles(figure)
-    figure.update_xaxes(range=[0, 1], nticks=6)
+    figure.update_xaxes(range=[float(nodes[0].places[0]), float(nodes[0].places[-1])], nticks=6)
     for column in range(1, columns + 1):
         last = -(-(len(nodes) - column + 1) // columns)
-        figure.update_xaxes(title_text="orbit phase, orbits", row=last, col=column)
+        figure.update_xaxes(title_text=over, row=last, col=column)
     return figure

@@ -9,7 +9,7 @@ from ..blocks import Blocks, readable
 from ..document import Location, Problem
 from ..reading import Reading
 from ..residuals import Noise
-from .common import known
+from .common import channel_of_kind, known
 
 _HEAT: Location = ("heat",)
 
@@ -25,6 +25,8 @@ def check(reading: Reading, folder: Path) -> Iterator[Problem]:
         yield Problem(_HEAT, f"found heat beside {what}, expected {wanted}, or 'heat: none'")
     if blocks.external is None and blocks.reduced is None:
         yield from _check_nodes(blocks, blocks.heat.nodes)
+    if blocks.heat.pattern is not None and blocks.heat.pattern.over is not None:
+        yield from channel_of_kind(blocks, blocks.heat.pattern.over, "driver", (*_HEAT, "pattern", "over"))
 
 
 def _beside(blocks: Blocks) -> Iterator[tuple[str, str]]:
