@@ -19,7 +19,7 @@ from tests import small
 from tests.told import Told
 
 FILES = {
-    "scenario.yaml", "provenance.json", "telemetry_quality.json", "parameters.json", "integration.json",
+    "scenario.yaml", "provenance.json", "suspects.json", "telemetry_quality.json", "parameters.json", "integration.json",
     "genetic.nc", "posterior.nc",
     "diagnostics.json", "prediction.nc", "metrics.json", "verdict.json", "report.html", "log.jsonl",
 }  # fmt: skip
@@ -27,6 +27,7 @@ FILES = {
 
 BUILDING = "building the problem (the first time it compiles the simulator)"
 TITLES = {
+    "suspects": "looking for what may be wrong",
     "compile": "compiling (long only once)",
     "genetic": "genetic algorithm",
     "nuts": "stochastic update (NUTS)",
@@ -129,7 +130,7 @@ def test_a_window_to_predict_can_be_added_to_a_finished_run(finished, tmp_path):
     told = Told()
     second = run_experiment(with_windows(tmp_path / "scenario.yaml", later=LATER), tmp_path / "run", progress=told)
     found = {name: told.done_before(title) for name, title in TITLES.items()}
-    assert found == {"compile": True, "genetic": True, "nuts": True, "predict": False}
+    assert found == {"suspects": True, "compile": True, "genetic": True, "nuts": True, "predict": False}
     assert {metric.window for metric in second.metrics} == {"train", "test", "later"}
     assert {metric for metric in second.metrics if metric.window != "later"} == set(first.metrics)
     assert "later" in (tmp_path / "run" / "report.html").read_text(encoding="utf-8")

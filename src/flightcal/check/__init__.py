@@ -6,6 +6,18 @@ simulator, telemetry.
 
 from .evaluate import effort_for
 from .profile import check_names
+from .suspects import SUSPECTS, SUSPECTS_FILE, Suspects, Suspicion, suspects
 from .whole import CHECK, CheckSummary, check
 
-__all__ = ["CHECK", "CheckSummary", "check", "check_names", "effort_for"]
+__all__ = [
+    "CHECK",
+    "SUSPECTS",
+    "SUSPECTS_FILE",
+    "CheckSummary",
+    "Suspects",
+    "Suspicion",
+    "check",
+    "check_names",
+    "effort_for",
+    "suspects",
+]

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -16,6 +16,7 @@ from .prior_predictive import EDGE, PriorPredictive
 from .profile import Profile
 from .sensitivity import LIKELIHOOD, Sensitivity
 from .smoothness import REACH, TOLERANCE, Jump, Smoothness
+from .suspects import Suspects, Suspicion
 
 _REACHED = 0.5
 """Share of a channel's telemetry that the prior must reach."""
@@ -46,6 +47,7 @@ class Checked:
 
     infos: tuple[ParameterInfo, ...]
     """Of theta's entries, in its order."""
+    suspects: Suspects
     centre: Centre
     identifiability: Identifiability
     heat: BesideHeat | None
@@ -76,6 +78,7 @@ class Checked:
 def findings_of(checked: Checked) -> list[Finding]:
     """All findings, in the order in which a user should mend them."""
     return [
+        *suspected(checked.suspects),
         *_centre(checked),
         *_reach(checked),
         *_failures(checked),
@@ -98,6 +101,24 @@ def verdict_of(findings: Sequence[Finding]) -> tuple[bool, str]:
         beside = f", and there {'is' if cautions == 1 else 'are'} {beside}" if cautions else ""
         return False, f"Mend this before sampling, or know why not: {many}{beside}."
     return True, f"Ready to sample, with {beside}." if cautions else "Ready to sample: nothing stands against it."
+
+
+def suspected(suspects: Suspects) -> list[Finding]:
+    """What is likely to be wrong before anything else: of comparisons with the simulator the best, the others below."""
+    seen = [own for own in suspects.found if own.nats is None]
+    compared = [own for own in suspects.found if own.nats is not None]
+    found = [_suspicion(own) for own in (*seen, *compared[:1])]
+    if compared[1:]:
+        others = tuple(f"Nearly as likely: {own.title}." for own in compared[1:])
+        found[-1] = replace(found[-1], details=others)
+    if suspects.looked and not found:
+        text = "Clocks, units, biases, swapped channels, status, heaters, modes, drivers and the orbit were tried."
+        found.append(Finding("good", "No simple wrong explains the telemetry better than the scenario", text))
+    return found
+
+
+def _suspicion(own: Suspicion) -> Finding:
+    return Finding("bad", f"Likely wrong: {own.title}", f"{own.sentence} {own.advice}.")
 
 
 def _centre(checked: Checked) -> list[Finding]:

@@ -27,6 +27,7 @@ from ..report import (
 from . import figures as draw
 from .findings import Checked, times, verdict_of
 from .heat import ALIKE, WIDER, BesideHeat
+from .suspects import Suspects
 
 _MOST_CORRELATED = 24
 """Parameters up to which the correlations are drawn."""
@@ -37,6 +38,7 @@ def render(checked: Checked, problem: Problem, findings: list[Finding], folder: 
     passed, verdict = verdict_of(findings)
     first = Finding("good" if passed else "bad", verdict, f"Examined at {checked.centre.words}; {checked.budget}.")
     content = [
+        Section("suspects", "What may be wrong", _suspects(checked.suspects)),
         Section("prior", "Prior predictive", _prior(checked, problem)),
         Section("identifiability", "Identifiability", _identifiability(checked)),
         *([] if checked.heat is None else [Section("heat", "Unmodelled heat", _heat(checked.heat))]),
@@ -45,6 +47,24 @@ def render(checked: Checked, problem: Problem, findings: list[Finding], folder: 
         *([Section("profiles", "Profiles", _profiles(checked))] if checked.profiles else []),
     ]
     return compose("flightcal check", problem.scenario.name, folder, created, [first, *findings], content)
+
+
+def _suspects(suspects: Suspects) -> list[Block]:
+    text = (
+        "Each simple wrong in turn was taken out of the telemetry of the first training window, or of the scenario. "
+        "How probable the telemetry is with it is compared with how probable it is with nothing wrong but parameters, "
+        "unmodelled heat of some percent, and noise. Only what is better by far is named."
+        if suspects.looked
+        else "Only what the telemetry shows by itself was looked at: the simulator is no thermal network."
+    )
+    if not suspects.found:
+        return [block.text(f"{text} Nothing was found.")]
+    rows = [
+        [own.title, own.sentence, own.advice, "–" if own.nats is None else number(own.nats, 3)]
+        for own in suspects.found
+    ]
+    header = ("what", "why", "what to do", "log odds against nothing wrong")
+    return [block.text(text), block.table(Table(header, rows, (3,)))]
 
 
 def _prior(checked: Checked, problem: Problem) -> list[Block]:

@@ -26,6 +26,7 @@ from .prior_predictive import prior_predictive
 from .profile import profile
 from .sensitivity import sensitivity
 from .smoothness import smoothness
+from .suspects import Suspects
 
 _JSON, _PAGE = "check.json", "check.html"
 
@@ -41,10 +42,17 @@ class CheckSummary:
 
 
 def _make(
-    run: Run, problem: Problem, parameters: list[dict[str, Any]], *, effort: Effort, profiles: Sequence[str], seed: int
+    run: Run,
+    problem: Problem,
+    parameters: list[dict[str, Any]],
+    suspected: Suspects,
+    *,
+    effort: Effort,
+    profiles: Sequence[str],
+    seed: int,
 ) -> None:
     run.folder.write_json("parameters.json", parameters)
-    checked = check(problem, effort, tuple(read_run(run.path).parameters), profiles, run.progress)
+    checked = check(problem, effort, tuple(read_run(run.path).parameters), profiles, suspected, run.progress)
     with run.progress.stage("writing"):
         _write(run, problem, checked)
 
@@ -56,7 +64,7 @@ def _read(run: Run, *_: Any) -> CheckSummary:
 
 
 CHECK: Final = Stage("check", "", (_JSON, _PAGE), _make, _read)
-"""Of a problem and the records of its parameters. Effort, profiles: see `check`."""
+"""Of a problem, the records of its parameters and its suspects. Effort, profiles: see `check`."""
 
 
 def check(
@@ -64,9 +72,13 @@ def check(
     effort: Effort,
     infos: tuple[Any, ...],
     profiles: Sequence[str] = (),
+    suspected: Suspects | None = None,
     progress: Progress = SILENT,
 ) -> Checked:
-    """Everything that is checked of a problem; infos: how its parameters are shown (`report.run_files`)."""
+    """Everything that is checked of a problem; infos: how its parameters are shown (`report.run_files`).
+
+    suspected: what `suspects` found; None: it was not asked.
+    """
     seed = problem.scenario.calibration.seed
     with progress.stage("prior predictive"):
         draws = problem.priors.sample(np.random.default_rng(seed), effort.draws)
@@ -89,6 +101,7 @@ def check(
     spans = problem.scenario.windows
     return Checked(
         infos=infos,
+        suspects=suspected or Suspects(),
         centre=centre,
         identifiability=found,
         heat=heat,
@@ -126,6 +139,7 @@ def _write(run: Run, problem: Problem, checked: Checked) -> None:
             "log_density": centre.log_density,
             "theta": dict(zip(problem.names, theta.tolist(), strict=True)),
         },
+        "suspects": checked.suspects,
         "prior_predictive": predictive,
         "identifiability": checked.identifiability,
         "heat": checked.heat,

@@ -62,6 +62,7 @@ def run_experiment(
     Raises FlightcalError for what is the user's to mend. An interrupted sampling is saved, scored and reported.
     """
     from ..calibration import COMPILE, GENETIC, NUTS
+    from ..check import SUSPECTS
     from ..emulation import NUTS_THROUGH_EMULATOR, emulator_stage, needs_emulator
     from ..prediction import PREDICT, PREDICTION_FILE, read_unseen
     from ..problem import build_problem
@@ -79,6 +80,8 @@ def run_experiment(
         problem = build_problem(scenario, data)
         run = open_for(scenario, Path(out), progress)
         keep_what_was_read(run, data, problem)
+    for line in run.stage(SUSPECTS, problem, data).lines:
+        progress.say(line)
     if needs_emulator(problem):
         emulation = run.stage(emulator_stage(problem), problem, data, settings=method.emulator, seed=seed)
         run.given(run.key(emulation), emulation.searched)

@@ -60,7 +60,7 @@ def check_scenario(
     The folder may be that of the calibration; the same check is not made twice. Raises FlightcalError for what is the
     user's to mend.
     """
-    from ..check import CHECK, check_names, effort_for
+    from ..check import CHECK, SUSPECTS, check_names, effort_for
     from ..emulation import needs_emulator
     from ..problem import build_problem
     from ..scenario import load_scenario
@@ -69,13 +69,14 @@ def check_scenario(
 
     scenario = load_scenario(scenario_file, telemetry=telemetry)
     with progress.stage("reading telemetry"):
-        problem = build_problem(scenario, read(scenario))
+        data = read(scenario)
+        problem = build_problem(scenario, data)
         check_names(problem, list(profiles))
         if profiles and needs_emulator(problem):
             raise ScenarioError("--profile: found a simulator without derivatives, expected one with them")
         run = open_for(scenario, Path(out), progress)
-    run.given(run.folder.identity, problem)
+    run.given(run.folder.identity, problem, data)
     return run.stage(
-        CHECK, problem, parameter_records(problem),
+        CHECK, problem, parameter_records(problem), run.stage(SUSPECTS, problem, data),
         effort=effort_for(problem, runs), profiles=profiles, seed=scenario.calibration.seed,
     )  # fmt: skip

@@ -1,0 +1,161 @@
+"""Sensors that are broken by their own telemetry alone: stuck, repeating, held, or with a spike."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Literal
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ..report import number
+from ..simulator import ICE_POINT, FloatArray
+from .evidence import noise_of
+
+_STUCK = 30
+"""Equal samples that no sensor shows where the model moves."""
+_MOVES = 1.0
+"""K, by which the model has to move meanwhile."""
+_COPIED = 15
+"""Changes that come again exactly, where they are no chance."""
+_CHANCE, _ALIKE = 1e-9, 0.4
+"""Probability of that by chance, and the least that is assumed of each change."""
+_HELD = 3
+"""Samples, from which a reading that is held for so many is worth a word."""
+_MOST_SPIKES = 3
+_SPIKE = (3.0, 12.0, 4.0)
+"""A spike is larger than so many K, so many deviations of the noise, and so many times what is usual."""
+
+
+@dataclass(frozen=True)
+class Broken:
+    """What is wrong with a channel, and which of its samples are of no use."""
+
+    kind: Literal["stuck", "repeating", "held", "spike"]
+    channel: str
+    title: str
+    sentence: str
+    advice: str
+    useless: NDArray[np.bool_]
+    """[T]."""
+
+
+def broken(channel: str, times: NDArray[np.datetime64], values: FloatArray, modelled: FloatArray) -> Broken | None:
+    """What is wrong with a channel's samples [T] K; modelled: [T] K as the simulator has them, NaN: not known."""
+    for look in (_spikes, _held, _stuck, _repeating):
+        found = look(channel, times, values, modelled)
+        if found is not None:
+            return found
+    return None
+
+
+def _spikes(channel: str, times: NDArray[np.datetime64], values: FloatArray, modelled: FloatArray) -> Broken | None:
+    valid = np.flatnonzero(np.isfinite(values))
+    if len(valid) < 20:
+        return None
+    own = values[valid]
+    height = np.maximum(_above_both(own, 1), _above_both(own, 2))
+    least, noises, usual = _SPIKE
+    order = np.argsort(-height)
+    limit = max(least, noises * noise_of(values), usual * float(height[order[_MOST_SPIKES]]))
+    high = np.flatnonzero(height > limit)
+    if not len(high):
+        return None
+    place = valid[order[0]]
+    useless = np.zeros(len(values), bool)
+    useless[valid[high]] = True
+    what = "a spike" if len(high) == 1 else f"{len(high)} spikes"
+    return Broken(
+        "spike", channel, f"{channel} has {what}",
+        f"At {_clock(times[place])} it reads {number(float(values[place]) - ICE_POINT, 3)} degC, "
+        f"{number(float(height[order[0]]), 2)} K away from the samples around it.",
+        f"Leave it out with a narrower 'valid_range' of {channel}", useless,
+    )  # fmt: skip
+
+
+def _above_both(values: FloatArray, apart: int) -> FloatArray:
+    """[T] K by which samples are above both of those so far before and after, or below both; else 0."""
+    padded = np.pad(values, apart, mode="edge")
+    before, after = values - padded[: -2 * apart], values - padded[2 * apart :]
+    return np.where(before * after > 0.0, np.minimum(np.abs(before), np.abs(after)), 0.0)
+
+
+def _held(channel: str, times: NDArray[np.datetime64], values: FloatArray, modelled: FloatArray) -> Broken | None:
+    valid = np.flatnonzero(np.isfinite(values))
+    changes = np.flatnonzero(np.diff(values[valid]) != 0.0) + 1
+    if len(changes) < 10:
+        return None
+    stride = int(np.gcd.reduce(np.diff(changes)))
+    if stride < _HELD:
+        return None
+    useless = np.ones(len(values), bool)
+    useless[valid[changes]] = False
+    return Broken(
+        "held", channel, f"{channel} holds each reading for {stride} samples",
+        f"Its value changes every {stride} samples or a multiple of that, and never between: one of {stride} "
+        "is a measurement.",
+        f"Keep one of {stride} samples of {channel}", useless,
+    )  # fmt: skip
+
+
+def _stuck(channel: str, times: NDArray[np.datetime64], values: FloatArray, modelled: FloatArray) -> Broken | None:
+    valid = np.flatnonzero(np.isfinite(values))
+    if len(valid) < _STUCK:
+        return None
+    own = values[valid]
+    starts = np.concatenate([[0], np.flatnonzero(np.diff(own) != 0.0) + 1])
+    lengths = np.diff(np.append(starts, len(own)))
+    longest = int(np.argmax(lengths))
+    run = valid[starts[longest] : starts[longest] + lengths[longest]]
+    if len(run) < _STUCK:
+        return None
+    others = np.delete(lengths, longest)
+    step = float(np.abs(np.diff(own))[np.diff(own) != 0.0].min(initial=0.1)) if len(others) else 0.1
+    moves = float(np.nanmax(modelled[run]) - np.nanmin(modelled[run])) if np.isfinite(modelled[run]).any() else 0.0
+    if moves < max(_MOVES, 4.0 * step) or len(run) < 4 * int(others.max(initial=0)):
+        return None
+    useless = np.zeros(len(values), bool)
+    useless[run] = True
+    whole = "throughout" if not len(others) else f"from {_clock(times[run[0]])} to {_clock(times[run[-1]])}"
+    return Broken(
+        "stuck", channel, f"{channel} is stuck",
+        f"It reads {number(float(own[starts[longest]]) - ICE_POINT, 4)} degC in {len(run)} samples, {whole}; meanwhile "
+        f"the model moves by {number(moves, 2)} K.",
+        f"Leave {channel} out of 'observations', or that time out of the window", useless,
+    )  # fmt: skip
+
+
+def _repeating(channel: str, times: NDArray[np.datetime64], values: FloatArray, modelled: FloatArray) -> Broken | None:
+    valid = np.flatnonzero(np.isfinite(values))
+    own = values[valid]
+    moves = np.append(False, np.diff(own) != 0.0)
+    shares = []
+    best = (0, 0, 0, 0)  # changes, lag, first, last
+    for lag in range(2, len(own) // 2 + 1):
+        same = own[lag:] == own[:-lag]
+        shares.append(float(same.mean()))
+        edges = np.flatnonzero(np.diff(np.concatenate([[0], same.astype(int), [0]])))
+        for first, last in zip(edges[::2], edges[1::2], strict=True):
+            count = int(moves[lag + first : lag + last].sum())
+            if count > best[0]:
+                best = (count, lag, lag + int(first), lag + int(last))
+    count, lag, first, last = best
+    if count < _COPIED or len(np.unique(own[first:last])) < 6:
+        return None
+    # What comes again in every orbit, and is read in coarse steps, is often the same by chance.
+    same = own[lag:] == own[:-lag]
+    outside = np.concatenate([same[: first - lag], same[last - lag :]])
+    likely = [_ALIKE, float(np.median(shares)), *([float(outside.mean())] if len(outside) >= _COPIED else [])]
+    if max(likely) ** count > _CHANCE:
+        return None
+    useless = np.zeros(len(values), bool)
+    useless[valid[first:last]] = True
+    return Broken(
+        "repeating", channel, f"{channel} repeats itself",
+        f"{last - first} samples from {_clock(times[valid[first]])} on are exactly those of {lag} samples before.",
+        f"Leave {channel} out of 'observations', or that time out of the window", useless,
+    )  # fmt: skip
+
+
+def _clock(time: np.datetime64) -> str:
+    return str(np.datetime_as_string(time, unit="s")).replace("T", " ") + " UTC"

@@ -1,0 +1,413 @@
+"""How probable telemetry is under a scenario before any sampling: a Gaussian around one point of the prior.
+
+Parameters, initial temperatures, unmodelled heat and noise are all taken as normal, and the simulator as linear around
+the point: so the probability of the telemetry, with all of them integrated out, is that of one normal distribution. Its
+errors are correlated in time, so samples beside each other count for little more than one.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass, replace
+from functools import cached_property
+
+import numpy as np
+import xarray
+from numpy.typing import NDArray
+from scipy.linalg import cho_solve, cholesky
+
+from ..problem import HeatModel, Problem, Window, heat_model, initial_priors, responses, unit_heats
+from ..scenario import Heat, HeatPattern, HeatSlow
+from ..simulator import FloatArray, SimulationFailure, face_series
+from ..telemetry import window_bounds
+from .evaluate import spread_in_z
+
+HEAT = Heat(pattern=HeatPattern(harmonics=4), slow=HeatSlow(scale=0.02))
+"""What a simulator may lack and be right: heat of some percent of what flows through each node."""
+SIZES = (0.5, 1.0, 2.0, 4.0)
+"""Of all unmodelled heat, over that of `HEAT`: the likeliest counts."""
+FINE = 30.0
+"""s, how far apart sunlight is looked up,"""
+REACH = 7800.0
+"""s, and how far before and after the window."""
+_MOST_ROWS = 500
+"""Samples of all channels together that are looked at."""
+USUAL = 2.0
+"""Size of unmodelled heat that a model may have and be right."""
+_LEAST_TIMES = 40
+_LONGEST = 300.0
+"""s, over which telemetry is interpolated."""
+_UNKNOWN = 1e3
+"""K, deviation of a sample that is not there."""
+_SENSOR = 0.1
+"""K, of a sample, beside what the telemetry shows of its noise."""
+_MODEL, _MINUTES = 0.25, 600.0
+"""K and s: deviation and correlation time of what a right model still has in each channel."""
+_THERMOSTAT = 1.0
+"""K, by which a thermostat's own sensor may read otherwise than the telemetry's."""
+_BUSY = 0.25
+"""Share of samples between which a heater switches, from which these tell nothing of its thresholds."""
+_FARTHEST = 3.0
+"""Deviations of its prior that an entry is moved by at most."""
+_RUGGED = 1.4826
+"""Of a normal distribution, deviation over the median of absolute deviations."""
+
+
+@dataclass(frozen=True)
+class Rows:
+    """Which samples are looked at, and how noisy they are."""
+
+    kept: NDArray[np.int64]
+    """[t] of the window's times."""
+    seconds: FloatArray
+    """[t] from the first."""
+    noise: FloatArray
+    """[N] K."""
+
+    def error(self, of_model: float = _MODEL) -> FloatArray:
+        """Covariance [N, t, t] of each channel's errors, K^2; of_model: see `_MODEL`."""
+        apart = np.abs(self.seconds[:, None] - self.seconds)
+        lasting = of_model**2 * np.exp(-apart / _MINUTES)
+        return np.asarray(lasting + (self.noise**2 + _SENSOR**2)[:, None, None] * np.eye(len(apart)))
+
+
+@dataclass(frozen=True)
+class Thermostat:
+    """A heater whose switches show what its own sensor reads at its thresholds."""
+
+    channel: int
+    """Of its sensor."""
+    on: FloatArray
+    """s from the first row, when its status becomes on,"""
+    off: FloatArray
+    """s, and off."""
+    below: float
+    """K, at which it should,"""
+    above: float
+    """K, and at which not."""
+
+    def excess(self, seconds: FloatArray, observed: FloatArray) -> float:
+        """K by which telemetry [t, N] is above the thresholds when it switches."""
+        valid = np.isfinite(observed[:, self.channel])
+        if not valid.any():
+            return np.nan
+        read = observed[valid, self.channel]
+        beyond = [
+            float(np.median(np.interp(times, seconds[valid], read))) - level
+            for times, level in ((self.on, self.below), (self.off, self.above))
+        ]
+        return 0.5 * (beyond[0] + beyond[1])
+
+
+@dataclass(frozen=True)
+class Point:
+    """A simulation and what moves it, on rows [R]: [N t], channel by channel, and one for each thermostat."""
+
+    z: FloatArray
+    """[d]"""
+    temperatures: FloatArray
+    """[R] K."""
+    effects: FloatArray
+    """[R, d] K of a deviation of each prior."""
+    heat: FloatArray
+    """[R, m] K of a deviation of each unmodelled heat."""
+    jitter: FloatArray
+    """[R, s] K of a deviation of each switch's time."""
+
+
+@dataclass(frozen=True)
+class Fit:
+    """Telemetry beside what a point and its Gaussian expect."""
+
+    evidence: float
+    """Log density of the telemetry, nats."""
+    size: float
+    """Of unmodelled heat, one of `SIZES`."""
+    misfit: float
+    """Mean square of the telemetry's deviations, in those expected; about 1 where nothing is wrong."""
+    z: FloatArray
+    """[d] where the entries are likeliest."""
+    added: FloatArray
+    """[k] weights of further columns where these are likeliest."""
+
+    @property
+    def is_usual(self) -> bool:
+        """Whether a model that is right can be so far off."""
+        return self.size <= USUAL and self.misfit < 1.0
+
+
+@dataclass(frozen=True)
+class View:
+    """One window of a scenario, and its telemetry as rows."""
+
+    problem: Problem
+    """Of that window alone, driven by measured status where there is one."""
+    telemetry: xarray.Dataset
+    rows: Rows
+    heat: HeatModel
+    thermostats: tuple[Thermostat, ...] = ()
+
+    @property
+    def window(self) -> Window:
+        """That of the problem."""
+        return self.problem.windows[0]
+
+    @property
+    def channels(self) -> tuple[str, ...]:
+        """Temperature channels [N]."""
+        return self.problem.channels
+
+    @cached_property
+    def observed(self) -> FloatArray:
+        """[t, N] K; NaN where there is nothing."""
+        return self.readings(0.0)
+
+    def readings(self, later: float) -> FloatArray:
+        """Telemetry [t, N] K of so many s later."""
+        times = self.window.times[self.rows.kept] + np.timedelta64(round(1e3 * later), "ms")
+        return np.stack([series_at(self.telemetry, name, times) for name in self.channels], axis=1)
+
+    def flat(self, observed: FloatArray) -> FloatArray:
+        """Telemetry [t, N] as rows [R], with how far it is above the thresholds when heaters switch."""
+        excess = [own.excess(self.rows.seconds, observed) for own in self.thermostats]
+        return np.concatenate([observed.T.ravel(), excess])
+
+    def of_channel(self, channel: int, values: FloatArray) -> FloatArray:
+        """What [t, k] moves one channel by, as rows [R, k]; thresholds notice the mean."""
+        t, count = len(values), len(self.channels)
+        found = np.zeros((count * t + len(self.thermostats), values.shape[1]))
+        found[channel * t : (channel + 1) * t] = values
+        for row, own in enumerate(self.thermostats):
+            if own.channel == channel:
+                found[count * t + row] = values.mean(axis=0)
+        return found
+
+    @cached_property
+    def sunlight(self) -> tuple[FloatArray, dict[str, FloatArray]]:
+        """Times [M], s from the window's start, and what shines on the faces, by column [M] W/m^2."""
+        assert self.window.network is not None
+        seconds = np.arange(-REACH, self.window.network.drive.times[-1] + REACH, FINE)
+        times = start_of(self.window) + np.round(1e9 * seconds).astype("timedelta64[ns]")
+        return seconds, face_series(self.window.scenario, times)
+
+    @cached_property
+    def spread(self) -> FloatArray:
+        """[d] deviations of z; see `evaluate.spread_in_z`."""
+        return spread_in_z(self.problem)
+
+    def centre(self, observed: FloatArray) -> FloatArray:
+        """z [d] at the prior's medians; initial temperatures follow the first samples of `observed` [t, N]."""
+        theta = self.problem.priors.median()
+        for name, prior in initial_priors(self.problem.scenario, self.channels, observed).items():
+            if name in self.problem.names and hasattr(prior, "mean"):
+                theta[self.problem.names.index(name)] = prior.mean
+        return self.problem.to_z(theta)
+
+    def temperatures(self, window: Window, z: FloatArray) -> FloatArray:
+        """[R] K of a window like this one. Raises SimulationFailure."""
+        inside = self.problem.at(self.window, self.problem.to_theta(z)[None])[0]
+        return self._flat(window.simulate(inside).temperatures)
+
+    def point(self, window: Window, z: FloatArray, like: Point | None = None) -> Point:
+        """A simulation and what moves it; like: whose response to heat is near enough. Raises SimulationFailure."""
+        beside = replace(self.problem, windows=(window,))
+        effects = beside.jacobians(z)[0][self.rows.kept]
+        flat = self._rows(effects) * self.spread
+        temperatures = self.temperatures(window, z)
+        if like is not None:
+            return Point(z, temperatures, flat, like.heat, like.jitter)
+        units = unit_heats(self.heat, window)
+        inside = self.problem.at(self.window, self.problem.to_theta(z)[None])[0]
+        found = responses(window, inside, self.heat, units)
+        parts: dict[bool, list[FloatArray]] = {True: [np.empty((flat.shape[0], 0))], False: []}
+        for group, response in zip(self.heat.groups, found, strict=True):
+            kept = self._rows(response[self.rows.kept])
+            parts[group.part == "switches"].append(group.size * kept)
+        return Point(z, temperatures, flat, np.concatenate(parts[False], axis=1), np.concatenate(parts[True], axis=1))
+
+    def heat_of(self, window: Window) -> HeatModel:
+        """Of a window like this one, at the prior's median."""
+        median = self.problem.at(self.window, self.problem.priors.median()[None])[0]
+        return heat_model(window.scenario, HEAT, (window,), median)
+
+    def response(self, window: Window, z: FloatArray, node: str, series: FloatArray) -> FloatArray:
+        """[R, k] K per watt of heat in a node, with series [k, 2 K] in each step. Raises SimulationFailure."""
+        simulator = window.network
+        assert simulator is not None
+        inside = self.problem.at(self.window, self.problem.to_theta(z)[None])[0][self.window.simulated]
+        nudge = 0.05 * max(self.heat.flow[self.heat.nodes.index(node)], 0.1)
+        heat = np.zeros((len(series) + 1, len(simulator.network.heated), series.shape[1]))
+        heat[1:, simulator.network.heated.index(node)] = nudge * series
+        runs = simulator.simulate_many(np.tile(inside, (len(heat), 1)), heat)
+        if any(run is None for run in runs):
+            raise SimulationFailure("a simulation with a little more heat fails")
+        flat = [self._flat(run.temperatures) for run in runs if run is not None]
+        return np.asarray(((np.stack(flat[1:]) - flat[0]) / nudge).T)
+
+    def _flat(self, temperatures: FloatArray) -> FloatArray:
+        return self._rows(temperatures[self.rows.kept][..., None])[:, 0]
+
+    def _rows(self, values: FloatArray) -> FloatArray:
+        """[R, k] of [t, N, k]; nothing moves what thermostats read at their thresholds."""
+        flat = np.moveaxis(values, 1, 0).reshape(-1, values.shape[2])
+        return np.concatenate([flat, np.zeros((len(self.thermostats), values.shape[2]))])
+
+
+@dataclass(frozen=True)
+class Gaussian:
+    """What telemetry is expected to be around a point, for each of some sizes of heat."""
+
+    point: Point
+    sizes: tuple[float, ...]
+    known: NDArray[np.bool_]
+    """[R] where there is telemetry."""
+    factors: tuple[FloatArray, ...]
+    """[R, R] Cholesky factors, lower, of each size."""
+
+    def fit(
+        self, residual: FloatArray, columns: FloatArray | None = None, jacobian: float = 0.0, moved: float = 0.0
+    ) -> Fit:
+        """Of residuals [R] with further columns [R, k] of normal weights of one.
+
+        jacobian: log of what the telemetry was scaled by. moved: log prior odds.
+        """
+        best: Fit | None = None
+        left = np.where(self.known, residual, 0.0)
+        rows, extra = int(self.known.sum()), np.empty((len(left), 0)) if columns is None else columns
+        for size, factor in zip(self.sizes, self.factors, strict=True):
+            solved = cho_solve((factor, True), np.column_stack([left, extra]), check_finite=False)
+            inner = np.eye(extra.shape[1]) + extra.T @ solved[:, 1:]
+            added = np.linalg.solve(inner, extra.T @ solved[:, 0])
+            white = solved[:, 0] - solved[:, 1:] @ added
+            square = float(left @ white)
+            evidence = -0.5 * square - float(np.log(np.diag(factor)).sum()) - 0.5 * float(np.linalg.slogdet(inner)[1])
+            # A size beside one is less likely: heat of a fifth of the flow is no longer usual.
+            evidence += jacobian + moved - 0.5 * (np.log2(size) / 0.7) ** 2
+            if best is None or evidence > best.evidence:
+                z = self.point.effects.T @ white
+                best = Fit(evidence, size, square / max(rows, 1), z, added)
+        assert best is not None
+        return best
+
+
+def gaussian(
+    rows: Rows, point: Point, known: NDArray[np.bool_], sizes: Sequence[float] = SIZES, of_model: float = _MODEL
+) -> Gaussian:
+    """Around a point; known: [R]."""
+    error, t = rows.error(of_model), len(rows.kept)
+    base = point.effects @ point.effects.T + point.jitter @ point.jitter.T
+    for k, block in enumerate(error):
+        base[k * t : (k + 1) * t, k * t : (k + 1) * t] += block
+    of_thermostats = np.arange(len(error) * t, len(base))
+    base[of_thermostats, of_thermostats] += _THERMOSTAT**2
+    base[np.diag_indices(len(base))] += np.where(known, 0.0, _UNKNOWN**2)
+    of_heat = point.heat @ point.heat.T
+    factors = [cholesky(base + size**2 * of_heat, lower=True, check_finite=False) for size in sizes]
+    return Gaussian(point, tuple(sizes), known, tuple(factors))
+
+
+def climbed(
+    view: View,
+    window: Window,
+    observed: FloatArray,
+    start: Point,
+    columns: FloatArray | None = None,
+    jacobian: float = 0.0,
+    rounds: int = 3,
+) -> Fit:
+    """The fit of telemetry [t, N] where the entries are likeliest, by Gauss-Newton steps. Raises SimulationFailure."""
+    centre, flat = view.centre(observed), view.flat(observed)
+    known = np.isfinite(flat)
+    if window is not view.window:
+        # What flows through the nodes, and so what heat is usual, may be another.
+        view = replace(view, heat=view.heat_of(window))
+        start = view.point(window, centre)
+    point, found = start, None
+    for number in range(rounds + 1):
+        last = number == rounds
+        point = view.point(window, point.z, None if last else start)
+        # About the centre of the prior: what is linear in z is integrated out from there.
+        back = point.effects @ ((centre - point.z) / view.spread)
+        sizes = SIZES if found is None or last else (found.size,)
+        around = gaussian(view.rows, point, known, sizes)
+        found = around.fit(flat - point.temperatures - back, columns, jacobian)
+        moved = np.clip(found.z, -_FARTHEST, _FARTHEST)
+        if last:
+            break
+        point = replace(point, z=centre + view.spread * moved)
+    assert found is not None
+    return replace(found, z=point.z)
+
+
+def start_of(window: Window) -> np.datetime64:
+    """UTC."""
+    return window_bounds(window.scenario.windows[window.name], window.period)[0]
+
+
+def series_at(telemetry: xarray.Dataset, name: str, times: NDArray[np.datetime64]) -> FloatArray:
+    """A channel at times, linear between its samples; NaN beyond `_LONGEST` or three sampling intervals of one."""
+    values = telemetry[name].to_numpy()
+    valid = np.isfinite(values)
+    if valid.sum() < 2:
+        return np.full(len(times), np.nan)
+    origin = telemetry["time"].to_numpy()[0]
+    seconds = (telemetry["time"].to_numpy()[valid] - origin) / np.timedelta64(1, "s")
+    at = (times - origin) / np.timedelta64(1, "s")
+    found = np.interp(at, seconds, values[valid], left=np.nan, right=np.nan)
+    after = np.clip(np.searchsorted(seconds, at), 1, len(seconds) - 1)
+    gap = seconds[after] - seconds[after - 1]
+    on_sample = np.isin(at, seconds)
+    return np.where(on_sample | (gap <= max(_LONGEST, 3.0 * float(np.median(np.diff(seconds))))), found, np.nan)
+
+
+def rows_of(window: Window) -> Rows:
+    """Samples of a window that are looked at, evenly over its time."""
+    seconds = (window.times - window.times[0]) / np.timedelta64(1, "s")
+    count = max(_LEAST_TIMES, _MOST_ROWS // max(len(window.simulator.channels), 1))
+    wanted = np.linspace(seconds[0], seconds[-1], min(count, len(seconds)))
+    kept = np.unique(np.abs(seconds[None] - wanted[:, None]).argmin(axis=1))
+    noise = np.array([noise_of(column) for column in window.observed.T])
+    return Rows(kept, seconds[kept], noise)
+
+
+def noise_of(values: FloatArray) -> float:
+    """Deviation of a channel's samples [T] from what is smooth, K."""
+    valid = values[np.isfinite(values)]
+    if len(valid) < 4:
+        return 0.0
+    bends = np.diff(valid, 2)
+    steps = np.abs(np.diff(valid))
+    step = float(np.min(steps[steps > 1e-6], initial=1.0))
+    return float(np.hypot(_RUGGED * np.median(np.abs(bends)) / np.sqrt(6.0), min(step, 1.0) / np.sqrt(12.0)))
+
+
+def view_of(problem: Problem, telemetry: xarray.Dataset) -> View:
+    """Of a problem of one window, and the telemetry it was built from."""
+    (window,) = problem.windows
+    median = problem.at(window, problem.priors.median()[None])[0]
+    rows = rows_of(window)
+    heat = heat_model(window.scenario, HEAT, (window,), median)
+    return View(problem, telemetry, rows, heat, tuple(thermostats(window, rows)))
+
+
+def thermostats(window: Window, rows: Rows) -> Iterator[Thermostat]:
+    """Heaters of known thresholds whose sensor has a channel, and that switch on and off in a window."""
+    scenario, channels = window.scenario, window.simulator.channels
+    moved = {path for parameter in scenario.parameters.values() for path in (*parameter.sets, *parameter.scales)}
+    for k, (name, heater) in enumerate(scenario.network.heaters.items()):
+        watching = [
+            place
+            for place, channel in enumerate(channels)
+            if scenario.observations[channel].node == heater.sensor and scenario.observations[channel].gain == 1.0
+        ]
+        valid = np.flatnonzero(np.isfinite(window.status[:, k]))
+        turns = np.diff(window.status[valid, k] > 0.5)
+        uncertain = {f"heaters.{name}.on_below", f"heaters.{name}.off_above"} & moved
+        if not watching or uncertain or not turns.any() or turns.mean() > _BUSY:
+            continue
+        seconds = (window.times[valid] - window.times[rows.kept[0]]) / np.timedelta64(1, "s")
+        middle, on = 0.5 * (seconds[1:] + seconds[:-1])[turns], window.status[valid[1:], k][turns] > 0.5
+        if on.any() and not on.all():
+            bias = scenario.observations[channels[watching[0]]].bias
+            below, above = heater.on_below + bias, heater.off_above + bias
+            yield Thermostat(watching[0], middle[on], middle[~on], below, above)

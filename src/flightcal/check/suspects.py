@@ -1,0 +1,252 @@
+"""Which simple wrong explains best what telemetry and prior disagree about: before any sampling, in seconds.
+
+Every wrong of `wrongs` is tried: how probable is the telemetry with it, and how probable with nothing wrong but
+parameters, unmodelled heat and noise? One is named only where it is better by far. What a channel shows by itself
+(`broken`) comes first, and is left out of the rest.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+from typing import Any, Final
+
+import numpy as np
+import xarray
+from numpy.typing import NDArray
+from threadpoolctl import threadpool_limits
+
+from ..errors import FlightcalError
+from ..problem import Problem, build_window, problem_of
+from ..progress import SILENT, Progress
+from ..run import Run, Stage, plain, read_json, typed
+from ..scenario import Scenario, SimulatorModel
+from ..simulator import FloatArray, SimulationFailure
+from .broken import Broken, broken
+from .evidence import HEAT, Fit, Gaussian, Point, View, climbed, gaussian, view_of
+from .wrongs import Wrong, all_wrongs
+
+SUSPECTS_FILE = "suspects.json"
+_CLEAR = 11.0
+"""Nats by which a wrong has to be better than nothing wrong to be named."""
+_PROMISING = 2.0
+"""Nats of a first look from which a wrong is looked at closely."""
+_FINALISTS = 9
+_OF_A_KIND = 2
+"""So many of a kind are looked at closely."""
+_BLURRED = 0.7
+"""K, error of a model that is linear about one point, when all wrongs are looked at first."""
+_BAD = 1.0
+"""Mean square of deviations from which a scenario is beside its telemetry altogether."""
+_SHOWN, _NEAR = 3, 0.5
+"""So many are named at most, and only if they explain at least so much of what the best explains."""
+_FIRST_SIZES = (1.0, 3.0)
+_ORBITS = 4.0
+"""Of the first training window, that are looked at."""
+
+
+@dataclass(frozen=True)
+class Suspicion:
+    """A simple wrong that explains the telemetry far better than the scenario as it is."""
+
+    kind: str
+    about: str
+    """A channel, a heater, a node, ..."""
+    title: str
+    sentence: str
+    advice: str
+    """What to do, in a line."""
+    nats: float | None = None
+    """How much more probable the telemetry is with it, log; None: the telemetry shows it by itself."""
+
+
+@dataclass(frozen=True)
+class Suspects:
+    """What was found, the likeliest first."""
+
+    found: tuple[Suspicion, ...] = ()
+    looked: bool = False
+    """Whether the telemetry was compared with the simulator, beside what it shows by itself."""
+
+    @property
+    def lines(self) -> tuple[str, ...]:
+        """What was found, as lines."""
+        return tuple(f"likely wrong: {own.title}. {own.sentence} Next: {own.advice}." for own in self.found)
+
+
+def suspects(problem: Problem, telemetry: xarray.Dataset, progress: Progress = SILENT) -> Suspects:
+    """What is likely to be wrong with a scenario or its telemetry, by its first training window.
+
+    telemetry: what the problem was built from. Of a simulator that is no thermal network only what the telemetry shows
+    by itself.
+    """
+    window = problem.windows[0]
+    with threadpool_limits(1):
+        try:
+            view = prepared(problem.scenario, telemetry)
+        except FlightcalError:
+            view = None
+        modelled = np.full(window.observed.shape, np.nan)
+        if view is not None:
+            theta = view.problem.to_theta(view.centre(view.observed))[None]
+            try:
+                run = view.window.simulate(view.problem.at(view.window, theta)[0])
+                modelled[: len(run.temperatures)] = run.temperatures
+            except SimulationFailure:
+                view = None
+        seen = [
+            own
+            for k, channel in enumerate(window.simulator.channels)
+            if (own := broken(channel, window.times, window.observed[:, k], modelled[:, k])) is not None
+        ]
+        found = [Suspicion(own.kind, own.channel, own.title, own.sentence, own.advice) for own in seen]
+        if view is None:
+            return Suspects(tuple(found))
+        return Suspects((*found, *_compared(_without(view, window.times, seen), progress)), True)
+
+
+def prepared(scenario: Scenario, telemetry: xarray.Dataset) -> View | None:
+    """The first training window of a thermal network, driven by measured status; None of anything else.
+
+    Raises FlightcalError.
+    """
+    model = scenario.simulator
+    if not isinstance(model, SimulatorModel) or model.reduced_model is not None or model.errors:
+        return None
+    heaters = dict(model.heaters)
+    for name, heater in heaters.items():
+        observing = [channel for channel, item in scenario.observations.items() if item.heater == name]
+        channel = heater.measured_by or (observing[0] if observing else None)
+        heaters[name] = heater.model_copy(update={"measured_by": channel})
+    known = bool(heaters) and all(heater.measured_by is not None for heater in heaters.values())
+    update: dict[str, Any] = {"heaters": heaters, "heater_input": "measured"} if known else {}
+    changed = scenario.model_copy(update={"simulator": model.model_copy(update=update), "heat": HEAT})
+    name = scenario.train_windows[0]
+    window = build_window(changed, telemetry, name)
+    if window.times[-1] - window.times[0] > np.timedelta64(round(_ORBITS * window.period), "s"):
+        window = build_window(changed, telemetry, name, span=_ORBITS * window.period)
+    return view_of(problem_of(changed, [window]), telemetry)
+
+
+def _without(view: View, times: NDArray[np.datetime64], seen: list[Broken]) -> View:
+    """A view without the samples that are known to be of no use."""
+    data = view.telemetry
+    for own in seen:
+        useless = np.isin(data["time"].to_numpy(), times[own.useless])
+        data = data.assign({own.channel: ("time", np.where(useless, np.nan, data[own.channel].to_numpy()))})
+    return replace(view, telemetry=data)
+
+
+@dataclass(frozen=True)
+class _Look:
+    """All wrongs are first looked at from here."""
+
+    around: Gaussian
+    back: FloatArray
+    """[R] K from the point to the centre of the prior, in the linear approximation."""
+    nothing: float
+    """Evidence with nothing wrong."""
+
+
+def _compared(view: View, progress: Progress) -> list[Suspicion]:
+    """What is far better than nothing wrong, the best first."""
+    observed, base = view.observed, view.point(view.window, view.centre(view.observed))
+    known = np.isfinite(view.flat(observed))
+    if not known.any():
+        return []
+    nothing = climbed(view, view.window, observed, base)
+    looks = [_look(view, point, known) for point in (base, view.point(view.window, nothing.z, base))]
+    scored: list[tuple[float, Wrong]] = []
+    for wrong in all_wrongs(view):
+        try:
+            scored.append((max(_gain(view, wrong, look) for look in looks), wrong))
+        except SimulationFailure:
+            continue
+    scored.sort(key=lambda item: -item[0])
+    finalists: list[Wrong] = []
+    for score, wrong in scored:
+        if score > _PROMISING and sum(own.kind == wrong.kind for own in finalists) < _OF_A_KIND:
+            finalists.append(wrong)
+    found: list[tuple[bool, Suspicion]] = []
+    for wrong in finalists[:_FINALISTS]:
+        try:
+            best, fit = _closely(view, wrong, base)
+        except (SimulationFailure, np.linalg.LinAlgError):
+            continue
+        nats = float(fit.evidence - nothing.evidence - np.log(wrong.tries))
+        if nats > _CLEAR and not (best.least and abs(float(fit.added[0])) < best.least):
+            words = best.words(fit)
+            named = Suspicion(best.kind, best.about, words.title, words.sentence, words.advice, nats)
+            found.append((fit.is_usual, named))
+    return _ranked(found, nothing)
+
+
+def _ranked(found: list[tuple[bool, Suspicion]], nothing: Fit) -> list[Suspicion]:
+    """What explains the telemetry, the best first; what only explains it better where nothing does."""
+    usual = sorted((own for good, own in found if good), key=lambda own: -(own.nats or 0.0))
+    helps = sorted((own for good, own in found if not good), key=lambda own: -(own.nats or 0.0))
+    if not usual and not nothing.is_usual and nothing.misfit > _BAD:
+        title, advice = "the scenario is not of this telemetry", "Check that both are of the same satellite and time"
+        sentence = (
+            "Neither parameters nor unmodelled heat of some percent nor any one simple wrong bring the model to the "
+            f"telemetry: its deviations are {np.sqrt(nothing.misfit):.1f} times what is usual, beside heat of "
+            f"{0.05 * nothing.size:.0%} of all that flows."
+        )
+        return [Suspicion("everything", "", title, sentence, advice, 0.0), *helps[: _SHOWN - 1]]
+    named = usual or helps
+    return [own for own in named[:_SHOWN] if (own.nats or 0.0) > _NEAR * (named[0].nats or 0.0)]
+
+
+def _look(view: View, point: Point, known: NDArray[np.bool_]) -> _Look:
+    around = gaussian(view.rows, point, known, _FIRST_SIZES, _BLURRED)
+    back = point.effects @ ((view.centre(view.observed) - point.z) / view.spread)
+    level = around.fit(view.flat(view.observed) - point.temperatures - back).evidence
+    return _Look(around, back, level)
+
+
+def _gain(view: View, wrong: Wrong, look: _Look) -> float:
+    """Nats by which a wrong is better than nothing, at first look. Raises SimulationFailure."""
+    observed, point = _read(view, wrong), look.around.point
+    shift = view.centre(observed) - view.centre(view.observed)
+    if wrong.window is None:
+        temperatures = point.temperatures + point.effects @ (shift / view.spread)
+    else:
+        temperatures = view.temperatures(wrong.window, point.z + shift)
+    residual = view.flat(observed) - temperatures - look.back
+    return look.around.fit(residual, wrong.columns, wrong.jacobian).evidence - look.nothing
+
+
+def _closely(view: View, wrong: Wrong, base: Point) -> tuple[Wrong, Fit]:
+    """A wrong where parameters have their say too, and with the best of numbers near by. Raises SimulationFailure."""
+    window = wrong.window or view.window
+    fit = climbed(view, window, _read(view, wrong), base, wrong.columns, wrong.jacobian)
+    if wrong.closer is None:
+        return wrong, fit
+    look = _look(view, view.point(window, fit.z, base), np.isfinite(view.flat(view.observed)))
+    best = max(wrong.closer(), key=lambda own: _gain(view, own, look))
+    again = climbed(view, best.window or view.window, _read(view, best), base, best.columns, best.jacobian)
+    return (best, again) if again.evidence > fit.evidence else (wrong, fit)
+
+
+def _read(view: View, wrong: Wrong) -> FloatArray:
+    """Telemetry [t, N] without the wrong; where there was something, and nothing is left, what is nearest in time."""
+    if wrong.observed is None:
+        return view.observed
+    found = wrong.observed.copy()
+    for k in range(found.shape[1]):
+        valid = np.isfinite(found[:, k])
+        if valid.any() and not valid.all():
+            found[:, k] = np.interp(np.arange(len(valid)), np.flatnonzero(valid), found[valid, k])
+    return np.where(np.isfinite(view.observed), found, np.nan)
+
+
+def _make(run: Run, problem: Problem, telemetry: xarray.Dataset) -> None:
+    run.folder.write_json(SUSPECTS_FILE, plain(suspects(problem, telemetry, run.progress)))
+
+
+def _kept(run: Run, *_: Any) -> Suspects:
+    content = read_json(run.folder.file(SUSPECTS_FILE))
+    return Suspects(tuple(typed(Suspicion, item) for item in content["found"]), content["looked"])
+
+
+SUSPECTS: Final = Stage("suspects", "looking for what may be wrong", (SUSPECTS_FILE,), _make, _kept)
+"""Of a problem and its telemetry."""

@@ -1,0 +1,76 @@
+"""Sensors that are broken by their own telemetry alone."""
+
+import numpy as np
+import pytest
+
+from flightcal.check.broken import broken
+
+TIMES = np.datetime64("2024-03-01T00:00:00", "ns") + np.arange(200) * np.timedelta64(60, "s")
+MODELLED = 290.0 + 8.0 * np.sin(np.arange(200) / 16.0)
+"""K, what a simulator has."""
+
+
+def telemetry(*, step=0.1, noise=0.1, seed=0):
+    return np.round((MODELLED + noise * np.random.default_rng(seed).standard_normal(200)) / step) * step
+
+
+def found(values, modelled=MODELLED):
+    return broken("body_temp", TIMES, values, modelled)
+
+
+@pytest.mark.parametrize("seed", range(5))
+def test_a_sound_sensor_is_not_broken(seed):
+    assert found(telemetry(seed=seed)) is None
+
+
+def test_a_coarse_sensor_without_noise_is_not_broken():
+    assert found(telemetry(step=0.5, noise=0.0)) is None
+
+
+def test_a_thermostats_cycle_is_no_repetition():
+    cycle = np.resize(np.concatenate([np.linspace(290.0, 293.0, 5), np.linspace(293.0, 290.0, 20)]), 200)
+    noisy = cycle + 0.05 * np.random.default_rng(0).standard_normal(200)
+    assert found(np.round(noisy / 0.1) * 0.1, cycle) is None
+
+
+def test_a_stuck_sensor_is_told_by_what_the_model_does_meanwhile():
+    values = telemetry()
+    values[100:] = values[100]
+    own = found(values)
+    assert own.kind == "stuck"
+    assert "from 2024-03-01 01:40:00 UTC" in own.sentence
+    assert own.useless[101:].all()
+    assert found(values, np.full(200, 290.0)) is None
+
+
+def test_a_sensor_that_is_stuck_throughout_is_told():
+    assert found(np.full(200, 290.0)).sentence.count("throughout") == 1
+
+
+def test_a_copied_block_is_told_with_its_lag():
+    values = telemetry()
+    values[90:160] = values[20:90]
+    own = found(values)
+    assert own.kind == "repeating"
+    assert "those of 70 samples before" in own.sentence
+    assert own.useless[90:160].all()
+
+
+def test_a_held_reading_is_told_with_its_stride():
+    own = found(telemetry()[np.arange(200) // 8 * 8])
+    assert (own.kind, "8 samples" in own.title) == ("held", True)
+
+
+def test_a_spike_is_told_with_its_time_and_left_out():
+    values = telemetry()
+    values[57] += 40.0
+    own = found(values)
+    assert own.kind == "spike"
+    assert "2024-03-01 00:57:00 UTC" in own.sentence
+    assert np.flatnonzero(own.useless).tolist() == [57]
+
+
+def test_samples_that_are_not_there_do_not_matter():
+    values = telemetry()
+    values[::3] = np.nan
+    assert found(values) is None

@@ -1,0 +1,123 @@
+"""Simple wrongs of the small satellite, named before any sampling."""
+
+import numpy as np
+import pytest
+
+from flightcal.check import SUSPECTS, Suspects, Suspicion, suspects
+from flightcal.check.evidence import noise_of, series_at
+from flightcal.check.findings import suspected
+from flightcal.check.wrongs import turning
+from flightcal.problem import build_problem
+from flightcal.progress import SILENT
+from flightcal.run import Run, open_run, read_json
+from tests import small
+
+
+@pytest.fixture(scope="module")
+def flown(tmp_path_factory):
+    """A scenario and the telemetry of its own model."""
+    return small.closed_loop(tmp_path_factory.mktemp("flown"))
+
+
+def named(scenario, data):
+    found = suspects(build_problem(scenario, data), data)
+    assert found.looked
+    return found.found
+
+
+def spoilt(data, **columns):
+    return data.assign({name: ("time", np.asarray(values)) for name, values in columns.items()})
+
+
+def test_nothing_is_suspected_where_nothing_is_wrong(flown):
+    assert named(*flown) == ()
+
+
+def test_a_bias_is_named_with_its_size(flown):
+    scenario, data = flown
+    first = named(scenario, spoilt(data, body_temp=data["body_temp"] + 9.0))[0]
+    assert (first.kind, first.about) == ("bias", "body_temp")
+    assert float(first.title.split()[2]) == pytest.approx(9.0, abs=2.0)
+
+
+def test_an_inverted_status_is_named(flown):
+    scenario, data = flown
+    first = named(scenario, spoilt(data, heater_status=1.0 - data["heater_status"]))[0]
+    assert (first.kind, first.about) == ("status inverted", "heater_status")
+
+
+def test_fahrenheit_read_as_celsius_is_named(flown):
+    scenario, data = flown
+    read = 1.8 * (data["panel_temp"] - 273.15) + 32.0 + 273.15
+    first = named(scenario, spoilt(data, panel_temp=read))[0]
+    assert (first.kind, first.about) == ("unit", "panel_temp")
+    assert "degF" in first.title
+
+
+def test_swapped_channels_are_named(flown):
+    scenario, data = flown
+    first = named(scenario, spoilt(data, body_temp=data["panel_temp"], panel_temp=data["body_temp"]))[0]
+    assert first.kind == "swapped"
+
+
+def test_the_sign_of_a_driver_is_named(flown):
+    scenario, data = flown
+    first = named(scenario, spoilt(data, sun=-data["sun"]))[0]
+    assert (first.kind, first.about) == ("driver", "sun")
+    assert "sign" in first.title
+
+
+def test_what_a_channel_shows_by_itself_comes_first_and_is_left_out(flown):
+    scenario, data = flown
+    values = data["panel_temp"].to_numpy().copy()
+    values[60:] = values[60]
+    found = named(scenario, spoilt(data, panel_temp=values))
+    assert [own.kind for own in found] == ["stuck"]
+
+
+def test_the_stage_keeps_what_was_found(flown, tmp_path):
+    scenario, data = flown
+    wrong = spoilt(data, heater_status=1.0 - data["heater_status"])
+    problem = build_problem(scenario, wrong)
+    run = Run(open_run(tmp_path / "run", {}, "", {}, 1), SILENT)
+    run.given("of this test", problem, wrong)
+    found = run.stage(SUSPECTS, problem, wrong)
+    assert found.lines[0].startswith("likely wrong: heater_status is inverted. ")
+    assert read_json(tmp_path / "run" / "suspects.json")["found"][0]["title"] == "heater_status is inverted"
+    assert run.stage(SUSPECTS, problem, wrong) == found
+
+
+def test_findings_name_the_best_and_below_it_the_others():
+    stuck = Suspicion("stuck", "a", "a is stuck", "It is.", "Leave it out")
+    bias = Suspicion("bias", "b", "b reads 3 K too high", "It does.", "Check it", 40.0)
+    unit = Suspicion("unit", "c", "c is in degF", "It is.", "Convert it", 30.0)
+    found = suspected(Suspects((stuck, bias, unit), True))
+    assert [own.title for own in found] == ["Likely wrong: a is stuck", "Likely wrong: b reads 3 K too high"]
+    assert found[1].details == ("Nearly as likely: c is in degF.",)
+    assert [own.state for own in suspected(Suspects((), True))] == ["good"]
+    assert suspected(Suspects()) == []
+
+
+def test_noise_is_told_from_what_is_smooth():
+    smooth = 10.0 * np.sin(np.arange(400) / 40.0)
+    noisy = smooth + 0.3 * np.random.default_rng(0).standard_normal(400)
+    assert noise_of(noisy) == pytest.approx(0.3, rel=0.2)
+    assert noise_of(smooth) < 0.05
+
+
+def test_a_long_gap_is_not_bridged(flown):
+    _, data = flown
+    values = data["body_temp"].to_numpy().copy()
+    values[10:40], values[50] = np.nan, np.nan
+    read = series_at(spoilt(data, body_temp=values), "body_temp", data["time"].to_numpy())
+    assert np.isnan(read[10:40]).all()
+    assert read[50] == pytest.approx(0.5 * (values[49] + values[51]))
+
+
+def test_turns_of_a_thermostat_are_found_and_noise_is_not():
+    cycle = np.abs((np.arange(200) % 40) - 20.0) / 5.0
+    rising = turning(cycle, 1.0)
+    assert rising is not None
+    assert rising[25:38].all()
+    assert not rising[45:58].any()
+    assert turning(0.1 * np.random.default_rng(0).standard_normal(200), 1.0) is None
