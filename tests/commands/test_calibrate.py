@@ -19,8 +19,8 @@ from tests import small
 from tests.told import Told
 
 FILES = {
-    "scenario.yaml", "provenance.json", "suspects.json", "telemetry_quality.json", "parameters.json", "integration.json",
-    "genetic.nc", "posterior.nc",
+    "scenario.yaml", "provenance.json", "suspects.json", "telemetry_quality.json", "parameters.json",
+    "integration.json", "genetic.nc", "posterior.nc",
     "diagnostics.json", "prediction.nc", "metrics.json", "verdict.json", "report.html", "log.jsonl",
 }  # fmt: skip
 

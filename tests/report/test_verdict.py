@@ -77,6 +77,14 @@ def test_a_channel_that_does_not_hold_is_left_out_of_the_use(run):
     )
 
 
+def test_what_was_suspected_before_the_sampling_is_the_reason(run):
+    clock = {"title": "the clock is 240 s late", "sentence": "Telemetry fits better so.", "advice": "Shift it"}
+    judged = verdict_of(dataclasses.replace(fitted(run), suspects=[clock]))
+    assert judged.exit_code == MODEL_FAILED
+    assert judged.answers[1].worst.title == "Likely wrong: the clock is 240 s late"
+    assert judged.then == "Shift it."
+
+
 def test_without_an_unseen_window_nothing_is_said_of_other_orbits(run):
     right = fitted(run)
     judged = verdict_of(dataclasses.replace(right, windows={"train": right.windows["train"]}))

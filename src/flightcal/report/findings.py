@@ -222,6 +222,14 @@ def _interval(run: RunFiles, window: str) -> str:
     return words
 
 
+def suspected(run: RunFiles) -> list[Finding]:
+    """What was likely to be wrong before any sampling, and is not mended by it."""
+    return [
+        Finding("bad", f"Likely wrong: {own['title']}", str(own["sentence"]), then=f"{own['advice']}.")
+        for own in run.suspects
+    ]
+
+
 def noise(run: RunFiles) -> Finding:
     """Whether residuals are the noise that was assumed."""
     checks = run.checks

@@ -79,6 +79,8 @@ class RunFiles:
     emulator_check: Record | None
     full_check: Record | None
     """Of a calibration through a reduced model only."""
+    suspects: list[Record]
+    """Simple wrongs that explain the telemetry better than the scenario as it is, the likeliest first."""
     beside: list[Metric]
     """Scores of the published run, of the demonstration only."""
     missing: tuple[str, ...]
@@ -140,6 +142,7 @@ def read_run(folder: Path) -> RunFiles:
         emulator=kept("emulator.json", read_json),
         emulator_check=kept("emulator_check.json", read_json),
         full_check=kept("full_simulator_check.json", read_json),
+        suspects=(kept("suspects.json", read_json) or {"found": []})["found"],
         beside=kept("beside.json", partial(read_records, read=_beside)) or [],
         missing=missing,
     )

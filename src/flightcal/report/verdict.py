@@ -23,6 +23,7 @@ from .findings import (
     prior_conflict,
     scores,
     stand_in,
+    suspected,
 )
 from .run_files import RunFiles
 from .text import listed
@@ -128,7 +129,7 @@ def verdict_of(run: RunFiles) -> Verdict:
     return Verdict(
         (
             _answer(CONVERGED, [*interrupted(run), convergence(run.diagnostics), *explanations(run)]),
-            _answer(RIGHT, [noise(run), *heat(run), prior_conflict(run), *stand_in(run)]),
+            _answer(RIGHT, [*suspected(run), noise(run), *heat(run), prior_conflict(run), *stand_in(run)]),
             _answer(HOLD, [holding(run), *heaters(run)]),
         ),
         (*scores(run), *missing(run)),
