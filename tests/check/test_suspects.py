@@ -1,7 +1,11 @@
 """Simple wrongs of the small satellite, named before any sampling."""
 
+from dataclasses import replace
+from types import SimpleNamespace
+
 import numpy as np
 import pytest
+import xarray
 
 from flightcal.check import SUSPECTS, Suspects, Suspicion, suspects
 from flightcal.check.evidence import noise_of, series_at
@@ -10,7 +14,10 @@ from flightcal.check.wrongs import turning
 from flightcal.problem import build_problem
 from flightcal.progress import SILENT
 from flightcal.run import Run, open_run, read_json
+from flightcal.scenario import Normal
 from tests import small
+
+from .problems import formula_problem, samples
 
 
 @pytest.fixture(scope="module")
@@ -65,6 +72,46 @@ def test_the_sign_of_a_driver_is_named(flown):
     first = named(scenario, spoilt(data, sun=-data["sun"]))[0]
     assert (first.kind, first.about) == ("driver", "sun")
     assert "sign" in first.title
+
+
+def test_a_clock_that_is_late_is_named_with_the_minutes(tmp_path):
+    written = small.content()
+    written["environment"] = {
+        "orbit": {"altitude": "600 km", "inclination": "97.8 deg", "ltan": "12:00", "epoch": "2024-03-01T00:00:00"}
+    }
+    looks = {"area": "0.05 m^2", "normal": [0, 0, -1], "absorptivity": 0.6, "emissivity": 0.8}
+    written["simulator"]["faces"] = {"outside": {"node": "panel", **looks}}
+    written["simulator"]["loads"]["sun"]["coefficient"] = "0.1 W/A"
+    written["windows"] = {"train": {"start": "2024-03-01T01:00:00", "end": "2024-03-01T04:00:00"}}
+    scenario, data = small.closed_loop(tmp_path, written)
+    late = data.assign_coords(time=data["time"] + np.timedelta64(20, "m"))
+    assert named(scenario, data) == ()
+    first = named(scenario, late)[0]
+    assert first.kind == "clock"
+    assert first.title.endswith("late")
+    assert float(first.title.split()[4]) == pytest.approx(20.0, abs=1.5)
+
+
+def test_telemetry_that_nothing_explains_is_said_not_to_be_of_the_scenario(flown):
+    scenario, data = flown
+    seconds = 60.0 * np.arange(data.sizes["time"])
+    wild = {
+        "body_temp": 285.0 + 15.0 * np.sin(2.0 * np.pi * seconds / 2900.0),
+        "panel_temp": 300.0 + 20.0 * np.sin(2.0 * np.pi * seconds / 1700.0),
+    }
+    noise = 0.1 * np.random.default_rng(0).standard_normal((2, len(seconds)))
+    first = named(scenario, spoilt(data, **{name: wild[name] + own for name, own in zip(wild, noise, strict=True)}))[0]
+    assert first.kind == "everything"
+
+
+def test_a_simulator_that_is_no_network_is_not_compared():
+    problem = formula_problem(
+        {"level": Normal(mean=1.0, standard_deviation=1.0)},
+        lambda theta: 290.0 + theta[0] * np.sin(np.arange(samples()) / 20.0)[:, None] * np.ones(2),
+        {"level": 1.0},
+    )
+    external = problem.scenario.model_copy(update={"simulator": SimpleNamespace()})
+    assert suspects(replace(problem, scenario=external), xarray.Dataset()) == Suspects()
 
 
 def test_what_a_channel_shows_by_itself_comes_first_and_is_left_out(flown):

@@ -22,7 +22,7 @@ from ..run import Run, Stage, plain, read_json, typed
 from ..scenario import Scenario, SimulatorModel
 from ..simulator import FloatArray, SimulationFailure
 from .broken import Broken, broken
-from .evidence import HEAT, Fit, Gaussian, Point, View, climbed, gaussian, view_of
+from .evidence import HEAT, USUAL, Fit, Gaussian, Point, View, climbed, gaussian, view_of
 from .wrongs import Wrong, all_wrongs
 
 SUSPECTS_FILE = "suspects.json"
@@ -35,8 +35,10 @@ _OF_A_KIND = 2
 """So many of a kind are looked at closely."""
 _BLURRED = 0.7
 """K, error of a model that is linear about one point, when all wrongs are looked at first."""
-_BAD = 1.0
+_BAD = 2.0
 """Mean square of deviations from which a scenario is beside its telemetry altogether."""
+_HALF_WAY = 3.0
+"""So many times as clear has a wrong to be that leaves more misfit than is usual."""
 _SHOWN, _NEAR = 3, 0.5
 """So many are named at most, and only if they explain at least so much of what the best explains."""
 _FIRST_SIZES = (1.0, 3.0)
@@ -184,7 +186,7 @@ def _ranked(found: list[tuple[bool, Suspicion]], nothing: Fit) -> list[Suspicion
     """What explains the telemetry, the best first; what only explains it better where nothing does."""
     usual = sorted((own for good, own in found if good), key=lambda own: -(own.nats or 0.0))
     helps = sorted((own for good, own in found if not good), key=lambda own: -(own.nats or 0.0))
-    if not usual and not nothing.is_usual and nothing.misfit > _BAD:
+    if not usual and nothing.size > USUAL and nothing.misfit > _BAD:
         title, advice = "the scenario is not of this telemetry", "Check that both are of the same satellite and time"
         sentence = (
             "Neither parameters nor unmodelled heat of some percent nor any one simple wrong bring the model to the "
@@ -192,7 +194,7 @@ def _ranked(found: list[tuple[bool, Suspicion]], nothing: Fit) -> list[Suspicion
             f"{0.05 * nothing.size:.0%} of all that flows."
         )
         return [Suspicion("everything", "", title, sentence, advice, 0.0), *helps[: _SHOWN - 1]]
-    named = usual or helps
+    named = usual or [own for own in helps if (own.nats or 0.0) > _HALF_WAY * _CLEAR]
     return [own for own in named[:_SHOWN] if (own.nats or 0.0) > _NEAR * (named[0].nats or 0.0)]
 
 
