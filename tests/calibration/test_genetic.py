@@ -3,7 +3,7 @@ import warnings
 import numpy as np
 import pytest
 
-from flightcal.calibration.genetic import minimise
+from flightcal.calibration.genetic import CONVERGED_AFTER, has_converged, minimise
 from flightcal.errors import FlightcalError
 from flightcal.scenario import GeneticSettings
 from tests.told import Told
@@ -54,6 +54,47 @@ def test_shapes_and_summaries_agree_with_the_runs():
     np.testing.assert_allclose(result.mean_theta, result.best.mean("run"))
     np.testing.assert_allclose(result.spread_theta, result.best.std("run", ddof=1))
     np.testing.assert_array_equal(result.best_theta, result.best[result.cost.values.argmin()])
+
+
+def test_a_run_ends_when_it_has_converged_and_goes_on_no_longer_for_a_higher_cap():
+    calls = []
+
+    def counted(individuals):
+        calls.append(len(individuals))
+        return bowl(individuals) + 0.1
+
+    result = minimise(counted, LOWER, UPPER, small(generations=1000), seed=1)
+    assert (result.converged == 1).all()
+    assert result.attrs["converged_runs"] == 3
+    assert len(calls) == result.generations.sum()
+    assert (result.generations > CONVERGED_AFTER).all()
+    assert (result.generations < 400).all()
+    assert result.identical(minimise(counted, LOWER, UPPER, small(generations=2000), seed=1))
+    assert result.sizes["generation"] == result.generations.max()
+    for run, generations in enumerate(result.generations.values):
+        own = result.history.values[run]
+        assert own[generations - 1] == result.cost.values[run]
+        assert np.isnan(own[generations:]).all()
+        assert own[generations - 1] >= 0.99 * own[generations - 1 - CONVERGED_AFTER]
+
+
+def test_a_run_that_the_cap_ends_has_not_converged():
+    result = minimise(bowl, LOWER, UPPER, small(), seed=1)
+    assert (result.converged == 0).all()
+    assert result.attrs["converged_runs"] == 0
+    assert (result.generations == 30).all()
+
+
+def test_a_run_has_not_converged_while_its_cost_falls_its_population_narrows_or_it_is_young():
+    many = CONVERGED_AFTER + 1
+    flat, wide = [1.0] * many, [0.2] * many
+    assert has_converged(flat, wide)
+    assert not has_converged(flat[1:], wide[1:])
+    assert not has_converged([*flat[1:], 0.98], wide)
+    assert has_converged([*flat[1:], 0.995], wide)
+    assert not has_converged(flat, [*wide[1:], 0.17])
+    assert has_converged(flat, [*wide[1:], 0.0005])
+    assert not has_converged([np.inf] * many, wide)
 
 
 def test_cost_is_called_once_a_generation_with_the_whole_population():

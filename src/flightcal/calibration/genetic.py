@@ -8,7 +8,7 @@ pymoo 0.6.2, to the bit, without the plotting library and the ten packages that 
 from __future__ import annotations
 
 import math
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from typing import Any
 
 import numpy as np
@@ -37,6 +37,13 @@ _MATINGS = 100
 _CLOSE, _SAME = 1e-14, 1e-16
 """Variables that are so close are not crossed; individuals that are so close are the same."""
 
+CONVERGED_AFTER = 100
+"""Generations over which a run that has converged has hardly changed."""
+IMPROVED, NARROWED = 0.01, 0.1
+"""By which share its best cost may fall, and its population become narrower, over these generations."""
+_NARROW = 1e-3
+"""Of the box, in the root mean square over the variables: a population so narrow may become narrower still."""
+
 _FAILED = 1e300
 """What the algorithm sees instead of a cost that is not finite: it loses every tournament."""
 
@@ -57,11 +64,14 @@ def minimise(
     lower, upper: [d], finite, lower < upper.
     words: how a run's best cost so far is told.
 
-    Returns best [run, parameter]; its cost [run]; history [run, generation], the best cost so far;
-    first_generation_best [run, parameter], NaN where all of that generation failed. Where a whole run failed, its best
-    is NaN and its cost inf. Over the other runs: mean_theta [parameter], the mean of their best, which is published and
-    may lie off the ridge of good fits; best_theta, the best of all; spread_theta, their standard deviation (zero for a
-    single run). Attributes: evaluations and failures (cost not finite), of all runs together.
+    A run ends when it has converged (see `criterion`), at the latest after `settings.generations`.
+
+    Returns best [run, parameter]; its cost [run]; generations [run]; converged [run], 0 or 1; history
+    [run, generation], the best cost so far, NaN after the run's end; first_generation_best [run, parameter], NaN where
+    all of that generation failed. Where a whole run failed, its best is NaN and its cost inf. Over the other runs:
+    mean_theta [parameter], the mean of their best, which is published and may lie off the ridge of good fits;
+    best_theta, the best of all; spread_theta, their standard deviation (zero for a single run). Attributes: evaluations
+    and failures (cost not finite), of all runs together, how many runs converged, and what that means.
     Raises FlightcalError when no simulation of any run succeeds.
     """
     run_seeds = np.random.SeedSequence(seed).generate_state(settings.runs)
@@ -77,6 +87,26 @@ def minimise(
         return _merge([evolved(number) for number in range(settings.runs)])
 
 
+def criterion() -> str:
+    """When a run has converged, in words."""
+    return (
+        f"over {CONVERGED_AFTER} generations its best cost has fallen by less than {IMPROVED:.0%} and its population "
+        f"has become narrower by less than {NARROWED:.0%}, or is narrower than {_NARROW:.1%} of the box"
+    )
+
+
+def has_converged(costs: Sequence[float], widths: Sequence[float]) -> bool:
+    """Whether a run has converged (see `criterion`). costs: the best so far; widths: of the population, in the box.
+
+    A value for each generation so far.
+    """
+    if len(costs) <= CONVERGED_AFTER or not math.isfinite(costs[-1 - CONVERGED_AFTER]):
+        return False
+    improved = costs[-1] < (1.0 - IMPROVED) * costs[-1 - CONVERGED_AFTER]
+    narrowed = _NARROW < widths[-1] < (1.0 - NARROWED) * widths[-1 - CONVERGED_AFTER]
+    return not improved and not narrowed
+
+
 def _evolve(
     cost: Callable[[Array], Array],
     lower: Array,
@@ -90,7 +120,8 @@ def _evolve(
     population, fitness = _latin_hypercube(settings.population, lower, upper, rng), np.empty(0)
     best, best_cost = np.full(len(lower), np.nan), np.inf
     first_generation_best = best
-    history = np.full(settings.generations, np.nan)
+    history: list[float] = []
+    widths: list[float] = []
     evaluations = failures = 0
     for generation in range(settings.generations):
         individuals = population if generation == 0 else _offspring(population, fitness, lower, upper, rng)
@@ -112,11 +143,16 @@ def _evolve(
                 population, fitness = population[fittest], fitness[fittest]
         if generation == 0:
             first_generation_best = best
-        history[generation] = best_cost
+        history.append(best_cost)
+        widths.append(math.sqrt(float(np.mean((population.std(axis=0) / (upper - lower)) ** 2))))
         told(generation, best_cost)
+        if has_converged(history, widths):
+            break
     return {
         "best": best,
         "cost": best_cost,
+        "generations": len(history),
+        "converged": int(has_converged(history, widths)),
         "history": history,
         "first_generation_best": first_generation_best,
         "evaluations": evaluations,
@@ -207,6 +243,8 @@ def _mutated(individuals: Array, lower: Array, upper: Array, rng: np.random.Gene
 
 
 def _merge(runs: list[dict[str, Any]]) -> xarray.Dataset:
+    longest = max(len(run["history"]) for run in runs)
+    runs = [run | {"history": run["history"] + [math.nan] * (longest - len(run["history"]))} for run in runs]
     of_runs = {name: np.array([run[name] for run in runs]) for name in runs[0]}
     best, cost = of_runs["best"], of_runs["cost"]
     succeeded = np.isfinite(cost)
@@ -220,11 +258,18 @@ def _merge(runs: list[dict[str, Any]]) -> xarray.Dataset:
         {
             "best": (("run", "parameter"), best),
             "cost": ("run", cost),
+            "generations": ("run", of_runs["generations"]),
+            "converged": ("run", of_runs["converged"]),
             "history": (("run", "generation"), of_runs["history"]),
             "first_generation_best": (("run", "parameter"), of_runs["first_generation_best"]),
             "mean_theta": ("parameter", best[succeeded].mean(axis=0)),
             "best_theta": ("parameter", best[int(np.argmin(cost))]),
             "spread_theta": ("parameter", best[succeeded].std(axis=0, ddof=1 if succeeded.sum() > 1 else 0)),
         },
-        attrs={"evaluations": evaluations, "failures": failures},
+        attrs={
+            "evaluations": evaluations,
+            "failures": failures,
+            "converged_runs": int(of_runs["converged"].sum()),
+            "converged_when": criterion(),
+        },
     )

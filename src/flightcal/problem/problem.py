@@ -185,10 +185,12 @@ class Problem:
         samples = np.array([window.valid.sum() for window in self.windows])
         shares = samples / samples.sum()
         found = np.full(len(thetas), np.nan)
-        for k, runs in enumerate(self.simulate_many(thetas)):
-            if runs is not None:
-                squares = [w.mean_square(run, status_weight) for w, run in zip(self.windows, runs, strict=True)]
-                found[k] = math.sqrt(float(shares @ squares))
+        simulated = self.simulate_many(thetas)
+        done = [runs for runs in simulated if runs is not None]
+        if done:
+            by_window = zip(self.windows, zip(*done, strict=True), strict=True)
+            squares = [window.mean_squares(runs, status_weight) for window, runs in by_window]
+            found[[runs is not None for runs in simulated]] = np.sqrt(shares @ squares)
         return found
 
     # --- the log density ----------------------------------------------------------------------------------------

@@ -418,13 +418,14 @@ class Window:
         """Telemetry minus simulation [T, N], K; NaN where there is no valid sample."""
         return np.where(self.valid, self.observed - run.temperatures, np.nan)
 
-    def mean_square(self, run: Trajectory, status_weight: float) -> float:
-        """Mean square error over all channels, K^2.
+    def mean_squares(self, runs: Sequence[Trajectory], status_weight: float) -> FloatArray:
+        """Mean square error over all channels [S], K^2, of S simulations.
 
         status_weight: kelvin that a wrongly simulated heater status sample counts as.
         """
-        residual = np.where(self.valid, self.observed - run.temperatures, 0.0)
-        mean_square = float(np.einsum("tk,tk->", residual, residual) / self.valid.sum())
+        residual = np.stack([run.temperatures for run in runs]) - np.where(self.valid, self.observed, 0.0)
+        mean_squares = np.einsum("stk,stk,tk->s", residual, residual, self.valid) / self.valid.sum()
         if status_weight > 0.0 and np.isfinite(self.status).any():
-            mean_square += status_weight**2 * float(np.nanmean(np.abs(self.status - run.status)))
-        return mean_square
+            wrong = np.abs(self.status - np.stack([run.status for run in runs]))
+            mean_squares += status_weight**2 * np.nanmean(wrong, axis=(1, 2))
+        return np.asarray(mean_squares)

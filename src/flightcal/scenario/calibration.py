@@ -11,11 +11,12 @@ from .units import Duration
 
 
 class GeneticSettings(Block):
-    """The genetic algorithm."""
+    """The genetic algorithm; a run ends when it has converged."""
 
     runs: Count = Field(10, ge=1)
     population: Count = Field(64, ge=8)
-    generations: Count = Field(120, ge=1)
+    generations: Count = Field(1000, ge=1)
+    """Of a run, at most."""
     heater_status_weight: Number = Field(0.0, ge=0)
     """Kelvin that a status sample simulated wrongly counts as in the RMSE; 0: temperatures only."""
 

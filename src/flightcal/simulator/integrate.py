@@ -5,6 +5,7 @@ from __future__ import annotations
 import os
 from collections.abc import Callable
 from concurrent.futures import ThreadPoolExecutor
+from functools import cache
 from typing import Any
 
 import numpy as np
@@ -205,7 +206,17 @@ def in_parallel(task: Callable[[int], Any], count: int) -> list[Any]:
             results[k] = task(k)
 
     # One future a worker, not one a task: a simulation may take less than handing it over.
-    with ThreadPoolExecutor(workers) as pool:
-        for future in [pool.submit(work) for _ in range(workers)]:
-            future.result()
+    helpers = [_threads(os.getpid()).submit(work) for _ in range(workers - 1)]
+    try:
+        work()
+    finally:
+        running = [helper for helper in helpers if not helper.cancel()]
+    for helper in running:
+        helper.result()
     return results
+
+
+@cache
+def _threads(process: int) -> ThreadPoolExecutor:
+    """Of a process, kept: to start threads may take longer than the simulations. A forked process has none."""
+    return ThreadPoolExecutor(os.cpu_count() or 1)
