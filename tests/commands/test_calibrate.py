@@ -77,6 +77,23 @@ def test_metrics_cover_every_method_and_window(finished):
     assert len(summary.metrics) == len(records)
 
 
+def test_the_genetic_algorithms_runs_are_scored_together_and_counted(finished):
+    _, run, summary = finished
+    scores = {(m.method, m.window, m.channel, m.metric): m for m in summary.metrics}
+    for channel in ("body_temp", "all"):
+        lowest, median, highest = (
+            scores["genetic_runs", "test", channel, f"rmse_{name}"].value for name in ("lowest", "median", "highest")
+        )
+        assert lowest < median < highest
+        assert scores["genetic_best", "test", channel, "rmse"].value in (lowest, highest)  # of two runs
+    converged = scores["genetic_runs", "train", "all", "converged"]
+    assert converged.value == 0  # eight generations are too few
+    assert converged.note.startswith("of 2 runs; over 100 generations")
+    assert "0 of 2 runs converged" in (run / "report.html").read_text(encoding="utf-8")
+    with xarray.open_datatree(run / "prediction.nc") as kept:
+        assert not any(str(method).startswith("genetic_run") for method in kept["test"]["method"].values)
+
+
 def test_the_calibrated_model_predicts_unseen_telemetry_to_its_noise(finished):
     _, _, summary = finished
     rmse = {

@@ -88,6 +88,31 @@ def test_a_summary_names_the_three_nodes_with_most_unmodelled_heat():
     assert not any("unmodelled heat" in line for line in printed(print_summary, summary(Path("run"))))
 
 
+def test_a_summary_has_the_ratio_and_the_coverage_of_every_channel_and_how_many_runs_converged():
+    errors = {"genetic": 0.4, "genetic_best": 0.25, "stochastic": 0.2}
+    metrics = [
+        Metric(method, window, channel, "rmse", error * (2 if channel == "tank" else 1), "K")
+        for method, error in errors.items()
+        for window in ("train", "test")
+        for channel in ("battery", "tank", "all")
+    ]
+    covered = {"battery": 0.99, "tank": 0.5, "all": 0.75}
+    metrics += [Metric("stochastic", "test", channel, "picp", share, "1") for channel, share in covered.items()]
+    metrics += [Metric("stochastic", "test", channel, "mpiw", 0.3, "K") for channel in covered]
+    metrics.append(Metric("genetic_runs", "train", "all", "converged", 7.0, "1", "of 10 runs; flat"))
+
+    lines = printed(print_summary, summary(Path("run"), tuple(metrics)))
+
+    cells = [[cell.strip() for cell in line.split("\u2502")[1:-1]] for line in lines if "\u2502" in line]
+    assert ["test", "rmse", "0.4", "0.25", "0.2", "0.5", "0.8", "0.7533"] in cells
+    assert [row for row in cells if row[0] == "test" and row[1] != "rmse"] == [
+        ["test", "battery", "0.25", "0.2", "0.8", "99.0%", "0.3 K"],
+        ["test", "tank", "0.5", "0.4", "0.8", "50.0%", "0.3 K"],
+        ["test", "all", "0.25", "0.2", "0.8", "75.0%", "0.3 K"],
+    ]
+    assert "genetic algorithm: 7 of 10 runs converged" in lines
+
+
 def test_the_published_method_stands_beside_the_default():
     def scores(rmse, picp):
         return (

@@ -19,6 +19,7 @@ from flightcal.prediction.metrics import (
     picp,
     probability_below,
     rmse,
+    scores_of_runs,
     status_agreement,
 )
 
@@ -216,6 +217,23 @@ def test_comparison_gives_the_ratio_beside_the_papers(prediction):
     assert rows["all", "mape_kelvin"].published == pytest.approx(0.885, abs=5e-4)
     assert rows["b", "mape_celsius"].ratio is None
     assert "0 degC" in rows["b", "mape_celsius"].note
+
+
+def test_comparison_has_the_best_genetic_run_beside_the_mean(prediction):
+    renamed = prediction.assign_coords(method=["genetic_best", *prediction["method"].values[1:]])
+    row = next(r for r in comparison_table(score(renamed, "test")) if (r.channel, r.metric) == ("a", "rmse"))
+    assert (row.genetic_best, row.genetic, row.stochastic) == pytest.approx((4.0, 2.0, 1.0))
+    assert row.ratio_best == pytest.approx(0.25)
+    assert next(iter(comparison_table(score(prediction, "test")))).ratio_best is None
+
+
+def test_scores_of_runs_are_the_ends_and_the_middle_of_their_errors(prediction):
+    runs = prediction.assign_coords(method=["run_1", "run_2", "run_3", "stochastic"])
+    of_runs = [m for m in score(runs, "test") if m.method != "stochastic"]
+    found = scores_of_runs(of_runs)
+    assert {m.method for m in found} == {"genetic_runs"}
+    assert values(found, channel="a") == pytest.approx({"rmse_lowest": 2.0, "rmse_median": 3.0, "rmse_highest": 4.0})
+    assert {m.note for m in found} == {"of 3 runs"}
 
 
 def test_comparison_stands_one_missing_method(prediction):

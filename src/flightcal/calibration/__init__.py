@@ -5,7 +5,15 @@ Imports: errors, probability, problem, progress, run, scenario, simulator.
 
 from .diagnostics import Diagnostics, Gate, gate, least_effective, with_gate
 from .heat_file import with_kept_heat
-from .methods import Posterior, calibrate_genetic, calibrate_nuts, genetic_points, mean_and_some, with_residual_noise
+from .methods import (
+    Posterior,
+    calibrate_genetic,
+    calibrate_nuts,
+    genetic_points,
+    genetic_run_points,
+    mean_and_some,
+    with_residual_noise,
+)
 from .mode import climb, find_mode
 from .nuts import sample
 from .stages import COMPILE, GENETIC, NUTS, Sampled, keep_sample, posterior_draws, warm
@@ -24,6 +32,7 @@ __all__ = [
     "find_mode",
     "gate",
     "genetic_points",
+    "genetic_run_points",
     "keep_sample",
     "least_effective",
     "mean_and_some",

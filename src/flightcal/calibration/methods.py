@@ -84,12 +84,23 @@ def genetic_points(problem: Problem, runs: xarray.Dataset) -> dict[str, FloatArr
     """
     first = runs["first_generation_best"].isel(run=int(np.argmin(runs["rmse"].values)))
     chosen = {"poorly_calibrated": first, "genetic": runs["mean_theta"], "genetic_best": runs["best_theta"]}
-    points = {}
-    for method, values in chosen.items():
-        theta = problem.priors.median()
-        theta[[problem.names.index(name) for name in runs["parameter"].values]] = values
-        points[method] = with_residual_noise(problem, theta)
-    return points
+    return {method: _whole_point(problem, values) for method, values in chosen.items()}
+
+
+def genetic_run_points(problem: Problem, runs: xarray.Dataset) -> dict[str, FloatArray]:
+    """The best of each run of `calibrate_genetic` that did not fail, as in `genetic_points`, by ``genetic_run_1`` etc.
+
+    They tell how far the runs differ.
+    """
+    succeeded = np.flatnonzero(np.isfinite(runs["rmse"].values))
+    return {f"genetic_run_{k + 1}": _whole_point(problem, runs["best"].isel(run=k)) for k in succeeded}
+
+
+def _whole_point(problem: Problem, values: xarray.DataArray) -> FloatArray:
+    """theta [d] with the values [parameter] that a genetic algorithm found, and the noise that it leaves."""
+    theta = problem.priors.median()
+    theta[[problem.names.index(name) for name in values["parameter"].values]] = values
+    return with_residual_noise(problem, theta)
 
 
 def with_residual_noise(problem: Problem, theta: FloatArray) -> FloatArray:

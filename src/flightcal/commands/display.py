@@ -15,8 +15,9 @@ from rich.progress import BarColumn, TaskID, TextColumn, TimeElapsedColumn
 from rich.table import Table
 from rich.text import Text
 
-from ..prediction import ANY, Metric, Unseen, comparison_table
+from ..prediction import ANY, GENETIC_RUNS, Metric, Unseen, comparison_table
 from ..progress import Lines, Progress
+from ..scenario import is_trained
 from ..validation import ALL, INTERVALS
 
 if TYPE_CHECKING:
@@ -78,24 +79,12 @@ def print_summary(summary: Summary, console: Console | None = None) -> None:
     """The verdict, the comparison of the methods, and where the report is."""
     console = console or Console()
     _print_verdict(summary.verdict, console)
-    table = Table(title="Scores over all channels", title_justify="left")
-    for heading in ("window", "metric", "genetic", "stochastic", "ratio", "published ratio"):
-        table.add_column(heading, justify="left" if heading in ("window", "metric") else "right")
-    for row in comparison_table([metric for metric in summary.metrics if metric.channel == "all"]):
-        table.add_row(
-            row.window,
-            row.metric,
-            _number(row.genetic),
-            _number(row.stochastic),
-            _number(row.ratio),
-            _number(row.published),
-        )
-    console.print(table)
+    _print_scores(summary.metrics, console)
+    _print_channels(summary.metrics, console)
     for metric in summary.metrics:
-        if metric.method == "stochastic" and metric.channel == "all" and metric.metric in ("picp", "mpiw"):
-            share = metric.metric == "picp" and metric.value is not None
-            value = f"{metric.value:.1%}" if share else f"{_number(metric.value)} {metric.unit}"
-            console.print(f"{metric.window}: {metric.metric.upper()} {value}", highlight=False)
+        if (metric.method, metric.metric) == (GENETIC_RUNS, "converged"):
+            runs = f"{_number(metric.value)} {metric.note.partition(';')[0]} converged"
+            console.print(f"genetic algorithm: {runs}", highlight=False)
     if summary.heat:
         worst = ", ".join(f"{node} {share:.1%}" for node, share in list(summary.heat.items())[:_WORST])
         words = "unmodelled heat, as a share of the heat that flows through the node; most in"
@@ -115,6 +104,33 @@ def _print_verdict(verdict: Verdict, console: Console) -> None:
         line = f"  {answer.question} {answer.worst.mark}: {answer.worst.title}"
         console.print(line, highlight=False, soft_wrap=True, markup=False)
     console.print(f"  next: {verdict.then}", highlight=False, soft_wrap=True, markup=False)
+
+
+def _print_scores(metrics: Sequence[Metric], console: Console) -> None:
+    """Of all channels: mean (as published) and best of the genetic algorithm's runs beside the stochastic update."""
+    headings = ("window", "metric", "GA mean", "GA best", "stochastic", "to mean", "to best", "to mean, published")
+    table = Table(title="Scores over all channels, and ratios to the genetic algorithm (GA)", title_justify="left")
+    for heading in headings:
+        table.add_column(heading, justify="left" if heading in ("window", "metric") else "right")
+    for row in comparison_table([metric for metric in metrics if metric.channel == "all"]):
+        values = (row.genetic, row.genetic_best, row.stochastic, row.ratio, row.ratio_best, row.published)
+        table.add_row(row.window, row.metric, *map(_number, values))
+    console.print(table)
+
+
+def _print_channels(metrics: Sequence[Metric], console: Console) -> None:
+    """RMSE, coverage and width of the interval by channel, of the windows that were not trained on if there are any."""
+    rows = [row for row in comparison_table(metrics) if row.metric == "rmse"]
+    rows = [row for row in rows if not is_trained(row.window)] or rows
+    of_interval = {(m.window, m.channel, m.metric): m for m in metrics if m.method == "stochastic"}
+    table = Table(title="RMSE and interval by channel", title_justify="left")
+    for heading in ("window", "channel", "GA best", "stochastic", "to best", "covers", "width"):
+        table.add_column(heading, justify="left" if heading in ("window", "channel") else "right")
+    for row in rows:
+        covers, width = (_score(of_interval.get((row.window, row.channel, name))) for name in ("picp", "mpiw"))
+        values = (row.genetic_best, row.stochastic, row.ratio_best)
+        table.add_row(row.window, row.channel, *map(_number, values), covers, width)
+    console.print(table)
 
 
 def print_beside(own: Summary, published: Summary, console: Console | None = None) -> None:

@@ -4,13 +4,14 @@ Imports: calibration, emulation, environment, errors, probability, problem, run,
 """
 
 from .holding import HELD, Holding, Replicates, hold_together, holds, replicate, replicates_of
-from .metrics import ZERO_CELSIUS, Array, Metric, comparison_table, implied_energy, score
+from .metrics import GENETIC_RUNS, ZERO_CELSIUS, Array, Metric, comparison_table, implied_energy, score
 from .predict import predict
 from .stages import PREDICT, PREDICTION_FILE
 from .unseen import ANY, Unseen, read_unseen, unseen
 
 __all__ = [
     "ANY",
+    "GENETIC_RUNS",
     "HELD",
     "PREDICT",
     "PREDICTION_FILE",

@@ -9,15 +9,22 @@ from typing import Any, Final
 import numpy as np
 import xarray
 
-from ..calibration import Sampled, genetic_points, posterior_draws, with_kept_heat, with_residual_noise
+from ..calibration import (
+    Sampled,
+    genetic_points,
+    genetic_run_points,
+    posterior_draws,
+    with_kept_heat,
+    with_residual_noise,
+)
 from ..emulation import Emulation, window_emulator
 from ..problem import Problem
 from ..run import Run, Stage, plain, read_records, typed
 from ..scenario import PredictionSettings, Window
 from ..simulator import FloatArray
 from .heat import draw_heat
-from .metrics import Metric, score
-from .predict import predict
+from .metrics import GENETIC_RUNS, Metric, score, scores_of_runs
+from .predict import STOCHASTIC, predict
 
 PREDICTION_FILE, METRICS_FILE = "prediction.nc", "metrics.json"
 
@@ -36,6 +43,9 @@ def _predict(
 ) -> None:
     uncalibrated = with_residual_noise(problem, problem.priors.median())
     points = {"uncalibrated": uncalibrated, **genetic_points(problem, genetic)}
+    shown = list(points)
+    if emulation is None:  # else each takes runs of a slow simulator
+        points |= genetic_run_points(problem, genetic)
     heated = with_kept_heat(problem, sampled.posterior)
     points = {method: _in_order(theta, problem, heated) for method, theta in points.items()}
     problem = heated
@@ -46,9 +56,21 @@ def _predict(
     for k, window in enumerate(windows):
         run.progress.at(k, f"window {window}")
         predicted[window], _ = predict(problem, data, window, points, draws, seed=seed, heat=heat, **stand_in)
-    metrics = [metric for window, prediction in predicted.items() for metric in score(prediction, window)]
+    scores = [metric for window, prediction in predicted.items() for metric in score(prediction, window)]
+    of_runs = [metric for metric in scores if metric.method in points and metric.method not in shown]
+    metrics = [metric for metric in scores if metric not in of_runs]
+    metrics += [*scores_of_runs(of_runs), _converged(problem, genetic)]
+    kept = {"method": [*shown, STOCHASTIC]}
+    predicted = {window: prediction.sel(kept) for window, prediction in predicted.items()}
     run.folder.write_netcdf(PREDICTION_FILE, xarray.DataTree.from_dict(predicted))
     run.folder.write_json(METRICS_FILE, plain(metrics))
+
+
+def _converged(problem: Problem, genetic: xarray.Dataset) -> Metric:
+    """How many runs of the genetic algorithm have converged."""
+    note = f"of {genetic.sizes['run']} runs; {genetic.attrs['converged_when']}"
+    window = problem.windows[0].name
+    return Metric(GENETIC_RUNS, window, "all", "converged", float(genetic.attrs["converged_runs"]), "1", note)
 
 
 def _in_order(theta: FloatArray, problem: Problem, heated: Problem) -> FloatArray:

@@ -71,7 +71,7 @@ def _genetic_convergence(run: RunFiles) -> list[Block]:
     blocks = [
         block.figure(
             figure_genetic_history(run.genetic),
-            f"The {runs} runs of the genetic algorithm on the window “train”.{work}",
+            f"The {runs} runs of the genetic algorithm on the window “train”.{work}{_converged(run.genetic)}",
         )
     ]
     known = {i.name: i for i in run.parameters}
@@ -91,6 +91,17 @@ def _genetic_convergence(run: RunFiles) -> list[Block]:
         )
         blocks.append(block.figure(figure, caption))
     return blocks
+
+
+def _converged(genetic: xr.Dataset) -> str:
+    """How many runs ended by themselves; "" in files of an older flightcal."""
+    if "converged" not in genetic:
+        return ""
+    generations = genetic["generations"].values
+    return (
+        f" {int(genetic['converged'].sum())} of {genetic.sizes['run']} converged, after {generations.min()} to "
+        f"{generations.max()} generations: {genetic.attrs['converged_when']}."
+    )
 
 
 def _mode_search(attributes: Mapping[Any, Any], *, with_heat: bool) -> list[Block]:
