@@ -5,7 +5,7 @@ import pytest
 
 from flightcal.errors import RunError
 from flightcal.prediction import predict
-from flightcal.prediction.duty import draw_duty_errors, duty_errors
+from flightcal.prediction.duty import draw_duty_errors, duty_errors, sampled_duty_cycle, unknown_share
 from flightcal.prediction.errors import window_errors
 from flightcal.problem import build_problem, build_window
 
@@ -17,15 +17,43 @@ NOISE = {"model": "ar1", "standard_deviation": "0.2 K", "correlation_time": "8 m
 def test_an_orbits_error_is_the_mean_of_telemetry_minus_simulation_over_its_samples():
     seconds = 100.0 + 60.0 * np.arange(33)  # three orbits of ten samples, and three of a fourth
     observed, simulated = np.random.default_rng(0).random((2, 33, 2))
-    errors = duty_errors(observed, simulated, seconds, 600.0)
+    errors = duty_errors(observed, simulated, seconds - 100.0, 600.0, 1980.0)
     expected = (observed - simulated)[:30].reshape(3, 10, 2).mean(axis=1)
     np.testing.assert_allclose(errors, expected)
 
 
 def test_an_orbit_that_ends_with_the_window_is_whole():
     seconds = 60.0 * np.arange(20)
-    assert len(duty_errors(np.ones((20, 1)), np.zeros((20, 1)), seconds, 600.0)) == 2
-    assert len(duty_errors(np.ones((19, 1)), np.zeros((19, 1)), seconds[:19], 600.0)) == 1
+    assert len(duty_errors(np.ones((20, 1)), np.zeros((20, 1)), seconds, 600.0, 1200.0)) == 2
+    assert len(duty_errors(np.ones((20, 1)), np.zeros((20, 1)), seconds, 600.0, 1198.0)) == 2
+    assert len(duty_errors(np.ones((19, 1)), np.zeros((19, 1)), seconds[:19], 600.0, 1140.0)) == 1
+
+
+@pytest.mark.parametrize("late", [0.0, 37.0])
+def test_packets_with_time_stamps_of_their_own_leave_whole_orbits_whole(late):
+    """Eight other packets in the minute between two of the heater's status, each with a time of its own."""
+    rng = np.random.default_rng(3)
+    own = 60.0 * np.arange(30) + late * rng.random(30)
+    others = rng.uniform(own[0], 1790.0, 240)
+    seconds = np.sort(np.concatenate([own, others]))
+    observed = np.where(np.isin(seconds, own), 1.0, np.nan)[:, None]
+    errors = duty_errors(observed, np.full(observed.shape, 0.25), seconds, 600.0, 1800.0)
+    np.testing.assert_allclose(errors, [[0.75]] * 3)
+
+
+def test_a_duty_cycle_on_samples_leaves_out_what_telemetry_leaves_out():
+    observed = np.array([[1.0, np.nan], [np.nan, np.nan], [0.0, np.nan], [0.0, np.nan]])
+    simulated = np.array([[1.0, 1.0], [1.0, 1.0], [1.0, 0.0], [0.0, 0.0]])
+    found = sampled_duty_cycle(np.stack([simulated, 1.0 - simulated]), observed)
+    np.testing.assert_allclose(found, [[2 / 3, np.nan], [1 / 3, np.nan]])
+
+
+def test_a_status_is_unknown_in_gaps_and_at_the_ends():
+    seconds = np.concatenate([60.0 * np.arange(5, 20), 60.0 * np.arange(30, 40)])  # 15 min of 40 without a row
+    observed = np.ones((25, 3))
+    observed[3:6, 1] = np.nan
+    observed[:, 2] = np.nan
+    np.testing.assert_allclose(unknown_share(observed, seconds, 2400.0), [15 / 40, 18 / 40, 1.0])
 
 
 def test_samples_without_a_status_do_not_count_and_half_of_an_orbit_is_needed():
@@ -33,12 +61,12 @@ def test_samples_without_a_status_do_not_count_and_half_of_an_orbit_is_needed():
     observed[[0, 1, 2, 3, 4]] = np.nan
     simulated[:5] = 1.0
     observed[10:16] = np.nan
-    errors = duty_errors(observed, simulated, 60.0 * np.arange(20), 600.0)
+    errors = duty_errors(observed, simulated, 60.0 * np.arange(20), 600.0, 1200.0)
     np.testing.assert_allclose(errors, [[0.75], [np.nan]])
 
 
 def test_a_single_sample_has_no_orbit():
-    assert duty_errors(np.ones((1, 2)), np.zeros((1, 2)), np.zeros(1), 600.0).shape == (0, 2)
+    assert duty_errors(np.ones((1, 2)), np.zeros((1, 2)), np.zeros(1), 600.0, 60.0).shape == (0, 2)
 
 
 @pytest.mark.parametrize(("orbits", "known"), [(0.5, 3), (2.0, 4), (2.0, 12)])
@@ -116,7 +144,9 @@ def test_two_orbits_of_training_say_that_they_tell_too_little(tmp_path):
     data["heater_status"].values[:60] = 1.0
     test = predict(build_problem(scenario, data), data, "test", {}, draws[:20], seed=1)[0]
     assert np.ptp(test["duty_cycle"].values) < 0.05
-    assert test.attrs["duty_cycle_contains"].endswith("which takes 3 whole orbits of training to tell (here 2)")
+    assert test.attrs["duty_cycle_contains"].endswith(
+        "takes 3 whole orbits of training with a known status to tell; there are 2"
+    )
 
 
 def test_a_duty_cycle_stays_a_share(tmp_path):
@@ -137,7 +167,7 @@ def test_the_simulation_that_telemetry_is_held_to_is_the_mean_of_the_draws_that_
     status = np.mean([train.windows[0].simulate(theta).status for theta in draws[:5]], axis=0)
     seconds = (train.windows[0].times - train.windows[0].times[0]) / np.timedelta64(1, "s")
     assert len(errors.duty) == 4
-    np.testing.assert_allclose(errors.duty, duty_errors(train.windows[0].status, status, seconds, 2100.0))
+    np.testing.assert_allclose(errors.duty, duty_errors(train.windows[0].status, status, seconds, 2100.0, 8400.0))
 
 
 def test_a_training_window_that_no_draw_can_simulate_is_a_clear_error(tmp_path):

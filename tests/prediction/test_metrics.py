@@ -135,6 +135,8 @@ def prediction() -> xr.Dataset:
             "observed_status": (("time", "heater"), [[1.0], [1.0], [0.0], [np.nan]]),
             "status": (("method", "time", "heater"), np.full((4, 4, 1), 1.0)),
             "point_duty_cycle": (of_heater, np.full((4, 1), 0.5)),
+            "point_sampled_duty_cycle": (of_heater, np.full((4, 1), 0.6)),
+            "unknown_status": ("heater", [0.25]),
             "point_switch_count": (of_heater, np.full((4, 1), 3.0)),
             "point_energy": (of_heater, np.full((4, 1), 1000.0)),
             "observed_duty_cycle": ("heater", [0.4]),
@@ -198,10 +200,11 @@ def test_undefined_scores_are_none_with_a_reason(prediction):
 
 def test_heater_errors_are_simulated_minus_observed(prediction):
     found = values(score(prediction, "test"), method="genetic", channel="h")
-    assert found["duty_cycle_error"] == pytest.approx(0.1)
+    assert found["duty_cycle_error"] == pytest.approx(0.2)  # of the known samples, where it is on for 0.6
+    assert (found["duty_cycle"], found["status_unknown"]) == (0.5, 0.25)
     assert found["switch_count_error"] == -2.0
     assert found["status_agreement"] == 0.5
-    assert found["energy_error"] == pytest.approx(1000 - 1000 * 0.4 / 0.5)
+    assert found["energy_error"] == pytest.approx(1000 * (0.6 - 0.4) / 0.5)
 
 
 def test_a_scenario_without_heaters_is_scored(prediction):

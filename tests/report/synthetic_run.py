@@ -187,9 +187,14 @@ def _window(
             "observed_status": (("time", "heater"), status),
             "status": (("method", "time", "heater"), np.concatenate([point_on, on.mean(axis=0)[None]])),
             "duty_cycle": (("simulation", "heater"), on.mean(axis=1)),
+            "sampled_duty_cycle": (("simulation", "heater"), on.mean(axis=1)),
+            "unknown_status": ("heater", np.zeros(len(HEATERS))),
             "switch_count": (("simulation", "heater"), counts),
             "energy": (("simulation", "heater"), on.mean(axis=1) * POWER * duration),
             "point_duty_cycle": (("method", "heater"), np.vstack([point_on.mean(axis=1), on.mean(axis=(0, 1))])),
+            "point_sampled_duty_cycle": (
+                ("method", "heater"), np.vstack([point_on.mean(axis=1), on.mean(axis=(0, 1))])
+            ),
             "point_switch_count": (("method", "heater"), np.vstack([point_counts, counts.mean(axis=0)])),
             "point_energy": (
                 ("method", "heater"),

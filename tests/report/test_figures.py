@@ -17,7 +17,7 @@ from flightcal.report.panels.reliability import figure_reliability
 from flightcal.report.panels.residuals import figure_residual_distribution, figure_residuals
 from flightcal.report.run_files import draws
 from flightcal.report.style import DARK, METHODS
-from flightcal.report.windows import figure_point
+from flightcal.report.windows import figure_point, unknown_stretches
 
 
 def trace(figure, name, row=1):
@@ -274,3 +274,26 @@ def test_reliability_shows_each_channels_transform_and_both_coverages(run, every
     scored = (np.isfinite(window["observed"]) & window["scored"].astype(bool)).sum("time").values
     assert [sum(shown.customdata) for shown in shares[::2]] == scored.tolist()
     assert [sum(shown.customdata) for shown in shares[1::2]] == scored.tolist()
+
+
+def test_a_status_that_telemetry_does_not_tell_is_drawn_as_unknown(run):
+    window = run.windows["test"]
+    figure = figure_heater_status(window, ["uncalibrated"])
+    assert not any(trace.name == "status unknown" for trace in figure.data)
+    status = window["observed_status"].copy(deep=True)
+    status[40:60, 0] = np.nan
+    figure = figure_heater_status(window.assign(observed_status=status), ["uncalibrated"])
+    (unknown,) = [trace for trace in figure.data if trace.name == "status unknown"]
+    time = window["time"].values
+    assert (np.min(unknown.x), np.max(unknown.x)) == (time[40], time[60])
+
+
+def test_a_status_is_unknown_before_its_first_sample_in_gaps_of_the_rows_and_without_any():
+    time = np.datetime64("2024-03-01", "ns") + np.arange(100) * np.timedelta64(60, "s")
+    status = np.ones(100)
+    status[:3] = np.nan
+    kept = np.r_[0:50, 70:100]
+    starts, ends = unknown_stretches(status[kept], time[kept])
+    assert list(zip(starts, ends, strict=True)) == [(time[0], time[3]), (time[50], time[70])]
+    starts, ends = unknown_stretches(np.full(100, np.nan), time)
+    assert (starts.tolist(), ends.tolist()) == (time[:1].tolist(), time[-1:].tolist())

@@ -114,19 +114,36 @@ def test_heaters_compare_the_posterior_with_telemetry(run):
     assert float(table.rows[0][8].split(" ")[0]) == pytest.approx(duty, rel=1e-3)
     assert column(table, "telemetry within 95%?").count("✓ yes") == 6
     shifted = window.assign(observed_switch_count=window["observed_switch_count"] + 9)
-    assert heaters.against_telemetry({"test": shifted}).rows[1][9] == "✕ no"
+    assert heaters.against_telemetry({"test": shifted}).rows[2][9] == "✕ no"
+
+
+def test_a_duty_cycle_is_held_to_telemetry_on_the_same_samples_and_the_whole_stands_beside(run):
+    window = run.windows["test"]
+    gaps = window.assign(
+        sampled_duty_cycle=window["sampled_duty_cycle"] + 0.1,
+        observed_duty_cycle=window["observed_duty_cycle"] + 0.1,
+        unknown_status=window["unknown_status"] + 0.06,
+    )
+    known, whole = heaters.against_telemetry({"test": gaps}).rows[:2]
+    plain = heaters.against_telemetry({"test": window}).rows
+    assert (known[2], whole[2]) == ("duty cycle where the status is known, %", "duty cycle of the whole window, %")
+    assert (known[9], whole[9]) == ("✓ yes", "–")
+    assert whole[3] == "unknown for 6.0%"
+    assert whole[8] == plain[1][8] == plain[0][8] != known[8]
+    unlike = window.assign(observed_duty_cycle=window["observed_duty_cycle"] + 0.1)
+    assert heaters.against_telemetry({"test": unlike}).rows[0][9] == "✕ no"
 
 
 def test_heaters_compare_every_method_with_telemetry(run):
     table = heaters.against_telemetry({"test": run.windows["test"]})
     assert table.header[3:8] == ("telemetry", "uncal.", "poorly cal.", "GA mean", "GA best")
     duty = run.windows["test"]["point_duty_cycle"].sel({"method": "genetic_best", "heater": "payload_heater"})
-    assert float(table.rows[3][7]) == pytest.approx(100 * float(duty), rel=6e-3)
+    assert float(table.rows[4][7]) == pytest.approx(100 * float(duty), rel=6e-3)
 
 
 def test_energy_of_telemetry_is_its_duty_cycle_at_the_simulated_power(run):
     window = run.windows["test"]
-    row = heaters.against_telemetry({"test": window}).rows[2]
+    row = heaters.against_telemetry({"test": window}).rows[3]
     expected = float(window["observed_duty_cycle"][0]) * 14.0 * 2 * 5800.0 / 1000
     assert float(row[3]) == pytest.approx(expected, rel=6e-3)
 

@@ -15,7 +15,7 @@ from ..problem import Window
 from ..scenario import is_trained
 from ..simulator import SCATTERED, FloatArray
 from ..telemetry import window_bounds
-from .duty import draw_duty_errors
+from .duty import draw_duty_errors, sampled_duty_cycle
 from .errors import WindowErrors
 from .metrics import crps_of_draws, probability_below
 from .thresholds import Thresholds, scattered
@@ -44,7 +44,9 @@ class Ensemble:
     status: FloatArray
     """[T, H] probability that the heater is on."""
     duty_cycle: FloatArray
-    """[S, H]."""
+    """[S, H], of the whole window."""
+    sampled_duty_cycle: FloatArray
+    """[S, H], of the samples whose status is known; NaN without any."""
     switch_count: FloatArray
     """[S, H]."""
     energy: FloatArray
@@ -110,9 +112,11 @@ def propagate(
     model_lower, model_upper = np.quantile(simulated, tails, axis=0)
     heaters = len(window.simulator.heaters)
     duty_cycle = np.stack([run.duty_cycle for _, run in kept])
+    status = np.stack([run.status for _, run in kept])
+    sampled = sampled_duty_cycle(status, window.status)
     if errors is not None and not trained:
         drawn_duty = draw_duty_errors(errors.duty, duration(window) / window.period, len(kept), rng)
-        duty_cycle = np.clip(duty_cycle + drawn_duty, 0.0, 1.0)
+        duty_cycle, sampled = (np.clip(own + drawn_duty, 0.0, 1.0) for own in (duty_cycle, sampled))
     power = np.stack([window.simulator.heater_power(theta[window.simulated]) for theta, _ in kept])
     return Ensemble(
         mean=mean,
@@ -123,8 +127,9 @@ def propagate(
         model_upper=model_upper,
         crps=crps_of_draws(window.observed, noisy),
         probability_below=probability_below(window.observed, noisy),
-        status=np.stack([run.status for _, run in kept]).mean(axis=0),
+        status=status.mean(axis=0),
         duty_cycle=duty_cycle,
+        sampled_duty_cycle=sampled,
         switch_count=np.stack([np.bincount(run.switches.heater, minlength=heaters) for _, run in kept]).astype(float),
         energy=duty_cycle * power * duration(window),
         switch_sequences=tuple(

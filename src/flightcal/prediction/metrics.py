@@ -197,18 +197,24 @@ def _temperature_scores(part: xr.Dataset, method: str) -> Iterator[Score]:
 def _heater_scores(part: xr.Dataset) -> Iterator[Score]:
     """Scores of one heater of one method; for the stochastic method of the mean over simulations.
 
-    Errors are simulated minus observed: share of the time that it is on, times that it switches, energy.
+    Errors are simulated minus observed: share of the samples with a known status in which it is on, times that it
+    switches, energy. Its duty cycle is that of the whole window.
     """
     empty = "no status in telemetry"
     observed_duty, observed_count = float(part["observed_duty_cycle"]), float(part["observed_switch_count"])
     duty, energy = float(part["point_duty_cycle"]), float(part["point_energy"])
-    yield _checked("duty_cycle_error", duty - observed_duty, "1", empty)
+    sampled_duty = float(part["point_sampled_duty_cycle"])
+    yield _checked("duty_cycle_error", sampled_duty - observed_duty, "1", empty)
+    yield _checked("duty_cycle", duty, "1", "not simulated", "of the whole window")
+    yield _checked("status_unknown", float(part["unknown_status"]), "1", "", "share of the window's time")
     agreement = status_agreement(part["observed_status"].values, part["status"].values)
     yield _checked("status_agreement", agreement, "1", empty)
     yield _checked("switch_count_error", float(part["point_switch_count"]) - observed_count, "1", empty)
     if duty > 0 or math.isnan(observed_duty):
-        error = energy - implied_energy(observed_duty, duty, energy)
-        remark = "telemetry's energy: its duty cycle at the simulated power"
+        error = energy - implied_energy(observed_duty + duty - sampled_duty, duty, energy)
+        remark = (
+            "telemetry's energy: its duty cycle at the simulated power, and as simulated where its status is unknown"
+        )
         yield _checked("energy_error", error, "J", empty, remark)
     else:
         yield _checked("energy_error", None, "J", "the simulated heater is never on, so its power is not known")

@@ -15,7 +15,7 @@ from ..problem import Problem, Window, build_window, dressed
 from ..scenario import Scenario, SimulatorModel, is_trained
 from ..simulator import FloatArray, Trajectory
 from ..telemetry import window_bounds
-from .duty import FEWEST_ORBITS
+from .duty import FEWEST_ORBITS, sampled_duty_cycle, unknown_share
 from .ensemble import Ensemble, duration, propagate
 from .errors import WhiteErrors, WindowErrors, window_errors
 from .heat import DrawnHeat, draw_heat, noise_errors
@@ -178,7 +178,10 @@ def _of_duty(errors: WindowErrors | None, name: str, windows: int, *, heated: bo
         return ", unmodelled heat, thresholds as the measured switches show them"
     orbits = int(np.isfinite(errors.duty).sum(axis=0).max(initial=0))
     if orbits < FEWEST_ORBITS:
-        return f"; not its error, which takes {FEWEST_ORBITS} whole orbits of training to tell (here {orbits})"
+        return (
+            f"; not its error, which takes {FEWEST_ORBITS} whole orbits of training with a known status to tell; there "
+            f"{'is' if orbits == 1 else 'are'} {orbits}"
+        )
     return f", its error as in {orbits} orbits of the training window{'s' if windows > 1 else ''}"
 
 
@@ -203,6 +206,8 @@ def _dataset(
     status = np.full((len(methods), samples, heaters), np.nan)
     duty = np.full((len(methods), heaters), np.nan)
     count, energy = duty.copy(), duty.copy()
+    start = window_bounds(window.scenario.windows[window.name], window.period)[0]
+    elapsed = np.asarray((window.times - start) / np.timedelta64(1, "s"), float)
     for k, run in enumerate(runs.values()):
         if run is None:
             continue
@@ -212,6 +217,8 @@ def _dataset(
     mean[-1], lower[-1], upper[-1] = ensemble.mean, ensemble.lower, ensemble.upper
     deviation[-1], status[-1] = ensemble.standard_deviation, ensemble.status
     duty[-1] = ensemble.duty_cycle.mean(axis=0)
+    sampled = sampled_duty_cycle(status, window.status)
+    sampled[-1] = ensemble.sampled_duty_cycle.mean(axis=0)
     count[-1] = ensemble.switch_count.mean(axis=0)
     energy[-1] = ensemble.energy.mean(axis=0)
     environment, folder = window.scenario.environment, window.scenario.folder
@@ -233,12 +240,15 @@ def _dataset(
             "observed_status": (("time", "heater"), window.status),
             "status": (("method", "time", "heater"), status),
             "duty_cycle": (by_simulation, ensemble.duty_cycle),
+            "sampled_duty_cycle": (by_simulation, ensemble.sampled_duty_cycle),
             "switch_count": (by_simulation, ensemble.switch_count),
             "energy": (by_simulation, ensemble.energy),
             "point_duty_cycle": (("method", "heater"), duty),
+            "point_sampled_duty_cycle": (("method", "heater"), sampled),
             "point_switch_count": (("method", "heater"), count),
             "point_energy": (("method", "heater"), energy),
-            "observed_duty_cycle": ("heater", _observed_duty_cycle(window.status)),
+            "observed_duty_cycle": ("heater", sampled_duty_cycle(window.status, window.status)),
+            "unknown_status": ("heater", unknown_share(window.status, elapsed, seconds)),
             "observed_switch_count": ("heater", _observed_switch_count(window.status)),
             "eclipse": ("time", sunlit_share(environment, window.times, folder)),
             "orbit_phase": ("time", orbit_phase(environment, window.times, folder, origin)),
@@ -250,13 +260,6 @@ def _dataset(
             "method": methods,
         },
     )
-
-
-def _observed_duty_cycle(status: FloatArray) -> FloatArray:
-    """Share of the valid status samples [T, H] that are on, [H]; NaN without any."""
-    valid = np.isfinite(status)
-    with np.errstate(invalid="ignore"):
-        return np.asarray(np.where(valid, status, 0.0).sum(axis=0) / valid.sum(axis=0))
 
 
 def _observed_switch_count(status: FloatArray) -> FloatArray:

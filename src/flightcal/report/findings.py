@@ -384,7 +384,8 @@ def heaters(run: RunFiles) -> list[Finding]:
     count = sum(int(np.isfinite(window["observed_duty_cycle"].values).sum()) for window in windows.values())
     findings = []
     for name, window in windows.items():
-        duty, observed = window["duty_cycle"].values, window["observed_duty_cycle"].values
+        duty = window["sampled_duty_cycle" if "sampled_duty_cycle" in window else "duty_cycle"].values
+        observed = window["observed_duty_cycle"].values
         # All duty cycles together leave their bands by chance once in a hundred times.
         tail = 0.5 * (1.0 - CLOSED ** (1.0 / count))
         resolution = 1.0 / max(window.sizes["time"], 1)

@@ -23,6 +23,7 @@ CHAINS = ("#0068b4", "#b0508c", "#00805d", "#56b4e9", "#7a5c00", "#6a4fc4", "#8c
 BAND = "rgba(40,130,205,0.24)"
 MODEL_BAND = "rgba(40,130,205,0.45)"
 STATUS_FILL = "rgba(110,110,110,0.42)"
+UNKNOWN = "rgba(205,145,20,0.30)"
 ECLIPSE = "rgba(85,110,200,0.15)"
 TEXT = "#333333"
 FAINT = "#dddddd"
@@ -75,6 +76,7 @@ DARK = {
     BAND: "rgba(92,179,245,0.28)",
     MODEL_BAND: "rgba(92,179,245,0.50)",
     STATUS_FILL: "rgba(165,165,165,0.40)",
+    UNKNOWN: "rgba(233,180,70,0.32)",
     ECLIPSE: "rgba(130,150,255,0.14)",
     **dict(zip(DIVERGING, ("#ff9f45", "#8a5a24", "#2a2f38", "#35618c", "#6cc0ff"), strict=True)),
 }

@@ -10,7 +10,7 @@ import xarray as xr
 from numpy.typing import NDArray
 from plotly.subplots import make_subplots
 
-from .style import ECLIPSE, TELEMETRY, band, finish, method, small_titles
+from .style import ECLIPSE, TELEMETRY, UNKNOWN, band, finish, method, small_titles
 from .thinning import break_lines, changes, extremes, stretches
 
 CELSIUS = -273.15
@@ -141,6 +141,24 @@ def _line(figure: go.Figure, prediction: xr.Dataset, name: str, channel: str, ro
     )  # fmt: skip
 
 
+def unknown_stretches(
+    observed: NDArray[np.float64], time: NDArray[np.datetime64]
+) -> tuple[NDArray[np.datetime64], NDArray[np.datetime64]]:
+    """Starts and ends of the stretches in which telemetry does not tell a status [T], NaN where it has none.
+
+    A sample tells it for as long as nine in ten samples take to the next.
+    """
+    known = time[np.isfinite(observed)]
+    if known.size < 2:
+        return time[:1], time[-1:]
+    steps = np.diff(known)
+    usual = np.quantile(steps.astype(np.int64), 0.9, method="lower").astype(steps.dtype)
+    edges = [time[:1] - usual, known, time[-1:]]
+    before, after = np.concatenate(edges)[:-1] + usual, np.concatenate(edges)[1:]
+    longer = after - before > usual // 2
+    return before[longer], after[longer]
+
+
 def draw_status(
     figure: go.Figure, prediction: xr.Dataset, methods: Sequence[str], heater: str, row: int, bins: int,
     title: str = "status",
@@ -152,6 +170,11 @@ def draw_status(
     x, y = time[on][:, [0, 0, 1, 1, 1]].ravel(), np.tile([0.0, 1.0, 1.0, 0.0, np.nan], len(on))
     on_in_telemetry = "heater on in telemetry"
     band(figure, x, y.astype(np.float32), on_in_telemetry, on_in_telemetry, row=row, col=1)
+    starts, ends = unknown_stretches(observed, time)
+    if len(starts):
+        x = np.stack([starts, starts, ends, ends, ends], axis=1).ravel()
+        y = np.tile(np.array([0.0, 1.0, 1.0, 0.0, np.nan], np.float32), len(starts))
+        band(figure, x, y, "status unknown", "status unknown", UNKNOWN, row=row, col=1)
     for name in methods:
         status = np.asarray(prediction["status"].sel({"method": name, "heater": heater}).values, float)
         drawn = changes(status)

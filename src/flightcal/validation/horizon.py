@@ -48,7 +48,7 @@ class BandScore:
 
 @dataclass(frozen=True)
 class DutyScore:
-    """Share of the time that a heater is on after an origin."""
+    """Share of the samples with a known status in which a heater is on after an origin."""
 
     origin: str
     heater: str
@@ -108,7 +108,8 @@ def _duty(origin: str, prediction: xarray.Dataset) -> Iterator[DutyScore]:
         measured = float(prediction["observed_duty_cycle"].values[k])
         if math.isnan(measured):
             continue
-        draws = prediction["duty_cycle"].values[:, k]
+        # On the same samples; predictions of an older flightcal have the whole time alone.
+        draws = prediction["sampled_duty_cycle" if "sampled_duty_cycle" in prediction else "duty_cycle"].values[:, k]
         lower, upper = (float(bound) for bound in np.quantile(draws, [tail, 1.0 - tail]))
         yield DutyScore(origin, str(heater), measured, float(draws.mean()), lower, upper, lower <= measured <= upper)
 

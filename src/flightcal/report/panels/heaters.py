@@ -27,8 +27,9 @@ def panel(run: RunFiles) -> list[Block]:
         block.table(against_telemetry(with_heaters)),
         block.text(
             "Telemetry has the status of a heater, not its power: its energy is its duty cycle at the power of the "
-            "posterior's mean. Its duty cycle is that of its valid samples and its switches are those between them; "
-            "simulations run through gaps."
+            "posterior's mean, and as simulated where its status is unknown. Its duty cycle is that of the samples "
+            "whose status is known, and simulations are held to it on the same samples; the duty cycle of the whole "
+            "window stands below. Its switches are those between known samples; simulations run through gaps."
         ),
     ]
     if run.metrics:
@@ -61,18 +62,23 @@ def against_telemetry(windows: dict[str, xr.Dataset]) -> Table:
             part = window.sel(heater=heater)
             points = {
                 v: [part[v].sel({"method": m}).item() if m in part["method"].values else np.nan for m in methods]
-                for v in ("point_duty_cycle", "point_switch_count", "point_energy")
+                for v in ("point_duty_cycle", _on_samples(part, "point_"), "point_switch_count", "point_energy")
             }
-            duty, energy, counts = (_simulated(part, v) for v in ("duty_cycle", "energy", "switch_count"))
+            sampled, duty, energy, counts = (
+                _simulated(part, v) for v in (_on_samples(part), "duty_cycle", "energy", "switch_count")
+            )
             observed_duty = float(part["observed_duty_cycle"])
-            mean_duty, mean_energy = duty[0], energy[0]
+            mean_duty, mean_energy, on_samples = duty[0], energy[0], sampled[0]
             if not np.isfinite(mean_duty) and "genetic" in methods:
                 genetic = methods.index("genetic")
                 mean_duty, mean_energy = points["point_duty_cycle"][genetic], points["point_energy"][genetic]
-            implied = implied_energy(observed_duty, mean_duty, mean_energy)
+                on_samples = points[_on_samples(part, "point_")][genetic]
+            implied = implied_energy(observed_duty + mean_duty - on_samples, mean_duty, mean_energy)
             observed_count = float(part["observed_switch_count"])
+            known = points[_on_samples(part, "point_")]
             for label, observed, point, (mean, low, high), scale in (
-                ("duty cycle, %", observed_duty, points["point_duty_cycle"], duty, 100),
+                ("duty cycle where the status is known, %", observed_duty, known, sampled, 100),
+                ("duty cycle of the whole window, %", np.nan, points["point_duty_cycle"], duty, 100),
                 ("switch count, –", observed_count, points["point_switch_count"], counts, 1),
                 ("energy, kJ", implied, points["point_energy"], energy, 1e-3),
             ):
@@ -82,6 +88,8 @@ def against_telemetry(windows: dict[str, xr.Dataset]) -> Table:
                 else:
                     predicted = interval(scale * mean, scale * low, scale * high)
                     values = [number(scale * v, 3) for v in (observed, *point)]
+                if label.endswith("whole window, %") and "unknown_status" in part:
+                    values[0] = f"unknown for {percent(float(part['unknown_status']))}"
                 verdict: str = "–"
                 if np.isfinite([observed, low]).all():
                     # A duty cycle of samples may differ from the bound in the last bit.
@@ -95,6 +103,12 @@ def against_telemetry(windows: dict[str, xr.Dataset]) -> Table:
     return Table(header, rows, range(3, 5 + len(methods)))
 
 
+def _on_samples(part: xr.Dataset, prefix: str = "") -> str:
+    """The variable that a measured duty cycle is held to; predictions of an older flightcal have the whole alone."""
+    sampled = f"{prefix}sampled_duty_cycle"
+    return sampled if sampled in part else f"{prefix}duty_cycle"
+
+
 def _simulated(part: xr.Dataset, variable: str) -> tuple[float, float, float]:
     """Mean, 2.5th and 97.5th percentile of the posterior's simulations; NaN where the run has none."""
     values = np.asarray(part[variable].values, float) if variable in part else np.array([np.nan])
@@ -106,18 +120,21 @@ def _simulated(part: xr.Dataset, variable: str) -> tuple[float, float, float]:
 
 def heater_scores(metrics: Sequence[Metric]) -> Table:
     """Errors and agreement of each heater by method."""
-    names = ("duty_cycle_error", "status_agreement", "switch_count_error")
+    names = ("duty_cycle_error", "status_agreement", "status_unknown", "switch_count_error")
     found = {(m.window, m.channel, m.method, m.metric): m.value for m in metrics if m.metric in names}
     windows = list(dict.fromkeys(window for window, *_ in found))
     rows = []
     for place in sorted(dict.fromkeys(key[:3] for key in found), key=lambda key: (windows.index(key[0]), key[1])):
-        duty, agreement, switches = (found.get((*place, name)) for name in names)
+        duty, agreement, unknown, switches = (found.get((*place, name)) for name in names)
         more = "+" if switches is not None and switches > 0 else ""
         window, heater, name = place
-        rows.append([window, heater, method(name).title, signed_percent(duty), percent(agreement),
+        rows.append([window, heater, method(name).title, signed_percent(duty), percent(agreement), percent(unknown),
                      f"{more}{number(switches, 3)}"])  # fmt: skip
-    header = ("window", "heater", "method", "duty cycle error, points", "status agreement", "switch count error, –")
-    return Table(header, rows, range(3, 6))
+    header = (
+        "window", "heater", "method", "duty cycle error, points", "status agreement", "status unknown",
+        "switch count error, –",
+    )  # fmt: skip
+    return Table(header, rows, range(3, 7))
 
 
 def switch_sequences(sequences: list[Record]) -> Table:

@@ -131,7 +131,7 @@ def by_channel(metrics: Sequence[Metric]) -> Table:
         own = ratios.get(place)
         rows.append(
             [*place, *(number(value(method, "rmse"), 3) for method in methods),
-             number(own and own.ratio, 3), number(own and own.ratio_best, 3),
+             number(own.ratio if own else None, 3), number(own.ratio_best if own else None, 3),
              percent(value("stochastic", "picp")), number(value("stochastic", "mpiw"), 3), pair("crps"),
              pair("mape_kelvin"), pair("mape_celsius")]
         )  # fmt: skip
