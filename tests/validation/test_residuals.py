@@ -223,11 +223,49 @@ def test_few_or_constant_residuals_give_no_verdict():
     assert check_residuals("panel", np.full(100, np.nan), times(100)).samples == 0
 
 
-def test_irregular_sampling_is_said_to_hide_dependence():
+IRREGULAR = {
+    "at random": lambda rng, size: rng.exponential(60.0, size),
+    "in pairs": lambda rng, size: np.tile([3.0, 57.0], size // 2),
+    "jittered": lambda rng, size: rng.uniform(30.0, 90.0, size),
+    "with gaps": lambda rng, size: rng.uniform(30.0, 90.0, size) + 3e4 * (np.arange(size) % 500 == 499),
+}
+
+
+def irregular(kind: str, correlation_time: float, size: int, rng: np.random.Generator):
+    """Noise with an exponential autocorrelation (s), its times, and the factor of its mean's standard deviation."""
+    seconds = np.cumsum(IRREGULAR[kind](rng, size))
+    rho = np.exp(-np.diff(seconds) / correlation_time)
+    noise = rng.normal(size=size)
+    series = noise.copy()
+    for k, own in enumerate(rho, start=1):
+        series[k] = own * series[k - 1] + math.sqrt(1 - own**2) * noise[k]
+    distance = np.abs(np.subtract.outer(seconds, seconds))
+    factor = math.sqrt(np.exp(-distance / correlation_time).sum() / size)
+    return series, START + (seconds * 1e9).astype("timedelta64[ns]"), factor
+
+
+@pytest.mark.parametrize("kind", IRREGULAR)
+@pytest.mark.parametrize("correlation_time", [150.0, 600.0])
+def test_the_factor_of_irregular_telemetry_is_that_of_its_correlation(kind, correlation_time):
     rng = np.random.default_rng(15)
-    time = START + np.cumsum(rng.exponential(60e9, 2_000)).astype(np.int64).astype("timedelta64[ns]")
-    assert "factor may be larger" in check_residuals("panel", ar1(0.99, 2_000, rng), time).words
-    assert "factor may be larger" not in check_residuals("panel", ar1(0.99, 2_000, rng), times(2_000)).words
+    found, exact = [], []
+    for _ in range(20):
+        series, time, factor = irregular(kind, correlation_time, 1_500, rng)
+        check = check_residuals("panel", series, time)
+        assert check.verdict == "contradicted"
+        found.append(check.factor)
+        exact.append(factor)
+    assert np.median(found) == pytest.approx(np.median(exact), rel=0.15)
+
+
+@pytest.mark.parametrize("kind", IRREGULAR)
+def test_white_noise_of_irregular_telemetry_is_white_as_often_as_it_should(kind):
+    rng = np.random.default_rng(16)
+    size = 400
+    time = START + (np.cumsum(IRREGULAR[kind](rng, size)) * 1e9).astype("timedelta64[ns]")
+    checks = [check_residuals("panel", rng.normal(size=size), time) for _ in range(200)]
+    assert np.mean([check.p_value < 0.05 for check in checks]) == pytest.approx(0.05, abs=0.055)
+    assert np.median([check.factor for check in checks]) < 1.1
 
 
 def test_a_window_is_checked_by_channel_on_its_scored_samples():

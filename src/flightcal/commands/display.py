@@ -108,10 +108,10 @@ def _print_verdict(verdict: Verdict, console: Console) -> None:
 
 def _print_scores(metrics: Sequence[Metric], console: Console) -> None:
     """Of all channels: mean (as published) and best of the genetic algorithm's runs beside the stochastic update."""
-    headings = ("window", "metric", "GA mean", "GA best", "stochastic", "to mean", "to best", "to mean, published")
-    table = Table(title="Scores over all channels, and ratios to the genetic algorithm (GA)", title_justify="left")
+    headings = ("window", "metric", "GA mean", "GA best", "stochastic", "to mean", "to best", "paper")
+    table = Table(title="Over all channels, with ratios to the genetic algorithm (GA)", title_justify="left")
     for heading in headings:
-        table.add_column(heading, justify="left" if heading in ("window", "metric") else "right")
+        table.add_column(heading, justify="left" if heading in ("window", "metric") else "right", overflow="fold")
     for row in comparison_table([metric for metric in metrics if metric.channel == "all"]):
         values = (row.genetic, row.genetic_best, row.stochastic, row.ratio, row.ratio_best, row.published)
         table.add_row(row.window, row.metric, *map(_number, values))
@@ -125,7 +125,7 @@ def _print_channels(metrics: Sequence[Metric], console: Console) -> None:
     of_interval = {(m.window, m.channel, m.metric): m for m in metrics if m.method == "stochastic"}
     table = Table(title="RMSE and interval by channel", title_justify="left")
     for heading in ("window", "channel", "GA best", "stochastic", "to best", "covers", "width"):
-        table.add_column(heading, justify="left" if heading in ("window", "channel") else "right")
+        table.add_column(heading, justify="left" if heading in ("window", "channel") else "right", overflow="fold")
     for row in rows:
         covers, width = (_score(of_interval.get((row.window, row.channel, name))) for name in ("picp", "mpiw"))
         values = (row.genetic_best, row.stochastic, row.ratio_best)

@@ -1,7 +1,8 @@
 """Are the residuals the noise that the likelihood takes them for: independent, or correlated as it says?
 
 Telemetry has gaps, so everything here works on pairs of samples that lie a whole number of nominal spacings
-apart; no pair reaches across a break in the sampling, and no missing sample is invented.
+apart; no pair reaches across a break in the sampling, and no missing sample is invented. Of irregular sampling every
+pair counts, at the lag that is nearest.
 """
 
 from __future__ import annotations
@@ -9,7 +10,7 @@ from __future__ import annotations
 import itertools
 import math
 from dataclasses import dataclass, replace
-from typing import Literal
+from typing import Literal, NamedTuple
 
 import numpy as np
 import xarray as xr
@@ -24,6 +25,13 @@ Times = NDArray[np.datetime64]
 
 JITTER = 0.25
 """Share of the nominal spacing by which a sample may be late or early and still count as on the grid."""
+
+_REGULAR = 0.9
+"""Share of the steps between samples that are whole in regular sampling."""
+_LONG = 20.0
+"""Steps longer than so many nominal ones are gaps, which say nothing about regularity."""
+_USUAL = 0.9
+"""Share of the steps of irregular sampling that are no gaps."""
 
 SIGNIFICANCE = 0.01
 """p value of the Ljung-Box test below which autocorrelation is taken as shown."""
@@ -68,34 +76,94 @@ def segments(residuals: ArrayLike, time: Times, max_lag: int) -> list[Array]:
     return grids
 
 
+class _Cells(NamedTuple):
+    """A stretch of samples on a grid: in each cell their sum, their number, and the sum of their squares."""
+
+    sums: Array
+    counts: Array
+    squares: Array
+
+
+def _cells(values: Array, time: Times, max_lag: int) -> list[_Cells]:
+    """Stretches of values [T], NaN where missing, each on a grid of `spacing`.
+
+    Of regular sampling each cell has at most one sample. Where sampling is irregular (fewer than `_REGULAR` of the
+    steps are whole numbers of nominal spacings) a cell holds the samples nearest to it, so that pairs of samples are
+    taken for those of the nearest lag (slots: Edelson & Krolik 1988, ApJ 333); a stretch then ends at a gap longer than
+    `max_lag` alone.
+    """
+    if _is_regular(time):
+        grids = segments(values, time, max_lag)
+        sums = [np.where(np.isfinite(grid), grid, 0.0) for grid in grids]
+        return [_Cells(own, np.isfinite(grid).astype(float), own**2) for own, grid in zip(sums, grids, strict=True)]
+    present = np.isfinite(values)
+    values, at = values[present], _seconds(time[present]) / spacing(time)
+    ends = [0, *(np.flatnonzero(np.diff(at) > max_lag + 1) + 1), values.size]
+    found = []
+    for start, end in itertools.pairwise(ends):
+        places, own = np.rint(at[start:end] - at[start]).astype(int), values[start:end]
+        found.append(_Cells(*(np.bincount(places, weights) for weights in (own, np.ones(own.size), own**2))))
+    return found
+
+
+def _is_regular(time: Times) -> bool:
+    """Whether neighbouring samples lie whole numbers of nominal spacings apart, but for few and for long gaps."""
+    steps = np.diff(_seconds(time))
+    if not steps.size:
+        return True
+    steps = steps[steps <= _LONG * np.median(steps)] / np.median(steps)
+    whole = np.rint(steps)
+    return bool(np.mean((np.abs(steps - whole) <= JITTER) & (whole >= 1)) >= _REGULAR)
+
+
+def spacing(time: Times) -> float:
+    """What one lag is, s: the nominal spacing, of irregular sampling about the mean one without the longest gaps."""
+    if _is_regular(time):
+        return nominal_spacing(time)
+    steps = np.diff(_seconds(time))
+    return float(max(np.median(steps), steps[steps <= np.quantile(steps, _USUAL)].mean()))
+
+
+def _seconds(time: Times) -> Array:
+    return np.asarray((time - time[:1]).astype("timedelta64[ns]").astype(np.int64) * 1e-9)
+
+
 def pair_counts(residuals: ArrayLike, time: Times, max_lag: int) -> NDArray[np.int64]:
-    """Number of pairs of valid residuals at each lag from 0 to `max_lag`: [max_lag + 1]."""
-    present = [np.isfinite(grid).astype(float) for grid in segments(residuals, time, max_lag)]
-    return np.rint(_products(present, present, max_lag)).astype(np.int64)
+    """Number of pairs of valid residuals at each lag from 0 to `max_lag`: [max_lag + 1]; at lag 0 the residuals."""
+    counts = [own.counts for own in _cells(np.asarray(residuals, float), time, max_lag)]
+    pairs = np.rint(_products(counts, counts, max_lag)).astype(np.int64)
+    pairs[0] = round(sum(own.sum() for own in counts))
+    return pairs
 
 
 def autocorrelation(residuals: ArrayLike, time: Times, max_lag: int) -> Array:
-    """Autocorrelation at lags 0 to `max_lag` nominal spacings: [max_lag + 1], -1 to 1; NaN without pairs.
+    """Autocorrelation at lags 0 to `max_lag`, in steps of `spacing`: [max_lag + 1], -1 to 1; NaN without pairs.
 
     residuals: [T], NaN where missing; time: [T] datetime64. At each lag the sum of products over the pairs
     that exist, over the geometric mean of the sums of squares of their first and of their second members,
     about the mean of all residuals.
     """
-    grids = segments(residuals, time, max_lag)
-    masks = [np.isfinite(grid).astype(float) for grid in grids]
-    count = sum(mask.sum() for mask in masks)
-    if count == 0:
+    values = np.asarray(residuals, float)
+    if not np.isfinite(values).any():
         return np.full(max_lag + 1, np.nan)
-    mean = sum(float(np.nansum(grid)) for grid in grids) / count
-    centred = [np.where(np.isfinite(grid), grid - mean, 0.0) for grid in grids]
-    squares = [values**2 for values in centred]
+    cells = _cells(values - np.nanmean(values), time, max_lag)
+    sums, counts, squares = ([own[k] for own in cells] for k in range(3))
     size = np.sqrt(
-        np.maximum(_products(squares, masks, max_lag), 0) * np.maximum(_products(masks, squares, max_lag), 0)
+        np.maximum(_products(squares, counts, max_lag), 0) * np.maximum(_products(counts, squares, max_lag), 0)
     )
     exists = size > 1e-12 * sum(s.sum() for s in squares)
-    products = _products(centred, centred, max_lag)
+    products = _products(sums, sums, max_lag)
     ratio = np.divide(products, size, out=np.full(max_lag + 1, np.nan), where=exists)
+    ratio[0] = 1.0 if exists[0] else math.nan
     return np.clip(ratio, -1.0, 1.0)
+
+
+def _together(residuals: Array, time: Times) -> float:
+    """What pairs of samples in the same cell add to the variance of the mean: their number times their correlation."""
+    cells = _cells(residuals - np.nanmean(residuals), time, residuals.size)
+    sums, counts, squares = (np.concatenate([own[k] for own in cells]) for k in range(3))
+    pairs, size = float((counts * (counts - 1)).sum()), float((squares * (counts - 1)).sum())
+    return pairs * float((sums**2 - squares).sum()) / size if size > 0.0 else 0.0
 
 
 def _products(first: list[Array], second: list[Array], max_lag: int) -> Array:
@@ -111,8 +179,9 @@ def effective_samples(residuals: ArrayLike, time: Times) -> float:
     """Number of independent residuals that would fix their mean as well as these do.
 
     n^2 / (n + 2 sum_k n_k r_k), with n_k pairs at lag k, which is n / (1 + 2 sum r_k) for a long series
-    without gaps. The sum ends where a sum of two neighbouring autocorrelations turns negative, and these
-    sums are made to fall: the initial monotone sequence estimator, Geyer (1992), Stat. Sci. 7, sec. 3.3.
+    without gaps. Pairs in the same cell of irregular sampling count besides. The sum ends where a sum of two
+    neighbouring autocorrelations turns negative, and these sums are made to fall: the initial monotone sequence
+    estimator, Geyer (1992), Stat. Sci. 7, sec. 3.3.
     Between 1 and n.
     """
     values = np.asarray(residuals, float)
@@ -127,6 +196,7 @@ def effective_samples(residuals: ArrayLike, time: Times) -> float:
     negative = np.flatnonzero(pairs <= 0)
     pairs = pairs[: negative[0]] if negative.size else pairs
     inflation = 2 * np.minimum.accumulate(pairs).sum() - 1 if pairs.size else 1.0
+    inflation += max(_together(values, time), 0.0) / count
     return float(np.clip(count / max(inflation, 1.0), 1.0, count))
 
 
@@ -165,7 +235,7 @@ class ResidualCheck:
     verdict: Verdict = "unknown"
     words: str = ""
     lag1: float = math.nan
-    """Autocorrelation one nominal spacing apart."""
+    """Autocorrelation one spacing apart."""
     ljung_box: float = math.nan
     p_value: float = math.nan
     lags: int = 0
@@ -226,14 +296,7 @@ def check_residuals(
         factor_ar1=math.sqrt((1 + lag1) / max(1 - lag1, 1e-12)) if lag1 > 0 else 1.0,
         residual_lag1=lag1,
     )
-    words = _words(check)
-    neighbours = pair_counts(values, time, 1)[1] / (count - 1)
-    if neighbours < 0.5:
-        words += (
-            f" Only {neighbours:.0%} of neighbouring samples lie the nominal {nominal_spacing(time):g} s apart; the "
-            "dependence between the others is not seen, and the factor may be larger."
-        )
-    return replace(check, words=words)
+    return replace(check, words=_words(check))
 
 
 def check_window(
@@ -275,7 +338,7 @@ def _verdict(p_value: float, factor: float, uncertain: bool) -> Verdict:
 def _words(check: ResidualCheck) -> str:
     channel, noise, verdict, lag1, tested = check.channel, check.noise, check.verdict, check.lag1, check.tested
     if verdict == "unknown":
-        return f"{channel}: no two residuals lie one nominal spacing apart, so the noise cannot be judged."
+        return f"{channel}: no two residuals lie near to each other, so the noise cannot be judged."
     chance = "p < 0.0001" if check.p_value < 1e-4 else f"p = {check.p_value:.2g}"
     of = " of the innovations" if tested == "innovations" else ""
     if verdict == "white":
