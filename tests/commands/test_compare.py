@@ -4,6 +4,7 @@ import json
 
 import numpy as np
 import pytest
+import xarray
 from typer.testing import CliRunner
 
 from flightcal import validation
@@ -11,6 +12,7 @@ from flightcal.cli import USER_ERROR, app
 from flightcal.commands import compare
 from flightcal.commands.backtest import Backtest
 from flightcal.commands.calibrate import Summary
+from flightcal.commands.display import print_comparison
 from flightcal.prediction import Metric
 from flightcal.progress import SILENT
 from flightcal.report import write_comparison
@@ -20,6 +22,7 @@ from flightcal.validation import MODELS, BlockLoo, comparison_of, variant
 from flightcal.validation.comparison import backtest_summary, recommend, recommend_by_backtest
 from tests import small
 from tests.commands.test_calibrate import write
+from tests.commands.test_display import printed
 
 run = CliRunner().invoke
 
@@ -171,6 +174,103 @@ def test_a_comparison_with_backtests_is_ranked_by_them(tmp_path):
     assert "4 of 5" in page
     without = plain(comparison_of("Toy", {"iid": metrics, "phase": metrics}, loos, passed))
     assert without["backtest"] == {}
+
+
+def predicted(error, seed=0, size=400):
+    """Telemetry of two channels around a prediction of 0.5 K standard deviation, off by `error` (K) besides."""
+    rng = np.random.default_rng(seed)
+    observed = 290.0 + 0.5 * rng.normal(size=(size, 2))
+    by_method = ("method", "time", "channel")
+    return xarray.Dataset(
+        {
+            "observed": (("time", "channel"), observed),
+            "scored": ("time", np.arange(size) >= 10),
+            "mean": (by_method, np.full((1, size, 2), 290.0 + error)),
+            "standard_deviation": (by_method, np.full((1, size, 2), 0.5)),
+        },
+        {
+            "time": small.START + np.arange(size) * np.timedelta64(60, "s"),
+            "channel": ["body", "panel"],
+            "method": ["stochastic"],
+        },
+    )
+
+
+@pytest.mark.parametrize(("error", "recommended"), [(0.01, None), (0.4, "phase")])
+def test_nothing_is_recommended_on_a_difference_within_its_error(tmp_path, error, recommended):
+    def metrics(score):
+        return [
+            Metric("stochastic", "test", "all", name, value, "K")
+            for name, value in (("rmse", 1.0), ("picp", 0.95), ("log_score", score), ("crps", 0.5))
+        ]
+
+    scores = {"iid": metrics(-0.75), "phase": metrics(-0.7), "time": metrics(-0.8)}
+    loos, passed = dict.fromkeys(scores, loo(-3.0)), {"iid": True, "phase": True, "time": False}
+    predictions = {
+        "iid": {"test": predicted(error)}, "phase": {"test": predicted(0.0)}, "time": {"test": predicted(0.0)},
+    }  # fmt: skip
+    content = plain(comparison_of("Toy", scores, loos, passed, predictions=predictions))
+    assert content["recommended"] == recommended
+    # The mean of (error^2 - 2 error noise) / (2 deviation^2), but for the chance of the noise.
+    assert content["differences"]["iid"]["worse"] == pytest.approx(error**2 / 0.5, abs=4 * error / 0.5 / np.sqrt(780))
+    words = "cannot be told from 'iid'"
+    assert (words in content["reason"]) == (recommended is None)
+    assert "'time'" not in content["reason"].split(" worse)")[0]
+    (tmp_path / "comparison.json").write_text(json.dumps(content | {"failed_gates": {"time": ["R-hat 1.2 (link)"]}}))
+    page = write_comparison(tmp_path).read_text(encoding="utf-8")
+    assert ("No model is recommended" in page) == (recommended is None)
+    assert "time: R-hat 1.2 (link)" in page
+
+
+def test_the_error_of_a_difference_counts_effective_samples():
+    rng = np.random.default_rng(2)
+    slow = np.repeat(rng.normal(size=13), 30)[:390]
+    other = predicted(0.0)
+    other["mean"][0, 10:] += 0.3 * slow[:, None]
+    white = predicted(0.0)
+    white["mean"][0, 10:] += 0.3 * rng.permutation(slow)[:, None]
+    loos, passed = {"iid": loo(-3.0), "phase": loo(-3.0)}, {"iid": True, "phase": True}
+    metrics = {model: [Metric("stochastic", "test", "all", "log_score", k, "nat")] for k, model in enumerate(loos)}
+
+    def error(prediction):
+        both = {"phase": {"test": predicted(0.0)}, "iid": {"test": prediction}}
+        return comparison_of("Toy", metrics, loos, passed, predictions=both)["differences"]["iid"]["standard_error"]
+
+    assert error(other) > 1.5 * error(white)
+
+
+@pytest.mark.parametrize(("scatter", "recommended"), [(0.02, "phase"), (0.5, None)])
+def test_after_a_backtest_a_difference_is_held_to_its_scatter_over_origins(scatter, recommended):
+    metrics = [Metric("stochastic", "test", "all", "log_score", 1.0, "nat")]
+    backtests = {"iid": rolling(0.6, 5), "phase": rolling(0.4, 4)}
+    for k, (content, mean) in enumerate(zip(backtests.values(), (0.6, 0.4), strict=True)):
+        content["scores"] += [
+            {"origin": str(n), "channel": "all", "band": "all", "crps": mean + scatter * (-1) ** (n + k)}
+            for n in range(6)
+        ]
+    loos = {"iid": loo(-4.0), "phase": loo(-3.0)}
+    passed = {"iid": True, "phase": True}
+    found = comparison_of("Toy", dict.fromkeys(loos, metrics), loos, passed, backtests)
+    assert found["recommended"] == recommended
+    assert found["differences"]["iid"]["worse"] == pytest.approx(0.2)
+
+
+def test_a_model_that_failed_a_gate_is_named_with_the_gate(tmp_path):
+    values = {"rmse": 1.0, "mape_kelvin": 0.3, "picp": 0.95, "mpiw": 4.0, "crps": 0.6, "log_score": -1.0}
+    content = {
+        "means": {"iid": values, "ar1": values}, "left_out": {}, "backtest": {}, "recommended": None,
+        "reason": "Nothing is recommended.", "passed": {"iid": True, "ar1": False},
+        "failed_gates": {"iid": [], "ar1": ["R-hat 1.023 (link)", "divergences 12"]},
+    }  # fmt: skip
+    lines = printed(print_comparison, compare.Comparison(tmp_path, {}, content))
+    assert "failed a gate: ar1 (R-hat 1.023 (link), divergences 12)" in lines
+    assert "recommended: none" in lines
+    gates = [
+        {"name": "R-hat", "found": "1.2 (link)", "required": "1.01", "passed": False},
+        {"name": "divergences", "found": "0", "required": "0", "passed": True},
+    ]
+    summary = Summary(tmp_path, tmp_path, {"passed": False, "gates": gates}, (), interrupted=False, heat={})
+    assert compare._failed(summary) == ["R-hat 1.2 (link)"]
 
 
 def test_each_model_is_backtested_if_asked_for(tmp_path, monkeypatch):

@@ -21,6 +21,8 @@ from .calibrate import Summary, run_experiment
 from .options import ScenarioFile, TelemetryPlace
 
 if TYPE_CHECKING:
+    import xarray
+
     from ..validation import BlockLoo
 
 _RESULT = "comparison.json"
@@ -127,10 +129,29 @@ def compare_models(
             backtests[model] = backtest_scenario(file, folder / f"{model}_backtest", progress=progress).content
     metrics = {model: summary.metrics for model, summary in summaries.items()}
     passed = {model: summary.passed for model, summary in summaries.items()}
-    content = comparison_of(scenario.name, metrics, loos, passed, backtests) | {"left_out": others}
+    unseen = [window for window in scenario.windows if not is_trained(window)]
+    predictions = {model: _predictions(summary.run, unseen) for model, summary in summaries.items()}
+    content = comparison_of(scenario.name, metrics, loos, passed, backtests, predictions)
+    content |= {"left_out": others, "failed_gates": {model: _failed(own) for model, own in summaries.items()}}
     write_json(folder / _RESULT, plain(content))
     write_comparison(folder)
     return Comparison(folder, summaries, content)
+
+
+def _predictions(run: Path, windows: Sequence[str]) -> dict[str, xarray.Dataset]:
+    """The prediction of each window; none where the run has no file."""
+    from ..prediction import PREDICTION_FILE
+    from ..run import read_tree
+
+    if not (run / PREDICTION_FILE).exists():
+        return {}
+    tree = read_tree(run / PREDICTION_FILE)
+    return {window: tree[window].to_dataset() for window in windows}
+
+
+def _failed(summary: Summary) -> list[str]:
+    """The gates that the sampling of a model failed, with what was found."""
+    return [f"{own['name']} {own['found']}" for own in summary.diagnostics.get("gates", ()) if not own["passed"]]
 
 
 def _block_loo(file: Path, summary: Summary) -> BlockLoo:

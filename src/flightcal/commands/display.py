@@ -226,7 +226,11 @@ def print_comparison(comparison: ModelComparison, console: Console | None = None
         words = f"CRPS {own['crps']:.4g} K, PICP {own['coverage']:.1%}, held after {own['held']} of {own['origins']}"
         note = "" if own["passed"] else " (not converged)"
         console.print(f"{model}, rolling origins: {words}{note}", highlight=False, soft_wrap=True)
-    console.print(f"recommended: [bold]{comparison.content['recommended']}[/bold]", highlight=False)
+    for model, passed in comparison.content["passed"].items():
+        if not passed:
+            gates = ", ".join(comparison.content["failed_gates"][model]) or "sampling was interrupted"
+            console.print(f"failed a gate: {model} ({gates})", style="bold red", highlight=False, soft_wrap=True)
+    console.print(f"recommended: [bold]{comparison.content['recommended'] or 'none'}[/bold]", highlight=False)
     console.print(comparison.content["reason"], highlight=False, markup=False)
     console.print(f"page: {comparison.folder / 'comparison.html'}", highlight=False, soft_wrap=True, markup=False)
 

@@ -51,18 +51,20 @@ def write_comparison(folder: Path) -> Path:
 
 def _findings(content: Record) -> list[Finding]:
     recommended = content["recommended"]
-    share = content["means"][recommended]["picp"]
+    share = None if recommended is None else content["means"][recommended]["picp"]
     right = share is not None and 0.9 <= share <= 0.99
     if rolling := content.get("backtest", {}).get(recommended):
         right = rolling["held"] == rolling["origins"]
-    findings = [
-        Finding("good" if right else "warn", f"Recommended: {recommended}, {WORDS[recommended]}", content["reason"]),
-    ]
+    title = "No model is recommended"
+    if recommended is not None:
+        title = f"Recommended: {recommended}, {WORDS[recommended]}"
+    findings = [Finding("good" if right else "warn", title, content["reason"])]
     failed = [model for model, passed in content["passed"].items() if not passed]
     if failed:
-        findings.append(
-            Finding("warn", f"Not converged: {', '.join(failed)}", "See their own reports before using their scores.")
-        )
+        gates = content.get("failed_gates", {})
+        details = tuple(f"{model}: {', '.join(gates[model])}" for model in failed if gates.get(model))
+        words = "See their own reports before using their scores."
+        findings.append(Finding("warn", f"Not converged: {', '.join(failed)}", words, details))
     return findings
 
 

@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Mapping, Sequence
+from dataclasses import asdict, dataclass
 from typing import Any
 
 import numpy as np
@@ -24,6 +26,7 @@ from ..scenario import (
 from ..simulator import FloatArray
 from .block_loo import BlockLoo, block_log_likelihood, blocks_of, leave_blocks_out
 from .horizon import ALL
+from .residuals import effective_samples
 
 MODELS = ("iid", "ar1", "time", "phase", "both", "phase+ar1")
 """iid: independent noise, as published; ar1: correlated; time, phase, both: independent and a discrepancy; phase+ar1:
@@ -32,6 +35,8 @@ a discrepancy that comes again in every orbit, and correlated noise for what doe
 COMPARED = ("rmse", "mape_kelvin", "picp", "mpiw", "crps", "log_score")
 COVERED = (0.90, 0.99)
 """What the 95% interval may cover of unseen telemetry without a word of caution."""
+CLEAR = 2.0
+"""Standard errors by which a difference between two models must differ from zero."""
 _DRAWS = 200
 
 
@@ -80,10 +85,13 @@ def comparison_of(
     loos: Mapping[str, BlockLoo],
     passed: Mapping[str, bool],
     backtests: Mapping[str, Mapping[str, Any]] | None = None,
+    predictions: Mapping[str, Mapping[str, xarray.Dataset]] | None = None,
 ) -> dict[str, Any]:
     """Content of comparison.json: scores by model, the blocks left out, and what is recommended and why.
 
-    backtests: backtest.json of each model; where they are given, they tell which model is recommended.
+    backtests: backtest.json of each model; where they are given, they tell which model is recommended. predictions:
+    of each model by unseen window; they or the backtests tell the error of a difference. Nothing is recommended
+    (None) where another model that was sampled well is within `CLEAR` errors of the best.
     """
     rows = []
     for model, found in metrics.items():
@@ -100,12 +108,21 @@ def comparison_of(
     }
     best = max(loos.values(), key=lambda loo: loo.density)
     rolling = {model: backtest_summary(content) for model, content in (backtests or {}).items()}
-    recommended, reason = recommend_by_backtest(rolling) if rolling else recommend(means, loos, passed)
+    chosen, reason = recommend_by_backtest(rolling) if rolling else recommend(means, loos, passed)
+    recommended: str | None = chosen
+    differences = (
+        _crps_differences(backtests, chosen) if backtests else _log_score_differences(predictions or {}, chosen)
+    )
+    of_gates = {model: own["passed"] for model, own in rolling.items()} if rolling else passed
+    rivals = [model for model, own in differences.items() if of_gates[model] and not own.clear]
+    if rivals:
+        recommended, reason = None, f"{_undecided(chosen, rivals, differences, backtest=bool(rolling))} {reason}"
     return {
         "name": name,
         "models": list(metrics),
         "recommended": recommended,
         "reason": reason,
+        "differences": {model: asdict(own) for model, own in differences.items()},
         "passed": passed,
         "scores": rows,
         "means": means,
@@ -121,6 +138,83 @@ def comparison_of(
             for model, loo in loos.items()
         },
     }
+
+
+@dataclass(frozen=True)
+class Difference:
+    """By how much a model's score is worse than that of the best."""
+
+    worse: float
+    standard_error: float
+
+    @property
+    def clear(self) -> bool:
+        """Whether it is more than chance may make."""
+        return self.worse > CLEAR * self.standard_error
+
+
+def _log_score_differences(predictions: Mapping[str, Mapping[str, xarray.Dataset]], best: str) -> dict[str, Difference]:
+    """Of log scores, nats a sample: of samples of the same time, of which as many count as are effective."""
+    found = {}
+    for model, windows in predictions.items():
+        if model == best or best not in predictions:
+            continue
+        means, variances = [], []
+        for window, prediction in windows.items():
+            worse = _log_scores(predictions[best][window]) - _log_scores(prediction)
+            kept = np.isfinite(worse)
+            if kept.sum() > 1:
+                times = prediction["time"].values[prediction["scored"].values.astype(bool)][kept]
+                means.append(worse[kept].mean())
+                variances.append(worse[kept].var(ddof=1) / effective_samples(worse[kept], times))
+        if means:
+            found[model] = Difference(float(np.mean(means)), math.sqrt(sum(variances)) / len(means))
+    return found
+
+
+def _log_scores(prediction: xarray.Dataset) -> FloatArray:
+    """Log score of each scored sample [T], nat, the mean over its channels; see `log_score_normal`."""
+    scored = prediction.sel({"method": "stochastic"}).isel(time=prediction["scored"].values.astype(bool))
+    observed, mean, deviation = (
+        scored[name].transpose("time", "channel").values for name in ("observed", "mean", "standard_deviation")
+    )
+    scores = -0.5 * ((observed - mean) / deviation) ** 2 - np.log(deviation) - 0.5 * math.log(2.0 * math.pi)
+    known = np.isfinite(scores)
+    with np.errstate(invalid="ignore"):
+        return np.asarray(np.where(known, scores, 0.0).sum(axis=1) / known.sum(axis=1))
+
+
+def _crps_differences(backtests: Mapping[str, Mapping[str, Any]], best: str) -> dict[str, Difference]:
+    """Of the CRPS, K: of the same origins, as if these were independent."""
+    by_origin = {
+        model: {
+            own["origin"]: own["crps"]
+            for own in content["scores"]
+            if own["origin"] != ALL and own["channel"] == own["band"] == ALL and own["crps"] is not None
+        }
+        for model, content in backtests.items()
+    }
+    found = {}
+    for model, scores in by_origin.items():
+        same = [origin for origin in scores if origin in by_origin[best]]
+        if model != best and len(same) > 1:
+            worse = np.array([scores[origin] - by_origin[best][origin] for origin in same])
+            found[model] = Difference(float(worse.mean()), float(worse.std(ddof=1)) / math.sqrt(len(same)))
+    return found
+
+
+def _undecided(best: str, rivals: Sequence[str], differences: Mapping[str, Difference], *, backtest: bool) -> str:
+    """Why nothing is recommended."""
+    score, unit = ("CRPS", "K") if backtest else ("log score", "nat a sample")
+    listed = ", ".join(
+        f"'{model}' ({differences[model].worse:.2g} ± {differences[model].standard_error:.2g} {unit} worse)"
+        for model in rivals
+    )
+    advice = "More telemetry would tell." if backtest else "--backtest compares them on more telemetry."
+    return (
+        f"Nothing is recommended: by {score} '{best}' cannot be told from {listed}, a difference within {CLEAR:g} "
+        f"standard errors. {advice}"
+    )
 
 
 def backtest_summary(content: Mapping[str, Any]) -> dict[str, Any]:
