@@ -5,11 +5,14 @@ import subprocess
 import sys
 from pathlib import Path
 
+import numpy as np
+import pandas as pd
 import pytest
 from typer.testing import CliRunner
 
 from flightcal import cli
 from flightcal.cli import GATE_FAILED, INTERRUPTED, USER_ERROR, app
+from tests import small
 from tests.commands.test_calibrate import write
 
 run = CliRunner().invoke
@@ -134,3 +137,22 @@ def test_the_bundled_scenario_lies_in_the_package():
 
     folder = Path(cli.__file__).parent / "demo"
     assert {"scenario.yaml", "telemetry.csv"} <= {file.name for file in folder.iterdir()}
+
+
+@pytest.mark.parametrize(
+    ("noise", "advised"), [({"model": "ar1"}, True), ({"model": "ar1", "white": "0.1 K"}, False), ({}, False)]
+)
+def test_lint_advises_against_correlated_noise_alone_on_a_quantised_channel(tmp_path, noise, advised):
+    written = small.content()
+    written["noise"] = noise
+    small.load(tmp_path, written)
+    table = pd.read_csv(tmp_path / "telemetry.csv")
+    table["body"] = 0.5 * np.round((12.0 + np.sin(np.arange(len(table)) / 30.0)) / 0.5)
+    table.loc[50:57, "sun"] = np.nan
+    table.to_csv(tmp_path / "telemetry.csv", index=False)
+    result = run(app, ["lint", str(tmp_path / "scenario.yaml")])
+    assert result.exit_code == 0, result.output
+    words = "advice: observations.body_temp: its samples come in steps of 0.5 K"
+    assert (words in result.output) == advised
+    assert "panel_temp" not in result.output.split("no problems")[0].split("advice")[-1]
+    assert "'sun' drives the simulator and has no sample for 9.0 min" in result.output

@@ -16,7 +16,7 @@ from ..problem import Problem
 from ..progress import Progress
 from ..run import Run, Stage, hash_of, hash_of_file, open_run, plain
 from ..scenario import Scenario, default_noise, heat_of, input_files, is_trained, resolved_yaml
-from ..telemetry import quality_table
+from ..telemetry import bridged, quality_table
 
 K = TypeVar("K")
 
@@ -47,8 +47,11 @@ def open_for(scenario: Scenario, out: Path, progress: Progress, **more: str) -> 
 
 def keep_what_was_read(run: Run, data: xarray.Dataset, problem: Problem) -> None:
     """Write what telemetry and problem are like, as JSON; they are what stages may be made from."""
+    gaps = tuple(bridged(problem.scenario, data))
+    for record in gaps:
+        run.progress.say(record.detail)
     with run.folder.stage("read", run.folder.identity):
-        run.folder.write_json("telemetry_quality.json", plain(quality_table(data)))
+        run.folder.write_json("telemetry_quality.json", plain((*quality_table(data), *gaps)))
         run.folder.write_json("parameters.json", parameter_records(problem))
         run.folder.write_json("integration.json", integration_records(problem))
     run.given(run.folder.identity, data, problem)

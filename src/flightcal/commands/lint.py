@@ -1,9 +1,19 @@
 """`flightcal lint`: everything that is wrong, at once."""
 
+from __future__ import annotations
+
+from collections.abc import Iterator
+from typing import TYPE_CHECKING
+
 import typer
 
 from ..errors import USER_ERROR
 from .options import ScenarioFile, TelemetryPlace
+
+if TYPE_CHECKING:
+    import xarray
+
+    from ..scenario import Scenario
 
 
 def lint(scenario: ScenarioFile, telemetry: TelemetryPlace = None) -> None:
@@ -21,7 +31,7 @@ def lint(scenario: ScenarioFile, telemetry: TelemetryPlace = None) -> None:
         typer.echo(f"{len(findings)} problem{'s' if len(findings) > 1 else ''} found", err=True)
         raise typer.Exit(USER_ERROR)
     from ..problem import build_window
-    from ..telemetry import quality_table, read
+    from ..telemetry import bridged, quality_table, read
 
     loaded = load_scenario(scenario, telemetry=telemetry)
     data = read(loaded)
@@ -30,6 +40,26 @@ def lint(scenario: ScenarioFile, telemetry: TelemetryPlace = None) -> None:
         accuracy = built.network.accuracy if built.network is not None else None
         steps = "" if accuracy is None else f"; {accuracy.steps} steps, error {1e3 * accuracy.error:.2g} mK"
         typer.echo(f"window {window}: {len(built.times)} samples of {len(built.simulator.channels)} channels{steps}")
-    for record in quality_table(data):
+    for record in (*quality_table(data), *bridged(loaded, data)):
         typer.echo(f"telemetry {record.channel or 'file'}: {record.finding}, {record.samples} samples; {record.detail}")
+    for advice in _advice(loaded, data):
+        typer.echo(f"advice: {advice}")
     typer.echo(f"{scenario}: no problems found")
+
+
+def _advice(scenario: Scenario, data: xarray.Dataset) -> Iterator[str]:
+    """What is not wrong, and had better be otherwise."""
+    from ..scenario import noise_of
+    from ..telemetry import quantisation_step
+
+    for channel, item in scenario.observations.items():
+        step = None if item.heater is not None else quantisation_step(data[channel].values)
+        if step is None:
+            continue
+        noise = noise_of(scenario, channel)
+        if noise.model == "ar1" and noise.white is None:
+            yield (
+                f"observations.{channel}: its samples come in steps of {step:.3g} K, which correlated noise alone does "
+                f"not explain; write 'white' beside 'model: ar1', such as 'white: {step / 12**0.5:.2g} K' (a step over "
+                "root 12)"
+            )

@@ -3,18 +3,22 @@
 Imports: environment, errors, scenario.
 """
 
+from .bridges import bridged
 from .drivers import SHORT_GAP, driver_corners, driver_gaps, driver_series, status_changes, status_fraction
 from .quality import QualityRecord, quality_table
+from .quantisation import quantisation_step
 from .read import read, read_telemetry
 from .window import select_window, window_bounds
 
 __all__ = [
     "SHORT_GAP",
     "QualityRecord",
+    "bridged",
     "driver_corners",
     "driver_gaps",
     "driver_series",
     "quality_table",
+    "quantisation_step",
     "read",
     "read_telemetry",
     "select_window",

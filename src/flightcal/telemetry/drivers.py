@@ -42,7 +42,7 @@ def driver_series(
     """
     fill = fill or dataset[channel].attrs["fill"]
     period = period or dataset.attrs.get("period_s")
-    seconds, values, interval = _valid(dataset, channel)
+    seconds, values, interval = valid_samples(dataset, channel)
     at = _seconds(times)
     gap = _gap(seconds, at, interval)
     result = np.interp(at, seconds, values)
@@ -82,7 +82,7 @@ def driver_corners(dataset: xr.Dataset, channel: str, fill: Fill, period: float 
 
     Where a gap is bridged from another orbit the driver jumps at its ends, within a millisecond.
     """
-    seconds, _, interval = _valid(dataset, channel)
+    seconds, _, interval = valid_samples(dataset, channel)
     corners = [seconds]
     long = np.flatnonzero(np.diff(seconds) > SHORT_GAP * interval)
     if fill == "previous_orbit" and period is not None:
@@ -111,7 +111,7 @@ def status_fraction(dataset: xr.Dataset, channel: str, edges: NDArray[np.datetim
     holds until half an interval before the next. NaN in an interval that begins in a longer gap, more than a sampling
     interval after its last sample. edges: [K + 1]. Raises TelemetryError when the edges lie outside the telemetry.
     """
-    seconds, values, interval = _valid(dataset, channel)
+    seconds, values, interval = valid_samples(dataset, channel)
     at = _seconds(edges)
     rows = _seconds(dataset["time"].to_numpy()[[0, -1]])
     slack = max(interval, dataset.attrs["sampling_interval_s"])
@@ -133,7 +133,7 @@ def status_fraction(dataset: xr.Dataset, channel: str, edges: NDArray[np.datetim
 
 def status_changes(dataset: xr.Dataset, channel: str) -> NDArray[np.datetime64]:
     """When the status changes as `status_fraction` has it, and where it begins or ceases to be known."""
-    seconds, values, interval = _valid(dataset, channel)
+    seconds, values, interval = valid_samples(dataset, channel)
     gaps = np.diff(seconds)
     changes = (seconds[1:] - np.minimum(gaps, interval) / 2)[np.diff(values) != 0.0]
     long = np.flatnonzero(gaps > SHORT_GAP * interval)
@@ -159,7 +159,7 @@ def _gap(seconds: NDArray[np.float64], at: NDArray[np.float64], interval: float)
     return np.where(exact, 0.0, np.where(inside, after - before, outside))
 
 
-def _valid(dataset: xr.Dataset, channel: str) -> tuple[NDArray[np.float64], NDArray[np.float64], float]:
+def valid_samples(dataset: xr.Dataset, channel: str) -> tuple[NDArray[np.float64], NDArray[np.float64], float]:
     """Times (s since 1970) and values of the valid samples, and their median interval (s)."""
     values = dataset[channel].to_numpy()
     valid = ~np.isnan(values)

@@ -29,6 +29,7 @@ def panel(run: RunFiles) -> list[Block]:
             "temperature and duty cycle may be off, how well each parameter is known, and how they are correlated."
         ),
         *([block.text(words)] if (words := runs_in_words(run.metrics)) else []),
+        *(block.text(f"{own['detail']}.") for own in run.quality or () if own["finding"] == "bridged"),
         block.table(comparison(run.metrics), "There is no pair of methods to compare."),
         *published(run),
         block.heading("By window and channel"),

@@ -1,0 +1,41 @@
+"""Gaps of measured inputs are said by name and length, in the windows that they reach into."""
+
+import numpy as np
+import pytest
+
+from flightcal.telemetry import bridged
+
+from .. import small
+
+
+def case(folder, fill, gaps):
+    """Telemetry of a sample a minute, whose driver has none in minutes from first to before last."""
+    written = small.content()
+    written["telemetry"]["channels"]["sun"]["fill"] = fill
+    scenario, data = small.closed_loop(folder, written)
+    for first, last in gaps:
+        data["sun"].values[first:last] = np.nan
+    return scenario, data
+
+
+@pytest.mark.parametrize(("fill", "how"), [("previous_orbit", "values of other orbits"), ("interpolate", "a straight")])
+def test_a_bridged_gap_has_its_channel_window_length_and_how(tmp_path, fill, how):
+    (found,) = bridged(*case(tmp_path, fill, [(50, 58)]))
+    assert (found.channel, found.finding, found.samples) == ("sun", "bridged", 8)
+    assert (found.first, found.last) == (small.START + np.timedelta64(49, "m"), small.START + np.timedelta64(58, "m"))
+    for words in ("'sun'", "9.0 min from 2024-03-01T00:49:00", "window 'train'", f"bridged by {how}"):
+        assert words in found.detail
+
+
+def test_short_gaps_and_gaps_outside_of_all_windows_are_not_said(tmp_path):
+    # Training ends after 180 min, the test begins at 210.
+    scenario, data = case(tmp_path, "previous_orbit", [(50, 52), (185, 205)])
+    assert list(bridged(scenario, data)) == []
+    data["sun"].values[175:205] = np.nan
+    assert ["window 'train'" in own.detail for own in bridged(scenario, data)] == [True]
+
+
+def test_a_driver_that_drives_nothing_is_not_said(tmp_path):
+    scenario, data = case(tmp_path, "previous_orbit", [(50, 70)])
+    unused = scenario.model_copy(update={"simulator": scenario.simulator.model_copy(update={"loads": {}})})
+    assert list(bridged(unused, data)) == []
