@@ -90,8 +90,23 @@ def test_points_are_whole_thetas_whose_noise_is_the_rmse_of_each_channel(problem
     for theta in points.values():
         residual = problem.windows[0].observed - problem.windows[0].simulate(theta).temperatures
         assert theta[problem.names.index("noise.body_temp")] == pytest.approx(np.sqrt(np.mean(residual[:, 0] ** 2)))
-    start = genetic["first_generation_best"].values[np.argmin(genetic["rmse"].values)]
-    np.testing.assert_array_equal(points["poorly_calibrated"][chosen], start)
+    np.testing.assert_array_equal(points["poorly_calibrated"][chosen], genetic["poor_theta"])
+
+
+def test_poorly_calibrated_are_parameters_within_their_priors_at_the_right_initial_temperatures(problem, genetic):
+    theta, median = genetic_points(problem, genetic)["poorly_calibrated"], problem.priors.median()
+    of_initial = np.array([name.startswith("initial.") for name in problem.names])
+    np.testing.assert_array_equal(theta[of_initial], median[of_initial])
+    wrong = [problem.names.index(name) for name in SEARCHED if not name.startswith("initial.")]
+    assert (theta[wrong] != median[wrong]).all()
+    low, high = (problem.priors.quantile(p) for p in (1e-4, 1.0 - 1e-4))
+    assert ((low < theta) & (theta < high))[wrong].all()
+    draws = np.tile(median, (400, 1))
+    draws[:, wrong] = problem.priors.sample(np.random.default_rng(8), 400)[:, wrong]
+    rmse = problem.rmse(np.concatenate([theta[None], draws]))
+    # The place of one of 24 draws.
+    assert 0.55 < (rmse[1:] < rmse[0]).mean() < 0.92
+    assert rmse[0] > 1.25 * problem.rmse(median[None])[0]
 
 
 def test_residual_noise_of_a_failed_simulation_stays_as_it_was(problem):

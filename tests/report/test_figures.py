@@ -8,7 +8,7 @@ import pytest
 import xarray as xr
 
 from flightcal.report.heat_map import figure_correlation
-from flightcal.report.panels.before import figure_heater_status
+from flightcal.report.panels.before import figure_heater_status, poorly_in_words
 from flightcal.report.panels.convergence import figure_genetic_history, figure_genetic_spread, figure_traces
 from flightcal.report.panels.densities import figure_density
 from flightcal.report.panels.pairs import figure_pairs, most_correlated
@@ -297,3 +297,15 @@ def test_a_status_is_unknown_before_its_first_sample_in_gaps_of_the_rows_and_wit
     assert list(zip(starts, ends, strict=True)) == [(time[0], time[3]), (time[50], time[70])]
     starts, ends = unknown_stretches(np.full(100, np.nan), time)
     assert (starts.tolist(), ends.tolist()) == (time[:1].tolist(), time[-1:].tolist())
+
+
+@pytest.mark.parametrize(("factor", "seen"), [(2.0, True), (1.1, False)])
+def test_a_poor_calibration_has_its_error_beside_and_why_it_is_not_visibly_worse(run, factor, seen):
+    window = run.windows["train"].copy(deep=True)
+    observed = window["observed"].values
+    for name, error in (("uncalibrated", 1.0), ("poorly_calibrated", factor)):
+        window["mean"].loc[{"method": name}] = np.where(np.isfinite(observed), observed, 280.0) + error
+    words = poorly_in_words(window)
+    assert words.startswith(f" RMSE {factor:.2f} K, uncalibrated 1.00 K.")
+    assert ("not visibly worse" in words) != seen
+    assert poorly_in_words(window.sel({"method": ["uncalibrated"]})) == ""
