@@ -33,9 +33,9 @@ def measure(quick: bool) -> Section:
     return Section(
         "Whole experiment",
         f"`examples/leo_observer/published.yaml`, start to report, each run in a new process. Genetic algorithm: "
-        f"{written['genetic']['runs']} runs of {written['genetic']['population']} individuals and "
-        f"{written['genetic']['generations']} generations; NUTS: {written['nuts']['chains']} chains of "
-        f"{written['nuts']['draws']} draws; the stages' times are those of provenance.json.",
+        f"{written['genetic']['runs']} runs of {written['genetic']['population']} individuals, until they "
+        f"converge, and of {written['genetic']['generations']} generations at most; NUTS: {written['nuts']['chains']} "
+        f"chains of {written['nuts']['draws']} draws; the stages' times are those of provenance.json.",
         [Table(["stage", "first run", "later run (median)"], rows)],
         [
             "Compilation is what Numba measures of itself, within the stages' times.",

@@ -257,14 +257,20 @@ def test_after_a_backtest_a_difference_is_held_to_its_scatter_over_origins(scatt
 
 def test_a_model_that_failed_a_gate_is_named_with_the_gate(tmp_path):
     values = {"rmse": 1.0, "mape_kelvin": 0.3, "picp": 0.95, "mpiw": 4.0, "crps": 0.6, "log_score": -1.0}
+    shares = {"all": 0.95, "body": 0.9, "panel": 1.0}
     content = {
-        "means": {"iid": values, "ar1": values}, "left_out": {}, "backtest": {}, "recommended": None,
+        "means": {"iid": values, "ar1": values},
+        "scores": [
+            {"model": "iid", "window": "test", "channel": name, "picp": share} for name, share in shares.items()
+        ],
+        "left_out": {}, "backtest": {}, "recommended": None,
         "reason": "Nothing is recommended.", "passed": {"iid": True, "ar1": False},
         "failed_gates": {"iid": [], "ar1": ["R-hat 1.023 (link)", "divergences 12"]},
     }  # fmt: skip
     lines = printed(print_comparison, compare.Comparison(tmp_path, {}, content))
     assert "failed a gate: ar1 (R-hat 1.023 (link), divergences 12)" in lines
     assert "recommended: none" in lines
+    assert "iid: covers least, 90.0% of body in test" in lines
     gates = [
         {"name": "R-hat", "found": "1.2 (link)", "required": "1.01", "passed": False},
         {"name": "divergences", "found": "0", "required": "0", "passed": True},

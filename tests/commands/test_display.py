@@ -120,6 +120,8 @@ def test_the_published_method_stands_beside_the_default():
             Metric("stochastic", "test", "battery", "rmse", 9.0, "K"),
             Metric("stochastic", "test", "all", "rmse", rmse, "K"),
             Metric("stochastic", "test", "all", "picp", picp, "1"),
+            Metric("stochastic", "test", "battery", "picp", picp - 0.1, "1"),
+            Metric("stochastic", "test", "tank", "picp", picp + 0.1, "1"),
         )
 
     own, published = summary(Path("run"), scores(0.2, 0.95)), summary(Path("run/published"), scores(0.3, 0.5))
@@ -128,6 +130,7 @@ def test_the_published_method_stands_beside_the_default():
     cells = [[cell.strip() for cell in line.split("\u2502")[1:-1]] for line in lines if "\u2502" in line]
     assert ["test", "rmse", "0.4 K", "0.3 K", "0.2 K"] in cells
     assert ["test", "picp", "-", "50.0%", "95.0%"] in cells
+    assert ["test", "picp, least of a channel", "-", "40.0% battery", "85.0% battery"] in cells
     assert lines[-1] == f"report: {Path('run/report.html')}"
 
 

@@ -207,3 +207,11 @@ def test_one_method_alone_is_not_compared(own_run):
     kept = [m for m in metrics if m["method"] != "stochastic"]
     (own_run / "metrics.json").write_text(json.dumps(kept), encoding="utf-8")
     assert "no other method" in about(read_run(own_run), "On unseen telemetry").text
+
+
+def test_coverage_over_all_channels_does_not_stand_alone(run):
+    of = {m.channel: m.value for m in run.metrics if (m.method, m.window, m.metric) == ("stochastic", "test", "picp")}
+    del of["all"]
+    low, high = min(of, key=of.__getitem__), max(of, key=of.__getitem__)
+    text = about(run, "On unseen telemetry").text
+    assert f"By channel it holds from {100 * of[low]:.1f}% ({low}) to {100 * of[high]:.1f}% ({high})." in text

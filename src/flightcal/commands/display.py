@@ -148,11 +148,20 @@ def print_beside(own: Summary, published: Summary, console: Console | None = Non
     for window in dict.fromkeys(window for window, _ in found[-1]):
         for metric in ("rmse", "crps", "picp", "mpiw"):
             table.add_row(window, metric, *(_score(of.get((window, metric))) for of in found))
+        worst = (_least_covered(of.metrics, method, window) for _, of, method in columns)
+        table.add_row(window, "picp, least of a channel", *worst)
     console.print(table)
     console.print("published method:", end="", highlight=False)
     _print_verdict(published.verdict, console)
     console.print(f"its report: {published.report}", highlight=False, soft_wrap=True)
     console.print(f"report: {own.report}", highlight=False, soft_wrap=True)
+
+
+def _least_covered(metrics: Sequence[Metric], method: str, window: str) -> str:
+    """The lowest coverage of a channel, and of which."""
+    shares = [m for m in metrics if (m.method, m.window, m.metric) == (method, window, "picp") and m.channel != "all"]
+    worst = min((m for m in shares if m.value is not None), key=lambda m: m.value or 0.0, default=None)
+    return "-" if worst is None else f"{_score(worst)} {worst.channel}"
 
 
 def _score(metric: Metric | None) -> str:
@@ -217,6 +226,11 @@ def print_comparison(comparison: ModelComparison, console: Console | None = None
         ]
         table.add_row(model, *shown)
     console.print(table)
+    for model in comparison.content["means"]:
+        shares = [row for row in comparison.content["scores"] if row["model"] == model and row["channel"] != "all"]
+        if worst := min((row for row in shares if row["picp"] is not None), key=lambda row: row["picp"], default=None):
+            place = f"{worst['picp']:.1%} of {worst['channel']} in {worst['window']}"
+            console.print(f"{model}: covers least, {place}", highlight=False, soft_wrap=True, markup=False)
     for model, windows in comparison.content["left_out"].items():
         for window, scores in windows.items():
             words = f"PICP {scores['picp']:.1%}, CRPS {scores['crps']:.4g} K, log score {scores['log_score']:.4g}"

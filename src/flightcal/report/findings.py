@@ -217,6 +217,13 @@ def _interval(run: RunFiles, window: str) -> str:
         f"The {100 * nominal:g}% interval holds {percent(coverage)} of the telemetry of all channels (PICP) and is "
         f"{number(width, 3)} K wide on average (MPIW)."
     )
+    shares = {
+        m.channel: m.value for m in run.metrics if (m.method, m.window, m.metric) == ("stochastic", window, "picp")
+    }
+    by_channel = sorted((share, name) for name, share in shares.items() if share is not None and name != "all")
+    if by_channel:
+        words += f" By channel it holds from {percent(by_channel[0][0])} ({by_channel[0][1]}) to "
+        words += f"{percent(by_channel[-1][0])} ({by_channel[-1][1]})."
     if contains := attributes.get("interval_contains"):
         words += f" It contains {contains}."
     return words

@@ -102,7 +102,8 @@ def _cells(values: Array, time: Times, max_lag: int) -> list[_Cells]:
     found = []
     for start, end in itertools.pairwise(ends):
         places, own = np.rint(at[start:end] - at[start]).astype(int), values[start:end]
-        found.append(_Cells(*(np.bincount(places, weights) for weights in (own, np.ones(own.size), own**2))))
+        weights = (own, np.ones(own.size), own**2)
+        found.append(_Cells(*(np.asarray(np.bincount(places, of), float) for of in weights)))
     return found
 
 
