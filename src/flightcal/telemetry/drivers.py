@@ -98,7 +98,7 @@ def driver_gaps(dataset: xr.Dataset, channel: str) -> tuple[NDArray[np.datetime6
 
     A gap is from the last sample before to the first after it; the driver's standard deviation is in its SI unit.
     """
-    seconds, values, interval = _valid(dataset, channel)
+    seconds, values, interval = valid_samples(dataset, channel)
     long = np.flatnonzero(np.diff(seconds) > SHORT_GAP * interval)
     gaps = np.round(np.stack([seconds[long], seconds[long + 1]], axis=1) * 1e9).astype(np.int64)
     return gaps.astype("datetime64[ns]"), float(values.std())
