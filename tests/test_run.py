@@ -11,7 +11,8 @@ from flightcal.run import open_run, plain, read_dataset, read_provenance, read_r
 
 
 def opened(path, identity="a"):
-    return open_run(path, {"the scenario": identity}, "name: x\n", {"telemetry.csv": "0"}, 1)
+    with open_run(path, {"the scenario": identity}, "name: x\n", {"telemetry.csv": "0"}, 1) as run:
+        return run
 
 
 def test_a_stage_is_done_only_with_its_files_and_the_same_inputs(tmp_path):

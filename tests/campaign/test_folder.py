@@ -119,7 +119,7 @@ def test_a_latin_hypercube_does_not_grow(tmp_path):
 
 
 def test_a_campaign_is_run_by_one_process_at_a_time(tmp_path):
-    with locked(tmp_path / "c"), pytest.raises(RunError, match="another process is running"), locked(tmp_path / "c"):
+    with locked(tmp_path / "c"), pytest.raises(RunError, match="another process is at work"), locked(tmp_path / "c"):
         pass
     with locked(tmp_path / "c"):
         pass

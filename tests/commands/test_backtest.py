@@ -30,6 +30,7 @@ def test_a_backtest_leaves_its_records_its_predictions_and_a_page(finished):
     _, out, found = finished
     assert {file.name for file in out.iterdir()} == {
         "scenario.yaml", "provenance.json", "log.jsonl", "origins", "backtest.json", "backtest.nc", "report.html",
+        "digests.json", "run.lock",
     }  # fmt: skip
     content = json.loads((out / "backtest.json").read_text())
     assert content == found.content

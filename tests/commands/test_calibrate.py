@@ -20,8 +20,8 @@ from tests.told import Told
 
 FILES = {
     "scenario.yaml", "provenance.json", "suspects.json", "telemetry_quality.json", "parameters.json",
-    "integration.json", "genetic.nc", "posterior.nc",
-    "diagnostics.json", "prediction.nc", "metrics.json", "verdict.json", "report.html", "log.jsonl",
+    "integration.json", "genetic.nc", "posterior.nc", "diagnostics.json", "prediction.nc", "metrics.json",
+    "verdict.json", "report.html", "log.jsonl", "digests.json", "run.lock",
 }  # fmt: skip
 
 
@@ -168,6 +168,7 @@ def test_the_folder_of_an_earlier_flightcal_is_refused_with_what_to_do_and_can_s
     provenance = json.loads(file.read_text())
     del provenance["parts"]
     file.write_text(json.dumps(provenance))
+    (tmp_path / "run" / "digests.json").unlink()
     with pytest.raises(RunError, match="an earlier flightcal, which cannot be taken up; choose another --out"):
         run_experiment(scenario, tmp_path / "run")
     assert write_report(tmp_path / "run").stat().st_size > 100_000

@@ -15,7 +15,8 @@ def open_with(folder, **blocks):
     """Open the run `folder`/run for the scenario without heat and noise, but for `blocks`."""
     written = small.content()
     written.pop("heat", None)
-    return open_for(small.load(folder, written | blocks)[0], folder / "run", Silent())
+    with open_for(small.load(folder, written | blocks)[0], folder / "run", Silent()):
+        pass
 
 
 @pytest.mark.parametrize(("by_default", "meant"), [(False, {"heat": "none", "noise": {}}), (True, {"heat": {}})])

@@ -78,12 +78,17 @@ def test_another_scenario_is_refused(scenario, tmp_path):
         validate_scenario(file, out, 20, workers=1)
 
 
-def test_a_damaged_repeat_is_a_message(scenario):
-    file, out, _, _ = scenario
+def test_a_damaged_repeat_is_said_and_run_again(scenario):
+    file, out, made, _ = scenario
     validate_scenario(file, out, 20, workers=1)
-    (out / "repeats" / "0002.json").write_text("{")
-    with pytest.raises(RunError, match=r"0002\.json: found a damaged repeat"):
-        validate_scenario(file, out, 20, workers=1)
+    whole = (out / "repeats" / "0002.json").read_bytes()
+    (out / "repeats" / "0002.json").write_bytes(whole[:-9])
+    made.clear()
+    told = Told()
+    validate_scenario(file, out, 20, workers=1, progress=told)
+    assert made == [2]
+    assert any("0002.json: damaged" in line for line in told.said)
+    assert (out / "repeats" / "0002.json").read_bytes() == whole
 
 
 def test_ranks_outside_of_the_band_have_the_exit_code_of_a_failed_gate(scenario):

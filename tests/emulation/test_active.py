@@ -14,6 +14,7 @@ from flightcal.emulation.horizon import beginning
 from flightcal.emulation.runs import read_runs
 from flightcal.errors import FlightcalError
 from flightcal.problem import build_problem
+from flightcal.run import write_netcdf
 from flightcal.scenario import EmulatorSettings, NutsSettings
 from tests import derivative_free
 from tests.told import Told
@@ -104,7 +105,7 @@ def test_it_takes_up_where_it_stopped(problem, tmp_path, monkeypatch):
         return evaluate(window, thetas)
 
     file, settings = tmp_path / "runs.nc", EmulatorSettings(runs=60, start=40, batch=10)
-    arguments = {"settings": settings, "seed": 5, "save": lambda runs: runs[0].write(file)}
+    arguments = {"settings": settings, "seed": 5, "save": lambda runs: write_netcdf(file, runs[0].dataset())}
     with pytest.raises(KeyboardInterrupt):
         learn(problem, interrupted, nothing, **arguments)
     assert len(asked) == 48  # in the middle of a round

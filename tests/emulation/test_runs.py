@@ -6,6 +6,7 @@ import pytest
 from flightcal.emulation.runs import failure_summary, no_runs, read_runs
 from flightcal.errors import RunError
 from flightcal.external.record import Record
+from flightcal.run import write_netcdf
 
 TIMES = np.datetime64("2024-03-01T00:00:00", "ns") + np.arange(4) * np.timedelta64(60, "s")
 NONE = no_runs(("link", "size"), ("body",), ("heater",), TIMES)
@@ -21,7 +22,7 @@ def record(link, outcome="finished", size=1.0):
 
 def test_runs_come_back_from_their_file_whole(tmp_path):
     runs = NONE.add([record(0.1), record(0.9, "crashed")], 0).add([record(0.2)], 1)
-    runs.write(tmp_path / "runs.nc")
+    write_netcdf(tmp_path / "runs.nc", runs.dataset())
     back = read_runs(tmp_path / "runs.nc", NONE)
     for name in ("theta", "temperatures", "status", "outcome", "message", "round", "times"):
         np.testing.assert_array_equal(getattr(back, name), getattr(runs, name))
@@ -30,7 +31,7 @@ def test_runs_come_back_from_their_file_whole(tmp_path):
 
 
 def test_a_file_of_other_runs_is_refused(tmp_path):
-    NONE.add([record(0.1)], 0).write(tmp_path / "runs.nc")
+    write_netcdf(tmp_path / "runs.nc", NONE.add([record(0.1)], 0).dataset())
     with pytest.raises(RunError, match=r"runs\.nc: found parameters link, size, expected link, mass"):
         read_runs(tmp_path / "runs.nc", no_runs(("link", "mass"), ("body",), ("heater",), TIMES))
     with pytest.raises(RunError, match="sample times that are not the scenario's 3"):

@@ -39,7 +39,8 @@ def again(tmp_path):
 
     def opened():
         told = Told()
-        return Run(open_run(tmp_path / "run", {"all": "1"}, "name: x\n", {}, 1), told), told
+        with open_run(tmp_path / "run", {"all": "1"}, "name: x\n", {}, 1, told) as folder:
+            return Run(folder, told), told
 
     return opened
 

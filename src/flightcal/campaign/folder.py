@@ -9,7 +9,6 @@
 
 from __future__ import annotations
 
-import fcntl
 import json
 import platform
 from collections.abc import Iterator, Mapping
@@ -24,7 +23,8 @@ import xarray
 
 from ..errors import RunError
 from ..probability import GROWING
-from ..run import read_dataset, write_json, write_netcdf, write_text
+from ..run import locked as held
+from ..run import read_dataset, sweep, write_json, write_netcdf, write_text
 from ..simulator import FloatArray
 from .store import DamagedRecord, RunStore
 from .subject import Subject
@@ -63,11 +63,8 @@ def locked(folder: Path) -> Iterator[None]:
         if foreign:
             raise RunError(f"{folder}: the folder holds {foreign[0]} but no campaign; expected an empty or new folder")
     folder.mkdir(parents=True, exist_ok=True)
-    with (folder / _LOCK).open("a") as file:
-        try:
-            fcntl.flock(file, fcntl.LOCK_EX | fcntl.LOCK_NB)
-        except BlockingIOError:
-            raise RunError(f"{folder}: another process is running this campaign; wait for it or stop it") from None
+    with held(folder, _LOCK):
+        sweep(folder)
         yield
 
 

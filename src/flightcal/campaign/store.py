@@ -18,7 +18,7 @@ from typing import Final, get_args
 import numpy as np
 
 from ..external import Outcome, Record
-from ..run import hash_of, write_atomically
+from ..run import hash_of, write_bytes
 from ..simulator import FloatArray
 
 FINISHED: Final = "finished"
@@ -55,7 +55,8 @@ class RunStore:
         file.parent.mkdir(exist_ok=True)
         content = io.BytesIO()
         np.savez(content, **{name: np.asarray(getattr(record, name)) for name in _FIELDS})  # type: ignore[arg-type]
-        write_atomically(file, lambda path: path.write_bytes(content.getbuffer()))
+        # A power cut may cost the last records, which are run again; to wait for the disk would cost more.
+        write_bytes(file, content.getbuffer(), lasting=False)
 
     def read(self, theta: FloatArray) -> Record | None:
         """The record of theta [d]; None where there is none. Raises DamagedRecord."""

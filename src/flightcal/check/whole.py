@@ -14,7 +14,7 @@ from ..errors import FlightcalError
 from ..problem import Problem
 from ..progress import SILENT, Progress
 from ..report import Finding, read_run
-from ..run import Run, Stage, plain, read_json, read_provenance, typed, write_text
+from ..run import Run, Stage, plain, read_json, read_provenance, typed
 from ..telemetry import window_bounds
 from .centre import find_centre
 from .evaluate import THOROUGH, Effort, runs_of_a_search
@@ -149,4 +149,4 @@ def _write(run: Run, problem: Problem, checked: Checked) -> None:
     }
     run.folder.write_json(_JSON, plain(content))
     created = str(read_provenance(run.path).get("created", ""))
-    write_text(run.folder.file(_PAGE), render(checked, problem, findings, run.path, created))
+    run.folder.write_text(_PAGE, render(checked, problem, findings, run.path, created))

@@ -97,14 +97,14 @@ def backtest_scenario(
     with progress.stage("reading telemetry"):
         data = read(scenario)
     plan = plan_origins(scenario, data, origins, **lengths)
-    run = open_for(scenario, Path(out), progress)
-    run.given(run.folder.identity, data)
-    predictions = _predictions(run, scenario, data, plan)
-    content: dict[str, Any] = plain(backtest_record(scenario, plan, predictions))
-    with progress.stage("writing the report"):
-        run.folder.write_netcdf(PREDICTIONS, xarray.DataTree.from_dict(predictions))
-        run.folder.write_json(RESULT, content)
-        report = write_backtest(run.path)
+    with open_for(scenario, Path(out), progress) as run:
+        run.given(run.folder.identity, data)
+        predictions = _predictions(run, scenario, data, plan)
+        content: dict[str, Any] = plain(backtest_record(scenario, plan, predictions))
+        with progress.stage("writing the report"):
+            run.folder.write_netcdf(PREDICTIONS, xarray.DataTree.from_dict(predictions))
+            run.folder.write_json(RESULT, content)
+            report = write_backtest(run.path)
     return Backtest(run.path, report, content)
 
 

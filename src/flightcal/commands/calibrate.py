@@ -13,8 +13,12 @@ from ..progress import SILENT, Progress
 from .options import ScenarioFile, TelemetryPlace
 
 if TYPE_CHECKING:
+    import xarray
+
     from ..prediction import Metric, Unseen
+    from ..problem import Problem
     from ..report import Verdict
+    from ..run import Run
 
 DEMO = Path(__file__).parents[1] / "demo"
 """The bundled satellite."""
@@ -61,27 +65,35 @@ def run_experiment(
     it.
     Raises FlightcalError for what is the user's to mend. An interrupted sampling is saved, scored and reported.
     """
-    from ..calibration import COMPILE, GENETIC, NUTS
-    from ..check import SUSPECTS
-    from ..emulation import NUTS_THROUGH_EMULATOR, emulator_stage, needs_emulator
-    from ..prediction import PREDICT, PREDICTION_FILE, read_unseen
     from ..problem import build_problem
-    from ..report import read_run, verdict_of, write_report
     from ..scenario import load_scenario
     from ..telemetry import read
-    from ..validation import FULL_SIMULATOR
-    from .folder import heat_shares, keep_what_was_read, open_for, taken_over
+    from .folder import keep_what_was_read, open_for
 
     scenario = load_scenario(scenario_file, telemetry=telemetry)
-    method, seed = scenario.calibration, scenario.calibration.seed
     with progress.stage("reading telemetry"):
         data = read(scenario)
     with progress.stage("building the problem (the first time it compiles the simulator)"):
         problem = build_problem(scenario, data)
-        run = open_for(scenario, Path(out), progress)
+    with open_for(scenario, Path(out), progress) as run:
         keep_what_was_read(run, data, problem)
+        return _run_stages(run, problem, data, searched)
+
+
+def _run_stages(run: Run, problem: Problem, data: xarray.Dataset, searched: Path | None) -> Summary:
+    """All stages of an experiment; searched: see `run_experiment`."""
+    from ..calibration import COMPILE, GENETIC, NUTS
+    from ..check import SUSPECTS
+    from ..emulation import NUTS_THROUGH_EMULATOR, emulator_stage, needs_emulator
+    from ..prediction import PREDICT, PREDICTION_FILE, read_unseen
+    from ..report import read_run, verdict_of, write_report
+    from ..validation import FULL_SIMULATOR
+    from .folder import heat_shares, taken_over
+
+    scenario = problem.scenario
+    method, seed = scenario.calibration, scenario.calibration.seed
     for line in run.stage(SUSPECTS, problem, data).lines:
-        progress.say(line)
+        run.progress.say(line)
     if needs_emulator(problem):
         emulation = run.stage(emulator_stage(problem), problem, data, settings=method.emulator, seed=seed)
         run.given(run.key(emulation), emulation.searched)
@@ -99,7 +111,7 @@ def run_experiment(
         PREDICT, problem, data, genetic, sampled, emulation,
         windows=scenario.windows, settings=method.prediction, seed=seed,
     )  # fmt: skip
-    with progress.stage("writing the report"), run.folder.stage("report", run.key(metrics)):
+    with run.progress.stage("writing the report"), run.folder.stage("report", run.key(metrics)):
         verdict = verdict_of(read_run(run.path))
         run.folder.write_json(VERDICT, verdict.record)
         report = write_report(run.path)
@@ -151,7 +163,7 @@ def run_demo(out: Path, folder: Path = DEMO, *, progress: Progress = SILENT) -> 
     None: the first was interrupted. The scores of the second are kept beside the first, for its report.
     """
     from ..report import write_report
-    from ..run import write_json
+    from ..run import hold
 
     own = run_experiment(folder / "scenario.yaml", out, progress=progress)
     if own.interrupted:
@@ -160,6 +172,7 @@ def run_demo(out: Path, folder: Path = DEMO, *, progress: Progress = SILENT) -> 
     published = run_experiment(folder / "published.yaml", out / "published", searched=own.run, progress=progress)
     kept = [metric for metric in published.metrics if metric.channel == "all"]
     fields = ("method", "window", "metric", "value")
-    write_json(own.run / BESIDE, [{name: getattr(metric, name) for name in fields} for metric in kept])
-    write_report(own.run)
+    with hold(own.run) as run:
+        run.write_json(BESIDE, [{name: getattr(metric, name) for name in fields} for metric in kept])
+        write_report(own.run)
     return own, published

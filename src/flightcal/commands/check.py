@@ -74,9 +74,9 @@ def check_scenario(
         check_names(problem, list(profiles))
         if profiles and needs_emulator(problem):
             raise ScenarioError("--profile: found a simulator without derivatives, expected one with them")
-        run = open_for(scenario, Path(out), progress)
-    run.given(run.folder.identity, problem, data)
-    return run.stage(
-        CHECK, problem, parameter_records(problem), run.stage(SUSPECTS, problem, data),
-        effort=effort_for(problem, runs), profiles=profiles, seed=scenario.calibration.seed,
-    )  # fmt: skip
+    with open_for(scenario, Path(out), progress) as run:
+        run.given(run.folder.identity, problem, data)
+        return run.stage(
+            CHECK, problem, parameter_records(problem), run.stage(SUSPECTS, problem, data),
+            effort=effort_for(problem, runs), profiles=profiles, seed=scenario.calibration.seed,
+        )  # fmt: skip

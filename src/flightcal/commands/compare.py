@@ -27,6 +27,7 @@ if TYPE_CHECKING:
 
 _RESULT = "comparison.json"
 _LEFT_OUT = "left_out.json"
+_LOCK = "compare.lock"
 
 
 def compare(
@@ -100,7 +101,7 @@ def compare_models(
     Raises FlightcalError for what is the user's to mend, and KeyboardInterrupt after a sampling that was interrupted.
     """
     from ..report import write_comparison
-    from ..run import plain, write_json, write_text
+    from ..run import locked, plain, sweep, write_json, write_text
     from ..scenario import is_trained, load_scenario, resolved_yaml
     from ..validation import MODELS, check_windows, comparison_of, variant
 
@@ -114,28 +115,30 @@ def compare_models(
         check_windows(scenario)
     folder = Path(out)
     folder.mkdir(parents=True, exist_ok=True)
-    summaries, loos, others, backtests = {}, {}, {}, {}
-    for model in models:
-        progress.say(model)
-        file = folder / f"{model}.yaml"
-        write_text(file, resolved_yaml(variant(scenario, model), absolute=True))
-        summaries[model] = run_experiment(file, folder / model, progress=progress)
-        if summaries[model].interrupted:
-            raise KeyboardInterrupt
-        loos[model] = _block_loo(file, summaries[model])
-        if leave_windows_out:
-            others[model] = _left_out(file, summaries[model], progress)
-        if backtest:
-            backtests[model] = backtest_scenario(file, folder / f"{model}_backtest", progress=progress).content
-    metrics = {model: summary.metrics for model, summary in summaries.items()}
-    passed = {model: summary.passed for model, summary in summaries.items()}
-    unseen = [window for window in scenario.windows if not is_trained(window)]
-    predictions = {model: _predictions(summary.run, unseen) for model, summary in summaries.items()}
-    content = comparison_of(scenario.name, metrics, loos, passed, backtests, predictions)
-    content |= {"left_out": others, "failed_gates": {model: _failed(own) for model, own in summaries.items()}}
-    write_json(folder / _RESULT, plain(content))
-    write_comparison(folder)
-    return Comparison(folder, summaries, content)
+    with locked(folder, _LOCK):
+        sweep(folder)
+        summaries, loos, others, backtests = {}, {}, {}, {}
+        for model in models:
+            progress.say(model)
+            file = folder / f"{model}.yaml"
+            write_text(file, resolved_yaml(variant(scenario, model), absolute=True))
+            summaries[model] = run_experiment(file, folder / model, progress=progress)
+            if summaries[model].interrupted:
+                raise KeyboardInterrupt
+            loos[model] = _block_loo(file, summaries[model])
+            if leave_windows_out:
+                others[model] = _left_out(file, summaries[model], progress)
+            if backtest:
+                backtests[model] = backtest_scenario(file, folder / f"{model}_backtest", progress=progress).content
+        metrics = {model: summary.metrics for model, summary in summaries.items()}
+        passed = {model: summary.passed for model, summary in summaries.items()}
+        unseen = [window for window in scenario.windows if not is_trained(window)]
+        predictions = {model: _predictions(summary.run, unseen) for model, summary in summaries.items()}
+        content = comparison_of(scenario.name, metrics, loos, passed, backtests, predictions)
+        content |= {"left_out": others, "failed_gates": {model: _failed(own) for model, own in summaries.items()}}
+        write_json(folder / _RESULT, plain(content))
+        write_comparison(folder)
+        return Comparison(folder, summaries, content)
 
 
 def _predictions(run: Path, windows: Sequence[str]) -> dict[str, xarray.Dataset]:
@@ -168,15 +171,15 @@ def _block_loo(file: Path, summary: Summary) -> BlockLoo:
 
 def _left_out(file: Path, summary: Summary, progress: Progress) -> dict[str, Any]:
     """Scores of training windows that were left out, kept in the run's folder, which is this scenario's alone."""
-    from ..run import plain, read_json, write_json
+    from ..run import hold, plain, read_json
     from ..scenario import load_scenario
     from ..telemetry import read
     from ..validation import leave_windows_out
 
-    kept = summary.run / _LEFT_OUT
-    if not kept.exists():
-        own = load_scenario(file)
-        scores = leave_windows_out(own, read(own), progress=progress)
-        write_json(kept, plain(scores))
-    found: dict[str, Any] = read_json(kept)
+    with hold(summary.run) as folder:
+        if not folder.keeps(_LEFT_OUT):
+            own = load_scenario(file)
+            scores = leave_windows_out(own, read(own), progress=progress)
+            folder.write_json(_LEFT_OUT, plain(scores))
+        found: dict[str, Any] = read_json(folder.file(_LEFT_OUT))
     return found

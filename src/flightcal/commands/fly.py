@@ -39,7 +39,7 @@ def fly_to_csv(spacecraft_file: Path, out: Path, pace: float | None, progress: P
     from ..operational import fly as flown
     from ..operational import load_spacecraft
     from ..prediction import ZERO_CELSIUS
-    from ..run import write_atomically
+    from ..run import write_text
 
     if out.exists():
         raise RunError(f"{out}: found a file, expected none: nothing is overwritten")
@@ -56,7 +56,7 @@ def fly_to_csv(spacecraft_file: Path, out: Path, pace: float | None, progress: P
     table = flight.telemetry.copy()
     thermistors = list(mission.spacecraft.downlink.thermistors)
     table[thermistors] -= ZERO_CELSIUS
-    write_atomically(out, lambda path: table.to_csv(path, float_format="%.4f", date_format="%Y-%m-%dT%H:%M:%S"))
+    write_text(out, table.to_csv(float_format="%.4f", date_format="%Y-%m-%dT%H:%M:%S"))
     lines = [
         f"{len(flight.nodes)} nodes, {len(flight.cycle_times)} control cycles; "
         f"{flight.real_time_factor:,.0f} times real time"

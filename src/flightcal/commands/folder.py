@@ -4,7 +4,8 @@ from __future__ import annotations
 
 import json
 import math
-import shutil
+from collections.abc import Iterator
+from contextlib import contextmanager
 from dataclasses import asdict, replace
 from pathlib import Path
 from typing import Any, TypeVar
@@ -21,11 +22,13 @@ from ..telemetry import bridged, quality_table
 K = TypeVar("K")
 
 
-def open_for(scenario: Scenario, out: Path, progress: Progress, **more: str) -> Run:
-    """The run of a scenario in the folder `out`, or RunError where that holds something else.
+@contextmanager
+def open_for(scenario: Scenario, out: Path, progress: Progress, **more: str) -> Iterator[Run]:
+    """The run of a scenario in the folder `out`, which is held during the block.
 
     The folder is bound to what is calibrated on: the scenario without its method settings, its place and the windows
     that are only predicted, and the input files. more: hashes of what else it is bound to, by name.
+    Raises RunError where the folder holds something else, or another process holds the folder.
     """
     inputs = {str(name): hash_of_file(Path(name)) for name in input_files(scenario)}
     # What is left out of these two hangs together, and on the version of flightcal.
@@ -42,7 +45,8 @@ def open_for(scenario: Scenario, out: Path, progress: Progress, **more: str) -> 
         **more,
     }
     text = resolved_yaml(scenario, absolute=True)
-    return Run(open_run(out, parts, text, inputs, scenario.calibration.seed), progress)
+    with open_run(out, parts, text, inputs, scenario.calibration.seed, progress) as folder:
+        yield Run(folder, progress)
 
 
 def keep_what_was_read(run: Run, data: xarray.Dataset, problem: Problem) -> None:
@@ -88,7 +92,7 @@ def taken_over(stage: Stage[K], made: Path) -> Stage[K]:
 
     def copy(run: Run, *_: Any, **__: Any) -> None:
         for name in stage.files:
-            shutil.copyfile(made / name, run.folder.file(name))
+            run.folder.write(name, (made / name).read_bytes())
 
     return replace(stage, make=copy)
 

@@ -49,6 +49,7 @@ def simulate_to_csv(
 
     from ..prediction import ZERO_CELSIUS
     from ..problem import build_problem
+    from ..run import write_text
     from ..scenario import load_scenario
     from ..simulator import SimulationFailure
     from ..telemetry import read
@@ -68,7 +69,7 @@ def simulate_to_csv(
     for k, heater in enumerate(window.simulator.heaters):
         table[f"{heater} simulated"] = run.status[:, k]
         table[f"{heater} measured"] = window.status[:, k]
-    table.to_csv(file, index=False, float_format="%.4f")
+    write_text(file, table.to_csv(index=False, float_format="%.4f"))
     lines = [
         f"{channel}: RMSE {rmse:.3f} K"
         for channel, rmse in zip(

@@ -66,8 +66,8 @@ def validate_scenario(
     problem, _ = prepared(*source)
     scenario = problem.scenario
     how = hash_of("validate", short(scenario.calibration.nuts).model_dump(), scenario.calibration.seed)
-    run = open_for(scenario, Path(out), progress, **{"the sampler and the seed": how})
-    run_repeats(run.folder, source, repeats, workers=workers, progress=progress)
-    validation = judge(run.folder, problem, repeats)
-    write_validation(run.path)
+    with open_for(scenario, Path(out), progress, **{"the sampler and the seed": how}) as run:
+        run_repeats(run.folder, source, repeats, workers=workers, progress=progress)
+        validation = judge(run.folder, problem, repeats)
+        write_validation(run.path)
     return validation

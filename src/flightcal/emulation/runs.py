@@ -13,7 +13,6 @@ from numpy.typing import NDArray
 
 from ..errors import RunError
 from ..external import Record, status_switches
-from ..run import write_netcdf
 from ..simulator import FloatArray, Switch, Trajectory
 
 FINISHED = "finished"
@@ -105,8 +104,8 @@ class TrainingRuns:
         every: dict[str, Any] = {name: np.concatenate([getattr(self, name), new]) for name, new in added.items()}
         return replace(self, **every)
 
-    def write(self, file: Path) -> None:
-        """Write netCDF, atomically."""
+    def dataset(self) -> xarray.Dataset:
+        """As a file keeps them; `read_runs` reads it."""
         data = xarray.Dataset(
             {_IN_FILE.get(name, name): (("run", *axes), getattr(self, name)) for name, axes in _PER_RUN.items()},
             coords={
@@ -117,7 +116,7 @@ class TrainingRuns:
             },
         )
         data["temperature"].attrs["unit"] = "K"
-        write_netcdf(file, data)
+        return data
 
 
 def no_runs(
@@ -135,7 +134,7 @@ def no_runs(
 
 
 def read_runs(file: Path, like: TrainingRuns) -> TrainingRuns:
-    """Runs that `TrainingRuns.write` wrote. Raises RunError where they are not of the same thing as `like`."""
+    """Runs that are kept as `TrainingRuns.dataset`. Raises RunError where they are not of the same thing as `like`."""
     try:
         with xarray.open_dataset(file, engine="h5netcdf") as opened:
             data = opened.load()

@@ -67,15 +67,15 @@ def emulator_stage(problem: Problem) -> Stage[Emulation]:
 
 
 def _learn(run: Run, problem: Problem, telemetry: xarray.Dataset, *, settings: EmulatorSettings, seed: int) -> None:
-    files = _files(run, RUNS_FILE, problem)
+    files = _names(RUNS_FILE, problem)
     learnt = learn(
         problem,
         run_many,
-        _runs_so_far(files, problem),
+        _runs_so_far(run, files, problem),
         settings.model_copy(update={"runs": settings.runs - CHECKED * len(problem.windows)}),
         seed,
         beginning=partial(beginning, telemetry),
-        save=partial(_write, files),
+        save=partial(_write, run, files),
         progress=run.progress,
     )
     run.folder.write_json(EMULATOR_FILE, _content(learnt))
@@ -83,8 +83,8 @@ def _learn(run: Run, problem: Problem, telemetry: xarray.Dataset, *, settings: E
 
 def _read_learnt(run: Run, problem: Problem, telemetry: xarray.Dataset) -> Emulation:
     content = read_json(run.folder.file(EMULATOR_FILE))
-    files = _files(run, RUNS_FILE, problem)
-    runs = _runs_so_far(files, problem)
+    files = _names(RUNS_FILE, problem)
+    runs = _runs_so_far(run, files, problem)
     chosen, tolerances = content["fitted"], content["tolerance"]
     if len(files) == 1:
         chosen, tolerances = [chosen], [tolerances]
@@ -128,7 +128,7 @@ def check_emulator(
     draws: posterior thetas [S, d]. Writes emulator_check.json and check_runs.nc.
     """
     check, runs = check_on_the_simulator(problem, emulation.problem, draws, problem.scenario.calibration.seed)
-    _write(_files(run, "check_runs.nc", problem), runs)
+    _write(run, _names("check_runs.nc", problem), runs)
     failed = sum(int((~own.finished).sum()) for own in runs)
     found = {"failed": failed, "density_error": check.density_error, "steps": check.steps}
     run.folder.write_json(CHECK_FILE, plain(check.validation) | plain(found))
@@ -194,7 +194,7 @@ def window_emulator(run: Run, emulation: Emulation, draws: FloatArray, window: W
 
     def make(run: Run, *_: Any) -> None:
         runs, validation = around_draws(window, thetas, seed)[1:]
-        runs.write(run.folder.file(runs_file))
+        run.folder.write_netcdf(runs_file, runs.dataset())
         run.folder.write_json(found_file, plain(validation))
 
     def read(run: Run, *_: Any) -> Window:
@@ -211,18 +211,15 @@ def _names(name: str, problem: Problem) -> list[str]:
     return [f"{Path(name).stem}_{window.name}.nc" for window in problem.windows]
 
 
-def _files(run: Run, name: str, problem: Problem) -> list[Path]:
-    return [run.folder.file(file) for file in _names(name, problem)]
-
-
-def _write(files: list[Path], runs: Runs) -> None:
+def _write(run: Run, files: list[str], runs: Runs) -> None:
     for file, own in zip(files, runs, strict=True):
-        own.write(file)
+        run.folder.write_netcdf(file, own.dataset())
 
 
-def _runs_so_far(files: list[Path], problem: Problem) -> Runs:
-    empty = [empty_runs(window) for window in problem.windows]
-    return tuple(read_runs(file, own) if file.exists() else own for file, own in zip(files, empty, strict=True))
+def _runs_so_far(run: Run, files: list[str], problem: Problem) -> Runs:
+    empty, folder = [empty_runs(window) for window in problem.windows], run.folder
+    pairs = zip(files, empty, strict=True)
+    return tuple(read_runs(folder.file(file), own) if folder.keeps(file) else own for file, own in pairs)
 
 
 def _content(learnt: Learnt) -> dict[str, Any]:

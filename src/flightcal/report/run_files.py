@@ -14,7 +14,7 @@ import xarray as xr
 
 from ..errors import RunError
 from ..prediction import Metric
-from ..run import read_dataset, read_json, read_records, read_tree, typed
+from ..run import check_whole, read_dataset, read_json, read_records, read_tree, typed
 from ..scenario import is_trained
 from ..validation import ResidualCheck, check_window
 
@@ -121,6 +121,7 @@ def read_run(folder: Path) -> RunFiles:
     missing = tuple(name for name in STAGES if not (folder / name).is_file())
     if len(missing) == len(STAGES):
         raise RunError(f"{folder}: none of {', '.join(STAGES)} is there; expected a run directory")
+    check_whole(folder)
 
     def kept(name: str, read: Callable[[Path], K]) -> K | None:
         return read(folder / name) if (folder / name).is_file() else None

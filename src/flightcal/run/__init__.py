@@ -3,7 +3,8 @@
 Imports: errors, progress.
 """
 
-from .folder import RunDirectory, hash_of, hash_of_file, open_run, read_provenance
+from .files import locked, sweep, write_bytes
+from .folder import RunDirectory, check_whole, hash_of, hash_of_file, hold, open_run, read_provenance
 from .records import (
     plain,
     read_dataset,
@@ -11,7 +12,6 @@ from .records import (
     read_records,
     read_tree,
     typed,
-    write_atomically,
     write_json,
     write_netcdf,
     write_text,
@@ -23,9 +23,12 @@ __all__ = [
     "Run",
     "RunDirectory",
     "Stage",
+    "check_whole",
     "each",
     "hash_of",
     "hash_of_file",
+    "hold",
+    "locked",
     "open_run",
     "plain",
     "read_dataset",
@@ -33,8 +36,9 @@ __all__ = [
     "read_provenance",
     "read_records",
     "read_tree",
+    "sweep",
     "typed",
-    "write_atomically",
+    "write_bytes",
     "write_json",
     "write_netcdf",
     "write_text",

@@ -4,8 +4,6 @@ from __future__ import annotations
 
 import dataclasses
 import json
-import os
-import tempfile
 from collections.abc import Callable, Mapping
 from pathlib import Path
 from types import UnionType
@@ -15,8 +13,12 @@ import numpy as np
 import xarray
 
 from ..errors import RunError
+from .files import write_bytes
 
 ENGINE: Final = "h5netcdf"
+
+_UNREADABLE: Final = (OSError, ValueError, KeyError, RuntimeError)
+"""What h5py raises for a damaged file, depending on where the damage is."""
 
 K = TypeVar("K")
 
@@ -91,7 +93,7 @@ def read_dataset(file: Path) -> xarray.Dataset:
     """A dataset, in memory. Raises RunError where it is damaged."""
     try:
         return xarray.load_dataset(file, engine=ENGINE)
-    except (OSError, ValueError) as error:
+    except _UNREADABLE as error:
         raise RunError(f"{file}: not a netCDF file: {error}") from None
 
 
@@ -100,33 +102,33 @@ def read_tree(file: Path) -> xarray.DataTree:
     try:
         with xarray.open_datatree(file, engine=ENGINE) as tree:
             return tree.load()
-    except (OSError, ValueError) as error:
+    except _UNREADABLE as error:
         raise RunError(f"{file}: not a netCDF file: {error}") from None
 
 
-def write_atomically(target: Path, write: Callable[[Path], Any]) -> None:
-    """Write beside the target, then rename: readers see the old file or the new one, never half of one."""
-    handle, name = tempfile.mkstemp(prefix=f".{target.name}.", dir=target.parent)
-    os.close(handle)
-    temporary = Path(name)
-    try:
-        write(temporary)
-        temporary.chmod(0o644)
-        os.replace(temporary, target)
-    finally:
-        temporary.unlink(missing_ok=True)
+def json_bytes(content: Any) -> bytes:
+    """Content as the JSON file that `write_json` writes; NaN is not JSON and is refused."""
+    return (json.dumps(content, indent=1, allow_nan=False) + "\n").encode()
+
+
+def netcdf_bytes(data: xarray.Dataset | xarray.DataTree) -> bytes:
+    """A dataset or a tree of them as a netCDF file.
+
+    In memory: HDF5 that cannot write to its file keeps what is left for the end of the process, and crashes there.
+    """
+    return bytes(data.to_netcdf(engine=ENGINE))
 
 
 def write_text(file: Path, text: str) -> None:
     """Write a text file atomically, UTF-8."""
-    write_atomically(file, lambda path: path.write_text(text, encoding="utf-8"))
+    write_bytes(file, text.encode())
 
 
 def write_json(file: Path, content: Any) -> None:
     """Write a JSON file atomically; NaN is not JSON and is refused."""
-    write_text(file, json.dumps(content, indent=1, allow_nan=False) + "\n")
+    write_bytes(file, json_bytes(content))
 
 
 def write_netcdf(file: Path, data: xarray.Dataset | xarray.DataTree) -> None:
     """Write a dataset or a tree of them atomically."""
-    write_atomically(file, lambda path: data.to_netcdf(str(path), engine=ENGINE))
+    write_bytes(file, netcdf_bytes(data))

@@ -67,7 +67,7 @@ def run_repeats(
     """Run those of so many repeats that are missing in a folder. workers: processes; 1: this one."""
     problem, _ = prepared(*source)
     run.file(_REPEATS).mkdir(exist_ok=True)
-    missing = [k for k in range(repeats) if not run.file(_name(k)).exists()]
+    missing = [k for k in range(repeats) if not run.keeps(_name(k))]
     with progress.stage("validating", repeats) as validating:
         validating.at(repeats - len(missing))
         if missing:
