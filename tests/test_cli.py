@@ -1,5 +1,6 @@
 """What a user sees: help with examples, exit codes, messages in place of tracebacks."""
 
+import dataclasses
 import json
 import subprocess
 import sys
@@ -11,6 +12,7 @@ import pytest
 from typer.testing import CliRunner
 
 from flightcal import cli
+from flightcal.calibration import methods
 from flightcal.cli import GATE_FAILED, INTERRUPTED, USER_ERROR, app
 from tests import small
 from tests.commands.test_calibrate import write
@@ -119,6 +121,63 @@ def test_ctrl_c_outside_of_the_sampling_is_a_message(tmp_path, monkeypatch):
     monkeypatch.setattr("flightcal.commands.calibrate.run_experiment", interrupt)
     result = run(app, ["calibrate", str(write(tmp_path)), "--out", str(tmp_path / "run")])
     assert result.exit_code == INTERRUPTED
+    assert "takes up where this one stopped" in result.output
+
+
+INTERRUPTED_AT = """
+import os, signal, sys
+from flightcal import cli
+from flightcal.commands import calibrate
+from flightcal.errors import RunError
+
+moment, number = sys.argv[1], getattr(signal, sys.argv[2])
+
+def command(*_, **__):
+    os.kill(os.getpid(), number)
+
+class Freed:
+    def __del__(self):
+        command()
+
+def freed(*_, **__):
+    Freed()
+    raise RunError("an interruption while an object is freed is dropped")
+
+def turned(*_, **__):
+    try:
+        command()
+    except KeyboardInterrupt:
+        raise RunError("another error is made of it")
+
+if moment == "parsing":
+    cli.app.callback()(lambda: command())
+else:
+    calibrate.run_experiment = {"command": command, "freed": freed, "turned": turned}[moment]
+sys.argv[1:] = ["calibrate", "scenario.yaml", "--out", "run"]
+cli.main()
+"""
+
+
+@pytest.mark.parametrize("number", ["SIGINT", "SIGTERM"])
+@pytest.mark.parametrize("moment", ["parsing", "command", "freed", "turned"])
+def test_an_interruption_has_its_exit_code_whatever_becomes_of_it(tmp_path, moment, number):
+    command = [sys.executable, "-c", INTERRUPTED_AT, moment, number]
+    ended = subprocess.run(command, cwd=tmp_path, capture_output=True, text=True, check=False)
+    assert ended.returncode == INTERRUPTED, ended.stderr
+    assert moment == "freed" or "Traceback" not in ended.stderr
+
+
+def test_an_interruption_before_the_first_draw_has_the_exit_code_of_one(tmp_path, monkeypatch):
+    sample = methods.sample
+
+    def cut(*given, **named):
+        draws = sample(*given, **named)
+        return dataclasses.replace(draws, z=draws.z[:, :0], interrupted=True)
+
+    monkeypatch.setattr(methods, "sample", cut)
+    scenario = write(tmp_path, nuts={"draws": 50, "warmup": 50})
+    result = run(app, ["calibrate", str(scenario), "--out", str(tmp_path / "run")])
+    assert result.exit_code == INTERRUPTED, result.output
     assert "takes up where this one stopped" in result.output
 
 

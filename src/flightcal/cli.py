@@ -2,6 +2,9 @@
 
 from __future__ import annotations
 
+import os
+import signal
+import sys
 from collections.abc import Callable
 from functools import wraps
 from importlib import import_module
@@ -74,8 +77,27 @@ for _verb, _module in VERBS.items():
 
 
 def main() -> None:
-    """Entry point of the `flightcal` command."""
-    app(prog_name="flightcal")
+    """Entry point of the `flightcal` command.
+
+    Ctrl-C and SIGTERM both raise KeyboardInterrupt, and end in the exit code of an interruption whatever becomes of
+    that: click turns it into its own, and Python drops it in what it calls back while objects are freed.
+    """
+    arrived = []
+
+    def interrupt(number: int, _: object) -> None:
+        arrived.append(number)
+        raise KeyboardInterrupt
+
+    signals = [number for number in (signal.SIGINT, signal.SIGTERM) if signal.getsignal(number) is not signal.SIG_IGN]
+    for number in signals:
+        signal.signal(number, interrupt)
+    try:
+        app(prog_name="flightcal")
+    finally:
+        for number in signals:
+            signal.signal(number, lambda *_: os._exit(INTERRUPTED))
+        if arrived:
+            sys.exit(INTERRUPTED)
 
 
 if __name__ == "__main__":

@@ -104,7 +104,7 @@ def test_processes_that_cannot_take_the_task_are_a_message():
 
 
 SCRIPT = """
-import os, sys, time
+import os, signal, sys, time
 from pathlib import Path
 from flightcal.run.workers import each
 
@@ -113,11 +113,12 @@ def wait(path):
     time.sleep(120)
 
 if __name__ == "__main__":
+    signal.signal(signal.SIGTERM, signal.default_int_handler)  # as the command line has it
     each(wait, sys.argv[1:], 2, done=print, lost=print)
 """
 
 
-@pytest.mark.parametrize("how", [signal.SIGKILL, signal.SIGINT])
+@pytest.mark.parametrize("how", [signal.SIGKILL, signal.SIGINT, signal.SIGTERM])
 def test_processes_end_with_the_one_that_started_them(tmp_path, how):
     files = [tmp_path / name for name in ("first", "second")]
     (tmp_path / "script.py").write_text(SCRIPT)
@@ -128,8 +129,8 @@ def test_processes_end_with_the_one_that_started_them(tmp_path, how):
     try:
         wait_until(lambda: all(file.exists() and file.read_text() for file in files))
         pids = [int(file.read_text()) for file in files]
-        # A kill reaches the process alone, Ctrl-C all of its group.
-        (process.kill if how == signal.SIGKILL else lambda: os.killpg(process.pid, how))()
+        # Ctrl-C reaches all of the group, what else there is the process alone.
+        (os.killpg if how == signal.SIGINT else os.kill)(process.pid, how)
         process.wait(timeout=60)
         wait_until(lambda: not any(map(alive, pids)))
     finally:

@@ -174,7 +174,8 @@ def calibrate_nuts(
 
     settings, seed: None: the scenario's. starts: named thetas [d] from which the mode is sought too, such as the
     genetic algorithm's. random_starts: prior draws from which it is sought.
-    Raises FlightcalError when no start has a finite density.
+    Raises FlightcalError when no start has a finite density, and KeyboardInterrupt where sampling is interrupted before
+    the first draw.
     """
     settings = settings or problem.scenario.calibration.nuts
     seed = problem.scenario.calibration.seed if seed is None else seed
@@ -185,13 +186,15 @@ def calibrate_nuts(
         modes = find_mode(problem, starts, rng=rng, random_starts=random_starts, progress=search)
     _check_simulated(modes)
     coordinates = whitening(modes[0].z, problem.gauss_newton_hessian(modes[0].z))
-    draws = sample(
-        problem.log_density_and_gradient,
-        coordinates,
-        settings,
-        seed,
-        native=problem.native_density,
-        progress=progress,
+    draws = _drawn(
+        sample(
+            problem.log_density_and_gradient,
+            coordinates,
+            settings,
+            seed,
+            native=problem.native_density,
+            progress=progress,
+        )
     )
     theta = problem.to_theta(draws.z)
     by_name = {name: theta[..., k] for k, name in enumerate(problem.names)}
@@ -200,11 +203,16 @@ def calibrate_nuts(
 
 
 def _prior_scores(problem: Problem, theta: FloatArray) -> dict[str, float]:
-    """Normal score of each median of draws [chain, draw, d] in its prior; none of no draws."""
-    if not theta.shape[1]:
-        return {}
+    """Normal score of each median of draws [chain, draw, d] in its prior."""
     scores = problem.priors.to_z(np.median(theta, axis=(0, 1)))
     return dict(zip(problem.names, scores.tolist(), strict=True))
+
+
+def _drawn(draws: Draws) -> Draws:
+    """The draws. Raises KeyboardInterrupt where sampling was interrupted before the first one."""
+    if not draws.z.shape[1]:
+        raise KeyboardInterrupt
+    return draws
 
 
 def _check_simulated(modes: Sequence[Mode]) -> None:
@@ -239,18 +247,15 @@ def _calibrate_with_heat(
         known = at_sizes(heated, heated.to_theta(z))
         mode = climb(known, np.array([z[heated.names.index(name)] for name in known.names]), modes[0].origin)
     coordinates = whitening(mode.z, known.gauss_newton_hessian(mode.z))
-    draws = sample(
-        known.log_density_and_gradient, coordinates, settings, seed, native=known.native_density, progress=progress
-    )
+    density = known.log_density_and_gradient
+    draws = _drawn(sample(density, coordinates, settings, seed, native=known.native_density, progress=progress))
     theta = spread_sizes(problem, heated, point, known, draws.z, rng)
     by_name = {name: theta[..., k] for k, name in enumerate(heated.names)}
     judged = diagnose(by_name, draws.statistics, settings, _prior_scores(heated, theta))
-    checked = None
-    if theta.shape[1]:
-        flat = theta.reshape(-1, theta.shape[-1])
-        chosen = rng.choice(len(flat), min(_CHECKED, len(flat)), replace=False)
-        checked = check_heat(heated, flat[chosen], rng)
-        judged = with_gate(judged, _linear_gate(checked))
+    flat = theta.reshape(-1, theta.shape[-1])
+    chosen = rng.choice(len(flat), min(_CHECKED, len(flat)), replace=False)
+    checked = check_heat(heated, flat[chosen], rng)
+    judged = with_gate(judged, _linear_gate(checked))
     return Posterior(heated.names, theta, draws, modes, judged, heated, point, checked)
 
 

@@ -77,7 +77,7 @@ class Draws:
     those of the search for a first step size."""
     last_failure: str | None
     interrupted: bool
-    """Stopped before all draws were made; chains are cut to the shortest, which may be empty."""
+    """Stopped by Ctrl-C; chains are cut to the shortest, which may be empty."""
 
 
 def overdispersed_starts(log_density: LogDensity, whitening: Whitening, chains: int, seed: int) -> Array:
@@ -158,7 +158,8 @@ def sample(
             for sampler in samplers:
                 with suppress(BaseException):
                     sampler.cancel()
-    return _collect([traces[chain] for chain in range(len(samplers))], kept, densities, whitening, settings)
+    drawn = [traces[chain] for chain in range(len(samplers))]
+    return _collect(drawn, kept, densities, whitening, settings, interrupted.is_set())
 
 
 class _Density:
@@ -257,17 +258,22 @@ def _abort(sampler: Any) -> Any:
 def _interruption() -> Iterator[threading.Event]:
     """An event that Ctrl-C sets, instead of an exception that could fall between two statements.
 
-    Outside of the main thread Python does not deliver Ctrl-C, and the event stays unset.
+    So does SIGTERM where it means the same. Outside of the main thread Python delivers neither, and the event stays
+    unset.
     """
     event = threading.Event()
     if threading.current_thread() is not threading.main_thread():
         yield event
         return
-    previous = signal.signal(signal.SIGINT, lambda *_: event.set())
+    previous = signal.getsignal(signal.SIGINT)
+    same = [number for number in (signal.SIGINT, signal.SIGTERM) if signal.getsignal(number) is previous]
+    for number in same:
+        signal.signal(number, lambda *_: event.set())
     try:
         yield event
     finally:
-        signal.signal(signal.SIGINT, previous or signal.SIG_DFL)
+        for number in same:
+            signal.signal(number, previous or signal.SIG_DFL)
 
 
 def _collect(
@@ -276,6 +282,7 @@ def _collect(
     densities: list[_ChainDensity],
     whitening: Whitening,
     settings: NutsSettings,
+    interrupted: bool,
 ) -> Draws:
     """The chains' traces as arrays, cut to the shortest chain."""
     length = max(0, min(kept) - settings.warmup)
@@ -294,5 +301,5 @@ def _collect(
         warmup_divergences=sum(int(group["diverging"].sum()) for group in warmup),
         failures=sum(density.failures for density in densities),
         last_failure=failures[-1] if failures else None,
-        interrupted=length < settings.draws,
+        interrupted=interrupted,
     )

@@ -9,7 +9,6 @@ from typing import Any, Final
 import numpy as np
 import xarray
 
-from ..errors import RunError
 from ..problem import Problem, rehearsal
 from ..run import Run, Stage, plain, read_json
 from ..scenario import GeneticSettings, NutsSettings, heat_of
@@ -77,14 +76,12 @@ def keep_sample(
 ) -> None:
     """Sample a problem as `calibrate_nuts` does, and write posterior.nc and diagnostics.json. judge: of the posterior.
 
-    Raises RunError where sampling was interrupted before the first draw.
+    Raises KeyboardInterrupt where sampling was interrupted before the first draw.
     """
     posterior = calibrate_nuts(
         problem, settings, seed, starts=starts, random_starts=random_starts, progress=run.progress
     )
     run.folder.log(stage=NUTS.name, event="mode", mode_search=search_record(posterior.problem, posterior.modes))
-    if posterior.theta.shape[1] == 0:
-        raise RunError("sampling was interrupted before the first draw; run the same command to start it again")
     run.folder.write_netcdf(POSTERIOR_FILE, posterior_tree(posterior.problem, posterior, seed=seed))
     found = judge(posterior)
     content = plain(found) | {"gradient_evaluations": int(posterior.draws.gradients)}

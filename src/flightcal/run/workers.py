@@ -104,7 +104,7 @@ class _Worker:
         self.at: tuple[int, Any] | None = None
         self.up = False
         # A child keeps the signals blocked that are blocked when it starts.
-        before = signal.pthread_sigmask(signal.SIG_BLOCK, [signal.SIGINT])
+        before = signal.pthread_sigmask(signal.SIG_BLOCK, [signal.SIGINT, signal.SIGTERM])
         try:
             self.process.start()
         finally:
@@ -136,6 +136,7 @@ def _serve(connection: Any) -> None:
     for name in ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS"):
         os.environ.setdefault(name, "1")  # of programs that the task starts: the processes are parallel already
     signal.signal(signal.SIGTERM, lambda *_: sys.exit(1))  # what it has started or written is then cleaned up
+    signal.pthread_sigmask(signal.SIG_UNBLOCK, [signal.SIGTERM])
     Thread(target=_end_with_parent, daemon=True).start()
     task: Callable[[Any], Any] | None = None
     try:
