@@ -46,6 +46,13 @@ class Silent:
 SILENT: Final[Progress] = Silent()
 
 
+def about(seconds: float) -> str:
+    """A time that is not known well, in words."""
+    if seconds < 90.0:
+        return f"about {seconds:.0f} s"
+    return f"about {seconds / 60:.0f} min" if seconds < 5400.0 else f"about {seconds / 3600:.1f} h"
+
+
 def _to_the_error_output(line: str) -> None:
     print(line, file=sys.stderr, flush=True)
 

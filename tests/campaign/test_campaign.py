@@ -2,6 +2,7 @@
 
 import multiprocessing
 import os
+import re
 import signal
 import subprocess
 import sys
@@ -49,7 +50,9 @@ def test_a_campaign_runs_all_once_and_its_repetition_none(connect, tmp_path):
         together=4, progress=told,
     )  # fmt: skip
     assert (tally.outcomes, tally.left, tally.total) == ({"finished": 30}, 0, 30)
-    assert told.said == ["found: 0 of 30 runs done; 30 left"]
+    first, left = told.said
+    assert first == "found: 0 of 30 runs done; 30 left"
+    assert re.fullmatch(r"4 done; the other 26 take about \d+ s, by the time of the first", left)
     assert told.stages["running"][-1] == (30, "30 of 30 runs done: 30 finished; 0 left")
     assert str(tally) == "30 of 30 runs done: 30 finished; 0 left"
     again = run_campaign(tmp_path / "c", SUBJECT, design(30), Sleeper(tmp_path / "log"), nothing)

@@ -1,6 +1,7 @@
 """`flightcal compare`: which models it makes of a scenario, what it recommends and why, and its page."""
 
 import json
+import re
 
 import numpy as np
 import pytest
@@ -23,6 +24,7 @@ from flightcal.validation.comparison import backtest_summary, recommend, recomme
 from tests import small
 from tests.commands.test_calibrate import write
 from tests.commands.test_display import printed
+from tests.told import Told
 
 run = CliRunner().invoke
 
@@ -294,7 +296,9 @@ def test_each_model_is_backtested_if_asked_for(tmp_path, monkeypatch):
     monkeypatch.setattr(compare, "run_experiment", experiment)
     monkeypatch.setattr(compare, "backtest_scenario", backtested)
     monkeypatch.setattr(compare, "_block_loo", lambda *_: loo(1.0))
-    found = compare.compare_models(write(tmp_path), tmp_path / "out", ["iid", "ar1"], backtest=True)
+    told = Told()
+    found = compare.compare_models(write(tmp_path), tmp_path / "out", ["iid", "ar1"], backtest=True, progress=told)
+    assert re.fullmatch(r"2 models: 12 calibrations; sampling takes about \d+ (s|min) in all", told.said[0])
     assert asked == [("iid.yaml", "iid_backtest"), ("ar1.yaml", "ar1_backtest")]
     assert found.content["recommended"] == "ar1"
 

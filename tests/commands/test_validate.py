@@ -40,9 +40,11 @@ def scenario(tmp_path, monkeypatch):
 
 def test_a_validation_leaves_its_repeats_its_result_and_a_page(scenario):
     file, out, _, _ = scenario
-    found = validate_scenario(file, out, 20, workers=1)
+    told = Told()
+    found = validate_scenario(file, out, 20, workers=1, progress=told)
     assert found.passed
     assert len(list((out / "repeats").iterdir())) == 20
+    assert re.fullmatch(r"20 repeats, each a short calibration, 1 at a time: about \d+ (s|min) in all", told.said[0])
     content = json.loads((out / "validation.json").read_text())
     assert [quantity["name"] for quantity in content["quantities"]] == [*found.names]
     assert found.names[-1] == "log density"

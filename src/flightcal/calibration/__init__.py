@@ -16,7 +16,7 @@ from .methods import (
 )
 from .mode import climb, find_mode
 from .nuts import sample
-from .stages import COMPILE, GENETIC, NUTS, Sampled, keep_sample, posterior_draws, warm
+from .stages import COMPILE, GENETIC, NUTS, Sampled, keep_sample, posterior_draws, rough_seconds, warm
 
 __all__ = [
     "COMPILE",
@@ -37,6 +37,7 @@ __all__ = [
     "least_effective",
     "mean_and_some",
     "posterior_draws",
+    "rough_seconds",
     "sample",
     "warm",
     "with_gate",

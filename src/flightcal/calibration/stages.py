@@ -2,8 +2,10 @@
 
 from __future__ import annotations
 
+import os
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
+from time import perf_counter
 from typing import Any, Final
 
 import numpy as np
@@ -16,6 +18,8 @@ from ..simulator import FloatArray
 from .diagnostics import Diagnostics
 from .methods import Posterior, calibrate_genetic, calibrate_nuts, genetic_points, posterior_tree, search_record
 
+_GRADIENTS, _TIMED = 8, 5
+"""Evaluations a draw, of which the bundled examples take 5 to 12; those that are timed."""
 POSTERIOR_FILE, DIAGNOSTICS_FILE, GENETIC_FILE = "posterior.nc", "diagnostics.json", "genetic.nc"
 
 
@@ -53,6 +57,24 @@ def warm(problem: Problem) -> None:
     if heat_of(problem.scenario) is None:
         problem.log_density_and_gradient(problem.to_z(median))
     problem.simulate_many(np.tile(median, (8, 1)))
+
+
+def rough_seconds(problem: Problem, settings: NutsSettings, together: int = 1) -> float:
+    """Seconds that sampling a problem will take, to a factor of three.
+
+    together: samplings that share the cores; then it is one's share of the time that all take. A gradient is timed,
+    where there is unmodelled heat without it; see `_GRADIENTS`.
+    """
+    timed = problem if heat_of(problem.scenario) is None else problem.independent()
+    z = timed.to_z(timed.priors.median())
+    timed.log_density_and_gradient(z)
+    started = perf_counter()
+    for _ in range(_TIMED):
+        timed.log_density_and_gradient(z)
+    gradient = (perf_counter() - started) / _TIMED
+    chains = settings.chains * together
+    rounds = -(-chains // min(chains, os.cpu_count() or 1)) / together
+    return rounds * (settings.warmup + settings.draws) * _GRADIENTS * gradient
 
 
 def _search(run: Run, problem: Problem, *, settings: GeneticSettings, seed: int) -> None:

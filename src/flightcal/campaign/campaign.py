@@ -7,10 +7,11 @@ from collections.abc import Callable
 from contextlib import AbstractContextManager
 from dataclasses import dataclass
 from pathlib import Path
+from time import perf_counter
 
 import numpy as np
 
-from ..progress import SILENT, Progress
+from ..progress import SILENT, Progress, about
 from ..simulator import FloatArray
 from .folder import DAMAGED, NOT_RUN, Design, locked, prepare
 from .job import Job, RunFunction
@@ -74,10 +75,19 @@ def run_campaign(
         rows = [(row, outcome) for row, outcome in zip(design.theta, before, strict=True) if outcome in again]
         missing = {store.key(row): row for row, _ in rows}
         if missing:
+            told: list[str] = []
             kept = Counter(outcome for outcome in before if outcome not in again)
 
+            started = perf_counter()
+
             def tell(outcomes: Counter[str]) -> None:
-                done = kept + outcomes
+                done, ended = kept + outcomes, outcomes.total()
+                if not told and ended < len(missing):
+                    left = about((perf_counter() - started) * (len(missing) - ended) / ended)
+                    told.append(left)
+                    progress.say(
+                        f"{ended} done; the other {len(missing) - ended} take {left}, by the time of the first"
+                    )
                 tally = Tally(done + Counter({NOT_RUN: max(len(before) - done.total(), 0)}))
                 running.at(tally.total - tally.left, str(tally))
 

@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 import typer
 
 from ..errors import GATE_FAILED, MODEL_FAILED
-from ..progress import SILENT, Progress
+from ..progress import SILENT, Progress, about
 from .options import ScenarioFile, TelemetryPlace
 
 if TYPE_CHECKING:
@@ -18,13 +18,15 @@ if TYPE_CHECKING:
     from ..scenario import Scenario
     from ..validation import Plan
 
+ORIGINS = 5
+"""Unless a number is asked for."""
 RESULT, PREDICTIONS = "backtest.json", "backtest.nc"
 
 
 def backtest(
     scenario: ScenarioFile,
     out: Annotated[Path, typer.Option(help="Folder of the run; origins that are done in it are not run again.")],
-    origins: Annotated[int, typer.Option(min=1, help="How many, spread evenly over the telemetry.")] = 5,
+    origins: Annotated[int, typer.Option(min=1, help="How many, spread evenly over the telemetry.")] = ORIGINS,
     train: Annotated[
         str | None,
         typer.Option(help="What to train on before each, as '2 orbits' or '3 h'; default: as long as the scenario's."),
@@ -65,7 +67,7 @@ class Backtest:
 def backtest_scenario(
     scenario_file: Path | str,
     out: Path | str,
-    origins: int = 5,
+    origins: int = ORIGINS,
     *,
     train: str | None = None,
     horizon: str | None = None,
@@ -130,7 +132,6 @@ def _predictions(run: Run, scenario: Scenario, data: Any, plan: Plan) -> dict[st
         if left:
             # The first one may compile, and what was done before takes no time.
             seconds = max(taken[1:] or taken) * left
-            time = f"{seconds / 60:.0f} min" if seconds >= 90 else f"{seconds:.0f} s"
             words = "one is left" if left == 1 else f"{left} are left"
-            run.progress.say(f"origin {k + 1} took {taken[-1]:.0f} s; {words}, about {time}")
+            run.progress.say(f"origin {k + 1} took {taken[-1]:.0f} s; {words}, {about(seconds)}")
     return predictions

@@ -15,14 +15,15 @@ from typing import TYPE_CHECKING, Annotated, Any
 import typer
 
 from ..errors import GATE_FAILED, RunError
-from ..progress import SILENT, Progress
-from .backtest import backtest_scenario
+from ..progress import SILENT, Progress, about
+from .backtest import ORIGINS, backtest_scenario
 from .calibrate import Summary, run_experiment
 from .options import ScenarioFile, TelemetryPlace
 
 if TYPE_CHECKING:
     import xarray
 
+    from ..scenario import Scenario
     from ..validation import BlockLoo
 
 _RESULT = "comparison.json"
@@ -118,6 +119,7 @@ def compare_models(
     with locked(folder, _LOCK):
         sweep(folder)
         summaries, loos, others, backtests = {}, {}, {}, {}
+        progress.say(_expected(scenario, models, leave_windows_out=leave_windows_out, backtest=backtest))
         for model in models:
             progress.say(model)
             file = folder / f"{model}.yaml"
@@ -155,6 +157,25 @@ def _predictions(run: Path, windows: Sequence[str]) -> dict[str, xarray.Dataset]
 def _failed(summary: Summary) -> list[str]:
     """The gates that the sampling of a model failed, with what was found."""
     return [f"{own['name']} {own['found']}" for own in summary.diagnostics.get("gates", ()) if not own["passed"]]
+
+
+def _expected(scenario: Scenario, models: Sequence[str], *, leave_windows_out: bool, backtest: bool) -> str:
+    """How long this will take, by the time that sampling takes with the first model."""
+    from ..calibration import rough_seconds
+    from ..emulation import needs_emulator
+    from ..problem import build_problem
+    from ..scenario import is_trained
+    from ..telemetry import read
+    from ..validation import variant
+
+    each = 1 + sum(map(is_trained, scenario.windows)) * leave_windows_out + ORIGINS * backtest
+    count = each * len(models)
+    words = f"{len(models)} models: {count} calibrations" if each > 1 else f"{count} models, each a whole calibration"
+    own = variant(scenario, models[0])
+    problem = build_problem(own, read(own))
+    if needs_emulator(problem):
+        return f"{words}, each with an emulator of its own"
+    return f"{words}; sampling takes {about(count * rough_seconds(problem, own.calibration.nuts))} in all"
 
 
 def _block_loo(file: Path, summary: Summary) -> BlockLoo:

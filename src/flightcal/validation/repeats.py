@@ -18,11 +18,11 @@ from typing import Any
 import numpy as np
 import xarray
 
-from ..calibration import calibrate_nuts, least_effective, warm
+from ..calibration import calibrate_nuts, least_effective, rough_seconds, warm
 from ..emulation import needs_emulator
 from ..errors import RunError, ScenarioError
 from ..problem import Problem, build_problem, simulate_telemetry, with_telemetry
-from ..progress import SILENT, Progress
+from ..progress import SILENT, Progress, about
 from ..run import RunDirectory, each, plain
 from ..scenario import NutsSettings, heat_of, load_scenario
 from ..simulator import FloatArray, SimulationFailure
@@ -73,13 +73,17 @@ def run_repeats(
         if missing:
             # Once, so that the processes find it compiled.
             warm(problem)
-        left = len(missing)
+            settings, together = short(problem.scenario.calibration.nuts), min(workers, len(missing))
+            time = about(len(missing) * rough_seconds(problem, settings, together))
+            validating.say(f"{len(missing)} repeats, each a short calibration, {together} at a time: {time} in all")
+        left, started = len(missing), perf_counter()
 
         def done(number: int, repeat: Repeat) -> None:
             nonlocal left
             run.write_json(_name(number), plain(repeat))
             left -= 1
-            validating.at(repeats - left, f"{repeats - left} of {repeats} repeats")
+            time = about((perf_counter() - started) * left / (len(missing) - left))
+            validating.at(repeats - left, f"{repeats - left} of {repeats} repeats{f', {time} left' if left else ''}")
 
         if workers == 1 or left < 2:
             for number in missing:
