@@ -8,7 +8,7 @@ INSTALLED := $(VENV)/installed
 INSTALLED_DEV := $(VENV)/installed-dev
 RUN ?= runs/leo_observer
 
-.PHONY: demo test test-slow bench lint format chromium clean
+.PHONY: demo test test-slow attack bench lint format chromium clean
 
 demo: $(INSTALLED)
 	$(BIN)/flightcal demo --out $(RUN)
@@ -18,6 +18,10 @@ test: $(INSTALLED_DEV)
 
 test-slow: $(INSTALLED_DEV)
 	$(BIN)/pytest -n 2 --dist loadfile --no-loadscope-reorder -m slow
+
+# Kills, interruptions, damaged files and full disks; prints its tables. Takes half an hour.
+attack: $(INSTALLED_DEV)
+	$(BIN)/python -m benchmarks.attack
 
 # Side by side with peers, which it installs; writes docs/benchmarks.md. Takes half an hour.
 bench: $(INSTALLED_DEV)
