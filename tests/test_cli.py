@@ -215,3 +215,13 @@ def test_lint_advises_against_correlated_noise_alone_on_a_quantised_channel(tmp_
     assert (words in result.output) == advised
     assert "panel_temp" not in result.output.split("no problems")[0].split("advice")[-1]
     assert "'sun' drives the simulator and has no sample for 9.0 min" in result.output
+
+
+def test_a_full_memory_is_a_message_with_the_size(monkeypatch, tmp_path):
+    def too_much(path, **_):
+        raise MemoryError("Unable to allocate 447. GiB for an array")
+
+    monkeypatch.setattr("flightcal.scenario.lint", too_much)
+    result = run(app, ["lint", str(tmp_path)])
+    assert result.exit_code == USER_ERROR
+    assert "error: the memory is full: Unable to allocate 447. GiB" in result.output

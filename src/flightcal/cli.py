@@ -58,6 +58,9 @@ def _user_errors_are_messages(command: Callable[..., None]) -> Callable[..., Non
         except OSError as error:
             typer.echo(f"error: {error.filename or ''}: {error.strerror or error}", err=True)
             raise typer.Exit(USER_ERROR) from None
+        except MemoryError as error:
+            typer.echo(f"error: the memory is full: {error or 'nothing says what was asked for'}", err=True)
+            raise typer.Exit(USER_ERROR) from None
         except KeyboardInterrupt:
             typer.echo("interrupted; the same command takes up where this one stopped", err=True)
             raise typer.Exit(INTERRUPTED) from None

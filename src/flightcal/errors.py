@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import math
+import os
 from importlib.util import find_spec
 from typing import Final
 
@@ -39,3 +41,22 @@ def require(module: str, extra: str, what: str) -> None:
     """Raise FlightcalError where a module that `what` needs is not installed; extra: what installs it."""
     if find_spec(module) is None:
         raise FlightcalError(f"{what}: found no package '{module}', which it needs: pip install \"flightcal[{extra}]\"")
+
+
+def require_memory(size: float, what: str) -> None:
+    """Raise FlightcalError where `what` needs more bytes than the machine has."""
+    if size > physical_memory():
+        raise FlightcalError(f"{what}: needs {memory_size(size)} of memory, found {memory_size(physical_memory())}")
+
+
+def physical_memory() -> float:
+    """Of this machine, in bytes; infinite where the system does not say."""
+    try:
+        return float(os.sysconf("SC_PHYS_PAGES") * os.sysconf("SC_PAGE_SIZE"))
+    except (AttributeError, ValueError, OSError):
+        return math.inf
+
+
+def memory_size(size: float) -> str:
+    """Bytes as messages give them."""
+    return f"{size / 2**30:.3g} GiB"

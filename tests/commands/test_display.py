@@ -143,3 +143,14 @@ def test_what_a_window_has_that_was_not_trained_on_is_said_where_it_is_more_than
     )
     many = (Unseen(ANY, 0.5), *(Unseen(f"mode {k}", 0.1) for k in range(6)))
     assert unseen_in_words(many).endswith("mode 3 (10%) and 2 more")
+
+
+def test_names_that_look_like_markup_are_shown_as_they_are(clock):
+    folder = Path("q[/b]")
+    assert f"report: {folder / 'report.html'}" in printed(print_summary, summary(folder))
+    assert any(f"its report: {folder}" in line for line in printed(print_beside, summary(folder), summary(folder)))
+    written = StringIO()
+    with display(Console(file=written, force_terminal=True, width=200)) as shown, shown.stage("a[/b]") as stage:
+        stage.at(1.0, "half[/b]")
+    assert "a[/b]" in written.getvalue()
+    assert "half[/b]" in written.getvalue()

@@ -112,7 +112,7 @@ def test_default_filled_in_by_flightcal_cannot_be_written(lint_edited):
         (("altitude: 693 km", "altitude: 1e200 km"), "found '1e200 km', expected at most 1e+09 m"),
         (("file: example.csv", f"file: {'x' * 5000}"), "found no such file at 'xxxx"),
         (("file: example.csv", "file: '.'"), "found a folder at '.', expected a telemetry file"),
-        (("step: 30 s", "step: 0 s"), "found '0 s', expected more than 0 s"),
+        (("step: 30 s", "step: 0 s"), "found '0 s', expected at least 0.01 s"),
         (("payload: {arithmetic: true}", "payload: {}"), "found none of them, expected exactly one of 'capacity'"),
         (("payload: {arithmetic: true}", "payload:"), "found nothing, expected a mapping (key: value)"),
         (

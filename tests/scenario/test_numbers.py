@@ -49,15 +49,15 @@ def test_paths_come_in_the_documented_order():
 def test_numbers_are_in_si_with_their_physical_bounds():
     numbers = settable(load_scenario(EXAMPLE))
 
-    assert numbers["nodes.radiator.capacity"] == Settable("J/K", 4000.0, 0, math.inf)
-    assert numbers["nodes.shade.boundary"] == Settable("K", pytest.approx(253.15), 0, math.inf)
-    assert numbers["conductors.gap.radiative"] == Settable("m^2", 0.02, 0, math.inf)
-    assert numbers["faces.body.area"] == Settable("m^2", pytest.approx(0.02), 0, math.inf)
+    assert numbers["nodes.radiator.capacity"] == Settable("J/K", 4000.0, 0, math.inf, 1e9)
+    assert numbers["nodes.shade.boundary"] == Settable("K", pytest.approx(253.15), 0, math.inf, 2000.0)
+    assert numbers["conductors.gap.radiative"] == Settable("m^2", 0.02, 0, math.inf, 1e6)
+    assert numbers["faces.body.area"] == Settable("m^2", pytest.approx(0.02), 0, math.inf, 1e6)
     assert numbers["faces.body.absorptivity"] == Settable("", 0.3, 0, 1)
-    assert numbers["heaters.battery_htr.on_below"] == Settable("K", 283.15, 0, math.inf)
-    assert numbers["modes.imaging.payload"] == Settable("W", 14.0, -math.inf, math.inf)
-    assert numbers["environment.earth_infrared"] == Settable("W/m^2", 237.0, 0, math.inf)
-    assert numbers["observations.radiator_temp.bias"] == Settable("K", -0.1, -math.inf, math.inf)
+    assert numbers["heaters.battery_htr.on_below"] == Settable("K", 283.15, 0, math.inf, 2000.0)
+    assert numbers["modes.imaging.payload"] == Settable("W", 14.0, -math.inf, math.inf, 1e6)
+    assert numbers["environment.earth_infrared"] == Settable("W/m^2", 237.0, 0, math.inf, 1e4)
+    assert numbers["observations.radiator_temp.bias"] == Settable("K", -0.1, -math.inf, math.inf, 2000.0)
 
 
 @pytest.mark.parametrize(

@@ -162,6 +162,18 @@ def test_status_is_on_for_the_values_that_mean_on(
     )
 
 
+@pytest.mark.parametrize(("column", "channel"), [("TT_BAT", "battery"), ("I_SA", "sun")])
+def test_a_value_that_no_sensor_can_mean_is_out_of_range(tmp_path: Path, column, channel):
+    table = frame(20)
+    table.loc[3, column] = 1e308
+    dataset = read(tmp_path, table)
+    assert np.isnan(dataset[channel][3])
+    assert np.isfinite(dataset[channel]).sum() == 19
+    table[column] = 1e308
+    with pytest.raises(TelemetryError, match=f"{column}'.*no valid sample .20 out of range.*1e.308"):
+        read(tmp_path, table)
+
+
 def test_values_outside_the_valid_range_are_flagged(tmp_path: Path):
     table = frame(4).assign(TT_BAT=[-41.0, -40.0, 60.0, 61.0])
     battery = CHANNELS["battery"] | {"valid_range": ["-40 degC", "60 degC"]}

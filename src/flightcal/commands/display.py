@@ -10,6 +10,7 @@ from typing import TYPE_CHECKING
 
 import rich.progress
 from rich.console import Console
+from rich.markup import escape
 from rich.padding import Padding
 from rich.progress import BarColumn, TaskID, TextColumn, TimeElapsedColumn
 from rich.table import Table
@@ -42,7 +43,11 @@ def display(console: Console | None = None) -> Iterator[Progress]:
     if not console.is_terminal:
         yield Lines(lambda line: console.print(line, highlight=False, soft_wrap=True, markup=False))
         return
-    columns = (TextColumn("{task.description:<28}"), BarColumn(bar_width=30), TextColumn("{task.fields[note]}"))
+    columns = (
+        TextColumn("{task.description:<28}", markup=False),
+        BarColumn(bar_width=30),
+        TextColumn("{task.fields[note]}", markup=False),
+    )
     with rich.progress.Progress(*columns, TimeElapsedColumn(), console=console) as bars:
         yield _Bars(bars)
 
@@ -92,7 +97,7 @@ def print_summary(summary: Summary, console: Console | None = None) -> None:
     for window, found in summary.unseen.items():
         if words := unseen_in_words(found):
             console.print(f"{window}: {words}", style="yellow", highlight=False, soft_wrap=True, markup=False)
-    console.print(f"report: {summary.report}", highlight=False, soft_wrap=True)
+    console.print(f"report: {summary.report}", highlight=False, soft_wrap=True, markup=False)
 
 
 def _print_verdict(verdict: Verdict, console: Console) -> None:
@@ -153,8 +158,8 @@ def print_beside(own: Summary, published: Summary, console: Console | None = Non
     console.print(table)
     console.print("published method:", end="", highlight=False)
     _print_verdict(published.verdict, console)
-    console.print(f"its report: {published.report}", highlight=False, soft_wrap=True)
-    console.print(f"report: {own.report}", highlight=False, soft_wrap=True)
+    console.print(f"its report: {published.report}", highlight=False, soft_wrap=True, markup=False)
+    console.print(f"report: {own.report}", highlight=False, soft_wrap=True, markup=False)
 
 
 def _least_covered(metrics: Sequence[Metric], method: str, window: str) -> str:
@@ -184,7 +189,7 @@ def print_check(summary: CheckSummary, console: Console | None = None) -> None:
     """The verdict of a check, its findings in words, and where the page is."""
     console = console or Console()
     style = "green" if summary.passed else "bold red"
-    console.print(f"\n[{style}]{summary.verdict}[/{style}]", highlight=False)
+    console.print(f"\n{summary.verdict}", style=style, highlight=False, markup=False)
     colours = {"good": "green", "warn": "yellow", "bad": "bold red", "none": "dim"}
     for finding in summary.findings:
         console.print()
@@ -200,7 +205,7 @@ def print_validation(validation: Validation, console: Console | None = None) -> 
     outside = [check.name for check in validation.checks if not check.inside]
     words = f"not uniform: {', '.join(outside)}" if outside else "uniform, as they are where the posterior is right"
     style = "bold red" if outside else "green"
-    console.print(f"\n[{style}]Ranks of {len(validation.repeats)} repeats: {words}[/{style}]", highlight=False)
+    console.print(f"\nRanks of {len(validation.repeats)} repeats: {words}", style=style, highlight=False, markup=False)
     table = Table()
     shares = [f"{share:.0%} covers" for share in INTERVALS]
     for heading in ("quantity", "p", *shares, "contraction", "score"):
@@ -210,7 +215,7 @@ def print_validation(validation: Validation, console: Console | None = None) -> 
         contraction = "-" if math.isnan(check.contraction) else f"{check.contraction:.1%}"
         table.add_row(check.name, f"{check.p_value:.3f}", *covered, contraction, f"{check.score:.2f}")
     console.print(table)
-    console.print(f"page: {validation.folder / 'validation.html'}", highlight=False, soft_wrap=True)
+    console.print(f"page: {validation.folder / 'validation.html'}", highlight=False, soft_wrap=True, markup=False)
 
 
 def print_comparison(comparison: ModelComparison, console: Console | None = None) -> None:
@@ -224,7 +229,7 @@ def print_comparison(comparison: ModelComparison, console: Console | None = None
             "-" if value is None else f"{value:.1%}" if metric == "picp" else f"{value:.4g}"
             for metric, value in means.items()
         ]
-        table.add_row(model, *shown)
+        table.add_row(escape(model), *shown)
     console.print(table)
     for model in comparison.content["means"]:
         shares = [row for row in comparison.content["scores"] if row["model"] == model and row["channel"] != "all"]
@@ -235,16 +240,18 @@ def print_comparison(comparison: ModelComparison, console: Console | None = None
         for window, scores in windows.items():
             words = f"PICP {scores['picp']:.1%}, CRPS {scores['crps']:.4g} K, log score {scores['log_score']:.4g}"
             note = "" if scores["passed"] else " (not converged)"
-            console.print(f"{model}, {window} predicted by the others: {words}{note}", highlight=False, soft_wrap=True)
+            console.print(
+                f"{escape(model)}, {window} predicted by the others: {words}{note}", highlight=False, soft_wrap=True
+            )
     for model, own in comparison.content["backtest"].items():
         words = f"CRPS {own['crps']:.4g} K, PICP {own['coverage']:.1%}, held after {own['held']} of {own['origins']}"
         note = "" if own["passed"] else " (not converged)"
-        console.print(f"{model}, rolling origins: {words}{note}", highlight=False, soft_wrap=True)
+        console.print(f"{escape(model)}, rolling origins: {words}{note}", highlight=False, soft_wrap=True)
     for model, passed in comparison.content["passed"].items():
         if not passed:
             gates = ", ".join(comparison.content["failed_gates"][model]) or "sampling was interrupted"
-            console.print(f"failed a gate: {model} ({gates})", style="bold red", highlight=False, soft_wrap=True)
-    console.print(f"recommended: [bold]{comparison.content['recommended'] or 'none'}[/bold]", highlight=False)
+            console.print(f"failed a gate: {model} ({gates})", style="bold red", highlight=False, markup=False)
+    console.print(f"recommended: [bold]{escape(comparison.content['recommended'] or 'none')}[/bold]", highlight=False)
     console.print(comparison.content["reason"], highlight=False, markup=False)
     console.print(f"page: {comparison.folder / 'comparison.html'}", highlight=False, soft_wrap=True, markup=False)
 

@@ -27,8 +27,9 @@ def lint(scenario: ScenarioFile, telemetry: TelemetryPlace = None) -> None:
     findings = findings_in(scenario, telemetry=telemetry)
     for finding in findings:
         typer.echo(str(finding))
-    if findings:
-        typer.echo(f"{len(findings)} problem{'s' if len(findings) > 1 else ''} found", err=True)
+    problems = sum(not finding.warning for finding in findings)
+    if problems:
+        typer.echo(f"{problems} problem{'s' if problems > 1 else ''} found", err=True)
         raise typer.Exit(USER_ERROR)
     from ..problem import build_window
     from ..telemetry import bridged, quality_table, read

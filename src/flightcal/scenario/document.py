@@ -33,12 +33,14 @@ _KINDS = ("str", "int", "float", "bool", "null", "timestamp", "merge", "value")
 
 @dataclass(frozen=True)
 class Problem:
-    """Something wrong at a place in the document."""
+    """Something wrong, or doubtful, at a place in the document."""
 
     location: Location
     message: str
     line: int | None = None
     """Where the place has no line of its own (syntax); null: the line of the location."""
+    warning: bool = False
+    """It could be meant, so the file can be used as it is."""
 
 
 @dataclass(frozen=True)

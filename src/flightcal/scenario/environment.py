@@ -189,6 +189,6 @@ class Environment(Block):
     attitude_offset: AttitudeOffset | None = None
     """null: none; where it is written, a parameter may set it."""
     albedo: Annotated[float, Quantity("", at_least=0, at_most=1)] = 0.3
-    earth_infrared: Annotated[float, Quantity("W/m^2", at_least=0)] = 237.0
-    solar_constant: Annotated[float, Quantity("W/m^2", at_least=0)] = 1361.0
+    earth_infrared: Annotated[float, Quantity("W/m^2", at_least=0, believable=1e4)] = 237.0
+    solar_constant: Annotated[float, Quantity("W/m^2", at_least=0, believable=1e5)] = 1361.0
     """At one astronomical unit (Kopp & Lean 2011: 1360.8 W/m2)."""

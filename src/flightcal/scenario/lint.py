@@ -21,7 +21,7 @@ _SECTIONS = ("channels", "nodes", "conductors", "faces", "heaters", "modes", "ti
 
 @dataclass(frozen=True)
 class Finding:
-    """One thing that is wrong: where, what was found and what was expected."""
+    """One thing that is wrong, or doubtful: where, what was found and what was expected."""
 
     file: str
     line: int | None
@@ -29,14 +29,16 @@ class Finding:
     location: str
     """Dotted path such as ``channels.battery_temp.unit``; "": of the file as a whole."""
     message: str
+    warning: bool = False
+    """It could be meant: the scenario can be used as it is."""
 
     def __str__(self) -> str:
         place = self.file if self.line is None else f"{self.file}:{self.line}"
-        return ": ".join(part for part in (place, self.location, self.message) if part)
+        return ": ".join(part for part in (place, "warning" * self.warning, self.location, self.message) if part)
 
 
 def lint(path: str | Path, *, telemetry: str | Path | None = None) -> list[Finding]:
-    """Everything wrong with the scenario file at `path`, by line; an empty list if nothing is.
+    """Everything wrong with the scenario file at `path`, by line, or else warnings; an empty list if there is nothing.
 
     telemetry: replaces where telemetry is read from: a file, or a folder with files of the same names.
     """
@@ -51,20 +53,23 @@ def load_scenario(path: str | Path, *, telemetry: str | Path | None = None) -> S
     """
     scenario, findings = examine(path, telemetry)
     if scenario is None:
-        raise ScenarioError("\n".join(map(str, findings)))
+        raise ScenarioError("\n".join(str(finding) for finding in findings if not finding.warning))
     return scenario
 
 
 def examine(path: str | Path, telemetry: str | Path | None = None) -> tuple[Scenario | None, list[Finding]]:
-    """The scenario, if nothing is wrong with it, and the findings."""
+    """The scenario, if nothing is wrong with it, and the findings, warnings among them."""
     file = Path(path)
     reading = read_scenario(file, None if telemetry is None else Path(telemetry))
     problems = list(reading.problems)
     if reading.document.data is not None:
         problems += [problem for check in CHECKS for problem in check(reading, file.parent)]
-    findings = list(dict.fromkeys(_finding(problem, reading, str(path)) for problem in problems))
+    wrong = any(not problem.warning for problem in problems)
+    # What is doubtful waits until nothing is wrong.
+    told = [problem for problem in problems if not (wrong and problem.warning)]
+    findings = list(dict.fromkeys(_finding(problem, reading, str(path)) for problem in told))
     findings.sort(key=lambda finding: finding.line or 0)
-    return (None if findings else reading.scenario), findings
+    return (None if wrong else reading.scenario), findings
 
 
 def read_file(path: Path, kind: type[AnyBlock]) -> tuple[AnyBlock, Document]:
@@ -95,7 +100,7 @@ def file_error(path: Path, document: Document, problems: list[Problem]) -> Scena
 
 def _finding(problem: Problem, reading: Reading, file: str) -> Finding:
     line = problem.line or reading.document.line(problem.location)
-    return Finding(file, line, _dotted(problem.location, reading), problem.message)
+    return Finding(file, line, _dotted(problem.location, reading), problem.message, problem.warning)
 
 
 def _dotted(location: Location, reading: Reading) -> str:

@@ -7,16 +7,16 @@ from typing import Annotated, Literal
 from pydantic import Field, WrapValidator, model_validator
 
 from .fields import FILLED_IN, Block, FaceNormal, FileName, Flag, Marker, Number, Pair, Time, exactly_one
-from .units import Duration, Kelvins, Power, Quantity, QuantityOrName, Temperature
+from .units import HOTTEST, STRONGEST, Duration, Kelvins, Power, Quantity, QuantityOrName, Temperature
 
 
 class Node(Block):
     """A thermal node: diffusive (has a capacity), arithmetic (massless) or boundary (temperature given)."""
 
-    capacity: Annotated[float, Quantity("J/K", above=0)] | None = None
+    capacity: Annotated[float, Quantity("J/K", above=0, believable=1e9)] | None = None
     initial: Temperature | None = None
     arithmetic: Flag = False
-    boundary: Annotated[float | str, QuantityOrName("K", at_least=0.0)] | None = None
+    boundary: Annotated[float | str, QuantityOrName("K", at_least=0.0, believable=HOTTEST)] | None = None
     """A temperature, or the name of a temperature channel that is measured."""
 
     @model_validator(mode="after")
@@ -29,7 +29,7 @@ class Face(Block):
     """A flat outer face of a node: absorbs sunlight, albedo and Earth infrared, radiates to deep space."""
 
     node: str
-    area: Annotated[float, Quantity("m^2", above=0)]
+    area: Annotated[float, Quantity("m^2", above=0, believable=1e6)]
     normal: FaceNormal
     """Outward normal in the body frame, of any length; "all": a convex body, averaged over directions."""
     absorptivity: Annotated[float, Quantity("", at_least=0, at_most=1)]
@@ -42,8 +42,8 @@ class Conductor(Block):
     between: Pair
     name: str | None = None
     """null: ``first-second``."""
-    conductance: Annotated[float, Quantity("W/K", at_least=0)] | None = None
-    radiative: Annotated[float, Quantity("m^2", at_least=0)] | None = None
+    conductance: Annotated[float, Quantity("W/K", at_least=0, believable=1e6)] | None = None
+    radiative: Annotated[float, Quantity("m^2", at_least=0, believable=1e6)] | None = None
 
     @model_validator(mode="after")
     def _one_law(self) -> Conductor:
@@ -60,7 +60,7 @@ class Heater(Block):
     """A heater switched by a hysteresis thermostat, or driven by its measured status."""
 
     node: str
-    power: Annotated[float, Quantity("W", at_least=0)]
+    power: Annotated[float, Quantity("W", at_least=0, believable=STRONGEST)]
     sensor: str
     """The node whose temperature the thermostat watches; it must have a capacity."""
     on_below: Temperature
@@ -134,7 +134,7 @@ class SimulatorModel(Block):
     """Filled in from that file: what parameters may set in it, ``reduced.<name>``."""
     errors: dict[str, SimulatorError] = Field(default_factory=dict)
     """Temperature channel -> error against the simulator that this one stands in for; it enters the likelihood."""
-    step: Duration | None = None
+    step: Annotated[float, Quantity("s", at_least=0.01, at_most=3600)] | None = None
     """Longest time step of the integration; by default as long as `tolerance` allows."""
     tolerance: Annotated[float, Quantity("K", above=0, difference=True)] | None = None
     """On the error of the integration, root mean square over time; by default 5 mK or, if that is less, a tenth of the

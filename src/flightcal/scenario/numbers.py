@@ -10,7 +10,7 @@ from .blocks import Blocks, blocks_of, readable
 from .fields import Block
 from .network import Conductor, Load
 from .schema import Channel, Scenario
-from .units import Quantity, si_unit, to_si
+from .units import LARGEST, STRONGEST, Quantity, si_unit, to_si
 
 if TYPE_CHECKING:
     import numpy as np
@@ -119,6 +119,8 @@ class Settable:
     value: float
     lower: float
     upper: float
+    believable: float = LARGEST
+    """Largest size of what a prior is written with, see `Quantity`."""
 
 
 def settable(scenario: Scenario) -> dict[str, Settable]:
@@ -139,7 +141,7 @@ def settable(scenario: Scenario) -> dict[str, Settable]:
 def settable_of(blocks: Blocks) -> dict[str, Settable]:
     """`settable` of the blocks that could be read."""
     return {
-        path: Settable(quantity.unit, value, quantity.lower, quantity.upper)
+        path: Settable(quantity.unit, value, quantity.lower, quantity.upper, quantity.believable)
         for path, quantity, value in _numbers(blocks)
     }
 
@@ -176,7 +178,7 @@ def _numbers(blocks: Blocks) -> Iterator[tuple[str, Quantity, float]]:
                 yield from _fields_of(f"{section}.{name}", block, fields)
     for mode, powers in readable(blocks.modes).items():
         for name, power in powers.items():
-            yield f"modes.{mode}.{name}", Quantity("W"), power
+            yield f"modes.{mode}.{name}", Quantity("W", believable=STRONGEST), power
     yield from _coefficients(blocks)
     if blocks.external:
         for name, item in readable(blocks.external.inputs).items():

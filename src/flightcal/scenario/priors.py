@@ -14,7 +14,7 @@ from pydantic_core import core_schema
 
 from .document import Location, Problem
 from .fields import Block, Number
-from .units import Quantity, did_you_mean, example, quantity_schema, show, to_si, written
+from .units import LARGEST, Quantity, did_you_mean, example, quantity_schema, show, to_si, written
 from .wording import refusal
 
 
@@ -86,6 +86,8 @@ FORMS: dict[str, tuple[type[Prior], dict[str, str]]] = {
 }
 """Distribution -> its class, and what each of its arguments is: a value, a spread or a plain number."""
 _ABOVE = {"standard_deviation": 0.0, "scale": 0.0, "median": 0.0, "factor": 1.0, "alpha": 0.0, "beta": 0.0}
+_AT_MOST = {"factor": 1e3, "alpha": 1e6, "beta": 1e6}
+"""Wider, or narrower, nobody means a prior to be."""
 _NAMES = ", ".join(FORMS)
 
 
@@ -148,6 +150,8 @@ def _read_number(value: Any, name: str, role: str, unit: str, difference: bool) 
         number = to_si(value, unit, difference=unit == "K" and (difference or role == "spread"))
     if name in _ABOVE and not number > _ABOVE[name]:
         raise ValueError(f"found {show(value)}, expected more than {_ABOVE[name]:g}")
+    if number > _AT_MOST.get(name, LARGEST):
+        raise ValueError(f"found {show(value)}, expected at most {_AT_MOST.get(name, LARGEST):g}")
     return number
 
 

@@ -44,7 +44,7 @@ from .heat import Heat, WrittenHeat
 from .network import SimulatorModel
 from .priors import HalfNormal, LogNormal, Prior, prior_schema, read_prior
 from .residuals import ChannelNoise, Discrepancy, Noise, StatusLikelihood
-from .units import Duration, Quantity
+from .units import HOTTEST, Duration, Quantity
 from .windows import Window, is_trained
 
 # --- telemetry ----------------------------------------------------------------------------------------------
@@ -144,11 +144,11 @@ class Observation(Block):
     output: str | None = None
     """Temperature of an external simulator."""
     heater: str | None = None
-    gain: Annotated[float, Quantity("", above=0)] = 1.0
+    gain: Annotated[float, Quantity("", above=0, believable=1e3)] = 1.0
     """Slope of the reading in degC: y = gain x + bias, with the simulated temperature x in degC."""
-    bias: Annotated[float, Quantity("K", difference=True)] = 0.0
+    bias: Annotated[float, Quantity("K", difference=True, believable=HOTTEST)] = 0.0
     """Kelvin, added to the simulated temperature."""
-    time_offset: Annotated[float, Quantity("s")] = 0.0
+    time_offset: Annotated[float, Quantity("s", believable=86400)] = 0.0
     """The reading is of so much later than its time tag says (negative: earlier)."""
     lag: Duration | None = None
     """Time constant with which the sensor follows its node; null: at once."""
@@ -172,9 +172,9 @@ class InitialState(Block):
     An observed node starts around its first samples; one without telemetry around its `initial` temperature.
     """
 
-    observed: Annotated[float, Quantity("K", above=0, difference=True)] = 2.0
+    observed: Annotated[float, Quantity("K", above=0, difference=True, believable=HOTTEST)] = 2.0
     """Standard deviation, K."""
-    unobserved: Annotated[float, Quantity("K", above=0, difference=True)] = 5.0
+    unobserved: Annotated[float, Quantity("K", above=0, difference=True, believable=HOTTEST)] = 5.0
     """Standard deviation, K."""
 
 

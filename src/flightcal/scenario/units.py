@@ -50,6 +50,8 @@ _NUMBER = re.compile(r"\s*([-+]?(?:\d+(?:\.\d*)?|\.\d+)(?:[eE][-+]?\d+)?)\s*(.*?
 _UNIT_TEXT = re.compile(r"[\w\s*/^().%°·Ω+-]{1,60}")
 # pint evaluates numbers and powers of powers in a unit; a long one could run for ever.
 _ARITHMETIC = re.compile(r"\d{3}|[\d)]\s*(\*\*|\^)")
+LARGEST = 1e30
+"""Of any number, SI: powers of it, as those of temperatures, stay finite."""
 _OFFSET_UNITS = ("degree_Celsius", "degree_Fahrenheit", "degree_Reaumur")
 
 
@@ -194,6 +196,8 @@ class Quantity:
     at_least: float | None = None
     at_most: float | None = None
     difference: bool = False
+    believable: float = LARGEST
+    """Largest size of a written number, SI: beyond it an exponent or a unit is wrong. No bound of priors' tails."""
 
     @property
     def lower(self) -> float:
@@ -215,6 +219,8 @@ class Quantity:
         ):
             if violated:
                 raise ValueError(f"found {show(value)}, expected {words} {bound:g} {self.unit}".rstrip())
+        if abs(number) > self.believable:
+            raise ValueError(f"found {show(value)}, expected at most {self.believable:g} {self.unit}".rstrip())
         return number
 
     def write(self, number: float) -> str | float:
@@ -291,9 +297,13 @@ def _finite(number: Any, found: Any = None) -> float:
     return converted
 
 
-Temperature = Annotated[float, Quantity("K", at_least=0.0)]
-Kelvins = Annotated[float, Quantity("K", at_least=0.0, difference=True)]
+HOTTEST = 2000.0
+"""K: hotter than any part of a spacecraft that is meant to last."""
+Temperature = Annotated[float, Quantity("K", at_least=0.0, believable=HOTTEST)]
+Kelvins = Annotated[float, Quantity("K", at_least=0.0, difference=True, believable=HOTTEST)]
 Duration = Annotated[float, Quantity("s", above=0.0)]
 Seconds = Annotated[float, Quantity("s", at_least=0.0)]
 Angle = Annotated[float, Quantity("rad")]
-Power = Annotated[float, Quantity("W")]
+STRONGEST = 1e6
+"""W: some ten times what the largest spacecraft has in all."""
+Power = Annotated[float, Quantity("W", believable=STRONGEST)]

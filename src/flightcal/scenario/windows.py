@@ -14,7 +14,7 @@ class Window(Block):
     """A stretch of telemetry: start and either a number of orbits or an end."""
 
     start: Time
-    orbits: Annotated[Number, Field(gt=0)] | None = None
+    orbits: Annotated[Number, Field(gt=0, le=1e6)] | None = None
     end: Time | None = None
 
     @model_validator(mode="after")

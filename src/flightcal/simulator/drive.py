@@ -13,7 +13,7 @@ import xarray
 from numpy.typing import NDArray
 
 from ..environment import face_fluxes, sample_times, shadow_edges, sun_edges
-from ..errors import TelemetryError
+from ..errors import TelemetryError, require_memory
 from ..scenario import Scenario, SpinningAttitude
 from ..telemetry import driver_corners, driver_series, status_changes, status_fraction
 from .network import Network, flux_kinds
@@ -32,6 +32,8 @@ _CLOSEST_EDGES = 30.0
 
 _PARTS = 8
 """The least number of such times between two breaks."""
+_COPIES = 6
+"""Of the inputs, while they are made."""
 _CLOSEST = 1e-3
 """s, between two of such times that lie between breaks."""
 _CLOSE = 0.6
@@ -138,6 +140,10 @@ def window_inputs(
     model = scenario.network
     end = max(end, samples[-1]) if len(samples) else end
     duration = float(_seconds(np.array([end]), start)[0])
+    fine = _fineness(scenario)
+    points_needed = duration / max(fine, _CLOSEST)
+    what = f"window from {start} to {end}: what acts on the nodes at {points_needed:.3g} times"
+    require_memory(8 * _COPIES * points_needed * len(network.columns), what)
 
     def inside(times: Times | Sequence[Any]) -> FloatArray:
         seconds = np.unique(_seconds(np.array(times, dtype="datetime64[ns]"), start))
@@ -152,7 +158,6 @@ def window_inputs(
     fills: dict[str, Any] = {load.driver: channels[load.driver].fill for load in model.loads.values()}
     fills |= {node.boundary: "interpolate" for node in model.nodes.values() if isinstance(node.boundary, str)}
     bends = [driver_corners(telemetry, name, fill, period) for name, fill in fills.items()]
-    fine = _fineness(scenario)
     corners = inside(np.concatenate([sample_times(scenario.environment, scenario.folder), *bends]))
     known = _apart(np.concatenate([breaks, corners]))
     # At least a few in each stretch: in a penumbra of seconds sunlight is no straight line.

@@ -8,6 +8,11 @@ import numpy as np
 
 from ..scenario import Channel, is_temperature, kind_of, si_unit, to_si
 
+_HOTTEST = 1e4
+"""K, of what a thermistor's reading can mean at most where the scenario gives no `valid_range`."""
+_LARGEST = 1e30
+"""Of a driver, SI: what is larger overflows in products."""
+
 
 @dataclass(frozen=True)
 class Conversion:
@@ -42,7 +47,7 @@ def conversion(channel: Channel) -> Conversion:
         raise ValueError(f"found unit '{written}' ({error}), expected {wanted}") from None
     if not np.isclose(two - one, one - zero):
         raise ValueError(f"found unit '{written}', expected one that is proportional to {unit or 'a number'}")
-    lowest, highest = (0.0, np.inf) if channel.kind == "temperature" else (-np.inf, np.inf)
+    lowest, highest = (0.0, _HOTTEST) if channel.kind == "temperature" else (-_LARGEST, _LARGEST)
     if channel.valid_range is not None:
         lowest, highest = (_limit(value, unit) for value in channel.valid_range)
         if not lowest < highest:

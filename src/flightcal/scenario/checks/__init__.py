@@ -1,6 +1,7 @@
 """What blocks of a scenario must be to each other; one module and one line here for each concern."""
 
 from . import (
+    calibration,
     environment,
     external,
     heat,
@@ -27,4 +28,5 @@ CHECKS: tuple[Check, ...] = (
     residuals.check,
     heat.check,
     windows.check,
+    calibration.check,
 )

@@ -20,6 +20,7 @@ def check(reading: Reading, folder: Path) -> Iterator[Problem]:
     blocks = reading.blocks
     yield from _check_conductors(blocks)
     yield from _check_faces(blocks)
+    yield from _check_links(blocks)
     if blocks.reduced is None:
         yield from _check_arithmetic(blocks)
     yield from _check_temperatures(blocks)
@@ -57,6 +58,18 @@ def _check_faces(blocks: Blocks) -> Iterator[Problem]:
             yield Problem((*location, "node"), f"{message} (50 um of polyimide: 77 J/K for each m^2)")
         if environment is not None and environment.orbit is None:
             yield Problem(location, "found a face without an orbit, expected 'orbit' in environment to light it")
+
+
+def _check_links(blocks: Blocks) -> Iterator[Problem]:
+    """Heat can leave every node that holds heat. (A reduced order model has its links inside.)"""
+    if blocks.reduced is not None or None in blocks.conductors or None in blocks.faces.values():
+        return
+    linked = {name for conductor in blocks.conductors if conductor is not None for name in conductor.between}
+    linked |= {face.node for face in readable(blocks.faces).values()}
+    for name, node in readable(blocks.nodes).items():
+        if node.capacity is not None and name not in linked:
+            message = "found a node without conductor or face, expected one: its heat cannot leave"
+            yield Problem(("simulator", "nodes", name), message, warning=True)
 
 
 def _check_arithmetic(blocks: Blocks) -> Iterator[Problem]:

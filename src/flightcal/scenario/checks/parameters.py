@@ -15,6 +15,8 @@ from ..reading import Reading
 from ..schema import Parameter, is_difference
 from ..units import celsius
 
+_SIZES = ("lower", "upper", "mean", "standard_deviation", "median", "scale")
+"""Arguments of priors that are in the unit of what they are of."""
 _FAR_OUT = 5.0
 """Standard deviations from a truncated normal's mean to its bounds, beyond which sampling it fails."""
 
@@ -43,6 +45,8 @@ def _prior_problem(parameter: Parameter, numbers: Mapping[str, Settable]) -> str
             return f"found a mean {outside:.0f} standard deviations outside the bounds, expected it near or inside"
     problems = [_set_problem(path, prior, numbers[path]) for path in parameter.sets]
     problems += [_scale_problem(path, prior, numbers[path]) for path in parameter.scales]
+    problems += [_unbelievable(path, prior, numbers[path], 1.0) for path in parameter.sets]
+    problems += [_unbelievable(path, prior, numbers[path], numbers[path].value) for path in parameter.scales]
     return next(filter(None, problems), None)
 
 
@@ -64,6 +68,16 @@ def _scale_problem(path: str, prior: Prior, number: Settable) -> str | None:
     lower, upper = sorted(bound * number.value for bound in support(prior))
     written = f"{number.value:g} {number.unit}".strip()
     return _beyond(prior.kind, lower, upper, number, f" for {path} of {written}")
+
+
+def _unbelievable(path: str, prior: Prior, number: Settable, unit: float) -> str | None:
+    """A prior of a size that the number itself may not be written with; unit: what the prior's numbers count."""
+    written = {key: unit * value for key, value in prior if key in _SIZES}
+    largest = max(written.values(), key=abs)
+    if abs(largest) <= number.believable:
+        return None
+    found = f"found a prior that reaches {largest:g} {number.unit}".rstrip()
+    return f"{found} for {path}, expected at most {number.believable:g} {number.unit}".rstrip()
 
 
 def _beyond(kind: str, lower: float, upper: float, number: Settable, target: str) -> str | None:
