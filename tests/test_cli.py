@@ -9,11 +9,13 @@ from pathlib import Path
 import numpy as np
 import pandas as pd
 import pytest
+from ruamel.yaml import YAML
 from typer.testing import CliRunner
 
 from flightcal import cli
 from flightcal.calibration import methods
 from flightcal.cli import GATE_FAILED, INTERRUPTED, USER_ERROR, app
+from flightcal.simulator.steps import choose_grid
 from tests import small
 from tests.commands.test_calibrate import write
 
@@ -225,3 +227,51 @@ def test_a_full_memory_is_a_message_with_the_size(monkeypatch, tmp_path):
     result = run(app, ["lint", str(tmp_path)])
     assert result.exit_code == USER_ERROR
     assert "error: the memory is full: Unable to allocate 447. GiB" in result.output
+
+
+def test_simulate_starts_where_the_scenario_says_or_else_at_the_first_samples(tmp_path):
+    def first(edit):
+        path = write(tmp_path)
+        path.write_text(edit(path.read_text()))
+        out = tmp_path / "out.csv"
+        done = run(app, ["simulate", str(path), "--out", str(out), *more])
+        assert done.exit_code == 0, done.output
+        row = pd.read_csv(out).iloc[0]
+        return row["body_temp simulated degC"], row["body_temp measured degC"]
+
+    more: list[str] = []
+    assert first(lambda text: text.replace("12 degC", "33 degC"))[0] == pytest.approx(33.0, abs=0.01)
+    simulated, measured = first(lambda text: text.replace("initial: 12 degC", ""))
+    assert simulated == pytest.approx(measured, abs=0.5)
+    more = ["--set", "initial.body=300"]
+    assert first(lambda text: text)[0] == pytest.approx(26.85, abs=0.01)
+
+
+def test_lint_refuses_what_calibrate_refuses(tmp_path):
+    path = write(tmp_path)
+    written = YAML(typ="safe").load(path)
+    written["windows"]["train"] = {
+        "short": {"start": "2024-03-01T00:00:00", "end": "2024-03-01T00:10:00"},
+        "long": {"start": "2024-03-01T00:20:00", "end": "2024-03-01T03:20:00"},
+    }
+    written["discrepancy"] = {"time": {}}
+    YAML(typ="safe").dump(written, path)
+    told = [run(app, [*verb, str(path)]) for verb in (["lint"], ["calibrate", "--out", str(tmp_path / "run")])]
+    assert [done.exit_code for done in told] == [USER_ERROR, USER_ERROR]
+    for done in told:
+        assert (
+            "discrepancy.time: found no 'lengthscale' with windows to train on of very different length" in done.output
+        )
+
+
+def test_lint_refuses_priors_at_which_nothing_can_be_simulated(tmp_path, monkeypatch):
+    monkeypatch.setattr("flightcal.simulator.simulate.choose_grid", nothing_simulated)
+    path = write(tmp_path)
+    path.write_text(path.read_text().replace("step: 30 s", "tolerance: 5 mK"))
+    done = run(app, ["lint", str(path)])
+    assert done.exit_code == USER_ERROR
+    assert "windows.train: found no simulation that stays finite at draws of the priors" in done.output
+
+
+def nothing_simulated(inputs, compare, tolerance):
+    return choose_grid(inputs, lambda grid, halves: None, tolerance)

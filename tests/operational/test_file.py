@@ -119,3 +119,13 @@ def test_a_message_names_the_line(tmp_path):
     line = TEXT[: TEXT.index("mesh: 4\n")].count("\n") + 1
     with pytest.raises(ScenarioError, match=re.escape(f"{file}:{line}: boxes.bus.mesh")):
         load_spacecraft(file)
+
+
+def test_the_command_keeps_parts_of_a_second(tmp_path):
+    short = broken(tmp_path, "duration: 115200 s", "duration: 60 s")
+    text = short.read_text().replace("step: 12 s", "step: 0.5 s").replace("period: 12 s", "period: 0.5 s")
+    short.write_text(text.replace("  period: 60 s\n", "  period: 0.5 s\n"))
+    out = tmp_path / "telemetry.csv"
+    done = CliRunner().invoke(app, ["fly", str(short), "--out", str(out)])
+    assert done.exit_code == 0, done.output
+    assert list(pd.read_csv(out)["time"][:2]) == ["2024-02-29T16:00:00.000", "2024-02-29T16:00:00.500"]

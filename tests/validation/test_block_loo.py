@@ -75,3 +75,17 @@ def test_draws_that_could_not_be_simulated_are_left_out():
 def test_a_short_last_block_joins_the_one_before():
     times = np.datetime64("2024-03-01", "ns") + 60 * np.arange(0, 185) * np.timedelta64(1, "s")
     assert np.bincount(blocks_of(times, 5400.0, per_orbit=2)).tolist() == [45, 45, 45, 50]
+
+
+def test_a_block_without_a_valid_sample_is_no_block(tmp_path):
+    scenario, data = small.closed_loop(tmp_path)
+    for name in ("body_temp", "panel_temp"):
+        data[name][20:70] = np.nan
+    problem = build_window(scenario, data, "train")
+    thetas = small.median(problem) + 1e-3 * np.random.default_rng(1).normal(size=(40, 1))
+    blocks = blocks_of(problem.times, small.PERIOD)
+    without = [b for b in range(blocks.max() + 1) if not problem.valid[blocks == b].any()]
+    assert without
+    found = block_log_likelihood(problem, thetas, blocks)
+    assert found.shape[1] == blocks.max() + 1 - len(without)
+    assert np.isfinite(leave_blocks_out(found).density)

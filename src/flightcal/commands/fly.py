@@ -4,12 +4,15 @@ from __future__ import annotations
 
 import math
 from pathlib import Path
-from typing import Annotated
+from typing import TYPE_CHECKING, Annotated, Literal
 
 import typer
 
 from ..errors import RunError
 from ..progress import SILENT, Progress
+
+if TYPE_CHECKING:
+    from ..simulator import Times
 
 
 def fly(
@@ -31,11 +34,24 @@ def fly(
         typer.echo(line)
 
 
+def _written_times(times: Times) -> list[str]:
+    """Times as ISO 8601, with as many decimals of a second as they have."""
+    import numpy as np
+
+    units: tuple[Literal["s", "ms", "us", "ns"], ...] = ("s", "ms", "us", "ns")
+    for unit in units:
+        if (times == times.astype(f"datetime64[{unit}]")).all():
+            break
+    return [str(time) for time in np.datetime_as_string(times, unit=unit)]
+
+
 def fly_to_csv(spacecraft_file: Path, out: Path, pace: float | None, progress: Progress = SILENT) -> list[str]:
     """Fly a spacecraft file and write its telemetry: time (UTC), temperatures (degC), heater status, mode.
 
     Returns lines that say what was done. Raises ScenarioError, and RunError where `out` is there already.
     """
+    import pandas
+
     from ..operational import fly as flown
     from ..operational import load_spacecraft
     from ..prediction import ZERO_CELSIUS
@@ -56,7 +72,8 @@ def fly_to_csv(spacecraft_file: Path, out: Path, pace: float | None, progress: P
     table = flight.telemetry.copy()
     thermistors = list(mission.spacecraft.downlink.thermistors)
     table[thermistors] -= ZERO_CELSIUS
-    write_text(out, table.to_csv(float_format="%.4f", date_format="%Y-%m-%dT%H:%M:%S"))
+    table.index = pandas.Index(_written_times(table.index.to_numpy("datetime64[ns]")), name=table.index.name)
+    write_text(out, table.to_csv(float_format="%.4f"))
     lines = [
         f"{len(flight.nodes)} nodes, {len(flight.cycle_times)} control cycles; "
         f"{flight.real_time_factor:,.0f} times real time"

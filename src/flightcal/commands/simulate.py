@@ -22,7 +22,9 @@ def simulate(
     settings: Annotated[
         list[str] | None,
         typer.Option(
-            "--set", help="name=value of a parameter or of initial.<node>, in SI; the rest is at its prior median."
+            "--set",
+            help="name=value of a parameter or of initial.<node>, in SI; the rest is at its prior median, and "
+            "temperatures start at `initial` where it is written.",
         ),
     ] = None,
     out: Annotated[Path | None, typer.Option(help="CSV file to write; default: <window>_simulated.csv.")] = None,
@@ -41,6 +43,7 @@ def simulate_to_csv(
 ) -> list[str]:
     """Simulate with parameters at their prior medians unless assigned ("name=value", SI); write `file`.
 
+    Temperatures start where the scenario's `initial` says, else at the telemetry's first samples, unless assigned.
     Columns: time, then per channel simulated and measured temperature (degC), then per heater simulated and measured
     status. Returns lines that say what was done. Raises ScenarioError and TelemetryError.
     """
@@ -83,7 +86,12 @@ def simulate_to_csv(
 
 
 def _assigned(problem: Problem, assignments: list[str]) -> FloatArray:
+    from ..problem import initial_temperatures
+
     theta = problem.priors.median()
+    for name, written in initial_temperatures(problem.scenario).items():
+        if written is not None:
+            theta[problem.names.index(f"initial.{name}")] = written
     for text in assignments:
         name, _, value = text.partition("=")
         if name not in problem.names:

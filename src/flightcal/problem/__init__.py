@@ -3,7 +3,7 @@
 Imports: compiled, environment, errors, external, probability, reduction, scenario, simulator, telemetry.
 """
 
-from .build import build_problem, build_window, initial_priors, problem_of
+from .build import build_problem, build_window, initial_priors, initial_temperatures, open_windows, problem_of
 from .coordinates import Whitening, whitening
 from .entries import Entry
 from .heat import at_sizes, dressed, exact_heat, rehearsal, sampled_windows, with_heat
@@ -57,7 +57,9 @@ __all__ = [
     "held_by",
     "hold",
     "initial_priors",
+    "initial_temperatures",
     "knots_of",
+    "open_windows",
     "patterns_of",
     "places_of",
     "problem_of",

@@ -169,7 +169,7 @@ def initial_priors(scenario: Scenario, channels: tuple[str, ...], observed: Floa
             first[place] = (reading - ICE_POINT) / observation.gain + ICE_POINT
     typical = float(np.mean(list(first.values()))) if first else 293.15
     priors: dict[str, Prior] = {}
-    for name, written in _initial_temperatures(scenario).items():
+    for name, written in initial_temperatures(scenario).items():
         if name in first:
             priors[f"initial.{name}"] = Normal(mean=first[name], standard_deviation=scenario.initial_state.observed)
         else:
@@ -178,8 +178,8 @@ def initial_priors(scenario: Scenario, channels: tuple[str, ...], observed: Floa
     return priors
 
 
-def _initial_temperatures(scenario: Scenario) -> dict[str, float | None]:
-    """What has an initial temperature that is estimated, and the one that the scenario writes, K."""
+def initial_temperatures(scenario: Scenario) -> dict[str, float | None]:
+    """What has an initial temperature that is estimated, and the one that the scenario writes, K; None: none."""
     model = scenario.simulator
     if isinstance(model, ExternalModel):
         return {item.initial_of: item.si[1] for item in model.inputs.values() if item.initial_of is not None}

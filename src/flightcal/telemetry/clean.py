@@ -11,7 +11,11 @@ Nanoseconds = NDArray[np.int64]
 RowKeys = NDArray[np.uint64]
 
 GAP_FACTOR = 1.5
-"""An interval longer than this many sampling intervals lacks at least one sample."""
+"""An interval longer than this many usual ones lacks at least one sample."""
+_LONGEST_CYCLE, _CYCLES = 20, 10
+"""At most so many intervals make a cycle, and there are at least so many cycles."""
+_SAME, _MOSTLY = 0.2, 0.6
+"""Cycles whose length differs by less than this share are the same; so many are, or there is no cycle."""
 
 
 @dataclass(frozen=True)
@@ -64,13 +68,31 @@ class Gap:
     start: int
     end: int
     samples: int
-    """How many are missing, at the sampling interval."""
+    """How many are missing, at the usual number of samples in such a time."""
 
 
-def find_gaps(times: Nanoseconds, interval: float) -> list[Gap]:
-    """Gaps between increasing times [T] (ns) that are sampled every `interval` seconds."""
+def find_gaps(times: Nanoseconds) -> list[Gap]:
+    """Gaps between increasing times [T] (ns): intervals far longer than the longest usual one."""
     lengths = np.diff(times) / 1e9
+    longest, mean = usual_intervals(lengths)
     return [
-        Gap(int(times[i]), int(times[i + 1]), round(lengths[i] / interval) - 1)
-        for i in np.flatnonzero(lengths > GAP_FACTOR * interval)
+        Gap(int(times[i]), int(times[i + 1]), max(1, round((lengths[i] - longest) / mean)))
+        for i in np.flatnonzero(lengths > GAP_FACTOR * longest)
     ]
+
+
+def usual_intervals(lengths: NDArray[np.float64]) -> tuple[float, float]:
+    """The longest interval that is no gap, and the mean interval, of intervals [T - 1] between samples, s.
+
+    Packets with time stamps of their own come in cycles, such as 2 s, 2 s and 56 s: so many intervals are a cycle as
+    always add up to the same. Without a cycle 19 of 20 intervals are taken to be usual.
+    """
+    best, found = _MOSTLY, (float(np.quantile(lengths, 0.95)), float(np.median(lengths)))
+    for size in range(1, max(1, min(_LONGEST_CYCLE, len(lengths) // _CYCLES)) + 1):
+        cycles = np.lib.stride_tricks.sliding_window_view(lengths, size)
+        sums = cycles.sum(axis=1)
+        usual = float(np.median(sums))
+        regular = np.abs(sums - usual) < _SAME * usual
+        if (share := float(regular.mean())) > best:
+            best, found = share, (float(np.median(cycles[regular].max(axis=1))), usual / size)
+    return found

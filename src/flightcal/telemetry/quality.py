@@ -59,7 +59,7 @@ def _row_records(dataset: xr.Dataset) -> list[QualityRecord]:
     if not attributes["stale_checked"]:
         text = "rows normally repeat, so a frozen row cannot be told from a quiet one"
         records.append(QualityRecord("", "stale_not_checked", read, 1.0, None, None, text))
-    gaps = find_gaps(times.astype(np.int64), attributes["sampling_interval_s"])
+    gaps = find_gaps(times.astype(np.int64))
     if gaps:
         missing = sum(gap.samples for gap in gaps)
         first, last = np.datetime64(gaps[0].start, "ns"), np.datetime64(gaps[-1].end, "ns")

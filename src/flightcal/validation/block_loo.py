@@ -56,10 +56,12 @@ def blocks_of(times: NDArray[np.datetime64], period: float, per_orbit: int = BLO
 def block_log_likelihood(window: Window, thetas: Array, blocks: NDArray[np.int64]) -> Array:
     """log p(y_b | y_-b, theta) of the temperatures of each block at thetas [S, q]: [S, B]; NaN where one fails.
 
+    Blocks [B] are those with a valid sample: the others say nothing of any model.
+
     It is log p(y | theta) - log p(y_-b | theta), the likelihood of all samples less that of all others.
     """
     whole = window.of_temperatures(np.ones((len(blocks), 1), bool))
-    others = [window.of_temperatures((blocks != b)[:, None]) for b in range(blocks.max() + 1)]
+    others = [window.of_temperatures((blocks != b)[:, None]) for b in np.unique(blocks[window.valid.any(axis=1)])]
     found = np.full((len(thetas), len(others)), np.nan)
     for s, (theta, run) in enumerate(zip(thetas, window.simulate_many(thetas), strict=True)):
         if run is not None:
