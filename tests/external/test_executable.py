@@ -6,9 +6,10 @@ import numpy as np
 import pytest
 
 from flightcal.errors import ScenarioError
+from flightcal.scenario import lint
 from flightcal.simulator import SimulationFailure
 
-from .scenes import SAMPLES, THETA, TIMES, simulator_of
+from .scenes import SAMPLES, THETA, TIMES, simulator_of, write, written
 
 TEMPLATE = "{{ inputs.link }}\n{{ inputs['load'] }}\n{{ start.isoformat() }}\n{{ times | join(' ') }}\n"
 GOOD = """
@@ -250,6 +251,37 @@ def test_template_that_cannot_be_filled_in_is_a_record(tmp_path):
 
     assert record.outcome == "crashed"
     assert "template 'input.txt.jinja' of 'input.txt' cannot be filled in" in record.message
+
+
+@pytest.mark.parametrize(
+    "template",
+    [
+        "{{ ''.__class__.__mro__[1].__subclasses__() }}",
+        "{{ inputs.items.__func__.__globals__ }}",
+        "{{ range(10 ** 9) | list }}",
+        "{{ 1 / 0 }}",
+    ],
+)
+def test_a_template_fills_in_numbers_and_runs_nothing_else(tmp_path, template):
+    simulator = build(tmp_path, GOOD + "write(rows)")
+    (tmp_path / "input.txt.jinja").write_text(template)
+
+    record = simulator.run(THETA)
+
+    assert record.outcome == "crashed"
+    assert "cannot be filled in" in record.message
+
+
+@pytest.mark.parametrize("key", ["files", "templates", "keep_failed"])
+def test_names_that_leave_the_scenarios_folder_are_refused(tmp_path, key):
+    (tmp_path / "outside.txt").write_text("secret")
+    folder = tmp_path / "inside"
+    folder.mkdir()
+    (folder / "link.txt").symlink_to("../outside.txt")
+    for name in ("../outside.txt", "link.txt"):
+        value = {"files": [name], "templates": {"a.txt": name}, "keep_failed": name}[key]
+        path = write(folder, written(block(folder, GOOD, executable={key: value})))
+        assert any("outside of the scenario's folder" in finding.message for finding in lint(path))
 
 
 def test_executable_has_no_gradient_and_says_what_to_use(tmp_path):

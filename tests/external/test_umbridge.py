@@ -5,6 +5,7 @@ import sys
 import textwrap
 import threading
 import time
+from contextlib import contextmanager
 
 import numpy as np
 import pytest
@@ -158,6 +159,57 @@ def test_no_server_is_a_record_and_tried_again(tmp_path):
     assert record.message == f"no server at {url}: [Errno 111] Connection refused"
     with pytest.raises(SimulationFailure, match=r"umbridge: unreachable: no server at"):
         simulator.linearise(THETA)
+
+
+class Endless(http.server.BaseHTTPRequestHandler):
+    """A server whose replies do not end, or that sends its clients elsewhere."""
+
+    target = ""
+    asked = 0
+
+    def do_GET(self):
+        type(self).asked += 1
+        if self.target:
+            self.send_response(302)
+            self.send_header("Location", self.target)
+            self.end_headers()
+            return
+        self.send_response(200)
+        self.end_headers()
+        try:
+            while True:
+                self.wfile.write(b" " * 1_000_000)
+        except OSError:
+            pass
+
+    def log_message(self, *_):
+        pass
+
+
+@contextmanager
+def serving(handler):
+    with http.server.HTTPServer(("127.0.0.1", 0), handler) as page:
+        threading.Thread(target=page.serve_forever, daemon=True).start()
+        yield f"http://127.0.0.1:{page.server_port}"
+        page.shutdown()
+
+
+def test_a_reply_without_end_is_cut_off_at_its_limit(tmp_path):
+    with serving(Endless) as url:
+        record = build(tmp_path, url).run(THETA)
+
+    assert record.outcome == "wrong shape"
+    assert "found a reply of more than 64 MB, expected 64 MB at most" in record.message
+
+
+def test_redirects_are_not_followed(tmp_path):
+    elsewhere = type("Elsewhere", (Endless,), {"asked": 0})
+    with serving(elsewhere) as target, serving(type("Sender", (Endless,), {"target": target})) as url:
+        record = build(tmp_path, url).run(THETA)
+
+    assert record.outcome == "crashed"
+    assert f"redirects to {target}, expected an answer: redirects are not followed" in record.message
+    assert elsewhere.asked == 0
 
 
 def test_server_of_something_else_is_a_record(tmp_path):

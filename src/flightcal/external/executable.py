@@ -77,10 +77,11 @@ class ExecutableProgram:
             raise RunFailure(failure.outcome, f"{failure.message}; folder of the run: {kept}") from None
 
     def _prepare(self, place: Path, inputs: Mapping[str, float]) -> None:
-        from jinja2 import Environment, StrictUndefined, TemplateError
+        from jinja2 import StrictUndefined, TemplateError
+        from jinja2.sandbox import SandboxedEnvironment
 
         known = {"inputs": dict(inputs), "times": self.times.tolist(), "start": self.start, "end": self.end}
-        environment = Environment(undefined=StrictUndefined, keep_trailing_newline=True, autoescape=False)
+        environment = SandboxedEnvironment(undefined=StrictUndefined, keep_trailing_newline=True, autoescape=False)
         try:
             for name in self.block.files:
                 shutil.copy(self.folder / name, place / Path(name).name)
@@ -88,10 +89,10 @@ class ExecutableProgram:
                 text = (self.folder / template).read_text(encoding="utf-8")
                 (place / name).parent.mkdir(parents=True, exist_ok=True)
                 (place / name).write_text(environment.from_string(text).render(known), encoding="utf-8")
-        except TemplateError as error:
-            raise RunFailure("crashed", f"template '{template}' of '{name}' cannot be filled in: {error}") from None
         except UnicodeDecodeError as error:
             raise RunFailure("crashed", f"template '{template}' is not UTF-8: {error}") from None
+        except (TemplateError, ArithmeticError, LookupError, TypeError, ValueError) as error:
+            raise RunFailure("crashed", f"template '{template}' of '{name}' cannot be filled in: {error}") from None
 
     def _execute(self, place: Path, timeout: float) -> None:
         command = [self.block.program(self.folder), *self.block.command[1:]]

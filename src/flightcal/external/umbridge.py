@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json
 import re
 from collections.abc import Iterator, Mapping
 from contextlib import contextmanager
@@ -15,6 +16,8 @@ from .program import Outputs, RunFailure
 if TYPE_CHECKING:  # the worker starts in a tenth of a second without it
     from ..simulator import FloatArray
 
+MOST_BYTES = 64_000_000
+"""Of a server's reply, unpacked: a million numbers, and room to spare."""
 _NOT_FINITE = re.compile(r"\b(nan|-?inf(inity)?)\b", re.IGNORECASE)
 
 
@@ -47,6 +50,8 @@ class ServerModel:
 
         self._given = description
         with self._asking():
+            # The client reads whatever comes and follows any redirect; this worker asks nobody else.
+            umbridge.um.requests = _Requests()
             self._model: Any = umbridge.HTTPModel(description.url.rstrip("/"), description.model)
 
     def has_gradient(self) -> bool:
@@ -87,7 +92,7 @@ class ServerModel:
 
         try:
             yield
-        except requests.exceptions.JSONDecodeError as error:
+        except json.JSONDecodeError as error:
             text = " ".join(error.doc.split())
             if _NOT_FINITE.search(text) and '"output"' in text:
                 raise RunFailure("not finite", f"{self._given.url} gives {_NOT_FINITE.findall(text)[0][0]}") from None
@@ -106,6 +111,42 @@ class ServerModel:
             raise
         except Exception as error:  # the client's own, with the server's words in it
             raise RunFailure("crashed", f"{self._given.url}: {' '.join(str(error).split())[:300]}") from None
+
+
+class _Requests:
+    """What UM-Bridge's client uses of the package `requests`: replies of a limited size, from nowhere else."""
+
+    def get(self, url: str) -> _Reply:
+        return _asked("GET", url)
+
+    def post(self, url: str, json: Any) -> _Reply:
+        return _asked("POST", url, json=json)
+
+
+@dataclass(frozen=True)
+class _Reply:
+    content: bytes
+
+    def json(self) -> Any:
+        return json.loads(self.content.decode("utf-8", "replace"))
+
+
+def _asked(method: str, url: str, **content: Any) -> _Reply:
+    """The reply to one request. Raises RunFailure where it is too large or a redirect."""
+    import requests
+
+    with requests.request(method, url, allow_redirects=False, stream=True, **content) as response:
+        if response.is_redirect:
+            place = response.headers["location"][:200]
+            raise RunFailure("crashed", f"{url} redirects to {place}, expected an answer: redirects are not followed")
+        parts, size = [], 0
+        for part in response.iter_content(1 << 16):
+            size += len(part)
+            if size > MOST_BYTES:
+                found = f"found a reply of more than {MOST_BYTES / 1e6:.0f} MB"
+                raise RunFailure("wrong shape", f"{url}: {found}, expected {MOST_BYTES / 1e6:.0f} MB at most")
+            parts.append(part)
+    return _Reply(b"".join(parts))
 
 
 def _causes(error: BaseException | None) -> Iterator[BaseException]:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import ast
+import os
 import re
 import shutil
 from collections.abc import Iterator, Mapping
@@ -130,6 +131,9 @@ def _check_executable(block: Executable, external: External, folder: Path, locat
         yield Problem((*location, "command"), message)
     for k, name in enumerate(block.files):
         yield from file_exists(folder, name, "a file to copy,", (*location, "files", k))
+        yield from _stays_inside(folder, name, (*location, "files", k))
+    if block.keep_failed is not None:
+        yield from _stays_inside(folder, block.keep_failed, (*location, "keep_failed"))
     written: dict[str, Location] = {}
     for name in (*block.templates, *(Path(name).name for name in block.files), block.output):
         where = (*location, "templates", name) if name in block.templates else location
@@ -141,10 +145,19 @@ def _check_executable(block: Executable, external: External, folder: Path, locat
         written[name] = where
     for name, template in block.templates.items():
         where = (*location, "templates", name)
+        yield from _stays_inside(folder, template, where)
         if missing := list(file_exists(folder, template, "a template,", where)):
             yield from missing
         else:
             yield from _check_template(folder / template, template, external, where)
+
+
+def _stays_inside(folder: Path, name: str, location: Location) -> Iterator[Problem]:
+    """A relative name is that of something in the scenario's folder. (Copies of a scenario have absolute ones.)"""
+    home = os.path.realpath(folder)
+    if not os.path.isabs(name) and os.path.commonpath([home, os.path.realpath(os.path.join(home, name))]) != home:
+        message = f"found {show(name)}, outside of the scenario's folder, expected a name inside of it"
+        yield Problem(location, message)
 
 
 def _check_template(path: Path, name: str, external: External, location: Location) -> Iterator[Problem]:
