@@ -6,6 +6,7 @@ from scipy.integrate import solve_ivp
 from scipy.optimize import brentq
 
 from flightcal.environment import face_fluxes
+from flightcal.problem import build_window
 from flightcal.simulator import SimulationFailure, open_loop
 from flightcal.simulator.assembly import assemble
 from flightcal.simulator.network import DEEP_SPACE, STEFAN_BOLTZMANN
@@ -434,3 +435,18 @@ def test_heater_power_follows_the_parameter_that_sets_it(tmp_path):
     scenario, data = small.load(tmp_path)
     simulator = small.simulator_of(scenario, data, hours=1.0)
     assert simulator.heater_power(small.theta_of(simulator, power=26.0)) == [26.0]
+
+
+def test_a_simulation_that_diverges_ends_and_the_others_choose_the_steps(tmp_path):
+    """A load of 5,000 W/A: the sensor's end is past its threshold, and no trial of the step meets it."""
+    written = small.content()
+    del written["simulator"]["step"]
+    written["parameters"]["sun"] = {
+        "sets": "loads.sun.coefficient",
+        "prior": {"normal": {"mean": "12 W/A", "standard_deviation": "5000 W/A"}},
+    }
+    written["parameters"]["panel_size"]["scales"] = "conductors.panel-space.radiative"
+    scenario, data = small.load(tmp_path, written)
+    window = build_window(scenario, data, "train")
+    assert window.network.accuracy is not None
+    assert np.isfinite(window.network.accuracy.error)

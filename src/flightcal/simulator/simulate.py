@@ -37,6 +37,7 @@ _CHUNK = 128
 """At most so many simulations are one call, eight at a time."""
 
 
+_WILD = 1e5  # K
 _ROOM = 293.15
 """K, where nothing says what a node's temperature is at first."""
 
@@ -430,7 +431,7 @@ def network_simulator(
     def compare(grid: FloatArray, halves: FloatArray) -> Comparison | None:
         looking = replace(simulator, observation=Observation(halves, sensors), scatter=np.zeros(0))
         runs = [replace(looking, drive=drive_on(inputs, points)).simulate_many(thetas) for points in (grid, halves)]
-        pairs = [(a, b) for a, b in zip(*runs, strict=True) if a and b]
+        pairs = [(a, b) for a, b in zip(*runs, strict=True) if a and b and not (_is_wild(a) or _is_wild(b))]
         if not (pairs and observed):
             return None
         switched = [np.concatenate([a.switches.time, b.switches.time]) for a, b in pairs]
@@ -441,6 +442,11 @@ def network_simulator(
         return simulator if found is None else replace(simulator, accuracy=found[0])
     grid, accuracy = choose_grid(inputs, compare, scenario.step_tolerance)
     return replace(simulator, drive=drive_on(inputs, grid), accuracy=accuracy)
+
+
+def _is_wild(run: Trajectory) -> bool:
+    """Whether a simulation tells nothing of the length of steps, for it diverges."""
+    return len(run.temperatures) > 0 and not float(np.abs(run.temperatures).max()) < _WILD
 
 
 def _as_written(simulator: NetworkSimulator, scenario: Scenario) -> FloatArray:

@@ -34,6 +34,8 @@ def decide(structure, measured, lanes, lane, step):
     if lanes.phase[lane] == WHOLE:
         lanes.heater[lane] = -1
         tolerance = 0.0
+        if lanes.settled[lane] > LOCATION_ITERATIONS:
+            return False  # a solution so wild that its end is past a threshold that is met nowhere
     elif _located(structure, measured, lanes, lane, step):
         # Strictly earlier than the one that was found, so that the two of a tie do not take turns.
         tolerance = CROSSING_TOLERANCE
@@ -143,7 +145,8 @@ def _located(structure, measured, lanes, lane, step):
     ):
         if value < -LOST_TOLERANCE:
             # The cubic had it past the threshold for a moment, the solution is not.
-            lanes.heater[lane], lanes.settled[lane], lanes.phase[lane] = -1, 1, LOST
+            lanes.heater[lane], lanes.phase[lane] = -1, LOST
+            lanes.settled[lane] += 1
             put(lanes.length, 0, lane, lanes.duration[lane] - take(lanes.begin, 0, lane))
         return True
     if value > 0.0:
