@@ -117,7 +117,7 @@ def test_an_unseen_window_is_predicted_with_its_own_runs(finished):
     with xarray.open_datatree(run / "prediction.nc", engine="h5netcdf") as tree:
         later = tree["later"].to_dataset()
         assert "the surrogate's error" in later.attrs["interval_contains"]
-        assert np.isfinite(later["mean"].sel(method="uncalibrated")).all()
+        assert np.isfinite(later["mean"].sel(by="uncalibrated")).all()
 
 
 def test_the_report_has_a_passage_on_the_emulator(finished):

@@ -91,7 +91,7 @@ def test_the_genetic_algorithms_runs_are_scored_together_and_counted(finished):
     assert converged.note.startswith("of 2 runs; over 100 generations")
     assert "0 of 2 runs converged" in (run / "report.html").read_text(encoding="utf-8")
     with xarray.open_datatree(run / "prediction.nc") as kept:
-        assert not any(str(method).startswith("genetic_run") for method in kept["test"]["method"].values)
+        assert not any(str(method).startswith("genetic_run") for method in kept["test"]["by"].values)
 
 
 def test_the_calibrated_model_predicts_unseen_telemetry_to_its_noise(finished):

@@ -182,7 +182,7 @@ def predicted(error, seed=0, size=400):
     """Telemetry of two channels around a prediction of 0.5 K standard deviation, off by `error` (K) besides."""
     rng = np.random.default_rng(seed)
     observed = 290.0 + 0.5 * rng.normal(size=(size, 2))
-    by_method = ("method", "time", "channel")
+    by_method = ("by", "time", "channel")
     return xarray.Dataset(
         {
             "observed": (("time", "channel"), observed),

@@ -246,7 +246,7 @@ def test_temperatures_and_duty_of_a_functions_test_window_are_predicted(tmp_path
 
     inside = np.arange(40) * 60.0
     battery = 300 + THETA[1] / THETA[0] * (1 - np.exp(-THETA[0] * inside / 900))
-    np.testing.assert_allclose(result["mean"].sel({"method": "point", "channel": "battery_temp"}), battery)
+    np.testing.assert_allclose(result["mean"].sel({"by": "point", "channel": "battery_temp"}), battery)
     # On for four of ten samples, of which the window's first stands for half a minute.
     np.testing.assert_allclose(result["duty_cycle"], np.full((4, 1), (16 - 0.5) / 40))
     assert result.attrs["duty_cycle_contains"] == "parameters, initial temperatures"

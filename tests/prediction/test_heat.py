@@ -67,7 +67,7 @@ def case(tmp_path_factory, off):
 
 def predicted(case, name):
     data, problem, draws, drawn = case
-    return predict(problem, data, name, {}, draws, seed=0, heat=drawn)[0].isel(method=-1)
+    return predict(problem, data, name, {}, draws, seed=0, heat=drawn)[0].isel(by=-1)
 
 
 # --- drivers with gaps -------------------------------------------------------------------------------------------

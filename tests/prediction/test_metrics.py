@@ -122,7 +122,7 @@ def prediction() -> xr.Dataset:
     offsets = np.array([4.0, 3.0, 2.0, 1.0])[:, None, None]
     mean = np.where(np.isfinite(observed), observed, 280.0)[None] + offsets
     interval = np.array([np.nan, np.nan, np.nan, 1.5])[:, None, None]
-    of_method, of_heater = ("method", "time", "channel"), ("method", "heater")
+    of_method, of_heater = ("by", "time", "channel"), ("by", "heater")
     return xr.Dataset(
         {
             "observed": (("time", "channel"), observed),
@@ -133,7 +133,7 @@ def prediction() -> xr.Dataset:
             "standard_deviation": (of_method, mean * 0 + interval / 1.96),
             "crps": (("time", "channel"), np.array([[9.0, 9.0], [0.2, 0.5], [0.3, 0.6], [0.4, np.nan]])),
             "observed_status": (("time", "heater"), [[1.0], [1.0], [0.0], [np.nan]]),
-            "status": (("method", "time", "heater"), np.full((4, 4, 1), 1.0)),
+            "status": (("by", "time", "heater"), np.full((4, 4, 1), 1.0)),
             "point_duty_cycle": (of_heater, np.full((4, 1), 0.5)),
             "point_sampled_duty_cycle": (of_heater, np.full((4, 1), 0.6)),
             "unknown_status": ("heater", [0.25]),
@@ -143,7 +143,7 @@ def prediction() -> xr.Dataset:
             "observed_switch_count": ("heater", [5.0]),
         },
         {"time": np.datetime64("2024-03-01", "ns") + np.arange(4) * np.timedelta64(60, "s"),
-         "method": methods, "channel": ["a", "b"], "heater": ["h"]},
+         "by": methods, "channel": ["a", "b"], "heater": ["h"]},
     )  # fmt: skip
 
 
@@ -162,7 +162,7 @@ def test_every_method_channel_and_pool_is_scored(prediction):
     metrics = score(prediction, "test")
     assert {m.window for m in metrics} == {"test"}
     assert {(m.method, m.channel) for m in metrics if m.metric == "rmse"} == {
-        (str(m), c) for m in prediction["method"].values for c in ("a", "b", "all")
+        (str(m), c) for m in prediction["by"].values for c in ("a", "b", "all")
     }
     assert values(metrics, method="genetic", channel="a")["rmse"] == pytest.approx(2.0)
     assert values(metrics, method="stochastic", channel="all")["rmse"] == pytest.approx(1.0)
@@ -177,7 +177,7 @@ def test_scores_of_distributions_take_each_samples_own_deviation(prediction):
     prediction["standard_deviation"][-1] *= np.array([[1.0, 1.0], [2.0, 0.5], [0.3, 1.7], [1.1, 1.0]])
     prediction["upper"][-1, 3, 1] += 5.0  # where there is no telemetry
     found = values(score(prediction, "test"), method="stochastic", channel="all")
-    own = prediction.sel({"method": "stochastic"}).isel(time=slice(1, None))
+    own = prediction.sel({"by": "stochastic"}).isel(time=slice(1, None))
     given = [own[name].values for name in ("observed", "mean", "standard_deviation")]
     assert found["log_score"] == pytest.approx(np.nanmean(norm(*given[1:]).logpdf(given[0])))
     assert found["mpiw"] == pytest.approx(3.0)
@@ -223,7 +223,7 @@ def test_comparison_gives_the_ratio_beside_the_papers(prediction):
 
 
 def test_comparison_has_the_best_genetic_run_beside_the_mean(prediction):
-    renamed = prediction.assign_coords(method=["genetic_best", *prediction["method"].values[1:]])
+    renamed = prediction.assign_coords(by=["genetic_best", *prediction["by"].values[1:]])
     row = next(r for r in comparison_table(score(renamed, "test")) if (r.channel, r.metric) == ("a", "rmse"))
     assert (row.genetic_best, row.genetic, row.stochastic) == pytest.approx((4.0, 2.0, 1.0))
     assert row.ratio_best == pytest.approx(0.25)
@@ -240,6 +240,6 @@ def test_scores_of_runs_are_the_ends_and_the_middle_of_their_errors(prediction):
 
 
 def test_comparison_stands_one_missing_method(prediction):
-    rows = comparison_table(score(prediction.sel({"method": ["genetic"]}), "test"))
+    rows = comparison_table(score(prediction.sel({"by": ["genetic"]}), "test"))
     assert rows[0].stochastic is None
     assert rows[0].ratio is None

@@ -100,10 +100,10 @@ def test_the_first_samples_do_change_the_prediction(case):
 
 def test_the_true_parameters_predict_an_unseen_window_within_the_noise(case):
     result = predicted(case, "test")
-    residual = (result["observed"] - result["mean"].sel({"method": "point"})).values[result["scored"].values]
+    residual = (result["observed"] - result["mean"].sel({"by": "point"})).values[result["scored"].values]
     np.testing.assert_allclose(np.sqrt((residual**2).mean(axis=0)), 0.1, rtol=0.25)
-    inside = (result["lower"].sel({"method": STOCHASTIC}) <= result["observed"]) & (
-        result["observed"] <= result["upper"].sel({"method": STOCHASTIC})
+    inside = (result["lower"].sel({"by": STOCHASTIC}) <= result["observed"]) & (
+        result["observed"] <= result["upper"].sel({"by": STOCHASTIC})
     )
     assert 0.88 < float(inside.mean()) < 0.995
 
@@ -111,7 +111,7 @@ def test_the_true_parameters_predict_an_unseen_window_within_the_noise(case):
 def test_the_train_window_is_predicted_with_the_initial_temperatures_of_theta(case):
     scenario, data, points, _ = case
     expected = build_problem(scenario, data).simulate(points["point"])[0].temperatures
-    np.testing.assert_array_equal(predicted(case, "train")["mean"].sel({"method": "point"}), expected)
+    np.testing.assert_array_equal(predicted(case, "train")["mean"].sel({"by": "point"}), expected)
 
 
 def test_the_same_seed_gives_the_same_prediction(case):
@@ -121,7 +121,7 @@ def test_the_same_seed_gives_the_same_prediction(case):
 def test_another_seed_draws_other_noise(case):
     scenario, data, points, draws = case
     other, _ = predict(build_problem(scenario, data), data, "test", points, draws, seed=2)
-    lower, own = (result["lower"].sel({"method": STOCHASTIC}).values for result in (other, predicted(case, "test")))
+    lower, own = (result["lower"].sel({"by": STOCHASTIC}).values for result in (other, predicted(case, "test")))
     assert np.isfinite(lower).all()
     assert not np.array_equal(lower, own)
 
@@ -134,7 +134,7 @@ def test_another_window_draws_other_noise(tmp_path):
     draws = np.tile(build_problem(scenario, data).priors.median(), (5, 1))
     noise = []
     for window in ("train", "train.again"):
-        own = predict(build_problem(scenario, data), data, window, {}, draws, seed=1)[0].sel({"method": STOCHASTIC})
+        own = predict(build_problem(scenario, data), data, window, {}, draws, seed=1)[0].sel({"by": STOCHASTIC})
         noise.append((own["lower"] - own["mean"]).values)
     assert noise[0].shape == noise[1].shape
     assert not np.allclose(*noise)
@@ -147,7 +147,7 @@ def test_interval_and_span_are_those_of_the_settings(tmp_path):
     problem = build_problem(scenario, data)
     draws = np.tile(problem.priors.median(), (400, 1))
     result, _ = predict(build_problem(scenario, data), data, "train", {}, draws, seed=1)
-    width = (result["upper"] - result["lower"]).sel({"method": STOCHASTIC}).values.mean(axis=0)
+    width = (result["upper"] - result["lower"]).sel({"by": STOCHASTIC}).values.mean(axis=0)
     # The quantiles of 400 draws, averaged over 181 samples.
     np.testing.assert_allclose(width, 2 * 1.2816 * problem.windows[0].noise(draws[0]), rtol=0.02)
     assert result.attrs["interval"] == 0.8
@@ -200,18 +200,18 @@ def test_draws_run_on_a_stand_in_from_the_first_sample_and_points_on_the_simulat
         build_problem(scenario, data), data, "test", points, draws, seed=1,
         stand_in=lambda window: replace(window, simulator=Shifted(window.simulator)),
     )  # fmt: skip
-    np.testing.assert_allclose(result["mean"].sel({"method": "point"}), predicted(case, "test")["mean"][0], atol=1e-9)
+    np.testing.assert_allclose(result["mean"].sel({"by": "point"}), predicted(case, "test")["mean"][0], atol=1e-9)
     # The first samples tell the stand-in that its panel is 2 K colder.
     panel = result.sel(channel="panel_temp")
-    assert abs((panel["mean"].sel({"method": STOCHASTIC}) - panel["observed"])[:11].mean()) < 0.3
-    assert np.abs(panel["mean"].sel({"method": STOCHASTIC}) - panel["mean"].sel({"method": "point"}))[60:].max() > 1.0
+    assert abs((panel["mean"].sel({"by": STOCHASTIC}) - panel["observed"])[:11].mean()) < 0.3
+    assert np.abs(panel["mean"].sel({"by": STOCHASTIC}) - panel["mean"].sel({"by": "point"}))[60:].max() > 1.0
     assert ", the surrogate's error, measurement noise" in result.attrs["interval_contains"]
     assert result.attrs["model_interval_contains"].endswith(", the surrogate's error")
 
 
 def test_the_means_over_the_simulations_stand_in_the_row_of_the_stochastic_update(case):
     result = predicted(case, "test")
-    row = result.isel(method=-1)
+    row = result.isel(by=-1)
     assert result["duty_cycle"].values.std() > 0.0
     for name in ("duty_cycle", "switch_count", "energy"):
         assert row[f"point_{name}"].values == pytest.approx(result[name].mean("simulation").values), name
@@ -226,17 +226,17 @@ def test_each_points_run_and_the_ensemble_stand_in_their_own_rows(case):
     thetas["strong"][position("power")] = 35.0
     thetas["warm"][position("initial.body")] = 1000.0  # its heater never switches
     result, ensemble = predict(build_problem(scenario, data), data, "train", thetas, draws, seed=1)
-    assert result["method"].values.tolist() == [*thetas, STOCHASTIC]
+    assert result["by"].values.tolist() == [*thetas, STOCHASTIC]
     by_method = ("mean", "status", "point_duty_cycle", "point_switch_count", "point_energy")
-    assert all(np.isnan(result[name].sel({"method": "failed"})).all() for name in by_method)
+    assert all(np.isnan(result[name].sel({"by": "failed"})).all() for name in by_method)
     for method in ("truth", "strong", "warm"):
-        row, run = result.sel({"method": method}), problem.windows[0].simulate(thetas[method])
+        row, run = result.sel({"by": method}), problem.windows[0].simulate(thetas[method])
         energy = run.duty_cycle * thetas[method][position("power")] * 10800.0
         expected = (run.temperatures, run.status, run.duty_cycle, [len(run.switches.time)], energy)
         for name, values in zip(by_method, expected, strict=True):
             np.testing.assert_allclose(row[name], values, rtol=1e-9, err_msg=name)
         assert np.isnan(row["upper"]).all()
-    own = result.sel({"method": STOCHASTIC})
+    own = result.sel({"by": STOCHASTIC})
     by_sample = ("model_lower", "model_upper", "crps", "probability_below")
     for name in ("mean", "lower", "upper", "standard_deviation", "status", *by_sample):
         np.testing.assert_array_equal(own[name], getattr(ensemble, name), err_msg=name)
@@ -270,12 +270,12 @@ def test_measured_duty_and_switches_stand_beside_the_predicted_ones(case):
     status = result["observed_status"].values[:, 0]
     assert result["observed_duty_cycle"].values == pytest.approx([status.mean()])
     assert result["observed_switch_count"].values == [np.abs(np.diff(status)).sum()]
-    assert result["point_duty_cycle"].sel({"method": "point"}).values == pytest.approx([status.mean()], abs=0.02)
-    assert result["point_switch_count"].sel({"method": "point"}).values == result["observed_switch_count"].values
+    assert result["point_duty_cycle"].sel({"by": "point"}).values == pytest.approx([status.mean()], abs=0.02)
+    assert result["point_switch_count"].sel({"by": "point"}).values == result["observed_switch_count"].values
 
 
 def test_a_points_energy_is_that_of_its_heater_over_the_window(case):
-    result = predicted(case, "test").sel({"method": "point"})
+    result = predicted(case, "test").sel({"by": "point"})
     window = case[0].windows["test"]
     seconds = (window.end - window.start).total_seconds()
     expected = result["point_duty_cycle"].values * small.TRUTH["power"] * seconds
@@ -288,3 +288,10 @@ def test_the_dataset_says_what_its_interval_contains(case):
     assert predicted(case, "test").attrs["model_interval_contains"] == "parameters, initial temperatures"
     assert predicted(case, "test").attrs["initial_state"].startswith("estimated from the first 10 min")
     assert predicted(case, "train").attrs["initial_state"] == "calibrated with the parameters"
+
+
+def test_a_method_is_selected_by_keyword(case):
+    """xarray takes no keyword of `sel` for a dimension where it has one of its own, such as `method`."""
+    result = predicted(case, "test")
+    np.testing.assert_array_equal(result["mean"].sel(by="point"), result["mean"][0])
+    assert not {"method", "tolerance", "drop"} & set(result.dims)

@@ -169,7 +169,7 @@ def _window(
     point_counts = np.abs(np.diff(point_on, axis=1)).sum(axis=1)
     duration = orbits * PERIOD
     held = replicate(observed, seconds >= 600.0, whole, 0.95)
-    all_methods = ("method", "time", "channel")
+    all_methods = ("by", "time", "channel")
     return xr.Dataset(
         {
             "observed": (("time", "channel"), observed),
@@ -185,19 +185,19 @@ def _window(
             "coverage": ("channel", held.coverage),
             "replicated": (("replicate", "channel"), held.replicated),
             "observed_status": (("time", "heater"), status),
-            "status": (("method", "time", "heater"), np.concatenate([point_on, on.mean(axis=0)[None]])),
+            "status": (("by", "time", "heater"), np.concatenate([point_on, on.mean(axis=0)[None]])),
             "duty_cycle": (("simulation", "heater"), on.mean(axis=1)),
             "sampled_duty_cycle": (("simulation", "heater"), on.mean(axis=1)),
             "unknown_status": ("heater", np.zeros(len(HEATERS))),
             "switch_count": (("simulation", "heater"), counts),
             "energy": (("simulation", "heater"), on.mean(axis=1) * POWER * duration),
-            "point_duty_cycle": (("method", "heater"), np.vstack([point_on.mean(axis=1), on.mean(axis=(0, 1))])),
+            "point_duty_cycle": (("by", "heater"), np.vstack([point_on.mean(axis=1), on.mean(axis=(0, 1))])),
             "point_sampled_duty_cycle": (
-                ("method", "heater"), np.vstack([point_on.mean(axis=1), on.mean(axis=(0, 1))])
+                ("by", "heater"), np.vstack([point_on.mean(axis=1), on.mean(axis=(0, 1))])
             ),
-            "point_switch_count": (("method", "heater"), np.vstack([point_counts, counts.mean(axis=0)])),
+            "point_switch_count": (("by", "heater"), np.vstack([point_counts, counts.mean(axis=0)])),
             "point_energy": (
-                ("method", "heater"),
+                ("by", "heater"),
                 np.vstack([point_on.mean(axis=1), on.mean(axis=(0, 1))]) * POWER * duration,
             ),
             "observed_duty_cycle": ("heater", status.mean(axis=0)),
@@ -207,7 +207,7 @@ def _window(
         },
         {
             "time": start + (seconds * 1e9).astype("timedelta64[ns]"),
-            "channel": CHANNELS, "heater": HEATERS, "method": METHODS,
+            "channel": CHANNELS, "heater": HEATERS, "by": METHODS,
         },
         {
             "interval": 0.95,

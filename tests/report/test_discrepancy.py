@@ -24,7 +24,7 @@ CORRELATION = {"panel_absorptivity": 0.1, "battery_link": -0.97, "payload_link":
 
 def with_window(window, part="phase", noise="iid noise"):
     """A window of the made-up run whose second channel has a discrepancy, which takes up its residuals' slow half."""
-    residual = (window["observed"] - window["mean"].sel({"method": "stochastic"})).transpose("time", "channel")
+    residual = (window["observed"] - window["mean"].sel({"by": "stochastic"})).transpose("time", "channel")
     mean = np.zeros(residual.shape)
     mean[:, 1] = 0.5 * np.sin(2 * np.pi * window["orbit_phase"].values)
     both = ("time", "channel")
@@ -146,7 +146,7 @@ def test_correlated_residuals_are_no_fault_of_ar1_noise_whose_innovations_are_wh
 def test_innovations_that_are_not_white_contradict_the_noise_by_its_own_name(run):
     own = made(run, noise="AR(1) noise")
     windows = {
-        n: w.assign(innovation=w["observed"] - w["mean"].sel({"method": "stochastic"})) for n, w in own.windows.items()
+        n: w.assign(innovation=w["observed"] - w["mean"].sel({"by": "stochastic"})) for n, w in own.windows.items()
     }
     against = finding(dataclasses.replace(own, windows=windows), "The assumption of AR(1) noise is contradicted")
     assert "innovations of battery_temperature and payload_temperature" in against.text

@@ -74,7 +74,7 @@ def test_units_are_written_on_every_axis(everything):
 def test_temperatures_are_in_celsius(run, everything):
     window = run.windows["test"]
     shown = trace(everything["point"], "genetic algorithm, mean of its runs").y
-    expected = window["mean"].sel({"method": "genetic"})[:, 0].values - 273.15
+    expected = window["mean"].sel({"by": "genetic"})[:, 0].values - 273.15
     assert shown == pytest.approx(expected, abs=1e-4)
 
 
@@ -160,7 +160,7 @@ def test_a_channel_without_telemetry_is_drawn_without_it(run):
 def test_residuals_are_of_scored_samples_only(run, everything):
     window = run.windows["test"]
     shown = trace(everything["residuals"], "telemetry − mean").y
-    difference = (window["observed"] - window["mean"].sel({"method": "stochastic"}))[:, 0].values
+    difference = (window["observed"] - window["mean"].sel({"by": "stochastic"}))[:, 0].values
     expected = difference[window["scored"].values & np.isfinite(difference)]
     assert shown == pytest.approx(expected, abs=1e-5)
 
@@ -308,4 +308,4 @@ def test_a_poor_calibration_has_its_error_beside_and_why_it_is_not_visibly_worse
     words = poorly_in_words(window)
     assert words.startswith(f" RMSE {factor:.2f} K, uncalibrated 1.00 K.")
     assert ("not visibly worse" in words) != seen
-    assert poorly_in_words(window.sel({"method": ["uncalibrated"]})) == ""
+    assert poorly_in_words(window.sel({"by": ["uncalibrated"]})) == ""

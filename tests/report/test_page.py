@@ -12,6 +12,7 @@ import xarray as xr
 from flightcal.errors import RunError
 from flightcal.report import write_report
 from flightcal.report.run_files import STAGES
+from flightcal.run import read_tree
 
 from .synthetic_run import names
 
@@ -167,8 +168,7 @@ def test_a_run_of_the_genetic_algorithm_alone_has_its_figures(own_run):
             for name, group in tree.children.items()
         }
     point = {
-        name: window.sel({"method": ["uncalibrated", "poorly_calibrated", "genetic"]})
-        for name, window in windows.items()
+        name: window.sel({"by": ["uncalibrated", "poorly_calibrated", "genetic"]}) for name, window in windows.items()
     }
     xr.DataTree.from_dict(point).to_netcdf(own_run / "prediction.nc", engine="h5netcdf")
     page = write_report(own_run).read_text(encoding="utf-8")
@@ -214,3 +214,12 @@ def test_it_says_how_the_mode_was_sought_and_which_status_counts(page):
     assert "The mode was sought in open loop, and finished in closed loop." in page
     assert "start around the best of 1 found (open loop from prior draw 2)." in page
     assert "In the likelihood besides the temperatures: switch times of battery_htr." in page
+
+
+def test_a_prediction_of_an_older_flightcal_is_a_message(slim_run):
+    file = slim_run / "prediction.nc"
+    groups = {name: group.to_dataset().rename(by="method") for name, group in read_tree(file).children.items()}
+    file.unlink()
+    xr.DataTree.from_dict(groups).to_netcdf(file, engine="h5netcdf")
+    with pytest.raises(RunError, match=r"prediction.nc: found the dimension 'method' of an older flightcal"):
+        write_report(slim_run)

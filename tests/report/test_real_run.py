@@ -53,7 +53,7 @@ def test_arrays_have_the_same_variables(run, real):
     assert list(run.windows) == list(written.windows) == ["train", "test"]
     for name in run.windows:
         assert structure(run.windows[name]) == structure(written.windows[name])
-        assert run.windows[name]["method"].values.tolist() == written.windows[name]["method"].values.tolist()
+        assert run.windows[name]["by"].values.tolist() == written.windows[name]["by"].values.tolist()
     assert structure(run.genetic) == structure(written.genetic)
     assert set(run.posterior.children) == set(written.posterior.children)
     for name in ("sample_stats", "posterior_predictive", "observed_data"):

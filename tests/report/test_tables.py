@@ -137,7 +137,7 @@ def test_a_duty_cycle_is_held_to_telemetry_on_the_same_samples_and_the_whole_sta
 def test_heaters_compare_every_method_with_telemetry(run):
     table = heaters.against_telemetry({"test": run.windows["test"]})
     assert table.header[3:8] == ("telemetry", "uncal.", "poorly cal.", "GA mean", "GA best")
-    duty = run.windows["test"]["point_duty_cycle"].sel({"method": "genetic_best", "heater": "payload_heater"})
+    duty = run.windows["test"]["point_duty_cycle"].sel({"by": "genetic_best", "heater": "payload_heater"})
     assert float(table.rows[4][7]) == pytest.approx(100 * float(duty), rel=6e-3)
 
 

@@ -22,7 +22,7 @@ def fitted(run, *, shifted=(), by=5.0):
     windows = {}
     for seed, (name, window) in enumerate(run.windows.items()):
         rng = np.random.default_rng(seed)
-        mean, deviation = (window[own].sel({"method": "stochastic"}).values for own in ("mean", "standard_deviation"))
+        mean, deviation = (window[own].sel({"by": "stochastic"}).values for own in ("mean", "standard_deviation"))
         draws = mean + deviation * rng.normal(size=(300, *mean.shape))
         observed = mean + deviation * rng.normal(size=mean.shape)
         if name != "train":

@@ -23,9 +23,9 @@ def prediction(error, *, offset=0.0, minutes=700, width=4.0, duty=None, unscored
         {
             "observed": (("time", "channel"), observed),
             "scored": ("time", minute >= unscored),
-            "mean": (("method", "time", "channel"), mean[None]),
-            "lower": (("method", "time", "channel"), mean[None] - width / 2),
-            "upper": (("method", "time", "channel"), mean[None] + width / 2),
+            "mean": (("by", "time", "channel"), mean[None]),
+            "lower": (("by", "time", "channel"), mean[None] - width / 2),
+            "upper": (("by", "time", "channel"), mean[None] + width / 2),
             "crps": (("time", "channel"), np.abs(mean - observed)),
             "duty_cycle": (("simulation", "heater"), np.linspace(0.2, 0.4, 101)[:, None]),
             "observed_duty_cycle": ("heater", [0.3 if duty is None else duty]),
@@ -33,7 +33,7 @@ def prediction(error, *, offset=0.0, minutes=700, width=4.0, duty=None, unscored
         {
             "time": ORIGIN + minute * np.timedelta64(60, "s"),
             "channel": ["body", "panel"],
-            "method": ["stochastic"],
+            "by": ["stochastic"],
             "heater": ["heater"],
         },
         {"origin": str(ORIGIN), "interval": 0.95},

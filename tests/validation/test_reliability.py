@@ -23,7 +23,7 @@ def predicted(residuals, deviation=1.0, scored=None):
     size, channels = residuals.shape
     mean = np.full((1, size, channels), 280.0)
     spread = np.full_like(mean, deviation)
-    by = ("method", "time", "channel")
+    by = ("by", "time", "channel")
     return xr.Dataset(
         {
             "observed": (("time", "channel"), 280.0 + residuals),
@@ -35,7 +35,7 @@ def predicted(residuals, deviation=1.0, scored=None):
             "probability_below": (("time", "channel"), norm.cdf(residuals / deviation)),
             "orbit_phase": ("time", (np.arange(size) / 90.0) % 1.0),
         },
-        {"time": times(size), "channel": [f"c{k}" for k in range(channels)], "method": ["stochastic"]},
+        {"time": times(size), "channel": [f"c{k}" for k in range(channels)], "by": ["stochastic"]},
         {"interval": 0.95},
     )
 

@@ -275,10 +275,10 @@ def test_a_window_is_checked_by_channel_on_its_scored_samples():
     prediction = xr.Dataset(
         {
             "observed": (("time", "channel"), 290.0 + residuals),
-            "mean": (("method", "time", "channel"), np.full((1, 500, 2), 290.0)),
+            "mean": (("by", "time", "channel"), np.full((1, 500, 2), 290.0)),
             "scored": ("time", np.arange(500) >= 20),
         },
-        {"time": times(500), "method": ["stochastic"], "channel": ["white", "slow"]},
+        {"time": times(500), "by": ["stochastic"], "channel": ["white", "slow"]},
     )
     white, slow = check_window(prediction)
     assert (white.channel, white.verdict, white.samples) == ("white", "white", 480)
@@ -294,13 +294,13 @@ def correlated_window():
     return xr.Dataset(
         {
             "observed": (("time", "channel"), 290.0 + residuals),
-            "mean": (("method", "time", "channel"), np.full((1, 600, 2), 290.0)),
+            "mean": (("by", "time", "channel"), np.full((1, 600, 2), 290.0)),
             "scored": ("time", np.ones(600, bool)),
             "innovation": (("time", "channel"), innovations),
             "noise": ("channel", ["AR(1) noise", "independent Student-t noise"]),
             "discrepant": ("channel", ["", "time"]),
         },
-        {"time": times(600), "method": ["stochastic"], "channel": ["ar1", "lacking"]},
+        {"time": times(600), "by": ["stochastic"], "channel": ["ar1", "lacking"]},
     )
 
 

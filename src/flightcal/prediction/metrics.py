@@ -150,8 +150,8 @@ def score(prediction: xr.Dataset, window: str) -> list[Metric]:
     """
     scored = prediction.isel(time=prediction["scored"].values.astype(bool))
     metrics: list[Metric] = []
-    for method in [str(m) for m in prediction["method"].values]:
-        of_method = scored.sel({"method": method})
+    for method in [str(m) for m in prediction["by"].values]:
+        of_method = scored.sel({"by": method})
         channels = [str(c) for c in scored["channel"].values]
         heaters = [str(h.values) for h in prediction.coords.get("heater", ())]
         scores = [

@@ -224,7 +224,7 @@ def _dataset(
     environment, folder = window.scenario.environment, window.scenario.folder
     scenario = window.scenario
     origin = np.datetime64(scenario.windows[scenario.train_windows[0]].start)  # phases of all windows are comparable
-    by_method, by_simulation = ("method", "time", "channel"), ("simulation", "heater")
+    by_method, by_simulation = ("by", "time", "channel"), ("simulation", "heater")
     return xarray.Dataset(
         {
             "observed": (("time", "channel"), window.observed),
@@ -238,15 +238,15 @@ def _dataset(
             "crps": (("time", "channel"), ensemble.crps),
             "probability_below": (("time", "channel"), ensemble.probability_below),
             "observed_status": (("time", "heater"), window.status),
-            "status": (("method", "time", "heater"), status),
+            "status": (("by", "time", "heater"), status),
             "duty_cycle": (by_simulation, ensemble.duty_cycle),
             "sampled_duty_cycle": (by_simulation, ensemble.sampled_duty_cycle),
             "switch_count": (by_simulation, ensemble.switch_count),
             "energy": (by_simulation, ensemble.energy),
-            "point_duty_cycle": (("method", "heater"), duty),
-            "point_sampled_duty_cycle": (("method", "heater"), sampled),
-            "point_switch_count": (("method", "heater"), count),
-            "point_energy": (("method", "heater"), energy),
+            "point_duty_cycle": (("by", "heater"), duty),
+            "point_sampled_duty_cycle": (("by", "heater"), sampled),
+            "point_switch_count": (("by", "heater"), count),
+            "point_energy": (("by", "heater"), energy),
             "observed_duty_cycle": ("heater", sampled_duty_cycle(window.status, window.status)),
             "unknown_status": ("heater", unknown_share(window.status, elapsed, seconds)),
             "observed_switch_count": ("heater", _observed_switch_count(window.status)),
@@ -257,7 +257,7 @@ def _dataset(
             "time": window.times,
             "channel": list(window.simulator.channels),
             "heater": list(window.simulator.heaters),
-            "method": methods,
+            "by": methods,
         },
     )
 

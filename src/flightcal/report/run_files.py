@@ -128,6 +128,9 @@ def read_run(folder: Path) -> RunFiles:
 
     prediction = kept("prediction.nc", read_tree)
     windows = {n: group.to_dataset() for n, group in prediction.children.items()} if prediction else {}
+    if any("method" in window.dims for window in windows.values()):
+        found = f"{folder / 'prediction.nc'}: found the dimension 'method' of an older flightcal, expected 'by'"
+        raise RunError(f"{found}; delete the file and run the same command again")
     return RunFiles(
         folder=folder,
         scenario=kept("scenario.yaml", lambda file: file.read_text(encoding="utf-8")),
@@ -187,4 +190,4 @@ def bins(run: RunFiles) -> int:
 
 def has_prediction(window: xr.Dataset, method: str) -> bool:
     """Whether a window's prediction has a method, with numbers in it."""
-    return method in window["method"].values and bool(np.isfinite(window["mean"].sel({"method": method}).values).any())
+    return method in window["by"].values and bool(np.isfinite(window["mean"].sel({"by": method}).values).any())

@@ -97,8 +97,7 @@ def window_canvas(prediction: xr.Dataset, channels: list[str], heaters: list[str
 
 def column(prediction: xr.Dataset, variable: str, channel: str, method: str | None = None) -> NDArray[np.float64]:
     """A variable of one channel in degC, [T]."""
-    # A selector as a dictionary: `method` as a keyword of `sel` means something else.
-    selector = {"channel": channel} | ({"method": method} if method else {})
+    selector = {"channel": channel} | ({"by": method} if method else {})
     return np.asarray(prediction[variable].sel(selector).values, float) + CELSIUS
 
 
@@ -176,7 +175,7 @@ def draw_status(
         y = np.tile(np.array([0.0, 1.0, 1.0, 0.0, np.nan], np.float32), len(starts))
         band(figure, x, y, "status unknown", "status unknown", UNKNOWN, row=row, col=1)
     for name in methods:
-        status = np.asarray(prediction["status"].sel({"method": name, "heater": heater}).values, float)
+        status = np.asarray(prediction["status"].sel({"by": name, "heater": heater}).values, float)
         drawn = changes(status)
         drawn = drawn if drawn.size <= 6 * bins else extremes([status], 3 * bins)
         x, (y,) = break_lines(time, drawn, [status])

@@ -174,7 +174,7 @@ def _log_score_differences(predictions: Mapping[str, Mapping[str, xarray.Dataset
 
 def _log_scores(prediction: xarray.Dataset) -> FloatArray:
     """Log score of each scored sample [T], nat, the mean over its channels; see `log_score_normal`."""
-    scored = prediction.sel({"method": "stochastic"}).isel(time=prediction["scored"].values.astype(bool))
+    scored = prediction.sel({"by": "stochastic"}).isel(time=prediction["scored"].values.astype(bool))
     observed, mean, deviation = (
         scored[name].transpose("time", "channel").values for name in ("observed", "mean", "standard_deviation")
     )

@@ -121,7 +121,7 @@ def ahead(prediction: xarray.Dataset) -> FloatArray:
 
 
 def _arrays(prediction: xarray.Dataset, period: float) -> _Origin:
-    chosen = prediction.sel({"method": "stochastic"}).transpose("time", "channel", ...)
+    chosen = prediction.sel({"by": "stochastic"}).transpose("time", "channel", ...)
     observed, mean, lower, upper = (chosen[name].values for name in ("observed", "mean", "lower", "upper"))
     edges = np.array([_SHORTEST, period, 2 * period, 4 * period])
     valid = np.isfinite(observed) & np.isfinite(mean) & chosen["scored"].values.astype(bool)[:, None]

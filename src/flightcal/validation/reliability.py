@@ -106,7 +106,7 @@ def coverage_by_hour(prediction: xr.Dataset, hours: float = HOURS) -> list[Cover
 
 def _coverage(prediction: xr.Dataset, places: Array, edges: Array) -> list[Coverage]:
     """Coverage where `places` [T] lie between neighbouring edges; parts without a sample are left out."""
-    chosen = prediction.sel({"method": "stochastic"}).transpose("time", "channel", ...)
+    chosen = prediction.sel({"by": "stochastic"}).transpose("time", "channel", ...)
     observed, lower, upper = (chosen[name].values for name in ("observed", "lower", "upper"))
     usable = np.isfinite(observed) & np.isfinite(lower) & prediction["scored"].values.astype(bool)[:, None]
     inside = (lower <= observed) & (observed <= upper)

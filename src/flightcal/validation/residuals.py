@@ -308,7 +308,7 @@ def check_window(
     Where the noise is more than iid, of its `innovation`. unseen: the window was not calibrated on;
     heat: the prediction has unmodelled heat, of which the slow part is not known there.
     """
-    scored = prediction.isel(time=prediction["scored"].values.astype(bool)).sel({"method": method})
+    scored = prediction.isel(time=prediction["scored"].values.astype(bool)).sel({"by": method})
     residuals = (scored["observed"] - scored["mean"]).transpose("time", "channel").values
     tested, time = residuals, scored["time"].values
     channels = [str(c) for c in scored["channel"].values]

@@ -70,7 +70,7 @@ def poorly_in_words(window: xr.Dataset) -> str:
 
 
 def _rmse(window: xr.Dataset, method: str) -> float:
-    scored = window.isel(time=window["scored"].values.astype(bool)).sel({"method": method})
+    scored = window.isel(time=window["scored"].values.astype(bool)).sel({"by": method})
     return float(np.sqrt(((scored["observed"] - scored["mean"]) ** 2).mean()))
 
 

@@ -142,7 +142,7 @@ def sizes(windows: Mapping[str, xr.Dataset]) -> Table:
                 continue
             own = window.sel(channel=channel)
             mean, width = own["discrepancy_mean"], own["discrepancy_upper"] - own["discrepancy_lower"]
-            residual = (own["observed"] - own["mean"].sel({"method": "stochastic"})).where(own["scored"].astype(bool))
+            residual = (own["observed"] - own["mean"].sel({"by": "stochastic"})).where(own["scored"].astype(bool))
             rows.append(
                 [name, str(channel), number(_rms(mean), 3), number(float(np.abs(mean).max()), 3),
                  number(float(width.mean()), 3), number(_rms(residual + mean), 3), number(_rms(residual), 3)]
@@ -226,7 +226,7 @@ def _discrepant(prediction: xr.Dataset) -> list[str]:
 def _columns(prediction: xr.Dataset, channel: str) -> Columns:
     own = prediction.sel(channel=channel)
     mean, lower, upper = (own[f"discrepancy_{name}"].values for name in ("mean", "lower", "upper"))
-    return [mean, lower, upper, (own["observed"] - own["mean"].sel({"method": "stochastic"})).values + mean]
+    return [mean, lower, upper, (own["observed"] - own["mean"].sel({"by": "stochastic"})).values + mean]
 
 
 def _draw(figure: go.Figure, x: NDArray, found: Columns, row: int, column: int) -> None:

@@ -55,13 +55,13 @@ def panel(run: RunFiles) -> list[Block]:
 def against_telemetry(windows: dict[str, xr.Dataset]) -> Table:
     """Duty cycle, switch count and energy of each heater: telemetry, every point method, posterior's mean and 95%."""
     rows = []
-    of_windows = dict.fromkeys(str(m) for w in windows.values() for m in w["method"].values)
+    of_windows = dict.fromkeys(str(m) for w in windows.values() for m in w["by"].values)
     methods = [m for m in of_windows if m != "stochastic"]
     for name, window in windows.items():
         for heater in window.coords.get("heater", ()):
             part = window.sel(heater=heater)
             points = {
-                v: [part[v].sel({"method": m}).item() if m in part["method"].values else np.nan for m in methods]
+                v: [part[v].sel({"by": m}).item() if m in part["by"].values else np.nan for m in methods]
                 for v in ("point_duty_cycle", _on_samples(part, "point_"), "point_switch_count", "point_energy")
             }
             sampled, duty, energy, counts = (

@@ -161,7 +161,7 @@ def tests_of(checks: dict[str, list[ResidualCheck]]) -> Table:
 
 def residuals(prediction: xr.Dataset, method: str = "stochastic") -> NDArray[np.float64]:
     """Telemetry minus mean prediction, [time, channel], K; NaN where telemetry is missing or not scored."""
-    difference = prediction["observed"] - prediction["mean"].sel({"method": method})
+    difference = prediction["observed"] - prediction["mean"].sel({"by": method})
     return difference.where(prediction["scored"].astype(bool)).transpose("time", "channel").values
 
 
