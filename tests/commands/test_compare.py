@@ -193,7 +193,7 @@ def predicted(error, seed=0, size=400):
         {
             "time": small.START + np.arange(size) * np.timedelta64(60, "s"),
             "channel": ["body", "panel"],
-            "method": ["stochastic"],
+            "by": ["stochastic"],
         },
     )
 

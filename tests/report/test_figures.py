@@ -304,7 +304,7 @@ def test_a_poor_calibration_has_its_error_beside_and_why_it_is_not_visibly_worse
     window = run.windows["train"].copy(deep=True)
     observed = window["observed"].values
     for name, error in (("uncalibrated", 1.0), ("poorly_calibrated", factor)):
-        window["mean"].loc[{"method": name}] = np.where(np.isfinite(observed), observed, 280.0) + error
+        window["mean"].loc[{"by": name}] = np.where(np.isfinite(observed), observed, 280.0) + error
     words = poorly_in_words(window)
     assert words.startswith(f" RMSE {factor:.2f} K, uncalibrated 1.00 K.")
     assert ("not visibly worse" in words) != seen

@@ -60,7 +60,7 @@ def _predict(
     of_runs = [metric for metric in scores if metric.method in points and metric.method not in shown]
     metrics = [metric for metric in scores if metric not in of_runs]
     metrics += [*scores_of_runs(of_runs), _converged(problem, genetic)]
-    kept = {"method": [*shown, STOCHASTIC]}
+    kept = {"by": [*shown, STOCHASTIC]}
     predicted = {window: prediction.sel(kept) for window, prediction in predicted.items()}
     run.folder.write_netcdf(PREDICTION_FILE, xarray.DataTree.from_dict(predicted))
     run.folder.write_json(METRICS_FILE, plain(metrics))
