@@ -48,6 +48,20 @@ def test_nothing_is_unseen_of_a_window_that_was_trained_on_or_is_like_it(tmp_pat
     assert unseen([train, test], test) == ()
 
 
+def test_values_of_the_driver_that_heat_is_over_which_training_lacked_are_unseen(tmp_path):
+    content = small.content() | {"heat": {"pattern": {"over": "angle"}}}
+    content["telemetry"]["channels"]["angle"] = {"column": "sun", "unit": "deg", "kind": "driver"}
+
+    def turned(data):
+        # An hour and a half of the test's three.
+        data["angle"].values[300:390] += np.deg2rad(20.0)
+
+    train, test = windows_of(tmp_path, content, turned)
+    found = shares(unseen([train], test))
+    assert found["angle"] == pytest.approx(0.5, abs=0.01)
+    assert unseen([train], train) == ()
+
+
 def test_power_beyond_the_trained_range_widened_by_a_twentieth_is_unseen(tmp_path):
     def stronger(factor):
         def change(data):

@@ -374,7 +374,7 @@ def test_a_pattern_over_a_driver_is_the_same_at_the_same_value_of_it_and_of_no_o
 
 
 def test_a_profile_is_a_smooth_process_that_goes_back_to_its_prior_beyond_a_length():
-    profile = Profile(np.linspace(0.0, 10.0, 101), 2.0)
+    profile = Profile(np.linspace(0.0, 10.0, 101), 2.0, (0.0, 10.0))
     draws = np.random.default_rng(0).standard_normal((4000, 101)) @ profile.at(np.array([1.0, 1.1, 3.0, 9.0]))
     correlation = np.corrcoef(draws.T)
     # Of 4000 draws a correlation is known to 0.016, a deviation to 1.1%.
@@ -386,7 +386,12 @@ def test_a_profile_is_a_smooth_process_that_goes_back_to_its_prior_beyond_a_leng
 def test_patterns_over_a_driver_are_over_its_range(tmp_path):
     problem = over_the_sun(tmp_path)
     model = model_of(problem)
-    assert (model.profile.knots[0], model.profile.knots[-1]) == (0.0, pytest.approx(1.0, abs=1e-3))
+    assert model.profile.range == (0.0, pytest.approx(1.0, abs=1e-3))
+    # Three lengths beyond, each a fifth of the range.
+    assert (model.profile.knots[0], model.profile.knots[-1]) == (
+        pytest.approx(-0.6, abs=2e-3),
+        pytest.approx(1.6, abs=2e-3),
+    )
     kept = tuple(np.eye(len(own.node)) for own in unit_heats(model, sampled_windows(problem)[0]))
     looked = replace(model, kept=kept)
     weights = np.random.default_rng(2).standard_normal((1, sum(own.shape[1] for own in kept)))

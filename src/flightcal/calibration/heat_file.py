@@ -42,7 +42,9 @@ def _model(content: Mapping[str, Any]) -> HeatModel:
         origin=np.datetime64(content["origin"]),
         harmonics=content["harmonics"],
         over=content["over"],
-        profile=None if profile is None else Profile(np.array(profile["knots"], float), profile["length"]),
+        profile=None
+        if profile is None
+        else Profile(np.array(profile["knots"], float), profile["length"], tuple(profile["range"])),
         slow=None if slow is None else Slow(np.array(slow["knots"], float), slow["time"]),
         gains=tuple(Gain(own["node"], tuple(own["columns"]), tuple(own["watts"])) for own in content["gains"]),
         groups=tuple(Group(**own) for own in content["groups"]),

@@ -14,6 +14,7 @@ from numpy.typing import NDArray
 from ..environment import orbit_phase, sunlit_share
 from ..problem import Window
 from ..run import read_tree
+from ..scenario import heat_of
 from ..simulator import FloatArray
 from ..telemetry import window_bounds
 
@@ -48,9 +49,9 @@ class Unseen:
 def unseen(trained: Sequence[Window], window: Window, mean: FloatArray | None = None) -> tuple[Unseen, ...]:
     """What of a window of a thermal network was not trained on, the largest share of its time first.
 
-    Modes that training lacks; powers, sunlight on faces and boundary temperatures outside of its range; sunlight where
-    in the orbit it had none, and the other way round; with mean [T, N], K, temperatures that are predicted outside of
-    the telemetry's range. Shares below 0.5% are left out. Empty where all is as it was.
+    Modes that training lacks; the driver that heat is over, powers, sunlight on faces and boundary temperatures outside
+    of its range; sunlight where in the orbit it had none, and the other way round; with mean [T, N], K, temperatures
+    that are predicted outside of the telemetry's range. Shares below 0.5% are left out. Empty where all is as it was.
     """
     if window.network is None:
         return ()
@@ -63,6 +64,7 @@ def unseen(trained: Sequence[Window], window: Window, mean: FloatArray | None = 
             before = np.concatenate([own[column] for own in known if column in own] or [np.empty(0)])
             new = (values > 0.5) & ~(before > 0.5).any() if kind == "mode" else _beyond(values, before)
             outside[f"{_WORDS[kind]} {which}"] = new
+    outside |= _course(trained, window)
     outside |= _sun(trained, window)
     if mean is not None:
         outside |= _temperatures(trained, window, mean)
@@ -103,8 +105,7 @@ def _times(window: Window) -> NDArray[np.datetime64]:
     assert window.network is not None
     grid = window.network.drive.times
     seconds = (grid[:-1, None] + _PLACES * np.diff(grid)[:, None]).ravel()
-    start = window_bounds(window.scenario.windows[window.name], window.period)[0].astype("datetime64[ns]")
-    return np.asarray(start + np.round(seconds * 1e9).astype("timedelta64[ns]"))
+    return np.asarray(_start(window) + np.round(seconds * 1e9).astype("timedelta64[ns]"))
 
 
 def _beyond(values: FloatArray, before: FloatArray, wider: float | None = None) -> Booleans:
@@ -116,6 +117,21 @@ def _beyond(values: FloatArray, before: FloatArray, wider: float | None = None) 
     if wider is None:
         wider = _WIDER * (high - low) + _ROUNDING * max(abs(low), abs(high))
     return np.asarray((values < low - wider) | (values > high + wider))
+
+
+def _course(trained: Sequence[Window], window: Window) -> dict[str, Booleans]:
+    """Where the driver that the pattern of heat is over is outside of its range in training."""
+    known = [own.course.values for own in trained if own.course is not None]
+    heat = heat_of(window.scenario)
+    if window.course is None or not known or heat is None or heat.pattern is None:
+        return {}
+    elapsed = (_times(window) - _start(window)) / np.timedelta64(1, "ns") * 1e-9
+    values = np.interp(elapsed, window.course.seconds, window.course.values)
+    return {str(heat.pattern.over): _beyond(values, np.concatenate(known))}
+
+
+def _start(window: Window) -> np.datetime64:
+    return window_bounds(window.scenario.windows[window.name], window.period)[0].astype("datetime64[ns]")
 
 
 def _sun(trained: Sequence[Window], window: Window) -> dict[str, Booleans]:

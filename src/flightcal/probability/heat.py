@@ -39,9 +39,11 @@ class Profile:
     """
 
     knots: FloatArray
-    """[Q] of the driver, over its range, in its SI unit."""
+    """[Q] of the driver, over its range and beyond, in its SI unit."""
     length: float
     """Of correlation, in the same."""
+    range: tuple[float, float]
+    """That the driver has."""
 
     @cached_property
     def root(self) -> FloatArray:

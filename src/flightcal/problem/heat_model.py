@@ -28,6 +28,8 @@ _HELD = 300.0
 """s, within which a switch lies that a simulation had where the status is not measured."""
 _OF_RANGE = 0.2
 """Of a driver's range: the correlation length of heat over it."""
+_BEYOND = 3.0
+"""Correlation lengths, after which nothing is known any longer."""
 _PIECE = 600.0
 """s, of a gap in a driver, whose heat is unknown in each piece alone: a pass of a transmitter lasts as long."""
 _MOST_PIECES = 40
@@ -166,12 +168,13 @@ def heat_model(scenario: Scenario, written: Heat, windows: Sequence[Window], the
 
 
 def _profile(course: Course | None) -> Profile | None:
-    """Over the range that a driver has in all telemetry."""
+    """Over the range that a driver has in all telemetry, and three lengths beyond: later telemetry may go there."""
     if course is None:
         return None
     low, high = course.range
     length = max(_OF_RANGE * (high - low), np.finfo(float).tiny)
-    return Profile(np.linspace(low, high, round(_KNOTS / _OF_RANGE) + 1), length)
+    count = round(_KNOTS * (1.0 / _OF_RANGE + 2.0 * _BEYOND)) + 1
+    return Profile(np.linspace(low - _BEYOND * length, high + _BEYOND * length, count), length, (low, high))
 
 
 def gaps_of(window: Window) -> Group:
@@ -456,8 +459,7 @@ def split(model: HeatModel, kept: FloatArray) -> list[FloatArray]:
 
 def places_of(model: HeatModel, count: int) -> FloatArray:
     """[P] where a pattern is looked at: phases of an orbit, or values over the range of the driver that it is over."""
-    knots = np.array([0.0, 1.0]) if model.profile is None else model.profile.knots
-    return np.linspace(float(knots[0]), float(knots[-1]), count)
+    return np.linspace(*((0.0, 1.0) if model.profile is None else model.profile.range), count)
 
 
 def patterns_of(model: HeatModel, kept: FloatArray, places: FloatArray) -> FloatArray:
