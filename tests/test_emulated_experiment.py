@@ -102,7 +102,8 @@ def test_rounds_are_told_and_kept(finished):
     assert [record["text"] for record in log if record["event"] == "said"] == told.said
     assert told.said[0].startswith("round 0: 20 runs")
     assert set(told.stages) == {
-        "reading telemetry", BUILDING, "learning an emulator", "genetic algorithm", "stochastic update (NUTS)",
+        "reading telemetry", BUILDING, "looking for what may be wrong", "learning an emulator", "genetic algorithm",
+        "stochastic update (NUTS)",
         "predicting and scoring", "writing the report",
     }  # fmt: skip
     assert {file.name for file in run.iterdir()} >= EMULATOR_FILES

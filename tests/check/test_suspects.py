@@ -126,12 +126,13 @@ def test_the_stage_keeps_what_was_found(flown, tmp_path):
     scenario, data = flown
     wrong = spoilt(data, heater_status=1.0 - data["heater_status"])
     problem = build_problem(scenario, wrong)
-    run = Run(open_run(tmp_path / "run", {}, "", {}, 1), SILENT)
-    run.given("of this test", problem, wrong)
-    found = run.stage(SUSPECTS, problem, wrong)
-    assert found.lines[0].startswith("likely wrong: heater_status is inverted. ")
-    assert read_json(tmp_path / "run" / "suspects.json")["found"][0]["title"] == "heater_status is inverted"
-    assert run.stage(SUSPECTS, problem, wrong) == found
+    with open_run(tmp_path / "run", {}, "", {}, 1) as folder:
+        run = Run(folder, SILENT)
+        run.given("of this test", problem, wrong)
+        found = run.stage(SUSPECTS, problem, wrong)
+        assert found.lines[0].startswith("likely wrong: heater_status is inverted. ")
+        assert read_json(tmp_path / "run" / "suspects.json")["found"][0]["title"] == "heater_status is inverted"
+        assert run.stage(SUSPECTS, problem, wrong) == found
 
 
 def test_findings_name_the_best_and_below_it_the_others():

@@ -277,7 +277,7 @@ def test_a_model_that_failed_a_gate_is_named_with_the_gate(tmp_path):
         {"name": "R-hat", "found": "1.2 (link)", "required": "1.01", "passed": False},
         {"name": "divergences", "found": "0", "required": "0", "passed": True},
     ]
-    summary = Summary(tmp_path, tmp_path, {"passed": False, "gates": gates}, (), interrupted=False, heat={})
+    summary = Summary(tmp_path, tmp_path, {"passed": False, "gates": gates}, (), False, None, {})
     assert compare._failed(summary) == ["R-hat 1.2 (link)"]
 
 

@@ -242,7 +242,7 @@ def test_through_a_node_that_radiates_flows_what_it_dissipates(tmp_path):
 
 def test_through_a_node_between_two_conductors_flows_what_goes_in_and_out_again(tmp_path):
     # So heavy are the others that nothing changes within the window.
-    heavy = {"capacity": "1e12 J/K", "initial": "0 degC"}
+    heavy = {"capacity": "1e9 J/K", "initial": "0 degC"}
     nodes = {"middle": {"capacity": "50 J/K"}, "hot": heavy, "cold": heavy}
     conducts = [
         {"between": ["middle", "hot"], "conductance": "0.3 W/K"},
@@ -250,7 +250,7 @@ def test_through_a_node_between_two_conductors_flows_what_goes_in_and_out_again(
     ]
     problem = network_of(tmp_path, nodes, conducts)
     found = flow_of(problem, hot=330.0, middle=290.0, cold=270.0)
-    assert found["middle"] == pytest.approx(0.3 * 40.0, rel=1e-6)
+    assert found["middle"] == pytest.approx(0.3 * 40.0, rel=1e-4)
 
 
 def test_through_a_node_that_warms_up_flows_half_of_what_it_keeps(tmp_path):

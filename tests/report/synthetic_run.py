@@ -137,6 +137,9 @@ def _genetic(truth: np.ndarray, low: np.ndarray, high: np.ndarray, rng: np.rando
         {
             "best": (("run", "parameter"), best),
             "rmse": ("run", history[:, -1]),
+            "generations": ("run", np.full(10, 60)),
+            "converged": ("run", np.full(10, True)),
+            "poor_theta": ("parameter", low),
             "history": (("run", "generation"), history),
             "first_generation_best": (("run", "parameter"), best + 0.1 * (high - low)),
             "mean_theta": ("parameter", best.mean(axis=0)),
@@ -144,7 +147,7 @@ def _genetic(truth: np.ndarray, low: np.ndarray, high: np.ndarray, rng: np.rando
             "spread_theta": ("parameter", best.std(axis=0, ddof=1)),
         },
         {"parameter": [p[0] for p in PARAMETERS]},
-        {"seed": 1, "evaluations": 38_400, "failures": 0},
+        {"seed": 1, "evaluations": 38_400, "failures": 0, "converged_runs": 10, "converged_when": "nothing falls"},
     )
 
 

@@ -86,9 +86,11 @@ def _poor(problem: Problem, count: int, seed: int) -> FloatArray:
     Of so many draws of the parameters from their priors it is the one whose RMSE three in four do not reach. Initial
     temperatures stay at their priors' medians, where telemetry has them: these are not what is wrong.
     """
-    thetas = np.tile(problem.priors.median(), (count, 1))
     wrong = [k for k in problem.simulated if not problem.names[k].startswith("initial.")]
-    thetas[:, wrong] = problem.priors.sample(np.random.default_rng([seed, count]), count)[:, wrong]
+    # The same whatever noise or heat there is beside: runs of the genetic algorithm are taken over.
+    shares = np.full((count, len(problem.names)), 0.5)
+    shares[:, wrong] = np.random.default_rng([seed, count]).random((count, len(wrong)))
+    thetas = problem.priors.quantile(shares)
     rmse = problem.rmse(thetas)
     succeeded = int(np.isfinite(rmse).sum())
     place = np.argsort(rmse)[round(_POOR * (succeeded - 1))] if succeeded else 0

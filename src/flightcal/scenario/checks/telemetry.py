@@ -35,19 +35,18 @@ def check(reading: Reading, folder: Path) -> Iterator[Problem]:
 
 
 def _check_shared(reading: Reading) -> Iterator[Problem]:
-    """No two observed channels of a kind read one column: the same samples would count twice."""
-    first: dict[tuple[str, str], tuple[str, Channel]] = {}
+    """Two observed channels of a kind had better not read one column: the same samples would count twice."""
+    first: dict[tuple[str, str], str] = {}
     channels = readable(reading.blocks.channels)
     for name in reading.blocks.observations:
         if (channel := channels.get(name)) is None:
             continue
         for column in channel.column:
-            other, own = first.setdefault((channel.kind, column), (name, channel))
+            other = first.setdefault((channel.kind, column), name)
             if other != name:
                 message = f"found the column {show(column)}, which {other!r} reads too"
                 wanted = "expected different ones: the same samples would count twice"
-                both_whole = len(channel.column) == len(own.column) == 1
-                yield Problem(("telemetry", "channels", name, "column"), f"{message}, {wanted}", warning=not both_whole)
+                yield Problem(("telemetry", "channels", name, "column"), f"{message}, {wanted}", warning=True)
 
 
 def _unit_problem(channel: Channel) -> str | None:
