@@ -123,7 +123,10 @@ truth's mode; in repeat 19 of `time` the open loop has several modes with the di
 heater switches in a gap of its status, and the truth is 40 to 150 deviations from the open loop's mode."""
 
 
-@pytest.mark.parametrize(("model", "repeat"), REPEATS)
+@pytest.mark.parametrize(
+    ("model", "repeat"),
+    [pytest.param(*own, marks=[pytest.mark.slow] * (own[0] == "time" or own == ("ar1", 90))) for own in REPEATS],
+)
 def test_a_thermostat_that_starts_near_its_threshold_or_drifts_out_of_step_is_followed(model, repeat):
     scenario = variant(load_scenario(VALIDATION), model)
     data = read_telemetry(scenario.telemetry, scenario.folder)

@@ -59,6 +59,7 @@ def learnt(problem):
     return found, told, saved
 
 
+@pytest.mark.slow
 def test_the_posterior_is_that_of_the_real_simulator(problem, learnt):
     found = learnt[0]
     assert found.reached
@@ -68,6 +69,7 @@ def test_the_posterior_is_that_of_the_real_simulator(problem, learnt):
     assert_agree(posterior, calibrate_nuts(problem, NUTS, 1))
 
 
+@pytest.mark.slow
 def test_every_round_says_what_it_did(learnt):
     found, told, saved = learnt
     assert told.said == [str(a) for a in found.rounds]
@@ -81,6 +83,7 @@ def test_every_round_says_what_it_did(learnt):
     assert told.said[-1].endswith("the emulator's error no longer matters")
 
 
+@pytest.mark.slow
 def test_failed_runs_are_kept_and_their_region_is_named(learnt):
     found = learnt[0]
     (runs,) = found.runs
@@ -91,6 +94,7 @@ def test_failed_runs_are_kept_and_their_region_is_named(learnt):
     assert found.fits[0].emulator.runs.finished.all()
 
 
+@pytest.mark.slow
 def test_it_takes_up_where_it_stopped(problem, tmp_path, monkeypatch):
     monkeypatch.setattr(active, "_NUTS", NutsSettings(chains=2, draws=100, warmup=100))
     evaluate, asked, nothing = derivative_free.evaluate, [], derivative_free.nothing(problem)
@@ -144,6 +148,7 @@ def test_a_channel_without_samples_leaves_its_noise_to_the_prior(problem):
     np.testing.assert_array_equal(best[0][problem.simulated], runs.theta[np.argmin(panel)])
 
 
+@pytest.mark.slow
 def test_a_thermostats_window_is_looked_at_from_its_beginning(tmp_path, monkeypatch):
     monkeypatch.setattr(active, "_NUTS", NutsSettings(chains=2, draws=100, warmup=100))
     scenario, telemetry = derivative_free.scene(tmp_path, heater=True)

@@ -21,7 +21,13 @@ CASES = {
 }
 
 
-@pytest.mark.parametrize("options", CASES.values(), ids=CASES.keys())
+# JAX compiles for several seconds, so half of them are slow tests.
+SLOW = ("two thermostats and a massless node", "three thermostats on ten nodes", "a larger tree")
+
+
+@pytest.mark.parametrize(
+    "options", [pytest.param(CASES[name], id=name, marks=[pytest.mark.slow] * (name in SLOW)) for name in CASES]
+)
 def test_states_and_gradient_equal_the_oracles(options):
     structure, system, drive = random_system(**{"seed": 1, **options})
     run = integrate(structure, system, drive)

@@ -113,7 +113,13 @@ CASES = {
 }
 
 
-@pytest.mark.parametrize("options", CASES.values(), ids=CASES.keys())
+# JAX compiles for several seconds, so half of them are slow tests.
+SLOW = ("one heater measured, two simulated", "long steps")
+
+
+@pytest.mark.parametrize(
+    "options", [pytest.param(CASES[name], id=name, marks=[pytest.mark.slow] * (name in SLOW)) for name in CASES]
+)
 def test_what_sensors_say_and_its_derivative_are_the_oracles(options):
     """Through heaters' switches inside the steps, before the start, after the end, and with offsets in time."""
     structure, system, drive = random_system(**{"seed": 1, **options})

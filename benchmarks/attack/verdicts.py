@@ -1,0 +1,97 @@
+"""`python -m benchmarks.attack.verdicts`: exit codes of whole calibrations, of wrong set-ups and of correct ones.
+
+The set-ups are those of `setups`. A wrong one is not to end with exit code 0; of twenty correct ones, nineteen are.
+"""
+
+from __future__ import annotations
+
+import argparse
+import json
+import tempfile
+import time
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+from benchmarks.attack.setups import SEED, SETUPS, Case, SetUp, case_of
+from flightcal.commands.calibrate import run_experiment
+from flightcal.errors import FlightcalError
+
+_CALIBRATION: dict[str, Any] = {
+    "genetic": {"runs": 2, "population": 32, "generations": 20},
+    "nuts": {"chains": 4, "draws": 500, "warmup": 500, "min_ess": 200},
+}
+"""Shorter than by default: the verdict is about the posterior."""
+_CORRECT = 500
+"""The number of the first correct satellite."""
+_TRIED = 60
+
+
+@dataclass(frozen=True)
+class Ended:
+    """How one calibration ended."""
+
+    setup: str
+    satellite: int
+    code: int
+    why: tuple[str, ...]
+    """What is not well, the worst first."""
+    seconds: float
+
+    @property
+    def right(self) -> bool:
+        return (self.code == 0) == (self.setup == "correct")
+
+
+def ended(setup: SetUp | None, number: int, case: Case) -> Ended:
+    """The exit code of `flightcal calibrate` for a case."""
+    spoiled = case.copy()
+    if setup is not None:
+        setup.spoil(spoiled)
+    spoiled.written["calibration"] = _CALIBRATION
+    begin = time.perf_counter()
+    with tempfile.TemporaryDirectory() as name:
+        folder = Path(name)
+        spoiled.table.to_csv(folder / "telemetry.csv", index=False)
+        (folder / "scenario.yaml").write_text(json.dumps(spoiled.written))
+        try:
+            verdict = run_experiment(folder / "scenario.yaml", folder / "run").verdict
+        except FlightcalError as error:
+            code, why = 1, (str(error)[:100],)
+        else:
+            assert verdict is not None
+            found = [finding for answer in verdict.answers for finding in answer.findings]
+            found = [*(own for own in found if own.state == "bad"), *(own for own in found if own.state == "warn")]
+            code, why = verdict.exit_code, tuple(own.title for own in found)
+    return Ended(setup.name if setup else "correct", number, code, why, time.perf_counter() - begin)
+
+
+def main() -> int:
+    """How many wrong set-ups pass, and how many correct ones fail beyond one in twenty."""
+    parser = argparse.ArgumentParser(prog="python -m benchmarks.attack.verdicts", description=__doc__)
+    parser.add_argument("--seed", type=int, default=SEED)
+    parser.add_argument("--correct", type=int, default=20, help="correct satellites")
+    parser.add_argument("--only", nargs="*", default=[], help="set-ups whose name has one of these words")
+    given, _ = parser.parse_known_args()
+    chosen = [own for own in SETUPS if not given.only or any(word in own.name for word in given.only)]
+    results = [_said(ended(None, k, case_of(given.seed, k))) for k in range(_CORRECT, _CORRECT + given.correct)]
+    for place, setup in enumerate(chosen):
+        cases = ((k, case_of(given.seed, k)) for k in range(place, place + _TRIED))
+        number, case = next(own for own in cases if setup.fits(own[1]))
+        results.append(_said(ended(setup, number, case)))
+    wrong = [own for own in results if own.setup != "correct"]
+    passed = sum(not own.right for own in wrong)
+    failed = sum(not own.right for own in results) - passed
+    print(f"exit code 0: {passed} of {len(wrong)} wrong set-ups, {given.correct - failed} of {given.correct} correct")
+    return passed + max(0, failed - given.correct // 20)
+
+
+def _said(own: Ended) -> Ended:
+    why = "; ".join(own.why[:3])[:150]
+    mark = "" if own.right else "WRONG"
+    print(f"{own.setup:34} {own.satellite:4d}  exit {own.code} {mark:5} {own.seconds:5.0f} s  {why}", flush=True)
+    return own
+
+
+if __name__ == "__main__":
+    raise SystemExit(main())
