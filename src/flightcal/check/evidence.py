@@ -39,6 +39,8 @@ _LONGEST = 300.0
 """s, over which telemetry is interpolated."""
 _UNKNOWN = 1e3
 """K, deviation of a sample that is not there."""
+_DIVERGED = 1e6
+"""K, beyond which a residual is as bad as it can be; its square is still a number."""
 _SENSOR = 0.1
 """K, of a sample, beside what the telemetry shows of its noise."""
 _MODEL, _MINUTES = 0.25, 600.0
@@ -272,7 +274,7 @@ class Gaussian:
         jacobian: log of what the telemetry was scaled by. moved: log prior odds.
         """
         best: Fit | None = None
-        left = np.where(self.known, residual, 0.0)
+        left = np.where(self.known, np.nan_to_num(residual, nan=_DIVERGED), 0.0).clip(-_DIVERGED, _DIVERGED)
         rows, extra = int(self.known.sum()), np.empty((len(left), 0)) if columns is None else columns
         for size, factor in zip(self.sizes, self.factors, strict=True):
             solved = cho_solve((factor, True), np.column_stack([left, extra]), check_finite=False)
