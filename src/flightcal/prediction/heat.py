@@ -128,8 +128,17 @@ def draw_heat(problem: Problem, draws: FloatArray, rng: np.random.Generator) -> 
         fitted[window.name] = np.mean(done_runs, axis=0) if done_runs else np.full(window.observed.shape, np.nan)
         thetas.append(of_window)
         heats.append(heat)
-    thresholds = draw_thresholds(problem.windows, thetas, heats, rng)
+    shifts = [_shifts(model, window, weights) for window in problem.windows]
+    thresholds = draw_thresholds(problem.windows, thetas, heats, shifts, rng)
     return DrawnHeat(model, tuple(weights), scales, usable, thresholds, tuple(ends), fitted)
+
+
+def _shifts(model: HeatModel, window: Window, weights: Sequence[FloatArray]) -> FloatArray:
+    """[S, E] s by which each switch of a window's `switching` was later, or its heater longer on, of each draw."""
+    for group, own in zip(model.groups, weights, strict=True):
+        if group.part == "switches" and group.window == window.name and window.switching is not None:
+            return own * window.switching.interval / np.sqrt(12.0)
+    return np.zeros((len(weights[0]), 0))
 
 
 def _end(window: Window, thetas: FloatArray, runs: Sequence[Trajectory | None], rng: np.random.Generator) -> End:

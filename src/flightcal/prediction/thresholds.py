@@ -1,9 +1,9 @@
 """At which temperatures thermostats truly switch, as their measured switches show: draw by draw of a posterior.
 
-A heater goes on when its sensor first falls to the threshold. So the lowest temperature since the last switch is above
-the threshold at the last sample that shows the heater off, and would be below it at the first that shows it on if the
-heater had stayed off; while it stays off the threshold is below all of it. The sensor's bias, the control cycle and
-minimum times are part of what the threshold is found to be, and what differs from switch to switch is scatter.
+A heater goes on when its sensor first falls to the threshold. So the threshold is the lowest temperature since the last
+switch, at the time of the switch: it lies between two samples, and where in between a draw of unmodelled heat has found
+from the temperatures. While the heater stays off the threshold is below all of it. The sensor's bias, the control cycle
+and minimum times are part of what the threshold is found to be, and what differs from switch to switch is scatter.
 """
 
 from __future__ import annotations
@@ -11,7 +11,7 @@ from __future__ import annotations
 from dataclasses import dataclass, replace
 
 import numpy as np
-from scipy.special import log_ndtr, ndtr
+from scipy.special import log_ndtr
 
 from ..problem import Window
 from ..simulator import FloatArray, NetworkSimulator, Observation, Sensors
@@ -29,7 +29,7 @@ _SCATTERS = np.geomspace(0.01, 0.6, 8)
 _PRIOR_SCATTER = 0.15
 """K, of whose half-normal prior this is the scale."""
 _LEAST = 1e-12
-"""Probability of a switch that no threshold explains."""
+"""Density of a switch that no threshold explains."""
 
 
 @dataclass(frozen=True)
@@ -44,21 +44,26 @@ class Thresholds:
 
 @dataclass(frozen=True)
 class _Switches:
-    """Of one heater in one direction: three times (s) of each switch, and of stretches without one."""
+    """Of one heater in one direction: times (s) of each switch, and of stretches without one."""
 
     since: FloatArray
     """[E] when it last switched the other way,"""
     before: FloatArray
     """[E] the last sample before it switched,"""
-    after: FloatArray
-    """[E] and the first one after; infinite: it has not switched."""
+    at: FloatArray
+    """[S, E] and when it did, of each draw; infinite: it has not switched."""
 
 
 def draw_thresholds(
-    windows: tuple[Window, ...], thetas: list[FloatArray], heats: list[FloatArray], rng: np.random.Generator
+    windows: tuple[Window, ...],
+    thetas: list[FloatArray],
+    heats: list[FloatArray],
+    shifts: list[FloatArray],
+    rng: np.random.Generator,
 ) -> Thresholds | None:
     """Thresholds given measured switches, one draw for each of S draws of theta [S, q] and heat [S, h, 2 K] of windows.
 
+    shifts: [S, E] s by which each switch of a window's `switching` made a heater's time on longer than midway does.
     None: heaters are not driven by their measured status, or there are none.
     """
     heaters = len(windows[0].simulator.heaters)
@@ -66,7 +71,7 @@ def draw_thresholds(
         return None
     draws = len(thetas[0])
     logs = np.zeros((2, heaters, draws, len(_OFFSETS), len(_SCATTERS)))
-    for window, theta, heat in zip(windows, thetas, heats, strict=True):
+    for window, theta, heat, shift in zip(windows, thetas, heats, shifts, strict=True):
         simulator = window.network
         assert simulator is not None
         looking = _looking(simulator)
@@ -74,16 +79,14 @@ def draw_thresholds(
             return None
         runs = looking.simulate_many(theta[:, window.simulated], heat)
         seconds = looking.observation.times
-        blocks = list(window.scenario.network.heaters.values())
-        for s, run in enumerate(runs):
-            if run is None:
-                continue
-            for heater, block in enumerate(blocks):
-                for side, (written, sign) in enumerate(((block.on_below, 1.0), (block.off_above, -1.0))):
-                    # Seen upside down, going off is going on.
-                    sensor = sign * (run.temperatures[:, heater] - written)
-                    found = _switches(window, heater, on=side == 0)
-                    logs[side, heater, s] += _log_likelihood(seconds, sensor, found, sign)
+        for heater, block in enumerate(window.scenario.network.heaters.values()):
+            for side, (written, sign) in enumerate(((block.on_below, 1.0), (block.off_above, -1.0))):
+                found = _switches(window, heater, shift, on=side == 0)
+                for s, run in enumerate(runs):
+                    if run is not None:
+                        # Seen upside down, going off is going on.
+                        sensor = sign * (run.temperatures[:, heater] - written)
+                        logs[side, heater, s] += _log_likelihood(seconds, sensor, found, s, sign)
     prior = -0.5 * (_OFFSETS / _PRIOR) ** 2
     spread = -0.5 * (_SCATTERS / _PRIOR_SCATTER) ** 2 + np.log(_SCATTERS)
     logs += prior[:, None] + spread
@@ -115,8 +118,8 @@ def _looking(simulator: NetworkSimulator) -> NetworkSimulator | None:
     )
 
 
-def _switches(window: Window, heater: int, *, on: bool) -> _Switches:
-    """Of the telemetry of a window, of a heater that goes on, or off."""
+def _switches(window: Window, heater: int, shifts: FloatArray, *, on: bool) -> _Switches:
+    """Of the telemetry of a window, of a heater that goes on, or off; shifts: see `draw_thresholds`."""
     status = window.status[:, heater]
     assert window.network is not None
     start = window.times[0]
@@ -138,29 +141,43 @@ def _switches(window: Window, heater: int, *, on: bool) -> _Switches:
                 since = seconds[k]
     if since is not None:
         rows.append((since, seconds[-1], np.inf))
-    return _Switches(*np.array(rows, float).reshape(-1, 3).T)
+    begin, before, after = np.array(rows, float).reshape(-1, 3).T
+    at = np.tile(after, (len(shifts), 1))
+    for e in np.flatnonzero(np.isfinite(after)):
+        at[:, e] = np.clip(_when(window, heater, 0.5 * (before[e] + after[e]), shifts, on), before[e], after[e])
+    return _Switches(begin, before, at)
 
 
-def _log_likelihood(seconds: FloatArray, sensor: FloatArray, found: _Switches, sign: float) -> FloatArray:
+def _when(window: Window, heater: int, middle: float, shifts: FloatArray, on: bool) -> FloatArray:
+    """[S] s of a switch that telemetry places around `middle`."""
+    assert window.switching is not None
+    node = list(window.scenario.network.heaters.values())[heater].node
+    for time, of, shift in zip(window.switching.time, window.switching.node, shifts.T, strict=False):
+        if of == node and np.isclose(time, middle):
+            return np.asarray(middle - shift if on else middle + shift)
+    return np.full(len(shifts), middle)
+
+
+def _log_likelihood(seconds: FloatArray, sensor: FloatArray, found: _Switches, draw: int, sign: float) -> FloatArray:
     """Of offsets and scatters [o, c]: of the switches of a sensor that falls to its threshold, K above what is written.
 
     sign: -1: offsets of one that rises to it.
     """
     total = np.zeros((len(_OFFSETS), len(_SCATTERS)))
-    for since, before, after in zip(found.since, found.before, found.after, strict=True):
+    for since, before, at in zip(found.since, found.before, found.at[draw], strict=True):
         first, last = np.searchsorted(seconds, [since, before])
         if last <= first:
             continue
         high = sensor[first:last].min()
-        above = (high - sign * _OFFSETS[:, None]) / _SCATTERS
-        if not np.isfinite(after):
-            total += log_ndtr(above)
+        if not np.isfinite(at):
+            total += log_ndtr((high - sign * _OFFSETS[:, None]) / _SCATTERS)
             continue
         # As if the heater had not switched: what follows the last sample is its doing.
         back = max(first, last - round(_SLOPE / _FINE) - 1)
         slope = (sensor[last - 1] - sensor[back]) / max(last - 1 - back, 1) / _FINE
-        low = min(high, sensor[last - 1] + slope * (after - seconds[last - 1]))
-        total += np.log(ndtr(above) - ndtr((low - sign * _OFFSETS[:, None]) / _SCATTERS) + _LEAST)
+        reached = min(high, sensor[last - 1] + slope * (at - seconds[last - 1]))
+        off = (reached - sign * _OFFSETS[:, None]) / _SCATTERS
+        total += np.logaddexp(-0.5 * off**2 - np.log(_SCATTERS), np.log(_LEAST))
     return total
 
 
