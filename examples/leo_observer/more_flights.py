@@ -87,8 +87,11 @@ def _seconds(item: dict[str, str]) -> int:
 
 
 def duty_cycles(prediction: xarray.Dataset) -> np.ndarray:
-    """Of each heater, percentage points: telemetry's minus the mean, and the 95% interval's bounds minus it, [3, H]."""
-    draws = prediction["duty_cycle"].values
+    """Of each heater, percentage points: telemetry's minus the mean, and the 95% interval's bounds minus it, [3, H].
+
+    On the telemetry's samples, the predicted ones as the measured ones.
+    """
+    draws = prediction["sampled_duty_cycle"].values
     low, high = np.quantile(draws, [0.025, 0.975], axis=0)
     return 100 * (np.stack([prediction["observed_duty_cycle"].values, low, high]) - draws.mean(axis=0))
 

@@ -223,3 +223,14 @@ def test_a_prediction_of_an_older_flightcal_is_a_message(slim_run):
     xr.DataTree.from_dict(groups).to_netcdf(file, engine="h5netcdf")
     with pytest.raises(RunError, match=r"prediction.nc: found the dimension 'method' of an older flightcal"):
         write_report(slim_run)
+
+
+def test_a_chain_that_ran_away_is_shown_and_warns_of_nothing(slim_run, recwarn):
+    groups = {name: group.to_dataset() for name, group in read_tree(slim_run / "posterior.nc").children.items()}
+    own = next(iter(groups["posterior"].data_vars))
+    values = groups["posterior"][own].values.copy()
+    values[0, 10:], values[1, 3:] = np.inf, 1e300
+    groups["posterior"] = groups["posterior"].assign({own: (("chain", "draw"), values)})
+    xr.DataTree.from_dict(groups).to_netcdf(slim_run / "posterior.nc", engine="h5netcdf")
+    write_report(slim_run)
+    assert not [str(w.message) for w in recwarn if "flightcal" in w.filename or "arviz" in w.filename]

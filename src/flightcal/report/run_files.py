@@ -161,10 +161,18 @@ def read_content(folder: Path, kind: str) -> Record:
     return content
 
 
+_ENDLESS = 1e30
+"""Its square is a number, and it is one in a figure's single precision."""
+
+
 def draws(posterior: xr.DataTree, group: str, names: Sequence[str]) -> np.ndarray:
-    """Draws of scalar quantities from a group of posterior.nc: [chain, draw, quantity], SI."""
+    """Draws of scalar quantities from a group of posterior.nc: [chain, draw, quantity], SI.
+
+    A chain that runs away may have numbers without end; they are cut.
+    """
     dataset = posterior[group].to_dataset()
-    return np.stack([dataset[n].transpose("chain", "draw").values for n in names], axis=-1)
+    found = np.stack([dataset[n].transpose("chain", "draw").values for n in names], axis=-1)
+    return found.clip(-_ENDLESS, _ENDLESS)
 
 
 def parameter_info(record: Record) -> ParameterInfo:

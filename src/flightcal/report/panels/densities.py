@@ -98,13 +98,14 @@ def figure_density(
 def _density(
     values: Array, support: tuple[float, float], smoothing: float = 1.0
 ) -> tuple[NDArray[np.float32], NDArray[np.float32]]:
-    """Kernel density of draws on 200 points, scaled to a peak of one; a spike where they are all the same.
+    """Kernel density of draws on 200 points, scaled to a peak of one; a spike where most are the same.
 
     support: where the quantity can be. The density ends at zero inside it and is mirrored at its bounds, so that a
     posterior pressed against a prior's bound does not seem to fall off before it.
     """
-    if np.ptp(values) == 0:
-        return np.repeat(values[0], 2).astype(np.float32), np.array([0, 1], np.float32)
+    quarter, three_quarters = np.quantile(values, [0.25, 0.75])
+    if quarter == three_quarters:
+        return np.repeat(quarter, 2).astype(np.float32), np.array([0, 1], np.float32)
     margin = 0.8 * values.std()
     limits = (max(support[0], values.min() - margin), min(support[1], values.max() + margin))
     limits = (min(limits[0], values.min()), max(limits[1], values.max()))
