@@ -171,13 +171,17 @@ def _mode_missing(case: Case) -> str:
 
 def _mode_at_the_wrong_node(case: Case) -> str:
     node, _ = _busy(case)
-    modes = case.written["simulator"]["modes"]
-    other = next(name for name in case.model["nodes"] if name != node and name not in modes["busy"])
+    modes, other = case.written["simulator"]["modes"], _idle(case)[0]
     modes["busy"][other] = modes["busy"].pop(node)
     parameter = case.written["parameters"].get("power_busy")
     if parameter:
         parameter["sets"] = [f"modes.busy.{other}"]
     return "busy"
+
+
+def _idle(case: Case) -> list[str]:
+    """Nodes into which the payload gives no heat."""
+    return [name for name in case.model["nodes"] if name not in case.model["modes"]["busy"]]
 
 
 def _timeline_moved(case: Case) -> str:
@@ -349,6 +353,10 @@ def _strong_payload(case: Case) -> bool:
     return power > 0.25 * case.flight.flow[node] and f"{node}_temp" in case.channels
 
 
+def _payload_elsewhere(case: Case) -> bool:
+    return bool(_idle(case)) and _strong_payload(case)
+
+
 _FAHRENHEIT: Callable[[Any], Any] = lambda x: 1.8 * x + 32.0  # noqa: E731
 _KELVIN: Callable[[Any], Any] = lambda x: x + 273.15  # noqa: E731
 _HEATED: Callable[[Case], bool] = lambda case: bool(case.heaters)  # noqa: E731
@@ -389,7 +397,12 @@ SETUPS = (
     SetUp("status of two heaters swapped", ("statuses swapped",), _statuses_swapped, lambda c: len(c.heaters) > 1),
     SetUp("status 12 min late", ("status clock",), _status_late, _HEATED),
     SetUp("one channel 15 min late", ("channel clock",), _channel_late, lambda c: c.eclipsed and _several(c)),
-    SetUp("a payload at the wrong node", ("mode",), _mode_at_the_wrong_node, _strong_payload),
+    SetUp(
+        "a payload at the wrong node",
+        ("mode",),
+        _mode_at_the_wrong_node,
+        lambda c: _strong_payload(c) and bool(_idle(c)),
+    ),
     SetUp("timeline 25 min late", ("mode",), _timeline_moved, _strong_payload),
     SetUp("a sample held for 12", ("held", "repeating", "stuck"), _held, _LIT),
 )
