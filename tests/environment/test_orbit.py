@@ -25,6 +25,16 @@ VANGUARD = [
     "1 00005U 58002B   00179.78495062  .00000023  00000-0  28098-4 0  4753",
     "2 00005  34.2682 348.7242 1859667 331.7664  19.3264 10.82419157413667",
 ]
+SUCHAI = (
+    [
+        "1 42788U 17036Z   17294.87504270  .00002447  00000+0  11293-3 0  9997",
+        "2 42788  97.4358 353.1861 0012135 183.8921 176.2222 15.21122995 18354",
+    ],
+    [
+        "1 42788U 17036Z   17302.83466765  .00002476  00000+0  11405-3 0  9996",
+        "2 42788  97.4351   1.0434 0012905 156.9044 203.2774 15.21170370 19561",
+    ],
+)
 VANGUARD_EPOCH = np.datetime64("2000-06-27T18:50:19.733568", "ns")
 
 
@@ -188,6 +198,20 @@ def test_sgp4_reproduces_the_published_test_case():
     assert velocity == pytest.approx(np.array(speeds) * 1e3, abs=1e-3)
 
 
+def test_times_are_reached_from_the_nearest_elements():
+    # Of SUCHAI-1 (NORAD 42788), eight days apart.
+    older, newer = SUCHAI
+    times = np.datetime64("2017-10-26T00:00:00") + np.timedelta64(1, "h") * np.arange(-100, 200, 7)
+    both, first, second = (state(environment({"tle": lines}), times)[0] for lines in (older + newer, older, newer))
+    # Midway is 2017-10-25T20:32.
+    late = times > np.datetime64("2017-10-25T20:32:00")
+    assert 0 < late.sum() < len(times)
+    np.testing.assert_array_equal(both, np.where(late[:, None], second, first))
+    np.testing.assert_array_equal(state(environment({"tle": newer + older}), times)[0], both)
+    periods = [orbital_period(environment({"tle": lines})) for lines in (older, newer, older + newer)]
+    assert periods[2] == pytest.approx(np.mean(periods[:2]), rel=1e-6)
+
+
 def test_tle_period_is_nodal():
     scene = environment({"tle": VANGUARD})
     # 1440 min / 10.82419157 revolutions is the anomalistic period; the perigee advances 4.2 deg a day.
@@ -202,6 +226,8 @@ def test_tle_period_is_nodal():
         (["garbage", VANGUARD[1]], "expected 69 that begin with '1 '"),
         ([VANGUARD[0][:40], VANGUARD[1]], "found 40 characters"),
         ([VANGUARD[1], VANGUARD[0]], "expected 69 that begin with '1 '"),
+        ([*VANGUARD, VANGUARD[0]], "expected the two lines of a TLE"),
+        ([*VANGUARD, VANGUARD[0], VANGUARD[1][:30]], "found 30 characters"),
         ([VANGUARD[0][:-1] + "9", VANGUARD[1]], "checksum"),
         ([VANGUARD[0].replace("00005U", "00006U")[:-1] + "4", VANGUARD[1]], "numbers in lines 1 and 2 do not match"),
     ],

@@ -63,8 +63,8 @@ def orbital_period(environment: Environment, folder: Path = Path()) -> float:
     if isinstance(orbit, SampledOrbit):
         return _sampled(orbit, folder)[1]
     if isinstance(orbit, TleOrbit):
-        satellite = Satrec.twoline2rv(*orbit.tle)
-        return float(2 * np.pi / (satellite.mdot + satellite.argpdot) * 60.0)
+        rates = [satellite.mdot + satellite.argpdot for satellite in _satellites(orbit)]
+        return float(2 * np.pi / np.mean(rates) * 60.0)
     elements = _keplerian(orbit) if isinstance(orbit, CircularOrbit) else orbit
     _, perigee_rate, anomaly_rate = secular_rates(elements)
     return 2 * np.pi / (perigee_rate + anomaly_rate)
@@ -186,22 +186,33 @@ def eccentric_anomaly(mean_anomaly: Floats, eccentricity: float) -> Floats:
 # --- two-line elements --------------------------------------------------------------------------------------
 
 
+def _satellites(orbit: TleOrbit) -> list[Satrec]:
+    """One of each epoch."""
+    return [Satrec.twoline2rv(*lines) for lines in zip(orbit.tle[::2], orbit.tle[1::2], strict=True)]
+
+
 def _tle(orbit: TleOrbit) -> Propagator:
-    satellite = Satrec.twoline2rv(*orbit.tle)
-    epoch = satellite.jdsatepoch + satellite.jdsatepochF
+    satellites = _satellites(orbit)
+    epochs = np.array([satellite.jdsatepoch + satellite.jdsatepochF for satellite in satellites])
 
     def state(times: Times) -> tuple[Floats, Floats]:
         whole, days = julian_dates(times)
-        age = np.max(np.abs(whole + days - epoch), initial=0.0)
+        ages = np.abs((whole + days)[:, None] - epochs)
+        nearest = ages.argmin(axis=1)
+        age = ages.min(axis=1).max(initial=0.0)
         if age > _LONGEST_TLE_AGE:
             raise OrbitError(
                 f"environment.orbit.tle: found elements {age:.0f} days away from the time asked for, "
                 f"expected at most {_LONGEST_TLE_AGE:.0f}"
             )
-        errors, position, velocity = satellite.sgp4_array(np.full(days.shape, whole), days)
-        if errors.any():
-            first = np.flatnonzero(errors)[0]
-            raise OrbitError(f"environment.orbit.tle: SGP4 at {times[first]}: {SGP4_ERRORS[int(errors[first])]}")
+        position, velocity = np.empty((2, len(times), 3))
+        for k, satellite in enumerate(satellites):
+            own = nearest == k
+            errors, position[own], velocity[own] = satellite.sgp4_array(np.full(own.sum(), whole), days[own])
+            if errors.any():
+                first = np.flatnonzero(errors)[0]
+                message = SGP4_ERRORS[int(errors[first])]
+                raise OrbitError(f"environment.orbit.tle: SGP4 at {times[own][first]}: {message}")
         if not np.isfinite(position).all():
             raise OrbitError(f"environment.orbit.tle: found elements that SGP4 cannot read: {orbit.tle!r}")
         return position * 1e3, velocity * 1e3

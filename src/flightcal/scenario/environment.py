@@ -5,7 +5,7 @@ from __future__ import annotations
 import re
 from typing import Annotated, Any, Literal
 
-from pydantic import AfterValidator, Field, model_validator
+from pydantic import AfterValidator, BeforeValidator, Field, model_validator
 
 from .document import Problem
 from .fields import Block, FileName, Number, OneOf, Time, Vector, of_length
@@ -23,26 +23,34 @@ def _check_local_time(text: str) -> str:
     return text
 
 
-def _check_elements(lines: tuple[str, str]) -> tuple[str, str]:
+def _check_elements(lines: tuple[str, ...]) -> tuple[str, ...]:
     from sgp4.earth_gravity import wgs72
     from sgp4.io import compute_checksum, twoline2rv
 
-    first, second = (line.strip() for line in lines)
+    lines = tuple(line.strip() for line in lines)
     problems = []
-    for k, line in enumerate((first, second)):
-        if not line.startswith(f"{k + 1} ") or len(line) != 69 or not line.isascii():
-            message = f"found {len(line)} characters, {show(line[:20])}..., expected 69 that begin with '{k + 1} '"
+    for k, line in enumerate(lines):
+        wanted = f"{k % 2 + 1} "
+        if not line.startswith(wanted) or len(line) != 69 or not line.isascii():
+            message = f"found {len(line)} characters, {show(line[:20])}..., expected 69 that begin with '{wanted}'"
             problems.append(Problem((k,), message))
         elif line[68] != str(compute_checksum(line)):
             message = f"found the checksum {line[68]}, expected {compute_checksum(line)}: a character is wrong"
             problems.append(Problem((k,), message))
     if problems:
         raise refusal(*problems)
-    try:
-        twoline2rv(first, second, wgs72)
-    except (ValueError, ArithmeticError) as error:
-        raise ValueError(f"found lines that are not two-line elements: {str(error).splitlines()[0]}") from None
-    return first, second
+    for first, second in zip(lines[::2], lines[1::2], strict=True):
+        try:
+            twoline2rv(first, second, wgs72)
+        except (ValueError, ArithmeticError) as error:
+            raise ValueError(f"found lines that are not two-line elements: {str(error).splitlines()[0]}") from None
+    return lines
+
+
+def _in_pairs(value: Any) -> Any:
+    if not isinstance(value, (list, tuple)) or not value or len(value) % 2:
+        raise ValueError(f"found {show(value)}, expected the two lines of a TLE [first, second], or several such pairs")
+    return value
 
 
 def _check_length(quaternion: tuple[float, ...]) -> tuple[float, ...]:
@@ -52,9 +60,7 @@ def _check_length(quaternion: tuple[float, ...]) -> tuple[float, ...]:
 
 
 LocalTime = Annotated[str, AfterValidator(_check_local_time)]
-TleLines = Annotated[
-    tuple[str, str], of_length(2, "the two lines of a TLE [first, second]"), AfterValidator(_check_elements)
-]
+TleLines = Annotated[tuple[str, ...], BeforeValidator(_in_pairs), AfterValidator(_check_elements)]
 Quaternion = Annotated[
     tuple[Number, Number, Number, Number], of_length(4, "four numbers [w, x, y, z]"), AfterValidator(_check_length)
 ]
@@ -105,6 +111,7 @@ class TleOrbit(Block):
     """Two-line elements, propagated with SGP4."""
 
     tle: TleLines
+    """First and second line, of one epoch or of several; each time is reached from the nearest one."""
 
 
 class SampledOrbit(Block):
