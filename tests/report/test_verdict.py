@@ -30,8 +30,7 @@ def fitted(run, *, shifted=(), by=5.0):
         held = replicate(observed, window["scored"].values, draws, 0.95)
         windows[name] = window.assign(
             observed=(("time", "channel"), observed),
-            coverage=("channel", held.coverage),
-            replicated=(("replicate", "channel"), held.replicated),
+            **held.dataset().variables,
         )
     return dataclasses.replace(sampled(run), windows=windows)
 

@@ -1,7 +1,8 @@
-"""Do intervals hold? A window's coverage against that of telemetry drawn from the prediction itself.
+"""Do intervals hold? A window's coverage and errors against those of telemetry drawn from the prediction itself.
 
 Samples that follow each other share their errors, so coverage scatters far more than that of independent samples. By
 how much depends on the window. The prediction's own draws tell: each of them is taken as if it were the telemetry.
+Where a whole window may lie outside its intervals by chance, coverage says nothing; how far outside it lies does.
 """
 
 from __future__ import annotations
@@ -20,22 +21,40 @@ HELD: Final = 0.99
 """Probability with which all channels of all windows lie in the band where the prediction is right."""
 
 _TAIL: Final = 0.05
-"""Share of a channel's replicates that tell how its coverage falls off."""
+"""Share of a channel's replicates that tell how its coverage or error falls off."""
+_LEAST: Final = 1e-18
+"""K^2, of a prediction that is sure of itself."""
 
 
 @dataclass(frozen=True)
 class Replicates:
-    """Coverage of one window by channel: of its telemetry, and of draws in the place of the telemetry."""
+    """Coverage and errors of one window by channel: of its telemetry, and of draws in the place of the telemetry."""
 
     coverage: FloatArray
     """[N] share of the samples inside the interval; NaN of a channel that has none."""
     replicated: FloatArray
     """[S, N]."""
+    error: FloatArray
+    """[N] root mean square of the samples' distances from the mean, in deviations of the prediction; NaN likewise."""
+    replicated_error: FloatArray
+    """[S, N]."""
+
+    def dataset(self) -> xarray.Dataset:
+        """As a window of prediction.nc keeps it."""
+        return xarray.Dataset(
+            {
+                "coverage": ("channel", self.coverage),
+                "replicated": (("replicate", "channel"), self.replicated),
+                "error": ("channel", self.error),
+                "replicated_error": (("replicate", "channel"), self.replicated_error),
+            }
+        )
 
 
 def replicates_of(prediction: xarray.Dataset) -> Replicates:
     """Those that a window of prediction.nc keeps."""
-    return Replicates(prediction["coverage"].values, prediction["replicated"].values)
+    names = ("coverage", "replicated", "error", "replicated_error")
+    return Replicates(*(prediction[name].values for name in names))
 
 
 @dataclass(frozen=True)
@@ -48,10 +67,25 @@ class Holding:
     """[N] lower end of the band of coverage; NaN of a channel without samples."""
     upper: FloatArray
     """[N]."""
-    holds: bool
-    """No channel's coverage is below its band."""
-    worst: int
-    """The channel whose coverage is furthest below its band, or the least above its lower end; -1 without samples."""
+    error: FloatArray
+    """[N] as in `Replicates`."""
+    most_error: FloatArray
+    """[N] that of a right prediction; NaN of a channel without samples."""
+
+    @property
+    def room(self) -> FloatArray:
+        """[N] how far a channel is from not holding: coverage above its band's lower end, error below its most."""
+        return np.minimum(self.coverage - self.lower, 1.0 - self.error / self.most_error)
+
+    @property
+    def holds(self) -> bool:
+        """No channel's coverage is below its band, and no error above."""
+        return not bool((self.room < 0.0).any())
+
+    @property
+    def worst(self) -> int:
+        """The channel that holds least; -1 without samples."""
+        return int(np.nanargmin(self.room)) if np.isfinite(self.room).any() else -1
 
     @property
     def too_wide(self) -> NDArray[np.bool_]:
@@ -65,7 +99,7 @@ def holds(observed: FloatArray, scored: NDArray[np.bool_], draws: FloatArray, in
 
 
 def replicate(observed: FloatArray, scored: NDArray[np.bool_], draws: FloatArray, interval: float) -> Replicates:
-    """Coverage of the central interval of draws [S, T, N], of telemetry [T, N] and of each draw in its place.
+    """Coverage by the central interval of draws [S, T, N], and errors, of telemetry [T, N] and of draws in its place.
 
     observed: K, NaN where missing; scored: [T], samples that count; draws: K, noise included, at least 40; interval:
     probability inside. A draw is held to the interval of all the others, for telemetry has no part in it either.
@@ -77,8 +111,18 @@ def replicate(observed: FloatArray, scored: NDArray[np.bool_], draws: FloatArray
     lowest, highest = _lower_end(draws, tails[0]), -_lower_end(-draws, tails[0])
     drawn = counted & (lowest < draws) & (draws < highest)
     samples = counted.sum(axis=0)
+    size, mean, variance = len(draws), draws.mean(axis=0), draws.var(axis=0, ddof=1).clip(_LEAST)
+    off, own = (observed - mean) ** 2 / variance, (draws - mean) ** 2
+    # Distance from the mean of the others, and their variance.
+    others = ((size - 1) * variance - own * size / (size - 1)).clip(_LEAST) / (size - 2)
+    own *= (size / (size - 1)) ** 2 / others
     with np.errstate(invalid="ignore"):
-        return Replicates(inside.sum(axis=0) / samples, drawn.sum(axis=1) / samples)
+        return Replicates(
+            inside.sum(axis=0) / samples,
+            drawn.sum(axis=1) / samples,
+            np.sqrt(np.where(counted, off, 0.0).sum(axis=0) / samples),
+            np.sqrt(np.where(counted, own, 0.0).sum(axis=1) / samples),
+        )
 
 
 def _lower_end(draws: FloatArray, probability: float) -> FloatArray:
@@ -95,30 +139,31 @@ def _lower_end(draws: FloatArray, probability: float) -> FloatArray:
 
 
 def hold_together(windows: Sequence[Replicates]) -> list[Holding]:
-    """Whether intervals hold in every window: no coverage, of any channel, lies below its band.
+    """Whether intervals hold in every window: no coverage, of any channel, lies below its band, and no error above.
 
-    The bands are family-wise: of replicates drawn from the prediction 99% (`HELD`) have all channels of all windows
-    inside. A replicate counts by its most extreme channel, and a channel by the replicate's rank in it. Where channels
-    are many, ranks alone cannot tell: of a thousand draws twenty are the lowest or highest in one of ten channels.
-    These are told apart by their distance from the next one. Windows of one calibration have their draws in the same
-    order.
+    The bands are family-wise: of replicates drawn from the prediction 99% (`HELD`) have coverage and errors of all
+    channels of all windows inside. A replicate counts by its most extreme value, and a value by the replicate's rank in
+    it. Where channels are many, ranks alone cannot tell: of a thousand draws twenty are the lowest or highest in one of
+    ten channels. These are told apart by their distance from the next one. Windows of one calibration have their draws
+    in the same order.
 
     A perfect model's channel leaves the region of 90 to 100% often. With noise that is correlated over 20 min
-    (AR(1)), samples a minute apart, 95% intervals and four channels the band ends at about 69% in a window of two
-    orbits of 95 min, and at about 84% in one of eight.
+    (AR(1)), samples a minute apart, 95% intervals and four channels the band ends at about 64% in a window of two
+    orbits of 95 min, and at about 82% in one of eight.
     """
     size = min(len(window.replicated) for window in windows)
-    replicated = np.concatenate([window.replicated[:size] for window in windows], axis=1)
-    known = np.isfinite(replicated).all(axis=0)
-    low, high = _ends(replicated[:, known])
-    lower, upper = np.full((2, len(known)), np.nan)
-    lower[known], upper[known] = np.clip(low, 0.0, 1.0), np.clip(high, 0.0, 1.0)
+    replicated = np.concatenate(
+        [np.stack([window.replicated[:size], window.replicated_error[:size]], axis=1) for window in windows], axis=2
+    )
+    known = np.isfinite(replicated).all(axis=(0, 1))
+    ends = np.full((2, 2, len(known)), np.nan)
+    ends[:, :, known] = np.reshape(_ends(replicated[:, :, known].reshape(size, -1)), (2, 2, -1))
+    ends[:, 0] = ends[:, 0].clip(0.0, 1.0)
     found, at = [], 0
     for window in windows:
         own = slice(at, at := at + len(window.coverage))
-        room = window.coverage - lower[own]
-        worst = int(np.nanargmin(room)) if np.isfinite(room).any() else -1
-        found.append(Holding(window.coverage, lower[own], upper[own], not bool((room < 0.0).any()), worst))
+        lower, upper, most = ends[0, 0, own], ends[1, 0, own], ends[1, 1, own]
+        found.append(Holding(window.coverage, lower, upper, window.error, most))
     return found
 
 

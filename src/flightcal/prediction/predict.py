@@ -94,8 +94,7 @@ def predict(
         error += ", unmodelled heat"
     scatter = ", scatter of the thermostats" if name not in trained and _scatters(scenario) else ""
     replicated = replicate(window.observed, scored, ensemble.draws, settings.interval)
-    prediction["coverage"] = "channel", replicated.coverage
-    prediction["replicated"] = ("replicate", "channel"), replicated.replicated
+    prediction = prediction.merge(replicated.dataset())
     if errors is not None:
         fitted = drawn.fitted[name] if problem.heat is not None and name in trained else ensemble.mean
         prediction = prediction.assign(_residual_model(window, errors, ensemble, fitted, rng))

@@ -333,18 +333,19 @@ def holding(run: RunFiles) -> Finding:
     worst, details = ("", math.inf), []
     for (name, window), held in zip(windows.items(), judged, strict=True):
         words = []
-        for channel, share, lower, upper in zip(
-            map(str, window["channel"].values), held.coverage, held.lower, held.upper, strict=True
-        ):
+        for k, channel in enumerate(map(str, window["channel"].values)):
+            share, lower, upper = held.coverage[k], held.lower[k], held.upper[k]
             if not np.isfinite(share):
                 continue
             channels[channel] = None
             said = f"{channel} {percent(share)} ({percent(lower)} to {percent(upper)})"
-            if share < lower:
+            if held.room[k] < 0.0:
                 failed[channel] = None
-                worst = min(
-                    worst, (f"{channel} in “{name}”, {percent(share)} inside", share - lower), key=lambda w: w[1]
-                )
+                how = f"{percent(share)} inside"
+                if held.error[k] > held.most_error[k]:
+                    how += f" and {held.error[k]:.1f} deviations off"
+                    said += f", {held.error[k]:.1f} deviations off (at most {held.most_error[k]:.1f})"
+                worst = min(worst, (f"{channel} in “{name}”, {how}", held.room[k]), key=lambda w: w[1])
                 said += ", which does not hold"
             elif share > upper:
                 said += ", wider than need be"
@@ -356,7 +357,7 @@ def holding(run: RunFiles) -> Finding:
     text = (
         f"Share of the telemetry inside the {interval:.0%} interval, and in brackets where the share of a right "
         f"prediction lies: in all channels and windows together with {HELD:.0%} probability. Samples that follow each "
-        "other share their errors."
+        "other share their errors. Where these are larger than any of a right prediction, it does not hold either."
     )
     over = listed([f"“{name}”" for name in windows])
     if not channels:

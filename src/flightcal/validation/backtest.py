@@ -145,5 +145,7 @@ def _origin_record(name: str, prediction: xarray.Dataset, holding: Holding, chan
         "coverage": holding.coverage,
         "lower": holding.lower,
         "upper": holding.upper,
+        "error": holding.error,
+        "most_error": holding.most_error,
         "too_wide": [name for name, wide in zip(channels, holding.too_wide, strict=True) if wide],
     }
