@@ -209,6 +209,17 @@ def test_without_heaters_windows_are_sampled_as_they_are_and_no_switch_is_uncert
     assert "switches" not in {group.part for group in model_of(unheated).groups}
 
 
+def test_a_switch_of_a_heater_whose_node_has_no_heat_is_not_uncertain(tmp_path):
+    problem = problem_of(tmp_path, written(windows=1, heat={"nodes": ["panel"]}))
+    (window,) = sampled_windows(problem)
+    assert set(window.switching.node) == {"body"}
+    model = model_of(problem)
+    (own,) = [
+        own for group, own in zip(model.groups, unit_heats(model, window), strict=True) if group.part == "switches"
+    ]
+    assert len(own.node) == len(own.series) == 0
+
+
 def test_with_a_measured_status_windows_are_sampled_in_open_loop(problem):
     assert sampled_windows(problem) is problem.open_loop.windows
 
