@@ -13,6 +13,7 @@ from typer.testing import CliRunner
 
 from flightcal.calibration import calibrate_nuts
 from flightcal.calibration.heat import find_heat, start_with_heat
+from flightcal.check.heat import beside_heat
 from flightcal.cli import app
 from flightcal.commands.calibrate import run_experiment
 from flightcal.operational.simulator import fly
@@ -168,17 +169,22 @@ def test_heat_goes_into_full_nodes_with_a_thermistor_or_a_heater_or_into_those_t
 
 
 @pytest.fixture(scope="module")
-def beside_heat(folder):
-    """A calibration problem of the reduced model around heat that was found, and z [d]."""
+def without_heat(folder):
+    """A calibration problem of the reduced model, whose heat has not been looked at."""
     parts = {"pattern": {"harmonics": 1}, "slow": {"time": "3 h"}}
     path = changed(folder / "rom", folder / "rom" / "scenario.yaml", "heated.yaml", heated(nodes=["unit"], **parts))
     scenario = load_scenario(path)
-    problem = build_problem(scenario, read(scenario), "train")
-    return start_with_heat(problem, find_heat(problem, problem.priors.median()))
+    return build_problem(scenario, read(scenario), "train")
 
 
-def test_the_error_of_the_reduced_model_stands_beside_heat_in_the_likelihood(beside_heat):
-    problem, _ = beside_heat
+@pytest.fixture(scope="module")
+def heated_problem(without_heat):
+    """The same around heat that was found, and z [d]."""
+    return start_with_heat(without_heat, find_heat(without_heat, without_heat.priors.median()))
+
+
+def test_the_error_of_the_reduced_model_stands_beside_heat_in_the_likelihood(heated_problem):
+    problem, _ = heated_problem
     (window,), model = problem.windows, problem.heat
     (place,) = [k for k, group in enumerate(model.groups) if group.part == "error"]
     first = sum(kept.shape[1] for kept in model.kept[:place])
@@ -191,8 +197,14 @@ def test_the_error_of_the_reduced_model_stands_beside_heat_in_the_likelihood(bes
     assert (np.array(model.scales)[model.group[first : first + basis.shape[1]]] == "").all()
 
 
-def test_the_gradient_beside_heat_is_that_of_differences(beside_heat):
-    problem, z = beside_heat
+def test_a_check_says_what_heat_at_full_nodes_takes_from_the_parameters(without_heat):
+    found = beside_heat(without_heat, without_heat.to_z(without_heat.priors.median()))
+    assert {own.node for own in found.parameters} == {"unit"}
+    assert all(own.growth >= 1.0 for own in found.parameters)
+
+
+def test_the_gradient_beside_heat_is_that_of_differences(heated_problem):
+    problem, z = heated_problem
     value, gradient = problem.log_density_and_gradient(z)
     assert value == pytest.approx(problem.log_density(z), rel=1e-9)
     for k, step in enumerate(1e-4 * np.eye(len(z))):
