@@ -157,6 +157,20 @@ class KnownErrors:
         return Drawn(*(part[self.taken] for part in parts))
 
 
+def test_an_error_of_a_surrogate_that_is_known_is_not_drawn_again(problem):
+    basis, variance = np.ones((*problem.observed.shape, 1)), np.array([4.0])
+    surrogate = replace(problem.simulator, error_basis=basis, error_variance=variance)
+    known = np.full((50, *problem.observed.shape), 0.7)
+    thetas = thetas_of(problem, 50)
+    thetas[10, problem.names.index("initial.body")] = np.nan
+    surrogate_window = replace(problem, simulator=surrogate)
+    ensemble = propagate(surrogate_window, thetas, 0.95, np.random.default_rng(1), known=known)
+    run = problem.simulate(thetas[0])
+    assert ensemble.failed == 1
+    for bound in (ensemble.mean, ensemble.model_lower, ensemble.model_upper):
+        np.testing.assert_allclose(bound, run.temperatures + 0.7, atol=1e-9)
+
+
 def test_intervals_hold_discrepancy_and_both_kinds_of_noise_of_the_usable_draws(problem):
     thetas = thetas_of(problem, 40, link=0.02)
     simulated = np.stack([problem.simulate(theta).temperatures for theta in thetas])

@@ -10,6 +10,7 @@ from flightcal.probability import Gains, Profile, Shaped, Slow
 from flightcal.problem import (
     at_sizes,
     build_problem,
+    errors_of_weights,
     exact_heat,
     heat_model,
     heat_of_weights,
@@ -24,9 +25,8 @@ from flightcal.problem import (
     unit_heats,
     with_heat,
 )
-from flightcal.problem.heat_model import flow_through
 from flightcal.scenario import HalfNormal
-from flightcal.simulator.network import STEFAN_BOLTZMANN
+from flightcal.simulator import STEFAN_BOLTZMANN, flow_through
 from tests import small
 
 HARMONICS = 2
@@ -69,7 +69,9 @@ def looked_at(model, windows):
     for count in counts:
         directions = np.linalg.qr(rng.normal(size=(count, count)))[0]
         kept.append(directions[:, : count - count // 4])
-    scales = np.repeat([g.size for g in model.groups], [basis.shape[1] for basis in kept])
+    # What errors of the simulator are is linear everywhere, so they are not at the centre.
+    sizes = [0.0 if g.part == "error" else g.size for g in model.groups]
+    scales = np.repeat(sizes, [basis.shape[1] for basis in kept])
     return replace(model, kept=tuple(kept), centre=0.5 * scales * rng.normal(size=len(scales)), shapes=SHAPES)
 
 
@@ -113,11 +115,25 @@ def with_some_heat(problem):
     return problem, with_heat(problem, looked_at(model, windows), theta)
 
 
-@pytest.fixture(scope="module", params=["open loop", "two windows without heaters"])
+def in_place_of_another(problem):
+    """The same problem, whose simulator stands in for another: the shapes of its error are of one channel each."""
+
+    def erring(window):
+        samples = len(window.times)
+        basis, wave = np.zeros((samples, 2, 3)), np.linspace(0.0, 6.0, samples)
+        basis[:, 0, 0], basis[:, 0, 1], basis[:, 1, 2] = 1.0, np.sin(wave), np.cos(wave)
+        simulator = replace(window.simulator, error_basis=basis, error_variance=np.array([0.2, 0.1, 0.05]) ** 2)
+        return replace(window, simulator=simulator)
+
+    return replace(problem, windows=tuple(map(erring, problem.windows)))
+
+
+@pytest.fixture(scope="module", params=["open loop", "two windows without heaters", "with an error"])
 def both(request, tmp_path_factory):
     """Problem without heat and with it."""
     content = written(windows=1) if request.param == "open loop" else written(heaters=False)
-    return with_some_heat(problem_of(tmp_path_factory.mktemp("heat"), content))
+    problem = problem_of(tmp_path_factory.mktemp("heat"), content)
+    return with_some_heat(in_place_of_another(problem) if request.param == "with an error" else problem)
 
 
 @pytest.fixture(scope="module")
@@ -193,6 +209,17 @@ def test_without_heaters_windows_are_sampled_as_they_are_and_no_switch_is_uncert
     assert "switches" not in {group.part for group in model_of(unheated).groups}
 
 
+def test_a_switch_of_a_heater_whose_node_has_no_heat_is_not_uncertain(tmp_path):
+    problem = problem_of(tmp_path, written(windows=1, heat={"nodes": ["panel"]}))
+    (window,) = sampled_windows(problem)
+    assert set(window.switching.node) == {"body"}
+    model = model_of(problem)
+    (own,) = [
+        own for group, own in zip(model.groups, unit_heats(model, window), strict=True) if group.part == "switches"
+    ]
+    assert len(own.node) == len(own.series) == 0
+
+
 def test_with_a_measured_status_windows_are_sampled_in_open_loop(problem):
     assert sampled_windows(problem) is problem.open_loop.windows
 
@@ -229,7 +256,9 @@ def flow_of(problem, **initial):
     theta = small.median(window)
     known = {f"initial_{name}": value for name, value in initial.items()}
     theta[window.simulated] = small.theta_of(window.network, **known)
-    return dict(zip(window.network.network.heated, flow_through(window, theta), strict=True))
+    heated = window.network.network.heated
+    found = flow_through(window.network, problem.scenario, heated, theta[window.simulated])
+    return dict(zip(heated, found, strict=True))
 
 
 def test_through_a_node_that_radiates_flows_what_it_dissipates(tmp_path):
@@ -293,6 +322,30 @@ def test_over_an_orbit_a_patterns_harmonics_add_nothing_to_the_constant(problem,
         curvature = (2.0 * np.pi * HARMONICS / small.PERIOD) ** 2
         found = energy(window, own.series)
         np.testing.assert_allclose(found, 0.0, atol=20.0**2 / 12.0 * curvature * small.PERIOD)
+
+
+def test_a_simulators_error_is_that_of_its_own_window_and_no_heat(unheated):
+    problem = in_place_of_another(unheated)
+    model = model_of(problem)
+    for window in problem.windows:
+        units = unit_heats(model, window)
+        theta = problem.at(window, problem.priors.median()[None])[0]
+        found = zip(model.groups, units, responses(window, theta, model, units), strict=True)
+        errors = [(group, own, response) for group, own, response in found if group.part == "error"]
+        assert [group.window for group, *_ in errors] == ["train.first", "train.second"]
+        simulator = window.simulator
+        for group, own, response in errors:
+            assert not own.series.any()
+            if group.window == window.name:
+                expected = simulator.error_basis * np.sqrt(simulator.error_variance)
+                np.testing.assert_allclose(response, expected, rtol=1e-12)
+            else:
+                assert response.shape[2] == 0
+        weights = [np.ones(len(own.node)) for own in units]
+        expected = (simulator.error_basis * np.sqrt(simulator.error_variance)).sum(axis=2)
+        np.testing.assert_allclose(errors_of_weights(units, weights), expected, rtol=1e-12)
+        alone = [np.zeros(len(own.node)) if own.error is None else np.ones(len(own.node)) for own in units]
+        assert not heat_of_weights(model, units, alone).any()
 
 
 def test_a_pattern_is_the_same_at_the_same_phase_of_every_window(problem, model):
@@ -661,13 +714,15 @@ def test_exact_heat_has_simulations_do_what_the_linear_response_says(heated, at_
             base = runs[s][place].temperatures
             expected = base + window.heat.response @ (weights[s] - model.centre)
             np.testing.assert_allclose(linear[s], expected, rtol=0.0, atol=1e-9)
-            heat = heat_of_weights(model, units, split(model, own - model.centre))
+            functions = split(model, own - model.centre)
+            heat, error = heat_of_weights(model, units, functions), errors_of_weights(units, functions)
             run = window.network.with_heat(heat).simulate(heated.at(window, thetas[s : s + 1])[0][window.simulated])
-            np.testing.assert_allclose(simulated[s], run.temperatures, rtol=0.0, atol=1e-8)
+            np.testing.assert_allclose(simulated[s], run.temperatures + error, rtol=0.0, atol=1e-8)
             missed.append(np.abs(simulated[s] - linear[s]).max())
-            heat = heat_of_weights(model, units, split(model, weights[s] - model.centre))
+            functions = split(model, weights[s] - model.centre)
+            heat, error = heat_of_weights(model, units, functions), errors_of_weights(units, functions)
             run = window.network.with_heat(heat).simulate(heated.at(window, thetas[s : s + 1])[0][window.simulated])
-            before.append(np.abs(run.temperatures - linear[s]).max())
+            before.append(np.abs(run.temperatures + error - linear[s]).max())
             uncorrected[place][s] = run.temperatures
     # A tenth of the noise.
     assert max(missed) < 0.01

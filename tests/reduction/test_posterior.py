@@ -12,12 +12,16 @@ from ruamel.yaml import YAML
 from typer.testing import CliRunner
 
 from flightcal.calibration import calibrate_nuts
+from flightcal.calibration.heat import find_heat, start_with_heat
+from flightcal.check.heat import beside_heat
 from flightcal.cli import app
 from flightcal.commands.calibrate import run_experiment
 from flightcal.operational.simulator import fly
 from flightcal.problem import build_problem
 from flightcal.reduction.file import load_task
 from flightcal.reduction.patterns import plain
+from flightcal.report import read_run
+from flightcal.report.panels.heat import node_heats
 from flightcal.scenario import NutsSettings, lint, load_scenario, resolved_yaml
 from flightcal.telemetry import read
 from tests.reduction import craft
@@ -37,13 +41,14 @@ def folder(tmp_path_factory):
 
 def carried_out(folder):
     """Fly and reduce what a folder's files say."""
-    for command in (
-        ["fly", str(folder / "spacecraft.yaml"), "--out", str(folder / "telemetry.csv")],
-        ["reduce", str(folder / "reduce.yaml"), "--out", str(folder / "rom")],
-    ):
-        done = CliRunner().invoke(app, command)
-        assert done.exit_code == 0, done.output
+    invoked("fly", str(folder / "spacecraft.yaml"), "--out", str(folder / "telemetry.csv"))
+    invoked("reduce", str(folder / "reduce.yaml"), "--out", str(folder / "rom"))
     return folder
+
+
+def invoked(*command):
+    done = CliRunner().invoke(app, command)
+    assert done.exit_code == 0, done.output
 
 
 def changed(folder, source, target, change):
@@ -115,8 +120,10 @@ def test_the_sensors_of_a_reduced_model_have_gain_bias_and_time_offset(folder):
     np.testing.assert_allclose(second[:, others], first[:, others], atol=0.02)
 
 
-def test_a_calibration_ends_with_draws_on_the_operational_simulator(folder):
+@pytest.mark.parametrize("heat", ["none", pytest.param("default", marks=pytest.mark.slow)])
+def test_a_calibration_ends_with_draws_on_the_operational_simulator(folder, heat):
     def quick(content):
+        content |= {"heat": "none"} if heat == "none" else {}
         content["calibration"] = {
             "seed": 1,
             "genetic": {"runs": 1, "population": 8, "generations": 4},
@@ -125,7 +132,7 @@ def test_a_calibration_ends_with_draws_on_the_operational_simulator(folder):
         }
 
     summary = run_experiment(
-        changed(folder / "rom", folder / "rom" / "scenario.yaml", "quick.yaml", quick), folder / "run"
+        changed(folder / "rom", folder / "rom" / "scenario.yaml", "quick.yaml", quick), folder / heat
     )
     found = json.loads((summary.run / "full_simulator_check.json").read_text())
     assert (found["flights"], found["failed"]) == (21, 0)
@@ -138,13 +145,78 @@ def test_a_calibration_ends_with_draws_on_the_operational_simulator(folder):
     assert records["battery"]["worst"] < 0.05
     page = summary.report.read_text()
     assert 'id="full-simulator"' in page
-    again = run_experiment(folder / "rom" / "quick.yaml", folder / "run")
+    assert ('id="heat"' in page) == (heat == "default")
+    again = run_experiment(folder / "rom" / "quick.yaml", folder / heat)
     assert json.loads((again.run / "full_simulator_check.json").read_text()) == found
+
+
+def heated(**heat):
+    def change(content):
+        content["heat"] = heat
+        content["windows"] = {"train": {"start": "2024-03-01T01:40:00", "orbits": 1.0}}
+
+    return change
+
+
+def test_heat_goes_into_full_nodes_with_a_thermistor_or_a_heater_or_into_those_that_are_named(folder):
+    path, nodes = folder / "rom" / "scenario.yaml", []
+    scenario = load_scenario(path)
+    for own in (scenario, load_scenario(changed(folder / "rom", path, "one.yaml", heated(nodes=["bus_z-_0_0"])))):
+        nodes.append(build_problem(own, read(own), "train").windows[0].network.network.heated)
+    assert set(nodes[0]) == {"battery", "unit", "bus_z-_1_1"}
+    assert nodes[1] == ("bus_z-_0_0",)
+    assert "bus_z-_0_0" not in scenario.network.nodes
+
+
+@pytest.fixture(scope="module")
+def without_heat(folder):
+    """A calibration problem of the reduced model, whose heat has not been looked at."""
+    parts = {"pattern": {"harmonics": 1}, "slow": {"time": "3 h"}}
+    path = changed(folder / "rom", folder / "rom" / "scenario.yaml", "heated.yaml", heated(nodes=["unit"], **parts))
+    scenario = load_scenario(path)
+    return build_problem(scenario, read(scenario), "train")
+
+
+@pytest.fixture(scope="module")
+def heated_problem(without_heat):
+    """The same around heat that was found, and z [d]."""
+    return start_with_heat(without_heat, find_heat(without_heat, without_heat.priors.median()))
+
+
+def test_the_error_of_the_reduced_model_stands_beside_heat_in_the_likelihood(heated_problem):
+    problem, _ = heated_problem
+    (window,), model = problem.windows, problem.heat
+    (place,) = [k for k, group in enumerate(model.groups) if group.part == "error"]
+    first = sum(kept.shape[1] for kept in model.kept[:place])
+    basis = model.kept[place]
+    of_errors = window.heat.response[..., first : first + basis.shape[1]]
+    simulator = window.simulator
+    expected = simulator.error_basis * np.sqrt(simulator.error_variance) @ basis
+    np.testing.assert_allclose(of_errors, expected, rtol=1e-9, atol=1e-12)
+    # It is no scale of theta: its size is what the reduction measured.
+    assert (np.array(model.scales)[model.group[first : first + basis.shape[1]]] == "").all()
+
+
+def test_a_check_says_what_heat_at_full_nodes_takes_from_the_parameters(without_heat):
+    found = beside_heat(without_heat, without_heat.to_z(without_heat.priors.median()))
+    assert {own.node for own in found.parameters} == {"unit"}
+    assert all(own.growth >= 1.0 for own in found.parameters)
+
+
+def test_the_gradient_beside_heat_is_that_of_differences(heated_problem):
+    problem, z = heated_problem
+    value, gradient = problem.log_density_and_gradient(z)
+    assert value == pytest.approx(problem.log_density(z), rel=1e-9)
+    for k, step in enumerate(1e-4 * np.eye(len(z))):
+        difference = (problem.log_density(z + step) - problem.log_density(z - step)) / 2e-4
+        assert gradient[k] == pytest.approx(difference, rel=1e-3, abs=1e-4 * np.abs(gradient).max()), problem.names[k]
 
 
 @pytest.mark.parametrize(
     ("change", "message"),
     [
+        (lambda s: s.update(heat={"nodes": ["unyt"]}), "unknown node of the full network 'unyt'"),
+        (lambda s: s.update(heat={}, discrepancy={"phase": {}}), "found heat beside 'discrepancy'"),
         (lambda s: s["simulator"].update(reduced_model="none.nc"), "which is not there"),
         (lambda s: s["simulator"].update(reduced_model="certificate.json"), "cannot be read as a reduced model"),
         (lambda s: s["simulator"].update(checked_on="none.yaml"), "'none.yaml', which is not there"),
@@ -244,3 +316,43 @@ def test_the_posterior_through_the_reduced_model_is_that_through_the_full_networ
     assert (distance < 0.2).all()
     # The reduced model's error makes the posterior wider, never much narrower.
     assert (deviations[1] > 0.85 * deviations[0]).all()
+
+
+SECRET = 2.5
+"""W, which the unit dissipates besides what the reduction knows of."""
+
+
+@pytest.fixture(scope="module")
+def folder_of_secret(tmp_path_factory):
+    """A reduction, and the flight of a craft whose unit dissipates more."""
+    folder = tmp_path_factory.mktemp("secret")
+    modes = {name: {"unit": f"{watts + SECRET} W"} for name, watts in (("nominal", 12.0), ("imaging", 30.0))}
+    craft.write(folder, {"projection": {"states": 10}}, {"modes": modes})
+    invoked("fly", str(folder / "spacecraft.yaml"), "--out", str(folder / "telemetry.csv"))
+    craft.write(folder, {"projection": {"states": 10}})
+    invoked("reduce", str(folder / "reduce.yaml"), "--out", str(folder / "rom"))
+    return folder
+
+
+@pytest.mark.slow
+def test_heat_that_a_reduced_model_lacks_is_found_where_it_is_and_goes_on_into_an_unseen_window(folder_of_secret):
+    def short(content):
+        content["simulator"].pop("checked_on")
+        content["calibration"] = {
+            "seed": 1,
+            "genetic": {"runs": 1, "population": 16, "generations": 10},
+            "nuts": {"chains": 2, "draws": 200, "warmup": 200},
+            "prediction": {"simulations": 100},
+        }
+
+    folder = folder_of_secret
+    run_experiment(changed(folder / "rom", folder / "rom" / "scenario.yaml", "short.yaml", short), folder / "run")
+    run = read_run(folder / "run")
+    for own in node_heats(run):
+        low, high = (bound.mean() for bound in own.band)
+        true = SECRET if own.node == "unit" else 0.0
+        assert low < true < high
+        assert high - low < 2.5
+    (test,) = run.test_windows.values()
+    assert (test["coverage"].values > 0.9).all()
+    assert "the surrogate's error, unmodelled heat" in test.attrs["interval_contains"]

@@ -8,9 +8,10 @@ import pytest
 from flightcal.reduction.affine import decompose, product_of
 from flightcal.reduction.candidate import errors_of, simulator_on, theta_of
 from flightcal.reduction.file import load_task
-from flightcal.reduction.full_order import run_full, window_simulator
+from flightcal.reduction.full_heat import full_heat
+from flightcal.reduction.full_order import medians_of, run_full, window_simulator
 from flightcal.reduction.projection import choose_shapes, collect, project
-from flightcal.reduction.reduce import medians_of, reduce
+from flightcal.reduction.reduce import reduce
 from flightcal.reduction.reduced_scenario import reduced_scenario
 from flightcal.reduction.storage import load, save, stored_of
 from flightcal.simulator import build_network
@@ -124,7 +125,7 @@ def test_a_model_read_back_gives_the_same_numbers(task, training, tmp_path):
     model = model_of(task, training, 8, 10)
     run = training[0]
     scenario = reduced_scenario(task.scenario, model, 60.0)
-    save(tmp_path / "rom.nc", stored_of(model, task.scenario, scenario.network, {}))
+    save(tmp_path / "rom.nc", stored_of(model, task.scenario, scenario.network, {}, full_heat(task)))
     again = load(tmp_path / "rom.nc")
     theta = theta_of(model, run, 1)
     first, second = (simulator_on(task, item, run).simulate(theta) for item in (model, again.model))

@@ -10,6 +10,7 @@ from flightcal.scenario import (
     HeatPattern,
     HeatSlow,
     LogNormal,
+    SimulatorError,
     heat_of,
     load_scenario,
     noise_of,
@@ -99,11 +100,12 @@ def test_an_external_simulator_has_no_heat(with_heat_by_default):
     assert heat_of(load_scenario(EXTERNAL, telemetry=EXTERNAL.parent / "scenarios")) is None
 
 
-def test_a_reduced_order_model_has_no_heat(tmp_path, with_heat_by_default):
+def test_a_reduced_order_model_has_heat_beside_its_error(tmp_path, with_heat_by_default):
     scenario = load(tmp_path, omitted())
-    network = scenario.network.model_copy(update={"reduced_model": "rom.nc"})
+    error = SimulatorError(offset="0.1 K", deviation="0.1 K", correlation_time="9 min")
+    network = scenario.network.model_copy(update={"reduced_model": "rom.nc", "errors": {"body_temp": error}})
 
-    assert heat_of(scenario.model_copy(update={"simulator": network})) is None
+    assert heat_of(scenario.model_copy(update={"simulator": network})) == Heat()
 
 
 def test_noise_that_is_left_out_is_correlated_beside_heat_alone(tmp_path, monkeypatch):

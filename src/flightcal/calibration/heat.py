@@ -21,6 +21,7 @@ from ..problem import (
     Problem,
     Units,
     Window,
+    errors_of_weights,
     exact_heat,
     heat_model,
     heat_of_weights,
@@ -172,7 +173,9 @@ class _Search:
         linear = [self._linearise(window, z, weights) for window in self.windows]
         around = self._around(linear, z, weights, sizes)
         sizes = around.most_probable(sizes)
-        centre = np.concatenate([basis.T @ weights[self.group == g] for g, basis in enumerate(around.bases)])
+        # Windows are linearised around heat; an error of the simulator is linear everywhere.
+        at = np.where(np.isin(self.group, self._of_errors()), 0.0, weights)
+        centre = np.concatenate([basis.T @ at[self.group == g] for g, basis in enumerate(around.bases)])
         model = replace(self.model, kept=around.bases, centre=centre, shapes=self.shapes(sizes))
         found = dict(zip(self.names, sizes.tolist(), strict=True))
         return HeatPoint(model, self.problem.names, self.problem.to_theta(z), found, rounds, moved, around)
@@ -199,17 +202,27 @@ class _Search:
         around = replace(window, simulator=window.network.with_heat(heat))
         here = replace(problem, windows=tuple(around if own is window else own for own in problem.windows))
         theta = here.at(around, problem.to_theta(z)[None])[0]
-        run = around.simulate(theta)
+        expected = around.simulate(theta).temperatures + self._errors(window, weights)
         place = [own is window for own in problem.windows].index(True)
-        left = np.where(window.valid, window.observed - run.temperatures, 0.0)
+        left = np.where(window.valid, window.observed - expected, 0.0)
         jacobian = here.jacobians_of(place, z)
         return _Linear(around, units, left, jacobian, responses(around, theta, self.model, units))
 
     def _heat(self, window: Window, weights: FloatArray) -> FloatArray:
         """[h, 2 K] W of weights of all groups."""
-        units = self.units[window.name]
-        of_groups = [weights[self.group == g][: len(own.node)] for g, own in enumerate(units)]
-        return heat_of_weights(self.model, units, of_groups)
+        return heat_of_weights(self.model, self.units[window.name], self._by_group(window, weights))
+
+    def _errors(self, window: Window, weights: FloatArray) -> FloatArray | float:
+        """[T, N] K of the simulator, of weights of all groups."""
+        return errors_of_weights(self.units[window.name], self._by_group(window, weights))
+
+    def _by_group(self, window: Window, weights: FloatArray) -> list[FloatArray]:
+        """Weights of the functions that a window has."""
+        return [weights[self.group == g][: len(own.node)] for g, own in enumerate(self.units[window.name])]
+
+    def _of_errors(self) -> list[int]:
+        """Groups that are the simulator's error."""
+        return [g for g, group in enumerate(self.model.groups) if group.part == "error"]
 
     def _columns(self, linear: Sequence[_Linear], bases: Sequence[FloatArray]) -> list[FloatArray]:
         """[T, N, m + d] of each window: responses in the kept directions, and by z."""
@@ -340,12 +353,14 @@ class _Search:
         return z, weights, share * float(np.abs(step[len(weights) :] / spread).max(initial=0.0))
 
     def _left(self, window: Window, z: FloatArray, weights: FloatArray) -> FloatArray | None:
-        """Telemetry minus simulation [T, N]; None where it fails."""
+        """Telemetry minus simulation and its error [T, N]; None where it fails."""
         assert window.network is not None
         heat = self._heat(window, weights)
         theta = self.sampling.at(window, self.problem.to_theta(z)[None])[0]
         run = window.network.simulate_many(theta[None, window.simulated], heat[None])[0]
-        return None if run is None else np.where(window.valid, window.observed - run.temperatures, 0.0)
+        if run is None:
+            return None
+        return np.where(window.valid, window.observed - run.temperatures - self._errors(window, weights), 0.0)
 
     def _around(self, linear: Sequence[_Linear], z: FloatArray, weights: FloatArray, sizes: FloatArray) -> Around:
         bases = self._told(linear, sizes, self._generous(sizes), _TOLD)

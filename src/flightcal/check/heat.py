@@ -94,11 +94,11 @@ def beside_heat(problem: Problem, z: FloatArray) -> BesideHeat | None:
         raise FlightcalError(f"simulations next to the mode fail: {failure}") from None
     most = [max(own.shape[2] for own in of_group) for of_group in zip(*heats, strict=True)]
     sizes = np.repeat([group.size for group in model.groups], most)
-    # That of a switch's time is the heater's, which the telemetry has; that of a gap is the driver's. Neither is like
-    # what is inferred.
+    # That of a switch's time is the heater's, which the telemetry has; that of a gap is the driver's; and an error of
+    # the simulator is no heat. None is like what is inferred.
     node = np.concatenate(
         [
-            np.full(count, -1) if group.part in ("switches", "gaps") else own.node
+            np.full(count, -1) if group.part in ("switches", "gaps", "error") else own.node
             for group, own, count in zip(model.groups, units[0], most, strict=True)
         ]
     )

@@ -68,12 +68,14 @@ def propagate(
     errors: WindowErrors | None = None,
     heat: FloatArray | None = None,
     thresholds: Thresholds | None = None,
+    known: FloatArray | None = None,
 ) -> Ensemble:
     """Simulate at thetas [S, q] in one batch, add a surrogate's error, discrepancy and noise of each, and summarise.
 
     On a window that was not trained on, thermostats scatter around their thresholds as far as the scenario says.
     interval: probability inside, such as 0.95; errors: of each theta (None: independent noise); heat: [S, h, 2 K] W
-    that no block describes, of each theta; thresholds: of each theta (None: as written). Raises RunError when more than
+    that no block describes, of each theta; thresholds: of each theta (None: as written); known:
+    [S, T, N] K, a surrogate's error of each theta (None: drawn). Raises RunError when more than
     half of the simulations fail.
     """
     # Where the telemetry is known, so is when its heaters switched.
@@ -85,14 +87,16 @@ def propagate(
         runs = window.simulate_many(thetas, heat) if trained else window.simulate_as_flown(thetas, rng, heat)
     usable = np.ones(len(thetas), bool) if errors is None else errors.usable()
     usable &= np.array([run is not None for run in runs], bool)
-    kept = [(thetas[s], run) for s, run in enumerate(runs) if run is not None and usable[s]]
+    kept = [(theta, run) for theta, run, good in zip(thetas, runs, usable, strict=True) if run is not None and good]
     if len(kept) < _FEWEST * len(thetas):
         raise RunError(f"window '{window.name}': {len(thetas) - len(kept)} of {len(thetas)} simulations failed")
     simulated = np.stack([run.temperatures for _, run in kept])  # [S, T, N]
     discrepancy = None
     tails = [0.5 * (1 - interval), 0.5 * (1 + interval)]
     basis = window.simulator.error_basis
-    if basis is not None:
+    if known is not None:
+        simulated += known[usable]
+    elif basis is not None:
         weights = np.stack([np.sqrt(run.error_variance) for _, run in kept])  # [S, r]
         simulated += np.einsum("tnr,sr->stn", basis, weights * rng.standard_normal(weights.shape))
     if errors is None:

@@ -13,6 +13,7 @@ from ..problem import (
     HeatModel,
     Problem,
     Window,
+    errors_of_weights,
     exact_heat,
     gaps_of,
     heat_of_weights,
@@ -94,6 +95,12 @@ class HeatIn:
     weights: tuple[FloatArray, ...]
     """Of each group [S, f]."""
 
+    def errors(self, window: Window) -> FloatArray | None:
+        """The simulator's errors [S, T, N] K in a training window; None of any other: they tell nothing of it."""
+        if not any(group.part == "error" and group.window == window.name for group in self.model.groups):
+            return None
+        return np.asarray(errors_of_weights(unit_heats(self.model, window), self.weights))
+
     def on(self, window: Window) -> FloatArray:
         """Heat [S, h, 2 K] W in the steps of the window's integration."""
         return heat_of_weights(self.model, unit_heats(self.model, window), self.weights)
@@ -120,11 +127,13 @@ def draw_heat(problem: Problem, draws: FloatArray, rng: np.random.Generator) -> 
     thetas, heats, ends, fitted = [], [], [], {}
     for window in problem.windows:
         of_window, units = problem.at(window, draws), unit_heats(model, window)
-        heat = heat_of_weights(model, units, split(model, kept - model.centre))
+        functions = split(model, kept - model.centre)
+        heat = heat_of_weights(model, units, functions)
         found = window.simulate_many(of_window, heat)
         usable &= np.array([run is not None for run in found], bool)
-        ends.append(_end(window, of_window, found, rng))
-        done_runs = [run.temperatures for run in found if run is not None]
+        errors = np.zeros((len(draws), *window.observed.shape)) + errors_of_weights(units, functions)
+        ends.append(_end(window, of_window, found, errors, rng))
+        done_runs = [run.temperatures + error for run, error in zip(found, errors, strict=True) if run is not None]
         fitted[window.name] = np.mean(done_runs, axis=0) if done_runs else np.full(window.observed.shape, np.nan)
         thetas.append(of_window)
         heats.append(heat)
@@ -141,8 +150,14 @@ def _shifts(model: HeatModel, window: Window, weights: Sequence[FloatArray]) -> 
     return np.zeros((len(weights[0]), 0))
 
 
-def _end(window: Window, thetas: FloatArray, runs: Sequence[Trajectory | None], rng: np.random.Generator) -> End:
-    """Where a training window ends, at thetas [S, q] and their simulations with heat."""
+def _end(
+    window: Window,
+    thetas: FloatArray,
+    runs: Sequence[Trajectory | None],
+    errors: FloatArray,
+    rng: np.random.Generator,
+) -> End:
+    """Where a training window ends, at thetas [S, q], their simulations with heat, and these errors [S, T, N] K."""
     time = window_bounds(window.scenario.windows[window.name], window.period)[1]
     names, simulated = (
         [name for name in of if name.startswith("initial.")] for of in (window.names, window.simulator.parameters)
@@ -160,7 +175,7 @@ def _end(window: Window, thetas: FloatArray, runs: Sequence[Trajectory | None], 
             numbers = window.numbers(theta)[k]
             process, white = float(kind.covariance(numbers, np.zeros(1))[0]), kind.white_variance(numbers)
             fading = float(kind.covariance(numbers, gap)[0]) / process
-            left = 0.0 if run is None else float(window.observed[last[0], k] - run.temperatures[last[0], k])
+            left = 0.0 if run is None else float((window.observed - run.temperatures - errors[s])[last[0], k])
             known = process * white / (process + white)
             variance = fading**2 * known + process * (1.0 - fading**2)
             noise[s, k] = fading * left * process / (process + white) + np.sqrt(variance) * rng.standard_normal()

@@ -63,7 +63,7 @@ def predict(
         # Heat in a gap that goes on beyond the first samples is one.
         first = replace(first, bridged=window.bridged)
         scored = window.times > first.times[-1]
-    errors, heated, heat_in, thresholds, ended = None, None, None, None, None
+    errors, heated, heat_in, thresholds, ended, known = None, None, None, None, None, None
     if problem.heat is not None:
         drawn = heat or draw_heat(problem, draws, rng)
         heat_in, thresholds = drawn.in_window(window, rng), drawn.thresholds
@@ -71,7 +71,7 @@ def predict(
         ended = None if name in trained else drawn.continued(start)
         if ended is not None:
             scored[:] = True
-        heated = heat_in.on(window)
+        heated, known = heat_in.on(window), heat_in.errors(window)
         errors = noise_errors(problem, window, inside, drawn.usable, int((~scored).sum()), ended)
     elif not window.residuals.is_independent:
         errors = window_errors(problem, for_draws, draws, int((~scored).sum()), stand_in)
@@ -86,7 +86,7 @@ def predict(
             inside = condition_initial(first, inside, at_first, rng, of_first)
         else:
             inside[:, [k for k, own in enumerate(window.names) if own.startswith("initial.")]] = ended.temperatures
-    ensemble = propagate(for_draws, inside, settings.interval, rng, errors, heated, thresholds)
+    ensemble = propagate(for_draws, inside, settings.interval, rng, errors, heated, thresholds, known)
     runs = window.simulate_many(thetas) if len(thetas) else []
     prediction = _dataset(window, dict(zip(points, runs, strict=True)), thetas, ensemble, scored)
     error = "" if for_draws.simulator.error_basis is None else ", the surrogate's error"

@@ -10,7 +10,7 @@ import numpy as np
 from ..probability import DEVIATION, Gains, Shaped, Sizes, WindowHeat
 from ..simulator import FloatArray
 from .entries import entries_of
-from .heat_model import HeatModel, heat_of_weights, hold, responses, split, unit_heats
+from .heat_model import HeatModel, errors_of_weights, heat_of_weights, hold, responses, split, unit_heats
 from .problem import Problem, Runs
 from .window import Window
 
@@ -80,7 +80,7 @@ class ExactHeat:
     weights: FloatArray
     """[S, m]"""
     temperatures: tuple[FloatArray, ...]
-    """Of each window [S, T, N] K, simulated with them."""
+    """Of each window [S, T, N] K, simulated with them; with the simulator's error, where it has one."""
     linear: tuple[FloatArray, ...]
     """The same as the linear response has it."""
 
@@ -109,10 +109,11 @@ def exact_heat(problem: Problem, runs: Sequence[Runs], thetas: FloatArray, rng: 
     for _ in range(_CORRECTIONS + 1):
         simulated = []
         for window, of_window in zip(problem.windows, units, strict=True):
-            heat = heat_of_weights(model, of_window, split(model, weights - model.centre))
-            found = window.simulate_many(problem.at(window, thetas), heat)
+            functions = split(model, weights - model.centre)
+            found = window.simulate_many(problem.at(window, thetas), heat_of_weights(model, of_window, functions))
             missing = np.full(window.observed.shape, np.nan)
-            simulated.append(np.stack([missing if run is None else run.temperatures for run in found]))
+            with_heat = np.stack([missing if run is None else run.temperatures for run in found])
+            simulated.append(with_heat + errors_of_weights(of_window, functions))
         left = [wanted - own for wanted, own in zip(linear, simulated, strict=True)]
         missed = sum((own**2).sum(axis=(1, 2)) for own in left)
         better = missed < best

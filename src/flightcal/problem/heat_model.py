@@ -11,8 +11,17 @@ import numpy as np
 
 from ..environment import orbit_phase
 from ..probability import Profile, Shaped, Slow, pattern, waves
+from ..reduction import load
 from ..scenario import HalfNormal, Heat, Scenario
-from ..simulator import STEFAN_BOLTZMANN, FloatArray, IntArray, NetworkSimulator, SimulationFailure, in_steps, integrate
+from ..simulator import (
+    FloatArray,
+    IntArray,
+    SimulationFailure,
+    flow_through,
+    heat_of_inputs,
+    in_steps,
+    integrate,
+)
 from ..telemetry import window_bounds
 from .window import Course, Switching, Window
 
@@ -34,10 +43,7 @@ _PIECE = 600.0
 """s, of a gap in a driver, whose heat is unknown in each piece alone: a pass of a transmitter lasts as long."""
 _MOST_PIECES = 40
 """Of gaps in a window; where there are more, those in which most heat may be missing."""
-_LEAST_FLOW = 1e-3
-"""W, of a node through which nothing flows."""
-
-Part = Literal["constant", "pattern", "gains", "slow", "switches", "gaps"]
+Part = Literal["constant", "pattern", "gains", "slow", "switches", "gaps", "error"]
 
 
 @dataclass(frozen=True)
@@ -52,7 +58,7 @@ class Group:
     node: int = -1
     """Of `HeatModel.nodes`; -1: each function has its own."""
     window: str = ""
-    """The window that has them, of switches and gaps."""
+    """The window that has them, of switches, gaps and the simulator's error."""
 
 
 @dataclass(frozen=True)
@@ -102,7 +108,7 @@ class HeatModel:
     kept: tuple[FloatArray, ...] = ()
     """Of each group [f, k]: orthonormal directions in the weights of its f functions."""
     centre: FloatArray = field(default_factory=lambda: np.empty(0))
-    """[m] weights of the kept directions, of all groups, around which windows were linearised."""
+    """[m] weights of the kept directions, of all groups, around which windows were linearised; of errors 0."""
     shapes: tuple[Shaped, ...] = ()
     """[N] of each channel's noise."""
     held: tuple[Held, ...] = ()
@@ -139,7 +145,7 @@ def heat_model(scenario: Scenario, written: Heat, windows: Sequence[Window], the
     simulator = windows[0].network
     assert simulator is not None
     nodes = simulator.network.heated
-    flow = flow_through(windows[0], theta)
+    flow, brought = _heat_through(windows[0], theta)
     origin = np.datetime64(scenario.windows[scenario.train_windows[0]].start)
     groups: list[Group] = []
     slow = None
@@ -150,7 +156,7 @@ def heat_model(scenario: Scenario, written: Heat, windows: Sequence[Window], the
         for part in parts:
             for k, node in enumerate(nodes):
                 groups.append(Group(part, f"heat.{node}.{part}", written.pattern.scale * flow[k], k))
-    gains = _gains(simulator, theta[windows[0].simulated])
+    gains = _gains(simulator.network.columns, brought)
     if written.gains is not None and gains:
         groups.append(Group("gains", "heat.gains", written.gains.scale))
     if written.slow is not None:
@@ -161,6 +167,7 @@ def heat_model(scenario: Scenario, written: Heat, windows: Sequence[Window], the
         if window.switching is not None and len(window.switching.time):
             groups.append(Group("switches", "", 1.0, window=window.name))
     groups += [gaps_of(window) for window in windows if window.bridged]
+    groups += [Group("error", "", 1.0, window=own.name) for own in windows if own.simulator.error_basis is not None]
     profile = _profile(windows[0].course)
     harmonics = 0 if written.pattern is None or profile is not None else written.pattern.harmonics
     over = (written.pattern and written.pattern.over) or ""
@@ -206,99 +213,34 @@ def _knots(spans: Sequence[tuple[float, float]], time: float) -> FloatArray:
     return np.unique(np.concatenate(parts)) * apart
 
 
-def flow_through(window: Window, theta: FloatArray) -> FloatArray:
-    """Mean absolute heat [h] W through each heated node at theta [q]: half of what all its flows amount to."""
-    simulator = window.network
+def _heat_through(window: Window, theta: FloatArray) -> tuple[FloatArray, FloatArray]:
+    """Of heated nodes at theta [q]: heat [h] W that flows through each, and [h, q] W of a unit of each input series.
+
+    Of a reduced model's nodes its file knows: those are nodes of the full network.
+    """
+    simulator, model = window.network, window.scenario.network
     assert simulator is not None
-    network, theta = simulator.network, theta[window.simulated]
-    structure, system, drive = network.structure, simulator.system(theta), simulator.drive
-    run = integrate(structure, system, drive, derivative=False)
-    x = 0.5 * (run.states[1:] + run.states[:-1])
-    status, steps = run.status[:-1], np.diff(drive.times)
-    inputs = drive.inputs.mean(axis=1)
-    found = []
-    for name in network.heated:
-        i = network.nodes.index(name)
-        capacity = 1.0 / _forcing(simulator, system.forcing, i, f"heat.{name}")
-        rest, flows = np.zeros(len(steps)), []
-        for p in np.flatnonzero(structure.forcing_row == i).tolist():
-            flow = system.forcing[p] * inputs[:, structure.forcing_column[p]]
-            column = network.columns[structure.forcing_column[p]]
-            if column == "one" or column.startswith("temperature"):
-                rest += flow
-            else:
-                flows.append(flow)
-        for entries, start, columns, power in (
-            (system.linear, structure.linear_start, structure.linear_column, 1),
-            (system.radiative, structure.radiative_start, structure.radiative_column, 4),
-        ):
-            for p in range(int(start[i]), int(start[i + 1])):
-                j = int(columns[p])
-                rest += entries[p] * x[:, i] ** power
-                if j != i:
-                    flows.append(entries[p] * (x[:, j] ** power - x[:, i] ** power))
-        for p in np.flatnonzero(structure.heating_row == i).tolist():
-            flows.append(system.heating[p] * status[:, structure.heating_heater[p]])
-        for flow in _from_boundaries(window.scenario, simulator, name, theta, x[:, i], inputs):
-            flows.append(flow / capacity)
-            rest -= flow / capacity
-        absolute = np.abs(np.stack([rest, *flows])).sum(axis=0)
-        found.append(0.5 * capacity * float(absolute @ steps) / float(steps.sum()))
-    return np.maximum(found, _LEAST_FLOW)
+    nodes = simulator.network.heated
+    if model.reduced_model is not None:
+        known = load(window.scenario.folder / model.reduced_model).heat
+        places = [known.nodes.index(name) for name in nodes]
+        brought = np.zeros((len(nodes), len(simulator.network.columns)))
+        brought[:, : known.brought.shape[1]] = known.brought[places]
+        return known.flow[places], brought
+    inside = theta[window.simulated]
+    return flow_through(simulator, window.scenario, nodes, inside), heat_of_inputs(simulator, nodes, inside)
 
 
-def _from_boundaries(
-    scenario: Scenario,
-    simulator: NetworkSimulator,
-    node: str,
-    theta: FloatArray,
-    temperature: FloatArray,
-    inputs: FloatArray,
-) -> list[FloatArray]:
-    """Heat [K] W from each node of given temperature into one of `temperature` [K], at theta [d] and inputs [K, q]."""
-    model, network, numbers = scenario.network, simulator.network, simulator.numbers(theta)
-    found = []
-    for conductor in model.conductors:
-        if node not in conductor.between:
-            continue
-        other = conductor.between[conductor.between.index(node) - 1]
-        given = model.nodes[other].boundary
-        if given is None:
-            continue
-        if isinstance(given, str):
-            boundary = inputs[:, network.columns.index(f"temperature.{other}")]
-        else:
-            boundary = np.full(len(inputs), numbers[network.position(f"nodes.{other}.boundary")])
-        if conductor.conductance is not None:
-            factor, power = numbers[network.position(f"conductors.{conductor.label}.conductance")], 1
-        else:
-            factor, power = STEFAN_BOLTZMANN * numbers[network.position(f"conductors.{conductor.label}.radiative")], 4
-        found.append(factor * (boundary**power - temperature**power))
-    return found
-
-
-def _forcing(simulator: NetworkSimulator, forcing: FloatArray, row: int, column: str) -> float:
-    structure = simulator.network.structure
-    place = simulator.network.columns.index(column)
-    here = (structure.forcing_row == row) & (structure.forcing_column == place)
-    return float(forcing[here].sum())
-
-
-def _gains(simulator: NetworkSimulator, theta: FloatArray) -> tuple[Gain, ...]:
-    """Absorbed fluxes by kind, modes and loads of each heated node, at theta [d]."""
-    network, forcing = simulator.network, simulator.system(theta).forcing
-    structure = network.structure
+def _gains(columns: Sequence[str], brought: FloatArray) -> tuple[Gain, ...]:
+    """Absorbed fluxes by kind, modes and loads of each node; brought: [h, q] W of a unit of each input series."""
     found: dict[tuple[int, str], list[tuple[str, float]]] = {}
-    for k, name in enumerate(network.heated):
-        i = network.nodes.index(name)
-        capacity = 1.0 / _forcing(simulator, forcing, i, f"heat.{name}")
-        for p in np.flatnonzero(structure.forcing_row == i).tolist():
-            column, watts = network.columns[structure.forcing_column[p]], float(capacity * forcing[p])
-            kind, _, which = column.partition(".")
-            if kind in ("solar", "albedo", "infrared"):
-                found.setdefault((k, kind), []).append((column, watts))
-            elif kind in ("mode", "driver") and watts != 0.0:
-                found.setdefault((k, f"{kind}.{which}"), []).append((column, watts))
+    for k, place in zip(*np.nonzero(brought), strict=True):
+        column, watts = columns[place], float(brought[k, place])
+        kind, _, which = column.partition(".")
+        if kind in ("solar", "albedo", "infrared"):
+            found.setdefault((int(k), kind), []).append((column, watts))
+        elif kind in ("mode", "driver"):
+            found.setdefault((int(k), f"{kind}.{which}"), []).append((column, watts))
     return tuple(Gain(k, tuple(c for c, _ in own), tuple(w for _, w in own)) for (k, _), own in found.items())
 
 
@@ -348,12 +290,14 @@ def hold(window: Window, held: Held) -> Window:
 
 @dataclass(frozen=True)
 class Units:
-    """Heat of a weight of one, of f functions."""
+    """What a weight of one of f functions is: heat, or an error of the simulator, which no heat makes."""
 
     node: IntArray
-    """[f] of the model's nodes."""
+    """[f] of the model's nodes; of errors -1."""
     series: FloatArray
-    """[f, 2 K] W, in each step of the window's integration (`in_steps`)."""
+    """[f, 2 K] W, in each step of the window's integration (`in_steps`); of errors nothing."""
+    error: FloatArray | None = None
+    """[T, N, f] K; None: it is heat."""
 
 
 def unit_heats(model: HeatModel, window: Window) -> tuple[Units, ...]:
@@ -395,6 +339,8 @@ def unit_heats(model: HeatModel, window: Window) -> tuple[Units, ...]:
             found.append(Units(np.array([gain.node for gain in model.gains]), np.stack(flows)))
         elif group.part == "gaps":
             found.append(_gap_heats(model, window, group.window == window.name))
+        elif group.part == "error":
+            found.append(_errors(window, group.window == window.name))
         else:
             found.append(_switch_heats(model, window, group.window == window.name))
     return tuple(found)
@@ -411,13 +357,16 @@ def _switch_heats(model: HeatModel, window: Window, own: bool) -> Units:
     switching, grid = window.switching, window.network.drive.times
     if switching is None or not own:
         return Units(np.empty(0, np.int64), np.empty((0, 2 * (len(grid) - 1))))
-    series = []
-    for time, interval, power in zip(switching.time, switching.interval, switching.power, strict=True):
+    series, node = [], []
+    moments = switching.time, switching.interval, switching.power, switching.node
+    for time, interval, power, name in zip(*moments, strict=True):
+        if name not in model.nodes:
+            continue
+        node.append(model.nodes.index(name))
         edges = np.clip([time - 0.5 * interval, time + 0.5 * interval], grid[0], grid[-1])
         inside = np.diff(np.clip(grid, *edges)) / np.diff(grid).clip(1e-9)
         # Energy: power times the shift's deviation, interval / sqrt(12), spread over the interval.
         series.append(np.repeat(power / np.sqrt(12.0) * inside, 2))
-    node = [model.nodes.index(name) for name in switching.node]
     return Units(np.array(node, np.int64), np.reshape(series, (-1, 2 * (len(grid) - 1))))
 
 
@@ -440,12 +389,31 @@ def _gap_heats(model: HeatModel, window: Window, own: bool) -> Units:
     return Units(np.array([piece[1] for piece in found], np.int64), series)
 
 
+def _errors(window: Window, own: bool) -> Units:
+    """The shapes of the simulator's error, each of its prior size."""
+    assert window.network is not None
+    basis, variance = window.network.error_basis, window.network.error_variance
+    if basis is None or not own:
+        basis, variance = np.empty((*window.observed.shape, 0)), np.empty(0)
+    series = np.zeros((len(variance), 2 * (len(window.network.drive.times) - 1)))
+    return Units(np.full(len(variance), -1), series, basis * np.sqrt(variance))
+
+
+def errors_of_weights(units: Sequence[Units], weights: Sequence[FloatArray]) -> FloatArray | float:
+    """The simulator's errors [..., T, N] K of weights [..., f] of each group's functions; 0.0: it has none."""
+    found: FloatArray | float = 0.0
+    for own, of_group in zip(units, weights, strict=True):
+        if own.error is not None:
+            found = found + np.einsum("tnf,...f->...tn", own.error, of_group[..., : len(own.node)])
+    return found
+
+
 def heat_of_weights(model: HeatModel, units: Sequence[Units], weights: Sequence[FloatArray]) -> FloatArray:
     """Heat [..., h, 2 K] W of weights [..., f] of each group's functions."""
     leading = weights[0].shape[:-1]
     heat = np.zeros((*leading, len(model.nodes), units[0].series.shape[1]))
     for own, of_group in zip(units, weights, strict=True):
-        for node in np.unique(own.node):
+        for node in np.unique(own.node[own.node >= 0]):
             here = np.flatnonzero(own.node == node)
             heat[..., node, :] += of_group[..., here] @ own.series[here]
     return heat
@@ -478,6 +446,8 @@ def patterns_of(model: HeatModel, kept: FloatArray, places: FloatArray) -> Float
 def responses(window: Window, theta: FloatArray, model: HeatModel, units: Sequence[Units]) -> list[FloatArray]:
     """What each function of each group does to the temperatures, [T, N, f] K, at theta [q]: central differences.
 
+    An error of the simulator is what it does.
+
     Raises SimulationFailure.
     """
     assert window.network is not None
@@ -497,4 +467,5 @@ def responses(window: Window, theta: FloatArray, model: HeatModel, units: Sequen
         if above is None or below is None:
             raise SimulationFailure("a simulation with a little more heat fails")
         response[..., f] = (above.temperatures - below.temperatures) / (2.0 * nudge[f])
-    return np.split(response, np.cumsum([len(own.node) for own in units])[:-1], axis=2)
+    found = np.split(response, np.cumsum([len(own.node) for own in units])[:-1], axis=2)
+    return [of_heat if own.error is None else own.error for own, of_heat in zip(units, found, strict=True)]

@@ -15,11 +15,18 @@ from ..simulator import FloatArray, Simulator, Times, network_simulator
 
 
 def heated_nodes(scenario: Scenario) -> tuple[str, ...]:
-    """Nodes that take heat which no block describes."""
-    heat = heat_of(scenario)
-    if heat is None:
+    """Nodes that take heat which no block describes: of a reduced model they are nodes of the full network."""
+    heat, model = heat_of(scenario), scenario.simulator
+    if heat is None or not isinstance(model, SimulatorModel):
         return ()
-    return heat.nodes or tuple(name for name, node in scenario.network.nodes.items() if node.capacity is not None)
+    if heat.nodes:
+        return heat.nodes
+    if model.reduced_model is None:
+        return tuple(name for name, node in model.nodes.items() if node.capacity is not None)
+    # The telemetry tells little of the others.
+    known = [item.node for item in scenario.observations.values()]
+    known += [name for heater in model.heaters.values() for name in (heater.node, heater.sensor)]
+    return tuple(name for name in dict.fromkeys(known) if name in model.full_nodes)
 
 
 def build_simulator(
@@ -39,10 +46,9 @@ def build_simulator(
     model = scenario.simulator
     if not isinstance(model, SimulatorModel):
         return build_external(scenario, telemetry, start, end, samples, period=period)
-    network = None
+    network, heated = None, heated_nodes(scenario)
     if model.reduced_model is not None:
-        network = network_for(load(scenario.folder / model.reduced_model).model, scenario)
-    heated = heated_nodes(scenario)
+        network = network_for(load(scenario.folder / model.reduced_model).model, scenario, heated)
     exact = network_simulator(
         scenario, telemetry, start, end, samples, period=period, network=network, heated=heated, tried=tried
     )

@@ -24,6 +24,7 @@ from ..scenario import (
 )
 from .certificate import certificate, certificate_lines, measure_speed, sensor_errors
 from .file import Task, load_task, written_time
+from .full_heat import full_heat
 from .reduce import Reduced, reduce
 from .reduced_scenario import reduced_scenario
 from .schema import FlightWindow
@@ -52,7 +53,8 @@ def reduce_to_folder(path: Path, out: Path, progress: Progress = SILENT) -> list
     write_json(out / "certificate.json", content)
     write_text(out / "certificate.txt", "\n".join(lines) + "\n")
     block = reduced_scenario(task.scenario, reduced.model, task.reduction.step).network
-    save(out / MODEL_FILE, stored_of(reduced.model, task.scenario, block, sensor_errors(task, reduced)))
+    stored = stored_of(reduced.model, task.scenario, block, sensor_errors(task, reduced), full_heat(task))
+    save(out / MODEL_FILE, stored)
     write_text(out / "scenario.yaml", _scenario_text(task, reduced, path, out))
     return [*lines, *(f"wrote {out / name}" for name in written)]
 

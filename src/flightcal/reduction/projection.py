@@ -158,7 +158,7 @@ def project(
     whole_lift, whole_offset = np.zeros((len(network.nodes), len(place))), np.zeros(len(network.nodes))
     whole_lift[stored], whole_offset[stored] = lift, offset
 
-    columns, ways, gather = _columns(network, scenario)
+    columns, ways, gather = merged_columns(network, scenario)
     none = np.zeros((test.shape[1], len(columns)))
     linear: dict[Product, FloatArray] = {}
     forcing = {p: test.T @ (matrix @ gather) for p, matrix in affine.matrices["forcing"].items()}
@@ -190,6 +190,8 @@ def project(
             "heating": {p: test.T @ matrix.toarray() for p, matrix in affine.matrices["heating"].items()},
         },
         followers=followed.shape[1],
+        full=tuple(network.nodes[k] for k in network.diffusive),
+        entering=test[network.diffusive],
         initial=reached[:, :slow].mean(axis=0),
         initial_spread=reached[:, :slow].std(axis=0),
     )
@@ -294,7 +296,7 @@ def _interpolation(temperatures: FloatArray, count: int) -> tuple[list[int], Flo
     return points, np.linalg.solve(basis[points].T, basis.T).T
 
 
-def _columns(network: Network, scenario: Scenario) -> tuple[tuple[str, ...], dict[str, Normal], FloatArray]:
+def merged_columns(network: Network, scenario: Scenario) -> tuple[tuple[str, ...], dict[str, Normal], FloatArray]:
     """Input series with one for each way that faces look; the ways; which series [q, q'] stands for which."""
     names: dict[Normal, str] = {}
     for face in scenario.network.faces.values():

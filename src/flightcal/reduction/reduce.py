@@ -8,14 +8,12 @@ from dataclasses import dataclass
 import numpy as np
 
 from ..errors import FlightcalError
-from ..probability import Priors
 from ..progress import SILENT, Progress
-from ..scenario import Scenario
-from ..simulator import FloatArray, Network, build_network
+from ..simulator import Network, build_network
 from .affine import decompose
 from .candidate import Errors, errors_of
 from .file import Task
-from .full_order import FullRuns, run_full
+from .full_order import FullRuns, medians_of, run_full
 from .projection import choose_shapes, collect, project
 from .reduced_model import ReducedModel
 
@@ -100,11 +98,6 @@ def _sizes(task: Task, network: Network) -> Sequence[int]:
         )
     first = min(max(len(_own_nodes(task)), 1), highest)
     return [highest] if settings.states is not None else range(first, highest + 1)
-
-
-def medians_of(scenario: Scenario) -> FloatArray:
-    """Prior medians of the parameters [d]."""
-    return Priors(tuple(scenario.parameters), tuple(item.prior for item in scenario.parameters.values())).median()
 
 
 def _settled(task: Task) -> list[int]:

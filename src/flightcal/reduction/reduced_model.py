@@ -1,12 +1,13 @@
 """A reduced order model: small dense matrices for each product of free numbers, and its canonical form.
 
-    (M dx/dt, 0) = sum_k p_k (L_k (x, q, v) + R_k (x, q, y)^4 + B_k w + sum_h u_h g_kh)
+    (M dx/dt, 0) = sum_k p_k (L_k (x, q, v) + R_k (x, q, y)^4 + B_k w + sum_h u_h g_kh) + P h
     y = E (x, q) + e,    M = sum_k p_k M_k
 
 The states x [r] are temperatures of nodes of the full network, so thermostats and observations look at states, and
 initial states are temperatures. q are temperatures that settle at once; each has a balance, in which the rates of the
 states stand for its own. v [s] are amplitudes of the fourth powers of what follows at once, such as the outer
-layer of insulation: its balance is linear in them, whatever the step.
+layer of insulation: its balance is linear in them, whatever the step. h is heat into nodes of the full network that
+no block describes.
 
 In the canonical form y [m], v, q and the rates z = dx/dt [r] are massless states. Eliminating a massless state that
 enters linearly gives the same Rosenbrock step as eliminating it from the equations first, so nothing is lost by it;
@@ -17,7 +18,7 @@ M - h/2 J, so that the kernel's factorisation needs no pivoting.
 from __future__ import annotations
 
 from collections import defaultdict
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from typing import Literal
 
@@ -62,6 +63,10 @@ class ReducedModel:
     """linear L_k [r+f+s, r+f+s], radiative R_k [r+f+s, r+f+m], forcing B_k [r+f+s, w], heating g_k [r+f+s, H]; W."""
     followers: int
     """s"""
+    full: tuple[str, ...]
+    """Nodes [n] of the full network that have a capacity."""
+    entering: FloatArray
+    """P^T [n, r+f+s]: what a watt into each of these adds to the balances."""
     initial: FloatArray
     """[r] K, typical."""
     initial_spread: FloatArray
@@ -75,10 +80,11 @@ class ReducedModel:
         return len(self.settled) + len(self.mixed) + self.followers + len(self.states)
 
 
-def network_of(model: ReducedModel, numbers: Mapping[str, float] | None = None) -> Network:
+def network_of(model: ReducedModel, numbers: Mapping[str, float] | None = None, heated: Sequence[str] = ()) -> Network:
     """The model in the canonical form, as a network that `NetworkSimulator` runs.
 
     numbers: by dotted path, SI: they replace free numbers of the same path, or stand beside them (biases of channels).
+    heated: nodes of the full network, by their plain names, that take heat that no block describes.
     """
     values = dict(zip(model.free, model.values.tolist(), strict=True)) | dict(numbers or {})
     r, f, m, s = len(model.states), len(model.settled), len(model.mixed), model.followers
@@ -104,6 +110,9 @@ def network_of(model: ReducedModel, numbers: Mapping[str, float] | None = None) 
     for kind, these in columns.items():
         for product, matrix in model.matrices[kind].items():
             _add(terms[kind], balances, these, matrix, product)
+    names = [plain(name) for name in model.full]
+    entering = model.entering[[names.index(name) for name in heated]].T
+    _add(terms["forcing"], balances, len(model.columns) + np.arange(len(heated)), entering, ())
     for product, matrix in model.matrices["heating"].items():
         _add(terms["heating"], np.arange(len(model.heaters)), balances, matrix.T, product)
     shifts = model.shifts or ((0.0, 0.0),) * len(model.heaters)
@@ -121,12 +130,13 @@ def network_of(model: ReducedModel, numbers: Mapping[str, float] | None = None) 
             *map(plain, model.states),
             *(f"rate.{name}" for name in model.states),
         ),
-        columns=model.columns,
+        columns=(*model.columns, *(f"heat.{name}" for name in heated)),
         paths=tuple(values),
         values=np.array(list(values.values())),
         heaters=model.heaters,
         structure=structure,
         terms=table,
+        heated=tuple(heated),
     )
 
 

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
+
 from ..scenario import Face, Node, Parameter, Scenario, SimulatorModel, settable
 from ..simulator import Network
 from .affine import KEPT
@@ -40,8 +42,8 @@ def simulator_block(full: SimulatorModel, model: ReducedModel, step: float | Non
         for way, normal in model.ways.items()
     }
     heaters = {
-        # Where its heat goes is in the model's matrices; the block wants one of its nodes.
-        name: heater.model_copy(update={"node": plain(heater.sensor), "sensor": plain(heater.sensor)})
+        # Where its heat goes is in the model's matrices; its node is one of the full network.
+        name: heater.model_copy(update={"node": plain(heater.node), "sensor": plain(heater.sensor)})
         for name, heater in full.heaters.items()
     }
     return full.model_copy(
@@ -52,15 +54,19 @@ def simulator_block(full: SimulatorModel, model: ReducedModel, step: float | Non
             "faces": faces,
             "heaters": heaters,
             "loads": {},
+            "full_nodes": tuple(map(plain, model.full)),
         }
     )
 
 
-def network_for(model: ReducedModel, scenario: Scenario) -> Network:
-    """The model's network with the numbers that the scenario writes for heaters, modes, environment and biases."""
+def network_for(model: ReducedModel, scenario: Scenario, heated: Sequence[str] = ()) -> Network:
+    """The model's network with the numbers that the scenario writes for heaters, modes, environment and biases.
+
+    heated: as in `network_of`.
+    """
     numbers = settable(scenario)
     kept = (*KEPT, "observations.")
-    return network_of(model, {path: item.value for path, item in numbers.items() if path.startswith(kept)})
+    return network_of(model, {path: item.value for path, item in numbers.items() if path.startswith(kept)}, heated)
 
 
 def _rewritten(name: str, parameter: Parameter, model: ReducedModel) -> Parameter:

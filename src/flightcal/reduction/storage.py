@@ -18,16 +18,20 @@ from ..scenario import REDUCED_MODEL_FORMAT as FORMAT
 from ..scenario import ReducedNumber, Scenario, SimulatorError, SimulatorModel, settable
 from ..simulator import FloatArray
 from .affine import Product
+from .full_heat import FullHeat
+from .patterns import plain
 from .reduced_model import Normal, ReducedModel
 
-_WORDS = ("states", "settled", "mixed", "free", "columns", "ways", "heaters", "shifts", "followers")
+_WORDS = ("states", "settled", "mixed", "free", "columns", "ways", "heaters", "shifts", "followers", "full")
 _ARRAYS = {
     "mixing": ("mixed", "temperature"),
     "mixing_offset": ("mixed",),
     "values": ("free",),
     "initial": ("state",),
     "initial_spread": ("state",),
+    "entering": ("full", "unknown"),
 }
+_OF_HEAT = {"flow": ("full",), "brought": ("full", "input")}
 _KINDS = ("capacity", "linear", "radiative", "forcing", "heating")
 _COLUMNS = {"capacity": "state", "linear": "unknown", "radiative": "radiating", "forcing": "input", "heating": "heater"}
 
@@ -45,6 +49,7 @@ class Stored:
     """Nodes, faces, heaters and modes as a scenario sees them."""
     parameters: dict[str, ReducedNumber]
     """Free numbers ``reduced.<name>``."""
+    heat: FullHeat
 
 
 def save(path: Path, stored: Stored) -> None:
@@ -77,6 +82,7 @@ def load(path: Path) -> Stored:
         about["sensors"],
         SimulatorModel.model_validate(about["simulator"]),
         {name: ReducedNumber.model_validate(item) for name, item in about["parameters"].items()},
+        FullHeat(tuple(map(plain, model.full)), *(data[name].to_numpy() for name in _OF_HEAT)),
     )
 
 
@@ -92,6 +98,7 @@ def _dataset(stored: Stored) -> xarray.Dataset:
     matrices: dict[str, Mapping[Product, FloatArray]] = {"capacity": model.capacity}
     matrices.update({str(kind): found for kind, found in model.matrices.items()})
     variables: dict[str, Any] = {name: (dimensions, getattr(model, name)) for name, dimensions in _ARRAYS.items()}
+    variables |= {name: (dimensions, getattr(stored.heat, name)) for name, dimensions in _OF_HEAT.items()}
     for kind, found in matrices.items():
         if found:
             row = "temperature" if kind == "capacity" else "unknown"
@@ -109,7 +116,11 @@ def _dataset(stored: Stored) -> xarray.Dataset:
 
 
 def stored_of(
-    model: ReducedModel, scenario: Scenario, block: SimulatorModel, errors: dict[str, SimulatorError]
+    model: ReducedModel,
+    scenario: Scenario,
+    block: SimulatorModel,
+    errors: dict[str, SimulatorError],
+    heat: FullHeat,
 ) -> Stored:
     """What is stored of a model of the full network's scenario."""
     numbers = settable(scenario)
@@ -127,4 +138,4 @@ def stored_of(
             upper=upper if math.isfinite(upper) else None,
         )
     sensors = {name: item.node or "" for name, item in scenario.observations.items()}
-    return Stored(model, errors, sensors, block, parameters)
+    return Stored(model, errors, sensors, block, parameters, heat)

@@ -59,6 +59,8 @@ class Blocks:
     """null: the simulator is a thermal network."""
     reduced: Mapping[str, ReducedNumber | None] | None = None
     """Numbers of a reduced order model; null: the simulator is none."""
+    full_nodes: tuple[str, ...] = ()
+    """Nodes of the network that it stands for."""
     noise: Noise | None = None
     discrepancy: Discrepancy | None = None
     """null: there is none, or it cannot be read."""
@@ -85,6 +87,7 @@ def blocks_of(scenario: Scenario) -> Blocks:
         parameters=scenario.parameters,
         external=external,
         reduced=model.reduced_numbers if model.reduced_model is not None else None,
+        full_nodes=model.full_nodes,
         noise=scenario.noise,
         discrepancy=scenario.discrepancy,
         heat=scenario.heat if isinstance(scenario.heat, Heat) else None,

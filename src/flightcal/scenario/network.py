@@ -132,6 +132,8 @@ class SimulatorModel(Block):
     """Reduction file (that `flightcal reduce` read): at the end posterior draws fly on its operational simulator."""
     reduced_numbers: Annotated[dict[str, ReducedNumber], FILLED_IN] = Field(default_factory=dict)
     """Filled in from that file: what parameters may set in it, ``reduced.<name>``."""
+    full_nodes: Annotated[tuple[str, ...], FILLED_IN] = ()
+    """Likewise: nodes of the full network, into which unmodelled heat may go."""
     errors: dict[str, SimulatorError] = Field(default_factory=dict)
     """Temperature channel -> error against the simulator that this one stands in for; it enters the likelihood."""
     step: Annotated[float, Quantity("s", at_least=0.01, at_most=3600)] | None = None

@@ -157,6 +157,7 @@ class _Reader:
             windows=parts["windows"],
             external=external,
             reduced=reduced if "reduced_model" in network else None,
+            full_nodes=tuple(network.get("full_nodes", ())),
             noise=parts["noise"],
             discrepancy=parts.get("discrepancy"),
             heat=heat if isinstance(heat := parts.get("heat"), Heat) else None,

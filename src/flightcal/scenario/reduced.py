@@ -11,7 +11,7 @@ from .units import did_you_mean, show
 
 _HERE = ("simulator", "reduced_model")
 _SECTIONS = ("nodes", "faces", "heaters", "modes")
-REDUCED_MODEL_FORMAT = "2"
+REDUCED_MODEL_FORMAT = "3"
 
 
 def fill_in(written: dict[str, Any], folder: Path) -> tuple[dict[str, Any], list[Problem]]:
@@ -26,7 +26,8 @@ def fill_in(written: dict[str, Any], folder: Path) -> tuple[dict[str, Any], list
     about, wrong = _read(folder / name)
     if about is None:
         return {**written, "nodes": {}}, [Problem(_HERE, f"found {show(name)}, {wrong}")]
-    block = {**about["simulator"], **written, "reduced_numbers": about["parameters"]}
+    filled_in = {"reduced_numbers": about["parameters"], "full_nodes": about["simulator"]["full_nodes"]}
+    block = {**about["simulator"], **written, **filled_in}
     problems = missing
     for section in _SECTIONS:
         known = about["simulator"].get(section, {})

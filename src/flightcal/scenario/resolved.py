@@ -72,9 +72,13 @@ def _written_noise(noise: dict[str, Any]) -> dict[str, Any]:
 def _written_network(model: dict[str, Any]) -> dict[str, Any]:
     """Without what comes from the file of a reduced model."""
     if "reduced_model" not in model:
-        return {key: value for key, value in model.items() if key not in ("reduced_numbers", "errors") or value}
+        return {
+            key: value
+            for key, value in model.items()
+            if key not in ("reduced_numbers", "full_nodes", "errors") or value
+        }
     nodes = {name: {"initial": node["initial"]} for name, node in model["nodes"].items() if "initial" in node}
-    left_out = ("reduced_numbers", "conductors", "faces", "loads")
+    left_out = ("reduced_numbers", "full_nodes", "conductors", "faces", "loads")
     heaters = {
         name: {key: value for key, value in heater.items() if key not in ("node", "sensor")}
         for name, heater in model["heaters"].items()

@@ -270,7 +270,7 @@ def heat_of(scenario: Scenario) -> Heat | None:
 
 def _can_have_heat(scenario: Scenario) -> bool:
     model = scenario.simulator
-    if not isinstance(model, SimulatorModel) or model.reduced_model is not None or model.errors:
+    if not isinstance(model, SimulatorModel) or (model.errors and model.reduced_model is None):
         return False
     holds_heat = any(node.capacity is not None for node in model.nodes.values())
     return holds_heat and scenario.discrepancy is None and not not_normal(scenario)

@@ -5,6 +5,7 @@ Imports: compiled, environment, errors, scenario, telemetry.
 
 from .assembly import ParameterMap, assemble, own_initial
 from .drive import Times, face_series, in_steps
+from .flow import flow_through, heat_of_inputs
 from .integrate import SimulationFailure, in_parallel, integrate
 from .kernels.forward import NOT_FINITE, TOO_MANY_SWITCHES
 from .kernels.lanes import WIDTH
@@ -48,6 +49,8 @@ __all__ = [
     "build_network",
     "canonical_form",
     "face_series",
+    "flow_through",
+    "heat_of_inputs",
     "in_parallel",
     "in_steps",
     "integrate",

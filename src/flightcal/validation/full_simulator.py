@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from typing import Final
 
-from ..calibration import Sampled, mean_and_some, posterior_draws
+from ..calibration import Sampled, mean_and_some, posterior_draws, with_kept_heat
 from ..errors import ScenarioError
 from ..problem import Problem
 from ..reduction import compare, fly_at, load_task
@@ -16,6 +16,7 @@ CHECKED = 20
 
 
 def _fly(run: Run, problem: Problem, sampled: Sampled, *, simulations: int, seed: int) -> None:
+    problem = with_kept_heat(problem, sampled.posterior)
     draws = posterior_draws(sampled.posterior, problem.names, simulations, seed)
     scenario = problem.scenario
     assert scenario.network.checked_on is not None
@@ -32,10 +33,14 @@ def _fly(run: Run, problem: Problem, sampled: Sampled, *, simulations: int, seed
     positions = [problem.names.index(name) for name in parameters]
     channels = problem.channels
     flown, reduced, failed = [], [], 0
-    for k, (theta, runs) in enumerate(zip(thetas, problem.simulate_many(thetas), strict=True)):
+    # With thermostats that act, as on board, and without heat, of which the operational simulator knows nothing.
+    windows = problem.flown or problem.windows
+    simulated = zip(*(window.simulate_many(problem.at(window, thetas)) for window in windows), strict=True)
+    for k, (theta, runs) in enumerate(zip(thetas, simulated, strict=True)):
         run.progress.at(k, f"flight {k + 1} of {len(thetas)}")
-        failed += runs is None
-        for window, trajectory in zip(problem.windows, runs or (), strict=False):
+        done = [trajectory for trajectory in runs if trajectory is not None]
+        failed += len(done) < len(runs)
+        for window, trajectory in zip(windows, done if len(done) == len(runs) else (), strict=False):
             flown.append(fly_at(task.mission, parameters, theta[positions], channels, window.times))
             reduced.append(trajectory)
     run.folder.write_json(

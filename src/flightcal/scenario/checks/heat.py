@@ -23,7 +23,8 @@ def check(reading: Reading, folder: Path) -> Iterator[Problem]:
         return
     for what, wanted in _beside(blocks):
         yield Problem(_HEAT, f"found heat beside {what}, expected {wanted}, or 'heat: none'")
-    if blocks.external is None and blocks.reduced is None:
+    # A reduced model's nodes are known where its file can be read.
+    if blocks.external is None and (blocks.reduced is None or blocks.full_nodes):
         yield from _check_nodes(blocks, blocks.heat.nodes)
     if blocks.heat.pattern is not None and blocks.heat.pattern.over is not None:
         yield from channel_of_kind(blocks, blocks.heat.pattern.over, "driver", (*_HEAT, "pattern", "over"))
@@ -33,9 +34,7 @@ def _beside(blocks: Blocks) -> Iterator[tuple[str, str]]:
     """What excludes heat, and what it should be instead."""
     if blocks.external is not None:
         yield f"an external simulator ({blocks.external.kind})", "a thermal network: it needs nodes"
-    if blocks.reduced is not None:
-        yield "'simulator.reduced_model'", "a network of nodes: a reduced order model has none"
-    elif blocks.has_errors:
+    if blocks.has_errors and blocks.reduced is None:
         yield "'simulator.errors'", "no errors: both explain the same"
     if blocks.discrepancy is not None:
         yield "'discrepancy'", "no discrepancy: both explain the same"
@@ -49,10 +48,17 @@ def _beside(blocks: Blocks) -> Iterator[tuple[str, str]]:
 def _check_nodes(blocks: Blocks, names: tuple[str, ...]) -> Iterator[Problem]:
     for k, name in enumerate(names):
         location = (*_HEAT, "nodes", k)
-        yield from known("node", name, blocks.nodes, location)
-        if (node := blocks.nodes.get(name)) is not None and node.capacity is None:
-            yield Problem(location, f"found {name!r}, a node without a capacity, expected one with a capacity")
+        if blocks.reduced is not None:
+            yield from known("node of the full network", name, blocks.full_nodes, location)
+        else:
+            yield from _holds_heat(blocks, name, location)
         if name in names[:k]:
             yield Problem(location, f"found {name!r} twice, expected it once")
     if not names and not any(node is None or node.capacity is not None for node in blocks.nodes.values()):
         yield Problem(_HEAT, "found no node with a capacity, expected one: without it nothing holds heat")
+
+
+def _holds_heat(blocks: Blocks, name: str, location: Location) -> Iterator[Problem]:
+    yield from known("node", name, blocks.nodes, location)
+    if (node := blocks.nodes.get(name)) is not None and node.capacity is None:
+        yield Problem(location, f"found {name!r}, a node without a capacity, expected one with a capacity")

@@ -30,7 +30,8 @@ def check(reading: Reading, folder: Path) -> Iterator[Problem]:
 
 
 def _check_heater(blocks: Blocks, heater: Heater, location: Location) -> Iterator[Problem]:
-    yield from heated_node(blocks, heater.node, "a heater", (*location, "node"))
+    if blocks.reduced is None:
+        yield from heated_node(blocks, heater.node, "a heater", (*location, "node"))
     yield from known("node", heater.sensor, blocks.nodes, (*location, "sensor"))
     sensor = blocks.nodes.get(heater.sensor)
     if sensor is not None and sensor.capacity is None:
