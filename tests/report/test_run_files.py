@@ -37,8 +37,8 @@ def test_a_damaged_file_is_named(own_run, name):
 
 
 def test_a_record_without_a_field_is_named(own_run):
-    (own_run / "parameters.json").write_text('[{"name": "x"}]', encoding="utf-8")
-    with pytest.raises(RunError, match=r"parameters\.json.*target"):
+    (own_run / "priors.json").write_text('[{"name": "x"}]', encoding="utf-8")
+    with pytest.raises(RunError, match=r"priors\.json.*target"):
         read_run(own_run)
 
 

@@ -16,18 +16,25 @@ from .methods import (
 )
 from .mode import climb, find_mode
 from .nuts import sample
+from .results import CALIBRATED_FILE, RESULTS, RESULTS_FILE, TABLE_FILE, Calibrated, calibrated, read_calibrated
 from .stages import COMPILE, GENETIC, NUTS, Sampled, keep_sample, posterior_draws, rough_seconds, warm
 
 __all__ = [
+    "CALIBRATED_FILE",
     "COMPILE",
     "GENETIC",
     "NUTS",
+    "RESULTS",
+    "RESULTS_FILE",
+    "TABLE_FILE",
+    "Calibrated",
     "Diagnostics",
     "Gate",
     "Posterior",
     "Sampled",
     "calibrate_genetic",
     "calibrate_nuts",
+    "calibrated",
     "climb",
     "find_mode",
     "gate",
@@ -37,6 +44,7 @@ __all__ = [
     "least_effective",
     "mean_and_some",
     "posterior_draws",
+    "read_calibrated",
     "rough_seconds",
     "sample",
     "warm",

@@ -4,6 +4,14 @@ Imports: errors.
 """
 
 from .blocks import blocks_of
+from .calibrated import (
+    NotRewritten,
+    WrittenUnit,
+    calibrated_text,
+    parameter_units,
+    written_unit,
+    written_values,
+)
 from .calibration import Calibration, EmulatorSettings, GeneticSettings, NutsSettings, PredictionSettings
 from .document import Problem
 from .environment import (
@@ -60,6 +68,7 @@ from .schema import (
     default_noise,
     heat_of,
     input_files,
+    is_difference,
     noise_of,
     not_normal,
 )
@@ -120,6 +129,7 @@ __all__ = [
     "Node",
     "Noise",
     "Normal",
+    "NotRewritten",
     "Number",
     "Numbers",
     "NutsSettings",
@@ -155,11 +165,14 @@ __all__ = [
     "Uniform",
     "Vector",
     "Window",
+    "WrittenUnit",
     "blocks_of",
+    "calibrated_text",
     "default_noise",
     "file_error",
     "heat_of",
     "input_files",
+    "is_difference",
     "is_temperature",
     "is_trained",
     "json_schema",
@@ -170,6 +183,7 @@ __all__ = [
     "noise_of",
     "not_normal",
     "numbers_of",
+    "parameter_units",
     "read_file",
     "read_parameters",
     "resolved_yaml",
@@ -182,4 +196,6 @@ __all__ = [
     "support",
     "to_si",
     "write_template",
+    "written_unit",
+    "written_values",
 ]

@@ -1,0 +1,188 @@
+"""What a calibration leaves behind: the parameters as a table, and the scenario with the calibrated numbers."""
+
+from __future__ import annotations
+
+import csv
+import io
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, fields
+from pathlib import Path
+from typing import Any, Final
+
+import numpy as np
+
+from ..errors import FlightcalError
+from ..problem import Entry, Problem
+from ..run import Run, Stage, plain, read_json, read_provenance, typed
+from ..scenario import (
+    NotRewritten,
+    Scenario,
+    WrittenUnit,
+    calibrated_text,
+    load_scenario,
+    parameter_units,
+    resolved_yaml,
+    settable,
+    written_unit,
+    written_values,
+)
+from ..simulator import FloatArray
+from .heat_file import with_kept_heat
+from .stages import Sampled
+
+RESULTS_FILE, TABLE_FILE, CALIBRATED_FILE = "parameters.json", "parameters.csv", "calibrated.yaml"
+INTERVAL: Final = 0.95
+_LEVELS: Final = (0.5 - INTERVAL / 2, 0.5, 0.5 + INTERVAL / 2)
+_PRIOR_POINTS: Final = 4000
+"""Quantiles of a prior over which its variance is taken."""
+_DIGITS: Final = 6
+_AGREE: Final = 1e-4
+"""Relative; numbers are written with six digits."""
+
+
+@dataclass(frozen=True)
+class Calibrated:
+    """An uncertain quantity before and after the calibration, in the unit in which the scenario writes it."""
+
+    name: str
+    kind: str
+    """parameter, drift, noise, discrepancy, heat, timing, error_rate or initial"""
+    unit: str
+    before: float
+    """Median of the prior."""
+    before_lower: float
+    before_upper: float
+    """Ends of the prior's 95%."""
+    mean: float
+    median: float
+    deviation: float
+    lower: float
+    upper: float
+    """Ends of the 95% interval."""
+    from_data: float
+    """How much of it is the data's word and not the prior's: 1 - variance of the posterior / that of the prior, 0 to 1."""
+
+
+def calibrated(
+    problem: Problem, thetas: FloatArray, units: Mapping[str, WrittenUnit] | None = None
+) -> tuple[Calibrated, ...]:
+    """Every entry of theta before and after; thetas [S, d] are its posterior draws.
+
+    units: of the parameters that are not shown in SI; absolute temperatures are in degC in any case.
+    """
+    priors, units = problem.priors, {**_default_units(problem.entries), **(units or {})}
+    before = priors.quantile(np.array(_LEVELS)[:, None])
+    shares = (np.arange(_PRIOR_POINTS) + 0.5) / _PRIOR_POINTS
+    wide = priors.quantile(shares[:, None]).var(axis=0)
+    after = np.quantile(thetas, _LEVELS, axis=0)
+    means, variances = thetas.mean(axis=0), thetas.var(axis=0, ddof=1)
+    told = np.clip(1.0 - variances / wide, 0.0, 1.0)
+    rows = []
+    for k, entry in enumerate(problem.entries):
+        unit = units[entry.name]
+        lower, median, upper = (unit.of(value) for value in after[:, k].tolist())
+        before_lower, middle, before_upper = (unit.of(value) for value in before[:, k].tolist())
+        rows.append(
+            Calibrated(
+                name=entry.name,
+                kind=entry.kind,
+                unit=unit.name,
+                before=middle,
+                before_lower=before_lower,
+                before_upper=before_upper,
+                mean=unit.of(float(means[k])),
+                median=median,
+                deviation=float(np.sqrt(variances[k])) / unit.factor,
+                lower=lower,
+                upper=upper,
+                from_data=float(told[k]),
+            )
+        )
+    return tuple(rows)
+
+
+def _default_units(entries: Sequence[Entry]) -> dict[str, WrittenUnit]:
+    """The unit of each entry where no scenario's text says another: SI, and degC for absolute temperatures."""
+    return {own.name: written_unit("degC" if own.is_temperature else own.unit, own.unit) for own in entries}
+
+
+def correlation(thetas: FloatArray) -> FloatArray:
+    """Correlation [d, d] of posterior draws thetas [S, d]; NaN for what does not vary."""
+    with np.errstate(invalid="ignore", divide="ignore"):
+        return np.atleast_2d(np.corrcoef(thetas, rowvar=False))
+
+
+def _make(run: Run, problem: Problem, sampled: Sampled, *, text: str, use: str, files: Sequence[str]) -> None:
+    problem = with_kept_heat(problem, sampled.posterior)
+    group = sampled.posterior["posterior"].to_dataset()
+    thetas = np.stack([group[name].values.ravel() for name in problem.names], axis=1)
+    rows = calibrated(problem, thetas, parameter_units(text, problem.scenario))
+    content = {
+        "interval": INTERVAL,
+        "parameters": rows,
+        "correlation": {"names": problem.names, "matrix": correlation(thetas)},
+    }
+    run.folder.write_json(RESULTS_FILE, plain(content))
+    run.folder.write_text(TABLE_FILE, _csv(rows))
+    means = dict(zip(problem.names, thetas.mean(axis=0).tolist(), strict=True))
+    header = _header(read_provenance(run.path), problem.scenario, use)
+    file = run.folder.file(CALIBRATED_FILE)
+    resolved = resolved_yaml(problem.scenario, absolute=True)
+    for base, otherwise in ((text, "written without the scenario's comments"), (resolved, "not as it should be")):
+        try:
+            run.folder.write_text(CALIBRATED_FILE, calibrated_text(base, problem.scenario, means, header))
+            _check(file, problem.scenario, means)
+        except (NotRewritten, FlightcalError) as error:
+            run.progress.say(f"{CALIBRATED_FILE}: {otherwise}: {error}")
+        else:
+            return
+
+
+def _check(file: Path, scenario: Scenario, means: Mapping[str, float]) -> None:
+    """Raises NotRewritten or FlightcalError unless the scenario in a file has the calibrated numbers."""
+    written = load_scenario(file)
+    found, before = settable(written), settable(scenario)
+    values = written_values(written)
+    for name, parameter in scenario.parameters.items():
+        if parameter.sets and abs(values[name] - means[name]) > _AGREE * abs(means[name]):
+            raise NotRewritten(f"{name}: found {values[name]:g} in it, expected {means[name]:g}")
+        if not parameter.sets and any(found[path] == before[path] for path in parameter.scales if means[name] != 1.0):
+            raise NotRewritten(f"{name}: found its numbers as they were")
+
+
+def _header(provenance: Mapping[str, Any], scenario: Scenario, use: str) -> str:
+    """Of calibrated.yaml: which run it is from, and what it is good for."""
+    created, identity = str(provenance.get("created", ""))[:19], str(provenance.get("identity", ""))[:12]
+    windows = ", ".join(scenario.train_windows)
+    return (
+        f"Calibrated by flightcal {provenance.get('flightcal', '')}: run {identity} of {created} UTC, "
+        f"seed {scenario.calibration.seed}, trained on {windows}.\n"
+        f"Verdict: {use}\n"
+        "Numbers that parameters set or scale are posterior means. Priors are as before: those of factors are divided\n"
+        f"by what their numbers were multiplied with. Deviations, intervals and correlations: {RESULTS_FILE} of the run.\n"
+    )
+
+
+def _csv(rows: Sequence[Calibrated]) -> str:
+    """The table, a line for each quantity, numbers with six digits."""
+    text = io.StringIO()
+    writer = csv.writer(text, lineterminator="\n")
+    names = [field.name for field in fields(Calibrated)]
+    writer.writerow(names)
+    for row in rows:
+        values = (getattr(row, name) for name in names)
+        writer.writerow([f"{value:.{_DIGITS}g}" if isinstance(value, float) else value for value in values])
+    return text.getvalue()
+
+
+def read_calibrated(file: Path) -> tuple[Calibrated, ...]:
+    """The quantities in a parameters.json. Raises RunError where it is damaged, KeyError where it is another."""
+    return tuple(typed(Calibrated, record) for record in read_json(file)["parameters"])
+
+
+def _read(run: Run, *_: Any) -> tuple[Calibrated, ...]:
+    return read_calibrated(run.folder.file(RESULTS_FILE))
+
+
+RESULTS: Final = Stage("results", "", (RESULTS_FILE, TABLE_FILE, CALIBRATED_FILE), _make, _read)
+"""Of a problem and what NUTS gave; text: of the scenario's file, use: the verdict, files: that it names."""
