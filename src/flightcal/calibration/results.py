@@ -15,7 +15,7 @@ from ..errors import FlightcalError
 from ..problem import Entry, Problem
 from ..run import Run, Stage, plain, read_json, read_provenance, typed
 from ..scenario import (
-    NotRewritten,
+    RewritingError,
     Scenario,
     WrittenUnit,
     calibrated_text,
@@ -60,7 +60,7 @@ class Calibrated:
     upper: float
     """Ends of the 95% interval."""
     from_data: float
-    """How much of it is the data's word and not the prior's: 1 - variance of the posterior / that of the prior, 0 to 1."""
+    """How much of it is the data's word and not the prior's, 0 to 1: 1 - variance of the posterior / of the prior."""
 
 
 def calibrated(
@@ -132,22 +132,22 @@ def _make(run: Run, problem: Problem, sampled: Sampled, *, text: str, use: str, 
         try:
             run.folder.write_text(CALIBRATED_FILE, calibrated_text(base, problem.scenario, means, header))
             _check(file, problem.scenario, means)
-        except (NotRewritten, FlightcalError) as error:
+        except FlightcalError as error:
             run.progress.say(f"{CALIBRATED_FILE}: {otherwise}: {error}")
         else:
             return
 
 
 def _check(file: Path, scenario: Scenario, means: Mapping[str, float]) -> None:
-    """Raises NotRewritten or FlightcalError unless the scenario in a file has the calibrated numbers."""
+    """Raises RewritingError or FlightcalError unless the scenario in a file has the calibrated numbers."""
     written = load_scenario(file)
     found, before = settable(written), settable(scenario)
     values = written_values(written)
     for name, parameter in scenario.parameters.items():
         if parameter.sets and abs(values[name] - means[name]) > _AGREE * abs(means[name]):
-            raise NotRewritten(f"{name}: found {values[name]:g} in it, expected {means[name]:g}")
+            raise RewritingError(f"{name}: found {values[name]:g} in it, expected {means[name]:g}")
         if not parameter.sets and any(found[path] == before[path] for path in parameter.scales if means[name] != 1.0):
-            raise NotRewritten(f"{name}: found its numbers as they were")
+            raise RewritingError(f"{name}: found its numbers as they were")
 
 
 def _header(provenance: Mapping[str, Any], scenario: Scenario, use: str) -> str:
@@ -158,8 +158,10 @@ def _header(provenance: Mapping[str, Any], scenario: Scenario, use: str) -> str:
         f"Calibrated by flightcal {provenance.get('flightcal', '')}: run {identity} of {created} UTC, "
         f"seed {scenario.calibration.seed}, trained on {windows}.\n"
         f"Verdict: {use}\n"
-        "Numbers that parameters set or scale are posterior means. Priors are as before: those of factors are divided\n"
-        f"by what their numbers were multiplied with. Deviations, intervals and correlations: {RESULTS_FILE} of the run.\n"
+        "Numbers that parameters set or scale are posterior means. What is believed of them before telemetry is as\n"
+        "it was: the prior of a factor is divided by what its numbers were multiplied with. No unmodelled heat\n"
+        "is in it.\n"
+        f"Deviations, intervals and correlations stand in {RESULTS_FILE} of the run.\n"
     )
 
 

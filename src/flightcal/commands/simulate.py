@@ -90,11 +90,10 @@ def _assigned(problem: Problem, assignments: list[str]) -> FloatArray:
     from ..scenario import written_values
 
     theta = problem.priors.median()
-    for name, value in written_values(problem.scenario).items():
-        theta[problem.names.index(name)] = value
-    for name, written in initial_temperatures(problem.scenario).items():
+    initial = {f"initial.{name}": written for name, written in initial_temperatures(problem.scenario).items()}
+    for name, written in {**written_values(problem.scenario), **initial}.items():
         if written is not None:
-            theta[problem.names.index(f"initial.{name}")] = written
+            theta[problem.names.index(name)] = written
     for text in assignments:
         name, _, value = text.partition("=")
         if name not in problem.names:

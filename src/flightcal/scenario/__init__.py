@@ -5,7 +5,7 @@ Imports: errors.
 
 from .blocks import blocks_of
 from .calibrated import (
-    NotRewritten,
+    RewritingError,
     WrittenUnit,
     calibrated_text,
     parameter_units,
@@ -129,7 +129,6 @@ __all__ = [
     "Node",
     "Noise",
     "Normal",
-    "NotRewritten",
     "Number",
     "Numbers",
     "NutsSettings",
@@ -145,6 +144,7 @@ __all__ = [
     "Problem",
     "Quantity",
     "ReducedNumber",
+    "RewritingError",
     "SampledAttitude",
     "SampledOrbit",
     "Scenario",

@@ -10,8 +10,9 @@ from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, field
 from decimal import ROUND_DOWN, ROUND_HALF_EVEN, Context
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
+from ..errors import ScenarioError
 from .document import Location, walk
 from .numbers import Settable, settable
 from .priors import FORMS
@@ -27,7 +28,7 @@ _PLAIN = re.compile(r"[A-Za-z]\w*")
 """Keys that need no quotes."""
 
 
-class NotRewritten(ValueError):
+class RewritingError(ScenarioError):
     """The text has a form in which single numbers cannot be replaced."""
 
 
@@ -83,7 +84,7 @@ def calibrated_text(text: str, scenario: Scenario, means: Mapping[str, float], h
     A number that a parameter sets becomes the mean. One that it only scales is multiplied by the mean, and the prior
     of the factor is divided by it. So what is believed of every number is as before, and a calibration finds the same.
     means: ``initial.<node>`` replaces a node's `initial`, where one is written. header: stands above, as a comment.
-    Raises NotRewritten where numbers do not each stand at a place of their own.
+    Raises RewritingError where numbers do not each stand at a place of their own.
     """
     written, numbers = _Text(text), settable(scenario)
     for name, parameter in scenario.parameters.items():
@@ -96,9 +97,9 @@ def calibrated_text(text: str, scenario: Scenario, means: Mapping[str, float], h
         if not parameter.sets:
             _divide_prior(written, name, parameter, means[name])
     for name, mean in means.items():
-        location = ("simulator", "nodes", name.removeprefix("initial."), "initial")
-        if name.startswith("initial.") and written.node(location) is not None:
-            written.put(location, _quantity(written.node(location), mean, "K"))
+        place: Location = ("simulator", "nodes", name.removeprefix("initial."), "initial")
+        if name.startswith("initial.") and written.node(place) is not None:
+            written.put(place, _quantity(written.node(place), mean, "K"))
     for location, file in _files(scenario):
         written.put(location, json.dumps(str(file), ensure_ascii=False))
     comment = "".join(f"# {line}".rstrip() + "\n" for line in header.splitlines())
@@ -117,7 +118,7 @@ def _factors(scenario: Scenario, means: Mapping[str, float]) -> dict[str, float]
 def _divide_prior(written: _Text, name: str, parameter: Parameter, mean: float) -> None:
     """Write a factor's prior over the mean; bounds are rounded inwards, so that no number passes its own."""
     if not mean > 0:
-        raise NotRewritten(f"{name}: scales by {mean:g}")
+        raise RewritingError(f"{name}: scales by {mean:g}")
     kind = parameter.prior.kind
     for argument, role in FORMS[kind][1].items():
         if role == "number":
@@ -177,7 +178,7 @@ def _quantity(
     """An SI value in the unit and the quotes of what stands there; in SI where nothing does."""
     name = unit if node is None else split_quantity(node.value)[1]
     number = _number(written_unit(name, unit, difference=difference).of(value), rounding)
-    quote = (node.style if node is not None else "") or ""
+    quote = getattr(node, "style", None) or ""
     return f"{quote}{f'{number} {name}'.strip()}{quote}"
 
 
@@ -249,15 +250,15 @@ class _Text:
             ends = "-".join(str(end.value) for end in own["between"].value)
             if (own["name"].value if "name" in own else ends) == label:
                 return k
-        raise NotRewritten(f"conductors: found no {label!r}")
+        raise RewritingError(f"conductors: found no {label!r}")
 
     def put(self, location: Location, value: str) -> None:
         """Have a value stand at a place, where there is one or none."""
         node = self.node(location)
         if node is not None and not isinstance(node.value, str):
-            raise NotRewritten(f"{location}: found more than a value")
+            raise RewritingError(f"{location}: found more than a value")
         if self._shared(location):
-            raise NotRewritten(f"{location}: found an alias")
+            raise RewritingError(f"{location}: found an alias")
         if node is not None:
             self.edits[node.start_mark.index, node.end_mark.index] = value
             return
@@ -275,16 +276,17 @@ class _Text:
 
     def _insert(self, mapping: Node | None, keys: Location, value: str) -> None:
         """Begin a mapping with a key of its own; of several keys, the later ones stand inside of each other."""
-        if mapping is None or isinstance(mapping.value, str) or not all(isinstance(key, str) for key in keys):
-            raise NotRewritten(f"{keys}: found no mapping to write it in")
-        first, *inside = (key if _PLAIN.fullmatch(key) else json.dumps(key, ensure_ascii=False) for key in keys)
+        if mapping is None or isinstance(mapping.value, str) or any(isinstance(key, int) for key in keys):
+            raise RewritingError(f"{keys}: found no mapping to write it in")
+        names = map(str, keys)
+        first, *inside = (name if _PLAIN.fullmatch(name) else json.dumps(name, ensure_ascii=False) for name in names)
         for key in reversed(inside):
             value = f"{{{key}: {value}}}"
         if not mapping.value:
             place, after = mapping.start_mark.index + 1, ""
         else:
             start = mapping.value[0][0].start_mark
-            place, after = start.index, ", " if mapping.flow_style else "\n" + " " * start.column
+            place, after = start.index, ", " if getattr(mapping, "flow_style", False) else "\n" + " " * start.column
         self.edits[place, place] = f"{first}: {value}{after}{self.edits.get((place, place), '')}"
 
     def _shared(self, location: Location) -> bool:
