@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, field
+from html import escape
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
@@ -46,6 +47,18 @@ class Summary:
     """What of each window was not trained on; windows in which all was are not named."""
     parameters: tuple[Calibrated, ...] = ()
     """Every uncertain quantity before and after."""
+
+    def __repr__(self) -> str:
+        counts = f"{len(self.parameters)} quantities, {len(self.metrics)} scores"
+        return f"<Summary of {self.run}: {self.verdict.use} {counts}>"
+
+    def _repr_html_(self) -> str:
+        from ..calibration import html_table
+
+        told = (f"{own.question} {own.worst.mark}: {own.worst.title}" for own in self.verdict.answers)
+        answers = (f"<li>{escape(line)}</li>" for line in told)
+        shown = [own for own in self.parameters if own.kind in ("parameter", "drift")]
+        return f"<p><b>{escape(self.verdict.use)}</b></p><ul>{''.join(answers)}</ul>{html_table(shown)}"
 
     @property
     def passed(self) -> bool:
