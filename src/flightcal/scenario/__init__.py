@@ -7,6 +7,7 @@ from .blocks import blocks_of
 from .calibrated import (
     RewritingError,
     WrittenUnit,
+    calibrated_numbers,
     calibrated_text,
     parameter_units,
     written_unit,
@@ -167,6 +168,7 @@ __all__ = [
     "Window",
     "WrittenUnit",
     "blocks_of",
+    "calibrated_numbers",
     "calibrated_text",
     "default_noise",
     "file_error",

@@ -14,7 +14,7 @@ from typing import TYPE_CHECKING
 
 from ..errors import ScenarioError
 from .document import Location, walk
-from .numbers import Settable, settable
+from .numbers import settable
 from .priors import FORMS
 from .schema import Parameter, Scenario, is_difference
 from .units import split_quantity, to_si
@@ -87,17 +87,18 @@ def calibrated_text(text: str, scenario: Scenario, means: Mapping[str, float], h
     Raises RewritingError where numbers do not each stand at a place of their own.
     """
     written, numbers = _Text(text), settable(scenario)
-    for name, parameter in scenario.parameters.items():
-        for path in parameter.sets:
-            written.put(_place(path, written), _like(written, path, numbers[path], means[name]))
-    for path, factor in _factors(scenario, means).items():
-        number = numbers[path]
-        written.put(_place(path, written), _like(written, path, number, factor * number.value, ROUND_DOWN))
+    set_ones = {path for parameter in scenario.parameters.values() for path in parameter.sets}
+    for path, value in calibrated_numbers(scenario, means).items():
+        # What is scaled may stand at its bound: rounded down, no draw of the factor passes it.
+        rounding = ROUND_HALF_EVEN if path in set_ones else ROUND_DOWN
+        place = _place(path, written)
+        unit, difference = numbers[path].unit, is_difference(path)
+        written.put(place, _quantity(written.node(place), value, unit, difference=difference, rounding=rounding))
     for name, parameter in scenario.parameters.items():
         if not parameter.sets:
             _divide_prior(written, name, parameter, means[name])
     for name, mean in means.items():
-        place: Location = ("simulator", "nodes", name.removeprefix("initial."), "initial")
+        place = ("simulator", "nodes", name.removeprefix("initial."), "initial")
         if name.startswith("initial.") and written.node(place) is not None:
             written.put(place, _quantity(written.node(place), mean, "K"))
     for location, file in _files(scenario):
@@ -106,13 +107,15 @@ def calibrated_text(text: str, scenario: Scenario, means: Mapping[str, float], h
     return comment + written.text()
 
 
-def _factors(scenario: Scenario, means: Mapping[str, float]) -> dict[str, float]:
-    """What each number is multiplied by: the means of the parameters that only scale it."""
-    factors: dict[str, float] = {}
+def calibrated_numbers(scenario: Scenario, means: Mapping[str, float]) -> dict[str, float]:
+    """Dotted path -> SI value of every number that parameters at `means` (by name, SI) set, or only scale."""
+    numbers, found = settable(scenario), {}
+    for name, parameter in scenario.parameters.items():
+        found.update(dict.fromkeys(parameter.sets, means[name]))
     for name, parameter in scenario.parameters.items():
         for path in () if parameter.sets else parameter.scales:
-            factors[path] = factors.get(path, 1.0) * means[name]
-    return factors
+            found[path] = found.get(path, numbers[path].value) * means[name]
+    return found
 
 
 def _divide_prior(written: _Text, name: str, parameter: Parameter, mean: float) -> None:
@@ -165,11 +168,6 @@ def _files(scenario: Scenario) -> Iterator[tuple[Location, Path]]:
     for location, value in walk(written):
         if isinstance(value, str) and value != absolute[location]:
             yield location, Path(absolute[location])
-
-
-def _like(written: _Text, path: str, number: Settable, value: float, rounding: str = ROUND_HALF_EVEN) -> str:
-    node = written.node(_place(path, written))
-    return _quantity(node, value, number.unit, difference=is_difference(path), rounding=rounding)
 
 
 def _quantity(
