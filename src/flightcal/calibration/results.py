@@ -12,7 +12,7 @@ from typing import Any, Final
 
 import numpy as np
 
-from ..errors import FlightcalError
+from ..errors import FlightcalError, RunError
 from ..problem import Problem
 from ..run import Run, Stage, plain, read_json, read_provenance, typed
 from ..scenario import (
@@ -97,8 +97,13 @@ def _csv(rows: Sequence[Calibrated]) -> str:
 
 
 def read_calibrated(file: Path) -> tuple[Calibrated, ...]:
-    """The quantities in a parameters.json. Raises RunError where it is damaged, KeyError where it is another."""
-    return tuple(typed(Calibrated, record) for record in read_json(file)["parameters"])
+    """The quantities in a parameters.json. Raises RunError where it is damaged, or of an earlier flightcal."""
+    content = read_json(file)
+    try:
+        return tuple(typed(Calibrated, record) for record in content["parameters"])
+    except (KeyError, TypeError):
+        found = "found another content than this flightcal writes"
+        raise RunError(f"{file}: {found}; run the calibration again, which makes it anew") from None
 
 
 def _read(run: Run, *_: Any) -> tuple[Calibrated, ...]:

@@ -38,7 +38,7 @@ def print_run(folder: Path, console: Console, *, every: bool = False) -> None:
     if rows:
         console.print(parameter_table(rows))
     if left := len(kept.parameters) - len(rows):
-        console.print(f"{left} quantities more with --all: noise, heat and initial temperatures", highlight=False)
+        console.print(f"{left} more with --all: noise, heat and initial temperatures", highlight=False)
     for name, words in ABOUT.items():
         if (folder / name).is_file():
             console.print(f"{folder / name}: {words}", highlight=False, soft_wrap=True, markup=False)
