@@ -141,6 +141,15 @@ def test_a_factor_that_reached_the_bound_of_its_number_still_may(scenario, tmp_p
         elsewhere(folder, calibrated_text(TEXT, scenario, MEANS | {"coating": float(mean)}))
 
 
+def test_several_numbers_that_are_not_written_are_added_to_one_block(tmp_path):
+    text = TEXT.replace("sets: modes.nominal.battery", "sets: environment.earth_infrared").replace("9 W", "900 W/m^2")
+    text = text.replace("environment: {orbit: ", "environment:\n  orbit: ").replace(":00}}\nsim", ":00}\nsim")
+    lines = calibrated_text(text, load(tmp_path, text), MEANS | {"power": 240.0}).splitlines()
+    place = lines.index("environment:")
+    assert lines[place + 1 : place + 3] == ["  albedo: 0.31", "  earth_infrared: 240 W/m^2"]
+    assert lines[place + 3].startswith("  orbit: {altitude: 693 km")
+
+
 def test_the_resolved_text_takes_the_numbers_too(scenario, tmp_path):
     text = calibrated_text(resolved_yaml(scenario, absolute=True), scenario, MEANS)
     again = elsewhere(tmp_path, text)

@@ -48,7 +48,7 @@ def _make(run: Run, problem: Problem, sampled: Sampled, *, text: str, use: str, 
     run.folder.write_json(RESULTS_FILE, plain(content))
     run.folder.write_text(TABLE_FILE, _csv(rows))
     means = dict(zip(problem.names, thetas.mean(axis=0).tolist(), strict=True))
-    header = _header(read_provenance(run.path), problem.scenario, use)
+    header = _header(read_provenance(run.path), problem, use)
     file = run.folder.file(CALIBRATED_FILE)
     resolved = resolved_yaml(problem.scenario, absolute=True)
     for base, otherwise in ((text, "written without the scenario's comments"), (resolved, "not as it should be")):
@@ -69,17 +69,19 @@ def _check(file: Path, scenario: Scenario, means: Mapping[str, float]) -> None:
             raise RewritingError(f"{path}: found {found[path].value:g} in it, expected {wanted:g}")
 
 
-def _header(provenance: Mapping[str, Any], scenario: Scenario, use: str) -> str:
+def _header(provenance: Mapping[str, Any], problem: Problem, use: str) -> str:
     """Of calibrated.yaml: which run it is from, and what it is good for."""
     created, identity = str(provenance.get("created", ""))[:19], str(provenance.get("identity", ""))[:12]
+    scenario = problem.scenario
     windows = ", ".join(scenario.train_windows)
+    heat = "The run also found unmodelled heat. Its predictions have it, simulations of this file do not.\n"
     return (
         f"Calibrated by flightcal {provenance.get('flightcal', '')}: run {identity} of {created} UTC, "
         f"seed {scenario.calibration.seed}, trained on {windows}.\n"
         f"Verdict: {use}\n"
         "Numbers that parameters set or scale are posterior means. What is believed of them before telemetry is as\n"
-        "it was: the prior of a factor is divided by what its numbers were multiplied with. No unmodelled heat\n"
-        "is in it.\n"
+        "it was: the prior of a factor is divided by what its numbers were multiplied with.\n"
+        f"{'' if problem.heat is None else heat}"
         f"Deviations, intervals and correlations stand in {RESULTS_FILE} of the run.\n"
     )
 

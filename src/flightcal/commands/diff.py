@@ -135,7 +135,7 @@ def _print_parameters(one: Kept, two: Kept, console: Console, every: bool) -> No
     from ..report import interval
     from .kept import chosen
 
-    table = Table(title="Parameters, mean [95%], and B - A in deviations", title_justify="left")
+    table = Table(title="Parameters, mean [95%], and B - A in deviations", title_justify="left", padding=0)
     table.add_column("name, unit", overflow="fold")
     for heading in ("A", "B", "B - A"):
         table.add_column(heading, justify="right", no_wrap=True)

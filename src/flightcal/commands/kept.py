@@ -86,7 +86,7 @@ def parameter_table(parameters: Sequence[Calibrated]) -> Table:
     """Before, after, interval and how much of it is the data's word."""
     from ..report import interval
 
-    table = Table(title="Parameters: median [95%] before, mean [95%] after", title_justify="left")
+    table = Table(title="Parameters: median [95%] before, mean [95%] after", title_justify="left", padding=0)
     table.add_column("name, unit", overflow="fold")
     for heading in ("before", "after", "from data"):
         table.add_column(heading, justify="right", no_wrap=True)

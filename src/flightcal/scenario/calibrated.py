@@ -10,7 +10,7 @@ from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, field
 from decimal import ROUND_DOWN, ROUND_HALF_EVEN, Context
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 from ..errors import ScenarioError
 from .document import Location, walk
@@ -205,6 +205,8 @@ class _Text:
     """Of each value: in how many places it stands; an alias is the value that it is of."""
     edits: dict[tuple[int, int], str] = field(default_factory=dict)
     """From and to which character -> what stands there instead."""
+    added: dict[Location, dict[str, Any]] = field(default_factory=dict)
+    """Mapping -> keys that it gets, with their values."""
 
     def __post_init__(self) -> None:
         from ruamel.yaml import YAML
@@ -260,32 +262,35 @@ class _Text:
         if node is not None:
             self.edits[node.start_mark.index, node.end_mark.index] = value
             return
-        around, missing = location[:-1], location[-1:]
+        around = location[:-1]
         while self.node(around) is None:
-            around, missing = around[:-1], (around[-1], *missing)
-        self._insert(self.node(around), missing, value)
+            around = around[:-1]
+        mapping, keys = self.node(around), location[len(around) :]
+        if mapping is None or isinstance(mapping.value, str) or any(isinstance(key, int) for key in keys):
+            raise RewritingError(f"{location}: found no mapping to write it in")
+        inside = self.added.setdefault(around, {})
+        for key in map(str, keys[:-1]):
+            inside = inside.setdefault(key, {})
+        inside[str(keys[-1])] = value
 
     def text(self) -> str:
         """The text with all that was put in."""
+        edits = dict(self.edits)
+        for around, values in self.added.items():
+            place, after = self._beginning(around)
+            edits[place, place] = "".join(f"{_key(key)}: {_flow(value)}{after}" for key, value in values.items())
         text = self.original
-        for (start, end), value in sorted(self.edits.items(), reverse=True):
+        for (start, end), value in sorted(edits.items(), reverse=True):
             text = text[:start] + value + text[end:]
         return text
 
-    def _insert(self, mapping: Node | None, keys: Location, value: str) -> None:
-        """Begin a mapping with a key of its own; of several keys, the later ones stand inside of each other."""
-        if mapping is None or isinstance(mapping.value, str) or any(isinstance(key, int) for key in keys):
-            raise RewritingError(f"{keys}: found no mapping to write it in")
-        names = map(str, keys)
-        first, *inside = (name if _PLAIN.fullmatch(name) else json.dumps(name, ensure_ascii=False) for name in names)
-        for key in reversed(inside):
-            value = f"{{{key}: {value}}}"
-        if not mapping.value:
-            place, after = mapping.start_mark.index + 1, ""
-        else:
-            start = mapping.value[0][0].start_mark
-            place, after = start.index, ", " if getattr(mapping, "flow_style", False) else "\n" + " " * start.column
-        self.edits[place, place] = f"{first}: {value}{after}{self.edits.get((place, place), '')}"
+    def _beginning(self, location: Location) -> tuple[int, str]:
+        """Where a mapping's first key stands, and what is to stand between a new key and that."""
+        mapping = self.node(location)
+        if mapping is None or not mapping.value:
+            raise RewritingError(f"{location}: found an empty mapping")
+        start = mapping.value[0][0].start_mark
+        return start.index, ", " if getattr(mapping, "flow_style", False) else "\n" + " " * start.column
 
     def _shared(self, location: Location) -> bool:
         """Whether what stands at a place, or around it, also stands elsewhere."""
@@ -297,6 +302,17 @@ class _Text:
         if isinstance(node.value, str) or any(not isinstance(item, tuple) for item in node.value):
             return []
         return [(key.value, value) for key, value in node.value]
+
+
+def _key(name: str) -> str:
+    return name if _PLAIN.fullmatch(name) else json.dumps(name, ensure_ascii=False)
+
+
+def _flow(value: Any) -> str:
+    """A value, or nested mappings of values, on one line."""
+    if isinstance(value, str):
+        return value
+    return "{" + ", ".join(f"{_key(key)}: {_flow(inside)}" for key, inside in value.items()) + "}"
 
 
 def _uses(node: Node) -> Iterator[int]:
