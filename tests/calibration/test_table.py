@@ -1,9 +1,11 @@
 """Quantities before and after a calibration."""
 
+from types import SimpleNamespace
+
 import numpy as np
 import pytest
 
-from flightcal.calibration import Calibrated, calibrated, html_table
+from flightcal.calibration import Calibrated, Posterior, calibrated, html_table
 from flightcal.calibration.table import correlation
 from flightcal.problem import Entry
 from flightcal.scenario import Normal, Uniform, written_unit
@@ -75,6 +77,16 @@ def test_a_row_is_short_and_its_html_escapes_names(rows):
     assert repr(rows["link"]).endswith("mW/K>")
     own = Calibrated("a<b", "parameter", "W", *([1.0] * 9))
     assert "<td>a&lt;b</td><td>W</td><td>1 [1, 1]</td><td>1 [1, 1]</td><td>100.0%</td>" in html_table([own])
+
+
+def test_a_posterior_is_a_line_and_in_notebooks_a_table():
+    problem = Theta(LINK)
+    problem.scenario = SimpleNamespace(name="small")
+    theta = np.random.default_rng(3).normal(0.65, 0.1, (2, 500, 1))
+    posterior = Posterior(("link",), theta, None, (), SimpleNamespace(passed=True), problem)
+    assert repr(posterior) == "<Posterior of 'small': 2 x 500 draws of 1; all gates passed>"
+    assert posterior.table[0].mean == pytest.approx(theta.mean())
+    assert "<td>link</td><td>W/K</td>" in posterior._repr_html_()
 
 
 @pytest.mark.parametrize(

@@ -58,6 +58,16 @@ def test_what_differs_is_told(tmp_path):
     assert ["test", "rmse", "K", "0.65", "0.8"] in cells_of(output, "rmse")
 
 
+def test_factors_are_compared_as_factors_of_the_same_numbers(tmp_path):
+    """The second run began with calibrated numbers: its factor of 1 is the first run's of 1.1."""
+    other = small.content()
+    other["simulator"]["conductors"][1]["radiative"] = "0.055 m^2"
+    one = write_kept(tmp_path / "one", panel_size=1.1)
+    two = write_kept(tmp_path / "two", scenario=other, panel_size=1.0)
+    (row,) = cells_of(diff(one, two).output, "panel_size")
+    assert row[1:] == ["1.10 [1.04, 1.16]", "1.10 [1.03, 1.17]", "+0.0"]
+
+
 def test_runs_that_share_nothing_are_refused(tmp_path):
     other = small.content()
     other["observations"] = {"panel_3": {"node": "panel"}}

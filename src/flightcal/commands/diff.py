@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Iterator, Mapping
+from collections.abc import Callable, Iterator, Mapping
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
@@ -72,21 +72,37 @@ def differences(one: Any, two: Any, place: str = "") -> Iterator[tuple[str, Any,
         yield place, one, two
 
 
+def in_terms_of(one: Kept, two: Kept, own: Calibrated) -> Calibrated:
+    """A quantity of the second run as one of the first: a factor is one of the first run's numbers."""
+    from ..scenario import number_in
+
+    parameter = (two.scenario.get("parameters") or {}).get(own.name, {})
+    if parameter.get("sets") or not parameter.get("scales"):
+        return own
+    base, other = (number_in(run.text, parameter["scales"][0]) for run in (one, two))
+    if not base or not other:
+        return own
+    return _rescaled(own, lambda value: value * other / base, other / base, own.unit)
+
+
 def in_unit_of(one: Calibrated, two: Calibrated) -> Calibrated:
     """The second quantity in the unit of the first."""
-    from dataclasses import replace
-
     from ..scenario import si_unit, written_unit
 
     if one.unit == two.unit:
         return two
     si = si_unit(one.unit)
     own, other = written_unit(one.unit, si), written_unit(two.unit, si)
-    moved: dict[str, Any] = {
-        name: own.of(other.si(getattr(two, name)))
-        for name in ("before", "before_lower", "before_upper", "mean", "median", "lower", "upper")
-    }
-    return replace(two, unit=one.unit, deviation=two.deviation * other.factor / own.factor, **moved)
+    return _rescaled(two, lambda value: own.of(other.si(value)), other.factor / own.factor, one.unit)
+
+
+def _rescaled(own: Calibrated, of: Callable[[float], float], factor: float, unit: str) -> Calibrated:
+    """A quantity with other numbers: `of` each value, and its deviation times a factor."""
+    from dataclasses import replace
+
+    values = ("before", "before_lower", "before_upper", "mean", "median", "lower", "upper")
+    moved: dict[str, Any] = {name: of(getattr(own, name)) for name in values}
+    return replace(own, unit=unit, deviation=own.deviation * factor, **moved)
 
 
 def _check_comparable(one: Kept, two: Kept) -> None:
@@ -144,11 +160,13 @@ def _print_parameters(one: Kept, two: Kept, console: Console, every: bool) -> No
         a, b = left.get(name), right.get(name)
         unit = (a or right[name]).unit
         named = f"{name}, {unit}" if unit else name
-        b = in_unit_of(a, b) if a is not None and b is not None else b
+        b = in_unit_of(a, in_terms_of(one, two, b)) if a is not None and b is not None else b
         cells = ["-" if own is None else interval(own.mean, own.lower, own.upper) for own in (a, b)]
         off = in_deviations(a, b) if a is not None and b is not None else math.nan
         mark = "" if not abs(off) >= _SEVERAL else "yellow"
-        table.add_row(escape(named), *map(escape, cells), "-" if math.isnan(off) else f"{off:+.1f}", style=mark)
+        table.add_row(
+            escape(named), *map(escape, cells), "-" if math.isnan(off) else f"{round(off, 1) + 0.0:+.1f}", style=mark
+        )
     if table.row_count:
         console.print(table)
 

@@ -40,6 +40,8 @@ class Kept:
     metrics: tuple[Metric, ...]
     scenario: dict[str, Any]
     """As the run resolved it."""
+    text: str
+    """Of its file."""
 
     @property
     def title(self) -> str:
@@ -74,6 +76,7 @@ def read_kept(folder: Path) -> Kept:
         read_calibrated(folder / RESULTS_FILE),
         tuple(read_records(folder / "metrics.json", partial(typed, Metric))),
         _yaml(folder / "scenario.yaml"),
+        (folder / "scenario.yaml").read_text(encoding="utf-8"),
     )
 
 

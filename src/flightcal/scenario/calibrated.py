@@ -17,7 +17,7 @@ from .document import Location, walk
 from .numbers import settable
 from .priors import FORMS
 from .schema import Parameter, Scenario, is_difference
-from .units import split_quantity, to_si
+from .units import read_any, split_quantity, to_si
 
 if TYPE_CHECKING:
     from ruamel.yaml.nodes import Node
@@ -76,6 +76,16 @@ def written_values(scenario: Scenario) -> dict[str, float]:
         name: numbers[parameter.sets[0]].value if parameter.sets else 1.0
         for name, parameter in scenario.parameters.items()
     }
+
+
+def number_in(text: str, path: str) -> float | None:
+    """The SI value of a number by its dotted path, in a scenario's text; None: it does not stand there."""
+    written = _Text(text)
+    try:
+        node = written.node(_place(path, written))
+        return None if node is None else read_any(node.value)[1]
+    except (RewritingError, ValueError):
+        return None
 
 
 def calibrated_text(text: str, scenario: Scenario, means: Mapping[str, float], header: str = "") -> str:
