@@ -12,6 +12,7 @@ import pytest
 from ruamel.yaml import YAML
 from typer.testing import CliRunner
 
+import flightcal
 from flightcal import cli
 from flightcal.calibration import methods
 from flightcal.cli import GATE_FAILED, INTERRUPTED, USER_ERROR, app
@@ -20,7 +21,20 @@ from tests import small
 from tests.commands.test_calibrate import write
 
 run = CliRunner().invoke
-COMMANDS = ("demo", "init", "lint", "schema", "simulate", "calibrate", "campaign", "report", "validate", "compare")
+COMMANDS = (
+    "demo",
+    "init",
+    "lint",
+    "schema",
+    "simulate",
+    "calibrate",
+    "campaign",
+    "report",
+    "validate",
+    "compare",
+    "show",
+    "diff",
+)
 
 
 def test_help_lists_every_command():
@@ -34,6 +48,16 @@ def test_help_of_a_command_has_an_example(command):
     result = run(app, [command, "--help"])
     assert result.exit_code == 0
     assert f"flightcal {command}" in result.output.split("Example:")[1]
+
+
+def test_the_version_is_that_of_the_package():
+    result = run(app, ["--version"])
+    assert (result.exit_code, result.output) == (0, f"flightcal {flightcal.__version__}\n")
+
+
+def test_the_package_lists_what_there_is():
+    assert set(dir(flightcal)) == {*flightcal.__all__, "__version__"}
+    assert all(getattr(flightcal, name) is not None for name in dir(flightcal))
 
 
 def test_init_writes_a_scenario_without_findings(tmp_path):

@@ -51,7 +51,7 @@ def _copies(folders: list[Path], target: Path) -> list[Path]:
     made = []
     for folder in folders:
         files = [file for file in folder.iterdir() if file.suffix in (".json", ".nc", ".yaml")]
-        is_run = (folder / "parameters.json").exists()
+        is_run = (folder / "priors.json").exists()
         for missing in [None, *(files if is_run and len(files) > 1 else [])]:
             copy = target / folder.name / ("whole" if missing is None else f"without {missing.name}") / "run"
             copy.mkdir(parents=True)

@@ -75,7 +75,11 @@ def compare(first: Path, second: Path) -> bool:
 
 
 def _json(first: Path, second: Path) -> list[str]:
-    names = [name for name in ("metrics.json", "diagnostics.json", "parameters.json") if (first / name).exists()]
+    names = [
+        name
+        for name in ("metrics.json", "diagnostics.json", "priors.json", "parameters.json")
+        if (first / name).exists()
+    ]
     return [f"{name} differs" for name in names if _load(first / name) != _load(second / name)]
 
 

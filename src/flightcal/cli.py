@@ -8,7 +8,8 @@ import sys
 from collections.abc import Callable
 from functools import wraps
 from importlib import import_module
-from typing import Any, Final
+from importlib.metadata import version
+from typing import Annotated, Any, Final
 
 import typer
 
@@ -25,6 +26,8 @@ VERBS: Final = {
     "fly": "fly",
     "reduce": "reduce",
     "report": "report",
+    "show": "show",
+    "diff": "diff",
     "campaign": "campaign",
     "compare": "compare",
     "validate": "validate",
@@ -43,6 +46,21 @@ app = typer.Typer(
     "sampling or the validation failed, or a check found what matters; 4 the model does not fit, or its intervals do "
     "not hold; 5 to be used for some of it and not for the rest, which the verdict names; 130 interrupted.",
 )
+
+
+def _print_version(asked: bool) -> None:
+    if asked:
+        typer.echo(f"flightcal {version('flightcal')}")
+        raise typer.Exit
+
+
+@app.callback()
+def _options(
+    version: Annotated[
+        bool, typer.Option("--version", callback=_print_version, is_eager=True, help="Print the version and end.")
+    ] = False,
+) -> None:
+    """What stands before a verb."""
 
 
 def _user_errors_are_messages(command: Callable[..., None]) -> Callable[..., None]:

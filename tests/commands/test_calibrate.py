@@ -3,25 +3,34 @@
 import dataclasses
 import json
 import shutil
+from io import StringIO
 from pathlib import Path
 
+import arviz_stats
 import numpy as np
 import pandas as pd
 import pytest
 import xarray
+from rich.console import Console
 from ruamel.yaml import YAML
+from typer.testing import CliRunner
 
 from flightcal.calibration import stages
+from flightcal.cli import app
 from flightcal.commands.calibrate import run_demo, run_experiment
+from flightcal.commands.display import print_verdict
+from flightcal.commands.simulate import simulate_to_csv
 from flightcal.errors import RunError
 from flightcal.report import write_report
+from flightcal.scenario import lint, load_scenario, settable
 from tests import small
 from tests.told import Told
 
 FILES = {
-    "scenario.yaml", "provenance.json", "suspects.json", "telemetry_quality.json", "parameters.json",
+    "scenario.yaml", "provenance.json", "suspects.json", "telemetry_quality.json", "priors.json",
     "integration.json", "genetic.nc", "posterior.nc", "diagnostics.json", "prediction.nc", "metrics.json",
-    "verdict.json", "report.html", "log.jsonl", "digests.json", "run.lock",
+    "verdict.json", "parameters.json", "parameters.csv", "calibrated.yaml", "report.html", "log.jsonl", "digests.json",
+    "run.lock",
 }  # fmt: skip
 
 
@@ -126,6 +135,87 @@ def test_a_changed_setting_runs_its_stage_and_those_after_it(finished, tmp_path)
     assert [told.done_before(TITLES[name]) for name in ("genetic", "nuts", "predict")] == [True, True, False]
 
 
+def test_the_parameters_are_left_as_tables_with_their_correlations(finished):
+    _, run, summary = finished
+    content = json.loads((run / "parameters.json").read_text())
+    found = {record["name"]: record for record in content["parameters"]}
+    assert found.keys() >= {"link", "panel_size", "power", "noise.body_temp", "initial.body"}
+    draws = xarray.open_datatree(run / "posterior.nc")["posterior"]
+    link, body = draws["link"].values, draws["initial.body"].values
+    assert found["link"]["mean"] == pytest.approx(link.mean())
+    assert found["link"]["lower"] == pytest.approx(np.quantile(link, 0.025))
+    assert found["link"]["unit"] == "W/K"
+    assert found["link"]["before"] == pytest.approx(0.6)
+    assert found["link"]["from_data"] > 0.99
+    assert (found["initial.body"]["unit"], found["initial.body"]["mean"]) == (
+        "degC",
+        pytest.approx(body.mean() - 273.15),
+    )
+    names = content["correlation"]["names"]
+    expected = np.corrcoef(link.ravel(), body.ravel())[0, 1]
+    assert content["correlation"]["matrix"][names.index("link")][names.index("initial.body")] == pytest.approx(expected)
+    table = pd.read_csv(run / "parameters.csv").set_index("name")
+    assert list(table.index) == names
+    assert table.loc["power", "mean"] == pytest.approx(found["power"]["mean"], rel=1e-5)
+    assert [own.name for own in summary.parameters] == names
+
+
+def test_the_calibrated_scenario_runs_as_it_is(finished, tmp_path):
+    """Its simulation fits the telemetry to the noise, which is 0.1 K; that of the scenario does not."""
+    scenario, run, _ = finished
+    calibrated = run / "calibrated.yaml"
+    assert [finding for finding in lint(calibrated) if not finding.warning] == []
+    lines = calibrated.read_text().splitlines()
+    identity = json.loads((run / "provenance.json").read_text())["identity"]
+    assert lines[0].startswith("# Calibrated by flightcal")
+    assert identity[:12] in lines[0]
+    assert lines[1].startswith("# Verdict: ")
+    numbers = settable(load_scenario(calibrated))
+    means = {r["name"]: r["mean"] for r in json.loads((run / "parameters.json").read_text())["parameters"]}
+    assert numbers["conductors.body-panel.conductance"].value == pytest.approx(means["link"], rel=1e-5)
+    assert numbers["loads.sun.coefficient"].value == pytest.approx(12.0 * means["panel_size"], rel=1e-5)
+    before, after = (
+        float(simulate_to_csv(own, "train", [], tmp_path / "out.csv")[1].split("RMSE ")[1].split(" K")[0])
+        for own in (scenario, calibrated)
+    )
+    assert before > 0.3
+    assert after < 0.12
+
+
+def test_draws_are_what_arviz_reads(finished):
+    _, run, _ = finished
+    tree = xarray.open_datatree(run / "posterior.nc")
+    summary = arviz_stats.summary(tree, var_names=["link"])
+    assert float(summary.loc["link", "mean"]) == pytest.approx(float(tree["posterior"]["link"].mean()), abs=0.01)
+
+
+@pytest.mark.parametrize("name", ["posterior.nc", "genetic.nc", "prediction.nc"])
+def test_every_array_that_is_written_says_its_unit_and_what_it_is(finished, name):
+    _, run, _ = finished
+    for group in xarray.open_datatree(run / name).subtree:
+        own = group.to_dataset()
+        for variable in own.variables:
+            attributes = own[variable].attrs
+            assert "long_name" in attributes, (group.path, variable)
+            is_plain = variable in own.coords or own[variable].dtype.kind in "OSUM"
+            assert is_plain or attributes["units"], (group.path, variable)
+
+
+def test_what_a_run_leaves_is_shown_in_the_terminal_and_in_notebooks(finished):
+    _, run, summary = finished
+    shown = CliRunner().invoke(app, ["show", str(run)], env={"COLUMNS": "100"})
+    assert shown.exit_code == 0, shown.output
+    console = Console(file=StringIO(), width=100)
+    print_verdict(summary.verdict.record, console)
+    assert console.file.getvalue() in shown.output
+    assert repr(summary).startswith(f"<Summary of {run}: {summary.verdict.use} ")
+    assert len(repr(summary)) < 400
+    page = summary._repr_html_()
+    assert f"<b>{summary.verdict.use}</b>" in page
+    assert "<td>link</td><td>W/K</td><td>0.6 [0.3588, 1.003]</td>" in page
+    assert "initial.body" not in page
+
+
 def with_windows(scenario: Path, **windows) -> Path:
     """The scenario with other windows."""
     content = YAML(typ="safe").load(scenario)
@@ -187,13 +277,17 @@ def test_another_scenario_is_refused_and_nothing_changes(finished, tmp_path):
     assert {file.name: file.read_bytes() for file in run.iterdir()} == before
 
 
-def test_a_moved_scenario_with_the_same_telemetry_is_the_same_run(finished, tmp_path):
+def test_a_moved_scenario_with_another_comment_is_the_same_run_and_its_calibrated_text_is_made_anew(finished, tmp_path):
     scenario, run, _ = finished
-    for file in ("scenario.yaml", "telemetry.csv"):
-        (tmp_path / file).write_bytes((scenario.parent / file).read_bytes())
+    shutil.copytree(run, tmp_path / "run")
+    shutil.copy(scenario.parent / "telemetry.csv", tmp_path)
+    (tmp_path / "scenario.yaml").write_text("# A comment that stays.\n" + scenario.read_text())
     told = Told()
-    run_experiment(tmp_path / "scenario.yaml", run, progress=told)
-    assert told.done_before(TITLES["nuts"])
+    run_experiment(tmp_path / "scenario.yaml", tmp_path / "run", progress=told)
+    assert all(told.done_before(TITLES[name]) for name in ("nuts", "predict"))
+    text = (tmp_path / "run" / "calibrated.yaml").read_text()
+    assert "# A comment that stays.\n" in text
+    assert str(tmp_path / "telemetry.csv") in text
 
 
 def test_a_failed_gate_fails_the_summary_and_saves_everything(tmp_path):

@@ -22,7 +22,15 @@ from flightcal.reduction.file import load_task
 from flightcal.reduction.patterns import plain
 from flightcal.report import read_run
 from flightcal.report.panels.heat import node_heats
-from flightcal.scenario import NutsSettings, lint, load_scenario, resolved_yaml
+from flightcal.scenario import (
+    NutsSettings,
+    calibrated_text,
+    lint,
+    load_scenario,
+    resolved_yaml,
+    settable,
+    written_values,
+)
 from flightcal.telemetry import read
 from tests.reduction import craft
 
@@ -80,6 +88,28 @@ def test_a_scenario_with_a_reduced_model_is_read_back_as_it_was(folder):
     assert again.network.nodes == scenario.network.nodes
     assert again.network.errors == scenario.network.errors
     assert again.parameters == scenario.parameters
+
+
+def test_a_number_of_the_reduced_model_can_be_written_in_the_scenario(folder):
+    """A calibrated scenario has no other place for it."""
+    source = folder / "rom" / "scenario.yaml"
+    scenario = load_scenario(source)
+    means = {name: 1.07 * value for name, value in written_values(scenario).items()}
+    (folder / "rom" / "calibrated.yaml").write_text(calibrated_text(source.read_text(), scenario, means))
+    found = load_scenario(folder / "rom" / "calibrated.yaml")
+    assert settable(found)["reduced.blanket"].value == pytest.approx(
+        1.07 * written_values(scenario)["blanket"], rel=1e-5
+    )
+    assert load_again(folder, found) == found.network.reduced_numbers
+    built = [build_problem(own, read(own), "train").windows[0].network.network for own in (scenario, found)]
+    place = built[0].paths.index("reduced.blanket")
+    assert built[1].values[place] == pytest.approx(1.07 * built[0].values[place], rel=1e-5)
+
+
+def load_again(folder, scenario):
+    """Numbers of the reduced model of a scenario that was resolved and read again."""
+    (folder / "again.yaml").write_text(resolved_yaml(scenario, absolute=True))
+    return load_scenario(folder / "again.yaml").network.reduced_numbers
 
 
 def test_the_error_of_the_reduced_model_widens_the_likelihood(folder):
@@ -221,6 +251,11 @@ def test_the_gradient_beside_heat_is_that_of_differences(heated_problem):
         (lambda s: s["simulator"].update(reduced_model="certificate.json"), "cannot be read as a reduced model"),
         (lambda s: s["simulator"].update(checked_on="none.yaml"), "'none.yaml', which is not there"),
         (lambda s: s["simulator"]["heaters"].update(other={"power": "3 W"}), "which the reduced model does not have"),
+        (
+            lambda s: s["simulator"].update(reduced={"blankets": 1}),
+            "'blankets', which the reduced model does not have; did you mean 'blanket'?",
+        ),
+        (lambda s: s["simulator"].update(reduced={"blanket": "3 W"}), "simulator.reduced.blanket: found '3 W'"),
         (lambda s: s["parameters"]["blanket"].update(sets="reduced.blankets"), "unknown path 'reduced.blankets'"),
         (lambda s: s["observations"].update(unit_1={"node": "nowhere"}), "unknown node 'nowhere'"),
         (

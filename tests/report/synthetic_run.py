@@ -310,7 +310,7 @@ def _write_texts(
              "q97_5": q[2], "r_hat": 1.001 + 0.0005 * i, "ess_bulk": 900.0 - 20 * i, "ess_tail": 700.0 - 10 * i,
              "mcse_mean": flat[:, i].std() / 30, "prior_score": 0.5 * (-1.0) ** i}
         )  # fmt: skip
-    write("parameters.json", parameters)
+    write("priors.json", parameters)
     gates = [
         {"name": name, "passed": passed, "found": found, "required": required, "advice": advice}
         for name, passed, found, required, advice in (

@@ -126,9 +126,9 @@ def test_names_from_files_are_text_and_not_markup(slim_run):
     quality = json.loads((slim_run / "telemetry_quality.json").read_text(encoding="utf-8"))
     quality[0]["channel"] = evil
     (slim_run / "telemetry_quality.json").write_text(json.dumps(quality), encoding="utf-8")
-    parameters = json.loads((slim_run / "parameters.json").read_text(encoding="utf-8"))
+    parameters = json.loads((slim_run / "priors.json").read_text(encoding="utf-8"))
     parameters[0]["unit"] = evil
-    (slim_run / "parameters.json").write_text(json.dumps(parameters), encoding="utf-8")
+    (slim_run / "priors.json").write_text(json.dumps(parameters), encoding="utf-8")
     page = write_report(slim_run).read_text(encoding="utf-8")
     assert "<script>alert" not in page
     assert "&lt;script&gt;alert" in page

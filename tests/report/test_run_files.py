@@ -37,9 +37,19 @@ def test_a_damaged_file_is_named(own_run, name):
 
 
 def test_a_record_without_a_field_is_named(own_run):
-    (own_run / "parameters.json").write_text('[{"name": "x"}]', encoding="utf-8")
-    with pytest.raises(RunError, match=r"parameters\.json.*target"):
+    (own_run / "priors.json").write_text('[{"name": "x"}]', encoding="utf-8")
+    with pytest.raises(RunError, match=r"priors\.json.*target"):
         read_run(own_run)
+
+
+def test_the_list_of_parameters_of_an_earlier_version_is_read(own_run, run):
+    """It was called parameters.json, as the result is now."""
+    (own_run / "priors.json").rename(own_run / "parameters.json")
+    found = read_run(own_run)
+    assert found.parameters == run.parameters
+    assert found.missing == ()
+    (own_run / "parameters.csv").write_text("name\n", encoding="utf-8")  # of this version, whose priors.json is lost
+    assert read_run(own_run).missing == ("priors.json",)
 
 
 def test_only_absolute_temperatures_are_shown_in_celsius(run):

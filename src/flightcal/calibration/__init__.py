@@ -16,27 +16,37 @@ from .methods import (
 )
 from .mode import climb, find_mode
 from .nuts import sample
+from .results import CALIBRATED_FILE, RESULTS, RESULTS_FILE, TABLE_FILE, read_calibrated
 from .stages import COMPILE, GENETIC, NUTS, Sampled, keep_sample, posterior_draws, rough_seconds, warm
+from .table import Calibrated, calibrated, html_table
 
 __all__ = [
+    "CALIBRATED_FILE",
     "COMPILE",
     "GENETIC",
     "NUTS",
+    "RESULTS",
+    "RESULTS_FILE",
+    "TABLE_FILE",
+    "Calibrated",
     "Diagnostics",
     "Gate",
     "Posterior",
     "Sampled",
     "calibrate_genetic",
     "calibrate_nuts",
+    "calibrated",
     "climb",
     "find_mode",
     "gate",
     "genetic_points",
     "genetic_run_points",
+    "html_table",
     "keep_sample",
     "least_effective",
     "mean_and_some",
     "posterior_draws",
+    "read_calibrated",
     "rough_seconds",
     "sample",
     "warm",

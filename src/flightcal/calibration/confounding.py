@@ -8,9 +8,16 @@ import numpy as np
 import xarray
 
 from ..problem import Problem, Runs
+from ..run import labelled
 from ..simulator import FloatArray, SimulationFailure
 
 _TAIL = 0.025
+_LABELS = {
+    "correlation": ("1", "correlation of the discrepancy with what the parameter does"),
+    "mean": ("K", "mean of the discrepancy"),
+    "lower": ("K", "lower end of the discrepancy's interval"),
+    "upper": ("K", "upper end of the discrepancy's interval"),
+}
 
 
 def discrepancy_given(problem: Problem, thetas: FloatArray, runs: Sequence[Runs | None]) -> FloatArray:
@@ -58,7 +65,7 @@ def confounding(problem: Problem, thetas: FloatArray, runs: Sequence[Runs | None
         correlation = (centred[0] * centred[1]).mean(axis=0) / (along.std(axis=0) * values.std(axis=0))
     lower, upper = np.quantile(expected, [_TAIL, 1.0 - _TAIL], axis=0)
     by_sample = ("time", "channel")
-    return xarray.Dataset(
+    found = xarray.Dataset(
         {
             "correlation": ("parameter", correlation),
             "mean": (by_sample, expected.mean(axis=0)),
@@ -71,3 +78,4 @@ def confounding(problem: Problem, thetas: FloatArray, runs: Sequence[Runs | None
             "channel": list(problem.channels),
         },
     )
+    return labelled(found, _LABELS)

@@ -6,6 +6,7 @@ import json
 from collections import Counter
 from collections.abc import Sequence
 from dataclasses import asdict, dataclass, replace
+from html import escape
 from typing import Any
 
 import numpy as np
@@ -15,7 +16,7 @@ from ..errors import FlightcalError
 from ..probability import DEVIATION
 from ..problem import Problem, Runs, at_sizes, patterns_of, places_of, sampled_windows, whitening
 from ..progress import SILENT, Progress
-from ..run import plain
+from ..run import labelled, plain
 from ..scenario import GeneticSettings, NutsSettings, heat_of
 from ..simulator import FloatArray, Trajectory
 from .confounding import confounding
@@ -26,6 +27,7 @@ from .heat import HeatCheck, HeatPoint, check_heat, find_heat, spread_sizes, sta
 from .heat_file import HEAT_GROUP, heat_dataset
 from .mode import Mode, climb, find_mode
 from .nuts import Draws, sample
+from .table import Calibrated, calibrated, html_table
 
 _SEARCH_BOX = 0.998
 """Share of each prior inside the box that the genetic algorithm searches."""
@@ -40,6 +42,10 @@ _CHECKED = 200
 """Draws that are simulated with their heat."""
 MOST_PARETO_K = 0.7
 """Above it importance weights cannot be relied on (Vehtari et al. 2024, JMLR 25, 72)."""
+
+
+_EACH = "SI"
+"""In the place of a unit: each quantity has its own."""
 
 
 def calibrate_genetic(
@@ -77,7 +83,25 @@ def calibrate_genetic(
     )
     names = [problem.names[k] for k in searched]
     found = found.assign(poor_theta=("parameter", _poor(problem, settings.population, seed)))
-    return found.rename(cost="rmse").assign_coords(parameter=names).assign_attrs(seed=seed)
+    units = [problem.entries[k].unit or "1" for k in searched]
+    found = found.rename(cost="rmse").assign_coords(parameter=names, unit=("parameter", units))
+    return labelled(found.assign_attrs(seed=seed), _OF_SEARCH)
+
+
+_OF_SEARCH = {
+    "rmse": ("K", "root mean square error of a run's best"),
+    "generations": ("1", "generations that a run took"),
+    "converged": ("1", "whether a run converged"),
+    "history": ("K", "root mean square error of the best of each generation"),
+    "best": (_EACH, "best of a run"),
+    "first_generation_best": (_EACH, "best of a run's first generation"),
+    "mean_theta": (_EACH, "mean of the runs' best"),
+    "best_theta": (_EACH, "best of all runs"),
+    "spread_theta": (_EACH, "standard deviation of the runs' best"),
+    "poor_theta": (_EACH, "plausible wrong calibration"),
+    "unit": ("", "SI unit of each quantity"),
+}
+"""Variable of genetic.nc -> its unit and what it is."""
 
 
 def _poor(problem: Problem, count: int, seed: int) -> FloatArray:
@@ -156,6 +180,19 @@ class Posterior:
     """Around what unmodelled heat is linear; None: there is none."""
     checked: HeatCheck | None = None
     """Draws that were simulated with their heat."""
+
+    def __repr__(self) -> str:
+        chains, draws = self.theta.shape[:2]
+        passed = "all gates passed" if self.diagnostics.passed else "a gate failed"
+        return f"<Posterior of {self.problem.scenario.name!r}: {chains} x {draws} draws of {len(self.names)}; {passed}>"
+
+    def _repr_html_(self) -> str:
+        return f"<p>{escape(repr(self))}</p>{html_table(self.table)}"
+
+    @property
+    def table(self) -> tuple[Calibrated, ...]:
+        """Every quantity before and after."""
+        return calibrated(self.problem, self.flat)
 
     @property
     def flat(self) -> FloatArray:
@@ -311,7 +348,10 @@ def _drifting(problem: Problem, theta: FloatArray) -> xarray.Dataset | None:
     values = problem.window_values(theta)
     labels = [window.label for window in problem.windows]
     dims = ("chain", "draw", "window")
-    return xarray.Dataset({name: (dims, of) for name, of in values.items()}, {"window": labels}) if values else None
+    if not values:
+        return None
+    own = xarray.Dataset({name: (dims, of) for name, of in values.items()}, {"window": labels})
+    return labelled(own, _words(problem))
 
 
 def _sequences(runs: Sequence[Trajectory]) -> dict[str, float]:
@@ -351,29 +391,32 @@ def posterior_tree(
     groups = {
         "discrepancy": confounding(problem, thetas, runs),
         "windows": _drifting(problem, posterior.theta),
-        "posterior": _variables(names, posterior.theta),
-        "sample_stats": xarray.Dataset(
-            {name: (by_draw, values) for name, values in posterior.draws.statistics.items()}
+        "posterior": labelled(_variables(names, posterior.theta), _words(problem)),
+        "sample_stats": labelled(
+            xarray.Dataset({name: (by_draw, values) for name, values in posterior.draws.statistics.items()}),
+            _OF_SAMPLER,
         ),
-        "prior": _variables(names, prior[None]),
-        "posterior_predictive": xarray.Dataset(
-            {"temperature": ((*by_draw, *by_sample), sampled)}, samples | {"draw": kept}
+        "prior": labelled(_variables(names, prior[None]), _words(problem)),
+        "posterior_predictive": labelled(
+            xarray.Dataset({"temperature": ((*by_draw, *by_sample), sampled)}, samples | {"draw": kept}),
+            {"temperature": ("K", "temperature, drawn from the posterior predictive distribution")},
         ),
-        "observed_data": xarray.Dataset(
-            {"temperature": (by_sample, observed), "status": (("time", "heater"), status)},
-            samples | {"heater": list(problem.heaters)},
+        "observed_data": labelled(
+            xarray.Dataset(
+                {"temperature": (by_sample, observed), "status": (("time", "heater"), status)},
+                samples | {"heater": list(problem.heaters)},
+            ),
+            {"temperature": ("K", "measured temperature"), "status": ("1", "measured status of the heater")},
         ),
-        HEAT_GROUP: _kept_heat(posterior),
+        HEAT_GROUP: None if posterior.heat is None else labelled(_kept_heat(posterior, posterior.heat), _OF_HEAT),
         "/": xarray.Dataset(attrs=_attributes(problem, posterior, runs)),
     }
     return xarray.DataTree.from_dict({name: group for name, group in groups.items() if group is not None})
 
 
-def _kept_heat(posterior: Posterior) -> xarray.Dataset | None:
+def _kept_heat(posterior: Posterior, point: HeatPoint) -> xarray.Dataset:
     """What unmodelled heat is, and for the report its patterns, and parameters' deviations if it were known."""
-    point, checked = posterior.heat, posterior.checked
-    if point is None:
-        return None
+    checked = posterior.checked
     kept = heat_dataset(point.model, point.names, point.theta)
     around = point.around
     sizes = np.array([point.sizes[name] for name in around.sizes.names])
@@ -395,6 +438,29 @@ def _in_order(point: HeatPoint, posterior: Posterior) -> FloatArray:
     """z [d] of the point around which heat is linear."""
     known = dict(zip(point.names, point.theta, strict=True)) | point.sizes
     return posterior.problem.to_z(np.array([known[name] for name in posterior.names]))
+
+
+def _words(problem: Problem) -> dict[str, tuple[str, str]]:
+    """Unit and long name of each entry of theta."""
+    return {entry.name: (entry.unit, entry.long_name) for entry in problem.entries}
+
+
+_OF_SAMPLER = {
+    "diverging": ("1", "whether the trajectory broke off"),
+    "depth": ("1", "depth of the trajectory's tree"),
+    "n_steps": ("1", "steps of the trajectory"),
+    "energy": ("1", "energy of the trajectory"),
+    "step_size": ("1", "size of a step"),
+    "acceptance": ("1", "mean probability of acceptance"),
+    "log_density": ("1", "logarithm of the posterior density, up to a constant"),
+}
+"""Variable of sample_stats -> its unit and what it is."""
+_OF_HEAT = {
+    "model": ("", "what unmodelled heat is made of, as JSON"),
+    "deviation_without_heat": (_EACH, "posterior standard deviation if heat were known"),
+    "pattern": ("W", "unmodelled heat that comes again"),
+}
+"""Variable of the group heat -> its unit and what it is."""
 
 
 def _variables(names: Sequence[str], values: FloatArray) -> xarray.Dataset:

@@ -23,12 +23,22 @@ import xarray
 
 from ..errors import RunError
 from ..probability import GROWING
+from ..run import labelled, read_dataset, sweep, write_json, write_netcdf, write_text
 from ..run import locked as held
-from ..run import read_dataset, sweep, write_json, write_netcdf, write_text
 from ..simulator import FloatArray
 from .store import DamagedRecord, RunStore
 from .subject import Subject
 
+_LABELS: Final = {
+    "theta": ("SI", "value of each parameter, in its own SI unit"),
+    "temperatures": ("K", "simulated temperature"),
+    "status": ("1", "simulated status of the heater"),
+    "outcome": ("", "how the run ended"),
+    "message": ("", "what a run that failed says"),
+    "attempts": ("1", "times that the run was tried"),
+    "seconds": ("s", "how long the run took"),
+}
+"""Variable -> its unit and what it is."""
 NOT_RUN: Final = "not run"
 DAMAGED: Final = "damaged"
 _DESCRIPTION, _DESIGN, _SCENARIO = "campaign.json", "design.nc", "scenario.yaml"
@@ -118,18 +128,19 @@ def open_campaign(folder: Path | str) -> xarray.Dataset:
             temperatures[k], status[k] = record.temperatures, record.status
             outcome[k], message[k] = record.outcome, record.message
             attempts[k], seconds[k] = record.attempts, record.seconds
-    return data.assign(
-        temperatures=(("run", "time", "channel"), temperatures, {"units": "K"}),
+    found = data.assign(
+        temperatures=(("run", "time", "channel"), temperatures),
         status=(("run", "time", "heater"), status),
         outcome=("run", np.array(outcome, dtype=str)),
         message=("run", np.array(message, dtype=str)),
         attempts=("run", attempts),
-        seconds=("run", seconds, {"units": "s"}),
+        seconds=("run", seconds),
     )
+    return labelled(found, _LABELS)
 
 
 def _described(subject: Subject, design: Design) -> xarray.Dataset:
-    return xarray.Dataset(
+    data = xarray.Dataset(
         {"theta": (("run", "parameter"), design.theta)},
         coords={
             "run": np.arange(len(design.theta)),
@@ -140,6 +151,7 @@ def _described(subject: Subject, design: Design) -> xarray.Dataset:
         },
         attrs={"design": design.kind, "seed": design.seed},
     )
+    return labelled(data, _LABELS)
 
 
 def _read_description(folder: Path) -> dict[str, Any]:

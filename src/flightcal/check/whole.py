@@ -51,7 +51,7 @@ def _make(
     profiles: Sequence[str],
     seed: int,
 ) -> None:
-    run.folder.write_json("parameters.json", parameters)
+    run.folder.write_json("priors.json", parameters)
     checked = check(problem, effort, tuple(read_run(run.path).parameters), profiles, suspected, run.progress)
     with run.progress.stage("writing"):
         _write(run, problem, checked)

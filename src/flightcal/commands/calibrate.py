@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, field
+from html import escape
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
@@ -15,6 +16,7 @@ from .options import ScenarioFile, TelemetryPlace
 if TYPE_CHECKING:
     import xarray
 
+    from ..calibration import Calibrated
     from ..prediction import Metric, Unseen
     from ..problem import Problem
     from ..report import Verdict
@@ -43,6 +45,20 @@ class Summary:
     """Size of the unmodelled heat of nodes, as a share of the heat that flows through them; see `heat_shares`."""
     unseen: dict[str, tuple[Unseen, ...]] = field(default_factory=dict)
     """What of each window was not trained on; windows in which all was are not named."""
+    parameters: tuple[Calibrated, ...] = ()
+    """Every uncertain quantity before and after."""
+
+    def __repr__(self) -> str:
+        counts = f"{len(self.parameters)} quantities, {len(self.metrics)} scores"
+        return f"<Summary of {self.run}: {self.verdict.use} {counts}>"
+
+    def _repr_html_(self) -> str:
+        from ..calibration import html_table
+
+        told = (f"{own.question} {own.worst.mark}: {own.worst.title}" for own in self.verdict.answers)
+        answers = (f"<li>{escape(line)}</li>" for line in told)
+        shown = [own for own in self.parameters if own.kind in ("parameter", "drift")]
+        return f"<p><b>{escape(self.verdict.use)}</b></p><ul>{''.join(answers)}</ul>{html_table(shown)}"
 
     @property
     def passed(self) -> bool:
@@ -71,22 +87,24 @@ def run_experiment(
     from .folder import keep_what_was_read, open_for
 
     scenario = load_scenario(scenario_file, telemetry=telemetry)
+    text = Path(scenario_file).read_text(encoding="utf-8-sig")
     with progress.stage("reading telemetry"):
         data = read(scenario)
     with progress.stage("building the problem (the first time it compiles the simulator)"):
         problem = build_problem(scenario, data)
     with open_for(scenario, Path(out), progress) as run:
         keep_what_was_read(run, data, problem)
-        return _run_stages(run, problem, data, searched)
+        return _run_stages(run, problem, data, text, searched)
 
 
-def _run_stages(run: Run, problem: Problem, data: xarray.Dataset, searched: Path | None) -> Summary:
-    """All stages of an experiment; searched: see `run_experiment`."""
-    from ..calibration import COMPILE, GENETIC, NUTS
+def _run_stages(run: Run, problem: Problem, data: xarray.Dataset, text: str, searched: Path | None) -> Summary:
+    """All stages of an experiment; text: of the scenario's file; searched: see `run_experiment`."""
+    from ..calibration import COMPILE, GENETIC, NUTS, RESULTS
     from ..check import SUSPECTS
     from ..emulation import NUTS_THROUGH_EMULATOR, emulator_stage, needs_emulator
     from ..prediction import PREDICT, PREDICTION_FILE, read_unseen
     from ..report import read_run, verdict_of, write_report
+    from ..scenario import input_files
     from ..validation import FULL_SIMULATOR
     from .folder import heat_shares, taken_over
 
@@ -114,9 +132,13 @@ def _run_stages(run: Run, problem: Problem, data: xarray.Dataset, searched: Path
     with run.progress.stage("writing the report"), run.folder.stage("report", run.key(metrics)):
         verdict = verdict_of(read_run(run.path))
         run.folder.write_json(VERDICT, verdict.record)
+        files = [str(file.absolute()) for file in input_files(scenario)]
+        parameters = run.stage(RESULTS, problem, sampled, text=text, use=verdict.use, files=files)
         report = write_report(run.path)
     shares, outside = heat_shares(sampled.posterior), read_unseen(run.folder.file(PREDICTION_FILE))
-    return Summary(run.path, report, sampled.diagnostics, metrics, sampled.interrupted, verdict, shares, outside)
+    return Summary(
+        run.path, report, sampled.diagnostics, metrics, sampled.interrupted, verdict, shares, outside, parameters
+    )
 
 
 def calibrate(

@@ -3,10 +3,10 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 import rich.progress
 from rich.console import Console
@@ -22,7 +22,6 @@ from ..scenario import is_trained
 from ..validation import ALL, INTERVALS
 
 if TYPE_CHECKING:
-    from ..report import Verdict
     from .backtest import Backtest
     from .calibrate import Summary
     from .check import CheckSummary
@@ -83,7 +82,7 @@ class _Bars:
 def print_summary(summary: Summary, console: Console | None = None) -> None:
     """The verdict, the comparison of the methods, and where the report is."""
     console = console or Console()
-    _print_verdict(summary.verdict, console)
+    print_verdict(summary.verdict.record, console)
     _print_scores(summary.metrics, console)
     _print_channels(summary.metrics, console)
     for metric in summary.metrics:
@@ -100,15 +99,20 @@ def print_summary(summary: Summary, console: Console | None = None) -> None:
     console.print(f"report: {summary.report}", highlight=False, soft_wrap=True, markup=False)
 
 
-def _print_verdict(verdict: Verdict, console: Console) -> None:
-    """What the run can be used for, the three answers, and what to do next: as the page has it."""
-    style = {"good": "green", "warn": "yellow", "bad": "bold red"}[verdict.state]
+def print_verdict(verdict: Mapping[str, Any], console: Console) -> None:
+    """What the run can be used for, the three answers, and what to do next: as the page has it.
+
+    verdict: content of verdict.json.
+    """
+    from ..report import MARKS  # which takes a second, for its figures
+
+    style = {"good": "green", "warn": "yellow", "bad": "bold red"}[verdict["state"]]
     console.print()
-    console.print(verdict.use, style=style, highlight=False, soft_wrap=True, markup=False)
-    for answer in verdict.answers:
-        line = f"  {answer.question} {answer.worst.mark}: {answer.worst.title}"
+    console.print(verdict["use"], style=style, highlight=False, soft_wrap=True, markup=False)
+    for answer in verdict["answers"]:
+        line = f"  {answer['question']} {MARKS[answer['state']]}: {answer['answer']}"
         console.print(line, highlight=False, soft_wrap=True, markup=False)
-    console.print(f"  next: {verdict.then}", highlight=False, soft_wrap=True, markup=False)
+    console.print(f"  next: {verdict['next']}", highlight=False, soft_wrap=True, markup=False)
 
 
 def _print_scores(metrics: Sequence[Metric], console: Console) -> None:
@@ -157,7 +161,7 @@ def print_beside(own: Summary, published: Summary, console: Console | None = Non
         table.add_row(window, "picp, least of a channel", *worst)
     console.print(table)
     console.print("published method:", end="", highlight=False)
-    _print_verdict(published.verdict, console)
+    print_verdict(published.verdict.record, console)
     console.print(f"its report: {published.report}", highlight=False, soft_wrap=True, markup=False)
     console.print(f"report: {own.report}", highlight=False, soft_wrap=True, markup=False)
 

@@ -56,7 +56,7 @@ def keep_what_was_read(run: Run, data: xarray.Dataset, problem: Problem) -> None
         run.progress.say(record.detail)
     with run.folder.stage("read", run.folder.identity):
         run.folder.write_json("telemetry_quality.json", plain((*quality_table(data), *gaps)))
-        run.folder.write_json("parameters.json", parameter_records(problem))
+        run.folder.write_json("priors.json", parameter_records(problem))
         run.folder.write_json("integration.json", integration_records(problem))
     run.given(run.folder.identity, data, problem)
 
@@ -68,7 +68,7 @@ def integration_records(problem: Problem) -> list[dict[str, Any]]:
 
 
 def parameter_records(problem: Problem) -> list[dict[str, Any]]:
-    """parameters.json: what each entry of theta is, its prior and its unit."""
+    """priors.json: what each entry of theta is, its prior and its unit."""
     quantiles = np.stack([problem.priors.quantile(p) for p in (0.025, 0.5, 0.975)], axis=1)
     records = []
     for entry, of_prior in zip(problem.entries, quantiles.tolist(), strict=True):

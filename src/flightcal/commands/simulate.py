@@ -23,8 +23,7 @@ def simulate(
         list[str] | None,
         typer.Option(
             "--set",
-            help="name=value of a parameter or of initial.<node>, in SI; the rest is at its prior median, and "
-            "temperatures start at `initial` where it is written.",
+            help="name=value of a parameter or of initial.<node>, in SI; the rest is as the scenario writes it.",
         ),
     ] = None,
     out: Annotated[Path | None, typer.Option(help="CSV file to write; default: <window>_simulated.csv.")] = None,
@@ -41,9 +40,10 @@ def simulate(
 def simulate_to_csv(
     scenario_file: Path, name: str, assignments: list[str], file: Path, telemetry: Path | None = None
 ) -> list[str]:
-    """Simulate with parameters at their prior medians unless assigned ("name=value", SI); write `file`.
+    """Simulate the scenario as it is written, but for what is assigned ("name=value", SI); write `file`.
 
-    Temperatures start where the scenario's `initial` says, else at the telemetry's first samples, unless assigned.
+    What parameters set has the number that stands there, and they scale by 1. Temperatures start where `initial` says,
+    else at the telemetry's first samples.
     Columns: time, then per channel simulated and measured temperature (degC), then per heater simulated and measured
     status. Returns lines that say what was done. Raises ScenarioError and TelemetryError.
     """
@@ -87,11 +87,13 @@ def simulate_to_csv(
 
 def _assigned(problem: Problem, assignments: list[str]) -> FloatArray:
     from ..problem import initial_temperatures
+    from ..scenario import written_values
 
     theta = problem.priors.median()
-    for name, written in initial_temperatures(problem.scenario).items():
+    initial = {f"initial.{name}": written for name, written in initial_temperatures(problem.scenario).items()}
+    for name, written in {**written_values(problem.scenario), **initial}.items():
         if written is not None:
-            theta[problem.names.index(f"initial.{name}")] = written
+            theta[problem.names.index(name)] = written
     for text in assignments:
         name, _, value = text.partition("=")
         if name not in problem.names:

@@ -13,6 +13,7 @@ from numpy.typing import NDArray
 
 from ..errors import RunError
 from ..external import Record, status_switches
+from ..run import labelled
 from ..simulator import FloatArray, Switch, Trajectory
 
 FINISHED = "finished"
@@ -25,6 +26,14 @@ _PER_RUN: dict[str, tuple[str, ...]] = {
     "round": (),
 }
 """What is kept of each run, and its axes."""
+_LABELS = {
+    "theta": ("SI", "value of each quantity, in its own SI unit"),
+    "temperature": ("K", "simulated temperature"),
+    "status": ("1", "simulated status of the heater"),
+    "outcome": ("", "how the run ended"),
+    "message": ("", "what a run that failed says"),
+    "round": ("1", "round of the learning"),
+}
 _IN_FILE = {"temperatures": "temperature"}
 """What has another name in the file."""
 
@@ -115,8 +124,7 @@ class TrainingRuns:
                 "time": self.times,
             },
         )
-        data["temperature"].attrs["unit"] = "K"
-        return data
+        return labelled(data, _LABELS)
 
 
 def no_runs(

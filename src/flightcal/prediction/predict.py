@@ -12,6 +12,7 @@ from ..emulation import EmulatedSimulator
 from ..environment import orbit_phase, sunlit_share
 from ..probability import Shaped
 from ..problem import Problem, Window, build_window, dressed
+from ..run import labelled
 from ..scenario import Scenario, SimulatorModel, is_trained
 from ..simulator import FloatArray, Trajectory
 from ..telemetry import window_bounds
@@ -22,6 +23,7 @@ from .heat import DrawnHeat, draw_heat, noise_errors
 from .holding import replicate
 from .initial import condition_initial
 from .innovations import discrepancy_in_words, innovations, noise_in_words
+from .labels import LABELS
 from .unseen import unseen_attribute
 
 STOCHASTIC = "stochastic"
@@ -113,7 +115,7 @@ def predict(
         "failed_simulations": ensemble.failed,
     }
     prediction.attrs |= unseen_attribute(trained, window, ensemble.mean)
-    return prediction, ensemble
+    return labelled(prediction, LABELS), ensemble
 
 
 def _like_trained(problem: Problem, window: Window) -> Window:

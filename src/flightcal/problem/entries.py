@@ -21,7 +21,7 @@ import numpy as np
 
 from ..errors import ScenarioError
 from ..probability import Priors, PriorTerms
-from ..scenario import HalfNormal, Normal, Prior, Scenario, Uniform, support
+from ..scenario import HalfNormal, Normal, Prior, Scenario, Uniform, is_difference, support
 from ..simulator import FloatArray, IntArray
 from .window import Window
 
@@ -40,6 +40,30 @@ class Entry:
     scales: tuple[str, ...] = ()
     window: str | None = None
     """None: all windows share it."""
+
+    @property
+    def is_temperature(self) -> bool:
+        """Whether it is an absolute temperature, and not a difference."""
+        of_sensor = any(map(is_difference, self.sets))
+        return self.unit == "K" and (self.kind == "initial" or (bool(self.sets) and not of_sensor))
+
+    @property
+    def long_name(self) -> str:
+        """What it is, in words: for plots and tables that others make."""
+        first, _, rest = self.name.partition(".")
+        if self.kind == "parameter":
+            told = [f"{verb} {', '.join(paths)}" for verb, paths in (("sets", self.sets), ("scales", self.scales))]
+            return "; ".join(words for words, paths in zip(told, (self.sets, self.scales), strict=True) if paths)
+        if self.kind == "initial":
+            return f"initial temperature of {rest}"
+        if self.kind == "drift":
+            between = f"deviation of {rest} between windows"
+            return between if self.window is None else f"how far {rest} is off in its window, in deviations"
+        if self.kind == "noise":
+            channel, _, what = rest.partition(".")
+            return f"noise of {channel}: {what.replace('_', ' ') or 'standard deviation'}"
+        about = {"heat": "unmodelled heat", "timing": "error of timing", "error_rate": "share of wrong samples"}
+        return f"{about.get(first, first)}: {rest.replace('_', ' ') if self.kind == 'discrepancy' else rest}"
 
 
 def entries_of(scenario: Scenario, windows: Sequence[Window]) -> tuple[Entry, ...]:

@@ -56,6 +56,14 @@ class Problem:
     flown: tuple[Window, ...] = ()
     """With heat: the windows as they are predicted, with thermostats that act; empty: as they are."""
 
+    def __repr__(self) -> str:
+        parameters = sum(entry.kind == "parameter" for entry in self.entries)
+        samples = sum(len(window.times) for window in self.windows)
+        found = f"{len(self.entries)} unknowns, {parameters} of them parameters"
+        windows = ", ".join(window.name for window in self.windows)
+        seen = f"{samples} samples of {len(self.channels)} channels in {windows}"
+        return f"<Problem of {self.scenario.name!r}: {found}; {seen}{'' if self.heat is None else '; with heat'}>"
+
     @cached_property
     def priors(self) -> Priors:
         """Of theta's entries [d]."""

@@ -60,12 +60,12 @@ def simulator_block(full: SimulatorModel, model: ReducedModel, step: float | Non
 
 
 def network_for(model: ReducedModel, scenario: Scenario, heated: Sequence[str] = ()) -> Network:
-    """The model's network with the numbers that the scenario writes for heaters, modes, environment and biases.
+    """The model's network with the numbers that the scenario has: its own, those of heaters, modes and the like.
 
     heated: as in `network_of`.
     """
     numbers = settable(scenario)
-    kept = (*KEPT, "observations.")
+    kept = (*KEPT, "observations.", "reduced.")
     return network_of(model, {path: item.value for path, item in numbers.items() if path.startswith(kept)}, heated)
 
 

@@ -6,13 +6,13 @@ Imports: errors, prediction, probability, run, scenario, validation.
 from .backtest_page import write_backtest
 from .block import Block, Section
 from .comparison_page import write_comparison
-from .findings import Finding
+from .findings import MARKS, Finding
 from .heat_map import figure_correlation, heat_map
 from .page import compose, write_report
 from .panels import panels
 from .run_files import ParameterInfo, RunFiles, read_run
 from .style import BAND, GENETIC, LINE, MODEL_BAND, PRIOR, STOCHASTIC, TELEMETRY, WARNING, finish, polygons
-from .tables import Cell, Table
+from .tables import Cell, Table, interval
 from .text import labelled, listed, number, percent, unit
 from .thinning import break_lines, extremes
 from .validation_page import write_validation
@@ -25,6 +25,7 @@ __all__ = [
     "CHANNEL_HEIGHT",
     "GENETIC",
     "LINE",
+    "MARKS",
     "MODEL_BAND",
     "PRIOR",
     "STOCHASTIC",
@@ -45,6 +46,7 @@ __all__ = [
     "figure_correlation",
     "finish",
     "heat_map",
+    "interval",
     "labelled",
     "listed",
     "number",

@@ -24,6 +24,9 @@ from .text import listed, number, percent, shown
 
 State = Literal["good", "warn", "bad", "none"]
 
+MARKS: dict[str, str] = {"good": "✓ good", "warn": "! caution", "bad": "✕ problem", "none": "– not in this run"}
+"""State -> a sign and a word."""
+
 EQUAL = 0.02
 """Errors that differ by no more than this share are called equal."""
 
@@ -59,7 +62,7 @@ class Finding:
     @property
     def mark(self) -> str:
         """The state as a sign and a word, so that it does not rest on colour."""
-        return {"good": "✓ good", "warn": "! caution", "bad": "✕ problem", "none": "– not in this run"}[self.state]
+        return MARKS[self.state]
 
 
 def value_of(name: str) -> str:

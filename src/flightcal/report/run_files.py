@@ -31,7 +31,7 @@ STAGES = {
     "diagnostics.json": "the diagnosis of the chains",
     "prediction.nc": "the prediction",
     "metrics.json": "the scores",
-    "parameters.json": "the list of parameters",
+    "priors.json": "the list of parameters",
     "telemetry_quality.json": "the quality of the telemetry",
     "provenance.json": "the provenance",
     "scenario.yaml": "the scenario",
@@ -41,7 +41,7 @@ STAGES = {
 
 @dataclass(frozen=True)
 class ParameterInfo:
-    """An uncertain quantity: what parameters.json says about it, and how it is shown."""
+    """An uncertain quantity: what priors.json says about it, and how it is shown."""
 
     name: str
     kind: str
@@ -118,7 +118,8 @@ def read_run(folder: Path) -> RunFiles:
     """Reads a run directory. Raises RunError where it is none, or where a file in it cannot be read."""
     if not folder.is_dir():
         raise RunError(f"{folder}: no such directory; expected the directory that `flightcal calibrate` wrote")
-    missing = tuple(name for name in STAGES if not (folder / name).is_file())
+    priors = _file_of_priors(folder)
+    missing = tuple(name for name in STAGES if not (priors if name == "priors.json" else folder / name).is_file())
     if len(missing) == len(STAGES):
         raise RunError(f"{folder}: none of {', '.join(STAGES)} is there; expected a run directory")
     check_whole(folder)
@@ -140,7 +141,7 @@ def read_run(folder: Path) -> RunFiles:
         windows=dict(sorted(windows.items(), key=lambda item: not is_trained(item[0]))),
         metrics=kept("metrics.json", partial(read_records, read=partial(typed, Metric))) or [],
         diagnostics=kept("diagnostics.json", read_json),
-        parameters=kept("parameters.json", partial(read_records, read=parameter_info)) or [],
+        parameters=kept(priors.name, partial(read_records, read=parameter_info)) or [],
         quality=kept("telemetry_quality.json", read_json),
         integration=kept("integration.json", read_json) or [],
         emulator=kept("emulator.json", read_json),
@@ -150,6 +151,12 @@ def read_run(folder: Path) -> RunFiles:
         beside=kept("beside.json", partial(read_records, read=_beside)) or [],
         missing=missing,
     )
+
+
+def _file_of_priors(folder: Path) -> Path:
+    """What earlier versions called parameters.json, which now has the result."""
+    own = folder / "priors.json"
+    return own if own.is_file() or (folder / "parameters.csv").is_file() else folder / "parameters.json"
 
 
 def read_content(folder: Path, kind: str) -> Record:
@@ -176,7 +183,7 @@ def draws(posterior: xr.DataTree, group: str, names: Sequence[str]) -> np.ndarra
 
 
 def parameter_info(record: Record) -> ParameterInfo:
-    """What a record of parameters.json says, as it is shown."""
+    """What a record of priors.json says, as it is shown."""
     fields = {path.rsplit(".", 1)[-1] for path in record["target"]}
     sets_temperature = record["mode"] == "sets" and bool(fields) and fields <= ABSOLUTE
     absolute = record["unit"] == "K" and (record["kind"] == "initial" or sets_temperature)

@@ -65,6 +65,9 @@ class Verdict:
     channels: tuple[str, ...]
     """Scored on windows that were not trained on."""
 
+    def __repr__(self) -> str:
+        return f"<Verdict: {self.use}>"
+
     @property
     def state(self) -> State:
         """Of the worst answer; what is not known is a caution."""

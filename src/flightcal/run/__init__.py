@@ -5,6 +5,7 @@ Imports: errors, progress.
 
 from .files import locked, sweep, write_bytes
 from .folder import RunDirectory, check_whole, hash_of, hash_of_file, hold, open_run, read_provenance
+from .labels import labelled
 from .records import (
     plain,
     read_dataset,
@@ -28,6 +29,7 @@ __all__ = [
     "hash_of",
     "hash_of_file",
     "hold",
+    "labelled",
     "locked",
     "open_run",
     "plain",

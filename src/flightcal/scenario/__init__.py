@@ -4,6 +4,16 @@ Imports: errors.
 """
 
 from .blocks import blocks_of
+from .calibrated import (
+    RewritingError,
+    WrittenUnit,
+    calibrated_numbers,
+    calibrated_text,
+    number_in,
+    parameter_units,
+    written_unit,
+    written_values,
+)
 from .calibration import Calibration, EmulatorSettings, GeneticSettings, NutsSettings, PredictionSettings
 from .document import Problem
 from .environment import (
@@ -60,6 +70,7 @@ from .schema import (
     default_noise,
     heat_of,
     input_files,
+    is_difference,
     noise_of,
     not_normal,
 )
@@ -135,6 +146,7 @@ __all__ = [
     "Problem",
     "Quantity",
     "ReducedNumber",
+    "RewritingError",
     "SampledAttitude",
     "SampledOrbit",
     "Scenario",
@@ -155,11 +167,15 @@ __all__ = [
     "Uniform",
     "Vector",
     "Window",
+    "WrittenUnit",
     "blocks_of",
+    "calibrated_numbers",
+    "calibrated_text",
     "default_noise",
     "file_error",
     "heat_of",
     "input_files",
+    "is_difference",
     "is_temperature",
     "is_trained",
     "json_schema",
@@ -169,7 +185,9 @@ __all__ = [
     "load_scenario",
     "noise_of",
     "not_normal",
+    "number_in",
     "numbers_of",
+    "parameter_units",
     "read_file",
     "read_parameters",
     "resolved_yaml",
@@ -182,4 +200,6 @@ __all__ = [
     "support",
     "to_si",
     "write_template",
+    "written_unit",
+    "written_values",
 ]

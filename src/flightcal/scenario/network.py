@@ -128,6 +128,8 @@ class SimulatorModel(Block):
     reduced_model: FileName | None = None
     """File that `flightcal reduce` wrote: nodes, faces, heaters and modes come from it; what is written here besides
     (initial temperatures, thresholds, powers, `measured_by`) replaces what it says."""
+    reduced: dict[str, Marker] = Field(default_factory=dict)
+    """Numbers of the reduced model by name, with their units, in the place of those in its file."""
     checked_on: FileName | None = None
     """Reduction file (that `flightcal reduce` read): at the end posterior draws fly on its operational simulator."""
     reduced_numbers: Annotated[dict[str, ReducedNumber], FILLED_IN] = Field(default_factory=dict)

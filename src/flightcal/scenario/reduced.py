@@ -7,7 +7,7 @@ from pathlib import Path
 from typing import Any
 
 from .document import Problem
-from .units import did_you_mean, show
+from .units import did_you_mean, show, to_si
 
 _HERE = ("simulator", "reduced_model")
 _SECTIONS = ("nodes", "faces", "heaters", "modes")
@@ -18,6 +18,9 @@ def fill_in(written: dict[str, Any], folder: Path) -> tuple[dict[str, Any], list
     """The simulator's block with what its reduced model says; a block without one as it is."""
     name, missing = written.get("reduced_model"), _missing(written.get("checked_on"), folder)
     if name is None:
+        if written.get("reduced"):
+            expected = "expected 'reduced_model' beside it: these are numbers of a reduced model"
+            missing.append(Problem(("simulator", "reduced"), f"found 'reduced', {expected}"))
         return written, missing
     if not isinstance(name, str):
         return written, [
@@ -26,9 +29,10 @@ def fill_in(written: dict[str, Any], folder: Path) -> tuple[dict[str, Any], list
     about, wrong = _read(folder / name)
     if about is None:
         return {**written, "nodes": {}}, [Problem(_HERE, f"found {show(name)}, {wrong}")]
-    filled_in = {"reduced_numbers": about["parameters"], "full_nodes": about["simulator"]["full_nodes"]}
+    numbers, problems = _with_numbers(about["parameters"], written.get("reduced"))
+    filled_in = {"reduced_numbers": numbers, "full_nodes": about["simulator"]["full_nodes"]}
     block = {**about["simulator"], **written, **filled_in}
-    problems = missing
+    problems += missing
     for section in _SECTIONS:
         known = about["simulator"].get(section, {})
         changes = written.get(section, {})
@@ -46,6 +50,23 @@ def fill_in(written: dict[str, Any], folder: Path) -> tuple[dict[str, Any], list
     if not written.get("errors"):
         block["errors"] = about["errors"]
     return block, problems
+
+
+def _with_numbers(known: dict[str, Any], written: Any) -> tuple[dict[str, Any], list[Problem]]:
+    """The file's numbers, by ``reduced.<name>``, with the values that the scenario writes."""
+    numbers, problems = dict(known), []
+    for name, value in (written if isinstance(written, dict) else {}).items():
+        path, location = f"reduced.{name}", ("simulator", "reduced", name)
+        if path not in known:
+            message = f"found {show(name)}, which the reduced model does not have"
+            names = [own.removeprefix("reduced.") for own in known]
+            problems.append(Problem(location, f"{message}{did_you_mean(str(name), names)}"))
+            continue
+        try:
+            numbers[path] = {**known[path], "value": to_si(value, known[path]["unit"])}
+        except ValueError as error:
+            problems.append(Problem(location, str(error)))
+    return numbers, problems
 
 
 def _missing(name: Any, folder: Path) -> list[Problem]:

@@ -71,6 +71,7 @@ def _written_noise(noise: dict[str, Any]) -> dict[str, Any]:
 
 def _written_network(model: dict[str, Any]) -> dict[str, Any]:
     """Without what comes from the file of a reduced model."""
+    model = {key: value for key, value in model.items() if key != "reduced" or value}
     if "reduced_model" not in model:
         return {
             key: value

@@ -217,6 +217,15 @@ class Scenario(Block):
     folder: Annotated[Path, FILLED_IN] = Field(default=Path(), exclude=True)
     """Folder of the file; relative paths start there."""
 
+    def __repr__(self) -> str:
+        model = self.simulator
+        what = f"simulator: {kind_of_simulator(model)}"
+        if isinstance(model, SimulatorModel):
+            what = f"network of {len(model.nodes)} nodes"
+        windows = ", ".join(self.windows)
+        counts = f"{len(self.parameters)} parameters, {len(self.observations)} channels observed"
+        return f"<Scenario {self.name!r}: {what}, {counts}, windows {windows}>"
+
     @property
     def train_windows(self) -> tuple[str, ...]:
         """Names of the windows to calibrate on, in the file's order."""

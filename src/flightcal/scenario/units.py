@@ -144,6 +144,12 @@ def to_si(value: Any, unit: str, *, difference: bool = False) -> float:
     return _finite(registry().Quantity(number, parsed).to(unit or "dimensionless").magnitude, value)
 
 
+def split_quantity(text: str) -> tuple[str, str]:
+    """Number and unit of a written quantity, as they are written; "" of what is none."""
+    split = _NUMBER.fullmatch(text)
+    return (split[1], split[2]) if split else ("", "")
+
+
 def read_any(value: Any) -> tuple[str, float]:
     """SI unit ("" if dimensionless) and SI value of a written quantity of whatever unit. Raises ValueError."""
     split = _NUMBER.fullmatch(value) if isinstance(value, str) else None

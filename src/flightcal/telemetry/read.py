@@ -225,6 +225,7 @@ def _dataset(
             {
                 "kind": channel.kind,
                 "units": conversions[i].unit,
+                "long_name": f"{channel.kind} '{name}'",
                 "column": ", ".join(channel.column),
                 "fill": channel.fill,
             },

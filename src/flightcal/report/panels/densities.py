@@ -23,7 +23,7 @@ ZOOM = 12.0
 def panel(run: RunFiles) -> list[Block]:
     """Figure 5: prior and posterior of each quantity."""
     if run.posterior is None or "prior" not in run.posterior.children or not run.parameters:
-        return [block.note("Figure 5: this run has no posterior with its prior (posterior.nc, parameters.json).")]
+        return [block.note("Figure 5: this run has no posterior with its prior (posterior.nc, priors.json).")]
     infos = [i for i in run.sampled if i.name in run.posterior["prior"]]
     genetic = {}
     if run.genetic is not None:

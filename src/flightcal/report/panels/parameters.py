@@ -28,7 +28,7 @@ MOST_TARGETS = 2
 def panel(run: RunFiles) -> list[Block]:
     """Prior, posterior and what was learnt, in a table."""
     if not run.parameters:
-        return [block.note("There is no list of parameters in this run (parameters.json).")]
+        return [block.note("There is no list of parameters in this run (priors.json).")]
     blocks = [block.table(summary(run))]
     if run.posterior is None:
         blocks.insert(0, block.note("There is no posterior in this run (posterior.nc): priors only."))
@@ -140,7 +140,7 @@ def held_shapes(run: RunFiles) -> dict[str, str]:
 
 
 def _prior(info: ParameterInfo) -> str:
-    """The prior in words, as parameters.json has it; in kelvin where the quantity is shown in degC."""
+    """The prior in words, as priors.json has it; in kelvin where the quantity is shown in degC."""
     words = info.prior.replace("standard_deviation", "sd").replace("_", " ")
     return f"{words}, in K" if info.offset else words
 

@@ -1,0 +1,116 @@
+"""What a calibration leaves behind: the parameters as a table, and the scenario with the calibrated numbers."""
+
+from __future__ import annotations
+
+import csv
+import io
+import math
+from collections.abc import Mapping, Sequence
+from dataclasses import fields
+from pathlib import Path
+from typing import Any, Final
+
+import numpy as np
+
+from ..errors import FlightcalError, RunError
+from ..problem import Problem
+from ..run import Run, Stage, plain, read_json, read_provenance, typed
+from ..scenario import (
+    RewritingError,
+    Scenario,
+    calibrated_numbers,
+    calibrated_text,
+    load_scenario,
+    parameter_units,
+    resolved_yaml,
+    settable,
+)
+from .heat_file import with_kept_heat
+from .stages import Sampled
+from .table import INTERVAL, Calibrated, calibrated, correlation
+
+RESULTS_FILE, TABLE_FILE, CALIBRATED_FILE = "parameters.json", "parameters.csv", "calibrated.yaml"
+_DIGITS: Final = 6
+_AGREE: Final = 1e-4
+"""Relative; numbers are written with six digits."""
+
+
+def _make(run: Run, problem: Problem, sampled: Sampled, *, text: str, use: str, files: Sequence[str]) -> None:
+    problem = with_kept_heat(problem, sampled.posterior)
+    group = sampled.posterior["posterior"].to_dataset()
+    thetas = np.stack([group[name].values.ravel() for name in problem.names], axis=1)
+    rows = calibrated(problem, thetas, parameter_units(text, problem.scenario))
+    content = {
+        "interval": INTERVAL,
+        "parameters": rows,
+        "correlation": {"names": problem.names, "matrix": correlation(thetas)},
+    }
+    run.folder.write_json(RESULTS_FILE, plain(content))
+    run.folder.write_text(TABLE_FILE, _csv(rows))
+    means = dict(zip(problem.names, thetas.mean(axis=0).tolist(), strict=True))
+    header = _header(read_provenance(run.path), problem, use)
+    file = run.folder.file(CALIBRATED_FILE)
+    resolved = resolved_yaml(problem.scenario, absolute=True)
+    for base, otherwise in ((text, "written without the scenario's comments"), (resolved, "not as it should be")):
+        try:
+            run.folder.write_text(CALIBRATED_FILE, calibrated_text(base, problem.scenario, means, header))
+            _check(file, problem.scenario, means)
+        except FlightcalError as error:
+            run.progress.say(f"{CALIBRATED_FILE}: {otherwise}: {error}")
+        else:
+            return
+
+
+def _check(file: Path, scenario: Scenario, means: Mapping[str, float]) -> None:
+    """Raises FlightcalError unless the scenario in a file has the calibrated numbers."""
+    found = settable(load_scenario(file))
+    for path, wanted in calibrated_numbers(scenario, means).items():
+        if not math.isclose(found[path].value, wanted, rel_tol=_AGREE):
+            raise RewritingError(f"{path}: found {found[path].value:g} in it, expected {wanted:g}")
+
+
+def _header(provenance: Mapping[str, Any], problem: Problem, use: str) -> str:
+    """Of calibrated.yaml: which run it is from, and what it is good for."""
+    created, identity = str(provenance.get("created", ""))[:19], str(provenance.get("identity", ""))[:12]
+    scenario = problem.scenario
+    windows = ", ".join(scenario.train_windows)
+    heat = "The run also found unmodelled heat. Its predictions have it, simulations of this file do not.\n"
+    return (
+        f"Calibrated by flightcal {provenance.get('flightcal', '')}: run {identity} of {created} UTC, "
+        f"seed {scenario.calibration.seed}, trained on {windows}.\n"
+        f"Verdict: {use}\n"
+        "Numbers that parameters set or scale are posterior means. What is believed of them before telemetry is as\n"
+        "it was: the prior of a factor is divided by what its numbers were multiplied with.\n"
+        f"{'' if problem.heat is None else heat}"
+        f"Deviations, intervals and correlations stand in {RESULTS_FILE} of the run.\n"
+    )
+
+
+def _csv(rows: Sequence[Calibrated]) -> str:
+    """The table, a line for each quantity, numbers with six digits."""
+    text = io.StringIO()
+    writer = csv.writer(text, lineterminator="\n")
+    names = [field.name for field in fields(Calibrated)]
+    writer.writerow(names)
+    for row in rows:
+        values = (getattr(row, name) for name in names)
+        writer.writerow([f"{value:.{_DIGITS}g}" if isinstance(value, float) else value for value in values])
+    return text.getvalue()
+
+
+def read_calibrated(file: Path) -> tuple[Calibrated, ...]:
+    """The quantities in a parameters.json. Raises RunError where it is damaged, or of an earlier flightcal."""
+    content = read_json(file)
+    try:
+        return tuple(typed(Calibrated, record) for record in content["parameters"])
+    except (KeyError, TypeError):
+        found = "found another content than this flightcal writes"
+        raise RunError(f"{file}: {found}; run the calibration again, which makes it anew") from None
+
+
+def _read(run: Run, *_: Any) -> tuple[Calibrated, ...]:
+    return read_calibrated(run.folder.file(RESULTS_FILE))
+
+
+RESULTS: Final = Stage("results", "", (RESULTS_FILE, TABLE_FILE, CALIBRATED_FILE), _make, _read)
+"""Of a problem and what NUTS gave; text: of the scenario's file, use: the verdict, files: that it names."""

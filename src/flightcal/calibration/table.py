@@ -1,0 +1,111 @@
+"""Every uncertain quantity before and after a calibration."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Mapping, Sequence
+from dataclasses import dataclass
+from html import escape
+from typing import Final
+
+import numpy as np
+
+from ..problem import Entry, Problem
+from ..scenario import WrittenUnit, written_unit
+from ..simulator import FloatArray
+
+INTERVAL: Final = 0.95
+_LEVELS: Final = (0.5 - INTERVAL / 2, 0.5, 0.5 + INTERVAL / 2)
+_PRIOR_POINTS: Final = 4000
+"""Quantiles of a prior over which its variance is taken."""
+
+
+@dataclass(frozen=True)
+class Calibrated:
+    """An uncertain quantity before and after the calibration, in the unit in which the scenario writes it."""
+
+    name: str
+    kind: str
+    """parameter, drift, noise, discrepancy, heat, timing, error_rate or initial"""
+    unit: str
+    before: float
+    """Median of the prior."""
+    before_lower: float
+    before_upper: float
+    """Ends of the prior's 95%."""
+    mean: float
+    median: float
+    deviation: float
+    lower: float
+    upper: float
+    """Ends of the 95% interval."""
+    from_data: float
+    """How much of it is the data's word and not the prior's, 0 to 1: 1 - variance of the posterior / of the prior."""
+
+    def __repr__(self) -> str:
+        return f"<{self.name}: {_in_brackets(self.mean, self.lower, self.upper)} {self.unit}".rstrip() + ">"
+
+
+def calibrated(
+    problem: Problem, thetas: FloatArray, units: Mapping[str, WrittenUnit] | None = None
+) -> tuple[Calibrated, ...]:
+    """Every entry of theta before and after; thetas [S, d] are its posterior draws.
+
+    units: of the parameters that are not shown in SI; absolute temperatures are in degC in any case.
+    """
+    priors, units = problem.priors, {**_default_units(problem.entries), **(units or {})}
+    before = priors.quantile(np.array(_LEVELS)[:, None])
+    shares = (np.arange(_PRIOR_POINTS) + 0.5) / _PRIOR_POINTS
+    wide = priors.quantile(shares[:, None]).var(axis=0)
+    after = np.quantile(thetas, _LEVELS, axis=0)
+    means, variances = thetas.mean(axis=0), thetas.var(axis=0, ddof=1)
+    told = np.clip(1.0 - variances / wide, 0.0, 1.0)
+    rows = []
+    for k, entry in enumerate(problem.entries):
+        unit = units[entry.name]
+        lower, median, upper = (unit.of(value) for value in after[:, k].tolist())
+        before_lower, middle, before_upper = (unit.of(value) for value in before[:, k].tolist())
+        rows.append(
+            Calibrated(
+                name=entry.name,
+                kind=entry.kind,
+                unit=unit.name,
+                before=middle,
+                before_lower=before_lower,
+                before_upper=before_upper,
+                mean=unit.of(float(means[k])),
+                median=median,
+                deviation=float(np.sqrt(variances[k])) / unit.factor,
+                lower=lower,
+                upper=upper,
+                from_data=float(told[k]),
+            )
+        )
+    return tuple(rows)
+
+
+def _default_units(entries: Sequence[Entry]) -> dict[str, WrittenUnit]:
+    """The unit of each entry where no scenario's text says another: SI, and degC for absolute temperatures."""
+    return {own.name: written_unit("degC" if own.is_temperature else own.unit, own.unit) for own in entries}
+
+
+def correlation(thetas: FloatArray) -> FloatArray:
+    """Correlation [d, d] of posterior draws thetas [S, d]; NaN for what does not vary."""
+    with np.errstate(invalid="ignore", divide="ignore"):
+        return np.atleast_2d(np.corrcoef(thetas, rowvar=False))
+
+
+def html_table(rows: Iterable[Calibrated]) -> str:
+    """The table as HTML, for notebooks: before, after, and how much of it is the data's word."""
+    headings = ("quantity", "unit", "before [95%]", "after [95%]", "from data")
+    body = []
+    for own in rows:
+        before = _in_brackets(own.before, own.before_lower, own.before_upper)
+        after = _in_brackets(own.mean, own.lower, own.upper)
+        body.append((own.name, own.unit, before, after, f"{own.from_data:.1%}"))
+    lines = ["".join(f"<td>{escape(text)}</td>" for text in cells) for cells in body]
+    head = "".join(f"<th>{text}</th>" for text in headings)
+    return f"<table><tr>{head}</tr>{''.join(f'<tr>{line}</tr>' for line in lines)}</table>"
+
+
+def _in_brackets(middle: float, lower: float, upper: float) -> str:
+    return f"{middle:.4g} [{lower:.4g}, {upper:.4g}]"

@@ -1,0 +1,203 @@
+"""`flightcal diff`: two runs side by side, from their files alone."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable, Iterator, Mapping
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated, Any
+
+import typer
+
+if TYPE_CHECKING:
+    from rich.console import Console
+
+    from ..calibration import Calibrated
+    from .kept import Kept
+
+_FEW = 20
+"""Differences between scenarios that are told."""
+_SCORES = ("rmse", "crps", "picp", "mpiw")
+_SEVERAL = 2.0
+"""Deviations from which on a difference is marked."""
+
+
+def diff(
+    first: Annotated[Path, typer.Argument(help="Folder of a run.", show_default=False)],
+    second: Annotated[Path, typer.Argument(help="Folder of another run of the satellite.", show_default=False)],
+    every: Annotated[
+        bool, typer.Option("--all", help="Every quantity and every difference between the scenarios.")
+    ] = False,
+) -> None:
+    """Compare two runs of a satellite: verdicts, what differs in their scenarios, parameters and scores.
+
+    Example: `flightcal diff runs/march runs/april`
+    """
+    from rich.console import Console
+
+    print_difference(first, second, Console(), every=every)
+
+
+def print_difference(first: Path, second: Path, console: Console, *, every: bool = False) -> None:
+    """Two finished runs of a satellite side by side. Raises RunError, also where they have nothing in common."""
+    from .kept import read_kept
+
+    one, two = read_kept(first), read_kept(second)
+    _check_comparable(one, two)
+    for label, run in (("A", one), ("B", two)):
+        console.print(f"{label}: {run.title}", highlight=False, soft_wrap=True, markup=False)
+        console.print(f"   {run.verdict['use']}", highlight=False, soft_wrap=True, markup=False)
+    _print_answers(one, two, console)
+    _print_scenarios(one, two, console, every)
+    _print_parameters(one, two, console, every)
+    _print_scores(one, two, console)
+
+
+def in_deviations(one: Calibrated, two: Calibrated) -> float:
+    """Difference of two means over the root of the sum of their variances, in the same unit; NaN: no deviation."""
+    deviation = math.hypot(one.deviation, two.deviation)
+    return (two.mean - one.mean) / deviation if deviation > 0 else math.nan
+
+
+def differences(one: Any, two: Any, place: str = "") -> Iterator[tuple[str, Any, Any]]:
+    """Where two nested values differ: dotted place, and what stands there in each; None: nothing."""
+    pair = (one, two)
+    if all(isinstance(value, Mapping) for value in pair):
+        for key in dict.fromkeys([*one, *two]):
+            yield from differences(one.get(key), two.get(key), f"{place}.{key}".lstrip("."))
+    elif all(isinstance(value, list) for value in pair) and len(one) == len(two):
+        for k, (left, right) in enumerate(zip(one, two, strict=True)):
+            yield from differences(left, right, f"{place}[{k}]")
+    elif one != two:
+        yield place, one, two
+
+
+def in_terms_of(one: Kept, two: Kept, own: Calibrated) -> Calibrated:
+    """A quantity of the second run as one of the first: a factor is one of the first run's numbers."""
+    from ..scenario import number_in
+
+    parameter = (two.scenario.get("parameters") or {}).get(own.name, {})
+    if parameter.get("sets") or not parameter.get("scales"):
+        return own
+    base, other = (number_in(run.text, parameter["scales"][0]) for run in (one, two))
+    if not base or not other:
+        return own
+    return _rescaled(own, lambda value: value * other / base, other / base, own.unit)
+
+
+def in_unit_of(one: Calibrated, two: Calibrated) -> Calibrated:
+    """The second quantity in the unit of the first."""
+    from ..scenario import si_unit, written_unit
+
+    if one.unit == two.unit:
+        return two
+    si = si_unit(one.unit)
+    own, other = written_unit(one.unit, si), written_unit(two.unit, si)
+    return _rescaled(two, lambda value: own.of(other.si(value)), other.factor / own.factor, one.unit)
+
+
+def _rescaled(own: Calibrated, of: Callable[[float], float], factor: float, unit: str) -> Calibrated:
+    """A quantity with other numbers: `of` each value, and its deviation times a factor."""
+    from dataclasses import replace
+
+    values = ("before", "before_lower", "before_upper", "mean", "median", "lower", "upper")
+    moved: dict[str, Any] = {name: of(getattr(own, name)) for name in values}
+    return replace(own, unit=unit, deviation=own.deviation * factor, **moved)
+
+
+def _check_comparable(one: Kept, two: Kept) -> None:
+    from ..errors import RunError
+
+    for what, block in (("channel", "observations"), ("parameter", "parameters")):
+        names = [list(run.scenario.get(block) or ()) for run in (one, two)]
+        if any(names) and not set(names[0]) & set(names[1]):
+            places = zip(names, (one, two), strict=True)
+            found = " and ".join(f"{', '.join(own[:3]) or 'none'} in {run.folder}" for own, run in places)
+            raise RunError(f"found no {what} in common ({found}), expected two runs of one satellite")
+
+
+def _print_answers(one: Kept, two: Kept, console: Console) -> None:
+    from ..report import MARKS
+
+    for left, right in zip(one.verdict["answers"], two.verdict["answers"], strict=False):
+        if (left["state"], left["answer"]) == (right["state"], right["answer"]):
+            line = f"   {left['question']} both {MARKS[left['state']]}: {left['answer']}"
+            console.print(line, highlight=False, soft_wrap=True, markup=False)
+            continue
+        console.print(f"   {left['question']}", highlight=False, soft_wrap=True, markup=False)
+        for label, answer in (("A", left), ("B", right)):
+            line = f"      {label} {MARKS[answer['state']]}: {answer['answer']}"
+            console.print(line, highlight=False, soft_wrap=True, markup=False)
+
+
+def _print_scenarios(one: Kept, two: Kept, console: Console, every: bool) -> None:
+    left, right = (_without_place(run.scenario) for run in (one, two))
+    found = list(differences(left, right))
+    same_data = sorted(one.provenance.get("inputs", {}).values()) == sorted(two.provenance.get("inputs", {}).values())
+    if not same_data:
+        found.append(("content of the input files", "", ""))
+    console.print(f"\nScenarios: {f'{len(found)} differences' if found else 'the same'}", highlight=False)
+    for place, own, other in found if every else found[:_FEW]:
+        line = f"  {place}: {_short(own)} -> {_short(other)}" if (own, other) != ("", "") else f"  {place}"
+        console.print(line, highlight=False, soft_wrap=True, markup=False)
+    if not every and len(found) > _FEW:
+        console.print(f"  and {len(found) - _FEW} more with --all", highlight=False)
+
+
+def _print_parameters(one: Kept, two: Kept, console: Console, every: bool) -> None:
+    from rich.markup import escape
+    from rich.table import Table
+
+    from ..report import interval
+    from .kept import chosen
+
+    table = Table(title="Parameters, mean [95%], and B - A in deviations", title_justify="left", padding=0)
+    table.add_column("name, unit", overflow="fold")
+    for heading in ("A", "B", "B - A"):
+        table.add_column(heading, justify="right", no_wrap=True)
+    left, right = ({own.name: own for own in chosen(run.parameters, every)} for run in (one, two))
+    for name in dict.fromkeys([*left, *right]):
+        a, b = left.get(name), right.get(name)
+        unit = (a or right[name]).unit
+        named = f"{name}, {unit}" if unit else name
+        b = in_unit_of(a, in_terms_of(one, two, b)) if a is not None and b is not None else b
+        cells = ["-" if own is None else interval(own.mean, own.lower, own.upper) for own in (a, b)]
+        off = in_deviations(a, b) if a is not None and b is not None else math.nan
+        mark = "" if not abs(off) >= _SEVERAL else "yellow"
+        table.add_row(
+            escape(named), *map(escape, cells), "-" if math.isnan(off) else f"{round(off, 1) + 0.0:+.1f}", style=mark
+        )
+    if table.row_count:
+        console.print(table)
+
+
+def _print_scores(one: Kept, two: Kept, console: Console) -> None:
+    """Scores of the stochastic update over all channels, in the windows of either."""
+    from rich.markup import escape
+    from rich.table import Table
+
+    table = Table(title="Scores of the stochastic update, over all channels", title_justify="left")
+    for heading in ("window", "metric", "unit", "A", "B"):
+        table.add_column(heading, justify="right" if heading in ("A", "B") else "left", overflow="fold")
+    left, right = (
+        {(m.window, m.metric): m for m in run.metrics if (m.method, m.channel) == ("stochastic", "all")}
+        for run in (one, two)
+    )
+    for place in dict.fromkeys([*left, *right]):
+        pair = [own.get(place) for own in (left, right)]
+        if place[1] in _SCORES:
+            unit = next(m.unit for m in pair if m is not None)
+            cells = ["-" if m is None or m.value is None else f"{m.value:.4g}" for m in pair]
+            table.add_row(escape(place[0]), place[1], unit, *cells)
+    console.print(table)
+
+
+def _without_place(scenario: Mapping[str, Any]) -> dict[str, Any]:
+    """A scenario without where its telemetry lies: its content is compared."""
+    telemetry = {key: value for key, value in scenario.get("telemetry", {}).items() if key != "file"}
+    return {**scenario, "telemetry": telemetry}
+
+
+def _short(value: Any) -> str:
+    text = "nothing" if value is None else str(value)
+    return text if len(text) <= 60 else f"{text[:57]}..."

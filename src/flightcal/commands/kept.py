@@ -1,0 +1,111 @@
+"""A finished run as `show` and `diff` read it, and the table of its parameters."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from functools import partial
+from pathlib import Path
+from typing import Any, Final
+
+from rich.markup import escape
+from rich.table import Table
+
+from ..calibration import CALIBRATED_FILE, RESULTS_FILE, TABLE_FILE, Calibrated, read_calibrated
+from ..errors import RunError
+from ..prediction import Metric
+from ..run import check_whole, read_json, read_provenance, read_records, typed
+
+_STAGES: Final = ("nuts", "predict", "results")
+_FILES: Final = ("scenario.yaml", "verdict.json", "metrics.json", RESULTS_FILE, TABLE_FILE, CALIBRATED_FILE)
+_OTHERS: Final = {"backtest.json": "backtest", "comparison.json": "comparison", "campaign.json": "campaign"}
+ABOUT: Final = {
+    CALIBRATED_FILE: "the scenario with the calibrated numbers",
+    TABLE_FILE: "every quantity before and after",
+    RESULTS_FILE: "the same, with correlations",
+    "posterior.nc": "the draws, in ArviZ's netCDF",
+    "report.html": "the report",
+}
+"""Files of a run that are to be taken away, and what each is."""
+
+
+@dataclass(frozen=True)
+class Kept:
+    """What a finished run says of itself."""
+
+    folder: Path
+    provenance: dict[str, Any]
+    verdict: dict[str, Any]
+    parameters: tuple[Calibrated, ...]
+    metrics: tuple[Metric, ...]
+    scenario: dict[str, Any]
+    """As the run resolved it."""
+    text: str
+    """Of its file."""
+
+    @property
+    def title(self) -> str:
+        """Which run it is."""
+        name, made = self.scenario.get("name", ""), self.provenance
+        created = str(made.get("created", ""))[:19].replace("T", " ")
+        return f"{name}, run {str(made.get('identity', ''))[:12]} of {created} UTC, flightcal {made.get('flightcal')}"
+
+
+def read_kept(folder: Path) -> Kept:
+    """A finished run. Raises RunError where the folder holds none, or where a file in it is damaged."""
+    wanted = "expected the folder of a run that 'flightcal calibrate' wrote"
+    if not folder.exists():
+        raise RunError(f"{folder}: found nothing there, {wanted}")
+    if not folder.is_dir():
+        raise RunError(f"{folder}: found a file, {wanted}")
+    provenance = read_provenance(folder)
+    other = next((kind for name, kind in _OTHERS.items() if (folder / name).is_file()), None)
+    if other is not None or not provenance:
+        raise RunError(f"{folder}: found {f'a {other}' if other else 'no run'}, {wanted}")
+    done = provenance.get("stage_inputs", {})
+    lacking = [f"stage '{name}'" for name in _STAGES if name not in done]
+    lacking += [name for name in _FILES if not (folder / name).is_file()]
+    if lacking:
+        again = "run the same 'flightcal calibrate' again, which takes up where it stopped"
+        raise RunError(f"{folder}: found an unfinished run ({lacking[0]} is missing), expected a finished one; {again}")
+    check_whole(folder)
+    return Kept(
+        folder,
+        provenance,
+        read_json(folder / "verdict.json"),
+        read_calibrated(folder / RESULTS_FILE),
+        tuple(read_records(folder / "metrics.json", partial(typed, Metric))),
+        _yaml(folder / "scenario.yaml"),
+        (folder / "scenario.yaml").read_text(encoding="utf-8"),
+    )
+
+
+def chosen(parameters: Sequence[Calibrated], every: bool) -> list[Calibrated]:
+    """What a table has: the scenario's parameters, or every quantity."""
+    return [own for own in parameters if every or own.kind in ("parameter", "drift")]
+
+
+def parameter_table(parameters: Sequence[Calibrated]) -> Table:
+    """Before, after, interval and how much of it is the data's word."""
+    from ..report import interval
+
+    table = Table(title="Parameters: median [95%] before, mean [95%] after", title_justify="left", padding=0)
+    table.add_column("name, unit", overflow="fold")
+    for heading in ("before", "after", "from data"):
+        table.add_column(heading, justify="right", no_wrap=True)
+    for own in parameters:
+        before, after = (own.before, own.before_lower, own.before_upper), (own.mean, own.lower, own.upper)
+        named = f"{own.name}, {own.unit}" if own.unit else own.name
+        table.add_row(*map(escape, (named, interval(*before), interval(*after), f"{own.from_data:.1%}")))
+    return table
+
+
+def _yaml(file: Path) -> dict[str, Any]:
+    from ruamel.yaml import YAML
+    from ruamel.yaml.error import YAMLError
+
+    try:
+        content = YAML(typ="safe", pure=True).load(file.read_text(encoding="utf-8"))
+    except YAMLError as error:
+        raise RunError(f"{file}: not YAML: {error}") from None
+    return content if isinstance(content, dict) else {}

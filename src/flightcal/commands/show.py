@@ -1,0 +1,44 @@
+"""`flightcal show`: what a finished run found, from its files alone."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated
+
+import typer
+
+if TYPE_CHECKING:
+    from rich.console import Console
+
+
+def show(
+    run: Annotated[Path, typer.Argument(help="Folder of a run.", show_default=False)],
+    every: Annotated[
+        bool, typer.Option("--all", help="Every quantity: noise, heat and initial temperatures too.")
+    ] = False,
+) -> None:
+    """Print the verdict on a run, its parameters before and after, and the files that it leaves behind.
+
+    Example: `flightcal show runs/first`
+    """
+    from rich.console import Console
+
+    print_run(run, Console(), every=every)
+
+
+def print_run(folder: Path, console: Console, *, every: bool = False) -> None:
+    """What a finished run found; every: quantities that are no parameters of the scenario, too. Raises RunError."""
+    from .display import print_verdict
+    from .kept import ABOUT, chosen, parameter_table, read_kept
+
+    kept = read_kept(folder)
+    console.print(kept.title, highlight=False, soft_wrap=True, markup=False)
+    print_verdict(kept.verdict, console)
+    rows = chosen(kept.parameters, every)
+    if rows:
+        console.print(parameter_table(rows))
+    if left := len(kept.parameters) - len(rows):
+        console.print(f"{left} more with --all: noise, heat and initial temperatures", highlight=False)
+    for name, words in ABOUT.items():
+        if (folder / name).is_file():
+            console.print(f"{folder / name}: {words}", highlight=False, soft_wrap=True, markup=False)

@@ -1,0 +1,103 @@
+"""What `flightcal diff` says of two runs."""
+
+import math
+
+import pytest
+from typer.testing import CliRunner
+
+from flightcal.calibration import Calibrated
+from flightcal.cli import USER_ERROR, app
+from flightcal.commands.diff import differences, in_deviations, in_unit_of
+from tests import small
+from tests.commands.kept_run import change, write_kept
+
+
+def diff(*arguments):
+    return CliRunner().invoke(app, ["diff", *map(str, arguments)], env={"COLUMNS": "100"})
+
+
+def cells_of(output, name):
+    return [
+        [cell.strip() for cell in line.split("\u2502")[1:-1]]
+        for line in output.splitlines()
+        if line.startswith("\u2502") and name in line
+    ]
+
+
+def quantity(mean, deviation, unit="W/K"):
+    return Calibrated("x", "parameter", unit, mean, mean, mean, mean, mean, deviation, mean, mean, 0.5)
+
+
+def test_a_run_and_itself_are_the_same(tmp_path):
+    run = write_kept(tmp_path / "run")
+    result = diff(run, run)
+    assert result.exit_code == 0, result.output
+    assert "Scenarios: the same" in result.output
+    assert "Did the sampling converge? both ✓ good: Yes [all]" in result.output
+    assert cells_of(result.output, "link") == [["link, W/K", "0.650 [0.590, 0.710]", "0.650 [0.590, 0.710]", "+0.0"]]
+
+
+def test_what_differs_is_told(tmp_path):
+    other = small.content()
+    other["simulator"]["nodes"]["body"]["capacity"] = "3100 J/K"
+    other["heat"] = None
+    one, two = write_kept(tmp_path / "one"), write_kept(tmp_path / "two", scenario=other, link=0.8, extra=0.1)
+    change(two / "verdict.json", use="Do not use it.", answers=[{
+        "question": "Did the sampling converge?", "state": "bad", "answer": "No", "findings": []
+    }])  # fmt: skip
+    change(two / "provenance.json", inputs={"telemetry.csv": "2"})
+    output = diff(one, two).output
+    assert "Do not use it." in output
+    assert "Did the sampling converge?\n      A ✓ good: Yes [all]\n      B ✕ problem: No\n" in output
+    assert "Scenarios: 3 differences" in output
+    assert "  simulator.nodes.body.capacity: 3000 J/K -> 3100 J/K\n" in output
+    assert "  heat: none -> nothing\n" in output
+    assert "  content of the input files\n" in output
+    assert cells_of(output, "link")[0][-1] == "+3.5"  # 0.15 over 0.03 and the root of two
+    assert cells_of(output, "extra") == [["extra, W/K", "-", "0.100 [0.0400, 0.160]", "-"]]
+    assert ["test", "rmse", "K", "0.65", "0.8"] in cells_of(output, "rmse")
+
+
+def test_factors_are_compared_as_factors_of_the_same_numbers(tmp_path):
+    """The second run began with calibrated numbers: its factor of 1 is the first run's of 1.1."""
+    other = small.content()
+    other["simulator"]["conductors"][1]["radiative"] = "0.055 m^2"
+    one = write_kept(tmp_path / "one", panel_size=1.1)
+    two = write_kept(tmp_path / "two", scenario=other, panel_size=1.0)
+    (row,) = cells_of(diff(one, two).output, "panel_size")
+    assert row[1:] == ["1.10 [1.04, 1.16]", "1.10 [1.03, 1.17]", "+0.0"]
+
+
+def test_runs_that_share_nothing_are_refused(tmp_path):
+    other = small.content()
+    other["observations"] = {"panel_3": {"node": "panel"}}
+    result = diff(write_kept(tmp_path / "one"), write_kept(tmp_path / "two", scenario=other))
+    assert result.exit_code == USER_ERROR
+    assert "found no channel in common (" in result.output
+    assert "expected two runs of one satellite" in result.output
+
+
+def test_a_folder_that_is_no_run_is_a_message(tmp_path):
+    result = diff(write_kept(tmp_path / "run"), tmp_path)
+    assert result.exit_code == USER_ERROR
+    assert "found no run" in result.output
+
+
+def test_a_difference_is_counted_in_deviations_of_both():
+    assert in_deviations(quantity(1.0, 0.3), quantity(2.0, 0.4)) == pytest.approx(2.0)
+    assert math.isnan(in_deviations(quantity(1.0, 0.0), quantity(2.0, 0.0)))
+
+
+def test_units_of_two_scenarios_are_made_one():
+    found = in_unit_of(quantity(0.6, 0.1), quantity(650.0, 20.0, "mW/K"))
+    assert (found.unit, found.mean, found.deviation) == ("W/K", pytest.approx(0.65), pytest.approx(0.02))
+    warm = in_unit_of(quantity(10.0, 1.0, "degC"), quantity(284.15, 1.0, "K"))
+    assert (warm.mean, warm.deviation) == (pytest.approx(11.0), pytest.approx(1.0))
+
+
+def test_differences_are_found_where_they_are():
+    one = {"a": {"b": [1, 2], "c": [1]}, "d": 1}
+    two = {"a": {"b": [1, 3], "c": [1, 2]}, "e": 1}
+    assert list(differences(one, two)) == [
+        ("a.b[1]", 2, 3), ("a.c", [1], [1, 2]), ("d", 1, None), ("e", None, 1)
+    ]  # fmt: skip

@@ -1,0 +1,97 @@
+"""What `flightcal show` prints of a run, and which folders it refuses."""
+
+import json
+
+import pytest
+from typer.testing import CliRunner
+
+from flightcal.cli import USER_ERROR, app
+from tests.commands.kept_run import change, write_json, write_kept
+
+
+def show(*arguments):
+    return CliRunner().invoke(app, ["show", *map(str, arguments)], env={"COLUMNS": "100"})
+
+
+def test_the_verdict_the_parameters_and_the_files_are_printed(tmp_path):
+    result = show(write_kept(tmp_path / "run"))
+    assert result.exit_code == 0, result.output
+    assert "small, run abababababab of 2024-05-02 09:30:00 UTC, flightcal 0.1.0" in result.output
+    assert "Use it.\n  Did the sampling converge? ✓ good: Yes [all]\n" in result.output
+    assert "  next: flightcal backtest\n" in result.output
+    (row,) = (line for line in result.output.splitlines() if "link" in line)
+    cells = [cell.strip() for cell in row.split("\u2502")[1:-1]]
+    assert cells == ["link, W/K", "0.600 [0.360, 1.00]", "0.650 [0.590, 0.710]", "97.0%"]
+    assert "initial.body" not in result.output
+    assert "1 more with --all: noise" in result.output
+    assert f"{tmp_path / 'run' / 'calibrated.yaml'}: the scenario with the calibrated numbers" in result.output
+
+
+def test_every_quantity_is_printed_where_it_is_asked_for(tmp_path):
+    assert "initial.body, degC" in show(write_kept(tmp_path / "run"), "--all").output
+
+
+def no_folder(run):
+    return run / "nowhere"
+
+
+def a_file(run):
+    return run / "metrics.json"
+
+
+def no_run(run):
+    (run.parent / "other").mkdir()
+    return run.parent / "other"
+
+
+def no_verdict(run):
+    (run / "verdict.json").unlink()
+    return run
+
+
+def begun_again(run):
+    change(run / "provenance.json", stage_inputs={"predict": "x", "results": "x"})
+    return run
+
+
+def a_backtest(run):
+    write_json(run / "backtest.json", {})
+    return run
+
+
+def damaged(run):
+    (run / "parameters.json").write_text("{")
+    return run
+
+
+def of_an_earlier_version(run):
+    write_json(run / "parameters.json", [])
+    return run
+
+
+def without_a_field(run):
+    content = json.loads((run / "parameters.json").read_text())
+    del content["parameters"][0]["mean"]
+    write_json(run / "parameters.json", content)
+    return run
+
+
+@pytest.mark.parametrize(
+    ("spoil", "message"),
+    [
+        (no_folder, "found nothing there, expected the folder of a run"),
+        (a_file, "found a file, expected the folder of a run"),
+        (no_run, "found no run, expected the folder of a run"),
+        (no_verdict, "found an unfinished run (verdict.json is missing), expected a finished one; run the same"),
+        (begun_again, "found an unfinished run (stage 'nuts' is missing)"),
+        (a_backtest, "found a backtest, expected the folder of a run"),
+        (damaged, "parameters.json: not JSON"),
+        (of_an_earlier_version, "parameters.json: found another content"),
+        (without_a_field, "parameters.json: found another content"),
+    ],
+)
+def test_what_is_no_finished_run_is_a_message(tmp_path, spoil, message):
+    result = show(spoil(write_kept(tmp_path / "run")))
+    assert result.exit_code == USER_ERROR
+    assert result.exception is None or isinstance(result.exception, SystemExit)
+    assert message in result.output
