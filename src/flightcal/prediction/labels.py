@@ -32,6 +32,8 @@ LABELS: Final[dict[str, tuple[str, str]]] = {
     "orbit_phase": ("1", "phase of the orbit"),
     "coverage": ("1", "share of the scored telemetry inside the interval"),
     "replicated": ("1", "the same share for draws of the prediction in the place of the telemetry"),
+    "error": ("1", "root mean square of the telemetry's distances from the mean, in deviations of the prediction"),
+    "replicated_error": ("1", "the same for draws of the prediction in the place of the telemetry"),
     "noise": ("", "noise that is assumed"),
     "discrepant": ("", "discrepancy that is assumed"),
     "innovation": ("1", "residual without what is expected from the one before, in its deviations"),
