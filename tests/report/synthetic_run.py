@@ -146,7 +146,7 @@ def _genetic(truth: np.ndarray, low: np.ndarray, high: np.ndarray, rng: np.rando
             "best_theta": ("parameter", best[history[:, -1].argmin()]),
             "spread_theta": ("parameter", best.std(axis=0, ddof=1)),
         },
-        {"parameter": [p[0] for p in PARAMETERS]},
+        {"parameter": [p[0] for p in PARAMETERS], "unit": ("parameter", [p[1] or "1" for p in PARAMETERS])},
         {"seed": 1, "evaluations": 38_400, "failures": 0, "converged_runs": 10, "converged_when": "nothing falls"},
     )
 
