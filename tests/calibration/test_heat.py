@@ -7,9 +7,9 @@ import pytest
 from scipy import stats
 from scipy.linalg import block_diag
 
-from flightcal.calibration.heat import Around, check_heat, find_heat, spread_sizes, start_with_heat
-from flightcal.probability import Priors
-from flightcal.problem import at_sizes, build_problem, patterns_of, split
+from flightcal.calibration.heat import Around, check_heat, find_heat, moved, spread_sizes, start_with_heat
+from flightcal.probability import Gains, Priors
+from flightcal.problem import at_sizes, build_problem, patterns_of, responses, split, unit_heats
 from flightcal.scenario import HalfNormal
 from flightcal.simulator import network_simulator
 from tests import small
@@ -253,6 +253,15 @@ def test_the_cost_of_sizes_is_that_of_the_dense_normal_and_their_prior(linear, f
         assert gradient[k] == pytest.approx((sides[0] - sides[1]) / 2e-5, rel=1e-6, abs=1e-5)
 
 
+def test_the_weights_covariance_and_how_many_are_told_are_those_of_the_dense_normal(linear):
+    around, (columns, _, noise, variance) = linear[0], dense(linear, SIZES)
+    weights = columns[:, :6]
+    expected = np.linalg.inv(np.diag(1.0 / variance[:6]) + weights.T @ np.linalg.solve(noise, weights))
+    covariance, told = around.known_of_weights(SIZES)
+    np.testing.assert_allclose(covariance, expected, rtol=1e-9)
+    assert told == pytest.approx(6.0 - np.trace(expected / variance[:6]))
+
+
 def test_z_at_given_sizes_is_that_of_the_dense_conditional_normal(linear):
     around = linear[0]
     columns, left, noise, variance = dense(linear, SIZES)
@@ -366,6 +375,8 @@ def test_what_was_found_is_next_to_the_mode_at_these_sizes(started):
     _, _, heated, z, known = started
     start = np.array([z[heated.names.index(name)] for name in known.names])
     gradient, hessian = known.log_density_and_gradient(start)[1], known.gauss_newton_hessian(start)
+    # It was looked for without the tilt.
+    gradient = gradient - known.heat.tilt_of(known.names).slope
     # In its deviations: a step that the search would take next.
     step = np.linalg.solve(hessian, gradient)
     assert np.abs(step * np.sqrt(np.diag(hessian))).max() < 0.3
@@ -378,6 +389,7 @@ def test_what_is_linear_is_the_next_step_in_the_problem(started):
     mean, factor = point.around.of_z(sizes_of(point))
     order = [known.names.index(problem.names[k]) for k in point.around.moving]
     gradient, hessian = known.log_density_and_gradient(start)[1], known.gauss_newton_hessian(start)
+    gradient = gradient - known.heat.tilt_of(known.names).slope
     expected = (start + np.linalg.solve(hessian, gradient))[order]
     np.testing.assert_allclose(np.linalg.solve(factor, mean - expected), 0.0, atol=0.05)
     whole = np.linalg.solve(np.linalg.cholesky(np.linalg.inv(hessian)[np.ix_(order, order)]), factor)
@@ -388,18 +400,20 @@ def test_the_cost_is_that_of_the_problem_but_for_what_is_not_linear(started):
     """The log density of z at its mode, integrated by Laplace, changes with the sizes as the cost does."""
     _, point, heated, z, _ = started
     around, sizes = point.around, sizes_of(point)
+    place = max(k for k in around.free if around.sizes.names[k].endswith("pattern"))
+    heated = replace(heated, heat=replace(heated.heat, tilted={}))
     found, expected = [], []
     for share in (1.0, 1.3):
         moved = sizes.copy()
-        moved[around.free[-1]] *= share
+        moved[place] *= share
         found.append(-around.cost(scores(around, moved), sizes)[0])
         theta = heated.to_theta(z)
-        theta[heated.names.index(around.sizes.names[around.free[-1]])] *= share
+        theta[heated.names.index(around.sizes.names[place])] *= share
         known = at_sizes(heated, theta)
         start = np.array([z[heated.names.index(name)] for name in known.names])
         gradient, hessian = known.log_density_and_gradient(start)[1], known.gauss_newton_hessian(start)
         at_mode = known.log_density(start) + 0.5 * gradient @ np.linalg.solve(hessian, gradient)
-        own = stats.norm.logpdf(scores(around, moved)[-1])
+        own = stats.norm.logpdf(scores(around, moved)[list(around.free).index(place)])
         expected.append(at_mode - 0.5 * np.linalg.slogdet(hessian)[1] + own)
     assert found[1] - found[0] == pytest.approx(expected[1] - expected[0], abs=0.05)
 
@@ -443,3 +457,57 @@ def test_simulations_with_their_heat_confirm_the_linear_response(started):
     assert checked.difference < 0.01
     # k is a shape: of weights that hardly differ it says nothing.
     assert checked.pareto_k < 0.7 or checked.relative < 0.01
+
+
+def log_determinant(problem, point, theta, noise):
+    """Of the telemetry's covariance at theta, with the heat of a problem that knows its sizes, as a dense matrix."""
+    (window,) = problem.windows
+    units = unit_heats(point.model, window)
+    found = responses(window, problem.at(window, theta[None])[0], point.model, units)
+    kept = np.concatenate([own @ basis for own, basis in zip(found, point.model.kept, strict=True)], axis=2)
+    columns = np.concatenate([kept[window.valid[:, k], k] for k in range(kept.shape[1])])
+    roots = window.roots(problem.at(window, theta[None])[0])
+    return np.linalg.slogdet(noise + (columns * roots**2) @ columns.T)[1]
+
+
+def test_the_density_has_the_slope_of_what_the_response_to_heat_changes_by(tmp_path):
+    content = written(heaters=False)
+    content["noise"] = {"standard_deviation": "0.1 K"}
+    problem = problem_of(tmp_path, content, panel=pattern)
+    point = find_heat(problem, problem.priors.median())
+    heated, z = start_with_heat(problem, point)
+    known = at_sizes(heated, heated.to_theta(z))
+    (window,) = known.windows
+    start = np.array([z[heated.names.index(name)] for name in known.names])
+    deviations = window.numbers(known.at(window, known.to_theta(start)[None])[0])[:, 0]
+    noise = np.diag(np.repeat(deviations**2, window.valid.sum(axis=0)))
+    tilt = known.priors.tilt
+    assert set(point.model.tilted) == {name for name in known.names if not name.startswith("initial.")}
+    for k, name in enumerate(known.names):
+        if name in point.model.tilted:
+            sides = []
+            for sign in (1.0, -1.0):
+                moved = start.copy()
+                moved[k] += sign * 0.02
+                sides.append(-0.5 * log_determinant(known, point, known.to_theta(moved), noise))
+            assert tilt.slope[k] == pytest.approx((sides[0] - sides[1]) / 0.04, rel=0.1, abs=0.02), name
+    assert max(map(abs, tilt.slope)) > 1.0
+
+
+def test_a_point_that_moves_takes_the_weights_along_that_are_expected_there(started):
+    _, point, heated, z, _ = started
+    theta = heated.to_theta(z)
+    theta[0] *= 1.05
+    there = moved(point, heated, theta)
+    assert there.theta[point.names.index(heated.names[0])] == pytest.approx(theta[0])
+    # Weights that are expected leave the least residual: none of its directions is left.
+    gains = Gains([window.terms for window in heated.windows], heated.weighed, *heated.heat_sizes(theta[None]))
+    runs = heated.simulate(theta)
+    left = [
+        own - window.heat.response @ there.model.centre
+        for own, window in zip(heated.heat_left([runs]), heated.windows, strict=True)
+    ]
+    roots = heated.heat_sizes(theta[None])[1][0]
+    ((_, factor),) = gains.factors
+    # Gradient of squares and prior at the weights: covariance times it is zero.
+    np.testing.assert_allclose(gains(left)[0], factor @ factor.T @ (there.model.centre / roots**2), atol=1e-8)

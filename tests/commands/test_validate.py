@@ -10,6 +10,7 @@ from typer.testing import CliRunner
 from flightcal.cli import GATE_FAILED, USER_ERROR, app
 from flightcal.commands.validate import validate_scenario
 from flightcal.errors import RunError
+from flightcal.problem import heat_in_prior
 from flightcal.validation import repeats
 from flightcal.validation.simulation_based import Repeat
 from tests.commands.test_calibrate import write
@@ -110,19 +111,13 @@ def test_a_simulator_without_derivatives_is_a_message(tmp_path, monkeypatch):
     assert "without derivatives" in result.output
 
 
-def test_unmodelled_heat_is_a_message(tmp_path):
+def test_with_unmodelled_heat_its_sizes_are_ranked_and_the_noises_shape_is_not(tmp_path):
     file = write(tmp_path)
     file.write_text(file.read_text().replace("heat: none", "heat: {}"))
-    result = run(app, ["validate", str(file), "--out", str(tmp_path / "out")])
-    assert result.exit_code == USER_ERROR
-    assert "heat: found unmodelled heat, expected 'heat: none'" in result.output
-
-
-def test_another_model_of_the_residuals_is_another_validation(scenario):
-    file, out, _, _ = scenario
-    validate_scenario(file, out, 20, workers=1)
-    with pytest.raises(RunError, match="another scenario"):
-        validate_scenario(file, out, 20, workers=1, residuals="ar1")
-    result = run(app, ["validate", str(file), "--residuals", "ar2", "--out", str(out)])
-    assert result.exit_code == USER_ERROR
-    assert "found ar2, expected one of iid, ar1" in result.output
+    problem, _ = repeats.prepared(str(file), None, None)
+    names = repeats.ranked_names(problem)
+    assert {name for name in names if name.startswith("heat.")} == set(heat_in_prior(problem).names)
+    assert repeats.LOG_DENSITY not in names
+    assert not any(name.endswith("correlation_time") for name in names)
+    deviations = repeats._prior_deviations(problem, names)
+    assert np.isfinite(deviations).all()

@@ -2,7 +2,7 @@ import numpy as np
 import pytest
 import scipy.stats
 
-from flightcal.probability.priors import Priors
+from flightcal.probability.priors import Priors, Tilt
 from flightcal.scenario import Beta, HalfNormal, LogNormal, Normal, TruncatedNormal, Uniform
 
 SIGMA = np.log(2.5)
@@ -169,3 +169,15 @@ def test_medians_and_bounds_are_quantiles():
 def test_same_generator_state_gives_the_same_sample():
     first, second = (PRIORS.sample(np.random.default_rng(3), 5) for _ in range(2))
     np.testing.assert_array_equal(first, second)
+
+
+def test_a_tilt_is_a_slope_that_bends():
+    slope, centre = (2.0, -1.0), (0.3, 0.0)
+    plain = Priors(("a", "b"), (Normal(mean=1.0, standard_deviation=2.0), LogNormal(median=3.0, factor=2.0)))
+    tilted = Priors(plain.names, plain.priors, Tilt(slope, centre, 1.5))
+    z = np.random.default_rng(0).normal(size=(20, 2))
+    added = tilted.at(z).log_density - plain.at(z).log_density
+    np.testing.assert_allclose(added, 1.5 * np.tanh((z - centre) @ slope / 1.5), atol=1e-12)
+    sides = [(tilted.at(z + 1e-6 * step).log_density - tilted.at(z - 1e-6 * step).log_density) for step in np.eye(2)]
+    np.testing.assert_allclose(tilted.at(z).gradient, np.stack(sides, axis=1) / 2e-6, atol=1e-6)
+    assert np.array_equal(tilted.to_theta(z), plain.to_theta(z))

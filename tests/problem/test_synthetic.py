@@ -7,7 +7,7 @@ import pytest
 from scipy.stats import norm
 
 from flightcal.problem import build_problem
-from flightcal.problem.synthetic import simulate_telemetry, with_telemetry
+from flightcal.problem.synthetic import heat_in_prior, simulate_telemetry, with_drawn_heat, with_telemetry
 from tests import small
 
 
@@ -114,3 +114,35 @@ def test_the_open_loop_follows_the_new_status(made):
     (run,) = other.open_loop.simulate(theta)
     # Driven by the reverse of the status, the body is warm when it should be cold.
     assert np.corrcoef(run.temperatures[60:, 0], problem.windows[0].simulate(theta).temperatures[60:, 0])[0, 1] < 0.9
+
+
+def test_drawn_heat_has_the_sizes_that_are_told_and_moves_the_temperatures(tmp_path):
+    content = small.content() | {"heat": {"gains": None}}
+    scenario, data = small.closed_loop(tmp_path, content)
+    problem = build_problem(scenario, data)
+    theta, rng, shares, moved = problem.priors.median(), np.random.default_rng(3), [], []
+    cold = problem.windows[0].simulate(theta).temperatures
+    model = heat_in_prior(problem)
+    for _ in range(200):
+        heated, sizes = with_drawn_heat(problem, rng)
+        assert set(sizes) == set(model.names)
+        shares.append([sizes[name] / prior.scale for name, prior in model.priors.items()])
+        moved.append(heated.windows[0].simulate(theta).temperatures - cold)
+    # Half-normal: the mean square of 200 is known to 10%; four standard errors.
+    assert np.mean(np.square(shares), axis=0) == pytest.approx(1.0, rel=0.4)
+    assert np.std(moved, axis=0).max() > 0.5
+
+
+def test_without_heat_in_the_scenario_none_is_drawn(made):
+    problem, _, _ = made
+    assert with_drawn_heat(problem, np.random.default_rng(0)) == (problem, {})
+
+
+def test_the_priors_of_initial_temperatures_stay_those_around_the_first_telemetry(made):
+    problem, data, theta = made
+    warmer = [
+        (observed + 5.0, status) for observed, status in simulate_telemetry(problem, theta, np.random.default_rng(0))
+    ]
+    found = with_telemetry(problem, data, warmer)
+    for new, old in ((found, problem), (found.open_loop, problem.open_loop)):
+        assert [window.reads for window in new.windows] == [window.reads for window in old.windows]

@@ -15,7 +15,7 @@ from scipy.optimize import minimize
 from threadpoolctl import threadpool_limits
 
 from ..errors import FlightcalError
-from ..probability import DEVIATION, Evidence, Priors, Shaped, filter_of
+from ..probability import DEVIATION, Evidence, Filter, Gains, Priors, Shaped, filter_of
 from ..problem import (
     HeatModel,
     Problem,
@@ -48,6 +48,10 @@ _TOLD_MUCH = 0.5
 """The same while the noise's shape is looked for."""
 _ITERATIONS = 25
 _SHORTEST = 1 / 16
+_TURNED = 0.05
+"""Of z, by which responses to heat are looked at again."""
+_BENT = 0.5
+"""Of the log of how much heat does: by how much it may be off before the slope in the density no longer counts."""
 _SMALL = 0.3
 """Of a prior's size, that of heat to begin with."""
 
@@ -176,7 +180,8 @@ class _Search:
         # Windows are linearised around heat; an error of the simulator is linear everywhere.
         at = np.where(np.isin(self.group, self._of_errors()), 0.0, weights)
         centre = np.concatenate([basis.T @ at[self.group == g] for g, basis in enumerate(around.bases)])
-        model = replace(self.model, kept=around.bases, centre=centre, shapes=self.shapes(sizes))
+        known = replace(self.model, kept=around.bases, centre=centre, shapes=self.shapes(sizes))
+        model = self._tilted(known, linear, z, sizes, around)
         found = dict(zip(self.names, sizes.tolist(), strict=True))
         return HeatPoint(model, self.problem.names, self.problem.to_theta(z), found, rounds, moved, around)
 
@@ -228,12 +233,7 @@ class _Search:
         """[T, N, m + d] of each window: responses in the kept directions, and by z."""
         found = []
         for own in linear:
-            parts = []
-            for response, basis in zip(own.response, bases, strict=True):
-                wide = np.zeros((*response.shape[:2], len(basis)))
-                wide[..., : response.shape[2]] = response
-                parts.append(wide @ basis)
-            found.append(np.concatenate([*parts, own.jacobian[..., self._moving()]], axis=2))
+            found.append(np.concatenate([_kept(own.response, bases), own.jacobian[..., self._moving()]], axis=2))
         return found
 
     def _moving(self) -> IntArray:
@@ -386,9 +386,46 @@ class _Search:
         free = [k for k in range(len(self.names)) if k in noise.values() or k >= len(self.noise)]
         scale = [self.names.index(group.scale) if group.scale else -1 for group in self.model.groups]
         return Around(
-            bases, self.sizes, np.array(free), np.array([noise.get(k, -1) for k in range(len(held))]), held,
-            np.array(scale)[groups], mean, deviation, self._moving(), *parts,
+            bases, self.sizes, np.array(free), np.array([noise.get(k, -1) for k in range(len(held))]),
+            held, np.array(scale)[groups], mean, deviation, self._moving(),
+*parts,
         )  # fmt: skip
+
+    def _tilted(
+        self, model: HeatModel, linear: Sequence[_Linear], z: FloatArray, sizes: FloatArray, around: Around
+    ) -> HeatModel:
+        """The model with the slope by z of minus half the log determinant of the telemetry's covariance.
+
+        Looked at by the parameters; initial temperatures change next to nothing of how temperatures respond to heat.
+        """
+        covariance, told = around.known_of_weights(sizes)
+        precision = np.split(around.precision(sizes), len(linear))
+        slopes: dict[str, float] = {}
+        for own, terms, of_window in zip(linear, self.terms, precision, strict=True):
+            whitens = filter_of(replace(terms, kinds=self.shapes(sizes)))
+            here = self._whitened(own, z, whitens, around)
+            for k in around.moving.tolist():
+                if self.problem.entries[k].kind != "initial":
+                    there = z.copy()
+                    there[k] += _TURNED
+                    turned = (self._whitened(own, there, whitens, around) - here) / _TURNED
+                    change = np.einsum("n,nti,ntj,ij->", of_window, here, turned, covariance, optimize=True)
+                    slopes[self.problem.names[k]] = slopes.get(self.problem.names[k], 0.0) - float(change)
+        place = {name: self.problem.names.index(name) for name in slopes}
+        tilted = {name: (slope, float(z[place[name]])) for name, slope in slopes.items()}
+        return replace(model, tilted=tilted, most=max(_BENT * told, 1e-3))
+
+    def _whitened(self, own: _Linear, z: FloatArray, whitens: Filter, around: Around) -> FloatArray:
+        """Responses in the kept directions at z, through noise of deviation one, [N, T, m]."""
+        theta = self.sampling.at(own.window, self.problem.to_theta(z)[None])[0]
+        response = _kept(responses(own.window, theta, self.model, own.units), around.bases)
+        return whitens.whiten(np.moveaxis(response, 1, 0), own.window.valid.T)
+
+
+def _kept(response: Sequence[FloatArray], bases: Sequence[FloatArray]) -> FloatArray:
+    """[T, N, m] in the kept directions, of responses of each group [T, N, f]; a window may lack the last functions."""
+    kept = [own @ basis[: own.shape[2]] for own, basis in zip(response, bases, strict=True)]
+    return np.concatenate(kept, axis=2)
 
 
 def _floors(windows: Sequence[Window]) -> FloatArray:
@@ -410,6 +447,21 @@ def start_with_heat(problem: Problem, point: HeatPoint) -> tuple[Problem, FloatA
     for k, name in enumerate(heated.names):
         theta[k] = known.get(name, theta[k])
     return heated, heated.to_z(theta)
+
+
+def moved(point: HeatPoint, heated: Problem, theta: FloatArray) -> HeatPoint:
+    """The point at theta [d] of the problem with heat, and at the weights that are expected there.
+
+    Raises SimulationFailure.
+    """
+    left = heated.heat_left([heated.simulate(theta)])
+    gains = Gains([window.terms for window in heated.windows], heated.weighed, *heated.heat_sizes(theta[None]))
+    parts = [group.part for group in point.model.groups]
+    counts = [basis.shape[1] for basis in point.model.kept]
+    centre = np.where(np.repeat([part == "error" for part in parts], counts), 0.0, gains(left)[0])
+    known = dict(zip(heated.names, theta.tolist(), strict=True))
+    there = [known.get(name, value) for name, value in zip(point.names, point.theta.tolist(), strict=True)]
+    return replace(point, model=replace(point.model, centre=centre), theta=np.array(there))
 
 
 def spread_sizes(

@@ -23,7 +23,7 @@ from .confounding import confounding
 from .diagnostics import Diagnostics, Gate, diagnose, gate, with_gate
 from .explanations import Explanation, other_explanations
 from .genetic import minimise
-from .heat import HeatCheck, HeatPoint, check_heat, find_heat, spread_sizes, start_with_heat
+from .heat import HeatCheck, HeatPoint, check_heat, find_heat, moved, spread_sizes, start_with_heat
 from .heat_file import HEAT_GROUP, heat_dataset
 from .mode import Mode, climb, find_mode
 from .nuts import Draws, sample
@@ -284,7 +284,14 @@ def _calibrate_with_heat(
         point = find_heat(problem, problem.to_theta(modes[0].z), progress=search)
         heated, z = start_with_heat(problem, point)
         known = at_sizes(heated, heated.to_theta(z))
-        mode = climb(known, np.array([z[heated.names.index(name)] for name in known.names]), modes[0].origin)
+        mode = climb(known, _parts(z, heated, known), modes[0].origin)
+        # Linear around where the draws will be.
+        theta = heated.to_theta(z)
+        theta[[heated.names.index(name) for name in known.names]] = known.to_theta(mode.z)
+        point = moved(point, heated, theta)
+        heated, z = start_with_heat(problem, point)
+        known = at_sizes(heated, heated.to_theta(z))
+        mode = climb(known, _parts(z, heated, known), modes[0].origin)
     coordinates = whitening(mode.z, known.gauss_newton_hessian(mode.z))
     density = known.log_density_and_gradient
     draws = _drawn(sample(density, coordinates, settings, seed, native=known.native_density, progress=progress))
@@ -296,6 +303,11 @@ def _calibrate_with_heat(
     checked = check_heat(heated, flat[chosen], rng)
     judged = with_gate(judged, _linear_gate(checked))
     return Posterior(heated.names, theta, draws, modes, judged, heated, point, checked)
+
+
+def _parts(z: FloatArray, heated: Problem, known: Problem) -> FloatArray:
+    """Of z of a problem, that of one with fewer entries."""
+    return np.array([z[heated.names.index(name)] for name in known.names])
 
 
 def _linear_gate(checked: HeatCheck) -> Gate:

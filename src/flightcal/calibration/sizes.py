@@ -156,6 +156,15 @@ class Around:
         by_score = np.where(half, (q**2 - 1.0) * slope - score, 0.0)
         return np.where(half, np.log(q), score), slope, float(log_slope.sum()), by_score
 
+    def known_of_weights(self, sizes: FloatArray) -> tuple[FloatArray, float]:
+        """Covariance [m, m] of the weights at sizes [s], all else known; and of how many the telemetry tells."""
+        m = len(self.scale)
+        roots = self.roots(sizes)[:m]
+        gram = np.tensordot(self.precision(sizes), self.gram[:, :m, :m], 1)
+        inverse, _ = _inverse(np.eye(m) + roots[:, None] * gram * roots)
+        covariance = roots[:, None] * inverse * roots
+        return covariance, float((covariance * gram).sum())
+
     def of_z(self, sizes: FloatArray) -> tuple[FloatArray, FloatArray]:
         """Mean [q] of z of what is simulated at sizes [s], and the Cholesky factor of its covariance [q, q]."""
         precision, roots = self.precision(sizes), self.roots(sizes)

@@ -21,10 +21,10 @@ from .likelihood import (
 from .noise import INDEPENDENT, called
 from .noise.kind import DEVIATION, NoiseKind
 from .noise.shaped import Shaped
-from .priors import Priors, PriorTerms
+from .priors import Priors, PriorTerms, Tilt
 from .residuals import TIME_LENGTH, TIME_SIZE, ResidualModel, residual_model
 from .status import THRESHOLD_ERROR, HeaterStatus, heater_status, measured_switches
-from .weighing import Evidence, Gains, Weighed, filter_of, weigh
+from .weighing import Evidence, Filter, Gains, Weighed, filter_of, weigh
 
 __all__ = [
     "DEVIATION",
@@ -37,6 +37,7 @@ __all__ = [
     "TIME_SIZE",
     "Bars",
     "Evidence",
+    "Filter",
     "Gains",
     "HeaterStatus",
     "Likelihood",
@@ -50,6 +51,7 @@ __all__ = [
     "Sizes",
     "Slow",
     "StatusCall",
+    "Tilt",
     "Weighed",
     "WindowHeat",
     "WindowMemory",

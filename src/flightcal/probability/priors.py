@@ -42,6 +42,16 @@ class PriorTerms(NamedTuple):
     """Of the log density."""
 
 
+class Tilt(NamedTuple):
+    """A slope in a log density, by z: most * tanh(slope @ (z - centre) / most)."""
+
+    slope: tuple[float, ...]
+    """[d]"""
+    centre: tuple[float, ...]
+    """[d] z"""
+    most: float
+
+
 @dataclass(frozen=True)
 class Priors:
     """Independent priors of d named parameters, in a fixed order: the last axis of every theta and z.
@@ -51,6 +61,8 @@ class Priors:
 
     names: tuple[str, ...]
     priors: tuple[Prior, ...]
+    tilt: Tilt | None = None
+    """Added to the log density."""
 
     def at(self, z: ArrayLike) -> PriorTerms:
         """Everything that a log density and its gradient need of the priors at z [..., d]."""
@@ -63,7 +75,13 @@ class Priors:
 
     def row(self, z: Array, theta: Array, slope: Array, gradient: Array, log_density: Array) -> Row:
         """The same as a row of a Program: reads z [S, d], fills the others, log_density [S]."""
-        return evaluate.row(PriorsCall(self.kinds, self.arguments, NDTRI, z, theta, slope, gradient, log_density))
+        tilt = self.tilt or Tilt((0.0,) * len(self.priors), (0.0,) * len(self.priors), 1.0)
+        return evaluate.row(
+            PriorsCall(
+                self.kinds, self.arguments, np.array(tilt.slope, float), np.array(tilt.centre, float), tilt.most, NDTRI,
+                z, theta, slope, gradient, log_density,
+            )
+        )  # fmt: skip
 
     def to_theta(self, z: ArrayLike) -> Array:
         """Physical theta [..., d] of unconstrained z [..., d]; it may reach a bound, never passes it."""

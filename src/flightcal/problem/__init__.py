@@ -29,7 +29,7 @@ from .heat_model import (
 from .native import STOPPED, NativeDensity
 from .problem import Problem, Runs
 from .simulators import build_simulator
-from .synthetic import simulate_telemetry, with_telemetry
+from .synthetic import heat_in_prior, simulate_telemetry, with_drawn_heat, with_telemetry
 from .window import Bridged, Window
 
 __all__ = [
@@ -54,6 +54,7 @@ __all__ = [
     "errors_of_weights",
     "exact_heat",
     "gaps_of",
+    "heat_in_prior",
     "heat_model",
     "heat_of_weights",
     "held_by",
@@ -72,6 +73,7 @@ __all__ = [
     "split",
     "unit_heats",
     "whitening",
+    "with_drawn_heat",
     "with_heat",
     "with_telemetry",
 ]

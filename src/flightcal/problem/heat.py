@@ -14,7 +14,10 @@ from .heat_model import HeatModel, errors_of_weights, heat_of_weights, hold, res
 from .problem import Problem, Runs
 from .window import Window
 
-_CORRECTIONS = 10
+_CORRECTIONS, _STALLED = 30, 3
+"""Steps at most; so many that bring all draws next to nothing end it."""
+_LITTLE = 0.02
+"""Of what is missed: next to nothing."""
 _REMEMBERED = 5
 """Points of a search for a fixed point."""
 
@@ -102,7 +105,7 @@ def exact_heat(problem: Problem, runs: Sequence[Runs], thetas: FloatArray, rng: 
         assert window.heat is not None
         base = np.stack([run.temperatures for run in of_window])
         linear.append(base + np.einsum("tnm,sm->stn", window.heat.response, weights - model.centre, optimize=True))
-    best, kept = np.full(len(thetas), np.inf), weights.copy()
+    best, kept, stalled = np.full(len(thetas), np.inf), weights.copy(), 0
     kept_runs = [np.full(own.shape, np.nan) for own in linear]
     points: list[FloatArray] = []
     steps: list[FloatArray] = []
@@ -117,10 +120,14 @@ def exact_heat(problem: Problem, runs: Sequence[Runs], thetas: FloatArray, rng: 
         left = [wanted - own for wanted, own in zip(linear, simulated, strict=True)]
         missed = sum((own**2).sum(axis=(1, 2)) for own in left)
         better = missed < best
+        little = bool(np.nansum(best) - np.nansum(np.fmin(best, missed)) < _LITTLE * np.nansum(best))
+        stalled = stalled + 1 if little else 0
         best = np.where(better, missed, best)
         kept[better] = weights[better]
         for own, new in zip(kept_runs, simulated, strict=True):
             own[better] = new[better]
+        if stalled == _STALLED:
+            break
         points = [*points, weights][-_REMEMBERED:]
         steps = [*steps, gains([np.nan_to_num(own) for own in left])][-_REMEMBERED:]
         weights = _mixed(np.stack(points, axis=1), np.stack(steps, axis=1))

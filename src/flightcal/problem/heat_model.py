@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from itertools import pairwise
 from typing import Literal
@@ -10,13 +10,15 @@ from typing import Literal
 import numpy as np
 
 from ..environment import orbit_phase
-from ..probability import Profile, Shaped, Slow, pattern, waves
+from ..probability import Profile, Shaped, Slow, Tilt, pattern, waves
 from ..reduction import load
 from ..scenario import HalfNormal, Heat, Scenario
 from ..simulator import (
+    Drive,
     FloatArray,
     IntArray,
     SimulationFailure,
+    Switch,
     flow_through,
     heat_of_inputs,
     in_steps,
@@ -78,8 +80,8 @@ class Held:
     window: str
     shares: tuple[tuple[int, int, float], ...]
     """Step of the integration, heater, and share of the step that it was on."""
-    switches: tuple[tuple[float, int], ...]
-    """s from the window's start, and heater."""
+    switches: tuple[tuple[float, int, float], ...]
+    """s from the window's start, heater, and within how many seconds."""
 
 
 @dataclass(frozen=True)
@@ -113,6 +115,11 @@ class HeatModel:
     """[N] of each channel's noise."""
     held: tuple[Held, ...] = ()
     """Of windows in open loop with gaps in the status."""
+    tilted: Mapping[str, tuple[float, float]] = field(default_factory=dict)
+    """Of parameters: the slope by z of what the log density lacks where the response to heat is taken as the same for
+    all theta (with a smaller capacity the same heat does more), and the z where that is zero."""
+    most: float = 1.0
+    """By which the log density changes so."""
 
     @property
     def names(self) -> tuple[str, ...]:
@@ -128,6 +135,11 @@ class HeatModel:
     def priors(self) -> dict[str, HalfNormal]:
         """Of the scales."""
         return {group.scale: HalfNormal(scale=group.size) for group in self.groups if group.scale}
+
+    def tilt_of(self, names: Sequence[str]) -> Tilt:
+        """That of entries of theta with these names."""
+        slopes, centres = zip(*(self.tilted.get(name, (0.0, 0.0)) for name in names), strict=True)
+        return Tilt(slopes, centres, self.most)
 
     @property
     def group(self) -> IntArray:
@@ -253,16 +265,37 @@ def held_by(window: Window, theta: FloatArray) -> Held | None:
         return None
     simulator = window.network
     run = integrate(simulator.network.structure, simulator.system(theta[window.simulated]), drive, derivative=False)
-    shares, found = [], run.switches
-    for step, heater in zip(steps.tolist(), heaters.tolist(), strict=True):
-        begin, end = drive.times[step], drive.times[step + 1]
-        inside = (found.heater == heater) & (found.time > begin) & (found.time < end)
-        first = 1.0 - found.on[inside][0] if inside.any() else run.status[step + 1, heater]
-        edges = np.concatenate([[begin], found.time[inside], [end]])
-        states = np.concatenate([[first], found.on[inside]])
-        shares.append((step, heater, float(states @ np.diff(edges) / (end - begin))))
-    switches = tuple(zip(found.time.tolist(), found.heater.tolist(), strict=True))
-    return Held(window.name, tuple(shares), switches)
+    shares, switches = [], []
+    for heater in np.unique(heaters).tolist():
+        own = np.sort(steps[heaters == heater])
+        for gap in np.split(own, np.flatnonzero(np.diff(own) > 1) + 1):
+            first, moments = _in_gap(drive, run.switches, run.status, heater, gap)
+            edges = np.array([drive.times[gap[0]], *(time for time, _ in moments), drive.times[gap[-1] + 1]])
+            for step in gap.tolist():
+                inside = np.diff(np.clip(edges, drive.times[step], drive.times[step + 1]))
+                on = float(inside[0 if first else 1 :: 2].sum())
+                shares.append((step, heater, on / float(drive.times[step + 1] - drive.times[step])))
+            switches += [(time, heater, within) for time, within in moments]
+    return Held(window.name, tuple(shares), tuple(switches))
+
+
+def _in_gap(
+    drive: Drive, switches: Switch, status: FloatArray, heater: int, gap: IntArray
+) -> tuple[bool, list[tuple[float, float]]]:
+    """Whether a heater is on where the steps of a gap in its status begin, and when it switches in it, within how long.
+
+    As the simulation has it, with its status [K+1, H] on the grid. If that leaves the gap in another
+    state than the telemetry, it switches once more: any time after its last switch.
+    """
+    begin, end = drive.times[gap[0]], drive.times[gap[-1] + 1]
+    inside = (switches.heater == heater) & (switches.time > begin) & (switches.time < end)
+    moments = [(time, _HELD) for time in switches.time[inside].tolist()]
+    first = not switches.on[inside][0] if moments else bool(status[gap[0] + 1, heater])
+    after = drive.measured[gap[-1] + 1, heater] if gap[-1] + 1 < len(drive.measured) else np.nan
+    if after in (0.0, 1.0) and bool(after) != (first ^ bool(len(moments) % 2)):
+        last = moments[-1][0] if moments else float(begin)
+        moments.append((0.5 * (last + float(end)), float(end) - last))
+    return first, moments
 
 
 def hold(window: Window, held: Held) -> Window:
@@ -274,10 +307,10 @@ def hold(window: Window, held: Held) -> Window:
     for step, heater, share in held.shares:
         measured[step, heater] = share
     own = window.switching
-    blocks = [list(heaters.values())[heater] for _, heater in held.switches]
+    blocks = [list(heaters.values())[heater] for _, heater, _ in held.switches]
     switching = Switching(
-        np.concatenate([own.time, [time for time, _ in held.switches]]),
-        np.concatenate([own.interval, np.full(len(blocks), _HELD)]),
+        np.concatenate([own.time, [time for time, _, _ in held.switches]]),
+        np.concatenate([own.interval, [within for _, _, within in held.switches]]),
         np.concatenate([own.power, [block.power for block in blocks]]),
         (*own.node, *(block.node for block in blocks)),
     )

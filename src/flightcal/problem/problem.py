@@ -66,8 +66,10 @@ class Problem:
 
     @cached_property
     def priors(self) -> Priors:
-        """Of theta's entries [d]."""
-        return Priors(tuple(entry.name for entry in self.entries), tuple(entry.prior for entry in self.entries))
+        """Of theta's entries [d]; with heat tilted as this says (`HeatModel.tilt`)."""
+        names = tuple(entry.name for entry in self.entries)
+        tilt = None if self.heat is None else self.heat.tilt_of(names)
+        return Priors(names, tuple(entry.prior for entry in self.entries), tilt)
 
     @property
     def names(self) -> tuple[str, ...]:

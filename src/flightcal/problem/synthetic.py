@@ -9,9 +9,11 @@ import numpy as np
 import xarray
 
 from ..errors import ScenarioError
+from ..scenario import heat_of
 from ..simulator import FloatArray, Trajectory
 from ..telemetry import window_bounds
 from .build import build_window, open_windows, status_channels
+from .heat_model import HeatModel, heat_model, heat_of_weights, unit_heats
 from .problem import Problem
 from .window import Window
 
@@ -30,6 +32,39 @@ def simulate_telemetry(problem: Problem, theta: FloatArray, rng: np.random.Gener
         shapes = problem.windows[0].residuals.terms.shapes
         shared = rng.standard_normal((len(shapes.channels), shapes.basis.shape[1]))
     return [_simulate(window, problem.at(window, theta[None])[0], rng, shared) for window in problem.windows]
+
+
+def heat_in_prior(problem: Problem) -> HeatModel | None:
+    """Unmodelled heat as the priors have it, where the scenario has it."""
+    written = heat_of(problem.scenario)
+    if written is None:
+        return None
+    median = problem.at(problem.windows[0], problem.priors.median()[None])[0]
+    return heat_model(problem.scenario, written, problem.windows, median)
+
+
+def with_drawn_heat(problem: Problem, rng: np.random.Generator) -> tuple[Problem, dict[str, float]]:
+    """The problem with heat in its simulators that is a draw from its prior, and the sizes of it by their names.
+
+    Without heat in the scenario: the problem itself.
+    """
+    model = heat_in_prior(problem)
+    if model is None:
+        return problem, {}
+    sizes = {name: prior.scale * abs(rng.standard_normal()) for name, prior in model.priors.items()}
+    shared: dict[int, FloatArray] = {}
+    windows = []
+    for window in problem.windows:
+        assert window.network is not None
+        units = unit_heats(model, window)
+        for g, (group, own) in enumerate(zip(model.groups, units, strict=True)):
+            if g not in shared or group.window:
+                # Switches happen where thermostats switch, and the simulator's error is no heat.
+                scale = sizes.get(group.scale, 1.0 if group.part == "gaps" else 0.0)
+                shared[g] = scale * rng.standard_normal(len(own.node))
+        heat = heat_of_weights(model, units, [shared[g] for g in range(len(units))])
+        windows.append(replace(window, simulator=window.network.with_heat(heat)))
+    return replace(problem, windows=tuple(windows)), sizes
 
 
 def _simulate(window: Window, theta: FloatArray, rng: np.random.Generator, shared: FloatArray | None) -> Telemetry:
@@ -81,12 +116,14 @@ def with_telemetry(problem: Problem, telemetry: xarray.Dataset, made: Sequence[T
     for window, (observed, status) in zip(problem.windows, made, strict=True):
         _put(changed, window, observed, status)
     built = [build_window(problem.scenario, changed, window.name) for window in problem.windows]
-    opened = open_windows(built, changed) if problem.open_loop is not None else ()
-    return replace(
-        problem,
-        windows=tuple(replace(new, simulator=old.simulator) for new, old in zip(built, problem.windows, strict=True)),
-        open_loop=None if problem.open_loop is None else replace(problem.open_loop, windows=opened),
+    windows = tuple(
+        replace(new, simulator=old.simulator, reads=old.reads) for new, old in zip(built, problem.windows, strict=True)
     )
+    if problem.open_loop is None:
+        return replace(problem, windows=windows)
+    pairs = zip(open_windows(built, changed), problem.open_loop.windows, strict=True)
+    opened = tuple(replace(new, reads=old.reads) for new, old in pairs)
+    return replace(problem, windows=windows, open_loop=replace(problem.open_loop, windows=opened))
 
 
 def _put(telemetry: xarray.Dataset, window: Window, observed: FloatArray, status: FloatArray) -> None:

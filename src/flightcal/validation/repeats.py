@@ -21,10 +21,11 @@ import xarray
 from ..calibration import calibrate_nuts, least_effective, rough_seconds, warm
 from ..emulation import needs_emulator
 from ..errors import RunError, ScenarioError
-from ..problem import Problem, build_problem, simulate_telemetry, with_telemetry
+from ..probability import DEVIATION, Priors
+from ..problem import Problem, build_problem, heat_in_prior, simulate_telemetry, with_drawn_heat, with_telemetry
 from ..progress import SILENT, Progress, about
 from ..run import RunDirectory, each, plain
-from ..scenario import NutsSettings, heat_of, load_scenario
+from ..scenario import NutsSettings, load_scenario
 from ..simulator import FloatArray, SimulationFailure
 from ..telemetry import read
 from .comparison import variant
@@ -122,7 +123,8 @@ def run_repeat(
     while True:
         theta = problem.priors.sample(rng, 1)[0]
         with suppress(SimulationFailure):
-            telemetry_made = simulate(problem, theta, rng)
+            heated, sizes = with_drawn_heat(problem, rng)
+            telemetry_made = simulate(heated, theta, rng)
             break
         redrawn += 1
         if redrawn == _MOST_REDRAWN:
@@ -134,8 +136,14 @@ def run_repeat(
     posterior = calibrate_nuts(made, settings, int(rng.integers(2**32)))
     if posterior.draws.interrupted:
         raise KeyboardInterrupt
-    truth = np.append(theta, made.log_density(made.to_z(theta)))
-    draws = np.concatenate([posterior.theta, posterior.draws.statistics["log_density"][..., None]], axis=-1)
+    names = ranked_names(problem)
+    values = dict(zip(problem.names, theta, strict=True)) | sizes
+    of_draws = {name: posterior.theta[..., k] for k, name in enumerate(posterior.names)}
+    if LOG_DENSITY in names:
+        values[LOG_DENSITY] = made.log_density(made.to_z(theta))
+        of_draws[LOG_DENSITY] = posterior.draws.statistics["log_density"]
+    truth = np.array([values[name] for name in names])
+    draws = np.stack([of_draws[name] for name in names], axis=-1)
     rank, count = ranks(truth, draws, least_effective(draws), rng)
     return Repeat(
         truth=truth,
@@ -149,11 +157,25 @@ def run_repeat(
     )
 
 
+def ranked_names(problem: Problem) -> tuple[str, ...]:
+    """The quantities whose ranks are looked at.
+
+    With heat its sizes are among them. Not the shape of the noise, which is then taken as the most probable one, nor
+    the log density, which is that of the most probable sizes.
+    """
+    heat = heat_in_prior(problem)
+    if heat is None:
+        return *problem.names, LOG_DENSITY
+    entries = problem.windows[0].residuals.entries
+    held = {entry.name for entry in entries if entry.column != DEVIATION}
+    return *(name for name in problem.names if name not in held), *heat.names
+
+
 def judge(run: RunDirectory, problem: Problem, repeats: int) -> Validation:
     """Read the first `repeats` repeats of a folder, judge them, and write validation.json."""
-    names = (*problem.names, LOG_DENSITY)
+    names = ranked_names(problem)
     found = tuple(_read(run.file(_name(k))) for k in range(repeats))
-    prior = np.append(problem.priors.sample(np.random.default_rng(0), _PRIOR_DRAWS).std(axis=0), np.nan)
+    prior = _prior_deviations(problem, names)
     checks = tuple(check_ranks(names, found, prior))
     validation = Validation(run.path, names, found, checks)
     content = {
@@ -174,6 +196,16 @@ def judge(run: RunDirectory, problem: Problem, repeats: int) -> Validation:
     return validation
 
 
+def _prior_deviations(problem: Problem, names: Sequence[str]) -> FloatArray:
+    heat = heat_in_prior(problem)
+    priors = problem.priors
+    if heat is not None:
+        priors = Priors((*priors.names, *heat.priors), (*priors.priors, *heat.priors.values()))
+    deviations = priors.sample(np.random.default_rng(0), _PRIOR_DRAWS).std(axis=0)
+    known = dict(zip(priors.names, deviations, strict=True))
+    return np.array([known.get(name, np.nan) for name in names])
+
+
 # --- processes ----------------------------------------------------------------------------------------------
 
 
@@ -189,11 +221,6 @@ def prepared(scenario_file: str, telemetry: str | None, residuals: str | None) -
         raise ScenarioError(
             f"{scenario_file}: simulator: found one without derivatives, expected a thermal network or one with a "
             "gradient: each repeat would need an emulator of its own"
-        )
-    if heat_of(scenario) is not None:
-        raise ScenarioError(
-            f"{scenario_file}: heat: found unmodelled heat, expected 'heat: none' (or --residuals): repeats are "
-            "made without it"
         )
     return problem, data
 

@@ -27,6 +27,12 @@ class PriorsCall(NamedTuple):
     """[d] place of the family."""
     arguments: Any
     """[d, most] what the family computes with."""
+    tilt: Any
+    """[d] slope by z of what is added to the log density,"""
+    centre: Any
+    """[d] at this z, where it is zero;"""
+    most: float
+    """it comes no further than this from zero."""
     quantile: int
     """Address of the normal quantile function, which so does not end up in the cache."""
     z: Any
@@ -55,6 +61,7 @@ def evaluate(call):
     """Theta, its slope, the log density and its gradient."""
     kinds, arguments, quantile, z = call.kinds, call.arguments, call.quantile, call.z
     theta, slope, gradient, log_density = call.theta, call.slope, call.gradient, call.log_density
+    tilt, centre, most = call.tilt, call.centre, call.most
     for s in range(z.shape[0]):
         total = 0.0
         for j in range(z.shape[1]):
@@ -97,7 +104,13 @@ def evaluate(call):
                 derivative = alpha * rest - beta * share
             theta[s, j], slope[s, j], gradient[s, j] = value, rate, derivative
             total += density
-        log_density[s] = total
+        tilted = 0.0
+        for j in range(z.shape[1]):
+            tilted += tilt[j] * (z[s, j] - centre[j])
+        bent = math.tanh(tilted / most)
+        for j in range(z.shape[1]):
+            gradient[s, j] += (1.0 - bent * bent) * tilt[j]
+        log_density[s] = total + most * bent
     return 0
 
 
