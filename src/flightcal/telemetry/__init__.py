@@ -4,6 +4,7 @@ Imports: environment, errors, scenario.
 """
 
 from .bridges import bridged
+from .clean import usual_interval
 from .drivers import SHORT_GAP, driver_corners, driver_gaps, driver_series, status_changes, status_fraction
 from .quality import QualityRecord, quality_table
 from .quantisation import quantisation_step
@@ -24,5 +25,6 @@ __all__ = [
     "select_window",
     "status_changes",
     "status_fraction",
+    "usual_interval",
     "window_bounds",
 ]
