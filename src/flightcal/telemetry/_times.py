@@ -20,6 +20,9 @@ from .readers import Source
 _UNREADABLE = np.iinfo(np.int64).min
 """Not a time, also to numpy."""
 _EARLIEST = np.datetime64("1957-10-04", "ns").astype(np.int64)
+_FINE = ("unix-ms", "unix-us", "unix-ns")
+_EARLIEST_FINE = np.datetime64("1973-01-01", "ns").astype(np.int64)
+"""Of these formats: what is earlier counts coarser units."""
 _LATEST = np.datetime64("2150-01-01", "ns").astype(np.int64)
 _ZONE = r"[T ]\d{2}.*([zZ]|[+-]\d{2}(:?\d{2})?)$"
 _YEAR_DOY = (
@@ -59,7 +62,7 @@ def parse_times(column: pa.ChunkedArray, time: TimeColumn, source: Source) -> Na
         times = _clock(column, time) if written == "clock" else _PARSERS[written](column)
     else:
         raise TelemetryError(f"{source.name}: found times of type {column.type}, expected {_EXAMPLES[written]}")
-    bad = (times == _UNREADABLE) | (times < _EARLIEST) | (times > _LATEST)
+    bad = (times == _UNREADABLE) | (times < _earliest(written)) | (times > _LATEST)
     if bad.any():
         raise _unreadable(column, time, source, int(np.argmax(bad)), int(bad.sum()))
     if written == "iso8601" and is_text(column):
@@ -158,13 +161,21 @@ def _unreadable(column: pa.ChunkedArray, time: TimeColumn, source: Source, row: 
     if value is None:
         return TelemetryError(f"{where}: found no time, expected {_EXAMPLES[written]}")
     cell = pa.chunked_array([[str(value)]])
-    others = [name for name, parse in _PARSERS.items() if name != written and _EARLIEST <= parse(cell)[0] <= _LATEST]
+    others = [
+        name for name, parse in _PARSERS.items() if name != written and _earliest(name) <= parse(cell)[0] <= _LATEST
+    ]
     hint = f"; format: {others[0]} would read it" if others else ""
     found = f"found the time '{value}'{more_rows(rows)}"
     if written == "clock":
         hint = f" after the epoch {time.epoch:%Y-%m-%dT%H:%M:%S}{hint}"
         return TelemetryError(f"{where}: {found}, expected {_EXAMPLES[written]} that gives a time up to 2150{hint}")
-    return TelemetryError(f"{where}: {found}, expected {_EXAMPLES[written]}, between 1957 and 2150{hint}")
+    first = np.datetime64(int(_earliest(written)), "ns").astype("datetime64[Y]")
+    return TelemetryError(f"{where}: {found}, expected {_EXAMPLES[written]}, between {first} and 2150{hint}")
+
+
+def _earliest(written: str) -> np.int64:
+    """The earliest time (ns) that is believed of a format."""
+    return _EARLIEST_FINE if written in _FINE else _EARLIEST
 
 
 def _check_zones(column: pa.ChunkedArray, source: Source) -> None:

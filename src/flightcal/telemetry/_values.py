@@ -22,6 +22,9 @@ Values = NDArray[np.float64]
 _OFF_WORDS = frozenset(["off", "false", "no", "disabled", "disable", "inactive", "open", "idle"])
 """Words, in any case, that mean off; so does the number 0."""
 
+_LARGEST_EXACT = 2.0**53
+"""A larger whole number in floating point has lost its last bits."""
+
 
 def channel_values(name: str, channel: Channel, table: pa.Table, source: Source) -> tuple[Values, Flags]:
     """Values [T] as the file has them, combined over the channel's columns, and flags [T]; NaN where flagged.
@@ -147,8 +150,9 @@ def _word(value: object) -> int | None:
         if isinstance(value, str) and value.strip()[:2].lower() in ("0x", "0b"):
             return int(value.strip(), 0)
         number = float(value)  # type: ignore[arg-type]
-        exact = isinstance(value, int) or (isinstance(value, str) and value.strip().isdigit())
-        return int(value) if exact else int(number) if number.is_integer() else None  # type: ignore[call-overload]
+        if isinstance(value, int) or (isinstance(value, str) and value.strip().isdigit()):
+            return int(value)
+        return int(number) if number.is_integer() and abs(number) <= _LARGEST_EXACT else None
     except (TypeError, ValueError, OverflowError):
         return None
 
