@@ -50,9 +50,7 @@ def test_each_sheet_can_be_a_packet(tmp_path: Path):
     with pd.ExcelWriter(tmp_path / "data.xlsx") as writer:
         first.to_excel(writer, sheet_name="Thermal", index=False)
         second.to_excel(writer, sheet_name="Power", index=False)
-    packets = {
-        name: {"file": "data.xlsx", "sheet": name, "time": {"column": "time"}} for name in ("Thermal", "Power")
-    }
+    packets = {name: {"file": "data.xlsx", "sheet": name, "time": {"column": "time"}} for name in ("Thermal", "Power")}
     channels = {
         "battery": CHANNELS["battery"] | {"packet": "Thermal"},
         "sun": CHANNELS["sun"] | {"packet": "Power"},

@@ -22,7 +22,7 @@ UNIX = START.astype("datetime64[ms]").astype(np.int64)
 
 
 def write_files(folder: Path) -> None:
-    """Temperatures once a minute on UTC, currents every 10 s in UNIX milliseconds, a status by the spacecraft's clock."""
+    """Temperatures each minute on UTC, currents every 10 s in UNIX milliseconds, a status by the spacecraft's clock."""
     rng = np.random.default_rng(1)
     thermal = {"UTC": text(seconds(*THERMAL)), "TT_BAT": 20 + rng.normal(size=30), "TT_RAD": rng.normal(size=30)}
     pd.DataFrame(thermal).to_csv(folder / "thermal.csv", index=False)
@@ -157,7 +157,9 @@ def test_packets_are_averaged_each_by_itself_and_slow_ones_stay(folder: Path):
     dataset = read_telemetry(specification(average="30 s"), folder)
     np.testing.assert_array_equal(own(dataset, "battery")["time"], seconds(*THERMAL))
     raw = pd.read_parquet(folder / "power.parquet")["I_SA"].to_numpy() / 1000
-    np.testing.assert_allclose(own(dataset, "sun")[:-1], raw.reshape(-1, 3)[: len(own(dataset, "sun")) - 1].mean(axis=1))
+    np.testing.assert_allclose(
+        own(dataset, "sun")[:-1], raw.reshape(-1, 3)[: len(own(dataset, "sun")) - 1].mean(axis=1)
+    )
     assert np.isfinite(dataset["battery"]).sum() == 30
     assert quality_table(dataset) == ()
     # A packet's own length comes before that of all.

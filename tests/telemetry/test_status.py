@@ -97,5 +97,7 @@ def test_bits_of_a_word_tell_the_status(tmp_path: Path, cells: list[str], bits: 
 def test_what_is_no_word_is_told_with_its_line(tmp_path: Path):
     assert np.isnan(status(tmp_path, ["4", "0", "", "-99"], bits=2, invalid=-99)[2:]).all()
     for cell in ("FAULT", "1.5", "0x", "1.84467e+19"):
-        with pytest.raises(TelemetryError, match=rf"line 3: channel 'heater', column 'HTR': found the word .{re.escape(cell)}."):
+        with pytest.raises(
+            TelemetryError, match=rf"line 3: channel 'heater', column 'HTR': found the word .{re.escape(cell)}."
+        ):
             status(tmp_path, ["4", cell], bits=2)

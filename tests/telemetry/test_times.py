@@ -26,7 +26,16 @@ NO_TIMES = {
     ],
     "unix-ms": ["", "noon", "2024-03-01T12:00:00", "inf", "1709294400", "1709294400000000"],
     "unix": ["", "noon", "2024-03-01T12:00:00", "inf", "-1e12", "1709294400000"],
-    "year-doy": ["", "noon", "2024-03-01T12:00:00", "2023-366", "2024-000", "2024-061T24:00", "2024-061T12:60", "20240301"],
+    "year-doy": [
+        "",
+        "noon",
+        "2024-03-01T12:00:00",
+        "2023-366",
+        "2024-000",
+        "2024-061T24:00",
+        "2024-061T12:60",
+        "20240301",
+    ],
 }
 INSTANTS = st.integers(-300_000_000, 4_000_000_000).flatmap(
     lambda second: st.integers(0, 999).map(lambda milli: np.datetime64(second * 1000 + milli, "ms"))
@@ -104,7 +113,12 @@ def test_every_way_of_writing_a_time_is_read(tmp_path: Path, written: str, cell:
 
 @pytest.mark.parametrize(("written", "cell"), [(written, cell) for written in NO_TIMES for cell in NO_TIMES[written]])
 def test_what_is_no_time_is_an_error_at_its_line(tmp_path: Path, written: str, cell: str):
-    good = {"iso8601": "2024-03-01T12:00:00", "unix": "1709294400", "unix-ms": "1709294400000", "year-doy": "2024-061T12:00:00"}[written]
+    good = {
+        "iso8601": "2024-03-01T12:00:00",
+        "unix": "1709294400",
+        "unix-ms": "1709294400000",
+        "year-doy": "2024-061T12:00:00",
+    }[written]
     table = f"time,x\n{good},1\n{good[:-1]}1,2\n{cell},3\n"
     with pytest.raises(TelemetryError, match=r"^data\.csv: line 4: found (no time|the time '.+'), expected "):
         read(

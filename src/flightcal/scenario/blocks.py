@@ -43,7 +43,8 @@ class Blocks:
 
     files: tuple[str, ...]
     """Of telemetry that has no packets."""
-    packets: Mapping[str, Packet | None]
+    packets: Mapping[str, Packet | None] | None
+    """null: something is written there that is no mapping."""
     channels: Mapping[str, Channel | None]
     environment: Environment | None
     nodes: Mapping[str, Node | None]

@@ -149,7 +149,7 @@ class _Reader:
         reduced = in_network.pop("reduced_numbers")
         blocks = Blocks(
             files=files or (),
-            packets=packets,
+            packets=packets if isinstance(telemetry.get("packets", {}), dict) else None,
             channels=channels,
             environment=parts["environment"],
             **in_network,

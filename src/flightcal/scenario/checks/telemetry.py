@@ -18,7 +18,8 @@ _COMBINATIONS = {"temperature": ("mean",), "status": (), "driver": ("mean", "sum
 def check(reading: Reading, folder: Path) -> Iterator[Problem]:
     """Files exist; units, ranges and options of channels suit their kind."""
     files: dict[Location, tuple[str, ...]] = {("telemetry",): reading.blocks.files}
-    files |= {("telemetry", "packets", key): block.file for key, block in readable(reading.blocks.packets).items()}
+    packets = readable(reading.blocks.packets or {})
+    files |= {("telemetry", "packets", name): packet.file for name, packet in packets.items()}
     for place, names in files.items():
         for name in names:
             if not os.path.isfile(folder / name):  # unlike Path's, False for a name that no file can have
@@ -41,6 +42,8 @@ def check(reading: Reading, folder: Path) -> Iterator[Problem]:
 
 def _check_packets(reading: Reading) -> Iterator[Problem]:
     """Each channel is of one packet, and each packet has a channel."""
+    if reading.blocks.packets is None:
+        return
     packets = tuple(reading.blocks.packets)
     channels = reading.blocks.channels
     for name, channel in readable(channels).items():
