@@ -75,7 +75,7 @@ from .schema import (
     noise_of,
     not_normal,
 )
-from .template import write_template
+from .template import write_new, write_template
 from .units import (
     Duration,
     Kelvins,
@@ -201,6 +201,7 @@ __all__ = [
     "simulator_files",
     "support",
     "to_si",
+    "write_new",
     "write_template",
     "written_unit",
     "written_values",

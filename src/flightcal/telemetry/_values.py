@@ -106,6 +106,12 @@ def _status(label: str, channel: Channel, cells: pa.ChunkedArray, source: Source
     return values, reason.astype(np.uint8)
 
 
+def is_status(cells: pa.ChunkedArray, channel: Channel) -> bool:
+    """Whether all cells of a column tell a status, and not all of them the same reason why none is known."""
+    found = [_state(value, channel) for value in cells.unique().to_pylist()]
+    return all(flag >= 0 for _, flag in found) and any(flag == 0 for _, flag in found)
+
+
 def _expected(channel: Channel, found: str, rows: str) -> str:
     """What was found as a status, and what was expected."""
     if channel.bits is not None:

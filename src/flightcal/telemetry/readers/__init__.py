@@ -16,6 +16,7 @@ from ...errors import TelemetryError
 from ._source import NULL_WORDS, Reader, Source
 from .csv import Csv
 from .excel import Excel
+from .excel import sheets as _sheets_of_workbook
 from .parquet import Parquet
 
 READERS: tuple[Reader, ...] = (
@@ -24,7 +25,7 @@ READERS: tuple[Reader, ...] = (
     Excel(),
 )
 
-__all__ = ["NULL_WORDS", "READERS", "Reader", "Source", "content", "locate", "nearest", "read_table"]
+__all__ = ["NULL_WORDS", "READERS", "Reader", "Source", "content", "locate", "nearest", "read_table", "sheets"]
 
 
 def locate(folder: Path, name: str, sheet: str | None = None) -> Source:
@@ -46,6 +47,12 @@ def locate(folder: Path, name: str, sheet: str | None = None) -> Source:
             return Source(path, name, reader, sheet)
     expected = ", ".join(suffix for reader in READERS for suffix in reader.suffixes)
     raise TelemetryError(f"{name}: found a file of type '{path.suffix}', expected one of {expected}")
+
+
+def sheets(source: Source) -> list[str]:
+    """Names of a spreadsheet's sheets; none for another file. Raises TelemetryError."""
+    _check_kind(source)
+    return _sheets_of_workbook(source) if isinstance(source.reader, Excel) else []
 
 
 def read_table(source: Source, time_column: str, markers: Collection[str] = ()) -> pa.Table:

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Collection, Iterator, Sequence
-from contextlib import closing
+from contextlib import closing, contextmanager
 from datetime import datetime
 from itertools import islice, zip_longest
 from typing import Any
@@ -42,22 +42,35 @@ class Excel:
         return f"row {number}" if source.sheet is None else f"sheet '{source.sheet}', row {number}"
 
 
+def sheets(source: Source) -> list[str]:
+    """Names of a workbook's sheets. Raises as `Excel.read`."""
+    with _opened(source) as book:
+        return [sheet.title for sheet in book.worksheets]
+
+
 def _rows(source: Source) -> Iterator[tuple[int, Sequence[Any]]]:
     """Number and cells of each row that is not empty, the header first."""
+    with _opened(source) as book:
+        titles = [sheet.title for sheet in book.worksheets]
+        if source.sheet is not None and source.sheet not in titles:
+            found = ", ".join(f"'{name}'" for name in titles)
+            raise TelemetryError(f"{source.name}: found the sheets {found}, expected '{source.sheet}' among them")
+        sheet = book.worksheets[0 if source.sheet is None else titles.index(source.sheet)]
+        sheet.reset_dimensions()  # what the file says of its size is often wrong
+        for number, cells in enumerate(sheet.iter_rows(values_only=True), start=1):
+            if any(cell is not None for cell in cells):
+                yield number, _trimmed(cells)
+
+
+@contextmanager
+def _opened(source: Source) -> Iterator[Any]:
+    """The workbook; what goes wrong while it is read becomes a message."""
     require("openpyxl", "excel", source.name)
     import openpyxl
 
     try:
         with source.open() as file, closing(openpyxl.load_workbook(file, read_only=True, data_only=True)) as book:
-            sheets = {sheet.title: sheet for sheet in book.worksheets}
-            if source.sheet is not None and source.sheet not in sheets:
-                found = ", ".join(f"'{name}'" for name in sheets)
-                raise TelemetryError(f"{source.name}: found the sheets {found}, expected '{source.sheet}' among them")
-            sheet = book.worksheets[0] if source.sheet is None else sheets[source.sheet]
-            sheet.reset_dimensions()  # what the file says of its size is often wrong
-            for number, cells in enumerate(sheet.iter_rows(values_only=True), start=1):
-                if any(cell is not None for cell in cells):
-                    yield number, _trimmed(cells)
+            yield book
     except TelemetryError:
         raise
     except Exception as error:  # openpyxl raises a dozen kinds for what is no workbook, or a damaged one
