@@ -18,6 +18,13 @@ from flightcal.scenario import (
 )
 
 TELEMETRY = Path(__file__).parent / "example.csv"
+PACKETS = """\
+  packets:
+    hk: {file: [a.csv, "b.csv"], time: {column: time}}
+    power:
+      file: c.csv # where it lies
+      time: {column: time}
+"""
 TEXT = """\
 # Größe: 3 µm  (not only ASCII before numbers)
 name: example
@@ -119,6 +126,16 @@ def test_what_is_calibrated_can_be_read_anywhere_and_has_the_numbers(scenario, t
     assert values(found) == pytest.approx(expected, rel=2e-6)
     assert (tmp_path / "other" / "calibrated.yaml").read_text().startswith("# From a run.\n#\n# Two lines.\n# Gr")
     assert (found.folder / found.telemetry.file[0]).is_file()
+
+
+def test_files_of_packets_are_absolute_too(tmp_path):
+    text = TEXT.replace("  file: example.csv # where it lies\n  time: {column: time}\n", PACKETS)
+    text = text.replace("{column: TT_BAT", "{packet: hk, column: TT_BAT")
+    for name in ("a.csv", "b.csv", "c.csv"):
+        (tmp_path / name).write_text("time\n")
+    (tmp_path / "scenario.yaml").write_text(text)
+    found = elsewhere(tmp_path, calibrated_text(text, load_scenario(tmp_path / "scenario.yaml"), MEANS))
+    assert found.telemetry.files == tuple(str(tmp_path / name) for name in ("a.csv", "b.csv", "c.csv"))
 
 
 def test_what_is_believed_of_every_number_is_as_before(scenario, tmp_path):

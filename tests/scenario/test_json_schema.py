@@ -43,6 +43,7 @@ def test_scenarios_that_lint_accepts_are_valid(validator, tmp_path):
         ),
         *("wrong_choice", "fractional_count", "count_too_small", "word_for_a_flag", "capacity_without_unit"),
         *("absorptivity_above_one", "orbit_not_a_mapping", "attitude_unknown", "parameter_without_path"),
+        *("packets_as_a_list", "packet_without_time", "status_bit_negative"),
         *("prior_unknown_distribution", "prior_argument_missing"),
         *("external_kind_misspelt", "external_of_two_kinds", "external_output_in_watt", "executable_command_as_text"),
     ],

@@ -154,6 +154,20 @@ def test_telemetry_can_be_read_from_another_file(tmp_path):
     assert load_scenario(EXAMPLE, telemetry=tmp_path / "later.csv").telemetry.file == (str(tmp_path / "later.csv"),)
 
 
+def test_packets_are_looked_for_in_another_folder_each_by_its_name(tmp_path):
+    own = "  file: example.csv\n  time: {column: time, format: iso8601}\n"
+    packets = "".join(f"    {name}: {{file: {name}.csv, time: {{'column': time}}}}\n" for name in "ab")
+    text = EXAMPLE.read_text().replace(own, f"  packets:\n{packets}")
+    (tmp_path / "scenario.yaml").write_text(text.replace("{column: ", "{packet: b, column: "))
+    (tmp_path / "later").mkdir()
+    for name in ("a.csv", "b.csv"):
+        (tmp_path / "later" / name).write_text("time\n")
+
+    scenario = load_scenario(tmp_path / "scenario.yaml", telemetry=tmp_path / "later")
+
+    assert scenario.telemetry.files == (str(tmp_path / "later" / "a.csv"), str(tmp_path / "later" / "b.csv"))
+
+
 def test_other_telemetry_that_does_not_exist_is_a_finding(tmp_path):
     with pytest.raises(ScenarioError, match=r"telemetry\.file: found no such file"):
         load_scenario(EXAMPLE, telemetry=tmp_path / "none.csv")

@@ -1,12 +1,18 @@
+import re
 import zipfile
 from pathlib import Path
 
 import pytest
 
-from flightcal.scenario import load_scenario, noise_of, resolved_yaml, simulator_files, write_template
+from flightcal.scenario import input_files, load_scenario, noise_of, resolved_yaml, simulator_files, write_template
 from flightcal.scenario.document import parse_document
 
 EXAMPLE = Path(__file__).parent / "example.yaml"
+PACKETS = """\
+  packets:
+    thermal: {file: example.csv, time: {column: time}}
+    power: {file: power.xlsx, sheet: EPS, time: {column: t, format: unix-ms}, average: 5 min}
+"""
 TLE = """tle:
       - "1 25544U 98067A   24061.50000000  .00016717  00000+0  30000-3 0  9995"
       - "2 25544  51.6400 208.9163 0006317  69.9862  25.2906 15.49560000000008"
@@ -40,6 +46,14 @@ def resolve(folder, text, name="scenario.yaml"):
         ("{node: radiator, bias: -0.1 K,", "{node: radiator, bias: -0.1 K, gain: 0.98, lag: 20 s, time_offset: -2 s,"),
         ("description: Battery", 'description: "on: 18:00 #\\n\\n- ünï & *x"\n# Battery'),
         ("{column: time, format: iso8601}", "{column: 'on', format: unix}"),
+        (
+            "{column: time, format: iso8601}",
+            "{column: t, format: clock, epoch: 2000-01-01T12:00:00, rate: 65536 Hz, leap_seconds: true}",
+        ),
+        ("kind: status, on: [1, ON]", "kind: status, unit: mA, on_above: 90 mA"),
+        ("kind: status, on: [1, ON]", "kind: status, bits: 3"),
+        ("kind: status, on: [1, ON]", "kind: status, bits: [3, 4], on: 2"),
+        ("kind: status, on: [1, ON]", "kind: status, on: HEATING, off: [SAFE, 3]"),
         ("windows:", "noise: {model: ar1, white: {half_normal: 0.1 K}, correlation_time: 5 min}\nwindows:"),
         ("noise: 0.2 K", "noise: {distribution: student_t, degrees_of_freedom: {lognormal: {median: 5, factor: 2}}}"),
         ("noise: 0.2 K", "noise: {quantisation: 0.1 K}"),
@@ -58,6 +72,11 @@ def resolve(folder, text, name="scenario.yaml"):
         "sensor",
         "odd text",
         "odd column",
+        "clock",
+        "threshold",
+        "bit",
+        "bits",
+        "words",
         "ar1",
         "student",
         "rounded",
@@ -74,6 +93,28 @@ def test_resolved_scenario_loads_as_an_equal_one(folder, edit):
 
     assert again == scenario
     assert resolved_yaml(again) == resolved_yaml(scenario)
+
+
+def in_packets(text):
+    """The example with its telemetry in two packets, one of them a sheet."""
+    text = text.replace("  file: example.csv\n  time: {column: time, format: iso8601}\n", PACKETS)
+    text = text.replace("{column: I_", "{packet: power, column: I_").replace(
+        "{column: [I_", "{packet: power, column: [I_"
+    )
+    return re.sub(r"(_temp|_htr): {column", r"\1: {packet: thermal, column", text)
+
+
+def test_packets_round_trip_with_paths_of_their_own(folder):
+    (folder / "power.xlsx").write_text("")
+    scenario = resolve(folder, in_packets(EXAMPLE.read_text()))
+    assert scenario.telemetry.files == ("example.csv", "power.xlsx")
+    assert list(scenario.telemetry.channels_of("power")) == ["bus_power", "photo_current"]
+    assert input_files(scenario)[:2] == [folder / "example.csv", folder / "power.xlsx"]
+
+    assert resolve(folder, resolved_yaml(scenario), "resolved.yaml") == scenario
+    (folder / "elsewhere").mkdir()
+    again = resolve(folder / "elsewhere", resolved_yaml(scenario, absolute=True))
+    assert again.telemetry.files == (str(folder / "example.csv"), str(folder / "power.xlsx"))
 
 
 def test_template_round_trips(tmp_path):

@@ -224,8 +224,11 @@ def test_the_dataset_survives_netcdf(tmp_path: Path, average: str | None):
         xr.testing.assert_equal(restored, dataset)
         assert restored["time"].dtype == "datetime64[ns]"
         assert restored["flags"].dtype == np.uint8
-        assert restored["flags"].attrs["flag_meanings"] == "missing invalid_marker out_of_range stale few_samples"
-        np.testing.assert_array_equal(restored["flags"].attrs["flag_masks"], [1, 2, 4, 8, 16])
+        assert (
+            restored["flags"].attrs["flag_meanings"]
+            == "missing invalid_marker out_of_range stale few_samples other_packet"
+        )
+        np.testing.assert_array_equal(restored["flags"].attrs["flag_masks"], [1, 2, 4, 8, 16, 32])
         assert restored["battery"].attrs == dataset["battery"].attrs
         assert {name: restored.attrs[name] for name in dataset.attrs} == dataset.attrs
 

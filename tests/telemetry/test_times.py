@@ -8,6 +8,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from flightcal.errors import TelemetryError
+from flightcal.scenario import TimeColumn
 
 from .files import read
 
@@ -23,8 +24,18 @@ NO_TIMES = {
         "2024-061T12:00:00",
         "1709294400",
     ],
+    "unix-ms": ["", "noon", "2024-03-01T12:00:00", "inf", "1709294400", "1709294400000000"],
     "unix": ["", "noon", "2024-03-01T12:00:00", "inf", "-1e12", "1709294400000"],
-    "year-doy": ["", "noon", "2024-03-01T12:00:00", "2023-366", "2024-000", "2024-061T24:00", "2024-061T12:60"],
+    "year-doy": [
+        "",
+        "noon",
+        "2024-03-01T12:00:00",
+        "2023-366",
+        "2024-000",
+        "2024-061T24:00",
+        "2024-061T12:60",
+        "20240301",
+    ],
 }
 INSTANTS = st.integers(-300_000_000, 4_000_000_000).flatmap(
     lambda second: st.integers(0, 999).map(lambda milli: np.datetime64(second * 1000 + milli, "ms"))
@@ -33,7 +44,9 @@ INSTANTS = st.integers(-300_000_000, 4_000_000_000).flatmap(
 
 def parsed(folder: Path, written: str, cell: str) -> np.datetime64:
     """The time that `cell` stands for, in a file with an earlier time of the same kind."""
-    earlier = "1577880000" if written == "unix" else cell.replace("2024", "2020")
+    digits = {"unix": 0, "unix-ms": 3, "unix-us": 6, "unix-ns": 9}
+    earlier = cell.replace("2024", "2020").replace("24-", "20-").replace("24/", "20/").replace("24061", "20061")
+    earlier = f"315532800{'0' * digits[written]}" if written in digits else earlier.replace("98-001", "97-001")
     channels = {"x": {"column": "x", "kind": "driver"}}
     table = f'time,x\n"{earlier}",1\n"{cell}",2\n'
     return read(folder, table, channels=channels, time={"column": "time", "format": written})["time"].to_numpy()[1]
@@ -67,6 +80,29 @@ def parsed(folder: Path, written: str, cell: str) -> np.datetime64:
         ("year-doy", "2024.061.12.00.00", NOON),
         ("year-doy", "2024.061.12.00.00.5", NOON + HALF),
         ("year-doy", "2024-61T12:00", NOON),
+        ("unix-ms", "1709294400500", NOON + HALF),
+        ("unix-ms", "1709294400000.25", NOON + np.timedelta64(250, "us")),
+        ("unix-us", "1709294400500000", NOON + HALF),
+        ("unix-ns", "1709294400500000000", NOON + HALF),
+        ("year-doy", "2024:061:12:00:00.500", NOON + HALF),
+        ("year-doy", "2024:061:12:00:00", NOON),
+        ("year-doy", "2024/061-12:00:00", NOON),
+        ("year-doy", "2024/061/12:00:00.5", NOON + HALF),
+        ("year-doy", "2024-061/12:00:00", NOON),
+        ("year-doy", "2024-061 12:00:00,5", NOON + HALF),
+        ("year-doy", "2024 061 12:00:00", NOON),
+        ("year-doy", "2024-061T12:00:00+00:00", NOON),
+        ("year-doy", "2024-061t12:00:00z", NOON),
+        ("year-doy", "2024-061 12:00:00 UTC", NOON),
+        ("year-doy", "2024-061T120000", NOON),
+        ("year-doy", "2024-061 - 12:00:00", NOON),
+        ("year-doy", "2024-061_12:00:00", NOON),
+        ("year-doy", "2024061T12:00:00", NOON),
+        ("year-doy", "2024061T120000.5", NOON + HALF),
+        ("year-doy", "24-061/12:00:00", NOON),
+        ("year-doy", "24/061 12:00:00", NOON),
+        ("year-doy", "24061T120000", NOON),
+        ("year-doy", "98-001T00:00:00", np.datetime64("1998-01-01", "ns")),
         ("year-doy", "2024-061", NOON - np.timedelta64(12, "h")),
         ("year-doy", "2024-366T00:00:00", np.datetime64("2024-12-31", "ns")),
     ],
@@ -77,7 +113,12 @@ def test_every_way_of_writing_a_time_is_read(tmp_path: Path, written: str, cell:
 
 @pytest.mark.parametrize(("written", "cell"), [(written, cell) for written in NO_TIMES for cell in NO_TIMES[written]])
 def test_what_is_no_time_is_an_error_at_its_line(tmp_path: Path, written: str, cell: str):
-    good = {"iso8601": "2024-03-01T12:00:00", "unix": "1709294400", "year-doy": "2024-061T12:00:00"}[written]
+    good = {
+        "iso8601": "2024-03-01T12:00:00",
+        "unix": "1709294400",
+        "unix-ms": "1709294400000",
+        "year-doy": "2024-061T12:00:00",
+    }[written]
     table = f"time,x\n{good},1\n{good[:-1]}1,2\n{cell},3\n"
     with pytest.raises(TelemetryError, match=r"^data\.csv: line 4: found (no time|the time '.+'), expected "):
         read(
@@ -106,3 +147,57 @@ def test_times_survive_the_way_through_every_format(tmp_path_factory, written: s
     folder = tmp_path_factory.mktemp("times")
     dataset = read(folder, table, channels=channels, time={"column": "time", "format": written})
     np.testing.assert_array_equal(dataset["time"], np.sort(np.array(instants, dtype="datetime64[ns]")))
+
+
+def clock(folder: Path, cells: list[str], **time: object) -> np.ndarray:
+    """Times of a spacecraft's clock that starts with 2024."""
+    rows = "".join(f"{cell},{k}\n" for k, cell in enumerate(cells))
+    written = {"column": "SCLK", "format": "clock", "epoch": "2024-01-01T00:00:00Z"} | time
+    return read(folder, f"SCLK,x\n{rows}", channels={"x": {"column": "x", "kind": "driver"}}, time=written)[
+        "time"
+    ].to_numpy()
+
+
+@pytest.mark.parametrize(
+    ("cells", "time"),
+    [
+        (["0", "5227200", "5227200.5"], {}),
+        (["0", "52272000", "52272005"], {"rate": "10 Hz"}),
+        (["0", "342569779200", "342569811968"], {"rate": "65536 Hz"}),
+        (["0", "2613600", "2613600.25"], {"rate": "0.5 Hz"}),
+        (["86400", "5313600", "5313600.5"], {"epoch": "2023-12-31T00:00:00"}),
+        (["0", "5227200", "5227200.5"], {"epoch": "2024-01-01T01:00:00+01:00", "leap_seconds": True}),
+    ],
+)
+def test_a_spacecraft_clock_counts_from_its_epoch_at_its_rate(tmp_path: Path, cells: list[str], time: dict):
+    expected = [np.datetime64("2024-01-01", "ns"), NOON, NOON + HALF]
+    np.testing.assert_array_equal(clock(tmp_path, cells, **time), expected)
+
+
+def test_a_clock_that_counts_leap_seconds_is_late_by_those_since_its_epoch(tmp_path: Path):
+    gps = {"epoch": "1980-01-06T00:00:00", "leap_seconds": True}
+    counts = ["0", "46828799", "46828802", "1393329618"]
+    expected = ["1980-01-06T00:00:00", "1981-06-30T23:59:59", "1981-07-01T00:00:01", "2024-03-01T12:00:00"]
+    np.testing.assert_array_equal(clock(tmp_path, counts, **gps), np.array(expected, dtype="datetime64[ns]"))
+
+
+def test_a_clock_that_cannot_be_a_time_is_an_error_with_its_epoch(tmp_path: Path):
+    with pytest.raises(TelemetryError) as caught:
+        clock(tmp_path, ["0", "1709294400000"])
+    assert str(caught.value) == (
+        "data.csv: line 3: found the time '1709294400000', expected a counter such as 762609605.5 that gives a time up "
+        "to 2150 after the epoch 2024-01-01T00:00:00; format: unix-ms would read it"
+    )
+
+
+@pytest.mark.parametrize(
+    ("time", "message"),
+    [
+        ({"format": "clock"}, "missing key 'epoch', expected the UTC time at which the clock is at zero"),
+        ({"epoch": "2024-01-01T00:00:00"}, "found 'epoch' beside the format 'iso8601', expected it of a 'clock' only"),
+        ({"format": "unix", "rate": "2 Hz"}, "found 'rate' beside the format 'unix', expected it of a 'clock' only"),
+    ],
+)
+def test_an_epoch_is_that_of_a_clock(time: dict, message: str):
+    with pytest.raises(ValueError, match=message):
+        TimeColumn(column="t", **time)

@@ -66,6 +66,15 @@ def test_no_origin_stands_where_training_or_the_orbit_after_are_mostly_gaps(scen
     assert "training before has less than half" in plan.skipped[1]
 
 
+def test_rows_of_a_faster_packet_do_not_make_temperatures_seem_rare(scenario):
+    loaded, data = scenario
+    seconds = np.arange(0, 30 * 3600, 10).astype("timedelta64[s]")
+    merged = data.reindex(time=np.unique(np.concatenate([data["time"].values, small.START + seconds])))
+    merged.attrs["sampling_interval_s"] = 10.0
+    expected = hours_of(plan_origins(loaded, data, 5))
+    np.testing.assert_allclose(hours_of(plan_origins(loaded, merged, 5)), expected)
+
+
 def test_one_channel_that_is_missing_is_no_gap(scenario):
     plan = plan_origins(scenario[0], without(scenario[1], 10.0, 16.0, "panel_temp"), 8)
     assert plan.skipped == ()

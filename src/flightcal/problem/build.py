@@ -12,7 +12,7 @@ from ..errors import ScenarioError
 from ..probability import Priors, heater_status, measured_switches, residual_model
 from ..scenario import ExternalModel, Normal, Prior, Scenario, SimulatorModel, heat_of, is_trained
 from ..simulator import ICE_POINT, FloatArray, open_loop
-from ..telemetry import driver_gaps, driver_series, select_window, window_bounds
+from ..telemetry import driver_gaps, driver_series, select_window, usual_interval, window_bounds
 from .entries import entries_of
 from .problem import Problem
 from .simulators import build_simulator
@@ -106,7 +106,7 @@ def _course(scenario: Scenario, telemetry: xarray.Dataset, start: np.datetime64,
     if heat is None or heat.pattern is None or heat.pattern.over is None:
         return None
     channel = heat.pattern.over
-    interval = float(telemetry.attrs["sampling_interval_s"])
+    interval = usual_interval(telemetry["time"].values[np.isfinite(telemetry[channel].values)])
     seconds = np.append(np.arange(0.0, (end - start) / np.timedelta64(1, "ns") * 1e-9, interval), np.nan)
     seconds[-1] = (end - start) / np.timedelta64(1, "ns") * 1e-9
     times = start.astype("datetime64[ns]") + np.round(seconds * 1e9).astype("timedelta64[ns]")

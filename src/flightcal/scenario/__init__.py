@@ -63,6 +63,7 @@ from .schema import (
     Channel,
     InitialState,
     Observation,
+    Packet,
     Parameter,
     Scenario,
     TelemetryFile,
@@ -74,7 +75,7 @@ from .schema import (
     noise_of,
     not_normal,
 )
-from .template import write_template
+from .template import write_new, write_template
 from .units import (
     Duration,
     Kelvins,
@@ -136,6 +137,7 @@ __all__ = [
     "NutsSettings",
     "Observation",
     "Orbit",
+    "Packet",
     "Pair",
     "Parameter",
     "Part",
@@ -199,6 +201,7 @@ __all__ = [
     "simulator_files",
     "support",
     "to_si",
+    "write_new",
     "write_template",
     "written_unit",
     "written_values",

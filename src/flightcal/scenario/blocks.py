@@ -15,7 +15,7 @@ from .fields import reader_of
 from .heat import Heat
 from .network import Conductor, Face, Heater, Load, ModeChange, Node, ReducedNumber, SimulatorModel
 from .residuals import Discrepancy, Noise
-from .schema import Channel, Observation, Parameter, Scenario
+from .schema import Channel, Observation, Packet, Parameter, Scenario
 from .windows import Window
 from .wording import problems_of
 
@@ -42,6 +42,9 @@ class Blocks:
     """The blocks of a scenario. None: the block is there, but cannot be read; its name counts as known."""
 
     files: tuple[str, ...]
+    """Of telemetry that has no packets."""
+    packets: Mapping[str, Packet | None] | None
+    """null: something is written there that is no mapping."""
     channels: Mapping[str, Channel | None]
     environment: Environment | None
     nodes: Mapping[str, Node | None]
@@ -79,6 +82,7 @@ def blocks_of(scenario: Scenario) -> Blocks:
         model = _NO_NETWORK
     return Blocks(
         files=scenario.telemetry.file,
+        packets=scenario.telemetry.packets,
         channels=scenario.telemetry.channels,
         environment=scenario.environment,
         **{key: getattr(model, key) for key in _OF_NETWORK},

@@ -171,8 +171,10 @@ def _place(path: str, written: _Text) -> Location:
 
 def _files(scenario: Scenario) -> Iterator[tuple[Location, Path]]:
     """Where files are named, and their absolute paths."""
-    for k, name in enumerate(scenario.telemetry.file):
-        yield ("telemetry", "file", k), (scenario.folder / name).absolute()
+    for packet, block in scenario.telemetry.sources.items():
+        place: Location = ("telemetry", "packets", packet, "file") if packet else ("telemetry", "file")
+        for k, name in enumerate(block.file):
+            yield (*place, k), (scenario.folder / name).absolute()
     written = scenario.model_dump(mode="json", exclude={"telemetry"})
     absolute = dict(walk(scenario.model_dump(mode="json", exclude={"telemetry"}, context=scenario.folder)))
     for location, value in walk(written):

@@ -192,6 +192,13 @@ Markers = Annotated[
     BeforeValidator(_read_markers),
     WithJsonSchema({"anyOf": [_MARKER, {"type": "array", "items": _MARKER}]}),
 ]
+_BIT = {"type": "integer", "minimum": 0, "maximum": 63}
+Bits = Annotated[
+    tuple[Annotated[Count, Field(ge=0, le=63)], ...],
+    BeforeValidator(_read_markers),
+    Field(min_length=1),
+    WithJsonSchema({"anyOf": [_BIT, {"type": "array", "items": _BIT, "minItems": 1}]}),
+]
 Range = Annotated[tuple[Marker, Marker], of_length(2, "two values [lowest, highest]")]
 ChannelUnit = Annotated[
     str, BeforeValidator(_read_driver_unit), WithJsonSchema({"anyOf": [{"type": "string"}, {"const": 1}]})

@@ -32,6 +32,11 @@ def json_schema() -> dict[str, Any]:
     group = [{"type": "array", "items": window}, {"type": "object", "additionalProperties": window}]
     schema["properties"]["windows"]["additionalProperties"] = {"anyOf": [window, *group]}
 
+    telemetry = definitions["TelemetryFile"]
+    telemetry["anyOf"] = [{"required": ["file", "time"]}, {"required": ["packets"]}]
+    for key in ("file", "packets"):
+        telemetry["properties"][key].pop("default", None)
+
     network = definitions["SimulatorModel"]
     network["required"].remove("nodes")
     network["anyOf"] = [{"required": ["nodes"]}, {"required": ["reduced_model"]}]

@@ -22,7 +22,7 @@ from .numbers import Settable, settable_of
 from .parameters import read_parameters
 from .reduced import fill_in
 from .residuals import Discrepancy, Noise
-from .schema import AnySimulator, Channel, Observation, Scenario, TelemetryFile
+from .schema import AnySimulator, Channel, Observation, Packet, Scenario, TelemetryFile
 from .units import show
 from .windows import Window, flat_windows
 from .wording import UNREADABLE, unknown_key
@@ -121,6 +121,7 @@ class _Reader:
         """All blocks but parameters, and those that a scenario is made of, by key."""
         telemetry, model = _mapping(data, "telemetry"), _mapping(data, "simulator")
         files = self.block(FileNames, telemetry["file"], "telemetry", "file") if "file" in telemetry else ()
+        packets = self.entries(Packet, telemetry, "telemetry", "packets")
         channels = self.entries(Channel, telemetry, "telemetry", "channels")
         external, network = None, {} if is_external(model) else model
         in_network: dict[str, Any] = {
@@ -132,7 +133,9 @@ class _Reader:
         else:
             simulator = self.whole(SimulatorModel, model, in_network, "simulator")
         parts = {
-            "telemetry": self.whole(TelemetryFile, telemetry, {"file": files, "channels": channels}, "telemetry"),
+            "telemetry": self.whole(
+                TelemetryFile, telemetry, {"file": files, "packets": packets, "channels": channels}, "telemetry"
+            ),
             "environment": self.block(Environment, data.get("environment", {}), "environment"),
             "simulator": simulator,
             "observations": self.entries(Observation, data, "observations"),
@@ -146,6 +149,7 @@ class _Reader:
         reduced = in_network.pop("reduced_numbers")
         blocks = Blocks(
             files=files or (),
+            packets=packets if isinstance(telemetry.get("packets", {}), dict) else None,
             channels=channels,
             environment=parts["environment"],
             **in_network,
@@ -206,6 +210,8 @@ def _mapping(value: Any, key: str) -> Mapping[str, Any]:
 def _elsewhere(telemetry: Any, place: Path) -> Any:
     if not isinstance(telemetry, dict):
         return telemetry
+    if isinstance(packets := telemetry.get("packets"), dict):
+        return {**telemetry, "packets": {name: _elsewhere(packet, place) for name, packet in packets.items()}}
     files = telemetry.get("file")
     names = [files] if isinstance(files, str) else files
     if not place.is_dir() or not isinstance(names, list):

@@ -35,11 +35,18 @@ def resolved_yaml(scenario: Scenario, *, absolute: bool = False) -> str:
 def _written(scenario: Scenario, absolute: bool) -> dict[str, Any]:
     """The scenario as a user writes it, as plain values."""
     data = scenario.model_dump(mode="json", exclude_none=True, context=scenario.folder if absolute else None)
+    for key in ("packets", "file"):
+        if not data["telemetry"][key]:
+            del data["telemetry"][key]
     for name, channel in scenario.telemetry.channels.items():
         block = data["telemetry"]["channels"][name]
-        for key, kind in (("on", "status"), ("fill", "driver")):
+        for key, kind in (("on", "status"), ("off", "status"), ("fill", "driver")):
             if channel.kind != kind:
                 del block[key]
+        if channel.threshold is not None or channel.bits is not None:
+            del block["off"]
+            if "on" not in channel.model_fields_set:
+                del block["on"]
         if channel.stale_after is None:
             block["stale_after"] = None
     for name, parameter in scenario.parameters.items():

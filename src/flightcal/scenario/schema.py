@@ -27,16 +27,20 @@ from .external import (
 )
 from .fields import (
     FILLED_IN,
+    Bits,
     Block,
     ChannelUnit,
     Count,
     FileNames,
+    Flag,
+    Marker,
     Markers,
     Names,
     Number,
     OneOf,
     Paths,
     Range,
+    Time,
     exactly_one,
     read_empty,
 )
@@ -54,12 +58,32 @@ class TimeColumn(Block):
     """Where the time stamps are and how they are written."""
 
     column: str
-    format: Literal["iso8601", "unix", "year-doy"] = "iso8601"
+    format: Literal["iso8601", "unix", "unix-ms", "unix-us", "unix-ns", "year-doy", "clock"] = "iso8601"
+    """`unix`: seconds. `clock`: a counter of the spacecraft, whose `epoch` stands beside it."""
+    epoch: Time | None = None
+    """Of a clock: UTC when it is at zero."""
+    rate: Annotated[float, Quantity("Hz", above=0)] | None = None
+    """Of a clock: counts a second; null: 1."""
+    leap_seconds: Flag | None = None
+    """Of a clock: true where it counts leap seconds too, as GPS time does; null: false, every day has 86400 s."""
+
+    @model_validator(mode="after")
+    def _of_a_clock(self) -> TimeColumn:
+        if self.format == "clock":
+            if self.epoch is None:
+                raise ValueError("missing key 'epoch', expected the UTC time at which the clock is at zero")
+            return self
+        given = [key for key in ("epoch", "rate", "leap_seconds") if getattr(self, key) is not None]
+        if given:
+            raise ValueError(f"found {given[0]!r} beside the format {self.format!r}, expected it of a 'clock' only")
+        return self
 
 
 class Channel(Block):
     """One telemetry channel: its column (or several, combined), unit, and what counts as invalid."""
 
+    packet: str | None = None
+    """Which of `packets` has its column; null where there are none."""
     column: Names
     combine: Literal["mean", "sum", "product"] | None = None
     kind: Literal["temperature", "status", "driver"]
@@ -69,22 +93,79 @@ class Channel(Block):
     """Lowest and highest believable value, with units (for a driver without a unit, plain numbers)."""
     invalid: Markers = ()
     """Marker values of the ground system, as they stand in the file."""
-    on: Markers = (1.0, "1", "ON", "on", "On", "true", "True", "TRUE")
+    on: Markers = (1.0, "1", "ON", "on", "On", "true", "True", "TRUE", "YES", "ENABLED", "ENABLE", "ACTIVE", "CLOSED")
     """For a status: the values that mean on."""
+    off: Markers = ()
+    """For a status: values that mean off, besides 0, OFF, FALSE, NO, DISABLED, INACTIVE, OPEN and IDLE."""
+    on_above: Marker | None = None
+    """For a status: it is on where the column's number is larger than this, which is written with its unit."""
+    on_below: Marker | None = None
+    """For a status: it is on where the column's number is smaller than this, which is written with its unit."""
+    bits: Bits | None = None
+    """For a status: the bit (0: the least significant) of the column's word that tells it. Several are a number, the
+    first its least significant; it is on where that is among `on`, by default where it is not 0."""
     stale_after: Annotated[Count, Field(ge=2)] | None = 6
     """This many identical rows of all channels that do not normally repeat are frozen; null: off."""
     fill: Literal["interpolate", "previous_orbit"] = "interpolate"
     """For a driver: how its gaps are bridged."""
 
+    @property
+    def threshold(self) -> Literal["on_above", "on_below"] | None:
+        """The key that makes a status of a number; null: it is none that is made so."""
+        return "on_above" if self.on_above is not None else "on_below" if self.on_below is not None else None
 
-class TelemetryFile(Block):
-    """The flight data: one file or several, one time column, the channels."""
+
+class Packet(Block):
+    """Telemetry that shares a clock: one file or several with the same columns, and the time column."""
 
     file: FileNames
+    sheet: str | None = None
+    """Of a spreadsheet; null: its first."""
     time: TimeColumn
+    average: Duration | None = None
+    """Block mean over this long; null: that of all telemetry."""
+
+
+class TelemetryFile(Block):
+    """The flight data: one file or several, one time column, the channels; or several packets."""
+
+    file: FileNames = ()
+    """One file, or several with the same columns."""
+    sheet: str | None = None
+    """Of a spreadsheet; null: its first."""
+    time: TimeColumn | None = None
+    packets: dict[str, Packet] = Field(default_factory=dict)
+    """In the place of `file` and `time`: files, each with columns, sampling and clock of its own."""
     average: Duration | None = None
     """Block mean over this long; null: every sample as it is."""
     channels: dict[str, Channel] = Field(min_length=1)
+
+    @model_validator(mode="after")
+    def _one_form(self) -> TelemetryFile:
+        beside = [key for key in ("file", "sheet", "time") if getattr(self, key)]
+        if self.packets and beside:
+            raise ValueError(f"found {beside[0]!r} beside 'packets', expected it in each of them")
+        missing = [] if self.packets else [key for key in ("file", "time") if not getattr(self, key)]
+        if missing:
+            raise ValueError(f"missing key {missing[0]!r}")
+        return self
+
+    @property
+    def sources(self) -> dict[str, Packet]:
+        """The packets by name; what is written without a name is one called ""."""
+        if self.packets:
+            return self.packets
+        assert self.time is not None  # the schema wants it
+        return {"": Packet.model_construct(file=self.file, sheet=self.sheet, time=self.time, average=None)}
+
+    @property
+    def files(self) -> tuple[str, ...]:
+        """Names of all files, each once."""
+        return tuple(dict.fromkeys(name for packet in self.sources.values() for name in packet.file))
+
+    def channels_of(self, packet: str) -> dict[str, Channel]:
+        """The channels whose columns a packet has."""
+        return {name: channel for name, channel in self.channels.items() if (channel.packet or "") == packet}
 
 
 # --- simulator, parameters and observations -----------------------------------------------------------------
@@ -295,7 +376,7 @@ def _written_noise(scenario: Scenario, channel: str) -> Noise:
 def input_files(scenario: Scenario) -> list[Path]:
     """Telemetry, orbit and attitude files and those that the simulator is made of, as paths that can be opened."""
     environment = scenario.environment
-    named = [*scenario.telemetry.file]
+    named = [*scenario.telemetry.files]
     for block, field in ((environment.orbit, "positions"), (environment.attitude, "quaternions")):
         if hasattr(block, field):
             named.append(getattr(block, field))

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from importlib.resources import files
 from pathlib import Path
 
@@ -13,9 +14,15 @@ def write_template(folder: str | Path) -> list[Path]:
 
     Raises ScenarioError where one of the files is there already, or the folder cannot be written.
     """
-    target = Path(folder)
     sources = {"scenario.yaml": "template.yaml", "telemetry.csv": "template.csv"}
-    texts = {name: (files(__package__) / source).read_text(encoding="utf-8") for name, source in sources.items()}
+    return write_new(
+        Path(folder),
+        {name: (files(__package__) / source).read_text(encoding="utf-8") for name, source in sources.items()},
+    )
+
+
+def write_new(target: Path, texts: Mapping[str, str]) -> list[Path]:
+    """Writes files, by name, into a folder; returns their paths. Raises ScenarioError as `write_template` does."""
     for name in texts:
         if (target / name).exists():
             raise ScenarioError(f"{target / name}: found a file, expected none: nothing is overwritten")

@@ -4,6 +4,8 @@ Imports: environment, errors, scenario.
 """
 
 from .bridges import bridged
+from .clean import usual_interval
+from .detect import FoundPacket, detect
 from .drivers import SHORT_GAP, driver_corners, driver_gaps, driver_series, status_changes, status_fraction
 from .quality import QualityRecord, quality_table
 from .quantisation import quantisation_step
@@ -12,8 +14,10 @@ from .window import select_window, window_bounds
 
 __all__ = [
     "SHORT_GAP",
+    "FoundPacket",
     "QualityRecord",
     "bridged",
+    "detect",
     "driver_corners",
     "driver_gaps",
     "driver_series",
@@ -24,5 +28,6 @@ __all__ = [
     "select_window",
     "status_changes",
     "status_fraction",
+    "usual_interval",
     "window_bounds",
 ]

@@ -21,6 +21,8 @@ class Flag(IntFlag):
     """The ground system repeated the last row."""
     FEW_SAMPLES = 16
     """Block average: fewer than half of the block's samples can be used."""
+    OTHER_PACKET = 32
+    """Not wrong: the time is that of another packet, and the channel's own has no row there."""
 
 
 SAMPLE_FLAGS = (Flag.MISSING, Flag.INVALID_MARKER, Flag.OUT_OF_RANGE, Flag.STALE)

@@ -2,9 +2,10 @@
 
 from __future__ import annotations
 
-import re
 from collections.abc import Callable
+from functools import partial
 
+import erfa
 import numpy as np
 import pandas as pd
 import pyarrow as pa
@@ -12,44 +13,58 @@ import pyarrow.compute as pc
 from numpy.typing import NDArray
 
 from ..errors import TelemetryError
+from ..scenario import TimeColumn
 from .clean import Nanoseconds
 from .readers import Source
 
 _UNREADABLE = np.iinfo(np.int64).min
 """Not a time, also to numpy."""
 _EARLIEST = np.datetime64("1957-10-04", "ns").astype(np.int64)
+_FINE = ("unix-ms", "unix-us", "unix-ns")
+_EARLIEST_FINE = np.datetime64("1973-01-01", "ns").astype(np.int64)
+"""Of these formats: what is earlier counts coarser units."""
 _LATEST = np.datetime64("2150-01-01", "ns").astype(np.int64)
 _ZONE = r"[T ]\d{2}.*([zZ]|[+-]\d{2}(:?\d{2})?)$"
 _YEAR_DOY = (
-    r"^(?P<year>\d{4})[-/. :](?P<day>\d{1,3})"
-    r"(?:[T /.:-](?P<hour>\d{1,2})[:.](?P<minute>\d{2})"
-    r"(?:[:.](?P<second>\d{2})(?:[.,](?P<fraction>\d{1,9})\d*)?)?)?[zZ]?$"
+    # 2024-061, 2024:61, 24-061, or 2024061 and 24061
+    r"^(?P<year>\d{4}|\d{2})(?:\s*[-/. :]\s*(?P<day>\d{1,3})|(?P<joined>\d{3}))"
+    # T12:34:56.789, -12.34.56, T123456, ...
+    r"(?:(?:\s*[-T_/.:]\s*|\s+)(?P<hour>\d{1,2})[:.]?(?P<minute>\d{2})"
+    r"(?:[:.]?(?P<second>\d{2})(?:[.,](?P<fraction>\d{1,9})\d*)?)?)?"
+    r"\s*(?:Z|UTC|GMT|\+00:?00)?$"
 )
+_FIRST_OF_CENTURY = 57
+"""Two digits from here on are a year of the 20th century, as in two-line elements."""
 _EXAMPLES = {
     "iso8601": "ISO 8601 such as 2024-03-01T12:00:00.5Z",
     "unix": "UNIX seconds such as 1709294400.5",
+    "unix-ms": "UNIX milliseconds such as 1709294400500",
+    "unix-us": "UNIX microseconds such as 1709294400500000",
+    "unix-ns": "UNIX nanoseconds such as 1709294400500000000",
     "year-doy": "year and day of year such as 2024-061T12:00:00.5",
+    "clock": "a counter such as 762609605.5",
 }
 
 
-def parse_times(column: pa.ChunkedArray, written: str, source: Source) -> Nanoseconds:
-    """Times [T] of a column in the format `written` ('iso8601', 'unix' or 'year-doy'), ns since 1970, UTC.
+def parse_times(column: pa.ChunkedArray, time: TimeColumn, source: Source) -> Nanoseconds:
+    """Times [T] of a column that is written as `time` says, ns since 1970, UTC.
 
     Raises TelemetryError that names the first line whose time is empty, not of this format, or outside 1957
     to 2150, or has a time zone where others have none.
     """
+    written = time.format
     if pa.types.is_dictionary(column.type):
         column = column.cast(column.type.value_type)
     if pa.types.is_timestamp(column.type) or pa.types.is_date(column.type):
         unit = getattr(column.type, "unit", "s")
         times = _nanoseconds(column.to_pandas().to_numpy(dtype=f"datetime64[{unit}]"))
     elif is_text(column) or pa.types.is_integer(column.type) or pa.types.is_floating(column.type):
-        times = _PARSERS[written](column)
+        times = _clock(column, time) if written == "clock" else _PARSERS[written](column)
     else:
         raise TelemetryError(f"{source.name}: found times of type {column.type}, expected {_EXAMPLES[written]}")
-    bad = (times == _UNREADABLE) | (times < _EARLIEST) | (times > _LATEST)
+    bad = (times == _UNREADABLE) | (times < _earliest(written)) | (times > _LATEST)
     if bad.any():
-        raise _unreadable(column, written, source, int(np.argmax(bad)), int(bad.sum()))
+        raise _unreadable(column, time, source, int(np.argmax(bad)), int(bad.sum()))
     if written == "iso8601" and is_text(column):
         _check_zones(column, source)
     return times
@@ -65,12 +80,14 @@ def _iso8601(column: pa.ChunkedArray) -> Nanoseconds:
     return _nanoseconds(parsed.tz_localize(None).to_numpy())
 
 
-def _unix(column: pa.ChunkedArray) -> Nanoseconds:
+def _unix(column: pa.ChunkedArray, rate: float = 1.0) -> Nanoseconds:
+    """Counts since 1970, `rate` a second."""
     if is_text(column):
         text = pd.Series(_trimmed(column).to_numpy(zero_copy_only=False))
-        seconds = pd.to_numeric(text, errors="coerce").to_numpy(float)
+        counts = pd.to_numeric(text, errors="coerce").to_numpy(float)
     else:
-        seconds = pc.cast(column, pa.float64(), safe=False).to_numpy(zero_copy_only=False)
+        counts = pc.cast(column, pa.float64(), safe=False).to_numpy(zero_copy_only=False)
+    seconds = counts / rate
     seconds = np.where(np.abs(seconds) < 9e9, seconds, np.nan)
     whole = np.floor(np.nan_to_num(seconds))
     # A double holds today's UNIX time to 0.24 microseconds.
@@ -79,8 +96,32 @@ def _unix(column: pa.ChunkedArray) -> Nanoseconds:
     return np.where(np.isnan(seconds), _UNREADABLE, nanoseconds)
 
 
+def _clock(column: pa.ChunkedArray, time: TimeColumn) -> Nanoseconds:
+    """Counts of a spacecraft's clock since its epoch."""
+    assert time.epoch is not None  # the schema wants it
+    epoch = int(np.datetime64(time.epoch, "ns").astype(np.int64))
+    elapsed = _unix(column, time.rate or 1.0)
+    times = np.where(elapsed == _UNREADABLE, 0, elapsed) + epoch
+    if time.leap_seconds:
+        since, leaps = _leap_seconds()
+        before = np.searchsorted(since, epoch, side="right")
+        # A leap second lies at the end of its day, so each count is held against where UTC then has got to.
+        passed = np.searchsorted(since + (leaps[1:] - leaps[before]) * 1_000_000_000, times, side="right")
+        times = times - (leaps[passed] - leaps[before]) * 1_000_000_000
+    return np.where(elapsed == _UNREADABLE, _UNREADABLE, times)
+
+
+def _leap_seconds() -> tuple[Nanoseconds, NDArray[np.int64]]:
+    """When (ns since 1970, UTC) the leap seconds [L] after 1972 had passed, and how many there were [L + 1]."""
+    table = erfa.leap_seconds.get()
+    table = table[table["year"] * 12 + table["month"] > 1972 * 12 + 1]
+    months = (table["year"].astype(np.int64) - 1970) * 12 + table["month"] - 1
+    since = months.astype("datetime64[M]").astype("datetime64[ns]").astype(np.int64)
+    return since, np.arange(len(since) + 1)
+
+
 def _year_doy(column: pa.ChunkedArray) -> Nanoseconds:
-    parts = pc.extract_regex(_trimmed(column), _YEAR_DOY)
+    parts = pc.extract_regex(pc.utf8_upper(_trimmed(column)), _YEAR_DOY)
     matched = pc.is_valid(parts).to_numpy()
 
     def number(name: str) -> Nanoseconds:
@@ -89,7 +130,11 @@ def _year_doy(column: pa.ChunkedArray) -> Nanoseconds:
 
     digits = pc.utf8_rpad(pc.fill_null(pc.struct_field(parts, "fraction"), ""), width=9, padding="0")
     nanoseconds = pc.cast(digits, pa.int64()).to_numpy()
-    year, day, hour, minute, second = (number(name) for name in ("year", "day", "hour", "minute", "second"))
+    year, day, joined, hour, minute, second = (
+        number(name) for name in ("year", "day", "joined", "hour", "minute", "second")
+    )
+    day = day + joined  # one of the two is not there
+    year = np.where(year >= 100, year, np.where(year >= _FIRST_OF_CENTURY, 1900, 2000) + year)
     matched &= (year >= 1957) & (year <= 2150)
     first = np.where(matched, year - 1970, 0).astype("datetime64[Y]")
     days_in_year = (first + np.timedelta64(1, "Y")).astype("datetime64[D]") - first.astype("datetime64[D]")
@@ -102,22 +147,35 @@ def _year_doy(column: pa.ChunkedArray) -> Nanoseconds:
 _PARSERS: dict[str, Callable[[pa.ChunkedArray], Nanoseconds]] = {
     "iso8601": _iso8601,
     "unix": _unix,
+    "unix-ms": partial(_unix, rate=1e3),
+    "unix-us": partial(_unix, rate=1e6),
+    "unix-ns": partial(_unix, rate=1e9),
     "year-doy": _year_doy,
 }
 
 
-def _unreadable(column: pa.ChunkedArray, written: str, source: Source, row: int, rows: int) -> TelemetryError:
+def _unreadable(column: pa.ChunkedArray, time: TimeColumn, source: Source, row: int, rows: int) -> TelemetryError:
+    written = time.format
     value = column[row].as_py()
     where = source.place(row)
     if value is None:
         return TelemetryError(f"{where}: found no time, expected {_EXAMPLES[written]}")
     cell = pa.chunked_array([[str(value)]])
-    others = [name for name, parse in _PARSERS.items() if name != written and _EARLIEST <= parse(cell)[0] <= _LATEST]
+    others = [
+        name for name, parse in _PARSERS.items() if name != written and _earliest(name) <= parse(cell)[0] <= _LATEST
+    ]
     hint = f"; format: {others[0]} would read it" if others else ""
-    if written == "unix" and re.fullmatch(r"\d{13,19}(\.0*)?", str(value).strip()):
-        hint = "; these look like milliseconds or finer"
     found = f"found the time '{value}'{more_rows(rows)}"
-    return TelemetryError(f"{where}: {found}, expected {_EXAMPLES[written]}, between 1957 and 2150{hint}")
+    if written == "clock":
+        hint = f" after the epoch {time.epoch:%Y-%m-%dT%H:%M:%S}{hint}"
+        return TelemetryError(f"{where}: {found}, expected {_EXAMPLES[written]} that gives a time up to 2150{hint}")
+    first = np.datetime64(int(_earliest(written)), "ns").astype("datetime64[Y]")
+    return TelemetryError(f"{where}: {found}, expected {_EXAMPLES[written]}, between {first} and 2150{hint}")
+
+
+def _earliest(written: str) -> np.int64:
+    """The earliest time (ns) that is believed of a format."""
+    return _EARLIEST_FINE if written in _FINE else _EARLIEST
 
 
 def _check_zones(column: pa.ChunkedArray, source: Source) -> None:

@@ -24,6 +24,8 @@ class Conversion:
     """SI."""
     lowest: float = -np.inf
     highest: float = np.inf
+    threshold: float | None = None
+    """SI; of a status that is made of a number."""
 
     def as_in_file(self, si_value: float) -> float:
         """The value that the file has for a value in SI."""
@@ -32,7 +34,7 @@ class Conversion:
 
 def conversion(channel: Channel) -> Conversion:
     """How `channel` becomes SI. Raises ValueError that says what was found and what was expected."""
-    if channel.kind == "status":
+    if channel.kind == "status" and channel.threshold is None:
         return Conversion(1.0, 0.0, "")
     written = channel.unit or ""
     if channel.kind == "temperature" and not written:
@@ -52,11 +54,13 @@ def conversion(channel: Channel) -> Conversion:
         lowest, highest = (_limit(value, unit) for value in channel.valid_range)
         if not lowest < highest:
             raise ValueError(f"found valid_range {list(channel.valid_range)}, expected the lowest value first")
-    return Conversion(one - zero, zero, unit, lowest, highest)
+    key = channel.threshold
+    threshold = None if key is None else _limit(getattr(channel, key), unit, key)
+    return Conversion(one - zero, zero, unit, lowest, highest, threshold)
 
 
-def _limit(value: str | float, unit: str) -> float:
+def _limit(value: str | float, unit: str, key: str = "valid_range") -> float:
     try:
         return to_si(value, unit)
     except ValueError as error:
-        raise ValueError(f"valid_range: {error}") from None
+        raise ValueError(f"{key}: {error}") from None

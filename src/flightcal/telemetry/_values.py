@@ -22,13 +22,16 @@ Values = NDArray[np.float64]
 _OFF_WORDS = frozenset(["off", "false", "no", "disabled", "disable", "inactive", "open", "idle"])
 """Words, in any case, that mean off; so does the number 0."""
 
+_LARGEST_EXACT = 2.0**53
+"""A larger whole number in floating point has lost its last bits."""
+
 
 def channel_values(name: str, channel: Channel, table: pa.Table, source: Source) -> tuple[Values, Flags]:
     """Values [T] as the file has them, combined over the channel's columns, and flags [T]; NaN where flagged.
 
     Raises TelemetryError with the line of the first cell that cannot be understood.
     """
-    read = _status if channel.kind == "status" else _numbers
+    read = _status if channel.kind == "status" and channel.threshold is None else _numbers
     parts = [read(f"channel '{name}', column '{column}'", channel, table[column], source) for column in channel.column]
     values = np.stack([part[0] for part in parts])
     flags = reduce(np.bitwise_or, [part[1] for part in parts])
@@ -84,9 +87,10 @@ def _status(label: str, channel: Channel, cells: pa.ChunkedArray, source: Source
     """1 on, 0 off; a value that is neither nor marked invalid is an error, as off would be a guess."""
     if not (is_text(cells) or _is_numeric(cells.type) or pa.types.is_dictionary(cells.type)):
         raise TelemetryError(f"{source.name}: {label}: found values of type {cells.type}, expected a status")
+    state = _state if channel.bits is None else _bits_state
     encoded = cells.combine_chunks()
     encoded = encoded if pa.types.is_dictionary(encoded.type) else pc.dictionary_encode(encoded)
-    kinds = [_state(value, channel) for value in encoded.dictionary.to_pylist()]
+    kinds = [state(value, channel) for value in encoded.dictionary.to_pylist()]
     states = np.array([kind[0] for kind in kinds] + [np.nan])
     reasons = np.array([kind[1] for kind in kinds] + [_missing(channel)], dtype=np.int64)
     codes = pc.fill_null(encoded.indices, len(kinds)).to_numpy(zero_copy_only=False).astype(np.int64)
@@ -95,13 +99,28 @@ def _status(label: str, channel: Channel, cells: pa.ChunkedArray, source: Source
     if bad.any():
         row = int(np.argmax(bad))
         found = _written(encoded.dictionary[int(codes[row])].as_py())
-        on = ", ".join({_written(value).lower(): _written(value) for value in reversed(channel.on)}.values())
         raise TelemetryError(
-            f"{source.place(row)}: {label}: found the status '{found}'{more_rows(bad.sum())}, "
-            f"expected one that means on ({on}) or off (0, OFF, FALSE, ...); "
+            f"{source.place(row)}: {label}: found {_expected(channel, found, more_rows(bad.sum()))}; "
             "a mark of an invalid value belongs in the channel's 'invalid'"
         )
     return values, reason.astype(np.uint8)
+
+
+def is_status(cells: pa.ChunkedArray, channel: Channel) -> bool:
+    """Whether all cells of a column tell a status, and not all of them the same reason why none is known."""
+    found = [_state(value, channel) for value in cells.unique().to_pylist()]
+    return all(flag >= 0 for _, flag in found) and any(flag == 0 for _, flag in found)
+
+
+def _expected(channel: Channel, found: str, rows: str) -> str:
+    """What was found as a status, and what was expected."""
+    if channel.bits is not None:
+        return f"the word '{found}'{rows}, expected a whole number such as 18, 0x12 or 0b10010"
+    # One of each kind will do, and what the user has written.
+    written = channel.on if "on" in channel.model_fields_set else ("ON", "TRUE", "ENABLED", "1")
+    on = ", ".join({_written(value).lower(): _written(value) for value in written}.values())
+    off = ", ".join([*(_written(value) for value in channel.off), "0, OFF, FALSE, ..."])
+    return f"the status '{found}'{rows}, expected one that means on ({on}) or off ({off})"
 
 
 def _state(value: object, channel: Channel) -> tuple[float, int]:
@@ -110,11 +129,38 @@ def _state(value: object, channel: Channel) -> tuple[float, int]:
         return np.nan, Flag.INVALID_MARKER
     if _among(value, channel.on):
         return 1.0, 0
-    if _number(value) == 0 or _written(value).lower() in _OFF_WORDS:
+    if _among(value, channel.off) or _number(value) == 0 or _written(value).lower() in _OFF_WORDS:
         return 0.0, 0
     if value is None or _written(value) in NULL_WORDS:
         return np.nan, _missing(channel)
     return np.nan, -1
+
+
+def _bits_state(value: object, channel: Channel) -> tuple[float, int]:
+    """Status and flag of a distinct word; flag -1 where it is none."""
+    if _among(value, channel.invalid):
+        return np.nan, Flag.INVALID_MARKER
+    if value is None or value != value or _written(value) in NULL_WORDS:
+        return np.nan, _missing(channel)
+    word = _word(value)
+    if word is None:
+        return np.nan, -1
+    assert channel.bits is not None  # only then it is a word
+    number = sum((word >> bit & 1) << k for k, bit in enumerate(channel.bits))
+    return float(_among(number, channel.on) if "on" in channel.model_fields_set else number != 0), 0
+
+
+def _word(value: object) -> int | None:
+    """The whole number that a cell stands for, if any; text may be decimal, or begin with 0x or 0b."""
+    try:
+        if isinstance(value, str) and value.strip()[:2].lower() in ("0x", "0b"):
+            return int(value.strip(), 0)
+        number = float(value)  # type: ignore[arg-type]
+        if isinstance(value, int) or (isinstance(value, str) and value.strip().isdigit()):
+            return int(value)
+        return int(number) if number.is_integer() and abs(number) <= _LARGEST_EXACT else None
+    except (TypeError, ValueError, OverflowError):
+        return None
 
 
 def _among(value: object, candidates: tuple[float | str, ...]) -> bool:

@@ -18,7 +18,7 @@ def average(dataset: xr.Dataset, length: float) -> xr.Dataset:
     own sampling gives is NaN and flagged `few_samples`, together with the flags of the samples lost; a block
     that is used has no flag.
 
-    Adds `rows` [time], the rows of the file in each block, and `masked` [time, channel, finding], how many of
+    Adds `rows` [time, channel], the rows of the file in each block, and `masked` [time, channel, finding], how many of
     them each finding took away. Raises TelemetryError when `length` is shorter than the sampling interval.
     """
     interval = dataset.attrs["sampling_interval_s"]
@@ -44,7 +44,8 @@ def average(dataset: xr.Dataset, length: float) -> xr.Dataset:
             block_flags[few & (masked[:, i, j] > 0), i] |= np.uint8(flag)
         block_flags[few, i] |= np.uint8(Flag.FEW_SAMPLES)
     variables["flags"] = (("time", "channel"), block_flags, flag_attributes())
-    variables["rows"] = ("time", np.bincount(block), {"long_name": "rows of the file in the block"})
+    rows = np.repeat(np.bincount(block)[:, np.newaxis], flags.shape[1], axis=1)
+    variables["rows"] = (("time", "channel"), rows, {"long_name": "rows of the file in the block"})
     variables["masked"] = (
         ("time", "channel", "finding"),
         masked,

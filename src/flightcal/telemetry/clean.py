@@ -81,6 +81,12 @@ def find_gaps(times: Nanoseconds) -> list[Gap]:
     ]
 
 
+def usual_interval(times: NDArray[np.datetime64]) -> float:
+    """Mean interval of increasing times [T], T > 1, where there is no gap, s; over whole cycles of packets."""
+    nanoseconds = times.astype("datetime64[ns]").astype(np.int64)
+    return usual_intervals(np.diff(nanoseconds) / 1e9)[1]
+
+
 def usual_intervals(lengths: NDArray[np.float64]) -> tuple[float, float]:
     """The longest interval that is no gap, and the mean interval, of intervals [T - 1] between samples, s.
 

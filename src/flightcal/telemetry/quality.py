@@ -9,7 +9,7 @@ import xarray as xr
 from numpy.typing import NDArray
 
 from ._flags import SAMPLE_FLAGS, Flag, meaning
-from .clean import Gap, clock_text, find_gaps
+from .clean import GAP_FACTOR, Gap, Nanoseconds, clock_text, find_gaps, usual_interval
 
 LISTED = 10
 """Runs and gaps that a record's detail lists; the longest ones."""
@@ -36,14 +36,30 @@ def quality_table(dataset: xr.Dataset) -> tuple[QualityRecord, ...]:
 
     Duplicates, conflicts and order are those of the whole file, as dropped rows belong to no window.
     """
+    channels = [str(channel) for channel in dataset["channel"].to_numpy()]
+    own = {channel: _own_times(dataset, channel) for channel in channels}
     records = _row_records(dataset)
-    for channel in dataset["channel"].to_numpy():
-        records += _channel_records(dataset, str(channel))
+    if any(times is None for times in own.values()):
+        records += _gap_records("", dataset["time"].to_numpy().astype(np.int64))
+    for channel in channels:
+        records += _gap_records(channel, own[channel])
+        records += _channel_records(dataset, channel, own[channel])
     return tuple(records)
 
 
+def _own_times(dataset: xr.Dataset, channel: str) -> Nanoseconds | None:
+    """When a channel whose packet has stamps of its own was sampled; null: it should be in every row."""
+    flags = dataset["flags"].sel(channel=channel).to_numpy()
+    times = dataset["time"].to_numpy()
+    own = times[flags & (Flag.OTHER_PACKET | Flag.MISSING) == 0]
+    if dataset[channel].attrs.get("packet"):
+        return own.astype(np.int64)
+    apart = len(own) > 2 and usual_interval(own) > GAP_FACTOR * usual_interval(times)
+    return own.astype(np.int64) if apart else None
+
+
 def _row_records(dataset: xr.Dataset) -> list[QualityRecord]:
-    attributes, times = dataset.attrs, dataset["time"].to_numpy()
+    attributes = dataset.attrs
     read = int(attributes["rows_read"])
     records = []
     details = {
@@ -59,22 +75,34 @@ def _row_records(dataset: xr.Dataset) -> list[QualityRecord]:
     if not attributes["stale_checked"]:
         text = "rows normally repeat, so a frozen row cannot be told from a quiet one"
         records.append(QualityRecord("", "stale_not_checked", read, 1.0, None, None, text))
-    gaps = find_gaps(times.astype(np.int64))
-    if gaps:
-        missing = sum(gap.samples for gap in gaps)
-        first, last = np.datetime64(gaps[0].start, "ns"), np.datetime64(gaps[-1].end, "ns")
-        share = missing / (missing + len(times))
-        records.append(QualityRecord("", "gaps", missing, share, first, last, _gapsclock_text(gaps)))
     return records
 
 
-def _channel_records(dataset: xr.Dataset, channel: str) -> list[QualityRecord]:
+def _gap_records(channel: str, times: Nanoseconds | None) -> list[QualityRecord]:
+    """The gaps between the times of rows (channel ""), or of a channel's own."""
+    gaps = [] if times is None or len(times) < 2 else find_gaps(times)
+    if times is None or not gaps:
+        return []
+    missing = sum(gap.samples for gap in gaps)
+    first, last = np.datetime64(gaps[0].start, "ns"), np.datetime64(gaps[-1].end, "ns")
+    share = missing / (missing + len(times))
+    return [QualityRecord(channel, "gaps", missing, share, first, last, _gapsclock_text(gaps))]
+
+
+def _channel_records(dataset: xr.Dataset, channel: str, own: Nanoseconds | None) -> list[QualityRecord]:
+    """Samples that flags took away; a row without a sample of a channel that has own times is another packet's."""
     times = dataset["time"].to_numpy()
+    in_packets = bool(dataset[channel].attrs.get("packet"))
     flags = dataset["flags"].sel(channel=channel).to_numpy()
     averaged = "masked" in dataset
-    total = int(dataset["rows"].sum()) if averaged else len(times)
+    if averaged:
+        total = int(dataset["rows"].sel(channel=channel).sum())
+    else:
+        total = int(np.count_nonzero(flags & Flag.OTHER_PACKET == 0)) if own is None or in_packets else len(own)
     records = []
     for flag in SAMPLE_FLAGS:
+        if flag is Flag.MISSING and own is not None and not in_packets:
+            continue
         if averaged:
             counts = dataset["masked"].sel(channel=channel, finding=meaning(flag)).to_numpy()
         else:

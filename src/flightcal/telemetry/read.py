@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from collections.abc import Iterator
+from dataclasses import dataclass, replace
 from pathlib import Path
 
 import numpy as np
@@ -12,13 +13,14 @@ from numpy.typing import NDArray
 
 from ..environment import orbital_period
 from ..errors import TelemetryError
-from ..scenario import Channel, Scenario, TelemetryFile
+from ..scenario import Channel, Packet, Scenario, TelemetryFile, TimeColumn
 from ._flags import Flag, Flags, flag_attributes, meaning
 from ._times import Nanoseconds, parse_times
 from ._units import Conversion, conversion
 from ._values import Values, channel_values
 from .average import average
 from .clean import order_rows, sampling_interval
+from .merge import merged
 from .readers import Source, content, locate, nearest, read_table
 from .stale import RowContent, repeats, row_content
 
@@ -43,7 +45,7 @@ def read(scenario: Scenario) -> xr.Dataset:
 
 
 def read_telemetry(specification: TelemetryFile, folder: Path, *, period: float | None = None) -> xr.Dataset:
-    """Flight data as `specification` describes them.
+    """Flight data as `specification` describes them; several packets on the times of all of them, none interpolated.
 
     folder: where relative file names start. period: orbital period (s), kept for drivers that are bridged
     from other orbits.
@@ -57,22 +59,43 @@ def read_telemetry(specification: TelemetryFile, folder: Path, *, period: float 
     Raises TelemetryError, which names file, line and column, and lists all channels that are wrong.
     """
     conversions = _conversions(specification)
-    files = [_read_file(specification, conversions, locate(folder, name)) for name in specification.file]
+    packets = []
+    for name, packet in specification.sources.items():
+        chosen = {channel: conversions[channel] for channel in specification.channels_of(name)}
+        if chosen:
+            packets.append(_read_packet(specification, name, packet, chosen, folder))
+    dataset = merged(packets, list(specification.channels))
+    if period is not None:
+        dataset.attrs["period_s"] = float(period)
+    return dataset
+
+
+def _read_packet(
+    specification: TelemetryFile, name: str, packet: Packet, conversions: dict[str, Conversion], folder: Path
+) -> xr.Dataset:
+    """The channels [C] of one packet."""
+    channels = specification.channels_of(name)
+    beside = [other for key, other in specification.sources.items() if key != name]
+    files = []
+    for file in packet.file:
+        source = locate(folder, file, packet.sheet)
+        shared = any(file in other.file and packet.sheet == other.sheet for other in beside)
+        files.append(_read_file(packet.time, channels, conversions, source, shared=shared))
     rows = _joined(files)
     order = order_rows(rows.times, rows.content.keys)
     times = rows.times[order.kept]
     interval = sampling_interval(times)
     if np.isnan(interval):
-        names = ", ".join(specification.file)
+        names = ", ".join(packet.file)
         raise TelemetryError(f"{names}: found samples of one time only, expected at least two times")
     converted, flags = rows.values[order.kept], rows.flags[order.kept]
     repeated = repeats(rows.content.keys[order.kept], rows.content.moving[order.kept])
-    stale = _stale(repeated, specification) & (flags & Flag.MISSING == 0)
+    stale = _stale(repeated, channels) & (flags & Flag.MISSING == 0)
     flags = np.where(stale, flags | Flag.STALE, flags).astype(np.uint8)
-    _check_valid(specification, conversions, converted, flags)
+    _check_valid(channels, conversions, converted, flags)
     conflict_times = order.conflicts[:10].astype("datetime64[ns]")
     attributes = {
-        "files": "\n".join(specification.file),
+        "files": "\n".join(packet.file),
         "sampling_interval_s": interval,
         "rows_read": len(rows.times),
         "duplicates": order.duplicates,
@@ -82,20 +105,36 @@ def read_telemetry(specification: TelemetryFile, folder: Path, *, period: float 
         "unsorted": sum(order_rows(file.times, file.content.keys).unsorted for file in files),
         "stale_checked": int(rows.content.checked),
     }
-    if period is not None:
-        attributes["period_s"] = float(period)
-    values = np.where(flags == 0, converted, np.nan)
-    dataset = _dataset(specification, conversions, times, values, flags, attributes)
-    return dataset if specification.average is None else average(dataset, specification.average)
+    values = np.where(flags == 0, _with_status(converted, channels, conversions), np.nan)
+    dataset = _dataset(channels, conversions, times, values, flags, attributes)
+    length = packet.average or specification.average
+    # A slow packet stays as it is beside fast ones that are averaged.
+    if length is None or (name and packet.average is None and length < interval):
+        return dataset
+    return average(dataset, length)
 
 
-def _conversions(specification: TelemetryFile) -> list[Conversion]:
-    """Units of all channels, in order. Raises TelemetryError with all that is wrong in their description."""
-    problems, conversions = [], []
+def _with_status(values: Values, channels: dict[str, Channel], conversions: dict[str, Conversion]) -> Values:
+    """With 1 and 0 where a channel [C] is a number that tells whether something is on."""
+    found = values.copy()
+    for i, (name, channel) in enumerate(channels.items()):
+        threshold = conversions[name].threshold
+        if threshold is not None:
+            found[:, i] = values[:, i] > threshold if channel.on_above is not None else values[:, i] < threshold
+    return found
+
+
+def _conversions(specification: TelemetryFile) -> dict[str, Conversion]:
+    """Units of all channels. Raises TelemetryError with all that is wrong in their description."""
+    problems, conversions = [], {}
+    packets = tuple(specification.packets)
     for name, channel in specification.channels.items():
         problems += [f"channel '{name}': {problem}" for problem in _misfits(name, channel)]
+        if (channel.packet or "") not in specification.sources:
+            found = f"found packet '{channel.packet}'" if channel.packet else "found no packet"
+            problems.append(f"channel '{name}': {found}, expected {' or '.join(packets) or 'none'}")
         try:
-            conversions.append(conversion(channel))
+            conversions[name] = conversion(channel)
         except ValueError as error:
             problems.append(f"channel '{name}': {error}")
     _raise_all(problems)
@@ -109,7 +148,7 @@ def _misfits(name: str, channel: Channel) -> list[str]:
         problems.append(f"found a name that the dataset needs itself, expected one other than {reserved}")
     if "/" in name:
         problems.append("found a slash in its name, expected a name that files can hold")
-    if channel.kind == "status" and len(channel.column) > 1:
+    if channel.kind == "status" and channel.threshold is None and len(channel.column) > 1:
         problems.append(f"found {len(channel.column)} columns, expected one for a status")
     elif len(channel.column) > 1 and channel.combine is None:
         problems.append(f"found {len(channel.column)} columns and no 'combine', expected combine: mean, sum or product")
@@ -118,14 +157,21 @@ def _misfits(name: str, channel: Channel) -> list[str]:
     return problems
 
 
-def _read_file(specification: TelemetryFile, conversions: list[Conversion], source: Source) -> _Rows:
-    markers = [str(marker) for channel in specification.channels.values() for marker in channel.invalid]
-    table = read_table(source, specification.time.column, markers)
-    _check_columns(specification, table.column_names, source)
+def _read_file(
+    time: TimeColumn, channels: dict[str, Channel], conversions: dict[str, Conversion], source: Source, *, shared: bool
+) -> _Rows:
+    """The rows of one file; shared: other packets are in it, so only rows that hold something of this one count."""
+    markers = [str(marker) for channel in channels.values() for marker in channel.invalid]
+    named = {column for channel in channels.values() for column in channel.column}
+    table = read_table(source, time.column, markers)
+    _check_columns(time, channels, table.column_names, source)
     table = _without_empty_rows(table)
-    times = parse_times(table[specification.time.column], specification.time.format, source)
+    if shared:
+        table, source = _of_packet(table.select([time.column, *sorted(named - {time.column})]), time.column, source)
+    times = parse_times(table[time.column], time, source)
     problems, values, flags = [], [], []
-    for (name, channel), convert in zip(specification.channels.items(), conversions, strict=True):
+    for name, channel in channels.items():
+        convert = conversions[name]
         try:
             in_file, flag = channel_values(name, channel, table, source)
         except TelemetryError as error:
@@ -136,9 +182,22 @@ def _read_file(specification: TelemetryFile, conversions: list[Conversion], sour
         values.append(si)
         flags.append(flag | np.where(beyond, Flag.OUT_OF_RANGE, 0).astype(np.uint8))
     _raise_all(problems)
-    named = {column for channel in specification.channels.values() for column in channel.column}
-    rows = row_content(content(table, specification.time.column), times, named)
+    rows = row_content(content(table, time.column), times, named)
     return _Rows(times, np.stack(values, axis=1), np.stack(flags, axis=1), rows)
+
+
+def _of_packet(table: pa.Table, time: str, source: Source) -> tuple[pa.Table, Source]:
+    """The rows in which a column other than the time holds something."""
+    held = np.any([column.is_valid().to_numpy() for name, column in _columns(table) if name != time], axis=0)
+    rows = np.flatnonzero(held)
+    if not len(rows):
+        names = ", ".join(f"'{name}'" for name in table.column_names if name != time)
+        raise TelemetryError(f"{source.name}: found nothing in the columns {names}, expected telemetry")
+    return table.take(rows), replace(source, rows=rows)
+
+
+def _columns(table: pa.Table) -> Iterator[tuple[str, pa.ChunkedArray]]:
+    return zip(table.column_names, table.columns, strict=True)
 
 
 def _joined(files: list[_Rows]) -> _Rows:
@@ -154,9 +213,9 @@ def _joined(files: list[_Rows]) -> _Rows:
     )
 
 
-def _check_columns(specification: TelemetryFile, columns: list[str], source: Source) -> None:
-    wanted = [("time", specification.time.column)]
-    wanted += [(f"channel '{name}'", column) for name, c in specification.channels.items() for column in c.column]
+def _check_columns(time: TimeColumn, channels: dict[str, Channel], columns: list[str], source: Source) -> None:
+    wanted = [("time", time.column)]
+    wanted += [(f"channel '{name}'", column) for name, c in channels.items() for column in c.column]
     problems = []
     for who, column in wanted:
         if columns.count(column) > 1:
@@ -184,15 +243,17 @@ def _last_valid(column: pa.ChunkedArray) -> int:
     return int(valid[-1]) if len(valid) else -1
 
 
-def _stale(repeated: NDArray[np.int64], specification: TelemetryFile) -> NDArray[np.bool_]:
+def _stale(repeated: NDArray[np.int64], channels: dict[str, Channel]) -> NDArray[np.bool_]:
     """Whether a row only repeats the one before it, [T, C]: each channel has its own `stale_after`."""
-    limits = np.array([channel.stale_after or np.inf for channel in specification.channels.values()])
+    limits = np.array([channel.stale_after or np.inf for channel in channels.values()])
     return (repeated > 0)[:, np.newaxis] & (repeated[:, np.newaxis] >= limits)
 
 
-def _check_valid(specification: TelemetryFile, conversions: list[Conversion], values: Values, flags: Flags) -> None:
+def _check_valid(
+    channels: dict[str, Channel], conversions: dict[str, Conversion], values: Values, flags: Flags
+) -> None:
     problems = []
-    for i, (name, channel) in enumerate(specification.channels.items()):
+    for i, (name, channel) in enumerate(channels.items()):
         if (flags[:, i] == 0).any():
             continue
         counts = [(meaning(flag).replace("_", " "), np.count_nonzero(flags[:, i] & flag)) for flag in Flag]
@@ -201,8 +262,9 @@ def _check_valid(specification: TelemetryFile, conversions: list[Conversion], va
         problem = f"channel '{name}', column {columns}: found no valid sample ({found})"
         beyond = values[flags[:, i] & Flag.OUT_OF_RANGE != 0, i]
         if beyond.size:
-            spans = [beyond.min(), beyond.max(), conversions[i].lowest, conversions[i].highest]
-            low, high, lowest, highest = (f"{conversions[i].as_in_file(value):.6g}" for value in spans)
+            convert = conversions[name]
+            spans = [beyond.min(), beyond.max(), convert.lowest, convert.highest]
+            low, high, lowest, highest = (f"{convert.as_in_file(value):.6g}" for value in spans)
             unit = f" {channel.unit}" if channel.unit else ""
             problem += f": {low} to {high}{unit}, expected {lowest} to {highest}{unit}"
         problems.append(problem)
@@ -210,28 +272,29 @@ def _check_valid(specification: TelemetryFile, conversions: list[Conversion], va
 
 
 def _dataset(
-    specification: TelemetryFile,
-    conversions: list[Conversion],
+    channels: dict[str, Channel],
+    conversions: dict[str, Conversion],
     times: Nanoseconds,
     values: Values,
     flags: Flags,
     attributes: dict[str, object],
 ) -> xr.Dataset:
     variables: dict[str, tuple] = {}
-    for i, (name, channel) in enumerate(specification.channels.items()):
+    for i, (name, channel) in enumerate(channels.items()):
         variables[name] = (
             "time",
             values[:, i].copy(),
             {
                 "kind": channel.kind,
-                "units": conversions[i].unit,
+                "units": "" if channel.kind == "status" else conversions[name].unit,
                 "long_name": f"{channel.kind} '{name}'",
                 "column": ", ".join(channel.column),
                 "fill": channel.fill,
+                "packet": channel.packet or "",
             },
         )
     variables["flags"] = (("time", "channel"), flags, flag_attributes())
-    coordinates = {"time": times.astype("datetime64[ns]"), "channel": list(specification.channels)}
+    coordinates = {"time": times.astype("datetime64[ns]"), "channel": list(channels)}
     dataset = xr.Dataset(variables, coordinates, attributes)
     dataset["time"].encoding = {"units": "nanoseconds since 1970-01-01", "dtype": "int64"}
     return dataset

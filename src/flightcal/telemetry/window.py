@@ -4,9 +4,11 @@ from __future__ import annotations
 
 import numpy as np
 import xarray as xr
+from numpy.typing import NDArray
 
 from ..errors import TelemetryError
 from ..scenario import Window
+from ._flags import Flag
 from .clean import clock_text
 
 
@@ -30,20 +32,20 @@ def window_bounds(window: Window, period: float | None) -> tuple[np.datetime64, 
 def select_window(dataset: xr.Dataset, window: Window, period: float | None = None) -> xr.Dataset:
     """The samples of `dataset` with start <= time < end.
 
+    Of several packets, times at which there are samples of drivers only are left out.
+
     period: orbital period, s; default: that of the dataset. Raises TelemetryError when the window lies, even
-    partly, outside the telemetry, or holds no valid sample.
+    partly, outside the telemetry or outside one of its packets, or holds no valid sample.
     """
     start, end = window_bounds(window, period or dataset.attrs.get("period_s"))
     times = dataset["time"].to_numpy()
-    slack = np.timedelta64(round(dataset.attrs["sampling_interval_s"] * 1e9), "ns")
     name = f"window {clock_text(start)} to {clock_text(end)}"
-    span = f"telemetry runs from {clock_text(times[0])} to {clock_text(times[-1])}"
-    if end <= times[0] or start > times[-1]:
-        raise TelemetryError(f"{name}: found no telemetry, expected a window within it; {span}")
-    if start < times[0] - slack or end > times[-1] + slack:
-        raise TelemetryError(f"{name}: found telemetry in a part of it only, expected a window within it; {span}")
-    selected = dataset.isel(time=(times >= start) & (times < end))
+    for packet, own in _packets(dataset).items():
+        _check_within(times[own], start, end, name, packet)
+    sampled = _sampled(dataset)
+    selected = dataset.isel(time=(times >= start) & (times < end) & sampled)
     if selected.sizes["time"] == 0:
+        times = times[sampled]
         before, after = times[times < start][-1], times[times >= end][0]
         raise TelemetryError(
             f"{name}: found no telemetry, a gap from {clock_text(before)} to {clock_text(after)}, expected samples"
@@ -51,3 +53,30 @@ def select_window(dataset: xr.Dataset, window: Window, period: float | None = No
     if not any(selected[channel].notnull().any() for channel in selected["channel"].to_numpy()):
         raise TelemetryError(f"{name}: found {selected.sizes['time']} samples, none valid, expected some that are")
     return selected
+
+
+def _packets(dataset: xr.Dataset) -> dict[str, NDArray[np.bool_]]:
+    """Which times [T] are those of each packet."""
+    flags = dataset["flags"].to_numpy()
+    channels = {str(dataset[name].attrs.get("packet", "")): i for i, name in enumerate(dataset["channel"].to_numpy())}
+    return {packet: flags[:, i] & Flag.OTHER_PACKET == 0 for packet, i in channels.items()}
+
+
+def _sampled(dataset: xr.Dataset) -> NDArray[np.bool_]:
+    """Times [T] at which there is more than drivers of other packets."""
+    kinds = np.array([dataset[name].attrs["kind"] for name in dataset["channel"].to_numpy()])
+    if len(_packets(dataset)) == 1 or np.all(kinds == "driver"):
+        return np.ones(dataset.sizes["time"], dtype=bool)
+    return np.any(dataset["flags"].to_numpy()[:, kinds != "driver"] & Flag.OTHER_PACKET == 0, axis=1)
+
+
+def _check_within(
+    times: NDArray[np.datetime64], start: np.datetime64, end: np.datetime64, name: str, packet: str
+) -> None:
+    slack = np.median(np.diff(times)) if len(times) > 1 else np.timedelta64(0, "ns")
+    of = f" of packet '{packet}'" if packet else ""
+    span = f"{'it' if packet else 'telemetry'} runs from {clock_text(times[0])} to {clock_text(times[-1])}"
+    if end <= times[0] or start > times[-1]:
+        raise TelemetryError(f"{name}: found no telemetry{of}, expected a window within it; {span}")
+    if start < times[0] - slack or end > times[-1] + slack:
+        raise TelemetryError(f"{name}: found telemetry{of} in a part of it only, expected a window within it; {span}")

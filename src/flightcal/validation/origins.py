@@ -15,7 +15,7 @@ from ..environment import orbital_period
 from ..errors import RunError, TelemetryError
 from ..scenario import Scenario, SimulatorModel, Window, to_si
 from ..simulator import FloatArray
-from ..telemetry import driver_series, window_bounds
+from ..telemetry import driver_series, usual_interval, window_bounds
 
 AHEAD: Final = "ahead"
 """Window that begins at an origin."""
@@ -92,7 +92,7 @@ def plan_origins(
     channels = [name for name, item in scenario.observations.items() if item.heater is None]
     present = np.logical_or.reduce([np.isfinite(telemetry[name].values) for name in channels])
     times = telemetry["time"].values[present]
-    spacing = float(telemetry.attrs["sampling_interval_s"])
+    spacing = usual_interval(times) if len(times) > 1 else float(telemetry.attrs["sampling_interval_s"])
     drivers = measured_drivers(scenario)
 
     def reason(at: np.datetime64) -> str:

@@ -17,14 +17,20 @@ _COMBINATIONS = {"temperature": ("mean",), "status": (), "driver": ("mean", "sum
 
 def check(reading: Reading, folder: Path) -> Iterator[Problem]:
     """Files exist; units, ranges and options of channels suit their kind."""
-    for name in reading.blocks.files:
-        if not os.path.isfile(folder / name):  # unlike Path's, False for a name that no file can have
-            found = "a folder" if os.path.isdir(folder / name) else "no such file"
-            message = f"found {found} at {show(name)}, expected a telemetry file, relative to the scenario"
-            yield Problem(("telemetry", "file"), message)
+    files: dict[Location, tuple[str, ...]] = {("telemetry",): reading.blocks.files}
+    packets = readable(reading.blocks.packets or {})
+    files |= {("telemetry", "packets", name): packet.file for name, packet in packets.items()}
+    for place, names in files.items():
+        for name in names:
+            if not os.path.isfile(folder / name):  # unlike Path's, False for a name that no file can have
+                found = "a folder" if os.path.isdir(folder / name) else "no such file"
+                message = f"found {found} at {show(name)}, expected a telemetry file, relative to the scenario"
+                yield Problem((*place, "file"), message)
+    yield from _check_packets(reading)
     for name, channel in readable(reading.blocks.channels).items():
         location = ("telemetry", "channels", name)
         yield from _check_columns(channel, location)
+        yield from _check_status(channel, location)
         unit_problem = _unit_problem(channel)
         if unit_problem:
             yield Problem((*location, "unit"), unit_problem)
@@ -34,15 +40,56 @@ def check(reading: Reading, folder: Path) -> Iterator[Problem]:
     yield from _check_shared(reading)
 
 
+def _check_packets(reading: Reading) -> Iterator[Problem]:
+    """Each channel is of one packet, and each packet has a channel."""
+    if reading.blocks.packets is None:
+        return
+    packets = tuple(reading.blocks.packets)
+    channels = reading.blocks.channels
+    for name, channel in readable(channels).items():
+        location: Location = ("telemetry", "channels", name)
+        if channel.packet is None and packets:
+            yield Problem(location, f"missing key 'packet', expected {' or '.join(packets)}")
+        elif channel.packet is not None and channel.packet not in packets:
+            wanted = f"expected {' or '.join(packets)}" if packets else "expected none: telemetry has no 'packets'"
+            message = f"found {show(channel.packet)}, {wanted}{did_you_mean(channel.packet, packets)}"
+            yield Problem((*location, "packet"), message)
+    for packet in packets:
+        if all(channel is not None and channel.packet != packet for channel in channels.values()):
+            message = "found no channel of this packet, expected one, or the packet is not needed"
+            yield Problem(("telemetry", "packets", packet), message, warning=True)
+
+
+def _check_status(channel: Channel, location: Location) -> Iterator[Problem]:
+    """What makes a status of a column is of a status only, and there is one such thing."""
+    keys = [key for key in ("on_above", "on_below", "bits") if getattr(channel, key) is not None]
+    if channel.kind != "status":
+        for key in [*(key for key in ("on", "off") if key in channel.model_fields_set), *keys]:
+            yield Problem((*location, key), f"found {key!r} for a {channel.kind}, expected it for a status only")
+        return
+    if len(keys) > 1:
+        yield Problem((*location, keys[1]), f"found {keys[0]!r} and {keys[1]!r}, expected one of them")
+    elif keys:
+        excluded = ("off",) if keys == ["bits"] else ("on", "off")
+        for key in excluded:
+            if key in channel.model_fields_set:
+                yield Problem((*location, key), f"found {key!r} beside {keys[0]!r}, expected one of them")
+    if channel.threshold is not None and channel.unit is not None and not _unit_problem(channel):
+        try:
+            to_si(getattr(channel, channel.threshold), si_unit(channel.unit))
+        except ValueError as error:
+            yield Problem((*location, channel.threshold), str(error))
+
+
 def _check_shared(reading: Reading) -> Iterator[Problem]:
     """Two observed channels of a kind had better not read one column: the same samples would count twice."""
-    first: dict[tuple[str, str], str] = {}
+    first: dict[tuple[str, str | None, tuple[int, ...] | None, str], str] = {}
     channels = readable(reading.blocks.channels)
     for name in reading.blocks.observations:
         if (channel := channels.get(name)) is None:
             continue
         for column in channel.column:
-            other = first.setdefault((channel.kind, column), name)
+            other = first.setdefault((channel.kind, channel.packet, channel.bits, column), name)
             if other != name:
                 message = f"found the column {show(column)}, which {other!r} reads too"
                 wanted = "expected different ones: the same samples would count twice"
@@ -50,24 +97,25 @@ def _check_shared(reading: Reading) -> Iterator[Problem]:
 
 
 def _unit_problem(channel: Channel) -> str | None:
-    if channel.kind == "status":
+    if channel.kind == "status" and channel.threshold is None:
         return None if channel.unit is None else f"found {show(channel.unit)}, expected no unit for a status"
     wanted = "degC or K" if channel.kind == "temperature" else "a unit, or 'dimensionless'"
     if channel.unit is None:
-        return f"missing unit of a {channel.kind} channel, expected {wanted}"
+        what = f"a status with {channel.threshold!r}" if channel.threshold else f"a {channel.kind} channel"
+        return f"missing unit of {what}, expected {wanted}"
     hint = did_you_mean(channel.unit, ("degF",) if "f" in channel.unit.lower() else ("degC", "K"))
     try:
         parse_unit(channel.unit)
-        if channel.kind == "driver" or is_temperature(channel.unit):
+        if channel.kind != "temperature" or is_temperature(channel.unit):
             return None
         kind = kind_of(channel.unit)
     except ValueError as error:
-        return f"found {show(channel.unit)}, expected {wanted}{f': {error}' if channel.kind == 'driver' else hint}"
+        return f"found {show(channel.unit)}, expected {wanted}{hint if channel.kind == 'temperature' else f': {error}'}"
     return f"found {show(channel.unit)} ({kind}), expected {wanted}{hint}"
 
 
 def _check_columns(channel: Channel, location: Location) -> Iterator[Problem]:
-    allowed = _COMBINATIONS[channel.kind]
+    allowed = _COMBINATIONS["driver" if channel.threshold else channel.kind]
     if len(channel.column) > 1 and channel.combine is None:
         wanted = f"'combine' ({', '.join(allowed)}) beside them" if allowed else "one"
         message = f"found {len(channel.column)} columns, expected {wanted}"
@@ -79,7 +127,7 @@ def _check_columns(channel: Channel, location: Location) -> Iterator[Problem]:
 
 def _check_range(channel: Channel, location: Location) -> Iterator[Problem]:
     assert channel.valid_range is not None
-    if channel.kind == "status":
+    if channel.kind == "status" and channel.threshold is None:
         yield Problem(location, "found a range, expected none for a status")
         return
     unit = si_unit(channel.unit or "")
@@ -95,8 +143,6 @@ def _check_range(channel: Channel, location: Location) -> Iterator[Problem]:
 
 
 def _check_options(channel: Channel, location: Location, reading: Reading) -> Iterator[Problem]:
-    if channel.kind != "status" and "on" in channel.model_fields_set:
-        yield Problem((*location, "on"), f"found 'on' for a {channel.kind}, expected it for a status only")
     if channel.kind != "driver" and "fill" in channel.model_fields_set:
         yield Problem((*location, "fill"), f"found 'fill' for a {channel.kind}, expected it for a driver only")
     environment = reading.blocks.environment

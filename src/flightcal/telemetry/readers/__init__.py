@@ -15,18 +15,24 @@ import pyarrow as pa
 from ...errors import TelemetryError
 from ._source import NULL_WORDS, Reader, Source
 from .csv import Csv
+from .excel import Excel
+from .excel import sheets as _sheets_of_workbook
 from .parquet import Parquet
 
 READERS: tuple[Reader, ...] = (
     Csv(),
     Parquet(),
+    Excel(),
 )
 
-__all__ = ["NULL_WORDS", "READERS", "Reader", "Source", "content", "locate", "nearest", "read_table"]
+__all__ = ["NULL_WORDS", "READERS", "Reader", "Source", "content", "locate", "nearest", "read_table", "sheets"]
 
 
-def locate(folder: Path, name: str) -> Source:
-    """The file `name` (relative to `folder`). Raises TelemetryError when it cannot be a telemetry file."""
+def locate(folder: Path, name: str, sheet: str | None = None) -> Source:
+    """The file `name` (relative to `folder`), and the sheet where it is a spreadsheet.
+
+    Raises TelemetryError when it cannot be a telemetry file.
+    """
     path = folder / name
     if path.is_dir():
         raise TelemetryError(f"{name}: found a folder, expected a telemetry file")
@@ -36,9 +42,17 @@ def locate(folder: Path, name: str) -> Source:
         raise TelemetryError(f"{name}: found no such file, expected a path relative to the scenario's folder{hint}")
     for reader in READERS:
         if name.lower().endswith(reader.suffixes):
-            return Source(path, name, reader)
+            if sheet is not None and not isinstance(reader, Excel):
+                raise TelemetryError(f"{name}: found sheet '{sheet}', expected none: it is {reader.kind}")
+            return Source(path, name, reader, sheet)
     expected = ", ".join(suffix for reader in READERS for suffix in reader.suffixes)
     raise TelemetryError(f"{name}: found a file of type '{path.suffix}', expected one of {expected}")
+
+
+def sheets(source: Source) -> list[str]:
+    """Names of a spreadsheet's sheets; none for another file. Raises TelemetryError."""
+    _check_kind(source)
+    return _sheets_of_workbook(source) if isinstance(source.reader, Excel) else []
 
 
 def read_table(source: Source, time_column: str, markers: Collection[str] = ()) -> pa.Table:

@@ -8,7 +8,9 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import IO, Protocol
 
+import numpy as np
 import pyarrow as pa
+from numpy.typing import NDArray
 
 NULL_WORDS = frozenset(
     ["", "N/A", "n/a", "#N/A", "NA", "NULL", "Null", "null", "None", "NaN", "nan", "NAN", "-NaN", "-nan"]
@@ -48,6 +50,10 @@ class Source:
     path: Path
     name: str
     reader: Reader
+    sheet: str | None = None
+    """Of a spreadsheet; null: its first."""
+    rows: NDArray[np.intp] | None = None
+    """Which data rows are looked at; null: all of them."""
 
     def open(self) -> IO[bytes]:
         """The file's bytes, uncompressed."""
@@ -55,5 +61,6 @@ class Source:
         return gzip.open(self.path, "rb") if compressed else self.path.open("rb")  # type: ignore[return-value]
 
     def place(self, row: int) -> str:
-        """The file's name, and where in it data row `row` (from 0) stands."""
-        return f"{self.name}: {self.reader.place(self, row)}"
+        """The file's name, and where in it data row `row` (from 0) of those that are looked at stands."""
+        in_file = row if self.rows is None else int(self.rows[row])
+        return f"{self.name}: {self.reader.place(self, in_file)}"

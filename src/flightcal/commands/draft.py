@@ -1,0 +1,240 @@
+"""A scenario for telemetry files: what they tell is written, and the rest are placeholders."""
+
+from __future__ import annotations
+
+import difflib
+import json
+import os
+import re
+from collections.abc import Mapping, Sequence
+from itertools import pairwise
+from pathlib import Path
+from typing import TYPE_CHECKING, NamedTuple
+
+import numpy as np
+
+from ..errors import TelemetryError
+
+if TYPE_CHECKING:
+    import xarray
+
+    from ..telemetry import FoundPacket
+
+_PLAIN = re.compile(r"[A-Za-z][\w.-]*( [A-Za-z][\w.-]*)*")
+_WORDS = ("on", "off", "yes", "no", "true", "false", "null", "y", "n")
+_LONGEST = np.timedelta64(10, "h")
+"""Of telemetry that the windows take at first: some orbits, so that the first run is short."""
+_EPOCH = np.datetime64("2000-01-01T12:00:00", "ns")
+_ICE_POINT = 273.15
+_HEAD = """\
+# A scenario for your telemetry. What the files tell is written. What says PLACEHOLDER is a guess: write yours.
+#     flightcal lint {folder}/scenario.yaml
+# lists what is wrong. Every number with a dimension carries its unit. Times are UTC. All blocks: docs/formats.md
+
+name: {name}
+
+"""
+
+
+class _Channel(NamedTuple):
+    name: str
+    packet: str
+    column: str
+    kind: str
+    unit: str | None
+
+
+def draft(folder: Path, files: Sequence[Path]) -> tuple[str, list[str]]:
+    """The text of a scenario in `folder` for telemetry files, and what was found in them, a line each.
+
+    Raises TelemetryError where no file has a temperature, or one cannot be read.
+    """
+    from ..telemetry import detect
+
+    packets = detect(list(files))
+    names = _packet_names(packets)
+    channels = _channels(names)
+    if not any(channel.kind == "temperature" for channel in channels):
+        found = ", ".join(channel.column for channel in channels[:12]) or "none"
+        where = ", ".join(map(str, files))
+        raise TelemetryError(
+            f"{where}: found no temperature among the columns ({found}), expected one; "
+            "a name such as 'TT_BAT', 'Temp1' or 'Battery [degC]' tells"
+        )
+    data = _read(_telemetry(None, names, channels))
+    notes = []
+    for name, packet in names.items():
+        kinds = [channel.kind for channel in channels if channel.packet == name]
+        counts = ", ".join(f"{kinds.count(kind)} {kind}" for kind in dict.fromkeys(kinds))
+        written = packet.time.format if packet.time is not None else "clock, whose epoch is a PLACEHOLDER"
+        title = f"{', '.join(file.name for file in packet.files)}{f' ({packet.sheet})' if packet.sheet else ''}"
+        notes.append(f"{title}: times in '{packet.clock}' ({written}); channels: {counts}")
+    head = _HEAD.format(folder=folder, name=json.dumps(folder.resolve().name))
+    return head + _telemetry(folder, names, channels) + _rest(data, channels), notes
+
+
+def _packet_names(packets: Sequence[FoundPacket]) -> dict[str, FoundPacket]:
+    """Packets by a name of their own: the sheet's, or the file's."""
+    names: dict[str, FoundPacket] = {}
+    for packet in packets:
+        stem = packet.files[0].name.split(".")[0]
+        names[_unique(_slug(packet.sheet or stem), names)] = packet
+    return names
+
+
+def _channels(names: Mapping[str, FoundPacket]) -> list[_Channel]:
+    taken: dict[str, object] = dict.fromkeys(("time", "channel", "flags", "finding", "rows", "masked", "space"))
+    channels = []
+    for packet_name, packet in names.items():
+        for column in packet.columns:
+            name = _unique(_slug(column.name), taken)
+            taken[name] = None
+            channels.append(_Channel(name, packet_name, column.name, column.kind, column.unit))
+    return channels
+
+
+def _telemetry(folder: Path | None, names: Mapping[str, FoundPacket], channels: Sequence[_Channel]) -> str:
+    """The block for a scenario in a folder; null: with absolute paths."""
+    lines = ["telemetry:"]
+    single = len(names) == 1 and all(packet.sheet is None for packet in names.values())
+    if not single:
+        lines.append("  packets:                          # each has columns, sampling and a clock of its own")
+    for name, packet in names.items():
+        files = [
+            _text(str(file.absolute()) if folder is None else os.path.relpath(file, folder)) for file in packet.files
+        ]
+        file = files[0] if len(files) == 1 else f"[{', '.join(files)}]"
+        sheet = f", sheet: {_text(packet.sheet)}" if packet.sheet else ""
+        written = packet.time.format if packet.time is not None else f"clock, epoch: {_epoch(packet, names)}"
+        time = f"{{column: {_text(packet.clock)}, format: {written}}}"
+        comment = "" if packet.time is not None else "  # PLACEHOLDER: UTC at count 0; rate: 1 Hz"
+        if single:
+            lines += [f"  file: {file}", f"  time: {time}{comment}"]
+        else:
+            lines.append(f"    {name}: {{file: {file}{sheet}, time: {time}}}{comment}")
+    lines += [
+        "  channels:",
+        "    # The name is yours. kind: temperature, status (on or off) or driver (measured input).",
+    ]
+    for channel in channels:
+        packet_key = "" if single else f"packet: {channel.packet}, "
+        unit = "" if channel.unit is None else f", unit: {_text(channel.unit) if channel.unit != '1' else 1}"
+        lines.append(f"    {channel.name}: {{{packet_key}column: {_text(channel.column)}{unit}, kind: {channel.kind}}}")
+    return "\n".join(lines) + "\n"
+
+
+def _epoch(packet: FoundPacket, names: Mapping[str, FoundPacket]) -> str:
+    """A guess at a clock's epoch, with which it begins where the other packets do."""
+    starts = [other.first for other in names.values() if other.time is not None]
+    epoch = _EPOCH if not starts else np.datetime64(int(max(starts)), "ns") - np.timedelta64(int(packet.first), "s")
+    return str(np.datetime_as_string(epoch, unit="s"))
+
+
+def _read(block: str) -> xarray.Dataset:
+    """The telemetry as the scenario will read it."""
+    from ruamel.yaml import YAML
+
+    from ..scenario import TelemetryFile
+    from ..telemetry import read_telemetry
+
+    return read_telemetry(TelemetryFile.model_validate(YAML(typ="safe").load(block)["telemetry"]), Path())
+
+
+def _rest(dataset: xarray.Dataset, channels: Sequence[_Channel]) -> str:
+    """The other blocks: a node for each temperature, a heater for each status."""
+    nodes = [channel.name for channel in channels if channel.kind == "temperature"]
+    heaters = [channel.name for channel in channels if channel.kind == "status"]
+    links = [f"    - {{between: [{a}, {b}], conductance: 0.5 W/K}}" for a, b in pairwise(nodes)]
+    lines = [
+        "",
+        "# PLACEHOLDER: the orbital period; with `orbit` and `attitude`, sunlight on `faces` is computed.",
+        "environment: {period: 95 min}",
+        "",
+        "# PLACEHOLDER: every number of the thermal network.",
+        "simulator:",
+        "  nodes:",
+        *(f"    {name}: {{capacity: 1000 J/K}}" for name in nodes),
+        "    space: {boundary: -270 degC}",
+        "  conductors:",
+        *links,
+        *(f"    - {{between: [{name}, space], radiative: 0.02 m^2}}" for name in nodes),
+        *(["  heaters:"] if heaters else []),
+    ]
+    for name in heaters:
+        node = _likest(name, nodes)
+        low, high = _span(dataset[node].values)
+        lines.append(
+            f"    {name}: {{node: {node}, power: 10 W, sensor: {node}, on_below: {low} degC, off_above: {high} degC, "
+            f"measured_by: {name}}}"
+        )
+    powers = ", ".join(f"{name}: 5 W" for name in nodes)
+    lines += ["  modes:", f"    nominal: {{{powers}}}", ""]
+    if any(channel.kind == "driver" for channel in channels):
+        driver = next(channel for channel in channels if channel.kind == "driver")
+        lines += [
+            "  # A driver heats a node by its value times a coefficient, such as",
+            f"  # loads: {{sun: {{node: {nodes[0]}, driver: {driver.name}, coefficient: 1 W/A}}}}",
+            "",
+        ]
+    lines += ["# Uncertain numbers, each with what is believed of it.", "parameters:"]
+    for name in nodes:
+        lines.append(
+            f"  {name}_capacity: {{scales: nodes.{name}.capacity, prior: {{lognormal: {{median: 1, factor: 2}}}}}}"
+        )
+        lines.append(f"  {name}_power: {{sets: modes.nominal.{name}, prior: {{half_normal: 10 W}}}}")
+    lines += ["", "# Which channel measures what.", "observations:"]
+    lines += [f"  {name}: {{node: {name}}}" for name in nodes]
+    lines += [f"  {name}: {{heater: {name}}}" for name in heaters]
+    start, middle, end = _windows(dataset)
+    lines += [
+        "",
+        "# train is calibrated on; test is unseen, and scored.",
+        "windows:",
+        f"  train: {{start: {start}, end: {middle}}}",
+        f"  test:  {{start: {middle}, end: {end}}}",
+    ]
+    return "\n".join(lines) + "\n"
+
+
+def _windows(dataset: xarray.Dataset) -> tuple[str, str, str]:
+    """Start, middle and end of the time that all packets share, at most `_LONGEST` of it."""
+    times = dataset["time"].values
+    own = [times[np.isfinite(dataset[str(name)].values)] for name in dataset["channel"].values]
+    start, end = max(one[0] for one in own), min(one[-1] for one in own)
+    if end <= start:
+        raise TelemetryError("found files whose times do not overlap, expected some time that all of them have")
+    end = min(end, start + _LONGEST)
+    moments = (start, start + (end - start) // 2, end)
+    first, middle, last = (np.datetime_as_string(moment.astype("datetime64[ms]")) for moment in moments)
+    return str(first), str(middle), str(last)
+
+
+def _span(kelvins: np.ndarray) -> tuple[str, str]:
+    """Two thresholds, degC, within what a channel shows."""
+    low, high = np.nanquantile(kelvins - _ICE_POINT, (0.1, 0.5))
+    return f"{low:.1f}", f"{max(high, low + 1.0):.1f}"
+
+
+def _likest(name: str, nodes: Sequence[str]) -> str:
+    """The node whose name is most like a heater's."""
+    return max(nodes, key=lambda node: difflib.SequenceMatcher(None, name, node).ratio())
+
+
+def _slug(text: str) -> str:
+    """A name for YAML and dotted paths."""
+    name = re.sub(r"\W+", "_", text.strip(), flags=re.ASCII).strip("_").lower()
+    return name if name[:1].isalpha() and name not in _WORDS else f"c_{name}".rstrip("_")
+
+
+def _unique(name: str, taken: Mapping[str, object]) -> str:
+    number = 2
+    found = name
+    while found in taken:
+        found, number = f"{name}_{number}", number + 1
+    return found
+
+
+def _text(value: str) -> str:
+    """Text as YAML has it inside of braces."""
+    plain = _PLAIN.fullmatch(value) and value.lower() not in _WORDS
+    return value if plain else json.dumps(value, ensure_ascii=False)

@@ -1,0 +1,113 @@
+"""`flightcal init` with telemetry files: what it writes lints clean."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import numpy as np
+import pandas as pd
+import pytest
+from typer.testing import CliRunner
+
+from flightcal.cli import app
+from flightcal.errors import USER_ERROR
+from flightcal.scenario import load_scenario
+from tests.telemetry.files import frame, seconds, text
+from tests.telemetry.test_packets import write_files
+
+run = CliRunner().invoke
+
+
+def lint(folder: Path) -> str:
+    """What lint says of the scenario in a folder; it finds no problem."""
+    result = run(app, ["lint", str(folder / "scenario.yaml")])
+    assert result.exit_code == 0, result.output
+    assert "no problems found" in result.output
+    return result.output
+
+
+def test_packets_of_several_files_are_taken_from_them(tmp_path: Path):
+    write_files(tmp_path)
+    names = ("thermal.csv", "power.parquet", "onboard.csv")
+    result = run(app, ["init", str(tmp_path / "sat"), *(str(tmp_path / name) for name in names)])
+    assert result.exit_code == 0, result.output
+    assert result.output.splitlines()[:3] == [
+        "thermal.csv: times in 'UTC' (iso8601); channels: 2 temperature",
+        "power.parquet: times in 't_ms' (unix-ms); channels: 1 driver",
+        "onboard.csv: times in 'SCLK' (clock, whose epoch is a PLACEHOLDER); channels: 1 status, 1 driver",
+    ]
+    assert "window train: 15 samples of 2 channels" in lint(tmp_path / "sat")
+    scenario = load_scenario(tmp_path / "sat" / "scenario.yaml")
+    assert list(scenario.telemetry.packets) == ["thermal", "power", "onboard"]
+    assert scenario.telemetry.files == tuple(f"../{name}" for name in names)
+    assert list(scenario.observations) == ["tt_bat", "tt_rad", "htr"]
+
+
+def test_one_file_has_no_packets_and_odd_names_are_read_as_they_stand(tmp_path: Path):
+    table = pd.DataFrame({"Date/Time: UTC": text(seconds(*(60.0 * np.arange(40))))})
+    rng = np.random.default_rng(1)
+    for name in ('Panel "+X" deg. C', "Panel -X deg. C", "no", "Größe [mA]"):
+        table[name] = rng.normal(size=40).round(2)
+    table["on"] = rng.choice(["ON", "OFF"], 40)
+    (tmp_path / "my data").mkdir()
+    table.to_csv(tmp_path / "my data" / "a: b.csv", index=False)
+    result = run(app, ["init", str(tmp_path / "sat"), str(tmp_path / "my data" / "a: b.csv")])
+    assert result.exit_code == 0, result.output
+    lint(tmp_path / "sat")
+    telemetry = load_scenario(tmp_path / "sat" / "scenario.yaml").telemetry
+    assert (telemetry.file, telemetry.packets) == (("../my data/a: b.csv",), {})
+    assert {name: (channel.column[0], channel.kind) for name, channel in telemetry.channels.items()} == {
+        "panel_x_deg_c": ('Panel "+X" deg. C', "temperature"),
+        "panel_x_deg_c_2": ("Panel -X deg. C", "temperature"),
+        "c_no": ("no", "driver"),
+        "gr_e_ma": ("Größe [mA]", "driver"),
+        "c_on": ("on", "status"),
+    }
+
+
+def day_of_year(times: np.ndarray) -> list[str]:
+    return pd.to_datetime(times).strftime("%Y:%j:%H:%M:%S.000").tolist()
+
+
+@pytest.mark.parametrize("kind", ["csv", "csv.gz", "parquet", "xlsx", "doy.csv", "unix-ms.csv"])
+def test_a_file_of_every_kind_goes_from_init_to_lint(tmp_path: Path, kind: str):
+    table, path = frame(40), tmp_path / f"data.{kind}"
+    times = seconds(*(60.0 * np.arange(40)))
+    if kind.startswith("doy"):
+        table["time"] = day_of_year(times)
+    elif kind.startswith("unix"):
+        table["time"] = times.astype(np.int64) // 1_000_000
+    if kind == "xlsx":
+        pytest.importorskip("openpyxl", reason="needs the extra 'excel'")
+        table["time"] = times
+        table.to_excel(path, index=False)
+    elif kind == "parquet":
+        table.to_parquet(path)
+    else:
+        table.to_csv(path, index=False)
+    assert run(app, ["init", str(tmp_path / "sat"), str(path)]).exit_code == 0
+    assert "window train: 20 samples of 1 channel" in lint(tmp_path / "sat")
+
+
+def test_files_without_a_temperature_or_a_common_time_are_told(tmp_path: Path):
+    frame(9).drop(columns="TT_BAT").to_csv(tmp_path / "power.csv", index=False)
+    result = run(app, ["init", str(tmp_path / "sat"), str(tmp_path / "power.csv")])
+    assert result.exit_code == USER_ERROR
+    assert "power.csv: found no temperature among the columns (I_SA, HTR), expected one" in result.output
+    frame(9)[["time", "TT_BAT"]].to_csv(tmp_path / "thermal.csv", index=False)
+    late = frame(9).drop(columns="TT_BAT").assign(time=text(seconds(*(86400 + 60.0 * np.arange(9)))))
+    late.to_csv(tmp_path / "power.csv", index=False)
+    result = run(
+        app, ["init", str(tmp_path / "sat"), *(str(tmp_path / f"{name}.csv") for name in ("thermal", "power"))]
+    )
+    assert result.exit_code == USER_ERROR
+    assert "found files whose times do not overlap" in result.output
+    assert not (tmp_path / "sat").exists()
+
+
+def test_a_scenario_that_is_there_is_not_overwritten(tmp_path: Path):
+    frame(9).to_csv(tmp_path / "data.csv", index=False)
+    (tmp_path / "scenario.yaml").write_text("mine")
+    result = run(app, ["init", str(tmp_path), str(tmp_path / "data.csv")])
+    assert result.exit_code == USER_ERROR
+    assert (tmp_path / "scenario.yaml").read_text() == "mine"

@@ -1,0 +1,129 @@
+"""What files seem to hold: time columns and their formats, kinds and units of the others."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import numpy as np
+import pandas as pd
+import pytest
+
+from flightcal.errors import TelemetryError
+from flightcal.telemetry import detect
+
+from .files import START, flight_data, frame, seconds, text
+
+TIMES = seconds(*(60.0 * np.arange(8)))
+UNIX = TIMES.astype(np.int64) // 1_000_000_000
+
+
+def day_of_year(pattern: str) -> list[str]:
+    return pd.to_datetime(TIMES).strftime(pattern).tolist()
+
+
+@pytest.mark.parametrize(
+    ("cells", "written"),
+    [
+        (text(TIMES), "iso8601"),
+        ([cell.replace("T", " ").removesuffix("Z") for cell in text(TIMES)], "iso8601"),
+        (UNIX, "unix"),
+        (UNIX + 0.25, "unix"),
+        (UNIX * 1000, "unix-ms"),
+        (UNIX * 1_000_000, "unix-us"),
+        (UNIX * 1_000_000_000, "unix-ns"),
+        (day_of_year("%Y:%j:%H:%M:%S.000"), "year-doy"),
+        (day_of_year("%y-%j/%H:%M:%S"), "year-doy"),
+        (day_of_year("%Y.%j.%H.%M.%S"), "year-doy"),
+    ],
+)
+@pytest.mark.parametrize("suffix", ["csv", "parquet"])
+def test_a_time_column_and_its_format_are_found(tmp_path: Path, cells: list, written: str, suffix: str):
+    table = pd.DataFrame({"frame": np.arange(8), "Stamp": cells, "TT_BAT": np.linspace(0, 9, 8)})
+    path = tmp_path / f"data.{suffix}"
+    table.to_csv(path, index=False) if suffix == "csv" else table.to_parquet(path)
+    (found,) = detect([path])
+    assert (found.clock, found.time.format if found.time else None) == ("Stamp", written)
+    assert found.first == pytest.approx(START.astype(np.int64), abs=1e9)
+
+
+def test_typed_times_need_no_format(tmp_path: Path):
+    pd.DataFrame({"a": TIMES, "TT_BAT": range(8)}).to_parquet(tmp_path / "data.parquet")
+    (found,) = detect([tmp_path / "data.parquet"])
+    assert (found.clock, found.time.format if found.time else None) == ("a", "iso8601")
+
+
+def test_a_counter_is_a_clock_whose_epoch_is_not_known(tmp_path: Path):
+    table = pd.DataFrame({"TT_BAT": [4.0, 3, 7, 5], "SCLK": [515721623, 515721683, 515721743, 515721803]})
+    table.to_csv(tmp_path / "data.csv", index=False)
+    (found,) = detect([tmp_path / "data.csv"])
+    assert (found.clock, found.time, found.first) == ("SCLK", None, 515721623)
+
+
+@pytest.mark.parametrize(
+    ("name", "cells", "expected"),
+    [
+        ("TT_BAT", [20.5, 21.0, -3.0, 4.0], ("temperature", "degC")),
+        ("Temp1", [20, 21, -3, 4], ("temperature", "degC")),
+        ("battery_temperature", [293.0, 294.5, 290.0, 288.0], ("temperature", "K")),
+        ("Battery [degC]", [20.5, 21.0, 3.0, 4.0], ("temperature", "degC")),
+        ("Battery (°C)", [20.5, 21.0, 3.0, 4.0], ("temperature", "degC")),
+        ("Panel [K]", [20.5, 21.0, 3.0, 4.0], ("temperature", "K")),
+        ("Black Chassis deg. C", [20.5, 21.0, 3.0, 4.0], ("temperature", "degC")),
+        ("Tot. Photo Curr. mA", [20.5, 21.0, 3.0, 4.0], ("driver", "mA")),
+        ("bus_power [W]", [20.5, 21.0, 3.0, 4.0], ("driver", "W")),
+        ("TT_RAD_A", [20.5, 21.0, 3.0, 4.0], ("temperature", "degC")),
+        ("I_SUN", [20.5, 21.0, 3.0, 4.0], ("driver", "1")),
+        ("HTR_BAT", [0, 1, 1, 0], ("status", None)),
+        ("pitch [deg]", [0, 1, 1, 0], ("driver", "deg")),
+        ("line 4", ["OFF", "ON", "ON", "OFF"], ("status", None)),
+        ("line 4", ["ENABLED", "DISABLED", "", "DISABLED"], ("status", None)),
+        ("line 4", [True, False, False, True], ("status", None)),
+        ("remark", ["all well", "", "lost lock", ""], None),
+        ("empty", ["", "", "", ""], None),
+    ],
+)
+def test_a_column_has_a_kind_and_a_unit(tmp_path: Path, name: str, cells: list, expected: tuple | None):
+    pd.DataFrame({"UTC": text(TIMES[:4]), name: cells}).to_csv(tmp_path / "data.csv", index=False)
+    (found,) = detect([tmp_path / "data.csv"])
+    assert [(column.kind, column.unit) for column in found.columns] == ([] if expected is None else [expected])
+
+
+def test_files_with_the_same_columns_are_one_packet_and_a_sheet_is_a_file(tmp_path: Path):
+    pytest.importorskip("openpyxl", reason="needs the extra 'excel'")
+    table = frame(10)
+    table[:5].to_csv(tmp_path / "a.csv", index=False)
+    table[5:].to_csv(tmp_path / "b.csv", index=False)
+    with pd.ExcelWriter(tmp_path / "c.xlsx") as writer:
+        pd.DataFrame({"about": ["us"], "version": [3]}).to_excel(writer, sheet_name="Info", index=False)
+        table.to_excel(writer, sheet_name="HK", index=False)
+        table.drop(columns="HTR").to_excel(writer, sheet_name="EPS", index=False)
+    found = detect([tmp_path / name for name in ("a.csv", "b.csv", "c.xlsx")])
+    assert [(tuple(file.name for file in packet.files), packet.sheet) for packet in found] == [
+        (("a.csv", "b.csv"), None),
+        (("c.xlsx",), "HK"),
+        (("c.xlsx",), "EPS"),
+    ]
+
+
+def test_a_file_without_times_is_told_with_its_columns(tmp_path: Path):
+    frame(5).drop(columns="time").to_csv(tmp_path / "data.csv", index=False)
+    with pytest.raises(TelemetryError) as caught:
+        detect([tmp_path / "data.csv"])
+    assert str(caught.value) == (
+        "data.csv: found no column of times among TT_BAT, I_SA, HTR, expected one with UTC times, UNIX times, year and "
+        "day of year, or a clock's counter"
+    )
+
+
+@pytest.mark.parametrize(
+    ("name", "clock", "written", "temperatures"),
+    [
+        ("funcube1/funcube1_2016-02-04_first.csv", "Satellite Date/Time UTC", "iso8601", 8),
+        ("bupt1/200B_Sun_FULL_1T_180.csv.gz", "TIME", "unix", 1),
+        ("chandra_acis/telemetry_2017_jul.csv.gz", "time_utc", "iso8601", 1),
+    ],
+)
+def test_real_telemetry_is_recognised(name: str, clock: str, written: str, temperatures: int):
+    (found,) = detect([flight_data(name)])
+    assert (found.clock, found.time.format if found.time else None) == (clock, written)
+    assert sum(column.kind == "temperature" for column in found.columns) >= temperatures
