@@ -152,4 +152,6 @@ class SimulatorModel(Block):
     modes: dict[str, Powers] = Field(default_factory=dict)
     """Mode -> node -> dissipation."""
     timeline: tuple[ModeChange, ...] = ()
+    timeline_file: FileName | None = None
+    """CSV file with columns at (UTC) and mode, in the place of `timeline`: a row for each change, or each sample."""
     loads: dict[str, Load] = Field(default_factory=dict)

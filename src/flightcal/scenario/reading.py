@@ -23,6 +23,7 @@ from .parameters import read_parameters
 from .reduced import fill_in
 from .residuals import Discrepancy, Noise
 from .schema import AnySimulator, Channel, Observation, Packet, Scenario, TelemetryFile
+from .timeline import with_timeline
 from .units import show
 from .windows import Window, flat_windows
 from .wording import UNREADABLE, unknown_key
@@ -71,8 +72,9 @@ def read_scenario(path: Path, telemetry: Path | None = None) -> Reading:
     if telemetry is not None:
         data["telemetry"] = _elsewhere(data.get("telemetry"), telemetry.absolute())
     if isinstance(data.get("simulator"), dict):
-        data["simulator"], found = fill_in(data["simulator"], path.parent)
-        reader.problems += found
+        for filled in (fill_in, with_timeline):
+            data["simulator"], found = filled(data["simulator"], path.parent)
+            reader.problems += found
     if "windows" in data:
         data["windows"] = flat_windows(data["windows"], document.lines)
     blocks, parts = reader.blocks(data)

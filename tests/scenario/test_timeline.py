@@ -1,0 +1,71 @@
+"""Modes from a CSV file in the place of the scenario's timeline."""
+
+import pytest
+from ruamel.yaml import YAML
+
+from flightcal.errors import ScenarioError
+from flightcal.scenario import load_scenario, resolved_yaml
+from tests import small
+
+ROWS = """\
+at,mode
+2024-02-29T23:00:00,nominal
+2024-03-01T00:30:00,imaging
+2024-03-01T00:31:00,imaging
+2024-03-01T00:50:00Z,nominal
+"""
+
+
+def written(folder, rows=ROWS, **more):
+    content = small.content()
+    content["simulator"]["modes"] = {"nominal": {"body": "2 W"}, "imaging": {"body": "5 W"}}
+    content["simulator"].pop("timeline", None)
+    content["simulator"] |= {"timeline_file": "modes.csv"} | more
+    file = folder / "scenario.yaml"
+    YAML(typ="safe").dump(content, file)
+    (folder / "telemetry.csv").touch()
+    (folder / "modes.csv").write_text(rows, encoding="utf-8")
+    return file
+
+
+def test_rows_are_changes_and_rows_that_repeat_a_mode_change_nothing(tmp_path):
+    timeline = load_scenario(written(tmp_path)).network.timeline
+    assert [(change.at.isoformat(), change.mode) for change in timeline] == [
+        ("2024-02-29T23:00:00", "nominal"),
+        ("2024-03-01T00:30:00", "imaging"),
+        ("2024-03-01T00:50:00", "nominal"),
+    ]
+
+
+def test_what_is_resolved_reads_as_the_same(tmp_path):
+    scenario = load_scenario(written(tmp_path))
+    again = tmp_path / "resolved.yaml"
+    again.write_text(resolved_yaml(scenario), encoding="utf-8")
+    (tmp_path / "modes.csv").unlink()
+    assert load_scenario(again).network.timeline == scenario.network.timeline
+
+
+@pytest.mark.parametrize(
+    ("rows", "wrong"),
+    [
+        (ROWS.replace("imaging\n2024-03-01T00:31", "imagin\n2024-03-01T00:31"), "line 3: found the mode 'imagin'"),
+        (ROWS.replace("00:31:00", "00:20:00"), "line 4: found 2024-03-01T00:20:00, expected a time after"),
+        (ROWS.replace("00:30:00", "half past"), "line 3: found '2024-03-01Thalf past', expected a UTC time"),
+        ("time,mode\n", "found no row, expected the columns at and mode"),
+        ("time,mode\n1,nominal\n", "found time, mode, expected the columns at and mode"),
+    ],
+)
+def test_what_is_wrong_in_the_file_is_said_with_its_line(tmp_path, rows, wrong):
+    with pytest.raises(ScenarioError, match=r"modes\.csv") as raised:
+        load_scenario(written(tmp_path, rows))
+    assert wrong in str(raised.value)
+
+
+def test_a_file_that_is_not_there_and_a_timeline_beside_it_are_errors(tmp_path):
+    file = written(tmp_path, timeline=[{"at": "2024-03-01T00:00:00", "mode": "nominal"}])
+    with pytest.raises(ScenarioError, match="found 'timeline' too"):
+        load_scenario(file)
+    file = written(tmp_path)
+    (tmp_path / "modes.csv").unlink()
+    with pytest.raises(ScenarioError, match="not there"):
+        load_scenario(file)
