@@ -17,6 +17,7 @@ from flightcal.environment.orbit import (
 )
 from flightcal.environment.sun import sun_position
 from flightcal.errors import OrbitError
+from flightcal.scenario import CircularOrbit
 
 from .scenes import EPOCH, circular, environment, raan_to_local_time, seconds_after
 
@@ -304,3 +305,27 @@ def test_unusable_sample_file_is_an_error(tmp_path, lines, found):
 def test_missing_sample_file_is_an_error(tmp_path):
     with pytest.raises(OrbitError, match=r"environment\.orbit\.positions: orbit\.csv: .*No such file"):
         propagator(environment({"positions": "orbit.csv"}).orbit, tmp_path)
+
+
+def with_beta(inclination, beta_angle):
+    node = {"beta_angle": f"{beta_angle} deg", "epoch": str(EPOCH)[:19]}
+    return CircularOrbit(altitude="500 km", inclination=f"{inclination} deg", **node)
+
+
+@pytest.mark.parametrize("inclination", [40.0, 98.2])
+@pytest.mark.parametrize("beta_angle", [-20.0, 0.0, 25.0])
+def test_an_orbit_has_the_beta_angle_that_is_given(inclination, beta_angle):
+    times = seconds_after(EPOCH, np.array([0.0]))
+    position, velocity = propagator(with_beta(inclination, beta_angle))(times)
+    sun, momentum = sun_position(times)[0], np.cross(position, velocity)[0]
+    sine = sun @ momentum / np.linalg.norm(sun) / np.linalg.norm(momentum)
+    # The node moves while the spacecraft does, by a degree a day: the momentum leans by 1e-5.
+    assert np.degrees(np.arcsin(sine)) == pytest.approx(beta_angle, abs=0.1)
+    # The node is on the day side.
+    assert position[0] @ sun > 0
+
+
+def test_a_beta_angle_that_no_node_has_is_an_error():
+    # At the equinox the Sun is in the equator, from which the plane leans by its inclination.
+    with pytest.raises(OrbitError, match=r"beta_angle: found 25 deg, expected -10\.0 to 10\.0 deg"):
+        propagator(with_beta(10.0, 25.0))

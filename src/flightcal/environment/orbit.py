@@ -19,6 +19,7 @@ from ..errors import OrbitError
 from ..scenario import CircularOrbit, Environment, KeplerianOrbit, Orbit, SampledOrbit, TleOrbit
 from ._samples import read_samples, within_span
 from ._time import Floats, Times, julian_dates, seconds_since
+from .sun import sun_position
 
 EARTH_MU = 3.986004418e14
 """m3/s2 (WGS 84)."""
@@ -119,9 +120,35 @@ def local_time_to_raan(local_time: str, epoch: np.datetime64) -> float:
     return float((sidereal + longitude) % (2 * np.pi))
 
 
+def beta_to_raan(beta_angle: float, inclination: float, epoch: np.datetime64) -> float:
+    """Right ascension in rad of the node, on the day side, whose orbit has this beta angle (rad) at `epoch`.
+
+    The Sun's direction on the orbit's normal (sin raan sin i, -cos raan sin i, cos i) is the sine of beta. Raises
+    OrbitError where no orbit of this inclination has it then.
+    """
+    x, y, z = sun_position(np.array([epoch]))[0]
+    ascension, declination = np.arctan2(y, x), np.arctan2(z, np.hypot(x, y))
+    across = np.cos(declination) * np.sin(inclination)
+    along = np.sin(declination) * np.cos(inclination)
+    wanted = np.sin(beta_angle) - along
+    if abs(wanted) > abs(across) + 1e-9:
+        low, high = np.degrees(np.arcsin(np.clip([along - abs(across), along + abs(across)], -1.0, 1.0)))
+        raise OrbitError(
+            f"environment.orbit.beta_angle: found {np.degrees(beta_angle):.4g} deg, expected {low:.1f} to {high:.1f} "
+            f"deg: an orbit of this inclination has no other on {np.datetime_as_string(epoch, 'D')}"
+        )
+    return float((ascension + np.arcsin(np.clip(wanted / max(across, 1e-9), -1.0, 1.0))) % (2 * np.pi))
+
+
 def _keplerian(orbit: CircularOrbit) -> KeplerianOrbit:
-    raan = orbit.raan if orbit.ltan is None else local_time_to_raan(orbit.ltan, np.datetime64(orbit.epoch))
-    assert raan is not None  # the schema wants one of the two
+    epoch = np.datetime64(orbit.epoch)
+    if orbit.ltan is not None:
+        raan = local_time_to_raan(orbit.ltan, epoch)
+    elif orbit.beta_angle is not None:
+        raan = beta_to_raan(orbit.beta_angle, orbit.inclination, epoch)
+    else:
+        assert orbit.raan is not None  # the schema wants one of the three
+        raan = orbit.raan
     return KeplerianOrbit.model_construct(
         semi_major_axis=EARTH_RADIUS + orbit.altitude,
         eccentricity=0.0,

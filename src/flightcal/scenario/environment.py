@@ -67,23 +67,26 @@ Quaternion = Annotated[
 
 
 class CircularOrbit(Block):
-    """Circular orbit by altitude, inclination, and local time or right ascension of the ascending node."""
+    """Circular orbit by altitude, inclination, and the ascending node: local time, right ascension or beta angle."""
 
     altitude: Annotated[float, Quantity("m", above=100e3, at_most=1e9)]
     inclination: Angle
     ltan: LocalTime | None = None
     """Local time of the ascending node, ``"HH:MM"``."""
     raan: Angle | None = None
+    beta_angle: Angle | None = None
+    """Of the Sun above the orbit's plane at `epoch`, on the side of its momentum. Of the two nodes that have it, that
+    on the day side is meant (local time from 6 to 18 h)."""
     argument_of_latitude: Angle = 0.0
     """Angle from the ascending node at `epoch`."""
     epoch: Time
 
     @model_validator(mode="after")
     def _one_node(self) -> CircularOrbit:
-        if (self.ltan is None) == (self.raan is None):
-            found = "neither" if self.ltan is None else "both"
-            wanted = "exactly one of 'ltan' (local time) and 'raan' (right ascension)"
-            raise ValueError(f"found {found}, expected {wanted}")
+        found = [name for name in ("ltan", "raan", "beta_angle") if getattr(self, name) is not None]
+        if len(found) != 1:
+            wanted = "exactly one of 'ltan' (local time), 'raan' (right ascension) and 'beta_angle'"
+            raise ValueError(f"found {' and '.join(map(repr, found)) or 'none'}, expected {wanted}")
         return self
 
 
