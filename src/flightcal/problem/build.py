@@ -10,7 +10,7 @@ import xarray
 from ..environment import orbital_period
 from ..errors import ScenarioError
 from ..probability import Priors, heater_status, measured_switches, residual_model
-from ..scenario import ExternalModel, Normal, Prior, Scenario, SimulatorModel, heat_of, is_trained
+from ..scenario import ExternalModel, Normal, Prior, Scenario, SimulatorModel, heat_of, is_trained, load_driver
 from ..simulator import ICE_POINT, FloatArray, open_loop
 from ..telemetry import driver_gaps, driver_series, select_window, usual_interval, window_bounds
 from .entries import entries_of
@@ -123,7 +123,8 @@ def _bridged(
         return ()
     found = []
     for name, load in scenario.simulator.loads.items():
-        gaps, deviation = driver_gaps(telemetry, load.driver)
+        of = load_driver(load, scenario.telemetry.channels[load.driver])
+        gaps, deviation = driver_gaps(telemetry, load.driver, of)
         for begin, until in (np.clip(gaps, start, end) - start) / np.timedelta64(1, "ns") * 1e-9:
             if until > begin and deviation > 0.0:
                 found.append(Bridged(name, float(begin), float(until), deviation))

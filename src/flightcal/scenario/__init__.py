@@ -53,7 +53,7 @@ from .network import (
     SimulatorError,
     SimulatorModel,
 )
-from .numbers import Numbers, Settable, numbers_of, settable
+from .numbers import Numbers, Settable, load_driver, numbers_of, settable
 from .parameters import read_parameters, set_twice
 from .priors import Beta, HalfNormal, LogNormal, Normal, Prior, TruncatedNormal, Uniform, support
 from .reduced import REDUCED_MODEL_FORMAT
@@ -184,6 +184,7 @@ __all__ = [
     "kind_of",
     "kind_of_simulator",
     "lint",
+    "load_driver",
     "load_scenario",
     "noise_of",
     "not_normal",

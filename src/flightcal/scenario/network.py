@@ -4,9 +4,21 @@ from __future__ import annotations
 
 from typing import Annotated, Literal
 
-from pydantic import Field, WrapValidator, model_validator
+from pydantic import Field, WrapValidator, field_validator, model_validator
 
-from .fields import FILLED_IN, Block, FaceNormal, FileName, Flag, Marker, Number, Pair, Time, exactly_one
+from .fields import (
+    FILLED_IN,
+    Block,
+    FaceNormal,
+    FileName,
+    Flag,
+    Marker,
+    Number,
+    Pair,
+    Time,
+    exactly_one,
+    of_length,
+)
 from .units import HOTTEST, STRONGEST, Duration, Kelvins, Power, Quantity, QuantityOrName, Temperature
 
 
@@ -91,13 +103,28 @@ class ModeChange(Block):
     mode: str
 
 
+TablePoint = Annotated[tuple[Marker, Number], of_length(2, "a point of a table [driver, factor]")]
+
+
 class Load(Block):
-    """Heat into a node in proportion to a measured driver channel (in SI units: A, V, W)."""
+    """Heat into a node in proportion to a measured driver channel (in SI units: A, V, W), or by a table over it."""
 
     node: str
     driver: str
     coefficient: Marker
-    """Heat per unit of the driver, with its unit: ``12 W/A``, or a plain number for a driver in watts."""
+    """Heat per unit of the driver, with its unit: ``12 W/A``, or a plain number for a driver in watts; with `table`,
+    watts."""
+    absolute: Flag = False
+    """The driver without its sign, as of a current that charges and discharges."""
+    table: tuple[TablePoint, ...] = ()
+    """Driver (in the channel's unit, or with one) -> factor of `coefficient`: linear in between, constant beyond."""
+
+    @field_validator("table")
+    @classmethod
+    def _two_points(cls, table: tuple[TablePoint, ...]) -> tuple[TablePoint, ...]:
+        if len(table) == 1:
+            raise ValueError("found one point, expected two or more")
+        return table
 
 
 class ReducedNumber(Block):

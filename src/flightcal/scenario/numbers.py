@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, get_args
 
@@ -151,7 +151,7 @@ def load_coefficient(load: Load, driver: Channel | None) -> tuple[str, float] | 
 
     Raises ValueError, as `to_si`.
     """
-    unit = _coefficient_unit(driver.unit if driver else None)
+    unit = "W" if load.table else _coefficient_unit(driver.unit if driver else None)
     if unit is None:
         return None
     if isinstance(load.coefficient, str):
@@ -160,6 +160,23 @@ def load_coefficient(load: Load, driver: Channel | None) -> tuple[str, float] | 
         number = f"{load.coefficient:g}"
         raise ValueError(f"found {number} without a unit, expected heat per unit of the driver: '{number} {unit}'")
     return unit, float(load.coefficient)
+
+
+def load_driver(load: Load, driver: Channel) -> Callable[[FloatArray], FloatArray]:
+    """What a load makes of its driver (SI) before the coefficient. Raises ValueError for a table that is wrong."""
+    import numpy as np
+
+    sign: Callable[[FloatArray], FloatArray] = np.abs if load.absolute else np.asarray
+    if not load.table:
+        return sign
+    unit = driver.unit or ""
+    texts = [place if isinstance(place, str) else f"{place:g} {unit}".strip() for place, _ in load.table]
+    places = [to_si(text, si_unit(unit) if unit else "") for text in texts]
+    for earlier, later, text in zip(places, places[1:], texts[1:], strict=False):
+        if not earlier < later:
+            raise ValueError(f"found {text} after a larger or equal value, expected values of the driver that grow")
+    factors = [factor for _, factor in load.table]
+    return lambda values: np.interp(sign(values), places, factors)
 
 
 def _numbers(blocks: Blocks) -> Iterator[tuple[str, Quantity, float]]:

@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 
 from ..environment import face_fluxes, sample_times, shadow_edges, sun_edges
 from ..errors import TelemetryError, require_memory
-from ..scenario import Scenario, SpinningAttitude
+from ..scenario import Scenario, SpinningAttitude, load_driver
 from ..telemetry import driver_corners, driver_series, status_changes, status_fraction
 from .network import Network, flux_kinds
 from .system import Drive, FloatArray
@@ -176,7 +176,8 @@ def window_inputs(
     for mode, active in _mode_indicators(scenario, points, changes).items():
         series[f"mode.{mode}"] = active
     for name, load in model.loads.items():
-        series[f"driver.{name}"] = driver_series(telemetry, load.driver, times, fill=fills[load.driver], period=period)
+        measured = driver_series(telemetry, load.driver, times, fill=fills[load.driver], period=period)
+        series[f"driver.{name}"] = load_driver(load, channels[load.driver])(measured)
     for name, node in model.nodes.items():
         if isinstance(node.boundary, str):
             measured = driver_series(telemetry, node.boundary, times, fill="interpolate", period=period)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from typing import Literal
 
 import numpy as np
@@ -93,15 +94,18 @@ def driver_corners(dataset: xr.Dataset, channel: str, fill: Fill, period: float 
     return np.round(np.unique(np.concatenate(corners)) * 1e9).astype(np.int64).astype("datetime64[ns]")
 
 
-def driver_gaps(dataset: xr.Dataset, channel: str) -> tuple[NDArray[np.datetime64], float]:
+def driver_gaps(
+    dataset: xr.Dataset, channel: str, of: Callable[[NDArray[np.float64]], NDArray[np.float64]] = np.asarray
+) -> tuple[NDArray[np.datetime64], float]:
     """Where `driver_series` bridges more than `SHORT_GAP` sampling intervals, [G, 2], and how much the driver varies.
 
-    A gap is from the last sample before to the first after it; the driver's standard deviation is in its SI unit.
+    A gap is from the last sample before to the first after it. of: what is made of the driver (SI), whose standard
+    deviation is meant.
     """
     seconds, values, interval = valid_samples(dataset, channel)
     long = np.flatnonzero(np.diff(seconds) > SHORT_GAP * interval)
     gaps = np.round(np.stack([seconds[long], seconds[long + 1]], axis=1) * 1e9).astype(np.int64)
-    return gaps.astype("datetime64[ns]"), float(values.std())
+    return gaps.astype("datetime64[ns]"), float(of(values).std())
 
 
 def status_fraction(dataset: xr.Dataset, channel: str, edges: NDArray[np.datetime64]) -> NDArray[np.float64]:

@@ -9,7 +9,7 @@ from pathlib import Path
 from ..blocks import Blocks, readable
 from ..document import Location, Problem
 from ..network import Heater
-from ..numbers import load_coefficient
+from ..numbers import load_coefficient, load_driver
 from ..reading import Reading
 from ..units import celsius
 from .common import channel_of_kind, heated_node, known
@@ -76,7 +76,14 @@ def _check_loads(blocks: Blocks) -> Iterator[Problem]:
         if wrong := list(channel_of_kind(blocks, load.driver, "driver", (*location, "driver"))):
             yield from wrong
             continue
+        channel = blocks.channels[load.driver]
+        if channel is None:
+            continue
         try:
-            load_coefficient(load, blocks.channels[load.driver])
+            load_coefficient(load, channel)
         except ValueError as error:
             yield Problem((*location, "coefficient"), str(error))
+        try:
+            load_driver(load, channel)
+        except ValueError as error:
+            yield Problem((*location, "table"), str(error))
