@@ -2,16 +2,20 @@
 
 from __future__ import annotations
 
+import base64
 import json
+import math
+import zlib
 from collections.abc import Sequence
 from dataclasses import dataclass, field
 from importlib.resources import files
 from pathlib import Path
-from typing import Any
+from typing import Any, Final
 
 import jinja2
 import numpy as np
 import plotly.graph_objects as go
+from numpy.typing import NDArray
 from plotly.offline import get_plotlyjs
 from plotly.utils import PlotlyJSONEncoder
 
@@ -20,8 +24,13 @@ from .block import Section
 from .findings import Finding
 from .panels import panels
 from .run_files import RunFiles, read_run
-from .style import DARK
+from .style import DARK, TEMPLATE
 from .verdict import Verdict, verdict_of
+
+FINE: Final = 4
+"""Digits to which figures have their numbers, of what they span."""
+HARMLESS: Final = str.maketrans("<>&", ",.:")
+"""Characters of base 85 that mean something in HTML, and those that stand for them."""
 
 
 def write_report(run: Path, output: Path | None = None) -> Path:
@@ -80,8 +89,7 @@ def compose(
         drawn=drawn,
         css=(templates / "report.css").read_text(encoding="utf-8"),
         script=(templates / "report.js").read_text(encoding="utf-8"),
-        plotly=get_plotlyjs(),
-        dark=_safe(json.dumps(DARK)),
+        plotly=pack(get_plotlyjs()),
     )
 
 
@@ -97,19 +105,34 @@ def _scenario_name(run: RunFiles) -> str:
 class _Drawn:
     """Figures as JSON for the page's script. Time axes are kept once: many traces share one."""
 
-    figures: dict[str, str] = field(default_factory=dict)
+    figures: dict[str, Any] = field(default_factory=dict)
     times: dict[bytes, int] = field(default_factory=dict)
     axes: list[dict[str, Any]] = field(default_factory=list)
 
     def add(self, figure: go.Figure) -> str:
         """Adds a figure and gives the identifier of its place on the page."""
         content = figure.to_plotly_json()
-        for trace in content["data"]:
-            if isinstance(trace.get("x"), np.ndarray) and trace["x"].dtype.kind == "M":
-                trace["x"] = {"time": self._axis(trace["x"])}
+        content["data"] = [self._trace(trace) for trace in content["data"]]
+        content["layout"].pop("template", None)
         identifier = f"figure-{len(self.figures) + 1}"
-        self.figures[identifier] = _safe(json.dumps(content, cls=PlotlyJSONEncoder, separators=(",", ":")))
+        self.figures[identifier] = content
         return identifier
+
+    def _trace(self, trace: dict[str, Any]) -> dict[str, Any]:
+        """A trace with its arrays as steps."""
+        found = {}
+        for key, value in trace.items():
+            if isinstance(value, np.ndarray) and value.dtype.kind == "M":
+                found[key] = {"time": self._axis(value)}
+            elif isinstance(value, dict) and "bdata" in value:
+                # So plotly has numbers already: bytes in base 64, which hardly pack.
+                array = np.frombuffer(base64.b64decode(value["bdata"]), value["dtype"])
+                columns = array.reshape(-1, int(str(value.get("shape", "1")).rpartition(",")[2])).T
+                packed = [steps(column) for column in columns]
+                found[key] = {"columns": packed} if "shape" in value else packed[0]
+            else:
+                found[key] = value
+        return found
 
     def _axis(self, time: np.ndarray) -> int:
         """Number of a time axis in the table: milliseconds since 1970 of its first time, and steps from there."""
@@ -122,11 +145,33 @@ class _Drawn:
         return self.times[key]
 
     @property
-    def times_json(self) -> str:
-        """The table of time axes as JSON."""
-        return _safe(json.dumps(self.axes, separators=(",", ":")))
+    def packed(self) -> str:
+        """Figures, the template that they share, times and dark colours, packed."""
+        content = {
+            "figures": self.figures,
+            "template": TEMPLATE.to_plotly_json(),
+            "times": self.axes,
+            "dark": DARK,
+        }
+        return pack(json.dumps(content, cls=PlotlyJSONEncoder, separators=(",", ":")))
 
 
-def _safe(text: str) -> str:
-    """JSON that can stand inside a script element, whatever names it holds."""
-    return text.replace("<", "\\u003c").replace(">", "\\u003e").replace("&", "\\u0026")
+def steps(values: NDArray[Any]) -> dict[str, Any]:
+    """Numbers as whole steps from one to the next, null where there is none: few digits, which pack well.
+
+    A step is a power of ten, and at most 1/10000 of their range, which is finer than any screen.
+    """
+    known = np.isfinite(values)
+    present = np.asarray(values, float)[known]
+    size = float(np.abs(present).max(initial=0.0)) or 1.0
+    reach = float(np.ptp(present)) if present.size else 0.0
+    # No more digits than a number of the script has.
+    digits = min(FINE - math.floor(math.log10(reach or size)), 14 - math.floor(math.log10(size)))
+    whole = np.rint(present * 10.0**digits).astype(object)
+    taken = iter(np.diff(whole, prepend=0).tolist())
+    return {"digits": digits, "steps": [int(next(taken)) if here else None for here in known]}
+
+
+def pack(text: str) -> str:
+    """Text for the page's script to unpack: compressed, four bytes in five characters that HTML leaves as they are."""
+    return base64.b85encode(zlib.compress(text.encode(), 9)).decode("ascii").translate(HARMLESS)
