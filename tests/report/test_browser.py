@@ -44,7 +44,7 @@ def test_every_figure_is_drawn(opened):
     elements = opened[0]
     places = elements.count('class="plot js-plotly-plot"')
     assert places == 31
-    assert elements.count('data-drawn="yes"') == places
+    assert elements.count('data-drawn="light"') == places
     assert 'data-figures="drawn"' in elements
     assert len(re.findall(r'class="xaxislayer-above|class="xlines-above', elements)) >= places
 

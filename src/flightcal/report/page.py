@@ -8,6 +8,7 @@ import math
 import zlib
 from collections.abc import Sequence
 from dataclasses import dataclass, field
+from functools import cache
 from importlib.resources import files
 from pathlib import Path
 from typing import Any, Final
@@ -89,7 +90,7 @@ def compose(
         drawn=drawn,
         css=(templates / "report.css").read_text(encoding="utf-8"),
         script=(templates / "report.js").read_text(encoding="utf-8"),
-        plotly=pack(get_plotlyjs()),
+        plotly=_plotly(),
     )
 
 
@@ -103,11 +104,11 @@ def _scenario_name(run: RunFiles) -> str:
 
 @dataclass
 class _Drawn:
-    """Figures as JSON for the page's script. Time axes are kept once: many traces share one."""
+    """Figures as JSON for the page's script. Each array is kept once: many traces share times and telemetry."""
 
     figures: dict[str, Any] = field(default_factory=dict)
-    times: dict[bytes, int] = field(default_factory=dict)
-    axes: list[dict[str, Any]] = field(default_factory=list)
+    arrays: list[dict[str, Any]] = field(default_factory=list)
+    known: dict[tuple[str, bytes], int] = field(default_factory=dict)
 
     def add(self, figure: go.Figure) -> str:
         """Adds a figure and gives the identifier of its place on the page."""
@@ -119,41 +120,49 @@ class _Drawn:
         return identifier
 
     def _trace(self, trace: dict[str, Any]) -> dict[str, Any]:
-        """A trace with its arrays as steps."""
-        found = {}
+        """A trace with numbers in the place of its arrays."""
+        found: dict[str, Any] = {}
         for key, value in trace.items():
             if isinstance(value, np.ndarray) and value.dtype.kind == "M":
-                found[key] = {"time": self._axis(value)}
+                found[key] = {"array": self._kept(value)}
             elif isinstance(value, dict) and "bdata" in value:
                 # So plotly has numbers already: bytes in base 64, which hardly pack.
                 array = np.frombuffer(base64.b64decode(value["bdata"]), value["dtype"])
                 columns = array.reshape(-1, int(str(value.get("shape", "1")).rpartition(",")[2])).T
-                packed = [steps(column) for column in columns]
-                found[key] = {"columns": packed} if "shape" in value else packed[0]
+                numbers = [self._kept(column) for column in columns]
+                if "shape" in value:
+                    found[key] = {"columns": numbers}
+                else:
+                    found[key] = {"array": numbers[0]}
             else:
                 found[key] = value
         return found
 
-    def _axis(self, time: np.ndarray) -> int:
-        """Number of a time axis in the table: milliseconds since 1970 of its first time, and steps from there."""
-        milliseconds = time.astype("datetime64[ms]").astype(np.int64)
-        key = milliseconds.tobytes()
-        if key not in self.times:
-            self.times[key] = len(self.axes)
-            first = int(milliseconds[0]) if milliseconds.size else 0
-            self.axes.append({"first": first, "steps": np.diff(milliseconds, prepend=first).tolist()})
-        return self.times[key]
+    def _kept(self, array: NDArray[Any]) -> int:
+        """Number of an array in the table."""
+        key = array.dtype.str, array.tobytes()
+        if key not in self.known:
+            self.known[key] = len(self.arrays)
+            self.arrays.append(times(array) if array.dtype.kind == "M" else steps(array))
+        return self.known[key]
 
     @property
     def packed(self) -> str:
-        """Figures, the template that they share, times and dark colours, packed."""
+        """Figures, the template that they share, arrays and dark colours, packed."""
         content = {
             "figures": self.figures,
             "template": TEMPLATE.to_plotly_json(),
-            "times": self.axes,
+            "arrays": self.arrays,
             "dark": DARK,
         }
         return pack(json.dumps(content, cls=PlotlyJSONEncoder, separators=(",", ":")))
+
+
+def times(values: NDArray[Any]) -> dict[str, Any]:
+    """Times: milliseconds since 1970 of the first, and steps from there."""
+    milliseconds = values.astype("datetime64[ms]").astype(np.int64)
+    first = int(milliseconds[0]) if milliseconds.size else 0
+    return {"first": first, "steps": np.diff(milliseconds, prepend=first).tolist()}
 
 
 def steps(values: NDArray[Any]) -> dict[str, Any]:
@@ -167,9 +176,15 @@ def steps(values: NDArray[Any]) -> dict[str, Any]:
     reach = float(np.ptp(present)) if present.size else 0.0
     # No more digits than a number of the script has.
     digits = min(FINE - math.floor(math.log10(reach or size)), 14 - math.floor(math.log10(size)))
-    whole = np.rint(present * 10.0**digits).astype(object)
+    whole = np.rint(present * 10.0**digits).astype(np.int64)
     taken = iter(np.diff(whole, prepend=0).tolist())
-    return {"digits": digits, "steps": [int(next(taken)) if here else None for here in known]}
+    return {"digits": digits, "steps": [next(taken) if here else None for here in known]}
+
+
+@cache
+def _plotly() -> str:
+    """The library that draws the figures, packed."""
+    return pack(get_plotlyjs())
 
 
 def pack(text: str) -> str:

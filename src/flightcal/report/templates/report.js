@@ -20,8 +20,8 @@
 
   let dark = {};
   let drawn = {};
-  let times = [];
-  const timesOf = ({ first, steps }) => {
+  let arrays = [];
+  const times = ({ first, steps }) => {
     let now = first;
     return steps.map((step) => new Date((now += step)).toISOString().slice(0, -1));
   };
@@ -30,15 +30,18 @@
     let now = 0;
     return steps.map((step) => (step === null ? null : ((now += step), digits < 0 ? now * scale : now / scale)));
   };
+  const array = (number) => {
+    const found = arrays[number];
+    return (found.values ??= found.digits === undefined ? times(found) : numbers(found));
+  };
 
   // Plotly reads a number on a time axis as local time and text as it stands: UTC, here.
   const prepared = (value, isDark) => {
     if (Array.isArray(value)) return value.map((item) => prepared(item, isDark));
     if (value !== null && typeof value === "object") {
-      if (Number.isInteger(value.time)) return times[value.time];
-      if (Number.isInteger(value.digits)) return numbers(value);
+      if (Number.isInteger(value.array)) return array(value.array);
       if (Array.isArray(value.columns)) {
-        const columns = value.columns.map(numbers);
+        const columns = value.columns.map(array);
         return columns[0].map((_, i) => columns.map((column) => column[i]));
       }
       return Object.fromEntries(Object.entries(value).map(([key, item]) => [key, prepared(item, isDark)]));
@@ -49,6 +52,7 @@
   const preference = matchMedia("(prefers-color-scheme: dark)");
   let chosen = null;
   const isDark = () => (chosen === null ? preference.matches : chosen === "dark");
+  const theme = () => (isDark() ? "dark" : "light");
 
   const draw = (plot) => {
     const { data, layout } = prepared(drawn.figures[plot.id], isDark());
@@ -72,26 +76,66 @@
       modeBarButtonsToRemove: ["sendChartToCloud", "select2d", "lasso2d", "autoScale2d"],
       toImageButtonOptions: { filename: plot.id, scale: 2 },
     };
-    return Plotly.react(plot, data, layout, config).then(() => (plot.dataset.drawn = "yes"));
+    plot.dataset.drawn = theme();
+    return Plotly.react(plot, data, layout, config);
   };
 
   const plots = [...document.querySelectorAll(".plot")];
-  // One after the other, so that the text can be read while the figures come.
-  const drawAll = async () => {
-    for (const plot of plots) {
+  const isFolded = (element) => element.closest("details:not([open])") !== null;
+  const waiting = () => plots.find((plot) => plot.dataset.drawn !== theme() && !isFolded(plot));
+  // One after the other, so that the text can be read while the figures come; what is folded, when it is opened.
+  const drawWaiting = async () => {
+    for (let plot = waiting(); plot; plot = waiting()) {
       await draw(plot);
       await new Promise((resolve) => setTimeout(resolve, 0));
     }
     document.documentElement.dataset.figures = "drawn";
   };
-  let drawing = Promise.resolve();
+  const ready = Promise.all([unpacked("plotly"), unpacked("drawn")]).then(([library, content]) => {
+    const script = document.createElement("script");
+    script.textContent = library;
+    document.head.append(script);
+    drawn = JSON.parse(content);
+    ({ arrays, dark } = drawn);
+  });
+  let drawing = ready;
   const redraw = () => {
-    document.documentElement.dataset.theme = isDark() ? "dark" : "light";
-    document.querySelectorAll("[data-colour]").forEach((mark) => {
-      mark.style.color = prepared(mark.dataset.colour, isDark());
-    });
-    drawing = drawing.then(drawAll);
+    document.documentElement.dataset.theme = theme();
+    drawing = drawing
+      .then(() => {
+        document.querySelectorAll("[data-colour]").forEach((mark) => {
+          mark.style.color = prepared(mark.dataset.colour, isDark());
+        });
+      })
+      .then(drawWaiting);
   };
+  ready.catch(() => document.querySelectorAll(".plot").forEach((plot) => {
+    plot.textContent = "This browser cannot draw the figures: any of 2023 or later can.";
+  }));
+  document.addEventListener("toggle", redraw, true);
+
+  // A link to what is folded opens it.
+  const reveal = () => {
+    const target = document.getElementById(decodeURIComponent(location.hash.slice(1)));
+    if (target === null || !isFolded(target)) return;
+    for (let parent = target; parent; parent = parent.parentElement?.closest("details:not([open])")) {
+      if (parent.tagName === "DETAILS") parent.open = true;
+    }
+    target.scrollIntoView();
+  };
+  addEventListener("hashchange", reveal);
+  document.addEventListener("click", (event) => {
+    if (event.target.closest?.("a[href^='#']")) setTimeout(reveal, 0);
+  });
+
+  // On paper everything is open.
+  let folded = [];
+  addEventListener("beforeprint", () => {
+    folded = [...document.querySelectorAll("main details:not([open])")];
+    folded.forEach((element) => (element.open = true));
+    if (window.Plotly) for (let plot = waiting(); plot; plot = waiting()) draw(plot);
+  });
+  addEventListener("afterprint", () => folded.forEach((element) => (element.open = false)));
 
   document.getElementById("theme").addEventListener("click", () => {
     chosen = isDark() ? "light" : "dark";
@@ -120,4 +164,5 @@
   document.querySelectorAll("main section").forEach((section) => spy.observe(section));
 
   redraw();
+  reveal();
 })();
