@@ -6,13 +6,12 @@ import numpy as np
 import pytest
 import xarray as xr
 
-from flightcal.report import panels
 from flightcal.report.panels import discrepancy
 from flightcal.report.panels.discrepancy import figure_discrepancy_in_phase, figure_discrepancy_in_time
 from flightcal.report.panels.parameters import window_values
 from flightcal.report.run_files import ParameterInfo
 
-from .synthetic_run import every_finding
+from .synthetic_run import every_finding, panels
 
 AMPLITUDE, LENGTH, PHASE = (
     "discrepancy.time.amplitude.battery_temperature",

@@ -191,7 +191,7 @@ def test_what_is_not_there_is_told_instead_of_judged(own_run):
         (own_run / name).unlink()
     run = read_run(own_run)
     states = {f.title: f.state for f in every_finding(run)}
-    assert states["Convergence is not known"] == "none"
+    assert states["The sampling did not finish"] == "bad"
     assert states["No scores"] == "none"
     assert states["The noise is not judged"] == "none"
     assert states["The run is not complete"] == "warn"

@@ -10,7 +10,7 @@ import pytest
 import xarray as xr
 
 from flightcal.errors import RunError
-from flightcal.report import write_report
+from flightcal.report import panels, write_report
 from flightcal.report.page import steps
 from flightcal.report.run_files import STAGES
 from flightcal.run import read_tree
@@ -18,10 +18,11 @@ from flightcal.run import read_tree
 from .packed import drawn, unpacked
 from .synthetic_run import names
 
-SECTIONS = [
-    "verdict", "scores", "before", "genetic", "densities", "prediction", "parameters", "pairs", "convergence",
-    "residuals", "reliability", "heaters", "telemetry", "provenance",
-]  # fmt: skip
+FIRST = ["verdict", "calibrated", "picture", "duty"]
+TRUST = ["why", "reliability", "residuals", "convergence", "parameters", "pairs", "heaters"]
+PUBLISHED = ["scores", "before", "genetic", "densities", "prediction"]
+RECORD = ["telemetry", "provenance"]
+SECTIONS = [*FIRST, *TRUST, *PUBLISHED, *RECORD]
 
 
 @pytest.fixture(scope="module")
@@ -63,14 +64,40 @@ def test_a_page_that_cannot_be_written_leaves_no_part_behind(slim_run, monkeypat
     assert not list(slim_run.glob(".*"))
 
 
-def test_sections_come_in_order_and_are_in_the_contents(page):
-    assert re.findall(r'<section id="(\w+)">', page) == SECTIONS
-    assert re.findall(r'<a href="#(\w+)">', page) == SECTIONS
+def sections(page):
+    return re.findall(r'<section id="(\w+)"', page)
+
+
+def test_sections_come_in_order_and_what_is_folded_has_links_that_are_seen(page):
+    assert sections(page) == SECTIONS
+    parts = re.findall(r'<details class="part" id="(\w+)">(.*?)</summary>', page, re.S)
+    links = {name: re.findall(r'<a href="#(\w+)">', summary) for name, summary in parts}
+    assert links == {"trust": TRUST, "published": PUBLISHED, "record": RECORD}
+
+
+def test_what_is_not_of_the_first_screen_is_folded(page):
+    assert sections(re.sub(r"<details.*?</details>", "", page, flags=re.S))[: len(FIRST)] == FIRST
+    assert page.index('<details class="part"') > page.index('id="duty"')
+    assert "<details open" not in page
 
 
 def test_every_panel_has_its_place_in_the_order():
     files = {file.stem for file in Path(sys.modules["flightcal.report.panels"].__file__).parent.glob("[!_]*.py")}
-    assert sorted(sys.modules["flightcal.report.panels"].ORDER) == sorted(files)
+    placed = [*panels.FIRST, *(name for *_, names in panels.PARTS for name in names)]
+    assert sorted(placed) == sorted(files)
+
+
+def test_every_link_inside_the_page_has_a_target(page):
+    assert set(re.findall(r'href="#([\w-]+)"', page)) <= set(re.findall(r' id="([\w-]+)"', page))
+
+
+def test_files_to_load_are_named_by_where_they_are_beside_the_page(slim_run, tmp_path):
+    for name in ("parameters.csv", "calibrated.yaml"):
+        (slim_run / name).write_text("", encoding="utf-8")
+    links = re.findall(r'<a href="([^#"]+)">', write_report(slim_run).read_text(encoding="utf-8"))
+    assert links == ["calibrated.yaml", "parameters.csv"]
+    elsewhere = write_report(slim_run, tmp_path / "else.html").read_text(encoding="utf-8")
+    assert not re.findall(r'<a href="([^#"]+)">', elsewhere)
 
 
 def test_nothing_is_fetched_and_nothing_can_be_sent(page):
@@ -97,7 +124,7 @@ def test_the_papers_six_figures_are_there(page):
 def test_every_place_has_a_figure_and_every_figure_a_place(page):
     places = re.findall(r'class="plot" id="(figure-\d+)"', page)
     assert places == list(figures(page))
-    assert len(places) == 31
+    assert len(places) == 32
 
 
 def test_arrays_are_shared_and_complete(page):
@@ -164,7 +191,7 @@ def test_a_run_without_a_file_is_reported_and_the_file_named(slim_run, missing):
     page = without_scripts(write_report(slim_run).read_text(encoding="utf-8"))
     assert f"({missing})" in page
     assert "The run is not complete" in page
-    assert re.findall(r'<section id="(\w+)">', page) == SECTIONS
+    assert sections(page) == SECTIONS
 
 
 @pytest.mark.parametrize("kept", ["genetic.nc", "posterior.nc", "prediction.nc", "scenario.yaml"])
@@ -173,7 +200,7 @@ def test_a_run_with_one_file_alone_is_reported(slim_run, kept):
         if name != kept:
             (slim_run / name).unlink()
     page = write_report(slim_run).read_text(encoding="utf-8")
-    assert re.findall(r'<section id="(\w+)">', page) == SECTIONS
+    assert sections(page) == SECTIONS
 
 
 def test_a_run_of_the_genetic_algorithm_alone_has_its_figures(own_run):

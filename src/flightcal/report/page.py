@@ -21,9 +21,9 @@ from plotly.offline import get_plotlyjs
 from plotly.utils import PlotlyJSONEncoder
 
 from ..run import write_text
-from .block import Section
+from .block import Part, Section
 from .findings import Finding
-from .panels import panels
+from .panels import first_screen, parts
 from .run_files import RunFiles, read_run
 from .style import DARK, TEMPLATE
 from .verdict import Verdict, verdict_of
@@ -42,17 +42,19 @@ def write_report(run: Path, output: Path | None = None) -> Path:
     """
     files_of_run = read_run(Path(run))
     output = Path(output) if output is not None else Path(run) / "report.html"
-    write_text(output, render(files_of_run))
+    beside = output.absolute().parent == Path(run).absolute()
+    write_text(output, render(files_of_run, beside=beside))
     return output
 
 
-def render(run: RunFiles) -> str:
-    """The page of a run as text."""
+def render(run: RunFiles, *, beside: bool = True) -> str:
+    """The page of a run as text; beside: it will lie in the run's folder, so that it can link to its files."""
     created = str((run.provenance or {}).get("created", ""))
     judged = verdict_of(run)
     return compose(
-        "flightcal report", _scenario_name(run), run.folder, created, judged.beside, panels(run), judged=judged
-    )
+        "flightcal report", _scenario_name(run), run.folder, created, judged.beside, first_screen(run),
+        judged=judged, folded=parts(run), beside=beside,
+    )  # fmt: skip
 
 
 def compose(
@@ -64,10 +66,14 @@ def compose(
     content: Sequence[Section],
     *,
     judged: Verdict | None = None,
+    folded: Sequence[Part] = (),
+    beside: bool = True,
 ) -> str:
     """A page as text: what kind of page it is, the scenario's name, the run's folder and time, findings and sections.
 
-    judged: the verdict on a calibration, which stands before everything else.
+    judged: the verdict on a calibration, which stands before everything else; its findings, and `findings` beside
+    them, begin the first of the parts. folded: what stands under the sections. beside: its files lie where the
+    page does.
     """
     drawn = _Drawn()
     environment = jinja2.Environment(
@@ -86,6 +92,8 @@ def compose(
         findings=findings,
         verdict=judged,
         sections=content,
+        parts=folded,
+        beside=beside,
         figure_id=drawn.add,
         drawn=drawn,
         css=(templates / "report.css").read_text(encoding="utf-8"),

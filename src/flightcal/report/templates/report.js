@@ -121,7 +121,7 @@
     for (let parent = target; parent; parent = parent.parentElement?.closest("details:not([open])")) {
       if (parent.tagName === "DETAILS") parent.open = true;
     }
-    target.scrollIntoView();
+    target.scrollIntoView({ behavior: "instant" });
   };
   addEventListener("hashchange", reveal);
   document.addEventListener("click", (event) => {
@@ -143,25 +143,27 @@
   });
   preference.addEventListener("change", redraw);
 
+  // Other pages than a run's have their contents at the side.
   const contents = document.getElementById("contents");
-  const narrow = matchMedia("(max-width: 1000px)");
-  const fold = () => (contents.open = !narrow.matches);
-  narrow.addEventListener("change", fold);
-  contents.addEventListener("click", (event) => {
-    if (event.target.tagName === "A" && narrow.matches) contents.open = false;
-  });
-  fold();
-
-  const links = new Map([...document.querySelectorAll("nav a")].map((link) => [link.hash.slice(1), link]));
-  const spy = new IntersectionObserver(
-    (entries) => {
-      for (const { target, isIntersecting } of entries) {
-        links.get(target.id)?.classList.toggle("here", isIntersecting);
-      }
-    },
-    { rootMargin: "-20% 0px -70% 0px" },
-  );
-  document.querySelectorAll("main section").forEach((section) => spy.observe(section));
+  if (contents !== null) {
+    const narrow = matchMedia("(max-width: 1000px)");
+    const fold = () => (contents.open = !narrow.matches);
+    narrow.addEventListener("change", fold);
+    contents.addEventListener("click", (event) => {
+      if (event.target.tagName === "A" && narrow.matches) contents.open = false;
+    });
+    fold();
+    const links = new Map([...document.querySelectorAll("nav a")].map((link) => [link.hash.slice(1), link]));
+    const spy = new IntersectionObserver(
+      (entries) => {
+        for (const { target, isIntersecting } of entries) {
+          links.get(target.id)?.classList.toggle("here", isIntersecting);
+        }
+      },
+      { rootMargin: "-20% 0px -70% 0px" },
+    );
+    document.querySelectorAll("main section").forEach((section) => spy.observe(section));
+  }
 
   redraw();
   reveal();
