@@ -30,6 +30,8 @@ const find = setInterval(() => {
     const opened = [...document.querySelectorAll("details.part[open]")].map((own) => own.id);
     const top = document.getElementById("convergence").getBoundingClientRect().top;
     const found = { width: innerWidth, folded, first, opened, top, drawn: drawn(), cut: cut() };
+    dispatchEvent(new Event("beforeprint"));
+    found.paper = [drawn(), document.querySelectorAll("main details:not([open])").length];
     parent.postMessage(JSON.stringify(found), "*");
   }, 20000);
 }, 200);
@@ -105,3 +107,4 @@ def test_on_a_phone_nothing_is_cut_off_and_what_is_folded_is_drawn_when_a_link_o
     assert abs(found["top"]) < 200
     assert 1 < found["drawn"] < page.count('class="plot"')
     assert found["cut"] == []
+    assert found["paper"] == [page.count('class="plot"'), 0]

@@ -128,14 +128,23 @@
     if (event.target.closest?.("a[href^='#']")) setTimeout(reveal, 0);
   });
 
-  // On paper everything is open.
+  // On paper everything is open, and figures are as wide as it.
   let folded = [];
+  const fit = (layout) => {
+    for (const plot of plots) if (plot.dataset.drawn) Plotly.relayout(plot, layout(plot));
+  };
   addEventListener("beforeprint", () => {
     folded = [...document.querySelectorAll("main details:not([open])")];
     folded.forEach((element) => (element.open = true));
+    document.documentElement.classList.add("paper");
     if (window.Plotly) for (let plot = waiting(); plot; plot = waiting()) draw(plot);
+    fit((plot) => ({ width: plot.clientWidth, autosize: false }));
   });
-  addEventListener("afterprint", () => folded.forEach((element) => (element.open = false)));
+  addEventListener("afterprint", () => {
+    document.documentElement.classList.remove("paper");
+    folded.forEach((element) => (element.open = false));
+    fit(() => ({ width: null, autosize: true }));
+  });
 
   document.getElementById("theme").addEventListener("click", () => {
     chosen = isDark() ? "light" : "dark";
