@@ -21,3 +21,8 @@ def unpacked(page: str, name: str) -> str:
 def drawn(page: str) -> dict[str, Any]:
     """Figures by their place, arrays by number, template and colours."""
     return json.loads(unpacked(page, "drawn"))
+
+
+def without_scripts(page: str) -> str:
+    """What a page says in words."""
+    return re.sub(r"<script.*?</script>", "", page, flags=re.S)

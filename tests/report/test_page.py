@@ -15,7 +15,7 @@ from flightcal.report.page import steps
 from flightcal.report.run_files import STAGES
 from flightcal.run import read_tree
 
-from .packed import drawn, unpacked
+from .packed import drawn, unpacked, without_scripts
 from .synthetic_run import names
 
 FIRST = ["verdict", "calibrated", "picture", "duty"]
@@ -28,10 +28,6 @@ SECTIONS = [*FIRST, *TRUST, *PUBLISHED, *RECORD]
 @pytest.fixture(scope="module")
 def page(run_directory, tmp_path_factory):
     return write_report(run_directory, tmp_path_factory.mktemp("page") / "page.html").read_text(encoding="utf-8")
-
-
-def without_scripts(page):
-    return re.sub(r"<script.*?</script>", "", page, flags=re.S)
 
 
 def figures(page):

@@ -8,7 +8,7 @@ import math
 import zlib
 from collections.abc import Sequence
 from dataclasses import dataclass, field
-from functools import cache
+from functools import cache, partial
 from importlib.resources import files
 from pathlib import Path
 from typing import Any, Final
@@ -16,6 +16,7 @@ from typing import Any, Final
 import jinja2
 import numpy as np
 import plotly.graph_objects as go
+from markupsafe import Markup
 from numpy.typing import NDArray
 from plotly.offline import get_plotlyjs
 from plotly.utils import PlotlyJSONEncoder
@@ -26,6 +27,7 @@ from .findings import Finding
 from .panels import first_screen, parts
 from .run_files import RunFiles, read_run
 from .style import DARK, TEMPLATE
+from .text import without_paths
 from .verdict import Verdict, verdict_of
 
 FINE: Final = 4
@@ -54,6 +56,7 @@ def render(run: RunFiles, *, beside: bool = True) -> str:
     return compose(
         "flightcal report", _scenario_name(run), run.folder, created, judged.beside, first_screen(run),
         judged=judged, folded=parts(run), beside=beside,
+        paths=list((run.provenance or {}).get("inputs") or {}),
     )  # fmt: skip
 
 
@@ -68,12 +71,13 @@ def compose(
     judged: Verdict | None = None,
     folded: Sequence[Part] = (),
     beside: bool = True,
+    paths: Sequence[str] = (),
 ) -> str:
     """A page as text: what kind of page it is, the scenario's name, the run's folder and time, findings and sections.
 
     judged: the verdict on a calibration, which stands before everything else; its findings, and `findings` beside
     them, begin the first of the parts. folded: what stands under the sections. beside: its files lie where the
-    page does.
+    page does. paths: files that are told by their names alone.
     """
     drawn = _Drawn()
     environment = jinja2.Environment(
@@ -82,6 +86,7 @@ def compose(
         trim_blocks=True,
         lstrip_blocks=True,
         undefined=jinja2.StrictUndefined,
+        finalize=partial(_told, paths=[*paths, str(folder.resolve()), str(Path.home())]),
     )
     templates = files("flightcal.report") / "templates"
     return environment.get_template("report.html").render(
@@ -98,8 +103,13 @@ def compose(
         drawn=drawn,
         css=(templates / "report.css").read_text(encoding="utf-8"),
         script=(templates / "report.js").read_text(encoding="utf-8"),
-        plotly=_plotly(),
+        plotly=Markup(_plotly()),
     )
+
+
+def _told(value: object, paths: Sequence[str]) -> object:
+    """A value of the template: text names no place on the machine that made the page."""
+    return without_paths(value, paths) if isinstance(value, str) and not isinstance(value, Markup) else value
 
 
 def _scenario_name(run: RunFiles) -> str:
