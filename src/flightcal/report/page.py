@@ -24,6 +24,7 @@ from plotly.utils import PlotlyJSONEncoder
 from ..run import write_text
 from .block import Part, Section
 from .findings import Finding
+from .masking import REMARK, masked
 from .panels import first_screen, parts
 from .run_files import RunFiles, read_run
 from .style import DARK, TEMPLATE
@@ -36,26 +37,32 @@ HARMLESS: Final = str.maketrans("<>&", ",.:")
 """Characters of base 85 that mean something in HTML, and those that stand for them."""
 
 
-def write_report(run: Path, output: Path | None = None) -> Path:
+def write_report(run: Path, output: Path | None = None, *, mask: bool = False) -> Path:
     """Writes a run directory as one self-contained HTML page, `report.html` in it unless `output` says otherwise.
 
+    mask: with neutral names and without absolute temperatures, to be passed on; `masked.html` in the run.
     Reads only the run directory; what is not there is named on the page. Returns the page's path.
     Raises RunError where `run` is no run directory or a file in it is damaged.
     """
     files_of_run = read_run(Path(run))
-    output = Path(output) if output is not None else Path(run) / "report.html"
+    if mask:
+        files_of_run = masked(files_of_run)
+    output = Path(output) if output is not None else Path(run) / ("masked.html" if mask else "report.html")
     beside = output.absolute().parent == Path(run).absolute()
-    write_text(output, render(files_of_run, beside=beside))
+    write_text(output, render(files_of_run, beside=beside, remark=REMARK if mask else ""))
     return output
 
 
-def render(run: RunFiles, *, beside: bool = True) -> str:
-    """The page of a run as text; beside: it will lie in the run's folder, so that it can link to its files."""
+def render(run: RunFiles, *, beside: bool = True, remark: str = "") -> str:
+    """The page of a run as text; beside: it will lie in the run's folder, so that it can link to its files.
+
+    remark: what a reader has to know before all else.
+    """
     created = str((run.provenance or {}).get("created", ""))
     judged = verdict_of(run)
     return compose(
         "flightcal report", _scenario_name(run), run.folder, created, judged.beside, first_screen(run),
-        judged=judged, folded=parts(run), beside=beside,
+        judged=judged, folded=parts(run), beside=beside, remark=remark,
         paths=list((run.provenance or {}).get("inputs") or {}),
     )  # fmt: skip
 
@@ -72,6 +79,7 @@ def compose(
     folded: Sequence[Part] = (),
     beside: bool = True,
     paths: Sequence[str] = (),
+    remark: str = "",
 ) -> str:
     """A page as text: what kind of page it is, the scenario's name, the run's folder and time, findings and sections.
 
@@ -99,6 +107,7 @@ def compose(
         sections=content,
         parts=folded,
         beside=beside,
+        remark=remark,
         figure_id=drawn.add,
         drawn=drawn,
         css=(templates / "report.css").read_text(encoding="utf-8"),

@@ -111,9 +111,14 @@ def window_canvas(
     named = [(titles or {}).get(name, name) for name in plots]
     figure = time_canvas(named, [heights.channel] * len(channels) + [heights.heater] * len(heaters), heights.gap)
     for row in range(1, len(channels) + 1):
-        figure.update_yaxes(title_text="temperature, °C", row=row)
+        figure.update_yaxes(title_text=f"temperature, {degrees(prediction)}", row=row)
     shade_eclipse(figure, prediction, len(plots))
     return figure, {name: row for row, name in enumerate(plots, start=1)}
+
+
+def degrees(prediction: xr.Dataset) -> str:
+    """The unit in which its temperatures are shown: K where an offset is taken off them that is not told."""
+    return "K" if "masked" in prediction.attrs else "°C"
 
 
 def column(prediction: xr.Dataset, variable: str, channel: str, method: str | None = None) -> NDArray[np.float64]:
@@ -143,7 +148,7 @@ def draw_telemetry(figure: go.Figure, prediction: xr.Dataset, channel: str, row:
         scatter(
             figure, row, time[chosen], observed[chosen], name, mode="markers",
             marker={"color": TELEMETRY, "size": 3.5, "symbol": symbol, "line": {"width": 1}},
-            hovertemplate="%{y:.2f} °C",
+            hovertemplate=f"%{{y:.2f}} {degrees(prediction)}",
         )  # fmt: skip
 
 
@@ -156,7 +161,8 @@ def _line(figure: go.Figure, prediction: xr.Dataset, name: str, channel: str, ro
     mean = column(prediction, "mean", channel, name)
     time, (mean,) = break_lines(prediction["time"].values, extremes([mean], 3 * bins), [mean])
     scatter(
-        figure, row, time, mean, method(name).title, mode="lines", hovertemplate="%{y:.2f} °C",
+        figure, row, time, mean, method(name).title, mode="lines",
+        hovertemplate=f"%{{y:.2f}} {degrees(prediction)}",
         line={"color": method(name).colour, "width": 1.8, "dash": dash},
     )  # fmt: skip
 

@@ -21,6 +21,7 @@ from ..windows import (
     HEIGHTS,
     Heights,
     column,
+    degrees,
     draw_status,
     draw_telemetry,
     names,
@@ -107,5 +108,5 @@ def _stochastic(figure: go.Figure, prediction: xr.Dataset, channel: str, row: in
     scatter(
         figure, row, time, mean, "stochastic mean", mode="lines", line={"color": STOCHASTIC, "width": 1.8},
         customdata=np.stack([lower, upper], axis=1).astype(np.float32),
-        hovertemplate="%{y:.2f} °C (%{customdata[0]:.2f} to %{customdata[1]:.2f})",
+        hovertemplate=f"%{{y:.2f}} {degrees(prediction)} (%{{customdata[0]:.2f}} to %{{customdata[1]:.2f}})",
     )  # fmt: skip
