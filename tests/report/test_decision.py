@@ -104,7 +104,7 @@ USE, LIMITS, NOT = "Use it.", "Use it for ", "Do not use it."
     ("kind", "decision", "words", "then"),
     [
         (good, USE, "Intervals hold on “test”, in every channel", "flightcal backtest"),
-        (bad_model, NOT, "The assumption of iid noise is contradicted", "Leave `heat` and `noise` out"),
+        (bad_model, NOT, "The assumption of independent noise is contradicted", "Leave `heat` and `noise` out"),
         (not_converged, NOT, "The chains have not converged", "Raise the acceptance"),
         (interrupted, NOT, "The run was interrupted", "The same command takes up where it stopped."),
         (cut_off, NOT, "The sampling did not finish", "Run the same command again"),
@@ -157,6 +157,8 @@ def test_without_a_prediction_it_is_said_in_the_picture_s_place(run):
     words, _ = first_screen(cut_off(run))
     assert "no prediction with an interval" in words["picture"]
     assert "no calibrated numbers: sampling did not finish" in words["calibrated"]
+    assert "No duty cycle is predicted" in words["duty"]
+    assert "Nothing is predicted" in words["verdict"]
 
 
 def test_heaters_are_told_predicted_and_measured(run):

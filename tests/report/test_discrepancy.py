@@ -138,7 +138,7 @@ def test_correlated_residuals_are_no_fault_of_ar1_noise_whose_innovations_are_wh
     text = words(section(own, "residuals").blocks)
     assert "iid" not in text
     assert "no channel contradicts AR(1) noise" in text
-    iid = finding(run, "iid noise is contradicted")
+    iid = finding(run, "independent noise is contradicted")
     assert "payload_temperature" in iid.text
 
 

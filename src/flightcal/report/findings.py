@@ -287,7 +287,7 @@ def noise(run: RunFiles) -> Finding:
     else:
         lacking = " and that this noise does not describe. No interval in this report contains this model discrepancy."
     contradicted = f"In “{window}” the {tested} of {channels(against, of_window)} contradict {assumed}."
-    title = f"The assumption of {'iid noise' if plain else listed(noises(against))} is contradicted"
+    title = f"The assumption of {'independent noise' if plain else listed(noises(against))} is contradicted"
     text = (
         f"{contradicted} Intervals of the "
         f"parameters are too narrow by up to about a factor of {number(worst.factor, 2)} ({worst.channel}, lag-1 "
@@ -333,6 +333,8 @@ def heat(run: RunFiles) -> list[Finding]:
 def holding(run: RunFiles) -> Finding:
     """Whether intervals hold on windows that were not trained on, all channels and windows together."""
     judged = holdings(run)
+    if not run.windows:
+        return Finding("none", "Nothing is predicted", "There is no prediction in this run (prediction.nc).")
     if not judged:
         text = "The scenario has no window that was not trained on: nothing says how well it predicts unseen telemetry."
         then = "Add a window: windows: {test: {start: ..., end: ...}}"

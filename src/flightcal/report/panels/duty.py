@@ -38,8 +38,8 @@ def panel(run: RunFiles) -> list[Block]:
     """Duty cycles predicted and measured."""
     found = duties(run)
     if not found:
-        lacks = any(window.sizes.get("heater", 0) for window in run.windows.values())
-        return [block.note("No duty cycle is predicted on unseen telemetry." if lacks else "There are no heaters.")]
+        none = run.windows and not any(window.sizes.get("heater", 0) for window in run.windows.values())
+        return [block.note("There are no heaters." if none else "No duty cycle is predicted on unseen telemetry.")]
     words = (
         "Duty cycle: the share of the time that a heater is on. Outside: too far off for a right model, all heaters "
         "together."
