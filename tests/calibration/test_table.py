@@ -8,7 +8,7 @@ import pytest
 from flightcal.calibration import Calibrated, Posterior, calibrated, html_table
 from flightcal.calibration.table import correlation
 from flightcal.problem import Entry
-from flightcal.scenario import Normal, Uniform, written_unit
+from flightcal.scenario import LogNormal, Normal, Uniform, written_unit
 
 
 class Theta:
@@ -63,6 +63,14 @@ def test_the_data_s_share_is_what_they_take_from_the_prior_s_variance(rows):
 def test_a_posterior_wider_than_its_prior_has_nothing_from_the_data():
     given = draws(np.random.default_rng(1).normal(0.6, 0.4, 2000))
     assert calibrated(Theta(LINK), given)[0].from_data == 0.0
+
+
+def test_a_posterior_far_out_in_a_wide_prior_has_much_from_the_data_however_wide_it_is_in_its_unit():
+    capacity = Entry("capacity", "J/K", LogNormal(median=350.0, factor=1.5), "parameter", sets=("nodes.a.capacity",))
+    given = draws(1840.0 * np.exp(0.15 * np.random.default_rng(1).standard_normal(4000)))
+    own = calibrated(Theta(capacity), given)[0]
+    assert own.deviation > (own.before_upper - own.before_lower) / 4
+    assert own.from_data == pytest.approx(1.0 - (0.15 / np.log(1.5)) ** 2, abs=0.02)
 
 
 def test_correlations_are_those_of_the_draws():

@@ -1,5 +1,6 @@
 """What a user sees of a long run."""
 
+from dataclasses import replace
 from io import StringIO
 from pathlib import Path
 
@@ -7,6 +8,7 @@ import pytest
 from rich.console import Console
 
 from flightcal import progress
+from flightcal.calibration import Calibrated
 from flightcal.commands.calibrate import Summary
 from flightcal.commands.display import display, print_beside, print_summary, unseen_in_words
 from flightcal.prediction import ANY, Metric, Unseen
@@ -111,6 +113,22 @@ def test_a_summary_has_the_ratio_and_the_coverage_of_every_channel_and_how_many_
         ["test", "all", "0.25", "0.2", "0.8", "75.0%", "0.3 K"],
     ]
     assert "genetic algorithm: 7 of 10 runs converged" in lines
+
+
+def test_a_summary_ends_with_the_verdict_the_parameters_and_the_page_as_the_page_begins():
+    link = Calibrated("link", "parameter", "W/K", 0.6, 0.36, 1.0, 0.65, 0.65, 0.03, 0.59, 0.71, 0.97)
+    noise = replace(link, name="noise.tank", kind="noise")
+    metrics = (Metric("stochastic", "test", "all", "rmse", 0.2, "K"),)
+    lines = printed(print_summary, replace(summary(Path("run"), metrics), parameters=(link, noise)))
+
+    verdict = lines.index("Use it.")
+    scores = max(k for k, line in enumerate(lines) if "RMSE and interval" in line)
+    row = next(k for k, line in enumerate(lines) if "link, W/K" in line)
+    assert scores < verdict < row < lines.index(f"report: {Path('run/report.html')}") == len(lines) - 1
+    assert [cell.strip() for cell in lines[row].split("\u2502")[1:-1]] == [
+        "link, W/K", "0.600 [0.360, 1.00]", "0.650 [0.590, 0.710]", "97.0%",
+    ]  # fmt: skip
+    assert not any("noise.tank" in line for line in lines)
 
 
 def test_the_published_method_stands_beside_the_default():

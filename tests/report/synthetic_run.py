@@ -14,7 +14,8 @@ import xarray as xr
 
 from flightcal.prediction import replicate
 from flightcal.prediction.metrics import crps_of_draws, probability_below
-from flightcal.report import Finding, RunFiles, verdict_of
+from flightcal.report import Finding, RunFiles, Section, verdict_of
+from flightcal.report.panels import first_screen, parts
 
 CHANNELS = ["panel_temperature", "battery_temperature", "payload_temperature"]
 HEATERS = ["battery_heater", "payload_heater"]
@@ -80,6 +81,11 @@ def every_finding(run: RunFiles) -> list[Finding]:
     """All that the verdict on a run says, in order."""
     judged = verdict_of(run)
     return [*(found for answer in judged.answers for found in answer.findings), *judged.beside]
+
+
+def panels(run: RunFiles) -> list[Section]:
+    """All sections of its page, those of the first screen first."""
+    return [*first_screen(run), *(section for part in parts(run) for section in part.sections)]
 
 
 def write_synthetic_run(folder: Path, seed: int = 1, orbits: float = 2.0, draws: int = 250) -> Path:

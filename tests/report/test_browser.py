@@ -1,5 +1,7 @@
-"""The page in a real browser, offline: no error on the console, every figure drawn."""
+"""The page in a real browser, offline: nothing said on the console, every figure drawn, nothing cut off."""
 
+import html
+import json
 import re
 import shutil
 import subprocess
@@ -11,6 +13,32 @@ from flightcal.report import write_report
 BROWSER = next(filter(None, map(shutil.which, ("chromium", "chromium-browser", "google-chrome"))), None)
 
 pytestmark = pytest.mark.skipif(BROWSER is None, reason="no chromium on this machine (make chromium)")
+
+PROBE = """<script>
+const cut = () => [...document.querySelectorAll("main *, header *")].filter((own) => {
+  const box = own.getBoundingClientRect();
+  return box.width > 0 && box.right > innerWidth + 1 && own.closest(".scroll, .wide, pre, .plot") === null;
+}).map((own) => own.outerHTML.slice(0, 80));
+const folded = document.documentElement.scrollHeight;
+const find = setInterval(() => {
+  if (document.documentElement.dataset.figures !== "drawn") return;
+  clearInterval(find);
+  const drawn = () => document.querySelectorAll(".plot[data-drawn]").length;
+  const first = { drawn: drawn(), cut: cut(), sideways: document.documentElement.scrollWidth > innerWidth };
+  document.querySelector('a[href="#convergence"]').click();
+  setTimeout(() => {
+    const opened = [...document.querySelectorAll("details.part[open]")].map((own) => own.id);
+    const top = document.getElementById("convergence").getBoundingClientRect().top;
+    const found = { width: innerWidth, folded, first, opened, top, drawn: drawn(), cut: cut() };
+    dispatchEvent(new Event("beforeprint"));
+    found.paper = [drawn(), document.querySelectorAll("main details:not([open])").length];
+    parent.postMessage(JSON.stringify(found), "*");
+  }, 20000);
+}, 200);
+</script>"""
+PHONE = """<!DOCTYPE html><title></title><body style="margin: 0">
+<iframe src="probed.html" style="border: 0; width: 390px; height: 844px"></iframe>
+<script>addEventListener("message", (event) => (document.title = event.data));</script>"""
 
 
 def dump(page, profile, *flags: str) -> tuple[str, list[str]]:
@@ -27,10 +55,11 @@ def dump(page, profile, *flags: str) -> tuple[str, list[str]]:
 
 @pytest.fixture(scope="module")
 def opened(run_directory, tmp_path_factory):
-    """One look at the page, far from UTC: starting the browser takes most of the time."""
+    """One look at the page with all of it open, far from UTC: starting the browser takes most of the time."""
     folder = tmp_path_factory.mktemp("browser")
     # No name resolves: what is not in the file cannot come.
     page = write_report(run_directory, folder / "page.html")
+    page.write_text(page.read_text(encoding="utf-8").replace("<details", "<details open"), encoding="utf-8")
     with pytest.MonkeyPatch.context() as patch:
         patch.setenv("TZ", "Pacific/Auckland")
         return dump(page, folder / "profile", "--host-resolver-rules=MAP * ~NOTFOUND")
@@ -43,8 +72,8 @@ def test_nothing_is_said_on_the_console(opened):
 def test_every_figure_is_drawn(opened):
     elements = opened[0]
     places = elements.count('class="plot js-plotly-plot"')
-    assert places == 31
-    assert elements.count('data-drawn="yes"') == places
+    assert places == 32
+    assert elements.count('data-drawn="light"') == places
     assert 'data-figures="drawn"' in elements
     assert len(re.findall(r'class="xaxislayer-above|class="xlines-above', elements)) >= places
 
@@ -63,3 +92,19 @@ def test_the_time_axis_is_utc_wherever_the_reader_is(opened):
 def test_no_button_can_send_a_chart_away(opened):
     titles = set(re.findall(r'data-title="([^"]*)"', opened[0]))
     assert titles == {"Download plot as a PNG", "Zoom", "Pan", "Zoom in", "Zoom out", "Reset axes"}
+
+
+def test_on_a_phone_nothing_is_cut_off_and_what_is_folded_is_drawn_when_a_link_opens_it(slim_directory, tmp_path):
+    page = write_report(slim_directory, tmp_path / "page.html").read_text(encoding="utf-8")
+    (tmp_path / "probed.html").write_text(page.replace("</body>", f"{PROBE}</body>"), encoding="utf-8")
+    (tmp_path / "phone.html").write_text(PHONE, encoding="utf-8")
+    elements, _ = dump(tmp_path / "phone.html", tmp_path / "profile")
+    found = json.loads(html.unescape(re.search("<title>(.*?)</title>", elements).group(1)))
+    assert found["width"] == 390
+    assert found["folded"] < 4 * 844
+    assert found["first"] == {"drawn": 1, "cut": [], "sideways": False}
+    assert found["opened"] == ["trust"]
+    assert abs(found["top"]) < 200
+    assert 1 < found["drawn"] < page.count('class="plot"')
+    assert found["cut"] == []
+    assert found["paper"] == [page.count('class="plot"'), 0]

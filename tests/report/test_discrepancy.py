@@ -6,13 +6,12 @@ import numpy as np
 import pytest
 import xarray as xr
 
-from flightcal.report import panels
 from flightcal.report.panels import discrepancy
 from flightcal.report.panels.discrepancy import figure_discrepancy_in_phase, figure_discrepancy_in_time
 from flightcal.report.panels.parameters import window_values
 from flightcal.report.run_files import ParameterInfo
 
-from .synthetic_run import every_finding
+from .synthetic_run import every_finding, panels
 
 AMPLITUDE, LENGTH, PHASE = (
     "discrepancy.time.amplitude.battery_temperature",
@@ -139,7 +138,7 @@ def test_correlated_residuals_are_no_fault_of_ar1_noise_whose_innovations_are_wh
     text = words(section(own, "residuals").blocks)
     assert "iid" not in text
     assert "no channel contradicts AR(1) noise" in text
-    iid = finding(run, "iid noise is contradicted")
+    iid = finding(run, "independent noise is contradicted")
     assert "payload_temperature" in iid.text
 
 

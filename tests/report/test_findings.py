@@ -69,7 +69,7 @@ def test_the_best_genetic_run_is_told_when_it_beats_the_stochastic_update(run):
 
 def test_it_is_said_that_intervals_leave_out_discrepancy(run):
     assert "not model discrepancy" in about(run, "On unseen telemetry").text
-    assert "No interval in this report contains this model discrepancy" in about(run, "iid noise").text
+    assert "No interval in this report contains this model discrepancy" in about(run, "independent noise").text
 
 
 def test_scores_of_chains_that_have_not_converged_are_no_good_news(run):
@@ -98,7 +98,7 @@ def test_the_share_inside_the_interval_of_all_channels_is_told_and_judges_nothin
 
 
 def test_residuals_that_contradict_iid_noise_are_told_by_channel_with_the_factor(run):
-    finding = about(run, "iid noise is contradicted")
+    finding = about(run, "independent noise is contradicted")
     assert finding.state == "bad"
     assert "battery_temperature and payload_temperature" in finding.text
     assert "too narrow by up to about a factor of 7" in finding.text
@@ -191,7 +191,7 @@ def test_what_is_not_there_is_told_instead_of_judged(own_run):
         (own_run / name).unlink()
     run = read_run(own_run)
     states = {f.title: f.state for f in every_finding(run)}
-    assert states["Convergence is not known"] == "none"
+    assert states["The sampling did not finish"] == "bad"
     assert states["No scores"] == "none"
     assert states["The noise is not judged"] == "none"
     assert states["The run is not complete"] == "warn"

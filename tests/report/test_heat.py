@@ -7,11 +7,10 @@ import numpy as np
 import pytest
 import xarray as xr
 
-from flightcal.report import panels
 from flightcal.report.panels import convergence, heat, parameters, prediction, scores
 from flightcal.report.run_files import read_run
 
-from .synthetic_run import every_finding
+from .synthetic_run import every_finding, panels
 
 NODES = ["panel", "battery", "payload"]
 FLOW = [50.0, 10.0, 8.0]

@@ -10,16 +10,19 @@ import pytest
 import xarray as xr
 
 from flightcal.errors import RunError
-from flightcal.report import write_report
+from flightcal.report import panels, write_report
+from flightcal.report.page import steps
 from flightcal.report.run_files import STAGES
 from flightcal.run import read_tree
 
+from .packed import drawn, unpacked, without_scripts
 from .synthetic_run import names
 
-SECTIONS = [
-    "verdict", "scores", "before", "genetic", "densities", "prediction", "parameters", "pairs", "convergence",
-    "residuals", "reliability", "heaters", "telemetry", "provenance",
-]  # fmt: skip
+FIRST = ["verdict", "calibrated", "picture", "duty"]
+TRUST = ["why", "reliability", "residuals", "convergence", "parameters", "pairs", "heaters"]
+PUBLISHED = ["scores", "before", "genetic", "densities", "prediction"]
+RECORD = ["telemetry", "provenance"]
+SECTIONS = [*FIRST, *TRUST, *PUBLISHED, *RECORD]
 
 
 @pytest.fixture(scope="module")
@@ -27,17 +30,8 @@ def page(run_directory, tmp_path_factory):
     return write_report(run_directory, tmp_path_factory.mktemp("page") / "page.html").read_text(encoding="utf-8")
 
 
-def without_scripts(page):
-    return re.sub(r"<script.*?</script>", "", page, flags=re.S)
-
-
 def figures(page):
-    return {
-        name: json.loads(text)
-        for name, text in re.findall(
-            r'<script type="application/json" id="(figure-\d+)-data">(.*?)</script>', page, re.S
-        )
-    }
+    return drawn(page)["figures"]
 
 
 def test_the_report_lies_in_the_run_unless_told_otherwise(slim_run, tmp_path):
@@ -66,14 +60,40 @@ def test_a_page_that_cannot_be_written_leaves_no_part_behind(slim_run, monkeypat
     assert not list(slim_run.glob(".*"))
 
 
-def test_sections_come_in_order_and_are_in_the_contents(page):
-    assert re.findall(r'<section id="(\w+)">', page) == SECTIONS
-    assert re.findall(r'<a href="#(\w+)">', page) == SECTIONS
+def sections(page):
+    return re.findall(r'<section id="(\w+)"', page)
+
+
+def test_sections_come_in_order_and_what_is_folded_has_links_that_are_seen(page):
+    assert sections(page) == SECTIONS
+    parts = re.findall(r'<details class="part" id="(\w+)">(.*?)</summary>', page, re.S)
+    links = {name: re.findall(r'<a href="#(\w+)">', summary) for name, summary in parts}
+    assert links == {"trust": TRUST, "published": PUBLISHED, "record": RECORD}
+
+
+def test_what_is_not_of_the_first_screen_is_folded(page):
+    assert sections(re.sub(r"<details.*?</details>", "", page, flags=re.S))[: len(FIRST)] == FIRST
+    assert page.index('<details class="part"') > page.index('id="duty"')
+    assert "<details open" not in page
 
 
 def test_every_panel_has_its_place_in_the_order():
     files = {file.stem for file in Path(sys.modules["flightcal.report.panels"].__file__).parent.glob("[!_]*.py")}
-    assert sorted(sys.modules["flightcal.report.panels"].ORDER) == sorted(files)
+    placed = [*panels.FIRST, *(name for *_, names in panels.PARTS for name in names)]
+    assert sorted(placed) == sorted(files)
+
+
+def test_every_link_inside_the_page_has_a_target(page):
+    assert set(re.findall(r'href="#([\w-]+)"', page)) <= set(re.findall(r' id="([\w-]+)"', page))
+
+
+def test_files_to_load_are_named_by_where_they_are_beside_the_page(slim_run, tmp_path):
+    for name in ("parameters.csv", "calibrated.yaml"):
+        (slim_run / name).write_text("", encoding="utf-8")
+    links = re.findall(r'<a href="([^#"]+)">', write_report(slim_run).read_text(encoding="utf-8"))
+    assert links == ["calibrated.yaml", "parameters.csv"]
+    elsewhere = write_report(slim_run, tmp_path / "else.html").read_text(encoding="utf-8")
+    assert not re.findall(r'<a href="([^#"]+)">', elsewhere)
 
 
 def test_nothing_is_fetched_and_nothing_can_be_sent(page):
@@ -86,8 +106,9 @@ def test_nothing_is_fetched_and_nothing_can_be_sent(page):
     assert "http" not in policy
 
 
-def test_plotly_is_there_once(page):
-    assert len(re.findall(r"\* plotly\.js v\d", page)) == 1
+def test_plotly_is_there_once_and_packed(page):
+    assert len(re.findall(r"\* plotly\.js v\d", unpacked(page, "plotly"))) == 1
+    assert "plotly.js v" not in page
 
 
 def test_the_papers_six_figures_are_there(page):
@@ -99,25 +120,44 @@ def test_the_papers_six_figures_are_there(page):
 def test_every_place_has_a_figure_and_every_figure_a_place(page):
     places = re.findall(r'class="plot" id="(figure-\d+)"', page)
     assert places == list(figures(page))
-    assert len(places) == 31
+    assert len(places) == 32
 
 
-def test_time_axes_are_shared_and_complete(page):
-    times = json.loads(re.search(r'id="times">(.*?)</script>', page, re.S).group(1))
-    used = [
-        t["x"]["time"]
-        for f in figures(page).values()
-        for t in f["data"]
-        if isinstance(t.get("x"), dict) and "time" in t["x"]
-    ]
-    assert set(used) == set(range(len(times)))
-    assert len(used) > 1.5 * len(times)
-    for figure in figures(page).values():
-        for trace in figure["data"]:
-            if isinstance(trace.get("x"), dict) and "time" in trace["x"]:
-                y = trace["y"]
-                size = len(y["bdata"]) * 3 // 4 // 4 if isinstance(y, dict) else len(y)
-                assert abs(len(times[trace["x"]["time"]]["steps"]) - size) <= 1
+def test_arrays_are_shared_and_complete(page):
+    content = drawn(page)
+    traces = [trace for figure in content["figures"].values() for trace in figure["data"]]
+    packed = [value for trace in traces for value in trace.values() if isinstance(value, dict)]
+    used = [value["array"] for value in packed if "array" in value]
+    columns = [number for value in packed for number in value.get("columns", [])]
+    assert set(used) | set(columns) == set(range(len(content["arrays"])))
+    assert len(used) > 1.5 * len(set(used))
+    sizes = [len(array["steps"]) for array in content["arrays"]]
+    for trace in traces:
+        if all(isinstance(trace.get(axis), dict) for axis in "xy"):
+            assert sizes[trace["x"]["array"]] == sizes[trace["y"]["array"]]
+
+
+def restored(packed):
+    values, now = [], 0
+    for step in packed["steps"]:
+        now += step or 0
+        values.append(np.nan if step is None else now / 10.0 ** packed["digits"])
+    return np.array(values)
+
+
+@pytest.mark.parametrize("size", [1e-9, 1.0, 3e5, 1e30])
+def test_packed_numbers_are_finer_than_a_screen(size):
+    values = size * np.append(np.random.default_rng(1).normal(size=500), np.nan)
+    again = restored(steps(values))
+    assert np.nanmax(np.abs(again - values)) <= 1e-4 * np.nanmax(np.abs(values))
+    assert np.isnan(again[-1])
+    assert np.isfinite(again[:-1]).all()
+
+
+def test_a_constant_and_nothing_at_all_can_be_packed():
+    np.testing.assert_allclose(restored(steps(np.full(3, 293.15))), 293.15)
+    assert restored(steps(np.full(2, np.nan))).size == 2
+    assert steps(np.empty(0))["steps"] == []
 
 
 def test_names_from_files_are_text_and_not_markup(slim_run):
@@ -132,8 +172,8 @@ def test_names_from_files_are_text_and_not_markup(slim_run):
     page = write_report(slim_run).read_text(encoding="utf-8")
     assert "<script>alert" not in page
     assert "&lt;script&gt;alert" in page
-    for text in re.findall(r'<script type="application/json"[^>]*>(.*?)</script>', page, re.S):
-        assert "<" not in text
+    for text in re.findall(r'<script type="text/plain"[^>]*>(.*?)</script>', page, re.S):
+        assert not set("<>&") & set(text)
 
 
 def test_the_scenario_is_named_and_folded(page):
@@ -147,7 +187,7 @@ def test_a_run_without_a_file_is_reported_and_the_file_named(slim_run, missing):
     page = without_scripts(write_report(slim_run).read_text(encoding="utf-8"))
     assert f"({missing})" in page
     assert "The run is not complete" in page
-    assert re.findall(r'<section id="(\w+)">', page) == SECTIONS
+    assert sections(page) == SECTIONS
 
 
 @pytest.mark.parametrize("kept", ["genetic.nc", "posterior.nc", "prediction.nc", "scenario.yaml"])
@@ -156,7 +196,7 @@ def test_a_run_with_one_file_alone_is_reported(slim_run, kept):
         if name != kept:
             (slim_run / name).unlink()
     page = write_report(slim_run).read_text(encoding="utf-8")
-    assert re.findall(r'<section id="(\w+)">', page) == SECTIONS
+    assert sections(page) == SECTIONS
 
 
 def test_a_run_of_the_genetic_algorithm_alone_has_its_figures(own_run):
@@ -200,7 +240,7 @@ def test_a_long_run_stays_a_small_page(own_run, tmp_path):
     long["observed"] = long["observed"] + np.random.default_rng(1).normal(size=long["observed"].shape)
     xr.DataTree.from_dict({"train": long, "test": long}).to_netcdf(own_run / "prediction.nc", engine="h5netcdf")
     page = write_report(own_run)
-    assert page.stat().st_size < 9e6
+    assert page.stat().st_size < 2.5e6
     assert "extremes of each stretch" in page.read_text(encoding="utf-8")
 
 

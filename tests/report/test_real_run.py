@@ -2,6 +2,9 @@
 
 import json
 import re
+import sys
+import tempfile
+from pathlib import Path
 
 import pytest
 
@@ -10,6 +13,8 @@ from flightcal.report import write_report
 from flightcal.report.run_files import STAGES, read_run
 from flightcal.report.verdict import verdict_of
 from tests.commands.test_calibrate import write
+
+from .packed import drawn, without_scripts
 
 
 @pytest.fixture(scope="module")
@@ -73,8 +78,18 @@ def test_a_real_run_lacks_nothing_in_the_report(real):
     run = read_run(real)
     assert run.missing == ()
     assert all(finding.state != "none" for answer in verdict_of(run).answers for finding in answer.findings)
+    page = write_report(real)
+    assert 'class="note"' not in page.read_text(encoding="utf-8")
+    assert page.stat().st_size < 2.5e6
+
+
+def test_a_page_names_no_place_and_no_user_of_the_machine(real):
     page = write_report(real).read_text(encoding="utf-8")
-    assert 'class="note"' not in page
+    said = without_scripts(page) + json.dumps(drawn(page)["figures"])
+    places = {str(real.parent), str(real.parent.parent), str(Path.home()), sys.prefix, tempfile.gettempdir()}
+    assert not [place for place in places if len(place) > 1 and place in said]
+    assert "telemetry.csv" in said
+    assert not re.findall(r"[\s\[(\"'](?:/[\w.-]+){2,}", re.sub(r"</\w+>", "", said))
 
 
 def test_a_real_run_with_correlated_noise_and_a_discrepancy_lacks_nothing_either(tmp_path):

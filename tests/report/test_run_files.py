@@ -48,6 +48,7 @@ def test_the_list_of_parameters_of_an_earlier_version_is_read(own_run, run):
     found = read_run(own_run)
     assert found.parameters == run.parameters
     assert found.missing == ()
+    (own_run / "parameters.json").write_text('{"parameters": []}', encoding="utf-8")
     (own_run / "parameters.csv").write_text("name\n", encoding="utf-8")  # of this version, whose priors.json is lost
     assert read_run(own_run).missing == ("priors.json",)
 

@@ -4,7 +4,17 @@ import math
 
 import pytest
 
-from flightcal.report.text import count, duration, labelled, listed, number, percent, signed_percent, unit
+from flightcal.report.text import (
+    count,
+    duration,
+    labelled,
+    listed,
+    number,
+    percent,
+    signed_percent,
+    unit,
+    without_paths,
+)
 
 
 @pytest.mark.parametrize(
@@ -57,3 +67,19 @@ def test_an_axis_without_a_unit_says_so():
 def test_durations_and_lists_read_as_words():
     assert [duration(s) for s in (42.5, 200, 7500)] == ["42.5 s", "3 min 20 s", "2 h 5 min"]
     assert [listed(["a", "b", "c"][:n]) for n in range(4)] == ["", "a", "a and b", "a, b and c"]
+
+
+@pytest.mark.parametrize(
+    ("text", "told"),
+    [
+        ("file: [/home/ana/sat/telemetry.csv]", "file: [telemetry.csv]"),
+        ("SHA-256 of /home/ana lee/sat 1/telemetry.csv", "SHA-256 of telemetry.csv"),
+        (r"C:\Users\ana\telemetry.csv, twice", "telemetry.csv, twice"),
+        ("~/sat/run/ is a folder", " is a folder"),
+        ("W/m^2/K and 0.1/0.2/0.3, GA mean / best", "W/m^2/K and 0.1/0.2/0.3, GA mean / best"),
+        ("flightcal check own.yaml --out runs/first", "flightcal check own.yaml --out runs/first"),
+        ("https://example.org/a/b", "https://example.org/a/b"),
+    ],
+)
+def test_a_path_is_told_by_its_last_step(text, told):
+    assert without_paths(text, ["/home/ana lee/sat 1/telemetry.csv", "telemetry.csv"]) == told

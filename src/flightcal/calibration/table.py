@@ -9,12 +9,14 @@ from typing import Final
 
 import numpy as np
 
+from ..probability import Priors
 from ..problem import Entry, Problem
 from ..scenario import WrittenUnit, written_unit
 from ..simulator import FloatArray
 
 INTERVAL: Final = 0.95
 _LEVELS: Final = (0.5 - INTERVAL / 2, 0.5, 0.5 + INTERVAL / 2)
+_FAR: Final = 30.0
 _PRIOR_POINTS: Final = 4000
 """Quantiles of a prior over which its variance is taken."""
 
@@ -39,7 +41,11 @@ class Calibrated:
     upper: float
     """Ends of the 95% interval."""
     from_data: float
-    """How much of it is the data's word and not the prior's, 0 to 1: 1 - variance of the posterior / of the prior."""
+    """How much of it is the data's word and not the prior's, 0 to 1: 1 - variance of the posterior / of the prior.
+
+    Both are of the prior's normal scores (logarithms of a half-normal prior, logits of a beta one): a wide lognormal
+    prior whose posterior lies far out has learnt much, though it may be as wide in the unit.
+    """
 
     def __repr__(self) -> str:
         return f"<{self.name}: {_in_brackets(self.mean, self.lower, self.upper)} {self.unit}".rstrip() + ">"
@@ -55,10 +61,10 @@ def calibrated(
     priors, units = problem.priors, {**_default_units(problem.entries), **(units or {})}
     before = priors.quantile(np.array(_LEVELS)[:, None])
     shares = (np.arange(_PRIOR_POINTS) + 0.5) / _PRIOR_POINTS
-    wide = priors.quantile(shares[:, None]).var(axis=0)
+    wide = _scores(priors, priors.quantile(shares[:, None])).var(axis=0)
     after = np.quantile(thetas, _LEVELS, axis=0)
     means, variances = thetas.mean(axis=0), thetas.var(axis=0, ddof=1)
-    told = np.clip(1.0 - variances / wide, 0.0, 1.0)
+    told = np.clip(1.0 - _scores(priors, thetas).var(axis=0, ddof=1) / wide, 0.0, 1.0)
     rows = []
     for k, entry in enumerate(problem.entries):
         unit = units[entry.name]
@@ -81,6 +87,11 @@ def calibrated(
             )
         )
     return tuple(rows)
+
+
+def _scores(priors: Priors, thetas: FloatArray) -> FloatArray:
+    """Draws [S, d] in the unconstrained numbers of their priors; a draw at a bound is far out, not endless."""
+    return np.clip(priors.to_z(thetas), -_FAR, _FAR)
 
 
 def _default_units(entries: Sequence[Entry]) -> dict[str, WrittenUnit]:

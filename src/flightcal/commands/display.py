@@ -80,9 +80,10 @@ class _Bars:
 
 
 def print_summary(summary: Summary, console: Console | None = None) -> None:
-    """The verdict, the comparison of the methods, and where the report is."""
+    """The comparison of the methods, and at the end what the page begins with: the verdict and the parameters."""
+    from .kept import chosen, parameter_table
+
     console = console or Console()
-    print_verdict(summary.verdict.record, console)
     _print_scores(summary.metrics, console)
     _print_channels(summary.metrics, console)
     for metric in summary.metrics:
@@ -96,6 +97,9 @@ def print_summary(summary: Summary, console: Console | None = None) -> None:
     for window, found in summary.unseen.items():
         if words := unseen_in_words(found):
             console.print(f"{window}: {words}", style="yellow", highlight=False, soft_wrap=True, markup=False)
+    print_verdict(summary.verdict.record, console)
+    if rows := chosen(summary.parameters, every=False):
+        console.print(parameter_table(rows))
     console.print(f"report: {summary.report}", highlight=False, soft_wrap=True, markup=False)
 
 

@@ -1,6 +1,6 @@
 """The report of a run directory: one HTML page with figures, tables and a verdict, readable offline.
 
-Imports: errors, prediction, probability, run, scenario, validation.
+Imports: calibration, errors, prediction, probability, run, scenario, validation.
 """
 
 from .backtest_page import write_backtest
@@ -9,7 +9,6 @@ from .comparison_page import write_comparison
 from .findings import MARKS, Finding
 from .heat_map import figure_correlation, heat_map
 from .page import compose, write_report
-from .panels import panels
 from .run_files import ParameterInfo, RunFiles, read_run
 from .style import BAND, GENETIC, LINE, MODEL_BAND, PRIOR, STOCHASTIC, TELEMETRY, WARNING, finish, polygons
 from .tables import Cell, Table, interval
@@ -50,7 +49,6 @@ __all__ = [
     "labelled",
     "listed",
     "number",
-    "panels",
     "percent",
     "polygons",
     "read_run",

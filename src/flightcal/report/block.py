@@ -22,13 +22,15 @@ class Block:
     """A piece of a section; `kind` says which of the other fields it has."""
 
     kind: str
-    """text, note (something lacks), heading, table, figure, grid (small figures), folded (a table), source (a file)"""
+    """text, note (something lacks), heading, table, figure, grid (small figures), folded (a table), links, source"""
     text: str = ""
     table: Table | None = None
     figures: tuple[go.Figure, ...] = ()
     key: tuple[Key, ...] = ()
     wide: bool = False
     """A figure that scrolls sideways on a narrow screen."""
+    targets: tuple[tuple[str, str], ...] = ()
+    """Files beside the page, and what each is."""
 
 
 @dataclass(frozen=True)
@@ -38,6 +40,16 @@ class Section:
     anchor: str
     title: str
     blocks: list[Block]
+
+
+@dataclass(frozen=True)
+class Part:
+    """A folded part of a page: its anchor, title, a line that says what is in it, and its sections."""
+
+    anchor: str
+    title: str
+    words: str
+    sections: list[Section]
 
 
 def section(anchor: str, title: str) -> Callable[[Callable[[R], list[Block]]], Callable[[R], Section | None]]:
@@ -76,6 +88,11 @@ def figure(figure: go.Figure, caption: str, *, wide: bool = False) -> Block:
 def heading(text: str) -> Block:
     """A title inside a section."""
     return Block("heading", text)
+
+
+def links(text: str, targets: Sequence[tuple[str, str]]) -> Block:
+    """Files beside the page, each with what it is."""
+    return Block("links", text, targets=tuple(targets))
 
 
 def folded(title: str, table: Table) -> Block:

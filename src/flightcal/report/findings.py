@@ -11,12 +11,14 @@ from typing import Literal
 import numpy as np
 from scipy.stats import chi2, norm
 
-from ..prediction import HELD, Metric, hold_together, replicates_of
+from ..prediction import HELD, Metric
 from ..probability import INDEPENDENT
 from ..scenario import is_trained
 from .panels.discrepancy import STANDS_IN, stand_ins
+from .panels.duty import CLOSED, duties
 from .panels.heat import IMPLAUSIBLE, LARGE, gains, node_heats
 from .panels.parameters import MOST_NAMED, WIDER, shortened, widened
+from .panels.picture import holdings
 from .panels.prediction import unseen
 from .panels.residuals import TESTED, assumption, channels, correlation_expected, noises
 from .run_files import STAGES, Record, RunFiles
@@ -39,8 +41,6 @@ OFF = 0.01
 """Probability that a right model is cautioned about for one of its channels, priors or heaters."""
 FAR_OFF = 1e-6
 """The same, below which a model is called wrong."""
-CLOSED = 0.99
-"""Probability with which all duty cycles of a right model lie inside."""
 
 _VALUE = "the value of "
 _CHECK = "flightcal check scenario.yaml --out checked"
@@ -70,6 +70,11 @@ def value_of(name: str) -> str:
     return f"{_VALUE}{name}"
 
 
+def valued(limit: str) -> str:
+    """Of which parameter it is the value; "" of another use."""
+    return limit.removeprefix(_VALUE) if limit.startswith(_VALUE) else ""
+
+
 def in_few_words(limits: Sequence[str]) -> str:
     """What a run is not to be used for, each once, and of many values the first."""
     limits = list(dict.fromkeys(limits))
@@ -94,7 +99,9 @@ def interrupted(run: RunFiles) -> list[Finding]:
 def convergence(diagnostics: Record | None) -> Finding:
     """Whether the chains passed their gates."""
     if diagnostics is None:
-        return Finding("none", "Convergence is not known", "There is no diagnosis of the chains (diagnostics.json).")
+        text = "There is no diagnosis of the chains (diagnostics.json), so nothing here is a calibration."
+        then = "Run the same command again: it takes up where it stopped."
+        return Finding("bad", "The sampling did not finish", text, then=then)
     gates = diagnostics.get("gates", [])
     failed = [g for g in gates if not g["passed"]]
     words = str(diagnostics.get("verdict") or "")
@@ -280,7 +287,7 @@ def noise(run: RunFiles) -> Finding:
     else:
         lacking = " and that this noise does not describe. No interval in this report contains this model discrepancy."
     contradicted = f"In “{window}” the {tested} of {channels(against, of_window)} contradict {assumed}."
-    title = f"The assumption of {'iid noise' if plain else listed(noises(against))} is contradicted"
+    title = f"The assumption of {'independent noise' if plain else listed(noises(against))} is contradicted"
     text = (
         f"{contradicted} Intervals of the "
         f"parameters are too narrow by up to about a factor of {number(worst.factor, 2)} ({worst.channel}, lag-1 "
@@ -325,16 +332,19 @@ def heat(run: RunFiles) -> list[Finding]:
 
 def holding(run: RunFiles) -> Finding:
     """Whether intervals hold on windows that were not trained on, all channels and windows together."""
-    windows = {name: window for name, window in run.test_windows.items() if "coverage" in window}
-    if not windows:
+    judged = holdings(run)
+    if not run.windows:
+        return Finding("none", "Nothing is predicted", "There is no prediction in this run (prediction.nc).")
+    if not judged:
         text = "The scenario has no window that was not trained on: nothing says how well it predicts unseen telemetry."
         then = "Add a window: windows: {test: {start: ..., end: ...}}"
         return Finding("none", "No unseen telemetry", text, not_for=("windows that it was not trained on",), then=then)
-    judged = hold_together([replicates_of(window) for window in windows.values()])
+    windows = {name: run.windows[name] for name in judged}
     failed: dict[str, None] = {}
     channels: dict[str, None] = {}
     worst, details = ("", math.inf), []
-    for (name, window), held in zip(windows.items(), judged, strict=True):
+    for name, held in judged.items():
+        window = windows[name]
         words = []
         for k, channel in enumerate(map(str, window["channel"].values)):
             share, lower, upper = held.coverage[k], held.lower[k], held.upper[k]
@@ -387,42 +397,28 @@ def held_channels(run: RunFiles) -> list[str]:
 
 def heaters(run: RunFiles) -> list[Finding]:
     """Whether telemetry's duty cycles on unseen windows lie within what is predicted."""
-    windows = {
-        name: window
-        for name, window in run.test_windows.items()
-        if "duty_cycle" in window and bool(np.isfinite(window["observed_duty_cycle"].values).any())
-    }
-    count = sum(int(np.isfinite(window["observed_duty_cycle"].values).sum()) for window in windows.values())
     findings = []
-    for name, window in windows.items():
-        duty = window["sampled_duty_cycle" if "sampled_duty_cycle" in window else "duty_cycle"].values
-        observed = window["observed_duty_cycle"].values
-        # All duty cycles together leave their bands by chance once in a hundred times.
-        tail = 0.5 * (1.0 - CLOSED ** (1.0 / count))
-        resolution = 1.0 / max(window.sizes["time"], 1)
-        seen = np.isfinite(observed)
-        low, high = np.nanquantile(duty, [tail, 1.0 - tail], axis=0)
-        outside = seen & ((observed < low - resolution) | (observed > high + resolution))
-        least, most = np.nanquantile(duty, [0.025, 0.975], axis=0)
+    measured = [own for own in duties(run) if np.isfinite(own.measured)]
+    for name in dict.fromkeys(own.window for own in measured):
+        found = [own for own in measured if own.window == name]
+        outside = [own for own in found if own.outside]
+        contents = run.windows[name].attrs.get("duty_cycle_contains")
         details = tuple(
-            f"{heater}: telemetry {percent(share)}, predicted {percent(mean)} [{percent(lower)}, {percent(upper)}]"
-            f"{', which leaves telemetry out' if out else ''}."
-            for heater, share, mean, lower, upper, out in zip(
-                window["heater"].values, observed, np.nanmean(duty, axis=0), least, most, outside, strict=True
-            )
+            f"{own.heater}: telemetry {percent(own.measured)}, predicted {percent(own.mean)} "
+            f"[{percent(own.lower)}, {percent(own.upper)}]{', which leaves telemetry out' if own.outside else ''}."
+            for own in found
         )
-        inside = f"{int((seen & ~outside).sum())} of {int(seen.sum())}"
-        not_for = tuple(f"the duty cycle of {heater}" for heater in window["heater"].values[outside])
         findings.append(
             Finding(
-                "warn" if outside.any() else "good",
-                f"Heaters: {inside} duty cycles in “{name}” lie within what is predicted",
+                "warn" if outside else "good",
+                f"Heaters: {len(found) - len(outside)} of {len(found)} duty cycles in “{name}” lie within what is "
+                "predicted",
                 "Share of the time on, telemetry against the mean and central 95% of what is predicted"
-                f"{f', which contains {contents}' if (contents := window.attrs.get('duty_cycle_contains')) else ''}. "
+                f"{f', which contains {contents}' if contents else ''}. "
                 f"All together leave a right prediction's bands with {1.0 - CLOSED:.0%} probability:",
                 details,
-                not_for,
-                _CHECK if outside.any() else "",
+                tuple(f"the duty cycle of {own.heater}" for own in outside),
+                _CHECK if outside else "",
             )
         )
     return findings

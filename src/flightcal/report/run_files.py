@@ -12,6 +12,7 @@ from typing import Any, TypeVar
 import numpy as np
 import xarray as xr
 
+from ..calibration import CALIBRATED_FILE, RESULTS_FILE, TABLE_FILE, Calibrated, read_calibrated
 from ..errors import RunError
 from ..prediction import Metric
 from ..run import check_whole, read_dataset, read_json, read_records, read_tree, typed
@@ -37,6 +38,9 @@ STAGES = {
     "scenario.yaml": "the scenario",
 }
 """Files of a run directory that the report reads, and what each is the result of."""
+
+
+_TAKEN_AWAY = (CALIBRATED_FILE, TABLE_FILE, RESULTS_FILE)
 
 
 @dataclass(frozen=True)
@@ -83,6 +87,12 @@ class RunFiles:
     """Simple wrongs that explain the telemetry better than the scenario as it is, the likeliest first."""
     beside: list[Metric]
     """Scores of the published run, of the demonstration only."""
+    backtest: Record | None
+    """Of a backtest in the folder `backtest` of the run."""
+    calibrated: tuple[Calibrated, ...]
+    """Every quantity before and after; empty of a run that did not finish."""
+    files: tuple[str, ...]
+    """What lies in the folder to be taken away."""
     missing: tuple[str, ...]
 
     @property
@@ -129,9 +139,9 @@ def read_run(folder: Path) -> RunFiles:
 
     prediction = kept("prediction.nc", read_tree)
     windows = {n: group.to_dataset() for n, group in prediction.children.items()} if prediction else {}
-    if any("method" in window.dims for window in windows.values()):
-        found = f"{folder / 'prediction.nc'}: found the dimension 'method' of an older flightcal, expected 'by'"
-        raise RunError(f"{found}; delete the file and run the same command again")
+    if older := next(filter(None, map(_older, windows.values())), ""):
+        again = "delete the file and run the same command again"
+        raise RunError(f"{folder / 'prediction.nc'}: found {older}; {again}")
     return RunFiles(
         folder=folder,
         scenario=kept("scenario.yaml", lambda file: file.read_text(encoding="utf-8")),
@@ -149,8 +159,20 @@ def read_run(folder: Path) -> RunFiles:
         full_check=kept("full_simulator_check.json", read_json),
         suspects=(kept("suspects.json", read_json) or {"found": []})["found"],
         beside=kept("beside.json", partial(read_records, read=_beside)) or [],
+        backtest=kept("backtest/backtest.json", read_json),
+        calibrated=() if priors.name == RESULTS_FILE else kept(RESULTS_FILE, read_calibrated) or (),
+        files=tuple(name for name in _TAKEN_AWAY if priors.name != name and (folder / name).is_file()),
         missing=missing,
     )
+
+
+def _older(window: xr.Dataset) -> str:
+    """What a window of an older flightcal has or lacks; nothing of one that can be read."""
+    if "method" in window.dims:
+        return "the dimension 'method' of an older flightcal, expected 'by'"
+    if "coverage" in window and "error" not in window:
+        return "coverage without errors, of an older flightcal, expected the variable 'error'"
+    return ""
 
 
 def _file_of_priors(folder: Path) -> Path:

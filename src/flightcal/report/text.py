@@ -3,9 +3,25 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Sized
+import re
+from collections.abc import Iterable, Sized
+from pathlib import PurePath, PureWindowsPath
+from typing import Final
 
 SUPERSCRIPTS = str.maketrans("0123456789-", "⁰¹²³⁴⁵⁶⁷⁸⁹⁻")
+
+
+_STEP: Final = r"""[^\s\\/'",;:<>()\[\]{}]+"""
+_PATH: Final = re.compile(rf"(?<![\w.:/\\])(?:~|[A-Za-z]:)?[\\/]+(?:{_STEP}[\\/]+)+({_STEP})?")
+"""An absolute path of two steps or more, and its last step. A unit as W/m^2/K begins with a letter."""
+
+
+def without_paths(text: str, known: Iterable[str] = ()) -> str:
+    """The text with the last step of each absolute path alone; known: paths that may have spaces."""
+    for path in sorted(known, key=len, reverse=True):
+        if PurePath(path).is_absolute() or PureWindowsPath(path).is_absolute():
+            text = text.replace(path, PureWindowsPath(path).name)
+    return _PATH.sub(lambda found: found[1] or "", text)
 
 
 def number(value: float | None, digits: int = 4) -> str:

@@ -24,6 +24,7 @@ from .findings import (
     scores,
     stand_in,
     suspected,
+    valued,
 )
 from .run_files import RunFiles
 from .text import listed
@@ -31,6 +32,13 @@ from .text import listed
 CONVERGED: Final = "Did the sampling converge?"
 RIGHT: Final = "Is the model right for this telemetry?"
 HOLD: Final = "Do its intervals hold on orbits that it has not seen?"
+
+MEANING: Final = {
+    CONVERGED: "The chains, searches that start apart, end in the same place.",
+    RIGHT: "What is left over (residuals: telemetry minus prediction) looks like noise.",
+    HOLD: "As much unseen telemetry lies inside the intervals as should.",
+}
+"""What a yes to each question says."""
 
 _ORDER: Final[tuple[State, ...]] = ("none", "good", "warn", "bad")
 _WITHOUT_LIMIT = "what no test here has looked at"
@@ -42,6 +50,11 @@ class Answer:
 
     question: str
     findings: tuple[Finding, ...]
+
+    @property
+    def meaning(self) -> str:
+        """What a yes says."""
+        return MEANING[self.question]
 
     @property
     def worst(self) -> Finding:
@@ -87,6 +100,12 @@ class Verdict:
         named = f"all {len(left)} channels" if left == list(self.channels) and len(left) > 1 else listed(left)
         uses = f"temperatures of {named}" if left else "the windows that it was trained on"
         return f"Use it for {uses}, but not for {in_few_words(limits) or _WITHOUT_LIMIT}."
+
+    @property
+    def doubted(self) -> tuple[str, ...]:
+        """Parameters whose values are in doubt."""
+        cautions = [found for answer in self.answers for found in answer.findings if found.state != "good"]
+        return tuple(own for found in cautions for own in map(valued, found.not_for) if own)
 
     @property
     def then(self) -> str:

@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
+from typing import NamedTuple
 
 import numpy as np
 import plotly.graph_objects as go
@@ -15,7 +16,17 @@ from .thinning import break_lines, changes, extremes, stretches
 
 CELSIUS = -273.15
 CHANNEL_HEIGHT, HEATER_HEIGHT, GAP = 190, 96, 44
-"""px of a plot of temperatures, a plot of heater status, and the room between two plots."""
+
+
+class Heights(NamedTuple):
+    """px of a plot of temperatures, a plot of heater status, and the room between two plots."""
+
+    channel: int = CHANNEL_HEIGHT
+    heater: int = HEATER_HEIGHT
+    gap: int = GAP
+
+
+HEIGHTS = Heights()
 BINS = 400
 """Stretches of a long series of which the extremes are drawn."""
 MOST_SHAPES = 150
@@ -44,13 +55,13 @@ def figure_point(prediction: xr.Dataset, methods: Sequence[str], bins: int = BIN
     return figure
 
 
-def time_canvas(titles: Sequence[str], heights: Sequence[int]) -> go.Figure:
-    """Empty plots above each other on one UTC axis; heights in px."""
+def time_canvas(titles: Sequence[str], heights: Sequence[int], gap: int = GAP) -> go.Figure:
+    """Empty plots above each other on one UTC axis; heights and the gap between two in px."""
     rows = len(titles)
-    inner = sum(heights) + GAP * (rows - 1)
+    inner = sum(heights) + gap * (rows - 1)
     figure = make_subplots(
         rows=rows, cols=1, shared_xaxes=True, subplot_titles=[t.replace("_", " ") for t in titles],
-        row_heights=list(heights), vertical_spacing=GAP / inner if rows > 1 else 0.0,
+        row_heights=list(heights), vertical_spacing=gap / inner if rows > 1 else 0.0,
     )  # fmt: skip
     finish(figure, inner + 30 + 34 + 52)
     small_titles(figure, left=True)
@@ -85,14 +96,29 @@ def _iso(time: np.datetime64) -> str:
     return str(np.datetime_as_string(time, unit="ms"))
 
 
-def window_canvas(prediction: xr.Dataset, channels: list[str], heaters: list[str]) -> tuple[go.Figure, Rows]:
-    """Plots for channels and, beneath, heaters, with eclipses; and their rows."""
+def window_canvas(
+    prediction: xr.Dataset,
+    channels: list[str],
+    heaters: list[str],
+    heights: Heights = HEIGHTS,
+    titles: Mapping[str, str] | None = None,
+) -> tuple[go.Figure, Rows]:
+    """Plots for channels and, beneath, heaters, with eclipses; and their rows.
+
+    titles: of plots that are called more than their name.
+    """
     plots = [*channels, *heaters]
-    figure = time_canvas(plots, [CHANNEL_HEIGHT] * len(channels) + [HEATER_HEIGHT] * len(heaters))
+    named = [(titles or {}).get(name, name) for name in plots]
+    figure = time_canvas(named, [heights.channel] * len(channels) + [heights.heater] * len(heaters), heights.gap)
     for row in range(1, len(channels) + 1):
-        figure.update_yaxes(title_text="temperature, °C", row=row)
+        figure.update_yaxes(title_text=f"temperature, {degrees(prediction)}", row=row)
     shade_eclipse(figure, prediction, len(plots))
     return figure, {name: row for row, name in enumerate(plots, start=1)}
+
+
+def degrees(prediction: xr.Dataset) -> str:
+    """The unit in which its temperatures are shown: K where an offset is taken off them that is not told."""
+    return "K" if "masked" in prediction.attrs else "°C"
 
 
 def column(prediction: xr.Dataset, variable: str, channel: str, method: str | None = None) -> NDArray[np.float64]:
@@ -122,7 +148,7 @@ def draw_telemetry(figure: go.Figure, prediction: xr.Dataset, channel: str, row:
         scatter(
             figure, row, time[chosen], observed[chosen], name, mode="markers",
             marker={"color": TELEMETRY, "size": 3.5, "symbol": symbol, "line": {"width": 1}},
-            hovertemplate="%{y:.2f} °C",
+            hovertemplate=f"%{{y:.2f}} {degrees(prediction)}",
         )  # fmt: skip
 
 
@@ -135,7 +161,8 @@ def _line(figure: go.Figure, prediction: xr.Dataset, name: str, channel: str, ro
     mean = column(prediction, "mean", channel, name)
     time, (mean,) = break_lines(prediction["time"].values, extremes([mean], 3 * bins), [mean])
     scatter(
-        figure, row, time, mean, method(name).title, mode="lines", hovertemplate="%{y:.2f} °C",
+        figure, row, time, mean, method(name).title, mode="lines",
+        hovertemplate=f"%{{y:.2f}} {degrees(prediction)}",
         line={"color": method(name).colour, "width": 1.8, "dash": dash},
     )  # fmt: skip
 

@@ -17,7 +17,7 @@ from ..tables import Cell, Table, interval
 from ..text import count, listed, number, percent, signed_percent
 
 
-@section("heaters", "Heaters")
+@section("heaters", "Heaters in full")
 def panel(run: RunFiles) -> list[Block]:
     """Duty cycles, switches and energy."""
     with_heaters = {n: w for n, w in run.windows.items() if w.sizes.get("heater", 0)}

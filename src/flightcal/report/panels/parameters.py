@@ -24,7 +24,7 @@ MOST_TARGETS = 2
 """Places that a parameter sets or scales that the table names; the scenario on the page has them all."""
 
 
-@section("parameters", "Parameters")
+@section("parameters", "Parameters in full")
 def panel(run: RunFiles) -> list[Block]:
     """Prior, posterior and what was learnt, in a table."""
     if not run.parameters:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+from collections.abc import Mapping
 
 import numpy as np
 import plotly.graph_objects as go
@@ -15,7 +16,18 @@ from ..run_files import RunFiles, bins, has_prediction
 from ..style import BAND, MODEL_BAND, STOCHASTIC, band, polygons
 from ..text import letter, percent
 from ..thinning import break_lines, extremes
-from ..windows import BINS, column, draw_status, draw_telemetry, names, scatter, window_canvas
+from ..windows import (
+    BINS,
+    HEIGHTS,
+    Heights,
+    column,
+    degrees,
+    draw_status,
+    draw_telemetry,
+    names,
+    scatter,
+    window_canvas,
+)
 
 
 @section("prediction", "Prediction with interval")
@@ -55,9 +67,18 @@ def unseen(window: xr.Dataset) -> str:
     )
 
 
-def figure_stochastic(prediction: xr.Dataset, bins: int = BINS) -> go.Figure:
-    """Mean and interval of the posterior's prediction, and probability that a heater is on (figure 6)."""
-    figure, rows = window_canvas(prediction, names(prediction, "channel"), names(prediction, "heater"))
+def figure_stochastic(
+    prediction: xr.Dataset,
+    bins: int = BINS,
+    heights: Heights = HEIGHTS,
+    titles: Mapping[str, str] | None = None,
+) -> go.Figure:
+    """Mean and interval of the posterior's prediction, and probability that a heater is on (figure 6).
+
+    heights, titles: see `window_canvas`.
+    """
+    channels, heaters = names(prediction, "channel"), names(prediction, "heater")
+    figure, rows = window_canvas(prediction, channels, heaters, heights, titles)
     for channel in names(prediction, "channel"):
         _stochastic(figure, prediction, channel, rows[channel], bins)
     for heater in names(prediction, "heater"):
@@ -87,5 +108,5 @@ def _stochastic(figure: go.Figure, prediction: xr.Dataset, channel: str, row: in
     scatter(
         figure, row, time, mean, "stochastic mean", mode="lines", line={"color": STOCHASTIC, "width": 1.8},
         customdata=np.stack([lower, upper], axis=1).astype(np.float32),
-        hovertemplate="%{y:.2f} °C (%{customdata[0]:.2f} to %{customdata[1]:.2f})",
+        hovertemplate=f"%{{y:.2f}} {degrees(prediction)} (%{{customdata[0]:.2f}} to %{{customdata[1]:.2f}})",
     )  # fmt: skip

@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-from os.path import normpath
-
 from .. import block
 from ..block import Block, section
 from ..run_files import Record, RunFiles
@@ -38,7 +36,7 @@ def origins(record: Record, integration: list[Record]) -> Table:
         *([f"wall time, {name}", duration(float(s))] for name, s in stages.items()),
         *([["wall time, all", duration(sum(float(s) for s in stages.values()))]] if stages else []),
         ["machine", ", ".join(f"{k}: {v}" for k, v in (record.get("machine") or {}).items()) or "–"],
-        *([f"SHA-256 of {normpath(name)}", digest] for name, digest in (record.get("inputs") or {}).items()),
+        *([f"SHA-256 of {name}", digest] for name, digest in (record.get("inputs") or {}).items()),
     ]
     return Table(("", ""), rows)
 

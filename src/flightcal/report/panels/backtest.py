@@ -1,0 +1,29 @@
+"""The backtest of the same scenario, where it lies in the run's folder."""
+
+from __future__ import annotations
+
+from .. import block
+from ..block import Block, section
+from ..run_files import RunFiles
+from ..tables import Table
+from ..text import number, percent
+
+
+@section("backtest", "Backtest")
+def panel(run: RunFiles) -> list[Block]:
+    """After how many origins intervals held, and scores by how far ahead is predicted."""
+    content = run.backtest
+    if content is None:
+        return []
+    words = (
+        "The same scenario, trained anew up to each of several times (origins), predicts what follows. Intervals held "
+        f"after {content['held']} of {len(content['origins'])} origins."
+    )
+    rows = [
+        [own["band"], percent(own["coverage"]), number(own["rmse"], 3), number(own["width"], 3), number(own["crps"], 3)]
+        for own in content["scores"]
+        if own["origin"] == own["channel"] == "all" and own["samples"]
+    ]
+    header = ("how far ahead", "inside the 95% interval", "RMSE, K", "width of the interval, K", "CRPS, K")
+    table = Table(header, rows, range(1, 5))
+    return [block.text(words), block.table(table), block.links("Its page:", [("backtest/report.html", "")])]

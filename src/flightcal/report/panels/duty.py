@@ -1,0 +1,82 @@
+"""How long heaters were on in unseen telemetry, and how long the prediction has them on."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Final
+
+import numpy as np
+
+from .. import block
+from ..block import Block, section
+from ..run_files import RunFiles
+from ..tables import Cell, Table
+from ..text import percent
+
+CLOSED: Final = 0.99
+"""Probability with which all duty cycles of a right model lie inside."""
+
+
+@dataclass(frozen=True)
+class Duty:
+    """Share of the time that a heater is on in a window that was not trained on."""
+
+    window: str
+    heater: str
+    measured: float
+    """NaN where its status is not known."""
+    mean: float
+    lower: float
+    upper: float
+    """Ends of the central 95% of what is predicted."""
+    outside: bool
+    """A right model would not have it with all the others."""
+
+
+@section("duty", "Heaters")
+def panel(run: RunFiles) -> list[Block]:
+    """Duty cycles predicted and measured."""
+    found = duties(run)
+    if not found:
+        none = run.windows and not any(window.sizes.get("heater", 0) for window in run.windows.values())
+        return [block.note("There are no heaters." if none else "No duty cycle is predicted on unseen telemetry.")]
+    words = (
+        "Duty cycle: the share of the time that a heater is on. Outside: too far off for a right model, all heaters "
+        "together."
+    )
+    return [block.table(table(found)), block.text(words)]
+
+
+def table(found: list[Duty]) -> Table:
+    """A row for each heater and window."""
+    rows = []
+    for own in found:
+        verdict: str = "–"
+        if np.isfinite(own.measured):
+            verdict = Cell("✕ outside", "warn") if own.outside else Cell("✓ inside", "good")
+        rows.append(
+            [own.heater, own.window, percent(own.measured), percent(own.mean),
+             f"{percent(own.lower)} to {percent(own.upper)}", verdict]
+        )  # fmt: skip
+    return Table(("heater", "window", "measured", "predicted", "95% interval", "in words"), rows, (2, 3, 4))
+
+
+def duties(run: RunFiles) -> list[Duty]:
+    """Of each heater and window that was not trained on, those that are outside first."""
+    windows = {name: window for name, window in run.test_windows.items() if "duty_cycle" in window}
+    count = sum(int(np.isfinite(window["observed_duty_cycle"].values).sum()) for window in windows.values())
+    # All duty cycles together leave their bands by chance once in a hundred times.
+    tail = 0.5 * (1.0 - CLOSED ** (1.0 / max(count, 1)))
+    found = []
+    for name, window in windows.items():
+        predicted = window["sampled_duty_cycle" if "sampled_duty_cycle" in window else "duty_cycle"]
+        resolution = 1.0 / max(window.sizes["time"], 1)
+        for heater in window["heater"].values:
+            values = predicted.sel(heater=heater).values
+            measured = float(window["observed_duty_cycle"].sel(heater=heater))
+            if not np.isfinite(values).any():
+                continue
+            low, lower, upper, high = np.nanquantile(values, [tail, 0.025, 0.975, 1.0 - tail]).tolist()
+            outside = measured < low - resolution or measured > high + resolution
+            found.append(Duty(name, str(heater), measured, float(np.nanmean(values)), lower, upper, outside))
+    return sorted(found, key=lambda own: not own.outside)

@@ -1,0 +1,105 @@
+"""The prediction against telemetry that it has not seen, of the worst and of a typical channel, with the heaters."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+import xarray as xr
+
+from ...prediction import Holding, hold_together, replicates_of
+from .. import block
+from ..block import Block, section
+from ..run_files import RunFiles, bins, has_prediction
+from ..text import listed, percent
+from ..windows import Heights, names
+from .duty import duties
+from .prediction import figure_stochastic
+from .residuals import residuals
+
+MOST_HEATERS = 3
+HEIGHTS = Heights(channel=128, heater=40, gap=30)
+
+
+@dataclass(frozen=True)
+class Chosen:
+    """What the picture shows."""
+
+    window: str
+    worst: str
+    typical: str | None
+    """None where there is one channel."""
+    share: dict[str, float]
+    """Of each channel's telemetry inside its interval."""
+
+    @property
+    def channels(self) -> list[str]:
+        """The worst first."""
+        return [self.worst, *([self.typical] if self.typical else [])]
+
+
+@section("picture", "Prediction against telemetry")
+def panel(run: RunFiles) -> list[Block]:
+    """Mean and interval of two channels, and the status of heaters."""
+    chosen = choose(run)
+    if chosen is None:
+        return [block.note("The run has no prediction with an interval: sampling did not finish.")]
+    window = run.windows[chosen.window]
+    heaters = [own.heater for own in duties(run) if own.window == chosen.window][:MOST_HEATERS]
+    shown = window.sel(channel=chosen.channels)
+    if window.sizes.get("heater", 0):
+        shown = shown.sel(heater=heaters)
+    titles = {chosen.worst: f"{chosen.worst}, the worst of {window.sizes['channel']}"}
+    if chosen.typical is None:
+        titles = {}
+    else:
+        titles[chosen.typical] = f"{chosen.typical}, {'a typical one' if window.sizes['channel'] > 2 else 'the other'}"
+    figure = figure_stochastic(shown, bins(run) // 2, heights=HEIGHTS, titles=titles)
+    figure.update_layout(showlegend=False, margin={"t": 24})
+    seen = "which was not trained on" if chosen.window in run.test_windows else "which was trained on"
+    inside = listed([f"{percent(chosen.share[name], 0)} of {name}" for name in chosen.channels if name in chosen.share])
+    words = f"Window “{chosen.window}”, {seen}. Dots: telemetry. Line and band: predicted mean and 95% interval"
+    words += f", which has {inside}." if inside else "."
+    if heaters:
+        words += " Beneath: heaters; grey: on in telemetry, ochre: not known, line: predicted probability of on."
+    if "eclipse" in window:
+        words += " Shaded: eclipse."
+    return [block.figure(figure, words)]
+
+
+def holdings(run: RunFiles) -> dict[str, Holding]:
+    """Whether intervals hold, by window that was not trained on, all together."""
+    windows = {name: window for name, window in run.test_windows.items() if "coverage" in window}
+    if not windows:
+        return {}
+    return dict(zip(windows, hold_together([replicates_of(window) for window in windows.values()]), strict=True))
+
+
+def choose(run: RunFiles) -> Chosen | None:
+    """The channel that holds least on unseen telemetry, and the middle one of the others; None without a prediction."""
+    rooms = {
+        (name, str(channel)): (float(room), float(share))
+        for name, held in holdings(run).items()
+        for channel, room, share in zip(run.windows[name]["channel"].values, held.room, held.coverage, strict=True)
+        if np.isfinite(room)
+    }
+    rooms = {place: room for place, room in rooms.items() if has_prediction(run.windows[place[0]], "stochastic")}
+    if rooms:
+        window, worst = min(rooms, key=lambda place: rooms[place][0])
+        others = sorted((room, channel) for (own, channel), (room, _) in rooms.items() if own == window)[1:]
+        share = {channel: share for (own, channel), (_, share) in rooms.items() if own == window}
+        return Chosen(window, worst, others[len(others) // 2][1] if others else None, share)
+    predicted = [name for name, window in run.windows.items() if has_prediction(window, "stochastic")]
+    if not predicted:
+        return None
+    window = next((name for name in predicted if name in run.test_windows), predicted[0])
+    errors = _errors(run.windows[window])
+    order = sorted(errors, key=lambda name: -errors[name])
+    return Chosen(window, order[0], order[(1 + len(order)) // 2] if len(order) > 1 else None, {})
+
+
+def _errors(window: xr.Dataset) -> dict[str, float]:
+    """Root mean square error of each channel; zero where nothing is known."""
+    found = residuals(window)
+    errors = np.sqrt((found**2).mean(axis=0, where=np.isfinite(found)))
+    return dict(zip(names(window, "channel"), np.nan_to_num(errors).tolist(), strict=True))
