@@ -149,7 +149,7 @@ def restored(packed):
 def test_packed_numbers_are_finer_than_a_screen(size):
     values = size * np.append(np.random.default_rng(1).normal(size=500), np.nan)
     again = restored(steps(values))
-    assert np.nanmax(np.abs(again - values)) <= 1e-4 * np.nanmax(np.abs(values))
+    assert np.nanmax(np.abs(again - values)) <= 1e-3 * np.nanmax(np.abs(values))
     assert np.isnan(again[-1])
     assert np.isfinite(again[:-1]).all()
 
@@ -240,8 +240,20 @@ def test_a_long_run_stays_a_small_page(own_run, tmp_path):
     long["observed"] = long["observed"] + np.random.default_rng(1).normal(size=long["observed"].shape)
     xr.DataTree.from_dict({"train": long, "test": long}).to_netcdf(own_run / "prediction.nc", engine="h5netcdf")
     page = write_report(own_run)
-    assert page.stat().st_size < 2.5e6
+    assert 2.1e6 < page.stat().st_size < 2.5e6
     assert "extremes of each stretch" in page.read_text(encoding="utf-8")
+
+
+def test_a_page_that_would_be_too_large_has_fewer_points(slim_run, monkeypatch):
+    tried = []
+
+    def draw(run, **_):
+        tried.append(run.stretches)
+        return "x" * 1_700 * run.stretches
+
+    monkeypatch.setattr("flightcal.report.page.render", draw)
+    assert write_report(slim_run).stat().st_size < 2.5e6
+    assert tried == [1_500, 500]
 
 
 def test_the_cost_of_an_effective_draw_is_that_of_the_worst_quantity(page):
