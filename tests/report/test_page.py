@@ -96,6 +96,24 @@ def test_files_to_load_are_named_by_where_they_are_beside_the_page(slim_run, tmp
     assert not re.findall(r'<a href="([^#"]+)">', elsewhere)
 
 
+def test_a_backtest_in_the_run_s_folder_is_shown_first_among_the_reasons(slim_run):
+    (slim_run / "backtest").mkdir()
+    score = {"origin": "all", "channel": "all", "samples": 9, "coverage": 0.93, "rmse": 0.2, "width": 0.8, "crps": 0.1}
+    scores = [
+        score | {"band": "1 orbit"},
+        score | {"band": "8 orbits", "rmse": 0.7},
+        score | {"channel": "tank", "band": "x"},
+    ]
+    content = {"held": 4, "origins": [{}] * 5, "scores": scores}
+    (slim_run / "backtest" / "backtest.json").write_text(json.dumps(content), encoding="utf-8")
+    page = write_report(slim_run).read_text(encoding="utf-8")
+    assert sections(page)[4:6] == ["why", "backtest"]
+    assert "Intervals held after 4 of 5 origins." in page
+    part = page[page.index('id="backtest"') : page.index('id="reliability"')]
+    assert re.findall(r'<td class="[^"]*">(.*?)</td>', part)[::5] == ["1 orbit", "8 orbits"]
+    assert '<a href="backtest/report.html">' in part
+
+
 def test_nothing_is_fetched_and_nothing_can_be_sent(page):
     shell = without_scripts(page)
     assert not re.search(r"<(link|iframe|img|object|embed)\b|\bsrc=|@import|url\(", shell)
