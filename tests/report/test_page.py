@@ -96,6 +96,24 @@ def test_files_to_load_are_named_by_where_they_are_beside_the_page(slim_run, tmp
     assert not re.findall(r'<a href="([^#"]+)">', elsewhere)
 
 
+def test_a_backtest_in_the_run_s_folder_is_shown_first_among_the_reasons(slim_run):
+    (slim_run / "backtest").mkdir()
+    score = {"origin": "all", "channel": "all", "samples": 9, "coverage": 0.93, "rmse": 0.2, "width": 0.8, "crps": 0.1}
+    scores = [
+        score | {"band": "1 orbit"},
+        score | {"band": "8 orbits", "rmse": 0.7},
+        score | {"channel": "tank", "band": "x"},
+    ]
+    content = {"held": 4, "origins": [{}] * 5, "scores": scores}
+    (slim_run / "backtest" / "backtest.json").write_text(json.dumps(content), encoding="utf-8")
+    page = write_report(slim_run).read_text(encoding="utf-8")
+    assert sections(page)[4:6] == ["why", "backtest"]
+    assert "Intervals held after 4 of 5 origins." in page
+    part = page[page.index('id="backtest"') : page.index('id="reliability"')]
+    assert re.findall(r'<td class="[^"]*">(.*?)</td>', part)[::5] == ["1 orbit", "8 orbits"]
+    assert '<a href="backtest/report.html">' in part
+
+
 def test_nothing_is_fetched_and_nothing_can_be_sent(page):
     shell = without_scripts(page)
     assert not re.search(r"<(link|iframe|img|object|embed)\b|\bsrc=|@import|url\(", shell)
@@ -149,7 +167,7 @@ def restored(packed):
 def test_packed_numbers_are_finer_than_a_screen(size):
     values = size * np.append(np.random.default_rng(1).normal(size=500), np.nan)
     again = restored(steps(values))
-    assert np.nanmax(np.abs(again - values)) <= 1e-4 * np.nanmax(np.abs(values))
+    assert np.nanmax(np.abs(again - values)) <= 1e-3 * np.nanmax(np.abs(values))
     assert np.isnan(again[-1])
     assert np.isfinite(again[:-1]).all()
 
@@ -240,8 +258,20 @@ def test_a_long_run_stays_a_small_page(own_run, tmp_path):
     long["observed"] = long["observed"] + np.random.default_rng(1).normal(size=long["observed"].shape)
     xr.DataTree.from_dict({"train": long, "test": long}).to_netcdf(own_run / "prediction.nc", engine="h5netcdf")
     page = write_report(own_run)
-    assert page.stat().st_size < 2.5e6
+    assert 2.1e6 < page.stat().st_size < 2.5e6
     assert "extremes of each stretch" in page.read_text(encoding="utf-8")
+
+
+def test_a_page_that_would_be_too_large_has_fewer_points(slim_run, monkeypatch):
+    tried = []
+
+    def draw(run, **_):
+        tried.append(run.stretches)
+        return "x" * 1_700 * run.stretches
+
+    monkeypatch.setattr("flightcal.report.page.render", draw)
+    assert write_report(slim_run).stat().st_size < 2.5e6
+    assert tried == [1_500, 500]
 
 
 def test_the_cost_of_an_effective_draw_is_that_of_the_worst_quantity(page):

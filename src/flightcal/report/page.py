@@ -7,7 +7,7 @@ import json
 import math
 import zlib
 from collections.abc import Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from functools import cache, partial
 from importlib.resources import files
 from pathlib import Path
@@ -31,8 +31,12 @@ from .style import DARK, TEMPLATE
 from .text import without_paths
 from .verdict import Verdict, verdict_of
 
-FINE: Final = 4
+FINE: Final = 3
 """Digits to which figures have their numbers, of what they span."""
+LARGEST: Final = 2_450_000
+"""Characters of a page, which nearly all are bytes."""
+STRETCHES: Final = (1_500, 500)
+"""Stretches of long series in the figures of a page, of all plots together: fewer where it would be too large."""
 HARMLESS: Final = str.maketrans("<>&", ",.:")
 """Characters of base 85 that mean something in HTML, and those that stand for them."""
 
@@ -49,7 +53,11 @@ def write_report(run: Path, output: Path | None = None, *, mask: bool = False) -
         files_of_run = masked(files_of_run)
     output = Path(output) if output is not None else Path(run) / ("masked.html" if mask else "report.html")
     beside = output.absolute().parent == Path(run).absolute()
-    write_text(output, render(files_of_run, beside=beside, remark=REMARK if mask else ""))
+    for stretches in STRETCHES:
+        text = render(replace(files_of_run, stretches=stretches), beside=beside, remark=REMARK if mask else "")
+        if len(text) <= LARGEST:
+            break
+    write_text(output, text)
     return output
 
 
@@ -186,23 +194,25 @@ class _Drawn:
 
 
 def times(values: NDArray[Any]) -> dict[str, Any]:
-    """Times: milliseconds since 1970 of the first, and steps from there."""
+    """Times: milliseconds since 1970 of the first, and steps from there in a unit that they have in common."""
     milliseconds = values.astype("datetime64[ms]").astype(np.int64)
     first = int(milliseconds[0]) if milliseconds.size else 0
-    return {"first": first, "steps": np.diff(milliseconds, prepend=first).tolist()}
+    found = np.diff(milliseconds, prepend=first)
+    unit = int(np.gcd.reduce(found)) or 1
+    return {"first": first, "unit": unit, "steps": (found // unit).tolist()}
 
 
 def steps(values: NDArray[Any]) -> dict[str, Any]:
     """Numbers as whole steps from one to the next, null where there is none: few digits, which pack well.
 
-    A step is a power of ten, and at most 1/10000 of their range, which is finer than any screen.
+    A step is a power of ten, and at most 1/1000 of their range, which is finer than any screen.
     """
     known = np.isfinite(values)
     present = np.asarray(values, float)[known]
     size = float(np.abs(present).max(initial=0.0)) or 1.0
     reach = float(np.ptp(present)) if present.size else 0.0
     # No more digits than a number of the script has.
-    digits = min(FINE - math.floor(math.log10(reach or size)), 14 - math.floor(math.log10(size)))
+    digits = min(FINE - math.floor(math.log10(reach or 1e-3 * size)), 14 - math.floor(math.log10(size)))
     whole = np.rint(present * 10.0**digits).astype(np.int64)
     taken = iter(np.diff(whole, prepend=0).tolist())
     return {"digits": digits, "steps": [next(taken) if here else None for here in known]}

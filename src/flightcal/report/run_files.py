@@ -94,6 +94,8 @@ class RunFiles:
     files: tuple[str, ...]
     """What lies in the folder to be taken away."""
     missing: tuple[str, ...]
+    stretches: int = 1_500
+    """Into which figures divide long series, all plots together."""
 
     @property
     def test_windows(self) -> dict[str, xr.Dataset]:
@@ -222,7 +224,7 @@ def _beside(record: Record) -> Metric:
 def bins(run: RunFiles) -> int:
     """Stretches into which a figure divides a long series: fewer for many plots, so that the page stays small."""
     plots = sum(window.sizes["channel"] for window in run.windows.values())
-    return int(np.clip(6_000 // max(plots, 1), 40, 400))
+    return int(np.clip(run.stretches // max(plots, 1), 10, 400))
 
 
 def has_prediction(window: xr.Dataset, method: str) -> bool:

@@ -21,9 +21,9 @@
   let dark = {};
   let drawn = {};
   let arrays = [];
-  const times = ({ first, steps }) => {
+  const times = ({ first, unit, steps }) => {
     let now = first;
-    return steps.map((step) => new Date((now += step)).toISOString().slice(0, -1));
+    return steps.map((step) => new Date((now += step * unit)).toISOString().slice(0, -1));
   };
   const numbers = ({ digits, steps }) => {
     const scale = 10 ** Math.abs(digits);
