@@ -64,7 +64,7 @@ def _packets(dataset: xr.Dataset) -> dict[str, NDArray[np.bool_]]:
 
 def _sampled(dataset: xr.Dataset) -> NDArray[np.bool_]:
     """Times [T] at which there is more than drivers of other packets."""
-    kinds = np.array([dataset[name].attrs["kind"] for name in dataset["channel"].to_numpy()])
+    kinds = np.array([dataset[name].attrs.get("kind", "") for name in dataset["channel"].to_numpy()])
     if len(_packets(dataset)) == 1 or np.all(kinds == "driver"):
         return np.ones(dataset.sizes["time"], dtype=bool)
     return np.any(dataset["flags"].to_numpy()[:, kinds != "driver"] & Flag.OTHER_PACKET == 0, axis=1)
