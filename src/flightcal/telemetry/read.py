@@ -59,11 +59,11 @@ def read_telemetry(specification: TelemetryFile, folder: Path, *, period: float 
     Raises TelemetryError, which names file, line and column, and lists all channels that are wrong.
     """
     conversions = _conversions(specification)
-    packets = []
+    packets = {}
     for name, packet in specification.sources.items():
         chosen = {channel: conversions[channel] for channel in specification.channels_of(name)}
         if chosen:
-            packets.append(_read_packet(specification, name, packet, chosen, folder))
+            packets[name] = _read_packet(specification, name, packet, chosen, folder)
     dataset = merged(packets, list(specification.channels))
     if period is not None:
         dataset.attrs["period_s"] = float(period)
