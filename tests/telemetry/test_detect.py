@@ -34,6 +34,11 @@ def day_of_year(pattern: str) -> list[str]:
         (day_of_year("%Y:%j:%H:%M:%S.000"), "year-doy"),
         (day_of_year("%y-%j/%H:%M:%S"), "year-doy"),
         (day_of_year("%Y.%j.%H.%M.%S"), "year-doy"),
+        (day_of_year("%Y%j.%H%M%S"), "year-doy"),
+        ([int(cell) for cell in day_of_year("%Y%j%H%M%S")], "year-doy"),
+        ([f"2024-{61 + minute / 1440:.8f}" for minute in range(8)], "decimal-doy"),
+        ([24061 + minute / 1440 for minute in range(8)], "decimal-doy"),
+        ([f"0x{cell:X}" for cell in UNIX], "unix"),
     ],
 )
 @pytest.mark.parametrize("suffix", ["csv", "parquet"])
@@ -44,6 +49,17 @@ def test_a_time_column_and_its_format_are_found(tmp_path: Path, cells: list, wri
     (found,) = detect([path])
     assert (found.clock, found.time.format if found.time else None) == ("Stamp", written)
     assert found.first == pytest.approx(START.astype(np.int64), abs=1e9)
+
+
+@pytest.mark.parametrize("step", [1.0, 60.0])
+@pytest.mark.parametrize("start", [24061.5, 45352.5, 60370.5])
+def test_a_counter_is_no_day_of_the_year(tmp_path: Path, start: float, step: float):
+    """Nor is the number of a day: 45352 of a spreadsheet, 60370 of the modified Julian date."""
+    step = step if start < 4e4 else step / 86400
+    table = pd.DataFrame({"time": start + step * np.arange(8), "TT_BAT": np.linspace(0, 9, 8)})
+    table.to_csv(tmp_path / "data.csv", index=False)
+    (found,) = detect([tmp_path / "data.csv"])
+    assert (found.clock, found.time) == ("time", None)
 
 
 def test_typed_times_need_no_format(tmp_path: Path):

@@ -35,7 +35,15 @@ NO_TIMES = {
         "2024-061T24:00",
         "2024-061T12:60",
         "20240301",
+        "2024-03-01 12:00:00",
+        "2024/03/01 12:00",
+        "2024-03-01-12-00-00",
+        "2024 03 01 12 00 00",
+        "366/2023 12:00:00",
+        "2024061250000",
+        "24061.500000",
     ],
+    "decimal-doy": ["", "noon", "2024-061T12:00:00", "24000.5", "23366.5", "60370.5", "24061.5.5"],
 }
 INSTANTS = st.integers(-300_000_000, 4_000_000_000).flatmap(
     lambda second: st.integers(0, 999).map(lambda milli: np.datetime64(second * 1000 + milli, "ms"))
@@ -45,7 +53,7 @@ INSTANTS = st.integers(-300_000_000, 4_000_000_000).flatmap(
 def parsed(folder: Path, written: str, cell: str) -> np.datetime64:
     """The time that `cell` stands for, in a file with an earlier time of the same kind."""
     digits = {"unix": 0, "unix-ms": 3, "unix-us": 6, "unix-ns": 9}
-    earlier = cell.replace("2024", "2020").replace("24-", "20-").replace("24/", "20/").replace("24061", "20061")
+    earlier = cell.replace("2024", "2020").replace("24-", "20-").replace("24/", "20/").replace("24061", "20061", 1)
     earlier = f"315532800{'0' * digits[written]}" if written in digits else earlier.replace("98-001", "97-001")
     channels = {"x": {"column": "x", "kind": "driver"}}
     table = f'time,x\n"{earlier}",1\n"{cell}",2\n'
@@ -102,6 +110,30 @@ def parsed(folder: Path, written: str, cell: str) -> np.datetime64:
         ("year-doy", "24-061/12:00:00", NOON),
         ("year-doy", "24/061 12:00:00", NOON),
         ("year-doy", "24061T120000", NOON),
+        ("year-doy", "2024 061 12 00 00", NOON),
+        ("year-doy", "2024-061-12-00-00", NOON),
+        ("year-doy", "2024/061/12/00/00.5", NOON + HALF),
+        ("year-doy", "2024_061_12_00_00", NOON),
+        ("year-doy", "2024,061,12:00:00", NOON),
+        ("year-doy", "2024-061 // 12:00:00", NOON),
+        ("year-doy", "2024:061:12:00:00:500", NOON + HALF),
+        ("year-doy", "061/2024 12:00:00", NOON),
+        ("year-doy", "061-2024T12:00:00.5", NOON + HALF),
+        ("year-doy", "2024D061T12:00:00", NOON),
+        ("year-doy", "2024 DOY 061 12:00", NOON),
+        ("year-doy", "2024-061T12h00m00.5s", NOON + HALF),
+        ("year-doy", "2024061120000", NOON),
+        ("year-doy", "2024061120000.5", NOON + HALF),
+        ("year-doy", "24061120000", NOON),
+        ("year-doy", "2024061.120000", NOON),
+        ("year-doy", "2024061.120000500", NOON + HALF),
+        ("decimal-doy", "24061.50000000", NOON),
+        ("decimal-doy", "2024061.5", NOON),
+        ("decimal-doy", "2024-061.5", NOON),
+        ("decimal-doy", "2024/61.5", NOON),
+        ("decimal-doy", "24061.50000579", NOON + np.timedelta64(500_256, "us")),
+        ("decimal-doy", "24061", NOON - np.timedelta64(12, "h")),
+        ("unix", "0x65E1C340", NOON),
         ("year-doy", "98-001T00:00:00", np.datetime64("1998-01-01", "ns")),
         ("year-doy", "2024-061", NOON - np.timedelta64(12, "h")),
         ("year-doy", "2024-366T00:00:00", np.datetime64("2024-12-31", "ns")),
@@ -118,8 +150,9 @@ def test_what_is_no_time_is_an_error_at_its_line(tmp_path: Path, written: str, c
         "unix": "1709294400",
         "unix-ms": "1709294400000",
         "year-doy": "2024-061T12:00:00",
+        "decimal-doy": "24061.50",
     }[written]
-    table = f"time,x\n{good},1\n{good[:-1]}1,2\n{cell},3\n"
+    table = f'time,x\n{good},1\n{good[:-1]}1,2\n"{cell}",3\n'
     with pytest.raises(TelemetryError, match=r"^data\.csv: line 4: found (no time|the time '.+'), expected "):
         read(
             tmp_path,

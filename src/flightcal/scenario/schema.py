@@ -58,8 +58,9 @@ class TimeColumn(Block):
     """Where the time stamps are and how they are written."""
 
     column: str
-    format: Literal["iso8601", "unix", "unix-ms", "unix-us", "unix-ns", "year-doy", "clock"] = "iso8601"
-    """`unix`: seconds. `clock`: a counter of the spacecraft, whose `epoch` stands beside it."""
+    format: Literal["iso8601", "unix", "unix-ms", "unix-us", "unix-ns", "year-doy", "decimal-doy", "clock"] = "iso8601"
+    """`unix`: seconds. `decimal-doy`: as in two-line elements. `clock`: a counter of the spacecraft, with its
+    `epoch` beside it."""
     epoch: Time | None = None
     """Of a clock: UTC when it is at zero."""
     rate: Annotated[float, Quantity("Hz", above=0)] | None = None

@@ -14,27 +14,17 @@ from numpy.typing import NDArray
 
 from ..errors import TelemetryError
 from ..scenario import TimeColumn
+from ._doy import UNREADABLE, decimal_day, year_and_day
 from .clean import Nanoseconds
 from .readers import Source
 
-_UNREADABLE = np.iinfo(np.int64).min
-"""Not a time, also to numpy."""
 _EARLIEST = np.datetime64("1957-10-04", "ns").astype(np.int64)
 _FINE = ("unix-ms", "unix-us", "unix-ns")
 _EARLIEST_FINE = np.datetime64("1973-01-01", "ns").astype(np.int64)
 """Of these formats: what is earlier counts coarser units."""
 _LATEST = np.datetime64("2150-01-01", "ns").astype(np.int64)
 _ZONE = r"[T ]\d{2}.*([zZ]|[+-]\d{2}(:?\d{2})?)$"
-_YEAR_DOY = (
-    # 2024-061, 2024:61, 24-061, or 2024061 and 24061
-    r"^(?P<year>\d{4}|\d{2})(?:\s*[-/. :]\s*(?P<day>\d{1,3})|(?P<joined>\d{3}))"
-    # T12:34:56.789, -12.34.56, T123456, ...
-    r"(?:(?:\s*[-T_/.:]\s*|\s+)(?P<hour>\d{1,2})[:.]?(?P<minute>\d{2})"
-    r"(?:[:.]?(?P<second>\d{2})(?:[.,](?P<fraction>\d{1,9})\d*)?)?)?"
-    r"\s*(?:Z|UTC|GMT|\+00:?00)?$"
-)
-_FIRST_OF_CENTURY = 57
-"""Two digits from here on are a year of the 20th century, as in two-line elements."""
+_HEXADECIMAL = r"0[xX][0-9a-fA-F]{1,15}"
 _EXAMPLES = {
     "iso8601": "ISO 8601 such as 2024-03-01T12:00:00.5Z",
     "unix": "UNIX seconds such as 1709294400.5",
@@ -42,6 +32,7 @@ _EXAMPLES = {
     "unix-us": "UNIX microseconds such as 1709294400500000",
     "unix-ns": "UNIX nanoseconds such as 1709294400500000000",
     "year-doy": "year and day of year such as 2024-061T12:00:00.5",
+    "decimal-doy": "year, day of year and its fraction such as 24061.50000000",
     "clock": "a counter such as 762609605.5",
 }
 
@@ -62,7 +53,7 @@ def parse_times(column: pa.ChunkedArray, time: TimeColumn, source: Source) -> Na
         times = _clock(column, time) if written == "clock" else _PARSERS[written](column)
     else:
         raise TelemetryError(f"{source.name}: found times of type {column.type}, expected {_EXAMPLES[written]}")
-    bad = (times == _UNREADABLE) | (times < _earliest(written)) | (times > _LATEST)
+    bad = (times == UNREADABLE) | (times < _earliest(written)) | (times > _LATEST)
     if bad.any():
         raise _unreadable(column, time, source, int(np.argmax(bad)), int(bad.sum()))
     if written == "iso8601" and is_text(column):
@@ -84,7 +75,9 @@ def _unix(column: pa.ChunkedArray, rate: float = 1.0) -> Nanoseconds:
     """Counts since 1970, `rate` a second."""
     if is_text(column):
         text = pd.Series(_trimmed(column).to_numpy(zero_copy_only=False))
-        counts = pd.to_numeric(text, errors="coerce").to_numpy(float)
+        counts = pd.to_numeric(text, errors="coerce").to_numpy(float, copy=True)
+        for row in np.flatnonzero(text.str.fullmatch(_HEXADECIMAL, na=False)):
+            counts[row] = int(text[row], 16)
     else:
         counts = pc.cast(column, pa.float64(), safe=False).to_numpy(zero_copy_only=False)
     seconds = counts / rate
@@ -93,7 +86,7 @@ def _unix(column: pa.ChunkedArray, rate: float = 1.0) -> Nanoseconds:
     # A double holds today's UNIX time to 0.24 microseconds.
     microseconds = np.round((np.nan_to_num(seconds) - whole) * 1e6)
     nanoseconds = (whole.astype(np.int64) * 1_000_000 + microseconds.astype(np.int64)) * 1000
-    return np.where(np.isnan(seconds), _UNREADABLE, nanoseconds)
+    return np.where(np.isnan(seconds), UNREADABLE, nanoseconds)
 
 
 def _clock(column: pa.ChunkedArray, time: TimeColumn) -> Nanoseconds:
@@ -101,14 +94,14 @@ def _clock(column: pa.ChunkedArray, time: TimeColumn) -> Nanoseconds:
     assert time.epoch is not None  # the schema wants it
     epoch = int(np.datetime64(time.epoch, "ns").astype(np.int64))
     elapsed = _unix(column, time.rate or 1.0)
-    times = np.where(elapsed == _UNREADABLE, 0, elapsed) + epoch
+    times = np.where(elapsed == UNREADABLE, 0, elapsed) + epoch
     if time.leap_seconds:
         since, leaps = _leap_seconds()
         before = np.searchsorted(since, epoch, side="right")
         # A leap second lies at the end of its day, so each count is held against where UTC then has got to.
         passed = np.searchsorted(since + (leaps[1:] - leaps[before]) * 1_000_000_000, times, side="right")
         times = times - (leaps[passed] - leaps[before]) * 1_000_000_000
-    return np.where(elapsed == _UNREADABLE, _UNREADABLE, times)
+    return np.where(elapsed == UNREADABLE, UNREADABLE, times)
 
 
 def _leap_seconds() -> tuple[Nanoseconds, NDArray[np.int64]]:
@@ -120,37 +113,14 @@ def _leap_seconds() -> tuple[Nanoseconds, NDArray[np.int64]]:
     return since, np.arange(len(since) + 1)
 
 
-def _year_doy(column: pa.ChunkedArray) -> Nanoseconds:
-    parts = pc.extract_regex(pc.utf8_upper(_trimmed(column)), _YEAR_DOY)
-    matched = pc.is_valid(parts).to_numpy()
-
-    def number(name: str) -> Nanoseconds:
-        text = pc.if_else(pc.equal(pc.struct_field(parts, name), ""), "0", pc.struct_field(parts, name))
-        return pc.fill_null(pc.cast(text, pa.int64()), 0).to_numpy()
-
-    digits = pc.utf8_rpad(pc.fill_null(pc.struct_field(parts, "fraction"), ""), width=9, padding="0")
-    nanoseconds = pc.cast(digits, pa.int64()).to_numpy()
-    year, day, joined, hour, minute, second = (
-        number(name) for name in ("year", "day", "joined", "hour", "minute", "second")
-    )
-    day = day + joined  # one of the two is not there
-    year = np.where(year >= 100, year, np.where(year >= _FIRST_OF_CENTURY, 1900, 2000) + year)
-    matched &= (year >= 1957) & (year <= 2150)
-    first = np.where(matched, year - 1970, 0).astype("datetime64[Y]")
-    days_in_year = (first + np.timedelta64(1, "Y")).astype("datetime64[D]") - first.astype("datetime64[D]")
-    matched &= (day >= 1) & (day <= days_in_year.astype(np.int64)) & (hour < 24) & (minute < 60) & (second < 60)
-    days = first.astype("datetime64[D]").astype(np.int64) + day - 1
-    seconds = ((days * 24 + hour) * 60 + minute) * 60 + second
-    return np.where(matched, seconds * 1_000_000_000 + nanoseconds, _UNREADABLE)
-
-
 _PARSERS: dict[str, Callable[[pa.ChunkedArray], Nanoseconds]] = {
     "iso8601": _iso8601,
     "unix": _unix,
     "unix-ms": partial(_unix, rate=1e3),
     "unix-us": partial(_unix, rate=1e6),
     "unix-ns": partial(_unix, rate=1e9),
-    "year-doy": _year_doy,
+    "year-doy": year_and_day,
+    "decimal-doy": decimal_day,
 }
 
 

@@ -10,6 +10,7 @@ from typing import Final, Literal
 
 import numpy as np
 import pyarrow as pa
+import pyarrow.compute as pc
 
 from ..errors import TelemetryError
 from ..scenario import Channel, TimeColumn, is_temperature, si_unit
@@ -17,11 +18,18 @@ from ._times import Nanoseconds, is_text, parse_times
 from ._values import is_status
 from .readers import Source, locate, read_table, sheets
 
-_FORMATS: Final = ("iso8601", "unix", "unix-ms", "unix-us", "unix-ns", "year-doy")
+_UNIX: Final = ("unix", "unix-ms", "unix-us", "unix-ns")
+_DAYS: Final = ("year-doy", "decimal-doy")
+_FORMATS: Final = ("iso8601", *_DAYS, *_UNIX)
 _LOOKED_AT = 1000
 """Rows that decide what a column is."""
 _FIRST, _LAST = np.datetime64("1990-01-01", "ns").astype(np.int64), np.datetime64("2100-01-01", "ns").astype(np.int64)
 """A number is a UNIX time only between these."""
+_OF_DAYS = r"^(\d{5}|\d{7}|\d{13})(\.\d+)?$"
+"""Numbers that can be a year and a day of year; some have to tell more than the day."""
+_HALF_A_DAY = 43_200_000_000_000
+_LAST_DAY = np.datetime64("2036-01-01", "ns").astype(np.int64)
+"""45352.5 is rather what a spreadsheet counts from 1900 than a day of 2045."""
 _TIME_NAME = re.compile(r"(?i)time|date|utc|epoch|clock|sclk|stamp|(^|_)t(_|$)")
 _CLOCK_NAME = re.compile(r"(?i)clock|sclk|scet|obt|met$|tick|time")
 _STATUS_NAME = re.compile(r"(?i)htr|heater|status|state|switch|enable|(^|[_. ])(on|sw)($|[_. ])")
@@ -100,10 +108,13 @@ def _packet(file: Path, source: Source) -> FoundPacket:
     head = table.select(names).slice(0, _LOOKED_AT)
     # A column called a time comes first.
     for name in sorted(names, key=lambda name: not _TIME_NAME.search(name)):
-        written = _time_format(name, head[name], source)
+        cells = head[name]
+        if _is_numeric(cells) and _TIME_NAME.search(name):
+            cells = read_table(source, name)[name].slice(0, _LOOKED_AT)  # as it is written
+        written = _time_format(name, head[name], cells, source)
         if written is None:
             continue
-        times = None if written == "clock" else _times(head[name], written, source)
+        times = None if written == "clock" else _times(cells, written, source)
         first = float(head[name][0].as_py() if times is None else times[0])
         others = [column for other in names if other != name and (column := _column(other, head[other], source))]
         time = TimeColumn.model_validate({"column": name, "format": written}) if written != "clock" else None
@@ -113,17 +124,20 @@ def _packet(file: Path, source: Source) -> FoundPacket:
     raise TelemetryError(f"{source.name}: found no column of times among {listed}, expected one with {wanted}")
 
 
-def _time_format(name: str, column: pa.ChunkedArray, source: Source) -> str | None:
-    """How the times in a column are written; null: it has none."""
-    numeric = pa.types.is_integer(column.type) or pa.types.is_floating(column.type)
-    for written in _FORMATS:
-        if numeric and not written.startswith("unix"):
+def _time_format(name: str, column: pa.ChunkedArray, cells: pa.ChunkedArray, source: Source) -> str | None:
+    """How the times in a column are written; null: it has none.
+
+    cells: those of the column as they are written, where its name is that of a time.
+    """
+    numeric = _is_numeric(column)
+    for written in _formats_of_numbers(cells) if numeric else _FORMATS:
+        if (times := _times(cells, written, source)) is None:
             continue
-        if (times := _times(column, written, source)) is None:
+        if written in _UNIX and not (numeric or _TIME_NAME.search(name)):
             continue
-        if written.startswith("unix") and not (numeric or _TIME_NAME.search(name)):
+        if (numeric or written in _UNIX) and not (times.min() >= _FIRST and times.max() <= _LAST):
             continue
-        if written.startswith("unix") and not (times.min() >= _FIRST and times.max() <= _LAST):
+        if numeric and written in _DAYS and not _are_days(times):
             continue
         if len(np.unique(times)) > len(times) // 2:
             return written
@@ -131,6 +145,21 @@ def _time_format(name: str, column: pa.ChunkedArray, source: Source) -> str | No
         steps = np.diff(column.to_numpy())
         return "clock" if len(steps) and np.all(steps > 0) else None
     return None
+
+
+def _formats_of_numbers(cells: pa.ChunkedArray) -> tuple[str, ...]:
+    text = cells.cast(pa.string()).drop_null()
+    days = pc.all(pc.match_substring_regex(text, _OF_DAYS)).as_py()
+    return (*_DAYS, *_UNIX) if days and pc.any(pc.match_substring_regex(text, r"\.|\d{13}")).as_py() else _UNIX
+
+
+def _are_days(times: Nanoseconds) -> bool:
+    """Whether numbers that can be days are no counter."""
+    return bool(times.max() < _LAST_DAY and np.median(np.abs(np.diff(times))) < _HALF_A_DAY)
+
+
+def _is_numeric(column: pa.ChunkedArray) -> bool:
+    return pa.types.is_integer(column.type) or pa.types.is_floating(column.type)
 
 
 def _times(column: pa.ChunkedArray, written: str, source: Source) -> Nanoseconds | None:
@@ -146,10 +175,9 @@ def _column(name: str, column: pa.ChunkedArray, source: Source) -> FoundColumn |
     """What a column is; null: nothing that a channel can be, such as a second time or a comment."""
     if column.null_count == len(column):
         return None
-    numeric = pa.types.is_integer(column.type) or pa.types.is_floating(column.type)
     if is_text(column) or pa.types.is_boolean(column.type) or pa.types.is_dictionary(column.type):
         return FoundColumn(name, "status", None) if is_status(column, Channel(column=name, kind="status")) else None
-    if not numeric or _time_format(name, column, source) is not None:
+    if not _is_numeric(column) or _time_format(name, column, column, source) is not None:
         return None
     values = column.drop_null().to_numpy()
     if _STATUS_NAME.search(name) and np.isin(values, (0, 1)).all():
