@@ -199,12 +199,22 @@ def clock(folder: Path, cells: list[str], **time: object) -> np.ndarray:
         (["0", "342569779200", "342569811968"], {"rate": "65536 Hz"}),
         (["0", "2613600", "2613600.25"], {"rate": "0.5 Hz"}),
         (["86400", "5313600", "5313600.5"], {"epoch": "2023-12-31T00:00:00"}),
+        (["0x0", "0x9F8580", "0x9f8581"], {"rate": "2 Hz", "epoch": "2024-01-01"}),
+        (["0:0", "5227200:0", "5227200:32768"], {"fine": 65536}),
+        (["1/0000000000.000", "1/0005227200.000", "1/0005227200.128"], {"fine": 256}),
+        (["0-0", "52272000-00000", "52272005 - 0"], {"fine": 256, "rate": "10 Hz"}),
+        # Days and milliseconds of the day, modified Julian dates, days of a spreadsheet
+        (["24106 0", "24166 43200000", "24166 43200500"], {"epoch": "1958-01-01", "rate": "1 1/day", "fine": 86400000}),
+        (["60310", "60370.5", "60370.500005787"], {"epoch": "1858-11-17", "rate": "1 1/day"}),
+        (["45292", "45352.5", "45352.500005787"], {"epoch": "1899-12-30", "rate": "1 1/day"}),
         (["0", "5227200", "5227200.5"], {"epoch": "2024-01-01T01:00:00+01:00", "leap_seconds": True}),
     ],
 )
 def test_a_spacecraft_clock_counts_from_its_epoch_at_its_rate(tmp_path: Path, cells: list[str], time: dict):
-    expected = [np.datetime64("2024-01-01", "ns"), NOON, NOON + HALF]
-    np.testing.assert_array_equal(clock(tmp_path, cells, **time), expected)
+    expected = np.array([np.datetime64("2024-01-01", "ns"), NOON, NOON + HALF])
+    off = clock(tmp_path, cells, **time) - expected
+    # A day with nine decimals is known to 43 microseconds.
+    assert np.abs(off).max() <= np.timedelta64(43 if "." in cells[2] and "day" in str(time) else 0, "us")
 
 
 def test_a_clock_that_counts_leap_seconds_is_late_by_those_since_its_epoch(tmp_path: Path):
@@ -221,6 +231,23 @@ def test_a_clock_that_cannot_be_a_time_is_an_error_with_its_epoch(tmp_path: Path
         "data.csv: line 3: found the time '1709294400000', expected a counter such as 762609605.5 that gives a time up "
         "to 2150 after the epoch 2024-01-01T00:00:00; format: unix-ms would read it"
     )
+
+
+def test_a_clock_with_a_fine_part_is_told_what_lacks(tmp_path: Path):
+    with pytest.raises(TelemetryError) as caught:
+        clock(tmp_path, ["5227200:0", "5227200:32768"])
+    assert str(caught.value) == (
+        "data.csv: line 2: found the time '5227200:0' (and in 1 more row), expected a counter such as 762609605.5 that "
+        "gives a time up to 2150 after the epoch 2024-01-01T00:00:00; 'fine' says how many counts of the fine part are "
+        "one of the coarse"
+    )
+    for cell in ("5227200", "5227200:256", "2/5227200:0", "5227200:0:1"):
+        with pytest.raises(TelemetryError) as caught:
+            clock(tmp_path, ["5227200:0", cell], fine=256)
+        assert str(caught.value) == (
+            f"data.csv: line 3: found the time '{cell}', expected a coarse count and a fine one below 256, such as "
+            "515721623:128, that give a time up to 2150"
+        )
 
 
 @pytest.mark.parametrize(

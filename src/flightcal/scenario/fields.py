@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable, Iterable
 from dataclasses import dataclass, fields
 from datetime import UTC, datetime
-from functools import lru_cache
+from functools import lru_cache, partial
 from typing import Annotated, Any, Literal, Self, TypeVar
 
 from pydantic import (
@@ -28,6 +28,7 @@ from pydantic_core import core_schema
 from .units import show, to_si
 from .wording import in_plain_words
 
+_FIRST_EPOCH = 1858
 _FIRST_YEAR, _LAST_YEAR = 1957, 2200
 """Of spaceflight, and within what nanosecond time stamps can hold."""
 
@@ -73,15 +74,15 @@ def reader_of(kind: Any) -> TypeAdapter[Any]:
     return TypeAdapter(kind)
 
 
-def _read_time(value: Any) -> datetime:
+def _read_time(value: Any, first_year: int = _FIRST_YEAR) -> datetime:
     """ISO 8601 text as a naive UTC datetime."""
     try:
         time = value if isinstance(value, datetime) else datetime.fromisoformat(value.strip())
         utc = time if time.tzinfo is None else time.astimezone(UTC).replace(tzinfo=None)
     except (AttributeError, ValueError, OverflowError):
         raise ValueError(f"found {show(value)}, expected a UTC time such as 2024-03-01T00:00:00") from None
-    if not _FIRST_YEAR <= utc.year <= _LAST_YEAR:
-        raise ValueError(f"found the year {utc.year}, expected one from {_FIRST_YEAR} to {_LAST_YEAR}")
+    if not first_year <= utc.year <= _LAST_YEAR:
+        raise ValueError(f"found the year {utc.year}, expected one from {first_year} to {_LAST_YEAR}")
     return utc
 
 
@@ -162,11 +163,10 @@ Number = Annotated[float, Field(strict=True, allow_inf_nan=False)]
 Count = Annotated[int, Field(strict=True)]
 Flag = Annotated[bool, Field(strict=True)]
 
-Time = Annotated[
-    datetime,
-    BeforeValidator(_read_time),
-    WithJsonSchema({"type": "string", "pattern": r"^\d{4}-?\d{2}", "examples": ["2024-03-01T00:00:00"]}),
-]
+_TIME = {"type": "string", "pattern": r"^\d{4}-?\d{2}", "examples": ["2024-03-01T00:00:00"]}
+Time = Annotated[datetime, BeforeValidator(_read_time), WithJsonSchema(_TIME)]
+Epoch = Annotated[datetime, BeforeValidator(partial(_read_time, first_year=_FIRST_EPOCH)), WithJsonSchema(_TIME)]
+"""From when a clock counts: dates of a spreadsheet from 1899, modified Julian dates from 1858."""
 Vector = Annotated[tuple[Number, Number, Number], of_length(3, "three numbers [x, y, z]"), AfterValidator(_not_zero)]
 FaceNormal = Annotated[
     Vector | Literal["all"],

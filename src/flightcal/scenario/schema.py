@@ -31,6 +31,7 @@ from .fields import (
     Block,
     ChannelUnit,
     Count,
+    Epoch,
     FileNames,
     Flag,
     Marker,
@@ -40,7 +41,6 @@ from .fields import (
     OneOf,
     Paths,
     Range,
-    Time,
     exactly_one,
     read_empty,
 )
@@ -61,10 +61,12 @@ class TimeColumn(Block):
     format: Literal["iso8601", "unix", "unix-ms", "unix-us", "unix-ns", "year-doy", "decimal-doy", "clock"] = "iso8601"
     """`unix`: seconds. `decimal-doy`: as in two-line elements. `clock`: a counter of the spacecraft, with its
     `epoch` beside it."""
-    epoch: Time | None = None
+    epoch: Epoch | None = None
     """Of a clock: UTC when it is at zero."""
     rate: Annotated[float, Quantity("Hz", above=0)] | None = None
     """Of a clock: counts a second; null: 1."""
+    fine: Annotated[Count, Field(ge=2)] | None = None
+    """Of a clock with a coarse and a fine part, such as 515721623:32768: counts of the fine to one of the coarse."""
     leap_seconds: Flag | None = None
     """Of a clock: true where it counts leap seconds too, as GPS time does; null: false, every day has 86400 s."""
 
@@ -74,7 +76,7 @@ class TimeColumn(Block):
             if self.epoch is None:
                 raise ValueError("missing key 'epoch', expected the UTC time at which the clock is at zero")
             return self
-        given = [key for key in ("epoch", "rate", "leap_seconds") if getattr(self, key) is not None]
+        given = [key for key in ("epoch", "rate", "fine", "leap_seconds") if getattr(self, key) is not None]
         if given:
             raise ValueError(f"found {given[0]!r} beside the format {self.format!r}, expected it of a 'clock' only")
         return self

@@ -25,6 +25,8 @@ _EARLIEST_FINE = np.datetime64("1973-01-01", "ns").astype(np.int64)
 _LATEST = np.datetime64("2150-01-01", "ns").astype(np.int64)
 _ZONE = r"[T ]\d{2}.*([zZ]|[+-]\d{2}(:?\d{2})?)$"
 _HEXADECIMAL = r"0[xX][0-9a-fA-F]{1,15}"
+_COARSE_FINE = r"^(?:1/)?(?P<coarse>\d+)\s*[:., -]\s*(?P<fine>\d+)$"
+"""As SPICE writes them, of the first partition."""
 _EXAMPLES = {
     "iso8601": "ISO 8601 such as 2024-03-01T12:00:00.5Z",
     "unix": "UNIX seconds such as 1709294400.5",
@@ -93,7 +95,7 @@ def _clock(column: pa.ChunkedArray, time: TimeColumn) -> Nanoseconds:
     """Counts of a spacecraft's clock since its epoch."""
     assert time.epoch is not None  # the schema wants it
     epoch = int(np.datetime64(time.epoch, "ns").astype(np.int64))
-    elapsed = _unix(column, time.rate or 1.0)
+    elapsed = _unix(column if time.fine is None else _counts(column, time.fine), time.rate or 1.0)
     times = np.where(elapsed == UNREADABLE, 0, elapsed) + epoch
     if time.leap_seconds:
         since, leaps = _leap_seconds()
@@ -102,6 +104,13 @@ def _clock(column: pa.ChunkedArray, time: TimeColumn) -> Nanoseconds:
         passed = np.searchsorted(since + (leaps[1:] - leaps[before]) * 1_000_000_000, times, side="right")
         times = times - (leaps[passed] - leaps[before]) * 1_000_000_000
     return np.where(elapsed == UNREADABLE, UNREADABLE, times)
+
+
+def _counts(column: pa.ChunkedArray, fine: int) -> pa.ChunkedArray:
+    """Counts of the coarse part of a clock, with the fine part as a fraction; null where a cell has not both."""
+    parts = pc.extract_regex(_trimmed(column), _COARSE_FINE)
+    coarse, ticks = (pc.cast(pc.struct_field(parts, name), pa.float64()) for name in ("coarse", "fine"))
+    return pc.add(coarse, pc.divide(pc.if_else(pc.less(ticks, fine), ticks, None), float(fine)))
 
 
 def _leap_seconds() -> tuple[Nanoseconds, NDArray[np.int64]]:
@@ -136,7 +145,12 @@ def _unreadable(column: pa.ChunkedArray, time: TimeColumn, source: Source, row: 
     ]
     hint = f"; format: {others[0]} would read it" if others else ""
     found = f"found the time '{value}'{more_rows(rows)}"
+    if time.fine is not None:
+        wanted = f"a coarse count and a fine one below {time.fine}, such as 515721623:{time.fine // 2}"
+        return TelemetryError(f"{where}: {found}, expected {wanted}, that give a time up to 2150")
     if written == "clock":
+        if pc.match_substring_regex(cell, _COARSE_FINE)[0].as_py():
+            hint = "; 'fine' says how many counts of the fine part are one of the coarse"
         hint = f" after the epoch {time.epoch:%Y-%m-%dT%H:%M:%S}{hint}"
         return TelemetryError(f"{where}: {found}, expected {_EXAMPLES[written]} that gives a time up to 2150{hint}")
     first = np.datetime64(int(_earliest(written)), "ns").astype("datetime64[Y]")
