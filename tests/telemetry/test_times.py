@@ -9,6 +9,7 @@ from hypothesis import strategies as st
 
 from flightcal.errors import TelemetryError
 from flightcal.scenario import TimeColumn
+from flightcal.telemetry import quality_table
 
 from .files import read
 
@@ -180,6 +181,47 @@ def test_times_survive_the_way_through_every_format(tmp_path_factory, written: s
     folder = tmp_path_factory.mktemp("times")
     dataset = read(folder, table, channels=channels, time={"column": "time", "format": written})
     np.testing.assert_array_equal(dataset["time"], np.sort(np.array(instants, dtype="datetime64[ns]")))
+
+
+@pytest.mark.parametrize(
+    ("written", "cells"),
+    [
+        ("iso8601", {"DATE": "2024-03-01", "TIME": "12:00:00.5"}),
+        ("year-doy", {"DATE": "2024-061", "TIME": "12:00:00.5"}),
+        ("year-doy", {"YEAR": "2024", "DOY": "61", "UTC": "12:00:00.5"}),
+        ("year-doy", {"YEAR": "2024", "DOY": "61", "H": "12", "M": "0", "S": "0.5"}),
+        ("year-doy", {"YEAR": "24", "DOY": "061", "H": "12", "M": "00", "S": "00.5"}),
+        ("clock", {"coarse": "5227200", "fine": "128"}),
+    ],
+)
+def test_a_time_in_several_columns_is_put_together(tmp_path: Path, written: str, cells: dict[str, str]):
+    clock = {"epoch": "2024-01-01", "fine": 256} if written == "clock" else {}
+    rows = "".join(f"{','.join(cells.values()).replace('.5', tail)},{k}\n" for k, tail in enumerate((".5", ".75")))
+    if written == "clock":
+        rows += "5227200,192,2\n"
+    dataset = read(
+        tmp_path,
+        f"{','.join(cells)},x\n{rows}",
+        channels={"x": {"column": "x", "kind": "driver"}},
+        time={"column": list(cells), "format": written} | clock,
+    )
+    np.testing.assert_array_equal(dataset["time"], [NOON + HALF, NOON + HALF * 1.5])
+
+
+def test_rows_with_a_mark_in_the_place_of_a_time_are_dropped_and_counted(tmp_path: Path):
+    rows = "0x00000000,1\n2024-03-01T12:00:00,2\n,4\n0xFFFEFFFE,8\n2024-03-01T12:00:01,16\nnever,32\n"
+    channels = {"x": {"column": "x", "kind": "driver"}}
+    time = {"column": "t", "invalid": ["0x00000000", "0xFFFEFFFE", ""]}
+    with pytest.raises(TelemetryError, match=r"^data\.csv: line 7: found the time 'never', expected ISO 8601"):
+        read(tmp_path, f"t,x\n{rows}", channels=channels, time=time)
+    dataset = read(tmp_path, f"t,x\n{rows[:-9]}", channels=channels, time=time)
+    np.testing.assert_array_equal(dataset["x"], [2, 16])
+    record = quality_table(dataset)[0]
+    assert (record.finding, record.samples, record.share) == ("untimed", 3, 3 / 5)
+    with pytest.raises(TelemetryError, match=r"^data\.csv: line 2: found the time '0x00000000'"):
+        read(tmp_path, f"t,x\n{rows}", channels=channels, time={"column": "t"})
+    with pytest.raises(TelemetryError, match=r"^data\.csv: found no row with a time, all are marked invalid"):
+        read(tmp_path, "t,x\nnone,1\nnone,2\n", channels=channels, time={"column": "t", "invalid": "none"})
 
 
 def clock(folder: Path, cells: list[str], **time: object) -> np.ndarray:

@@ -68,7 +68,7 @@ def draft(folder: Path, files: Sequence[Path]) -> tuple[str, list[str]]:
         counts = ", ".join(f"{kinds.count(kind)} {kind}" for kind in dict.fromkeys(kinds))
         written = packet.time.format if packet.time is not None else "clock, whose epoch is a PLACEHOLDER"
         title = f"{', '.join(file.name for file in packet.files)}{f' ({packet.sheet})' if packet.sheet else ''}"
-        notes.append(f"{title}: times in '{packet.clock}' ({written}); channels: {counts}")
+        notes.append(f"{title}: times in {_quoted(packet.clock)} ({written}); channels: {counts}")
     head = _HEAD.format(folder=folder, name=json.dumps(folder.resolve().name))
     return head + _telemetry(folder, names, channels) + _rest(data, channels), notes
 
@@ -106,7 +106,11 @@ def _telemetry(folder: Path | None, names: Mapping[str, FoundPacket], channels: 
         file = files[0] if len(files) == 1 else f"[{', '.join(files)}]"
         sheet = f", sheet: {_text(packet.sheet)}" if packet.sheet else ""
         written = packet.time.format if packet.time is not None else f"clock, epoch: {_epoch(packet, names)}"
-        time = f"{{column: {_text(packet.clock)}, format: {written}}}"
+        columns = [_text(column) for column in packet.clock]
+        column = columns[0] if len(columns) == 1 else f"[{', '.join(columns)}]"
+        marks = [json.dumps(str(mark)) for mark in packet.time.invalid] if packet.time is not None else []
+        invalid = f", invalid: [{', '.join(marks)}]" if marks else ""
+        time = f"{{column: {column}, format: {written}{invalid}}}"
         comment = "" if packet.time is not None else "  # PLACEHOLDER: UTC at count 0; rate: 1 Hz"
         if single:
             lines += [f"  file: {file}", f"  time: {time}{comment}"]
@@ -218,6 +222,10 @@ def _span(kelvins: np.ndarray) -> tuple[str, str]:
 def _likest(name: str, nodes: Sequence[str]) -> str:
     """The node whose name is most like a heater's."""
     return max(nodes, key=lambda node: difflib.SequenceMatcher(None, name, node).ratio())
+
+
+def _quoted(names: Sequence[str]) -> str:
+    return ", ".join(f"'{name}'" for name in names)
 
 
 def _slug(text: str) -> str:

@@ -57,7 +57,8 @@ from .windows import Window, is_trained
 class TimeColumn(Block):
     """Where the time stamps are and how they are written."""
 
-    column: str
+    column: Names
+    """Several, such as a date and a time of day, are read as one text with spaces in between."""
     format: Literal["iso8601", "unix", "unix-ms", "unix-us", "unix-ns", "year-doy", "decimal-doy", "clock"] = "iso8601"
     """`unix`: seconds. `decimal-doy`: as in two-line elements. `clock`: a counter of the spacecraft, with its
     `epoch` beside it."""
@@ -69,6 +70,8 @@ class TimeColumn(Block):
     """Of a clock with a coarse and a fine part, such as 515721623:32768: counts of the fine to one of the coarse."""
     leap_seconds: Flag | None = None
     """Of a clock: true where it counts leap seconds too, as GPS time does; null: false, every day has 86400 s."""
+    invalid: Markers = ()
+    """What stands in the place of a time in rows that are fill; such rows are dropped."""
 
     @model_validator(mode="after")
     def _of_a_clock(self) -> TimeColumn:

@@ -39,12 +39,47 @@ _EXAMPLES = {
 }
 
 
+def time_cells(table: pa.Table, time: TimeColumn) -> pa.ChunkedArray:
+    """The time column; several joined with spaces."""
+    if len(time.column) == 1:
+        return table[time.column[0]]
+    parts = [_part(table[name]) for name in time.column]
+    if time.format == "year-doy":
+        # Else a month and a day could follow on the year.
+        parts[1] = pc.replace_substring_regex(parts[1], r"^(\d{2})$", r"0\1")
+    return pc.binary_join_element_wise(*parts, " ")
+
+
+def _part(column: pa.ChunkedArray) -> pa.ChunkedArray:
+    """One of several time columns as text; numbers with the zeros that they lack in a column of their own."""
+    if pa.types.is_timestamp(column.type):
+        column = pc.strftime(column, "%Y-%m-%d")  # a date, as a spreadsheet has it
+    return pc.replace_substring_regex(_trimmed(column), r"^(\d)(\.\d*)?$", r"0\1\2")
+
+
+def is_fill(cells: pa.ChunkedArray, time: TimeColumn) -> NDArray[np.bool_]:
+    """Where [T] a mark stands in the place of a time."""
+    text = pc.fill_null(_trimmed(cells), "")
+    return pc.is_in(text, value_set=pa.array([str(mark).strip() for mark in time.invalid], pa.string())).to_numpy()
+
+
 def parse_times(column: pa.ChunkedArray, time: TimeColumn, source: Source) -> Nanoseconds:
     """Times [T] of a column that is written as `time` says, ns since 1970, UTC.
 
     Raises TelemetryError that names the first line whose time is empty, not of this format, or outside 1957
     to 2150, or has a time zone where others have none.
     """
+    times = readable_times(column, time, source)
+    bad = times == UNREADABLE
+    if bad.any():
+        raise _unreadable(column, time, source, int(np.argmax(bad)), int(bad.sum()))
+    if time.format == "iso8601" and is_text(column):
+        _check_zones(column, source)
+    return times
+
+
+def readable_times(column: pa.ChunkedArray, time: TimeColumn, source: Source) -> Nanoseconds:
+    """As `parse_times`, and UNREADABLE where a cell is no time that is believed."""
     written = time.format
     if pa.types.is_dictionary(column.type):
         column = column.cast(column.type.value_type)
@@ -55,12 +90,7 @@ def parse_times(column: pa.ChunkedArray, time: TimeColumn, source: Source) -> Na
         times = _clock(column, time) if written == "clock" else _PARSERS[written](column)
     else:
         raise TelemetryError(f"{source.name}: found times of type {column.type}, expected {_EXAMPLES[written]}")
-    bad = (times == UNREADABLE) | (times < _earliest(written)) | (times > _LATEST)
-    if bad.any():
-        raise _unreadable(column, time, source, int(np.argmax(bad)), int(bad.sum()))
-    if written == "iso8601" and is_text(column):
-        _check_zones(column, source)
-    return times
+    return np.where((times < _earliest(written)) | (times > _LATEST), UNREADABLE, times)
 
 
 def _iso8601(column: pa.ChunkedArray) -> Nanoseconds:

@@ -14,8 +14,10 @@ import pyarrow.compute as pc
 
 from ..errors import TelemetryError
 from ..scenario import Channel, TimeColumn, is_temperature, si_unit
-from ._times import Nanoseconds, is_text, parse_times
+from ._doy import UNREADABLE
+from ._times import Nanoseconds, is_text, readable_times, time_cells
 from ._values import is_status
+from .read import without_empty_rows
 from .readers import Source, locate, read_table, sheets
 
 _UNIX: Final = ("unix", "unix-ms", "unix-us", "unix-ns")
@@ -32,6 +34,12 @@ _LAST_DAY = np.datetime64("2036-01-01", "ns").astype(np.int64)
 """45352.5 is rather what a spreadsheet counts from 1900 than a day of 2045."""
 _TIME_NAME = re.compile(r"(?i)time|date|utc|epoch|clock|sclk|stamp|(^|_)t(_|$)")
 _CLOCK_NAME = re.compile(r"(?i)clock|sclk|scet|obt|met$|tick|time")
+_DATE_NAME = re.compile(r"(?i)date|year|yyyy|utc|day|^yr$")
+"""Of the first of several columns that are one time."""
+_MOST_PARTS = 5
+"""Year, day, hour, minute and second."""
+_MARKS, _FILL = 3, 0.2
+"""So many texts, in such a share of the rows at most, stand in the place of times."""
 _STATUS_NAME = re.compile(r"(?i)htr|heater|status|state|switch|enable|(^|[_. ])(on|sw)($|[_. ])")
 _TEMPERATURE_NAME = re.compile(r"(?i)temp|therm|^t$|^tt?[_.\d-]|[_. ]tt?\d*$|^pt\d|deg\.? ?c|°c")
 # A last letter alone is more often the name of a branch than a unit.
@@ -57,8 +65,8 @@ class FoundPacket:
     sheet: str | None
     time: TimeColumn | None
     """null: `clock` counts from an epoch that only the user knows."""
-    clock: str
-    """Name of the time column."""
+    clock: tuple[str, ...]
+    """Names of the time columns."""
     first: float
     """The first time, ns since 1970; of a clock, the first count."""
     columns: tuple[FoundColumn, ...]
@@ -77,7 +85,7 @@ def detect(files: list[Path]) -> list[FoundPacket]:
         for packet in packets:
             same = [k for k, other in enumerate(found) if _alike(packet, other)]
             if same:
-                found[same[0]] = replace(found[same[0]], files=(*found[same[0]].files, *packet.files))
+                found[same[0]] = _together(found[same[0]], packet)
             else:
                 found.append(packet)
     return found
@@ -85,7 +93,16 @@ def detect(files: list[Path]) -> list[FoundPacket]:
 
 def _alike(one: FoundPacket, other: FoundPacket) -> bool:
     same_columns = {column.name for column in one.columns} == {column.name for column in other.columns}
-    return same_columns and (one.sheet, one.time, one.clock) == (other.sheet, other.time, other.clock)
+    formats = [packet.time and packet.time.format for packet in (one, other)]
+    return same_columns and formats[0] == formats[1] and (one.sheet, one.clock) == (other.sheet, other.clock)
+
+
+def _together(one: FoundPacket, other: FoundPacket) -> FoundPacket:
+    """Files of one packet, with the marks of both."""
+    time = one.time
+    if time is not None and other.time is not None:
+        time = time.model_copy(update={"invalid": tuple(dict.fromkeys((*time.invalid, *other.time.invalid)))})
+    return replace(one, files=(*one.files, *other.files), time=time)
 
 
 def _packets(file: Path) -> Iterator[FoundPacket]:
@@ -103,48 +120,92 @@ def _packets(file: Path) -> Iterator[FoundPacket]:
 
 def _packet(file: Path, source: Source) -> FoundPacket:
     # The name of no column: what every column holds decides.
-    table = read_table(source, "")
+    table = without_empty_rows(read_table(source, ()))
     names = [name for name in dict.fromkeys(table.column_names) if table.column_names.count(name) == 1 and name]
-    head = table.select(names).slice(0, _LOOKED_AT)
-    # A column called a time comes first.
-    for name in sorted(names, key=lambda name: not _TIME_NAME.search(name)):
-        cells = head[name]
-        if _is_numeric(cells) and _TIME_NAME.search(name):
-            cells = read_table(source, name)[name].slice(0, _LOOKED_AT)  # as it is written
-        written = _time_format(name, head[name], cells, source)
-        if written is None:
-            continue
-        times = None if written == "clock" else _times(cells, written, source)
-        first = float(head[name][0].as_py() if times is None else times[0])
-        others = [column for other in names if other != name and (column := _column(other, head[other], source))]
-        time = TimeColumn.model_validate({"column": name, "format": written}) if written != "clock" else None
-        return FoundPacket((file,), source.sheet, time, name, first, tuple(others))
-    listed = ", ".join(names[:12])
-    wanted = "UTC times, UNIX times, year and day of year, or a clock's counter"
-    raise TelemetryError(f"{source.name}: found no column of times among {listed}, expected one with {wanted}")
+    time, times = _time(table.select(names), names, source)
+    if time is None:
+        clock = next((name for name in names if _counts(name, table[name])), None)
+        if clock is None:
+            listed = ", ".join(names[:12])
+            wanted = "UTC times, UNIX times, year and day of year, or a clock's counter"
+            raise TelemetryError(f"{source.name}: found no column of times among {listed}, expected one with {wanted}")
+        first = float(table[clock][0].as_py())
+    else:
+        first = float(times[0])
+    found = (str(clock),) if time is None else time.column
+    head = table.slice(0, _LOOKED_AT)
+    columns = [column for name in names if name not in found and (column := _column(name, head[name], source))]
+    return FoundPacket((file,), source.sheet, time, found, first, tuple(columns))
 
 
-def _time_format(name: str, column: pa.ChunkedArray, cells: pa.ChunkedArray, source: Source) -> str | None:
-    """How the times in a column are written; null: it has none.
+def _time(table: pa.Table, names: list[str], source: Source) -> tuple[TimeColumn | None, Nanoseconds]:
+    """The column of times, or several that are one together, and what they give; null where there is none."""
+    likely = sorted(names, key=lambda name: not _TIME_NAME.search(name))  # a column called a time comes first
+    beside = [
+        tuple(names[k : k + size])
+        for k, name in enumerate(names)
+        for size in range(2, _MOST_PARTS + 1)
+        if _DATE_NAME.search(name) and k + size <= len(names)
+    ]
+    for columns in ((name,) for name in likely), beside:
+        for column in columns:
+            numeric = len(column) == 1 and _is_numeric(table[column[0]])
+            # As it is written, where it may well be a time.
+            written = (
+                table
+                if not numeric or not _TIME_NAME.search(column[0])
+                else without_empty_rows(read_table(source, column))
+            )
+            for format in _formats(column, written, numeric):
+                time = TimeColumn.model_validate({"column": column, "format": format})
+                if (found := _believable(written, time, numeric, source)) is not None:
+                    return found
+    return None, np.array([], dtype=np.int64)
 
-    cells: those of the column as they are written, where its name is that of a time.
-    """
-    numeric = _is_numeric(column)
-    for written in _formats_of_numbers(cells) if numeric else _FORMATS:
-        if (times := _times(cells, written, source)) is None:
-            continue
-        if written in _UNIX and not (numeric or _TIME_NAME.search(name)):
-            continue
-        if (numeric or written in _UNIX) and not (times.min() >= _FIRST and times.max() <= _LAST):
-            continue
-        if numeric and written in _DAYS and not _are_days(times):
-            continue
-        if len(np.unique(times)) > len(times) // 2:
-            return written
-    if numeric and _CLOCK_NAME.search(name) and column.null_count == 0:
-        steps = np.diff(column.to_numpy())
-        return "clock" if len(steps) and np.all(steps > 0) else None
-    return None
+
+def _believable(
+    table: pa.Table, time: TimeColumn, numeric: bool, source: Source
+) -> tuple[TimeColumn, Nanoseconds] | None:
+    """The time with marks for what is none, and the times; null: this is not what the column holds."""
+    head = _marked(time_cells(table.slice(0, _LOOKED_AT), time), time, source)
+    if head is None or (numeric and time.format in _DAYS and not _are_days(head[1])):
+        return None
+    if numeric or time.format in _UNIX:
+        near = head[1].min() >= _FIRST and head[1].max() <= _LAST
+        if not near or not (numeric or _TIME_NAME.search(time.column[0])):
+            return None
+    if len(np.unique(head[1])) <= len(head[1]) // 2:
+        return None
+    return _marked(time_cells(table, time), time, source)
+
+
+def _marked(cells: pa.ChunkedArray, time: TimeColumn, source: Source) -> tuple[TimeColumn, Nanoseconds] | None:
+    """The time with marks for the few cells that are none, and the times [T]; null: there are more than a few."""
+    try:
+        times = readable_times(cells, time, source)
+    except TelemetryError:
+        return None
+    bad = times == UNREADABLE
+    if not bad.any():
+        return time, times
+    marks = cells.filter(pa.array(bad)).cast(pa.string()).fill_null("").unique().to_pylist()
+    if len(marks) > _MARKS or bad.mean() > _FILL or len(time.column) > 1:
+        return None
+    return time.model_copy(update={"invalid": tuple(marks)}), times[~bad]
+
+
+def _formats(columns: tuple[str, ...], table: pa.Table, numeric: bool) -> tuple[str, ...]:
+    if numeric:
+        return _formats_of_numbers(table[columns[0]].slice(0, _LOOKED_AT))
+    return _FORMATS if len(columns) == 1 else ("iso8601", "year-doy")
+
+
+def _counts(name: str, column: pa.ChunkedArray) -> bool:
+    """Whether a column can be a spacecraft's clock."""
+    if not (_is_numeric(column) and _CLOCK_NAME.search(name) and column.null_count == 0):
+        return False
+    steps = np.diff(column.slice(0, _LOOKED_AT).to_numpy())
+    return bool(len(steps) and np.all(steps > 0))
 
 
 def _formats_of_numbers(cells: pa.ChunkedArray) -> tuple[str, ...]:
@@ -162,22 +223,13 @@ def _is_numeric(column: pa.ChunkedArray) -> bool:
     return pa.types.is_integer(column.type) or pa.types.is_floating(column.type)
 
 
-def _times(column: pa.ChunkedArray, written: str, source: Source) -> Nanoseconds | None:
-    if column.null_count == len(column):
-        return None
-    try:
-        return parse_times(column.drop_null(), TimeColumn.model_validate({"column": "", "format": written}), source)
-    except TelemetryError:
-        return None
-
-
 def _column(name: str, column: pa.ChunkedArray, source: Source) -> FoundColumn | None:
     """What a column is; null: nothing that a channel can be, such as a second time or a comment."""
     if column.null_count == len(column):
         return None
     if is_text(column) or pa.types.is_boolean(column.type) or pa.types.is_dictionary(column.type):
         return FoundColumn(name, "status", None) if is_status(column, Channel(column=name, kind="status")) else None
-    if not _is_numeric(column) or _time_format(name, column, column, source) is not None:
+    if not _is_numeric(column) or _is_second_time(name, column, source):
         return None
     values = column.drop_null().to_numpy()
     if _STATUS_NAME.search(name) and np.isin(values, (0, 1)).all():
@@ -188,6 +240,12 @@ def _column(name: str, column: pa.ChunkedArray, source: Source) -> FoundColumn |
     if unit is None and _TEMPERATURE_NAME.search(name):
         return FoundColumn(name, "temperature", "K" if np.median(values) > 150 else "degC")
     return FoundColumn(name, "driver", unit or "1")
+
+
+def _is_second_time(name: str, column: pa.ChunkedArray, source: Source) -> bool:
+    table = pa.table({name: column})
+    times = [TimeColumn.model_validate({"column": name, "format": format}) for format in _formats_of_numbers(column)]
+    return _counts(name, column) or any(_believable(table, time, True, source) for time in times)
 
 
 def _unit(name: str) -> str | None:

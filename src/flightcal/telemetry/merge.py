@@ -11,7 +11,7 @@ import xarray as xr
 
 from ._flags import SAMPLE_FLAGS, Flag, flag_attributes, meaning
 
-_OF_ROWS = ("rows_read", "duplicates", "conflicts", "conflict_times", "unsorted", "stale_checked")
+_OF_ROWS = ("rows_read", "untimed", "duplicates", "conflicts", "conflict_times", "unsorted", "stale_checked")
 """Attributes that tell what was wrong with the rows of a packet."""
 
 
@@ -62,7 +62,7 @@ def merged(named: Mapping[str, xr.Dataset], channels: list[str]) -> xr.Dataset:
 def _attributes(named: Mapping[str, dict[str, Any]]) -> dict[str, Any]:
     packets = list(named.values())
     found = {key: value for key, value in packets[0].items() if all(other.get(key) == value for other in packets)}
-    for key in ("rows_read", "duplicates", "conflicts", "unsorted"):
+    for key in ("rows_read", "untimed", "duplicates", "conflicts", "unsorted"):
         found[key] = sum(packet[key] for packet in packets)
     found["sampling_interval_s"] = min(packet["sampling_interval_s"] for packet in packets)
     found["stale_checked"] = min(packet["stale_checked"] for packet in packets)

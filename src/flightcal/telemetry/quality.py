@@ -24,7 +24,7 @@ class QualityRecord:
 
     channel: str
     finding: str
-    """A flag's meaning, or duplicates, conflicts, unsorted, gaps, stale_not_checked."""
+    """A flag's meaning, or untimed, duplicates, conflicts, unsorted, gaps, stale_not_checked."""
     samples: int
     """How many samples (rows of the file) it concerns; for gaps, how many are missing."""
     share: float
@@ -68,6 +68,7 @@ def _row_records(packet: str, attributes: Mapping[str, Any]) -> list[QualityReco
     read = int(attributes["rows_read"])
     records = []
     details = {
+        "untimed": "rows that have a mark in the place of a time; dropped",
         "duplicates": "rows that repeat a row of the same time; dropped",
         "conflicts": "rows that differ from a row of the same time; dropped, the first is used: "
         + attributes["conflict_times"],
