@@ -12,6 +12,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
+from numpy.typing import NDArray
 
 from ..errors import TelemetryError
 
@@ -24,6 +25,8 @@ _PLAIN = re.compile(r"[A-Za-z][\w.-]*( [A-Za-z][\w.-]*)*")
 _WORDS = ("on", "off", "yes", "no", "true", "false", "null", "y", "n")
 _LONGEST = np.timedelta64(10, "h")
 """Of telemetry that the windows take at first: some orbits, so that the first run is short."""
+_MANY, _SHORTEST_GAP = 10, np.timedelta64(15, "m")
+"""An interval of more than so many usual ones, and longer than this, is a gap that a window had better not have."""
 _EPOCH = np.datetime64("2000-01-01T12:00:00", "ns")
 _ICE_POINT = 273.15
 _HEAD = """\
@@ -34,6 +37,9 @@ _HEAD = """\
 name: {name}
 
 """
+
+
+_Stretch = tuple[np.datetime64, np.datetime64]
 
 
 class _Channel(NamedTuple):
@@ -66,7 +72,9 @@ def draft(folder: Path, files: Sequence[Path]) -> tuple[str, list[str]]:
     for name, packet in names.items():
         kinds = [channel.kind for channel in channels if channel.packet == name]
         counts = ", ".join(f"{kinds.count(kind)} {kind}" for kind in dict.fromkeys(kinds))
-        written = packet.time.format if packet.time is not None else "clock, whose epoch is a PLACEHOLDER"
+        written = "clock, whose epoch is a PLACEHOLDER"
+        if packet.time is not None:
+            written = f"{packet.time.format}, from {np.datetime_as_string(np.datetime64(int(packet.first), 'ns'), 's')}"
         title = f"{', '.join(file.name for file in packet.files)}{f' ({packet.sheet})' if packet.sheet else ''}"
         notes.append(f"{title}: times in {_quoted(packet.clock)} ({written}); channels: {counts}")
     head = _HEAD.format(folder=folder, name=json.dumps(folder.resolve().name))
@@ -201,16 +209,33 @@ def _rest(dataset: xarray.Dataset, channels: Sequence[_Channel]) -> str:
 
 
 def _windows(dataset: xarray.Dataset) -> tuple[str, str, str]:
-    """Start, middle and end of the time that all packets share, at most `_LONGEST` of it."""
+    """Start, middle and end of a stretch without long gaps in any packet, at most `_LONGEST` of it."""
     times = dataset["time"].values
-    own = [times[np.isfinite(dataset[str(name)].values)] for name in dataset["channel"].values]
-    start, end = max(one[0] for one in own), min(one[-1] for one in own)
-    if end <= start:
+    common: list[_Stretch] | None = None
+    for name in dataset["channel"].values:
+        own = _stretches(times[np.isfinite(dataset[str(name)].values)])
+        common = own if common is None else _overlaps(common, own)
+    if not common:
         raise TelemetryError("found files whose times do not overlap, expected some time that all of them have")
+    start, end = max(common, key=lambda one: min(one[1] - one[0], _LONGEST))  # the first of equals
     end = min(end, start + _LONGEST)
     moments = (start, start + (end - start) // 2, end)
     first, middle, last = (np.datetime_as_string(moment.astype("datetime64[ms]")) for moment in moments)
     return str(first), str(middle), str(last)
+
+
+def _stretches(times: NDArray[np.datetime64]) -> list[_Stretch]:
+    """From when to when increasing times have no long gap."""
+    steps = np.diff(times)
+    usual = np.median(steps) if len(steps) else _SHORTEST_GAP
+    long = np.flatnonzero(steps > max(_MANY * usual, _SHORTEST_GAP))
+    edges = [0, *(edge for gap in long for edge in (gap, gap + 1)), len(times) - 1]
+    return [(times[a], times[b]) for a, b in zip(edges[::2], edges[1::2], strict=True) if b > a]
+
+
+def _overlaps(ones: Sequence[_Stretch], others: Sequence[_Stretch]) -> list[_Stretch]:
+    found = [(max(one[0], other[0]), min(one[1], other[1])) for one in ones for other in others]
+    return [(start, end) for start, end in found if end > start]
 
 
 def _span(kelvins: np.ndarray) -> tuple[str, str]:
