@@ -25,9 +25,36 @@ _PLAIN = re.compile(r"[A-Za-z][\w.-]*( [A-Za-z][\w.-]*)*")
 _WORDS = ("on", "off", "yes", "no", "true", "false", "null", "y", "n")
 _LONGEST = np.timedelta64(10, "h")
 """Of telemetry that the windows take at first: some orbits, so that the first run is short."""
-_MANY, _SHORTEST_GAP = 10, np.timedelta64(15, "m")
-"""An interval of more than so many usual ones, and longer than this, is a gap that a window had better not have."""
+_MANY, _SHORTEST_GAP = 10, 15 * 60e9
+"""An interval of more than so many usual ones, and of more ns than this, is a gap that a window had better not have."""
 _EPOCH = np.datetime64("2000-01-01T12:00:00", "ns")
+_RATES = (
+    1,
+    2,
+    4,
+    8,
+    10,
+    16,
+    32,
+    64,
+    100,
+    128,
+    256,
+    512,
+    1000,
+    1024,
+    2048,
+    4096,
+    8192,
+    10_000,
+    16_384,
+    32_768,
+    65_536,
+    100_000,
+    1_000_000,
+)
+"""Hz, of clocks that count ticks."""
+_ABOUT = 0.15
 _ICE_POINT = 273.15
 _HEAD = """\
 # A scenario for your telemetry. What the files tell is written. What says PLACEHOLDER is a guess: write yours.
@@ -48,6 +75,7 @@ class _Channel(NamedTuple):
     column: str
     kind: str
     unit: str | None
+    on_above: str | None
 
 
 def draft(folder: Path, files: Sequence[Path]) -> tuple[str, list[str]]:
@@ -97,7 +125,7 @@ def _channels(names: Mapping[str, FoundPacket]) -> list[_Channel]:
         for column in packet.columns:
             name = _unique(_slug(column.name), taken)
             taken[name] = None
-            channels.append(_Channel(name, packet_name, column.name, column.kind, column.unit))
+            channels.append(_Channel(name, packet_name, column.name, column.kind, column.unit, column.on_above))
     return channels
 
 
@@ -113,13 +141,16 @@ def _telemetry(folder: Path | None, names: Mapping[str, FoundPacket], channels: 
         ]
         file = files[0] if len(files) == 1 else f"[{', '.join(files)}]"
         sheet = f", sheet: {_text(packet.sheet)}" if packet.sheet else ""
-        written = packet.time.format if packet.time is not None else f"clock, epoch: {_epoch(packet, names)}"
+        rate = _rate(packet, names)
+        written = packet.time.format if packet.time is not None else f"clock, epoch: {_epoch(packet, names, rate)}"
+        if packet.time is None:
+            written += f", rate: {rate} Hz" + (f", fine: {packet.fine}" if packet.fine else "")
         columns = [_text(column) for column in packet.clock]
         column = columns[0] if len(columns) == 1 else f"[{', '.join(columns)}]"
         marks = [json.dumps(str(mark)) for mark in packet.time.invalid] if packet.time is not None else []
         invalid = f", invalid: [{', '.join(marks)}]" if marks else ""
         time = f"{{column: {column}, format: {written}{invalid}}}"
-        comment = "" if packet.time is not None else "  # PLACEHOLDER: UTC at count 0; rate: 1 Hz"
+        comment = "" if packet.time is not None else "  # PLACEHOLDER: UTC at count 0, counts a second"
         if single:
             lines += [f"  file: {file}", f"  time: {time}{comment}"]
         else:
@@ -131,15 +162,28 @@ def _telemetry(folder: Path | None, names: Mapping[str, FoundPacket], channels: 
     for channel in channels:
         packet_key = "" if single else f"packet: {channel.packet}, "
         unit = "" if channel.unit is None else f", unit: {_text(channel.unit) if channel.unit != '1' else 1}"
-        lines.append(f"    {channel.name}: {{{packet_key}column: {_text(channel.column)}{unit}, kind: {channel.kind}}}")
+        on_above = "" if channel.on_above is None else f", on_above: {channel.on_above}"
+        lines.append(
+            f"    {channel.name}: {{{packet_key}column: {_text(channel.column)}{unit}, kind: {channel.kind}{on_above}}}"
+        )
     return "\n".join(lines) + "\n"
 
 
-def _epoch(packet: FoundPacket, names: Mapping[str, FoundPacket]) -> str:
+def _epoch(packet: FoundPacket, names: Mapping[str, FoundPacket], rate: int) -> str:
     """A guess at a clock's epoch, with which it begins where the other packets do."""
     starts = [other.first for other in names.values() if other.time is not None]
-    epoch = _EPOCH if not starts else np.datetime64(int(max(starts)), "ns") - np.timedelta64(int(packet.first), "s")
+    since = np.timedelta64(int(packet.first / rate), "s")
+    epoch = _EPOCH if not starts else np.datetime64(int(max(starts)), "ns") - since
     return str(np.datetime_as_string(epoch, unit="s"))
+
+
+def _rate(packet: FoundPacket, names: Mapping[str, FoundPacket]) -> int:
+    """A guess at how often a clock counts a second: with it, it runs about as long as the other packets do."""
+    longest = max((other.last - other.first for other in names.values() if other.time is not None), default=0.0) / 1e9
+    if not longest:
+        return 1
+    nearest = min(_RATES, key=lambda rate: abs(np.log((packet.last - packet.first) / rate / longest)))
+    return nearest if abs(np.log((packet.last - packet.first) / nearest / longest)) < _ABOUT else 1
 
 
 def _read(block: str) -> xarray.Dataset:
@@ -226,11 +270,11 @@ def _windows(dataset: xarray.Dataset) -> tuple[str, str, str]:
 
 def _stretches(times: NDArray[np.datetime64]) -> list[_Stretch]:
     """From when to when increasing times have no long gap."""
-    steps = np.diff(times)
-    usual = np.median(steps) if len(steps) else _SHORTEST_GAP
-    long = np.flatnonzero(steps > max(_MANY * usual, _SHORTEST_GAP))
-    edges = [0, *(edge for gap in long for edge in (gap, gap + 1)), len(times) - 1]
-    return [(times[a], times[b]) for a, b in zip(edges[::2], edges[1::2], strict=True) if b > a]
+    steps = np.diff(times).astype("timedelta64[ns]").astype(np.int64)
+    usual = float(np.median(steps)) if len(steps) else 0.0
+    gaps = np.flatnonzero(steps > max(_MANY * usual, _SHORTEST_GAP))
+    starts, ends = [0, *(gaps + 1).tolist()], [*gaps.tolist(), len(times) - 1]
+    return [(times[a], times[b]) for a, b in zip(starts, ends, strict=True) if b > a]
 
 
 def _overlaps(ones: Sequence[_Stretch], others: Sequence[_Stretch]) -> list[_Stretch]:

@@ -11,6 +11,7 @@ from typing import Final, Literal
 import numpy as np
 import pyarrow as pa
 import pyarrow.compute as pc
+from numpy.typing import NDArray
 
 from ..errors import TelemetryError
 from ..scenario import Channel, TimeColumn, is_temperature, si_unit
@@ -41,6 +42,14 @@ _MOST_PARTS = 5
 _MARKS, _FILL = 3, 0.2
 """So many texts, in such a share of the rows at most, stand in the place of times."""
 _STATUS_NAME = re.compile(r"(?i)htr|heater|status|state|switch|enable|(^|[_. ])(on|sw)($|[_. ])")
+_HEATER_NAME = re.compile(
+    r"(?i)(htr|heater).*(cur|amp|pow|_i\b|\b[mk]?[AW]\b|_[mk]?[AW]$)|(cur|pow|^[iIpP]_).*(htr|heater)"
+)
+"""Of a heater's current or power."""
+_LEVELS = 5
+"""A word of few bits, which has no unit, has fewer values."""
+_COARSE_FINE = r"^(?:1/)?(?P<coarse>\d{5,})\s*[:., -]\s*(?P<fine>\d+)$"
+_FINE = (100, 256, 1000, 65_536, 1_000_000, 2**24, 2**32)
 _TEMPERATURE_NAME = re.compile(r"(?i)temp|therm|^t$|^tt?[_.\d-]|[_. ]tt?\d*$|^pt\d|deg\.? ?c|°c")
 # A last letter alone is more often the name of a branch than a unit.
 _UNIT = re.compile(r"[\[(]\s*([^\[\]()]+?)\s*[\])]|[_ ](degC|mA|mV|mW|kW|deg)$")
@@ -54,7 +63,9 @@ class FoundColumn:
     name: str
     kind: Literal["temperature", "status", "driver"]
     unit: str | None
-    """null: of a status."""
+    """null: of a status that is no number."""
+    on_above: str | None = None
+    """Of a status that is a heater's current or power: between its two levels, with the unit."""
 
 
 @dataclass(frozen=True)
@@ -68,8 +79,11 @@ class FoundPacket:
     clock: tuple[str, ...]
     """Names of the time columns."""
     first: float
-    """The first time, ns since 1970; of a clock, the first count."""
+    last: float
+    """The first and the last time, ns since 1970; of a clock, counts (of its coarse part)."""
     columns: tuple[FoundColumn, ...]
+    fine: int | None = None
+    """A guess at how many counts of a clock's fine part are one of its coarse; null: it has no fine part."""
 
 
 def detect(files: list[Path]) -> list[FoundPacket]:
@@ -123,19 +137,23 @@ def _packet(file: Path, source: Source) -> FoundPacket:
     table = without_empty_rows(read_table(source, ()))
     names = [name for name in dict.fromkeys(table.column_names) if table.column_names.count(name) == 1 and name]
     time, times = _time(table.select(names), names, source)
+    fine = None
     if time is None:
-        clock = next((name for name in names if _counts(name, table[name])), None)
-        if clock is None:
+        clock, fine = next(
+            ((name, fine) for name in names if (fine := _fine(name, table[name])) is not None), ("", None)
+        )
+        if fine is None:
             listed = ", ".join(names[:12])
             wanted = "UTC times, UNIX times, year and day of year, or a clock's counter"
             raise TelemetryError(f"{source.name}: found no column of times among {listed}, expected one with {wanted}")
-        first = float(table[clock][0].as_py())
+        counts = _coarse(table[clock])
+        first, last = float(counts[0]), float(counts[-1])
     else:
-        first = float(times[0])
-    found = (str(clock),) if time is None else time.column
+        first, last = float(times[0]), float(times.max())
+    found = (clock,) if time is None else time.column
     head = table.slice(0, _LOOKED_AT)
     columns = [column for name in names if name not in found and (column := _column(name, head[name], source))]
-    return FoundPacket((file,), source.sheet, time, found, first, tuple(columns))
+    return FoundPacket((file,), source.sheet, time, found, first, last, tuple(columns), fine or None)
 
 
 def _time(table: pa.Table, names: list[str], source: Source) -> tuple[TimeColumn | None, Nanoseconds]:
@@ -200,12 +218,26 @@ def _formats(columns: tuple[str, ...], table: pa.Table, numeric: bool) -> tuple[
     return _FORMATS if len(columns) == 1 else ("iso8601", "year-doy")
 
 
-def _counts(name: str, column: pa.ChunkedArray) -> bool:
-    """Whether a column can be a spacecraft's clock."""
-    if not (_is_numeric(column) and _CLOCK_NAME.search(name) and column.null_count == 0):
-        return False
-    steps = np.diff(column.slice(0, _LOOKED_AT).to_numpy())
-    return bool(len(steps) and np.all(steps > 0))
+def _fine(name: str, column: pa.ChunkedArray) -> int | None:
+    """How many counts of the fine part of what can be a clock are one of the coarse; 0: it has none; null: no clock."""
+    if not _CLOCK_NAME.search(name) or column.null_count:
+        return None
+    head = column.slice(0, _LOOKED_AT)
+    if is_text(head) and pc.all(pc.match_substring_regex(head, _COARSE_FINE)).as_py():
+        largest = int(
+            pc.max(pc.cast(pc.struct_field(pc.extract_regex(head, _COARSE_FINE), "fine"), pa.int64())).as_py()
+        )
+        return next((fine for fine in _FINE if fine > largest), None) if np.all(np.diff(_coarse(head)) >= 0) else None
+    if not _is_numeric(head):
+        return None
+    steps = np.diff(head.to_numpy())
+    return 0 if len(steps) and np.all(steps > 0) else None
+
+
+def _coarse(column: pa.ChunkedArray) -> NDArray[np.float64]:
+    if is_text(column):
+        column = pc.struct_field(pc.extract_regex(column, _COARSE_FINE), "coarse")
+    return pc.cast(column, pa.float64()).to_numpy()
 
 
 def _formats_of_numbers(cells: pa.ChunkedArray) -> tuple[str, ...]:
@@ -239,13 +271,25 @@ def _column(name: str, column: pa.ChunkedArray, source: Source) -> FoundColumn |
         return FoundColumn(name, "temperature", unit)
     if unit is None and _TEMPERATURE_NAME.search(name):
         return FoundColumn(name, "temperature", "K" if np.median(values) > 150 else "degC")
+    if _HEATER_NAME.search(name) and (level := _between_levels(values, unit)) is not None:
+        return FoundColumn(name, "status", unit or "1", f"{level:.3g} {unit or ''}".strip())
     return FoundColumn(name, "driver", unit or "1")
+
+
+def _between_levels(values: NDArray[np.float64], unit: str | None) -> float | None:
+    """The middle between the two levels of a current that is on or off; null: it has not two."""
+    found = np.unique(values)
+    if len(found) < (_LEVELS if unit is None else 2) or found[-1] <= 0:
+        return None
+    gaps = np.diff(found)
+    widest = int(np.argmax(gaps))
+    return float(found[widest] + gaps[widest] / 2) if gaps[widest] > 0.5 * (found[-1] - found[0]) else None
 
 
 def _is_second_time(name: str, column: pa.ChunkedArray, source: Source) -> bool:
     table = pa.table({name: column})
     times = [TimeColumn.model_validate({"column": name, "format": format}) for format in _formats_of_numbers(column)]
-    return _counts(name, column) or any(_believable(table, time, True, source) for time in times)
+    return _fine(name, column) is not None or any(_believable(table, time, True, source) for time in times)
 
 
 def _unit(name: str) -> str | None:
