@@ -39,6 +39,10 @@ def day_of_year(pattern: str) -> list[str]:
         ([f"2024-{61 + minute / 1440:.8f}" for minute in range(8)], "decimal-doy"),
         ([24061 + minute / 1440 for minute in range(8)], "decimal-doy"),
         ([f"0x{cell:X}" for cell in UNIX], "unix"),
+        (day_of_year("%d.%m.%Y %H:%M:%S"), "%d.%m.%Y %H:%M:%S"),
+        (day_of_year("%d-%b-%Y %H:%M"), "%d-%b-%Y %H:%M"),
+        (day_of_year("%Y%m%d_%H%M%S"), "%Y%m%d_%H%M%S"),
+        ([int(cell) for cell in day_of_year("%Y%m%d%H%M%S")], "%Y%m%d%H%M%S"),
     ],
 )
 @pytest.mark.parametrize("suffix", ["csv", "parquet"])
@@ -77,6 +81,18 @@ def test_a_time_in_several_columns_is_found(tmp_path: Path, cells: dict, written
     assert (found.clock, found.time.format if found.time else None) == (tuple(cells), written)
     assert found.first == START.astype(np.int64)
     assert [column.name for column in found.columns] == ["TT_BAT"]
+
+
+@pytest.mark.parametrize("days", [1, 3, 14])
+@pytest.mark.parametrize("written", ["%m/%d/%Y %H:%M", "%d/%m/%Y %H:%M"])
+def test_day_and_month_are_told_apart_by_how_close_times_lie(tmp_path: Path, written: str, days: int):
+    times = pd.to_datetime(seconds(*(3600.0 * np.arange(24 * days))))
+    table = pd.DataFrame({"time": times.strftime(written), "TT_BAT": np.linspace(0, 9, len(times))})
+    table.to_csv(tmp_path / "data.csv", index=False)
+    (found,) = detect([tmp_path / "data.csv"])
+    assert found.time is not None
+    # Of a single day nothing tells; day before month is then taken.
+    assert found.time.format == ("%d/%m/%Y %H:%M" if days == 1 else written)
 
 
 def test_marks_in_the_place_of_times_are_found_in_all_files_of_a_packet(tmp_path: Path):

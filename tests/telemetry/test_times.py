@@ -135,6 +135,12 @@ def parsed(folder: Path, written: str, cell: str) -> np.datetime64:
         ("decimal-doy", "24061.50000579", NOON + np.timedelta64(500_256, "us")),
         ("decimal-doy", "24061", NOON - np.timedelta64(12, "h")),
         ("unix", "0x65E1C340", NOON),
+        ("%d.%m.%Y %H:%M:%S", "01.03.2024 12:00:00", NOON),
+        ("%m/%d/%Y %I:%M %p", "3/1/2024 12:00 PM", NOON),
+        ("%d-%b-%Y %H:%M:%S.%f", "01-Mar-2024 12:00:00.5", NOON + HALF),
+        ("%Y%m%d_%H%M%S", "20240301_120000", NOON),
+        ("%H:%M:%S %j %Y", "12:00:00 061 2024", NOON),
+        ("%Y-%m-%d %H:%M:%S%z", "2024-03-01 13:00:00+0100", NOON),
         ("year-doy", "98-001T00:00:00", np.datetime64("1998-01-01", "ns")),
         ("year-doy", "2024-061", NOON - np.timedelta64(12, "h")),
         ("year-doy", "2024-366T00:00:00", np.datetime64("2024-12-31", "ns")),
@@ -222,6 +228,33 @@ def test_rows_with_a_mark_in_the_place_of_a_time_are_dropped_and_counted(tmp_pat
         read(tmp_path, f"t,x\n{rows}", channels=channels, time={"column": "t"})
     with pytest.raises(TelemetryError, match=r"^data\.csv: found no row with a time, all are marked invalid"):
         read(tmp_path, "t,x\nnone,1\nnone,2\n", channels=channels, time={"column": "t", "invalid": "none"})
+
+
+def test_a_pattern_that_does_not_fit_is_told_with_an_example(tmp_path: Path):
+    with pytest.raises(TelemetryError) as caught:
+        read(
+            tmp_path,
+            "time,x\n01.03.2024 12:00:00,1\n31.02.2024 12:00:00,2\n",
+            channels={"x": {"column": "x", "kind": "driver"}},
+            time={"column": "time", "format": "%d.%m.%Y %H:%M:%S"},
+        )
+    assert str(caught.value) == (
+        "data.csv: line 3: found the time '31.02.2024 12:00:00', expected '%d.%m.%Y %H:%M:%S' such as "
+        "01.03.2024 12:00:00, between 1957 and 2150"
+    )
+
+
+@pytest.mark.parametrize(
+    ("written", "message"),
+    [
+        ("iso", "expected iso8601, unix, .*, or a pattern such as '%d.%m.%Y %H:%M:%S'; did you mean 'iso8601'"),
+        ("%d.%m. %H:%M", r"expected a pattern with a year \(%Y\) and a day \(%m and %d, or %j\)"),
+        ("%Y %Q", "expected a pattern with a year"),
+    ],
+)
+def test_a_format_is_known_or_tells_the_day(written: str, message: str):
+    with pytest.raises(ValueError, match=message):
+        TimeColumn(column="t", format=written)
 
 
 def clock(folder: Path, cells: list[str], **time: object) -> np.ndarray:

@@ -142,7 +142,9 @@ def _telemetry(folder: Path | None, names: Mapping[str, FoundPacket], channels: 
         file = files[0] if len(files) == 1 else f"[{', '.join(files)}]"
         sheet = f", sheet: {_text(packet.sheet)}" if packet.sheet else ""
         rate = _rate(packet, names)
-        written = packet.time.format if packet.time is not None else f"clock, epoch: {_epoch(packet, names, rate)}"
+        written = (
+            _text(packet.time.format) if packet.time is not None else f"clock, epoch: {_epoch(packet, names, rate)}"
+        )
         if packet.time is None:
             written += f", rate: {rate} Hz" + (f", fine: {packet.fine}" if packet.fine else "")
         columns = [_text(column) for column in packet.clock]

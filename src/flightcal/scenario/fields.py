@@ -25,7 +25,7 @@ from pydantic import (
 from pydantic.json_schema import SkipJsonSchema
 from pydantic_core import core_schema
 
-from .units import show, to_si
+from .units import did_you_mean, show, to_si
 from .wording import in_plain_words
 
 _FIRST_EPOCH = 1858
@@ -84,6 +84,27 @@ def _read_time(value: Any, first_year: int = _FIRST_YEAR) -> datetime:
     if not first_year <= utc.year <= _LAST_YEAR:
         raise ValueError(f"found the year {utc.year}, expected one from {first_year} to {_LAST_YEAR}")
     return utc
+
+
+TIME_FORMATS = ("iso8601", "unix", "unix-ms", "unix-us", "unix-ns", "year-doy", "decimal-doy", "clock")
+"""How times are written, besides patterns."""
+
+
+def _read_time_format(value: Any) -> str:
+    """One of TIME_FORMATS, or a pattern that tells a day."""
+    if not isinstance(value, str) or (value not in TIME_FORMATS and "%" not in value):
+        hint = did_you_mean(value, TIME_FORMATS) if isinstance(value, str) else ""
+        wanted = f"{', '.join(TIME_FORMATS)}, or a pattern such as '%d.%m.%Y %H:%M:%S'"
+        raise ValueError(f"found {show(value)}, expected {wanted}{hint}")
+    if value not in TIME_FORMATS:
+        day = datetime(2024, 2, 29, 13, 14, 15, tzinfo=UTC)
+        try:
+            read = datetime.strptime(day.strftime(value), value)
+        except ValueError:
+            read = None
+        if read is None or read.date() != day.date():
+            raise ValueError(f"found {show(value)}, expected a pattern with a year (%Y) and a day (%m and %d, or %j)")
+    return value
 
 
 def _read_names(value: Any) -> Any:
@@ -167,6 +188,11 @@ _TIME = {"type": "string", "pattern": r"^\d{4}-?\d{2}", "examples": ["2024-03-01
 Time = Annotated[datetime, BeforeValidator(_read_time), WithJsonSchema(_TIME)]
 Epoch = Annotated[datetime, BeforeValidator(partial(_read_time, first_year=_FIRST_EPOCH)), WithJsonSchema(_TIME)]
 """From when a clock counts: dates of a spreadsheet from 1899, modified Julian dates from 1858."""
+TimeFormat = Annotated[
+    str,
+    BeforeValidator(_read_time_format),
+    WithJsonSchema({"anyOf": [{"enum": list(TIME_FORMATS)}, {"type": "string", "pattern": "%"}]}),
+]
 Vector = Annotated[tuple[Number, Number, Number], of_length(3, "three numbers [x, y, z]"), AfterValidator(_not_zero)]
 FaceNormal = Annotated[
     Vector | Literal["all"],

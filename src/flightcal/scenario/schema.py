@@ -41,6 +41,7 @@ from .fields import (
     OneOf,
     Paths,
     Range,
+    TimeFormat,
     exactly_one,
     read_empty,
 )
@@ -59,9 +60,9 @@ class TimeColumn(Block):
 
     column: Names
     """Several, such as a date and a time of day, are read as one text with spaces in between."""
-    format: Literal["iso8601", "unix", "unix-ms", "unix-us", "unix-ns", "year-doy", "decimal-doy", "clock"] = "iso8601"
+    format: TimeFormat = "iso8601"
     """`unix`: seconds. `decimal-doy`: as in two-line elements. `clock`: a counter of the spacecraft, with its
-    `epoch` beside it."""
+    `epoch` beside it. Anything else: a pattern of strptime, such as '%d.%m.%Y %H:%M:%S'."""
     epoch: Epoch | None = None
     """Of a clock: UTC when it is at zero."""
     rate: Annotated[float, Quantity("Hz", above=0)] | None = None

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable
+from datetime import UTC, datetime
 from functools import partial
 
 import erfa
@@ -24,6 +25,7 @@ _EARLIEST_FINE = np.datetime64("1973-01-01", "ns").astype(np.int64)
 """Of these formats: what is earlier counts coarser units."""
 _LATEST = np.datetime64("2150-01-01", "ns").astype(np.int64)
 _ZONE = r"[T ]\d{2}.*([zZ]|[+-]\d{2}(:?\d{2})?)$"
+_NOON = datetime(2024, 3, 1, 12, 0, 0, 500_000, tzinfo=UTC)
 _HEXADECIMAL = r"0[xX][0-9a-fA-F]{1,15}"
 _COARSE_FINE = r"^(?:1/)?(?P<coarse>\d+)\s*[:., -]\s*(?P<fine>\d+)$"
 """As SPICE writes them, of the first partition."""
@@ -87,9 +89,9 @@ def readable_times(column: pa.ChunkedArray, time: TimeColumn, source: Source) ->
         unit = getattr(column.type, "unit", "s")
         times = _nanoseconds(column.to_pandas().to_numpy(dtype=f"datetime64[{unit}]"))
     elif is_text(column) or pa.types.is_integer(column.type) or pa.types.is_floating(column.type):
-        times = _clock(column, time) if written == "clock" else _PARSERS[written](column)
+        times = _clock(column, time) if written == "clock" else _parser(written)(column)
     else:
-        raise TelemetryError(f"{source.name}: found times of type {column.type}, expected {_EXAMPLES[written]}")
+        raise TelemetryError(f"{source.name}: found times of type {column.type}, expected {_example(written)}")
     return np.where((times < _earliest(written)) | (times > _LATEST), UNREADABLE, times)
 
 
@@ -100,6 +102,12 @@ def _iso8601(column: pa.ChunkedArray) -> Nanoseconds:
     # A run of digits is a number of seconds that pandas would take for a year.
     text = pc.if_else(pc.match_substring_regex(text, r"^-?(\d{1,7}|\d{9,})(\.\d*)?$"), None, text)
     parsed = pd.to_datetime(text.to_numpy(zero_copy_only=False), format="ISO8601", utc=True, errors="coerce")
+    return _nanoseconds(parsed.tz_localize(None).to_numpy())
+
+
+def _patterned(column: pa.ChunkedArray, pattern: str) -> Nanoseconds:
+    text = _trimmed(column).to_numpy(zero_copy_only=False)
+    parsed = pd.to_datetime(text, format=pattern, utc=True, errors="coerce")
     return _nanoseconds(parsed.tz_localize(None).to_numpy())
 
 
@@ -163,12 +171,21 @@ _PARSERS: dict[str, Callable[[pa.ChunkedArray], Nanoseconds]] = {
 }
 
 
+def _parser(written: str) -> Callable[[pa.ChunkedArray], Nanoseconds]:
+    return _PARSERS.get(written) or partial(_patterned, pattern=written)
+
+
+def _example(written: str) -> str:
+    """What is expected of a time, with an example."""
+    return _EXAMPLES.get(written) or f"'{written}' such as {_NOON.strftime(written)}"
+
+
 def _unreadable(column: pa.ChunkedArray, time: TimeColumn, source: Source, row: int, rows: int) -> TelemetryError:
     written = time.format
     value = column[row].as_py()
     where = source.place(row)
     if value is None:
-        return TelemetryError(f"{where}: found no time, expected {_EXAMPLES[written]}")
+        return TelemetryError(f"{where}: found no time, expected {_example(written)}")
     cell = pa.chunked_array([[str(value)]])
     others = [
         name for name, parse in _PARSERS.items() if name != written and _earliest(name) <= parse(cell)[0] <= _LATEST
@@ -182,9 +199,9 @@ def _unreadable(column: pa.ChunkedArray, time: TimeColumn, source: Source, row: 
         if pc.match_substring_regex(cell, _COARSE_FINE)[0].as_py():
             hint = "; 'fine' says how many counts of the fine part are one of the coarse"
         hint = f" after the epoch {time.epoch:%Y-%m-%dT%H:%M:%S}{hint}"
-        return TelemetryError(f"{where}: {found}, expected {_EXAMPLES[written]} that gives a time up to 2150{hint}")
+        return TelemetryError(f"{where}: {found}, expected {_example(written)} that gives a time up to 2150{hint}")
     first = np.datetime64(int(_earliest(written)), "ns").astype("datetime64[Y]")
-    return TelemetryError(f"{where}: {found}, expected {_EXAMPLES[written]}, between {first} and 2150{hint}")
+    return TelemetryError(f"{where}: {found}, expected {_example(written)}, between {first} and 2150{hint}")
 
 
 def _earliest(written: str) -> np.int64:

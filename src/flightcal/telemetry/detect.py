@@ -23,6 +23,17 @@ from .readers import Source, locate, read_table, sheets
 
 _UNIX: Final = ("unix", "unix-ms", "unix-us", "unix-ns")
 _DAYS: Final = ("year-doy", "decimal-doy")
+_MONTH_FIRST: Final = {"%d/%m/%Y ": "%m/%d/%Y ", "%d-%m-%Y ": "%m-%d-%Y "}
+_DATES: Final = ("%Y-%m-%d-", "%Y%m%d ", "%d-%b-%Y ", "%d %b %Y ", "%Y %b %d ", "%Y-%b-%d ", "%d.%m.%Y ")
+_PATTERNS: Final = (
+    *(
+        f"{date}{time}"
+        for date in (*_DATES, *_MONTH_FIRST, *_MONTH_FIRST.values())
+        for time in ("%H:%M:%S", "%H:%M:%S.%f", "%H:%M")
+    ),
+    "%Y%m%d_%H%M%S",
+    "%Y%m%d%H%M%S",
+)
 _FORMATS: Final = ("iso8601", *_DAYS, *_UNIX)
 _LOOKED_AT = 1000
 """Rows that decide what a column is."""
@@ -177,8 +188,20 @@ def _time(table: pa.Table, names: list[str], source: Source) -> tuple[TimeColumn
             for format in _formats(column, written, numeric):
                 time = TimeColumn.model_validate({"column": column, "format": format})
                 if (found := _believable(written, time, numeric, source)) is not None:
-                    return found
+                    return _with_month_first(found, written, source)
     return None, np.array([], dtype=np.int64)
+
+
+def _with_month_first(
+    found: tuple[TimeColumn, Nanoseconds], table: pa.Table, source: Source
+) -> tuple[TimeColumn, Nanoseconds]:
+    """The times with month before day, where both can be and these then lie closer together."""
+    date = next((date for date in _MONTH_FIRST if found[0].format.startswith(date)), None)
+    if date is None:
+        return found
+    time = found[0].model_copy(update={"format": found[0].format.replace(date, _MONTH_FIRST[date])})
+    other = _believable(table, time, False, source)
+    return found if other is None or np.ptp(other[1]) >= np.ptp(found[1]) else other
 
 
 def _believable(
@@ -213,9 +236,14 @@ def _marked(cells: pa.ChunkedArray, time: TimeColumn, source: Source) -> tuple[T
 
 
 def _formats(columns: tuple[str, ...], table: pa.Table, numeric: bool) -> tuple[str, ...]:
+    if len(columns) > 1:
+        return ("iso8601", "year-doy", *_PATTERNS)
+    cells = table[columns[0]].slice(0, _LOOKED_AT)
     if numeric:
-        return _formats_of_numbers(table[columns[0]].slice(0, _LOOKED_AT))
-    return _FORMATS if len(columns) == 1 else ("iso8601", "year-doy")
+        return _formats_of_numbers(cells)
+    if not is_text(cells) or not pc.any(pc.match_substring_regex(cells, r"\d")).as_py():
+        return ("iso8601",)
+    return (*_FORMATS, *_PATTERNS)
 
 
 def _fine(name: str, column: pa.ChunkedArray) -> int | None:
@@ -242,6 +270,8 @@ def _coarse(column: pa.ChunkedArray) -> NDArray[np.float64]:
 
 def _formats_of_numbers(cells: pa.ChunkedArray) -> tuple[str, ...]:
     text = cells.cast(pa.string()).drop_null()
+    if pc.all(pc.match_substring_regex(text, r"^\d{14}$")).as_py():
+        return ("%Y%m%d%H%M%S", *_UNIX)
     days = pc.all(pc.match_substring_regex(text, _OF_DAYS)).as_py()
     return (*_DAYS, *_UNIX) if days and pc.any(pc.match_substring_regex(text, r"\.|\d{13}")).as_py() else _UNIX
 
