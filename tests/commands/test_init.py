@@ -32,14 +32,16 @@ def test_packets_of_several_files_are_taken_from_them(tmp_path: Path):
     result = run(app, ["init", str(tmp_path / "sat"), *(str(tmp_path / name) for name in names)])
     assert result.exit_code == 0, result.output
     assert result.output.splitlines()[:3] == [
-        "thermal.csv: times in 'UTC' (iso8601); channels: 2 temperature",
-        "power.parquet: times in 't_ms' (unix-ms); channels: 1 driver",
+        "thermal.csv: times in 'UTC' (iso8601, from 2024-03-01T00:00:00); channels: 2 temperature",
+        "power.parquet: times in 't_ms' (unix-ms, from 2024-03-01T00:00:07); channels: 1 driver",
         "onboard.csv: times in 'SCLK' (clock, whose epoch is a PLACEHOLDER); channels: 1 status, 1 driver",
     ]
-    assert "window train: 15 samples of 2 channels" in lint(tmp_path / "sat")
+    # The onboard samples lie between the others, as the clock's rate is told by how long the other files run.
+    assert "window train: 29 samples of 2 channels" in lint(tmp_path / "sat")
     scenario = load_scenario(tmp_path / "sat" / "scenario.yaml")
     assert list(scenario.telemetry.packets) == ["thermal", "power", "onboard"]
     assert scenario.telemetry.files == tuple(f"../{name}" for name in names)
+    assert scenario.telemetry.packets["onboard"].time.rate == 16
     assert list(scenario.observations) == ["tt_bat", "tt_rad", "htr"]
 
 
@@ -63,6 +65,40 @@ def test_one_file_has_no_packets_and_odd_names_are_read_as_they_stand(tmp_path: 
         "gr_e_ma": ("Größe [mA]", "driver"),
         "c_on": ("on", "status"),
     }
+
+
+def test_windows_have_no_long_gap_in_any_file(tmp_path: Path):
+    hours = pd.to_timedelta([0.0] * 40 + [5.0] * 60 + [9.0] * 50, unit="h")
+    table = frame(150)
+    table["time"] = text(seconds(*(60.0 * np.arange(150) + hours.total_seconds().to_numpy())))
+    table.drop(columns="HTR").to_csv(tmp_path / "thermal.csv", index=False)
+    table[["time", "HTR"]][20:80].to_csv(tmp_path / "onboard.csv", index=False)
+    result = run(
+        app, ["init", str(tmp_path / "sat"), *(str(tmp_path / f"{name}.csv") for name in ("thermal", "onboard"))]
+    )
+    assert result.exit_code == 0, result.output
+    lint(tmp_path / "sat")
+    scenario = load_scenario(tmp_path / "sat" / "scenario.yaml")
+    assert scenario.windows["train"].start.isoformat() == "2024-03-01T05:40:00"
+    end = scenario.windows["test"].end
+    assert end is not None
+    assert end.isoformat() == "2024-03-01T06:19:00"
+
+
+def test_a_heaters_current_is_its_status_and_a_clock_of_two_parts_is_read(tmp_path: Path):
+    table = frame(40).drop(columns="HTR")
+    table["HTR_BAT_CUR [mA]"] = np.where(np.arange(40) // 5 % 2, 480.0, 3.0) + np.arange(40) % 3
+    table["time"] = [f"{515721623 + 60 * k}:{k % 16}" for k in range(40)]
+    table.to_csv(tmp_path / "data.csv", index=False)
+    result = run(app, ["init", str(tmp_path / "sat"), str(tmp_path / "data.csv")])
+    assert result.exit_code == 0, result.output
+    lint(tmp_path / "sat")
+    scenario = load_scenario(tmp_path / "sat" / "scenario.yaml")
+    time = scenario.telemetry.time
+    assert time is not None
+    assert (time.format, time.rate, time.fine) == ("clock", 1, 100)
+    assert scenario.telemetry.channels["htr_bat_cur_ma"].on_above == "242 mA"
+    assert scenario.observations["htr_bat_cur_ma"].heater == "htr_bat_cur_ma"
 
 
 def day_of_year(times: np.ndarray) -> list[str]:

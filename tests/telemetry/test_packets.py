@@ -151,6 +151,26 @@ def test_a_frozen_packet_is_seen_while_others_go_on(folder: Path):
     table.to_csv(folder / "thermal.csv", index=False)
     records = quality_table(read_telemetry(specification(), folder))
     assert [(r.channel, r.finding, r.samples) for r in records] == [("battery", "stale", 9), ("radiator", "stale", 9)]
+    # Rows of the other packets in between do not break the run.
+    assert {record.detail for record in records} == {"1 run of samples: 9 from 2024-03-01T00:11:00"}
+
+
+def test_findings_of_rows_name_their_packet_and_its_share(folder: Path):
+    table = pd.read_csv(folder / "thermal.csv")
+    pd.concat([table, table[:1], table[1:2].assign(TT_BAT=-5.0)]).to_csv(folder / "thermal.csv", index=False)
+    onboard = pd.read_csv(folder / "onboard.csv").drop(columns="n")  # what is left repeats from row to row
+    onboard.to_csv(folder / "onboard.csv", index=False)
+    dataset = read_telemetry(specification(), folder)
+    found = [(r.finding, r.samples, r.share, r.detail) for r in quality_table(dataset)]
+    differ = "rows that differ from a row of the same time; dropped, the first is used: 2024-03-01T00:01:00"
+    normal = "rows normally repeat, so a frozen row cannot be told from a quiet one"
+    assert found == [
+        ("duplicates", 1, 1 / 32, "packet 'thermal': rows that repeat a row of the same time; dropped"),
+        ("conflicts", 1, 1 / 32, f"packet 'thermal': {differ}"),
+        ("unsorted", 2, 2 / 32, "packet 'thermal': rows after a row of a later time; sorted"),
+        ("stale_not_checked", 30, 1.0, f"packet 'onboard': {normal}"),
+    ]
+    assert dataset.attrs["duplicates"] == 1
 
 
 def test_packets_are_averaged_each_by_itself_and_slow_ones_stay(folder: Path):
@@ -177,6 +197,13 @@ def test_findings_of_averaged_packets_count_rows_of_their_own_files(folder: Path
     records = {(r.channel, r.finding): r for r in quality_table(read_telemetry(specification(average="30 s"), folder))}
     assert records["sun", "missing"].share == 3 / 180
     assert records["battery", "missing"].share == 1 / 30
+    # Of blocks, those of the channel's own packet count.
+    table.loc[10:16, "I_SA"] = np.nan
+    table.to_parquet(folder / "power.parquet")
+    (lost,) = (
+        r for r in quality_table(read_telemetry(specification(average="30 s"), folder)) if r.finding == "few_samples"
+    )
+    assert (lost.channel, lost.samples, lost.share) == ("sun", 3, 3 / 60)
 
 
 def test_a_window_has_no_rows_of_drivers_alone_and_drivers_keep_theirs(folder: Path):

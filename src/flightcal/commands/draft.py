@@ -12,6 +12,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
+from numpy.typing import NDArray
 
 from ..errors import TelemetryError
 
@@ -24,7 +25,36 @@ _PLAIN = re.compile(r"[A-Za-z][\w.-]*( [A-Za-z][\w.-]*)*")
 _WORDS = ("on", "off", "yes", "no", "true", "false", "null", "y", "n")
 _LONGEST = np.timedelta64(10, "h")
 """Of telemetry that the windows take at first: some orbits, so that the first run is short."""
+_MANY, _SHORTEST_GAP = 10, 15 * 60e9
+"""An interval of more than so many usual ones, and of more ns than this, is a gap that a window had better not have."""
 _EPOCH = np.datetime64("2000-01-01T12:00:00", "ns")
+_RATES = (
+    1,
+    2,
+    4,
+    8,
+    10,
+    16,
+    32,
+    64,
+    100,
+    128,
+    256,
+    512,
+    1000,
+    1024,
+    2048,
+    4096,
+    8192,
+    10_000,
+    16_384,
+    32_768,
+    65_536,
+    100_000,
+    1_000_000,
+)
+"""Hz, of clocks that count ticks."""
+_ABOUT = 0.15
 _ICE_POINT = 273.15
 _HEAD = """\
 # A scenario for your telemetry. What the files tell is written. What says PLACEHOLDER is a guess: write yours.
@@ -36,12 +66,16 @@ name: {name}
 """
 
 
+_Stretch = tuple[np.datetime64, np.datetime64]
+
+
 class _Channel(NamedTuple):
     name: str
     packet: str
     column: str
     kind: str
     unit: str | None
+    on_above: str | None
 
 
 def draft(folder: Path, files: Sequence[Path]) -> tuple[str, list[str]]:
@@ -66,9 +100,11 @@ def draft(folder: Path, files: Sequence[Path]) -> tuple[str, list[str]]:
     for name, packet in names.items():
         kinds = [channel.kind for channel in channels if channel.packet == name]
         counts = ", ".join(f"{kinds.count(kind)} {kind}" for kind in dict.fromkeys(kinds))
-        written = packet.time.format if packet.time is not None else "clock, whose epoch is a PLACEHOLDER"
+        written = "clock, whose epoch is a PLACEHOLDER"
+        if packet.time is not None:
+            written = f"{packet.time.format}, from {np.datetime_as_string(np.datetime64(int(packet.first), 'ns'), 's')}"
         title = f"{', '.join(file.name for file in packet.files)}{f' ({packet.sheet})' if packet.sheet else ''}"
-        notes.append(f"{title}: times in '{packet.clock}' ({written}); channels: {counts}")
+        notes.append(f"{title}: times in {_quoted(packet.clock)} ({written}); channels: {counts}")
     head = _HEAD.format(folder=folder, name=json.dumps(folder.resolve().name))
     return head + _telemetry(folder, names, channels) + _rest(data, channels), notes
 
@@ -89,7 +125,7 @@ def _channels(names: Mapping[str, FoundPacket]) -> list[_Channel]:
         for column in packet.columns:
             name = _unique(_slug(column.name), taken)
             taken[name] = None
-            channels.append(_Channel(name, packet_name, column.name, column.kind, column.unit))
+            channels.append(_Channel(name, packet_name, column.name, column.kind, column.unit, column.on_above))
     return channels
 
 
@@ -105,9 +141,18 @@ def _telemetry(folder: Path | None, names: Mapping[str, FoundPacket], channels: 
         ]
         file = files[0] if len(files) == 1 else f"[{', '.join(files)}]"
         sheet = f", sheet: {_text(packet.sheet)}" if packet.sheet else ""
-        written = packet.time.format if packet.time is not None else f"clock, epoch: {_epoch(packet, names)}"
-        time = f"{{column: {_text(packet.clock)}, format: {written}}}"
-        comment = "" if packet.time is not None else "  # PLACEHOLDER: UTC at count 0; rate: 1 Hz"
+        rate = _rate(packet, names)
+        written = (
+            _text(packet.time.format) if packet.time is not None else f"clock, epoch: {_epoch(packet, names, rate)}"
+        )
+        if packet.time is None:
+            written += f", rate: {rate} Hz" + (f", fine: {packet.fine}" if packet.fine else "")
+        columns = [_text(column) for column in packet.clock]
+        column = columns[0] if len(columns) == 1 else f"[{', '.join(columns)}]"
+        marks = [json.dumps(str(mark)) for mark in packet.time.invalid] if packet.time is not None else []
+        invalid = f", invalid: [{', '.join(marks)}]" if marks else ""
+        time = f"{{column: {column}, format: {written}{invalid}}}"
+        comment = "" if packet.time is not None else "  # PLACEHOLDER: UTC at count 0, counts a second"
         if single:
             lines += [f"  file: {file}", f"  time: {time}{comment}"]
         else:
@@ -119,15 +164,28 @@ def _telemetry(folder: Path | None, names: Mapping[str, FoundPacket], channels: 
     for channel in channels:
         packet_key = "" if single else f"packet: {channel.packet}, "
         unit = "" if channel.unit is None else f", unit: {_text(channel.unit) if channel.unit != '1' else 1}"
-        lines.append(f"    {channel.name}: {{{packet_key}column: {_text(channel.column)}{unit}, kind: {channel.kind}}}")
+        on_above = "" if channel.on_above is None else f", on_above: {channel.on_above}"
+        lines.append(
+            f"    {channel.name}: {{{packet_key}column: {_text(channel.column)}{unit}, kind: {channel.kind}{on_above}}}"
+        )
     return "\n".join(lines) + "\n"
 
 
-def _epoch(packet: FoundPacket, names: Mapping[str, FoundPacket]) -> str:
+def _epoch(packet: FoundPacket, names: Mapping[str, FoundPacket], rate: int) -> str:
     """A guess at a clock's epoch, with which it begins where the other packets do."""
     starts = [other.first for other in names.values() if other.time is not None]
-    epoch = _EPOCH if not starts else np.datetime64(int(max(starts)), "ns") - np.timedelta64(int(packet.first), "s")
+    since = np.timedelta64(int(packet.first / rate), "s")
+    epoch = _EPOCH if not starts else np.datetime64(int(max(starts)), "ns") - since
     return str(np.datetime_as_string(epoch, unit="s"))
+
+
+def _rate(packet: FoundPacket, names: Mapping[str, FoundPacket]) -> int:
+    """A guess at how often a clock counts a second: with it, it runs about as long as the other packets do."""
+    longest = max((other.last - other.first for other in names.values() if other.time is not None), default=0.0) / 1e9
+    if not longest:
+        return 1
+    nearest = min(_RATES, key=lambda rate: abs(np.log((packet.last - packet.first) / rate / longest)))
+    return nearest if abs(np.log((packet.last - packet.first) / nearest / longest)) < _ABOUT else 1
 
 
 def _read(block: str) -> xarray.Dataset:
@@ -197,16 +255,33 @@ def _rest(dataset: xarray.Dataset, channels: Sequence[_Channel]) -> str:
 
 
 def _windows(dataset: xarray.Dataset) -> tuple[str, str, str]:
-    """Start, middle and end of the time that all packets share, at most `_LONGEST` of it."""
+    """Start, middle and end of a stretch without long gaps in any packet, at most `_LONGEST` of it."""
     times = dataset["time"].values
-    own = [times[np.isfinite(dataset[str(name)].values)] for name in dataset["channel"].values]
-    start, end = max(one[0] for one in own), min(one[-1] for one in own)
-    if end <= start:
+    common: list[_Stretch] | None = None
+    for name in dataset["channel"].values:
+        own = _stretches(times[np.isfinite(dataset[str(name)].values)])
+        common = own if common is None else _overlaps(common, own)
+    if not common:
         raise TelemetryError("found files whose times do not overlap, expected some time that all of them have")
+    start, end = max(common, key=lambda one: min(one[1] - one[0], _LONGEST))  # the first of equals
     end = min(end, start + _LONGEST)
     moments = (start, start + (end - start) // 2, end)
     first, middle, last = (np.datetime_as_string(moment.astype("datetime64[ms]")) for moment in moments)
     return str(first), str(middle), str(last)
+
+
+def _stretches(times: NDArray[np.datetime64]) -> list[_Stretch]:
+    """From when to when increasing times have no long gap."""
+    steps = np.diff(times).astype("timedelta64[ns]").astype(np.int64)
+    usual = float(np.median(steps)) if len(steps) else 0.0
+    gaps = np.flatnonzero(steps > max(_MANY * usual, _SHORTEST_GAP))
+    starts, ends = [0, *(gaps + 1).tolist()], [*gaps.tolist(), len(times) - 1]
+    return [(times[a], times[b]) for a, b in zip(starts, ends, strict=True) if b > a]
+
+
+def _overlaps(ones: Sequence[_Stretch], others: Sequence[_Stretch]) -> list[_Stretch]:
+    found = [(max(one[0], other[0]), min(one[1], other[1])) for one in ones for other in others]
+    return [(start, end) for start, end in found if end > start]
 
 
 def _span(kelvins: np.ndarray) -> tuple[str, str]:
@@ -218,6 +293,10 @@ def _span(kelvins: np.ndarray) -> tuple[str, str]:
 def _likest(name: str, nodes: Sequence[str]) -> str:
     """The node whose name is most like a heater's."""
     return max(nodes, key=lambda node: difflib.SequenceMatcher(None, name, node).ratio())
+
+
+def _quoted(names: Sequence[str]) -> str:
+    return ", ".join(f"'{name}'" for name in names)
 
 
 def _slug(text: str) -> str:

@@ -118,7 +118,7 @@ def _mission(content: SpacecraftFile, folder: Path) -> Mission:
         simulator=SimulatorModel.model_construct(
             step=content.step, nodes=nodes, conductors=conductors, faces=faces, modes=content.modes
         ),
-        telemetry=TelemetryFile.model_construct(file=(), time=TimeColumn.model_construct(column=""), channels={}),
+        telemetry=TelemetryFile.model_construct(file=(), time=TimeColumn.model_construct(column=("",)), channels={}),
         parameters={},
         observations={},
         heat="none",

@@ -92,7 +92,7 @@ def _scenario_text(task: Task, reduced: Reduced, path: Path, out: Path) -> str:
         name=task.reduction.name,
         description=f"Written by flightcal reduce: {task.reduction.method} with {len(reduced.model.states)} states",
         telemetry=TelemetryFile.model_construct(
-            file=(file,), time=TimeColumn.model_construct(column="time"), channels=channels
+            file=(file,), time=TimeColumn.model_construct(column=("time",)), channels=channels
         ),
         environment=scenario.environment,
         simulator=model.model_copy(

@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable, Iterable
 from dataclasses import dataclass, fields
 from datetime import UTC, datetime
-from functools import lru_cache
+from functools import lru_cache, partial
 from typing import Annotated, Any, Literal, Self, TypeVar
 
 from pydantic import (
@@ -25,9 +25,10 @@ from pydantic import (
 from pydantic.json_schema import SkipJsonSchema
 from pydantic_core import core_schema
 
-from .units import show, to_si
+from .units import did_you_mean, show, to_si
 from .wording import in_plain_words
 
+_FIRST_EPOCH = 1858
 _FIRST_YEAR, _LAST_YEAR = 1957, 2200
 """Of spaceflight, and within what nanosecond time stamps can hold."""
 
@@ -73,16 +74,37 @@ def reader_of(kind: Any) -> TypeAdapter[Any]:
     return TypeAdapter(kind)
 
 
-def _read_time(value: Any) -> datetime:
+def _read_time(value: Any, first_year: int = _FIRST_YEAR) -> datetime:
     """ISO 8601 text as a naive UTC datetime."""
     try:
         time = value if isinstance(value, datetime) else datetime.fromisoformat(value.strip())
         utc = time if time.tzinfo is None else time.astimezone(UTC).replace(tzinfo=None)
     except (AttributeError, ValueError, OverflowError):
         raise ValueError(f"found {show(value)}, expected a UTC time such as 2024-03-01T00:00:00") from None
-    if not _FIRST_YEAR <= utc.year <= _LAST_YEAR:
-        raise ValueError(f"found the year {utc.year}, expected one from {_FIRST_YEAR} to {_LAST_YEAR}")
+    if not first_year <= utc.year <= _LAST_YEAR:
+        raise ValueError(f"found the year {utc.year}, expected one from {first_year} to {_LAST_YEAR}")
     return utc
+
+
+TIME_FORMATS = ("iso8601", "unix", "unix-ms", "unix-us", "unix-ns", "year-doy", "decimal-doy", "clock")
+"""How times are written, besides patterns."""
+
+
+def _read_time_format(value: Any) -> str:
+    """One of TIME_FORMATS, or a pattern that tells a day."""
+    if not isinstance(value, str) or (value not in TIME_FORMATS and "%" not in value):
+        hint = did_you_mean(value, TIME_FORMATS) if isinstance(value, str) else ""
+        wanted = f"{', '.join(TIME_FORMATS)}, or a pattern such as '%d.%m.%Y %H:%M:%S'"
+        raise ValueError(f"found {show(value)}, expected {wanted}{hint}")
+    if value not in TIME_FORMATS:
+        day = datetime(2024, 2, 29, 13, 14, 15, tzinfo=UTC)
+        try:
+            read = datetime.strptime(day.strftime(value), value)
+        except ValueError:
+            read = None
+        if read is None or read.date() != day.date():
+            raise ValueError(f"found {show(value)}, expected a pattern with a year (%Y) and a day (%m and %d, or %j)")
+    return value
 
 
 def _read_names(value: Any) -> Any:
@@ -162,10 +184,14 @@ Number = Annotated[float, Field(strict=True, allow_inf_nan=False)]
 Count = Annotated[int, Field(strict=True)]
 Flag = Annotated[bool, Field(strict=True)]
 
-Time = Annotated[
-    datetime,
-    BeforeValidator(_read_time),
-    WithJsonSchema({"type": "string", "pattern": r"^\d{4}-?\d{2}", "examples": ["2024-03-01T00:00:00"]}),
+_TIME = {"type": "string", "pattern": r"^\d{4}-?\d{2}", "examples": ["2024-03-01T00:00:00"]}
+Time = Annotated[datetime, BeforeValidator(_read_time), WithJsonSchema(_TIME)]
+Epoch = Annotated[datetime, BeforeValidator(partial(_read_time, first_year=_FIRST_EPOCH)), WithJsonSchema(_TIME)]
+"""From when a clock counts: dates of a spreadsheet from 1899, modified Julian dates from 1858."""
+TimeFormat = Annotated[
+    str,
+    BeforeValidator(_read_time_format),
+    WithJsonSchema({"anyOf": [{"enum": list(TIME_FORMATS)}, {"type": "string", "pattern": "%"}]}),
 ]
 Vector = Annotated[tuple[Number, Number, Number], of_length(3, "three numbers [x, y, z]"), AfterValidator(_not_zero)]
 FaceNormal = Annotated[

@@ -31,6 +31,7 @@ from .fields import (
     Block,
     ChannelUnit,
     Count,
+    Epoch,
     FileNames,
     Flag,
     Marker,
@@ -40,7 +41,7 @@ from .fields import (
     OneOf,
     Paths,
     Range,
-    Time,
+    TimeFormat,
     exactly_one,
     read_empty,
 )
@@ -57,15 +58,21 @@ from .windows import Window, is_trained
 class TimeColumn(Block):
     """Where the time stamps are and how they are written."""
 
-    column: str
-    format: Literal["iso8601", "unix", "unix-ms", "unix-us", "unix-ns", "year-doy", "clock"] = "iso8601"
-    """`unix`: seconds. `clock`: a counter of the spacecraft, whose `epoch` stands beside it."""
-    epoch: Time | None = None
+    column: Names
+    """Several, such as a date and a time of day, are read as one text with spaces in between."""
+    format: TimeFormat = "iso8601"
+    """`unix`: seconds. `decimal-doy`: as in two-line elements. `clock`: a counter of the spacecraft, with its
+    `epoch` beside it. Anything else: a pattern of strptime, such as '%d.%m.%Y %H:%M:%S'."""
+    epoch: Epoch | None = None
     """Of a clock: UTC when it is at zero."""
     rate: Annotated[float, Quantity("Hz", above=0)] | None = None
     """Of a clock: counts a second; null: 1."""
+    fine: Annotated[Count, Field(ge=2)] | None = None
+    """Of a clock with a coarse and a fine part, such as 515721623:32768: counts of the fine to one of the coarse."""
     leap_seconds: Flag | None = None
     """Of a clock: true where it counts leap seconds too, as GPS time does; null: false, every day has 86400 s."""
+    invalid: Markers = ()
+    """What stands in the place of a time in rows that are fill; such rows are dropped."""
 
     @model_validator(mode="after")
     def _of_a_clock(self) -> TimeColumn:
@@ -73,7 +80,7 @@ class TimeColumn(Block):
             if self.epoch is None:
                 raise ValueError("missing key 'epoch', expected the UTC time at which the clock is at zero")
             return self
-        given = [key for key in ("epoch", "rate", "leap_seconds") if getattr(self, key) is not None]
+        given = [key for key in ("epoch", "rate", "fine", "leap_seconds") if getattr(self, key) is not None]
         if given:
             raise ValueError(f"found {given[0]!r} beside the format {self.format!r}, expected it of a 'clock' only")
         return self

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable
+from datetime import UTC, datetime
 from functools import partial
 
 import erfa
@@ -14,27 +15,20 @@ from numpy.typing import NDArray
 
 from ..errors import TelemetryError
 from ..scenario import TimeColumn
+from ._doy import UNREADABLE, decimal_day, year_and_day
 from .clean import Nanoseconds
 from .readers import Source
 
-_UNREADABLE = np.iinfo(np.int64).min
-"""Not a time, also to numpy."""
 _EARLIEST = np.datetime64("1957-10-04", "ns").astype(np.int64)
 _FINE = ("unix-ms", "unix-us", "unix-ns")
 _EARLIEST_FINE = np.datetime64("1973-01-01", "ns").astype(np.int64)
 """Of these formats: what is earlier counts coarser units."""
 _LATEST = np.datetime64("2150-01-01", "ns").astype(np.int64)
 _ZONE = r"[T ]\d{2}.*([zZ]|[+-]\d{2}(:?\d{2})?)$"
-_YEAR_DOY = (
-    # 2024-061, 2024:61, 24-061, or 2024061 and 24061
-    r"^(?P<year>\d{4}|\d{2})(?:\s*[-/. :]\s*(?P<day>\d{1,3})|(?P<joined>\d{3}))"
-    # T12:34:56.789, -12.34.56, T123456, ...
-    r"(?:(?:\s*[-T_/.:]\s*|\s+)(?P<hour>\d{1,2})[:.]?(?P<minute>\d{2})"
-    r"(?:[:.]?(?P<second>\d{2})(?:[.,](?P<fraction>\d{1,9})\d*)?)?)?"
-    r"\s*(?:Z|UTC|GMT|\+00:?00)?$"
-)
-_FIRST_OF_CENTURY = 57
-"""Two digits from here on are a year of the 20th century, as in two-line elements."""
+_NOON = datetime(2024, 3, 1, 12, 0, 0, 500_000, tzinfo=UTC)
+_HEXADECIMAL = r"0[xX][0-9a-fA-F]{1,15}"
+_COARSE_FINE = r"^(?:1/)?(?P<coarse>\d+)\s*[:., -]\s*(?P<fine>\d+)$"
+"""As SPICE writes them, of the first partition."""
 _EXAMPLES = {
     "iso8601": "ISO 8601 such as 2024-03-01T12:00:00.5Z",
     "unix": "UNIX seconds such as 1709294400.5",
@@ -42,8 +36,33 @@ _EXAMPLES = {
     "unix-us": "UNIX microseconds such as 1709294400500000",
     "unix-ns": "UNIX nanoseconds such as 1709294400500000000",
     "year-doy": "year and day of year such as 2024-061T12:00:00.5",
+    "decimal-doy": "year, day of year and its fraction such as 24061.50000000",
     "clock": "a counter such as 762609605.5",
 }
+
+
+def time_cells(table: pa.Table, time: TimeColumn) -> pa.ChunkedArray:
+    """The time column; several joined with spaces."""
+    if len(time.column) == 1:
+        return table[time.column[0]]
+    parts = [_part(table[name]) for name in time.column]
+    if time.format == "year-doy":
+        # Else a month and a day could follow on the year.
+        parts[1] = pc.replace_substring_regex(parts[1], r"^(\d{2})$", r"0\1")
+    return pc.binary_join_element_wise(*parts, " ")
+
+
+def _part(column: pa.ChunkedArray) -> pa.ChunkedArray:
+    """One of several time columns as text; numbers with the zeros that they lack in a column of their own."""
+    if pa.types.is_timestamp(column.type):
+        column = pc.strftime(column, "%Y-%m-%d")  # a date, as a spreadsheet has it
+    return pc.replace_substring_regex(_trimmed(column), r"^(\d)(\.\d*)?$", r"0\1\2")
+
+
+def is_fill(cells: pa.ChunkedArray, time: TimeColumn) -> NDArray[np.bool_]:
+    """Where [T] a mark stands in the place of a time."""
+    text = pc.fill_null(_trimmed(cells), "")
+    return pc.is_in(text, value_set=pa.array([str(mark).strip() for mark in time.invalid], pa.string())).to_numpy()
 
 
 def parse_times(column: pa.ChunkedArray, time: TimeColumn, source: Source) -> Nanoseconds:
@@ -52,6 +71,17 @@ def parse_times(column: pa.ChunkedArray, time: TimeColumn, source: Source) -> Na
     Raises TelemetryError that names the first line whose time is empty, not of this format, or outside 1957
     to 2150, or has a time zone where others have none.
     """
+    times = readable_times(column, time, source)
+    bad = times == UNREADABLE
+    if bad.any():
+        raise _unreadable(column, time, source, int(np.argmax(bad)), int(bad.sum()))
+    if time.format == "iso8601" and is_text(column):
+        _check_zones(column, source)
+    return times
+
+
+def readable_times(column: pa.ChunkedArray, time: TimeColumn, source: Source) -> Nanoseconds:
+    """As `parse_times`, and UNREADABLE where a cell is no time that is believed."""
     written = time.format
     if pa.types.is_dictionary(column.type):
         column = column.cast(column.type.value_type)
@@ -59,15 +89,10 @@ def parse_times(column: pa.ChunkedArray, time: TimeColumn, source: Source) -> Na
         unit = getattr(column.type, "unit", "s")
         times = _nanoseconds(column.to_pandas().to_numpy(dtype=f"datetime64[{unit}]"))
     elif is_text(column) or pa.types.is_integer(column.type) or pa.types.is_floating(column.type):
-        times = _clock(column, time) if written == "clock" else _PARSERS[written](column)
+        times = _clock(column, time) if written == "clock" else _parser(written)(column)
     else:
-        raise TelemetryError(f"{source.name}: found times of type {column.type}, expected {_EXAMPLES[written]}")
-    bad = (times == _UNREADABLE) | (times < _earliest(written)) | (times > _LATEST)
-    if bad.any():
-        raise _unreadable(column, time, source, int(np.argmax(bad)), int(bad.sum()))
-    if written == "iso8601" and is_text(column):
-        _check_zones(column, source)
-    return times
+        raise TelemetryError(f"{source.name}: found times of type {column.type}, expected {_example(written)}")
+    return np.where((times < _earliest(written)) | (times > _LATEST), UNREADABLE, times)
 
 
 def _iso8601(column: pa.ChunkedArray) -> Nanoseconds:
@@ -80,11 +105,19 @@ def _iso8601(column: pa.ChunkedArray) -> Nanoseconds:
     return _nanoseconds(parsed.tz_localize(None).to_numpy())
 
 
+def _patterned(column: pa.ChunkedArray, pattern: str) -> Nanoseconds:
+    text = _trimmed(column).to_numpy(zero_copy_only=False)
+    parsed = pd.to_datetime(text, format=pattern, utc=True, errors="coerce")
+    return _nanoseconds(parsed.tz_localize(None).to_numpy())
+
+
 def _unix(column: pa.ChunkedArray, rate: float = 1.0) -> Nanoseconds:
     """Counts since 1970, `rate` a second."""
     if is_text(column):
         text = pd.Series(_trimmed(column).to_numpy(zero_copy_only=False))
-        counts = pd.to_numeric(text, errors="coerce").to_numpy(float)
+        counts = pd.to_numeric(text, errors="coerce").to_numpy(float, copy=True)
+        for row in np.flatnonzero(text.str.fullmatch(_HEXADECIMAL, na=False)):
+            counts[row] = int(text[row], 16)
     else:
         counts = pc.cast(column, pa.float64(), safe=False).to_numpy(zero_copy_only=False)
     seconds = counts / rate
@@ -93,22 +126,29 @@ def _unix(column: pa.ChunkedArray, rate: float = 1.0) -> Nanoseconds:
     # A double holds today's UNIX time to 0.24 microseconds.
     microseconds = np.round((np.nan_to_num(seconds) - whole) * 1e6)
     nanoseconds = (whole.astype(np.int64) * 1_000_000 + microseconds.astype(np.int64)) * 1000
-    return np.where(np.isnan(seconds), _UNREADABLE, nanoseconds)
+    return np.where(np.isnan(seconds), UNREADABLE, nanoseconds)
 
 
 def _clock(column: pa.ChunkedArray, time: TimeColumn) -> Nanoseconds:
     """Counts of a spacecraft's clock since its epoch."""
     assert time.epoch is not None  # the schema wants it
     epoch = int(np.datetime64(time.epoch, "ns").astype(np.int64))
-    elapsed = _unix(column, time.rate or 1.0)
-    times = np.where(elapsed == _UNREADABLE, 0, elapsed) + epoch
+    elapsed = _unix(column if time.fine is None else _counts(column, time.fine), time.rate or 1.0)
+    times = np.where(elapsed == UNREADABLE, 0, elapsed) + epoch
     if time.leap_seconds:
         since, leaps = _leap_seconds()
         before = np.searchsorted(since, epoch, side="right")
         # A leap second lies at the end of its day, so each count is held against where UTC then has got to.
         passed = np.searchsorted(since + (leaps[1:] - leaps[before]) * 1_000_000_000, times, side="right")
         times = times - (leaps[passed] - leaps[before]) * 1_000_000_000
-    return np.where(elapsed == _UNREADABLE, _UNREADABLE, times)
+    return np.where(elapsed == UNREADABLE, UNREADABLE, times)
+
+
+def _counts(column: pa.ChunkedArray, fine: int) -> pa.ChunkedArray:
+    """Counts of the coarse part of a clock, with the fine part as a fraction; null where a cell has not both."""
+    parts = pc.extract_regex(_trimmed(column), _COARSE_FINE)
+    coarse, ticks = (pc.cast(pc.struct_field(parts, name), pa.float64()) for name in ("coarse", "fine"))
+    return pc.add(coarse, pc.divide(pc.if_else(pc.less(ticks, fine), ticks, None), float(fine)))
 
 
 def _leap_seconds() -> tuple[Nanoseconds, NDArray[np.int64]]:
@@ -120,38 +160,24 @@ def _leap_seconds() -> tuple[Nanoseconds, NDArray[np.int64]]:
     return since, np.arange(len(since) + 1)
 
 
-def _year_doy(column: pa.ChunkedArray) -> Nanoseconds:
-    parts = pc.extract_regex(pc.utf8_upper(_trimmed(column)), _YEAR_DOY)
-    matched = pc.is_valid(parts).to_numpy()
-
-    def number(name: str) -> Nanoseconds:
-        text = pc.if_else(pc.equal(pc.struct_field(parts, name), ""), "0", pc.struct_field(parts, name))
-        return pc.fill_null(pc.cast(text, pa.int64()), 0).to_numpy()
-
-    digits = pc.utf8_rpad(pc.fill_null(pc.struct_field(parts, "fraction"), ""), width=9, padding="0")
-    nanoseconds = pc.cast(digits, pa.int64()).to_numpy()
-    year, day, joined, hour, minute, second = (
-        number(name) for name in ("year", "day", "joined", "hour", "minute", "second")
-    )
-    day = day + joined  # one of the two is not there
-    year = np.where(year >= 100, year, np.where(year >= _FIRST_OF_CENTURY, 1900, 2000) + year)
-    matched &= (year >= 1957) & (year <= 2150)
-    first = np.where(matched, year - 1970, 0).astype("datetime64[Y]")
-    days_in_year = (first + np.timedelta64(1, "Y")).astype("datetime64[D]") - first.astype("datetime64[D]")
-    matched &= (day >= 1) & (day <= days_in_year.astype(np.int64)) & (hour < 24) & (minute < 60) & (second < 60)
-    days = first.astype("datetime64[D]").astype(np.int64) + day - 1
-    seconds = ((days * 24 + hour) * 60 + minute) * 60 + second
-    return np.where(matched, seconds * 1_000_000_000 + nanoseconds, _UNREADABLE)
-
-
 _PARSERS: dict[str, Callable[[pa.ChunkedArray], Nanoseconds]] = {
     "iso8601": _iso8601,
     "unix": _unix,
     "unix-ms": partial(_unix, rate=1e3),
     "unix-us": partial(_unix, rate=1e6),
     "unix-ns": partial(_unix, rate=1e9),
-    "year-doy": _year_doy,
+    "year-doy": year_and_day,
+    "decimal-doy": decimal_day,
 }
+
+
+def _parser(written: str) -> Callable[[pa.ChunkedArray], Nanoseconds]:
+    return _PARSERS.get(written) or partial(_patterned, pattern=written)
+
+
+def _example(written: str) -> str:
+    """What is expected of a time, with an example."""
+    return _EXAMPLES.get(written) or f"'{written}' such as {_NOON.strftime(written)}"
 
 
 def _unreadable(column: pa.ChunkedArray, time: TimeColumn, source: Source, row: int, rows: int) -> TelemetryError:
@@ -159,18 +185,23 @@ def _unreadable(column: pa.ChunkedArray, time: TimeColumn, source: Source, row: 
     value = column[row].as_py()
     where = source.place(row)
     if value is None:
-        return TelemetryError(f"{where}: found no time, expected {_EXAMPLES[written]}")
+        return TelemetryError(f"{where}: found no time, expected {_example(written)}")
     cell = pa.chunked_array([[str(value)]])
     others = [
         name for name, parse in _PARSERS.items() if name != written and _earliest(name) <= parse(cell)[0] <= _LATEST
     ]
     hint = f"; format: {others[0]} would read it" if others else ""
     found = f"found the time '{value}'{more_rows(rows)}"
+    if time.fine is not None:
+        wanted = f"a coarse count and a fine one below {time.fine}, such as 515721623:{time.fine // 2}"
+        return TelemetryError(f"{where}: {found}, expected {wanted}, that give a time up to 2150")
     if written == "clock":
+        if pc.match_substring_regex(cell, _COARSE_FINE)[0].as_py():
+            hint = "; 'fine' says how many counts of the fine part are one of the coarse"
         hint = f" after the epoch {time.epoch:%Y-%m-%dT%H:%M:%S}{hint}"
-        return TelemetryError(f"{where}: {found}, expected {_EXAMPLES[written]} that gives a time up to 2150{hint}")
+        return TelemetryError(f"{where}: {found}, expected {_example(written)} that gives a time up to 2150{hint}")
     first = np.datetime64(int(_earliest(written)), "ns").astype("datetime64[Y]")
-    return TelemetryError(f"{where}: {found}, expected {_EXAMPLES[written]}, between {first} and 2150{hint}")
+    return TelemetryError(f"{where}: {found}, expected {_example(written)}, between {first} and 2150{hint}")
 
 
 def _earliest(written: str) -> np.int64:

@@ -10,21 +10,57 @@ from typing import Final, Literal
 
 import numpy as np
 import pyarrow as pa
+import pyarrow.compute as pc
+from numpy.typing import NDArray
 
 from ..errors import TelemetryError
 from ..scenario import Channel, TimeColumn, is_temperature, si_unit
-from ._times import Nanoseconds, is_text, parse_times
+from ._doy import UNREADABLE
+from ._times import Nanoseconds, is_text, readable_times, time_cells
 from ._values import is_status
+from .read import without_empty_rows
 from .readers import Source, locate, read_table, sheets
 
-_FORMATS: Final = ("iso8601", "unix", "unix-ms", "unix-us", "unix-ns", "year-doy")
+_UNIX: Final = ("unix", "unix-ms", "unix-us", "unix-ns")
+_DAYS: Final = ("year-doy", "decimal-doy")
+_MONTH_FIRST: Final = {"%d/%m/%Y ": "%m/%d/%Y ", "%d-%m-%Y ": "%m-%d-%Y "}
+_DATES: Final = ("%Y-%m-%d-", "%Y%m%d ", "%d-%b-%Y ", "%d %b %Y ", "%Y %b %d ", "%Y-%b-%d ", "%d.%m.%Y ")
+_PATTERNS: Final = (
+    *(
+        f"{date}{time}"
+        for date in (*_DATES, *_MONTH_FIRST, *_MONTH_FIRST.values())
+        for time in ("%H:%M:%S", "%H:%M:%S.%f", "%H:%M")
+    ),
+    "%Y%m%d_%H%M%S",
+    "%Y%m%d%H%M%S",
+)
+_FORMATS: Final = ("iso8601", *_DAYS, *_UNIX)
 _LOOKED_AT = 1000
 """Rows that decide what a column is."""
 _FIRST, _LAST = np.datetime64("1990-01-01", "ns").astype(np.int64), np.datetime64("2100-01-01", "ns").astype(np.int64)
 """A number is a UNIX time only between these."""
+_OF_DAYS = r"^(\d{5}|\d{7}|\d{13})(\.\d+)?$"
+"""Numbers that can be a year and a day of year; some have to tell more than the day."""
+_HALF_A_DAY = 43_200_000_000_000
+_LAST_DAY = np.datetime64("2036-01-01", "ns").astype(np.int64)
+"""45352.5 is rather what a spreadsheet counts from 1900 than a day of 2045."""
 _TIME_NAME = re.compile(r"(?i)time|date|utc|epoch|clock|sclk|stamp|(^|_)t(_|$)")
 _CLOCK_NAME = re.compile(r"(?i)clock|sclk|scet|obt|met$|tick|time")
+_DATE_NAME = re.compile(r"(?i)date|year|yyyy|utc|day|^yr$")
+"""Of the first of several columns that are one time."""
+_MOST_PARTS = 5
+"""Year, day, hour, minute and second."""
+_MARKS, _FILL = 3, 0.2
+"""So many texts, in such a share of the rows at most, stand in the place of times."""
 _STATUS_NAME = re.compile(r"(?i)htr|heater|status|state|switch|enable|(^|[_. ])(on|sw)($|[_. ])")
+_HEATER_NAME = re.compile(
+    r"(?i)(htr|heater).*(cur|amp|pow|_i\b|\b[mk]?[AW]\b|_[mk]?[AW]$)|(cur|pow|^[iIpP]_).*(htr|heater)"
+)
+"""Of a heater's current or power."""
+_LEVELS = 5
+"""A word of few bits, which has no unit, has fewer values."""
+_COARSE_FINE = r"^(?:1/)?(?P<coarse>\d{5,})\s*[:., -]\s*(?P<fine>\d+)$"
+_FINE = (100, 256, 1000, 65_536, 1_000_000, 2**24, 2**32)
 _TEMPERATURE_NAME = re.compile(r"(?i)temp|therm|^t$|^tt?[_.\d-]|[_. ]tt?\d*$|^pt\d|deg\.? ?c|°c")
 # A last letter alone is more often the name of a branch than a unit.
 _UNIT = re.compile(r"[\[(]\s*([^\[\]()]+?)\s*[\])]|[_ ](degC|mA|mV|mW|kW|deg)$")
@@ -38,7 +74,9 @@ class FoundColumn:
     name: str
     kind: Literal["temperature", "status", "driver"]
     unit: str | None
-    """null: of a status."""
+    """null: of a status that is no number."""
+    on_above: str | None = None
+    """Of a status that is a heater's current or power: between its two levels, with the unit."""
 
 
 @dataclass(frozen=True)
@@ -49,11 +87,14 @@ class FoundPacket:
     sheet: str | None
     time: TimeColumn | None
     """null: `clock` counts from an epoch that only the user knows."""
-    clock: str
-    """Name of the time column."""
+    clock: tuple[str, ...]
+    """Names of the time columns."""
     first: float
-    """The first time, ns since 1970; of a clock, the first count."""
+    last: float
+    """The first and the last time, ns since 1970; of a clock, counts (of its coarse part)."""
     columns: tuple[FoundColumn, ...]
+    fine: int | None = None
+    """A guess at how many counts of a clock's fine part are one of its coarse; null: it has no fine part."""
 
 
 def detect(files: list[Path]) -> list[FoundPacket]:
@@ -69,7 +110,7 @@ def detect(files: list[Path]) -> list[FoundPacket]:
         for packet in packets:
             same = [k for k, other in enumerate(found) if _alike(packet, other)]
             if same:
-                found[same[0]] = replace(found[same[0]], files=(*found[same[0]].files, *packet.files))
+                found[same[0]] = _together(found[same[0]], packet)
             else:
                 found.append(packet)
     return found
@@ -77,7 +118,16 @@ def detect(files: list[Path]) -> list[FoundPacket]:
 
 def _alike(one: FoundPacket, other: FoundPacket) -> bool:
     same_columns = {column.name for column in one.columns} == {column.name for column in other.columns}
-    return same_columns and (one.sheet, one.time, one.clock) == (other.sheet, other.time, other.clock)
+    formats = [packet.time and packet.time.format for packet in (one, other)]
+    return same_columns and formats[0] == formats[1] and (one.sheet, one.clock) == (other.sheet, other.clock)
+
+
+def _together(one: FoundPacket, other: FoundPacket) -> FoundPacket:
+    """Files of one packet, with the marks of both."""
+    time = one.time
+    if time is not None and other.time is not None:
+        time = time.model_copy(update={"invalid": tuple(dict.fromkeys((*time.invalid, *other.time.invalid)))})
+    return replace(one, files=(*one.files, *other.files), time=time)
 
 
 def _packets(file: Path) -> Iterator[FoundPacket]:
@@ -95,61 +145,153 @@ def _packets(file: Path) -> Iterator[FoundPacket]:
 
 def _packet(file: Path, source: Source) -> FoundPacket:
     # The name of no column: what every column holds decides.
-    table = read_table(source, "")
+    table = without_empty_rows(read_table(source, ()))
     names = [name for name in dict.fromkeys(table.column_names) if table.column_names.count(name) == 1 and name]
-    head = table.select(names).slice(0, _LOOKED_AT)
-    # A column called a time comes first.
-    for name in sorted(names, key=lambda name: not _TIME_NAME.search(name)):
-        written = _time_format(name, head[name], source)
-        if written is None:
-            continue
-        times = None if written == "clock" else _times(head[name], written, source)
-        first = float(head[name][0].as_py() if times is None else times[0])
-        others = [column for other in names if other != name and (column := _column(other, head[other], source))]
-        time = TimeColumn.model_validate({"column": name, "format": written}) if written != "clock" else None
-        return FoundPacket((file,), source.sheet, time, name, first, tuple(others))
-    listed = ", ".join(names[:12])
-    wanted = "UTC times, UNIX times, year and day of year, or a clock's counter"
-    raise TelemetryError(f"{source.name}: found no column of times among {listed}, expected one with {wanted}")
+    time, times = _time(table.select(names), names, source)
+    fine = None
+    if time is None:
+        clock, fine = next(
+            ((name, fine) for name in names if (fine := _fine(name, table[name])) is not None), ("", None)
+        )
+        if fine is None:
+            listed = ", ".join(names[:12])
+            wanted = "UTC times, UNIX times, year and day of year, or a clock's counter"
+            raise TelemetryError(f"{source.name}: found no column of times among {listed}, expected one with {wanted}")
+        counts = _coarse(table[clock])
+        first, last = float(counts[0]), float(counts[-1])
+    else:
+        first, last = float(times[0]), float(times.max())
+    found = (clock,) if time is None else time.column
+    head = table.slice(0, _LOOKED_AT)
+    columns = [column for name in names if name not in found and (column := _column(name, head[name], source))]
+    return FoundPacket((file,), source.sheet, time, found, first, last, tuple(columns), fine or None)
 
 
-def _time_format(name: str, column: pa.ChunkedArray, source: Source) -> str | None:
-    """How the times in a column are written; null: it has none."""
-    numeric = pa.types.is_integer(column.type) or pa.types.is_floating(column.type)
-    for written in _FORMATS:
-        if numeric and not written.startswith("unix"):
-            continue
-        if (times := _times(column, written, source)) is None:
-            continue
-        if written.startswith("unix") and not (numeric or _TIME_NAME.search(name)):
-            continue
-        if written.startswith("unix") and not (times.min() >= _FIRST and times.max() <= _LAST):
-            continue
-        if len(np.unique(times)) > len(times) // 2:
-            return written
-    if numeric and _CLOCK_NAME.search(name) and column.null_count == 0:
-        steps = np.diff(column.to_numpy())
-        return "clock" if len(steps) and np.all(steps > 0) else None
-    return None
+def _time(table: pa.Table, names: list[str], source: Source) -> tuple[TimeColumn | None, Nanoseconds]:
+    """The column of times, or several that are one together, and what they give; null where there is none."""
+    likely = sorted(names, key=lambda name: not _TIME_NAME.search(name))  # a column called a time comes first
+    beside = [
+        tuple(names[k : k + size])
+        for k, name in enumerate(names)
+        for size in range(2, _MOST_PARTS + 1)
+        if _DATE_NAME.search(name) and k + size <= len(names)
+    ]
+    for columns in ((name,) for name in likely), beside:
+        for column in columns:
+            numeric = len(column) == 1 and _is_numeric(table[column[0]])
+            # As it is written, where it may well be a time.
+            written = (
+                table
+                if not numeric or not _TIME_NAME.search(column[0])
+                else without_empty_rows(read_table(source, column))
+            )
+            for format in _formats(column, written, numeric):
+                time = TimeColumn.model_validate({"column": column, "format": format})
+                if (found := _believable(written, time, numeric, source)) is not None:
+                    return _with_month_first(found, written, source)
+    return None, np.array([], dtype=np.int64)
 
 
-def _times(column: pa.ChunkedArray, written: str, source: Source) -> Nanoseconds | None:
-    if column.null_count == len(column):
+def _with_month_first(
+    found: tuple[TimeColumn, Nanoseconds], table: pa.Table, source: Source
+) -> tuple[TimeColumn, Nanoseconds]:
+    """The times with month before day, where both can be and these then lie closer together."""
+    date = next((date for date in _MONTH_FIRST if found[0].format.startswith(date)), None)
+    if date is None:
+        return found
+    time = found[0].model_copy(update={"format": found[0].format.replace(date, _MONTH_FIRST[date])})
+    other = _believable(table, time, False, source)
+    return found if other is None or np.ptp(other[1]) >= np.ptp(found[1]) else other
+
+
+def _believable(
+    table: pa.Table, time: TimeColumn, numeric: bool, source: Source
+) -> tuple[TimeColumn, Nanoseconds] | None:
+    """The time with marks for what is none, and the times; null: this is not what the column holds."""
+    head = _marked(time_cells(table.slice(0, _LOOKED_AT), time), time, source)
+    if head is None or (numeric and time.format in _DAYS and not _are_days(head[1])):
         return None
+    if numeric or time.format in _UNIX:
+        near = head[1].min() >= _FIRST and head[1].max() <= _LAST
+        if not near or not (numeric or _TIME_NAME.search(time.column[0])):
+            return None
+    if len(np.unique(head[1])) <= len(head[1]) // 2:
+        return None
+    return _marked(time_cells(table, time), time, source)
+
+
+def _marked(cells: pa.ChunkedArray, time: TimeColumn, source: Source) -> tuple[TimeColumn, Nanoseconds] | None:
+    """The time with marks for the few cells that are none, and the times [T]; null: there are more than a few."""
     try:
-        return parse_times(column.drop_null(), TimeColumn.model_validate({"column": "", "format": written}), source)
+        times = readable_times(cells, time, source)
     except TelemetryError:
         return None
+    bad = times == UNREADABLE
+    if not bad.any():
+        return time, times
+    marks = cells.filter(pa.array(bad)).cast(pa.string()).fill_null("").unique().to_pylist()
+    if len(marks) > _MARKS or bad.mean() > _FILL or len(time.column) > 1:
+        return None
+    return time.model_copy(update={"invalid": tuple(marks)}), times[~bad]
+
+
+def _formats(columns: tuple[str, ...], table: pa.Table, numeric: bool) -> tuple[str, ...]:
+    if len(columns) > 1:
+        return ("iso8601", "year-doy", *_PATTERNS)
+    cells = table[columns[0]].slice(0, _LOOKED_AT)
+    if numeric:
+        return _formats_of_numbers(cells)
+    if not is_text(cells) or not pc.any(pc.match_substring_regex(cells, r"\d")).as_py():
+        return ("iso8601",)
+    return (*_FORMATS, *_PATTERNS)
+
+
+def _fine(name: str, column: pa.ChunkedArray) -> int | None:
+    """How many counts of the fine part of what can be a clock are one of the coarse; 0: it has none; null: no clock."""
+    if not _CLOCK_NAME.search(name) or column.null_count:
+        return None
+    head = column.slice(0, _LOOKED_AT)
+    if is_text(head) and pc.all(pc.match_substring_regex(head, _COARSE_FINE)).as_py():
+        largest = int(
+            pc.max(pc.cast(pc.struct_field(pc.extract_regex(head, _COARSE_FINE), "fine"), pa.int64())).as_py()
+        )
+        return next((fine for fine in _FINE if fine > largest), None) if np.all(np.diff(_coarse(head)) >= 0) else None
+    if not _is_numeric(head):
+        return None
+    steps = np.diff(head.to_numpy())
+    return 0 if len(steps) and np.all(steps > 0) else None
+
+
+def _coarse(column: pa.ChunkedArray) -> NDArray[np.float64]:
+    if is_text(column):
+        column = pc.struct_field(pc.extract_regex(column, _COARSE_FINE), "coarse")
+    return pc.cast(column, pa.float64()).to_numpy()
+
+
+def _formats_of_numbers(cells: pa.ChunkedArray) -> tuple[str, ...]:
+    text = cells.cast(pa.string()).drop_null()
+    if pc.all(pc.match_substring_regex(text, r"^\d{14}$")).as_py():
+        return ("%Y%m%d%H%M%S", *_UNIX)
+    days = pc.all(pc.match_substring_regex(text, _OF_DAYS)).as_py()
+    return (*_DAYS, *_UNIX) if days and pc.any(pc.match_substring_regex(text, r"\.|\d{13}")).as_py() else _UNIX
+
+
+def _are_days(times: Nanoseconds) -> bool:
+    """Whether numbers that can be days are no counter."""
+    return bool(times.max() < _LAST_DAY and np.median(np.abs(np.diff(times))) < _HALF_A_DAY)
+
+
+def _is_numeric(column: pa.ChunkedArray) -> bool:
+    return pa.types.is_integer(column.type) or pa.types.is_floating(column.type)
 
 
 def _column(name: str, column: pa.ChunkedArray, source: Source) -> FoundColumn | None:
     """What a column is; null: nothing that a channel can be, such as a second time or a comment."""
     if column.null_count == len(column):
         return None
-    numeric = pa.types.is_integer(column.type) or pa.types.is_floating(column.type)
     if is_text(column) or pa.types.is_boolean(column.type) or pa.types.is_dictionary(column.type):
         return FoundColumn(name, "status", None) if is_status(column, Channel(column=name, kind="status")) else None
-    if not numeric or _time_format(name, column, source) is not None:
+    if not _is_numeric(column) or _is_second_time(name, column, source):
         return None
     values = column.drop_null().to_numpy()
     if _STATUS_NAME.search(name) and np.isin(values, (0, 1)).all():
@@ -159,7 +301,25 @@ def _column(name: str, column: pa.ChunkedArray, source: Source) -> FoundColumn |
         return FoundColumn(name, "temperature", unit)
     if unit is None and _TEMPERATURE_NAME.search(name):
         return FoundColumn(name, "temperature", "K" if np.median(values) > 150 else "degC")
+    if _HEATER_NAME.search(name) and (level := _between_levels(values, unit)) is not None:
+        return FoundColumn(name, "status", unit or "1", f"{level:.3g} {unit or ''}".strip())
     return FoundColumn(name, "driver", unit or "1")
+
+
+def _between_levels(values: NDArray[np.float64], unit: str | None) -> float | None:
+    """The middle between the two levels of a current that is on or off; null: it has not two."""
+    found = np.unique(values)
+    if len(found) < (_LEVELS if unit is None else 2) or found[-1] <= 0:
+        return None
+    gaps = np.diff(found)
+    widest = int(np.argmax(gaps))
+    return float(found[widest] + gaps[widest] / 2) if gaps[widest] > 0.5 * (found[-1] - found[0]) else None
+
+
+def _is_second_time(name: str, column: pa.ChunkedArray, source: Source) -> bool:
+    table = pa.table({name: column})
+    times = [TimeColumn.model_validate({"column": name, "format": format}) for format in _formats_of_numbers(column)]
+    return _fine(name, column) is not None or any(_believable(table, time, True, source) for time in times)
 
 
 def _unit(name: str) -> str | None:

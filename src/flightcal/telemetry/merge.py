@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+import json
+from collections.abc import Mapping
 from typing import Any
 
 import numpy as np
@@ -10,13 +11,18 @@ import xarray as xr
 
 from ._flags import SAMPLE_FLAGS, Flag, flag_attributes, meaning
 
+_OF_ROWS = ("rows_read", "untimed", "duplicates", "conflicts", "conflict_times", "unsorted", "stale_checked")
+"""Attributes that tell what was wrong with the rows of a packet."""
 
-def merged(packets: Sequence[xr.Dataset], channels: list[str]) -> xr.Dataset:
+
+def merged(named: Mapping[str, xr.Dataset], channels: list[str]) -> xr.Dataset:
     """All channels, in this order, on the times of all packets.
 
     Each channel keeps its samples and their times. At the times of other packets it is NaN, with the flag
     `other_packet`. Attributes: counts are those of all packets together, the sampling interval is the shortest.
+    `packets` (JSON) has the counts of each packet.
     """
+    packets = list(named.values())
     if len(packets) == 1:
         return packets[0]
     times = np.unique(np.concatenate([packet["time"].to_numpy() for packet in packets]))
@@ -48,18 +54,20 @@ def merged(packets: Sequence[xr.Dataset], channels: list[str]) -> xr.Dataset:
         variables["rows"] = (("time", "channel"), rows, example["rows"].attrs)
         variables["masked"] = (("time", "channel", "finding"), masked, example["masked"].attrs)
         coordinates["finding"] = [meaning(flag) for flag in SAMPLE_FLAGS]
-    dataset = xr.Dataset(variables, coordinates, _attributes([packet.attrs for packet in packets]))
+    dataset = xr.Dataset(variables, coordinates, _attributes({name: packet.attrs for name, packet in named.items()}))
     dataset["time"].encoding = dict(packets[0]["time"].encoding)
     return dataset
 
 
-def _attributes(packets: Sequence[dict[str, Any]]) -> dict[str, Any]:
+def _attributes(named: Mapping[str, dict[str, Any]]) -> dict[str, Any]:
+    packets = list(named.values())
     found = {key: value for key, value in packets[0].items() if all(other.get(key) == value for other in packets)}
-    for key in ("rows_read", "duplicates", "conflicts", "unsorted"):
+    for key in ("rows_read", "untimed", "duplicates", "conflicts", "unsorted"):
         found[key] = sum(packet[key] for packet in packets)
     found["sampling_interval_s"] = min(packet["sampling_interval_s"] for packet in packets)
     found["stale_checked"] = min(packet["stale_checked"] for packet in packets)
     found["files"] = "\n".join(dict.fromkeys(name for packet in packets for name in packet["files"].splitlines()))
     conflicts = [time for packet in packets for time in packet["conflict_times"].split()]
     found["conflict_times"] = " ".join(sorted(conflicts)[:10])
+    found["packets"] = json.dumps({name: {key: own[key] for key in _OF_ROWS} for name, own in named.items()})
     return found

@@ -2,7 +2,10 @@
 
 from __future__ import annotations
 
+import json
+from collections.abc import Mapping
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 import xarray as xr
@@ -21,7 +24,7 @@ class QualityRecord:
 
     channel: str
     finding: str
-    """A flag's meaning, or duplicates, conflicts, unsorted, gaps, stale_not_checked."""
+    """A flag's meaning, or untimed, duplicates, conflicts, unsorted, gaps, stale_not_checked."""
     samples: int
     """How many samples (rows of the file) it concerns; for gaps, how many are missing."""
     share: float
@@ -38,7 +41,8 @@ def quality_table(dataset: xr.Dataset) -> tuple[QualityRecord, ...]:
     """
     channels = [str(channel) for channel in dataset["channel"].to_numpy()]
     own = {channel: _own_times(dataset, channel) for channel in channels}
-    records = _row_records(dataset)
+    packets = json.loads(dataset.attrs.get("packets", "{}")) or {"": dataset.attrs}
+    records = [record for name, attributes in packets.items() for record in _row_records(name, attributes)]
     if any(times is None for times in own.values()):
         records += _gap_records("", dataset["time"].to_numpy().astype(np.int64))
     for channel in channels:
@@ -58,11 +62,13 @@ def _own_times(dataset: xr.Dataset, channel: str) -> Nanoseconds | None:
     return own.astype(np.int64) if apart else None
 
 
-def _row_records(dataset: xr.Dataset) -> list[QualityRecord]:
-    attributes = dataset.attrs
+def _row_records(packet: str, attributes: Mapping[str, Any]) -> list[QualityRecord]:
+    """What was wrong with the rows of a packet ("": of all telemetry)."""
+    of = f"packet '{packet}': " if packet else ""
     read = int(attributes["rows_read"])
     records = []
     details = {
+        "untimed": "rows that have a mark in the place of a time; dropped",
         "duplicates": "rows that repeat a row of the same time; dropped",
         "conflicts": "rows that differ from a row of the same time; dropped, the first is used: "
         + attributes["conflict_times"],
@@ -71,10 +77,10 @@ def _row_records(dataset: xr.Dataset) -> list[QualityRecord]:
     for finding, detail in details.items():
         count = int(attributes[finding])
         if count:
-            records.append(QualityRecord("", finding, count, count / read, None, None, detail))
+            records.append(QualityRecord("", finding, count, count / read, None, None, of + detail))
     if not attributes["stale_checked"]:
         text = "rows normally repeat, so a frozen row cannot be told from a quiet one"
-        records.append(QualityRecord("", "stale_not_checked", read, 1.0, None, None, text))
+        records.append(QualityRecord("", "stale_not_checked", read, 1.0, None, None, of + text))
     return records
 
 
@@ -86,25 +92,24 @@ def _gap_records(channel: str, times: Nanoseconds | None) -> list[QualityRecord]
     missing = sum(gap.samples for gap in gaps)
     first, last = np.datetime64(gaps[0].start, "ns"), np.datetime64(gaps[-1].end, "ns")
     share = missing / (missing + len(times))
-    return [QualityRecord(channel, "gaps", missing, share, first, last, _gapsclock_text(gaps))]
+    return [QualityRecord(channel, "gaps", missing, share, first, last, _gaps_text(gaps))]
 
 
 def _channel_records(dataset: xr.Dataset, channel: str, own: Nanoseconds | None) -> list[QualityRecord]:
     """Samples that flags took away; a row without a sample of a channel that has own times is another packet's."""
-    times = dataset["time"].to_numpy()
-    in_packets = bool(dataset[channel].attrs.get("packet"))
+    in_packets, averaged = bool(dataset[channel].attrs.get("packet")), "masked" in dataset
     flags = dataset["flags"].sel(channel=channel).to_numpy()
-    averaged = "masked" in dataset
-    if averaged:
-        total = int(dataset["rows"].sel(channel=channel).sum())
-    else:
-        total = int(np.count_nonzero(flags & Flag.OTHER_PACKET == 0)) if own is None or in_packets else len(own)
+    rows = flags & Flag.OTHER_PACKET == 0
+    if own is not None and not in_packets and not averaged:
+        rows &= flags & Flag.MISSING == 0
+    times, flags = dataset["time"].to_numpy()[rows], flags[rows]
+    total = int(dataset["rows"].sel(channel=channel).sum()) if averaged else len(times)
     records = []
     for flag in SAMPLE_FLAGS:
         if flag is Flag.MISSING and own is not None and not in_packets:
             continue
         if averaged:
-            counts = dataset["masked"].sel(channel=channel, finding=meaning(flag)).to_numpy()
+            counts = dataset["masked"].sel(channel=channel, finding=meaning(flag)).to_numpy()[rows]
         else:
             counts = (flags & flag != 0).astype(np.int64)
         records += _record(channel, flag, counts, total, times)
@@ -133,19 +138,19 @@ def _record(
             samples / total,
             times[hit[0]],
             times[hit[-1]],
-            _runsclock_text(runs, noun),
+            _runs_text(runs, noun),
         )
     ]
 
 
-def _runsclock_text(runs: list[tuple[int, np.datetime64]], noun: str) -> str:
+def _runs_text(runs: list[tuple[int, np.datetime64]], noun: str) -> str:
     listed = sorted(sorted(runs, key=lambda run: -run[0])[:LISTED], key=lambda run: run[1])
     text = ", ".join(f"{samples} from {clock_text(time)}" for samples, time in listed)
     number = f"{len(runs)} run{'s' if len(runs) > 1 else ''} of {noun}s"
     return f"{number}: {text}" if len(runs) <= LISTED else f"{number}, the longest: {text}"
 
 
-def _gapsclock_text(gaps: list[Gap]) -> str:
+def _gaps_text(gaps: list[Gap]) -> str:
     listed = sorted(sorted(gaps, key=lambda gap: gap.start - gap.end)[:LISTED], key=lambda gap: gap.start)
     text = ", ".join(
         f"{(gap.end - gap.start) / 1e9:g} s from {clock_text(np.datetime64(gap.start, 'ns'))}" for gap in listed

@@ -15,7 +15,7 @@ from ..environment import orbital_period
 from ..errors import TelemetryError
 from ..scenario import Channel, Packet, Scenario, TelemetryFile, TimeColumn
 from ._flags import Flag, Flags, flag_attributes, meaning
-from ._times import Nanoseconds, parse_times
+from ._times import Nanoseconds, is_fill, parse_times, time_cells
 from ._units import Conversion, conversion
 from ._values import Values, channel_values
 from .average import average
@@ -36,6 +36,8 @@ class _Rows:
     values: Values
     flags: Flags
     content: RowContent
+    untimed: int
+    """Rows of the files, besides these, that have a mark in the place of a time."""
 
 
 def read(scenario: Scenario) -> xr.Dataset:
@@ -52,18 +54,18 @@ def read_telemetry(specification: TelemetryFile, folder: Path, *, period: float 
 
     Returns dims `time` (datetime64[ns], UTC, strictly increasing) and `channel`: one float64 variable [time]
     for each channel in SI (temperature K, status 0 or 1), NaN where it cannot be used, and `flags` [time,
-    channel] uint8 that say why. Attributes: files, sampling_interval_s, rows_read, duplicates, conflicts,
+    channel] uint8 that say why. Attributes: files, sampling_interval_s, rows_read, untimed, duplicates, conflicts,
     conflict_times, unsorted, stale_checked, and period_s, average_s where given. Block averages carry also
     `rows` and `masked`, see `average`.
 
     Raises TelemetryError, which names file, line and column, and lists all channels that are wrong.
     """
     conversions = _conversions(specification)
-    packets = []
+    packets = {}
     for name, packet in specification.sources.items():
         chosen = {channel: conversions[channel] for channel in specification.channels_of(name)}
         if chosen:
-            packets.append(_read_packet(specification, name, packet, chosen, folder))
+            packets[name] = _read_packet(specification, name, packet, chosen, folder)
     dataset = merged(packets, list(specification.channels))
     if period is not None:
         dataset.attrs["period_s"] = float(period)
@@ -97,7 +99,8 @@ def _read_packet(
     attributes = {
         "files": "\n".join(packet.file),
         "sampling_interval_s": interval,
-        "rows_read": len(rows.times),
+        "rows_read": len(rows.times) + rows.untimed,
+        "untimed": rows.untimed,
         "duplicates": order.duplicates,
         "conflicts": len(order.conflicts),
         "conflict_times": " ".join(np.datetime_as_string(conflict_times, unit="s")),
@@ -163,12 +166,20 @@ def _read_file(
     """The rows of one file; shared: other packets are in it, so only rows that hold something of this one count."""
     markers = [str(marker) for channel in channels.values() for marker in channel.invalid]
     named = {column for channel in channels.values() for column in channel.column}
-    table = read_table(source, time.column, markers)
+    table = read_table(source, time.column, [*markers, *map(str, time.invalid)])
     _check_columns(time, channels, table.column_names, source)
-    table = _without_empty_rows(table)
+    table = without_empty_rows(table)
     if shared:
-        table, source = _of_packet(table.select([time.column, *sorted(named - {time.column})]), time.column, source)
-    times = parse_times(table[time.column], time, source)
+        table, source = _of_packet(table.select([*time.column, *sorted(named.difference(time.column))]), time, source)
+    timed = np.flatnonzero(~is_fill(time_cells(table, time), time))
+    untimed = table.num_rows - len(timed)
+    if untimed:
+        table, source = _only(timed, table, source)
+    if not len(timed):
+        raise TelemetryError(
+            f"{source.name}: found no row with a time, all are marked invalid; expected some that are not"
+        )
+    times = parse_times(time_cells(table, time), time, source)
     problems, values, flags = [], [], []
     for name, channel in channels.items():
         convert = conversions[name]
@@ -183,17 +194,22 @@ def _read_file(
         flags.append(flag | np.where(beyond, Flag.OUT_OF_RANGE, 0).astype(np.uint8))
     _raise_all(problems)
     rows = row_content(content(table, time.column), times, named)
-    return _Rows(times, np.stack(values, axis=1), np.stack(flags, axis=1), rows)
+    return _Rows(times, np.stack(values, axis=1), np.stack(flags, axis=1), rows, untimed)
 
 
-def _of_packet(table: pa.Table, time: str, source: Source) -> tuple[pa.Table, Source]:
-    """The rows in which a column other than the time holds something."""
-    held = np.any([column.is_valid().to_numpy() for name, column in _columns(table) if name != time], axis=0)
+def _of_packet(table: pa.Table, time: TimeColumn, source: Source) -> tuple[pa.Table, Source]:
+    """The rows in which a column other than those of the time holds something."""
+    held = np.any([column.is_valid().to_numpy() for name, column in _columns(table) if name not in time.column], axis=0)
     rows = np.flatnonzero(held)
     if not len(rows):
-        names = ", ".join(f"'{name}'" for name in table.column_names if name != time)
+        names = ", ".join(f"'{name}'" for name in table.column_names if name not in time.column)
         raise TelemetryError(f"{source.name}: found nothing in the columns {names}, expected telemetry")
-    return table.take(rows), replace(source, rows=rows)
+    return _only(rows, table, source)
+
+
+def _only(rows: NDArray[np.intp], table: pa.Table, source: Source) -> tuple[pa.Table, Source]:
+    """Some rows of those that are looked at."""
+    return table.take(rows), replace(source, rows=rows if source.rows is None else source.rows[rows])
 
 
 def _columns(table: pa.Table) -> Iterator[tuple[str, pa.ChunkedArray]]:
@@ -210,11 +226,12 @@ def _joined(files: list[_Rows]) -> _Rows:
             np.concatenate([file.content.moving for file in files]),
             checked=any(file.content.checked for file in files),
         ),
+        sum(file.untimed for file in files),
     )
 
 
 def _check_columns(time: TimeColumn, channels: dict[str, Channel], columns: list[str], source: Source) -> None:
-    wanted = [("time", time.column)]
+    wanted = [("time", column) for column in time.column]
     wanted += [(f"channel '{name}'", column) for name, c in channels.items() for column in c.column]
     problems = []
     for who, column in wanted:
@@ -229,7 +246,7 @@ def _check_columns(time: TimeColumn, channels: dict[str, Channel], columns: list
     _raise_all(problems)
 
 
-def _without_empty_rows(table: pa.Table) -> pa.Table:
+def without_empty_rows(table: pa.Table) -> pa.Table:
     """Without the lines of commas that spreadsheets write after the last row; row numbers stay."""
     last = max((_last_valid(column) for column in table.columns), default=-1)
     return table.slice(0, last + 1)

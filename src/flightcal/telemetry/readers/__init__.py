@@ -55,11 +55,11 @@ def sheets(source: Source) -> list[str]:
     return _sheets_of_workbook(source) if isinstance(source.reader, Excel) else []
 
 
-def read_table(source: Source, time_column: str, markers: Collection[str] = ()) -> pa.Table:
+def read_table(source: Source, time_columns: Collection[str], markers: Collection[str] = ()) -> pa.Table:
     """The whole file; see `Reader.read`. Raises TelemetryError with file and line for a file that is no table."""
     try:
         _check_kind(source)
-        table = source.reader.read(source, time_column, markers)
+        table = source.reader.read(source, time_columns, markers)
         table.validate(full=True)
     except (pa.ArrowException, OSError, EOFError, UnicodeError, zlib.error, CsvError) as error:
         raise TelemetryError(f"{source.name}: cannot be read: {_first_sentence(error)}") from None
@@ -68,12 +68,12 @@ def read_table(source: Source, time_column: str, markers: Collection[str] = ()) 
     return table.rename_columns([column.strip() for column in table.column_names])
 
 
-def content(table: pa.Table, without: str) -> pd.DataFrame:
+def content(table: pa.Table, without: Collection[str]) -> pd.DataFrame:
     """All columns but `without`, such that overlapping files agree: every number a float, none nested."""
     columns = {}
     for i, (name, column) in enumerate(zip(table.column_names, table.columns, strict=True)):
         kind = column.type
-        if name == without or pa.types.is_nested(kind):
+        if name in without or pa.types.is_nested(kind):
             continue
         if pa.types.is_integer(kind) or pa.types.is_decimal(kind) or pa.types.is_null(kind):
             column = column.cast(pa.float64(), safe=False)

@@ -33,8 +33,8 @@ class Reader(Protocol):
     def magic(self) -> bytes | None:
         """First bytes of all its files, if there are such."""
 
-    def read(self, source: Source, time_column: str, markers: Collection[str]) -> pa.Table:
-        """The whole file; the time column of a text file stays text, other columns are typed by what they hold.
+    def read(self, source: Source, time_columns: Collection[str], markers: Collection[str]) -> pa.Table:
+        """The whole file; the time columns of a text file stay text, other columns are typed by what they hold.
 
         markers: texts that are kept although they usually stand for a missing value (`NULL_WORDS`).
         """
