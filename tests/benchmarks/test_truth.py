@@ -92,6 +92,7 @@ def test_what_flows_through_a_node_is_what_it_takes_in(tmp_path):
     assert found == pytest.approx({"node_0": 12.0, "node_1": 12.0}, rel=0.05)
 
 
+@pytest.mark.slow
 def test_the_telemetry_is_rounded_and_the_duty_that_of_the_status(flight):
     for channel, sensor in flight.satellite.sensors.items():
         steps = flight.telemetry[channel].values / sensor.step
@@ -103,6 +104,7 @@ def test_the_telemetry_is_rounded_and_the_duty_that_of_the_status(flight):
         assert 0.05 < flight.duty(heater, 0.0, last) < 0.95
 
 
+@pytest.mark.slow
 def test_heat_imitates_the_power_of_all_modes_and_less_so_that_of_one(flight, tmp_path):
     written = json.loads(json.dumps(flight.satellite.written))
     modes = written["simulator"]["modes"]
@@ -120,6 +122,7 @@ def test_heat_imitates_the_power_of_all_modes_and_less_so_that_of_one(flight, tm
     assert found["now_and_then"][1] < found["now_and_then"][0] < 0.999
 
 
+@pytest.mark.slow
 def test_a_satellite_is_measured_once(tmp_path, monkeypatch):
     out = tmp_path / "records.jsonl"
     (record,) = measure.run(1, SEED, "iid", out, workers=1, settings=TINY, random_starts=1)
