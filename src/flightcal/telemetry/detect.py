@@ -44,6 +44,8 @@ _OF_DAYS = r"^(\d{5}|\d{7}|\d{13})(\.\d+)?$"
 _HALF_A_DAY = 43_200_000_000_000
 _LAST_DAY = np.datetime64("2036-01-01", "ns").astype(np.int64)
 """45352.5 is rather what a spreadsheet counts from 1900 than a day of 2045."""
+_DAY_NUMBERS = {(32_874, 47_848): "1899-12-30", (47_892, 69_807): "1858-11-17"}
+"""Days of a spreadsheet from 1990 to 2030, modified Julian dates from 1990 to 2049, and the epochs of both."""
 _TIME_NAME = re.compile(r"(?i)time|date|utc|epoch|clock|sclk|stamp|(^|_)t(_|$)")
 _CLOCK_NAME = re.compile(r"(?i)clock|sclk|scet|obt|met$|tick|time")
 _DATE_NAME = re.compile(r"(?i)date|year|yyyy|utc|day|^yr$")
@@ -148,6 +150,8 @@ def _packet(file: Path, source: Source) -> FoundPacket:
     table = without_empty_rows(read_table(source, ()))
     names = [name for name in dict.fromkeys(table.column_names) if table.column_names.count(name) == 1 and name]
     time, times = _time(table.select(names), names, source)
+    if time is None:
+        time, times = next((days for name in names if (days := _day_numbers(table, name, source))), (None, times))
     fine = None
     if time is None:
         clock, fine = next(
@@ -244,6 +248,20 @@ def _formats(columns: tuple[str, ...], table: pa.Table, numeric: bool) -> tuple[
     if not is_text(cells) or not pc.any(pc.match_substring_regex(cells, r"\d")).as_py():
         return ("iso8601",)
     return (*_FORMATS, *_PATTERNS)
+
+
+def _day_numbers(table: pa.Table, name: str, source: Source) -> tuple[TimeColumn, Nanoseconds] | None:
+    """A column that counts days as spreadsheets or modified Julian dates do, and its times; null: it does not."""
+    if not (_is_numeric(table[name]) and _TIME_NAME.search(name)) or table[name].null_count:
+        return None
+    days = table[name].to_numpy()
+    if len(days) < 2 or not 0 < np.median(np.abs(np.diff(days))) < 0.5:
+        return None
+    for (lowest, highest), epoch in _DAY_NUMBERS.items():
+        if lowest <= days.min() and days.max() < highest:
+            time = TimeColumn.model_validate({"column": name, "format": "clock", "epoch": epoch, "rate": "1 1/day"})
+            return time, readable_times(table[name], time, source)
+    return None
 
 
 def _fine(name: str, column: pa.ChunkedArray) -> int | None:
