@@ -179,6 +179,28 @@ def test_files_with_the_same_columns_are_one_packet_and_a_sheet_is_a_file(tmp_pa
     ]
 
 
+@pytest.mark.parametrize("suffix", ["csv", "xlsx"])
+def test_a_title_above_the_header_and_a_row_of_units_below_it_are_seen(tmp_path: Path, suffix: str):
+    header = ["time", "Battery", "HTR_CUR"]
+    rows = [[str(time)[:19], 20.0 + k, 480 if k % 3 else 3] for k, time in enumerate(TIMES)]
+    lines = [["Export v3", "", ""], ["from", "to", ""], header, ["", "degC", "mA"], *rows]
+    path = tmp_path / f"data.{suffix}"
+    table = pd.DataFrame(lines)
+    if suffix == "csv":
+        table.to_csv(path, index=False, header=False)
+    else:
+        pytest.importorskip("openpyxl", reason="needs the extra 'excel'")
+        table.to_excel(path, index=False, header=False)
+    (found,) = detect([path])
+    assert found.header == 3
+    assert found.time is not None
+    assert found.time.invalid == ("",)
+    assert [(column.name, column.kind, column.unit, column.on_above) for column in found.columns] == [
+        ("Battery", "temperature", "degC", None),
+        ("HTR_CUR", "status", "mA", "242 mA"),
+    ]
+
+
 def test_a_file_without_times_is_told_with_its_columns(tmp_path: Path):
     frame(5).drop(columns="time").to_csv(tmp_path / "data.csv", index=False)
     with pytest.raises(TelemetryError) as caught:

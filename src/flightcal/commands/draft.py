@@ -141,12 +141,13 @@ def _telemetry(folder: Path | None, names: Mapping[str, FoundPacket], channels: 
         ]
         file = files[0] if len(files) == 1 else f"[{', '.join(files)}]"
         sheet = f", sheet: {_text(packet.sheet)}" if packet.sheet else ""
+        header = f"header: {packet.header}" if packet.header else ""
         time = _time(packet, names)
         comment = "" if packet.time is not None else "  # PLACEHOLDER: UTC at count 0, counts a second"
         if single:
-            lines += [f"  file: {file}", f"  time: {time}{comment}"]
+            lines += [f"  file: {file}", *([f"  {header}"] if header else []), f"  time: {time}{comment}"]
         else:
-            lines.append(f"    {name}: {{file: {file}{sheet}, time: {time}}}{comment}")
+            lines.append(f"    {name}: {{file: {file}{sheet}{f', {header}' if header else ''}, time: {time}}}{comment}")
     lines += [
         "  channels:",
         "    # The name is yours. kind: temperature, status (on or off) or driver (measured input).",

@@ -16,10 +16,10 @@ from numpy.typing import NDArray
 from ..errors import TelemetryError
 from ..scenario import Channel, TimeColumn, is_temperature, si_unit
 from ._doy import UNREADABLE
-from ._times import Nanoseconds, is_text, readable_times, time_cells
+from ._times import Nanoseconds, is_fill, is_text, readable_times, time_cells
 from ._values import is_status
 from .read import without_empty_rows
-from .readers import Source, locate, read_table, sheets
+from .readers import Parquet, Source, locate, read_table, sheets
 
 _UNIX: Final = ("unix", "unix-ms", "unix-us", "unix-ns")
 _DAYS: Final = ("year-doy", "decimal-doy")
@@ -52,6 +52,8 @@ _DATE_NAME = re.compile(r"(?i)date|year|yyyy|utc|day|^yr$")
 """Of the first of several columns that are one time."""
 _MOST_PARTS = 5
 """Year, day, hour, minute and second."""
+_DEEPEST_HEADER = 20
+"""So far down a file's title may reach."""
 _MARKS, _FILL = 3, 0.2
 """So many texts, in such a share of the rows at most, stand in the place of times."""
 _STATUS_NAME = re.compile(r"(?i)htr|heater|status|state|switch|enable|(^|[_. ])(on|sw)($|[_. ])")
@@ -95,6 +97,8 @@ class FoundPacket:
     last: float
     """The first and the last time, ns since 1970; of a clock, counts (of its coarse part)."""
     columns: tuple[FoundColumn, ...]
+    header: int | None = None
+    """Number of the line or row with the columns' names; null: the first."""
     fine: int | None = None
     """A guess at how many counts of a clock's fine part are one of its coarse; null: it has no fine part."""
 
@@ -121,7 +125,16 @@ def detect(files: list[Path]) -> list[FoundPacket]:
 def _alike(one: FoundPacket, other: FoundPacket) -> bool:
     same_columns = {column.name for column in one.columns} == {column.name for column in other.columns}
     formats = [packet.time and packet.time.format for packet in (one, other)]
-    return same_columns and formats[0] == formats[1] and (one.sheet, one.clock) == (other.sheet, other.clock)
+    return (
+        same_columns
+        and formats[0] == formats[1]
+        and (one.sheet, one.header, one.clock)
+        == (
+            other.sheet,
+            other.header,
+            other.clock,
+        )
+    )
 
 
 def _together(one: FoundPacket, other: FoundPacket) -> FoundPacket:
@@ -136,13 +149,34 @@ def _packets(file: Path) -> Iterator[FoundPacket]:
     source = locate(file.parent, file.name)
     titles = sheets(source)
     if len(titles) < 2:
-        yield _packet(file, source)
+        yield _packet_below_title(file, source)
         return
     for title in titles:
         try:
-            yield _packet(file, locate(file.parent, file.name, title))
+            yield _packet_below_title(file, locate(file.parent, file.name, title))
         except TelemetryError:
             continue  # a workbook has sheets of other things, too
+
+
+def _packet_below_title(file: Path, source: Source) -> FoundPacket:
+    """What is in a file whose header is its first row, or else one of those below a title: that with most columns."""
+    found: list[FoundPacket] = []
+    refusal: TelemetryError | None = None
+    for header in (None, *range(2, _DEEPEST_HEADER + 1)):
+        try:
+            packet = _packet(file, replace(source, header=header))
+        except TelemetryError as error:
+            refusal = refusal or error
+            continue
+        if header is None and (packet.columns and not (packet.time and packet.time.invalid)):
+            return packet  # no row looks like the end of a title
+        found.append(packet)
+        if isinstance(source.reader, Parquet):
+            break
+    if not found:
+        assert refusal is not None  # nothing was found, and each time it was told why
+        raise refusal
+    return max(found, key=lambda packet: len(packet.columns))  # the first of equals
 
 
 def _packet(file: Path, source: Source) -> FoundPacket:
@@ -166,9 +200,28 @@ def _packet(file: Path, source: Source) -> FoundPacket:
     else:
         first, last = float(times[0]), float(times.max())
     found = (clock,) if time is None else time.column
-    head = table.slice(0, _LOOKED_AT)
-    columns = [column for name in names if name not in found and (column := _column(name, head[name], source))]
-    return FoundPacket((file,), source.sheet, time, found, first, last, tuple(columns), fine or None)
+    head, units = _below_units(table.slice(0, _LOOKED_AT), time)
+    others = [name for name in names if name not in found]
+    columns = [column for name in others if (column := _column(name, head[name], source, units.get(name)))]
+    return FoundPacket((file,), source.sheet, time, found, first, last, tuple(columns), source.header, fine or None)
+
+
+def _below_units(table: pa.Table, time: TimeColumn | None) -> tuple[pa.Table, dict[str, str]]:
+    """The rows with a time, and units that a row without one has above them."""
+    if time is None or not time.invalid:
+        return table, {}
+    fill = is_fill(time_cells(table, time), time)
+    units = {name: str(cell) for name, cell in table.slice(0, 1).to_pylist()[0].items() if cell} if fill[0] else {}
+    kept = table.take(np.flatnonzero(~fill))
+    return pa.table({name: _typed(column) for name, column in zip(kept.column_names, kept.columns, strict=True)}), units
+
+
+def _typed(column: pa.ChunkedArray) -> pa.ChunkedArray:
+    """Numbers in text as numbers, where all are."""
+    try:
+        return pc.cast(pc.utf8_trim_whitespace(column), pa.float64()) if is_text(column) else column
+    except pa.ArrowInvalid:
+        return column
 
 
 def _time(table: pa.Table, names: list[str], source: Source) -> tuple[TimeColumn | None, Nanoseconds]:
@@ -303,8 +356,11 @@ def _is_numeric(column: pa.ChunkedArray) -> bool:
     return pa.types.is_integer(column.type) or pa.types.is_floating(column.type)
 
 
-def _column(name: str, column: pa.ChunkedArray, source: Source) -> FoundColumn | None:
-    """What a column is; null: nothing that a channel can be, such as a second time or a comment."""
+def _column(name: str, column: pa.ChunkedArray, source: Source, said: str | None = None) -> FoundColumn | None:
+    """What a column is; null: nothing that a channel can be, such as a second time or a comment.
+
+    said: its unit, where a row below the header has units.
+    """
     if column.null_count == len(column):
         return None
     if is_text(column) or pa.types.is_boolean(column.type) or pa.types.is_dictionary(column.type):
@@ -314,7 +370,7 @@ def _column(name: str, column: pa.ChunkedArray, source: Source) -> FoundColumn |
     values = column.drop_null().to_numpy()
     if _STATUS_NAME.search(name) and np.isin(values, (0, 1)).all():
         return FoundColumn(name, "status", None)
-    unit = _unit(name)
+    unit = _known(said or "") or _unit(name)
     if unit is not None and is_temperature(unit):
         return FoundColumn(name, "temperature", unit)
     if unit is None and _TEMPERATURE_NAME.search(name):
@@ -345,10 +401,14 @@ def _unit(name: str) -> str | None:
     match = _UNIT.search(name)
     if match is None:
         return None
-    text = match[1] or match[2]
-    text = _CELSIUS.get(text.lower(), text)
+    return _known(match[1] or match[2])
+
+
+def _known(text: str) -> str | None:
+    """A unit as flightcal writes it; null: it is none."""
+    text = _CELSIUS.get(text.strip().lower(), text.strip())
     try:
         si_unit(text)
     except ValueError:
         return None
-    return text
+    return text or None

@@ -80,7 +80,7 @@ def _read_packet(
     beside = [other for key, other in specification.sources.items() if key != name]
     files = []
     for file in packet.file:
-        source = locate(folder, file, packet.sheet)
+        source = locate(folder, file, packet.sheet, packet.header)
         shared = any(file in other.file and packet.sheet == other.sheet for other in beside)
         files.append(_read_file(packet.time, channels, conversions, source, shared=shared))
     rows = _joined(files)

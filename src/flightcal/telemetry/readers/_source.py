@@ -52,6 +52,8 @@ class Source:
     reader: Reader
     sheet: str | None = None
     """Of a spreadsheet; null: its first."""
+    header: int | None = None
+    """Number of the line or row with the columns' names; null: the first that is not empty."""
     rows: NDArray[np.intp] | None = None
     """Which data rows are looked at; null: all of them."""
 
