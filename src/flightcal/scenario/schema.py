@@ -111,6 +111,8 @@ class Channel(Block):
     bits: Bits | None = None
     """For a status: the bit (0: the least significant) of the column's word that tells it. Several are a number, the
     first its least significant; it is on where that is among `on`, by default where it is not 0."""
+    base: Literal[2, 10, 16] | None = None
+    """Of `bits`: that of words without 0x or 0b before them; null: 10."""
     stale_after: Annotated[Count, Field(ge=2)] | None = 6
     """This many identical rows of all channels that do not normally repeat are frozen; null: off."""
     fill: Literal["interpolate", "previous_orbit"] = "interpolate"

@@ -166,7 +166,8 @@ def _read_file(
     """The rows of one file; shared: other packets are in it, so only rows that hold something of this one count."""
     markers = [str(marker) for channel in channels.values() for marker in channel.invalid]
     named = {column for channel in channels.values() for column in channel.column}
-    table = read_table(source, time.column, [*markers, *map(str, time.invalid)])
+    words = [column for channel in channels.values() if channel.base is not None for column in channel.column]
+    table = read_table(source, [*time.column, *words], [*markers, *map(str, time.invalid)])
     _check_columns(time, channels, table.column_names, source)
     table = without_empty_rows(table)
     if shared:

@@ -68,11 +68,11 @@ def sheets(source: Source) -> list[str]:
     return _sheets_of_workbook(source) if isinstance(source.reader, Excel) else []
 
 
-def read_table(source: Source, time_columns: Collection[str], markers: Collection[str] = ()) -> pa.Table:
+def read_table(source: Source, text_columns: Collection[str], markers: Collection[str] = ()) -> pa.Table:
     """The whole file; see `Reader.read`. Raises TelemetryError with file and line for a file that is no table."""
     try:
         _check_kind(source)
-        table = source.reader.read(source, time_columns, markers)
+        table = source.reader.read(source, text_columns, markers)
         table.validate(full=True)
     except (pa.ArrowException, OSError, EOFError, UnicodeError, zlib.error, CsvError) as error:
         raise TelemetryError(f"{source.name}: cannot be read: {_first_sentence(error)}") from None

@@ -33,9 +33,10 @@ class Reader(Protocol):
     def magic(self) -> bytes | None:
         """First bytes of all its files, if there are such."""
 
-    def read(self, source: Source, time_columns: Collection[str], markers: Collection[str]) -> pa.Table:
-        """The whole file; the time columns of a text file stay text, other columns are typed by what they hold.
+    def read(self, source: Source, text_columns: Collection[str], markers: Collection[str]) -> pa.Table:
+        """The whole file; columns are typed by what they hold.
 
+        text_columns: stay text as it is written, where the file is text.
         markers: texts that are kept although they usually stand for a missing value (`NULL_WORDS`).
         """
 

@@ -31,11 +31,11 @@ class Csv:
     suffixes = (".csv", ".csv.gz", ".txt", ".txt.gz")
     magic = None
 
-    def read(self, source: Source, time_columns: Collection[str], markers: Collection[str]) -> pa.Table:
+    def read(self, source: Source, text_columns: Collection[str], markers: Collection[str]) -> pa.Table:
         """See `Reader`."""
         header = _header(source)
         convert = pa.csv.ConvertOptions(
-            column_types={column: pa.string() for column in header if column.strip() in time_columns},
+            column_types={column: pa.string() for column in header if column.strip() in text_columns},
             null_values=sorted(NULL_WORDS - set(markers) | {""}),
             strings_can_be_null=True,
         )

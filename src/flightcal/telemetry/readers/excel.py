@@ -21,7 +21,7 @@ class Excel:
     suffixes = (".xlsx", ".xlsm")
     magic = None  # that of any ZIP archive
 
-    def read(self, source: Source, time_columns: Collection[str], markers: Collection[str]) -> pa.Table:
+    def read(self, source: Source, text_columns: Collection[str], markers: Collection[str]) -> pa.Table:
         """See `Reader`."""
         rows = _rows(source)
         header = next(rows, (0, ()))[1]
