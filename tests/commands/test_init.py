@@ -105,7 +105,21 @@ def day_of_year(times: np.ndarray) -> list[str]:
     return pd.to_datetime(times).strftime("%Y:%j:%H:%M:%S.000").tolist()
 
 
-@pytest.mark.parametrize("kind", ["csv", "csv.gz", "parquet", "xlsx", "doy.csv", "unix-ms.csv"])
+KINDS = (
+    "csv",
+    "csv.gz",
+    "parquet",
+    "xlsx",
+    "doy.csv",
+    "unix-ms.csv",
+    "days.xlsx",
+    "pattern.csv",
+    "columns.csv",
+    "fill.csv",
+)
+
+
+@pytest.mark.parametrize("kind", KINDS)
 def test_a_file_of_every_kind_goes_from_init_to_lint(tmp_path: Path, kind: str):
     table, path = frame(40), tmp_path / f"data.{kind}"
     times = seconds(*(60.0 * np.arange(40)))
@@ -113,9 +127,17 @@ def test_a_file_of_every_kind_goes_from_init_to_lint(tmp_path: Path, kind: str):
         table["time"] = day_of_year(times)
     elif kind.startswith("unix"):
         table["time"] = times.astype(np.int64) // 1_000_000
-    if kind == "xlsx":
+    elif kind.startswith("pattern"):
+        table["time"] = pd.to_datetime(times).strftime("%d.%m.%Y %H:%M:%S")
+    elif kind.startswith("columns"):
+        date = pd.DataFrame({"YEAR": 2024, "DOY": 61, "UTC": pd.to_datetime(times).strftime("%H:%M:%S")})
+        table = pd.concat([date, table.drop(columns="time")], axis=1)
+    elif kind.startswith("fill"):
+        table = pd.concat([table[:20], table[:3].assign(time="0x00000000"), table[20:]])
+    if kind.endswith("xlsx"):
         pytest.importorskip("openpyxl", reason="needs the extra 'excel'")
-        table["time"] = times
+        days = times.astype(np.int64) / 86400e9 + 25569
+        table["time"] = days if kind.startswith("days") else times
         table.to_excel(path, index=False)
     elif kind == "parquet":
         table.to_parquet(path)

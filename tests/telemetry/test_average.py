@@ -5,7 +5,7 @@ from pathlib import Path
 import numpy as np
 import pandas as pd
 import pytest
-from hypothesis import HealthCheck, given, settings
+from hypothesis import HealthCheck, example, given, settings
 from hypothesis import strategies as st
 
 from flightcal.errors import TelemetryError
@@ -84,6 +84,7 @@ def test_a_channel_with_a_slower_sampling_of_its_own_is_averaged_by_that(tmp_pat
     marked=st.sets(st.integers(0, 59)),
     average=st.sampled_from([None, "30 s", "70 s"]),
 )
+@example(lost={*range(13), 19, 21, 40, 42, *range(54, 58)}, marked={*range(10), 41, 43, 20, 22}, average="70 s")
 def test_a_value_is_absent_exactly_where_it_has_a_flag(
     tmp_path: Path, lost: set[int], marked: set[int], average: str | None
 ):

@@ -55,11 +55,20 @@ def test_a_time_column_and_its_format_are_found(tmp_path: Path, cells: list, wri
     assert found.first == pytest.approx(START.astype(np.int64), abs=1e9)
 
 
+@pytest.mark.parametrize(("start", "epoch"), [(45352.5, "1899-12-30"), (60370.5, "1858-11-17")])
+def test_numbers_of_days_are_those_of_a_spreadsheet_or_modified_julian_dates(tmp_path: Path, start: float, epoch: str):
+    table = pd.DataFrame({"time": start + np.arange(8) / 1440, "TT_BAT": np.linspace(0, 9, 8)})
+    table.to_csv(tmp_path / "data.csv", index=False)
+    (found,) = detect([tmp_path / "data.csv"])
+    assert found.time is not None
+    assert found.time.epoch is not None
+    assert (found.time.format, f"{found.time.epoch:%Y-%m-%d}") == ("clock", epoch)
+    assert found.first == pytest.approx(np.datetime64("2024-03-01T12:00:00", "ns").astype(np.int64), abs=1e6)
+
+
 @pytest.mark.parametrize("step", [1.0, 60.0])
 @pytest.mark.parametrize("start", [24061.5, 45352.5, 60370.5])
-def test_a_counter_is_no_day_of_the_year(tmp_path: Path, start: float, step: float):
-    """Nor is the number of a day: 45352 of a spreadsheet, 60370 of the modified Julian date."""
-    step = step if start < 4e4 else step / 86400
+def test_a_counter_is_no_day(tmp_path: Path, start: float, step: float):
     table = pd.DataFrame({"time": start + step * np.arange(8), "TT_BAT": np.linspace(0, 9, 8)})
     table.to_csv(tmp_path / "data.csv", index=False)
     (found,) = detect([tmp_path / "data.csv"])
@@ -167,6 +176,28 @@ def test_files_with_the_same_columns_are_one_packet_and_a_sheet_is_a_file(tmp_pa
         (("a.csv", "b.csv"), None),
         (("c.xlsx",), "HK"),
         (("c.xlsx",), "EPS"),
+    ]
+
+
+@pytest.mark.parametrize("suffix", ["csv", "xlsx"])
+def test_a_title_above_the_header_and_a_row_of_units_below_it_are_seen(tmp_path: Path, suffix: str):
+    header = ["time", "Battery", "HTR_CUR"]
+    rows = [[str(time)[:19], 20.0 + k, 480 if k % 3 else 3] for k, time in enumerate(TIMES)]
+    lines = [["Export v3", "", ""], ["from", "to", ""], header, ["", "degC", "mA"], *rows]
+    path = tmp_path / f"data.{suffix}"
+    table = pd.DataFrame(lines)
+    if suffix == "csv":
+        table.to_csv(path, index=False, header=False)
+    else:
+        pytest.importorskip("openpyxl", reason="needs the extra 'excel'")
+        table.to_excel(path, index=False, header=False)
+    (found,) = detect([path])
+    assert found.header == 3
+    assert found.time is not None
+    assert found.time.invalid == ("",)
+    assert [(column.name, column.kind, column.unit, column.on_above) for column in found.columns] == [
+        ("Battery", "temperature", "degC", None),
+        ("HTR_CUR", "status", "mA", "242 mA"),
     ]
 
 

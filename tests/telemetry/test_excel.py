@@ -70,6 +70,20 @@ def test_rows_of_messages_are_those_that_the_spreadsheet_shows(tmp_path: Path):
         read_telemetry(specification(file="data.xlsx", sheet="HK"), tmp_path)
 
 
+def test_a_title_above_the_header_is_passed_over_and_rows_keep_their_numbers(tmp_path: Path):
+    header, *rows = cells(frame(6))
+    write(tmp_path / "data.xlsx", [["Export"], [], ["from", "to"], header, *rows])
+    dataset = read_telemetry(specification(file="data.xlsx", header=4), tmp_path)
+    np.testing.assert_allclose(dataset["battery"], frame(6)["TT_BAT"] + 273.15)
+    rows[1][1] = "ERR"
+    write(tmp_path / "data.xlsx", [["Export"], [], ["from", "to"], header, *rows])
+    with pytest.raises(TelemetryError, match=r"^data\.xlsx: row 6: channel 'battery', column 'TT_BAT': found 'ERR'"):
+        read_telemetry(specification(file="data.xlsx", header=4), tmp_path)
+    frame(6).to_parquet(tmp_path / "data.parquet")
+    with pytest.raises(TelemetryError, match=r"^data\.parquet: found header 4, expected none: it is Parquet"):
+        read_telemetry(specification(file="data.parquet", header=4), tmp_path)
+
+
 def test_marks_notes_and_empty_cells_are_as_in_text(tmp_path: Path):
     header, *rows = cells(frame(8))
     rows[1][1], rows[2][1], rows[3][1], rows[5][1] = "N/A", None, -999, "#N/A"

@@ -290,3 +290,24 @@ def test_three_hundred_thousand_rows_are_read_in_seconds(tmp_path: Path):
     dataset = read_telemetry(specification(average="60 s"), tmp_path)
     assert time.process_time() - start < 6
     assert dataset.sizes["time"] == 5000
+
+
+def test_a_title_above_the_header_is_passed_over(tmp_path: Path):
+    table, title = frame(6).to_csv(index=False), 'Export of "HK", v3\n\nfrom,to\n'
+    dataset = read(tmp_path, title + table, header=4)
+    np.testing.assert_array_equal(dataset["battery"], read(tmp_path, table)["battery"])
+    bad = table.replace(table.splitlines()[3].split(",")[1], "ERR")
+    with pytest.raises(TelemetryError, match=r"^data\.csv: line 7: channel 'battery', column 'TT_BAT': found 'ERR'"):
+        read(tmp_path, title + bad, header=4)
+    with pytest.raises(TelemetryError, match=r"^data\.csv: line 5: found values .*, expected the columns' names"):
+        read(tmp_path, title + frame(6).assign(time=1).to_csv(index=False), header=5)
+    with pytest.raises(TelemetryError, match=r"^data\.csv: found no line 40, expected the columns' names there"):
+        read(tmp_path, title + table, header=40)
+
+
+def test_a_row_of_units_is_a_row_without_a_time(tmp_path: Path):
+    lines = frame(6).to_csv(index=False).splitlines()
+    with_units = "\n".join([lines[0], ",degC,mA,", *lines[1:]])
+    dataset = read(tmp_path, with_units, time={"column": "time", "invalid": ""})
+    np.testing.assert_array_equal(dataset["battery"], read(tmp_path, "\n".join(lines))["battery"])
+    assert (dataset.attrs["rows_read"], dataset.attrs["untimed"]) == (7, 1)

@@ -94,6 +94,23 @@ def test_bits_of_a_word_tell_the_status(tmp_path: Path, cells: list[str], bits: 
     assert status(tmp_path, cells, **channel) == expected
 
 
+@pytest.mark.parametrize(
+    ("base", "cells"),
+    [(16, ["00", "08", "1E8", "07"]), (16, ["0x00", "A8", "ff", "10"]), (2, ["0000", "1000", "11001000", "0111"])],
+)
+def test_digits_of_words_are_of_the_base_that_is_told(tmp_path: Path, base: int, cells: list[str]):
+    assert status(tmp_path, cells, bits=3, base=base) == [0, 1, 1, 0]
+
+
+def test_what_is_no_digit_of_the_base_is_told(tmp_path: Path):
+    with pytest.raises(TelemetryError) as caught:
+        status(tmp_path, ["0010", "0012"], bits=3, base=2)
+    assert str(caught.value) == (
+        "data.csv: line 3: channel 'heater', column 'HTR': found the word '0012', expected digits of base 2 such as "
+        "10010; a mark of an invalid value belongs in the channel's 'invalid'"
+    )
+
+
 def test_what_is_no_word_is_told_with_its_line(tmp_path: Path):
     assert np.isnan(status(tmp_path, ["4", "0", "", "-99"], bits=2, invalid=-99)[2:]).all()
     for cell in ("FAULT", "1.5", "0x", "1.84467e+19"):

@@ -141,22 +141,13 @@ def _telemetry(folder: Path | None, names: Mapping[str, FoundPacket], channels: 
         ]
         file = files[0] if len(files) == 1 else f"[{', '.join(files)}]"
         sheet = f", sheet: {_text(packet.sheet)}" if packet.sheet else ""
-        rate = _rate(packet, names)
-        written = (
-            _text(packet.time.format) if packet.time is not None else f"clock, epoch: {_epoch(packet, names, rate)}"
-        )
-        if packet.time is None:
-            written += f", rate: {rate} Hz" + (f", fine: {packet.fine}" if packet.fine else "")
-        columns = [_text(column) for column in packet.clock]
-        column = columns[0] if len(columns) == 1 else f"[{', '.join(columns)}]"
-        marks = [json.dumps(str(mark)) for mark in packet.time.invalid] if packet.time is not None else []
-        invalid = f", invalid: [{', '.join(marks)}]" if marks else ""
-        time = f"{{column: {column}, format: {written}{invalid}}}"
+        header = f"header: {packet.header}" if packet.header else ""
+        time = _time(packet, names)
         comment = "" if packet.time is not None else "  # PLACEHOLDER: UTC at count 0, counts a second"
         if single:
-            lines += [f"  file: {file}", f"  time: {time}{comment}"]
+            lines += [f"  file: {file}", *([f"  {header}"] if header else []), f"  time: {time}{comment}"]
         else:
-            lines.append(f"    {name}: {{file: {file}{sheet}, time: {time}}}{comment}")
+            lines.append(f"    {name}: {{file: {file}{sheet}{f', {header}' if header else ''}, time: {time}}}{comment}")
     lines += [
         "  channels:",
         "    # The name is yours. kind: temperature, status (on or off) or driver (measured input).",
@@ -169,6 +160,24 @@ def _telemetry(folder: Path | None, names: Mapping[str, FoundPacket], channels: 
             f"    {channel.name}: {{{packet_key}column: {_text(channel.column)}{unit}, kind: {channel.kind}{on_above}}}"
         )
     return "\n".join(lines) + "\n"
+
+
+def _time(packet: FoundPacket, names: Mapping[str, FoundPacket]) -> str:
+    """The block `time` of a packet."""
+    columns = [_text(column) for column in packet.clock]
+    together = ", ".join(columns)
+    parts = [f"column: {together if len(columns) == 1 else f'[{together}]'}"]
+    if packet.time is None:
+        rate = _rate(packet, names)
+        parts += ["format: clock", f"epoch: {_epoch(packet, names, rate)}", f"rate: {rate} Hz"]
+        parts += [f"fine: {packet.fine}"] if packet.fine else []
+    else:
+        parts.append(f"format: {_text(packet.time.format)}")
+        if packet.time.epoch is not None:
+            parts += [f"epoch: {packet.time.epoch:%Y-%m-%dT%H:%M:%S}", "rate: 1 1/day"]
+        marks = ", ".join(json.dumps(str(mark)) for mark in packet.time.invalid)
+        parts += [f"invalid: [{marks}]"] if marks else []
+    return f"{{{', '.join(parts)}}}"
 
 
 def _epoch(packet: FoundPacket, names: Mapping[str, FoundPacket], rate: int) -> str:

@@ -111,6 +111,8 @@ class Channel(Block):
     bits: Bits | None = None
     """For a status: the bit (0: the least significant) of the column's word that tells it. Several are a number, the
     first its least significant; it is on where that is among `on`, by default where it is not 0."""
+    base: Literal[2, 10, 16] | None = None
+    """Of `bits`: that of words without 0x or 0b before them; null: 10."""
     stale_after: Annotated[Count, Field(ge=2)] | None = 6
     """This many identical rows of all channels that do not normally repeat are frozen; null: off."""
     fill: Literal["interpolate", "previous_orbit"] = "interpolate"
@@ -128,6 +130,8 @@ class Packet(Block):
     file: FileNames
     sheet: str | None = None
     """Of a spreadsheet; null: its first."""
+    header: Annotated[Count, Field(ge=1)] | None = None
+    """Number of the line or row with the columns' names; null: the first that is not empty."""
     time: TimeColumn
     average: Duration | None = None
     """Block mean over this long; null: that of all telemetry."""
@@ -140,6 +144,8 @@ class TelemetryFile(Block):
     """One file, or several with the same columns."""
     sheet: str | None = None
     """Of a spreadsheet; null: its first."""
+    header: Annotated[Count, Field(ge=1)] | None = None
+    """Number of the line or row with the columns' names; null: the first that is not empty."""
     time: TimeColumn | None = None
     packets: dict[str, Packet] = Field(default_factory=dict)
     """In the place of `file` and `time`: files, each with columns, sampling and clock of its own."""
@@ -149,7 +155,7 @@ class TelemetryFile(Block):
 
     @model_validator(mode="after")
     def _one_form(self) -> TelemetryFile:
-        beside = [key for key in ("file", "sheet", "time") if getattr(self, key)]
+        beside = [key for key in ("file", "sheet", "header", "time") if getattr(self, key)]
         if self.packets and beside:
             raise ValueError(f"found {beside[0]!r} beside 'packets', expected it in each of them")
         missing = [] if self.packets else [key for key in ("file", "time") if not getattr(self, key)]
@@ -163,7 +169,10 @@ class TelemetryFile(Block):
         if self.packets:
             return self.packets
         assert self.time is not None  # the schema wants it
-        return {"": Packet.model_construct(file=self.file, sheet=self.sheet, time=self.time, average=None)}
+        packet = Packet.model_construct(
+            file=self.file, sheet=self.sheet, header=self.header, time=self.time, average=None
+        )
+        return {"": packet}
 
     @property
     def files(self) -> tuple[str, ...]:

@@ -22,6 +22,11 @@ Values = NDArray[np.float64]
 _OFF_WORDS = frozenset(["off", "false", "no", "disabled", "disable", "inactive", "open", "idle"])
 """Words, in any case, that mean off; so does the number 0."""
 
+_WORDS = {
+    2: "digits of base 2 such as 10010",
+    10: "a whole number such as 18, 0x12 or 0b10010",
+    16: "digits of base 16 such as 0012 or A3",
+}
 _LARGEST_EXACT = 2.0**53
 """A larger whole number in floating point has lost its last bits."""
 
@@ -115,7 +120,7 @@ def is_status(cells: pa.ChunkedArray, channel: Channel) -> bool:
 def _expected(channel: Channel, found: str, rows: str) -> str:
     """What was found as a status, and what was expected."""
     if channel.bits is not None:
-        return f"the word '{found}'{rows}, expected a whole number such as 18, 0x12 or 0b10010"
+        return f"the word '{found}'{rows}, expected {_WORDS[channel.base or 10]}"
     # One of each kind will do, and what the user has written.
     written = channel.on if "on" in channel.model_fields_set else ("ON", "TRUE", "ENABLED", "1")
     on = ", ".join({_written(value).lower(): _written(value) for value in written}.values())
@@ -142,7 +147,7 @@ def _bits_state(value: object, channel: Channel) -> tuple[float, int]:
         return np.nan, Flag.INVALID_MARKER
     if value is None or value != value or _written(value) in NULL_WORDS:
         return np.nan, _missing(channel)
-    word = _word(value)
+    word = _word(value, channel.base or 10)
     if word is None:
         return np.nan, -1
     assert channel.bits is not None  # only then it is a word
@@ -150,9 +155,11 @@ def _bits_state(value: object, channel: Channel) -> tuple[float, int]:
     return float(_among(number, channel.on) if "on" in channel.model_fields_set else number != 0), 0
 
 
-def _word(value: object) -> int | None:
-    """The whole number that a cell stands for, if any; text may be decimal, or begin with 0x or 0b."""
+def _word(value: object, base: int) -> int | None:
+    """The whole number that a cell stands for, if any; its digits are of the base unless it begins with 0x or 0b."""
     try:
+        if base != 10 and not (isinstance(value, str) and value.strip()[:2].lower() in ("0x", "0b")):
+            return int(_written(value), base)
         if isinstance(value, str) and value.strip()[:2].lower() in ("0x", "0b"):
             return int(value.strip(), 0)
         number = float(value)  # type: ignore[arg-type]

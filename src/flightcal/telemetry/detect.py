@@ -16,10 +16,10 @@ from numpy.typing import NDArray
 from ..errors import TelemetryError
 from ..scenario import Channel, TimeColumn, is_temperature, si_unit
 from ._doy import UNREADABLE
-from ._times import Nanoseconds, is_text, readable_times, time_cells
+from ._times import Nanoseconds, is_fill, is_text, readable_times, time_cells
 from ._values import is_status
 from .read import without_empty_rows
-from .readers import Source, locate, read_table, sheets
+from .readers import Parquet, Source, locate, read_table, sheets
 
 _UNIX: Final = ("unix", "unix-ms", "unix-us", "unix-ns")
 _DAYS: Final = ("year-doy", "decimal-doy")
@@ -44,12 +44,16 @@ _OF_DAYS = r"^(\d{5}|\d{7}|\d{13})(\.\d+)?$"
 _HALF_A_DAY = 43_200_000_000_000
 _LAST_DAY = np.datetime64("2036-01-01", "ns").astype(np.int64)
 """45352.5 is rather what a spreadsheet counts from 1900 than a day of 2045."""
+_DAY_NUMBERS = {(32_874, 47_848): "1899-12-30", (47_892, 69_807): "1858-11-17"}
+"""Days of a spreadsheet from 1990 to 2030, modified Julian dates from 1990 to 2049, and the epochs of both."""
 _TIME_NAME = re.compile(r"(?i)time|date|utc|epoch|clock|sclk|stamp|(^|_)t(_|$)")
 _CLOCK_NAME = re.compile(r"(?i)clock|sclk|scet|obt|met$|tick|time")
 _DATE_NAME = re.compile(r"(?i)date|year|yyyy|utc|day|^yr$")
 """Of the first of several columns that are one time."""
 _MOST_PARTS = 5
 """Year, day, hour, minute and second."""
+_DEEPEST_HEADER = 20
+"""So far down a file's title may reach."""
 _MARKS, _FILL = 3, 0.2
 """So many texts, in such a share of the rows at most, stand in the place of times."""
 _STATUS_NAME = re.compile(r"(?i)htr|heater|status|state|switch|enable|(^|[_. ])(on|sw)($|[_. ])")
@@ -93,6 +97,8 @@ class FoundPacket:
     last: float
     """The first and the last time, ns since 1970; of a clock, counts (of its coarse part)."""
     columns: tuple[FoundColumn, ...]
+    header: int | None = None
+    """Number of the line or row with the columns' names; null: the first."""
     fine: int | None = None
     """A guess at how many counts of a clock's fine part are one of its coarse; null: it has no fine part."""
 
@@ -119,7 +125,16 @@ def detect(files: list[Path]) -> list[FoundPacket]:
 def _alike(one: FoundPacket, other: FoundPacket) -> bool:
     same_columns = {column.name for column in one.columns} == {column.name for column in other.columns}
     formats = [packet.time and packet.time.format for packet in (one, other)]
-    return same_columns and formats[0] == formats[1] and (one.sheet, one.clock) == (other.sheet, other.clock)
+    return (
+        same_columns
+        and formats[0] == formats[1]
+        and (one.sheet, one.header, one.clock)
+        == (
+            other.sheet,
+            other.header,
+            other.clock,
+        )
+    )
 
 
 def _together(one: FoundPacket, other: FoundPacket) -> FoundPacket:
@@ -134,13 +149,34 @@ def _packets(file: Path) -> Iterator[FoundPacket]:
     source = locate(file.parent, file.name)
     titles = sheets(source)
     if len(titles) < 2:
-        yield _packet(file, source)
+        yield _packet_below_title(file, source)
         return
     for title in titles:
         try:
-            yield _packet(file, locate(file.parent, file.name, title))
+            yield _packet_below_title(file, locate(file.parent, file.name, title))
         except TelemetryError:
             continue  # a workbook has sheets of other things, too
+
+
+def _packet_below_title(file: Path, source: Source) -> FoundPacket:
+    """What is in a file whose header is its first row, or else one of those below a title: that with most columns."""
+    found: list[FoundPacket] = []
+    refusal: TelemetryError | None = None
+    for header in (None, *range(2, _DEEPEST_HEADER + 1)):
+        try:
+            packet = _packet(file, replace(source, header=header))
+        except TelemetryError as error:
+            refusal = refusal or error
+            continue
+        if header is None and (packet.columns and not (packet.time and packet.time.invalid)):
+            return packet  # no row looks like the end of a title
+        found.append(packet)
+        if isinstance(source.reader, Parquet):
+            break
+    if not found:
+        assert refusal is not None  # nothing was found, and each time it was told why
+        raise refusal
+    return max(found, key=lambda packet: len(packet.columns))  # the first of equals
 
 
 def _packet(file: Path, source: Source) -> FoundPacket:
@@ -148,6 +184,8 @@ def _packet(file: Path, source: Source) -> FoundPacket:
     table = without_empty_rows(read_table(source, ()))
     names = [name for name in dict.fromkeys(table.column_names) if table.column_names.count(name) == 1 and name]
     time, times = _time(table.select(names), names, source)
+    if time is None:
+        time, times = next((days for name in names if (days := _day_numbers(table, name, source))), (None, times))
     fine = None
     if time is None:
         clock, fine = next(
@@ -162,9 +200,28 @@ def _packet(file: Path, source: Source) -> FoundPacket:
     else:
         first, last = float(times[0]), float(times.max())
     found = (clock,) if time is None else time.column
-    head = table.slice(0, _LOOKED_AT)
-    columns = [column for name in names if name not in found and (column := _column(name, head[name], source))]
-    return FoundPacket((file,), source.sheet, time, found, first, last, tuple(columns), fine or None)
+    head, units = _below_units(table.slice(0, _LOOKED_AT), time)
+    others = [name for name in names if name not in found]
+    columns = [column for name in others if (column := _column(name, head[name], source, units.get(name)))]
+    return FoundPacket((file,), source.sheet, time, found, first, last, tuple(columns), source.header, fine or None)
+
+
+def _below_units(table: pa.Table, time: TimeColumn | None) -> tuple[pa.Table, dict[str, str]]:
+    """The rows with a time, and units that a row without one has above them."""
+    if time is None or not time.invalid:
+        return table, {}
+    fill = is_fill(time_cells(table, time), time)
+    units = {name: str(cell) for name, cell in table.slice(0, 1).to_pylist()[0].items() if cell} if fill[0] else {}
+    kept = table.take(np.flatnonzero(~fill))
+    return pa.table({name: _typed(column) for name, column in zip(kept.column_names, kept.columns, strict=True)}), units
+
+
+def _typed(column: pa.ChunkedArray) -> pa.ChunkedArray:
+    """Numbers in text as numbers, where all are."""
+    try:
+        return pc.cast(pc.utf8_trim_whitespace(column), pa.float64()) if is_text(column) else column
+    except pa.ArrowInvalid:
+        return column
 
 
 def _time(table: pa.Table, names: list[str], source: Source) -> tuple[TimeColumn | None, Nanoseconds]:
@@ -246,6 +303,20 @@ def _formats(columns: tuple[str, ...], table: pa.Table, numeric: bool) -> tuple[
     return (*_FORMATS, *_PATTERNS)
 
 
+def _day_numbers(table: pa.Table, name: str, source: Source) -> tuple[TimeColumn, Nanoseconds] | None:
+    """A column that counts days as spreadsheets or modified Julian dates do, and its times; null: it does not."""
+    if not (_is_numeric(table[name]) and _TIME_NAME.search(name)) or table[name].null_count:
+        return None
+    days = table[name].to_numpy()
+    if len(days) < 2 or not 0 < np.median(np.abs(np.diff(days))) < 0.5:
+        return None
+    for (lowest, highest), epoch in _DAY_NUMBERS.items():
+        if lowest <= days.min() and days.max() < highest:
+            time = TimeColumn.model_validate({"column": name, "format": "clock", "epoch": epoch, "rate": "1 1/day"})
+            return time, readable_times(table[name], time, source)
+    return None
+
+
 def _fine(name: str, column: pa.ChunkedArray) -> int | None:
     """How many counts of the fine part of what can be a clock are one of the coarse; 0: it has none; null: no clock."""
     if not _CLOCK_NAME.search(name) or column.null_count:
@@ -285,8 +356,11 @@ def _is_numeric(column: pa.ChunkedArray) -> bool:
     return pa.types.is_integer(column.type) or pa.types.is_floating(column.type)
 
 
-def _column(name: str, column: pa.ChunkedArray, source: Source) -> FoundColumn | None:
-    """What a column is; null: nothing that a channel can be, such as a second time or a comment."""
+def _column(name: str, column: pa.ChunkedArray, source: Source, said: str | None = None) -> FoundColumn | None:
+    """What a column is; null: nothing that a channel can be, such as a second time or a comment.
+
+    said: its unit, where a row below the header has units.
+    """
     if column.null_count == len(column):
         return None
     if is_text(column) or pa.types.is_boolean(column.type) or pa.types.is_dictionary(column.type):
@@ -296,7 +370,7 @@ def _column(name: str, column: pa.ChunkedArray, source: Source) -> FoundColumn |
     values = column.drop_null().to_numpy()
     if _STATUS_NAME.search(name) and np.isin(values, (0, 1)).all():
         return FoundColumn(name, "status", None)
-    unit = _unit(name)
+    unit = _known(said or "") or _unit(name)
     if unit is not None and is_temperature(unit):
         return FoundColumn(name, "temperature", unit)
     if unit is None and _TEMPERATURE_NAME.search(name):
@@ -327,10 +401,14 @@ def _unit(name: str) -> str | None:
     match = _UNIT.search(name)
     if match is None:
         return None
-    text = match[1] or match[2]
-    text = _CELSIUS.get(text.lower(), text)
+    return _known(match[1] or match[2])
+
+
+def _known(text: str) -> str | None:
+    """A unit as flightcal writes it; null: it is none."""
+    text = _CELSIUS.get(text.strip().lower(), text.strip())
     try:
         si_unit(text)
     except ValueError:
         return None
-    return text
+    return text or None

@@ -14,6 +14,8 @@ from numpy.typing import NDArray
 from ._flags import SAMPLE_FLAGS, Flag, meaning
 from .clean import GAP_FACTOR, Gap, Nanoseconds, clock_text, find_gaps, usual_interval
 
+_FEW = 20
+"""Samples, of which it cannot be told whether they come at a pace of their own."""
 LISTED = 10
 """Runs and gaps that a record's detail lists; the longest ones."""
 
@@ -58,7 +60,7 @@ def _own_times(dataset: xr.Dataset, channel: str) -> Nanoseconds | None:
     own = times[flags & (Flag.OTHER_PACKET | Flag.MISSING) == 0]
     if dataset[channel].attrs.get("packet"):
         return own.astype(np.int64)
-    apart = len(own) > 2 and usual_interval(own) > GAP_FACTOR * usual_interval(times)
+    apart = len(own) > _FEW and usual_interval(own) > GAP_FACTOR * usual_interval(times)
     return own.astype(np.int64) if apart else None
 
 

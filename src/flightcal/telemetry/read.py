@@ -80,7 +80,7 @@ def _read_packet(
     beside = [other for key, other in specification.sources.items() if key != name]
     files = []
     for file in packet.file:
-        source = locate(folder, file, packet.sheet)
+        source = locate(folder, file, packet.sheet, packet.header)
         shared = any(file in other.file and packet.sheet == other.sheet for other in beside)
         files.append(_read_file(packet.time, channels, conversions, source, shared=shared))
     rows = _joined(files)
@@ -166,7 +166,8 @@ def _read_file(
     """The rows of one file; shared: other packets are in it, so only rows that hold something of this one count."""
     markers = [str(marker) for channel in channels.values() for marker in channel.invalid]
     named = {column for channel in channels.values() for column in channel.column}
-    table = read_table(source, time.column, [*markers, *map(str, time.invalid)])
+    words = [column for channel in channels.values() if channel.base is not None for column in channel.column]
+    table = read_table(source, [*time.column, *words], [*markers, *map(str, time.invalid)])
     _check_columns(time, channels, table.column_names, source)
     table = without_empty_rows(table)
     if shared:

@@ -64,9 +64,11 @@ def _check_status(channel: Channel, location: Location) -> Iterator[Problem]:
     """What makes a status of a column is of a status only, and there is one such thing."""
     keys = [key for key in ("on_above", "on_below", "bits") if getattr(channel, key) is not None]
     if channel.kind != "status":
-        for key in [*(key for key in ("on", "off") if key in channel.model_fields_set), *keys]:
+        for key in [*(key for key in ("on", "off", "base") if key in channel.model_fields_set), *keys]:
             yield Problem((*location, key), f"found {key!r} for a {channel.kind}, expected it for a status only")
         return
+    if "base" in channel.model_fields_set and channel.bits is None:
+        yield Problem((*location, "base"), "found 'base' without 'bits', expected it beside them only")
     if len(keys) > 1:
         yield Problem((*location, keys[1]), f"found {keys[0]!r} and {keys[1]!r}, expected one of them")
     elif keys:

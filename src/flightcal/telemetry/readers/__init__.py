@@ -25,11 +25,22 @@ READERS: tuple[Reader, ...] = (
     Excel(),
 )
 
-__all__ = ["NULL_WORDS", "READERS", "Reader", "Source", "content", "locate", "nearest", "read_table", "sheets"]
+__all__ = [
+    "NULL_WORDS",
+    "READERS",
+    "Parquet",
+    "Reader",
+    "Source",
+    "content",
+    "locate",
+    "nearest",
+    "read_table",
+    "sheets",
+]
 
 
-def locate(folder: Path, name: str, sheet: str | None = None) -> Source:
-    """The file `name` (relative to `folder`), and the sheet where it is a spreadsheet.
+def locate(folder: Path, name: str, sheet: str | None = None, header: int | None = None) -> Source:
+    """The file `name` (relative to `folder`), the sheet where it is a spreadsheet, and where its header stands.
 
     Raises TelemetryError when it cannot be a telemetry file.
     """
@@ -44,7 +55,9 @@ def locate(folder: Path, name: str, sheet: str | None = None) -> Source:
         if name.lower().endswith(reader.suffixes):
             if sheet is not None and not isinstance(reader, Excel):
                 raise TelemetryError(f"{name}: found sheet '{sheet}', expected none: it is {reader.kind}")
-            return Source(path, name, reader, sheet)
+            if header is not None and isinstance(reader, Parquet):
+                raise TelemetryError(f"{name}: found header {header}, expected none: it is {reader.kind}")
+            return Source(path, name, reader, sheet, header)
     expected = ", ".join(suffix for reader in READERS for suffix in reader.suffixes)
     raise TelemetryError(f"{name}: found a file of type '{path.suffix}', expected one of {expected}")
 
@@ -55,11 +68,11 @@ def sheets(source: Source) -> list[str]:
     return _sheets_of_workbook(source) if isinstance(source.reader, Excel) else []
 
 
-def read_table(source: Source, time_columns: Collection[str], markers: Collection[str] = ()) -> pa.Table:
+def read_table(source: Source, text_columns: Collection[str], markers: Collection[str] = ()) -> pa.Table:
     """The whole file; see `Reader.read`. Raises TelemetryError with file and line for a file that is no table."""
     try:
         _check_kind(source)
-        table = source.reader.read(source, time_columns, markers)
+        table = source.reader.read(source, text_columns, markers)
         table.validate(full=True)
     except (pa.ArrowException, OSError, EOFError, UnicodeError, zlib.error, CsvError) as error:
         raise TelemetryError(f"{source.name}: cannot be read: {_first_sentence(error)}") from None

@@ -33,9 +33,10 @@ class Reader(Protocol):
     def magic(self) -> bytes | None:
         """First bytes of all its files, if there are such."""
 
-    def read(self, source: Source, time_columns: Collection[str], markers: Collection[str]) -> pa.Table:
-        """The whole file; the time columns of a text file stay text, other columns are typed by what they hold.
+    def read(self, source: Source, text_columns: Collection[str], markers: Collection[str]) -> pa.Table:
+        """The whole file; columns are typed by what they hold.
 
+        text_columns: stay text as it is written, where the file is text.
         markers: texts that are kept although they usually stand for a missing value (`NULL_WORDS`).
         """
 
@@ -52,6 +53,8 @@ class Source:
     reader: Reader
     sheet: str | None = None
     """Of a spreadsheet; null: its first."""
+    header: int | None = None
+    """Number of the line or row with the columns' names; null: the first that is not empty."""
     rows: NDArray[np.intp] | None = None
     """Which data rows are looked at; null: all of them."""
 

@@ -31,16 +31,17 @@ class Csv:
     suffixes = (".csv", ".csv.gz", ".txt", ".txt.gz")
     magic = None
 
-    def read(self, source: Source, time_columns: Collection[str], markers: Collection[str]) -> pa.Table:
+    def read(self, source: Source, text_columns: Collection[str], markers: Collection[str]) -> pa.Table:
         """See `Reader`."""
         header = _header(source)
         convert = pa.csv.ConvertOptions(
-            column_types={column: pa.string() for column in header if column.strip() in time_columns},
+            column_types={column: pa.string() for column in header if column.strip() in text_columns},
             null_values=sorted(NULL_WORDS - set(markers) | {""}),
             strings_can_be_null=True,
         )
         try:
-            table = pa.csv.read_csv(source.path, convert_options=convert)
+            options = pa.csv.ReadOptions(skip_rows=(source.header or 1) - 1)
+            table = pa.csv.read_csv(source.path, read_options=options, convert_options=convert)
         except pa.ArrowInvalid as error:
             # Arrow names no line when it reads in parallel; a second, slow look does.
             _check_encoding(source)
@@ -80,7 +81,9 @@ def _header(source: Source) -> list[str]:
     if not start.strip():
         raise TelemetryError(f"{source.name}: the file is empty")
     _check_encoding(source, lines=1)
-    header = next(_lines(source))[1]
+    header = next(_lines(source), (0, []))[1]
+    if not header:
+        raise TelemetryError(f"{source.name}: found no line {source.header}, expected the columns' names there")
     if len(header) == 1:
         separator = {";": "semicolons", "\t": "tabs", "|": "bars"}
         hint = next(
@@ -90,9 +93,8 @@ def _header(source: Source) -> list[str]:
             f"{source.name}: found one column, '{header[0][:60]}', expected columns separated by commas{hint}"
         )
     if all(re.match(r"\s*[-+]?\.?\d|\s*$", cell) for cell in header):
-        raise TelemetryError(
-            f"{source.name}: line 1: found values ({', '.join(header[:3])}), expected the columns' names"
-        )
+        where = f"{source.name}: line {source.header or 1}"
+        raise TelemetryError(f"{where}: found values ({', '.join(header[:3])}), expected the columns' names")
     return header
 
 
@@ -111,5 +113,5 @@ def _lines(source: Source) -> Iterator[tuple[int, list[str]]]:
     with source.open() as file:
         reader = csv.reader(io.TextIOWrapper(file, encoding="utf-8-sig", errors="replace", newline=""))
         for cells in reader:
-            if cells:
+            if cells and reader.line_num >= (source.header or 1):
                 yield reader.line_num, cells

@@ -21,7 +21,7 @@ class Excel:
     suffixes = (".xlsx", ".xlsm")
     magic = None  # that of any ZIP archive
 
-    def read(self, source: Source, time_columns: Collection[str], markers: Collection[str]) -> pa.Table:
+    def read(self, source: Source, text_columns: Collection[str], markers: Collection[str]) -> pa.Table:
         """See `Reader`."""
         rows = _rows(source)
         header = next(rows, (0, ()))[1]
@@ -58,7 +58,7 @@ def _rows(source: Source) -> Iterator[tuple[int, Sequence[Any]]]:
         sheet = book.worksheets[0 if source.sheet is None else titles.index(source.sheet)]
         sheet.reset_dimensions()  # what the file says of its size is often wrong
         for number, cells in enumerate(sheet.iter_rows(values_only=True), start=1):
-            if any(cell is not None for cell in cells):
+            if number >= (source.header or 1) and any(cell is not None for cell in cells):
                 yield number, _trimmed(cells)
 
 

@@ -17,7 +17,7 @@ class Parquet:
     suffixes = (".parquet", ".pq")
     magic = b"PAR1"
 
-    def read(self, source: Source, time_columns: Collection[str], markers: Collection[str]) -> pa.Table:
+    def read(self, source: Source, text_columns: Collection[str], markers: Collection[str]) -> pa.Table:
         """See `Reader`."""
         return pa.parquet.read_table(source.path)
 
