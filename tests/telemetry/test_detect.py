@@ -145,6 +145,7 @@ def test_a_counter_is_a_clock_whose_epoch_is_not_known(tmp_path: Path):
         ("TT_RAD_A", [20.5, 21.0, 3.0, 4.0], ("temperature", "degC")),
         ("I_SUN", [20.5, 21.0, 3.0, 4.0], ("driver", "1")),
         ("HTR_BAT", [0, 1, 1, 0], ("status", None)),
+        ("Temp [1]", [20.5, 21.0, 3.0, 4.0], ("temperature", "degC")),
         ("HTR_1_CUR [mA]", [3, 480, 481, 4], ("status", "mA")),
         ("I_HTR", [3, 480, 481, 4], ("driver", "1")),
         ("HTR_WORD", [0, 18, 18, 2], ("driver", "1")),

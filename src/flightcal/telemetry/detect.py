@@ -408,8 +408,10 @@ def _unit(name: str) -> str | None:
 def _known(text: str) -> str | None:
     """A unit as flightcal writes it; null: it is none."""
     text = _CELSIUS.get(text.strip().lower(), text.strip())
+    if not re.search(r"[^\W\d_]|%", text):
+        return None
     try:
         si_unit(text)
     except ValueError:
         return None
-    return text or None
+    return text
