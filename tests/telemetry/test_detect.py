@@ -108,11 +108,13 @@ def test_marks_in_the_place_of_times_are_found_in_all_files_of_a_packet(tmp_path
     for name, mark in (("a", "0x00000000"), ("b", "0xFFFEFFFE")):
         table = frame(2000)
         table.loc[[0, 1500], "time"] = mark
+        table.loc[[0, 1500], "TT_BAT"] = 1.0  # no unit, though it stands below the header
         table.to_csv(tmp_path / f"{name}.csv", index=False)
     (found,) = detect([tmp_path / "a.csv", tmp_path / "b.csv"])
     assert len(found.files) == 2
     assert found.time is not None
     assert found.time.invalid == ("0x00000000", "0xFFFEFFFE")
+    assert [column.unit for column in found.columns] == ["degC", "1", None]
 
 
 def test_typed_times_need_no_format(tmp_path: Path):
@@ -143,6 +145,7 @@ def test_a_counter_is_a_clock_whose_epoch_is_not_known(tmp_path: Path):
         ("TT_RAD_A", [20.5, 21.0, 3.0, 4.0], ("temperature", "degC")),
         ("I_SUN", [20.5, 21.0, 3.0, 4.0], ("driver", "1")),
         ("HTR_BAT", [0, 1, 1, 0], ("status", None)),
+        ("Temp [1]", [20.5, 21.0, 3.0, 4.0], ("temperature", "degC")),
         ("HTR_1_CUR [mA]", [3, 480, 481, 4], ("status", "mA")),
         ("I_HTR", [3, 480, 481, 4], ("driver", "1")),
         ("HTR_WORD", [0, 18, 18, 2], ("driver", "1")),
@@ -217,6 +220,7 @@ def test_a_file_without_times_is_told_with_its_columns(tmp_path: Path):
         ("funcube1/funcube1_2016-02-04_first.csv", "Satellite Date/Time UTC", "iso8601", 8),
         ("bupt1/200B_Sun_FULL_1T_180.csv.gz", "TIME", "unix", 1),
         ("chandra_acis/telemetry_2017_jul.csv.gz", "time_utc", "iso8601", 1),
+        ("suchai1/tm_status-17-10-27.csv", "time", "iso8601", 4),
     ],
 )
 def test_real_telemetry_is_recognised(name: str, clock: str, written: str, temperatures: int):

@@ -211,7 +211,8 @@ def _below_units(table: pa.Table, time: TimeColumn | None) -> tuple[pa.Table, di
     if time is None or not time.invalid:
         return table, {}
     fill = is_fill(time_cells(table, time), time)
-    units = {name: str(cell) for name, cell in table.slice(0, 1).to_pylist()[0].items() if cell} if fill[0] else {}
+    above = table.slice(0, 1).to_pylist()[0].items() if fill[0] else ()
+    units = {name: cell for name, cell in above if isinstance(cell, str)}
     kept = table.take(np.flatnonzero(~fill))
     return pa.table({name: _typed(column) for name, column in zip(kept.column_names, kept.columns, strict=True)}), units
 
@@ -407,8 +408,10 @@ def _unit(name: str) -> str | None:
 def _known(text: str) -> str | None:
     """A unit as flightcal writes it; null: it is none."""
     text = _CELSIUS.get(text.strip().lower(), text.strip())
+    if not re.search(r"[^\W\d_]|%", text):
+        return None
     try:
         si_unit(text)
     except ValueError:
         return None
-    return text or None
+    return text
