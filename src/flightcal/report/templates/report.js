@@ -65,7 +65,13 @@
     };
     layout.hoverlabel.font = { ...layout.hoverlabel.font, color: style.getPropertyValue("--text").trim() };
     const slim = innerWidth < 640;
-    if (slim) layout.margin = { ...layout.margin, r: 12 };
+    if (slim) {
+      layout.margin = { ...layout.margin, r: 12 };
+      // Titles begin at the figure's edge, for they are as long as on a wide screen.
+      layout.annotations = layout.annotations?.map((own) =>
+        own.x === 0 && own.xanchor === "left" ? { ...own, xshift: 4 - layout.margin.l } : own,
+      );
+    }
     layout.modebar = { ...layout.modebar, bgcolor: "rgba(0,0,0,0)", color: "#8a8f98", activecolor: "#3b82f6" };
     const config = {
       responsive: true,
