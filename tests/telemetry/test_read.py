@@ -311,3 +311,35 @@ def test_a_row_of_units_is_a_row_without_a_time(tmp_path: Path):
     dataset = read(tmp_path, with_units, time={"column": "time", "invalid": ""})
     np.testing.assert_array_equal(dataset["battery"], read(tmp_path, "\n".join(lines))["battery"])
     assert (dataset.attrs["rows_read"], dataset.attrs["untimed"]) == (7, 1)
+
+
+@pytest.mark.parametrize(("separator", "decimal"), [(";", "."), ("\t", "."), ("|", "."), (";", ","), ("\t", ",")])
+def test_columns_may_be_separated_by_other_marks_and_numbers_have_a_comma(tmp_path: Path, separator: str, decimal: str):
+    table = frame(20)
+    expected = read(tmp_path, table)
+    table.to_csv(tmp_path / "other.csv", sep=separator, decimal=decimal, index=False)
+    found = read_telemetry(specification(file="other.csv"), tmp_path)
+    for name in CHANNELS:
+        np.testing.assert_allclose(found[name], expected[name], rtol=1e-12)
+
+
+def test_a_decimal_comma_is_read_beside_marks_and_whole_numbers(tmp_path: Path):
+    lines = ["time;TT_BAT;I_SA;HTR"]
+    lines += [f"2024-03-01T00:{k:02d}:00Z;{20 + k};100,5;1" for k in range(60)]
+    lines += ["2024-03-01T01:00:00Z;BAD;100,5;1", "2024-03-01T01:01:00Z;-7,25;100,5;0"]
+    (tmp_path / "data.csv").write_text("\n".join(lines) + "\n")
+    channels = CHANNELS | {"battery": CHANNELS["battery"] | {"invalid": ["BAD"]}}
+    found = read_telemetry(specification(channels), tmp_path)
+    np.testing.assert_allclose(found["battery"][[0, 59, 61]] - 273.15, [20.0, 79.0, -7.25])
+    assert np.isnan(found["battery"][60])
+    np.testing.assert_allclose(found["sun"], 0.1005)
+
+
+def test_a_line_with_too_many_values_is_named_where_semicolons_separate(tmp_path: Path):
+    table = frame(20)
+    table.to_csv(tmp_path / "data.csv", sep=";", index=False)
+    lines = (tmp_path / "data.csv").read_text().splitlines()
+    lines[4] += ";7"
+    (tmp_path / "data.csv").write_text("\n".join(lines) + "\n")
+    with pytest.raises(TelemetryError, match=rf"data.csv: line 5: found {len(table.columns) + 1} values"):
+        read_telemetry(specification(), tmp_path)

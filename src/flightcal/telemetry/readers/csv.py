@@ -1,4 +1,4 @@
-"""Comma-separated text, compressed or not."""
+"""Text separated by commas, semicolons or tabs, compressed or not."""
 
 from __future__ import annotations
 
@@ -9,6 +9,7 @@ from collections.abc import Collection, Iterator
 from itertools import islice
 
 import pyarrow as pa
+import pyarrow.compute as pc
 import pyarrow.csv
 
 from ...errors import TelemetryError
@@ -23,6 +24,11 @@ _MAGIC = {
 }
 """First bytes of files that are sometimes called .csv and that no reader reads."""
 
+_SEPARATORS = (",", ";", "\t", "|")
+_LOOKED_AT = 50
+"""Lines that tell what separates the columns."""
+_DECIMAL_COMMA = r"^(\s*[-+]?\d*),(\d+(?:[eE][-+]?\d+)?\s*)$"
+
 
 class Csv:
     """Text with a header, a row to a line."""
@@ -33,32 +39,62 @@ class Csv:
 
     def read(self, source: Source, text_columns: Collection[str], markers: Collection[str]) -> pa.Table:
         """See `Reader`."""
-        header = _header(source)
+        _check_text(source)
+        separator = _separator(source)
+        header = _header(source, separator)
+        commas = separator != "," and _has_decimal_commas(source, separator)
         convert = pa.csv.ConvertOptions(
+            decimal_point="," if commas else ".",
             column_types={column: pa.string() for column in header if column.strip() in text_columns},
             null_values=sorted(NULL_WORDS - set(markers) | {""}),
             strings_can_be_null=True,
         )
         try:
             options = pa.csv.ReadOptions(skip_rows=(source.header or 1) - 1)
-            table = pa.csv.read_csv(source.path, read_options=options, convert_options=convert)
+            parse = pa.csv.ParseOptions(delimiter=separator)
+            table = pa.csv.read_csv(source.path, read_options=options, parse_options=parse, convert_options=convert)
         except pa.ArrowInvalid as error:
             # Arrow names no line when it reads in parallel; a second, slow look does.
             _check_encoding(source)
-            raise _ragged(source, len(header)) or error from None
+            raise _ragged(source, separator, len(header)) or error from None
         if any(pa.types.is_binary(kind) for kind in table.schema.types):
             _check_encoding(source)
-        return table
+        return _with_points(table) if commas else table
 
     def place(self, source: Source, row: int) -> str:
         """See `Reader`."""
-        line, _ = next(islice(_lines(source), row + 1, None), (row + 2, []))
+        line, _ = next(islice(_lines(source, _separator(source)), row + 1, None), (row + 2, []))
         return f"line {line}"
 
 
-def _ragged(source: Source, columns: int) -> TelemetryError | None:
+def _separator(source: Source) -> str:
+    """What parts the first lines into most columns, as many in most as in the header; a comma where nothing does."""
+    found = []
+    for separator in _SEPARATORS:
+        counts = [len(cells) for _, cells in islice(_lines(source, separator), _LOOKED_AT)]
+        found.append(counts[0] if counts and 2 * counts.count(counts[0]) > len(counts) else 0)
+    most = max(found)
+    return _SEPARATORS[found.index(most)] if most > 1 else ","
+
+
+def _has_decimal_commas(source: Source, separator: str) -> bool:
+    """Whether a cell is a number with a comma."""
+    number = re.compile(_DECIMAL_COMMA)
+    return any("," in cell and number.match(cell) for _, cells in _lines(source, separator) for cell in cells)
+
+
+def _with_points(table: pa.Table) -> pa.Table:
+    """A table with points for the commas of numbers, in columns that hold other text too."""
+    for place, column in enumerate(table.columns):
+        if pa.types.is_string(column.type):
+            points = pc.replace_substring_regex(column, pattern=_DECIMAL_COMMA, replacement=r"\1.\2")
+            table = table.set_column(place, table.column_names[place], points)
+    return table
+
+
+def _ragged(source: Source, separator: str, columns: int) -> TelemetryError | None:
     """The first line that has not as many values as the header, if any."""
-    lines = _lines(source)
+    lines = _lines(source, separator)
     for line, cells in lines:
         if len(cells) != columns:
             found = "1 value" if len(cells) == 1 else f"{len(cells)} values"
@@ -69,8 +105,8 @@ def _ragged(source: Source, columns: int) -> TelemetryError | None:
     return None
 
 
-def _header(source: Source) -> list[str]:
-    """Column names as the file has them. Raises TelemetryError where it is not comma-separated text."""
+def _check_text(source: Source) -> None:
+    """Raises TelemetryError where it is no text."""
     with source.open() as file:
         start = file.read(65536)
     for magic, kind in _MAGIC.items():
@@ -81,16 +117,17 @@ def _header(source: Source) -> list[str]:
     if not start.strip():
         raise TelemetryError(f"{source.name}: the file is empty")
     _check_encoding(source, lines=1)
-    header = next(_lines(source), (0, []))[1]
+
+
+def _header(source: Source, separator: str) -> list[str]:
+    """Column names as the file has them. Raises TelemetryError where they are none."""
+    header = next(_lines(source, separator), (0, []))[1]
     if not header:
         raise TelemetryError(f"{source.name}: found no line {source.header}, expected the columns' names there")
     if len(header) == 1:
-        separator = {";": "semicolons", "\t": "tabs", "|": "bars"}
-        hint = next(
-            (f"; the header looks separated by {word}" for mark, word in separator.items() if mark in header[0]), ""
-        )
         raise TelemetryError(
-            f"{source.name}: found one column, '{header[0][:60]}', expected columns separated by commas{hint}"
+            f"{source.name}: found one column, '{header[0][:60]}', expected columns separated by commas, semicolons or "
+            "tabs"
         )
     if all(re.match(r"\s*[-+]?\.?\d|\s*$", cell) for cell in header):
         where = f"{source.name}: line {source.header or 1}"
@@ -108,10 +145,12 @@ def _check_encoding(source: Source, lines: int | None = None) -> None:
                 raise TelemetryError(f"{source.name}: line {number}: found {found}, expected UTF-8 text") from None
 
 
-def _lines(source: Source) -> Iterator[tuple[int, list[str]]]:
+def _lines(source: Source, separator: str) -> Iterator[tuple[int, list[str]]]:
     """Line number and cells of each line that is not empty, the header first; as Arrow counts rows."""
     with source.open() as file:
-        reader = csv.reader(io.TextIOWrapper(file, encoding="utf-8-sig", errors="replace", newline=""))
+        reader = csv.reader(
+            io.TextIOWrapper(file, encoding="utf-8-sig", errors="replace", newline=""), delimiter=separator
+        )
         for cells in reader:
             if cells and reader.line_num >= (source.header or 1):
                 yield reader.line_num, cells
