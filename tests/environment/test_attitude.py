@@ -121,3 +121,55 @@ def test_sampled_quaternion_of_length_zero_is_an_error(tmp_path):
     (tmp_path / "attitude.csv").write_text(f"time,w,x,y,z\n{TIMES[0]},1,0,0,0\n{TIMES[-1]},0,0,0,0\n")
     with pytest.raises(OrbitError, match=r"attitude\.csv: found a quaternion of length zero"):
         axes({"quaternions": "attitude.csv"}, TIMES, tmp_path)
+
+
+LATER = seconds_after(EPOCH, np.array([1200.0, 3000.0]))
+TIMELINE = {
+    "named": {"burn": {"inertial": [1, 0, 0, 0]}},
+    "slew": "5 min",
+    "timeline": [
+        {"at": str(EPOCH), "attitude": "sun_pointing"},
+        {"at": str(LATER[0]), "attitude": "nadir"},
+        {"at": str(LATER[1]), "attitude": "burn"},
+    ],
+}
+
+
+def test_each_attitude_of_a_timeline_holds_after_its_slew():
+    times = seconds_after(EPOCH, np.array([-500.0, 0.0, 1199.0, 1500.0, 2999.0, 3300.0, 5000.0]))
+    found = np.stack(axes(TIMELINE, times)[:3], axis=2)
+    for kind, which in (("sun_pointing", [0, 1, 2]), ("nadir", [3, 4]), ({"inertial": [1, 0, 0, 0]}, [5, 6])):
+        np.testing.assert_allclose(found[which], np.stack(axes(kind, times[which])[:3], axis=2), atol=1e-12)
+
+
+def test_in_a_slew_the_body_turns_about_one_axis_at_a_constant_rate():
+    """From where the attitude before has it, as that goes on, to where the one after has it."""
+    seconds = np.array([0.0, 60.0, 150.0, 240.0, 299.999])
+    times = seconds_after(LATER[0], seconds)
+    found = Rotation.from_matrix(np.stack(axes(TIMELINE, times)[:3], axis=2))
+    before = Rotation.from_matrix(np.stack(axes("sun_pointing", times)[:3], axis=2))
+    after = Rotation.from_matrix(np.stack(axes("nadir", times)[:3], axis=2))
+    whole = (before.inv() * after).as_rotvec()
+    np.testing.assert_allclose((before.inv() * found).as_rotvec(), seconds[:, None] / 300.0 * whole, atol=1e-9)
+    assert np.linalg.norm(whole, axis=1).min() > 0.5
+
+
+@pytest.mark.parametrize(
+    ("changes", "message"),
+    [
+        ({"timeline": []}, "found no change, expected at least one in 'timeline'"),
+        (
+            {"timeline": [{"at": str(EPOCH), "attitude": "brun"}]},
+            "found 'brun', expected one of burn, nadir, sun_point",
+        ),
+        ({"slew": "40 min"}, "expected a time after the slew of 2400 s that begins at 2024-03-20T03:06"),
+        ({"slew": "0 s"}, "found '0 s', expected at least 1 s"),
+        (
+            {"timeline": [{"at": str(EPOCH), "attitude": {"spin_axis": [0, 0, 1], "direction": [1, 0, 0]}}]},
+            "found a spin without period",
+        ),
+    ],
+)
+def test_a_timeline_of_attitudes_that_cannot_be_flown_is_refused(changes, message):
+    with pytest.raises(ValidationError, match=message):
+        environment(circular(), attitude=TIMELINE | changes)

@@ -6,6 +6,7 @@ from hypothesis import strategies as st
 from scipy.spatial.transform import Rotation
 
 from flightcal.environment import orbital_period, shadow_edges, sunlit_fraction, sunlit_share
+from flightcal.environment.geometry import geometry_of
 from flightcal.environment.orbit import EARTH_RADIUS
 from flightcal.environment.sun import ASTRONOMICAL_UNIT, SUN_RADIUS
 from flightcal.errors import OrbitError
@@ -226,3 +227,27 @@ def test_funcube_s_node_has_drifted_from_its_launch_s_local_time():
     raan = environment(FUNCUBE).orbit.raan
     descending = raan_to_local_time(raan, np.datetime64("2016-02-04")) - 12
     assert 8.0 < descending < 10.5
+
+
+def behind_an_ellipsoid(position, sun, radius, flattening):
+    """Whether the line from a place to the Sun's centre meets the Earth, by its quadratic equation."""
+    inverse = np.array([1.0, 1.0, 1.0 / (1.0 - flattening)]) / radius
+    start, way = position * inverse, (sun - position) * inverse
+    a, b, c = (way**2).sum(-1), (start * way).sum(-1), (start**2).sum(-1) - 1.0
+    return (b**2 > a * c) & (b < 0.0)
+
+
+def test_the_shadow_is_that_of_the_earth_that_is_written():
+    flattened = environment(circular(raan="65 deg"), earth={"radius": "6400 km", "flattening": 0.03})
+    times = seconds_after(EPOCH, np.arange(0.0, 6000.0, 1.0))
+    at = geometry_of(flattened)(times)
+    behind = behind_an_ellipsoid(at.position, at.sun, 6400e3, 0.03)
+    found = sunlit_share(flattened, times) < 0.5
+    assert behind.any()
+    assert np.flatnonzero(found != behind).size <= 2 * (np.diff(behind.astype(int)) != 0).sum()
+    whole = behind_an_ellipsoid(at.position, at.sun, 6378.137e3, 0.0)
+    assert np.flatnonzero(whole != behind).size > 10
+    edges = shadow_edges(flattened, times[0], times[-1])
+    # The Sun's centre sets between the contacts with penumbra and umbra.
+    for edge, (first, last) in zip(times[1:][np.diff(behind)], edges.reshape(2, 2), strict=True):
+        assert first < edge < last + np.timedelta64(1, "s")

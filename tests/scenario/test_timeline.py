@@ -69,3 +69,65 @@ def test_a_file_that_is_not_there_and_a_timeline_beside_it_are_errors(tmp_path):
     (tmp_path / "modes.csv").unlink()
     with pytest.raises(ScenarioError, match="not there"):
         load_scenario(file)
+
+
+ATTITUDES = """\
+at,attitude
+2024-02-29T23:00:00,charge
+2024-03-01T00:30:00,nadir
+2024-03-01T00:31:00,nadir
+2024-03-01T00:50:00Z,charge
+"""
+
+
+def with_attitudes(folder, rows=ATTITUDES, **more):
+    content = small.content()
+    orbit = {"altitude": "500 km", "inclination": "97 deg", "ltan": "12:00", "epoch": "2024-03-01T00:00:00"}
+    attitude = {"named": {"charge": "sun_pointing"}, "timeline_file": "attitudes.csv", "slew": "3 min"} | more
+    content["environment"] = {"orbit": orbit, "attitude": attitude}
+    file = folder / "scenario.yaml"
+    YAML(typ="safe").dump(content, file)
+    (folder / "telemetry.csv").touch()
+    (folder / "attitudes.csv").write_text(rows, encoding="utf-8")
+    return file
+
+
+def test_attitudes_come_from_a_file_and_what_is_resolved_reads_as_the_same(tmp_path):
+    scenario = load_scenario(with_attitudes(tmp_path))
+    attitude = scenario.environment.attitude
+    assert [change.attitude for change in attitude.timeline] == ["charge", "nadir", "charge"]
+    assert attitude.attitudes == ("sun_pointing", "nadir", "sun_pointing")
+    again = tmp_path / "resolved.yaml"
+    again.write_text(resolved_yaml(scenario), encoding="utf-8")
+    (tmp_path / "attitudes.csv").unlink()
+    assert load_scenario(again).environment.attitude.timeline == attitude.timeline
+
+
+@pytest.mark.parametrize(
+    ("rows", "wrong"),
+    [
+        ("at,mode\n2024-03-01,charge\n", "attitudes.csv: found at, mode, expected the columns at and attitude"),
+        (
+            "at,attitude\n2024-03-01,chrge\n",
+            "line 2: found the attitude 'chrge', expected one of charge, nadir, sun_pointing; did you mean 'charge'?",
+        ),
+        ("at,attitude\n2024-03-01,charge\n2024-03-01T00:01:00,nadir\n", "after the slew of 180 s that begins at 2024"),
+    ],
+)
+def test_a_file_of_attitudes_that_is_wrong_is_named_with_its_line(tmp_path, rows, wrong):
+    with pytest.raises(ScenarioError, match=wrong.replace("?", "[?]")):
+        load_scenario(with_attitudes(tmp_path, rows))
+
+
+def test_a_quaternion_in_a_timeline_must_have_length_one(tmp_path):
+    with pytest.raises(ScenarioError, match=r"attitude.named.burn.inertial: found a quaternion of length 2"):
+        load_scenario(with_attitudes(tmp_path, named={"charge": "nadir", "burn": {"inertial": [2, 0, 0, 0]}}))
+
+
+def test_a_measured_eclipse_names_a_status_channel(tmp_path):
+    file = with_attitudes(tmp_path)
+    content = YAML(typ="safe").load(file)
+    content["environment"]["eclipse"] = {"measured_by": "sun"}
+    YAML(typ="safe").dump(content, file)
+    with pytest.raises(ScenarioError, match=r"eclipse.measured_by: found 'sun', a driver channel, expected a status"):
+        load_scenario(file)

@@ -219,3 +219,71 @@ def test_a_driver_that_cannot_be_bridged_is_an_error(tmp_path):
     data["sun"].values[20:80] = np.nan
     with pytest.raises(TelemetryError, match=r"channel 'sun'.*gap"):
         inputs_of(scenario, data)
+
+
+def test_a_face_gets_the_sunlight_of_a_slew_and_its_ends_are_breaks(tmp_path):
+    written = rich()
+    written["environment"]["attitude"] = {
+        "timeline": [
+            {"at": "2024-03-01T00:00:00", "attitude": "sun_pointing"},
+            {"at": "2024-03-01T00:10:00", "attitude": {"inertial": [0.8, 0.36, 0, 0.48]}},
+            {"at": "2024-03-01T00:14:00", "attitude": "nadir"},
+        ],
+        "slew": "100 s",
+    }
+    scenario, data = small.load(tmp_path, written)
+    network, inputs = inputs_of(scenario, data)
+    for edge in (600.0, 700.0, 840.0, 940.0):
+        assert np.abs(inputs.breaks - edge).min() < 1e-6
+    begin = data["time"].values[0]
+    fine = np.arange(0.0, 1200.0, 0.25)
+    normals = {"top": scenario.simulator.faces["top"].normal}
+    exact = face_fluxes(scenario.environment, normals, begin + np.round(fine * 1e9).astype("timedelta64[ns]"))
+    for kind in ("solar", "albedo", "infrared"):
+        wanted = getattr(exact, kind)[:, 0]
+        found = np.interp(fine, inputs.times, series(network, inputs, f"{kind}.top"))
+        assert np.abs(found - wanted).max() < 0.002 * wanted.max()
+        assert np.trapezoid(found, fine) == pytest.approx(np.trapezoid(wanted, fine), rel=1e-4)
+
+
+def flagged(folder, *, last=5400.0):
+    """With a flag that has the shadow from 210 to 390 s, known until `last` s but from minute 65 to 75."""
+    written = rich()
+    written["environment"]["eclipse"] = {"measured_by": "heater_status"}
+    scenario, data = small.load(folder, written)
+    at = (data["time"].values - data["time"].values[0]) / np.timedelta64(1, "s")
+    flag = ((at > 180.0) & (at <= 360.0)).astype(float)
+    flag[(at > 3840.0) & (at < 4500.0) | (at > last)] = np.nan
+    data["heater_status"].values[:] = flag
+    return scenario, data
+
+
+def test_a_flag_that_was_flown_says_when_there_is_sunlight(tmp_path):
+    scenario, data = flagged(tmp_path)
+    network, inputs = inputs_of(scenario, data)
+    times = data["time"].values[0] + np.round(inputs.times * 1e9).astype("timedelta64[ns]")
+    face = {"top": scenario.simulator.faces["top"].normal}
+    plain = face_fluxes(scenario.environment, face, times)
+    bright = face_fluxes(scenario.environment, face, times, sunlit=np.ones(len(times))).solar[:, 0]
+    solar = series(network, inputs, "solar.top")
+    # A switch lies midway between the samples that show it.
+    shadow = (inputs.times > 210.001) & (inputs.times < 389.999)
+    assert (solar[shadow] == 0.0).all()
+    assert (plain.solar[shadow] > 0.0).all()
+    unknown = (inputs.times > 3900.001) & (inputs.times < 4499.999)
+    np.testing.assert_allclose(solar[unknown], plain.solar[unknown, 0])
+    edges = np.abs(np.subtract.outer(inputs.times, [210.0, 390.0, 3900.0, 4500.0])).min(axis=1) < 1e-6
+    np.testing.assert_allclose(solar[~shadow & ~unknown & ~edges], bright[~shadow & ~unknown & ~edges])
+    for edge, after in ((210.0, False), (390.0, True)):
+        assert np.abs(inputs.breaks - edge).min() < 1e-6
+        first, second = solar[np.abs(inputs.times - edge) < 1e-6]
+        assert (first > 0.0, second > 0.0) == (not after, after)
+    np.testing.assert_allclose(series(network, inputs, "albedo.top"), plain.albedo[:, 0])
+
+
+def test_where_a_flag_has_no_samples_yet_the_shadow_is_computed(tmp_path):
+    scenario, data = flagged(tmp_path, last=2000.0)
+    network, inputs = inputs_of(scenario, data, start=2400.0)
+    times = data["time"].values[0] + np.round((inputs.times + 2400.0) * 1e9).astype("timedelta64[ns]")
+    plain = face_fluxes(scenario.environment, {"top": scenario.simulator.faces["top"].normal}, times)
+    np.testing.assert_allclose(series(network, inputs, "solar.top"), plain.solar[:, 0])

@@ -4,7 +4,7 @@ Imports: errors, scenario.
 """
 
 from .eclipse import shadow_edges, sunlit_fraction, sunlit_share
-from .edges import sample_times, sun_edges
+from .edges import sample_times, slew_edges, sun_edges
 from .fluxes import FaceFluxes, face_fluxes
 from .geometry import orbit_phase
 from .orbit import orbital_period
@@ -16,6 +16,7 @@ __all__ = [
     "orbital_period",
     "sample_times",
     "shadow_edges",
+    "slew_edges",
     "sun_edges",
     "sunlit_fraction",
     "sunlit_share",

@@ -10,6 +10,8 @@ spinning        the body's `spin_axis` points along the inertial `direction` and
                 stands as the shortest turn from `spin_axis` to `direction` leaves it. Without a period
                 there is no phase: see `faces.Spun`.
 quaternions     samples, spherical linear interpolation between them.
+timeline        one of these after another. In a slew the body turns about one axis at a constant rate from the attitude
+                before, as that goes on, to the one after.
 """
 
 from __future__ import annotations
@@ -20,9 +22,9 @@ import numpy as np
 from scipy.spatial.transform import Rotation, Slerp
 
 from ..errors import OrbitError
-from ..scenario import Attitude, InertialAttitude, SampledAttitude, SpinningAttitude
+from ..scenario import Attitude, AttitudeTimeline, InertialAttitude, SampledAttitude, SpinningAttitude
 from ._samples import read_samples, within_span
-from ._time import J2000, Floats, seconds_since
+from ._time import J2000, Floats, Times, seconds_since
 from .geometry import Geometry
 from .sun import OBLIQUITY
 
@@ -33,6 +35,8 @@ def body_to_inertial(attitude: Attitude, at: Geometry, folder: Path = Path()) ->
     Sample files are read from `folder`. Raises OrbitError: samples that do not cover the times or have a length of
     zero, a spin without period.
     """
+    if isinstance(attitude, AttitudeTimeline):
+        return _in_turn(attitude, at, folder)
     if isinstance(attitude, InertialAttitude):
         quaternion = unit(attitude.inertial)
         matrix = Rotation.from_quat(quaternion, scalar_first=True).as_matrix()
@@ -59,6 +63,29 @@ def _axes(z: Floats, towards_y: Floats) -> Floats:
     x = np.cross(towards_y, z)
     x /= np.linalg.norm(x, axis=-1, keepdims=True)
     return np.stack([x, np.cross(z, x), z], axis=-1)
+
+
+def slew_begins(attitude: AttitudeTimeline) -> Times:
+    """When each slew begins [S]."""
+    return np.array([change.at for change in attitude.timeline[1:]], "datetime64[ns]")
+
+
+def _in_turn(attitude: AttitudeTimeline, at: Geometry, folder: Path) -> Floats:
+    begin, kinds = slew_begins(attitude), attitude.attitudes
+    which = np.searchsorted(begin, at.times, side="right")
+    matrices = np.empty((len(at.times), 3, 3))
+    for k in np.unique(which):
+        here = np.flatnonzero(which == k)
+        matrices[here] = body_to_inertial(kinds[k], at.some(here), folder)
+        if k == 0:
+            continue
+        share = seconds_since(at.times[here], begin[k - 1]) / attitude.slew
+        slewing, share = here[share < 1.0], share[share < 1.0]
+        if len(slewing):
+            before = Rotation.from_matrix(body_to_inertial(kinds[k - 1], at.some(slewing), folder))
+            turn = (before.inv() * Rotation.from_matrix(matrices[slewing])).as_rotvec()
+            matrices[slewing] = (before * Rotation.from_rotvec(share[:, None] * turn)).as_matrix()
+    return matrices
 
 
 def _spinning(attitude: SpinningAttitude, at: Geometry) -> Floats:

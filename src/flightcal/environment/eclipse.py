@@ -8,7 +8,7 @@ from pathlib import Path
 import numpy as np
 
 from ..errors import OrbitError
-from ..scenario import Environment
+from ..scenario import Earth, Environment
 from ._time import Floats, Times, seconds_later
 from .geometry import Geometry, geometry_of
 from .orbit import EARTH_RADIUS, orbital_period
@@ -21,14 +21,17 @@ _BISECTIONS = 24
 """From a step of up to 4 minutes to 15 microseconds."""
 
 
-def sunlit_fraction(position: Floats, sun_position: Floats, earth_radius: float = EARTH_RADIUS) -> Floats:
+def sunlit_fraction(
+    position: Floats, sun_position: Floats, earth_radius: float = EARTH_RADIUS, flattening: float = 0.0
+) -> Floats:
     """Sunlit share of the solar disc [T], 0 (umbra) to 1.
 
-    position, sun_position: [T, 3] m, Earth-centred, one inertial frame; earth_radius: m, of a spherical
-    Earth without atmosphere. Conical shadow, overlap of two discs: Montenbruck & Gill (2000), Satellite
-    Orbits, sec. 3.4.2.
+    position, sun_position: [T, 3] m, Earth-centred, z to the north pole; earth_radius: m, at the equator of
+    an Earth without atmosphere. Conical shadow, overlap of two discs: Montenbruck & Gill (2000), Satellite
+    Orbits, sec. 3.4.2. With a flattening, space is stretched along the poles until the Earth is a sphere: what
+    is behind it stays behind it.
     """
-    sun, earth, separation = _apparent(position, sun_position, earth_radius)
+    sun, earth, separation = _apparent(position, sun_position, earth_radius, flattening)
     apart = np.clip(separation, np.maximum(np.abs(earth - sun), 1e-12), earth + sun)
     x = (apart**2 + sun**2 - earth**2) / (2 * apart)
     y = np.sqrt(np.maximum(sun**2 - x**2, 0.0))
@@ -51,7 +54,7 @@ def sunlit_share(environment: Environment, times: Times, folder: Path = Path()) 
     if environment.orbit is None:
         return np.full(len(times), np.nan)
     at = geometry_of(environment, folder)(times)
-    return sunlit_fraction(at.position, at.sun)
+    return sunlit_fraction(at.position, at.sun, environment.earth.radius, environment.earth.flattening)
 
 
 def shadow_edges(environment: Environment, start: np.datetime64, end: np.datetime64, folder: Path = Path()) -> Times:
@@ -65,10 +68,10 @@ def shadow_edges(environment: Environment, start: np.datetime64, end: np.datetim
     geometry, coarse = geometry_of(environment, folder), search_times(environment, start, end, folder)
 
     def penumbra(seconds: Floats) -> Floats:
-        return _contacts(geometry(seconds_later(start, seconds)))[0]
+        return _contacts(geometry(seconds_later(start, seconds)), environment.earth)[0]
 
     def umbra(seconds: Floats) -> Floats:
-        return _contacts(geometry(seconds_later(start, seconds)))[1]
+        return _contacts(geometry(seconds_later(start, seconds)), environment.earth)[1]
 
     edges = np.concatenate([zeros(contact, coarse) for contact in (penumbra, umbra)])
     return np.sort(seconds_later(start, edges))
@@ -81,8 +84,12 @@ def search_times(environment: Environment, start: np.datetime64, end: np.datetim
     return np.linspace(0.0, duration, max(2, int(np.ceil(duration / step)) + 1))
 
 
-def _apparent(position: Floats, sun_position: Floats, earth_radius: float) -> tuple[Floats, Floats, Floats]:
+def _apparent(
+    position: Floats, sun_position: Floats, earth_radius: float, flattening: float
+) -> tuple[Floats, Floats, Floats]:
     """Apparent radius of the Sun and of the Earth, and the angle between their centres, [T] rad."""
+    stretch = np.array([1.0, 1.0, 1.0 / (1.0 - flattening)])
+    position, sun_position = position * stretch, sun_position * stretch
     to_sun = sun_position - position
     distance, height = np.linalg.norm(to_sun, axis=-1), np.linalg.norm(position, axis=-1)
     sun, earth = np.arcsin(SUN_RADIUS / distance), np.arcsin(np.minimum(earth_radius / height, 1.0))
@@ -90,9 +97,9 @@ def _apparent(position: Floats, sun_position: Floats, earth_radius: float) -> tu
     return sun, earth, np.arctan2(across, -np.sum(position * to_sun, axis=-1))
 
 
-def _contacts(at: Geometry) -> tuple[Floats, Floats]:
+def _contacts(at: Geometry, figure: Earth) -> tuple[Floats, Floats]:
     """Two angles [T] rad that are zero at the outer (penumbra) and at the inner (umbra) contacts."""
-    sun, earth, separation = _apparent(at.position, at.sun, EARTH_RADIUS)
+    sun, earth, separation = _apparent(at.position, at.sun, figure.radius, figure.flattening)
     return separation - (earth + sun), separation - np.abs(earth - sun)
 
 

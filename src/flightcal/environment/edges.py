@@ -7,10 +7,10 @@ from pathlib import Path
 
 import numpy as np
 
-from ..scenario import Environment, SampledAttitude, SampledOrbit, SpinningAttitude
+from ..scenario import AttitudeTimeline, Environment, SampledAttitude, SampledOrbit, SpinningAttitude
 from ._samples import read_samples
-from ._time import Floats, Times, seconds_later
-from .attitude import body_to_inertial, unit
+from ._time import Floats, Times, seconds_later, seconds_since
+from .attitude import body_to_inertial, slew_begins, unit
 from .eclipse import search_times, sunlit_fraction, zeros
 from .fluxes import Normal
 from .geometry import Geometry, geometry_of
@@ -18,6 +18,8 @@ from .orbit import propagator
 
 _EDGE_ON = 1e-9
 """Cosine of a face's normal to the Sun that counts as none."""
+_OF_SLEW = 16
+"""Parts of a slew: so many turns of up to 11 deg."""
 
 
 def sun_edges(
@@ -37,6 +39,8 @@ def sun_edges(
     if not flat or (isinstance(attitude, SpinningAttitude) and attitude.period is None):
         return np.empty(0, "datetime64[ns]")
     geometry, coarse = geometry_of(environment, folder), search_times(environment, start, end, folder)
+    turning = seconds_since(slew_edges(environment, _OF_SLEW), start)
+    coarse = np.union1d(coarse, turning[(turning > 0.0) & (turning < coarse[-1])])
     sun = geometry(seconds_later(start, coarse)).sun
     assert environment.orbit is not None  # else there is no geometry
     propagate = propagator(environment.orbit, folder)
@@ -57,15 +61,28 @@ def sun_edges(
     found = np.concatenate([zeros(cosine(k), coarse) for k in range(len(flat))])
     times = np.unique(seconds_later(start, found))
     at = geometry(times)
-    return times[sunlit_fraction(at.position, at.sun) > 0.0] if len(times) else times
+    earth = environment.earth
+    lit = sunlit_fraction(at.position, at.sun, earth.radius, earth.flattening) > 0.0
+    return times[lit] if len(times) else times
+
+
+def slew_edges(environment: Environment, parts: int = 1) -> Times:
+    """When slews begin and end, in order; and when so many parts of each do."""
+    if not isinstance(environment.attitude, AttitudeTimeline):
+        return np.empty(0, "datetime64[ns]")
+    share = np.round(np.linspace(0.0, environment.attitude.slew, parts + 1) * 1e9).astype("timedelta64[ns]")
+    return (slew_begins(environment.attitude)[:, None] + share).ravel()
 
 
 def sample_times(environment: Environment, folder: Path = Path()) -> Times:
-    """Times of the samples of orbit and attitude, where these come from files. Raises OrbitError."""
+    """Times of the samples of orbit and attitude, where these come from files, and of slews. Raises OrbitError."""
+    attitude = environment.attitude
+    kinds = attitude.attitudes if isinstance(attitude, AttitudeTimeline) else (attitude,)
     files: list[tuple[str, tuple[str, ...], str]] = []
     if isinstance(environment.orbit, SampledOrbit):
         files.append((environment.orbit.positions, ("x", "y", "z"), "environment.orbit.positions"))
-    if isinstance(environment.attitude, SampledAttitude):
-        files.append((environment.attitude.quaternions, ("w", "x", "y", "z"), "environment.attitude.quaternions"))
+    for kind in kinds:
+        if isinstance(kind, SampledAttitude):
+            files.append((kind.quaternions, ("w", "x", "y", "z"), "environment.attitude.quaternions"))
     found = [read_samples(folder / name, columns, f"{place}: {name}", 2)[0] for name, columns, place in files]
-    return np.unique(np.concatenate([np.empty(0, "datetime64[ns]"), *found]))
+    return np.unique(np.concatenate([slew_edges(environment, _OF_SLEW), *found]))

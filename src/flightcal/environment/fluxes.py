@@ -42,21 +42,28 @@ class FaceFluxes:
 
 
 def face_fluxes(
-    environment: Environment, faces: Mapping[str, Normal], times: Times, folder: Path = Path()
+    environment: Environment,
+    faces: Mapping[str, Normal],
+    times: Times,
+    folder: Path = Path(),
+    *,
+    sunlit: Floats | None = None,
 ) -> FaceFluxes:
     """Heat flux on `faces` (name -> normal) at `times` [T]; sample files are read from `folder`.
 
     Times may come in any order and repeat. Faces do not shade each other. For "all", and where the body
     spins fast (SpinningAttitude without a period), fluxes are means over the directions of the normal.
-    The Earth is a diffuse sphere of equatorial radius, of uniform albedo and infrared. Raises
-    OrbitError.
+    The Earth is a diffuse sphere of equatorial radius, of uniform albedo and infrared; its shadow may be flattened.
+    sunlit: [T] share of the solar disc that is seen, where it is known otherwise; NaN: it is not. Raises OrbitError.
     """
     at = geometry_of(environment, folder)(times)
     names = tuple(faces)
     normals = [unit(normal) for normal in faces.values() if normal != "all"]
     averaged = np.array([normal == "all" for normal in faces.values()], dtype=bool)
     flux = solar_flux(np.linalg.norm(at.to_sun, axis=-1), environment.solar_constant)
-    direct = flux * sunlit_fraction(at.position, at.sun)
+    earth = environment.earth
+    share = sunlit_fraction(at.position, at.sun, earth.radius, earth.flattening)
+    direct = flux * (share if sunlit is None else np.where(np.isnan(sunlit), share, sunlit))
 
     groups: list[tuple[NDArray[np.bool_], Faces]] = []
     if averaged.any():
@@ -68,8 +75,8 @@ def face_fluxes(
     solar, albedo, infrared = (np.empty((len(times), len(names))) for _ in range(3))
     for columns, group in groups:
         solar[:, columns] = direct[:, None] * group.cosine(to_sun)[:, 0]
-        albedo[:, columns] = flux[:, None] * albedo_view(group, at.position, at.sun)
-        infrared[:, columns] = infrared_view(group, at.position)
+        albedo[:, columns] = flux[:, None] * albedo_view(group, at.position, at.sun, earth.radius)
+        infrared[:, columns] = infrared_view(group, at.position, earth.radius)
     return FaceFluxes(names, solar, albedo, infrared)
 
 

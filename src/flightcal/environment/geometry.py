@@ -7,6 +7,7 @@ from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
+from numpy.typing import NDArray
 
 from ..errors import OrbitError
 from ..scenario import Environment
@@ -26,6 +27,10 @@ class Geometry:
     """Spacecraft, [T, 3] m/s."""
     sun: Floats
     """Sun, [T, 3] m."""
+
+    def some(self, which: NDArray[np.intp]) -> Geometry:
+        """At some of the times."""
+        return Geometry(self.times[which], self.position[which], self.velocity[which], self.sun[which])
 
     @property
     def to_sun(self) -> Floats:

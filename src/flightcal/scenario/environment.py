@@ -3,13 +3,13 @@
 from __future__ import annotations
 
 import re
-from typing import Annotated, Any, Literal
+from typing import Annotated, Any, Literal, cast, get_args
 
 from pydantic import AfterValidator, BeforeValidator, Field, model_validator
 
 from .document import Problem
 from .fields import Block, FileName, Number, OneOf, Time, Vector, of_length
-from .units import Angle, Duration, Quantity, show
+from .units import Angle, Duration, Quantity, did_you_mean, show
 from .wording import refusal
 
 EARTH_RADIUS = 6378.137e3
@@ -146,6 +146,86 @@ class SampledAttitude(Block):
     quaternions: FileName
 
 
+_NamedAttitude = Literal["nadir", "sun_pointing"]
+
+
+def _one_kind(value: Any) -> Any:
+    if isinstance(value, str):
+        return _NamedAttitude
+    if not isinstance(value, dict):
+        return None
+    if "inertial" in value:
+        return InertialAttitude
+    return SampledAttitude if "quaternions" in value else SpinningAttitude
+
+
+_KINDS = "an attitude: nadir, sun_pointing, or a mapping with 'inertial', 'spin_axis'"
+OneAttitude = Annotated[
+    _NamedAttitude | InertialAttitude | SpinningAttitude | SampledAttitude,
+    OneOf(_one_kind, f"{_KINDS} or 'quaternions'"),
+]
+
+
+class AttitudeChange(Block):
+    """From a time on the body is turned to another attitude."""
+
+    at: Time
+    attitude: Annotated[str | OneAttitude, OneOf(lambda value: str if isinstance(value, str) else OneAttitude, _KINDS)]
+    """An attitude, or the name of one of those that the timeline names."""
+
+
+class AttitudeTimeline(Block):
+    """One attitude after another; before the first change the first one holds."""
+
+    named: dict[str, OneAttitude] = Field(default_factory=dict)
+    """Attitudes by the names that the timeline gives them."""
+    timeline: tuple[AttitudeChange, ...] = ()
+    timeline_file: FileName | None = None
+    """CSV file with columns at (UTC) and attitude, in the place of `timeline`: a row for each change or sample."""
+    slew: Annotated[float, Quantity("s", at_least=1.0)] = 120.0
+    """How long each change takes, from its time on: a turn about one axis, at a constant rate."""
+
+    @model_validator(mode="after")
+    def _one_after_another(self) -> AttitudeTimeline:
+        if not self.timeline and self.timeline_file is None:
+            raise ValueError("found no change, expected at least one in 'timeline', or a 'timeline_file'")
+        problems = []
+        for k, change in enumerate(self.timeline):
+            kind = self.attitude_of(change)
+            place = ("timeline", k, "attitude")
+            if kind is None:
+                names = [*self.named, *get_args(_NamedAttitude)]
+                hint = did_you_mean(str(change.attitude), names)
+                problems.append(
+                    Problem(place, f"found {show(change.attitude)}, expected one of {', '.join(names)}{hint}")
+                )
+            elif isinstance(kind, SpinningAttitude) and kind.period is None:
+                problems.append(Problem(place, "found a spin without period, expected one: the body slews from it"))
+            before = self.timeline[k - 1].at if k else None
+            if before is not None and (change.at - before).total_seconds() < self.slew:
+                message = (
+                    f"found {change.at.isoformat()}, expected a time after the slew of {self.slew:g} s that begins"
+                )
+                problems.append(Problem(("timeline", k, "at"), f"{message} at {before.isoformat()}"))
+        if problems:
+            raise refusal(*problems)
+        return self
+
+    def attitude_of(self, change: AttitudeChange) -> OneAttitude | None:
+        """What the body is turned to; None: the name is not known."""
+        if not isinstance(change.attitude, str):
+            return change.attitude
+        if change.attitude in self.named:
+            return self.named[change.attitude]
+        return cast("OneAttitude", change.attitude) if change.attitude in get_args(_NamedAttitude) else None
+
+    @property
+    def attitudes(self) -> tuple[OneAttitude, ...]:
+        """After each change."""
+        found = [self.attitude_of(change) for change in self.timeline]
+        return tuple(kind for kind in found if kind is not None)
+
+
 def _orbit_kind(value: Any) -> type[Block] | None:
     if not isinstance(value, dict):
         return None
@@ -158,26 +238,18 @@ def _orbit_kind(value: Any) -> type[Block] | None:
 
 
 def _attitude_kind(value: Any) -> Any:
-    if isinstance(value, str):
-        return _NamedAttitude
-    if not isinstance(value, dict):
-        return None
-    if "inertial" in value:
-        return InertialAttitude
-    return SampledAttitude if "quaternions" in value else SpinningAttitude
+    if isinstance(value, dict) and {"timeline", "timeline_file", "named", "slew"} & set(value):
+        return AttitudeTimeline
+    return _one_kind(value) and OneAttitude
 
 
-_NamedAttitude = Literal["nadir", "sun_pointing"]
+Attitude = Annotated[
+    _NamedAttitude | InertialAttitude | SpinningAttitude | SampledAttitude | AttitudeTimeline,
+    OneOf(_attitude_kind, f"{_KINDS}, 'quaternions' or 'timeline'"),
+]
 Orbit = Annotated[
     CircularOrbit | KeplerianOrbit | TleOrbit | SampledOrbit,
     OneOf(_orbit_kind, "an orbit: altitude and inclination, Keplerian elements, 'tle' or 'positions'"),
-]
-Attitude = Annotated[
-    _NamedAttitude | InertialAttitude | SpinningAttitude | SampledAttitude,
-    OneOf(
-        _attitude_kind,
-        "an attitude: nadir, sun_pointing, or a mapping with 'inertial', 'spin_axis' or 'quaternions'",
-    ),
 ]
 
 
@@ -189,6 +261,22 @@ class AttitudeOffset(Block):
     z: Annotated[float, Quantity("rad", at_least=-0.1, at_most=0.1)] = 0.0
 
 
+class Earth(Block):
+    """The Earth's figure, as it casts its shadow and is seen; orbits have their own."""
+
+    radius: Annotated[float, Quantity("m", above=1e6, at_most=1e8)] = EARTH_RADIUS
+    """At the equator."""
+    flattening: Annotated[Number, Field(ge=0, lt=0.5)] = 0.0
+    """By how much the radius at the poles is smaller, as a share; of the shadow alone. WGS 84: 1 / 298.257."""
+
+
+class Eclipse(Block):
+    """The shadow as it was flown, in the place of the one that is computed."""
+
+    measured_by: str
+    """Status channel that is on in the shadow. Where it has no samples, the shadow is computed."""
+
+
 class Environment(Block):
     """Orbit and attitude, from which heat fluxes follow; or only a period, where drivers replace the Sun."""
 
@@ -196,6 +284,9 @@ class Environment(Block):
     period: Duration | None = None
     """Orbital period for windows and orbit phase; null: from the orbit."""
     attitude: Attitude = "nadir"
+    eclipse: Eclipse | None = None
+    """null: the shadow follows from the orbit."""
+    earth: Earth = Earth()
     attitude_offset: AttitudeOffset | None = None
     """null: none; where it is written, a parameter may set it."""
     albedo: Annotated[float, Quantity("", at_least=0, at_most=1)] = 0.3

@@ -23,7 +23,7 @@ from .parameters import read_parameters
 from .reduced import fill_in
 from .residuals import Discrepancy, Noise
 from .schema import AnySimulator, Channel, Observation, Packet, Scenario, TelemetryFile
-from .timeline import with_timeline
+from .timeline import with_attitudes, with_timeline
 from .units import show
 from .windows import Window, flat_windows
 from .wording import UNREADABLE, unknown_key
@@ -75,6 +75,9 @@ def read_scenario(path: Path, telemetry: Path | None = None) -> Reading:
         for filled in (fill_in, with_timeline):
             data["simulator"], found = filled(data["simulator"], path.parent)
             reader.problems += found
+    if isinstance(data.get("environment"), dict):
+        data["environment"], found = with_attitudes(data["environment"], path.parent)
+        reader.problems += found
     if "windows" in data:
         data["windows"] = flat_windows(data["windows"], document.lines)
     blocks, parts = reader.blocks(data)

@@ -5,6 +5,7 @@ from __future__ import annotations
 from io import StringIO
 from typing import Any
 
+from .environment import AttitudeTimeline
 from .heat import Heat
 from .network import SimulatorModel
 from .priors import written_prior
@@ -59,6 +60,8 @@ def _written(scenario: Scenario, absolute: bool) -> dict[str, Any]:
             del block[error]
         if isinstance(observation.noise, Noise):
             block["noise"] = _written_noise(block["noise"])
+    if isinstance(scenario.environment.attitude, AttitudeTimeline):
+        data["environment"]["attitude"].pop("timeline_file")
     data["windows"] = grouped_windows(data["windows"])
     data["noise"] = _written_noise(data["noise"])
     if "noise" not in scenario.model_fields_set and heat_of(scenario) is not None:

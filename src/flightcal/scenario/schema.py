@@ -14,7 +14,7 @@ from pydantic_core import core_schema
 
 from ..errors import ScenarioError
 from .calibration import Calibration
-from .environment import Environment
+from .environment import AttitudeTimeline, Environment
 from .external import (
     KINDS,
     CallableSimulator,
@@ -393,7 +393,9 @@ def input_files(scenario: Scenario) -> list[Path]:
     """Telemetry, orbit and attitude files and those that the simulator is made of, as paths that can be opened."""
     environment = scenario.environment
     named = [*scenario.telemetry.files]
-    for block, field in ((environment.orbit, "positions"), (environment.attitude, "quaternions")):
+    attitude = environment.attitude
+    kinds = attitude.attitudes if isinstance(attitude, AttitudeTimeline) else (attitude,)
+    for block, field in ((environment.orbit, "positions"), *((kind, "quaternions") for kind in kinds)):
         if hasattr(block, field):
             named.append(getattr(block, field))
     if isinstance(scenario.simulator, SimulatorModel):

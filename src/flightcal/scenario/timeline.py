@@ -1,4 +1,4 @@
-"""The timeline of modes from a file, in the place of a list in the scenario."""
+"""Timelines of modes and of attitudes from files, in the place of lists in the scenario."""
 
 from __future__ import annotations
 
@@ -12,8 +12,7 @@ from .document import Problem
 from .fields import Time
 from .units import did_you_mean, show
 
-_HERE = ("simulator", "timeline_file")
-_COLUMNS = ("at", "mode")
+_ATTITUDES = ("nadir", "sun_pointing")
 
 
 def with_timeline(written: dict[str, Any], folder: Path) -> tuple[dict[str, Any], list[Problem]]:
@@ -21,46 +20,67 @@ def with_timeline(written: dict[str, Any], folder: Path) -> tuple[dict[str, Any]
 
     A row for each change, or for each sample: rows that repeat the mode before them change nothing.
     """
+    return _filled(written, folder, ("simulator", "timeline_file"), "mode", _names(written, "modes"), "one of 'modes'")
+
+
+def with_attitudes(written: dict[str, Any], folder: Path) -> tuple[dict[str, Any], list[Problem]]:
+    """The environment's block with the attitudes that a `timeline_file` has, likewise."""
+    attitude = written.get("attitude")
+    if not isinstance(attitude, dict):
+        return written, []
+    here, names = ("environment", "attitude", "timeline_file"), [*_names(attitude, "named"), *_ATTITUDES]
+    filled, found = _filled(attitude, folder, here, "attitude", names, f"one of {', '.join(names)}")
+    return {**written, "attitude": filled}, found
+
+
+def _names(written: dict[str, Any], key: str) -> list[str]:
+    return list(found) if isinstance(found := written.get(key), dict) else []
+
+
+def _filled(
+    written: dict[str, Any], folder: Path, here: tuple[str, ...], column: str, names: list[str], expected: str
+) -> tuple[dict[str, Any], list[Problem]]:
+    """A block with the changes of a file, whose column `column` has `names`."""
     name = written.get("timeline_file")
     if name is None:
         return written, []
     if not isinstance(name, str):
-        return written, [Problem(_HERE, f"found {show(name)}, expected the name of a CSV file")]
+        return written, [Problem(here, f"found {show(name)}, expected the name of a CSV file")]
     if written.get("timeline"):
-        return written, [Problem(_HERE, "found 'timeline' too, expected one of them")]
+        return written, [Problem(here, "found 'timeline' too, expected one of them")]
     try:
         with (folder / name).open(newline="", encoding="utf-8-sig") as file:
             rows = list(csv.DictReader(file))
     except FileNotFoundError:
         wrong = f"found {show(name)}, which is not there, expected a path relative to the scenario"
-        return written, [Problem(_HERE, wrong)]
+        return written, [Problem(here, wrong)]
     except (OSError, UnicodeDecodeError, csv.Error) as error:
-        return written, [Problem(_HERE, f"found {show(name)}, which cannot be read: {error}")]
-    found, wrong = _changes(rows, list(written.get("modes") or ()) if isinstance(written.get("modes"), dict) else [])
+        return written, [Problem(here, f"found {show(name)}, which cannot be read: {error}")]
+    found, wrong = _changes(rows, column, names, expected)
     if wrong:
-        return written, [Problem(_HERE, f"{name}{wrong}")]
+        return written, [Problem(here, f"{name}{wrong}")]
     return {**written, "timeline": found}, []
 
 
-def _changes(rows: list[dict[str, Any]], modes: list[Any]) -> tuple[list[dict[str, Any]], str]:
-    """Changes of mode, or what is wrong with the first row that is wrong."""
-    if not rows or not set(_COLUMNS) <= set(rows[0]):
+def _changes(
+    rows: list[dict[str, Any]], column: str, names: list[str], expected: str
+) -> tuple[list[dict[str, Any]], str]:
+    """Changes, or what is wrong with the first row that is wrong."""
+    if not rows or not {"at", column} <= set(rows[0]):
         columns = ", ".join(map(str, rows[0])) if rows else "no row"
-        return [], f": found {columns}, expected the columns {' and '.join(_COLUMNS)}"
+        return [], f": found {columns}, expected the columns at and {column}"
     changes: list[dict[str, Any]] = []
     for number, row in enumerate(rows, start=2):
-        mode = (row["mode"] or "").strip()
+        name = (row[column] or "").strip()
         try:
             at = TypeAdapter(Time).validate_python((row["at"] or "").strip())
         except ValidationError as error:
             return [], f", line {number}: {error.errors()[0]['msg'].removeprefix('Value error, ')}"
-        if mode not in modes:
-            return (
-                [],
-                f", line {number}: found the mode {show(mode)}, expected one of 'modes'{did_you_mean(mode, modes)}",
-            )
+        if name not in names:
+            hint = did_you_mean(name, names)
+            return [], f", line {number}: found the {column} {show(name)}, expected {expected}{hint}"
         if changes and at <= changes[-1]["at"]:
             return [], f", line {number}: found {at.isoformat()}, expected a time after {changes[-1]['at'].isoformat()}"
-        if not changes or mode != changes[-1]["mode"]:
-            changes.append({"at": at, "mode": mode})
+        if not changes or name != changes[-1][column]:
+            changes.append({"at": at, column: name})
     return changes, ""

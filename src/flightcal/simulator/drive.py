@@ -12,10 +12,10 @@ import numpy as np
 import xarray
 from numpy.typing import NDArray
 
-from ..environment import face_fluxes, sample_times, shadow_edges, sun_edges
+from ..environment import face_fluxes, sample_times, shadow_edges, slew_edges, sun_edges
 from ..errors import TelemetryError, require_memory
 from ..scenario import Scenario, SpinningAttitude, load_driver
-from ..telemetry import driver_corners, driver_series, status_changes, status_fraction
+from ..telemetry import driver_corners, driver_series, status_changes, status_fraction, status_or_unknown
 from .network import Network, flux_kinds
 from .system import Drive, FloatArray
 
@@ -150,7 +150,9 @@ def window_inputs(
         return seconds[(seconds > 0.0) & (seconds < duration)]
 
     changes = _seconds(np.array([change.at for change in model.timeline], dtype="datetime64[ns]"), start)
-    jumps = inside([change.at for change in model.timeline])
+    eclipse = scenario.environment.eclipse
+    flagged = inside([] if eclipse is None else status_changes(telemetry, eclipse.measured_by))
+    jumps = np.union1d(inside([change.at for change in model.timeline]), flagged)
     switched = inside([time for name in _driving(scenario) for time in status_changes(telemetry, name)])
     kinks = inside(_kinks(scenario, start, end))
     breaks = _apart(np.concatenate([[0.0], jumps, switched, kinks, [duration]]))
@@ -172,7 +174,7 @@ def window_inputs(
     times = start.astype("datetime64[ns]") + np.round(points * 1e9).astype("timedelta64[ns]")
 
     series = {"one": np.ones(len(points))}
-    series |= face_series(scenario, times)
+    series |= face_series(scenario, times, None if eclipse is None else _sunlit(telemetry, eclipse.measured_by, times))
     for mode, active in _mode_indicators(scenario, points, changes).items():
         series[f"mode.{mode}"] = active
     for name, load in model.loads.items():
@@ -201,6 +203,7 @@ def _kinks(scenario: Scenario, start: np.datetime64, end: np.datetime64) -> Time
     if not faces or environment.orbit is None:
         return np.empty(0, "datetime64[ns]")
     edges = shadow_edges(environment, start, end, scenario.folder)
+    edges = np.concatenate([edges, slew_edges(environment)])
     normals = list(dict.fromkeys(face.normal for face in faces.values()))
     turns = sun_edges(environment, normals, start, end, scenario.folder)
     # Of a body that spins quickly they would be the steps of the integration; there means will do.
@@ -223,8 +226,24 @@ def _apart(points: FloatArray) -> FloatArray:
     return points[np.concatenate([[True], np.diff(points) > 1e-6])]
 
 
-def face_series(scenario: Scenario, times: Times) -> dict[str, FloatArray]:
-    """Input series of the faces by column, such as ``solar.<face>`` [K] (W/m^2), at `times` [K]; see `flux_kinds`."""
+def _sunlit(telemetry: xarray.Dataset, flag: str, times: Times) -> FloatArray:
+    """[M] 1 in sunlight, 0 in the shadow as a flag has it, NaN where that is not known, at times [M].
+
+    Of two points at the same time, the first has what was before.
+    """
+    lasting = np.diff(times) > np.timedelta64(0, "ns")
+    edges = times[np.concatenate([[True], lasting])]
+    lit = 1.0 - status_or_unknown(telemetry, flag, edges)
+    after = np.searchsorted(edges, times, side="right") - 1
+    before = np.concatenate([~lasting, [True]])  # its twin comes next
+    return np.asarray(lit[np.clip(after - before, 0, len(lit) - 1)])
+
+
+def face_series(scenario: Scenario, times: Times, sunlit: FloatArray | None = None) -> dict[str, FloatArray]:
+    """Input series of the faces by column, such as ``solar.<face>`` [K] (W/m^2), at `times` [K]; see `flux_kinds`.
+
+    sunlit: see `face_fluxes`.
+    """
     faces = scenario.network.faces
     if not faces:
         return {}
@@ -237,7 +256,7 @@ def face_series(scenario: Scenario, times: Times) -> dict[str, FloatArray]:
         for axis in ("xyz" if scenario.environment.attitude_offset is not None else "")
         for sign in (1, -1)
     }
-    fluxes = face_fluxes(scenario.environment, normals | turned, times, scenario.folder)
+    fluxes = face_fluxes(scenario.environment, normals | turned, times, scenario.folder, sunlit=sunlit)
     place = {way: k for k, way in enumerate(fluxes.names)}
     series = {}
     for name, face in faces.items():

@@ -6,7 +6,15 @@ Imports: environment, errors, scenario.
 from .bridges import bridged
 from .clean import usual_interval
 from .detect import FoundPacket, detect
-from .drivers import SHORT_GAP, driver_corners, driver_gaps, driver_series, status_changes, status_fraction
+from .drivers import (
+    SHORT_GAP,
+    driver_corners,
+    driver_gaps,
+    driver_series,
+    status_changes,
+    status_fraction,
+    status_or_unknown,
+)
 from .quality import QualityRecord, quality_table
 from .quantisation import quantisation_step
 from .read import read, read_telemetry
@@ -28,6 +36,7 @@ __all__ = [
     "select_window",
     "status_changes",
     "status_fraction",
+    "status_or_unknown",
     "usual_interval",
     "window_bounds",
 ]

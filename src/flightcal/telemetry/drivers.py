@@ -135,6 +135,18 @@ def status_fraction(dataset: xr.Dataset, channel: str, edges: NDArray[np.datetim
     return np.where(unknown, np.nan, np.clip(share, 0.0, 1.0))
 
 
+def status_or_unknown(dataset: xr.Dataset, channel: str, edges: NDArray[np.datetime64]) -> NDArray[np.float64]:
+    """`status_fraction`, NaN also before the first and after the last valid sample."""
+    times = dataset["time"].to_numpy()[np.isfinite(dataset[channel].to_numpy())]
+    found = np.full(len(edges) - 1, np.nan)
+    if not len(times):
+        return found
+    first, last = np.searchsorted(edges, times[0]), np.searchsorted(edges, times[-1], side="right")
+    if last - first > 1:
+        found[first : last - 1] = status_fraction(dataset, channel, edges[first:last])
+    return found
+
+
 def status_changes(dataset: xr.Dataset, channel: str) -> NDArray[np.datetime64]:
     """When the status changes as `status_fraction` has it, and where it begins or ceases to be known."""
     seconds, values, interval = valid_samples(dataset, channel)

@@ -6,10 +6,18 @@ import math
 from collections.abc import Iterator
 from pathlib import Path
 
-from ..document import Problem
-from ..environment import CircularOrbit, InertialAttitude, KeplerianOrbit, SampledAttitude, SampledOrbit
+from ..document import Location, Problem
+from ..environment import (
+    AttitudeTimeline,
+    CircularOrbit,
+    InertialAttitude,
+    KeplerianOrbit,
+    OneAttitude,
+    SampledAttitude,
+    SampledOrbit,
+)
 from ..reading import Reading
-from .common import file_exists
+from .common import channel_of_kind, file_exists
 
 _UNIT_LENGTH_TOLERANCE = 1e-3
 
@@ -26,12 +34,29 @@ def check(reading: Reading, folder: Path) -> Iterator[Problem]:
     if isinstance(orbit, (CircularOrbit, KeplerianOrbit)) and not 0 <= orbit.inclination <= math.pi:
         found = f"{math.degrees(orbit.inclination):g} deg"
         yield Problem(("environment", "orbit", "inclination"), f"found {found}, expected 0 deg to 180 deg")
+    if isinstance(orbit, SampledOrbit):
+        yield from file_exists(folder, orbit.positions, "a path", ("environment", "orbit", "positions"))
+    here: Location = ("environment", "attitude")
+    if isinstance(attitude, AttitudeTimeline):
+        for name, kind in attitude.named.items():
+            yield from _check_attitude(kind, folder, (*here, "named", name))
+        for k, change in enumerate(attitude.timeline):
+            if not isinstance(change.attitude, str):
+                yield from _check_attitude(change.attitude, folder, (*here, "timeline", k, "attitude"))
+    else:
+        yield from _check_attitude(attitude, folder, here)
+    if environment.eclipse is not None:
+        place = ("environment", "eclipse", "measured_by")
+        yield from channel_of_kind(reading.blocks, environment.eclipse.measured_by, "status", place)
+        if orbit is None:
+            yield Problem(place, "found a measured eclipse without an 'orbit', expected one: sunlight follows from it")
+
+
+def _check_attitude(attitude: OneAttitude, folder: Path, here: Location) -> Iterator[Problem]:
     if isinstance(attitude, InertialAttitude):
         length = math.hypot(*attitude.inertial)
         if abs(length - 1) > _UNIT_LENGTH_TOLERANCE:
             message = f"found a quaternion of length {length:.4g}, expected length 1 (w, x, y, z)"
-            yield Problem(("environment", "attitude", "inertial"), message)
-    if isinstance(orbit, SampledOrbit):
-        yield from file_exists(folder, orbit.positions, "a path", ("environment", "orbit", "positions"))
+            yield Problem((*here, "inertial"), message)
     if isinstance(attitude, SampledAttitude):
-        yield from file_exists(folder, attitude.quaternions, "a path", ("environment", "attitude", "quaternions"))
+        yield from file_exists(folder, attitude.quaternions, "a path", (*here, "quaternions"))
