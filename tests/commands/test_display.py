@@ -149,7 +149,7 @@ def test_the_published_method_stands_beside_the_default():
     assert ["test", "rmse", "0.4 K", "0.3 K", "0.2 K"] in cells
     assert ["test", "picp", "-", "50.0%", "95.0%"] in cells
     assert ["test", "picp, least of a channel", "-", "40.0% battery", "85.0% battery"] in cells
-    assert lines[-1] == f"report: {Path('run/report.html')}"
+    assert lines[-1] == f"published method: {published.verdict.use} Its report: {Path('run/published/report.html')}"
 
 
 def test_what_a_window_has_that_was_not_trained_on_is_said_where_it_is_more_than_a_twentieth_of_it():
@@ -166,7 +166,7 @@ def test_what_a_window_has_that_was_not_trained_on_is_said_where_it_is_more_than
 def test_names_that_look_like_markup_are_shown_as_they_are(clock):
     folder = Path("q[/b]")
     assert f"report: {folder / 'report.html'}" in printed(print_summary, summary(folder))
-    assert any(f"its report: {folder}" in line for line in printed(print_beside, summary(folder), summary(folder)))
+    assert any(f"Its report: {folder}" in line for line in printed(print_beside, summary(folder), summary(folder)))
     written = StringIO()
     with display(Console(file=written, force_terminal=True, width=200)) as shown, shown.stage("a[/b]") as stage:
         stage.at(1.0, "half[/b]")

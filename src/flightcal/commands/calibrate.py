@@ -171,9 +171,9 @@ def demo(out: Annotated[Path, typer.Option(help="Folder for the run.")] = Path("
 
     with display() as progress:
         own, published = run_demo(out, progress=progress)
-    print_summary(own)
     if published is not None:
         print_beside(own, published)
+    print_summary(own)
     if own.interrupted or published is None or published.interrupted:
         raise typer.Exit(INTERRUPTED)
     raise typer.Exit(own.verdict.exit_code)

@@ -164,10 +164,8 @@ def print_beside(own: Summary, published: Summary, console: Console | None = Non
         worst = (_least_covered(of.metrics, method, window) for _, of, method in columns)
         table.add_row(window, "picp, least of a channel", *worst)
     console.print(table)
-    console.print("published method:", end="", highlight=False)
-    print_verdict(published.verdict.record, console)
-    console.print(f"its report: {published.report}", highlight=False, soft_wrap=True, markup=False)
-    console.print(f"report: {own.report}", highlight=False, soft_wrap=True, markup=False)
+    words = f"published method: {published.verdict.use} Its report: {published.report}"
+    console.print(words, highlight=False, soft_wrap=True, markup=False)
 
 
 def _least_covered(metrics: Sequence[Metric], method: str, window: str) -> str:
