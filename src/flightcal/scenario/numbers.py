@@ -219,7 +219,7 @@ def fields_in(section: str) -> list[str]:
 def _fields_of(prefix: str, block: Block, names: Iterable[str]) -> Iterator[tuple[str, Quantity, float]]:
     """What is written of a block's fields; text is the name of a channel that is measured."""
     for name in names:
-        value = getattr(block, name)
+        value = getattr(block, name, None)  # a heater may have no thresholds
         if value is not None and not isinstance(value, str):
             field = type(block).model_fields[name]
             kinds = [*field.metadata, *(item for part in get_args(field.annotation) for item in get_args(part))]

@@ -29,12 +29,15 @@ class Network:
     values: FloatArray
     """The numbers [V] as the scenario writes them, SI."""
     heaters: tuple[str, ...]
+    """Those with a thermostat [H]."""
     structure: Structure
     terms: Terms
     lagging: int = 0
     """How many of the states are sensors that follow their node with a lag."""
     heated: tuple[str, ...] = ()
     """Nodes into which heat may be injected that no block describes; of the input series the last, ``heat.<node>``."""
+    switched: Mapping[str, tuple[str, ...]] = field(default_factory=dict)
+    """Heaters without a thermostat, by the one that they are switched with."""
 
     @property
     def diffusive(self) -> IntArray:
@@ -124,8 +127,9 @@ def build_network(scenario: Scenario, heated: Sequence[str] = ()) -> Network:
             balance.add("forcing", state[load.node], column[f"driver.{name}"], 1.0, f"loads.{name}.coefficient")
     for name in heated:
         balance.add("forcing", state[name], column[f"heat.{name}"], 1.0)
-    for k, (name, heater) in enumerate(model.heaters.items()):
-        balance.add("heating", state[heater.node], k, 1.0, f"heaters.{name}.power")
+    for k, name in enumerate(model.switches):
+        for other, heater in model.on_switch(name).items():
+            balance.add("heating", state[heater.node], k, 1.0, f"heaters.{other}.power")
         balance.terms["lower"][k, 0].append((1.0, [positions[f"heaters.{name}.on_below"]]))
         balance.terms["upper"][k, 0].append((1.0, [positions[f"heaters.{name}.off_above"]]))
 
@@ -135,7 +139,7 @@ def build_network(scenario: Scenario, heated: Sequence[str] = ()) -> Network:
     structure, terms = canonical_form(
         balance.terms,
         mass,
-        [state[heater.sensor] for heater in model.heaters.values()],
+        [state[heater.sensor] for heater in model.switches.values()],
         len(positions),
         np.concatenate([initial[watched], initial]),
         list(capacities.values()),
@@ -145,11 +149,12 @@ def build_network(scenario: Scenario, heated: Sequence[str] = ()) -> Network:
         columns=columns,
         paths=tuple(positions),
         values=np.array([quantity.value for quantity in quantities.values()]),
-        heaters=tuple(model.heaters),
+        heaters=tuple(model.switches),
         structure=structure,
         terms=terms,
         lagging=len(lagging),
         heated=tuple(heated),
+        switched={name: tuple(other for other in model.on_switch(name) if other != name) for name in model.switches},
     )
 
 
