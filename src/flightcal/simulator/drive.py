@@ -182,6 +182,7 @@ def window_inputs(
         if isinstance(node.boundary, str):
             measured = driver_series(telemetry, node.boundary, times, fill="interpolate", period=period)
             series[f"temperature.{name}"] = measured
+            series[f"temperature2.{name}"] = measured**2
             series[f"temperature4.{name}"] = measured**4
     series |= {f"heat.{name}": np.zeros(len(points)) for name in network.heated}
     return Inputs(

@@ -3,12 +3,12 @@
 from __future__ import annotations
 
 from collections import defaultdict
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
 
 import numpy as np
 
-from ..scenario import Scenario, settable
+from ..scenario import Conductor, Node, Scenario, settable
 from .assembly import MOST_FACTORS, Terms, own_initial
 from .system import FloatArray, IntArray, Structure, elimination_order, make_structure
 
@@ -49,7 +49,7 @@ class Network:
         return self.paths.index(path)
 
 
-FIELDS = ("linear", "radiative", "forcing", "heating", "lower", "upper")
+FIELDS = ("linear", "radiative", "quadratic", "forcing", "heating", "lower", "upper")
 """Of a packed system, without the initial state."""
 
 
@@ -59,7 +59,7 @@ Term = tuple[float, Sequence[int]]
 
 @dataclass
 class _Balance:
-    """Collects the terms of A ("linear"), N ("radiative"), B ("forcing"), g ("heating") and the thresholds by entry."""
+    """Collects the terms by entry: A is "linear", N "radiative", Q "quadratic", B "forcing", g "heating"."""
 
     positions: dict[str, int]
     capacities: dict[int, int]
@@ -105,6 +105,7 @@ def build_network(scenario: Scenario, heated: Sequence[str] = ()) -> Network:
             for name, node in model.nodes.items()
             if isinstance(node.boundary, str)
         ),
+        *(f"temperature2.{name}" for name in dict.fromkeys(_measured_ends(scenario))),
         *(f"heat.{name}" for name in heated),
     )
     column = {name: k for k, name in enumerate(columns)}
@@ -190,6 +191,43 @@ def _add_conductors(balance: _Balance, scenario: Scenario, state: dict[str, int]
                 balance.add("forcing", state[here], column[f"{series}.{there}"], scale, path)
             else:
                 balance.add("forcing", state[here], column["one"], scale, path, *[f"nodes.{there}.boundary"] * power)
+            if conductor.conductance_slope is not None:
+                _add_slope(balance, conductor, (here, there), nodes, state, column)
+
+
+def _add_slope(
+    balance: _Balance,
+    conductor: Conductor,
+    ends: tuple[str, str],
+    nodes: Mapping[str, Node],
+    state: dict[str, int],
+    column: dict[str, int],
+) -> None:
+    """What a conductance that grows with the mean of its ends' temperatures adds to the heat into the first end:
+
+    G s ((Ti + Tj) / 2 - T0) (Tj - Ti) = G s (Tj^2 - Ti^2) / 2 - G s T0 (Tj - Ti).
+    """
+    here, there = ends
+    paths = [f"conductors.{conductor.label}.{number}" for number in ("conductance", "conductance_slope")]
+    for kind, series, power, factor in (
+        ("quadratic", "temperature2", 2, 0.5),
+        ("linear", "temperature", 1, -conductor.at),
+    ):
+        balance.add(kind, state[here], state[here], -factor, *paths)
+        if there in state:
+            balance.add(kind, state[here], state[there], factor, *paths)
+        elif isinstance(nodes[there].boundary, str):
+            balance.add("forcing", state[here], column[f"{series}.{there}"], factor, *paths)
+        else:
+            balance.add("forcing", state[here], column["one"], factor, *paths, *[f"nodes.{there}.boundary"] * power)
+
+
+def _measured_ends(scenario: Scenario) -> Iterator[str]:
+    """Nodes of measured temperature at conductors whose conductance depends on temperature."""
+    nodes = scenario.network.nodes
+    for conductor in scenario.network.conductors:
+        if conductor.conductance_slope is not None:
+            yield from (name for name in conductor.between if isinstance(nodes[name].boundary, str))
 
 
 def _add_faces(balance: _Balance, scenario: Scenario, state: dict[str, int], column: dict[str, int]) -> None:
@@ -241,7 +279,13 @@ def canonical_form(
                 table.append(chosen + [numbers] * (MOST_FACTORS - len(chosen)))
             number += 1
     structure = make_structure(
-        mass, entries["linear"], entries["radiative"], entries["forcing"], entries["heating"], sensors
+        mass,
+        entries["linear"],
+        entries["radiative"],
+        entries["quadratic"],
+        entries["forcing"],
+        entries["heating"],
+        sensors,
     )
     return structure, Terms(
         entry=np.array(entry, dtype=np.int64),

@@ -317,7 +317,7 @@ class NetworkSimulator:
         run = self._linearised(theta).integration
         at = locate(switches.time, self.drive.times)
         sensor = structure.sensor[switches.heater]
-        lower, upper = packed_bounds(structure)[3:5]
+        lower, upper = packed_bounds(structure)[4:6]
         threshold = np.where(switches.on > 0.5, lower, upper) + switches.heater
         left, right = run.states[at.point, sensor], run.states[at.point + 1, sensor]
 
