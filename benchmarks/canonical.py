@@ -52,7 +52,7 @@ class Canonical:
     def dense(self, theta: Any) -> tuple[Any, Any, Any, Any, Any, Any, Any]:
         """A, N [n, n], heat [K+1, n] on the drive's grid, g [H, n], lower, upper [H], x0 [n]; K and seconds."""
         system = self.system(theta)
-        A, N, B, g = dense(self.structure, system)
+        A, N, _, B, g = dense(self.structure, system)
         inputs = np.concatenate([self.drive.inputs[:1, 0], self.drive.inputs[:, 1]])
         heat = jnp.asarray(inputs[:, : B.shape[1]]) @ B.T
         return A, N, heat, g, system.lower, system.upper, system.initial

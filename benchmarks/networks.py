@@ -75,11 +75,12 @@ def _network(n: int, links: list[tuple[int, int]], heaters: int, orbits: int) ->
     times = np.linspace(0.0, orbits * ORBIT, round(orbits * ORBIT / STEP) + 1)
     sun = np.maximum(np.sin(2.0 * np.pi * times / ORBIT), 0.0)
     structure = make_structure(
-        np.ones(n), places, [(i, i) for i in range(n)], forcing, [(k, i) for k, i in enumerate(heated)], heated
+        np.ones(n), places, [(i, i) for i in range(n)], [], forcing, [(k, i) for k, i in enumerate(heated)], heated
     )
     system = System(
         linear=np.array([linear[entry] for entry in places]),
         radiative=np.full(n, -_SIGMA * _AREA / _CAPACITY),
+        quadratic=np.empty(0),
         forcing=np.array([watts[column] / _CAPACITY for _, column in forcing]),
         heating=np.full(len(heated), 12.0 / _CAPACITY),
         lower=np.full(len(heated), 283.15),

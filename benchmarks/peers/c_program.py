@@ -62,7 +62,7 @@ def forward(structure: Structure, system: System, drive: Drive) -> Callable[[], 
         structure.radiative_start, structure.radiative_column, structure.radiative_slot,
         structure.factor_start, structure.factor_column, structure.factor_diagonal,
         structure.forcing_row, structure.forcing_column, structure.heating_heater, structure.heating_row,
-        structure.sensor, *system, drive.times, inputs, drive.initially_on,
+        structure.sensor, system.linear, system.radiative, *system[3:], drive.times, inputs, drive.initially_on,
     ]  # fmt: skip
     kept = [
         np.ascontiguousarray(array, np.int64 if np.issubdtype(np.asarray(array).dtype, np.integer) else np.float64)

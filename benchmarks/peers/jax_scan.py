@@ -25,7 +25,7 @@ def rodas3_end_of_step(model: Canonical, substeps: int = 1) -> Callable[[Any], A
     mass = jnp.asarray(model.structure.mass)
 
     def advance(A: Any, N: Any, x: Any, h: Any, b0: Any, b1: Any) -> Any:
-        return oracle.rosenbrock_step(A, N, mass, x, h, b0, b1)
+        return oracle.rosenbrock_step(A, N, jnp.zeros_like(A), mass, x, h, b0, b1)
 
     return _end_of_step(model, advance, substeps)
 

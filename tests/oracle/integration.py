@@ -14,8 +14,8 @@ from .double import jax, jnp
 _LOCATION_ITERATIONS = 60
 
 
-def dense(structure: Structure, system: System) -> tuple[Any, Any, Any, Any]:
-    """A [n, n], N [n, n], B [n, q] and g [H, n] as dense arrays."""
+def dense(structure: Structure, system: System) -> tuple[Any, Any, Any, Any, Any]:
+    """A [n, n], N [n, n], Q [n, n], B [n, q] and g [H, n] as dense arrays."""
     n = len(structure.mass)
 
     def by_rows(start: Any, column: Any, values: Any) -> Any:
@@ -26,22 +26,23 @@ def dense(structure: Structure, system: System) -> tuple[Any, Any, Any, Any]:
     return (
         by_rows(structure.linear_start, structure.linear_column, system.linear),
         by_rows(structure.radiative_start, structure.radiative_column, system.radiative),
+        jnp.zeros((n, n)).at[structure.quadratic_row, structure.quadratic_column].set(system.quadratic),
         jnp.zeros((n, inputs)).at[structure.forcing_row, structure.forcing_column].set(system.forcing),
         jnp.zeros((len(structure.sensor), n)).at[structure.heating_heater, structure.heating_row].set(system.heating),
     )
 
 
-def rosenbrock_step(A: Any, N: Any, mass: Any, x: Any, h: Any, b0: Any, b1: Any) -> Any:
+def rosenbrock_step(A: Any, N: Any, Q: Any, mass: Any, x: Any, h: Any, b0: Any, b1: Any) -> Any:
     """One RODAS3 step of length h [s] from x [n], with all heat inputs b0 and b1 [n] at its ends (see `step`)."""
-    return _step_and_output(A, N, mass, x, h, b0, b1)[0]
+    return _step_and_output(A, N, Q, mass, x, h, b0, b1)[0]
 
 
-def _step_and_output(A: Any, N: Any, mass: Any, x: Any, h: Any, b0: Any, b1: Any) -> tuple[Any, Any]:
+def _step_and_output(A: Any, N: Any, Q: Any, mass: Any, x: Any, h: Any, b0: Any, b1: Any) -> tuple[Any, Any]:
     """The step's end [n], and what the dense output is made of (see `sampling`): [6, n] h f1 or
     what takes its place, h v, and k1 to k4."""
 
     def rate(state: Any, heat: Any) -> Any:
-        return A @ state + N @ state**4 + heat
+        return A @ state + Q @ state**2 + N @ state**4 + heat
 
     jacobian = jax.jacfwd(rate)(x, b0)
     # The inverse, and not factors: its derivative compiles faster.
@@ -71,7 +72,7 @@ def integrate(structure: Structure, system: System, drive: Drive, *, max_segment
 
 def _run(structure: Structure, system: System, drive: Drive, max_segments: int) -> tuple[Any, Any, Any]:
     """As `integrate`, and of every segment whether there is one, its start, length, end states, `_step_and_output`."""
-    A, N, B, g = dense(structure, system)
+    A, N, Q, B, g = dense(structure, system)
     mass = jnp.asarray(structure.mass)
     heat = jnp.asarray(drive.inputs[:, :, : B.shape[1]]) @ B.T
     durations = jnp.diff(jnp.asarray(drive.times))
@@ -87,10 +88,10 @@ def _run(structure: Structure, system: System, drive: Drive, max_segments: int) 
         b0 = start + slope * begin + u @ g
 
         def advance(length: Any) -> Any:
-            return rosenbrock_step(A, N, mass, x, length, b0, b0 + slope * length)
+            return rosenbrock_step(A, N, Q, mass, x, length, b0, b0 + slope * length)
 
         def segment_of(length: Any) -> Any:
-            x1, made_of = _step_and_output(A, N, mass, x, length, b0, b0 + slope * length)
+            x1, made_of = _step_and_output(A, N, Q, mass, x, length, b0, b0 + slope * length)
             return active, begin, length, x, x1, made_of
 
         x1 = advance(h)

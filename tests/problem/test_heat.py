@@ -212,7 +212,7 @@ def test_without_heaters_windows_are_sampled_as_they_are_and_no_switch_is_uncert
 def test_a_switch_of_a_heater_whose_node_has_no_heat_is_not_uncertain(tmp_path):
     problem = problem_of(tmp_path, written(windows=1, heat={"nodes": ["panel"]}))
     (window,) = sampled_windows(problem)
-    assert set(window.switching.node) == {"body"}
+    assert set(window.switching.heater) == {"heater"}
     model = model_of(problem)
     (own,) = [
         own for group, own in zip(model.groups, unit_heats(model, window), strict=True) if group.part == "switches"
@@ -394,9 +394,7 @@ def test_a_switch_is_uncertain_by_its_heaters_power_over_a_sampling_interval(pro
         switching, own = window.switching, units[window.name]
         assert len(switching.time) > 4
         assert len(own.node) == len(switching.time)
-        np.testing.assert_allclose(
-            energy(window, own.series), switching.power * switching.interval / np.sqrt(12.0), rtol=1e-9
-        )
+        np.testing.assert_allclose(energy(window, own.series), 30.0 * switching.interval / np.sqrt(12.0), rtol=1e-9)
         assert set(own.node) == {model.nodes.index("body")}
         assert not len(units[other.name].node)
 

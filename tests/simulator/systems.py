@@ -10,14 +10,15 @@ from flightcal.simulator.network import STEFAN_BOLTZMANN
 from flightcal.simulator.system import Drive, System, make_structure, unpack
 
 
-def from_dense(mass, A, N, B, g, sensor, lower, upper, initial):
-    """Structure and system of dense matrices; g is [H, n]."""
+def from_dense(mass, A, N, B, g, sensor, lower, upper, initial, Q=None):
+    """Structure and system of dense matrices; g is [H, n]; Q: none."""
+    Q = np.zeros_like(np.asarray(A, float)) if Q is None else Q
 
     def entries(matrix):
         return [(int(i), int(j)) for i, j in zip(*np.nonzero(matrix), strict=True)]
 
-    structure = make_structure(mass, entries(A), entries(N), entries(B), entries(g), sensor)
-    values = [np.ascontiguousarray(matrix[np.nonzero(matrix)], float) for matrix in (A, N, B, g)]
+    structure = make_structure(mass, entries(A), entries(N), entries(Q), entries(B), entries(g), sensor)
+    values = [np.ascontiguousarray(matrix[np.nonzero(matrix)], float) for matrix in (A, N, Q, B, g)]
     return structure, System(*values, np.asarray(lower, float), np.asarray(upper, float), np.asarray(initial, float))
 
 
@@ -63,8 +64,11 @@ def drive_of(times, inputs, heaters=0, measured=None):
     return Drive(times, np.stack([inputs[:-1], inputs[1:]], axis=1), measured, np.zeros(heaters))
 
 
-def random_system(seed, *, nodes=6, heaters=2, massless=1, steps=150, step=30.0, measured_heaters=0):
-    """A tree of nodes with radiation, sunlight that comes and goes, a jump of dissipation, and thermostats."""
+def random_system(seed, *, nodes=6, heaters=2, massless=1, steps=150, step=30.0, measured_heaters=0, slope=0.0):
+    """A tree of nodes with radiation, sunlight that comes and goes, a jump of dissipation, and thermostats.
+
+    slope: of the conductances, 1/K, around 270 K.
+    """
     rng = np.random.default_rng(seed)
     capacity = rng.uniform(300.0, 1500.0, nodes)
     mass = np.ones(nodes)
@@ -75,7 +79,7 @@ def random_system(seed, *, nodes=6, heaters=2, massless=1, steps=150, step=30.0,
         j = int(rng.integers(i + 1, nodes)) if i + 2 < nodes else i + 1
         linear[i, j] = linear[j, i] = rng.uniform(0.2, 3.0)
     radiative[0, -1] = radiative[-1, 0] = 0.02 * STEFAN_BOLTZMANN
-    A = linear - np.diag(linear.sum(axis=1))
+    A, Q = ((linear - np.diag(linear.sum(axis=1))) * factor for factor in (1.0 - 270.0 * slope, 0.5 * slope))
     N = radiative - np.diag(radiative.sum(axis=1) + rng.uniform(0.005, 0.03, nodes) * STEFAN_BOLTZMANN)
     times = np.linspace(0.0, steps * step, steps + 1)
     jump = steps // 3
@@ -92,7 +96,7 @@ def random_system(seed, *, nodes=6, heaters=2, massless=1, steps=150, step=30.0,
     scale = capacity[:, None]
     structure, system = from_dense(
         mass, A / scale, N / scale, B / scale, heating / capacity, range(heaters), lower, lower + 2.0,
-        np.full(nodes, 284.0) + rng.normal(size=nodes),
+        np.full(nodes, 284.0) + rng.normal(size=nodes), Q / scale,
     )  # fmt: skip
     return structure, system, drive_of(times, inputs, heaters, measured)
 

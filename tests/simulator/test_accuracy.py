@@ -69,7 +69,7 @@ def test_error_falls_with_the_third_power_of_the_step():
         times = np.linspace(0.0, 6000.0, steps + 1)
         inputs = np.stack([np.ones(steps + 1), times / 6000.0, times / 6000.0], axis=1)
         drive = drive_of(times, inputs)
-        A, N, B, _ = (np.array(matrix) for matrix in oracle.dense(structure, system))
+        A, N, _, B, _ = (np.array(matrix) for matrix in oracle.dense(structure, system))
 
         def rate(t, x, A=A, N=N, B=B):
             return A @ x + N @ x**4 + B @ [1.0, t / 6000.0, t / 6000.0]
@@ -86,7 +86,7 @@ def test_a_stiff_node_neither_blows_up_nor_needs_small_steps():
     structure, system, drive = linear_network(capacity, {(0, 1): 50.0}, [2.0, 0.0], [250.0, 300.0], times)
     states = integrate(structure, system, drive).states
     augmented = np.zeros((3, 3))
-    A, _, B, _ = oracle.dense(structure, system)
+    A, _, _, B, _ = oracle.dense(structure, system)
     augmented[:2, :2], augmented[:2, 2] = A, B[:, 0]
     expected = np.array([(expm(augmented * t) @ [250.0, 300.0, 1.0])[:2] for t in times])
     np.testing.assert_allclose(states[2:], expected[2:], atol=2e-3)
@@ -95,7 +95,7 @@ def test_a_stiff_node_neither_blows_up_nor_needs_small_steps():
 def test_a_massless_node_obeys_its_heat_balance_and_equals_the_limit_of_a_small_capacity():
     structure, system, drive = random_system(4, heaters=0, massless=1)
     x = integrate(structure, system, drive).states
-    A, N, B, _ = (np.array(matrix) for matrix in oracle.dense(structure, system))
+    A, N, _, B, _ = (np.array(matrix) for matrix in oracle.dense(structure, system))
     inputs = np.concatenate([drive.inputs[:1, 0], drive.inputs[:, 1]])
     balance = x @ A[-1] + x**4 @ N[-1] + inputs @ B[-1]
     jump = int(np.flatnonzero(np.diff(drive.times) == 0.0)[0])

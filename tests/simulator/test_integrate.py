@@ -18,11 +18,18 @@ CASES = {
     "one heater measured, two simulated": {"heaters": 3, "measured_heaters": 1, "seed": 3},
     "no heater": {"heaters": 0},
     "a larger tree": {"nodes": 14, "heaters": 2, "massless": 3},
+    "conductances with a slope": {"slope": 4e-3},
+    "conductances with a slope, one heater measured": {"slope": 3e-3, "heaters": 3, "measured_heaters": 1, "seed": 3},
 }
 
 
 # JAX compiles for several seconds, so half of them are slow tests.
-SLOW = ("two thermostats and a massless node", "three thermostats on ten nodes", "a larger tree")
+SLOW = (
+    "two thermostats and a massless node",
+    "conductances with a slope, one heater measured",
+    "three thermostats on ten nodes",
+    "a larger tree",
+)
 
 
 @pytest.mark.parametrize(
@@ -51,9 +58,13 @@ def test_states_and_gradient_equal_the_oracles(options):
             np.testing.assert_allclose(got, wanted, atol=1e-8 * scale, rtol=1e-8, err_msg=name)
 
 
-@pytest.mark.parametrize("field", ["linear", "radiative", "forcing", "heating", "lower", "upper", "initial"])
-def test_gradient_agrees_with_finite_differences_across_a_switch(field):
-    structure, system, drive = random_system(2)
+@pytest.mark.parametrize("slope", [0.0, 4e-3])
+@pytest.mark.parametrize(
+    "field", ["linear", "radiative", "quadratic", "forcing", "heating", "lower", "upper", "initial"]
+)
+def test_gradient_agrees_with_finite_differences_across_a_switch(field, slope):
+    # Seeds whose switches stay clear of the grid's points.
+    structure, system, drive = random_system(5 if slope else 2, slope=slope)
     run = integrate(structure, system, drive)
     assert len(run.switches.time) >= 4
     weights = np.random.default_rng(0).normal(size=run.states.shape)
@@ -71,7 +82,7 @@ def test_gradient_agrees_with_finite_differences_across_a_switch(field):
     assert got == pytest.approx(expected, rel=1e-5)
 
 
-@pytest.mark.parametrize("case", [{}, {"heaters": 3, "measured_heaters": 1, "seed": 3}])
+@pytest.mark.parametrize("case", [{}, {"slope": 4e-3, "seed": 5}, {"heaters": 3, "measured_heaters": 1, "seed": 3}])
 def test_the_derivative_of_switching_times_agrees_with_differences(case):
     """Of the times alone and with the states; differences of the fourth order along the gradient of each field."""
     structure, system, drive = random_system(**{"seed": 2, **case})
@@ -87,7 +98,8 @@ def test_the_derivative_of_switching_times_agrees_with_differences(case):
             return (moved.states * states_bar).sum() + moved.switches.time @ of_times
 
         gradient = run.pull_back(states_bar, of_times)
-        for field in ("linear", "radiative", "forcing", "heating", "lower", "upper", "initial"):
+        fields = [field for field in System._fields if np.size(getattr(system, field))]
+        for field in fields:
             value, slope = getattr(system, field), getattr(gradient, field)
             direction = np.sign(slope) * np.abs(value)
             found = (slope * direction).sum()

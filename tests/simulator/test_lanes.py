@@ -44,6 +44,7 @@ CASES = {
     "three thermostats on ten nodes": {"nodes": 10, "heaters": 3, "massless": 2},
     "one heater measured, two simulated": {"heaters": 3, "measured_heaters": 1, "seed": 3},
     "no heater": {"heaters": 0},
+    "conductances with a slope": {"slope": 4e-3},
 }
 
 

@@ -50,10 +50,10 @@ def rich():
 
 def net_heat(network, system, temperatures, inputs, heater):
     """W into each node: what the canonical form says, times the capacities."""
-    A, N, B, g = (np.array(matrix) for matrix in oracle.dense(network.structure, system))
+    A, N, Q, B, g = (np.array(matrix) for matrix in oracle.dense(network.structure, system))
     x = np.array([temperatures[node] for node in network.nodes])
     w = np.array([inputs.get(column, 0.0) for column in network.columns])[: B.shape[1]]
-    rate = A @ x + N @ x**4 + B @ w + heater * g[0]
+    rate = A @ x + Q @ x**2 + N @ x**4 + B @ w + heater * g[0]
     capacity = {"body": 3000.0, "panel": 800.0, "shell": 1.0}
     return {node: rate[k] * capacity[node] for k, node in enumerate(network.nodes)}
 

@@ -70,7 +70,7 @@ def test_inside_the_steps_the_error_falls_with_the_third_power_of_the_step_too()
     samples = np.linspace(0.0, 6000.0, 997)
     for steps in (20, 40, 80):
         structure, system, drive = warming(steps, massless=0)
-        A, N, B, _ = (np.array(matrix) for matrix in oracle.dense(structure, system))
+        A, N, _, B, _ = (np.array(matrix) for matrix in oracle.dense(structure, system))
 
         def rate(t, x, A=A, N=N, B=B):
             return A @ x + N @ x**4 + B @ [1.0, t / 6000.0, t / 6000.0]
@@ -110,11 +110,12 @@ CASES = {
     "one heater measured, two simulated": {"heaters": 3, "measured_heaters": 1, "seed": 3},
     "long steps": {"steps": 40, "step": 110.0, "seed": 2},
     "no heater": {"heaters": 0},
+    "conductances with a slope": {"slope": 4e-3, "massless": 0},
 }
 
 
 # JAX compiles for several seconds, so half of them are slow tests.
-SLOW = ("one heater measured, two simulated", "long steps")
+SLOW = ("one heater measured, two simulated", "long steps", "conductances with a slope")
 
 
 @pytest.mark.parametrize(
@@ -148,6 +149,26 @@ def test_what_sensors_say_and_its_derivative_are_the_oracles(options):
     wanted[2] *= sensors.moved
     np.testing.assert_allclose(run.errors_bar, wanted, rtol=1e-6, atol=1e-6)
     assert np.abs(run.errors_bar[2, sensors.moved]).min() > 1e-3
+
+
+def test_what_sensors_say_of_sloped_conductances_has_the_derivative_of_differences():
+    structure, system, drive = random_system(1, slope=4e-3, massless=0)
+    samples = np.random.default_rng(0).uniform(0.0, drive.times[-1], 100)
+    samples.sort()
+    sensors, weights = unmoved(0, 2, 4), np.random.default_rng(1).normal(size=(100, 3))
+    run = said(structure, system, drive, samples, sensors)
+    run.temperatures_bar[:] = weights
+    run.adjoint()
+    gradient = unpack(structure, run.packed_bar).quadratic
+    direction = np.sign(gradient) * np.abs(system.quadratic)
+
+    def objective(size):
+        moved = system._replace(quadratic=system.quadratic + size * direction)
+        return (said(structure, moved, drive, samples, sensors).outputs.temperatures[0] * weights).sum()
+
+    size = 1e-6
+    expected = (objective(size) - objective(-size)) / (2 * size)
+    assert gradient @ direction == pytest.approx(expected, rel=1e-6)
 
 
 def hump(upper):

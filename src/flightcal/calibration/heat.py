@@ -124,7 +124,7 @@ class _Search:
         self.noise, self.names = names, [*names, *scales]
         self.floor = _floors(windows)
         self.units = {window.name: unit_heats(model, window) for window in windows}
-        most = [max(len(own.node) for own in of_group) for of_group in zip(*self.units.values(), strict=True)]
+        most = [max(len(own.series) for own in of_group) for of_group in zip(*self.units.values(), strict=True)]
         self.group = np.repeat(np.arange(len(most)), most)
 
     # --- numbers ------------------------------------------------------------------------------------------------
@@ -223,7 +223,7 @@ class _Search:
 
     def _by_group(self, window: Window, weights: FloatArray) -> list[FloatArray]:
         """Weights of the functions that a window has."""
-        return [weights[self.group == g][: len(own.node)] for g, own in enumerate(self.units[window.name])]
+        return [weights[self.group == g][: len(own.series)] for g, own in enumerate(self.units[window.name])]
 
     def _of_errors(self) -> list[int]:
         """Groups that are the simulator's error."""

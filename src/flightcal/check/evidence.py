@@ -396,7 +396,7 @@ def thermostats(window: Window, rows: Rows) -> Iterator[Thermostat]:
     """Heaters of known thresholds whose sensor has a channel, and that switch on and off in a window."""
     scenario, channels = window.scenario, window.simulator.channels
     moved = {path for parameter in scenario.parameters.values() for path in (*parameter.sets, *parameter.scales)}
-    for k, (name, heater) in enumerate(scenario.network.heaters.items()):
+    for k, (name, heater) in enumerate(scenario.network.switches.items()):
         watching = [
             place
             for place, channel in enumerate(channels)

@@ -114,13 +114,13 @@ def prepared(scenario: Scenario, telemetry: xarray.Dataset) -> View | None:
     model = scenario.simulator
     if not isinstance(model, SimulatorModel) or model.reduced_model is not None or model.errors:
         return None
-    heaters = dict(model.heaters)
+    heaters = model.switches
     for name, heater in heaters.items():
         observing = [channel for channel, item in scenario.observations.items() if item.heater == name]
         channel = heater.measured_by or (observing[0] if observing else None)
         heaters[name] = heater.model_copy(update={"measured_by": channel})
     known = bool(heaters) and all(heater.measured_by is not None for heater in heaters.values())
-    update: dict[str, Any] = {"heaters": heaters, "heater_input": "measured"} if known else {}
+    update: dict[str, Any] = {"heaters": {**model.heaters, **heaters}, "heater_input": "measured"} if known else {}
     changed = scenario.model_copy(update={"simulator": model.model_copy(update=update), "heat": HEAT})
     name = scenario.train_windows[0]
     window = build_window(changed, telemetry, name)

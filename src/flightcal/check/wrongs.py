@@ -101,7 +101,7 @@ def driven(
         _replace(inputs, columns, fine, _modes(window.scenario, start, fine - modes), drive.times)
     if telemetry is not None:
         edges = start + np.round(1e9 * drive.times).astype("timedelta64[ns]")
-        blocks = window.scenario.network.heaters.values()
+        blocks = window.scenario.network.switches.values()
         measured = np.stack([status_fraction(telemetry, own.measured_by or "", edges) for own in blocks], axis=1)
     return replace(window, simulator=replace(simulator, drive=replace(drive, inputs=inputs, measured=measured)))
 
@@ -378,7 +378,7 @@ def channel_clocks(
 
 def _status_channels(view: View) -> dict[str, str]:
     """Heater -> channel of its status, of those that drive the simulation."""
-    heaters = view.window.scenario.network.heaters
+    heaters = view.window.scenario.network.switches
     known = {name: heater.measured_by or "" for name, heater in heaters.items()}
     return {name: c for name, c in known.items() if c and np.isfinite(view.telemetry[c].to_numpy()).any()}
 
@@ -425,9 +425,12 @@ def heaters(view: View) -> Iterator[Wrong]:
     """A heater has another power, or heats another node."""
     network = view.window.network
     assert network is not None
-    blocks = view.window.scenario.network.heaters
+    model = view.window.scenario.network
+    blocks = model.heaters
+    switch = {other: k for k, name in enumerate(network.heaters) for other in model.on_switch(name)}
     centre = view.centre(view.observed)
-    for k, (name, block) in enumerate(blocks.items()):
+    for name, block in blocks.items():
+        k = switch[name]
         if block.node not in view.heat.nodes or not _on(view, k).any():
             continue
         waves = _in_steps(view, block.power * _on(view, k))

@@ -29,6 +29,7 @@ from ..simulator import (
     face_series,
     march,
     step_size,
+    unpack,
 )
 from .onboard import Memory, OnboardSoftware, cycle, is_multiple, refuse_unknown, started
 
@@ -135,7 +136,7 @@ def fly(
     mode_columns = {
         mode: network.columns.index(f"mode.{mode}") for mode in software.enabled if f"mode.{mode}" in network.columns
     }
-    forcing = packed[len(structure.linear_column) + len(structure.radiative_column) :][: len(structure.forcing_row)]
+    forcing = unpack(structure, packed).forcing
     substeps = math.ceil(software.period / (scenario.network.step or software.period) - 1e-9)
     b0, b1, workspace = np.empty(len(mass)), np.empty(len(mass)), np.empty(step_size.py_func(structure))
     advance = march.row(MarchCall(structure, packed, x, b0, b1, software.period, substeps, workspace))

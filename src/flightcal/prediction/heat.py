@@ -17,6 +17,7 @@ from ..problem import (
     exact_heat,
     gaps_of,
     heat_of_weights,
+    heated_switches,
     knots_of,
     split,
     unit_heats,
@@ -83,7 +84,7 @@ class DrawnHeat:
         gaps = gaps_of(window)
         if window.bridged and gaps not in model.groups:
             model = replace(model, groups=(*model.groups, gaps))
-            weights.append(rng.standard_normal((len(self.usable), len(unit_heats(model, window)[-1].node))))
+            weights.append(rng.standard_normal((len(self.usable), len(unit_heats(model, window)[-1].series))))
         return HeatIn(model, tuple(weights))
 
 
@@ -146,7 +147,10 @@ def _shifts(model: HeatModel, window: Window, weights: Sequence[FloatArray]) -> 
     """[S, E] s by which each switch of a window's `switching` was later, or its heater longer on, of each draw."""
     for group, own in zip(model.groups, weights, strict=True):
         if group.part == "switches" and group.window == window.name and window.switching is not None:
-            return own * window.switching.interval / np.sqrt(12.0)
+            shifts = np.zeros((len(own), len(window.switching.interval)))
+            uncertain = np.array(heated_switches(model, window), np.int64)
+            shifts[:, uncertain] = own * window.switching.interval[uncertain] / np.sqrt(12.0)
+            return shifts
     return np.zeros((len(weights[0]), 0))
 
 

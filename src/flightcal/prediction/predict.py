@@ -188,7 +188,7 @@ def _of_duty(errors: WindowErrors | None, name: str, windows: int, *, heated: bo
 
 def _scatters(scenario: Scenario) -> bool:
     model = scenario.simulator
-    return isinstance(model, SimulatorModel) and any(heater.scatter for heater in model.heaters.values())
+    return isinstance(model, SimulatorModel) and any(heater.scatter for heater in model.switches.values())
 
 
 def _dataset(

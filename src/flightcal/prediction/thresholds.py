@@ -79,7 +79,7 @@ def draw_thresholds(
             return None
         runs = looking.simulate_many(theta[:, window.simulated], heat)
         seconds = looking.observation.times
-        for heater, block in enumerate(window.scenario.network.heaters.values()):
+        for heater, block in enumerate(window.scenario.network.switches.values()):
             for side, (written, sign) in enumerate(((block.on_below, 1.0), (block.off_above, -1.0))):
                 found = _switches(window, heater, shift, on=side == 0)
                 for s, run in enumerate(runs):
@@ -151,9 +151,9 @@ def _switches(window: Window, heater: int, shifts: FloatArray, *, on: bool) -> _
 def _when(window: Window, heater: int, middle: float, shifts: FloatArray, on: bool) -> FloatArray:
     """[S] s of a switch that telemetry places around `middle`."""
     assert window.switching is not None
-    node = list(window.scenario.network.heaters.values())[heater].node
-    for time, of, shift in zip(window.switching.time, window.switching.node, shifts.T, strict=False):
-        if of == node and np.isclose(time, middle):
+    name = window.simulator.heaters[heater]
+    for time, of, shift in zip(window.switching.time, window.switching.heater, shifts.T, strict=False):
+        if of == name and np.isclose(time, middle):
             return np.asarray(middle - shift if on else middle + shift)
     return np.full(len(shifts), middle)
 

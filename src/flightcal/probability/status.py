@@ -95,7 +95,7 @@ def heater_status(scenario: Scenario, telemetry: xarray.Dataset, start: np.datet
     }
     if not forms:
         return None
-    heaters = tuple(scenario.simulator.heaters)
+    heaters = tuple(scenario.simulator.switches)
     settings: list[float] = []
     priors: dict[str, Prior] = {}
     samples: list[tuple[int, int, FloatArray, FloatArray]] = []
@@ -134,7 +134,7 @@ def measured_switches(scenario: Scenario, telemetry: xarray.Dataset, start: np.d
     if not uncertain and all(item.likelihood is None for item in scenario.observations.values()):
         return None
     found = []
-    for heater, block in enumerate(model.heaters.values()):
+    for heater, block in enumerate(model.switches.values()):
         times, on = _samples(telemetry, block.measured_by or "", start)
         gaps = np.diff(times)
         changed = (np.diff(on) != 0.0) & (gaps < 1.5 * np.median(gaps)) if len(gaps) else np.empty(0, bool)

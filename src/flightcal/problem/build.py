@@ -133,9 +133,9 @@ def _bridged(
 
 def _switching(scenario: Scenario, telemetry: xarray.Dataset, start: np.datetime64) -> Switching:
     """When the heaters that are driven by their measured status switched in a window."""
-    found: list[tuple[float, float, float]] = []
-    nodes: list[str] = []
-    for heater in scenario.network.heaters.values():
+    found: list[tuple[float, float]] = []
+    heaters: list[str] = []
+    for name, heater in scenario.network.switches.items():
         values = telemetry[heater.measured_by or ""].values
         valid = np.isfinite(values)
         seconds = (telemetry["time"].values[valid] - start) / np.timedelta64(1, "ns") * 1e-9
@@ -143,17 +143,17 @@ def _switching(scenario: Scenario, telemetry: xarray.Dataset, start: np.datetime
         usual = float(np.median(gaps)) if len(gaps) else 0.0
         for k in np.flatnonzero(np.diff(values[valid] > 0.5)):
             interval = min(float(gaps[k]), usual)
-            found.append((float(seconds[k + 1]) - 0.5 * interval, interval, heater.power))
-            nodes.append(heater.node)
-    times, intervals, powers = np.array(found).reshape(-1, 3).T
-    return Switching(times, intervals, powers, tuple(nodes))
+            found.append((float(seconds[k + 1]) - 0.5 * interval, interval))
+            heaters.append(name)
+    times, intervals = np.array(found).reshape(-1, 2).T
+    return Switching(times, intervals, tuple(heaters))
 
 
 def _can_be_opened(scenario: Scenario) -> bool:
     """Whether the heaters act in closed loop, and all of them could be driven by their measured status instead."""
     if isinstance(scenario.simulator, ExternalModel):
         return False
-    heaters = scenario.simulator.heaters.values()
+    heaters = scenario.simulator.switches.values()
     measurable = bool(heaters) and all(heater.measured_by is not None for heater in heaters)
     return measurable and scenario.simulator.heater_input == "simulated"
 
@@ -189,7 +189,7 @@ def initial_temperatures(scenario: Scenario) -> dict[str, float | None]:
 
 def measured_status(scenario: Scenario, telemetry: xarray.Dataset) -> FloatArray:
     """Measured status [T, H] of the heaters, NaN where a heater has no status channel or no valid sample."""
-    heaters = tuple(scenario.simulator.heaters)
+    heaters = tuple(scenario.simulator.switches)
     status = np.full((telemetry.sizes["time"], len(heaters)), np.nan)
     for k, name in enumerate(heaters):
         for channel in status_channels(scenario, name)[:1]:

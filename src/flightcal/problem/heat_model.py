@@ -29,6 +29,7 @@ from .window import Course, Switching, Window
 
 _FINE = 20.0
 """s, how far apart functions of time are looked up at most often: linear in between."""
+_LEAST_POWER = 1e-9  # W
 _LOOKS = 20_000
 """In a window, at most so many."""
 _KNOTS = 3.0
@@ -302,17 +303,15 @@ def hold(window: Window, held: Held) -> Window:
     """A window in open loop whose heaters do what is held where their status is not known."""
     assert window.network is not None
     assert window.switching is not None
-    drive, heaters = window.network.drive, window.scenario.network.heaters
+    drive, heaters = window.network.drive, window.network.heaters
     measured = drive.measured.copy()
     for step, heater, share in held.shares:
         measured[step, heater] = share
     own = window.switching
-    blocks = [list(heaters.values())[heater] for _, heater, _ in held.switches]
     switching = Switching(
         np.concatenate([own.time, [time for time, _, _ in held.switches]]),
         np.concatenate([own.interval, [within for _, _, within in held.switches]]),
-        np.concatenate([own.power, [block.power for block in blocks]]),
-        (*own.node, *(block.node for block in blocks)),
+        (*own.heater, *(heaters[heater] for _, heater, _ in held.switches)),
     )
     simulator = replace(window.network, drive=replace(drive, measured=measured))
     return replace(window, simulator=simulator, switching=switching)
@@ -325,12 +324,17 @@ def hold(window: Window, held: Held) -> Window:
 class Units:
     """What a weight of one of f functions is: heat, or an error of the simulator, which no heat makes."""
 
-    node: IntArray
-    """[f] of the model's nodes; of errors -1."""
+    share: FloatArray
+    """[f, h] of the series that goes to each of the model's nodes; of errors nothing."""
     series: FloatArray
     """[f, 2 K] W, in each step of the window's integration (`in_steps`); of errors nothing."""
     error: FloatArray | None = None
     """[T, N, f] K; None: it is heat."""
+
+    @property
+    def node(self) -> IntArray:
+        """[f] of the model's nodes, the one that takes most; of errors -1."""
+        return np.where(self.share.any(axis=1), self.share.argmax(axis=1), -1)
 
 
 def unit_heats(model: HeatModel, window: Window) -> tuple[Units, ...]:
@@ -362,45 +366,71 @@ def unit_heats(model: HeatModel, window: Window) -> tuple[Units, ...]:
     for group in model.groups:
         if group.part in in_all:
             series = in_all[group.part]
-            found.append(Units(np.full(len(series), group.node), series))
+            found.append(Units(_one_node(model, [group.node] * len(series)), series))
         elif group.part == "gains":
             place = {name: k for k, name in enumerate(window.network.network.columns)}
             flows = [
                 sum(watts * drive.series[place[column]] for column, watts in zip(g.columns, g.watts, strict=True))
                 for g in model.gains
             ]
-            found.append(Units(np.array([gain.node for gain in model.gains]), np.stack(flows)))
+            found.append(Units(_one_node(model, [gain.node for gain in model.gains]), np.stack(flows)))
         elif group.part == "gaps":
             found.append(_gap_heats(model, window, group.window == window.name))
         elif group.part == "error":
-            found.append(_errors(window, group.window == window.name))
+            found.append(_errors(model, window, group.window == window.name))
         else:
             found.append(_switch_heats(model, window, group.window == window.name))
     return tuple(found)
 
 
+def _one_node(model: HeatModel, node: Sequence[int]) -> FloatArray:
+    """Shares [f, h] of functions that have one node each."""
+    return np.eye(len(model.nodes))[np.array(node, np.int64)]
+
+
 def _on_grid(times: FloatArray, values: FloatArray, grid: FloatArray) -> FloatArray:
     """[f, 2 K]"""
-    return np.ascontiguousarray(np.moveaxis(in_steps(times, values, grid), 1, 2)).reshape(len(values), -1)
+    in_order = np.ascontiguousarray(np.moveaxis(in_steps(times, values, grid), 1, 2))
+    return in_order.reshape(len(values), 2 * (len(grid) - 1))
 
 
 def _switch_heats(model: HeatModel, window: Window, own: bool) -> Units:
-    """What a shift of each switch by its deviation adds: its heater's power for that time, around the switch."""
+    """What a shift of each switch by its deviation adds: the power of its heaters for that time, around the switch."""
     assert window.network is not None
     switching, grid = window.switching, window.network.drive.times
-    if switching is None or not own:
-        return Units(np.empty(0, np.int64), np.empty((0, 2 * (len(grid) - 1))))
-    series, node = [], []
-    moments = switching.time, switching.interval, switching.power, switching.node
-    for time, interval, power, name in zip(*moments, strict=True):
-        if name not in model.nodes:
-            continue
-        node.append(model.nodes.index(name))
+    shares, series = [np.empty((0, len(model.nodes)))], [np.empty((0, 2 * (len(grid) - 1)))]
+    for k in heated_switches(model, window) if own else ():
+        assert switching is not None
+        watts = _watts(model, window, switching.heater[k])
+        power = max(watts.sum(), _LEAST_POWER)
+        time, interval = switching.time[k], switching.interval[k]
         edges = np.clip([time - 0.5 * interval, time + 0.5 * interval], grid[0], grid[-1])
         inside = np.diff(np.clip(grid, *edges)) / np.diff(grid).clip(1e-9)
         # Energy: power times the shift's deviation, interval / sqrt(12), spread over the interval.
-        series.append(np.repeat(power / np.sqrt(12.0) * inside, 2))
-    return Units(np.array(node, np.int64), np.reshape(series, (-1, 2 * (len(grid) - 1))))
+        series.append(np.repeat(power / np.sqrt(12.0) * inside, 2)[None])
+        shares.append(watts[None] / power)
+    return Units(np.concatenate(shares), np.concatenate(series))
+
+
+def heated_switches(model: HeatModel, window: Window) -> tuple[int, ...]:
+    """Which of a window's switches [E] put heat into nodes of the model."""
+    if window.switching is None:
+        return ()
+    heated = {name for name in set(window.switching.heater) if _heats(model, window, name)}
+    return tuple(k for k, name in enumerate(window.switching.heater) if name in heated)
+
+
+def _heats(model: HeatModel, window: Window, heater: str) -> bool:
+    return any(own.node in model.nodes for own in window.scenario.network.on_switch(heater).values())
+
+
+def _watts(model: HeatModel, window: Window, heater: str) -> FloatArray:
+    """[h] W into each of the model's nodes while a heater is on, as the scenario writes it."""
+    watts = np.zeros(len(model.nodes))
+    for own in window.scenario.network.on_switch(heater).values():
+        if own.node in model.nodes:
+            watts[model.nodes.index(own.node)] += own.power
+    return watts
 
 
 def _gap_heats(model: HeatModel, window: Window, own: bool) -> Units:
@@ -419,17 +449,17 @@ def _gap_heats(model: HeatModel, window: Window, own: bool) -> Units:
                 found.append((watts * (end - begin), gain.node, np.repeat(watts * inside, 2)))
     found = sorted(found, key=lambda piece: -piece[0])[:_MOST_PIECES]
     series = np.reshape([piece[2] for piece in found], (-1, 2 * (len(grid) - 1)))
-    return Units(np.array([piece[1] for piece in found], np.int64), series)
+    return Units(_one_node(model, [piece[1] for piece in found]), series)
 
 
-def _errors(window: Window, own: bool) -> Units:
+def _errors(model: HeatModel, window: Window, own: bool) -> Units:
     """The shapes of the simulator's error, each of its prior size."""
     assert window.network is not None
     basis, variance = window.network.error_basis, window.network.error_variance
     if basis is None or not own:
         basis, variance = np.empty((*window.observed.shape, 0)), np.empty(0)
     series = np.zeros((len(variance), 2 * (len(window.network.drive.times) - 1)))
-    return Units(np.full(len(variance), -1), series, basis * np.sqrt(variance))
+    return Units(np.zeros((len(variance), len(model.nodes))), series, basis * np.sqrt(variance))
 
 
 def errors_of_weights(units: Sequence[Units], weights: Sequence[FloatArray]) -> FloatArray | float:
@@ -437,7 +467,7 @@ def errors_of_weights(units: Sequence[Units], weights: Sequence[FloatArray]) -> 
     found: FloatArray | float = 0.0
     for own, of_group in zip(units, weights, strict=True):
         if own.error is not None:
-            found = found + np.einsum("tnf,...f->...tn", own.error, of_group[..., : len(own.node)])
+            found = found + np.einsum("tnf,...f->...tn", own.error, of_group[..., : len(own.series)])
     return found
 
 
@@ -446,9 +476,9 @@ def heat_of_weights(model: HeatModel, units: Sequence[Units], weights: Sequence[
     leading = weights[0].shape[:-1]
     heat = np.zeros((*leading, len(model.nodes), units[0].series.shape[1]))
     for own, of_group in zip(units, weights, strict=True):
-        for node in np.unique(own.node[own.node >= 0]):
-            here = np.flatnonzero(own.node == node)
-            heat[..., node, :] += of_group[..., here] @ own.series[here]
+        for node in np.flatnonzero(own.share.any(axis=0)):
+            here = np.flatnonzero(own.share[:, node])
+            heat[..., node, :] += (of_group[..., here] * own.share[here, node]) @ own.series[here]
     return heat
 
 
@@ -485,14 +515,15 @@ def responses(window: Window, theta: FloatArray, model: HeatModel, units: Sequen
     """
     assert window.network is not None
     series = np.concatenate([own.series for own in units])
-    node = np.concatenate([own.node for own in units])
-    largest = np.abs(series).max(axis=1, initial=0.0)
-    nudge = np.where(largest > 0.0, _NUDGE * model.flow[node] / np.where(largest > 0.0, largest, 1.0), 0.0)
+    share = np.concatenate([own.share for own in units])
+    # Of the node whose flow it changes most.
+    largest = np.abs(series).max(axis=1, initial=0.0) * (share / model.flow).max(axis=1)
+    nudge = np.where(largest > 0.0, _NUDGE / np.where(largest > 0.0, largest, 1.0), 0.0)
     moved = np.flatnonzero(nudge > 0.0)
     heat = np.zeros((2 * len(moved), len(model.nodes), series.shape[1]))
     for row, f in enumerate(moved):
-        heat[row, node[f]] = nudge[f] * series[f]
-        heat[len(moved) + row, node[f]] = -nudge[f] * series[f]
+        heat[row] = nudge[f] * share[f, :, None] * series[f]
+        heat[len(moved) + row] = -heat[row]
     runs = window.network.simulate_many(np.tile(theta[window.simulated], (len(heat), 1)), heat)
     response = np.zeros((*window.observed.shape, len(series)))
     for row, f in enumerate(moved):
@@ -500,5 +531,5 @@ def responses(window: Window, theta: FloatArray, model: HeatModel, units: Sequen
         if above is None or below is None:
             raise SimulationFailure("a simulation with a little more heat fails")
         response[..., f] = (above.temperatures - below.temperatures) / (2.0 * nudge[f])
-    found = np.split(response, np.cumsum([len(own.node) for own in units])[:-1], axis=2)
+    found = np.split(response, np.cumsum([len(own.series) for own in units])[:-1], axis=2)
     return [of_heat if own.error is None else own.error for own, of_heat in zip(units, found, strict=True)]

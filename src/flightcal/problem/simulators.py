@@ -25,7 +25,7 @@ def heated_nodes(scenario: Scenario) -> tuple[str, ...]:
         return tuple(name for name, node in model.nodes.items() if node.capacity is not None)
     # The telemetry tells little of the others.
     known = [item.node for item in scenario.observations.values()]
-    known += [name for heater in model.heaters.values() for name in (heater.node, heater.sensor)]
+    known += [name for heater in model.switches.values() for name in (heater.node, heater.sensor)]
     return tuple(name for name in dict.fromkeys(known) if name in model.full_nodes)
 
 

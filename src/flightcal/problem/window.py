@@ -47,10 +47,8 @@ class Switching:
     """[E] s from the window's start, midway."""
     interval: FloatArray
     """[E] s, between the samples."""
-    power: FloatArray
-    """[E] W of the heater, as the scenario writes it."""
-    node: tuple[str, ...]
-    """[E] that it heats."""
+    heater: tuple[str, ...]
+    """[E] that has switched, and with it those that are switched with it."""
 
 
 @dataclass(frozen=True)

@@ -60,7 +60,7 @@ def measure_speed(task: Task, reduced: Reduced) -> Speed:
 
 def certificate(task: Task, reduced: Reduced, speed: Speed) -> dict[str, Any]:
     """The certificate as plain values for JSON: kelvin, seconds, shares."""
-    channels, heaters = tuple(task.scenario.observations), tuple(task.scenario.network.heaters)
+    channels, heaters = tuple(task.scenario.observations), tuple(task.scenario.network.switches)
     reduction = task.reduction
     absolute = np.concatenate([np.abs(item.temperatures).reshape(-1, len(channels)) for item in reduced.held_out])
     duty = np.concatenate([np.abs(item.duty) for item in reduced.held_out])

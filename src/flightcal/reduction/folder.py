@@ -80,7 +80,7 @@ def _scenario_text(task: Task, reduced: Reduced, path: Path, out: Path) -> str:
     statuses = {f"{name}_status": f"heater.{name}" for name in model.heaters}
     channels |= {name: Channel.model_construct(column=(column,), kind="status") for name, column in statuses.items()}
     heaters = {
-        name: heater.model_copy(update={"measured_by": f"{name}_status"}) for name, heater in model.heaters.items()
+        name: heater.model_copy(update={"measured_by": f"{name}_status"}) for name, heater in model.switches.items()
     }
     thermistors = task.mission.spacecraft.thermistors
     observations = {

@@ -169,7 +169,7 @@ def project(
     for p, matrix in affine.matrices["radiative"].items():
         by_followers = np.hstack([np.zeros((test.shape[1], len(place))), test.T @ (matrix @ followed)])
         linear[p] = linear.get(p, 0.0) + by_followers
-    heaters = scenario.network.heaters
+    heaters = scenario.network.switches
     return ReducedModel(
         states=chosen[:slow],
         settled=chosen[slow:],

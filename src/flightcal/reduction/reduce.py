@@ -81,14 +81,14 @@ def _judged(task: Task, errors: Sequence[Errors]) -> float:
 
 def _own_nodes(task: Task) -> list[str]:
     """Nodes that are to be states of any reduced model: of thermostats, then of sensors."""
-    watched = [heater.sensor for heater in task.scenario.network.heaters.values()]
+    watched = [heater.sensor for heater in task.scenario.network.switches.values()]
     observed = [item.node or "" for item in task.scenario.observations.values()]
     return list(dict.fromkeys([*watched, *observed]))
 
 
 def _sizes(task: Task, network: Network) -> Sequence[int]:
     """Numbers of states that are tried, in this order."""
-    heaters = {heater.sensor for heater in task.scenario.network.heaters.values()}
+    heaters = {heater.sensor for heater in task.scenario.network.switches.values()}
     settings = task.reduction.projection
     highest = settings.most_states if settings.states is None else settings.states
     highest = min(highest, len(network.diffusive))

@@ -44,7 +44,7 @@ def simulator_block(full: SimulatorModel, model: ReducedModel, step: float | Non
     heaters = {
         # Where its heat goes is in the model's matrices; its node is one of the full network.
         name: heater.model_copy(update={"node": plain(heater.node), "sensor": plain(heater.sensor)})
-        for name, heater in full.heaters.items()
+        for name, heater in full.switches.items()
     }
     return full.model_copy(
         update={

@@ -55,6 +55,7 @@ from .network import (
     ReducedNumber,
     SimulatorError,
     SimulatorModel,
+    SwitchedHeater,
 )
 from .numbers import Numbers, Settable, load_driver, numbers_of, settable
 from .parameters import read_parameters, set_twice
@@ -164,6 +165,7 @@ __all__ = [
     "SimulatorModel",
     "SpinningAttitude",
     "SwitchTimes",
+    "SwitchedHeater",
     "TelemetryFile",
     "Temperature",
     "Time",

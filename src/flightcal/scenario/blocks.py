@@ -13,7 +13,7 @@ from .environment import Environment
 from .external import ExternalHeater, ExternalModel, Input, Output, kind_of_simulator
 from .fields import reader_of
 from .heat import Heat
-from .network import Conductor, Face, Heater, Load, ModeChange, Node, ReducedNumber, SimulatorModel
+from .network import Conductor, Face, Heater, Load, ModeChange, Node, ReducedNumber, SimulatorModel, SwitchedHeater
 from .residuals import Discrepancy, Noise
 from .schema import Channel, Observation, Packet, Parameter, Scenario
 from .windows import Window
@@ -50,7 +50,7 @@ class Blocks:
     nodes: Mapping[str, Node | None]
     conductors: tuple[Conductor | None, ...]
     faces: Mapping[str, Face | None]
-    heaters: Mapping[str, Heater | None]
+    heaters: Mapping[str, Heater | SwitchedHeater | None]
     heater_input: Any
     modes: Mapping[str, Mapping[str, float] | None]
     timeline: tuple[ModeChange | None, ...]

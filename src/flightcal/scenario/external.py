@@ -86,6 +86,11 @@ class ExternalModel(Block):
     retries: Annotated[Count, Field(ge=0, le=100)] = 0
     """So often is a run tried again that crashed, timed out, stopped half-way or found no server."""
 
+    @property
+    def switches(self) -> dict[str, ExternalHeater]:
+        """The heaters; a thermal network may have some that share a switch."""
+        return self.heaters
+
 
 # --- the kinds -------------------------------------------------------------------------------------------------
 

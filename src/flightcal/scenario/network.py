@@ -14,6 +14,7 @@ from .fields import (
     Flag,
     Marker,
     Number,
+    OneOf,
     Pair,
     Time,
     exactly_one,
@@ -55,10 +56,18 @@ class Conductor(Block):
     name: str | None = None
     """null: ``first-second``."""
     conductance: Annotated[float, Quantity("W/K", at_least=0, believable=1e6)] | None = None
+    conductance_slope: Annotated[float, Quantity("1/K", believable=0.1)] | None = None
+    """Share by which the conductance grows with each kelvin of the mean temperature of its ends; null: it does not."""
+    at: Temperature = 293.15
+    """Mean temperature of the ends at which the conductance is what is written; by default 20 degC."""
     radiative: Annotated[float, Quantity("m^2", at_least=0, believable=1e6)] | None = None
 
     @model_validator(mode="after")
     def _one_law(self) -> Conductor:
+        if self.conductance_slope is None and "at" in self.model_fields_set and self.at is not None:
+            raise ValueError("found 'at' without 'conductance_slope', expected both or none")
+        if self.conductance_slope is not None and self.conductance is None:
+            raise ValueError("found 'conductance_slope' without 'conductance', expected both")
         expected = "exactly one of 'conductance' (W/K) and 'radiative' (m^2)"
         return exactly_one(self, ("conductance", "radiative"), expected)
 
@@ -83,6 +92,21 @@ class Heater(Block):
     initially_on: Flag = False
     measured_by: str | None = None
     """Status channel: it gives the state at the window's start, and the input in open loop."""
+
+
+class SwitchedHeater(Block):
+    """A heater without a thermostat of its own: the switch of another heater turns it on and off."""
+
+    node: str
+    power: Annotated[float, Quantity("W", at_least=0, believable=STRONGEST)]
+    switched_with: str
+    """The heater whose thermostat, or measured status, it follows."""
+
+
+AnyHeater = Annotated[
+    Heater | SwitchedHeater,
+    OneOf(lambda value: SwitchedHeater if isinstance(value, dict) and "switched_with" in value else Heater, "a heater"),
+]
 
 
 class NodePowers(dict[str, float]):
@@ -173,7 +197,7 @@ class SimulatorModel(Block):
     nodes: dict[str, Node] = Field(min_length=1)
     conductors: tuple[Conductor, ...] = ()
     faces: dict[str, Face] = Field(default_factory=dict)
-    heaters: dict[str, Heater] = Field(default_factory=dict)
+    heaters: dict[str, AnyHeater] = Field(default_factory=dict)
     heater_input: Literal["simulated", "measured"] = "simulated"
     """simulated: thermostats act (closed loop); measured: status channels drive the heaters (open loop)."""
     modes: dict[str, Powers] = Field(default_factory=dict)
@@ -182,3 +206,16 @@ class SimulatorModel(Block):
     timeline_file: FileName | None = None
     """CSV file with columns at (UTC) and mode, in the place of `timeline`: a row for each change, or each sample."""
     loads: dict[str, Load] = Field(default_factory=dict)
+
+    @property
+    def switches(self) -> dict[str, Heater]:
+        """The heaters that have a thermostat: status, duty cycle and energy are by these."""
+        return {name: heater for name, heater in self.heaters.items() if isinstance(heater, Heater)}
+
+    def on_switch(self, name: str) -> dict[str, Heater | SwitchedHeater]:
+        """The heater of this name, and those that are switched with it."""
+        return {
+            other: heater
+            for other, heater in self.heaters.items()
+            if other == name or (isinstance(heater, SwitchedHeater) and heater.switched_with == name)
+        }

@@ -102,7 +102,7 @@ def _pairs(pairs: list[tuple[int, int]]) -> IntArray:
 _NETWORK: tuple[tuple[str, tuple[str, ...]], ...] = (
     ("nodes", ("capacity",)),
     ("nodes", ("boundary",)),
-    ("conductors", ("conductance",)),
+    ("conductors", ("conductance", "conductance_slope")),
     ("conductors", ("radiative",)),
     ("faces", ("area", "absorptivity", "emissivity")),
     ("heaters", ("power", "on_below", "off_above")),
@@ -127,8 +127,9 @@ def settable(scenario: Scenario) -> dict[str, Settable]:
     """Dotted path -> number, for every number that a parameter may set or scale, in a fixed order.
 
     nodes.<n>.capacity; nodes.<n>.boundary (fixed ones; initial temperatures are always estimated, see InitialState);
-    conductors.<label>.conductance; conductors.<label>.radiative; faces.<f>.area, absorptivity, emissivity (of a reduced
-    order model reduced.<parameter> instead of these); heaters.<h>.power, on_below, off_above; modes.<mode>.<node>;
+    conductors.<label>.conductance and, where it is written, conductance_slope; conductors.<label>.radiative;
+    faces.<f>.area, absorptivity, emissivity (of a reduced order model reduced.<parameter> instead of these);
+    heaters.<h>.power, on_below, off_above; modes.<mode>.<node>;
     loads.<l>.coefficient (W per SI unit of the driver); environment.albedo, earth_infrared, solar_constant and, where
     it is written, environment.attitude_offset.x, y, z; of an external simulator
     inputs.<n> (but initial temperatures) instead of all these; observations.<channel>.bias (temperatures), and of a
@@ -219,7 +220,7 @@ def fields_in(section: str) -> list[str]:
 def _fields_of(prefix: str, block: Block, names: Iterable[str]) -> Iterator[tuple[str, Quantity, float]]:
     """What is written of a block's fields; text is the name of a channel that is measured."""
     for name in names:
-        value = getattr(block, name)
+        value = getattr(block, name, None)  # a heater may have no thresholds
         if value is not None and not isinstance(value, str):
             field = type(block).model_fields[name]
             kinds = [*field.metadata, *(item for part in get_args(field.annotation) for item in get_args(part))]

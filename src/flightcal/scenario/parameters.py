@@ -7,6 +7,7 @@ from typing import Any
 
 from .blocks import Blocks, read_block
 from .document import Location, Problem
+from .network import SwitchedHeater
 from .numbers import Settable, fields_in
 from .priors import Normal
 from .schema import Parameter, is_difference
@@ -125,7 +126,8 @@ def _unknown_path(path: str, numbers: Mapping[str, Settable], blocks: Blocks) ->
     if section == "nodes" and name in names and field == "initial":
         wanted = "another number: every window's initial temperatures are estimated, 'initial_state' is their prior"
         return f"found {path!r}, expected {wanted}"
-    if name in names and field in fields_in(section):
+    has_thermostat = section != "heaters" or not isinstance(blocks.heaters.get(name), SwitchedHeater)
+    if name in names and field in fields_in(section) and has_thermostat:
         wanted = f"a number that stands in the scenario: write {field!r} in {section}.{name} first"
         return f"found {path!r}, expected {wanted}"
     if section == "environment" and name == "attitude_offset" and field in ("x", "y", "z"):

@@ -17,7 +17,7 @@ from .environment import Environment
 from .external import KINDS, WrittenHeater, WrittenInput, WrittenOutput, is_external, kind_of_simulator
 from .fields import FileNames, keys_of
 from .heat import Heat, WrittenHeat
-from .network import Conductor, Face, Heater, Load, ModeChange, Node, Powers, ReducedNumber, SimulatorModel
+from .network import AnyHeater, Conductor, Face, Load, ModeChange, Node, Powers, ReducedNumber, SimulatorModel
 from .numbers import Settable, settable_of
 from .parameters import read_parameters
 from .reduced import fill_in
@@ -31,7 +31,7 @@ from .wording import UNREADABLE, unknown_key
 _ENTRIES: dict[str, Any] = {
     "nodes": Node,
     "faces": Face,
-    "heaters": Heater,
+    "heaters": AnyHeater,
     "modes": Powers,
     "loads": Load,
     "reduced_numbers": ReducedNumber,

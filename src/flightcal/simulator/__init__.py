@@ -16,7 +16,7 @@ from .network import DEEP_SPACE, FIELDS, STEFAN_BOLTZMANN, Network, Term, build_
 from .sampling import Observation, Sensors
 from .simulate import SCATTERED, NetworkSimulator, Simulator, Trajectory, network_simulator, open_loop
 from .steps import Accuracy
-from .system import Drive, FloatArray, IntArray, Structure, Switch, System
+from .system import Drive, FloatArray, IntArray, Structure, Switch, System, unpack
 
 __all__ = [
     "DEEP_SPACE",
@@ -59,4 +59,5 @@ __all__ = [
     "open_loop",
     "own_initial",
     "step_size",
+    "unpack",
 ]

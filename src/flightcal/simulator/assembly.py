@@ -1,6 +1,6 @@
 """From theta to the entries of the canonical form, and back for the derivative.
 
-A parameter sets or scales some of the scenario's numbers. Every entry of A, N, B and g is a sum of terms, each a
+A parameter sets or scales some of the scenario's numbers. Every entry of A, Q, N, B and g is a sum of terms, each a
 constant times a product of at most six numbers (or the reciprocal of a capacity): absorptivity x area / capacity, say.
 So two tables are the whole assembly, its derivative follows from the product rule, and any number of the scenario can
 be a parameter.
@@ -22,7 +22,7 @@ class Terms(NamedTuple):
     """Entry [t] += constant [t] x product of the numbers at factors [t, 6].
 
     Positions refer to the scenario's V numbers, followed by a one and by the reciprocals of the numbers at `inverse`.
-    Entries are numbered through A, N, B, g and the heaters' lower and upper thresholds, as in a packed system.
+    Entries are numbered through A, N, Q, B, g and the heaters' lower and upper thresholds, as in a packed system.
     """
 
     entry: IntArray

@@ -184,6 +184,7 @@ def window_inputs(
         if isinstance(node.boundary, str):
             measured = driver_series(telemetry, node.boundary, times, fill="interpolate", period=period)
             series[f"temperature.{name}"] = measured
+            series[f"temperature2.{name}"] = measured**2
             series[f"temperature4.{name}"] = measured**4
     series |= {f"heat.{name}": np.zeros(len(points)) for name in network.heated}
     return Inputs(
@@ -305,17 +306,17 @@ def _driving(scenario: Scenario) -> list[str]:
     """Channels of the measured status that drives the heaters."""
     if scenario.network.heater_input != "measured":
         return []
-    for name, heater in scenario.network.heaters.items():
+    for name, heater in scenario.network.switches.items():
         if heater.measured_by is None:
             raise TelemetryError(
                 f"heater '{name}' is to be driven by its measured status, but has no 'measured_by' channel"
             )
-    return [heater.measured_by or "" for heater in scenario.network.heaters.values()]
+    return [heater.measured_by or "" for heater in scenario.network.switches.values()]
 
 
 def _measured_heaters(scenario: Scenario, telemetry: xarray.Dataset, times: Times) -> FloatArray:
     """[M - 1, H] between `times` [M], see `Inputs`."""
-    measured = np.full((len(times) - 1, len(scenario.network.heaters)), np.nan)
+    measured = np.full((len(times) - 1, len(scenario.network.switches)), np.nan)
     # Nothing has a share of a jump's two times.
     lasting = np.diff(times) > np.timedelta64(0, "ns")
     edges = times[np.concatenate([[True], lasting])]
@@ -332,7 +333,7 @@ def _initial_status(scenario: Scenario, telemetry: xarray.Dataset, start: np.dat
     """
     state = []
     latest = start + np.timedelta64(round(scenario.calibration.prediction.initial_span * 1e9), "ns")
-    for heater in scenario.network.heaters.values():
+    for heater in scenario.network.switches.values():
         state.append(float(heater.initially_on))
         if heater.measured_by is not None:
             valid = telemetry[heater.measured_by].sel(time=slice(None, latest)).dropna("time")

@@ -50,6 +50,11 @@ def flow_through(
                 rest += entries[p] * x[:, i] ** power
                 if j != i:
                     flows.append(entries[p] * (x[:, j] ** power - x[:, i] ** power))
+        for p in np.flatnonzero(structure.quadratic_row == i).tolist():
+            j = int(structure.quadratic_column[p])
+            rest += system.quadratic[p] * x[:, i] ** 2
+            if j != i:
+                flows.append(system.quadratic[p] * (x[:, j] ** 2 - x[:, i] ** 2))
         for p in np.flatnonzero(structure.heating_row == i).tolist():
             flows.append(system.heating[p] * status[:, structure.heating_heater[p]])
         for flow in _from_boundaries(scenario, simulator, name, numbers, x[:, i], inputs):
@@ -86,6 +91,9 @@ def _from_boundaries(
             factor, power = numbers[network.position(f"conductors.{conductor.label}.conductance")], 1
         else:
             factor, power = STEFAN_BOLTZMANN * numbers[network.position(f"conductors.{conductor.label}.radiative")], 4
+        if conductor.conductance_slope is not None:
+            slope = numbers[network.position(f"conductors.{conductor.label}.conductance_slope")]
+            factor = factor * (1.0 + slope * (0.5 * (boundary + temperature) - conductor.at))
         found.append(factor * (boundary**power - temperature**power))
     return found
 

@@ -3,12 +3,12 @@
 from __future__ import annotations
 
 from collections import defaultdict
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
 
 import numpy as np
 
-from ..scenario import Scenario, settable
+from ..scenario import Conductor, Node, Scenario, settable
 from .assembly import MOST_FACTORS, Terms, own_initial
 from .system import FloatArray, IntArray, Structure, elimination_order, make_structure
 
@@ -29,12 +29,15 @@ class Network:
     values: FloatArray
     """The numbers [V] as the scenario writes them, SI."""
     heaters: tuple[str, ...]
+    """Those with a thermostat [H]."""
     structure: Structure
     terms: Terms
     lagging: int = 0
     """How many of the states are sensors that follow their node with a lag."""
     heated: tuple[str, ...] = ()
     """Nodes into which heat may be injected that no block describes; of the input series the last, ``heat.<node>``."""
+    switched: Mapping[str, tuple[str, ...]] = field(default_factory=dict)
+    """Heaters without a thermostat, by the one that they are switched with."""
 
     @property
     def diffusive(self) -> IntArray:
@@ -46,7 +49,7 @@ class Network:
         return self.paths.index(path)
 
 
-FIELDS = ("linear", "radiative", "forcing", "heating", "lower", "upper")
+FIELDS = ("linear", "radiative", "quadratic", "forcing", "heating", "lower", "upper")
 """Of a packed system, without the initial state."""
 
 
@@ -56,7 +59,7 @@ Term = tuple[float, Sequence[int]]
 
 @dataclass
 class _Balance:
-    """Collects the terms of A ("linear"), N ("radiative"), B ("forcing"), g ("heating") and the thresholds by entry."""
+    """Collects the terms by entry: A is "linear", N "radiative", Q "quadratic", B "forcing", g "heating"."""
 
     positions: dict[str, int]
     capacities: dict[int, int]
@@ -102,6 +105,7 @@ def build_network(scenario: Scenario, heated: Sequence[str] = ()) -> Network:
             for name, node in model.nodes.items()
             if isinstance(node.boundary, str)
         ),
+        *(f"temperature2.{name}" for name in dict.fromkeys(_measured_ends(scenario))),
         *(f"heat.{name}" for name in heated),
     )
     column = {name: k for k, name in enumerate(columns)}
@@ -124,8 +128,9 @@ def build_network(scenario: Scenario, heated: Sequence[str] = ()) -> Network:
             balance.add("forcing", state[load.node], column[f"driver.{name}"], 1.0, f"loads.{name}.coefficient")
     for name in heated:
         balance.add("forcing", state[name], column[f"heat.{name}"], 1.0)
-    for k, (name, heater) in enumerate(model.heaters.items()):
-        balance.add("heating", state[heater.node], k, 1.0, f"heaters.{name}.power")
+    for k, name in enumerate(model.switches):
+        for other, heater in model.on_switch(name).items():
+            balance.add("heating", state[heater.node], k, 1.0, f"heaters.{other}.power")
         balance.terms["lower"][k, 0].append((1.0, [positions[f"heaters.{name}.on_below"]]))
         balance.terms["upper"][k, 0].append((1.0, [positions[f"heaters.{name}.off_above"]]))
 
@@ -135,7 +140,7 @@ def build_network(scenario: Scenario, heated: Sequence[str] = ()) -> Network:
     structure, terms = canonical_form(
         balance.terms,
         mass,
-        [state[heater.sensor] for heater in model.heaters.values()],
+        [state[heater.sensor] for heater in model.switches.values()],
         len(positions),
         np.concatenate([initial[watched], initial]),
         list(capacities.values()),
@@ -145,11 +150,12 @@ def build_network(scenario: Scenario, heated: Sequence[str] = ()) -> Network:
         columns=columns,
         paths=tuple(positions),
         values=np.array([quantity.value for quantity in quantities.values()]),
-        heaters=tuple(model.heaters),
+        heaters=tuple(model.switches),
         structure=structure,
         terms=terms,
         lagging=len(lagging),
         heated=tuple(heated),
+        switched={name: tuple(other for other in model.on_switch(name) if other != name) for name in model.switches},
     )
 
 
@@ -185,6 +191,43 @@ def _add_conductors(balance: _Balance, scenario: Scenario, state: dict[str, int]
                 balance.add("forcing", state[here], column[f"{series}.{there}"], scale, path)
             else:
                 balance.add("forcing", state[here], column["one"], scale, path, *[f"nodes.{there}.boundary"] * power)
+            if conductor.conductance_slope is not None:
+                _add_slope(balance, conductor, (here, there), nodes, state, column)
+
+
+def _add_slope(
+    balance: _Balance,
+    conductor: Conductor,
+    ends: tuple[str, str],
+    nodes: Mapping[str, Node],
+    state: dict[str, int],
+    column: dict[str, int],
+) -> None:
+    """What a conductance that grows with the mean of its ends' temperatures adds to the heat into the first end:
+
+    G s ((Ti + Tj) / 2 - T0) (Tj - Ti) = G s (Tj^2 - Ti^2) / 2 - G s T0 (Tj - Ti).
+    """
+    here, there = ends
+    paths = [f"conductors.{conductor.label}.{number}" for number in ("conductance", "conductance_slope")]
+    for kind, series, power, factor in (
+        ("quadratic", "temperature2", 2, 0.5),
+        ("linear", "temperature", 1, -conductor.at),
+    ):
+        balance.add(kind, state[here], state[here], -factor, *paths)
+        if there in state:
+            balance.add(kind, state[here], state[there], factor, *paths)
+        elif isinstance(nodes[there].boundary, str):
+            balance.add("forcing", state[here], column[f"{series}.{there}"], factor, *paths)
+        else:
+            balance.add("forcing", state[here], column["one"], factor, *paths, *[f"nodes.{there}.boundary"] * power)
+
+
+def _measured_ends(scenario: Scenario) -> Iterator[str]:
+    """Nodes of measured temperature at conductors whose conductance depends on temperature."""
+    nodes = scenario.network.nodes
+    for conductor in scenario.network.conductors:
+        if conductor.conductance_slope is not None:
+            yield from (name for name in conductor.between if isinstance(nodes[name].boundary, str))
 
 
 def _add_faces(balance: _Balance, scenario: Scenario, state: dict[str, int], column: dict[str, int]) -> None:
@@ -236,7 +279,13 @@ def canonical_form(
                 table.append(chosen + [numbers] * (MOST_FACTORS - len(chosen)))
             number += 1
     structure = make_structure(
-        mass, entries["linear"], entries["radiative"], entries["forcing"], entries["heating"], sensors
+        mass,
+        entries["linear"],
+        entries["radiative"],
+        entries["quadratic"],
+        entries["forcing"],
+        entries["heating"],
+        sensors,
     )
     return structure, Terms(
         entry=np.array(entry, dtype=np.int64),

@@ -203,9 +203,10 @@ class NetworkSimulator:
         return self.network.heaters
 
     def heater_power(self, theta: FloatArray) -> FloatArray:
-        """Power [H] W of each heater while it is on, at theta [d]."""
-        positions = [self.network.position(f"heaters.{heater}.power") for heater in self.heaters]
-        return self._assemble(theta)[0][positions]
+        """Power [H] W of each heater, and of those switched with it, while it is on, at theta [d]."""
+        numbers = self._assemble(theta)[0]
+        on_switch = [(heater, *self.network.switched.get(heater, ())) for heater in self.heaters]
+        return np.array([sum(numbers[self.network.position(f"heaters.{h}.power")] for h in own) for own in on_switch])
 
     def numbers(self, theta: FloatArray) -> FloatArray:
         """The network's numbers [V] at theta [d]."""
@@ -316,7 +317,7 @@ class NetworkSimulator:
         run = self._linearised(theta).integration
         at = locate(switches.time, self.drive.times)
         sensor = structure.sensor[switches.heater]
-        lower, upper = packed_bounds(structure)[3:5]
+        lower, upper = packed_bounds(structure)[4:6]
         threshold = np.where(switches.on > 0.5, lower, upper) + switches.heater
         left, right = run.states[at.point, sensor], run.states[at.point + 1, sensor]
 
@@ -424,7 +425,7 @@ def network_simulator(
         observation=Observation((samples - start) / np.timedelta64(1, "ns") * 1e-9, sensors),
         channels=tuple(observed),
         channel_errors=np.array([[network.position(path) for path in row] for row in errors], dtype=np.int64),
-        scatter=np.array([scenario.network.heaters[name].scatter for name in network.heaters]),
+        scatter=np.array([scenario.network.switches[name].scatter for name in network.heaters]),
     )
     thetas = _as_written(simulator, scenario) if tried is None else tried(simulator.parameters)
 

@@ -1,12 +1,12 @@
 """The canonical form: what every built-in simulator becomes before it is integrated.
 
-    mass * dx/dt = A x + N x^4 + B w(t) + sum_h u_h(t) g_h
+    mass * dx/dt = A x + Q x^2 + N x^4 + B w(t) + sum_h u_h(t) g_h
 
 x [n] states in kelvin; w(t) input series, linear in time in each step of the grid; u_h the state of heater h,
 switched by hysteresis: on when its sensor falls to `lower`, off when it rises to `upper`. A massless state (mass 0)
 obeys its heat balance at every instant. Rows of massless states are in watts, all others are divided by the capacity.
 
-A, N, B and g are sparse. Which entries they have is in `Structure` and never changes; their values are in `System`,
+A, Q, N, B and g are sparse. Which entries they have is in `Structure` and never changes; their values are in `System`,
 which is all that depends on theta. States are numbered in the order in which they are eliminated from the linear
 systems of an implicit step, so that few new entries appear (minimum degree).
 """
@@ -36,6 +36,8 @@ class System(NamedTuple):
     """A's entries, 1/s (W/K in massless rows)."""
     radiative: Any
     """N's entries, K^-3/s (W/K^4 in massless rows)."""
+    quadratic: Any
+    """Q's entries, 1/(K s) (W/K^2 in massless rows)."""
     forcing: Any
     """B's entries, from an input series to K/s (W in massless rows)."""
     heating: Any
@@ -60,9 +62,13 @@ class Structure(NamedTuple):
     radiative_start: IntArray
     radiative_column: IntArray
     radiative_slot: IntArray
+    quadratic_row: IntArray
+    """A list, not by rows: most networks have none, and then it costs nothing."""
+    quadratic_column: IntArray
+    quadratic_slot: IntArray
     factor_start: IntArray
     factor_column: IntArray
-    """Columns of the factorised matrix, ascending in each row: entries of A and N, the diagonal, and what fills in."""
+    """Columns of the factorised matrix, ascending in each row: entries of A, N and Q, the diagonal, what fills in."""
     factor_diagonal: IntArray
     """[n] place of each diagonal entry."""
     forcing_row: IntArray
@@ -120,6 +126,7 @@ def packed_bounds(structure: Structure) -> IntArray:
         [
             len(structure.linear_column),
             len(structure.radiative_column),
+            len(structure.quadratic_column),
             len(structure.forcing_row),
             len(structure.heating_row),
             heaters,
@@ -155,6 +162,7 @@ def make_structure(
     mass: FloatArray,
     linear: Sequence[tuple[int, int]],
     radiative: Sequence[tuple[int, int]],
+    quadratic: Sequence[tuple[int, int]],
     forcing: Sequence[tuple[int, int]],
     heating: Sequence[tuple[int, int]],
     sensor: Sequence[int],
@@ -165,7 +173,7 @@ def make_structure(
     """
     n = len(mass)
     rows: list[set[int]] = [{i} for i in range(n)]
-    for i, j in {*linear, *radiative}:
+    for i, j in {*linear, *radiative, *quadratic}:
         rows[i].add(j)
     for i in range(n):  # eliminating k from row i adds what stands in row k beyond its diagonal
         left = sorted(j for j in rows[i] if j < i)
@@ -188,6 +196,9 @@ def make_structure(
         np.asarray(mass, float),
         *by_rows(linear),
         *by_rows(radiative),
+        _integers(i for i, _ in quadratic),
+        _integers(j for _, j in quadratic),
+        _integers(place[entry] for entry in quadratic),
         factor_start.astype(Index),
         _integers(j for row in ordered for j in row),
         _integers(place[i, i] for i in range(n)),

@@ -140,7 +140,7 @@ def measured_drivers(scenario: Scenario) -> tuple[str, ...]:
     found = [load.driver for load in model.loads.values()]
     found += [node.boundary for node in model.nodes.values() if isinstance(node.boundary, str)]
     if model.heater_input == "measured":
-        found += [heater.measured_by for heater in model.heaters.values() if heater.measured_by is not None]
+        found += [heater.measured_by for heater in model.switches.values() if heater.measured_by is not None]
     return tuple(dict.fromkeys(found))
 
 

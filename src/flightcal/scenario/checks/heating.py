@@ -8,7 +8,7 @@ from pathlib import Path
 
 from ..blocks import Blocks, readable
 from ..document import Location, Problem
-from ..network import Heater
+from ..network import Heater, SwitchedHeater
 from ..numbers import load_coefficient, load_driver
 from ..reading import Reading
 from ..units import celsius
@@ -20,8 +20,15 @@ _TIMELINE: Location = ("simulator", "timeline")
 def check(reading: Reading, folder: Path) -> Iterator[Problem]:
     """Heaters, modes and loads heat nodes that exist, by channels and a timeline that exist."""
     blocks = reading.blocks
-    for name, heater in readable(blocks.heaters).items():
-        yield from _check_heater(blocks, heater, ("simulator", "heaters", name))
+    heaters: dict[str, Heater | SwitchedHeater] = readable(blocks.heaters)
+    for name, heater in heaters.items():
+        location = ("simulator", "heaters", name)
+        if blocks.reduced is None:
+            yield from heated_node(blocks, heater.node, "a heater", (*location, "node"))
+        if isinstance(heater, SwitchedHeater):
+            yield from _check_switch(blocks, heater.switched_with, (*location, "switched_with"))
+        else:
+            yield from _check_thermostat(blocks, heater, location)
     for mode, powers in readable(blocks.modes).items():
         for node in powers if blocks.reduced is None else ():
             yield from heated_node(blocks, node, "dissipation", ("simulator", "modes", mode, node))
@@ -29,9 +36,16 @@ def check(reading: Reading, folder: Path) -> Iterator[Problem]:
     yield from _check_loads(blocks)
 
 
-def _check_heater(blocks: Blocks, heater: Heater, location: Location) -> Iterator[Problem]:
-    if blocks.reduced is None:
-        yield from heated_node(blocks, heater.node, "a heater", (*location, "node"))
+def _check_switch(blocks: Blocks, name: str, location: Location) -> Iterator[Problem]:
+    with_thermostat = [other for other, heater in blocks.heaters.items() if not isinstance(heater, SwitchedHeater)]
+    if isinstance(blocks.heaters.get(name), SwitchedHeater):
+        message = f"found {name!r}, which has no thermostat, expected a heater that has one"
+        yield Problem(location, f"{message}: {', '.join(with_thermostat) or 'the scenario has none'}")
+    else:
+        yield from known("heater", name, with_thermostat, location)
+
+
+def _check_thermostat(blocks: Blocks, heater: Heater, location: Location) -> Iterator[Problem]:
     yield from known("node", heater.sensor, blocks.nodes, (*location, "sensor"))
     sensor = blocks.nodes.get(heater.sensor)
     if sensor is not None and sensor.capacity is None:

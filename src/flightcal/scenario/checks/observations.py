@@ -8,6 +8,7 @@ from pathlib import Path
 
 from ..blocks import Blocks, readable
 from ..document import Location, Problem
+from ..network import SwitchedHeater
 from ..priors import support
 from ..reading import Reading
 from ..schema import Observation
@@ -45,6 +46,9 @@ def _check_target(blocks: Blocks, observation: Observation, location: Location) 
     if observation.heater is not None:
         heaters = blocks.heaters if external is None else external.heaters
         yield from known("heater", observation.heater, heaters, (*location, "heater"))
+        if isinstance(heater := heaters.get(observation.heater), SwitchedHeater):
+            message = f"found {observation.heater!r}, which is switched with {heater.switched_with!r}"
+            yield Problem((*location, "heater"), f"{message}, expected the heater that has the thermostat")
     elif observation.output is not None and external is not None:
         yield from known("output", observation.output, external.outputs, (*location, "output"))
     elif observation.output is not None:

@@ -8,6 +8,7 @@ from pathlib import Path
 
 from ..blocks import readable
 from ..document import Problem
+from ..network import Heater
 from ..numbers import Settable
 from ..parameters import set_twice
 from ..priors import HalfNormal, LogNormal, Prior, TruncatedNormal, support
@@ -99,7 +100,9 @@ def _beyond(kind: str, lower: float, upper: float, number: Settable, target: str
 def _check_thresholds(parameters: Mapping[str, Parameter], reading: Reading) -> Iterator[Problem]:
     """No draw puts a heater's `on_below` over its `off_above`, as far as the priors have ends."""
     setter = {path: name for name, parameter in parameters.items() for path in parameter.sets}
-    for heater in readable(reading.blocks.heaters):
+    for heater, block in readable(reading.blocks.heaters).items():
+        if not isinstance(block, Heater):
+            continue
         on_path, off_path = f"heaters.{heater}.on_below", f"heaters.{heater}.off_above"
         names = [setter[path] for path in (on_path, off_path) if path in setter]
         if not names or setter.get(on_path) == setter.get(off_path):

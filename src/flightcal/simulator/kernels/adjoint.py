@@ -63,12 +63,14 @@ def adjoint(call):
     a, m = structure.linear_column.shape[0], structure.radiative_column.shape[0]
     forcings, heatings = structure.forcing_row.shape[0], structure.heating_row.shape[0]
     mass = structure.mass
-    first_heating = a + m + forcings
+    first_forcing = a + m + structure.quadratic_column.shape[0]
+    first_heating = first_forcing + forcings
     first_threshold = first_heating + heatings
     A, N, heating = packed[:a], packed[a : a + m], packed[first_heating:first_threshold]
+    Q, Q_bar = packed[a + m : first_forcing], packed_bar[a + m : first_forcing]
     packed_bar[:] = 0.0
     A_bar, N_bar = packed_bar[:a], packed_bar[a : a + m]
-    forcing_bar = packed_bar[a + m : first_heating]
+    forcing_bar = packed_bar[first_forcing:first_heating]
     heating_bar = packed_bar[first_heating:first_threshold]
     lower_bar = packed_bar[first_threshold : first_threshold + H]
     upper_bar = packed_bar[first_threshold + H : first_threshold + 2 * H]
@@ -128,7 +130,7 @@ def adjoint(call):
                     b0[structure.heating_row[p]] += u[structure.heating_heater[p]] * heating[p]
                 for i in range(n):
                     b1[i] = b0[i] + ramp[i] * h
-                advance(structure, A, N, x0, h, now)
+                advance(structure, A, N, Q, x0, h, now)
 
             observed = observe_segment_back(
                 structure, looks, errors, x0, now, record.start[0, segment], h, segment == 0, event >= 0 or begin > 0.0,
@@ -137,7 +139,7 @@ def adjoint(call):
 
             if event >= 0:
                 # The segment's length solves x1[sensor] = threshold: dL/dh must vanish in total.
-                length_derivative(structure, A, N, h, ramp, now, workspace, velocity)
+                length_derivative(structure, A, N, Q, x0, h, ramp, now, workspace, velocity)
                 time_bar += switches_bar[switch]
                 switch -= 1
                 total = time_bar
@@ -173,7 +175,7 @@ def adjoint(call):
                     v2[i] += k2_seen[i]
                     v1[i] += k1_seen[i]
             solve_transposed(structure, now.W, v4)
-            transposed_products(structure, A, N, v4, linear, radiative4)
+            transposed_products(structure, A, N, Q, x4, v4, linear, radiative4)
             for i in range(n):
                 carried = 0.5 * mass[i] * v4[i]
                 argument_bar = half * (linear[i] + radiative4[i] * 4.0 * x4[i] * x4[i] * x4[i])
@@ -182,7 +184,7 @@ def adjoint(call):
                 v3[i] += argument_bar - EIGHT_THIRDS * carried
                 x_bar[i] += argument_bar
             solve_transposed(structure, now.W, v3)
-            transposed_products(structure, A, N, v3, linear, radiative3)
+            transposed_products(structure, A, N, Q, x3, v3, linear, radiative3)
             for i in range(n):
                 carried = 0.5 * mass[i] * v3[i]
                 argument_bar = half * (linear[i] + radiative3[i] * 4.0 * x3[i] * x3[i] * x3[i])
@@ -193,21 +195,29 @@ def adjoint(call):
             for i in range(n):
                 v1[i] += 2.0 * mass[i] * v2[i]
             solve_transposed(structure, now.W, v1)
-            transposed_products(structure, A, N, v1, linear, radiative1)
-            transposed_products(structure, A, N, v2, work, radiative2)
+            transposed_products(structure, A, N, Q, x0, v1, linear, radiative1)
+            transposed_products(structure, A, N, Q, x0, v2, work, radiative2)
             for i in range(n):
                 jump = half * (0.5 * v1[i] + 1.5 * v2[i])
                 b0_bar[i] = half * (v1[i] + v2[i]) - jump
                 b1_bar[i] = half * (v3[i] + v4[i]) + jump
                 total_bar[i] = half * (v1[i] + v2[i] + v3[i] + v4[i])
                 x_bar[i] += half * (linear[i] + work[i] + (radiative1[i] + radiative2[i]) * slope[i])
-                # W depends on x0 through J = A + N diag(4 x0^3).
+                # W depends on x0 through J = A + 2 Q diag(x0) + N diag(4 x0^3).
                 curved = radiative1[i] * k1[i] + radiative2[i] * k2[i] + radiative3[i] * k3[i] + radiative4[i] * k4[i]
                 x_bar[i] += half * 12.0 * x0[i] * x0[i] * curved
+            for p in range(structure.quadratic_row.shape[0]):
+                i, j = structure.quadratic_row[p], structure.quadratic_column[p]
+                curved = v1[i] * k1[j] + v2[i] * k2[j] + v3[i] * k3[j] + v4[i] * k4[j]
+                x_bar[j] += h * Q[p] * curved
+                squares = (v1[i] + v2[i]) * x0[j] * x0[j] + v3[i] * x3[j] * x3[j] + v4[i] * x4[j] * x4[j]
+                Q_bar[p] += half * squares + h * x0[j] * curved
+                if observed:
+                    Q_bar[p] += f1_seen[i] * x0[j] * x0[j]
 
             if observed:
                 # The rate at the segment's start, and the start itself.
-                transposed_products(structure, A, N, f1_seen, linear, work)
+                transposed_products(structure, A, N, Q, x0, f1_seen, linear, work)
                 for i in range(n):
                     x_bar[i] += linear[i] + work[i] * slope[i] + x0_seen[i]
                     b0_bar[i] += f1_seen[i]
@@ -252,10 +262,10 @@ def adjoint(call):
                 if observed:
                     start_bar -= length_seen[0]
                 d1, d2, d3, d4 = workspace[:n], workspace[n : 2 * n], workspace[2 * n : 3 * n], workspace[3 * n : 4 * n]
-                jacobian_product(structure, A, N, slope, k1, d1)
-                jacobian_product(structure, A, N, slope, k2, d2)
-                jacobian_product(structure, A, N, slope, k3, d3)
-                jacobian_product(structure, A, N, slope, k4, d4)
+                jacobian_product(structure, A, N, Q, x0, slope, k1, d1)
+                jacobian_product(structure, A, N, Q, x0, slope, k2, d2)
+                jacobian_product(structure, A, N, Q, x0, slope, k3, d3)
+                jacobian_product(structure, A, N, Q, x0, slope, k4, d4)
                 for i in range(n):
                     jump = b1[i] - b0[i]
                     start_bar -= 0.5 * v1[i] * (now.f1[i] + 0.5 * jump + d1[i])

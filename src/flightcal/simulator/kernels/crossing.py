@@ -94,6 +94,9 @@ def _estimate(structure, measured, lanes, lane, step, k, past):
         last += take(lanes.A, p, lane) * take(step.x1, structure.linear_column[p], lane)
     for p in range(structure.radiative_start[sensor], structure.radiative_start[sensor + 1]):
         last += take(lanes.N, p, lane) * take(step.x1, structure.radiative_column[p], lane) ** 4
+    for p in range(structure.quadratic_row.shape[0]):
+        if structure.quadratic_row[p] == sensor:
+            last += take(lanes.Q, p, lane) * take(step.x1, structure.quadratic_column[p], lane) ** 2
     towards = length if take(lanes.status, k, lane) > 0.5 else -length
     share, slope = _cubic_crossing(before, past, towards * take(step.f1, sensor, lane), towards * last)
     return share * length, slope / length

@@ -126,6 +126,7 @@ class _Lanes(NamedTuple):
     """[1] of the trial, s."""
     A: Any
     N: Any
+    Q: Any
 
 
 class ForwardCall(NamedTuple):
@@ -188,7 +189,7 @@ def forward(call):
         for i in range(n):
             step.b0[i] = lanes.left[i] + lanes.ramp[i] * lanes.begin[0] + lanes.heating[i]
             step.b1[i] = step.b0[i] + lanes.ramp[i] * lanes.length[0]
-        advance(structure, lanes.A, lanes.N, lanes.x, lanes.length[0], step)
+        advance(structure, lanes.A, lanes.N, lanes.Q, lanes.x, lanes.length[0], step)
         for lane in range(count):
             if lanes.phase[lane] == _IDLE or decide(structure, measured, lanes, lane, step):
                 continue
@@ -238,15 +239,16 @@ def memory_size(structure):
     """Length of the memory that `forward` works in, before the `Step` at its end."""
     n, H = structure.mass.shape[0], structure.sensor.shape[0]
     entries = structure.linear_column.shape[0] + structure.radiative_column.shape[0]
-    return entries + 4 * n + 3 * H + 2
+    return entries + structure.quadratic_column.shape[0] + 4 * n + 3 * H + 2
 
 
 @inlined
 def _make_lanes(structure, memory, counters, reals, driven):
     n, H = structure.mass.shape[0], structure.sensor.shape[0]
     a, m = structure.linear_column.shape[0], structure.radiative_column.shape[0]
+    q = structure.quadratic_column.shape[0]
     at = 4 * n + 3 * H + 2
-    memory[: at + a + m] = 0.0  # not the steps behind it, which are many
+    memory[: at + a + m + q] = 0.0  # not the steps behind it, which are many
     counters[:] = 0
     return _Lanes(
         counters[0],
@@ -274,6 +276,7 @@ def _make_lanes(structure, memory, counters, reals, driven):
         elements(memory[at - 1 : at]),
         elements(memory[at : at + a]),
         elements(memory[at + a : at + a + m]),
+        elements(memory[at + a + m : at + a + m + q]),
     )
 
 
@@ -282,6 +285,7 @@ def _load(structure, packed, series, measured, initially_on, scatter, acting, la
     """Put a simulation into a lane, before the first grid point."""
     n, H = structure.mass.shape[0], structure.sensor.shape[0]
     a, m = structure.linear_column.shape[0], structure.radiative_column.shape[0]
+    first_forcing = a + m + structure.quadratic_column.shape[0]
     initial = packed.shape[1] - n
     lanes.simulation[lane] = simulation
     lanes.step[lane] = -1
@@ -291,13 +295,15 @@ def _load(structure, packed, series, measured, initially_on, scatter, acting, la
         put(lanes.A, p, lane, packed[simulation, p])
     for p in range(m):
         put(lanes.N, p, lane, packed[simulation, a + p])
+    for p in range(first_forcing - a - m):
+        put(lanes.Q, p, lane, packed[simulation, a + m + p])
     for i in range(n):
         put(lanes.x, i, lane, packed[simulation, initial + i])
         for k in range(series.shape[1]):
             record.heat[lane, i, k] = 0.0
     unmoved = series.shape[0] - acting.shape[1]
     for p in range(structure.forcing_row.shape[0]):
-        i, j, value = structure.forcing_row[p], structure.forcing_column[p], packed[simulation, a + m + p]
+        i, j, value = structure.forcing_row[p], structure.forcing_column[p], packed[simulation, first_forcing + p]
         for k in range(series.shape[1]):
             record.heat[lane, i, k] += value * series[j, k]
         if j >= unmoved:

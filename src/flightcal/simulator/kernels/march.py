@@ -34,14 +34,14 @@ def march(call):
     structure, packed, x, b0, b1 = call.structure, call.packed, call.x, call.b0, call.b1
     duration, count = call.duration, call.steps
     n = structure.mass.shape[0]
-    entries = structure.linear_column.shape[0]
-    A, N = packed[:entries], packed[entries : entries + structure.radiative_column.shape[0]]
+    a, m = structure.linear_column.shape[0], structure.radiative_column.shape[0]
+    A, N, Q = packed[:a], packed[a : a + m], packed[a + m : a + m + structure.quadratic_column.shape[0]]
     step = make_step(structure, call.memory)
     for k in range(count):
         for i in range(n):
             step.b0[i] = b0[i] + (b1[i] - b0[i]) * (k / count)
             step.b1[i] = b0[i] + (b1[i] - b0[i]) * ((k + 1) / count)
-        advance(structure, A, N, x, duration / count, step)
+        advance(structure, A, N, Q, x, duration / count, step)
         for i in range(n):
             x[i] = step.x1[i]
     return 0

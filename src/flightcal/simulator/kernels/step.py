@@ -10,8 +10,8 @@ and it needs no iteration, so its derivative is that of a fixed sequence of line
     W k4 = h/2 f4 + mass (k1 - k2 - 8/3 k3)/2    f4 = f(x4, b1),  x4 = x3 + k3
     x1 = x4 + k4
 
-with f(x, b) = A x + N x^4 + b, J its Jacobian, and b0, b1 all heat at the step's ends. W is factorised by rows on the
-fixed pattern of `Structure`, without pivoting: with conduction and radiation between nodes it is an M-matrix.
+with f(x, b) = A x + Q x^2 + N x^4 + b, J its Jacobian, and b0, b1 all heat at the step's ends. W is factorised by rows
+on the fixed pattern of `Structure`, without pivoting: with conduction and radiation between nodes it is an M-matrix.
 Everything costs as much as the network has links.
 """
 
@@ -85,7 +85,7 @@ def make_step(structure, memory):
 
 
 @inlined
-def advance(structure, A, N, x0, h, step):
+def advance(structure, A, N, Q, x0, h, step):
     """Fill `step`, whose b0 and b1 are given, with the step of length h from x0."""
     n, mass = structure.mass.shape[0], structure.mass
     half = 0.5 * h
@@ -95,13 +95,15 @@ def advance(structure, A, N, x0, h, step):
     x3, x4, x1 = step.x3, step.x4, step.x1
     for i in range(n):
         slope[i] = 4.0 * x0[i] * x0[i] * x0[i]
-    _rate(structure, A, N, x0, step.fourth1, b0, f1)
+    _rate(structure, A, N, Q, x0, step.fourth1, b0, f1)
     for p in range(structure.factor_column.shape[0]):
         W[p] = 0.0
     for p in range(structure.linear_slot.shape[0]):
         W[structure.linear_slot[p]] = -1.0 * half * A[p]
     for p in range(structure.radiative_slot.shape[0]):
         W[structure.radiative_slot[p]] -= half * N[p] * slope[structure.radiative_column[p]]
+    for p in range(structure.quadratic_slot.shape[0]):
+        W[structure.quadratic_slot[p]] -= h * Q[p] * x0[structure.quadratic_column[p]]
     for i in range(n):
         W[structure.factor_diagonal[i]] += mass[i]
     _factor(structure, W, step.row)
@@ -112,13 +114,13 @@ def advance(structure, A, N, x0, h, step):
         k2[i] = half * (f1[i] + 1.5 * (b1[i] - b0[i])) + 2.0 * mass[i] * k1[i]
         x3[i] = x0[i] + 2.0 * k1[i]
     _solve(structure, W, k2)
-    _rate(structure, A, N, x3, step.fourth3, b1, f3)
+    _rate(structure, A, N, Q, x3, step.fourth3, b1, f3)
     for i in range(n):
         k3[i] = half * f3[i] + 0.5 * mass[i] * (k1[i] - k2[i])
     _solve(structure, W, k3)
     for i in range(n):
         x4[i] = x3[i] + k3[i]
-    _rate(structure, A, N, x4, step.fourth4, b1, f4)
+    _rate(structure, A, N, Q, x4, step.fourth4, b1, f4)
     for i in range(n):
         k4[i] = half * f4[i] + 0.5 * mass[i] * (k1[i] - k2[i] - EIGHT_THIRDS * k3[i])
     _solve(structure, W, k4)
@@ -127,8 +129,8 @@ def advance(structure, A, N, x0, h, step):
 
 
 @inlined
-def length_derivative(structure, A, N, h, ramp, step, memory, velocity):
-    """velocity = d x1 / d h of a step, with b1 moving along `ramp` [n] (K/s^2) as the step's end moves.
+def length_derivative(structure, A, N, Q, x0, h, ramp, step, memory, velocity):
+    """velocity = d x1 / d h of a step from x0, with b1 moving along `ramp` [n] (K/s^2) as the step's end moves.
 
     memory: workspace [6 n].
     """
@@ -138,26 +140,26 @@ def length_derivative(structure, A, N, h, ramp, step, memory, velocity):
     d1, d2, d3, d4 = memory[:n], memory[n : 2 * n], memory[2 * n : 3 * n], memory[3 * n : 4 * n]
     work, cubes = memory[4 * n : 5 * n], memory[5 * n : 6 * n]
     # W d = d(right side) - dW k, with dW / dh = -J/2.
-    jacobian_product(structure, A, N, step.slope, step.k1, d1)
+    jacobian_product(structure, A, N, Q, x0, step.slope, step.k1, d1)
     for i in range(n):
         d1[i] = 0.5 * (d1[i] + step.f1[i] + 0.5 * (b1[i] - b0[i])) + half * 0.5 * ramp[i]
     _solve(structure, step.W, d1)
-    jacobian_product(structure, A, N, step.slope, step.k2, d2)
+    jacobian_product(structure, A, N, Q, x0, step.slope, step.k2, d2)
     for i in range(n):
         d2[i] = 0.5 * (d2[i] + step.f1[i] + 1.5 * (b1[i] - b0[i])) + half * 1.5 * ramp[i] + 2.0 * mass[i] * d1[i]
         velocity[i] = 2.0 * d1[i]
         cubes[i] = 4.0 * step.x3[i] * step.x3[i] * step.x3[i]
     _solve(structure, step.W, d2)
-    jacobian_product(structure, A, N, cubes, velocity, work)
-    jacobian_product(structure, A, N, step.slope, step.k3, d3)
+    jacobian_product(structure, A, N, Q, step.x3, cubes, velocity, work)
+    jacobian_product(structure, A, N, Q, x0, step.slope, step.k3, d3)
     for i in range(n):
         d3[i] = 0.5 * (d3[i] + step.f3[i] + mass[i] * (d1[i] - d2[i])) + half * (work[i] + ramp[i])
     _solve(structure, step.W, d3)
     for i in range(n):
         velocity[i] += d3[i]
         cubes[i] = 4.0 * step.x4[i] * step.x4[i] * step.x4[i]
-    jacobian_product(structure, A, N, cubes, velocity, work)
-    jacobian_product(structure, A, N, step.slope, step.k4, d4)
+    jacobian_product(structure, A, N, Q, step.x4, cubes, velocity, work)
+    jacobian_product(structure, A, N, Q, x0, step.slope, step.k4, d4)
     for i in range(n):
         d4[i] = 0.5 * (d4[i] + step.f4[i] + mass[i] * (d1[i] - d2[i] - EIGHT_THIRDS * d3[i]))
         d4[i] += half * (work[i] + ramp[i])
@@ -167,8 +169,8 @@ def length_derivative(structure, A, N, h, ramp, step, memory, velocity):
 
 
 @inlined
-def _rate(structure, A, N, x, fourth, b, f):
-    """f = A x + N x^4 + b; leaves x^4 in `fourth`."""
+def _rate(structure, A, N, Q, x, fourth, b, f):
+    """f = A x + Q x^2 + N x^4 + b; leaves x^4 in `fourth`."""
     n = structure.mass.shape[0]
     for i in range(n):
         square = x[i] * x[i]
@@ -180,6 +182,9 @@ def _rate(structure, A, N, x, fourth, b, f):
         for p in range(structure.radiative_start[i], structure.radiative_start[i + 1]):
             total += N[p] * fourth[structure.radiative_column[p]]
         f[i] = total
+    for p in range(structure.quadratic_row.shape[0]):
+        j = structure.quadratic_column[p]
+        f[structure.quadratic_row[p]] += Q[p] * x[j] * x[j]
 
 
 @inlined
@@ -236,8 +241,8 @@ def solve_transposed(structure, W, r):
 
 
 @inlined
-def jacobian_product(structure, A, N, slope, v, out):
-    """out = (A + N diag(slope)) v."""
+def jacobian_product(structure, A, N, Q, x, slope, v, out):
+    """out = (A + 2 Q diag(x) + N diag(slope)) v."""
     for i in range(structure.mass.shape[0]):
         total = 0.0
         for p in range(structure.linear_start[i], structure.linear_start[i + 1]):
@@ -246,11 +251,14 @@ def jacobian_product(structure, A, N, slope, v, out):
             j = structure.radiative_column[p]
             total += N[p] * slope[j] * v[j]
         out[i] = total
+    for p in range(structure.quadratic_row.shape[0]):
+        j = structure.quadratic_column[p]
+        out[structure.quadratic_row[p]] += 2.0 * Q[p] * x[j] * v[j]
 
 
 @inlined
-def transposed_products(structure, A, N, v, linear, radiative):
-    """linear = A^T v, radiative = N^T v."""
+def transposed_products(structure, A, N, Q, x, v, linear, radiative):
+    """linear = (A + 2 Q diag(x))^T v, radiative = N^T v."""
     n = structure.mass.shape[0]
     for i in range(n):
         linear[i] = 0.0
@@ -261,3 +269,6 @@ def transposed_products(structure, A, N, v, linear, radiative):
             linear[structure.linear_column[p]] += A[p] * value
         for p in range(structure.radiative_start[i], structure.radiative_start[i + 1]):
             radiative[structure.radiative_column[p]] += N[p] * value
+    for p in range(structure.quadratic_row.shape[0]):
+        j = structure.quadratic_column[p]
+        linear[j] += 2.0 * Q[p] * x[j] * v[structure.quadratic_row[p]]
