@@ -126,6 +126,13 @@ def test_what_is_wrong_is_named_with_its_place(tmp_path, changes, message):
         load_task(craft.write(tmp_path, changes))
 
 
+def test_a_conductance_that_depends_on_temperature_is_refused(tmp_path):
+    conductors = deepcopy(craft.SPACECRAFT["conductors"])
+    conductors[0]["conductance_slope"] = "0.002 1/K"
+    with pytest.raises(FlightcalError, match=r"conductor 'battery-bus.z-\[0,1\]': found 'conductance_slope'"):
+        load_task(craft.write(tmp_path, spacecraft={"conductors": conductors}))
+
+
 def test_a_missing_spacecraft_is_a_message(tmp_path):
     with pytest.raises(ScenarioError, match=r"elsewhere.yaml"):
         load_task(craft.write(tmp_path, {"spacecraft": "elsewhere.yaml"}))

@@ -113,6 +113,10 @@ def _full_network(mission: Mission, reduction: Reduction) -> tuple[Scenario, lis
     for name, heater in heaters.items():
         if nodes[heater.sensor].capacity is None:
             raise FlightcalError(f"heater line '{name}': found sensor node '{heater.sensor}', expected a capacity")
+    for conductor in craft.scenario.network.conductors:
+        if conductor.conductance_slope is not None:
+            found = f"conductor '{conductor.label}': found 'conductance_slope', expected none"
+            raise FlightcalError(f"{found}: a reduced model's conductances do not depend on temperature")
     thermistors = craft.thermistors
     observations = {}
     for name in reduction.sensors or craft.downlink.thermistors:

@@ -22,6 +22,8 @@ from .fields import (
 )
 from .units import HOTTEST, STRONGEST, Duration, Kelvins, Power, Quantity, QuantityOrName, Temperature
 
+_ROOM = 293.15  # K
+
 
 class Node(Block):
     """A thermal node: diffusive (has a capacity), arithmetic (massless) or boundary (temperature given)."""
@@ -58,18 +60,23 @@ class Conductor(Block):
     conductance: Annotated[float, Quantity("W/K", at_least=0, believable=1e6)] | None = None
     conductance_slope: Annotated[float, Quantity("1/K", believable=0.1)] | None = None
     """Share by which the conductance grows with each kelvin of the mean temperature of its ends; null: it does not."""
-    at: Temperature = 293.15
-    """Mean temperature of the ends at which the conductance is what is written; by default 20 degC."""
+    at: Temperature | None = None
+    """Mean temperature of the ends at which the conductance is what is written; null: 20 degC."""
     radiative: Annotated[float, Quantity("m^2", at_least=0, believable=1e6)] | None = None
 
     @model_validator(mode="after")
     def _one_law(self) -> Conductor:
-        if self.conductance_slope is None and "at" in self.model_fields_set and self.at is not None:
+        if self.conductance_slope is None and self.at is not None:
             raise ValueError("found 'at' without 'conductance_slope', expected both or none")
         if self.conductance_slope is not None and self.conductance is None:
             raise ValueError("found 'conductance_slope' without 'conductance', expected both")
         expected = "exactly one of 'conductance' (W/K) and 'radiative' (m^2)"
         return exactly_one(self, ("conductance", "radiative"), expected)
+
+    @property
+    def written_at(self) -> float:
+        """K, `at` or its default."""
+        return _ROOM if self.at is None else self.at
 
     @property
     def label(self) -> str:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections import defaultdict
 from collections.abc import Sequence
 
 import numpy as np
@@ -34,6 +35,7 @@ def flow_through(
         i = network.nodes.index(name)
         capacity = numbers[network.position(f"nodes.{name}.capacity")]
         rest, flows = np.zeros(len(steps)), []
+        from_node: dict[int, FloatArray] = defaultdict(lambda: np.zeros(len(steps)))
         for p in np.flatnonzero(structure.forcing_row == i).tolist():
             flow = system.forcing[p] * inputs[:, structure.forcing_column[p]]
             column = network.columns[structure.forcing_column[p]]
@@ -49,12 +51,13 @@ def flow_through(
                 j = int(columns[p])
                 rest += entries[p] * x[:, i] ** power
                 if j != i:
-                    flows.append(entries[p] * (x[:, j] ** power - x[:, i] ** power))
+                    from_node[j] += entries[p] * (x[:, j] ** power - x[:, i] ** power)
         for p in np.flatnonzero(structure.quadratic_row == i).tolist():
             j = int(structure.quadratic_column[p])
             rest += system.quadratic[p] * x[:, i] ** 2
             if j != i:
-                flows.append(system.quadratic[p] * (x[:, j] ** 2 - x[:, i] ** 2))
+                from_node[j] += system.quadratic[p] * (x[:, j] ** 2 - x[:, i] ** 2)
+        flows += from_node.values()
         for p in np.flatnonzero(structure.heating_row == i).tolist():
             flows.append(system.heating[p] * status[:, structure.heating_heater[p]])
         for flow in _from_boundaries(scenario, simulator, name, numbers, x[:, i], inputs):
@@ -93,7 +96,7 @@ def _from_boundaries(
             factor, power = STEFAN_BOLTZMANN * numbers[network.position(f"conductors.{conductor.label}.radiative")], 4
         if conductor.conductance_slope is not None:
             slope = numbers[network.position(f"conductors.{conductor.label}.conductance_slope")]
-            factor = factor * (1.0 + slope * (0.5 * (boundary + temperature) - conductor.at))
+            factor = factor * (1.0 + slope * (0.5 * (boundary + temperature) - conductor.written_at))
         found.append(factor * (boundary**power - temperature**power))
     return found
 

@@ -211,7 +211,7 @@ def _add_slope(
     paths = [f"conductors.{conductor.label}.{number}" for number in ("conductance", "conductance_slope")]
     for kind, series, power, factor in (
         ("quadratic", "temperature2", 2, 0.5),
-        ("linear", "temperature", 1, -conductor.at),
+        ("linear", "temperature", 1, -conductor.written_at),
     ):
         balance.add(kind, state[here], state[here], -factor, *paths)
         if there in state:

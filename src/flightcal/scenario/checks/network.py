@@ -9,10 +9,12 @@ from ..blocks import Blocks, readable
 from ..document import Location, Problem
 from ..network import Conductor
 from ..reading import Reading
-from ..units import show
+from ..units import celsius, show
 from .common import channel_of_kind, heated_node, known
 
 _CONDUCTORS: Location = ("simulator", "conductors")
+_USUAL_TEMPERATURES = (173.15, 373.15)
+"""K, from -100 to 100 degC."""
 
 
 def check(reading: Reading, folder: Path) -> Iterator[Problem]:
@@ -38,12 +40,23 @@ def _check_conductors(blocks: Blocks) -> Iterator[Problem]:
         location = (*_CONDUCTORS, k, "between")
         for name in dict.fromkeys(conductor.between):
             yield from known("node", name, blocks.nodes, location)
+        yield from _check_slope(conductor, (*_CONDUCTORS, k, "conductance_slope"))
         first, second = conductor.between
         if first == second:
             yield Problem(location, f"found {show(first)} twice, expected two different nodes")
         elif all((node := blocks.nodes.get(name)) and node.boundary is not None for name in conductor.between):
             message = f"found the boundary nodes {first!r} and {second!r}, expected one whose temperature can change"
             yield Problem(location, message)
+
+
+def _check_slope(conductor: Conductor, location: Location) -> Iterator[Problem]:
+    slope = conductor.conductance_slope or 0.0
+    for temperature in _USUAL_TEMPERATURES:
+        if 1.0 + slope * (temperature - conductor.written_at) < 0.0:
+            message = f"found a slope with which the conductance is below zero at {celsius(temperature)}"
+            yield Problem(
+                location, f"{message}, expected one that keeps it positive where the ends may be", warning=True
+            )
 
 
 def _check_faces(blocks: Blocks) -> Iterator[Problem]:
