@@ -4,13 +4,25 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+import xarray
 from scipy import stats
 from scipy.linalg import block_diag
 
-from flightcal.calibration.heat import Around, check_heat, find_heat, moved, spread_sizes, start_with_heat
+from flightcal.calibration import calibrate_nuts, methods
+from flightcal.calibration.heat import (
+    Around,
+    bend,
+    check_heat,
+    find_heat,
+    follow,
+    moved,
+    spread_sizes,
+    start_with_heat,
+)
+from flightcal.calibration.heat_file import heat_dataset, with_kept_heat
 from flightcal.probability import Gains, Priors
 from flightcal.problem import at_sizes, build_problem, patterns_of, responses, split, unit_heats
-from flightcal.scenario import HalfNormal
+from flightcal.scenario import HalfNormal, NutsSettings
 from flightcal.simulator import network_simulator
 from tests import small
 
@@ -505,9 +517,87 @@ def test_a_point_that_moves_takes_the_weights_along_that_are_expected_there(star
     runs = heated.simulate(theta)
     left = [
         own - window.heat.response @ there.model.centre
-        for own, window in zip(heated.heat_left([runs]), heated.windows, strict=True)
+        for own, window in zip(heated.heat_left([runs], theta[None]), heated.windows, strict=True)
     ]
     roots = heated.heat_sizes(theta[None])[1][0]
     ((_, factor),) = gains.factors
     # Gradient of squares and prior at the weights: covariance times it is zero.
     np.testing.assert_allclose(gains(left)[0], factor @ factor.T @ (there.model.centre / roots**2), atol=1e-8)
+
+
+# --- a response that follows the parameters -----------------------------------------------------------------------
+
+
+@pytest.fixture(scope="module")
+def following(started):
+    """What was found, and the problem there, with a response that follows the parameters."""
+    problem, point, heated, z, _ = started
+    there = follow(problem, point, heated, heated.to_theta(z))
+    return there, *start_with_heat(problem, there)
+
+
+def without(point):
+    """The same with one response for all parameters."""
+    return replace(point, model=replace(point.model, followed={}))
+
+
+def test_how_far_a_response_bends_is_the_variance_of_its_growth_where_much_is_told(started, following):
+    point, heated, z = following
+    places = [k for k in heated.simulated if heated.entries[k].kind == "parameter"]
+    near = np.tile(z, (200, 1))
+    near[:, places] += np.random.default_rng(0).standard_normal((200, len(places)))
+    few, many = (bend(point, heated, heated.to_theta(z + share * (near - z))) for share in (0.1, 0.2))
+    assert 0.0 < few < many
+    assert many / few == pytest.approx(4.0, rel=0.2)
+    assert bend(without(point), start_with_heat(started[0], without(point))[0], heated.to_theta(near)) == 0.0
+
+
+@pytest.fixture(scope="module")
+def followed_posterior(found):
+    """A posterior of a response that has to be followed however little it bends."""
+    problem, _ = found
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(methods, "_STRAIGHT", 1e-9)
+        return calibrate_nuts(problem, NutsSettings(chains=2, warmup=200, draws=200), seed=3)
+
+
+def test_where_the_response_bends_much_the_draws_are_of_one_that_follows(followed_posterior):
+    model = followed_posterior.heat.model
+    assert set(model.followed) >= {"panel_capacity"} & set(followed_posterior.names)
+    assert model.followed
+    assert not model.tilted
+    assert followed_posterior.problem.windows[0].heat.follows is not None
+    gates = {gate.name: gate for gate in followed_posterior.diagnostics.gates}
+    assert "off by" not in gates["response to heat"].found
+
+
+def test_the_middle_of_the_posterior_is_where_the_response_was_looked_at(followed_posterior):
+    problem, point = followed_posterior.problem, followed_posterior.heat
+    z = problem.to_z(followed_posterior.flat)
+    places = [k for k in problem.simulated if problem.names[k] in point.names]
+    at = problem.to_z(followed_posterior.flat.mean(axis=0))
+    known = dict(zip(point.names, point.theta, strict=True))
+    for k in places:
+        theta = followed_posterior.flat.mean(axis=0).copy()
+        theta[k] = known[problem.names[k]]
+        assert abs(problem.to_z(theta)[k] - at[k]) < z[:, k].std(), problem.names[k]
+
+
+def test_a_problem_whose_response_follows_is_read_back_from_its_file(found, followed_posterior):
+    problem, _ = found
+    point = followed_posterior.heat
+    tree = xarray.DataTree.from_dict({"heat": heat_dataset(point.model, point.names, point.theta)})
+    again = with_kept_heat(problem, tree)
+    z = followed_posterior.problem.to_z(followed_posterior.flat[7])
+    assert again.log_density(z) == pytest.approx(followed_posterior.problem.log_density(z), rel=1e-9)
+
+
+def test_a_response_that_bends_and_is_not_followed_fails_its_gate(found, monkeypatch):
+    problem, _ = found
+    monkeypatch.setattr(methods, "_STRAIGHT", 1e-9)
+    monkeypatch.setattr(methods, "_MOST_FOLLOWED", 0)
+    posterior = calibrate_nuts(problem, NutsSettings(chains=2, warmup=100, draws=100), seed=3)
+    gates = {gate.name: gate for gate in posterior.diagnostics.gates}
+    assert not posterior.heat.model.followed
+    assert not gates["response to heat"].passed
+    assert "the log density is off by" in gates["response to heat"].found

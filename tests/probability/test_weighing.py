@@ -10,6 +10,7 @@ from scipy.linalg import block_diag
 from flightcal.compiled import Program
 from flightcal.probability import (
     Evidence,
+    Follows,
     Gains,
     Shaped,
     Sizes,
@@ -20,6 +21,7 @@ from flightcal.probability import (
     window_memory,
 )
 from flightcal.probability.discrepancy import MaternPrior
+from flightcal.probability.kernels.heat import LOG_MOST_GROWTH
 from flightcal.probability.likelihood import Residuals
 from flightcal.probability.shapes import Shapes
 
@@ -37,6 +39,16 @@ SCALES = np.array([0.8, 1.7, 1.0])
 """The last of what has a fixed one."""
 DEVIATIONS = np.array([0.3, 0.5])
 STEP = 1e-5
+ENTRIES = np.array([2.3, -0.4])
+"""Entries of theta that the response follows, the first in its logarithm."""
+_RNG = np.random.default_rng(8)
+FOLLOWS = Follows(
+    ("capacity", "turn"),
+    np.array([True, False]),
+    np.array([np.log(2.0), -0.1]),
+    _RNG.normal(size=(WEIGHTS, 2)),
+    _RNG.normal(size=WEIGHTS),
+)
 
 
 def no_shapes(samples):
@@ -120,12 +132,13 @@ class Rows:
 
     windows: Windows
     sizes: Sizes | None = None
+    follows: Follows | None = None
 
     def __post_init__(self):
         self.numbers = np.zeros((2, 3))
         self.numbers[:, 0] = DEVIATIONS
-        self.scales = SCALES.copy()
-        heats = [replace(own.heat, sizes=self.sizes) for own in self.windows.residuals]
+        self.scales = np.concatenate([SCALES, ENTRIES[: 0 if self.follows is None else None]])
+        heats = [replace(own.heat, sizes=self.sizes, follows=self.follows) for own in self.windows.residuals]
         residuals = [replace(own, heat=heat) for own, heat in zip(self.windows.residuals, heats, strict=True)]
         self.memories = [
             window_memory(observed, simulated.copy(), self.numbers, None, self.scales)
@@ -214,6 +227,53 @@ def test_the_log_likelihood_is_that_at_other_sizes_too(windows, rows):
 def test_without_heat_it_is_that_of_the_noise(windows, rows):
     rows.scales[:] = 1e-9
     assert rows.run() == pytest.approx(windows.dense(DEVIATIONS[:, None], np.zeros(WEIGHTS)), rel=1e-9)
+
+
+def grown(windows, entries):
+    """The dense log likelihood with a response that has grown, and heat that simulations have doing more with it."""
+    growth = np.exp(FOLLOWS.slope @ (np.array([np.log(entries[0]), entries[1]]) - FOLLOWS.at))
+    left = windows.stacked([o - s for o, s in zip(windows.observed, windows.simulated, strict=True)])
+    left = left + windows.response() @ ((growth - 1.0) * FOLLOWS.centre)
+    response = windows.response() * SCALES[GROUP] * growth
+    covariance = windows.noise(DEVIATIONS[:, None]) + response @ response.T
+    return stats.multivariate_normal.logpdf(left, cov=covariance)
+
+
+@pytest.mark.parametrize("entries", [ENTRIES, np.array([1.4, 0.2])])
+def test_a_response_that_follows_parameters_has_grown_with_them(windows, entries):
+    rows = Rows(windows, follows=FOLLOWS)
+    rows.scales[len(SCALES) :] = entries
+    assert rows.run() == pytest.approx(grown(windows, entries), rel=1e-9)
+    np.testing.assert_allclose(
+        FOLLOWS.growth(entries[None])[0],
+        np.exp(FOLLOWS.slope @ (np.array([np.log(entries[0]), entries[1]]) - FOLLOWS.at)),
+    )
+
+
+def test_a_response_grows_no_more_than_so_much(windows):
+    far = np.array([2.3, 1e4])
+    growth = FOLLOWS.growth(far[None])[0]
+    np.testing.assert_allclose(np.abs(np.log(growth)), LOG_MOST_GROWTH)
+    rows = Rows(windows, follows=FOLLOWS)
+    rows.scales[len(SCALES) :] = far
+    rows.run()
+    assert not rows.memories[0].scales_bar[len(SCALES) :].any()
+
+
+def test_derivatives_where_the_response_follows_are_those_of_differences(windows):
+    found = Rows(windows, follows=FOLLOWS)
+    found.run()
+    memory = found.memories[0]
+    of_scales, of_numbers = memory.scales_bar.copy(), [own.numbers_bar.copy() for own in found.memories]
+    simulated = [own.simulated_bar.copy() for own in found.memories]
+    for k in (0, 1, *range(len(SCALES), len(found.scales))):
+        assert of_scales[k] == pytest.approx(found.slope(found.scales, k), rel=1e-5, abs=1e-5)
+    for k in range(2):
+        total = sum(own[k, 0] for own in of_numbers)
+        assert total == pytest.approx(found.slope(found.numbers, (k, 0)), rel=1e-5, abs=1e-5)
+    for own, bar in zip(found.memories, simulated, strict=True):
+        for place in [(2, 0), (20, 1)]:
+            assert bar[place] == pytest.approx(found.slope(own.simulated, place), rel=1e-5, abs=1e-5)
 
 
 @pytest.mark.parametrize("sizes", [None, Sizes(DEVIATIONS, SCALES[GROUP])], ids=["inferred", "known"])

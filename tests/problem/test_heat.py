@@ -1,6 +1,7 @@
 """Problems with unmodelled heat, against simulations with that heat and against dense normal distributions."""
 
 from dataclasses import replace
+from itertools import product
 
 import numpy as np
 import pytest
@@ -12,6 +13,7 @@ from flightcal.problem import (
     build_problem,
     errors_of_weights,
     exact_heat,
+    followed,
     heat_model,
     heat_of_weights,
     held_by,
@@ -25,6 +27,7 @@ from flightcal.problem import (
     unit_heats,
     with_heat,
 )
+from flightcal.problem.heat_model import kept_responses
 from flightcal.scenario import HalfNormal
 from flightcal.simulator import STEFAN_BOLTZMANN, flow_through
 from tests import small
@@ -713,6 +716,48 @@ def test_the_information_on_sizes_is_the_curvature_bent_to_be_positive(heated, a
     np.testing.assert_allclose(covered, expected, rtol=0.0, atol=1e-3 * np.abs(expected).max())
 
 
+# --- a response that follows the parameters -----------------------------------------------------------------------
+
+
+@pytest.fixture(scope="module")
+def following(both, at_centre):
+    """Around the same point, with a response that follows the parameters."""
+    problem, heated = both
+    found = followed(heated, heated.to_theta(at_centre))
+    return with_heat(problem, replace(heated.heat, followed=found), middle(problem))
+
+
+def test_a_response_that_follows_is_nearer_to_what_is_looked_at_anew(following, at_centre):
+    model, same, with_growth = following.heat, 0.0, 0.0
+    places = [k for k in following.simulated if following.entries[k].kind == "parameter"]
+    for k, sign in product(places, (-1.0, 1.0)):
+        z = at_centre.copy()
+        z[k] += 0.5 * sign
+        theta = following.to_theta(z)
+        growth = following.heat_growth(theta[None])[0]
+        for window, whitens in zip(following.windows, following.weighed.filters, strict=True):
+            inside = following.at(window, theta[None])[0]
+            anew = kept_responses(model, responses(window, inside, model, unit_heats(model, window)))
+            for response, grown in ((window.heat.response, False), (window.heat.response * growth, True)):
+                off = whitens.whiten(np.moveaxis(response - anew, 1, 0), window.terms.valid)
+                same, with_growth = same + (not grown) * (off**2).sum(), with_growth + grown * (off**2).sum()
+    assert with_growth < 0.5 * same
+
+
+def test_the_gradient_of_a_density_whose_response_follows_is_that_of_differences(following, at_centre):
+    for z in at_centre + 0.1 * np.random.default_rng(1).standard_normal((2, len(at_centre))):
+        gradient = following.log_density_and_gradient(z)[1]
+        np.testing.assert_allclose(following._in_python(z)[1], gradient, rtol=1e-8, atol=1e-8 * np.abs(gradient).max())
+        for k, step in enumerate(1e-4 * np.eye(len(z))):
+            expected = (following.log_density(z + step) - following.log_density(z - step)) / 2e-4
+            assert gradient[k] == pytest.approx(expected, rel=1e-4, abs=1e-5 * np.abs(gradient).max())
+
+
+def test_where_it_was_looked_at_a_response_that_follows_is_the_same(heated, following, at_centre):
+    assert following.log_density(at_centre) == pytest.approx(heated.log_density(at_centre), rel=1e-9)
+    np.testing.assert_allclose(following.heat_growth(following.to_theta(at_centre)[None]), 1.0, rtol=1e-9)
+
+
 # --- heat that does what the linear response says -----------------------------------------------------------------
 
 
@@ -727,7 +772,7 @@ def test_exact_heat_has_simulations_do_what_the_linear_response_says(heated, at_
     found = exact_heat(heated, runs, thetas, np.random.default_rng(0))
 
     gains = Gains([window.terms for window in heated.windows], heated.weighed, *heated.heat_sizes(thetas))
-    weights = gains.draw(heated.heat_left(runs), np.random.default_rng(0))
+    weights = gains.draw(heated.heat_left(runs, thetas), np.random.default_rng(0))
     model, missed, before = heated.heat, [], []
     uncorrected = [own.copy() for own in found.linear]
     for place, (window, simulated, linear) in enumerate(

@@ -23,6 +23,7 @@ from ..problem import (
     Window,
     errors_of_weights,
     exact_heat,
+    followed,
     heat_model,
     heat_of_weights,
     held_by,
@@ -454,14 +455,40 @@ def moved(point: HeatPoint, heated: Problem, theta: FloatArray) -> HeatPoint:
 
     Raises SimulationFailure.
     """
-    left = heated.heat_left([heated.simulate(theta)])
+    left = heated.heat_left([heated.simulate(theta)], theta[None])
     gains = Gains([window.terms for window in heated.windows], heated.weighed, *heated.heat_sizes(theta[None]))
+    growth = heated.heat_growth(theta[None])[0]
     parts = [group.part for group in point.model.groups]
     counts = [basis.shape[1] for basis in point.model.kept]
-    centre = np.where(np.repeat([part == "error" for part in parts], counts), 0.0, gains(left)[0])
+    centre = np.where(np.repeat([part == "error" for part in parts], counts), 0.0, gains(left)[0] / growth)
     known = dict(zip(heated.names, theta.tolist(), strict=True))
     there = [known.get(name, value) for name, value in zip(point.names, point.theta.tolist(), strict=True)]
     return replace(point, model=replace(point.model, centre=centre), theta=np.array(there))
+
+
+def follow(problem: Problem, point: HeatPoint, heated: Problem, theta: FloatArray) -> HeatPoint:
+    """The point at theta [d] of the problem with heat, and there how the response to heat follows the parameters.
+
+    problem: without heat. Raises SimulationFailure.
+    """
+    there = moved(point, heated, theta)
+    known = dict(zip(heated.names, theta.tolist(), strict=True))
+    straight = replace(there.model, tilted={}, followed={})
+    found = followed(with_heat(problem, straight, there.theta), theta)
+    sizes = {name: known.get(name, size) for name, size in there.sizes.items()}
+    return replace(there, model=replace(straight, followed=found), sizes=sizes)
+
+
+def bend(point: HeatPoint, heated: Problem, thetas: FloatArray) -> float:
+    """By how much the response to heat differs between thetas [S, d] of the problem with heat, as it follows them.
+
+    The variance of the logarithm of its growth, over all weights of which the telemetry tells: about by how much the
+    log density is off, to second order in the parameters, where the response is taken as the same for all.
+    """
+    sizes = np.array([point.sizes[name] for name in point.around.sizes.names])
+    covariance, _ = point.around.known_of_weights(sizes)
+    told = 1.0 - np.diag(covariance) / point.around.roots(sizes)[: len(covariance)] ** 2
+    return float(told @ np.log(heated.heat_growth(thetas)).var(axis=0))
 
 
 def spread_sizes(

@@ -10,7 +10,7 @@ import numpy as np
 import xarray
 
 from ..probability import Profile, Shaped, Slow
-from ..problem import Gain, Group, HeatModel, Held, Problem, with_heat
+from ..problem import Followed, Gain, Group, HeatModel, Held, Problem, with_heat
 from ..run import plain
 from ..simulator import FloatArray
 
@@ -55,4 +55,8 @@ def _model(content: Mapping[str, Any]) -> HeatModel:
             Held(own["window"], tuple(map(tuple, own["shares"])), tuple(map(tuple, own["switches"])))
             for own in content["held"]
         ),
+        followed={
+            name: Followed(own["logarithmic"], own["at"], np.array(own["slope"], float))
+            for name, own in content["followed"].items()
+        },
     )  # fmt: skip

@@ -14,7 +14,7 @@ import xarray
 
 from ..errors import FlightcalError
 from ..probability import DEVIATION
-from ..problem import Problem, Runs, at_sizes, patterns_of, places_of, sampled_windows, whitening
+from ..problem import Problem, Runs, Whitening, at_sizes, patterns_of, places_of, sampled_windows, whitening
 from ..progress import SILENT, Progress
 from ..run import labelled, plain
 from ..scenario import GeneticSettings, NutsSettings, heat_of
@@ -23,7 +23,7 @@ from .confounding import confounding
 from .diagnostics import Diagnostics, Gate, diagnose, gate, with_gate
 from .explanations import Explanation, other_explanations
 from .genetic import minimise
-from .heat import HeatCheck, HeatPoint, check_heat, find_heat, moved, spread_sizes, start_with_heat
+from .heat import HeatCheck, HeatPoint, bend, check_heat, find_heat, follow, moved, spread_sizes, start_with_heat
 from .heat_file import HEAT_GROUP, heat_dataset
 from .mode import Mode, climb, find_mode
 from .nuts import Draws, sample
@@ -38,6 +38,16 @@ _PLACES = 73
 """Of an orbit, at which patterns of heat are kept."""
 _OF_NOISE = 0.1
 """So far off linear, over its noise, a channel may be whatever the weights: no interval shows it."""
+_NEAR = 200
+"""Draws at which it is looked at how far the response to heat differs."""
+_STRAIGHT = 0.25
+"""Of the log density, to second order: so far off the response may be taken as the same for all theta."""
+_MOST_FOLLOWED = 250
+"""Weights, of which more would take hours: each gradient takes the cube of their number."""
+_PILOTS, _PILOT_CHAINS = 4, 2
+_PILOT_WARMUP, _PILOT_DRAWS = 300, 150
+_STAYS = 0.5
+"""Of its deviation, within which the middle of each quantity is to be found again."""
 _CHECKED = 200
 """Draws that are simulated with their heat."""
 MOST_PARETO_K = 0.7
@@ -293,16 +303,63 @@ def _calibrate_with_heat(
         known = at_sizes(heated, heated.to_theta(z))
         mode = climb(known, _parts(z, heated, known), modes[0].origin)
     coordinates = whitening(mode.z, known.gauss_newton_hessian(mode.z))
-    density = known.log_density_and_gradient
-    draws = _drawn(sample(density, coordinates, settings, seed, native=known.native_density, progress=progress))
-    theta = spread_sizes(problem, heated, point, known, draws.z, rng)
+    theta[[heated.names.index(name) for name in known.names]] = known.to_theta(mode.z)
+    around = coordinates.to_z(rng.standard_normal((1, _NEAR, len(mode.z))))
+    near = spread_sizes(problem, heated, point, known, around, rng)[0]
+    with progress.stage("response to heat") as search:
+        following = follow(problem, point, heated, theta)
+        bent = bend(following, start_with_heat(problem, following)[0], near)
+        straight = bent < _STRAIGHT or len(point.model.centre) > _MOST_FOLLOWED
+        if not straight:
+            bent = 0.0
+            point, heated, coordinates = _followed(problem, following, settings, seed, search)
+    if straight:
+        density = known.log_density_and_gradient
+        draws = _drawn(sample(density, coordinates, settings, seed, native=known.native_density, progress=progress))
+        theta = spread_sizes(problem, heated, point, known, draws.z, rng)
+    else:
+        density = heated.log_density_and_gradient
+        draws = _drawn(sample(density, coordinates, settings, seed, native=heated.native_density, progress=progress))
+        theta = heated.to_theta(draws.z)
     by_name = {name: theta[..., k] for k, name in enumerate(heated.names)}
     judged = diagnose(by_name, draws.statistics, settings, _prior_scores(heated, theta))
     flat = theta.reshape(-1, theta.shape[-1])
     chosen = rng.choice(len(flat), min(_CHECKED, len(flat)), replace=False)
     checked = check_heat(heated, flat[chosen], rng)
-    judged = with_gate(judged, _linear_gate(checked))
+    judged = with_gate(judged, _linear_gate(checked, bent))
     return Posterior(heated.names, theta, draws, modes, judged, heated, point, checked)
+
+
+def _followed(
+    problem: Problem, point: HeatPoint, settings: NutsSettings, seed: int, progress: Progress
+) -> tuple[HeatPoint, Problem, Whitening]:
+    """The point in the middle of the posterior, the problem there, and coordinates to sample it in.
+
+    The response to heat follows the parameters only near where it was looked at; so a few draws say where the middle
+    is, and it is looked at there again, until the middle stays.
+    """
+    few = settings.model_copy(
+        update={
+            "chains": min(settings.chains, _PILOT_CHAINS),
+            "warmup": min(settings.warmup, _PILOT_WARMUP),
+            "draws": min(settings.draws, _PILOT_DRAWS),
+        }
+    )
+    heated, z = start_with_heat(problem, point)
+    for trial in range(_PILOTS):
+        progress.at(trial / _PILOTS, f"where it is, trial {trial + 1}")
+        coordinates = whitening(z, heated.gauss_newton_hessian(z))
+        pilot = sample(heated.log_density_and_gradient, coordinates, few, seed, native=heated.native_density)
+        if pilot.interrupted:
+            raise KeyboardInterrupt
+        drawn = pilot.z.reshape(-1, len(z))
+        middle = drawn.mean(axis=0)
+        stays = bool((np.abs(middle - z) < _STAYS * drawn.std(axis=0)).all())
+        point = follow(problem, point, heated, heated.to_theta(middle))
+        heated, z = start_with_heat(problem, point)
+        if stays:
+            break
+    return point, heated, whitening(z, heated.gauss_newton_hessian(z))
 
 
 def _parts(z: FloatArray, heated: Problem, known: Problem) -> FloatArray:
@@ -310,13 +367,15 @@ def _parts(z: FloatArray, heated: Problem, known: Problem) -> FloatArray:
     return np.array([z[heated.names.index(name)] for name in known.names])
 
 
-def _linear_gate(checked: HeatCheck) -> Gate:
+def _linear_gate(checked: HeatCheck, bent: float) -> Gate:
     return gate(
         "response to heat",
-        checked.pareto_k < MOST_PARETO_K or checked.relative < _OF_NOISE,
+        bent < _STRAIGHT and (checked.pareto_k < MOST_PARETO_K or checked.relative < _OF_NOISE),
         f"Pareto k {checked.pareto_k:.2f}; {checked.draws} draws simulated with their heat are "
-        f"{1e3 * checked.difference:.0f} mK from linear, {100 * checked.relative:.0f}% of a channel's noise at worst",
-        f"Pareto k below {MOST_PARETO_K:g}, or less than {100 * _OF_NOISE:.0f}% of the noise",
+        f"{1e3 * checked.difference:.0f} mK from linear, {100 * checked.relative:.0f}% of a channel's noise at worst"
+        + (f"; the log density is off by {bent:.1f}" if bent >= _STRAIGHT else ""),
+        f"Pareto k below {MOST_PARETO_K:g}, or less than {100 * _OF_NOISE:.0f}% of the noise; the log density off by "
+        f"less than {_STRAIGHT:g}",
         "Temperatures respond to the unmodelled heat otherwise than linearly, so that its weights are not to be "
         "believed: the heat is large, or heaters whose status is not measured switch with it. Give these a status "
         "('measured_by'), or narrow the priors of heat.",

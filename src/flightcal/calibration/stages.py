@@ -11,7 +11,7 @@ from typing import Any, Final
 import numpy as np
 import xarray
 
-from ..problem import Problem, rehearsal
+from ..problem import Problem, rehearsals
 from ..run import Run, Stage, plain, read_json
 from ..scenario import GeneticSettings, NutsSettings, heat_of
 from ..simulator import FloatArray
@@ -50,7 +50,8 @@ def warm(problem: Problem) -> None:
     """Compile and call what later stages call, so that their times are without compilation."""
     if heat_of(problem.scenario) is not None:
         problem.independent().warm()
-        rehearsal(problem).warm()
+        for like in rehearsals(problem):
+            like.warm()
     else:
         problem.warm()
     median = problem.priors.median()

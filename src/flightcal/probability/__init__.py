@@ -6,7 +6,7 @@ Imports: compiled, environment, errors, scenario, simulator, telemetry.
 """
 
 from .designs import GROWING, KINDS, around_posterior, latin_hypercube, prior_draws, sobol
-from .heat import Profile, Sizes, Slow, WindowHeat, pattern, waves
+from .heat import Follows, Profile, Sizes, Slow, WindowHeat, pattern, waves
 from .kernels.switching import NO_STATUS, StatusCall, status_work, switching
 from .likelihood import (
     Bars,
@@ -38,6 +38,7 @@ __all__ = [
     "Bars",
     "Evidence",
     "Filter",
+    "Follows",
     "Gains",
     "HeaterStatus",
     "Likelihood",

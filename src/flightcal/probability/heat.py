@@ -11,8 +11,10 @@ from dataclasses import dataclass
 from functools import cached_property
 
 import numpy as np
+from numpy.typing import NDArray
 
 from ..simulator import FloatArray, IntArray
+from .kernels.heat import LOG_MOST_GROWTH
 
 _FALL = 3.0
 """Harmonic from which on prior deviations fall."""
@@ -82,6 +84,30 @@ class Sizes:
 
 
 @dataclass(frozen=True)
+class Follows:
+    """How the response to each of m weights grows as c entries of theta move: by exp(slope (x - at)).
+
+    The same heat does more in a smaller capacity. x: the entry, or its logarithm.
+    """
+
+    names: tuple[str, ...]
+    """[c] entries of theta."""
+    logarithmic: NDArray[np.bool_]
+    """[c] whether x is the logarithm."""
+    at: FloatArray
+    """[c] x where the response was looked at."""
+    slope: FloatArray
+    """[m, c]"""
+    centre: FloatArray
+    """[m] weights whose heat the window's simulations already have."""
+
+    def growth(self, entries: FloatArray) -> FloatArray:
+        """Of the responses [S, m] at entries [S, c]; at most `LOG_MOST_GROWTH` in its logarithm."""
+        x = np.where(self.logarithmic, np.log(np.where(self.logarithmic, entries, 1.0)), entries)
+        return np.asarray(np.exp(np.clip((x - self.at) @ self.slope.T, -LOG_MOST_GROWTH, LOG_MOST_GROWTH)))
+
+
+@dataclass(frozen=True)
 class WindowHeat:
     """What m weights of heat do to a window's temperatures, around the point where that was looked at."""
 
@@ -95,6 +121,13 @@ class WindowHeat:
     """[T, N] K: the response to the weights whose heat the window's simulations already have."""
     sizes: Sizes | None = None
     """None: they are entries of theta."""
+    follows: Follows | None = None
+    """How the response depends on theta; None: it is the same everywhere."""
+
+    @property
+    def entries(self) -> tuple[str, ...]:
+        """[g + c] of theta, of scales and of what the response follows, that the likelihood reads; "": none."""
+        return (*self.scales, *(() if self.follows is None else self.follows.names))
 
 
 @dataclass(frozen=True)

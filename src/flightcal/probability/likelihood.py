@@ -85,9 +85,9 @@ class WindowMemory(NamedTuple):
     variance_bar: FloatArray
     """[r]"""
     scales: FloatArray
-    """[g] prior deviations of the weights of heat, read,"""
+    """[g + c] prior deviations of the weights of heat, and what the response follows, read,"""
     scales_bar: FloatArray
-    """[g] and filled; of several windows the first alone."""
+    """[g + c] and filled; of several windows the first alone."""
     value: FloatArray
     """[1], filled: the log likelihood; of several windows that share weights, the first has what these add."""
 
@@ -326,7 +326,7 @@ class Likelihood:
             channels, samples = own.valid.shape
             observed, simulated = np.empty((2, samples, channels))
             variance = np.empty(own.shapes.errors.shape[2])
-            scales = np.empty(0 if own.heat is None else len(own.heat.scales))
+            scales = np.empty(0 if own.heat is None else len(own.heat.entries))
             self.memories.append(window_memory(observed, simulated, np.empty((channels, numbers)), variance, scales))
         self._program = Program(likelihood_calls(residuals, self.memories).rows)
 

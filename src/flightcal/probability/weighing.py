@@ -14,8 +14,9 @@ from scipy.linalg.lapack import dtrtri
 
 from ..compiled import Row
 from ..simulator import FloatArray, IntArray
-from .heat import Sizes
+from .heat import Follows, Sizes
 from .kernels.heat import (
+    LAPACK,
     HeatCloseCall,
     HeatWindowCall,
     KnownCloseCall,
@@ -123,12 +124,13 @@ def heat_rows(
         return _known_rows(residuals, memories, known, heat.sizes)
     parts, m = known.products.shape[:2]
     squares, precision, trace = np.zeros((3, parts))
-    projected, mean, none = np.zeros((parts, m)), np.zeros(m), np.zeros((0, 0))
+    projected, shown = np.zeros((parts, m)), np.zeros(m)
+    follows = heat.follows or Follows((), np.zeros(0, bool), np.zeros(0), np.zeros((m, 0)), np.zeros(m))
     forward, backward, first = [], [], 0
     for own, memory, whitens, response in zip(residuals, memories, known.filters, known.white, strict=True):
         call = HeatWindowCall(
             own.valid, memory.observed, memory.simulated, memory.numbers, whitens.decay, whitens.gain, whitens.root,
-            response, first, np.zeros(own.valid.shape), squares, precision, projected, mean, trace,
+            response, first, np.zeros(own.valid.shape), squares, precision, projected, shown, trace,
             memory.simulated_bar, memory.numbers_bar, known.samples,
         )  # fmt: skip
         first += len(own.valid)
@@ -139,8 +141,9 @@ def heat_rows(
     closing: Row = close.row(
         HeatCloseCall(  # type: ignore[call-arg]
             squares, precision, projected, known.samples, known.determinant, known.products, heat.group,
-            memory.scales, *np.zeros((2, m)), *np.zeros((3, m, m)), *np.zeros((2, m)), mean, np.zeros((m, m)), trace,
-            memory.scales_bar, none, memory.value,
+            memory.scales, follows.logarithmic, follows.at, np.ascontiguousarray(follows.slope), follows.centre,
+            *np.zeros((7, m)), shown, *np.zeros((2, m, m)), np.array(LAPACK), np.array([ord("L")], np.uint8),
+            np.array([m, 0], np.int32), trace, memory.scales_bar, memory.value,
         )
     )  # fmt: skip
     return tuple(forward), [closing], tuple(backward)

@@ -6,8 +6,9 @@ Imports: compiled, environment, errors, external, probability, reduction, scenar
 from .build import build_problem, build_window, initial_priors, initial_temperatures, open_windows, problem_of
 from .coordinates import Whitening, whitening
 from .entries import Entry
-from .heat import at_sizes, dressed, exact_heat, rehearsal, sampled_windows, with_heat
+from .heat import at_sizes, dressed, exact_heat, followed, rehearsals, sampled_windows, with_heat
 from .heat_model import (
+    Followed,
     Gain,
     Group,
     HeatModel,
@@ -37,6 +38,7 @@ __all__ = [
     "STOPPED",
     "Bridged",
     "Entry",
+    "Followed",
     "Gain",
     "Group",
     "HeatModel",
@@ -54,6 +56,7 @@ __all__ = [
     "dressed",
     "errors_of_weights",
     "exact_heat",
+    "followed",
     "gaps_of",
     "heat_in_prior",
     "heat_model",
@@ -68,7 +71,7 @@ __all__ = [
     "patterns_of",
     "places_of",
     "problem_of",
-    "rehearsal",
+    "rehearsals",
     "responses",
     "sampled_windows",
     "simulate_telemetry",

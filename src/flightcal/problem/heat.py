@@ -10,7 +10,17 @@ import numpy as np
 from ..probability import DEVIATION, Gains, Shaped, Sizes, WindowHeat
 from ..simulator import FloatArray
 from .entries import entries_of
-from .heat_model import HeatModel, errors_of_weights, heat_of_weights, hold, responses, split, unit_heats
+from .heat_model import (
+    Followed,
+    HeatModel,
+    errors_of_weights,
+    heat_of_weights,
+    hold,
+    kept_responses,
+    responses,
+    split,
+    unit_heats,
+)
 from .problem import Problem, Runs
 from .window import Window
 
@@ -20,17 +30,28 @@ _LITTLE = 0.02
 """Of what is missed: next to nothing."""
 _REMEMBERED = 5
 """Points of a search for a fixed point."""
+_TURNED = 0.05
+"""Of z, by which responses to heat are looked at again."""
+_FAR = 8.0
+"""Of z, at the end of what a prior allows."""
 
 
-def rehearsal(problem: Problem) -> Problem:
-    """A problem like that which is sampled with heat, to compile what that needs."""
+def rehearsals(problem: Problem) -> tuple[Problem, Problem]:
+    """Problems like those that are sampled with heat, of known sizes and of others, to compile what these need."""
+    return _rehearsal(problem, known=True), _rehearsal(problem, known=False)
+
+
+def _rehearsal(problem: Problem, *, known: bool) -> Problem:
     windows = []
     for window in sampled_windows(problem):
         samples, channels = window.observed.shape
         shapes = tuple(Shaped(1.0, 1.0) for _ in range(channels))
-        heat = WindowHeat(np.zeros((samples, channels, 1)), np.zeros(1, np.int64), (), np.zeros((samples, channels)))
-        held = window.with_known_shape(shapes, {}, np.ones(channels))
-        windows.append(replace(held, heat=replace(heat, sizes=Sizes(np.ones(channels), np.ones(1)))))
+        deviations = np.ones(channels) if known else None
+        sizes = Sizes(np.ones(channels), np.ones(1)) if known else None
+        scales = () if known else ("",)
+        none = np.zeros((samples, channels))
+        heat = WindowHeat(none[..., None], np.zeros(1, np.int64), scales, none, sizes)
+        windows.append(replace(window.with_known_shape(shapes, {}, deviations), heat=heat))
     return Problem(problem.scenario, entries_of(problem.scenario, windows), tuple(windows))
 
 
@@ -57,7 +78,7 @@ def at_sizes(problem: Problem, theta: FloatArray) -> Problem:
         inside = problem.at(window, theta[None])[0]
         assert window.heat is not None
         deviations = window.numbers(inside)[:, DEVIATION]
-        heat = replace(window.heat, scales=(), sizes=Sizes(deviations, window.roots(inside)))
+        heat = replace(window.heat, scales=(), sizes=Sizes(deviations, window.roots(inside)), follows=None)
         held = window.with_known_shape(window.residuals.terms.kinds, {}, deviations)
         reads = {name: prior for name, prior in held.reads.items() if not name.startswith("heat.")}
         windows.append(replace(held, reads=reads, heat=heat))
@@ -74,6 +95,44 @@ def with_heat(problem: Problem, model: HeatModel, theta: FloatArray) -> Problem:
     windows = tuple(_linearised(window, model, problem.at(window, theta[None])[0]) for window in sampled)
     flown = tuple(dressed(window, model) for window in problem.windows)
     return Problem(problem.scenario, entries_of(problem.scenario, windows), windows, None, model, flown)
+
+
+def followed(problem: Problem, theta: FloatArray) -> dict[str, Followed]:
+    """How the response to each weight of heat grows with the parameters, of a problem linearised at theta [d].
+
+    What a parameter does is looked at by a small step of it: by the share of the response's own shape that it adds.
+    Raises SimulationFailure.
+    """
+    z = problem.to_z(theta)
+    positive = problem.to_theta(np.full(len(z), -_FAR)) > 0.0
+    precision = np.split(problem.heat_sizes(theta[None])[0][0] ** -2.0, len(problem.windows))
+    white = problem.weighed.white
+    whole = sum(np.einsum("kti,kti,k->i", own, own, of) for own, of in zip(white, precision, strict=True))
+    found = {}
+    for k in problem.simulated.tolist():
+        if problem.entries[k].kind == "initial":
+            continue
+        there = z.copy()
+        there[k] += _TURNED
+        moved = problem.to_theta(there)
+        along = sum(
+            np.einsum("kti,kti,k->i", own, turned - own, of, optimize=True)
+            for own, turned, of in zip(white, _whitened(problem, moved), precision, strict=True)
+        )
+        x, at = (np.log(own[k]) if positive[k] else own[k] for own in (moved, theta))
+        slope = np.divide(along, whole * (x - at), out=np.zeros_like(whole), where=whole > 0.0)
+        found[problem.names[k]] = Followed(bool(positive[k]), float(at), slope)
+    return found
+
+
+def _whitened(problem: Problem, theta: FloatArray) -> list[FloatArray]:
+    """The response to each weight at theta [d], through noise of deviation one, [N, T, m] of each window."""
+    model, found = problem.heat, []
+    assert model is not None
+    for window, whitens in zip(problem.windows, problem.weighed.filters, strict=True):
+        here = responses(window, problem.at(window, theta[None])[0], model, unit_heats(model, window))
+        found.append(whitens.whiten(np.moveaxis(kept_responses(model, here), 1, 0), window.terms.valid))
+    return found
 
 
 @dataclass(frozen=True)
@@ -98,13 +157,15 @@ def exact_heat(problem: Problem, runs: Sequence[Runs], thetas: FloatArray, rng: 
     model = problem.heat
     assert model is not None
     gains = Gains([window.terms for window in problem.windows], problem.weighed, *problem.heat_sizes(thetas))
-    weights = gains.draw(problem.heat_left(runs), rng)
+    growth = problem.heat_growth(thetas)
+    weights = gains.draw(problem.heat_left(runs, thetas), rng) / growth
     units = [unit_heats(model, window) for window in problem.windows]
     linear = []
     for window, of_window in zip(problem.windows, zip(*runs, strict=True), strict=True):
         assert window.heat is not None
         base = np.stack([run.temperatures for run in of_window])
-        linear.append(base + np.einsum("tnm,sm->stn", window.heat.response, weights - model.centre, optimize=True))
+        does = growth * (weights - model.centre)
+        linear.append(base + np.einsum("tnm,sm->stn", window.heat.response, does, optimize=True))
     best, kept, stalled = np.full(len(thetas), np.inf), weights.copy(), 0
     kept_runs = [np.full(own.shape, np.nan) for own in linear]
     points: list[FloatArray] = []
@@ -129,7 +190,7 @@ def exact_heat(problem: Problem, runs: Sequence[Runs], thetas: FloatArray, rng: 
         if stalled == _STALLED:
             break
         points = [*points, weights][-_REMEMBERED:]
-        steps = [*steps, gains([np.nan_to_num(own) for own in left])][-_REMEMBERED:]
+        steps = [*steps, gains([np.nan_to_num(own) for own in left]) / growth][-_REMEMBERED:]
         weights = _mixed(np.stack(points, axis=1), np.stack(steps, axis=1))
     return ExactHeat(kept, tuple(kept_runs), tuple(linear))
 
@@ -154,8 +215,8 @@ def _linearised(window: Window, model: HeatModel, theta: FloatArray) -> Window:
     heated = window.network.with_heat(heat_of_weights(model, units, split(model, model.centre)))
     around = replace(window, simulator=heated)
     found = responses(around, theta, model, units)
-    kept = [response @ basis[: response.shape[2]] for response, basis in zip(found, model.kept, strict=True)]
-    response = np.concatenate(kept, axis=2)
+    response = kept_responses(model, found)
     centre = response @ model.centre
-    heat = WindowHeat(np.ascontiguousarray(response), model.group, model.scales, centre)
+    follows = model.follows_of(window.names)
+    heat = WindowHeat(np.ascontiguousarray(response), model.group, model.scales, centre, follows=follows)
     return replace(dressed(around, model), heat=heat)

@@ -10,7 +10,7 @@ from typing import Literal
 import numpy as np
 
 from ..environment import orbit_phase
-from ..probability import Profile, Shaped, Slow, Tilt, pattern, waves
+from ..probability import Follows, Profile, Shaped, Slow, Tilt, pattern, waves
 from ..reduction import load
 from ..scenario import HalfNormal, Heat, Scenario
 from ..simulator import (
@@ -86,6 +86,16 @@ class Held:
 
 
 @dataclass(frozen=True)
+class Followed:
+    """How the response to heat grows with a parameter; see `probability.Follows`."""
+
+    logarithmic: bool
+    at: float
+    slope: FloatArray
+    """[m] of each kept weight."""
+
+
+@dataclass(frozen=True)
 class HeatModel:
     """The functions of time that heat is made of, and, once it has been looked at, what was found of their weights.
 
@@ -121,6 +131,8 @@ class HeatModel:
     all theta (with a smaller capacity the same heat does more), and the z where that is zero."""
     most: float = 1.0
     """By which the log density changes so."""
+    followed: Mapping[str, Followed] = field(default_factory=dict)
+    """Of parameters: how the response to heat grows with them; empty: it is the same for all theta."""
 
     @property
     def names(self) -> tuple[str, ...]:
@@ -141,6 +153,16 @@ class HeatModel:
         """That of entries of theta with these names."""
         slopes, centres = zip(*(self.tilted.get(name, (0.0, 0.0)) for name in names), strict=True)
         return Tilt(slopes, centres, self.most)
+
+    def follows_of(self, names: Sequence[str]) -> Follows | None:
+        """How the response follows those of the entries of a window's theta with these names."""
+        found = {name: own for name, own in self.followed.items() if name in names}
+        if not found:
+            return None
+        logarithmic = np.array([own.logarithmic for own in found.values()])
+        at = np.array([own.at for own in found.values()])
+        slope = np.stack([own.slope for own in found.values()], axis=1)
+        return Follows(tuple(found), logarithmic, at, slope, self.centre)
 
     @property
     def group(self) -> IntArray:
@@ -486,6 +508,12 @@ def split(model: HeatModel, kept: FloatArray) -> list[FloatArray]:
     """Weights [..., f] of each group's functions from those [..., m] of the kept directions."""
     ends = np.cumsum([own.shape[1] for own in model.kept])
     return [part @ basis.T for basis, part in zip(model.kept, np.split(kept, ends[:-1], axis=-1), strict=True)]
+
+
+def kept_responses(model: HeatModel, found: Sequence[FloatArray]) -> FloatArray:
+    """[T, N, m] in the kept directions, of responses of each group [T, N, f]; a window may lack the last functions."""
+    kept = [response @ basis[: response.shape[2]] for response, basis in zip(found, model.kept, strict=True)]
+    return np.concatenate(kept, axis=2)
 
 
 def places_of(model: HeatModel, count: int) -> FloatArray:

@@ -166,12 +166,13 @@ class Problem:
         thetas = [self.at(window, theta[None])[0] for window in self.windows]
         if self.heat is not None:
             gains = Gains([window.terms for window in self.windows], self.weighed, *self.heat_sizes(theta[None]))
-            drawn = gains.draw(self.heat_left([runs]), rng)[0]
+            left = self.heat_left([runs], theta[None])
+            drawn = gains.draw(left, rng)[0]
             return np.concatenate(
                 [
-                    run.temperatures - window.target + window.observed + window.heat.response @ drawn
+                    window.observed - of_window[0] + window.heat.response @ drawn
                     + window.residuals.draw_noise(window.numbers(inside), rng)
-                    for window, inside, run in zip(self.windows, thetas, runs, strict=True)
+                    for window, inside, of_window in zip(self.windows, thetas, left, strict=True)
                     if window.heat is not None
                 ]
             )  # fmt: skip
@@ -353,10 +354,20 @@ class Problem:
         """What the windows tell of the weights of heat."""
         return weigh([window.terms for window in self.windows])
 
-    def heat_left(self, runs: Sequence[Runs]) -> list[FloatArray]:
-        """Telemetry minus S simulations as if these were without any heat, [S, T, N] K of each window."""
+    def heat_left(self, runs: Sequence[Runs], thetas: FloatArray) -> list[FloatArray]:
+        """Telemetry minus S simulations at thetas [S, d] as if without any heat, [S, T, N] K of each window."""
         by_window = zip(self.windows, zip(*runs, strict=True), strict=True)
-        return [np.stack([window.target - run.temperatures for run in of_window]) for window, of_window in by_window]
+        left = [np.stack([window.target - run.temperatures for run in of_window]) for window, of_window in by_window]
+        more = self.heat_growth(thetas) - 1.0
+        if self.heat is not None and more.any():
+            for own, window in zip(left, self.windows, strict=True):
+                assert window.heat is not None
+                own += np.einsum("tnm,sm->stn", window.heat.response, more * self.heat.centre, optimize=True)
+        return left
+
+    def heat_growth(self, thetas: FloatArray) -> FloatArray:
+        """[S, m] by how much more each weight of heat does at thetas [S, d] than where the response was looked at."""
+        return np.stack([self.windows[0].growth(own) for own in self.at(self.windows[0], thetas)])
 
     def heat_sizes(self, thetas: FloatArray) -> tuple[FloatArray, FloatArray]:
         """At thetas [S, d]: deviations [S, P] of the noise of each window's channels, and of the weights [S, m]."""

@@ -145,7 +145,7 @@ class Window:
 
     @cached_property
     def written(self) -> Numbers:
-        """Numbers of noise and discrepancy [N n], settings of the status [P], scales of heat [g]; what theta sets."""
+        """Numbers of noise and discrepancy [N n], settings of the status [P], of heat [g + c]; what theta sets."""
         fixed, status = self.residuals.fixed, self.heater_status
         sets = [
             (channel * fixed.shape[1] + column, position)
@@ -156,10 +156,10 @@ class Window:
             sets += [(fixed.size + place, self.names.index(name)) for place, name in own]
         settings = np.empty(0) if status is None else status.settings
         first = fixed.size + len(settings)
-        scales = () if self.heat is None else self.heat.scales
-        sets += [(first + place, self.names.index(name)) for place, name in enumerate(scales) if name]
+        entries = () if self.heat is None else self.heat.entries
+        sets += [(first + place, self.names.index(name)) for place, name in enumerate(entries) if name]
         pairs = np.array(sets, np.int64).reshape(-1, 2)
-        values = np.concatenate([fixed.ravel(), settings, np.ones(len(scales))])
+        values = np.concatenate([fixed.ravel(), settings, np.ones(len(entries))])
         return Numbers((), values, pairs, np.empty((0, 2), np.int64))
 
     @cached_property
@@ -174,13 +174,22 @@ class Window:
         return self.written.at(theta)[first:last]
 
     def scales(self, theta: FloatArray) -> FloatArray:
-        """Prior deviations [g] of the weights of heat at theta [q]."""
+        """Prior deviations [g] of the weights of heat at theta [q], and what the response follows [c]."""
         return self.written.at(theta)[self.bounds[1] :]
 
-    def roots(self, theta: FloatArray) -> FloatArray:
-        """The same of each weight, [m]."""
+    def growth(self, theta: FloatArray) -> FloatArray:
+        """[m] by how much more each weight of heat does at theta [q] than where the response was looked at."""
         assert self.heat is not None
-        return self.scales(theta)[self.heat.group] if self.heat.sizes is None else self.heat.sizes.roots
+        if self.heat.follows is None:
+            return np.ones(len(self.heat.group))
+        return self.heat.follows.growth(self.scales(theta)[None, len(self.heat.scales) :])[0]
+
+    def roots(self, theta: FloatArray) -> FloatArray:
+        """Prior deviations [m] of what each weight does, for the response as it was looked at."""
+        assert self.heat is not None
+        if self.heat.sizes is not None:
+            return self.heat.sizes.roots
+        return self.scales(theta)[self.heat.group] * self.growth(theta)
 
     @cached_property
     def target(self) -> FloatArray:

@@ -10,11 +10,19 @@ from __future__ import annotations
 import math
 from typing import Any, NamedTuple
 
+import numpy as np
+from llvmlite import ir
+from numba.core import types
+from numba.extending import get_cython_function_address, intrinsic
+
 from ...compiled import inlined, kernel
-from .shapes import factorise
 from .window import add_products
 
 _LOG_2_PI = math.log(2.0 * math.pi)
+LOG_MOST_GROWTH = 3.0
+"""Of a response, up or down: far from where it was looked at."""
+LAPACK = tuple(int(get_cython_function_address("scipy.linalg.cython_lapack", name)) for name in ("dpotrf", "dpotri"))
+"""Cholesky factor of a symmetric matrix, and its inverse from that."""
 
 
 class HeatWindowCall(NamedTuple):
@@ -41,8 +49,8 @@ class HeatWindowCall(NamedTuple):
     precision: Any
     projected: Any
     """[P, m] products with the response."""
-    mean: Any
-    """[m] expected weights, read by `returns`, as the next."""
+    shown: Any
+    """[m] expected weights less those that simulations have, read by `returns`, as the next."""
     trace: Any
     """[P] of what is uncertain in the whitened response."""
     simulated_bar: Any
@@ -68,29 +76,54 @@ class HeatCloseCall(NamedTuple):
     group: Any
     """[m] whose scale each weight has."""
     scales: Any
-    """[g] prior deviations of the weights."""
+    """[g + c] prior deviations of the weights, and entries that the response follows (`Follows`)."""
+    logarithmic: Any
+    """[c] of these, as the next two."""
+    at: Any
+    slope: Any
+    """[m, c]"""
+    centre: Any
+    """[m]"""
+    growth: Any
+    """[m] to work in, as the next nine."""
+    shift: Any
+    shifted: Any
     root: Any
-    """[m] to work in, as the next six; `mean`, `inverse` and `weights` stay of use."""
     moment: Any
-    gram: Any
-    """[m, m]"""
-    upper: Any
-    inverse: Any
-    """X, lower triangle: X^T X is the weights' covariance over their prior deviations."""
-    shrunk: Any
     weights: Any
     mean: Any
+    shown: Any
     """[m], filled."""
+    gram: Any
+    """[m, m] to work in, as the next; upper triangles."""
     covariance: Any
-    """[m, m] upper triangle, filled."""
+    """Filled."""
+    lapack: Any
+    """[2] `LAPACK`, which so does not end up in the cache,"""
+    triangle: Any
+    """[1] and what they take: which triangle,"""
+    lengths: Any
+    """[2] m, and whether it failed."""
     trace: Any
     """[P] filled."""
     scales_bar: Any
-    """[g] filled."""
-    none: Any
-    """[0, 0]"""
+    """[g + c] filled."""
     value: Any
     """[1] filled: the log likelihood."""
+
+
+@intrinsic
+def _lapack(typing_context: Any, address: Any, triangle: Any, length: Any, matrix: Any, failed: Any) -> Any:
+    """The LAPACK function (triangle, length, matrix, leading length, failed) at an address; all are addresses."""
+
+    def generate(context: Any, builder: Any, sig: Any, args: Any) -> Any:
+        pointer = ir.IntType(8).as_pointer()
+        kind = ir.FunctionType(ir.VoidType(), [pointer] * 5)
+        given = [builder.inttoptr(args[k], pointer) for k in (1, 2, 3, 2, 4)]
+        builder.call(builder.inttoptr(args[0], kind.as_pointer()), given)
+        return context.get_dummy_value()
+
+    return types.void(types.int64, *[types.uintp] * 4), generate
 
 
 @kernel
@@ -115,37 +148,34 @@ def close(call):
     """The weights' posterior, the log likelihood, and its derivatives by the scales."""
     squares, precision, projected, samples = call.squares, call.precision, call.projected, call.samples
     products, group, scales, root, moment = call.products, call.group, call.scales, call.root, call.moment
-    gram, inverse, shrunk, weights, mean = call.gram, call.inverse, call.shrunk, call.weights, call.mean
+    gram, weights, mean = call.gram, call.weights, call.mean
     covariance, trace, scales_bar, determinant = call.covariance, call.trace, call.scales_bar, call.determinant
     parts, m = projected.shape
+    _grow(call)
     total = 0.0
     for i in range(m):
-        root[i] = scales[group[i]]
+        root[i] = scales[group[i]] * call.growth[i]
         moment[i] = 0.0
         for j in range(i, m):
             gram[i, j] = 0.0
-            covariance[i, j] = 0.0
     for p in range(parts):
         weight = precision[p]
+        _shift(call, p)
         total += weight * squares[p] + determinant[p] + samples[p] * (_LOG_2_PI - math.log(weight))
         for i in range(m):
             moment[i] += weight * projected[p, i]
             for j in range(i, m):
                 gram[i, j] += weight * products[p, i, j]
-    log_determinant, explained = factorise(
-        gram, 1.0, root, moment, m, 0, call.none, root, call.upper, inverse, shrunk, weights
-    )
+    log_determinant, explained = _invert(call)
     call.value[0] = -0.5 * (total + log_determinant - explained)
     for k in range(scales.shape[0]):
         scales_bar[k] = 0.0
     for i in range(m):
         mean[i] = root[i] * weights[i]
-        scales_bar[group[i]] += (weights[i] * weights[i] - 1.0 + shrunk[i]) / root[i]
-    for k in range(m):
-        for i in range(k + 1):
-            left = inverse[k, i]
-            for j in range(i, k + 1):
-                covariance[i, j] += left * inverse[k, j]
+        call.shown[i] = mean[i] - call.shift[i]
+        by_log_root = weights[i] * weights[i] - 1.0 + covariance[i, i]
+        scales_bar[group[i]] += by_log_root / scales[group[i]]
+        _add_growth_bar(call, i, by_log_root - weights[i] / root[i] * call.centre[i] * call.growth[i])
     for i in range(m):
         for j in range(i, m):
             covariance[i, j] *= root[i] * root[j] * (1.0 if i == j else 2.0)
@@ -154,6 +184,91 @@ def close(call):
         for i in range(m):
             trace[p] += _dot(covariance, products, p, i, m)
     return 0
+
+
+@inlined
+def _invert(call):
+    """Fill the covariance with the inverse of 1 + root gram root, and the weights with what is expected, over root.
+
+    Returns the log determinant, infinite where it has no inverse, and by how much the residuals' square is explained.
+    """
+    gram, root, moment, inner, weights = call.gram, call.root, call.moment, call.covariance, call.weights
+    lengths, m = call.lengths, call.root.shape[0]
+    for i in range(m):
+        weights[i] = root[i] * moment[i]
+        for j in range(i, m):
+            inner[i, j] = root[i] * gram[i, j] * root[j]
+        inner[i, i] += 1.0
+    triangle, length, matrix = call.triangle.ctypes.data, lengths[:1].ctypes.data, inner.ctypes.data
+    failed = lengths[1:].ctypes.data
+    _lapack(call.lapack[0], triangle, length, matrix, failed)
+    if lengths[1] != 0:
+        return np.inf, 0.0
+    log_determinant, explained = 0.0, 0.0
+    for i in range(m):
+        log_determinant += 2.0 * math.log(inner[i, i])
+        weights[i] /= inner[i, i]
+        explained += weights[i] * weights[i]
+        for j in range(i + 1, m):
+            weights[j] -= inner[i, j] * weights[i]
+    for back in range(m):
+        i = m - 1 - back
+        for j in range(i + 1, m):
+            weights[i] -= inner[i, j] * weights[j]
+        weights[i] /= inner[i, i]
+    _lapack(call.lapack[1], triangle, length, matrix, failed)
+    return log_determinant if lengths[1] == 0 else np.inf, explained
+
+
+@inlined
+def _grow(call):
+    """How much more each weight does here, and what the heat that simulations have does more."""
+    scales, slope, growth = call.scales, call.slope, call.growth
+    m, c = slope.shape
+    first = scales.shape[0] - c
+    for i in range(m):
+        total = 0.0
+        for j in range(c):
+            total += slope[i, j] * (_coordinate(call, j, scales[first + j]) - call.at[j])
+        growth[i] = math.exp(min(max(total, -LOG_MOST_GROWTH), LOG_MOST_GROWTH))
+        call.shift[i] = (growth[i] - 1.0) * call.centre[i]
+
+
+@inlined
+def _coordinate(call, j, entry):
+    return math.log(entry) if call.logarithmic[j] else entry
+
+
+@inlined
+def _shift(call, p):
+    """The same in what part p tells."""
+    squares, projected, products, shift, shifted = call.squares, call.projected, call.products, call.shift, call.shifted
+    m, c = call.slope.shape
+    if c == 0:
+        return
+    for i in range(m):
+        shifted[i] = 0.0
+    for i in range(m):
+        shifted[i] += products[p, i, i] * shift[i]
+        for j in range(i + 1, m):
+            shifted[i] += products[p, i, j] * shift[j]
+            shifted[j] += products[p, i, j] * shift[i]
+    for i in range(m):
+        squares[p] += shift[i] * (2.0 * projected[p, i] + shifted[i])
+        projected[p, i] += shifted[i]
+
+
+@inlined
+def _add_growth_bar(call, i, bar):
+    """Derivatives by what the response follows, from that by the logarithm of a weight's growth."""
+    scales, slope = call.scales, call.slope
+    c = slope.shape[1]
+    first = scales.shape[0] - c
+    if abs(math.log(call.growth[i])) >= LOG_MOST_GROWTH:
+        return
+    for j in range(c):
+        by_entry = 1.0 / scales[first + j] if call.logarithmic[j] else 1.0
+        call.scales_bar[first + j] += bar * slope[i, j] * by_entry
 
 
 @inlined
@@ -168,7 +283,7 @@ def _dot(covariance, products, p, i, m):
 def returns(call):
     """Derivatives by what is simulated, and by the noise's deviations."""
     valid, numbers, decay, gain, root = call.valid, call.numbers, call.decay, call.gain, call.root
-    response, white, precision, mean, trace = call.response, call.white, call.precision, call.mean, call.trace
+    response, white, precision, shown, trace = call.response, call.white, call.precision, call.shown, call.trace
     simulated_bar, numbers_bar, samples, first = call.simulated_bar, call.numbers_bar, call.samples, call.first
     channels, count = valid.shape
     for k in range(channels):
@@ -180,7 +295,7 @@ def returns(call):
             t = count - 1 - back
             simulated_bar[t, k] = 0.0
             if valid[k, t]:
-                left = white[k, t] - _explained(response, mean, k, t)
+                left = white[k, t] - _explained(response, shown, k, t)
                 squares += left * left
                 new_bar = root[k, t] * weight * left + gain[k, t] * state_bar
                 simulated_bar[t, k] = new_bar
@@ -205,10 +320,10 @@ def _whiten(valid, observed, simulated, decay, gain, root, k, white, total):
 
 
 @inlined
-def _explained(response, mean, k, t):
+def _explained(response, weights, k, t):
     total = 0.0
-    for j in range(mean.shape[0]):
-        total += response[k, t, j] * mean[j]
+    for j in range(weights.shape[0]):
+        total += response[k, t, j] * weights[j]
     return total
 
 
