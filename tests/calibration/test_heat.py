@@ -553,12 +553,17 @@ def test_how_far_a_response_bends_is_the_variance_of_its_growth_where_much_is_to
 
 
 @pytest.fixture(scope="module")
-def followed_posterior(found):
+def without_heaters(tmp_path_factory):
+    return problem_of(tmp_path_factory.mktemp("heat"), CASES["without heaters"], panel=pattern)
+
+
+@pytest.fixture(scope="module")
+def followed_posterior(without_heaters):
     """A posterior of a response that has to be followed however little it bends."""
-    problem, _ = found
+    problem = without_heaters
     with pytest.MonkeyPatch.context() as patch:
         patch.setattr(methods, "_STRAIGHT", 1e-9)
-        return calibrate_nuts(problem, NutsSettings(chains=2, warmup=200, draws=200), seed=3)
+        return calibrate_nuts(problem, NutsSettings(chains=2, warmup=150, draws=100), seed=3)
 
 
 def test_where_the_response_bends_much_the_draws_are_of_one_that_follows(followed_posterior):
@@ -583,20 +588,18 @@ def test_the_middle_of_the_posterior_is_where_the_response_was_looked_at(followe
         assert abs(problem.to_z(theta)[k] - at[k]) < z[:, k].std(), problem.names[k]
 
 
-def test_a_problem_whose_response_follows_is_read_back_from_its_file(found, followed_posterior):
-    problem, _ = found
+def test_a_problem_whose_response_follows_is_read_back_from_its_file(without_heaters, followed_posterior):
     point = followed_posterior.heat
     tree = xarray.DataTree.from_dict({"heat": heat_dataset(point.model, point.names, point.theta)})
-    again = with_kept_heat(problem, tree)
+    again = with_kept_heat(without_heaters, tree)
     z = followed_posterior.problem.to_z(followed_posterior.flat[7])
     assert again.log_density(z) == pytest.approx(followed_posterior.problem.log_density(z), rel=1e-9)
 
 
-def test_a_response_that_bends_and_is_not_followed_fails_its_gate(found, monkeypatch):
-    problem, _ = found
+def test_a_response_that_bends_and_is_not_followed_fails_its_gate(without_heaters, monkeypatch):
     monkeypatch.setattr(methods, "_STRAIGHT", 1e-9)
     monkeypatch.setattr(methods, "_MOST_FOLLOWED", 0)
-    posterior = calibrate_nuts(problem, NutsSettings(chains=2, warmup=100, draws=100), seed=3)
+    posterior = calibrate_nuts(without_heaters, NutsSettings(chains=2, warmup=100, draws=50), seed=3)
     gates = {gate.name: gate for gate in posterior.diagnostics.gates}
     assert not posterior.heat.model.followed
     assert not gates["response to heat"].passed
