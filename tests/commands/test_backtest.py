@@ -81,7 +81,7 @@ def test_origins_that_are_done_are_not_run_again(finished, tmp_path):
     assert told.done_before("origin 1 of 2, 2024-03-01 01:29")
     assert told.done_before("origin 2 of 2, 2024-03-01 05:31")
     assert any(line.startswith("2 origins, each a calibration on 1 orbits") for line in told.said)
-    assert any(re.match(r"origin 1 took 0 s; one is left, about 0 s", line) for line in told.said)
+    assert any(re.match(r"origin 1 took \d s; one is left, about \d s", line) for line in told.said)
 
 
 def test_no_temperature_after_an_origin_but_those_of_the_first_minutes_counts(finished, tmp_path):
