@@ -46,6 +46,8 @@ _MOST_FOLLOWED = 250
 """Weights, of which more would take hours: each gradient takes the cube of their number."""
 _PILOTS, _PILOT_CHAINS = 4, 2
 _PILOT_WARMUP, _PILOT_DRAWS = 300, 150
+_CAREFUL = 0.95
+"""Acceptance where sizes are sampled: towards small ones the density narrows like a funnel."""
 _STAYS = 0.5
 """Of its deviation, within which the middle of each quantity is to be found again."""
 _CHECKED = 200
@@ -319,7 +321,8 @@ def _calibrate_with_heat(
         theta = spread_sizes(problem, heated, point, known, draws.z, rng)
     else:
         density = heated.log_density_and_gradient
-        draws = _drawn(sample(density, coordinates, settings, seed, native=heated.native_density, progress=progress))
+        careful = settings.model_copy(update={"target_acceptance": max(settings.target_acceptance, _CAREFUL)})
+        draws = _drawn(sample(density, coordinates, careful, seed, native=heated.native_density, progress=progress))
         theta = heated.to_theta(draws.z)
     by_name = {name: theta[..., k] for k, name in enumerate(heated.names)}
     judged = diagnose(by_name, draws.statistics, settings, _prior_scores(heated, theta))
