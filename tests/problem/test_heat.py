@@ -18,6 +18,7 @@ from flightcal.problem import (
     heat_of_weights,
     held_by,
     hold,
+    kept_responses,
     knots_of,
     patterns_of,
     places_of,
@@ -27,7 +28,6 @@ from flightcal.problem import (
     unit_heats,
     with_heat,
 )
-from flightcal.problem.heat_model import kept_responses
 from flightcal.scenario import HalfNormal
 from flightcal.simulator import STEFAN_BOLTZMANN, flow_through
 from tests import small
@@ -737,7 +737,7 @@ def test_a_response_that_follows_is_nearer_to_what_is_looked_at_anew(following, 
         growth = following.heat_growth(theta[None])[0]
         for window, whitens in zip(following.windows, following.weighed.filters, strict=True):
             inside = following.at(window, theta[None])[0]
-            anew = kept_responses(model, responses(window, inside, model, unit_heats(model, window)))
+            anew = kept_responses(model.kept, responses(window, inside, model, unit_heats(model, window)))
             for response, grown in ((window.heat.response, False), (window.heat.response * growth, True)):
                 off = whitens.whiten(np.moveaxis(response - anew, 1, 0), window.terms.valid)
                 same, with_growth = same + (not grown) * (off**2).sum(), with_growth + grown * (off**2).sum()

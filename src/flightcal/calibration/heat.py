@@ -28,6 +28,7 @@ from ..problem import (
     heat_of_weights,
     held_by,
     hold,
+    kept_responses,
     responses,
     sampled_windows,
     unit_heats,
@@ -234,7 +235,9 @@ class _Search:
         """[T, N, m + d] of each window: responses in the kept directions, and by z."""
         found = []
         for own in linear:
-            found.append(np.concatenate([_kept(own.response, bases), own.jacobian[..., self._moving()]], axis=2))
+            found.append(
+                np.concatenate([kept_responses(bases, own.response), own.jacobian[..., self._moving()]], axis=2)
+            )
         return found
 
     def _moving(self) -> IntArray:
@@ -419,14 +422,8 @@ class _Search:
     def _whitened(self, own: _Linear, z: FloatArray, whitens: Filter, around: Around) -> FloatArray:
         """Responses in the kept directions at z, through noise of deviation one, [N, T, m]."""
         theta = self.sampling.at(own.window, self.problem.to_theta(z)[None])[0]
-        response = _kept(responses(own.window, theta, self.model, own.units), around.bases)
+        response = kept_responses(around.bases, responses(own.window, theta, self.model, own.units))
         return whitens.whiten(np.moveaxis(response, 1, 0), own.window.valid.T)
-
-
-def _kept(response: Sequence[FloatArray], bases: Sequence[FloatArray]) -> FloatArray:
-    """[T, N, m] in the kept directions, of responses of each group [T, N, f]; a window may lack the last functions."""
-    kept = [own @ basis[: own.shape[2]] for own, basis in zip(response, bases, strict=True)]
-    return np.concatenate(kept, axis=2)
 
 
 def _floors(windows: Sequence[Window]) -> FloatArray:

@@ -284,6 +284,8 @@ def _calibrate_with_heat(
 ) -> Posterior:
     """`calibrate_nuts` with unmodelled heat: sampled at the most probable sizes of noise and heat, then spread.
 
+    Where the response to heat bends, it follows the parameters, and sizes are sampled with them.
+
     The mode is sought without heat, in open loop where heaters have a measured status.
     """
     rng = np.random.default_rng(seed)
@@ -298,23 +300,23 @@ def _calibrate_with_heat(
         known = at_sizes(heated, heated.to_theta(z))
         mode = climb(known, _parts(z, heated, known), modes[0].origin)
         # Linear around where the draws will be.
-        theta = heated.to_theta(z)
-        theta[[heated.names.index(name) for name in known.names]] = known.to_theta(mode.z)
+        theta = _with_parts(heated.to_theta(z), heated, known, mode.z)
         point = moved(point, heated, theta)
         heated, z = start_with_heat(problem, point)
         known = at_sizes(heated, heated.to_theta(z))
         mode = climb(known, _parts(z, heated, known), modes[0].origin)
     coordinates = whitening(mode.z, known.gauss_newton_hessian(mode.z))
-    theta[[heated.names.index(name) for name in known.names]] = known.to_theta(mode.z)
+    theta = _with_parts(theta, heated, known, mode.z)
     around = coordinates.to_z(rng.standard_normal((1, _NEAR, len(mode.z))))
     near = spread_sizes(problem, heated, point, known, around, rng)[0]
     with progress.stage("response to heat") as search:
         following = follow(problem, point, heated, theta)
-        bent = bend(following, start_with_heat(problem, following)[0], near)
+        ahead, start = start_with_heat(problem, following)
+        bent = bend(following, ahead, near)
         straight = bent < _STRAIGHT or len(point.model.centre) > _MOST_FOLLOWED
         if not straight:
             bent = 0.0
-            point, heated, coordinates = _followed(problem, following, settings, seed, search)
+            point, heated, coordinates = _followed(problem, following, ahead, start, settings, seed, search)
     if straight:
         density = known.log_density_and_gradient
         draws = _drawn(sample(density, coordinates, settings, seed, native=known.native_density, progress=progress))
@@ -334,12 +336,19 @@ def _calibrate_with_heat(
 
 
 def _followed(
-    problem: Problem, point: HeatPoint, settings: NutsSettings, seed: int, progress: Progress
+    problem: Problem,
+    point: HeatPoint,
+    heated: Problem,
+    z: FloatArray,
+    settings: NutsSettings,
+    seed: int,
+    progress: Progress,
 ) -> tuple[HeatPoint, Problem, Whitening]:
     """The point in the middle of the posterior, the problem there, and coordinates to sample it in.
 
     The response to heat follows the parameters only near where it was looked at; so a few draws say where the middle
-    is, and it is looked at there again, until the middle stays.
+    is, and it is looked at there again, until the middle stays. heated, z: the problem around the point, and where to
+    begin.
     """
     few = settings.model_copy(
         update={
@@ -348,7 +357,6 @@ def _followed(
             "draws": min(settings.draws, _PILOT_DRAWS),
         }
     )
-    heated, z = start_with_heat(problem, point)
     for trial in range(_PILOTS):
         progress.at(trial / _PILOTS, f"where it is, trial {trial + 1}")
         coordinates = whitening(z, heated.gauss_newton_hessian(z))
@@ -368,6 +376,13 @@ def _followed(
 def _parts(z: FloatArray, heated: Problem, known: Problem) -> FloatArray:
     """Of z of a problem, that of one with fewer entries."""
     return np.array([z[heated.names.index(name)] for name in known.names])
+
+
+def _with_parts(theta: FloatArray, heated: Problem, known: Problem, z: FloatArray) -> FloatArray:
+    """theta of a problem, with what z of one with fewer entries says."""
+    theta = theta.copy()
+    theta[[heated.names.index(name) for name in known.names]] = known.to_theta(z)
+    return theta
 
 
 def _linear_gate(checked: HeatCheck, bent: float) -> Gate:

@@ -131,7 +131,7 @@ def _whitened(problem: Problem, theta: FloatArray) -> list[FloatArray]:
     assert model is not None
     for window, whitens in zip(problem.windows, problem.weighed.filters, strict=True):
         here = responses(window, problem.at(window, theta[None])[0], model, unit_heats(model, window))
-        found.append(whitens.whiten(np.moveaxis(kept_responses(model, here), 1, 0), window.terms.valid))
+        found.append(whitens.whiten(np.moveaxis(kept_responses(model.kept, here), 1, 0), window.terms.valid))
     return found
 
 
@@ -215,7 +215,7 @@ def _linearised(window: Window, model: HeatModel, theta: FloatArray) -> Window:
     heated = window.network.with_heat(heat_of_weights(model, units, split(model, model.centre)))
     around = replace(window, simulator=heated)
     found = responses(around, theta, model, units)
-    response = kept_responses(model, found)
+    response = kept_responses(model.kept, found)
     centre = response @ model.centre
     follows = model.follows_of(window.names)
     heat = WindowHeat(np.ascontiguousarray(response), model.group, model.scales, centre, follows=follows)

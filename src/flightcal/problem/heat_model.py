@@ -510,9 +510,9 @@ def split(model: HeatModel, kept: FloatArray) -> list[FloatArray]:
     return [part @ basis.T for basis, part in zip(model.kept, np.split(kept, ends[:-1], axis=-1), strict=True)]
 
 
-def kept_responses(model: HeatModel, found: Sequence[FloatArray]) -> FloatArray:
-    """[T, N, m] in the kept directions, of responses of each group [T, N, f]; a window may lack the last functions."""
-    kept = [response @ basis[: response.shape[2]] for response, basis in zip(found, model.kept, strict=True)]
+def kept_responses(bases: Sequence[FloatArray], found: Sequence[FloatArray]) -> FloatArray:
+    """[T, N, m] in kept directions [f, k], of each group's [T, N, f]; a window may lack the last functions."""
+    kept = [response @ basis[: response.shape[2]] for response, basis in zip(found, bases, strict=True)]
     return np.concatenate(kept, axis=2)
 
 
