@@ -3,9 +3,32 @@ import pytest
 import scipy.stats
 
 from flightcal.probability.priors import Priors, Tilt
-from flightcal.scenario import Beta, HalfNormal, LogNormal, Normal, TruncatedNormal, Uniform
+from flightcal.scenario import Beta, HalfNormal, HalfStudentT, LogNormal, Normal, TruncatedNormal, Uniform
 
 SIGMA = np.log(2.5)
+
+
+class HalfStudent:
+    """The reference for half of Student's t: SciPy has the whole one alone."""
+
+    whole = scipy.stats.t(3.0, scale=2.0)
+
+    def logpdf(self, theta):
+        return np.log(2.0) + self.whole.logpdf(theta)
+
+    def ppf(self, p):
+        return self.whole.ppf(0.5 + 0.5 * np.asarray(p))
+
+    def cdf(self, theta):
+        return 2.0 * self.whole.cdf(theta) - 1.0
+
+    def median(self):
+        return self.ppf(0.5)
+
+    def support(self):
+        return 0.0, np.inf
+
+
 CASES = {
     "absorptivity": (Uniform(lower=0.05, upper=0.45), scipy.stats.uniform(0.05, 0.4)),
     "bias": (Normal(mean=-3.0, standard_deviation=0.5), scipy.stats.norm(-3.0, 0.5)),
@@ -28,6 +51,7 @@ CASES = {
     "link": (LogNormal(median=0.8, factor=2.5), scipy.stats.lognorm(SIGMA, scale=0.8)),
     "second_absorptivity": (Uniform(lower=-10.0, upper=300.0), scipy.stats.uniform(-10.0, 310.0)),
     "noise": (HalfNormal(scale=2.0), scipy.stats.halfnorm(scale=2.0)),
+    "drift": (HalfStudentT(scale=2.0, degrees_of_freedom=3.0), HalfStudent()),
     "share": (Beta(alpha=2.0, beta=5.0), scipy.stats.beta(2.0, 5.0)),
     "efficiency": (Beta(alpha=0.6, beta=0.9, lower=-1.0, upper=4.0), scipy.stats.beta(0.6, 0.9, -1.0, 5.0)),
 }

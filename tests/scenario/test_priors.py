@@ -3,7 +3,7 @@ import math
 import pytest
 from pydantic import ValidationError
 
-from flightcal.scenario import Beta, HalfNormal, LogNormal, Normal, TruncatedNormal, Uniform
+from flightcal.scenario import Beta, HalfNormal, HalfStudentT, LogNormal, Normal, TruncatedNormal, Uniform
 from flightcal.scenario.priors import read_prior, support, written_prior
 from flightcal.scenario.wording import problems_of
 
@@ -13,6 +13,7 @@ PRIORS = [
     TruncatedNormal(mean=1.0, standard_deviation=0.2, lower=0.5, upper=2.0),
     LogNormal(median=0.8, factor=2.0),
     HalfNormal(scale=2.0),
+    HalfStudentT(scale=2.0, degrees_of_freedom=3.0),
     Beta(alpha=2.0, beta=5.0, lower=0.1, upper=0.9),
 ]
 
@@ -24,6 +25,11 @@ PRIORS = [
         ({"uniform": ["500 mW/K", "2 W/K"]}, "W/K", Uniform(lower=0.5, upper=2.0)),
         ({"lognormal": {"median": "0.8 W/K", "factor": 2}}, "W/K", LogNormal(median=0.8, factor=2.0)),
         ({"half_normal": "2 W"}, "W", HalfNormal(scale=2.0)),
+        (
+            {"half_student_t": {"scale": "2 W", "degrees_of_freedom": 3}},
+            "W",
+            HalfStudentT(scale=2.0, degrees_of_freedom=3.0),
+        ),
         ({"beta": {"alpha": 2, "beta": 5}}, "", Beta(alpha=2.0, beta=5.0, lower=0.0, upper=1.0)),
         (
             {"beta": {"alpha": 2, "beta": 5, "lower": "0 W", "upper": "4 W"}},
@@ -107,7 +113,6 @@ def test_support_is_where_the_prior_has_probability():
         (-1.5, 0.1),
         (-math.inf, math.inf),
         (0.5, 2.0),
-        (0.0, math.inf),
-        (0.0, math.inf),
+        *3 * [(0.0, math.inf)],
         (0.1, 0.9),
     ]

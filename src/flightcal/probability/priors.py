@@ -2,9 +2,9 @@
 
 Uniform, Normal, TruncatedNormal and LogNormal use normal scores, theta = F^-1(Phi(z)) with F the prior's
 distribution function: the prior of z is N(0, 1) whatever the units and bounds, z = 0 is the median, and the
-prior's share of a Gauss-Newton Hessian is the identity. A HalfNormal, the usual prior of a noise level, uses
-the logarithm, in which the likelihood of a noise level is close to normal and the level never rounds to zero.
-A Beta uses the logit.
+prior's share of a Gauss-Newton Hessian is the identity. A HalfNormal, the usual prior of a noise level, and a
+HalfStudentT use the logarithm, in which the likelihood of a noise level is close to normal and the level never
+rounds to zero. A Beta uses the logit.
 """
 
 from __future__ import annotations
@@ -16,10 +16,10 @@ from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
-from scipy.special import betaincinv, betaln, erfinv, expit, logit, ndtr, ndtri
+from scipy.special import betaincinv, betaln, erfinv, expit, gammaln, logit, ndtr, ndtri, stdtrit
 
 from ..compiled import Row
-from ..scenario import Beta, HalfNormal, LogNormal, Normal, Prior, TruncatedNormal, Uniform
+from ..scenario import Beta, HalfNormal, HalfStudentT, LogNormal, Normal, Prior, TruncatedNormal, Uniform
 from .kernels.priors import NDTRI, TINY, PriorsCall, evaluate
 
 Array = NDArray[np.float64]
@@ -198,6 +198,18 @@ def _truncated_to_z(
     return _score(np.maximum(below, _SMALLEST), np.maximum(above, _SMALLEST))
 
 
+def _student_arguments(prior: HalfStudentT) -> tuple[float, ...]:
+    """Scale, degrees of freedom, and the logarithm of the density at zero of the distribution of scale one."""
+    nu = prior.degrees_of_freedom
+    at_zero = np.log(2.0) + gammaln(0.5 * (nu + 1.0)) - gammaln(0.5 * nu) - 0.5 * np.log(nu * np.pi)
+    return prior.scale, nu, float(at_zero)
+
+
+def _student_precision(z: Array, scale: Array, nu: Array, *_: Array) -> Array:
+    square = np.exp(2.0 * z)
+    return np.asarray(2.0 * (nu + 1.0) * nu * square / (nu + square) ** 2)
+
+
 def _beta_to_z(theta: Array, alpha: Array, beta: Array, lower: Array, upper: Array, *_: Array) -> Array:
     below, above = _shares(theta, lower, upper)
     return np.log(below) - np.log(above)
@@ -225,6 +237,13 @@ _FAMILIES: dict[type, _Family] = {
         to_z=lambda theta, scale, *_: np.log(theta / scale),
         precision=lambda z, scale, *_: 2.0 * np.exp(2.0 * z),
         quantile=lambda p, scale, *_: np.log(np.sqrt(2.0) * erfinv(p)),
+    ),
+    HalfStudentT: _Family(
+        arguments=_student_arguments,
+        to_z=lambda theta, scale, *_: np.log(theta / scale),
+        precision=_student_precision,
+        # From the tail of the two that has the digits.
+        quantile=lambda p, scale, nu, *_: np.log(np.abs(stdtrit(nu, np.where(p < 0.5, 0.5 + 0.5 * p, 0.5 - 0.5 * p)))),
     ),
     Beta: _Family(
         arguments=lambda prior: (prior.alpha, prior.beta, prior.lower, prior.upper, betaln(prior.alpha, prior.beta)),

@@ -59,7 +59,7 @@ from .network import (
 )
 from .numbers import Numbers, Settable, load_driver, numbers_of, settable
 from .parameters import read_parameters, set_twice
-from .priors import Beta, HalfNormal, LogNormal, Normal, Prior, TruncatedNormal, Uniform, support
+from .priors import Beta, HalfNormal, HalfStudentT, LogNormal, Normal, Prior, TruncatedNormal, Uniform, support
 from .reduced import REDUCED_MODEL_FORMAT
 from .residuals import NEEDS, Discrepancy, DutyCycle, Noise, PhaseDiscrepancy, SwitchTimes, TimeDiscrepancy
 from .resolved import resolved_yaml
@@ -123,6 +123,7 @@ __all__ = [
     "FmuSimulator",
     "GeneticSettings",
     "HalfNormal",
+    "HalfStudentT",
     "Heat",
     "HeatGains",
     "HeatPattern",

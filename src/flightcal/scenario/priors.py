@@ -59,6 +59,14 @@ class HalfNormal(Block):
     scale: Number = Field(gt=0)
 
 
+class HalfStudentT(Block):
+    """Half of Student's t distribution: like a half-normal near zero, with a heavy tail."""
+
+    kind: Literal["half_student_t"] = "half_student_t"
+    scale: Number = Field(gt=0)
+    degrees_of_freedom: Number = Field(gt=0)
+
+
 class Beta(Block):
     """Beta distribution on [lower, upper]."""
 
@@ -69,7 +77,7 @@ class Beta(Block):
     upper: Number = 1.0
 
 
-Prior = Uniform | Normal | TruncatedNormal | LogNormal | HalfNormal | Beta
+Prior = Uniform | Normal | TruncatedNormal | LogNormal | HalfNormal | HalfStudentT | Beta
 
 # --- how they are written ----------------------------------------------------------------------------------------
 
@@ -82,11 +90,20 @@ FORMS: dict[str, tuple[type[Prior], dict[str, str]]] = {
     ),
     "lognormal": (LogNormal, {"median": "value", "factor": "number"}),
     "half_normal": (HalfNormal, {"scale": "spread"}),
+    "half_student_t": (HalfStudentT, {"scale": "spread", "degrees_of_freedom": "number"}),
     "beta": (Beta, {"alpha": "number", "beta": "number", "lower": "value", "upper": "value"}),
 }
 """Distribution -> its class, and what each of its arguments is: a value, a spread or a plain number."""
-_ABOVE = {"standard_deviation": 0.0, "scale": 0.0, "median": 0.0, "factor": 1.0, "alpha": 0.0, "beta": 0.0}
-_AT_MOST = {"factor": 1e3, "alpha": 1e6, "beta": 1e6}
+_ABOVE = {
+    "standard_deviation": 0.0,
+    "scale": 0.0,
+    "median": 0.0,
+    "factor": 1.0,
+    "degrees_of_freedom": 0.0,
+    "alpha": 0.0,
+    "beta": 0.0,
+}
+_AT_MOST = {"factor": 1e3, "degrees_of_freedom": 1e6, "alpha": 1e6, "beta": 1e6}
 """Wider, or narrower, nobody means a prior to be."""
 _NAMES = ", ".join(FORMS)
 
@@ -171,7 +188,7 @@ def support(prior: Prior) -> tuple[float, float]:
     """The interval outside of which the prior has no probability, SI."""
     if isinstance(prior, (Uniform, TruncatedNormal, Beta)):
         return prior.lower, prior.upper
-    return (0.0 if isinstance(prior, (LogNormal, HalfNormal)) else -math.inf), math.inf
+    return (0.0 if isinstance(prior, (LogNormal, HalfNormal, HalfStudentT)) else -math.inf), math.inf
 
 
 def prior_schema() -> dict[str, Any]:

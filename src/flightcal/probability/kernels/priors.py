@@ -11,7 +11,7 @@ from numba.extending import get_cython_function_address, intrinsic
 
 from ...compiled import inlined, kernel
 
-_UNIFORM, _NORMAL, _TRUNCATED, _LOG_NORMAL, _HALF_NORMAL, _BETA = range(6)
+_UNIFORM, _NORMAL, _TRUNCATED, _LOG_NORMAL, _HALF_NORMAL, _HALF_STUDENT_T, _BETA = range(7)
 """Families, in the order of `priors._FAMILIES`."""
 TINY = 1e-300
 """Smallest argument of the normal quantile function: it and its derivative are finite there."""
@@ -95,6 +95,12 @@ def evaluate(call):
                 square = math.exp(2.0 * score)
                 density = 0.5 * math.log(2.0 / math.pi) - 0.5 * square + score
                 derivative = 1.0 - square
+            elif kinds[j] == _HALF_STUDENT_T:
+                value = given[0] * math.exp(score)
+                rate = value
+                freedom, square = given[1], math.exp(2.0 * score)
+                density = given[2] - 0.5 * (freedom + 1.0) * math.log1p(square / freedom) + score
+                derivative = 1.0 - (freedom + 1.0) * square / (freedom + square)
             else:
                 alpha, beta, lower, upper = given[0], given[1], given[2], given[3]
                 share, rest = 1.0 / (1.0 + math.exp(-score)), 1.0 / (1.0 + math.exp(score))

@@ -11,7 +11,7 @@ from ..document import Problem
 from ..network import Heater
 from ..numbers import Settable
 from ..parameters import set_twice
-from ..priors import HalfNormal, LogNormal, Prior, TruncatedNormal, support
+from ..priors import HalfNormal, HalfStudentT, LogNormal, Prior, TruncatedNormal, support
 from ..reading import Reading
 from ..schema import Parameter, is_difference
 from ..units import celsius
@@ -54,7 +54,7 @@ def _prior_problem(parameter: Parameter, numbers: Mapping[str, Settable]) -> str
 def _set_problem(path: str, prior: Prior, number: Settable) -> str | None:
     lower, upper = support(prior)
     if _is_absolute_temperature(path, number):
-        if isinstance(prior, (LogNormal, HalfNormal)):
+        if isinstance(prior, (LogNormal, HalfNormal, HalfStudentT)):
             return f"found a {prior.kind} prior of a temperature, expected normal, truncated_normal or uniform"
         # The tail of a normal prior below absolute zero has no weight.
         lower = number.lower if math.isinf(lower) else lower
