@@ -22,7 +22,7 @@ from flightcal.calibration.heat import (
 from flightcal.calibration.heat_file import heat_dataset, with_kept_heat
 from flightcal.probability import Gains, Priors
 from flightcal.problem import at_sizes, build_problem, patterns_of, responses, split, unit_heats
-from flightcal.scenario import HalfNormal, NutsSettings
+from flightcal.scenario import HalfNormal, HalfStudentT, NutsSettings
 from flightcal.simulator import network_simulator
 from tests import small
 
@@ -147,6 +147,15 @@ def test_a_secret_load_that_comes_and_goes_is_slow_heat(tmp_path, node):
     assert point.sizes[f"heat.{node}.slow"] > 2.0 * point.sizes[f"heat.{other}.slow"]
 
 
+@pytest.mark.parametrize("node", NODES)
+def test_heat_that_drifts_is_far_larger_than_expected_though_no_harmonic_drifts(tmp_path, node):
+    problem = problem_of(tmp_path, written(heaters=False), 1, **{node: drift})
+    point = find_heat(problem, problem.priors.median())
+    shares = {name: point.sizes[name] / prior.scale for name, prior in point.model.priors.items()}
+    assert shares[f"heat.{node}.slow"] > 4.0, shares
+    assert shares[f"heat.{node}.slow_pattern"] < 1.5, shares
+
+
 @pytest.mark.parametrize("content", CASES.values(), ids=CASES)
 @pytest.mark.parametrize("seed", range(2))
 def test_without_any_heat_none_is_found(tmp_path, content, seed):
@@ -154,7 +163,7 @@ def test_without_any_heat_none_is_found(tmp_path, content, seed):
     point = find_heat(problem, problem.priors.median())
     assert max(map(abs, errors(problem, point).values())) < 4.0
     shares = {name: point.sizes[name] / prior.scale for name, prior in point.model.priors.items()}
-    # The logarithm of a half-normal size is most probable at its scale: there it is where the telemetry tells nothing.
+    # The logarithm of a size is most probable at its scale: there it is where the telemetry tells nothing.
     # It lies below where heat as large as that would be seen, and above only as noise happens to look like heat.
     assert max(shares.values()) < 1.1, shares
     assert shares["heat.panel.pattern"] < 0.25, shares
@@ -191,7 +200,7 @@ def test_what_the_telemetry_tells_nothing_of_is_left_to_the_prior(found):
     _, point = found
     for basis, group in zip(point.model.kept, point.model.groups, strict=True):
         np.testing.assert_allclose(basis.T @ basis, np.eye(basis.shape[1]), atol=1e-12)
-        if group.part == "slow":
+        if group.part == "slow_pattern":
             assert basis.shape[1] < len(basis)
     assert len(point.model.centre) == sum(basis.shape[1] for basis in point.model.kept)
 
@@ -207,7 +216,8 @@ def linear():
     columns = [rng.normal(size=(count, r)) for count in counts]
     left = [rng.normal(size=count) for count in counts]
     names = ("noise.a", "noise.a.correlation_time", "heat.x", "heat.y")
-    sizes = Priors(names, tuple(HalfNormal(scale=scale) for scale in (1.0, 300.0, 0.5, 2.0)))
+    half_normals = (HalfNormal(scale=scale) for scale in (1.0, 300.0, 0.5))
+    sizes = Priors(names, (*half_normals, HalfStudentT(scale=2.0, degrees_of_freedom=3.0)))
     around = Around(
         bases=(),
         sizes=sizes,
@@ -240,12 +250,15 @@ def dense(linear, sizes):
 
 
 def scores(around, sizes):
-    """Normal scores [free] of those of the sizes [s] that are free; but for half-normal priors z is that."""
-    z = around.sizes.to_z(sizes)
-    half = {k: p.scale for k, p in enumerate(around.sizes.priors) if isinstance(p, HalfNormal)}
-    return np.array(
-        [stats.norm.ppf(stats.halfnorm.cdf(sizes[k] / half[k])) if k in half else z[k] for k in around.free]
-    )
+    """Normal scores [free] of those of the sizes [s] that are free."""
+    return np.array([stats.norm.ppf(below(around.sizes.priors[k], sizes[k])) for k in around.free])
+
+
+def below(prior, size):
+    """Probability below a size."""
+    if isinstance(prior, HalfStudentT):
+        return 2.0 * stats.t.cdf(size / prior.scale, prior.degrees_of_freedom) - 1.0
+    return stats.halfnorm.cdf(size / prior.scale)
 
 
 @pytest.mark.parametrize("factor", [1.0, 0.3, 4.0])
@@ -305,7 +318,11 @@ def test_drawn_sizes_are_distributed_as_their_cost_says(linear):
     grid = np.stack(np.meshgrid(*axes, indexing="ij"), axis=-1).reshape(-1, 3)
     density = np.exp(around.cost(at, sizes)[0] - [around.cost(point, sizes)[0] for point in grid])
     density /= density.sum()
-    of_grid = np.stack([around.sizes.priors[k].scale for k in around.free]) * stats.halfnorm.ppf(stats.norm.cdf(grid))
+    of_grid = np.stack(
+        [around.sizes.priors[k].scale * stats.halfnorm.ppf(stats.norm.cdf(grid[:, i])) for i, k in enumerate((0, 2))]
+        + [2.0 * stats.t.ppf(0.5 + 0.5 * stats.norm.cdf(grid[:, 2]), 3.0)],
+        axis=1,
+    )
     # Standard errors are 3%. The normal distribution of the scores alone has means that are a quarter off.
     np.testing.assert_allclose(drawn[:, around.free].mean(axis=0), density @ of_grid, rtol=0.12)
 
@@ -317,7 +334,8 @@ def test_sizes_of_which_the_telemetry_tells_nothing_are_drawn_from_their_prior(l
     blind = replace(around, gram=gram, moment=moment)
     drawn = blind.draw_sizes(blind.most_probable(SIZES), count, np.random.default_rng(0))
     for k in (2, 3):
-        assert stats.kstest(drawn[:, k], stats.halfnorm(scale=blind.sizes.priors[k].scale).cdf).pvalue > 1e-4
+        prior = blind.sizes.priors[k]
+        assert stats.kstest(drawn[:, k], lambda sizes, prior=prior: below(prior, sizes)).pvalue > 1e-4
 
 
 def draws_at(around, sizes, count=40):

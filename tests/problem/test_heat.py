@@ -9,6 +9,7 @@ from scipy.linalg import block_diag, cho_factor, cho_solve
 
 from flightcal.probability import Gains, Profile, Shaped, Slow
 from flightcal.problem import (
+    SLOW,
     at_sizes,
     build_problem,
     errors_of_weights,
@@ -28,7 +29,7 @@ from flightcal.problem import (
     unit_heats,
     with_heat,
 )
-from flightcal.scenario import HalfNormal
+from flightcal.scenario import HalfNormal, HalfStudentT
 from flightcal.simulator import STEFAN_BOLTZMANN, flow_through
 from tests import small
 
@@ -177,20 +178,27 @@ def test_each_heated_node_has_a_constant_a_pattern_and_a_slow_part_and_each_wind
         ("gains", "heat.gains", -1, ""),
         ("slow", "heat.body.slow", 0, ""),
         ("slow", "heat.panel.slow", 1, ""),
+        ("slow_pattern", "heat.body.slow_pattern", 0, ""),
+        ("slow_pattern", "heat.panel.slow_pattern", 1, ""),
         ("switches", "", -1, "train.first"),
         ("switches", "", -1, "train.second"),
     ]
     assert model.nodes == ("body", "panel")
-    in_order = ("body.constant", "panel.constant", "body.pattern", "panel.pattern", "gains", "body.slow", "panel.slow")
-    names = tuple(f"heat.{name}" for name in in_order)
+    names = tuple(dict.fromkeys(scale for _, scale, *_ in found if scale))
     assert model.names == names
     assert model.scales == (*names, "")
     block = problem.scenario.heat
-    of_flow = {"constant": block.pattern.scale, "pattern": block.pattern.scale, "slow": block.slow.scale}
+    of_flow = dict.fromkeys(("constant", "pattern"), block.pattern.scale)
     for name in names:
         _, node, *part = name.split(".")
-        size = block.gains.scale if node == "gains" else of_flow[part[0]] * model.flow[model.nodes.index(node)]
-        assert model.priors[name] == HalfNormal(scale=size)
+        if node == "gains":
+            assert model.priors[name] == HalfNormal(scale=block.gains.scale)
+            continue
+        flow = model.flow[model.nodes.index(node)]
+        if part[0] in of_flow:
+            assert model.priors[name] == HalfNormal(scale=of_flow[part[0]] * flow)
+        else:
+            assert model.priors[name] == HalfStudentT(scale=block.slow.scale * flow, degrees_of_freedom=3.0)
 
 
 def test_parts_that_are_not_written_are_none(tmp_path):
@@ -492,10 +500,11 @@ def test_a_driver_without_a_gap_leaves_no_heat_unknown(model):
 
 def test_slow_heat_is_the_process_on_the_constant_and_on_each_harmonic(problem, model):
     window = sampled_windows(problem)[0]
-    own = by_group(model, unit_heats(model, window), "slow")[1]
-    functions = 1 + 2 * HARMONICS
-    assert own.series.shape[0] == functions * len(model.slow.knots)
-    constant, cosine, sine, *_ = own.series.reshape(functions, len(model.slow.knots), -1, 2).mean(axis=3)
+    units, count = unit_heats(model, window), len(model.slow.knots)
+    constant, around = (by_group(model, units, part)[1].series for part in SLOW)
+    assert (len(constant), len(around)) == (count, 2 * HARMONICS * count)
+    constant = constant.reshape(count, -1, 2).mean(axis=2)
+    cosine, sine, *_ = around.reshape(2 * HARMONICS, count, -1, 2).mean(axis=3)
     middle = 0.5 * (window.network.drive.times[1:] + window.network.drive.times[:-1])
     process = Slow(model.slow.knots, model.slow.time).at(middle)
     np.testing.assert_allclose(constant, process, atol=1e-6)

@@ -54,8 +54,8 @@ _TURNED = 0.05
 """Of z, by which responses to heat are looked at again."""
 _BENT = 0.5
 """Of the log of how much heat does: by how much it may be off before the slope in the density no longer counts."""
-_SMALL = 0.3
-"""Of a prior's size, that of heat to begin with."""
+_SMALL, _MUCH = 0.3, 10.0
+"""Of a prior's size, that of heat to begin with, and of what wanders in a second start."""
 
 
 @dataclass(frozen=True)
@@ -172,7 +172,8 @@ class _Search:
             progress.at(min(1.0, rounds / (_SHAPED + 2)), f"round {rounds}")
             linear = [self._linearise(window, z, weights) for window in self.windows]
             if rounds <= _SHAPED:
-                sizes = self._fit(linear, z, weights, sizes)
+                starts = self._starts(sizes) if rounds == 1 else [sizes]
+                sizes, _ = min((self._fit(linear, z, weights, start) for start in starts), key=lambda found: found[1])
             else:
                 sizes = self._around(linear, z, weights, sizes).most_probable(sizes)
             z, weights, moved = self._step(linear, z, weights, sizes)
@@ -201,6 +202,13 @@ class _Search:
         for k in range(len(self.noise), len(sizes)):
             sizes[k] = _SMALL * next(g.size for g in self.model.groups if g.scale == self.names[k])
         return sizes
+
+    def _starts(self, sizes: FloatArray) -> list[FloatArray]:
+        """These sizes, and the same with much heat that wanders: what is small stays so, for noise takes its place."""
+        wandering = [self.names.index(group.scale) for group in self.model.groups if group.part == "slow"]
+        much = sizes.copy()
+        much[wandering] *= _MUCH / _SMALL
+        return [sizes, much] if wandering else [sizes]
 
     def _linearise(self, window: Window, z: FloatArray, weights: FloatArray) -> _Linear:
         problem = self.sampling
@@ -277,8 +285,10 @@ class _Search:
         gradient = self.problem.priors.at(z).gradient[moving]
         return z[moving] + gradient / precision, precision**-0.5
 
-    def _fit(self, linear: Sequence[_Linear], z: FloatArray, weights: FloatArray, sizes: FloatArray) -> FloatArray:
-        """The sizes under which the telemetry is most probable."""
+    def _fit(
+        self, linear: Sequence[_Linear], z: FloatArray, weights: FloatArray, sizes: FloatArray
+    ) -> tuple[FloatArray, float]:
+        """The sizes near these under which the telemetry is most probable, and minus the log density there."""
         bases = self._told(linear, sizes, self._generous(sizes), _TOLD_MUCH)
         columns = self._columns(linear, bases)
         mean, deviation = self._prior_of_z(z)
@@ -309,7 +319,7 @@ class _Search:
         found = minimize(
             cost, self.sizes.to_z(sizes), jac=True, method="L-BFGS-B", options={"maxiter": _ITERATIONS, "ftol": 1e-7}
         )
-        return self.sizes.to_theta(found.x)
+        return self.sizes.to_theta(found.x), float(found.fun)
 
     def _step(
         self, linear: Sequence[_Linear], z: FloatArray, weights: FloatArray, sizes: FloatArray

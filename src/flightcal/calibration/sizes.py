@@ -9,10 +9,10 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.linalg.lapack import dpotrf, dpotri
 from scipy.optimize import minimize
-from scipy.special import erf, ndtr, ndtri
+from scipy.special import erf, gammaln, ndtr, ndtri, stdtr, stdtrit
 
 from ..probability import Priors
-from ..scenario import HalfNormal
+from ..scenario import HalfNormal, HalfStudentT
 from ..simulator import FloatArray, IntArray
 
 _ITERATIONS = 100
@@ -22,6 +22,8 @@ _SIZES = 64
 """Draws of the sizes of noise and heat: each is that of many draws of the parameters."""
 _LEAST, _MOST = -4.0, 30.0
 """Normal scores that a size may have: 4e-5 to 30 of its half-normal prior's scale."""
+_LARGEST = 100.0
+"""Of the scale of half of Student's t, what a size is at most."""
 _TRAJECTORIES, _STEPS, _STEP = 2, 4, 0.4
 """Of a draw of sizes: about a quarter of a turn each, in deviations."""
 _FLATTEST = 1.5
@@ -104,9 +106,10 @@ class Around:
 
     def _most_probable(self, sizes: FloatArray) -> FloatArray:
         """Normal scores [free]."""
-        start = self._score(self.sizes.to_z(sizes)[self.free]).clip(_LEAST, _MOST)
+        most = self._most()
+        start = self._score(self.sizes.to_z(sizes)[self.free]).clip(_LEAST, most)
         options = {"maxiter": _ITERATIONS, "ftol": 1e-9}
-        bounds = [(_LEAST, _MOST)] * len(start)
+        bounds = [(_LEAST, own) for own in most]
         found = minimize(self.cost, start, args=(sizes,), jac=True, method="L-BFGS-B", options=options, bounds=bounds)
         return np.asarray(found.x, float)
 
@@ -116,7 +119,7 @@ class Around:
         Drawn from the normal distribution of their scores around the mode, which is the prior where the telemetry
         tells nothing; each then moves by a few Hamiltonian trajectories, which correct what is not normal.
         """
-        middle = self._most_probable(sizes)
+        middle, most = self._most_probable(sizes), self._most()
         unit = _DIFFERENCE * np.eye(len(middle))
         slopes = [self.cost(middle + step, sizes)[1] - self.cost(middle - step, sizes)[1] for step in unit]
         hessian = np.stack(slopes) / (2.0 * _DIFFERENCE)
@@ -125,13 +128,13 @@ class Around:
 
         def potential(w: FloatArray) -> tuple[float, FloatArray]:
             score = middle + root @ w
-            if score.min() < _LEAST or score.max() > _MOST:
+            if (score < _LEAST).any() or (score > most).any():
                 return np.inf, np.zeros_like(w)
             cost, gradient = self.cost(score, sizes)
             return cost, root.T @ gradient
 
         drawn = [_moved(w, potential, rng) for w in rng.standard_normal((count, len(middle)))]
-        return self._of_scores((middle + np.stack(drawn) @ root.T).clip(_LEAST, _MOST), sizes)
+        return self._of_scores((middle + np.stack(drawn) @ root.T).clip(_LEAST, most), sizes)
 
     def _of_scores(self, scores: FloatArray, sizes: FloatArray) -> FloatArray:
         """Sizes [count, s] of scores [count, free], and the others as in sizes [s]."""
@@ -140,20 +143,41 @@ class Around:
         return self.sizes.to_theta(z)
 
     def _half(self) -> NDArray[np.bool_]:
-        """[free] which have a half-normal prior."""
-        return np.array([isinstance(self.sizes.priors[k], HalfNormal) for k in self.free])
+        """[free] which have a half-normal prior or half of Student's t, whose z is a logarithm."""
+        return np.array([isinstance(self.sizes.priors[k], HalfNormal | HalfStudentT) for k in self.free])
+
+    def _freedom(self) -> FloatArray:
+        """[free] degrees of freedom of Student's t; infinite: the prior is a half-normal, or another."""
+        priors = [self.sizes.priors[k] for k in self.free]
+        return np.array([p.degrees_of_freedom if isinstance(p, HalfStudentT) else np.inf for p in priors])
+
+    def _most(self) -> FloatArray:
+        """[free] the largest normal scores."""
+        return np.where(np.isinf(self._freedom()), _MOST, self._score(np.full(len(self.free), np.log(_LARGEST))))
 
     def _score(self, u: FloatArray) -> FloatArray:
-        """Normal scores of unconstrained u [free]: that of a half-normal prior is a logarithm, others are scores."""
-        return np.where(self._half(), ndtri(erf(np.exp(u) / np.sqrt(2.0))), u)
+        """Normal scores of unconstrained u [free]: where that is a logarithm, of its prior; others are scores."""
+        freedom, q = self._freedom(), np.exp(np.where(self._half(), u, 0.0))
+        normal = np.isinf(freedom)
+        # The tail above has the digits.
+        above = np.where(normal, 2.0 * ndtr(-q), 2.0 * stdtr(np.where(normal, 1.0, freedom), -q))
+        below = np.where(normal, erf(q / np.sqrt(2.0)), 1.0 - above)
+        return np.where(self._half(), np.where(above < 0.5, -ndtri(above), ndtri(below)), u)
 
     def _of_score(self, score: FloatArray) -> tuple[FloatArray, FloatArray, float, FloatArray]:
         """u of scores [..., free], the slope, and the sum of its logarithms, to a constant, with its gradient."""
-        half = self._half()
-        q = -ndtri(0.5 * ndtr(-score))
-        log_slope = np.where(half, 0.5 * (q**2 - score**2) - np.log(2.0 * q), 0.0)
+        half, freedom = self._half(), self._freedom()
+        normal = np.isinf(freedom)
+        nu = np.where(normal, 1.0, freedom)
+        above = 0.5 * ndtr(-score)
+        q = -np.where(normal, ndtri(above), stdtrit(nu, above))
+        # Of the prior's density at q its logarithm, over the normal one's at zero, and minus q times the slope of that.
+        at_zero = gammaln(0.5 * (nu + 1.0)) - gammaln(0.5 * nu) - 0.5 * np.log(0.5 * nu)
+        log_density = np.where(normal, -0.5 * q**2, at_zero - 0.5 * (nu + 1.0) * np.log1p(q**2 / nu))
+        falls = np.where(normal, q**2, (nu + 1.0) * q**2 / (nu + q**2))
+        log_slope = np.where(half, -0.5 * score**2 - log_density - np.log(2.0 * q), 0.0)
         slope = np.exp(log_slope)
-        by_score = np.where(half, (q**2 - 1.0) * slope - score, 0.0)
+        by_score = np.where(half, (falls - 1.0) * slope - score, 0.0)
         return np.where(half, np.log(q), score), slope, float(log_slope.sum()), by_score
 
     def known_of_weights(self, sizes: FloatArray) -> tuple[FloatArray, float]:
@@ -213,7 +237,7 @@ def _moved(
             at = at + step * momentum
             here, downhill = potential(at)
             momentum = momentum - 0.5 * step * downhill
-        if np.log(rng.uniform()) < energy - here - 0.5 * momentum @ momentum:
+        if np.isfinite(here) and np.log(rng.uniform()) < energy - here - 0.5 * momentum @ momentum:
             w, value, slope = at, here, downhill
     return w
 

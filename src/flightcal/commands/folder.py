@@ -13,7 +13,7 @@ from typing import Any, TypeVar
 import numpy as np
 import xarray
 
-from ..problem import Problem
+from ..problem import SLOW, Problem
 from ..progress import Progress
 from ..run import Run, Stage, hash_of, hash_of_file, open_run, plain
 from ..scenario import Scenario, default_noise, heat_of, input_files, is_trained, resolved_yaml
@@ -108,6 +108,6 @@ def heat_shares(posterior: xarray.DataTree) -> dict[str, float]:
     sizes = posterior["posterior"].to_dataset()
     shares = {}
     for node, flow in zip(model["nodes"], model["flow"], strict=True):
-        names = [name for part in ("constant", "pattern", "slow") if (name := f"heat.{node}.{part}") in sizes]
+        names = [name for part in ("constant", "pattern", *SLOW) if (name := f"heat.{node}.{part}") in sizes]
         shares[node] = math.hypot(*(float(sizes[name].mean()) for name in names)) / flow
     return dict(sorted(shares.items(), key=lambda item: -item[1]))

@@ -10,6 +10,7 @@ from numpy.typing import NDArray
 
 from ..probability import Slow
 from ..problem import (
+    SLOW,
     HeatModel,
     Problem,
     Window,
@@ -74,7 +75,7 @@ class DrawnHeat:
         if self.model.slow is not None:
             expected, factor = self.model.slow.beyond(knots)
             for g, group in enumerate(self.model.groups):
-                if group.part == "slow":
+                if group.part in SLOW:
                     known = self.weights[g].reshape(len(self.usable), -1, len(self.model.slow.knots))
                     new = rng.standard_normal((*known.shape[:2], len(knots))) @ factor.T
                     values = known @ expected.T + self.scales[g][:, None, None] * new

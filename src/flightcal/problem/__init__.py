@@ -8,6 +8,7 @@ from .coordinates import Whitening, whitening
 from .entries import Entry
 from .heat import at_sizes, dressed, exact_heat, followed, rehearsals, sampled_windows, with_heat
 from .heat_model import (
+    SLOW,
     Followed,
     Gain,
     Group,
@@ -36,6 +37,7 @@ from .synthetic import heat_in_prior, simulate_telemetry, with_drawn_heat, with_
 from .window import Bridged, Window
 
 __all__ = [
+    "SLOW",
     "STOPPED",
     "Bridged",
     "Entry",

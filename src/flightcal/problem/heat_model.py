@@ -12,7 +12,7 @@ import numpy as np
 from ..environment import orbit_phase
 from ..probability import Follows, Profile, Shaped, Slow, Tilt, pattern, waves
 from ..reduction import load
-from ..scenario import HalfNormal, Heat, Scenario
+from ..scenario import HalfNormal, HalfStudentT, Heat, Prior, Scenario
 from ..simulator import (
     Drive,
     FloatArray,
@@ -34,6 +34,8 @@ _LOOKS = 20_000
 """In a window, at most so many."""
 _KNOTS = 3.0
 """So many knots there are in the correlation time of what is slow."""
+_FREEDOM = 3.0
+"""Of the prior of how much heat wanders: most satellites' hardly does, and that of some does ten times as much."""
 _NUDGE = 0.02
 """Of the heat that flows through a node: what its response is looked at with."""
 _HELD = 300.0
@@ -46,7 +48,9 @@ _PIECE = 600.0
 """s, of a gap in a driver, whose heat is unknown in each piece alone: a pass of a transmitter lasts as long."""
 _MOST_PIECES = 40
 """Of gaps in a window; where there are more, those in which most heat may be missing."""
-Part = Literal["constant", "pattern", "gains", "slow", "switches", "gaps", "error"]
+Part = Literal["constant", "pattern", "gains", "slow", "slow_pattern", "switches", "gaps", "error"]
+SLOW = ("slow", "slow_pattern")
+"""Parts that wander: the constant, and the harmonics of the pattern."""
 
 
 @dataclass(frozen=True)
@@ -57,11 +61,18 @@ class Group:
     scale: str
     """The scale's name in theta; "": it is one."""
     size: float
-    """Of the half-normal prior of the scale: W, of gains a share."""
+    """Of the prior of the scale: W, of gains a share."""
     node: int = -1
     """Of `HeatModel.nodes`; -1: each function has its own."""
     window: str = ""
     """The window that has them, of switches, gaps and the simulator's error."""
+
+    @property
+    def prior(self) -> Prior:
+        """Of the scale: a half-normal, of what wanders half of Student's t."""
+        if self.part in SLOW:
+            return HalfStudentT(scale=self.size, degrees_of_freedom=_FREEDOM)
+        return HalfNormal(scale=self.size)
 
 
 @dataclass(frozen=True)
@@ -145,9 +156,9 @@ class HeatModel:
         return (*self.names, "")
 
     @property
-    def priors(self) -> dict[str, HalfNormal]:
+    def priors(self) -> dict[str, Prior]:
         """Of the scales."""
-        return {group.scale: HalfNormal(scale=group.size) for group in self.groups if group.scale}
+        return {group.scale: group.prior for group in self.groups if group.scale}
 
     def tilt_of(self, names: Sequence[str]) -> Tilt:
         """That of entries of theta with these names."""
@@ -184,6 +195,8 @@ def heat_model(scenario: Scenario, written: Heat, windows: Sequence[Window], the
     origin = np.datetime64(scenario.windows[scenario.train_windows[0]].start)
     groups: list[Group] = []
     slow = None
+    profile = _profile(windows[0].course)
+    harmonics = 0 if written.pattern is None or profile is not None else written.pattern.harmonics
     if written.pattern is not None:
         # What is constant has a size of its own: harmonics that are not there tell nothing of it.
         varies = written.pattern.harmonics or written.pattern.over
@@ -196,15 +209,17 @@ def heat_model(scenario: Scenario, written: Heat, windows: Sequence[Window], the
         groups.append(Group("gains", "heat.gains", written.gains.scale))
     if written.slow is not None:
         slow = Slow(_knots([_span(window, origin) for window in windows], written.slow.time), written.slow.time)
-        for k, node in enumerate(nodes):
-            groups.append(Group("slow", f"heat.{node}.slow", written.slow.scale * flow[k], k))
+        # Sizes of their own here too: of a constant that drifts, harmonics that do not would say that it is small.
+        wander: tuple[Part, ...] = ("slow", "slow_pattern") if harmonics else ("slow",)
+        for part in wander:
+            groups += [
+                Group(part, f"heat.{node}.{part}", written.slow.scale * flow[k], k) for k, node in enumerate(nodes)
+            ]
     for window in windows:
         if window.switching is not None and len(window.switching.time):
             groups.append(Group("switches", "", 1.0, window=window.name))
     groups += [gaps_of(window) for window in windows if window.bridged]
     groups += [Group("error", "", 1.0, window=own.name) for own in windows if own.simulator.error_basis is not None]
-    profile = _profile(windows[0].course)
-    harmonics = 0 if written.pattern is None or profile is not None else written.pattern.harmonics
     over = (written.pattern and written.pattern.over) or ""
     return HeatModel(nodes, flow, origin, harmonics, over, profile, slow, gains, tuple(groups))
 
@@ -375,14 +390,16 @@ def unit_heats(model: HeatModel, window: Window) -> tuple[Units, ...]:
         assert window.course is not None
         values = np.interp(fine, window.course.seconds, window.course.values)
         of_pattern = np.concatenate([np.ones((1, len(fine))), model.profile.at(values)])
-    of_slow = np.empty((0, len(fine)))
+    of_slow, around_it = np.empty((2, 0, len(fine)))
     if model.slow is not None:
-        around = waves(phase if known else 0.0 * fine, model.harmonics if known else 0)
-        of_slow = np.concatenate([wave * model.slow.at(seconds) for wave in around])
+        of_slow = model.slow.at(seconds)
+        harmonics = waves(phase, model.harmonics)[1:] if known else ()
+        around_it = np.concatenate([around_it, *(wave * of_slow for wave in harmonics)])
     in_all = {
         "constant": _on_grid(fine, of_pattern[:1], grid),
         "pattern": _on_grid(fine, of_pattern[1:], grid),
         "slow": _on_grid(fine, of_slow, grid),
+        "slow_pattern": _on_grid(fine, around_it, grid),
     }
     found = []
     for group in model.groups:

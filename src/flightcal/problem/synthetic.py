@@ -9,6 +9,7 @@ import numpy as np
 import xarray
 
 from ..errors import ScenarioError
+from ..probability import Priors
 from ..scenario import heat_of
 from ..simulator import FloatArray, Trajectory
 from ..telemetry import window_bounds
@@ -51,7 +52,8 @@ def with_drawn_heat(problem: Problem, rng: np.random.Generator) -> tuple[Problem
     model = heat_in_prior(problem)
     if model is None:
         return problem, {}
-    sizes = {name: prior.scale * abs(rng.standard_normal()) for name, prior in model.priors.items()}
+    priors = Priors(tuple(model.priors), tuple(model.priors.values()))
+    sizes = dict(zip(priors.names, priors.sample(rng, 1)[0].tolist(), strict=True))
     shared: dict[int, FloatArray] = {}
     windows = []
     for window in problem.windows:
