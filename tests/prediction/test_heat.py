@@ -8,9 +8,9 @@ import pytest
 from flightcal.calibration.heat import find_heat, start_with_heat
 from flightcal.prediction import predict
 from flightcal.prediction.heat import DrawnHeat, draw_heat
-from flightcal.prediction.thresholds import _OFFSETS, Thresholds, _log_likelihood, _Switches, scattered
+from flightcal.prediction.thresholds import _OFFSETS, Thresholds, _log_likelihood, _Switches, _usual_scatter, scattered
 from flightcal.probability.heat import fading
-from flightcal.problem import build_problem, build_window, knots_of
+from flightcal.problem import SLOW, build_problem, build_window, knots_of
 
 from .. import small
 
@@ -183,7 +183,7 @@ def slow(case):
     weights = tuple(4.0 + rng.standard_normal((COUNT, 3 * knots)) for _ in model.groups)
     scales = tuple(rng.uniform(0.5, 2.0, COUNT) for _ in model.groups)
     drawn = DrawnHeat(model, weights, scales, np.ones(COUNT, bool), None, (), {})
-    g = next(k for k, group in enumerate(model.groups) if group.part == "slow")
+    g = next(k for k, group in enumerate(model.groups) if group.part == "slow_pattern")
     values = weights[g].reshape(COUNT, 3, knots) @ model.slow.root.T
     return data, problem, drawn, g, values, scales[g]
 
@@ -195,7 +195,7 @@ def in_window(slow, name):
     found = drawn.in_window(window, np.random.default_rng(1))
     assert found.model.slow.plain
     for other, group in enumerate(problem.heat.groups):
-        assert (found.weights[other] is drawn.weights[other]) == (group.part != "slow")
+        assert (found.weights[other] is drawn.weights[other]) == (group.part not in SLOW)
     return knots_of(problem.heat, window), found.weights[g].reshape(COUNT, 3, -1)
 
 
@@ -264,6 +264,17 @@ def test_a_heater_that_has_not_switched_has_a_threshold_below_what_its_sensor_sa
     found = seen(np.inf)[:, 0]
     assert (found[_OFFSETS < 0.0] > -1e-6).all()
     assert (found[_OFFSETS > 0.2] < -20.0).all()
+
+
+def test_a_thermostat_is_expected_to_scatter_as_readings_of_its_thermistor_do(case):
+    """The telemetry has noise of 0.1 K, and no steps."""
+    _, problem, draws, _ = case
+    window = problem.windows[0]
+    (found,) = _usual_scatter(window, problem.at(window, draws[:1])[0])
+    assert found == pytest.approx(NOISE, rel=0.3)
+    other = {name: item.model_copy(update={"node": "panel"}) for name, item in window.scenario.observations.items()}
+    unseen = replace(window, scenario=window.scenario.model_copy(update={"observations": other}))
+    assert _usual_scatter(unseen, problem.at(window, draws[:1])[0]) == 0.15
 
 
 @pytest.mark.parametrize("content", [written(status=False), written(heaters=False)], ids=["status", "heaters"])

@@ -26,8 +26,10 @@ _OFFSETS = np.linspace(-1.5, 1.5, 76)
 """K, and those that are looked at."""
 _SCATTERS = np.geomspace(0.01, 0.6, 8)
 """K, as are these,"""
-_PRIOR_SCATTER = 0.15
-"""K, of whose half-normal prior this is the scale."""
+_USUAL_SCATTER = 0.15
+"""K, the scale of their prior where no channel shows the sensor,"""
+_FREEDOM = 3.0
+"""and its degrees of freedom: half of Student's t, for software may do more than read a sensor."""
 _LEAST = 1e-12
 """Density of a switch that no threshold explains."""
 
@@ -88,8 +90,10 @@ def draw_thresholds(
                         sensor = sign * (run.temperatures[:, heater] - written)
                         logs[side, heater, s] += _log_likelihood(seconds, sensor, found, s, sign)
     prior = -0.5 * (_OFFSETS / _PRIOR) ** 2
-    spread = -0.5 * (_SCATTERS / _PRIOR_SCATTER) ** 2 + np.log(_SCATTERS)
-    logs += prior[:, None] + spread
+    usual = _usual_scatter(windows[0], np.median(thetas[0], axis=0))
+    # Of the logarithm, for scatters are looked at in even steps of it.
+    spread = -0.5 * (_FREEDOM + 1.0) * np.log1p((_SCATTERS / usual[:, None]) ** 2 / _FREEDOM) + np.log(_SCATTERS)
+    logs += prior[:, None] + spread[:, None, None, :]
     chances = np.exp(logs - logs.max(axis=(3, 4), keepdims=True)).reshape(2, heaters, draws, -1)
     bounds = np.cumsum(chances, axis=3)
     chosen = (bounds < rng.random((2, heaters, draws, 1)) * bounds[..., -1:]).sum(axis=3)
@@ -97,6 +101,20 @@ def draw_thresholds(
     width = _OFFSETS[1] - _OFFSETS[0]
     offsets = _OFFSETS[place] + width * (rng.random(place.shape) - 0.5)
     return Thresholds(np.moveaxis(offsets, 2, 0), np.moveaxis(_SCATTERS[which], 2, 0))
+
+
+def _usual_scatter(window: Window, theta: FloatArray) -> FloatArray:
+    """[H] K, by how much a reading of each heater's sensor is off another, as telemetry of its node shows at theta [q].
+
+    The software reads a thermistor like the one that sends telemetry.
+    """
+    numbers, kinds = window.numbers(theta), window.residuals.terms.kinds
+    white = {
+        window.scenario.observations[channel].node: np.sqrt(kind.white_variance(of_channel))
+        for channel, kind, of_channel in zip(window.simulator.channels, kinds, numbers, strict=True)
+    }
+    found = [white.get(block.sensor) or _USUAL_SCATTER for block in window.scenario.network.switches.values()]
+    return np.array(found)
 
 
 def _looking(simulator: NetworkSimulator) -> NetworkSimulator | None:
