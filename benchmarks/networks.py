@@ -8,7 +8,7 @@ from typing import Any
 
 import numpy as np
 
-from flightcal.operational.geometry import Body, Box, Coating, Material, Side, box_joints, box_plates, mesh_plates
+from flightcal.scenario.geometry import Body, Box, Coating, Material, Side, box_joints, box_plates, mesh_plates
 from flightcal.simulator import Drive, Structure, System
 from flightcal.simulator.system import elimination_order, make_structure
 

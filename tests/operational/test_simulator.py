@@ -11,7 +11,6 @@ import pandas as pd
 import pytest
 
 from flightcal.errors import FlightcalError
-from flightcal.operational.geometry import Body, Box, Coating, Material, Side, box_joints, box_plates, mesh_plates
 from flightcal.operational.onboard import (
     Branch,
     HeaterLine,
@@ -22,7 +21,9 @@ from flightcal.operational.onboard import (
 )
 from flightcal.operational.simulator import Downlink, Spacecraft, Thermistor, ThermistorFailure, fly
 from flightcal.scenario import Conductor, Environment, Node, Scenario, SimulatorModel
-from flightcal.simulator.network import DEEP_SPACE, STEFAN_BOLTZMANN
+from flightcal.scenario.geometry import Body, Box, Coating, Material, Side, box_joints, box_plates, mesh_plates
+from flightcal.scenario.network import DEEP_SPACE
+from flightcal.simulator.network import STEFAN_BOLTZMANN
 
 from .. import small
 

@@ -14,12 +14,19 @@ from pydantic import Field
 from ..errors import FlightcalError, ScenarioError
 from ..scenario import (
     Block,
+    Body,
+    Box,
+    Coating,
     Conductor,
     Count,
     Duration,
     Environment,
     Face,
+    Insulation,
+    Joint,
+    Material,
     Node,
+    Plate,
     Power,
     Scenario,
     SimulatorModel,
@@ -27,9 +34,9 @@ from ..scenario import (
     Temperature,
     Time,
     TimeColumn,
+    mesh_plates,
     read_file,
 )
-from .geometry import Body, Box, Coating, Insulation, Joint, Material, Plate, mesh_plates
 from .onboard import OnboardSoftware
 from .simulator import Downlink, Spacecraft, Thermistor
 

@@ -42,10 +42,12 @@ from .external import (
     simulator_files,
 )
 from .fields import AnyBlock, Block, Count, Number, Pair, Part, Time, Vector
+from .geometry import Body, Box, Coating, Insulation, Joint, Material, Plate, mesh_plates
 from .heat import Heat, HeatGains, HeatPattern, HeatSlow
 from .json_schema import json_schema, schema_of
 from .lint import Finding, file_error, lint, load_scenario, read_file
 from .network import (
+    DEEP_SPACE,
     Conductor,
     Face,
     Heater,
@@ -96,6 +98,7 @@ from .units import (
 from .windows import Window, is_trained
 
 __all__ = [
+    "DEEP_SPACE",
     "NEEDS",
     "REDUCED_MODEL_FORMAT",
     "AnyBlock",
@@ -103,10 +106,13 @@ __all__ = [
     "AttitudeTimeline",
     "Beta",
     "Block",
+    "Body",
+    "Box",
     "Calibration",
     "CallableSimulator",
     "Channel",
     "CircularOrbit",
+    "Coating",
     "Conductor",
     "Count",
     "Discrepancy",
@@ -130,10 +136,13 @@ __all__ = [
     "Heater",
     "InertialAttitude",
     "InitialState",
+    "Insulation",
+    "Joint",
     "Kelvins",
     "KeplerianOrbit",
     "Load",
     "LogNormal",
+    "Material",
     "ModeChange",
     "Node",
     "Noise",
@@ -149,6 +158,7 @@ __all__ = [
     "Parameter",
     "Part",
     "PhaseDiscrepancy",
+    "Plate",
     "Power",
     "PredictionSettings",
     "Prior",
@@ -194,6 +204,7 @@ __all__ = [
     "lint",
     "load_driver",
     "load_scenario",
+    "mesh_plates",
     "noise_of",
     "not_normal",
     "number_in",

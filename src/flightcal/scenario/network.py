@@ -22,6 +22,7 @@ from .fields import (
 )
 from .units import HOTTEST, STRONGEST, Duration, Kelvins, Power, Quantity, QuantityOrName, Temperature
 
+DEEP_SPACE = 2.725  # K, cosmic background (Fixsen 2009)
 _ROOM = 293.15  # K
 
 

@@ -8,12 +8,11 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
-from ..scenario import Conductor, Node, Scenario, settable
+from ..scenario import DEEP_SPACE, Conductor, Node, Scenario, settable
 from .assembly import MOST_FACTORS, Terms, own_initial
 from .system import FloatArray, IntArray, Structure, elimination_order, make_structure
 
 STEFAN_BOLTZMANN = 5.670374419e-8  # W m^-2 K^-4, CODATA 2018 (exact)
-DEEP_SPACE = 2.725  # K, cosmic background (Fixsen 2009)
 
 
 @dataclass(frozen=True)

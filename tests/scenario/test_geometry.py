@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from flightcal.errors import FlightcalError
-from flightcal.operational.geometry import (
+from flightcal.scenario.geometry import (
     SPACE,
     Body,
     Box,

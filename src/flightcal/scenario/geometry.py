@@ -3,6 +3,8 @@
 Plates are rectangles whose edges are parallel to the body axes; a box is six of them. Every cell of a plate's mesh is a
 node, named ``plate[row,column]``. A side of a plate is outside (it sees space), in an enclosure (it exchanges heat with
 all other sides of it, which nothing may stand between), or covered by insulation.
+
+NumPy is imported where it is used: to read a scenario must not wait for it.
 """
 
 from __future__ import annotations
@@ -10,14 +12,15 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from itertools import combinations
-from typing import Annotated
-
-import numpy as np
+from typing import TYPE_CHECKING, Annotated
 
 from ..errors import FlightcalError
-from ..scenario import Conductor, Count, Face, Node, Pair, Part, Quantity
-from ..simulator import DEEP_SPACE
-from .view_factors import Array, Rectangles, gebhart_factors, view_factors
+from .fields import Count, Pair, Part
+from .network import DEEP_SPACE, Conductor, Face, Node
+from .units import Quantity
+
+if TYPE_CHECKING:
+    from .view_factors import Rectangles
 
 SPACE = "space"
 """Boundary node behind the openings of enclosures."""
@@ -255,6 +258,10 @@ def _check(name: str, plate: Plate) -> None:
 
 def _cells(plate: Plate, side: int) -> Rectangles:
     """The cells of one side, as `cell_names` orders them."""
+    import numpy as np
+
+    from .view_factors import Rectangles
+
     a, b = plate.edges
     rows, columns = plate.mesh
     i, j = (index.ravel() for index in np.indices(plate.mesh))
@@ -278,6 +285,8 @@ def _nodes(plate: Plate, material: Material, cells: Sequence[str]) -> dict[str, 
 
 
 def _in_plane(plate: Plate, material: Material, cells: Sequence[str]) -> list[Conductor]:
+    import numpy as np
+
     names = np.array(cells).reshape(plate.mesh)
     width, height = _cell_size(plate)
     sheet = material.conductivity * plate.thickness  # W/K of a square
@@ -362,6 +371,10 @@ def _touches(cells: Rectangles, k: int, plate: Plate) -> bool:
 
 def _enclosed(body: Body, plates: Mapping[str, Plate], enclosure: str) -> tuple[list[Conductor], float]:
     """Radiation between all sides of an enclosure, and the largest share of a cell's view that meets none."""
+    import numpy as np
+
+    from .view_factors import gebhart_factors, view_factors
+
     names: list[str] = []
     groups: list[Rectangles] = []
     emissivities: list[float] = []
@@ -382,7 +395,7 @@ def _enclosed(body: Body, plates: Mapping[str, Plate], enclosure: str) -> tuple[
         )
     emissivity, area = np.array(emissivities), np.concatenate([group.area for group in groups])
     shares = gebhart_factors(factors, emissivity)
-    couplings: Array = emissivity[:, None] * area[:, None] * shares
+    couplings = emissivity[:, None] * area[:, None] * shares
     keep = np.maximum(shares, shares.T) > _LEAST_SHARE
     found: dict[tuple[str, str], float] = {}
     for i, j in zip(*np.nonzero(np.triu(keep, 1)), strict=True):
