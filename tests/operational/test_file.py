@@ -114,10 +114,14 @@ def test_what_is_wrong_is_said_with_its_place(tmp_path, old, new, message):
     assert not (tmp_path / "out.csv").exists()
 
 
-def test_a_message_names_the_line(tmp_path):
-    file = broken(tmp_path, "mesh: 4\n", "mesh: many\n")
-    line = TEXT[: TEXT.index("mesh: 4\n")].count("\n") + 1
-    with pytest.raises(ScenarioError, match=re.escape(f"{file}:{line}: boxes.bus.mesh")):
+@pytest.mark.parametrize(
+    ("old", "new", "field"),
+    [("mesh: 4\n", "mesh: many\n", "boxes.bus.mesh"), ("inside: black", "inside: blak", "boxes.bus.inside")],
+)
+def test_a_message_names_the_line(tmp_path, old, new, field):
+    file = broken(tmp_path, old, new)
+    line = TEXT[: TEXT.index(old)].count("\n") + 1
+    with pytest.raises(ScenarioError, match=re.escape(f"{file}:{line}: {field}")):
         load_spacecraft(file)
 
 

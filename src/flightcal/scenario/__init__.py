@@ -4,6 +4,7 @@ Imports: errors.
 """
 
 from .blocks import blocks_of
+from .body import Body
 from .calibrated import (
     RewritingError,
     WrittenUnit,
@@ -42,7 +43,7 @@ from .external import (
     simulator_files,
 )
 from .fields import AnyBlock, Block, Count, Number, Pair, Part, Time, Vector
-from .geometry import Body, Box, Coating, Insulation, Joint, Material, Plate, mesh_plates
+from .geometry import MeshError, mesh_plates
 from .heat import Heat, HeatGains, HeatPattern, HeatSlow
 from .json_schema import json_schema, schema_of
 from .lint import Finding, file_error, lint, load_scenario, read_file
@@ -107,12 +108,10 @@ __all__ = [
     "Beta",
     "Block",
     "Body",
-    "Box",
     "Calibration",
     "CallableSimulator",
     "Channel",
     "CircularOrbit",
-    "Coating",
     "Conductor",
     "Count",
     "Discrepancy",
@@ -136,13 +135,11 @@ __all__ = [
     "Heater",
     "InertialAttitude",
     "InitialState",
-    "Insulation",
-    "Joint",
     "Kelvins",
     "KeplerianOrbit",
     "Load",
     "LogNormal",
-    "Material",
+    "MeshError",
     "ModeChange",
     "Node",
     "Noise",
@@ -158,7 +155,6 @@ __all__ = [
     "Parameter",
     "Part",
     "PhaseDiscrepancy",
-    "Plate",
     "Power",
     "PredictionSettings",
     "Prior",
