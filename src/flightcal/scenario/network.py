@@ -6,6 +6,7 @@ from typing import Annotated, Literal
 
 from pydantic import Field, WrapValidator, field_validator, model_validator
 
+from .body import Body
 from .fields import (
     FILLED_IN,
     Block,
@@ -181,8 +182,11 @@ class SimulatorError(Block):
     """Of what varies: its correlation falls to 1/e."""
 
 
-class SimulatorModel(Block):
-    """The thermal network and the control of its heaters."""
+class SimulatorModel(Body):
+    """The thermal network and the control of its heaters.
+
+    Plates and boxes are meshed when it is read: then their cells are among the nodes, and it has none.
+    """
 
     reduced_model: FileName | None = None
     """File that `flightcal reduce` wrote: nodes, faces, heaters and modes come from it; what is written here besides
@@ -202,7 +206,10 @@ class SimulatorModel(Block):
     tolerance: Annotated[float, Quantity("K", above=0, difference=True)] | None = None
     """On the error of the integration, root mean square over time; by default 5 mK or, if that is less, a tenth of the
     least noise or resolution that the scenario writes for a temperature."""
+    initial: Temperature | None = None
+    """Temperature at which nodes start that have a capacity and no `initial` of their own; cells of plates need one."""
     nodes: dict[str, Node] = Field(min_length=1)
+    """Besides the cells of plates, ``plate[row,column]``."""
     conductors: tuple[Conductor, ...] = ()
     faces: dict[str, Face] = Field(default_factory=dict)
     heaters: dict[str, AnyHeater] = Field(default_factory=dict)
