@@ -100,6 +100,10 @@ def _mission(content: SpacecraftFile, folder: Path) -> Mission:
         name: node if node.capacity is None or node.initial is not None else _warm(node, content.initial)
         for name, node in {**mesh.nodes, **content.nodes}.items()
     }
+    for name, node in nodes.items():
+        if node.capacity_slope is not None:
+            expected = "expected none: the capacities of a flight do not depend on temperature"
+            raise FlightcalError(f"nodes.{name}: found 'capacity_slope', {expected}")
     conductors = (*mesh.conductors, *content.conductors)
     faces = {**mesh.faces, **content.faces}
     for where, name in (

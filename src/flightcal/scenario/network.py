@@ -27,10 +27,23 @@ DEEP_SPACE = 2.725  # K, cosmic background (Fixsen 2009)
 _ROOM = 293.15  # K
 
 
+def _check_slope(block: Node | Conductor, key: str) -> None:
+    """`key`_slope stands beside the number that it is of, and `at` beside it."""
+    slope = getattr(block, f"{key}_slope")
+    if slope is None and block.at is not None:
+        raise ValueError(f"found 'at' without '{key}_slope', expected both or none")
+    if slope is not None and getattr(block, key) is None:
+        raise ValueError(f"found '{key}_slope' without '{key}', expected both")
+
+
 class Node(Block):
     """A thermal node: diffusive (has a capacity), arithmetic (massless) or boundary (temperature given)."""
 
     capacity: Annotated[float, Quantity("J/K", above=0, believable=1e9)] | None = None
+    capacity_slope: Annotated[float, Quantity("1/K", believable=0.1)] | None = None
+    """Share by which the capacity grows with each kelvin of the node's temperature; null: it does not."""
+    at: Temperature | None = None
+    """Temperature of the node at which the capacity is what is written; null: 20 degC."""
     initial: Temperature | None = None
     arithmetic: Flag = False
     boundary: Annotated[float | str, QuantityOrName("K", at_least=0.0, believable=HOTTEST)] | None = None
@@ -38,8 +51,14 @@ class Node(Block):
 
     @model_validator(mode="after")
     def _one_kind(self) -> Node:
+        _check_slope(self, "capacity")
         expected = "exactly one of 'capacity', 'arithmetic: true' (massless) and 'boundary' (given)"
         return exactly_one(self, ("capacity", "arithmetic", "boundary"), expected)
+
+    @property
+    def written_at(self) -> float:
+        """K, `at` or its default."""
+        return _ROOM if self.at is None else self.at
 
 
 class Face(Block):
@@ -68,10 +87,7 @@ class Conductor(Block):
 
     @model_validator(mode="after")
     def _one_law(self) -> Conductor:
-        if self.conductance_slope is None and self.at is not None:
-            raise ValueError("found 'at' without 'conductance_slope', expected both or none")
-        if self.conductance_slope is not None and self.conductance is None:
-            raise ValueError("found 'conductance_slope' without 'conductance', expected both")
+        _check_slope(self, "conductance")
         expected = "exactly one of 'conductance' (W/K) and 'radiative' (m^2)"
         return exactly_one(self, ("conductance", "radiative"), expected)
 
