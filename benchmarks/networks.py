@@ -8,7 +8,8 @@ from typing import Any
 
 import numpy as np
 
-from flightcal.operational.geometry import Body, Box, Coating, Material, Side, box_joints, box_plates, mesh_plates
+from flightcal.scenario.body import Body, Box, Coating, Material, Side
+from flightcal.scenario.geometry import box_joints, box_plates, mesh_plates
 from flightcal.simulator import Drive, Structure, System
 from flightcal.simulator.system import elimination_order, make_structure
 
@@ -48,7 +49,9 @@ def boxes(nodes: int, heaters: int = 1, orbits: int = 2) -> Case:
     materials, coatings = {"aluminium": Material(150.0, 2700.0, 900.0)}, {"black": Coating(0.9, 0.9)}
     unit = Box((0.0, 0.0, 0.0), (1.0, 1.0, 1.0), 0.003, "aluminium", 4, Side("black"), "black", joints=10.0)
     bare = {name: replace(p, positive=None, negative=None) for name, p in box_plates("unit", unit).items()}
-    mesh = mesh_plates(Body(materials, coatings, {}, {}, bare, tuple(box_joints("unit", unit))))
+    mesh = mesh_plates(
+        Body(materials=materials, coatings=coatings, plates=bare, joints=tuple(box_joints("unit", unit)))
+    )
     place = {name: k for k, name in enumerate(mesh.nodes)}
     assert len(place) == _PER_BOX
     within = [(place[a], place[b]) for a, b in (conductor.between for conductor in mesh.conductors)]

@@ -91,6 +91,11 @@ def test_the_command_writes_telemetry_once(tmp_path):
         ("negative: {coating: white}", "negative: {coating: whit}", "found the coating 'whit'"),
         ("negative: {coating: white}", "negative: {paint: white}", "unknown key 'paint'"),
         ('between: [frame, "bus.x-[2,1]"]', 'between: [frame, "bus.x-[9,9]"]', "which is no node"),
+        (
+            "frame: {capacity: 1500 J/K}",
+            "frame: {capacity: 1500 J/K, capacity_slope: 0.001 1/K}",
+            "found 'capacity_slope'",
+        ),
         ("size: [0.6 m, 0 m, 0.6 m]", "size: [0.6 m, 0.1 m, 0.6 m]", "expected exactly one zero"),
         ("kind: stuck, stuck_at: 60 degC", "kind: stuck", "expected stuck_at with kind 'stuck'"),
         ("sensor: tank\n", "sensor: tanks\n", "found 'tanks', expected one of"),
@@ -114,10 +119,14 @@ def test_what_is_wrong_is_said_with_its_place(tmp_path, old, new, message):
     assert not (tmp_path / "out.csv").exists()
 
 
-def test_a_message_names_the_line(tmp_path):
-    file = broken(tmp_path, "mesh: 4\n", "mesh: many\n")
-    line = TEXT[: TEXT.index("mesh: 4\n")].count("\n") + 1
-    with pytest.raises(ScenarioError, match=re.escape(f"{file}:{line}: boxes.bus.mesh")):
+@pytest.mark.parametrize(
+    ("old", "new", "field"),
+    [("mesh: 4\n", "mesh: many\n", "boxes.bus.mesh"), ("inside: black", "inside: blak", "boxes.bus.inside")],
+)
+def test_a_message_names_the_line(tmp_path, old, new, field):
+    file = broken(tmp_path, old, new)
+    line = TEXT[: TEXT.index(old)].count("\n") + 1
+    with pytest.raises(ScenarioError, match=re.escape(f"{file}:{line}: {field}")):
         load_spacecraft(file)
 
 

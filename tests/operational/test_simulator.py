@@ -11,7 +11,6 @@ import pandas as pd
 import pytest
 
 from flightcal.errors import FlightcalError
-from flightcal.operational.geometry import Body, Box, Coating, Material, Side, box_joints, box_plates, mesh_plates
 from flightcal.operational.onboard import (
     Branch,
     HeaterLine,
@@ -22,7 +21,10 @@ from flightcal.operational.onboard import (
 )
 from flightcal.operational.simulator import Downlink, Spacecraft, Thermistor, ThermistorFailure, fly
 from flightcal.scenario import Conductor, Environment, Node, Scenario, SimulatorModel
-from flightcal.simulator.network import DEEP_SPACE, STEFAN_BOLTZMANN
+from flightcal.scenario.body import Body, Box, Coating, Material, Side
+from flightcal.scenario.geometry import box_joints, box_plates, mesh_plates
+from flightcal.scenario.network import DEEP_SPACE
+from flightcal.simulator.network import STEFAN_BOLTZMANN
 
 from .. import small
 
@@ -208,7 +210,7 @@ def box_in_orbit(folder, mesh, duration):
     """Temperatures of a sunlit box's middle cells after some time."""
     bus = Box((0.0, 0.0, 0.0), (0.5, 0.5, 0.5), 0.002, "aluminium", mesh, Side("outer"), "inner", joints=50.0)
     coatings = {"outer": Coating(0.4, 0.7), "inner": Coating(0.5, 0.8)}
-    made = mesh_plates(Body(ALUMINIUM, coatings, {}, {"bus": bus}, {}, ()))
+    made = mesh_plates(Body(materials=ALUMINIUM, coatings=coatings, boxes={"bus": bus}))
     nodes = {name: node.model_copy(update={"initial": 290.0}) for name, node in made.nodes.items()}
     environment = Environment.model_validate(
         {
@@ -264,7 +266,9 @@ def test_five_thousand_nodes_fly_and_keep_the_balance_of_energy(tmp_path):
         name, coating = f"unit{k}", {"grey": Coating(0.5, 0.8)}
         unit = Box((0.0, 0.0, 0.0), (0.5, 0.5, 0.5), 0.003, "aluminium", 4, Side("grey"), "grey", joints=20.0)
         bare = {key: replace(p, positive=None, negative=None) for key, p in box_plates(name, unit).items()}
-        made = mesh_plates(Body(ALUMINIUM, coating, {}, {}, bare, tuple(box_joints(name, unit))))
+        made = mesh_plates(
+            Body(materials=ALUMINIUM, coatings=coating, plates=bare, joints=tuple(box_joints(name, unit)))
+        )
         nodes |= {name: node.model_copy(update={"initial": 290.0}) for name, node in made.nodes.items()}
         capacities |= {name: node.capacity for name, node in made.nodes.items()}
         conductors += made.conductors

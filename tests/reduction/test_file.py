@@ -6,16 +6,8 @@ import pytest
 
 from flightcal.errors import FlightcalError, ScenarioError
 from flightcal.reduction.file import load_task
-from flightcal.reduction.patterns import matching
 from flightcal.reduction.thermostats import switching_shifts
 from tests.reduction import craft
-
-
-def test_brackets_in_names_are_not_wildcards():
-    names = ["plate[0,1]", "plate[1,1]", "plate0"]
-    assert matching("plate[0,1]", names) == ["plate[0,1]"]
-    assert matching("plate[?,1]", names) == ["plate[0,1]", "plate[1,1]"]
-    assert matching("plate*", names) == names
 
 
 def test_a_pattern_stands_for_all_numbers_that_fit(tmp_path):

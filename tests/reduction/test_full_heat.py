@@ -10,7 +10,7 @@ from flightcal.reduction.candidate import errors_of, theta_of
 from flightcal.reduction.file import load_task
 from flightcal.reduction.full_heat import full_heat
 from flightcal.reduction.full_order import run_full
-from flightcal.reduction.patterns import plain
+from flightcal.reduction.names import plain
 from flightcal.reduction.reduced_scenario import network_for, reduced_scenario
 from flightcal.reduction.storage import load, save, stored_of
 from flightcal.simulator import network_simulator

@@ -19,7 +19,7 @@ from flightcal.commands.calibrate import run_experiment
 from flightcal.operational.simulator import fly
 from flightcal.problem import build_problem
 from flightcal.reduction.file import load_task
-from flightcal.reduction.patterns import plain
+from flightcal.reduction.names import plain
 from flightcal.report import read_run
 from flightcal.report.panels.heat import node_heats
 from flightcal.scenario import (

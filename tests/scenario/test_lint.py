@@ -268,3 +268,22 @@ def test_a_heaters_status_has_no_sensor(lint_edited):
     assert [finding.split(": ", 1)[1] for finding in found] == [
         f"observations.battery_htr.{key}: found {key!r} for a heater's status, expected none" for key in ("gain", "lag")
     ]
+
+
+def test_a_capacity_may_depend_on_temperature(lint_edited):
+    battery = "battery: {capacity: 9000 J/K, initial: 12 degC}"
+
+    def found(more, rest="capacity: 9000 J/K"):
+        return lint_edited((battery, f"battery: {{{rest}, initial: 12 degC, {more}}}"))
+
+    assert found("capacity_slope: 0.002 1/K, at: 0 degC") == []
+    assert "found 'at' without 'capacity_slope', expected both or none" in found("at: 0 degC")[0]
+    assert "found 'capacity_slope' without 'capacity'" in found("capacity_slope: 0.002 1/K", "arithmetic: true")[0]
+    assert "found 0.002 without a unit" in found("capacity_slope: 0.002")[0]
+    (warning,) = found("capacity_slope: 0.01 1/K")
+    assert "warning: nodes.battery.capacity_slope: found a slope with which the capacity is below zero" in warning
+
+
+def test_a_capacitys_slope_is_set_only_where_it_is_written(lint_edited):
+    (message,) = lint_edited(("scales: [nodes.battery.capacity,", "scales: [nodes.battery.capacity_slope,"))
+    assert "write 'capacity_slope' in nodes.battery first" in message

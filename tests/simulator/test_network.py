@@ -3,8 +3,9 @@
 import numpy as np
 import pytest
 
+from flightcal.scenario.network import DEEP_SPACE
 from flightcal.simulator import build_network
-from flightcal.simulator.network import DEEP_SPACE, STEFAN_BOLTZMANN
+from flightcal.simulator.network import STEFAN_BOLTZMANN
 
 from .. import oracle, small
 from .systems import assembled

@@ -7,9 +7,10 @@ from scipy.optimize import brentq
 
 from flightcal.environment import face_fluxes
 from flightcal.problem import build_window
+from flightcal.scenario.network import DEEP_SPACE
 from flightcal.simulator import SimulationFailure, open_loop
 from flightcal.simulator.assembly import assemble
-from flightcal.simulator.network import DEEP_SPACE, STEFAN_BOLTZMANN
+from flightcal.simulator.network import STEFAN_BOLTZMANN
 from flightcal.simulator.system import System, packed_bounds
 
 from .. import oracle, small

@@ -199,7 +199,7 @@ def other_nodes(view: View) -> Iterator[Wrong]:
     simulator = view.window.network
     assert simulator is not None
     sensors = simulator.observation.sensors
-    nodes = simulator.network.nodes[simulator.network.lagging :]
+    nodes = simulator.network.own_nodes
     for k, channel in enumerate(view.channels):
         own = view.window.scenario.observations[channel].node
         for node in nodes:

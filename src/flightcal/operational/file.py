@@ -5,7 +5,7 @@ Numbers with a dimension are written with their unit, as in a scenario; blocks t
 
 from __future__ import annotations
 
-from dataclasses import dataclass, fields
+from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
@@ -13,28 +13,31 @@ from pydantic import Field
 
 from ..errors import FlightcalError, ScenarioError
 from ..scenario import (
-    Block,
+    Body,
     Conductor,
     Count,
     Duration,
     Environment,
     Face,
+    MeshError,
     Node,
     Power,
+    Problem,
     Scenario,
     SimulatorModel,
     TelemetryFile,
     Temperature,
     Time,
     TimeColumn,
+    file_error,
+    mesh_plates,
     read_file,
 )
-from .geometry import Body, Box, Coating, Insulation, Joint, Material, Plate, mesh_plates
 from .onboard import OnboardSoftware
 from .simulator import Downlink, Spacecraft, Thermistor
 
 
-class SpacecraftFile(Block):
+class SpacecraftFile(Body):
     """The whole file."""
 
     name: str
@@ -45,12 +48,6 @@ class SpacecraftFile(Block):
     step: Duration = 30.0
     """Longest time step of the integration between two control cycles."""
     environment: Environment = Environment()
-    materials: dict[str, Material] = Field(default_factory=dict)
-    coatings: dict[str, Coating] = Field(default_factory=dict)
-    insulations: dict[str, Insulation] = Field(default_factory=dict)
-    boxes: dict[str, Box] = Field(default_factory=dict)
-    plates: dict[str, Plate] = Field(default_factory=dict)
-    joints: tuple[Joint, ...] = ()
     initial: Temperature = 290.0
     """Of every node that does not say otherwise."""
     nodes: dict[str, Node] = Field(default_factory=dict)
@@ -84,8 +81,10 @@ def load_spacecraft(path: str | Path) -> Mission:
     fit together, the first of these.
     """
     try:
-        content, _ = read_file(Path(path), SpacecraftFile)
+        content, document = read_file(Path(path), SpacecraftFile)
         return _mission(content, Path(path).parent)
+    except MeshError as error:
+        raise file_error(Path(path), document, [Problem(error.location, error.message)]) from None
     except ScenarioError:
         raise
     except FlightcalError as error:
@@ -93,7 +92,7 @@ def load_spacecraft(path: str | Path) -> Mission:
 
 
 def _mission(content: SpacecraftFile, folder: Path) -> Mission:
-    mesh = mesh_plates(Body(**{part.name: getattr(content, part.name) for part in fields(Body)}))
+    mesh = mesh_plates(content)
     both = set(mesh.nodes) & set(content.nodes)
     if both:
         raise FlightcalError(f"nodes: found '{min(both)}', which is a cell of a plate")
@@ -101,6 +100,10 @@ def _mission(content: SpacecraftFile, folder: Path) -> Mission:
         name: node if node.capacity is None or node.initial is not None else _warm(node, content.initial)
         for name, node in {**mesh.nodes, **content.nodes}.items()
     }
+    for name, node in nodes.items():
+        if node.capacity_slope is not None:
+            expected = "expected none: the capacities of a flight do not depend on temperature"
+            raise FlightcalError(f"nodes.{name}: found 'capacity_slope', {expected}")
     conductors = (*mesh.conductors, *content.conductors)
     faces = {**mesh.faces, **content.faces}
     for where, name in (

@@ -126,7 +126,7 @@ def _looking(simulator: NetworkSimulator) -> NetworkSimulator | None:
             break
     else:
         return None
-    sensors = np.asarray(simulator.network.structure.sensor, np.int64)
+    sensors = simulator.network.watched
     times = np.arange(0.0, simulator.drive.times[-1], _FINE)
     return replace(
         simulator,

@@ -26,7 +26,6 @@ from ..scenario import (
     settable,
 )
 from ..telemetry import window_bounds
-from .patterns import has_wildcard, matching
 from .schema import FlightWindow, Reduction
 from .thermostats import canonical_heaters
 
@@ -131,26 +130,10 @@ def _full_network(mission: Mission, reduction: Reduction) -> tuple[Scenario, lis
 
 
 def _parameters(blocks: dict[str, Any], scenario: Scenario) -> tuple[dict[str, Parameter], list[Problem]]:
-    """Parameters whose patterns are written out; what is wrong with them."""
-    numbers = settable(scenario)
-    problems: list[Problem] = []
-    written: dict[str, Any] = {}
-    for name, block in blocks.items():
-        written[name] = dict(block) if isinstance(block, dict) else block
-        for key in ("sets", "scales"):
-            paths = block.get(key) if isinstance(block, dict) else None
-            if paths is None:
-                continue
-            found: list[Any] = []
-            for path in [paths] if isinstance(paths, str) else paths:
-                fits = matching(path, numbers) if isinstance(path, str) and has_wildcard(path) else [path]
-                if not fits:
-                    problems.append(Problem(("parameters", name, key), f"found {path!r}, which fits no number"))
-                found += fits
-            written[name][key] = found
-    read, found_problems = read_parameters(written, numbers, blocks_of(scenario))
+    """The parameters of the full network; what is wrong with them."""
+    read, problems = read_parameters(blocks, settable(scenario), blocks_of(scenario))
     parameters = {name: parameter for name, parameter in read.items() if parameter is not None}
-    return parameters, [*problems, *found_problems, *set_twice(parameters)]
+    return parameters, [*problems, *set_twice(parameters)]
 
 
 def _windows(reduction: Reduction) -> dict[tuple[str, ...], FlightWindow]:

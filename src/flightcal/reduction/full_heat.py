@@ -9,7 +9,7 @@ import numpy as np
 from ..simulator import FloatArray, flow_through, heat_of_inputs
 from .file import Task
 from .full_order import medians_of, window_simulator
-from .patterns import plain
+from .names import plain
 from .projection import merged_columns
 
 

@@ -26,7 +26,7 @@ import numpy as np
 
 from ..simulator import FIELDS, FloatArray, IntArray, Network, Term, canonical_form, own_initial
 from .affine import Kind, Product
-from .patterns import plain
+from .names import plain
 
 Normal = tuple[float, float, float] | Literal["all"]
 

@@ -7,7 +7,7 @@ from collections.abc import Sequence
 from ..scenario import Face, Node, Parameter, Scenario, SimulatorModel, settable
 from ..simulator import Network
 from .affine import KEPT
-from .patterns import plain
+from .names import plain
 from .reduced_model import ReducedModel, network_of
 
 

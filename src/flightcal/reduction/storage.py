@@ -19,7 +19,7 @@ from ..scenario import ReducedNumber, Scenario, SimulatorError, SimulatorModel, 
 from ..simulator import FloatArray
 from .affine import Product
 from .full_heat import FullHeat
-from .patterns import plain
+from .names import plain
 from .reduced_model import Normal, ReducedModel
 
 _WORDS = ("states", "settled", "mixed", "free", "columns", "ways", "heaters", "shifts", "followers", "full")

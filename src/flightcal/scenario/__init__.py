@@ -4,6 +4,7 @@ Imports: errors.
 """
 
 from .blocks import blocks_of
+from .body import Body
 from .calibrated import (
     RewritingError,
     WrittenUnit,
@@ -42,10 +43,12 @@ from .external import (
     simulator_files,
 )
 from .fields import AnyBlock, Block, Count, Number, Pair, Part, Time, Vector
+from .geometry import MeshError, mesh_plates
 from .heat import Heat, HeatGains, HeatPattern, HeatSlow
 from .json_schema import json_schema, schema_of
 from .lint import Finding, file_error, lint, load_scenario, read_file
 from .network import (
+    DEEP_SPACE,
     Conductor,
     Face,
     Heater,
@@ -96,6 +99,7 @@ from .units import (
 from .windows import Window, is_trained
 
 __all__ = [
+    "DEEP_SPACE",
     "NEEDS",
     "REDUCED_MODEL_FORMAT",
     "AnyBlock",
@@ -103,6 +107,7 @@ __all__ = [
     "AttitudeTimeline",
     "Beta",
     "Block",
+    "Body",
     "Calibration",
     "CallableSimulator",
     "Channel",
@@ -135,6 +140,7 @@ __all__ = [
     "KeplerianOrbit",
     "Load",
     "LogNormal",
+    "MeshError",
     "ModeChange",
     "Node",
     "Noise",
@@ -195,6 +201,7 @@ __all__ = [
     "lint",
     "load_driver",
     "load_scenario",
+    "mesh_plates",
     "noise_of",
     "not_normal",
     "number_in",

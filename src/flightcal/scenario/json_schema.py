@@ -39,7 +39,7 @@ def json_schema() -> dict[str, Any]:
 
     network = definitions["SimulatorModel"]
     network["required"].remove("nodes")
-    network["anyOf"] = [{"required": ["nodes"]}, {"required": ["reduced_model"]}]
+    network["anyOf"] = [{"required": [key]} for key in ("nodes", "boxes", "plates", "reduced_model")]
     return schema
 
 

@@ -10,13 +10,17 @@ from .blocks import read_block
 from .checks import CHECKS
 from .document import Document, Location, Problem, read_document
 from .fields import AnyBlock
+from .meshed import MESHED, source
 from .reading import Reading, read_scenario
 from .schema import Scenario
 from .units import show
 
 _UNNAMED = ("telemetry", "simulator")
 """Blocks that locations leave out before their sections, as the paths of parameters do."""
-_SECTIONS = ("channels", "nodes", "conductors", "faces", "heaters", "modes", "timeline", "loads", "inputs", "outputs")
+_SECTIONS = (
+    *("channels", "nodes", "conductors", "faces", "heaters", "modes", "timeline", "loads", "inputs", "outputs"),
+    *MESHED,
+)
 
 
 @dataclass(frozen=True)
@@ -99,8 +103,12 @@ def file_error(path: Path, document: Document, problems: list[Problem]) -> Scena
 
 
 def _finding(problem: Problem, reading: Reading, file: str) -> Finding:
-    line = problem.line or reading.document.line(problem.location)
-    return Finding(file, line, _dotted(problem.location, reading), problem.message, problem.warning)
+    location, lines = problem.location, reading.document.lines
+    if len(location) > 2 and location[:3] not in lines:
+        # A cell is written as its plate or box.
+        location = source(str(location[2])) or location
+    line = problem.line or reading.document.line(location)
+    return Finding(file, line, _dotted(location, reading), problem.message, problem.warning)
 
 
 def _dotted(location: Location, reading: Reading) -> str:

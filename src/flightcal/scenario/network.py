@@ -6,6 +6,7 @@ from typing import Annotated, Literal
 
 from pydantic import Field, WrapValidator, field_validator, model_validator
 
+from .body import Body
 from .fields import (
     FILLED_IN,
     Block,
@@ -22,13 +23,27 @@ from .fields import (
 )
 from .units import HOTTEST, STRONGEST, Duration, Kelvins, Power, Quantity, QuantityOrName, Temperature
 
+DEEP_SPACE = 2.725  # K, cosmic background (Fixsen 2009)
 _ROOM = 293.15  # K
+
+
+def _check_slope(block: Node | Conductor, key: str) -> None:
+    """`key`_slope stands beside the number that it is of, and `at` beside it."""
+    slope = getattr(block, f"{key}_slope")
+    if slope is None and block.at is not None:
+        raise ValueError(f"found 'at' without '{key}_slope', expected both or none")
+    if slope is not None and getattr(block, key) is None:
+        raise ValueError(f"found '{key}_slope' without '{key}', expected both")
 
 
 class Node(Block):
     """A thermal node: diffusive (has a capacity), arithmetic (massless) or boundary (temperature given)."""
 
     capacity: Annotated[float, Quantity("J/K", above=0, believable=1e9)] | None = None
+    capacity_slope: Annotated[float, Quantity("1/K", believable=0.1)] | None = None
+    """Share by which the capacity grows with each kelvin of the node's temperature; null: it does not."""
+    at: Temperature | None = None
+    """Temperature of the node at which the capacity is what is written; null: 20 degC."""
     initial: Temperature | None = None
     arithmetic: Flag = False
     boundary: Annotated[float | str, QuantityOrName("K", at_least=0.0, believable=HOTTEST)] | None = None
@@ -36,8 +51,14 @@ class Node(Block):
 
     @model_validator(mode="after")
     def _one_kind(self) -> Node:
+        _check_slope(self, "capacity")
         expected = "exactly one of 'capacity', 'arithmetic: true' (massless) and 'boundary' (given)"
         return exactly_one(self, ("capacity", "arithmetic", "boundary"), expected)
+
+    @property
+    def written_at(self) -> float:
+        """K, `at` or its default."""
+        return _ROOM if self.at is None else self.at
 
 
 class Face(Block):
@@ -66,10 +87,7 @@ class Conductor(Block):
 
     @model_validator(mode="after")
     def _one_law(self) -> Conductor:
-        if self.conductance_slope is None and self.at is not None:
-            raise ValueError("found 'at' without 'conductance_slope', expected both or none")
-        if self.conductance_slope is not None and self.conductance is None:
-            raise ValueError("found 'conductance_slope' without 'conductance', expected both")
+        _check_slope(self, "conductance")
         expected = "exactly one of 'conductance' (W/K) and 'radiative' (m^2)"
         return exactly_one(self, ("conductance", "radiative"), expected)
 
@@ -180,8 +198,11 @@ class SimulatorError(Block):
     """Of what varies: its correlation falls to 1/e."""
 
 
-class SimulatorModel(Block):
-    """The thermal network and the control of its heaters."""
+class SimulatorModel(Body):
+    """The thermal network and the control of its heaters.
+
+    Plates and boxes are meshed when it is read: then their cells are among the nodes, and it has none.
+    """
 
     reduced_model: FileName | None = None
     """File that `flightcal reduce` wrote: nodes, faces, heaters and modes come from it; what is written here besides
@@ -201,7 +222,10 @@ class SimulatorModel(Block):
     tolerance: Annotated[float, Quantity("K", above=0, difference=True)] | None = None
     """On the error of the integration, root mean square over time; by default 5 mK or, if that is less, a tenth of the
     least noise or resolution that the scenario writes for a temperature."""
+    initial: Temperature | None = None
+    """Temperature at which nodes start that have a capacity and no `initial` of their own; cells of plates need one."""
     nodes: dict[str, Node] = Field(min_length=1)
+    """Besides the cells of plates, ``plate[row,column]``."""
     conductors: tuple[Conductor, ...] = ()
     faces: dict[str, Face] = Field(default_factory=dict)
     heaters: dict[str, AnyHeater] = Field(default_factory=dict)

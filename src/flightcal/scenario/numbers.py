@@ -100,7 +100,7 @@ def _pairs(pairs: list[tuple[int, int]]) -> IntArray:
 
 
 _NETWORK: tuple[tuple[str, tuple[str, ...]], ...] = (
-    ("nodes", ("capacity",)),
+    ("nodes", ("capacity", "capacity_slope")),
     ("nodes", ("boundary",)),
     ("conductors", ("conductance", "conductance_slope")),
     ("conductors", ("radiative",)),
@@ -126,7 +126,8 @@ class Settable:
 def settable(scenario: Scenario) -> dict[str, Settable]:
     """Dotted path -> number, for every number that a parameter may set or scale, in a fixed order.
 
-    nodes.<n>.capacity; nodes.<n>.boundary (fixed ones; initial temperatures are always estimated, see InitialState);
+    nodes.<n>.capacity and, where it is written, capacity_slope; nodes.<n>.boundary (fixed ones; initial temperatures
+    are always estimated, see InitialState);
     conductors.<label>.conductance and, where it is written, conductance_slope; conductors.<label>.radiative;
     faces.<f>.area, absorptivity, emissivity (of a reduced order model reduced.<parameter> instead of these);
     heaters.<h>.power, on_below, off_above; modes.<mode>.<node>;

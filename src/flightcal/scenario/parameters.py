@@ -1,8 +1,12 @@
-"""Reads parameters: their units follow from the numbers that they set."""
+"""Reads parameters: their units follow from the numbers that they set.
+
+In a path `*` stands for any text, `?` for one character; brackets are part of the names of cells.
+"""
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping
+import re
+from collections.abc import Iterable, Iterator, Mapping
 from typing import Any
 
 from .blocks import Blocks, read_block
@@ -25,6 +29,13 @@ def read_parameters(
     return {
         name: _read(value, ("parameters", name), numbers, blocks, problems) for name, value in written.items()
     }, problems
+
+
+def matching(pattern: str, names: Iterable[str]) -> list[str]:
+    """The names that fit, in their order."""
+    expression = "".join({"*": ".*", "?": "."}.get(character, re.escape(character)) for character in pattern)
+    fits = re.compile(expression).fullmatch
+    return [name for name in names if fits(name)]
 
 
 def set_twice(parameters: Mapping[str, Parameter]) -> Iterator[Problem]:
@@ -51,7 +62,7 @@ def _read(
     if not isinstance(value, dict):
         read: Parameter | None = read_block(Parameter, value, location, problems)
         return read
-    found = []
+    value, found = _written_out(value, location, numbers, blocks)
     if "unit" in value:
         message = "unknown key 'unit', expected none: the unit follows from the path that the parameter sets"
         found.append(Problem((*location, "unit"), message))
@@ -59,7 +70,7 @@ def _read(
         found += [
             Problem(place, _unknown_path(path, numbers, blocks))
             for place, path in _paths(value, key, location).items()
-            if path not in numbers and not _may_exist(path, blocks)
+            if path not in numbers and not _is_pattern(path) and not _may_exist(path, blocks)
         ]
     unit, wrong = _unit_of(value, location, numbers)
     found += wrong
@@ -71,6 +82,36 @@ def _read(
         found.append(Problem(location, message))
     problems += found
     return None if found or unit is None else read
+
+
+def _written_out(
+    block: dict[str, Any], location: Location, numbers: Mapping[str, Settable], blocks: Blocks
+) -> tuple[dict[str, Any], list[Problem]]:
+    """The block with all paths that fit in the place of each pattern, and the patterns that fit none."""
+    problems: list[Problem] = []
+    block = dict(block)
+    for key in ("sets", "scales"):
+        paths = block.get(key)
+        if not any(map(_is_pattern, _paths(block, key, location).values())):
+            continue
+        found: list[Any] = []
+        for path in [paths] if isinstance(paths, str) else paths or []:
+            fits = matching(path, numbers) if _is_pattern(path) else [path]
+            if not fits and not _is_unread(path.partition(".")[0], blocks):
+                problems.append(Problem((*location, key), f"found {path!r}, which fits no number"))
+            found += fits or [path]
+        block[key] = found
+    return block, problems
+
+
+def _is_unread(section: str, blocks: Blocks) -> bool:
+    """Whether a block of the section could not be read, whose own problems are reported."""
+    held = getattr(blocks, section, ())
+    return None in (held.values() if isinstance(held, dict) else held if isinstance(held, tuple) else ())
+
+
+def _is_pattern(path: Any) -> bool:
+    return isinstance(path, str) and ("*" in path or "?" in path)
 
 
 def _unit_of(
@@ -115,7 +156,7 @@ def _may_exist(path: str, blocks: Blocks) -> bool:
     if section not in ("nodes", "faces", "heaters", "modes", "observations"):
         return False
     section_blocks = getattr(blocks, section)
-    name = rest.partition(".")[0]
+    name = rest.partition(".")[0] if section == "modes" else rest.rpartition(".")[0]
     return name in section_blocks and section_blocks[name] is None
 
 

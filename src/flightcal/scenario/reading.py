@@ -17,6 +17,7 @@ from .environment import Environment
 from .external import KINDS, WrittenHeater, WrittenInput, WrittenOutput, is_external, kind_of_simulator
 from .fields import FileNames, keys_of
 from .heat import Heat, WrittenHeat
+from .meshed import with_mesh
 from .network import AnyHeater, Conductor, Face, Load, ModeChange, Node, Powers, ReducedNumber, SimulatorModel
 from .numbers import Settable, settable_of
 from .parameters import read_parameters
@@ -75,6 +76,8 @@ def read_scenario(path: Path, telemetry: Path | None = None) -> Reading:
         for filled in (fill_in, with_timeline):
             data["simulator"], found = filled(data["simulator"], path.parent)
             reader.problems += found
+        data["simulator"], found = with_mesh(data)
+        reader.problems += found
     if isinstance(data.get("environment"), dict):
         data["environment"], found = with_attitudes(data["environment"], path.parent)
         reader.problems += found

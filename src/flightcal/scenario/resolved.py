@@ -7,6 +7,7 @@ from typing import Any
 
 from .environment import AttitudeTimeline
 from .heat import Heat
+from .meshed import MESHED
 from .network import SimulatorModel
 from .priors import written_prior
 from .residuals import NEEDS, Noise
@@ -82,7 +83,7 @@ def _written_noise(noise: dict[str, Any]) -> dict[str, Any]:
 def _written_network(model: dict[str, Any]) -> dict[str, Any]:
     """Without what comes from the file of a reduced model; the timeline is that of its file."""
     model.pop("timeline_file", None)
-    model = {key: value for key, value in model.items() if key != "reduced" or value}
+    model = {key: value for key, value in model.items() if key not in ("reduced", *MESHED) or value}
     if "reduced_model" not in model:
         return {
             key: value

@@ -21,8 +21,9 @@ MOST_FACTORS = 6
 class Terms(NamedTuple):
     """Entry [t] += constant [t] x product of the numbers at factors [t, 6].
 
-    Positions refer to the scenario's V numbers, followed by a one and by the reciprocals of the numbers at `inverse`.
-    Entries are numbered through A, N, Q, B, g and the heaters' lower and upper thresholds, as in a packed system.
+    Positions refer to the scenario's V numbers, followed by a one, the reciprocals of the numbers at `inverse`, and the
+    initial temperatures in theta. Entries are numbered through A, N, Q, B, g, the heaters' lower and upper thresholds
+    and the initial states, as in a packed system.
     """
 
     entry: IntArray
@@ -31,9 +32,10 @@ class Terms(NamedTuple):
     inverse: IntArray
     """Positions of the numbers whose reciprocals may be factors."""
     entries: int
-    """How many entries there are."""
+    """How many entries there are, without the initial states."""
     initial: IntArray
-    """[n] which of theta's initial temperatures each state starts from; -1: none, its temperature is only guessed."""
+    """[n] which of theta's initial temperatures each state starts from, besides its terms; -1: none, its temperature is
+    only guessed."""
 
 
 class ParameterMap(NamedTuple):
@@ -74,4 +76,5 @@ def assemble(mapping: ParameterMap, terms: Terms, theta: FloatArray) -> tuple[Fl
 
 def assembly_memory(mapping: ParameterMap, terms: Terms) -> FloatArray:
     """What the kernels of assembly work in."""
-    return np.empty(2 * (len(mapping.written) + 1 + len(terms.inverse)) + MOST_FACTORS)
+    temperatures = int(terms.initial.max(initial=-1)) + 1
+    return np.empty(2 * (len(mapping.written) + 1 + len(terms.inverse) + temperatures) + MOST_FACTORS)

@@ -32,11 +32,11 @@ def flow_through(
     inputs = drive.inputs.mean(axis=1)
     found = []
     for name in nodes:
-        i = network.nodes.index(name)
+        i, row = network.nodes.index(name), network.balance(name)
         capacity = numbers[network.position(f"nodes.{name}.capacity")]
         rest, flows = np.zeros(len(steps)), []
         from_node: dict[int, FloatArray] = defaultdict(lambda: np.zeros(len(steps)))
-        for p in np.flatnonzero(structure.forcing_row == i).tolist():
+        for p in np.flatnonzero(structure.forcing_row == row).tolist():
             flow = system.forcing[p] * inputs[:, structure.forcing_column[p]]
             column = network.columns[structure.forcing_column[p]]
             if column == "one" or column.startswith("temperature"):
@@ -47,18 +47,18 @@ def flow_through(
             (system.linear, structure.linear_start, structure.linear_column, 1),
             (system.radiative, structure.radiative_start, structure.radiative_column, 4),
         ):
-            for p in range(int(start[i]), int(start[i + 1])):
+            for p in range(int(start[row]), int(start[row + 1])):
                 j = int(columns[p])
                 rest += entries[p] * x[:, i] ** power
                 if j != i:
                     from_node[j] += entries[p] * (x[:, j] ** power - x[:, i] ** power)
-        for p in np.flatnonzero(structure.quadratic_row == i).tolist():
+        for p in np.flatnonzero(structure.quadratic_row == row).tolist():
             j = int(structure.quadratic_column[p])
             rest += system.quadratic[p] * x[:, i] ** 2
             if j != i:
                 from_node[j] += system.quadratic[p] * (x[:, j] ** 2 - x[:, i] ** 2)
         flows += from_node.values()
-        for p in np.flatnonzero(structure.heating_row == i).tolist():
+        for p in np.flatnonzero(structure.heating_row == row).tolist():
             flows.append(system.heating[p] * status[:, structure.heating_heater[p]])
         for flow in _from_boundaries(scenario, simulator, name, numbers, x[:, i], inputs):
             flows.append(flow / capacity)
@@ -107,7 +107,7 @@ def heat_of_inputs(simulator: NetworkSimulator, nodes: Sequence[str], theta: Flo
     structure, forcing = network.structure, simulator.system(theta).forcing
     found = np.zeros((len(nodes), len(network.columns)))
     for k, name in enumerate(nodes):
-        here = structure.forcing_row == network.nodes.index(name)
+        here = structure.forcing_row == network.balance(name)
         capacity = numbers[network.position(f"nodes.{name}.capacity")]
         np.add.at(found[k], structure.forcing_column[here], capacity * forcing[here])
     return found

@@ -1,19 +1,28 @@
-"""The thermal network: the heat balance of every node of a scenario, written as entries of the canonical form."""
+"""The thermal network: the heat balance of every node of a scenario, written as entries of the canonical form.
+
+A node whose capacity depends on temperature, C (1 + s (T - T0)), has two states: its heat over C, u, and its
+temperature, which is massless and follows from it:
+
+    C du/dt = heat into the node        0 = u - T - s (T - T0)^2 / 2
+
+So heat is conserved exactly, and the integration knows nothing of it. A thermostat watches u, as u grows with T.
+"""
 
 from __future__ import annotations
 
 from collections import defaultdict
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
+from functools import cached_property
+from types import MappingProxyType
 
 import numpy as np
 
-from ..scenario import Conductor, Node, Scenario, settable
-from .assembly import MOST_FACTORS, Terms, own_initial
+from ..scenario import DEEP_SPACE, Conductor, Node, Scenario, settable
+from .assembly import MOST_FACTORS, Terms
 from .system import FloatArray, IntArray, Structure, elimination_order, make_structure
 
 STEFAN_BOLTZMANN = 5.670374419e-8  # W m^-2 K^-4, CODATA 2018 (exact)
-DEEP_SPACE = 2.725  # K, cosmic background (Fixsen 2009)
 
 
 @dataclass(frozen=True)
@@ -21,7 +30,8 @@ class Network:
     """Everything about a network that does not depend on theta."""
 
     nodes: tuple[str, ...]
-    """The states [n], in elimination order: what lagging sensors show, then nodes with a capacity and massless ones."""
+    """The states [n], in elimination order: what lagging sensors show, then nodes with a capacity and massless ones,
+    and heat where a capacity depends on temperature."""
     columns: tuple[str, ...]
     """Names of the input series w [q]: ``one``, ``solar.<face>``, ``mode.<mode>``, ``driver.<load>``, ..."""
     paths: tuple[str, ...]
@@ -38,11 +48,30 @@ class Network:
     """Nodes into which heat may be injected that no block describes; of the input series the last, ``heat.<node>``."""
     switched: Mapping[str, tuple[str, ...]] = field(default_factory=dict)
     """Heaters without a thermostat, by the one that they are switched with."""
+    heat_states: Mapping[int, int] = field(default_factory=dict)
+    """State of a node whose capacity depends on temperature -> that of its heat, whose row is its heat balance."""
 
-    @property
+    @cached_property
     def diffusive(self) -> IntArray:
         """Nodes that have a capacity, and so an initial temperature."""
-        return np.flatnonzero(self.structure.mass > 0.0)[self.lagging :]
+        return _diffusive(self.structure.mass, self.heat_states)[self.lagging :]
+
+    @property
+    def own_nodes(self) -> tuple[str, ...]:
+        """The states that are temperatures of the scenario's nodes."""
+        heat = self.heat_states.values()
+        return tuple(name for k, name in enumerate(self.nodes) if k >= self.lagging and k not in heat)
+
+    @property
+    def watched(self) -> IntArray:
+        """[H] states whose temperatures the thermostats watch."""
+        nodes = {heat: node for node, heat in self.heat_states.items()}
+        return np.array([nodes.get(k, k) for k in self.structure.sensor.tolist()], np.int64)
+
+    def balance(self, node: str) -> int:
+        """The state whose row is the heat balance of a node."""
+        k = self.nodes.index(node)
+        return self.heat_states.get(k, k)
 
     def position(self, path: str) -> int:
         """Where the number at a dotted path lies in `values`."""
@@ -64,6 +93,7 @@ class _Balance:
     positions: dict[str, int]
     capacities: dict[int, int]
     """State -> position of its capacity (of a lagging sensor: of its time constant); massless states have none."""
+    heat_states: Mapping[int, int]
     terms: dict[str, dict[tuple[int, int], list[Term]]] = field(
         default_factory=lambda: {kind: defaultdict(list) for kind in FIELDS}
     )
@@ -71,6 +101,7 @@ class _Balance:
     def add(self, kind: str, state: int, other: int, constant: float, *paths: str) -> None:
         """Heat into `state`: constant x product of the numbers at `paths` x (state, series or heater `other`)."""
         factors = [self.positions[path] for path in paths]
+        state = self.heat_states.get(state, state)
         if state in self.capacities:
             # Negative: the reciprocal of the number there.
             factors.append(-1 - self.capacities[state])
@@ -92,8 +123,12 @@ def build_network(scenario: Scenario, heated: Sequence[str] = ()) -> Network:
     ]
     # Nothing depends on a sensor, so eliminating it first fills in nothing.
     lagging = {sensor_state(name): item for name, item in scenario.observations.items() if item.lag is not None}
-    nodes = (*lagging, *(names[k] for k in elimination_order(len(names), links)))
+    sloped = [name for name in names if model.nodes[name].capacity_slope is not None]
+    links += [(numbers[name], len(names) + k) for k, name in enumerate(sloped)]
+    states = [*names, *map(_heat_state, sloped)]
+    nodes = (*lagging, *(states[k] for k in elimination_order(len(states), links)))
     state = {name: k for k, name in enumerate(nodes)}
+    heat_states = {state[name]: state[_heat_state(name)] for name in sloped}
     columns = (
         "one",
         *(f"{kind}.{face}" for kind in flux_kinds(scenario) for face in model.faces),
@@ -111,9 +146,11 @@ def build_network(scenario: Scenario, heated: Sequence[str] = ()) -> Network:
     column = {name: k for k, name in enumerate(columns)}
     capacities = {state[name]: positions[f"{name}.lag"] for name in lagging}
     capacities |= {
-        state[name]: positions[f"nodes.{name}.capacity"] for name in names if model.nodes[name].capacity is not None
+        heat_states.get(state[name], state[name]): positions[f"nodes.{name}.capacity"]
+        for name in names
+        if model.nodes[name].capacity is not None
     }
-    balance = _Balance(positions, capacities)
+    balance = _Balance(positions, capacities, heat_states)
     for name, item in lagging.items():
         balance.add("linear", state[name], state[name], -1.0)
         balance.add("linear", state[name], state[item.node or ""], 1.0)
@@ -131,19 +168,32 @@ def build_network(scenario: Scenario, heated: Sequence[str] = ()) -> Network:
     for k, name in enumerate(model.switches):
         for other, heater in model.on_switch(name).items():
             balance.add("heating", state[heater.node], k, 1.0, f"heaters.{other}.power")
-        balance.terms["lower"][k, 0].append((1.0, [positions[f"heaters.{name}.on_below"]]))
-        balance.terms["upper"][k, 0].append((1.0, [positions[f"heaters.{name}.off_above"]]))
+        for side, number in (("lower", "on_below"), ("upper", "off_above")):
+            threshold = positions[f"heaters.{name}.{number}"]
+            sensor = model.switches[name].sensor
+            balance.terms[side][k, 0] += [(1.0, [threshold]), *_beyond(positions, model.nodes, sensor, threshold)]
 
     mass = np.array([float(k in capacities) for k in range(len(nodes))])
-    initial = own_initial(mass[len(lagging) :])
-    watched = [state[item.node or ""] - len(lagging) for item in lagging.values()]
+    initial = np.full(len(nodes), -1)
+    diffusive = _diffusive(mass, heat_states)[len(lagging) :].tolist()
+    first = len(positions) + 1 + len(capacities)
+    warmed = {}
+    for place, k in enumerate(diffusive):
+        initial[[k, heat_states.get(k, k)]] = place
+        if k in heat_states:
+            warmed[heat_states[k]] = _beyond(positions, model.nodes, nodes[k], first + place)
+    initial[: len(lagging)] = initial[[state[item.node or ""] for item in lagging.values()]]
+    for name in sloped:
+        _add_heat(balance, model.nodes[name], state[name], positions[f"nodes.{name}.capacity_slope"], column["one"])
+    sensors = [state[heater.sensor] for heater in model.switches.values()]
     structure, terms = canonical_form(
         balance.terms,
         mass,
-        [state[heater.sensor] for heater in model.switches.values()],
+        [heat_states.get(k, k) for k in sensors],
         len(positions),
-        np.concatenate([initial[watched], initial]),
+        initial,
         list(capacities.values()),
+        warmed,
     )
     return Network(
         nodes=nodes,
@@ -156,7 +206,36 @@ def build_network(scenario: Scenario, heated: Sequence[str] = ()) -> Network:
         lagging=len(lagging),
         heated=tuple(heated),
         switched={name: tuple(other for other in model.on_switch(name) if other != name) for name in model.switches},
+        heat_states=heat_states,
     )
+
+
+def _diffusive(mass: FloatArray, heat_states: Mapping[int, int]) -> IntArray:
+    """States that have an initial temperature: those with a capacity, and of heat the temperature that it makes."""
+    return np.array(sorted({*np.flatnonzero(mass > 0.0).tolist(), *heat_states} - {*heat_states.values()}), np.int64)
+
+
+def _heat_state(node: str) -> str:
+    """Name of the state that is the heat of a node whose capacity depends on temperature."""
+    return f"nodes.{node}.heat"
+
+
+def _beyond(positions: Mapping[str, int], nodes: Mapping[str, Node], name: str, temperature: int) -> list[Term]:
+    """u - T of a node at the temperature T that stands at a position; none where its capacity is constant."""
+    at = nodes[name].written_at
+    if nodes[name].capacity_slope is None:
+        return []
+    slope = positions[f"nodes.{name}.capacity_slope"]
+    return [(0.5, [slope, temperature, temperature]), (-at, [slope, temperature]), (0.5 * at * at, [slope])]
+
+
+def _add_heat(balance: _Balance, node: Node, state: int, slope: int, one: int) -> None:
+    """The massless row of a temperature that follows from the node's heat (see the module)."""
+    at, terms = node.written_at, balance.terms
+    terms["linear"][state, balance.heat_states[state]].append((1.0, []))
+    terms["linear"][state, state] += [(-1.0, []), (at, [slope])]
+    terms["quadratic"][state, state].append((-0.5, [slope]))
+    terms["forcing"][state, one].append((-0.5 * at * at, [slope]))
 
 
 def flux_kinds(scenario: Scenario) -> tuple[str, ...]:
@@ -260,24 +339,25 @@ def canonical_form(
     numbers: int,
     initial: IntArray,
     inverse: Sequence[int] = (),
+    warmed: Mapping[int, Sequence[Term]] = MappingProxyType({}),
 ) -> tuple[Structure, Terms]:
     """Structure and terms of a heat balance from the terms of each entry of its `FIELDS`, whose places are as of
     `make_structure` ((heater, 0) for thresholds).
 
-    numbers: how many there are; inverse: positions of those whose reciprocals are factors.
+    numbers: how many there are; inverse: positions of those whose reciprocals are factors; warmed: state -> terms of
+    its initial value, beside its initial temperature.
     """
     entries = {kind: sorted(terms[kind]) for kind in FIELDS}
     reciprocal = {position: numbers + 1 + k for k, position in enumerate(inverse)}
     entry, constants, table = [], [], []
-    number = 0
-    for kind, places in entries.items():
-        for place in places:
-            for constant, factors in terms[kind][place]:
-                entry.append(number)
-                constants.append(constant)
-                chosen = [f if f >= 0 else reciprocal[-1 - f] for f in factors]
-                table.append(chosen + [numbers] * (MOST_FACTORS - len(chosen)))
-            number += 1
+    sums = [terms[kind][place] for kind, places in entries.items() for place in places]
+    number = len(sums)
+    for place, own in (*enumerate(sums), *((number + state, own) for state, own in warmed.items())):
+        for constant, factors in own:
+            entry.append(place)
+            constants.append(constant)
+            chosen = [f if f >= 0 else reciprocal[-1 - f] for f in factors]
+            table.append(chosen + [numbers] * (MOST_FACTORS - len(chosen)))
     structure = make_structure(
         mass,
         entries["linear"],

@@ -242,7 +242,7 @@ class NetworkSimulator:
         if not self.scatter.any():
             return self._simulate(thetas, None, heat)
         drawn = self.scatter * rng.standard_normal((len(thetas), SCATTERED, 1, len(self.scatter)))
-        return self._simulate(thetas, np.repeat(drawn, 2, axis=2), heat)
+        return self.simulate_switching(thetas, np.repeat(drawn, 2, axis=2), heat)
 
     def simulate_switching(
         self, thetas: FloatArray, thresholds: FloatArray, heat: FloatArray | None = None
@@ -251,7 +251,26 @@ class NetworkSimulator:
 
         Then these come again.
         """
+        if self.network.heat_states:
+            thresholds = np.stack([self._in_heat(*own) for own in zip(thetas, thresholds, strict=True)])
         return self._simulate(thetas, thresholds, heat)
+
+    def _in_heat(self, theta: FloatArray, off: FloatArray) -> FloatArray:
+        """How far thresholds that are off by [E, 2, H] K are so in the heat that is watched where a capacity slopes.
+
+        The heat's slope by the temperature stands in the row of the temperature.
+        """
+        network, structure = self.network, self.network.structure
+        numbers, system, found = self.numbers(theta), self.system(theta), off.copy()
+        for k, node in enumerate(network.watched.tolist()):
+            if node in network.heat_states:
+                row = slice(int(structure.linear_start[node]), int(structure.linear_start[node + 1]))
+                linear = system.linear[row][structure.linear_column[row] == node].item()
+                square = system.quadratic[structure.quadratic_row == node].item()
+                paths = (f"heaters.{network.heaters[k]}.{number}" for number in ("on_below", "off_above"))
+                at = np.array([numbers[network.position(path)] for path in paths])
+                found[..., k] = -(linear + square * (2.0 * at + off[..., k])) * off[..., k]
+        return found
 
     def _simulate(
         self, thetas: FloatArray, scatter: FloatArray | None, heat: FloatArray | None
@@ -311,6 +330,7 @@ class NetworkSimulator:
     ) -> tuple[FloatArray, Callable[[FloatArray], FloatArray]]:
         """By how much a thermostat's sensor is above its threshold at given switches [E], K, as the heaters are driven.
 
+        Of a node whose capacity depends on temperature, its heat over the capacity that is written counts, in K.
         Also its vector-Jacobian product: cotangent [E] -> of theta [d]. Raises SimulationFailure.
         """
         theta, structure = np.array(theta), self.network.structure

@@ -7,10 +7,12 @@ from collections.abc import Iterator
 from pathlib import Path
 
 from ..document import Location, Problem
+from ..meshed import CELL
 from ..reading import Reading
 from ..units import show
 
 _NAME = re.compile(r"[\w+-][\w+ -]*(?<! )")
+_CONDUCTORS: Location = ("simulator", "conductors")
 _DIMENSIONS = ("chain", "draw")
 
 
@@ -29,9 +31,13 @@ def check(reading: Reading, folder: Path) -> Iterator[Problem]:
     named += [(("windows", name), part) for name in blocks.windows for part in name.split(".", 1)]
     for k, conductor in enumerate(blocks.conductors):
         if conductor is not None and conductor.name is not None:
-            named.append((("simulator", "conductors", k, "name"), conductor.name))
+            named.append(((*_CONDUCTORS, k, "name"), conductor.name))
+    named += [(("simulator", key, name), name) for key in ("boxes", "plates") for name in _written(reading, key)]
     for location, name in named:
-        if not _NAME.fullmatch(name):
+        # What is meshed from plates has names with brackets, and conductors that radiate are called after both ends.
+        may_be_cell = location[:2] in (("simulator", "nodes"), ("simulator", "faces"), _CONDUCTORS)
+        parts = name.split("~") if location[:2] == _CONDUCTORS else [name]
+        if not all(_NAME.fullmatch(part) or (may_be_cell and CELL.fullmatch(part)) for part in parts):
             message = f"found the name {show(name)}, expected letters, digits, spaces, '_', '-' and '+' only"
             yield Problem(location, message)
     for name in _DIMENSIONS:
@@ -39,3 +45,11 @@ def check(reading: Reading, folder: Path) -> Iterator[Problem]:
             yield Problem(
                 ("parameters", name), f"found the name {name!r}, expected another: results use it for an axis"
             )
+
+
+def _written(reading: Reading, key: str) -> list[str]:
+    """Names in a mapping of the simulator's block, as the file has them."""
+    data = reading.document.data
+    simulator = data.get("simulator") if isinstance(data, dict) else None
+    found = simulator.get(key) if isinstance(simulator, dict) else None
+    return list(found) if isinstance(found, dict) else []

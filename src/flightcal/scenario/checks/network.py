@@ -7,7 +7,7 @@ from pathlib import Path
 
 from ..blocks import Blocks, readable
 from ..document import Location, Problem
-from ..network import Conductor
+from ..network import Conductor, Node
 from ..reading import Reading
 from ..units import celsius, show
 from .common import channel_of_kind, heated_node, known
@@ -40,7 +40,7 @@ def _check_conductors(blocks: Blocks) -> Iterator[Problem]:
         location = (*_CONDUCTORS, k, "between")
         for name in dict.fromkeys(conductor.between):
             yield from known("node", name, blocks.nodes, location)
-        yield from _check_slope(conductor, (*_CONDUCTORS, k, "conductance_slope"))
+        yield from _check_slope(conductor, "conductance", (*_CONDUCTORS, k), "the ends")
         first, second = conductor.between
         if first == second:
             yield Problem(location, f"found {show(first)} twice, expected two different nodes")
@@ -49,14 +49,14 @@ def _check_conductors(blocks: Blocks) -> Iterator[Problem]:
             yield Problem(location, message)
 
 
-def _check_slope(conductor: Conductor, location: Location) -> Iterator[Problem]:
-    slope = conductor.conductance_slope or 0.0
+def _check_slope(block: Conductor | Node, key: str, location: Location, what: str) -> Iterator[Problem]:
+    """A number that depends on temperature stays positive at usual ones."""
+    slope = getattr(block, f"{key}_slope") or 0.0
     for temperature in _USUAL_TEMPERATURES:
-        if 1.0 + slope * (temperature - conductor.written_at) < 0.0:
-            message = f"found a slope with which the conductance is below zero at {celsius(temperature)}"
-            yield Problem(
-                location, f"{message}, expected one that keeps it positive where the ends may be", warning=True
-            )
+        if 1.0 + slope * (temperature - block.written_at) < 0.0:
+            message = f"found a slope with which the {key} is below zero at {celsius(temperature)}"
+            message += f", expected one that keeps it positive where {what} may be"
+            yield Problem((*location, f"{key}_slope"), message, warning=True)
 
 
 def _check_faces(blocks: Blocks) -> Iterator[Problem]:
@@ -114,6 +114,7 @@ def _check_temperatures(blocks: Blocks) -> Iterator[Problem]:
     observed = {observation.node for observation in observations if observation is not None}
     for name, node in readable(blocks.nodes).items():
         location = ("simulator", "nodes", name)
+        yield from _check_slope(node, "capacity", location, "the node")
         if isinstance(node.boundary, str):
             yield from channel_of_kind(blocks, node.boundary, "temperature", (*location, "boundary"))
         if node.capacity is None and node.initial is not None:

@@ -19,7 +19,7 @@ class AssembleCall(NamedTuple):
     thetas: Any
     """[S, d]"""
     extended: Any
-    """Workspace for the numbers, a one and the reciprocals."""
+    """Workspace for the numbers, a one, the reciprocals and the initial temperatures."""
     numbers: Any
     """[S, V]"""
     packed: Any
@@ -41,7 +41,7 @@ def assemble(call):
             numbers[s, mapping.set_positions[k]] = thetas[s, mapping.set_by[k]]
         for k in range(mapping.scaled_positions.shape[0]):
             numbers[s, mapping.scaled_positions[k]] *= thetas[s, mapping.scaled_by[k]]
-        _extend(terms, numbers[s], extended)
+        _extend(terms, numbers[s], thetas[s, parameters:], extended)
         packed[s] = 0.0
         for t in range(terms.entry.shape[0]):
             product = terms.constant[t]
@@ -54,7 +54,7 @@ def assemble(call):
             guess += thetas[s, k] / (thetas.shape[1] - parameters)
         for i in range(terms.initial.shape[0]):
             place = terms.initial[i]
-            packed[s, terms.entries + i] = thetas[s, parameters + place] if place >= 0 else guess
+            packed[s, terms.entries + i] += thetas[s, parameters + place] if place >= 0 else guess
         for error in range(channel_errors.shape[0]):
             for k in range(channel_errors.shape[1]):
                 errors[s, error, k] = numbers[s, channel_errors[error, k]]
@@ -62,14 +62,16 @@ def assemble(call):
 
 
 @inlined
-def _extend(terms, numbers, extended):
-    """The numbers, a one, and the reciprocals."""
+def _extend(terms, numbers, temperatures, extended):
+    """The numbers, a one, the reciprocals and the initial temperatures."""
     count = numbers.shape[0]
     for k in range(count):
         extended[k] = numbers[k]
     extended[count] = 1.0
     for k in range(terms.inverse.shape[0]):
         extended[count + 1 + k] = 1.0 / numbers[terms.inverse[k]]
+    for k in range(temperatures.shape[0]):
+        extended[count + 1 + terms.inverse.shape[0] + k] = temperatures[k]
 
 
 class PullBackCall(NamedTuple):
@@ -96,11 +98,13 @@ def pull_back(call):
     mapping, terms, theta, numbers = call.mapping, call.terms, call.thetas[0], call.numbers[0]
     packed_bar, used, used_bar = call.packed_bar, call.channel_errors, call.errors_bar
     memory, theta_bar = call.memory, call.theta_bar
-    size = numbers.shape[0] + 1 + terms.inverse.shape[0]
     count = numbers.shape[0]
+    first = count + 1 + terms.inverse.shape[0]
+    temperatures = theta[mapping.parameters :]
+    size = first + temperatures.shape[0]
     extended, extended_bar, before = memory[:size], memory[size : 2 * size], memory[2 * size :]
     theta_bar[:] = 0.0
-    _extend(terms, numbers, extended)
+    _extend(terms, numbers, temperatures, extended)
     extended_bar[:] = 0.0
     for kind in range(used.shape[0]):
         for k in range(used.shape[1]):
@@ -131,6 +135,8 @@ def pull_back(call):
                 if other != k and mapping.scaled_positions[other] == position:
                     others *= theta[mapping.scaled_by[other]]
         theta_bar[parameter] += extended_bar[position] * others
+    for k in range(temperatures.shape[0]):
+        theta_bar[mapping.parameters + k] += extended_bar[first + k]
     for i in range(terms.initial.shape[0]):
         if terms.initial[i] >= 0:
             theta_bar[mapping.parameters + terms.initial[i]] += packed_bar[terms.entries + i]

@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from flightcal.operational.view_factors import Rectangles, gebhart_factors, view_factors
+from flightcal.scenario.view_factors import Rectangles, gebhart_factors, view_factors
 
 
 def rectangle(axis, side, lower, upper):

@@ -3,6 +3,8 @@
 Plates are rectangles whose edges are parallel to the body axes; a box is six of them. Every cell of a plate's mesh is a
 node, named ``plate[row,column]``. A side of a plate is outside (it sees space), in an enclosure (it exchanges heat with
 all other sides of it, which nothing may stand between), or covered by insulation.
+
+NumPy is imported where it is used: to read a scenario must not wait for it.
 """
 
 from __future__ import annotations
@@ -10,14 +12,16 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from itertools import combinations
-from typing import Annotated
-
-import numpy as np
+from typing import TYPE_CHECKING
 
 from ..errors import FlightcalError
-from ..scenario import Conductor, Count, Face, Node, Pair, Part, Quantity
-from ..simulator import DEEP_SPACE
-from .view_factors import Array, Rectangles, gebhart_factors, view_factors
+from .body import Body, Box, Joint, Material, Plate, Side
+from .document import Location
+from .network import DEEP_SPACE, Conductor, Face, Node
+from .units import did_you_mean
+
+if TYPE_CHECKING:
+    from .view_factors import Rectangles
 
 SPACE = "space"
 """Boundary node behind the openings of enclosures."""
@@ -28,118 +32,12 @@ _LEAST_SHARE = 1e-4
 """Of what a cell emits: couplings that carry less than this are left out."""
 
 
-_Length = Annotated[float, Quantity("m")]
-_Thickness = Annotated[float, Quantity("m", above=0)]
-_ContactConductance = Annotated[float, Quantity("W/m/K", above=0)]
+class MeshError(FlightcalError):
+    """Plates and boxes that do not fit together: `message`, and the `location` in a `Body` of what is wrong."""
 
-
-@dataclass(frozen=True)
-class Material(Part):
-    """What plates are made of."""
-
-    conductivity: Annotated[float, Quantity("W/m/K", above=0)]
-    """W/(m K), in the plane."""
-    density: Annotated[float, Quantity("kg/m^3", above=0)]
-    """kg/m^3"""
-    specific_heat: Annotated[float, Quantity("J/kg/K", above=0)]
-    """J/(kg K)"""
-
-
-@dataclass(frozen=True)
-class Coating(Part):
-    """A surface."""
-
-    absorptivity: Annotated[float, Quantity("", at_least=0, at_most=1)]
-    emissivity: Annotated[float, Quantity("", above=0, at_most=1)]
-
-
-@dataclass(frozen=True)
-class Insulation(Part):
-    """Multi-layer insulation over a side: its outer layer radiates to space and to the plate below."""
-
-    effective_emissivity: Annotated[float, Quantity("", above=0, at_most=1)]
-    coating: str
-    """Of the outer layer."""
-    heat_capacity: Annotated[float, Quantity("J/K/m^2", above=0)] = 77.0
-    """Of the outer layer, J/(m^2 K): 50 um of polyimide (1420 kg/m^3, 1090 J/(kg K)). Without one its temperature would
-    jump by 200 K when the Sun comes up, farther than a step that solves linear equations can follow."""
-
-
-@dataclass(frozen=True)
-class Side(Part):
-    """One side of a plate."""
-
-    coating: str
-    enclosure: str | None = None
-    """Which one it looks into; null: outside."""
-    insulation: str | None = None
-
-
-@dataclass(frozen=True)
-class Plate(Part):
-    """A rectangle whose edges are parallel to the body axes, and its mesh."""
-
-    corner: tuple[_Length, _Length, _Length]
-    """With the smallest coordinates, m."""
-    size: tuple[_Length, _Length, _Length]
-    """Along x, y, z, m; exactly one is zero: the plate's normal."""
-    thickness: _Thickness
-    """m"""
-    material: str
-    mesh: tuple[Count, Count]
-    """Cells along the two edges, in the order of the axes."""
-    positive: Side | None = None
-    """The side towards larger coordinates; null: adiabatic."""
-    negative: Side | None = None
-
-    @property
-    def axis(self) -> int:
-        """0, 1 or 2: that of the normal."""
-        return self.size.index(0.0)
-
-    @property
-    def edges(self) -> tuple[int, int]:
-        """The axes of the two edges."""
-        first, second = (k for k in range(3) if k != self.axis)
-        return first, second
-
-
-@dataclass(frozen=True)
-class Box(Part):
-    """Six plates, ``<box>.x-`` to ``<box>.z+``; the inside is an enclosure named after the box."""
-
-    corner: tuple[_Length, _Length, _Length]
-    size: tuple[_Length, _Length, _Length]
-    thickness: _Thickness
-    material: str
-    mesh: Count
-    """Cells along each edge."""
-    outside: Side
-    inside: str
-    """Coating."""
-    joints: _ContactConductance
-    """Conductance of its edges."""
-
-
-@dataclass(frozen=True)
-class Joint(Part):
-    """Two plates that touch along an edge."""
-
-    between: Pair
-    conductance: _ContactConductance
-    """W/K for each metre of the edge."""
-
-
-@dataclass(frozen=True)
-class Body:
-    """Plates and boxes, and what they are made of, by name."""
-
-    materials: Mapping[str, Material]
-    coatings: Mapping[str, Coating]
-    insulations: Mapping[str, Insulation]
-    boxes: Mapping[str, Box]
-    plates: Mapping[str, Plate]
-    joints: tuple[Joint, ...]
+    def __init__(self, location: Location, message: str) -> None:
+        super().__init__(f"{'.'.join(map(str, location))}: {message}")
+        self.location, self.message = location, message
 
 
 @dataclass(frozen=True)
@@ -183,17 +81,19 @@ def box_joints(name: str, box: Box) -> list[Joint]:
 def mesh_plates(body: Body) -> Mesh:
     """The nodes, conductors and faces of boxes and plates.
 
-    Raises FlightcalError where something has no name that is known, a plate is not flat, a joint does not join, or the
-    sides of an enclosure overlap.
+    Raises MeshError where something has no name that is known, a plate is not flat, a joint does not join, or the sides
+    of an enclosure overlap.
     """
     _check_names(body)
     plates: dict[str, Plate] = {}
-    joints: list[Joint] = []
+    joints: list[tuple[Location, Joint]] = []
     for name, box in body.boxes.items():
+        if min(box.size) <= 0.0:
+            raise MeshError(("boxes", name, "size"), f"found {_metres(box.size)}, expected three lengths above 0 m")
         plates |= box_plates(name, box)
-        joints += box_joints(name, box)
+        joints += [(("boxes", name, "joints"), joint) for joint in box_joints(name, box)]
     plates |= body.plates
-    joints += body.joints
+    joints += [(("joints", k), joint) for k, joint in enumerate(body.joints)]
     for name, plate in plates.items():
         _check(name, plate)
     nodes: dict[str, Node] = {}
@@ -209,11 +109,11 @@ def mesh_plates(body: Body) -> Mesh:
                 nodes |= more_nodes
                 conductors += more_conductors
                 faces |= more_faces
-    for joint in joints:
+    for location, joint in joints:
         for name in joint.between:
             if name not in plates:
-                raise FlightcalError(f"joint {'-'.join(joint.between)}: found no plate '{name}'")
-        conductors += _joined(body, plates, joint)
+                raise MeshError((*location, "between"), f"found no plate '{name}'{did_you_mean(name, plates)}")
+        conductors += _joined(body, plates, joint, location)
     openness = {}
     sides = [side for plate in plates.values() for side in (plate.positive, plate.negative) if side is not None]
     for enclosure in sorted({side.enclosure for side in sides if side.enclosure}):
@@ -232,29 +132,48 @@ def cell_names(name: str, plate: Plate) -> list[str]:
 def _check_names(body: Body) -> None:
     """What plates, boxes and insulations say that they are made of is there."""
     boxes, plates = body.boxes.items(), body.plates.items()
-    sides = [(f"boxes.{name}", box.outside) for name, box in boxes]
-    sides += [(f"plates.{name}", side) for name, plate in plates for side in (plate.positive, plate.negative) if side]
-    for where, kind, name, known in (
-        *((f"boxes.{name}", "material", box.material, body.materials) for name, box in boxes),
-        *((f"plates.{name}", "material", plate.material, body.materials) for name, plate in plates),
-        *((f"boxes.{name}", "coating", box.inside, body.coatings) for name, box in boxes),
-        *((where, "coating", side.coating, body.coatings) for where, side in sides),
-        *((where, "insulation", side.insulation, body.insulations) for where, side in sides if side.insulation),
-        *((f"insulations.{k}", "coating", item.coating, body.coatings) for k, item in body.insulations.items()),
-    ):
+    sides: list[tuple[Location, Side]] = [(("boxes", name, "outside"), box.outside) for name, box in boxes]
+    for name, plate in plates:
+        two = (("positive", plate.positive), ("negative", plate.negative))
+        sides += [(("plates", name, key), side) for key, side in two if side]
+    named: list[tuple[Location, str, str, Mapping[str, object]]] = [
+        *((("boxes", name, "material"), "material", box.material, body.materials) for name, box in boxes),
+        *((("plates", name, "material"), "material", plate.material, body.materials) for name, plate in plates),
+        *((("boxes", name, "inside"), "coating", box.inside, body.coatings) for name, box in boxes),
+        *(((*at, "coating"), "coating", side.coating, body.coatings) for at, side in sides),
+        *(
+            ((*at, "insulation"), "insulation", side.insulation, body.insulations)
+            for at, side in sides
+            if side.insulation
+        ),
+        *(
+            (("insulations", k, "coating"), "coating", item.coating, body.coatings)
+            for k, item in body.insulations.items()
+        ),
+    ]
+    for location, kind, name, known in named:
         if name not in known:
-            raise FlightcalError(f"{where}: found the {kind} '{name}', expected one of {sorted(known)}")
+            listed = ", ".join(sorted(known)) or f"one of '{kind}s', which are none"
+            raise MeshError(location, f"found the {kind} '{name}', expected {listed}{did_you_mean(name, known)}")
 
 
 def _check(name: str, plate: Plate) -> None:
+    location = ("plates", name)
     if list(plate.size).count(0.0) != 1 or min(plate.size) < 0.0:
-        raise FlightcalError(f"plate '{name}': found size {plate.size} m, expected exactly one zero, along the normal")
-    if min(plate.mesh) < 1:
-        raise FlightcalError(f"plate '{name}': found a mesh of {plate.mesh}, expected at least one cell")
+        expected = "expected exactly one zero, along the normal"
+        raise MeshError((*location, "size"), f"found {_metres(plate.size)}, {expected}")
+
+
+def _metres(size: Sequence[float]) -> str:
+    return f"[{', '.join(f'{length:g} m' for length in size)}]"
 
 
 def _cells(plate: Plate, side: int) -> Rectangles:
     """The cells of one side, as `cell_names` orders them."""
+    import numpy as np
+
+    from .view_factors import Rectangles
+
     a, b = plate.edges
     rows, columns = plate.mesh
     i, j = (index.ravel() for index in np.indices(plate.mesh))
@@ -278,6 +197,8 @@ def _nodes(plate: Plate, material: Material, cells: Sequence[str]) -> dict[str, 
 
 
 def _in_plane(plate: Plate, material: Material, cells: Sequence[str]) -> list[Conductor]:
+    import numpy as np
+
     names = np.array(cells).reshape(plate.mesh)
     width, height = _cell_size(plate)
     sheet = material.conductivity * plate.thickness  # W/K of a square
@@ -318,12 +239,11 @@ def _outside(
     return nodes, conductors, faces
 
 
-def _joined(body: Body, plates: Mapping[str, Plate], joint: Joint) -> list[Conductor]:
+def _joined(body: Body, plates: Mapping[str, Plate], joint: Joint, location: Location) -> list[Conductor]:
     """Cells of both plates along their common edge: half a cell, the contact, half a cell in series."""
     first, second = (plates[name] for name in joint.between)
-    where = f"joint {'-'.join(joint.between)}"
     if first.axis == second.axis:
-        raise FlightcalError(f"{where}: found parallel plates, expected a common edge")
+        raise MeshError(location, f"found parallel plates {' and '.join(joint.between)}, expected a common edge")
     along = 3 - first.axis - second.axis
     sheets = [body.materials[plate.material].conductivity * plate.thickness for plate in (first, second)]
     conductors = []
@@ -346,7 +266,7 @@ def _joined(body: Body, plates: Mapping[str, Plate], joint: Joint) -> list[Condu
                     resistance += half / (sheet * overlap)
                 conductors.append(_conductor(name, other, 1.0 / resistance))
     if not conductors:
-        raise FlightcalError(f"{where}: found no common edge")
+        raise MeshError(location, f"found {' and '.join(joint.between)} without a common edge, expected one")
     return conductors
 
 
@@ -362,6 +282,10 @@ def _touches(cells: Rectangles, k: int, plate: Plate) -> bool:
 
 def _enclosed(body: Body, plates: Mapping[str, Plate], enclosure: str) -> tuple[list[Conductor], float]:
     """Radiation between all sides of an enclosure, and the largest share of a cell's view that meets none."""
+    import numpy as np
+
+    from .view_factors import gebhart_factors, view_factors
+
     names: list[str] = []
     groups: list[Rectangles] = []
     emissivities: list[float] = []
@@ -376,13 +300,14 @@ def _enclosed(body: Body, plates: Mapping[str, Plate], enclosure: str) -> tuple[
     seen = factors.sum(axis=1)
     if seen.max() > _MOST_SEEN:
         worst = int(np.argmax(seen))
-        raise FlightcalError(
-            f"enclosure '{enclosure}': found that '{names[worst]}' sees {seen[worst]:.3f} of its surroundings, "
-            "expected at most 1: sides overlap, or stand behind one another"
+        raise MeshError(
+            ("boxes", enclosure) if enclosure in body.boxes else ("plates",),
+            f"found that '{names[worst]}' sees {seen[worst]:.3f} of its surroundings in the enclosure '{enclosure}', "
+            "expected at most 1: sides overlap, or stand behind one another",
         )
     emissivity, area = np.array(emissivities), np.concatenate([group.area for group in groups])
     shares = gebhart_factors(factors, emissivity)
-    couplings: Array = emissivity[:, None] * area[:, None] * shares
+    couplings = emissivity[:, None] * area[:, None] * shares
     keep = np.maximum(shares, shares.T) > _LEAST_SHARE
     found: dict[tuple[str, str], float] = {}
     for i, j in zip(*np.nonzero(np.triu(keep, 1)), strict=True):
