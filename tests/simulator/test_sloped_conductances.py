@@ -94,7 +94,7 @@ def test_temperatures_are_those_of_the_law_itself(tmp_path):
     simulator = small.simulator_of(*small.load(tmp_path, written(step="6 s", heaters=False)), hours=0.7)
     theta = small.theta_of(simulator, initial_body=290.0, initial_panel=255.0)
     times = simulator.observation.times
-    exact = solve_ivp(rate, (0.0, times[-1]), [290.0, 255.0], t_eval=times, rtol=1e-10, atol=1e-10, max_step=60.0).y.T
+    exact = solve_ivp(rate, (0.0, times[-1]), [290.0, 255.0], t_eval=times, rtol=1e-10, atol=1e-10, max_step=5.0).y.T
     run = simulator.simulate(theta)
     np.testing.assert_allclose(run.temperatures, exact, atol=1e-5)
     assert np.ptp(exact[:, 1]) > 5.0
@@ -158,7 +158,7 @@ def with_heat(folder):
 def test_heat_that_no_block_describes_warms_as_the_law_says(tmp_path):
     heated, theta = with_heat(tmp_path)
     end = heated.observation.times[-1]
-    exact = solve_ivp(rate, (0.0, end), [290.0, 255.0], args=(2.0,), rtol=1e-10, atol=1e-10, max_step=60.0).y[:, -1]
+    exact = solve_ivp(rate, (0.0, end), [290.0, 255.0], args=(2.0,), rtol=1e-10, atol=1e-10, max_step=5.0).y[:, -1]
     np.testing.assert_allclose(heated.simulate(theta).temperatures[-1], exact, atol=1e-5)
 
 
