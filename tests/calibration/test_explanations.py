@@ -9,8 +9,8 @@ import pytest
 
 from flightcal.calibration import calibrate_nuts
 from flightcal.calibration.explanations import other_explanations
-from flightcal.calibration.methods import posterior_tree
 from flightcal.calibration.mode import Mode
+from flightcal.calibration.posterior import posterior_tree
 from flightcal.problem import build_problem
 from flightcal.problem.synthetic import simulate_telemetry, with_telemetry
 from flightcal.scenario import NutsSettings, load_scenario

@@ -8,7 +8,7 @@ import xarray
 from scipy import stats
 from scipy.linalg import block_diag
 
-from flightcal.calibration import calibrate_nuts, methods
+from flightcal.calibration import calibrate_nuts, with_heat
 from flightcal.calibration.heat import (
     Around,
     bend,
@@ -580,7 +580,7 @@ def followed_posterior(without_heaters):
     """A posterior of a response that has to be followed however little it bends."""
     problem = without_heaters
     with pytest.MonkeyPatch.context() as patch:
-        patch.setattr(methods, "_STRAIGHT", 1e-9)
+        patch.setattr(with_heat, "_STRAIGHT", 1e-9)
         return calibrate_nuts(problem, NutsSettings(chains=2, warmup=150, draws=100), seed=3)
 
 
@@ -615,8 +615,8 @@ def test_a_problem_whose_response_follows_is_read_back_from_its_file(without_hea
 
 
 def test_a_response_that_bends_and_is_not_followed_fails_its_gate(without_heaters, monkeypatch):
-    monkeypatch.setattr(methods, "_STRAIGHT", 1e-9)
-    monkeypatch.setattr(methods, "_MOST_FOLLOWED", 0)
+    monkeypatch.setattr(with_heat, "_STRAIGHT", 1e-9)
+    monkeypatch.setattr(with_heat, "_MOST_FOLLOWED", 0)
     posterior = calibrate_nuts(without_heaters, NutsSettings(chains=2, warmup=100, draws=50), seed=3)
     gates = {gate.name: gate for gate in posterior.diagnostics.gates}
     assert not posterior.heat.model.followed

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from flightcal.calibration import calibrate_genetic, calibrate_nuts, genetic_points, with_residual_noise
-from flightcal.calibration.methods import posterior_tree
+from flightcal.calibration.posterior import posterior_tree
 from flightcal.errors import FlightcalError
 from flightcal.problem import build_problem
 from flightcal.scenario import GeneticSettings, NutsSettings

@@ -7,8 +7,8 @@ import numpy as np
 import pytest
 
 from flightcal.calibration import climb, find_mode
-from flightcal.calibration.methods import search_record
 from flightcal.calibration.mode import Mode
+from flightcal.calibration.posterior import search_record
 from flightcal.probability.kernels.switching import DutyCycles, StatusData, StatusSamples
 from flightcal.probability.status import THRESHOLD_ERROR, HeaterStatus, heater_status, measured_switches
 from flightcal.problem import build_problem

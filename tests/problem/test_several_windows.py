@@ -7,7 +7,7 @@ import pytest
 from scipy import stats
 
 from flightcal.calibration import calibrate_genetic, genetic_points
-from flightcal.calibration.methods import Posterior, posterior_tree
+from flightcal.calibration.posterior import Posterior, posterior_tree
 from flightcal.errors import ScenarioError
 from flightcal.problem import build_problem, build_window
 from flightcal.problem.coordinates import Whitening

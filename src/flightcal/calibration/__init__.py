@@ -5,17 +5,11 @@ Imports: errors, probability, problem, progress, run, scenario, simulator.
 
 from .diagnostics import Diagnostics, Gate, gate, least_effective, with_gate
 from .heat_file import with_kept_heat
-from .methods import (
-    Posterior,
-    calibrate_genetic,
-    calibrate_nuts,
-    genetic_points,
-    genetic_run_points,
-    mean_and_some,
-    with_residual_noise,
-)
+from .methods import calibrate_nuts
 from .mode import climb, find_mode
 from .nuts import sample
+from .optimisation import calibrate_genetic, genetic_points, genetic_run_points, with_residual_noise
+from .posterior import Posterior, mean_and_some
 from .results import CALIBRATED_FILE, RESULTS, RESULTS_FILE, TABLE_FILE, read_calibrated
 from .stages import COMPILE, GENETIC, NUTS, Sampled, keep_sample, posterior_draws, rough_seconds, warm
 from .table import Calibrated, calibrated, html_table

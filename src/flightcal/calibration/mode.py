@@ -173,3 +173,12 @@ def _distinct(modes: Sequence[Mode]) -> list[Mode]:
         if all(abs(mode.log_density - other.log_density) > SAME for other in kept):
             kept.append(mode)
     return kept
+
+
+def check_simulated(modes: Sequence[Mode]) -> None:
+    """Raises FlightcalError where no start of the search has a finite density."""
+    if not np.isfinite(modes[0].log_density):
+        raise FlightcalError(
+            "no start of the calibration can be simulated: every simulation fails or is not finite; "
+            "check the priors with 'flightcal simulate'"
+        )

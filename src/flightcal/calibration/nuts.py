@@ -303,3 +303,10 @@ def _collect(
         last_failure=failures[-1] if failures else None,
         interrupted=interrupted,
     )
+
+
+def some_drawn(draws: Draws) -> Draws:
+    """The draws. Raises KeyboardInterrupt where sampling was interrupted before the first one."""
+    if not draws.z.shape[1]:
+        raise KeyboardInterrupt
+    return draws

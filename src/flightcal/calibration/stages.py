@@ -16,7 +16,9 @@ from ..run import Run, Stage, plain, read_json
 from ..scenario import GeneticSettings, NutsSettings, heat_of
 from ..simulator import FloatArray
 from .diagnostics import Diagnostics
-from .methods import Posterior, calibrate_genetic, calibrate_nuts, genetic_points, posterior_tree, search_record
+from .methods import calibrate_nuts
+from .optimisation import calibrate_genetic, genetic_points
+from .posterior import Posterior, posterior_tree, search_record
 
 _GRADIENTS, _TIMED = 8, 5
 """Evaluations a draw, of which the bundled examples take 5 to 12; those that are timed."""

@@ -1,0 +1,163 @@
+"""The stochastic update with unmodelled heat: around what all is linear, and how parameters and sizes are sampled."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import replace
+
+import numpy as np
+
+from ..problem import Problem, Whitening, at_sizes, sampled_windows, whitening
+from ..progress import Progress
+from ..scenario import NutsSettings
+from ..simulator import FloatArray
+from .diagnostics import Gate, diagnose, gate, with_gate
+from .heat import HeatCheck, HeatPoint, bend, check_heat, find_heat, follow, moved, spread_sizes, start_with_heat
+from .mode import check_simulated, climb, find_mode
+from .nuts import sample, some_drawn
+from .posterior import Posterior, prior_scores
+
+_OF_NOISE = 0.1
+"""So far off linear, over its noise, a channel may be whatever the weights: no interval shows it."""
+_NEAR = 200
+"""Draws at which it is looked at how far the response to heat differs."""
+_STRAIGHT = 0.25
+"""Of the log density, to second order: so far off the response may be taken as the same for all theta."""
+_MOST_FOLLOWED = 250
+"""Weights, of which more would take hours: each gradient takes the cube of their number."""
+_PILOTS, _PILOT_CHAINS = 4, 2
+_PILOT_WARMUP, _PILOT_DRAWS = 300, 150
+_CAREFUL = 0.95
+"""Acceptance where sizes are sampled: towards small ones the density narrows like a funnel."""
+_STAYS = 0.5
+"""Of its deviation, within which the middle of each quantity is to be found again."""
+_CHECKED = 200
+"""Draws that are simulated with their heat."""
+MOST_PARETO_K = 0.7
+"""Above it importance weights cannot be relied on (Vehtari et al. 2024, JMLR 25, 72)."""
+
+
+def calibrate_with_heat(
+    problem: Problem,
+    settings: NutsSettings,
+    seed: int,
+    starts: Sequence[tuple[str, FloatArray]],
+    random_starts: int,
+    progress: Progress,
+) -> Posterior:
+    """`calibrate_nuts` with unmodelled heat: sampled at the most probable sizes of noise and heat, then spread.
+
+    Where the response to heat bends, it follows the parameters, and sizes are sampled with them.
+
+    The mode is sought without heat, in open loop where heaters have a measured status.
+    """
+    rng = np.random.default_rng(seed)
+    sampled = sampled_windows(problem)
+    simple = problem if sampled is problem.windows else replace(problem, windows=sampled, open_loop=None)
+    with progress.stage("mode search") as search:
+        modes = find_mode(simple.independent(), starts, rng=rng, random_starts=random_starts, progress=search)
+    check_simulated(modes)
+    with progress.stage("unmodelled heat") as search:
+        point = find_heat(problem, problem.to_theta(modes[0].z), progress=search)
+        heated, z = start_with_heat(problem, point)
+        known = at_sizes(heated, heated.to_theta(z))
+        mode = climb(known, _parts(z, heated, known), modes[0].origin)
+        # Linear around where the draws will be.
+        theta = _with_parts(heated.to_theta(z), heated, known, mode.z)
+        point = moved(point, heated, theta)
+        heated, z = start_with_heat(problem, point)
+        known = at_sizes(heated, heated.to_theta(z))
+        mode = climb(known, _parts(z, heated, known), modes[0].origin)
+    coordinates = whitening(mode.z, known.gauss_newton_hessian(mode.z))
+    theta = _with_parts(theta, heated, known, mode.z)
+    around = coordinates.to_z(rng.standard_normal((1, _NEAR, len(mode.z))))
+    near = spread_sizes(problem, heated, point, known, around, rng)[0]
+    with progress.stage("response to heat") as search:
+        following = follow(problem, point, heated, theta)
+        ahead, start = start_with_heat(problem, following)
+        bent = bend(following, ahead, near)
+        straight = bent < _STRAIGHT or len(point.model.centre) > _MOST_FOLLOWED
+        if not straight:
+            bent = 0.0
+            point, heated, coordinates = _followed(problem, following, ahead, start, settings, seed, search)
+    if straight:
+        density = known.log_density_and_gradient
+        draws = some_drawn(sample(density, coordinates, settings, seed, native=known.native_density, progress=progress))
+        theta = spread_sizes(problem, heated, point, known, draws.z, rng)
+    else:
+        density = heated.log_density_and_gradient
+        careful = settings.model_copy(update={"target_acceptance": max(settings.target_acceptance, _CAREFUL)})
+        draws = some_drawn(sample(density, coordinates, careful, seed, native=heated.native_density, progress=progress))
+        theta = heated.to_theta(draws.z)
+    by_name = {name: theta[..., k] for k, name in enumerate(heated.names)}
+    judged = diagnose(by_name, draws.statistics, settings, prior_scores(heated, theta))
+    flat = theta.reshape(-1, theta.shape[-1])
+    chosen = rng.choice(len(flat), min(_CHECKED, len(flat)), replace=False)
+    checked = check_heat(heated, flat[chosen], rng)
+    judged = with_gate(judged, _linear_gate(checked, bent))
+    return Posterior(heated.names, theta, draws, modes, judged, heated, point, checked)
+
+
+def _followed(
+    problem: Problem,
+    point: HeatPoint,
+    heated: Problem,
+    z: FloatArray,
+    settings: NutsSettings,
+    seed: int,
+    progress: Progress,
+) -> tuple[HeatPoint, Problem, Whitening]:
+    """The point in the middle of the posterior, the problem there, and coordinates to sample it in.
+
+    The response to heat follows the parameters only near where it was looked at; so a few draws say where the middle
+    is, and it is looked at there again, until the middle stays. heated, z: the problem around the point, and where to
+    begin.
+    """
+    few = settings.model_copy(
+        update={
+            "chains": min(settings.chains, _PILOT_CHAINS),
+            "warmup": min(settings.warmup, _PILOT_WARMUP),
+            "draws": min(settings.draws, _PILOT_DRAWS),
+        }
+    )
+    for trial in range(_PILOTS):
+        progress.at(trial / _PILOTS, f"where it is, trial {trial + 1}")
+        coordinates = whitening(z, heated.gauss_newton_hessian(z))
+        pilot = sample(heated.log_density_and_gradient, coordinates, few, seed, native=heated.native_density)
+        if pilot.interrupted:
+            raise KeyboardInterrupt
+        drawn = pilot.z.reshape(-1, len(z))
+        middle = drawn.mean(axis=0)
+        stays = bool((np.abs(middle - z) < _STAYS * drawn.std(axis=0)).all())
+        point = follow(problem, point, heated, heated.to_theta(middle))
+        heated, z = start_with_heat(problem, point)
+        if stays:
+            break
+    return point, heated, whitening(z, heated.gauss_newton_hessian(z))
+
+
+def _parts(z: FloatArray, heated: Problem, known: Problem) -> FloatArray:
+    """Of z of a problem, that of one with fewer entries."""
+    return np.array([z[heated.names.index(name)] for name in known.names])
+
+
+def _with_parts(theta: FloatArray, heated: Problem, known: Problem, z: FloatArray) -> FloatArray:
+    """theta of a problem, with what z of one with fewer entries says."""
+    theta = theta.copy()
+    theta[[heated.names.index(name) for name in known.names]] = known.to_theta(z)
+    return theta
+
+
+def _linear_gate(checked: HeatCheck, bent: float) -> Gate:
+    return gate(
+        "response to heat",
+        bent < _STRAIGHT and (checked.pareto_k < MOST_PARETO_K or checked.relative < _OF_NOISE),
+        f"Pareto k {checked.pareto_k:.2f}; {checked.draws} draws simulated with their heat are "
+        f"{1e3 * checked.difference:.0f} mK from linear, {100 * checked.relative:.0f}% of a channel's noise at worst"
+        + (f"; the log density is off by {bent:.1f}" if bent >= _STRAIGHT else ""),
+        f"Pareto k below {MOST_PARETO_K:g}, or less than {100 * _OF_NOISE:.0f}% of the noise; the log density off by "
+        f"less than {_STRAIGHT:g}",
+        "Temperatures respond to the unmodelled heat otherwise than linearly, so that its weights are not to be "
+        "believed: the heat is large, or heaters whose status is not measured switch with it. Give these a status "
+        "('measured_by'), or narrow the priors of heat.",
+    )
