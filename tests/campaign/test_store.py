@@ -5,7 +5,7 @@ import time
 import numpy as np
 import pytest
 
-from flightcal.campaign import DamagedRecord, RunStore
+from flightcal.campaign.store import DamagedRecord, RunStore
 from flightcal.external.record import Record
 
 THETA = np.array([0.1, -0.0, 1e300])

@@ -4,7 +4,8 @@ import numpy as np
 import pytest
 from scipy.signal import lfilter
 
-from flightcal.prediction import hold_together, holds, replicate
+from flightcal.prediction import hold_together
+from flightcal.prediction.holding import holds, replicate
 
 MINUTES = 20.0
 RHO = np.exp(-1.0 / MINUTES)

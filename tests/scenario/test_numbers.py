@@ -4,8 +4,9 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from flightcal.scenario import Channel, Load, Settable, load_scenario, numbers_of, settable
-from flightcal.scenario.numbers import load_coefficient
+from flightcal.scenario import Channel, load_scenario, numbers_of, settable
+from flightcal.scenario.network import Load
+from flightcal.scenario.numbers import Settable, load_coefficient
 
 EXAMPLE = Path(__file__).parent / "example.yaml"
 BROKEN = Path(__file__).parents[1] / "broken"

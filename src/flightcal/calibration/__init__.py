@@ -18,7 +18,7 @@ from .mode import climb, find_mode
 from .nuts import sample
 from .results import CALIBRATED_FILE, RESULTS, RESULTS_FILE, TABLE_FILE, read_calibrated
 from .stages import COMPILE, GENETIC, NUTS, Sampled, keep_sample, posterior_draws, rough_seconds, warm
-from .table import Calibrated, calibrated, html_table
+from .table import Calibrated, html_table
 
 __all__ = [
     "CALIBRATED_FILE",
@@ -35,7 +35,6 @@ __all__ = [
     "Sampled",
     "calibrate_genetic",
     "calibrate_nuts",
-    "calibrated",
     "climb",
     "find_mode",
     "gate",

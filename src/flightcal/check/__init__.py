@@ -6,16 +6,14 @@ simulator, telemetry.
 
 from .evaluate import effort_for
 from .profile import check_names
-from .suspects import SUSPECTS, SUSPECTS_FILE, Suspects, Suspicion, suspects
+from .suspects import SUSPECTS, Suspects, suspects
 from .whole import CHECK, CheckSummary, check
 
 __all__ = [
     "CHECK",
     "SUSPECTS",
-    "SUSPECTS_FILE",
     "CheckSummary",
     "Suspects",
-    "Suspicion",
     "check",
     "check_names",
     "effort_for",

@@ -24,7 +24,6 @@ from .environment import (
     Environment,
     InertialAttitude,
     KeplerianOrbit,
-    OneAttitude,
     Orbit,
     SampledAttitude,
     SampledOrbit,
@@ -39,25 +38,13 @@ from .external import (
     FmuSimulator,
     UmbridgeSimulator,
     kind_of_simulator,
-    simulator_files,
 )
 from .fields import AnyBlock, Block, Count, Number, Pair, Part, Time, Vector
-from .heat import Heat, HeatGains, HeatPattern, HeatSlow
+from .heat import Heat, HeatPattern, HeatSlow
 from .json_schema import json_schema, schema_of
-from .lint import Finding, file_error, lint, load_scenario, read_file
-from .network import (
-    Conductor,
-    Face,
-    Heater,
-    Load,
-    ModeChange,
-    Node,
-    ReducedNumber,
-    SimulatorError,
-    SimulatorModel,
-    SwitchedHeater,
-)
-from .numbers import Numbers, Settable, load_driver, numbers_of, settable
+from .lint import file_error, lint, load_scenario, read_file
+from .network import Conductor, Face, Heater, ModeChange, Node, ReducedNumber, SimulatorError, SimulatorModel
+from .numbers import Numbers, load_driver, numbers_of, settable
 from .parameters import read_parameters, set_twice
 from .priors import Beta, HalfNormal, LogNormal, Normal, Prior, TruncatedNormal, Uniform, support
 from .reduced import REDUCED_MODEL_FORMAT
@@ -80,19 +67,7 @@ from .schema import (
     not_normal,
 )
 from .template import write_new, write_template
-from .units import (
-    Duration,
-    Kelvins,
-    Power,
-    Quantity,
-    Seconds,
-    Temperature,
-    is_temperature,
-    kind_of,
-    show,
-    si_unit,
-    to_si,
-)
+from .units import Duration, Kelvins, Power, Quantity, Seconds, Temperature, is_temperature, kind_of, si_unit, to_si
 from .windows import Window, is_trained
 
 __all__ = [
@@ -119,12 +94,10 @@ __all__ = [
     "ExecutableSimulator",
     "ExternalModel",
     "Face",
-    "Finding",
     "FmuSimulator",
     "GeneticSettings",
     "HalfNormal",
     "Heat",
-    "HeatGains",
     "HeatPattern",
     "HeatSlow",
     "Heater",
@@ -132,7 +105,6 @@ __all__ = [
     "InitialState",
     "Kelvins",
     "KeplerianOrbit",
-    "Load",
     "LogNormal",
     "ModeChange",
     "Node",
@@ -142,7 +114,6 @@ __all__ = [
     "Numbers",
     "NutsSettings",
     "Observation",
-    "OneAttitude",
     "Orbit",
     "Packet",
     "Pair",
@@ -160,12 +131,10 @@ __all__ = [
     "SampledOrbit",
     "Scenario",
     "Seconds",
-    "Settable",
     "SimulatorError",
     "SimulatorModel",
     "SpinningAttitude",
     "SwitchTimes",
-    "SwitchedHeater",
     "TelemetryFile",
     "Temperature",
     "Time",
@@ -205,9 +174,7 @@ __all__ = [
     "schema_of",
     "set_twice",
     "settable",
-    "show",
     "si_unit",
-    "simulator_files",
     "support",
     "to_si",
     "write_new",
