@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 from .. import block
 from ..block import Block, section
 from ..run_files import ParameterInfo, RunFiles, bins, draws
-from ..style import BAND, LINE, STOCHASTIC, TELEMETRY, band, finish, plots, polygons, small_titles
+from ..style import BAND, LINE, STOCHASTIC, TELEMETRY, band, finish, plots, polygons, small_titles, title_below
 from ..tables import Cell, Table, interval
 from ..text import number, percent
 from ..thinning import break_lines, extremes
@@ -196,9 +196,7 @@ def figure_discrepancy_in_phase(prediction: xr.Dataset) -> go.Figure:
     finish(figure, height)
     small_titles(figure)
     figure.update_xaxes(range=[0, 1], nticks=6)
-    for column in range(1, columns + 1):
-        last = -(-(len(channels) - column + 1) // columns)
-        figure.update_xaxes(title_text="orbit phase, orbits", row=last, col=column)
+    title_below(figure, "orbit phase, orbits", len(channels), columns)
     return figure
 
 
