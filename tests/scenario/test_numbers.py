@@ -136,6 +136,5 @@ def test_pull_back_is_the_transposed_derivative_of_the_numbers():
 def test_numbers_that_theta_does_not_touch_stay_what_they_are():
     numbers = numbers_of({"a": 2.0, "b": 3.0}, [(("b",), ())])
     np.testing.assert_array_equal(numbers.moved(), [False, True])
-    assert numbers.position("b") == 1
     np.testing.assert_array_equal(numbers.at(np.array([4.0])), [2.0, 4.0])
     np.testing.assert_array_equal(numbers_of({"a": 2.0}, []).at(np.zeros(0)), [2.0])
