@@ -353,9 +353,10 @@ def _row(content: Record, origin: str, channel: str, band: str, title: str) -> l
 
 def _heaters(content: Record) -> list[Block]:
     hits = sum(own["hit"] for own in content["duty"])
+    moments = {own["name"]: _moment(own["origin"]) for own in content["origins"]}
     rows = [
         [
-            _of_origin(content, own["origin"]), own["heater"], percent(own["measured"]), percent(own["mean"]),
+            moments[own["origin"]], own["heater"], percent(own["measured"]), percent(own["mean"]),
             f"{percent(own['lower'])} to {percent(own['upper'])}",
             Cell("✓ inside", "good") if own["hit"] else Cell("✕ outside", "bad"),
         ]
@@ -376,10 +377,6 @@ def _heaters(content: Record) -> list[Block]:
 def _record(content: Record, origin: str, channel: str, band: str) -> Record:
     wanted = (origin, channel, band)
     return next(own for own in content["scores"] if (own["origin"], own["channel"], own["band"]) == wanted)
-
-
-def _of_origin(content: Record, name: str) -> str:
-    return _moment(next(own["origin"] for own in content["origins"] if own["name"] == name))
 
 
 def _moment(text: str) -> str:
