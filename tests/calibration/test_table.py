@@ -5,8 +5,8 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 
-from flightcal.calibration import Calibrated, Posterior, calibrated, html_table
-from flightcal.calibration.table import correlation
+from flightcal.calibration import Calibrated, Posterior, html_table
+from flightcal.calibration.table import calibrated, correlation
 from flightcal.problem import Entry
 from flightcal.scenario import LogNormal, Normal, Uniform, written_unit
 

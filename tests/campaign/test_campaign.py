@@ -14,9 +14,10 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from flightcal.campaign import Design, RunStore, Subject, open_campaign, run_campaign
+from flightcal.campaign import Design, Subject, open_campaign, run_campaign
 from flightcal.campaign.campaign import outcomes_of
 from flightcal.campaign.run import Here
+from flightcal.campaign.store import RunStore
 from flightcal.errors import RunError
 from flightcal.progress import Silent
 from tests.campaign.simulators import Deadly, Sleeper, Various, executions, label

@@ -7,7 +7,8 @@ import numpy as np
 import pytest
 import xarray
 
-from flightcal.campaign import Design, Subject, input_hashes, locked, open_campaign, prepare, scenario_parts
+from flightcal.campaign import Design, Subject, input_hashes, open_campaign, scenario_parts
+from flightcal.campaign.folder import locked, prepare
 from flightcal.errors import RunError
 from flightcal.external.record import Record
 from flightcal.scenario import load_scenario

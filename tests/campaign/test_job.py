@@ -3,7 +3,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from flightcal.campaign import RunStore, run_function
+from flightcal.campaign import run_function
+from flightcal.campaign.store import RunStore
 from flightcal.simulator import SimulationFailure, Trajectory
 from flightcal.simulator.system import Switch
 from tests import small

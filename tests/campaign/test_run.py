@@ -6,9 +6,10 @@ import numpy as np
 import pytest
 from distributed import Client, LocalCluster
 
-from flightcal.campaign import Job, RunStore
 from flightcal.campaign.cluster import Cluster
+from flightcal.campaign.job import Job
 from flightcal.campaign.run import Here
+from flightcal.campaign.store import RunStore
 from flightcal.errors import RunError
 from tests.campaign.simulators import CHANNELS, HEATERS, TIMES, Deadly, Sleeper, Various, executions, label
 

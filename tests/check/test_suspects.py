@@ -7,9 +7,10 @@ import numpy as np
 import pytest
 import xarray
 
-from flightcal.check import SUSPECTS, Suspects, Suspicion, suspects
+from flightcal.check import SUSPECTS, Suspects, suspects
 from flightcal.check.evidence import noise_of, series_at
 from flightcal.check.findings import suspected
+from flightcal.check.suspects import Suspicion
 from flightcal.check.wrongs import turning
 from flightcal.problem import build_problem
 from flightcal.progress import SILENT

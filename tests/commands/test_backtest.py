@@ -12,7 +12,7 @@ from typer.testing import CliRunner
 from flightcal.cli import GATE_FAILED, MODEL_FAILED, USER_ERROR, app
 from flightcal.commands.backtest import backtest_scenario
 from flightcal.run import read_tree
-from flightcal.validation import BANDS
+from flightcal.validation.horizon import BANDS
 from tests.commands.test_calibrate import write
 from tests.told import Told
 

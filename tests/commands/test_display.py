@@ -12,7 +12,8 @@ from flightcal.calibration import Calibrated
 from flightcal.commands.calibrate import Summary
 from flightcal.commands.display import display, print_beside, print_summary, unseen_in_words
 from flightcal.prediction import ANY, Metric, Unseen
-from flightcal.report import Answer, Finding, Verdict
+from flightcal.report import Finding, Verdict
+from flightcal.report.verdict import Answer
 
 TITLE = "stochastic update (NUTS)"
 TOLD = "42/200 draws, 600 gradients"

@@ -5,7 +5,8 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from scipy.spatial.transform import Rotation
 
-from flightcal.environment import orbital_period, shadow_edges, sunlit_fraction, sunlit_share
+from flightcal.environment import orbital_period, shadow_edges, sunlit_share
+from flightcal.environment.eclipse import sunlit_fraction
 from flightcal.environment.geometry import geometry_of
 from flightcal.environment.orbit import EARTH_RADIUS
 from flightcal.environment.sun import ASTRONOMICAL_UNIT, SUN_RADIUS

@@ -4,7 +4,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from scipy.spatial.transform import Rotation
 
-from flightcal.environment import sunlit_fraction
+from flightcal.environment.eclipse import sunlit_fraction
 from flightcal.environment.faces import (
     AllDirections,
     Flat,

@@ -4,7 +4,8 @@ import numpy as np
 import pytest
 from scipy.signal import lfilter
 
-from flightcal.prediction import hold_together, holds, replicate
+from flightcal.prediction import hold_together
+from flightcal.prediction.holding import replicate
 
 MINUTES = 20.0
 RHO = np.exp(-1.0 / MINUTES)
@@ -16,6 +17,10 @@ def correlated(rng, draws, samples, channels):
     fresh = rng.standard_normal((draws, samples, channels)) * np.sqrt(1 - RHO**2)
     fresh[:, 0] /= np.sqrt(1 - RHO**2)
     return lfilter([1.0], [1.0, -RHO], fresh, axis=1)
+
+
+def holds(*prediction):
+    return hold_together([replicate(*prediction)])[0]
 
 
 def repeats(count, width=1.0, *, draws=300, samples=380, channels=4, seed=0):

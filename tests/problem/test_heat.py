@@ -30,7 +30,8 @@ from flightcal.problem import (
     with_heat,
 )
 from flightcal.scenario import HalfNormal, HalfStudentT
-from flightcal.simulator import STEFAN_BOLTZMANN, flow_through
+from flightcal.simulator import flow_through
+from flightcal.simulator.network import STEFAN_BOLTZMANN
 from tests import small
 
 HARMONICS = 2

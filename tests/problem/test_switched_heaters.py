@@ -22,7 +22,7 @@ from flightcal.problem import (
     unit_heats,
 )
 from flightcal.scenario import calibrated_text, load_scenario, resolved_yaml, settable
-from flightcal.simulator import STEFAN_BOLTZMANN
+from flightcal.simulator.network import STEFAN_BOLTZMANN
 from tests import small
 
 

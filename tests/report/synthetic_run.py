@@ -12,10 +12,11 @@ from pathlib import Path
 import numpy as np
 import xarray as xr
 
-from flightcal.prediction import replicate
+from flightcal.prediction.holding import replicate
 from flightcal.prediction.metrics import crps_of_draws, probability_below
-from flightcal.report import Finding, RunFiles, Section, verdict_of
+from flightcal.report import Finding, Section, verdict_of
 from flightcal.report.panels import first_screen, parts
+from flightcal.report.run_files import RunFiles
 
 CHANNELS = ["panel_temperature", "battery_temperature", "payload_temperature"]
 HEATERS = ["battery_heater", "payload_heater"]

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from flightcal.errors import GATE_FAILED, MODEL_FAILED, WITH_LIMITS
-from flightcal.prediction import replicate
+from flightcal.prediction.holding import replicate
 from flightcal.report.findings import in_few_words, value_of
 from flightcal.report.verdict import CONVERGED, HOLD, RIGHT, verdict_of
 

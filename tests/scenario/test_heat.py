@@ -6,7 +6,6 @@ from flightcal.errors import ScenarioError
 from flightcal.scenario import (
     HalfNormal,
     Heat,
-    HeatGains,
     HeatPattern,
     HeatSlow,
     LogNormal,
@@ -16,6 +15,7 @@ from flightcal.scenario import (
     noise_of,
     schema,
 )
+from flightcal.scenario.heat import HeatGains
 
 from .. import small
 

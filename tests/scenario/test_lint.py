@@ -2,7 +2,8 @@ from pathlib import Path
 
 import pytest
 
-from flightcal.scenario import Finding, lint
+from flightcal.scenario import lint
+from flightcal.scenario.lint import Finding
 
 EXAMPLE = Path(__file__).parent / "example.yaml"
 

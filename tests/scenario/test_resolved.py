@@ -4,8 +4,9 @@ from pathlib import Path
 
 import pytest
 
-from flightcal.scenario import input_files, load_scenario, noise_of, resolved_yaml, simulator_files, write_template
+from flightcal.scenario import input_files, load_scenario, noise_of, resolved_yaml, write_template
 from flightcal.scenario.document import parse_document
+from flightcal.scenario.external import simulator_files
 
 EXAMPLE = Path(__file__).parent / "example.yaml"
 PACKETS = """\

@@ -4,7 +4,8 @@ import numpy as np
 import pytest
 from scipy.integrate import solve_ivp
 
-from flightcal.simulator import STEFAN_BOLTZMANN, flow_through, heat_of_inputs
+from flightcal.simulator import flow_through, heat_of_inputs
+from flightcal.simulator.network import STEFAN_BOLTZMANN
 from tests import small
 
 SLOPE, AT = 3e-3, 273.15

@@ -10,7 +10,6 @@ from scipy.optimize import brentq
 from flightcal.problem import build_problem
 from flightcal.scenario import calibrated_text, lint, load_scenario, resolved_yaml, settable
 from flightcal.simulator import (
-    STEFAN_BOLTZMANN,
     Drive,
     MarchCall,
     build_network,
@@ -20,6 +19,7 @@ from flightcal.simulator import (
     network_simulator,
     step_size,
 )
+from flightcal.simulator.network import STEFAN_BOLTZMANN
 from flightcal.simulator.system import pack
 
 from .. import small

@@ -5,7 +5,8 @@ from pathlib import Path
 import numpy as np
 import pandas as pd
 
-from flightcal.telemetry import QualityRecord, quality_table
+from flightcal.telemetry import quality_table
+from flightcal.telemetry.quality import QualityRecord
 
 from .files import CHANNELS, frame, read
 

@@ -7,7 +7,8 @@ import pytest
 import xarray as xr
 
 from flightcal.prediction.metrics import crps_of_draws
-from flightcal.validation import ALL, BANDS, band_scores, duty_scores
+from flightcal.validation import ALL
+from flightcal.validation.horizon import BANDS, band_scores, duty_scores
 
 PERIOD = 6000.0
 ORIGIN = np.datetime64("2024-03-01T00:00:00", "ns")

@@ -4,7 +4,8 @@ import numpy as np
 import pytest
 
 from flightcal.errors import RunError
-from flightcal.validation import measured_drivers, plan_origins, read_length
+from flightcal.validation import plan_origins, read_length
+from flightcal.validation.origins import measured_drivers
 from tests import small
 
 HOUR = np.timedelta64(1, "h")

@@ -12,7 +12,7 @@ from .optimisation import calibrate_genetic, genetic_points, genetic_run_points,
 from .posterior import Posterior, mean_and_some
 from .results import CALIBRATED_FILE, RESULTS, RESULTS_FILE, TABLE_FILE, read_calibrated
 from .stages import COMPILE, GENETIC, NUTS, Sampled, keep_sample, posterior_draws, rough_seconds, warm
-from .table import Calibrated, calibrated, html_table
+from .table import Calibrated, html_table
 
 __all__ = [
     "CALIBRATED_FILE",
@@ -29,7 +29,6 @@ __all__ = [
     "Sampled",
     "calibrate_genetic",
     "calibrate_nuts",
-    "calibrated",
     "climb",
     "find_mode",
     "gate",

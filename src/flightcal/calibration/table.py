@@ -2,10 +2,10 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Mapping, Sequence
-from dataclasses import dataclass
+from collections.abc import Callable, Iterable, Mapping, Sequence
+from dataclasses import dataclass, replace
 from html import escape
-from typing import Final
+from typing import Any, Final
 
 import numpy as np
 
@@ -46,6 +46,12 @@ class Calibrated:
     Both are of the prior's normal scores (logarithms of a half-normal prior, logits of a beta one): a wide lognormal
     prior whose posterior lies far out has learnt much, though it may be as wide in the unit.
     """
+
+    def rescaled(self, of: Callable[[float], float], factor: float, unit: str) -> Calibrated:
+        """The same in another unit: `of` each value, and its deviation times a factor."""
+        values = ("before", "before_lower", "before_upper", "mean", "median", "lower", "upper")
+        moved: dict[str, Any] = {name: of(getattr(self, name)) for name in values}
+        return replace(self, unit=unit, deviation=self.deviation * factor, **moved)
 
     def __repr__(self) -> str:
         return f"<{self.name}: {_in_brackets(self.mean, self.lower, self.upper)} {self.unit}".rstrip() + ">"

@@ -4,28 +4,22 @@ Imports: errors, external, probability, progress, run, scenario, simulator.
 """
 
 from .campaign import Tally, run_campaign
-from .folder import NOT_RUN, Design, locked, open_campaign, prepare
-from .job import Job, RunFunction, run_function
+from .folder import NOT_RUN, Design, open_campaign
+from .job import run_function
 from .run import Here, Runner
-from .store import FINISHED, DamagedRecord, RunStore
+from .store import FINISHED
 from .subject import Subject, input_hashes, scenario_parts
 
 __all__ = [
     "FINISHED",
     "NOT_RUN",
-    "DamagedRecord",
     "Design",
     "Here",
-    "Job",
-    "RunFunction",
-    "RunStore",
     "Runner",
     "Subject",
     "Tally",
     "input_hashes",
-    "locked",
     "open_campaign",
-    "prepare",
     "run_campaign",
     "run_function",
     "scenario_parts",

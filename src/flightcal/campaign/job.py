@@ -76,9 +76,6 @@ class RecordingSimulator(Protocol):
     def run(self, theta: FloatArray) -> Record:
         """The run at theta [d]."""
 
-    def run_many(self, thetas: FloatArray, *, processes: int | None = None) -> list[Record]:
-        """The runs at thetas [S, d], so many at a time."""
-
 
 def run_function(simulator: Simulator, times: int) -> tuple[RunFunction, int]:
     """How a simulator is run at thetas, observed at so many times, and how many of them are best one call."""

@@ -10,7 +10,6 @@ from __future__ import annotations
 import io
 import time
 import zipfile
-from collections.abc import Iterator
 from dataclasses import dataclass, fields
 from pathlib import Path
 from typing import Final, get_args
@@ -76,10 +75,6 @@ class RunStore:
     def discard(self, theta: FloatArray) -> None:
         """Forget the record of theta [d]: it will be run again."""
         self.file(theta).unlink(missing_ok=True)
-
-    def files(self) -> Iterator[Path]:
-        """All records' files."""
-        return self.folder.glob("??/*.npz")
 
     def tidy(self) -> None:
         """Delete what writers that were killed left half written."""

@@ -7,8 +7,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from ..external import ExternalSimulator
 from ..problem import Problem, Runs
+from ..scenario import ExternalModel
 from ..simulator import FloatArray
 
 _BATCH = 512
@@ -42,7 +42,7 @@ def effort_for(problem: Problem, runs: int) -> Effort:
 
     A third of the budget each for the prior's draws, for the scans, and for a mode without derivatives.
     """
-    if not any(isinstance(window.simulator, ExternalSimulator) for window in problem.windows):
+    if not isinstance(problem.scenario.simulator, ExternalModel):
         return THOROUGH
     part, count = runs // 3, len(problem.windows)
     scan = 2 * (max(part // (len(problem.simulated) * count), 5) // 2) + 1

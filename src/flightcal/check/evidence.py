@@ -10,6 +10,7 @@ from __future__ import annotations
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
+from typing import Any
 
 import numpy as np
 import xarray
@@ -18,7 +19,7 @@ from scipy.linalg import cho_solve, cholesky
 
 from ..problem import HeatModel, Problem, Window, heat_model, initial_priors, responses, unit_heats
 from ..scenario import Heat, HeatPattern, HeatSlow
-from ..simulator import FloatArray, SimulationFailure, face_series
+from ..simulator import FloatArray, NetworkSimulator, SimulationFailure, face_series
 from ..telemetry import window_bounds
 from .evaluate import spread_in_z
 
@@ -49,6 +50,7 @@ _THERMOSTAT = 1.0
 """K, by which a thermostat's own sensor may read otherwise than the telemetry's."""
 _BUSY = 0.25
 """Share of samples between which a heater switches, from which these tell nothing of its thresholds."""
+_ROUNDS = 3
 _FARTHEST = 3.0
 """Deviations of its prior that an entry is moved by at most."""
 _RUGGED = 1.4826
@@ -159,6 +161,21 @@ class View:
         """Temperature channels [N]."""
         return self.problem.channels
 
+    @property
+    def network(self) -> NetworkSimulator:
+        """What simulates the window."""
+        assert self.window.network is not None
+        return self.window.network
+
+    def utc(self, seconds: FloatArray) -> NDArray[np.datetime64]:
+        """Times at seconds from the window's start."""
+        start = window_bounds(self.window.scenario.windows[self.window.name], self.window.period)[0]
+        return np.asarray(start + np.round(1e9 * seconds).astype("timedelta64[ns]"))
+
+    def simulated_by(self, **changes: Any) -> Window:
+        """The window with changes of its simulator."""
+        return replace(self.window, simulator=replace(self.network, **changes))
+
     @cached_property
     def observed(self) -> FloatArray:
         """[t, N] K; NaN where there is nothing."""
@@ -187,10 +204,8 @@ class View:
     @cached_property
     def sunlight(self) -> tuple[FloatArray, dict[str, FloatArray]]:
         """Times [M], s from the window's start, and what shines on the faces, by column [M] W/m^2."""
-        assert self.window.network is not None
-        seconds = np.arange(-REACH, self.window.network.drive.times[-1] + REACH, FINE)
-        times = start_of(self.window) + np.round(1e9 * seconds).astype("timedelta64[ns]")
-        return seconds, face_series(self.window.scenario, times)
+        seconds = np.arange(-REACH, self.network.drive.times[-1] + REACH, FINE)
+        return seconds, face_series(self.window.scenario, self.utc(seconds))
 
     @cached_property
     def spread(self) -> FloatArray:
@@ -315,7 +330,6 @@ def climbed(
     start: Point,
     columns: FloatArray | None = None,
     jacobian: float = 0.0,
-    rounds: int = 3,
 ) -> Fit:
     """The fit of telemetry [t, N] where the entries are likeliest, by Gauss-Newton steps. Raises SimulationFailure."""
     centre, flat = view.centre(observed), view.flat(observed)
@@ -325,8 +339,8 @@ def climbed(
         view = replace(view, heat=view.heat_of(window))
         start = view.point(window, centre)
     point, found = start, None
-    for number in range(rounds + 1):
-        last = number == rounds
+    for number in range(_ROUNDS + 1):
+        last = number == _ROUNDS
         point = view.point(window, point.z, None if last else start)
         # About the centre of the prior: what is linear in z is integrated out from there.
         back = point.effects @ ((centre - point.z) / view.spread)
@@ -339,11 +353,6 @@ def climbed(
         point = replace(point, z=centre + view.spread * moved)
     assert found is not None
     return replace(found, z=point.z)
-
-
-def start_of(window: Window) -> np.datetime64:
-    """UTC."""
-    return window_bounds(window.scenario.windows[window.name], window.period)[0]
 
 
 def series_at(telemetry: xarray.Dataset, name: str, times: NDArray[np.datetime64]) -> FloatArray:

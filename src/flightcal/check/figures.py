@@ -37,7 +37,7 @@ from .profile import DROP, Profile
 from .sensitivity import Sensitivity
 from .smoothness import Scan
 
-_BINS = 300
+_BINS, _DIRECTIONS = 300, 6
 _LEAST = 1e-3
 """Information below this is drawn here."""
 _DEPTHS = (8.0, 40.0)
@@ -91,9 +91,9 @@ def figure_spectrum(found: Identifiability) -> go.Figure:
     return figure
 
 
-def figure_directions(found: Identifiability, most: int = 6) -> go.Figure:
+def figure_directions(found: Identifiability) -> go.Figure:
     """What the least known directions are made of, in standard deviations of the priors."""
-    count = min(most, len(found.information))
+    count = min(_DIRECTIONS, len(found.information))
     weights = found.directions[:, :count]
     weights = weights * np.sign(weights[np.abs(weights).argmax(axis=0), np.arange(count)])
     titles = [f"{k + 1}: {number(float(value), 2)}" for k, value in enumerate(found.information[:count])]

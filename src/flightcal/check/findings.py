@@ -16,7 +16,7 @@ from .prior_predictive import EDGE, PriorPredictive
 from .profile import Profile
 from .sensitivity import LIKELIHOOD, Sensitivity
 from .smoothness import REACH, TOLERANCE, Jump, Smoothness
-from .suspects import Suspects, Suspicion
+from .suspects import Suspects
 
 _REACHED = 0.5
 """Share of a channel's telemetry that the prior must reach."""
@@ -107,7 +107,9 @@ def suspected(suspects: Suspects) -> list[Finding]:
     """What is likely to be wrong before anything else: of comparisons with the simulator the best, the others below."""
     seen = [own for own in suspects.found if own.nats is None]
     compared = [own for own in suspects.found if own.nats is not None]
-    found = [_suspicion(own) for own in (*seen, *compared[:1])]
+    found = [
+        Finding("bad", f"Likely wrong: {own.title}", f"{own.sentence} {own.advice}.") for own in (*seen, *compared[:1])
+    ]
     if compared[1:]:
         others = tuple(f"Nearly as likely: {own.title}." for own in compared[1:])
         found[-1] = replace(found[-1], details=others)
@@ -115,10 +117,6 @@ def suspected(suspects: Suspects) -> list[Finding]:
         text = "Clocks, units, biases, swapped channels, status, heaters, modes, drivers and the orbit were tried."
         found.append(Finding("good", "No simple wrong explains the telemetry better than the scenario", text))
     return found
-
-
-def _suspicion(own: Suspicion) -> Finding:
-    return Finding("bad", f"Likely wrong: {own.title}", f"{own.sentence} {own.advice}.")
 
 
 def _centre(checked: Checked) -> list[Finding]:
@@ -276,15 +274,11 @@ def combination_finding(checked: Checked, combination: Combination) -> Finding:
             f"Fix or tie {names[0]}, or say more in its prior.",
         ),
     }[combination.kind]  # fmt: skip
-    both = sum(_is_parameter(checked, name) for name in names) >= 2
+    both = sum(checked.info(name).kind == "parameter" for name in names) >= 2
     title = what if blind else f"{what}, {'for the most part' if combination.kind == 'mixed' else 'or little more'}"
     text = f"Along this combination {width}. {advice}"
     large = any(abs(move.change) > _LARGE for move in combination.moves)
     return Finding("bad" if blind and both and large else "warn", title, text, (_trade(checked, combination),))
-
-
-def _is_parameter(checked: Checked, name: str) -> bool:
-    return checked.info(name).kind == "parameter"
 
 
 def _trade(checked: Checked, combination: Combination) -> str:

@@ -176,7 +176,7 @@ def _compared(view: View, progress: Progress) -> list[Suspicion]:
             continue
         nats = float(fit.evidence - nothing.evidence - np.log(wrong.tries))
         if nats > _CLEAR and not (best.least and abs(float(fit.added[0])) < best.least):
-            words = best.words(fit)
+            words = best.words(fit) if callable(best.words) else best.words
             named = Suspicion(best.kind, best.about, words.title, words.sentence, words.advice, nats)
             found.append((fit.is_usual, named))
     return _ranked(found, nothing)

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
+from functools import partial
 from itertools import combinations
 from typing import Any, Literal
 
@@ -16,7 +17,7 @@ from ..report import listed, number
 from ..scenario import CircularOrbit, Scenario
 from ..simulator import ICE_POINT, FloatArray, SimulationFailure, face_series, in_steps
 from ..telemetry import status_fraction
-from .evidence import FINE, REACH, Fit, View, series_at, start_of
+from .evidence import FINE, REACH, Fit, View, series_at
 
 Kind = Literal[
     "clock", "status clock", "channel clock", "bias", "swapped", "unit", "other node", "unrelated",
@@ -54,7 +55,7 @@ class Wrong:
     kind: Kind
     about: str
     """What it is about: a channel, a heater, a node."""
-    words: Callable[[Fit], Words]
+    words: Words | Callable[[Fit], Words]
     observed: FloatArray | None = None
     """[t, N] K as the telemetry should be; None: as it is."""
     window: Window | None = None
@@ -83,27 +84,39 @@ def driven(
 
     sunlight, modes: s by which these come later in the telemetry's time. Raises TelemetryError.
     """
-    window, simulator = view.window, view.window.network
-    assert simulator is not None
-    drive, columns = simulator.drive, simulator.network.columns
+    drive, columns = view.network.drive, view.network.network.columns
     inputs, measured = drive.inputs.copy(), drive.measured
-    start = start_of(window)
     fine, lit = view.sunlight
-    series: dict[str, FloatArray] = {}
     if scenario is not None:
         fine = np.union1d(np.arange(0.0, drive.times[-1], FINE), drive.times)
-        series = face_series(scenario, start + np.round(1e9 * fine).astype("timedelta64[ns]"))
-        _replace(inputs, columns, fine, series, drive.times)
+        _replace(inputs, columns, fine, face_series(scenario, view.utc(fine)), drive.times)
     elif sunlight:
         _replace(inputs, columns, fine + sunlight, lit, drive.times)
     if modes:
         fine = np.arange(-FINE, drive.times[-1] + 2.0 * FINE, FINE)
-        _replace(inputs, columns, fine, _modes(window.scenario, start, fine - modes), drive.times)
+        _replace(inputs, columns, fine, _modes(view, fine - modes), drive.times)
     if telemetry is not None:
-        edges = start + np.round(1e9 * drive.times).astype("timedelta64[ns]")
-        blocks = window.scenario.network.switches.values()
+        edges, blocks = view.utc(drive.times), view.window.scenario.network.switches.values()
         measured = np.stack([status_fraction(telemetry, own.measured_by or "", edges) for own in blocks], axis=1)
-    return replace(window, simulator=replace(simulator, drive=replace(drive, inputs=inputs, measured=measured)))
+    return view.simulated_by(drive=replace(drive, inputs=inputs, measured=measured))
+
+
+def _driven_otherwise(
+    kind: Kind,
+    about: str,
+    words: Words,
+    view: View,
+    *,
+    tries: float,
+    closer: Callable[[], Iterator[Wrong]] | None = None,
+    **how: Any,
+) -> Iterator[Wrong]:
+    """The wrong of what acts on the window; nothing where there is no such window. how: see `driven`."""
+    try:
+        window = driven(view, **how)
+    except (FlightcalError, SimulationFailure, ValueError):
+        return
+    yield Wrong(kind, about, words, window=window, tries=tries, closer=closer)
 
 
 def _replace(
@@ -118,22 +131,14 @@ def _replace(
         inputs[:, :, [columns.index(column) for column in known]] = in_steps(edges, values, grid).transpose(2, 1, 0)
 
 
-def _modes(scenario: Scenario, start: np.datetime64, seconds: FloatArray) -> dict[str, FloatArray]:
+def _modes(view: View, seconds: FloatArray) -> dict[str, FloatArray]:
     """1 while in the mode, [M] by column."""
-    timeline = scenario.network.timeline
-    if not timeline:
+    model = view.window.scenario.network
+    if not model.timeline:
         return {}
-    changes = (np.array([change.at for change in timeline], "datetime64[ns]") - start) / np.timedelta64(1, "s")
-    active = [timeline[max(k - 1, 0)].mode for k in np.searchsorted(changes, seconds, side="right")]
-    return {f"mode.{mode}": np.array([float(mode == own) for own in active]) for mode in scenario.network.modes}
-
-
-def tried(make: Callable[[], Window]) -> Window | None:
-    """None where there is no such window."""
-    try:
-        return make()
-    except (FlightcalError, SimulationFailure, ValueError):
-        return None
+    changes = np.array([change.at for change in model.timeline], "datetime64[ns]")
+    active = [model.timeline[max(k - 1, 0)].mode for k in np.searchsorted(changes, view.utc(seconds), side="right")]
+    return {f"mode.{mode}": np.array([float(mode == own) for own in active]) for mode in model.modes}
 
 
 def all_wrongs(view: View) -> Iterator[Wrong]:
@@ -191,13 +196,12 @@ def swaps(view: View) -> Iterator[Wrong]:
             f"With the columns of {first} and {second} exchanged, the model explains the telemetry.",
             f"Exchange 'column' of {first} and {second} in 'telemetry: channels' (or their nodes in 'observations')",
         )
-        yield Wrong("swapped", first, _always(words), observed=view.observed[:, order], tries=len(pairs))
+        yield Wrong("swapped", first, words, observed=view.observed[:, order], tries=len(pairs))
 
 
 def other_nodes(view: View) -> Iterator[Wrong]:
     """A channel is of another node than the scenario says."""
-    simulator = view.window.network
-    assert simulator is not None
+    simulator = view.network
     sensors = simulator.observation.sensors
     nodes = simulator.network.own_nodes
     for k, channel in enumerate(view.channels):
@@ -208,14 +212,14 @@ def other_nodes(view: View) -> Iterator[Wrong]:
             states = sensors.state.copy()
             states[k] = simulator.network.nodes.index(node)
             observation = replace(simulator.observation, sensors=sensors._replace(state=states))
-            window = replace(view.window, simulator=replace(simulator, observation=observation))
+            window = view.simulated_by(observation=observation)
             words = Words(
                 f"{channel} is of {node}, not of {own}",
                 f"{channel} does what the model says of {node}.",
                 f"Correct 'node' of {channel} in 'observations'",
             )
             tries = len(nodes) * len(view.channels)
-            yield Wrong("other node", channel, _always(words), window=window, tries=tries)
+            yield Wrong("other node", channel, words, window=window, tries=tries)
 
 
 def unrelated(view: View) -> Iterator[Wrong]:
@@ -231,7 +235,7 @@ def unrelated(view: View) -> Iterator[Wrong]:
         for level, walk in _STRANGE:
             covariance = level**2 + walk**2 * np.exp(-apart / _STRANGE_TIME) + 1e-6 * np.eye(len(apart))
             columns = view.of_channel(k, np.asarray(np.linalg.cholesky(covariance), float))
-            yield Wrong("unrelated", channel, _always(words), columns=columns, tries=2 * len(view.channels))
+            yield Wrong("unrelated", channel, words, columns=columns, tries=2 * len(view.channels))
 
 
 _UNITS: Mapping[str, tuple[Callable[[FloatArray], FloatArray], float, str]] = {
@@ -264,7 +268,7 @@ def units(view: View) -> Iterator[Wrong]:
                 f"Correct 'unit' of {who} in 'telemetry: channels'",
             )
             jacobian = -float(np.isfinite(read[:, chosen]).sum() * abs(np.log(factor))) / _ALIKE
-            yield Wrong("unit", who, _always(words), read, jacobian=jacobian, tries=len(_UNITS) * len(view.channels))
+            yield Wrong("unit", who, words, read, jacobian=jacobian, tries=len(_UNITS) * len(view.channels))
 
 
 def _span(values: FloatArray) -> str:
@@ -286,23 +290,18 @@ def closer(shift: float, apart: float) -> FloatArray:
 
 def clocks(view: View, seconds: Sequence[float] | FloatArray = _SHIFTS) -> Iterator[Wrong]:
     """All time tags are late (positive) or early."""
-    for late in seconds:
-        window = tried(lambda late=late: driven(view, sunlight=float(late), modes=float(late)))  # type: ignore[misc]
-        if window is not None:
-            yield Wrong(
-                "clock", "time", _always(_clock_words(float(late))), window=window, tries=len(_SHIFTS),
-                closer=lambda late=late: clocks(view, closer(float(late), _SHIFT)),  # type: ignore[misc]
-            )  # fmt: skip
-
-
-def _clock_words(late: float) -> Words:
-    how = "late" if late > 0 else "early"
-    return Words(
-        f"The telemetry's clock is {duration(late)} {how}",
-        f"Moved {duration(late)} {'back' if late > 0 else 'on'}, the telemetry agrees with sunlight, eclipses and "
-        "modes; whole orbits more or less may be as good.",
-        f"Check the time column: its zone, its leap seconds, the epoch of the orbit; shift it by {-late:+.0f} s",
-    )
+    for late in map(float, seconds):
+        how = "late" if late > 0 else "early"
+        words = Words(
+            f"The telemetry's clock is {duration(late)} {how}",
+            f"Moved {duration(late)} {'back' if late > 0 else 'on'}, the telemetry agrees with sunlight, eclipses and "
+            "modes; whole orbits more or less may be as good.",
+            f"Check the time column: its zone, its leap seconds, the epoch of the orbit; shift it by {-late:+.0f} s",
+        )
+        near = partial(clocks, view, closer(late, _SHIFT))
+        yield from _driven_otherwise(
+            "clock", "time", words, view, tries=len(_SHIFTS), closer=near, sunlight=late, modes=late
+        )
 
 
 def duration(seconds: float) -> str:
@@ -315,11 +314,8 @@ def status_clocks(view: View, seconds: Sequence[float] | FloatArray = _FEW_SHIFT
     channels = _status_channels(view)
     if not channels:
         return
-    for late in seconds:
+    for late in map(float, seconds):
         data = view.telemetry.assign({name: ("time", _shifted(view, name, late)) for name in channels.values()})
-        window = tried(lambda data=data: driven(view, telemetry=data))  # type: ignore[misc]
-        if window is None:
-            continue
         how = "late" if late > 0 else "early"
         words = Words(
             f"The heaters' status is {duration(late)} {how} beside the temperatures",
@@ -327,10 +323,10 @@ def status_clocks(view: View, seconds: Sequence[float] | FloatArray = _FEW_SHIFT
             "on.",
             f"Check the time tags of {listed(list(channels.values()))}",
         )
-        yield Wrong(
-            "status clock", "status", _always(words), window=window, tries=len(_FEW_SHIFTS),
-            closer=lambda late=late: status_clocks(view, closer(float(late), 240.0)),  # type: ignore[misc]
-        )  # fmt: skip
+        near = partial(status_clocks, view, closer(late, 240.0))
+        yield from _driven_otherwise(
+            "status clock", "status", words, view, tries=len(_FEW_SHIFTS), closer=near, telemetry=data
+        )
 
 
 def _shifted(view: View, channel: str, late: float) -> FloatArray:
@@ -349,8 +345,8 @@ def channel_clocks(
     view: View, seconds: Sequence[float] | FloatArray = _FEW_SHIFTS, only: str | None = None
 ) -> Iterator[Wrong]:
     """One channel's time tags are late or early."""
-    for late in seconds:
-        moved = view.readings(float(late))
+    for late in map(float, seconds):
+        moved = view.readings(late)
         for k, channel in enumerate(view.channels):
             if only not in (None, channel):
                 continue
@@ -366,10 +362,8 @@ def channel_clocks(
                 "s}}'",
             )
             yield Wrong(
-                "channel clock", channel, _always(words), observed, tries=len(_FEW_SHIFTS) * len(view.channels),
-                closer=lambda late=late, channel=channel: channel_clocks(  # type: ignore[misc]
-                    view, closer(float(late), 240.0), channel
-                ),
+                "channel clock", channel, words, observed, tries=len(_FEW_SHIFTS) * len(view.channels),
+                closer=partial(channel_clocks, view, closer(late, 240.0), channel),
             )  # fmt: skip
 
 
@@ -388,7 +382,6 @@ def statuses(view: View) -> Iterator[Wrong]:
     channels = _status_channels(view)
     for heater, channel in channels.items():
         data = view.telemetry.assign({channel: 1.0 - view.telemetry[channel]})
-        window = tried(lambda data=data: driven(view, telemetry=data))  # type: ignore[misc]
         words = Words(
             f"{channel} is inverted",
             f"The temperatures rise while {channel} says that {heater} is off: it is on for "
@@ -396,44 +389,28 @@ def statuses(view: View) -> Iterator[Wrong]:
             f"{100 * float(np.nanmean(view.telemetry[channel])):.0f}%.",
             f"Correct 'on' of {channel} in 'telemetry: channels'",
         )
-        if window is not None:
-            yield Wrong("status inverted", channel, _always(words), window=window, tries=len(channels))
-    for (_, a), (_, b) in combinations(channels.items(), 2):
+        yield from _driven_otherwise("status inverted", channel, words, view, tries=len(channels), telemetry=data)
+    for a, b in combinations(channels.values(), 2):
         data = view.telemetry.assign({a: view.telemetry[b], b: view.telemetry[a]})
-        window = tried(lambda data=data: driven(view, telemetry=data))  # type: ignore[misc]
         words = Words(
             f"{a} and {b} are swapped",
             f"With the status of {a} and {b} exchanged, the model explains the telemetry.",
             f"Exchange 'column' of {a} and {b} in 'telemetry: channels'",
         )
-        if window is not None:
-            yield Wrong("statuses swapped", a, _always(words), window=window, tries=len(channels))
-
-
-def _in_steps(view: View, values: FloatArray) -> FloatArray:
-    """[1, 2 K] of values [K]."""
-    return np.repeat(values, 2)[None]
-
-
-def _on(view: View, heater: int) -> FloatArray:
-    """[K] share of each step that a heater is on; 0 where that is not known."""
-    assert view.window.network is not None
-    return np.nan_to_num(view.window.network.drive.measured[:, heater])
+        yield from _driven_otherwise("statuses swapped", a, words, view, tries=len(channels), telemetry=data)
 
 
 def heaters(view: View) -> Iterator[Wrong]:
     """A heater has another power, or heats another node."""
-    network = view.window.network
-    assert network is not None
     model = view.window.scenario.network
     blocks = model.heaters
-    switch = {other: k for k, name in enumerate(network.heaters) for other in model.on_switch(name)}
+    switch = {other: k for k, name in enumerate(view.network.heaters) for other in model.on_switch(name)}
     centre = view.centre(view.observed)
     for name, block in blocks.items():
-        k = switch[name]
-        if block.node not in view.heat.nodes or not _on(view, k).any():
+        on = np.nan_to_num(view.network.drive.measured[:, switch[name]])
+        if block.node not in view.heat.nodes or not on.any():
             continue
-        waves = _in_steps(view, block.power * _on(view, k))
+        waves = block.power * np.repeat(on, 2)[None]
         own = view.response(view.window, centre, block.node, waves)
 
         def words(fit: Fit, name: str = name, power: float = block.power) -> Words:
@@ -464,12 +441,10 @@ def heaters(view: View) -> Iterator[Wrong]:
 
 def modes(view: View) -> Iterator[Wrong]:
     """A mode lacks power in a node, or the timeline is not of this flight."""
-    network = view.window.network
-    assert network is not None
     model, centre = view.window.scenario.network, view.centre(view.observed)
     for mode, powers in model.modes.items():
-        column = network.network.columns.index(f"mode.{mode}")
-        active = network.drive.inputs[:, :, column].reshape(1, -1)
+        column = view.network.network.columns.index(f"mode.{mode}")
+        active = view.network.drive.inputs[:, :, column].reshape(1, -1)
         if active.min() == active.max():
             continue
         for node in view.heat.nodes:
@@ -491,43 +466,37 @@ def modes(view: View) -> Iterator[Wrong]:
     if len({change.mode for change in model.timeline}) < 2:
         return
     for late in _SHIFTS:
-        window = tried(lambda late=late: driven(view, modes=float(late)))  # type: ignore[misc]
-        if window is not None:
-            how = "early" if late > 0 else "late"
-            words_of = Words(
-                f"The timeline of modes is {duration(late)} {how}",
-                f"Modes begin and end {duration(late)} {'after' if late > 0 else 'before'} what the timeline says.",
-                "Check the times in 'simulator: timeline', and their zone",
-            )
-            yield Wrong("mode", "timeline", _always(words_of), window=window, tries=len(_SHIFTS))
+        how = "early" if late > 0 else "late"
+        words_of = Words(
+            f"The timeline of modes is {duration(late)} {how}",
+            f"Modes begin and end {duration(late)} {'after' if late > 0 else 'before'} what the timeline says.",
+            "Check the times in 'simulator: timeline', and their zone",
+        )
+        yield from _driven_otherwise("mode", "timeline", words_of, view, tries=len(_SHIFTS), modes=late)
 
 
 def missing_heat(view: View) -> Iterator[Wrong]:
     """Something heats a node and then does not: a heater or a mode that the scenario lacks."""
-    simulator = view.window.network
-    assert simulator is not None
     scenario, centre = view.window.scenario, view.centre(view.observed)
-    grid = simulator.drive.times
+    grid = view.network.drive.times
     middle = 0.5 * (grid[1:] + grid[:-1])
-    start = start_of(view.window)
     used = set(_status_channels(view).values())
     waves: list[tuple[str, str, FloatArray]] = []
     for name, channel in scenario.telemetry.channels.items():
         if channel.kind == "status" and name not in used and name in view.telemetry:
-            times = start + np.round(1e9 * middle).astype("timedelta64[ns]")
-            on = series_at(view.telemetry, name, times)
+            on = series_at(view.telemetry, name, view.utc(middle))
             if np.isfinite(on).any() and np.nanmin(on) < np.nanmax(on):
                 waves += [(name, node, np.nan_to_num(on)) for node in view.heat.nodes]
     for k, channel_name in enumerate(view.channels):
         node = scenario.observations[channel_name].node
         rising = turning(view.window.observed[:, k], 4.0 * float(view.rows.noise[k]) + 0.3)
         if node in view.heat.nodes and rising is not None:
-            seconds = simulator.observation.times
+            seconds = view.network.observation.times
             waves.append(("", str(node), (np.interp(middle, seconds, rising) > 0.5).astype(float)))
     for name, node, on in waves:
         flow = float(view.heat.flow[view.heat.nodes.index(node)])
         size = max(flow, 1.0)
-        effect = size * view.response(view.window, centre, node, _in_steps(view, np.asarray(on, float)))
+        effect = size * view.response(view.window, centre, node, np.repeat(on, 2)[None])
 
         def words(fit: Fit, name: str = name, node: str = node, size: float = size, on: Any = on) -> Words:
             power, times = size * float(fit.added[0]), int((np.diff(np.asarray(on, int)) > 0).sum())
@@ -568,15 +537,13 @@ def turning(values: FloatArray, swing: float) -> FloatArray | None:
 
 def drivers(view: View) -> Iterator[Wrong]:
     """A measured load has the wrong unit or sign."""
-    simulator = view.window.network
-    assert simulator is not None
-    loads = view.window.scenario.network.loads
+    drive, loads = view.network.drive, view.window.scenario.network.loads
     for name, load in loads.items():
-        column = simulator.network.columns.index(f"driver.{name}")
+        column = view.network.network.columns.index(f"driver.{name}")
         for factor in (-1.0, 0.0, *_FACTORS):
-            inputs = simulator.drive.inputs.copy()
+            inputs = drive.inputs.copy()
             inputs[:, :, column] *= factor
-            window = replace(view.window, simulator=replace(simulator, drive=replace(simulator.drive, inputs=inputs)))
+            window = view.simulated_by(drive=replace(drive, inputs=inputs))
             how = {-1.0: "has the wrong sign", 0.0: "does nothing"}.get(
                 factor, f"is {number(1.0 / (factor or 1.0), 4)} times what it should be"
             )
@@ -585,7 +552,7 @@ def drivers(view: View) -> Iterator[Wrong]:
                 f"With {factor:g} times {load.driver}, the heat of load {name} explains the telemetry.",
                 f"Check 'unit' of {load.driver} and 'coefficient' of load {name}",
             )
-            yield Wrong("driver", load.driver, _always(words), window=window, tries=8 * len(loads))
+            yield Wrong("driver", load.driver, words, window=window, tries=8 * len(loads))
 
 
 # --- the environment and numbers -------------------------------------------------------------------------------
@@ -601,14 +568,12 @@ def attitudes(view: View) -> Iterator[Wrong]:
             continue
         changed = environment.model_copy(update={"attitude": attitude})
         scenario = view.window.scenario.model_copy(update={"environment": changed})
-        window = tried(lambda scenario=scenario: driven(view, scenario))  # type: ignore[misc]
         words = Words(
             f"The satellite flew {attitude.replace('_', '-')}",
             f"With the attitude '{attitude}', sunlight and Earth's heat explain the telemetry.",
             f"Write 'attitude: {attitude}' in 'environment', or check the quaternions",
         )
-        if window is not None:
-            yield Wrong("attitude", attitude, _always(words), window=window, tries=2)
+        yield from _driven_otherwise("attitude", attitude, words, view, tries=2, scenario=scenario)
 
 
 def orbits(view: View) -> Iterator[Wrong]:
@@ -629,14 +594,13 @@ def orbits(view: View) -> Iterator[Wrong]:
     for what, advice, update in changes:
         changed = environment.model_copy(update={"orbit": orbit.model_copy(update=update)})
         scenario = view.window.scenario.model_copy(update={"environment": changed})
-        window = tried(lambda scenario=scenario: driven(view, scenario))  # type: ignore[misc]
         words = Words(
             "The orbit is another one",
             f"The telemetry agrees with {what}: its sunlight and eclipses are those of the telemetry.",
             f"Check 'environment: orbit' ({advice})",
         )
-        if window is not None:
-            yield Wrong("orbit", next(iter(update)), _always(words), window=window, tries=len(changes))
+        about = next(iter(update))
+        yield from _driven_otherwise("orbit", about, words, view, tries=len(changes), scenario=scenario)
 
 
 def places(view: View) -> Iterator[Wrong]:
@@ -646,7 +610,6 @@ def places(view: View) -> Iterator[Wrong]:
     count = 24
     for k in range(1, count):
         late = (k if k <= count // 2 else k - count) * view.window.period / count
-        window = tried(lambda late=late: driven(view, sunlight=late))  # type: ignore[misc]
         how = "later" if late > 0 else "earlier"
         words = Words(
             f"Sunlight and eclipses come {duration(late)} {how} than the orbit says",
@@ -654,17 +617,14 @@ def places(view: View) -> Iterator[Wrong]:
             "telemetry.",
             "Check 'epoch' and 'argument_of_latitude' in 'environment: orbit'",
         )
-        if window is not None:
-            yield Wrong("orbit", "place", _always(words), window=window, tries=count)
+        yield from _driven_otherwise("orbit", "place", words, view, tries=count, sunlight=late)
 
 
 def numbers(view: View) -> Iterator[Wrong]:
     """A number of the scenario has the wrong unit, or a digit too many."""
-    simulator = view.window.network
-    assert simulator is not None
-    mapping = simulator.mapping
+    mapping = view.network.mapping
     moved = set(mapping.set_positions.tolist())
-    for k, path in enumerate(simulator.network.paths):
+    for k, path in enumerate(view.network.network.paths):
         first, *_, last = path.split(".")
         if first not in ("nodes", "conductors", "faces", "modes", "heaters") or k in moved:
             continue
@@ -675,15 +635,11 @@ def numbers(view: View) -> Iterator[Wrong]:
                 continue
             written = mapping.written.copy()
             written[k] *= factor
-            window = replace(view.window, simulator=replace(simulator, mapping=mapping._replace(written=written)))
+            window = view.simulated_by(mapping=mapping._replace(written=written))
             words = Words(
                 f"{path} is {number(1.0 / factor, 4)} times what it should be",
                 f"The telemetry agrees with a value of {number(float(written[k]), 4)} (SI), not "
                 f"{number(float(mapping.written[k]), 4)}.",
                 f"Check the unit of '{path}'",
             )
-            yield Wrong("number", path, _always(words), window=window, tries=50)
-
-
-def _always(words: Words) -> Callable[[Fit], Words]:
-    return lambda fit: words
+            yield Wrong("number", path, words, window=window, tries=50)

@@ -3,11 +3,13 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Iterator, Mapping
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
+
+from .printing import say, table_of
 
 if TYPE_CHECKING:
     from rich.console import Console
@@ -45,8 +47,8 @@ def print_difference(first: Path, second: Path, console: Console, *, every: bool
     one, two = read_kept(first), read_kept(second)
     _check_comparable(one, two)
     for label, run in (("A", one), ("B", two)):
-        console.print(f"{label}: {run.title}", highlight=False, soft_wrap=True, markup=False)
-        console.print(f"   {run.verdict['use']}", highlight=False, soft_wrap=True, markup=False)
+        say(console, f"{label}: {run.title}")
+        say(console, f"   {run.verdict['use']}")
     _print_answers(one, two, console)
     _print_scenarios(one, two, console, every)
     _print_parameters(one, two, console, every)
@@ -82,7 +84,7 @@ def in_terms_of(one: Kept, two: Kept, own: Calibrated) -> Calibrated:
     base, other = (number_in(run.text, parameter["scales"][0]) for run in (one, two))
     if not base or not other:
         return own
-    return _rescaled(own, lambda value: value * other / base, other / base, own.unit)
+    return own.rescaled(lambda value: value * other / base, other / base, own.unit)
 
 
 def in_unit_of(one: Calibrated, two: Calibrated) -> Calibrated:
@@ -93,16 +95,7 @@ def in_unit_of(one: Calibrated, two: Calibrated) -> Calibrated:
         return two
     si = si_unit(one.unit)
     own, other = written_unit(one.unit, si), written_unit(two.unit, si)
-    return _rescaled(two, lambda value: own.of(other.si(value)), other.factor / own.factor, one.unit)
-
-
-def _rescaled(own: Calibrated, of: Callable[[float], float], factor: float, unit: str) -> Calibrated:
-    """A quantity with other numbers: `of` each value, and its deviation times a factor."""
-    from dataclasses import replace
-
-    values = ("before", "before_lower", "before_upper", "mean", "median", "lower", "upper")
-    moved: dict[str, Any] = {name: of(getattr(own, name)) for name in values}
-    return replace(own, unit=unit, deviation=own.deviation * factor, **moved)
+    return two.rescaled(lambda value: own.of(other.si(value)), other.factor / own.factor, one.unit)
 
 
 def _check_comparable(one: Kept, two: Kept) -> None:
@@ -121,13 +114,11 @@ def _print_answers(one: Kept, two: Kept, console: Console) -> None:
 
     for left, right in zip(one.verdict["answers"], two.verdict["answers"], strict=False):
         if (left["state"], left["answer"]) == (right["state"], right["answer"]):
-            line = f"   {left['question']} both {MARKS[left['state']]}: {left['answer']}"
-            console.print(line, highlight=False, soft_wrap=True, markup=False)
+            say(console, f"   {left['question']} both {MARKS[left['state']]}: {left['answer']}")
             continue
-        console.print(f"   {left['question']}", highlight=False, soft_wrap=True, markup=False)
+        say(console, f"   {left['question']}")
         for label, answer in (("A", left), ("B", right)):
-            line = f"      {label} {MARKS[answer['state']]}: {answer['answer']}"
-            console.print(line, highlight=False, soft_wrap=True, markup=False)
+            say(console, f"      {label} {MARKS[answer['state']]}: {answer['answer']}")
 
 
 def _print_scenarios(one: Kept, two: Kept, console: Console, every: bool) -> None:
@@ -138,8 +129,7 @@ def _print_scenarios(one: Kept, two: Kept, console: Console, every: bool) -> Non
         found.append(("content of the input files", "", ""))
     console.print(f"\nScenarios: {f'{len(found)} differences' if found else 'the same'}", highlight=False)
     for place, own, other in found if every else found[:_FEW]:
-        line = f"  {place}: {_short(own)} -> {_short(other)}" if (own, other) != ("", "") else f"  {place}"
-        console.print(line, highlight=False, soft_wrap=True, markup=False)
+        say(console, f"  {place}: {_short(own)} -> {_short(other)}" if (own, other) != ("", "") else f"  {place}")
     if not every and len(found) > _FEW:
         console.print(f"  and {len(found) - _FEW} more with --all", highlight=False)
 
@@ -174,11 +164,9 @@ def _print_parameters(one: Kept, two: Kept, console: Console, every: bool) -> No
 def _print_scores(one: Kept, two: Kept, console: Console) -> None:
     """Scores of the stochastic update over all channels, in the windows of either."""
     from rich.markup import escape
-    from rich.table import Table
 
-    table = Table(title="Scores of the stochastic update, over all channels", title_justify="left")
-    for heading in ("window", "metric", "unit", "A", "B"):
-        table.add_column(heading, justify="right" if heading in ("A", "B") else "left", overflow="fold")
+    title = "Scores of the stochastic update, over all channels"
+    table = table_of(title, ("window", "metric", "unit"), ("A", "B"), overflow="fold")
     left, right = (
         {(m.window, m.metric): m for m in run.metrics if (m.method, m.channel) == ("stochastic", "all")}
         for run in (one, two)

@@ -13,13 +13,13 @@ from rich.console import Console
 from rich.markup import escape
 from rich.padding import Padding
 from rich.progress import BarColumn, TaskID, TextColumn, TimeElapsedColumn
-from rich.table import Table
 from rich.text import Text
 
 from ..prediction import ANY, GENETIC_RUNS, Metric, Unseen, comparison_table
 from ..progress import Lines, Progress
 from ..scenario import is_trained
 from ..validation import ALL, INTERVALS
+from .printing import say, table_of
 
 if TYPE_CHECKING:
     from .backtest import Backtest
@@ -40,7 +40,7 @@ def display(console: Console | None = None) -> Iterator[Progress]:
     """Whom to tell how work goes on: a bar for each stage on a terminal, else lines."""
     console = console or Console(stderr=True)
     if not console.is_terminal:
-        yield Lines(lambda line: console.print(line, highlight=False, soft_wrap=True, markup=False))
+        yield Lines(lambda line: say(console, line))
         return
     columns = (
         TextColumn("{task.description:<28}", markup=False),
@@ -93,14 +93,14 @@ def print_summary(summary: Summary, console: Console | None = None) -> None:
     if summary.heat:
         worst = ", ".join(f"{node} {share:.1%}" for node, share in list(summary.heat.items())[:_WORST])
         words = "unmodelled heat, as a share of the heat that flows through the node; most in"
-        console.print(f"{words}: {worst}", highlight=False, soft_wrap=True, markup=False)
+        say(console, f"{words}: {worst}")
     for window, found in summary.unseen.items():
         if words := unseen_in_words(found):
-            console.print(f"{window}: {words}", style="yellow", highlight=False, soft_wrap=True, markup=False)
+            say(console, f"{window}: {words}", "yellow")
     print_verdict(summary.verdict.record, console)
     if rows := chosen(summary.parameters, every=False):
         console.print(parameter_table(rows))
-    console.print(f"report: {summary.report}", highlight=False, soft_wrap=True, markup=False)
+    say(console, f"report: {summary.report}")
 
 
 def print_verdict(verdict: Mapping[str, Any], console: Console) -> None:
@@ -112,19 +112,17 @@ def print_verdict(verdict: Mapping[str, Any], console: Console) -> None:
 
     style = {"good": "green", "warn": "yellow", "bad": "bold red"}[verdict["state"]]
     console.print()
-    console.print(verdict["use"], style=style, highlight=False, soft_wrap=True, markup=False)
+    say(console, verdict["use"], style)
     for answer in verdict["answers"]:
-        line = f"  {answer['question']} {MARKS[answer['state']]}: {answer['answer']}"
-        console.print(line, highlight=False, soft_wrap=True, markup=False)
-    console.print(f"  next: {verdict['next']}", highlight=False, soft_wrap=True, markup=False)
+        say(console, f"  {answer['question']} {MARKS[answer['state']]}: {answer['answer']}")
+    say(console, f"  next: {verdict['next']}")
 
 
 def _print_scores(metrics: Sequence[Metric], console: Console) -> None:
     """Of all channels: mean (as published) and best of the genetic algorithm's runs beside the stochastic update."""
-    headings = ("window", "metric", "GA mean", "GA best", "stochastic", "to mean", "to best", "paper")
-    table = Table(title="Over all channels, with ratios to the genetic algorithm (GA)", title_justify="left")
-    for heading in headings:
-        table.add_column(heading, justify="left" if heading in ("window", "metric") else "right", overflow="fold")
+    title = "Over all channels, with ratios to the genetic algorithm (GA)"
+    numbers = ("GA mean", "GA best", "stochastic", "to mean", "to best", "paper")
+    table = table_of(title, ("window", "metric"), numbers, overflow="fold")
     for row in comparison_table([metric for metric in metrics if metric.channel == "all"]):
         values = (row.genetic, row.genetic_best, row.stochastic, row.ratio, row.ratio_best, row.published)
         table.add_row(row.window, row.metric, *map(_number, values))
@@ -136,9 +134,8 @@ def _print_channels(metrics: Sequence[Metric], console: Console) -> None:
     rows = [row for row in comparison_table(metrics) if row.metric == "rmse"]
     rows = [row for row in rows if not is_trained(row.window)] or rows
     of_interval = {(m.window, m.channel, m.metric): m for m in metrics if m.method == "stochastic"}
-    table = Table(title="RMSE and interval by channel", title_justify="left")
-    for heading in ("window", "channel", "GA best", "stochastic", "to best", "covers", "width"):
-        table.add_column(heading, justify="left" if heading in ("window", "channel") else "right", overflow="fold")
+    numbers = ("GA best", "stochastic", "to best", "covers", "width")
+    table = table_of("RMSE and interval by channel", ("window", "channel"), numbers, overflow="fold")
     for row in rows:
         covers, width = (_score(of_interval.get((row.window, row.channel, name))) for name in ("picp", "mpiw"))
         values = (row.genetic_best, row.stochastic, row.ratio_best)
@@ -151,9 +148,8 @@ def print_beside(own: Summary, published: Summary, console: Console | None = Non
     console = console or Console()
     methods = (("genetic", own, "genetic"), ("published stochastic", published, "stochastic"))
     columns = (*methods, ("flightcal", own, "stochastic"))
-    table = Table(title="Beside the published method, over all channels", title_justify="left")
-    for heading in ("window", "metric", *(name for name, _, _ in columns)):
-        table.add_column(heading, justify="left" if heading in ("window", "metric") else "right")
+    title = "Beside the published method, over all channels"
+    table = table_of(title, ("window", "metric"), [name for name, _, _ in columns])
     found = [
         {(m.window, m.metric): m for m in of.metrics if (m.method, m.channel) == (method, "all")}
         for _, of, method in columns
@@ -164,8 +160,7 @@ def print_beside(own: Summary, published: Summary, console: Console | None = Non
         worst = (_least_covered(of.metrics, method, window) for _, of, method in columns)
         table.add_row(window, "picp, least of a channel", *worst)
     console.print(table)
-    words = f"published method: {published.verdict.use} Its report: {published.report}"
-    console.print(words, highlight=False, soft_wrap=True, markup=False)
+    say(console, f"published method: {published.verdict.use} Its report: {published.report}")
 
 
 def _least_covered(metrics: Sequence[Metric], method: str, window: str) -> str:
@@ -202,7 +197,7 @@ def print_check(summary: CheckSummary, console: Console | None = None) -> None:
         console.print(f"{finding.mark}: {finding.title}", style=colours[finding.state], markup=False, highlight=False)
         for line in (finding.text, *(f"- {detail}" for detail in finding.details)):
             console.print(Padding(Text(line), (0, 0, 0, 2), expand=False), highlight=False)
-    console.print(f"\npage: {summary.page}", highlight=False, soft_wrap=True, markup=False)
+    say(console, f"\npage: {summary.page}")
 
 
 def print_validation(validation: Validation, console: Console | None = None) -> None:
@@ -212,24 +207,21 @@ def print_validation(validation: Validation, console: Console | None = None) -> 
     words = f"not uniform: {', '.join(outside)}" if outside else "uniform, as they are where the posterior is right"
     style = "bold red" if outside else "green"
     console.print(f"\nRanks of {len(validation.repeats)} repeats: {words}", style=style, highlight=False, markup=False)
-    table = Table()
     shares = [f"{share:.0%} covers" for share in INTERVALS]
-    for heading in ("quantity", "p", *shares, "contraction", "score"):
-        table.add_column(heading, justify="left" if heading == "quantity" else "right")
+    table = table_of("", ("quantity",), ("p", *shares, "contraction", "score"))
     for check in validation.checks:
         covered = [f"{share:.1%}" for share in check.coverage]
         contraction = "-" if math.isnan(check.contraction) else f"{check.contraction:.1%}"
         table.add_row(check.name, f"{check.p_value:.3f}", *covered, contraction, f"{check.score:.2f}")
     console.print(table)
-    console.print(f"page: {validation.folder / 'validation.html'}", highlight=False, soft_wrap=True, markup=False)
+    say(console, f"page: {validation.folder / 'validation.html'}")
 
 
 def print_comparison(comparison: ModelComparison, console: Console | None = None) -> None:
     """The models side by side on the unseen windows, what is recommended, and where the page is."""
     console = console or Console()
-    table = Table(title="Means over unseen windows, all channels", title_justify="left")
-    for heading in ("model", "RMSE K", "MAPE %", "PICP", "MPIW K", "CRPS K", "log score"):
-        table.add_column(heading, justify="left" if heading == "model" else "right")
+    numbers = ("RMSE K", "MAPE %", "PICP", "MPIW K", "CRPS K", "log score")
+    table = table_of("Means over unseen windows, all channels", ("model",), numbers)
     for model, means in comparison.content["means"].items():
         shown = [
             "-" if value is None else f"{value:.1%}" if metric == "picp" else f"{value:.4g}"
@@ -241,25 +233,23 @@ def print_comparison(comparison: ModelComparison, console: Console | None = None
         shares = [row for row in comparison.content["scores"] if row["model"] == model and row["channel"] != "all"]
         if worst := min((row for row in shares if row["picp"] is not None), key=lambda row: row["picp"], default=None):
             place = f"{worst['picp']:.1%} of {worst['channel']} in {worst['window']}"
-            console.print(f"{model}: covers least, {place}", highlight=False, soft_wrap=True, markup=False)
+            say(console, f"{model}: covers least, {place}")
     for model, windows in comparison.content["left_out"].items():
         for window, scores in windows.items():
             words = f"PICP {scores['picp']:.1%}, CRPS {scores['crps']:.4g} K, log score {scores['log_score']:.4g}"
             note = "" if scores["passed"] else " (not converged)"
-            console.print(
-                f"{escape(model)}, {window} predicted by the others: {words}{note}", highlight=False, soft_wrap=True
-            )
+            say(console, f"{model}, {window} predicted by the others: {words}{note}")
     for model, own in comparison.content["backtest"].items():
         words = f"CRPS {own['crps']:.4g} K, PICP {own['coverage']:.1%}, held after {own['held']} of {own['origins']}"
         note = "" if own["passed"] else " (not converged)"
-        console.print(f"{escape(model)}, rolling origins: {words}{note}", highlight=False, soft_wrap=True)
+        say(console, f"{model}, rolling origins: {words}{note}")
     for model, passed in comparison.content["passed"].items():
         if not passed:
             gates = ", ".join(comparison.content["failed_gates"][model]) or "sampling was interrupted"
             console.print(f"failed a gate: {model} ({gates})", style="bold red", highlight=False, markup=False)
     console.print(f"recommended: [bold]{escape(comparison.content['recommended'] or 'none')}[/bold]", highlight=False)
     console.print(comparison.content["reason"], highlight=False, markup=False)
-    console.print(f"page: {comparison.folder / 'comparison.html'}", highlight=False, soft_wrap=True, markup=False)
+    say(console, f"page: {comparison.folder / 'comparison.html'}")
 
 
 def print_backtest(found: Backtest, console: Console | None = None) -> None:
@@ -270,14 +260,10 @@ def print_backtest(found: Backtest, console: Console | None = None) -> None:
     words = f"Intervals held after {content['held']} of {len(content['origins'])} origins"
     console.print(f"\n[{style}]{words}[/{style}]", highlight=False)
     if worst := content["worst"]:
-        console.print(
-            f"worst: {worst['channel']} after {worst['time']}, {worst['coverage']:.1%} inside its interval, "
-            f"of a right prediction {worst['lower']:.1%} or more",
-            highlight=False, soft_wrap=True, markup=False,
-        )  # fmt: skip
-    table = Table(title="All origins and channels, by horizon", title_justify="left")
-    for heading in ("horizon", "coverage", "RMSE K", "MPIW K", "CRPS K"):
-        table.add_column(heading, justify="left" if heading == "horizon" else "right")
+        inside = f"{worst['coverage']:.1%} inside its interval, of a right prediction {worst['lower']:.1%} or more"
+        say(console, f"worst: {worst['channel']} after {worst['time']}, {inside}")
+    numbers = ("coverage", "RMSE K", "MPIW K", "CRPS K")
+    table = table_of("All origins and channels, by horizon", ("horizon",), numbers)
     for row in content["scores"]:
         if row["origin"] == row["channel"] == ALL and row["samples"]:
             share = f"{row['coverage']:.1%} ± {row['coverage_error']:.1%}"
@@ -288,11 +274,9 @@ def print_backtest(found: Backtest, console: Console | None = None) -> None:
     if not content["passed"]:
         console.print("[bold red]The sampling of an origin failed a gate; the page says which.[/bold red]")
     if content["measured"]:
-        console.print(
-            f"driven by what was measured after the origin too, so no forecast: {', '.join(content['measured'])}",
-            highlight=False, soft_wrap=True, markup=False,
-        )  # fmt: skip
-    console.print(f"page: {found.report}", highlight=False, soft_wrap=True, markup=False)
+        drivers = ", ".join(content["measured"])
+        say(console, f"driven by what was measured after the origin too, so no forecast: {drivers}")
+    say(console, f"page: {found.report}")
 
 
 def _number(value: float | None) -> str:

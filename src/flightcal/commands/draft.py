@@ -104,7 +104,8 @@ def draft(folder: Path, files: Sequence[Path]) -> tuple[str, list[str]]:
         if packet.time is not None:
             written = f"{packet.time.format}, from {np.datetime_as_string(np.datetime64(int(packet.first), 'ns'), 's')}"
         title = f"{', '.join(file.name for file in packet.files)}{f' ({packet.sheet})' if packet.sheet else ''}"
-        notes.append(f"{title}: times in {_quoted(packet.clock)} ({written}); channels: {counts}")
+        clock = ", ".join(f"'{name}'" for name in packet.clock)
+        notes.append(f"{title}: times in {clock} ({written}); channels: {counts}")
     head = _HEAD.format(folder=folder, name=json.dumps(folder.resolve().name))
     return head + _telemetry(folder, names, channels) + _rest(data, channels), notes
 
@@ -228,7 +229,8 @@ def _rest(dataset: xarray.Dataset, channels: Sequence[_Channel]) -> str:
         *(["  heaters:"] if heaters else []),
     ]
     for name in heaters:
-        node = _likest(name, nodes)
+        # The one whose name is most like the heater's.
+        node = max(nodes, key=lambda node: difflib.SequenceMatcher(None, name, node).ratio())
         low, high = _span(dataset[node].values)
         lines.append(
             f"    {name}: {{node: {node}, power: 10 W, sensor: {node}, on_below: {low} degC, off_above: {high} degC, "
@@ -297,15 +299,6 @@ def _span(kelvins: np.ndarray) -> tuple[str, str]:
     """Two thresholds, degC, within what a channel shows."""
     low, high = np.nanquantile(kelvins - _ICE_POINT, (0.1, 0.5))
     return f"{low:.1f}", f"{max(high, low + 1.0):.1f}"
-
-
-def _likest(name: str, nodes: Sequence[str]) -> str:
-    """The node whose name is most like a heater's."""
-    return max(nodes, key=lambda node: difflib.SequenceMatcher(None, name, node).ratio())
-
-
-def _quoted(names: Sequence[str]) -> str:
-    return ", ".join(f"'{name}'" for name in names)
 
 
 def _slug(text: str) -> str:

@@ -7,6 +7,8 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
+from .printing import say
+
 if TYPE_CHECKING:
     from rich.console import Console
 
@@ -32,7 +34,7 @@ def print_run(folder: Path, console: Console, *, every: bool = False) -> None:
     from .kept import ABOUT, chosen, parameter_table, read_kept
 
     kept = read_kept(folder)
-    console.print(kept.title, highlight=False, soft_wrap=True, markup=False)
+    say(console, kept.title)
     print_verdict(kept.verdict, console)
     rows = chosen(kept.parameters, every)
     if rows:
@@ -41,4 +43,4 @@ def print_run(folder: Path, console: Console, *, every: bool = False) -> None:
         console.print(f"{left} more with --all: noise, heat and initial temperatures", highlight=False)
     for name, words in ABOUT.items():
         if (folder / name).is_file():
-            console.print(f"{folder / name}: {words}", highlight=False, soft_wrap=True, markup=False)
+            say(console, f"{folder / name}: {words}")

@@ -4,7 +4,7 @@ Imports: calibration, errors, external, probability, problem, progress, run, sce
 """
 
 from .emulated import needs_emulator
-from .emulator import EmulatedSimulator, simulated_priors
+from .emulator import EmulatedSimulator
 from .stage import NUTS_THROUGH_EMULATOR, Emulation, emulator_stage, window_emulator
 
 __all__ = [
@@ -13,6 +13,5 @@ __all__ = [
     "Emulation",
     "emulator_stage",
     "needs_emulator",
-    "simulated_priors",
     "window_emulator",
 ]

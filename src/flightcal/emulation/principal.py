@@ -44,11 +44,11 @@ class PrincipalShapes:
         return np.einsum("stn,tnr->sr", temperatures - self.mean, self.projector)
 
 
-def principal_shapes(temperatures: FloatArray, tolerance: FloatArray, most: int = _MOST_SHAPES) -> PrincipalShapes:
+def principal_shapes(temperatures: FloatArray, tolerance: FloatArray) -> PrincipalShapes:
     """Principal shapes of trajectories [S, T, N] K, as many as leave out at most `tolerance` [N] K of each channel.
 
     What they leave out (root mean square) is measured by cross-validation: shapes explain the runs that they were
-    made from better than the next one. At most `most` shapes, and half as many as runs; what is then left out counts as
+    made from better than the next one. At most 25 shapes, and half as many as runs; what is then left out counts as
     error. Coefficients have a mean of zero and a variance of one over the runs.
     """
     runs, samples, channels = temperatures.shape
@@ -58,7 +58,7 @@ def principal_shapes(temperatures: FloatArray, tolerance: FloatArray, most: int 
     # Coordinates in the space of all runs: the folds' decompositions are then small.
     coordinates = left * sizes
     rank = int(np.count_nonzero(sizes > 1e-12 * sizes[0])) if sizes[0] > 0.0 else 0
-    most = max(1, min(most, runs // 2, rank))
+    most = max(1, min(_MOST_SHAPES, runs // 2, rank))
 
     def truncation(count: int) -> FloatArray:
         return (_left_out(coordinates, count) @ right).reshape(temperatures.shape)

@@ -3,14 +3,13 @@
 Imports: errors, scenario.
 """
 
-from .eclipse import shadow_edges, sunlit_fraction, sunlit_share
+from .eclipse import shadow_edges, sunlit_share
 from .edges import sample_times, slew_edges, sun_edges
-from .fluxes import FaceFluxes, face_fluxes
+from .fluxes import face_fluxes
 from .geometry import orbit_phase
 from .orbit import orbital_period
 
 __all__ = [
-    "FaceFluxes",
     "face_fluxes",
     "orbit_phase",
     "orbital_period",
@@ -18,6 +17,5 @@ __all__ = [
     "shadow_edges",
     "slew_edges",
     "sun_edges",
-    "sunlit_fraction",
     "sunlit_share",
 ]

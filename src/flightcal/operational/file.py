@@ -96,8 +96,9 @@ def _mission(content: SpacecraftFile, folder: Path) -> Mission:
     both = set(mesh.nodes) & set(content.nodes)
     if both:
         raise FlightcalError(f"nodes: found '{min(both)}', which is a cell of a plate")
+    cold = {"initial": content.initial}
     nodes = {
-        name: node if node.capacity is None or node.initial is not None else _warm(node, content.initial)
+        name: node if node.capacity is None or node.initial is not None else node.model_copy(update=cold)
         for name, node in {**mesh.nodes, **content.nodes}.items()
     }
     for name, node in nodes.items():
@@ -130,7 +131,3 @@ def _mission(content: SpacecraftFile, folder: Path) -> Mission:
     )
     craft = Spacecraft(scenario, content.software, content.thermistors, content.downlink)
     return Mission(craft, np.datetime64(content.start, "ns"), content.duration, content.seed, mesh.openness)
-
-
-def _warm(node: Node, temperature: float) -> Node:
-    return node.model_copy(update={"initial": temperature})

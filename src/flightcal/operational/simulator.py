@@ -143,7 +143,8 @@ def fly(
     rng = np.random.default_rng(seed)
     memory = started(software)
     place = {name: k for k, name in enumerate(network.nodes)}
-    capacity = _capacities(scenario, network)
+    # Rows of massless nodes are in watts.
+    capacity = [scenario.network.nodes[name].capacity or 1.0 for name in network.nodes]
     temperatures = np.empty((cycles, len(mass)))
     power = np.zeros((cycles, len(software.heaters)))
     modes, rows, stamps = [], [], []
@@ -225,11 +226,6 @@ def _inputs(scenario: Scenario, network: Network, start: np.datetime64, seconds:
     for name, series in face_series(scenario, times).items():
         inputs[:, network.columns.index(name)] = series
     return inputs
-
-
-def _capacities(scenario: Scenario, network: Network) -> FloatArray:
-    """[n] J/K; 1 for massless nodes, whose rows are in watts."""
-    return np.array([scenario.network.nodes[name].capacity or 1.0 for name in network.nodes])
 
 
 def _heat(structure: Structure, forcing: FloatArray, inputs: FloatArray) -> FloatArray:

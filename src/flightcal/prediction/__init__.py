@@ -3,11 +3,11 @@
 Imports: calibration, emulation, environment, errors, probability, problem, run, scenario, simulator, telemetry.
 """
 
-from .holding import HELD, Holding, Replicates, hold_together, holds, replicate, replicates_of
+from .holding import HELD, Holding, hold_together, replicates_of
 from .metrics import GENETIC_RUNS, ZERO_CELSIUS, Array, Metric, comparison_table, implied_energy, score
 from .predict import predict
 from .stages import PREDICT, PREDICTION_FILE
-from .unseen import ANY, Unseen, read_unseen, unseen
+from .unseen import ANY, Unseen, read_unseen
 
 __all__ = [
     "ANY",
@@ -19,16 +19,12 @@ __all__ = [
     "Array",
     "Holding",
     "Metric",
-    "Replicates",
     "Unseen",
     "comparison_table",
     "hold_together",
-    "holds",
     "implied_energy",
     "predict",
     "read_unseen",
-    "replicate",
     "replicates_of",
     "score",
-    "unseen",
 ]

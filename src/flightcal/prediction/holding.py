@@ -93,11 +93,6 @@ class Holding:
         return np.asarray(self.coverage > self.upper)
 
 
-def holds(observed: FloatArray, scored: NDArray[np.bool_], draws: FloatArray, interval: float) -> Holding:
-    """Whether one window's intervals hold: see `hold_together`, and `replicate` for the arrays."""
-    return hold_together([replicate(observed, scored, draws, interval)])[0]
-
-
 def replicate(observed: FloatArray, scored: NDArray[np.bool_], draws: FloatArray, interval: float) -> Replicates:
     """Coverage by the central interval of draws [S, T, N], and errors, of telemetry [T, N] and of draws in its place.
 

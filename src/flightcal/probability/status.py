@@ -105,7 +105,8 @@ def heater_status(scenario: Scenario, telemetry: xarray.Dataset, start: np.datet
         times, on = _samples(telemetry, name, start)
         place = heaters.index(heater or "")
         if isinstance(form, SwitchTimes):
-            margin = _MARGIN * _typical(form.timing)
+            timing = form.timing
+            margin = _MARGIN * (timing if isinstance(timing, float) else Priors((name,), (timing,)).median()[0])
             end = _seconds(telemetry["time"].values[-1:], start)[0] if telemetry.sizes["time"] else 0.0
             kept = (times >= margin) & (times <= end - margin)
             samples.append((place, len(settings), times[kept], on[kept]))
@@ -153,10 +154,6 @@ def _samples(telemetry: xarray.Dataset, channel: str, start: np.datetime64) -> t
 
 def _seconds(times: Times, start: np.datetime64) -> FloatArray:
     return (times - start) / np.timedelta64(1, "ns") * 1e-9
-
-
-def _typical(timing: Prior | float) -> float:
-    return timing if isinstance(timing, float) else float(Priors(("timing",), (timing,)).median()[0])
 
 
 def _stretches(times: FloatArray, on: FloatArray, over: float | None) -> list[tuple[FloatArray, FloatArray, float]]:

@@ -32,14 +32,12 @@ from .heat_model import (
 )
 from .native import STOPPED, NativeDensity
 from .problem import Problem, Runs
-from .simulators import build_simulator
 from .synthetic import heat_in_prior, simulate_telemetry, with_drawn_heat, with_telemetry
-from .window import Bridged, Window
+from .window import Window
 
 __all__ = [
     "SLOW",
     "STOPPED",
-    "Bridged",
     "Entry",
     "Followed",
     "Gain",
@@ -54,7 +52,6 @@ __all__ = [
     "Window",
     "at_sizes",
     "build_problem",
-    "build_simulator",
     "build_window",
     "dressed",
     "errors_of_weights",

@@ -9,13 +9,13 @@ from .comparison_page import write_comparison
 from .findings import MARKS, Finding
 from .heat_map import figure_correlation, heat_map
 from .page import compose, write_report
-from .run_files import ParameterInfo, RunFiles, read_run
+from .run_files import ParameterInfo, read_run
 from .style import BAND, GENETIC, LINE, MODEL_BAND, PRIOR, STOCHASTIC, TELEMETRY, WARNING, finish, polygons
 from .tables import Cell, Table, interval
 from .text import labelled, listed, number, percent, unit
 from .thinning import break_lines, extremes
 from .validation_page import write_validation
-from .verdict import Answer, Verdict, verdict_of
+from .verdict import Verdict, verdict_of
 from .windows import CELSIUS, CHANNEL_HEIGHT, scatter, time_canvas
 
 __all__ = [
@@ -30,12 +30,10 @@ __all__ = [
     "STOCHASTIC",
     "TELEMETRY",
     "WARNING",
-    "Answer",
     "Block",
     "Cell",
     "Finding",
     "ParameterInfo",
-    "RunFiles",
     "Section",
     "Table",
     "Verdict",

@@ -124,14 +124,6 @@ def _inputs(content: Record) -> Finding:
 
 def _hold(content: Record, predictions: dict[str, xr.Dataset]) -> list[Block]:
     share, period = percent(content["interval"], 0), content["period"]
-    blocks = [
-        block.text(
-            f"Before each origin {number(content['train'] / period, 3)} orbits are trained on. After it nothing but "
-            "the first minutes, which are not scored, is known of the temperatures. A plot's title is the share of "
-            "telemetry inside the interval. It did not hold where that share is below the band of telemetry drawn "
-            f"from the prediction itself, in which {percent(HELD, 0)} of right predictions have all their channels."
-        )
-    ]
     drawn = f"{share} interval (blue) and telemetry (dots; red: outside of the interval) since the origin"
     rows = "A row is a channel, a column an origin."
     origins = content["origins"]
@@ -139,7 +131,12 @@ def _hold(content: Record, predictions: dict[str, xr.Dataset]) -> list[Block]:
     less = [figure_hold(shown, predictions, period, less_mean=True) for shown in groups]
     whole = [figure_hold(shown, predictions, period) for shown in groups]
     return [
-        *blocks,
+        block.text(
+            f"Before each origin {number(content['train'] / period, 3)} orbits are trained on. After it nothing but "
+            "the first minutes, which are not scored, is known of the temperatures. A plot's title is the share of "
+            "telemetry inside the interval. It did not hold where that share is below the band of telemetry drawn "
+            f"from the prediction itself, in which {percent(HELD, 0)} of right predictions have all their channels."
+        ),
         *(block.figure(figure, f"{drawn}, both less the predicted mean. {rows}", wide=True) for figure in less),
         block.table(_origins(content)),
         block.heading("The temperatures themselves"),
@@ -356,9 +353,10 @@ def _row(content: Record, origin: str, channel: str, band: str, title: str) -> l
 
 def _heaters(content: Record) -> list[Block]:
     hits = sum(own["hit"] for own in content["duty"])
+    moments = {own["name"]: _moment(own["origin"]) for own in content["origins"]}
     rows = [
         [
-            _of_origin(content, own["origin"]), own["heater"], percent(own["measured"]), percent(own["mean"]),
+            moments[own["origin"]], own["heater"], percent(own["measured"]), percent(own["mean"]),
             f"{percent(own['lower'])} to {percent(own['upper'])}",
             Cell("✓ inside", "good") if own["hit"] else Cell("✕ outside", "bad"),
         ]
@@ -379,10 +377,6 @@ def _heaters(content: Record) -> list[Block]:
 def _record(content: Record, origin: str, channel: str, band: str) -> Record:
     wanted = (origin, channel, band)
     return next(own for own in content["scores"] if (own["origin"], own["channel"], own["band"]) == wanted)
-
-
-def _of_origin(content: Record, name: str) -> str:
-    return _moment(next(own["origin"] for own in content["origins"] if own["name"] == name))
 
 
 def _moment(text: str) -> str:

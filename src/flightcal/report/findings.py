@@ -473,7 +473,8 @@ def prior_conflict(run: RunFiles) -> Finding:
         )
         return Finding("good", "Posteriors lie where their priors expect them", text)
     named = off or order[:MOST_NAMED]
-    said = listed([f"{name} ({abs(out_by[name]):.1f} deviations {_side(out_by[name])})" for name in named[:MOST_NAMED]])
+    sides = {name: "above" if score > 0 else "below" for name, score in out_by.items()}
+    said = listed([f"{name} ({abs(out_by[name]):.1f} deviations {sides[name]})" for name in named[:MOST_NAMED]])
     text = (
         f"Telemetry and prior are in conflict: {said}. Either the prior is wrong, or the parameter makes up for "
         "something else that is, such as a clock, an attitude, a unit or a missing heater."
@@ -482,10 +483,6 @@ def prior_conflict(run: RunFiles) -> Finding:
     count = "1 posterior lies" if len(named) == 1 else f"{len(named)} posteriors lie"
     title = f"{count} far from where the prior expects it" if len(named) == 1 else f"{count} far from their priors"
     return Finding(state, title, text, not_for=tuple(map(value_of, named)), then=_CHECK)
-
-
-def _side(score: float) -> str:
-    return "above" if score > 0 else "below"
 
 
 def missing(run: RunFiles) -> list[Finding]:

@@ -216,8 +216,4 @@ def _finding(record: Record) -> Record:
 def _row(own: Calibrated, rename: Rename, absolute: set[str]) -> Calibrated:
     if own.name not in absolute and own.unit != "degC":
         return replace(own, name=rename(own.name))
-    less = {
-        name: getattr(own, name) - own.before
-        for name in ("before", "before_lower", "before_upper", "mean", "median", "lower", "upper")
-    }
-    return replace(own, name=rename(own.name), unit="K", **less)
+    return replace(own.rescaled(lambda value: value - own.before, 1.0, "K"), name=rename(own.name))

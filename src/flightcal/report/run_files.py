@@ -40,7 +40,11 @@ STAGES = {
 """Files of a run directory that the report reads, and what each is the result of."""
 
 
-_TAKEN_AWAY = (CALIBRATED_FILE, TABLE_FILE, RESULTS_FILE)
+_TAKEN_AWAY = {
+    CALIBRATED_FILE: "the scenario with these numbers",
+    TABLE_FILE: "every quantity",
+    RESULTS_FILE: "and correlations",
+}
 
 
 @dataclass(frozen=True)
@@ -91,8 +95,8 @@ class RunFiles:
     """Of a backtest in the folder `backtest` of the run."""
     calibrated: tuple[Calibrated, ...]
     """Every quantity before and after; empty of a run that did not finish."""
-    files: tuple[str, ...]
-    """What lies in the folder to be taken away."""
+    files: tuple[tuple[str, str], ...]
+    """What lies in the folder to be taken away, and what each is."""
     missing: tuple[str, ...]
     stretches: int = 1_500
     """Into which figures divide long series, all plots together."""
@@ -163,7 +167,7 @@ def read_run(folder: Path) -> RunFiles:
         beside=kept("beside.json", partial(read_records, read=_beside)) or [],
         backtest=kept("backtest/backtest.json", read_json),
         calibrated=() if priors.name == RESULTS_FILE else kept(RESULTS_FILE, read_calibrated) or (),
-        files=tuple(name for name in _TAKEN_AWAY if priors.name != name and (folder / name).is_file()),
+        files=tuple(own for own in _TAKEN_AWAY.items() if priors.name != own[0] and (folder / own[0]).is_file()),
         missing=missing,
     )
 

@@ -145,6 +145,12 @@ def small_titles(figure: go.Figure, *, left: bool = False) -> None:
             annotation.update(x=0, xanchor="left")
 
 
+def title_below(figure: go.Figure, text: str, count: int, columns: int) -> None:
+    """A title of the horizontal axis under the last of `count` plots in each column."""
+    for column in range(1, columns + 1):
+        figure.update_xaxes(title_text=text, row=-(-(count - column + 1) // columns), col=column)
+
+
 def polygons(
     x: NDArray[Any], low: NDArray[np.float64], high: NDArray[np.float64]
 ) -> tuple[NDArray[Any], NDArray[np.float64]]:

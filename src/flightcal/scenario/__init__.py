@@ -25,7 +25,6 @@ from .environment import (
     Environment,
     InertialAttitude,
     KeplerianOrbit,
-    OneAttitude,
     Orbit,
     SampledAttitude,
     SampledOrbit,
@@ -40,27 +39,24 @@ from .external import (
     FmuSimulator,
     UmbridgeSimulator,
     kind_of_simulator,
-    simulator_files,
 )
 from .fields import AnyBlock, Block, Count, Number, Pair, Part, Time, Vector
 from .geometry import MeshError, mesh_plates
-from .heat import Heat, HeatGains, HeatPattern, HeatSlow
+from .heat import Heat, HeatPattern, HeatSlow
 from .json_schema import json_schema, schema_of
-from .lint import Finding, file_error, lint, load_scenario, read_file
+from .lint import file_error, lint, load_scenario, read_file
 from .network import (
     DEEP_SPACE,
     Conductor,
     Face,
     Heater,
-    Load,
     ModeChange,
     Node,
     ReducedNumber,
     SimulatorError,
     SimulatorModel,
-    SwitchedHeater,
 )
-from .numbers import Numbers, Settable, load_driver, numbers_of, settable
+from .numbers import Numbers, load_driver, numbers_of, settable
 from .parameters import read_parameters, set_twice
 from .priors import Beta, HalfNormal, HalfStudentT, LogNormal, Normal, Prior, TruncatedNormal, Uniform, support
 from .reduced import REDUCED_MODEL_FORMAT
@@ -83,19 +79,7 @@ from .schema import (
     not_normal,
 )
 from .template import write_new, write_template
-from .units import (
-    Duration,
-    Kelvins,
-    Power,
-    Quantity,
-    Seconds,
-    Temperature,
-    is_temperature,
-    kind_of,
-    show,
-    si_unit,
-    to_si,
-)
+from .units import Duration, Kelvins, Power, Quantity, Seconds, Temperature, is_temperature, kind_of, si_unit, to_si
 from .windows import Window, is_trained
 
 __all__ = [
@@ -124,13 +108,11 @@ __all__ = [
     "ExecutableSimulator",
     "ExternalModel",
     "Face",
-    "Finding",
     "FmuSimulator",
     "GeneticSettings",
     "HalfNormal",
     "HalfStudentT",
     "Heat",
-    "HeatGains",
     "HeatPattern",
     "HeatSlow",
     "Heater",
@@ -138,7 +120,6 @@ __all__ = [
     "InitialState",
     "Kelvins",
     "KeplerianOrbit",
-    "Load",
     "LogNormal",
     "MeshError",
     "ModeChange",
@@ -149,7 +130,6 @@ __all__ = [
     "Numbers",
     "NutsSettings",
     "Observation",
-    "OneAttitude",
     "Orbit",
     "Packet",
     "Pair",
@@ -167,12 +147,10 @@ __all__ = [
     "SampledOrbit",
     "Scenario",
     "Seconds",
-    "Settable",
     "SimulatorError",
     "SimulatorModel",
     "SpinningAttitude",
     "SwitchTimes",
-    "SwitchedHeater",
     "TelemetryFile",
     "Temperature",
     "Time",
@@ -213,9 +191,7 @@ __all__ = [
     "schema_of",
     "set_twice",
     "settable",
-    "show",
     "si_unit",
-    "simulator_files",
     "support",
     "to_si",
     "write_new",

@@ -8,7 +8,7 @@ from typing import Annotated, Any, Literal, cast, get_args
 from pydantic import AfterValidator, BeforeValidator, Field, model_validator
 
 from .document import Problem
-from .fields import Block, FileName, Number, OneOf, Time, Vector, of_length
+from .fields import Block, FileName, Number, OneOf, Time, Vector, exactly_one, of_length
 from .units import Angle, Duration, Quantity, did_you_mean, show
 from .wording import refusal
 
@@ -83,11 +83,8 @@ class CircularOrbit(Block):
 
     @model_validator(mode="after")
     def _one_node(self) -> CircularOrbit:
-        found = [name for name in ("ltan", "raan", "beta_angle") if getattr(self, name) is not None]
-        if len(found) != 1:
-            wanted = "exactly one of 'ltan' (local time), 'raan' (right ascension) and 'beta_angle'"
-            raise ValueError(f"found {' and '.join(map(repr, found)) or 'none'}, expected {wanted}")
-        return self
+        wanted = "exactly one of 'ltan' (local time), 'raan' (right ascension) and 'beta_angle'"
+        return exactly_one(self, ("ltan", "raan", "beta_angle"), wanted)
 
 
 class KeplerianOrbit(Block):

@@ -61,10 +61,6 @@ class Numbers:
             theta_bar[..., entry] += numbers_bar[..., position] * factors[..., position]
         return theta_bar
 
-    def position(self, path: str) -> int:
-        """Where a number stands."""
-        return self.paths.index(path)
-
     def moved(self) -> NDArray[np.bool_]:
         """[P] whether theta touches a number."""
         import numpy as np

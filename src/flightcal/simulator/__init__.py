@@ -12,10 +12,9 @@ from .kernels.lanes import WIDTH
 from .kernels.march import MarchCall, march
 from .kernels.sampling import ICE_POINT
 from .kernels.step import step_size
-from .network import FIELDS, STEFAN_BOLTZMANN, Network, Term, build_network, canonical_form
+from .network import FIELDS, Network, Term, build_network, canonical_form
 from .sampling import Observation, Sensors
 from .simulate import SCATTERED, NetworkSimulator, Simulator, Trajectory, network_simulator, open_loop
-from .steps import Accuracy
 from .system import Drive, FloatArray, IntArray, Structure, Switch, System, unpack
 
 __all__ = [
@@ -23,10 +22,8 @@ __all__ = [
     "ICE_POINT",
     "NOT_FINITE",
     "SCATTERED",
-    "STEFAN_BOLTZMANN",
     "TOO_MANY_SWITCHES",
     "WIDTH",
-    "Accuracy",
     "Drive",
     "FloatArray",
     "IntArray",

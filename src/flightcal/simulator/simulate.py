@@ -16,7 +16,7 @@ import numpy as np
 import xarray
 
 from ..compiled import Program, Row
-from ..scenario import Scenario
+from ..scenario import Scenario, numbers_of
 from .assembly import ParameterMap, assemble, assembly_memory
 from .drive import Times, drive_on, make_grid, window_inputs
 from .integrate import Integration, check_outcome, copied, in_parallel, switches
@@ -100,15 +100,9 @@ class Simulator(Protocol):
 
 def parameter_map(network: Network, scenario: Scenario) -> ParameterMap:
     """The map of a scenario's parameters; lint has seen that no number is set twice, or both set and scaled."""
-    parameters = list(scenario.parameters.values())
-    sets = [(network.position(path), k) for k, parameter in enumerate(parameters) for path in parameter.sets]
-    scales = [(network.position(path), k) for k, parameter in enumerate(parameters) for path in parameter.scales]
-    return ParameterMap(
-        len(parameters),
-        network.values,
-        *np.array(sets, dtype=np.int64).reshape(-1, 2).T.copy(),
-        *np.array(scales, dtype=np.int64).reshape(-1, 2).T.copy(),
-    )
+    entries = [(parameter.sets, parameter.scales) for parameter in scenario.parameters.values()]
+    numbers = numbers_of(dict(zip(network.paths, network.values.tolist(), strict=True)), entries)
+    return ParameterMap(len(entries), network.values, *numbers.sets.T.copy(), *numbers.scales.T.copy())
 
 
 class Calls:

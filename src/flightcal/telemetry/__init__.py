@@ -15,7 +15,7 @@ from .drivers import (
     status_fraction,
     status_or_unknown,
 )
-from .quality import QualityRecord, quality_table
+from .quality import quality_table
 from .quantisation import quantisation_step
 from .read import read, read_telemetry
 from .window import select_window, window_bounds
@@ -23,7 +23,6 @@ from .window import select_window, window_bounds
 __all__ = [
     "SHORT_GAP",
     "FoundPacket",
-    "QualityRecord",
     "bridged",
     "detect",
     "driver_corners",

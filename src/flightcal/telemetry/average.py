@@ -7,7 +7,8 @@ import xarray as xr
 from numpy.typing import NDArray
 
 from ..errors import TelemetryError
-from ._flags import SAMPLE_FLAGS, Flag, Flags, flag_attributes, meaning
+from ._flags import SAMPLE_FLAGS, Flag, flag_attributes, meaning
+from .clean import sampling_interval
 
 
 def average(dataset: xr.Dataset, length: float) -> xr.Dataset:
@@ -34,7 +35,8 @@ def average(dataset: xr.Dataset, length: float) -> xr.Dataset:
     for i, name in enumerate(dataset["channel"].to_numpy()):
         channel = dataset[name]
         mean, samples = _block_mean(channel.to_numpy(), block, len(blocks))
-        expected = length / _own_interval(times, flags[:, i], interval)
+        own = sampling_interval(times[flags[:, i] & Flag.MISSING == 0])
+        expected = length / (interval if np.isnan(own) else own)
         few = samples < 0.5 * max(expected, 1.0)
         if channel.attrs["kind"] == "status":
             mean = np.where(np.isnan(mean), np.nan, mean >= 0.5)
@@ -70,9 +72,3 @@ def _block_mean(
     samples = np.bincount(block[valid], minlength=blocks)
     total = np.bincount(block[valid], weights=values[valid], minlength=blocks)
     return np.divide(total, samples, out=np.full(blocks, np.nan), where=samples > 0), samples
-
-
-def _own_interval(times: NDArray[np.int64], flags: Flags, interval: float) -> float:
-    """Median interval (s) of the rows in which the file has a value of the channel."""
-    present = times[flags & Flag.MISSING == 0]
-    return float(np.median(np.diff(present))) / 1e9 if len(present) > 1 else interval

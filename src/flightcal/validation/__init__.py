@@ -8,9 +8,9 @@ from .backtest import backtest_record, origin_settings, origin_stage
 from .block_loo import BlockLoo
 from .comparison import MODELS, block_loo, comparison_of, variant
 from .full_simulator import FULL_SIMULATOR
-from .horizon import ALL, BANDS, BandScore, DutyScore, ahead, band_scores, duty_scores
+from .horizon import ALL, ahead
 from .left_out import check_windows, leave_windows_out
-from .origins import Origin, Plan, measured_drivers, plan_origins, read_length
+from .origins import Plan, plan_origins, read_length
 from .reliability import (
     Coverage,
     Uniformity,
@@ -26,17 +26,13 @@ from .simulation_based import INTERVALS, Band, ecdf, ecdf_band, joint
 
 __all__ = [
     "ALL",
-    "BANDS",
     "FULL_SIMULATOR",
     "INTERVALS",
     "MODELS",
     "SIGNIFICANCE",
     "Band",
-    "BandScore",
     "BlockLoo",
     "Coverage",
-    "DutyScore",
-    "Origin",
     "Plan",
     "ResidualCheck",
     "Uniformity",
@@ -44,7 +40,6 @@ __all__ = [
     "ahead",
     "autocorrelation",
     "backtest_record",
-    "band_scores",
     "block_loo",
     "chance_band",
     "check_window",
@@ -52,14 +47,12 @@ __all__ = [
     "comparison_of",
     "coverage_by_hour",
     "coverage_by_phase",
-    "duty_scores",
     "ecdf",
     "ecdf_band",
     "effective_samples",
     "joint",
     "judge",
     "leave_windows_out",
-    "measured_drivers",
     "origin_settings",
     "origin_stage",
     "plan_origins",

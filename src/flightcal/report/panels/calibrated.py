@@ -19,11 +19,6 @@ MOST_ROWS = 16
 """Rows that the first screen has; more are folded."""
 LITTLE = 0.2
 """Share of the telemetry's word below which a value is more or less what was believed before."""
-FILES = {
-    "calibrated.yaml": "the scenario with these numbers",
-    "parameters.csv": "every quantity",
-    "parameters.json": "and correlations",
-}
 
 
 @section("calibrated", "Parameters")
@@ -41,7 +36,7 @@ def panel(run: RunFiles) -> list[Block]:
     blocks = [block.table(table(rows[:MOST_ROWS]))]
     if rows[MOST_ROWS:]:
         blocks.append(block.folded(f"{len(rows) - MOST_ROWS} more", table(rows[MOST_ROWS:])))
-    return [*blocks, block.text(words), *_files(run)]
+    return [*blocks, block.text(words), *([block.links("To load:", run.files)] if run.files else [])]
 
 
 def calibrated(run: RunFiles) -> tuple[Calibrated, ...]:
@@ -73,8 +68,3 @@ def table(rows: Iterable[Calibrated]) -> Table:
             told = Cell(f"{told}\nmostly the prior", "warn")
         cells.append([own.name, before, after, f"{lower} to {upper}", unit(own.unit) or "–", told])
     return Table(("parameter", "before", "after", "95% interval", "unit", "from telemetry"), cells, (1, 2, 3, 5))
-
-
-def _files(run: RunFiles) -> list[Block]:
-    there = [(name, words) for name, words in FILES.items() if name in run.files]
-    return [block.links("To load:", there)] if there else []

@@ -11,8 +11,8 @@ from numpy.typing import NDArray
 
 from .. import block
 from ..block import Block, section
-from ..run_files import ParameterInfo, RunFiles, bins, draws
-from ..style import BAND, LINE, STOCHASTIC, TELEMETRY, band, finish, plots, polygons, small_titles
+from ..run_files import RunFiles, bins, draws
+from ..style import BAND, LINE, STOCHASTIC, TELEMETRY, band, finish, plots, polygons, small_titles, title_below
 from ..tables import Cell, Table, interval
 from ..text import number, percent
 from ..thinning import break_lines, extremes
@@ -115,7 +115,7 @@ def numbers(run: RunFiles) -> Table:
     sampled = {info.name for info in run.sampled}
     for info in (i for i in run.parameters if i.kind == "discrepancy"):
         _, part, what, *channel = info.name.split(".", 3)
-        factor, unit = _scale(info)
+        factor, unit = (1.0 / 60.0, "min") if info.unit == "s" else (1.0, info.unit)
         low, median, high = (factor * value for value in info.prior_quantiles)
         posterior = "–"
         if info.name in sampled and run.posterior is not None:
@@ -126,11 +126,6 @@ def numbers(run: RunFiles) -> Table:
              interval(median, low, high), posterior]
         )  # fmt: skip
     return Table(("in", "channel", "quantity", "prior, median [95%]", "posterior, median [95%]"), rows, (3, 4))
-
-
-def _scale(info: ParameterInfo) -> tuple[float, str]:
-    """What to multiply a number with to have it in a reader's unit, and that unit."""
-    return (1.0 / 60.0, "min") if info.unit == "s" else (1.0, info.unit)
 
 
 def sizes(windows: Mapping[str, xr.Dataset]) -> Table:
@@ -196,9 +191,7 @@ def figure_discrepancy_in_phase(prediction: xr.Dataset) -> go.Figure:
     finish(figure, height)
     small_titles(figure)
     figure.update_xaxes(range=[0, 1], nticks=6)
-    for column in range(1, columns + 1):
-        last = -(-(len(channels) - column + 1) // columns)
-        figure.update_xaxes(title_text="orbit phase, orbits", row=last, col=column)
+    title_below(figure, "orbit phase, orbits", len(channels), columns)
     return figure
 
 

@@ -13,7 +13,7 @@ from ...probability import pattern
 from .. import block
 from ..block import Block, section
 from ..run_files import Record, RunFiles, draws
-from ..style import BAND, LINE, STOCHASTIC, band, finish, plots, polygons, small_titles
+from ..style import BAND, LINE, STOCHASTIC, band, finish, plots, polygons, small_titles, title_below
 from ..tables import Cell, Table
 from ..text import number, percent
 
@@ -248,7 +248,5 @@ def figure_pattern(nodes: Sequence[NodeHeat], over: str = PHASE) -> go.Figure:
     figure.update_layout(margin={"r": 72})
     small_titles(figure)
     figure.update_xaxes(range=[float(nodes[0].places[0]), float(nodes[0].places[-1])], nticks=6)
-    for column in range(1, columns + 1):
-        last = -(-(len(nodes) - column + 1) // columns)
-        figure.update_xaxes(title_text=over, row=last, col=column)
+    title_below(figure, over, len(nodes), columns)
     return figure

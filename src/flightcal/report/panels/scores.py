@@ -12,6 +12,8 @@ from ..style import method
 from ..tables import Cell, Table
 from ..text import count, number, percent
 
+_ERRORS = {"rmse": "RMSE, K", "mape_kelvin": "MAPE, % of kelvin", "mape_celsius": "MAPE, % of °C", "crps": "CRPS, K"}
+
 
 @section("scores", "Scores")
 def panel(run: RunFiles) -> list[Block]:
@@ -75,10 +77,7 @@ def published(run: RunFiles) -> list[Block]:
 
 def beside(run: RunFiles) -> Table:
     """Scores over all channels: genetic algorithm, published model and this run, a row for each window and score."""
-    names = {
-        "rmse": "RMSE, K", "mape_kelvin": "MAPE, % of kelvin", "mape_celsius": "MAPE, % of °C", "crps": "CRPS, K",
-        "picp": "PICP", "mpiw": "MPIW, K",
-    }  # fmt: skip
+    names = _ERRORS | {"picp": "PICP", "mpiw": "MPIW, K"}
     ours = {(m.method, m.window, m.metric): m.value for m in run.metrics if m.channel == "all"}
     theirs = {(m.method, m.window, m.metric): m.value for m in run.beside if m.channel == "all"}
     rows = []
@@ -96,7 +95,6 @@ def beside(run: RunFiles) -> Table:
 
 def comparison(metrics: Sequence[Metric]) -> Table:
     """Genetic against stochastic over all channels: mean and best of the runs, and the paper's ratios."""
-    names = {"rmse": "RMSE, K", "mape_kelvin": "MAPE, % of kelvin", "mape_celsius": "MAPE, % of °C", "crps": "CRPS, K"}
     rows = []
     for row in (r for r in comparison_table(metrics) if r.channel == "all"):
         ratio: str = "–"
@@ -105,7 +103,7 @@ def comparison(metrics: Sequence[Metric]) -> Table:
             ratio = Cell(f"{number(row.ratio, 3)} {mark}", state)
         note = f"\n{row.note.replace('degC', '°C')}" if row.note else ""
         rows.append(
-            [row.window, names[row.metric] + note, number(row.genetic), number(row.stochastic),
+            [row.window, _ERRORS[row.metric] + note, number(row.genetic), number(row.stochastic),
              ratio, number(row.published, 3), number(row.genetic_best), number(row.ratio_best, 3)]
         )  # fmt: skip
     header = (

@@ -38,6 +38,14 @@ def heated_node(blocks: Blocks, name: str, what: str, location: Location) -> Ite
         yield Problem(location, f"{found}: its temperature is given")
 
 
+def node_with_capacity(blocks: Blocks, name: str, location: Location) -> Iterator[Problem]:
+    """The node of this name holds heat."""
+    yield from known("node", name, blocks.nodes, location)
+    node = blocks.nodes.get(name)
+    if node is not None and node.capacity is None:
+        yield Problem(location, f"found {name!r}, a node without a capacity, expected one with a capacity")
+
+
 def channel_of_kind(blocks: Blocks, name: str, kind: str, location: Location) -> Iterator[Problem]:
     """The channel of this name is of a kind."""
     of_kind = [other for other, channel in blocks.channels.items() if channel is None or channel.kind == kind]

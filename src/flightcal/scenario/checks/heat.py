@@ -9,7 +9,7 @@ from ..blocks import Blocks, readable
 from ..document import Location, Problem
 from ..reading import Reading
 from ..residuals import Noise
-from .common import channel_of_kind, known
+from .common import channel_of_kind, known, node_with_capacity
 
 _HEAT: Location = ("heat",)
 
@@ -51,14 +51,8 @@ def _check_nodes(blocks: Blocks, names: tuple[str, ...]) -> Iterator[Problem]:
         if blocks.reduced is not None:
             yield from known("node of the full network", name, blocks.full_nodes, location)
         else:
-            yield from _holds_heat(blocks, name, location)
+            yield from node_with_capacity(blocks, name, location)
         if name in names[:k]:
             yield Problem(location, f"found {name!r} twice, expected it once")
     if not names and not any(node is None or node.capacity is not None for node in blocks.nodes.values()):
         yield Problem(_HEAT, "found no node with a capacity, expected one: without it nothing holds heat")
-
-
-def _holds_heat(blocks: Blocks, name: str, location: Location) -> Iterator[Problem]:
-    yield from known("node", name, blocks.nodes, location)
-    if (node := blocks.nodes.get(name)) is not None and node.capacity is None:
-        yield Problem(location, f"found {name!r}, a node without a capacity, expected one with a capacity")

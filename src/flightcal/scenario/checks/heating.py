@@ -12,7 +12,7 @@ from ..network import Heater, SwitchedHeater
 from ..numbers import load_coefficient, load_driver
 from ..reading import Reading
 from ..units import celsius
-from .common import channel_of_kind, heated_node, known
+from .common import channel_of_kind, heated_node, known, node_with_capacity
 
 _TIMELINE: Location = ("simulator", "timeline")
 
@@ -46,11 +46,7 @@ def _check_switch(blocks: Blocks, name: str, location: Location) -> Iterator[Pro
 
 
 def _check_thermostat(blocks: Blocks, heater: Heater, location: Location) -> Iterator[Problem]:
-    yield from known("node", heater.sensor, blocks.nodes, (*location, "sensor"))
-    sensor = blocks.nodes.get(heater.sensor)
-    if sensor is not None and sensor.capacity is None:
-        message = f"found {heater.sensor!r}, a node without a capacity, expected one with a capacity"
-        yield Problem((*location, "sensor"), message)
+    yield from node_with_capacity(blocks, heater.sensor, (*location, "sensor"))
     if not heater.on_below < heater.off_above:
         found = f"on_below {celsius(heater.on_below)} and off_above {celsius(heater.off_above)}"
         yield Problem((*location, "on_below"), f"found {found}, expected on_below under off_above")
