@@ -196,10 +196,10 @@ def test_each_heated_node_has_a_constant_a_pattern_and_a_slow_part_and_each_wind
             assert model.priors[name] == HalfNormal(scale=block.gains.scale)
             continue
         flow = model.flow[model.nodes.index(node)]
-        if part[0] in of_flow:
-            assert model.priors[name] == HalfNormal(scale=of_flow[part[0]] * flow)
-        else:
+        if part[0] == "slow":
             assert model.priors[name] == HalfStudentT(scale=block.slow.scale * flow, degrees_of_freedom=3.0)
+        else:
+            assert model.priors[name] == HalfNormal(scale=of_flow.get(part[0], block.slow.scale) * flow)
 
 
 def test_parts_that_are_not_written_are_none(tmp_path):

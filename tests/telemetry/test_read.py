@@ -42,7 +42,8 @@ def test_channels_are_in_si_on_utc_time(tmp_path: Path):
 def test_temperatures_survive_the_way_through_any_unit(tmp_path: Path, unit: str, kelvin: list[float]):
     scale, offset = {"degC": (1.0, -273.15), "degF": (1.8, -459.67)}.get(unit, (1.0, 0.0))
     table = pd.DataFrame({"time": frame(len(kelvin))["time"], "T": scale * np.array(kelvin) + offset})
-    channels = {"battery": {"column": "T", "kind": "temperature", "unit": unit}}
+    # Equal values one after another are what they are here, not stale.
+    channels = {"battery": {"column": "T", "kind": "temperature", "unit": unit, "stale_after": None}}
     dataset = read(tmp_path, table, channels=channels)
     np.testing.assert_allclose(dataset["battery"], kelvin, atol=1e-9, rtol=1e-12)
 

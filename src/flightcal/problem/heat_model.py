@@ -69,8 +69,8 @@ class Group:
 
     @property
     def prior(self) -> Prior:
-        """Of the scale: a half-normal, of what wanders half of Student's t."""
-        if self.part in SLOW:
+        """Of the scale: a half-normal, of a constant that wanders half of Student's t."""
+        if self.part == "slow":
             return HalfStudentT(scale=self.size, degrees_of_freedom=_FREEDOM)
         return HalfNormal(scale=self.size)
 

@@ -33,7 +33,8 @@ def with_mesh(data: Mapping[str, Any]) -> tuple[dict[str, Any], list[Problem]]:
     cell that the scenario names is there, but cannot be read.
     """
     simulator: dict[str, Any] = data["simulator"]
-    written = {key: simulator[key] for key in MESHED if key in simulator}
+    # The file of a reduced model has all keys, empty.
+    written = {key: simulator[key] for key in MESHED if simulator.get(key) not in (None, {}, [])}
     if not written or is_external(simulator):
         return simulator, []
     block = {key: value for key, value in simulator.items() if key not in written}

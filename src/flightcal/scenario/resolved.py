@@ -83,7 +83,7 @@ def _written_noise(noise: dict[str, Any]) -> dict[str, Any]:
 def _written_network(model: dict[str, Any]) -> dict[str, Any]:
     """Without what comes from the file of a reduced model; the timeline is that of its file."""
     model.pop("timeline_file", None)
-    model = {key: value for key, value in model.items() if key not in ("reduced", *MESHED) or value}
+    model = {key: value for key, value in model.items() if key not in MESHED and (key != "reduced" or value)}
     if "reduced_model" not in model:
         return {
             key: value
