@@ -12,14 +12,13 @@ from ..run import labelled
 from ..scenario import GeneticSettings
 from ..simulator import FloatArray
 from .genetic import minimise
+from .table import EACH
 
 _SEARCH_BOX = 0.998
 """Share of each prior inside the box that the genetic algorithm searches."""
 _POOR = 0.75
 """Share of the draws from the priors that fit better than the one that is shown as poorly calibrated."""
 _LEAST_NOISE = 1e-3  # K, so that a perfect fit still has a noise level
-_EACH = "SI"
-"""In the place of a unit: each quantity has its own."""
 
 
 def calibrate_genetic(
@@ -67,12 +66,12 @@ _OF_SEARCH = {
     "generations": ("1", "generations that a run took"),
     "converged": ("1", "whether a run converged"),
     "history": ("K", "root mean square error of the best of each generation"),
-    "best": (_EACH, "best of a run"),
-    "first_generation_best": (_EACH, "best of a run's first generation"),
-    "mean_theta": (_EACH, "mean of the runs' best"),
-    "best_theta": (_EACH, "best of all runs"),
-    "spread_theta": (_EACH, "standard deviation of the runs' best"),
-    "poor_theta": (_EACH, "plausible wrong calibration"),
+    "best": (EACH, "best of a run"),
+    "first_generation_best": (EACH, "best of a run's first generation"),
+    "mean_theta": (EACH, "mean of the runs' best"),
+    "best_theta": (EACH, "best of all runs"),
+    "spread_theta": (EACH, "standard deviation of the runs' best"),
+    "poor_theta": (EACH, "plausible wrong calibration"),
     "unit": ("", "SI unit of each quantity"),
 }
 """Variable of genetic.nc -> its unit and what it is."""

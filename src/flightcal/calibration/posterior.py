@@ -22,12 +22,10 @@ from .heat import HeatCheck, HeatPoint
 from .heat_file import HEAT_GROUP, heat_dataset
 from .mode import Mode
 from .nuts import Draws
-from .table import Calibrated, calibrated, html_table
+from .table import EACH, Calibrated, calibrated, html_table
 
 _PLACES = 73
 """Of an orbit, at which patterns of heat are kept."""
-_EACH = "SI"
-"""In the place of a unit: each quantity has its own."""
 
 
 @dataclass(frozen=True)
@@ -213,7 +211,7 @@ _OF_SAMPLER = {
 """Variable of sample_stats -> its unit and what it is."""
 _OF_HEAT = {
     "model": ("", "what unmodelled heat is made of, as JSON"),
-    "deviation_without_heat": (_EACH, "posterior standard deviation if heat were known"),
+    "deviation_without_heat": (EACH, "posterior standard deviation if heat were known"),
     "pattern": ("W", "unmodelled heat that comes again"),
 }
 """Variable of the group heat -> its unit and what it is."""

@@ -14,6 +14,8 @@ from ..problem import Entry, Problem
 from ..scenario import WrittenUnit, written_unit
 from ..simulator import FloatArray
 
+EACH = "SI"
+"""In the place of a unit: each quantity has its own."""
 INTERVAL: Final = 0.95
 _LEVELS: Final = (0.5 - INTERVAL / 2, 0.5, 0.5 + INTERVAL / 2)
 _FAR: Final = 30.0
