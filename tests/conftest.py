@@ -1,7 +1,11 @@
 """For all tests."""
 
+import os
 import signal
 import threading
+
+# Tests run side by side; threads of linear algebra, which NumPy starts when it is imported, would spin.
+os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
 
 
 def pytest_configure():

@@ -13,6 +13,7 @@ from flightcal.calibration.heat import (
     Around,
     bend,
     check_heat,
+    draw_sizes,
     find_heat,
     follow,
     moved,
@@ -347,20 +348,18 @@ def draws_at(around, sizes, count=40):
     return z
 
 
-def test_draws_at_the_same_sizes_stay_where_they_are(linear, monkeypatch):
+def test_draws_at_the_same_sizes_stay_where_they_are(linear):
     around = linear[0]
     z = draws_at(around, SIZES)
-    monkeypatch.setattr(Around, "draw_sizes", lambda self, sizes, count, rng: np.tile(sizes, (count, 1)))
-    spread, sizes = around.spread(z, SIZES, np.random.default_rng(0))
+    spread, sizes = around.spread(z, SIZES, SIZES[None], np.random.default_rng(0))
     np.testing.assert_allclose(spread, z, rtol=0.0, atol=1e-9)
     np.testing.assert_array_equal(sizes, np.tile(SIZES, (len(z), 1)))
 
 
-def test_draws_at_other_sizes_have_the_mean_and_covariance_of_these(linear, monkeypatch):
+def test_draws_at_other_sizes_have_the_mean_and_covariance_of_these(linear):
     around, other = linear[0], SIZES * (0.5, 1.0, 2.0, 0.7)
     z = draws_at(around, SIZES)
-    monkeypatch.setattr(Around, "draw_sizes", lambda self, sizes, count, rng: np.tile(other, (count, 1)))
-    spread, sizes = around.spread(z, SIZES, np.random.default_rng(0))
+    spread, sizes = around.spread(z, SIZES, other[None], np.random.default_rng(0))
     (mean, factor), (new_mean, new_factor) = around.of_z(SIZES), around.of_z(other)
     standard = np.linalg.solve(factor, (z[:, around.moving] - mean).T)
     np.testing.assert_allclose(
@@ -373,9 +372,10 @@ def test_draws_at_other_sizes_have_the_mean_and_covariance_of_these(linear, monk
 
 def test_all_drawn_sizes_have_as_many_draws(linear):
     around = linear[0]
-    sizes = around.spread(draws_at(around, SIZES, 400), SIZES, np.random.default_rng(0))[1]
+    drawn = SIZES * np.random.default_rng(1).uniform(0.5, 2.0, (64, len(SIZES)))
+    sizes = around.spread(draws_at(around, SIZES, 400), SIZES, drawn, np.random.default_rng(0))[1]
     _, counts = np.unique(sizes, axis=0, return_counts=True)
-    assert len(counts) > 32
+    assert len(counts) == 64
     assert counts.max() - counts.min() <= 1
 
 
@@ -456,7 +456,7 @@ def test_spread_draws_are_thetas_of_the_problem_with_heat(started):
     z = np.zeros((2, 100, len(known.names)))
     z[..., order] = mean + rng.standard_normal((2, 100, len(mean))) @ factor.T
 
-    theta = spread_sizes(problem, heated, point, known, z, rng)
+    theta = spread_sizes(problem, heated, point, known, z, draw_sizes(point, rng), rng)
 
     assert theta.shape == (2, 100, len(heated.names))
     flat = theta.reshape(200, -1)
@@ -479,7 +479,7 @@ def test_simulations_with_their_heat_confirm_the_linear_response(started):
     order = [known.names.index(problem.names[k]) for k in point.around.moving]
     z = np.zeros((1, 60, len(known.names)))
     z[..., order] = mean + rng.standard_normal((1, 60, len(mean))) @ factor.T
-    thetas = spread_sizes(problem, heated, point, known, z, rng)[0]
+    thetas = spread_sizes(problem, heated, point, known, z, draw_sizes(point, rng), rng)[0]
 
     checked = check_heat(heated, thetas, rng)
 

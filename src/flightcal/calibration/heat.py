@@ -12,7 +12,6 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 from scipy.optimize import minimize
-from threadpoolctl import threadpool_limits
 
 from ..errors import FlightcalError
 from ..probability import DEVIATION, Evidence, Filter, Gains, Priors, Shaped, filter_of
@@ -54,6 +53,8 @@ _TURNED = 0.05
 """Of z, by which responses to heat are looked at again."""
 _BENT = 0.5
 """Of the log of how much heat does: by how much it may be off before the slope in the density no longer counts."""
+_SIZES = 64
+"""Draws of the sizes of noise and heat."""
 _SMALL, _MUCH = 0.3, 10.0
 """Of a prior's size, that of heat to begin with, and of what wanders in a second start."""
 
@@ -102,9 +103,7 @@ def find_heat(problem: Problem, theta: FloatArray, *, progress: Progress = SILEN
     median = problem.at(windows[0], problem.priors.median()[None])[0]
     model = replace(heat_model(problem.scenario, written, windows, median), held=tuple(held))
     try:
-        # Its threads spin while others want the processor.
-        with threadpool_limits(1):
-            return _Search(problem, windows, model).run(theta, progress)
+        return _Search(problem, windows, model).run(theta, progress)
     except SimulationFailure as failure:
         raise FlightcalError(f"heat: {failure}, next to the point that fits the telemetry best") from None
 
@@ -388,7 +387,7 @@ class _Search:
             left = np.where(own.window.valid, own.left + wide @ from_prior, 0.0)
             white = whitens.whiten(np.moveaxis(np.concatenate([wide, left[..., None]], axis=2), 1, 0), terms.valid)
             products = np.einsum("kti,ktj->kij", white, white, optimize=True)
-            gram.append(products[:, :-1, :-1])
+            gram.append(np.ascontiguousarray(products[:, :-1, :-1]))
             moment.append(products[:, :-1, -1])
             squares.append(products[:, -1, -1])
             samples.append(terms.valid.sum(axis=1))
@@ -498,12 +497,24 @@ def bend(point: HeatPoint, heated: Problem, thetas: FloatArray) -> float:
     return float(told @ np.log(heated.heat_growth(thetas)).var(axis=0))
 
 
+def draw_sizes(point: HeatPoint, rng: np.random.Generator) -> FloatArray:
+    """Sizes [k, s] of noise and heat as the telemetry leaves them; each is that of many draws of the parameters."""
+    sizes = np.array([point.sizes[name] for name in point.around.sizes.names])
+    return point.around.draw_sizes(sizes, _SIZES, rng)
+
+
 def spread_sizes(
-    problem: Problem, heated: Problem, point: HeatPoint, known: Problem, z: FloatArray, rng: np.random.Generator
+    problem: Problem,
+    heated: Problem,
+    point: HeatPoint,
+    known: Problem,
+    z: FloatArray,
+    drawn: FloatArray,
+    rng: np.random.Generator,
 ) -> FloatArray:
     """Thetas [chain, draw, d] of a problem with heat from draws z [chain, draw, k] at its most probable sizes.
 
-    problem: without heat; known: at those sizes.
+    problem: without heat; known: at those sizes; drawn: the sizes [k, s] that draws get.
     """
     flat = z.reshape(-1, z.shape[-1])
     whole = np.tile(problem.to_z(point.theta), (len(flat), 1))
@@ -512,14 +523,10 @@ def spread_sizes(
             whole[:, k] = flat[:, known.names.index(name)]
     names = point.around.sizes.names
     sizes = np.array([point.sizes[name] for name in names])
-    if len(flat):
-        with threadpool_limits(1):
-            whole, drawn = point.around.spread(whole, sizes, rng)
-    else:
-        drawn = np.empty((0, len(names)))
+    whole, own = point.around.spread(whole, sizes, drawn, rng)
     values = problem.to_theta(whole)
     found = [
-        drawn[:, names.index(name)] if name in names else values[:, problem.names.index(name)] for name in heated.names
+        own[:, names.index(name)] if name in names else values[:, problem.names.index(name)] for name in heated.names
     ]
     return np.stack(found, axis=-1).reshape(*z.shape[:2], len(found))
 

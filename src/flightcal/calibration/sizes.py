@@ -18,8 +18,6 @@ from ..simulator import FloatArray, IntArray
 _ITERATIONS = 100
 _DIFFERENCE = 1e-3
 """Of a score."""
-_SIZES = 64
-"""Draws of the sizes of noise and heat: each is that of many draws of the parameters."""
 _LEAST, _MOST = -4.0, 30.0
 """Normal scores that a size may have: 4e-5 to 30 of its half-normal prior's scale."""
 _LARGEST = 100.0
@@ -205,13 +203,14 @@ class Around:
         inner = np.eye(len(self.deviation)) + self.deviation[:, None] * gram * self.deviation
         return np.asarray(self.deviation * np.sqrt(np.diag(np.linalg.inv(inner))))
 
-    def spread(self, z: FloatArray, sizes: FloatArray, rng: np.random.Generator) -> tuple[FloatArray, FloatArray]:
-        """Draws z [S, d], which are those of the most probable sizes, as the sizes' uncertainty spreads them.
+    def spread(
+        self, z: FloatArray, sizes: FloatArray, drawn: FloatArray, rng: np.random.Generator
+    ) -> tuple[FloatArray, FloatArray]:
+        """Draws z [S, d], which are those of the most probable sizes [s], as drawn sizes [k, s] spread them.
 
         Also the sizes [S, s] of each. Every draw moves as mean and covariance of the linearised posterior do from the
         most probable sizes to those that it is given.
         """
-        drawn = self.draw_sizes(sizes, min(_SIZES, len(z)), rng)
         which = rng.permutation(np.arange(len(z)) % len(drawn))
         centre, factor = self.of_z(sizes)
         standard = np.linalg.solve(factor, (z[:, self.moving] - centre).T).T
@@ -244,7 +243,8 @@ def _moved(
 
 def _inverse(matrix: FloatArray) -> tuple[FloatArray, float]:
     """Of a symmetric positive definite matrix [r, r], and the logarithm of its determinant."""
-    factor, _ = dpotrf(matrix, lower=True)
+    # In LAPACK's order of rows and columns, so that nothing is copied.
+    factor, _ = dpotrf(matrix.T, lower=True, overwrite_a=True)
     half, _ = dpotri(factor, lower=True)
     lower = np.tril(half)
     return lower + np.tril(half, -1).T, 2.0 * float(np.log(np.diag(factor)).sum())

@@ -6,13 +6,25 @@ from collections.abc import Sequence
 from dataclasses import replace
 
 import numpy as np
+from threadpoolctl import threadpool_limits
 
 from ..problem import Problem, Whitening, at_sizes, sampled_windows, whitening
 from ..progress import Progress
 from ..scenario import NutsSettings
 from ..simulator import FloatArray
 from .diagnostics import Gate, diagnose, gate, with_gate
-from .heat import HeatCheck, HeatPoint, bend, check_heat, find_heat, follow, moved, spread_sizes, start_with_heat
+from .heat import (
+    HeatCheck,
+    HeatPoint,
+    bend,
+    check_heat,
+    draw_sizes,
+    find_heat,
+    follow,
+    moved,
+    spread_sizes,
+    start_with_heat,
+)
 from .mode import check_simulated, climb, find_mode
 from .nuts import sample, some_drawn
 from .posterior import Posterior, prior_scores
@@ -37,6 +49,7 @@ MOST_PARETO_K = 0.7
 """Above it importance weights cannot be relied on (Vehtari et al. 2024, JMLR 25, 72)."""
 
 
+@threadpool_limits.wrap(limits=1)
 def calibrate_with_heat(
     problem: Problem,
     settings: NutsSettings,
@@ -71,7 +84,8 @@ def calibrate_with_heat(
     coordinates = whitening(mode.z, known.gauss_newton_hessian(mode.z))
     theta = _with_parts(theta, heated, known, mode.z)
     around = coordinates.to_z(rng.standard_normal((1, _NEAR, len(mode.z))))
-    near = spread_sizes(problem, heated, point, known, around, rng)[0]
+    sizes = draw_sizes(point, rng)
+    near = spread_sizes(problem, heated, point, known, around, sizes, rng)[0]
     with progress.stage("response to heat") as search:
         following = follow(problem, point, heated, theta)
         ahead, start = start_with_heat(problem, following)
@@ -83,7 +97,7 @@ def calibrate_with_heat(
     if straight:
         density = known.log_density_and_gradient
         draws = some_drawn(sample(density, coordinates, settings, seed, native=known.native_density, progress=progress))
-        theta = spread_sizes(problem, heated, point, known, draws.z, rng)
+        theta = spread_sizes(problem, heated, point, known, draws.z, sizes, rng)
     else:
         density = heated.log_density_and_gradient
         careful = settings.model_copy(update={"target_acceptance": max(settings.target_acceptance, _CAREFUL)})

@@ -9,7 +9,6 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.linalg import solve_triangular
 from scipy.linalg.lapack import dtrtri
 
 from ..compiled import Row
@@ -34,6 +33,8 @@ if TYPE_CHECKING:
     from .likelihood import Residuals, WindowMemory
 
 _LOG_2_PI = math.log(2.0 * math.pi)
+_TOLD = 1e-4
+"""Of what the prior knows of a direction: where the telemetry tells less, residuals are as good as not explained."""
 
 
 @dataclass(frozen=True)
@@ -154,16 +155,17 @@ def _known_rows(
 ) -> tuple[tuple[list[Row], ...], list[Row], tuple[list[Row], ...]]:
     """`heat_rows` where the sizes of noise and heat are known."""
     roots, precision = sizes.roots, np.tile(sizes.deviations, len(residuals)) ** -2.0
-    lower = np.linalg.cholesky(np.eye(len(roots)) + roots[:, None] * np.tensordot(precision, known.products, 1) * roots)
-    determinant = 2.0 * float(np.log(np.diag(lower)).sum()) + float(known.determinant.sum())
+    told, directions = np.linalg.eigh(roots[:, None] * np.tensordot(precision, known.products, 1) * roots)
+    determinant = float(np.log1p(told).sum() + known.determinant.sum())
     determinant += float(known.samples @ (_LOG_2_PI - np.log(precision)))
-    squares, projected = np.zeros(1), np.zeros(len(roots))
+    kept = told > _TOLD
+    root = roots[:, None] * directions[:, kept] * (1.0 + told[kept]) ** -0.5
+    squares, projected = np.zeros(1), np.zeros(kept.sum())
     forward, backward = [], []
     for place, (own, memory, whitens, response) in enumerate(
         zip(residuals, memories, known.filters, known.white, strict=True)
     ):
-        scaled = response / sizes.deviations[:, None, None] * roots
-        explaining = solve_triangular(lower, scaled.reshape(-1, len(roots)).T, lower=True).T.reshape(scaled.shape)
+        explaining = response / sizes.deviations[:, None, None] @ root
         call = KnownWindowCall(
             own.valid, memory.observed, memory.simulated, whitens.decay, whitens.gain,
             whitens.root / sizes.deviations[:, None], np.ascontiguousarray(explaining), int(place == 0),

@@ -9,6 +9,8 @@ from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Any, Generic, TypeVar
 
+from threadpoolctl import threadpool_limits
+
 from ..progress import SILENT, Progress
 from .folder import RunDirectory, hash_of, hash_of_file
 from .records import plain
@@ -67,7 +69,8 @@ class Run:
             made = stage.read(self, *inputs)
         else:
             started = self.folder.begin(stage.name)
-            with self._shown(stage) as progress:
+            # Threads of linear algebra spin where others want the processor, and then take many times as long.
+            with self._shown(stage) as progress, threadpool_limits(1):
                 inside = replace(self, progress=_Logged(progress, self.folder, stage.name))
                 stage.make(inside, *inputs, **settings)
                 made = stage.read(self, *inputs)

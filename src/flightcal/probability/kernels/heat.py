@@ -182,7 +182,7 @@ def close(call):
     for p in range(parts):
         trace[p] = 0.0
         for i in range(m):
-            trace[p] += _dot(covariance, products, p, i, m)
+            trace[p] += _product(covariance[i], products[p, i], i)
     return 0
 
 
@@ -271,14 +271,6 @@ def _add_growth_bar(call, i, bar):
         call.scales_bar[first + j] += bar * slope[i, j] * by_entry
 
 
-@inlined
-def _dot(covariance, products, p, i, m):
-    total = 0.0
-    for j in range(i, m):
-        total += covariance[i, j] * products[p, i, j]
-    return total
-
-
 @kernel
 def returns(call):
     """Derivatives by what is simulated, and by the noise's deviations."""
@@ -295,7 +287,7 @@ def returns(call):
             t = count - 1 - back
             simulated_bar[t, k] = 0.0
             if valid[k, t]:
-                left = white[k, t] - _explained(response, shown, k, t)
+                left = white[k, t] - _product(response[k, t], shown, 0)
                 squares += left * left
                 new_bar = root[k, t] * weight * left + gain[k, t] * state_bar
                 simulated_bar[t, k] = new_bar
@@ -320,10 +312,23 @@ def _whiten(valid, observed, simulated, decay, gain, root, k, white, total):
 
 
 @inlined
-def _explained(response, weights, k, t):
-    total = 0.0
-    for j in range(weights.shape[0]):
-        total += response[k, t, j] * weights[j]
+def _product(first, second, start):
+    """Of two vectors from `start` on, in eight sums: the processor adds them up side by side."""
+    end = first.shape[0]
+    whole = start + (end - start) // 8 * 8
+    a, b, c, d, e, f, g, h = 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0
+    for j in range(start, whole, 8):
+        a += first[j] * second[j]
+        b += first[j + 1] * second[j + 1]
+        c += first[j + 2] * second[j + 2]
+        d += first[j + 3] * second[j + 3]
+        e += first[j + 4] * second[j + 4]
+        f += first[j + 5] * second[j + 5]
+        g += first[j + 6] * second[j + 6]
+        h += first[j + 7] * second[j + 7]
+    total = ((a + e) + (c + g)) + ((b + f) + (d + h))
+    for j in range(whole, end):
+        total += first[j] * second[j]
     return total
 
 
@@ -411,7 +416,7 @@ def returns_known(call):
             t = count - 1 - back
             simulated_bar[t, k] = 0.0
             if valid[k, t]:
-                left = white[k, t] - _explained(explaining, projected, k, t)
+                left = white[k, t] - _product(explaining[k, t], projected, 0)
                 new_bar = root[k, t] * left + gain[k, t] * state_bar
                 simulated_bar[t, k] = new_bar
                 state_bar = decay[k, t] * (state_bar - new_bar)
