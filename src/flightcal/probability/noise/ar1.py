@@ -62,19 +62,32 @@ def opens(call):
         moment[i] = 0.0
         for j in range(i, m):
             gram[i, j] = 0.0
-    squares, samples = 0.0, 0
-    for t in range(columns.shape[0]):
-        if not valid[t]:
-            continue
-        last = whitened[t, m]
-        squares += last * last
-        samples += 1
+    count, samples = columns.shape[0], 0
+    for t in range(count):
+        samples += 1 if valid[t] else 0
+    # Four samples at a time, for what is added to is larger than a cache; those that are not valid are zero.
+    whole = count // 4 * 4
+    for t in range(0, whole, 4):
         for i in range(m):
-            moment[i] += whitened[t, i] * last
+            first, second, third, fourth = whitened[t, i], whitened[t + 1, i], whitened[t + 2, i], whitened[t + 3, i]
+            for j in range(i, m):
+                gram[i, j] += (
+                    first * whitened[t, j]
+                    + second * whitened[t + 1, j]
+                    + third * whitened[t + 2, j]
+                    + fourth * whitened[t + 3, j]
+                )
+    for t in range(whole, count):
         for i in range(m):
             left = whitened[t, i]
             for j in range(i, m):
                 gram[i, j] += left * whitened[t, j]
+    squares = 0.0
+    for t in range(count):
+        last = whitened[t, m]
+        squares += last * last
+        for i in range(m):
+            moment[i] += whitened[t, i] * last
     known = call.known
     call.scale[0] = 1.0
     known[0], known[1], known[2] = log_determinant, squares, samples
@@ -91,27 +104,48 @@ def returns(call):
     for i in range(m):
         for j in range(m):
             covariance[i, j] = 0.0
-    for k in range(m):
+    # Four at a time; see `opens`. The inverse is a lower triangle, with zeros above.
+    whole = m // 4 * 4
+    for k in range(0, whole, 4):
+        for i in range(k + 4):
+            first, second, third, fourth = inverse[k, i], inverse[k + 1, i], inverse[k + 2, i], inverse[k + 3, i]
+            for j in range(k + 4):
+                covariance[i, j] += (
+                    first * inverse[k, j]
+                    + second * inverse[k + 1, j]
+                    + third * inverse[k + 2, j]
+                    + fourth * inverse[k + 3, j]
+                )
+    for k in range(whole, m):
         for i in range(k + 1):
-            left = inverse[k, i] * prior[i]
+            left = inverse[k, i]
             for j in range(k + 1):
                 covariance[i, j] += left * inverse[k, j]
     for i in range(m):
         for j in range(m):
-            covariance[i, j] *= prior[j]
+            covariance[i, j] *= prior[i] * prior[j]
     for t in range(whitened.shape[0]):
-        if not valid[t]:
-            continue
         left = whitened[t, m]
         for j in range(m):
             left -= whitened[t, j] * mean[j]
         for j in range(m):
             whitened_bar[t, j] = left * mean[j]
+        whitened_bar[t, m] = -left
+    whole = whitened.shape[0] // 4 * 4
+    for t in range(0, whole, 4):
+        for i in range(m):
+            first, second, third, fourth = whitened[t, i], whitened[t + 1, i], whitened[t + 2, i], whitened[t + 3, i]
+            for j in range(m):
+                told = covariance[i, j]
+                whitened_bar[t, j] -= first * told
+                whitened_bar[t + 1, j] -= second * told
+                whitened_bar[t + 2, j] -= third * told
+                whitened_bar[t + 3, j] -= fourth * told
+    for t in range(whole, whitened.shape[0]):
         for i in range(m):
             one = whitened[t, i]
             for j in range(m):
                 whitened_bar[t, j] -= one * covariance[i, j]
-        whitened_bar[t, m] = -left
     pull_back_filter(
         noise.seconds, valid, noise.numbers, rows[0], rows[1], rows[2],
         columns[0], whitened, whitened_bar, columns_bar, call.state, noise.numbers_bar,
