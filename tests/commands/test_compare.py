@@ -18,8 +18,8 @@ from flightcal.prediction import Metric
 from flightcal.progress import SILENT
 from flightcal.report import write_comparison
 from flightcal.run import plain
-from flightcal.scenario import heat_of, load_scenario, noise_of, resolved_yaml
-from flightcal.validation import MODELS, BlockLoo, comparison_of, variant
+from flightcal.scenario import NOISE_BESIDE_HEAT, heat_of, load_scenario, noise_of, resolved_yaml
+from flightcal.validation import MODELS, BlockLoo, comparison_of, models_of, variant
 from flightcal.validation.comparison import backtest_summary, recommend, recommend_by_backtest
 from tests import small
 from tests.commands.test_calibrate import write
@@ -55,6 +55,7 @@ def test_every_model_of_a_scenario_is_a_scenario_without_findings(tmp_path, mode
         "ar1": ("ar1", "normal"),
         "phase+ar1": ("ar1", "normal"),
     }.get(model, ("iid", "normal"))
+    assert (heat_of(found) is not None) == (model == "heat")
     assert noise.standard_deviation.scale == 0.5
     assert noise_of(found, "panel_temp").standard_deviation == 0.1
     own = found.discrepancy
@@ -64,13 +65,33 @@ def test_every_model_of_a_scenario_is_a_scenario_without_findings(tmp_path, mode
         assert own.phase.harmonics == 5
 
 
-@pytest.mark.parametrize("model", MODELS)
-def test_no_model_has_heat_nor_the_noise_beside_it(tmp_path, model):
+@pytest.mark.parametrize("model", MODELS[1:])
+def test_no_other_model_has_heat_nor_the_noise_beside_it(tmp_path, model):
     written = small.content()
     plain = variant(small.load(tmp_path, written)[0], model)
     with_heat = variant(small.load(tmp_path, written | {"heat": {}})[0], model)
     assert heat_of(with_heat) is None
     assert noise_of(with_heat, "body_temp") == noise_of(plain, "body_temp")
+
+
+def test_with_heat_a_scenario_is_as_by_default(tmp_path):
+    written = small.content()
+    plain = small.load(tmp_path, written | {"heat": "none"})[0]
+    own = variant(plain, "heat")
+    assert heat_of(own) == heat_of(small.load(tmp_path, written | {"heat": {}})[0])
+    assert noise_of(own, "body_temp") == NOISE_BESIDE_HEAT
+    narrow = {"pattern": {"scale": 0.01}}
+    assert heat_of(variant(small.load(tmp_path, written | {"heat": narrow})[0], "heat")).pattern.scale == 0.01
+    noise = {"model": "ar1", "standard_deviation": {"half_normal": "0.3 K"}}
+    scenario = small.load(tmp_path, written | {"heat": {}, "noise": noise})[0]
+    assert noise_of(variant(scenario, "heat"), "body_temp").standard_deviation.scale == 0.3
+
+
+def test_a_simulator_that_takes_no_heat_is_compared_without(tmp_path):
+    scenario = small.load(tmp_path, small.content())[0]
+    assert models_of(scenario) == MODELS
+    no_nodes = scenario.simulator.model_copy(update={"nodes": {}})
+    assert models_of(scenario.model_copy(update={"simulator": no_nodes})) == MODELS[1:]
 
 
 @pytest.mark.parametrize(("model", "scale"), [("iid", 2.0), ("phase", 2.0), ("ar1", 0.1), ("phase+ar1", 0.1)])
@@ -98,6 +119,10 @@ def test_the_best_log_score_among_models_that_converged_is_recommended():
     assert "not converged: both" in reason
     assert "CRPS 0.35 K instead of 0.6 K (-42%)" in reason
     assert "predicted best by 'time', which says less" in reason
+    found["heat"] = dict(found["phase"], log_score=-0.4)
+    best, reason = recommend(found, loos, passed | {"heat": True})
+    assert best == "heat"
+    assert "locks left out" not in reason
 
 
 def test_an_interval_that_does_not_cover_is_not_recommended_without_caution():
@@ -285,7 +310,7 @@ def test_each_model_is_backtested_if_asked_for(tmp_path, monkeypatch):
     metric = Metric("stochastic", "test", "all", "log_score", 1.0, "nat")
     asked = []
 
-    def experiment(file, run, *, progress=SILENT):
+    def experiment(file, run, *, searched=None, progress=SILENT):
         return Summary(run, run / "report.html", {"passed": True}, (metric,), False, None, {})
 
     def backtested(file, out, *, progress=SILENT):
@@ -333,7 +358,7 @@ def test_an_interrupted_sampling_ends_the_comparison_and_what_was_left_out_is_ke
     scenario_file, out = write(tmp_path), tmp_path / "out"
     ran = []
 
-    def experiment(file, run, *, progress=SILENT):
+    def experiment(file, run, *, searched=None, progress=SILENT):
         run.mkdir(parents=True, exist_ok=True)
         ran.append(run.name)
         return Summary(run, run / "report.html", {"passed": True}, (), run.name == "ar1", None, {})
@@ -355,7 +380,7 @@ def test_scores_of_windows_left_out_stand_in_the_comparison_if_asked_for(tmp_pat
     values = {"rmse": 1.0, "mape_kelvin": 0.3, "picp": 0.95, "mpiw": 4.0, "crps": 0.6, "log_score": -1.0}
     metrics = [Metric("stochastic", "test", "all", name, value, "K") for name, value in values.items()]
 
-    def experiment(file, run, *, progress=SILENT):
+    def experiment(file, run, *, searched=None, progress=SILENT):
         run.mkdir(parents=True, exist_ok=True)
         return Summary(run, run / "report.html", {"passed": True}, tuple(metrics), False, None, {})
 

@@ -1,4 +1,4 @@
-"""`flightcal compare`: a scenario under several models of its residuals, side by side on windows that none has seen.
+"""`flightcal compare`: a scenario with several models of what the simulator lacks, side by side on unseen windows.
 
 Every model is the whole experiment in a folder of its own. What is compared is how well its posterior predicts the
 windows that come after the training: leaving out the future, as an operator does. Leaving blocks out of the training
@@ -35,8 +35,11 @@ def compare(
     scenario: ScenarioFile,
     out: Annotated[Path, typer.Option(help="Folder of the runs; what is done in it is not run again.")],
     models: Annotated[
-        str, typer.Option(help="Which to compare: iid, ar1, time, phase, both, phase+ar1.")
-    ] = "iid,ar1,time,phase,both,phase+ar1",
+        str | None,
+        typer.Option(
+            help="Which to compare: heat, iid, ar1, time, phase, both, phase+ar1. [default: heat, iid, ar1, phase+ar1]"
+        ),
+    ] = None,
     leave_windows_out: Annotated[
         bool, typer.Option("--leave-windows-out", help="Also predict each training window by the others.")
     ] = False,
@@ -45,7 +48,7 @@ def compare(
     ] = False,
     telemetry: TelemetryPlace = None,
 ) -> None:
-    """Calibrate with several models of noise and discrepancy, compare them on unseen windows, and recommend one.
+    """Calibrate with several models of what the simulator lacks, compare them on unseen windows, and recommend one.
 
     A few windows may favour a model by chance: with `--backtest` they are ranked by their CRPS after rolling origins.
 
@@ -53,7 +56,7 @@ def compare(
     """
     from .display import display, print_comparison
 
-    chosen = [model.strip() for model in models.split(",") if model.strip()]
+    chosen = None if models is None else [model.strip() for model in models.split(",") if model.strip()]
     with display() as progress:
         comparison = compare_models(
             scenario,
@@ -87,7 +90,7 @@ class Comparison:
 def compare_models(
     scenario_file: Path | str,
     out: Path | str,
-    models: Sequence[str],
+    models: Sequence[str] | None = None,
     *,
     telemetry: Path | str | None = None,
     leave_windows_out: bool = False,
@@ -96,20 +99,24 @@ def compare_models(
 ) -> Comparison:
     """Run the experiment with each model in a folder of its name in `out`, and write comparison.json and .html.
 
-    models: some of `validation.MODELS`. What is done in the folder is not run again. leave_windows_out: also predict
-    each training window by the others (see `validation.leave_windows_out`). backtest: also backtest each model, in
-    `<model>_backtest`, and recommend by that.
+    models: some of `validation.MODELS`; None: the usual ones that the scenario can have. What is done in the folder is
+    not run again; the genetic algorithm is run once for all. leave_windows_out: also predict each training window by
+    the others (see `validation.leave_windows_out`). backtest: also backtest each model, in `<model>_backtest`, and
+    recommend by that.
     Raises FlightcalError for what is the user's to mend, and KeyboardInterrupt after a sampling that was interrupted.
     """
     from ..report import write_comparison
     from ..run import locked, plain, sweep, write_json, write_text
-    from ..scenario import is_trained, load_scenario, resolved_yaml
-    from ..validation import MODELS, check_windows, comparison_of, variant
+    from ..scenario import heat_of, is_trained, load_scenario, resolved_yaml
+    from ..validation import USUAL, check_windows, comparison_of, models_of, variant
 
-    unknown = [model for model in models if model not in MODELS]
-    if unknown or len(models) < 2:
-        raise RunError(f"--models: found {', '.join(unknown or models)}, expected two or more of {', '.join(MODELS)}")
     scenario = load_scenario(scenario_file, telemetry=telemetry)
+    known = models_of(scenario)
+    if models is None:
+        models = [model for model in USUAL if model in known]
+    unknown = [model for model in models if model not in known]
+    if unknown or len(set(models)) < 2:
+        raise RunError(f"--models: found {', '.join(unknown or models)}, expected two or more of {', '.join(known)}")
     if all(is_trained(window) for window in scenario.windows):
         raise RunError(f"{scenario_file}: windows: found none but those to train on, expected one to compare on")
     if leave_windows_out:
@@ -118,16 +125,21 @@ def compare_models(
     folder.mkdir(parents=True, exist_ok=True)
     with locked(folder, _LOCK):
         sweep(folder)
-        summaries, loos, others, backtests = {}, {}, {}, {}
+        summaries: dict[str, Summary] = {}
+        loos, others, backtests = {}, {}, {}
         progress.say(_expected(scenario, models, leave_windows_out=leave_windows_out, backtest=backtest))
         for model in models:
             progress.say(model)
             file = folder / f"{model}.yaml"
-            write_text(file, resolved_yaml(variant(scenario, model), absolute=True))
-            summaries[model] = run_experiment(file, folder / model, progress=progress)
+            own = variant(scenario, model)
+            write_text(file, resolved_yaml(own, absolute=True))
+            first = next(iter(summaries.values()), None)
+            searched = None if first is None else first.run
+            summaries[model] = run_experiment(file, folder / model, searched=searched, progress=progress)
             if summaries[model].interrupted:
                 raise KeyboardInterrupt
-            loos[model] = _block_loo(file, summaries[model])
+            if heat_of(own) is None:
+                loos[model] = _block_loo(file, summaries[model])
             if leave_windows_out:
                 others[model] = _left_out(file, summaries[model], progress)
             if backtest:

@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from ..errors import GATE_FAILED, RunError
+from ..errors import GATE_FAILED
 from ..progress import SILENT, Progress
 from .options import ScenarioFile, TelemetryPlace
 
@@ -57,11 +57,9 @@ def validate_scenario(
     """
     from ..report import write_validation
     from ..run import hash_of
-    from ..validation import MODELS, judge, prepared, run_repeats, short
+    from ..validation import judge, prepared, run_repeats, short
     from .folder import open_for
 
-    if residuals is not None and residuals not in MODELS:
-        raise RunError(f"--residuals: found {residuals}, expected one of {', '.join(MODELS)}")
     source = (str(scenario_file), None if telemetry is None else str(telemetry), residuals)
     problem, _ = prepared(*source)
     scenario = problem.scenario

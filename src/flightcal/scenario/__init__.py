@@ -63,6 +63,7 @@ from .reduced import REDUCED_MODEL_FORMAT
 from .residuals import NEEDS, Discrepancy, DutyCycle, Noise, PhaseDiscrepancy, SwitchTimes, TimeDiscrepancy
 from .resolved import resolved_yaml
 from .schema import (
+    NOISE_BESIDE_HEAT,
     Channel,
     InitialState,
     Observation,
@@ -71,6 +72,7 @@ from .schema import (
     Scenario,
     TelemetryFile,
     TimeColumn,
+    can_have_heat,
     default_noise,
     heat_of,
     input_files,
@@ -85,6 +87,7 @@ from .windows import Window, is_trained
 __all__ = [
     "DEEP_SPACE",
     "NEEDS",
+    "NOISE_BESIDE_HEAT",
     "REDUCED_MODEL_FORMAT",
     "AnyBlock",
     "Attitude",
@@ -166,6 +169,7 @@ __all__ = [
     "blocks_of",
     "calibrated_numbers",
     "calibrated_text",
+    "can_have_heat",
     "default_noise",
     "file_error",
     "heat_of",

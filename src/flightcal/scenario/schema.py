@@ -279,7 +279,7 @@ _FINEST = 5e-3
 """K, error of the integration that no telemetry shows."""
 _BY_DEFAULT = True
 """Whether a scenario that does not write `heat` has it."""
-_BESIDE_HEAT = Noise(
+NOISE_BESIDE_HEAT = Noise(
     model="ar1",
     standard_deviation=HalfNormal(scale=1.0),
     correlation_time=LogNormal(median=300.0, factor=2.0),
@@ -361,7 +361,7 @@ def noise_of(scenario: Scenario, channel: str) -> Noise:
 def default_noise(scenario: Scenario) -> Noise:
     """The noise of channels that have none of their own; where the scenario writes none, beside heat it is AR(1)."""
     written = "noise" in scenario.model_fields_set
-    return scenario.noise if written or heat_of(scenario) is None else _BESIDE_HEAT
+    return scenario.noise if written or heat_of(scenario) is None else NOISE_BESIDE_HEAT
 
 
 def heat_of(scenario: Scenario) -> Heat | None:
@@ -371,10 +371,11 @@ def heat_of(scenario: Scenario) -> Heat | None:
     """
     if scenario.heat is not None:
         return scenario.heat if isinstance(scenario.heat, Heat) else None
-    return Heat() if _BY_DEFAULT and _can_have_heat(scenario) else None
+    return Heat() if _BY_DEFAULT and can_have_heat(scenario) else None
 
 
-def _can_have_heat(scenario: Scenario) -> bool:
+def can_have_heat(scenario: Scenario) -> bool:
+    """Whether the simulator takes heat, and the scenario has nothing that heat cannot stand beside."""
     model = scenario.simulator
     if not isinstance(model, SimulatorModel) or (model.errors and model.reduced_model is None):
         return False

@@ -6,7 +6,7 @@ scenario, simulator, telemetry.
 
 from .backtest import backtest_record, origin_settings, origin_stage
 from .block_loo import BlockLoo
-from .comparison import MODELS, block_loo, comparison_of, variant
+from .comparison import MODELS, USUAL, block_loo, comparison_of, models_of, variant
 from .full_simulator import FULL_SIMULATOR
 from .horizon import ALL, ahead
 from .left_out import check_windows, leave_windows_out
@@ -30,6 +30,7 @@ __all__ = [
     "INTERVALS",
     "MODELS",
     "SIGNIFICANCE",
+    "USUAL",
     "Band",
     "BlockLoo",
     "Coverage",
@@ -53,6 +54,7 @@ __all__ = [
     "joint",
     "judge",
     "leave_windows_out",
+    "models_of",
     "origin_settings",
     "origin_stage",
     "plan_origins",

@@ -15,11 +15,14 @@ from ..prediction import Metric
 from ..problem import Problem
 from ..scenario import (
     NEEDS,
+    NOISE_BESIDE_HEAT,
     Discrepancy,
+    Heat,
     Noise,
     PhaseDiscrepancy,
     Scenario,
     TimeDiscrepancy,
+    can_have_heat,
     is_trained,
     noise_of,
 )
@@ -28,9 +31,12 @@ from .block_loo import BlockLoo, block_log_likelihood, blocks_of, leave_blocks_o
 from .horizon import ALL
 from .residuals import effective_samples
 
-MODELS = ("iid", "ar1", "time", "phase", "both", "phase+ar1")
-"""iid: independent noise, as published; ar1: correlated; time, phase, both: independent and a discrepancy; phase+ar1:
-a discrepancy that comes again in every orbit, and correlated noise for what does not."""
+MODELS = ("heat", "iid", "ar1", "time", "phase", "both", "phase+ar1")
+"""heat: unmodelled heat, the default; iid: independent noise, as published; ar1: correlated; time, phase, both:
+independent and a discrepancy; phase+ar1: a discrepancy that comes again in every orbit, and correlated noise for what
+does not."""
+USUAL = ("heat", "iid", "ar1", "phase+ar1")
+"""Those that are compared if nobody says which."""
 
 COMPARED = ("rmse", "mape_kelvin", "picp", "mpiw", "crps", "log_score")
 COVERED = (0.90, 0.99)
@@ -40,12 +46,19 @@ CLEAR = 2.0
 _DRAWS = 200
 
 
-def variant(scenario: Scenario, model: str) -> Scenario:
-    """The scenario with another model of the residuals: its own blocks where it has them, their defaults elsewhere.
+def models_of(scenario: Scenario) -> tuple[str, ...]:
+    """Those of `MODELS` that a scenario can have: not every simulator takes heat."""
+    return MODELS if can_have_heat(variant(scenario, "heat")) else MODELS[1:]
 
-    Heavy tails and rounding stay with iid alone, for they go together with neither correlation nor discrepancy. None of
-    them has heat, and noise that is left out is that of scenarios without it.
+
+def variant(scenario: Scenario, model: str) -> Scenario:
+    """The scenario with another model of what the simulator lacks: its own blocks where it has them, or their defaults.
+
+    Heavy tails and rounding stay with iid alone, for they go together with nothing else. Without heat, noise that is
+    left out is that of scenarios without it.
     """
+    if model == "heat":
+        return _with_heat(scenario)
     scenario = scenario.model_copy(update={"heat": "none"})
 
     def noise(own: Noise) -> Noise:
@@ -89,9 +102,10 @@ def comparison_of(
 ) -> dict[str, Any]:
     """Content of comparison.json: scores by model, the blocks left out, and what is recommended and why.
 
-    backtests: backtest.json of each model; where they are given, they tell which model is recommended. predictions:
-    of each model by unseen window; they or the backtests tell the error of a difference. Nothing is recommended
-    (None) where another model that was sampled well is within `CLEAR` errors of the best.
+    loos: of those models for which blocks were left out. backtests: backtest.json of each model; where they are given,
+    they tell which model is recommended. predictions: of each model by unseen window; they or the backtests tell the
+    error of a difference. Nothing is recommended (None) where another model that was sampled well is within `CLEAR`
+    errors of the best.
     """
     rows = []
     for model, found in metrics.items():
@@ -138,6 +152,22 @@ def comparison_of(
             for model, loo in loos.items()
         },
     }
+
+
+def _with_heat(scenario: Scenario) -> Scenario:
+    """The scenario with heat, and with its own noise where that can stand beside heat.
+
+    What is written for all channels of noise without a memory says nothing of noise beside heat.
+    """
+    observations = {}
+    for channel, item in scenario.observations.items():
+        own = item.noise
+        if isinstance(own, Noise) and own.not_normal:
+            item = item.model_copy(update={"noise": Noise.model_construct(standard_deviation=own.standard_deviation)})
+        observations[channel] = item
+    heat = scenario.heat if isinstance(scenario.heat, Heat) else Heat()
+    noise = scenario.noise if scenario.noise.model == "ar1" else NOISE_BESIDE_HEAT
+    return scenario.model_copy(update={"observations": observations, "noise": noise, "heat": heat, "discrepancy": None})
 
 
 @dataclass(frozen=True)
@@ -292,7 +322,7 @@ def recommend(
     inside = max(loos, key=lambda model: loos[model].density)
     if inside == best:
         words.append("It also predicts blocks left out of the training window best.")
-    else:
+    elif best in loos:
         words.append(
             f"Blocks left out of the training window are predicted best by '{inside}', which says less: their "
             "neighbours in time are known, those of the future are not."

@@ -28,7 +28,7 @@ from ..run import RunDirectory, each, plain
 from ..scenario import NutsSettings, load_scenario
 from ..simulator import FloatArray, SimulationFailure
 from ..telemetry import read
-from .comparison import variant
+from .comparison import models_of, variant
 from .simulation_based import INTERVALS, RankCheck, Repeat, check_ranks, ranks
 
 LOG_DENSITY = "log density"
@@ -214,6 +214,8 @@ def prepared(scenario_file: str, telemetry: str | None, residuals: str | None) -
     """The scenario's problem and its telemetry: once in each process."""
     scenario = load_scenario(scenario_file, telemetry=telemetry)
     if residuals is not None:
+        if residuals not in models_of(scenario):
+            raise RunError(f"--residuals: found {residuals}, expected one of {', '.join(models_of(scenario))}")
         scenario = variant(scenario, residuals)
     data = read(scenario)
     problem = build_problem(scenario, data)
