@@ -1,6 +1,7 @@
 """Two heaters on one switch: one thermostat, one status, heat in two nodes."""
 
 from dataclasses import replace
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -21,9 +22,12 @@ from flightcal.problem import (
     sampled_windows,
     unit_heats,
 )
-from flightcal.scenario import calibrated_text, load_scenario, resolved_yaml, settable
+from flightcal.scenario import calibrated_text, heat_of, load_scenario, resolved_yaml, settable
 from flightcal.simulator.network import STEFAN_BOLTZMANN
+from flightcal.telemetry import read
 from tests import small
+
+LEO = Path(__file__).parents[2] / "examples" / "leo_observer" / "scenario.yaml"
 
 
 def written(**more):
@@ -142,6 +146,21 @@ def test_the_moment_of_a_switch_is_one_unknown_for_the_heat_of_both(problem):
     lasting = np.repeat(np.diff(window.network.drive.times), 2) / 2.0
     spread = switching.interval[1] / np.sqrt(12.0)
     np.testing.assert_allclose(heat @ lasting, [30.0 * spread, 8.0 * spread], rtol=1e-9)
+
+
+def test_heat_that_moves_a_switch_acts_between_the_samples_that_show_it_and_nowhere_else():
+    scenario = load_scenario(LEO)
+    problem = build_problem(scenario, read(scenario))
+    (window,) = sampled_windows(problem)
+    theta = problem.at(window, problem.priors.median()[None])[0]
+    model = heat_model(scenario, heat_of(scenario), (window,), theta)
+    own, switching, times = switches_of(model, window), window.switching, window.network.drive.times
+    assert len(own.series) == len(switching.time) > 20
+    for series, time, interval in zip(own.series, switching.time, switching.interval, strict=True):
+        middle = 0.5 * (times[1:] + times[:-1])
+        inside = np.repeat(np.abs(middle - time) < 0.5 * interval, 2)
+        np.testing.assert_allclose(series[~inside], 0.0, atol=1e-6)
+        np.testing.assert_allclose(series[inside], series.max(), rtol=1e-6)
 
 
 def test_its_response_is_that_of_the_heat_in_both_nodes(problem):

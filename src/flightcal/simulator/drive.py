@@ -15,7 +15,14 @@ from numpy.typing import NDArray
 from ..environment import face_fluxes, sample_times, shadow_edges, slew_edges, sun_edges
 from ..errors import TelemetryError, require_memory
 from ..scenario import Scenario, SpinningAttitude, load_driver
-from ..telemetry import driver_corners, driver_series, status_changes, status_fraction, status_or_unknown
+from ..telemetry import (
+    driver_corners,
+    driver_series,
+    status_changes,
+    status_fraction,
+    status_or_unknown,
+    switch_bounds,
+)
 from .network import Network, flux_kinds
 from .system import Drive, FloatArray
 
@@ -153,7 +160,8 @@ def window_inputs(
     eclipse = scenario.environment.eclipse
     flagged = inside([] if eclipse is None else status_changes(telemetry, eclipse.measured_by))
     jumps = np.union1d(inside([change.at for change in model.timeline]), flagged)
-    switched = inside([time for name in _driving(scenario) for time in status_changes(telemetry, name)])
+    # A measured switch lies anywhere between two samples: in between the heater has half of its power.
+    switched = inside([time for name in _driving(scenario) for time in switch_bounds(telemetry, name)])
     kinks = inside(_kinks(scenario, start, end))
     breaks = _apart(np.concatenate([[0.0], jumps, switched, kinks, [duration]]))
     channels = scenario.telemetry.channels
@@ -187,10 +195,11 @@ def window_inputs(
             series[f"temperature2.{name}"] = measured**2
             series[f"temperature4.{name}"] = measured**4
     series |= {f"heat.{name}": np.zeros(len(points)) for name in network.heated}
+    middle = 0.5 * (points[1:] + points[:-1])
     return Inputs(
         times=points,
         values=np.stack([series[column] for column in network.columns]),
-        driven=_measured_heaters(scenario, telemetry, times),
+        driven=_measured_heaters(scenario, telemetry, start, breaks)[np.searchsorted(breaks, middle) - 1],
         breaks=breaks,
         corners=corners,
         settling=np.empty(0) if network.structure.mass.all() else np.array([0.0, *jumps]),
@@ -314,15 +323,14 @@ def _driving(scenario: Scenario) -> list[str]:
     return [heater.measured_by or "" for heater in scenario.network.switches.values()]
 
 
-def _measured_heaters(scenario: Scenario, telemetry: xarray.Dataset, times: Times) -> FloatArray:
-    """[M - 1, H] between `times` [M], see `Inputs`."""
-    measured = np.full((len(times) - 1, len(scenario.network.switches)), np.nan)
-    # Nothing has a share of a jump's two times.
-    lasting = np.diff(times) > np.timedelta64(0, "ns")
-    edges = times[np.concatenate([[True], lasting])]
+def _measured_heaters(
+    scenario: Scenario, telemetry: xarray.Dataset, start: np.datetime64, breaks: FloatArray
+) -> FloatArray:
+    """[B - 1, H] between breaks [B] s, see `Inputs`: the same all the time between two samples that show a switch."""
+    edges = start.astype("datetime64[ns]") + np.round(breaks * 1e9).astype("timedelta64[ns]")
+    measured = np.full((len(edges) - 1, len(scenario.network.switches)), np.nan)
     for k, channel in enumerate(_driving(scenario)):
-        measured[lasting, k] = status_fraction(telemetry, channel, edges)
-        measured[~lasting, k] = 0.0
+        measured[:, k] = status_fraction(telemetry, channel, edges)
     return measured
 
 

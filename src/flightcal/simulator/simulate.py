@@ -329,25 +329,30 @@ class NetworkSimulator:
         """
         theta, structure = np.array(theta), self.network.structure
         run = self._linearised(theta).integration
-        at = locate(switches.time, self.drive.times)
+        # From when a heater may have switched it has half of its power; up to the switch the sensor goes on as before.
+        times = self.drive.times
+        last = self.drive.known_until[locate(switches.time - 1e-6, times).point, switches.heater]
+        ahead = switches.time - times[last]
+        back = locate(times[last] - ahead, times).point
+        weight = np.divide(ahead, times[last] - times[back], out=np.zeros_like(ahead), where=back < last)
         sensor = structure.sensor[switches.heater]
         lower, upper = packed_bounds(structure)[4:6]
         threshold = np.where(switches.on > 0.5, lower, upper) + switches.heater
-        left, right = run.states[at.point, sensor], run.states[at.point + 1, sensor]
+        reached = (1.0 + weight) * run.states[last, sensor] - weight * run.states[back, sensor]
 
         def pull_back(excess_bar: FloatArray) -> FloatArray:
             calls = self._linearised(theta)
             run = calls.integration
             run.temperatures_bar[:], run.switches_bar[: run.outputs.switches[0]] = 0.0, 0.0
-            np.add.at(run.states_bar, (at.point, sensor), (1.0 - at.weight) * excess_bar)
-            np.add.at(run.states_bar, (at.point + 1, sensor), at.weight * excess_bar)
+            np.add.at(run.states_bar, (last, sensor), (1.0 + weight) * excess_bar)
+            np.subtract.at(run.states_bar, (back, sensor), weight * excess_bar)
             run.adjoint()
             run.states_bar[:] = 0.0
             np.subtract.at(run.packed_bar, threshold, excess_bar)
             calls.backward[-1]()
             return calls.theta_bar.copy()
 
-        return (1.0 - at.weight) * left + at.weight * right - run.packed[0, threshold], pull_back
+        return reached - run.packed[0, threshold], pull_back
 
     def calls(self) -> Calls:
         """Memory and C calls for one simulation at a time with its derivative."""

@@ -97,6 +97,16 @@ class Drive:
         """The inputs by series [q, 2 K], each contiguous."""
         return np.ascontiguousarray(self.inputs.reshape(-1, self.inputs.shape[2]).T)
 
+    @cached_property
+    def known_until(self) -> IntArray:
+        """[K, H] the point up to which a measured heater's state is known, of steps within which it switches.
+
+        Of others where they begin.
+        """
+        either = (self.measured > 0.0) & (self.measured < 1.0)
+        begins = ~either | ~np.concatenate([np.zeros_like(either[:1]), either[:-1]])
+        return np.maximum.accumulate(np.where(begins, np.arange(len(either))[:, None], 0), axis=0)
+
 
 class Switch(NamedTuple):
     """Thermostat events of one run, in order of time."""

@@ -14,6 +14,7 @@ from .drivers import (
     status_changes,
     status_fraction,
     status_or_unknown,
+    switch_bounds,
 )
 from .quality import quality_table
 from .quantisation import quantisation_step
@@ -36,6 +37,7 @@ __all__ = [
     "status_changes",
     "status_fraction",
     "status_or_unknown",
+    "switch_bounds",
     "usual_interval",
     "window_bounds",
 ]

@@ -157,6 +157,17 @@ def status_changes(dataset: xr.Dataset, channel: str) -> NDArray[np.datetime64]:
     return np.round(found * 1e9).astype(np.int64).astype("datetime64[ns]")
 
 
+def switch_bounds(dataset: xr.Dataset, channel: str) -> NDArray[np.datetime64]:
+    """Between which times each change of the status lies, and where it begins or ceases to be known."""
+    seconds, values, interval = valid_samples(dataset, channel)
+    gaps = np.diff(seconds)
+    changed, long = np.flatnonzero(np.diff(values) != 0.0), np.flatnonzero(gaps > SHORT_GAP * interval)
+    after = seconds[changed + 1]
+    before = after - np.minimum(gaps[changed], interval)
+    found = np.unique(np.concatenate([before, after, seconds[long] + interval, seconds[long + 1]]))
+    return np.round(found * 1e9).astype(np.int64).astype("datetime64[ns]")
+
+
 def _turns(seconds: NDArray[np.float64], at: NDArray[np.float64], period: float) -> list[int]:
     """Numbers of periods to look away, all earlier ones first."""
     earlier = int((at.max() - seconds[0]) // period) + 1
