@@ -12,7 +12,6 @@ from flightcal.calibration import calibrate_nuts, with_heat
 from flightcal.calibration.heat import (
     Around,
     bend,
-    check_heat,
     draw_sizes,
     find_heat,
     follow,
@@ -20,6 +19,7 @@ from flightcal.calibration.heat import (
     spread_sizes,
     start_with_heat,
 )
+from flightcal.calibration.heat_check import check_heat
 from flightcal.calibration.heat_file import heat_dataset, with_kept_heat
 from flightcal.probability import Gains, Priors
 from flightcal.problem import at_sizes, build_problem, patterns_of, responses, split, unit_heats

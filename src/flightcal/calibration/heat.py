@@ -21,7 +21,6 @@ from ..problem import (
     Units,
     Window,
     errors_of_weights,
-    exact_heat,
     followed,
     heat_model,
     heat_of_weights,
@@ -529,55 +528,3 @@ def spread_sizes(
         own[:, names.index(name)] if name in names else values[:, problem.names.index(name)] for name in heated.names
     ]
     return np.stack(found, axis=-1).reshape(*z.shape[:2], len(found))
-
-
-# --- the calibration ------------------------------------------------------------------------------------------
-
-
-@dataclass(frozen=True)
-class HeatCheck:
-    """How well temperatures respond to heat as they were taken to: posterior draws simulated with their own heat."""
-
-    draws: int
-    pareto_k: float
-    """Of the weights that draws get for what they were taken to be (Vehtari et al. 2024); above 0.7: too far off."""
-    difference: float
-    """K, root mean square of simulated minus linear temperatures."""
-    relative: float
-    """The same of the worst channel, over the deviation of its noise."""
-    weights: FloatArray
-    """[draws, m] of the heat of each."""
-
-
-def check_heat(problem: Problem, thetas: FloatArray, rng: np.random.Generator) -> HeatCheck:
-    """Simulate draws [S, d] of a problem with heat, each with weights of heat that are drawn given the telemetry."""
-    from arviz_stats.base import array_stats
-
-    assert problem.heat is not None
-    found = problem.simulate_many(thetas)
-    done = [runs for runs in found if runs is not None]
-    if len(done) < max(1, len(thetas) // 2):
-        return HeatCheck(len(done), np.inf, np.inf, np.inf, np.empty((0, len(problem.heat.centre))))
-    kept = thetas[[runs is not None for runs in found]]
-    exact = exact_heat(problem, done, kept, rng)
-    deviations, _ = problem.heat_sizes(kept)
-    ratios, squares, relative, first = np.zeros(len(kept)), [], 0.0, 0
-    for window, whitens, of_exact, of_linear in zip(
-        problem.windows, problem.weighed.filters, exact.temperatures, exact.linear, strict=True
-    ):
-        precision = deviations[:, first : first + len(window.residuals.terms.kinds)] ** -2.0
-        first += precision.shape[1]
-        off = np.nanmean((of_exact - of_linear) ** 2, axis=(0, 1))
-        squares.append(off.mean())
-        inside = problem.at(window, np.median(kept, axis=0)[None])[0]
-        relative = max(relative, float(np.sqrt((off / window.noise(inside) ** 2).max())))
-        for sign, simulated in ((-0.5, of_exact), (0.5, of_linear)):
-            left = np.where(window.valid, window.observed - simulated, 0.0)
-            white = whitens.whiten(left.transpose(2, 1, 0), window.terms.valid)
-            ratios += sign * np.einsum("sk,kts->s", precision, white**2)
-    ratios = ratios[np.isfinite(ratios)]
-    if len(ratios) < max(1, len(thetas) // 2):
-        return HeatCheck(len(ratios), np.inf, np.inf, np.inf, exact.weights)
-    _, pareto_k = array_stats.psislw(ratios - ratios.max())
-    difference = float(np.sqrt(np.mean(squares)))
-    return HeatCheck(len(ratios), float(pareto_k), difference, relative, exact.weights)

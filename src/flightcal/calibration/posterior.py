@@ -18,7 +18,8 @@ from ..simulator import FloatArray, Trajectory
 from .confounding import confounding
 from .diagnostics import Diagnostics
 from .explanations import Explanation, other_explanations
-from .heat import HeatCheck, HeatPoint
+from .heat import HeatPoint
+from .heat_check import HeatCheck
 from .heat_file import HEAT_GROUP, heat_dataset
 from .mode import Mode
 from .nuts import Draws

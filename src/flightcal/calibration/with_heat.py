@@ -14,10 +14,8 @@ from ..scenario import NutsSettings
 from ..simulator import FloatArray
 from .diagnostics import Gate, diagnose, gate, with_gate
 from .heat import (
-    HeatCheck,
     HeatPoint,
     bend,
-    check_heat,
     draw_sizes,
     find_heat,
     follow,
@@ -25,6 +23,7 @@ from .heat import (
     spread_sizes,
     start_with_heat,
 )
+from .heat_check import HeatCheck, check_heat
 from .mode import check_simulated, climb, find_mode
 from .nuts import sample, some_drawn
 from .posterior import Posterior, prior_scores

@@ -7,29 +7,20 @@ from .build import build_problem, build_window, initial_priors, initial_temperat
 from .coordinates import Whitening, whitening
 from .entries import Entry
 from .heat import at_sizes, dressed, exact_heat, followed, rehearsals, sampled_windows, with_heat
-from .heat_model import (
-    SLOW,
-    Followed,
-    Gain,
-    Group,
-    HeatModel,
-    Held,
+from .heat_model import SLOW, Followed, Gain, Group, HeatModel, Held, gaps_of, heat_model, knots_of
+from .heat_units import (
     Units,
     errors_of_weights,
-    gaps_of,
-    heat_model,
     heat_of_weights,
     heated_switches,
-    held_by,
-    hold,
     kept_responses,
-    knots_of,
     patterns_of,
     places_of,
     responses,
     split,
     unit_heats,
 )
+from .held import held_by, hold
 from .native import STOPPED, NativeDensity
 from .problem import Problem, Runs
 from .synthetic import heat_in_prior, simulate_telemetry, with_drawn_heat, with_telemetry

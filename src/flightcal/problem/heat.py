@@ -10,17 +10,9 @@ import numpy as np
 from ..probability import DEVIATION, Gains, Shaped, Sizes, WindowHeat
 from ..simulator import FloatArray
 from .entries import entries_of
-from .heat_model import (
-    Followed,
-    HeatModel,
-    errors_of_weights,
-    heat_of_weights,
-    hold,
-    kept_responses,
-    responses,
-    split,
-    unit_heats,
-)
+from .heat_model import Followed, HeatModel
+from .heat_units import errors_of_weights, heat_of_weights, kept_responses, responses, split, unit_heats
+from .held import hold
 from .problem import Problem, Runs
 from .window import Window
 

@@ -3,51 +3,31 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, field, replace
-from itertools import pairwise
+from dataclasses import dataclass, field
 from typing import Literal
 
 import numpy as np
 
-from ..environment import orbit_phase
-from ..probability import Follows, Profile, Shaped, Slow, Tilt, pattern, waves
+from ..probability import Follows, Profile, Shaped, Slow, Tilt
 from ..reduction import load
 from ..scenario import HalfNormal, HalfStudentT, Heat, Prior, Scenario
 from ..simulator import (
-    Drive,
     FloatArray,
     IntArray,
-    SimulationFailure,
-    Switch,
     flow_through,
     heat_of_inputs,
-    in_steps,
-    integrate,
 )
 from ..telemetry import window_bounds
-from .window import Course, Switching, Window
+from .window import Course, Window
 
-_FINE = 20.0
-"""s, how far apart functions of time are looked up at most often: linear in between."""
-_LEAST_POWER = 1e-9  # W
-_LOOKS = 20_000
-"""In a window, at most so many."""
 _KNOTS = 3.0
 """So many knots there are in the correlation time of what is slow."""
 _FREEDOM = 3.0
 """Of the prior of how much heat wanders: most satellites' hardly does, and that of some does ten times as much."""
-_NUDGE = 0.02
-"""Of the heat that flows through a node: what its response is looked at with."""
-_HELD = 300.0
-"""s, within which a switch lies that a simulation had where the status is not measured."""
 _OF_RANGE = 0.2
 """Of a driver's range: the correlation length of heat over it."""
 _BEYOND = 3.0
 """Correlation lengths, after which nothing is known any longer."""
-_PIECE = 600.0
-"""s, of a gap in a driver, whose heat is unknown in each piece alone: a pass of a transmitter lasts as long."""
-_MOST_PIECES = 40
-"""Of gaps in a window; where there are more, those in which most heat may be missing."""
 Part = Literal["constant", "pattern", "gains", "slow", "slow_pattern", "switches", "gaps", "error"]
 SLOW = ("slow", "slow_pattern")
 """Parts that wander: the constant, and the harmonics of the pattern."""
@@ -183,9 +163,6 @@ class HeatModel:
         return np.repeat([scales.index(group.scale) for group in self.groups], counts).astype(np.int64)
 
 
-# --- what it is made of ---------------------------------------------------------------------------------------
-
-
 def heat_model(scenario: Scenario, written: Heat, windows: Sequence[Window], theta: FloatArray) -> HeatModel:
     """That of a scenario's `heat` for a calibration on windows; theta: [q] of the first at the prior's median."""
     simulator = windows[0].network
@@ -246,13 +223,14 @@ def knots_of(model: HeatModel, window: Window) -> FloatArray:
 
 def _span(window: Window, origin: np.datetime64) -> tuple[float, float]:
     """Beginning and end of a window, s from `origin`."""
-    begin = _start(window)
+    begin = start_of(window)
     assert window.network is not None
     first = float((begin - origin) / np.timedelta64(1, "ns") * 1e-9)
     return first, first + float(window.network.drive.times[-1])
 
 
-def _start(window: Window) -> np.datetime64:
+def start_of(window: Window) -> np.datetime64:
+    """When a window begins."""
     return window_bounds(window.scenario.windows[window.name], window.period)[0]
 
 
@@ -292,289 +270,3 @@ def _gains(columns: Sequence[str], brought: FloatArray) -> tuple[Gain, ...]:
         elif kind in ("mode", "driver"):
             found.setdefault((int(k), f"{kind}.{which}"), []).append((column, watts))
     return tuple(Gain(k, tuple(c for c, _ in own), tuple(w for _, w in own)) for (k, _), own in found.items())
-
-
-def held_by(window: Window, theta: FloatArray) -> Held | None:
-    """What the heaters do at theta [q] where a window in open loop has no status; None: it always has."""
-    assert window.network is not None
-    drive = window.network.drive
-    steps, heaters = np.nonzero(np.isnan(drive.measured))
-    if window.switching is None or not len(steps):
-        return None
-    simulator = window.network
-    run = integrate(simulator.network.structure, simulator.system(theta[window.simulated]), drive, derivative=False)
-    shares, switches = [], []
-    for heater in np.unique(heaters).tolist():
-        own = np.sort(steps[heaters == heater])
-        for gap in np.split(own, np.flatnonzero(np.diff(own) > 1) + 1):
-            first, moments = _in_gap(drive, run.switches, run.status, heater, gap)
-            edges = np.array([drive.times[gap[0]], *(time for time, _ in moments), drive.times[gap[-1] + 1]])
-            for step in gap.tolist():
-                inside = np.diff(np.clip(edges, drive.times[step], drive.times[step + 1]))
-                on = float(inside[0 if first else 1 :: 2].sum())
-                shares.append((step, heater, on / float(drive.times[step + 1] - drive.times[step])))
-            switches += [(time, heater, within) for time, within in moments]
-    return Held(window.name, tuple(shares), tuple(switches))
-
-
-def _in_gap(
-    drive: Drive, switches: Switch, status: FloatArray, heater: int, gap: IntArray
-) -> tuple[bool, list[tuple[float, float]]]:
-    """Whether a heater is on where the steps of a gap in its status begin, and when it switches in it, within how long.
-
-    As the simulation has it, with its status [K+1, H] on the grid. If that leaves the gap in another
-    state than the telemetry, it switches once more: any time after its last switch.
-    """
-    begin, end = drive.times[gap[0]], drive.times[gap[-1] + 1]
-    inside = (switches.heater == heater) & (switches.time > begin) & (switches.time < end)
-    moments = [(time, _HELD) for time in switches.time[inside].tolist()]
-    first = not switches.on[inside][0] if moments else bool(status[gap[0] + 1, heater])
-    after = drive.measured[gap[-1] + 1, heater] if gap[-1] + 1 < len(drive.measured) else np.nan
-    if after in (0.0, 1.0) and bool(after) != (first ^ bool(len(moments) % 2)):
-        last = moments[-1][0] if moments else float(begin)
-        moments.append((0.5 * (last + float(end)), float(end) - last))
-    return first, moments
-
-
-def hold(window: Window, held: Held) -> Window:
-    """A window in open loop whose heaters do what is held where their status is not known."""
-    assert window.network is not None
-    assert window.switching is not None
-    drive, heaters = window.network.drive, window.network.heaters
-    measured = drive.measured.copy()
-    for step, heater, share in held.shares:
-        measured[step, heater] = share
-    own = window.switching
-    switching = Switching(
-        np.concatenate([own.time, [time for time, _, _ in held.switches]]),
-        np.concatenate([own.interval, [within for _, _, within in held.switches]]),
-        (*own.heater, *(heaters[heater] for _, heater, _ in held.switches)),
-    )
-    simulator = replace(window.network, drive=replace(drive, measured=measured))
-    return replace(window, simulator=simulator, switching=switching)
-
-
-# --- in a window ----------------------------------------------------------------------------------------------
-
-
-@dataclass(frozen=True)
-class Units:
-    """What a weight of one of f functions is: heat, or an error of the simulator, which no heat makes."""
-
-    share: FloatArray
-    """[f, h] of the series that goes to each of the model's nodes; of errors nothing."""
-    series: FloatArray
-    """[f, 2 K] W, in each step of the window's integration (`in_steps`); of errors nothing."""
-    error: FloatArray | None = None
-    """[T, N, f] K; None: it is heat."""
-
-    @property
-    def node(self) -> IntArray:
-        """[f] of the model's nodes, the one that takes most; of errors -1."""
-        return np.where(self.share.any(axis=1), self.share.argmax(axis=1), -1)
-
-
-def unit_heats(model: HeatModel, window: Window) -> tuple[Units, ...]:
-    """Of each group, in a window of a thermal network."""
-    assert window.network is not None
-    drive, start = window.network.drive, _start(window)
-    grid = drive.times
-    fine = np.unique(np.concatenate([grid, np.arange(0.0, grid[-1], max(_FINE, grid[-1] / _LOOKS))]))
-    times = start.astype("datetime64[ns]") + np.round(fine * 1e9).astype("timedelta64[ns]")
-    seconds = fine + float((start - model.origin) / np.timedelta64(1, "ns") * 1e-9)
-    phase = orbit_phase(window.scenario.environment, times, window.scenario.folder, model.origin)
-    known = bool(np.isfinite(phase).all())
-    if model.profile is None:
-        of_pattern = pattern(phase if known else 0.0 * fine, model.harmonics if known else 0)
-    else:
-        assert window.course is not None
-        values = np.interp(fine, window.course.seconds, window.course.values)
-        of_pattern = np.concatenate([np.ones((1, len(fine))), model.profile.at(values)])
-    of_slow, around_it = np.empty((2, 0, len(fine)))
-    if model.slow is not None:
-        of_slow = model.slow.at(seconds)
-        harmonics = waves(phase, model.harmonics)[1:] if known else ()
-        around_it = np.concatenate([around_it, *(wave * of_slow for wave in harmonics)])
-    in_all = {
-        "constant": _on_grid(fine, of_pattern[:1], grid),
-        "pattern": _on_grid(fine, of_pattern[1:], grid),
-        "slow": _on_grid(fine, of_slow, grid),
-        "slow_pattern": _on_grid(fine, around_it, grid),
-    }
-    found = []
-    for group in model.groups:
-        if group.part in in_all:
-            series = in_all[group.part]
-            found.append(Units(_one_node(model, [group.node] * len(series)), series))
-        elif group.part == "gains":
-            place = {name: k for k, name in enumerate(window.network.network.columns)}
-            flows = [
-                sum(watts * drive.series[place[column]] for column, watts in zip(g.columns, g.watts, strict=True))
-                for g in model.gains
-            ]
-            found.append(Units(_one_node(model, [gain.node for gain in model.gains]), np.stack(flows)))
-        elif group.part == "gaps":
-            found.append(_gap_heats(model, window, group.window == window.name))
-        elif group.part == "error":
-            found.append(_errors(model, window, group.window == window.name))
-        else:
-            found.append(_switch_heats(model, window, group.window == window.name))
-    return tuple(found)
-
-
-def _one_node(model: HeatModel, node: Sequence[int]) -> FloatArray:
-    """Shares [f, h] of functions that have one node each."""
-    return np.eye(len(model.nodes))[np.array(node, np.int64)]
-
-
-def _on_grid(times: FloatArray, values: FloatArray, grid: FloatArray) -> FloatArray:
-    """[f, 2 K]"""
-    in_order = np.ascontiguousarray(np.moveaxis(in_steps(times, values, grid), 1, 2))
-    return in_order.reshape(len(values), 2 * (len(grid) - 1))
-
-
-def _switch_heats(model: HeatModel, window: Window, own: bool) -> Units:
-    """What a shift of each switch by its deviation adds: the power of its heaters for that time, around the switch."""
-    assert window.network is not None
-    switching, grid = window.switching, window.network.drive.times
-    shares, series = [np.empty((0, len(model.nodes)))], [np.empty((0, 2 * (len(grid) - 1)))]
-    for k in heated_switches(model, window) if own else ():
-        assert switching is not None
-        watts = _watts(model, window, switching.heater[k])
-        power = max(watts.sum(), _LEAST_POWER)
-        time, interval = switching.time[k], switching.interval[k]
-        edges = np.clip([time - 0.5 * interval, time + 0.5 * interval], grid[0], grid[-1])
-        inside = np.diff(np.clip(grid, *edges)) / np.diff(grid).clip(1e-9)
-        # Energy: power times the shift's deviation, interval / sqrt(12), spread over the interval.
-        series.append(np.repeat(power / np.sqrt(12.0) * inside, 2)[None])
-        shares.append(watts[None] / power)
-    return Units(np.concatenate(shares), np.concatenate(series))
-
-
-def heated_switches(model: HeatModel, window: Window) -> tuple[int, ...]:
-    """Which of a window's switches [E] put heat into nodes of the model."""
-    if window.switching is None:
-        return ()
-    heated = {name for name in set(window.switching.heater) if _heats(model, window, name)}
-    return tuple(k for k, name in enumerate(window.switching.heater) if name in heated)
-
-
-def _heats(model: HeatModel, window: Window, heater: str) -> bool:
-    return any(own.node in model.nodes for own in window.scenario.network.on_switch(heater).values())
-
-
-def _watts(model: HeatModel, window: Window, heater: str) -> FloatArray:
-    """[h] W into each of the model's nodes while a heater is on, as the scenario writes it."""
-    watts = np.zeros(len(model.nodes))
-    for own in window.scenario.network.on_switch(heater).values():
-        if own.node in model.nodes:
-            watts[model.nodes.index(own.node)] += own.power
-    return watts
-
-
-def _gap_heats(model: HeatModel, window: Window, own: bool) -> Units:
-    """What a driver's deviation adds through its load, in each piece of a gap."""
-    assert window.network is not None
-    grid = window.network.drive.times
-    found: list[tuple[float, int, FloatArray]] = []
-    for gap in window.bridged if own else ():
-        edges = np.linspace(gap.begin, gap.end, 1 + max(1, round((gap.end - gap.begin) / _PIECE)))
-        for gain in model.gains:
-            if gain.columns != (f"driver.{gap.load}",):
-                continue
-            watts = abs(gain.watts[0]) * gap.deviation
-            for begin, end in pairwise(edges.tolist()):
-                inside = np.diff(np.clip(grid, begin, end)) / np.diff(grid).clip(1e-9)
-                found.append((watts * (end - begin), gain.node, np.repeat(watts * inside, 2)))
-    found = sorted(found, key=lambda piece: -piece[0])[:_MOST_PIECES]
-    series = np.reshape([piece[2] for piece in found], (-1, 2 * (len(grid) - 1)))
-    return Units(_one_node(model, [piece[1] for piece in found]), series)
-
-
-def _errors(model: HeatModel, window: Window, own: bool) -> Units:
-    """The shapes of the simulator's error, each of its prior size."""
-    assert window.network is not None
-    basis, variance = window.network.error_basis, window.network.error_variance
-    if basis is None or not own:
-        basis, variance = np.empty((*window.observed.shape, 0)), np.empty(0)
-    series = np.zeros((len(variance), 2 * (len(window.network.drive.times) - 1)))
-    return Units(np.zeros((len(variance), len(model.nodes))), series, basis * np.sqrt(variance))
-
-
-def errors_of_weights(units: Sequence[Units], weights: Sequence[FloatArray]) -> FloatArray | float:
-    """The simulator's errors [..., T, N] K of weights [..., f] of each group's functions; 0.0: it has none."""
-    found: FloatArray | float = 0.0
-    for own, of_group in zip(units, weights, strict=True):
-        if own.error is not None:
-            found = found + np.einsum("tnf,...f->...tn", own.error, of_group[..., : len(own.series)])
-    return found
-
-
-def heat_of_weights(model: HeatModel, units: Sequence[Units], weights: Sequence[FloatArray]) -> FloatArray:
-    """Heat [..., h, 2 K] W of weights [..., f] of each group's functions."""
-    leading = weights[0].shape[:-1]
-    heat = np.zeros((*leading, len(model.nodes), units[0].series.shape[1]))
-    for own, of_group in zip(units, weights, strict=True):
-        for node in np.flatnonzero(own.share.any(axis=0)):
-            here = np.flatnonzero(own.share[:, node])
-            heat[..., node, :] += (of_group[..., here] * own.share[here, node]) @ own.series[here]
-    return heat
-
-
-def split(model: HeatModel, kept: FloatArray) -> list[FloatArray]:
-    """Weights [..., f] of each group's functions from those [..., m] of the kept directions."""
-    ends = np.cumsum([own.shape[1] for own in model.kept])
-    return [part @ basis.T for basis, part in zip(model.kept, np.split(kept, ends[:-1], axis=-1), strict=True)]
-
-
-def kept_responses(bases: Sequence[FloatArray], found: Sequence[FloatArray]) -> FloatArray:
-    """[T, N, m] in kept directions [f, k], of each group's [T, N, f]; a window may lack the last functions."""
-    kept = [response @ basis[: response.shape[2]] for response, basis in zip(found, bases, strict=True)]
-    return np.concatenate(kept, axis=2)
-
-
-def places_of(model: HeatModel, count: int) -> FloatArray:
-    """[P] where a pattern is looked at: phases of an orbit, or values over the range of the driver that it is over."""
-    return np.linspace(*((0.0, 1.0) if model.profile is None else model.profile.range), count)
-
-
-def patterns_of(model: HeatModel, kept: FloatArray, places: FloatArray) -> FloatArray:
-    """Heat [S, h, P] W that comes again, at places [P] (see `places_of`), of weights [S, m] of the kept directions."""
-    if model.profile is None:
-        functions = pattern(places, model.harmonics)
-    else:
-        functions = np.concatenate([np.ones((1, len(places))), model.profile.at(places)])
-    found = np.zeros((len(kept), len(model.nodes), len(places)))
-    for group, weights in zip(model.groups, split(model, kept), strict=True):
-        if group.part in ("constant", "pattern"):
-            found[:, group.node] += weights @ (functions[:1] if group.part == "constant" else functions[1:])
-    return found
-
-
-def responses(window: Window, theta: FloatArray, model: HeatModel, units: Sequence[Units]) -> list[FloatArray]:
-    """What each function of each group does to the temperatures, [T, N, f] K, at theta [q]: central differences.
-
-    An error of the simulator is what it does.
-
-    Raises SimulationFailure.
-    """
-    assert window.network is not None
-    series = np.concatenate([own.series for own in units])
-    share = np.concatenate([own.share for own in units])
-    # Of the node whose flow it changes most.
-    largest = np.abs(series).max(axis=1, initial=0.0) * (share / model.flow).max(axis=1)
-    nudge = np.where(largest > 0.0, _NUDGE / np.where(largest > 0.0, largest, 1.0), 0.0)
-    moved = np.flatnonzero(nudge > 0.0)
-    heat = np.zeros((2 * len(moved), len(model.nodes), series.shape[1]))
-    for row, f in enumerate(moved):
-        heat[row] = nudge[f] * share[f, :, None] * series[f]
-        heat[len(moved) + row] = -heat[row]
-    runs = window.network.simulate_many(np.tile(theta[window.simulated], (len(heat), 1)), heat)
-    response = np.zeros((*window.observed.shape, len(series)))
-    for row, f in enumerate(moved):
-        above, below = runs[row], runs[len(moved) + row]
-        if above is None or below is None:
-            raise SimulationFailure("a simulation with a little more heat fails")
-        response[..., f] = (above.temperatures - below.temperatures) / (2.0 * nudge[f])
-    found = np.split(response, np.cumsum([len(own.series) for own in units])[:-1], axis=2)
-    return [of_heat if own.error is None else own.error for own, of_heat in zip(units, found, strict=True)]

@@ -14,7 +14,8 @@ from ..scenario import heat_of
 from ..simulator import FloatArray, Trajectory
 from ..telemetry import window_bounds
 from .build import build_window, open_windows, status_channels
-from .heat_model import HeatModel, heat_model, heat_of_weights, unit_heats
+from .heat_model import HeatModel, heat_model
+from .heat_units import heat_of_weights, unit_heats
 from .problem import Problem
 from .window import Window
 
