@@ -15,7 +15,8 @@ from flightcal.report.run_files import read_run
 
 BROWSER = next(filter(None, map(shutil.which, ("chromium", "chromium-browser", "google-chrome"))), None)
 
-pytestmark = pytest.mark.skipif(BROWSER is None, reason="no chromium on this machine (make chromium)")
+needs_browser = pytest.mark.skipif(BROWSER is None, reason="no chromium on this machine (make chromium)")
+pytestmark = needs_browser
 
 PROBE = """<script>
 const cut = () => [...document.querySelectorAll("main *, header *")].filter((own) => {
