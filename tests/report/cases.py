@@ -11,9 +11,11 @@ import json
 from collections.abc import Callable
 
 import numpy as np
+import xarray as xr
 
 from flightcal.calibration import Calibrated
 from flightcal.errors import GATE_FAILED, MODEL_FAILED, WITH_LIMITS
+from flightcal.prediction.holding import replicate
 from flightcal.report.masking import masked
 from flightcal.report.run_files import RunFiles
 
@@ -70,6 +72,24 @@ def one_of_two_windows_fails(run):
 
 def colder_by_a_little(run):
     return fitted(run, shifted=[0], by=-1.5)
+
+
+def errors_as_long_as_the_window(run):
+    """Each draw is off by its own 2 K all the time, and the battery lies on its interval's upper end."""
+    right, rng = fitted(run), np.random.default_rng(2)
+    test = right.windows["test"]
+    mean, deviation = (test[own].sel({"by": "stochastic"}).values for own in ("mean", "standard_deviation"))
+    draws = mean + 2.0 * rng.normal(size=(300, 1, 3)) + deviation * rng.normal(size=(300, *mean.shape))
+    observed = mean + deviation * rng.normal(size=mean.shape)
+    observed[:, 1] += (np.quantile(draws, 0.975, axis=0) - mean)[:, 1]
+    stochastic = test["by"] == "stochastic"
+    ends = {
+        name: xr.where(stochastic, xr.DataArray(np.quantile(draws, tail, axis=0), dims=("time", "channel")), test[name])
+        for name, tail in (("lower", 0.025), ("upper", 0.975))
+    }
+    held = replicate(observed, test["scored"].values, draws, 0.95)
+    made = test.assign(observed=(("time", "channel"), observed), **ends, **held.dataset().variables)
+    return dataclasses.replace(right, windows=right.windows | {"test": made})
 
 
 def no_heaters(run):
@@ -262,6 +282,16 @@ CASES = (
         "Use it for temperatures of battery_temperature and payload_temperature, but not for temperatures of "
         "panel_temperature.",
         f"{FAILS} panel_temperature in “test”, 9.8% inside", CHECK, WITH_LIMITS,
+    ),
+    Case(
+        "Half of a channel is outside, all the time on one side: by chance or not.", errors_as_long_as_the_window,
+        BATTERY, "of battery_temperature in “test” is inside: too short to tell whether by chance",
+        "Add longer windows to test on: windows: {test: {start: ..., end: ...}}", WITH_LIMITS,
+    ),
+    Case(
+        "Half of a channel is outside, all the time on one side: by chance or not.", errors_as_long_as_the_window,
+        BATTERY, "of battery_temperature in “test” is inside: too short to tell whether by chance",
+        "Add longer windows to test on: windows: {test: {start: ..., end: ...}}", WITH_LIMITS,
     ),
     Case(
         "One channel has drifted after two months.", one_of_two_windows_fails,

@@ -155,14 +155,12 @@ addEventListener("message", ({ data }) => {
 </script>"""
 
 
-@pytest.fixture(scope="module")
-def seen(pages, tmp_path_factory):
-    """Of each case on each screen what can be seen without scrolling; without figures, which take the time."""
-    folder = tmp_path_factory.mktemp("screens")
+def seen_of(pages, folder):
+    """Of each page on each screen what can be seen without scrolling; without figures, which take the time."""
     frames = []
-    for case, (screen, (width, height)) in itertools.product(pages, SCREENS.items()):
-        place = f"{case}_{screen}"
-        text = re.sub(r'<script type="text/plain".*?</script>', "", pages[case], flags=re.S)
+    for name, (screen, (width, height)) in itertools.product(pages, SCREENS.items()):
+        place = f"{name}_{screen}"
+        text = re.sub(r'<script type="text/plain".*?</script>', "", pages[name], flags=re.S)
         probe = SEEN.replace("PLACE", json.dumps(place))
         (folder / f"{place}.html").write_text(text.replace("</body>", f"{probe}</body>"), encoding="utf-8")
         size = f"position: absolute; border: 0; width: {width}px; height: {height}px"
@@ -170,6 +168,12 @@ def seen(pages, tmp_path_factory):
     (folder / "all.html").write_text(TOGETHER + "".join(frames), encoding="utf-8")
     elements, _ = dump(folder / "all.html", folder / "profile")
     return json.loads(html.unescape(re.search("<pre>(.*?)</pre>", elements, re.S).group(1)))
+
+
+@pytest.fixture(scope="module")
+def seen(pages, tmp_path_factory):
+    """Of each case on each screen what can be seen without scrolling."""
+    return seen_of(pages, tmp_path_factory.mktemp("screens"))
 
 
 @needs_browser

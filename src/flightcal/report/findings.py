@@ -39,6 +39,8 @@ NARROWED = 1.3
 """Factor up to which residuals that are not quite the noise that is assumed are of no practical weight."""
 OFF = 0.01
 """Probability that a right model is cautioned about for one of its channels, priors or heaters."""
+STRIKING = 0.6
+"""Share inside the interval that no reader takes for 95%, though errors as long as the window can make it by chance."""
 FAR_OFF = 1e-6
 """The same, below which a model is called wrong."""
 
@@ -354,6 +356,7 @@ def holding(run: RunFiles) -> Finding:
     windows = {name: run.windows[name] for name in judged}
     failed: dict[str, None] = {}
     channels: dict[str, None] = {}
+    few: dict[str, tuple[float, str]] = {}
     worst, details = ("", math.inf), []
     for name, held in judged.items():
         window = windows[name]
@@ -372,6 +375,9 @@ def holding(run: RunFiles) -> Finding:
                     said += f", {held.error[k]:.1f} deviations off (at most {held.most_error[k]:.1f})"
                 worst = min(worst, (f"{channel} in “{name}”, {how}", held.room[k]), key=lambda w: w[1])
                 said += ", which does not hold"
+            elif share < STRIKING:
+                few[channel] = min(few.get(channel, (1.0, "")), (share, name))
+                said += ", which may be by chance"
             elif share > upper:
                 said += ", wider than need be"
             words.append(said)
@@ -388,12 +394,17 @@ def holding(run: RunFiles) -> Finding:
     if not channels:
         return Finding("none", f"No sample of {over} is scored", text, tuple(details), ("unseen windows",))
     if not failed:
-        return Finding("good", f"Intervals hold on {over}, in every channel", text, tuple(details))
+        if not few:
+            return Finding("good", f"Intervals hold on {over}, in every channel", text, tuple(details))
+        channel, (share, name) = min(few.items(), key=lambda own: own[1])
+        title = f"Only {percent(share)} of {channel} in “{name}” is inside: too short to tell whether by chance"
+        then = "Add longer windows to test on: windows: {test: {start: ..., end: ...}}"
+        return Finding("warn", title, text, tuple(details), tuple(map(temperatures_of, few)), then)
     title = f"Intervals do not hold in {len(failed)} of {len(channels)} channels, worst {worst[0]}"
     if len(channels) == 1:
         title = f"Intervals do not hold: {worst[0]}"
     state: State = "bad" if 2 * len(failed) >= len(channels) else "warn"
-    not_for = tuple(map(temperatures_of, failed))
+    not_for = tuple(map(temperatures_of, [*failed, *few]))
     return Finding(state, title, text, tuple(details), not_for, _CHECK)
 
 
@@ -427,7 +438,7 @@ def heaters(run: RunFiles) -> list[Finding]:
             own, *others = outside
             title = (
                 f"{own.heater} is on for {percent(own.measured)} of “{name}”, predicted {percent(own.lower)} to "
-                f"{percent(own.upper)}{f', and {len(others)} more heaters are off' if others else ''}"
+                f"{percent(own.upper)}{f'; {len(others)} more outside' if others else ''}"
             )
         findings.append(
             Finding(
