@@ -37,9 +37,10 @@ format: $(INSTALLED_DEV)
 	$(BIN)/ruff check --fix .
 	$(BIN)/ruff format .
 
-# The report's browser tests are skipped without it.
+# The report's browser tests are skipped without it, and that of its print without poppler-utils.
 chromium:
-	command -v chromium >/dev/null || (apt-get update && apt-get install --yes --no-install-recommends chromium)
+	command -v chromium pdftotext >/dev/null || \
+		(apt-get update && apt-get install --yes --no-install-recommends chromium poppler-utils)
 
 $(INSTALLED): pyproject.toml
 	@test -n "$(PYTHON)" || { echo "flightcal needs Python 3.11 or newer with venv: none of python3, python3.11 to python3.13 is; name one with make PYTHON=..."; exit 1; }

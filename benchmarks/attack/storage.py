@@ -32,7 +32,7 @@ SHORT = """
 calibration:
   seed: 5
   genetic: {runs: 2, population: 8, generations: 4}
-  nuts: {chains: 2, draws: 60, warmup: 60, max_r_hat: 10, min_ess: 1}
+  nuts: {chains: 2, draws: 60, warmup: 60, max_r_hat: 2, min_ess: 1}
   prediction: {simulations: 20}
 """
 SIZES, MOMENTS = 40, 10
@@ -42,6 +42,9 @@ LONGEST = 120.0
 _NEW_MOUNTS, _NEW_USER, _REMOUNT = 0x20000, 0x10000000, 32
 """CLONE_NEWNS, CLONE_NEWUSER, MS_REMOUNT of Linux."""
 _LIBC = ctypes.CDLL(None, use_errno=True)
+
+VERDICTS = (0, cli.GATE_FAILED, cli.MODEL_FAILED, cli.WITH_LIMITS)
+"""Exit codes of a calibration that is finished."""
 
 Disturb = Callable[[], object]
 
@@ -58,7 +61,8 @@ class End:
         """What must never be, or ""."""
         if "Traceback" in self.said:
             return "traceback"
-        return "" if self.code in (0, 1, cli.INTERRUPTED, -signal.SIGKILL) else f"ended with {self.code}"
+        known = (*VERDICTS, 1, cli.INTERRUPTED, -signal.SIGKILL)
+        return "" if self.code in known else f"ended with {self.code}"
 
 
 @dataclass(frozen=True)
@@ -133,7 +137,7 @@ def interrupt_after(seconds: float, number: int) -> None:
         os._exit(0)
 
 
-def count_replacements(scenario: Path, out: Path) -> int:
+def count_replacements(scenario: Path, out: Path) -> tuple[int, int]:
     """How many files a whole run replaces."""
     counts, replace = scenario.with_name("count.txt"), os.replace
 
@@ -146,8 +150,8 @@ def count_replacements(scenario: Path, out: Path) -> int:
         files.os.replace = counted  # type: ignore[assignment]
 
     end = calibrate(scenario, out, disturb)
-    assert end.code == 0, end.said
-    return len(counts.read_text())
+    assert end.code in VERDICTS, end.said
+    return len(counts.read_text()), end.code
 
 
 DAMAGES: dict[str, Callable[[bytes], bytes]] = {
@@ -170,6 +174,8 @@ class Yard:
     folder: Path
     scenario: Path
     whole: Path
+    code: int
+    """With which the undisturbed one ends."""
 
     def new(self) -> Path:
         """A folder that is not there."""
@@ -186,7 +192,7 @@ class Yard:
         """The first of what must not be, or ""."""
         if first.fault or second.fault:
             return first.fault or second.fault
-        if second.code:
+        if second.code != self.code:
             return f"did not resume: exit {second.code}"
         if any(files.is_part(file) for file in out.rglob("*")):
             return "temporary files left"
@@ -215,7 +221,7 @@ def interrupted(yard: Yard, seconds: float) -> Iterable[Case]:
             out, at = yard.new(), seconds * (k + 0.5) / MOMENTS
             first = calibrate(yard.scenario, out, lambda at=at, number=number: interrupt_after(at, number))
             what = f"{signal.Signals(number).name} after {at:.2f} s"
-            early = "" if first.code in (0, cli.INTERRUPTED, -number) else f"exit {first.code}"
+            early = "" if first.code in (yard.code, cli.INTERRUPTED, -number) else f"exit {first.code}"
             before_main = first.code == -number and not out.exists()
             case = yard.resumed(what, End(0, first.said) if before_main else first, out)
             yield Case(what, early or case.fault, case.ended, case.said)
@@ -302,9 +308,9 @@ def main(only: Iterable[str] = ("killed", "interrupted", "damaged", "without roo
         scenario.write_text(text[: text.index("calibration:")] + SHORT.lstrip(), encoding="utf-8")
         run_experiment(scenario, folder / "whole")
         started = time.monotonic()
-        count = count_replacements(scenario, folder / "counted")
+        count, code = count_replacements(scenario, folder / "counted")
         seconds = time.monotonic() - started
-        yard = Yard(folder, scenario, folder / "whole")
+        yard = Yard(folder, scenario, folder / "whole", code)
         campaigns: dict[str, Callable[[], Iterable[Case]]] = {
             "killed": lambda: killed(yard, count),
             "interrupted": lambda: interrupted(yard, seconds),

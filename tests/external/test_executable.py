@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from flightcal.errors import ScenarioError
-from flightcal.scenario import lint
+from flightcal.scenario import lint, load_scenario, resolved_yaml
 from flightcal.simulator import SimulationFailure
 
 from .scenes import SAMPLES, THETA, TIMES, simulator_of, write, written
@@ -278,10 +278,33 @@ def test_names_that_leave_the_scenarios_folder_are_refused(tmp_path, key):
     folder = tmp_path / "inside"
     folder.mkdir()
     (folder / "link.txt").symlink_to("../outside.txt")
-    for name in ("../outside.txt", "link.txt"):
+    for name in ("../outside.txt", "link.txt", str(tmp_path / "outside.txt")):
         value = {"files": [name], "templates": {"a.txt": name}, "keep_failed": name}[key]
         path = write(folder, written(block(folder, GOOD, executable={key: value})))
-        assert any("outside of the scenario's folder" in finding.message for finding in lint(path))
+        told = [finding for finding in lint(path) if "outside of the scenario's folder" in finding.message]
+        assert len(told) == 1
+        assert told[0].line is not None
+
+
+def test_the_folder_in_which_names_stay_is_inside_of_the_scenarios(tmp_path):
+    found = [f.message for f in lint(write(tmp_path, written(block(tmp_path, GOOD, executable={"folder": ".."}))))]
+    assert "found '..', outside of the scenario's folder, expected a name inside of it" in found
+
+
+def test_a_copy_that_lies_elsewhere_takes_its_files_from_the_first_scenarios_folder(tmp_path):
+    first = tmp_path / "first"
+    first.mkdir()
+    scenario = load_scenario(write(first, written(block(first, GOOD))))
+    copy = tmp_path / "copies" / "scenario.yaml"
+    copy.parent.mkdir()
+    copy.write_text(resolved_yaml(scenario, absolute=True), encoding="utf-8")
+    (warning,) = (own for own in lint(copy) if "executable" in own.location)
+    assert (warning.warning, warning.location) == (True, "simulator.executable.folder")
+    assert "which is meant for copies of a scenario alone" in warning.message
+    assert load_scenario(copy).simulator.executable.files == (str(first / "program.py"),)
+    (tmp_path / "outside.txt").write_text("secret")
+    copy.write_text(copy.read_text().replace(str(first / "program.py"), str(tmp_path / "outside.txt")))
+    assert any("outside of the scenario's folder" in own.message and not own.warning for own in lint(copy))
 
 
 def test_executable_has_no_gradient_and_says_what_to_use(tmp_path):

@@ -121,8 +121,24 @@ def test_what_is_wrong_is_named_with_its_place(tmp_path, changes, message):
 def test_a_conductance_that_depends_on_temperature_is_refused(tmp_path):
     conductors = deepcopy(craft.SPACECRAFT["conductors"])
     conductors[0]["conductance_slope"] = "0.002 1/K"
-    with pytest.raises(FlightcalError, match=r"conductor 'battery-bus.z-\[0,1\]': found 'conductance_slope'"):
-        load_task(craft.write(tmp_path, spacecraft={"conductors": conductors}))
+    task = craft.write(tmp_path, spacecraft={"conductors": conductors})
+    with pytest.raises(
+        ScenarioError, match=r"spacecraft.yaml:(\d+): conductors.0.conductance_slope: found 0.002 1/K"
+    ) as told:
+        load_task(task)
+    line = int(str(told.value).split(":")[1])
+    written = (tmp_path / "spacecraft.yaml").read_text(encoding="utf-8").splitlines()
+    assert "conductance_slope" in written[line - 1]
+
+
+def test_a_capacity_that_depends_on_temperature_is_refused_with_its_line(tmp_path):
+    nodes = craft.SPACECRAFT["nodes"] | {
+        "unit": {"capacity": "3000 J/K", "capacity_slope": "0.002 1/K", "initial": "10 degC"}
+    }
+    with pytest.raises(
+        ScenarioError, match=r"spacecraft.yaml:\d+: nodes.unit.capacity_slope: found 0.002 1/K, expected"
+    ):
+        load_task(craft.write(tmp_path, spacecraft={"nodes": nodes}))
 
 
 def test_a_missing_spacecraft_is_a_message(tmp_path):

@@ -13,9 +13,12 @@ from flightcal.report import write_report
 from flightcal.report.page import render
 from flightcal.report.run_files import read_run
 
+from .synthetic_run import CHANNELS, HEATERS
+
 BROWSER = next(filter(None, map(shutil.which, ("chromium", "chromium-browser", "google-chrome"))), None)
 
-pytestmark = pytest.mark.skipif(BROWSER is None, reason="no chromium on this machine (make chromium)")
+needs_browser = pytest.mark.skipif(BROWSER is None, reason="no chromium on this machine (make chromium)")
+pytestmark = needs_browser
 
 PROBE = """<script>
 const cut = () => [...document.querySelectorAll("main *, header *")].filter((own) => {
@@ -47,12 +50,12 @@ PHONE = """<!DOCTYPE html><title></title><body style="margin: 0">
 <script>addEventListener("message", (event) => (document.title = event.data));</script>"""
 
 
-def dump(page, profile, *flags: str) -> tuple[str, list[str]]:
+def dump(page, profile, *flags: str, make: str = "--dump-dom") -> tuple[str, list[str]]:
     """The page's elements after its scripts have run, and what it said on the console."""
     command = [
         str(BROWSER), "--headless", "--no-sandbox", "--disable-gpu", "--disable-quic", "--no-first-run",
         "--disable-background-networking", "--disable-component-update", "--disable-sync", f"--user-data-dir={profile}",
-        "--enable-logging=stderr", "--window-size=1300,1000", "--virtual-time-budget=120000", "--dump-dom", *flags,
+        "--enable-logging=stderr", "--window-size=1300,1000", "--virtual-time-budget=120000", make, *flags,
         page.as_uri(),
     ]  # fmt: skip
     done = subprocess.run(command, capture_output=True, text=True, timeout=180, check=True)
@@ -119,3 +122,26 @@ def test_on_a_phone_nothing_is_cut_off_and_what_is_folded_is_drawn_when_a_link_o
     assert 1 < found["drawn"] < page.count('class="plot"')
     assert found["cut"] == []
     assert found["paper"] == [page.count('class="plot"'), 0]
+
+
+@pytest.mark.slow
+@pytest.mark.skipif(shutil.which("pdftotext") is None, reason="no pdftotext on this machine (make chromium)")
+def test_on_paper_nothing_is_left_out_or_cut(run_directory, tmp_path):
+    page = write_report(run_directory, tmp_path / "page.html")
+    paper = tmp_path / "page.pdf"
+    dump(page, tmp_path / "profile", "--no-pdf-header-footer", make=f"--print-to-pdf={paper}")
+    told = subprocess.run(["pdftotext", "-layout", paper, "-"], capture_output=True, text=True, check=True).stdout
+    *sheets, last = (" ".join(sheet.split()) for sheet in told.split("\f"))
+    assert last == ""
+    assert all(len(sheet) > 200 for sheet in sheets)
+    titles = re.findall(r'<h\d class="(?:title|heading|question)"[^>]*>(.*?)</h\d>', page.read_text(encoding="utf-8"))
+    assert len(titles) > 20
+    assert [title for title in map(html.unescape, titles) if title not in " ".join(sheets)] == []
+    # A figure and its caption are on one sheet.
+    plots = [name.replace("_", " ") for name in (*CHANNELS, *HEATERS)]
+    for caption in ("Figure 1.", "Figure 2.", "Figure 4.", "Figure 6a.", "Figure 6b."):
+        (sheet,) = (own for own in sheets if caption in own)
+        assert [name for name in plots if name not in sheet] == []
+    boxes = subprocess.run(["pdftotext", "-bbox", paper, "-"], capture_output=True, text=True, check=True).stdout
+    width = float(re.search(r'<page width="([\d.]+)"', boxes).group(1))
+    assert max(map(float, re.findall(r'xMax="([\d.]+)"', boxes))) < width - 20

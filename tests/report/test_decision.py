@@ -2,17 +2,30 @@
 
 import dataclasses
 import html
+import itertools
+import json
 import re
 
-import numpy as np
 import pytest
-import xarray as xr
 
 from flightcal.report import page, verdict_of
 from flightcal.report.page import render
 
+from .cases import (
+    CASES,
+    USE,
+    bad_model,
+    good,
+    heater_is_off,
+    killed_before_a_posterior,
+    no_heaters,
+    not_converged,
+    one_channel_fails,
+    prior_is_doubtful,
+    status_is_not_measured,
+)
 from .packed import drawn, without_scripts
-from .test_verdict import fitted, sampled
+from .test_browser import dump, needs_browser
 
 
 @pytest.fixture(autouse=True)
@@ -21,108 +34,38 @@ def nothing_folded(monkeypatch):
     monkeypatch.setattr(page, "parts", lambda run: [])
 
 
-def first_screen(run):
-    """What is read without opening anything: sections by their anchor, as words; and the page."""
-    text = render(run)
+@pytest.fixture(scope="module")
+def pages(run):
+    """The page of each case."""
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(page, "parts", lambda run: [])
+        return {case.name: render(dataclasses.replace(case.make(run), stretches=100)) for case in CASES}
+
+
+def sections_of(text):
+    """What is read without opening anything: sections by their anchor, as words."""
     shown = re.sub(r"<wbr>|<details.*?</details>", "", without_scripts(text), flags=re.S)
     sections = re.findall(r'<section id="(\w+)"[^>]*>(.*?)</section>', shown, re.S)
-    words = {name: html.unescape(" ".join(re.sub(r"<[^>]+>", " ", body).split())) for name, body in sections}
-    return words, text
+    return {name: html.unescape(" ".join(re.sub(r"<[^>]+>", " ", body).split())) for name, body in sections}
 
 
-def lines(run):
-    """The three answers on the first screen: the mark's word and what is said."""
-    verdict = first_screen(run)[0]["verdict"]
-    return re.findall(r"(good|caution|problem|not in this run) (.*?) why", verdict)
+def first_screen(run):
+    """What is read without opening anything, and the page."""
+    text = render(run)
+    return sections_of(text), text
 
 
-def good(run):
-    return fitted(run)
-
-
-def bad_model(run):
-    return sampled(run)
-
-
-def not_converged(run):
-    return dataclasses.replace(fitted(run), diagnostics=run.diagnostics)
-
-
-def interrupted(run):
-    tree = run.posterior.copy()
-    tree.attrs = run.posterior.attrs | {"interrupted": "true"}
-    return dataclasses.replace(fitted(run), posterior=tree)
-
-
-def cut_off(run):
-    """Killed before there was a posterior."""
-    lacking = ("posterior.nc", "diagnostics.json", "prediction.nc", "metrics.json")
-    return dataclasses.replace(run, posterior=None, diagnostics=None, windows={}, metrics=[], missing=lacking)
-
-
-def one_channel_fails(run):
-    return fitted(run, shifted=[1])
-
-
-def all_channels_fail(run):
-    return fitted(run, shifted=[0, 1, 2])
-
-
-def no_heaters(run):
-    right = fitted(run)
-    windows = {
-        name: window.drop_dims("heater").assign_coords(heater=("heater", np.array([], str)))
-        for name, window in right.windows.items()
-    }
-    return dataclasses.replace(right, windows=windows)
-
-
-def heater_is_off(run):
-    right = fitted(run)
-    test = right.windows["test"]
-    other = xr.where(test["heater"] == "battery_heater", 0.9, test["observed_duty_cycle"])
-    return dataclasses.replace(right, windows=right.windows | {"test": test.assign(observed_duty_cycle=other)})
-
-
-def nothing_unseen(run):
-    right = fitted(run)
-    return dataclasses.replace(right, windows={"train": right.windows["train"]})
-
-
-def prior_is_wrong(run):
-    right = fitted(run)
-    rows = [
-        own | {"prior_score": 4.2 if own["name"] == "battery_link" else 0.1} for own in run.diagnostics["parameters"]
-    ]
-    return dataclasses.replace(right, diagnostics=right.diagnostics | {"parameters": rows})
-
-
-USE, LIMITS, NOT = "Use it.", "Use it for ", "Do not use it."
-
-
-@pytest.mark.parametrize(
-    ("kind", "decision", "words", "then"),
-    [
-        (good, USE, "Intervals hold on “test”, in every channel", "flightcal backtest"),
-        (bad_model, NOT, "The assumption of independent noise is contradicted", "Leave `heat` and `noise` out"),
-        (not_converged, NOT, "The chains have not converged", "Raise the acceptance"),
-        (interrupted, NOT, "The run was interrupted", "The same command takes up where it stopped."),
-        (cut_off, NOT, "The sampling did not finish", "Run the same command again"),
-        (one_channel_fails, LIMITS, "but not for temperatures of battery_temperature.", "flightcal check"),
-        (all_channels_fail, NOT, "Intervals do not hold in 3 of 3 channels", "flightcal check"),
-        (no_heaters, USE, "Intervals hold on “test”, in every channel", "flightcal backtest"),
-        (heater_is_off, LIMITS, "but not for the duty cycle of battery_heater.", "flightcal check"),
-        (nothing_unseen, LIMITS, "but not for windows that it was not trained on.", "Add a window"),
-        (prior_is_wrong, LIMITS, "but not for the value of battery_link.", "flightcal check"),
-    ],
-)
-def test_the_first_screen_tells_whether_to_use_it_why_and_what_to_do_next(run, kind, decision, words, then):
-    made = kind(run)
-    verdict = first_screen(made)[0]["verdict"]
-    assert verdict.startswith(decision)
-    assert words in verdict
-    assert f"Next: {then}" in verdict
-    assert [mark for mark, _ in lines(made)].count("good") == sum(a.state == "good" for a in verdict_of(made).answers)
+@pytest.mark.parametrize("case", CASES, ids=lambda case: case.name)
+def test_the_first_screen_tells_whether_to_use_it_why_and_what_to_do_next(run, pages, case):
+    verdict = sections_of(pages[case.name])["verdict"]
+    assert verdict.startswith(f"{case.decision} Did the sampling converge?")
+    assert f" Next: {case.then}" in verdict
+    judged = verdict_of(case.make(run))
+    assert judged.exit_code == case.exit_code
+    decide = [own for own in judged.answers if case.decision == USE or own.state != "good"]
+    assert any(case.reason in own.worst.title for own in decide)
+    marks = re.findall(r"(✓ good|! caution|✕ problem|– not in this run) .*? why", verdict)
+    assert marks == [answer.worst.mark for answer in judged.answers]
 
 
 def test_numbers_of_a_run_that_is_not_to_be_used_say_so_where_they_stand(run):
@@ -131,7 +74,7 @@ def test_numbers_of_a_run_that_is_not_to_be_used_say_so_where_they_stand(run):
 
 
 def test_a_value_in_doubt_is_marked_in_its_row(run):
-    assert "battery_link in doubt" in first_screen(prior_is_wrong(run))[0]["calibrated"]
+    assert "battery_link in doubt" in first_screen(prior_is_doubtful(run))[0]["calibrated"]
     assert "in doubt" not in first_screen(good(run))[0]["calibrated"]
 
 
@@ -145,16 +88,15 @@ def test_parameters_have_before_after_interval_unit_and_the_telemetry_s_share(ru
 def test_the_picture_is_of_the_channel_that_fails_and_of_another_in_the_unseen_window(run):
     words, text = first_screen(one_channel_fails(run))
     assert "Window “test”, which was not trained on" in words["picture"]
-    assert re.search(r"\d% of battery_temperature and 9\d% of", words["picture"])
     figure = drawn(text)["figures"]["figure-1"]
     titles = [own["text"] for own in figure["layout"]["annotations"]]
-    assert titles[0] == "<b>battery temperature, the worst of 3</b>"
-    assert titles[1].endswith(", a typical one</b>")
+    assert titles[0] == "<b>battery temperature: 0% inside, worst of 3</b>"
+    assert re.fullmatch(r"<b>(panel|payload) temperature: 9\d% inside</b>", titles[1])
     assert titles[2:] == ["<b>battery heater</b>", "<b>payload heater</b>"]
 
 
 def test_without_a_prediction_it_is_said_in_the_picture_s_place(run):
-    words, _ = first_screen(cut_off(run))
+    words, _ = first_screen(killed_before_a_posterior(run))
     assert "no prediction with an interval" in words["picture"]
     assert "no calibrated numbers: sampling did not finish" in words["calibrated"]
     assert "No duty cycle is predicted" in words["duty"]
@@ -167,5 +109,78 @@ def test_heaters_are_told_predicted_and_measured(run):
         r"payload_heater test [\d.]+% [\d.]+% [\d.]+% to [\d.]+% ✓ inside", first_screen(good(run))[0]["duty"]
     )
     assert re.search(
-        r"battery_heater test 90\.0% .*? ✕ outside payload_heater", first_screen(heater_is_off(run))[0]["duty"]
+        r"battery_heater test 100\.0% .*? ✕ outside payload_heater", first_screen(heater_is_off(run))[0]["duty"]
     )
+
+
+def test_the_picture_is_of_the_channel_whose_noise_is_not_what_was_assumed(run):
+    titles = [
+        own["text"] for own in drawn(first_screen(bad_model(run))[1])["figures"]["figure-1"]["layout"]["annotations"]
+    ]
+    assert titles[0].startswith("<b>payload temperature")
+
+
+def test_a_status_that_is_not_measured_is_said(run):
+    assert re.search(
+        r"battery_heater test – [\d.]+% .*? not measured", first_screen(status_is_not_measured(run))[0]["duty"]
+    )
+
+
+SCREENS = {"laptop": (1366, 768), "phone": (390, 844)}
+SEEN = """<script>
+const seen = [];
+const words = document.createTreeWalker(document.body, NodeFilter.SHOW_TEXT);
+for (let node = words.nextNode(); node; node = words.nextNode()) {
+  const range = document.createRange();
+  range.selectNodeContents(node);
+  const boxes = [...range.getClientRects()].filter((box) => box.width > 0);
+  const isSeen = ({ left, right, top, bottom }) => {
+    const inside = left >= 0 && right <= innerWidth && top >= 0 && bottom <= innerHeight;
+    const there = document.elementFromPoint((left + right) / 2, (top + bottom) / 2);
+    return inside && there !== null && (there.contains(node) || node.parentElement.contains(there));
+  };
+  if (boxes.length > 0 && boxes.every(isSeen)) seen.push(node.data);
+}
+const cut = [...document.querySelectorAll("#verdict *, header *")].filter((own) => own.scrollWidth > own.clientWidth + 1
+  && getComputedStyle(own).display !== "inline").map((own) => own.outerHTML.slice(0, 80));
+const sideways = document.documentElement.scrollWidth > innerWidth;
+parent.postMessage({ place: PLACE, words: seen.join(" ").split(/\\s+/).join(" "), cut, sideways }, "*");
+</script>"""
+TOGETHER = """<!DOCTYPE html><title></title><pre></pre><script>
+const found = {};
+addEventListener("message", ({ data }) => {
+  found[data.place] = data;
+  document.querySelector("pre").textContent = JSON.stringify(found);
+});
+</script>"""
+
+
+def seen_of(pages, folder):
+    """Of each page on each screen what can be seen without scrolling; without figures, which take the time."""
+    frames = []
+    for name, (screen, (width, height)) in itertools.product(pages, SCREENS.items()):
+        place = f"{name}_{screen}"
+        text = re.sub(r'<script type="text/plain".*?</script>', "", pages[name], flags=re.S)
+        probe = SEEN.replace("PLACE", json.dumps(place))
+        (folder / f"{place}.html").write_text(text.replace("</body>", f"{probe}</body>"), encoding="utf-8")
+        size = f"position: absolute; border: 0; width: {width}px; height: {height}px"
+        frames.append(f'<iframe src="{place}.html" style="{size}"></iframe>')
+    (folder / "all.html").write_text(TOGETHER + "".join(frames), encoding="utf-8")
+    elements, _ = dump(folder / "all.html", folder / "profile")
+    return json.loads(html.unescape(re.search("<pre>(.*?)</pre>", elements, re.S).group(1)))
+
+
+@pytest.fixture(scope="module")
+def seen(pages, tmp_path_factory):
+    """Of each case on each screen what can be seen without scrolling."""
+    return seen_of(pages, tmp_path_factory.mktemp("screens"))
+
+
+@needs_browser
+@pytest.mark.parametrize("screen", SCREENS)
+@pytest.mark.parametrize("case", CASES, ids=lambda case: case.name)
+def test_what_is_seen_without_scrolling_gives_the_decision(seen, case, screen):
+    found = seen[f"{case.name}_{screen}"]
+    assert (found["cut"], found["sideways"]) == ([], False)
+    for words in (case.decision, case.reason, f"Next: {case.then}"):
+        assert words in found["words"]

@@ -106,7 +106,7 @@ def test_what_the_discrepancy_stands_in_for_is_named_worst_first(run):
     assert [row[0] for row in table.rows] == ["battery_link", "payload_link", "panel_absorptivity"]
     assert table.rows[0][3] == "the telemetry tells the sum of the two, not the parameter"
     assert [table.state(k, 3) for k in range(3)] == ["warn", "", "good"]
-    against = finding(made(run), "stands in for 1 parameter")
+    against = finding(made(run), "stands in for battery_link")
     assert against.state == "warn"
     assert "battery_link (−0.97)" in against.text
     assert "payload_link" not in against.text
@@ -138,7 +138,7 @@ def test_correlated_residuals_are_no_fault_of_ar1_noise_whose_innovations_are_wh
     text = words(section(own, "residuals").blocks)
     assert "iid" not in text
     assert "no channel contradicts AR(1) noise" in text
-    iid = finding(run, "independent noise is contradicted")
+    iid = finding(run, "not the independent noise")
     assert "payload_temperature" in iid.text
 
 
@@ -147,7 +147,9 @@ def test_innovations_that_are_not_white_contradict_the_noise_by_its_own_name(run
     windows = {
         n: w.assign(innovation=w["observed"] - w["mean"].sel({"by": "stochastic"})) for n, w in own.windows.items()
     }
-    against = finding(dataclasses.replace(own, windows=windows), "The assumption of AR(1) noise is contradicted")
+    against = finding(
+        dataclasses.replace(own, windows=windows), "The residuals are not the AR(1) noise that was assumed, worst "
+    )
     assert "innovations of battery_temperature and payload_temperature" in against.text
     assert "discrepancy and noise take up in part only" in against.text
     assert "the paper" not in against.text

@@ -98,7 +98,7 @@ def test_the_share_inside_the_interval_of_all_channels_is_told_and_judges_nothin
 
 
 def test_residuals_that_contradict_iid_noise_are_told_by_channel_with_the_factor(run):
-    finding = about(run, "independent noise is contradicted")
+    finding = about(run, "The residuals are not the independent noise that was assumed, worst payload_temperature")
     assert finding.state == "bad"
     assert "battery_temperature and payload_temperature" in finding.text
     assert "too narrow by up to about a factor of 7" in finding.text
@@ -117,18 +117,21 @@ def test_a_posterior_at_its_priors_edge_is_marked(run):
 
 def test_priors_in_conflict_with_the_telemetry_are_told_by_name(run):
     assert about(run, "where their priors expect them").state == "good"
-    finding = about(scored(run, battery_link=-4.2), "1 posterior lies far from where the prior expects it")
+    finding = about(scored(run, battery_link=-4.2), "battery_link lies 4.2 deviations from where its prior expects it")
     assert finding.state == "warn"
     assert "battery_link (4.2 deviations below)" in finding.text
     assert finding.not_for == ("the value of battery_link",)
-    assert about(scored(run, battery_link=6.0), "far from where").state == "bad"
+    assert about(scored(run, battery_link=6.0), "battery_link lies 6.0 deviations").state == "bad"
 
 
 def test_many_priors_that_are_a_little_off_are_a_conflict_together(run):
     names = [info.name for info in run.parameters if info.kind == "parameter"]
     # Each alone is at 2.4 deviations, as one of eleven may be by chance; the sum of eight squares is 46.
     assert about(scored(run, **dict.fromkeys(names[:1], 2.4)), "where their priors").state == "good"
-    assert about(scored(run, **dict.fromkeys(names, 2.4)), "far from their priors").state == "warn"
+    assert (
+        about(scored(run, **dict.fromkeys(names, 2.4)), "5 values lie far from where their priors expect them").state
+        == "warn"
+    )
 
 
 def test_sizes_of_noise_are_held_to_no_prior(run):
@@ -136,19 +139,22 @@ def test_sizes_of_noise_are_held_to_no_prior(run):
 
 
 def test_duty_cycles_outside_the_simulations_are_told(run):
-    assert about(run, "Heaters: 2 of 2").state == "good"
+    assert about(run, "All 2 duty cycles in “test” lie within").state == "good"
     window = run.windows["test"]
     shifted = window.assign(observed_duty_cycle=window["observed_duty_cycle"] + [0.3, 0.0])
-    finding = about(dataclasses.replace(run, windows=run.windows | {"test": shifted}), "Heaters: 1 of 2")
+    finding = about(dataclasses.replace(run, windows=run.windows | {"test": shifted}), "battery_heater is on for 7")
     assert finding.state == "warn"
     assert [d.endswith("which leaves telemetry out.") for d in finding.details] == [True, False]
 
 
 def test_what_the_interval_of_a_duty_cycle_contains_is_told(run):
-    assert "95% of what is predicted, which contains parameters, initial temperatures." in about(run, "Heaters").text
+    assert (
+        "95% of what is predicted, which contains parameters, initial temperatures."
+        in about(run, "All 2 duty cycles").text
+    )
     said = run.windows["test"].copy()
     del said.attrs["duty_cycle_contains"]  # of an older flightcal
-    told = about(dataclasses.replace(run, windows=run.windows | {"test": said}), "Heaters: 2 of 2")
+    told = about(dataclasses.replace(run, windows=run.windows | {"test": said}), "All 2 duty cycles")
     assert "95% of what is predicted. All" in told.text
 
 

@@ -190,7 +190,7 @@ def test_a_failed_gate_of_heat_forbids_the_posterior_but_not_the_chains(run):
 def test_several_failed_gates_do_not_say_that_the_chains_converged(run):
     failed = {"response to heat": "Narrow the priors.", "R-hat": "Draw more."}
     first = every_finding(made(run, diagnostics=gated(run, **failed)))[0]
-    assert first.title == "The chains have not converged"
+    assert first.title == "The chains have not converged: R-hat, a"
     assert first.text == "2 of 7 gates are not passed. Do not rely on this posterior."
 
 

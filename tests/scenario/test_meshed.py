@@ -146,6 +146,28 @@ def test_what_is_written_of_a_cell_or_its_face_replaces_what_the_mesh_says(write
     assert network.faces["fin[1,0]+"].area == pytest.approx(0.06)
 
 
+def test_the_capacity_of_a_box_s_cell_may_depend_on_temperature(write):
+    text = edited(
+        MESHED,
+        ("  nodes:\n", BOX + '  nodes:\n    "bus.x+[0,1]": {capacity_slope: 0.002 1/K, at: 0 degC}\n'),
+        (
+            "parameters:\n",
+            'parameters:\n  slope: {sets: "nodes.bus.x+[0,1].capacity_slope", prior: {uniform: [0 1/K, 0.004 1/K]}}\n',
+        ),
+    )
+    scenario = load_scenario(write(text))
+    cell, other = (scenario.network.nodes[f"bus.x+[0,{k}]"] for k in (1, 0))
+    assert (cell.capacity, cell.initial) == (other.capacity, other.initial)
+    assert (cell.capacity_slope, cell.at, other.capacity_slope) == (0.002, 273.15, None)
+    assert scenario.parameters["slope"].sets == ("nodes.bus.x+[0,1].capacity_slope",)
+    again = load_scenario(
+        write(
+            calibrated_text(text, scenario, {"white": 0.3, "capacity": 650.0, "initial.battery": 290.0, "slope": 0.003})
+        )
+    ).network.nodes["bus.x+[0,1]"]
+    assert (again.capacity_slope, again.at, again.capacity) == (0.003, 273.15, pytest.approx(cell.capacity))
+
+
 def test_parameters_set_numbers_of_cells_alone_and_by_pattern(write):
     parameters = load_scenario(write(MESHED)).parameters
     assert parameters["white"].sets == ("faces.fin[0,0]+.absorptivity", "faces.fin[1,0]+.absorptivity")
@@ -216,12 +238,16 @@ def test_a_new_scenario_with_a_box_is_simulated(tmp_path):
     file = tmp_path / "scenario.yaml"
     text = edited(file.read_text(), ("\nsimulator:\n", f"\nsimulator:\n{PLATE}{BOX}"))
     link = '  conductors:\n    - {between: [battery, "bus.z-[0,1]"], conductance: 0.2 W/K}\n'
-    file.write_text(edited(text, ("  conductors:\n", link)))
+    cell = '    "bus.z-[0,1]": {capacity_slope: 0.02 1/K}\n'
+    constant = tmp_path / "constant.yaml"
+    constant.write_text(edited(text, ("  conductors:\n", link)))
+    file.write_text(edited(constant.read_text(), ("  conductors:\n", f"{cell}  conductors:\n")))
     linted = run(app, ["lint", str(file)])
     assert linted.exit_code == 0, linted.output
     written_out = tmp_path / "written_out.yaml"
     written_out.write_text(resolved_yaml(load_scenario(file)))
-    for path in (file, written_out):
+    for path in (file, written_out, constant):
         done = run(app, ["simulate", str(path), "--out", str(path.with_suffix(".csv"))])
         assert done.exit_code == 0, done.output
-    assert file.with_suffix(".csv").read_text() == written_out.with_suffix(".csv").read_text()
+    of_file, of_network, without_slope = (own.with_suffix(".csv").read_text() for own in (file, written_out, constant))
+    assert of_file == of_network != without_slope

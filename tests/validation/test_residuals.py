@@ -228,6 +228,8 @@ IRREGULAR = {
     "in pairs": lambda rng, size: np.tile([3.0, 57.0], size // 2),
     "jittered": lambda rng, size: rng.uniform(30.0, 90.0, size),
     "with gaps": lambda rng, size: rng.uniform(30.0, 90.0, size) + 3e4 * (np.arange(size) % 500 == 499),
+    "in bursts": lambda rng, size: np.where(np.arange(size) % 10, 1.0, 600.0),
+    "in passes": lambda rng, size: np.where(np.arange(size) % 20, 10.0, 900.0),
 }
 
 

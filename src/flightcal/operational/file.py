@@ -104,7 +104,7 @@ def _mission(content: SpacecraftFile, folder: Path) -> Mission:
     for name, node in nodes.items():
         if node.capacity_slope is not None:
             expected = "expected none: the capacities of a flight do not depend on temperature"
-            raise FlightcalError(f"nodes.{name}: found 'capacity_slope', {expected}")
+            raise MeshError(("nodes", name, "capacity_slope"), f"found {node.capacity_slope:g} 1/K, {expected}")
     conductors = (*mesh.conductors, *content.conductors)
     faces = {**mesh.faces, **content.faces}
     for where, name in (

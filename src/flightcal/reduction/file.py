@@ -11,7 +11,7 @@ import numpy as np
 
 from ..environment import orbital_period
 from ..errors import FlightcalError, ScenarioError
-from ..operational import Command, Mission, load_spacecraft
+from ..operational import Command, Mission, SpacecraftFile, load_spacecraft
 from ..scenario import (
     ModeChange,
     Observation,
@@ -79,6 +79,7 @@ def load_task(path: str | Path) -> Task:
     place = Path(path)
     reduction, document = read_file(place, Reduction)
     mission = load_spacecraft(place.parent / reduction.spacecraft)
+    _refuse_slopes(place.parent / reduction.spacecraft)
     try:
         if mission.spacecraft.scenario.environment.attitude_offset is not None:
             raise FlightcalError(
@@ -105,6 +106,19 @@ def load_task(path: str | Path) -> Task:
     )
 
 
+def _refuse_slopes(spacecraft: Path) -> None:
+    """Raises ScenarioError where a conductance of a spacecraft file depends on temperature."""
+    content, document = read_file(spacecraft, SpacecraftFile)
+    expected = "expected none: a reduced model's conductances do not depend on temperature"
+    problems = [
+        Problem(("conductors", k, "conductance_slope"), f"found {own.conductance_slope:g} 1/K, {expected}")
+        for k, own in enumerate(content.conductors)
+        if own.conductance_slope is not None
+    ]
+    if problems:
+        raise file_error(spacecraft, document, problems)
+
+
 def _full_network(mission: Mission, reduction: Reduction) -> tuple[Scenario, list[str]]:
     craft = mission.spacecraft
     heaters, notes = canonical_heaters(craft, reduction.pulse_width_band)
@@ -112,10 +126,6 @@ def _full_network(mission: Mission, reduction: Reduction) -> tuple[Scenario, lis
     for name, heater in heaters.items():
         if nodes[heater.sensor].capacity is None:
             raise FlightcalError(f"heater line '{name}': found sensor node '{heater.sensor}', expected a capacity")
-    for conductor in craft.scenario.network.conductors:
-        if conductor.conductance_slope is not None:
-            found = f"conductor '{conductor.label}': found 'conductance_slope', expected none"
-            raise FlightcalError(f"{found}: a reduced model's conductances do not depend on temperature")
     thermistors = craft.thermistors
     observations = {}
     for name in reduction.sensors or craft.downlink.thermistors:

@@ -39,11 +39,15 @@ NARROWED = 1.3
 """Factor up to which residuals that are not quite the noise that is assumed are of no practical weight."""
 OFF = 0.01
 """Probability that a right model is cautioned about for one of its channels, priors or heaters."""
+STRIKING = 0.6
+"""Share inside the interval that no reader takes for 95%, though errors as long as the window can make it by chance."""
 FAR_OFF = 1e-6
 """The same, below which a model is called wrong."""
 
 _VALUE = "the value of "
+_TEMPERATURES = "temperatures of "
 _CHECK = "flightcal check scenario.yaml --out checked"
+_AGAIN = "Run the same command again: it takes up where it stopped."
 
 
 @dataclass(frozen=True)
@@ -75,11 +79,19 @@ def valued(limit: str) -> str:
     return limit.removeprefix(_VALUE) if limit.startswith(_VALUE) else ""
 
 
+def temperatures_of(channel: str) -> str:
+    """What a run is not to be used for where a channel's intervals do not hold."""
+    return f"{_TEMPERATURES}{channel}"
+
+
 def in_few_words(limits: Sequence[str]) -> str:
-    """What a run is not to be used for, each once, and of many values the first."""
+    """What a run is not to be used for, each once, and of many channels or values the first."""
     limits = list(dict.fromkeys(limits))
     values = [limit.removeprefix(_VALUE) for limit in limits if limit.startswith(_VALUE)]
-    said = [limit for limit in limits if not limit.startswith(_VALUE)]
+    channels = [limit.removeprefix(_TEMPERATURES) for limit in limits if limit.startswith(_TEMPERATURES)]
+    said = [limit for limit in limits if not limit.startswith((_VALUE, _TEMPERATURES))]
+    if channels:
+        said.insert(0, f"{_TEMPERATURES}{shortened(channels)}")
     if values:
         said.append(f"the value{'s' if len(values) > 1 else ''} of {shortened(values)}")
     return listed(said)
@@ -92,16 +104,14 @@ def interrupted(run: RunFiles) -> list[Finding]:
     sizes = run.posterior["posterior"].to_dataset().sizes
     kept = f"{sizes.get('draw', 0)} draws of each of {sizes.get('chain', 0)} chains"
     text = f"Sampling was stopped early; all that follows rests on {kept}."
-    then = "The same command takes up where it stopped."
-    return [Finding("bad", "The run was interrupted", text, then=then)]
+    return [Finding("bad", "The run was interrupted", text, then=_AGAIN)]
 
 
 def convergence(diagnostics: Record | None) -> Finding:
     """Whether the chains passed their gates."""
     if diagnostics is None:
         text = "There is no diagnosis of the chains (diagnostics.json), so nothing here is a calibration."
-        then = "Run the same command again: it takes up where it stopped."
-        return Finding("bad", "The sampling did not finish", text, then=then)
+        return Finding("bad", "The sampling did not finish", text, then=_AGAIN)
     gates = diagnostics.get("gates", [])
     failed = [g for g in gates if not g["passed"]]
     words = str(diagnostics.get("verdict") or "")
@@ -123,7 +133,8 @@ def convergence(diagnostics: Record | None) -> Finding:
         return Finding("bad", title, text, details, then=then)
     # The rest of the words names the gates, as the details do.
     first = f"{words.split('. ')[0]}." if not words.startswith("Converged") else "Do not rely on this posterior."
-    return Finding("bad", "The chains have not converged", f"{share} {first}", details, then=then)
+    title = f"The chains have not converged: {failed[0]['name']}, {shown(failed[0]['found'])}"
+    return Finding("bad", title, f"{share} {first}", details, then=then)
 
 
 def explanations(run: RunFiles) -> list[Finding]:
@@ -287,7 +298,8 @@ def noise(run: RunFiles) -> Finding:
     else:
         lacking = " and that this noise does not describe. No interval in this report contains this model discrepancy."
     contradicted = f"In “{window}” the {tested} of {channels(against, of_window)} contradict {assumed}."
-    title = f"The assumption of {'independent noise' if plain else listed(noises(against))} is contradicted"
+    named = "independent noise" if plain else listed(noises(against))
+    title = f"The residuals are not the {named} that was assumed, worst {worst.channel}"
     text = (
         f"{contradicted} Intervals of the "
         f"parameters are too narrow by up to about a factor of {number(worst.factor, 2)} ({worst.channel}, lag-1 "
@@ -317,13 +329,14 @@ def heat(run: RunFiles) -> list[Finding]:
             f"For sure, as a share of the mean heat through the node: {large}. Above {IMPLAUSIBLE:.0%} heat can hide a "
             f"wrong set-up: look at attitude, areas, time tags and units before the parameters are used.{taken}"
         )
-        return [Finding("bad", "Unmodelled heat is implausibly large", text, then=_CHECK)]
+        title = f"Unmodelled heat is implausibly large: {worst}, {percent(share, 0)} of what flows"
+        return [Finding("bad", title, text, then=_CHECK)]
     if share > LARGE:
         text = (
             f"For sure, as a share of the mean heat through the node: {large}. Look for what the scenario lacks, "
             f"such as a load or a shadow.{taken}"
         )
-        title = f"Unmodelled heat is above {LARGE:.0%} of what flows"
+        title = f"Unmodelled heat is large: {worst}, {percent(share, 0)} of what flows"
         not_for = tuple(map(value_of, wider)) or ("values of parameters",)
         return [Finding("warn", title, text, not_for=not_for, then=_CHECK)]
     text = f"For sure it is at most {percent(share)} of the mean heat through any node ({worst}).{taken}"
@@ -334,7 +347,8 @@ def holding(run: RunFiles) -> Finding:
     """Whether intervals hold on windows that were not trained on, all channels and windows together."""
     judged = holdings(run)
     if not run.windows:
-        return Finding("none", "Nothing is predicted", "There is no prediction in this run (prediction.nc).")
+        text = "There is no prediction in this run (prediction.nc), so nothing says whether it can be trusted."
+        return Finding("bad", "Nothing is predicted: the run did not finish", text, then=_AGAIN)
     if not judged:
         text = "The scenario has no window that was not trained on: nothing says how well it predicts unseen telemetry."
         then = "Add a window: windows: {test: {start: ..., end: ...}}"
@@ -342,6 +356,7 @@ def holding(run: RunFiles) -> Finding:
     windows = {name: run.windows[name] for name in judged}
     failed: dict[str, None] = {}
     channels: dict[str, None] = {}
+    few: dict[str, tuple[float, str]] = {}
     worst, details = ("", math.inf), []
     for name, held in judged.items():
         window = windows[name]
@@ -360,6 +375,9 @@ def holding(run: RunFiles) -> Finding:
                     said += f", {held.error[k]:.1f} deviations off (at most {held.most_error[k]:.1f})"
                 worst = min(worst, (f"{channel} in “{name}”, {how}", held.room[k]), key=lambda w: w[1])
                 said += ", which does not hold"
+            elif share < STRIKING:
+                few[channel] = min(few.get(channel, (1.0, "")), (share, name))
+                said += ", which may be by chance"
             elif share > upper:
                 said += ", wider than need be"
             words.append(said)
@@ -376,10 +394,17 @@ def holding(run: RunFiles) -> Finding:
     if not channels:
         return Finding("none", f"No sample of {over} is scored", text, tuple(details), ("unseen windows",))
     if not failed:
-        return Finding("good", f"Intervals hold on {over}, in every channel", text, tuple(details))
+        if not few:
+            return Finding("good", f"Intervals hold on {over}, in every channel", text, tuple(details))
+        channel, (share, name) = min(few.items(), key=lambda own: own[1])
+        title = f"Only {percent(share)} of {channel} in “{name}” is inside: too short to tell whether by chance"
+        then = "Add longer windows to test on: windows: {test: {start: ..., end: ...}}"
+        return Finding("warn", title, text, tuple(details), tuple(map(temperatures_of, few)), then)
     title = f"Intervals do not hold in {len(failed)} of {len(channels)} channels, worst {worst[0]}"
+    if len(channels) == 1:
+        title = f"Intervals do not hold: {worst[0]}"
     state: State = "bad" if 2 * len(failed) >= len(channels) else "warn"
-    not_for = tuple(f"temperatures of {name}" for name in failed)
+    not_for = tuple(map(temperatures_of, [*failed, *few]))
     return Finding(state, title, text, tuple(details), not_for, _CHECK)
 
 
@@ -408,11 +433,17 @@ def heaters(run: RunFiles) -> list[Finding]:
             f"[{percent(own.lower)}, {percent(own.upper)}]{', which leaves telemetry out' if own.outside else ''}."
             for own in found
         )
+        title = f"All {len(found)} duty cycles in “{name}” lie within what is predicted"
+        if outside:
+            own, *others = outside
+            title = (
+                f"{own.heater} is on for {percent(own.measured)} of “{name}”, predicted {percent(own.lower)} to "
+                f"{percent(own.upper)}{f'; {len(others)} more outside' if others else ''}"
+            )
         findings.append(
             Finding(
                 "warn" if outside else "good",
-                f"Heaters: {len(found) - len(outside)} of {len(found)} duty cycles in “{name}” lie within what is "
-                "predicted",
+                title,
                 "Share of the time on, telemetry against the mean and central 95% of what is predicted"
                 f"{f', which contains {contents}' if contents else ''}. "
                 f"All together leave a right prediction's bands with {1.0 - CLOSED:.0%} probability:",
@@ -443,8 +474,8 @@ def stand_in(run: RunFiles) -> list[Finding]:
         "tells the sum of the two, and the two priors share it out. A prediction needs only the sum; a "
         "parameter's value alone rests on the discrepancy's prior."
     )
-    title = f"The discrepancy stands in for {len(against)} parameter{'s' if len(against) > 1 else ''}"
-    return [Finding("warn", title, text, not_for=tuple(map(value_of, against)))]
+    title = f"The discrepancy, what the model lacks, stands in for {shortened(list(against))}"
+    return [Finding("warn", title, text, not_for=tuple(map(value_of, against)), then=_CHECK)]
 
 
 def prior_conflict(run: RunFiles) -> Finding:
@@ -480,8 +511,9 @@ def prior_conflict(run: RunFiles) -> Finding:
         "something else that is, such as a clock, an attitude, a unit or a missing heater."
     )
     state: State = "bad" if min([together, *alone.values()]) < FAR_OFF else "warn"
-    count = "1 posterior lies" if len(named) == 1 else f"{len(named)} posteriors lie"
-    title = f"{count} far from where the prior expects it" if len(named) == 1 else f"{count} far from their priors"
+    title = f"{named[0]} lies {abs(out_by[named[0]]):.1f} deviations from where its prior expects it"
+    if named[1:]:
+        title = f"{len(named)} values lie far from where their priors expect them, worst {named[0]}"
     return Finding(state, title, text, not_for=tuple(map(value_of, named)), then=_CHECK)
 
 

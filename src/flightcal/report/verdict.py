@@ -24,8 +24,10 @@ from .findings import (
     scores,
     stand_in,
     suspected,
+    temperatures_of,
     valued,
 )
+from .panels.parameters import MOST_NAMED
 from .run_files import RunFiles
 from .text import listed
 
@@ -40,7 +42,7 @@ MEANING: Final = {
 }
 """What a yes to each question says."""
 
-_ORDER: Final[tuple[State, ...]] = ("none", "good", "warn", "bad")
+_ORDER: Final[tuple[State, ...]] = ("good", "none", "warn", "bad")
 _WITHOUT_LIMIT = "what no test here has looked at"
 
 
@@ -96,8 +98,12 @@ class Verdict:
             return "Do not use it."
         cautions = [found for answer in self.answers for found in answer.findings if found.state != "good"]
         limits = [limit for found in cautions for limit in found.not_for]
-        left = [name for name in self.channels if f"temperatures of {name}" not in limits]
-        named = f"all {len(left)} channels" if left == list(self.channels) and len(left) > 1 else listed(left)
+        left = [name for name in self.channels if temperatures_of(name) not in limits]
+        named = listed(left)
+        if len(left) > MOST_NAMED:
+            named = f"{len(left)} of {len(self.channels)} channels"
+        if left == list(self.channels) and len(left) > 1:
+            named = "both channels" if len(left) == 2 else f"all {len(left)} channels"
         uses = f"temperatures of {named}" if left else "the windows that it was trained on"
         return f"Use it for {uses}, but not for {in_few_words(limits) or _WITHOUT_LIMIT}."
 

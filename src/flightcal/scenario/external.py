@@ -132,6 +132,12 @@ class Executable(Block):
     """Linearly, from the output's times to the telemetry's (a status: as it was last); false: they must be the same."""
     keep_failed: FileName | None = None
     """Keep the folders of failed runs in this one; null: they are removed."""
+    folder: str = "."
+    """Folder in which all these names stay. Copies that flightcal writes have the first scenario's."""
+
+    @field_serializer("folder", when_used="json")
+    def _write_folder(self, folder: str, info: SerializationInfo) -> str:
+        return from_folder(folder, info)
 
     @field_serializer("command", when_used="json")
     def _write_command(self, command: tuple[str, ...], info: SerializationInfo) -> list[str]:

@@ -33,7 +33,7 @@ _LEAST_SHARE = 1e-4
 
 
 class MeshError(FlightcalError):
-    """Plates and boxes that do not fit together: `message`, and the `location` in a `Body` of what is wrong."""
+    """Plates, boxes and nodes that do not fit together: `message`, and the `location` of what is wrong."""
 
     def __init__(self, location: Location, message: str) -> None:
         super().__init__(f"{'.'.join(map(str, location))}: {message}")

@@ -30,6 +30,9 @@ _REGULAR = 0.9
 """Share of the steps between samples that are whole in regular sampling."""
 _LONG = 20.0
 """Steps longer than so many nominal ones are gaps, which say nothing about regularity."""
+_BREAK = 5.0
+"""Steps longer than so many nominal ones part bursts of samples."""
+_FEWEST_BURSTS = 8
 _USUAL = 0.9
 """Share of the steps of irregular sampling that are no gaps."""
 
@@ -84,20 +87,20 @@ class _Cells(NamedTuple):
     squares: Array
 
 
-def _cells(values: Array, time: Times, max_lag: int) -> list[_Cells]:
-    """Stretches of values [T], NaN where missing, each on a grid of `spacing`.
+def _cells(values: Array, time: Times, max_lag: int, width: float | None) -> list[_Cells]:
+    """Stretches of values [T], NaN where missing, each on a grid of `spacing`, or of cells of `width` s.
 
     Of regular sampling each cell has at most one sample. Where sampling is irregular (fewer than `_REGULAR` of the
-    steps are whole numbers of nominal spacings) a cell holds the samples nearest to it, so that pairs of samples are
-    taken for those of the nearest lag (slots: Edelson & Krolik 1988, ApJ 333); a stretch then ends at a gap longer than
-    `max_lag` alone.
+    steps are whole numbers of nominal spacings), or a width is given, a cell holds the samples nearest to it, so that
+    pairs of samples are taken for those of the nearest lag (slots: Edelson & Krolik 1988, ApJ 333); a stretch then ends
+    at a gap longer than `max_lag` alone.
     """
-    if _is_regular(time):
+    if width is None and _is_regular(time):
         grids = segments(values, time, max_lag)
         sums = [np.where(np.isfinite(grid), grid, 0.0) for grid in grids]
         return [_Cells(own, np.isfinite(grid).astype(float), own**2) for own, grid in zip(sums, grids, strict=True)]
     present = np.isfinite(values)
-    values, at = values[present], _seconds(time[present]) / spacing(time)
+    values, at = values[present], _seconds(time[present]) / (width or spacing(time))
     ends = [0, *(np.flatnonzero(np.diff(at) > max_lag + 1) + 1), values.size]
     found = []
     for start, end in itertools.pairwise(ends):
@@ -129,25 +132,25 @@ def _seconds(time: Times) -> Array:
     return np.asarray((time - time[:1]).astype("timedelta64[ns]").astype(np.int64) * 1e-9)
 
 
-def pair_counts(residuals: ArrayLike, time: Times, max_lag: int) -> NDArray[np.int64]:
+def pair_counts(residuals: ArrayLike, time: Times, max_lag: int, width: float | None = None) -> NDArray[np.int64]:
     """Number of pairs of valid residuals at each lag from 0 to `max_lag`: [max_lag + 1]; at lag 0 the residuals."""
-    counts = [own.counts for own in _cells(np.asarray(residuals, float), time, max_lag)]
+    counts = [own.counts for own in _cells(np.asarray(residuals, float), time, max_lag, width)]
     pairs = np.rint(_products(counts, counts, max_lag)).astype(np.int64)
     pairs[0] = round(sum(own.sum() for own in counts))
     return pairs
 
 
-def autocorrelation(residuals: ArrayLike, time: Times, max_lag: int) -> Array:
+def autocorrelation(residuals: ArrayLike, time: Times, max_lag: int, width: float | None = None) -> Array:
     """Autocorrelation at lags 0 to `max_lag`, in steps of `spacing`: [max_lag + 1], -1 to 1; NaN without pairs.
 
-    residuals: [T], NaN where missing; time: [T] datetime64. At each lag the sum of products over the pairs
-    that exist, over the geometric mean of the sums of squares of their first and of their second members,
-    about the mean of all residuals.
+    residuals: [T], NaN where missing; time: [T] datetime64; width: s, of other steps than `spacing`. At each lag the
+    sum of products over the pairs that exist, over the geometric mean of the sums of squares of their first and of
+    their second members, about the mean of all residuals.
     """
     values = np.asarray(residuals, float)
     if not np.isfinite(values).any():
         return np.full(max_lag + 1, np.nan)
-    cells = _cells(values - np.nanmean(values), time, max_lag)
+    cells = _cells(values - np.nanmean(values), time, max_lag, width)
     sums, counts, squares = ([own[k] for own in cells] for k in range(3))
     size = np.sqrt(
         np.maximum(_products(squares, counts, max_lag), 0) * np.maximum(_products(counts, squares, max_lag), 0)
@@ -159,9 +162,9 @@ def autocorrelation(residuals: ArrayLike, time: Times, max_lag: int) -> Array:
     return np.clip(ratio, -1.0, 1.0)
 
 
-def _together(residuals: Array, time: Times) -> float:
+def _together(residuals: Array, time: Times, width: float | None) -> float:
     """What pairs of samples in the same cell add to the variance of the mean: their number times their correlation."""
-    cells = _cells(residuals - np.nanmean(residuals), time, residuals.size)
+    cells = _cells(residuals - np.nanmean(residuals), time, residuals.size, width)
     sums, counts, squares = (np.concatenate([own[k] for own in cells]) for k in range(3))
     pairs, size = float((counts * (counts - 1)).sum()), float((squares * (counts - 1)).sum())
     return pairs * float((sums**2 - squares).sum()) / size if size > 0.0 else 0.0
@@ -182,23 +185,38 @@ def effective_samples(residuals: ArrayLike, time: Times) -> float:
     n^2 / (n + 2 sum_k n_k r_k), with n_k pairs at lag k, which is n / (1 + 2 sum r_k) for a long series
     without gaps. Pairs in the same cell of irregular sampling count besides. The sum ends where a sum of two
     neighbouring autocorrelations turns negative, and these sums are made to fall: the initial monotone sequence
-    estimator, Geyer (1992), Stat. Sci. 7, sec. 3.3.
+    estimator, Geyer (1992), Stat. Sci. 7, sec. 3.3. Of samples in bursts the sum ends with a burst, so that it is also
+    taken over cells that hold a burst each; the larger counts.
     Between 1 and n.
     """
     values = np.asarray(residuals, float)
     count = int(np.isfinite(values).sum())
     if count < 2:
         return float(count)
+    widths = [None, *_between_bursts(time[np.isfinite(values)])]
+    inflation = max(_inflation(values, time, width) for width in widths)
+    return float(np.clip(count / max(inflation, 1.0), 1.0, count))
+
+
+def _between_bursts(time: Times) -> list[float]:
+    """Mean time from one burst of samples to the next, s; none where there are fewer than `_FEWEST_BURSTS`."""
+    steps = np.diff(_seconds(time))
+    breaks = int((steps > _BREAK * np.median(steps)).sum()) if steps.size else 0
+    return [float(steps.sum()) / breaks] if breaks >= _FEWEST_BURSTS else []
+
+
+def _inflation(values: Array, time: Times, width: float | None) -> float:
+    """By how much the variance of the mean is larger than of independent samples; width: see `autocorrelation`."""
+    count = int(np.isfinite(values).sum())
     max_lag = max(1, values.size // 2)
-    correlation = np.nan_to_num(autocorrelation(values, time, max_lag))
-    weighted = correlation * pair_counts(values, time, max_lag) / count
+    correlation = np.nan_to_num(autocorrelation(values, time, max_lag, width))
+    weighted = correlation * pair_counts(values, time, max_lag, width) / count
     length = weighted.size // 2 * 2
     pairs = weighted[:length:2] + weighted[1:length:2]
     negative = np.flatnonzero(pairs <= 0)
     pairs = pairs[: negative[0]] if negative.size else pairs
     inflation = 2 * np.minimum.accumulate(pairs).sum() - 1 if pairs.size else 1.0
-    inflation += max(_together(values, time), 0.0) / count
-    return float(np.clip(count / max(inflation, 1.0), 1.0, count))
+    return float(inflation + max(_together(values, time, width), 0.0) / count)
 
 
 def ljung_box(residuals: ArrayLike, time: Times, lags: int) -> tuple[float, float]:

@@ -51,7 +51,7 @@ def table(found: list[Duty]) -> Table:
     """A row for each heater and window."""
     rows = []
     for own in found:
-        verdict: str = "–"
+        verdict: str = "not measured"
         if np.isfinite(own.measured):
             verdict = Cell("✕ outside", "warn") if own.outside else Cell("✓ inside", "good")
         rows.append(

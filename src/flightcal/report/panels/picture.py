@@ -11,13 +11,15 @@ from ...prediction import Holding, hold_together, replicates_of
 from .. import block
 from ..block import Block, section
 from ..run_files import RunFiles, bins, has_prediction
-from ..text import listed, percent
+from ..text import percent
 from ..windows import Heights, names
 from .duty import duties
 from .prediction import figure_stochastic
 from .residuals import residuals
 
 MOST_HEATERS = 3
+MOST_OF_A_NAME = 24
+"""Characters of a name beside which its title says more and fits on a phone."""
 HEIGHTS = Heights(channel=128, heater=40, gap=30)
 
 
@@ -43,23 +45,22 @@ def panel(run: RunFiles) -> list[Block]:
     """Mean and interval of two channels, and the status of heaters."""
     chosen = choose(run)
     if chosen is None:
-        return [block.note("The run has no prediction with an interval: sampling did not finish.")]
+        return [block.note("The run has no prediction with an interval: it did not finish.")]
     window = run.windows[chosen.window]
     heaters = [own.heater for own in duties(run) if own.window == chosen.window][:MOST_HEATERS]
     shown = window.sel(channel=chosen.channels)
     if window.sizes.get("heater", 0):
         shown = shown.sel(heater=heaters)
-    titles = {chosen.worst: f"{chosen.worst}, the worst of {window.sizes['channel']}"}
-    if chosen.typical is None:
-        titles = {}
-    else:
-        titles[chosen.typical] = f"{chosen.typical}, {'a typical one' if window.sizes['channel'] > 2 else 'the other'}"
+    titles = {name: name for name in chosen.channels}
+    for name in (own for own in titles if len(own) <= MOST_OF_A_NAME):
+        if name in chosen.share:
+            titles[name] += f": {percent(chosen.share[name], 0)} inside"
+        if name == chosen.worst and chosen.typical is not None:
+            titles[name] += f", worst of {window.sizes['channel']}"
     figure = figure_stochastic(shown, bins(run) // 2, heights=HEIGHTS, titles=titles)
     figure.update_layout(showlegend=False, margin={"t": 24})
     seen = "which was not trained on" if chosen.window in run.test_windows else "which was trained on"
-    inside = listed([f"{percent(chosen.share[name], 0)} of {name}" for name in chosen.channels if name in chosen.share])
-    words = f"Window “{chosen.window}”, {seen}. Dots: telemetry. Line and band: predicted mean and 95% interval"
-    words += f", which has {inside}." if inside else "."
+    words = f"Window “{chosen.window}”, {seen}. Dots: telemetry. Line and band: predicted mean and 95% interval."
     if heaters:
         words += " Beneath: heaters; grey: on in telemetry, ochre: not known, line: predicted probability of on."
     if "eclipse" in window:
@@ -86,7 +87,12 @@ def choose(run: RunFiles) -> Chosen | None:
     rooms = {place: room for place, room in rooms.items() if has_prediction(run.windows[place[0]], "stochastic")}
     if rooms:
         window, worst = min(rooms, key=lambda place: rooms[place][0])
-        others = sorted((room, channel) for (own, channel), (room, _) in rooms.items() if own == window)[1:]
+        # Where all hold, what the verdict may name is the channel whose noise is not what was assumed.
+        noisy = [own for own in next(iter(run.checks.values())) if own.verdict == "contradicted"]
+        if noisy and rooms[window, worst][0] >= 0.0:
+            worst = max(noisy, key=lambda own: own.factor).channel
+        others = sorted((room, channel) for (own, channel), (room, _) in rooms.items() if own == window)
+        others = [own for own in others if own[1] != worst]
         share = {channel: share for (own, channel), (_, share) in rooms.items() if own == window}
         return Chosen(window, worst, others[len(others) // 2][1] if others else None, share)
     predicted = [name for name, window in run.windows.items() if has_prediction(window, "stochastic")]

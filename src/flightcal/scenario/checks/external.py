@@ -129,11 +129,18 @@ def _check_executable(block: Executable, external: External, folder: Path, locat
         place = "relative to the scenario" if "/" in block.command[0] else "in PATH"
         message = f"found {show(block.command[0])}, expected a program that can be run, {place}"
         yield Problem((*location, "command"), message)
+    if os.path.isabs(block.folder):
+        message = (
+            f"found {show(block.folder)}: files are taken from there, which is meant for copies of a scenario alone"
+        )
+        yield Problem((*location, "folder"), message, warning=True)
+    else:
+        yield from _stays_inside(folder, ".", block.folder, (*location, "folder"))
     for k, name in enumerate(block.files):
         yield from file_exists(folder, name, "a file to copy,", (*location, "files", k))
-        yield from _stays_inside(folder, name, (*location, "files", k))
+        yield from _stays_inside(folder, block.folder, name, (*location, "files", k))
     if block.keep_failed is not None:
-        yield from _stays_inside(folder, block.keep_failed, (*location, "keep_failed"))
+        yield from _stays_inside(folder, block.folder, block.keep_failed, (*location, "keep_failed"))
     written: dict[str, Location] = {}
     for name in (*block.templates, *(Path(name).name for name in block.files), block.output):
         where = (*location, "templates", name) if name in block.templates else location
@@ -145,17 +152,17 @@ def _check_executable(block: Executable, external: External, folder: Path, locat
         written[name] = where
     for name, template in block.templates.items():
         where = (*location, "templates", name)
-        yield from _stays_inside(folder, template, where)
+        yield from _stays_inside(folder, block.folder, template, where)
         if missing := list(file_exists(folder, template, "a template,", where)):
             yield from missing
         else:
             yield from _check_template(folder / template, template, external, where)
 
 
-def _stays_inside(folder: Path, name: str, location: Location) -> Iterator[Problem]:
-    """A relative name is that of something in the scenario's folder. (Copies of a scenario have absolute ones.)"""
-    home = os.path.realpath(folder)
-    if not os.path.isabs(name) and os.path.commonpath([home, os.path.realpath(os.path.join(home, name))]) != home:
+def _stays_inside(folder: Path, home: str, name: str, location: Location) -> Iterator[Problem]:
+    """A name is that of something in `home`, which for all but copies is the scenario's folder."""
+    home = os.path.realpath(folder / home)
+    if not Path(os.path.realpath(folder / name)).is_relative_to(home):
         message = f"found {show(name)}, outside of the scenario's folder, expected a name inside of it"
         yield Problem(location, message)
 
