@@ -9,10 +9,11 @@ from flightcal.reduction.affine import decompose, product_of
 from flightcal.reduction.candidate import errors_of, simulator_on, theta_of
 from flightcal.reduction.file import load_task
 from flightcal.reduction.full_heat import full_heat
-from flightcal.reduction.full_order import medians_of, run_full, window_simulator
+from flightcal.reduction.full_order import run_full, window_simulator
 from flightcal.reduction.projection import choose_shapes, collect, project
 from flightcal.reduction.reduce import reduce
 from flightcal.reduction.reduced_scenario import reduced_scenario
+from flightcal.reduction.spacecraft import medians_of
 from flightcal.reduction.storage import load, save, stored_of
 from flightcal.simulator import build_network
 from tests.reduction import craft

@@ -10,9 +10,8 @@ import numpy as np
 
 from ..errors import RunError
 from ..progress import SILENT, Progress
-from ..run import write_json, write_text
+from ..run import REDUCED, hash_of, hash_of_file, read_json, write_json, write_text
 from ..scenario import (
-    Calibration,
     Channel,
     InitialState,
     Observation,
@@ -20,6 +19,7 @@ from ..scenario import (
     TelemetryFile,
     TimeColumn,
     Window,
+    input_files,
     resolved_yaml,
 )
 from .certificate import certificate, certificate_lines, measure_speed, sensor_errors
@@ -31,7 +31,9 @@ from .schema import FlightWindow
 from .storage import save, stored_of
 from .thermostats import switching_shifts
 
-MODEL_FILE = "reduced_model.nc"
+MODEL_FILE, CERTIFICATE = "reduced_model.nc", "certificate.json"
+_FILES = ("certificate.txt", "scenario.yaml", MODEL_FILE, CERTIFICATE)
+"""In the order in which they are written: the last one says that all are there."""
 _BELIEVABLE = ("-200 degC", "300 degC")
 
 
@@ -49,14 +51,38 @@ def reduce_to_folder(path: Path, out: Path, progress: Progress = SILENT) -> list
     content = certificate(task, reduced, speed)
     lines = certificate_lines(content)
     out.mkdir(parents=True, exist_ok=True)
-    written = ["certificate.json", "certificate.txt", "scenario.yaml", MODEL_FILE]
-    write_json(out / "certificate.json", content)
     write_text(out / "certificate.txt", "\n".join(lines) + "\n")
     block = reduced_scenario(task.scenario, reduced.model, task.reduction.step).network
     stored = stored_of(reduced.model, task.scenario, block, sensor_errors(task, reduced), full_heat(task))
     save(out / MODEL_FILE, stored)
     write_text(out / "scenario.yaml", _scenario_text(task, reduced, path, out))
-    return [*lines, *(f"wrote {out / name}" for name in written)]
+    write_json(out / CERTIFICATE, {"made_from": _made_from(path, task), **content})
+    return [*lines, *(f"wrote {out / name}" for name in _FILES)]
+
+
+def scenario_of(path: Path, out: Path, progress: Progress = SILENT) -> Path:
+    """The scenario of the reduction file at `path`, to calibrate in the folder `out`.
+
+    It is that of the folder `reduced` beside the file, or else of the one in `out`, where it was made from the same
+    files. Otherwise it is made in `out`. Raises ScenarioError, and RunError where `out` holds something else.
+    """
+    made_from, own = _made_from(path, load_task(path)), out / REDUCED
+    for folder in (path.parent / REDUCED, own):
+        if (folder / CERTIFICATE).is_file() and read_json(folder / CERTIFICATE).get("made_from") == made_from:
+            return folder / "scenario.yaml"
+    if out.exists() and (not out.is_dir() or {file.name for file in out.iterdir()} - {REDUCED}):
+        raise RunError(f"{out}: found something else than a run of {path} as it is now, expected a new or empty folder")
+    for name in _FILES if own.is_dir() else ():
+        (own / name).unlink(missing_ok=True)
+    for line in reduce_to_folder(path, own, progress):
+        progress.say(line)
+    return own / "scenario.yaml"
+
+
+def _made_from(path: Path, task: Task) -> str:
+    """Hash of the files that a reduction reads."""
+    files = [path, path.parent / task.reduction.spacecraft, *map(Path, input_files(task.scenario))]
+    return hash_of(list(map(hash_of_file, files)))
 
 
 def _as_the_software_switches(task: Task, reduced: Reduced) -> Reduced:
@@ -82,11 +108,7 @@ def _scenario_text(task: Task, reduced: Reduced, path: Path, out: Path) -> str:
     heaters = {
         name: heater.model_copy(update={"measured_by": f"{name}_status"}) for name, heater in model.switches.items()
     }
-    thermistors = task.mission.spacecraft.thermistors
-    observations = {
-        name: item.model_copy(update={"bias": item.bias + thermistors[name].bias})
-        for name, item in scenario.observations.items()
-    } | {f"{name}_status": Observation.model_construct(heater=name) for name in model.heaters}
+    status = {f"{name}_status": Observation.model_construct(heater=name) for name in model.heaters}
     file = os.path.relpath(path.parent / task.reduction.telemetry, out)
     chosen = Scenario.model_construct(
         name=task.reduction.name,
@@ -100,9 +122,9 @@ def _scenario_text(task: Task, reduced: Reduced, path: Path, out: Path) -> str:
         ),
         initial_state=InitialState(),
         parameters=scenario.parameters,
-        observations=observations,
+        observations={**scenario.observations, **status},
         windows=_windows(task),
-        calibration=Calibration(),
+        calibration=task.reduction.calibration,
         folder=out,
     )
     return resolved_yaml(chosen)
