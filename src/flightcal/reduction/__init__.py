@@ -7,12 +7,14 @@ from .check import compare, fly_at
 from .error_model import shapes
 from .file import is_reduction, load_task
 from .folder import reduce_to_folder, scenario_of
+from .reduced_model import initial_given
 from .reduced_scenario import network_for
 from .storage import load
 
 __all__ = [
     "compare",
     "fly_at",
+    "initial_given",
     "is_reduction",
     "load",
     "load_task",

@@ -195,7 +195,7 @@ def project(
         full=tuple(network.nodes[k] for k in network.diffusive),
         entering=test[network.diffusive],
         initial=reached[:, :slow].mean(axis=0),
-        initial_spread=reached[:, :slow].std(axis=0),
+        initial_covariance=np.cov(reached[:, :slow], rowvar=False).reshape(slow, slow),
     )
 
 

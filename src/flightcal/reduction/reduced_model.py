@@ -70,8 +70,8 @@ class ReducedModel:
     """P^T [n, r+f+s]: what a watt into each of these adds to the balances."""
     initial: FloatArray
     """[r] K, typical."""
-    initial_spread: FloatArray
-    """[r] K, standard deviation of the states over the training runs."""
+    initial_covariance: FloatArray
+    """[r, r] K^2, of the states over the training runs."""
     shifts: tuple[tuple[float, float], ...] = ()
     """[H] (on, off) K: how far from its thresholds the on-board software switches each heater; none: not at all."""
 
@@ -96,6 +96,24 @@ class ReducedModel:
         found[:r, :r] = inverse
         found[r : r + f, :r] = -of_settled @ inverse
         return found
+
+
+def initial_given(model: ReducedModel, known: Mapping[str, float], spread: float) -> dict[str, tuple[float, float]]:
+    """Mean and deviation (K) of each other state's temperature, where some are known (K) to a deviation `spread`.
+
+    known: by plain names. As the training runs have them at any time.
+    """
+    names = [plain(name) for name in model.states]
+    seen = [k for k, name in enumerate(names) if name in known]
+    rest = [k for k, name in enumerate(names) if name not in known]
+    covariance = model.initial_covariance
+    within = covariance[np.ix_(seen, seen)] + spread**2 * np.eye(len(seen))
+    gain = np.linalg.solve(within, covariance[np.ix_(seen, rest)]).T
+    off = np.array([known[names[k]] for k in seen]) - model.initial[seen]
+    variance = np.diag(covariance[np.ix_(rest, rest)] - gain @ covariance[np.ix_(seen, rest)])
+    deviation = np.sqrt(np.maximum(variance, 0.0))
+    mean = model.initial[rest] + gain @ off
+    return {names[k]: (float(m), float(d)) for k, m, d in zip(rest, mean, deviation, strict=True)}
 
 
 def network_of(model: ReducedModel, numbers: Mapping[str, float] | None = None, heated: Sequence[str] = ()) -> Network:
