@@ -150,6 +150,7 @@ def test_the_published_method_stands_beside_the_default():
             "flights": 9,
             "records": [
                 {"channel": "TT_BAT", "unit": "K", "quantile_95": 0.234, "worst": 1.0},
+                {"channel": "TT_ARR", "unit": "K", "quantile_95": 0.123, "worst": 0.5},
                 {"channel": "battery", "unit": "1", "quantile_95": 0.004, "worst": 0.006},
             ],
         },
@@ -162,8 +163,9 @@ def test_the_published_method_stands_beside_the_default():
     assert ["test", "picp, least of a channel", "-", "40.0% battery", "85.0% battery", "80.0% battery"] in cells
     assert f"published: {published.verdict.use} Its report: {Path('run/published/report.html')}" in lines
     assert lines[-1] == (
-        "full simulator: 9 flights at the posterior's mean and draws; the reduced model is off by at most 0.23 K "
-        "in 95% (TT_BAT), and by 0.6 percentage points of duty"
+        "full simulator, 9 flights at the posterior's mean and draws: in 95% the reduced model is off by 0.12 K "
+        "(TT_ARR) to 0.23 K (TT_BAT), and by at most 0.6 percentage points of duty. A heater out of step shifts its "
+        "sensor by up to its band."
     )
 
 

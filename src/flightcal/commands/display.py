@@ -169,15 +169,19 @@ def print_beside(own: Summary, others: Mapping[str, Summary], console: Console |
 
 def _print_checked(summary: Summary, console: Console) -> None:
     """How far a reduced model is off the full simulator at posterior draws."""
-    if summary.checked is None:
+    if summary.checked is None or not summary.checked["flights"]:
         return
-    records = [own for own in summary.checked["records"] if own["unit"] == "K"]
-    worst = max(records, key=lambda own: float(own["quantile_95"]), default=None)
-    words = f"full simulator: {summary.checked['flights']} flights at the posterior's mean and draws"
-    if worst is not None:
-        words += f"; the reduced model is off by at most {worst['quantile_95']:.2f} K in 95% ({worst['channel']})"
-    duty = [float(own["worst"]) for own in summary.checked["records"] if own["unit"] != "K"]
-    say(console, words + (f", and by {100.0 * max(duty):.1f} percentage points of duty" if duty else ""))
+    records = sorted(summary.checked["records"], key=lambda own: float(own["quantile_95"]))
+    sensors = [f"{own['quantile_95']:.2f} K ({own['channel']})" for own in records if own["unit"] == "K"]
+    duty = [100.0 * float(own["worst"]) for own in records if own["unit"] != "K"]
+    words = (
+        f"full simulator, {summary.checked['flights']} flights at the posterior's mean and draws: in 95% the reduced "
+    )
+    words += f"model is off by {sensors[0]} to {sensors[-1]}"
+    if duty:
+        words += f", and by at most {max(duty):.1f} percentage points of duty. A heater out of step shifts its sensor "
+        words += "by up to its band"
+    say(console, f"{words}.")
 
 
 def _least_covered(metrics: Sequence[Metric], method: str, window: str) -> str:
