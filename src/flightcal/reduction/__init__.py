@@ -3,7 +3,7 @@
 Imports: environment, errors, operational, probability, progress, run, scenario, simulator, telemetry.
 """
 
-from .check import compare, fly_at
+from .check import Flown, compare, fly_at
 from .error_model import shapes
 from .file import is_reduction, load_task
 from .folder import reduce_to_folder, scenario_of
@@ -12,6 +12,7 @@ from .reduced_scenario import network_for
 from .storage import load
 
 __all__ = [
+    "Flown",
     "compare",
     "fly_at",
     "initial_given",

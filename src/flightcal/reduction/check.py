@@ -12,6 +12,7 @@ from ..errors import FlightcalError
 from ..operational import Mission, fly
 from ..scenario import Parameter
 from ..simulator import FloatArray, Times, Trajectory
+from .names import plain
 from .spacecraft import spacecraft_at
 
 
@@ -23,6 +24,10 @@ class Flown:
     """[T, N] K, of the sensors' nodes."""
     duty: FloatArray
     """[H] share of the window's time that each heater line gives power."""
+    start: Mapping[str, float]
+    """Plain name of each node -> K, at the first sample."""
+    on: Mapping[str, float]
+    """Heater line -> 0 or 1, whether it gives power then."""
 
 
 def fly_at(
@@ -48,7 +53,14 @@ def fly_at(
         [np.interp(seconds, flight.cycle_times, flight.temperatures[:, column]) for column in columns], axis=1
     )
     within = (flight.cycle_times >= seconds[0]) & (flight.cycle_times < seconds[-1])
-    return Flown(temperatures, np.asarray((flight.power[within] > 0.0).mean(axis=0)))
+    first = np.array([np.interp(seconds[0], flight.cycle_times, series) for series in flight.temperatures.T])
+    cycle = int(np.searchsorted(flight.cycle_times, seconds[0], side="right")) - 1
+    return Flown(
+        temperatures,
+        np.asarray((flight.power[within] > 0.0).mean(axis=0)),
+        dict(zip(map(plain, flight.nodes), first.tolist(), strict=True)),
+        dict(zip(craft.software.heaters, (flight.power[cycle] > 0.0).astype(float).tolist(), strict=True)),
+    )
 
 
 def compare(
