@@ -16,6 +16,7 @@ from flightcal.calibration.heat import find_heat, start_with_heat
 from flightcal.check.heat import beside_heat
 from flightcal.cli import app
 from flightcal.commands.calibrate import run_experiment
+from flightcal.operational.file import load_spacecraft
 from flightcal.operational.simulator import fly
 from flightcal.problem import build_problem
 from flightcal.reduction.file import load_task
@@ -302,7 +303,7 @@ def test_the_posterior_through_the_reduced_model_is_that_through_the_full_networ
     """Means within 0.2 posterior standard deviations; Monte Carlo error is about 0.05 of them."""
     folder = fine_folder
     task = load_task(folder / "reduce.yaml")
-    mission = task.mission
+    mission = load_spacecraft(folder / "spacecraft.yaml")
     flight = fly(mission.spacecraft, mission.start, 6100.0, seed=mission.seed)
     at_start = flight.temperatures[600]
     initial = dict(zip(flight.nodes, at_start.tolist(), strict=True))
