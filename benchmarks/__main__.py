@@ -13,6 +13,7 @@ from .report import Section, machine, write
 
 TABLES = {
     "gradient": "gradient:measure",
+    "reduced": "reduced:measure",
     "forward": "forward:measure",
     "residuals": "residuals:measure",
     "sampling": "sampling:measure",

@@ -17,6 +17,7 @@ from typer.testing import CliRunner
 
 from flightcal.calibration import stages
 from flightcal.cli import app
+from flightcal.commands import calibrate
 from flightcal.commands.calibrate import run_demo, run_experiment
 from flightcal.commands.display import print_verdict
 from flightcal.commands.simulate import simulate_to_csv
@@ -326,26 +327,65 @@ def test_interrupted_sampling_is_saved_reported_and_taken_up_again(tmp_path, mon
     assert not summary.interrupted
 
 
-def test_a_demo_keeps_the_scores_of_the_published_model_beside_its_own(tmp_path):
-    folder, out = tmp_path / "satellite", tmp_path / "run"
+@pytest.fixture
+def satellite(tmp_path):
+    """A folder as the bundled satellite's, whose `reduce.yaml` is a scenario, which takes less time."""
+    folder = tmp_path / "satellite"
     folder.mkdir()
-    published = write(folder)
-    content = YAML(typ="safe").load(published)
-    published.rename(folder / "published.yaml")
-    with published.open("w") as file:
+    first = write(folder)
+    content = YAML(typ="safe").load(first)
+    for name in ("published.yaml", "reduce.yaml"):
+        shutil.copy(first, folder / name)
+    with first.open("w") as file:
         YAML(typ="safe").dump(content | {"noise": {"model": "ar1"}}, file)
+    return folder
 
-    own, other = run_demo(out, folder)
 
-    assert (own.run, other.run) == (out, out / "published")
+def test_a_demo_keeps_the_scores_of_the_other_models_beside_its_own(satellite, tmp_path):
+    out = tmp_path / "run"
+
+    runs = run_demo(out, satellite)
+
+    assert {name: run.run for name, run in runs.items()} == {
+        "flightcal": out, "published": out / "published", "reduced": out / "reduced",
+    }  # fmt: skip
     kept = [
-        {"method": m.method, "window": m.window, "metric": m.metric, "value": m.value}
-        for m in other.metrics
-        if m.channel == "all"
+        {"model": name, "method": m.method, "window": m.window, "channel": m.channel, "metric": m.metric}
+        for name in ("published", "reduced")
+        for m in runs[name].metrics
+        if m.method in ("genetic", "stochastic")
+        and m.metric in ("rmse", "mape_kelvin", "mape_celsius", "crps", "picp", "mpiw")
     ]
-    assert json.loads((out / "beside.json").read_text()) == kept
+    records = json.loads((out / "beside.json").read_text())
+    assert [{field: record[field] for field in kept[0]} for record in records] == kept
     assert (out / "genetic.nc").read_bytes() == (out / "published" / "genetic.nc").read_bytes()
-    assert own.metrics != other.metrics
+    assert runs["flightcal"].metrics != runs["published"].metrics
+    page = (out / "report.html").read_text(encoding="utf-8")
+    assert "reduced model" in page
+
+
+def test_a_page_of_the_demo_is_there_before_the_reduced_model_is_calibrated(satellite, tmp_path, monkeypatch):
+    out, seen = tmp_path / "run", []
+    whole = calibrate.run_experiment
+
+    def experiment(file, folder, **options):
+        page = out / "report.html"
+        seen.append((folder.name, page.exists() and "published model" in page.read_text(encoding="utf-8")))
+        return whole(file, folder, **options)
+
+    monkeypatch.setattr(calibrate, "run_experiment", experiment)
+    run_demo(out, satellite)
+    assert seen == [("run", False), ("published", False), ("reduced", True)]
+
+
+def test_a_demo_goes_no_further_than_an_interrupted_run(satellite, tmp_path, monkeypatch):
+    whole = calibrate.run_experiment
+
+    def interrupted(file, folder, **options):
+        return dataclasses.replace(whole(file, folder, **options), interrupted=folder.name == "published")
+
+    monkeypatch.setattr(calibrate, "run_experiment", interrupted)
+    assert list(run_demo(tmp_path / "run", satellite)) == ["flightcal", "published"]
 
 
 def test_a_genetic_algorithm_that_is_taken_over_is_that_which_would_be_run(finished, tmp_path):

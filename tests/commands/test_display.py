@@ -144,13 +144,29 @@ def test_the_published_method_stands_beside_the_default():
         )
 
     own, published = summary(Path("run"), scores(0.2, 0.95)), summary(Path("run/published"), scores(0.3, 0.5))
-    lines = printed(print_beside, own, published)
+    reduced = replace(
+        summary(Path("run/reduced"), scores(0.1, 0.9)),
+        checked={
+            "flights": 9,
+            "records": [
+                {"channel": "TT_BAT", "unit": "K", "quantile_95": 0.234, "worst": 1.0},
+                {"channel": "TT_ARR", "unit": "K", "quantile_95": 0.123, "worst": 0.5},
+                {"channel": "battery", "unit": "1", "quantile_95": 0.004, "worst": 0.006},
+            ],
+        },
+    )
+    lines = printed(print_beside, own, {"published": published, "reduced": reduced})
 
     cells = [[cell.strip() for cell in line.split("\u2502")[1:-1]] for line in lines if "\u2502" in line]
-    assert ["test", "rmse", "0.4 K", "0.3 K", "0.2 K"] in cells
-    assert ["test", "picp", "-", "50.0%", "95.0%"] in cells
-    assert ["test", "picp, least of a channel", "-", "40.0% battery", "85.0% battery"] in cells
-    assert lines[-1] == f"published method: {published.verdict.use} Its report: {Path('run/published/report.html')}"
+    assert ["test", "rmse", "0.4 K", "0.3 K", "0.2 K", "0.1 K"] in cells
+    assert ["test", "picp", "-", "50.0%", "95.0%", "90.0%"] in cells
+    assert ["test", "picp, least of a channel", "-", "40.0% battery", "85.0% battery", "80.0% battery"] in cells
+    assert f"published: {published.verdict.use} Its report: {Path('run/published/report.html')}" in lines
+    assert lines[-1] == (
+        "full simulator, 9 flights at the posterior's mean and draws: in 95% the reduced model is off by 0.12 K "
+        "(TT_ARR) to 0.23 K (TT_BAT), and by at most 0.6 percentage points of duty. A heater out of step shifts its "
+        "sensor by up to its band."
+    )
 
 
 def test_what_a_window_has_that_was_not_trained_on_is_said_where_it_is_more_than_a_twentieth_of_it():
@@ -167,7 +183,10 @@ def test_what_a_window_has_that_was_not_trained_on_is_said_where_it_is_more_than
 def test_names_that_look_like_markup_are_shown_as_they_are(clock):
     folder = Path("q[/b]")
     assert f"report: {folder / 'report.html'}" in printed(print_summary, summary(folder))
-    assert any(f"Its report: {folder}" in line for line in printed(print_beside, summary(folder), summary(folder)))
+    assert any(
+        f"Its report: {folder}" in line
+        for line in printed(print_beside, summary(folder), {"published": summary(folder)})
+    )
     written = StringIO()
     with display(Console(file=written, force_terminal=True, width=200)) as shown, shown.stage("a[/b]") as stage:
         stage.at(1.0, "half[/b]")

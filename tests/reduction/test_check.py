@@ -18,13 +18,13 @@ def task(tmp_path_factory):
     return load_task(craft.write(tmp_path_factory.mktemp("craft")))
 
 
-THETA = np.array([1.3, 0.25, 0.55, 5600.0, 18.0])
+THETA = np.array([1.3, 0.3, 0.55, 5600.0, 18.0])
 
 
 def test_theta_sets_and_scales_the_spacecrafts_numbers(task):
     changed = spacecraft_at(task.mission.spacecraft, task.scenario.parameters, THETA)
     model, written = changed.scenario.network, task.mission.spacecraft.scenario.network
-    assert model.faces["window"].absorptivity == 0.25
+    assert model.faces["window"].absorptivity == 0.3
     assert model.nodes["battery"].capacity == 5600.0
     assert changed.software.heaters["battery"].branches["nominal"].power == {"battery": 18.0}
     blankets = [

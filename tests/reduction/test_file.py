@@ -5,7 +5,7 @@ from copy import deepcopy
 import pytest
 
 from flightcal.errors import FlightcalError, ScenarioError
-from flightcal.reduction.file import load_task
+from flightcal.reduction.file import is_reduction, load_task
 from flightcal.reduction.thermostats import switching_shifts
 from tests.reduction import craft
 
@@ -30,17 +30,17 @@ def test_thresholds_of_an_on_off_line_are_those_of_the_thermostat(tmp_path):
     assert task.notes[0].startswith("heater line 'battery': noise of 0.05 K")
 
 
-def test_biased_and_noisy_thermistors_shift_where_the_software_switches(tmp_path):
+def test_noisy_thermistors_shift_where_the_software_switches(tmp_path):
     found = []
     for noise in (0.0, 0.1):
-        battery = {"node": "battery", "bias": "0.4 K", "noise": f"{noise} K"}
+        battery = {"node": "battery", "noise": f"{noise} K"}
         spacecraft = {"thermistors": {**craft.SPACECRAFT["thermistors"], "battery_1": battery}}
         task = load_task(craft.write(tmp_path, spacecraft=spacecraft))
         assert task.scenario.simulator.heaters["battery"].on_below == 287.15
         found.append(switching_shifts(task.mission)["battery"])
     (on, off), (noisy_on, noisy_off) = found
-    # Without noise the bias alone, and at most the 0.04 K that the battery moves in a control cycle.
-    assert -0.44 < on < -0.4 < off < -0.36
+    # Without noise at most the 0.04 K that the battery moves in a control cycle.
+    assert -0.04 < on < 0.0 < off < 0.04
     # The first of some noisy readings to cross is about a standard deviation early.
     assert 0.03 < noisy_on - on < 0.25
     assert 0.03 < off - noisy_off < 0.25
@@ -144,3 +144,11 @@ def test_a_capacity_that_depends_on_temperature_is_refused_with_its_line(tmp_pat
 def test_a_missing_spacecraft_is_a_message(tmp_path):
     with pytest.raises(ScenarioError, match=r"elsewhere.yaml"):
         load_task(craft.write(tmp_path, {"spacecraft": "elsewhere.yaml"}))
+
+
+def test_a_reduction_is_told_from_a_scenario(tmp_path):
+    path = craft.write(tmp_path)
+    assert is_reduction(path)
+    (tmp_path / "scenario.yaml").write_text("name: small\nsimulator: {}\n")
+    assert not is_reduction(tmp_path / "scenario.yaml")
+    assert not is_reduction(tmp_path / "nowhere.yaml")

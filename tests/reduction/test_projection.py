@@ -9,10 +9,13 @@ from flightcal.reduction.affine import decompose, product_of
 from flightcal.reduction.candidate import errors_of, simulator_on, theta_of
 from flightcal.reduction.file import load_task
 from flightcal.reduction.full_heat import full_heat
-from flightcal.reduction.full_order import medians_of, run_full, window_simulator
+from flightcal.reduction.full_order import run_full, window_simulator
+from flightcal.reduction.names import plain
 from flightcal.reduction.projection import choose_shapes, collect, project
 from flightcal.reduction.reduce import reduce
+from flightcal.reduction.reduced_model import initial_given
 from flightcal.reduction.reduced_scenario import reduced_scenario
+from flightcal.reduction.spacecraft import medians_of
 from flightcal.reduction.storage import load, save, stored_of
 from flightcal.simulator import build_network
 from tests.reduction import craft
@@ -131,3 +134,21 @@ def test_a_model_read_back_gives_the_same_numbers(task, training, tmp_path):
     first, second = (simulator_on(task, item, run).simulate(theta) for item in (model, again.model))
     np.testing.assert_array_equal(first.temperatures, second.temperatures)
     assert again.parameters["reduced.battery_link"].unit == "W/K"
+
+
+def test_a_state_without_a_thermistor_starts_where_the_others_say(task, training):
+    model = model_of(task, training, 10, 12)
+    states = [training[0].nodes.index(name) for name in model.states]
+    reached = training[0].temperatures[:, ::20][..., states].reshape(-1, len(states))
+    seen = [k for k, name in enumerate(model.states) if name in OWN]
+    rest = [k for k in range(len(states)) if k not in seen]
+    off = []
+    for temperatures in reached:
+        known = {plain(model.states[k]): temperatures[k] for k in seen}
+        found = initial_given(model, known, 0.1)
+        assert found.keys() == {plain(model.states[k]) for k in rest}
+        off.append([(temperatures[k] - found[plain(model.states[k])][0]) for k in rest])
+    deviations = np.array([found[plain(model.states[k])][1] for k in rest])
+    errors = np.sqrt(np.mean(np.square(off), axis=0))
+    np.testing.assert_allclose(errors, deviations, rtol=0.35)
+    assert (deviations < 0.8 * np.sqrt(np.diag(model.initial_covariance))[rest]).all()

@@ -230,11 +230,29 @@ def test_the_published_run_stands_beside(own_run):
     _, _, genetic, published, ours = next(r for r in table.rows if r[:2] == ["test", "RMSE, K"])
     assert float(published) == pytest.approx(2 * float(ours), rel=2e-3)
     assert genetic == "0.4110"
-    assert "Beside the published model" in words_of(run, "scores")
+    assert "Beside other models" in words_of(run, "scores")
+
+
+def test_every_model_stands_beside_by_channel(own_run):
+    metrics = json.loads((own_run / "metrics.json").read_text(encoding="utf-8"))
+    records = [
+        {"model": model, "value": scale * m["value"]}
+        | {key: m[key] for key in ("method", "window", "channel", "metric")}
+        for model, scale in (("published", 2.0), ("reduced", 0.5))
+        for m in metrics
+        if m["method"] == "stochastic" and m["metric"] in ("rmse", "picp")
+    ]
+    (own_run / "beside.json").write_text(json.dumps(records), encoding="utf-8")
+    table = scores.beside_by_channel(read_run(own_run))
+    assert table.header[2:5] == ("published model", "this run", "reduced model")
+    for row in table.rows:
+        published, ours, reduced = map(float, row[2:5])
+        assert (published, reduced) == (pytest.approx(2 * ours, abs=2e-3), pytest.approx(0.5 * ours, abs=2e-3))
+        assert float(row[7].rstrip("%")) == pytest.approx(0.5 * float(row[6].rstrip("%")), abs=0.11)
 
 
 def test_without_a_published_run_nothing_stands_beside(run):
-    assert scores.published(run) == []
+    assert scores.others(run) == []
 
 
 def test_what_training_did_not_contain_is_told_the_most_first(run):

@@ -25,7 +25,13 @@ if TYPE_CHECKING:
 DEMO = Path(__file__).parents[1] / "demo"
 """The bundled satellite."""
 BESIDE = "beside.json"
-"""Scores of the published model, in the folder of a run of the same satellite."""
+"""Scores of other models, in the folder of a run of the same satellite."""
+BESIDE_OURS = {
+    "published": ("published.yaml", "the same as published: independent noise, no unmodelled heat", True),
+    "reduced": ("reduce.yaml", "the full simulator through a reduced model", False),
+}
+"""Of the demonstration, by folder: file, what is told, whether it takes over the genetic algorithm's runs."""
+_BESIDE_SCORES = ("rmse", "mape_kelvin", "mape_celsius", "crps", "picp", "mpiw")
 VERDICT = "verdict.json"
 """Whether the run can be used, for what, and why."""
 
@@ -47,6 +53,8 @@ class Summary:
     """What of each window was not trained on; windows in which all was are not named."""
     parameters: tuple[Calibrated, ...] = ()
     """Every uncertain quantity before and after."""
+    checked: dict[str, Any] | None = None
+    """Content of full_simulator_check.json; None: the simulator stands for no other."""
 
     def __repr__(self) -> str:
         counts = f"{len(self.parameters)} quantities, {len(self.metrics)} scores"
@@ -76,16 +84,21 @@ def run_experiment(
 ) -> Summary:
     """Calibrate by both methods, predict and score every window, and write the report into the folder `out`.
 
+    scenario_file: or a reduction file. Then the reduced model that it asks for is made first, in `reduced` in `out`;
+    one in `reduced` beside the file is taken where it was made from the same files.
     telemetry: a file or folder to read the telemetry from instead of where the scenario says.
     searched: a run of the same satellite, whose genetic algorithm is taken over. Noise and heat make no difference to
     it.
     Raises FlightcalError for what is the user's to mend. An interrupted sampling is saved, scored and reported.
     """
     from ..problem import build_problem
+    from ..reduction import is_reduction, scenario_of
     from ..scenario import load_scenario
     from ..telemetry import read
     from .folder import keep_what_was_read, open_for
 
+    if is_reduction(scenario_file):
+        scenario_file = scenario_of(Path(scenario_file), Path(out), progress)
     scenario = load_scenario(scenario_file, telemetry=telemetry)
     text = Path(scenario_file).read_text(encoding="utf-8-sig")
     with progress.stage("reading telemetry"):
@@ -123,8 +136,9 @@ def _run_stages(run: Run, problem: Problem, data: xarray.Dataset, text: str, sea
         search = GENETIC if searched is None else taken_over(GENETIC, searched)
         genetic = run.stage(search, problem, settings=method.genetic, seed=seed)
         sampled = run.stage(NUTS, problem, genetic, settings=method.nuts, seed=seed)
+    checked = None
     if getattr(scenario.simulator, "checked_on", None) is not None:
-        run.stage(FULL_SIMULATOR, problem, sampled, simulations=method.prediction.simulations, seed=seed)
+        checked = run.stage(FULL_SIMULATOR, problem, sampled, simulations=method.prediction.simulations, seed=seed)
     metrics = run.stage(
         PREDICT, problem, data, genetic, sampled, emulation,
         windows=scenario.windows, settings=method.prediction, seed=seed,
@@ -137,7 +151,16 @@ def _run_stages(run: Run, problem: Problem, data: xarray.Dataset, text: str, sea
         report = write_report(run.path)
     shares, outside = heat_shares(sampled.posterior), read_unseen(run.folder.file(PREDICTION_FILE))
     return Summary(
-        run.path, report, sampled.diagnostics, metrics, sampled.interrupted, verdict, shares, outside, parameters
+        run.path,
+        report,
+        sampled.diagnostics,
+        metrics,
+        sampled.interrupted,
+        verdict,
+        shares,
+        outside,
+        parameters,
+        checked,
     )
 
 
@@ -147,6 +170,9 @@ def calibrate(
     telemetry: TelemetryPlace = None,
 ) -> None:
     """Calibrate with the genetic algorithm and with NUTS, predict and score every window, and write the report.
+
+    A reduction file in place of the scenario: the full simulator is reduced, its reduced model calibrated, and the
+    result checked on the full one.
 
     Example: `flightcal calibrate scenario.yaml --out runs/first`
     """
@@ -161,40 +187,66 @@ def calibrate(
 
 
 def demo(out: Annotated[Path, typer.Option(help="Folder for the run.")] = Path("runs/leo_observer")) -> None:
-    """Calibrate the bundled satellite with unmodelled heat and, in `published` in the folder, as published.
+    """Calibrate the bundled satellite with unmodelled heat and, in folders of the folder, in two other ways.
 
-    The exit code is that of the first.
+    `published`: as published. `reduced`: the full simulator through a reduced model. The exit code is that of the
+    first.
 
     Example: `flightcal demo --out runs/demo`
     """
     from .display import display, print_beside, print_summary
 
     with display() as progress:
-        own, published = run_demo(out, progress=progress)
-    if published is not None:
-        print_beside(own, published)
+        runs = run_demo(out, progress=progress)
+    own, others = runs["flightcal"], {name: run for name, run in runs.items() if name != "flightcal"}
+    if others:
+        print_beside(own, others)
     print_summary(own)
-    if own.interrupted or published is None or published.interrupted:
+    if len(others) < len(BESIDE_OURS) or any(run.interrupted for run in runs.values()):
         raise typer.Exit(INTERRUPTED)
     raise typer.Exit(own.verdict.exit_code)
 
 
-def run_demo(out: Path, folder: Path = DEMO, *, progress: Progress = SILENT) -> tuple[Summary, Summary | None]:
-    """The runs of scenario.yaml and published.yaml of a folder, in `out` and in `published` there.
+def run_demo(out: Path, folder: Path = DEMO, *, progress: Progress = SILENT) -> dict[str, Summary]:
+    """The runs of a folder's files by name: `flightcal` in `out`, the others of `BESIDE_OURS` in folders there.
 
-    None: the first was interrupted. The scores of the second are kept beside the first, for its report.
+    After one that is interrupted no other begins. The scores of the others are kept beside the first, for its page,
+    which is written again after each of them.
     """
+    runs = {"flightcal": run_experiment(folder / "scenario.yaml", out, progress=progress)}
+    own, channels = runs["flightcal"], _channels_by_column(folder / "scenario.yaml")
+    for name, (file, words, shares_search) in BESIDE_OURS.items():
+        if any(run.interrupted for run in runs.values()):
+            break
+        progress.say(words)
+        searched = own.run if shares_search else None
+        runs[name] = run_experiment(folder / file, out / name, searched=searched, progress=progress)
+        _put_beside(own.run, runs, channels)
+    return runs
+
+
+def _channels_by_column(scenario_file: Path) -> dict[str, str]:
+    """Names of a scenario's channels by their columns in the telemetry."""
+    from ..scenario import load_scenario
+
+    channels = load_scenario(scenario_file).telemetry.channels
+    return {column: name for name, channel in channels.items() for column in channel.column}
+
+
+def _put_beside(own: Path, runs: dict[str, Summary], channels: dict[str, str]) -> None:
+    """Keep the scores of the other runs in the first one's folder, and write its page again."""
     from ..report import write_report
     from ..run import hold
 
-    own = run_experiment(folder / "scenario.yaml", out, progress=progress)
-    if own.interrupted:
-        return own, None
-    progress.say("the same as published: independent noise, no unmodelled heat")
-    published = run_experiment(folder / "published.yaml", out / "published", searched=own.run, progress=progress)
-    kept = [metric for metric in published.metrics if metric.channel == "all"]
     fields = ("method", "window", "metric", "value")
-    with hold(own.run) as run:
-        run.write_json(BESIDE, [{name: getattr(metric, name) for name in fields} for metric in kept])
-        write_report(own.run)
-    return own, published
+    records = [
+        {"model": name, "channel": channels.get(metric.channel, metric.channel)}
+        | {field: getattr(metric, field) for field in fields}
+        for name in BESIDE_OURS
+        if name in runs
+        for metric in runs[name].metrics
+        if metric.method in ("genetic", "stochastic") and metric.metric in _BESIDE_SCORES
+    ]
+    with hold(own) as folder:
+        folder.write_json(BESIDE, records)
+        write_report(own)

@@ -94,6 +94,7 @@ def print_summary(summary: Summary, console: Console | None = None) -> None:
         worst = ", ".join(f"{node} {share:.1%}" for node, share in list(summary.heat.items())[:_WORST])
         words = "unmodelled heat, as a share of the heat that flows through the node; most in"
         say(console, f"{words}: {worst}")
+    _print_checked(summary, console)
     for window, found in summary.unseen.items():
         if words := unseen_in_words(found):
             say(console, f"{window}: {words}", "yellow")
@@ -143,24 +144,44 @@ def _print_channels(metrics: Sequence[Metric], console: Console) -> None:
     console.print(table)
 
 
-def print_beside(own: Summary, published: Summary, console: Console | None = None) -> None:
-    """Scores over all channels: the genetic algorithm, the published model and flightcal's default."""
+def print_beside(own: Summary, others: Mapping[str, Summary], console: Console | None = None) -> None:
+    """Scores over all channels: the genetic algorithm, the published model, flightcal's default, and other models."""
     console = console or Console()
-    methods = (("genetic", own, "genetic"), ("published stochastic", published, "stochastic"))
-    columns = (*methods, ("flightcal", own, "stochastic"))
-    title = "Beside the published method, over all channels"
+    runs = {"flightcal": own, **others}
+    order = ("published", *(name for name in runs if name != "published"))
+    columns = [("genetic", own, "genetic"), *((name, runs[name], "stochastic") for name in order if name in runs)]
+    title = "Beside other models of the same satellite, over all channels"
     table = table_of(title, ("window", "metric"), [name for name, _, _ in columns])
     found = [
         {(m.window, m.metric): m for m in of.metrics if (m.method, m.channel) == (method, "all")}
         for _, of, method in columns
     ]
-    for window in dict.fromkeys(window for window, _ in found[-1]):
+    for window in dict.fromkeys(m.window for m in own.metrics if m.method == "stochastic"):
         for metric in ("rmse", "crps", "picp", "mpiw"):
             table.add_row(window, metric, *(_score(of.get((window, metric))) for of in found))
         worst = (_least_covered(of.metrics, method, window) for _, of, method in columns)
         table.add_row(window, "picp, least of a channel", *worst)
     console.print(table)
-    say(console, f"published method: {published.verdict.use} Its report: {published.report}")
+    for name, run in others.items():
+        say(console, f"{name}: {run.verdict.use} Its report: {run.report}")
+        _print_checked(run, console)
+
+
+def _print_checked(summary: Summary, console: Console) -> None:
+    """How far a reduced model is off the full simulator at posterior draws."""
+    if summary.checked is None or not summary.checked["flights"]:
+        return
+    records = sorted(summary.checked["records"], key=lambda own: float(own["quantile_95"]))
+    sensors = [f"{own['quantile_95']:.2f} K ({own['channel']})" for own in records if own["unit"] == "K"]
+    duty = [100.0 * float(own["worst"]) for own in records if own["unit"] != "K"]
+    words = (
+        f"full simulator, {summary.checked['flights']} flights at the posterior's mean and draws: in 95% the reduced "
+    )
+    words += f"model is off by {sensors[0]} to {sensors[-1]}"
+    if duty:
+        words += f", and by at most {max(duty):.1f} percentage points of duty. A heater out of step shifts its sensor "
+        words += "by up to its band"
+    say(console, f"{words}.")
 
 
 def _least_covered(metrics: Sequence[Metric], method: str, window: str) -> str:

@@ -10,6 +10,8 @@ import xarray
 from ..environment import orbital_period
 from ..errors import ScenarioError
 from ..probability import Priors, heater_status, measured_switches, residual_model
+from ..reduction import initial_given
+from ..reduction import load as load_reduced
 from ..scenario import ExternalModel, Normal, Prior, Scenario, SimulatorModel, heat_of, is_trained, load_driver
 from ..simulator import ICE_POINT, FloatArray, open_loop
 from ..telemetry import driver_gaps, driver_series, select_window, usual_interval, window_bounds
@@ -159,24 +161,45 @@ def _can_be_opened(scenario: Scenario) -> bool:
 
 
 def initial_priors(scenario: Scenario, channels: tuple[str, ...], observed: FloatArray) -> dict[str, Prior]:
-    """Normal priors of the initial temperatures (K): around the first samples, or around what the scenario writes."""
-    first = {}
+    """Normal priors of the initial temperatures (K): around the first samples, or around what the scenario writes.
+
+    A reduced model's file says what the others are like where some are observed.
+    """
+    first: dict[str, float] = {}
     for k, channel in enumerate(channels):
         valid = observed[np.isfinite(observed[:, k]), k]
         observation = scenario.observations[channel]
-        place = observation.node or observation.output
+        place = observation.node or observation.output or ""
         if len(valid) and place not in first:
             reading = float(np.mean(valid[:_SAMPLES_FOR_START])) - observation.bias
             first[place] = (reading - ICE_POINT) / observation.gain + ICE_POINT
     typical = float(np.mean(list(first.values()))) if first else 293.15
+    state, reduced = scenario.initial_state, _typical_of_reduced(scenario, first)
     priors: dict[str, Prior] = {}
     for name, written in initial_temperatures(scenario).items():
         if name in first:
-            priors[f"initial.{name}"] = Normal(mean=first[name], standard_deviation=scenario.initial_state.observed)
+            priors[f"initial.{name}"] = Normal(mean=first[name], standard_deviation=state.observed)
+        elif name in reduced:
+            mean, deviation = reduced[name]
+            priors[f"initial.{name}"] = Normal(mean=mean, standard_deviation=max(deviation, state.unobserved))
         else:
             centre = written if written is not None else typical
-            priors[f"initial.{name}"] = Normal(mean=centre, standard_deviation=scenario.initial_state.unobserved)
+            priors[f"initial.{name}"] = Normal(mean=centre, standard_deviation=state.unobserved)
     return priors
+
+
+def _typical_of_reduced(scenario: Scenario, first: dict[str, float]) -> dict[str, tuple[float, float]]:
+    """Mean and deviation (K) of a reduced model's states, those at their first samples aside.
+
+    A state whose initial temperature the scenario writes anew is not among them.
+    """
+    model = scenario.simulator
+    if not isinstance(model, SimulatorModel) or model.reduced_model is None:
+        return {}
+    stored = load_reduced(scenario.folder / model.reduced_model)
+    found = initial_given(stored.model, first, scenario.initial_state.observed)
+    kept = stored.simulator.nodes
+    return {name: own for name, own in found.items() if model.nodes[name].initial == kept[name].initial}
 
 
 def initial_temperatures(scenario: Scenario) -> dict[str, float | None]:

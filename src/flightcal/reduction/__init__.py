@@ -3,19 +3,24 @@
 Imports: environment, errors, operational, probability, progress, run, scenario, simulator, telemetry.
 """
 
-from .check import compare, fly_at
+from .check import Flown, compare, fly_at
 from .error_model import shapes
-from .file import load_task
-from .folder import reduce_to_folder
+from .file import is_reduction, load_task
+from .folder import reduce_to_folder, scenario_of
+from .reduced_model import initial_given
 from .reduced_scenario import network_for
 from .storage import load
 
 __all__ = [
+    "Flown",
     "compare",
     "fly_at",
+    "initial_given",
+    "is_reduction",
     "load",
     "load_task",
     "network_for",
     "reduce_to_folder",
+    "scenario_of",
     "shapes",
 ]

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from datetime import datetime
 from pathlib import Path
 from typing import Any
@@ -20,6 +20,7 @@ from ..scenario import (
     Scenario,
     blocks_of,
     file_error,
+    read_document,
     read_file,
     read_parameters,
     set_twice,
@@ -27,6 +28,7 @@ from ..scenario import (
 )
 from ..telemetry import window_bounds
 from .schema import FlightWindow, Reduction
+from .spacecraft import at_medians, without_flaws
 from .thermostats import canonical_heaters
 
 
@@ -36,6 +38,7 @@ class Task:
 
     reduction: Reduction
     mission: Mission
+    """As a calibration may know it: without the flaws of what flies, and at the priors' medians."""
     scenario: Scenario
     """The full network, its heaters as thermostats; an observation for each sensor; no telemetry."""
     period: float
@@ -71,6 +74,12 @@ def written_time(time: np.datetime64) -> datetime:
     return found
 
 
+def is_reduction(path: str | Path) -> bool:
+    """Whether the YAML file at `path` is a reduction and not a scenario."""
+    data = read_document(Path(path)).data
+    return isinstance(data, dict) and "spacecraft" in data
+
+
 def load_task(path: str | Path) -> Task:
     """The reduction file at `path` and the spacecraft that it names.
 
@@ -78,8 +87,9 @@ def load_task(path: str | Path) -> Task:
     """
     place = Path(path)
     reduction, document = read_file(place, Reduction)
-    mission = load_spacecraft(place.parent / reduction.spacecraft)
+    flown = load_spacecraft(place.parent / reduction.spacecraft)
     _refuse_slopes(place.parent / reduction.spacecraft)
+    mission = replace(flown, spacecraft=without_flaws(flown.spacecraft), seed=reduction.training.seed)
     try:
         if mission.spacecraft.scenario.environment.attitude_offset is not None:
             raise FlightcalError(
@@ -96,14 +106,15 @@ def load_task(path: str | Path) -> Task:
     problems += _too_short(reduction, period, settling)
     if problems:
         raise file_error(place, document, problems)
-    return Task(
-        reduction,
-        mission,
-        scenario.model_copy(update={"parameters": parameters}),
-        period,
-        settling,
-        tuple(notes),
-    )
+    try:
+        mission = replace(mission, spacecraft=at_medians(mission.spacecraft, parameters))
+        scenario, _ = _full_network(mission, reduction)
+    except FlightcalError as error:
+        raise ScenarioError(f"{path}: {error}") from None
+    if flown.spacecraft != without_flaws(flown.spacecraft):
+        notes.append("biases of thermistors, and failures: those of what flies are not known before the calibration")
+    scenario = scenario.model_copy(update={"parameters": parameters})
+    return Task(reduction, mission, scenario, period, settling, tuple(notes))
 
 
 def _refuse_slopes(spacecraft: Path) -> None:

@@ -10,9 +10,8 @@ import numpy as np
 
 from ..errors import RunError
 from ..progress import SILENT, Progress
-from ..run import write_json, write_text
+from ..run import REDUCED, hash_of, hash_of_file, read_json, write_json, write_text
 from ..scenario import (
-    Calibration,
     Channel,
     InitialState,
     Observation,
@@ -20,18 +19,24 @@ from ..scenario import (
     TelemetryFile,
     TimeColumn,
     Window,
+    input_files,
     resolved_yaml,
 )
 from .certificate import certificate, certificate_lines, measure_speed, sensor_errors
 from .file import Task, load_task, written_time
 from .full_heat import full_heat
 from .reduce import Reduced, reduce
+from .reduced_model import ReducedModel
 from .reduced_scenario import reduced_scenario
 from .schema import FlightWindow
-from .storage import save, stored_of
+from .storage import load, save, stored_of
 from .thermostats import switching_shifts
 
-MODEL_FILE = "reduced_model.nc"
+MODEL_FILE, CERTIFICATE = "reduced_model.nc", "certificate.json"
+_FILES = ("certificate.txt", "scenario.yaml", MODEL_FILE, CERTIFICATE)
+"""In the order in which they are written: the last one says that all are there."""
+_OF_SCENARIO = {"name", "description", "telemetry", "windows", "calibration"}
+"""What of a reduction file the reduced model does not hang on."""
 _BELIEVABLE = ("-200 degC", "300 degC")
 
 
@@ -49,14 +54,49 @@ def reduce_to_folder(path: Path, out: Path, progress: Progress = SILENT) -> list
     content = certificate(task, reduced, speed)
     lines = certificate_lines(content)
     out.mkdir(parents=True, exist_ok=True)
-    written = ["certificate.json", "certificate.txt", "scenario.yaml", MODEL_FILE]
-    write_json(out / "certificate.json", content)
     write_text(out / "certificate.txt", "\n".join(lines) + "\n")
     block = reduced_scenario(task.scenario, reduced.model, task.reduction.step).network
     stored = stored_of(reduced.model, task.scenario, block, sensor_errors(task, reduced), full_heat(task))
     save(out / MODEL_FILE, stored)
-    write_text(out / "scenario.yaml", _scenario_text(task, reduced, path, out))
-    return [*lines, *(f"wrote {out / name}" for name in written)]
+    write_text(out / "scenario.yaml", _scenario_text(task, reduced.model, path, out, MODEL_FILE))
+    write_json(out / CERTIFICATE, {"made_from": _made_from(path, task), **content})
+    return [*lines, *(f"wrote {out / name}" for name in _FILES)]
+
+
+def scenario_of(path: Path, out: Path, progress: Progress = SILENT) -> Path:
+    """A scenario of the reduction file at `path`, to calibrate in the folder `out`; it is written in `reduced` there.
+
+    Its reduced model is that of the folder `reduced` beside the file, or else of the one in `out`, where that was made
+    from the same. Otherwise it is made in `out`. Raises ScenarioError, and RunError where `out` holds something else.
+    """
+    task, own = load_task(path), out / REDUCED
+    made_from = _made_from(path, task)
+    kept = [folder for folder in (path.parent / REDUCED, own) if _is_from(folder, made_from)]
+    if not kept:
+        if out.exists() and (not out.is_dir() or {file.name for file in out.iterdir()} - {REDUCED}):
+            raise RunError(f"{out}: found something else than a run of {path} as it is, expected a new or empty folder")
+        for name in _FILES if own.is_dir() else ():
+            (own / name).unlink(missing_ok=True)
+        for line in reduce_to_folder(path, own, progress):
+            progress.say(line)
+        kept = [own]
+    own.mkdir(parents=True, exist_ok=True)
+    file = kept[0] / MODEL_FILE
+    text = _scenario_text(task, load(file).model, path, own, os.path.relpath(file, own))
+    write_text(own / "scenario.yaml", text)
+    return own / "scenario.yaml"
+
+
+def _is_from(folder: Path, made_from: str) -> bool:
+    certificate = folder / CERTIFICATE
+    return certificate.is_file() and read_json(certificate).get("made_from") == made_from
+
+
+def _made_from(path: Path, task: Task) -> str:
+    """Hash of what a reduced model follows from."""
+    files = [path.parent / task.reduction.spacecraft, *map(Path, input_files(task.scenario))]
+    asked = task.reduction.model_dump(mode="json", exclude=_OF_SCENARIO)
+    return hash_of(list(map(hash_of_file, files)), asked)
 
 
 def _as_the_software_switches(task: Task, reduced: Reduced) -> Reduced:
@@ -66,12 +106,12 @@ def _as_the_software_switches(task: Task, reduced: Reduced) -> Reduced:
     return replace(reduced, model=replace(model, shifts=tuple(shifts[name] for name in model.heaters)))
 
 
-def _scenario_text(task: Task, reduced: Reduced, path: Path, out: Path) -> str:
-    """A scenario for the telemetry of the spacecraft file's flight."""
+def _scenario_text(task: Task, reduced: ReducedModel, path: Path, out: Path, file: str) -> str:
+    """A scenario for the telemetry of the spacecraft file's flight; file: of the reduced model, from `out`."""
     flight = FlightWindow.model_construct(start=written_time(task.mission.start), end=None, orbits=1.0, timeline=None)
     flown = task.with_timeline(flight)
-    scenario = reduced_scenario(task.scenario, reduced.model, task.reduction.step)
-    model = scenario.network.model_copy(update={"reduced_model": MODEL_FILE, "checked_on": os.path.relpath(path, out)})
+    scenario = reduced_scenario(task.scenario, reduced, task.reduction.step)
+    model = scenario.network.model_copy(update={"reduced_model": file, "checked_on": os.path.relpath(path, out)})
     channels = {
         # No thermistor reads what lies outside of this: it is a mark of the ground's.
         name: Channel.model_construct(column=(name,), kind="temperature", unit="degC", valid_range=_BELIEVABLE)
@@ -82,17 +122,13 @@ def _scenario_text(task: Task, reduced: Reduced, path: Path, out: Path) -> str:
     heaters = {
         name: heater.model_copy(update={"measured_by": f"{name}_status"}) for name, heater in model.switches.items()
     }
-    thermistors = task.mission.spacecraft.thermistors
-    observations = {
-        name: item.model_copy(update={"bias": item.bias + thermistors[name].bias})
-        for name, item in scenario.observations.items()
-    } | {f"{name}_status": Observation.model_construct(heater=name) for name in model.heaters}
-    file = os.path.relpath(path.parent / task.reduction.telemetry, out)
+    status = {f"{name}_status": Observation.model_construct(heater=name) for name in model.heaters}
+    telemetry = os.path.relpath(path.parent / task.reduction.telemetry, out)
     chosen = Scenario.model_construct(
         name=task.reduction.name,
-        description=f"Written by flightcal reduce: {task.reduction.method} with {len(reduced.model.states)} states",
+        description=f"Written by flightcal reduce: {task.reduction.method} with {len(reduced.states)} states",
         telemetry=TelemetryFile.model_construct(
-            file=(file,), time=TimeColumn.model_construct(column=("time",)), channels=channels
+            file=(telemetry,), time=TimeColumn.model_construct(column=("time",)), channels=channels
         ),
         environment=scenario.environment,
         simulator=model.model_copy(
@@ -100,9 +136,9 @@ def _scenario_text(task: Task, reduced: Reduced, path: Path, out: Path) -> str:
         ),
         initial_state=InitialState(),
         parameters=scenario.parameters,
-        observations=observations,
+        observations={**scenario.observations, **status},
         windows=_windows(task),
-        calibration=Calibration(),
+        calibration=task.reduction.calibration,
         folder=out,
     )
     return resolved_yaml(chosen)

@@ -8,9 +8,10 @@ import numpy as np
 
 from ..simulator import FloatArray, flow_through, heat_of_inputs
 from .file import Task
-from .full_order import medians_of, window_simulator
+from .full_order import window_simulator
 from .names import plain
 from .projection import merged_columns
+from .spacecraft import medians_of
 
 
 @dataclass(frozen=True)

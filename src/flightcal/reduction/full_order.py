@@ -114,11 +114,6 @@ def share_of_time(switches: Switch, at_start: FloatArray, first: float, last: fl
     return np.asarray((total + on * (last - since)) / (last - first))
 
 
-def medians_of(scenario: Scenario) -> FloatArray:
-    """Prior medians of the parameters [d]."""
-    return Priors(tuple(scenario.parameters), tuple(item.prior for item in scenario.parameters.values())).median()
-
-
 def prior_draws(scenario: Scenario, rng: np.random.Generator, draws: int) -> FloatArray:
     """Parameters [draws, d]: prior draws, spread evenly over each prior (Latin hypercube)."""
     names = tuple(scenario.parameters)

@@ -13,7 +13,8 @@ leo_observer that it was not fitted to, twelve states, 95%: 0.20 K without, 0.15
 states: 0.06 K without, 0.14 K with. So `reduce` tries both.)
 
 T^4 is interpolated from a few nodes (Q-DEIM: Drmac & Gugercin 2016, SIAM J. Sci. Comput. 38, A631-A648): the basis is
-that of T^4 of projected snapshots, the nodes are the pivots.
+that of T^4 of projected snapshots, the nodes are the pivots. Where enough of the model's own nodes radiate, they are
+the points: a temperature elsewhere is one more unknown.
 """
 
 from __future__ import annotations
@@ -142,7 +143,8 @@ def project(
     place = [names.index(name) for name in chosen]
     reached = snapshots.temperatures[:, place]
     radiating = _radiating(affine, stored)
-    points, spread = _interpolation(offset[radiating] + reached @ lift[radiating].T, sampled)
+    own = [int(k) for k in np.flatnonzero(np.isin(radiating, place))]
+    points, spread = _interpolation(offset[radiating] + reached @ lift[radiating].T, sampled, own)
     sampled_nodes = [int(radiating[k]) for k in points]
     seen = [names.index(name) for name in observed]
     mixed = [k for k in dict.fromkeys([*sampled_nodes, *seen]) if k not in place]
@@ -193,7 +195,7 @@ def project(
         full=tuple(network.nodes[k] for k in network.diffusive),
         entering=test[network.diffusive],
         initial=reached[:, :slow].mean(axis=0),
-        initial_spread=reached[:, :slow].std(axis=0),
+        initial_covariance=np.cov(reached[:, :slow], rowvar=False).reshape(slow, slow),
     )
 
 
@@ -283,8 +285,11 @@ def _radiating(affine: Affine, stored: IntArray) -> IntArray:
     return np.array([k for k, node in enumerate(stored) if int(node) in found], dtype=np.int64)
 
 
-def _interpolation(temperatures: FloatArray, count: int) -> tuple[list[int], FloatArray]:
-    """Of fields [s, k]: `count` points, and the matrix [k, count] that gives T^4 everywhere from T^4 there."""
+def _interpolation(temperatures: FloatArray, count: int, own: list[int]) -> tuple[list[int], FloatArray]:
+    """Of fields [s, k]: at least `count` points, and the matrix [k, points] that gives T^4 everywhere from T^4 there.
+
+    own: points to take where they are enough.
+    """
     fourth = (temperatures / 300.0) ** 4
     count = min(count, fourth.shape[1])
     if count == fourth.shape[1]:
@@ -292,8 +297,8 @@ def _interpolation(temperatures: FloatArray, count: int) -> tuple[list[int], Flo
     _, _, shapes = np.linalg.svd(fourth, full_matrices=False)
     basis = shapes[:count].T
     _, _, pivots = qr(basis.T, pivoting=True, mode="economic")
-    points = sorted(int(k) for k in pivots[:count])
-    return points, np.linalg.solve(basis[points].T, basis.T).T
+    points = own if len(own) >= count else sorted(int(k) for k in pivots[:count])
+    return points, basis @ np.linalg.pinv(basis[points])
 
 
 def merged_columns(network: Network, scenario: Scenario) -> tuple[tuple[str, ...], dict[str, Normal], FloatArray]:

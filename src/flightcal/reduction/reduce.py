@@ -13,9 +13,10 @@ from ..simulator import Network, build_network
 from .affine import decompose
 from .candidate import Errors, errors_of
 from .file import Task
-from .full_order import FullRuns, medians_of, run_full
+from .full_order import FullRuns, run_full
 from .projection import choose_shapes, collect, project
 from .reduced_model import ReducedModel
+from .spacecraft import medians_of
 
 MARGIN = 0.4
 """Of the tolerance that training runs must keep. Unseen ones may be worse."""

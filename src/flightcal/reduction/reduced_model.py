@@ -9,7 +9,8 @@ states stand for its own. v [s] are amplitudes of the fourth powers of what foll
 layer of insulation: its balance is linear in them, whatever the step. h is heat into nodes of the full network that
 no block describes.
 
-In the canonical form y [m], v, q and the rates z = dx/dt [r] are massless states. Eliminating a massless state that
+In the canonical form y [m], v and q are massless states. Where no parameter touches M, the balances are solved for
+dx/dt once and for all. Otherwise the rates z = dx/dt [r] are massless states too. Eliminating a massless state that
 enters linearly gives the same Rosenbrock step as eliminating it from the equations first, so nothing is lost by it;
 and with y first, then v, q, x and z the pivots of an implicit step are those of definite matrices, in the end
 M - h/2 J, so that the kernel's factorisation needs no pivoting.
@@ -69,15 +70,50 @@ class ReducedModel:
     """P^T [n, r+f+s]: what a watt into each of these adds to the balances."""
     initial: FloatArray
     """[r] K, typical."""
-    initial_spread: FloatArray
-    """[r] K, standard deviation of the states over the training runs."""
+    initial_covariance: FloatArray
+    """[r, r] K^2, of the states over the training runs."""
     shifts: tuple[tuple[float, float], ...] = ()
     """[H] (on, off) K: how far from its thresholds the on-board software switches each heater; none: not at all."""
 
     @property
     def massless(self) -> int:
         """How many massless states it has in the canonical form."""
-        return len(self.settled) + len(self.mixed) + self.followers + len(self.states)
+        rates = 0 if self.constant_capacity else len(self.states)
+        return len(self.settled) + len(self.mixed) + self.followers + rates
+
+    @property
+    def constant_capacity(self) -> bool:
+        """Whether no parameter touches M."""
+        return set(self.capacity) == {()}
+
+    @property
+    def solved(self) -> FloatArray:
+        """[r+f+s, r+f+s]: what makes of the balances those of dx/dt, and of q and v without the states' rates."""
+        r, f = len(self.states), len(self.settled)
+        stored, of_settled = np.split(self.capacity[()], [r])
+        inverse = np.linalg.inv(stored)
+        found = np.eye(r + f + self.followers)
+        found[:r, :r] = inverse
+        found[r : r + f, :r] = -of_settled @ inverse
+        return found
+
+
+def initial_given(model: ReducedModel, known: Mapping[str, float], spread: float) -> dict[str, tuple[float, float]]:
+    """Mean and deviation (K) of each other state's temperature, where some are known (K) to a deviation `spread`.
+
+    known: by plain names. As the training runs have them at any time.
+    """
+    names = [plain(name) for name in model.states]
+    seen = [k for k, name in enumerate(names) if name in known]
+    rest = [k for k, name in enumerate(names) if name not in known]
+    covariance = model.initial_covariance
+    within = covariance[np.ix_(seen, seen)] + spread**2 * np.eye(len(seen))
+    gain = np.linalg.solve(within, covariance[np.ix_(seen, rest)]).T
+    off = np.array([known[names[k]] for k in seen]) - model.initial[seen]
+    variance = np.diag(covariance[np.ix_(rest, rest)] - gain @ covariance[np.ix_(seen, rest)])
+    deviation = np.sqrt(np.maximum(variance, 0.0))
+    mean = model.initial[rest] + gain @ off
+    return {names[k]: (float(m), float(d)) for k, m, d in zip(rest, mean, deviation, strict=True)}
 
 
 def network_of(model: ReducedModel, numbers: Mapping[str, float] | None = None, heated: Sequence[str] = ()) -> Network:
@@ -88,8 +124,10 @@ def network_of(model: ReducedModel, numbers: Mapping[str, float] | None = None, 
     """
     values = dict(zip(model.free, model.values.tolist(), strict=True)) | dict(numbers or {})
     r, f, m, s = len(model.states), len(model.settled), len(model.mixed), model.followers
-    y, v, q, x, z = np.split(np.arange(m + s + f + 2 * r), np.cumsum([m, s, f, r]))
-    balances, unknowns = np.concatenate([z, q, v]), np.concatenate([x, q, v])
+    rates = not model.constant_capacity
+    y, v, q, x, z = np.split(np.arange(m + s + f + r + rates * r), np.cumsum([m, s, f, r]))
+    balances, unknowns = np.concatenate([z if rates else x, q, v]), np.concatenate([x, q, v])
+    solved = np.eye(len(balances)) if rates else model.solved
     temperatures, radiating = unknowns[: r + f], np.concatenate([x, q, y])
     terms: dict[str, dict[tuple[int, int], list[Term]]] = {kind: defaultdict(list) for kind in FIELDS}
     one = model.columns.index("one")
@@ -98,9 +136,9 @@ def network_of(model: ReducedModel, numbers: Mapping[str, float] | None = None, 
         terms["forcing"][y[i], one].append((model.mixing_offset[i], ()))
         for j in range(r + f):
             terms["linear"][y[i], temperatures[j]].append((model.mixing[i, j], ()))
-    for i in range(r):
+    for i in range(len(z)):
         terms["linear"][x[i], z[i]].append((1.0, ()))
-    for product, matrix in model.capacity.items():
+    for product, matrix in model.capacity.items() if rates else ():
         _add(terms["linear"], balances, z, -matrix, product)
     columns: dict[Kind, IntArray] = {
         "linear": unknowns,
@@ -109,17 +147,17 @@ def network_of(model: ReducedModel, numbers: Mapping[str, float] | None = None, 
     }
     for kind, these in columns.items():
         for product, matrix in model.matrices[kind].items():
-            _add(terms[kind], balances, these, matrix, product)
+            _add(terms[kind], balances, these, solved @ matrix, product)
     names = [plain(name) for name in model.full]
     entering = model.entering[[names.index(name) for name in heated]].T
-    _add(terms["forcing"], balances, len(model.columns) + np.arange(len(heated)), entering, ())
+    _add(terms["forcing"], balances, len(model.columns) + np.arange(len(heated)), solved @ entering, ())
     for product, matrix in model.matrices["heating"].items():
-        _add(terms["heating"], np.arange(len(model.heaters)), balances, matrix.T, product)
+        _add(terms["heating"], np.arange(len(model.heaters)), balances, (solved @ matrix).T, product)
     shifts = model.shifts or ((0.0, 0.0),) * len(model.heaters)
     for k, heater in enumerate(model.heaters):
         for limit, field, shift in zip(("lower", "upper"), ("on_below", "off_above"), shifts[k], strict=True):
             terms[limit][k, 0] += [(1.0, (model.free.index(f"heaters.{heater}.{field}"),)), (shift, ())]
-    mass = np.concatenate([np.zeros(m + s + f), np.ones(r), np.zeros(r)])
+    mass = np.concatenate([np.zeros(m + s + f), np.ones(r), np.zeros(len(z))])
     watched = [int(x[k]) for k in model.sensors]
     structure, table = canonical_form(terms, mass, watched, len(values), own_initial(mass))
     return Network(
@@ -128,7 +166,7 @@ def network_of(model: ReducedModel, numbers: Mapping[str, float] | None = None, 
             *(f"follower.{k}" for k in range(s)),
             *map(plain, model.settled),
             *map(plain, model.states),
-            *(f"rate.{name}" for name in model.states),
+            *(f"rate.{name}" for name in model.states if rates),
         ),
         columns=(*model.columns, *(f"heat.{name}" for name in heated)),
         paths=tuple(values),

@@ -7,7 +7,7 @@ from typing import Annotated, Any, Literal
 from pydantic import Field
 
 from ..operational import Command
-from ..scenario import Block, Count, Duration, Kelvins, Number, Quantity, Window
+from ..scenario import Block, Calibration, Count, Duration, Kelvins, Number, Quantity, Window
 
 
 class FlightWindow(Window):
@@ -35,7 +35,7 @@ class Projection(Block):
     settled: Annotated[Count, Field(ge=0)] = 6
     """Further shapes that settle at once, where that is better than none: they cost time, but no states."""
     sampled_nodes: Annotated[Count, Field(ge=1)] | None = None
-    """At which radiation is evaluated; null: two more than states."""
+    """At which radiation is evaluated, the model's own where so many of them radiate; null: two more than states."""
     follow_within: Duration = 300.0
     """Time constant up to which a node that exchanges heat by radiation only follows at once: fewer states, 0.05 K."""
 
@@ -68,6 +68,8 @@ class Reduction(Block):
     """What `flightcal fly` writes, from this file's folder: for the scenario that is written beside the model."""
     windows: dict[str, Window] = Field(default_factory=dict)
     """Of that scenario; none: two orbits after the settling, and the next two."""
+    calibration: Calibration = Calibration()
+    """Of that scenario."""
     quantile: Annotated[Number, Field(gt=0, lt=1)] = 0.95
     """Share of the errors that the tolerance is for."""
     projection: Projection = Projection()

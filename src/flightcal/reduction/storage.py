@@ -28,7 +28,7 @@ _ARRAYS = {
     "mixing_offset": ("mixed",),
     "values": ("free",),
     "initial": ("state",),
-    "initial_spread": ("state",),
+    "initial_covariance": ("state", "state_too"),
     "entering": ("full", "unknown"),
 }
 _OF_HEAT = {"flow": ("full",), "brought": ("full", "input")}

@@ -27,7 +27,7 @@ def canonical_heaters(spacecraft: Spacecraft, band: float) -> tuple[dict[str, He
                 "of the canonical form heats one node"
             )
         ((node, watts),) = power.items()
-        sensor, _ = _watched(spacecraft, name)
+        sensor = _watched(spacecraft, name)
         lower, upper = _thresholds(line, band)
         heaters[name] = Heater.model_construct(
             node=node,
@@ -45,23 +45,22 @@ def canonical_heaters(spacecraft: Spacecraft, band: float) -> tuple[dict[str, He
 
 
 def switching_shifts(mission: Mission) -> dict[str, tuple[float, float]]:
-    """How far from its thresholds (on, off) each heater line switches, K: a median over the mission's flight.
+    """How far from its thresholds (on, off) each heater line switches, K: a median over a flight of the mission.
 
-    The temperature of the node that it watches, less the threshold. Biased, noisy thermistors, voted on and read once
-    in a control cycle, switch early or late; a line that does not switch in the flight is shifted by its bias alone.
+    The temperature of the node that it watches, less the threshold. Noisy thermistors, voted on and read once in a
+    control cycle, switch early or late.
     """
     craft = mission.spacecraft
     flight = fly(craft, mission.start, mission.duration, seed=mission.seed)
     shifts = {}
     for k, (heater, line) in enumerate(craft.software.heaters.items()):
-        node, bias = _watched(craft, heater)
-        temperature = flight.temperatures[:, flight.nodes.index(node)]
+        temperature = flight.temperatures[:, flight.nodes.index(_watched(craft, heater))]
         change = np.diff((flight.power[:, k] > 0.0).astype(int), prepend=0)
         found = []
         for sign, name in ((1, "on_below"), (-1, "off_above")):
             there = temperature[change == sign]
             measured = line.thermostat is not None and len(there) > 0
-            found.append(float(np.median(there) - getattr(line.thermostat, name)) if measured else -bias)
+            found.append(float(np.median(there) - getattr(line.thermostat, name)) if measured else 0.0)
         shifts[heater] = (found[0], found[1])
     return shifts
 
@@ -73,16 +72,15 @@ def _thermistors(spacecraft: Spacecraft, heater: str) -> list[Thermistor]:
     return [item for name, item in spacecraft.thermistors.items() if name in voted]
 
 
-def _watched(spacecraft: Spacecraft, heater: str) -> tuple[str, float]:
-    """Node of the line's thermistors, and the bias (K) of their voted reading."""
-    thermistors = _thermistors(spacecraft, heater)
-    nodes = {item.node for item in thermistors}
+def _watched(spacecraft: Spacecraft, heater: str) -> str:
+    """Node of the line's thermistors."""
+    nodes = {item.node for item in _thermistors(spacecraft, heater)}
     if len(nodes) != 1:
         raise FlightcalError(
             f"heater line '{heater}': found thermistors on {', '.join(sorted(nodes))}, expected one node: a "
             "thermostat of the canonical form watches one"
         )
-    return nodes.pop(), float(np.median([item.bias for item in thermistors]))
+    return nodes.pop()
 
 
 def _thresholds(line: HeaterLine, band: float) -> tuple[float, float]:
@@ -97,12 +95,9 @@ def _left_out(spacecraft: Spacecraft, heater: str, band: float) -> list[str]:
         notes.append(f"control by pulse width is a hysteresis of {band:g} K around the set point")
     elif line.law.minimum_on > 0.0 or line.law.minimum_off > 0.0:
         notes.append("minimum times on and off are left out")
-    thermistors = _thermistors(spacecraft, heater)
-    noise = max(item.noise for item in thermistors)
+    noise = max(item.noise for item in _thermistors(spacecraft, heater))
     if noise > 0.0:
         notes.append(f"noise of {noise:g} K on its thermistors switches it early, always by as much as in the median")
-    if any(item.failures for item in thermistors):
-        notes.append("failures of its thermistors shift its thresholds as in the median, whenever they happen")
     if len(line.branches) > 1:
         notes.append(f"only its branch '{next(iter(line.branches))}' is there; failures and redundancy are left out")
     off = [mode for mode, lines in spacecraft.software.enabled.items() if heater not in lines]

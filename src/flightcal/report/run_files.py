@@ -89,8 +89,8 @@ class RunFiles:
     """Of a calibration through a reduced model only."""
     suspects: list[Record]
     """Simple wrongs that explain the telemetry better than the scenario as it is, the likeliest first."""
-    beside: list[Metric]
-    """Scores of the published run, of the demonstration only."""
+    beside: dict[str, list[Metric]]
+    """Scores of other models of the same satellite by their names, of the demonstration only."""
     backtest: Record | None
     """Of a backtest in the folder `backtest` of the run."""
     calibrated: tuple[Calibrated, ...]
@@ -164,7 +164,7 @@ def read_run(folder: Path) -> RunFiles:
         emulator_check=kept("emulator_check.json", read_json),
         full_check=kept("full_simulator_check.json", read_json),
         suspects=(kept("suspects.json", read_json) or {"found": []})["found"],
-        beside=kept("beside.json", partial(read_records, read=_beside)) or [],
+        beside=kept("beside.json", _beside) or {},
         backtest=kept("backtest/backtest.json", read_json),
         calibrated=() if priors.name == RESULTS_FILE else kept(RESULTS_FILE, read_calibrated) or (),
         files=tuple(own for own in _TAKEN_AWAY.items() if priors.name != own[0] and (folder / own[0]).is_file()),
@@ -220,9 +220,13 @@ def parameter_info(record: Record) -> ParameterInfo:
     return typed(ParameterInfo, record | {"unit": unit, "offset": -273.15 if absolute else 0.0})
 
 
-def _beside(record: Record) -> Metric:
-    """A score of another run, whose records need not have all that ours have."""
-    return typed(Metric, {"channel": "all", "unit": ""} | record)
+def _beside(file: Path) -> dict[str, list[Metric]]:
+    """Scores of other runs, whose records need not have all that ours have."""
+    found: dict[str, list[Metric]] = {}
+    for record in read_records(file, read=dict):
+        own = {"channel": "all", "unit": ""} | {name: value for name, value in record.items() if name != "model"}
+        found.setdefault(record.get("model", "published"), []).append(typed(Metric, own))
+    return found
 
 
 def bins(run: RunFiles) -> int:

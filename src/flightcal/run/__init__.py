@@ -4,7 +4,7 @@ Imports: errors, progress.
 """
 
 from .files import locked, sweep, write_bytes
-from .folder import RunDirectory, check_whole, hash_of, hash_of_file, hold, open_run, read_provenance
+from .folder import REDUCED, RunDirectory, check_whole, hash_of, hash_of_file, hold, open_run, read_provenance
 from .labels import labelled
 from .records import (
     plain,
@@ -21,6 +21,7 @@ from .stages import Run, Stage
 from .workers import each
 
 __all__ = [
+    "REDUCED",
     "Run",
     "RunDirectory",
     "Stage",

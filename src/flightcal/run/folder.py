@@ -30,6 +30,8 @@ from .files import is_part, locked, naming, sweep, write_bytes
 from .records import json_bytes, netcdf_bytes, read_dataset, read_tree, write_json
 
 DIGESTS: Final = "digests.json"
+REDUCED: Final = "reduced"
+"""Folder of a reduced model, in that of a run: it is made before the run."""
 _LOCK, _LOG, _PROVENANCE = "run.lock", "log.jsonl", "provenance.json"
 _PACKAGES = ("flightcal", "numba", "numpy", "nutpie", "scipy", "xarray", "pyerfa", "sgp4")
 
@@ -178,7 +180,7 @@ def _check_place(path: Path) -> None:
     if not path.exists() or (path / _PROVENANCE).exists() or (path / DIGESTS).exists():
         return
     # A kill before the first file leaves these.
-    if not all(is_part(file) or file.name == _LOCK for file in path.iterdir()):
+    if not all(is_part(file) or file.name in (_LOCK, REDUCED) for file in path.iterdir()):
         raise RunError(f"{path}: the folder holds files but no run; expected an empty or new folder")
 
 

@@ -16,7 +16,7 @@ from .calibrated import (
     written_values,
 )
 from .calibration import Calibration, EmulatorSettings, GeneticSettings, NutsSettings, PredictionSettings
-from .document import Problem
+from .document import Problem, read_document
 from .environment import (
     Attitude,
     AttitudeTimeline,
@@ -189,6 +189,7 @@ __all__ = [
     "number_in",
     "numbers_of",
     "parameter_units",
+    "read_document",
     "read_file",
     "read_parameters",
     "resolved_yaml",

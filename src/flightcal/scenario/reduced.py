@@ -11,7 +11,7 @@ from .units import did_you_mean, show, to_si
 
 _HERE = ("simulator", "reduced_model")
 _SECTIONS = ("nodes", "faces", "heaters", "modes")
-REDUCED_MODEL_FORMAT = "3"
+REDUCED_MODEL_FORMAT = "4"
 
 
 def fill_in(written: dict[str, Any], folder: Path) -> tuple[dict[str, Any], list[Problem]]:

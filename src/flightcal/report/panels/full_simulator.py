@@ -20,9 +20,9 @@ def panel(run: RunFiles) -> list[Block]:
             "The calibration went through a reduced model. Here it is beside the operational simulator that it stands "
             f"for, on-board software in the loop, on the training window: {count(check['flights'])} flights, at the "
             f"posterior's mean and at draws from it ({count(check['failed'])} could not be compared). The difference "
-            "is reduced minus operational; it includes what the software does that a thermostat does not, and the "
-            "flight's own initial temperatures. Neither has unmodelled heat. A sensor whose heater cycles out of step "
-            "differs by up to its band."
+            "is reduced minus operational, from where the flight is at the window's start; it includes what the "
+            "software does that a thermostat does not. Neither has unmodelled heat. A sensor whose heater cycles out "
+            "of step differs by up to its band."
         ),
         block.table(differences(check)),
     ]

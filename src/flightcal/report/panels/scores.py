@@ -33,7 +33,7 @@ def panel(run: RunFiles) -> list[Block]:
         *([block.text(words)] if (words := runs_in_words(run.metrics)) else []),
         *(block.text(f"{own['detail']}.") for own in run.quality or () if own["finding"] == "bridged"),
         block.table(comparison(run.metrics), "There is no pair of methods to compare."),
-        *published(run),
+        *others(run),
         block.heading("By window and channel"),
         block.table(by_channel(run.metrics)),
         block.folded("Every score of every method", all_scores(run.metrics)),
@@ -64,33 +64,73 @@ def _converged(metric: Metric) -> str:
     return f"{runs} converged (a run has converged when {when})"
 
 
-def published(run: RunFiles) -> list[Block]:
-    """The same simulator calibrated as published, beside this run; nothing where that was not made."""
+_OTHERS = {
+    "published": "The published model has independent noise and no term for what the simulator lacks.",
+    "reduced": (
+        "The reduced model stands for the full simulator. It knows all of the satellite but its parameters, its "
+        "sensors' biases and its failures, and it has unmodelled heat as well."
+    ),
+}
+"""What is said of the models beside which a run can stand."""
+
+
+def others(run: RunFiles) -> list[Block]:
+    """The same satellite calibrated in other ways, beside this run; nothing where that was not made."""
     if not run.beside:
         return []
     words = (
-        "The published model has independent noise and no term for what the simulator lacks. It was calibrated on the "
-        "same telemetry for comparison. A coverage (PICP) near 95% is right; all other scores are better when smaller."
+        f"{' '.join(_OTHERS[model] for model in run.beside if model in _OTHERS)} All were calibrated on the same "
+        "telemetry. A coverage (PICP) near 95% is right; all other scores are better when smaller."
     )
-    return [block.heading("Beside the published model"), block.text(words), block.table(beside(run))]
+    found = [block.heading("Beside other models"), block.text(words), block.table(beside(run))]
+    return [*found, block.table(beside_by_channel(run))] if any(m.channel != "all" for m in run.metrics) else found
+
+
+def _models(run: RunFiles) -> dict[str, Sequence[Metric]]:
+    """Scores by what the columns are called: the published model, this run, then the others."""
+    first = {f"{model} model": own for model, own in run.beside.items() if model == "published"}
+    rest = {f"{model} model": own for model, own in run.beside.items() if model != "published"}
+    return {**first, "this run": run.metrics, **rest}
+
+
+def _stochastic(metrics: Sequence[Metric]) -> dict[tuple[str, str, str], float | None]:
+    """By window, channel and metric. A published run of an earlier flightcal has its own name for the method."""
+    return {(m.window, m.channel, m.metric): m.value for m in metrics if m.method in ("stochastic", "published")}
 
 
 def beside(run: RunFiles) -> Table:
-    """Scores over all channels: genetic algorithm, published model and this run, a row for each window and score."""
+    """Scores over all channels: genetic algorithm, and every model; a row for each window and score."""
     names = _ERRORS | {"picp": "PICP", "mpiw": "MPIW, K"}
-    ours = {(m.method, m.window, m.metric): m.value for m in run.metrics if m.channel == "all"}
-    theirs = {(m.method, m.window, m.metric): m.value for m in run.beside if m.channel == "all"}
+    genetic = {
+        (m.window, m.metric): m.value
+        for metrics in (*run.beside.values(), run.metrics)
+        for m in metrics
+        if (m.method, m.channel) == ("genetic", "all")
+    }
+    models = {title: _stochastic(own) for title, own in _models(run).items()}
     rows = []
-    for window, metric in dict.fromkeys((m.window, m.metric) for m in run.beside if m.metric in names):
-        values = [
-            ours.get(("genetic", window, metric), theirs.get(("genetic", window, metric))),
-            theirs.get(("published", window, metric), theirs.get(("stochastic", window, metric))),
-            ours.get(("stochastic", window, metric)),
-        ]
+    for window, metric in dict.fromkeys((m.window, m.metric) for m in run.metrics if m.metric in names):
+        values = [genetic.get((window, metric)), *(own.get((window, "all", metric)) for own in models.values())]
         shown = [percent(value) if metric == "picp" else number(value) for value in values]
         rows.append([window, names[metric], *shown])
-    header = ("window", "score", "genetic algorithm, mean of its runs", "published model", "this run")
-    return Table(header, rows, range(2, 5))
+    header = ("window", "score", "genetic algorithm, mean of its runs", *models)
+    return Table(header, rows, range(2, len(header)))
+
+
+def beside_by_channel(run: RunFiles) -> Table:
+    """RMSE and coverage of every model, a row for each window and channel."""
+    models = {title: _stochastic(own) for title, own in _models(run).items()}
+    rows = [
+        [
+            *place,
+            *(number(own.get((*place, "rmse")), 3) for own in models.values()),
+            *(percent(own.get((*place, "picp"))) for own in models.values()),
+        ]
+        for place in _places(run.metrics)
+    ]
+    groups = (("", 2), ("RMSE, K", len(models)), ("covered by the 95% interval", len(models)))
+    header = ("window", "channel", *models, *models)
+    return Table(header, rows, range(2, len(header)), groups)
 
 
 def comparison(metrics: Sequence[Metric]) -> Table:
