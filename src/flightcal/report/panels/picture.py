@@ -86,7 +86,8 @@ def choose(run: RunFiles) -> Chosen | None:
     }
     rooms = {place: room for place, room in rooms.items() if has_prediction(run.windows[place[0]], "stochastic")}
     if rooms:
-        window, worst = min(rooms, key=lambda place: rooms[place][0])
+        # Of channels that all hold, the one with least inside.
+        window, worst = min(rooms, key=lambda place: (min(rooms[place][0], 0.0), rooms[place][1]))
         # Where all hold, what the verdict may name is the channel whose noise is not what was assumed.
         noisy = [own for own in next(iter(run.checks.values())) if own.verdict == "contradicted"]
         if noisy and rooms[window, worst][0] >= 0.0:
