@@ -21,7 +21,7 @@ _FINE = 10.0
 _SLOPE = 120.0
 """s before a switch, over which a sensor's slope is taken."""
 _PRIOR = 0.5
-"""K, deviation of a threshold from what the scenario writes, as the prior has it,"""
+"""K, deviation of a threshold from that of its draw of theta, as the prior has it,"""
 _OFFSETS = np.linspace(-1.5, 1.5, 76)
 """K, and those that are looked at."""
 _SCATTERS = np.geomspace(0.01, 0.6, 8)
@@ -36,7 +36,7 @@ _LEAST = 1e-12
 
 @dataclass(frozen=True)
 class Thresholds:
-    """By how much thresholds of S draws are off what the scenario writes, K: to go on, and to go off."""
+    """By how much thresholds are off those of S draws of theta, K: to go on, and to go off."""
 
     offsets: FloatArray
     """[S, 2, H]"""
@@ -81,13 +81,14 @@ def draw_thresholds(
             return None
         runs = looking.simulate_many(theta[:, window.simulated], heat)
         seconds = looking.observation.times
-        for heater, block in enumerate(window.scenario.network.switches.values()):
-            for side, (written, sign) in enumerate(((block.on_below, 1.0), (block.off_above, -1.0))):
+        thresholds = [looking.thresholds(own) for own in theta[:, window.simulated]]
+        for heater in range(heaters):
+            # Seen upside down, going off is going on.
+            for side, sign in enumerate((1.0, -1.0)):
                 found = _switches(window, heater, shift, on=side == 0)
                 for s, run in enumerate(runs):
                     if run is not None:
-                        # Seen upside down, going off is going on.
-                        sensor = sign * (run.temperatures[:, heater] - written)
+                        sensor = sign * (run.temperatures[:, heater] - thresholds[s][side, heater])
                         logs[side, heater, s] += _log_likelihood(seconds, sensor, found, s, sign)
     prior = -0.5 * (_OFFSETS / _PRIOR) ** 2
     usual = _usual_scatter(windows[0], np.median(thetas[0], axis=0))
@@ -177,7 +178,7 @@ def _when(window: Window, heater: int, middle: float, shifts: FloatArray, on: bo
 
 
 def _log_likelihood(seconds: FloatArray, sensor: FloatArray, found: _Switches, draw: int, sign: float) -> FloatArray:
-    """Of offsets and scatters [o, c]: of the switches of a sensor that falls to its threshold, K above what is written.
+    """Of offsets and scatters [o, c]: of the switches of a sensor that falls to its threshold, K above that of theta.
 
     sign: -1: offsets of one that rises to it.
     """

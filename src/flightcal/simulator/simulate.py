@@ -210,6 +210,18 @@ class NetworkSimulator:
         """The canonical form at theta [d]."""
         return unpack(self.network.structure, self._assemble(theta)[1])
 
+    def thresholds(self, theta: FloatArray) -> FloatArray:
+        """At which temperatures of their sensors' nodes thermostats switch on, and off, at theta [d]: [2, H] K."""
+        network = self.network
+        numbers, packed = self._assemble(theta)
+        system = unpack(network.structure, packed)
+        found = np.stack([system.lower, system.upper])
+        for k, node in enumerate(network.watched.tolist()):
+            if node in network.heat_states:
+                paths = (f"heaters.{network.heaters[k]}.{number}" for number in ("on_below", "off_above"))
+                found[:, k] = numbers[[network.position(path) for path in paths]]
+        return found
+
     def simulate(self, theta: FloatArray) -> Trajectory:
         """One simulation at theta [d]."""
         with self._borrowed(1) as calls:
@@ -255,15 +267,13 @@ class NetworkSimulator:
         The heat's slope by the temperature stands in the row of the temperature.
         """
         network, structure = self.network, self.network.structure
-        numbers, system, found = self.numbers(theta), self.system(theta), off.copy()
+        at, system, found = self.thresholds(theta), self.system(theta), off.copy()
         for k, node in enumerate(network.watched.tolist()):
             if node in network.heat_states:
                 row = slice(int(structure.linear_start[node]), int(structure.linear_start[node + 1]))
                 linear = system.linear[row][structure.linear_column[row] == node].item()
                 square = system.quadratic[structure.quadratic_row == node].item()
-                paths = (f"heaters.{network.heaters[k]}.{number}" for number in ("on_below", "off_above"))
-                at = np.array([numbers[network.position(path)] for path in paths])
-                found[..., k] = -(linear + square * (2.0 * at + off[..., k])) * off[..., k]
+                found[..., k] = -(linear + square * (2.0 * at[:, k] + off[..., k])) * off[..., k]
         return found
 
     def _simulate(
