@@ -205,6 +205,12 @@ def _student_arguments(prior: HalfStudentT) -> tuple[float, ...]:
     return prior.scale, nu, float(at_zero)
 
 
+def _student_quantile(p: Array, scale: Array, freedom: Array, *_: Array) -> Array:
+    # From the tail of the two that has the digits; the least probabilities are lost beside a half.
+    found = np.abs(stdtrit(freedom, np.where(p < 0.5, 0.5 + 0.5 * p, 0.5 - 0.5 * p)))
+    return np.asarray(np.log(found.clip(_SMALLEST)))
+
+
 def _student_precision(z: Array, scale: Array, nu: Array, *_: Array) -> Array:
     square = np.exp(2.0 * z)
     return np.asarray(2.0 * (nu + 1.0) * nu * square / (nu + square) ** 2)
@@ -242,8 +248,7 @@ _FAMILIES: dict[type, _Family] = {
         arguments=_student_arguments,
         to_z=lambda theta, scale, *_: np.log(theta / scale),
         precision=_student_precision,
-        # From the tail of the two that has the digits.
-        quantile=lambda p, scale, nu, *_: np.log(np.abs(stdtrit(nu, np.where(p < 0.5, 0.5 + 0.5 * p, 0.5 - 0.5 * p)))),
+        quantile=_student_quantile,
     ),
     Beta: _Family(
         arguments=lambda prior: (prior.alpha, prior.beta, prior.lower, prior.upper, betaln(prior.alpha, prior.beta)),
