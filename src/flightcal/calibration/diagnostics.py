@@ -13,6 +13,7 @@ from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy.special import chdtri
 
 from ..scenario import NutsSettings
 from .nuts import MAXIMUM_DEPTH
@@ -33,6 +34,8 @@ _OUTER = 0.05
 _FEWEST_DIVERGENT = 8
 """With fewer nothing can be said of where they lie."""
 _TAIL = (0.05, 0.95)
+_CHANCE = 0.01
+"""That chains which agree fail for their R-hat."""
 _FEWEST_DRAWS = 4
 """With fewer a chain, R-hat and effective sample sizes are not defined."""
 
@@ -95,7 +98,7 @@ def diagnose(
     )
     chains, draws = statistics["energy"].shape
     gates = (
-        _r_hat_gate(parameters, settings),
+        _r_hat_gate(parameters, posterior, settings),
         _ess_gate(parameters, settings, draws, tail=False),
         _ess_gate(parameters, settings, draws, tail=True),
         _divergence_gate(posterior, statistics["diverging"], settings),
@@ -150,17 +153,41 @@ def gate(name: str, passed: bool, found: str, required: str, advice: str) -> Gat
     return Gate(name, passed, found, required, "" if passed else advice)
 
 
-def _r_hat_gate(parameters: tuple[ParameterSummary, ...], settings: NutsSettings) -> Gate:
+def _r_hat_gate(
+    parameters: tuple[ParameterSummary, ...], posterior: Mapping[str, Array], settings: NutsSettings
+) -> Gate:
+    limits = {p.name: settings.max_r_hat for p in parameters}
+    for name in (p.name for p in parameters if p.r_hat >= settings.max_r_hat):
+        limits[name] = max(settings.max_r_hat, _r_hat_by_chance(posterior[name], len(parameters)))
     # What cannot be computed is worse than any number.
-    worst = max(parameters, key=lambda p: math.inf if math.isnan(p.r_hat) else p.r_hat)
+    worst = max(parameters, key=lambda p: math.inf if math.isnan(p.r_hat) else p.r_hat - limits[p.name])
     advice = (
         f"'{worst.name}' never changed or is not a number: no chain moved, or it does not act on the simulation."
         if math.isnan(worst.r_hat)
         else f"The chains do not agree on '{worst.name}'. Give them a longer warm-up (nuts: warmup); if they still "
         "disagree, the data allow more than one explanation: compare the chains, and narrow a prior or add data."
     )
-    found = f"{_number(worst.r_hat, '.3f')} ({worst.name})"
-    return gate("R-hat", worst.r_hat < settings.max_r_hat, found, f"below {settings.max_r_hat:g}", advice)
+    limit = limits[worst.name]
+    required = f"below {settings.max_r_hat:g}"
+    if limit > settings.max_r_hat:
+        required = f"below {limit:.3f}, which chains that agree reach by chance, for their draws are correlated"
+    return gate("R-hat", worst.r_hat < limit, f"{_number(worst.r_hat, '.3f')} ({worst.name})", required, advice)
+
+
+def _r_hat_by_chance(values: Array, quantities: int) -> float:
+    """R-hat that draws [chain, draw] of one of so many quantities exceed by chance, once in 100 posteriors.
+
+    Of m half-chains that agree, whose means scatter by the effective draws that each chain has by itself. With 500 of
+    these in all, R-hat is above 1.01 more often than not.
+    """
+    from arviz_stats.base import array_stats
+
+    halves = 2 * len(values)
+    bulk = sum(float(array_stats.ess(own[None], method="bulk")) for own in values)
+    tail = sum(float(array_stats.ess(own[None], method="tail", prob=_TAIL)) for own in values)
+    # Of the values, and folded around their median.
+    scatter = chdtri(halves - 1, _CHANCE / (2 * quantities)) / (halves - 1)
+    return math.sqrt(1.0 + halves / min(bulk, tail) * scatter)
 
 
 def _ess_gate(parameters: tuple[ParameterSummary, ...], settings: NutsSettings, draws: int, *, tail: bool) -> Gate:
