@@ -75,6 +75,11 @@ class HeatPoint:
     around: Around
     """What all this follows from, with the most probable sizes and with others."""
 
+    @property
+    def most_probable(self) -> FloatArray:
+        """[s] the sizes in the order of `around`."""
+        return np.array([self.sizes[name] for name in self.around.sizes.names])
+
 
 @dataclass(frozen=True)
 class _Linear:
@@ -490,7 +495,7 @@ def bend(point: HeatPoint, heated: Problem, thetas: FloatArray) -> float:
     The variance of the logarithm of its growth, over all weights of which the telemetry tells: about by how much the
     log density is off, to second order in the parameters, where the response is taken as the same for all.
     """
-    sizes = np.array([point.sizes[name] for name in point.around.sizes.names])
+    sizes = point.most_probable
     covariance, _ = point.around.known_of_weights(sizes)
     told = 1.0 - np.diag(covariance) / point.around.roots(sizes)[: len(covariance)] ** 2
     return float(told @ np.log(heated.heat_growth(thetas)).var(axis=0))
@@ -498,8 +503,7 @@ def bend(point: HeatPoint, heated: Problem, thetas: FloatArray) -> float:
 
 def draw_sizes(point: HeatPoint, rng: np.random.Generator) -> FloatArray:
     """Sizes [k, s] of noise and heat as the telemetry leaves them; each is that of many draws of the parameters."""
-    sizes = np.array([point.sizes[name] for name in point.around.sizes.names])
-    return point.around.draw_sizes(sizes, _SIZES, rng)
+    return point.around.draw_sizes(point.most_probable, _SIZES, rng)
 
 
 def spread_sizes(
@@ -521,8 +525,7 @@ def spread_sizes(
         if name in known.names:
             whole[:, k] = flat[:, known.names.index(name)]
     names = point.around.sizes.names
-    sizes = np.array([point.sizes[name] for name in names])
-    whole, own = point.around.spread(whole, sizes, drawn, rng)
+    whole, own = point.around.spread(whole, point.most_probable, drawn, rng)
     values = problem.to_theta(whole)
     found = [
         own[:, names.index(name)] if name in names else values[:, problem.names.index(name)] for name in heated.names

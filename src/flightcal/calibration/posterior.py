@@ -174,7 +174,7 @@ def _kept_heat(posterior: Posterior, point: HeatPoint) -> xarray.Dataset:
     checked = posterior.checked
     kept = heat_dataset(point.model, point.names, point.theta)
     around = point.around
-    sizes = np.array([point.sizes[name] for name in around.sizes.names])
+    sizes = point.most_probable
     places = around.moving
     slope = posterior.problem.priors.at(_in_order(point, posterior)).slope
     place = {name: k for k, name in enumerate(posterior.names)}

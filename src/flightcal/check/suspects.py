@@ -13,7 +13,6 @@ from typing import Any, Final
 import numpy as np
 import xarray
 from numpy.typing import NDArray
-from threadpoolctl import threadpool_limits
 
 from ..errors import FlightcalError
 from ..problem import Problem, build_window, problem_of
@@ -82,28 +81,27 @@ def suspects(problem: Problem, telemetry: xarray.Dataset, progress: Progress = S
     by itself.
     """
     window = problem.windows[0]
-    with threadpool_limits(1):
+    try:
+        view = prepared(problem.scenario, telemetry)
+    except FlightcalError:
+        view = None
+    modelled = np.full(window.observed.shape, np.nan)
+    if view is not None:
+        theta = view.problem.to_theta(view.centre(view.observed))[None]
         try:
-            view = prepared(problem.scenario, telemetry)
-        except FlightcalError:
+            run = view.window.simulate(view.problem.at(view.window, theta)[0])
+            modelled[: len(run.temperatures)] = run.temperatures
+        except SimulationFailure:
             view = None
-        modelled = np.full(window.observed.shape, np.nan)
-        if view is not None:
-            theta = view.problem.to_theta(view.centre(view.observed))[None]
-            try:
-                run = view.window.simulate(view.problem.at(view.window, theta)[0])
-                modelled[: len(run.temperatures)] = run.temperatures
-            except SimulationFailure:
-                view = None
-        seen = [
-            own
-            for k, channel in enumerate(window.simulator.channels)
-            if (own := broken(channel, window.times, window.observed[:, k], modelled[:, k])) is not None
-        ]
-        found = [Suspicion(own.kind, own.channel, own.title, own.sentence, own.advice) for own in seen]
-        if view is None:
-            return Suspects(tuple(found))
-        return Suspects((*found, *_compared(_without(view, window.times, seen), progress)), True)
+    seen = [
+        own
+        for k, channel in enumerate(window.simulator.channels)
+        if (own := broken(channel, window.times, window.observed[:, k], modelled[:, k])) is not None
+    ]
+    found = [Suspicion(own.kind, own.channel, own.title, own.sentence, own.advice) for own in seen]
+    if view is None:
+        return Suspects(tuple(found))
+    return Suspects((*found, *_compared(_without(view, window.times, seen), progress)), True)
 
 
 def prepared(scenario: Scenario, telemetry: xarray.Dataset) -> View | None:

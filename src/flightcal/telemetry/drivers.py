@@ -149,23 +149,27 @@ def status_or_unknown(dataset: xr.Dataset, channel: str, edges: NDArray[np.datet
 
 def status_changes(dataset: xr.Dataset, channel: str) -> NDArray[np.datetime64]:
     """When the status changes as `status_fraction` has it, and where it begins or ceases to be known."""
-    seconds, values, interval = valid_samples(dataset, channel)
-    gaps = np.diff(seconds)
-    changes = (seconds[1:] - np.minimum(gaps, interval) / 2)[np.diff(values) != 0.0]
-    long = np.flatnonzero(gaps > SHORT_GAP * interval)
-    found = np.unique(np.concatenate([changes, seconds[long] + interval, seconds[long + 1]]))
-    return np.round(found * 1e9).astype(np.int64).astype("datetime64[ns]")
+    after, within, known = _changes(dataset, channel)
+    return _times(after - within / 2, known)
 
 
 def switch_bounds(dataset: xr.Dataset, channel: str) -> NDArray[np.datetime64]:
     """Between which times each change of the status lies, and where it begins or ceases to be known."""
+    after, within, known = _changes(dataset, channel)
+    return _times(after - within, after, known)
+
+
+def _changes(dataset: xr.Dataset, channel: str) -> tuple[NDArray[np.float64], ...]:
+    """Samples that show a change, how long before them it may lie, and where the status gets known or unknown, s."""
     seconds, values, interval = valid_samples(dataset, channel)
     gaps = np.diff(seconds)
     changed, long = np.flatnonzero(np.diff(values) != 0.0), np.flatnonzero(gaps > SHORT_GAP * interval)
-    after = seconds[changed + 1]
-    before = after - np.minimum(gaps[changed], interval)
-    found = np.unique(np.concatenate([before, after, seconds[long] + interval, seconds[long + 1]]))
-    return np.round(found * 1e9).astype(np.int64).astype("datetime64[ns]")
+    known = np.concatenate([seconds[long] + interval, seconds[long + 1]])
+    return seconds[changed + 1], np.minimum(gaps[changed], interval), known
+
+
+def _times(*seconds: NDArray[np.float64]) -> NDArray[np.datetime64]:
+    return np.round(np.unique(np.concatenate(seconds)) * 1e9).astype(np.int64).astype("datetime64[ns]")
 
 
 def _turns(seconds: NDArray[np.float64], at: NDArray[np.float64], period: float) -> list[int]:
