@@ -79,6 +79,30 @@ def test_a_node_at_a_fixed_boundary_decays_to_it_exponentially(tmp_path):
     np.testing.assert_allclose(got, 305.0 - 25.0 * np.exp(-1.5 / 3000.0 * t) - 0.5, atol=1e-4)
 
 
+def test_a_massless_node_that_only_radiates_is_in_balance_as_soon_as_a_mode_has_changed(tmp_path):
+    written = without_heater(small.content())
+    model = written["simulator"]
+    model.pop("loads")
+    model["nodes"] = {"body": {"capacity": "3000 J/K"}, "panel": {"arithmetic": True}, "space": {"boundary": "4 K"}}
+    model["conductors"] = [
+        {"between": ["body", "panel"], "radiative": "0.03 m^2"},
+        {"between": ["panel", "space"], "radiative": "0.2 m^2"},
+    ]
+    model["modes"] = {"off": {"panel": "0 W"}, "on": {"panel": "50 W"}}
+    model["timeline"] = [{"at": f"2024-03-01T0{hour}:00:00", "mode": "on" if hour % 2 else "off"} for hour in range(4)]
+    written["parameters"] = {
+        "area": {"sets": "conductors.panel-space.radiative", "prior": {"uniform": ["0.1 m^2", "0.3 m^2"]}}
+    }
+    scenario, data = small.load(tmp_path, written, hours=4.0)
+    simulator = small.simulator_of(scenario, data)
+    body, panel = simulator.simulate(small.theta_of(simulator, area=0.2, initial_body=285.0)).temperatures.T
+    power = np.where(np.arange(len(panel)) // 60 % 2, 50.0, 0.0)
+    balance = ((power / STEFAN_BOLTZMANN + 0.03 * body**4 + 0.2 * 4.0**4) / 0.23) ** 0.25
+    between = np.arange(len(panel)) % 60 != 0
+    np.testing.assert_allclose(panel[between], balance[between], atol=1e-4)
+    assert np.ptp(panel) > 80.0
+
+
 def test_stored_heat_is_what_heaters_and_loads_gave_less_what_was_radiated(tmp_path):
     scenario, data = small.closed_loop(tmp_path)
     simulator = small.simulator_of(scenario, data)

@@ -99,9 +99,13 @@ def make_grid(inputs: Inputs, length: float | Callable[[FloatArray], FloatArray]
 def drive_on(inputs: Inputs, grid: FloatArray) -> Drive:
     """The inputs in the steps of a grid [K+1]: in each step the line that is nearest to them in the mean square.
 
-    So what a step gets in all, and its centre of gravity in time, are exact, however long the step.
+    So what a step gets in all, and its centre of gravity in time, are exact, however long the step. A jump that massless
+    nodes follow takes as long as their settling: at once, one of heat that they can only radiate throws them far off.
     """
-    ends = in_steps(inputs.times, inputs.values, grid)
+    times = inputs.times.copy()
+    jumps = 1 + np.flatnonzero((np.diff(times) == 0.0) & np.isin(times[1:], inputs.settling))
+    times[jumps] += _SETTLING[-1]
+    ends = in_steps(times, inputs.values, grid)
     middle = 0.5 * (grid[1:] + grid[:-1])
     driven = inputs.driven[np.searchsorted(inputs.times, middle) - 1]
     return Drive(grid, np.ascontiguousarray(ends.T), driven, inputs.initially_on)
