@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -143,6 +143,16 @@ def small_titles(figure: go.Figure, *, left: bool = False) -> None:
         annotation.update(font={"size": 13, "color": TEXT}, text=f"<b>{annotation.text}</b>", yshift=2)
         if left:
             annotation.update(x=0, xanchor="left")
+
+
+def levels(figure: go.Figure, y: float, rows: Iterable[int], column: int, dash: str = "solid") -> None:
+    """Horizontal lines at y through the plots of some rows of a column. All at once: one by one takes long."""
+    axes = [figure.get_subplot(row, column) for row in rows]
+    names = [(axis.xaxis.plotly_name, axis.yaxis.plotly_name) for axis in axes]
+    line = {"type": "line", "y0": y, "y1": y, "x0": 0, "x1": 1, "line": {"color": LINE, "width": 1, "dash": dash}}
+    places = [{"xref": f"{x.replace('axis', '')} domain", "yref": y.replace("axis", "")} for x, y in names]
+    # Not update_layout: it would merge these into the shapes that are there, one by one.
+    figure.layout.shapes = [*figure.layout.shapes, *(line | place for place in places)]
 
 
 def title_below(figure: go.Figure, text: str, count: int, columns: int) -> None:

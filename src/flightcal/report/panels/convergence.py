@@ -15,7 +15,7 @@ from scipy.stats import rankdata
 from .. import block
 from ..block import Block, section
 from ..run_files import ParameterInfo, Record, RunFiles, draws
-from ..style import GENETIC, GENETIC_BEST, LINE, STOCHASTIC, chain_colour, finish, plots, small_titles
+from ..style import GENETIC, GENETIC_BEST, LINE, STOCHASTIC, chain_colour, finish, levels, plots, small_titles
 from ..tables import Cell, Table
 from ..text import count, duration, number, shown, unit
 
@@ -212,9 +212,9 @@ def figure_traces(infos: Sequence[ParameterInfo], posterior: Array) -> go.Figure
                 x=edges / ranks.size, y=np.append(counts, counts[-1]) * RANK_BINS / draws, showlegend=False,
                 line={"color": chain_colour(chain), "width": 1.4, "shape": "hv"}, row=row, col=2, **look,
             )  # fmt: skip
-        figure.add_hline(y=1.0, line={"color": LINE, "width": 1, "dash": "dot"}, row=row, col=2)
         figure.update_yaxes(title_text=unit(info.unit) or "–", row=row, col=1, nticks=5)
         figure.update_yaxes(title_text="relative count, –", row=row, col=2, rangemode="tozero", nticks=5)
+    levels(figure, 1.0, range(1, rows + 1), 2, "dot")
     finish(figure, height)
     small_titles(figure)
     figure.update_xaxes(title_text="draw, –", row=rows, col=1)

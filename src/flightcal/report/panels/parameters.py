@@ -54,6 +54,9 @@ def summary(run: RunFiles) -> Table:
     """Prior against posterior of every uncertain quantity, with its diagnostics."""
     diagnosed = {p["name"]: p for p in (run.diagnostics or {}).get("parameters", [])}
     sampled = {info.name for info in run.sampled}
+    gates = (run.diagnostics or {}).get("gates", [])
+    # Above 1.01 chains that agree may be by chance; the gate knows how far.
+    disagree = any(own["name"] == "R-hat" and not own["passed"] for own in gates)
     edges, wider, held = at_edge(run), times_as_wide(run), held_shapes(run)
     rows = []
     for info in run.parameters:
@@ -73,7 +76,8 @@ def summary(run: RunFiles) -> Table:
         of = diagnosed.get(info.name, {})
         r_hat = of.get("r_hat")
         effective = f"{count(of.get('ess_bulk'))} / {count(of.get('ess_tail'))}"
-        cells += [Cell("–" if r_hat is None else f"{r_hat:.3f}", "bad" if (r_hat or 0) > 1.01 else ""), effective]
+        colour = "bad" if disagree and (r_hat or 0) > 1.01 else ""
+        cells += [Cell("–" if r_hat is None else f"{r_hat:.3f}", colour), effective]
         if info.name in edges:
             cells[2] = Cell(f"{cells[2]}\n⚠ at the prior's {edges[info.name]} edge", "warn")
         rows.append(cells)

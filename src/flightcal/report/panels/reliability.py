@@ -22,7 +22,7 @@ from ...validation import (
 from .. import block
 from ..block import Block, section
 from ..run_files import RunFiles, has_prediction
-from ..style import LINE, STATUS_FILL, STOCHASTIC, band, finish, plots, small_titles
+from ..style import STATUS_FILL, STOCHASTIC, band, finish, levels, plots, small_titles
 from ..tables import Cell, Table
 from ..text import chance, count, number
 from ..windows import names
@@ -92,10 +92,13 @@ def figure_reliability(prediction: xr.Dataset) -> go.Figure:
         if present.sum() > 1:
             _histogram(figure, values[present], effective_samples(values[present], time[present]), row)
         for column, found in enumerate(parts, start=2):
-            _coverage(figure, [part for part in found if part.channel == channel], nominal, row, column)
+            _coverage(figure, [part for part in found if part.channel == channel], row, column)
         figure.update_yaxes(title_text="density, –", nticks=5, row=row, col=1)
         for column in (2, 3):
             figure.update_yaxes(title_text="coverage, –", range=[lowest, 1.01], nticks=5, row=row, col=column)
+    for column, found in enumerate(parts, start=2):
+        shown = {part.channel for part in found}
+        levels(figure, nominal, [row for row, own in enumerate(channels, start=1) if own in shown], column, "dot")
     finish(figure, height)
     small_titles(figure)
     figure.update_xaxes(range=[0, 1], col=1)
@@ -118,7 +121,7 @@ def _histogram(figure: go.Figure, values: np.ndarray, effective: float, row: int
     figure.update_yaxes(range=[0.0, 1.1 * max(density.max(), min(high, 2.0))], row=row, col=1)
 
 
-def _coverage(figure: go.Figure, parts: list[Coverage], nominal: float, row: int, column: int) -> None:
+def _coverage(figure: go.Figure, parts: list[Coverage], row: int, column: int) -> None:
     if not parts:
         return
     steps = [(edge, value) for part in parts for edge, value in ((part.start, part.lower), (part.end, part.lower))]
@@ -135,4 +138,3 @@ def _coverage(figure: go.Figure, parts: list[Coverage], nominal: float, row: int
         customdata=[part.samples for part in parts],
         hovertemplate="%{y:.1%} of %{customdata} samples<extra></extra>", row=row, col=column,
     )  # fmt: skip
-    figure.add_hline(y=nominal, line={"color": LINE, "width": 1, "dash": "dot"}, row=row, col=column)

@@ -15,7 +15,7 @@ from ...validation import ResidualCheck, autocorrelation
 from .. import block
 from ..block import Block, section
 from ..run_files import RunFiles, bins
-from ..style import GENETIC, LINE, PRIOR, STOCHASTIC, band, finish, plots, small_titles
+from ..style import GENETIC, PRIOR, STOCHASTIC, band, finish, levels, plots, small_titles
 from ..tables import Cell, Table
 from ..text import chance, count, listed, number
 from ..thinning import extremes
@@ -179,8 +179,8 @@ def figure_residuals(prediction: xr.Dataset, bins: int = BINS) -> go.Figure:
             legendgroup="residual", showlegend=row == 1, marker={"size": 3.5, "color": STOCHASTIC},
             hovertemplate="%{y:.3f} K", row=row, col=1,
         )  # fmt: skip
-        figure.add_hline(y=0.0, line={"color": LINE, "width": 1}, row=row, col=1)
         figure.update_yaxes(title_text="residual, K", row=row, nticks=5)
+    levels(figure, 0.0, range(1, len(channels) + 1), 1)
     shade_eclipse(figure, prediction, len(channels))
     return figure
 
