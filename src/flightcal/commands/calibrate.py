@@ -30,7 +30,7 @@ BESIDE_OURS = {
     "published": ("published.yaml", "the same as published: independent noise, no unmodelled heat", True),
     "reduced": ("reduce.yaml", "the full simulator through a reduced model", False),
 }
-"""Of the demonstration, by folder: file, what is told, whether it takes over the genetic algorithm's runs."""
+"""Of the demonstration, by folder: file, what is told, whether it takes over what the first run searched."""
 _BESIDE_SCORES = ("rmse", "mape_kelvin", "mape_celsius", "crps", "picp", "mpiw")
 VERDICT = "verdict.json"
 """Whether the run can be used, for what, and why."""
@@ -87,8 +87,8 @@ def run_experiment(
     scenario_file: or a reduction file. Then the reduced model that it asks for is made first, in `reduced` in `out`;
     one in `reduced` beside the file is taken where it was made from the same files.
     telemetry: a file or folder to read the telemetry from instead of where the scenario says.
-    searched: a run of the same satellite, whose genetic algorithm is taken over. Noise and heat make no difference to
-    it.
+    searched: a run of the same satellite, of which the genetic algorithm and what may be wrong are taken over. Noise
+    and heat make no difference to them.
     Raises FlightcalError for what is the user's to mend. An interrupted sampling is saved, scored and reported.
     """
     from ..problem import build_problem
@@ -123,7 +123,8 @@ def _run_stages(run: Run, problem: Problem, data: xarray.Dataset, text: str, sea
 
     scenario = problem.scenario
     method, seed = scenario.calibration, scenario.calibration.seed
-    for line in run.stage(SUSPECTS, problem, data).lines:
+    suspects = SUSPECTS if searched is None else taken_over(SUSPECTS, searched)
+    for line in run.stage(suspects, problem, data).lines:
         run.progress.say(line)
     if needs_emulator(problem):
         emulation = run.stage(emulator_stage(problem), problem, data, settings=method.emulator, seed=seed)
