@@ -34,12 +34,14 @@ def dense(structure: Structure, system: System) -> tuple[Any, Any, Any, Any, Any
 
 def rosenbrock_step(A: Any, N: Any, Q: Any, mass: Any, x: Any, h: Any, b0: Any, b1: Any) -> Any:
     """One RODAS3 step of length h [s] from x [n], with all heat inputs b0 and b1 [n] at its ends (see `step`)."""
-    return _step_and_output(A, N, Q, mass, x, h, b0, b1)[0]
+    return _step_and_output(A, N, Q, mass, x, h, b0, b1, False)[0]
 
 
-def _step_and_output(A: Any, N: Any, Q: Any, mass: Any, x: Any, h: Any, b0: Any, b1: Any) -> tuple[Any, Any]:
+def _step_and_output(
+    A: Any, N: Any, Q: Any, mass: Any, x: Any, h: Any, b0: Any, b1: Any, balanced: Any
+) -> tuple[Any, Any]:
     """The step's end [n], and what the dense output is made of (see `sampling`): [6, n] h f1 or
-    what takes its place, h v, and k1 to k4."""
+    what takes its place, h v, and k1 to k4. balanced: whether massless nodes are in balance at the start."""
 
     def rate(state: Any, heat: Any) -> Any:
         return A @ state + Q @ state**2 + N @ state**4 + heat
@@ -58,7 +60,7 @@ def _step_and_output(A: Any, N: Any, Q: Any, mass: Any, x: Any, h: Any, b0: Any,
     x4 = x3 + k3
     k4 = solve(0.5 * h * rate(x4, b1) + 0.5 * mass * (k1 - k2 - 8.0 / 3.0 * k3))
     ended = 2.0 * k4 - k1 + k2 + 8.0 / 3.0 * k3
-    begun = jnp.where((mass > 0.0).all(), h * rate(x, b0), 5.0 * k1 - k2)
+    begun = jnp.where((mass > 0.0).all() | balanced, h * rate(x, b0), 5.0 * k1 - k2)
     return x4 + k4, jnp.stack([begun, ended, k1, k2, k3, k4])
 
 
@@ -81,8 +83,11 @@ def _run(structure: Structure, system: System, drive: Drive, max_segments: int) 
     sensor = jnp.asarray(structure.sensor)
 
     def segment(carry: Any, _: Any, start: Any, stop: Any, duration: Any, simulated: Any) -> Any:
-        x, u, begin = carry
+        x, u, begin, before = carry
         active = begin < duration
+        now = jnp.append(u, 1.0)  # the one: there is a segment before
+        balanced = (now == before).all()
+        before = jnp.where(active, now, before)
         h = jnp.where(active, duration - begin, 1.0)
         slope = (stop - start) / jnp.where(duration > 0, duration, 1.0)
         b0 = start + slope * begin + u @ g
@@ -91,12 +96,12 @@ def _run(structure: Structure, system: System, drive: Drive, max_segments: int) 
             return rosenbrock_step(A, N, Q, mass, x, length, b0, b0 + slope * length)
 
         def segment_of(length: Any) -> Any:
-            x1, made_of = _step_and_output(A, N, Q, mass, x, length, b0, b0 + slope * length)
+            x1, made_of = _step_and_output(A, N, Q, mass, x, length, b0, b0 + slope * length, balanced)
             return active, begin, length, x, x1, made_of
 
         x1 = advance(h)
         if len(heaters) == 0:
-            return (jnp.where(active, x1, x), u, jnp.where(active, duration, begin)), segment_of(h)
+            return (jnp.where(active, x1, x), u, jnp.where(active, duration, begin), before), segment_of(h)
         threshold = jnp.where(u > 0.5, system.upper, system.lower)
         sign = jnp.where(u > 0.5, 1.0, -1.0)
         crossed = simulated & (sign * (x1[sensor] - threshold) > 0.0) & active
@@ -124,21 +129,21 @@ def _run(structure: Structure, system: System, drive: Drive, max_segments: int) 
         x_next = jnp.where(active, advance(length), x)
         u_next = jnp.where(switched, u.at[event].set(1.0 - u[event]), u)
         begin_next = jnp.where(active, jnp.where(switched, begin + length, duration), begin)
-        return (x_next, u_next, begin_next), segment_of(length)
+        return (x_next, u_next, begin_next, before), segment_of(length)
 
     def step(carry: Any, row: Any) -> Any:
-        x, u, driven = carry
+        x, u, driven, before = carry
         start, stop, duration, given = row
         simulated, lasting = jnp.isnan(given), duration > 0.0
         u = jnp.where(lasting, jnp.where(simulated, jnp.where(driven, started(x, u), u), given), u)
         driven = jnp.where(lasting, ~simulated, driven)
-        (x, u, _), segments = jax.lax.scan(
+        (x, u, _, before), segments = jax.lax.scan(
             lambda c, s: segment(c, s, start, stop, duration, simulated),
-            (x, u, jnp.zeros_like(duration)),
+            (x, u, jnp.zeros_like(duration), before),
             None,
             length=max_segments,
         )
-        return (x, u, driven), (x, u, segments)
+        return (x, u, driven, before), (x, u, segments)
 
     def started(x: Any, status: Any) -> Any:
         on = jnp.where(status > 0.5, 1.0, 0.0)
@@ -147,7 +152,7 @@ def _run(structure: Structure, system: System, drive: Drive, max_segments: int) 
     driven = ~jnp.isnan(measured[0])
     u0 = jnp.where(driven, measured[0], started(system.initial, jnp.asarray(drive.initially_on)))
     rows = (heat[:, 0], heat[:, 1], durations, measured)
-    _, (states, status, segments) = jax.lax.scan(step, (system.initial, u0, driven), rows)
+    _, (states, status, segments) = jax.lax.scan(step, (system.initial, u0, driven, jnp.zeros(len(u0) + 1)), rows)
     active, begin, *rest = segments
     begin = jnp.asarray(drive.times)[:-1, None] + begin
     flat = [part.reshape(-1, *part.shape[2:]) for part in (active, begin, *rest)]

@@ -99,8 +99,8 @@ def make_grid(inputs: Inputs, length: float | Callable[[FloatArray], FloatArray]
 def drive_on(inputs: Inputs, grid: FloatArray) -> Drive:
     """The inputs in the steps of a grid [K+1]: in each step the line that is nearest to them in the mean square.
 
-    So what a step gets in all, and its centre of gravity in time, are exact, however long the step. A jump that massless
-    nodes follow takes as long as their settling: at once, one of heat that they can only radiate throws them far off.
+    So what a step gets in all, and its centre of gravity in time, are exact, however long the step. A jump that
+    massless nodes follow takes as long as their settling: one at once throws a node that only radiates far off.
     """
     times = inputs.times.copy()
     jumps = 1 + np.flatnonzero((np.diff(times) == 0.0) & np.isin(times[1:], inputs.settling))

@@ -10,7 +10,7 @@ from __future__ import annotations
 from typing import Any, NamedTuple
 
 from ...compiled import kernel
-from .sampling import Looks, Observed, finish_errors, observe_end_back, observe_segment_back
+from .sampling import Looks, Observed, finish_errors, in_balance, observe_end_back, observe_segment_back
 from .step import (
     EIGHT_THIRDS,
     advance,
@@ -134,7 +134,7 @@ def adjoint(call):
 
             observed = observe_segment_back(
                 structure, looks, errors, x0, now, record.start[0, segment], h, segment == 0, event >= 0 or begin > 0.0,
-                seen, temperatures, temperatures_bar, errors_bar,
+                in_balance(looks, record.heater, 0, segment), seen, temperatures, temperatures_bar, errors_bar,
             )  # fmt: skip
 
             if event >= 0:

@@ -18,7 +18,7 @@ import numpy as np
 from ...compiled import inlined, kernel
 from .crossing import WHOLE, decide
 from .lanes import elements, lane_count, put, take
-from .sampling import Looks, observe_end, observe_segment
+from .sampling import Looks, in_balance, observe_end, observe_segment
 from .step import advance, make_step, step_size
 
 FINISHED = 0
@@ -422,7 +422,7 @@ def _accept(structure, times, lanes, lane, step, record, looks, outputs):
     observe_segment(
         structure, looks, looks.errors[simulation], lanes.x, lanes.status, step, lane, record.start[lane, segment],
         times[lanes.step[lane]] + begin if event >= 0 else times[lanes.step[lane] + 1], length,
-        outputs.temperatures[simulation], outputs.status[simulation],
+        in_balance(looks, record.heater, lane, segment), outputs.temperatures[simulation], outputs.status[simulation],
     )  # fmt: skip
     if record.state.shape[1] > 0:
         for i in range(n):

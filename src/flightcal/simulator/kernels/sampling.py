@@ -8,9 +8,9 @@ A segment of length h from x0 to x1 is continued as the cubic through the values
 with the stages of `step`. v is the derivative at the segment's end as stage 4 has it: its error is of the order of the
 step's, it needs no evaluation, and a small node behind a large conductance does not amplify it.
 
-In a network with massless nodes (5 k1 - k2) takes the place of h f1, right to second order: f1 is wrong for a moment
-after a heater has switched, until the massless nodes are in balance again, and what the stages say of the others does
-not depend on that. A massless node's own continuation
+Right after a heater has switched f1 is wrong where there are massless nodes, until these are in balance again. In such
+a segment (5 k1 - k2) takes the place of h f1, right to second order: what the stages say does not depend on that. A
+massless node's own continuation
 
     x(s) = x0 + s (5 - 3 s) k1 - s (1 - s) k2 + s^2 k3 + s^2 (3 - 2 s) k4
 
@@ -53,15 +53,33 @@ class Looks(NamedTuple):
 
 
 @inlined
-def observe_segment(structure, looks, errors, x0, status, step, lane, start, end, length, temperatures, at_samples):
-    """Fill what is looked at in [start, end) of temperatures [T, N] and status at_samples [T, H]."""
+def in_balance(looks, heater, lane, segment):
+    """Whether massless nodes are in balance where a segment begins, for no heater switches there.
+
+    heater: [lane, segment, H] status.
+    """
+    balanced = looks.settled == 1 or segment > 0
+    if looks.settled == 0 and segment > 0:
+        for k in range(heater.shape[2]):
+            balanced = balanced and heater[lane, segment, k] == heater[lane, segment - 1, k]
+    return balanced
+
+
+@inlined
+def observe_segment(
+    structure, looks, errors, x0, status, step, lane, start, end, length, balanced, temperatures, at_samples
+):
+    """Fill what is looked at in [start, end) of temperatures [T, N] and status at_samples [T, H].
+
+    balanced: whether massless nodes are in balance at the segment's start.
+    """
     pointers, cubic, T = looks.next[lane], looks.cubic, looks.time.shape[0]
     channels, heaters = looks.state.shape[0], at_samples.shape[1]
     rate = 1.0 / length
     t = pointers[channels]
     known = False
     if t < T and looks.time[t] < end:
-        _set_cubic(structure, looks, errors, x0, step, lane, length)
+        _set_cubic(structure, looks, errors, x0, step, lane, length, balanced)
         known = True
     while t < T and looks.time[t] < end:
         share = max((looks.time[t] - start) * rate, 0.0)
@@ -82,7 +100,7 @@ def observe_segment(structure, looks, errors, x0, status, step, lane, start, end
                 t = pointers[c]
                 while t < T and looks.time[t] + errors[TIME_OFFSET, c] < end:
                     if not known:
-                        _set_cubic(structure, looks, errors, x0, step, lane, length)
+                        _set_cubic(structure, looks, errors, x0, step, lane, length, balanced)
                         known = True
                     share = (looks.time[t] + errors[TIME_OFFSET, c] - start) * rate
                     temperatures[t, c] = _at(cubic, c, max(share, 0.0))
@@ -142,11 +160,13 @@ def observe_end_back(looks, errors, end, temperatures, temperatures_bar, x_bar, 
 
 @inlined
 def observe_segment_back(
-    structure, looks, errors, x0, step, start, length, first_one, cut, bars, temperatures, temperatures_bar, errors_bar
-):
+    structure, looks, errors, x0, step, start, length, first_one, cut, balanced, bars,
+    temperatures, temperatures_bar, errors_bar,
+):  # fmt: skip
     """The derivative of `observe_segment` backwards into `bars`; whether any sample lies in the segment.
 
-    cut: whether an end of the segment is where a heater switches, so that the segment's start and length move.
+    cut: whether an end of the segment is where a heater switches, so that the segment's start and length move;
+    balanced: as of `observe_segment`.
     """
     pointers, cubic, channels = looks.next[0], looks.cubic, looks.state.shape[0]
     rate = 1.0 / length
@@ -168,7 +188,7 @@ def observe_segment_back(
     bars.start[0], bars.length[0] = 0.0, 0.0
     if cut or not looks.still:
         # How the readings change with the samples' places in the segment.
-        _set_cubic(structure, looks, errors, x0, step, 0, length)
+        _set_cubic(structure, looks, errors, x0, step, 0, length, balanced)
         for sample in range(t + 1, last + 1):
             share = max((looks.time[sample] - start) * rate, 0.0)
             total = 0.0
@@ -216,7 +236,7 @@ def observe_segment_back(
                     _add(cubic, c, share, temperatures[sample, c], temperatures_bar[sample, c], errors_bar)
                     sample -= 1
                 pointers[c] = sample
-    _set_cubic_back(structure, looks, errors, step, length, bars)
+    _set_cubic_back(structure, looks, errors, step, length, balanced, bars)
     return True
 
 
@@ -229,7 +249,7 @@ def finish_errors(errors, errors_bar):
 
 
 @inlined
-def _set_cubic(structure, looks, errors, x0, step, lane, length):
+def _set_cubic(structure, looks, errors, x0, step, lane, length, balanced):
     """The coefficients of each channel's reading by powers of the share of the segment that has passed."""
     cubic = looks.cubic
     for c in range(looks.state.shape[0]):
@@ -239,7 +259,7 @@ def _set_cubic(structure, looks, errors, x0, step, lane, length):
         cubic[0, c] = _reading(errors, c, take(x0, i, lane))
         if structure.mass[i] > 0.0:
             rise = 2.0 * k1 + k3 + k4
-            begun = length * take(step.f1, i, lane) if looks.settled else 5.0 * k1 - k2
+            begun = length * take(step.f1, i, lane) if balanced else 5.0 * k1 - k2
             ended = 2.0 * k4 - k1 + k2 + EIGHT_THIRDS * k3
             cubic[1, c] = gain * begun
             cubic[2, c] = gain * (3.0 * rise - 2.0 * begun - ended)
@@ -251,7 +271,7 @@ def _set_cubic(structure, looks, errors, x0, step, lane, length):
 
 
 @inlined
-def _set_cubic_back(structure, looks, errors, step, length, bars):
+def _set_cubic_back(structure, looks, errors, step, length, balanced, bars):
     """The derivative of `_set_cubic` backwards, from the cotangents in `looks.cubic`."""
     cubic = looks.cubic
     for c in range(looks.state.shape[0]):
@@ -264,7 +284,7 @@ def _set_cubic_back(structure, looks, errors, step, length, bars):
             bars.k2[i] += ended
             bars.k3[i] += rise + EIGHT_THIRDS * ended
             bars.k4[i] += rise + 2.0 * ended
-            if looks.settled:
+            if balanced:
                 bars.f1[i] += length * begun
                 bars.length[0] += step.f1[i] * begun
             else:
