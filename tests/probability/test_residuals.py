@@ -319,7 +319,7 @@ def test_telemetry_drawn_anew_keeps_the_discrepancy_that_the_residuals_show(tmp_
     theta = problem.priors.median()
     runs, rng, count = problem.simulate(theta), np.random.default_rng(0), 1500
     (run,) = runs
-    drawn = np.stack([problem.replicate(theta, runs, rng)[:, 1] for _ in range(count)])
+    drawn = problem.replicates(np.tile(theta, (count, 1)), [runs] * count, rng)[:, :, 1]
     model, numbers = problem.windows[0].residuals, problem.windows[0].numbers(theta)
     valid, basis = problem.windows[0].valid[:, 1], model.terms.shapes.basis
     prior = basis * model.prior_deviations(numbers[1]) ** 2 @ basis.T

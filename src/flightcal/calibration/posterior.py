@@ -135,13 +135,12 @@ def posterior_tree(
         np.concatenate([getattr(window, what) for window in problem.windows])
         for what in ("times", "observed", "status")
     )
-    missing = np.full(observed.shape, np.nan)
-    predicted = [
-        missing if of_theta is None else problem.replicate(theta, of_theta, rng)
-        for theta, of_theta in zip(thetas, runs, strict=True)
-    ]
+    done = [k for k, run in enumerate(runs) if run is not None]
+    predicted = np.full((len(thetas), *observed.shape), np.nan)
+    if done:
+        predicted[done] = problem.replicates(thetas[done], [run for run in runs if run is not None], rng)
     by_draw, by_sample = ("chain", "draw"), ("time", "channel")
-    sampled = np.stack(predicted).reshape(chains, len(kept), *missing.shape)
+    sampled = predicted.reshape(chains, len(kept), *observed.shape)
     samples = {"time": times, "channel": channels}
     groups = {
         "discrepancy": confounding(problem, thetas, runs),

@@ -158,28 +158,32 @@ class Problem:
             found.append(done if len(done) == len(runs) else None)
         return found
 
-    def replicate(self, theta: FloatArray, runs: Runs, rng: np.random.Generator) -> FloatArray:
-        """Telemetry [T, N], K, drawn anew at theta [d] with its simulations.
+    def replicates(self, thetas: FloatArray, runs: Sequence[Runs], rng: np.random.Generator) -> FloatArray:
+        """Telemetry [S, T, N], K, drawn anew at thetas [S, d] with their simulations.
 
-        The discrepancy is one that the residuals show; the noise is new.
+        Heat and the discrepancy are ones that the residuals show; the noise is new.
         """
-        thetas = [self.at(window, theta[None])[0] for window in self.windows]
-        if self.heat is not None:
-            gains = Gains([window.terms for window in self.windows], self.weighed, *self.heat_sizes(theta[None]))
-            left = self.heat_left([runs], theta[None])
-            drawn = gains.draw(left, rng)[0]
-            return np.concatenate(
-                [
-                    window.observed - of_window[0] + window.heat.response @ drawn
-                    + window.residuals.draw_noise(window.numbers(inside), rng)
-                    for window, inside, of_window in zip(self.windows, thetas, left, strict=True)
-                    if window.heat is not None
-                ]
-            )  # fmt: skip
-        weights = self.weights(runs, thetas)
+        inside = [self.at(window, thetas) for window in self.windows]
+        if self.heat is None:
+            return np.stack([self._replicate(*own, rng) for own in zip(zip(*inside, strict=True), runs, strict=True)])
+        gains = Gains([window.terms for window in self.windows], self.weighed, *self.heat_sizes(thetas))
+        left = self.heat_left(runs, thetas)
+        weights = gains.draw(left, rng)
+        parts = []
+        for window, of_window, own in zip(self.windows, inside, left, strict=True):
+            assert window.heat is not None
+            noise = np.stack([window.residuals.draw_noise(window.numbers(theta), rng) for theta in of_window])
+            does = np.einsum("tnm,sm->stn", window.heat.response, weights, optimize=True)
+            parts.append(window.observed - own + does + noise)
+        return np.concatenate(parts, axis=1)
+
+    def _replicate(self, thetas: Sequence[FloatArray], runs: Runs, rng: np.random.Generator) -> FloatArray:
+        """Without heat, of one simulation; thetas: of each window [q]."""
         parts = [
             run.temperatures + window.residuals.draw_given(window.numbers(inside), *of_window, rng)
-            for window, inside, run, of_window in zip(self.windows, thetas, runs, weights, strict=True)
+            for window, inside, run, of_window in zip(
+                self.windows, thetas, runs, self.weights(runs, thetas), strict=True
+            )
         ]
         return np.concatenate(parts)
 
