@@ -8,7 +8,7 @@ import xarray
 from scipy import stats
 from scipy.linalg import block_diag
 
-from flightcal.calibration import calibrate_nuts, with_heat
+from flightcal.calibration import calibrate_nuts, heat, with_heat
 from flightcal.calibration.heat import (
     Around,
     bend,
@@ -622,3 +622,21 @@ def test_a_response_that_bends_and_is_not_followed_fails_its_gate(without_heater
     assert not posterior.heat.model.followed
     assert not gates["response to heat"].passed
     assert "the log density is off by" in gates["response to heat"].found
+
+
+def test_a_density_that_no_chain_gets_through_is_not_followed_and_fails_its_gate(without_heaters, monkeypatch):
+    monkeypatch.setattr(with_heat, "_STRAIGHT", 1e-9)
+    monkeypatch.setattr(with_heat, "_PILOT_DEPTH", 1)
+    posterior = calibrate_nuts(without_heaters, NutsSettings(chains=2, warmup=100, draws=50), seed=3)
+    gates = {gate.name: gate for gate in posterior.diagnostics.gates}
+    assert not posterior.heat.model.followed
+    assert "the log density is off by" in gates["response to heat"].found
+
+
+def test_no_fit_takes_a_size_further_than_matrices_have_digits_for(without_heaters, monkeypatch):
+    problem, name = without_heaters, "noise.body_temp.correlation_time"
+    monkeypatch.setattr(heat, "_FARTHEST", 0.01)
+    point = find_heat(problem, problem.priors.median())
+    sizes, place = point.around.sizes, point.around.sizes.names.index(name)
+    score = sizes.to_z(sizes_of(point))[place] - sizes.to_z(sizes.median())[place]
+    assert 0.0 < abs(score) <= 0.0301

@@ -62,6 +62,13 @@ def test_fahrenheit_read_as_celsius_is_named(flown):
     assert "degF" in first.title
 
 
+def test_a_channel_that_is_stuck_throughout_is_named_and_warns_of_nothing(flown, recwarn):
+    scenario, data = flown
+    first = named(scenario, spoilt(data, panel_temp=np.full(data.sizes["time"], 280.0)))[0]
+    assert (first.kind, first.about) == ("stuck", "panel_temp")
+    assert not [own for own in recwarn if issubclass(own.category, RuntimeWarning)]
+
+
 def test_swapped_channels_are_named(flown):
     scenario, data = flown
     first = named(scenario, spoilt(data, body_temp=data["panel_temp"], panel_temp=data["body_temp"]))[0]

@@ -47,6 +47,8 @@ _TOLD = 0.05
 _TOLD_MUCH = 0.5
 """The same while the noise's shape is looked for."""
 _ITERATIONS = 25
+_FARTHEST = 8.0
+"""Most by which the logarithm of a size changes in one fit: beyond, matrices lose all their digits."""
 _SHORTEST = 1 / 16
 _TURNED = 0.05
 """Of z, by which responses to heat are looked at again."""
@@ -319,9 +321,10 @@ class _Search:
                     bar[self.names.index(group.scale)] += part.sum()
             return -(value + float(at.log_density)), -(bar * at.slope + at.gradient)
 
-        found = minimize(
-            cost, self.sizes.to_z(sizes), jac=True, method="L-BFGS-B", options={"maxiter": _ITERATIONS, "ftol": 1e-7}
-        )
+        start = self.sizes.to_z(sizes)
+        bounds = [(own - _FARTHEST, own + _FARTHEST) for own in start]
+        options = {"maxiter": _ITERATIONS, "ftol": 1e-7}
+        found = minimize(cost, start, jac=True, method="L-BFGS-B", bounds=bounds, options=options)
         return self.sizes.to_theta(found.x), float(found.fun)
 
     def _step(

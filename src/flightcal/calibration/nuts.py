@@ -118,11 +118,13 @@ def sample(
     *,
     native: Callable[[Whitening], NativeDensity | None] = lambda _: None,
     progress: Progress = SILENT,
+    depth: int = MAXIMUM_DEPTH,
 ) -> Draws:
     """Draw from a density with `settings.chains` chains at the same time.
 
     native: the same density in whitened coordinates as a C function, one for each chain; None: there is none.
     progress: told the draws of all chains about five times a second, in the calling thread.
+    depth: of a draw's tree at most.
 
     The same seed gives the same draws on any number of cores. Ctrl-C ends the chains and returns what they have.
     Raises FlightcalError when a chain cannot start.
@@ -136,7 +138,7 @@ def sample(
     with progress.stage("sampling", total) as sampling, _interruption() as interrupted:
         try:
             for density, start, chain_seed in zip(densities, whitening.to_w(starts), seeds, strict=True):
-                samplers.append(_start(density, start, settings, int(chain_seed)))
+                samplers.append(_start(density, start, settings, int(chain_seed), depth))
             while len(traces) < len(samplers) and not interrupted.is_set():
                 for chain, sampler in enumerate(samplers):
                     if chain not in traces and (trace := _wait(sampler)) is not None:
@@ -209,7 +211,7 @@ class _Density:
 _ChainDensity = _Density | NativeDensity
 
 
-def _start(density: _ChainDensity, start: Array, settings: NutsSettings, seed: int) -> Any:
+def _start(density: _ChainDensity, start: Array, settings: NutsSettings, seed: int, depth: int) -> Any:
     """A running nutpie sampler of one chain from w = `start` [d]."""
     if isinstance(density, NativeDensity):
         model = native_model(density, start)
@@ -225,7 +227,7 @@ def _start(density: _ChainDensity, start: Array, settings: NutsSettings, seed: i
         cores=1,
         seed=seed,
         target_accept=settings.target_acceptance,
-        maxdepth=MAXIMUM_DEPTH,
+        maxdepth=depth,
         **_low_rank_adaptation(nutpie.sample),
         blocking=False,
         progress_bar=False,

@@ -38,6 +38,8 @@ _MOST_FOLLOWED = 250
 """Weights, of which more would take hours: each gradient takes the cube of their number."""
 _PILOTS, _PILOT_CHAINS = 4, 2
 _PILOT_WARMUP, _PILOT_DRAWS = 300, 150
+_PILOT_DEPTH = 7
+"""Of a pilot's trees: about 3 are enough. Where most draws reach it, the density is one that no chain gets through."""
 _CAREFUL = 0.95
 """Acceptance where sizes are sampled: towards small ones the density narrows like a funnel."""
 _STAYS = 0.5
@@ -90,14 +92,14 @@ def calibrate_with_heat(
         ahead, start = start_with_heat(problem, following)
         bent = bend(following, ahead, near)
         straight = bent < _STRAIGHT or len(point.model.centre) > _MOST_FOLLOWED
-        if not straight:
-            bent = 0.0
-            point, heated, coordinates = _followed(problem, following, ahead, start, settings, seed, search)
-    if straight:
+        found = None if straight else _followed(problem, following, ahead, start, settings, seed, search)
+    if found is None:
         density = known.log_density_and_gradient
         draws = some_drawn(sample(density, coordinates, settings, seed, native=known.native_density, progress=progress))
         theta = spread_sizes(problem, heated, point, known, draws.z, sizes, rng)
     else:
+        bent = 0.0
+        point, heated, coordinates = found
         density = heated.log_density_and_gradient
         careful = settings.model_copy(update={"target_acceptance": max(settings.target_acceptance, _CAREFUL)})
         draws = some_drawn(sample(density, coordinates, careful, seed, native=heated.native_density, progress=progress))
@@ -119,8 +121,10 @@ def _followed(
     settings: NutsSettings,
     seed: int,
     progress: Progress,
-) -> tuple[HeatPoint, Problem, Whitening]:
+) -> tuple[HeatPoint, Problem, Whitening] | None:
     """The point in the middle of the posterior, the problem there, and coordinates to sample it in.
+
+    None: chains do not get on, as where noise of no size at all explains a channel.
 
     The response to heat follows the parameters only near where it was looked at; so a few draws say where the middle
     is, and it is looked at there again, until the middle stays. heated, z: the problem around the point, and where to
@@ -136,9 +140,12 @@ def _followed(
     for trial in range(_PILOTS):
         progress.at(trial / _PILOTS, f"where it is, trial {trial + 1}")
         coordinates = whitening(z, heated.gauss_newton_hessian(z))
-        pilot = sample(heated.log_density_and_gradient, coordinates, few, seed, native=heated.native_density)
+        density, native = heated.log_density_and_gradient, heated.native_density
+        pilot = sample(density, coordinates, few, seed, native=native, depth=_PILOT_DEPTH)
         if pilot.interrupted:
             raise KeyboardInterrupt
+        if np.median(pilot.statistics["depth"]) >= _PILOT_DEPTH:
+            return None
         drawn = pilot.z.reshape(-1, len(z))
         middle = drawn.mean(axis=0)
         stays = bool((np.abs(middle - z) < _STAYS * drawn.std(axis=0)).all())

@@ -254,7 +254,7 @@ def units(view: View) -> Iterator[Wrong]:
     observed, every = view.observed, range(len(view.channels))
     for change, factor, how in _UNITS.values():
         for chosen in [*([k] for k in every), list(every)]:
-            if len(chosen) == 1 == len(view.channels):
+            if len(chosen) == 1 == len(view.channels) or not np.isfinite(observed[:, chosen]).any():
                 continue
             read = observed.copy()
             read[:, chosen] = change(read[:, chosen])
