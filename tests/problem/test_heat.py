@@ -17,6 +17,7 @@ from flightcal.problem import (
     followed,
     heat_model,
     heat_of_weights,
+    heat_units,
     held_by,
     hold,
     kept_responses,
@@ -30,7 +31,7 @@ from flightcal.problem import (
     with_heat,
 )
 from flightcal.scenario import HalfNormal, HalfStudentT
-from flightcal.simulator import flow_through
+from flightcal.simulator import SimulationFailure, flow_through
 from flightcal.simulator.network import STEFAN_BOLTZMANN
 from tests import small
 
@@ -529,6 +530,13 @@ def test_responses_are_what_a_little_heat_does(problem, model, centre):
     assert np.abs(expected).max() > 0.01
     # A heat's third power is left: temperatures cubed over the absolute one squared, and the nudge's.
     np.testing.assert_allclose(0.5 * (sides[0] - sides[1]), expected, rtol=0.0, atol=1e-4 * np.abs(expected).max())
+
+
+def test_heat_that_changes_a_temperature_without_bound_is_a_failure(problem, model, centre, monkeypatch):
+    monkeypatch.setattr(heat_units, "_MOST_CHANGED", 1e-3)
+    window = sampled_windows(problem)[0]
+    with pytest.raises(SimulationFailure, match=r"more than 0\.001 K"):
+        responses(window, problem.at(window, centre[None])[0], model, unit_heats(model, window))
 
 
 def test_held_heaters_do_what_they_did_where_the_status_is_not_known(problem, centre):

@@ -2,8 +2,10 @@
 
 import json
 
+import numpy as np
 import pytest
 
+from flightcal.errors import FlightcalError
 from flightcal.run import Run, Stage, open_run, read_json
 from flightcal.scenario import GeneticSettings
 from tests.told import Told
@@ -117,6 +119,16 @@ def test_a_stage_that_fails_is_made_anew_even_with_what_it_was_made_from_before(
     run, told = again()
     assert run.stage(DOUBLE, 4).value == 8
     assert not told.done_before("doubling")
+
+
+@pytest.mark.parametrize("error", [ArithmeticError, np.linalg.LinAlgError])
+def test_numbers_that_cannot_be_computed_are_told_as_the_users_to_mend(again, error):
+    def fail(run, *_, **__):
+        raise error("not finite")
+
+    run, _ = again()
+    with pytest.raises(FlightcalError, match="doubling: not finite: the scenario is too far from its telemetry"):
+        run.stage(Stage("double", "doubling", ("double.json",), fail, DOUBLE.read))
 
 
 def test_stages_of_a_stage_are_kept_and_what_is_said_goes_to_the_log(again):

@@ -21,6 +21,8 @@ _LOOKS = 20_000
 _LEAST_POWER = 1e-9  # W
 _NUDGE = 0.02
 """Of the heat that flows through a node: what its response is looked at with."""
+_MOST_CHANGED = 1e3
+"""K, by which that much heat changes a temperature at most: what goes on from there overflows."""
 _PIECE = 600.0
 """s, of a gap in a driver, whose heat is unknown in each piece alone: a pass of a transmitter lasts as long."""
 _MOST_PIECES = 40
@@ -245,6 +247,9 @@ def responses(window: Window, theta: FloatArray, model: HeatModel, units: Sequen
         above, below = runs[row], runs[len(moved) + row]
         if above is None or below is None:
             raise SimulationFailure("a simulation with a little more heat fails")
-        response[..., f] = (above.temperatures - below.temperatures) / (2.0 * nudge[f])
+        change = above.temperatures - below.temperatures
+        if np.abs(change).max(initial=0.0) > _MOST_CHANGED:
+            raise SimulationFailure(f"a little more heat changes a temperature by more than {_MOST_CHANGED:g} K")
+        response[..., f] = change / (2.0 * nudge[f])
     found = np.split(response, np.cumsum([len(own.series) for own in units])[:-1], axis=2)
     return [of_heat if own.error is None else own.error for own, of_heat in zip(units, found, strict=True)]

@@ -9,8 +9,10 @@ from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Any, Generic, TypeVar
 
+import numpy as np
 from threadpoolctl import threadpool_limits
 
+from ..errors import FlightcalError
 from ..progress import SILENT, Progress
 from .folder import RunDirectory, hash_of, hash_of_file
 from .records import plain
@@ -60,7 +62,10 @@ class Run:
         return hash_of(json.dumps(self._content(thing), sort_keys=True))
 
     def stage(self, stage: Stage[K], *inputs: Any, **settings: Any) -> K:
-        """Make a stage, or read it where the name, the inputs and the settings are those that it was made from."""
+        """Make a stage, or read it where the name, the inputs and the settings are those that it was made from.
+
+        Raises FlightcalError also where its numbers overflow, or its matrices lose all digits.
+        """
         key = self.key([stage.name, list(inputs), settings])
         if self.folder.is_done(stage.name, key, stage.files):
             with self._shown(stage, 1.0) as progress:
@@ -70,7 +75,7 @@ class Run:
         else:
             started = self.folder.begin(stage.name)
             # Threads of linear algebra spin where others want the processor, and then take many times as long.
-            with self._shown(stage) as progress, threadpool_limits(1):
+            with self._shown(stage) as progress, threadpool_limits(1), _numbers_told(stage.title or stage.name):
                 inside = replace(self, progress=_Logged(progress, self.folder, stage.name))
                 stage.make(inside, *inputs, **settings)
                 made = stage.read(self, *inputs)
@@ -94,6 +99,18 @@ class Run:
         if isinstance(thing, (list, tuple)):
             return [self._content(value) for value in thing]
         return plain(thing)
+
+
+@contextmanager
+def _numbers_told(what: str) -> Iterator[None]:
+    """What cannot be computed becomes a message: a scenario that is far from its telemetry does that to any stage."""
+    try:
+        yield
+    except (ArithmeticError, np.linalg.LinAlgError) as error:
+        raise FlightcalError(
+            f"{what}: {error}: the scenario is too far from its telemetry. Check units, powers and capacities, and "
+            "what is said to be likely wrong"
+        ) from error
 
 
 @dataclass(frozen=True)

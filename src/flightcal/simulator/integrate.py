@@ -38,7 +38,7 @@ _MOST_KEPT = 20_000_000
 """So many numbers (160 MB) of a run's steps are kept for its derivative; beyond, they are computed again for it."""
 
 
-class SimulationFailure(Exception):  # noqa: N818 - a value of the domain, not a programming error
+class SimulationFailure(ArithmeticError):  # noqa: N818 - a value of the domain, not a programming error
     """A trajectory that cannot be computed: not finite, or a thermostat that chatters. Data for the caller."""
 
 
