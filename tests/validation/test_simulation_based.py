@@ -54,6 +54,18 @@ def test_posteriors_too_narrow_too_wide_or_biased_leave_the_band(wrong):
     assert not any(check.inside for check in judged(repeats(60, **wrong)))
 
 
+def test_draws_that_share_a_value_count_once():
+    rng = np.random.default_rng(3)
+    rank = np.array(
+        [
+            ranks(rng.normal(size=1), np.repeat(rng.normal(size=(2, 10, 1)), 10, axis=1), 200.0, rng)[0]
+            for _ in range(4000)
+        ]
+    )
+    # If each counted, 1 in 21 would lie below all of them, and so below 1/201.
+    assert binom.ppf(1e-3, 4000, 0.01) <= (rank < 0.01).sum() <= binom.ppf(1 - 1e-3, 4000, 0.01)
+
+
 def test_ranks_are_among_as_many_draws_as_are_effective():
     rng = np.random.default_rng(1)
     draws = rng.normal(size=(2, 300, 3))

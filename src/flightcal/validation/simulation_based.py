@@ -57,14 +57,17 @@ def ranks(truth: Array, draws: Array, effective: float, rng: np.random.Generator
     """Share of the posterior below the truth [q], and among how many draws, of draws [chain, draw, q].
 
     The chains are thinned to as many draws as are effective: those of a chain resemble each other, and ranks among them
-    are not uniform (Talts et al., sec. 5.1). The rank k among L draws becomes (k + U) / (L + 1), with U uniform, which
-    is uniform whatever L.
+    are not uniform (Talts et al., sec. 5.1). Draws that have the same value of a quantity, as sizes of heat are shared
+    by several, count once. The rank k among L values becomes (k + U) / (L + 1), with U uniform, which is uniform
+    whatever L.
     """
     chains, length, quantities = draws.shape
     each = int(np.clip(min(MOST_DRAWS, effective) / chains, 1, length))
     chosen = draws[:, np.linspace(0, length - 1, each).round().astype(int)].reshape(-1, quantities)
-    below = (chosen < truth).sum(axis=0)
-    return (below + rng.random(quantities)) / (len(chosen) + 1), len(chosen)
+    values = [np.unique(own) for own in chosen.T]
+    below = np.array([np.searchsorted(own, true) for own, true in zip(values, truth, strict=True)])
+    count = np.array([len(own) for own in values])
+    return (below + rng.random(quantities)) / (count + 1), len(chosen)
 
 
 @dataclass(frozen=True)
