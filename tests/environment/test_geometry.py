@@ -1,24 +1,38 @@
 import numpy as np
 import pytest
 
-from flightcal.environment import orbit_phase, orbital_period
+from flightcal.environment import orbit_phase, orbital_period, sunlit_share
 from flightcal.environment.geometry import geometry_of
 from flightcal.errors import OrbitError
 
 from .scenes import EPOCH, circular, environment, seconds_after
 
 
-def test_phase_counts_from_the_ascending_node_and_wraps():
+def test_phase_counts_from_where_the_orbit_is_nearest_to_the_sun_and_wraps():
+    # At the equinox that is the ascending node. The Sun moves on by a degree a day.
     scene = environment(circular(argument_of_latitude="0 deg"))
     turns = np.array([0.25, 0.5, 0.999, 1.0005, 7.75])
     phase = orbit_phase(scene, seconds_after(EPOCH, turns * orbital_period(scene)))
-    assert phase == pytest.approx(turns % 1.0, abs=1e-6)
+    assert phase == pytest.approx(turns % 1.0, abs=1e-3)
+
+
+@pytest.mark.parametrize("ltan", ["22:30", "09:00"])
+@pytest.mark.parametrize("days", [0, 92, 184, 276])
+def test_eclipses_of_all_seasons_are_around_the_same_phase(ltan, days):
+    scene = environment(circular(ltan=ltan))
+    times = seconds_after(EPOCH, days * 86400.0 + np.arange(0.0, orbital_period(scene), 10.0))
+    phase, dark = orbit_phase(scene, times), sunlit_share(scene, times) < 0.5
+    assert dark.any()
+    assert phase[dark].mean() == pytest.approx(0.5, abs=0.005)
 
 
 def test_phase_is_never_one():
     scene = environment(circular(argument_of_latitude="0 deg"))
-    around_the_node = orbital_period(scene) + np.linspace(-1e-6, 1e-6, 2001)
-    phase = orbit_phase(scene, seconds_after(EPOCH, around_the_node))
+    noon = 0.0
+    for _ in range(4):
+        noon -= ((orbit_phase(scene, seconds_after(EPOCH, [noon]))[0] + 0.5) % 1.0 - 0.5) * orbital_period(scene)
+    phase = orbit_phase(scene, seconds_after(EPOCH, noon + np.linspace(-1e-6, 1e-6, 2001)))
+    assert 0 < (phase < 0.5).sum() < 2001
     assert (phase >= 0).all()
     assert (phase < 1).all()
 

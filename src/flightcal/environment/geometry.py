@@ -13,7 +13,7 @@ from ..errors import OrbitError
 from ..scenario import Environment
 from . import sun
 from ._time import Floats, Times, seconds_since
-from .orbit import argument_of_latitude, orbital_period, propagator
+from .orbit import angle_from, orbital_period, propagator
 
 
 @dataclass(frozen=True)
@@ -58,10 +58,11 @@ def orbit_phase(
 ) -> Floats:
     """Place in the orbit at times, [T] in [0, 1).
 
-    With an orbit: argument of latitude / 2 pi, 0 at the ascending node (of an equatorial orbit: at right
-    ascension 0); an angle, so on an eccentric orbit it does not run evenly in time. Without an orbit: periods
-    since `origin`, by default the first time; give the same origin wherever phases are to be compared.
-    With neither orbit nor period: NaN, unknown.
+    With an orbit: angle / 2 pi from where it is nearest to the Sun, so that eclipses of all seasons are around 0.5.
+    On an eccentric orbit it does not run evenly in time. Where the Sun stands above the plane (beta angle near 90 deg)
+    that place turns quickly from day to day; then all of the orbit is much alike.
+    Without an orbit: periods since `origin`, by default the first time; give the same origin wherever phases are to be
+    compared. With neither orbit nor period: NaN, unknown.
     """
     if times.size == 0 or (environment.orbit is None and environment.period is None):
         return np.full(len(times), np.nan)
@@ -70,6 +71,6 @@ def orbit_phase(
         phase = elapsed / orbital_period(environment) % 1.0
     else:
         at = geometry_of(environment, folder)(times)
-        phase = argument_of_latitude(at.position, at.velocity) / (2 * np.pi) % 1.0
+        phase = angle_from(at.sun, at.position, at.velocity) / (2 * np.pi) % 1.0
     # A phase a rounding error below 0 comes out of the remainder as exactly 1.
     return np.where(phase >= 1.0, 0.0, phase)

@@ -81,8 +81,19 @@ def argument_of_latitude(position: Floats, velocity: Floats) -> Floats:
     node = np.stack([-momentum[:, 1], momentum[:, 0], np.zeros(len(momentum))], axis=-1)
     size = np.linalg.norm(node, axis=-1, keepdims=True)
     node = np.where(size > 1e-9, node / np.maximum(size, 1e-9), [1.0, 0.0, 0.0])
-    ahead = np.cross(momentum, node)
-    angle: Floats = np.arctan2(np.sum(position * ahead, axis=-1), np.sum(position * node, axis=-1))
+    return angle_from(node, position, velocity)
+
+
+def angle_from(direction: Floats, position: Floats, velocity: Floats) -> Floats:
+    """Angle [T] rad, in (-pi, pi], in the orbit's plane, from where it is nearest to a direction [T, 3] of any length.
+
+    position, velocity: [T, 3] m, m/s.
+    """
+    momentum = np.cross(position, velocity)
+    momentum /= np.linalg.norm(momentum, axis=-1, keepdims=True)
+    ahead = np.cross(momentum, direction)
+    # What of the direction is across the plane is across the position too.
+    angle: Floats = np.arctan2(np.sum(position * ahead, axis=-1), np.sum(position * direction, axis=-1))
     return angle
 
 
