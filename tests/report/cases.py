@@ -15,6 +15,7 @@ import xarray as xr
 
 from flightcal.calibration import Calibrated
 from flightcal.errors import GATE_FAILED, MODEL_FAILED, WITH_LIMITS
+from flightcal.prediction import ANY
 from flightcal.prediction.holding import replicate
 from flightcal.report.masking import masked
 from flightcal.report.run_files import RunFiles
@@ -65,6 +66,10 @@ def all_channels_fail(run):
     return fitted(run, shifted=[0, 1, 2])
 
 
+def all_channels_fail_where_training_was_not(run):
+    return elsewhere(all_channels_fail(run))
+
+
 def one_of_two_windows_fails(run):
     right, wrong = fitted(run), fitted(run, shifted=[2])
     return dataclasses.replace(right, windows=right.windows | {"two_months_later": wrong.windows["test"]})
@@ -90,6 +95,17 @@ def errors_as_long_as_the_window(run):
     held = replicate(observed, test["scored"].values, draws, 0.95)
     made = test.assign(observed=(("time", "channel"), observed), **ends, **held.dataset().variables)
     return dataclasses.replace(right, windows=right.windows | {"test": made})
+
+
+def errors_where_training_was_not(run):
+    return elsewhere(errors_as_long_as_the_window(run))
+
+
+def elsewhere(run):
+    """Two thirds of the window that is tested on are outside of what training contained."""
+    unseen = [{"name": ANY, "share": 0.66}, {"name": "sunlight on panel", "share": 0.6}]
+    test = run.windows["test"].assign_attrs(unseen=json.dumps(unseen))
+    return dataclasses.replace(run, windows=run.windows | {"test": test})
 
 
 def no_heaters(run):
@@ -289,9 +305,13 @@ CASES = (
         "Add longer windows to test on: windows: {test: {start: ..., end: ...}}", WITH_LIMITS,
     ),
     Case(
-        "Half of a channel is outside, all the time on one side: by chance or not.", errors_as_long_as_the_window,
-        BATTERY, "of battery_temperature in “test” is inside: too short to tell whether by chance",
+        "The same, and the Sun is where it was not in training.", errors_where_training_was_not,
+        BATTERY, "too short to tell whether by chance; 66% of the window is outside of what training contained",
         "Add longer windows to test on: windows: {test: {start: ..., end: ...}}", WITH_LIMITS,
+    ),
+    Case(
+        "All channels read 5 K too much, where training was not.", all_channels_fail_where_training_was_not, NOT,
+        "; 66% of the window is outside of what training contained", CHECK, MODEL_FAILED,
     ),
     Case(
         "One channel has drifted after two months.", one_of_two_windows_fails,

@@ -7,6 +7,7 @@ import numpy as np
 import pytest
 import xarray as xr
 
+from flightcal.prediction import ANY
 from flightcal.report.panels import convergence, heat, parameters, prediction, scores
 from flightcal.report.run_files import read_run
 
@@ -259,9 +260,15 @@ def test_what_training_did_not_contain_is_told_the_most_first(run):
     window = run.windows["test"].copy()
     assert prediction.unseen(window) == ""
     window.attrs["unseen"] = json.dumps(
-        [{"name": "Sun from above", "share": 0.12}, {"name": "mode imaging", "share": 0.33}]
+        [
+            {"name": "Sun from above", "share": 0.12},
+            {"name": ANY, "share": 0.4},
+            {"name": "mode imaging", "share": 0.33},
+        ]
     )
     words = prediction.unseen(window)
-    assert words.startswith("at least 33% of the time lies outside of what training contained: mode imaging (33%), Sun")
+    assert words.startswith(
+        "40% of the time lies outside of what training contained: mode imaging (33%), Sun from above"
+    )
     changed = dataclasses.replace(run, windows=run.windows | {"test": window})
     assert f"Window “test”: {words}" in words_of(changed, "prediction")

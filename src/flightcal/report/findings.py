@@ -9,6 +9,7 @@ from dataclasses import dataclass
 from typing import Literal
 
 import numpy as np
+import xarray as xr
 from scipy.stats import chi2, norm
 
 from ..prediction import HELD, Metric
@@ -19,7 +20,7 @@ from .panels.duty import CLOSED, duties
 from .panels.heat import IMPLAUSIBLE, LARGE, gains, node_heats
 from .panels.parameters import MOST_NAMED, WIDER, shortened, widened
 from .panels.picture import holdings
-from .panels.prediction import unseen
+from .panels.prediction import unseen, unseen_share
 from .panels.residuals import TESTED, assumption, channels, correlation_expected, noises
 from .run_files import STAGES, Record, RunFiles
 from .text import listed, number, percent, shown
@@ -44,6 +45,8 @@ STRIKING = 0.6
 FAR_OFF = 1e-6
 """The same, below which a model is called wrong."""
 
+_OUTSIDE = 0.05
+"""Share of a window's time outside of what training contained, above which a title says so."""
 _VALUE = "the value of "
 _TEMPERATURES = "temperatures of "
 _CHECK = "flightcal check scenario.yaml --out checked"
@@ -357,7 +360,7 @@ def holding(run: RunFiles) -> Finding:
     failed: dict[str, None] = {}
     channels: dict[str, None] = {}
     few: dict[str, tuple[float, str]] = {}
-    worst, details = ("", math.inf), []
+    worst, details = ("", "", math.inf), []
     for name, held in judged.items():
         window = windows[name]
         words = []
@@ -373,7 +376,7 @@ def holding(run: RunFiles) -> Finding:
                 if held.error[k] > held.most_error[k]:
                     how += f" and {held.error[k]:.1f} deviations off"
                     said += f", {held.error[k]:.1f} deviations off (at most {held.most_error[k]:.1f})"
-                worst = min(worst, (f"{channel} in “{name}”, {how}", held.room[k]), key=lambda w: w[1])
+                worst = min(worst, (name, f"{channel} in “{name}”, {how}", held.room[k]), key=lambda w: w[2])
                 said += ", which does not hold"
             elif share < STRIKING:
                 few[channel] = min(few.get(channel, (1.0, "")), (share, name))
@@ -398,14 +401,22 @@ def holding(run: RunFiles) -> Finding:
             return Finding("good", f"Intervals hold on {over}, in every channel", text, tuple(details))
         channel, (share, name) = min(few.items(), key=lambda own: own[1])
         title = f"Only {percent(share)} of {channel} in “{name}” is inside: too short to tell whether by chance"
+        title += _outside(windows[name])
         then = "Add longer windows to test on: windows: {test: {start: ..., end: ...}}"
         return Finding("warn", title, text, tuple(details), tuple(map(temperatures_of, few)), then)
-    title = f"Intervals do not hold in {len(failed)} of {len(channels)} channels, worst {worst[0]}"
+    title = f"Intervals do not hold in {len(failed)} of {len(channels)} channels, worst {worst[1]}"
     if len(channels) == 1:
-        title = f"Intervals do not hold: {worst[0]}"
+        title = f"Intervals do not hold: {worst[1]}"
+    title += _outside(windows[worst[0]])
     state: State = "bad" if 2 * len(failed) >= len(channels) else "warn"
     not_for = tuple(map(temperatures_of, [*failed, *few]))
     return Finding(state, title, text, tuple(details), not_for, _CHECK)
+
+
+def _outside(window: xr.Dataset) -> str:
+    """To be added to what a title says of a window, where much of it is outside of what training contained."""
+    share = unseen_share(window)
+    return f"; {percent(share, 0)} of the window is outside of what training contained" if share > _OUTSIDE else ""
 
 
 def held_channels(run: RunFiles) -> list[str]:

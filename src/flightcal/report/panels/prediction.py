@@ -9,6 +9,7 @@ import numpy as np
 import plotly.graph_objects as go
 import xarray as xr
 
+from ...prediction import ANY
 from ...scenario import is_trained
 from .. import block
 from ..block import Block, section
@@ -56,15 +57,24 @@ def panel(run: RunFiles) -> list[Block]:
 
 def unseen(window: xr.Dataset) -> str:
     """How much of a window training contained nothing like, by name, the most first; nothing where it contained all."""
-    found = [own for own in json.loads(window.attrs.get("unseen", "[]")) if own["share"] > 0]
-    if not found:
+    shares = _unseen_shares(window)
+    named = ", ".join(f"{name} ({percent(share, 0)})" for name, share in shares.items() if name != ANY)
+    if not named:
         return ""
-    found.sort(key=lambda own: -own["share"])
-    named = ", ".join(f"{own['name']} ({percent(own['share'], 0)})" for own in found)
     return (
-        f"{'at least ' if len(found) > 1 else ''}{percent(found[0]['share'], 0)} of the time lies outside of what "
-        f"training contained: {named}. There the telemetry has not tested the model."
+        f"{percent(shares[ANY], 0)} of the time lies outside of what training contained: {named}. There the telemetry "
+        "has not tested the model."
     )
+
+
+def unseen_share(window: xr.Dataset) -> float:
+    """Of a window's time, in which anything is outside of what training contained."""
+    return _unseen_shares(window).get(ANY, 0.0)
+
+
+def _unseen_shares(window: xr.Dataset) -> dict[str, float]:
+    found = sorted(json.loads(window.attrs.get("unseen", "[]")), key=lambda own: -own["share"])
+    return {own["name"]: own["share"] for own in found}
 
 
 def figure_stochastic(
