@@ -11,7 +11,7 @@ from flightcal.check import SUSPECTS, Suspects, suspects
 from flightcal.check.evidence import noise_of, series_at
 from flightcal.check.findings import suspected
 from flightcal.check.suspects import Suspicion
-from flightcal.check.wrongs import turning
+from flightcal.check.wrongs.heat import turning
 from flightcal.problem import build_problem
 from flightcal.progress import SILENT
 from flightcal.run import Run, open_run, read_json

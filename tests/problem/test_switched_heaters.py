@@ -8,7 +8,7 @@ import pytest
 from scipy.integrate import solve_ivp
 
 from flightcal.check.suspects import prepared
-from flightcal.check.wrongs import heaters as wrong_heaters
+from flightcal.check.wrongs.heat import heaters as wrong_heaters
 from flightcal.prediction import predict
 from flightcal.prediction.heat import _shifts
 from flightcal.problem import (

@@ -1,0 +1,18 @@
+"""Simple ways in which a scenario and its telemetry may not belong together; one module and one line here a family."""
+
+from collections.abc import Iterator
+
+from ..evidence import View
+from . import channels, clocks, heat, written
+from .wrong import Wrong
+
+_FAMILIES = (channels.wrongs, clocks.wrongs, heat.wrongs, written.wrongs)
+
+
+def all_wrongs(view: View) -> Iterator[Wrong]:
+    """Every simple wrong that can be tried on a view."""
+    for wrongs in _FAMILIES:
+        yield from wrongs(view)
+
+
+__all__ = ["Wrong", "all_wrongs"]

@@ -1,0 +1,145 @@
+"""Channels that are biased, swapped, of another node or satellite, or in another unit."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator, Mapping
+from dataclasses import replace
+from itertools import combinations
+
+import numpy as np
+
+from ...report import number
+from ...simulator import ICE_POINT, FloatArray
+from ..evidence import Fit, View
+from .wrong import Words, Wrong
+
+_BIAS = 8.0
+"""K, prior deviation of a channel's bias."""
+_STRANGE, _STRANGE_TIME = ((15.0, 4.0), (5.0, 25.0)), 2400.0
+"""K, deviations of mean and wandering of a channel that is not of this satellite; s, its correlation time."""
+_COLDEST, _HOTTEST = 100.0, 500.0
+"""K, that a satellite may be."""
+_ALIKE = 3.0
+"""Samples beside each other that tell as much as one of a change of scale."""
+_MOST_NODES = 15
+"""Of a network whose channels are tried at every node."""
+
+
+def wrongs(view: View) -> Iterator[Wrong]:
+    """All of them."""
+    yield from biases(view)
+    yield from swaps(view)
+    yield from units(view)
+    yield from other_nodes(view)
+    yield from unrelated(view)
+
+
+def biases(view: View) -> Iterator[Wrong]:
+    """Each channel reads too high or too low by a constant."""
+    t = len(view.rows.kept)
+    for k, channel in enumerate(view.channels):
+        column = view.of_channel(k, np.full((t, 1), _BIAS))
+
+        def words(fit: Fit, channel: str = channel) -> Words:
+            bias = _BIAS * float(fit.added[0])
+            how = "high" if bias > 0 else "low"
+            return Words(
+                f"{channel} reads {number(abs(bias), 2)} K too {how}",
+                f"A constant bias of {bias:+.1f} K of {channel} alone explains the telemetry best; the other channels "
+                "agree with the model.",
+                f"Check the sensor's calibration curve; or write 'observations: {{{channel}: {{bias: {bias:.1f} K}}}}'",
+            )
+
+        yield Wrong("bias", channel, words, columns=column, least=1.0 / _BIAS, tries=len(view.channels))
+
+
+def swaps(view: View) -> Iterator[Wrong]:
+    """Two channels are each other's, or one is of another's node."""
+    pairs = list(combinations(range(len(view.channels)), 2))
+    for a, b in pairs:
+        order = np.arange(len(view.channels))
+        order[[a, b]] = b, a
+        first, second = view.channels[a], view.channels[b]
+        words = Words(
+            f"{first} and {second} are swapped",
+            f"With the columns of {first} and {second} exchanged, the model explains the telemetry.",
+            f"Exchange 'column' of {first} and {second} in 'telemetry: channels' (or their nodes in 'observations')",
+        )
+        yield Wrong("swapped", first, words, observed=view.observed[:, order], tries=len(pairs))
+
+
+def other_nodes(view: View) -> Iterator[Wrong]:
+    """A channel is of another node than the scenario says."""
+    simulator = view.network
+    sensors = simulator.observation.sensors
+    nodes = simulator.network.own_nodes
+    for k, channel in enumerate(view.channels):
+        own = view.window.scenario.observations[channel].node
+        for node in nodes:
+            if node == own or len(nodes) > _MOST_NODES:
+                continue
+            states = sensors.state.copy()
+            states[k] = simulator.network.nodes.index(node)
+            observation = replace(simulator.observation, sensors=sensors._replace(state=states))
+            window = view.simulated_by(observation=observation)
+            words = Words(
+                f"{channel} is of {node}, not of {own}",
+                f"{channel} does what the model says of {node}.",
+                f"Correct 'node' of {channel} in 'observations'",
+            )
+            tries = len(nodes) * len(view.channels)
+            yield Wrong("other node", channel, words, window=window, tries=tries)
+
+
+def unrelated(view: View) -> Iterator[Wrong]:
+    """A channel that has nothing to do with its node: of another satellite, or of a broken sensor."""
+    for k, channel in enumerate(view.channels):
+        apart = np.abs(view.rows.seconds[:, None] - view.rows.seconds)
+        words = Words(
+            f"{channel} does not belong to its node",
+            f"{channel} goes its own way, and all other channels agree with the model without it: it may be of another "
+            "place, another satellite, or a broken sensor.",
+            f"Check which sensor {channel} is; leave it out of 'observations' to calibrate without it",
+        )
+        for level, walk in _STRANGE:
+            covariance = level**2 + walk**2 * np.exp(-apart / _STRANGE_TIME) + 1e-6 * np.eye(len(apart))
+            columns = view.of_channel(k, np.asarray(np.linalg.cholesky(covariance), float))
+            yield Wrong("unrelated", channel, words, columns=columns, tries=2 * len(view.channels))
+
+
+_UNITS: Mapping[str, tuple[Callable[[FloatArray], FloatArray], float, str]] = {
+    "degF": (lambda x: (x - ICE_POINT - 32.0) / 1.8 + ICE_POINT, 1.0 / 1.8, "in degF, and is read as degC"),
+    "kelvin": (lambda x: x - ICE_POINT, 1.0, "in kelvin, and is read as degC"),
+    "degC for kelvin": (lambda x: x + ICE_POINT, 1.0, "in degC, and is read as kelvin"),
+    "degC for degF": (lambda x: 1.8 * (x - ICE_POINT) + 32.0 + ICE_POINT, 1.8, "in degC, and is read as degF"),
+    "sign": (lambda x: 2.0 * ICE_POINT - x, 1.0, "with the wrong sign"),
+    "tenth": (lambda x: (x - ICE_POINT) / 10.0 + ICE_POINT, 0.1, "in tenths of a degree"),
+    "ten": (lambda x: (x - ICE_POINT) * 10.0 + ICE_POINT, 10.0, "ten times too small"),
+}
+
+
+def units(view: View) -> Iterator[Wrong]:
+    """Channels in another unit, one or all."""
+    observed, every = view.observed, range(len(view.channels))
+    for change, factor, how in _UNITS.values():
+        for chosen in [*([k] for k in every), list(every)]:
+            if len(chosen) == 1 == len(view.channels) or not np.isfinite(observed[:, chosen]).any():
+                continue
+            read = observed.copy()
+            read[:, chosen] = change(read[:, chosen])
+            if np.nanmin(read) < _COLDEST or np.nanmax(read) > _HOTTEST:
+                continue
+            who = view.channels[chosen[0]] if len(chosen) == 1 else "every temperature"
+            words = Words(
+                f"{who} is {how}",
+                f"Converted, {who} goes from {_span(observed[:, chosen])} to {_span(read[:, chosen])}, as the model "
+                "has it.",
+                f"Correct 'unit' of {who} in 'telemetry: channels'",
+            )
+            jacobian = -float(np.isfinite(read[:, chosen]).sum() * abs(np.log(factor))) / _ALIKE
+            yield Wrong("unit", who, words, read, jacobian=jacobian, tries=len(_UNITS) * len(view.channels))
+
+
+def _span(values: FloatArray) -> str:
+    low, high = np.nanmin(values) - ICE_POINT, np.nanmax(values) - ICE_POINT
+    return f"{number(float(low), 3)}..{number(float(high), 3)} degC"

@@ -1,0 +1,202 @@
+"""Heat of another size, time or place than written: heaters and their status, modes, measured loads."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from dataclasses import replace
+from itertools import combinations
+from typing import Any
+
+import numpy as np
+
+from ...report import number
+from ...simulator import FloatArray
+from ..evidence import Fit, View, series_at
+from .wrong import FACTORS, SHIFTS, Words, Wrong, driven_otherwise, duration, status_channels
+
+
+def wrongs(view: View) -> Iterator[Wrong]:
+    """All of them."""
+    yield from statuses(view)
+    yield from heaters(view)
+    yield from modes(view)
+    yield from missing_heat(view)
+    yield from drivers(view)
+
+
+def statuses(view: View) -> Iterator[Wrong]:
+    """A status is inverted, or two are each other's."""
+    channels = status_channels(view)
+    for heater, channel in channels.items():
+        data = view.telemetry.assign({channel: 1.0 - view.telemetry[channel]})
+        words = Words(
+            f"{channel} is inverted",
+            f"The temperatures rise while {channel} says that {heater} is off: it is on for "
+            f"{100 * (1 - float(np.nanmean(view.telemetry[channel]))):.0f}% of the time, not for "
+            f"{100 * float(np.nanmean(view.telemetry[channel])):.0f}%.",
+            f"Correct 'on' of {channel} in 'telemetry: channels'",
+        )
+        yield from driven_otherwise("status inverted", channel, words, view, tries=len(channels), telemetry=data)
+    for a, b in combinations(channels.values(), 2):
+        data = view.telemetry.assign({a: view.telemetry[b], b: view.telemetry[a]})
+        words = Words(
+            f"{a} and {b} are swapped",
+            f"With the status of {a} and {b} exchanged, the model explains the telemetry.",
+            f"Exchange 'column' of {a} and {b} in 'telemetry: channels'",
+        )
+        yield from driven_otherwise("statuses swapped", a, words, view, tries=len(channels), telemetry=data)
+
+
+def heaters(view: View) -> Iterator[Wrong]:
+    """A heater has another power, or heats another node."""
+    model = view.window.scenario.network
+    blocks = model.heaters
+    switch = {other: k for k, name in enumerate(view.network.heaters) for other in model.on_switch(name)}
+    centre = view.centre(view.observed)
+    for name, block in blocks.items():
+        on = np.nan_to_num(view.network.drive.measured[:, switch[name]])
+        if block.node not in view.heat.nodes or not on.any():
+            continue
+        waves = block.power * np.repeat(on, 2)[None]
+        own = view.response(view.window, centre, block.node, waves)
+
+        def words(fit: Fit, name: str = name, power: float = block.power) -> Words:
+            left = 1.0 + float(fit.added[0])
+            if abs(left) < 0.2:
+                title = f"{name} does not heat"
+                text = f"The temperatures do not rise while the status says that {name} is on."
+            else:
+                title = f"{name} has {number(left, 2)} times the power that the scenario says"
+                text = f"The temperatures rise as with {number(left * power, 3)} W, not {number(power, 3)} W."
+            return Words(title, text, f"Check 'power' of {name} and what its status channel stands for")
+
+        yield Wrong("heater", name, words, columns=own, least=0.5, tries=len(blocks))
+        for node in view.heat.nodes:
+            if node == block.node:
+                continue
+            other = view.response(view.window, centre, node, waves) - own
+
+            def moved(fit: Fit, name: str = name, node: str = node, block: Any = block) -> Words:
+                return Words(
+                    f"{name} heats {node}, not {block.node}",
+                    f"While {name} is on, {node} rises as {block.node} should.",
+                    f"Correct 'node' of {name} in 'simulator: heaters'",
+                )
+
+            yield Wrong("heater", name, moved, columns=other, least=0.6, tries=len(blocks) * len(view.heat.nodes))
+
+
+def modes(view: View) -> Iterator[Wrong]:
+    """A mode lacks power in a node, or the timeline is not of this flight."""
+    model, centre = view.window.scenario.network, view.centre(view.observed)
+    for mode, powers in model.modes.items():
+        column = view.network.network.columns.index(f"mode.{mode}")
+        active = view.network.drive.inputs[:, :, column].reshape(1, -1)
+        if active.min() == active.max():
+            continue
+        for node in view.heat.nodes:
+            written = powers.get(node, 0.0)
+            flow = float(view.heat.flow[view.heat.nodes.index(node)])
+            size = max(0.5 * flow, abs(written), 1.0)
+            effect = size * view.response(view.window, centre, node, active)
+
+            def words(fit: Fit, mode: str = mode, node: str = node, size: float = size, was: float = written) -> Words:
+                power = was + size * float(fit.added[0])
+                return Words(
+                    f"Mode '{mode}' has another power in {node}",
+                    f"While the timeline says '{mode}', {node} takes {number(power, 3)} W, not {number(was, 3)} W.",
+                    f"Check 'modes: {mode}: {node}', and that the timeline is of this flight",
+                )
+
+            least = max(0.5 * abs(written), 0.15 * flow) / size
+            yield Wrong("mode", mode, words, columns=effect, least=least, tries=len(model.modes) * len(view.heat.nodes))
+    if len({change.mode for change in model.timeline}) < 2:
+        return
+    for late in SHIFTS:
+        how = "early" if late > 0 else "late"
+        words_of = Words(
+            f"The timeline of modes is {duration(late)} {how}",
+            f"Modes begin and end {duration(late)} {'after' if late > 0 else 'before'} what the timeline says.",
+            "Check the times in 'simulator: timeline', and their zone",
+        )
+        yield from driven_otherwise("mode", "timeline", words_of, view, tries=len(SHIFTS), modes=late)
+
+
+def missing_heat(view: View) -> Iterator[Wrong]:
+    """Something heats a node and then does not: a heater or a mode that the scenario lacks."""
+    scenario, centre = view.window.scenario, view.centre(view.observed)
+    grid = view.network.drive.times
+    middle = 0.5 * (grid[1:] + grid[:-1])
+    used = set(status_channels(view).values())
+    waves: list[tuple[str, str, FloatArray]] = []
+    for name, channel in scenario.telemetry.channels.items():
+        if channel.kind == "status" and name not in used and name in view.telemetry:
+            on = series_at(view.telemetry, name, view.utc(middle))
+            if np.isfinite(on).any() and np.nanmin(on) < np.nanmax(on):
+                waves += [(name, node, np.nan_to_num(on)) for node in view.heat.nodes]
+    for k, channel_name in enumerate(view.channels):
+        node = scenario.observations[channel_name].node
+        rising = turning(view.window.observed[:, k], 4.0 * float(view.rows.noise[k]) + 0.3)
+        if node in view.heat.nodes and rising is not None:
+            seconds = view.network.observation.times
+            waves.append(("", str(node), (np.interp(middle, seconds, rising) > 0.5).astype(float)))
+    for name, node, on in waves:
+        flow = float(view.heat.flow[view.heat.nodes.index(node)])
+        size = max(flow, 1.0)
+        effect = size * view.response(view.window, centre, node, np.repeat(on, 2)[None])
+
+        def words(fit: Fit, name: str = name, node: str = node, size: float = size, on: Any = on) -> Words:
+            power, times = size * float(fit.added[0]), int((np.diff(np.asarray(on, int)) > 0).sum())
+            what = f"as {name} says, which no heater of the scenario has" if name else f"{times} times in the window"
+            return Words(
+                f"A heater of {node} is missing in the scenario",
+                f"About {number(abs(power), 2)} W come and go in {node}, {what}.",
+                f"Add the heater of {node} to 'simulator: heaters', with its status as 'measured_by'",
+            )
+
+        yield Wrong("missing heat", node, words, columns=effect, least=0.2 * flow / size, tries=2 * len(waves))
+
+
+def turning(values: FloatArray, swing: float) -> FloatArray | None:
+    """[T] 1 while values rise from one turn to the next, by at least `swing`, else 0; None: fewer than four turns."""
+    valid = np.flatnonzero(np.isfinite(values))
+    if len(valid) < 8:
+        return None
+    turns, low, high, rising = [], valid[0], valid[0], 0
+    for i in valid:
+        if values[i] > values[high]:
+            high = i
+        if values[i] < values[low]:
+            low = i
+        if rising >= 0 and values[i] < values[high] - swing:
+            turns.append((high, 0.0))
+            rising, low, high = -1, i, i
+        elif rising <= 0 and values[i] > values[low] + swing:
+            turns.append((low, 1.0))
+            rising, low, high = 1, i, i
+    if len(turns) < 4:
+        return None
+    found = np.full(len(values), 1.0 - turns[0][1])
+    for place, state in turns:
+        found[place:] = state
+    return found
+
+
+def drivers(view: View) -> Iterator[Wrong]:
+    """A measured load has the wrong unit or sign."""
+    drive, loads = view.network.drive, view.window.scenario.network.loads
+    for name, load in loads.items():
+        column = view.network.network.columns.index(f"driver.{name}")
+        for factor in (-1.0, 0.0, *FACTORS):
+            inputs = drive.inputs.copy()
+            inputs[:, :, column] *= factor
+            window = view.simulated_by(drive=replace(drive, inputs=inputs))
+            how = {-1.0: "has the wrong sign", 0.0: "does nothing"}.get(
+                factor, f"is {number(1.0 / (factor or 1.0), 4)} times what it should be"
+            )
+            words = Words(
+                f"The driver {load.driver} {how}",
+                f"With {factor:g} times {load.driver}, the heat of load {name} explains the telemetry.",
+                f"Check 'unit' of {load.driver} and 'coefficient' of load {name}",
+            )
+            yield Wrong("driver", load.driver, words, window=window, tries=8 * len(loads))

@@ -1,0 +1,141 @@
+"""A simple way to be wrong, as what it would change, and the window with what acts on it otherwise."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from dataclasses import dataclass, replace
+from typing import Any, Literal
+
+import numpy as np
+import xarray
+
+from ...errors import FlightcalError
+from ...problem import Window
+from ...scenario import Scenario
+from ...simulator import FloatArray, SimulationFailure, face_series, in_steps
+from ...telemetry import status_fraction
+from ..evidence import FINE, REACH, Fit, View
+
+Kind = Literal[
+    "clock", "status clock", "channel clock", "bias", "swapped", "unit", "other node", "unrelated",
+    "status inverted", "statuses swapped", "heater", "missing heat", "mode", "driver", "attitude", "orbit", "number",
+]  # fmt: skip
+SHIFT = 240.0
+"""s, between the shifts of a clock that are tried first."""
+SHIFTS = tuple(shift for k in range(1, round(REACH / SHIFT)) for shift in (-k * SHIFT, k * SHIFT))
+FACTORS = (0.001, 0.01, 0.1, 10.0, 100.0, 1000.0)
+"""By which a number is off that has the wrong unit or one digit too many."""
+
+
+@dataclass(frozen=True)
+class Words:
+    """A wrong in words."""
+
+    title: str
+    sentence: str
+    advice: str
+
+
+@dataclass(frozen=True)
+class Wrong:
+    """One way to be wrong, and what telemetry, simulation or both would be without it."""
+
+    kind: Kind
+    about: str
+    """What it is about: a channel, a heater, a node."""
+    words: Words | Callable[[Fit], Words]
+    observed: FloatArray | None = None
+    """[t, N] K as the telemetry should be; None: as it is."""
+    window: Window | None = None
+    """As it should be simulated; None: as it is."""
+    columns: FloatArray | None = None
+    """[R, k] K, effects of unknown size that a simulation lacks."""
+    least: float = 0.0
+    """Of the first column's weight: below, it is no wrong worth a word."""
+    jacobian: float = 0.0
+    """Log of what the telemetry was scaled by."""
+    tries: float = 1.0
+    """So many alternatives there are of the kind."""
+    closer: Callable[[], Iterator[Wrong]] | None = None
+    """The same with numbers near by."""
+
+
+def driven(
+    view: View,
+    scenario: Scenario | None = None,
+    telemetry: xarray.Dataset | None = None,
+    *,
+    sunlight: float = 0.0,
+    modes: float = 0.0,
+) -> Window:
+    """The view's window with what acts on it by another scenario's faces and timeline, or another telemetry's status.
+
+    sunlight, modes: s by which these come later in the telemetry's time. Raises TelemetryError.
+    """
+    drive, columns = view.network.drive, view.network.network.columns
+    inputs, measured = drive.inputs.copy(), drive.measured
+    fine, lit = view.sunlight
+    if scenario is not None:
+        fine = np.union1d(np.arange(0.0, drive.times[-1], FINE), drive.times)
+        _replace(inputs, columns, fine, face_series(scenario, view.utc(fine)), drive.times)
+    elif sunlight:
+        _replace(inputs, columns, fine + sunlight, lit, drive.times)
+    if modes:
+        fine = np.arange(-FINE, drive.times[-1] + 2.0 * FINE, FINE)
+        _replace(inputs, columns, fine, _modes(view, fine - modes), drive.times)
+    if telemetry is not None:
+        edges, blocks = view.utc(drive.times), view.window.scenario.network.switches.values()
+        measured = np.stack([status_fraction(telemetry, own.measured_by or "", edges) for own in blocks], axis=1)
+    return view.simulated_by(drive=replace(drive, inputs=inputs, measured=measured))
+
+
+def driven_otherwise(
+    kind: Kind,
+    about: str,
+    words: Words,
+    view: View,
+    *,
+    tries: float,
+    closer: Callable[[], Iterator[Wrong]] | None = None,
+    **how: Any,
+) -> Iterator[Wrong]:
+    """The wrong of what acts on the window; nothing where there is no such window. how: see `driven`."""
+    try:
+        window = driven(view, **how)
+    except (FlightcalError, SimulationFailure, ValueError):
+        return
+    yield Wrong(kind, about, words, window=window, tries=tries, closer=closer)
+
+
+def _replace(
+    inputs: FloatArray, columns: Sequence[str], seconds: FloatArray, series: Mapping[str, FloatArray], grid: FloatArray
+) -> None:
+    """Put series [M] at seconds [M] into the inputs [K, 2, q] of a grid's steps, in place."""
+    known = [column for column in series if column in columns]
+    if known:
+        inside = (seconds >= grid[0]) & (seconds <= grid[-1])
+        edges = np.union1d(seconds[inside], grid[[0, -1]])
+        values = np.stack([np.interp(edges, seconds, series[column]) for column in known])
+        inputs[:, :, [columns.index(column) for column in known]] = in_steps(edges, values, grid).transpose(2, 1, 0)
+
+
+def _modes(view: View, seconds: FloatArray) -> dict[str, FloatArray]:
+    """1 while in the mode, [M] by column."""
+    model = view.window.scenario.network
+    if not model.timeline:
+        return {}
+    changes = np.array([change.at for change in model.timeline], "datetime64[ns]")
+    active = [model.timeline[max(k - 1, 0)].mode for k in np.searchsorted(changes, view.utc(seconds), side="right")]
+    return {f"mode.{mode}": np.array([float(mode == own) for own in active]) for mode in model.modes}
+
+
+def status_channels(view: View) -> dict[str, str]:
+    """Heater -> channel of its status, of those that drive the simulation."""
+    heaters = view.window.scenario.network.switches
+    known = {name: heater.measured_by or "" for name, heater in heaters.items()}
+    return {name: c for name, c in known.items() if c and np.isfinite(view.telemetry[c].to_numpy()).any()}
+
+
+def duration(seconds: float) -> str:
+    """In minutes where that is enough."""
+    return f"{abs(seconds) / 60.0:.1f} min" if abs(seconds) >= 90.0 else f"{abs(seconds):.0f} s"
