@@ -8,19 +8,12 @@ import xarray
 from scipy import stats
 from scipy.linalg import block_diag
 
-from flightcal.calibration import calibrate_nuts, heat, with_heat
-from flightcal.calibration.heat import (
-    Around,
-    bend,
-    draw_sizes,
-    find_heat,
-    follow,
-    moved,
-    spread_sizes,
-    start_with_heat,
-)
+from flightcal.calibration import calibrate_nuts, heat_search, with_heat
 from flightcal.calibration.heat_check import check_heat
 from flightcal.calibration.heat_file import heat_dataset, with_kept_heat
+from flightcal.calibration.heat_point import bend, draw_sizes, follow, moved, spread_sizes, start_with_heat
+from flightcal.calibration.heat_search import find_heat
+from flightcal.calibration.sizes import Around
 from flightcal.probability import Gains, Priors
 from flightcal.problem import at_sizes, build_problem, patterns_of, responses, split, unit_heats
 from flightcal.scenario import HalfNormal, HalfStudentT, NutsSettings
@@ -635,7 +628,7 @@ def test_a_density_that_no_chain_gets_through_is_not_followed_and_fails_its_gate
 
 def test_no_fit_takes_a_size_further_than_matrices_have_digits_for(without_heaters, monkeypatch):
     problem, name = without_heaters, "noise.body_temp.correlation_time"
-    monkeypatch.setattr(heat, "_FARTHEST", 0.01)
+    monkeypatch.setattr(heat_search, "_FARTHEST", 0.01)
     point = find_heat(problem, problem.priors.median())
     sizes, place = point.around.sizes, point.around.sizes.names.index(name)
     score = sizes.to_z(sizes_of(point))[place] - sizes.to_z(sizes.median())[place]

@@ -5,7 +5,8 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from flightcal.calibration.heat import find_heat, start_with_heat
+from flightcal.calibration.heat_point import start_with_heat
+from flightcal.calibration.heat_search import find_heat
 from flightcal.prediction import predict
 from flightcal.prediction.heat import DrawnHeat, draw_heat
 from flightcal.prediction.thresholds import _OFFSETS, Thresholds, _log_likelihood, _Switches, _usual_scatter, scattered

@@ -18,9 +18,9 @@ from ..simulator import FloatArray, Trajectory
 from .confounding import confounding
 from .diagnostics import Diagnostics
 from .explanations import Explanation, other_explanations
-from .heat import HeatPoint
 from .heat_check import HeatCheck
 from .heat_file import HEAT_GROUP, heat_dataset
+from .heat_point import HeatPoint
 from .mode import Mode
 from .nuts import Draws
 from .table import EACH, Calibrated, calibrated, html_table

@@ -13,17 +13,9 @@ from ..progress import Progress
 from ..scenario import NutsSettings
 from ..simulator import FloatArray
 from .diagnostics import Gate, diagnose, gate, with_gate
-from .heat import (
-    HeatPoint,
-    bend,
-    draw_sizes,
-    find_heat,
-    follow,
-    moved,
-    spread_sizes,
-    start_with_heat,
-)
 from .heat_check import HeatCheck, check_heat
+from .heat_point import HeatPoint, bend, draw_sizes, follow, moved, spread_sizes, start_with_heat
+from .heat_search import find_heat
 from .mode import check_simulated, climb, find_mode
 from .nuts import sample, some_drawn
 from .posterior import Posterior, prior_scores
