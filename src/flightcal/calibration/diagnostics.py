@@ -7,7 +7,7 @@ Here they become gates that can fail, with a verdict for an engineer who does no
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from typing import Any
 
@@ -116,6 +116,13 @@ def with_gate(diagnostics: Diagnostics, gate: Gate) -> Diagnostics:
         verdict = f"{verdict} {gate.name}: {gate.found}. {gate.advice}"
     passed = diagnostics.passed and gate.passed
     return replace(diagnostics, gates=(*diagnostics.gates, gate), passed=passed, verdict=verdict.strip())
+
+
+def effective_draws(parameters: Sequence[ParameterSummary]) -> tuple[str, float]:
+    """The quantity with the fewest effective draws, of the middle or of the tails, and how many; NaN: unknown."""
+    fewest = [(float(np.minimum(own.ess_bulk, own.ess_tail)), own.name) for own in parameters]
+    least, name = min(fewest, key=lambda own: -math.inf if math.isnan(own[0]) else own[0])
+    return name, least
 
 
 def least_effective(draws: Array) -> float:

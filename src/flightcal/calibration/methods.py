@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from functools import partial
 
 import numpy as np
 
@@ -10,9 +11,10 @@ from ..problem import Problem, whitening
 from ..progress import SILENT, Progress
 from ..scenario import NutsSettings, heat_of
 from ..simulator import FloatArray
-from .diagnostics import diagnose
+from .diagnostics import Diagnostics, diagnose
+from .enough import sample_enough
 from .mode import check_simulated, find_mode
-from .nuts import sample, some_drawn
+from .nuts import Draws, sample
 from .posterior import Posterior, prior_scores
 from .with_heat import calibrate_with_heat
 
@@ -42,17 +44,13 @@ def calibrate_nuts(
         modes = find_mode(problem, starts, rng=rng, random_starts=random_starts, progress=search)
     check_simulated(modes)
     coordinates = whitening(modes[0].z, problem.gauss_newton_hessian(modes[0].z))
-    draws = some_drawn(
-        sample(
-            problem.log_density_and_gradient,
-            coordinates,
-            settings,
-            seed,
-            native=problem.native_density,
-            progress=progress,
-        )
-    )
-    theta = problem.to_theta(draws.z)
-    by_name = {name: theta[..., k] for k, name in enumerate(problem.names)}
-    judged = diagnose(by_name, draws.statistics, settings, prior_scores(problem, theta))
+    density, native = problem.log_density_and_gradient, problem.native_density
+    sampler = partial(sample, density, native=native, progress=progress)
+
+    def judge(draws: Draws) -> tuple[FloatArray, Diagnostics]:
+        theta = problem.to_theta(draws.z)
+        by_name = {name: theta[..., k] for k, name in enumerate(problem.names)}
+        return theta, diagnose(by_name, draws.statistics, settings, prior_scores(problem, theta))
+
+    draws, theta, judged = sample_enough(sampler, coordinates, settings, seed, judge, progress)
     return Posterior(problem.names, theta, draws, modes, judged, problem)

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import replace
+from functools import partial
 
 import numpy as np
 from threadpoolctl import threadpool_limits
@@ -12,12 +13,13 @@ from ..problem import Problem, Whitening, at_sizes, sampled_windows, whitening
 from ..progress import Progress
 from ..scenario import NutsSettings
 from ..simulator import FloatArray
-from .diagnostics import Gate, diagnose, gate, with_gate
+from .diagnostics import Diagnostics, Gate, diagnose, gate, with_gate
+from .enough import sample_enough
 from .heat_check import HeatCheck, check_heat
 from .heat_point import HeatPoint, bend, draw_sizes, follow, moved, spread_sizes, start_with_heat
 from .heat_search import find_heat
 from .mode import check_simulated, climb, find_mode
-from .nuts import sample, some_drawn
+from .nuts import Draws, sample
 from .posterior import Posterior, prior_scores
 
 _OF_NOISE = 0.1
@@ -85,19 +87,23 @@ def calibrate_with_heat(
         bent = bend(following, ahead, near)
         straight = bent < _STRAIGHT or len(point.model.centre) > _MOST_FOLLOWED
         found = None if straight else _followed(problem, following, ahead, start, settings, seed, search)
-    if found is None:
-        density = known.log_density_and_gradient
-        draws = some_drawn(sample(density, coordinates, settings, seed, native=known.native_density, progress=progress))
-        theta = spread_sizes(problem, heated, point, known, draws.z, sizes, rng)
-    else:
+    target = known
+    if found is not None:
         bent = 0.0
         point, heated, coordinates = found
-        density = heated.log_density_and_gradient
-        careful = settings.model_copy(update={"target_acceptance": max(settings.target_acceptance, _CAREFUL)})
-        draws = some_drawn(sample(density, coordinates, careful, seed, native=heated.native_density, progress=progress))
-        theta = heated.to_theta(draws.z)
-    by_name = {name: theta[..., k] for k, name in enumerate(heated.names)}
-    judged = diagnose(by_name, draws.statistics, settings, prior_scores(heated, theta))
+        target = heated
+        settings = settings.model_copy(update={"target_acceptance": max(settings.target_acceptance, _CAREFUL)})
+    sampler = partial(sample, target.log_density_and_gradient, native=target.native_density, progress=progress)
+
+    def judge(draws: Draws) -> tuple[FloatArray, Diagnostics]:
+        if found is None:
+            theta = spread_sizes(problem, heated, point, known, draws.z, sizes, rng)
+        else:
+            theta = heated.to_theta(draws.z)
+        by_name = {name: theta[..., k] for k, name in enumerate(heated.names)}
+        return theta, diagnose(by_name, draws.statistics, settings, prior_scores(heated, theta))
+
+    draws, theta, judged = sample_enough(sampler, coordinates, settings, seed, judge, progress)
     flat = theta.reshape(-1, theta.shape[-1])
     chosen = rng.choice(len(flat), min(_CHECKED, len(flat)), replace=False)
     checked = check_heat(heated, flat[chosen], rng)

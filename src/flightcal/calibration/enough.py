@@ -1,0 +1,84 @@
+"""Sampling until there are enough effective draws."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable
+from dataclasses import replace
+
+import numpy as np
+
+from ..problem import Whitening, whitening
+from ..progress import Progress
+from ..scenario import NutsSettings
+from ..simulator import FloatArray
+from .diagnostics import Diagnostics, effective_draws
+from .nuts import Draws, some_drawn
+
+_MOST = 3.0
+"""Times the draws that were asked for, at most."""
+_SEEDS = 1_000_003
+"""Between the seeds of the first draws and of those that are added."""
+
+Sampler = Callable[[Whitening, NutsSettings, int], Draws]
+"""By coordinates, settings and seed."""
+Judge = Callable[[Draws], tuple[FloatArray, Diagnostics]]
+"""Thetas [chain, draw, d] of draws, and what they come to."""
+
+
+def sample_enough(
+    sampler: Sampler, coordinates: Whitening, settings: NutsSettings, seed: int, judge: Judge, progress: Progress
+) -> tuple[Draws, FloatArray, Diagnostics]:
+    """Draws with their thetas and diagnostics: as many as the settings say, and more where too few are effective.
+
+    The others are of chains of their own, in coordinates in which the first draws are nearly standard normal. Where
+    chains fail for another reason, or it would take too many, all is left as it is.
+    """
+    draws = some_drawn(sampler(coordinates, settings, seed))
+    theta, judged = judge(draws)
+    more = 0 if draws.interrupted else _more(judged, settings)
+    if more:
+        name, least = effective_draws(judged.parameters)
+        progress.say(
+            f"{least:.0f} effective draws of {name}, {settings.min_ess:g} are wanted: {more} more of each chain"
+        )
+        # In these coordinates there is little left to adapt to.
+        added = settings.model_copy(update={"draws": more, "warmup": settings.warmup // 2})
+        again = sampler(_whitened(draws.z), added, seed + _SEEDS)
+        draws = _joined(draws, again)
+        theta, judged = judge(draws)
+    return draws, theta, judged
+
+
+def _more(judged: Diagnostics, settings: NutsSettings) -> int:
+    """How many more draws of each chain are wanted, where that is all that is wanting."""
+    if any(not own.passed and not own.name.startswith("effective draws") for own in judged.gates):
+        return 0
+    _, least = effective_draws(judged.parameters)
+    if not 0.0 < least <= settings.min_ess:
+        return 0
+    wanted = math.ceil(1.2 * settings.draws * settings.min_ess / least)
+    return wanted - settings.draws if wanted <= _MOST * settings.draws else 0
+
+
+def _whitened(z: FloatArray) -> Whitening:
+    """Coordinates in which draws z [chain, draw, d] have mean zero and covariance one."""
+    flat = z.reshape(-1, z.shape[-1])
+    return whitening(flat.mean(axis=0), np.linalg.pinv(np.atleast_2d(np.cov(flat, rowvar=False)), hermitian=True))
+
+
+def _joined(first: Draws, second: Draws) -> Draws:
+    """Both, chain by chain."""
+    return replace(
+        first,
+        z=np.concatenate([first.z, second.z], axis=1),
+        statistics={
+            name: np.concatenate([own, second.statistics[name]], axis=1) for name, own in first.statistics.items()
+        },
+        gradients=first.gradients + second.gradients,
+        warmup_gradients=first.warmup_gradients + second.warmup_gradients,
+        warmup_divergences=first.warmup_divergences + second.warmup_divergences,
+        failures=first.failures + second.failures,
+        last_failure=second.last_failure or first.last_failure,
+        interrupted=second.interrupted,
+    )

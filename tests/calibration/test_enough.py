@@ -1,0 +1,102 @@
+"""More draws are made where only effective draws are wanting."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from flightcal.calibration.diagnostics import Diagnostics, diagnose, gate
+from flightcal.calibration.enough import sample_enough
+from flightcal.calibration.nuts import Draws
+from flightcal.problem import Whitening
+from flightcal.progress import SILENT
+from flightcal.scenario import NutsSettings
+
+SETTINGS = NutsSettings(chains=2, draws=1000, warmup=50, min_ess=400)
+PLAIN = Whitening(np.zeros(2), np.eye(2))
+MIXING = np.array([[2.0, 0.0], [1.9, 0.3]])
+
+
+def draws_of(z):
+    chains, count, _ = z.shape
+    rng = np.random.default_rng(5)
+    statistics = {
+        "diverging": np.zeros((chains, count), bool),
+        "depth": np.full((chains, count), 3),
+        "energy": rng.standard_normal((chains, count)),
+    }
+    return Draws(z, statistics, 10 * count, 10, 0, 0, None, False)
+
+
+def slow(kept):
+    """A sampler whose draws are those of an AR(1) process of mean (10, 20), and what it is asked for."""
+    asked, rng = [], np.random.default_rng(1)
+
+    def sampler(coordinates, settings, seed):
+        asked.append((coordinates, settings.draws, seed))
+        w = rng.standard_normal((settings.chains, settings.draws, 2))
+        for k in range(1, settings.draws):
+            w[:, k] = kept * w[:, k - 1] + np.sqrt(1 - kept**2) * w[:, k]
+        return draws_of(np.array([10.0, 20.0]) + w @ MIXING.T)
+
+    return sampler, asked
+
+
+def judge(draws):
+    by_name = {"first": draws.z[..., 0], "second": draws.z[..., 1]}
+    return draws.z, diagnose(by_name, draws.statistics, SETTINGS.model_copy(update={"max_r_hat": 1.9}))
+
+
+def test_draws_that_are_enough_are_left_alone():
+    sampler, asked = slow(0.0)
+    draws, theta, judged = sample_enough(sampler, PLAIN, SETTINGS, 3, judge, SILENT)
+    assert len(asked) == 1
+    assert theta.shape == draws.z.shape == (2, 1000, 2)
+    assert judged.passed
+
+
+def test_too_few_effective_draws_are_made_more_in_coordinates_of_the_first_ones():
+    sampler, asked = slow(0.75)
+    draws, theta, judged = sample_enough(sampler, PLAIN, SETTINGS, 3, judge, SILENT)
+    (_, _, first_seed), (coordinates, more, seed) = asked
+    assert 0 < more <= 2000
+    assert seed != first_seed
+    assert theta.shape == draws.z.shape == (2, 1000 + more, 2)
+    assert draws.statistics["depth"].shape == (2, 1000 + more)
+    assert draws.gradients == 10 * (1000 + more)
+    assert judged.passed
+    white = coordinates.to_w(draws.z[:, :1000]).reshape(-1, 2)
+    np.testing.assert_allclose(np.cov(white, rowvar=False), np.eye(2), atol=1e-9)
+    np.testing.assert_allclose(white.mean(axis=0), 0.0, atol=1e-9)
+
+
+def test_what_more_draws_do_not_mend_is_left_as_it_is():
+    sampler, asked = slow(0.75)
+
+    def apart(draws):
+        theta, judged = judge(draws)
+        return theta, replace(judged, gates=(*judged.gates, gate("R-hat", False, "", "", "")))
+
+    sample_enough(sampler, PLAIN, SETTINGS, 3, apart, SILENT)
+    assert len(asked) == 1
+    sampler, asked = slow(0.99)
+    _, _, judged = sample_enough(sampler, PLAIN, SETTINGS, 3, judge, SILENT)
+    assert len(asked) == 1
+    assert not judged.passed
+
+
+def test_an_interrupted_sampling_is_not_gone_on_with():
+    sampler, asked = slow(0.75)
+    draws, _, _ = sample_enough(
+        lambda *given: replace(sampler(*given), interrupted=True), PLAIN, SETTINGS, 3, judge, SILENT
+    )
+    assert draws.interrupted
+    assert len(asked) == 1
+
+
+def test_an_interruption_before_the_first_draw_is_one():
+    def nothing(*_):
+        return replace(draws_of(np.zeros((2, 0, 2))), interrupted=True)
+
+    with pytest.raises(KeyboardInterrupt):
+        sample_enough(nothing, PLAIN, SETTINGS, 3, lambda d: (d.z, Diagnostics((), (), False, "")), SILENT)
