@@ -6,12 +6,12 @@ from ..evidence import View
 from . import channels, clocks, heat, written
 from .wrong import Wrong
 
-_FAMILIES = (channels.wrongs, clocks.wrongs, heat.wrongs, written.wrongs)
+_WRONGS = (*channels.WRONGS, *clocks.WRONGS, *heat.WRONGS, *written.WRONGS)
 
 
 def all_wrongs(view: View) -> Iterator[Wrong]:
     """Every simple wrong that can be tried on a view."""
-    for wrongs in _FAMILIES:
+    for wrongs in _WRONGS:
         yield from wrongs(view)
 
 

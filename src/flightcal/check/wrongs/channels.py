@@ -25,15 +25,6 @@ _MOST_NODES = 15
 """Of a network whose channels are tried at every node."""
 
 
-def wrongs(view: View) -> Iterator[Wrong]:
-    """All of them."""
-    yield from biases(view)
-    yield from swaps(view)
-    yield from units(view)
-    yield from other_nodes(view)
-    yield from unrelated(view)
-
-
 def biases(view: View) -> Iterator[Wrong]:
     """Each channel reads too high or too low by a constant."""
     t = len(view.rows.kept)
@@ -143,3 +134,7 @@ def units(view: View) -> Iterator[Wrong]:
 def _span(values: FloatArray) -> str:
     low, high = np.nanmin(values) - ICE_POINT, np.nanmax(values) - ICE_POINT
     return f"{number(float(low), 3)}..{number(float(high), 3)} degC"
+
+
+WRONGS = (biases, swaps, units, other_nodes, unrelated)
+"""What looks for them."""

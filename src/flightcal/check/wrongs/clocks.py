@@ -12,14 +12,6 @@ from ...simulator import FloatArray
 from ..evidence import View
 from .wrong import SHIFT, SHIFTS, Words, Wrong, driven_otherwise, duration, status_channels
 
-
-def wrongs(view: View) -> Iterator[Wrong]:
-    """All of them."""
-    yield from clocks(view)
-    yield from status_clocks(view)
-    yield from channel_clocks(view)
-
-
 _FEW_SHIFTS = tuple(shift for m in (3, 5, 7, 10, 15, 20, 30, 40) for shift in (-60.0 * m, 60.0 * m))
 
 
@@ -100,3 +92,7 @@ def channel_clocks(
                 "channel clock", channel, words, observed, tries=len(_FEW_SHIFTS) * len(view.channels),
                 closer=partial(channel_clocks, view, closer(late, 240.0), channel),
             )  # fmt: skip
+
+
+WRONGS = (clocks, status_clocks, channel_clocks)
+"""What looks for them."""

@@ -15,15 +15,6 @@ from ..evidence import Fit, View, series_at
 from .wrong import FACTORS, SHIFTS, Words, Wrong, driven_otherwise, duration, status_channels
 
 
-def wrongs(view: View) -> Iterator[Wrong]:
-    """All of them."""
-    yield from statuses(view)
-    yield from heaters(view)
-    yield from modes(view)
-    yield from missing_heat(view)
-    yield from drivers(view)
-
-
 def statuses(view: View) -> Iterator[Wrong]:
     """A status is inverted, or two are each other's."""
     channels = status_channels(view)
@@ -200,3 +191,7 @@ def drivers(view: View) -> Iterator[Wrong]:
                 f"Check 'unit' of {load.driver} and 'coefficient' of load {name}",
             )
             yield Wrong("driver", load.driver, words, window=window, tries=8 * len(loads))
+
+
+WRONGS = (statuses, heaters, modes, missing_heat, drivers)
+"""What looks for them."""

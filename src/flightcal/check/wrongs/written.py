@@ -11,14 +11,6 @@ from ..evidence import View
 from .wrong import FACTORS, Words, Wrong, driven_otherwise, duration
 
 
-def wrongs(view: View) -> Iterator[Wrong]:
-    """All of them."""
-    yield from attitudes(view)
-    yield from orbits(view)
-    yield from places(view)
-    yield from numbers(view)
-
-
 def attitudes(view: View) -> Iterator[Wrong]:
     """Another attitude than the scenario's."""
     environment = view.window.scenario.environment
@@ -104,3 +96,7 @@ def numbers(view: View) -> Iterator[Wrong]:
                 f"Check the unit of '{path}'",
             )
             yield Wrong("number", path, words, window=window, tries=50)
+
+
+WRONGS = (attitudes, orbits, places, numbers)
+"""What looks for them."""
