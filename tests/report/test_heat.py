@@ -38,12 +38,13 @@ def model(peak):
     }  # fmt: skip
 
 
-def made(run, peak=0.5, gain=0.04, *, diagnostics=None, **kept):
-    """The made-up run with heat; kept: further variables of its group."""
+def made(run, peak=0.5, gain=0.04, *, slow=None, diagnostics=None, **kept):
+    """The made-up run with heat; slow: W, of the battery's slow part; kept: further variables of its group."""
     sizes = run.posterior["posterior"].to_dataset().sizes
     draws = np.random.default_rng(5).normal(size=(sizes["chain"], sizes["draw"]))
     both = ("chain", "draw")
     values = {own["scale"]: own["size"] for own in model(peak)["groups"]} | {"heat.gains": gain}
+    values |= {} if slow is None else {"heat.battery.slow": slow}
     groups = {name: group.to_dataset() for name, group in run.posterior.children.items()}
     groups["posterior"] = groups["posterior"].assign({n: (both, v * (1 + 0.1 * draws)) for n, v in values.items()})
     groups["heat"] = xr.Dataset({"model": ((), json.dumps(model(peak)))} | kept)
@@ -142,6 +143,20 @@ def test_heat_that_may_as_well_be_none_is_not_large(run):
         # Standard error of a 2.5% quantile of 4000 normal draws: 0.042 deviations.
         assert battery.share == pytest.approx(share / battery.flow, abs=0.2 * spread / battery.flow)
         assert about(own, "Unmodelled heat").state == ("good" if spread == 1.0 else "warn")
+
+
+@pytest.mark.parametrize(("slow", "told"), [(0.9, False), (1.2, True)])
+def test_heat_that_comes_and_goes_and_is_large_beside_the_flow_is_told(run, slow, told):
+    titles = [found.title for found in every_finding(made(run, slow=slow)) if found.state == "warn"]
+    assert ("Much of the unmodelled heat comes and goes: battery, 12% of what flows" in titles) == told
+
+
+def test_heat_that_wanders_no_more_than_its_prior_expects_is_not_told(run):
+    battery = heat.node_heats(made(run, slow=1.2))[1]
+    assert battery.wandering == pytest.approx(0.12, rel=0.05)
+    low, _, _ = battery.slow.quantiles
+    wide = dataclasses.replace(battery, slow=dataclasses.replace(battery.slow, prior=1.1 * low))
+    assert wide.wandering == 0.0
 
 
 def test_large_gains_are_told(run):

@@ -314,6 +314,32 @@ def noise(run: RunFiles) -> Finding:
 
 def heat(run: RunFiles) -> list[Finding]:
     """How large the heat is that no block of the scenario describes."""
+    return [*_lasting_heat(run), *_wandering_heat(run)]
+
+
+def _wandering_heat(run: RunFiles) -> list[Finding]:
+    """Whether much heat comes and goes otherwise than with the orbit: a caution, and nothing else."""
+    sizes = {own.node: own.wandering for own in node_heats(run) if own.wandering > LARGE}
+    if not sizes:
+        return []
+    named = listed([f"{name} ({percent(share, 0)})" for name, share in sizes.items()])
+    worst = max(sizes, key=lambda name: sizes[name])
+    text = (
+        f"Standard deviation of the slow part, as a share of the mean heat through the node: {named}. Look for what "
+        "the scenario lacks and the orbit does not repeat, such as a mode's power or a pass of the transmitter. "
+        "Nothing foresees such heat: on unseen orbits intervals are wide."
+    )
+    title = f"Much of the unmodelled heat comes and goes: {worst}, {percent(sizes[worst], 0)} of what flows"
+    return [Finding("warn", title, text, not_for=_doubted_by_heat(run), then=_CHECK)]
+
+
+def _doubted_by_heat(run: RunFiles) -> tuple[str, ...]:
+    """What a run is not to be used for where much heat is unmodelled."""
+    return tuple(map(value_of, widened(run))) or ("values of parameters",)
+
+
+def _lasting_heat(run: RunFiles) -> list[Finding]:
+    """How large the heat is that comes again with the orbit."""
     if run.heat is None:
         return []
     shares = {own.node: own.share for own in node_heats(run)}
@@ -340,8 +366,7 @@ def heat(run: RunFiles) -> list[Finding]:
             f"such as a load or a shadow.{taken}"
         )
         title = f"Unmodelled heat is large: {worst}, {percent(share, 0)} of what flows"
-        not_for = tuple(map(value_of, wider)) or ("values of parameters",)
-        return [Finding("warn", title, text, not_for=not_for, then=_CHECK)]
+        return [Finding("warn", title, text, not_for=_doubted_by_heat(run), then=_CHECK)]
     text = f"For sure it is at most {percent(share)} of the mean heat through any node ({worst}).{taken}"
     return [Finding("good", "Unmodelled heat is small", text)]
 

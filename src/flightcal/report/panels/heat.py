@@ -74,6 +74,13 @@ class NodeHeat:
         return float(np.maximum(0.0, np.maximum(low, -high)).mean()) / self.flow
 
     @property
+    def wandering(self) -> float:
+        """Of the flow: the slow part's size, where it is for sure beyond its prior's; else 0."""
+        if self.slow is None or self.slow.quantiles[0] < self.slow.prior:
+            return 0.0
+        return self.slow.quantiles[1] / self.flow
+
+    @property
     def most(self) -> float:
         """Of the flow: mean absolute value of the expected pattern."""
         return float(np.abs(self.expected).mean()) / self.flow if self.expected.size else 0.0
@@ -114,7 +121,7 @@ def panel(run: RunFiles) -> list[Block]:
             "interval, above 10% of the flow wants a "
             "reason, such as a load or a shadow that the scenario lacks. Above 30% look for a wrong set-up first: "
             "attitude, areas, time tags, units. Heat can make up for these in the fit, but not in another season or "
-            "attitude."
+            "attitude. A slow part above 10% wants a reason too, such as a mode or a load that comes and goes."
         ),
     ]
 
