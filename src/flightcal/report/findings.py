@@ -17,7 +17,7 @@ from ..probability import INDEPENDENT
 from ..scenario import is_trained
 from .panels.discrepancy import STANDS_IN, stand_ins
 from .panels.duty import CLOSED, duties
-from .panels.heat import IMPLAUSIBLE, LARGE, gains, node_heats
+from .panels.heat import IMPLAUSIBLE, LARGE, WANDERING, gains, node_heats
 from .panels.parameters import MOST_NAMED, WIDER, shortened, widened
 from .panels.picture import holdings
 from .panels.prediction import unseen, unseen_share
@@ -319,7 +319,7 @@ def heat(run: RunFiles) -> list[Finding]:
 
 def _wandering_heat(run: RunFiles) -> list[Finding]:
     """Whether much heat comes and goes otherwise than with the orbit: a caution, and nothing else."""
-    sizes = {own.node: own.wandering for own in node_heats(run) if own.wandering > LARGE}
+    sizes = {own.node: own.wandering for own in node_heats(run) if own.wandering > WANDERING}
     if not sizes:
         return []
     named = listed([f"{name} ({percent(share, 0)})" for name, share in sizes.items()])

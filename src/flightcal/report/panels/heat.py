@@ -20,6 +20,9 @@ from ..text import number, percent
 LARGE, IMPLAUSIBLE = 0.1, 0.3
 """Shares of the flow through a node above which its heat wants caution, and above which it is hardly believed."""
 
+WANDERING = 0.05
+"""The same of its slow part: 0.1% to 0.6% in random satellites that are right, up to 6% where heat drifts."""
+
 MOST_NODES = 12
 """Nodes that the figure shows; the table has all of them."""
 
@@ -121,7 +124,7 @@ def panel(run: RunFiles) -> list[Block]:
             "interval, above 10% of the flow wants a "
             "reason, such as a load or a shadow that the scenario lacks. Above 30% look for a wrong set-up first: "
             "attitude, areas, time tags, units. Heat can make up for these in the fit, but not in another season or "
-            "attitude. A slow part above 10% wants a reason too, such as a mode or a load that comes and goes."
+            "attitude. A slow part above 5% wants a reason too, such as a mode or a load that comes and goes."
         ),
     ]
 
