@@ -9,7 +9,7 @@ from collections.abc import Callable
 from importlib import import_module
 from pathlib import Path
 
-from .report import Section, machine, write
+from .report import DataMissingError, Section, machine, write
 
 TABLES = {
     "gradient": "gradient:measure",
@@ -44,6 +44,9 @@ def main() -> int:
         begin = time.perf_counter()
         try:
             section = _table(name)(given.quick)
+        except DataMissingError as reason:
+            print(f"\n[{name}: skipped: {reason}]", flush=True)
+            continue
         except Exception as error:  # one table that cannot be made must not cost the others
             traceback.print_exc()
             failed.append(name)

@@ -11,6 +11,7 @@ import xarray
 from scipy.special import ndtr
 
 from flightcal.prediction import predict
+from flightcal.prediction.heat import draw_heat
 from flightcal.prediction.metrics import crps_of_draws
 from flightcal.problem import Problem
 from flightcal.scenario.windows import Window as Span
@@ -47,21 +48,20 @@ def of_draws(observed: Any, draws: Any) -> Scores:
     return Scores(crps_of_draws(observed, draws), (lower <= observed) & (observed <= upper))
 
 
-def targets(times: Any, valid: Any, horizon: Any, *, trained: Any, orbit: Any, known: Any, count: int) -> Any:
+def targets(times: Any, valid: Any, horizon: Any, *, trained: Any, known: Any, count: int) -> Any:
     """[M, 2] samples that are origins and those that lie a horizon later, evenly among all that there are.
 
-    times [T] datetime64, valid [T]; horizon, orbit, known: timedelta64; trained: end of the training window. All
-    samples of the time `known` before an origin are valid. Origins are after the training, but over an orbit at least.
+    times [T] datetime64, valid [T]; horizon, known: timedelta64; trained: end of the training window, after which all
+    origins are. All samples of the time `known` before an origin are valid.
     """
     pairs = []
     for i, origin in enumerate(times):
         j = int(np.argmin(np.abs(times - origin - horizon)))
         before = (times >= origin - known) & (times <= origin)
-        whole = times[0] <= origin - known and valid[before].all()
+        whole = trained <= origin and times[0] <= origin - known and valid[before].all()
         if whole and valid[j] and j > i and abs(times[j] - origin - horizon) <= _NEAR:
             pairs.append((i, j))
     found = np.array(pairs).reshape(-1, 2)
-    found = found[times[found[:, 0]] >= min(trained, times[found[-1, 0]] - orbit)]
     return found[np.unique(np.linspace(0, len(found) - 1, count).round().astype(int))]
 
 
@@ -73,12 +73,13 @@ def flightcal_forecasts(
     Each is a window of its own whose first samples, which tell the initial temperatures, end at the origin.
     """
     scenario, crps, covered = problem.scenario, [], []
+    heat = None if problem.heat is None else draw_heat(problem, draws, np.random.default_rng(seed))
     before = np.timedelta64(round(scenario.calibration.prediction.initial_span), "s")
     for origin, target in pairs:
         span = Span(start=(origin - before).astype("datetime64[us]").item(), end=_just_after(target))
         windows = {name: scenario.windows[name] for name in scenario.train_windows} | {"forecast": span}
         moved = replace(problem, scenario=scenario.model_copy(update={"windows": windows}))
-        prediction, ensemble = predict(moved, telemetry, "forecast", {}, draws, seed=seed)
+        prediction, ensemble = predict(moved, telemetry, "forecast", {}, draws, seed=seed, heat=heat)
         observed = prediction["observed"].values[-1]
         assert prediction["scored"].values.any()
         assert prediction["time"].values[-1] == target

@@ -14,6 +14,10 @@ from pathlib import Path
 PACKAGES = ("flightcal", "numba", "jax", "diffrax", "numpyro", "nutpie", "emcee", "scipy", "numpy")
 
 
+class DataMissingError(Exception):
+    """A table cannot be measured here, and why; what the document says of it stays."""
+
+
 @dataclass(frozen=True)
 class Table:
     """Cells are text; the first column names the row."""

@@ -137,15 +137,9 @@ def test_origins_have_telemetry_before_and_at_their_horizon_and_follow_the_train
     valid = np.ones(400, bool)
     valid[250:260] = False
     minutes = np.timedelta64(60, "s")
-    pairs = forecasts.targets(
-        times, valid, 30 * minutes, trained=times[150], orbit=60 * minutes, known=10 * minutes, count=8
-    )
+    pairs = forecasts.targets(times, valid, 30 * minutes, trained=times[150], known=10 * minutes, count=8)
     assert len(pairs) == 8
     assert (pairs[:, 1] - pairs[:, 0] == 30).all()
     assert pairs[0, 0] == 150
     assert pairs[-1, 1] == 399
     assert all(valid[i - 10 : i + 1].all() and valid[j] for i, j in pairs)
-    late = forecasts.targets(
-        times, valid, 230 * minutes, trained=times[150], orbit=60 * minutes, known=10 * minutes, count=8
-    )
-    assert late[0, 0] == late[-1, 0] - 60  # an orbit of origins, though the last is soon after the training

@@ -13,8 +13,9 @@ from benchmarks.canonical import canonical
 from benchmarks.networks import chain, plate
 from benchmarks.peers import c_program, scipy_ode
 from benchmarks.problem import benchmark_problem
-from benchmarks.report import Section, Table
+from benchmarks.report import DataMissingError, Section, Table
 
+from benchmarks import __main__ as benchmarks_main
 from benchmarks import timing
 from flightcal.simulator import integrate
 
@@ -74,3 +75,18 @@ def test_a_constant_leaves_the_exponent_of_the_larger_half_nearly_alone():
 def test_a_section_is_markdown():
     section = Section("Title", "Question.", [Table(["", "time"], [["a", "1 s"]])], ["Note."])
     assert section.markdown() == "## Title\n\nQuestion.\n\n|  | time |\n| --- | ---: |\n| a | 1 s |\n\n- Note."
+
+
+def test_a_table_whose_data_are_missing_is_skipped_with_the_reason_and_stays_in_the_document(
+    tmp_path, monkeypatch, capsys
+):
+    def measure(quick):
+        raise DataMissingError("the telemetry is not there")
+
+    document = tmp_path / "benchmarks.md"
+    document.write_text("# Benchmarks\n\n## Forecasts\n\nOf before.\n", encoding="utf-8")
+    monkeypatch.setattr(benchmarks_main, "_table", lambda name: measure)
+    monkeypatch.setattr(sys, "argv", ["benchmarks", "--only", "forecast", "--out", str(document)])
+    assert benchmarks_main.main() == 0
+    assert "forecast: skipped: the telemetry is not there" in capsys.readouterr().out
+    assert document.read_text(encoding="utf-8").endswith("## Forecasts\n\nOf before.\n")
