@@ -180,9 +180,13 @@ def test_backtests_recommend_the_lowest_crps_and_name_what_holds_more_often():
     summaries = {model: backtest_summary(content) for model, content in found.items()}
     best, reason = recommend_by_backtest(summaries)
     assert best == "phase"
-    assert "lowest CRPS, 0.4 K. Its interval covers 93.0% and held after 3 of 5 origins" in reason
+    assert (
+        "lowest CRPS of those that converged, 0.4 K. Its interval covers 93.0% and held after 3 of 5 origins" in reason
+    )
     assert "use 'iid': held after 5, CRPS 0.6 K" in reason
-    assert "A lower CRPS, but not converged: both" in reason
+    assert "A lower CRPS, but not converged: both (0.3 K, held after 2)" in reason
+    summaries.pop("both")
+    assert "has the lowest CRPS, 0.4 K" in recommend_by_backtest(summaries)[1]
 
 
 def test_a_comparison_with_backtests_is_ranked_by_them(tmp_path):

@@ -91,15 +91,18 @@ def test_contraction_compares_the_deviations_of_prior_and_posterior(run):
     assert float(shown.rstrip("%")) == pytest.approx(100 * (1 - posterior / prior), abs=0.051)
 
 
-def test_an_edge_and_a_high_r_hat_are_marked(run):
+@pytest.mark.parametrize("passed", [False, True])
+def test_an_edge_is_marked_and_a_high_r_hat_where_its_gate_fails(run, passed):
     diagnostics = run.diagnostics | {
-        "parameters": [p | {"r_hat": 1.2} if p["name"] == "battery_link" else p for p in run.diagnostics["parameters"]]
+        "parameters": [p | {"r_hat": 1.2} if p["name"] == "battery_link" else p for p in run.diagnostics["parameters"]],
+        "gates": [{"name": "R-hat", "passed": passed, "found": "", "required": "", "advice": ""}],
     }
     table = parameters.summary(dataclasses.replace(run, diagnostics=diagnostics))
     names = [row[0].split(",")[0].split("\n")[0] for row in table.rows]
     places = [(row, column) for row in range(len(table.rows)) for column in range(len(table.header))]
     states = {place: table.state(*place) for place in places if table.state(*place)}
-    assert states == {(names.index("battery_link"), 4): "bad", (names.index("payload_capacity"), 2): "warn"}
+    disagrees = {} if passed else {(names.index("battery_link"), 4): "bad"}
+    assert states == disagrees | {(names.index("payload_capacity"), 2): "warn"}
 
 
 def test_a_run_without_chains_lists_its_priors(run):

@@ -22,6 +22,8 @@ from .posterior import Posterior, posterior_tree, search_record
 
 _GRADIENTS, _TIMED = 8, 5
 """Evaluations a draw, of which the bundled examples take 5 to 12; those that are timed."""
+_WITH_HEAT = 8.0
+"""Times as long a calibration with unmodelled heat takes as such a sampling without: 5 to 30 in the examples."""
 POSTERIOR_FILE, DIAGNOSTICS_FILE, GENETIC_FILE = "posterior.nc", "diagnostics.json", "genetic.nc"
 
 
@@ -63,10 +65,10 @@ def warm(problem: Problem) -> None:
 
 
 def rough_seconds(problem: Problem, settings: NutsSettings, together: int = 1) -> float:
-    """Seconds that sampling a problem will take, to a factor of three.
+    """Seconds that sampling a problem will take, to a factor of three; with unmodelled heat of five.
 
     together: samplings that share the cores; then it is one's share of the time that all take. A gradient is timed,
-    where there is unmodelled heat without it; see `_GRADIENTS`.
+    where there is unmodelled heat without it; see `_GRADIENTS` and `_WITH_HEAT`.
     """
     timed = problem if heat_of(problem.scenario) is None else problem.independent()
     z = timed.to_z(timed.priors.median())
@@ -77,7 +79,8 @@ def rough_seconds(problem: Problem, settings: NutsSettings, together: int = 1) -
     gradient = (perf_counter() - started) / _TIMED
     chains = settings.chains * together
     rounds = -(-chains // min(chains, os.cpu_count() or 1)) / together
-    return rounds * (settings.warmup + settings.draws) * _GRADIENTS * gradient
+    seconds = rounds * (settings.warmup + settings.draws) * _GRADIENTS * gradient
+    return seconds if timed is problem else _WITH_HEAT * seconds
 
 
 def _search(run: Run, problem: Problem, *, settings: GeneticSettings, seed: int) -> None:

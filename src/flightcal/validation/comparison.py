@@ -262,8 +262,10 @@ def recommend_by_backtest(rolling: Mapping[str, Mapping[str, Any]]) -> tuple[str
     sampled = [model for model, own in rolling.items() if own["passed"]] or list(rolling)
     best = min(sampled, key=lambda model: rolling[model]["crps"])
     own = rolling[best]
+    others = [model for model in rolling if model not in sampled and rolling[model]["crps"] < own["crps"]]
+    among = " of those that converged" if others else ""
     words = [
-        f"After rolling origins '{best}' has the lowest CRPS, {own['crps']:.3g} K. Its interval covers "
+        f"After rolling origins '{best}' has the lowest CRPS{among}, {own['crps']:.3g} K. Its interval covers "
         f"{own['coverage']:.1%} and held after {own['held']} of {own['origins']} origins."
     ]
     holding = [model for model in sampled if rolling[model]["held"] > own["held"]]
@@ -273,9 +275,12 @@ def recommend_by_backtest(rolling: Mapping[str, Mapping[str, Any]]) -> tuple[str
             f"Where coverage matters more than sharpness, use '{safe}': held after {rolling[safe]['held']}, CRPS "
             f"{rolling[safe]['crps']:.3g} K."
         )
-    others = [model for model in rolling if model not in sampled and rolling[model]["crps"] < own["crps"]]
     if others:
-        words.append(f"A lower CRPS, but not converged: {', '.join(others)}.")
+        named = [f"{name} ({rolling[name]['crps']:.3g} K, held after {rolling[name]['held']})" for name in others]
+        words.append(
+            f"A lower CRPS, but not converged: {', '.join(named)}. Mend its sampling first (the page of its backtest "
+            "says how): it may be the better one."
+        )
     return best, " ".join(words)
 
 
