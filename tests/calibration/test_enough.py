@@ -75,7 +75,7 @@ def test_what_more_draws_do_not_mend_is_left_as_it_is():
 
     def apart(draws):
         theta, judged = judge(draws)
-        return theta, replace(judged, gates=(*judged.gates, gate("R-hat", False, "", "", "")))
+        return theta, replace(judged, gates=(*judged.gates, gate("divergences", False, "", "", "")))
 
     sample_enough(sampler, PLAIN, SETTINGS, 3, apart, SILENT)
     assert len(asked) == 1
@@ -83,6 +83,30 @@ def test_what_more_draws_do_not_mend_is_left_as_it_is():
     _, _, judged = sample_enough(sampler, PLAIN, SETTINGS, 3, judge, SILENT)
     assert len(asked) == 1
     assert not judged.passed
+
+
+def with_r_hat(found):
+    """`judge`, where the first draws have an R-hat that fails its gate, and no others."""
+
+    def judged(draws):
+        theta, own = judge(draws)
+        if draws.z.shape[1] > SETTINGS.draws:
+            return theta, own
+        worst = replace(own.parameters[0], r_hat=found)
+        gates = (*own.gates, gate("R-hat", False, "", "", ""))
+        return theta, replace(own, parameters=(worst, *own.parameters[1:]), gates=gates)
+
+    return judged
+
+
+def test_an_r_hat_just_above_its_limit_is_looked_at_with_twice_the_draws_and_no_other():
+    sampler, asked = slow(0.0)
+    draws, _, judged = sample_enough(sampler, PLAIN, SETTINGS, 3, with_r_hat(1.015), SILENT)
+    assert draws.z.shape == (2, 2000, 2)
+    assert judged.passed
+    sampler, asked = slow(0.0)
+    sample_enough(sampler, PLAIN, SETTINGS, 3, with_r_hat(1.03), SILENT)
+    assert len(asked) == 1
 
 
 def test_an_interrupted_sampling_is_not_gone_on_with():

@@ -17,6 +17,8 @@ from .nuts import Draws, some_drawn
 
 _MOST = 3.0
 """Times the draws that were asked for, at most."""
+_NEAR = 0.01
+"""So little above its limit R-hat may be by chance once in some runs: it is looked at again with twice the draws."""
 _SEEDS = 1_000_003
 """Between the seeds of the first draws and of those that are added."""
 
@@ -31,17 +33,16 @@ def sample_enough(
 ) -> tuple[Draws, FloatArray, Diagnostics]:
     """Draws with their thetas and diagnostics: as many as the settings say, and more where too few are effective.
 
-    The others are of chains of their own, in coordinates in which the first draws are nearly standard normal. Where
-    chains fail for another reason, or it would take too many, all is left as it is.
+    So are they where R-hat is just above its limit. The others are of chains of their own, in coordinates in which the
+    first draws are nearly standard normal. Where chains fail for another reason, or it would take too many, all is left
+    as it is.
     """
     draws = some_drawn(sampler(coordinates, settings, seed))
     theta, judged = judge(draws)
     more = 0 if draws.interrupted else _more(judged, settings)
     if more:
-        name, least = effective_draws(judged.parameters)
-        progress.say(
-            f"{least:.0f} effective draws of {name}, {settings.min_ess:g} are wanted: {more} more of each chain"
-        )
+        wanting = " and ".join(f"{own.name} {own.found}, not {own.required}" for own in judged.gates if not own.passed)
+        progress.say(f"{more} more draws of each chain: {wanting}")
         # In these coordinates there is little left to adapt to.
         added = settings.model_copy(update={"draws": more, "warmup": settings.warmup // 2})
         again = sampler(_whitened(draws.z), added, seed + _SEEDS)
@@ -52,12 +53,17 @@ def sample_enough(
 
 def _more(judged: Diagnostics, settings: NutsSettings) -> int:
     """How many more draws of each chain are wanted, where that is all that is wanting."""
-    if any(not own.passed and not own.name.startswith("effective draws") for own in judged.gates):
+    failed = {own.name for own in judged.gates if not own.passed}
+    if not failed:
         return 0
     _, least = effective_draws(judged.parameters)
-    if not 0.0 < least <= settings.min_ess:
+    worst = max(own.r_hat for own in judged.parameters)
+    if not failed <= {"effective draws", "effective draws, tails", "R-hat"} or not least > 0.0:
         return 0
-    wanted = math.ceil(1.2 * settings.draws * settings.min_ess / least)
+    if "R-hat" in failed and not worst < settings.max_r_hat + _NEAR:
+        return 0
+    wanted = math.ceil(1.2 * settings.draws * settings.min_ess / least) if least <= settings.min_ess else 0
+    wanted = max(wanted, 2 * settings.draws if "R-hat" in failed else 0, settings.draws)
     return wanted - settings.draws if wanted <= _MOST * settings.draws else 0
 
 
