@@ -118,11 +118,14 @@ def with_gate(diagnostics: Diagnostics, gate: Gate) -> Diagnostics:
     return replace(diagnostics, gates=(*diagnostics.gates, gate), passed=passed, verdict=verdict.strip())
 
 
-def effective_draws(parameters: Sequence[ParameterSummary]) -> tuple[str, float]:
-    """The quantity with the fewest effective draws, of the middle or of the tails, and how many; NaN: unknown."""
-    fewest = [(float(np.minimum(own.ess_bulk, own.ess_tail)), own.name) for own in parameters]
-    least, name = min(fewest, key=lambda own: -math.inf if math.isnan(own[0]) else own[0])
-    return name, least
+def fewest_effective(parameters: Sequence[ParameterSummary]) -> float:
+    """Effective draws of the quantity with the fewest, of the middle or of the tails; NaN where one's are unknown."""
+    return float(np.min([[own.ess_bulk, own.ess_tail] for own in parameters]))
+
+
+def draws_wanted(draws: int, effective: float, settings: NutsSettings) -> float:
+    """Of a chain, where so many have so few effective ones: in proportion, and a fifth more."""
+    return 1.2 * draws * settings.min_ess / effective
 
 
 def least_effective(draws: Array) -> float:
@@ -206,7 +209,7 @@ def _ess_gate(parameters: tuple[ParameterSummary, ...], settings: NutsSettings, 
     )
     # A chain that is stuck has hardly any independent draws, and more of them are as stuck.
     if size > 0.1 * settings.min_ess:
-        needed = math.ceil(1.2 * draws * settings.min_ess / size / 100.0) * 100
+        needed = math.ceil(draws_wanted(draws, size, settings) / 100.0) * 100
         advice += f" Ask for about {needed} draws a chain (nuts: draws)."
     else:
         advice += " More draws alone will not mend it: heed the other findings first."

@@ -12,7 +12,7 @@ from ..problem import Whitening, whitening
 from ..progress import Progress
 from ..scenario import NutsSettings
 from ..simulator import FloatArray
-from .diagnostics import Diagnostics, effective_draws
+from .diagnostics import Diagnostics, draws_wanted, fewest_effective
 from .nuts import Draws, some_drawn
 
 _MOST = 3.0
@@ -54,16 +54,15 @@ def sample_enough(
 def _more(judged: Diagnostics, settings: NutsSettings) -> int:
     """How many more draws of each chain are wanted, where that is all that is wanting."""
     failed = {own.name for own in judged.gates if not own.passed}
-    if not failed:
-        return 0
-    _, least = effective_draws(judged.parameters)
-    worst = max(own.r_hat for own in judged.parameters)
+    least, wanted = fewest_effective(judged.parameters), settings.draws
     if not failed <= {"effective draws", "effective draws, tails", "R-hat"} or not least > 0.0:
         return 0
-    if "R-hat" in failed and not worst < settings.max_r_hat + _NEAR:
-        return 0
-    wanted = math.ceil(1.2 * settings.draws * settings.min_ess / least) if least <= settings.min_ess else 0
-    wanted = max(wanted, 2 * settings.draws if "R-hat" in failed else 0, settings.draws)
+    if "R-hat" in failed:
+        if not max(own.r_hat for own in judged.parameters) < settings.max_r_hat + _NEAR:
+            return 0
+        wanted = 2 * settings.draws
+    if least <= settings.min_ess:
+        wanted = max(wanted, math.ceil(draws_wanted(settings.draws, least, settings)))
     return wanted - settings.draws if wanted <= _MOST * settings.draws else 0
 
 

@@ -123,8 +123,7 @@ def _run_stages(run: Run, problem: Problem, data: xarray.Dataset, text: str, sea
 
     scenario = problem.scenario
     method, seed = scenario.calibration, scenario.calibration.seed
-    suspects = SUSPECTS if searched is None else taken_over(SUSPECTS, searched)
-    for line in run.stage(suspects, problem, data).lines:
+    for line in run.stage(taken_over(SUSPECTS, searched), problem, data).lines:
         run.progress.say(line)
     if needs_emulator(problem):
         emulation = run.stage(emulator_stage(problem), problem, data, settings=method.emulator, seed=seed)
@@ -134,8 +133,7 @@ def _run_stages(run: Run, problem: Problem, data: xarray.Dataset, text: str, sea
     else:
         emulation = None
         run.stage(COMPILE, problem)
-        search = GENETIC if searched is None else taken_over(GENETIC, searched)
-        genetic = run.stage(search, problem, settings=method.genetic, seed=seed)
+        genetic = run.stage(taken_over(GENETIC, searched), problem, settings=method.genetic, seed=seed)
         sampled = run.stage(NUTS, problem, genetic, settings=method.nuts, seed=seed)
     checked = None
     if getattr(scenario.simulator, "checked_on", None) is not None:

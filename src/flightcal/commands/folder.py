@@ -87,8 +87,13 @@ def parameter_records(problem: Problem) -> list[dict[str, Any]]:
     return records
 
 
-def taken_over(stage: Stage[K], made: Path) -> Stage[K]:
-    """A stage that copies its files from the run in the folder `made`, where the same stage has made them."""
+def taken_over(stage: Stage[K], made: Path | None) -> Stage[K]:
+    """A stage that copies its files from the run in the folder `made`, where the same stage has made them.
+
+    None: the stage itself.
+    """
+    if made is None:
+        return stage
 
     def copy(run: Run, *_: Any, **__: Any) -> None:
         for name in stage.files:
