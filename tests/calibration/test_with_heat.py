@@ -1,0 +1,66 @@
+"""Posteriors of a response to heat that follows the parameters."""
+
+import pytest
+import xarray
+
+from flightcal.calibration import calibrate_nuts, with_heat
+from flightcal.calibration.heat_file import heat_dataset, with_kept_heat
+from flightcal.scenario import NutsSettings
+
+
+@pytest.fixture(scope="module")
+def followed_posterior(without_heaters):
+    """A posterior of a response that has to be followed however little it bends."""
+    problem = without_heaters
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(with_heat, "_STRAIGHT", 1e-9)
+        return calibrate_nuts(problem, NutsSettings(chains=2, warmup=150, draws=100), seed=3)
+
+
+def test_where_the_response_bends_much_the_draws_are_of_one_that_follows(followed_posterior):
+    model = followed_posterior.heat.model
+    assert set(model.followed) >= {"panel_capacity"} & set(followed_posterior.names)
+    assert model.followed
+    assert not model.tilted
+    assert followed_posterior.problem.windows[0].heat.follows is not None
+    gates = {gate.name: gate for gate in followed_posterior.diagnostics.gates}
+    assert "off by" not in gates["response to heat"].found
+
+
+def test_the_middle_of_the_posterior_is_where_the_response_was_looked_at(followed_posterior):
+    problem, point = followed_posterior.problem, followed_posterior.heat
+    z = problem.to_z(followed_posterior.flat)
+    places = [k for k in problem.simulated if problem.names[k] in point.names]
+    at = problem.to_z(followed_posterior.flat.mean(axis=0))
+    known = dict(zip(point.names, point.theta, strict=True))
+    for k in places:
+        theta = followed_posterior.flat.mean(axis=0).copy()
+        theta[k] = known[problem.names[k]]
+        assert abs(problem.to_z(theta)[k] - at[k]) < z[:, k].std(), problem.names[k]
+
+
+def test_a_problem_whose_response_follows_is_read_back_from_its_file(without_heaters, followed_posterior):
+    point = followed_posterior.heat
+    tree = xarray.DataTree.from_dict({"heat": heat_dataset(point.model, point.names, point.theta)})
+    again = with_kept_heat(without_heaters, tree)
+    z = followed_posterior.problem.to_z(followed_posterior.flat[7])
+    assert again.log_density(z) == pytest.approx(followed_posterior.problem.log_density(z), rel=1e-9)
+
+
+def test_a_response_that_bends_and_is_not_followed_fails_its_gate(without_heaters, monkeypatch):
+    monkeypatch.setattr(with_heat, "_STRAIGHT", 1e-9)
+    monkeypatch.setattr(with_heat, "_MOST_FOLLOWED", 0)
+    posterior = calibrate_nuts(without_heaters, NutsSettings(chains=2, warmup=100, draws=50), seed=3)
+    gates = {gate.name: gate for gate in posterior.diagnostics.gates}
+    assert not posterior.heat.model.followed
+    assert not gates["response to heat"].passed
+    assert "the log density is off by" in gates["response to heat"].found
+
+
+def test_a_density_that_no_chain_gets_through_is_not_followed_and_fails_its_gate(without_heaters, monkeypatch):
+    monkeypatch.setattr(with_heat, "_STRAIGHT", 1e-9)
+    monkeypatch.setattr(with_heat, "_PILOT_DEPTH", 1)
+    posterior = calibrate_nuts(without_heaters, NutsSettings(chains=2, warmup=100, draws=50), seed=3)
+    gates = {gate.name: gate for gate in posterior.diagnostics.gates}
+    assert not posterior.heat.model.followed
+    assert "the log density is off by" in gates["response to heat"].found

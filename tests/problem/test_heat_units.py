@@ -1,0 +1,254 @@
+"""Unit heats, and what temperatures do under them."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from flightcal.probability import Profile, Slow
+from flightcal.problem import (
+    SLOW,
+    build_problem,
+    errors_of_weights,
+    heat_of_weights,
+    heat_units,
+    patterns_of,
+    places_of,
+    responses,
+    sampled_windows,
+    split,
+    unit_heats,
+)
+from flightcal.simulator import SimulationFailure
+from tests import small
+from tests.problem.heated import (
+    HARMONICS,
+    by_group,
+    in_place_of_another,
+    model_of,
+    problem_of,
+    written,
+)
+
+
+def energy(window, series):
+    """J of heat [..., 2 K]."""
+    steps = np.diff(window.network.drive.times)
+    return series.reshape(*series.shape[:-1], -1, 2).mean(axis=-1) @ steps
+
+
+def test_over_an_orbit_a_patterns_harmonics_add_nothing_to_the_constant(problem, model):
+    window = sampled_windows(problem)[0]
+    assert window.network.drive.times[-1] == small.PERIOD
+    units = unit_heats(model, window)
+    for own in by_group(model, units, "constant"):
+        np.testing.assert_allclose(own.series, 1.0, rtol=1e-12)
+        assert len(own.series) == 1
+    for own in by_group(model, units, "pattern"):
+        assert len(own.series) == 2 * HARMONICS
+        # Linear between points at most 20 s apart.
+        curvature = (2.0 * np.pi * HARMONICS / small.PERIOD) ** 2
+        found = energy(window, own.series)
+        np.testing.assert_allclose(found, 0.0, atol=20.0**2 / 12.0 * curvature * small.PERIOD)
+
+
+def test_a_simulators_error_is_that_of_its_own_window_and_no_heat(unheated):
+    problem = in_place_of_another(unheated)
+    model = model_of(problem)
+    for window in problem.windows:
+        units = unit_heats(model, window)
+        theta = problem.at(window, problem.priors.median()[None])[0]
+        found = zip(model.groups, units, responses(window, theta, model, units), strict=True)
+        errors = [(group, own, response) for group, own, response in found if group.part == "error"]
+        assert [group.window for group, *_ in errors] == ["train.first", "train.second"]
+        simulator = window.simulator
+        for group, own, response in errors:
+            assert not own.series.any()
+            if group.window == window.name:
+                expected = simulator.error_basis * np.sqrt(simulator.error_variance)
+                np.testing.assert_allclose(response, expected, rtol=1e-12)
+            else:
+                assert response.shape[2] == 0
+        weights = [np.ones(len(own.node)) for own in units]
+        expected = (simulator.error_basis * np.sqrt(simulator.error_variance)).sum(axis=2)
+        np.testing.assert_allclose(errors_of_weights(units, weights), expected, rtol=1e-12)
+        alone = [np.zeros(len(own.node)) if own.error is None else np.ones(len(own.node)) for own in units]
+        assert not heat_of_weights(model, units, alone).any()
+
+
+def test_a_pattern_is_the_same_at_the_same_phase_of_every_window(problem, model):
+    phase = np.linspace(3700.0, 5300.0, 30)
+    found = []
+    for window, start in zip(sampled_windows(problem), (0.0, 9000.0), strict=True):
+        series = by_group(model, unit_heats(model, window), "pattern")[0].series
+        middle = start + 0.5 * (window.network.drive.times[1:] + window.network.drive.times[:-1])
+        order = np.argsort(middle % small.PERIOD)
+        means = series.reshape(len(series), -1, 2).mean(axis=2)[:, order]
+        found.append([np.interp(phase, (middle % small.PERIOD)[order], own) for own in means])
+    np.testing.assert_allclose(found[0], found[1], rtol=0.0, atol=1e-3)
+
+
+def test_the_gain_of_a_load_is_the_heat_of_that_load(problem, model):
+    window = sampled_windows(problem)[1]
+    (own,) = by_group(model, unit_heats(model, window), "gains")
+    drive = window.network.drive
+    amperes = drive.series[window.network.network.columns.index("driver.sun")]
+    theta = problem.at(window, problem.priors.median()[None])[0]
+    coefficient = 12.0 * theta[window.names.index("panel_size")]
+    assert own.node.tolist() == [1]
+    np.testing.assert_allclose(own.series[0], coefficient * amperes, rtol=1e-12)
+
+
+def test_a_gain_does_what_a_larger_coefficient_does(problem, model, centre):
+    window = sampled_windows(problem)[0]
+    theta = problem.at(window, problem.priors.median()[None])[0]
+    (own,) = by_group(model, unit_heats(model, window), "gains")
+    heat = np.zeros((2, own.series.shape[1]))
+    heat[1] = 0.1 * own.series[0]
+    simulator, mapping = window.network, window.network.mapping
+    numbers = mapping.written.copy()
+    numbers[simulator.network.position("loads.sun.coefficient")] *= 1.1
+    expected = replace(simulator, mapping=mapping._replace(written=numbers)).simulate(theta[window.simulated])
+    found = simulator.with_heat(heat).simulate(theta[window.simulated])
+    np.testing.assert_allclose(found.temperatures, expected.temperatures, rtol=0.0, atol=1e-8)
+
+
+def test_a_switch_is_uncertain_by_its_heaters_power_over_a_sampling_interval(problem, model):
+    windows = sampled_windows(problem)
+    for window, other in zip(windows, reversed(windows), strict=True):
+        units = dict(
+            zip([group.window or group.scale for group in model.groups], unit_heats(model, window), strict=True)
+        )
+        switching, own = window.switching, units[window.name]
+        assert len(switching.time) > 4
+        assert len(own.node) == len(switching.time)
+        np.testing.assert_allclose(energy(window, own.series), 30.0 * switching.interval / np.sqrt(12.0), rtol=1e-9)
+        assert set(own.node) == {model.nodes.index("body")}
+        assert not len(units[other.name].node)
+
+
+def over_the_sun(folder):
+    """A problem whose pattern is over the Sun sensor's current."""
+    return problem_of(folder, written(heat={"pattern": {"over": "sun"}}))
+
+
+def test_a_pattern_over_a_driver_is_the_same_at_the_same_value_of_it_and_of_no_other_time(tmp_path):
+    problem = over_the_sun(tmp_path)
+    model = model_of(problem)
+    found, current = [], []
+    for window in sampled_windows(problem):
+        (own, _) = by_group(model, unit_heats(model, window), "pattern")
+        weights = np.random.default_rng(1).standard_normal(len(own.node))
+        drive = window.network.drive
+        found.append((weights @ own.series).reshape(-1, 2))
+        current.append(
+            np.stack([drive.inputs[:, k, window.network.network.columns.index("driver.sun")] for k in (0, 1)], axis=1)
+        )
+    heat, amperes = np.concatenate(found), np.concatenate(current)
+    # In shadow the current is zero: one heat, whatever the time.
+    dark = amperes.max(axis=1) == 0.0
+    assert dark.sum() > 20
+    assert np.ptp(heat[dark]) < 1e-9
+    assert np.ptp(heat[~dark]) > 0.1
+
+
+def test_a_profile_is_a_smooth_process_that_goes_back_to_its_prior_beyond_a_length():
+    profile = Profile(np.linspace(0.0, 10.0, 101), 2.0, (0.0, 10.0))
+    draws = np.random.default_rng(0).standard_normal((4000, 101)) @ profile.at(np.array([1.0, 1.1, 3.0, 9.0]))
+    correlation = np.corrcoef(draws.T)
+    # Of 4000 draws a correlation is known to 0.016, a deviation to 1.1%.
+    np.testing.assert_allclose(draws.std(axis=0), 1.0, atol=0.05)
+    x = np.sqrt(3.0) * np.array([0.05, 1.0, 4.0])
+    np.testing.assert_allclose(correlation[0, 1:], (1.0 + x) * np.exp(-x), atol=0.07)
+
+
+def test_patterns_over_a_driver_are_over_its_range(tmp_path):
+    problem = over_the_sun(tmp_path)
+    model = model_of(problem)
+    assert model.profile.range == (0.0, pytest.approx(1.0, abs=1e-3))
+    # Three lengths beyond, each a fifth of the range.
+    assert (model.profile.knots[0], model.profile.knots[-1]) == (
+        pytest.approx(-0.6, abs=2e-3),
+        pytest.approx(1.6, abs=2e-3),
+    )
+    kept = tuple(np.eye(len(own.node)) for own in unit_heats(model, sampled_windows(problem)[0]))
+    looked = replace(model, kept=kept)
+    weights = np.random.default_rng(2).standard_normal((1, sum(own.shape[1] for own in kept)))
+    places = places_of(model, 3)
+    whole = patterns_of(looked, weights, places)
+    groups = dict(zip([group.scale for group in model.groups], split(looked, weights), strict=True))
+    constant, functions = groups["heat.panel.constant"][0], groups["heat.panel.pattern"][0]
+    expected = constant[0] + functions @ model.profile.at(places[1:2])[:, 0]
+    assert whole[0, model.nodes.index("panel"), 1] == pytest.approx(expected)
+
+
+def with_gap(folder, content, first, last):
+    """The problem with the Sun sensor's samples from minute `first` to `last` missing, and how much it varies, A."""
+    scenario, data = small.closed_loop(folder, content)
+    data["sun"].values[first : last + 1] = np.nan
+    return build_problem(scenario, data), float(np.nanstd(data["sun"].values))
+
+
+def test_a_gap_in_a_driver_is_unknown_heat_of_its_load_while_it_lasts(tmp_path):
+    # From 01:41 to 02:39 in shadow and sunlight; "first" has ended at 01:30, "second" begins at 02:30.
+    for (first, last), window, seconds in (((20, 45), 0, 27 * 60), ((101, 159), 1, 10 * 60)):
+        folder = tmp_path / str(first)
+        folder.mkdir()
+        content = written()
+        content["telemetry"]["channels"]["sun"]["fill"] = "previous_orbit"
+        problem, deviation = with_gap(folder, content, first, last)
+        model = model_of(problem)
+        windows = sampled_windows(problem)
+        (own,) = by_group(model, unit_heats(model, windows[window]), "gaps")
+        theta = problem.at(windows[window], problem.priors.median()[None])[0]
+        coefficient = 12.0 * theta[windows[window].names.index("panel_size")]
+        pieces = max(1, round(seconds / 600.0))
+        assert own.node.tolist() == [model.nodes.index("panel")] * pieces
+        np.testing.assert_allclose(
+            energy(windows[window], own.series), coefficient * deviation * seconds / pieces, rtol=1e-9
+        )
+        (other,) = by_group(model, unit_heats(model, windows[1 - window]), "gaps")
+        assert not len(other.node)
+
+
+def test_a_driver_without_a_gap_leaves_no_heat_unknown(model):
+    assert not any(group.part == "gaps" for group in model.groups)
+
+
+def test_slow_heat_is_the_process_on_the_constant_and_on_each_harmonic(problem, model):
+    window = sampled_windows(problem)[0]
+    units, count = unit_heats(model, window), len(model.slow.knots)
+    constant, around = (by_group(model, units, part)[1].series for part in SLOW)
+    assert (len(constant), len(around)) == (count, 2 * HARMONICS * count)
+    constant = constant.reshape(count, -1, 2).mean(axis=2)
+    cosine, sine, *_ = around.reshape(2 * HARMONICS, count, -1, 2).mean(axis=3)
+    middle = 0.5 * (window.network.drive.times[1:] + window.network.drive.times[:-1])
+    process = Slow(model.slow.knots, model.slow.time).at(middle)
+    np.testing.assert_allclose(constant, process, atol=1e-6)
+    angle = 2.0 * np.pi * middle / small.PERIOD
+    shift = np.arctan2(sine[0] / process[0], cosine[0] / process[0])
+    np.testing.assert_allclose(np.angle(np.exp(1j * (shift - angle - (shift - angle)[0]))), 0.0, atol=2e-3)
+
+
+def test_responses_are_what_a_little_heat_does(problem, model, centre):
+    window = sampled_windows(problem)[0]
+    theta = problem.at(window, centre[None])[0]
+    units = unit_heats(model, window)
+    found = responses(window, theta, model, units)
+    rng = np.random.default_rng(0)
+    weights = [
+        0.02 * group.size * rng.normal(size=len(own.node)) for group, own in zip(model.groups, units, strict=True)
+    ]
+    heat = heat_of_weights(model, units, weights)
+    sides = [window.network.with_heat(sign * heat).simulate(theta[window.simulated]).temperatures for sign in (1, -1)]
+    expected = sum(own @ of_group for own, of_group in zip(found, weights, strict=True))
+    assert np.abs(expected).max() > 0.01
+    # A heat's third power is left: temperatures cubed over the absolute one squared, and the nudge's.
+    np.testing.assert_allclose(0.5 * (sides[0] - sides[1]), expected, rtol=0.0, atol=1e-4 * np.abs(expected).max())
+
+
+def test_heat_that_changes_a_temperature_without_bound_is_a_failure(problem, model, centre, monkeypatch):
+    monkeypatch.setattr(heat_units, "_MOST_CHANGED", 1e-3)
+    window = sampled_windows(problem)[0]
+    with pytest.raises(SimulationFailure, match=r"more than 0\.001 K"):
+        responses(window, problem.at(window, centre[None])[0], model, unit_heats(model, window))
