@@ -20,6 +20,7 @@ import tempfile
 import time
 from collections import Counter
 from collections.abc import Callable, Iterable
+from contextlib import suppress
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -130,10 +131,12 @@ def kill_at(count: int, *, after: bool) -> None:
 
 def interrupt_after(seconds: float, number: int) -> None:
     """Have the signal come after some time: from outside, as a user's does."""
-    target = os.getpid()
+    # A handle, for the process may have ended by then, and another may have its number.
+    target = os.pidfd_open(os.getpid())
     if not os.fork():
         time.sleep(seconds)
-        os.kill(target, number)
+        with suppress(ProcessLookupError):
+            signal.pidfd_send_signal(target, number)
         os._exit(0)
 
 
