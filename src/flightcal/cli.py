@@ -5,6 +5,7 @@ from __future__ import annotations
 import os
 import signal
 import sys
+import threading
 from collections.abc import Callable
 from functools import wraps
 from importlib import import_module
@@ -34,6 +35,9 @@ VERBS: Final = {
     "backtest": "backtest",
 }
 """Verb -> its module in `commands`, which has a function of the verb's name: its signature is what the user types."""
+
+_MOMENT: Final = 0.05
+"""s, after which a signal that was dropped comes again."""
 
 app = typer.Typer(
     name="flightcal",
@@ -101,20 +105,31 @@ def main() -> None:
     """Entry point of the `flightcal` command.
 
     Ctrl-C and SIGTERM both raise KeyboardInterrupt, and end in the exit code of an interruption whatever becomes of
-    that: click turns it into its own, and Python drops it in what it calls back while objects are freed.
+    that: click turns it into its own. Python drops it in what it calls back while objects are freed: then the signal
+    comes again a moment later.
     """
-    arrived = []
+    arrived: list[int] = []
+    dropped = sys.unraisablehook
 
     def interrupt(number: int, _: object) -> None:
         arrived.append(number)
         raise KeyboardInterrupt
 
+    def again(what: sys.UnraisableHookArgs) -> None:
+        if not (arrived and issubclass(what.exc_type, KeyboardInterrupt)):
+            return dropped(what)
+        timer = threading.Timer(_MOMENT, signal.raise_signal, [arrived[-1]])
+        timer.daemon = True
+        timer.start()
+
     signals = [number for number in (signal.SIGINT, signal.SIGTERM) if signal.getsignal(number) is not signal.SIG_IGN]
     for number in signals:
         signal.signal(number, interrupt)
+    sys.unraisablehook = again
     try:
         app(prog_name="flightcal")
     finally:
+        sys.unraisablehook = dropped
         for number in signals:
             signal.signal(number, lambda *_: os._exit(INTERRUPTED))
         if arrived:
