@@ -12,7 +12,6 @@ from dataclasses import dataclass, field, replace
 from functools import cached_property
 from typing import Annotated, Literal
 
-import numpy as np
 from pydantic import Field
 
 from ..errors import FlightcalError
@@ -225,8 +224,8 @@ def vote(sensor: VotedSensor, readings: Mapping[str, float]) -> float:
     """The median of three believable readings, the mean of two that agree, or the only one; NaN: none."""
     values = [readings[name] for name in sensor.thermistors]
     believable = sorted(value for value in values if sensor.lowest <= value <= sensor.highest)
-    if len(believable) >= 3:
-        return float(np.median(believable))
+    if len(believable) == 3:
+        return believable[1]
     if len(believable) == 2:
         low, high = believable
         return 0.5 * (low + high) if high - low <= sensor.disagreement else math.nan

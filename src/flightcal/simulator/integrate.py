@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import os
+from collections import deque
 from collections.abc import Callable
 from concurrent.futures import ThreadPoolExecutor
 from functools import cache
@@ -210,6 +211,7 @@ def in_parallel(task: Callable[[int], Any], count: int) -> list[Any]:
     try:
         work()
     finally:
+        deque(tickets, maxlen=0)  # after an error nobody begins another
         running = [helper for helper in helpers if not helper.cancel()]
     for helper in running:
         helper.result()

@@ -387,7 +387,10 @@ class NetworkSimulator:
     def _borrowed(self, lanes: int, scatter: int = 0, acting: int = 0) -> Iterator[Calls]:
         """Memory for simulations without a derivative, one or many, while no other thread has it."""
         free, rooms = self._free[lanes, scatter, acting], 1 if lanes == 1 else _CHUNK
-        calls = free.pop() if free else Calls(self, rooms=rooms, lanes=lanes, scatter=scatter, acting=acting)
+        try:
+            calls = free.pop()
+        except IndexError:  # looked for in one go: another thread may take the last one
+            calls = Calls(self, rooms=rooms, lanes=lanes, scatter=scatter, acting=acting)
         try:
             yield calls
         finally:

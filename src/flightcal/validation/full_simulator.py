@@ -12,7 +12,7 @@ from ..errors import ScenarioError
 from ..problem import Problem, Window
 from ..reduction import Flown, compare, fly_at, load_task
 from ..run import Run, Stage, read_json
-from ..simulator import FloatArray, Trajectory
+from ..simulator import FloatArray, Trajectory, in_parallel
 
 FULL_CHECK_FILE = "full_simulator_check.json"
 CHECKED = 8
@@ -36,19 +36,19 @@ def _fly(run: Run, problem: Problem, sampled: Sampled, *, simulations: int, seed
     thetas = mean_and_some(draws, CHECKED, seed)
     positions = [problem.names.index(name) for name in parameters]
     channels = problem.channels
-    flown: list[Flown] = []
-    reduced: list[Trajectory] = []
     # With thermostats that act, as on board, and without heat, of which the operational simulator knows nothing.
     windows = problem.flown or problem.windows
     inside = [problem.at(window, thetas) for window in windows]
-    for k, theta in enumerate(thetas):
+
+    def both(number: int) -> tuple[Flown, Trajectory | None]:
+        k, window = divmod(number, len(windows))
         run.progress.at(k, f"flight {k + 1} of {len(thetas)}")
-        for window, own in zip(windows, inside, strict=True):
-            there = fly_at(task.mission, parameters, theta[positions], channels, window.times)
-            trajectory = _from_there(window, own[k], there)
-            if trajectory is not None:
-                flown.append(there)
-                reduced.append(trajectory)
+        there = fly_at(task.mission, parameters, thetas[k, positions], channels, windows[window].times)
+        return there, _from_there(windows[window], inside[window][k], there)
+
+    made = in_parallel(both, len(thetas) * len(windows))
+    flown = [there for there, trajectory in made if trajectory is not None]
+    reduced = [trajectory for _, trajectory in made if trajectory is not None]
     run.folder.write_json(
         FULL_CHECK_FILE,
         {
