@@ -109,7 +109,8 @@ def main() -> None:
     comes again a moment later.
     """
     arrived: list[int] = []
-    dropped = sys.unraisablehook
+    repeats: list[threading.Timer] = []
+    usual = sys.unraisablehook
 
     def interrupt(number: int, _: object) -> None:
         arrived.append(number)
@@ -117,10 +118,10 @@ def main() -> None:
 
     def again(what: sys.UnraisableHookArgs) -> None:
         if not (arrived and issubclass(what.exc_type, KeyboardInterrupt)):
-            return dropped(what)
-        timer = threading.Timer(_MOMENT, signal.raise_signal, [arrived[-1]])
-        timer.daemon = True
-        timer.start()
+            return usual(what)
+        repeats.append(threading.Timer(_MOMENT, signal.raise_signal, [arrived[-1]]))
+        repeats[-1].daemon = True
+        repeats[-1].start()
 
     signals = [number for number in (signal.SIGINT, signal.SIGTERM) if signal.getsignal(number) is not signal.SIG_IGN]
     for number in signals:
@@ -129,7 +130,9 @@ def main() -> None:
     try:
         app(prog_name="flightcal")
     finally:
-        sys.unraisablehook = dropped
+        sys.unraisablehook = usual
+        for repeat in repeats:
+            repeat.cancel()
         for number in signals:
             signal.signal(number, lambda *_: os._exit(INTERRUPTED))
         if arrived:

@@ -3,6 +3,7 @@
 import numpy as np
 from scipy import stats
 
+from flightcal.calibration.heat_point import draw_sizes, spread_sizes
 from flightcal.problem import build_problem
 from flightcal.scenario import HalfStudentT
 from flightcal.simulator import network_simulator
@@ -73,6 +74,16 @@ def problem_of(folder, content, seed=0, unseen=(), **heat):
 
 def sizes_of(point):
     return np.array([point.sizes[name] for name in point.around.sizes.names])
+
+
+def spread_draws(started, chains, draws, rng):
+    """theta [chains, draws, d] of the problem with heat: normal draws around what was found, at sizes of their own."""
+    problem, point, heated, _, known = started
+    mean, factor = point.around.of_z(sizes_of(point))
+    order = [known.names.index(problem.names[k]) for k in point.around.moving]
+    z = np.zeros((chains, draws, len(known.names)))
+    z[..., order] = mean + rng.standard_normal((chains, draws, len(mean))) @ factor.T
+    return spread_sizes(problem, heated, point, known, z, draw_sizes(point, rng), rng)
 
 
 def errors(problem, point):

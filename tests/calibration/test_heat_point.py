@@ -6,11 +6,11 @@ import numpy as np
 import pytest
 from scipy import stats
 
-from flightcal.calibration.heat_point import bend, draw_sizes, follow, moved, spread_sizes, start_with_heat
+from flightcal.calibration.heat_point import bend, follow, moved, start_with_heat
 from flightcal.calibration.heat_search import find_heat
 from flightcal.probability import Gains
 from flightcal.problem import at_sizes, responses, unit_heats
-from tests.calibration.heated import pattern, problem_of, scores, sizes_of, written
+from tests.calibration.heated import pattern, problem_of, scores, sizes_of, spread_draws, written
 
 
 def test_the_problem_begins_at_what_was_found(started):
@@ -72,14 +72,10 @@ def test_the_cost_is_that_of_the_problem_but_for_what_is_not_linear(started):
 
 
 def test_spread_draws_are_thetas_of_the_problem_with_heat(started):
-    problem, point, heated, _, known = started
-    rng = np.random.default_rng(0)
+    problem, point, heated, _, _ = started
     mean, factor = point.around.of_z(sizes_of(point))
-    order = [known.names.index(problem.names[k]) for k in point.around.moving]
-    z = np.zeros((2, 100, len(known.names)))
-    z[..., order] = mean + rng.standard_normal((2, 100, len(mean))) @ factor.T
 
-    theta = spread_sizes(problem, heated, point, known, z, draw_sizes(point, rng), rng)
+    theta = spread_draws(started, 2, 100, np.random.default_rng(0))
 
     assert theta.shape == (2, 100, len(heated.names))
     flat = theta.reshape(200, -1)

@@ -47,20 +47,14 @@ def test_a_problem_whose_response_follows_is_read_back_from_its_file(without_hea
     assert again.log_density(z) == pytest.approx(followed_posterior.problem.log_density(z), rel=1e-9)
 
 
-def test_a_response_that_bends_and_is_not_followed_fails_its_gate(without_heaters, monkeypatch):
+@pytest.mark.parametrize(
+    ("bound", "value"), [("_MOST_FOLLOWED", 0), ("_PILOT_DEPTH", 1)], ids=["too many weights", "no chain gets through"]
+)
+def test_a_response_that_bends_and_is_not_followed_fails_its_gate(without_heaters, monkeypatch, bound, value):
     monkeypatch.setattr(with_heat, "_STRAIGHT", 1e-9)
-    monkeypatch.setattr(with_heat, "_MOST_FOLLOWED", 0)
+    monkeypatch.setattr(with_heat, bound, value)
     posterior = calibrate_nuts(without_heaters, NutsSettings(chains=2, warmup=100, draws=50), seed=3)
     gates = {gate.name: gate for gate in posterior.diagnostics.gates}
     assert not posterior.heat.model.followed
     assert not gates["response to heat"].passed
-    assert "the log density is off by" in gates["response to heat"].found
-
-
-def test_a_density_that_no_chain_gets_through_is_not_followed_and_fails_its_gate(without_heaters, monkeypatch):
-    monkeypatch.setattr(with_heat, "_STRAIGHT", 1e-9)
-    monkeypatch.setattr(with_heat, "_PILOT_DEPTH", 1)
-    posterior = calibrate_nuts(without_heaters, NutsSettings(chains=2, warmup=100, draws=50), seed=3)
-    gates = {gate.name: gate for gate in posterior.diagnostics.gates}
-    assert not posterior.heat.model.followed
     assert "the log density is off by" in gates["response to heat"].found

@@ -3,9 +3,7 @@
 import numpy as np
 import pytest
 
-from flightcal.problem import (
-    at_sizes,
-)
+from flightcal.problem import at_sizes
 from tests.problem.heated import in_place_of_another, middle, model_of, problem_of, with_some_heat, written
 
 

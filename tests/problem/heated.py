@@ -5,15 +5,7 @@ from dataclasses import replace
 import numpy as np
 
 from flightcal.probability import Shaped
-from flightcal.problem import (
-    build_problem,
-    heat_model,
-    held_by,
-    hold,
-    sampled_windows,
-    unit_heats,
-    with_heat,
-)
+from flightcal.problem import build_problem, heat_model, held_by, hold, sampled_windows, unit_heats, with_heat
 from tests import small
 
 HARMONICS = 2

@@ -21,11 +21,7 @@ from flightcal.problem import (
     unit_heats,
     with_heat,
 )
-from tests.problem.heated import (
-    SHAPES,
-    middle,
-    with_some_heat,
-)
+from tests.problem.heated import SHAPES, middle, with_some_heat
 
 
 def test_its_theta_has_the_scales_of_heat_beside_one_size_of_the_noise(both):

@@ -3,12 +3,7 @@
 import numpy as np
 import pytest
 
-from flightcal.problem import (
-    build_problem,
-    knots_of,
-    sampled_windows,
-    unit_heats,
-)
+from flightcal.problem import build_problem, knots_of, sampled_windows, unit_heats
 from flightcal.scenario import HalfNormal, HalfStudentT
 from flightcal.simulator import flow_through
 from flightcal.simulator.network import STEFAN_BOLTZMANN

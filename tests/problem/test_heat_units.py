@@ -21,14 +21,7 @@ from flightcal.problem import (
 )
 from flightcal.simulator import SimulationFailure
 from tests import small
-from tests.problem.heated import (
-    HARMONICS,
-    by_group,
-    in_place_of_another,
-    model_of,
-    problem_of,
-    written,
-)
+from tests.problem.heated import HARMONICS, by_group, in_place_of_another, model_of, problem_of, written
 
 
 def energy(window, series):

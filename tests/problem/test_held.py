@@ -5,11 +5,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from flightcal.problem import (
-    held_by,
-    hold,
-    sampled_windows,
-)
+from flightcal.problem import held_by, hold, sampled_windows
 
 
 def test_held_heaters_do_what_they_did_where_the_status_is_not_known(problem, centre):

@@ -1,11 +1,13 @@
 """The compiled integration and its adjoint against the JAX oracle and against finite differences."""
 
+import os
 import sys
+import time
 
 import numpy as np
 import pytest
 
-from flightcal.simulator import integrate
+from flightcal.simulator import in_parallel, integrate
 from flightcal.simulator.system import Drive, System
 
 from .. import oracle
@@ -199,3 +201,25 @@ def test_two_heaters_in_one_step_switch_in_their_own_order(apart):
     assert sorted(run.switches.heater) == [0, 1]
     np.testing.assert_allclose(run.switches.time, np.sort(at), rtol=0, atol=1e-8)
     np.testing.assert_allclose(run.states, 280.0 + rates * np.minimum(times[:, None], at), rtol=0, atol=1e-9)
+
+
+def test_what_runs_side_by_side_is_returned_in_order():
+    def task(k):
+        time.sleep(0.01 * (k % 3))
+        return k
+
+    assert in_parallel(task, 20) == list(range(20))
+
+
+def test_after_an_error_side_by_side_nothing_else_begins():
+    begun, cores = [], os.cpu_count() or 1
+
+    def task(k):
+        begun.append(k)
+        if k == 1:
+            raise ValueError("the second")
+        time.sleep(0.2)
+
+    with pytest.raises(ValueError, match="the second"):
+        in_parallel(task, 10 * cores + 10)
+    assert len(begun) <= max(2, cores)

@@ -203,15 +203,17 @@ def in_parallel(task: Callable[[int], Any], count: int) -> list[Any]:
     tickets = iter(range(count))
 
     def work() -> None:
-        for k in tickets:
-            results[k] = task(k)
+        try:
+            for k in tickets:
+                results[k] = task(k)
+        finally:
+            deque(tickets, maxlen=0)  # after an error nobody begins another
 
     # One future a worker, not one a task: a simulation may take less than handing it over.
     helpers = [_threads(os.getpid()).submit(work) for _ in range(workers - 1)]
     try:
         work()
     finally:
-        deque(tickets, maxlen=0)  # after an error nobody begins another
         running = [helper for helper in helpers if not helper.cancel()]
     for helper in running:
         helper.result()

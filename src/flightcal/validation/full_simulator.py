@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import replace
+from itertools import product
 from typing import Final
 
 import numpy as np
@@ -38,15 +39,16 @@ def _fly(run: Run, problem: Problem, sampled: Sampled, *, simulations: int, seed
     channels = problem.channels
     # With thermostats that act, as on board, and without heat, of which the operational simulator knows nothing.
     windows = problem.flown or problem.windows
-    inside = [problem.at(window, thetas) for window in windows]
+    inside = [(window, problem.at(window, thetas)) for window in windows]
+    flights = list(product(range(len(thetas)), inside))
 
     def both(number: int) -> tuple[Flown, Trajectory | None]:
-        k, window = divmod(number, len(windows))
+        k, (window, own) = flights[number]
         run.progress.at(k, f"flight {k + 1} of {len(thetas)}")
-        there = fly_at(task.mission, parameters, thetas[k, positions], channels, windows[window].times)
-        return there, _from_there(windows[window], inside[window][k], there)
+        there = fly_at(task.mission, parameters, thetas[k, positions], channels, window.times)
+        return there, _from_there(window, own[k], there)
 
-    made = in_parallel(both, len(thetas) * len(windows))
+    made = in_parallel(both, len(flights))
     flown = [there for there, trajectory in made if trajectory is not None]
     reduced = [trajectory for _, trajectory in made if trajectory is not None]
     run.folder.write_json(
