@@ -19,7 +19,7 @@ from types import MappingProxyType
 import numpy as np
 
 from ..scenario import DEEP_SPACE, Conductor, Node, Scenario, settable
-from .assembly import MOST_FACTORS, Terms
+from .assembly import Terms
 from .elimination import Elimination, eliminate
 from .system import FloatArray, IntArray, Structure, elimination_order, make_structure
 
@@ -369,8 +369,8 @@ def canonical_form(
         for constant, factors in own:
             entry.append(place)
             constants.append(constant)
-            chosen = [f if f >= 0 else reciprocal[-1 - f] for f in factors]
-            table.append(chosen + [numbers] * (MOST_FACTORS - len(chosen)))
+            table.append([f if f >= 0 else reciprocal[-1 - f] for f in factors])
+    most = max(map(len, table), default=0)
     structure = make_structure(
         mass,
         entries["linear"],
@@ -383,7 +383,7 @@ def canonical_form(
     return structure, Terms(
         entry=np.array(entry, dtype=np.int64),
         constant=np.array(constants),
-        factors=np.array(table, dtype=np.int64).reshape(-1, MOST_FACTORS),
+        factors=np.array([own + [numbers] * (most - len(own)) for own in table], np.int64).reshape(len(table), most),
         inverse=np.array(inverse, dtype=np.int64),
         entries=number,
         initial=initial,
