@@ -8,7 +8,7 @@ from typing import Any, NamedTuple
 import numpy as np
 import pytest
 
-from flightcal.compiled import Program, kernel, kind_of, warm
+from flightcal.compiled import Program, inlined, kernel, kind_of, warm
 
 
 class Inner(NamedTuple):
@@ -41,6 +41,24 @@ def at_most(call):
     return 1 if call.total[0] > call.scale else 0
 
 
+class PartlyCall(NamedTuple):
+    missing: Any
+    total: Any
+
+
+@inlined
+def first_of(missing):
+    if missing is None:
+        return -1.0
+    return missing[0]
+
+
+@kernel
+def add_first(call):
+    call.total[0] += first_of(call.missing)
+    return 0
+
+
 def call_of(values, scale=2.0):
     inner = Inner(np.array([[1.0, 2.0], [30.0, 4.0]]), np.array([7, 500]))
     wanted = np.array([True, False, True])
@@ -51,6 +69,13 @@ def test_a_kernel_reads_and_fills_what_its_call_holds():
     call = call_of([1.0, 100.0, 3.0])
     assert add_up(call) == 0
     assert call.total[0] == 2.0 * 4.0 + 9000 + 30 + 500
+
+
+@pytest.mark.parametrize(("missing", "expected"), [(None, 1.0), (np.array([5.0]), 7.0)])
+def test_an_inlined_function_is_compiled_for_what_is_missing(missing, expected):
+    total = np.array([2.0])
+    assert add_first(PartlyCall(missing, total)) == 0
+    assert total[0] == expected
 
 
 def test_a_row_reads_anew_what_is_in_its_arrays():

@@ -20,7 +20,8 @@ its address. So a log density is a table of kernels (`Program`), not code. To wr
     row = add_up.row(SumCall(values, total))       # stored once, to be called often: row() -> 0
     Program([row, other.row(...)]).run()  # one after the other, in C
 
-Rules: arrays are C-contiguous; numbers are int or float and stay what they are (what changes is an array, and so is a
+Rules: arrays are C-contiguous; what is missing is None, which an `@inlined` function is compiled for (`if x is None`);
+numbers are int or float and stay what they are (what changes is an array, and so is a
 bool); a stored call's arrays stay where they are, so change what is in them, not which they are. A kernel allocates
 nothing and raises nothing; its memory comes with the call. Inside of a kernel, `@inlined` functions are its parts. A
 kernel is compiled for each kind of call (number of dimensions and type of each array) that it is asked for.
@@ -176,6 +177,8 @@ def kind_of(value: Any) -> Any:
         return _array_kind(value.dtype, value.ndim)
     if isinstance(value, tuple):
         return _tuple_kind(type(value), [kind_of(part) for part in value])
+    if value is None:
+        return types.none
     return types.float64 if isinstance(value, float) else types.int64
 
 
@@ -185,6 +188,8 @@ def _words(value: Any) -> list[int]:
         return [0, 0, value.size, value.itemsize, value.ctypes.data, *value.shape, *value.strides]
     if isinstance(value, tuple):
         return [word for part in value for word in _words(part)]
+    if value is None:
+        return [0]
     return [int(np.float64(value).view(np.int64)) if isinstance(value, float) else int(value)]
 
 

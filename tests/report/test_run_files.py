@@ -1,6 +1,7 @@
 """Reading of a run directory."""
 
 import pytest
+import xarray as xr
 
 from flightcal.errors import RunError
 from flightcal.report.run_files import STAGES, draws, read_run
@@ -34,6 +35,16 @@ def test_a_damaged_file_is_named(own_run, name):
     (own_run / name).write_text("{", encoding="utf-8")
     with pytest.raises(RunError, match=name):
         read_run(own_run)
+
+
+def test_a_file_that_has_changed_is_read_anew_and_what_a_reader_changes_stays_its_own(own_run):
+    first = read_run(own_run)
+    first.genetic["cost"] = 7.0
+    assert "cost" not in read_run(own_run).genetic
+    changed = xr.load_dataset(own_run / "genetic.nc", engine="h5netcdf").assign(more=1.0)
+    changed.to_netcdf(own_run / "genetic.nc", engine="h5netcdf")
+    assert read_run(own_run).genetic["more"] == 1.0
+    assert "more" not in first.genetic
 
 
 def test_a_record_without_a_field_is_named(own_run):

@@ -204,7 +204,7 @@ def test_steps_under_given_heat_are_those_of_the_integration():
     heat = np.zeros(len(structure.mass))
     np.add.at(heat, structure.forcing_row, system.forcing)
     x = system.initial.copy()
-    memory = np.empty(step_size.py_func(structure))
+    memory = np.empty(step_size.py_func(None, structure))
     march(MarchCall(structure, pack(system), x, heat, heat.copy(), 30.0 * (len(times) - 1), len(times) - 1, memory))
     np.testing.assert_allclose(x, run.states[-1], atol=1e-9)
 

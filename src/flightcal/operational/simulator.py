@@ -138,7 +138,7 @@ def fly(
     }
     forcing = unpack(structure, packed).forcing
     substeps = math.ceil(software.period / (scenario.network.step or software.period) - 1e-9)
-    b0, b1, workspace = np.empty(len(mass)), np.empty(len(mass)), np.empty(step_size.py_func(structure))
+    b0, b1, workspace = np.empty(len(mass)), np.empty(len(mass)), np.empty(step_size.py_func(None, structure))
     advance = march.row(MarchCall(structure, packed, x, b0, b1, software.period, substeps, workspace))
     rng = np.random.default_rng(seed)
     memory = started(software)

@@ -6,6 +6,7 @@ import json
 import math
 from collections.abc import Mapping
 from dataclasses import dataclass
+from functools import lru_cache
 from pathlib import Path
 from typing import Any
 
@@ -58,7 +59,16 @@ def save(path: Path, stored: Stored) -> None:
 
 
 def load(path: Path) -> Stored:
-    """Raises ScenarioError where the file is not a reduced model of this format."""
+    """What is in a file, which every window asks for: it is read again where it has changed.
+
+    Raises ScenarioError where the file is not a reduced model of this format.
+    """
+    found = path.stat() if path.exists() else None
+    return _load(path, *((found.st_ino, found.st_size, found.st_mtime_ns) if found else ()))
+
+
+@lru_cache(maxsize=2)
+def _load(path: Path, *version: int) -> Stored:
     try:
         with xarray.open_dataset(path, engine="h5netcdf") as opened:
             data = opened.load()

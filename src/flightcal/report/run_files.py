@@ -5,7 +5,7 @@ from __future__ import annotations
 import json
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
-from functools import cached_property, partial
+from functools import cached_property, lru_cache, partial
 from pathlib import Path
 from typing import Any, TypeVar
 
@@ -22,6 +22,10 @@ from ..validation import ResidualCheck, check_window
 Record = dict[str, Any]
 
 K = TypeVar("K")
+N = TypeVar("N", xr.Dataset, xr.DataTree)
+
+_KEPT = 9
+"""Files of netCDF: those of the three runs of the demonstration."""
 
 ABSOLUTE = frozenset({"on_below", "off_above", "initial", "boundary"})
 """Fields of a scenario that are a temperature; other fields in kelvin, such as `bias`, are differences."""
@@ -143,7 +147,7 @@ def read_run(folder: Path) -> RunFiles:
     def kept(name: str, read: Callable[[Path], K]) -> K | None:
         return read(folder / name) if (folder / name).is_file() else None
 
-    prediction = kept("prediction.nc", read_tree)
+    prediction = kept("prediction.nc", partial(_as_before, read_tree))
     windows = {n: group.to_dataset() for n, group in prediction.children.items()} if prediction else {}
     if older := next(filter(None, map(_older, windows.values())), ""):
         again = "delete the file and run the same command again"
@@ -152,8 +156,8 @@ def read_run(folder: Path) -> RunFiles:
         folder=folder,
         scenario=kept("scenario.yaml", lambda file: file.read_text(encoding="utf-8")),
         provenance=kept("provenance.json", read_json),
-        genetic=kept("genetic.nc", read_dataset),
-        posterior=kept("posterior.nc", read_tree),
+        genetic=kept("genetic.nc", partial(_as_before, read_dataset)),
+        posterior=kept("posterior.nc", partial(_as_before, read_tree)),
         windows=dict(sorted(windows.items(), key=lambda item: not is_trained(item[0]))),
         metrics=kept("metrics.json", partial(read_records, read=partial(typed, Metric))) or [],
         diagnostics=kept("diagnostics.json", read_json),
@@ -170,6 +174,18 @@ def read_run(folder: Path) -> RunFiles:
         files=tuple(own for own in _TAKEN_AWAY.items() if priors.name != own[0] and (folder / own[0]).is_file()),
         missing=missing,
     )
+
+
+def _as_before(read: Callable[[Path], N], file: Path) -> N:
+    """The same where the file is the one that was read last: a run is read for its verdict and again for its page."""
+    found = file.stat()
+    data: N = _read_once(read, file.absolute(), found.st_ino, found.st_size, found.st_mtime_ns)
+    return data.copy()
+
+
+@lru_cache(maxsize=_KEPT)
+def _read_once(read: Callable[[Path], N], file: Path, *version: int) -> N:
+    return read(file)
 
 
 def _older(window: xr.Dataset) -> str:

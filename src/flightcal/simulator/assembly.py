@@ -1,7 +1,7 @@
 """From theta to the entries of the canonical form, and back for the derivative.
 
 A parameter sets or scales some of the scenario's numbers. Every entry of A, Q, N, B and g is a sum of terms, each a
-constant times a product of at most six numbers (or the reciprocal of a capacity): absorptivity x area / capacity, say.
+constant times a product of a few numbers (or the reciprocal of a capacity): absorptivity x area / capacity, say.
 So two tables are the whole assembly, its derivative follows from the product rule, and any number of the scenario can
 be a parameter.
 """
@@ -15,11 +15,9 @@ import numpy as np
 from .kernels import assembly as kernels
 from .system import FloatArray, IntArray
 
-MOST_FACTORS = 6
-
 
 class Terms(NamedTuple):
-    """Entry [t] += constant [t] x product of the numbers at factors [t, 6].
+    """Entry [t] += constant [t] x product of the numbers at factors [t, f], as many as the longest product has.
 
     Positions refer to the scenario's V numbers, followed by a one, the reciprocals of the numbers at `inverse`, and the
     initial temperatures in theta. Entries are numbered through A, N, Q, B, g, the heaters' lower and upper thresholds
@@ -77,4 +75,4 @@ def assemble(mapping: ParameterMap, terms: Terms, theta: FloatArray) -> tuple[Fl
 def assembly_memory(mapping: ParameterMap, terms: Terms) -> FloatArray:
     """What the kernels of assembly work in."""
     temperatures = int(terms.initial.max(initial=-1)) + 1
-    return np.empty(2 * (len(mapping.written) + 1 + len(terms.inverse) + temperatures) + MOST_FACTORS)
+    return np.empty(2 * (len(mapping.written) + 1 + len(terms.inverse) + temperatures) + terms.factors.shape[1])

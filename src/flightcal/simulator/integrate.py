@@ -12,6 +12,7 @@ from typing import Any
 import numpy as np
 
 from ..compiled import Row
+from .dense import whole_matrices
 from .kernels.adjoint import AdjointCall, adjoint, adjoint_memory_size
 from .kernels.forward import (
     COUNTERS,
@@ -25,7 +26,7 @@ from .kernels.forward import (
     forward,
     memory_size,
 )
-from .kernels.lanes import lane_memory
+from .kernels.lanes import aligned, lane_memory
 from .kernels.sampling import Looks
 from .kernels.step import step_size
 from .sampling import NOTHING, Observation
@@ -78,11 +79,12 @@ class Integration:
         self.acting = np.zeros((rooms, acting, 2 * (points - 1)))
         self.temperatures_bar, self.states_bar = np.zeros((samples, channels)), np.zeros((points, n))
         # As Python: they are only lengths.
-        step, first = step_size.py_func(structure), memory_size.py_func(structure)
+        dense = whole_matrices(structure) if lanes == 1 else None
+        step, first = step_size.py_func(dense, structure), memory_size.py_func(structure)
         if lanes > 1:
             memory = lane_memory(first + step)
         else:
-            memory = np.empty(first + step * (1 + (min(most, _MOST_KEPT // step) if derivative else 0)))
+            memory = aligned(first + step * (1 + (min(most, _MOST_KEPT // step) if derivative else 0)), first)
         self.record = Record(
             heat=np.empty((lanes, n, 2 * (points - 1))),
             states=np.empty((lanes, points, n)),
@@ -117,7 +119,7 @@ class Integration:
         )  # fmt: skip
         self.forward: Row = forward.row(
             ForwardCall(
-                self.simulations, structure, self.packed, drive.times, drive.series, drive.measured,
+                dense, self.simulations, structure, self.packed, drive.times, drive.series, drive.measured,
                 drive.initially_on, looks, self.scatter, self.acting,
                 memory, np.empty((COUNTERS, lanes), np.int64), np.empty((REALS, lanes)),
                 np.empty((lanes, heaters), np.bool_), self.record, self.outputs,
@@ -125,7 +127,7 @@ class Integration:
         )  # fmt: skip
         self.adjoint: Row = adjoint.row(
             AdjointCall(
-                structure, self.packed, drive.times, drive.series, self.record, looks, self.outputs.temperatures,
+                dense, structure, self.packed, drive.times, drive.series, self.record, looks, self.outputs.temperatures,
                 self.temperatures_bar, self.states_bar, self.outputs.switches, self.switches_bar,
                 np.empty(adjoint_memory_size(structure)), np.empty(self.record.heat.shape[1:]), self.errors_bar,
                 self.packed_bar,

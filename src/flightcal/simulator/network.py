@@ -11,7 +11,7 @@ So heat is conserved exactly, and the integration knows nothing of it. A thermos
 from __future__ import annotations
 
 from collections import defaultdict
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Collection, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
 from functools import cached_property
 from types import MappingProxyType
@@ -19,7 +19,8 @@ from types import MappingProxyType
 import numpy as np
 
 from ..scenario import DEEP_SPACE, Conductor, Node, Scenario, settable
-from .assembly import MOST_FACTORS, Terms
+from .assembly import Terms
+from .elimination import Elimination, eliminate
 from .system import FloatArray, IntArray, Structure, elimination_order, make_structure
 
 STEFAN_BOLTZMANN = 5.670374419e-8  # W m^-2 K^-4, CODATA 2018 (exact)
@@ -55,6 +56,18 @@ class Network:
     def diffusive(self) -> IntArray:
         """Nodes that have a capacity, and so an initial temperature."""
         return _diffusive(self.structure.mass, self.heat_states)[self.lagging :]
+
+    def eliminated(self, read: Collection[int]) -> Elimination | None:
+        """The structure without massless states that act linearly, but for those that are `read`; None: it has none."""
+        key = frozenset(read)
+        if key not in self._eliminated:
+            self._eliminated[key] = eliminate(self.structure, key)
+        return self._eliminated[key]
+
+    @cached_property
+    def _eliminated(self) -> dict[frozenset[int], Elimination | None]:
+        """Many simulators of a network look at the same states."""
+        return {}
 
     @property
     def own_nodes(self) -> tuple[str, ...]:
@@ -356,8 +369,8 @@ def canonical_form(
         for constant, factors in own:
             entry.append(place)
             constants.append(constant)
-            chosen = [f if f >= 0 else reciprocal[-1 - f] for f in factors]
-            table.append(chosen + [numbers] * (MOST_FACTORS - len(chosen)))
+            table.append([f if f >= 0 else reciprocal[-1 - f] for f in factors])
+    most = max(map(len, table), default=0)
     structure = make_structure(
         mass,
         entries["linear"],
@@ -370,7 +383,7 @@ def canonical_form(
     return structure, Terms(
         entry=np.array(entry, dtype=np.int64),
         constant=np.array(constants),
-        factors=np.array(table, dtype=np.int64).reshape(-1, MOST_FACTORS),
+        factors=np.array([own + [numbers] * (most - len(own)) for own in table], np.int64).reshape(len(table), most),
         inverse=np.array(inverse, dtype=np.int64),
         entries=number,
         initial=initial,

@@ -19,15 +19,18 @@ from ..compiled import Program, Row
 from ..scenario import Scenario, numbers_of
 from .assembly import ParameterMap, assemble, assembly_memory
 from .drive import Times, drive_on, make_grid, window_inputs
+from .elimination import Elimination
 from .integrate import Integration, check_outcome, copied, in_parallel, switches
 from .kernels.assembly import AssembleCall, PullBackCall, pull_back
 from .kernels.assembly import assemble as assemble_kernel
+from .kernels.elimination import EliminateCall, PullBackEliminationCall, pull_back_elimination
+from .kernels.elimination import eliminate as eliminate_kernel
 from .kernels.forward import FINISHED, TOO_MANY_SWITCHES, Outputs
 from .kernels.lanes import WIDTH
 from .network import Network, build_network, sensor_state
 from .sampling import Observation, Sensors, locate
 from .steps import Accuracy, Comparison, choose_grid, measure
-from .system import Drive, FloatArray, IntArray, Switch, System, packed_bounds, unpack
+from .system import Drive, FloatArray, IntArray, Structure, Switch, System, packed_bounds, packed_size, unpack
 
 _FEW = 3
 """So many simulations at once are faster than one by one."""
@@ -124,22 +127,23 @@ class Calls:
     ) -> None:
         mapping, terms, places = simulator.mapping, simulator.network.terms, simulator.channel_errors
         self.integration = of = Integration(
-            simulator.network.structure, simulator.drive, simulator.observation,
+            simulator.integrated, simulator.drive, simulator.looked_at,
             rooms=rooms, lanes=lanes, derivative=derivative, scatter=scatter, acting=acting,
         )  # fmt: skip
+        whole, whole_bar, eliminating, uneliminating = _elimination_calls(simulator, of)
         self.simulations, self.outputs = of.simulations, of.outputs
         self.temperatures_bar, self.switches_bar = of.temperatures_bar, of.switches_bar
         self.thetas, self.theta_bar = np.empty((rooms, len(simulator.parameters))), np.empty(len(simulator.parameters))
         self.numbers = np.empty((rooms, len(mapping.written)))
         memory = assembly_memory(mapping, terms)
         assembling = AssembleCall(
-            of.simulations, mapping, terms, places, self.thetas, memory, self.numbers, of.packed, of.errors
+            of.simulations, mapping, terms, places, self.thetas, memory, self.numbers, whole, of.errors
         )
         pulling = PullBackCall(
-            mapping, terms, places, self.thetas, self.numbers, of.packed_bar, of.errors_bar, memory, self.theta_bar
+            mapping, terms, places, self.thetas, self.numbers, whole_bar, of.errors_bar, memory, self.theta_bar
         )
-        self.forward = (assemble_kernel.row(assembling), of.forward)
-        self.backward = (of.adjoint, pull_back.row(pulling))
+        self.forward = (assemble_kernel.row(assembling), *eliminating, of.forward)
+        self.backward = (of.adjoint, *uneliminating, pull_back.row(pulling))
         self.theta: FloatArray | None = None
         """What was simulated last, the very array: where another comes in between, it is simulated again."""
 
@@ -159,6 +163,23 @@ class Calls:
             self.thetas[0], self.theta = theta, None
             check_outcome(self.run_forward.run())
             self.theta = theta
+
+
+def _elimination_calls(
+    simulator: NetworkSimulator, of: Integration
+) -> tuple[FloatArray, FloatArray, tuple[Row, ...], tuple[Row, ...]]:
+    """The network's packed systems [S, W] and their cotangent [W]; calls from these to those that are integrated, and
+    back.
+    """
+    elimination = simulator.elimination
+    if elimination is None:
+        return of.packed, of.packed_bar, (), ()
+    size, plan = packed_size(simulator.network.structure), elimination.plan
+    whole, whole_bar = np.empty((len(of.packed), size)), np.empty(size)
+    entries, entries_bar = np.empty((2, elimination.entries))
+    there = EliminateCall(of.simulations, plan, whole, entries, of.packed)
+    back = PullBackEliminationCall(plan, entries, entries_bar, of.packed_bar, whole_bar)
+    return whole, whole_bar, (eliminate_kernel.row(there),), (pull_back_elimination.row(back),)
 
 
 @dataclass(frozen=True)
@@ -190,6 +211,26 @@ class NetworkSimulator:
     def parameters(self) -> tuple[str, ...]:
         """Names of theta's entries."""
         return (*self.names, *(f"initial.{self.network.nodes[k]}" for k in self.network.diffusive))
+
+    @cached_property
+    def elimination(self) -> Elimination | None:
+        """Of massless states that nothing looks at; None: none is eliminated."""
+        return self.network.eliminated({*self.observation.sensors.state.tolist(), *self.network.diffusive.tolist()})
+
+    @property
+    def integrated(self) -> Structure:
+        """Of the system that is integrated."""
+        return self.network.structure if self.elimination is None else self.elimination.structure
+
+    @property
+    def looked_at(self) -> Observation:
+        """The observation of that system."""
+        sensors = self.observation.sensors
+        return replace(self.observation, sensors=sensors._replace(state=self._places(sensors.state)))
+
+    def _places(self, states: IntArray) -> IntArray:
+        """Where states of the network are in the system that is integrated."""
+        return states if self.elimination is None else self.elimination.place[states]
 
     @property
     def heaters(self) -> tuple[str, ...]:
@@ -337,7 +378,7 @@ class NetworkSimulator:
         Of a node whose capacity depends on temperature, its heat over the capacity that is written counts, in K.
         Also its vector-Jacobian product: cotangent [E] -> of theta [d]. Raises SimulationFailure.
         """
-        theta, structure = np.array(theta), self.network.structure
+        theta, structure = np.array(theta), self.integrated
         run = self._linearised(theta).integration
         # From when a heater may have switched it has half of its power; up to the switch the sensor goes on as before.
         times = self.drive.times
@@ -359,7 +400,8 @@ class NetworkSimulator:
             run.adjoint()
             run.states_bar[:] = 0.0
             np.subtract.at(run.packed_bar, threshold, excess_bar)
-            calls.backward[-1]()
+            for row in calls.backward[1:]:
+                row()
             return calls.theta_bar.copy()
 
         return reached - run.packed[0, threshold], pull_back
@@ -416,7 +458,7 @@ class NetworkSimulator:
             outputs.duty_cycle[simulation],
             switches(outputs, simulation),
             self.error_variance,
-            outputs.final[simulation, self.network.diffusive],
+            outputs.final[simulation, self._places(self.network.diffusive)],
         )
 
 

@@ -19,7 +19,7 @@ from ...compiled import inlined, kernel
 from .crossing import WHOLE, decide
 from .lanes import elements, lane_count, put, take
 from .sampling import Looks, in_balance, observe_end, observe_segment
-from .step import advance, make_step, step_size
+from .step import advance, load_matrices, make_step, step_size
 
 FINISHED = 0
 NOT_FINITE = 1
@@ -132,6 +132,8 @@ class _Lanes(NamedTuple):
 class ForwardCall(NamedTuple):
     """What `forward` takes: S rooms for simulations, of which the first ones are made."""
 
+    dense: Any
+    """See `step`."""
     simulations: Any
     """[1] how many."""
     structure: Any
@@ -163,17 +165,18 @@ class ForwardCall(NamedTuple):
 @kernel(long=True)
 def forward(call):
     """Simulate over the grid, and fill `record` and `outputs`; returns the outcome where there is one simulation."""
-    structure, packed, times, series = call.structure, call.packed, call.times, call.series
+    dense, structure, packed, times, series = call.dense, call.structure, call.packed, call.times, call.series
     measured, initially_on, scatter, memory = call.measured, call.initially_on, call.scatter, call.memory
     acting = call.acting
     record, outputs, looks, simulations = call.record, call.outputs, call.looks, call.simulations[0]
     outputs.noted[0] = 0
     count = lane_count(memory)
     lanes = _make_lanes(structure, memory, call.counters, call.reals, call.driven)
-    size = step_size(structure)
+    size = step_size(dense, structure)
     first = memory_size(structure)
     rows = (memory.shape[0] - first) // size
     n = structure.mass.shape[0]
+    load_matrices(dense, structure, packed[0])
     waiting = 0  # the next simulation that no lane has taken
     active = 0
     for lane in range(count):
@@ -185,11 +188,11 @@ def forward(call):
             waiting += 1
     while active > 0:
         row = first + size * min(record.segments[0], rows - 1)
-        step = make_step(structure, memory[row : row + size])
+        step = make_step(dense, structure, memory[row : row + size])
         for i in range(n):
             step.b0[i] = lanes.left[i] + lanes.ramp[i] * lanes.begin[0] + lanes.heating[i]
             step.b1[i] = step.b0[i] + lanes.ramp[i] * lanes.length[0]
-        advance(structure, lanes.A, lanes.N, lanes.Q, lanes.x, lanes.length[0], step)
+        advance(dense, structure, lanes.A, lanes.N, lanes.Q, lanes.x, lanes.length[0], step)
         for lane in range(count):
             if lanes.phase[lane] == _IDLE or decide(structure, measured, lanes, lane, step):
                 continue

@@ -21,14 +21,19 @@ WIDTH = 8
 _ALIGNMENT = 64  # bytes
 
 _DOUBLE = ir.DoubleType()
-_VECTOR = ir.VectorType(_DOUBLE, WIDTH)
+VECTOR = ir.VectorType(_DOUBLE, WIDTH)
 
 
 def lane_memory(size: int) -> Any:
     """Memory [size, 8] for eight simulations, aligned as vector registers want it."""
-    raw = np.empty(size * WIDTH + _ALIGNMENT // 8)
-    begin = (-raw.ctypes.data // 8) % (_ALIGNMENT // 8)
-    return raw[begin : begin + size * WIDTH].reshape(size, WIDTH)
+    return aligned(size * WIDTH).reshape(size, WIDTH)
+
+
+def aligned(size: int, at: int = 0) -> Any:
+    """Memory [size] whose number `at` is where vector registers want it."""
+    raw = np.empty(size + _ALIGNMENT // 8)
+    begin = (-raw.ctypes.data // 8 - at) % (_ALIGNMENT // 8)
+    return raw[begin : begin + size]
 
 
 # --- what compiled functions call ---------------------------------------------------------------------------
@@ -67,7 +72,7 @@ class _SequenceType(types.Type):
         super().__init__(name=f"LaneSequence({WIDTH})")
 
 
-_LANES = _LanesType()
+LANES = _LanesType()
 _SEQUENCE = _SequenceType()
 _PLACE = types.UniTuple(types.intp, 2)
 
@@ -75,18 +80,18 @@ _PLACE = types.UniTuple(types.intp, 2)
 @register_model(_LanesType)
 class _LanesModel(models.PrimitiveModel):
     def __init__(self, manager: Any, kind: Any) -> None:
-        super().__init__(manager, kind, _VECTOR)
+        super().__init__(manager, kind, VECTOR)
 
 
 @register_model(_SequenceType)
 class _SequenceModel(models.PrimitiveModel):
     def __init__(self, manager: Any, kind: Any) -> None:
-        super().__init__(manager, kind, _VECTOR.as_pointer())
+        super().__init__(manager, kind, VECTOR.as_pointer())
 
 
 def _spread(builder: Any, value: Any) -> Any:
     """A vector whose lanes all hold a double."""
-    empty = ir.Constant(_VECTOR, ir.Undefined)
+    empty = ir.Constant(VECTOR, ir.Undefined)
     first = builder.insert_element(empty, value, ir.Constant(ir.IntType(32), 0))
     return builder.shuffle_vector(first, empty, ir.Constant(ir.VectorType(ir.IntType(32), WIDTH), [0] * WIDTH))
 
@@ -95,17 +100,17 @@ def _register_arithmetic(function: Any, instruction: str) -> None:
     @infer_global(function)
     class _Template(AbstractTemplate):
         def generic(self, args: Any, kws: Any) -> Any:
-            if _LANES in args and all(kind == _LANES or isinstance(kind, types.Number) for kind in args):
-                return signature(_LANES, *(kind if kind == _LANES else types.float64 for kind in args))
+            if LANES in args and all(kind == LANES or isinstance(kind, types.Number) for kind in args):
+                return signature(LANES, *(kind if kind == LANES else types.float64 for kind in args))
             return None
 
     def generate(context: Any, builder: Any, sig: Any, args: Any) -> Any:
         left, right = (
-            value if kind == _LANES else _spread(builder, value) for value, kind in zip(args, sig.args, strict=True)
+            value if kind == LANES else _spread(builder, value) for value, kind in zip(args, sig.args, strict=True)
         )
         return getattr(builder, instruction)(left, right)
 
-    for kinds in ((_LANES, _LANES), (_LANES, types.float64), (types.float64, _LANES)):
+    for kinds in ((LANES, LANES), (LANES, types.float64), (types.float64, LANES)):
         lower_builtin(function, *kinds)(generate)
 
 
@@ -121,7 +126,7 @@ class _Get(AbstractTemplate):
     def generic(self, args: Any, kws: Any) -> Any:
         sequence, index = args
         if sequence == _SEQUENCE and isinstance(index, types.Integer):
-            return signature(_LANES, sequence, index)
+            return signature(LANES, sequence, index)
         if sequence == _SEQUENCE and isinstance(index, types.BaseTuple):
             return signature(types.float64, sequence, _PLACE)
         return None
@@ -132,7 +137,7 @@ class _Set(AbstractTemplate):
     def generic(self, args: Any, kws: Any) -> Any:
         sequence, index, value = args
         if sequence == _SEQUENCE and isinstance(index, types.Integer):
-            return signature(types.none, sequence, index, value if value == _LANES else types.float64)
+            return signature(types.none, sequence, index, value if value == LANES else types.float64)
         if sequence == _SEQUENCE and isinstance(index, types.BaseTuple):
             return signature(types.none, sequence, _PLACE, types.float64)
         return None
@@ -145,10 +150,10 @@ def _get_lanes(context: Any, builder: Any, sig: Any, args: Any) -> Any:
     return loaded
 
 
-@lower_builtin(operator.setitem, _SEQUENCE, types.Integer, _LANES)
+@lower_builtin(operator.setitem, _SEQUENCE, types.Integer, LANES)
 @lower_builtin(operator.setitem, _SEQUENCE, types.Integer, types.float64)
 def _set_lanes(context: Any, builder: Any, sig: Any, args: Any) -> Any:
-    value = args[2] if sig.args[2] == _LANES else _spread(builder, args[2])
+    value = args[2] if sig.args[2] == LANES else _spread(builder, args[2])
     stored = builder.store(value, builder.gep(args[0], [args[1]]))
     stored.align = _ALIGNMENT
     return context.get_dummy_value()
@@ -176,7 +181,7 @@ def _set_lane(context: Any, builder: Any, sig: Any, args: Any) -> Any:
 def _sequence(typing_context: Any, memory: Any) -> Any:
     def generate(context: Any, builder: Any, sig: Any, args: Any) -> Any:
         view = context.make_array(sig.args[0])(context, builder, args[0])
-        return builder.bitcast(view.data, _VECTOR.as_pointer())
+        return builder.bitcast(view.data, VECTOR.as_pointer())
 
     return _SEQUENCE(memory), generate
 

@@ -36,12 +36,12 @@ def march(call):
     n = structure.mass.shape[0]
     a, m = structure.linear_column.shape[0], structure.radiative_column.shape[0]
     A, N, Q = packed[:a], packed[a : a + m], packed[a + m : a + m + structure.quadratic_column.shape[0]]
-    step = make_step(structure, call.memory)
+    step = make_step(None, structure, call.memory)
     for k in range(count):
         for i in range(n):
             step.b0[i] = b0[i] + (b1[i] - b0[i]) * (k / count)
             step.b1[i] = b0[i] + (b1[i] - b0[i]) * ((k + 1) / count)
-        advance(structure, A, N, Q, x, duration / count, step)
+        advance(None, structure, A, N, Q, x, duration / count, step)
         for i in range(n):
             x[i] = step.x1[i]
     return 0

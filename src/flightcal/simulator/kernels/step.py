@@ -12,7 +12,9 @@ and it needs no iteration, so its derivative is that of a fixed sequence of line
 
 with f(x, b) = A x + Q x^2 + N x^4 + b, J its Jacobian, and b0, b1 all heat at the step's ends. W is factorised by rows
 on the fixed pattern of `Structure`, without pivoting: with conduction and radiation between nodes it is an M-matrix.
-Everything costs as much as the network has links.
+Everything costs as much as the network has links. Where nearly every state is linked to every other, `dense` is a
+`Dense`, and whole matrices are reckoned with instead (see `dense`); else it is None. Which of the two is known when
+this is compiled.
 """
 
 from __future__ import annotations
@@ -20,6 +22,19 @@ from __future__ import annotations
 from typing import Any, NamedTuple
 
 from ...compiled import inlined
+from .dense import (
+    dense_add_rate,
+    dense_add_stages,
+    dense_clear,
+    dense_factor,
+    dense_finish,
+    dense_jacobian_product,
+    dense_load,
+    dense_rate,
+    dense_solve,
+    dense_transpose,
+    dense_transposed_products,
+)
 from .lanes import elements
 
 EIGHT_THIRDS = 8.0 / 3.0
@@ -53,15 +68,18 @@ class Step(NamedTuple):
 
 
 @inlined
-def step_size(structure):
-    """Memory of a `Step`."""
-    return structure.factor_column.shape[0] + 17 * structure.mass.shape[0]
+def step_size(dense, structure):
+    """Memory of a `Step`: of whole matrices a multiple of eight, so that lines stay where vectors like them."""
+    n = structure.mass.shape[0]
+    if dense is None:
+        return structure.factor_column.shape[0] + 17 * n
+    return dense.width * n + (17 * n + 7) // 8 * 8
 
 
 @inlined
-def make_step(structure, memory):
+def make_step(dense, structure, memory):
     """A `Step` in memory of `step_size`."""
-    m, n = structure.factor_column.shape[0], structure.mass.shape[0]
+    m, n = matrix_size(dense, structure), structure.mass.shape[0]
     return Step(
         elements(memory[:m]),
         elements(memory[m : m + n]),
@@ -85,7 +103,7 @@ def make_step(structure, memory):
 
 
 @inlined
-def advance(structure, A, N, Q, x0, h, step):
+def advance(dense, structure, A, N, Q, x0, h, step):
     """Fill `step`, whose b0 and b1 are given, with the step of length h from x0."""
     n, mass = structure.mass.shape[0], structure.mass
     half = 0.5 * h
@@ -95,41 +113,31 @@ def advance(structure, A, N, Q, x0, h, step):
     x3, x4, x1 = step.x3, step.x4, step.x1
     for i in range(n):
         slope[i] = 4.0 * x0[i] * x0[i] * x0[i]
-    _rate(structure, A, N, Q, x0, step.fourth1, b0, f1)
-    for p in range(structure.factor_column.shape[0]):
-        W[p] = 0.0
-    for p in range(structure.linear_slot.shape[0]):
-        W[structure.linear_slot[p]] = -1.0 * half * A[p]
-    for p in range(structure.radiative_slot.shape[0]):
-        W[structure.radiative_slot[p]] -= half * N[p] * slope[structure.radiative_column[p]]
-    for p in range(structure.quadratic_slot.shape[0]):
-        W[structure.quadratic_slot[p]] -= h * Q[p] * x0[structure.quadratic_column[p]]
-    for i in range(n):
-        W[structure.factor_diagonal[i]] += mass[i]
-    _factor(structure, W, step.row)
+    rate(dense, structure, A, N, Q, x0, step.fourth1, b0, f1)
+    factor(dense, structure, A, N, Q, x0, h, step)
     for i in range(n):
         k1[i] = half * (f1[i] + 0.5 * (b1[i] - b0[i]))
-    _solve(structure, W, k1)
+    solve(dense, structure, W, k1)
     for i in range(n):
         k2[i] = half * (f1[i] + 1.5 * (b1[i] - b0[i])) + 2.0 * mass[i] * k1[i]
         x3[i] = x0[i] + 2.0 * k1[i]
-    _solve(structure, W, k2)
-    _rate(structure, A, N, Q, x3, step.fourth3, b1, f3)
+    solve(dense, structure, W, k2)
+    rate(dense, structure, A, N, Q, x3, step.fourth3, b1, f3)
     for i in range(n):
         k3[i] = half * f3[i] + 0.5 * mass[i] * (k1[i] - k2[i])
-    _solve(structure, W, k3)
+    solve(dense, structure, W, k3)
     for i in range(n):
         x4[i] = x3[i] + k3[i]
-    _rate(structure, A, N, Q, x4, step.fourth4, b1, f4)
+    rate(dense, structure, A, N, Q, x4, step.fourth4, b1, f4)
     for i in range(n):
         k4[i] = half * f4[i] + 0.5 * mass[i] * (k1[i] - k2[i] - EIGHT_THIRDS * k3[i])
-    _solve(structure, W, k4)
+    solve(dense, structure, W, k4)
     for i in range(n):
         x1[i] = x4[i] + k4[i]
 
 
 @inlined
-def length_derivative(structure, A, N, Q, x0, h, ramp, step, memory, velocity):
+def length_derivative(dense, structure, A, N, Q, x0, h, ramp, step, memory, velocity):
     """velocity = d x1 / d h of a step from x0, with b1 moving along `ramp` [n] (K/s^2) as the step's end moves.
 
     memory: workspace [6 n].
@@ -140,37 +148,144 @@ def length_derivative(structure, A, N, Q, x0, h, ramp, step, memory, velocity):
     d1, d2, d3, d4 = memory[:n], memory[n : 2 * n], memory[2 * n : 3 * n], memory[3 * n : 4 * n]
     work, cubes = memory[4 * n : 5 * n], memory[5 * n : 6 * n]
     # W d = d(right side) - dW k, with dW / dh = -J/2.
-    jacobian_product(structure, A, N, Q, x0, step.slope, step.k1, d1)
+    jacobian_product(dense, structure, A, N, Q, x0, step.slope, step.k1, d1)
     for i in range(n):
         d1[i] = 0.5 * (d1[i] + step.f1[i] + 0.5 * (b1[i] - b0[i])) + half * 0.5 * ramp[i]
-    _solve(structure, step.W, d1)
-    jacobian_product(structure, A, N, Q, x0, step.slope, step.k2, d2)
+    solve(dense, structure, step.W, d1)
+    jacobian_product(dense, structure, A, N, Q, x0, step.slope, step.k2, d2)
     for i in range(n):
         d2[i] = 0.5 * (d2[i] + step.f1[i] + 1.5 * (b1[i] - b0[i])) + half * 1.5 * ramp[i] + 2.0 * mass[i] * d1[i]
         velocity[i] = 2.0 * d1[i]
         cubes[i] = 4.0 * step.x3[i] * step.x3[i] * step.x3[i]
-    _solve(structure, step.W, d2)
-    jacobian_product(structure, A, N, Q, step.x3, cubes, velocity, work)
-    jacobian_product(structure, A, N, Q, x0, step.slope, step.k3, d3)
+    solve(dense, structure, step.W, d2)
+    jacobian_product(dense, structure, A, N, Q, step.x3, cubes, velocity, work)
+    jacobian_product(dense, structure, A, N, Q, x0, step.slope, step.k3, d3)
     for i in range(n):
         d3[i] = 0.5 * (d3[i] + step.f3[i] + mass[i] * (d1[i] - d2[i])) + half * (work[i] + ramp[i])
-    _solve(structure, step.W, d3)
+    solve(dense, structure, step.W, d3)
     for i in range(n):
         velocity[i] += d3[i]
         cubes[i] = 4.0 * step.x4[i] * step.x4[i] * step.x4[i]
-    jacobian_product(structure, A, N, Q, step.x4, cubes, velocity, work)
-    jacobian_product(structure, A, N, Q, x0, step.slope, step.k4, d4)
+    jacobian_product(dense, structure, A, N, Q, step.x4, cubes, velocity, work)
+    jacobian_product(dense, structure, A, N, Q, x0, step.slope, step.k4, d4)
     for i in range(n):
         d4[i] = 0.5 * (d4[i] + step.f4[i] + mass[i] * (d1[i] - d2[i] - EIGHT_THIRDS * d3[i]))
         d4[i] += half * (work[i] + ramp[i])
-    _solve(structure, step.W, d4)
+    solve(dense, structure, step.W, d4)
     for i in range(n):
         velocity[i] += d4[i]
 
 
 @inlined
-def _rate(structure, A, N, Q, x, fourth, b, f):
+def matrix_size(dense, structure):
+    """How many numbers W takes."""
+    if dense is None:
+        return structure.factor_column.shape[0]
+    return dense.width * structure.mass.shape[0]
+
+
+@inlined
+def rate(dense, structure, A, N, Q, x, fourth, b, f):
     """f = A x + Q x^2 + N x^4 + b; leaves x^4 in `fourth`."""
+    if dense is None:
+        _rate(structure, A, N, Q, x, fourth, b, f)
+    else:
+        dense_rate(dense, structure, x, fourth, b, f)
+
+
+@inlined
+def factor(dense, structure, A, N, Q, x0, h, step):
+    """Make W from x0, h and the step's slope, to `solve` with."""
+    if dense is None:
+        _factor(structure, A, N, Q, x0, h, step.slope, step.W, step.row)
+    else:
+        dense_factor(dense, structure, step.slope, h, step.W)
+
+
+@inlined
+def solve(dense, structure, W, r):
+    """r = W^-1 r."""
+    if dense is None:
+        _solve(structure, W, r)
+    else:
+        dense_solve(dense, W, structure.mass.shape[0], r)
+
+
+@inlined
+def prepare_transposed(dense, structure, W):
+    """Before `solve_transposed` with another W."""
+    if dense is not None:
+        dense_transpose(dense, structure, W)
+
+
+@inlined
+def solve_transposed(dense, structure, W, r):
+    """r = W^-T r."""
+    if dense is None:
+        _solve_transposed(structure, W, r)
+    else:
+        dense_solve(dense, dense.W_rows, structure.mass.shape[0], r)
+
+
+@inlined
+def jacobian_product(dense, structure, A, N, Q, x, slope, v, out):
+    """out = (A + 2 Q diag(x) + N diag(slope)) v."""
+    if dense is None:
+        _jacobian_product(structure, A, N, Q, x, slope, v, out)
+    else:
+        dense_jacobian_product(dense, structure, slope, v, out)
+
+
+@inlined
+def transposed_products(dense, structure, A, N, Q, x, v, linear, radiative):
+    """linear = (A + 2 Q diag(x))^T v, radiative = N^T v."""
+    if dense is None:
+        _transposed_products(structure, A, N, Q, x, v, linear, radiative)
+    else:
+        dense_transposed_products(dense, structure, v, linear, radiative)
+
+
+@inlined
+def add_stages(dense, structure, x0, half, v1, v2, v3, v4, step, A_bar, N_bar):
+    """Add to the cotangents of A and N what W^-T of the four stages' cotangents say of them."""
+    if dense is None:
+        _add_stages(structure, x0, half, v1, v2, v3, v4, step, A_bar, N_bar)
+    else:
+        dense_add_stages(dense, structure, x0, half, v1, v2, v3, v4, step)
+
+
+@inlined
+def add_rate(dense, structure, x, fourth, f_bar, A_bar, N_bar):
+    """Add to the cotangents of A and N what that of the rate at x says of them."""
+    if dense is None:
+        _add_rate(structure, x, fourth, f_bar, A_bar, N_bar)
+    else:
+        dense_add_rate(dense, structure, x, fourth, f_bar)
+
+
+@inlined
+def load_matrices(dense, structure, packed):
+    """Before a simulation of a packed system [P]."""
+    if dense is not None:
+        dense_load(dense, structure, packed)
+
+
+@inlined
+def clear_bars(dense):
+    """Before anything is added to the cotangents of A and N,"""
+    if dense is not None:
+        dense_clear(dense)
+
+
+@inlined
+def finish_bars(dense, structure, packed_bar):
+    """and after all has been."""
+    if dense is not None:
+        dense_finish(dense, structure, packed_bar)
+
+
+@inlined
+def _rate(structure, A, N, Q, x, fourth, b, f):
     n = structure.mass.shape[0]
     for i in range(n):
         square = x[i] * x[i]
@@ -188,8 +303,19 @@ def _rate(structure, A, N, Q, x, fourth, b, f):
 
 
 @inlined
-def _factor(structure, W, row):
+def _factor(structure, A, N, Q, x0, h, slope, W, row):
     """LU of W in place (unit lower triangle), row by row."""
+    half = 0.5 * h
+    for p in range(structure.factor_column.shape[0]):
+        W[p] = 0.0
+    for p in range(structure.linear_slot.shape[0]):
+        W[structure.linear_slot[p]] = -1.0 * half * A[p]
+    for p in range(structure.radiative_slot.shape[0]):
+        W[structure.radiative_slot[p]] -= half * N[p] * slope[structure.radiative_column[p]]
+    for p in range(structure.quadratic_slot.shape[0]):
+        W[structure.quadratic_slot[p]] -= h * Q[p] * x0[structure.quadratic_column[p]]
+    for i in range(structure.mass.shape[0]):
+        W[structure.factor_diagonal[i]] += structure.mass[i]
     start, column, diagonal = structure.factor_start, structure.factor_column, structure.factor_diagonal
     for i in range(diagonal.shape[0]):
         for p in range(start[i], start[i + 1]):
@@ -207,7 +333,6 @@ def _factor(structure, W, row):
 
 @inlined
 def _solve(structure, W, r):
-    """r = W^-1 r."""
     start, column, diagonal = structure.factor_start, structure.factor_column, structure.factor_diagonal
     n = diagonal.shape[0]
     for i in range(n):
@@ -224,8 +349,7 @@ def _solve(structure, W, r):
 
 
 @inlined
-def solve_transposed(structure, W, r):
-    """r = W^-T r."""
+def _solve_transposed(structure, W, r):
     start, column, diagonal = structure.factor_start, structure.factor_column, structure.factor_diagonal
     n = diagonal.shape[0]
     for i in range(n):
@@ -241,8 +365,7 @@ def solve_transposed(structure, W, r):
 
 
 @inlined
-def jacobian_product(structure, A, N, Q, x, slope, v, out):
-    """out = (A + 2 Q diag(x) + N diag(slope)) v."""
+def _jacobian_product(structure, A, N, Q, x, slope, v, out):
     for i in range(structure.mass.shape[0]):
         total = 0.0
         for p in range(structure.linear_start[i], structure.linear_start[i + 1]):
@@ -257,8 +380,7 @@ def jacobian_product(structure, A, N, Q, x, slope, v, out):
 
 
 @inlined
-def transposed_products(structure, A, N, Q, x, v, linear, radiative):
-    """linear = (A + 2 Q diag(x))^T v, radiative = N^T v."""
+def _transposed_products(structure, A, N, Q, x, v, linear, radiative):
     n = structure.mass.shape[0]
     for i in range(n):
         linear[i] = 0.0
@@ -272,3 +394,31 @@ def transposed_products(structure, A, N, Q, x, v, linear, radiative):
     for p in range(structure.quadratic_row.shape[0]):
         j = structure.quadratic_column[p]
         linear[j] += 2.0 * Q[p] * x[j] * v[structure.quadratic_row[p]]
+
+
+@inlined
+def _add_stages(structure, x0, half, v1, v2, v3, v4, step, A_bar, N_bar):
+    slope, x3, x4 = step.slope, step.x3, step.x4
+    k1, k2, k3, k4 = step.k1, step.k2, step.k3, step.k4
+    for i in range(structure.mass.shape[0]):
+        w1, w2, w3, w4 = half * v1[i], half * v2[i], half * v3[i], half * v4[i]
+        for p in range(structure.linear_start[i], structure.linear_start[i + 1]):
+            j = structure.linear_column[p]
+            A_bar[p] += w1 * (x0[j] + k1[j]) + w2 * (x0[j] + k2[j]) + w3 * (x3[j] + k3[j]) + w4 * (x4[j] + k4[j])
+        for p in range(structure.radiative_start[i], structure.radiative_start[i + 1]):
+            j = structure.radiative_column[p]
+            N_bar[p] += (
+                w1 * (step.fourth1[j] + slope[j] * k1[j])
+                + w2 * (step.fourth1[j] + slope[j] * k2[j])
+                + w3 * (step.fourth3[j] + slope[j] * k3[j])
+                + w4 * (step.fourth4[j] + slope[j] * k4[j])
+            )
+
+
+@inlined
+def _add_rate(structure, x, fourth, f_bar, A_bar, N_bar):
+    for i in range(structure.mass.shape[0]):
+        for p in range(structure.linear_start[i], structure.linear_start[i + 1]):
+            A_bar[p] += f_bar[i] * x[structure.linear_column[p]]
+        for p in range(structure.radiative_start[i], structure.radiative_start[i + 1]):
+            N_bar[p] += f_bar[i] * fourth[structure.radiative_column[p]]
