@@ -158,6 +158,16 @@ def test_a_heater_without_a_status_beside_one_that_has_it_is_no_error(tmp_path):
     assert named(scenario, data) == ()
 
 
+def test_a_status_that_is_always_off_is_told_by_its_thresholds(flown):
+    scenario, data = flown
+    heater = scenario.network.heaters["heater"]
+    higher = heater.model_copy(update={"on_below": heater.on_below + 4.0, "off_above": heater.off_above + 4.0})
+    model = scenario.network.model_copy(update={"heaters": {"heater": higher}})
+    off = spoilt(data, heater_status=0.0 * data["heater_status"])
+    first = named(scenario.model_copy(update={"simulator": model}), off)[0]
+    assert (first.kind, first.about) == ("thermostat", "heater")
+
+
 def test_heaters_that_act_without_a_status_are_not_compared(flown):
     scenario, data = flown
     heater = scenario.network.heaters["heater"].model_copy(update={"measured_by": None})

@@ -14,8 +14,8 @@ def test_a_status_is_told_that_does_not_do_what_the_thresholds_say(tmp_path):
         "body_temp": ("time", data["body_temp"].values - 4.0),
         "heater_status": ("time", np.zeros(data.sizes["time"])),
     }
-    ((name, words),) = disobeyed(build_window(scenario, data.assign(cold), "train"))
-    assert name == "heater"
+    ((name, words, constant),) = disobeyed(build_window(scenario, data.assign(cold), "train"))
+    assert (name, constant) == ("heater", True)
     assert "'off'" in words.sentence
     assert "below 'on_below' (10" in words.sentence
 

@@ -46,6 +46,13 @@ _HALF_WAY = 3.0
 _SHOWN, _NEAR = 3, 0.5
 """So many are named at most, and only if they explain at least so much of what the best explains."""
 _FIRST_SIZES = (1.0, 3.0)
+_OF_THERMOSTATS = frozenset({
+    "bias", "unit", "swapped", "other node", "unrelated", "everything", "status inverted", "statuses swapped",
+    "status clock", "thresholds", "stuck", "filled", "clock", "channel clock",
+})  # fmt: skip
+"""Kinds of wrongs that explain why a status does not do what thresholds say,"""
+_OF_READINGS = frozenset({"gain", "drift"})
+"""and why one that changes does not."""
 _MOST_LINKED = 10
 """Nodes, of which any two may be linked."""
 _ORBITS = 4.0
@@ -108,10 +115,12 @@ def suspects(problem: Problem, telemetry: xarray.Dataset, progress: Progress = S
     found = [Suspicion(own.kind, own.channel, own.title, own.sentence, own.advice) for own in seen]
     if view is None:
         return Suspects(tuple(found))
-    found += _compared(_without(view, window.times, seen), progress)
-    if not found:
-        found = [Suspicion("thermostat", name, *astuple(words)) for name, words in disobeyed(view.window)]
-    return Suspects(tuple(found), True)
+    compared = _compared(_without(view, window.times, seen), progress)
+    kinds = {own.kind for own in (*found, *compared)}
+    for name, words, constant in disobeyed(view.window):
+        if not kinds & (_OF_THERMOSTATS if constant else _OF_THERMOSTATS | _OF_READINGS):
+            found.append(Suspicion("thermostat", name, *astuple(words)))
+    return Suspects((*found, *compared), True)
 
 
 def prepared(scenario: Scenario, telemetry: xarray.Dataset) -> View | None:
@@ -211,7 +220,10 @@ def _compared(view: View, progress: Progress) -> list[Suspicion]:
 
 def _ranked(found: list[tuple[Fit, Suspicion]], nothing: Fit) -> list[Suspicion]:
     """What explains the telemetry, the best first; what only explains it better where nothing does."""
-    best = sorted(found, key=lambda item: -(item[1].nats or 0.0))
+    best: list[tuple[Fit, Suspicion]] = []
+    for item in sorted(found, key=lambda item: -(item[1].nats or 0.0)):
+        if (item[1].kind, item[1].about) not in [(own.kind, own.about) for _, own in best]:
+            best.append(item)
     usual, helps = [own for fit, own in best if fit.is_usual], [own for fit, own in best if not fit.is_usual]
     explained = bool(helps) and min(fit.misfit for fit, _ in best) < _MOST_OF_IT * nothing.misfit
     if not usual and nothing.size > USUAL and nothing.misfit > _BAD and not explained:

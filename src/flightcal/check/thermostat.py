@@ -35,8 +35,11 @@ def inferred(scenario: Scenario, telemetry: xarray.Dataset, name: str) -> FloatA
     return np.zeros(len(read)) if warm else None
 
 
-def disobeyed(window: Window) -> Iterator[tuple[str, Words]]:
-    """Heaters that are often off where they should be on, or on where they should be off, with words."""
+def disobeyed(window: Window) -> Iterator[tuple[str, Words, bool]]:
+    """Heaters that are often off where they should be on, or on where they should be off.
+
+    Each with words, and whether its status never changes.
+    """
     for name, place, channel in known_thermostats(window):
         heater, observation = window.scenario.network.switches[name], window.scenario.observations[channel]
         read = window.observed[:, window.simulator.channels.index(channel)] - observation.bias
@@ -50,13 +53,11 @@ def disobeyed(window: Window) -> Iterator[tuple[str, Words]]:
             if count < max(_LEAST, _OFTEN * known.sum()):
                 continue
             far = float(np.abs(read[beyond & known] - limit).max())
-            yield (
-                name,
-                Words(
-                    f"{name} does not do what its thresholds say",
-                    f"Its status says '{state}' in {count} of {int(known.sum())} samples in which {channel} is {word} "
-                    f"({number(limit - ICE_POINT, 3)} degC), by up to {number(far, 2)} K.",
-                    f"Check the status, the 'sensor' and the thresholds of {name}, and {channel}",
-                ),
+            words = Words(
+                f"{name} does not do what its thresholds say",
+                f"Its status says '{state}' in {count} of {int(known.sum())} samples in which {channel} is {word} "
+                f"({number(limit - ICE_POINT, 3)} degC), by up to {number(far, 2)} K.",
+                f"Check the status, the 'sensor' and the thresholds of {name}, and {channel}",
             )
+            yield name, words, bool(np.ptp(on[known]) == 0.0)
             break
