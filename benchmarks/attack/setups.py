@@ -371,8 +371,9 @@ def _drifting(case: Case) -> str:
 
 
 def _status_off(case: Case) -> str:
-    case.table[f"{case.heaters[0]}_status"] = 0.0
-    return case.heaters[0]
+    heater = case.heaters[0]
+    case.table[f"{heater}_status"] = 0.0
+    return heater
 
 
 def _thresholds(case: Case) -> str:
