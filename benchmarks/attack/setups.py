@@ -339,6 +339,114 @@ def _driver(factor: float) -> Callable[[Case], str]:
     return spoil
 
 
+def _fast(share: float) -> Callable[[Case], str]:
+    """A clock that goes too fast from the first sample on."""
+
+    def spoil(case: Case) -> str:
+        times = pd.to_datetime(case.table["time"])
+        late = pd.to_timedelta(((times - times.iloc[0]).dt.total_seconds() * share).round(), unit="s")
+        case.table["time"] = (times + late).dt.strftime("%Y-%m-%dT%H:%M:%S")
+        return ""
+
+    return spoil
+
+
+def _filled(case: Case) -> str:
+    channel, rows = case.channels[0], case.training.index
+    case.table.loc[np.random.default_rng(0).choice(rows, len(rows) // 20, replace=False), channel] = -60.0
+    return channel
+
+
+def _clipped(case: Case) -> str:
+    channel = case.channels[0]
+    low, high = case.training[channel].min(), case.training[channel].max()
+    case.table[channel] = case.table[channel].clip(upper=round(0.6 * high + 0.4 * low, 2))
+    return channel
+
+
+def _drifting(case: Case) -> str:
+    channel, rows = case.channels[0], case.training.index
+    case.table[channel] += (8.0 * np.clip((case.table.index - rows[0]) / len(rows), 0.0, None)).round(2)
+    return channel
+
+
+def _status_off(case: Case) -> str:
+    heater = case.heaters[0]
+    case.table[f"{heater}_status"] = 0.0
+    return heater
+
+
+def _thresholds(case: Case) -> str:
+    heater = case.written["simulator"]["heaters"][case.heaters[0]]
+    for key in ("on_below", "off_above"):
+        heater[key] = f"{float(heater[key].split()[0]) + 7.0:.1f} K"
+    return case.heaters[0]
+
+
+def _power(case: Case) -> tuple[dict[str, Any], str, str]:
+    return case.model["heaters"][case.heaters[0]], "power", case.heaters[0]
+
+
+def _orbit(change: Callable[[dict[str, Any]], dict[str, str]]) -> Callable[[Case], str]:
+    def spoil(case: Case) -> str:
+        orbit = case.written["environment"]["orbit"]
+        orbit |= change(orbit)
+        return ""
+
+    return spoil
+
+
+def _first(text: str) -> float:
+    return float(text.split()[0])
+
+
+def _outside(case: Case) -> str:
+    """The face that matters most."""
+    return max(case.model["faces"], key=lambda name: _first(case.model["faces"][name]["area"]))
+
+
+def _face_turned(case: Case) -> str:
+    face = case.written["simulator"]["faces"][_outside(case)]
+    face["normal"] = [-x for x in face["normal"]]
+    return _outside(case)
+
+
+def _link(case: Case) -> dict[str, Any]:
+    """The conductor that matters most."""
+    return max(case.written["simulator"]["conductors"], key=lambda own: _first(own["conductance"]))
+
+
+def _link_missing(case: Case) -> str:
+    link = _link(case)
+    case.written["simulator"]["conductors"].remove(link)
+    between = "-".join(link["between"])
+    case.written["parameters"].pop(f"link_{link['between'][0]}_{link['between'][1]}", None)
+    return between
+
+
+def _link_tenfold(case: Case) -> str:
+    link = _link(case)
+    link["conductance"] = f"{10.0 * _first(link['conductance']):.3f} W/K"
+    case.written["parameters"].pop(f"link_{link['between'][0]}_{link['between'][1]}", None)
+    return f"conductors.{'-'.join(link['between'])}.conductance"
+
+
+def _uncertain_capacity(case: Case) -> list[str]:
+    """Parameters that are capacities of observed nodes."""
+    return [
+        name
+        for name in case.written["parameters"]
+        if name.startswith("capacity_") and f"{name.removeprefix('capacity_')}_temp" in case.channels
+    ]
+
+
+def _prior_far_off(case: Case) -> str:
+    name = _uncertain_capacity(case)[0]
+    median = f"{2.5 * case.flight.truth[name]:.1f} J/K"
+    case.written["parameters"][name]["prior"] = {"lognormal": {"median": median, "factor": 1.05}}
+    return name
+
+
 def _several(case: Case) -> bool:
     return len(case.channels) > 2
 
@@ -404,6 +512,35 @@ SETUPS = (
         lambda c: _strong_payload(c) and bool(_idle(c)),
     ),
     SetUp("timeline 25 min late", ("mode",), _timeline_moved, _strong_payload),
+    # And some that others may make.
+    SetUp("clock 5.5 h late", _CLOCK, _late(330.0), _LIT),
+    SetUp("clock 4% fast", _CLOCK, _fast(0.04), _LIT),
+    SetUp("-60 degC where nothing was read", ("filled",), _filled, _LIT),
+    SetUp("a sensor at the end of its range", ("clipped",), _clipped, _LIT),
+    SetUp("a channel that drifts", ("drift",), _drifting, _several),
+    SetUp("a gain of 1.5", ("gain",), _converted(lambda x: 1.5 * x, 0), _LIT),
+    SetUp("a heater of half the power", ("heater", "number"), _number(_power, 0.5), _HEATED),
+    SetUp("a heater of twice the power", ("heater", "number"), _number(_power, 2.0), _HEATED),
+    SetUp("thresholds 7 K higher", ("thresholds",), _thresholds, _HEATED),
+    SetUp("status always off", ("thermostat", "missing heat"), _status_off, _HEATED),
+    SetUp("capacity half", ("number",), _number(_capacity, 0.5), lambda c: c.eclipsed and bool(_certain(c))),
+    SetUp("area twice", ("number",), _number(_area, 2.0), _LIT),
+    SetUp("a face turned over", ("face",), _face_turned, _LIT),
+    SetUp("a conductor missing", ("link",), _link_missing, lambda c: len(c.model["nodes"]) > 2),
+    SetUp("a conductor of ten times", ("number",), _link_tenfold, _LIT),
+    SetUp("a prior that is far off", ("prior",), _prior_far_off, lambda c: bool(_uncertain_capacity(c))),
+    SetUp(
+        "altitude half as much again",
+        ("orbit",),
+        _orbit(lambda o: {"altitude": f"{1.5 * _first(o['altitude'])} m"}),
+        _LIT,
+    ),
+    SetUp(
+        "inclination 40 deg off",
+        ("orbit",),
+        _orbit(lambda o: {"inclination": f"{_first(o['inclination']) - 40.0} deg"}),
+        _LIT,
+    ),
     SetUp("a sample held for 12", ("held", "repeating", "stuck"), _held, _LIT),
 )
 

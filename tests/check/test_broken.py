@@ -70,6 +70,28 @@ def test_a_spike_is_told_with_its_time_and_left_out():
     assert np.flatnonzero(own.useless).tolist() == [57]
 
 
+def test_a_number_that_stands_for_no_reading_is_told_though_it_comes_often():
+    values = telemetry()
+    lost = np.random.default_rng(1).choice(200, 12, replace=False)
+    values[lost] = 213.15
+    own = found(values)
+    assert own.kind == "filled"
+    assert "−60.00 degC comes 12 times" in own.sentence
+    assert sorted(np.flatnonzero(own.useless).tolist()) == sorted(lost.tolist())
+
+
+def test_readings_that_stop_at_the_end_of_a_range_are_told_with_it():
+    own = found(np.minimum(telemetry(), 294.0))
+    assert (own.kind, own.title) == ("clipped", "body_temp shows nothing above 20.85 degC")
+    assert own.useless.sum() > 50
+    low = found(np.maximum(telemetry(), 286.0))
+    assert (low.kind, "below" in low.title) == ("clipped", True)
+
+
+def test_a_flat_top_within_a_step_is_not_clipped():
+    assert found(telemetry(step=2.0, noise=0.0)) is None
+
+
 def test_samples_that_are_not_there_do_not_matter():
     values = telemetry()
     values[::3] = np.nan

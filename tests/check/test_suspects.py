@@ -1,6 +1,7 @@
 """Simple wrongs of the small satellite, named before any sampling."""
 
 from dataclasses import replace
+from datetime import timedelta
 from types import SimpleNamespace
 
 import numpy as np
@@ -15,7 +16,7 @@ from flightcal.check.wrongs.heat import turning
 from flightcal.problem import build_problem
 from flightcal.progress import SILENT
 from flightcal.run import Run, open_run, read_json
-from flightcal.scenario import Normal
+from flightcal.scenario import LogNormal, Normal
 from tests import small
 
 from .problems import formula_problem, samples
@@ -30,7 +31,21 @@ def flown(tmp_path_factory):
 def named(scenario, data):
     found = suspects(build_problem(scenario, data), data)
     assert found.looked
+    print([(f.title, f.nats) for f in found.found])
     return found.found
+
+
+def sunlit():
+    """The small satellite with a face, in an orbit with eclipses."""
+    written = small.content()
+    written["environment"] = {
+        "orbit": {"altitude": "600 km", "inclination": "97.8 deg", "ltan": "12:00", "epoch": "2024-03-01T00:00:00"}
+    }
+    looks = {"area": "0.05 m^2", "normal": [0, 0, -1], "absorptivity": 0.6, "emissivity": 0.8}
+    written["simulator"]["faces"] = {"outside": {"node": "panel", **looks}}
+    written["simulator"]["loads"]["sun"]["coefficient"] = "0.1 W/A"
+    written["windows"] = {"train": {"start": "2024-03-01T01:00:00", "end": "2024-03-01T04:00:00"}}
+    return written
 
 
 def spoilt(data, **columns):
@@ -82,22 +97,130 @@ def test_the_sign_of_a_driver_is_named(flown):
     assert "sign" in first.title
 
 
-def test_a_clock_that_is_late_is_named_with_the_minutes(tmp_path):
+def test_a_heater_of_half_the_power_is_named_with_both(tmp_path):
     written = small.content()
-    written["environment"] = {
-        "orbit": {"altitude": "600 km", "inclination": "97.8 deg", "ltan": "12:00", "epoch": "2024-03-01T00:00:00"}
-    }
-    looks = {"area": "0.05 m^2", "normal": [0, 0, -1], "absorptivity": 0.6, "emissivity": 0.8}
-    written["simulator"]["faces"] = {"outside": {"node": "panel", **looks}}
-    written["simulator"]["loads"]["sun"]["coefficient"] = "0.1 W/A"
-    written["windows"] = {"train": {"start": "2024-03-01T01:00:00", "end": "2024-03-01T04:00:00"}}
-    scenario, data = small.closed_loop(tmp_path, written)
+    del written["parameters"]["power"]
+    written["simulator"]["heaters"]["heater"]["power"] = "14 W"
+    _, data = small.closed_loop(tmp_path)
+    scenario, _ = small.load(tmp_path, written)
+    first = named(scenario, data)[0]
+    assert (first.kind in ("heater", "number"), "power" in first.title) == (True, True)
+    assert "2.0 times" in first.title or "0.50 times" in first.title
+    assert "14.0" in first.sentence
+
+
+def test_thresholds_at_which_a_heater_does_not_switch_are_named(flown):
+    scenario, data = flown
+    heater = scenario.network.heaters["heater"]
+    higher = heater.model_copy(update={"on_below": heater.on_below + 7.0, "off_above": heater.off_above + 7.0})
+    model = scenario.network.model_copy(update={"heaters": {"heater": higher}})
+    first = named(scenario.model_copy(update={"simulator": model}), data)[0]
+    assert (first.kind, first.about) == ("thresholds", "heater")
+    assert "below its thresholds" in first.title
+
+
+def test_a_channel_that_drifts_is_named(flown):
+    scenario, data = flown
+    drift = 10.0 * np.arange(data.sizes["time"]) / 180.0
+    first = named(scenario, spoilt(data, body_temp=data["body_temp"] + drift))[0]
+    assert (first.kind, first.about) == ("drift", "body_temp")
+
+
+def test_a_channel_with_a_wrong_gain_is_named(flown):
+    scenario, data = flown
+    read = 273.15 + 1.6 * (data["body_temp"] - 273.15)
+    first = named(scenario, spoilt(data, body_temp=read))[0]
+    assert (first.kind, first.about) == ("gain", "body_temp")
+
+
+def test_a_narrow_prior_that_is_far_off_is_named(flown):
+    scenario, data = flown
+    prior = LogNormal(median=2.0, factor=1.05)
+    link = scenario.parameters["link"].model_copy(update={"prior": prior})
+    first = named(scenario.model_copy(update={"parameters": {**scenario.parameters, "link": link}}), data)[0]
+    assert (first.kind, first.about) == ("prior", "link")
+
+
+def test_a_conductor_that_is_missing_is_named(tmp_path):
+    written = small.content()
+    _, data = small.closed_loop(tmp_path)
+    del written["parameters"]["link"], written["simulator"]["conductors"][0]
+    scenario, _ = small.load(tmp_path, written)
+    assert named(scenario, data)[0].title == "A conductor body-panel is missing in the scenario"
+
+
+def test_a_heater_without_a_status_beside_one_that_has_it_is_no_error(tmp_path):
+    written = small.content()
+    second = {"node": "panel", "power": "5 W", "sensor": "panel", "on_below": "-90 degC", "off_above": "-80 degC"}
+    written["simulator"]["heaters"]["second"] = second
+    _, data = small.closed_loop(tmp_path)
+    scenario, _ = small.load(tmp_path, written)
+    assert named(scenario, data) == ()
+
+
+def test_a_status_that_is_always_off_is_told_by_its_thresholds(flown):
+    scenario, data = flown
+    heater = scenario.network.heaters["heater"]
+    higher = heater.model_copy(update={"on_below": heater.on_below + 4.0, "off_above": heater.off_above + 4.0})
+    model = scenario.network.model_copy(update={"heaters": {"heater": higher}})
+    off = spoilt(data, heater_status=0.0 * data["heater_status"])
+    first = named(scenario.model_copy(update={"simulator": model}), off)[0]
+    assert (first.kind, first.about) == ("thermostat", "heater")
+
+
+def test_heaters_that_act_without_a_status_are_not_compared(flown):
+    scenario, data = flown
+    heater = scenario.network.heaters["heater"].model_copy(update={"measured_by": None})
+    model = scenario.network.model_copy(update={"heaters": {"heater": heater}})
+    observed = {name: own for name, own in scenario.observations.items() if own.heater is None}
+    alone = scenario.model_copy(update={"simulator": model, "observations": observed})
+    assert not suspects(build_problem(alone, data), data).looked
+
+
+def test_a_clock_that_is_late_is_named_with_the_minutes(tmp_path):
+    scenario, data = small.closed_loop(tmp_path, sunlit())
     late = data.assign_coords(time=data["time"] + np.timedelta64(20, "m"))
     assert named(scenario, data) == ()
     first = named(scenario, late)[0]
     assert first.kind == "clock"
     assert first.title.endswith("late")
     assert float(first.title.split()[4]) == pytest.approx(20.0, abs=1.5)
+
+
+def test_a_clock_of_another_zone_is_named_with_the_hours(tmp_path):
+    scenario, data = small.closed_loop(tmp_path, sunlit())
+    late = data.assign_coords(time=data["time"] + np.timedelta64(330, "m"))
+    window = scenario.windows["train"]
+    moved = window.model_copy(
+        update={"start": window.start + timedelta(hours=5.5), "end": window.end + timedelta(hours=5.5)}
+    )
+    first = named(scenario.model_copy(update={"windows": {"train": moved}}), late)[0]
+    assert (first.kind, first.title) == ("clock", "The telemetry's clock is 5.5 h late")
+
+
+def test_a_clock_that_goes_too_fast_is_named(tmp_path):
+    scenario, data = small.closed_loop(tmp_path, sunlit())
+    times = data["time"].values
+    fast = data.assign_coords(time=times[0] + ((times - times[0]) * 1.05))
+    found = {own.about: own for own in named(scenario, fast)[:2]}
+    assert found["rate"].kind == "clock"
+    assert "too fast" in found["rate"].title
+
+
+def test_a_face_that_looks_the_other_way_is_named(tmp_path):
+    written = sunlit()
+    _, data = small.closed_loop(tmp_path, written)
+    written["simulator"]["faces"]["outside"]["normal"] = [1, 0, 0]
+    scenario, _ = small.load(tmp_path, written)
+    assert named(scenario, data)[0].title == "Face outside looks another way"
+
+
+def test_another_inclination_is_named(tmp_path):
+    written = sunlit()
+    _, data = small.closed_loop(tmp_path, written)
+    written["environment"]["orbit"]["inclination"] = "20 deg"
+    scenario, _ = small.load(tmp_path, written)
+    assert named(scenario, data)[0].kind == "orbit"
 
 
 def test_telemetry_that_nothing_explains_is_said_not_to_be_of_the_scenario(flown):

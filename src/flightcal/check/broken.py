@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 
 from ..report import number
 from ..simulator import ICE_POINT, FloatArray
-from .evidence import noise_of
+from .evidence import noise_of, step_of
 
 _STUCK = 30
 """Equal samples that no sensor shows where the model moves."""
@@ -22,6 +22,10 @@ _CHANCE, _ALIKE = 1e-9, 0.4
 """Probability of that by chance, and the least that is assumed of each change."""
 _HELD = 3
 """Samples, from which a reading that is held for so many is worth a word."""
+_FILLED, _FAR = 3, 5.0
+"""Times that one number comes, and K that it is away from the samples around it, which stands for no reading."""
+_SLOPE, _CLIPPED = 3, 1.0
+"""Samples over which a slope is taken; K, by which a temperature goes on where readings stop."""
 _MOST_SPIKES = 3
 _SPIKE = (3.0, 12.0, 4.0)
 """A spike is larger than so many K, so many deviations of the noise, and so many times what is usual."""
@@ -31,7 +35,7 @@ _SPIKE = (3.0, 12.0, 4.0)
 class Broken:
     """What is wrong with a channel, and which of its samples are of no use."""
 
-    kind: Literal["stuck", "repeating", "held", "spike"]
+    kind: Literal["filled", "stuck", "clipped", "repeating", "held", "spike"]
     channel: str
     title: str
     sentence: str
@@ -42,10 +46,63 @@ class Broken:
 
 def broken(channel: str, times: NDArray[np.datetime64], values: FloatArray, modelled: FloatArray) -> Broken | None:
     """What is wrong with a channel's samples [T] K; modelled: [T] K as the simulator has them, NaN: not known."""
-    for look in (_spikes, _held, _stuck, _repeating):
+    for look in (_filled, _spikes, _held, _stuck, _clipped, _repeating):
         found = look(channel, times, values, modelled)
         if found is not None:
             return found
+    return None
+
+
+def _filled(channel: str, times: NDArray[np.datetime64], values: FloatArray, modelled: FloatArray) -> Broken | None:
+    """One number that comes again and again, far from what is read before and after: it stands for no reading."""
+    valid = np.flatnonzero(np.isfinite(values))
+    own = values[valid]
+    numbers, counts = np.unique(own, return_counts=True)
+    for number_of in numbers[(counts >= _FILLED) & (counts < 0.5 * len(own))]:
+        is_it = own == number_of
+        others = np.flatnonzero(~is_it)
+        place = np.clip(np.searchsorted(others, np.flatnonzero(is_it)), 1, len(others) - 1)
+        before, after = own[others[place - 1]] - number_of, own[others[place]] - number_of
+        noises = _SPIKE[1]
+        height = np.where(before * after > 0.0, np.minimum(np.abs(before), np.abs(after)), 0.0)
+        limit = max(_FAR, noises * noise_of(own[others]), 4.0 * float(np.quantile(np.abs(np.diff(own[others])), 0.95)))
+        if (height > limit).mean() > 0.8:
+            useless = np.zeros(len(values), bool)
+            useless[valid[is_it]] = True
+            return Broken(
+                "filled", channel, f"{channel} has samples that are no readings",
+                f"{number(float(number_of) - ICE_POINT, 4)} degC comes {int(is_it.sum())} times, each time "
+                f"{number(float(np.median(height)), 2)} K away from the samples around it.",
+                f"Write it as 'invalid' of {channel} in 'telemetry: channels'", useless,
+            )  # fmt: skip
+    return None
+
+
+def _clipped(channel: str, times: NDArray[np.datetime64], values: FloatArray, modelled: FloatArray) -> Broken | None:
+    """Readings that stop at their highest or lowest, where the temperature goes on."""
+    valid = np.flatnonzero(np.isfinite(values))
+    if len(valid) < _STUCK:
+        return None
+    own = values[valid]
+    for extreme, word in ((own.max(), "above"), (own.min(), "below")):
+        edges = np.flatnonzero(np.diff(np.concatenate([[0], (own == extreme).astype(int), [0]])))
+        first, last = edges[::2], edges[1::2]
+        whole = (first > _SLOPE) & (last < len(own) - _SLOPE)
+        lengths = (last - first)[whole]
+        rise = np.abs(own[first[whole] - 1] - own[first[whole] - 1 - _SLOPE]) / _SLOPE
+        fall = np.abs(own[last[whole]] - own[last[whole] + _SLOPE]) / _SLOPE if whole.any() else rise
+        # A parabola that begins and ends with these slopes goes on so far.
+        beyond = np.minimum(rise, fall) * lengths / 4.0
+        if (beyond > _CLIPPED + 4.0 * step_of(own) + 4.0 * noise_of(values)).sum() < 2:
+            continue
+        useless = np.zeros(len(values), bool)
+        useless[valid[own == extreme]] = True
+        return Broken(
+            "clipped", channel, f"{channel} shows nothing {word} {number(float(extreme) - ICE_POINT, 4)} degC",
+            f"It stops there {len(lengths)} times, for up to {int(lengths.max())} samples, where it would go on by "
+            f"{number(float(beyond.max()), 2)} K.",
+            f"Leave these samples out with a narrower 'valid_range' of {channel}", useless,
+        )  # fmt: skip
     return None
 
 

@@ -31,10 +31,20 @@ FINE = 30.0
 """s, how far apart sunlight is looked up,"""
 REACH = 7800.0
 """s, and how far before and after the window."""
+INFERRED = "status by temperature of "
+"""Begins the names of channels that are no telemetry."""
+NO_LINK = 1e-9
+"""W/K, of nodes that are not linked: by more they might be."""
+WIDENED = 10.0
+"""Times as wide is a prior that may be wrong."""
 _MOST_ROWS = 500
 """Samples of all channels together that are looked at."""
 USUAL = 2.0
 """Size of unmodelled heat that a model may have and be right."""
+_ALIKE = 3.0
+"""Samples beside each other that tell as much as one of a change of scale."""
+_RIGHT = 0.5
+"""Mean square of the deviations of a right model, at most about."""
 _LEAST_TIMES = 40
 _LONGEST = 300.0
 """s, over which telemetry is interpolated."""
@@ -53,6 +63,8 @@ _BUSY = 0.25
 _ROUNDS = 3
 _FARTHEST = 3.0
 """Deviations of its prior that an entry is moved by at most."""
+_COARSEST = 10.0
+"""K, of a digit of telemetry."""
 _RUGGED = 1.4826
 """Of a normal distribution, deviation over the median of absolute deviations."""
 
@@ -79,6 +91,7 @@ class Rows:
 class Thermostat:
     """A heater whose switches show what its own sensor reads at its thresholds."""
 
+    heater: str
     channel: int
     """Of its sensor."""
     on: FloatArray
@@ -101,6 +114,27 @@ class Thermostat:
             for times, level in ((self.on, self.below), (self.off, self.above))
         ]
         return 0.5 * (beyond[0] + beyond[1])
+
+
+@dataclass(frozen=True)
+class Scale:
+    """What telemetry is multiplied by before it is compared."""
+
+    factor: float = 1.0
+    samples: int = 0
+    """That are."""
+
+    def evidence(self, square: float, rows: int) -> float:
+        """Nats that it adds where deviations of so many rows have this sum of squares, in those expected.
+
+        The density of the telemetry as it was; and a model that is wrong anyway is not to be nearer for the telemetry
+        being smaller: what a right model does not have is counted as it was read.
+        """
+        jacobian = -self.samples * abs(float(np.log(self.factor))) / _ALIKE
+        return jacobian - 0.5 * max(square - _RIGHT * rows, 0.0) * max(self.factor**-2 - 1.0, 0.0)
+
+
+AS_READ = Scale()
 
 
 @dataclass(frozen=True)
@@ -150,6 +184,8 @@ class View:
     rows: Rows
     heat: HeatModel
     thermostats: tuple[Thermostat, ...] = ()
+    widened: int | None = None
+    """The entry whose prior is wider than written."""
 
     @property
     def window(self) -> Window:
@@ -207,10 +243,20 @@ class View:
         seconds = np.arange(-REACH, self.network.drive.times[-1] + REACH, FINE)
         return seconds, face_series(self.window.scenario, self.utc(seconds))
 
+    def sunlight_before(self, seconds: float) -> tuple[FloatArray, dict[str, FloatArray]]:
+        """As `sunlight`; where that does not reach so many s back, what shone then."""
+        if abs(seconds) <= REACH:
+            return self.sunlight
+        apart = np.arange(-FINE, 1.1 * self.network.drive.times[-1] + FINE, FINE) - seconds
+        return apart, face_series(self.window.scenario, self.utc(apart))
+
     @cached_property
     def spread(self) -> FloatArray:
         """[d] deviations of z; see `evaluate.spread_in_z`."""
-        return spread_in_z(self.problem)
+        spread = spread_in_z(self.problem)
+        if self.widened is not None:
+            spread[self.widened] *= WIDENED
+        return spread
 
     def centre(self, observed: FloatArray) -> FloatArray:
         """z [d] at the prior's medians; initial temperatures follow the first samples of `observed` [t, N]."""
@@ -281,13 +327,8 @@ class Gaussian:
     factors: tuple[FloatArray, ...]
     """[R, R] Cholesky factors, lower, of each size."""
 
-    def fit(
-        self, residual: FloatArray, columns: FloatArray | None = None, jacobian: float = 0.0, moved: float = 0.0
-    ) -> Fit:
-        """Of residuals [R] with further columns [R, k] of normal weights of one.
-
-        jacobian: log of what the telemetry was scaled by. moved: log prior odds.
-        """
+    def fit(self, residual: FloatArray, columns: FloatArray | None = None, scale: Scale = AS_READ) -> Fit:
+        """Of residuals [R] with further columns [R, k] of normal weights of one."""
         best: Fit | None = None
         left = np.where(self.known, np.nan_to_num(residual, nan=_DIVERGED), 0.0).clip(-_DIVERGED, _DIVERGED)
         rows, extra = int(self.known.sum()), np.empty((len(left), 0)) if columns is None else columns
@@ -299,7 +340,7 @@ class Gaussian:
             square = float(left @ white)
             evidence = -0.5 * square - float(np.log(np.diag(factor)).sum()) - 0.5 * float(np.linalg.slogdet(inner)[1])
             # A size beside one is less likely: heat of a fifth of the flow is no longer usual.
-            evidence += jacobian + moved - 0.5 * (np.log2(size) / 0.7) ** 2
+            evidence += scale.evidence(square, rows) - 0.5 * (np.log2(size) / 0.7) ** 2
             if best is None or evidence > best.evidence:
                 z = self.point.effects.T @ white
                 best = Fit(evidence, size, square / max(rows, 1), z, added)
@@ -329,7 +370,7 @@ def climbed(
     observed: FloatArray,
     start: Point,
     columns: FloatArray | None = None,
-    jacobian: float = 0.0,
+    scale: Scale = AS_READ,
 ) -> Fit:
     """The fit of telemetry [t, N] where the entries are likeliest, by Gauss-Newton steps. Raises SimulationFailure."""
     centre, flat = view.centre(observed), view.flat(observed)
@@ -346,7 +387,7 @@ def climbed(
         back = point.effects @ ((centre - point.z) / view.spread)
         sizes = SIZES if found is None or last else (found.size,)
         around = gaussian(view.rows, point, known, sizes)
-        found = around.fit(flat - point.temperatures - back, columns, jacobian)
+        found = around.fit(flat - point.temperatures - back, columns, scale)
         moved = np.clip(found.z, -_FARTHEST, _FARTHEST)
         if last:
             break
@@ -387,9 +428,13 @@ def noise_of(values: FloatArray) -> float:
     if len(valid) < 4:
         return 0.0
     bends = np.diff(valid, 2)
-    steps = np.abs(np.diff(valid))
-    step = float(np.min(steps[steps > 1e-6], initial=1.0))
-    return float(np.hypot(_RUGGED * np.median(np.abs(bends)) / np.sqrt(6.0), min(step, 1.0) / np.sqrt(12.0)))
+    return float(np.hypot(_RUGGED * np.median(np.abs(bends)) / np.sqrt(6.0), step_of(valid) / np.sqrt(12.0)))
+
+
+def step_of(values: FloatArray) -> float:
+    """The least difference between readings [T] of a channel that are not the same, K; at most `_COARSEST`."""
+    apart = np.diff(np.unique(values[np.isfinite(values)]))
+    return min(float(np.min(apart[apart > 1e-6], initial=_COARSEST)), _COARSEST) if len(apart) else 1.0
 
 
 def view_of(problem: Problem, telemetry: xarray.Dataset) -> View:
@@ -403,22 +448,30 @@ def view_of(problem: Problem, telemetry: xarray.Dataset) -> View:
 
 def thermostats(window: Window, rows: Rows) -> Iterator[Thermostat]:
     """Heaters of known thresholds whose sensor has a channel, and that switch on and off in a window."""
-    scenario, channels = window.scenario, window.simulator.channels
-    moved = {path for parameter in scenario.parameters.values() for path in (*parameter.sets, *parameter.scales)}
-    for k, (name, heater) in enumerate(scenario.network.switches.items()):
-        watching = [
-            place
-            for place, channel in enumerate(channels)
-            if scenario.observations[channel].node == heater.sensor and scenario.observations[channel].gain == 1.0
-        ]
+    for name, k, channel in known_thermostats(window):
+        heater, bias = window.scenario.network.switches[name], window.scenario.observations[channel].bias
         valid = np.flatnonzero(np.isfinite(window.status[:, k]))
         turns = np.diff(window.status[valid, k] > 0.5)
-        uncertain = {f"heaters.{name}.on_below", f"heaters.{name}.off_above"} & moved
-        if not watching or uncertain or not turns.any() or turns.mean() > _BUSY:
+        if not turns.any() or turns.mean() > _BUSY:
             continue
         seconds = (window.times[valid] - window.times[rows.kept[0]]) / np.timedelta64(1, "s")
         middle, on = 0.5 * (seconds[1:] + seconds[:-1])[turns], window.status[valid[1:], k][turns] > 0.5
         if on.any() and not on.all():
-            bias = scenario.observations[channels[watching[0]]].bias
-            below, above = heater.on_below + bias, heater.off_above + bias
-            yield Thermostat(watching[0], middle[on], middle[~on], below, above)
+            place = window.simulator.channels.index(channel)
+            yield Thermostat(name, place, middle[on], middle[~on], heater.on_below + bias, heater.off_above + bias)
+
+
+def known_thermostats(window: Window) -> Iterator[tuple[str, int, str]]:
+    """Heaters of known thresholds whose sensor has a channel: each with its place among them, and that channel."""
+    scenario = window.scenario
+    moved = {path for parameter in scenario.parameters.values() for path in (*parameter.sets, *parameter.scales)}
+    for k, (name, heater) in enumerate(scenario.network.switches.items()):
+        watching = [
+            channel
+            for channel in window.simulator.channels
+            if scenario.observations[channel].node == heater.sensor and scenario.observations[channel].gain == 1.0
+        ]
+        if (heater.measured_by or "").startswith(INFERRED):
+            continue
+        if watching and not {f"heaters.{name}.on_below", f"heaters.{name}.off_above"} & moved:
+            yield name, k, watching[0]

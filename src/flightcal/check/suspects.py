@@ -7,7 +7,9 @@ parameters, unmodelled heat and noise? One is named only where it is better by f
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
+from collections.abc import Iterator
+from dataclasses import astuple, dataclass, replace
+from itertools import combinations
 from typing import Any, Final
 
 import numpy as np
@@ -18,10 +20,11 @@ from ..errors import FlightcalError
 from ..problem import Problem, build_window, problem_of
 from ..progress import SILENT, Progress
 from ..run import Run, Stage, plain, read_json, typed
-from ..scenario import Scenario, SimulatorModel
+from ..scenario import Channel, Conductor, Scenario, SimulatorModel
 from ..simulator import FloatArray, SimulationFailure
 from .broken import Broken, broken
-from .evidence import HEAT, USUAL, Fit, Gaussian, Point, View, climbed, gaussian, view_of
+from .evidence import HEAT, INFERRED, NO_LINK, USUAL, WIDENED, Fit, Gaussian, Point, View, climbed, gaussian, view_of
+from .thermostat import disobeyed, inferred
 from .wrongs import Wrong, all_wrongs
 
 SUSPECTS_FILE = "suspects.json"
@@ -29,18 +32,29 @@ _CLEAR = 11.0
 """Nats by which a wrong has to be better than nothing wrong to be named."""
 _PROMISING = 2.0
 """Nats of a first look from which a wrong is looked at closely."""
-_FINALISTS = 9
+_FINALISTS = 12
 _OF_A_KIND = 2
 """So many of a kind are looked at closely."""
 _BLURRED = 0.7
 """K, error of a model that is linear about one point, when all wrongs are looked at first."""
 _BAD = 2.0
 """Mean square of deviations from which a scenario is beside its telemetry altogether."""
+_MOST_OF_IT = 0.2
+"""Share of the misfit that one wrong may leave, and still be what is named first."""
 _HALF_WAY = 3.0
 """So many times as clear has a wrong to be that leaves more misfit than is usual."""
 _SHOWN, _NEAR = 3, 0.5
 """So many are named at most, and only if they explain at least so much of what the best explains."""
 _FIRST_SIZES = (1.0, 3.0)
+_OF_THERMOSTATS = frozenset({
+    "bias", "unit", "swapped", "other node", "unrelated", "everything", "status inverted", "statuses swapped",
+    "status clock", "thresholds", "stuck", "filled", "clock", "channel clock",
+})  # fmt: skip
+"""Kinds of wrongs that explain why a status does not do what thresholds say,"""
+_OF_READINGS = frozenset({"gain", "drift"})
+"""and why one that changes does not."""
+_MOST_LINKED = 10
+"""Nodes, of which any two may be linked."""
 _ORBITS = 4.0
 """Of the first training window, that are looked at."""
 
@@ -101,30 +115,54 @@ def suspects(problem: Problem, telemetry: xarray.Dataset, progress: Progress = S
     found = [Suspicion(own.kind, own.channel, own.title, own.sentence, own.advice) for own in seen]
     if view is None:
         return Suspects(tuple(found))
-    return Suspects((*found, *_compared(_without(view, window.times, seen), progress)), True)
+    compared = _compared(_without(view, window.times, seen), progress)
+    kinds = {own.kind for own in (*found, *compared)}
+    for name, words, constant in disobeyed(view.window):
+        if not kinds & (_OF_THERMOSTATS if constant else _OF_THERMOSTATS | _OF_READINGS):
+            found.append(Suspicion("thermostat", name, *astuple(words)))
+    return Suspects((*found, *compared), True)
 
 
 def prepared(scenario: Scenario, telemetry: xarray.Dataset) -> View | None:
-    """The first training window of a thermal network, driven by measured status; None of anything else.
+    """The first training window of a thermal network, driven by its heaters' status; None of anything else.
 
-    Raises FlightcalError.
+    Of a heater that acts without a measured status nobody knows when it was on, and a model that switches a little
+    later is no wrong: None there too. Raises FlightcalError.
     """
     model = scenario.simulator
     if not isinstance(model, SimulatorModel) or model.reduced_model is not None or model.errors:
         return None
-    heaters = model.switches
+    heaters, channels = model.switches, dict(scenario.telemetry.channels)
     for name, heater in heaters.items():
         observing = [channel for channel, item in scenario.observations.items() if item.heater == name]
         channel = heater.measured_by or (observing[0] if observing else None)
+        if channel is None:
+            values, channel = inferred(scenario, telemetry, name), f"{INFERRED}{name}"
+            if values is None:
+                return None
+            telemetry = telemetry.assign({channel: ("time", values)})
+            channels[channel] = Channel(column=channel, kind="status")
         heaters[name] = heater.model_copy(update={"measured_by": channel})
-    known = bool(heaters) and all(heater.measured_by is not None for heater in heaters.values())
-    update: dict[str, Any] = {"heaters": {**model.heaters, **heaters}, "heater_input": "measured"} if known else {}
-    changed = scenario.model_copy(update={"simulator": model.model_copy(update=update), "heat": HEAT})
+    update: dict[str, Any] = {"heaters": {**model.heaters, **heaters}}
+    update |= {"heater_input": "measured"} if heaters else {}
+    update["conductors"] = (*model.conductors, *_of_nothing(model))
+    read = scenario.telemetry.model_copy(update={"channels": channels})
+    of_all = {"simulator": model.model_copy(update=update), "telemetry": read, "heat": HEAT}
+    changed = scenario.model_copy(update=of_all)
     name = scenario.train_windows[0]
     window = build_window(changed, telemetry, name)
     if window.times[-1] - window.times[0] > np.timedelta64(round(_ORBITS * window.period), "s"):
         window = build_window(changed, telemetry, name, span=_ORBITS * window.period)
     return view_of(problem_of(changed, [window]), telemetry)
+
+
+def _of_nothing(model: SimulatorModel) -> Iterator[Conductor]:
+    """Conductors that conduct nothing yet, between nodes of a small network that are not linked."""
+    own = [name for name, node in model.nodes.items() if node.boundary is None]
+    linked = {frozenset(conductor.between) for conductor in model.conductors}
+    for pair in combinations(own, 2) if len(own) <= _MOST_LINKED else ():
+        if frozenset(pair) not in linked:
+            yield Conductor(between=pair, conductance=f"{NO_LINK} W/K")
 
 
 def _without(view: View, times: NDArray[np.datetime64], seen: list[Broken]) -> View:
@@ -166,7 +204,7 @@ def _compared(view: View, progress: Progress) -> list[Suspicion]:
     for score, wrong in scored:
         if score > _PROMISING and sum(own.kind == wrong.kind for own in finalists) < _OF_A_KIND:
             finalists.append(wrong)
-    found: list[tuple[bool, Suspicion]] = []
+    found: list[tuple[Fit, Suspicion]] = []
     for wrong in finalists[:_FINALISTS]:
         try:
             best, fit = _closely(view, wrong, base)
@@ -176,15 +214,19 @@ def _compared(view: View, progress: Progress) -> list[Suspicion]:
         if nats > _CLEAR and not (best.least and abs(float(fit.added[0])) < best.least):
             words = best.words(fit) if callable(best.words) else best.words
             named = Suspicion(best.kind, best.about, words.title, words.sentence, words.advice, nats)
-            found.append((fit.is_usual, named))
+            found.append((fit, named))
     return _ranked(found, nothing)
 
 
-def _ranked(found: list[tuple[bool, Suspicion]], nothing: Fit) -> list[Suspicion]:
+def _ranked(found: list[tuple[Fit, Suspicion]], nothing: Fit) -> list[Suspicion]:
     """What explains the telemetry, the best first; what only explains it better where nothing does."""
-    usual = sorted((own for good, own in found if good), key=lambda own: -(own.nats or 0.0))
-    helps = sorted((own for good, own in found if not good), key=lambda own: -(own.nats or 0.0))
-    if not usual and nothing.size > USUAL and nothing.misfit > _BAD:
+    best: list[tuple[Fit, Suspicion]] = []
+    for item in sorted(found, key=lambda item: -(item[1].nats or 0.0)):
+        if (item[1].kind, item[1].about) not in [(own.kind, own.about) for _, own in best]:
+            best.append(item)
+    usual, helps = [own for fit, own in best if fit.is_usual], [own for fit, own in best if not fit.is_usual]
+    explained = bool(helps) and min(fit.misfit for fit, _ in best) < _MOST_OF_IT * nothing.misfit
+    if not usual and nothing.size > USUAL and nothing.misfit > _BAD and not explained:
         title, advice = "the scenario is not of this telemetry", "Check that both are of the same satellite and time"
         sentence = (
             "Neither parameters nor unmodelled heat of some percent nor any one simple wrong bring the model to the "
@@ -212,19 +254,32 @@ def _gain(view: View, wrong: Wrong, look: _Look) -> float:
     else:
         temperatures = view.temperatures(wrong.window, point.z + shift)
     residual = view.flat(observed) - temperatures - look.back
-    return look.around.fit(residual, wrong.columns, wrong.jacobian).evidence - look.nothing
+    columns = wrong.columns
+    if wrong.widened is not None:
+        columns = point.effects[:, [wrong.widened]] * np.sqrt(WIDENED**2 - 1.0)
+    return look.around.fit(residual, columns, wrong.scale).evidence - look.nothing
 
 
 def _closely(view: View, wrong: Wrong, base: Point) -> tuple[Wrong, Fit]:
     """A wrong where parameters have their say too, and with the best of numbers near by. Raises SimulationFailure."""
+    if wrong.widened is not None:
+        return wrong, _with_wider_prior(view, wrong.widened, base)
     window = wrong.window or view.window
-    fit = climbed(view, window, _read(view, wrong), base, wrong.columns, wrong.jacobian)
+    fit = climbed(view, window, _read(view, wrong), base, wrong.columns, wrong.scale)
     if wrong.closer is None:
         return wrong, fit
     look = _look(view, view.point(window, fit.z, base), np.isfinite(view.flat(view.observed)))
     best = max(wrong.closer(), key=lambda own: _gain(view, own, look))
-    again = climbed(view, best.window or view.window, _read(view, best), base, best.columns, best.jacobian)
+    again = climbed(view, best.window or view.window, _read(view, best), base, best.columns, best.scale)
     return (best, again) if again.evidence > fit.evidence else (wrong, fit)
+
+
+def _with_wider_prior(view: View, entry: int, base: Point) -> Fit:
+    """The fit where a prior is wider, and how far the entry is then off. Raises SimulationFailure."""
+    wider = replace(view, widened=entry)
+    fit = climbed(wider, view.window, view.observed, wider.point(view.window, base.z, base))
+    off = (fit.z - view.centre(view.observed))[entry] / view.spread[entry]
+    return replace(fit, added=np.array([off]))
 
 
 def _read(view: View, wrong: Wrong) -> FloatArray:

@@ -3,10 +3,10 @@
 from collections.abc import Iterator
 
 from ..evidence import View
-from . import channels, clocks, heat, written
-from .wrong import Wrong
+from . import channels, clocks, heat, orbit, written
+from .wrong import Words, Wrong
 
-_WRONGS = (*channels.WRONGS, *clocks.WRONGS, *heat.WRONGS, *written.WRONGS)
+_WRONGS = (*channels.WRONGS, *clocks.WRONGS, *heat.WRONGS, *orbit.WRONGS, *written.WRONGS)
 
 
 def all_wrongs(view: View) -> Iterator[Wrong]:
@@ -15,4 +15,4 @@ def all_wrongs(view: View) -> Iterator[Wrong]:
         yield from wrongs(view)
 
 
-__all__ = ["Wrong", "all_wrongs"]
+__all__ = ["Words", "Wrong", "all_wrongs"]

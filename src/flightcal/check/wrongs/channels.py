@@ -10,17 +10,17 @@ import numpy as np
 
 from ...report import number
 from ...simulator import ICE_POINT, FloatArray
-from ..evidence import Fit, View
+from ..evidence import Fit, Scale, View
 from .wrong import Words, Wrong
 
 _BIAS = 8.0
 """K, prior deviation of a channel's bias."""
+_GAIN = 0.3
+"""Prior deviation of a channel's gain from one."""
 _STRANGE, _STRANGE_TIME = ((15.0, 4.0), (5.0, 25.0)), 2400.0
 """K, deviations of mean and wandering of a channel that is not of this satellite; s, its correlation time."""
 _COLDEST, _HOTTEST = 100.0, 500.0
 """K, that a satellite may be."""
-_ALIKE = 3.0
-"""Samples beside each other that tell as much as one of a change of scale."""
 _MOST_NODES = 15
 """Of a network whose channels are tried at every node."""
 
@@ -42,6 +42,41 @@ def biases(view: View) -> Iterator[Wrong]:
             )
 
         yield Wrong("bias", channel, words, columns=column, least=1.0 / _BIAS, tries=len(view.channels))
+
+
+def gains(view: View) -> Iterator[Wrong]:
+    """Each channel is so many times its temperature in degC."""
+    modelled = view.temperatures(view.window, view.centre(view.observed))
+    t = len(view.rows.kept)
+    for k, channel in enumerate(view.channels):
+        column = view.of_channel(k, _GAIN * (modelled[k * t : (k + 1) * t] - ICE_POINT)[:, None])
+
+        def words(fit: Fit, channel: str = channel) -> Words:
+            gain = 1.0 + _GAIN * float(fit.added[0])
+            return Words(
+                f"{channel} reads {number(gain, 3)} times what it should, in degC",
+                f"Divided by {number(gain, 3)}, {channel} alone, all channels agree with the model.",
+                f"Check the sensor's calibration curve; or write 'observations: {{{channel}: {{gain: {gain:.3f}}}}}'",
+            )
+
+        yield Wrong("gain", channel, words, columns=column, least=0.1 / _GAIN, tries=len(view.channels))
+
+
+def drifts(view: View) -> Iterator[Wrong]:
+    """Each channel's readings drift away from the temperature at a constant rate."""
+    seconds = view.rows.seconds
+    for k, channel in enumerate(view.channels):
+        column = view.of_channel(k, _BIAS * (seconds / seconds[-1])[:, None])
+
+        def words(fit: Fit, channel: str = channel) -> Words:
+            drift = _BIAS * float(fit.added[0])
+            return Words(
+                f"{channel} drifts by {number(abs(drift), 2)} K",
+                f"From the first to the last sample {channel} alone goes {drift:+.1f} K away from the model.",
+                f"Check the sensor; leave {channel} out of 'observations' to calibrate without it",
+            )
+
+        yield Wrong("drift", channel, words, columns=column, least=1.0 / _BIAS, tries=len(view.channels))
 
 
 def swaps(view: View) -> Iterator[Wrong]:
@@ -127,8 +162,8 @@ def units(view: View) -> Iterator[Wrong]:
                 "has it.",
                 f"Correct 'unit' of {who} in 'telemetry: channels'",
             )
-            jacobian = -float(np.isfinite(read[:, chosen]).sum() * abs(np.log(factor))) / _ALIKE
-            yield Wrong("unit", who, words, read, jacobian=jacobian, tries=len(_UNITS) * len(view.channels))
+            scale = Scale(factor, int(np.isfinite(read[:, chosen]).sum()))
+            yield Wrong("unit", who, words, read, scale=scale, tries=len(_UNITS) * len(view.channels))
 
 
 def _span(values: FloatArray) -> str:
@@ -136,5 +171,5 @@ def _span(values: FloatArray) -> str:
     return f"{number(float(low), 3)}..{number(float(high), 3)} degC"
 
 
-WRONGS = (biases, swaps, units, other_nodes, unrelated)
+WRONGS = (biases, gains, drifts, swaps, units, other_nodes, unrelated)
 """What looks for them."""

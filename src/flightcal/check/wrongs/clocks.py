@@ -7,17 +7,15 @@ from functools import partial
 
 import numpy as np
 
-from ...report import listed
+from ...report import listed, number
 from ...simulator import FloatArray
-from ..evidence import View
-from .wrong import SHIFT, SHIFTS, Words, Wrong, driven_otherwise, duration, status_channels
+from ..evidence import REACH, View
+from .wrong import SHIFT, SHIFTS, Words, Wrong, closer, driven_otherwise, duration, status_channels
 
+_ZONES = tuple(3600.0 * h for k in range(1, 29) for h in (-k / 2, k / 2) if 3600.0 * k / 2 > REACH)
+"""s, between a time zone and UTC."""
+_RATES = tuple(sign * share for share in (0.005, 0.01, 0.02, 0.04, 0.08) for sign in (-1.0, 1.0))
 _FEW_SHIFTS = tuple(shift for m in (3, 5, 7, 10, 15, 20, 30, 40) for shift in (-60.0 * m, 60.0 * m))
-
-
-def closer(shift: float, apart: float) -> FloatArray:
-    """s, around a shift that is about right."""
-    return shift + np.linspace(-1.0, 1.0, 13) * apart
 
 
 def clocks(view: View, seconds: Sequence[float] | FloatArray = SHIFTS) -> Iterator[Wrong]:
@@ -34,6 +32,40 @@ def clocks(view: View, seconds: Sequence[float] | FloatArray = SHIFTS) -> Iterat
         yield from driven_otherwise(
             "clock", "time", words, view, tries=len(SHIFTS), closer=near, sunlight=late, modes=late
         )
+
+
+def zones(view: View, seconds: Sequence[float] | FloatArray = _ZONES) -> Iterator[Wrong]:
+    """All time tags are of another time zone, farther off than `clocks` looks."""
+    for late in map(float, seconds):
+        words = Words(
+            f"The telemetry's clock is {abs(late) / 3600.0:g} h {'late' if late > 0 else 'early'}",
+            f"Moved {abs(late) / 3600.0:g} h {'back' if late > 0 else 'on'}, as from another time zone, the telemetry "
+            "agrees with sunlight, eclipses and modes.",
+            f"Check the zone of the time column; shift it by {-late:+.0f} s",
+        )
+        yield from driven_otherwise("clock", "time", words, view, tries=len(_ZONES), sunlight=late, modes=late)
+
+
+def rates(view: View, shares: Sequence[float] | FloatArray = _RATES, late: float = 0.0) -> Iterator[Wrong]:
+    """All time tags go too fast (positive) or too slowly, and are right, or `late` by some s, at the beginning."""
+    for share in map(float, shares):
+        how = "fast" if share > 0 else "slowly"
+        words = Words(
+            f"The telemetry's clock goes {number(abs(100.0 * share), 2)}% too {how}",
+            f"With times {number(abs(share) * 3600.0, 3)} s an hour {'shorter' if share > 0 else 'longer'}, the "
+            "telemetry agrees with sunlight, eclipses and modes.",
+            "Check how the time column counts, and its unit",
+        )
+        yield from driven_otherwise(
+            "clock", "rate", words, view, tries=len(_RATES), closer=partial(_about_rate, view, share),
+            sunlight=late, modes=late, gaining=share,
+        )  # fmt: skip
+
+
+def _about_rate(view: View, share: float) -> Iterator[Wrong]:
+    """Clocks that go about so fast, and were set right before or after the window's beginning."""
+    for late in np.linspace(-600.0, 600.0, 11):
+        yield from rates(view, share * np.array([0.6, 0.8, 1.0, 1.25, 1.6]), float(late))
 
 
 def status_clocks(view: View, seconds: Sequence[float] | FloatArray = _FEW_SHIFTS) -> Iterator[Wrong]:
@@ -94,5 +126,5 @@ def channel_clocks(
             )  # fmt: skip
 
 
-WRONGS = (clocks, status_clocks, channel_clocks)
+WRONGS = (clocks, zones, rates, status_clocks, channel_clocks)
 """What looks for them."""

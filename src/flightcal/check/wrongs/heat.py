@@ -14,6 +14,11 @@ from ...simulator import FloatArray
 from ..evidence import Fit, View, series_at
 from .wrong import FACTORS, SHIFTS, Words, Wrong, driven_otherwise, duration, status_channels
 
+_POWER = 0.25
+"""Share by which a heater's power is off, from which it is worth a word."""
+_THRESHOLD, _RARE = 8.0, 20.0
+"""K, prior deviation of thresholds that are wrong; so many times as often a sensor is."""
+
 
 def statuses(view: View) -> Iterator[Wrong]:
     """A status is inverted, or two are each other's."""
@@ -61,7 +66,7 @@ def heaters(view: View) -> Iterator[Wrong]:
                 text = f"The temperatures rise as with {number(left * power, 3)} W, not {number(power, 3)} W."
             return Words(title, text, f"Check 'power' of {name} and what its status channel stands for")
 
-        yield Wrong("heater", name, words, columns=own, least=0.5, tries=len(blocks))
+        yield Wrong("heater", name, words, columns=own, least=_POWER, tries=len(blocks))
         for node in view.heat.nodes:
             if node == block.node:
                 continue
@@ -75,6 +80,26 @@ def heaters(view: View) -> Iterator[Wrong]:
                 )
 
             yield Wrong("heater", name, moved, columns=other, least=0.6, tries=len(blocks) * len(view.heat.nodes))
+
+
+def thresholds(view: View) -> Iterator[Wrong]:
+    """A heater switches at other temperatures than its thresholds."""
+    for row, own in enumerate(view.thermostats):
+        column = np.zeros((len(view.flat(view.observed)), 1))
+        column[len(column) - len(view.thermostats) + row] = _THRESHOLD
+
+        def words(fit: Fit, heater: str = own.heater) -> Words:
+            above = _THRESHOLD * float(fit.added[0])
+            return Words(
+                f"{heater} switches {number(abs(above), 2)} K {'above' if above > 0 else 'below'} its thresholds",
+                f"When its status changes, its sensor reads {number(abs(above), 2)} K "
+                f"{'more' if above > 0 else 'less'} than 'on_below' and 'off_above' say.",
+                f"Check 'on_below', 'off_above' and 'sensor' of {heater}",
+            )
+
+        yield Wrong(
+            "thresholds", own.heater, words, columns=column, least=2.0 / _THRESHOLD, tries=_RARE * len(view.thermostats)
+        )
 
 
 def modes(view: View) -> Iterator[Wrong]:
@@ -193,5 +218,5 @@ def drivers(view: View) -> Iterator[Wrong]:
             yield Wrong("driver", load.driver, words, window=window, tries=8 * len(loads))
 
 
-WRONGS = (statuses, heaters, modes, missing_heat, drivers)
+WRONGS = (statuses, heaters, thresholds, modes, missing_heat, drivers)
 """What looks for them."""

@@ -1,102 +1,159 @@
-"""What the scenario writes of orbit and attitude, and its numbers."""
+"""Numbers of the scenario, its faces and links, and its priors."""
 
 from __future__ import annotations
 
-from collections.abc import Iterator
-from typing import Any
+from collections.abc import Callable, Iterator, Sequence
+from dataclasses import replace
+from functools import partial
+
+import numpy as np
 
 from ...report import number
-from ...scenario import CircularOrbit
-from ..evidence import View
-from .wrong import FACTORS, Words, Wrong, driven_otherwise, duration
+from ...simulator import face_series
+from ..evidence import FINE, NO_LINK, Fit, View
+from .wrong import FACTORS, Words, Wrong, put
+
+_WAYS = tuple(tuple(sign * float(k == axis) for k in range(3)) for axis in range(3) for sign in (1.0, -1.0))
+_FEW_TIMES = (0.25, 0.5, 2.0, 4.0)
+"""Factors by which a number is off that is of another thing, or of one of two."""
+_PER_NUMBER = 3.0
+"""Ways in which each number is off, about."""
+_NONE = 10.0 * NO_LINK
+"""Below, a number is not there."""
+_FAR = 4.0
+"""Deviations of its prior, from which a parameter is far off."""
 
 
-def attitudes(view: View) -> Iterator[Wrong]:
-    """Another attitude than the scenario's."""
-    environment = view.window.scenario.environment
-    if environment.orbit is None or not view.window.scenario.network.faces:
+def faces(view: View) -> Iterator[Wrong]:
+    """A face looks another way."""
+    scenario, model = view.window.scenario, view.window.scenario.network
+    turnable = {name: face for name, face in model.faces.items() if face.normal != "all"}
+    if scenario.environment.orbit is None or not turnable:
         return
-    for attitude in ("nadir", "sun_pointing"):
-        if attitude == environment.attitude:
-            continue
-        changed = environment.model_copy(update={"attitude": attitude})
-        scenario = view.window.scenario.model_copy(update={"environment": changed})
-        words = Words(
-            f"The satellite flew {attitude.replace('_', '-')}",
-            f"With the attitude '{attitude}', sunlight and Earth's heat explain the telemetry.",
-            f"Write 'attitude: {attitude}' in 'environment', or check the quaternions",
+    seconds = np.union1d(np.arange(0.0, view.network.drive.times[-1], FINE), view.network.drive.times)
+    for way in _WAYS:
+        looking = {name: face.model_copy(update={"normal": way}) for name, face in turnable.items()}
+        changed = scenario.model_copy(
+            update={"simulator": model.model_copy(update={"faces": {**model.faces, **looking}})}
         )
-        yield from driven_otherwise("attitude", attitude, words, view, tries=2, scenario=scenario)
-
-
-def orbits(view: View) -> Iterator[Wrong]:
-    """Another plane of the orbit, or another place in it."""
-    environment = view.window.scenario.environment
-    orbit = environment.orbit
-    if not isinstance(orbit, CircularOrbit) or not view.window.scenario.network.faces:
-        return
-    changes: list[tuple[str, str, dict[str, Any]]] = []
-    if orbit.ltan is not None:
-        hour, minute = (int(part) for part in orbit.ltan.split(":"))
-        for more in range(3, 24, 3):
-            text = f"{(hour + more) % 24:02d}:{minute:02d}"
-            changes.append((f"ltan {text}, not {orbit.ltan}", f"ltan: {text}", {"ltan": text}))
-    for height in (0.7, 1.3, 2.0):
-        text = f"{orbit.altitude * height / 1e3:.0f} km"
-        changes.append((f"an altitude of {text}", f"altitude: {text}", {"altitude": orbit.altitude * height}))
-    for what, advice, update in changes:
-        changed = environment.model_copy(update={"orbit": orbit.model_copy(update=update)})
-        scenario = view.window.scenario.model_copy(update={"environment": changed})
-        words = Words(
-            "The orbit is another one",
-            f"The telemetry agrees with {what}: its sunlight and eclipses are those of the telemetry.",
-            f"Check 'environment: orbit' ({advice})",
-        )
-        about = next(iter(update))
-        yield from driven_otherwise("orbit", about, words, view, tries=len(changes), scenario=scenario)
-
-
-def places(view: View) -> Iterator[Wrong]:
-    """The satellite is at another place of its orbit than the scenario says, while modes are right."""
-    if not view.window.scenario.network.faces or not view.window.scenario.network.timeline:
-        return
-    count = 24
-    for k in range(1, count):
-        late = (k if k <= count // 2 else k - count) * view.window.period / count
-        how = "later" if late > 0 else "earlier"
-        words = Words(
-            f"Sunlight and eclipses come {duration(late)} {how} than the orbit says",
-            f"With the orbit moved by {duration(late)}, and the timeline of modes as it is, the model explains the "
-            "telemetry.",
-            "Check 'epoch' and 'argument_of_latitude' in 'environment: orbit'",
-        )
-        yield from driven_otherwise("orbit", "place", words, view, tries=count, sunlight=late)
+        series = face_series(changed, view.utc(seconds))
+        for name, face in turnable.items():
+            if np.allclose(np.array(face.normal) / np.linalg.norm(face.normal), way):
+                continue
+            drive = view.network.drive
+            inputs = drive.inputs.copy()
+            own = {column: values for column, values in series.items() if column.endswith(f".{name}")}
+            put(inputs, view.network.network.columns, seconds, own, drive.times)
+            words = Words(
+                f"Face {name} looks another way",
+                f"With the normal {list(map(int, way))} of {name}, the model explains the telemetry.",
+                f"Check 'normal' of {name} in 'simulator: faces'",
+            )
+            window = view.simulated_by(drive=replace(drive, inputs=inputs))
+            yield Wrong("face", name, words, window=window, tries=5 * len(turnable))
 
 
 def numbers(view: View) -> Iterator[Wrong]:
-    """A number of the scenario has the wrong unit, or a digit too many."""
-    mapping = view.network.mapping
+    """A number of the scenario has the wrong unit, a digit too many, or is about twice what it should be."""
+    mapping, paths = view.network.mapping, view.network.network.paths
     moved = set(mapping.set_positions.tolist())
-    for k, path in enumerate(view.network.network.paths):
-        first, *_, last = path.split(".")
-        if first not in ("nodes", "conductors", "faces", "modes", "heaters") or k in moved:
-            continue
-        if last in ("on_below", "off_above", "boundary") or mapping.written[k] == 0.0:
-            continue
+    fixed = [k for k, path in enumerate(paths) if k not in moved and _is_fixed(path) and mapping.written[k] > _NONE]
+    for k in fixed:
         for factor in FACTORS:
-            if last in ("absorptivity", "emissivity") and mapping.written[k] * factor > 1.0:
-                continue
-            written = mapping.written.copy()
-            written[k] *= factor
-            window = view.simulated_by(mapping=mapping._replace(written=written))
-            words = Words(
-                f"{path} is {number(1.0 / factor, 4)} times what it should be",
-                f"The telemetry agrees with a value of {number(float(written[k]), 4)} (SI), not "
-                f"{number(float(mapping.written[k]), 4)}.",
-                f"Check the unit of '{path}'",
+            yield from _number(view, [k], paths[k], factor, tries=_PER_NUMBER * len(fixed))
+        for factor in _FEW_TIMES:
+            near = partial(_near, view, [k], paths[k], factor, _PER_NUMBER * len(fixed))
+            yield from _number(view, [k], paths[k], factor, _PER_NUMBER * len(fixed), near)
+    areas = [k for k in fixed if paths[k].endswith(".area")]
+    for factor in _FEW_TIMES if len(areas) > 1 else ():
+        near = partial(_near, view, areas, "every area", factor, len(_FEW_TIMES))
+        yield from _number(view, areas, "every area", factor, len(_FEW_TIMES), near)
+
+
+def _is_fixed(path: str) -> bool:
+    first, *_, last = path.split(".")
+    blocks = ("nodes", "conductors", "faces", "modes", "heaters", "environment")
+    return first in blocks and last not in ("on_below", "off_above", "boundary") and "attitude_offset" not in path
+
+
+def _near(view: View, places: Sequence[int], name: str, factor: float, tries: float) -> Iterator[Wrong]:
+    for more in np.linspace(-0.4, 0.4, 7):
+        yield from _number(view, places, name, factor * float(2.0**more), tries)
+
+
+def _number(
+    view: View,
+    places: Sequence[int],
+    name: str,
+    factor: float,
+    tries: float,
+    closer: Callable[[], Iterator[Wrong]] | None = None,
+) -> Iterator[Wrong]:
+    """Numbers at places multiplied by a factor; nothing where they could not be so."""
+    mapping = view.network.mapping
+    written = mapping.written.copy()
+    written[list(places)] *= factor
+    value = float(written[places[0]])
+    if name.rpartition(".")[2] in ("absorptivity", "emissivity", "albedo") and value > 1.0:
+        return
+    one = len(places) == 1
+    words = Words(
+        f"{name} is {number(1.0 / factor, 2 if closer or not one else 4)} times what it should be",
+        f"The telemetry agrees with a value of {number(value, 3)} (SI), not {number(value / factor, 4)}."
+        if one
+        else f"With all of them times {number(factor, 2)}, the model explains the telemetry.",
+        f"Check '{name}', and its unit",
+    )
+    window = view.simulated_by(mapping=mapping._replace(written=written))
+    yield Wrong("number", name, words, window=window, tries=tries, closer=closer)
+
+
+def links(view: View) -> Iterator[Wrong]:
+    """Two nodes are linked that the scenario does not link; `suspects.prepared` gave them a link of nothing."""
+    mapping, paths = view.network.mapping, view.network.network.paths
+    written = [mapping.written[k] for k, path in enumerate(paths) if path.startswith("conductors.")]
+    known = [value for value in written if value > _NONE] or [1.0]
+    unlinked = [
+        k for k, path in enumerate(paths) if path.endswith(".conductance") and 0.0 < mapping.written[k] <= _NONE
+    ]
+    for k in unlinked:
+        yield from _link(view, k, [float(np.median(known)) * size for size in (0.2, 1.0, 5.0)], 3.0 * len(unlinked))
+
+
+def _link(view: View, place: int, sizes: Sequence[float], tries: float, near: bool = False) -> Iterator[Wrong]:
+    mapping, path = view.network.mapping, view.network.network.paths[place]
+    for size in sizes:
+        written = mapping.written.copy()
+        written[place] = size
+        between = path.split(".")[1]
+        words = Words(
+            f"A conductor {between} is missing in the scenario",
+            f"With {number(size, 2)} W/K between the two, the model explains the telemetry.",
+            f"Add a conductor between {between.replace('-', ' and ')} to 'simulator: conductors'",
+        )
+        window = view.simulated_by(mapping=mapping._replace(written=written))
+        around = partial(_link, view, place, [size * 1.3**k for k in range(-3, 4)], tries, True)
+        yield Wrong("link", between, words, window=window, tries=tries, closer=None if near else around)
+
+
+def priors(view: View) -> Iterator[Wrong]:
+    """The prior of a parameter is narrow, and far from what the telemetry says."""
+    names = view.problem.names
+    parameters = [name for name in names if name in view.window.scenario.parameters]
+    for name in parameters:
+        k = names.index(name)
+
+        def words(fit: Fit, name: str = name, k: int = k) -> Words:
+            value, off = float(view.problem.to_theta(fit.z)[k]), abs(float(fit.added[0]))
+            return Words(
+                f"The prior of {name} is far from the telemetry",
+                f"The telemetry agrees with {name} = {number(value, 3)} (SI), {number(off, 2)} deviations of its prior "
+                "away.",
+                f"Check the prior of {name}, and its unit",
             )
-            yield Wrong("number", path, words, window=window, tries=50)
+
+        yield Wrong("prior", name, words, widened=k, least=_FAR, tries=len(parameters))
 
 
-WRONGS = (attitudes, orbits, places, numbers)
+WRONGS = (faces, numbers, links, priors)
 """What looks for them."""

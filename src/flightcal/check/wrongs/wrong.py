@@ -14,11 +14,12 @@ from ...problem import Window
 from ...scenario import Scenario
 from ...simulator import FloatArray, SimulationFailure, face_series, in_steps
 from ...telemetry import status_fraction
-from ..evidence import FINE, REACH, Fit, View
+from ..evidence import AS_READ, FINE, INFERRED, REACH, Fit, Scale, View
 
 Kind = Literal[
     "clock", "status clock", "channel clock", "bias", "swapped", "unit", "other node", "unrelated",
-    "status inverted", "statuses swapped", "heater", "missing heat", "mode", "driver", "attitude", "orbit", "number",
+    "status inverted", "statuses swapped", "heater", "thresholds", "missing heat", "mode", "driver",
+    "attitude", "orbit", "number", "link", "prior", "face", "gain", "drift",
 ]  # fmt: skip
 SHIFT = 240.0
 """s, between the shifts of a clock that are tried first."""
@@ -50,10 +51,12 @@ class Wrong:
     """As it should be simulated; None: as it is."""
     columns: FloatArray | None = None
     """[R, k] K, effects of unknown size that a simulation lacks."""
+    widened: int | None = None
+    """The entry whose prior is wider than written; the weight is then how far it is off, in deviations as written."""
     least: float = 0.0
     """Of the first column's weight: below, it is no wrong worth a word."""
-    jacobian: float = 0.0
-    """Log of what the telemetry was scaled by."""
+    scale: Scale = AS_READ
+    """What the telemetry was scaled by."""
     tries: float = 1.0
     """So many alternatives there are of the kind."""
     closer: Callable[[], Iterator[Wrong]] | None = None
@@ -67,25 +70,29 @@ def driven(
     *,
     sunlight: float = 0.0,
     modes: float = 0.0,
+    gaining: float = 0.0,
 ) -> Window:
     """The view's window with what acts on it by another scenario's faces and timeline, or another telemetry's status.
 
-    sunlight, modes: s by which these come later in the telemetry's time. Raises TelemetryError.
+    sunlight, modes: s by which these come later in the telemetry's time; gaining: s of both in each s of the window.
+    Raises TelemetryError.
     """
     drive, columns = view.network.drive, view.network.network.columns
     inputs, measured = drive.inputs.copy(), drive.measured
-    fine, lit = view.sunlight
     if scenario is not None:
         fine = np.union1d(np.arange(0.0, drive.times[-1], FINE), drive.times)
-        _replace(inputs, columns, fine, face_series(scenario, view.utc(fine)), drive.times)
-    elif sunlight:
-        _replace(inputs, columns, fine + sunlight, lit, drive.times)
-    if modes:
+        put(inputs, columns, fine, face_series(scenario, view.utc(fine)), drive.times)
+    elif sunlight or gaining:
+        fine, lit = view.sunlight_before(sunlight)
+        put(inputs, columns, fine * (1.0 + gaining) + sunlight, lit, drive.times)
+    if modes or gaining:
         fine = np.arange(-FINE, drive.times[-1] + 2.0 * FINE, FINE)
-        _replace(inputs, columns, fine, _modes(view, fine - modes), drive.times)
+        put(inputs, columns, fine, _modes(view, (fine - modes) / (1.0 + gaining)), drive.times)
     if telemetry is not None:
-        edges, blocks = view.utc(drive.times), view.window.scenario.network.switches.values()
-        measured = np.stack([status_fraction(telemetry, own.measured_by or "", edges) for own in blocks], axis=1)
+        edges, measured = view.utc(drive.times), measured.copy()
+        for k, own in enumerate(view.window.scenario.network.switches.values()):
+            if own.measured_by:
+                measured[:, k] = status_fraction(telemetry, own.measured_by, edges)
     return view.simulated_by(drive=replace(drive, inputs=inputs, measured=measured))
 
 
@@ -107,7 +114,12 @@ def driven_otherwise(
     yield Wrong(kind, about, words, window=window, tries=tries, closer=closer)
 
 
-def _replace(
+def closer(shift: float, apart: float) -> FloatArray:
+    """s, around a shift that is about right."""
+    return shift + np.linspace(-1.0, 1.0, 13) * apart
+
+
+def put(
     inputs: FloatArray, columns: Sequence[str], seconds: FloatArray, series: Mapping[str, FloatArray], grid: FloatArray
 ) -> None:
     """Put series [M] at seconds [M] into the inputs [K, 2, q] of a grid's steps, in place."""
@@ -133,7 +145,8 @@ def status_channels(view: View) -> dict[str, str]:
     """Heater -> channel of its status, of those that drive the simulation."""
     heaters = view.window.scenario.network.switches
     known = {name: heater.measured_by or "" for name, heater in heaters.items()}
-    return {name: c for name, c in known.items() if c and np.isfinite(view.telemetry[c].to_numpy()).any()}
+    measured = {name: c for name, c in known.items() if c and not c.startswith(INFERRED)}
+    return {name: c for name, c in measured.items() if np.isfinite(view.telemetry[c].to_numpy()).any()}
 
 
 def duration(seconds: float) -> str:

@@ -1,0 +1,63 @@
+"""What thermostats do by the telemetry of their own sensor, and whether their status says the same."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+
+import numpy as np
+import xarray
+
+from ..problem import Window
+from ..report import number
+from ..scenario import Scenario
+from ..simulator import ICE_POINT, FloatArray
+from .evidence import known_thermostats, noise_of
+from .wrongs import Words
+
+_BEYOND, _NOISES = 2.0, 4.0
+"""K, and deviations of the noise, by which a sensor has to be beyond a threshold."""
+_OFTEN, _LEAST = 0.05, 10
+"""Share of the samples, and samples, from which it is no matter of when a sample was taken."""
+
+
+def inferred(scenario: Scenario, telemetry: xarray.Dataset, name: str) -> FloatArray | None:
+    """Status [T] of a heater whose sensor is always too warm for it; None of any other.
+
+    When a thermostat switches is not told well enough by its sensor alone: it turns between two samples, and before
+    these read a threshold.
+    """
+    heater = scenario.network.switches[name]
+    channel = next((own for own, item in scenario.observations.items() if item.node == heater.sensor), None)
+    if channel is None or channel not in telemetry:
+        return None
+    read = telemetry[channel].to_numpy() - scenario.observations[channel].bias
+    warm = np.nanmin(read, initial=np.inf) > heater.on_below + _BEYOND + _NOISES * noise_of(read)
+    return np.zeros(len(read)) if warm else None
+
+
+def disobeyed(window: Window) -> Iterator[tuple[str, Words, bool]]:
+    """Heaters that are often off where they should be on, or on where they should be off.
+
+    Each with words, and whether its status never changes.
+    """
+    for name, place, channel in known_thermostats(window):
+        heater, observation = window.scenario.network.switches[name], window.scenario.observations[channel]
+        read = window.observed[:, window.simulator.channels.index(channel)] - observation.bias
+        on, margin = window.status[:, place], _BEYOND + _NOISES * noise_of(read)
+        known = np.isfinite(read) & np.isfinite(on)
+        for state, beyond, limit, word in (
+            ("off", (on < 0.5) & (read < heater.on_below - margin), heater.on_below, "below 'on_below'"),
+            ("on", (on > 0.5) & (read > heater.off_above + margin), heater.off_above, "above 'off_above'"),
+        ):
+            count = int((beyond & known).sum())
+            if count < max(_LEAST, _OFTEN * known.sum()):
+                continue
+            far = float(np.abs(read[beyond & known] - limit).max())
+            words = Words(
+                f"{name} does not do what its thresholds say",
+                f"Its status says '{state}' in {count} of {int(known.sum())} samples in which {channel} is {word} "
+                f"({number(limit - ICE_POINT, 3)} degC), by up to {number(far, 2)} K.",
+                f"Check the status, the 'sensor' and the thresholds of {name}, and {channel}",
+            )
+            yield name, words, bool(np.ptp(on[known]) == 0.0)
+            break

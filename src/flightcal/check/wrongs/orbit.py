@@ -1,0 +1,120 @@
+"""What the scenario writes of the orbit and of the attitude."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Sequence
+from functools import partial
+from typing import Any
+
+import numpy as np
+
+from ...errors import FlightcalError
+from ...scenario import CircularOrbit
+from ...simulator import FloatArray
+from ..evidence import View
+from .wrong import Words, Wrong, closer, driven_otherwise, duration
+
+_STEPS = {
+    "altitude": (-0.4, -0.3, -0.2, -0.1, 0.1, 0.2, 0.35, 0.5, 0.75, 1.0),
+    "inclination": tuple(np.deg2rad(15.0 * k) for k in (-5, -4, -3, -2, -1, 1, 2, 3, 4, 5)),
+    "node": tuple(np.deg2rad(15.0 * k) for k in range(1, 24)),
+}
+"""Shares of the altitude, and rad."""
+_LOWEST = 150e3
+"""m, of an orbit."""
+
+
+def attitudes(view: View) -> Iterator[Wrong]:
+    """Another attitude than the scenario's."""
+    environment = view.window.scenario.environment
+    if environment.orbit is None or not view.window.scenario.network.faces:
+        return
+    for attitude in ("nadir", "sun_pointing"):
+        if attitude == environment.attitude:
+            continue
+        changed = environment.model_copy(update={"attitude": attitude})
+        scenario = view.window.scenario.model_copy(update={"environment": changed})
+        words = Words(
+            f"The satellite flew {attitude.replace('_', '-')}",
+            f"With the attitude '{attitude}', sunlight and Earth's heat explain the telemetry.",
+            f"Write 'attitude: {attitude}' in 'environment', or check the quaternions",
+        )
+        yield from driven_otherwise("attitude", attitude, words, view, tries=2, scenario=scenario)
+
+
+def orbits(view: View) -> Iterator[Wrong]:
+    """Another plane of the orbit, or another height."""
+    orbit = view.window.scenario.environment.orbit
+    if not isinstance(orbit, CircularOrbit) or not view.window.scenario.network.faces:
+        return
+    node = "raan" if orbit.raan is not None else "beta_angle" if orbit.beta_angle is not None else "ltan"
+    of_node = _STEPS["inclination" if node == "beta_angle" else "node"]
+    for name, steps in (("altitude", _STEPS["altitude"]), ("inclination", _STEPS["inclination"]), (node, of_node)):
+        for step in steps:
+            yield from _other_orbit(view, orbit, name, step, tries=len(_STEPS) * len(steps))
+
+
+def _other_orbit(
+    view: View, orbit: CircularOrbit, name: str, step: float, tries: float, near: bool = False
+) -> Iterator[Wrong]:
+    """The orbit with one number changed: altitude by a factor, angles by rad; near: with no closer look."""
+    value, text = _changed(orbit, name, step)
+    if value is None:
+        return
+    environment = view.window.scenario.environment
+    try:
+        changed = environment.model_copy(update={"orbit": orbit.model_copy(update={name: value})})
+        scenario = view.window.scenario.model_copy(update={"environment": changed})
+    except FlightcalError:
+        return
+    words = Words(
+        "The orbit is another one",
+        f"The telemetry agrees with {name} {text}: its sunlight and eclipses are those of the telemetry.",
+        f"Check 'environment: orbit' ({name}: {text})",
+    )
+    apart = 0.05 if name == "altitude" else np.deg2rad(7.5)
+
+    def closer() -> Iterator[Wrong]:
+        for more in np.linspace(-1.0, 1.0, 9) * apart:
+            yield from _other_orbit(view, orbit, name, step + float(more), tries, near=True)
+
+    yield from driven_otherwise(
+        "orbit", name, words, view, tries=tries, closer=None if near else closer, scenario=scenario
+    )
+
+
+def _changed(orbit: CircularOrbit, name: str, step: float) -> tuple[Any, str]:
+    """A number of the orbit, otherwise, and in words; None: there is no such orbit."""
+    if name == "altitude":
+        height = orbit.altitude * (1.0 + step)
+        return (height if height > _LOWEST else None), f"{height / 1e3:.0f} km"
+    if name == "ltan":
+        hour, minute = (int(part) for part in (orbit.ltan or "0:0").split(":"))
+        minutes = round(60 * hour + minute + np.rad2deg(step) * 4.0) % 1440
+        text = f"{minutes // 60:02d}:{minutes % 60:02d}"
+        return text, text
+    angle = float(getattr(orbit, name)) + step
+    bounds = {"inclination": (0.0, np.pi), "beta_angle": (-0.5 * np.pi, 0.5 * np.pi)}.get(name, (-np.inf, np.inf))
+    return (angle if bounds[0] < angle < bounds[1] else None), f"{np.rad2deg(angle):.1f} deg"
+
+
+def places(view: View, shifts: Sequence[float] | FloatArray | None = None) -> Iterator[Wrong]:
+    """The satellite is at another place of its orbit than the scenario says, while modes are right."""
+    if not view.window.scenario.network.faces or not view.window.scenario.network.timeline:
+        return
+    count = 24
+    around = [(k if k <= count // 2 else k - count) * view.window.period / count for k in range(1, count)]
+    for late in map(float, around if shifts is None else shifts):
+        how = "later" if late > 0 else "earlier"
+        words = Words(
+            f"Sunlight and eclipses come {duration(late)} {how} than the orbit says",
+            f"With the orbit moved by {duration(late)}, and the timeline of modes as it is, the model explains the "
+            "telemetry.",
+            "Check 'epoch' and 'argument_of_latitude' in 'environment: orbit'",
+        )
+        near = partial(places, view, closer(late, view.window.period / count))
+        yield from driven_otherwise("orbit", "place", words, view, tries=count, closer=near, sunlight=late)
+
+
+WRONGS = (attitudes, orbits, places)
+"""What looks for them."""

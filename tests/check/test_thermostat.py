@@ -1,0 +1,27 @@
+"""What a thermostat does beside what its status says."""
+
+import numpy as np
+
+from flightcal.check.thermostat import disobeyed, inferred
+from flightcal.problem import build_window
+from tests import small
+
+
+def test_a_status_is_told_that_does_not_do_what_the_thresholds_say(tmp_path):
+    scenario, data = small.closed_loop(tmp_path)
+    assert list(disobeyed(build_window(scenario, data, "train"))) == []
+    cold = {
+        "body_temp": ("time", data["body_temp"].values - 4.0),
+        "heater_status": ("time", np.zeros(data.sizes["time"])),
+    }
+    ((name, words, constant),) = disobeyed(build_window(scenario, data.assign(cold), "train"))
+    assert (name, constant) == ("heater", True)
+    assert "'off'" in words.sentence
+    assert "below 'on_below' (10" in words.sentence
+
+
+def test_a_heater_is_known_to_be_off_where_its_sensor_is_always_warm(tmp_path):
+    scenario, data = small.closed_loop(tmp_path)
+    assert inferred(scenario, data, "heater") is None
+    warm = data.assign(body_temp=("time", data["body_temp"].values + 20.0))
+    assert not inferred(scenario, warm, "heater").any()
