@@ -47,7 +47,7 @@ def test_heat_that_drifts_is_far_larger_than_expected_though_no_harmonic_drifts(
     point = find_heat(problem, problem.priors.median())
     shares = {name: point.sizes[name] / prior.scale for name, prior in point.model.priors.items()}
     assert shares[f"heat.{node}.slow"] > 4.0, shares
-    assert shares[f"heat.{node}.slow_pattern"] < 1.5, shares
+    assert shares[f"heat.{node}.pattern"] < 1.5, shares
 
 
 @pytest.mark.parametrize("content", CASES.values(), ids=CASES)
@@ -62,7 +62,7 @@ def test_without_any_heat_none_is_found(tmp_path, content, seed):
     assert max(shares.values()) < 1.1, shares
     assert shares["heat.panel.pattern"] < 0.25, shares
     seen_in_part = ("heat.body.constant", "heat.panel.constant", "heat.gains", "heat.panel.slow")
-    assert max(shares[name] for name in seen_in_part) < 0.85, shares
+    assert max(shares[name] for name in seen_in_part) < 0.95, shares
     phase = np.linspace(0.0, 1.0, 100, endpoint=False)
     (found,) = patterns_of(point.model, point.model.centre[None], phase)
     assert (found.std(axis=1) < 0.2 * np.hypot(*PATTERN[1:])).all()

@@ -1,10 +1,13 @@
 """Posteriors of a response to heat that follows the parameters."""
 
+import json
+
 import pytest
 import xarray
 
 from flightcal.calibration import calibrate_nuts, with_heat
 from flightcal.calibration.heat_file import heat_dataset, with_kept_heat
+from flightcal.errors import RunError
 from flightcal.scenario import NutsSettings
 
 
@@ -58,3 +61,13 @@ def test_a_response_that_bends_and_is_not_followed_fails_its_gate(without_heater
     assert not posterior.heat.model.followed
     assert not gates["response to heat"].passed
     assert "the log density is off by" in gates["response to heat"].found
+
+
+def test_heat_of_an_earlier_flightcal_is_refused_with_what_to_do(without_heaters, followed_posterior):
+    point = followed_posterior.heat
+    kept = heat_dataset(point.model, point.names, point.theta)
+    content = json.loads(str(kept["model"].item()))
+    del content["of_pattern"]
+    tree = xarray.DataTree.from_dict({"heat": xarray.Dataset({"model": ((), json.dumps(content))})})
+    with pytest.raises(RunError, match=r"earlier flightcal.*calibrate again"):
+        with_kept_heat(without_heaters, tree)

@@ -21,8 +21,8 @@ def test_each_heated_node_has_a_constant_a_pattern_and_a_slow_part_and_each_wind
         ("gains", "heat.gains", -1, ""),
         ("slow", "heat.body.slow", 0, ""),
         ("slow", "heat.panel.slow", 1, ""),
-        ("slow_pattern", "heat.body.slow_pattern", 0, ""),
-        ("slow_pattern", "heat.panel.slow_pattern", 1, ""),
+        ("slow_pattern", "heat.body.pattern", 0, ""),
+        ("slow_pattern", "heat.panel.pattern", 1, ""),
         ("switches", "", -1, "train.first"),
         ("switches", "", -1, "train.second"),
     ]
@@ -31,7 +31,6 @@ def test_each_heated_node_has_a_constant_a_pattern_and_a_slow_part_and_each_wind
     assert model.names == names
     assert model.scales == (*names, "")
     block = problem.scenario.heat
-    of_flow = dict.fromkeys(("constant", "pattern"), block.pattern.scale)
     for name in names:
         _, node, *part = name.split(".")
         if node == "gains":
@@ -41,7 +40,7 @@ def test_each_heated_node_has_a_constant_a_pattern_and_a_slow_part_and_each_wind
         if part[0] == "slow":
             assert model.priors[name] == HalfStudentT(scale=block.slow.scale * flow, degrees_of_freedom=3.0)
         else:
-            assert model.priors[name] == HalfNormal(scale=of_flow.get(part[0], block.slow.scale) * flow)
+            assert model.priors[name] == HalfNormal(scale=block.pattern.scale * flow)
 
 
 def test_parts_that_are_not_written_are_none(tmp_path):

@@ -208,16 +208,18 @@ def test_a_driver_without_a_gap_leaves_no_heat_unknown(model):
     assert not any(group.part == "gaps" for group in model.groups)
 
 
-def test_slow_heat_is_the_process_on_the_constant_and_on_each_harmonic(problem, model):
+def test_heat_drifts_and_the_constant_and_each_harmonic_of_a_pattern_wander(problem, model):
     window = sampled_windows(problem)[0]
     units, count = unit_heats(model, window), len(model.slow.knots)
-    constant, around = (by_group(model, units, part)[1].series for part in SLOW)
-    assert (len(constant), len(around)) == (count, 2 * HARMONICS * count)
-    constant = constant.reshape(count, -1, 2).mean(axis=2)
-    cosine, sine, *_ = around.reshape(2 * HARMONICS, count, -1, 2).mean(axis=3)
+    drift, around = (by_group(model, units, part)[1].series for part in SLOW)
+    assert (len(drift), len(around)) == (count, (1 + 2 * HARMONICS) * count)
+    drift = drift.reshape(count, -1, 2).mean(axis=2)
+    constant, cosine, sine, *_ = around.reshape(1 + 2 * HARMONICS, count, -1, 2).mean(axis=3) / model.of_pattern
     middle = 0.5 * (window.network.drive.times[1:] + window.network.drive.times[:-1])
     process = Slow(model.slow.knots, model.slow.time).at(middle)
+    np.testing.assert_allclose(drift, process, atol=1e-6)
     np.testing.assert_allclose(constant, process, atol=1e-6)
+    np.testing.assert_allclose(np.hypot(cosine, sine)[0], np.abs(process[0]), atol=1e-4)
     angle = 2.0 * np.pi * middle / small.PERIOD
     shift = np.arctan2(sine[0] / process[0], cosine[0] / process[0])
     np.testing.assert_allclose(np.angle(np.exp(1j * (shift - angle - (shift - angle)[0]))), 0.0, atol=2e-3)

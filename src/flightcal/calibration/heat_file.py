@@ -9,6 +9,7 @@ from typing import Any
 import numpy as np
 import xarray
 
+from ..errors import RunError
 from ..probability import Profile, Shaped, Slow
 from ..problem import Followed, Gain, Group, HeatModel, Held, Problem, with_heat
 from ..run import plain
@@ -25,7 +26,10 @@ def heat_dataset(model: HeatModel, names: tuple[str, ...], theta: FloatArray) ->
 
 
 def with_kept_heat(problem: Problem, posterior: xarray.DataTree) -> Problem:
-    """The problem that a posterior is of: where it was calibrated with unmodelled heat, with that."""
+    """The problem that a posterior is of: where it was calibrated with unmodelled heat, with that.
+
+    Raises RunError where an earlier flightcal made it.
+    """
     if HEAT_GROUP not in posterior.children or problem.heat is not None:
         return problem
     content = json.loads(str(posterior[HEAT_GROUP]["model"].item()))
@@ -34,6 +38,11 @@ def with_kept_heat(problem: Problem, posterior: xarray.DataTree) -> Problem:
 
 
 def _model(content: Mapping[str, Any]) -> HeatModel:
+    if "of_pattern" not in content:
+        raise RunError(
+            "posterior: found unmodelled heat of an earlier flightcal, in which a pattern wandered by a size of its "
+            "own; calibrate again into a new folder"
+        )
     slow, profile, functions = content["slow"], content["profile"], content["functions"]
     kept = [np.array(own, float).reshape(count, -1) for own, count in zip(content["kept"], functions, strict=True)]
     return HeatModel(
@@ -46,6 +55,7 @@ def _model(content: Mapping[str, Any]) -> HeatModel:
         if profile is None
         else Profile(np.array(profile["knots"], float), profile["length"], tuple(profile["range"])),
         slow=None if slow is None else Slow(np.array(slow["knots"], float), slow["time"]),
+        of_pattern=content["of_pattern"],
         gains=tuple(Gain(own["node"], tuple(own["columns"]), tuple(own["watts"])) for own in content["gains"]),
         groups=tuple(Group(**own) for own in content["groups"]),
         kept=tuple(kept),

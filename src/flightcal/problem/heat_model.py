@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from typing import Literal
 
 import numpy as np
@@ -30,7 +30,7 @@ _BEYOND = 3.0
 """Correlation lengths, after which nothing is known any longer."""
 Part = Literal["constant", "pattern", "gains", "slow", "slow_pattern", "switches", "gaps", "error"]
 SLOW = ("slow", "slow_pattern")
-"""Parts that wander: the constant, and the harmonics of the pattern."""
+"""Parts that wander: a drift, and the pattern."""
 
 
 @dataclass(frozen=True)
@@ -49,7 +49,7 @@ class Group:
 
     @property
     def prior(self) -> Prior:
-        """Of the scale: a half-normal, of a constant that wanders half of Student's t."""
+        """Of the scale: a half-normal, of a drift half of Student's t."""
         if self.part == "slow":
             return HalfStudentT(scale=self.size, degrees_of_freedom=_FREEDOM)
         return HalfNormal(scale=self.size)
@@ -107,6 +107,8 @@ class HeatModel:
     profile: Profile | None
     """Of the pattern over a driver."""
     slow: Slow | None
+    of_pattern: float
+    """By how much the pattern wanders, over its size."""
     gains: tuple[Gain, ...]
     groups: tuple[Group, ...]
     kept: tuple[FloatArray, ...] = ()
@@ -171,7 +173,7 @@ def heat_model(scenario: Scenario, written: Heat, windows: Sequence[Window], the
     flow, brought = _heat_through(windows[0], theta)
     origin = np.datetime64(scenario.windows[scenario.train_windows[0]].start)
     groups: list[Group] = []
-    slow = None
+    slow, of_pattern = None, 0.0
     profile = _profile(windows[0].course)
     harmonics = 0 if written.pattern is None or profile is not None else written.pattern.harmonics
     if written.pattern is not None:
@@ -186,19 +188,18 @@ def heat_model(scenario: Scenario, written: Heat, windows: Sequence[Window], the
         groups.append(Group("gains", "heat.gains", written.gains.scale))
     if written.slow is not None:
         slow = Slow(_knots([_span(window, origin) for window in windows], written.slow.time), written.slow.time)
-        # Sizes of their own here too: of a constant that drifts, harmonics that do not would say that it is small.
-        wander: tuple[Part, ...] = ("slow", "slow_pattern") if harmonics else ("slow",)
-        for part in wander:
-            groups += [
-                Group(part, f"heat.{node}.{part}", written.slow.scale * flow[k], k) for k, node in enumerate(nodes)
-            ]
+        groups += [Group("slow", f"heat.{n}.slow", written.slow.scale * flow[k], k) for k, n in enumerate(nodes)]
+        if harmonics:
+            # A pattern wanders more the larger it is: its weights have the pattern's size.
+            of_pattern = written.slow.of_pattern
+            groups += [replace(own, part="slow_pattern") for own in groups if own.part == "pattern"]
     for window in windows:
         if window.switching is not None and len(window.switching.time):
             groups.append(Group("switches", "", 1.0, window=window.name))
     groups += [gaps_of(window) for window in windows if window.bridged]
     groups += [Group("error", "", 1.0, window=own.name) for own in windows if own.simulator.error_basis is not None]
     over = (written.pattern and written.pattern.over) or ""
-    return HeatModel(nodes, flow, origin, harmonics, over, profile, slow, gains, tuple(groups))
+    return HeatModel(nodes, flow, origin, harmonics, over, profile, slow, of_pattern, gains, tuple(groups))
 
 
 def _profile(course: Course | None) -> Profile | None:

@@ -65,8 +65,8 @@ def unit_heats(model: HeatModel, window: Window) -> tuple[Units, ...]:
     of_slow, around_it = np.empty((2, 0, len(fine)))
     if model.slow is not None:
         of_slow = model.slow.at(seconds)
-        harmonics = waves(phase, model.harmonics)[1:] if known else ()
-        around_it = np.concatenate([around_it, *(wave * of_slow for wave in harmonics)])
+        wandering = waves(phase, model.harmonics) if known else ()
+        around_it = np.concatenate([around_it, *(model.of_pattern * wave * of_slow for wave in wandering)])
     in_all = {
         "constant": _on_grid(fine, of_pattern[:1], grid),
         "pattern": _on_grid(fine, of_pattern[1:], grid),

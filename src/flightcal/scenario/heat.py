@@ -35,12 +35,14 @@ class HeatGains(Block):
 
 
 class HeatSlow(Block):
-    """Heat, and its pattern, that wanders slowly: an Ornstein-Uhlenbeck process of each harmonic of the pattern."""
+    """Heat that drifts, and a pattern that wanders: Ornstein-Uhlenbeck processes."""
 
     time: Duration = 10800.0
-    """Its correlation time, s."""
-    scale: Number = Field(0.006, gt=0)
-    """Of the half-normal prior of its size, over the heat that flows through the node."""
+    """Their correlation time, s."""
+    scale: Number = Field(0.005, gt=0)
+    """Of the prior of the drift's size, over the heat that flows through the node."""
+    of_pattern: Number = Field(0.1, gt=0)
+    """By how much the constant and each harmonic of the pattern wander, over the pattern's size."""
 
 
 class Heat(Block):
