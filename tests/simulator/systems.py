@@ -2,6 +2,7 @@
 
 import numpy as np
 
+from flightcal.simulator import integrate
 from flightcal.simulator.assembly import ParameterMap, assemble, assembly_memory
 from flightcal.simulator.integrate import NOTHING, Integration
 from flightcal.simulator.kernels.assembly import PullBackCall, pull_back
@@ -112,3 +113,19 @@ def linear_network(capacity, conductances, heat, initial, times):
         np.ones(n), A, np.zeros((n, n)), (np.asarray(heat) / capacity)[:, None], np.zeros((0, n)), [], [], [], initial
     )
     return structure, system, drive_of(times, np.ones((len(times), 1)))
+
+
+def derivatives_along(structure, system, drive, run, field):
+    """Of a weighted sum of a run's states, as a field moves along a random direction: found, and by differences."""
+    weights = np.random.default_rng(0).normal(size=run.states.shape)
+    value = getattr(system, field)
+    direction = np.random.default_rng(1).normal(size=value.shape) * np.abs(value)
+    size = 1e-7
+
+    def objective(amount):
+        moved = integrate(structure, system._replace(**{field: value + amount * direction}), drive)
+        assert len(moved.switches.time) == len(run.switches.time)
+        return (moved.states * weights).sum()
+
+    found = (getattr(run.pull_back(weights), field) * direction).sum()
+    return found, (objective(size) - objective(-size)) / (2 * size)

@@ -9,7 +9,7 @@ from flightcal.simulator import integrate
 from flightcal.simulator.dense import whole_matrices
 from flightcal.simulator.system import System
 
-from .systems import drive_of, from_dense, random_system
+from .systems import derivatives_along, drive_of, from_dense, random_system
 
 MODULE = sys.modules["flightcal.simulator.integrate"]
 
@@ -62,18 +62,7 @@ def test_gradient_agrees_with_finite_differences_across_a_switch(field):
     structure, system, drive = linked_to_all(1)
     run = integrate(structure, system, drive)
     assert len(run.switches.time) >= 4
-    weights = np.random.default_rng(0).normal(size=run.states.shape)
-    value = getattr(system, field)
-    direction = np.random.default_rng(1).normal(size=value.shape) * np.abs(value)
-    size = 1e-7
-
-    def objective(amount):
-        moved = integrate(structure, system._replace(**{field: value + amount * direction}), drive)
-        assert len(moved.switches.time) == len(run.switches.time)
-        return (moved.states * weights).sum()
-
-    expected = (objective(size) - objective(-size)) / (2 * size)
-    got = (getattr(run.pull_back(weights), field) * direction).sum()
+    got, expected = derivatives_along(structure, system, drive, run, field)
     assert got == pytest.approx(expected, rel=1e-5)
 
 

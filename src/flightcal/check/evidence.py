@@ -266,6 +266,11 @@ class View:
                 theta[self.problem.names.index(name)] = prior.mean
         return self.problem.to_z(theta)
 
+    @cached_property
+    def middle(self) -> FloatArray:
+        """[d] that of the telemetry as it is."""
+        return self.centre(self.observed)
+
     def temperatures(self, window: Window, z: FloatArray) -> FloatArray:
         """[R] K of a window like this one. Raises SimulationFailure."""
         inside = self.problem.at(self.window, self.problem.to_theta(z)[None])[0]

@@ -101,7 +101,7 @@ def suspects(problem: Problem, telemetry: xarray.Dataset, progress: Progress = S
         view = None
     modelled = np.full(window.observed.shape, np.nan)
     if view is not None:
-        theta = view.problem.to_theta(view.centre(view.observed))[None]
+        theta = view.problem.to_theta(view.middle)[None]
         try:
             run = view.window.simulate(view.problem.at(view.window, theta)[0])
             modelled[: len(run.temperatures)] = run.temperatures
@@ -187,7 +187,7 @@ class _Look:
 
 def _compared(view: View, progress: Progress) -> list[Suspicion]:
     """What is far better than nothing wrong, the best first."""
-    observed, base = view.observed, view.point(view.window, view.centre(view.observed))
+    observed, base = view.observed, view.point(view.window, view.middle)
     known = np.isfinite(view.flat(observed))
     if not known.any():
         return []
@@ -240,7 +240,7 @@ def _ranked(found: list[tuple[Fit, Suspicion]], nothing: Fit) -> list[Suspicion]
 
 def _look(view: View, point: Point, known: NDArray[np.bool_]) -> _Look:
     around = gaussian(view.rows, point, known, _FIRST_SIZES, _BLURRED)
-    back = point.effects @ ((view.centre(view.observed) - point.z) / view.spread)
+    back = point.effects @ ((view.middle - point.z) / view.spread)
     level = around.fit(view.flat(view.observed) - point.temperatures - back).evidence
     return _Look(around, back, level)
 
@@ -248,7 +248,8 @@ def _look(view: View, point: Point, known: NDArray[np.bool_]) -> _Look:
 def _gain(view: View, wrong: Wrong, look: _Look) -> float:
     """Nats by which a wrong is better than nothing, at first look. Raises SimulationFailure."""
     observed, point = _read(view, wrong), look.around.point
-    shift = view.centre(observed) - view.centre(view.observed)
+    # Most wrongs leave the telemetry as it is.
+    shift = (view.middle if observed is view.observed else view.centre(observed)) - view.middle
     if wrong.window is None:
         temperatures = point.temperatures + point.effects @ (shift / view.spread)
     else:
@@ -278,7 +279,7 @@ def _with_wider_prior(view: View, entry: int, base: Point) -> Fit:
     """The fit where a prior is wider, and how far the entry is then off. Raises SimulationFailure."""
     wider = replace(view, widened=entry)
     fit = climbed(wider, view.window, view.observed, wider.point(view.window, base.z, base))
-    off = (fit.z - view.centre(view.observed))[entry] / view.spread[entry]
+    off = (fit.z - view.middle)[entry] / view.spread[entry]
     return replace(fit, added=np.array([off]))
 
 

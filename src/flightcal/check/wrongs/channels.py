@@ -46,7 +46,7 @@ def biases(view: View) -> Iterator[Wrong]:
 
 def gains(view: View) -> Iterator[Wrong]:
     """Each channel is so many times its temperature in degC."""
-    modelled = view.temperatures(view.window, view.centre(view.observed))
+    modelled = view.temperatures(view.window, view.middle)
     t = len(view.rows.kept)
     for k, channel in enumerate(view.channels):
         column = view.of_channel(k, _GAIN * (modelled[k * t : (k + 1) * t] - ICE_POINT)[:, None])

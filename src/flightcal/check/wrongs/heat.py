@@ -48,7 +48,7 @@ def heaters(view: View) -> Iterator[Wrong]:
     model = view.window.scenario.network
     blocks = model.heaters
     switch = {other: k for k, name in enumerate(view.network.heaters) for other in model.on_switch(name)}
-    centre = view.centre(view.observed)
+    centre = view.middle
     for name, block in blocks.items():
         on = np.nan_to_num(view.network.drive.measured[:, switch[name]])
         if block.node not in view.heat.nodes or not on.any():
@@ -104,7 +104,7 @@ def thresholds(view: View) -> Iterator[Wrong]:
 
 def modes(view: View) -> Iterator[Wrong]:
     """A mode lacks power in a node, or the timeline is not of this flight."""
-    model, centre = view.window.scenario.network, view.centre(view.observed)
+    model, centre = view.window.scenario.network, view.middle
     for mode, powers in model.modes.items():
         column = view.network.network.columns.index(f"mode.{mode}")
         active = view.network.drive.inputs[:, :, column].reshape(1, -1)
@@ -140,7 +140,7 @@ def modes(view: View) -> Iterator[Wrong]:
 
 def missing_heat(view: View) -> Iterator[Wrong]:
     """Something heats a node and then does not: a heater or a mode that the scenario lacks."""
-    scenario, centre = view.window.scenario, view.centre(view.observed)
+    scenario, centre = view.window.scenario, view.middle
     grid = view.network.drive.times
     middle = 0.5 * (grid[1:] + grid[:-1])
     used = set(status_channels(view).values())

@@ -74,12 +74,12 @@ def _other_orbit(
     )
     apart = 0.05 if name == "altitude" else np.deg2rad(7.5)
 
-    def closer() -> Iterator[Wrong]:
+    def around() -> Iterator[Wrong]:
         for more in np.linspace(-1.0, 1.0, 9) * apart:
             yield from _other_orbit(view, orbit, name, step + float(more), tries, near=True)
 
     yield from driven_otherwise(
-        "orbit", name, words, view, tries=tries, closer=None if near else closer, scenario=scenario
+        "orbit", name, words, view, tries=tries, closer=None if near else around, scenario=scenario
     )
 
 

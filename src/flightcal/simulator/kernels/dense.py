@@ -115,14 +115,20 @@ def dense_factor(dense, structure, slope, h, W):
 
 
 @inlined
+def _sum_lines(lines, width, n, v, out):
+    """out [width] = the sum of n lines, each times its number of v."""
+    for at in range(0, width, WIDTH):
+        total = eight(lines, at) * v[0]
+        for i in range(1, n):
+            total += eight(lines, i * width + at) * v[i]
+        set_eight(out, at, total)
+
+
+@inlined
 def dense_solve(dense, lines, n, r):
     """r = the sum of the lines of an inverse times r."""
-    width, work = dense.width, dense.work
-    for at in range(0, width, WIDTH):
-        total = eight(lines, at) * r[0]
-        for j in range(1, n):
-            total += eight(lines, j * width + at) * r[j]
-        set_eight(work, at, total)
+    work = dense.work
+    _sum_lines(lines, dense.width, n, r, work)
     for i in range(n):
         r[i] = work[i]
 
@@ -158,19 +164,11 @@ def dense_transposed_products(dense, structure, v, linear, radiative):
     """linear = A^T v, radiative = N^T v."""
     n, width, few, work = structure.mass.shape[0], dense.width, dense.few, dense.work
     A_rows, N_rows, radiating = dense.A_rows, dense.N_rows, dense.radiating
-    for at in range(0, width, WIDTH):
-        total = eight(A_rows, at) * v[0]
-        for i in range(1, n):
-            total += eight(A_rows, i * width + at) * v[i]
-        set_eight(work, at, total)
+    _sum_lines(A_rows, width, n, v, work)
     for i in range(n):
         linear[i] = work[i]
         radiative[i] = 0.0
-    for at in range(0, few, WIDTH):
-        total = eight(N_rows, at) * v[0]
-        for i in range(1, n):
-            total += eight(N_rows, i * few + at) * v[i]
-        set_eight(work, at, total)
+    _sum_lines(N_rows, few, n, v, work)
     for k in range(radiating.shape[0]):
         radiative[radiating[k]] = work[k]
 
