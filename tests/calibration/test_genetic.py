@@ -66,7 +66,8 @@ def test_a_run_ends_when_it_has_converged_and_goes_on_no_longer_for_a_higher_cap
     result = minimise(counted, LOWER, UPPER, small(generations=1000), seed=1)
     assert (result.converged == 1).all()
     assert result.attrs["converged_runs"] == 3
-    assert len(calls) == result.generations.sum()
+    assert len(calls) == result.generations.max()
+    assert sum(calls) == 24 * result.generations.sum()
     assert (result.generations > CONVERGED_AFTER).all()
     assert (result.generations < 400).all()
     assert result.identical(minimise(counted, LOWER, UPPER, small(generations=2000), seed=1))
@@ -97,7 +98,7 @@ def test_a_run_has_not_converged_while_its_cost_falls_its_population_narrows_or_
     assert not has_converged([np.inf] * many, wide)
 
 
-def test_cost_is_called_once_a_generation_with_the_whole_population():
+def test_cost_is_called_once_a_generation_with_the_populations_of_all_runs():
     calls, told = [], Told()
 
     def counted(individuals):
@@ -105,13 +106,21 @@ def test_cost_is_called_once_a_generation_with_the_whole_population():
         return bowl(individuals)
 
     result = minimise(counted, LOWER, UPPER, small(), seed=1, progress=told)
-    assert calls == [(24, 3)] * 90
+    assert calls == [(3 * 24, 3)] * 30
     assert result.evaluations == 90 * 24
     assert told.stages["search"] == [
-        (30 * run + generation + 1, f"run {run + 1}, generation {generation + 1}, cost {best:.4g}")
-        for run, history in enumerate(result.history.values)
-        for generation, best in enumerate(history)
+        (k + 1, f"generation {k + 1}, {3 if k == 29 else 0} of 3 runs have ended, cost {best:.4g}")
+        for k, best in enumerate(result.history.values.min(axis=0))
     ]
+
+
+def test_a_run_is_the_same_whatever_runs_go_on_beside_it():
+    alone = minimise(bowl, LOWER, UPPER, small(runs=1, generations=1000), seed=3)
+    beside = minimise(bowl, LOWER, UPPER, small(runs=3, generations=1000), seed=3)
+    assert len(set(beside.generations.values)) > 1
+    length = int(alone.generations[0])
+    assert np.array_equal(beside.history[0, :length], alone.history[0])
+    assert np.array_equal(beside.best[0], alone.best[0])
 
 
 def test_initial_population_is_a_latin_hypercube_of_the_box():

@@ -8,7 +8,7 @@ pymoo 0.6.2, to the bit, without the plotting library and the ten packages that 
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Generator, Sequence
 from typing import Any
 
 import numpy as np
@@ -60,11 +60,13 @@ def minimise(
 ) -> xarray.Dataset:
     """Minimise `cost` in the box with `settings.runs` independent runs.
 
-    cost: [S, d] -> [S], called once a generation with the whole population; not finite: a failed simulation.
+    cost: [S, d] -> [S], called once a generation with the populations of all runs; not finite: a failed simulation.
     lower, upper: [d], finite, lower < upper.
-    words: how a run's best cost so far is told.
+    words: how the best cost so far is told.
 
     A run ends when it has converged (see `criterion`), at the latest after `settings.generations`.
+
+    All runs go on side by side, so that a generation of all is one batch of simulations.
 
     Returns best [run, parameter]; its cost [run]; generations [run]; converged [run], 0 or 1; history
     [run, generation], the best cost so far, NaN after the run's end; first_generation_best [run, parameter], NaN where
@@ -74,17 +76,28 @@ def minimise(
     and failures (cost not finite), of all runs together, how many runs converged, and what that means.
     Raises FlightcalError when no simulation of any run succeeds.
     """
-    run_seeds = np.random.SeedSequence(seed).generate_state(settings.runs)
-    with progress.stage("search", settings.runs * settings.generations) as search:
-
-        def evolved(number: int) -> dict[str, Any]:
-            def told(generation: int, best_cost: float) -> None:
-                note = f"run {number + 1}, generation {generation + 1}, {words(best_cost)}"
-                search.at(number * settings.generations + generation + 1, note)
-
-            return _evolve(cost, lower, upper, settings, int(run_seeds[number]), told)
-
-        return _merge([evolved(number) for number in range(settings.runs)])
+    seeds = np.random.SeedSequence(seed).generate_state(settings.runs)
+    going = {number: _evolve(lower, upper, settings, int(own)) for number, own in enumerate(seeds)}
+    wanted = {number: next(run) for number, run in going.items()}
+    ended: dict[int, dict[str, Any]] = {}
+    best = np.inf
+    with progress.stage("search", settings.generations) as search:
+        for generation in range(1, settings.generations + 1):
+            everybody = np.concatenate([*wanted.values()])
+            costs = np.asarray(cost(everybody), float) if len(everybody) else np.empty(0)
+            ends = np.cumsum([len(individuals) for individuals in wanted.values()])
+            for (number, individuals), last in zip([*wanted.items()], ends, strict=True):
+                try:
+                    wanted[number] = going[number].send(costs[last - len(individuals) : last])
+                except StopIteration as end:
+                    ended[number] = end.value
+                    del wanted[number]
+            best = costs[np.isfinite(costs)].min(initial=best)
+            note = f"generation {generation}, {len(ended)} of {settings.runs} runs have ended, {words(best)}"
+            search.at(generation if wanted else settings.generations, note)
+            if not wanted:
+                break
+    return _merge([ended[number] for number in range(settings.runs)])
 
 
 def criterion() -> str:
@@ -108,14 +121,9 @@ def has_converged(costs: Sequence[float], widths: Sequence[float]) -> bool:
 
 
 def _evolve(
-    cost: Callable[[Array], Array],
-    lower: Array,
-    upper: Array,
-    settings: GeneticSettings,
-    seed: int,
-    told: Callable[[int, float], None],
-) -> dict[str, Any]:
-    """One run's part of what `minimise` returns."""
+    lower: Array, upper: Array, settings: GeneticSettings, seed: int
+) -> Generator[Array, Array, dict[str, Any]]:
+    """One run: yields the individuals [S, d] whose costs [S] it is to be sent; its part of what `minimise` returns."""
     rng = np.random.default_rng(seed)
     population, fitness = _latin_hypercube(settings.population, lower, upper, rng), np.empty(0)
     best, best_cost = np.full(len(lower), np.nan), np.inf
@@ -124,10 +132,10 @@ def _evolve(
     widths: list[float] = []
     evaluations = failures = 0
     for generation in range(settings.generations):
-        individuals = population if generation == 0 else _offspring(population, fitness, lower, upper, rng)
         # Nothing new can be bred once all individuals are the same; the rest of the history is flat.
+        individuals = population if generation == 0 else _offspring(population, fitness, lower, upper, rng)
+        costs = yield individuals
         if len(individuals):
-            costs = np.asarray(cost(individuals), float)
             failed = ~np.isfinite(costs)
             evaluations += len(costs)
             failures += int(failed.sum())
@@ -145,7 +153,6 @@ def _evolve(
             first_generation_best = best
         history.append(best_cost)
         widths.append(math.sqrt(float(np.mean((population.std(axis=0) / (upper - lower)) ** 2))))
-        told(generation, best_cost)
         if has_converged(history, widths):
             break
     return {

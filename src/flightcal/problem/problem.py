@@ -37,6 +37,8 @@ from .window import Window
 
 _DIFFERENCE = 1e-4
 """Of a coordinate."""
+_AT_ONCE = 2**24
+"""Temperatures that are kept of one batch of simulations."""
 
 Runs = tuple[Trajectory, ...]
 """A simulation of each window."""
@@ -192,11 +194,17 @@ class Problem:
         return np.concatenate([window.residual(run) for window, run in zip(self.windows, runs, strict=True)])
 
     def rmse(self, thetas: FloatArray, status_weight: float = 0.0) -> FloatArray:
-        """RMSE over all channels and windows [S], K, of simulations at thetas [S, d], run as one batch.
+        """RMSE over all channels and windows [S], K, of simulations at thetas [S, d].
 
         NaN where one fails. status_weight: kelvin that a wrongly simulated heater status sample counts as (0:
         temperatures only).
         """
+        kept = sum(window.observed.size for window in self.windows)
+        parts = np.array_split(thetas, max(1, math.ceil(len(thetas) * kept / _AT_ONCE)))
+        return np.concatenate([self._rmse(part, status_weight) for part in parts])
+
+    def _rmse(self, thetas: FloatArray, status_weight: float) -> FloatArray:
+        """`rmse` of one batch."""
         samples = np.array([window.valid.sum() for window in self.windows])
         shares = samples / samples.sum()
         found = np.full(len(thetas), np.nan)
