@@ -32,7 +32,7 @@ from ..problem import (
 )
 from ..progress import SILENT, Progress
 from ..scenario import heat_of
-from ..simulator import FloatArray, IntArray, SimulationFailure
+from ..simulator import FloatArray, IntArray, SimulationFailure, in_parallel
 from .heat_point import HeatPoint
 from .sizes import Around
 
@@ -152,7 +152,7 @@ class _Search:
             linear = [self._linearise(window, z, weights) for window in self.windows]
             if rounds <= _SHAPED:
                 starts = self._starts(sizes) if rounds == 1 else [sizes]
-                sizes, _ = min((self._fit(linear, z, weights, start) for start in starts), key=lambda found: found[1])
+                sizes = self._best_fit(linear, z, weights, starts)
             else:
                 sizes = self._around(linear, z, weights, sizes).most_probable(sizes)
             z, weights, moved = self._step(linear, z, weights, sizes)
@@ -263,6 +263,13 @@ class _Search:
         precision = np.maximum(self.problem.priors.precision(z)[moving], 1e-6)
         gradient = self.problem.priors.at(z).gradient[moving]
         return z[moving] + gradient / precision, precision**-0.5
+
+    def _best_fit(
+        self, linear: Sequence[_Linear], z: FloatArray, weights: FloatArray, starts: Sequence[FloatArray]
+    ) -> FloatArray:
+        """Of several starts, the sizes under which the telemetry is most probable."""
+        found = in_parallel(lambda k: self._fit(linear, z, weights, starts[k]), len(starts))
+        return min(found, key=lambda own: own[1])[0]
 
     def _fit(
         self, linear: Sequence[_Linear], z: FloatArray, weights: FloatArray, sizes: FloatArray

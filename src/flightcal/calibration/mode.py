@@ -21,8 +21,11 @@ import numpy as np
 from ..errors import FlightcalError
 from ..problem import Problem, whitening
 from ..progress import SILENT, Progress
-from ..simulator import FloatArray, SimulationFailure
+from ..simulator import FloatArray, SimulationFailure, in_parallel
 from .start import fit_residuals
+
+Start = tuple[str, FloatArray]
+"""What it is, and z [d]."""
 
 SAME = 0.1
 """Nats; modes that differ by less are one."""
@@ -95,20 +98,18 @@ def find_mode(
     open_loop = problem.open_loop
     if open_loop is None:
         return _search(problem, starts, rng, random_starts, progress)
-    found = []
     modes = _distinct(_search(open_loop, starts, rng, random_starts, progress))[:_FOLLOWED]
+    beside: list[Start] = []
+    far: list[Start] = []
     for mode in modes:
-        progress.at(0.0, f"closed loop from the open-loop mode of {mode.origin}")
-        for z in (mode.z, *_best(problem, _around(open_loop, mode.z, 1.0, rng), _CLIMBED)):
-            found.append(climb(problem, z, f"open loop from {mode.origin}"))
+        around = _best(problem, _around(open_loop, mode.z, 1.0, rng), _CLIMBED)
+        beside += [(f"open loop from {mode.origin}", z) for z in (mode.z, *around)]
     if modes:
-        progress.at(0.0, f"closed loop far around the open-loop mode of {modes[0].origin}")
-        for z in _nearest(problem, _around(open_loop, modes[0].z, _WIDE, rng), _CLIMBED):
-            found.append(climb(problem, fit_residuals(problem, z), f"far around the open loop from {modes[0].origin}"))
-    for name, theta in starts:
-        progress.at(0.0, f"closed loop from {name}")
-        found.append(climb(problem, fit_residuals(problem, problem.to_z(theta)), name))
-    return tuple(sorted(found, key=lambda mode: -mode.log_density))
+        wide = _nearest(problem, _around(open_loop, modes[0].z, _WIDE, rng), _CLIMBED)
+        far = [(f"far around the open loop from {modes[0].origin}", z) for z in wide]
+    named = [(name, problem.to_z(theta)) for name, theta in starts]
+    progress.at(0.0, f"closed loop from {len(beside + far + named)} starts")
+    return _climbed(problem, [*beside, *_with_residuals(problem, [*far, *named])])
 
 
 def _search(
@@ -119,21 +120,28 @@ def _search(
     progress: Progress,
 ) -> tuple[Mode, ...]:
     """`find_mode` in one problem: from the named starts, and from the best of many prior draws."""
-    found = []
+    begun: list[Start] = []
     if not problem.is_independent:
-        modes = _search(problem.independent(), starts, rng, random_starts, progress)
-        for mode in _distinct(modes)[:_FOLLOWED]:
-            progress.at(0.0, f"noise and discrepancy from the mode of {mode.origin}")
-            found.append(climb(problem, fit_residuals(problem, mode.z), mode.origin))
+        modes = _distinct(_search(problem.independent(), starts, rng, random_starts, progress))[:_FOLLOWED]
+        begun += _with_residuals(problem, [(mode.origin, mode.z) for mode in modes])
     if random_starts:
         draws = problem.to_z(problem.priors.sample(rng, _DRAWS))
-        for k, z in enumerate(_best(problem, draws, random_starts)):
-            progress.at(0.0, f"prior draw {k + 1} of {random_starts}")
-            found.append(climb(problem, z, f"prior draw {k + 1}"))
-    for name, theta in starts:
-        progress.at(0.0, name)
-        found.append(climb(problem, problem.to_z(theta), name))
+        begun += [(f"prior draw {k + 1}", z) for k, z in enumerate(_best(problem, draws, random_starts))]
+    begun += [(name, problem.to_z(theta)) for name, theta in starts]
+    progress.at(0.0, f"from {len(begun)} starts")
+    return _climbed(problem, begun)
+
+
+def _climbed(problem: Problem, starts: Sequence[Start]) -> tuple[Mode, ...]:
+    """What is reached from each start, best first."""
+    found = in_parallel(lambda k: climb(problem, starts[k][1], starts[k][0]), len(starts))
     return tuple(sorted(found, key=lambda mode: -mode.log_density))
+
+
+def _with_residuals(problem: Problem, starts: Sequence[Start]) -> list[Start]:
+    """Starts with noise and discrepancy as the residuals there have them."""
+    fitted = in_parallel(lambda k: fit_residuals(problem, starts[k][1]), len(starts))
+    return [(origin, z) for (origin, _), z in zip(starts, fitted, strict=True)]
 
 
 def _around(problem: Problem, z: FloatArray, width: float, rng: np.random.Generator) -> FloatArray:
@@ -150,7 +158,7 @@ def _around(problem: Problem, z: FloatArray, width: float, rng: np.random.Genera
 
 def _best(problem: Problem, draws: FloatArray, count: int) -> FloatArray:
     """The draws [S, d] of highest log density [count, d]."""
-    densities = np.array([problem.log_density(z) for z in draws])
+    densities = np.array(in_parallel(lambda k: problem.log_density(draws[k]), len(draws)))
     return draws[np.argsort(-densities)[:count]]
 
 

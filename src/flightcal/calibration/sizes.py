@@ -13,7 +13,7 @@ from scipy.special import erf, gammaln, ndtr, ndtri, stdtr, stdtrit
 
 from ..probability import Priors
 from ..scenario import HalfNormal, HalfStudentT
-from ..simulator import FloatArray, IntArray
+from ..simulator import FloatArray, IntArray, in_parallel
 
 _ITERATIONS = 100
 _DIFFERENCE = 1e-3
@@ -131,7 +131,8 @@ class Around:
             cost, gradient = self.cost(score, sizes)
             return cost, root.T @ gradient
 
-        drawn = [_moved(w, potential, rng) for w in rng.standard_normal((count, len(middle)))]
+        starts, rngs = rng.standard_normal((count, len(middle))), rng.spawn(count)
+        drawn = in_parallel(lambda k: _moved(starts[k], potential, rngs[k]), count)
         return self._of_scores((middle + np.stack(drawn) @ root.T).clip(_LEAST, most), sizes)
 
     def _of_scores(self, scores: FloatArray, sizes: FloatArray) -> FloatArray:
