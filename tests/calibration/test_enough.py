@@ -70,6 +70,25 @@ def test_too_few_effective_draws_are_made_more_in_coordinates_of_the_first_ones(
     np.testing.assert_allclose(white.mean(axis=0), 0.0, atol=1e-9)
 
 
+def test_they_are_made_more_again_where_those_that_were_added_are_less_effective():
+    sampler, asked = slow(0.0)
+
+    def judged(draws):
+        theta, own = judge(draws)
+        count = draws.z.shape[1]
+        if count > 3000:
+            return theta, own
+        worst = replace(own.parameters[0], ess_bulk=250.0)
+        gates = (*own.gates, gate("effective draws", False, "", "", ""))
+        return theta, replace(own, parameters=(worst, *own.parameters[1:]), gates=gates)
+
+    draws, _, found = sample_enough(sampler, PLAIN, SETTINGS, 3, judged, SILENT)
+    assert [count for _, count, _ in asked] == [1000, 920, 1767]
+    assert len({seed for _, _, seed in asked}) == 3
+    assert draws.z.shape == (2, 3687, 2)
+    assert found.passed
+
+
 def test_what_more_draws_do_not_mend_is_left_as_it_is():
     sampler, asked = slow(0.75)
 
@@ -101,11 +120,11 @@ def with_r_hat(found):
 
 def test_an_r_hat_just_above_its_limit_is_looked_at_with_twice_the_draws_and_no_other():
     sampler, asked = slow(0.0)
-    draws, _, judged = sample_enough(sampler, PLAIN, SETTINGS, 3, with_r_hat(1.015), SILENT)
+    draws, _, judged = sample_enough(sampler, PLAIN, SETTINGS, 3, with_r_hat(1.035), SILENT)
     assert draws.z.shape == (2, 2000, 2)
     assert judged.passed
     sampler, asked = slow(0.0)
-    sample_enough(sampler, PLAIN, SETTINGS, 3, with_r_hat(1.03), SILENT)
+    sample_enough(sampler, PLAIN, SETTINGS, 3, with_r_hat(1.05), SILENT)
     assert len(asked) == 1
 
 

@@ -69,8 +69,11 @@ def test_settings_and_seed_are_the_scenarios_unless_given(problem):
     told = Told()
     result = calibrate_genetic(problem, progress=told)
     assert (result.sizes["run"], result.sizes["generation"], result.attrs["seed"]) == (2, 8, 3)
-    assert [done for done, _ in told.stages["search"]] == list(range(1, 17))
-    assert told.stages["search"][-1][1] == f"run 2, generation 8, RMSE {result['rmse'].values[1]:.3f} K"
+    assert [done for done, _ in told.stages["search"]] == list(range(1, 9))
+    assert (
+        told.stages["search"][-1][1]
+        == f"generation 8, 2 of 2 runs have ended, RMSE {result['rmse'].values.min():.3f} K"
+    )
 
 
 def test_the_weight_of_heater_status_is_part_of_what_is_minimised(problem):
@@ -116,8 +119,10 @@ def test_residual_noise_of_a_failed_simulation_stays_as_it_was(problem):
 
 
 def test_a_small_run_of_nuts_finds_the_truth_with_the_width_of_the_laplace_approximation(problem, posterior):
-    assert posterior.theta.shape == (2, 60, 6)
-    assert posterior.flat.shape == (120, 6)
+    chains, draws, size = posterior.theta.shape
+    assert (chains, size) == (2, 6)
+    assert 60 < draws <= 8 * 60, "more are made until enough are effective"
+    assert posterior.flat.shape == (2 * draws, 6)
     np.testing.assert_array_equal(posterior.theta, problem.to_theta(posterior.draws.z))
     mode = posterior.modes[0]
     z = posterior.draws.z.reshape(-1, 6)

@@ -56,7 +56,7 @@ def gaussian():
 
     jacobian = np.linalg.inv(mixing)
     white = whitening(mean, jacobian.T @ jacobian)
-    return mean, covariance, density, sample(density, white, NutsSettings(), seed=4)
+    return mean, covariance, density, sample(density, white, NutsSettings(draws=1000, warmup=400), seed=4)
 
 
 def test_a_correlated_gaussian_is_drawn_with_its_means_and_covariance(gaussian):

@@ -15,10 +15,12 @@ from ..simulator import FloatArray
 from .diagnostics import Diagnostics, draws_wanted, fewest_effective
 from .nuts import Draws, some_drawn
 
-_MOST = 3.0
+_MOST = 8.0
 """Times the draws that were asked for, at most."""
-_NEAR = 0.01
-"""So little above its limit R-hat may be by chance once in some runs: it is looked at again with twice the draws."""
+_ROUNDS = 3
+"""In which more are made, at most."""
+_NEAR = 0.03
+"""So little above its limit R-hat may be with few draws: it is looked at again with twice as many."""
 _SEEDS = 1_000_003
 """Between the seeds of the first draws and of those that are added."""
 
@@ -34,36 +36,38 @@ def sample_enough(
     """Draws with their thetas and diagnostics: as many as the settings say, and more where too few are effective.
 
     So are they where R-hat is just above its limit. The others are of chains of their own, in coordinates in which the
-    first draws are nearly standard normal. Where chains fail for another reason, or it would take too many, all is left
-    as it is.
+    draws so far are nearly standard normal. Where chains fail for another reason, or it would take too many, all is
+    left as it is.
     """
     draws = some_drawn(sampler(coordinates, settings, seed))
     theta, judged = judge(draws)
-    more = 0 if draws.interrupted else _more(judged, settings)
-    if more:
+    for k in range(1, _ROUNDS + 1):
+        more = 0 if draws.interrupted else _more(judged, draws.z.shape[1], settings)
+        if not more:
+            break
         wanting = " and ".join(f"{own.name} {own.found}, not {own.required}" for own in judged.gates if not own.passed)
         progress.say(f"{more} more draws of each chain: {wanting}")
         # In these coordinates there is little left to adapt to.
         added = settings.model_copy(update={"draws": more, "warmup": settings.warmup // 2})
-        again = sampler(_whitened(draws.z), added, seed + _SEEDS)
+        again = sampler(_whitened(draws.z), added, seed + k * _SEEDS)
         draws = _joined(draws, again)
         theta, judged = judge(draws)
     return draws, theta, judged
 
 
-def _more(judged: Diagnostics, settings: NutsSettings) -> int:
-    """How many more draws of each chain are wanted, where that is all that is wanting."""
+def _more(judged: Diagnostics, drawn: int, settings: NutsSettings) -> int:
+    """How many more draws of each chain than those drawn are wanted, where that is all that is wanting."""
     failed = {own.name for own in judged.gates if not own.passed}
-    least, wanted = fewest_effective(judged.parameters), settings.draws
+    least, wanted = fewest_effective(judged.parameters), drawn
     if not failed <= {"effective draws", "effective draws, tails", "R-hat"} or not least > 0.0:
         return 0
     if "R-hat" in failed:
         if not max(own.r_hat for own in judged.parameters) < settings.max_r_hat + _NEAR:
             return 0
-        wanted = 2 * settings.draws
+        wanted = 2 * drawn
     if least <= settings.min_ess:
-        wanted = max(wanted, math.ceil(draws_wanted(settings.draws, least, settings)))
-    return wanted - settings.draws if wanted <= _MOST * settings.draws else 0
+        wanted = max(wanted, math.ceil(draws_wanted(drawn, least, settings)))
+    return wanted - drawn if wanted <= _MOST * settings.draws else 0
 
 
 def _whitened(z: FloatArray) -> Whitening:

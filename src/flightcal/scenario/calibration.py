@@ -25,9 +25,9 @@ class NutsSettings(Block):
     """The No-U-Turn sampler and the gates its result must pass."""
 
     chains: Count = Field(4, ge=2, le=100)
-    draws: Count = Field(1000, ge=50, le=1_000_000)
-    """Of each chain; up to three times as many are made where otherwise too few are effective."""
-    warmup: Count = Field(400, ge=50, le=1_000_000)
+    draws: Count = Field(400, ge=50, le=1_000_000)
+    """Of each chain; up to eight times as many are made where otherwise too few are effective."""
+    warmup: Count = Field(250, ge=50, le=1_000_000)
     target_acceptance: Number = Field(0.9, gt=0.5, lt=1)
     max_r_hat: Number = Field(1.01, gt=1, le=2)
     min_ess: Number = Field(400, gt=0)
