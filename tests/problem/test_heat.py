@@ -262,3 +262,20 @@ def test_exact_heat_has_simulations_do_what_the_linear_response_says(heated, at_
 def test_several_windows_in_open_loop_can_have_heat(problem):
     _, heated = with_some_heat(problem)
     assert [len(window.heat.response) for window in heated.windows] == [90, 70]
+
+
+def test_exact_heat_is_looked_for_no_longer_than_what_is_missed_is_more_than_may_be(heated, at_centre):
+    z = np.tile(at_centre, (6, 1))
+    moved = [k for k in heated.simulated if heated.entries[k].kind == "parameter"]
+    z[:, moved] += 0.15 * np.random.default_rng(2).standard_normal((6, len(moved)))
+    thetas = heated.to_theta(z)
+    runs = heated.simulate_many(thetas)
+
+    def missed(within):
+        found = exact_heat(heated, runs, thetas, np.random.default_rng(0), within=within)
+        left = [(own - linear).ravel() for own, linear in zip(found.temperatures, found.linear, strict=True)]
+        return np.sqrt(np.mean(np.concatenate(left) ** 2))
+
+    first, least = missed(np.inf), missed(0.0)
+    between = np.sqrt(first * least)
+    assert least < missed(between) < between < first

@@ -29,6 +29,8 @@ from .errors import WindowErrors
 from .thresholds import Thresholds, draw_thresholds
 
 _SAME_TIME = np.timedelta64(1, "s")
+_MISSED = 1e-3
+"""K, by which a draw's simulation may be off what its weights of heat stand for: as little as no interval shows."""
 
 
 @dataclass(frozen=True)
@@ -117,7 +119,7 @@ def draw_heat(problem: Problem, draws: FloatArray, rng: np.random.Generator) -> 
     kept = np.zeros((len(draws), len(model.group)))
     done = [of_draw for of_draw in runs if of_draw is not None]
     if done:
-        kept[usable] = exact_heat(problem, done, draws[usable], rng).weights
+        kept[usable] = exact_heat(problem, done, draws[usable], rng, within=_MISSED).weights
     window = problem.windows[0]
     inside = problem.at(window, draws)
     of_scales = np.stack([window.scales(theta) for theta in inside])

@@ -139,12 +139,15 @@ class ExactHeat:
     """The same as the linear response has it."""
 
 
-def exact_heat(problem: Problem, runs: Sequence[Runs], thetas: FloatArray, rng: np.random.Generator) -> ExactHeat:
+def exact_heat(
+    problem: Problem, runs: Sequence[Runs], thetas: FloatArray, rng: np.random.Generator, *, within: float = 0.0
+) -> ExactHeat:
     """Draws of weights given the telemetry, with which simulations at thetas [S, d] do what the linear response says.
 
     runs: the simulations at thetas, of the heat at the model's centre. How temperatures respond to heat depends on
     theta, and linearisation has one response for all: so each draw's weights are corrected, step by step, for what its
-    own simulation misses. Draws whose simulation fails keep theirs, and have NaN.
+    own simulation misses. Draws whose simulation fails keep theirs, and have NaN. within: K, root mean square over all
+    draws, that may be missed; as little as can be reached where it is zero.
     """
     model = problem.heat
     assert model is not None
@@ -158,6 +161,7 @@ def exact_heat(problem: Problem, runs: Sequence[Runs], thetas: FloatArray, rng: 
         base = np.stack([run.temperatures for run in of_window])
         does = growth * (weights - model.centre)
         linear.append(base + np.einsum("tnm,sm->stn", window.heat.response, does, optimize=True))
+    samples = sum(own[0].size for own in linear)
     best, kept, stalled = np.full(len(thetas), np.inf), weights.copy(), 0
     kept_runs = [np.full(own.shape, np.nan) for own in linear]
     points: list[FloatArray] = []
@@ -179,7 +183,8 @@ def exact_heat(problem: Problem, runs: Sequence[Runs], thetas: FloatArray, rng: 
         kept[better] = weights[better]
         for own, new in zip(kept_runs, simulated, strict=True):
             own[better] = new[better]
-        if stalled == _STALLED:
+        reached = best[np.isfinite(best)]
+        if stalled == _STALLED or (len(reached) and reached.mean() < samples * within**2):
             break
         points = [*points, weights][-_REMEMBERED:]
         steps = [*steps, gains([np.nan_to_num(own) for own in left]) / growth][-_REMEMBERED:]
