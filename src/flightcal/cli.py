@@ -119,7 +119,8 @@ def main() -> None:
     def again(what: sys.UnraisableHookArgs) -> None:
         if not (arrived and issubclass(what.exc_type, KeyboardInterrupt)):
             return usual(what)
-        repeats.append(threading.Timer(_MOMENT, signal.raise_signal, [arrived[-1]]))
+        # To this thread, so that it is woken from what it waits for.
+        repeats.append(threading.Timer(_MOMENT, signal.pthread_kill, [threading.main_thread().ident, arrived[-1]]))
         repeats[-1].daemon = True
         repeats[-1].start()
 
