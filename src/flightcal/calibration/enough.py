@@ -67,7 +67,8 @@ def _more(judged: Diagnostics, drawn: int, settings: NutsSettings) -> int:
         wanted = 2 * drawn
     if least <= settings.min_ess:
         wanted = max(wanted, math.ceil(draws_wanted(drawn, least, settings)))
-    return wanted - drawn if wanted <= _MOST * settings.draws else 0
+    # At most as many again: in the new coordinates fewer may do than the draws so far let expect.
+    return min(wanted - drawn, drawn) if wanted <= _MOST * settings.draws else 0
 
 
 def _whitened(z: FloatArray) -> Whitening:
