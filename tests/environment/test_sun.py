@@ -1,6 +1,8 @@
+import erfa
 import numpy as np
 import pytest
 
+from flightcal.environment._time import terrestrial_julian_dates
 from flightcal.environment.sun import ASTRONOMICAL_UNIT, OBLIQUITY, solar_flux, sun_position
 
 from .scenes import EPOCH, beta_angle, circular, environment
@@ -60,3 +62,12 @@ def test_beta_of_a_dawn_dusk_orbit_at_the_equinox_is_its_polar_tilt_from_ninety_
 
 def test_obliquity_is_the_solstice_s_declination():
     assert np.degrees(OBLIQUITY) == pytest.approx(23.4393, abs=1e-4)
+
+
+def test_between_knots_the_ephemeris_is_met_to_a_decimetre():
+    seconds = np.random.default_rng(1).uniform(0.0, 40 * 86400.0, 500)
+    times = np.datetime64("2024-03-01T00:00:00", "ns") + np.round(1e9 * seconds).astype("timedelta64[ns]")
+    whole, days = terrestrial_julian_dates(times)
+    turned = np.einsum("tij,tj->ti", erfa.pnm00b(whole, days), erfa.epv00(whole, days)[0]["p"])
+    assert np.abs(sun_position(times) + ASTRONOMICAL_UNIT * turned).max() < 0.1
+    assert sun_position(times[:0]).shape == (0, 3)

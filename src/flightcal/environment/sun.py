@@ -5,7 +5,7 @@ from __future__ import annotations
 import erfa
 import numpy as np
 
-from ._time import Floats, Times, terrestrial_julian_dates
+from ._time import J2000, Floats, Times, terrestrial_julian_dates
 
 ASTRONOMICAL_UNIT = 149_597_870_700.0
 """m (IAU 2012 resolution B2)."""
@@ -15,12 +15,30 @@ OBLIQUITY = 0.4090926
 """rad, mean obliquity of the ecliptic at J2000 (IAU 2006: 84381.406 arcsec); -0.013 deg a century."""
 
 
+_APART = np.timedelta64(6, "h")
+_OFFSETS = np.arange(-2, 4)
+"""Of the knots around a time, from the last one before it."""
+
+
 def sun_position(times: Times) -> Floats:
     """Geometric position of the Sun from the Earth's centre, [T, 3] m, true equator and equinox of date.
 
     The Earth's heliocentric position is ERFA's epv00 (VSOP2000 fit, 5 km), turned by bias, precession and
-    nutation (IAU 2000B, 0.001 arcsec). Light time and aberration, 0.006 deg together, are left out.
+    nutation (IAU 2000B, 0.001 arcsec). Light time and aberration, 0.006 deg together, are left out. It is interpolated
+    to fifth order between knots six hours apart, which adds less than 0.1 m and saves nearly all of the time.
     """
+    elapsed = (times - J2000) / _APART
+    before = np.floor(elapsed).astype(np.int64)
+    needed = before + _OFFSETS[:, None]
+    knots, place = np.unique(needed, return_inverse=True)
+    at = elapsed - before
+    others = [np.delete(_OFFSETS, k) for k in range(len(_OFFSETS))]
+    weights = [np.prod((at[:, None] - rest) / (own - rest), axis=1) for own, rest in zip(_OFFSETS, others, strict=True)]
+    of_knots = _from_ephemeris(J2000 + knots * _APART)[place.reshape(needed.shape)]
+    return np.asarray(np.einsum("kt,ktx->tx", weights, of_knots))
+
+
+def _from_ephemeris(times: Times) -> Floats:
     whole, days = terrestrial_julian_dates(times)
     heliocentric, _ = erfa.epv00(whole, days)
     to_date = erfa.pnm00b(whole, days)
