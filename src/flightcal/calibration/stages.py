@@ -24,6 +24,8 @@ _GRADIENTS, _TIMED = 8, 5
 """Evaluations a draw, of which the bundled examples take 5 to 12; those that are timed."""
 _WITH_HEAT = 8.0
 """Times as long a calibration with unmodelled heat takes as such a sampling without: 5 to 30 in the examples."""
+_BESIDE, _BESIDE_WITH_HEAT = 0.5, 4.0
+"""s that a calibration of a small network takes beside its sampling."""
 POSTERIOR_FILE, DIAGNOSTICS_FILE, GENETIC_FILE = "posterior.nc", "diagnostics.json", "genetic.nc"
 
 
@@ -78,9 +80,11 @@ def rough_seconds(problem: Problem, settings: NutsSettings, together: int = 1) -
         timed.log_density_and_gradient(z)
     gradient = (perf_counter() - started) / _TIMED
     chains = settings.chains * together
-    rounds = -(-chains // min(chains, os.cpu_count() or 1)) / together
-    seconds = rounds * (settings.warmup + settings.draws) * _GRADIENTS * gradient
-    return seconds if timed is problem else _WITH_HEAT * seconds
+    cores = min(chains, os.cpu_count() or 1)
+    seconds = -(-chains // cores) / together * (settings.warmup + settings.draws) * _GRADIENTS * gradient
+    if timed is problem:
+        return seconds + _BESIDE / min(cores, together)
+    return _WITH_HEAT * seconds + _BESIDE_WITH_HEAT / min(cores, together)
 
 
 def _search(run: Run, problem: Problem, *, settings: GeneticSettings, seed: int) -> None:
