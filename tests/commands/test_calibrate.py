@@ -122,6 +122,7 @@ def test_a_second_call_runs_no_stage_again(finished):
     before = (run / "posterior.nc").read_bytes()
     told = Told()
     again = run_experiment(scenario, run, progress=told)
+    assert told.said == []
     assert list(told.stages) == ["reading telemetry", BUILDING, *TITLES.values(), "writing the report"]
     assert all(told.done_before(title) for title in TITLES.values())
     assert not told.done_before("writing the report")

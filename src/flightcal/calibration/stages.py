@@ -12,6 +12,7 @@ import numpy as np
 import xarray
 
 from ..problem import Problem, rehearsals
+from ..progress import about
 from ..run import Run, Stage, plain, read_json
 from ..scenario import GeneticSettings, NutsSettings, heat_of
 from ..simulator import FloatArray
@@ -24,6 +25,8 @@ _GRADIENTS, _TIMED = 8, 5
 """Evaluations a draw, of which the bundled examples take 5 to 12; those that are timed."""
 _WITH_HEAT = 8.0
 """Times as long a calibration with unmodelled heat takes as such a sampling without: 5 to 30 in the examples."""
+_SEARCHED, _OF_GENERATIONS = 16, 0.5
+"""Simulations that are timed; of the most generations, how many most runs of the genetic algorithm take."""
 _BESIDE, _BESIDE_WITH_HEAT = 0.5, 4.0
 """s that a calibration of a small network takes beside its sampling."""
 POSTERIOR_FILE, DIAGNOSTICS_FILE, GENETIC_FILE = "posterior.nc", "diagnostics.json", "genetic.nc"
@@ -87,6 +90,23 @@ def rough_seconds(problem: Problem, settings: NutsSettings, together: int = 1) -
     return _WITH_HEAT * seconds + _BESIDE_WITH_HEAT / min(cores, together)
 
 
+def rough_search_seconds(problem: Problem, settings: GeneticSettings) -> float:
+    """Seconds that the genetic algorithm will take, to a factor of three."""
+    thetas = np.tile(problem.priors.median(), (_SEARCHED, 1))
+    started = perf_counter()
+    problem.rmse(thetas)
+    simulation = (perf_counter() - started) / _SEARCHED
+    return simulation * settings.runs * settings.population * _OF_GENERATIONS * settings.generations
+
+
+def _compile(run: Run, problem: Problem) -> None:
+    """Warm up, and say how long the rest will take."""
+    warm(problem)
+    own = problem.scenario.calibration
+    search, sampling = rough_search_seconds(problem, own.genetic), rough_seconds(problem, own.nuts)
+    run.progress.say(f"to come: genetic algorithm, {about(search)}; stochastic update, {about(sampling)}")
+
+
 def _search(run: Run, problem: Problem, *, settings: GeneticSettings, seed: int) -> None:
     run.folder.write_netcdf(GENETIC_FILE, calibrate_genetic(problem, settings, seed, progress=run.progress))
 
@@ -124,9 +144,7 @@ def _read_sample(run: Run, *_: Any) -> Sampled:
     return Sampled(run.folder.read_tree(POSTERIOR_FILE), read_json(run.folder.file(DIAGNOSTICS_FILE)))
 
 
-COMPILE: Final = Stage(
-    "compile", "compiling (long only once)", (), lambda run, problem: warm(problem), lambda run, problem: None
-)
+COMPILE: Final = Stage("compile", "compiling (long only once)", (), _compile, lambda run, problem: None)
 """Of a problem."""
 
 GENETIC: Final = Stage(
