@@ -12,7 +12,8 @@ from flightcal.check import SUSPECTS, Suspects, suspects
 from flightcal.check.evidence import noise_of, series_at
 from flightcal.check.findings import suspected
 from flightcal.check.suspects import Suspicion
-from flightcal.check.wrongs.heat import turning
+from flightcal.check.wrongs import Words, Wrong
+from flightcal.check.wrongs.heat import obedient, turning
 from flightcal.problem import build_problem
 from flightcal.progress import SILENT
 from flightcal.run import Run, open_run, read_json
@@ -166,6 +167,30 @@ def test_a_status_that_is_always_off_is_told_by_its_thresholds(flown):
     off = spoilt(data, heater_status=0.0 * data["heater_status"])
     first = named(scenario.model_copy(update={"simulator": model}), off)[0]
     assert (first.kind, first.about) == ("thermostat", "heater")
+
+
+def test_a_status_that_never_changes_is_told_where_its_thermostat_acts(flown):
+    scenario, data = flown
+    first = named(scenario, spoilt(data, heater_status=0.0 * data["heater_status"]))[0]
+    assert (first.kind, first.about) in (("thermostat", "heater"), ("missing heat", "body"))
+
+
+def test_a_thermostat_switches_at_its_thresholds_and_holds_between():
+    read = np.array([285.0, 281.0, 280.1, 283.0, 284.9, 283.0, 281.0, 280.0])
+    on = obedient(read, 280.0, 285.0)
+    assert on is not None
+    assert on.tolist() == [0.0, 0.0, 1.0, 1.0, 0.0, 0.0, 0.0, 1.0]
+    assert obedient(np.full(8, 283.0), 280.0, 285.0) is None
+    assert obedient(read[2:5], 280.0, 285.0) is None
+
+
+def test_a_heaters_power_is_more_likely_off_than_a_number_of_equal_odds():
+    def odds(kind):
+        return Wrong(kind, "a", Words("", "", ""), tries=4.0).odds
+
+    assert odds("heater") == pytest.approx(np.log(4.0))
+    assert odds("number") > odds("heater")
+    assert odds("thermostat") > odds("status inverted")
 
 
 def test_heaters_that_act_without_a_status_are_not_compared(flown):
