@@ -171,17 +171,26 @@ def test_a_status_that_is_always_off_is_told_by_its_thresholds(flown):
 
 def test_a_status_that_never_changes_is_told_where_its_thermostat_acts(flown):
     scenario, data = flown
-    first = named(scenario, spoilt(data, heater_status=0.0 * data["heater_status"]))[0]
-    assert (first.kind, first.about) in (("thermostat", "heater"), ("missing heat", "body"))
+    found = named(scenario, spoilt(data, heater_status=0.0 * data["heater_status"]))
+    assert ("thermostat", "heater") in [(own.kind, own.about) for own in found]
+    assert all("status" in own.title or "status of heater" in own.advice for own in found)
 
 
-def test_a_thermostat_switches_at_its_thresholds_and_holds_between():
-    read = np.array([285.0, 281.0, 280.1, 283.0, 284.9, 283.0, 281.0, 280.0])
+def test_a_thermostat_switches_where_readings_turn_and_holds_between():
+    read = np.array([285.0, 281.0, 280.1, 281.5, 284.9, 284.5, 281.0, 280.0])
     on = obedient(read, 280.0, 285.0)
     assert on is not None
-    assert on.tolist() == [0.0, 0.0, 1.0, 1.0, 0.0, 0.0, 0.0, 1.0]
+    assert on.tolist() == [0.0, 0.0, 1.0, 1.0, 1.0, 0.0, 0.0, 0.0]
     assert obedient(np.full(8, 283.0), 280.0, 285.0) is None
     assert obedient(read[2:5], 280.0, 285.0) is None
+
+
+def test_a_thermostats_own_telemetry_says_when_it_was_on(flown):
+    scenario, data = flown
+    heater = scenario.network.heaters["heater"]
+    on = obedient(data["body_temp"].to_numpy(), heater.on_below, heater.off_above)
+    assert on is not None
+    assert (on != data["heater_status"].to_numpy()).mean() < 0.05
 
 
 def test_a_heaters_power_is_more_likely_off_than_a_number_of_equal_odds():

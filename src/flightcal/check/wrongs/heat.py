@@ -23,6 +23,8 @@ _THRESHOLD = 8.0
 """K, prior deviation of thresholds that are wrong."""
 _REACHED = 0.2
 """Of the way between its thresholds, by which a reading may stay short of one at which a heater switches."""
+_SECOND = 30.0
+"""So many times as rare as a first heater of a node is a second one that the scenario lacks."""
 
 
 def statuses(view: View) -> Iterator[Wrong]:
@@ -122,15 +124,28 @@ def useless_statuses(view: View) -> Iterator[Wrong]:
 
 
 def obedient(values: FloatArray, below: float, above: float) -> FloatArray | None:
-    """[T] 1 where a thermostat is on that reads values [T], else 0; None: it does not switch on and off again."""
+    """[T] 1 where a thermostat is on that reads values [T], else 0; None: it does not switch on and off again.
+
+    It switches where readings turn, near a threshold: between two samples they may not reach it.
+    """
     margin = _REACHED * (above - below)
     cold, warm = values < below + margin, values > above - margin
-    switches = np.flatnonzero(cold | warm)
-    if not len(switches):
+    beyond = np.flatnonzero(cold | warm)
+    if not len(beyond):
         return None
-    last = switches[np.maximum(np.searchsorted(switches, np.arange(len(values)), side="right") - 1, 0)]
+    last = beyond[np.maximum(np.searchsorted(beyond, np.arange(len(values)), side="right") - 1, 0)]
     on = cold[last].astype(float)
-    return on if (np.diff(on) > 0).any() and (np.diff(on) < 0).any() else None
+    changes = np.flatnonzero(np.diff(on)) + 1
+    if len(changes) < 2:
+        return None
+    found, padded = on.copy(), np.pad(values, 1, mode="edge")
+    for first, end in zip(changes, [*changes[1:], len(values)], strict=True):
+        run = values[first:end] if on[first] else -values[first:end]
+        turn = first + int(np.nanargmin(run))
+        # It turned between this sample and that neighbour which is more like it.
+        later = (padded[turn + 2] < padded[turn]) == bool(on[first])
+        found[first : turn + int(later)] = 1.0 - on[first]
+    return found
 
 
 def thresholds(view: View) -> Iterator[Wrong]:
@@ -194,6 +209,7 @@ def missing_heat(view: View) -> Iterator[Wrong]:
     grid = view.network.drive.times
     middle = 0.5 * (grid[1:] + grid[:-1])
     used = set(status_channels(view).values())
+    heated = {heater.node: name for name, heater in scenario.network.heaters.items()}
     waves: list[tuple[str, str, FloatArray]] = []
     for name, channel in scenario.telemetry.channels.items():
         if channel.kind == "status" and name not in used and name in view.telemetry:
@@ -217,10 +233,13 @@ def missing_heat(view: View) -> Iterator[Wrong]:
             return Words(
                 f"A heater of {node} is missing in the scenario",
                 f"About {number(abs(power), 2)} W come and go in {node}, {what}.",
-                f"Add the heater of {node} to 'simulator: heaters', with its status as 'measured_by'",
+                f"Check the status of {heated[node]}"
+                if node in heated and not name
+                else f"Add the heater of {node} to 'simulator: heaters', with its status as 'measured_by'",
             )
 
-        yield Wrong("missing heat", node, words, columns=effect, least=0.2 * flow / size, tries=2 * len(waves))
+        tries = 2 * len(waves) * (_SECOND if node in heated and not name else 1.0)
+        yield Wrong("missing heat", node, words, columns=effect, least=0.2 * flow / size, tries=tries)
 
 
 def turning(values: FloatArray, swing: float) -> FloatArray | None:
