@@ -24,6 +24,7 @@ from ..scenario import Channel, Conductor, Scenario, SimulatorModel
 from ..simulator import FloatArray, SimulationFailure
 from .broken import Broken, broken
 from .evidence import HEAT, INFERRED, NO_LINK, USUAL, WIDENED, Fit, Gaussian, Point, View, climbed, gaussian, view_of
+from .footings import Footing, footings
 from .thermostat import disobeyed, inferred
 from .wrongs import Wrong, all_wrongs
 
@@ -85,6 +86,8 @@ class Suspects:
     found: tuple[Suspicion, ...] = ()
     looked: bool = False
     """Whether the telemetry was compared with the simulator, beside what it shows by itself."""
+    footings: tuple[Footing, ...] = ()
+    """Fixed numbers that values of parameters are as good as."""
 
     @property
     def lines(self) -> tuple[str, ...]:
@@ -129,7 +132,7 @@ def suspects(problem: Problem, telemetry: xarray.Dataset, progress: Progress = S
     for name, words, constant in disobeyed(view.window):
         if not kinds & (_OF_THERMOSTATS if constant else _OF_THERMOSTATS | _OF_READINGS):
             found.append(Suspicion("thermostat", name, *astuple(words)))
-    return Suspects((*found, *compared), True)
+    return Suspects((*found, *compared), True, footings(view, base, nothing))
 
 
 def prepared(scenario: Scenario, telemetry: xarray.Dataset) -> View | None:
