@@ -180,7 +180,7 @@ def test_a_thermostat_switches_where_readings_turn_and_holds_between():
     read = np.array([285.0, 281.0, 280.1, 281.5, 284.9, 284.5, 281.0, 280.0])
     on = obedient(read, 280.0, 285.0)
     assert on is not None
-    assert on.tolist() == [0.0, 0.0, 1.0, 1.0, 1.0, 0.0, 0.0, 0.0]
+    assert on.tolist() == [0.0, 0.0, 1.0, 1.0, 1.0, 0.0, 0.0, 1.0]
     assert obedient(np.full(8, 283.0), 280.0, 285.0) is None
     assert obedient(read[2:5], 280.0, 285.0) is None
 

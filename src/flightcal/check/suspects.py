@@ -34,9 +34,9 @@ _CLEAR = 10.0
 _PROMISING = 2.0
 """Nats of a first look from which a wrong is looked at closely."""
 _FINALISTS = 12
-_OF_A_KIND = 2
+_OF_A_KIND = 3
 """So many of a kind are looked at closely,"""
-_BY_SIZE = frozenset({"number", "link"})
+_BY_SIZE = frozenset({"number", "link", "heater"})
 """and of these kinds one of each number: a closer look finds its size."""
 _ROUNDS = 3
 """Closer looks at one wrong."""
@@ -211,8 +211,9 @@ def _compared(view: View, base: Point, nothing: Fit, progress: Progress) -> list
     finalists: list[Wrong] = []
     for score, wrong in scored:
         alike = [own for own in finalists if own.kind == wrong.kind]
-        known_already = wrong.kind in _BY_SIZE and wrong.about in [own.about for own in alike]
-        if score > _PROMISING and len(alike) < _OF_A_KIND and not known_already:
+        sized = wrong.kind in _BY_SIZE and wrong.closer is not None
+        looked_at = sized and any(own.about == wrong.about and own.closer is not None for own in alike)
+        if score > _PROMISING and len(alike) < _OF_A_KIND and not looked_at:
             finalists.append(wrong)
     found: list[tuple[Fit, Suspicion]] = []
     for wrong in finalists[:_FINALISTS]:

@@ -17,7 +17,7 @@ from .wrong import FACTORS, FEW_TIMES, SHIFTS, Words, Wrong, driven_otherwise, d
 
 _POWER = 0.25
 """Share by which a heater's power is off, from which it is worth a word."""
-_NOTHING = 0.2
+_NOTHING = 0.05
 """Share of its power, below which a heater does not heat."""
 _THRESHOLD = 8.0
 """K, prior deviation of thresholds that are wrong."""
@@ -66,8 +66,10 @@ def heaters(view: View) -> Iterator[Wrong]:
         def words(fit: Fit, name: str = name, power: float = block.power) -> Words:
             return _of_power(name, 1.0 + float(fit.added[0]), power)
 
-        near = partial(_powers, view, name, (0.0, *FEW_TIMES, *FACTORS), len(blocks))
-        yield Wrong("heater", name, words, columns=own, least=_POWER, tries=len(blocks), closer=near)
+        if view.network.network.paths.index(f"heaters.{name}.power") in view.network.mapping.set_positions:
+            yield Wrong("heater", name, words, columns=own, least=_POWER, tries=len(blocks))
+        else:
+            yield from _powers(view, name, (0.0, *FEW_TIMES, *FACTORS), len(blocks))
         for node in view.heat.nodes:
             if node == block.node:
                 continue
@@ -84,11 +86,8 @@ def heaters(view: View) -> Iterator[Wrong]:
 
 
 def _powers(view: View, heater: str, factors: Sequence[float], tries: float) -> Iterator[Wrong]:
-    """A heater of other powers, each as the simulator has it; none where a parameter sets it."""
-    path = f"heaters.{heater}.power"
-    place = view.network.network.paths.index(path)
-    if place in view.network.mapping.set_positions:
-        return
+    """A heater of other powers, each as the simulator has it."""
+    place = view.network.network.paths.index(f"heaters.{heater}.power")
     for factor in factors:
         words = _of_power(heater, factor, float(view.network.mapping.written[place]))
         near = partial(_powers, view, heater, [factor * 2.0**more for more in np.linspace(-0.4, 0.4, 7)], tries)
@@ -126,7 +125,7 @@ def useless_statuses(view: View) -> Iterator[Wrong]:
 def obedient(values: FloatArray, below: float, above: float) -> FloatArray | None:
     """[T] 1 where a thermostat is on that reads values [T], else 0; None: it does not switch on and off again.
 
-    It switches where readings turn, near a threshold: between two samples they may not reach it.
+    Between two samples they may not reach a threshold: then it switches where they turn, near by.
     """
     margin = _REACHED * (above - below)
     cold, warm = values < below + margin, values > above - margin
@@ -138,14 +137,24 @@ def obedient(values: FloatArray, below: float, above: float) -> FloatArray | Non
     changes = np.flatnonzero(np.diff(on)) + 1
     if len(changes) < 2:
         return None
-    found, padded = on.copy(), np.pad(values, 1, mode="edge")
-    for first, end in zip(changes, [*changes[1:], len(values)], strict=True):
-        run = values[first:end] if on[first] else -values[first:end]
-        turn = first + int(np.nanargmin(run))
-        # It turned between this sample and that neighbour which is more like it.
-        later = (padded[turn + 2] < padded[turn]) == bool(on[first])
-        found[first : turn + int(later)] = 1.0 - on[first]
+    found = on.copy()
+    for first in changes.tolist():
+        beyond_by = below - values if on[first] else values - above
+        near = beyond_by[first:] > -margin
+        length = len(near) if near.all() else int(np.argmin(near))
+        found[first : first + _turn(beyond_by, first, length)] = 1.0 - on[first]
     return found
+
+
+def _turn(beyond: FloatArray, first: int, length: int) -> int:
+    """Samples after the first of so many near a threshold, until it is reached; else until they turn back."""
+    reached = np.flatnonzero(beyond[first : first + length] >= 0.0)
+    if len(reached):
+        return int(reached[0])
+    turn = int(np.argmax(beyond[first : first + length]))
+    before, after = beyond[max(first + turn - 1, 0)], beyond[min(first + turn + 1, len(beyond) - 1)]
+    # It turned between this sample and that neighbour which is more like it.
+    return turn + int(after > before)
 
 
 def thresholds(view: View) -> Iterator[Wrong]:
