@@ -110,6 +110,15 @@ def test_a_heater_of_half_the_power_is_named_with_both(tmp_path):
     assert "14.0" in first.sentence
 
 
+def test_a_power_that_is_off_by_less_than_a_quarter_is_not_worth_a_word(tmp_path):
+    written = small.content()
+    del written["parameters"]["power"]
+    written["simulator"]["heaters"]["heater"]["power"] = f"{1.15 * small.TRUTH['power']} W"
+    _, data = small.closed_loop(tmp_path)
+    scenario, _ = small.load(tmp_path, written)
+    assert not [own for own in named(scenario, data) if own.kind == "heater"]
+
+
 def test_thresholds_at_which_a_heater_does_not_switch_are_named(flown):
     scenario, data = flown
     heater = scenario.network.heaters["heater"]

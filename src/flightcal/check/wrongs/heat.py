@@ -89,6 +89,8 @@ def _powers(view: View, heater: str, factors: Sequence[float], tries: float) -> 
     """A heater of other powers, each as the simulator has it."""
     place = view.network.network.paths.index(f"heaters.{heater}.power")
     for factor in factors:
+        if abs(factor - 1.0) < _POWER:
+            continue
         words = _of_power(heater, factor, float(view.network.mapping.written[place]))
         near = partial(_powers, view, heater, [factor * 2.0**more for more in np.linspace(-0.4, 0.4, 7)], tries)
         yield Wrong("heater", heater, words, window=multiplied(view, [place], factor), tries=tries, closer=near)
