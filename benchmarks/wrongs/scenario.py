@@ -192,6 +192,29 @@ def _prior_far_off(case: Case) -> str:
     return name
 
 
+def _certain_emissivities(case: Case) -> list[str]:
+    """Faces of observed nodes whose emissivity is no parameter."""
+    known = {path for item in case.written["parameters"].values() for path in np.atleast_1d(item["sets"])}
+    faces = case.model["faces"]
+    return [
+        name
+        for name, face in faces.items()
+        if f"faces.{name}.emissivity" not in known and f"{face['node']}_temp" in case.channels
+    ]
+
+
+def _emissivity(case: Case) -> str:
+    faces = case.written["simulator"]["faces"]
+    name = max(_certain_emissivities(case), key=lambda own: _first(faces[own]["area"]))
+    faces[name]["emissivity"] = round(faces[name]["emissivity"] / 3.0, 3)
+    return f"faces.{name}.emissivity"
+
+
+def _timeline_of_another(case: Case) -> str:
+    case.written["simulator"]["timeline"] = case.other.satellite.written["simulator"]["timeline"]
+    return ""
+
+
 SETUPS = (
     SetUp("heater missing", 10, ("missing heat",), _heater_missing, heated),
     SetUp("heater missing, its status there", 11, ("missing heat",), _heater_missing_status_there, heated),
@@ -234,4 +257,6 @@ SETUPS = (
         _orbit(lambda o: {"inclination": f"{_first(o['inclination']) - 40.0} deg"}),
         lit,
     ),
+    SetUp("emissivity a third", 56, ("number",), _emissivity, lambda c: lit(c) and bool(_certain_emissivities(c))),
+    SetUp("timeline of another satellite", 57, ("mode",), _timeline_of_another, strong_payload),
 )

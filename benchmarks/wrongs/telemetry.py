@@ -178,6 +178,32 @@ def _status_off(case: Case) -> str:
     return heater
 
 
+def _late_and_biased(case: Case) -> str:
+    _late(30.0)(case)
+    _bias(10.0, 0)(case)
+    return ""
+
+
+def _half_repeated(case: Case) -> str:
+    """The second half of the training is the first one again, in all columns but the time."""
+    rows = case.training.index
+    half, columns = len(rows) // 2, case.table.columns.drop("time")
+    case.table.loc[rows[half : 2 * half], columns] = case.table.loc[rows[:half], columns].to_numpy()
+    return ""
+
+
+def _slow(case: Case) -> str:
+    """A sensor that follows its node with a lag of 15 minutes."""
+    channel = case.channels[0]
+    values = case.table[channel].to_numpy()
+    follows = np.empty(len(values))
+    follows[0] = values[0]
+    for k in range(1, len(values)):
+        follows[k] = follows[k - 1] + (values[k] - follows[k - 1]) / 15.0
+    case.table[channel] = follows.round(2)
+    return channel
+
+
 def _fahrenheit(x: Any) -> Any:
     return 1.8 * x + 32.0
 
@@ -217,4 +243,7 @@ SETUPS = (
     SetUp("a gain of 1.5", 39, ("gain",), _converted(lambda x: 1.5 * x, 0), lit),
     SetUp("status always off", 43, ("thermostat", "missing heat"), _status_off, heated),
     SetUp("a sample held for 12", 52, ("held", "repeating", "stuck"), _held, lit),
+    SetUp("30 min late, and a bias", 53, ("clock", "bias"), _late_and_biased, lambda c: lit(c) and several(c)),
+    SetUp("half of all telemetry repeated", 54, ("repeating",), _half_repeated, lit),
+    SetUp("a slow sensor", 55, ("channel clock", "unrelated"), _slow, lambda c: lit(c) and several(c)),
 )
