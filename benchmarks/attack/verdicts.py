@@ -1,6 +1,6 @@
 """`python -m benchmarks.attack.verdicts`: exit codes of whole calibrations, of wrong set-ups and of correct ones.
 
-The set-ups are those of `setups`. A wrong one is not to end with exit code 0; of twenty correct ones, nineteen are.
+The set-ups are those of `benchmarks.wrongs`. None is to end with exit code 0; of twenty correct ones, nineteen are.
 Correct are satellites whose unmodelled heat, if any, comes again with the orbit: what drifts for a day nobody foresees.
 """
 
@@ -15,8 +15,8 @@ from itertools import count, islice
 from pathlib import Path
 from typing import Any
 
-from benchmarks.attack.setups import SEED, SETUPS, Case, SetUp, case_of
 from benchmarks.truth.flight import KINDS
+from benchmarks.wrongs import SEED, SETUPS, Case, SetUp, case_of
 from flightcal.commands.calibrate import run_experiment
 from flightcal.errors import FlightcalError
 
@@ -27,7 +27,6 @@ _CALIBRATION: dict[str, Any] = {
 """Shorter than by default: the verdict is about the posterior."""
 _CORRECT = 500
 """The number of the first correct satellite."""
-_TRIED = 60
 
 
 @dataclass(frozen=True)
@@ -79,10 +78,7 @@ def main() -> int:
     chosen = [own for own in SETUPS if not given.only or any(word in own.name for word in given.only)]
     numbers = islice((k for k in count(_CORRECT) if KINDS[k % len(KINDS)] != "slow drift"), given.correct)
     results = [_said(ended(None, k, case_of(given.seed, k))) for k in numbers]
-    for place, setup in enumerate(chosen):
-        cases = ((k, case_of(given.seed, k)) for k in range(place, place + _TRIED))
-        number, case = next(own for own in cases if setup.fits(own[1]))
-        results.append(_said(ended(setup, number, case)))
+    results += [_said(ended(setup, *setup.satellite(given.seed))) for setup in chosen]
     wrong = [own for own in results if own.setup != "correct"]
     passed = sum(not own.right for own in wrong)
     failed = sum(not own.right for own in results) - passed

@@ -88,6 +88,15 @@ def test_readings_that_stop_at_the_end_of_a_range_are_told_with_it():
     assert (low.kind, "below" in low.title) == ("clipped", True)
 
 
+def test_readings_that_stop_at_the_windows_ends_are_clipped_too():
+    swing = 290.0 + 8.0 * np.cos(np.arange(200) / 32.0)
+    values = np.minimum(np.round(swing / 0.1) * 0.1, 294.0)
+    assert values[0] == values[-1] == 294.0
+    own = found(values, swing)
+    assert (own.kind, int(own.useless.sum())) == ("clipped", int((values == 294.0).sum()))
+    assert found(np.round(swing / 0.1) * 0.1, swing) is None
+
+
 def test_a_flat_top_within_a_step_is_not_clipped():
     assert found(telemetry(step=2.0, noise=0.0)) is None
 

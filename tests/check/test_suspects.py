@@ -11,8 +11,9 @@ import xarray
 from flightcal.check import SUSPECTS, Suspects, suspects
 from flightcal.check.evidence import noise_of, series_at
 from flightcal.check.findings import suspected
-from flightcal.check.suspects import Suspicion
-from flightcal.check.wrongs.heat import turning
+from flightcal.check.suspects import Suspicion, prepared
+from flightcal.check.wrongs import Words, Wrong
+from flightcal.check.wrongs.heat import heaters, obedient, turning
 from flightcal.problem import build_problem
 from flightcal.progress import SILENT
 from flightcal.run import Run, open_run, read_json
@@ -109,6 +110,17 @@ def test_a_heater_of_half_the_power_is_named_with_both(tmp_path):
     assert "14.0" in first.sentence
 
 
+def test_no_power_is_tried_that_is_about_right(tmp_path):
+    written = small.content()
+    del written["parameters"]["power"]
+    view = prepared(*small.closed_loop(tmp_path, written))
+    place = view.network.network.paths.index("heaters.heater.power")
+    nearer = [near for own in heaters(view) if own.closer for close in own.closer() for near in close.closer()]
+    tried = np.array([own.window.network.mapping.written[place] for own in nearer]) / 30.0
+    assert np.min(np.abs(tried - 1.0)) == pytest.approx(0.25, abs=0.15)
+    assert np.min(np.abs(tried - 1.0)) >= 0.25
+
+
 def test_thresholds_at_which_a_heater_does_not_switch_are_named(flown):
     scenario, data = flown
     heater = scenario.network.heaters["heater"]
@@ -166,6 +178,39 @@ def test_a_status_that_is_always_off_is_told_by_its_thresholds(flown):
     off = spoilt(data, heater_status=0.0 * data["heater_status"])
     first = named(scenario.model_copy(update={"simulator": model}), off)[0]
     assert (first.kind, first.about) == ("thermostat", "heater")
+
+
+def test_a_status_that_never_changes_is_told_where_its_thermostat_acts(flown):
+    scenario, data = flown
+    found = named(scenario, spoilt(data, heater_status=0.0 * data["heater_status"]))
+    assert ("thermostat", "heater") in [(own.kind, own.about) for own in found]
+    assert all("status" in own.title or "status of heater" in own.advice for own in found)
+
+
+def test_a_thermostat_switches_where_readings_turn_and_holds_between():
+    read = np.array([285.0, 281.0, 280.1, 281.5, 284.9, 284.5, 281.0, 280.0])
+    on = obedient(read, 280.0, 285.0)
+    assert on is not None
+    assert on.tolist() == [0.0, 0.0, 1.0, 1.0, 1.0, 0.0, 0.0, 1.0]
+    assert obedient(np.full(8, 283.0), 280.0, 285.0) is None
+    assert obedient(read[2:5], 280.0, 285.0) is None
+
+
+def test_a_thermostats_own_telemetry_says_when_it_was_on(flown):
+    scenario, data = flown
+    heater = scenario.network.heaters["heater"]
+    on = obedient(data["body_temp"].to_numpy(), heater.on_below, heater.off_above)
+    assert on is not None
+    assert (on != data["heater_status"].to_numpy()).mean() < 0.05
+
+
+def test_a_heaters_power_is_more_likely_off_than_a_number_of_equal_odds():
+    def odds(kind):
+        return Wrong(kind, "a", Words("", "", ""), tries=4.0).odds
+
+    assert odds("heater") == pytest.approx(np.log(4.0))
+    assert odds("number") > odds("heater")
+    assert odds("thermostat") > odds("status inverted")
 
 
 def test_heaters_that_act_without_a_status_are_not_compared(flown):

@@ -3,8 +3,9 @@
 import dataclasses
 import json
 
-from flightcal.report.panels.parameters import at_edge
+from flightcal.report.panels.parameters import at_edge, footing
 from flightcal.report.run_files import read_run
+from flightcal.report.verdict import verdict_of
 
 from .synthetic_run import every_finding
 
@@ -221,3 +222,14 @@ def test_coverage_over_all_channels_does_not_stand_alone(run):
     low, high = min(of, key=of.__getitem__), max(of, key=of.__getitem__)
     text = about(run, "On unseen telemetry").text
     assert f"By channel it holds from {100 * of[low]:.1f}% ({low}) to {100 * of[high]:.1f}% ({high})." in text
+
+
+def test_what_rests_on_a_fixed_number_is_told_and_decides_nothing(run):
+    own = {"parameter": "panel_emissivity", "number": "faces.outside.area", "share": -0.9}
+    resting = dataclasses.replace(run, footings=[own])
+    finding = about(resting, "rests on fixed numbers")
+    assert finding.title == "What is known of panel_emissivity rests on fixed numbers"
+    assert finding.details == ("panel_emissivity: as good as faces.outside.area.",)
+    assert verdict_of(resting).state == verdict_of(run).state
+    assert footing(resting).rows == [["panel_emissivity", "faces.outside.area", "−9.0%"]]
+    assert not [title for title in findings(run) if "fixed numbers" in title]

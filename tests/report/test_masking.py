@@ -49,7 +49,8 @@ def folder(slim_directory, tmp_path_factory):
     diagnostics["gates"][0]["advice"] = TREACHEROUS
     (own / "diagnostics.json").write_text(json.dumps(diagnostics), "utf-8")
     suspect = {"title": TREACHEROUS, "sentence": TREACHEROUS, "advice": TREACHEROUS}
-    (own / "suspects.json").write_text(json.dumps({"found": [suspect]}), "utf-8")
+    footing = {"parameter": "panel_emissivity", "number": "faces.panel.area", "share": 0.9}
+    (own / "suspects.json").write_text(json.dumps({"found": [suspect], "footings": [footing]}), "utf-8")
     return own
 
 

@@ -87,20 +87,22 @@ def _clipped(channel: str, times: NDArray[np.datetime64], values: FloatArray, mo
     for extreme, word in ((own.max(), "above"), (own.min(), "below")):
         edges = np.flatnonzero(np.diff(np.concatenate([[0], (own == extreme).astype(int), [0]])))
         first, last = edges[::2], edges[1::2]
-        whole = (first > _SLOPE) & (last < len(own) - _SLOPE)
-        lengths = (last - first)[whole]
-        rise = np.abs(own[first[whole] - 1] - own[first[whole] - 1 - _SLOPE]) / _SLOPE
-        fall = np.abs(own[last[whole]] - own[last[whole] + _SLOPE]) / _SLOPE if whole.any() else rise
+        rise = np.abs(own[np.maximum(first - 1, 0)] - own[np.maximum(first - 1 - _SLOPE, 0)]) / _SLOPE
+        after = np.minimum(last, len(own) - 1)
+        fall = np.abs(own[after] - own[np.minimum(after + _SLOPE, len(own) - 1)]) / _SLOPE
+        # At an end of the window one slope is known, and speaks for both.
+        rise, fall = np.where(first > _SLOPE, rise, np.inf), np.where(last < len(own) - _SLOPE, fall, np.inf)
+        slope = np.minimum(rise, fall)
         # A parabola that begins and ends with these slopes goes on so far.
-        beyond = np.minimum(rise, fall) * lengths / 4.0
+        beyond = np.where(np.isfinite(slope), slope, 0.0) * (last - first) / 4.0
         if (beyond > _CLIPPED + 4.0 * step_of(own) + 4.0 * noise_of(values)).sum() < 2:
             continue
         useless = np.zeros(len(values), bool)
         useless[valid[own == extreme]] = True
         return Broken(
             "clipped", channel, f"{channel} shows nothing {word} {number(float(extreme) - ICE_POINT, 4)} degC",
-            f"It stops there {len(lengths)} times, for up to {int(lengths.max())} samples, where it would go on by "
-            f"{number(float(beyond.max()), 2)} K.",
+            f"It stops there {len(first)} times, for up to {int((last - first).max())} samples, where it would go on "
+            f"by {number(float(beyond.max()), 2)} K.",
             f"Leave these samples out with a narrower 'valid_range' of {channel}", useless,
         )  # fmt: skip
     return None

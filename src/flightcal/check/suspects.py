@@ -24,17 +24,22 @@ from ..scenario import Channel, Conductor, Scenario, SimulatorModel
 from ..simulator import FloatArray, SimulationFailure
 from .broken import Broken, broken
 from .evidence import HEAT, INFERRED, NO_LINK, USUAL, WIDENED, Fit, Gaussian, Point, View, climbed, gaussian, view_of
+from .footings import Footing, footings
 from .thermostat import disobeyed, inferred
 from .wrongs import Wrong, all_wrongs
 
 SUSPECTS_FILE = "suspects.json"
-_CLEAR = 11.0
-"""Nats by which a wrong has to be better than nothing wrong to be named."""
+_CLEAR = 10.0
+"""Nats by which a wrong has to be better than nothing wrong, odds counted, to be named."""
 _PROMISING = 2.0
 """Nats of a first look from which a wrong is looked at closely."""
 _FINALISTS = 12
-_OF_A_KIND = 2
-"""So many of a kind are looked at closely."""
+_OF_A_KIND = 3
+"""So many of a kind are looked at closely,"""
+_BY_SIZE = frozenset({"number", "link", "heater"})
+"""and of these kinds one of each number: a closer look finds its size."""
+_ROUNDS = 3
+"""Closer looks at one wrong."""
 _BLURRED = 0.7
 """K, error of a model that is linear about one point, when all wrongs are looked at first."""
 _BAD = 2.0
@@ -48,7 +53,7 @@ _SHOWN, _NEAR = 3, 0.5
 _FIRST_SIZES = (1.0, 3.0)
 _OF_THERMOSTATS = frozenset({
     "bias", "unit", "swapped", "other node", "unrelated", "everything", "status inverted", "statuses swapped",
-    "status clock", "thresholds", "stuck", "filled", "clock", "channel clock",
+    "status clock", "thresholds", "thermostat", "stuck", "filled", "clock", "channel clock",
 })  # fmt: skip
 """Kinds of wrongs that explain why a status does not do what thresholds say,"""
 _OF_READINGS = frozenset({"gain", "drift"})
@@ -81,6 +86,8 @@ class Suspects:
     found: tuple[Suspicion, ...] = ()
     looked: bool = False
     """Whether the telemetry was compared with the simulator, beside what it shows by itself."""
+    footings: tuple[Footing, ...] = ()
+    """Fixed numbers that values of parameters are as good as."""
 
     @property
     def lines(self) -> tuple[str, ...]:
@@ -115,12 +122,17 @@ def suspects(problem: Problem, telemetry: xarray.Dataset, progress: Progress = S
     found = [Suspicion(own.kind, own.channel, own.title, own.sentence, own.advice) for own in seen]
     if view is None:
         return Suspects(tuple(found))
-    compared = _compared(_without(view, window.times, seen), progress)
+    view = _without(view, window.times, seen)
+    if not np.isfinite(view.observed).any():
+        return Suspects(tuple(found), True)
+    base = view.point(view.window, view.middle)
+    nothing = climbed(view, view.window, view.observed, base)
+    compared = _compared(view, base, nothing, progress)
     kinds = {own.kind for own in (*found, *compared)}
     for name, words, constant in disobeyed(view.window):
         if not kinds & (_OF_THERMOSTATS if constant else _OF_THERMOSTATS | _OF_READINGS):
             found.append(Suspicion("thermostat", name, *astuple(words)))
-    return Suspects((*found, *compared), True)
+    return Suspects((*found, *compared), True, footings(view, base, nothing))
 
 
 def prepared(scenario: Scenario, telemetry: xarray.Dataset) -> View | None:
@@ -185,13 +197,9 @@ class _Look:
     """Evidence with nothing wrong."""
 
 
-def _compared(view: View, progress: Progress) -> list[Suspicion]:
+def _compared(view: View, base: Point, nothing: Fit, progress: Progress) -> list[Suspicion]:
     """What is far better than nothing wrong, the best first."""
-    observed, base = view.observed, view.point(view.window, view.middle)
-    known = np.isfinite(view.flat(observed))
-    if not known.any():
-        return []
-    nothing = climbed(view, view.window, observed, base)
+    known = np.isfinite(view.flat(view.observed))
     looks = [_look(view, point, known) for point in (base, view.point(view.window, nothing.z, base))]
     scored: list[tuple[float, Wrong]] = []
     for wrong in all_wrongs(view):
@@ -202,7 +210,10 @@ def _compared(view: View, progress: Progress) -> list[Suspicion]:
     scored.sort(key=lambda item: -item[0])
     finalists: list[Wrong] = []
     for score, wrong in scored:
-        if score > _PROMISING and sum(own.kind == wrong.kind for own in finalists) < _OF_A_KIND:
+        alike = [own for own in finalists if own.kind == wrong.kind]
+        sized = wrong.kind in _BY_SIZE and wrong.closer is not None
+        looked_at = sized and any(own.about == wrong.about and own.closer is not None for own in alike)
+        if score > _PROMISING and len(alike) < _OF_A_KIND and not looked_at:
             finalists.append(wrong)
     found: list[tuple[Fit, Suspicion]] = []
     for wrong in finalists[:_FINALISTS]:
@@ -210,7 +221,7 @@ def _compared(view: View, progress: Progress) -> list[Suspicion]:
             best, fit = _closely(view, wrong, base)
         except (SimulationFailure, np.linalg.LinAlgError):
             continue
-        nats = float(fit.evidence - nothing.evidence - np.log(wrong.tries))
+        nats = float(fit.evidence - nothing.evidence - best.odds)
         if nats > _CLEAR and not (best.least and abs(float(fit.added[0])) < best.least):
             words = best.words(fit) if callable(best.words) else best.words
             named = Suspicion(best.kind, best.about, words.title, words.sentence, words.advice, nats)
@@ -267,12 +278,18 @@ def _closely(view: View, wrong: Wrong, base: Point) -> tuple[Wrong, Fit]:
         return wrong, _with_wider_prior(view, wrong.widened, base)
     window = wrong.window or view.window
     fit = climbed(view, window, _read(view, wrong), base, wrong.columns, wrong.scale)
-    if wrong.closer is None:
-        return wrong, fit
-    look = _look(view, view.point(window, fit.z, base), np.isfinite(view.flat(view.observed)))
-    best = max(wrong.closer(), key=lambda own: _gain(view, own, look))
-    again = climbed(view, best.window or view.window, _read(view, best), base, best.columns, best.scale)
-    return (best, again) if again.evidence > fit.evidence else (wrong, fit)
+    for _ in range(_ROUNDS):
+        if wrong.closer is None:
+            break
+        look = _look(view, view.point(wrong.window or view.window, fit.z, base), np.isfinite(view.flat(view.observed)))
+        best = max(wrong.closer(), key=lambda own: _gain(view, own, look), default=None)
+        if best is None:
+            break
+        again = climbed(view, best.window or view.window, _read(view, best), base, best.columns, best.scale)
+        if again.evidence - best.odds <= fit.evidence - wrong.odds:
+            break
+        wrong, fit = best, again
+    return wrong, fit
 
 
 def _with_wider_prior(view: View, entry: int, base: Point) -> Fit:
@@ -301,7 +318,7 @@ def _make(run: Run, problem: Problem, telemetry: xarray.Dataset) -> None:
 
 def _kept(run: Run, *_: Any) -> Suspects:
     content = read_json(run.folder.file(SUSPECTS_FILE))
-    return Suspects(tuple(typed(Suspicion, item) for item in content["found"]), content["looked"])
+    return typed(Suspects, content)
 
 
 SUSPECTS: Final = Stage("suspects", "looking for what may be wrong", (SUSPECTS_FILE,), _make, _kept)

@@ -553,6 +553,23 @@ def prior_conflict(run: RunFiles) -> Finding:
     return Finding(state, title, text, not_for=tuple(map(value_of, named)), then=_CHECK)
 
 
+def resting(run: RunFiles) -> list[Finding]:
+    """Values that are as good as a fixed number of the scenario: they bear on no prediction, and are no fault."""
+    if not run.footings:
+        return []
+    names = list(dict.fromkeys(str(own["parameter"]) for own in run.footings))
+    details = tuple(
+        f"{name}: as good as {listed([str(own['number']) for own in run.footings if own['parameter'] == name])}."
+        for name in names
+    )
+    text = (
+        "The telemetry tells these values together with numbers that the scenario has as fixed. No fit shows an error "
+        "of such a number: the value makes up for it, and temperatures are right all the same."
+    )
+    title = f"What is known of {shortened(names)} rests on fixed numbers"
+    return [Finding("good", title, text, details)]
+
+
 def missing(run: RunFiles) -> list[Finding]:
     """Files that the run lacks."""
     if not run.missing:

@@ -75,6 +75,7 @@ def masked(run: RunFiles) -> RunFiles:
         emulator_check=told(run.emulator_check),
         full_check=told(run.full_check),
         suspects=told(run.suspects),
+        footings=[],
         beside={model: _metrics(own, rename) for model, own in run.beside.items()},
         backtest=None,
         calibrated=tuple(_row(own, rename, absolute) for own in run.calibrated),

@@ -93,6 +93,8 @@ class RunFiles:
     """Of a calibration through a reduced model only."""
     suspects: list[Record]
     """Simple wrongs that explain the telemetry better than the scenario as it is, the likeliest first."""
+    footings: list[Record]
+    """Fixed numbers that values of parameters are as good as; empty of earlier versions."""
     beside: dict[str, list[Metric]]
     """Scores of other models of the same satellite by their names, of the demonstration only."""
     backtest: Record | None
@@ -152,6 +154,7 @@ def read_run(folder: Path) -> RunFiles:
     if older := next(filter(None, map(_older, windows.values())), ""):
         again = "delete the file and run the same command again"
         raise RunError(f"{folder / 'prediction.nc'}: found {older}; {again}")
+    looked = kept("suspects.json", read_json) or {}
     return RunFiles(
         folder=folder,
         scenario=kept("scenario.yaml", lambda file: file.read_text(encoding="utf-8")),
@@ -167,7 +170,8 @@ def read_run(folder: Path) -> RunFiles:
         emulator=kept("emulator.json", read_json),
         emulator_check=kept("emulator_check.json", read_json),
         full_check=kept("full_simulator_check.json", read_json),
-        suspects=(kept("suspects.json", read_json) or {"found": []})["found"],
+        suspects=looked.get("found", []),
+        footings=looked.get("footings", []),
         beside=kept("beside.json", _beside) or {},
         backtest=kept("backtest/backtest.json", read_json),
         calibrated=() if priors.name == RESULTS_FILE else kept(RESULTS_FILE, read_calibrated) or (),

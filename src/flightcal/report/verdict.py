@@ -21,6 +21,7 @@ from .findings import (
     missing,
     noise,
     prior_conflict,
+    resting,
     scores,
     stand_in,
     suspected,
@@ -160,7 +161,7 @@ def verdict_of(run: RunFiles) -> Verdict:
             _answer(RIGHT, [*suspected(run), noise(run), *heat(run), prior_conflict(run), *stand_in(run)]),
             _answer(HOLD, [holding(run), *heaters(run)]),
         ),
-        (*scores(run), *missing(run)),
+        (*scores(run), *resting(run), *missing(run)),
         tuple(held_channels(run)),
     )
 

@@ -4,7 +4,8 @@ from collections.abc import Iterator
 
 from ..evidence import View
 from . import channels, clocks, heat, orbit, written
-from .wrong import Words, Wrong
+from .written import BLOCKS, fixed_numbers
+from .wrong import Words, Wrong, multiplied
 
 _WRONGS = (*channels.WRONGS, *clocks.WRONGS, *heat.WRONGS, *orbit.WRONGS, *written.WRONGS)
 
@@ -15,4 +16,4 @@ def all_wrongs(view: View) -> Iterator[Wrong]:
         yield from wrongs(view)
 
 
-__all__ = ["Words", "Wrong", "all_wrongs"]
+__all__ = ["BLOCKS", "Words", "Wrong", "all_wrongs", "fixed_numbers", "multiplied"]

@@ -2,8 +2,9 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from dataclasses import replace
+from functools import partial
 from itertools import combinations
 from typing import Any
 
@@ -11,13 +12,19 @@ import numpy as np
 
 from ...report import number
 from ...simulator import FloatArray
-from ..evidence import Fit, View, series_at
-from .wrong import FACTORS, SHIFTS, Words, Wrong, driven_otherwise, duration, status_channels
+from ..evidence import Fit, View, known_thermostats, series_at
+from .wrong import FACTORS, FEW_TIMES, SHIFTS, Words, Wrong, driven_otherwise, duration, multiplied, status_channels
 
 _POWER = 0.25
 """Share by which a heater's power is off, from which it is worth a word."""
-_THRESHOLD, _RARE = 8.0, 20.0
-"""K, prior deviation of thresholds that are wrong; so many times as often a sensor is."""
+_NOTHING = 0.05
+"""Share of its power, below which a heater does not heat."""
+_THRESHOLD = 8.0
+"""K, prior deviation of thresholds that are wrong."""
+_REACHED = 0.2
+"""Of the way between its thresholds, by which a reading may stay short of one at which a heater switches."""
+_SECOND = 30.0
+"""So many times as rare as a first heater of a node is a second one that the scenario lacks."""
 
 
 def statuses(view: View) -> Iterator[Wrong]:
@@ -57,16 +64,12 @@ def heaters(view: View) -> Iterator[Wrong]:
         own = view.response(view.window, centre, block.node, waves)
 
         def words(fit: Fit, name: str = name, power: float = block.power) -> Words:
-            left = 1.0 + float(fit.added[0])
-            if abs(left) < 0.2:
-                title = f"{name} does not heat"
-                text = f"The temperatures do not rise while the status says that {name} is on."
-            else:
-                title = f"{name} has {number(left, 2)} times the power that the scenario says"
-                text = f"The temperatures rise as with {number(left * power, 3)} W, not {number(power, 3)} W."
-            return Words(title, text, f"Check 'power' of {name} and what its status channel stands for")
+            return _of_power(name, 1.0 + float(fit.added[0]), power)
 
-        yield Wrong("heater", name, words, columns=own, least=_POWER, tries=len(blocks))
+        if view.network.network.paths.index(f"heaters.{name}.power") in view.network.mapping.set_positions:
+            yield Wrong("heater", name, words, columns=own, least=_POWER, tries=len(blocks))
+        else:
+            yield from _powers(view, name, (0.0, *FEW_TIMES, *FACTORS), len(blocks))
         for node in view.heat.nodes:
             if node == block.node:
                 continue
@@ -80,6 +83,80 @@ def heaters(view: View) -> Iterator[Wrong]:
                 )
 
             yield Wrong("heater", name, moved, columns=other, least=0.6, tries=len(blocks) * len(view.heat.nodes))
+
+
+def _powers(view: View, heater: str, factors: Sequence[float], tries: float) -> Iterator[Wrong]:
+    """A heater of other powers, each as the simulator has it."""
+    place = view.network.network.paths.index(f"heaters.{heater}.power")
+    for factor in factors:
+        if abs(factor - 1.0) < _POWER:
+            continue
+        words = _of_power(heater, factor, float(view.network.mapping.written[place]))
+        near = partial(_powers, view, heater, [factor * 2.0**more for more in np.linspace(-0.4, 0.4, 7)], tries)
+        yield Wrong("heater", heater, words, window=multiplied(view, [place], factor), tries=tries, closer=near)
+
+
+def _of_power(heater: str, factor: float, written: float) -> Words:
+    title = f"{heater} has {number(factor, 2)} times the power that the scenario says"
+    text = f"The temperatures rise as with {number(factor * written, 3)} W, not {number(written, 3)} W."
+    if abs(factor) < _NOTHING:
+        title = f"{heater} does not heat"
+        text = f"The temperatures do not rise while the status says that {heater} is on."
+    return Words(title, text, f"Check 'power' of {heater} and what its status channel stands for")
+
+
+def useless_statuses(view: View) -> Iterator[Wrong]:
+    """A status that has nothing to do with what its thermostat does by the telemetry of its sensor."""
+    statuses_of = status_channels(view)
+    for name, _, channel in known_thermostats(view.window):
+        heater, observation = view.window.scenario.network.switches[name], view.window.scenario.observations[channel]
+        status = statuses_of.get(name, "")
+        on = obedient(view.telemetry[channel].to_numpy() - observation.bias, heater.on_below, heater.off_above)
+        if on is None or not status:
+            continue
+        words = Words(
+            f"The status of {name} is not of this heater",
+            f"With {name} on and off as its thresholds and {channel} say, the model explains the telemetry; its status "
+            f"says 'on' in {100 * float(np.nanmean(view.telemetry[status])):.0f}% of the time.",
+            f"Check which column {status} is, and how it says 'on'; or leave it out",
+        )
+        data = view.telemetry.assign({status: ("time", on)})
+        yield from driven_otherwise("thermostat", name, words, view, tries=len(view.network.heaters), telemetry=data)
+
+
+def obedient(values: FloatArray, below: float, above: float) -> FloatArray | None:
+    """[T] 1 where a thermostat is on that reads values [T], else 0; None: it does not switch on and off again.
+
+    Between two samples they may not reach a threshold: then it switches where they turn, near by.
+    """
+    margin = _REACHED * (above - below)
+    cold, warm = values < below + margin, values > above - margin
+    beyond = np.flatnonzero(cold | warm)
+    if not len(beyond):
+        return None
+    last = beyond[np.maximum(np.searchsorted(beyond, np.arange(len(values)), side="right") - 1, 0)]
+    on = cold[last].astype(float)
+    changes = np.flatnonzero(np.diff(on)) + 1
+    if len(changes) < 2:
+        return None
+    found = on.copy()
+    for first in changes.tolist():
+        beyond_by = below - values if on[first] else values - above
+        near = beyond_by[first:] > -margin
+        length = len(near) if near.all() else int(np.argmin(near))
+        found[first : first + _turn(beyond_by, first, length)] = 1.0 - on[first]
+    return found
+
+
+def _turn(beyond: FloatArray, first: int, length: int) -> int:
+    """Samples after the first of so many near a threshold, until it is reached; else until they turn back."""
+    reached = np.flatnonzero(beyond[first : first + length] >= 0.0)
+    if len(reached):
+        return int(reached[0])
+    turn = int(np.argmax(beyond[first : first + length]))
+    before, after = beyond[max(first + turn - 1, 0)], beyond[min(first + turn + 1, len(beyond) - 1)]
+    # It turned between this sample and that neighbour which is more like it.
+    return turn + int(after > before)
 
 
 def thresholds(view: View) -> Iterator[Wrong]:
@@ -97,9 +174,8 @@ def thresholds(view: View) -> Iterator[Wrong]:
                 f"Check 'on_below', 'off_above' and 'sensor' of {heater}",
             )
 
-        yield Wrong(
-            "thresholds", own.heater, words, columns=column, least=2.0 / _THRESHOLD, tries=_RARE * len(view.thermostats)
-        )
+        tries = len(view.thermostats)
+        yield Wrong("thresholds", own.heater, words, columns=column, least=2.0 / _THRESHOLD, tries=tries)
 
 
 def modes(view: View) -> Iterator[Wrong]:
@@ -144,6 +220,7 @@ def missing_heat(view: View) -> Iterator[Wrong]:
     grid = view.network.drive.times
     middle = 0.5 * (grid[1:] + grid[:-1])
     used = set(status_channels(view).values())
+    heated = {heater.node: name for name, heater in scenario.network.heaters.items()}
     waves: list[tuple[str, str, FloatArray]] = []
     for name, channel in scenario.telemetry.channels.items():
         if channel.kind == "status" and name not in used and name in view.telemetry:
@@ -167,10 +244,13 @@ def missing_heat(view: View) -> Iterator[Wrong]:
             return Words(
                 f"A heater of {node} is missing in the scenario",
                 f"About {number(abs(power), 2)} W come and go in {node}, {what}.",
-                f"Add the heater of {node} to 'simulator: heaters', with its status as 'measured_by'",
+                f"Check the status of {heated[node]}"
+                if node in heated and not name
+                else f"Add the heater of {node} to 'simulator: heaters', with its status as 'measured_by'",
             )
 
-        yield Wrong("missing heat", node, words, columns=effect, least=0.2 * flow / size, tries=2 * len(waves))
+        tries = 2 * len(waves) * (_SECOND if node in heated and not name else 1.0)
+        yield Wrong("missing heat", node, words, columns=effect, least=0.2 * flow / size, tries=tries)
 
 
 def turning(values: FloatArray, swing: float) -> FloatArray | None:
@@ -218,5 +298,5 @@ def drivers(view: View) -> Iterator[Wrong]:
             yield Wrong("driver", load.driver, words, window=window, tries=8 * len(loads))
 
 
-WRONGS = (statuses, heaters, thresholds, modes, missing_heat, drivers)
+WRONGS = (statuses, heaters, useless_statuses, thresholds, modes, missing_heat, drivers)
 """What looks for them."""

@@ -11,13 +11,15 @@ import numpy as np
 from ...report import number
 from ...simulator import face_series
 from ..evidence import FINE, NO_LINK, Fit, View
-from .wrong import FACTORS, Words, Wrong, put
+from .wrong import FACTORS, FEW_TIMES, Words, Wrong, multiplied, put
 
 _WAYS = tuple(tuple(sign * float(k == axis) for k in range(3)) for axis in range(3) for sign in (1.0, -1.0))
-_FEW_TIMES = (0.25, 0.5, 2.0, 4.0)
-"""Factors by which a number is off that is of another thing, or of one of two."""
+BLOCKS = ("nodes", "conductors", "faces", "modes", "environment")
+"""Of a scenario, whose numbers are tried; heaters and loads are tried elsewhere."""
 _PER_NUMBER = 3.0
 """Ways in which each number is off, about."""
+_MATTERS = 1.4
+"""Factor up to which a number is off as numbers are."""
 _NONE = 10.0 * NO_LINK
 """Below, a number is not there."""
 _FAR = 4.0
@@ -55,30 +57,39 @@ def faces(view: View) -> Iterator[Wrong]:
 
 def numbers(view: View) -> Iterator[Wrong]:
     """A number of the scenario has the wrong unit, a digit too many, or is about twice what it should be."""
-    mapping, paths = view.network.mapping, view.network.network.paths
-    moved = set(mapping.set_positions.tolist())
-    fixed = [k for k, path in enumerate(paths) if k not in moved and _is_fixed(path) and mapping.written[k] > _NONE]
+    paths, fixed = view.network.network.paths, fixed_numbers(view)
     for k in fixed:
         for factor in FACTORS:
             yield from _number(view, [k], paths[k], factor, tries=_PER_NUMBER * len(fixed))
-        for factor in _FEW_TIMES:
+        for factor in FEW_TIMES:
             near = partial(_near, view, [k], paths[k], factor, _PER_NUMBER * len(fixed))
             yield from _number(view, [k], paths[k], factor, _PER_NUMBER * len(fixed), near)
     areas = [k for k in fixed if paths[k].endswith(".area")]
-    for factor in _FEW_TIMES if len(areas) > 1 else ():
-        near = partial(_near, view, areas, "every area", factor, len(_FEW_TIMES))
-        yield from _number(view, areas, "every area", factor, len(_FEW_TIMES), near)
+    for factor in FEW_TIMES if len(areas) > 1 else ():
+        near = partial(_near, view, areas, "every area", factor, len(FEW_TIMES))
+        yield from _number(view, areas, "every area", factor, len(FEW_TIMES), near)
 
 
-def _is_fixed(path: str) -> bool:
+def fixed_numbers(view: View, blocks: Sequence[str] = BLOCKS) -> list[int]:
+    """Places of the numbers of some blocks of the simulator that no parameter sets."""
+    mapping, moved = view.network.mapping, set(view.network.mapping.set_positions.tolist())
+    return [
+        k
+        for k, path in enumerate(view.network.network.paths)
+        if k not in moved and _is_fixed(path, blocks) and mapping.written[k] > _NONE
+    ]
+
+
+def _is_fixed(path: str, blocks: Sequence[str]) -> bool:
     first, *_, last = path.split(".")
-    blocks = ("nodes", "conductors", "faces", "modes", "heaters", "environment")
     return first in blocks and last not in ("on_below", "off_above", "boundary") and "attitude_offset" not in path
 
 
 def _near(view: View, places: Sequence[int], name: str, factor: float, tries: float) -> Iterator[Wrong]:
     for more in np.linspace(-0.4, 0.4, 7):
-        yield from _number(view, places, name, factor * float(2.0**more), tries)
+        times = factor * float(2.0**more)
+        if not 1.0 / _MATTERS < times < _MATTERS:
+            yield from _number(view, places, name, times, tries, partial(_near, view, places, name, times, tries))
 
 
 def _number(
@@ -90,10 +101,7 @@ def _number(
     closer: Callable[[], Iterator[Wrong]] | None = None,
 ) -> Iterator[Wrong]:
     """Numbers at places multiplied by a factor; nothing where they could not be so."""
-    mapping = view.network.mapping
-    written = mapping.written.copy()
-    written[list(places)] *= factor
-    value = float(written[places[0]])
+    value = factor * float(view.network.mapping.written[places[0]])
     if name.rpartition(".")[2] in ("absorptivity", "emissivity", "albedo") and value > 1.0:
         return
     one = len(places) == 1
@@ -104,8 +112,7 @@ def _number(
         else f"With all of them times {number(factor, 2)}, the model explains the telemetry.",
         f"Check '{name}', and its unit",
     )
-    window = view.simulated_by(mapping=mapping._replace(written=written))
-    yield Wrong("number", name, words, window=window, tries=tries, closer=closer)
+    yield Wrong("number", name, words, window=multiplied(view, places, factor), tries=tries, closer=closer)
 
 
 def links(view: View) -> Iterator[Wrong]:

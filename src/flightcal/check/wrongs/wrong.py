@@ -19,13 +19,25 @@ from ..evidence import AS_READ, FINE, INFERRED, REACH, Fit, Scale, View
 Kind = Literal[
     "clock", "status clock", "channel clock", "bias", "swapped", "unit", "other node", "unrelated",
     "status inverted", "statuses swapped", "heater", "thresholds", "missing heat", "mode", "driver",
-    "attitude", "orbit", "number", "link", "prior", "face", "gain", "drift",
+    "attitude", "orbit", "number", "link", "prior", "face", "gain", "drift", "thermostat",
 ]  # fmt: skip
+_RARE: Mapping[Kind, float] = {
+    "orbit": 3.0, "face": 3.0, "unit": 3.0, "channel clock": 3.0, "number": 5.0, "link": 5.0, "prior": 5.0,
+    "unrelated": 10.0, "thresholds": 20.0, "thermostat": 30.0,
+}  # fmt: skip
+"""So many times as rare a kind is as a slip of the pen or a fault of a sensor or heater: judged, not counted.
+
+A column, a status or a clock is got wrong by one slip, and sensors and heaters fail. A number is copied from a drawing
+or a test, and is seldom off by any factor. Other kinds explain much and say little: a channel of no place at all,
+thresholds that are not kept, a status that is of no use. What says what happened goes before them.
+"""
 SHIFT = 240.0
 """s, between the shifts of a clock that are tried first."""
 SHIFTS = tuple(shift for k in range(1, round(REACH / SHIFT)) for shift in (-k * SHIFT, k * SHIFT))
 FACTORS = (0.001, 0.01, 0.1, 10.0, 100.0, 1000.0)
 """By which a number is off that has the wrong unit or one digit too many."""
+FEW_TIMES = (0.25, 0.5, 2.0, 4.0)
+"""The same of a number that is of another thing, or of one of two."""
 
 
 @dataclass(frozen=True)
@@ -61,6 +73,11 @@ class Wrong:
     """So many alternatives there are of the kind."""
     closer: Callable[[], Iterator[Wrong]] | None = None
     """The same with numbers near by."""
+
+    @property
+    def odds(self) -> float:
+        """Nats by which it is less likely than one thing alone, before the telemetry says anything."""
+        return float(np.log(self.tries * _RARE.get(self.kind, 1.0)))
 
 
 def driven(
@@ -117,6 +134,14 @@ def driven_otherwise(
 def closer(shift: float, apart: float) -> FloatArray:
     """s, around a shift that is about right."""
     return shift + np.linspace(-1.0, 1.0, 13) * apart
+
+
+def multiplied(view: View, places: Sequence[int], factor: float) -> Window:
+    """The view's window with some of the scenario's written numbers times a factor."""
+    mapping = view.network.mapping
+    written = mapping.written.copy()
+    written[list(places)] *= factor
+    return view.simulated_by(mapping=mapping._replace(written=written))
 
 
 def put(

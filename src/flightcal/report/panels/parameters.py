@@ -8,7 +8,7 @@ from .. import block
 from ..block import Block, section
 from ..run_files import ParameterInfo, RunFiles, draws
 from ..tables import Cell, Table, interval
-from ..text import count, listed, number, percent, unit
+from ..text import count, listed, number, percent, signed_percent, unit
 
 EDGE = 0.2
 """Share of the posterior in the prior's outer 5% above which it is called pressed against the prior's edge."""
@@ -40,6 +40,12 @@ def panel(run: RunFiles) -> list[Block]:
     )
     if words := taken_by_heat(run):
         blocks.append(block.text(words))
+    if run.footings:
+        words = (
+            "These values are as good as numbers that the scenario has as fixed: the telemetry tells the two together. "
+            "The last column says what a number that is larger by 10% makes of the value."
+        )
+        blocks += [block.heading("What they rest on"), block.text(words), block.table(footing(run))]
     of_windows = window_values(run)
     if of_windows.rows:
         words = (
@@ -178,6 +184,14 @@ def at_edge(run: RunFiles) -> dict[str, str]:
         elif (column > high).mean() > EDGE:
             edges[info.name] = "upper"
     return edges
+
+
+def footing(run: RunFiles) -> Table:
+    """Fixed numbers that values are as good as."""
+    rows = [
+        [str(own["parameter"]), str(own["number"]), signed_percent(0.1 * float(own["share"]))] for own in run.footings
+    ]
+    return Table(("parameter", "fixed number", "with 10% more"), rows, (2,))
 
 
 def window_values(run: RunFiles) -> Table:
