@@ -135,7 +135,10 @@ def test_a_small_run_of_nuts_finds_the_truth_with_the_width_of_the_laplace_appro
     assert not posterior.draws.interrupted
 
 
-def test_too_few_draws_fail_the_gate_of_effective_samples(posterior):
+def test_too_few_draws_fail_the_gate_of_effective_samples(problem):
+    settings = problem.scenario.calibration.nuts.model_copy(update={"draws": 50, "min_ess": 4000.0})
+    posterior = calibrate_nuts(problem, settings, 1, random_starts=1)
+    assert posterior.theta.shape[1] == 50, "more than eight times as many would be needed"
     assert not posterior.diagnostics.passed
     assert "too few independent draws" in posterior.diagnostics.verdict
 

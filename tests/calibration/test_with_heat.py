@@ -2,11 +2,13 @@
 
 import json
 
+import numpy as np
 import pytest
 import xarray
 
 from flightcal.calibration import calibrate_nuts, with_heat
 from flightcal.calibration.heat_file import heat_dataset, with_kept_heat
+from flightcal.calibration.with_heat import next_place
 from flightcal.errors import RunError
 from flightcal.scenario import NutsSettings
 
@@ -71,3 +73,15 @@ def test_heat_of_an_earlier_flightcal_is_refused_with_what_to_do(without_heaters
     tree = xarray.DataTree.from_dict({"heat": xarray.Dataset({"model": ((), json.dumps(content))})})
     with pytest.raises(RunError, match=r"earlier flightcal.*calibrate again"):
         with_kept_heat(without_heaters, tree)
+
+
+def test_a_middle_that_swings_and_drifts_is_found_in_a_few_places():
+    """What is found depends linearly on where it is looked for: one quantity swings, one comes slowly, one stays."""
+    answers = np.array([-1.0, 0.8, 0.0])
+    middle, deviation = np.array([3.0, -2.0, 10.0]), np.array([0.5, 2.0, 0.1])
+    place, points, steps = middle + 4.0 * deviation, [], []
+    for _ in range(5):
+        found = middle + answers * (place - middle)
+        points, steps = [*points, place], [*steps, found - place]
+        place = next_place(points, steps, deviation)
+    assert (np.abs(place - middle) < 0.1 * deviation).all()

@@ -9,7 +9,7 @@ from functools import partial
 import numpy as np
 from threadpoolctl import threadpool_limits
 
-from ..problem import Problem, Whitening, at_sizes, sampled_windows, whitening
+from ..problem import Problem, Whitening, at_sizes, mixed, sampled_windows, whitening
 from ..progress import Progress
 from ..scenario import NutsSettings
 from ..simulator import FloatArray
@@ -30,7 +30,7 @@ _STRAIGHT = 0.25
 """Of the log density, to second order: so far off the response may be taken as the same for all theta."""
 _MOST_FOLLOWED = 250
 """Weights, of which more would take hours: each gradient takes the cube of their number."""
-_PILOTS, _PILOT_CHAINS = 4, 2
+_PILOTS, _PILOT_CHAINS = 6, 2
 _PILOT_WARMUP, _PILOT_DRAWS = 300, 150
 _PILOT_DEPTH = 7
 """Of a pilot's trees: about 3 are enough. Where most draws reach it, the density is one that no chain gets through."""
@@ -38,6 +38,8 @@ _CAREFUL = 0.95
 """Acceptance where sizes are sampled: towards small ones the density narrows like a funnel."""
 _STAYS = 0.5
 """Of its deviation, within which the middle of each quantity is to be found again."""
+_REMEMBERED = 3
+"""Places of the middle that say where to look for it next."""
 _CHECKED = 200
 """Draws that are simulated with their heat."""
 MOST_PARETO_K = 0.7
@@ -125,9 +127,12 @@ def _followed(
     None: chains do not get on, as where noise of no size at all explains a channel.
 
     The response to heat follows the parameters only near where it was looked at; so a few draws say where the middle
-    is, and it is looked at there again, until the middle stays. heated, z: the problem around the point, and where to
-    begin.
+    is, and it is looked at there again, until the middle stays. Found from one place the middle may lie beyond the one
+    that stays, or short of it: the places so far say where to look next. heated, z: the problem around the point, and
+    where to begin.
     """
+    points: list[FloatArray] = []
+    steps: list[FloatArray] = []
     few = settings.model_copy(
         update={
             "chains": min(settings.chains, _PILOT_CHAINS),
@@ -145,13 +150,29 @@ def _followed(
         if np.median(pilot.statistics["depth"]) >= _PILOT_DEPTH:
             return None
         drawn = pilot.z.reshape(-1, len(z))
-        middle = drawn.mean(axis=0)
-        stays = bool((np.abs(middle - z) < _STAYS * drawn.std(axis=0)).all())
+        middle, deviation = drawn.mean(axis=0), drawn.std(axis=0)
+        stays = bool((np.abs(middle - z) < _STAYS * deviation).all())
+        # The first place is a mode, where sizes of heat are far from their middle: it says nothing of the others.
+        if trial:
+            points, steps = [*points, z], [*steps, middle - z]
+            middle = next_place(points, steps, deviation)
         point = follow(problem, point, heated, heated.to_theta(middle))
         heated, z = start_with_heat(problem, point)
         if stays:
             break
     return point, heated, whitening(z, heated.gauss_newton_hessian(z))
+
+
+def next_place(points: Sequence[FloatArray], steps: Sequence[FloatArray], deviation: FloatArray) -> FloatArray:
+    """Where to look for a middle [d] that has been found `steps` [d] away from the points [d] where it was looked for.
+
+    A middle that is found on the other side each time is half way, and of three places Anderson's mixing says the rest.
+    deviation: [d], in which steps are compared.
+    """
+    last = slice(-_REMEMBERED, None)
+    share = 1.0 if len(points) > 1 else 0.5
+    known, found = (np.stack(own[last])[None] / deviation for own in (points, steps))
+    return np.asarray(deviation * mixed(known, share * found)[0])
 
 
 def _parts(z: FloatArray, heated: Problem, known: Problem) -> FloatArray:

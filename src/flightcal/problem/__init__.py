@@ -6,7 +6,7 @@ Imports: compiled, environment, errors, external, probability, reduction, scenar
 from .build import build_problem, build_window, initial_priors, initial_temperatures, open_windows, problem_of
 from .coordinates import Whitening, whitening
 from .entries import Entry
-from .heat import at_sizes, dressed, exact_heat, followed, rehearsals, sampled_windows, with_heat
+from .heat import at_sizes, dressed, exact_heat, followed, mixed, rehearsals, sampled_windows, with_heat
 from .heat_model import SLOW, Followed, Gain, Group, HeatModel, Held, gaps_of, heat_model, knots_of
 from .heat_units import (
     Units,
@@ -59,6 +59,7 @@ __all__ = [
     "initial_temperatures",
     "kept_responses",
     "knots_of",
+    "mixed",
     "open_windows",
     "patterns_of",
     "places_of",

@@ -188,11 +188,11 @@ def exact_heat(
             break
         points = [*points, weights][-_REMEMBERED:]
         steps = [*steps, gains([np.nan_to_num(own) for own in left]) / growth][-_REMEMBERED:]
-        weights = _mixed(np.stack(points, axis=1), np.stack(steps, axis=1))
+        weights = mixed(np.stack(points, axis=1), np.stack(steps, axis=1))
     return ExactHeat(kept, tuple(kept_runs), tuple(linear))
 
 
-def _mixed(points: FloatArray, steps: FloatArray) -> FloatArray:
+def mixed(points: FloatArray, steps: FloatArray) -> FloatArray:
     """Next points [S, m] from the last ones [S, k, m] and their steps: Anderson's mixing (1965, J. ACM 12, 547).
 
     That combination of the points is moved on whose steps cancel best, with coefficients that sum to one.
