@@ -9,9 +9,9 @@ import pytest
 import xarray
 
 from flightcal.check import SUSPECTS, Suspects, suspects
-from flightcal.check.evidence import noise_of, series_at
+from flightcal.check.evidence import Fit, noise_of, series_at
 from flightcal.check.findings import suspected
-from flightcal.check.suspects import Suspicion, prepared
+from flightcal.check.suspects import Suspicion, prepared, ranked
 from flightcal.check.wrongs import Words, Wrong
 from flightcal.check.wrongs.heat import heaters, obedient, turning
 from flightcal.problem import build_problem
@@ -345,3 +345,12 @@ def test_turns_of_a_thermostat_are_found_and_noise_is_not():
     assert rising[25:38].all()
     assert not rising[45:58].any()
     assert turning(0.1 * np.random.default_rng(0).standard_normal(200), 1.0) is None
+
+
+def test_a_model_that_no_wrong_brings_nearer_is_of_another_telemetry_only_where_it_is_far_off():
+    crude, other = (Fit(0.0, 4.0, misfit, np.zeros(1), np.zeros(0)) for misfit in (2.5, 4.5))
+    assert ranked([], crude) == []
+    assert [own.kind for own in ranked([], other)] == ["everything"]
+    helped = Fit(100.0, 4.0, 2.0, np.zeros(1), np.ones(1))
+    found = [(helped, Suspicion("bias", "panel_temp", "", "", "", 50.0))]
+    assert [own.kind for own in ranked(found, crude)] == ["everything", "bias"]

@@ -45,11 +45,11 @@ def short(example: str, folder: Path, *, published: bool = False) -> Path:
     ("example", "published", "words"),
     [
         (
-            "bupt1/scenario.yaml", False,
+            "bupt1/several_windows.yaml", False,
             (
-                "Use it for the windows that it was trained on, but not for temperatures of payload_temperature.",
-                "of payload_temperature in “test” is inside: too short to tell whether by chance",
-                "Next: Add longer windows to test on",
+                "Use it for temperatures of payload_temperature, but not for intervals of parameters.",
+                "The residuals are not the AR(1) noise that was assumed, worst payload_temperature",
+                "flightcal check scenario.yaml --out checked",
             ),
         ),
         ("chandra_acis/scenario.yaml", True, ("Do not use it.", f"{NOISE} electronics_temperature", LEAVE)),

@@ -42,8 +42,9 @@ _ROUNDS = 3
 """Closer looks at one wrong."""
 _BLURRED = 0.7
 """K, error of a model that is linear about one point, when all wrongs are looked at first."""
-_BAD = 2.0
-"""Mean square of deviations from which a scenario is beside its telemetry altogether."""
+_BAD, _WORSE = 2.0, 4.0
+"""Mean squares of deviations from which a scenario is beside its telemetry altogether: where simple wrongs help, and
+where none does."""
 _MOST_OF_IT = 0.2
 """Share of the misfit that one wrong may leave, and still be what is named first."""
 _HALF_WAY = 3.0
@@ -226,10 +227,10 @@ def _compared(view: View, base: Point, nothing: Fit, progress: Progress) -> list
             words = best.words(fit) if callable(best.words) else best.words
             named = Suspicion(best.kind, best.about, words.title, words.sentence, words.advice, nats)
             found.append((fit, named))
-    return _ranked(found, nothing)
+    return ranked(found, nothing)
 
 
-def _ranked(found: list[tuple[Fit, Suspicion]], nothing: Fit) -> list[Suspicion]:
+def ranked(found: list[tuple[Fit, Suspicion]], nothing: Fit) -> list[Suspicion]:
     """What explains the telemetry, the best first; what only explains it better where nothing does."""
     best: list[tuple[Fit, Suspicion]] = []
     for item in sorted(found, key=lambda item: -(item[1].nats or 0.0)):
@@ -237,7 +238,9 @@ def _ranked(found: list[tuple[Fit, Suspicion]], nothing: Fit) -> list[Suspicion]
             best.append(item)
     usual, helps = [own for fit, own in best if fit.is_usual], [own for fit, own in best if not fit.is_usual]
     explained = bool(helps) and min(fit.misfit for fit, _ in best) < _MOST_OF_IT * nothing.misfit
-    if not usual and nothing.size > USUAL and nothing.misfit > _BAD and not explained:
+    # What no wrong brings any nearer may be a model that is too simple.
+    bad = _BAD if helps else _WORSE
+    if not usual and nothing.size > USUAL and nothing.misfit > bad and not explained:
         title, advice = "the scenario is not of this telemetry", "Check that both are of the same satellite and time"
         sentence = (
             "Neither parameters nor unmodelled heat of some percent nor any one simple wrong bring the model to the "
