@@ -27,7 +27,7 @@ HEAT = Heat(pattern=HeatPattern(harmonics=4), slow=HeatSlow(scale=0.02))
 """What a simulator may lack and be right: heat of some percent of what flows through each node."""
 SIZES = (0.5, 1.0, 2.0, 4.0)
 """Of all unmodelled heat, over that of `HEAT`: the likeliest counts."""
-FINE = 30.0
+FINE = 60.0
 """s, how far apart sunlight is looked up,"""
 REACH = 7800.0
 """s, and how far before and after the window."""
@@ -331,14 +331,26 @@ class Gaussian:
     """[R] where there is telemetry."""
     factors: tuple[FloatArray, ...]
     """[R, R] Cholesky factors, lower, of each size."""
+    inverses: tuple[FloatArray, ...] = ()
+    """[R, R] of the covariances, where many fits are made."""
+
+    def inverted(self) -> Gaussian:
+        """The same for many fits."""
+        return replace(self, inverses=tuple(_inverse(factor) for factor in self.factors))
+
+    def _solved(self, k: int, columns: FloatArray) -> FloatArray:
+        """Columns [R, k] over the covariance of one size."""
+        if self.inverses:
+            return np.asarray(self.inverses[k] @ columns)
+        return np.asarray(cho_solve((self.factors[k], True), columns, check_finite=False))
 
     def fit(self, residual: FloatArray, columns: FloatArray | None = None, scale: Scale = AS_READ) -> Fit:
         """Of residuals [R] with further columns [R, k] of normal weights of one."""
         best: Fit | None = None
         left = np.where(self.known, np.nan_to_num(residual, nan=_DIVERGED), 0.0).clip(-_DIVERGED, _DIVERGED)
         rows, extra = int(self.known.sum()), np.empty((len(left), 0)) if columns is None else columns
-        for size, factor in zip(self.sizes, self.factors, strict=True):
-            solved = cho_solve((factor, True), np.column_stack([left, extra]), check_finite=False)
+        for k, (size, factor) in enumerate(zip(self.sizes, self.factors, strict=True)):
+            solved = self._solved(k, np.column_stack([left, extra]))
             inner = np.eye(extra.shape[1]) + extra.T @ solved[:, 1:]
             added = np.linalg.solve(inner, extra.T @ solved[:, 0])
             white = solved[:, 0] - solved[:, 1:] @ added
@@ -347,10 +359,15 @@ class Gaussian:
             # A size beside one is less likely: heat of a fifth of the flow is no longer usual.
             evidence += scale.evidence(square, rows) - 0.5 * (np.log2(size) / 0.7) ** 2
             if best is None or evidence > best.evidence:
-                z = self.point.effects.T @ white
-                best = Fit(evidence, size, square / max(rows, 1), z, added)
+                z = np.asarray(self.point.effects.T @ white, float)
+                best = Fit(evidence, size, square / max(rows, 1), z, np.asarray(added, float))
         assert best is not None
         return best
+
+
+def _inverse(factor: FloatArray) -> FloatArray:
+    """Of the matrix with this lower Cholesky factor [R, R]."""
+    return np.asarray(cho_solve((factor, True), np.eye(len(factor)), check_finite=False))
 
 
 def gaussian(

@@ -21,7 +21,7 @@ from ..problem import Problem, build_window, problem_of
 from ..progress import SILENT, Progress
 from ..run import Run, Stage, plain, read_json, typed
 from ..scenario import Channel, Conductor, Scenario, SimulatorModel
-from ..simulator import FloatArray, SimulationFailure
+from ..simulator import FloatArray, SimulationFailure, in_parallel
 from .broken import Broken, broken
 from .evidence import HEAT, INFERRED, NO_LINK, USUAL, WIDENED, Fit, Gaussian, Point, View, climbed, gaussian, view_of
 from .footings import Footing, footings
@@ -202,13 +202,15 @@ def _compared(view: View, base: Point, nothing: Fit, progress: Progress) -> list
     """What is far better than nothing wrong, the best first."""
     known = np.isfinite(view.flat(view.observed))
     looks = [_look(view, point, known) for point in (base, view.point(view.window, nothing.z, base))]
-    scored: list[tuple[float, Wrong]] = []
-    for wrong in all_wrongs(view):
+    wrongs = list(all_wrongs(view))
+
+    def gained(k: int) -> float:
         try:
-            scored.append((max(_gain(view, wrong, look) for look in looks), wrong))
+            return max(_gain(view, wrongs[k], look) for look in looks)
         except SimulationFailure:
-            continue
-    scored.sort(key=lambda item: -item[0])
+            return -np.inf
+
+    scored = sorted(zip(in_parallel(gained, len(wrongs)), wrongs, strict=True), key=lambda item: -item[0])
     finalists: list[Wrong] = []
     for score, wrong in scored:
         alike = [own for own in finalists if own.kind == wrong.kind]
@@ -253,7 +255,7 @@ def ranked(found: list[tuple[Fit, Suspicion]], nothing: Fit) -> list[Suspicion]:
 
 
 def _look(view: View, point: Point, known: NDArray[np.bool_]) -> _Look:
-    around = gaussian(view.rows, point, known, _FIRST_SIZES, _BLURRED)
+    around = gaussian(view.rows, point, known, _FIRST_SIZES, _BLURRED).inverted()
     back = point.effects @ ((view.middle - point.z) / view.spread)
     level = around.fit(view.flat(view.observed) - point.temperatures - back).evidence
     return _Look(around, back, level)
