@@ -61,3 +61,15 @@ def test_a_number_whose_error_the_telemetry_shows_is_no_footing(tmp_path):
     window = multiplied(view, [view.network.network.paths.index("heaters.heater.power")], 1.1)
     assert climbed(view, window, view.observed, base).evidence < fit.evidence - 2.0
     assert "heaters.heater.power" not in [own.number for own in footings(view, base, fit)]
+
+
+def test_a_number_that_a_parameter_scales_is_not_fixed(tmp_path):
+    written = loose()
+    del written["parameters"]["body"]
+    written["parameters"]["share"] = {
+        "scales": "nodes.body.capacity", "prior": {"lognormal": {"median": 1, "factor": 2.0}}
+    }  # fmt: skip
+    view = prepared(*small.closed_loop(tmp_path, written))
+    base = view.point(view.window, view.middle)
+    found = footings(view, base, climbed(view, view.window, view.observed, base))
+    assert [own.number for own in found if own.parameter == "share"] == ["heaters.heater.power"]

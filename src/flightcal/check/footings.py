@@ -54,9 +54,10 @@ def footings(view: View, start: Point, fit: Fit) -> tuple[Footing, ...]:
     left = np.sqrt(np.clip(1.0 - (point.effects * told).sum(axis=0), 0.0, None))
     relative = _relative(view, point.z)
     found: list[Footing] = []
+    scaled = set(view.network.mapping.scaled_positions.tolist())
     for place in fixed_numbers(view, (*BLOCKS, "heaters", "loads")):
         name = view.network.network.paths[place]
-        if name in _KNOWN:
+        if name in _KNOWN or place in scaled:
             continue
         try:
             effect = _effect(view, place, point.z)
