@@ -1,0 +1,31 @@
+"""What a run says, one statement after the other, and what each takes from its use: a question is a file."""
+
+from .finding import MARKS, Finding, State, in_few_words, temperatures_of, value_of, valued
+from .model import heat, noise, prior_conflict, resting, stand_in, suspected
+from .sampling import convergence, explanations, interrupted
+from .scored import missing, scores
+from .unseen import heaters, held_channels, holding
+
+__all__ = [
+    "MARKS",
+    "Finding",
+    "State",
+    "convergence",
+    "explanations",
+    "heat",
+    "heaters",
+    "held_channels",
+    "holding",
+    "in_few_words",
+    "interrupted",
+    "missing",
+    "noise",
+    "prior_conflict",
+    "resting",
+    "scores",
+    "stand_in",
+    "suspected",
+    "temperatures_of",
+    "value_of",
+    "valued",
+]

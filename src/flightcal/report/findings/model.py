@@ -1,0 +1,219 @@
+"""Is the model right for this telemetry?"""
+
+from __future__ import annotations
+
+from scipy.stats import chi2, norm
+
+from ...probability import INDEPENDENT
+from ...scenario import is_trained
+from ..panels.discrepancy import STANDS_IN, stand_ins
+from ..panels.heat import IMPLAUSIBLE, LARGE, WANDERING, gains, node_heats
+from ..panels.parameters import MOST_NAMED, WIDER, shortened, widened
+from ..panels.residuals import TESTED, assumption, channels, correlation_expected, noises
+from ..run_files import RunFiles
+from ..text import listed, number, percent
+from .finding import CHECK, Finding, State, value_of
+
+NARROWED = 1.3
+"""Factor up to which residuals that are not quite the noise that is assumed are of no practical weight."""
+OFF = 0.01
+"""Probability that a right model is cautioned about for one of its channels, priors or heaters."""
+FAR_OFF = 1e-6
+"""The probability below which a model is called wrong."""
+
+
+def suspected(run: RunFiles) -> list[Finding]:
+    """What was likely to be wrong before any sampling, and is not mended by it."""
+    return [
+        Finding("bad", f"Likely wrong: {own['title']}", str(own["sentence"]), then=f"{own['advice']}.")
+        for own in run.suspects
+    ]
+
+
+def noise(run: RunFiles) -> Finding:
+    """Whether residuals are the noise that was assumed."""
+    checks = run.checks
+    if not checks:
+        return Finding("none", "The noise is not judged", "There is no stochastic prediction.")
+    window = next((name for name in checks if is_trained(name)), next(iter(checks)))
+    of_window = checks[window]
+    # With many channels one is off by chance.
+    against = [
+        c
+        for c in of_window
+        if c.verdict == "contradicted" and c.p_value < OFF / len(of_window) and c.factor >= NARROWED
+    ]
+    details = tuple(c.words for c in of_window)
+    if not against:
+        assumed = assumption(of_window)
+        judged = [c for c in of_window if c.verdict != "unknown"]
+        if not judged:
+            return Finding("none", "The noise is not judged", "There are too few residuals.", details)
+        text = f"No channel's residuals in “{window}” contradict {assumed} to an extent that matters."
+        if any(c.tested == "innovations" for c in judged):
+            text = " ".join(f"{text} {correlation_expected(judged)} {TESTED}".split())
+        return Finding("good", "The residuals look like the noise that was assumed", text, details)
+    worst = max(against, key=lambda c: c.factor)
+    tested = listed(list(dict.fromkeys(c.tested for c in against)))
+    assumed, discrepant = assumption(against), any(c.discrepancy for c in against)
+    if plain := assumed == INDEPENDENT.in_full:
+        lacking = (
+            ", and the likelihood, which is that of the paper, has no term for it. No interval in this report contains "
+            "this model discrepancy."
+        )
+    elif run.heat is not None:
+        lacking = (
+            " and that unmodelled heat and noise take up in part only: it may be faster than they are, or not of heat."
+        )
+    elif discrepant:
+        lacking = " and that discrepancy and noise take up in part only: it may vary faster than they can."
+    else:
+        lacking = " and that this noise does not describe. No interval in this report contains this model discrepancy."
+    contradicted = f"In “{window}” the {tested} of {channels(against, of_window)} contradict {assumed}."
+    named = "independent noise" if plain else listed(noises(against))
+    title = f"The residuals are not the {named} that was assumed, worst {worst.channel}"
+    text = (
+        f"{contradicted} Intervals of the "
+        f"parameters are too narrow by up to about a factor of {number(worst.factor, 2)} ({worst.channel}, lag-1 "
+        f"autocorrelation {number(worst.lag1, 3)}): the model lacks something that the telemetry shows{lacking}"
+    )
+    then = "Leave `heat` and `noise` out of the scenario: flightcal then models both." if plain else CHECK
+    return Finding("bad" if worst.factor >= 2 else "warn", title, text, details, ("intervals of parameters",), then)
+
+
+def heat(run: RunFiles) -> list[Finding]:
+    """How large the heat is that no block of the scenario describes."""
+    return [*_lasting_heat(run), *_wandering_heat(run)]
+
+
+def _wandering_heat(run: RunFiles) -> list[Finding]:
+    """Whether much heat comes and goes otherwise than with the orbit: a caution, and nothing else."""
+    sizes = {own.node: own.wandering for own in node_heats(run) if own.wandering > WANDERING}
+    if not sizes:
+        return []
+    named = listed([f"{name} ({percent(share, 0)})" for name, share in sizes.items()])
+    worst = max(sizes, key=lambda name: sizes[name])
+    text = (
+        f"Standard deviation of the slow part, as a share of the mean heat through the node: {named}. Look for what "
+        "the scenario lacks and the orbit does not repeat, such as a mode's power or a pass of the transmitter. "
+        "Nothing foresees such heat: on unseen orbits intervals are wide."
+    )
+    title = f"Much of the unmodelled heat comes and goes: {worst}, {percent(sizes[worst], 0)} of what flows"
+    return [Finding("warn", title, text, not_for=_doubted_by_heat(run), then=CHECK)]
+
+
+def _doubted_by_heat(run: RunFiles) -> tuple[str, ...]:
+    """What a run is not to be used for where much heat is unmodelled."""
+    return tuple(map(value_of, widened(run))) or ("values of parameters",)
+
+
+def _lasting_heat(run: RunFiles) -> list[Finding]:
+    """How large the heat is that comes again with the orbit."""
+    if run.heat is None:
+        return []
+    shares = {own.node: own.share for own in node_heats(run)}
+    if of_gains := gains(run):
+        shares["gains (relative errors of modes and absorbed fluxes)"] = of_gains.quantiles[0]
+    shares = dict(sorted(shares.items(), key=lambda item: -item[1]))
+    if not shares:
+        return []
+    wider, taken = widened(run), ""
+    if wider:
+        taken = f" It takes most from {shortened(wider)}: their intervals are more than {WIDER:g} times as wide."
+    large = listed([f"{name} ({percent(share, 0)})" for name, share in shares.items() if share > LARGE])
+    worst, share = next(iter(shares.items()))
+    if share > IMPLAUSIBLE:
+        text = (
+            f"For sure, as a share of the mean heat through the node: {large}. Above {IMPLAUSIBLE:.0%} heat can hide a "
+            f"wrong set-up: look at attitude, areas, time tags and units before the parameters are used.{taken}"
+        )
+        title = f"Unmodelled heat is implausibly large: {worst}, {percent(share, 0)} of what flows"
+        return [Finding("bad", title, text, then=CHECK)]
+    if share > LARGE:
+        text = (
+            f"For sure, as a share of the mean heat through the node: {large}. Look for what the scenario lacks, "
+            f"such as a load or a shadow.{taken}"
+        )
+        title = f"Unmodelled heat is large: {worst}, {percent(share, 0)} of what flows"
+        return [Finding("warn", title, text, not_for=_doubted_by_heat(run), then=CHECK)]
+    text = f"For sure it is at most {percent(share)} of the mean heat through any node ({worst}).{taken}"
+    return [Finding("good", "Unmodelled heat is small", text)]
+
+
+def stand_in(run: RunFiles) -> list[Finding]:
+    """Parameters in whose place the discrepancy stands, where there is one."""
+    correlation = stand_ins(run)
+    against = {name: value for name, value in correlation.items() if value <= STANDS_IN}
+    if not correlation:
+        return []
+    if not against:
+        worst, value = next(iter(correlation.items()))
+        text = (
+            f"The strongest correlation of a parameter with what the discrepancy takes up of its effect is "
+            f"{number(value, 2)} ({worst}); at −1 it would tell their sum only."
+        )
+        return [Finding("good", "The telemetry tells the parameters from the discrepancy", text)]
+    named = listed([f"{name} ({number(value, 2)})" for name, value in against.items()])
+    text = (
+        f"The posterior of {named} is correlated with how much of its effect the discrepancy takes up: the telemetry "
+        "tells the sum of the two, and the two priors share it out. A prediction needs only the sum; a "
+        "parameter's value alone rests on the discrepancy's prior."
+    )
+    title = f"The discrepancy, what the model lacks, stands in for {shortened(list(against))}"
+    return [Finding("warn", title, text, not_for=tuple(map(value_of, against)), then=CHECK)]
+
+
+def prior_conflict(run: RunFiles) -> Finding:
+    """Whether parameters and initial temperatures are where their priors expect them.
+
+    The normal score of a posterior's median in its prior is at most as wide as N(0, 1) where the prior is right, so the
+    sum of squares of d of them is at most chi-squared with d degrees of freedom (a prior predictive check: Box 1980,
+    J. R. Stat. Soc. A 143).
+    """
+    kinds = {info.name: info.kind for info in run.parameters}
+    out_by = {
+        own["name"]: float(own["prior_score"])
+        for own in (run.diagnostics or {}).get("parameters", [])
+        if own.get("prior_score") is not None and kinds.get(own["name"]) in ("parameter", "initial")
+    }
+    if not out_by:
+        return Finding("none", "Priors are not compared", "The run does not say where posteriors lie in their priors.")
+    alone = {name: 2.0 * float(norm.sf(abs(score))) * len(out_by) for name, score in out_by.items()}
+    together = float(chi2.sf(sum(score**2 for score in out_by.values()), len(out_by)))
+    order = sorted(out_by, key=lambda name: -abs(out_by[name]))
+    off = [name for name in order if alone[name] < OFF]
+    if not off and together >= OFF:
+        text = (
+            f"Furthest out is {order[0]}, at {abs(out_by[order[0]]):.1f} deviations of its prior; of "
+            f"{len(out_by)} priors that is to be expected."
+        )
+        return Finding("good", "Posteriors lie where their priors expect them", text)
+    named = off or order[:MOST_NAMED]
+    sides = {name: "above" if score > 0 else "below" for name, score in out_by.items()}
+    said = listed([f"{name} ({abs(out_by[name]):.1f} deviations {sides[name]})" for name in named[:MOST_NAMED]])
+    text = (
+        f"Telemetry and prior are in conflict: {said}. Either the prior is wrong, or the parameter makes up for "
+        "something else that is, such as a clock, an attitude, a unit or a missing heater."
+    )
+    state: State = "bad" if min([together, *alone.values()]) < FAR_OFF else "warn"
+    title = f"{named[0]} lies {abs(out_by[named[0]]):.1f} deviations from where its prior expects it"
+    if named[1:]:
+        title = f"{len(named)} values lie far from where their priors expect them, worst {named[0]}"
+    return Finding(state, title, text, not_for=tuple(map(value_of, named)), then=CHECK)
+
+
+def resting(run: RunFiles) -> list[Finding]:
+    """Values that are as good as a fixed number of the scenario: they bear on no prediction, and are no fault."""
+    if not run.footings:
+        return []
+    names = list(dict.fromkeys(str(own["parameter"]) for own in run.footings))
+    details = tuple(
+        f"{name}: as good as {listed([str(own['number']) for own in run.footings if own['parameter'] == name])}."
+        for name in names
+    )
+    text = (
+        "The telemetry tells these values together with numbers that the scenario has as fixed. No fit shows an error "
+        "of such a number: the value makes up for it, and temperatures are right all the same."
+    )
+    title = f"What is known of {shortened(names)} rests on fixed numbers"
+    return [Finding("good", title, text, details)]

@@ -1,0 +1,141 @@
+"""Do the intervals hold on orbits that the run has not seen?"""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+import xarray as xr
+
+from ...prediction import HELD
+from ..panels.duty import CLOSED, duties
+from ..panels.picture import holdings
+from ..panels.prediction import unseen, unseen_share
+from ..run_files import RunFiles
+from ..text import listed, percent
+from .finding import AGAIN, CHECK, Finding, State, temperatures_of
+
+STRIKING = 0.6
+"""Share inside the interval that no reader takes for 95%, though errors as long as the window can make it by chance."""
+_OUTSIDE = 0.05
+"""Share of a window's time outside of what training contained, above which a title says so."""
+
+
+def holding(run: RunFiles) -> Finding:
+    """Whether intervals hold on windows that were not trained on, all channels and windows together."""
+    judged = holdings(run)
+    if not run.windows:
+        text = "There is no prediction in this run (prediction.nc), so nothing says whether it can be trusted."
+        return Finding("bad", "Nothing is predicted: the run did not finish", text, then=AGAIN)
+    if not judged:
+        text = "The scenario has no window that was not trained on: nothing says how well it predicts unseen telemetry."
+        then = "Add a window: windows: {test: {start: ..., end: ...}}"
+        return Finding("none", "No unseen telemetry", text, not_for=("windows that it was not trained on",), then=then)
+    windows = {name: run.windows[name] for name in judged}
+    failed: dict[str, None] = {}
+    channels: dict[str, None] = {}
+    few: dict[str, tuple[float, str]] = {}
+    worst, details = ("", "", math.inf), []
+    for name, held in judged.items():
+        window = windows[name]
+        words = []
+        for k, channel in enumerate(map(str, window["channel"].values)):
+            share, lower, upper = held.coverage[k], held.lower[k], held.upper[k]
+            if not np.isfinite(share):
+                continue
+            channels[channel] = None
+            said = f"{channel} {percent(share)} ({percent(lower)} to {percent(upper)})"
+            if held.room[k] < 0.0:
+                failed[channel] = None
+                how = f"{percent(share)} inside"
+                if held.error[k] > held.most_error[k]:
+                    how += f" and {held.error[k]:.1f} deviations off"
+                    said += f", {held.error[k]:.1f} deviations off (at most {held.most_error[k]:.1f})"
+                worst = min(worst, (name, f"{channel} in “{name}”, {how}", held.room[k]), key=lambda w: w[2])
+                said += ", which does not hold"
+            elif share < STRIKING:
+                few[channel] = min(few.get(channel, (1.0, "")), (share, name))
+                said += ", which may be by chance"
+            elif share > upper:
+                said += ", wider than need be"
+            words.append(said)
+        details.append(f"“{name}”: {listed(words)}.")
+        if outside := unseen(window):
+            details.append(f"“{name}”: {outside}")
+    interval = float(next(iter(windows.values())).attrs.get("interval", 0.95))
+    text = (
+        f"Share of the telemetry inside the {interval:.0%} interval, and in brackets where the share of a right "
+        f"prediction lies: in all channels and windows together with {HELD:.0%} probability. Samples that follow each "
+        "other share their errors. Where these are larger than any of a right prediction, it does not hold either."
+    )
+    over = listed([f"“{name}”" for name in windows])
+    if not channels:
+        return Finding("none", f"No sample of {over} is scored", text, tuple(details), ("unseen windows",))
+    if not failed:
+        if not few:
+            return Finding("good", f"Intervals hold on {over}, in every channel", text, tuple(details))
+        channel, (share, name) = min(few.items(), key=lambda own: own[1])
+        title = f"Only {percent(share)} of {channel} in “{name}” is inside: too short to tell whether by chance"
+        title += _outside(windows[name])
+        then = "Add longer windows to test on: windows: {test: {start: ..., end: ...}}"
+        return Finding("warn", title, text, tuple(details), tuple(map(temperatures_of, few)), then)
+    title = f"Intervals do not hold in {len(failed)} of {len(channels)} channels, worst {worst[1]}"
+    if len(channels) == 1:
+        title = f"Intervals do not hold: {worst[1]}"
+    title += _outside(windows[worst[0]])
+    state: State = "bad" if 2 * len(failed) >= len(channels) else "warn"
+    not_for = tuple(map(temperatures_of, [*failed, *few]))
+    return Finding(state, title, text, tuple(details), not_for, CHECK)
+
+
+def _outside(window: xr.Dataset) -> str:
+    """To be added to what a title says of a window, where much of it is outside of what training contained."""
+    share = unseen_share(window)
+    return f"; {percent(share, 0)} of the window is outside of what training contained" if share > _OUTSIDE else ""
+
+
+def held_channels(run: RunFiles) -> list[str]:
+    """Channels that are scored on some window that was not trained on."""
+    found = [
+        str(channel)
+        for window in run.test_windows.values()
+        if "coverage" in window
+        for channel, share in zip(window["channel"].values, window["coverage"].values, strict=True)
+        if np.isfinite(share)
+    ]
+    return list(dict.fromkeys(found))
+
+
+def heaters(run: RunFiles) -> list[Finding]:
+    """Whether telemetry's duty cycles on unseen windows lie within what is predicted."""
+    findings = []
+    measured = [own for own in duties(run) if np.isfinite(own.measured)]
+    for name in dict.fromkeys(own.window for own in measured):
+        found = [own for own in measured if own.window == name]
+        outside = [own for own in found if own.outside]
+        contents = run.windows[name].attrs.get("duty_cycle_contains")
+        details = tuple(
+            f"{own.heater}: telemetry {percent(own.measured)}, predicted {percent(own.mean)} "
+            f"[{percent(own.lower)}, {percent(own.upper)}]{', which leaves telemetry out' if own.outside else ''}."
+            for own in found
+        )
+        title = f"All {len(found)} duty cycles in “{name}” lie within what is predicted"
+        if outside:
+            own, *others = outside
+            title = (
+                f"{own.heater} is on for {percent(own.measured)} of “{name}”, predicted {percent(own.lower)} to "
+                f"{percent(own.upper)}{f'; {len(others)} more outside' if others else ''}"
+            )
+        findings.append(
+            Finding(
+                "warn" if outside else "good",
+                title,
+                "Share of the time on, telemetry against the mean and central 95% of what is predicted"
+                f"{f', which contains {contents}' if contents else ''}. "
+                f"All together leave a right prediction's bands with {1.0 - CLOSED:.0%} probability:",
+                details,
+                tuple(f"the duty cycle of {own.heater}" for own in outside),
+                CHECK if outside else "",
+            )
+        )
+    return findings
