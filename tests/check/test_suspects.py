@@ -57,11 +57,14 @@ def test_nothing_is_suspected_where_nothing_is_wrong(flown):
     assert named(*flown) == ()
 
 
-def test_a_bias_is_named_with_its_size(flown):
+@pytest.mark.parametrize(("channel", "bias"), [("body_temp", 9.0), ("panel_temp", 30.0), ("panel_temp", -60.0)])
+def test_a_bias_is_named_with_its_size(flown, channel, bias):
+    """Also a large one, of which the node's initial temperature, from its first samples, is as far off."""
     scenario, data = flown
-    first = named(scenario, spoilt(data, body_temp=data["body_temp"] + 9.0))[0]
-    assert (first.kind, first.about) == ("bias", "body_temp")
-    assert float(first.title.split()[2]) == pytest.approx(9.0, abs=2.0)
+    first = named(scenario, spoilt(data, **{channel: data[channel] + bias}))[0]
+    assert (first.kind, first.about) == ("bias", channel)
+    assert float(first.title.split()[2]) == pytest.approx(abs(bias), abs=2.0)
+    assert first.title.endswith("high" if bias > 0 else "low")
 
 
 def test_an_inverted_status_is_named(flown):

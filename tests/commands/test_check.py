@@ -88,7 +88,8 @@ def test_a_scenario_with_a_product_of_unknowns_and_an_unreachable_channel_exits_
     found = check(written_to(tmp_path, written, panel_error=-60.0), tmp_path / "run")
     assert found.exit_code == 3, found.output
     words = " ".join(found.output.split())
-    assert "2 findings matter" in words
+    assert "3 findings matter" in words
+    assert re.search("Likely wrong: panel_temp reads (5[5-9]|6[0-5]) K too low", words)
     assert "act alike: only their product is known" in words
     assert "The prior cannot reach the telemetry of panel_temp" in words
 

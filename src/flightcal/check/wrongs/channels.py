@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterator, Mapping
 from dataclasses import replace
-from itertools import combinations
+from itertools import combinations, product
 
 import numpy as np
 
@@ -13,8 +13,10 @@ from ...simulator import ICE_POINT, FloatArray
 from ..evidence import Fit, Scale, View
 from .wrong import Words, Wrong
 
-_BIAS = 8.0
-"""K, prior deviation of a channel's bias."""
+_BIASES = (8.0, 40.0)
+"""K, prior deviations of a channel's bias: of a poor calibration, and of a wrong one."""
+_DRIFT = 8.0
+"""K, prior deviation of a channel's drift over the window."""
 _GAIN = 0.3
 """Prior deviation of a channel's gain from one."""
 _STRANGE, _STRANGE_TIME = ((15.0, 4.0), (5.0, 25.0)), 2400.0
@@ -28,11 +30,12 @@ _MOST_NODES = 15
 def biases(view: View) -> Iterator[Wrong]:
     """Each channel reads too high or too low by a constant."""
     t = len(view.rows.kept)
-    for k, channel in enumerate(view.channels):
-        column = view.of_channel(k, np.full((t, 1), _BIAS))
+    for (k, channel), size in product(enumerate(view.channels), _BIASES):
+        # Its first samples say where its node begins: that is wrong by as much.
+        column = view.of_channel(k, np.full((t, 1), size)) - size * _begun(view, channel)
 
-        def words(fit: Fit, channel: str = channel) -> Words:
-            bias = _BIAS * float(fit.added[0])
+        def words(fit: Fit, channel: str = channel, size: float = size) -> Words:
+            bias = size * float(fit.added[0])
             how = "high" if bias > 0 else "low"
             return Words(
                 f"{channel} reads {number(abs(bias), 2)} K too {how}",
@@ -41,7 +44,17 @@ def biases(view: View) -> Iterator[Wrong]:
                 f"Check the sensor's calibration curve; or write 'observations: {{{channel}: {{bias: {bias:.1f} K}}}}'",
             )
 
-        yield Wrong("bias", channel, words, columns=column, least=1.0 / _BIAS, tries=len(view.channels))
+        yield Wrong("bias", channel, words, columns=column, least=1.0 / size, tries=2 * len(view.channels))
+
+
+def _begun(view: View, channel: str) -> FloatArray:
+    """[R, 1] K for each kelvin that a channel's node is warmer at the beginning."""
+    name = f"initial.{view.window.scenario.observations[channel].node}"
+    theta = view.problem.to_theta(view.middle)
+    if name in view.problem.names:
+        theta[view.problem.names.index(name)] += 1.0
+    warmer = view.temperatures(view.window, view.problem.to_z(theta))
+    return np.asarray(warmer - view.temperatures(view.window, view.middle))[:, None]
 
 
 def gains(view: View) -> Iterator[Wrong]:
@@ -49,7 +62,8 @@ def gains(view: View) -> Iterator[Wrong]:
     modelled = view.temperatures(view.window, view.middle)
     t = len(view.rows.kept)
     for k, channel in enumerate(view.channels):
-        column = view.of_channel(k, _GAIN * (modelled[k * t : (k + 1) * t] - ICE_POINT)[:, None])
+        above = _GAIN * (modelled[k * t : (k + 1) * t] - ICE_POINT)
+        column = view.of_channel(k, above[:, None]) - above[0] * _begun(view, channel)
 
         def words(fit: Fit, channel: str = channel) -> Words:
             gain = 1.0 + _GAIN * float(fit.added[0])
@@ -66,17 +80,17 @@ def drifts(view: View) -> Iterator[Wrong]:
     """Each channel's readings drift away from the temperature at a constant rate."""
     seconds = view.rows.seconds
     for k, channel in enumerate(view.channels):
-        column = view.of_channel(k, _BIAS * (seconds / seconds[-1])[:, None])
+        column = view.of_channel(k, _DRIFT * (seconds / seconds[-1])[:, None])
 
         def words(fit: Fit, channel: str = channel) -> Words:
-            drift = _BIAS * float(fit.added[0])
+            drift = _DRIFT * float(fit.added[0])
             return Words(
                 f"{channel} drifts by {number(abs(drift), 2)} K",
                 f"From the first to the last sample {channel} alone goes {drift:+.1f} K away from the model.",
                 f"Check the sensor; leave {channel} out of 'observations' to calibrate without it",
             )
 
-        yield Wrong("drift", channel, words, columns=column, least=1.0 / _BIAS, tries=len(view.channels))
+        yield Wrong("drift", channel, words, columns=column, least=1.0 / _DRIFT, tries=len(view.channels))
 
 
 def swaps(view: View) -> Iterator[Wrong]:
