@@ -99,19 +99,13 @@ def rough_search_seconds(problem: Problem, settings: GeneticSettings) -> float:
     return simulation * settings.runs * settings.population * _OF_GENERATIONS * settings.generations
 
 
-def _compile(run: Run, problem: Problem) -> None:
-    """Warm up, and say how long the rest will take."""
-    warm(problem)
-    own = problem.scenario.calibration
-    search, sampling = rough_search_seconds(problem, own.genetic), rough_seconds(problem, own.nuts)
-    run.progress.say(f"to come: genetic algorithm, {about(search)}; stochastic update, {about(sampling)}")
-
-
 def _search(run: Run, problem: Problem, *, settings: GeneticSettings, seed: int) -> None:
+    run.progress.say(f"genetic algorithm: {about(rough_search_seconds(problem, settings))}")
     run.folder.write_netcdf(GENETIC_FILE, calibrate_genetic(problem, settings, seed, progress=run.progress))
 
 
 def _sample(run: Run, problem: Problem, genetic: xarray.Dataset, *, settings: NutsSettings, seed: int) -> None:
+    run.progress.say(f"stochastic update: {about(rough_seconds(problem, settings))}")
     best = genetic_points(problem, genetic)["genetic_best"]
     keep_sample(run, problem, settings, seed, starts=[("the genetic algorithm's best", best)])
 
@@ -144,7 +138,9 @@ def _read_sample(run: Run, *_: Any) -> Sampled:
     return Sampled(run.folder.read_tree(POSTERIOR_FILE), read_json(run.folder.file(DIAGNOSTICS_FILE)))
 
 
-COMPILE: Final = Stage("compile", "compiling (long only once)", (), _compile, lambda run, problem: None)
+COMPILE: Final = Stage(
+    "compile", "compiling (long only once)", (), lambda run, problem: warm(problem), lambda run, problem: None
+)
 """Of a problem."""
 
 GENETIC: Final = Stage(
