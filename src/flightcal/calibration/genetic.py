@@ -80,23 +80,22 @@ def minimise(
     going = {number: _evolve(lower, upper, settings, int(own)) for number, own in enumerate(seeds)}
     wanted = {number: next(run) for number, run in going.items()}
     ended: dict[int, dict[str, Any]] = {}
-    best = np.inf
+    best, generation = np.inf, 0
     with progress.stage("search", settings.generations) as search:
-        for generation in range(1, settings.generations + 1):
+        while wanted:
+            generation += 1
             everybody = np.concatenate([*wanted.values()])
             costs = np.asarray(cost(everybody), float) if len(everybody) else np.empty(0)
             ends = np.cumsum([len(individuals) for individuals in wanted.values()])
-            for (number, individuals), last in zip([*wanted.items()], ends, strict=True):
+            for number, own in zip([*wanted], np.split(costs, ends[:-1]), strict=True):
                 try:
-                    wanted[number] = going[number].send(costs[last - len(individuals) : last])
+                    wanted[number] = going[number].send(own)
                 except StopIteration as end:
                     ended[number] = end.value
                     del wanted[number]
             best = costs[np.isfinite(costs)].min(initial=best)
             note = f"generation {generation}, {len(ended)} of {settings.runs} runs have ended, {words(best)}"
             search.at(generation if wanted else settings.generations, note)
-            if not wanted:
-                break
     return _merge([ended[number] for number in range(settings.runs)])
 
 
@@ -132,9 +131,9 @@ def _evolve(
     widths: list[float] = []
     evaluations = failures = 0
     for generation in range(settings.generations):
-        # Nothing new can be bred once all individuals are the same; the rest of the history is flat.
         individuals = population if generation == 0 else _offspring(population, fitness, lower, upper, rng)
         costs = yield individuals
+        # Nothing new can be bred once all individuals are the same; the rest of the history is flat.
         if len(individuals):
             failed = ~np.isfinite(costs)
             evaluations += len(costs)

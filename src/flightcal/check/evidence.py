@@ -271,6 +271,24 @@ class View:
         """[d] that of the telemetry as it is."""
         return self.centre(self.observed)
 
+    @cached_property
+    def modelled(self) -> FloatArray:
+        """[R] K there. Raises SimulationFailure, as `begun` does."""
+        return self.temperatures(self.window, self.middle)
+
+    @cached_property
+    def begun(self) -> FloatArray:
+        """[R, N] K for each kelvin that a channel's node is warmer at the beginning."""
+        return np.stack([self._warmer(channel) - self.modelled for channel in self.channels], axis=1)
+
+    def _warmer(self, channel: str) -> FloatArray:
+        """[R] K with a channel's node a kelvin warmer at the beginning, where that is an entry."""
+        name = f"initial.{self.window.scenario.observations[channel].node}"
+        theta = self.problem.to_theta(self.middle)
+        if name in self.problem.names:
+            theta[self.problem.names.index(name)] += 1.0
+        return self.temperatures(self.window, self.problem.to_z(theta))
+
     def temperatures(self, window: Window, z: FloatArray) -> FloatArray:
         """[R] K of a window like this one. Raises SimulationFailure."""
         inside = self.problem.at(self.window, self.problem.to_theta(z)[None])[0]

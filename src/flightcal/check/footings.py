@@ -27,8 +27,6 @@ _KNOWN = ("environment.solar_constant",)
 """Numbers that are known better than that."""
 _MOST = 3
 """Numbers that are kept of each parameter."""
-_TINY = 1e-3
-"""Deviations of a prior, for a derivative."""
 
 
 @dataclass(frozen=True)
@@ -81,8 +79,8 @@ def _effect(view: View, place: int, z: FloatArray) -> FloatArray:
 
 def _relative(view: View, z: FloatArray) -> FloatArray:
     """[d] relative change of each value with a deviation of its prior; zero of what is no parameter or not positive."""
-    more, less = (np.diag(view.problem.to_theta(z + sign * np.diag(_TINY * view.spread))) for sign in (1.0, -1.0))
-    theta = view.problem.to_theta(z)
+    at = view.problem.priors.at(z)
     is_parameter = np.array([name in view.window.scenario.parameters for name in view.problem.names])
-    change = (more - less) / (2.0 * _TINY)
-    return np.where(is_parameter & (theta > 0.0), change / np.where(theta > 0.0, theta, 1.0), 0.0)
+    return np.where(
+        is_parameter & (at.theta > 0.0), at.slope * view.spread / np.where(at.theta > 0.0, at.theta, 1.0), 0.0
+    )

@@ -202,6 +202,7 @@ def _compared(view: View, base: Point, nothing: Fit, progress: Progress) -> list
     """What is far better than nothing wrong, the best first."""
     known = np.isfinite(view.flat(view.observed))
     looks = [_look(view, point, known) for point in (base, view.point(view.window, nothing.z, base))]
+    looks = [replace(look, around=look.around.inverted()) for look in looks]
     wrongs = list(all_wrongs(view))
 
     def gained(k: int) -> float:
@@ -255,7 +256,7 @@ def ranked(found: list[tuple[Fit, Suspicion]], nothing: Fit) -> list[Suspicion]:
 
 
 def _look(view: View, point: Point, known: NDArray[np.bool_]) -> _Look:
-    around = gaussian(view.rows, point, known, _FIRST_SIZES, _BLURRED).inverted()
+    around = gaussian(view.rows, point, known, _FIRST_SIZES, _BLURRED)
     back = point.effects @ ((view.middle - point.z) / view.spread)
     level = around.fit(view.flat(view.observed) - point.temperatures - back).evidence
     return _Look(around, back, level)

@@ -32,7 +32,7 @@ def biases(view: View) -> Iterator[Wrong]:
     t = len(view.rows.kept)
     for (k, channel), size in product(enumerate(view.channels), _BIASES):
         # Its first samples say where its node begins: that is wrong by as much.
-        column = view.of_channel(k, np.full((t, 1), size)) - size * _begun(view, channel)
+        column = view.of_channel(k, np.full((t, 1), size)) - size * view.begun[:, [k]]
 
         def words(fit: Fit, channel: str = channel, size: float = size) -> Words:
             bias = size * float(fit.added[0])
@@ -47,23 +47,12 @@ def biases(view: View) -> Iterator[Wrong]:
         yield Wrong("bias", channel, words, columns=column, least=1.0 / size, tries=2 * len(view.channels))
 
 
-def _begun(view: View, channel: str) -> FloatArray:
-    """[R, 1] K for each kelvin that a channel's node is warmer at the beginning."""
-    name = f"initial.{view.window.scenario.observations[channel].node}"
-    theta = view.problem.to_theta(view.middle)
-    if name in view.problem.names:
-        theta[view.problem.names.index(name)] += 1.0
-    warmer = view.temperatures(view.window, view.problem.to_z(theta))
-    return np.asarray(warmer - view.temperatures(view.window, view.middle))[:, None]
-
-
 def gains(view: View) -> Iterator[Wrong]:
     """Each channel is so many times its temperature in degC."""
-    modelled = view.temperatures(view.window, view.middle)
     t = len(view.rows.kept)
     for k, channel in enumerate(view.channels):
-        above = _GAIN * (modelled[k * t : (k + 1) * t] - ICE_POINT)
-        column = view.of_channel(k, above[:, None]) - above[0] * _begun(view, channel)
+        above = _GAIN * (view.modelled[k * t : (k + 1) * t] - ICE_POINT)
+        column = view.of_channel(k, above[:, None]) - above[0] * view.begun[:, [k]]
 
         def words(fit: Fit, channel: str = channel) -> Words:
             gain = 1.0 + _GAIN * float(fit.added[0])
