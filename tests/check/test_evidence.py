@@ -3,7 +3,8 @@
 import numpy as np
 import pytest
 
-from flightcal.check.evidence import Gaussian, Point
+from flightcal.check.evidence import Gaussian
+from flightcal.check.view import Point
 
 
 @pytest.mark.parametrize("diverged", [1e200, np.inf, np.nan])

@@ -9,9 +9,10 @@ import pytest
 import xarray
 
 from flightcal.check import SUSPECTS, Suspects, suspects
-from flightcal.check.evidence import Fit, noise_of, series_at
+from flightcal.check.evidence import Fit
 from flightcal.check.findings import suspected
 from flightcal.check.suspects import Suspicion, prepared, ranked
+from flightcal.check.view import noise_of, series_at
 from flightcal.check.wrongs import Words, Wrong
 from flightcal.check.wrongs.heat import heaters, obedient, turning
 from flightcal.problem import build_problem

@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 
 from ..report import number
 from ..simulator import ICE_POINT, FloatArray
-from .evidence import noise_of, step_of
+from .view import noise_of, step_of
 
 _STUCK = 30
 """Equal samples that no sensor shows where the model moves."""

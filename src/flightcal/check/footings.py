@@ -12,7 +12,8 @@ import numpy as np
 from scipy.linalg import cho_solve
 
 from ..simulator import FloatArray, SimulationFailure
-from .evidence import Fit, Point, View, gaussian
+from .evidence import Fit, gaussian
+from .view import Point, View
 from .wrongs import BLOCKS, fixed_numbers, multiplied
 
 _OFF = 0.1

@@ -23,9 +23,10 @@ from ..run import Run, Stage, plain, read_json, typed
 from ..scenario import Channel, Conductor, Scenario, SimulatorModel
 from ..simulator import FloatArray, SimulationFailure, in_parallel
 from .broken import Broken, broken
-from .evidence import HEAT, INFERRED, NO_LINK, USUAL, WIDENED, Fit, Gaussian, Point, View, climbed, gaussian, view_of
+from .evidence import USUAL, Fit, Gaussian, climbed, gaussian
 from .footings import Footing, footings
 from .thermostat import disobeyed, inferred
+from .view import HEAT, INFERRED, NO_LINK, WIDENED, Point, View, view_of
 from .wrongs import Wrong, all_wrongs
 
 SUSPECTS_FILE = "suspects.json"

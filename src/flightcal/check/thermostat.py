@@ -11,7 +11,7 @@ from ..problem import Window
 from ..report import number
 from ..scenario import Scenario
 from ..simulator import ICE_POINT, FloatArray
-from .evidence import known_thermostats, noise_of
+from .view import known_thermostats, noise_of
 from .wrongs import Words
 
 _BEYOND, _NOISES = 2.0, 4.0

@@ -2,7 +2,7 @@
 
 from collections.abc import Iterator
 
-from ..evidence import View
+from ..view import View
 from . import channels, clocks, heat, orbit, written
 from .written import BLOCKS, fixed_numbers
 from .wrong import Words, Wrong, multiplied

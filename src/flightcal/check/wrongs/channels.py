@@ -10,7 +10,8 @@ import numpy as np
 
 from ...report import number
 from ...simulator import ICE_POINT, FloatArray
-from ..evidence import Fit, Scale, View
+from ..evidence import Fit, Scale
+from ..view import View
 from .wrong import Words, Wrong
 
 _BIASES = (8.0, 40.0)

@@ -9,7 +9,7 @@ import numpy as np
 
 from ...report import listed, number
 from ...simulator import FloatArray
-from ..evidence import REACH, View
+from ..view import REACH, View
 from .wrong import SHIFT, SHIFTS, Words, Wrong, closer, driven_otherwise, duration, status_channels
 
 _ZONES = tuple(3600.0 * h for k in range(1, 29) for h in (-k / 2, k / 2) if 3600.0 * k / 2 > REACH)

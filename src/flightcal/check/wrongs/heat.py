@@ -12,7 +12,8 @@ import numpy as np
 
 from ...report import number
 from ...simulator import FloatArray
-from ..evidence import Fit, View, known_thermostats, series_at
+from ..evidence import Fit
+from ..view import View, known_thermostats, series_at
 from .wrong import FACTORS, FEW_TIMES, SHIFTS, Words, Wrong, driven_otherwise, duration, multiplied, status_channels
 
 _POWER = 0.25

@@ -11,7 +11,7 @@ import numpy as np
 from ...errors import FlightcalError
 from ...scenario import CircularOrbit
 from ...simulator import FloatArray
-from ..evidence import View
+from ..view import View
 from .wrong import Words, Wrong, closer, driven_otherwise, duration
 
 _STEPS = {

@@ -10,7 +10,8 @@ import numpy as np
 
 from ...report import number
 from ...simulator import face_series
-from ..evidence import FINE, NO_LINK, Fit, View
+from ..evidence import Fit
+from ..view import FINE, NO_LINK, View
 from .wrong import FACTORS, FEW_TIMES, Words, Wrong, multiplied, put
 
 _WAYS = tuple(tuple(sign * float(k == axis) for k in range(3)) for axis in range(3) for sign in (1.0, -1.0))

@@ -14,7 +14,8 @@ from ...problem import Window
 from ...scenario import Scenario
 from ...simulator import FloatArray, SimulationFailure, face_series, in_steps
 from ...telemetry import status_fraction
-from ..evidence import AS_READ, FINE, INFERRED, REACH, Fit, Scale, View
+from ..evidence import AS_READ, Fit, Scale
+from ..view import FINE, INFERRED, REACH, View
 
 Kind = Literal[
     "clock", "status clock", "channel clock", "bias", "swapped", "unit", "other node", "unrelated",

@@ -1,0 +1,355 @@
+"""One window of a scenario and its telemetry, as what is compared: some samples, a simulation and what moves it."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from dataclasses import dataclass, replace
+from functools import cached_property
+from typing import Any
+
+import numpy as np
+import xarray
+from numpy.typing import NDArray
+
+from ..problem import HeatModel, Problem, Window, heat_model, initial_priors, responses, unit_heats
+from ..scenario import Heat, HeatPattern, HeatSlow
+from ..simulator import FloatArray, NetworkSimulator, SimulationFailure, face_series
+from ..telemetry import window_bounds
+from .evaluate import spread_in_z
+
+HEAT = Heat(pattern=HeatPattern(harmonics=4), slow=HeatSlow(scale=0.02))
+"""What a simulator may lack and be right: heat of some percent of what flows through each node."""
+FINE = 60.0
+"""s, how far apart sunlight is looked up,"""
+REACH = 7800.0
+"""s, and how far before and after the window."""
+INFERRED = "status by temperature of "
+"""Begins the names of channels that are no telemetry."""
+NO_LINK = 1e-9
+"""W/K, of nodes that are not linked: by more they might be."""
+WIDENED = 10.0
+"""Times as wide is a prior that may be wrong."""
+_MOST_ROWS = 500
+"""Samples of all channels together that are looked at."""
+_LEAST_TIMES = 40
+_LONGEST = 300.0
+"""s, over which telemetry is interpolated."""
+_SENSOR = 0.1
+"""K, of a sample, beside what the telemetry shows of its noise."""
+MODEL, _MINUTES = 0.25, 600.0
+"""K and s: deviation and correlation time of what a right model still has in each channel."""
+_BUSY = 0.25
+"""Share of samples between which a heater switches, from which these tell nothing of its thresholds."""
+_COARSEST = 10.0
+"""K, of a digit of telemetry."""
+_RUGGED = 1.4826
+"""Of a normal distribution, deviation over the median of absolute deviations."""
+
+
+@dataclass(frozen=True)
+class Rows:
+    """Which samples are looked at, and how noisy they are."""
+
+    kept: NDArray[np.int64]
+    """[t] of the window's times."""
+    seconds: FloatArray
+    """[t] from the first."""
+    noise: FloatArray
+    """[N] K."""
+
+    def error(self, of_model: float = MODEL) -> FloatArray:
+        """Covariance [N, t, t] of each channel's errors, K^2; of_model: see `MODEL`."""
+        apart = np.abs(self.seconds[:, None] - self.seconds)
+        lasting = of_model**2 * np.exp(-apart / _MINUTES)
+        return np.asarray(lasting + (self.noise**2 + _SENSOR**2)[:, None, None] * np.eye(len(apart)))
+
+
+@dataclass(frozen=True)
+class Thermostat:
+    """A heater whose switches show what its own sensor reads at its thresholds."""
+
+    heater: str
+    channel: int
+    """Of its sensor."""
+    on: FloatArray
+    """s from the first row, when its status becomes on,"""
+    off: FloatArray
+    """s, and off."""
+    below: float
+    """K, at which it should,"""
+    above: float
+    """K, and at which not."""
+
+    def excess(self, seconds: FloatArray, observed: FloatArray) -> float:
+        """K by which telemetry [t, N] is above the thresholds when it switches."""
+        valid = np.isfinite(observed[:, self.channel])
+        if not valid.any():
+            return np.nan
+        read = observed[valid, self.channel]
+        beyond = [
+            float(np.median(np.interp(times, seconds[valid], read))) - level
+            for times, level in ((self.on, self.below), (self.off, self.above))
+        ]
+        return 0.5 * (beyond[0] + beyond[1])
+
+
+@dataclass(frozen=True)
+class Point:
+    """A simulation and what moves it, on rows [R]: [N t], channel by channel, and one for each thermostat."""
+
+    z: FloatArray
+    """[d]"""
+    temperatures: FloatArray
+    """[R] K."""
+    effects: FloatArray
+    """[R, d] K of a deviation of each prior."""
+    heat: FloatArray
+    """[R, m] K of a deviation of each unmodelled heat."""
+    jitter: FloatArray
+    """[R, s] K of a deviation of each switch's time."""
+
+
+@dataclass(frozen=True)
+class View:
+    """One window of a scenario, and its telemetry as rows."""
+
+    problem: Problem
+    """Of that window alone, driven by measured status where there is one."""
+    telemetry: xarray.Dataset
+    rows: Rows
+    heat: HeatModel
+    thermostats: tuple[Thermostat, ...] = ()
+    widened: int | None = None
+    """The entry whose prior is wider than written."""
+
+    @property
+    def window(self) -> Window:
+        """That of the problem."""
+        return self.problem.windows[0]
+
+    @property
+    def channels(self) -> tuple[str, ...]:
+        """Temperature channels [N]."""
+        return self.problem.channels
+
+    @property
+    def network(self) -> NetworkSimulator:
+        """What simulates the window."""
+        assert self.window.network is not None
+        return self.window.network
+
+    def utc(self, seconds: FloatArray) -> NDArray[np.datetime64]:
+        """Times at seconds from the window's start."""
+        start = window_bounds(self.window.scenario.windows[self.window.name], self.window.period)[0]
+        return np.asarray(start + np.round(1e9 * seconds).astype("timedelta64[ns]"))
+
+    def simulated_by(self, **changes: Any) -> Window:
+        """The window with changes of its simulator."""
+        return replace(self.window, simulator=replace(self.network, **changes))
+
+    @cached_property
+    def observed(self) -> FloatArray:
+        """[t, N] K; NaN where there is nothing."""
+        return self.readings(0.0)
+
+    def readings(self, later: float) -> FloatArray:
+        """Telemetry [t, N] K of so many s later."""
+        times = self.window.times[self.rows.kept] + np.timedelta64(round(1e3 * later), "ms")
+        return np.stack([series_at(self.telemetry, name, times) for name in self.channels], axis=1)
+
+    def flat(self, observed: FloatArray) -> FloatArray:
+        """Telemetry [t, N] as rows [R], with how far it is above the thresholds when heaters switch."""
+        excess = [own.excess(self.rows.seconds, observed) for own in self.thermostats]
+        return np.concatenate([observed.T.ravel(), excess])
+
+    def of_channel(self, channel: int, values: FloatArray) -> FloatArray:
+        """What [t, k] moves one channel by, as rows [R, k]; thresholds notice the mean."""
+        t, count = len(values), len(self.channels)
+        found = np.zeros((count * t + len(self.thermostats), values.shape[1]))
+        found[channel * t : (channel + 1) * t] = values
+        for row, own in enumerate(self.thermostats):
+            if own.channel == channel:
+                found[count * t + row] = values.mean(axis=0)
+        return found
+
+    @cached_property
+    def sunlight(self) -> tuple[FloatArray, dict[str, FloatArray]]:
+        """Times [M], s from the window's start, and what shines on the faces, by column [M] W/m^2."""
+        seconds = np.arange(-REACH, self.network.drive.times[-1] + REACH, FINE)
+        return seconds, face_series(self.window.scenario, self.utc(seconds))
+
+    def sunlight_before(self, seconds: float) -> tuple[FloatArray, dict[str, FloatArray]]:
+        """As `sunlight`; where that does not reach so many s back, what shone then."""
+        if abs(seconds) <= REACH:
+            return self.sunlight
+        apart = np.arange(-FINE, 1.1 * self.network.drive.times[-1] + FINE, FINE) - seconds
+        return apart, face_series(self.window.scenario, self.utc(apart))
+
+    @cached_property
+    def spread(self) -> FloatArray:
+        """[d] deviations of z; see `evaluate.spread_in_z`."""
+        spread = spread_in_z(self.problem)
+        if self.widened is not None:
+            spread[self.widened] *= WIDENED
+        return spread
+
+    def centre(self, observed: FloatArray) -> FloatArray:
+        """z [d] at the prior's medians; initial temperatures follow the first samples of `observed` [t, N]."""
+        theta = self.problem.priors.median()
+        for name, prior in initial_priors(self.problem.scenario, self.channels, observed).items():
+            if name in self.problem.names and hasattr(prior, "mean"):
+                theta[self.problem.names.index(name)] = prior.mean
+        return self.problem.to_z(theta)
+
+    @cached_property
+    def middle(self) -> FloatArray:
+        """[d] that of the telemetry as it is."""
+        return self.centre(self.observed)
+
+    @cached_property
+    def modelled(self) -> FloatArray:
+        """[R] K there. Raises SimulationFailure, as `begun` does."""
+        return self.temperatures(self.window, self.middle)
+
+    @cached_property
+    def begun(self) -> FloatArray:
+        """[R, N] K for each kelvin that a channel's node is warmer at the beginning."""
+        return np.stack([self._warmer(channel) - self.modelled for channel in self.channels], axis=1)
+
+    def _warmer(self, channel: str) -> FloatArray:
+        """[R] K with a channel's node a kelvin warmer at the beginning, where that is an entry."""
+        name = f"initial.{self.window.scenario.observations[channel].node}"
+        theta = self.problem.to_theta(self.middle)
+        if name in self.problem.names:
+            theta[self.problem.names.index(name)] += 1.0
+        return self.temperatures(self.window, self.problem.to_z(theta))
+
+    def temperatures(self, window: Window, z: FloatArray) -> FloatArray:
+        """[R] K of a window like this one. Raises SimulationFailure."""
+        inside = self.problem.at(self.window, self.problem.to_theta(z)[None])[0]
+        return self._flat(window.simulate(inside).temperatures)
+
+    def point(self, window: Window, z: FloatArray, like: Point | None = None) -> Point:
+        """A simulation and what moves it; like: whose response to heat is near enough. Raises SimulationFailure."""
+        beside = replace(self.problem, windows=(window,))
+        effects = beside.jacobians(z)[0][self.rows.kept]
+        flat = self._rows(effects) * self.spread
+        temperatures = self.temperatures(window, z)
+        if like is not None:
+            return Point(z, temperatures, flat, like.heat, like.jitter)
+        units = unit_heats(self.heat, window)
+        inside = self.problem.at(self.window, self.problem.to_theta(z)[None])[0]
+        found = responses(window, inside, self.heat, units)
+        parts: dict[bool, list[FloatArray]] = {True: [np.empty((flat.shape[0], 0))], False: []}
+        for group, response in zip(self.heat.groups, found, strict=True):
+            kept = self._rows(response[self.rows.kept])
+            parts[group.part == "switches"].append(group.size * kept)
+        return Point(z, temperatures, flat, np.concatenate(parts[False], axis=1), np.concatenate(parts[True], axis=1))
+
+    def heat_of(self, window: Window) -> HeatModel:
+        """Of a window like this one, at the prior's median."""
+        median = self.problem.at(self.window, self.problem.priors.median()[None])[0]
+        return heat_model(window.scenario, HEAT, (window,), median)
+
+    def response(self, window: Window, z: FloatArray, node: str, series: FloatArray) -> FloatArray:
+        """[R, k] K per watt of heat in a node, with series [k, 2 K] in each step. Raises SimulationFailure."""
+        simulator = window.network
+        assert simulator is not None
+        inside = self.problem.at(self.window, self.problem.to_theta(z)[None])[0][self.window.simulated]
+        nudge = 0.05 * max(self.heat.flow[self.heat.nodes.index(node)], 0.1)
+        heat = np.zeros((len(series) + 1, len(simulator.network.heated), series.shape[1]))
+        heat[1:, simulator.network.heated.index(node)] = nudge * series
+        runs = simulator.simulate_many(np.tile(inside, (len(heat), 1)), heat)
+        if any(run is None for run in runs):
+            raise SimulationFailure("a simulation with a little more heat fails")
+        flat = [self._flat(run.temperatures) for run in runs if run is not None]
+        return np.asarray(((np.stack(flat[1:]) - flat[0]) / nudge).T)
+
+    def _flat(self, temperatures: FloatArray) -> FloatArray:
+        return self._rows(temperatures[self.rows.kept][..., None])[:, 0]
+
+    def _rows(self, values: FloatArray) -> FloatArray:
+        """[R, k] of [t, N, k]; nothing moves what thermostats read at their thresholds."""
+        flat = np.moveaxis(values, 1, 0).reshape(-1, values.shape[2])
+        return np.concatenate([flat, np.zeros((len(self.thermostats), values.shape[2]))])
+
+
+def series_at(telemetry: xarray.Dataset, name: str, times: NDArray[np.datetime64]) -> FloatArray:
+    """A channel at times, linear between its samples; NaN beyond `_LONGEST` or three sampling intervals of one."""
+    values = telemetry[name].to_numpy()
+    valid = np.isfinite(values)
+    if valid.sum() < 2:
+        return np.full(len(times), np.nan)
+    origin = telemetry["time"].to_numpy()[0]
+    seconds = (telemetry["time"].to_numpy()[valid] - origin) / np.timedelta64(1, "s")
+    at = (times - origin) / np.timedelta64(1, "s")
+    found = np.interp(at, seconds, values[valid], left=np.nan, right=np.nan)
+    after = np.clip(np.searchsorted(seconds, at), 1, len(seconds) - 1)
+    gap = seconds[after] - seconds[after - 1]
+    on_sample = np.isin(at, seconds)
+    return np.where(on_sample | (gap <= max(_LONGEST, 3.0 * float(np.median(np.diff(seconds))))), found, np.nan)
+
+
+def rows_of(window: Window) -> Rows:
+    """Samples of a window that are looked at, evenly over its time."""
+    seconds = (window.times - window.times[0]) / np.timedelta64(1, "s")
+    count = max(_LEAST_TIMES, _MOST_ROWS // max(len(window.simulator.channels), 1))
+    wanted = np.linspace(seconds[0], seconds[-1], min(count, len(seconds)))
+    kept = np.unique(np.abs(seconds[None] - wanted[:, None]).argmin(axis=1))
+    noise = np.array([noise_of(column) for column in window.observed.T])
+    return Rows(kept, seconds[kept], noise)
+
+
+def noise_of(values: FloatArray) -> float:
+    """Deviation of a channel's samples [T] from what is smooth, K."""
+    valid = values[np.isfinite(values)]
+    if len(valid) < 4:
+        return 0.0
+    bends = np.diff(valid, 2)
+    return float(np.hypot(_RUGGED * np.median(np.abs(bends)) / np.sqrt(6.0), step_of(valid) / np.sqrt(12.0)))
+
+
+def step_of(values: FloatArray) -> float:
+    """The least difference between readings [T] of a channel that are not the same, K; at most `_COARSEST`."""
+    apart = np.diff(np.unique(values[np.isfinite(values)]))
+    return min(float(np.min(apart[apart > 1e-6], initial=_COARSEST)), _COARSEST) if len(apart) else 1.0
+
+
+def view_of(problem: Problem, telemetry: xarray.Dataset) -> View:
+    """Of a problem of one window, and the telemetry it was built from."""
+    (window,) = problem.windows
+    median = problem.at(window, problem.priors.median()[None])[0]
+    rows = rows_of(window)
+    heat = heat_model(window.scenario, HEAT, (window,), median)
+    return View(problem, telemetry, rows, heat, tuple(thermostats(window, rows)))
+
+
+def thermostats(window: Window, rows: Rows) -> Iterator[Thermostat]:
+    """Heaters of known thresholds whose sensor has a channel, and that switch on and off in a window."""
+    for name, k, channel in known_thermostats(window):
+        heater, bias = window.scenario.network.switches[name], window.scenario.observations[channel].bias
+        valid = np.flatnonzero(np.isfinite(window.status[:, k]))
+        turns = np.diff(window.status[valid, k] > 0.5)
+        if not turns.any() or turns.mean() > _BUSY:
+            continue
+        seconds = (window.times[valid] - window.times[rows.kept[0]]) / np.timedelta64(1, "s")
+        middle, on = 0.5 * (seconds[1:] + seconds[:-1])[turns], window.status[valid[1:], k][turns] > 0.5
+        if on.any() and not on.all():
+            place = window.simulator.channels.index(channel)
+            yield Thermostat(name, place, middle[on], middle[~on], heater.on_below + bias, heater.off_above + bias)
+
+
+def known_thermostats(window: Window) -> Iterator[tuple[str, int, str]]:
+    """Heaters of known thresholds whose sensor has a channel: each with its place among them, and that channel."""
+    scenario = window.scenario
+    moved = {path for parameter in scenario.parameters.values() for path in (*parameter.sets, *parameter.scales)}
+    for k, (name, heater) in enumerate(scenario.network.switches.items()):
+        watching = [
+            channel
+            for channel in window.simulator.channels
+            if scenario.observations[channel].node == heater.sensor and scenario.observations[channel].gain == 1.0
+        ]
+        if (heater.measured_by or "").startswith(INFERRED):
+            continue
+        if watching and not {f"heaters.{name}.on_below", f"heaters.{name}.off_above"} & moved:
+            yield name, k, watching[0]
