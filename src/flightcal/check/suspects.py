@@ -58,7 +58,7 @@ _OF_THERMOSTATS = frozenset({
     "status clock", "thresholds", "thermostat", "stuck", "filled", "clock", "channel clock",
 })  # fmt: skip
 """Kinds of wrongs that explain why a status does not do what thresholds say,"""
-_OF_READINGS = frozenset({"gain", "drift"})
+_OF_READINGS = frozenset({"gain", "drift", "curve", "slow"})
 """and why one that changes does not."""
 _MOST_LINKED = 10
 """Nodes, of which any two may be linked."""
@@ -193,6 +193,8 @@ class _Look:
     """All wrongs are first looked at from here."""
 
     around: Gaussian
+    simulated: FloatArray
+    """[T, N] K of the window at the point."""
     back: FloatArray
     """[R] K from the point to the centre of the prior, in the linear approximation."""
     nothing: float
@@ -260,7 +262,7 @@ def _look(view: View, point: Point, known: NDArray[np.bool_]) -> _Look:
     around = gaussian(view.rows, point, known, _FIRST_SIZES, _BLURRED)
     back = point.effects @ ((view.middle - point.z) / view.spread)
     level = around.fit(view.flat(view.observed) - point.temperatures - back).evidence
-    return _Look(around, back, level)
+    return _Look(around, view.simulated(view.window, point.z), back, level)
 
 
 def _gain(view: View, wrong: Wrong, look: _Look) -> float:
@@ -268,7 +270,9 @@ def _gain(view: View, wrong: Wrong, look: _Look) -> float:
     observed, point = _read(view, wrong), look.around.point
     # Most wrongs leave the telemetry as it is.
     shift = (view.middle if observed is view.observed else view.centre(observed)) - view.middle
-    if wrong.window is None:
+    if wrong.memory is not None:
+        temperatures = _reading(view, wrong).read(look.simulated)
+    elif wrong.window is None:
         temperatures = point.temperatures + point.effects @ (shift / view.spread)
     else:
         temperatures = view.temperatures(wrong.window, point.z + shift)
@@ -283,20 +287,31 @@ def _closely(view: View, wrong: Wrong, base: Point) -> tuple[Wrong, Fit]:
     """A wrong where parameters have their say too, and with the best of numbers near by. Raises SimulationFailure."""
     if wrong.widened is not None:
         return wrong, _with_wider_prior(view, wrong.widened, base)
-    window = wrong.window or view.window
-    fit = climbed(view, window, _read(view, wrong), base, wrong.columns, wrong.scale)
+    fit = _climbed(view, wrong, base)
     for _ in range(_ROUNDS):
         if wrong.closer is None:
             break
-        look = _look(view, view.point(wrong.window or view.window, fit.z, base), np.isfinite(view.flat(view.observed)))
+        point = _reading(view, wrong).point(wrong.window or view.window, fit.z, base)
+        look = _look(view, point, np.isfinite(view.flat(view.observed)))
         best = max(wrong.closer(), key=lambda own: _gain(view, own, look), default=None)
         if best is None:
             break
-        again = climbed(view, best.window or view.window, _read(view, best), base, best.columns, best.scale)
+        again = _climbed(view, best, base)
         if again.evidence - best.odds <= fit.evidence - wrong.odds:
             break
         wrong, fit = best, again
     return wrong, fit
+
+
+def _climbed(view: View, wrong: Wrong, base: Point) -> Fit:
+    """The fit without a wrong. Raises SimulationFailure."""
+    window, seen = wrong.window or view.window, _reading(view, wrong)
+    return climbed(seen, window, _read(view, wrong), base, wrong.columns, wrong.scale)
+
+
+def _reading(view: View, wrong: Wrong) -> View:
+    """The view with channels that read as they do."""
+    return view if wrong.memory is None else replace(view, memory=wrong.memory)
 
 
 def _with_wider_prior(view: View, entry: int, base: Point) -> Fit:

@@ -94,6 +94,15 @@ class Thermostat:
 
 
 @dataclass(frozen=True)
+class Memory:
+    """A channel that reads its node's temperature of a while, not of a moment."""
+
+    channel: int
+    weights: FloatArray
+    """[t, T] of the window's times in what is read at each row."""
+
+
+@dataclass(frozen=True)
 class Point:
     """A simulation and what moves it, on rows [R]: [N t], channel by channel, and one for each thermostat."""
 
@@ -121,6 +130,8 @@ class View:
     thermostats: tuple[Thermostat, ...] = ()
     widened: int | None = None
     """The entry whose prior is wider than written."""
+    memory: Memory | None = None
+    """Of one channel."""
 
     @property
     def window(self) -> Window:
@@ -226,14 +237,16 @@ class View:
 
     def temperatures(self, window: Window, z: FloatArray) -> FloatArray:
         """[R] K of a window like this one. Raises SimulationFailure."""
-        inside = self.problem.at(self.window, self.problem.to_theta(z)[None])[0]
-        return self._flat(window.simulate(inside).temperatures)
+        return self.read(self.simulated(window, z))
+
+    def simulated(self, window: Window, z: FloatArray) -> FloatArray:
+        """[T, N] K of a window like this one. Raises SimulationFailure."""
+        return window.simulate(self.problem.at(self.window, self.problem.to_theta(z)[None])[0]).temperatures
 
     def point(self, window: Window, z: FloatArray, like: Point | None = None) -> Point:
         """A simulation and what moves it; like: whose response to heat is near enough. Raises SimulationFailure."""
         beside = replace(self.problem, windows=(window,))
-        effects = beside.jacobians(z)[0][self.rows.kept]
-        flat = self._rows(effects) * self.spread
+        flat = self._rows(beside.jacobians(z)[0]) * self.spread
         temperatures = self.temperatures(window, z)
         if like is not None:
             return Point(z, temperatures, flat, like.heat, like.jitter)
@@ -242,8 +255,7 @@ class View:
         found = responses(window, inside, self.heat, units)
         parts: dict[bool, list[FloatArray]] = {True: [np.empty((flat.shape[0], 0))], False: []}
         for group, response in zip(self.heat.groups, found, strict=True):
-            kept = self._rows(response[self.rows.kept])
-            parts[group.part == "switches"].append(group.size * kept)
+            parts[group.part == "switches"].append(group.size * self._rows(response))
         return Point(z, temperatures, flat, np.concatenate(parts[False], axis=1), np.concatenate(parts[True], axis=1))
 
     def heat_of(self, window: Window) -> HeatModel:
@@ -262,15 +274,19 @@ class View:
         runs = simulator.simulate_many(np.tile(inside, (len(heat), 1)), heat)
         if any(run is None for run in runs):
             raise SimulationFailure("a simulation with a little more heat fails")
-        flat = [self._flat(run.temperatures) for run in runs if run is not None]
+        flat = [self.read(run.temperatures) for run in runs if run is not None]
         return np.asarray(((np.stack(flat[1:]) - flat[0]) / nudge).T)
 
-    def _flat(self, temperatures: FloatArray) -> FloatArray:
-        return self._rows(temperatures[self.rows.kept][..., None])[:, 0]
+    def read(self, temperatures: FloatArray) -> FloatArray:
+        """[R] K of temperatures [T, N] of the window."""
+        return self._rows(temperatures[..., None])[:, 0]
 
     def _rows(self, values: FloatArray) -> FloatArray:
-        """[R, k] of [t, N, k]; nothing moves what thermostats read at their thresholds."""
-        flat = np.moveaxis(values, 1, 0).reshape(-1, values.shape[2])
+        """[R, k] of [T, N, k]; nothing moves what thermostats read at their thresholds."""
+        read = values[self.rows.kept]
+        if self.memory is not None:
+            read[:, self.memory.channel] = self.memory.weights @ values[:, self.memory.channel]
+        flat = np.moveaxis(read, 1, 0).reshape(-1, values.shape[2])
         return np.concatenate([flat, np.zeros((len(self.thermostats), values.shape[2]))])
 
 

@@ -3,11 +3,11 @@
 from collections.abc import Iterator
 
 from ..view import View
-from . import channels, clocks, heat, orbit, written
+from . import channels, clocks, faces, heat, orbit, slow, written
 from .written import BLOCKS, fixed_numbers
 from .wrong import Words, Wrong, multiplied
 
-_WRONGS = (*channels.WRONGS, *clocks.WRONGS, *heat.WRONGS, *orbit.WRONGS, *written.WRONGS)
+_WRONGS = tuple(wrong for family in (channels, clocks, faces, heat, orbit, slow, written) for wrong in family.WRONGS)
 
 
 def all_wrongs(view: View) -> Iterator[Wrong]:

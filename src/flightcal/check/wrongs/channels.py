@@ -18,6 +18,10 @@ _BIASES = (8.0, 40.0)
 """K, prior deviations of a channel's bias: of a poor calibration, and of a wrong one."""
 _DRIFT = 8.0
 """K, prior deviation of a channel's drift over the window."""
+_CURVE = 6.0
+"""K, prior deviation of a channel's curve at both ends of what it reads."""
+_BEND = 1.5
+"""K, from which a curve is worth a word."""
 _GAIN = 0.3
 """Prior deviation of a channel's gain from one."""
 _STRANGE, _STRANGE_TIME = ((15.0, 4.0), (5.0, 25.0)), 2400.0
@@ -64,6 +68,29 @@ def gains(view: View) -> Iterator[Wrong]:
             )
 
         yield Wrong("gain", channel, words, columns=column, least=0.1 / _GAIN, tries=len(view.channels))
+
+
+def curves(view: View) -> Iterator[Wrong]:
+    """Each channel is right in the middle of what it reads, and as far off at both ends."""
+    t = len(view.rows.kept)
+    for k, channel in enumerate(view.channels):
+        modelled = view.modelled[k * t : (k + 1) * t]
+        half = 0.5 * float(np.ptp(modelled))
+        if half < _BEND:
+            continue
+        bend = _CURVE * ((modelled - modelled.min() - half) / half) ** 2
+        column = view.of_channel(k, bend[:, None]) - bend[0] * view.begun[:, [k]]
+
+        def words(fit: Fit, channel: str = channel) -> Words:
+            off = _CURVE * float(fit.added[0])
+            return Words(
+                f"{channel} has the curve of another sensor",
+                f"It reads {number(abs(off), 2)} K {'more' if off > 0 else 'less'} at both ends of its range than in "
+                "the middle, beside the model; the other channels agree with it.",
+                f"Check the calibration curve of {channel}",
+            )
+
+        yield Wrong("curve", channel, words, columns=column, least=_BEND / _CURVE, tries=len(view.channels))
 
 
 def drifts(view: View) -> Iterator[Wrong]:
@@ -175,5 +202,5 @@ def _span(values: FloatArray) -> str:
     return f"{number(float(low), 3)}..{number(float(high), 3)} degC"
 
 
-WRONGS = (biases, gains, drifts, swaps, units, other_nodes, unrelated)
+WRONGS = (biases, gains, curves, drifts, swaps, units, other_nodes, unrelated)
 """What looks for them."""

@@ -284,6 +284,7 @@ def drivers(view: View) -> Iterator[Wrong]:
     drive, loads = view.network.drive, view.window.scenario.network.loads
     for name, load in loads.items():
         column = view.network.network.columns.index(f"driver.{name}")
+        yield from _driver_of_any_size(view, name, column, len(loads))
         for factor in (-1.0, 0.0, *FACTORS):
             inputs = drive.inputs.copy()
             inputs[:, :, column] *= factor
@@ -297,6 +298,29 @@ def drivers(view: View) -> Iterator[Wrong]:
                 f"Check 'unit' of {load.driver} and 'coefficient' of load {name}",
             )
             yield Wrong("driver", load.driver, words, window=window, tries=8 * len(loads))
+
+
+def _driver_of_any_size(view: View, load: str, column: int, tries: float) -> Iterator[Wrong]:
+    """A measured load is so many times what it should be, as in another unit."""
+    block, network = view.window.scenario.network.loads[load], view.network.network
+    coefficient = float(view.network.mapping.written[network.paths.index(f"loads.{load}.coefficient")])
+    watts = coefficient * view.network.drive.inputs[:, :, column].reshape(1, -1)
+    flow = float(view.heat.flow[view.heat.nodes.index(block.node)]) if block.node in view.heat.nodes else 0.0
+    if not flow or not watts.any():
+        return
+    # What comes is so large, and not what is written: a unit may make that small.
+    size = max(flow / float(np.abs(watts).max()), 1.0)
+    effect = view.response(view.window, view.middle, block.node, size * watts)
+
+    def words(fit: Fit) -> Words:
+        times = 1.0 + size * float(fit.added[0])
+        return Words(
+            f"The heat of the driver {block.driver} is {number(times, 2)} times what the scenario says",
+            f"With {number(times, 2)} times {block.driver}, load {load} explains the telemetry.",
+            f"Check 'unit' of {block.driver} and 'coefficient' of load {load}",
+        )
+
+    yield Wrong("driver", block.driver, words, columns=effect, least=_POWER / size, tries=tries)
 
 
 WRONGS = (statuses, heaters, useless_statuses, thresholds, modes, missing_heat, drivers)

@@ -116,5 +116,19 @@ def places(view: View, shifts: Sequence[float] | FloatArray | None = None) -> It
         yield from driven_otherwise("orbit", "place", words, view, tries=count, closer=near, sunlight=late)
 
 
-WRONGS = (attitudes, orbits, places)
+def eclipses(view: View) -> Iterator[Wrong]:
+    """The measured shadow is not that of the orbit."""
+    scenario = view.window.scenario
+    if scenario.environment.eclipse is None or scenario.environment.orbit is None:
+        return
+    flag = scenario.environment.eclipse.measured_by
+    words = Words(
+        f"{flag} is not the shadow of this orbit",
+        f"With the shadow that follows from the orbit, in the place of {flag}, the model explains the telemetry.",
+        f"Check {flag}, and how it says that the satellite is in the shadow; or leave 'eclipse' out",
+    )
+    yield from driven_otherwise("eclipse", flag, words, view, tries=1.0, scenario=scenario)
+
+
+WRONGS = (attitudes, orbits, places, eclipses)
 """What looks for them."""

@@ -1,20 +1,17 @@
-"""Numbers of the scenario, its faces and links, and its priors."""
+"""Numbers of the scenario, its links, and its priors."""
 
 from __future__ import annotations
 
 from collections.abc import Callable, Iterator, Sequence
-from dataclasses import replace
 from functools import partial
 
 import numpy as np
 
-from ...report import number
-from ...simulator import face_series
+from ...report import listed, number
 from ..evidence import Fit
-from ..view import FINE, NO_LINK, View
-from .wrong import FACTORS, FEW_TIMES, Words, Wrong, multiplied, put
+from ..view import NO_LINK, View
+from .wrong import FACTORS, FEW_TIMES, Words, Wrong, multiplied
 
-_WAYS = tuple(tuple(sign * float(k == axis) for k in range(3)) for axis in range(3) for sign in (1.0, -1.0))
 BLOCKS = ("nodes", "conductors", "faces", "modes", "environment")
 """Of a scenario, whose numbers are tried; heaters and loads are tried elsewhere."""
 _PER_NUMBER = 3.0
@@ -23,37 +20,10 @@ _MATTERS = 1.4
 """Factor up to which a number is off as numbers are."""
 _NONE = 10.0 * NO_LINK
 """Below, a number is not there."""
+_LEFT_OUT = {"environment.albedo": 0.3, "environment.earth_infrared": 237.0}
+"""What a number of the Earth is, about, that is written as zero; SI."""
 _FAR = 4.0
 """Deviations of its prior, from which a parameter is far off."""
-
-
-def faces(view: View) -> Iterator[Wrong]:
-    """A face looks another way."""
-    scenario, model = view.window.scenario, view.window.scenario.network
-    turnable = {name: face for name, face in model.faces.items() if face.normal != "all"}
-    if scenario.environment.orbit is None or not turnable:
-        return
-    seconds = np.union1d(np.arange(0.0, view.network.drive.times[-1], FINE), view.network.drive.times)
-    for way in _WAYS:
-        looking = {name: face.model_copy(update={"normal": way}) for name, face in turnable.items()}
-        changed = scenario.model_copy(
-            update={"simulator": model.model_copy(update={"faces": {**model.faces, **looking}})}
-        )
-        series = face_series(changed, view.utc(seconds))
-        for name, face in turnable.items():
-            if np.allclose(np.array(face.normal) / np.linalg.norm(face.normal), way):
-                continue
-            drive = view.network.drive
-            inputs = drive.inputs.copy()
-            own = {column: values for column, values in series.items() if column.endswith(f".{name}")}
-            put(inputs, view.network.network.columns, seconds, own, drive.times)
-            words = Words(
-                f"Face {name} looks another way",
-                f"With the normal {list(map(int, way))} of {name}, the model explains the telemetry.",
-                f"Check 'normal' of {name} in 'simulator: faces'",
-            )
-            window = view.simulated_by(drive=replace(drive, inputs=inputs))
-            yield Wrong("face", name, words, window=window, tries=5 * len(turnable))
 
 
 def numbers(view: View) -> Iterator[Wrong]:
@@ -116,6 +86,26 @@ def _number(
     yield Wrong("number", name, words, window=multiplied(view, places, factor), tries=tries, closer=closer)
 
 
+def left_out(view: View) -> Iterator[Wrong]:
+    """Sunlight or heat from the Earth is written as zero."""
+    mapping, paths = view.network.mapping, view.network.network.paths
+    if view.window.scenario.environment.orbit is None or not view.window.scenario.network.faces:
+        return
+    moved = set(mapping.set_positions.tolist())
+    known = [path for path in _LEFT_OUT if path in paths and paths.index(path) not in moved]
+    zero = [path for path in known if mapping.written[paths.index(path)] == 0.0]
+    for chosen in [*([path] for path in zero), *([zero] if len(zero) > 1 else [])]:
+        written = mapping.written.copy()
+        written[[paths.index(path) for path in chosen]] = [_LEFT_OUT[path] for path in chosen]
+        words = Words(
+            f"{listed(chosen)} {'is' if len(chosen) == 1 else 'are'} zero",
+            f"With {listed([f'{_LEFT_OUT[path]:g}' for path in chosen])} (SI), the model explains the telemetry.",
+            f"Write {listed([path.rpartition('.')[2] for path in chosen])} in 'environment'",
+        )
+        window = view.simulated_by(mapping=mapping._replace(written=written))
+        yield Wrong("number", " ".join(chosen), words, window=window, tries=3.0)
+
+
 def links(view: View) -> Iterator[Wrong]:
     """Two nodes are linked that the scenario does not link; `suspects.prepared` gave them a link of nothing."""
     mapping, paths = view.network.mapping, view.network.network.paths
@@ -163,5 +153,5 @@ def priors(view: View) -> Iterator[Wrong]:
         yield Wrong("prior", name, words, widened=k, least=_FAR, tries=len(parameters))
 
 
-WRONGS = (faces, numbers, links, priors)
+WRONGS = (numbers, left_out, links, priors)
 """What looks for them."""

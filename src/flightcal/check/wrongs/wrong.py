@@ -15,15 +15,16 @@ from ...scenario import Scenario
 from ...simulator import FloatArray, SimulationFailure, face_series, in_steps
 from ...telemetry import status_fraction
 from ..evidence import AS_READ, Fit, Scale
-from ..view import FINE, INFERRED, REACH, View
+from ..view import FINE, INFERRED, REACH, Memory, View
 
 Kind = Literal[
     "clock", "status clock", "channel clock", "bias", "swapped", "unit", "other node", "unrelated",
     "status inverted", "statuses swapped", "heater", "thresholds", "missing heat", "mode", "driver",
-    "attitude", "orbit", "number", "link", "prior", "face", "gain", "drift", "thermostat",
+    "attitude", "orbit", "number", "link", "prior", "face", "gain", "drift", "curve", "slow", "eclipse",
+    "thermostat",
 ]  # fmt: skip
 _RARE: Mapping[Kind, float] = {
-    "orbit": 3.0, "face": 3.0, "unit": 3.0, "channel clock": 3.0, "number": 5.0, "link": 5.0, "prior": 5.0,
+    "orbit": 3.0, "face": 3.0, "unit": 3.0, "channel clock": 3.0, "slow": 3.0, "number": 5.0, "link": 5.0, "prior": 5.0,
     "unrelated": 10.0, "thresholds": 20.0, "thermostat": 30.0,
 }  # fmt: skip
 """So many times as rare a kind is as a slip of the pen or a fault of a sensor or heater: judged, not counted.
@@ -62,6 +63,8 @@ class Wrong:
     """[t, N] K as the telemetry should be; None: as it is."""
     window: Window | None = None
     """As it should be simulated; None: as it is."""
+    memory: Memory | None = None
+    """With which a channel should be simulated; None: with none."""
     columns: FloatArray | None = None
     """[R, k] K, effects of unknown size that a simulation lacks."""
     widened: int | None = None

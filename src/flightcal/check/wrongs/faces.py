@@ -1,0 +1,102 @@
+"""Faces that look another way than the scenario says: one alone, or all with the body's axes."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Mapping
+from dataclasses import replace
+from itertools import permutations, product
+
+import numpy as np
+
+from ...problem import Window
+from ...simulator import FloatArray, face_series
+from ..view import FINE, View
+from .wrong import Words, Wrong, put
+
+Way = tuple[float, ...]
+_WAYS: tuple[Way, ...] = tuple(
+    tuple(sign * float(k == axis) for k in range(3)) for axis in range(3) for sign in (1.0, -1.0)
+)
+_ALONG = 0.999
+"""Cosine from which a face looks along an axis."""
+
+
+def faces(view: View) -> Iterator[Wrong]:
+    """A face looks another way, or all do, for the body's axes are others."""
+    scenario = view.window.scenario
+    turnable: dict[str, Way] = {
+        name: tuple(np.array(face.normal) / np.linalg.norm(face.normal))
+        for name, face in scenario.network.faces.items()
+        if face.normal != "all"
+    }
+    if scenario.environment.orbit is None or not turnable:
+        return
+    seconds = np.union1d(np.arange(0.0, view.network.drive.times[-1], FINE), view.network.drive.times)
+    lit = {way: _lit(view, turnable, way, seconds) for way in _WAYS}
+    for way, (name, normal) in product(_WAYS, turnable.items()):
+        if np.allclose(normal, way):
+            continue
+        words = Words(
+            f"Face {name} looks another way",
+            f"With the normal {list(map(int, way))} of {name}, the model explains the telemetry.",
+            f"Check 'normal' of {name} in 'simulator: faces'",
+        )
+        window = _turned(view, seconds, lit, {name: way})
+        yield Wrong("face", name, words, window=window, tries=5 * len(turnable))
+    yield from _axes(view, seconds, lit, turnable)
+
+
+def _axes(
+    view: View, seconds: FloatArray, lit: Mapping[Way, Mapping[str, FloatArray]], normals: Mapping[str, Way]
+) -> Iterator[Wrong]:
+    """The body's axes are others; tried where all faces look along axes."""
+    along = {name: _WAYS[int(np.argmax(np.array(_WAYS) @ normal))] for name, normal in normals.items()}
+    if len(normals) < 2 or any(np.dot(along[name], normal) < _ALONG for name, normal in normals.items()):
+        return
+    for order, signs in product(permutations(range(3)), product((1.0, -1.0), repeat=3)):
+        turn = np.eye(3)[list(order)] * signs
+        if np.linalg.det(turn) < 0.0 or np.allclose(turn, np.eye(3)):
+            continue
+        named = [_named(turn[:, axis]) for axis in range(3)]
+        words = Words(
+            "The body's axes are others",
+            f"With +x, +y and +z of all faces turned to {', '.join(named)}, sunlight and Earth's heat explain the "
+            "telemetry.",
+            "Check the axes of 'normal' in 'simulator: faces' beside those of 'attitude'",
+        )
+        ways = {name: tuple((turn @ normal + 0.0).tolist()) for name, normal in along.items()}
+        yield Wrong("attitude", "axes", words, window=_turned(view, seconds, lit, ways), tries=23)
+
+
+def _named(axis: FloatArray) -> str:
+    """An axis [3] as it is written, such as +x."""
+    k = int(np.argmax(np.abs(axis)))
+    return f"{'-' if axis[k] < 0.0 else '+'}{'xyz'[k]}"
+
+
+def _lit(view: View, names: Mapping[str, Way], way: Way, seconds: FloatArray) -> Mapping[str, FloatArray]:
+    """What shines on faces that all look one way, by column."""
+    model = view.window.scenario.network
+    looking = {name: model.faces[name].model_copy(update={"normal": way}) for name in names}
+    changed = model.model_copy(update={"faces": {**model.faces, **looking}})
+    return face_series(view.window.scenario.model_copy(update={"simulator": changed}), view.utc(seconds))
+
+
+def _turned(
+    view: View, seconds: FloatArray, lit: Mapping[Way, Mapping[str, FloatArray]], ways: Mapping[str, Way]
+) -> Window:
+    """The view's window with faces that look another way."""
+    drive = view.network.drive
+    inputs = drive.inputs.copy()
+    own = {
+        column: values
+        for name, way in ways.items()
+        for column, values in lit[way].items()
+        if column.partition(".")[2] == name
+    }
+    put(inputs, view.network.network.columns, seconds, own, drive.times)
+    return view.simulated_by(drive=replace(drive, inputs=inputs))
+
+
+WRONGS = (faces,)
+"""What looks for them."""

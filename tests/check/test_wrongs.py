@@ -1,0 +1,111 @@
+"""Wrongs of sensors, of what lights the faces and of what is left out, named before any sampling."""
+
+import numpy as np
+import pytest
+
+from tests import small
+
+from .test_suspects import named, spoilt, sunlit
+
+
+@pytest.fixture(scope="module")
+def flown(tmp_path_factory):
+    """A scenario and the telemetry of its own model."""
+    return small.closed_loop(tmp_path_factory.mktemp("flown"))
+
+
+def followed(values, minutes):
+    """What a sensor reads that follows values [T], a minute apart, with a lag."""
+    read = np.array(values)
+    for k in range(1, len(read)):
+        read[k] = read[k - 1] + (values[k] - read[k - 1]) * (1.0 - np.exp(-1.0 / minutes))
+    return read
+
+
+def test_a_slow_sensor_is_named_with_its_lag(flown):
+    scenario, data = flown
+    slow = spoilt(data, panel_temp=followed(data["panel_temp"].values, 12.0))
+    first = named(scenario, slow)[0]
+    assert (first.kind, first.about) == ("slow", "panel_temp")
+    assert "lag" in first.title
+    assert float(first.title.split()[-2]) == pytest.approx(12.0, rel=0.3)
+
+
+def test_a_slow_sensor_that_the_scenario_knows_of_is_no_wrong(flown):
+    scenario, data = flown
+    slow = spoilt(data, panel_temp=followed(data["panel_temp"].values, 12.0))
+    known = scenario.observations["panel_temp"].model_copy(update={"lag": 720.0})
+    observations = {**scenario.observations, "panel_temp": known}
+    assert named(scenario.model_copy(update={"observations": observations}), slow) == ()
+
+
+def test_a_slow_sensor_of_a_thermostat_explains_that_it_is_disobeyed(flown):
+    scenario, data = flown
+    slow = spoilt(data, body_temp=followed(data["body_temp"].values, 20.0))
+    assert "thermostat" not in {own.kind for own in named(scenario, slow)}
+
+
+def test_a_smoothed_channel_is_named_with_the_time(flown):
+    scenario, data = flown
+    smooth = np.convolve(np.pad(data["panel_temp"].values, 15, mode="edge"), np.ones(31) / 31.0, mode="valid")
+    first = named(scenario, spoilt(data, panel_temp=smooth))[0]
+    assert (first.kind, first.about) == ("slow", "panel_temp")
+    assert "smoothed" in first.title
+
+
+def test_the_curve_of_another_sensor_is_named(tmp_path):
+    scenario, data = small.closed_loop(tmp_path, sunlit())
+    read = data["panel_temp"].values
+    middle, half = 0.5 * (read.max() + read.min()), 0.5 * np.ptp(read)
+    first = named(scenario, spoilt(data, panel_temp=read + 6.0 * ((read - middle) / half) ** 2))[0]
+    assert (first.kind, first.about) == ("curve", "panel_temp")
+
+
+def two_faced():
+    """The satellite with two faces that look along other axes."""
+    written = sunlit()
+    looks = {"area": "0.03 m^2", "normal": [1, 0, 0], "absorptivity": 0.5, "emissivity": 0.7}
+    written["simulator"]["faces"]["ahead"] = {"node": "body", **looks}
+    return written
+
+
+def test_nadir_and_zenith_confused_are_the_bodys_axes(tmp_path):
+    written = two_faced()
+    _, data = small.closed_loop(tmp_path, written)
+    for face in written["simulator"]["faces"].values():
+        face["normal"] = [-axis for axis in face["normal"]]
+    scenario, right = small.load(tmp_path, written)
+    assert right.sizes == data.sizes
+    assert named(scenario, data)[0].title == "The body's axes are others"
+
+
+@pytest.mark.parametrize("left_out", [{"earth_infrared": 0}, {"earth_infrared": 0, "albedo": 0}])
+def test_heat_from_the_earth_that_is_left_out_is_named(tmp_path, left_out):
+    written = sunlit()
+    written["simulator"]["faces"]["outside"] |= {"normal": [0, 0, 1], "area": "0.3 m^2"}
+    _, data = small.closed_loop(tmp_path, written)
+    units = {"earth_infrared": " W/m^2", "albedo": ""}
+    written["environment"] |= {name: f"0{units[name]}" if units[name] else 0 for name in left_out}
+    scenario, _ = small.load(tmp_path, written)
+    first = named(scenario, data)[0]
+    assert first.kind == "number"
+    assert "environment.earth_infrared" in first.title
+    assert "zero" in first.title
+
+
+def test_an_eclipse_that_never_comes_is_named(tmp_path):
+    written = sunlit()
+    written["simulator"]["faces"]["outside"]["normal"] = [1, 0, 0]
+    _, data = small.closed_loop(tmp_path, written)
+    written["telemetry"]["channels"]["shadow"] = {"column": "heater", "kind": "status"}
+    written["environment"]["eclipse"] = {"measured_by": "shadow"}
+    scenario, _ = small.load(tmp_path, written)
+    first = named(scenario, spoilt(data, shadow=np.zeros(data.sizes["time"])))[0]
+    assert (first.kind, first.about) == ("eclipse", "shadow")
+
+
+def test_a_driver_of_another_unit_is_named_by_how_many_times(flown):
+    scenario, data = flown
+    first = named(scenario, spoilt(data, sun=data["sun"] / 6.0))[0]
+    assert (first.kind, first.about) == ("driver", "sun")
+    assert float(first.title.split(" is ")[1].split()[0]) == pytest.approx(6.0, rel=0.2)
