@@ -2,7 +2,7 @@
 
 import numpy as np
 
-from flightcal.check.thermostat import disobeyed, inferred
+from flightcal.check.thermostat import copied, disobeyed, inferred
 from flightcal.problem import build_window
 from tests import small
 
@@ -25,3 +25,21 @@ def test_a_heater_is_known_to_be_off_where_its_sensor_is_always_warm(tmp_path):
     assert inferred(scenario, data, "heater") is None
     warm = data.assign(body_temp=("time", data["body_temp"].values + 20.0))
     assert not inferred(scenario, warm, "heater").any()
+
+
+def test_two_thermostats_with_one_status_are_told(tmp_path):
+    written = small.content()
+    own = {"node": "panel", "power": "1 W", "sensor": "panel", "on_below": "-60 degC", "off_above": "-50 degC"}
+    written["simulator"]["heaters"]["second"] = {**own, "measured_by": "second_status"}
+    written["telemetry"]["channels"]["second_status"] = {"column": "heater", "kind": "status"}
+    written["observations"]["second_status"] = {"heater": "second"}
+    _, data = small.closed_loop(tmp_path)
+    scenario, _ = small.load(tmp_path, written)
+
+    def told(status):
+        return list(copied(build_window(scenario, data.assign(second_status=("time", status)), "train")))
+
+    ((about, words),) = told(data["heater_status"].values)
+    assert about == "heater second"
+    assert words.title == "heater and second have the same status"
+    assert told(1.0 - data["heater_status"].values) == []

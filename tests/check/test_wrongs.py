@@ -3,6 +3,8 @@
 import numpy as np
 import pytest
 
+from flightcal.check import suspects
+from flightcal.problem import build_problem
 from tests import small
 
 from .test_suspects import named, spoilt, sunlit
@@ -109,3 +111,13 @@ def test_a_driver_of_another_unit_is_named_by_how_many_times(flown):
     first = named(scenario, spoilt(data, sun=data["sun"] / 6.0))[0]
     assert (first.kind, first.about) == ("driver", "sun")
     assert float(first.title.split(" is ")[1].split()[0]) == pytest.approx(6.0, rel=0.2)
+
+
+def test_samples_that_are_lost_are_named_before_anything_else(flown):
+    """Later samples are tagged as if they followed at once: both channels jump."""
+    scenario, data = flown
+    values = {name: data[name].values.copy() for name in ("body_temp", "panel_temp")}
+    for name, own in values.items():
+        own[90:-40] = data[name].values[130:]
+    found = suspects(build_problem(scenario, spoilt(data, **values)), spoilt(data, **values)).found
+    assert [(own.kind, own.about) for own in found] == [("order", "time")]

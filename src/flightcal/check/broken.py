@@ -126,7 +126,7 @@ def _spikes(channel: str, times: NDArray[np.datetime64], values: FloatArray, mod
     what = "a spike" if len(high) == 1 else f"{len(high)} spikes"
     return Broken(
         "spike", channel, f"{channel} has {what}",
-        f"At {_clock(times[place])} it reads {number(float(values[place]) - ICE_POINT, 3)} degC, "
+        f"At {clock(times[place])} it reads {number(float(values[place]) - ICE_POINT, 3)} degC, "
         f"{number(float(height[order[0]]), 2)} K away from the samples around it.",
         f"Leave it out with a narrower 'valid_range' of {channel}", useless,
     )  # fmt: skip
@@ -175,7 +175,7 @@ def _stuck(channel: str, times: NDArray[np.datetime64], values: FloatArray, mode
         return None
     useless = np.zeros(len(values), bool)
     useless[run] = True
-    whole = "throughout" if not len(others) else f"from {_clock(times[run[0]])} to {_clock(times[run[-1]])}"
+    whole = "throughout" if not len(others) else f"from {clock(times[run[0]])} to {clock(times[run[-1]])}"
     return Broken(
         "stuck", channel, f"{channel} is stuck",
         f"It reads {number(float(own[starts[longest]]) - ICE_POINT, 4)} degC in {len(run)} samples, {whole}; meanwhile "
@@ -211,10 +211,11 @@ def _repeating(channel: str, times: NDArray[np.datetime64], values: FloatArray, 
     useless[valid[first:last]] = True
     return Broken(
         "repeating", channel, f"{channel} repeats itself",
-        f"{last - first} samples from {_clock(times[valid[first]])} on are exactly those of {lag} samples before.",
+        f"{last - first} samples from {clock(times[valid[first]])} on are exactly those of {lag} samples before.",
         f"Leave {channel} out of 'observations', or that time out of the window", useless,
     )  # fmt: skip
 
 
-def _clock(time: np.datetime64) -> str:
+def clock(time: np.datetime64) -> str:
+    """A time as it is shown."""
     return str(np.datetime_as_string(time, unit="s")).replace("T", " ") + " UTC"

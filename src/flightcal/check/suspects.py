@@ -7,7 +7,7 @@ parameters, unmodelled heat and noise? One is named only where it is better by f
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Collection, Iterator
 from dataclasses import astuple, dataclass, replace
 from itertools import combinations
 from typing import Any, Final
@@ -17,7 +17,7 @@ import xarray
 from numpy.typing import NDArray
 
 from ..errors import FlightcalError
-from ..problem import Problem, build_window, problem_of
+from ..problem import Problem, Window, build_window, problem_of
 from ..progress import SILENT, Progress
 from ..run import Run, Stage, plain, read_json, typed
 from ..scenario import Channel, Conductor, Scenario, SimulatorModel
@@ -25,7 +25,8 @@ from ..simulator import FloatArray, SimulationFailure, in_parallel
 from .broken import Broken, broken
 from .evidence import USUAL, Fit, Gaussian, climbed, gaussian
 from .footings import Footing, footings
-from .thermostat import disobeyed, inferred
+from .jumps import Jump, in_words, jumps
+from .thermostat import copied, disobeyed, inferred
 from .view import HEAT, INFERRED, NO_LINK, WIDENED, Point, View, view_of
 from .wrongs import Wrong, all_wrongs
 
@@ -55,7 +56,7 @@ _SHOWN, _NEAR = 3, 0.5
 _FIRST_SIZES = (1.0, 3.0)
 _OF_THERMOSTATS = frozenset({
     "bias", "unit", "swapped", "other node", "unrelated", "everything", "status inverted", "statuses swapped",
-    "status clock", "thresholds", "thermostat", "stuck", "filled", "clock", "channel clock",
+    "same status", "status clock", "thresholds", "thermostat", "stuck", "filled", "clock", "channel clock",
 })  # fmt: skip
 """Kinds of wrongs that explain why a status does not do what thresholds say,"""
 _OF_READINGS = frozenset({"gain", "drift", "curve", "slow"})
@@ -122,8 +123,13 @@ def suspects(problem: Problem, telemetry: xarray.Dataset, progress: Progress = S
         if (own := broken(channel, window.times, window.observed[:, k], modelled[:, k])) is not None
     ]
     found = [Suspicion(own.kind, own.channel, own.title, own.sentence, own.advice) for own in seen]
-    if view is None:
-        return Suspects(tuple(found))
+    found += [Suspicion("same status", pair, *astuple(words)) for pair, words in copied(window)]
+    jumped = in_words(_jumps(window, modelled, {own.channel for own in seen}))
+    if jumped is not None:
+        found.insert(0, Suspicion(jumped[0], jumped[1], *astuple(jumped[2])))
+    # Telemetry that is not in order is not compared.
+    if view is None or (jumped is not None and jumped[0] == "order"):
+        return Suspects(tuple(found), view is not None)
     view = _without(view, window.times, seen)
     if not np.isfinite(view.observed).any():
         return Suspects(tuple(found), True)
@@ -135,6 +141,13 @@ def suspects(problem: Problem, telemetry: xarray.Dataset, progress: Progress = S
         if not kinds & (_OF_THERMOSTATS if constant else _OF_THERMOSTATS | _OF_READINGS):
             found.append(Suspicion("thermostat", name, *astuple(words)))
     return Suspects((*found, *compared), True, footings(view, base, nothing))
+
+
+def _jumps(window: Window, modelled: FloatArray, known: Collection[str]) -> list[Jump]:
+    """Of channels of which nothing is known yet."""
+    chosen = [k for k, channel in enumerate(window.simulator.channels) if channel not in known]
+    names = [window.simulator.channels[k] for k in chosen]
+    return jumps(names, window.times, window.observed[:, chosen], modelled[:, chosen])
 
 
 def prepared(scenario: Scenario, telemetry: xarray.Dataset) -> View | None:

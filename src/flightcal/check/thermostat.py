@@ -3,13 +3,14 @@
 from __future__ import annotations
 
 from collections.abc import Iterator
+from itertools import combinations
 
 import numpy as np
 import xarray
 
 from ..problem import Window
 from ..report import number
-from ..scenario import Scenario
+from ..scenario import Scenario, SimulatorModel
 from ..simulator import ICE_POINT, FloatArray
 from .view import known_thermostats, noise_of
 from .wrongs import Words
@@ -18,6 +19,8 @@ _BEYOND, _NOISES = 2.0, 4.0
 """K, and deviations of the noise, by which a sensor has to be beyond a threshold."""
 _OFTEN, _LEAST = 0.05, 10
 """Share of the samples, and samples, from which it is no matter of when a sample was taken."""
+_SWITCHES = 4
+"""Which two thermostats do not share by chance."""
 
 
 def inferred(scenario: Scenario, telemetry: xarray.Dataset, name: str) -> FloatArray | None:
@@ -61,3 +64,22 @@ def disobeyed(window: Window) -> Iterator[tuple[str, Words, bool]]:
             )
             yield name, words, bool(np.ptp(on[known]) == 0.0)
             break
+
+
+def copied(window: Window) -> Iterator[tuple[str, Words]]:
+    """Pairs of heaters with one status and two sensors, as both are called, with words."""
+    if not isinstance(window.scenario.simulator, SimulatorModel):
+        return
+    heaters = window.scenario.simulator.switches
+    for (a, first), (b, second) in combinations(enumerate(heaters), 2):
+        one, other = window.status[:, a], window.status[:, b]
+        known = np.isfinite(one) & np.isfinite(other)
+        switches = int((np.diff(one[known]) != 0.0).sum())
+        if heaters[first].sensor == heaters[second].sensor or switches < _SWITCHES or (one != other)[known].any():
+            continue
+        words = Words(
+            f"{first} and {second} have the same status",
+            f"It is the same in all {int(known.sum())} samples, and changes {switches} times; their sensors are two.",
+            f"Check which columns the status of {first} and that of {second} are",
+        )
+        yield f"{first} {second}", words

@@ -1,0 +1,108 @@
+"""Temperatures that jump as no heat makes them: samples that are lost, of another time or not in order."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ..report import listed, number
+from ..simulator import FloatArray
+from .broken import clock
+from .view import noise_of
+from .wrongs import Words
+
+_APART = np.timedelta64(120, "s")
+"""Between two samples at most: in more time a light node may go far."""
+_LEAST, _NOISES, _TIMES = 1.5, 12.0, 4.0
+"""A jump is more than so many K, deviations of the noise, and times what the model or the samples beside it move."""
+_STAYS, _BESIDE = 0.7, 3
+"""Share of a jump that means of so many samples before and after have to be apart: else it is a spike."""
+_TOO, _NOISES_TOO = 2.0, 6.0
+"""Another channel jumps too by so many times what is usual of it, and so many deviations of its noise."""
+_USUAL = 0.95
+"""Quantile."""
+
+
+@dataclass(frozen=True)
+class Jump:
+    """A moment at which channels jump."""
+
+    time: np.datetime64
+    channels: tuple[str, ...]
+    """The one that jumps most clearly first."""
+    height: float
+    """K, of that one."""
+
+
+def jumps(
+    channels: Sequence[str], times: NDArray[np.datetime64], observed: FloatArray, modelled: FloatArray
+) -> list[Jump]:
+    """All of them in samples [T, N] K; modelled: [T, N] K as the simulator has them, NaN: not known."""
+    found: dict[int, list[int]] = {}
+    for k in range(len(channels)):
+        for moment in _of_channel(times, observed[:, k], modelled[:, k]).tolist():
+            found.setdefault(moment, []).append(k)
+    result = []
+    for moment, own in sorted(found.items()):
+        own += [k for k in range(len(channels)) if k not in own and _jumps_too(observed[:, k], moment)]
+        height = float(observed[moment + 1, own[0]] - observed[moment, own[0]])
+        result.append(Jump(times[moment + 1], tuple(channels[k] for k in own), height))
+    return result
+
+
+def _of_channel(times: NDArray[np.datetime64], values: FloatArray, modelled: FloatArray) -> NDArray[np.int64]:
+    """After which samples [T] a channel jumps."""
+    move = np.where(np.diff(times) <= _APART, np.diff(values), np.nan)
+    height = np.nan_to_num(np.abs(move))
+    padded = np.pad(height, 1)
+    beside = np.maximum(padded[:-2], padded[2:])
+    model = np.abs(np.diff(modelled))
+    if not np.isfinite(model).any():
+        return np.empty(0, np.int64)
+    limit = max(_LEAST, _NOISES * noise_of(values), _TIMES * float(np.nanmax(model)))
+    high = np.flatnonzero((height > limit) & (height > _TIMES * beside))
+    return np.array([k for k in high.tolist() if abs(_apart(values, k)) > _STAYS * height[k]], np.int64)
+
+
+def _apart(values: FloatArray, moment: int) -> float:
+    """K from before a moment to after, in means."""
+    before, after = values[max(moment + 1 - _BESIDE, 0) : moment + 1], values[moment + 1 : moment + 1 + _BESIDE]
+    return float(np.nanmean(after) - np.nanmean(before))
+
+
+def _jumps_too(values: FloatArray, moment: int) -> bool:
+    """Whether a channel moves more than usual at a moment at which another jumps."""
+    moves = np.abs(np.diff(values))
+    usual = float(np.nanquantile(moves, _USUAL)) if np.isfinite(moves).any() else np.inf
+    return bool(moves[moment] > max(_TOO * usual, _NOISES_TOO * noise_of(values)))
+
+
+def in_words(found: Sequence[Jump]) -> tuple[str, str, Words] | None:
+    """Kind, what it is about, and words; None: nothing jumps."""
+    together = [own for own in found if len(own.channels) > 1]
+    first = max(together or found, key=lambda own: abs(own.height), default=None)
+    if first is None:
+        return None
+    others = len(together or found) - 1
+    more = f"; so it does at {others} other moment{'s' if others > 1 else ''}" if others else ""
+    if together:
+        words = Words(
+            "The telemetry jumps in time",
+            f"At {clock(first.time)} {listed(list(first.channels))} jump at once, {first.channels[0]} by "
+            f"{number(abs(first.height), 2)} K from one sample to the next{more}. No heat does that: samples are lost, "
+            "of another time, or not in order.",
+            "Check the time column there, and how packets and files are put together",
+        )
+        return "order", "time", words
+    channel = first.channels[0]
+    words = Words(
+        f"{channel} jumps",
+        f"At {clock(first.time)} it goes by {number(abs(first.height), 2)} K from one sample to the next{more}. No "
+        "heat does that to its node: the sensor, or what reads it, changed; or samples are lost there, which slower "
+        "nodes do not show.",
+        f"Check {channel} there; leave that time out of the window",
+    )
+    return "jump", channel, words

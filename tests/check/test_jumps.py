@@ -1,0 +1,62 @@
+"""Temperatures that jump as no heat makes them."""
+
+import numpy as np
+
+from flightcal.check.jumps import in_words, jumps
+
+TIMES = np.datetime64("2024-03-01T00:00:00", "ns") + np.arange(200) * np.timedelta64(60, "s")
+MODELLED = np.stack([290.0 + 8.0 * np.sin(np.arange(200) / 16.0), 280.0 + 2.0 * np.sin(np.arange(200) / 16.0)], axis=1)
+"""K, what a simulator has."""
+NAMES = ("panel_temp", "body_temp")
+
+
+def telemetry(seed=0):
+    return MODELLED + 0.1 * np.random.default_rng(seed).standard_normal(MODELLED.shape)
+
+
+def found(values, modelled=MODELLED):
+    return jumps(NAMES, TIMES, values, modelled)
+
+
+def test_sound_telemetry_does_not_jump():
+    assert [own for seed in range(5) for own in found(telemetry(seed))] == []
+
+
+def test_a_spike_is_no_jump():
+    values = telemetry()
+    values[100, 0] += 30.0
+    assert found(values) == []
+
+
+def test_a_light_node_that_the_sun_heats_does_not_jump():
+    values = telemetry()
+    values[:, 0] = 250.0 + np.where(np.arange(200) > 100, 60.0 * (1.0 - np.exp(-(np.arange(200) - 100) / 1.5)), 0.0)
+    assert found(values) == []
+
+
+def test_what_the_model_does_too_is_no_jump():
+    values, modelled = telemetry(), MODELLED.copy()
+    values[100:, 0] += 30.0
+    modelled[100:, 0] += 20.0
+    assert found(values, modelled) == []
+
+
+def test_a_sensor_that_changes_is_named_alone():
+    values = telemetry()
+    values[100:, 0] += 9.0
+    kind, about, words = in_words(found(values))
+    assert (kind, about) == ("jump", "panel_temp")
+    assert "At 2024-03-01 01:40:00 UTC it goes by 9" in words.sentence
+
+
+def test_channels_that_jump_at_once_are_a_matter_of_time():
+    """The slow one by little."""
+    values = telemetry()
+    values[100:] = values[40:140]
+    kind, about, words = in_words(found(values))
+    assert (kind, about) == ("order", "time")
+    assert "panel_temp and body_temp jump at once" in words.sentence
+
+
+def test_nothing_is_said_where_nothing_jumps():
+    assert in_words([]) is None
