@@ -10,6 +10,7 @@ from functools import cache
 from pathlib import Path
 from typing import Any
 
+import numpy as np
 import pandas as pd
 
 from benchmarks.truth.flight import KINDS, Flight, fly
@@ -92,7 +93,21 @@ def busy(case: Case) -> tuple[str, float]:
     """Node and power that the busy mode adds."""
     modes = case.model["modes"]
     node = next(name for name in modes["busy"] if name not in modes["idle"])
-    return node, float(str(modes["busy"][node]).split()[0])
+    return node, amount(modes["busy"][node])
+
+
+def is_busy(case: Case) -> Any:
+    """[T] whether the timeline says so at each sample."""
+    timeline = case.model["timeline"]
+    times = case.table["time"].to_numpy().astype("datetime64[s]")
+    changes = np.array([change["at"] for change in timeline], "datetime64[s]")
+    place = np.searchsorted(changes, times, side="right") - 1
+    return np.array([change["mode"] == "busy" for change in timeline])[place]
+
+
+def amount(text: Any) -> float:
+    """What is before a unit."""
+    return float(str(text).split()[0])
 
 
 # --- which set-ups fit ---------------------------------------------------------------------------------------------

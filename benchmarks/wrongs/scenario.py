@@ -7,7 +7,7 @@ from typing import Any
 
 import numpy as np
 
-from .case import Case, SetUp, apart, busy, heated, lit, strong_payload
+from .case import Case, SetUp, amount, apart, busy, heated, lit, strong_payload
 
 
 def _heater_missing(case: Case) -> str:
@@ -141,13 +141,9 @@ def _orbit(change: Callable[[dict[str, Any]], dict[str, str]]) -> Callable[[Case
     return spoil
 
 
-def _first(text: str) -> float:
-    return float(text.split()[0])
-
-
 def _outside(case: Case) -> str:
     """The face that matters most."""
-    return max(case.model["faces"], key=lambda name: _first(case.model["faces"][name]["area"]))
+    return max(case.model["faces"], key=lambda name: amount(case.model["faces"][name]["area"]))
 
 
 def _face_turned(case: Case) -> str:
@@ -158,7 +154,7 @@ def _face_turned(case: Case) -> str:
 
 def _link(case: Case) -> dict[str, Any]:
     """The conductor that matters most."""
-    return max(case.written["simulator"]["conductors"], key=lambda own: _first(own["conductance"]))
+    return max(case.written["simulator"]["conductors"], key=lambda own: amount(own["conductance"]))
 
 
 def _link_missing(case: Case) -> str:
@@ -171,7 +167,7 @@ def _link_missing(case: Case) -> str:
 
 def _link_tenfold(case: Case) -> str:
     link = _link(case)
-    link["conductance"] = f"{10.0 * _first(link['conductance']):.3f} W/K"
+    link["conductance"] = f"{10.0 * amount(link['conductance']):.3f} W/K"
     case.written["parameters"].pop(f"link_{link['between'][0]}_{link['between'][1]}", None)
     return f"conductors.{'-'.join(link['between'])}.conductance"
 
@@ -205,7 +201,7 @@ def _certain_emissivities(case: Case) -> list[str]:
 
 def _emissivity(case: Case) -> str:
     faces = case.written["simulator"]["faces"]
-    name = max(_certain_emissivities(case), key=lambda own: _first(faces[own]["area"]))
+    name = max(_certain_emissivities(case), key=lambda own: amount(faces[own]["area"]))
     faces[name]["emissivity"] = round(faces[name]["emissivity"] / 3.0, 3)
     return f"faces.{name}.emissivity"
 
@@ -247,14 +243,14 @@ SETUPS = (
         "altitude half as much again",
         50,
         ("orbit",),
-        _orbit(lambda o: {"altitude": f"{1.5 * _first(o['altitude'])} m"}),
+        _orbit(lambda o: {"altitude": f"{1.5 * amount(o['altitude'])} m"}),
         lit,
     ),
     SetUp(
         "inclination 40 deg off",
         51,
         ("orbit",),
-        _orbit(lambda o: {"inclination": f"{_first(o['inclination']) - 40.0} deg"}),
+        _orbit(lambda o: {"inclination": f"{amount(o['inclination']) - 40.0} deg"}),
         lit,
     ),
     SetUp("emissivity a third", 56, ("number",), _emissivity, lambda c: lit(c) and bool(_certain_emissivities(c))),

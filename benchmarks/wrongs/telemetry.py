@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 import pandas as pd
 
-from .case import Case, SetUp, apart, busy, heated, lit, several, strong_payload
+from .case import Case, SetUp, apart, busy, heated, is_busy, lit, several, strong_payload
 
 _CLOCK = ("clock",)
 
@@ -129,13 +129,8 @@ def _driver(factor: float) -> Callable[[Case], str]:
         case.written["telemetry"]["channels"]["payload_power"] = {
             "column": "payload_power", "unit": "W", "kind": "driver",
         }  # fmt: skip
-        times = case.table["time"].to_numpy().astype("datetime64[s]")
-        changes = np.array([change["at"] for change in simulator["timeline"]], "datetime64[s]")
-        is_busy = [
-            simulator["timeline"][k]["mode"] == "busy" for k in np.searchsorted(changes, times, side="right") - 1
-        ]
         true = case.flight.truth.get("power_busy", power)
-        case.table["payload_power"] = np.where(is_busy, true * factor, 0.0)
+        case.table["payload_power"] = np.where(is_busy(case), true * factor, 0.0)
         return "payload_power"
 
     return spoil
@@ -231,6 +226,7 @@ SETUPS = (
     SetUp("a channel of another satellite", 18, ("unrelated",), _a_channel_of_another, several),
     SetUp("sign of a channel", 20, ("unit",), _converted(lambda x: -x, 0), lit),
     SetUp("driver in mW", 21, ("driver",), _driver(1000.0), strong_payload),
+    SetUp("current for power, at 28 V", 73, ("driver",), _driver(1.0 / 28.0), strong_payload),
     SetUp("sign of a driver", 22, ("driver",), _driver(-1.0), strong_payload),
     SetUp("status of two heaters swapped", 29, ("statuses swapped",), _statuses_swapped, lambda c: len(c.heaters) > 1),
     SetUp("status 12 min late", 30, ("status clock",), _status_late, heated),
@@ -245,5 +241,5 @@ SETUPS = (
     SetUp("a sample held for 12", 52, ("held", "repeating", "stuck"), _held, lit),
     SetUp("30 min late, and a bias", 53, ("clock", "bias"), _late_and_biased, lambda c: lit(c) and several(c)),
     SetUp("half of all telemetry repeated", 54, ("repeating",), _half_repeated, lit),
-    SetUp("a slow sensor", 55, ("channel clock", "unrelated"), _slow, lambda c: lit(c) and several(c)),
+    SetUp("a slow sensor", 55, ("slow",), _slow, lambda c: lit(c) and several(c)),
 )

@@ -63,6 +63,14 @@ def test_the_curve_of_another_sensor_is_named(tmp_path):
     assert (first.kind, first.about) == ("curve", "panel_temp")
 
 
+def test_a_mean_of_two_sensors_is_between_them(flown):
+    scenario, data = flown
+    mean = 0.5 * (data["body_temp"].values + data["panel_temp"].values)
+    first = named(scenario, spoilt(data, panel_temp=mean))[0]
+    assert (first.kind, first.about) == ("between", "panel_temp")
+    assert 0.4 < float(first.sentence.split("%")[0].split()[-1]) / 100.0 < 0.6
+
+
 def two_faced():
     """The satellite with two faces that look along other axes."""
     written = sunlit()

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterator, Mapping
 from dataclasses import replace
-from itertools import combinations, product
+from itertools import combinations, permutations, product
 
 import numpy as np
 
@@ -26,6 +26,8 @@ _GAIN = 0.3
 """Prior deviation of a channel's gain from one."""
 _STRANGE, _STRANGE_TIME = ((15.0, 4.0), (5.0, 25.0)), 2400.0
 """K, deviations of mean and wandering of a channel that is not of this satellite; s, its correlation time."""
+_PART = 0.25
+"""Share of the way to another node, from which a channel is between."""
 _COLDEST, _HOTTEST = 100.0, 500.0
 """K, that a satellite may be."""
 _MOST_NODES = 15
@@ -148,6 +150,27 @@ def other_nodes(view: View) -> Iterator[Wrong]:
             yield Wrong("other node", channel, words, window=window, tries=tries)
 
 
+def between(view: View) -> Iterator[Wrong]:
+    """A channel reads something between its node and another channel's: it is mounted there, or a mean."""
+    t = len(view.rows.kept)
+    modelled = view.modelled[: t * len(view.channels)].reshape(-1, t)
+    for a, b in permutations(range(len(view.channels)), 2):
+        channel, other = view.channels[a], view.channels[b]
+        apart = modelled[b] - modelled[a]
+        column = view.of_channel(a, apart[:, None]) - apart[0] * view.begun[:, [a]]
+
+        def words(fit: Fit, channel: str = channel, other: str = other) -> Words:
+            share = float(fit.added[0])
+            return Words(
+                f"{channel} reads something between its node and {other}",
+                f"By {share:.0%} of what is between the two, {channel} is nearer to {other} than the model has it.",
+                f"Check where the sensor of {channel} is, and whether it is a mean of several",
+            )
+
+        tries = len(view.channels) * (len(view.channels) - 1)
+        yield Wrong("between", channel, words, columns=column, least=_PART, tries=tries)
+
+
 def unrelated(view: View) -> Iterator[Wrong]:
     """A channel that has nothing to do with its node: of another satellite, or of a broken sensor."""
     for k, channel in enumerate(view.channels):
@@ -202,5 +225,5 @@ def _span(values: FloatArray) -> str:
     return f"{number(float(low), 3)}..{number(float(high), 3)} degC"
 
 
-WRONGS = (biases, gains, curves, drifts, swaps, units, other_nodes, unrelated)
+WRONGS = (biases, gains, curves, drifts, swaps, units, other_nodes, between, unrelated)
 """What looks for them."""
