@@ -58,5 +58,12 @@ def test_channels_that_jump_at_once_are_a_matter_of_time():
     assert "panel_temp and body_temp jump at once" in words.sentence
 
 
+def test_old_telemetry_that_is_sent_again_is_not_out_of_order():
+    values = telemetry()
+    values[100:110] = values[99]
+    values[110:] += 9.0
+    assert found(values) == []
+
+
 def test_nothing_is_said_where_nothing_jumps():
     assert in_words([]) is None

@@ -24,6 +24,8 @@ _TOO, _NOISES_TOO = 2.0, 6.0
 """Another channel jumps too by so many times what is usual of it, and so many deviations of its noise."""
 _USUAL = 0.95
 """Quantile."""
+_SENT_AGAIN = 3
+"""Equal samples of all that jumps after them: old telemetry was sent again, and its end is no matter of order."""
 
 
 @dataclass(frozen=True)
@@ -48,6 +50,9 @@ def jumps(
     result = []
     for moment, own in sorted(found.items()):
         own += [k for k in range(len(channels)) if k not in own and _jumps_too(observed[:, k], moment)]
+        before = observed[max(moment + 1 - _SENT_AGAIN, 0) : moment + 1, own]
+        if len(own) > 1 and len(before) == _SENT_AGAIN and (before == before[0]).all():
+            continue
         height = float(observed[moment + 1, own[0]] - observed[moment, own[0]])
         result.append(Jump(times[moment + 1], tuple(channels[k] for k in own), height))
     return result
