@@ -67,6 +67,14 @@ def test_one_file_has_no_packets_and_odd_names_are_read_as_they_stand(tmp_path: 
     }
 
 
+def test_columns_that_are_left_out_are_told(tmp_path: Path):
+    table = frame(40)
+    table["LINE"] = ["HEATING", "STANDBY"] * 20
+    table.to_csv(tmp_path / "data.csv", index=False)
+    result = run(app, ["init", str(tmp_path / "sat"), str(tmp_path / "data.csv")])
+    assert "data.csv: left out 'LINE': for another time column" in result.output
+
+
 def test_windows_have_no_long_gap_in_any_file(tmp_path: Path):
     hours = pd.to_timedelta([0.0] * 40 + [5.0] * 60 + [9.0] * 50, unit="h")
     table = frame(150)

@@ -143,6 +143,8 @@ def test_a_counter_is_a_clock_whose_epoch_is_not_known(tmp_path: Path):
         ("Tot. Photo Curr. mA", [20.5, 21.0, 3.0, 4.0], ("driver", "mA")),
         ("bus_power [W]", [20.5, 21.0, 3.0, 4.0], ("driver", "W")),
         ("TT_RAD_A", [20.5, 21.0, 3.0, 4.0], ("temperature", "degC")),
+        ("SHIELD_T_K", [293.0, 294.5, 290.0, 288.0], ("temperature", "K")),
+        ("RAD_TEMP_F", [20.5, 21.0, 3.0, 4.0], ("temperature", "degF")),
         ("I_SUN", [20.5, 21.0, 3.0, 4.0], ("driver", "1")),
         ("HTR_BAT", [0, 1, 1, 0], ("status", None)),
         ("Temp [1]", [20.5, 21.0, 3.0, 4.0], ("temperature", "degC")),
@@ -163,6 +165,24 @@ def test_a_column_has_a_kind_and_a_unit(tmp_path: Path, name: str, cells: list, 
     pd.DataFrame({"UTC": text(TIMES[:4]), name: cells}).to_csv(tmp_path / "data.csv", index=False)
     (found,) = detect([tmp_path / "data.csv"])
     assert [(column.kind, column.unit) for column in found.columns] == ([] if expected is None else [expected])
+
+
+def test_a_last_letter_is_no_unit_where_it_names_a_branch(tmp_path: Path):
+    table = pd.DataFrame(
+        {"UTC": text(TIMES[:4]), "TT_RAD_E": [20.5, 21.0, 3.0, 4.0], "TT_RAD_F": [20.5, 21.0, 3.0, 4.0]}
+    )
+    table.to_csv(tmp_path / "data.csv", index=False)
+    (found,) = detect([tmp_path / "data.csv"])
+    assert [column.unit for column in found.columns] == ["degC", "degC"]
+
+
+def test_columns_that_can_be_no_channel_are_named(tmp_path: Path):
+    table = pd.DataFrame({"UTC": text(TIMES[:4]), "TT_BAT": [20.5, 21.0, 3.0, 4.0]})
+    table["BUS time"] = text(TIMES[:4] + np.timedelta64(7, "s"))
+    table["HTR"], table["empty"] = ["HEATING", "STANDBY", "HEATING", "STANDBY"], ""
+    table.to_csv(tmp_path / "data.csv", index=False)
+    (found,) = detect([tmp_path / "data.csv"])
+    assert found.left_out == ("BUS time", "HTR")
 
 
 def test_files_with_the_same_columns_are_one_packet_and_a_sheet_is_a_file(tmp_path: Path):

@@ -56,6 +56,7 @@ _RATES = (
 """Hz, of clocks that count ticks."""
 _ABOUT = 0.15
 _ICE_POINT = 273.15
+_LEFT_OUT = "for another time column write a packet of its own, for words of a heater's status `on` and `off`"
 _HEAD = """\
 # A scenario for your telemetry. What the files tell is written. What says PLACEHOLDER is a guess: write yours.
 #     flightcal lint {folder}/scenario.yaml
@@ -106,6 +107,9 @@ def draft(folder: Path, files: Sequence[Path]) -> tuple[str, list[str]]:
         title = f"{', '.join(file.name for file in packet.files)}{f' ({packet.sheet})' if packet.sheet else ''}"
         clock = ", ".join(f"'{name}'" for name in packet.clock)
         notes.append(f"{title}: times in {clock} ({written}); channels: {counts}")
+        if packet.left_out:
+            left_out = ", ".join(f"'{column}'" for column in packet.left_out)
+            notes.append(f"{title}: left out {left_out}: {_LEFT_OUT}")
     head = _HEAD.format(folder=folder, name=json.dumps(folder.resolve().name))
     return head + _telemetry(folder, names, channels) + _rest(data, channels), notes
 

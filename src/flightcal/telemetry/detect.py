@@ -65,7 +65,7 @@ _LEVELS = 5
 """A word of few bits, which has no unit, has fewer values."""
 _COARSE_FINE = r"^(?:1/)?(?P<coarse>\d{5,})\s*[:., -]\s*(?P<fine>\d+)$"
 _FINE = (100, 256, 1000, 65_536, 1_000_000, 2**24, 2**32)
-_TEMPERATURE_NAME = re.compile(r"(?i)temp|therm|^t$|^tt?[_.\d-]|[_. ]tt?\d*$|^pt\d|deg\.? ?c|°c")
+_TEMPERATURE_NAME = re.compile(r"(?i)temp|therm|^t$|^tt?[_.\d-]|[_. ]tt?\d*([_ ][ckf])?$|^pt\d|deg\.? ?c|°c")
 # A last letter alone is more often the name of a branch than a unit.
 _UNIT = re.compile(r"[\[(]\s*([^\[\]()]+?)\s*[\])]|[_ ](degC|mA|mV|mW|kW|deg)$")
 _CELSIUS = {"c": "degC", "deg c": "degC", "deg. c": "degC", "degc": "degC", "°c": "degC", "celsius": "degC"}
@@ -101,6 +101,8 @@ class FoundPacket:
     """Number of the line or row with the columns' names; null: the first."""
     fine: int | None = None
     """A guess at how many counts of a clock's fine part are one of its coarse; null: it has no fine part."""
+    left_out: tuple[str, ...] = ()
+    """Names of columns that hold something, but nothing that a channel can be."""
 
 
 def detect(files: list[Path]) -> list[FoundPacket]:
@@ -202,8 +204,20 @@ def _packet(file: Path, source: Source) -> FoundPacket:
     found = (clock,) if time is None else time.column
     head, units = _below_units(table.slice(0, _LOOKED_AT), time)
     others = [name for name in names if name not in found]
-    columns = [column for name in others if (column := _column(name, head[name], source, units.get(name)))]
-    return FoundPacket((file,), source.sheet, time, found, first, last, tuple(columns), source.header, fine or None)
+    said = {name: units.get(name) or _fahrenheit(name, names) for name in others}
+    columns = {name: _column(name, head[name], source, said[name]) for name in others}
+    return FoundPacket(
+        (file,),
+        source.sheet,
+        time,
+        found,
+        first,
+        last,
+        tuple(column for column in columns.values() if column),
+        source.header,
+        fine or None,
+        tuple(name for name, column in columns.items() if column is None and head[name].null_count < len(head[name])),
+    )
 
 
 def _below_units(table: pa.Table, time: TimeColumn | None) -> tuple[pa.Table, dict[str, str]]:
@@ -360,7 +374,7 @@ def _is_numeric(column: pa.ChunkedArray) -> bool:
 def _column(name: str, column: pa.ChunkedArray, source: Source, said: str | None = None) -> FoundColumn | None:
     """What a column is; null: nothing that a channel can be, such as a second time or a comment.
 
-    said: its unit, where a row below the header has units.
+    said: its unit, where a row below the header has units, or is in degF by its name.
     """
     if column.null_count == len(column):
         return None
@@ -403,6 +417,14 @@ def _unit(name: str) -> str | None:
     if match is None:
         return None
     return _known(match[1] or match[2])
+
+
+def _fahrenheit(name: str, names: list[str]) -> str | None:
+    """The unit of a temperature whose name ends in F, where no other differs from it in this letter alone."""
+    if not _TEMPERATURE_NAME.search(name) or not re.search(r"(?i)[_. ]f$", name):
+        return None
+    branches = [other for other in names if other[:-1] == name[:-1] and other[-1:].isalpha()]
+    return "degF" if len(branches) == 1 else None
 
 
 def _known(text: str) -> str | None:
