@@ -48,6 +48,23 @@ def test_temperatures_survive_the_way_through_any_unit(tmp_path: Path, unit: str
     np.testing.assert_allclose(dataset["battery"], kelvin, atol=1e-9, rtol=1e-12)
 
 
+def test_raw_readings_are_temperatures_along_a_curve(tmp_path: Path):
+    table = pd.DataFrame({"time": frame(5)["time"], "ADC": [4095, 3000, 2500, 1000, 0]})
+    points = [[3000, "-20 degC"], [2000, "0 degC"], [1000, "60 degC"]]
+    channels = {"battery": {"column": "ADC", "kind": "temperature", "curve": points}}
+    dataset = read(tmp_path, table, channels=channels)
+    np.testing.assert_allclose(dataset["battery"] - 273.15, [np.nan, -20.0, -10.0, 60.0, np.nan], atol=1e-9)
+    wider = {"battery": {**channels["battery"], "valid_range": ["-50 degC", "130 degC"]}}
+    np.testing.assert_allclose(read(tmp_path, table, channels=wider)["battery"][[0, -1]] - 273.15, [-41.9, 120.0])
+
+
+def test_readings_that_are_all_beyond_a_curve_are_told_as_the_file_has_them(tmp_path: Path):
+    table = pd.DataFrame({"time": frame(3)["time"], "ADC": [4000, 4095, 4090]})
+    curve = [[1000, "60 degC"], [3000, "-20 degC"]]
+    with pytest.raises(TelemetryError, match="4000 to 4095, expected 1000 to 3000"):
+        read(tmp_path, table, channels={"battery": {"column": "ADC", "kind": "temperature", "curve": curve}})
+
+
 @MANY
 @given(order=st.permutations(range(30)))
 def test_shuffled_rows_give_the_same_dataset(tmp_path: Path, order: list[int]):

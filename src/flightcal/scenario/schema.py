@@ -6,10 +6,11 @@ SI floats here; times are UTC. Cross-references between blocks are checked in `l
 
 from __future__ import annotations
 
+from itertools import pairwise
 from pathlib import Path
 from typing import Annotated, Any, Literal
 
-from pydantic import BeforeValidator, Field, model_validator
+from pydantic import BeforeValidator, Field, field_validator, model_validator
 from pydantic_core import core_schema
 
 from ..errors import ScenarioError
@@ -43,6 +44,7 @@ from .fields import (
     Range,
     TimeFormat,
     exactly_one,
+    of_length,
     read_empty,
 )
 from .heat import Heat, WrittenHeat
@@ -86,6 +88,12 @@ class TimeColumn(Block):
         return self
 
 
+CurvePoint = Annotated[
+    tuple[Number, Annotated[float, Quantity("K", above=0, at_most=HOTTEST)]],
+    of_length(2, "a point of a curve [reading, temperature]"),
+]
+
+
 class Channel(Block):
     """One telemetry channel: its column (or several, combined), unit, and what counts as invalid."""
 
@@ -96,6 +104,9 @@ class Channel(Block):
     kind: Literal["temperature", "status", "driver"]
     unit: ChannelUnit | None = None
     """Unit as the file has it; for a product of columns, the unit of the product (``mA * mV``)."""
+    curve: tuple[CurvePoint, ...] = ()
+    """Of a temperature that the file has as counts, volts or ohms, in the place of `unit`: readings and what they mean.
+    Linear in between; readings beyond the ends are out of range."""
     valid_range: Range | None = None
     """Lowest and highest believable value, with units (for a driver without a unit, plain numbers)."""
     invalid: Markers = ()
@@ -117,6 +128,19 @@ class Channel(Block):
     """This many identical rows of all channels that do not normally repeat are frozen; null: off."""
     fill: Literal["interpolate", "previous_orbit"] = "interpolate"
     """For a driver: how its gaps are bridged."""
+
+    @field_validator("curve")
+    @classmethod
+    def _goes_one_way(cls, curve: tuple[CurvePoint, ...]) -> tuple[CurvePoint, ...]:
+        if len(curve) == 1:
+            raise ValueError("found one point, expected two or more")
+        ordered = tuple(sorted(curve))
+        steps = [later[1] - earlier[1] for earlier, later in pairwise(ordered)]
+        if any(one[0] == other[0] for one, other in pairwise(ordered)):
+            raise ValueError("found a reading twice, expected one temperature for each")
+        if min(steps, default=1.0) * max(steps, default=1.0) <= 0:
+            raise ValueError("found temperatures that rise and fall, expected that they always rise or always fall")
+        return ordered
 
     @property
     def threshold(self) -> Literal["on_above", "on_below"] | None:

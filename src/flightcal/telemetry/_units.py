@@ -5,8 +5,11 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
+from numpy.typing import NDArray
 
 from ..scenario import Channel, is_temperature, kind_of, si_unit, to_si
+
+FloatArray = NDArray[np.float64]
 
 _HOTTEST = 1e4
 """K, of what a thermistor's reading can mean at most where the scenario gives no `valid_range`."""
@@ -16,7 +19,7 @@ _LARGEST = 1e30
 
 @dataclass(frozen=True)
 class Conversion:
-    """SI value = scale * value in the file + offset; with the believable range, SI."""
+    """SI value = scale * value in the file + offset, or along a curve; with the believable range, SI."""
 
     scale: float
     offset: float
@@ -26,16 +29,27 @@ class Conversion:
     highest: float = np.inf
     threshold: float | None = None
     """SI; of a status that is made of a number."""
+    curve: FloatArray | None = None
+    """[2, P] readings and temperatures, K; null: there is none."""
+
+    def to_si(self, in_file: FloatArray) -> FloatArray:
+        """SI values of those in the file."""
+        return self.scale * in_file + self.offset if self.curve is None else _along(self.curve, in_file)
 
     def as_in_file(self, si_value: float) -> float:
         """The value that the file has for a value in SI."""
-        return (si_value - self.offset) / self.scale
+        if self.curve is None:
+            return (si_value - self.offset) / self.scale
+        back = self.curve[::-1, np.argsort(self.curve[1])]
+        return float(_along(back, np.array(si_value)))
 
 
 def conversion(channel: Channel) -> Conversion:
     """How `channel` becomes SI. Raises ValueError that says what was found and what was expected."""
     if channel.kind == "status" and channel.threshold is None:
         return Conversion(1.0, 0.0, "")
+    if channel.curve:
+        return _of_curve(channel)
     written = channel.unit or ""
     if channel.kind == "temperature" and not written:
         raise ValueError("found no unit, expected degC or K for a temperature")
@@ -57,6 +71,22 @@ def conversion(channel: Channel) -> Conversion:
     key = channel.threshold
     threshold = None if key is None else _limit(getattr(channel, key), unit, key)
     return Conversion(one - zero, zero, unit, lowest, highest, threshold)
+
+
+def _of_curve(channel: Channel) -> Conversion:
+    curve = np.transpose(channel.curve)
+    lowest, highest = curve[1].min(), curve[1].max()
+    if channel.valid_range is not None:
+        lowest, highest = (_limit(value, "K") for value in channel.valid_range)
+    return Conversion(1.0, 0.0, "K", lowest, highest, curve=curve)
+
+
+def _along(curve: FloatArray, x: FloatArray) -> FloatArray:
+    """Linear between the points of a curve [2, P] with increasing x; its ends go on straight."""
+    known, wanted = curve
+    left = np.clip(np.searchsorted(known, x) - 1, 0, len(known) - 2)
+    slopes = np.diff(wanted) / np.diff(known)
+    return wanted[left] + slopes[left] * (x - known[left])
 
 
 def _limit(value: str | float, unit: str, key: str = "valid_range") -> float:

@@ -189,7 +189,7 @@ def _read_file(
         except TelemetryError as error:
             problems.append(str(error))
             continue
-        si = convert.scale * in_file + convert.offset
+        si = convert.to_si(in_file)
         beyond = (si < convert.lowest) | (si > convert.highest)
         values.append(si)
         flags.append(flag | np.where(beyond, Flag.OUT_OF_RANGE, 0).astype(np.uint8))
@@ -281,10 +281,10 @@ def _check_valid(
         beyond = values[flags[:, i] & Flag.OUT_OF_RANGE != 0, i]
         if beyond.size:
             convert = conversions[name]
-            spans = [beyond.min(), beyond.max(), convert.lowest, convert.highest]
-            low, high, lowest, highest = (f"{convert.as_in_file(value):.6g}" for value in spans)
+            spans = [(beyond.min(), beyond.max()), (convert.lowest, convert.highest)]
+            (low, high), (lowest, highest) = (sorted(map(convert.as_in_file, span)) for span in spans)
             unit = f" {channel.unit}" if channel.unit else ""
-            problem += f": {low} to {high}{unit}, expected {lowest} to {highest}{unit}"
+            problem += f": {low:.6g} to {high:.6g}{unit}, expected {lowest:.6g} to {highest:.6g}{unit}"
         problems.append(problem)
     _raise_all(problems)
 

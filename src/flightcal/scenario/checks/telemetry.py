@@ -12,6 +12,8 @@ from ..reading import Reading
 from ..schema import Channel
 from ..units import did_you_mean, is_temperature, kind_of, parse_unit, show, si_unit, to_si
 
+_RAW = ("a plain number", "a voltage", "a resistance")
+"""What a thermistor's reading is before it is made a temperature."""
 _COMBINATIONS = {"temperature": ("mean",), "status": (), "driver": ("mean", "sum", "product")}
 
 
@@ -101,22 +103,30 @@ def _check_shared(reading: Reading) -> Iterator[Problem]:
 def _unit_problem(channel: Channel) -> str | None:
     if channel.kind == "status" and channel.threshold is None:
         return None if channel.unit is None else f"found {show(channel.unit)}, expected no unit for a status"
-    wanted = "degC or K" if channel.kind == "temperature" else "a unit, or 'dimensionless'"
+    if channel.curve and channel.kind == "temperature":
+        return None if channel.unit is None else f"found {show(channel.unit)} beside 'curve', expected one of them"
+    is_temperature_channel = channel.kind == "temperature"
+    wanted = "degC or K" if is_temperature_channel else "a unit, or 'dimensionless'"
     if channel.unit is None:
         what = f"a status with {channel.threshold!r}" if channel.threshold else f"a {channel.kind} channel"
         return f"missing unit of {what}, expected {wanted}"
     hint = did_you_mean(channel.unit, ("degF",) if "f" in channel.unit.lower() else ("degC", "K"))
     try:
         parse_unit(channel.unit)
-        if channel.kind != "temperature" or is_temperature(channel.unit):
+        if not is_temperature_channel or is_temperature(channel.unit):
             return None
         kind = kind_of(channel.unit)
+        if kind in _RAW:
+            hint = ", or 'curve' in the place of 'unit'"
     except ValueError as error:
-        return f"found {show(channel.unit)}, expected {wanted}{hint if channel.kind == 'temperature' else f': {error}'}"
+        return f"found {show(channel.unit)}, expected {wanted}{hint if is_temperature_channel else f': {error}'}"
     return f"found {show(channel.unit)} ({kind}), expected {wanted}{hint}"
 
 
 def _check_columns(channel: Channel, location: Location) -> Iterator[Problem]:
+    if channel.curve and (channel.kind != "temperature" or len(channel.column) > 1):
+        found = f"a {channel.kind}" if channel.kind != "temperature" else f"{len(channel.column)} columns"
+        yield Problem((*location, "curve"), f"found 'curve' for {found}, expected it for a temperature in one column")
     allowed = _COMBINATIONS["driver" if channel.threshold else channel.kind]
     if len(channel.column) > 1 and channel.combine is None:
         wanted = f"'combine' ({', '.join(allowed)}) beside them" if allowed else "one"
@@ -132,7 +142,7 @@ def _check_range(channel: Channel, location: Location) -> Iterator[Problem]:
     if channel.kind == "status" and channel.threshold is None:
         yield Problem(location, "found a range, expected none for a status")
         return
-    unit = si_unit(channel.unit or "")
+    unit = "K" if channel.curve else si_unit(channel.unit or "")
     bounds = []
     for k, bound in enumerate(channel.valid_range):
         try:
