@@ -45,6 +45,15 @@ def test_packets_of_several_files_are_taken_from_them(tmp_path: Path):
     assert list(scenario.observations) == ["tt_bat", "tt_rad", "htr"]
 
 
+def test_lint_reminds_of_guesses_until_their_comments_are_gone(tmp_path: Path):
+    frame(40).to_csv(tmp_path / "data.csv", index=False)
+    run(app, ["init", str(tmp_path / "sat"), str(tmp_path / "data.csv")])
+    file = tmp_path / "sat" / "scenario.yaml"
+    assert "says PLACEHOLDER: every number of the thermal network; write your numbers" in lint(tmp_path / "sat")
+    file.write_text(file.read_text().replace("PLACEHOLDER", ""))
+    assert "PLACEHOLDER" not in lint(tmp_path / "sat")
+
+
 def test_one_file_has_no_packets_and_odd_names_are_read_as_they_stand(tmp_path: Path):
     table = pd.DataFrame({"Date/Time: UTC": text(seconds(*(60.0 * np.arange(40))))})
     rng = np.random.default_rng(1)

@@ -52,7 +52,7 @@ def lint(scenario: ScenarioFile, telemetry: TelemetryPlace = None) -> None:
         typer.echo(f"window {window}: {len(built.times)} samples of {len(built.simulator.channels)} channels{steps}")
     for record in (*quality_table(data), *bridged(loaded, data)):
         typer.echo(f"telemetry {record.channel or 'file'}: {record.finding}, {record.samples} samples; {record.detail}")
-    for advice in _advice(loaded, data):
+    for advice in (*_advice(loaded, data), *_guesses(scenario.read_text(encoding="utf-8"))):
         typer.echo(f"advice: {advice}")
     typer.echo(f"{scenario}: no problems found")
 
@@ -73,3 +73,11 @@ def _advice(scenario: Scenario, data: xarray.Dataset) -> Iterator[str]:
                 f"not explain; write 'white' beside 'model: ar1', such as 'white: {step / 12**0.5:.2g} K' (a step over "
                 "root 12)"
             )
+
+
+def _guesses(text: str) -> Iterator[str]:
+    """What `flightcal init` could not know, while the scenario's text says so."""
+    for number, line in enumerate(text.splitlines(), 1):
+        _, found, what = line.partition("# PLACEHOLDER:")
+        if found:
+            yield f"line {number} says PLACEHOLDER:{what.rstrip('.')}; write your numbers and remove the comment"
