@@ -276,6 +276,16 @@ def test_simulate_starts_where_the_scenario_says_or_else_at_the_first_samples(tm
     assert first(lambda text: text)[0] == pytest.approx(26.85, abs=0.01)
 
 
+def test_simulate_says_of_an_unseen_window_which_nodes_start_where_the_scenario_says(tmp_path):
+    def said(*arguments):
+        done = run(app, ["simulate", str(write(tmp_path)), *arguments, "--out", str(tmp_path / "out.csv")])
+        assert done.exit_code == 0, done.output
+        return "starts in every window where 'initial' says: body 12.0 degC" in done.output
+
+    assert said("--window", "test")
+    assert not said("--window", "train")
+
+
 def test_lint_refuses_what_calibrate_refuses(tmp_path):
     path = write(tmp_path)
     written = YAML(typ="safe").load(path)

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import difflib
+from collections.abc import Iterator
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
@@ -82,7 +83,21 @@ def simulate_to_csv(
         )
     ]
     lines += [f"{h}: duty cycle {d:.1%}" for h, d in zip(window.simulator.heaters, run.duty_cycle, strict=True)]
+    if name not in scenario.train_windows:
+        lines += _starts(problem, theta)
     return [*lines, f"wrote {file}"]
+
+
+def _starts(problem: Problem, theta: FloatArray) -> Iterator[str]:
+    """The nodes that start where the scenario writes it, which may be right in another window only."""
+    from ..prediction import ZERO_CELSIUS
+    from ..problem import initial_temperatures
+
+    written = [node for node, initial in initial_temperatures(problem.scenario).items() if initial is not None]
+    if written:
+        starts = [theta[problem.names.index(f"initial.{node}")] - ZERO_CELSIUS for node in written]
+        listed = ", ".join(f"{node} {start:.1f} degC" for node, start in zip(written, starts, strict=True))
+        yield f"starts in every window where 'initial' says: {listed}; '--set initial.{written[0]}=...' (K) changes it"
 
 
 def _assigned(problem: Problem, assignments: list[str]) -> FloatArray:
