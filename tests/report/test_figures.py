@@ -288,6 +288,25 @@ def test_a_status_that_telemetry_does_not_tell_is_drawn_as_unknown(run):
     assert (np.min(unknown.x), np.max(unknown.x)) == (time[40], time[60])
 
 
+def test_channels_with_clocks_of_their_own_have_whole_lines_status_and_eclipses(run):
+    window = run.windows["test"].isel(time=slice(0, 80))
+    bursts = np.repeat(np.arange(20) * 300, 4) + np.tile([0, 10, 20, 45], 20)
+    observed = np.where(
+        np.arange(80)[:, np.newaxis] % 4 == np.arange(window.sizes["channel"]), window["observed"], np.nan
+    )
+    status = np.where(np.arange(80)[:, np.newaxis] % 4 == 3, 1.0, np.full(window["observed_status"].shape, np.nan))
+    apart = window.assign_coords(time=np.datetime64("2024-03-01", "ns") + bursts * np.timedelta64(1, "s")).assign(
+        observed=(window["observed"].dims, observed),
+        observed_status=(window["observed_status"].dims, status),
+        eclipse=("time", np.zeros(80)),
+    )
+    figure = figure_stochastic(apart)
+    assert np.isfinite(trace(figure, "stochastic mean").y).all()
+    assert len([shape for shape in figure.layout.shapes if shape.name == "eclipse"]) == len(figure.layout.annotations)
+    on = next(shown for shown in figure.data if shown.name == "heater on in telemetry")
+    assert (on.x[0], on.x[2]) == (apart["time"].values[3], apart["time"].values[79])
+
+
 def test_a_status_is_unknown_before_its_first_sample_in_gaps_of_the_rows_and_without_any():
     time = np.datetime64("2024-03-01", "ns") + np.arange(100) * np.timedelta64(60, "s")
     status = np.ones(100)

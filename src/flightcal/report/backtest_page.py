@@ -32,8 +32,8 @@ from .style import (
 )
 from .tables import Cell, Table
 from .text import count, duration, listed, number, percent
-from .thinning import break_lines, extremes
-from .windows import column, names
+from .thinning import extremes
+from .windows import broken, column, names
 
 MOST_COLUMNS = 5
 ROW_HEIGHT = 150
@@ -206,8 +206,8 @@ def _draw(
     if less_mean:
         mean, lower, upper, observed = (values - mean for values in (mean, lower, upper, observed))
     shown = "%{y:.2f} K" if less_mean else "%{y:.2f} °C"
-    drawn, (x, middle, low, high) = break_lines(
-        time, extremes([mean, lower, upper], bins), [orbits, mean, lower, upper]
+    drawn, (x, middle, low, high) = broken(
+        prediction, extremes([mean, lower, upper], bins), [orbits, mean, lower, upper]
     )
     # A break has no orbit count of its own.
     x = np.where(np.isfinite(x), x, np.interp(drawn.astype(float), time.astype(float), orbits))

@@ -42,18 +42,35 @@ def changes(values: Array) -> Indices:
     return np.unique(np.concatenate([[0], after - 1, after, [values.size - 1]])).astype(np.intp)
 
 
-def gaps(time: NDArray[np.datetime64]) -> Indices:
-    """Indices of the samples after which telemetry pauses for more than `BREAK` nominal steps."""
-    steps = np.diff(time).astype("timedelta64[ns]").astype(np.int64)
-    return np.flatnonzero(steps > BREAK * np.median(steps)) if steps.size else np.arange(0)
+def _steps(time: NDArray[np.datetime64]) -> NDArray[np.int64]:
+    """ns, [T - 1]."""
+    return np.diff(time).astype("timedelta64[ns]").astype(np.int64)
 
 
-def stretches(flags: NDArray[np.bool_], time: NDArray[np.datetime64]) -> list[tuple[int, int]]:
+def usual_step(time: NDArray[np.datetime64], columns: Array) -> float | None:
+    """ns between two samples of the column [T, N] that has them most often, NaN where it has none; null: none has two.
+
+    Where each channel has a clock of its own, times of all of them come in bursts.
+    """
+    own = [_steps(time[np.isfinite(column)]) for column in columns.T]
+    return min((float(np.median(steps)) for steps in own if steps.size), default=None)
+
+
+def gaps(time: NDArray[np.datetime64], usual: float | None = None) -> Indices:
+    """Indices of the samples after which telemetry pauses for more than `BREAK` usual steps (ns; null: of `time`)."""
+    steps = _steps(time)
+    return np.flatnonzero(steps > BREAK * (usual or np.median(steps))) if steps.size else np.arange(0)
+
+
+def stretches(
+    flags: NDArray[np.bool_], time: NDArray[np.datetime64], usual: float | None = None
+) -> list[tuple[int, int]]:
     """First sample of every stretch in which `flags` [T] holds, and the sample at which it ends.
 
     A stretch ends at the first sample that does not hold, or at its own last one where a gap or the end follows.
+    usual: ns, as of `gaps`.
     """
-    pauses = set(gaps(time).tolist())
+    pauses = set(gaps(time, usual).tolist())
     found, start = [], None
     for i, flag in enumerate(flags):
         if flag and start is None:
@@ -66,10 +83,13 @@ def stretches(flags: NDArray[np.bool_], time: NDArray[np.datetime64]) -> list[tu
 
 
 def break_lines(
-    time: NDArray[np.datetime64], indices: Indices, columns: Sequence[Array]
+    time: NDArray[np.datetime64], indices: Indices, columns: Sequence[Array], usual: float | None = None
 ) -> tuple[NDArray[np.datetime64], list[Array]]:
-    """The chosen samples, with a NaN set into every gap so that lines break there: time and columns."""
-    pauses = gaps(time)
+    """The chosen samples, with a NaN set into every gap so that lines break there: time and columns.
+
+    usual: ns, as of `gaps`.
+    """
+    pauses = gaps(time, usual)
     if not pauses.size:
         return time[indices], [column[indices] for column in columns]
     kept = np.union1d(indices, np.concatenate([pauses, pauses + 1]))

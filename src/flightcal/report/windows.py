@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 from plotly.subplots import make_subplots
 
 from .style import ECLIPSE, TELEMETRY, UNKNOWN, band, finish, method, small_titles
-from .thinning import break_lines, changes, extremes, stretches
+from .thinning import Array, Indices, break_lines, changes, extremes, stretches, usual_step
 
 CELSIUS = -273.15
 CHANNEL_HEIGHT, HEATER_HEIGHT, GAP = 190, 96, 44
@@ -76,7 +76,7 @@ def shade_eclipse(figure: go.Figure, prediction: xr.Dataset, rows: int) -> None:
     if "eclipse" not in prediction:
         return
     time, dark = prediction["time"].values, prediction["eclipse"].values < 0.5
-    dark_stretches = stretches(dark, time)
+    dark_stretches = stretches(dark, time, _usual(prediction))
     whole = len(dark_stretches) * rows > MOST_SHAPES
     shapes = [
         {
@@ -90,6 +90,17 @@ def shade_eclipse(figure: go.Figure, prediction: xr.Dataset, rows: int) -> None:
     ]  # fmt: skip
     # Not update_layout: it would merge these into the shapes that are there, one by one.
     figure.layout.shapes = [*figure.layout.shapes, *shapes]
+
+
+def _usual(prediction: xr.Dataset) -> float | None:
+    return usual_step(prediction["time"].values, np.asarray(prediction["observed"].values, float))
+
+
+def broken(
+    prediction: xr.Dataset, indices: Indices, columns: Sequence[Array]
+) -> tuple[NDArray[np.datetime64], list[Array]]:
+    """Chosen samples of columns [T] of a prediction, as lines that break where its telemetry pauses."""
+    return break_lines(prediction["time"].values, indices, columns, _usual(prediction))
 
 
 def _iso(time: np.datetime64) -> str:
@@ -159,7 +170,7 @@ def _dash(method: str, methods: Sequence[str]) -> str:
 
 def _line(figure: go.Figure, prediction: xr.Dataset, name: str, channel: str, row: int, bins: int, dash: str) -> None:
     mean = column(prediction, "mean", channel, name)
-    time, (mean,) = break_lines(prediction["time"].values, extremes([mean], 3 * bins), [mean])
+    time, (mean,) = broken(prediction, extremes([mean], 3 * bins), [mean])
     scatter(
         figure, row, time, mean, method(name).title, mode="lines",
         hovertemplate=f"%{{y:.2f}} {degrees(prediction)}",
@@ -192,8 +203,9 @@ def draw_status(
     """Status of telemetry as an area, of methods as step lines; for the posterior the probability of on."""
     time = prediction["time"].values
     observed = np.asarray(prediction["observed_status"].sel(heater=heater).values, float)
-    on = np.array(stretches(observed > 0.5, time), int).reshape(-1, 2)
-    x, y = time[on][:, [0, 0, 1, 1, 1]].ravel(), np.tile([0.0, 1.0, 1.0, 0.0, np.nan], len(on))
+    known = np.isfinite(observed)
+    on = np.array(stretches(observed[known] > 0.5, time[known]), int).reshape(-1, 2)
+    x, y = time[known][on][:, [0, 0, 1, 1, 1]].ravel(), np.tile([0.0, 1.0, 1.0, 0.0, np.nan], len(on))
     on_in_telemetry = "heater on in telemetry"
     band(figure, x, y.astype(np.float32), on_in_telemetry, on_in_telemetry, row=row, col=1)
     starts, ends = unknown_stretches(observed, time)
@@ -205,7 +217,7 @@ def draw_status(
         status = np.asarray(prediction["status"].sel({"by": name, "heater": heater}).values, float)
         drawn = changes(status)
         drawn = drawn if drawn.size <= 6 * bins else extremes([status], 3 * bins)
-        x, (y,) = break_lines(time, drawn, [status])
+        x, (y,) = broken(prediction, drawn, [status])
         shown = "probability of on (posterior)" if name == "stochastic" else method(name).title
         scatter(
             figure, row, x, y, shown, mode="lines", hovertemplate="%{y:.2f}",

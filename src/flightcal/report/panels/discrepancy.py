@@ -15,8 +15,8 @@ from ..run_files import RunFiles, bins, draws
 from ..style import BAND, LINE, STOCHASTIC, TELEMETRY, band, finish, plots, polygons, small_titles, title_below
 from ..tables import Cell, Table, interval
 from ..text import number, percent
-from ..thinning import break_lines, extremes
-from ..windows import BINS, names, shade_eclipse, time_canvas
+from ..thinning import extremes
+from ..windows import BINS, broken, names, shade_eclipse, time_canvas
 from .parameters import contraction
 
 STANDS_IN = -0.9
@@ -199,11 +199,10 @@ def figure_discrepancy_in_time(prediction: xr.Dataset, bins: int = BINS) -> go.F
     """Discrepancy in time, one plot for each channel. prediction: a group of prediction.nc."""
     channels = _discrepant(prediction)
     figure = time_canvas(channels, [ROW_HEIGHT] * len(channels))
-    time = prediction["time"].values
     for row, channel in enumerate(channels, start=1):
         found = _columns(prediction, channel)
         chosen = extremes(found[:3], 3 * bins)
-        x, drawn = break_lines(time, chosen, found)
+        x, drawn = broken(prediction, chosen, found)
         _draw(figure, x, drawn, row, 1)
         figure.update_yaxes(title_text="discrepancy, K", nticks=5, row=row)
     shade_eclipse(figure, prediction, len(channels))

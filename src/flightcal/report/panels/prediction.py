@@ -16,11 +16,12 @@ from ..block import Block, section
 from ..run_files import RunFiles, bins, has_prediction
 from ..style import BAND, MODEL_BAND, STOCHASTIC, band, polygons
 from ..text import letter, percent
-from ..thinning import break_lines, extremes
+from ..thinning import extremes
 from ..windows import (
     BINS,
     HEIGHTS,
     Heights,
+    broken,
     column,
     degrees,
     draw_status,
@@ -107,7 +108,7 @@ def _stochastic(figure: go.Figure, prediction: xr.Dataset, channel: str, row: in
         column(prediction, "model_upper", channel),
     ]
     indices = extremes(columns[:3], bins)
-    time, (mean, lower, upper, model_lower, model_upper) = break_lines(prediction["time"].values, indices, columns)
+    time, (mean, lower, upper, model_lower, model_upper) = broken(prediction, indices, columns)
     for name, low, high, colour in (
         (f"{share} interval", lower, upper, BAND),
         (f"{share} of the model, without noise", model_lower, model_upper, MODEL_BAND),
