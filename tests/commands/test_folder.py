@@ -4,8 +4,9 @@ import numpy as np
 import pytest
 import xarray
 
-from flightcal.commands.folder import heat_shares, open_for
+from flightcal.commands.folder import heat_shares, open_for, parameter_records
 from flightcal.errors import RunError
+from flightcal.problem import build_problem
 from flightcal.progress import Silent
 from flightcal.scenario import schema
 from tests import small
@@ -39,6 +40,19 @@ def test_written_noise_is_another_than_that_beside_heat(tmp_path):
 
     with pytest.raises(RunError, match="what differs: the scenario"):
         open_with(tmp_path, heat={}, noise={})
+
+
+def test_records_say_which_initial_temperatures_a_channel_sees(tmp_path):
+    written = small.content()
+    written["simulator"]["nodes"]["inside"] = {"capacity": "500 J/K", "initial": "5 degC"}
+    written["simulator"]["conductors"].append({"between": ["inside", "body"], "conductance": "0.2 W/K"})
+    records = parameter_records(build_problem(*small.load(tmp_path, written)))
+    assert {own["name"]: own["observed"] for own in records if own["kind"] == "initial"} == {
+        "initial.body": True,
+        "initial.panel": True,
+        "initial.inside": False,
+    }
+    assert all(own["observed"] for own in records if own["kind"] != "initial")
 
 
 def test_shares_of_heat_are_its_sizes_over_what_flows_through_the_node():

@@ -125,6 +125,19 @@ def test_priors_in_conflict_with_the_telemetry_are_told_by_name(run):
     assert about(scored(run, battery_link=6.0), "battery_link lies 6.0 deviations").state == "bad"
 
 
+def test_a_guess_at_where_an_unseen_node_starts_makes_no_model_wrong(run):
+    initial = next(info for info in run.parameters if info.kind == "initial")
+    off = scored(run, **{initial.name: -8.0})
+    assert about(off, "where its prior expects it").state == "bad"
+    infos = [dataclasses.replace(info, observed=info is not initial) for info in run.parameters]
+    finding = about(dataclasses.replace(off, parameters=infos), "where its prior expects it")
+    assert finding.state == "warn"
+    assert finding.not_for == (f"the value of {initial.name}",)
+    assert "initial_state" in finding.then
+    both = dataclasses.replace(scored(off, battery_link=6.0), parameters=infos)
+    assert about(both, "battery_link lies 6.0 deviations").state == "bad"
+
+
 def test_many_priors_that_are_a_little_off_are_a_conflict_together(run):
     names = [info.name for info in run.parameters if info.kind == "parameter"]
     # Each alone is at 2.4 deviations, as one of eleven may be by chance; the sum of eight squares is 46.

@@ -70,6 +70,7 @@ def integration_records(problem: Problem) -> list[dict[str, Any]]:
 def parameter_records(problem: Problem) -> list[dict[str, Any]]:
     """priors.json: what each entry of theta is, its prior and its unit."""
     quantiles = np.stack([problem.priors.quantile(p) for p in (0.025, 0.5, 0.975)], axis=1)
+    seen = {item.node or item.output for item in problem.scenario.observations.values()}
     records = []
     for entry, of_prior in zip(problem.entries, quantiles.tolist(), strict=True):
         values = ", ".join(f"{key} {value:.6g}" for key, value in entry.prior.model_dump(exclude={"kind"}).items())
@@ -82,6 +83,7 @@ def parameter_records(problem: Problem) -> list[dict[str, Any]]:
                 "mode": "sets" if entry.sets else "scales" if entry.scales else "",
                 "prior": f"{entry.prior.kind}: {values}",
                 "prior_quantiles": of_prior,
+                "observed": entry.kind != "initial" or any(entry.name.endswith(f".{place}") for place in seen),
             }
         )
     return records

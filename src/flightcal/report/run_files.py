@@ -67,6 +67,8 @@ class ParameterInfo:
     prior: str
     prior_quantiles: tuple[float, float, float]
     """At 2.5, 50 and 97.5 percent, SI."""
+    observed: bool = True
+    """Of an initial temperature: whether a channel sees it, so that its prior is no guess."""
 
 
 @dataclass(frozen=True)

@@ -169,6 +169,8 @@ def prior_conflict(run: RunFiles) -> Finding:
     The normal score of a posterior's median in its prior is at most as wide as N(0, 1) where the prior is right, so the
     sum of squares of d of them is at most chi-squared with d degrees of freedom (a prior predictive check: Box 1980,
     J. R. Stat. Soc. A 143).
+
+    Where a node without a channel starts is a guess of the scenario's, and no fault of the model.
     """
     kinds = {info.name: info.kind for info in run.parameters}
     out_by = {
@@ -178,28 +180,59 @@ def prior_conflict(run: RunFiles) -> Finding:
     }
     if not out_by:
         return Finding("none", "Priors are not compared", "The run does not say where posteriors lie in their priors.")
+    guessed = [info.name for info in run.parameters if not info.observed and info.name in out_by]
+    believed = {name: score for name, score in out_by.items() if name not in guessed}
+    conflict = _conflict(believed)
+    if conflict is not None:
+        state, named = conflict
+        text = (
+            f"Telemetry and prior are in conflict: {_out_by(believed, named)}. Either the prior is wrong, or the "
+            "parameter makes up for something else that is, such as a clock, an attitude, a unit or a missing heater."
+        )
+        return Finding(state, _far_title(believed, named), text, not_for=tuple(map(value_of, named)), then=CHECK)
+    starts = _conflict({name: out_by[name] for name in guessed})
+    if starts is not None:
+        named = starts[1]
+        text = (
+            f"No channel sees these nodes, so their priors are guesses: {_out_by(out_by, named)}. A wrong guess bends "
+            "these values and what is learnt at the window's beginning, but no prediction of another window."
+        )
+        then = "Write 'initial' of these nodes nearer to what was found, or 'initial_state: {unobserved: 20 K}'."
+        return Finding("warn", _far_title(out_by, named), text, not_for=tuple(map(value_of, named)), then=then)
+    furthest = max(out_by, key=lambda name: abs(out_by[name]))
+    text = (
+        f"Furthest out is {furthest}, at {abs(out_by[furthest]):.1f} deviations of its prior; of "
+        f"{len(out_by)} priors that is to be expected."
+    )
+    return Finding("good", "Posteriors lie where their priors expect them", text)
+
+
+def _conflict(out_by: dict[str, float]) -> tuple[State, list[str]] | None:
+    """How bad it is that normal scores are so far out, and which are to be named; None: as is to be expected."""
+    if not out_by:
+        return None
     alone = {name: 2.0 * float(norm.sf(abs(score))) * len(out_by) for name, score in out_by.items()}
     together = float(chi2.sf(sum(score**2 for score in out_by.values()), len(out_by)))
     order = sorted(out_by, key=lambda name: -abs(out_by[name]))
     off = [name for name in order if alone[name] < OFF]
     if not off and together >= OFF:
-        text = (
-            f"Furthest out is {order[0]}, at {abs(out_by[order[0]]):.1f} deviations of its prior; of "
-            f"{len(out_by)} priors that is to be expected."
-        )
-        return Finding("good", "Posteriors lie where their priors expect them", text)
-    named = off or order[:MOST_NAMED]
-    sides = {name: "above" if score > 0 else "below" for name, score in out_by.items()}
-    said = listed([f"{name} ({abs(out_by[name]):.1f} deviations {sides[name]})" for name in named[:MOST_NAMED]])
-    text = (
-        f"Telemetry and prior are in conflict: {said}. Either the prior is wrong, or the parameter makes up for "
-        "something else that is, such as a clock, an attitude, a unit or a missing heater."
+        return None
+    return "bad" if min([together, *alone.values()]) < FAR_OFF else "warn", off or order[:MOST_NAMED]
+
+
+def _out_by(out_by: dict[str, float], named: list[str]) -> str:
+    return listed(
+        [
+            f"{name} ({abs(out_by[name]):.1f} deviations {'above' if out_by[name] > 0 else 'below'})"
+            for name in named[:MOST_NAMED]
+        ]
     )
-    state: State = "bad" if min([together, *alone.values()]) < FAR_OFF else "warn"
-    title = f"{named[0]} lies {abs(out_by[named[0]]):.1f} deviations from where its prior expects it"
+
+
+def _far_title(out_by: dict[str, float], named: list[str]) -> str:
     if named[1:]:
-        title = f"{len(named)} values lie far from where their priors expect them, worst {named[0]}"
-    return Finding(state, title, text, not_for=tuple(map(value_of, named)), then=CHECK)
+        return f"{len(named)} values lie far from where their priors expect them, worst {named[0]}"
+    return f"{named[0]} lies {abs(out_by[named[0]]):.1f} deviations from where its prior expects it"
 
 
 def resting(run: RunFiles) -> list[Finding]:
