@@ -53,9 +53,11 @@ def test_a_problem_whose_response_follows_is_read_back_from_its_file(without_hea
 
 
 @pytest.mark.parametrize(
-    ("bound", "value"), [("_MOST_FOLLOWED", 0), ("_PILOT_DEPTH", 1)], ids=["too many weights", "no chain gets through"]
+    ("bound", "value", "advice"),
+    [("_MOST_FOLLOWED", 0, "Train on a shorter window"), ("_PILOT_DEPTH", 1, "narrow the priors of heat")],
+    ids=["too many weights", "no chain gets through"],
 )
-def test_a_response_that_bends_and_is_not_followed_fails_its_gate(without_heaters, monkeypatch, bound, value):
+def test_a_response_that_bends_and_is_not_followed_fails_its_gate(without_heaters, monkeypatch, bound, value, advice):
     monkeypatch.setattr(with_heat, "_STRAIGHT", 1e-9)
     monkeypatch.setattr(with_heat, bound, value)
     posterior = calibrate_nuts(without_heaters, NutsSettings(chains=2, warmup=100, draws=50), seed=3)
@@ -63,6 +65,7 @@ def test_a_response_that_bends_and_is_not_followed_fails_its_gate(without_heater
     assert not posterior.heat.model.followed
     assert not gates["response to heat"].passed
     assert "the log density is off by" in gates["response to heat"].found
+    assert advice in gates["response to heat"].advice
 
 
 def test_heat_of_an_earlier_flightcal_is_refused_with_what_to_do(without_heaters, followed_posterior):
