@@ -309,7 +309,7 @@ def _write_texts(
         mode = "sets" if kind == "parameter" else ""
         parameters.append(
             {"name": name, "kind": kind, "unit": unit, "target": target, "mode": mode, "prior": text,
-             "prior_quantiles": quantiles}
+             "prior_quantiles": quantiles, "observed": True}
         )  # fmt: skip
         q = np.quantile(flat[:, i], [0.025, 0.5, 0.975])
         diagnosed.append(
