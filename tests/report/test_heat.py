@@ -194,13 +194,13 @@ def test_noise_that_is_held_says_at_what(run):
     assert row[2] == "held at 300"
 
 
-def test_a_failed_gate_of_heat_forbids_the_posterior_but_not_the_chains(run):
+def test_a_failed_gate_of_heat_forbids_the_parameters_alone(run):
     own = made(run, diagnostics=gated(run, **{"response to heat": "Narrow the priors."}))
     first = every_finding(own)[0]
-    assert first.state == "bad"
-    assert first.title == "The posterior cannot be relied on: the response to heat is not linear"
+    assert (first.state, first.not_for) == ("warn", ("parameters",))
+    assert first.title == "Do not rely on the parameters: the response to heat is not linear"
     assert "Converged" not in first.text
-    assert about(own, "On unseen telemetry").text.endswith("rests on a posterior that cannot be relied on.")
+    assert about(own, "On unseen telemetry").text.endswith("rests on parameters that cannot be relied on.")
 
 
 def test_several_failed_gates_do_not_say_that_the_chains_converged(run):

@@ -31,7 +31,7 @@ _STRAIGHT = 0.25
 _MOST_FOLLOWED = 250
 """Weights, of which more would take hours: each gradient takes the cube of their number."""
 _PILOTS, _PILOT_CHAINS = 6, 2
-_PILOT_WARMUP, _PILOT_DRAWS = 300, 150
+_PILOT_WARMUP, _PILOT_DRAWS = 150, 150
 _PILOT_DEPTH = 7
 """Of a pilot's trees: about 3 are enough. Where most draws reach it, the density is one that no chain gets through."""
 _CAREFUL = 0.95

@@ -38,11 +38,12 @@ def convergence(diagnostics: Record | None) -> Finding:
     share = f"{len(failed)} of {len(gates)} gates {'is' if len(failed) == 1 else 'are'} not passed."
     if all(g["name"] == LINEAR for g in failed):
         text = (
-            f"{share} The chains agree, but they take the response of temperatures to heat for linear, and it is not. "
-            "Do not rely on this posterior."
+            f"{share} The chains agree, but they take the response of temperatures to heat for linear, and it is not: "
+            "parameters may be further off than their intervals say. What is predicted is simulated with its heat, and "
+            "unseen telemetry judges it."
         )
-        title = "The posterior cannot be relied on: the response to heat is not linear"
-        return Finding("bad", title, text, details, then=then)
+        title = "Do not rely on the parameters: the response to heat is not linear"
+        return Finding("warn", title, text, details, ("parameters",), then)
     # The rest of the words names the gates, as the details do.
     first = f"{words.split('. ')[0]}." if not words.startswith("Converged") else "Do not rely on this posterior."
     title = f"The chains have not converged: {failed[0]['name']}, {shown(failed[0]['found'])}"

@@ -44,7 +44,7 @@ def _scores(run: RunFiles, window: str) -> Finding:
     reliable, caveat = "good", ""
     if stochastic is not None and run.diagnostics is not None and not run.diagnostics["passed"]:
         only_heat = all(g["passed"] or g["name"] == LINEAR for g in run.diagnostics.get("gates", []))
-        rests_on = "a posterior that cannot be relied on" if only_heat else "chains that have not converged"
+        rests_on = "parameters that cannot be relied on" if only_heat else "chains that have not converged"
         reliable, caveat = "warn", f"All this rests on {rests_on}."
     worst = max((state, reliable), key=("good", "warn", "bad").index)
     return Finding(worst, title, f"{words} {interval} {caveat}".strip())  # type: ignore[arg-type]
