@@ -23,6 +23,8 @@ _NUDGE = 0.02
 """Of the heat that flows through a node: what its response is looked at with."""
 _MOST_CHANGED = 1e3
 """K, by which that much heat changes a temperature at most: what goes on from there overflows."""
+_AT_ONCE = 2**22
+"""Numbers of heat that simulations are made with at once: 32 MiB."""
 _PIECE = 600.0
 """s, of a gap in a driver, whose heat is unknown in each piece alone: a pass of a transmitter lasts as long."""
 _MOST_PIECES = 40
@@ -237,19 +239,19 @@ def responses(window: Window, theta: FloatArray, model: HeatModel, units: Sequen
     largest = np.abs(series).max(axis=1, initial=0.0) * (share / model.flow).max(axis=1)
     nudge = np.where(largest > 0.0, _NUDGE / np.where(largest > 0.0, largest, 1.0), 0.0)
     moved = np.flatnonzero(nudge > 0.0)
-    heat = np.zeros((2 * len(moved), len(model.nodes), series.shape[1]))
-    for row, f in enumerate(moved):
-        heat[row] = nudge[f] * share[f, :, None] * series[f]
-        heat[len(moved) + row] = -heat[row]
-    runs = window.network.simulate_many(np.tile(theta[window.simulated], (len(heat), 1)), heat)
     response = np.zeros((*window.observed.shape, len(series)))
-    for row, f in enumerate(moved):
-        above, below = runs[row], runs[len(moved) + row]
-        if above is None or below is None:
-            raise SimulationFailure("a simulation with a little more heat fails")
-        change = above.temperatures - below.temperatures
-        if np.abs(change).max(initial=0.0) > _MOST_CHANGED:
-            raise SimulationFailure(f"a little more heat changes a temperature by more than {_MOST_CHANGED:g} K")
-        response[..., f] = change / (2.0 * nudge[f])
+    at_once = max(1, _AT_ONCE // max(1, 2 * len(model.nodes) * series.shape[1]))
+    for first in range(0, len(moved), at_once):
+        part = moved[first : first + at_once]
+        heat = (nudge[part, None] * share[part])[:, :, None] * series[part, None, :]
+        thetas = np.tile(theta[window.simulated], (2 * len(part), 1))
+        runs = window.network.simulate_many(thetas, np.concatenate([heat, -heat]))
+        for f, above, below in zip(part, runs[: len(part)], runs[len(part) :], strict=True):
+            if above is None or below is None:
+                raise SimulationFailure("a simulation with a little more heat fails")
+            change = above.temperatures - below.temperatures
+            if np.abs(change).max(initial=0.0) > _MOST_CHANGED:
+                raise SimulationFailure(f"a little more heat changes a temperature by more than {_MOST_CHANGED:g} K")
+            response[..., f] = change / (2.0 * nudge[f])
     found = np.split(response, np.cumsum([len(own.series) for own in units])[:-1], axis=2)
     return [of_heat if own.error is None else own.error for own, of_heat in zip(units, found, strict=True)]
