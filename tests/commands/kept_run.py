@@ -2,6 +2,7 @@
 
 import csv
 import json
+import re
 from pathlib import Path
 from typing import Any
 
@@ -10,6 +11,11 @@ from ruamel.yaml import YAML
 from tests import small
 
 ANSWERS = ("Did the sampling converge?", "Is the model right?", "Do its intervals hold?")
+
+
+def cells_of(line: str) -> list[str]:
+    """Of a line of a table that is printed."""
+    return re.split(r"\s{2,}", line.strip())
 
 
 def write_kept(folder: Path, *, name: str = "small", scenario: dict[str, Any] | None = None, **means: float) -> Path:

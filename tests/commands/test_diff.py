@@ -9,19 +9,15 @@ from flightcal.calibration import Calibrated
 from flightcal.cli import USER_ERROR, app
 from flightcal.commands.diff import differences, in_deviations, in_unit_of
 from tests import small
-from tests.commands.kept_run import change, write_kept
+from tests.commands.kept_run import cells_of, change, write_kept
 
 
 def diff(*arguments):
     return CliRunner().invoke(app, ["diff", *map(str, arguments)], env={"COLUMNS": "100"})
 
 
-def cells_of(output, name):
-    return [
-        [cell.strip() for cell in line.split("\u2502")[1:-1]]
-        for line in output.splitlines()
-        if line.startswith("\u2502") and name in line
-    ]
+def rows_of(output, name):
+    return [cells_of(line) for line in output.splitlines() if name in line]
 
 
 def quantity(mean, deviation, unit="W/K"):
@@ -34,7 +30,7 @@ def test_a_run_and_itself_are_the_same(tmp_path):
     assert result.exit_code == 0, result.output
     assert "Scenarios: the same" in result.output
     assert "Did the sampling converge? both ✓ good: Yes [all]" in result.output
-    assert cells_of(result.output, "link") == [["link, W/K", "0.650 [0.590, 0.710]", "0.650 [0.590, 0.710]", "+0.0"]]
+    assert rows_of(result.output, "link") == [["link, W/K", "0.650 [0.590, 0.710]", "0.650 [0.590, 0.710]", "+0.0"]]
 
 
 def test_what_differs_is_told(tmp_path):
@@ -53,9 +49,9 @@ def test_what_differs_is_told(tmp_path):
     assert "  simulator.nodes.body.capacity: 3000 J/K -> 3100 J/K\n" in output
     assert "  heat: none -> nothing\n" in output
     assert "  content of the input files\n" in output
-    assert cells_of(output, "link")[0][-1] == "+3.5"  # 0.15 over 0.03 and the root of two
-    assert cells_of(output, "extra") == [["extra, W/K", "-", "0.100 [0.0400, 0.160]", "-"]]
-    assert ["test", "rmse", "K", "0.65", "0.8"] in cells_of(output, "rmse")
+    assert rows_of(output, "link")[0][-1] == "+3.5"  # 0.15 over 0.03 and the root of two
+    assert rows_of(output, "extra") == [["extra, W/K", "-", "0.100 [0.0400, 0.160]", "-"]]
+    assert ["test", "rmse", "K", "0.65", "0.8"] in rows_of(output, "rmse")
 
 
 def test_factors_are_compared_as_factors_of_the_same_numbers(tmp_path):
@@ -64,7 +60,7 @@ def test_factors_are_compared_as_factors_of_the_same_numbers(tmp_path):
     other["simulator"]["conductors"][1]["radiative"] = "0.055 m^2"
     one = write_kept(tmp_path / "one", panel_size=1.1)
     two = write_kept(tmp_path / "two", scenario=other, panel_size=1.0)
-    (row,) = cells_of(diff(one, two).output, "panel_size")
+    (row,) = rows_of(diff(one, two).output, "panel_size")
     assert row[1:] == ["1.10 [1.04, 1.16]", "1.10 [1.03, 1.17]", "+0.0"]
 
 

@@ -14,6 +14,7 @@ from flightcal.commands.display import display, print_beside, print_summary, uns
 from flightcal.prediction import ANY, Metric, Unseen
 from flightcal.report import Finding, Verdict
 from flightcal.report.verdict import Answer
+from tests.commands.kept_run import cells_of
 
 TITLE = "stochastic update (NUTS)"
 TOLD = "42/200 draws, 600 gradients"
@@ -106,7 +107,7 @@ def test_a_summary_has_the_ratio_and_the_coverage_of_every_channel_and_how_many_
 
     lines = printed(print_summary, summary(Path("run"), tuple(metrics)))
 
-    cells = [[cell.strip() for cell in line.split("\u2502")[1:-1]] for line in lines if "\u2502" in line]
+    cells = [cells_of(line) for line in lines]
     assert ["test", "rmse", "0.4", "0.25", "0.2", "0.5", "0.8", "0.7533"] in cells
     assert [row for row in cells if row[0] == "test" and row[1] != "rmse"] == [
         ["test", "battery", "0.25", "0.2", "0.8", "99.0%", "0.3 K"],
@@ -126,7 +127,7 @@ def test_a_summary_ends_with_the_verdict_the_parameters_and_the_page_as_the_page
     scores = max(k for k, line in enumerate(lines) if "RMSE and interval" in line)
     row = next(k for k, line in enumerate(lines) if "link, W/K" in line)
     assert scores < verdict < row < lines.index(f"report: {Path('run/report.html')}") == len(lines) - 1
-    assert [cell.strip() for cell in lines[row].split("\u2502")[1:-1]] == [
+    assert cells_of(lines[row]) == [
         "link, W/K", "0.600 [0.360, 1.00]", "0.650 [0.590, 0.710]", "97.0%",
     ]  # fmt: skip
     assert not any("noise.tank" in line for line in lines)
@@ -157,7 +158,7 @@ def test_the_published_method_stands_beside_the_default():
     )
     lines = printed(print_beside, own, {"published": published, "reduced": reduced})
 
-    cells = [[cell.strip() for cell in line.split("\u2502")[1:-1]] for line in lines if "\u2502" in line]
+    cells = [cells_of(line) for line in lines]
     assert ["test", "rmse", "0.4 K", "0.3 K", "0.2 K", "0.1 K"] in cells
     assert ["test", "picp", "-", "50.0%", "95.0%", "90.0%"] in cells
     assert ["test", "picp, least of a channel", "-", "40.0% battery", "85.0% battery", "80.0% battery"] in cells

@@ -6,7 +6,7 @@ import pytest
 from typer.testing import CliRunner
 
 from flightcal.cli import USER_ERROR, app
-from tests.commands.kept_run import change, write_json, write_kept
+from tests.commands.kept_run import cells_of, change, write_json, write_kept
 
 
 def show(*arguments):
@@ -20,8 +20,7 @@ def test_the_verdict_the_parameters_and_the_files_are_printed(tmp_path):
     assert "Use it.\n  Did the sampling converge? ✓ good: Yes [all]\n" in result.output
     assert "  next: flightcal backtest\n" in result.output
     (row,) = (line for line in result.output.splitlines() if "link" in line)
-    cells = [cell.strip() for cell in row.split("\u2502")[1:-1]]
-    assert cells == ["link, W/K", "0.600 [0.360, 1.00]", "0.650 [0.590, 0.710]", "97.0%"]
+    assert cells_of(row) == ["link, W/K", "0.600 [0.360, 1.00]", "0.650 [0.590, 0.710]", "97.0%"]
     assert "initial.body" not in result.output
     assert "1 more with --all: noise" in result.output
     assert f"{tmp_path / 'run' / 'calibrated.yaml'}: the scenario with the calibrated numbers" in result.output

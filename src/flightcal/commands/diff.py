@@ -136,15 +136,12 @@ def _print_scenarios(one: Kept, two: Kept, console: Console, every: bool) -> Non
 
 def _print_parameters(one: Kept, two: Kept, console: Console, every: bool) -> None:
     from rich.markup import escape
-    from rich.table import Table
 
     from ..report import interval
     from .kept import chosen
 
-    table = Table(title="Parameters, mean [95%], and B - A in deviations", title_justify="left", padding=0)
-    table.add_column("name, unit", overflow="fold")
-    for heading in ("A", "B", "B - A"):
-        table.add_column(heading, justify="right", no_wrap=True)
+    title = "Parameters, mean [95%], and B - A in deviations"
+    table = table_of(title, ("name, unit",), ("A", "B", "B - A"), overflow="fold")
     left, right = ({own.name: own for own in chosen(run.parameters, every)} for run in (one, two))
     for name in dict.fromkeys([*left, *right]):
         a, b = left.get(name), right.get(name)
@@ -165,7 +162,7 @@ def _print_scores(one: Kept, two: Kept, console: Console) -> None:
     """Scores of the stochastic update over all channels, in the windows of either."""
     from rich.markup import escape
 
-    title = "Scores of the stochastic update, over all channels"
+    title = "Stochastic update, all channels"
     table = table_of(title, ("window", "metric", "unit"), ("A", "B"), overflow="fold")
     left, right = (
         {(m.window, m.metric): m for m in run.metrics if (m.method, m.channel) == ("stochastic", "all")}

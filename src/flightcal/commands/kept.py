@@ -6,15 +6,18 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import partial
 from pathlib import Path
-from typing import Any, Final
+from typing import TYPE_CHECKING, Any, Final
 
 from rich.markup import escape
-from rich.table import Table
 
 from ..calibration import CALIBRATED_FILE, RESULTS_FILE, TABLE_FILE, Calibrated, read_calibrated
 from ..errors import RunError
 from ..prediction import Metric
 from ..run import check_whole, read_json, read_provenance, read_records, typed
+from .printing import table_of
+
+if TYPE_CHECKING:
+    from rich.table import Table
 
 _STAGES: Final = ("nuts", "predict", "results")
 _FILES: Final = ("scenario.yaml", "verdict.json", "metrics.json", RESULTS_FILE, TABLE_FILE, CALIBRATED_FILE)
@@ -89,10 +92,8 @@ def parameter_table(parameters: Sequence[Calibrated]) -> Table:
     """Before, after, interval and how much of it is the data's word."""
     from ..report import interval
 
-    table = Table(title="Parameters: median [95%] before, mean [95%] after", title_justify="left", padding=0)
-    table.add_column("name, unit", overflow="fold")
-    for heading in ("before", "after", "from data"):
-        table.add_column(heading, justify="right", no_wrap=True)
+    title = "Parameters: median [95%] before, mean [95%] after, share from data"
+    table = table_of(title, ("name, unit",), ("before", "after", "data"), overflow="fold")
     for own in parameters:
         before, after = (own.before, own.before_lower, own.before_upper), (own.mean, own.lower, own.upper)
         named = f"{own.name}, {own.unit}" if own.unit else own.name

@@ -16,12 +16,13 @@ def say(console: Console, line: str, style: str = "") -> None:
 
 
 def table_of(title: str, words: Sequence[str], numbers: Sequence[str], **column: Any) -> Table:
-    """An empty table: columns of words, then of numbers. column: more of each."""
+    """An empty table: columns of words, then of numbers, which are never broken. column: more of those of words."""
+    from rich.box import SIMPLE_HEAD
     from rich.table import Table
 
-    table = Table(title=title or None, title_justify="left")
+    table = Table(title=title or None, title_justify="left", box=SIMPLE_HEAD, pad_edge=False, collapse_padding=True)
     for heading in words:
         table.add_column(heading, **column)
     for heading in numbers:
-        table.add_column(heading, justify="right", **column)
+        table.add_column(heading, justify="right", no_wrap=True)
     return table
