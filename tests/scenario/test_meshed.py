@@ -236,7 +236,8 @@ def test_a_new_scenario_with_a_box_is_simulated(tmp_path):
     run = CliRunner().invoke
     assert run(app, ["init", str(tmp_path)]).exit_code == 0
     file = tmp_path / "scenario.yaml"
-    text = edited(file.read_text(), ("\nsimulator:\n", f"\nsimulator:\n{PLATE}{BOX}"))
+    shorter = file.read_text().replace("orbits: 2}", "orbits: 0.5}")
+    text = edited(shorter, ("\nsimulator:\n", f"\nsimulator:\n{PLATE}{BOX}"))
     link = '  conductors:\n    - {between: [battery, "bus.z-[0,1]"], conductance: 0.2 W/K}\n'
     cell = '    "bus.z-[0,1]": {capacity_slope: 0.02 1/K}\n'
     constant = tmp_path / "constant.yaml"

@@ -225,6 +225,19 @@ def test_a_driver_that_cannot_be_bridged_is_an_error(tmp_path):
         inputs_of(scenario, data)
 
 
+def test_the_heat_of_a_driver_that_is_held_is_exact_in_steps_of_any_length(tmp_path):
+    written = small.content()
+    written["telemetry"]["channels"]["sun"]["fill"] = "hold"
+    scenario, data = small.load(tmp_path, written)
+    data["sun"].values[:] = np.nan
+    data["sun"].values[[0, 20, 50]] = [1.0, 0.25, 3.0]
+    network, inputs = inputs_of(scenario, data)
+    drive = drive_on(inputs, make_grid(inputs, lambda t: 1300.0 + 0.0 * t))
+    watts = 12.0 * drive.series[network.columns.index("driver.sun")].reshape(-1, 2).mean(axis=1)
+    joules = 12.0 * (1.0 * 1200 + 0.25 * 1800 + 3.0 * 2400)
+    assert np.diff(drive.times) @ watts == pytest.approx(joules, rel=1e-5)
+
+
 def test_a_face_gets_the_sunlight_of_a_slew_and_its_ends_are_breaks(tmp_path):
     written = rich()
     written["environment"]["attitude"] = {

@@ -39,3 +39,7 @@ def test_a_driver_that_drives_nothing_is_not_said(tmp_path):
     scenario, data = case(tmp_path, "previous_orbit", [(50, 70)])
     unused = scenario.model_copy(update={"simulator": scenario.simulator.model_copy(update={"loads": {}})})
     assert list(bridged(unused, data)) == []
+
+
+def test_a_driver_that_is_held_has_no_gaps(tmp_path):
+    assert list(bridged(*case(tmp_path, "hold", [(50, 70)]))) == []

@@ -10,7 +10,7 @@ from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 
 from flightcal.errors import TelemetryError
-from flightcal.telemetry import driver_series, status_fraction
+from flightcal.telemetry import driver_corners, driver_gaps, driver_series, status_fraction
 
 from .files import frame, read, seconds, text
 
@@ -154,3 +154,21 @@ def test_status_outside_the_telemetry_is_an_error(tmp_path: Path):
         match=r"channel 'heater': found no status from .* to 2024-03-01T00:01:00, .*within the telemetry",
     ):
         status_fraction(dataset, "heater", seconds(0, 60))
+
+
+def test_a_value_that_is_held_stays_until_the_next_sample_and_to_the_end_of_the_telemetry(tmp_path: Path):
+    table = pd.DataFrame({"time": text(seconds(*(MINUTE * np.arange(60.0))))}).assign(I=np.nan, other=1.0)
+    table.loc[[0, 10, 30], "I"] = [100.0, 300.0, 200.0]
+    channels = {
+        "sun": {"column": "I", "kind": "driver", "unit": "mA", "fill": "hold"},
+        "other": {"column": "other", "kind": "driver", "unit": "mA"},
+    }
+    dataset = read(tmp_path, table, channels=channels)
+    at = seconds(*(MINUTE * np.array([0.0, 9.999, 10.0, 29.9, 30.0, 59.0])))
+    np.testing.assert_allclose(driver_series(dataset, "sun", at), [0.1, 0.1, 0.3, 0.3, 0.2, 0.2])
+    corners = driver_corners(dataset, "sun", "hold", None)
+    off = corners - seconds(599.999, 600.0, 1799.999, 1800.0)
+    assert (abs(off) <= np.timedelta64(1, "us")).all()
+    assert driver_gaps(dataset, "sun")[0].size == 0
+    with pytest.raises(TelemetryError, match=r"'sun': found no sample at .*'fill: hold' needs a sample"):
+        driver_series(dataset, "sun", seconds(-120.0))

@@ -126,8 +126,8 @@ class Channel(Block):
     """Of `bits`: that of words without 0x or 0b before them; null: 10."""
     stale_after: Annotated[Count, Field(ge=2)] | None = 6
     """This many identical rows of all channels that do not normally repeat are frozen; null: off."""
-    fill: Literal["interpolate", "previous_orbit"] = "interpolate"
-    """For a driver: how its gaps are bridged."""
+    fill: Literal["interpolate", "previous_orbit", "hold"] = "interpolate"
+    """For a driver: how its gaps are bridged; hold: it has no gaps, for each value stays until the next sample."""
 
     @field_validator("curve")
     @classmethod

@@ -34,6 +34,8 @@ def bridged(scenario: Scenario, dataset: xr.Dataset, period: float | None = None
     """
     period = period or dataset.attrs.get("period_s")
     for channel, fill in measured_inputs(scenario).items():
+        if fill == "hold":
+            continue
         seconds, _, interval = valid_samples(dataset, channel)
         times = np.round(seconds * 1e9).astype(np.int64).astype("datetime64[ns]")
         long = np.flatnonzero(np.diff(seconds) > SHORT_GAP * interval)

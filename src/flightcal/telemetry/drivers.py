@@ -12,12 +12,14 @@ from numpy.typing import NDArray
 from ..errors import TelemetryError
 from .clean import clock_text
 
-Fill = Literal["interpolate", "previous_orbit"]
+Fill = Literal["interpolate", "previous_orbit", "hold"]
 
+_OUTSIDE = "before the first or after the last sample"
 SHORT_GAP = 3.0
 """Gaps of up to this many sampling intervals are interpolated, whatever the channel's `fill`."""
 _EDGE = 1e-3
-"""s, within which a driver jumps at the ends of a gap that is bridged from another orbit."""
+"""s, within which a driver jumps: where a value that is held changes, and at the ends of a gap that is bridged from
+another orbit."""
 LONGEST_INTERPOLATED = 1800.0
 """Longest gap (s) that `fill: interpolate` bridges where no orbital period is known."""
 LONGEST_INTERPOLATED_SHARE = 0.1
@@ -37,12 +39,15 @@ def driver_series(
     Linear interpolation between valid samples. Where they are more than `SHORT_GAP` sampling intervals apart,
     `fill` (default: the channel's own) says how: 'interpolate' does so up to a tenth of the period, at most
     30 min; 'previous_orbit' takes the value a whole number of periods earlier, the fewest possible, or later
-    where there is none earlier. period: orbital period, s; default: that of the dataset.
+    where there is none earlier. With 'hold' there is no interpolation: a value stays until the next sample, the last
+    one as long as there is telemetry. period: orbital period, s; default: that of the dataset.
 
     Raises TelemetryError when a gap cannot be bridged.
     """
     fill = fill or dataset[channel].attrs["fill"]
     period = period or dataset.attrs.get("period_s")
+    if fill == "hold":
+        return _held(dataset, channel, times)
     seconds, values, interval = valid_samples(dataset, channel)
     at = _seconds(times)
     gap = _gap(seconds, at, interval)
@@ -69,21 +74,33 @@ def driver_series(
         advice = "no other orbit has samples at this phase"
     if open_gap.any():
         first = int(np.argmax(open_gap))
-        length = (
-            "before the first or after the last sample"
-            if np.isinf(gap[first])
-            else f"a gap of {gap[first] / 60:.1f} min"
-        )
-        raise TelemetryError(f"channel '{channel}': found no sample at {clock_text(times[first])}, {length}; {advice}")
+        where = _OUTSIDE if np.isinf(gap[first]) else f"a gap of {gap[first] / 60:.1f} min"
+        raise TelemetryError(f"channel '{channel}': found no sample at {clock_text(times[first])}, {where}; {advice}")
     return result
+
+
+def _held(dataset: xr.Dataset, channel: str, times: NDArray[np.datetime64]) -> NDArray[np.float64]:
+    """The last value before each time [K], or at it."""
+    seconds, values, _ = valid_samples(dataset, channel)
+    at, last, slack = _seconds(times), _seconds(dataset["time"].to_numpy())[-1], dataset.attrs["sampling_interval_s"]
+    outside = (at < seconds[0] - slack) | (at > last + slack)
+    if outside.any():
+        first = clock_text(times[int(np.argmax(outside))])
+        advice = "'fill: hold' needs a sample before each window"
+        raise TelemetryError(f"channel '{channel}': found no sample at {first}, {_OUTSIDE}; {advice}")
+    return values[np.searchsorted(seconds, at, side="right").clip(1) - 1]
 
 
 def driver_corners(dataset: xr.Dataset, channel: str, fill: Fill, period: float | None) -> NDArray[np.datetime64]:
     """Times between which `driver_series` is a straight line: those of the samples, and what bridges gaps.
 
-    Where a gap is bridged from another orbit the driver jumps at its ends, within a millisecond.
+    Where a gap is bridged from another orbit the driver jumps at its ends, within a millisecond; and so where a value
+    that is held changes.
     """
-    seconds, _, interval = valid_samples(dataset, channel)
+    seconds, values, interval = valid_samples(dataset, channel)
+    if fill == "hold":
+        changed = seconds[1:][np.diff(values) != 0.0]
+        return _times(changed - _EDGE, changed)
     corners = [seconds]
     long = np.flatnonzero(np.diff(seconds) > SHORT_GAP * interval)
     if fill == "previous_orbit" and period is not None:
@@ -91,7 +108,7 @@ def driver_corners(dataset: xr.Dataset, channel: str, fill: Fill, period: float 
         for begin, end in zip(seconds[long], seconds[long + 1], strict=True):
             moved = np.concatenate([seconds + shift for shift in (*-turns, *turns)])
             corners += [moved[(moved > begin) & (moved < end)], np.array([begin + _EDGE, end - _EDGE])]
-    return np.round(np.unique(np.concatenate(corners)) * 1e9).astype(np.int64).astype("datetime64[ns]")
+    return _times(*corners)
 
 
 def driver_gaps(
@@ -103,7 +120,8 @@ def driver_gaps(
     deviation is meant.
     """
     seconds, values, interval = valid_samples(dataset, channel)
-    long = np.flatnonzero(np.diff(seconds) > SHORT_GAP * interval)
+    is_held = dataset[channel].attrs["fill"] == "hold"
+    long = np.flatnonzero((np.diff(seconds) > SHORT_GAP * interval) & ~is_held)
     gaps = np.round(np.stack([seconds[long], seconds[long + 1]], axis=1) * 1e9).astype(np.int64)
     return gaps.astype("datetime64[ns]"), float(of(values).std())
 
