@@ -17,11 +17,11 @@ NODES = ["panel", "battery", "payload"]
 FLOW = [50.0, 10.0, 8.0]
 
 
-def model(peak):
+def model(peak, scale=0.05):
     """Heat of three nodes with one harmonic; the battery's expected pattern is a cosine of `peak` W."""
     weight = peak * np.sqrt(1 + 1 / 9)
     groups = [
-        {"part": "pattern", "scale": f"heat.{n}.pattern", "size": 0.05 * flow, "node": k, "window": ""}
+        {"part": "pattern", "scale": f"heat.{n}.pattern", "size": scale * flow, "node": k, "window": ""}
         for k, (n, flow) in enumerate(zip(NODES, FLOW, strict=True))
     ]
     groups.append({"part": "gains", "scale": "heat.gains", "size": 0.05, "node": -1, "window": ""})
@@ -38,16 +38,16 @@ def model(peak):
     }  # fmt: skip
 
 
-def made(run, peak=0.5, gain=0.04, *, slow=None, diagnostics=None, **kept):
+def made(run, peak=0.5, gain=0.04, *, scale=0.05, slow=None, diagnostics=None, **kept):
     """The made-up run with heat; slow: W, of the battery's slow part; kept: further variables of its group."""
     sizes = run.posterior["posterior"].to_dataset().sizes
     draws = np.random.default_rng(5).normal(size=(sizes["chain"], sizes["draw"]))
     both = ("chain", "draw")
-    values = {own["scale"]: own["size"] for own in model(peak)["groups"]} | {"heat.gains": gain}
+    values = {own["scale"]: own["size"] for own in model(peak, scale)["groups"]} | {"heat.gains": gain}
     values |= {} if slow is None else {"heat.battery.slow": slow}
     groups = {name: group.to_dataset() for name, group in run.posterior.children.items()}
     groups["posterior"] = groups["posterior"].assign({n: (both, v * (1 + 0.1 * draws)) for n, v in values.items()})
-    groups["heat"] = xr.Dataset({"model": ((), json.dumps(model(peak)))} | kept)
+    groups["heat"] = xr.Dataset({"model": ((), json.dumps(model(peak, scale)))} | kept)
     tree = xr.DataTree.from_dict(groups)
     tree.attrs = run.posterior.attrs
     return dataclasses.replace(run, posterior=tree, diagnostics=diagnostics or run.diagnostics)
@@ -192,6 +192,20 @@ def test_noise_that_is_held_says_at_what(run):
     own = made(dataclasses.replace(run, parameters=[*run.parameters, *extra]))
     row = next(r for r in parameters.summary(own).rows if r[0].startswith("noise.panel_temperature.correlation_time"))
     assert row[2] == "held at 300"
+
+
+@pytest.mark.parametrize(
+    ("scale", "state", "title"),
+    [
+        (0.05, "bad", "Unmodelled heat is implausibly large: battery"),
+        (0.2, "warn", "Unmodelled heat is large: battery"),
+        (0.3, "good", "Unmodelled heat is no larger than the scenario expects"),
+    ],
+)
+def test_where_a_scenario_expects_more_heat_more_is_believed(run, scale, state, title):
+    """Half of what flows, of which the scenario expects a twentieth, a fifth or almost a third."""
+    found = about(made(run, peak=8.0, scale=scale), "Unmodelled heat is")
+    assert (found.state, found.title[: len(title)]) == (state, title)
 
 
 def test_a_failed_gate_of_heat_forbids_the_parameters_alone(run):

@@ -7,7 +7,7 @@ from scipy.stats import chi2, norm
 from ...probability import INDEPENDENT
 from ...scenario import is_trained
 from ..panels.discrepancy import STANDS_IN, stand_ins
-from ..panels.heat import IMPLAUSIBLE, LARGE, WANDERING, gains, node_heats
+from ..panels.heat import IMPLAUSIBLE, LARGE, WANDERING, gains, node_heats, state
 from ..panels.parameters import MOST_NAMED, WIDER, shortened, widened
 from ..panels.residuals import TESTED, assumption, channels, correlation_expected, noises
 from ..run_files import RunFiles
@@ -111,25 +111,26 @@ def _lasting_heat(run: RunFiles) -> list[Finding]:
     """How large the heat is that comes again with the orbit."""
     if run.heat is None:
         return []
-    shares = {own.node: own.share for own in node_heats(run)}
+    found = [(own.node, own.share, own.allowed) for own in node_heats(run)]
     if of_gains := gains(run):
-        shares["gains (relative errors of modes and absorbed fluxes)"] = of_gains.quantiles[0]
-    shares = dict(sorted(shares.items(), key=lambda item: -item[1]))
-    if not shares:
+        found.append(("gains (relative errors of modes and absorbed fluxes)", of_gains.quantiles[0], 1.0))
+    if not found:
         return []
+    found.sort(key=lambda own: -own[1] / own[2])
     wider, taken = widened(run), ""
     if wider:
         taken = f" It takes most from {shortened(wider)}: their intervals are more than {WIDER:g} times as wide."
-    large = listed([f"{name} ({percent(share, 0)})" for name, share in shares.items() if share > LARGE])
-    worst, share = next(iter(shares.items()))
-    if share > IMPLAUSIBLE:
+    large = listed([f"{name} ({percent(share, 0)})" for name, share, allowed in found if state(share, allowed)])
+    worst, share, allowed = found[0]
+    if state(share, allowed) == "bad":
+        limit = percent(IMPLAUSIBLE * allowed, 0)
         text = (
-            f"For sure, as a share of the mean heat through the node: {large}. Above {IMPLAUSIBLE:.0%} heat can hide a "
+            f"For sure, as a share of the mean heat through the node: {large}. Above {limit} heat can hide a "
             f"wrong set-up: look at attitude, areas, time tags and units before the parameters are used.{taken}"
         )
         title = f"Unmodelled heat is implausibly large: {worst}, {percent(share, 0)} of what flows"
         return [Finding("bad", title, text, then=CHECK)]
-    if share > LARGE:
+    if state(share, allowed):
         text = (
             f"For sure, as a share of the mean heat through the node: {large}. Look for what the scenario lacks, "
             f"such as a load or a shadow.{taken}"
@@ -137,7 +138,8 @@ def _lasting_heat(run: RunFiles) -> list[Finding]:
         title = f"Unmodelled heat is large: {worst}, {percent(share, 0)} of what flows"
         return [Finding("warn", title, text, not_for=_doubted_by_heat(run), then=CHECK)]
     text = f"For sure it is at most {percent(share)} of the mean heat through any node ({worst}).{taken}"
-    return [Finding("good", "Unmodelled heat is small", text)]
+    title = "Unmodelled heat is small" if share <= LARGE else "Unmodelled heat is no larger than the scenario expects"
+    return [Finding("good", title, text)]
 
 
 def stand_in(run: RunFiles) -> list[Finding]:

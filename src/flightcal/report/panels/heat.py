@@ -20,6 +20,9 @@ from ..text import number, percent
 LARGE, IMPLAUSIBLE = 0.1, 0.3
 """Shares of the flow through a node above which its heat wants caution, and above which it is hardly believed."""
 
+USUAL = 0.05
+"""The pattern's prior scale for which these hold: where the scenario writes more, so much more is believed."""
+
 WANDERING = 0.05
 """The same of its slow part: 0.1% to 0.6% in random satellites that are right, up to 6% where heat drifts."""
 
@@ -32,7 +35,7 @@ ROW_HEIGHT = 170
 
 WORDS = {
     "": "–",
-    "warn": f"caution: above {LARGE:.0%}",
+    "warn": f"caution: above {LARGE:.0%}, or twice what the scenario expects",
     "bad": "implausibly large: heat can hide a wrong set-up",
 }
 
@@ -75,6 +78,11 @@ class NodeHeat:
             return 0.0
         low, high = self.band or (self.expected, self.expected)
         return float(np.maximum(0.0, np.maximum(low, -high)).mean()) / self.flow
+
+    @property
+    def allowed(self) -> float:
+        """How many times as much heat as usual the scenario expects, at least 1."""
+        return 1.0 if self.pattern is None else max(1.0, self.pattern.prior / (USUAL * self.flow))
 
     @property
     def wandering(self) -> float:
@@ -124,7 +132,8 @@ def panel(run: RunFiles) -> list[Block]:
             "interval, above 10% of the flow wants a "
             "reason, such as a load or a shadow that the scenario lacks. Above 30% look for a wrong set-up first: "
             "attitude, areas, time tags, units. Heat can make up for these in the fit, but not in another season or "
-            "attitude. A slow part above 5% wants a reason too, such as a mode or a load that comes and goes."
+            "attitude. Where the scenario expects more than 5% ('heat: pattern: scale'), these limits are higher by as "
+            "many times. A slow part above 5% wants a reason too, such as a mode or a load that comes and goes."
         ),
     ]
 
@@ -184,9 +193,9 @@ def _patterns(run: RunFiles, model: Record) -> tuple[Array, dict[str, Array], di
     return phase, expected, {}
 
 
-def state(share: float) -> str:
-    """State of a share of the flow: nothing, warn or bad."""
-    return "bad" if share > IMPLAUSIBLE else "warn" if share > LARGE else ""
+def state(share: float, allowed: float = 1.0) -> str:
+    """State of a share of the flow: nothing, warn or bad. allowed: see `NodeHeat`."""
+    return "bad" if share > IMPLAUSIBLE * allowed else "warn" if share > LARGE * allowed else ""
 
 
 def sizes(nodes: Sequence[NodeHeat], of_gains: Size | None) -> Table:
@@ -196,10 +205,13 @@ def sizes(nodes: Sequence[NodeHeat], of_gains: Size | None) -> Table:
         peak = float(np.abs(own.expected).max(initial=0.0))
         largest: str = "–"
         if own.expected.size:
-            largest = Cell(f"{number(peak, 3)}\n{percent(peak / own.flow)} of the flow", state(peak / own.flow))
+            largest = Cell(
+                f"{number(peak, 3)}\n{percent(peak / own.flow)} of the flow", state(peak / own.flow, own.allowed)
+            )
+        mark = state(own.share, own.allowed)
         rows.append(
-            [own.node, number(own.flow, 3), _cell(own.pattern, own.flow), largest, _cell(own.slow, own.flow),
-             Cell(WORDS[state(own.share)], state(own.share))]
+            [own.node, number(own.flow, 3), _cell(own.pattern, own.flow, own.allowed), largest,
+             _cell(own.slow, own.flow), Cell(WORDS[mark], mark)]
         )  # fmt: skip
     if of_gains is not None:
         low, median, high = of_gains.quantiles
@@ -213,12 +225,13 @@ def sizes(nodes: Sequence[NodeHeat], of_gains: Size | None) -> Table:
     return Table(header, rows, range(1, 5))
 
 
-def _cell(size: Size | None, flow: float) -> str:
+def _cell(size: Size | None, flow: float, allowed: float = 1.0) -> str:
     if size is None:
         return "–"
     low, median, high = size.quantiles
     watts = f"{number(median, 3)} [{number(low, 3)}, {number(high, 3)}]"
-    return Cell(f"{watts}\n{percent(median / flow)} of the flow; prior {number(size.prior, 3)}", state(median / flow))
+    words = f"{watts}\n{percent(median / flow)} of the flow; prior {number(size.prior, 3)}"
+    return Cell(words, state(median / flow, allowed))
 
 
 def figure_pattern(nodes: Sequence[NodeHeat], over: str = PHASE) -> go.Figure:
