@@ -169,6 +169,6 @@ def test_a_value_that_is_held_stays_until_the_next_sample_and_to_the_end_of_the_
     corners = driver_corners(dataset, "sun", "hold", None)
     off = corners - seconds(599.999, 600.0, 1799.999, 1800.0)
     assert (abs(off) <= np.timedelta64(1, "us")).all()
-    assert driver_gaps(dataset, "sun")[0].size == 0
+    assert driver_gaps(dataset, "sun", "hold")[0].size == 0
     with pytest.raises(TelemetryError, match=r"'sun': found no sample at .*'fill: hold' needs a sample"):
         driver_series(dataset, "sun", seconds(-120.0))

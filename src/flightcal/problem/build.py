@@ -125,8 +125,8 @@ def _bridged(
         return ()
     found = []
     for name, load in scenario.simulator.loads.items():
-        of = load_driver(load, scenario.telemetry.channels[load.driver])
-        gaps, deviation = driver_gaps(telemetry, load.driver, of)
+        channel = scenario.telemetry.channels[load.driver]
+        gaps, deviation = driver_gaps(telemetry, load.driver, channel.fill, load_driver(load, channel))
         for begin, until in (np.clip(gaps, start, end) - start) / np.timedelta64(1, "ns") * 1e-9:
             if until > begin and deviation > 0.0:
                 found.append(Bridged(name, float(begin), float(until), deviation))

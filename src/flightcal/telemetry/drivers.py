@@ -112,7 +112,7 @@ def driver_corners(dataset: xr.Dataset, channel: str, fill: Fill, period: float 
 
 
 def driver_gaps(
-    dataset: xr.Dataset, channel: str, of: Callable[[NDArray[np.float64]], NDArray[np.float64]] = np.asarray
+    dataset: xr.Dataset, channel: str, fill: Fill, of: Callable[[NDArray[np.float64]], NDArray[np.float64]] = np.asarray
 ) -> tuple[NDArray[np.datetime64], float]:
     """Where `driver_series` bridges more than `SHORT_GAP` sampling intervals, [G, 2], and how much the driver varies.
 
@@ -120,8 +120,7 @@ def driver_gaps(
     deviation is meant.
     """
     seconds, values, interval = valid_samples(dataset, channel)
-    is_held = dataset[channel].attrs["fill"] == "hold"
-    long = np.flatnonzero((np.diff(seconds) > SHORT_GAP * interval) & ~is_held)
+    long = np.flatnonzero((np.diff(seconds) > SHORT_GAP * interval) & (fill != "hold"))
     gaps = np.round(np.stack([seconds[long], seconds[long + 1]], axis=1) * 1e9).astype(np.int64)
     return gaps.astype("datetime64[ns]"), float(of(values).std())
 

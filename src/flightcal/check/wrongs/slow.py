@@ -20,38 +20,49 @@ _AROUND = (0.5, 0.7, 0.85, 1.2, 1.4, 2.0)
 
 def lags(view: View, seconds: Sequence[float] = _LAGS, only: str | None = None) -> Iterator[Wrong]:
     """A sensor follows its node with a lag that the scenario does not have."""
-    for lag in seconds:
-        share = partial(_share_of_lag, lag)
-        for k, channel in enumerate(view.channels):
-            if only not in (None, channel) or view.window.scenario.observations[channel].lag is not None:
-                continue
-            words = Words(
-                f"{channel} follows its node with a lag of {duration(lag)}",
-                f"With a sensor that is so slow, {channel} agrees with the model.",
-                f"Write 'observations: {{{channel}: {{lag: {lag:.0f} s}}}}', or check which sensor it is",
-            )
-            near = partial(lags, view, [lag * more for more in _AROUND], channel)
-            memory = Memory(k, _weights(view, share))
-            tries = len(_LAGS) * len(view.channels)
-            yield Wrong("slow", channel, words, memory=memory, tries=tries, closer=near)
+
+    def words(channel: str, lag: float) -> Words:
+        return Words(
+            f"{channel} follows its node with a lag of {duration(lag)}",
+            f"With a sensor that is so slow, {channel} agrees with the model.",
+            f"Write 'observations: {{{channel}: {{lag: {lag:.0f} s}}}}', or check which sensor it is",
+        )
+
+    known = {name for name, own in view.window.scenario.observations.items() if own.lag is not None}
+    chosen = [channel for channel in view.channels if channel not in known and only in (None, channel)]
+    yield from _slow(view, chosen, seconds, _share_of_lag, words, lags)
 
 
 def means(view: View, seconds: Sequence[float] = _WIDTHS, only: str | None = None) -> Iterator[Wrong]:
     """A channel has means over the time before and after each sample."""
-    for width in seconds:
-        share = partial(_share_of_mean, width)
-        for k, channel in enumerate(view.channels):
-            if only not in (None, channel):
-                continue
-            words = Words(
-                f"{channel} is smoothed over {duration(width)}",
-                f"{channel} agrees with means of the model over {duration(width)}, and not with the model itself.",
-                f"Take the samples of {channel} as they were sent",
-            )
-            near = partial(means, view, [width * more for more in _AROUND], channel)
-            memory = Memory(k, _weights(view, share))
-            tries = len(_WIDTHS) * len(view.channels)
-            yield Wrong("slow", channel, words, memory=memory, tries=tries, closer=near)
+
+    def words(channel: str, width: float) -> Words:
+        return Words(
+            f"{channel} is smoothed over {duration(width)}",
+            f"{channel} agrees with means of the model over {duration(width)}, and not with the model itself.",
+            f"Take the samples of {channel} as they were sent",
+        )
+
+    chosen = [channel for channel in view.channels if only in (None, channel)]
+    yield from _slow(view, chosen, seconds, _share_of_mean, words, means)
+
+
+def _slow(
+    view: View,
+    channels: Sequence[str],
+    seconds: Sequence[float],
+    share: Callable[[float, FloatArray], FloatArray],
+    words: Callable[[str, float], Words],
+    again: Callable[[View, Sequence[float], str], Iterator[Wrong]],
+) -> Iterator[Wrong]:
+    """Each of the channels with each of the times. again: looks at other times of a channel."""
+    for size in seconds:
+        weights = _weights(view, partial(share, size))
+        for channel in channels:
+            memory = Memory(view.channels.index(channel), weights)
+            near = partial(again, view, [size * more for more in _AROUND], channel)
+            tries = len(_LAGS) * len(view.channels)
+            yield Wrong("slow", channel, words(channel, size), memory=memory, tries=tries, closer=near)
 
 
 def _share_of_lag(lag: float, later: FloatArray) -> FloatArray:
