@@ -150,18 +150,21 @@ def print_beside(own: Summary, others: Mapping[str, Summary], console: Console |
     runs = {"flightcal": own, **others}
     order = ("published", *(name for name in runs if name != "published"))
     columns = [("genetic", own, "genetic"), *((name, runs[name], "stochastic") for name in order if name in runs)]
-    title = "Beside other models of the same satellite, over all channels"
+    title = "Beside other models, over all channels"
     table = table_of(title, ("window", "metric"), [name for name, _, _ in columns])
     found = [
         {(m.window, m.metric): m for m in of.metrics if (m.method, m.channel) == (method, "all")}
         for _, of, method in columns
     ]
-    for window in dict.fromkeys(m.window for m in own.metrics if m.method == "stochastic"):
+    windows = list(dict.fromkeys(m.window for m in own.metrics if m.method == "stochastic"))
+    for window in windows:
         for metric in ("rmse", "crps", "picp", "mpiw"):
             table.add_row(window, metric, *(_score(of.get((window, metric))) for of in found))
-        worst = (_least_covered(of.metrics, method, window) for _, of, method in columns)
-        table.add_row(window, "picp, least of a channel", *worst)
     console.print(table)
+    for window in windows:
+        worst = {name: _least_covered(of.metrics, method, window) for name, of, method in columns}
+        said = ", ".join(f"{name} {share}" for name, share in worst.items() if share)
+        say(console, f"{window}, channel that is covered least: {said}")
     for name, run in others.items():
         say(console, f"{name}: {run.verdict.use} Its report: {run.report}")
         _print_checked(run, console)
@@ -185,10 +188,10 @@ def _print_checked(summary: Summary, console: Console) -> None:
 
 
 def _least_covered(metrics: Sequence[Metric], method: str, window: str) -> str:
-    """The lowest coverage of a channel, and of which."""
+    """The lowest coverage of a channel, and of which; "" where none is known."""
     shares = [m for m in metrics if (m.method, m.window, m.metric) == (method, window, "picp") and m.channel != "all"]
     worst = min((m for m in shares if m.value is not None), key=lambda m: m.value or 0.0, default=None)
-    return "-" if worst is None else f"{_score(worst)} {worst.channel}"
+    return "" if worst is None else f"{_score(worst)} {worst.channel}"
 
 
 def _score(metric: Metric | None) -> str:
