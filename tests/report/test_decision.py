@@ -95,6 +95,12 @@ def test_the_picture_is_of_the_channel_that_fails_and_of_another_in_the_unseen_w
     assert titles[2:] == ["<b>battery heater</b>", "<b>payload heater</b>"]
 
 
+def test_eclipses_are_explained_only_where_there_are_some(run):
+    assert "Shaded: eclipse." in first_screen(run)[0]["picture"]
+    lit = {name: own.assign(eclipse=1.0 + 0.0 * own["eclipse"]) for name, own in run.windows.items()}
+    assert "Shaded" not in first_screen(dataclasses.replace(run, windows=lit))[0]["picture"]
+
+
 def test_without_a_prediction_it_is_said_in_the_picture_s_place(run):
     words, _ = first_screen(killed_before_a_posterior(run))
     assert "no prediction with an interval" in words["picture"]

@@ -63,7 +63,7 @@ def panel(run: RunFiles) -> list[Block]:
     words = f"Window “{chosen.window}”, {seen}. Dots: telemetry. Line and band: predicted mean and 95% interval."
     if heaters:
         words += " Beneath: heaters; grey: on in telemetry, ochre: not known, line: predicted probability of on."
-    if "eclipse" in window:
+    if "eclipse" in window and bool((window["eclipse"] < 0.5).any()):
         words += " Shaded: eclipse."
     return [block.figure(figure, words)]
 
