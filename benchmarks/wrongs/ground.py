@@ -123,13 +123,7 @@ def _lit_and_several(case: Case) -> bool:
 
 
 SETUPS = (
-    SetUp(
-        "a channel smoothed over 21 min",
-        60,
-        ("slow",),
-        _smoothed,
-        _lit_and_several,
-    ),
+    SetUp("a channel smoothed over 21 min", 60, ("slow",), _smoothed, _lit_and_several),
     SetUp("a thermistor of another curve", 61, ("curve",), _curve, _lit_and_several),
     SetUp("a sensor at the bottom of its range", 62, ("clipped",), _bottom, lit),
     SetUp("two packets with swapped times", 63, ("order",), _packets_swapped, lit),
@@ -137,21 +131,9 @@ SETUPS = (
     SetUp("times of the packets' ends", 65, ("clock",), _packet_ends, lit),
     SetUp("a gap closed", 66, ("order", "jump"), _gap_closed, lit),
     SetUp("half of another date", 67, ("order",), _half_of_another_date, lit),
-    SetUp(
-        "every seventh sample another's",
-        68,
-        ("spike", "unrelated"),
-        _multiplexed,
-        _lit_and_several,
-    ),
+    SetUp("every seventh sample another's", 68, ("spike", "unrelated"), _multiplexed, _lit_and_several),
     SetUp("the mean of two sensors", 69, ("between",), _mean_of_two, _lit_and_several),
-    SetUp(
-        "status of another heater",
-        70,
-        ("same status",),
-        _status_of_another,
-        _two_heaters,
-    ),
+    SetUp("status of another heater", 70, ("same status",), _status_of_another, _two_heaters),
     SetUp("status 5 min late", 71, ("status clock",), _status_minutes_late, heated),
     SetUp("status that is the payload's", 72, ("thermostat",), _status_of_power, heated),
 )

@@ -206,8 +206,6 @@ class _Look:
     """All wrongs are first looked at from here."""
 
     around: Gaussian
-    simulated: FloatArray
-    """[T, N] K of the window at the point."""
     back: FloatArray
     """[R] K from the point to the centre of the prior, in the linear approximation."""
     nothing: float
@@ -275,7 +273,7 @@ def _look(view: View, point: Point, known: NDArray[np.bool_]) -> _Look:
     around = gaussian(view.rows, point, known, _FIRST_SIZES, _BLURRED)
     back = point.effects @ ((view.middle - point.z) / view.spread)
     level = around.fit(view.flat(view.observed) - point.temperatures - back).evidence
-    return _Look(around, view.simulated(view.window, point.z), back, level)
+    return _Look(around, back, level)
 
 
 def _gain(view: View, wrong: Wrong, look: _Look) -> float:
@@ -284,7 +282,7 @@ def _gain(view: View, wrong: Wrong, look: _Look) -> float:
     # Most wrongs leave the telemetry as it is.
     shift = (view.middle if observed is view.observed else view.centre(observed)) - view.middle
     if wrong.memory is not None:
-        temperatures = _reading(view, wrong).read(look.simulated)
+        temperatures = _reading(view, wrong).read(point.simulated)
     elif wrong.window is None:
         temperatures = point.temperatures + point.effects @ (shift / view.spread)
     else:
@@ -317,7 +315,7 @@ def _closely(view: View, wrong: Wrong, base: Point) -> tuple[Wrong, Fit]:
 
 
 def _climbed(view: View, wrong: Wrong, base: Point) -> Fit:
-    """The fit without a wrong. Raises SimulationFailure."""
+    """The fit where a wrong is put right. Raises SimulationFailure."""
     window, seen = wrong.window or view.window, _reading(view, wrong)
     return climbed(seen, window, _read(view, wrong), base, wrong.columns, wrong.scale)
 

@@ -108,8 +108,10 @@ class Point:
 
     z: FloatArray
     """[d]"""
+    simulated: FloatArray
+    """[T, N] K, at the window's samples."""
     temperatures: FloatArray
-    """[R] K."""
+    """[R] K, as they are read."""
     effects: FloatArray
     """[R, d] K of a deviation of each prior."""
     heat: FloatArray
@@ -183,6 +185,13 @@ class View:
                 found[count * t + row] = values.mean(axis=0)
         return found
 
+    def misread(self, channel: int, more: FloatArray) -> FloatArray:
+        """What a channel that reads so much more, [t] K, moves, as rows [R, 1].
+
+        Its first sample says where its node begins: that is off by as much.
+        """
+        return self.of_channel(channel, more[:, None]) - more[0] * self.begun[:, [channel]]
+
     @cached_property
     def sunlight(self) -> tuple[FloatArray, dict[str, FloatArray]]:
         """Times [M], s from the window's start, and what shines on the faces, by column [M] W/m^2."""
@@ -222,6 +231,11 @@ class View:
         """[R] K there. Raises SimulationFailure, as `begun` does."""
         return self.temperatures(self.window, self.middle)
 
+    def modelled_of(self, channel: int) -> FloatArray:
+        """[t] K, of one channel."""
+        t = len(self.rows.kept)
+        return self.modelled[channel * t : (channel + 1) * t]
+
     @cached_property
     def begun(self) -> FloatArray:
         """[R, N] K for each kelvin that a channel's node is warmer at the beginning."""
@@ -247,16 +261,18 @@ class View:
         """A simulation and what moves it; like: whose response to heat is near enough. Raises SimulationFailure."""
         beside = replace(self.problem, windows=(window,))
         flat = self._rows(beside.jacobians(z)[0]) * self.spread
-        temperatures = self.temperatures(window, z)
+        simulated = self.simulated(window, z)
+        temperatures = self.read(simulated)
         if like is not None:
-            return Point(z, temperatures, flat, like.heat, like.jitter)
+            return Point(z, simulated, temperatures, flat, like.heat, like.jitter)
         units = unit_heats(self.heat, window)
         inside = self.problem.at(self.window, self.problem.to_theta(z)[None])[0]
         found = responses(window, inside, self.heat, units)
         parts: dict[bool, list[FloatArray]] = {True: [np.empty((flat.shape[0], 0))], False: []}
         for group, response in zip(self.heat.groups, found, strict=True):
             parts[group.part == "switches"].append(group.size * self._rows(response))
-        return Point(z, temperatures, flat, np.concatenate(parts[False], axis=1), np.concatenate(parts[True], axis=1))
+        heat, jitter = (np.concatenate(parts[switches], axis=1) for switches in (False, True))
+        return Point(z, simulated, temperatures, flat, heat, jitter)
 
     def heat_of(self, window: Window) -> HeatModel:
         """Of a window like this one, at the prior's median."""

@@ -38,8 +38,7 @@ def biases(view: View) -> Iterator[Wrong]:
     """Each channel reads too high or too low by a constant."""
     t = len(view.rows.kept)
     for (k, channel), size in product(enumerate(view.channels), _BIASES):
-        # Its first samples say where its node begins: that is wrong by as much.
-        column = view.of_channel(k, np.full((t, 1), size)) - size * view.begun[:, [k]]
+        column = view.misread(k, np.full(t, size))
 
         def words(fit: Fit, channel: str = channel, size: float = size) -> Words:
             bias = size * float(fit.added[0])
@@ -56,10 +55,8 @@ def biases(view: View) -> Iterator[Wrong]:
 
 def gains(view: View) -> Iterator[Wrong]:
     """Each channel is so many times its temperature in degC."""
-    t = len(view.rows.kept)
     for k, channel in enumerate(view.channels):
-        above = _GAIN * (view.modelled[k * t : (k + 1) * t] - ICE_POINT)
-        column = view.of_channel(k, above[:, None]) - above[0] * view.begun[:, [k]]
+        column = view.misread(k, _GAIN * (view.modelled_of(k) - ICE_POINT))
 
         def words(fit: Fit, channel: str = channel) -> Words:
             gain = 1.0 + _GAIN * float(fit.added[0])
@@ -74,14 +71,12 @@ def gains(view: View) -> Iterator[Wrong]:
 
 def curves(view: View) -> Iterator[Wrong]:
     """Each channel is right in the middle of what it reads, and as far off at both ends."""
-    t = len(view.rows.kept)
     for k, channel in enumerate(view.channels):
-        modelled = view.modelled[k * t : (k + 1) * t]
+        modelled = view.modelled_of(k)
         half = 0.5 * float(np.ptp(modelled))
         if half < _BEND:
             continue
-        bend = _CURVE * ((modelled - modelled.min() - half) / half) ** 2
-        column = view.of_channel(k, bend[:, None]) - bend[0] * view.begun[:, [k]]
+        column = view.misread(k, _CURVE * ((modelled - modelled.min() - half) / half) ** 2)
 
         def words(fit: Fit, channel: str = channel) -> Words:
             off = _CURVE * float(fit.added[0])
@@ -152,12 +147,9 @@ def other_nodes(view: View) -> Iterator[Wrong]:
 
 def between(view: View) -> Iterator[Wrong]:
     """A channel reads something between its node and another channel's: it is mounted there, or a mean."""
-    t = len(view.rows.kept)
-    modelled = view.modelled[: t * len(view.channels)].reshape(-1, t)
     for a, b in permutations(range(len(view.channels)), 2):
         channel, other = view.channels[a], view.channels[b]
-        apart = modelled[b] - modelled[a]
-        column = view.of_channel(a, apart[:, None]) - apart[0] * view.begun[:, [a]]
+        column = view.misread(a, view.modelled_of(b) - view.modelled_of(a))
 
         def words(fit: Fit, channel: str = channel, other: str = other) -> Words:
             share = float(fit.added[0])
