@@ -51,6 +51,15 @@ def test_parts_that_are_not_written_are_none(tmp_path):
     np.testing.assert_allclose(np.diff(model.slow.knots), 7200.0 / 3.0)
 
 
+def test_slow_heat_has_3_h_and_a_longer_orbit_where_a_pattern_comes_again_in_it(tmp_path):
+    content = written(heaters=False)
+    assert model_of(problem_of(tmp_path, content)).slow.time == 10800.0
+    content["environment"] = {"period": "12 h"}
+    assert model_of(problem_of(tmp_path, content)).slow.time == 43200.0
+    content["heat"] = {"pattern": {"harmonics": 0}}
+    assert model_of(problem_of(tmp_path, content)).slow.time == 10800.0
+
+
 def test_a_pattern_without_harmonics_is_a_constant(tmp_path):
     parts = {"pattern": {"harmonics": 0}, "slow": None, "gains": None}
     model = model_of(problem_of(tmp_path, written(heaters=False, heat=parts)))
@@ -78,7 +87,7 @@ def test_with_a_measured_status_windows_are_sampled_in_open_loop(problem):
 
 
 def test_knots_cover_each_window_on_one_lattice(problem, model):
-    apart = problem.scenario.heat.slow.time / 3.0
+    apart = 3600.0
     np.testing.assert_allclose(model.slow.knots % apart, 0.0, atol=1e-9)
     for window, (begin, end) in zip(sampled_windows(problem), ((0.0, 5400.0), (9000.0, 13200.0)), strict=True):
         knots = knots_of(model, window)

@@ -57,7 +57,7 @@ def test_a_block_has_the_defaults_of_what_it_does_not_write(tmp_path):
         nodes=(),
         pattern=HeatPattern(harmonics=6, scale=0.05),
         gains=HeatGains(scale=0.05),
-        slow=HeatSlow(time="3 h", scale=0.005, of_pattern=0.1),
+        slow=HeatSlow(time=None, scale=0.005, of_pattern=0.1),
     )
 
 

@@ -22,6 +22,8 @@ from .window import Course, Window
 
 _KNOTS = 3.0
 """So many knots there are in the correlation time of what is slow."""
+_SLOW = 10800.0
+"""s, correlation time of what is slow, where none is written."""
 _FREEDOM = 3.0
 """Of the prior of how much heat wanders: most satellites' hardly does, and that of some does ten times as much."""
 _OF_RANGE = 0.2
@@ -187,7 +189,11 @@ def heat_model(scenario: Scenario, written: Heat, windows: Sequence[Window], the
     if written.gains is not None and gains:
         groups.append(Group("gains", "heat.gains", written.gains.scale))
     if written.slow is not None:
-        slow = Slow(_knots([_span(window, origin) for window in windows], written.slow.time), written.slow.time)
+        time = written.slow.time
+        if time is None:
+            # A pattern that were another one within an orbit would not be one.
+            time = max(_SLOW, windows[0].period) if harmonics else _SLOW
+        slow = Slow(_knots([_span(window, origin) for window in windows], time), time)
         groups += [Group("slow", f"heat.{n}.slow", written.slow.scale * flow[k], k) for k, n in enumerate(nodes)]
         if harmonics:
             # A pattern wanders more the larger it is: its weights have the pattern's size.

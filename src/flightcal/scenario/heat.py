@@ -37,8 +37,8 @@ class HeatGains(Block):
 class HeatSlow(Block):
     """Heat that drifts, and a pattern that wanders: Ornstein-Uhlenbeck processes."""
 
-    time: Duration = 10800.0
-    """Their correlation time, s."""
+    time: Duration | None = None
+    """Their correlation time, s; None: 3 h, and one orbit where a pattern comes again in longer ones."""
     scale: Number = Field(0.005, gt=0)
     """Of the prior of the drift's size, over the heat that flows through the node."""
     of_pattern: Number = Field(0.1, gt=0)
