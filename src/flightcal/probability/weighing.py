@@ -27,7 +27,7 @@ from .kernels.heat import (
     returns,
     returns_known,
 )
-from .noise.kind import NoiseCall, NoiseKind, ShapesCall
+from .noise.kind import WhitenCall
 
 if TYPE_CHECKING:
     from .likelihood import Residuals, WindowMemory
@@ -227,25 +227,25 @@ class Evidence:
 
     def __init__(self, residuals: Sequence[Residuals], columns: Sequence[FloatArray], numbers: int) -> None:
         """columns: [T, N, r] of each window; numbers: how many each channel has."""
-        self._parts: list[tuple[int, int, ShapesCall, NoiseKind]] = []
         r = columns[0].shape[2]
-        self.numbers, self._own = np.zeros((len(residuals[0].kinds), numbers)), list(residuals)
-        self._root, self._mean, self._inverse = np.zeros(r), np.zeros(r), np.zeros((r, r))
+        self.numbers = np.zeros((len(residuals[0].kinds), numbers))
+        self._parts: list[tuple[int, int, WhitenCall]] = []
+        self._whitens, self._pulls = [], []
         for w, (own, basis) in enumerate(zip(residuals, columns, strict=True)):
+            samples = len(own.seconds)
+            work = np.zeros((2, samples, r + 1))
             for k, kind in enumerate(own.kinds):
-                seen = np.ascontiguousarray(np.where(own.valid[k][:, None], basis[:, k], 0.0))
-                samples = len(seen)
-                noise = NoiseCall(
-                    own.seconds, own.valid[k], np.zeros(samples), self.numbers[k], np.zeros(samples),
-                    np.zeros(numbers), np.zeros(1), np.empty((3, samples)), np.empty((4, samples, r + 1)),
+                assert kind.whitens is not None
+                assert kind.pulls is not None
+                seen = np.zeros((samples, r + 1))
+                seen[:, :r] = np.where(own.valid[k][:, None], basis[:, k], 0.0)
+                call = WhitenCall(
+                    own.seconds, own.valid[k], self.numbers[k], seen, np.zeros(seen.shape), np.zeros(1), work[0],
+                    np.zeros(numbers), np.zeros((3, samples)), work[1], np.zeros(r + 1),
                 )  # fmt: skip
-                gram = np.einsum("ti,tj->ij", seen, seen) if kind.projects else np.zeros((r, r))
-                call = ShapesCall(
-                    noise, seen, np.ascontiguousarray(seen.T), np.zeros(r), gram, np.zeros(1), np.zeros(r),
-                    np.zeros(3), self._mean, self._root, self._inverse, np.zeros(1), np.zeros(r + 1), np.zeros((r, r)),
-                )  # fmt: skip
-                self._parts.append((w, k, call, kind))
-        self._rows = [(kind.opens.row(call), kind.returns.row(call)) for _, _, call, kind in self._parts]  # type: ignore[union-attr]
+                self._parts.append((w, k, call))
+                self._whitens.append(kind.whitens.row(call))
+                self._pulls.append(kind.pulls.row(call))
 
     def __call__(
         self, left: Sequence[FloatArray], numbers: FloatArray, roots: FloatArray
@@ -256,31 +256,27 @@ class Evidence:
         """
         self.numbers[:] = numbers
         r = len(roots)
-        gram, moment, known = np.zeros((r, r)), np.zeros(r), np.zeros(3)
-        for (w, k, call, kind), (opens_part, _) in zip(self._parts, self._rows, strict=True):
-            noise = call.noise
-            noise.residual[:] = np.where(noise.valid, left[w][:, k], 0.0)
-            noise.numbers_bar[:] = 0.0
-            if kind.projects:
-                call.projected[:] = call.transposed @ noise.residual
-            opens_part()
-            gram += call.scale[0] * np.triu(call.gram)
-            moment += call.scale[0] * call.moment
-            known += call.known
-        gram = np.triu(gram) + np.triu(gram, 1).T
-        inner = np.eye(r) + roots[:, None] * gram * roots
-        inverse = np.linalg.inv(np.linalg.cholesky(inner))
+        products, total = np.zeros((r + 1, r + 1)), 0.0
+        for (w, k, call), whitens in zip(self._parts, self._whitens, strict=True):
+            call.columns[:, r] = np.where(call.valid, left[w][:, k], 0.0)
+            whitens()
+            products += call.white.T @ call.white
+            total += call.determinant[0] + call.valid.sum() * _LOG_2_PI
+        gram, moment, squares = products[:r, :r], products[:r, r], products[r, r]
+        lower = np.linalg.cholesky(np.eye(r) + roots[:, None] * gram * roots)
+        inverse = dtrtri(lower, lower=1)[0]
         half = inverse @ (roots * moment)
         weights = inverse.T @ half
-        determinant = -2.0 * np.log(np.diag(inverse)).sum()
-        value = -0.5 * (known[0] + known[1] + determinant - half @ half) - 0.5 * known[2] * _LOG_2_PI
-        shrunk = (inverse**2).sum(axis=0)
-        self._root[:], self._mean[:], self._inverse[:] = roots, roots * weights, inverse
-        covariance = roots[:, None] * (inverse.T @ inverse) * roots
+        shrunk = inverse.T @ inverse
+        value = -0.5 * (total + squares + 2.0 * np.log(np.diag(lower)).sum() - half @ half)
+        # Derivatives by the whitened columns, beside whose products stand those of the weights' second moments.
+        mean = np.append(roots * weights, -1.0)
+        second = np.outer(mean, mean)
+        second[:r, :r] += roots[:, None] * shrunk * roots
         numbers_bar = np.zeros(numbers.shape)
-        for (_, k, call, kind), (_, returns_part) in zip(self._parts, self._rows, strict=True):
-            if kind.projects:
-                call.untold[0] = call.known[2] - call.scale[0] * float((call.gram * covariance).sum())
-            returns_part()
-            numbers_bar[k] += call.noise.numbers_bar
-        return float(value), numbers_bar, (weights**2 - 1.0 + shrunk) / roots
+        for (_, k, call), pulls in zip(self._parts, self._pulls, strict=True):
+            np.matmul(call.white, -second, out=call.white_bar)
+            call.numbers_bar[:] = 0.0
+            pulls()
+            numbers_bar[k] += call.numbers_bar
+        return float(value), numbers_bar, (weights**2 - 1.0 + np.diag(shrunk)) / roots

@@ -155,6 +155,25 @@ def returns(call):
     return 0
 
 
+@kernel(long=True)
+def whitens(call):
+    """Columns whitened; see `WhitenCall`."""
+    decay, gain, root = call.rows[0], call.rows[1], call.rows[2]
+    call.determinant[0] = filter_gains(call.seconds, call.valid, call.numbers, decay, gain, root)
+    whiten(call.valid, decay, gain, root, call.columns, call.white, call.state)
+    return 0
+
+
+@kernel(long=True)
+def pulls(call):
+    """The derivatives by the numbers; see `WhitenCall`."""
+    pull_back_filter(
+        call.seconds, call.valid, call.numbers, call.rows[0], call.rows[1], call.rows[2],
+        call.columns, call.white, call.white_bar, call.columns_bar, call.state, call.numbers_bar,
+    )  # fmt: skip
+    return 0
+
+
 @inlined
 def filter_gains(seconds, valid, numbers, decay, gain, root):
     """Kalman filter of an Ornstein-Uhlenbeck process in white noise, as far as it does not look at the data.
@@ -267,7 +286,7 @@ class Correlated(NoiseKind):
     words = "AR(1) noise"
     names, white = ("standard_deviation", "white", "correlation_time"), "white"
     has_memory = True
-    kernel, opens, returns = alone, opens, returns
+    kernel, opens, returns, whitens, pulls = alone, opens, returns, whitens, pulls
 
     def deviation(self, numbers: FloatArray) -> float:
         """Of one sample, K."""

@@ -86,6 +86,32 @@ def returns(call):
     return 0
 
 
+@kernel(long=True)
+def whitens(call):
+    """Columns in deviations; see `WhitenCall`."""
+    valid, columns, white = call.valid, call.columns, call.white
+    precision, samples = 1.0 / call.numbers[DEVIATION], 0
+    for t in range(columns.shape[0]):
+        samples += 1 if valid[t] else 0
+        for c in range(columns.shape[1]):
+            white[t, c] = columns[t, c] * precision if valid[t] else 0.0
+    call.determinant[0] = 2.0 * samples * math.log(call.numbers[DEVIATION])
+    return 0
+
+
+@kernel(long=True)
+def pulls(call):
+    """The derivative by the deviation; see `WhitenCall`."""
+    valid, white, white_bar = call.valid, call.white, call.white_bar
+    total = 0.0
+    for t in range(white.shape[0]):
+        total += 1.0 if valid[t] else 0.0
+        for c in range(white.shape[1]):
+            total += white[t, c] * white_bar[t, c]
+    call.numbers_bar[DEVIATION] -= total / call.numbers[DEVIATION]
+    return 0
+
+
 class Independent(NoiseKind):
     """Independent normal noise."""
 
@@ -93,6 +119,7 @@ class Independent(NoiseKind):
     words = "iid noise"
     names = ("standard_deviation",)
     kernel, opens, returns, projects = alone, opens, returns, True
+    whitens, pulls = whitens, pulls
 
     @property
     def in_full(self) -> str:

@@ -76,6 +76,32 @@ class ShapesCall(NamedTuple):
     covariance: Any
 
 
+class WhitenCall(NamedTuple):
+    """What a normal kind's kernels read and fill where c columns, such as residuals, are whitened."""
+
+    seconds: Any
+    """[T] times."""
+    valid: Any
+    """[T] whether there is a sample."""
+    numbers: Any
+    """[n or more] in the kind's order."""
+    columns: Any
+    """[T, c] K."""
+    white: Any
+    """[T, c], filled by `whitens`: what each sample adds to those before it, in deviations; zero where not valid."""
+    determinant: Any
+    """[1], filled: log determinant of the covariance of the samples."""
+    white_bar: Any
+    """[T, c], read by `pulls`: the derivative of a function by `white`."""
+    numbers_bar: Any
+    """[n or more], added to: that by the numbers, of the function less half the log determinant."""
+    rows: Any
+    """[3, T] that stay as they are from `whitens` to `pulls`; and to work in the next, [T, c],"""
+    columns_bar: Any
+    state: Any
+    """[c]"""
+
+
 class NoiseKind:
     """A kind of noise of one channel: all that anyone asks of it. `numbers` are [n], or more, in the kind's order."""
 
@@ -94,6 +120,9 @@ class NoiseKind:
     opens: Kernel | None = None
     """With shapes, as the next, of a `ShapesCall`; None: the noise is not normal, so there can be none."""
     returns: Kernel | None = None
+    whitens: Kernel | None = None
+    """Of a `WhitenCall`, as the next; None: the noise is not normal."""
+    pulls: Kernel | None = None
     projects: bool = False
     """Whether `opens` wants the basis's products with the residuals made for it."""
 
