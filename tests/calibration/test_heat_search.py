@@ -99,6 +99,22 @@ def test_what_the_telemetry_tells_nothing_of_is_left_to_the_prior(found):
     assert len(point.model.centre) == sum(basis.shape[1] for basis in point.model.kept)
 
 
+def test_directions_that_only_far_more_heat_would_show_change_nothing(tmp_path, monkeypatch):
+    problem = problem_of(tmp_path, written(heaters=False), body=pattern)
+    few = find_heat(problem, problem.priors.median())
+    monkeypatch.setattr(heat_search, "_LARGER", 1e9)
+    all_of_them = find_heat(problem, problem.priors.median())
+    kept, every = (
+        {group.scale: basis.shape[1] for basis, group in zip(own.model.kept, own.model.groups, strict=True)}
+        for own in (few, all_of_them)
+    )
+    assert kept["heat.panel.pattern"] < every["heat.panel.pattern"]
+    (mean, factor), (expected, of_all) = (own.around.of_z(sizes_of(own)) for own in (few, all_of_them))
+    deviation = np.linalg.norm(of_all, axis=1)
+    np.testing.assert_allclose(mean, expected, rtol=0.0, atol=0.02 * deviation.min())
+    np.testing.assert_allclose(np.linalg.norm(factor, axis=1), deviation, rtol=0.01)
+
+
 def test_no_fit_takes_a_size_further_than_matrices_have_digits_for(without_heaters, monkeypatch):
     problem, name = without_heaters, "noise.body_temp.correlation_time"
     monkeypatch.setattr(heat_search, "_FARTHEST", 0.01)

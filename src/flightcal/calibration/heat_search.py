@@ -53,6 +53,8 @@ _TURNED = 0.05
 """Of z, by which responses to heat are looked at again."""
 _BENT = 0.5
 """Of the log of how much heat does: by how much it may be off before the slope in the density no longer counts."""
+_LARGER = 4.0
+"""Times what it was found to be, that a size hardly ever is: of a half-normal the upper 0.7% over the median."""
 _SMALL, _MUCH = 0.3, 10.0
 """Of a prior's size, that of heat to begin with, and of what wanders in a second start."""
 
@@ -257,6 +259,10 @@ class _Search:
         prior = np.array([group.size for group in self.model.groups])
         return np.maximum(self.roots(sizes), prior)
 
+    def _largest(self, sizes: FloatArray) -> FloatArray:
+        """Scales of the groups that they hardly exceed where they were found to be `sizes`."""
+        return np.minimum(self._generous(sizes), _LARGER * self.roots(sizes))
+
     def _prior_of_z(self, z: FloatArray) -> tuple[FloatArray, FloatArray]:
         """Mean and deviations of the normal distribution that the prior of what is simulated is like at z."""
         moving = self._moving()
@@ -364,7 +370,7 @@ class _Search:
         return np.where(window.valid, window.observed - run.temperatures - self._errors(window, weights), 0.0)
 
     def _around(self, linear: Sequence[_Linear], z: FloatArray, weights: FloatArray, sizes: FloatArray) -> Around:
-        bases = self._told(linear, sizes, self._generous(sizes), _TOLD)
+        bases = self._told(linear, sizes, self._largest(sizes), _TOLD)
         mean, deviation = self._prior_of_z(z)
         kept = np.concatenate([basis.T @ weights[self.group == g] for g, basis in enumerate(bases)])
         from_prior = np.concatenate([kept, z[self._moving()] - mean])
