@@ -11,7 +11,8 @@ import xarray
 from flightcal.check import SUSPECTS, Suspects, suspects
 from flightcal.check.evidence import Fit
 from flightcal.check.findings import suspected
-from flightcal.check.suspects import Suspicion, prepared, ranked
+from flightcal.check.misfit import Misfit
+from flightcal.check.suspects import Suspicion, prepared, ranked, unexplained
 from flightcal.check.view import noise_of, series_at
 from flightcal.check.wrongs import Words, Wrong
 from flightcal.check.wrongs.heat import heaters, obedient, turning
@@ -351,10 +352,45 @@ def test_turns_of_a_thermostat_are_found_and_noise_is_not():
     assert turning(0.1 * np.random.default_rng(0).standard_normal(200), 1.0) is None
 
 
+def fit(misfit, lacking, size=4.0):
+    return Fit(0.0, size, misfit, lacking, np.zeros(1), np.zeros(1))
+
+
+def better(kind, after, nats=50.0):
+    return after, Suspicion(kind, "panel_temp", f"{kind} is wrong", "", "", nats)
+
+
 def test_a_model_that_no_wrong_brings_nearer_is_of_another_telemetry_only_where_it_is_far_off():
-    crude, other = (Fit(0.0, 4.0, misfit, np.zeros(1), np.zeros(0)) for misfit in (2.5, 4.5))
-    assert ranked([], crude) == []
-    assert [own.kind for own in ranked([], other)] == ["everything"]
-    helped = Fit(100.0, 4.0, 2.0, np.zeros(1), np.ones(1))
-    found = [(helped, Suspicion("bias", "panel_temp", "", "", "", 50.0))]
-    assert [own.kind for own in ranked(found, crude)] == ["everything", "bias"]
+    assert unexplained(fit(2.5, 300.0), None, []) == []
+    assert [own.kind for own in unexplained(fit(4.5, 900.0), None, [])] == ["everything"]
+    assert unexplained(fit(1.5, 300.0), None, [better("bias", fit(1.2, 250.0))]) == []
+
+
+def test_what_is_only_a_part_is_told_as_a_part():
+    where = Misfit("panel_temp", 3.0, "in the shadow", 5.0)
+    (told,) = unexplained(fit(2.5, 300.0), where, [better("bias", fit(2.0, 200.0))])
+    assert "part of it, at most: bias is wrong" in told.sentence
+    assert "largest in panel_temp: 3.0 K, and 5.0 K in the shadow" in told.sentence
+
+
+def test_a_wrong_that_leaves_most_of_a_misfit_is_not_named_however_many_nats_it_gains():
+    crude = fit(1.8, 300.0)
+    assert ranked([better("bias", fit(1.1, 100.0), 200.0)], crude) == []
+    assert [own.kind for own in ranked([better("bias", fit(1.1, 50.0), 250.0)], crude)] == ["bias"]
+
+
+def test_a_wrong_that_leaves_what_is_usual_is_named_before_one_that_leaves_more():
+    found = [better("clock", fit(1.1, 50.0), 250.0), better("bias", fit(0.4, 0.0, size=1.0), 240.0)]
+    assert [own.kind for own in ranked(found, fit(1.8, 300.0))] == ["bias"]
+
+
+def test_where_a_crude_model_is_off_is_told_and_no_cause(flown):
+    """Both temperatures wander by some kelvin in ways of their own, as nothing in the scenario does."""
+    scenario, data = flown
+    minutes = np.arange(data.sizes["time"])
+    waves = {"body_temp": np.sin(2.0 * np.pi * minutes / 47.0), "panel_temp": np.sin(2.0 * np.pi * minutes / 71.0)}
+    wandering = spoilt(data, **{name: data[name] + 3.0 * wave for name, wave in waves.items()})
+    found = suspects(build_problem(scenario, wandering), wandering)
+    assert found.misfit is not None
+    assert {own.kind for own in found.found} <= {"everything"}
+    assert found.misfit.channel in suspected(found)[-1].text

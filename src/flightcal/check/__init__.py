@@ -1,6 +1,6 @@
 """Checks before sampling: what the data can tell, and whether prior and sampler will get along with them.
 
-Imports: calibration, emulation, errors, probability, problem, progress, report, run, scenario,
+Imports: calibration, emulation, environment, errors, probability, problem, progress, report, run, scenario,
 simulator, telemetry.
 """
 

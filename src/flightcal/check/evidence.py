@@ -68,6 +68,8 @@ class Fit:
     """Of unmodelled heat, one of `SIZES`."""
     misfit: float
     """Mean square of the telemetry's deviations, in those expected; about 1 where nothing is wrong."""
+    lacking: float
+    """Nats by which the telemetry is less probable than that of a right model with usual heat, at least 0."""
     z: FloatArray
     """[d] where the entries are likeliest."""
     added: FloatArray
@@ -105,6 +107,7 @@ class Gaussian:
     def fit(self, residual: FloatArray, columns: FloatArray | None = None, scale: Scale = AS_READ) -> Fit:
         """Of residuals [R] with further columns [R, k] of normal weights of one."""
         best: Fit | None = None
+        expected = -np.inf
         left = np.where(self.known, np.nan_to_num(residual, nan=_DIVERGED), 0.0).clip(-_DIVERGED, _DIVERGED)
         rows, extra = int(self.known.sum()), np.empty((len(left), 0)) if columns is None else columns
         for k, (size, factor) in enumerate(zip(self.sizes, self.factors, strict=True)):
@@ -113,14 +116,17 @@ class Gaussian:
             added = np.linalg.solve(inner, extra.T @ solved[:, 0])
             white = solved[:, 0] - solved[:, 1:] @ added
             square = float(left @ white)
-            evidence = -0.5 * square - float(np.log(np.diag(factor)).sum()) - 0.5 * float(np.linalg.slogdet(inner)[1])
             # A size beside one is less likely: heat of a fifth of the flow is no longer usual.
-            evidence += scale.evidence(square, rows) - 0.5 * (np.log2(size) / 0.7) ** 2
+            volume = float(np.log(np.diag(factor)).sum()) + 0.5 * float(np.linalg.slogdet(inner)[1])
+            volume += 0.5 * (np.log2(size) / 0.7) ** 2
+            if size <= USUAL:
+                expected = max(expected, scale.evidence(_RIGHT * rows, rows) - 0.5 * _RIGHT * rows - volume)
+            evidence = scale.evidence(square, rows) - 0.5 * square - volume
             if best is None or evidence > best.evidence:
                 z = np.asarray(self.point.effects.T @ white, float)
-                best = Fit(evidence, size, square / max(rows, 1), z, np.asarray(added, float))
+                best = Fit(evidence, size, square / max(rows, 1), 0.0, z, np.asarray(added, float))
         assert best is not None
-        return best
+        return replace(best, lacking=max(expected - best.evidence, 0.0))
 
 
 def _inverse(factor: FloatArray) -> FloatArray:

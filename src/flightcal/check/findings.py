@@ -113,6 +113,9 @@ def suspected(suspects: Suspects) -> list[Finding]:
     if compared[1:]:
         others = tuple(f"Nearly as likely: {own.title}." for own in compared[1:])
         found[-1] = replace(found[-1], details=others)
+    if suspects.misfit is not None and not compared:
+        text = f"Unmodelled heat has to make up for more than is usual. {suspects.misfit.words}"
+        found.append(Finding("warn", "No simple wrong explains how far the model is off", text))
     if suspects.looked and not found:
         text = "Clocks, units, biases, swapped channels, status, heaters, modes, drivers and the orbit were tried."
         found.append(Finding("good", "No simple wrong explains the telemetry better than the scenario", text))

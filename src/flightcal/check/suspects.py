@@ -23,9 +23,10 @@ from ..run import Run, Stage, plain, read_json, typed
 from ..scenario import Channel, Conductor, Scenario, SimulatorModel
 from ..simulator import FloatArray, SimulationFailure, in_parallel
 from .broken import Broken, broken
-from .evidence import USUAL, Fit, Gaussian, climbed, gaussian
+from .evidence import Fit, Gaussian, climbed, gaussian
 from .footings import Footing, footings
 from .jumps import Jump, in_words, jumps
+from .misfit import Misfit, misfit
 from .thermostat import copied, disobeyed, inferred
 from .view import HEAT, INFERRED, NO_LINK, WIDENED, Point, View, view_of
 from .wrongs import Wrong, all_wrongs
@@ -47,10 +48,8 @@ _BLURRED = 0.7
 _BAD, _WORSE = 2.0, 4.0
 """Mean squares of deviations from which a scenario is beside its telemetry altogether: where simple wrongs help, and
 where none does."""
-_MOST_OF_IT = 0.2
-"""Share of the misfit that one wrong may leave, and still be what is named first."""
-_HALF_WAY = 3.0
-"""So many times as clear has a wrong to be that leaves more misfit than is usual."""
+_LEFT = 0.2
+"""Share of what a right model has in more than nothing wrong, that one wrong may lack and still be what is named."""
 _SHOWN, _NEAR = 3, 0.5
 """So many are named at most, and only if they explain at least so much of what the best explains."""
 _FIRST_SIZES = (1.0, 3.0)
@@ -91,6 +90,8 @@ class Suspects:
     """Whether the telemetry was compared with the simulator, beside what it shows by itself."""
     footings: tuple[Footing, ...] = ()
     """Fixed numbers that values of parameters are as good as."""
+    misfit: Misfit | None = None
+    """Where the model is farthest off, if it is beyond what is usual and nothing says why."""
 
     @property
     def lines(self) -> tuple[str, ...]:
@@ -135,12 +136,16 @@ def suspects(problem: Problem, telemetry: xarray.Dataset, progress: Progress = S
         return Suspects(tuple(found), True)
     base = view.point(view.window, view.middle)
     nothing = climbed(view, view.window, view.observed, base)
-    compared = _compared(view, base, nothing, progress)
+    helps = _compared(view, base, nothing)
+    compared, where = ranked(helps, nothing), None
+    if not compared and not nothing.is_usual:
+        where = misfit(view, nothing.z)
+        compared = unexplained(nothing, where, helps)
     kinds = {own.kind for own in (*found, *compared)}
     for name, words, constant in disobeyed(view.window):
         if not kinds & (_OF_THERMOSTATS if constant else _OF_THERMOSTATS | _OF_READINGS):
             found.append(Suspicion("thermostat", name, *astuple(words)))
-    return Suspects((*found, *compared), True, footings(view, base, nothing))
+    return Suspects((*found, *compared), True, footings(view, base, nothing), where)
 
 
 def _jumps(window: Window, modelled: FloatArray, known: Collection[str]) -> list[Jump]:
@@ -212,8 +217,8 @@ class _Look:
     """Evidence with nothing wrong."""
 
 
-def _compared(view: View, base: Point, nothing: Fit, progress: Progress) -> list[Suspicion]:
-    """What is far better than nothing wrong, the best first."""
+def _compared(view: View, base: Point, nothing: Fit) -> list[tuple[Fit, Suspicion]]:
+    """What is far better than nothing wrong, the best first and each once."""
     known = np.isfinite(view.flat(view.observed))
     looks = [_look(view, point, known) for point in (base, view.point(view.window, nothing.z, base))]
     looks = [replace(look, around=look.around.inverted()) for look in looks]
@@ -244,29 +249,34 @@ def _compared(view: View, base: Point, nothing: Fit, progress: Progress) -> list
             words = best.words(fit) if callable(best.words) else best.words
             named = Suspicion(best.kind, best.about, words.title, words.sentence, words.advice, nats)
             found.append((fit, named))
-    return ranked(found, nothing)
-
-
-def ranked(found: list[tuple[Fit, Suspicion]], nothing: Fit) -> list[Suspicion]:
-    """What explains the telemetry, the best first; what only explains it better where nothing does."""
-    best: list[tuple[Fit, Suspicion]] = []
+    once: list[tuple[Fit, Suspicion]] = []
     for item in sorted(found, key=lambda item: -(item[1].nats or 0.0)):
-        if (item[1].kind, item[1].about) not in [(own.kind, own.about) for _, own in best]:
-            best.append(item)
-    usual, helps = [own for fit, own in best if fit.is_usual], [own for fit, own in best if not fit.is_usual]
-    explained = bool(helps) and min(fit.misfit for fit, _ in best) < _MOST_OF_IT * nothing.misfit
-    # What no wrong brings any nearer may be a model that is too simple.
-    bad = _BAD if helps else _WORSE
-    if not usual and nothing.size > USUAL and nothing.misfit > bad and not explained:
-        title, advice = "the scenario is not of this telemetry", "Check that both are of the same satellite and time"
-        sentence = (
-            "Neither parameters nor unmodelled heat of some percent nor any one simple wrong bring the model to the "
-            f"telemetry: its deviations are {np.sqrt(nothing.misfit):.1f} times what is usual, beside heat of "
-            f"{0.05 * nothing.size:.0%} of all that flows."
-        )
-        return [Suspicion("everything", "", title, sentence, advice, 0.0), *helps[: _SHOWN - 1]]
-    named = usual or [own for own in helps if (own.nats or 0.0) > _HALF_WAY * _CLEAR]
+        if (item[1].kind, item[1].about) not in [(own.kind, own.about) for _, own in once]:
+            once.append(item)
+    return once
+
+
+def ranked(best: list[tuple[Fit, Suspicion]], nothing: Fit) -> list[Suspicion]:
+    """What explains the telemetry, of what helps; of what leaves more than is usual, only what explains most of it."""
+    usual = [own for fit, own in best if fit.is_usual]
+    named = usual or [own for fit, own in best if fit.lacking < _LEFT * nothing.lacking]
     return [own for own in named[:_SHOWN] if (own.nats or 0.0) > _NEAR * (named[0].nats or 0.0)]
+
+
+def unexplained(nothing: Fit, where: Misfit | None, helps: list[tuple[Fit, Suspicion]]) -> list[Suspicion]:
+    """That no simple wrong brings the model to the telemetry, where it is far off; else it may be only too simple."""
+    if nothing.misfit <= (_BAD if helps else _WORSE):
+        return []
+    sentence = (
+        "Neither parameters nor unmodelled heat of some percent nor any one simple wrong do: its deviations are "
+        f"{np.sqrt(nothing.misfit):.1f} times what is usual, beside heat of {0.05 * nothing.size:.0%} of what flows."
+    )
+    if where:
+        sentence += f" {where.words}"
+    if helps:
+        sentence += f" A part of it, at most: {helps[0][1].title}."
+    advice = "Check that both are of the same satellite and time; then what the model leaves out there"
+    return [Suspicion("everything", "", "no simple wrong explains the telemetry", sentence, advice, 0.0)]
 
 
 def _look(view: View, point: Point, known: NDArray[np.bool_]) -> _Look:
