@@ -4,6 +4,8 @@ import numpy as np
 import pytest
 
 from flightcal.check import suspects
+from flightcal.check.suspects import prepared
+from flightcal.check.wrongs.clocks import clocks, status_clocks
 from flightcal.problem import build_problem
 from tests import small
 
@@ -129,3 +131,18 @@ def test_samples_that_are_lost_are_named_before_anything_else(flown):
         own[90:-40] = data[name].values[130:]
     found = suspects(build_problem(scenario, spoilt(data, **values)), spoilt(data, **values)).found
     assert [(own.kind, own.about) for own in found] == [("order", "time")]
+
+
+def test_no_clock_is_off_by_less_than_lies_between_two_samples_of_what_heats(flown):
+    scenario, data = flown
+    seldom = np.where(np.arange(data.sizes["time"]) % 15 == 0, data["sun"].to_numpy(), np.nan)
+    view = prepared(scenario, spoilt(data, sun=seldom))
+    assert view.apart(["sun"]) == 900.0
+    assert {own.words.title for own in clocks(view, [600.0, 1200.0])} == {"The telemetry's clock is 20.0 min late"}
+
+
+def test_no_status_is_late_by_less_than_lies_between_two_of_its_samples(flown):
+    scenario, data = flown
+    seldom = np.where(np.arange(data.sizes["time"]) % 10 == 0, data["heater_status"].to_numpy(), np.nan)
+    view = prepared(scenario, spoilt(data, heater_status=seldom))
+    assert len(list(status_clocks(view, [300.0, 900.0]))) == 1

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Iterable, Iterator
 from dataclasses import dataclass, replace
 from functools import cached_property
 from typing import Any
@@ -169,6 +169,14 @@ class View:
         """Telemetry [t, N] K of so many s later."""
         times = self.window.times[self.rows.kept] + np.timedelta64(round(1e3 * later), "ms")
         return np.stack([series_at(self.telemetry, name, times) for name in self.channels], axis=1)
+
+    def apart(self, channels: Iterable[str]) -> float:
+        """s between samples of the one of some channels that is sampled least; 0: there are none."""
+        times = self.telemetry["time"].to_numpy()
+        known = [times[np.isfinite(self.telemetry[name].to_numpy())] for name in channels if name in self.telemetry]
+        return max(
+            (float(np.median(np.diff(own)) / np.timedelta64(1, "s")) for own in known if len(own) > 1), default=0.0
+        )
 
     def flat(self, observed: FloatArray) -> FloatArray:
         """Telemetry [t, N] as rows [R], with how far it is above the thresholds when heaters switch."""

@@ -19,8 +19,11 @@ _FEW_SHIFTS = tuple(shift for m in (3, 5, 7, 10, 15, 20, 30, 40) for shift in (-
 
 
 def clocks(view: View, seconds: Sequence[float] | FloatArray = SHIFTS) -> Iterator[Wrong]:
-    """All time tags are late (positive) or early."""
+    """All time tags are late (positive) or early, by more than what lies between two samples of a driver."""
+    least = view.apart(load.driver for load in view.window.scenario.network.loads.values())
     for late in map(float, seconds):
+        if abs(late) < least:
+            continue
         how = "late" if late > 0 else "early"
         words = Words(
             f"The telemetry's clock is {duration(late)} {how}",
@@ -69,11 +72,14 @@ def _about_rate(view: View, share: float) -> Iterator[Wrong]:
 
 
 def status_clocks(view: View, seconds: Sequence[float] | FloatArray = _FEW_SHIFTS) -> Iterator[Wrong]:
-    """The heaters' status is late or early beside the temperatures."""
+    """The heaters' status is late or early beside the temperatures, by more than what lies between two samples."""
     channels = status_channels(view)
     if not channels:
         return
+    least = view.apart(channels.values())
     for late in map(float, seconds):
+        if abs(late) < least:
+            continue
         data = view.telemetry.assign({name: ("time", _shifted(view, name, late)) for name in channels.values()})
         how = "late" if late > 0 else "early"
         words = Words(
