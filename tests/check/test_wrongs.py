@@ -133,6 +133,19 @@ def test_samples_that_are_lost_are_named_before_anything_else(flown):
     assert [(own.kind, own.about) for own in found] == [("order", "time")]
 
 
+def test_the_height_of_an_elliptic_orbit_is_named(tmp_path):
+    written = sunlit()
+    orbit = {
+        "semi_major_axis": "7300 km", "eccentricity": 0.01, "inclination": "97.8 deg", "raan": "340 deg",
+        "argument_of_perigee": "0 deg", "mean_anomaly": "0 deg", "epoch": "2024-03-01T00:00:00",
+    }  # fmt: skip
+    written["environment"]["orbit"] = orbit
+    _, data = small.closed_loop(tmp_path, written)
+    orbit["semi_major_axis"] = "6800 km"
+    scenario, _ = small.load(tmp_path, written)
+    assert "orbit" in {own.kind for own in named(scenario, data)}
+
+
 def test_no_clock_is_off_by_less_than_lies_between_two_samples_of_what_heats(flown):
     scenario, data = flown
     seldom = np.where(np.arange(data.sizes["time"]) % 15 == 0, data["sun"].to_numpy(), np.nan)

@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 
 from ...errors import FlightcalError
-from ...scenario import CircularOrbit
+from ...scenario import CircularOrbit, Earth, KeplerianOrbit
 from ...simulator import FloatArray
 from ..view import View
 from .wrong import Words, Wrong, closer, driven_otherwise, duration
@@ -22,6 +22,8 @@ _STEPS = {
 """Shares of the altitude, and rad."""
 _LOWEST = 150e3
 """m, of an orbit."""
+_GROUND = Earth().radius
+"""m, from which heights count."""
 
 
 def attitudes(view: View) -> Iterator[Wrong]:
@@ -45,17 +47,18 @@ def attitudes(view: View) -> Iterator[Wrong]:
 def orbits(view: View) -> Iterator[Wrong]:
     """Another plane of the orbit, or another height."""
     orbit = view.window.scenario.environment.orbit
-    if not isinstance(orbit, CircularOrbit) or not view.window.scenario.network.faces:
+    if not isinstance(orbit, CircularOrbit | KeplerianOrbit) or not view.window.scenario.network.faces:
         return
-    node = "raan" if orbit.raan is not None else "beta_angle" if orbit.beta_angle is not None else "ltan"
+    height = "altitude" if isinstance(orbit, CircularOrbit) else "semi_major_axis"
+    node = next(name for name in ("raan", "beta_angle", "ltan") if getattr(orbit, name, None) is not None)
     of_node = _STEPS["inclination" if node == "beta_angle" else "node"]
-    for name, steps in (("altitude", _STEPS["altitude"]), ("inclination", _STEPS["inclination"]), (node, of_node)):
+    for name, steps in ((height, _STEPS["altitude"]), ("inclination", _STEPS["inclination"]), (node, of_node)):
         for step in steps:
             yield from _other_orbit(view, orbit, name, step, tries=len(_STEPS) * len(steps))
 
 
 def _other_orbit(
-    view: View, orbit: CircularOrbit, name: str, step: float, tries: float, near: bool = False
+    view: View, orbit: CircularOrbit | KeplerianOrbit, name: str, step: float, tries: float, near: bool = False
 ) -> Iterator[Wrong]:
     """The orbit with one number changed: altitude by a factor, angles by rad; near: with no closer look."""
     value, text = _changed(orbit, name, step)
@@ -72,7 +75,7 @@ def _other_orbit(
         f"The telemetry agrees with {name} {text}: its sunlight and eclipses are those of the telemetry.",
         f"Check 'environment: orbit' ({name}: {text})",
     )
-    apart = 0.05 if name == "altitude" else np.deg2rad(7.5)
+    apart = 0.05 if name in ("altitude", "semi_major_axis") else np.deg2rad(7.5)
 
     def around() -> Iterator[Wrong]:
         for more in np.linspace(-1.0, 1.0, 9) * apart:
@@ -83,12 +86,16 @@ def _other_orbit(
     )
 
 
-def _changed(orbit: CircularOrbit, name: str, step: float) -> tuple[Any, str]:
+def _changed(orbit: CircularOrbit | KeplerianOrbit, name: str, step: float) -> tuple[Any, str]:
     """A number of the orbit, otherwise, and in words; None: there is no such orbit."""
-    if name == "altitude":
+    if name == "altitude" and isinstance(orbit, CircularOrbit):
         height = orbit.altitude * (1.0 + step)
         return (height if height > _LOWEST else None), f"{height / 1e3:.0f} km"
-    if name == "ltan":
+    if name == "semi_major_axis" and isinstance(orbit, KeplerianOrbit):
+        axis = _GROUND + (orbit.semi_major_axis - _GROUND) * (1.0 + step)
+        lowest = axis * (1.0 - orbit.eccentricity) - _GROUND
+        return (axis if lowest > _LOWEST else None), f"{axis / 1e3:.0f} km"
+    if name == "ltan" and isinstance(orbit, CircularOrbit):
         hour, minute = (int(part) for part in (orbit.ltan or "0:0").split(":"))
         minutes = round(60 * hour + minute + np.rad2deg(step) * 4.0) % 1440
         text = f"{minutes // 60:02d}:{minutes % 60:02d}"
