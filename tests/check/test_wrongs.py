@@ -6,6 +6,7 @@ import pytest
 from flightcal.check import suspects
 from flightcal.check.suspects import prepared
 from flightcal.check.wrongs.clocks import clocks, status_clocks
+from flightcal.check.wrongs.written import numbers
 from flightcal.problem import build_problem
 from tests import small
 
@@ -144,6 +145,13 @@ def test_the_height_of_an_elliptic_orbit_is_named(tmp_path):
     orbit["semi_major_axis"] = "6800 km"
     scenario, _ = small.load(tmp_path, written)
     assert "orbit" in {own.kind for own in named(scenario, data)}
+
+
+def test_a_number_of_the_sun_is_not_mended_by_one_that_cannot_be(tmp_path):
+    view = prepared(*small.closed_loop(tmp_path, sunlit()))
+    tried = {own.about for own in numbers(view)}
+    assert "environment.solar_constant" not in tried
+    assert "faces.outside.area" in tried
 
 
 def test_no_clock_is_off_by_less_than_lies_between_two_samples_of_what_heats(flown):

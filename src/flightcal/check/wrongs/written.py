@@ -22,6 +22,12 @@ _NONE = 10.0 * NO_LINK
 """Below, a number is not there."""
 _LEFT_OUT = {"environment.albedo": 0.3, "environment.earth_infrared": 237.0}
 """What a number of the Earth is, about, that is written as zero; SI."""
+_BELIEVABLE = {
+    "environment.solar_constant": (1300.0, 1420.0),
+    "environment.albedo": (0.05, 0.9),
+    "environment.earth_infrared": (100.0, 400.0),
+}
+"""Between what numbers of the Sun and of the Earth are, SI: no wrong is mended by one that cannot be."""
 _FAR = 4.0
 """Deviations of its prior, from which a parameter is far off."""
 
@@ -74,6 +80,9 @@ def _number(
     """Numbers at places multiplied by a factor; nothing where they could not be so."""
     value = factor * float(view.network.mapping.written[places[0]])
     if name.rpartition(".")[2] in ("absorptivity", "emissivity", "albedo") and value > 1.0:
+        return
+    low, high = _BELIEVABLE.get(name, (-np.inf, np.inf))
+    if not low <= value <= high:
         return
     one = len(places) == 1
     words = Words(
