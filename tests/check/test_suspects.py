@@ -352,8 +352,8 @@ def test_turns_of_a_thermostat_are_found_and_noise_is_not():
     assert turning(0.1 * np.random.default_rng(0).standard_normal(200), 1.0) is None
 
 
-def fit(misfit, lacking, size=4.0):
-    return Fit(0.0, size, misfit, lacking, np.zeros(1), np.zeros(1))
+def fit(misfit, lacking, size=4.0, farthest=1.0):
+    return Fit(0.0, size, misfit, lacking, farthest, np.zeros(1), np.zeros(1))
 
 
 def better(kind, after, nats=50.0):
@@ -379,9 +379,9 @@ def test_a_wrong_that_leaves_most_of_a_misfit_is_not_named_however_many_nats_it_
     assert [own.kind for own in ranked([better("bias", fit(1.1, 50.0), 250.0)], crude)] == ["bias"]
 
 
-def test_a_wrong_that_leaves_what_is_usual_is_named_before_one_that_leaves_more():
-    found = [better("clock", fit(1.1, 50.0), 250.0), better("bias", fit(0.4, 0.0, size=1.0), 240.0)]
-    assert [own.kind for own in ranked(found, fit(1.8, 300.0))] == ["bias"]
+def test_where_hardly_anything_is_lacking_a_wrong_that_leaves_little_is_named():
+    assert [own.kind for own in ranked([better("bias", fit(0.4, 8.0))], fit(0.6, 12.0))] == ["bias"]
+    assert ranked([better("bias", fit(0.6, 24.0))], fit(0.5, 80.0)) == []
 
 
 def test_where_a_crude_model_is_off_is_told_and_no_cause(flown):
@@ -394,3 +394,11 @@ def test_where_a_crude_model_is_off_is_told_and_no_cause(flown):
     assert found.misfit is not None
     assert {own.kind for own in found.found} <= {"everything"}
     assert found.misfit.channel in suspected(found)[-1].text
+
+
+def test_what_is_not_written_can_only_be_added():
+    less = Wrong("constant heat", "a", Words("", "", ""), least=0.2, lacked=True)
+    at = fit(0.4, 0.0)
+    assert less.matters(replace(at, added=np.array([0.5])))
+    assert not less.matters(replace(at, added=np.array([-0.5])))
+    assert replace(less, lacked=False).matters(replace(at, added=np.array([-0.5])))

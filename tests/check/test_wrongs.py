@@ -5,7 +5,8 @@ import pytest
 
 from flightcal.check import suspects
 from flightcal.check.suspects import prepared
-from flightcal.check.wrongs.clocks import clocks, status_clocks
+from flightcal.check.wrongs.clocks import channel_clocks, clocks, status_clocks
+from flightcal.check.wrongs.heat import constant_heat
 from flightcal.check.wrongs.written import numbers
 from flightcal.problem import build_problem
 from tests import small
@@ -154,6 +155,17 @@ def test_a_number_of_the_sun_is_not_mended_by_one_that_cannot_be(tmp_path):
     assert "faces.outside.area" in tried
 
 
+def test_heat_that_is_missing_all_the_time_is_tried_at_every_node(flown):
+    view = prepared(*flown)
+    found = {own.about: own for own in constant_heat(view)}
+    assert set(found) == {"body", "panel"}
+    t = len(view.rows.kept)
+    warmer = {name: own.columns[:, 0].reshape(-1)[: 2 * t].reshape(2, t)[:, -1] for name, own in found.items()}
+    body, panel = (view.channels.index(f"{name}_temp") for name in ("body", "panel"))
+    assert warmer["panel"][panel] > warmer["panel"][body] > 0.0
+    assert warmer["body"][body] > warmer["body"][panel] > 0.0
+
+
 def test_no_clock_is_off_by_less_than_lies_between_two_samples_of_what_heats(flown):
     scenario, data = flown
     seldom = np.where(np.arange(data.sizes["time"]) % 15 == 0, data["sun"].to_numpy(), np.nan)
@@ -167,3 +179,26 @@ def test_no_status_is_late_by_less_than_lies_between_two_of_its_samples(flown):
     seldom = np.where(np.arange(data.sizes["time"]) % 10 == 0, data["heater_status"].to_numpy(), np.nan)
     view = prepared(scenario, spoilt(data, heater_status=seldom))
     assert len(list(status_clocks(view, [300.0, 900.0]))) == 1
+
+
+def test_modes_that_are_exchanged_are_named(tmp_path):
+    written = small.content()
+    at = [f"2024-03-01T0{hour}:{minute}:00" for hour in range(3) for minute in ("05", "35")]
+    written["simulator"]["modes"] = {"idle": {"panel": "1 W"}, "busy": {"panel": "9 W", "body": "3 W"}}
+    written["simulator"]["timeline"] = [
+        {"at": "2024-02-29T00:00:00", "mode": "idle"},
+        *({"at": time, "mode": ("busy", "idle")[k % 2]} for k, time in enumerate(at)),
+    ]
+    _, data = small.closed_loop(tmp_path, written)
+    modes = written["simulator"]["modes"]
+    modes["idle"], modes["busy"] = modes["busy"], modes["idle"]
+    scenario, _ = small.load(tmp_path, written)
+    assert named(scenario, data)[0].title == "Modes 'idle' and 'busy' are exchanged"
+
+
+def test_no_channel_is_late_by_less_than_lies_between_two_of_its_samples(flown):
+    scenario, data = flown
+    seldom = np.where(np.arange(data.sizes["time"]) % 10 == 0, data["panel_temp"].to_numpy(), np.nan)
+    view = prepared(scenario, spoilt(data, panel_temp=seldom))
+    assert {(own.about, own.words.title) for own in channel_clocks(view, [300.0], "body_temp")}
+    assert not list(channel_clocks(view, [300.0], "panel_temp"))

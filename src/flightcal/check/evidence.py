@@ -70,6 +70,8 @@ class Fit:
     """Mean square of the telemetry's deviations, in those expected; about 1 where nothing is wrong."""
     lacking: float
     """Nats by which the telemetry is less probable than that of a right model with usual heat, at least 0."""
+    farthest: float
+    """Deviations of its prior by which the entry or the heat is off that is farthest."""
     z: FloatArray
     """[d] where the entries are likeliest."""
     added: FloatArray
@@ -124,7 +126,9 @@ class Gaussian:
             evidence = scale.evidence(square, rows) - 0.5 * square - volume
             if best is None or evidence > best.evidence:
                 z = np.asarray(self.point.effects.T @ white, float)
-                best = Fit(evidence, size, square / max(rows, 1), 0.0, z, np.asarray(added, float))
+                heat = size * (self.point.heat.T @ white)
+                farthest = float(np.abs(np.concatenate([z, heat])).max(initial=0.0))
+                best = Fit(evidence, size, square / max(rows, 1), 0.0, farthest, z, np.asarray(added, float))
         assert best is not None
         return replace(best, lacking=max(expected - best.evidence, 0.0))
 

@@ -245,7 +245,7 @@ def _compared(view: View, base: Point, nothing: Fit) -> list[tuple[Fit, Suspicio
         except (SimulationFailure, np.linalg.LinAlgError):
             continue
         nats = float(fit.evidence - nothing.evidence - best.odds)
-        if nats > _CLEAR and not (best.least and abs(float(fit.added[0])) < best.least):
+        if nats > _CLEAR and best.matters(fit):
             words = best.words(fit) if callable(best.words) else best.words
             named = Suspicion(best.kind, best.about, words.title, words.sentence, words.advice, nats)
             found.append((fit, named))
@@ -257,9 +257,8 @@ def _compared(view: View, base: Point, nothing: Fit) -> list[tuple[Fit, Suspicio
 
 
 def ranked(best: list[tuple[Fit, Suspicion]], nothing: Fit) -> list[Suspicion]:
-    """What explains the telemetry, of what helps; of what leaves more than is usual, only what explains most of it."""
-    usual = [own for fit, own in best if fit.is_usual]
-    named = usual or [own for fit, own in best if fit.lacking < _LEFT * nothing.lacking]
+    """What explains the telemetry, of what helps: beside it hardly anything is lacking."""
+    named = [own for fit, own in best if fit.lacking < max(_LEFT * nothing.lacking, _CLEAR)]
     return [own for own in named[:_SHOWN] if (own.nats or 0.0) > _NEAR * (named[0].nats or 0.0)]
 
 

@@ -109,11 +109,12 @@ def _shifted(view: View, channel: str, late: float) -> FloatArray:
 def channel_clocks(
     view: View, seconds: Sequence[float] | FloatArray = _FEW_SHIFTS, only: str | None = None
 ) -> Iterator[Wrong]:
-    """One channel's time tags are late or early."""
+    """One channel's time tags are late or early, by more than what lies between two of its samples."""
+    least = [view.apart([channel]) for channel in view.channels]
     for late in map(float, seconds):
         moved = view.readings(late)
         for k, channel in enumerate(view.channels):
-            if only not in (None, channel):
+            if only not in (None, channel) or abs(late) < least[k]:
                 continue
             observed = view.observed.copy()
             observed[:, k] = moved[:, k]

@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Iterator, Sequence
 from dataclasses import replace
 from functools import partial
-from itertools import combinations
+from itertools import combinations, product
 from typing import Any
 
 import numpy as np
@@ -24,6 +24,8 @@ _THRESHOLD = 8.0
 """K, prior deviation of thresholds that are wrong."""
 _REACHED = 0.2
 """Of the way between its thresholds, by which a reading may stay short of one at which a heater switches."""
+_ALL_THE_TIME = (0.5, 3.0)
+"""Of what flows through a node, prior deviations of heat that it lacks all the time."""
 _SECOND = 30.0
 """So many times as rare as a first heater of a node is a second one that the scenario lacks."""
 
@@ -205,6 +207,7 @@ def modes(view: View) -> Iterator[Wrong]:
             yield Wrong("mode", mode, words, columns=effect, least=least, tries=len(model.modes) * len(view.heat.nodes))
     if len({change.mode for change in model.timeline}) < 2:
         return
+    yield from _exchanged(view)
     for late in SHIFTS:
         how = "early" if late > 0 else "late"
         words_of = Words(
@@ -213,6 +216,24 @@ def modes(view: View) -> Iterator[Wrong]:
             "Check the times in 'simulator: timeline', and their zone",
         )
         yield from driven_otherwise("mode", "timeline", words_of, view, tries=len(SHIFTS), modes=late)
+
+
+def _exchanged(view: View) -> Iterator[Wrong]:
+    """Two modes are each other's."""
+    drive, columns = view.network.drive, view.network.network.columns
+    pairs = list(combinations(view.window.scenario.network.modes, 2))
+    for one, other in pairs:
+        places = [columns.index(f"mode.{mode}") for mode in (one, other)]
+        inputs = drive.inputs.copy()
+        inputs[:, :, places] = inputs[:, :, places[::-1]]
+        words = Words(
+            f"Modes '{one}' and '{other}' are exchanged",
+            f"With '{one}' where the timeline says '{other}', and '{other}' where it says '{one}', the model explains "
+            "the telemetry.",
+            f"Exchange '{one}' and '{other}' in 'simulator: modes', or in 'timeline'",
+        )
+        window = view.simulated_by(drive=replace(drive, inputs=inputs))
+        yield Wrong("mode", f"{one} {other}", words, window=window, tries=len(pairs))
 
 
 def missing_heat(view: View) -> Iterator[Wrong]:
@@ -252,6 +273,25 @@ def missing_heat(view: View) -> Iterator[Wrong]:
 
         tries = 2 * len(waves) * (_SECOND if node in heated and not name else 1.0)
         yield Wrong("missing heat", node, words, columns=effect, least=0.2 * flow / size, tries=tries)
+
+
+def constant_heat(view: View) -> Iterator[Wrong]:
+    """Something heats a node all the time that the scenario lacks, such as electronics that are never off."""
+    always = np.ones((1, 2 * (len(view.network.drive.times) - 1)))
+    for (node, flow), much in product(zip(view.heat.nodes, view.heat.flow.tolist(), strict=True), _ALL_THE_TIME):
+        size = max(much * flow, 0.1)
+        effect = size * view.response(view.window, view.middle, node, always)
+
+        def words(fit: Fit, node: str = node, size: float = size) -> Words:
+            power = number(size * float(fit.added[0]), 2)
+            return Words(
+                f"{node} takes {power} W more than the scenario says, all the time",
+                f"With {power} W more in {node}, the model explains the telemetry.",
+                f"Check what dissipates in {node}, in 'simulator: modes', and what it absorbs",
+            )
+
+        tries = len(_ALL_THE_TIME) * len(view.heat.nodes)
+        yield Wrong("constant heat", node, words, columns=effect, least=0.2 * flow / size, lacked=True, tries=tries)
 
 
 def turning(values: FloatArray, swing: float) -> FloatArray | None:
@@ -323,5 +363,5 @@ def _driver_of_any_size(view: View, load: str, column: int, tries: float) -> Ite
     yield Wrong("driver", block.driver, words, columns=effect, least=_POWER / size, tries=tries)
 
 
-WRONGS = (statuses, heaters, useless_statuses, thresholds, modes, missing_heat, drivers)
+WRONGS = (statuses, heaters, useless_statuses, thresholds, modes, missing_heat, constant_heat, drivers)
 """What looks for them."""
