@@ -379,9 +379,9 @@ def test_a_wrong_that_leaves_most_of_a_misfit_is_not_named_however_many_nats_it_
     assert [own.kind for own in ranked([better("bias", fit(1.1, 50.0), 250.0)], crude)] == ["bias"]
 
 
-def test_where_hardly_anything_is_lacking_a_wrong_that_leaves_little_is_named():
-    assert [own.kind for own in ranked([better("bias", fit(0.4, 8.0))], fit(0.6, 12.0))] == ["bias"]
-    assert ranked([better("bias", fit(0.6, 24.0))], fit(0.5, 80.0)) == []
+def test_a_wrong_that_leaves_what_is_usual_is_named_though_it_leaves_much_of_little():
+    assert [own.kind for own in ranked([better("bias", fit(0.4, 30.0, size=2.0))], fit(0.5, 48.0))] == ["bias"]
+    assert ranked([better("bias", fit(0.4, 30.0, size=4.0))], fit(0.5, 48.0)) == []
 
 
 def test_where_a_crude_model_is_off_is_told_and_no_cause(flown):
@@ -394,6 +394,11 @@ def test_where_a_crude_model_is_off_is_told_and_no_cause(flown):
     assert found.misfit is not None
     assert {own.kind for own in found.found} <= {"everything"}
     assert found.misfit.channel in suspected(found)[-1].text
+
+
+def test_a_wrong_beside_which_something_else_is_far_off_is_not_named():
+    """Such as a level that is tens of kelvin beside the model, where only the shape agrees."""
+    assert ranked([better("unit", fit(0.3, 0.0, size=1.0, farthest=5.5))], fit(1.9, 400.0)) == []
 
 
 def test_what_is_not_written_can_only_be_added():

@@ -71,7 +71,7 @@ class Fit:
     lacking: float
     """Nats by which the telemetry is less probable than that of a right model with usual heat, at least 0."""
     farthest: float
-    """Deviations of its prior by which the entry or the heat is off that is farthest."""
+    """Deviations of its prior by which the heat is off that is farthest, or the parameter."""
     z: FloatArray
     """[d] where the entries are likeliest."""
     added: FloatArray
@@ -126,8 +126,7 @@ class Gaussian:
             evidence = scale.evidence(square, rows) - 0.5 * square - volume
             if best is None or evidence > best.evidence:
                 z = np.asarray(self.point.effects.T @ white, float)
-                heat = size * (self.point.heat.T @ white)
-                farthest = float(np.abs(np.concatenate([z, heat])).max(initial=0.0))
+                farthest = size * float(np.abs(self.point.heat.T @ white).max(initial=0.0))
                 best = Fit(evidence, size, square / max(rows, 1), 0.0, farthest, z, np.asarray(added, float))
         assert best is not None
         return replace(best, lacking=max(expected - best.evidence, 0.0))
@@ -183,4 +182,7 @@ def climbed(
             break
         point = replace(point, z=centre + view.spread * moved)
     assert found is not None
-    return replace(found, z=point.z)
+    # Where a node begins is read from the telemetry, that may be wrong.
+    names = view.problem.names
+    off = [abs(float(own)) for name, own in zip(names, found.z, strict=True) if not name.startswith("initial.")]
+    return replace(found, z=point.z, farthest=max([found.farthest, *off]))

@@ -50,6 +50,9 @@ _BAD, _WORSE = 2.0, 4.0
 where none does."""
 _LEFT = 0.2
 """Share of what a right model has in more than nothing wrong, that one wrong may lack and still be what is named."""
+_FAR = 5.0
+"""Deviations of its prior, beyond which no parameter and no unmodelled heat is where a wrong is put right: of a hundred
+of them, one is there about as seldom as `_CLEAR` says."""
 _SHOWN, _NEAR = 3, 0.5
 """So many are named at most, and only if they explain at least so much of what the best explains."""
 _FIRST_SIZES = (1.0, 3.0)
@@ -257,8 +260,9 @@ def _compared(view: View, base: Point, nothing: Fit) -> list[tuple[Fit, Suspicio
 
 
 def ranked(best: list[tuple[Fit, Suspicion]], nothing: Fit) -> list[Suspicion]:
-    """What explains the telemetry, of what helps: beside it hardly anything is lacking."""
-    named = [own for fit, own in best if fit.lacking < max(_LEFT * nothing.lacking, _CLEAR)]
+    """What explains the telemetry, of what helps: it leaves what is usual or hardly anything, and nothing far off."""
+    explains = [own for own in best if own[0].is_usual or own[0].lacking < _LEFT * nothing.lacking]
+    named = [own for fit, own in explains if fit.farthest < _FAR]
     return [own for own in named[:_SHOWN] if (own.nats or 0.0) > _NEAR * (named[0].nats or 0.0)]
 
 
