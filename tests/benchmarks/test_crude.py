@@ -1,0 +1,51 @@
+"""Satellites of the independent simulation, and ways to be wrong of them."""
+
+import json
+
+import numpy as np
+import pytest
+from benchmarks.crude.satellites import satellites, written
+from benchmarks.crude.simulation import EPOCH, outside
+from benchmarks.crude.variants import VARIANTS, fits
+
+from flightcal.environment import face_fluxes
+from flightcal.scenario import load_scenario
+
+KNOWN = satellites()
+
+
+def loaded(scenario, table, folder):
+    table.to_csv(folder / "telemetry.csv", index=False)
+    (folder / "scenario.yaml").write_text(json.dumps(scenario), encoding="utf-8")
+    return load_scenario(folder / "scenario.yaml")
+
+
+@pytest.mark.parametrize("variant", VARIANTS, ids=lambda own: own.name)
+def test_every_variant_of_a_satellite_is_a_scenario_that_can_be_read(variant, tmp_path):
+    own = KNOWN["boxed"]
+    if not fits(variant, own):
+        pytest.skip("this satellite has no such thing")
+    made = variant.make(own)
+    assert loaded(made.scenario, made.table, tmp_path).train_windows
+    assert np.isfinite(made.table.select_dtypes("number").to_numpy()).all()
+
+
+@pytest.mark.parametrize("name", list(KNOWN))
+def test_what_falls_on_faces_is_what_flightcal_says(name, tmp_path):
+    """Two programs of one physics: shadow, albedo and infrared agree to some percent of what is absorbed at most."""
+    own = KNOWN[name]
+    seconds = np.linspace(3600.0, 3600.0 + own.craft.orbit.period, 60)
+    absorbed, _ = outside(own.craft, seconds)
+    (tmp_path / "telemetry.csv").touch()
+    (tmp_path / "scenario.yaml").write_text(json.dumps(written(own)), encoding="utf-8")
+    environment = load_scenario(tmp_path / "scenario.yaml").environment
+    faces = own.craft.faces
+    times = EPOCH + (1e3 * seconds).astype("timedelta64[ms]")
+    found = face_fluxes(environment, {key: tuple(face.normal) for key, face in faces.items()}, times)
+    size, alpha, epsilon = (
+        np.array([getattr(face, key) for face in faces.values()]) for key in ("area", "absorptivity", "emissivity")
+    )
+    wanted = size * (alpha * (found.solar + 0.3 * found.albedo) + epsilon * 237.0 * found.infrared)
+    apart = np.abs(absorbed - wanted)
+    assert np.median(apart, axis=0) == pytest.approx(0.0, abs=0.02 * wanted.max())
+    assert np.quantile(apart, 0.95) < 0.06 * wanted.max()
