@@ -28,8 +28,8 @@ _NEAR = 200
 """Draws at which it is looked at how far the response to heat differs."""
 _STRAIGHT = 0.25
 """Of the log density, to second order: so far off the response may be taken as the same for all theta."""
-_MOST_FOLLOWED = 250
-"""Weights, of which more would take hours: each gradient takes the cube of their number."""
+_MOST_FOLLOWED = 400
+"""Weights: each gradient takes the cube of their number, so 280 take minutes, and many more would take hours."""
 _PILOTS, _PILOT_CHAINS = 6, 2
 _PILOT_WARMUP, _PILOT_DRAWS = 150, 150
 _PILOT_DEPTH = 7
