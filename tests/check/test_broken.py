@@ -1,9 +1,15 @@
 """Sensors that are broken by their own telemetry alone."""
 
+from pathlib import Path
+
 import numpy as np
 import pytest
 
 from flightcal.check.broken import broken
+from flightcal.scenario import load_scenario
+from flightcal.telemetry import read
+
+EXAMPLES = Path(__file__).parents[2] / "examples"
 
 TIMES = np.datetime64("2024-03-01T00:00:00", "ns") + np.arange(200) * np.timedelta64(60, "s")
 MODELLED = 290.0 + 8.0 * np.sin(np.arange(200) / 16.0)
@@ -25,6 +31,15 @@ def test_a_sound_sensor_is_not_broken(seed):
 
 def test_a_coarse_sensor_without_noise_is_not_broken():
     assert found(telemetry(step=0.5, noise=0.0)) is None
+
+
+def test_no_sensor_of_the_bundled_satellite_is_broken():
+    scenario = load_scenario(EXAMPLES / "leo_observer" / "scenario.yaml")
+    data = read(scenario)
+    times = data["time"].to_numpy()
+    for channel in (own for own in scenario.observations if own.endswith("temperature")):
+        # With all gaps in it, and orbits that come again in steps of 0.125 K.
+        assert broken(channel, times, data[channel].to_numpy(), np.full(len(times), np.nan)) is None
 
 
 def test_a_thermostats_cycle_is_no_repetition():
@@ -68,6 +83,21 @@ def test_a_spike_is_told_with_its_time_and_left_out():
     assert own.kind == "spike"
     assert "2024-03-01 00:57:00 UTC" in own.sentence
     assert np.flatnonzero(own.useless).tolist() == [57]
+
+
+def test_the_last_sample_before_a_gap_is_no_spike():
+    values = 290.0 + np.concatenate([6.0 * np.arange(20), np.zeros(80)])
+    values += 0.05 * np.random.default_rng(0).standard_normal(100)
+    unknown = np.full(100, np.nan)
+    after = TIMES[0] + np.concatenate([np.arange(20), 200 + np.arange(80)]) * np.timedelta64(60, "s")
+    assert broken("array_temp", after, values, unknown) is None
+    assert broken("array_temp", TIMES[:100], values, unknown).kind == "spike"
+
+
+def test_a_peak_that_the_model_has_too_is_no_spike():
+    peak = 290.0 + 20.0 * np.exp(-0.3 * np.abs(np.arange(200) - 77))
+    assert broken("array_temp", TIMES, peak, peak - 3.0) is None
+    assert broken("array_temp", TIMES, peak, MODELLED).kind == "spike"
 
 
 def test_a_number_that_stands_for_no_reading_is_told_though_it_comes_often():

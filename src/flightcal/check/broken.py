@@ -27,8 +27,11 @@ _FILLED, _FAR = 3, 5.0
 _SLOPE, _CLIPPED = 3, 1.0
 """Samples over which a slope is taken; K, by which a temperature goes on where readings stop."""
 _MOST_SPIKES = 3
-_SPIKE = (3.0, 12.0, 4.0)
-"""A spike is larger than so many K, so many deviations of the noise, and so many times what is usual."""
+_SPIKE = (3.0, 12.0, 4.0, 2.0)
+"""A spike is larger than so many K, so many deviations of the noise, so many times what is usual, and so many times
+what the model has."""
+_GAP = 2.5
+"""Times the usual time between samples, from which two are no longer beside each other."""
 
 
 @dataclass(frozen=True)
@@ -113,10 +116,12 @@ def _spikes(channel: str, times: NDArray[np.datetime64], values: FloatArray, mod
     if len(valid) < 20:
         return None
     own = values[valid]
-    height = np.maximum(_above_both(own, 1), _above_both(own, 2))
-    least, noises, usual = _SPIKE
+    height = _heights(times[valid], own)
+    least, noises, usual, models = _SPIKE
     order = np.argsort(-height)
     limit = max(least, noises * noise_of(values), usual * float(height[order[_MOST_SPIKES]]))
+    if np.isfinite(modelled[valid]).all():
+        limit = max(limit, models * float(_heights(times[valid], modelled[valid]).max()))
     high = np.flatnonzero(height > limit)
     if not len(high):
         return None
@@ -132,11 +137,17 @@ def _spikes(channel: str, times: NDArray[np.datetime64], values: FloatArray, mod
     )  # fmt: skip
 
 
-def _above_both(values: FloatArray, apart: int) -> FloatArray:
-    """[T] K by which samples are above both of those so far before and after, or below both; else 0."""
-    padded = np.pad(values, apart, mode="edge")
-    before, after = values - padded[: -2 * apart], values - padded[2 * apart :]
-    return np.where(before * after > 0.0, np.minimum(np.abs(before), np.abs(after)), 0.0)
+def _heights(times: NDArray[np.datetime64], values: FloatArray) -> FloatArray:
+    """[T] K by which samples are above those beside them on both sides, one or two away, or below; else 0."""
+    usual = np.median(np.diff(times)) / np.timedelta64(1, "ns")
+    found = np.zeros(len(values))
+    for apart in (1, 2):
+        before, after = (values[apart:-apart] - own for own in (values[: -2 * apart], values[2 * apart :]))
+        away = (times[apart:] - times[:-apart]) / np.timedelta64(1, "ns")
+        beside = np.maximum(away[:-apart], away[apart:]) < _GAP * apart * usual
+        height = np.where(beside & (before * after > 0.0), np.minimum(np.abs(before), np.abs(after)), 0.0)
+        found[apart:-apart] = np.maximum(found[apart:-apart], height)
+    return found
 
 
 def _held(channel: str, times: NDArray[np.datetime64], values: FloatArray, modelled: FloatArray) -> Broken | None:
@@ -205,6 +216,8 @@ def _repeating(channel: str, times: NDArray[np.datetime64], values: FloatArray, 
     same = own[lag:] == own[:-lag]
     outside = np.concatenate([same[: first - lag], same[last - lag :]])
     likely = [_ALIKE, float(np.median(shares)), *([float(outside.mean())] if len(outside) >= _COPIED else [])]
+    # Where two curves come close they stay so, and then it is the noise alone that tells readings apart.
+    likely.append(_unchanged(own))
     if max(likely) ** count > _CHANCE:
         return None
     useless = np.zeros(len(values), bool)
@@ -214,6 +227,12 @@ def _repeating(channel: str, times: NDArray[np.datetime64], values: FloatArray, 
         f"{last - first} samples from {clock(times[valid[first]])} on are exactly those of {lag} samples before.",
         f"Leave {channel} out of 'observations', or that time out of the window", useless,
     )  # fmt: skip
+
+
+def _unchanged(values: FloatArray) -> float:
+    """How often a reading of [T] is that before it, where the temperature moves least."""
+    same = (np.diff(values) == 0.0).astype(float)
+    return float(np.convolve(same, np.ones(_STUCK) / _STUCK, "valid").max()) if len(same) >= _STUCK else 0.0
 
 
 def clock(time: np.datetime64) -> str:
