@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass
 from typing import Literal
 
@@ -20,6 +21,8 @@ _COPIED = 15
 """Changes that come again exactly, where they are no chance."""
 _CHANCE, _ALIKE = 1e-9, 0.4
 """Probability of that by chance, and the least that is assumed of each change."""
+_USUAL, _NO_NOISE = 0.9, 1e-3
+"""Share of bends that noise makes, where others are the temperature's; steps of noise that are none."""
 _HELD = 3
 """Samples, from which a reading that is held for so many is worth a word."""
 _FILLED, _FAR = 3, 5.0
@@ -217,7 +220,7 @@ def _repeating(channel: str, times: NDArray[np.datetime64], values: FloatArray, 
     outside = np.concatenate([same[: first - lag], same[last - lag :]])
     likely = [_ALIKE, float(np.median(shares)), *([float(outside.mean())] if len(outside) >= _COPIED else [])]
     # Where two curves come close they stay so, and then it is the noise alone that tells readings apart.
-    likely.append(_unchanged(own))
+    likely.append(_alike(own))
     if max(likely) ** count > _CHANCE:
         return None
     useless = np.zeros(len(values), bool)
@@ -229,10 +232,16 @@ def _repeating(channel: str, times: NDArray[np.datetime64], values: FloatArray, 
     )  # fmt: skip
 
 
-def _unchanged(values: FloatArray) -> float:
-    """How often a reading of [T] is that before it, where the temperature moves least."""
-    same = (np.diff(values) == 0.0).astype(float)
-    return float(np.convolve(same, np.ones(_STUCK) / _STUCK, "valid").max()) if len(same) >= _STUCK else 0.0
+def _alike(values: FloatArray) -> float:
+    """How often a temperature that is read twice, in the steps of readings [T] and with their noise, is the same."""
+    bends, step = np.abs(np.diff(values, 2)), step_of(values)
+    square = float(np.mean(bends[bends <= np.quantile(bends, _USUAL)] ** 2)) / 6.0
+    # Without that of the steps; of the difference of two readings, in steps.
+    width = float(np.sqrt(2.0 * max(square - step**2 / 12.0, 0.0))) / step
+    if width < _NO_NOISE:
+        return 1.0
+    inside = math.erf(1.0 / (width * math.sqrt(2.0)))
+    return inside - width * math.sqrt(2.0 / math.pi) * (1.0 - math.exp(-0.5 / width**2))
 
 
 def clock(time: np.datetime64) -> str:
