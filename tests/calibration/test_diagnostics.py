@@ -168,6 +168,23 @@ def test_a_few_divergences_crowded_at_one_end_fail_and_the_end_is_named():
     assert gate(found, "divergences").found == "10 of 4000 draws, 100% of them at the lower end of x"
 
 
+def test_divergences_next_to_no_heat_at_all_are_told_and_do_not_fail():
+    size = np.abs(draws())
+    rank = np.argsort(np.argsort(size.ravel()))
+    least, most = rank < 20, rank >= rank.size - 10
+    # With little heat there is more noise.
+    values = {"noise.body": draws(5) + 9.0 * least.reshape(size.shape), "heat.body.constant": size}
+    found = diagnose(values, statistics(diverging=least.reshape(size.shape)), NutsSettings())
+    assert gate(found, "divergences").passed
+    assert gate(found, "divergences").found == "20 of 4000 draws, 100% of them at the lower end of heat.body.constant"
+    both = (least | most).reshape(size.shape)
+    found = diagnose(values, statistics(diverging=both), NutsSettings())
+    assert not gate(found, "divergences").passed
+    elsewhere = np.sort(values["noise.body"].ravel())[:15]
+    others = np.isin(values["noise.body"], elsewhere) | least.reshape(size.shape)
+    assert not gate(diagnose(values, statistics(diverging=others), NutsSettings()), "divergences").passed
+
+
 def test_more_than_a_hundredth_of_cut_trajectories_fails():
     depth = np.full((CHAINS, DRAWS), 3)
     depth[:, :10] = MAXIMUM_DEPTH

@@ -222,28 +222,43 @@ def _divergence_gate(posterior: Mapping[str, Array], diverging: Array, settings:
     """How many trajectories broke off, and where.
 
     A few in thousands, scattered, also come of a right model. Crowded at one end of a quantity they say that the
-    posterior goes on where the chains do not follow.
+    posterior goes on where the chains do not follow. Beyond the lower end of a size of heat there is nothing: without
+    heat the parameters are known better, and a chain that does not get there leaves intervals too wide.
     """
     count, share = int(diverging.sum()), float(diverging.mean()) if diverging.size else math.nan
-    crowded, place = "", 0.0
+    ends = []
     if count >= _FEWEST_DIVERGENT:
-        for name, values in posterior.items():
-            for end, outer in _outer_draws(values):
-                inside = float(outer[diverging.astype(bool)].mean())
-                if inside > place:
-                    crowded, place = f"{100.0 * inside:.0f}% of them at the {end} end of {name}", inside
-    found = f"{count} of {diverging.size} draws"
-    if place > 0.5:
-        found += f", {crowded}"
-    elif count:
-        found += ", scattered"
+        ends = [(name, end, outer) for name, values in posterior.items() for end, outer in _outer_draws(values)]
+    of_heat = [own for own in ends if own[0].startswith("heat.") and own[1] == "lower"]
+    broken = diverging.astype(bool)
+    excused, where = _crowd(broken, of_heat)
+    crowded, elsewhere = _crowd(broken & ~excused, ends)
+    words = elsewhere or where or ("scattered" if count else "")
+    found = f"{count} of {diverging.size} draws" + (f", {words}" if words else "")
     advice = (
         "Some trajectories broke off, so part of the posterior may be missing: where simulations fail, or where "
         "a heater only just touches its threshold. Raise the acceptance (nuts: target_acceptance, now "
         f"{settings.target_acceptance:g}) towards 0.99, or narrow the priors to where the model works."
     )
     required = f"at most {100.0 * LARGEST_DIVERGENT_SHARE:g}%, scattered"
-    return gate("divergences", share <= LARGEST_DIVERGENT_SHARE and place <= 0.5, found, required, advice)
+    return gate("divergences", share <= LARGEST_DIVERGENT_SHARE and not crowded.any(), found, required, advice)
+
+
+def _crowd(
+    diverging: NDArray[np.bool_], ends: Sequence[tuple[str, str, NDArray[np.bool_]]]
+) -> tuple[NDArray[np.bool_], str]:
+    """Which of the draws that broke off lie at the end of a quantity where most do, and this in words; none, and ""."""
+    count, most, words, which = int(diverging.sum()), 0.5, "", np.zeros(diverging.shape, bool)
+    if count >= _FEWEST_DIVERGENT:
+        for name, end, outer in ends:
+            inside = float(outer[diverging].mean())
+            if inside > most:
+                most, words, which = (
+                    inside,
+                    f"{100.0 * inside:.0f}% of them at the {end} end of {name}",
+                    diverging & outer,
+                )
+    return which, words
 
 
 def _outer_draws(values: Array) -> tuple[tuple[str, NDArray[np.bool_]], ...]:
