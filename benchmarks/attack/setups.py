@@ -7,17 +7,13 @@ to be named.
 from __future__ import annotations
 
 import argparse
-import tempfile
 import time
 from dataclasses import dataclass
-from pathlib import Path
 
-from benchmarks.truth.flight import written_to
 from benchmarks.wrongs import SEED, SETUPS, Case, SetUp, case_of
-from flightcal.check import Suspects, suspects
 from flightcal.errors import FlightcalError
-from flightcal.problem import build_problem
-from flightcal.telemetry import read
+
+from .files import looked_at
 
 _CORRECT = 500
 """The number of the first correct satellite."""
@@ -34,15 +30,6 @@ class Result:
     seconds: float
 
 
-def looked_at(case: Case) -> Suspects:
-    """What is suspected of a case, from its files. Raises FlightcalError."""
-    with tempfile.TemporaryDirectory() as folder:
-        case.table.to_csv(Path(folder) / "telemetry.csv", index=False)
-        scenario = written_to(Path(folder), case.written)
-        data = read(scenario)
-        return suspects(build_problem(scenario, data), data)
-
-
 def result(setup: SetUp | None, number: int, case: Case) -> Result:
     """What is named of a case with a set-up, or with none."""
     spoiled, about = case.copy(), ""
@@ -50,7 +37,7 @@ def result(setup: SetUp | None, number: int, case: Case) -> Result:
         about = setup.spoil(spoiled)
     begin = time.perf_counter()
     try:
-        found = looked_at(spoiled).found
+        found = looked_at(spoiled.written, spoiled.table).found
         named, kind, whom = (found[0].title, found[0].kind, found[0].about) if found else ("nothing", "", "")
     except FlightcalError as error:
         named, kind, whom = f"error: {error}"[:100], "", ""

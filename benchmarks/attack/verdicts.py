@@ -7,7 +7,6 @@ Correct are satellites whose unmodelled heat, if any, comes again with the orbit
 from __future__ import annotations
 
 import argparse
-import json
 import tempfile
 import time
 from dataclasses import dataclass
@@ -19,6 +18,8 @@ from benchmarks.truth.flight import KINDS
 from benchmarks.wrongs import SEED, SETUPS, Case, SetUp, case_of
 from flightcal.commands.calibrate import run_experiment
 from flightcal.errors import FlightcalError
+
+from .files import not_well, put
 
 _CALIBRATION: dict[str, Any] = {"genetic": {"runs": 2, "population": 32, "generations": 20}}
 """A shorter search than by default: the verdict is about the posterior."""
@@ -51,17 +52,14 @@ def ended(setup: SetUp | None, number: int, case: Case) -> Ended:
     begin = time.perf_counter()
     with tempfile.TemporaryDirectory() as name:
         folder = Path(name)
-        spoiled.table.to_csv(folder / "telemetry.csv", index=False)
-        (folder / "scenario.yaml").write_text(json.dumps(spoiled.written))
+        file = put(folder, spoiled.written, spoiled.table)
         try:
-            verdict = run_experiment(folder / "scenario.yaml", folder / "run").verdict
+            verdict = run_experiment(file, folder / "run").verdict
         except FlightcalError as error:
             code, why = 1, (str(error)[:100],)
         else:
             assert verdict is not None
-            found = [finding for answer in verdict.answers for finding in answer.findings]
-            found = [*(own for own in found if own.state == "bad"), *(own for own in found if own.state == "warn")]
-            code, why = verdict.exit_code, tuple(own.title for own in found)
+            code, why = verdict.exit_code, not_well(verdict, "bad", "warn")
     return Ended(setup.name if setup else "correct", number, code, why, time.perf_counter() - begin)
 
 

@@ -7,7 +7,6 @@ the 95% intervals, its largest error, and how many parameters have their true va
 from __future__ import annotations
 
 import argparse
-import json
 import tempfile
 import time
 from pathlib import Path
@@ -15,15 +14,12 @@ from typing import Any
 
 import numpy as np
 
-from benchmarks.truth.flight import written_to
-from flightcal.check import Suspects, suspects
+from benchmarks.attack.files import looked_at, not_well, put
 from flightcal.commands.calibrate import Summary, run_experiment
 from flightcal.errors import FlightcalError
-from flightcal.problem import build_problem
-from flightcal.telemetry import read
 
 from .satellites import Satellite, satellites
-from .variants import VARIANTS, Set, Variant, fits
+from .variants import VARIANTS, Variant, fits
 
 _CALIBRATION: dict[str, Any] = {
     "seed": 1,
@@ -49,16 +45,11 @@ def main() -> None:
                 print(f"{name:14} {variant.group:9} {variant.name:34} {line}", flush=True)
 
 
-def _put(made: Set, folder: Path) -> Path:
-    made.table.to_csv(folder / "telemetry.csv", index=False)
-    (folder / "scenario.yaml").write_text(json.dumps(made.scenario), encoding="utf-8")
-    return folder / "scenario.yaml"
-
-
 def _first(own: Satellite, variant: Variant) -> str:
     begin = time.perf_counter()
     try:
-        found = _looked_at(variant.make(own))
+        made = variant.make(own)
+        found = looked_at(made.scenario, made.table)
     except FlightcalError as error:
         return f"error: {error}"[:150]
     seconds = time.perf_counter() - begin
@@ -69,30 +60,17 @@ def _first(own: Satellite, variant: Variant) -> str:
     return f"{'right' if first.kind in variant.kinds else ''} {seconds:5.1f} s  {first.title}"
 
 
-def _looked_at(made: Set) -> Suspects:
-    with tempfile.TemporaryDirectory() as folder:
-        _put(made, Path(folder))
-        scenario = written_to(Path(folder), made.scenario)
-        data = read(scenario)
-        return suspects(build_problem(scenario, data), data)
-
-
 def _verdict(own: Satellite, variant: Variant) -> str:
     begin = time.perf_counter()
     with tempfile.TemporaryDirectory() as folder:
         try:
             made = variant.make(own)
             made.scenario["calibration"] = _CALIBRATION
-            summary = run_experiment(_put(made, Path(folder)), Path(folder) / "run")
+            summary = run_experiment(put(Path(folder), made.scenario, made.table), Path(folder) / "run")
         except FlightcalError as error:
             return f"error: {error}"[:150]
-        return f"{_told(own, summary)}  {time.perf_counter() - begin:4.0f} s  {'; '.join(_why(summary))[:220]}"
-
-
-def _why(summary: Summary) -> list[str]:
-    """What is not well, the worst first."""
-    found = [finding for answer in summary.verdict.answers for finding in answer.findings]
-    return [own.title for state in ("bad", "warn", "none") for own in found if own.state == state]
+        why = "; ".join(not_well(summary.verdict, "bad", "warn", "none"))
+        return f"{_told(own, summary)}  {time.perf_counter() - begin:4.0f} s  {why[:220]}"
 
 
 def _told(own: Satellite, summary: Summary) -> str:

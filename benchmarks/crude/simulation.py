@@ -21,6 +21,8 @@ _SUN_RADIUS, _AU = 6.957e8, 1.495978707e11
 _SIGMA = 5.670374419e-8
 _OBLIQUITY = math.radians(23.4393)
 EPOCH = np.datetime64("2024-03-01T00:00:00", "s")
+_SINCE_2000 = float((EPOCH - np.datetime64("2000-01-01T12:00:00")) / np.timedelta64(1, "s"))
+"""s from noon of 1 January 2000 to `EPOCH`."""
 ALBEDO, INFRARED, SOLAR = 0.3, 237.0, 1361.0
 _SKY = 20.0
 """s, how far apart heat from outside is reckoned."""
@@ -91,7 +93,7 @@ class Craft:
 
 def sun(seconds: Array) -> Array:
     """[M, 3] m: Astronomical Almanac, low precision."""
-    days = seconds / 86400.0 + float((EPOCH - np.datetime64("2000-01-01T12:00:00")) / np.timedelta64(1, "s")) / 86400.0
+    days = (seconds + _SINCE_2000) / 86400.0
     g = np.radians(357.528 + 0.9856003 * days)
     along = np.radians(280.460 + 0.9856474 * days) + np.radians(1.915) * np.sin(g) + np.radians(0.020) * np.sin(2 * g)
     distance = _AU * (1.00014 - 0.01671 * np.cos(g) - 0.00014 * np.cos(2.0 * g))
@@ -139,8 +141,8 @@ def _body(craft: Craft, seconds: Array, position: Array, ahead: Array, towards: 
         d = np.array(craft.spin) / np.linalg.norm(craft.spin)
         axis = np.cross([0.0, 0.0, 1.0], d)
         first = _turn(axis / np.linalg.norm(axis), np.full(1, math.acos(d[2])))[0]
-        since = seconds + float((EPOCH - np.datetime64("2000-01-01T12:00:00")) / np.timedelta64(1, "s"))
-        return _turn(d, 2.0 * np.pi * (since / craft.spin_period % 1.0)) @ first @ _offset(craft)
+        turns = (seconds + _SINCE_2000) / craft.spin_period % 1.0
+        return _turn(d, 2.0 * np.pi * turns) @ first @ _offset(craft)
     x = np.cross(y, z)
     x /= np.linalg.norm(x, axis=1, keepdims=True)
     return np.stack([x, np.cross(z, x), z], axis=2) @ _offset(craft)

@@ -115,11 +115,10 @@ def _forget(scenario: Written, keep: Callable[[str], bool]) -> None:
 def _lump(own: Satellite, scenario: Written, gone: str, into: str) -> None:
     """One node is a part of another."""
     model = scenario["simulator"]
-    for path in ("nodes",):
-        left = model[path].pop(gone)
-        if gone != into and into in model[path]:
-            more = float(left["capacity"].split()[0]) + float(model[path][into]["capacity"].split()[0])
-            model[path][into]["capacity"] = f"{more} J/K"
+    left = model["nodes"].pop(gone)
+    if into in model["nodes"]:
+        more = float(left["capacity"].split()[0]) + float(model["nodes"][into]["capacity"].split()[0])
+        model["nodes"][into]["capacity"] = f"{more} J/K"
     kept: list[Written] = []
     changed: dict[str, str] = {}
     for link in model["conductors"]:

@@ -4,6 +4,7 @@ import json
 
 import numpy as np
 import pytest
+from benchmarks.attack.files import put
 from benchmarks.crude.satellites import satellites, written
 from benchmarks.crude.simulation import EPOCH, outside
 from benchmarks.crude.variants import VARIANTS, fits
@@ -14,16 +15,10 @@ from flightcal.scenario import load_scenario
 KNOWN = satellites()
 
 
-def loaded(scenario, table, folder):
-    table.to_csv(folder / "telemetry.csv", index=False)
-    (folder / "scenario.yaml").write_text(json.dumps(scenario), encoding="utf-8")
-    return load_scenario(folder / "scenario.yaml")
-
-
 @pytest.mark.parametrize("variant", VARIANTS, ids=lambda own: own.name)
 def test_every_variant_of_a_satellite_is_a_scenario_that_can_be_read(variant, tmp_path):
     made = variant.make(next(own for own in KNOWN.values() if fits(variant, own)))
-    assert loaded(made.scenario, made.table, tmp_path).train_windows
+    assert load_scenario(put(tmp_path, made.scenario, made.table)).train_windows
     assert np.isfinite(made.table.select_dtypes("number").to_numpy()).all()
 
 

@@ -248,17 +248,13 @@ def _crowd(
     diverging: NDArray[np.bool_], ends: Sequence[tuple[str, str, NDArray[np.bool_]]]
 ) -> tuple[NDArray[np.bool_], str]:
     """Which of the draws that broke off lie at the end of a quantity where most do, and this in words; none, and ""."""
-    count, most, words, which = int(diverging.sum()), 0.5, "", np.zeros(diverging.shape, bool)
-    if count >= _FEWEST_DIVERGENT:
-        for name, end, outer in ends:
-            inside = float(outer[diverging].mean())
-            if inside > most:
-                most, words, which = (
-                    inside,
-                    f"{100.0 * inside:.0f}% of them at the {end} end of {name}",
-                    diverging & outer,
-                )
-    return which, words
+    if diverging.sum() < _FEWEST_DIVERGENT:
+        return np.zeros(diverging.shape, bool), ""
+    shares = [float(outer[diverging].mean()) for _, _, outer in ends]
+    if max(shares, default=0.0) <= 0.5:
+        return np.zeros(diverging.shape, bool), ""
+    name, end, outer = ends[int(np.argmax(shares))]
+    return diverging & outer, f"{100.0 * max(shares):.0f}% of them at the {end} end of {name}"
 
 
 def _outer_draws(values: Array) -> tuple[tuple[str, NDArray[np.bool_]], ...]:

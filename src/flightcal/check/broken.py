@@ -142,11 +142,11 @@ def _spikes(channel: str, times: NDArray[np.datetime64], values: FloatArray, mod
 
 def _heights(times: NDArray[np.datetime64], values: FloatArray) -> FloatArray:
     """[T] K by which samples are above those beside them on both sides, one or two away, or below; else 0."""
-    usual = np.median(np.diff(times)) / np.timedelta64(1, "ns")
+    usual = np.median(np.diff(times))
     found = np.zeros(len(values))
     for apart in (1, 2):
         before, after = (values[apart:-apart] - own for own in (values[: -2 * apart], values[2 * apart :]))
-        away = (times[apart:] - times[:-apart]) / np.timedelta64(1, "ns")
+        away = times[apart:] - times[:-apart]
         beside = np.maximum(away[:-apart], away[apart:]) < _GAP * apart * usual
         height = np.where(beside & (before * after > 0.0), np.minimum(np.abs(before), np.abs(after)), 0.0)
         found[apart:-apart] = np.maximum(found[apart:-apart], height)
@@ -218,9 +218,9 @@ def _repeating(channel: str, times: NDArray[np.datetime64], values: FloatArray, 
     # What comes again in every orbit, and is read in coarse steps, is often the same by chance.
     same = own[lag:] == own[:-lag]
     outside = np.concatenate([same[: first - lag], same[last - lag :]])
-    likely = [_ALIKE, float(np.median(shares)), *([float(outside.mean())] if len(outside) >= _COPIED else [])]
     # Where two curves come close they stay so, and then it is the noise alone that tells readings apart.
-    likely.append(_alike(own))
+    likely = [_ALIKE, _alike(own), float(np.median(shares))]
+    likely += [float(outside.mean())] if len(outside) >= _COPIED else []
     if max(likely) ** count > _CHANCE:
         return None
     useless = np.zeros(len(values), bool)

@@ -18,7 +18,6 @@ from numpy.typing import NDArray
 
 from ..errors import FlightcalError
 from ..problem import Problem, Window, build_window, problem_of
-from ..progress import SILENT, Progress
 from ..run import Run, Stage, plain, read_json, typed
 from ..scenario import Channel, Conductor, Scenario, SimulatorModel
 from ..simulator import FloatArray, SimulationFailure, in_parallel
@@ -102,7 +101,7 @@ class Suspects:
         return tuple(f"likely wrong: {own.title}. {own.sentence} Next: {own.advice}." for own in self.found)
 
 
-def suspects(problem: Problem, telemetry: xarray.Dataset, progress: Progress = SILENT) -> Suspects:
+def suspects(problem: Problem, telemetry: xarray.Dataset) -> Suspects:
     """What is likely to be wrong with a scenario or its telemetry, by its first training window.
 
     telemetry: what the problem was built from. Of a simulator that is no thermal network only what the telemetry shows
@@ -359,7 +358,7 @@ def _read(view: View, wrong: Wrong) -> FloatArray:
 
 
 def _make(run: Run, problem: Problem, telemetry: xarray.Dataset) -> None:
-    run.folder.write_json(SUSPECTS_FILE, plain(suspects(problem, telemetry, run.progress)))
+    run.folder.write_json(SUSPECTS_FILE, plain(suspects(problem, telemetry)))
 
 
 def _kept(run: Run, *_: Any) -> Suspects:

@@ -178,6 +178,12 @@ def _known_rows(
     return tuple(forward), [closing], tuple(backward)
 
 
+def _factors(gram: FloatArray, roots: FloatArray) -> tuple[FloatArray, FloatArray]:
+    """Cholesky factor [m, m] of 1 + root gram root, and its inverse X: X^T X is the weights' covariance over roots."""
+    lower = np.asarray(np.linalg.cholesky(np.eye(len(roots)) + roots[:, None] * gram * roots), float)
+    return lower, np.asarray(dtrtri(lower, lower=1)[0], float)
+
+
 class Gains:
     """What S draws make of residuals: weights of heat, each draw with its sizes of noise and heat."""
 
@@ -194,9 +200,7 @@ class Gains:
         self.factors = []
         for k, one in enumerate(place):
             gram, own = np.tensordot(deviations[one] ** -2.0, known.products, 1), roots[one]
-            lower = np.linalg.cholesky(np.eye(len(own)) + own[:, None] * gram * own)
-            inverse = dtrtri(lower, lower=1)[0]
-            self.factors.append((np.flatnonzero(which.ravel() == k), own[:, None] * inverse.T))
+            self.factors.append((np.flatnonzero(which.ravel() == k), own[:, None] * _factors(gram, own)[1].T))
 
     def __call__(self, left: Sequence[FloatArray]) -> FloatArray:
         """Weights [S, m] expected with residuals [S, T, N] of each window, K."""
@@ -263,8 +267,7 @@ class Evidence:
             products += call.white.T @ call.white
             total += call.determinant[0] + call.valid.sum() * _LOG_2_PI
         gram, moment, squares = products[:r, :r], products[:r, r], products[r, r]
-        lower = np.linalg.cholesky(np.eye(r) + roots[:, None] * gram * roots)
-        inverse = dtrtri(lower, lower=1)[0]
+        lower, inverse = _factors(gram, roots)
         half = inverse @ (roots * moment)
         weights = inverse.T @ half
         shrunk = inverse.T @ inverse
