@@ -5,6 +5,7 @@ import pytest
 
 from flightcal.calibration import heat_search
 from flightcal.calibration.heat_search import find_heat
+from flightcal.probability import Evidence
 from flightcal.problem import patterns_of, split
 from tests.calibration.heated import CASES, NODES, PATTERN, TRUE, drift, errors, pattern, problem_of, sizes_of, written
 
@@ -122,3 +123,17 @@ def test_no_fit_takes_a_size_further_than_matrices_have_digits_for(without_heate
     sizes, place = point.around.sizes, point.around.sizes.names.index(name)
     score = sizes.to_z(sizes_of(point))[place] - sizes.to_z(sizes.median())[place]
     assert 0.0 < abs(score) <= 0.0301
+
+
+def test_the_beginning_of_a_long_telemetry_tells_the_noise(tmp_path, monkeypatch):
+    problem = problem_of(tmp_path, written(heaters=False, windows=2), panel=pattern)
+    whole = find_heat(problem, problem.priors.median())
+    looked = []
+    monkeypatch.setattr(heat_search, "_WORK", 2e5)
+    monkeypatch.setattr(heat_search, "Evidence", lambda *own: looked.append(len(own[1][0])) or Evidence(*own))
+    part = find_heat(problem, problem.priors.median())
+    assert 0.3 < max(looked) / len(problem.windows[0].times) < 0.9
+    (mean, factor), (expected, of_whole) = (own.around.of_z(sizes_of(own)) for own in (part, whole))
+    deviation = np.linalg.norm(of_whole, axis=1)
+    assert (abs(mean - expected) < deviation).all()
+    np.testing.assert_allclose(np.linalg.norm(factor, axis=1), deviation, rtol=0.5)

@@ -7,14 +7,14 @@ nothing of is left to the prior.
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
 from scipy.optimize import minimize
 
 from ..errors import FlightcalError
-from ..probability import DEVIATION, Evidence, Filter, Priors, Shaped, filter_of
+from ..probability import DEVIATION, Evidence, Priors, Residuals, Shaped, filter_of
 from ..problem import (
     HeatModel,
     Problem,
@@ -45,6 +45,8 @@ _TOLD = 0.05
 """Of what the prior knows of a direction: where the telemetry tells less, it is left to the prior."""
 _TOLD_MUCH = 0.5
 """The same while the noise's shape is looked for."""
+_WORK = 1e9
+"""Samples times functions squared, in one look at the noise's shape: of a longer telemetry the beginning tells it."""
 _ITERATIONS = 25
 _FARTHEST = 8.0
 """Most by which the logarithm of a size changes in one fit: beyond, matrices lose all their digits."""
@@ -65,12 +67,25 @@ class _Linear:
 
     window: Window
     units: tuple[Units, ...]
+    terms: Residuals
+    """Without heat."""
     left: FloatArray
     """[T, N] K, telemetry minus simulation; zero where there is none."""
     jacobian: FloatArray
     """[T, N, d] by z of the whole problem."""
     response: list[FloatArray]
     """Of each group [T, N, f]."""
+
+    def beginning(self, samples: int) -> _Linear:
+        """The same of the first samples alone."""
+        terms = replace(self.terms, seconds=self.terms.seconds[:samples], valid=self.terms.valid[:, :samples])
+        response = [own[:samples] for own in self.response]
+        return replace(self, terms=terms, left=self.left[:samples], jacobian=self.jacobian[:samples], response=response)
+
+    def through(self, shapes: tuple[Shaped, ...]) -> Callable[[FloatArray], FloatArray]:
+        """What makes of columns [T, N, c] those through noise of these shapes and of deviation one, [N, T, c]."""
+        whitens = filter_of(replace(self.terms, kinds=shapes))
+        return lambda columns: whitens.whiten(np.moveaxis(columns, 1, 0), self.terms.valid)
 
 
 def find_heat(problem: Problem, theta: FloatArray, *, progress: Progress = SILENT) -> HeatPoint:
@@ -97,9 +112,8 @@ class _Search:
         self.problem, self.model = problem, model
         self.windows = windows
         self.sampling = replace(problem, windows=tuple(windows), open_loop=None)
-        self.terms = [replace(window.residuals.terms, heat=None) for window in windows]
         residuals = windows[0].residuals
-        self.entries = residuals.entries
+        self.entries, self.kinds = residuals.entries, residuals.terms.kinds
         names = list(dict.fromkeys(entry.name for entry in self.entries))
         priors = [windows[0].reads[name] for name in names]
         scales = model.priors
@@ -123,8 +137,7 @@ class _Search:
 
     def _white(self) -> list[int]:
         """Of each channel, the column of its white noise."""
-        kinds = self.terms[0].kinds
-        return [kind.names.index(kind.white) if kind.white else 0 for kind in kinds]
+        return [kind.names.index(kind.white) if kind.white else 0 for kind in self.kinds]
 
     def roots(self, sizes: FloatArray) -> FloatArray:
         """[g] scale of each group."""
@@ -134,7 +147,7 @@ class _Search:
     def shapes(self, sizes: FloatArray) -> tuple[Shaped, ...]:
         """Of each channel's noise."""
         found = []
-        for kind, numbers in zip(self.terms[0].kinds, self.numbers(sizes), strict=True):
+        for kind, numbers in zip(self.kinds, self.numbers(sizes), strict=True):
             if kind.has_memory:
                 values = dict(zip(kind.names, numbers, strict=False))
                 found.append(Shaped(values["correlation_time"], values["white"] / values["standard_deviation"]))
@@ -163,7 +176,7 @@ class _Search:
         sizes = around.most_probable(sizes)
         # Windows are linearised around heat; an error of the simulator is linear everywhere.
         at = np.where(np.isin(self.group, self._of_errors()), 0.0, weights)
-        centre = np.concatenate([basis.T @ at[self.group == g] for g, basis in enumerate(around.bases)])
+        centre = self._of_bases(at, around.bases)
         known = replace(self.model, kept=around.bases, centre=centre, shapes=self.shapes(sizes))
         model = self._tilted(known, linear, z, sizes, around)
         found = dict(zip(self.names, sizes.tolist(), strict=True))
@@ -202,7 +215,8 @@ class _Search:
         place = [own is window for own in problem.windows].index(True)
         left = np.where(window.valid, window.observed - expected, 0.0)
         jacobian = here.jacobians_of(place, z)
-        return _Linear(around, units, left, jacobian, responses(around, theta, self.model, units))
+        terms = replace(window.residuals.terms, heat=None)
+        return _Linear(around, units, terms, left, jacobian, responses(around, theta, self.model, units))
 
     def _heat(self, window: Window, weights: FloatArray) -> FloatArray:
         """[h, 2 K] W of weights of all groups."""
@@ -229,6 +243,10 @@ class _Search:
             )
         return found
 
+    def _of_bases(self, weights: FloatArray, bases: Sequence[FloatArray]) -> FloatArray:
+        """Weights of all groups in the kept directions."""
+        return np.concatenate([basis.T @ weights[self.group == g] for g, basis in enumerate(bases)])
+
     def _moving(self) -> IntArray:
         return np.asarray(self.sampling.simulated)
 
@@ -238,10 +256,9 @@ class _Search:
         """Of each group an orthonormal basis [f, k] of the directions of which the telemetry tells something."""
         shapes, numbers = self.shapes(sizes), self.numbers(sizes)
         whole = []
-        for own, terms in zip(linear, self.terms, strict=True):
-            whitens = filter_of(replace(terms, kinds=shapes))
+        for own in linear:
             columns = self._columns([own], [np.eye(f) for f in self._sizes_of_groups()])[0][..., : len(self.group)]
-            white = whitens.whiten(np.moveaxis(columns, 1, 0), terms.valid) / numbers[:, :1, None]
+            white = own.through(shapes)(columns) / numbers[:, :1, None]
             whole.append(white.reshape(-1, len(self.group)))
         everything = np.concatenate(whole)
         bases = []
@@ -282,13 +299,17 @@ class _Search:
     ) -> tuple[FloatArray, float]:
         """The sizes near these under which the telemetry is most probable, and minus the log density there."""
         bases = self._told(linear, sizes, self._generous(sizes), _TOLD_MUCH)
+        kept = sum(basis.shape[1] for basis in bases)
+        share = (_WORK / max(1, kept**2 * sum(own.left.size for own in linear))) ** (1 / 3)
+        if share < 1.0:
+            linear = [own.beginning(int(np.ceil(share * len(own.left)))) for own in linear]
+            bases = self._told(linear, sizes, self._generous(sizes), _TOLD_MUCH)
         columns = self._columns(linear, bases)
         mean, deviation = self._prior_of_z(z)
-        kept = np.concatenate([basis.T @ weights[self.group == g] for g, basis in enumerate(bases)])
-        from_prior = np.concatenate([kept, z[self._moving()] - mean])
+        from_prior = np.concatenate([self._of_bases(weights, bases), z[self._moving()] - mean])
         left = [own.left + basis @ from_prior for own, basis in zip(linear, columns, strict=True)]
         counts = [basis.shape[1] for basis in bases]
-        evidence = Evidence(self.terms, columns, self.windows[0].residuals.fixed.shape[1])
+        evidence = Evidence([own.terms for own in linear], columns, self.windows[0].residuals.fixed.shape[1])
         ends = np.cumsum(counts)
         white = self._white()
 
@@ -321,13 +342,12 @@ class _Search:
         shapes, numbers, scales = self.shapes(sizes), self.numbers(sizes), self.roots(sizes)
         moving, (mean, deviation) = self._moving(), self._prior_of_z(z)
         roots = np.concatenate([scales[self.group], deviation])
-        filters = [filter_of(replace(terms, kinds=shapes)) for terms in self.terms]
         columns = self._columns(linear, [np.eye(f) for f in self._sizes_of_groups()])
         gram, moment = np.zeros((len(roots), len(roots))), np.zeros(len(roots))
-        for own, wide, terms, whitens in zip(linear, columns, self.terms, filters, strict=True):
+        whitens = [own.through(shapes) for own in linear]
+        for own, wide, whiten in zip(linear, columns, whitens, strict=True):
             both = np.concatenate([wide, own.left[..., None]], axis=2)
-            white = whitens.whiten(np.moveaxis(both, 1, 0), terms.valid) / numbers[:, :1, None]
-            flat = white.reshape(-1, both.shape[2])
+            flat = (whiten(both) / numbers[:, :1, None]).reshape(-1, both.shape[2])
             gram += flat[:, :-1].T @ flat[:, :-1]
             moment += flat[:, :-1].T @ flat[:, -1]
         # In units of the prior's deviations, from the prior's mean.
@@ -341,11 +361,11 @@ class _Search:
             moved_z, moved_weights = z.copy(), weights + share * step[: len(weights)] * roots[: len(weights)]
             moved_z[moving] += share * step[len(weights) :] * deviation
             total = float(((now + share * step) ** 2).sum())
-            for window, terms, whitens in zip(self.windows, self.terms, filters, strict=True):
+            for window, whiten in zip(self.windows, whitens, strict=True):
                 left = self._left(window, moved_z, moved_weights)
                 if left is None:
                     return np.inf
-                white = whitens.whiten(left.T[..., None], terms.valid) / numbers[:, :1, None]
+                white = whiten(left[..., None]) / numbers[:, :1, None]
                 total += float((white**2).sum())
             return total
 
@@ -372,19 +392,19 @@ class _Search:
     def _around(self, linear: Sequence[_Linear], z: FloatArray, weights: FloatArray, sizes: FloatArray) -> Around:
         bases = self._told(linear, sizes, self._largest(sizes), _TOLD)
         mean, deviation = self._prior_of_z(z)
-        kept = np.concatenate([basis.T @ weights[self.group == g] for g, basis in enumerate(bases)])
-        from_prior = np.concatenate([kept, z[self._moving()] - mean])
+        from_prior = np.concatenate([self._of_bases(weights, bases), z[self._moving()] - mean])
         columns, shapes = self._columns(linear, bases), self.shapes(sizes)
         gram, moment, squares, samples, determinant = [], [], [], [], []
-        for own, wide, terms in zip(linear, columns, self.terms, strict=True):
-            whitens = filter_of(replace(terms, kinds=shapes))
+        for own, wide in zip(linear, columns, strict=True):
             left = np.where(own.window.valid, own.left + wide @ from_prior, 0.0)
-            white = whitens.whiten(np.moveaxis(np.concatenate([wide, left[..., None]], axis=2), 1, 0), terms.valid)
+            whitens = filter_of(replace(own.terms, kinds=shapes))
+            both = np.concatenate([wide, left[..., None]], axis=2)
+            white = whitens.whiten(np.moveaxis(both, 1, 0), own.terms.valid)
             products = np.einsum("kti,ktj->kij", white, white, optimize=True)
             gram.append(np.ascontiguousarray(products[:, :-1, :-1]))
             moment.append(products[:, :-1, -1])
             squares.append(products[:, -1, -1])
-            samples.append(terms.valid.sum(axis=1))
+            samples.append(own.terms.valid.sum(axis=1))
             determinant.append(whitens.determinant)
         parts = (np.concatenate(part) for part in (gram, moment, squares, samples, determinant))
         groups = np.repeat(np.arange(len(bases)), [basis.shape[1] for basis in bases])
@@ -408,25 +428,25 @@ class _Search:
         covariance, told = around.known_of_weights(sizes)
         precision = np.split(around.precision(sizes), len(linear))
         slopes: dict[str, float] = {}
-        for own, terms, of_window in zip(linear, self.terms, precision, strict=True):
-            whitens = filter_of(replace(terms, kinds=self.shapes(sizes)))
-            here = self._whitened(own, z, whitens, around)
+        for own, of_window in zip(linear, precision, strict=True):
+            whiten = own.through(self.shapes(sizes))
+            here = whiten(self._kept(own, z, around))
+            known = of_window[:, None, None] * (here @ covariance)
             for k in around.moving.tolist():
                 if self.problem.entries[k].kind != "initial":
                     there = z.copy()
                     there[k] += _TURNED
-                    turned = (self._whitened(own, there, whitens, around) - here) / _TURNED
-                    change = np.einsum("n,nti,ntj,ij->", of_window, here, turned, covariance, optimize=True)
+                    turned = (whiten(self._kept(own, there, around)) - here) / _TURNED
+                    change = np.vdot(known, turned)
                     slopes[self.problem.names[k]] = slopes.get(self.problem.names[k], 0.0) - float(change)
         place = {name: self.problem.names.index(name) for name in slopes}
         tilted = {name: (slope, float(z[place[name]])) for name, slope in slopes.items()}
         return replace(model, tilted=tilted, most=max(_BENT * told, 1e-3))
 
-    def _whitened(self, own: _Linear, z: FloatArray, whitens: Filter, around: Around) -> FloatArray:
-        """Responses in the kept directions at z, through noise of deviation one, [N, T, m]."""
+    def _kept(self, own: _Linear, z: FloatArray, around: Around) -> FloatArray:
+        """Responses in the kept directions at z, [T, N, m]."""
         theta = self.sampling.at(own.window, self.problem.to_theta(z)[None])[0]
-        response = kept_responses(around.bases, responses(own.window, theta, self.model, own.units))
-        return whitens.whiten(np.moveaxis(response, 1, 0), own.window.valid.T)
+        return kept_responses(around.bases, responses(own.window, theta, self.model, own.units))
 
 
 def _floors(windows: Sequence[Window]) -> FloatArray:

@@ -11,7 +11,7 @@ from typing import Any, Final
 import numpy as np
 import xarray
 
-from ..problem import Problem, rehearsals
+from ..problem import Problem, functions_of_heat, rehearsals
 from ..progress import about
 from ..run import Run, Stage, plain, read_json
 from ..scenario import GeneticSettings, NutsSettings, heat_of
@@ -25,6 +25,8 @@ _GRADIENTS, _TIMED = 8, 5
 """Evaluations a draw, of which the bundled examples take 5 to 12; those that are timed."""
 _WITH_HEAT = 8.0
 """Times as long a calibration with unmodelled heat takes as such a sampling without: 5 to 30 in the examples."""
+_ABSORBED, _WEIGHED = 7e-10, 6e-9
+"""s for each sample and function of heat: in each gradient, and, times the functions once more, in their search."""
 _SEARCHED, _OF_GENERATIONS = 16, 0.5
 """Simulations that are timed; of the most generations, how many most runs of the genetic algorithm take."""
 _BESIDE, _BESIDE_WITH_HEAT = 0.5, 4.0
@@ -84,10 +86,12 @@ def rough_seconds(problem: Problem, settings: NutsSettings, together: int = 1) -
     gradient = (perf_counter() - started) / _TIMED
     chains = settings.chains * together
     cores = min(chains, os.cpu_count() or 1)
-    seconds = -(-chains // cores) / together * (settings.warmup + settings.draws) * _GRADIENTS * gradient
+    gradients = -(-chains // cores) / together * (settings.warmup + settings.draws) * _GRADIENTS
     if timed is problem:
-        return seconds + _BESIDE / min(cores, together)
-    return _WITH_HEAT * seconds + _BESIDE_WITH_HEAT / min(cores, together)
+        return gradients * gradient + _BESIDE / min(cores, together)
+    numbers, functions = sum(int(window.valid.sum()) for window in problem.windows), functions_of_heat(problem)
+    absorbed = numbers * functions * (gradients * _ABSORBED + functions * _WEIGHED / min(cores, together))
+    return _WITH_HEAT * gradients * gradient + absorbed + _BESIDE_WITH_HEAT / min(cores, together)
 
 
 def rough_search_seconds(problem: Problem, settings: GeneticSettings) -> float:

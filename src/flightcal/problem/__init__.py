@@ -6,7 +6,17 @@ Imports: compiled, environment, errors, external, probability, reduction, scenar
 from .build import build_problem, build_window, initial_priors, initial_temperatures, open_windows, problem_of
 from .coordinates import Whitening, whitening
 from .entries import Entry
-from .heat import at_sizes, dressed, exact_heat, followed, mixed, rehearsals, sampled_windows, with_heat
+from .heat import (
+    at_sizes,
+    dressed,
+    exact_heat,
+    followed,
+    functions_of_heat,
+    mixed,
+    rehearsals,
+    sampled_windows,
+    with_heat,
+)
 from .heat_model import SLOW, Followed, Gain, Group, HeatModel, Held, gaps_of, heat_model, knots_of
 from .heat_units import (
     Units,
@@ -48,6 +58,7 @@ __all__ = [
     "errors_of_weights",
     "exact_heat",
     "followed",
+    "functions_of_heat",
     "gaps_of",
     "heat_in_prior",
     "heat_model",

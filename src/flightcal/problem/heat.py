@@ -8,9 +8,10 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from ..probability import DEVIATION, Gains, Shaped, Sizes, WindowHeat
+from ..scenario import heat_of
 from ..simulator import FloatArray
 from .entries import entries_of
-from .heat_model import Followed, HeatModel
+from .heat_model import Followed, HeatModel, heat_model
 from .heat_units import errors_of_weights, heat_of_weights, kept_responses, responses, split, unit_heats
 from .held import hold
 from .problem import Problem, Runs
@@ -56,6 +57,16 @@ def sampled_windows(problem: Problem) -> tuple[Window, ...]:
     if opened is None or any(window.measured_switches is not None for window in opened.windows):
         return problem.windows
     return opened.windows
+
+
+def functions_of_heat(problem: Problem) -> int:
+    """How many functions of time the heat of a problem's scenario is made of, in all nodes; 0: it has none."""
+    written, windows = heat_of(problem.scenario), sampled_windows(problem)
+    if written is None:
+        return 0
+    median = problem.at(windows[0], problem.priors.median()[None])[0]
+    model = heat_model(problem.scenario, written, windows, median)
+    return max(sum(len(own.series) for own in unit_heats(model, window)) for window in windows)
 
 
 def dressed(window: Window, model: HeatModel) -> Window:
