@@ -68,10 +68,15 @@ def running(request, tmp_path):
         "executable": {"executable": {"command": [sys.executable, "program.py"], "files": ["program.py", "child.py"]}},
     }[request.param]
     path = write(tmp_path, written({**block, "timeout": "600 s", "retries": 50}))
+    (tmp_path / "temporary").mkdir()
     process = subprocess.Popen(
         [sys.executable, "-c", textwrap.dedent(START), str(path)],
         cwd=ROOT,
-        env={**os.environ, "PYTHONPATH": os.pathsep.join([str(ROOT / "src"), str(ROOT)])},
+        env={
+            **os.environ,
+            "PYTHONPATH": os.pathsep.join([str(ROOT / "src"), str(ROOT)]),
+            "TMPDIR": str(tmp_path / "temporary"),
+        },
         stdout=subprocess.PIPE,
         text=True,
     )
@@ -96,10 +101,13 @@ def test_interruption_ends_all_runs_at_once(running):
 
 
 @pytest.mark.skipif(not Path("/proc/self/stat").exists(), reason="looks at processes in /proc")
-def test_what_simulates_ends_when_its_parent_is_killed(running):
+def test_what_simulates_ends_when_its_parent_is_killed(running, tmp_path):
     process, pids = running
     assert any(map(alive, pids()))
+    temporary = tmp_path / "temporary"
+    assert any(temporary.iterdir())
 
     process.kill()
 
     assert until(lambda: not any(map(alive, pids())), 10)
+    assert until(lambda: not any(temporary.iterdir()), 10)

@@ -26,11 +26,14 @@ def kill_group(process: Any) -> None:
 
 
 @contextmanager
-def live(process: subprocess.Popen[bytes]) -> Iterator[None]:
-    """While the block runs the process may live; after it, nothing of its group does."""
+def live(process: subprocess.Popen[bytes], folder: Path) -> Iterator[None]:
+    """While the block runs the process may live; after it, nothing of its group does.
+
+    folder: that it works in, which goes with it if this process is killed.
+    """
     with _LOCK:
         _LIVE.add(process)
-        _tell_watcher(f"+{process.pid}")
+        _tell_watcher(f"+{process.pid} {folder}")
     try:
         yield
     finally:
@@ -42,7 +45,7 @@ def live(process: subprocess.Popen[bytes]) -> Iterator[None]:
 
 
 def _tell_watcher(line: str) -> None:
-    """Have the watcher know, which kills what is left if this process is killed and so cannot.
+    """Have the watcher know, which ends what is left if this process is killed and so cannot.
 
     A signal at the parent's death (Linux) would come at the end of the thread that started the child, and would not
     reach what that has started.

@@ -111,7 +111,7 @@ class ExecutableProgram:
                 kill_group(process)
 
             timer = threading.Timer(timeout, expire)
-            with live(process):
+            with live(process, place):
                 timer.start()
                 try:
                     code = process.wait()

@@ -108,7 +108,7 @@ class _Worker:
             start_new_session=True,
         )
         theirs.close()
-        self.resources.enter_context(live(self.process))
+        self.resources.enter_context(live(self.process, Path(folder)))
 
     def ask(self, timeout: float, request: str, *arguments: Any) -> Any:
         """The answer to a request. Raises RunFailure; after one that is not the child's own word, it is gone."""

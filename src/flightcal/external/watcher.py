@@ -1,12 +1,14 @@
 """The process that ends what a process has started, should that be killed: run as a script, by `_processes`.
 
-Standard input tells which process groups live: a line with + and the number of one that starts, - of one that has
-ended. When it closes, whoever wrote it is gone, and what still lives is killed.
+Standard input tells which process groups live: a line with +, the number of one that starts and the folder that it
+works in, or with - and the number of one that has ended. When it closes, whoever wrote it is gone. What still lives is
+killed, and its folder deleted.
 """
 
 from __future__ import annotations
 
 import os
+import shutil
 import signal
 import sys
 from collections.abc import Iterable
@@ -15,12 +17,17 @@ from contextlib import suppress
 
 def main(lines: Iterable[str]) -> None:
     """Follow the lines to their end, then kill."""
-    groups: set[int] = set()
+    folders: dict[int, str] = {}
     for line in lines:
-        (groups.add if line[0] == "+" else groups.discard)(int(line[1:]))
-    for group in groups:
+        group, _, folder = line[1:].rstrip("\n").partition(" ")
+        if line[0] == "+":
+            folders[int(group)] = folder
+        else:
+            folders.pop(int(group), None)
+    for number, place in folders.items():
         with suppress(ProcessLookupError, PermissionError):
-            os.killpg(group, signal.SIGKILL)
+            os.killpg(number, signal.SIGKILL)
+        shutil.rmtree(place, ignore_errors=True)
 
 
 if __name__ == "__main__":
