@@ -47,7 +47,7 @@ def test_what_differs_is_told(tmp_path):
     assert "Did the sampling converge?\n      A ✓ good: Yes [all]\n      B ✕ problem: No\n" in output
     assert "Scenarios: 3 differences" in output
     assert "  simulator.nodes.body.capacity: 3000 J/K -> 3100 J/K\n" in output
-    assert "  heat: none -> nothing\n" in output
+    assert "  heat: none -> default\n" in output
     assert "  content of the input files\n" in output
     assert rows_of(output, "link")[0][-1] == "+3.5"  # 0.15 over 0.03 and the root of two
     assert rows_of(output, "extra") == [["extra, W/K", "-", "0.100 [0.0400, 0.160]", "-"]]

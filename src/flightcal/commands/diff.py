@@ -122,7 +122,7 @@ def _print_answers(one: Kept, two: Kept, console: Console) -> None:
 
 
 def _print_scenarios(one: Kept, two: Kept, console: Console, every: bool) -> None:
-    left, right = (_without_place(run.scenario) for run in (one, two))
+    left, right = (_compared(run.scenario) for run in (one, two))
     found = list(differences(left, right))
     same_data = sorted(one.provenance.get("inputs", {}).values()) == sorted(two.provenance.get("inputs", {}).values())
     if not same_data:
@@ -177,10 +177,10 @@ def _print_scores(one: Kept, two: Kept, console: Console) -> None:
     console.print(table)
 
 
-def _without_place(scenario: Mapping[str, Any]) -> dict[str, Any]:
-    """A scenario without where its telemetry lies: its content is compared."""
+def _compared(scenario: Mapping[str, Any]) -> dict[str, Any]:
+    """A scenario without where its telemetry lies, for its content is compared; with no word on heat, the default's."""
     telemetry = {key: value for key, value in scenario.get("telemetry", {}).items() if key != "file"}
-    return {**scenario, "telemetry": telemetry}
+    return {**scenario, "telemetry": telemetry, "heat": scenario.get("heat") or "default"}
 
 
 def _short(value: Any) -> str:
