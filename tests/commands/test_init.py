@@ -84,6 +84,23 @@ def test_columns_that_are_left_out_are_told(tmp_path: Path):
     assert "data.csv: left out 'LINE': for another time column" in result.output
 
 
+def test_modes_and_their_timeline_are_taken_from_a_column(tmp_path: Path):
+    table = frame(40)
+    table["OBC Mode"] = ["Safe"] * 10 + ["Sun pointing"] * 20 + ["Safe"] * 10
+    table.to_csv(tmp_path / "data.csv", index=False)
+    result = run(app, ["init", str(tmp_path / "sat"), str(tmp_path / "data.csv")])
+    assert "modes in 'OBC Mode' (Safe, Sun pointing): 2 changes, in timeline.csv\n" in result.output
+    assert "left out" not in result.output
+    lint(tmp_path / "sat")
+    model = load_scenario(tmp_path / "sat" / "scenario.yaml").network
+    assert list(model.modes) == ["safe", "sun_pointing"]
+    assert [(change.at.minute, change.mode) for change in model.timeline] == [
+        (0, "safe"),
+        (10, "sun_pointing"),
+        (30, "safe"),
+    ]
+
+
 def test_windows_have_no_long_gap_in_any_file(tmp_path: Path):
     hours = pd.to_timedelta([0.0] * 40 + [5.0] * 60 + [9.0] * 50, unit="h")
     table = frame(150)

@@ -19,7 +19,7 @@ from ..errors import TelemetryError
 if TYPE_CHECKING:
     import xarray
 
-    from ..telemetry import FoundPacket
+    from ..telemetry import FoundModes, FoundPacket
 
 _PLAIN = re.compile(r"[A-Za-z][\w.-]*( [A-Za-z][\w.-]*)*")
 _WORDS = ("on", "off", "yes", "no", "true", "false", "null", "y", "n")
@@ -56,6 +56,7 @@ _RATES = (
 """Hz, of clocks that count ticks."""
 _ABOUT = 0.15
 _ICE_POINT = 273.15
+_TIMELINE = "timeline.csv"
 _LEFT_OUT = "for another time column write a packet of its own, for words of a heater's status `on` and `off`"
 _HEAD = """\
 # A scenario for your telemetry. What the files tell is written. What says PLACEHOLDER is a guess: write yours.
@@ -79,8 +80,8 @@ class _Channel(NamedTuple):
     on_above: str | None
 
 
-def draft(folder: Path, files: Sequence[Path]) -> tuple[str, list[str]]:
-    """The text of a scenario in `folder` for telemetry files, and what was found in them, a line each.
+def draft(folder: Path, files: Sequence[Path]) -> tuple[dict[str, str], list[str]]:
+    """The files of a scenario in `folder` for telemetry files, and what was found in these, a line each.
 
     Raises TelemetryError where no file has a temperature, or one cannot be read.
     """
@@ -110,8 +111,22 @@ def draft(folder: Path, files: Sequence[Path]) -> tuple[str, list[str]]:
         if packet.left_out:
             left_out = ", ".join(f"'{column}'" for column in packet.left_out)
             notes.append(f"{title}: left out {left_out}: {_LEFT_OUT}")
+    modes = next((packet.modes for packet in packets if packet.modes is not None), None)
     head = _HEAD.format(folder=folder, name=json.dumps(folder.resolve().name))
-    return head + _telemetry(folder, names, channels) + _rest(data, channels), notes
+    text = head + _telemetry(folder, names, channels) + _rest(data, channels, modes)
+    made = {"scenario.yaml": text}
+    if modes is not None:
+        made[_TIMELINE] = _timeline(modes)
+        listed = ", ".join(dict.fromkeys(modes.names))
+        notes.append(f"modes in '{modes.column}' ({listed}): {len(modes.names) - 1} changes, in {_TIMELINE}")
+    return made, notes
+
+
+def _timeline(modes: FoundModes) -> str:
+    """The text of a timeline file."""
+    times = np.datetime_as_string(modes.times.astype("datetime64[ns]"), unit="ms")
+    rows = (f"{at},{_slug(name)}" for at, name in zip(times, modes.names, strict=True))
+    return "\n".join(["at,mode", *rows]) + "\n"
 
 
 def _packet_names(packets: Sequence[FoundPacket]) -> dict[str, FoundPacket]:
@@ -212,7 +227,7 @@ def _read(block: str) -> xarray.Dataset:
     return read_telemetry(TelemetryFile.model_validate(YAML(typ="safe").load(block)["telemetry"]), Path())
 
 
-def _rest(dataset: xarray.Dataset, channels: Sequence[_Channel]) -> str:
+def _rest(dataset: xarray.Dataset, channels: Sequence[_Channel], modes: FoundModes | None) -> str:
     """The other blocks: a node for each temperature, a heater for each status."""
     nodes = [channel.name for channel in channels if channel.kind == "temperature"]
     heaters = [channel.name for channel in channels if channel.kind == "status"]
@@ -241,7 +256,12 @@ def _rest(dataset: xarray.Dataset, channels: Sequence[_Channel]) -> str:
             f"measured_by: {name}}}"
         )
     powers = ", ".join(f"{name}: 5 W" for name in nodes)
-    lines += ["  modes:", f"    nominal: {{{powers}}}", ""]
+    if modes is None:
+        lines += ["  modes:", f"    nominal: {{{powers}}}", ""]
+    else:
+        lines += ["  modes:                            # PLACEHOLDER: what each unit takes in each mode"]
+        lines += [f"    {name}: {{{powers}}}" for name in dict.fromkeys(map(_slug, modes.names))]
+        lines += [f"  timeline_file: {_TIMELINE}", ""]
     if any(channel.kind == "driver" for channel in channels):
         driver = next(channel for channel in channels if channel.kind == "driver")
         lines += [
@@ -254,7 +274,8 @@ def _rest(dataset: xarray.Dataset, channels: Sequence[_Channel]) -> str:
         lines.append(
             f"  {name}_capacity: {{scales: nodes.{name}.capacity, prior: {{lognormal: {{median: 1, factor: 2}}}}}}"
         )
-        lines.append(f"  {name}_power: {{sets: modes.nominal.{name}, prior: {{half_normal: 10 W}}}}")
+        target = f"modes.nominal.{name}" if modes is None else f'"modes.*.{name}"'
+        lines.append(f"  {name}_power: {{sets: {target}, prior: {{half_normal: 10 W}}}}")
     lines += ["", "# Which channel measures what.", "observations:"]
     lines += [f"  {name}: {{node: {name}}}" for name in nodes]
     lines += [f"  {name}: {{heater: {name}}}" for name in heaters]

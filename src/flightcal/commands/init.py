@@ -18,8 +18,8 @@ def init(
 ) -> None:
     """Write a commented scenario to start from: for your telemetry files, or for made-up telemetry.
 
-    Packets, time columns and their formats, units and kinds of channels are taken from the files. Numbers of the
-    thermal network are placeholders.
+    Packets, time columns and their formats, units, kinds of channels and the modes' timeline are taken from the files.
+    Numbers of the thermal network are placeholders.
 
     Example: `flightcal init my_satellite housekeeping.csv power.xlsx`
     """
@@ -27,8 +27,8 @@ def init(
     from .draft import draft
 
     if telemetry:
-        text, notes = draft(folder, telemetry)
-        written = write_new(folder, {"scenario.yaml": text})
+        files, notes = draft(folder, telemetry)
+        written = write_new(folder, files)
     else:
         written, notes = write_template(folder), []
     for note in notes:

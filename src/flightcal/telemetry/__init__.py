@@ -16,6 +16,7 @@ from .drivers import (
     status_or_unknown,
     switch_bounds,
 )
+from .modes import FoundModes
 from .quality import quality_table
 from .quantisation import quantisation_step
 from .read import read, read_telemetry
@@ -23,6 +24,7 @@ from .window import select_window, window_bounds
 
 __all__ = [
     "SHORT_GAP",
+    "FoundModes",
     "FoundPacket",
     "bridged",
     "detect",

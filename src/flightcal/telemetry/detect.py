@@ -18,6 +18,7 @@ from ..scenario import Channel, TimeColumn, is_temperature, si_unit
 from ._doy import UNREADABLE
 from ._times import Nanoseconds, is_fill, is_text, readable_times, time_cells
 from ._values import is_status
+from .modes import FoundModes, both, modes_in
 from .read import without_empty_rows
 from .readers import Parquet, Source, locate, read_table, sheets
 
@@ -103,6 +104,8 @@ class FoundPacket:
     """A guess at how many counts of a clock's fine part are one of its coarse; null: it has no fine part."""
     left_out: tuple[str, ...] = ()
     """Names of columns that hold something, but nothing that a channel can be."""
+    modes: FoundModes | None = None
+    """Of the satellite, where a column tells them."""
 
 
 def detect(files: list[Path]) -> list[FoundPacket]:
@@ -144,7 +147,7 @@ def _together(one: FoundPacket, other: FoundPacket) -> FoundPacket:
     time = one.time
     if time is not None and other.time is not None:
         time = time.model_copy(update={"invalid": tuple(dict.fromkeys((*time.invalid, *other.time.invalid)))})
-    return replace(one, files=(*one.files, *other.files), time=time)
+    return replace(one, files=(*one.files, *other.files), time=time, modes=both(one.modes, other.modes))
 
 
 def _packets(file: Path) -> Iterator[FoundPacket]:
@@ -206,6 +209,12 @@ def _packet(file: Path, source: Source) -> FoundPacket:
     others = [name for name in names if name not in found]
     said = {name: units.get(name) or _fahrenheit(name, names) for name in others}
     columns = {name: _column(name, head[name], source, said[name]) for name in others}
+    modes = None
+    if time is not None and len(times) == len(table):
+        free = [name for name, column in columns.items() if column is None or column.kind == "driver"]
+        modes = modes_in(table, free, times)
+    if modes is not None:
+        del columns[modes.column]
     return FoundPacket(
         (file,),
         source.sheet,
@@ -217,6 +226,7 @@ def _packet(file: Path, source: Source) -> FoundPacket:
         source.header,
         fine or None,
         tuple(name for name, column in columns.items() if column is None and head[name].null_count < len(head[name])),
+        modes,
     )
 
 

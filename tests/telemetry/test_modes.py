@@ -1,0 +1,60 @@
+"""Columns that tell the satellite's mode."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import numpy as np
+import pandas as pd
+import pytest
+
+from flightcal.telemetry import FoundModes, detect
+
+from .files import seconds, text
+
+TIMES = seconds(*(60.0 * np.arange(8)))
+
+
+def modes_of(folder: Path, *tables: pd.DataFrame) -> FoundModes | None:
+    for k, table in enumerate(tables):
+        table.to_csv(folder / f"{k}.csv", index=False)
+    (found,) = detect([folder / f"{k}.csv" for k in range(len(tables))])
+    return found.modes
+
+
+def table_of(name: str, cells: list, times: np.ndarray = TIMES) -> pd.DataFrame:
+    return pd.DataFrame({"UTC": text(times), "TT_BAT": np.linspace(0, 9, len(cells)), name: cells})
+
+
+@pytest.mark.parametrize("name", ["mode", "ADCS_MODE", "OBC Mode", "opMode", "modes.id"])
+@pytest.mark.parametrize("cells", [["safe"] * 3 + ["nominal"] * 5, [0, 0, 0, 4, 4, 4, 4, 4]], ids=["words", "numbers"])
+def test_a_column_of_modes_is_found_with_its_changes(tmp_path: Path, name: str, cells: list):
+    found = modes_of(tmp_path, table_of(name, cells))
+    assert found is not None
+    assert (found.column, len(found.names)) == (name, 2)
+    np.testing.assert_array_equal(found.times, TIMES[[0, 3]].astype("datetime64[ns]").astype(np.int64))
+    assert found.names in (("safe", "nominal"), ("mode 0", "mode 4"))
+
+
+@pytest.mark.parametrize(
+    ("name", "cells"),
+    [
+        ("mode", ["safe"] * 8),  # which tells nothing
+        ("remark", ["safe"] * 4 + ["nominal"] * 4),
+        ("heater_mode", ["ON"] * 4 + ["OFF"] * 4),
+        ("heater_mode", [0, 0, 0, 0, 1, 1, 1, 1]),
+        ("mode", ["a", "b"] * 4),  # with every sample
+        ("mode current [mA]", [0.5, 0.5, 0.5, 7.5, 7.5, 7.5, 7.5, 7.5]),
+    ],
+)
+def test_other_columns_tell_no_mode(tmp_path: Path, name: str, cells: list):
+    assert modes_of(tmp_path, table_of(name, cells)) is None
+
+
+def test_changes_go_on_from_file_to_file_in_any_order_and_empty_cells_change_nothing(tmp_path: Path):
+    later = table_of("mode", ["nominal", "", "nominal", "nominal", "safe", "safe"], TIMES[:6] + np.timedelta64(8, "m"))
+    found = modes_of(tmp_path, later, table_of("mode", ["safe"] * 2 + ["nominal"] * 6))
+    assert found is not None
+    assert found.names == ("safe", "nominal", "safe")
+    start = TIMES[0].astype("datetime64[ns]").astype(np.int64)
+    np.testing.assert_array_equal(found.times, np.array([0, 2, 12]) * 60_000_000_000 + start)
