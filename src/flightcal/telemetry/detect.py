@@ -6,7 +6,7 @@ import re
 from collections.abc import Iterator
 from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import Final, Literal
+from typing import Literal
 
 import numpy as np
 import pyarrow as pa
@@ -15,48 +15,15 @@ from numpy.typing import NDArray
 
 from ..errors import TelemetryError
 from ..scenario import Channel, TimeColumn, is_temperature, si_unit
-from ._doy import UNREADABLE
-from ._times import Nanoseconds, is_fill, is_text, readable_times, time_cells
+from ._times import is_fill, is_text, time_cells
 from ._values import is_status
 from .modes import FoundModes, both, modes_in
 from .read import without_empty_rows
 from .readers import Parquet, Source, locate, read_table, sheets
+from .time_columns import LOOKED_AT, coarse_of, fine_of, is_numeric, is_second_time, time_of
 
-_UNIX: Final = ("unix", "unix-ms", "unix-us", "unix-ns")
-_DAYS: Final = ("year-doy", "decimal-doy")
-_MONTH_FIRST: Final = {"%d/%m/%Y ": "%m/%d/%Y ", "%d-%m-%Y ": "%m-%d-%Y "}
-_DATES: Final = ("%Y-%m-%d-", "%Y%m%d ", "%d-%b-%Y ", "%d %b %Y ", "%Y %b %d ", "%Y-%b-%d ", "%d.%m.%Y ")
-_PATTERNS: Final = (
-    *(
-        f"{date}{time}"
-        for date in (*_DATES, *_MONTH_FIRST, *_MONTH_FIRST.values())
-        for time in ("%H:%M:%S", "%H:%M:%S.%f", "%H:%M")
-    ),
-    "%Y%m%d_%H%M%S",
-    "%Y%m%d%H%M%S",
-)
-_FORMATS: Final = ("iso8601", *_DAYS, *_UNIX)
-_LOOKED_AT = 1000
-"""Rows that decide what a column is."""
-_FIRST, _LAST = np.datetime64("1990-01-01", "ns").astype(np.int64), np.datetime64("2100-01-01", "ns").astype(np.int64)
-"""A number is a UNIX time only between these."""
-_OF_DAYS = r"^(\d{5}|\d{7}|\d{13})(\.\d+)?$"
-"""Numbers that can be a year and a day of year; some have to tell more than the day."""
-_HALF_A_DAY = 43_200_000_000_000
-_LAST_DAY = np.datetime64("2036-01-01", "ns").astype(np.int64)
-"""45352.5 is rather what a spreadsheet counts from 1900 than a day of 2045."""
-_DAY_NUMBERS = {(32_874, 47_848): "1899-12-30", (47_892, 69_807): "1858-11-17"}
-"""Days of a spreadsheet from 1990 to 2030, modified Julian dates from 1990 to 2049, and the epochs of both."""
-_TIME_NAME = re.compile(r"(?i)time|date|utc|epoch|clock|sclk|stamp|(^|_)t(_|$)")
-_CLOCK_NAME = re.compile(r"(?i)clock|sclk|scet|obt|met$|tick|time")
-_DATE_NAME = re.compile(r"(?i)date|year|yyyy|utc|day|^yr$")
-"""Of the first of several columns that are one time."""
-_MOST_PARTS = 5
-"""Year, day, hour, minute and second."""
 _DEEPEST_HEADER = 20
 """So far down a file's title may reach."""
-_MARKS, _FILL = 3, 0.2
-"""So many texts, in such a share of the rows at most, stand in the place of times."""
 _STATUS_NAME = re.compile(r"(?i)htr|heater|status|state|switch|enable|(^|[_. ])(on|sw)($|[_. ])")
 _HEATER_NAME = re.compile(
     r"(?i)(htr|heater).*(cur|amp|pow|_i\b|\b[mk]?[AW]\b|_[mk]?[AW]$)|(cur|pow|^[iIpP]_).*(htr|heater)"
@@ -64,8 +31,6 @@ _HEATER_NAME = re.compile(
 """Of a heater's current or power."""
 _LEVELS = 5
 """A word of few bits, which has no unit, has fewer values."""
-_COARSE_FINE = r"^(?:1/)?(?P<coarse>\d{5,})\s*[:., -]\s*(?P<fine>\d+)$"
-_FINE = (100, 256, 1000, 65_536, 1_000_000, 2**24, 2**32)
 _TEMPERATURE_NAME = re.compile(r"(?i)temp|therm|^t$|^tt?[_.\d-]|[_. ]tt?\d*([_ ][ckf])?$|^pt\d|deg\.? ?c|°c")
 # A last letter alone is more often the name of a branch than a unit.
 _UNIT = re.compile(r"[\[(]\s*([^\[\]()]+?)\s*[\])]|[_ ](degC|mA|mV|mW|kW|deg)$")
@@ -188,24 +153,22 @@ def _packet(file: Path, source: Source) -> FoundPacket:
     # The name of no column: what every column holds decides.
     table = without_empty_rows(read_table(source, ()))
     names = [name for name in dict.fromkeys(table.column_names) if table.column_names.count(name) == 1 and name]
-    time, times = _time(table.select(names), names, source)
-    if time is None:
-        time, times = next((days for name in names if (days := _day_numbers(table, name, source))), (None, times))
+    time, times = time_of(table.select(names), names, source)
     fine = None
     if time is None:
         clock, fine = next(
-            ((name, fine) for name in names if (fine := _fine(name, table[name])) is not None), ("", None)
+            ((name, fine) for name in names if (fine := fine_of(name, table[name])) is not None), ("", None)
         )
         if fine is None:
             listed = ", ".join(names[:12])
             wanted = "UTC times, UNIX times, year and day of year, or a clock's counter"
             raise TelemetryError(f"{source.name}: found no column of times among {listed}, expected one with {wanted}")
-        counts = _coarse(table[clock])
+        counts = coarse_of(table[clock])
         first, last = float(counts[0]), float(counts[-1])
     else:
         first, last = float(times[0]), float(times.max())
     found = (clock,) if time is None else time.column
-    head, units = _below_units(table.slice(0, _LOOKED_AT), time)
+    head, units = _below_units(table.slice(0, LOOKED_AT), time)
     others = [name for name in names if name not in found]
     said = {name: units.get(name) or _fahrenheit(name, names) for name in others}
     columns = {name: _column(name, head[name], source, said[name]) for name in others}
@@ -249,138 +212,6 @@ def _typed(column: pa.ChunkedArray) -> pa.ChunkedArray:
         return column
 
 
-def _time(table: pa.Table, names: list[str], source: Source) -> tuple[TimeColumn | None, Nanoseconds]:
-    """The column of times, or several that are one together, and what they give; null where there is none."""
-    likely = sorted(names, key=lambda name: not _TIME_NAME.search(name))  # a column called a time comes first
-    beside = [
-        tuple(names[k : k + size])
-        for k, name in enumerate(names)
-        for size in range(2, _MOST_PARTS + 1)
-        if _DATE_NAME.search(name) and k + size <= len(names)
-    ]
-    for columns in ((name,) for name in likely), beside:
-        for column in columns:
-            numeric = len(column) == 1 and _is_numeric(table[column[0]])
-            # As it is written, where it may well be a time.
-            written = (
-                table
-                if not numeric or not _TIME_NAME.search(column[0])
-                else without_empty_rows(read_table(source, column))
-            )
-            for format in _formats(column, written, numeric):
-                time = TimeColumn.model_validate({"column": column, "format": format})
-                if (found := _believable(written, time, numeric, source)) is not None:
-                    return _with_month_first(found, written, source)
-    return None, np.array([], dtype=np.int64)
-
-
-def _with_month_first(
-    found: tuple[TimeColumn, Nanoseconds], table: pa.Table, source: Source
-) -> tuple[TimeColumn, Nanoseconds]:
-    """The times with month before day, where both can be and these then lie closer together."""
-    date = next((date for date in _MONTH_FIRST if found[0].format.startswith(date)), None)
-    if date is None:
-        return found
-    time = found[0].model_copy(update={"format": found[0].format.replace(date, _MONTH_FIRST[date])})
-    other = _believable(table, time, False, source)
-    return found if other is None or np.ptp(other[1]) >= np.ptp(found[1]) else other
-
-
-def _believable(
-    table: pa.Table, time: TimeColumn, numeric: bool, source: Source
-) -> tuple[TimeColumn, Nanoseconds] | None:
-    """The time with marks for what is none, and the times; null: this is not what the column holds."""
-    head = _marked(time_cells(table.slice(0, _LOOKED_AT), time), time, source)
-    if head is None or (numeric and time.format in _DAYS and not _are_days(head[1])):
-        return None
-    if numeric or time.format in _UNIX:
-        near = head[1].min() >= _FIRST and head[1].max() <= _LAST
-        if not near or not (numeric or _TIME_NAME.search(time.column[0])):
-            return None
-    if len(np.unique(head[1])) <= len(head[1]) // 2:
-        return None
-    return _marked(time_cells(table, time), time, source)
-
-
-def _marked(cells: pa.ChunkedArray, time: TimeColumn, source: Source) -> tuple[TimeColumn, Nanoseconds] | None:
-    """The time with marks for the few cells that are none, and the times [T]; null: there are more than a few."""
-    try:
-        times = readable_times(cells, time, source)
-    except TelemetryError:
-        return None
-    bad = times == UNREADABLE
-    if not bad.any():
-        return time, times
-    marks = cells.filter(pa.array(bad)).cast(pa.string()).fill_null("").unique().to_pylist()
-    if len(marks) > _MARKS or bad.mean() > _FILL or len(time.column) > 1:
-        return None
-    return time.model_copy(update={"invalid": tuple(marks)}), times[~bad]
-
-
-def _formats(columns: tuple[str, ...], table: pa.Table, numeric: bool) -> tuple[str, ...]:
-    if len(columns) > 1:
-        return ("iso8601", "year-doy", *_PATTERNS)
-    cells = table[columns[0]].slice(0, _LOOKED_AT)
-    if numeric:
-        return _formats_of_numbers(cells)
-    if not is_text(cells) or not pc.any(pc.match_substring_regex(cells, r"\d")).as_py():
-        return ("iso8601",)
-    return (*_FORMATS, *_PATTERNS)
-
-
-def _day_numbers(table: pa.Table, name: str, source: Source) -> tuple[TimeColumn, Nanoseconds] | None:
-    """A column that counts days as spreadsheets or modified Julian dates do, and its times; null: it does not."""
-    if not (_is_numeric(table[name]) and _TIME_NAME.search(name)) or table[name].null_count:
-        return None
-    days = table[name].to_numpy()
-    if len(days) < 2 or not 0 < np.median(np.abs(np.diff(days))) < 0.5:
-        return None
-    for (lowest, highest), epoch in _DAY_NUMBERS.items():
-        if lowest <= days.min() and days.max() < highest:
-            time = TimeColumn.model_validate({"column": name, "format": "clock", "epoch": epoch, "rate": "1 1/day"})
-            return time, readable_times(table[name], time, source)
-    return None
-
-
-def _fine(name: str, column: pa.ChunkedArray) -> int | None:
-    """How many counts of the fine part of what can be a clock are one of the coarse; 0: it has none; null: no clock."""
-    if not _CLOCK_NAME.search(name) or column.null_count:
-        return None
-    head = column.slice(0, _LOOKED_AT)
-    if is_text(head) and pc.all(pc.match_substring_regex(head, _COARSE_FINE)).as_py():
-        largest = int(
-            pc.max(pc.cast(pc.struct_field(pc.extract_regex(head, _COARSE_FINE), "fine"), pa.int64())).as_py()
-        )
-        return next((fine for fine in _FINE if fine > largest), None) if np.all(np.diff(_coarse(head)) >= 0) else None
-    if not _is_numeric(head):
-        return None
-    steps = np.diff(head.to_numpy())
-    return 0 if len(steps) and np.all(steps > 0) else None
-
-
-def _coarse(column: pa.ChunkedArray) -> NDArray[np.float64]:
-    if is_text(column):
-        column = pc.struct_field(pc.extract_regex(column, _COARSE_FINE), "coarse")
-    return pc.cast(column, pa.float64()).to_numpy()
-
-
-def _formats_of_numbers(cells: pa.ChunkedArray) -> tuple[str, ...]:
-    text = cells.cast(pa.string()).drop_null()
-    if pc.all(pc.match_substring_regex(text, r"^\d{14}$")).as_py():
-        return ("%Y%m%d%H%M%S", *_UNIX)
-    days = pc.all(pc.match_substring_regex(text, _OF_DAYS)).as_py()
-    return (*_DAYS, *_UNIX) if days and pc.any(pc.match_substring_regex(text, r"\.|\d{13}")).as_py() else _UNIX
-
-
-def _are_days(times: Nanoseconds) -> bool:
-    """Whether numbers that can be days are no counter."""
-    return bool(times.max() < _LAST_DAY and np.median(np.abs(np.diff(times))) < _HALF_A_DAY)
-
-
-def _is_numeric(column: pa.ChunkedArray) -> bool:
-    return pa.types.is_integer(column.type) or pa.types.is_floating(column.type)
-
-
 def _column(name: str, column: pa.ChunkedArray, source: Source, said: str | None = None) -> FoundColumn | None:
     """What a column is; null: nothing that a channel can be, such as a second time or a comment.
 
@@ -390,7 +221,7 @@ def _column(name: str, column: pa.ChunkedArray, source: Source, said: str | None
         return None
     if is_text(column) or pa.types.is_boolean(column.type) or pa.types.is_dictionary(column.type):
         return FoundColumn(name, "status", None) if is_status(column, Channel(column=name, kind="status")) else None
-    if not _is_numeric(column) or _is_second_time(name, column, source):
+    if not is_numeric(column) or is_second_time(name, column, source):
         return None
     values = column.drop_null().to_numpy()
     if _STATUS_NAME.search(name) and np.isin(values, (0, 1)).all():
@@ -413,12 +244,6 @@ def _between_levels(values: NDArray[np.float64], unit: str | None) -> float | No
     gaps = np.diff(found)
     widest = int(np.argmax(gaps))
     return float(found[widest] + gaps[widest] / 2) if gaps[widest] > 0.5 * (found[-1] - found[0]) else None
-
-
-def _is_second_time(name: str, column: pa.ChunkedArray, source: Source) -> bool:
-    table = pa.table({name: column})
-    times = [TimeColumn.model_validate({"column": name, "format": format}) for format in _formats_of_numbers(column)]
-    return _fine(name, column) is not None or any(_believable(table, time, True, source) for time in times)
 
 
 def _unit(name: str) -> str | None:
