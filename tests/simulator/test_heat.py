@@ -8,7 +8,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from flightcal.simulator import TOO_MANY_SWITCHES, WIDTH, in_steps, integrate, network_simulator
-from flightcal.simulator.simulate import Calls
+from flightcal.simulator.calls import Calls
 
 from .. import small
 
