@@ -93,6 +93,43 @@ def test_nadir_and_zenith_confused_are_the_bodys_axes(tmp_path):
     assert named(scenario, data)[0].title == "The body's axes are others"
 
 
+def boxed():
+    """The satellite with a face on each side, of two nodes."""
+    written = two_faced()
+    looks = {"absorptivity": 0.5, "emissivity": 0.7}
+    for name, node, normal in (
+        ("back", "panel", [-1, 0, 0]),
+        ("left", "panel", [0, 1, 0]),
+        ("down", "body", [0, 0, 1]),
+    ):
+        written["simulator"]["faces"][name] = {"node": node, "area": "0.04 m^2", "normal": normal, **looks}
+    return written
+
+
+def test_a_tilted_body_is_named_with_about_its_angle(tmp_path):
+    written = boxed()
+    scenario, _ = small.load(tmp_path, written)
+    for face in written["simulator"]["faces"].values():
+        x, y, z = face["normal"]
+        c, s = np.cos(np.deg2rad(35.0)), np.sin(np.deg2rad(35.0))
+        face["normal"] = [x, float(c * y - s * z), float(s * y + c * z)]
+    _, data = small.closed_loop(tmp_path, written)
+    first = named(scenario, data)[0]
+    assert (first.kind, first.about) == ("attitude", "tilt")
+    assert float(first.title.split(" by ")[1].split()[0]) == pytest.approx(35.0, abs=12.0)
+
+
+@pytest.mark.parametrize(("name", "value"), [("direction", [1, 0, 0]), ("period", "20 min")])
+def test_a_spin_that_is_another_is_named_by_what_is_written(tmp_path, name, value):
+    written = boxed()
+    written["environment"]["attitude"] = {"spin_axis": [0, 0, 1], "direction": [0, 0, 1], "period": "40 min"}
+    scenario, _ = small.load(tmp_path, written)
+    written["environment"]["attitude"][name] = value
+    _, data = small.closed_loop(tmp_path, written)
+    first = named(scenario, data)[0]
+    assert (first.kind, first.about) == ("attitude", name)
+
+
 @pytest.mark.parametrize("left_out", [{"earth_infrared": 0}, {"earth_infrared": 0, "albedo": 0}])
 def test_heat_from_the_earth_that_is_left_out_is_named(tmp_path, left_out):
     written = sunlit()

@@ -1,4 +1,4 @@
-"""Faces that look another way than the scenario says: one alone, or all with the body's axes."""
+"""Faces that look another way than the scenario says: one alone, or all with the body."""
 
 from __future__ import annotations
 
@@ -7,11 +7,12 @@ from dataclasses import replace
 from itertools import permutations, product
 
 import numpy as np
+from scipy.spatial.transform import Rotation
 
 from ...problem import Window
 from ...simulator import FloatArray, face_series
 from ..view import FINE, View
-from .wrong import Words, Wrong, put
+from .wrong import Words, Wrong, driven_otherwise, put
 
 Way = tuple[float, ...]
 _WAYS: tuple[Way, ...] = tuple(
@@ -19,6 +20,12 @@ _WAYS: tuple[Way, ...] = tuple(
 )
 _ALONG = 0.999
 """Cosine from which a face looks along an axis."""
+_TILTS = (-60.0, -40.0, -20.0, 20.0, 40.0, 60.0)
+"""deg, by which the body is turned about one of its axes that are tried first."""
+_LEAST_TILT = 8.0
+"""deg, from which a body is tilted: by less an `attitude_offset` may say so."""
+_TILTED_WAYS = 500.0
+"""Attitudes that can be told apart, about: a turn is three numbers."""
 
 
 def faces(view: View) -> Iterator[Wrong]:
@@ -98,5 +105,42 @@ def _turned(
     return view.simulated_by(drive=replace(drive, inputs=inputs))
 
 
-WRONGS = (faces,)
+def tilts(view: View) -> Iterator[Wrong]:
+    """The body is turned by a constant angle against its attitude."""
+    scenario = view.window.scenario
+    if scenario.environment.orbit is None or all(face.normal == "all" for face in scenario.network.faces.values()):
+        return
+    for axis, angle in product(np.eye(3), _TILTS):
+        yield from _tilt(view, angle * axis, 20.0)
+
+
+def _tilt(view: View, turn: FloatArray, apart: float) -> Iterator[Wrong]:
+    """The body turned by a rotation vector [3], deg; apart: deg, between it and those that are tried near by."""
+    angle = float(np.linalg.norm(turn))
+    if angle < _LEAST_TILT:
+        return
+    model, rotation = view.window.scenario.network, Rotation.from_rotvec(turn, degrees=True)
+    looking = {
+        name: face
+        if face.normal == "all"
+        else face.model_copy(update={"normal": tuple(rotation.apply(np.array(face.normal)).tolist())})
+        for name, face in model.faces.items()
+    }
+    scenario = view.window.scenario.model_copy(update={"simulator": model.model_copy(update={"faces": looking})})
+    about = ", ".join(f"{own:+.0f}" for own in turn)
+    words = Words(
+        f"The body is turned by {angle:.0f} deg against its attitude",
+        f"With the body turned by [{about}] deg about its axes x, y and z, sunlight and Earth's heat explain the "
+        "telemetry.",
+        "Check 'attitude' in 'environment', and the axes of 'normal' in 'simulator: faces'",
+    )
+
+    def around() -> Iterator[Wrong]:
+        for step in product((-1.0, 0.0, 1.0), repeat=3):
+            yield from _tilt(view, turn + 0.5 * apart * np.array(step), 0.5 * apart)
+
+    yield from driven_otherwise("attitude", "tilt", words, view, tries=_TILTED_WAYS, closer=around, scenario=scenario)
+
+
+WRONGS = (faces, tilts)
 """What looks for them."""
