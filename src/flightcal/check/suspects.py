@@ -52,8 +52,8 @@ _LEFT = 0.2
 _FAR = 5.0
 """Deviations of its prior, beyond which no parameter and no unmodelled heat is where a wrong is put right: of a hundred
 of them, one is there about as seldom as `_CLEAR` says."""
-_SHOWN, _NEAR = 3, 0.5
-"""So many are named at most, and only if they explain at least so much of what the best explains."""
+_SHOWN, _NEAR = 3, 0.2
+"""So many are named at most, and only if the best is not better by `_CLEAR` and by so much of what it explains."""
 _FIRST_SIZES = (1.0, 3.0)
 _OF_THERMOSTATS = frozenset({
     "bias", "unit", "swapped", "other node", "unrelated", "everything", "status inverted", "statuses swapped",
@@ -98,7 +98,12 @@ class Suspects:
     @property
     def lines(self) -> tuple[str, ...]:
         """What was found, as lines."""
-        return tuple(f"likely wrong: {own.title}. {own.sentence} Next: {own.advice}." for own in self.found)
+        alike = sum(own.nats is not None for own in self.found)
+        return tuple(
+            f"likely wrong{f', one of {alike}' if alike > 1 and own.nats is not None else ''}: "
+            f"{own.title}. {own.sentence} Next: {own.advice}."
+            for own in self.found
+        )
 
 
 def suspects(problem: Problem, telemetry: xarray.Dataset) -> Suspects:
@@ -262,7 +267,8 @@ def ranked(best: list[tuple[Fit, Suspicion]], nothing: Fit) -> list[Suspicion]:
     """What explains the telemetry, of what helps: it leaves what is usual or hardly anything, and nothing far off."""
     explains = [own for own in best if own[0].is_usual or own[0].lacking < _LEFT * nothing.lacking]
     named = [own for fit, own in explains if fit.farthest < _FAR]
-    return [own for own in named[:_SHOWN] if (own.nats or 0.0) > _NEAR * (named[0].nats or 0.0)]
+    most = max((own.nats or 0.0 for own in named), default=0.0)
+    return [own for own in named[:_SHOWN] if most - (own.nats or 0.0) < max(_CLEAR, _NEAR * most)]
 
 
 def unexplained(nothing: Fit, where: Misfit | None, helps: list[tuple[Fit, Suspicion]]) -> list[Suspicion]:
