@@ -13,13 +13,13 @@ from flightcal.check.evidence import Fit
 from flightcal.check.findings import suspected
 from flightcal.check.misfit import Misfit
 from flightcal.check.suspects import Suspicion, prepared, ranked, unexplained
-from flightcal.check.view import noise_of, series_at
+from flightcal.check.view import HEAT, noise_of, series_at
 from flightcal.check.wrongs import Words, Wrong
 from flightcal.check.wrongs.heat import heaters, obedient, turning
 from flightcal.problem import build_problem
 from flightcal.progress import SILENT
 from flightcal.run import Run, open_run, read_json
-from flightcal.scenario import LogNormal, Normal
+from flightcal.scenario import Heat, HeatPattern, LogNormal, Normal
 from tests import small
 
 from .problems import formula_problem, samples
@@ -293,6 +293,15 @@ def test_a_simulator_that_is_no_network_is_not_compared():
     )
     external = problem.scenario.model_copy(update={"simulator": SimpleNamespace()})
     assert suspects(replace(problem, scenario=external), xarray.Dataset()) == Suspects()
+
+
+def test_heat_that_the_scenario_expects_is_usual(flown):
+    """A pattern over an angle, or one of a large share, is not taken for a wrong."""
+    scenario, data = flown
+    over = Heat(pattern=HeatPattern(over="sun", scale=0.3))
+    assert prepared(scenario.model_copy(update={"heat": over}), data).window.scenario.heat.pattern == over.pattern
+    less = Heat(pattern=HeatPattern(scale=0.01))
+    assert prepared(scenario.model_copy(update={"heat": less}), data).window.scenario.heat == HEAT
 
 
 def test_what_a_channel_shows_by_itself_comes_first_and_is_left_out(flown):

@@ -5,8 +5,9 @@ import pytest
 
 from flightcal.check import suspects
 from flightcal.check.suspects import prepared
+from flightcal.check.wrongs.channels import swaps
 from flightcal.check.wrongs.clocks import channel_clocks, clocks, status_clocks
-from flightcal.check.wrongs.heat import constant_heat
+from flightcal.check.wrongs.heat import constant_heat, heaters
 from flightcal.check.wrongs.written import numbers
 from flightcal.problem import build_problem
 from tests import small
@@ -117,6 +118,79 @@ def test_a_tilted_body_is_named_with_about_its_angle(tmp_path):
     first = named(scenario, data)[0]
     assert (first.kind, first.about) == ("attitude", "tilt")
     assert float(first.title.split(" by ")[1].split()[0]) == pytest.approx(35.0, abs=12.0)
+
+
+def test_two_faces_that_are_exchanged_are_named(tmp_path):
+    written = boxed()
+    scenario, _ = small.load(tmp_path, written)
+    faces = written["simulator"]["faces"]
+    faces["ahead"]["normal"], faces["outside"]["normal"] = faces["outside"]["normal"], faces["ahead"]["normal"]
+    _, data = small.closed_loop(tmp_path, written)
+    first = named(scenario, data)[0]
+    assert first.title == "Faces outside and ahead are exchanged"
+
+
+def test_coatings_that_are_exchanged_on_every_face_are_named(tmp_path):
+    written = boxed()
+    scenario, _ = small.load(tmp_path, written)
+    for face in written["simulator"]["faces"].values():
+        face["absorptivity"], face["emissivity"] = face["emissivity"], face["absorptivity"]
+    _, data = small.closed_loop(tmp_path, written)
+    first = named(scenario, data)[0]
+    assert (first.kind, first.about) == ("number", "every coating")
+
+
+def test_an_orbits_radius_that_is_written_as_its_altitude_is_named(tmp_path):
+    written = boxed()
+    _, data = small.closed_loop(tmp_path, written)
+    written["environment"]["orbit"]["altitude"] = "6978 km"
+    scenario, _ = small.load(tmp_path, written)
+    first = named(scenario, data)[0]
+    assert (first.kind, first.about) == ("orbit", "altitude")
+    assert "600 km" in first.sentence
+
+
+def test_all_heaters_are_tried_together(tmp_path):
+    written = small.content()
+    blocks = written["simulator"]["heaters"]
+    blocks["second"] = blocks["heater"] | {"node": "panel", "power": "10 W"}
+    del written["parameters"]["power"]
+    view = prepared(*small.closed_loop(tmp_path, written))
+    powers = [view.network.network.paths.index(f"heaters.{name}.power") for name in ("heater", "second")]
+    together = [own for own in heaters(view) if own.about == "every heater"]
+    assert [own.window.network.mapping.written[powers].tolist() for own in together] == [
+        [30.0 * factor, 10.0 * factor] for factor in (0.25, 0.5, 2.0, 4.0)
+    ]
+
+
+def of_three():
+    """The satellite with a second sensor of its panel, each of another packet than the body's."""
+    written = sunlit()
+    written["telemetry"]["channels"]["other_temp"] = {"column": "panel", "unit": "degC", "kind": "temperature"}
+    written["observations"]["other_temp"] = {"node": "panel"}
+    return written
+
+
+def test_columns_are_tried_as_shifted_by_one(tmp_path):
+    view = prepared(*small.closed_loop(tmp_path, of_three()))
+    shifted = [own.observed for own in swaps(view) if own.words.title == "Every channel is its neighbour's"]
+    assert len(shifted) == 2
+    for k, by in enumerate((1, -1)):
+        np.testing.assert_array_equal(shifted[k], view.observed[:, [by % 3, (1 + by) % 3, (2 + by) % 3]])
+
+
+def test_a_packet_of_another_time_zone_is_named(tmp_path):
+    scenario, data = small.closed_loop(tmp_path, of_three())
+    late = {name: np.roll(data[name].values, 60) for name in ("panel_temp", "other_temp")}
+    packets = {"body_temp": "bus", "panel_temp": "outside", "other_temp": "outside"}
+    channels = {
+        name: own.model_copy(update={"packet": packets.get(name)}) for name, own in scenario.telemetry.channels.items()
+    }
+    read = scenario.telemetry.model_copy(update={"channels": channels})
+    first = named(scenario.model_copy(update={"telemetry": read}), spoilt(data, **late))[0]
+    assert first.kind == "channel clock"
+    assert first.title.startswith("packet outside is ")
+    assert float(first.title.split()[3]) == pytest.approx(60.0, abs=5.0)
 
 
 @pytest.mark.parametrize(("name", "value"), [("direction", [1, 0, 0]), ("period", "20 min")])

@@ -19,7 +19,7 @@ from numpy.typing import NDArray
 from ..errors import FlightcalError
 from ..problem import Problem, Window, build_window, problem_of
 from ..run import Run, Stage, plain, read_json, typed
-from ..scenario import Channel, Conductor, Scenario, SimulatorModel
+from ..scenario import Channel, Conductor, Heat, Scenario, SimulatorModel
 from ..simulator import FloatArray, SimulationFailure, in_parallel
 from .broken import Broken, broken
 from .evidence import Fit, Gaussian, climbed, gaussian
@@ -186,13 +186,22 @@ def prepared(scenario: Scenario, telemetry: xarray.Dataset) -> View | None:
     update |= {"heater_input": "measured"} if heaters else {}
     update["conductors"] = (*model.conductors, *_of_nothing(model))
     read = scenario.telemetry.model_copy(update={"channels": channels})
-    of_all = {"simulator": model.model_copy(update=update), "telemetry": read, "heat": HEAT}
+    of_all = {"simulator": model.model_copy(update=update), "telemetry": read, "heat": _heat(scenario)}
     changed = scenario.model_copy(update=of_all)
     name = scenario.train_windows[0]
     window = build_window(changed, telemetry, name)
     if window.times[-1] - window.times[0] > np.timedelta64(round(_ORBITS * window.period), "s"):
         window = build_window(changed, telemetry, name, span=_ORBITS * window.period)
     return view_of(problem_of(changed, [window]), telemetry)
+
+
+def _heat(scenario: Scenario) -> Heat:
+    """What is taken as usual, or more where the scenario says so: over a driver, or a larger share of what flows."""
+    pattern = scenario.heat.pattern if isinstance(scenario.heat, Heat) else None
+    usual = HEAT.pattern
+    if pattern is None or usual is None or (pattern.over is None and pattern.scale <= usual.scale):
+        return HEAT
+    return HEAT.model_copy(update={"pattern": pattern})
 
 
 def _of_nothing(model: SimulatorModel) -> Iterator[Conductor]:

@@ -285,7 +285,7 @@ class View:
     def heat_of(self, window: Window) -> HeatModel:
         """Of a window like this one, at the prior's median."""
         median = self.problem.at(self.window, self.problem.priors.median()[None])[0]
-        return heat_model(window.scenario, HEAT, (window,), median)
+        return heat_model(window.scenario, _usual(window), (window,), median)
 
     def response(self, window: Window, z: FloatArray, node: str, series: FloatArray) -> FloatArray:
         """[R, k] K per watt of heat in a node, with series [k, 2 K] in each step. Raises SimulationFailure."""
@@ -355,12 +355,18 @@ def step_of(values: FloatArray) -> float:
     return min(float(np.min(apart[apart > 1e-6], initial=_COARSEST)), _COARSEST) if len(apart) else 1.0
 
 
+def _usual(window: Window) -> Heat:
+    """Heat that a window's simulator may lack and be right."""
+    heat = window.scenario.heat
+    return heat if isinstance(heat, Heat) else HEAT
+
+
 def view_of(problem: Problem, telemetry: xarray.Dataset) -> View:
     """Of a problem of one window, and the telemetry it was built from."""
     (window,) = problem.windows
     median = problem.at(window, problem.priors.median()[None])[0]
     rows = rows_of(window)
-    heat = heat_model(window.scenario, HEAT, (window,), median)
+    heat = heat_model(window.scenario, _usual(window), (window,), median)
     return View(problem, telemetry, rows, heat, tuple(thermostats(window, rows)))
 
 

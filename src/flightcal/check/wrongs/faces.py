@@ -4,12 +4,13 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Mapping
 from dataclasses import replace
-from itertools import permutations, product
+from itertools import combinations, product
 
 import numpy as np
 from scipy.spatial.transform import Rotation
 
 from ...problem import Window
+from ...scenario import Scenario
 from ...simulator import FloatArray, face_series
 from ..view import FINE, View
 from .wrong import Words, Wrong, driven_otherwise, put
@@ -18,8 +19,8 @@ Way = tuple[float, ...]
 _WAYS: tuple[Way, ...] = tuple(
     tuple(sign * float(k == axis) for k in range(3)) for axis in range(3) for sign in (1.0, -1.0)
 )
-_ALONG = 0.999
-"""Cosine from which a face looks along an axis."""
+_NO_TURN = 0.1
+"""rad, less than a turn to other axes."""
 _TILTS = (-60.0, -40.0, -20.0, 20.0, 40.0, 60.0)
 """deg, by which the body is turned about one of its axes that are tried first."""
 _LEAST_TILT = 8.0
@@ -50,29 +51,41 @@ def faces(view: View) -> Iterator[Wrong]:
         )
         window = _turned(view, seconds, lit, {name: way})
         yield Wrong("face", name, words, window=window, tries=5 * len(turnable))
-    yield from _axes(view, seconds, lit, turnable)
+    if len(turnable) > 1:
+        yield from _axes(view)
+    yield from _exchanged(view, turnable)
 
 
-def _axes(
-    view: View, seconds: FloatArray, lit: Mapping[Way, Mapping[str, FloatArray]], normals: Mapping[str, Way]
-) -> Iterator[Wrong]:
-    """The body's axes are others; tried where all faces look along axes."""
-    along = {name: _WAYS[int(np.argmax(np.array(_WAYS) @ normal))] for name, normal in normals.items()}
-    if len(normals) < 2 or any(np.dot(along[name], normal) < _ALONG for name, normal in normals.items()):
-        return
-    for order, signs in product(permutations(range(3)), product((1.0, -1.0), repeat=3)):
-        turn = np.eye(3)[list(order)] * signs
-        if np.linalg.det(turn) < 0.0 or np.allclose(turn, np.eye(3)):
+def _axes(view: View) -> Iterator[Wrong]:
+    """The body's axes are others."""
+    for rotation in Rotation.create_group("O"):
+        if rotation.magnitude() < _NO_TURN:
             continue
-        named = [_named(turn[:, axis]) for axis in range(3)]
+        named = [_named(axis) for axis in rotation.as_matrix().T]
         words = Words(
             "The body's axes are others",
             f"With +x, +y and +z of all faces turned to {', '.join(named)}, sunlight and Earth's heat explain the "
             "telemetry.",
             "Check the axes of 'normal' in 'simulator: faces' beside those of 'attitude'",
         )
-        ways = {name: tuple((turn @ normal + 0.0).tolist()) for name, normal in along.items()}
-        yield Wrong("attitude", "axes", words, window=_turned(view, seconds, lit, ways), tries=23)
+        yield from driven_otherwise("attitude", "axes", words, view, tries=23, scenario=_looking(view, rotation))
+
+
+def _exchanged(view: View, normals: Mapping[str, Way]) -> Iterator[Wrong]:
+    """Two faces look each other's way."""
+    drive, columns = view.network.drive, view.network.network.columns
+    pairs = [(a, b) for a, b in combinations(normals, 2) if not np.allclose(normals[a], normals[b])]
+    for pair in pairs:
+        a, b = ([k for k, own in enumerate(columns) if own.partition(".")[2] == name] for name in pair)
+        inputs = drive.inputs.copy()
+        inputs[:, :, a + b] = inputs[:, :, b + a]
+        words = Words(
+            f"Faces {pair[0]} and {pair[1]} are exchanged",
+            f"With the normals of {pair[0]} and {pair[1]} exchanged, the model explains the telemetry.",
+            f"Check 'normal' of {pair[0]} and {pair[1]} in 'simulator: faces'",
+        )
+        window = view.simulated_by(drive=replace(drive, inputs=inputs))
+        yield Wrong("face", " ".join(pair), words, window=window, tries=5 * len(pairs))
 
 
 def _named(axis: FloatArray) -> str:
@@ -119,14 +132,7 @@ def _tilt(view: View, turn: FloatArray, apart: float) -> Iterator[Wrong]:
     angle = float(np.linalg.norm(turn))
     if angle < _LEAST_TILT:
         return
-    model, rotation = view.window.scenario.network, Rotation.from_rotvec(turn, degrees=True)
-    looking = {
-        name: face
-        if face.normal == "all"
-        else face.model_copy(update={"normal": tuple(rotation.apply(np.array(face.normal)).tolist())})
-        for name, face in model.faces.items()
-    }
-    scenario = view.window.scenario.model_copy(update={"simulator": model.model_copy(update={"faces": looking})})
+    rotation = Rotation.from_rotvec(turn, degrees=True)
     about = ", ".join(f"{own:+.0f}" for own in turn)
     words = Words(
         f"The body is turned by {angle:.0f} deg against its attitude",
@@ -139,7 +145,21 @@ def _tilt(view: View, turn: FloatArray, apart: float) -> Iterator[Wrong]:
         for step in product((-1.0, 0.0, 1.0), repeat=3):
             yield from _tilt(view, turn + 0.5 * apart * np.array(step), 0.5 * apart)
 
-    yield from driven_otherwise("attitude", "tilt", words, view, tries=_TILTED_WAYS, closer=around, scenario=scenario)
+    yield from driven_otherwise(
+        "attitude", "tilt", words, view, tries=_TILTED_WAYS, closer=around, scenario=_looking(view, rotation)
+    )
+
+
+def _looking(view: View, rotation: Rotation) -> Scenario:
+    """The scenario of a view with all faces turned."""
+    model = view.window.scenario.network
+    looking = {
+        name: face
+        if face.normal == "all"
+        else face.model_copy(update={"normal": tuple(rotation.apply(np.array(face.normal)).tolist())})
+        for name, face in model.faces.items()
+    }
+    return view.window.scenario.model_copy(update={"simulator": model.model_copy(update={"faces": looking})})
 
 
 WRONGS = (faces, tilts)

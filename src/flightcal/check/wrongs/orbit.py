@@ -87,6 +87,8 @@ def orbits(view: View) -> Iterator[Wrong]:
     for name, steps in ((height, _STEPS["altitude"]), ("inclination", _STEPS["inclination"]), (node, of_node)):
         for step in steps:
             yield from _other_orbit(view, orbit, name, step, tries=len(_STEPS) * len(steps))
+    if isinstance(orbit, CircularOrbit) and orbit.altitude > _GROUND:
+        yield from _other_orbit(view, orbit, "altitude", -_GROUND / orbit.altitude, tries=1.0)
 
 
 def _other_orbit(
