@@ -5,9 +5,11 @@ import pytest
 
 from flightcal.check import suspects
 from flightcal.check.suspects import prepared
+from flightcal.check.view import FINE
 from flightcal.check.wrongs.channels import swaps
 from flightcal.check.wrongs.clocks import channel_clocks, clocks, status_clocks
 from flightcal.check.wrongs.heat import constant_heat, heaters
+from flightcal.check.wrongs.orbit import orbits
 from flightcal.check.wrongs.written import numbers
 from flightcal.problem import build_problem
 from tests import small
@@ -148,6 +150,20 @@ def test_an_orbits_radius_that_is_written_as_its_altitude_is_named(tmp_path):
     first = named(scenario, data)[0]
     assert (first.kind, first.about) == ("orbit", "altitude")
     assert "600 km" in first.sentence
+
+
+def test_a_node_that_is_a_degree_off_is_tried(tmp_path):
+    """In an orbit over the terminator eclipses tell as little."""
+    view = prepared(*small.closed_loop(tmp_path, sunlit()))
+    tried = " ".join(own.words.sentence for own in orbits(view) if own.about == "ltan")
+    assert all(f"ltan {time}:" in tried for time in ("11:52", "11:56", "12:04", "12:08", "13:00"))
+
+
+def test_sunlight_is_looked_up_where_a_shadow_begins_and_ends(tmp_path):
+    view = prepared(*small.closed_loop(tmp_path, sunlit()))
+    seconds = view.lit_at(view.window.scenario, 0.0, 10800.0)
+    assert np.diff(seconds).max() == FINE
+    assert 4 <= (seconds % FINE > 0.0).sum() <= 16
 
 
 def test_all_heaters_are_tried_together(tmp_path):

@@ -11,8 +11,9 @@ import numpy as np
 import xarray
 from numpy.typing import NDArray
 
+from ..environment import shadow_edges
 from ..problem import HeatModel, Problem, Window, heat_model, initial_priors, responses, unit_heats
-from ..scenario import Heat, HeatPattern, HeatSlow
+from ..scenario import Heat, HeatPattern, HeatSlow, Scenario
 from ..simulator import FloatArray, NetworkSimulator, SimulationFailure, face_series
 from ..telemetry import window_bounds
 from .evaluate import spread_in_z
@@ -203,14 +204,23 @@ class View:
     @cached_property
     def sunlight(self) -> tuple[FloatArray, dict[str, FloatArray]]:
         """Times [M], s from the window's start, and what shines on the faces, by column [M] W/m^2."""
-        seconds = np.arange(-REACH, self.network.drive.times[-1] + REACH, FINE)
+        seconds = self.lit_at(self.window.scenario, -REACH, self.network.drive.times[-1] + REACH)
         return seconds, face_series(self.window.scenario, self.utc(seconds))
+
+    def lit_at(self, scenario: Scenario, first: float, last: float) -> FloatArray:
+        """Times [M], s from the window's start, at which sunlight is looked up: also where a shadow begins and ends."""
+        every = np.arange(first, last, FINE)
+        if scenario.environment.orbit is None:
+            return every
+        start, end = self.utc(np.array([first, last]))
+        edges = shadow_edges(scenario.environment, start, end, scenario.folder)
+        return np.union1d(every, first + (edges - start) / np.timedelta64(1, "s"))
 
     def sunlight_before(self, seconds: float) -> tuple[FloatArray, dict[str, FloatArray]]:
         """As `sunlight`; where that does not reach so many s back, what shone then."""
         if abs(seconds) <= REACH:
             return self.sunlight
-        apart = np.arange(-FINE, 1.1 * self.network.drive.times[-1] + FINE, FINE) - seconds
+        apart = self.lit_at(self.window.scenario, -FINE - seconds, 1.1 * self.network.drive.times[-1] + FINE - seconds)
         return apart, face_series(self.window.scenario, self.utc(apart))
 
     @cached_property

@@ -12,7 +12,7 @@ from scipy.spatial.transform import Rotation
 from ...problem import Window
 from ...scenario import Scenario
 from ...simulator import FloatArray, face_series
-from ..view import FINE, View
+from ..view import View
 from .wrong import Words, Wrong, driven_otherwise, put
 
 Way = tuple[float, ...]
@@ -39,7 +39,8 @@ def faces(view: View) -> Iterator[Wrong]:
     }
     if scenario.environment.orbit is None or not turnable:
         return
-    seconds = np.union1d(np.arange(0.0, view.network.drive.times[-1], FINE), view.network.drive.times)
+    times = view.network.drive.times
+    seconds = np.union1d(view.lit_at(scenario, 0.0, times[-1]), times)
     lit = {way: _lit(view, turnable, way, seconds) for way in _WAYS}
     for way, (name, normal) in product(_WAYS, turnable.items()):
         if np.allclose(normal, way):

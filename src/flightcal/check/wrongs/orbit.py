@@ -20,7 +20,7 @@ from .wrong import Words, Wrong, closer, driven_otherwise, duration
 _STEPS = {
     "altitude": (-0.4, -0.3, -0.2, -0.1, 0.1, 0.2, 0.35, 0.5, 0.75, 1.0),
     "inclination": tuple(np.deg2rad(15.0 * k) for k in (-5, -4, -3, -2, -1, 1, 2, 3, 4, 5)),
-    "node": tuple(np.deg2rad(15.0 * k) for k in range(1, 24)),
+    "node": tuple(np.deg2rad([-4.0, -2.0, -1.0, 1.0, 2.0, 4.0, *(15.0 * k for k in range(1, 24))]).tolist()),
 }
 """Shares of the altitude, and rad."""
 _LOWEST = 150e3
