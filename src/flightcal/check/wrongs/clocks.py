@@ -16,7 +16,11 @@ from .wrong import SHIFT, SHIFTS, Words, Wrong, closer, driven_otherwise, durati
 _ZONES = tuple(3600.0 * h for k in range(1, 29) for h in (-k / 2, k / 2) if 3600.0 * k / 2 > REACH)
 """s, between a time zone and UTC."""
 _RATES = tuple(sign * share for share in (0.005, 0.01, 0.02, 0.04, 0.08) for sign in (-1.0, 1.0))
-_FEW_SHIFTS = tuple(shift for m in (3, 5, 7, 10, 15, 20, 30, 40, 60, 120) for shift in (-60.0 * m, 60.0 * m))
+_FEW_SHIFTS = tuple(shift for m in (3, 5, 7, 10, 15, 20, 30, 40) for shift in (-60.0 * m, 60.0 * m))
+
+
+_HOURS = (-7200.0, -3600.0, 3600.0, 7200.0)
+"""s, by which a packet may be of another zone; of one channel so much explains what is slow."""
 
 
 def clocks(view: View, seconds: Sequence[float] | FloatArray = SHIFTS) -> Iterator[Wrong]:
@@ -108,7 +112,7 @@ def _shifted(view: View, channel: str, late: float) -> FloatArray:
 
 
 def channel_clocks(
-    view: View, seconds: Sequence[float] | FloatArray = _FEW_SHIFTS, only: str | None = None
+    view: View, seconds: Sequence[float] | FloatArray = (*_FEW_SHIFTS, *_HOURS), only: str | None = None
 ) -> Iterator[Wrong]:
     """Time tags of a channel, or of a packet's, are late or early, by more than what lies between two samples."""
     groups = {channel: [k] for k, channel in enumerate(view.channels)}
@@ -117,6 +121,8 @@ def channel_clocks(
         groups[f"packet {packet}"] = [k for k, other in enumerate(of_packets) if other == packet]
     for late, (name, own) in product(map(float, seconds), groups.items()):
         named = [view.channels[k] for k in own]
+        if len(own) == 1 and abs(late) >= abs(_HOURS[1]):
+            continue
         if only not in (None, name) or abs(late) < view.apart(named) or len(own) == len(view.channels):
             continue
         moved, observed = view.readings(late), view.observed.copy()
