@@ -13,13 +13,13 @@ from flightcal.check.evidence import Fit
 from flightcal.check.findings import suspected
 from flightcal.check.misfit import Misfit
 from flightcal.check.suspects import Suspicion, prepared, ranked, unexplained
-from flightcal.check.view import noise_of, series_at
+from flightcal.check.view import HEAT, noise_of, series_at
 from flightcal.check.wrongs import Words, Wrong
 from flightcal.check.wrongs.heat import heaters, obedient, turning
 from flightcal.problem import build_problem
 from flightcal.progress import SILENT
 from flightcal.run import Run, open_run, read_json
-from flightcal.scenario import LogNormal, Normal
+from flightcal.scenario import Heat, HeatPattern, LogNormal, Normal
 from tests import small
 
 from .problems import formula_problem, samples
@@ -295,6 +295,15 @@ def test_a_simulator_that_is_no_network_is_not_compared():
     assert suspects(replace(problem, scenario=external), xarray.Dataset()) == Suspects()
 
 
+def test_heat_that_the_scenario_expects_is_usual(flown):
+    """A pattern over an angle, or one of a large share, is not taken for a wrong."""
+    scenario, data = flown
+    over = Heat(pattern=HeatPattern(over="sun", scale=0.3))
+    assert prepared(scenario.model_copy(update={"heat": over}), data).window.scenario.heat.pattern == over.pattern
+    less = Heat(pattern=HeatPattern(scale=0.01))
+    assert prepared(scenario.model_copy(update={"heat": less}), data).window.scenario.heat == HEAT
+
+
 def test_what_a_channel_shows_by_itself_comes_first_and_is_left_out(flown):
     scenario, data = flown
     values = data["panel_temp"].to_numpy().copy()
@@ -321,10 +330,19 @@ def test_findings_name_the_best_and_below_it_the_others():
     bias = Suspicion("bias", "b", "b reads 3 K too high", "It does.", "Check it", 40.0)
     unit = Suspicion("unit", "c", "c is in degF", "It is.", "Convert it", 30.0)
     found = suspected(Suspects((stuck, bias, unit), True))
-    assert [own.title for own in found] == ["Likely wrong: a is stuck", "Likely wrong: b reads 3 K too high"]
-    assert found[1].details == ("Nearly as likely: c is in degF.",)
+    assert [own.title for own in found] == ["Likely wrong: a is stuck", "Likely wrong, one of 2: b reads 3 K too high"]
+    assert found[1].details == ("Or: c is in degF.",)
     assert [own.state for own in suspected(Suspects((), True))] == ["good"]
     assert suspected(Suspects()) == []
+
+
+def test_a_wrong_that_others_are_as_good_as_is_printed_as_one_of_several():
+    bias = Suspicion("bias", "b", "b reads 3 K too high", "It does.", "Check it", 40.0)
+    stuck = Suspicion("stuck", "a", "a is stuck", "It is.", "Leave it out")
+    unit = Suspicion("unit", "c", "c is in degF", "It is.", "Convert it", 30.0)
+    heads = [line.split(":")[0] for line in Suspects((stuck, bias, unit), True).lines]
+    assert heads == ["likely wrong", "likely wrong, one of 2", "likely wrong, one of 2"]
+    assert Suspects((bias,), True).lines[0].startswith("likely wrong: b reads")
 
 
 def test_noise_is_told_from_what_is_smooth():
@@ -382,6 +400,14 @@ def test_a_wrong_that_leaves_most_of_a_misfit_is_not_named_however_many_nats_it_
 def test_a_wrong_that_leaves_what_is_usual_is_named_though_it_leaves_much_of_little():
     assert [own.kind for own in ranked([better("bias", fit(0.4, 30.0, size=2.0))], fit(0.5, 48.0))] == ["bias"]
     assert ranked([better("bias", fit(0.4, 30.0, size=4.0))], fit(0.5, 48.0)) == []
+
+
+def test_only_what_explains_about_as_well_is_named_beside_the_best():
+    crude = fit(1.8, 300.0)
+    of = [better(kind, fit(0.4, 1.0), nats) for kind, nats in (("clock", 200.0), ("bias", 165.0), ("unit", 150.0))]
+    assert [own.kind for own in ranked(of, crude)] == ["clock", "bias"]
+    of = [better(kind, fit(0.4, 1.0), nats) for kind, nats in (("clock", 20.0), ("bias", 11.0), ("unit", 9.0))]
+    assert [own.kind for own in ranked(of, crude)] == ["clock", "bias"]
 
 
 def test_where_a_crude_model_is_off_is_told_and_no_cause(flown):

@@ -5,8 +5,11 @@ import pytest
 
 from flightcal.check import suspects
 from flightcal.check.suspects import prepared
+from flightcal.check.view import FINE
+from flightcal.check.wrongs.channels import swaps
 from flightcal.check.wrongs.clocks import channel_clocks, clocks, status_clocks
-from flightcal.check.wrongs.heat import constant_heat
+from flightcal.check.wrongs.heat import constant_heat, heaters
+from flightcal.check.wrongs.orbit import orbits
 from flightcal.check.wrongs.written import numbers
 from flightcal.problem import build_problem
 from tests import small
@@ -91,6 +94,130 @@ def test_nadir_and_zenith_confused_are_the_bodys_axes(tmp_path):
     scenario, right = small.load(tmp_path, written)
     assert right.sizes == data.sizes
     assert named(scenario, data)[0].title == "The body's axes are others"
+
+
+def boxed():
+    """The satellite with a face on each side, of two nodes."""
+    written = two_faced()
+    looks = {"absorptivity": 0.5, "emissivity": 0.7}
+    for name, node, normal in (
+        ("back", "panel", [-1, 0, 0]),
+        ("left", "panel", [0, 1, 0]),
+        ("down", "body", [0, 0, 1]),
+    ):
+        written["simulator"]["faces"][name] = {"node": node, "area": "0.04 m^2", "normal": normal, **looks}
+    return written
+
+
+def test_a_tilted_body_is_named_with_about_its_angle(tmp_path):
+    written = boxed()
+    scenario, _ = small.load(tmp_path, written)
+    for face in written["simulator"]["faces"].values():
+        x, y, z = face["normal"]
+        c, s = np.cos(np.deg2rad(35.0)), np.sin(np.deg2rad(35.0))
+        face["normal"] = [x, float(c * y - s * z), float(s * y + c * z)]
+    _, data = small.closed_loop(tmp_path, written)
+    first = named(scenario, data)[0]
+    assert (first.kind, first.about) == ("attitude", "tilt")
+    assert float(first.title.split(" by ")[1].split()[0]) == pytest.approx(35.0, abs=12.0)
+
+
+def test_two_faces_that_are_exchanged_are_named(tmp_path):
+    written = boxed()
+    scenario, _ = small.load(tmp_path, written)
+    faces = written["simulator"]["faces"]
+    faces["ahead"]["normal"], faces["outside"]["normal"] = faces["outside"]["normal"], faces["ahead"]["normal"]
+    _, data = small.closed_loop(tmp_path, written)
+    first = named(scenario, data)[0]
+    assert first.title == "Faces outside and ahead are exchanged"
+
+
+def test_coatings_that_are_exchanged_on_every_face_are_named(tmp_path):
+    written = boxed()
+    scenario, _ = small.load(tmp_path, written)
+    for face in written["simulator"]["faces"].values():
+        face["absorptivity"], face["emissivity"] = face["emissivity"], face["absorptivity"]
+    _, data = small.closed_loop(tmp_path, written)
+    first = named(scenario, data)[0]
+    assert (first.kind, first.about) == ("number", "every coating")
+
+
+def test_an_orbits_radius_that_is_written_as_its_altitude_is_named(tmp_path):
+    written = boxed()
+    _, data = small.closed_loop(tmp_path, written)
+    written["environment"]["orbit"]["altitude"] = "6978 km"
+    scenario, _ = small.load(tmp_path, written)
+    first = named(scenario, data)[0]
+    assert (first.kind, first.about) == ("orbit", "altitude")
+    assert "600 km" in first.sentence
+
+
+def test_a_node_that_is_a_degree_off_is_tried(tmp_path):
+    """In an orbit over the terminator eclipses tell as little."""
+    view = prepared(*small.closed_loop(tmp_path, sunlit()))
+    tried = " ".join(own.words.sentence for own in orbits(view) if own.about == "ltan")
+    assert all(f"ltan {time}:" in tried for time in ("11:52", "11:56", "12:04", "12:08", "13:00"))
+
+
+def test_sunlight_is_looked_up_where_a_shadow_begins_and_ends(tmp_path):
+    view = prepared(*small.closed_loop(tmp_path, sunlit()))
+    seconds = view.lit_at(view.window.scenario, 0.0, 10800.0)
+    assert np.diff(seconds).max() == FINE
+    assert 4 <= (seconds % FINE > 0.0).sum() <= 16
+
+
+def test_all_heaters_are_tried_together(tmp_path):
+    written = small.content()
+    blocks = written["simulator"]["heaters"]
+    blocks["second"] = blocks["heater"] | {"node": "panel", "power": "10 W"}
+    del written["parameters"]["power"]
+    view = prepared(*small.closed_loop(tmp_path, written))
+    powers = [view.network.network.paths.index(f"heaters.{name}.power") for name in ("heater", "second")]
+    together = [own for own in heaters(view) if own.about == "every heater"]
+    assert [own.window.network.mapping.written[powers].tolist() for own in together] == [
+        [30.0 * factor, 10.0 * factor] for factor in (0.25, 0.5, 2.0, 4.0)
+    ]
+
+
+def of_three():
+    """The satellite with a second sensor of its panel, each of another packet than the body's."""
+    written = sunlit()
+    written["telemetry"]["channels"]["other_temp"] = {"column": "panel", "unit": "degC", "kind": "temperature"}
+    written["observations"]["other_temp"] = {"node": "panel"}
+    return written
+
+
+def test_columns_are_tried_as_shifted_by_one(tmp_path):
+    view = prepared(*small.closed_loop(tmp_path, of_three()))
+    shifted = [own.observed for own in swaps(view) if own.words.title == "Every channel is its neighbour's"]
+    assert len(shifted) == 2
+    for k, by in enumerate((1, -1)):
+        np.testing.assert_array_equal(shifted[k], view.observed[:, [by % 3, (1 + by) % 3, (2 + by) % 3]])
+
+
+def test_a_packet_of_another_time_zone_is_named(tmp_path):
+    scenario, data = small.closed_loop(tmp_path, of_three())
+    late = {name: np.roll(data[name].values, 60) for name in ("panel_temp", "other_temp")}
+    packets = {"body_temp": "bus", "panel_temp": "outside", "other_temp": "outside"}
+    channels = {
+        name: own.model_copy(update={"packet": packets.get(name)}) for name, own in scenario.telemetry.channels.items()
+    }
+    read = scenario.telemetry.model_copy(update={"channels": channels})
+    first = named(scenario.model_copy(update={"telemetry": read}), spoilt(data, **late))[0]
+    assert first.kind == "channel clock"
+    assert first.title.startswith("packet outside is ")
+    assert float(first.title.split()[3]) == pytest.approx(60.0, abs=5.0)
+
+
+@pytest.mark.parametrize(("name", "value"), [("direction", [1, 0, 0]), ("period", "20 min")])
+def test_a_spin_that_is_another_is_named_by_what_is_written(tmp_path, name, value):
+    written = boxed()
+    written["environment"]["attitude"] = {"spin_axis": [0, 0, 1], "direction": [0, 0, 1], "period": "40 min"}
+    scenario, _ = small.load(tmp_path, written)
+    written["environment"]["attitude"][name] = value
+    _, data = small.closed_loop(tmp_path, written)
+    first = named(scenario, data)[0]
+    assert (first.kind, first.about) == ("attitude", name)
 
 
 @pytest.mark.parametrize("left_out", [{"earth_infrared": 0}, {"earth_infrared": 0, "albedo": 0}])

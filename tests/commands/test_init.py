@@ -135,6 +135,19 @@ def test_a_heaters_current_is_its_status_and_a_clock_of_two_parts_is_read(tmp_pa
     assert scenario.observations["htr_bat_cur_ma"].heater == "htr_bat_cur_ma"
 
 
+def test_thresholds_are_what_the_sensor_reads_when_its_heater_switches(tmp_path: Path):
+    rising = np.arange(60) // 6 % 2 == 0
+    warmth = np.where(rising, 10.0 + 0.5 * (np.arange(60) % 6), 13.0 - 0.5 * (np.arange(60) % 6))
+    times = pd.date_range("2024-03-01", periods=60, freq="min").strftime("%Y-%m-%dT%H:%M:%S")
+    table = pd.DataFrame({"time": times, "bat_t [degC]": warmth, "bat_htr": np.where(rising, "ON", "OFF")})
+    table["load [A]"] = np.linspace(0.0, 1.0, 60)
+    table.to_csv(tmp_path / "data.csv", index=False)
+    assert run(app, ["init", str(tmp_path / "sat"), str(tmp_path / "data.csv")]).exit_code == 0
+    text = (tmp_path / "sat" / "scenario.yaml").read_text()
+    assert "on_below: 10.0 degC, off_above: 13.0 degC" in text
+    assert "coefficient: 1 W/A" in text
+
+
 def day_of_year(times: np.ndarray) -> list[str]:
     return pd.to_datetime(times).strftime("%Y:%j:%H:%M:%S.000").tolist()
 

@@ -84,6 +84,14 @@ def test_what_was_suspected_before_the_sampling_is_the_reason(run):
     assert judged.then == "Shift it."
 
 
+def test_a_suspicion_that_others_are_as_good_as_is_told_as_one_of_several(run):
+    words = {"sentence": "Telemetry fits better so.", "advice": "Shift it"}
+    found = [words | {"title": "the clock is late", "nats": 40.0}, words | {"title": "a bias", "nats": 30.0}]
+    worst = verdict_of(dataclasses.replace(fitted(run), suspects=found)).answers[1].worst
+    assert worst.title == "Likely wrong, one of 2: the clock is late"
+    assert worst.details == ("Or: a bias.",)
+
+
 def test_without_an_unseen_window_nothing_is_said_of_other_orbits(run):
     right = fitted(run)
     judged = verdict_of(dataclasses.replace(right, windows={"train": right.windows["train"]}))

@@ -4,11 +4,11 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import asdict, dataclass, replace
 
 import numpy as np
 
-from ..report import Finding, ParameterInfo, listed, number, percent, unit
+from ..report import Finding, ParameterInfo, likely, listed, number, percent, unit
 from .centre import Centre
 from .heat import ALIKE, BesideHeat, Imitated, Kind
 from .identifiability import BLIND, Combination, Identifiability, Move
@@ -105,14 +105,10 @@ def verdict_of(findings: Sequence[Finding]) -> tuple[bool, str]:
 
 def suspected(suspects: Suspects) -> list[Finding]:
     """What is likely to be wrong before anything else: of comparisons with the simulator the best, the others below."""
-    seen = [own for own in suspects.found if own.nats is None]
-    compared = [own for own in suspects.found if own.nats is not None]
+    compared = any(own.nats is not None for own in suspects.found)
     found = [
-        Finding("bad", f"Likely wrong: {own.title}", f"{own.sentence} {own.advice}.") for own in (*seen, *compared[:1])
+        replace(own, text=f"{own.text} {own.then}", then="") for own in likely([asdict(own) for own in suspects.found])
     ]
-    if compared[1:]:
-        others = tuple(f"Nearly as likely: {own.title}." for own in compared[1:])
-        found[-1] = replace(found[-1], details=others)
     if suspects.misfit is not None and not compared:
         text = f"Unmodelled heat has to make up for more than is usual. {suspects.misfit.words}"
         found.append(Finding("warn", "No simple wrong explains how far the model is off", text))

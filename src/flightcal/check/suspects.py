@@ -19,7 +19,7 @@ from numpy.typing import NDArray
 from ..errors import FlightcalError
 from ..problem import Problem, Window, build_window, problem_of
 from ..run import Run, Stage, plain, read_json, typed
-from ..scenario import Channel, Conductor, Scenario, SimulatorModel
+from ..scenario import Channel, Conductor, Heat, Scenario, SimulatorModel
 from ..simulator import FloatArray, SimulationFailure, in_parallel
 from .broken import Broken, broken
 from .evidence import Fit, Gaussian, climbed, gaussian
@@ -38,7 +38,7 @@ _PROMISING = 2.0
 _FINALISTS = 12
 _OF_A_KIND = 3
 """So many of a kind are looked at closely,"""
-_BY_SIZE = frozenset({"number", "link", "heater"})
+_BY_SIZE = frozenset({"number", "link", "heater", "attitude", "orbit"})
 """and of these kinds one of each number: a closer look finds its size."""
 _ROUNDS = 3
 """Closer looks at one wrong."""
@@ -52,8 +52,8 @@ _LEFT = 0.2
 _FAR = 5.0
 """Deviations of its prior, beyond which no parameter and no unmodelled heat is where a wrong is put right: of a hundred
 of them, one is there about as seldom as `_CLEAR` says."""
-_SHOWN, _NEAR = 3, 0.5
-"""So many are named at most, and only if they explain at least so much of what the best explains."""
+_SHOWN, _NEAR = 3, 0.2
+"""So many are named at most, and only if the best is not better by `_CLEAR` and by so much of what it explains."""
 _FIRST_SIZES = (1.0, 3.0)
 _OF_THERMOSTATS = frozenset({
     "bias", "unit", "swapped", "other node", "unrelated", "everything", "status inverted", "statuses swapped",
@@ -98,7 +98,12 @@ class Suspects:
     @property
     def lines(self) -> tuple[str, ...]:
         """What was found, as lines."""
-        return tuple(f"likely wrong: {own.title}. {own.sentence} Next: {own.advice}." for own in self.found)
+        alike = sum(own.nats is not None for own in self.found)
+        return tuple(
+            f"likely wrong{f', one of {alike}' if alike > 1 and own.nats is not None else ''}: "
+            f"{own.title}. {own.sentence} Next: {own.advice}."
+            for own in self.found
+        )
 
 
 def suspects(problem: Problem, telemetry: xarray.Dataset) -> Suspects:
@@ -181,13 +186,22 @@ def prepared(scenario: Scenario, telemetry: xarray.Dataset) -> View | None:
     update |= {"heater_input": "measured"} if heaters else {}
     update["conductors"] = (*model.conductors, *_of_nothing(model))
     read = scenario.telemetry.model_copy(update={"channels": channels})
-    of_all = {"simulator": model.model_copy(update=update), "telemetry": read, "heat": HEAT}
+    of_all = {"simulator": model.model_copy(update=update), "telemetry": read, "heat": _heat(scenario)}
     changed = scenario.model_copy(update=of_all)
     name = scenario.train_windows[0]
     window = build_window(changed, telemetry, name)
     if window.times[-1] - window.times[0] > np.timedelta64(round(_ORBITS * window.period), "s"):
         window = build_window(changed, telemetry, name, span=_ORBITS * window.period)
     return view_of(problem_of(changed, [window]), telemetry)
+
+
+def _heat(scenario: Scenario) -> Heat:
+    """What is taken as usual, or more where the scenario says so: over a driver, or a larger share of what flows."""
+    pattern = scenario.heat.pattern if isinstance(scenario.heat, Heat) else None
+    usual = HEAT.pattern
+    if pattern is None or usual is None or (pattern.over is None and pattern.scale <= usual.scale):
+        return HEAT
+    return HEAT.model_copy(update={"pattern": pattern})
 
 
 def _of_nothing(model: SimulatorModel) -> Iterator[Conductor]:
@@ -262,7 +276,8 @@ def ranked(best: list[tuple[Fit, Suspicion]], nothing: Fit) -> list[Suspicion]:
     """What explains the telemetry, of what helps: it leaves what is usual or hardly anything, and nothing far off."""
     explains = [own for own in best if own[0].is_usual or own[0].lacking < _LEFT * nothing.lacking]
     named = [own for fit, own in explains if fit.farthest < _FAR]
-    return [own for own in named[:_SHOWN] if (own.nats or 0.0) > _NEAR * (named[0].nats or 0.0)]
+    most = max((own.nats or 0.0 for own in named), default=0.0)
+    return [own for own in named[:_SHOWN] if most - (own.nats or 0.0) < max(_CLEAR, _NEAR * most)]
 
 
 def unexplained(nothing: Fit, where: Misfit | None, helps: list[tuple[Fit, Suspicion]]) -> list[Suspicion]:

@@ -11,8 +11,9 @@ import numpy as np
 import xarray
 from numpy.typing import NDArray
 
+from ..environment import shadow_edges
 from ..problem import HeatModel, Problem, Window, heat_model, initial_priors, responses, unit_heats
-from ..scenario import Heat, HeatPattern, HeatSlow
+from ..scenario import Heat, HeatPattern, HeatSlow, Scenario
 from ..simulator import FloatArray, NetworkSimulator, SimulationFailure, face_series
 from ..telemetry import window_bounds
 from .evaluate import spread_in_z
@@ -203,14 +204,23 @@ class View:
     @cached_property
     def sunlight(self) -> tuple[FloatArray, dict[str, FloatArray]]:
         """Times [M], s from the window's start, and what shines on the faces, by column [M] W/m^2."""
-        seconds = np.arange(-REACH, self.network.drive.times[-1] + REACH, FINE)
+        seconds = self.lit_at(self.window.scenario, -REACH, self.network.drive.times[-1] + REACH)
         return seconds, face_series(self.window.scenario, self.utc(seconds))
+
+    def lit_at(self, scenario: Scenario, first: float, last: float) -> FloatArray:
+        """Times [M], s from the window's start, at which sunlight is looked up: also where a shadow begins and ends."""
+        every = np.arange(first, last, FINE)
+        if scenario.environment.orbit is None:
+            return every
+        start, end = self.utc(np.array([first, last]))
+        edges = shadow_edges(scenario.environment, start, end, scenario.folder)
+        return np.union1d(every, first + (edges - start) / np.timedelta64(1, "s"))
 
     def sunlight_before(self, seconds: float) -> tuple[FloatArray, dict[str, FloatArray]]:
         """As `sunlight`; where that does not reach so many s back, what shone then."""
         if abs(seconds) <= REACH:
             return self.sunlight
-        apart = np.arange(-FINE, 1.1 * self.network.drive.times[-1] + FINE, FINE) - seconds
+        apart = self.lit_at(self.window.scenario, -FINE - seconds, 1.1 * self.network.drive.times[-1] + FINE - seconds)
         return apart, face_series(self.window.scenario, self.utc(apart))
 
     @cached_property
@@ -285,7 +295,7 @@ class View:
     def heat_of(self, window: Window) -> HeatModel:
         """Of a window like this one, at the prior's median."""
         median = self.problem.at(self.window, self.problem.priors.median()[None])[0]
-        return heat_model(window.scenario, HEAT, (window,), median)
+        return heat_model(window.scenario, _usual(window), (window,), median)
 
     def response(self, window: Window, z: FloatArray, node: str, series: FloatArray) -> FloatArray:
         """[R, k] K per watt of heat in a node, with series [k, 2 K] in each step. Raises SimulationFailure."""
@@ -355,12 +365,18 @@ def step_of(values: FloatArray) -> float:
     return min(float(np.min(apart[apart > 1e-6], initial=_COARSEST)), _COARSEST) if len(apart) else 1.0
 
 
+def _usual(window: Window) -> Heat:
+    """Heat that a window's simulator may lack and be right."""
+    heat = window.scenario.heat
+    return heat if isinstance(heat, Heat) else HEAT
+
+
 def view_of(problem: Problem, telemetry: xarray.Dataset) -> View:
     """Of a problem of one window, and the telemetry it was built from."""
     (window,) = problem.windows
     median = problem.at(window, problem.priors.median()[None])[0]
     rows = rows_of(window)
-    heat = heat_model(window.scenario, HEAT, (window,), median)
+    heat = heat_model(window.scenario, _usual(window), (window,), median)
     return View(problem, telemetry, rows, heat, tuple(thermostats(window, rows)))
 
 

@@ -250,7 +250,7 @@ def _rest(dataset: xarray.Dataset, channels: Sequence[_Channel], modes: FoundMod
     for name in heaters:
         # The one whose name is most like the heater's.
         node = max(nodes, key=lambda node: difflib.SequenceMatcher(None, name, node).ratio())
-        low, high = _span(dataset[node].values)
+        low, high = _thresholds(dataset[node].values, dataset[name].values)
         lines.append(
             f"    {name}: {{node: {node}, power: 10 W, sensor: {node}, on_below: {low} degC, off_above: {high} degC, "
             f"measured_by: {name}}}"
@@ -264,9 +264,10 @@ def _rest(dataset: xarray.Dataset, channels: Sequence[_Channel], modes: FoundMod
         lines += [f"  timeline_file: {_TIMELINE}", ""]
     if any(channel.kind == "driver" for channel in channels):
         driver = next(channel for channel in channels if channel.kind == "driver")
+        per = "" if driver.unit in (None, "1") else f"/{driver.unit}"
         lines += [
             "  # A driver heats a node by its value times a coefficient, such as",
-            f"  # loads: {{sun: {{node: {nodes[0]}, driver: {driver.name}, coefficient: 1 W/A}}}}",
+            f"  # loads: {{sun: {{node: {nodes[0]}, driver: {driver.name}, coefficient: 1 W{per}}}}}",
             "",
         ]
     lines += ["# Uncertain numbers, each with what is believed of it.", "parameters:"]
@@ -320,9 +321,14 @@ def _overlaps(ones: Sequence[_Stretch], others: Sequence[_Stretch]) -> list[_Str
     return [(start, end) for start, end in found if end > start]
 
 
-def _span(kelvins: np.ndarray) -> tuple[str, str]:
-    """Two thresholds, degC, within what a channel shows."""
-    low, high = np.nanquantile(kelvins - _ICE_POINT, (0.1, 0.5))
+def _thresholds(kelvins: np.ndarray, status: np.ndarray) -> tuple[str, str]:
+    """Two thresholds, degC: what a channel reads when a status changes, else within what it shows."""
+    celsius, known = kelvins - _ICE_POINT, np.flatnonzero(np.isfinite(kelvins) & np.isfinite(status))
+    turns = np.diff((status[known] > 0.5).astype(int))
+    low, high = np.nanquantile(celsius, (0.1, 0.5))
+    if (turns > 0).any() and (turns < 0).any():
+        on, off = (float(np.median(celsius[known[1:]][turns == sign])) for sign in (1, -1))
+        low, high = (on, off) if on < off else (low, high)
     return f"{low:.1f}", f"{max(high, low + 1.0):.1f}"
 
 

@@ -120,6 +120,15 @@ def swaps(view: View) -> Iterator[Wrong]:
             f"Exchange 'column' of {first} and {second} in 'telemetry: channels' (or their nodes in 'observations')",
         )
         yield Wrong("swapped", first, words, observed=view.observed[:, order], tries=len(pairs))
+    for shift in (-1, 1) if len(view.channels) > 2 else ():
+        words = Words(
+            "Every channel is its neighbour's",
+            f"With each channel's readings taken as those of the one {'after' if shift > 0 else 'before'} it, in the "
+            "order of 'observations', the model explains the telemetry.",
+            "Check every 'column' in 'telemetry: channels': a column may be missing in the file or in its header",
+        )
+        observed = np.roll(view.observed, shift, axis=1)
+        yield Wrong("swapped", " ".join(view.channels), words, observed=observed, tries=2.0)
 
 
 def other_nodes(view: View) -> Iterator[Wrong]:

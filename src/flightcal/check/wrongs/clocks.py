@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
 from functools import partial
+from itertools import product
 
 import numpy as np
 
@@ -16,6 +17,10 @@ _ZONES = tuple(3600.0 * h for k in range(1, 29) for h in (-k / 2, k / 2) if 3600
 """s, between a time zone and UTC."""
 _RATES = tuple(sign * share for share in (0.005, 0.01, 0.02, 0.04, 0.08) for sign in (-1.0, 1.0))
 _FEW_SHIFTS = tuple(shift for m in (3, 5, 7, 10, 15, 20, 30, 40) for shift in (-60.0 * m, 60.0 * m))
+
+
+_HOURS = (-7200.0, -3600.0, 3600.0, 7200.0)
+"""s, by which a packet may be of another zone; of one channel so much explains what is slow."""
 
 
 def clocks(view: View, seconds: Sequence[float] | FloatArray = SHIFTS) -> Iterator[Wrong]:
@@ -107,30 +112,32 @@ def _shifted(view: View, channel: str, late: float) -> FloatArray:
 
 
 def channel_clocks(
-    view: View, seconds: Sequence[float] | FloatArray = _FEW_SHIFTS, only: str | None = None
+    view: View, seconds: Sequence[float] | FloatArray = (*_FEW_SHIFTS, *_HOURS), only: str | None = None
 ) -> Iterator[Wrong]:
-    """One channel's time tags are late or early, by more than what lies between two of its samples."""
-    least = [view.apart([channel]) for channel in view.channels]
-    for late in map(float, seconds):
-        moved = view.readings(late)
-        for k, channel in enumerate(view.channels):
-            if only not in (None, channel) or abs(late) < least[k]:
-                continue
-            observed = view.observed.copy()
-            observed[:, k] = moved[:, k]
-            if len(view.channels) == 1 or np.isfinite(observed[:, k]).sum() < 0.7 * np.isfinite(moved).sum(0).max():
-                continue
-            how = "late" if late > 0 else "early"
-            words = Words(
-                f"{channel} is {duration(late)} {how}",
-                f"Moved by {duration(late)}, {channel} alone, all channels agree with the model.",
-                f"Check the time tags of {channel}; or write 'observations: {{{channel}: {{time_offset: {-late:.0f} "
-                "s}}'",
-            )
-            yield Wrong(
-                "channel clock", channel, words, observed, tries=len(_FEW_SHIFTS) * len(view.channels),
-                closer=partial(channel_clocks, view, closer(late, 240.0), channel),
-            )  # fmt: skip
+    """Time tags of a channel, or of a packet's, are late or early, by more than what lies between two samples."""
+    groups = {channel: [k] for k, channel in enumerate(view.channels)}
+    of_packets = [view.window.scenario.telemetry.channels[channel].packet for channel in view.channels]
+    for packet in {own for own in of_packets if own and of_packets.count(own) > 1}:
+        groups[f"packet {packet}"] = [k for k, other in enumerate(of_packets) if other == packet]
+    for late, (name, own) in product(map(float, seconds), groups.items()):
+        named = [view.channels[k] for k in own]
+        if len(own) == 1 and abs(late) >= abs(_HOURS[1]):
+            continue
+        if only not in (None, name) or abs(late) < view.apart(named) or len(own) == len(view.channels):
+            continue
+        moved, observed = view.readings(late), view.observed.copy()
+        observed[:, own] = moved[:, own]
+        if np.isfinite(moved[:, own]).sum(0).min() < 0.7 * np.isfinite(moved).sum(0).max():
+            continue
+        words = Words(
+            f"{name} is {duration(late)} {'late' if late > 0 else 'early'}",
+            f"Moved by {duration(late)}, {name} alone, all channels agree with the model.",
+            f"Check the time tags of {name}; or write 'time_offset: {-late:.0f} s' in 'observations' of each channel",
+        )
+        yield Wrong(
+            "channel clock", " ".join(named), words, observed, tries=len(_FEW_SHIFTS) * len(groups),
+            closer=partial(channel_clocks, view, closer(late, 240.0), name),
+        )  # fmt: skip
 
 
 WRONGS = (clocks, zones, rates, status_clocks, channel_clocks)

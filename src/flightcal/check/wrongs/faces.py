@@ -1,24 +1,32 @@
-"""Faces that look another way than the scenario says: one alone, or all with the body's axes."""
+"""Faces that look another way than the scenario says: one alone, or all with the body."""
 
 from __future__ import annotations
 
 from collections.abc import Iterator, Mapping
 from dataclasses import replace
-from itertools import permutations, product
+from itertools import combinations, product
 
 import numpy as np
+from scipy.spatial.transform import Rotation
 
 from ...problem import Window
+from ...scenario import Scenario
 from ...simulator import FloatArray, face_series
-from ..view import FINE, View
-from .wrong import Words, Wrong, put
+from ..view import View
+from .wrong import Words, Wrong, driven_otherwise, put
 
 Way = tuple[float, ...]
 _WAYS: tuple[Way, ...] = tuple(
     tuple(sign * float(k == axis) for k in range(3)) for axis in range(3) for sign in (1.0, -1.0)
 )
-_ALONG = 0.999
-"""Cosine from which a face looks along an axis."""
+_NO_TURN = 0.1
+"""rad, less than a turn to other axes."""
+_TILTS = (-60.0, -40.0, -20.0, 20.0, 40.0, 60.0)
+"""deg, by which the body is turned about one of its axes that are tried first."""
+_LEAST_TILT = 8.0
+"""deg, from which a body is tilted: by less an `attitude_offset` may say so."""
+_TILTED_WAYS = 500.0
+"""Attitudes that can be told apart, about: a turn is three numbers."""
 
 
 def faces(view: View) -> Iterator[Wrong]:
@@ -31,7 +39,8 @@ def faces(view: View) -> Iterator[Wrong]:
     }
     if scenario.environment.orbit is None or not turnable:
         return
-    seconds = np.union1d(np.arange(0.0, view.network.drive.times[-1], FINE), view.network.drive.times)
+    times = view.network.drive.times
+    seconds = np.union1d(view.lit_at(scenario, 0.0, times[-1]), times)
     lit = {way: _lit(view, turnable, way, seconds) for way in _WAYS}
     for way, (name, normal) in product(_WAYS, turnable.items()):
         if np.allclose(normal, way):
@@ -43,29 +52,41 @@ def faces(view: View) -> Iterator[Wrong]:
         )
         window = _turned(view, seconds, lit, {name: way})
         yield Wrong("face", name, words, window=window, tries=5 * len(turnable))
-    yield from _axes(view, seconds, lit, turnable)
+    if len(turnable) > 1:
+        yield from _axes(view)
+    yield from _exchanged(view, turnable)
 
 
-def _axes(
-    view: View, seconds: FloatArray, lit: Mapping[Way, Mapping[str, FloatArray]], normals: Mapping[str, Way]
-) -> Iterator[Wrong]:
-    """The body's axes are others; tried where all faces look along axes."""
-    along = {name: _WAYS[int(np.argmax(np.array(_WAYS) @ normal))] for name, normal in normals.items()}
-    if len(normals) < 2 or any(np.dot(along[name], normal) < _ALONG for name, normal in normals.items()):
-        return
-    for order, signs in product(permutations(range(3)), product((1.0, -1.0), repeat=3)):
-        turn = np.eye(3)[list(order)] * signs
-        if np.linalg.det(turn) < 0.0 or np.allclose(turn, np.eye(3)):
+def _axes(view: View) -> Iterator[Wrong]:
+    """The body's axes are others."""
+    for rotation in Rotation.create_group("O"):
+        if rotation.magnitude() < _NO_TURN:
             continue
-        named = [_named(turn[:, axis]) for axis in range(3)]
+        named = [_named(axis) for axis in rotation.as_matrix().T]
         words = Words(
             "The body's axes are others",
             f"With +x, +y and +z of all faces turned to {', '.join(named)}, sunlight and Earth's heat explain the "
             "telemetry.",
             "Check the axes of 'normal' in 'simulator: faces' beside those of 'attitude'",
         )
-        ways = {name: tuple((turn @ normal + 0.0).tolist()) for name, normal in along.items()}
-        yield Wrong("attitude", "axes", words, window=_turned(view, seconds, lit, ways), tries=23)
+        yield from driven_otherwise("attitude", "axes", words, view, tries=23, scenario=_looking(view, rotation))
+
+
+def _exchanged(view: View, normals: Mapping[str, Way]) -> Iterator[Wrong]:
+    """Two faces look each other's way."""
+    drive, columns = view.network.drive, view.network.network.columns
+    pairs = [(a, b) for a, b in combinations(normals, 2) if not np.allclose(normals[a], normals[b])]
+    for pair in pairs:
+        a, b = ([k for k, own in enumerate(columns) if own.partition(".")[2] == name] for name in pair)
+        inputs = drive.inputs.copy()
+        inputs[:, :, a + b] = inputs[:, :, b + a]
+        words = Words(
+            f"Faces {pair[0]} and {pair[1]} are exchanged",
+            f"With the normals of {pair[0]} and {pair[1]} exchanged, the model explains the telemetry.",
+            f"Check 'normal' of {pair[0]} and {pair[1]} in 'simulator: faces'",
+        )
+        window = view.simulated_by(drive=replace(drive, inputs=inputs))
+        yield Wrong("face", " ".join(pair), words, window=window, tries=5 * len(pairs))
 
 
 def _named(axis: FloatArray) -> str:
@@ -98,5 +119,49 @@ def _turned(
     return view.simulated_by(drive=replace(drive, inputs=inputs))
 
 
-WRONGS = (faces,)
+def tilts(view: View) -> Iterator[Wrong]:
+    """The body is turned by a constant angle against its attitude."""
+    scenario = view.window.scenario
+    if scenario.environment.orbit is None or all(face.normal == "all" for face in scenario.network.faces.values()):
+        return
+    for axis, angle in product(np.eye(3), _TILTS):
+        yield from _tilt(view, angle * axis, 20.0)
+
+
+def _tilt(view: View, turn: FloatArray, apart: float) -> Iterator[Wrong]:
+    """The body turned by a rotation vector [3], deg; apart: deg, between it and those that are tried near by."""
+    angle = float(np.linalg.norm(turn))
+    if angle < _LEAST_TILT:
+        return
+    rotation = Rotation.from_rotvec(turn, degrees=True)
+    about = ", ".join(f"{own:+.0f}" for own in turn)
+    words = Words(
+        f"The body is turned by {angle:.0f} deg against its attitude",
+        f"With the body turned by [{about}] deg about its axes x, y and z, sunlight and Earth's heat explain the "
+        "telemetry.",
+        "Check 'attitude' in 'environment', and the axes of 'normal' in 'simulator: faces'",
+    )
+
+    def around() -> Iterator[Wrong]:
+        for step in product((-1.0, 0.0, 1.0), repeat=3):
+            yield from _tilt(view, turn + 0.5 * apart * np.array(step), 0.5 * apart)
+
+    yield from driven_otherwise(
+        "attitude", "tilt", words, view, tries=_TILTED_WAYS, closer=around, scenario=_looking(view, rotation)
+    )
+
+
+def _looking(view: View, rotation: Rotation) -> Scenario:
+    """The scenario of a view with all faces turned."""
+    model = view.window.scenario.network
+    looking = {
+        name: face
+        if face.normal == "all"
+        else face.model_copy(update={"normal": tuple(rotation.apply(np.array(face.normal)).tolist())})
+        for name, face in model.faces.items()
+    }
+    return view.window.scenario.model_copy(update={"simulator": model.model_copy(update={"faces": looking})})
+
+
+WRONGS = (faces, tilts)
 """What looks for them."""

@@ -72,7 +72,7 @@ def heaters(view: View) -> Iterator[Wrong]:
         if view.network.network.paths.index(f"heaters.{name}.power") in view.network.mapping.set_positions:
             yield Wrong("heater", name, words, columns=own, least=_POWER, tries=len(blocks))
         else:
-            yield from _powers(view, name, (0.0, *FEW_TIMES, *FACTORS), len(blocks))
+            yield from _powers(view, name, [name], (0.0, *FEW_TIMES, *FACTORS), len(blocks))
         for node in view.heat.nodes:
             if node == block.node:
                 continue
@@ -86,17 +86,20 @@ def heaters(view: View) -> Iterator[Wrong]:
                 )
 
             yield Wrong("heater", name, moved, columns=other, least=0.6, tries=len(blocks) * len(view.heat.nodes))
+    if len(blocks) > 1:
+        yield from _powers(view, "every heater", list(blocks), FEW_TIMES, len(FEW_TIMES))
 
 
-def _powers(view: View, heater: str, factors: Sequence[float], tries: float) -> Iterator[Wrong]:
-    """A heater of other powers, each as the simulator has it."""
-    place = view.network.network.paths.index(f"heaters.{heater}.power")
+def _powers(view: View, name: str, heaters: Sequence[str], factors: Sequence[float], tries: float) -> Iterator[Wrong]:
+    """Heaters of other powers, each as the simulator has it; name: of them all."""
+    places = [view.network.network.paths.index(f"heaters.{heater}.power") for heater in heaters]
+    written = float(view.network.mapping.written[places].sum())
     for factor in factors:
         if abs(factor - 1.0) < _POWER:
             continue
-        words = _of_power(heater, factor, float(view.network.mapping.written[place]))
-        near = partial(_powers, view, heater, [factor * 2.0**more for more in np.linspace(-0.4, 0.4, 7)], tries)
-        yield Wrong("heater", heater, words, window=multiplied(view, [place], factor), tries=tries, closer=near)
+        words = _of_power(name, factor, written)
+        near = partial(_powers, view, name, heaters, [factor * 2.0**more for more in np.linspace(-0.4, 0.4, 7)], tries)
+        yield Wrong("heater", name, words, window=multiplied(view, places, factor), tries=tries, closer=near)
 
 
 def _of_power(heater: str, factor: float, written: float) -> Words:

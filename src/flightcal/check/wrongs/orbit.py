@@ -4,12 +4,15 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
 from functools import partial
+from itertools import product
 from typing import Any
 
 import numpy as np
+from scipy.spatial.transform import Rotation
 
 from ...errors import FlightcalError
-from ...scenario import CircularOrbit, Earth, KeplerianOrbit
+from ...report import number
+from ...scenario import CircularOrbit, Earth, KeplerianOrbit, SpinningAttitude
 from ...simulator import FloatArray
 from ..view import View
 from .wrong import Words, Wrong, closer, driven_otherwise, duration
@@ -17,13 +20,17 @@ from .wrong import Words, Wrong, closer, driven_otherwise, duration
 _STEPS = {
     "altitude": (-0.4, -0.3, -0.2, -0.1, 0.1, 0.2, 0.35, 0.5, 0.75, 1.0),
     "inclination": tuple(np.deg2rad(15.0 * k) for k in (-5, -4, -3, -2, -1, 1, 2, 3, 4, 5)),
-    "node": tuple(np.deg2rad(15.0 * k) for k in range(1, 24)),
+    "node": tuple(np.deg2rad([-4.0, -2.0, -1.0, 1.0, 2.0, 4.0, *(15.0 * k for k in range(1, 24))]).tolist()),
 }
 """Shares of the altitude, and rad."""
 _LOWEST = 150e3
 """m, of an orbit."""
 _GROUND = Earth().radius
 """m, from which heights count."""
+_SPIN_RATES = (1.0 / 60.0, 1.0 / 6.0, 0.5, 2.0, 6.0, 60.0)
+"""Factors by which the period of a spin is off: a unit, rpm for deg/s, or about half."""
+_SWINGS = (-120.0, -90.0, -60.0, -30.0, 30.0, 60.0, 90.0, 120.0, 180.0)
+"""deg, by which the direction of a spin is turned about an inertial axis."""
 
 
 def attitudes(view: View) -> Iterator[Wrong]:
@@ -44,6 +51,31 @@ def attitudes(view: View) -> Iterator[Wrong]:
         yield from driven_otherwise("attitude", attitude, words, view, tries=2, scenario=scenario)
 
 
+def spins(view: View) -> Iterator[Wrong]:
+    """A spinner's axis points another way, or it turns at another rate; another axis of the body is a tilt."""
+    environment = view.window.scenario.environment
+    attitude = environment.attitude
+    if not isinstance(attitude, SpinningAttitude) or environment.orbit is None:
+        return
+    others: list[tuple[str, Any, str]] = []
+    for axis, angle in product(np.eye(3), np.deg2rad(_SWINGS)):
+        way = tuple(Rotation.from_rotvec(angle * axis).apply(np.array(attitude.direction)).tolist())
+        others.append(("direction", way, "[" + ", ".join(f"{own:.2f}" for own in way) + "]"))
+    if attitude.period is not None:
+        others.append(("period", None, "null (the mean over a turn)"))
+        for factor in _SPIN_RATES:
+            others.append(("period", attitude.period * factor, f"{number(attitude.period * factor, 3)} s"))
+    for name, value, text in others:
+        changed = environment.model_copy(update={"attitude": attitude.model_copy(update={name: value})})
+        scenario = view.window.scenario.model_copy(update={"environment": changed})
+        words = Words(
+            "The satellite spins otherwise",
+            f"With {name} {text}, sunlight and Earth's heat explain the telemetry.",
+            f"Check '{name}' in 'environment: attitude'",
+        )
+        yield from driven_otherwise("attitude", name, words, view, tries=len(others), scenario=scenario)
+
+
 def orbits(view: View) -> Iterator[Wrong]:
     """Another plane of the orbit, or another height."""
     orbit = view.window.scenario.environment.orbit
@@ -55,6 +87,8 @@ def orbits(view: View) -> Iterator[Wrong]:
     for name, steps in ((height, _STEPS["altitude"]), ("inclination", _STEPS["inclination"]), (node, of_node)):
         for step in steps:
             yield from _other_orbit(view, orbit, name, step, tries=len(_STEPS) * len(steps))
+    if isinstance(orbit, CircularOrbit) and orbit.altitude > _GROUND:
+        yield from _other_orbit(view, orbit, "altitude", -_GROUND / orbit.altitude, tries=1.0)
 
 
 def _other_orbit(
@@ -137,5 +171,5 @@ def eclipses(view: View) -> Iterator[Wrong]:
     yield from driven_otherwise("eclipse", flag, words, view, tries=1.0, scenario=scenario)
 
 
-WRONGS = (attitudes, orbits, places, eclipses)
+WRONGS = (attitudes, spins, orbits, places, eclipses)
 """What looks for them."""

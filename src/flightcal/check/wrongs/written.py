@@ -95,6 +95,25 @@ def _number(
     yield Wrong("number", name, words, window=multiplied(view, places, factor), tries=tries, closer=closer)
 
 
+def coatings(view: View) -> Iterator[Wrong]:
+    """Absorptivity and emissivity of every face are each other's, where no parameter says what they are."""
+    paths, fixed = view.network.network.paths, {view.network.network.paths[k] for k in fixed_numbers(view)}
+    faces = [path.rpartition(".")[0] for path in paths if path.startswith("faces.") and path.endswith(".emissivity")]
+    own = [path for face in faces for path in (f"{face}.absorptivity", f"{face}.emissivity")]
+    if len(faces) < 2 or not fixed.issuperset(own):
+        return
+    written = view.network.mapping.written.copy()
+    places = np.array([paths.index(path) for path in own]).reshape(-1, 2)
+    written[places] = written[places[:, ::-1]]
+    words = Words(
+        "Absorptivity and emissivity are exchanged",
+        "With the two of every face exchanged, the model explains the telemetry.",
+        "Check 'absorptivity' and 'emissivity' in 'simulator: faces'",
+    )
+    window = view.simulated_by(mapping=view.network.mapping._replace(written=written))
+    yield Wrong("number", "every coating", words, window=window)
+
+
 def left_out(view: View) -> Iterator[Wrong]:
     """Sunlight or heat from the Earth is written as zero."""
     mapping, paths = view.network.mapping, view.network.network.paths
@@ -162,5 +181,5 @@ def priors(view: View) -> Iterator[Wrong]:
         yield Wrong("prior", name, words, widened=k, least=_FAR, tries=len(parameters))
 
 
-WRONGS = (numbers, left_out, links, priors)
+WRONGS = (numbers, coatings, left_out, links, priors)
 """What looks for them."""

@@ -109,7 +109,7 @@ def driven(
     drive, columns = view.network.drive, view.network.network.columns
     inputs, measured = drive.inputs.copy(), drive.measured
     if scenario is not None:
-        fine = np.union1d(np.arange(0.0, drive.times[-1], FINE), drive.times)
+        fine = np.union1d(view.lit_at(scenario, 0.0, drive.times[-1]), drive.times)
         put(inputs, columns, fine, face_series(scenario, view.utc(fine)), drive.times)
     elif sunlight or gaining:
         fine, lit = view.sunlight_before(sunlight)

@@ -2,6 +2,10 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping, Sequence
+from dataclasses import replace
+from typing import Any
+
 from scipy.stats import chi2, norm
 
 from ...probability import INDEPENDENT
@@ -24,10 +28,24 @@ FAR_OFF = 1e-6
 
 def suspected(run: RunFiles) -> list[Finding]:
     """What was likely to be wrong before any sampling, and is not mended by it."""
-    return [
-        Finding("bad", f"Likely wrong: {own['title']}", str(own["sentence"]), then=f"{own['advice']}.")
-        for own in run.suspects
-    ]
+    return likely(run.suspects)
+
+
+def likely(found: Sequence[Mapping[str, Any]]) -> list[Finding]:
+    """Of the records of what is likely wrong: what telemetry shows by itself, and of what explains it the best."""
+    compared = [own for own in found if own.get("nats") is not None]
+    findings = [_likely(own, "Likely wrong") for own in found if own.get("nats") is None]
+    if len(compared) == 1:
+        findings.append(_likely(compared[0], "Likely wrong"))
+    elif compared:
+        best = _likely(compared[0], f"Likely wrong, one of {len(compared)}")
+        text = f"{best.text} What follows explains the telemetry nearly as well; or the model is too simple."
+        findings.append(replace(best, text=text, details=tuple(f"Or: {own['title']}." for own in compared[1:])))
+    return findings
+
+
+def _likely(own: Mapping[str, Any], mark: str) -> Finding:
+    return Finding("bad", f"{mark}: {own['title']}", str(own["sentence"]), then=f"{own['advice']}.")
 
 
 def noise(run: RunFiles) -> Finding:
