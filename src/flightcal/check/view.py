@@ -4,7 +4,8 @@ from __future__ import annotations
 
 from collections.abc import Iterable, Iterator
 from dataclasses import dataclass, replace
-from functools import cached_property
+from functools import cached_property, lru_cache
+from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -12,9 +13,10 @@ import xarray
 from numpy.typing import NDArray
 
 from ..environment import shadow_edges
+from ..errors import OrbitError
 from ..problem import HeatModel, Problem, Window, heat_model, initial_priors, responses, unit_heats
-from ..scenario import Heat, HeatPattern, HeatSlow, Scenario
-from ..simulator import FloatArray, NetworkSimulator, SimulationFailure, face_series
+from ..scenario import Environment, Heat, HeatPattern, HeatSlow, Scenario
+from ..simulator import FloatArray, NetworkSimulator, SimulationFailure, Times, face_series
 from ..telemetry import window_bounds
 from .evaluate import spread_in_z
 
@@ -24,6 +26,8 @@ FINE = 60.0
 """s, how far apart sunlight is looked up,"""
 REACH = 7800.0
 """s, and how far before and after the window."""
+ZONES = 50_400.0
+"""s, of which the clock of a time zone is off at most."""
 INFERRED = "status by temperature of "
 """Begins the names of channels that are no telemetry."""
 NO_LINK = 1e-9
@@ -213,15 +217,28 @@ class View:
         if scenario.environment.orbit is None:
             return every
         start, end = self.utc(np.array([first, last]))
-        edges = shadow_edges(scenario.environment, start, end, scenario.folder)
+        edges = _edges(scenario.environment.model_copy(update={"attitude": "nadir"}), start, end, scenario.folder)
         return np.union1d(every, first + (edges - start) / np.timedelta64(1, "s"))
 
     def sunlight_before(self, seconds: float) -> tuple[FloatArray, dict[str, FloatArray]]:
-        """As `sunlight`; where that does not reach so many s back, what shone then."""
+        """As `sunlight`; where that does not reach so many s back, up to `ZONES`, what shone then."""
         if abs(seconds) <= REACH:
             return self.sunlight
-        apart = self.lit_at(self.window.scenario, -FINE - seconds, 1.1 * self.network.drive.times[-1] + FINE - seconds)
-        return apart, face_series(self.window.scenario, self.utc(apart))
+        first, last = -FINE - seconds, 1.1 * self.network.drive.times[-1] + FINE - seconds
+        try:
+            times, lit = self._sunlight_of_a_day
+        except OrbitError:  # samples of orbit or attitude do not reach as far
+            apart = self.lit_at(self.window.scenario, first, last)
+            return apart, face_series(self.window.scenario, self.utc(apart))
+        then = slice(*np.searchsorted(times, [first, last]).tolist())
+        return times[then], {column: own[then] for column, own in lit.items()}
+
+    @cached_property
+    def _sunlight_of_a_day(self) -> tuple[FloatArray, dict[str, FloatArray]]:
+        """As `sunlight`, as far as time zones reach. Raises OrbitError."""
+        last = 1.1 * self.network.drive.times[-1] + FINE + ZONES
+        seconds = self.lit_at(self.window.scenario, -FINE - ZONES, last)
+        return seconds, face_series(self.window.scenario, self.utc(seconds))
 
     @cached_property
     def spread(self) -> FloatArray:
@@ -357,6 +374,12 @@ def noise_of(values: FloatArray) -> float:
         return 0.0
     bends = np.diff(valid, 2)
     return float(np.hypot(_RUGGED * np.median(np.abs(bends)) / np.sqrt(6.0), step_of(valid) / np.sqrt(12.0)))
+
+
+@lru_cache(maxsize=32)
+def _edges(environment: Environment, start: np.datetime64, end: np.datetime64, folder: Path) -> Times:
+    """Where shadows begin and end. Most wrongs leave the orbit as it is."""
+    return shadow_edges(environment, start, end, folder)
 
 
 def step_of(values: FloatArray) -> float:

@@ -67,14 +67,10 @@ def shadow_edges(environment: Environment, start: np.datetime64, end: np.datetim
         raise OrbitError(f"shadow_edges: found end {end}, expected a time not before start {start}")
     geometry, coarse = geometry_of(environment, folder), search_times(environment, start, end, folder)
 
-    def penumbra(seconds: Floats) -> Floats:
-        return _contacts(geometry(seconds_later(start, seconds)), environment.earth)[0]
+    def contacts(seconds: Floats) -> Floats:
+        return _contacts(geometry(seconds_later(start, seconds)), environment.earth)
 
-    def umbra(seconds: Floats) -> Floats:
-        return _contacts(geometry(seconds_later(start, seconds)), environment.earth)[1]
-
-    edges = np.concatenate([zeros(contact, coarse) for contact in (penumbra, umbra)])
-    return np.sort(seconds_later(start, edges))
+    return np.sort(seconds_later(start, zeros(contacts, coarse)))
 
 
 def search_times(environment: Environment, start: np.datetime64, end: np.datetime64, folder: Path) -> Floats:
@@ -97,30 +93,37 @@ def _apparent(
     return sun, earth, np.arctan2(across, -np.sum(position * to_sun, axis=-1))
 
 
-def _contacts(at: Geometry, figure: Earth) -> tuple[Floats, Floats]:
-    """Two angles [T] rad that are zero at the outer (penumbra) and at the inner (umbra) contacts."""
+def _contacts(at: Geometry, figure: Earth) -> Floats:
+    """Two angles [T, 2] rad that are zero at the outer (penumbra) and at the inner (umbra) contacts."""
     sun, earth, separation = _apparent(at.position, at.sun, figure.radius, figure.flattening)
-    return separation - (earth + sun), separation - np.abs(earth - sun)
+    return np.stack([separation - (earth + sun), separation - np.abs(earth - sun)], axis=-1)
 
 
-def zeros(function: Callable[[Floats], Floats], coarse: Floats) -> Floats:
-    """Zeros of `function` between the points of the grid `coarse`, all bisected together."""
-    grid, value = _near_misses_refined(coarse, function(coarse), function)
-    crossing = np.flatnonzero((value[:-1] > 0) != (value[1:] > 0))
-    low, high, positive = grid[crossing], grid[crossing + 1], value[crossing] > 0
-    for _ in range(_BISECTIONS if crossing.size else 0):
+def zeros(functions: Callable[[Floats], Floats], coarse: Floats) -> Floats:
+    """Zeros of each of K functions, [T] to [T, K], between the points of the grid `coarse`: all bisected together."""
+    values = functions(coarse)
+    brackets: list[tuple[Floats, Floats, Floats, Floats]] = []
+    for k in range(values.shape[1]):
+        grid, value = _near_misses_refined(coarse, values[:, k], functions, k)
+        crossing = np.flatnonzero((value[:-1] > 0) != (value[1:] > 0))
+        brackets.append((grid[crossing], grid[crossing + 1], value[crossing], np.full(len(crossing), k)))
+    low, high, first, which = (np.concatenate(own) for own in zip(*brackets, strict=True))
+    each = np.arange(len(low))
+    for _ in range(_BISECTIONS if len(low) else 0):
         middle = (low + high) / 2
-        before = (function(middle) > 0) == positive
+        before = (functions(middle)[each, which] > 0) == (first > 0)
         low, high = np.where(before, middle, low), np.where(before, high, middle)
     return (low + high) / 2
 
 
-def _near_misses_refined(grid: Floats, value: Floats, function: Callable[[Floats], Floats]) -> tuple[Floats, Floats]:
-    """Grid and values with the steps around local minima above zero cut finer, to catch short passages."""
+def _near_misses_refined(
+    grid: Floats, value: Floats, functions: Callable[[Floats], Floats], k: int
+) -> tuple[Floats, Floats]:
+    """Grid and values of one function with the steps around local minima above zero cut finer: short passages."""
     dip = np.flatnonzero((value[1:-1] > 0) & (value[1:-1] <= value[:-2]) & (value[1:-1] <= value[2:])) + 1
     if not dip.size:
         return grid, value
     finer = np.linspace(grid[dip - 1], grid[dip + 1], 2 * _REFINEMENT + 1)[1:-1].ravel()
     grid = np.concatenate([grid, finer])
     order = np.argsort(grid, kind="stable")
-    return grid[order], np.concatenate([value, function(finer)])[order]
+    return grid[order], np.concatenate([value, functions(finer)[:, k]])[order]

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from pathlib import Path
 
 import numpy as np
@@ -55,11 +55,7 @@ def sun_edges(
         # A face that stays edge on to the Sun is not turned by rounding.
         return np.where(np.abs(found) < _EDGE_ON, 0.0, found)
 
-    def cosine(k: int) -> Callable[[Floats], Floats]:
-        return lambda seconds: cosines(seconds)[:, k]
-
-    found = np.concatenate([zeros(cosine(k), coarse) for k in range(len(flat))])
-    times = np.unique(seconds_later(start, found))
+    times = np.unique(seconds_later(start, zeros(cosines, coarse)))
     at = geometry(times)
     earth = environment.earth
     lit = sunlit_fraction(at.position, at.sun, earth.radius, earth.flattening) > 0.0
