@@ -13,12 +13,15 @@ from functools import lru_cache
 from typing import Protocol
 
 import numpy as np
+from numpy.typing import NDArray
 
 from ._time import Floats
 from .orbit import EARTH_RADIUS
 
 _RINGS, _SECTORS = 16, 48
 """Quadrature of the Earth's disc: measured error up to 0.05% of the peak from 200 km up (tests hold 0.1%)."""
+_TWILIGHT = 1e-3
+"""Cosine by which more than the Earth that a spacecraft sees has to be dark, for it to get no albedo."""
 _BLOCK = 128
 """Times handled at once, which bounds the memory: about 8 MB for ten faces."""
 
@@ -29,7 +32,7 @@ class Faces(Protocol):
     def cosine(self, direction: Floats) -> Floats:
         """Mean cosine of incidence [T, Q, F] of light from `direction` [T, Q, 3], unit vectors, inertial."""
 
-    def at(self, select: slice) -> Faces:
+    def at(self, select: slice | NDArray[np.int64]) -> Faces:
         """The same faces at some of the times."""
 
 
@@ -44,7 +47,7 @@ class Flat:
         """Cosine of incidence [T, Q, F]; see `Faces`."""
         return np.maximum(direction @ np.swapaxes(self.normals, 1, 2), 0.0)
 
-    def at(self, select: slice) -> Flat:
+    def at(self, select: slice | NDArray[np.int64]) -> Flat:
         """The same faces at some of the times."""
         return Flat(self.normals[select])
 
@@ -62,7 +65,7 @@ class Spun:
         """Cosine of incidence [T, Q, F]; see `Faces`."""
         return turn_mean_cosine(self.cosines, (direction @ self.axis)[..., None])
 
-    def at(self, select: slice) -> Spun:
+    def at(self, select: slice | NDArray[np.int64]) -> Spun:
         """The same: nothing depends on time."""
         return self
 
@@ -75,7 +78,7 @@ class AllDirections:
         """1/4 [T, Q, 1], from wherever the light comes: a convex body's mean projected area over its area."""
         return np.full((*direction.shape[:-1], 1), 0.25)
 
-    def at(self, select: slice) -> AllDirections:
+    def at(self, select: slice | NDArray[np.int64]) -> AllDirections:
         """The same: nothing depends on time."""
         return self
 
@@ -142,7 +145,13 @@ def albedo_view(faces: Faces, position: Floats, sun: Floats, earth_radius: float
     Earth both above the face's horizon and sunlit: (1 / pi) cos(solar zenith angle) cos(incidence)
     d(solid angle).
     """
-    return _integral(faces, position, sun, earth_radius, lit=True)
+    up, towards = (vector / np.linalg.norm(vector, axis=-1, keepdims=True) for vector in (position, sun))
+    horizon = np.sqrt(np.maximum(1.0 - (earth_radius / np.linalg.norm(position, axis=-1)) ** 2, 0.0))
+    day = np.flatnonzero(np.sum(up * towards, axis=-1) > -horizon - _TWILIGHT)
+    found = _integral(faces.at(day), position[day], sun[day], earth_radius, lit=True)
+    whole = np.zeros((len(position), found.shape[1]))
+    whole[day] = found
+    return whole
 
 
 def _integral(faces: Faces, position: Floats, sun: Floats, earth_radius: float, lit: bool) -> Floats:
