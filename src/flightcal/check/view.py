@@ -26,6 +26,8 @@ FINE = 60.0
 """s, how far apart sunlight is looked up,"""
 REACH = 7800.0
 """s, and how far before and after the window."""
+_RINGS = 8
+"""Of the quadrature of albedo, which is right to 1% of its peak on each face."""
 ZONES = 50_400.0
 """s, of which the clock of a time zone is off at most."""
 INFERRED = "status by temperature of "
@@ -209,7 +211,7 @@ class View:
     def sunlight(self) -> tuple[FloatArray, dict[str, FloatArray]]:
         """Times [M], s from the window's start, and what shines on the faces, by column [M] W/m^2."""
         seconds = self.lit_at(self.window.scenario, -REACH, self.network.drive.times[-1] + REACH)
-        return seconds, face_series(self.window.scenario, self.utc(seconds))
+        return seconds, self.shines(self.window.scenario, seconds)
 
     def lit_at(self, scenario: Scenario, first: float, last: float) -> FloatArray:
         """Times [M], s from the window's start, at which sunlight is looked up: also where a shadow begins and ends."""
@@ -220,6 +222,10 @@ class View:
         edges = _edges(scenario.environment.model_copy(update={"attitude": "nadir"}), start, end, scenario.folder)
         return np.union1d(every, first + (edges - start) / np.timedelta64(1, "s"))
 
+    def shines(self, scenario: Scenario, seconds: FloatArray) -> dict[str, FloatArray]:
+        """What shines on a scenario's faces at times [M], s from the window's start, by column. Raises OrbitError."""
+        return face_series(scenario, self.utc(seconds), rings=_RINGS)
+
     def sunlight_before(self, seconds: float) -> tuple[FloatArray, dict[str, FloatArray]]:
         """As `sunlight`; where that does not reach so many s back, up to `ZONES`, what shone then."""
         if abs(seconds) <= REACH:
@@ -229,7 +235,7 @@ class View:
             times, lit = self._sunlight_of_a_day
         except OrbitError:  # samples of orbit or attitude do not reach as far
             apart = self.lit_at(self.window.scenario, first, last)
-            return apart, face_series(self.window.scenario, self.utc(apart))
+            return apart, self.shines(self.window.scenario, apart)
         then = slice(*np.searchsorted(times, [first, last]).tolist())
         return times[then], {column: own[then] for column, own in lit.items()}
 
@@ -238,7 +244,7 @@ class View:
         """As `sunlight`, as far as time zones reach. Raises OrbitError."""
         last = 1.1 * self.network.drive.times[-1] + FINE + ZONES
         seconds = self.lit_at(self.window.scenario, -FINE - ZONES, last)
-        return seconds, face_series(self.window.scenario, self.utc(seconds))
+        return seconds, self.shines(self.window.scenario, seconds)
 
     @cached_property
     def spread(self) -> FloatArray:

@@ -14,7 +14,7 @@ from ..scenario import Environment, SpinningAttitude, Vector
 from ._time import Floats, Times
 from .attitude import body_to_inertial, unit
 from .eclipse import sunlit_fraction
-from .faces import AllDirections, Faces, Flat, Spun, albedo_view, infrared_view
+from .faces import RINGS, AllDirections, Faces, Flat, Spun, albedo_view, infrared_view
 from .geometry import Geometry, geometry_of
 from .sun import solar_flux
 
@@ -48,13 +48,15 @@ def face_fluxes(
     folder: Path = Path(),
     *,
     sunlit: Floats | None = None,
+    rings: int = RINGS,
 ) -> FaceFluxes:
     """Heat flux on `faces` (name -> normal) at `times` [T]; sample files are read from `folder`.
 
     Times may come in any order and repeat. Faces do not shade each other. For "all", and where the body
     spins fast (SpinningAttitude without a period), fluxes are means over the directions of the normal.
     The Earth is a diffuse sphere of equatorial radius, of uniform albedo and infrared; its shadow may be flattened.
-    sunlit: [T] share of the solar disc that is seen, where it is known otherwise; NaN: it is not. Raises OrbitError.
+    sunlit: [T] share of the solar disc that is seen, where it is known otherwise; NaN: it is not.
+    rings: of the quadrature of albedo. Raises OrbitError.
     """
     at = geometry_of(environment, folder)(times)
     names = tuple(faces)
@@ -75,7 +77,7 @@ def face_fluxes(
     solar, albedo, infrared = (np.empty((len(times), len(names))) for _ in range(3))
     for columns, group in groups:
         solar[:, columns] = direct[:, None] * group.cosine(to_sun)[:, 0]
-        albedo[:, columns] = flux[:, None] * albedo_view(group, at.position, at.sun, earth.radius)
+        albedo[:, columns] = flux[:, None] * albedo_view(group, at.position, at.sun, earth.radius, rings)
         infrared[:, columns] = infrared_view(group, at.position, earth.radius)
     return FaceFluxes(names, solar, albedo, infrared)
 

@@ -12,7 +12,7 @@ import numpy as np
 import xarray
 from numpy.typing import NDArray
 
-from ..environment import face_fluxes, sample_times, shadow_edges, slew_edges, sun_edges
+from ..environment import RINGS, face_fluxes, sample_times, shadow_edges, slew_edges, sun_edges
 from ..errors import TelemetryError, require_memory
 from ..scenario import Scenario, SpinningAttitude, load_driver
 from ..telemetry import (
@@ -253,10 +253,12 @@ def _sunlit(telemetry: xarray.Dataset, flag: str, times: Times) -> FloatArray:
     return np.asarray(lit[np.clip(after - before, 0, len(lit) - 1)])
 
 
-def face_series(scenario: Scenario, times: Times, sunlit: FloatArray | None = None) -> dict[str, FloatArray]:
+def face_series(
+    scenario: Scenario, times: Times, sunlit: FloatArray | None = None, rings: int = RINGS
+) -> dict[str, FloatArray]:
     """Input series of the faces by column, such as ``solar.<face>`` [K] (W/m^2), at `times` [K]; see `flux_kinds`.
 
-    sunlit: see `face_fluxes`.
+    sunlit, rings: see `face_fluxes`.
     """
     faces = scenario.network.faces
     if not faces:
@@ -270,7 +272,7 @@ def face_series(scenario: Scenario, times: Times, sunlit: FloatArray | None = No
         for axis in ("xyz" if scenario.environment.attitude_offset is not None else "")
         for sign in (1, -1)
     }
-    fluxes = face_fluxes(scenario.environment, normals | turned, times, scenario.folder, sunlit=sunlit)
+    fluxes = face_fluxes(scenario.environment, normals | turned, times, scenario.folder, sunlit=sunlit, rings=rings)
     place = {way: k for k, way in enumerate(fluxes.names)}
     series = {}
     for name, face in faces.items():

@@ -11,7 +11,7 @@ from scipy.spatial.transform import Rotation
 
 from ...problem import Window
 from ...scenario import Scenario
-from ...simulator import FloatArray, face_series
+from ...simulator import FloatArray
 from ..view import View
 from .wrong import Words, Wrong, driven_otherwise, put
 
@@ -100,7 +100,7 @@ def _lit(view: View, names: Mapping[str, Way], way: Way, seconds: FloatArray) ->
     model = view.window.scenario.network
     looking = {name: model.faces[name].model_copy(update={"normal": way}) for name in names}
     changed = model.model_copy(update={"faces": {**model.faces, **looking}})
-    return face_series(view.window.scenario.model_copy(update={"simulator": changed}), view.utc(seconds))
+    return view.shines(view.window.scenario.model_copy(update={"simulator": changed}), seconds)
 
 
 def _turned(

@@ -12,7 +12,7 @@ import xarray
 from ...errors import FlightcalError
 from ...problem import Window
 from ...scenario import Scenario
-from ...simulator import FloatArray, SimulationFailure, face_series, in_steps
+from ...simulator import FloatArray, SimulationFailure, in_steps
 from ...telemetry import status_fraction
 from ..evidence import AS_READ, Fit, Scale
 from ..view import FINE, INFERRED, REACH, Memory, View
@@ -110,7 +110,7 @@ def driven(
     inputs, measured = drive.inputs.copy(), drive.measured
     if scenario is not None:
         fine = np.union1d(view.lit_at(scenario, 0.0, drive.times[-1]), drive.times)
-        put(inputs, columns, fine, face_series(scenario, view.utc(fine)), drive.times)
+        put(inputs, columns, fine, view.shines(scenario, fine), drive.times)
     elif sunlight or gaining:
         fine, lit = view.sunlight_before(sunlight)
         put(inputs, columns, fine * (1.0 + gaining) + sunlight, lit, drive.times)
