@@ -210,7 +210,11 @@ class View:
     @cached_property
     def sunlight(self) -> tuple[FloatArray, dict[str, FloatArray]]:
         """Times [M], s from the window's start, and what shines on the faces, by column [M] W/m^2."""
-        seconds = self.lit_at(self.window.scenario, -REACH, self.network.drive.times[-1] + REACH)
+        return self._shone(-REACH, self.network.drive.times[-1] + REACH)
+
+    def _shone(self, first: float, last: float) -> tuple[FloatArray, dict[str, FloatArray]]:
+        """As `sunlight`, from the first to the last time. Raises OrbitError."""
+        seconds = self.lit_at(self.window.scenario, first, last)
         return seconds, self.shines(self.window.scenario, seconds)
 
     def lit_at(self, scenario: Scenario, first: float, last: float) -> FloatArray:
@@ -234,17 +238,14 @@ class View:
         try:
             times, lit = self._sunlight_of_a_day
         except OrbitError:  # samples of orbit or attitude do not reach as far
-            apart = self.lit_at(self.window.scenario, first, last)
-            return apart, self.shines(self.window.scenario, apart)
+            return self._shone(first, last)
         then = slice(*np.searchsorted(times, [first, last]).tolist())
         return times[then], {column: own[then] for column, own in lit.items()}
 
     @cached_property
     def _sunlight_of_a_day(self) -> tuple[FloatArray, dict[str, FloatArray]]:
         """As `sunlight`, as far as time zones reach. Raises OrbitError."""
-        last = 1.1 * self.network.drive.times[-1] + FINE + ZONES
-        seconds = self.lit_at(self.window.scenario, -FINE - ZONES, last)
-        return seconds, self.shines(self.window.scenario, seconds)
+        return self._shone(-FINE - ZONES, 1.1 * self.network.drive.times[-1] + FINE + ZONES)
 
     @cached_property
     def spread(self) -> FloatArray:

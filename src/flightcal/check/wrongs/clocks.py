@@ -10,15 +10,13 @@ import numpy as np
 
 from ...report import listed, number
 from ...simulator import FloatArray
-from ..view import REACH, View
+from ..view import REACH, ZONES, View
 from .wrong import SHIFT, SHIFTS, Words, Wrong, closer, driven_otherwise, duration, status_channels
 
-_ZONES = tuple(3600.0 * h for k in range(1, 29) for h in (-k / 2, k / 2) if 3600.0 * k / 2 > REACH)
+_ZONES = tuple(h for k in range(1, round(ZONES / 1800.0) + 1) for h in (-1800.0 * k, 1800.0 * k) if abs(h) > REACH)
 """s, between a time zone and UTC."""
 _RATES = tuple(sign * share for share in (0.005, 0.01, 0.02, 0.04, 0.08) for sign in (-1.0, 1.0))
 _FEW_SHIFTS = tuple(shift for m in (3, 5, 7, 10, 15, 20, 30, 40) for shift in (-60.0 * m, 60.0 * m))
-
-
 _HOURS = (-7200.0, -3600.0, 3600.0, 7200.0)
 """s, by which a packet may be of another zone; of one channel so much explains what is slow."""
 
@@ -119,13 +117,14 @@ def channel_clocks(
     of_packets = [view.window.scenario.telemetry.channels[channel].packet for channel in view.channels]
     for packet in {own for own in of_packets if own and of_packets.count(own) > 1}:
         groups[f"packet {packet}"] = [k for k, other in enumerate(of_packets) if other == packet]
-    for late, (name, own) in product(map(float, seconds), groups.items()):
-        named = [view.channels[k] for k in own]
-        if len(own) == 1 and abs(late) >= abs(_HOURS[1]):
+    tried = {name: own for name, own in groups.items() if only in (None, name) and len(own) < len(view.channels)}
+    channels = {name: [view.channels[k] for k in own] for name, own in tried.items()}
+    least = {name: view.apart(named) for name, named in channels.items()}
+    readings = {late: view.readings(late) for late in map(float, seconds)}
+    for (late, moved), (name, own) in product(readings.items(), tried.items()):
+        if abs(late) < least[name] or (len(own) == 1 and abs(late) >= min(map(abs, _HOURS))):
             continue
-        if only not in (None, name) or abs(late) < view.apart(named) or len(own) == len(view.channels):
-            continue
-        moved, observed = view.readings(late), view.observed.copy()
+        observed = view.observed.copy()
         observed[:, own] = moved[:, own]
         if np.isfinite(moved[:, own]).sum(0).min() < 0.7 * np.isfinite(moved).sum(0).max():
             continue
@@ -135,7 +134,7 @@ def channel_clocks(
             f"Check the time tags of {name}; or write 'time_offset: {-late:.0f} s' in 'observations' of each channel",
         )
         yield Wrong(
-            "channel clock", " ".join(named), words, observed, tries=len(_FEW_SHIFTS) * len(groups),
+            "channel clock", " ".join(channels[name]), words, observed, tries=len(_FEW_SHIFTS) * len(groups),
             closer=partial(channel_clocks, view, closer(late, 240.0), name),
         )  # fmt: skip
 
