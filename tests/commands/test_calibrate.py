@@ -328,11 +328,10 @@ def test_interrupted_sampling_is_saved_reported_and_taken_up_again(tmp_path, mon
     assert not summary.interrupted
 
 
-@pytest.fixture
-def satellite(tmp_path):
+@pytest.fixture(scope="module")
+def satellite(tmp_path_factory):
     """A folder as the bundled satellite's, whose `reduce.yaml` is a scenario, which takes less time."""
-    folder = tmp_path / "satellite"
-    folder.mkdir()
+    folder = tmp_path_factory.mktemp("satellite")
     first = write(folder)
     content = YAML(typ="safe").load(first)
     for name in ("published.yaml", "reduce.yaml"):
@@ -342,11 +341,24 @@ def satellite(tmp_path):
     return folder
 
 
-def test_a_demo_keeps_the_scores_of_the_other_models_beside_its_own(satellite, tmp_path):
-    out = tmp_path / "run"
+@pytest.fixture(scope="module")
+def demonstrated(satellite, tmp_path_factory):
+    """The demo's folder, its runs, and before each its name and whether a page with the published model is there."""
+    out, seen = tmp_path_factory.mktemp("demo") / "run", []
+    whole = calibrate.run_experiment
 
-    runs = run_demo(out, satellite)
+    def experiment(file, folder, **options):
+        page = out / "report.html"
+        seen.append((folder.name, page.exists() and "published model" in page.read_text(encoding="utf-8")))
+        return whole(file, folder, **options)
 
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(calibrate, "run_experiment", experiment)
+        return out, run_demo(out, satellite), seen
+
+
+def test_a_demo_keeps_the_scores_of_the_other_models_beside_its_own(demonstrated):
+    out, runs, _ = demonstrated
     assert {name: run.run for name, run in runs.items()} == {
         "flightcal": out, "published": out / "published", "reduced": out / "reduced",
     }  # fmt: skip
@@ -365,28 +377,20 @@ def test_a_demo_keeps_the_scores_of_the_other_models_beside_its_own(satellite, t
     assert "reduced model" in page
 
 
-def test_a_page_of_the_demo_is_there_before_the_reduced_model_is_calibrated(satellite, tmp_path, monkeypatch):
-    out, seen = tmp_path / "run", []
-    whole = calibrate.run_experiment
-
-    def experiment(file, folder, **options):
-        page = out / "report.html"
-        seen.append((folder.name, page.exists() and "published model" in page.read_text(encoding="utf-8")))
-        return whole(file, folder, **options)
-
-    monkeypatch.setattr(calibrate, "run_experiment", experiment)
-    run_demo(out, satellite)
+def test_a_page_of_the_demo_is_there_before_the_reduced_model_is_calibrated(demonstrated):
+    _, _, seen = demonstrated
     assert seen == [("run", False), ("published", False), ("reduced", True)]
 
 
-def test_a_demo_goes_no_further_than_an_interrupted_run(satellite, tmp_path, monkeypatch):
+def test_a_demo_goes_no_further_than_an_interrupted_run(satellite, demonstrated, tmp_path, monkeypatch):
     whole = calibrate.run_experiment
 
     def interrupted(file, folder, **options):
         return dataclasses.replace(whole(file, folder, **options), interrupted=folder.name == "published")
 
+    out = shutil.copytree(demonstrated[0], tmp_path / "run")
     monkeypatch.setattr(calibrate, "run_experiment", interrupted)
-    assert list(run_demo(tmp_path / "run", satellite)) == ["flightcal", "published"]
+    assert list(run_demo(out, satellite)) == ["flightcal", "published"]
 
 
 def test_a_genetic_algorithm_that_is_taken_over_is_that_which_would_be_run(finished, tmp_path):
