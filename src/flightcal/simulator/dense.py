@@ -22,7 +22,7 @@ def whole_matrices(structure: Structure) -> Dense | None:
         return None
     radiating = np.unique(structure.radiative_column)
     r, width, few = len(radiating), _eights(n), _eights(len(radiating))
-    sizes = (n * width, n * width, r * width, n * few, n * width, n * width, r * width, 4 * width)
+    sizes = (n * width, n * width, r * width, n * few, n * width, n * width, r * width, 5 * width)
     made = [aligned(size) for size in (*sizes, WIDTH**2, WIDTH**2)]
     for memory in made:
         memory[:] = 0.0

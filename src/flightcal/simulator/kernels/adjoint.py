@@ -12,16 +12,17 @@ from typing import Any, NamedTuple
 from ...compiled import inlined, kernel
 from .sampling import Looks, Observed, finish_errors, in_balance, observe_end_back, observe_segment_back
 from .step import (
-    EIGHT_THIRDS,
-    add_rate,
+    THIRD,
     add_stages,
     advance,
+    bends,
     clear_bars,
     finish_bars,
-    jacobian_product,
+    growth,
     length_derivative,
     make_step,
     prepare_transposed,
+    radiative_transposed,
     solve_transposed,
     transposed_products,
 )
@@ -87,9 +88,9 @@ def adjoint(call):
     last = record.steps.shape[0] - 1  # the place of all steps that were not kept
     workspace, u, ends = memory[: 6 * n], memory[6 * n : 6 * n + H], memory[6 * n + H : 6 * n + H + 2]
     vectors = memory[6 * n + H + 2 :].reshape(-1, n)
-    x0, velocity, work, linear = vectors[0], vectors[1], vectors[2], vectors[3]
+    x0, velocity, linear, radiative = vectors[0], vectors[1], vectors[2], vectors[3]
     left, ramp = vectors[4], vectors[5]  # heat of the inputs at the step's start, and its change per second
-    left_bar, right_bar, b0_bar, b1_bar, total_bar = vectors[6], vectors[7], vectors[8], vectors[9], vectors[10]
+    left_bar, right_bar, b0_bar, b1_bar, f1_bar = vectors[6], vectors[7], vectors[8], vectors[9], vectors[10]
     v1, v2, v3, v4 = vectors[11], vectors[12], vectors[13], vectors[14]  # W^-T of the stages' cotangents
     radiative1, radiative2, radiative3, radiative4 = vectors[15], vectors[16], vectors[17], vectors[18]
     seen = Observed(
@@ -123,7 +124,7 @@ def adjoint(call):
         while segment >= 0 and record.step[0, segment] == step:
             now = make_step(dense, structure, record.steps[min(segment, last)])
             slope, b0, b1 = now.slope, now.b0, now.b1
-            k1, k2, k3, k4, x3, x4 = now.k1, now.k2, now.k3, now.k4, now.x3, now.x4
+            k1, k2, k3, k4 = now.k1, now.k2, now.k3, now.k4
             h = record.length[0, segment]
             half = 0.5 * h
             event = record.event[0, segment]
@@ -148,7 +149,7 @@ def adjoint(call):
 
             if event >= 0:
                 # The segment's length solves x1[sensor] = threshold: dL/dh must vanish in total.
-                length_derivative(dense, structure, A, N, Q, x0, h, ramp, now, workspace, velocity)
+                length_derivative(dense, structure, N, Q, x0, h, ramp, now, workspace, velocity)
                 time_bar += switches_bar[switch]
                 switch -= 1
                 total = time_bar
@@ -171,7 +172,7 @@ def adjoint(call):
                 else:
                     lower_bar[event] += multiplier
 
-            # Stages 4 and 3: v = W^-T k_bar, then through the rate at the stage's argument.
+            # From the last stage to the first: v = W^-T k_bar, then on to what its right side is made of.
             for i in range(n):
                 v4[i] = x_bar[i]
                 v3[i] = x_bar[i]
@@ -185,58 +186,60 @@ def adjoint(call):
                     v1[i] += k1_seen[i]
             prepare_transposed(dense, structure, now.W)
             solve_transposed(dense, structure, now.W, v4)
-            transposed_products(dense, structure, A, N, Q, x4, v4, linear, radiative4)
+            radiative_transposed(dense, structure, N, v4, radiative4)
             for i in range(n):
-                carried = 0.5 * mass[i] * v4[i]
-                argument_bar = half * (linear[i] + radiative4[i] * 4.0 * x4[i] * x4[i] * x4[i])
-                v1[i] += carried + 2.0 * argument_bar
-                v2[i] -= carried
-                v3[i] += argument_bar - EIGHT_THIRDS * carried
-                x_bar[i] += argument_bar
+                by = half * radiative4[i]
+                of_y3, of_x3 = bends(x0[i], slope[i], 2.0 * k1[i])
+                of_y4, of_x4 = bends(x0[i], slope[i], 2.0 * k1[i] + k3[i])
+                v1[i] += 2.0 * by * (of_y4 - of_y3)
+                v3[i] += by * of_y4 - THIRD * mass[i] * v4[i]
+                x_bar[i] += by * (of_x4 - of_x3)
+            for p in range(structure.quadratic_row.shape[0]):
+                by, j = h * Q[p] * v4[structure.quadratic_row[p]], structure.quadratic_column[p]
+                v1[j] += 2.0 * by * k3[j]
+                v3[j] += by * (2.0 * k1[j] + k3[j])
             solve_transposed(dense, structure, now.W, v3)
-            transposed_products(dense, structure, A, N, Q, x3, v3, linear, radiative3)
+            radiative_transposed(dense, structure, N, v3, radiative3)
             for i in range(n):
-                carried = 0.5 * mass[i] * v3[i]
-                argument_bar = half * (linear[i] + radiative3[i] * 4.0 * x3[i] * x3[i] * x3[i])
-                v1[i] += carried + 2.0 * argument_bar
-                v2[i] -= carried
-                x_bar[i] += argument_bar
+                by = half * radiative3[i]
+                of_y3, of_x3 = bends(x0[i], slope[i], 2.0 * k1[i])
+                v1[i] += 2.0 * by * of_y3 + 2.5 * mass[i] * v3[i]
+                v2[i] -= 0.5 * mass[i] * v3[i]
+                x_bar[i] += by * of_x3
+            for p in range(structure.quadratic_row.shape[0]):
+                j = structure.quadratic_column[p]
+                v1[j] += 4.0 * h * Q[p] * v3[structure.quadratic_row[p]] * k1[j]
             solve_transposed(dense, structure, now.W, v2)
             for i in range(n):
                 v1[i] += 2.0 * mass[i] * v2[i]
             solve_transposed(dense, structure, now.W, v1)
-            transposed_products(dense, structure, A, N, Q, x0, v1, linear, radiative1)
-            transposed_products(dense, structure, A, N, Q, x0, v2, work, radiative2)
+            radiative_transposed(dense, structure, N, v2, radiative2)
+            radiative_transposed(dense, structure, N, v1, radiative1)
             for i in range(n):
-                jump = half * (0.5 * v1[i] + 1.5 * v2[i])
-                b0_bar[i] = half * (v1[i] + v2[i]) - jump
-                b1_bar[i] = half * (v3[i] + v4[i]) + jump
-                total_bar[i] = half * (v1[i] + v2[i] + v3[i] + v4[i])
-                x_bar[i] += half * (linear[i] + work[i] + (radiative1[i] + radiative2[i]) * slope[i])
+                f1_bar[i] = half * (v1[i] + v2[i] - v3[i])
                 # W depends on x0 through J = A + 2 Q diag(x0) + N diag(4 x0^3).
                 curved = radiative1[i] * k1[i] + radiative2[i] * k2[i] + radiative3[i] * k3[i] + radiative4[i] * k4[i]
                 x_bar[i] += half * 12.0 * x0[i] * x0[i] * curved
+            if observed:
+                for i in range(n):
+                    f1_bar[i] += f1_seen[i]
+                    x_bar[i] += x0_seen[i]
+            transposed_products(dense, structure, A, N, Q, x0, f1_bar, linear, radiative)
+            for i in range(n):
+                x_bar[i] += linear[i] + radiative[i] * slope[i]
+                jump_bar = half * (0.5 * v1[i] + 1.5 * v2[i])
+                b0_bar[i] = f1_bar[i] - jump_bar
+                b1_bar[i] = jump_bar
             for p in range(structure.quadratic_row.shape[0]):
                 i, j = structure.quadratic_row[p], structure.quadratic_column[p]
+                y3, y4 = 2.0 * k1[j], 2.0 * k1[j] + k3[j]
                 curved = v1[i] * k1[j] + v2[i] * k2[j] + v3[i] * k3[j] + v4[i] * k4[j]
                 x_bar[j] += h * Q[p] * curved
-                squares = (v1[i] + v2[i]) * x0[j] * x0[j] + v3[i] * x3[j] * x3[j] + v4[i] * x4[j] * x4[j]
-                Q_bar[p] += half * squares + h * x0[j] * curved
-                if observed:
-                    Q_bar[p] += f1_seen[i] * x0[j] * x0[j]
-
-            if observed:
-                # The rate at the segment's start, and the start itself.
-                transposed_products(dense, structure, A, N, Q, x0, f1_seen, linear, work)
-                for i in range(n):
-                    x_bar[i] += linear[i] + work[i] * slope[i] + x0_seen[i]
-                    b0_bar[i] += f1_seen[i]
-                    total_bar[i] += f1_seen[i]
-                add_rate(dense, structure, x0, now.fourth1, f1_seen, A_bar, N_bar)
-
-            add_stages(dense, structure, x0, half, v1, v2, v3, v4, now, A_bar, N_bar)
+                bent = v3[i] * y3 * y3 + v4[i] * (y4 * y4 - y3 * y3)
+                Q_bar[p] += f1_bar[i] * x0[j] * x0[j] + half * bent + h * x0[j] * curved
+            add_stages(dense, structure, x0, half, f1_bar, v1, v2, v3, v4, now, A_bar, N_bar)
             for p in range(heatings):
-                heating_bar[p] += u[structure.heating_heater[p]] * total_bar[structure.heating_row[p]]
+                heating_bar[p] += u[structure.heating_heater[p]] * f1_bar[structure.heating_row[p]]
 
             # Heat at the segment's ends back to the step's ends, and the cotangent of the segment's start.
             share0 = begin / duration
@@ -254,17 +257,10 @@ def adjoint(call):
                 # The segment ends at the grid point, so its length shrinks as its start moves.
                 if observed:
                     start_bar -= length_seen[0]
-                d1, d2, d3, d4 = workspace[:n], workspace[n : 2 * n], workspace[2 * n : 3 * n], workspace[3 * n : 4 * n]
-                jacobian_product(dense, structure, A, N, Q, x0, slope, k1, d1)
-                jacobian_product(dense, structure, A, N, Q, x0, slope, k2, d2)
-                jacobian_product(dense, structure, A, N, Q, x0, slope, k3, d3)
-                jacobian_product(dense, structure, A, N, Q, x0, slope, k4, d4)
+                g1, g2, g3, g4 = workspace[:n], workspace[n : 2 * n], workspace[2 * n : 3 * n], workspace[3 * n : 4 * n]
+                growth(structure, h, now, g1, g2, g3, g4)
                 for i in range(n):
-                    jump = b1[i] - b0[i]
-                    start_bar -= 0.5 * v1[i] * (now.f1[i] + 0.5 * jump + d1[i])
-                    start_bar -= 0.5 * v2[i] * (now.f1[i] + 1.5 * jump + d2[i])
-                    start_bar -= 0.5 * v3[i] * (now.f3[i] + d3[i])
-                    start_bar -= 0.5 * v4[i] * (now.f4[i] + d4[i])
+                    start_bar -= g1[i] * v1[i] + g2[i] * v2[i] + g3[i] * v3[i] + g4[i] * v4[i]
             time_bar = start_bar
             segment -= 1
         for i in range(n):

@@ -35,7 +35,7 @@ class Dense(NamedTuple):
     """Cotangents of A and N."""
     N_bar: Any
     work: Any
-    """[4, width]"""
+    """[5, width]"""
     units: Any
     """[8, 8] the unit matrix, and ones where it has none."""
     others: Any
@@ -143,77 +143,79 @@ def dense_transpose(dense, structure, W):
 
 
 @inlined
-def dense_jacobian_product(dense, structure, slope, v, out):
-    """out = (A + N diag(slope)) v."""
-    n, width, A, N, work = structure.mass.shape[0], dense.width, dense.A, dense.N, dense.work
+def dense_add_radiation(dense, structure, v, by, r):
+    """r += by N v."""
+    n, width, N, work = structure.mass.shape[0], dense.width, dense.N, dense.work
     radiating = dense.radiating
+    if radiating.shape[0] == 0:
+        return
     for at in range(0, width, WIDTH):
-        total = eight(A, at) * v[0]
-        for j in range(1, n):
-            total += eight(A, j * width + at) * v[j]
-        for k in range(radiating.shape[0]):
-            j = radiating[k]
-            total += eight(N, k * width + at) * (slope[j] * v[j])
+        total = eight(N, at) * (by * v[radiating[0]])
+        for k in range(1, radiating.shape[0]):
+            total += eight(N, k * width + at) * (by * v[radiating[k]])
         set_eight(work, at, total)
     for i in range(n):
-        out[i] = work[i]
+        r[i] += work[i]
 
 
 @inlined
 def dense_transposed_products(dense, structure, v, linear, radiative):
     """linear = A^T v, radiative = N^T v."""
-    n, width, few, work = structure.mass.shape[0], dense.width, dense.few, dense.work
-    A_rows, N_rows, radiating = dense.A_rows, dense.N_rows, dense.radiating
-    _sum_lines(A_rows, width, n, v, work)
+    n, work = structure.mass.shape[0], dense.work
+    _sum_lines(dense.A_rows, dense.width, n, v, work)
     for i in range(n):
         linear[i] = work[i]
+    dense_radiative_transposed(dense, structure, v, radiative)
+
+
+@inlined
+def dense_radiative_transposed(dense, structure, v, radiative):
+    """radiative = N^T v."""
+    n, work, radiating = structure.mass.shape[0], dense.work, dense.radiating
+    for i in range(n):
         radiative[i] = 0.0
-    _sum_lines(N_rows, few, n, v, work)
+    _sum_lines(dense.N_rows, dense.few, n, v, work)
     for k in range(radiating.shape[0]):
         radiative[radiating[k]] = work[k]
 
 
 @inlined
-def dense_add_stages(dense, structure, x0, half, v1, v2, v3, v4, step):
-    """Add what the four stages say of A and N to their cotangents."""
+def dense_add_stages(dense, structure, x0, half, f1_bar, v1, v2, v3, v4, step):
+    """Add what f1 and the four stages say of A and N to their cotangents."""
     n, width, work, radiating = structure.mass.shape[0], dense.width, dense.work, dense.radiating
-    A_bar, N_bar, slope, x3, x4 = dense.A_bar, dense.N_bar, step.slope, step.x3, step.x4
+    A_bar, N_bar, slope, fourth1, bent3, bent4 = (
+        dense.A_bar,
+        dense.N_bar,
+        step.slope,
+        step.fourth1,
+        step.bent3,
+        step.bent4,
+    )
     k1, k2, k3, k4 = step.k1, step.k2, step.k3, step.k4
     for i in range(n):
         work[i], work[width + i] = half * v1[i], half * v2[i]
         work[2 * width + i], work[3 * width + i] = half * v3[i], half * v4[i]
+        work[4 * width + i] = f1_bar[i]
     for at in range(0, width, WIDTH):
         w1, w2 = eight(work, at), eight(work, width + at)
         w3, w4 = eight(work, 2 * width + at), eight(work, 3 * width + at)
+        w0 = eight(work, 4 * width + at)
         for j in range(n):
             place = j * width + at
-            total = eight(A_bar, place) + w1 * (x0[j] + k1[j])
-            total += w2 * (x0[j] + k2[j])
-            total += w3 * (x3[j] + k3[j])
-            total += w4 * (x4[j] + k4[j])
+            total = eight(A_bar, place) + w0 * x0[j]
+            total += w1 * k1[j]
+            total += w2 * k2[j]
+            total += w3 * k3[j]
+            total += w4 * k4[j]
             set_eight(A_bar, place, total)
         for k in range(radiating.shape[0]):
             j, place = radiating[k], k * width + at
-            total = eight(N_bar, place) + w1 * (step.fourth1[j] + slope[j] * k1[j])
-            total += w2 * (step.fourth1[j] + slope[j] * k2[j])
-            total += w3 * (step.fourth3[j] + slope[j] * k3[j])
-            total += w4 * (step.fourth4[j] + slope[j] * k4[j])
+            total = eight(N_bar, place) + w0 * fourth1[j]
+            total += w1 * (slope[j] * k1[j])
+            total += w2 * (slope[j] * k2[j])
+            total += w3 * (slope[j] * k3[j] + bent3[j])
+            total += w4 * (slope[j] * k4[j] + bent4[j])
             set_eight(N_bar, place, total)
-
-
-@inlined
-def dense_add_rate(dense, structure, x, fourth, f_bar):
-    """Add what a rate says of A and N, given its cotangent."""
-    n, width, work, radiating = structure.mass.shape[0], dense.width, dense.work, dense.radiating
-    A_bar, N_bar = dense.A_bar, dense.N_bar
-    for i in range(n):
-        work[i] = f_bar[i]
-    for at in range(0, width, WIDTH):
-        bar = eight(work, at)
-        for j in range(n):
-            set_eight(A_bar, j * width + at, eight(A_bar, j * width + at) + bar * x[j])
-        for k in range(radiating.shape[0]):
-            set_eight(N_bar, k * width + at, eight(N_bar, k * width + at) + bar * fourth[radiating[k]])
 
 
 @inlined

@@ -15,6 +15,12 @@ on the fixed pattern of `Structure`, without pivoting: with conduction and radia
 Everything costs as much as the network has links. Where nearly every state is linked to every other, `dense` is a
 `Dense`, and whole matrices are reckoned with instead (see `dense`); else it is None. Which of the two is known when
 this is compiled.
+
+The rates f3 and f4 are not evaluated, for J k follows from each stage's own equation: h/2 J k = mass k - right side.
+What J at x0 lacks of them is by how much the powers are bent: with y3 = 2 k1 and y4 = 2 k1 + k3 the same stages are
+
+    W k3 = mass (5 k1 - k2)/2 - h/2 f1 + h/2 B(y3)
+    W k4 = -mass k3/3 + h/2 (B(y4) - B(y3))        B(y) = N (x^4 - x0^4 - 4 x0^3 y) + Q y^2,  x = x0 + y
 """
 
 from __future__ import annotations
@@ -23,13 +29,13 @@ from typing import Any, NamedTuple
 
 from ...compiled import inlined
 from .dense import (
-    dense_add_rate,
+    dense_add_radiation,
     dense_add_stages,
     dense_clear,
     dense_factor,
     dense_finish,
-    dense_jacobian_product,
     dense_load,
+    dense_radiative_transposed,
     dense_rate,
     dense_solve,
     dense_transpose,
@@ -37,7 +43,7 @@ from .dense import (
 )
 from .lanes import elements
 
-EIGHT_THIRDS = 8.0 / 3.0
+THIRD, EIGHT_THIRDS = 1.0 / 3.0, 8.0 / 3.0
 
 
 class Step(NamedTuple):
@@ -56,15 +62,12 @@ class Step(NamedTuple):
     k3: Any
     k4: Any
     f1: Any
-    f3: Any
-    f4: Any
-    x3: Any
-    x4: Any
     x1: Any
     fourth1: Any
-    """x0^4, and so on."""
-    fourth3: Any
-    fourth4: Any
+    """x0^4."""
+    bent3: Any
+    """Of the fourth power up to x3, and from there to x4, what its slope at x0 does not say."""
+    bent4: Any
 
 
 @inlined
@@ -72,8 +75,8 @@ def step_size(dense, structure):
     """Memory of a `Step`: of whole matrices a multiple of eight, so that lines stay where vectors like them."""
     n = structure.mass.shape[0]
     if dense is None:
-        return structure.factor_column.shape[0] + 17 * n
-    return dense.width * n + (17 * n + 7) // 8 * 8
+        return structure.factor_column.shape[0] + 13 * n
+    return dense.width * n + (13 * n + 7) // 8 * 8
 
 
 @inlined
@@ -95,10 +98,6 @@ def make_step(dense, structure, memory):
         elements(memory[m + 10 * n : m + 11 * n]),
         elements(memory[m + 11 * n : m + 12 * n]),
         elements(memory[m + 12 * n : m + 13 * n]),
-        elements(memory[m + 13 * n : m + 14 * n]),
-        elements(memory[m + 14 * n : m + 15 * n]),
-        elements(memory[m + 15 * n : m + 16 * n]),
-        elements(memory[m + 16 * n : m + 17 * n]),
     )
 
 
@@ -107,10 +106,9 @@ def advance(dense, structure, A, N, Q, x0, h, step):
     """Fill `step`, whose b0 and b1 are given, with the step of length h from x0."""
     n, mass = structure.mass.shape[0], structure.mass
     half = 0.5 * h
-    W, slope, b0, b1 = step.W, step.slope, step.b0, step.b1
+    W, slope, b0, b1, f1 = step.W, step.slope, step.b0, step.b1, step.f1
     k1, k2, k3, k4 = step.k1, step.k2, step.k3, step.k4
-    f1, f3, f4 = step.f1, step.f3, step.f4
-    x3, x4, x1 = step.x3, step.x4, step.x1
+    x1, bent3, bent4 = step.x1, step.bent3, step.bent4
     for i in range(n):
         slope[i] = 4.0 * x0[i] * x0[i] * x0[i]
     rate(dense, structure, A, N, Q, x0, step.fourth1, b0, f1)
@@ -120,60 +118,90 @@ def advance(dense, structure, A, N, Q, x0, h, step):
     solve(dense, structure, W, k1)
     for i in range(n):
         k2[i] = half * (f1[i] + 1.5 * (b1[i] - b0[i])) + 2.0 * mass[i] * k1[i]
-        x3[i] = x0[i] + 2.0 * k1[i]
+        y = 2.0 * k1[i]
+        bent3[i] = y * y * (6.0 * x0[i] * x0[i] + y * (4.0 * x0[i] + y))
     solve(dense, structure, W, k2)
-    rate(dense, structure, A, N, Q, x3, step.fourth3, b1, f3)
     for i in range(n):
-        k3[i] = half * f3[i] + 0.5 * mass[i] * (k1[i] - k2[i])
+        k3[i] = mass[i] * (2.5 * k1[i] - 0.5 * k2[i]) - half * f1[i]
+    add_radiation(dense, structure, N, bent3, half, k3)
+    for p in range(structure.quadratic_row.shape[0]):
+        j = structure.quadratic_column[p]
+        k3[structure.quadratic_row[p]] += 4.0 * half * Q[p] * k1[j] * k1[j]
     solve(dense, structure, W, k3)
     for i in range(n):
-        x4[i] = x3[i] + k3[i]
-    rate(dense, structure, A, N, Q, x4, step.fourth4, b1, f4)
-    for i in range(n):
-        k4[i] = half * f4[i] + 0.5 * mass[i] * (k1[i] - k2[i] - EIGHT_THIRDS * k3[i])
+        k4[i] = -THIRD * mass[i] * k3[i]
+        y = 2.0 * k1[i] + k3[i]
+        bent4[i] = y * y * (6.0 * x0[i] * x0[i] + y * (4.0 * x0[i] + y)) - bent3[i]
+    add_radiation(dense, structure, N, bent4, half, k4)
+    for p in range(structure.quadratic_row.shape[0]):
+        j = structure.quadratic_column[p]
+        k4[structure.quadratic_row[p]] += half * Q[p] * k3[j] * (4.0 * k1[j] + k3[j])
     solve(dense, structure, W, k4)
     for i in range(n):
-        x1[i] = x4[i] + k4[i]
+        x1[i] = x0[i] + 2.0 * k1[i] + k3[i] + k4[i]
 
 
 @inlined
-def length_derivative(dense, structure, A, N, Q, x0, h, ramp, step, memory, velocity):
+def growth(structure, h, step, g1, g2, g3, g4):
+    """How the right side of each stage grows with the step's length, less what W's change takes of it.
+
+    Both are the right side over h, without the stages in it.
+    """
+    k1, k2, k3, k4 = step.k1, step.k2, step.k3, step.k4
+    inverse, still = (1.0 / h, 0.0) if h > 0.0 else (0.0, 0.5)
+    for i in range(structure.mass.shape[0]):
+        share, rest = inverse * structure.mass[i], still * step.f1[i]
+        g1[i] = share * k1[i] + rest
+        g2[i] = share * (k2[i] - 2.0 * k1[i]) + rest
+        g3[i] = share * (k3[i] - 2.5 * k1[i] + 0.5 * k2[i]) - rest
+        g4[i] = share * (k4[i] + THIRD * k3[i])
+
+
+@inlined
+def bends(x0, slope, y):
+    """How x^4 bends from x0 to x = x0 + y: its slope at x less that at x0; and of its share in B, the slope by x0."""
+    x = x0 + y
+    by_y = 4.0 * x * x * x - slope
+    return by_y, by_y - 12.0 * x0 * x0 * y
+
+
+@inlined
+def length_derivative(dense, structure, N, Q, x0, h, ramp, step, memory, velocity):
     """velocity = d x1 / d h of a step from x0, with b1 moving along `ramp` [n] (K/s^2) as the step's end moves.
 
     memory: workspace [6 n].
     """
-    n, mass = structure.mass.shape[0], structure.mass
+    n, mass, slope, k1, k3 = structure.mass.shape[0], structure.mass, step.slope, step.k1, step.k3
     half = 0.5 * h
-    b0, b1 = step.b0, step.b1
     d1, d2, d3, d4 = memory[:n], memory[n : 2 * n], memory[2 * n : 3 * n], memory[3 * n : 4 * n]
-    work, cubes = memory[4 * n : 5 * n], memory[5 * n : 6 * n]
-    # W d = d(right side) - dW k, with dW / dh = -J/2.
-    jacobian_product(dense, structure, A, N, Q, x0, step.slope, step.k1, d1)
+    bent3, bent4 = memory[4 * n : 5 * n], memory[5 * n : 6 * n]
+    growth(structure, h, step, d1, d2, d3, d4)
     for i in range(n):
-        d1[i] = 0.5 * (d1[i] + step.f1[i] + 0.5 * (b1[i] - b0[i])) + half * 0.5 * ramp[i]
+        d1[i] += 0.25 * h * ramp[i]
     solve(dense, structure, step.W, d1)
-    jacobian_product(dense, structure, A, N, Q, x0, step.slope, step.k2, d2)
     for i in range(n):
-        d2[i] = 0.5 * (d2[i] + step.f1[i] + 1.5 * (b1[i] - b0[i])) + half * 1.5 * ramp[i] + 2.0 * mass[i] * d1[i]
-        velocity[i] = 2.0 * d1[i]
-        cubes[i] = 4.0 * step.x3[i] * step.x3[i] * step.x3[i]
+        d2[i] += 0.75 * h * ramp[i] + 2.0 * mass[i] * d1[i]
+        bent3[i] = bends(x0[i], slope[i], 2.0 * k1[i])[0] * 2.0 * d1[i]
     solve(dense, structure, step.W, d2)
-    jacobian_product(dense, structure, A, N, Q, step.x3, cubes, velocity, work)
-    jacobian_product(dense, structure, A, N, Q, x0, step.slope, step.k3, d3)
     for i in range(n):
-        d3[i] = 0.5 * (d3[i] + step.f3[i] + mass[i] * (d1[i] - d2[i])) + half * (work[i] + ramp[i])
+        d3[i] += mass[i] * (2.5 * d1[i] - 0.5 * d2[i])
+    add_radiation(dense, structure, N, bent3, half, d3)
+    for p in range(structure.quadratic_row.shape[0]):
+        j = structure.quadratic_column[p]
+        d3[structure.quadratic_row[p]] += 4.0 * h * Q[p] * k1[j] * d1[j]
     solve(dense, structure, step.W, d3)
     for i in range(n):
-        velocity[i] += d3[i]
-        cubes[i] = 4.0 * step.x4[i] * step.x4[i] * step.x4[i]
-    jacobian_product(dense, structure, A, N, Q, step.x4, cubes, velocity, work)
-    jacobian_product(dense, structure, A, N, Q, x0, step.slope, step.k4, d4)
-    for i in range(n):
-        d4[i] = 0.5 * (d4[i] + step.f4[i] + mass[i] * (d1[i] - d2[i] - EIGHT_THIRDS * d3[i]))
-        d4[i] += half * (work[i] + ramp[i])
+        d4[i] -= THIRD * mass[i] * d3[i]
+        y = 2.0 * k1[i] + k3[i]
+        bent4[i] = bends(x0[i], slope[i], y)[0] * (2.0 * d1[i] + d3[i]) - bent3[i]
+    add_radiation(dense, structure, N, bent4, half, d4)
+    for p in range(structure.quadratic_row.shape[0]):
+        j = structure.quadratic_column[p]
+        both = (2.0 * k1[j] + k3[j]) * (2.0 * d1[j] + d3[j]) - 4.0 * k1[j] * d1[j]
+        d4[structure.quadratic_row[p]] += h * Q[p] * both
     solve(dense, structure, step.W, d4)
     for i in range(n):
-        velocity[i] += d4[i]
+        velocity[i] = 2.0 * d1[i] + d3[i] + d4[i]
 
 
 @inlined
@@ -228,12 +256,12 @@ def solve_transposed(dense, structure, W, r):
 
 
 @inlined
-def jacobian_product(dense, structure, A, N, Q, x, slope, v, out):
-    """out = (A + 2 Q diag(x) + N diag(slope)) v."""
+def add_radiation(dense, structure, N, v, by, r):
+    """r += by N v."""
     if dense is None:
-        _jacobian_product(structure, A, N, Q, x, slope, v, out)
+        _add_radiation(structure, N, v, by, r)
     else:
-        dense_jacobian_product(dense, structure, slope, v, out)
+        dense_add_radiation(dense, structure, v, by, r)
 
 
 @inlined
@@ -246,21 +274,21 @@ def transposed_products(dense, structure, A, N, Q, x, v, linear, radiative):
 
 
 @inlined
-def add_stages(dense, structure, x0, half, v1, v2, v3, v4, step, A_bar, N_bar):
-    """Add to the cotangents of A and N what W^-T of the four stages' cotangents say of them."""
+def radiative_transposed(dense, structure, N, v, radiative):
+    """radiative = N^T v."""
     if dense is None:
-        _add_stages(structure, x0, half, v1, v2, v3, v4, step, A_bar, N_bar)
+        _radiative_transposed(structure, N, v, radiative)
     else:
-        dense_add_stages(dense, structure, x0, half, v1, v2, v3, v4, step)
+        dense_radiative_transposed(dense, structure, v, radiative)
 
 
 @inlined
-def add_rate(dense, structure, x, fourth, f_bar, A_bar, N_bar):
-    """Add to the cotangents of A and N what that of the rate at x says of them."""
+def add_stages(dense, structure, x0, half, f1_bar, v1, v2, v3, v4, step, A_bar, N_bar):
+    """Add to the cotangents of A and N what those of f1 and, by W^-T, of the four stages say of them."""
     if dense is None:
-        _add_rate(structure, x, fourth, f_bar, A_bar, N_bar)
+        _add_stages(structure, x0, half, f1_bar, v1, v2, v3, v4, step, A_bar, N_bar)
     else:
-        dense_add_rate(dense, structure, x, fourth, f_bar)
+        dense_add_stages(dense, structure, x0, half, f1_bar, v1, v2, v3, v4, step)
 
 
 @inlined
@@ -365,18 +393,12 @@ def _solve_transposed(structure, W, r):
 
 
 @inlined
-def _jacobian_product(structure, A, N, Q, x, slope, v, out):
+def _add_radiation(structure, N, v, by, r):
     for i in range(structure.mass.shape[0]):
-        total = 0.0
-        for p in range(structure.linear_start[i], structure.linear_start[i + 1]):
-            total += A[p] * v[structure.linear_column[p]]
+        total = r[i]
         for p in range(structure.radiative_start[i], structure.radiative_start[i + 1]):
-            j = structure.radiative_column[p]
-            total += N[p] * slope[j] * v[j]
-        out[i] = total
-    for p in range(structure.quadratic_row.shape[0]):
-        j = structure.quadratic_column[p]
-        out[structure.quadratic_row[p]] += 2.0 * Q[p] * x[j] * v[j]
+            total += by * (N[p] * v[structure.radiative_column[p]])
+        r[i] = total
 
 
 @inlined
@@ -397,28 +419,25 @@ def _transposed_products(structure, A, N, Q, x, v, linear, radiative):
 
 
 @inlined
-def _add_stages(structure, x0, half, v1, v2, v3, v4, step, A_bar, N_bar):
-    slope, x3, x4 = step.slope, step.x3, step.x4
-    k1, k2, k3, k4 = step.k1, step.k2, step.k3, step.k4
-    for i in range(structure.mass.shape[0]):
-        w1, w2, w3, w4 = half * v1[i], half * v2[i], half * v3[i], half * v4[i]
-        for p in range(structure.linear_start[i], structure.linear_start[i + 1]):
-            j = structure.linear_column[p]
-            A_bar[p] += w1 * (x0[j] + k1[j]) + w2 * (x0[j] + k2[j]) + w3 * (x3[j] + k3[j]) + w4 * (x4[j] + k4[j])
+def _radiative_transposed(structure, N, v, radiative):
+    n = structure.mass.shape[0]
+    for i in range(n):
+        radiative[i] = 0.0
+    for i in range(n):
+        value = v[i]
         for p in range(structure.radiative_start[i], structure.radiative_start[i + 1]):
-            j = structure.radiative_column[p]
-            N_bar[p] += (
-                w1 * (step.fourth1[j] + slope[j] * k1[j])
-                + w2 * (step.fourth1[j] + slope[j] * k2[j])
-                + w3 * (step.fourth3[j] + slope[j] * k3[j])
-                + w4 * (step.fourth4[j] + slope[j] * k4[j])
-            )
+            radiative[structure.radiative_column[p]] += N[p] * value
 
 
 @inlined
-def _add_rate(structure, x, fourth, f_bar, A_bar, N_bar):
+def _add_stages(structure, x0, half, f1_bar, v1, v2, v3, v4, step, A_bar, N_bar):
+    slope, k1, k2, k3, k4 = step.slope, step.k1, step.k2, step.k3, step.k4
     for i in range(structure.mass.shape[0]):
+        w0, w1, w2, w3, w4 = f1_bar[i], half * v1[i], half * v2[i], half * v3[i], half * v4[i]
         for p in range(structure.linear_start[i], structure.linear_start[i + 1]):
-            A_bar[p] += f_bar[i] * x[structure.linear_column[p]]
+            j = structure.linear_column[p]
+            A_bar[p] += w0 * x0[j] + (w1 * k1[j] + w2 * k2[j] + w3 * k3[j] + w4 * k4[j])
         for p in range(structure.radiative_start[i], structure.radiative_start[i + 1]):
-            N_bar[p] += f_bar[i] * fourth[structure.radiative_column[p]]
+            j = structure.radiative_column[p]
+            straight = slope[j] * (w1 * k1[j] + w2 * k2[j] + w3 * k3[j] + w4 * k4[j])
+            N_bar[p] += w0 * step.fourth1[j] + straight + (w3 * step.bent3[j] + w4 * step.bent4[j])
