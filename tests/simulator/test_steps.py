@@ -31,7 +31,7 @@ def test_random_satellites_are_right_to_the_tolerance_at_draws_of_the_prior(tmp_
     # What is told is what is seen, to the draws that it was seen at.
     worst = np.sqrt(np.mean(off**2, axis=(0, 1)).max())
     assert 0.3 * worst < accuracy.error < TOLERANCE
-    assert accuracy.steps == len(chosen.windows[0].network.drive.times) - 1 < 800
+    assert accuracy.steps == len(chosen.windows[0].network.drive.times) - 1 < 1600
 
 
 def test_a_looser_tolerance_takes_fewer_steps_and_a_step_that_is_written_is_kept(tmp_path):
@@ -96,3 +96,18 @@ def test_the_gradient_agrees_with_differences_across_every_kind_of_kink(tmp_path
         ends = [theta + sign * size * np.eye(len(theta))[k] for sign in (1.0, -1.0)]
         up, down = ((window.simulator.simulate(end).temperatures * weights).sum() for end in ends)
         assert gradient[k] == pytest.approx((up - down) / (2.0 * size), rel=2e-4, abs=2e-4 * np.abs(gradient).max())
+
+
+def test_a_node_that_the_prior_lets_be_very_light_is_right_at_its_lightest(tmp_path):
+    """The four lightest of 400 draws are 15 to 50 times as light as the median; 64 draws rarely have one like them."""
+    written = random_satellite(1)
+    name = next(name for name in written["simulator"]["nodes"] if name != "node_0")
+    written["parameters"] |= {
+        "mass": {"scales": ["nodes.node_0.capacity"], "prior": written["parameters"]["mass"]["prior"]},
+        "light": {"sets": f"nodes.{name}.capacity", "prior": {"lognormal": {"median": "150 J/K", "factor": 3}}},
+    }
+    chosen, fine = problem_of(tmp_path, written), problem_of(tmp_path, written, step=1.0)
+    thetas = chosen.priors.sample(np.random.default_rng(12), 400)
+    thetas = thetas[np.argsort(thetas[:, chosen.priors.names.index("light")])[:4]]
+    for coarse, exact in zip(*(problem.simulate_many(thetas) for problem in (chosen, fine)), strict=True):
+        assert np.abs(coarse[0].temperatures - exact[0].temperatures).max() < 6.0 * TOLERANCE

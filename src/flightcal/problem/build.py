@@ -21,8 +21,8 @@ from .simulators import build_simulator
 from .window import Bridged, Course, Switching, Window
 
 _SAMPLES_FOR_START = 3
-_TRIED, _SEED_OF_STEPS = 64, 0
-"""Draws of the prior at which the length of the integration's steps is chosen."""
+_DRAWN, _SEED_OF_STEPS = 512, 0
+"""Draws of the prior, some of which choose the length of the integration's steps."""
 
 
 def build_problem(scenario: Scenario, telemetry: xarray.Dataset, *windows: str, span: float | None = None) -> Problem:
@@ -72,7 +72,7 @@ def build_window(scenario: Scenario, telemetry: xarray.Dataset, name: str, *, sp
 
     def tried(names: tuple[str, ...]) -> FloatArray:
         priors = Priors(names, tuple(known[parameter] for parameter in names))
-        return priors.sample(np.random.default_rng(_SEED_OF_STEPS), _TRIED)
+        return priors.sample(np.random.default_rng(_SEED_OF_STEPS), _DRAWN)
 
     simulator = build_simulator(scenario, telemetry, start, end, times, period=period, tried=tried)
     residuals, of_residuals = residual_model(

@@ -26,7 +26,7 @@ from .kernels.forward import FINISHED, TOO_MANY_SWITCHES, Outputs
 from .kernels.lanes import WIDTH
 from .network import Network, build_network, sensor_state
 from .sampling import Observation, Sensors, locate
-from .steps import Accuracy, Comparison, choose_grid, measure
+from .steps import Accuracy, Comparison, choose_grid, measure, to_try
 from .system import Drive, FloatArray, IntArray, Structure, Switch, System, packed_bounds, unpack
 
 _FEW = 3
@@ -400,8 +400,8 @@ def network_simulator(
     """The simulator of a scenario on the window [start, end], observed at `samples` [T] (UTC).
 
     network: in place of the one that the scenario's blocks describe (a reduced order model's); heated: see
-    `build_network`. tried: the thetas [S, d]
-    at which the length of the steps is chosen, from the names of theta's entries; by default what the scenario writes.
+    `build_network`. tried: thetas [S, d], some of which choose the length of the steps (see `steps.to_try`), from the
+    names of theta's entries; by default what the scenario writes.
     """
     network = network or build_network(scenario, heated)
     inputs = window_inputs(scenario, network, telemetry, start, end, samples, period=period)
@@ -425,6 +425,7 @@ def network_simulator(
         scatter=np.array([scenario.network.switches[name].scatter for name in network.heaters]),
     )
     thetas = _as_written(simulator, scenario) if tried is None else tried(simulator.parameters)
+    thetas = thetas[to_try(network.structure, assemble(simulator.mapping, network.terms, thetas)[1])]
 
     def compare(grid: FloatArray, halves: FloatArray) -> Comparison | None:
         looking = replace(simulator, observation=Observation(halves, sensors), scatter=np.zeros(0))

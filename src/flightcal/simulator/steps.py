@@ -13,8 +13,13 @@ from dataclasses import dataclass
 import numpy as np
 
 from .drive import Inputs, make_grid
-from .system import FloatArray
+from .system import FloatArray, IntArray, Structure
 
+_TRIED, _FASTEST, _SPARED = 64, 8, 2
+"""Thetas that are tried, of all that are drawn: the first, but for those with the fastest node. The prior of a small
+capacity has draws whose node needs much shorter steps than those of most. The last number is that of the worst ones
+that do not count: a thermostat that switches a hundred times would rule the steps of all others."""
+_ROOM = 293.15  # K
 _FIRST, _BEGINNING, _WIDENING = 60.0, 0.5, 0.3
 """The steps that are tried first: so long, s, at most; so long, s, after a break, and from there by so much longer for
 each second that passes. What they resolve too well is seen by that, what a long step jumps over is not."""
@@ -72,6 +77,21 @@ Compare = Callable[[FloatArray, FloatArray], Comparison | None]
 """None: all simulations failed."""
 
 
+def to_try(structure: Structure, packed: FloatArray) -> IntArray:
+    """Which of the systems [S, P] that are drawn a grid is tried at."""
+    count, linear = len(structure.mass), len(structure.linear_column)
+    speeds = np.zeros((len(packed), count))  # 1/s, by how much a node's own temperature slows its rate
+    for start, column, first, slope in (
+        (structure.linear_start, structure.linear_column, 0, 1.0),
+        (structure.radiative_start, structure.radiative_column, linear, 4.0 * _ROOM**3),
+    ):
+        own = np.flatnonzero(np.repeat(np.arange(count), np.diff(start)) == column)
+        speeds[:, column[own]] -= slope * packed[:, first + own]
+    fastest = np.argsort(-speeds[:, structure.mass > 0.0].max(axis=1), kind="stable")[:_FASTEST]
+    others = np.setdiff1d(np.arange(len(packed)), fastest)
+    return np.concatenate([others[: _TRIED - len(fastest)], fastest])
+
+
 def choose_grid(inputs: Inputs, compare: Compare, tolerance: float) -> tuple[FloatArray, Accuracy]:
     """A grid [K+1] with few steps whose error at the thetas that `compare` tries is within the tolerance, K."""
 
@@ -123,7 +143,7 @@ def choose_grid(inputs: Inputs, compare: Compare, tolerance: float) -> tuple[Flo
 
 
 def measure(grid: FloatArray, compare: Compare) -> tuple[Accuracy, FloatArray, FloatArray] | None:
-    """The error of a grid against its halves; None: unknown.
+    """The error of a grid against its halves, at all thetas but the worst ones (`_SPARED`); None: unknown.
 
     Also what each of its steps [K] adds to it, in the root mean square over the thetas and at most, K.
     """
@@ -135,6 +155,8 @@ def measure(grid: FloatArray, compare: Compare) -> tuple[Accuracy, FloatArray, F
     if found is None:
         return None
     off = found.off
+    counted = np.argsort(np.abs(off).max(axis=(1, 2)), kind="stable")[: len(off) - _SPARED * len(off) // _TRIED]
+    off = off[counted]
     weights = np.zeros(len(halves))
     weights[:-1] += 0.5 * np.diff(halves)
     weights[1:] += 0.5 * np.diff(halves)
@@ -144,7 +166,7 @@ def measure(grid: FloatArray, compare: Compare) -> tuple[Accuracy, FloatArray, F
     bent = np.abs(off[:, middle] - 0.5 * (off[:, ends[divided]] + off[:, ends[divided + 1]]))
     added[:, divided] = np.hypot(added[:, divided], 2.0 * bent)
     added = added.max(axis=2)
-    for k, times in enumerate(found.switched):
+    for k, times in enumerate(found.switched[one] for one in counted):
         # There the error of all steps before shows, since it moves the switch.
         added[k, np.clip(np.searchsorted(grid, times) - 1, 0, len(lengths) - 1)] = 0.0
     accuracy = Accuracy(len(lengths), float(np.sqrt(mean_square.max())), float(np.abs(off).max()))
