@@ -282,6 +282,20 @@ def c_function(function: Callable[..., Any], signature: Any) -> int:
     return int(made.address)
 
 
+@intrinsic
+def short_loops(typing_context: Any) -> Any:
+    """Said first in a kernel whose loops have a few rounds each: they are left as they are written.
+
+    To unroll them, which is good for long ones, costs more than a tenth of the time of a small network.
+    """
+
+    def generate(context: Any, builder: Any, sig: Any, args: Any) -> Any:
+        builder.function.attributes.add("optsize")
+        return context.get_dummy_value()
+
+    return types.void(), generate
+
+
 # --- a table of kernels ---------------------------------------------------------------------------------------
 
 

@@ -9,7 +9,7 @@ from __future__ import annotations
 
 from typing import Any, NamedTuple
 
-from ...compiled import inlined, kernel
+from ...compiled import inlined, kernel, short_loops
 from .sampling import Looks, Observed, finish_errors, in_balance, observe_end_back, observe_segment_back
 from .step import (
     THIRD,
@@ -63,6 +63,7 @@ class AdjointCall(NamedTuple):
 @kernel(long=True)
 def adjoint(call):
     """Pull the cotangents back to packed_bar and errors_bar."""
+    short_loops()
     dense = call.dense
     structure, packed, times, series, record = call.structure, call.packed[0], call.times, call.series, call.record
     states_bar, switches_bar, memory = call.states_bar, call.switches_bar[: call.switches[0]], call.memory

@@ -15,7 +15,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from ...compiled import inlined, kernel
+from ...compiled import inlined, kernel, short_loops
 from .crossing import WHOLE, decide
 from .lanes import elements, lane_count, put, take
 from .sampling import Looks, in_balance, observe_end, observe_segment
@@ -165,6 +165,7 @@ class ForwardCall(NamedTuple):
 @kernel(long=True)
 def forward(call):
     """Simulate over the grid, and fill `record` and `outputs`; returns the outcome where there is one simulation."""
+    short_loops()
     dense, structure, packed, times, series = call.dense, call.structure, call.packed, call.times, call.series
     measured, initially_on, scatter, memory = call.measured, call.initially_on, call.scatter, call.memory
     acting = call.acting

@@ -27,7 +27,7 @@ from __future__ import annotations
 
 from typing import Any, NamedTuple
 
-from ...compiled import inlined
+from ...compiled import inlined, short_loops
 from .dense import (
     dense_add_radiation,
     dense_add_stages,
@@ -104,6 +104,7 @@ def make_step(dense, structure, memory):
 @inlined
 def advance(dense, structure, A, N, Q, x0, h, step):
     """Fill `step`, whose b0 and b1 are given, with the step of length h from x0."""
+    short_loops()
     n, mass = structure.mass.shape[0], structure.mass
     half = 0.5 * h
     W, slope, b0, b1, f1 = step.W, step.slope, step.b0, step.b1, step.f1
@@ -147,6 +148,7 @@ def growth(structure, h, step, g1, g2, g3, g4):
 
     Both are the right side over h, without the stages in it.
     """
+    short_loops()
     k1, k2, k3, k4 = step.k1, step.k2, step.k3, step.k4
     inverse, still = (1.0 / h, 0.0) if h > 0.0 else (0.0, 0.5)
     for i in range(structure.mass.shape[0]):
@@ -171,6 +173,7 @@ def length_derivative(dense, structure, N, Q, x0, h, ramp, step, memory, velocit
 
     memory: workspace [6 n].
     """
+    short_loops()
     n, mass, slope, k1, k3 = structure.mass.shape[0], structure.mass, step.slope, step.k1, step.k3
     half = 0.5 * h
     d1, d2, d3, d4 = memory[:n], memory[n : 2 * n], memory[2 * n : 3 * n], memory[3 * n : 4 * n]
@@ -314,6 +317,7 @@ def finish_bars(dense, structure, packed_bar):
 
 @inlined
 def _rate(structure, A, N, Q, x, fourth, b, f):
+    short_loops()
     n = structure.mass.shape[0]
     for i in range(n):
         square = x[i] * x[i]
@@ -333,6 +337,7 @@ def _rate(structure, A, N, Q, x, fourth, b, f):
 @inlined
 def _factor(structure, A, N, Q, x0, h, slope, W, row):
     """LU of W in place (unit lower triangle), row by row."""
+    short_loops()
     half = 0.5 * h
     for p in range(structure.factor_column.shape[0]):
         W[p] = 0.0
@@ -361,6 +366,7 @@ def _factor(structure, A, N, Q, x0, h, slope, W, row):
 
 @inlined
 def _solve(structure, W, r):
+    short_loops()
     start, column, diagonal = structure.factor_start, structure.factor_column, structure.factor_diagonal
     n = diagonal.shape[0]
     for i in range(n):
@@ -378,6 +384,7 @@ def _solve(structure, W, r):
 
 @inlined
 def _solve_transposed(structure, W, r):
+    short_loops()
     start, column, diagonal = structure.factor_start, structure.factor_column, structure.factor_diagonal
     n = diagonal.shape[0]
     for i in range(n):
@@ -394,6 +401,7 @@ def _solve_transposed(structure, W, r):
 
 @inlined
 def _add_radiation(structure, N, v, by, r):
+    short_loops()
     for i in range(structure.mass.shape[0]):
         total = r[i]
         for p in range(structure.radiative_start[i], structure.radiative_start[i + 1]):
@@ -403,6 +411,7 @@ def _add_radiation(structure, N, v, by, r):
 
 @inlined
 def _transposed_products(structure, A, N, Q, x, v, linear, radiative):
+    short_loops()
     n = structure.mass.shape[0]
     for i in range(n):
         linear[i] = 0.0
@@ -420,6 +429,7 @@ def _transposed_products(structure, A, N, Q, x, v, linear, radiative):
 
 @inlined
 def _radiative_transposed(structure, N, v, radiative):
+    short_loops()
     n = structure.mass.shape[0]
     for i in range(n):
         radiative[i] = 0.0
@@ -431,6 +441,7 @@ def _radiative_transposed(structure, N, v, radiative):
 
 @inlined
 def _add_stages(structure, x0, half, f1_bar, v1, v2, v3, v4, step, A_bar, N_bar):
+    short_loops()
     slope, k1, k2, k3, k4 = step.slope, step.k1, step.k2, step.k3, step.k4
     for i in range(structure.mass.shape[0]):
         w0, w1, w2, w3, w4 = f1_bar[i], half * v1[i], half * v2[i], half * v3[i], half * v4[i]
