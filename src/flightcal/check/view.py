@@ -167,6 +167,20 @@ class View:
         """The window with changes of its simulator."""
         return replace(self.window, simulator=replace(self.network, **changes))
 
+    def with_numbers(self, written: FloatArray) -> Window:
+        """The window with other numbers [P] written in its scenario."""
+        return self.simulated_by(mapping=self.network.mapping._replace(written=written))
+
+    def with_inputs(self, inputs: FloatArray) -> Window:
+        """The window with other inputs [K, 2, q]."""
+        return self.simulated_by(drive=replace(self.network.drive, inputs=inputs))
+
+    def exchanged(self, ones: list[int], others: list[int]) -> Window:
+        """The window with some columns of its inputs in the place of others, and these in theirs."""
+        inputs = self.network.drive.inputs.copy()
+        inputs[:, :, ones + others] = inputs[:, :, others + ones]
+        return self.with_inputs(inputs)
+
     @cached_property
     def observed(self) -> FloatArray:
         """[t, N] K; NaN where there is nothing."""
