@@ -159,9 +159,9 @@ def tests_of(checks: dict[str, list[ResidualCheck]]) -> Table:
     return Table(header, rows, range(3, 8))
 
 
-def residuals(prediction: xr.Dataset, method: str = "stochastic") -> NDArray[np.float64]:
+def residuals(prediction: xr.Dataset) -> NDArray[np.float64]:
     """Telemetry minus mean prediction, [time, channel], K; NaN where telemetry is missing or not scored."""
-    difference = prediction["observed"] - prediction["mean"].sel({"by": method})
+    difference = prediction["observed"] - prediction["mean"].sel({"by": "stochastic"})
     return difference.where(prediction["scored"].astype(bool)).transpose("time", "channel").values
 
 
