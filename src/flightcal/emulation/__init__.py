@@ -6,12 +6,3 @@ Imports: calibration, errors, external, probability, problem, progress, run, sce
 from .emulated import needs_emulator
 from .emulator import EmulatedSimulator
 from .stage import NUTS_THROUGH_EMULATOR, Emulation, emulator_stage, window_emulator
-
-__all__ = [
-    "NUTS_THROUGH_EMULATOR",
-    "EmulatedSimulator",
-    "Emulation",
-    "emulator_stage",
-    "needs_emulator",
-    "window_emulator",
-]

@@ -8,23 +8,3 @@ from .metrics import GENETIC_RUNS, ZERO_CELSIUS, Array, Metric, comparison_table
 from .predict import predict
 from .stages import PREDICT, PREDICTION_FILE
 from .unseen import ANY, Unseen, read_unseen
-
-__all__ = [
-    "ANY",
-    "GENETIC_RUNS",
-    "HELD",
-    "PREDICT",
-    "PREDICTION_FILE",
-    "ZERO_CELSIUS",
-    "Array",
-    "Holding",
-    "Metric",
-    "Unseen",
-    "comparison_table",
-    "hold_together",
-    "implied_energy",
-    "predict",
-    "read_unseen",
-    "replicates_of",
-    "score",
-]
