@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from flightcal.errors import RunError
-from flightcal.prediction.ensemble import duration, propagate
+from flightcal.prediction.ensemble import propagate
 from flightcal.prediction.errors import Drawn
 from flightcal.prediction.metrics import crps_of_draws, probability_below
 from flightcal.problem import build_window
@@ -207,7 +207,7 @@ def test_duty_is_a_share_of_the_problems_own_window(problem):
     for window in ("train", "test"):
         own = scenario.windows[window]
         other = replace(problem, name=window)
-        assert duration(other) == (own.end - own.start).total_seconds()
+        assert other.duration == (own.end - own.start).total_seconds()
 
 
 def test_telemetry_of_the_model_itself_is_anywhere_in_the_drawn_distribution(problem):

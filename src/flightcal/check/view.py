@@ -12,12 +12,11 @@ import numpy as np
 import xarray
 from numpy.typing import NDArray
 
-from ..environment import shadow_edges
+from ..environment import seconds_later, shadow_edges
 from ..errors import OrbitError
 from ..problem import HeatModel, Problem, Window, heat_model, initial_priors, responses, unit_heats
 from ..scenario import Environment, Heat, HeatPattern, HeatSlow, Scenario
 from ..simulator import FloatArray, NetworkSimulator, SimulationFailure, Times, face_series
-from ..telemetry import window_bounds
 from .evaluate import spread_in_z
 
 HEAT = Heat(pattern=HeatPattern(harmonics=4), slow=HeatSlow(scale=0.02))
@@ -160,8 +159,7 @@ class View:
 
     def utc(self, seconds: FloatArray) -> NDArray[np.datetime64]:
         """Times at seconds from the window's start."""
-        start = window_bounds(self.window.scenario.windows[self.window.name], self.window.period)[0]
-        return np.asarray(start + np.round(1e9 * seconds).astype("timedelta64[ns]"))
+        return seconds_later(self.window.start, seconds)
 
     def simulated_by(self, **changes: Any) -> Window:
         """The window with changes of its simulator."""

@@ -1,6 +1,6 @@
 """What stands in for a simulator without derivatives: Gaussian processes that learn from its runs.
 
-Imports: calibration, errors, external, probability, problem, progress, run, scenario, simulator, telemetry.
+Imports: calibration, errors, external, probability, problem, progress, run, scenario, simulator.
 """
 
 from .emulated import needs_emulator

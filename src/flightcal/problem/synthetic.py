@@ -12,7 +12,6 @@ from ..errors import ScenarioError
 from ..probability import Priors
 from ..scenario import heat_of
 from ..simulator import FloatArray, Trajectory
-from ..telemetry import window_bounds
 from .build import build_window, open_windows, status_channels
 from .heat_model import HeatModel, heat_model
 from .heat_units import heat_of_weights, unit_heats
@@ -94,8 +93,7 @@ def _status(window: Window, run: Trajectory, theta: FloatArray, rng: np.random.G
             f"{window.scenario.name}: observations: found a likelihood of duty cycles, expected one of switch times: "
             "telemetry cannot be made from it"
         )
-    start, _ = window_bounds(window.scenario.windows[window.name], window.period)
-    seconds = (window.times - start) / np.timedelta64(1, "ns") * 1e-9
+    seconds = (window.times - window.start) / np.timedelta64(1, "ns") * 1e-9
     for heater, place in zip(data.samples.heater, data.samples.setting, strict=True):
         timing, error_rate = settings[place], settings[place + 1]
         own = run.switches.heater == heater

@@ -121,6 +121,21 @@ class Window:
         return orbital_period(self.scenario.environment, self.scenario.folder)
 
     @cached_property
+    def span(self) -> tuple[np.datetime64, np.datetime64]:
+        """Its start and its end, UTC."""
+        return window_bounds(self.scenario.windows[self.name], self.period)
+
+    @property
+    def start(self) -> np.datetime64:
+        """UTC, before the first sample."""
+        return self.span[0]
+
+    @property
+    def duration(self) -> float:
+        """s, what duty cycles are shares of."""
+        return float((self.span[1] - self.start) / np.timedelta64(1, "s"))
+
+    @cached_property
     def valid(self) -> Any:
         """[T, N] whether there is a valid sample."""
         return np.isfinite(self.observed)
@@ -249,8 +264,7 @@ class Window:
     @cached_property
     def first_sample(self) -> float:
         """Time of the first sample, s from the window's start."""
-        start = window_bounds(self.scenario.windows[self.name], self.period)[0]
-        return float((self.times[0] - start) / np.timedelta64(1, "ns") * 1e-9)
+        return float((self.times[0] - self.start) / np.timedelta64(1, "ns") * 1e-9)
 
     # --- variants -----------------------------------------------------------------------------------------------
 
