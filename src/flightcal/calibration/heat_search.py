@@ -21,7 +21,7 @@ from ..problem import (
     Units,
     Window,
     errors_of_weights,
-    heat_model,
+    heat_in_prior,
     heat_of_weights,
     held_by,
     hold,
@@ -31,7 +31,6 @@ from ..problem import (
     unit_heats,
 )
 from ..progress import SILENT, Progress
-from ..scenario import heat_of
 from ..simulator import FloatArray, IntArray, SimulationFailure, in_parallel
 from .heat_point import HeatPoint
 from .sizes import Around
@@ -90,17 +89,15 @@ class _Linear:
 
 def find_heat(problem: Problem, theta: FloatArray, *, progress: Progress = SILENT) -> HeatPoint:
     """Look at heat around theta [d] of a problem whose scenario has it. Raises FlightcalError where that fails."""
-    written = heat_of(problem.scenario)
-    assert written is not None
     windows, held = [], []
     for window in sampled_windows(problem):
-        found = held_by(window, problem.at(window, theta[None])[0])
+        found = held_by(window, problem.at(window, theta))
         windows.append(window if found is None else hold(window, found))
         held += [] if found is None else [found]
-    median = problem.at(windows[0], problem.priors.median()[None])[0]
-    model = replace(heat_model(problem.scenario, written, windows, median), held=tuple(held))
+    model = heat_in_prior(problem, windows)
+    assert model is not None
     try:
-        return _Search(problem, windows, model).run(theta, progress)
+        return _Search(problem, windows, replace(model, held=tuple(held))).run(theta, progress)
     except SimulationFailure as failure:
         raise FlightcalError(f"heat: {failure}, next to the point that fits the telemetry best") from None
 
@@ -210,7 +207,7 @@ class _Search:
         units, heat = self.units[window.name], self._heat(window, weights)
         around = replace(window, simulator=window.network.with_heat(heat))
         here = replace(problem, windows=tuple(around if own is window else own for own in problem.windows))
-        theta = here.at(around, problem.to_theta(z)[None])[0]
+        theta = here.at(around, problem.to_theta(z))
         expected = around.simulate(theta).temperatures + self._errors(window, weights)
         place = [own is window for own in problem.windows].index(True)
         left = np.where(window.valid, window.observed - expected, 0.0)
@@ -383,7 +380,7 @@ class _Search:
         """Telemetry minus simulation and its error [T, N]; None where it fails."""
         assert window.network is not None
         heat = self._heat(window, weights)
-        theta = self.sampling.at(window, self.problem.to_theta(z)[None])[0]
+        theta = self.sampling.at(window, self.problem.to_theta(z))
         run = window.network.simulate_many(theta[None, window.simulated], heat[None])[0]
         if run is None:
             return None
@@ -445,7 +442,7 @@ class _Search:
 
     def _kept(self, own: _Linear, z: FloatArray, around: Around) -> FloatArray:
         """Responses in the kept directions at z, [T, N, m]."""
-        theta = self.sampling.at(own.window, self.problem.to_theta(z)[None])[0]
+        theta = self.sampling.at(own.window, self.problem.to_theta(z))
         return kept_responses(around.bases, responses(own.window, theta, self.model, own.units))
 
 

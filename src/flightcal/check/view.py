@@ -309,7 +309,7 @@ class View:
 
     def simulated(self, window: Window, z: FloatArray) -> FloatArray:
         """[T, N] K of a window like this one. Raises SimulationFailure."""
-        return window.simulate(self.problem.at(self.window, self.problem.to_theta(z)[None])[0]).temperatures
+        return window.simulate(self.problem.at(self.window, self.problem.to_theta(z))).temperatures
 
     def point(self, window: Window, z: FloatArray, like: Point | None = None) -> Point:
         """A simulation and what moves it; like: whose response to heat is near enough. Raises SimulationFailure."""
@@ -320,7 +320,7 @@ class View:
         if like is not None:
             return Point(z, simulated, temperatures, flat, like.heat, like.jitter)
         units = unit_heats(self.heat, window)
-        inside = self.problem.at(self.window, self.problem.to_theta(z)[None])[0]
+        inside = self.problem.at(self.window, self.problem.to_theta(z))
         found = responses(window, inside, self.heat, units)
         parts: dict[bool, list[FloatArray]] = {True: [np.empty((flat.shape[0], 0))], False: []}
         for group, response in zip(self.heat.groups, found, strict=True):
@@ -330,14 +330,14 @@ class View:
 
     def heat_of(self, window: Window) -> HeatModel:
         """Of a window like this one, at the prior's median."""
-        median = self.problem.at(self.window, self.problem.priors.median()[None])[0]
+        median = self.problem.at(self.window, self.problem.priors.median())
         return heat_model(window.scenario, _usual(window), (window,), median)
 
     def response(self, window: Window, z: FloatArray, node: str, series: FloatArray) -> FloatArray:
         """[R, k] K per watt of heat in a node, with series [k, 2 K] in each step. Raises SimulationFailure."""
         simulator = window.network
         assert simulator is not None
-        inside = self.problem.at(self.window, self.problem.to_theta(z)[None])[0][self.window.simulated]
+        inside = self.problem.at(self.window, self.problem.to_theta(z))[self.window.simulated]
         nudge = 0.05 * max(self.heat.flow[self.heat.nodes.index(node)], 0.1)
         heat = np.zeros((len(series) + 1, len(simulator.network.heated), series.shape[1]))
         heat[1:, simulator.network.heated.index(node)] = nudge * series
@@ -416,7 +416,7 @@ def _usual(window: Window) -> Heat:
 def view_of(problem: Problem, telemetry: xarray.Dataset) -> View:
     """Of a problem of one window, and the telemetry it was built from."""
     (window,) = problem.windows
-    median = problem.at(window, problem.priors.median()[None])[0]
+    median = problem.at(window, problem.priors.median())
     rows = rows_of(window)
     heat = heat_model(window.scenario, _usual(window), (window,), median)
     return View(problem, telemetry, rows, heat, tuple(thermostats(window, rows)))

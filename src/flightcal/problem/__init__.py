@@ -12,6 +12,7 @@ from .heat import (
     exact_heat,
     followed,
     functions_of_heat,
+    heat_in_prior,
     mixed,
     rehearsals,
     sampled_windows,
@@ -33,5 +34,5 @@ from .heat_units import (
 from .held import held_by, hold
 from .native import STOPPED, NativeDensity
 from .problem import Problem, Runs
-from .synthetic import heat_in_prior, simulate_telemetry, with_drawn_heat, with_telemetry
+from .synthetic import simulate_telemetry, with_drawn_heat, with_telemetry
 from .window import Window
