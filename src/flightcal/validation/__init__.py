@@ -21,5 +21,5 @@ from .reliability import (
     uniformity,
 )
 from .repeats import Validation, judge, prepared, run_repeats, short
-from .residuals import SIGNIFICANCE, ResidualCheck, autocorrelation, check_window, effective_samples
+from .residuals import SIGNIFICANCE, ResidualCheck, autocorrelation, check_window, effective_samples, nominal_spacing
 from .simulation_based import INTERVALS, Band, ecdf, ecdf_band, joint

@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 from scipy.stats import norm
 
 from ...probability import INDEPENDENT, called
-from ...validation import ResidualCheck, autocorrelation
+from ...validation import ResidualCheck, autocorrelation, nominal_spacing
 from .. import block
 from ..block import Block, section
 from ..run_files import RunFiles, bins
@@ -234,8 +234,7 @@ def _autocorrelation(
     """Of residuals, with the band of white noise; of_noise: of innovations, over it."""
     lags = max(1, min(MOST_LAGS, values.size // 2))
     found = autocorrelation(values, time, lags)
-    spacing = float(np.median(np.diff(time).astype("timedelta64[ns]").astype(np.int64))) * 1e-9
-    minutes = np.arange(lags + 1) * spacing / 60
+    minutes = np.arange(lags + 1) * nominal_spacing(time) / 60
     half = 1.96 / np.sqrt(values.size)
     if not of_noise:
         outline = [0, minutes[-1], minutes[-1], 0], [-half, -half, half, half]
