@@ -129,12 +129,9 @@ def heated_switches(model: HeatModel, window: Window) -> tuple[int, ...]:
     """Which of a window's switches [E] put heat into nodes of the model."""
     if window.switching is None:
         return ()
-    heated = {name for name in set(window.switching.heater) if _heats(model, window, name)}
+    switched = {name: window.scenario.network.on_switch(name).values() for name in set(window.switching.heater)}
+    heated = {name for name, blocks in switched.items() if any(own.node in model.nodes for own in blocks)}
     return tuple(k for k, name in enumerate(window.switching.heater) if name in heated)
-
-
-def _heats(model: HeatModel, window: Window, heater: str) -> bool:
-    return any(own.node in model.nodes for own in window.scenario.network.on_switch(heater).values())
 
 
 def _watts(model: HeatModel, window: Window, heater: str) -> FloatArray:

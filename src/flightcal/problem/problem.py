@@ -452,10 +452,8 @@ class Problem:
         names = drifting_parameters(self.scenario)
         if not names:
             return {}
-        flat = thetas.reshape(-1, thetas.shape[-1])
-        inside = [(window, self.at(window, flat)) for window in self.windows]
-        shape = (*thetas.shape[:-1], len(self.windows))
+        inside = [(window, self.at(window, thetas)) for window in self.windows]
         return {
-            name: np.stack([values[:, window.names.index(name)] for window, values in inside], axis=-1).reshape(shape)
+            name: np.stack([values[..., window.names.index(name)] for window, values in inside], axis=-1)
             for name in names
         }

@@ -342,12 +342,12 @@ class Window:
 
         return -0.5 * float((scaled**2).sum()), scaled, to_theta
 
-    def of_residuals(self, run: Trajectory, numbers: FloatArray) -> tuple[float, Bars]:
-        """Log likelihood of the temperatures, as if of this window alone, and its derivatives; numbers: [N, n]."""
+    def of_residuals(self, theta: FloatArray, run: Trajectory) -> float:
+        """Log likelihood of the temperatures, as if of this window alone, with the simulation at theta [q]."""
+        numbers = self.numbers(theta)
         if not hasattr(self._own, "likelihood"):
             self._own.likelihood = Likelihood([self.terms], numbers.shape[1])
-        value, (bars,) = self._own.likelihood((self.observed, run.temperatures, numbers, run.error_variance))
-        return value, bars
+        return float(self._own.likelihood((self.observed, run.temperatures, numbers, run.error_variance))[0])
 
     def _cotangents(self, temperatures_bar: FloatArray, variance_bar: FloatArray) -> tuple[FloatArray, ...]:
         """What the vector-Jacobian product of the simulator takes."""
