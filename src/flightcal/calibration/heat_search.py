@@ -177,7 +177,7 @@ class _Search:
         known = replace(self.model, kept=around.bases, centre=centre, shapes=self.shapes(sizes))
         model = self._tilted(known, linear, z, sizes, around)
         found = dict(zip(self.names, sizes.tolist(), strict=True))
-        return HeatPoint(model, self.problem.names, self.problem.to_theta(z), found, rounds, moved, around)
+        return HeatPoint(model, self.problem.names, self.problem.to_theta(z), found, around)
 
     def _start(self, z: FloatArray) -> FloatArray:
         """Sizes to begin with: noise as the residuals have it, heat of a part of its prior's size."""

@@ -50,8 +50,6 @@ class Ensemble:
     """[S, H]."""
     energy: FloatArray
     """[S, H] J over the window."""
-    switch_sequences: tuple[tuple[tuple[int, int], ...], ...]
-    """[S] order in which heaters switched: (heater, 1 on or 0 off)."""
     failed: int
     draws: FloatArray
     """[S, T, N] K, of telemetry: simulation, discrepancy and noise together."""
@@ -135,10 +133,6 @@ def propagate(
         sampled_duty_cycle=sampled,
         switch_count=np.stack([np.bincount(run.switches.heater, minlength=heaters) for _, run in kept]).astype(float),
         energy=duty_cycle * power * window.duration,
-        switch_sequences=tuple(
-            tuple(zip(run.switches.heater.tolist(), run.switches.on.astype(int).tolist(), strict=True))
-            for _, run in kept
-        ),
         failed=len(thetas) - len(kept),
         draws=noisy,
         discrepancy=discrepancy,
