@@ -9,6 +9,7 @@ import pytest
 import flightcal
 
 ROOT = Path(flightcal.__file__).parent
+PROJECT = Path(__file__).parents[1]
 TOWER = [
     *("cli", "commands", "check", "report", "validation", "prediction", "emulation", "calibration", "problem"),
     *("reduction", "campaign", "external", "operational", "probability", "simulator", "telemetry", "environment"),
@@ -35,6 +36,21 @@ def imports(file: Path) -> Iterator[tuple[str, ...]]:
             yield tuple((node.module or "").split(".")[1:])
         elif isinstance(node, ast.Import):
             yield from (tuple(a.name.split(".")[1:]) for a in node.names if a.name.split(".")[0] == "flightcal")
+
+
+def _taken() -> dict[str, set[str]]:
+    """Names that are imported from each room's front door, by other rooms and by what stands beside the package."""
+    beside = [file for folder in ("tests", "benchmarks", "examples") for file in (PROJECT / folder).rglob("*.py")]
+    taken: dict[str, set[str]] = {room: set() for room in ROOMS}
+    for file in (*ROOT.rglob("*.py"), *beside):
+        for node in ast.walk(ast.parse(file.read_text(encoding="utf-8"))):
+            if isinstance(node, ast.ImportFrom) and (node.level != 1 or file.parent == ROOT):
+                room = (node.module or "").removeprefix("flightcal.")
+                taken.get(room, set()).update(alias.name for alias in node.names)
+    return taken
+
+
+TAKEN = _taken()
 
 
 def files_of(room: str) -> list[Path]:
@@ -70,6 +86,13 @@ def test_a_room_says_what_it_imports(room):
 def test_the_ground_imports_only_what_stands_below_it(module):
     used = {name[0] for name in imports(ROOT / f"{module}.py")}
     assert used <= set(TOWER[TOWER.index(module) + 1 :])
+
+
+@pytest.mark.parametrize("room", ROOMS)
+def test_a_front_door_has_nothing_that_nobody_takes(room):
+    door = ast.parse((ROOT / room / "__init__.py").read_text(encoding="utf-8"))
+    listed = [node for node in door.body if isinstance(node, ast.ImportFrom) and node.level]
+    assert {alias.name for node in listed for alias in node.names} <= TAKEN[room]
 
 
 def test_rooms_are_entered_by_their_front_doors():

@@ -200,7 +200,7 @@ def emcee(seconds: float) -> dict[str, Any]:
         values = np.asarray(problem.priors.at(z).log_density).copy()
         (window,) = problem.windows
         for k, run in enumerate(window.simulate_many(thetas)):
-            values[k] += -np.inf if run is None else window.of_residuals(run, window.numbers(thetas[k]))[0]
+            values[k] += -np.inf if run is None else window.of_residuals(thetas[k], run)
         return values
 
     sampler = package.EnsembleSampler(len(starts), starts.shape[1], log_probability, vectorize=True)

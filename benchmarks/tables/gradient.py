@@ -88,10 +88,7 @@ def _differences(model: Canonical) -> Callable[[Any], Any]:
         (window,) = problem.windows
         prior = np.asarray(problem.priors.at(points).log_density)
         values = np.array(
-            [
-                window.of_residuals(run, window.numbers(theta))[0]
-                for run, theta in zip(window.simulate_many(thetas), thetas, strict=True)
-            ]
+            [window.of_residuals(theta, run) for run, theta in zip(window.simulate_many(thetas), thetas, strict=True)]
         )
         values += prior
         d = len(z)

@@ -19,7 +19,7 @@ from flightcal.validation import variant
 
 VALIDATION = Path(__file__).parents[2] / "examples" / "validation" / "scenario.yaml"
 Z = np.random.default_rng(1).normal([0.0, 1.0], [1.0, 0.1], (400, 2))
-BEST = Mode(np.array([0.0, 1.0]), 10.0, True, 3, "a start")
+BEST = Mode(np.array([0.0, 1.0]), 10.0, True, "a start")
 
 
 def told(*modes):

@@ -110,7 +110,7 @@ def several(**problems: Problem) -> Problem:
         windows.append(replace(window, name=f"train.{label}", times=window.times + np.timedelta64(day, "D")))
     windows.sort(key=lambda window: list(problems).index(window.label))
     scenario = scenario.model_copy(update={"windows": spans})
-    return replace(problem, scenario=scenario, windows=tuple(windows))
+    return replace(problem, scenario=scenario, windows=tuple(replace(own, scenario=scenario) for own in windows))
 
 
 def centre_at(problem: Problem, **theta: float) -> Centre:

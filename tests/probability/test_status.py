@@ -297,7 +297,7 @@ def test_a_scenario_that_gives_status_no_likelihood_has_none(tmp_path):
 def test_the_search_is_put_on_record(tmp_path, likelihood):
     written_without = small.content() if likelihood is None else written(likelihood)
     problem = build_problem(*small.closed_loop(tmp_path, written_without))
-    record = search_record(problem, [Mode(np.zeros(1), -np.inf, False, 3, "prior draw 1")])
+    record = search_record(problem, [Mode(np.zeros(1), -np.inf, False, "prior draw 1")])
     assert record["sought"].startswith("in open loop")
     assert ("thresholds" in record["sought"]) == (likelihood is not None)
     assert record["modes"] == [{"origin": "prior draw 1", "log_density": None, "converged": False}]

@@ -6,8 +6,8 @@ import numpy as np
 import pytest
 from scipy.stats import norm
 
-from flightcal.problem import build_problem
-from flightcal.problem.synthetic import heat_in_prior, simulate_telemetry, with_drawn_heat, with_telemetry
+from flightcal.problem import build_problem, heat_in_prior
+from flightcal.problem.synthetic import simulate_telemetry, with_drawn_heat, with_telemetry
 from flightcal.scenario import HalfNormal
 from tests import small
 

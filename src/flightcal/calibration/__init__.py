@@ -13,37 +13,3 @@ from .posterior import Posterior, mean_and_some
 from .results import CALIBRATED_FILE, RESULTS, RESULTS_FILE, TABLE_FILE, read_calibrated
 from .stages import COMPILE, GENETIC, NUTS, Sampled, keep_sample, posterior_draws, rough_seconds, warm
 from .table import Calibrated, html_table
-
-__all__ = [
-    "CALIBRATED_FILE",
-    "COMPILE",
-    "GENETIC",
-    "NUTS",
-    "RESULTS",
-    "RESULTS_FILE",
-    "TABLE_FILE",
-    "Calibrated",
-    "Diagnostics",
-    "Gate",
-    "Posterior",
-    "Sampled",
-    "calibrate_genetic",
-    "calibrate_nuts",
-    "climb",
-    "find_mode",
-    "gate",
-    "genetic_points",
-    "genetic_run_points",
-    "html_table",
-    "keep_sample",
-    "least_effective",
-    "mean_and_some",
-    "posterior_draws",
-    "read_calibrated",
-    "rough_seconds",
-    "sample",
-    "warm",
-    "with_gate",
-    "with_kept_heat",
-    "with_residual_noise",
-]

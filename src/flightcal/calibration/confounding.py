@@ -56,7 +56,7 @@ def confounding(problem: Problem, thetas: FloatArray, runs: Sequence[Runs | None
         return None
     weights = []
     for window in problem.windows:
-        noise = window.noise(problem.at(window, centre[None])[0])
+        noise = window.noise(problem.at(window, centre))
         weights.append(np.where(window.valid, 1.0 / noise**2, 0.0))
     along = np.einsum("tni,tn,stn->si", jacobian, np.concatenate(weights), expected, optimize=True)
     values = thetas[:, simulated]

@@ -45,7 +45,7 @@ def check_heat(problem: Problem, thetas: FloatArray, rng: np.random.Generator) -
         first += precision.shape[1]
         off = np.nanmean((of_exact - of_linear) ** 2, axis=(0, 1))
         squares.append(off.mean())
-        inside = problem.at(window, np.median(kept, axis=0)[None])[0]
+        inside = problem.at(window, np.median(kept, axis=0))
         relative = max(relative, float(np.sqrt((off / window.noise(inside) ** 2).max())))
         for sign, simulated in ((-0.5, of_exact), (0.5, of_linear)):
             left = np.where(window.valid, window.observed - simulated, 0.0)

@@ -4,15 +4,15 @@ from __future__ import annotations
 
 import json
 from collections.abc import Mapping
+from dataclasses import replace
 from typing import Any
 
 import numpy as np
 import xarray
 
 from ..errors import RunError
-from ..probability import Profile, Shaped, Slow
-from ..problem import Followed, Gain, Group, HeatModel, Held, Problem, with_heat
-from ..run import plain
+from ..problem import HeatModel, Problem, with_heat
+from ..run import plain, typed
 from ..simulator import FloatArray
 
 HEAT_GROUP = "heat"
@@ -43,30 +43,8 @@ def _model(content: Mapping[str, Any]) -> HeatModel:
             "posterior: found unmodelled heat of an earlier flightcal, in which a pattern wandered by a size of its "
             "own; calibrate again into a new folder"
         )
-    slow, profile, functions = content["slow"], content["profile"], content["functions"]
-    kept = [np.array(own, float).reshape(count, -1) for own, count in zip(content["kept"], functions, strict=True)]
-    return HeatModel(
-        nodes=tuple(content["nodes"]),
-        flow=np.array(content["flow"]),
-        origin=np.datetime64(content["origin"]),
-        harmonics=content["harmonics"],
-        over=content["over"],
-        profile=None
-        if profile is None
-        else Profile(np.array(profile["knots"], float), profile["length"], tuple(profile["range"])),
-        slow=None if slow is None else Slow(np.array(slow["knots"], float), slow["time"]),
-        of_pattern=content["of_pattern"],
-        gains=tuple(Gain(own["node"], tuple(own["columns"]), tuple(own["watts"])) for own in content["gains"]),
-        groups=tuple(Group(**own) for own in content["groups"]),
-        kept=tuple(kept),
-        centre=np.array(content["centre"], float),
-        shapes=tuple(Shaped(own["time"], own["white_share"]) for own in content["shapes"]),
-        held=tuple(
-            Held(own["window"], tuple(map(tuple, own["shares"])), tuple(map(tuple, own["switches"])))
-            for own in content["held"]
-        ),
-        followed={
-            name: Followed(own["logarithmic"], own["at"], np.array(own["slope"], float))
-            for name, own in content["followed"].items()
-        },
-    )  # fmt: skip
+    kept = zip(content["kept"], content["functions"], strict=True)
+    # A list does not tell of how many functions nothing is kept.
+    return replace(
+        typed(HeatModel, content), kept=tuple(np.array(own, float).reshape(count, -1) for own, count in kept)
+    )

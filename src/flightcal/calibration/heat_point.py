@@ -26,9 +26,6 @@ class HeatPoint:
     """[d] and theta."""
     sizes: dict[str, float]
     """Of noise and heat, by their names in theta: the most probable ones."""
-    rounds: int
-    moved: float
-    """Largest step of a parameter in the last round, in its deviations."""
     around: Around
     """What all this follows from, with the most probable sizes and with others."""
 

@@ -21,7 +21,7 @@ from ..problem import (
     Units,
     Window,
     errors_of_weights,
-    heat_model,
+    heat_in_prior,
     heat_of_weights,
     held_by,
     hold,
@@ -31,7 +31,6 @@ from ..problem import (
     unit_heats,
 )
 from ..progress import SILENT, Progress
-from ..scenario import heat_of
 from ..simulator import FloatArray, IntArray, SimulationFailure, in_parallel
 from .heat_point import HeatPoint
 from .sizes import Around
@@ -90,17 +89,15 @@ class _Linear:
 
 def find_heat(problem: Problem, theta: FloatArray, *, progress: Progress = SILENT) -> HeatPoint:
     """Look at heat around theta [d] of a problem whose scenario has it. Raises FlightcalError where that fails."""
-    written = heat_of(problem.scenario)
-    assert written is not None
     windows, held = [], []
     for window in sampled_windows(problem):
-        found = held_by(window, problem.at(window, theta[None])[0])
+        found = held_by(window, problem.at(window, theta))
         windows.append(window if found is None else hold(window, found))
         held += [] if found is None else [found]
-    median = problem.at(windows[0], problem.priors.median()[None])[0]
-    model = replace(heat_model(problem.scenario, written, windows, median), held=tuple(held))
+    model = heat_in_prior(problem, windows)
+    assert model is not None
     try:
-        return _Search(problem, windows, model).run(theta, progress)
+        return _Search(problem, windows, replace(model, held=tuple(held))).run(theta, progress)
     except SimulationFailure as failure:
         raise FlightcalError(f"heat: {failure}, next to the point that fits the telemetry best") from None
 
@@ -112,6 +109,7 @@ class _Search:
         self.problem, self.model = problem, model
         self.windows = windows
         self.sampling = replace(problem, windows=tuple(windows), open_loop=None)
+        self.moving: IntArray = self.sampling.simulated
         residuals = windows[0].residuals
         self.entries, self.kinds = residuals.entries, residuals.terms.kinds
         names = list(dict.fromkeys(entry.name for entry in self.entries))
@@ -122,7 +120,9 @@ class _Search:
         self.floor = _floors(windows)
         self.units = {window.name: unit_heats(model, window) for window in windows}
         most = [max(len(own.series) for own in of_group) for of_group in zip(*self.units.values(), strict=True)]
-        self.group = np.repeat(np.arange(len(most)), most)
+        self.group, self.whole = np.repeat(np.arange(len(most)), most), [np.eye(functions) for functions in most]
+        # Of each channel, the column of its white noise.
+        self.white = [kind.names.index(kind.white) if kind.white else 0 for kind in self.kinds]
 
     # --- numbers ------------------------------------------------------------------------------------------------
 
@@ -131,13 +131,9 @@ class _Search:
         numbers = self.windows[0].residuals.fixed.copy()
         for entry in self.entries:
             numbers[entry.channel, entry.column] = sizes[self.noise.index(entry.name)]
-        for k, column in enumerate(self._white()):
+        for k, column in enumerate(self.white):
             numbers[k, column] = np.hypot(numbers[k, column], self.floor[k])
         return numbers
-
-    def _white(self) -> list[int]:
-        """Of each channel, the column of its white noise."""
-        return [kind.names.index(kind.white) if kind.white else 0 for kind in self.kinds]
 
     def roots(self, sizes: FloatArray) -> FloatArray:
         """[g] scale of each group."""
@@ -175,12 +171,13 @@ class _Search:
         around = self._around(linear, z, weights, sizes)
         sizes = around.most_probable(sizes)
         # Windows are linearised around heat; an error of the simulator is linear everywhere.
-        at = np.where(np.isin(self.group, self._of_errors()), 0.0, weights)
+        errors = [g for g, group in enumerate(self.model.groups) if group.part == "error"]
+        at = np.where(np.isin(self.group, errors), 0.0, weights)
         centre = self._of_bases(at, around.bases)
         known = replace(self.model, kept=around.bases, centre=centre, shapes=self.shapes(sizes))
         model = self._tilted(known, linear, z, sizes, around)
         found = dict(zip(self.names, sizes.tolist(), strict=True))
-        return HeatPoint(model, self.problem.names, self.problem.to_theta(z), found, rounds, moved, around)
+        return HeatPoint(model, self.problem.names, self.problem.to_theta(z), found, around)
 
     def _start(self, z: FloatArray) -> FloatArray:
         """Sizes to begin with: noise as the residuals have it, heat of a part of its prior's size."""
@@ -210,7 +207,7 @@ class _Search:
         units, heat = self.units[window.name], self._heat(window, weights)
         around = replace(window, simulator=window.network.with_heat(heat))
         here = replace(problem, windows=tuple(around if own is window else own for own in problem.windows))
-        theta = here.at(around, problem.to_theta(z)[None])[0]
+        theta = here.at(around, problem.to_theta(z))
         expected = around.simulate(theta).temperatures + self._errors(window, weights)
         place = [own is window for own in problem.windows].index(True)
         left = np.where(window.valid, window.observed - expected, 0.0)
@@ -230,25 +227,16 @@ class _Search:
         """Weights of the functions that a window has."""
         return [weights[self.group == g][: len(own.series)] for g, own in enumerate(self.units[window.name])]
 
-    def _of_errors(self) -> list[int]:
-        """Groups that are the simulator's error."""
-        return [g for g, group in enumerate(self.model.groups) if group.part == "error"]
-
     def _columns(self, linear: Sequence[_Linear], bases: Sequence[FloatArray]) -> list[FloatArray]:
         """[T, N, m + d] of each window: responses in the kept directions, and by z."""
-        found = []
-        for own in linear:
-            found.append(
-                np.concatenate([kept_responses(bases, own.response), own.jacobian[..., self._moving()]], axis=2)
-            )
-        return found
+        return [
+            np.concatenate([kept_responses(bases, own.response), own.jacobian[..., self.moving]], axis=2)
+            for own in linear
+        ]
 
     def _of_bases(self, weights: FloatArray, bases: Sequence[FloatArray]) -> FloatArray:
         """Weights of all groups in the kept directions."""
         return np.concatenate([basis.T @ weights[self.group == g] for g, basis in enumerate(bases)])
-
-    def _moving(self) -> IntArray:
-        return np.asarray(self.sampling.simulated)
 
     def _told(
         self, linear: Sequence[_Linear], sizes: FloatArray, roots: FloatArray, least: float
@@ -257,8 +245,7 @@ class _Search:
         shapes, numbers = self.shapes(sizes), self.numbers(sizes)
         whole = []
         for own in linear:
-            columns = self._columns([own], [np.eye(f) for f in self._sizes_of_groups()])[0][..., : len(self.group)]
-            white = own.through(shapes)(columns) / numbers[:, :1, None]
+            white = own.through(shapes)(kept_responses(self.whole, own.response)) / numbers[:, :1, None]
             whole.append(white.reshape(-1, len(self.group)))
         everything = np.concatenate(whole)
         bases = []
@@ -267,9 +254,6 @@ class _Search:
             values, directions = np.linalg.eigh(columns.T @ columns)
             bases.append(directions[:, values > least])
         return tuple(bases)
-
-    def _sizes_of_groups(self) -> list[int]:
-        return np.bincount(self.group, minlength=len(self.model.groups)).tolist()
 
     def _generous(self, sizes: FloatArray) -> FloatArray:
         """Scales of the groups, or their priors' where these are larger."""
@@ -282,10 +266,9 @@ class _Search:
 
     def _prior_of_z(self, z: FloatArray) -> tuple[FloatArray, FloatArray]:
         """Mean and deviations of the normal distribution that the prior of what is simulated is like at z."""
-        moving = self._moving()
-        precision = np.maximum(self.problem.priors.precision(z)[moving], 1e-6)
-        gradient = self.problem.priors.at(z).gradient[moving]
-        return z[moving] + gradient / precision, precision**-0.5
+        precision = np.maximum(self.problem.priors.precision(z)[self.moving], 1e-6)
+        gradient = self.problem.priors.at(z).gradient[self.moving]
+        return z[self.moving] + gradient / precision, precision**-0.5
 
     def _best_fit(
         self, linear: Sequence[_Linear], z: FloatArray, weights: FloatArray, starts: Sequence[FloatArray]
@@ -306,12 +289,11 @@ class _Search:
             bases = self._told(linear, sizes, self._generous(sizes), _TOLD_MUCH)
         columns = self._columns(linear, bases)
         mean, deviation = self._prior_of_z(z)
-        from_prior = np.concatenate([self._of_bases(weights, bases), z[self._moving()] - mean])
+        from_prior = np.concatenate([self._of_bases(weights, bases), z[self.moving] - mean])
         left = [own.left + basis @ from_prior for own, basis in zip(linear, columns, strict=True)]
         counts = [basis.shape[1] for basis in bases]
         evidence = Evidence([own.terms for own in linear], columns, self.windows[0].residuals.fixed.shape[1])
         ends = np.cumsum(counts)
-        white = self._white()
 
         def cost(u: FloatArray) -> tuple[float, FloatArray]:
             at = self.sizes.at(u)
@@ -321,7 +303,7 @@ class _Search:
             bar = np.zeros(len(u))
             for entry in self.entries:
                 slope = numbers_bar[entry.channel, entry.column]
-                if entry.column == white[entry.channel]:
+                if entry.column == self.white[entry.channel]:
                     slope *= at.theta[self.noise.index(entry.name)] / numbers[entry.channel, entry.column]
                 bar[self.noise.index(entry.name)] += slope
             for group, part in zip(self.model.groups, np.split(roots_bar, ends)[:-1], strict=True):
@@ -340,9 +322,9 @@ class _Search:
     ) -> tuple[FloatArray, FloatArray, float]:
         """The next point, and by how much parameters moved in their deviations."""
         shapes, numbers, scales = self.shapes(sizes), self.numbers(sizes), self.roots(sizes)
-        moving, (mean, deviation) = self._moving(), self._prior_of_z(z)
+        moving, (mean, deviation) = self.moving, self._prior_of_z(z)
         roots = np.concatenate([scales[self.group], deviation])
-        columns = self._columns(linear, [np.eye(f) for f in self._sizes_of_groups()])
+        columns = self._columns(linear, self.whole)
         gram, moment = np.zeros((len(roots), len(roots))), np.zeros(len(roots))
         whitens = [own.through(shapes) for own in linear]
         for own, wide, whiten in zip(linear, columns, whitens, strict=True):
@@ -383,7 +365,7 @@ class _Search:
         """Telemetry minus simulation and its error [T, N]; None where it fails."""
         assert window.network is not None
         heat = self._heat(window, weights)
-        theta = self.sampling.at(window, self.problem.to_theta(z)[None])[0]
+        theta = self.sampling.at(window, self.problem.to_theta(z))
         run = window.network.simulate_many(theta[None, window.simulated], heat[None])[0]
         if run is None:
             return None
@@ -392,7 +374,7 @@ class _Search:
     def _around(self, linear: Sequence[_Linear], z: FloatArray, weights: FloatArray, sizes: FloatArray) -> Around:
         bases = self._told(linear, sizes, self._largest(sizes), _TOLD)
         mean, deviation = self._prior_of_z(z)
-        from_prior = np.concatenate([self._of_bases(weights, bases), z[self._moving()] - mean])
+        from_prior = np.concatenate([self._of_bases(weights, bases), z[self.moving] - mean])
         columns, shapes = self._columns(linear, bases), self.shapes(sizes)
         gram, moment, squares, samples, determinant = [], [], [], [], []
         for own, wide in zip(linear, columns, strict=True):
@@ -414,8 +396,7 @@ class _Search:
         scale = [self.names.index(group.scale) if group.scale else -1 for group in self.model.groups]
         return Around(
             bases, self.sizes, np.array(free), np.array([noise.get(k, -1) for k in range(len(held))]),
-            held, np.array(scale)[groups], mean, deviation, self._moving(),
-*parts,
+            held, np.array(scale)[groups], mean, deviation, self.moving, *parts,
         )  # fmt: skip
 
     def _tilted(
@@ -445,7 +426,7 @@ class _Search:
 
     def _kept(self, own: _Linear, z: FloatArray, around: Around) -> FloatArray:
         """Responses in the kept directions at z, [T, N, m]."""
-        theta = self.sampling.at(own.window, self.problem.to_theta(z)[None])[0]
+        theta = self.sampling.at(own.window, self.problem.to_theta(z))
         return kept_responses(around.bases, responses(own.window, theta, self.model, own.units))
 
 

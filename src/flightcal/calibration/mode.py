@@ -47,7 +47,6 @@ class Mode:
     """[d]."""
     log_density: float
     converged: bool
-    iterations: int
     origin: str
     """Which start it was reached from."""
 
@@ -59,7 +58,7 @@ def climb(problem: Problem, z: FloatArray, origin: str = "") -> Mode:
     """
     damping = 1e-3
     value, gradient = problem.log_density_and_gradient(z)
-    for iteration in range(_ITERATIONS):
+    for _ in range(_ITERATIONS):
         if not np.isfinite(value):
             break
         try:
@@ -70,7 +69,7 @@ def climb(problem: Problem, z: FloatArray, origin: str = "") -> Mode:
             step = np.linalg.solve(hessian + damping * np.diag(np.diag(hessian)), gradient)
             promised = 0.5 * float(gradient @ step)
             if promised < _CONVERGED and damping <= 1e-2:
-                return Mode(z, value, True, iteration, origin)
+                return Mode(z, value, True, origin)
             new_value, new_gradient = problem.log_density_and_gradient(z + step)
             if np.isfinite(new_value) and new_value > value:
                 z, value, gradient = z + step, new_value, new_gradient
@@ -78,8 +77,8 @@ def climb(problem: Problem, z: FloatArray, origin: str = "") -> Mode:
                 break
             damping *= 5.0
         else:
-            return Mode(z, value, promised < 100 * _CONVERGED, iteration, origin)
-    return Mode(z, value, False, _ITERATIONS, origin)
+            return Mode(z, value, promised < 100 * _CONVERGED, origin)
+    return Mode(z, value, False, origin)
 
 
 def find_mode(

@@ -59,14 +59,12 @@ def posterior_draws(posterior: xarray.DataTree, names: tuple[str, ...], count: i
 
 def warm(problem: Problem) -> None:
     """Compile and call what later stages call, so that their times are without compilation."""
+    median = problem.priors.median()
     if heat_of(problem.scenario) is not None:
-        problem.independent().warm()
-        for like in rehearsals(problem):
+        for like in (problem.independent(), *rehearsals(problem)):
             like.warm()
     else:
         problem.warm()
-    median = problem.priors.median()
-    if heat_of(problem.scenario) is None:
         problem.log_density_and_gradient(problem.to_z(median))
     problem.simulate_many(np.tile(median, (8, 1)))
 

@@ -9,18 +9,3 @@ from .job import run_function
 from .run import Here, Runner
 from .store import FINISHED
 from .subject import Subject, input_hashes, scenario_parts
-
-__all__ = [
-    "FINISHED",
-    "NOT_RUN",
-    "Design",
-    "Here",
-    "Runner",
-    "Subject",
-    "Tally",
-    "input_hashes",
-    "open_campaign",
-    "run_campaign",
-    "run_function",
-    "scenario_parts",
-]

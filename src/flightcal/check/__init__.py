@@ -8,14 +8,3 @@ from .evaluate import effort_for
 from .profile import check_names
 from .suspects import SUSPECTS, Suspects, suspects
 from .whole import CHECK, CheckSummary, check
-
-__all__ = [
-    "CHECK",
-    "SUSPECTS",
-    "CheckSummary",
-    "Suspects",
-    "check",
-    "check_names",
-    "effort_for",
-    "suspects",
-]

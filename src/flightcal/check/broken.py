@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Literal
 
 import numpy as np
@@ -52,17 +52,18 @@ class Broken:
 
 def broken(channel: str, times: NDArray[np.datetime64], values: FloatArray, modelled: FloatArray) -> Broken | None:
     """What is wrong with a channel's samples [T] K; modelled: [T] K as the simulator has them, NaN: not known."""
+    valid = np.flatnonzero(np.isfinite(values))
     for look in (_filled, _spikes, _held, _stuck, _clipped, _repeating):
-        found = look(channel, times, values, modelled)
+        found = look(channel, times[valid], values[valid], modelled[valid])
         if found is not None:
-            return found
+            useless = np.zeros(len(values), bool)
+            useless[valid] = found.useless
+            return replace(found, useless=useless)
     return None
 
 
-def _filled(channel: str, times: NDArray[np.datetime64], values: FloatArray, modelled: FloatArray) -> Broken | None:
+def _filled(channel: str, times: NDArray[np.datetime64], own: FloatArray, modelled: FloatArray) -> Broken | None:
     """One number that comes again and again, far from what is read before and after: it stands for no reading."""
-    valid = np.flatnonzero(np.isfinite(values))
-    own = values[valid]
     numbers, counts = np.unique(own, return_counts=True)
     for number_of in numbers[(counts >= _FILLED) & (counts < 0.5 * len(own))]:
         is_it = own == number_of
@@ -73,23 +74,19 @@ def _filled(channel: str, times: NDArray[np.datetime64], values: FloatArray, mod
         height = np.where(before * after > 0.0, np.minimum(np.abs(before), np.abs(after)), 0.0)
         limit = max(_FAR, noises * noise_of(own[others]), 4.0 * float(np.quantile(np.abs(np.diff(own[others])), 0.95)))
         if (height > limit).mean() > 0.8:
-            useless = np.zeros(len(values), bool)
-            useless[valid[is_it]] = True
             return Broken(
                 "filled", channel, f"{channel} has samples that are no readings",
                 f"{number(float(number_of) - ICE_POINT, 4)} degC comes {int(is_it.sum())} times, each time "
                 f"{number(float(np.median(height)), 2)} K away from the samples around it.",
-                f"Write it as 'invalid' of {channel} in 'telemetry: channels'", useless,
+                f"Write it as 'invalid' of {channel} in 'telemetry: channels'", is_it,
             )  # fmt: skip
     return None
 
 
-def _clipped(channel: str, times: NDArray[np.datetime64], values: FloatArray, modelled: FloatArray) -> Broken | None:
+def _clipped(channel: str, times: NDArray[np.datetime64], own: FloatArray, modelled: FloatArray) -> Broken | None:
     """Readings that stop at their highest or lowest, where the temperature goes on."""
-    valid = np.flatnonzero(np.isfinite(values))
-    if len(valid) < _STUCK:
+    if len(own) < _STUCK:
         return None
-    own = values[valid]
     for extreme, word in ((own.max(), "above"), (own.min(), "below")):
         edges = np.flatnonzero(np.diff(np.concatenate([[0], (own == extreme).astype(int), [0]])))
         first, last = edges[::2], edges[1::2]
@@ -101,42 +98,36 @@ def _clipped(channel: str, times: NDArray[np.datetime64], values: FloatArray, mo
         slope = np.minimum(rise, fall)
         # A parabola that begins and ends with these slopes goes on so far.
         beyond = np.where(np.isfinite(slope), slope, 0.0) * (last - first) / 4.0
-        if (beyond > _CLIPPED + 4.0 * step_of(own) + 4.0 * noise_of(values)).sum() < 2:
+        if (beyond > _CLIPPED + 4.0 * step_of(own) + 4.0 * noise_of(own)).sum() < 2:
             continue
-        useless = np.zeros(len(values), bool)
-        useless[valid[own == extreme]] = True
         return Broken(
             "clipped", channel, f"{channel} shows nothing {word} {number(float(extreme) - ICE_POINT, 4)} degC",
             f"It stops there {len(first)} times, for up to {int((last - first).max())} samples, where it would go on "
             f"by {number(float(beyond.max()), 2)} K.",
-            f"Leave these samples out with a narrower 'valid_range' of {channel}", useless,
+            f"Leave these samples out with a narrower 'valid_range' of {channel}", own == extreme,
         )  # fmt: skip
     return None
 
 
-def _spikes(channel: str, times: NDArray[np.datetime64], values: FloatArray, modelled: FloatArray) -> Broken | None:
-    valid = np.flatnonzero(np.isfinite(values))
-    if len(valid) < 20:
+def _spikes(channel: str, times: NDArray[np.datetime64], own: FloatArray, modelled: FloatArray) -> Broken | None:
+    if len(own) < 20:
         return None
-    own = values[valid]
-    height = _heights(times[valid], own)
+    height = _heights(times, own)
     least, noises, usual, models = _SPIKE
     order = np.argsort(-height)
-    limit = max(least, noises * noise_of(values), usual * float(height[order[_MOST_SPIKES]]))
-    if np.isfinite(modelled[valid]).all():
-        limit = max(limit, models * float(_heights(times[valid], modelled[valid]).max()))
-    high = np.flatnonzero(height > limit)
-    if not len(high):
+    limit = max(least, noises * noise_of(own), usual * float(height[order[_MOST_SPIKES]]))
+    if np.isfinite(modelled).all():
+        limit = max(limit, models * float(_heights(times, modelled).max()))
+    high = height > limit
+    if not high.any():
         return None
-    place = valid[order[0]]
-    useless = np.zeros(len(values), bool)
-    useless[valid[high]] = True
-    what = "a spike" if len(high) == 1 else f"{len(high)} spikes"
+    first = order[0]
+    what = "a spike" if high.sum() == 1 else f"{high.sum()} spikes"
     return Broken(
         "spike", channel, f"{channel} has {what}",
-        f"At {clock(times[place])} it reads {number(float(values[place]) - ICE_POINT, 3)} degC, "
-        f"{number(float(height[order[0]]), 2)} K away from the samples around it.",
-        f"Leave it out with a narrower 'valid_range' of {channel}", useless,
+        f"At {clock(times[first])} it reads {number(float(own[first]) - ICE_POINT, 3)} degC, "
+        f"{number(float(height[first]), 2)} K away from the samples around it.",
+        f"Leave it out with a narrower 'valid_range' of {channel}", high,
     )  # fmt: skip
 
 
@@ -153,54 +144,46 @@ def _heights(times: NDArray[np.datetime64], values: FloatArray) -> FloatArray:
     return found
 
 
-def _held(channel: str, times: NDArray[np.datetime64], values: FloatArray, modelled: FloatArray) -> Broken | None:
-    valid = np.flatnonzero(np.isfinite(values))
-    changes = np.flatnonzero(np.diff(values[valid]) != 0.0) + 1
+def _held(channel: str, times: NDArray[np.datetime64], own: FloatArray, modelled: FloatArray) -> Broken | None:
+    changes = np.flatnonzero(np.diff(own) != 0.0) + 1
     if len(changes) < 10:
         return None
     stride = int(np.gcd.reduce(np.diff(changes)))
     if stride < _HELD:
         return None
-    useless = np.ones(len(values), bool)
-    useless[valid[changes]] = False
     return Broken(
         "held", channel, f"{channel} holds each reading for {stride} samples",
         f"Its value changes every {stride} samples or a multiple of that, and never between: one of {stride} "
         "is a measurement.",
-        f"Keep one of {stride} samples of {channel}", useless,
+        f"Keep one of {stride} samples of {channel}", np.diff(own, prepend=own[0]) == 0.0,
     )  # fmt: skip
 
 
-def _stuck(channel: str, times: NDArray[np.datetime64], values: FloatArray, modelled: FloatArray) -> Broken | None:
-    valid = np.flatnonzero(np.isfinite(values))
-    if len(valid) < _STUCK:
+def _stuck(channel: str, times: NDArray[np.datetime64], own: FloatArray, modelled: FloatArray) -> Broken | None:
+    if len(own) < _STUCK:
         return None
-    own = values[valid]
     starts = np.concatenate([[0], np.flatnonzero(np.diff(own) != 0.0) + 1])
     lengths = np.diff(np.append(starts, len(own)))
     longest = int(np.argmax(lengths))
-    run = valid[starts[longest] : starts[longest] + lengths[longest]]
-    if len(run) < _STUCK:
+    first, last = starts[longest], starts[longest] + lengths[longest] - 1
+    if lengths[longest] < _STUCK:
         return None
     others = np.delete(lengths, longest)
     step = float(np.abs(np.diff(own))[np.diff(own) != 0.0].min(initial=0.1)) if len(others) else 0.1
-    moves = float(np.nanmax(modelled[run]) - np.nanmin(modelled[run])) if np.isfinite(modelled[run]).any() else 0.0
-    if moves < max(_MOVES, 4.0 * step) or len(run) < 4 * int(others.max(initial=0)):
+    known = modelled[first : last + 1][np.isfinite(modelled[first : last + 1])]
+    moves = float(np.ptp(known)) if len(known) else 0.0
+    if moves < max(_MOVES, 4.0 * step) or lengths[longest] < 4 * int(others.max(initial=0)):
         return None
-    useless = np.zeros(len(values), bool)
-    useless[run] = True
-    whole = "throughout" if not len(others) else f"from {clock(times[run[0]])} to {clock(times[run[-1]])}"
+    whole = "throughout" if not len(others) else f"from {clock(times[first])} to {clock(times[last])}"
     return Broken(
         "stuck", channel, f"{channel} is stuck",
-        f"It reads {number(float(own[starts[longest]]) - ICE_POINT, 4)} degC in {len(run)} samples, {whole}; meanwhile "
+        f"It reads {number(float(own[first]) - ICE_POINT, 4)} degC in {lengths[longest]} samples, {whole}; meanwhile "
         f"the model moves by {number(moves, 2)} K.",
-        f"Leave {channel} out of 'observations', or that time out of the window", useless,
+        f"Leave {channel} out of 'observations', or that time out of the window", _between(own, first, last + 1),
     )  # fmt: skip
 
 
-def _repeating(channel: str, times: NDArray[np.datetime64], values: FloatArray, modelled: FloatArray) -> Broken | None:
-    valid = np.flatnonzero(np.isfinite(values))
-    own = values[valid]
+def _repeating(channel: str, times: NDArray[np.datetime64], own: FloatArray, modelled: FloatArray) -> Broken | None:
     moves = np.append(False, np.diff(own) != 0.0)
     shares = []
     best = (0, 0, 0, 0)  # changes, lag, first, last
@@ -223,13 +206,17 @@ def _repeating(channel: str, times: NDArray[np.datetime64], values: FloatArray, 
     likely += [float(outside.mean())] if len(outside) >= _COPIED else []
     if max(likely) ** count > _CHANCE:
         return None
-    useless = np.zeros(len(values), bool)
-    useless[valid[first:last]] = True
     return Broken(
         "repeating", channel, f"{channel} repeats itself",
-        f"{last - first} samples from {clock(times[valid[first]])} on are exactly those of {lag} samples before.",
-        f"Leave {channel} out of 'observations', or that time out of the window", useless,
+        f"{last - first} samples from {clock(times[first])} on are exactly those of {lag} samples before.",
+        f"Leave {channel} out of 'observations', or that time out of the window", _between(own, first, last),
     )  # fmt: skip
+
+
+def _between(values: FloatArray, first: int, end: int) -> NDArray[np.bool_]:
+    """[t] which of the values are from the first on and before the end."""
+    places = np.arange(len(values))
+    return (places >= first) & (places < end)
 
 
 def _alike(values: FloatArray) -> float:

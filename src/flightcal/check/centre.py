@@ -117,8 +117,8 @@ class _Linear:
 
 def expanded(problem: Problem, z: FloatArray) -> Problem:
     """The problem with its simulators expanded about z [d] by central differences."""
-    theta = problem.to_theta(z)[None]
-    windows = tuple(_expanded(window, problem.at(window, theta)[0]) for window in problem.windows)
+    theta = problem.to_theta(z)
+    windows = tuple(_expanded(window, problem.at(window, theta)) for window in problem.windows)
     return replace(problem, windows=windows, open_loop=None)
 
 

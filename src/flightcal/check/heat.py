@@ -12,7 +12,7 @@ from scipy.linalg import solve_triangular
 
 from ..errors import FlightcalError
 from ..probability import DEVIATION, Shaped, filter_of
-from ..problem import Entry, Problem, Window, heat_model, held_by, hold, responses, sampled_windows, unit_heats
+from ..problem import Entry, Problem, Window, heat_in_prior, held_by, hold, responses, sampled_windows, unit_heats
 from ..scenario import heat_of
 from ..simulator import FloatArray, SimulationFailure
 from .evaluate import spread_in_z
@@ -77,16 +77,17 @@ def beside_heat(problem: Problem, z: FloatArray) -> BesideHeat | None:
     Heat has its prior's size, and noise is that of z. Where heaters have a measured status, they are driven by it.
     Raises FlightcalError where a simulation next to z fails.
     """
-    written = heat_of(problem.scenario)
-    if written is None or any(own.network is None or not own.network.network.heated for own in problem.windows):
+    if heat_of(problem.scenario) is None or any(
+        own.network is None or not own.network.network.heated for own in problem.windows
+    ):
         return None
-    theta = problem.to_theta(z)[None]
-    windows = [_held(own, problem.at(own, theta)[0]) for own in sampled_windows(problem)]
+    theta = problem.to_theta(z)
+    windows = [_held(own, problem.at(own, theta)) for own in sampled_windows(problem)]
     driven = replace(problem, windows=tuple(windows), open_loop=None)
-    thetas = [problem.at(own, theta)[0] for own in windows]
-    median = problem.at(windows[0], problem.priors.median()[None])[0]
+    thetas = [problem.at(own, theta) for own in windows]
     try:
-        model = heat_model(problem.scenario, written, windows, median)
+        model = heat_in_prior(problem, windows)
+        assert model is not None
         units = [unit_heats(model, own) for own in windows]
         effects = driven.jacobians(z)
         heats = [responses(own, at, model, heat) for own, at, heat in zip(windows, thetas, units, strict=True)]

@@ -96,13 +96,13 @@ def prior_predictive(
     thetas, runs = prior_runs
     whole = np.array([own is not None for own in runs])
     rng = np.random.default_rng(seed)
-    quiet = problem.priors.quantile(_QUIET)[None]
+    quiet = problem.priors.quantile(_QUIET)
     bands: list[Bands] = []
     channels: list[ChannelReach] = []
     heaters: list[HeaterReach] = []
     for k, window in enumerate(problem.windows):
         of_window = [own[k] for own in runs if own is not None]
-        least = 2.0 * window.noise(problem.at(window, quiet)[0])
+        least = 2.0 * window.noise(problem.at(window, quiet))
         bands.append(_bands(window, of_window, problem.at(window, thetas[whole]), least, rng))
         channels += _channels(window, bands[-1])
         heaters += _heaters(window, np.stack([run.duty_cycle for run in of_window]))

@@ -119,10 +119,9 @@ def suspects(problem: Problem, telemetry: xarray.Dataset) -> Suspects:
         view = None
     modelled = np.full(window.observed.shape, np.nan)
     if view is not None:
-        theta = view.problem.to_theta(view.middle)[None]
         try:
-            run = view.window.simulate(view.problem.at(view.window, theta)[0])
-            modelled[: len(run.temperatures)] = run.temperatures
+            simulated = view.simulated(view.window, view.middle)
+            modelled[: len(simulated)] = simulated
         except SimulationFailure:
             view = None
     seen = [

@@ -12,12 +12,11 @@ import numpy as np
 import xarray
 from numpy.typing import NDArray
 
-from ..environment import shadow_edges
+from ..environment import seconds_later, shadow_edges
 from ..errors import OrbitError
 from ..problem import HeatModel, Problem, Window, heat_model, initial_priors, responses, unit_heats
 from ..scenario import Environment, Heat, HeatPattern, HeatSlow, Scenario
 from ..simulator import FloatArray, NetworkSimulator, SimulationFailure, Times, face_series
-from ..telemetry import window_bounds
 from .evaluate import spread_in_z
 
 HEAT = Heat(pattern=HeatPattern(harmonics=4), slow=HeatSlow(scale=0.02))
@@ -160,12 +159,25 @@ class View:
 
     def utc(self, seconds: FloatArray) -> NDArray[np.datetime64]:
         """Times at seconds from the window's start."""
-        start = window_bounds(self.window.scenario.windows[self.window.name], self.window.period)[0]
-        return np.asarray(start + np.round(1e9 * seconds).astype("timedelta64[ns]"))
+        return seconds_later(self.window.start, seconds)
 
     def simulated_by(self, **changes: Any) -> Window:
         """The window with changes of its simulator."""
         return replace(self.window, simulator=replace(self.network, **changes))
+
+    def with_numbers(self, written: FloatArray) -> Window:
+        """The window with other numbers [P] written in its scenario."""
+        return self.simulated_by(mapping=self.network.mapping._replace(written=written))
+
+    def with_inputs(self, inputs: FloatArray) -> Window:
+        """The window with other inputs [K, 2, q]."""
+        return self.simulated_by(drive=replace(self.network.drive, inputs=inputs))
+
+    def exchanged(self, ones: list[int], others: list[int]) -> Window:
+        """The window with some columns of its inputs in the place of others, and these in theirs."""
+        inputs = self.network.drive.inputs.copy()
+        inputs[:, :, ones + others] = inputs[:, :, others + ones]
+        return self.with_inputs(inputs)
 
     @cached_property
     def observed(self) -> FloatArray:
@@ -297,7 +309,7 @@ class View:
 
     def simulated(self, window: Window, z: FloatArray) -> FloatArray:
         """[T, N] K of a window like this one. Raises SimulationFailure."""
-        return window.simulate(self.problem.at(self.window, self.problem.to_theta(z)[None])[0]).temperatures
+        return window.simulate(self.problem.at(self.window, self.problem.to_theta(z))).temperatures
 
     def point(self, window: Window, z: FloatArray, like: Point | None = None) -> Point:
         """A simulation and what moves it; like: whose response to heat is near enough. Raises SimulationFailure."""
@@ -308,7 +320,7 @@ class View:
         if like is not None:
             return Point(z, simulated, temperatures, flat, like.heat, like.jitter)
         units = unit_heats(self.heat, window)
-        inside = self.problem.at(self.window, self.problem.to_theta(z)[None])[0]
+        inside = self.problem.at(self.window, self.problem.to_theta(z))
         found = responses(window, inside, self.heat, units)
         parts: dict[bool, list[FloatArray]] = {True: [np.empty((flat.shape[0], 0))], False: []}
         for group, response in zip(self.heat.groups, found, strict=True):
@@ -318,14 +330,14 @@ class View:
 
     def heat_of(self, window: Window) -> HeatModel:
         """Of a window like this one, at the prior's median."""
-        median = self.problem.at(self.window, self.problem.priors.median()[None])[0]
+        median = self.problem.at(self.window, self.problem.priors.median())
         return heat_model(window.scenario, _usual(window), (window,), median)
 
     def response(self, window: Window, z: FloatArray, node: str, series: FloatArray) -> FloatArray:
         """[R, k] K per watt of heat in a node, with series [k, 2 K] in each step. Raises SimulationFailure."""
         simulator = window.network
         assert simulator is not None
-        inside = self.problem.at(self.window, self.problem.to_theta(z)[None])[0][self.window.simulated]
+        inside = self.problem.at(self.window, self.problem.to_theta(z))[self.window.simulated]
         nudge = 0.05 * max(self.heat.flow[self.heat.nodes.index(node)], 0.1)
         heat = np.zeros((len(series) + 1, len(simulator.network.heated), series.shape[1]))
         heat[1:, simulator.network.heated.index(node)] = nudge * series
@@ -404,7 +416,7 @@ def _usual(window: Window) -> Heat:
 def view_of(problem: Problem, telemetry: xarray.Dataset) -> View:
     """Of a problem of one window, and the telemetry it was built from."""
     (window,) = problem.windows
-    median = problem.at(window, problem.priors.median()[None])[0]
+    median = problem.at(window, problem.priors.median())
     rows = rows_of(window)
     heat = heat_model(window.scenario, _usual(window), (window,), median)
     return View(problem, telemetry, rows, heat, tuple(thermostats(window, rows)))

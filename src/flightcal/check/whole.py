@@ -15,7 +15,6 @@ from ..problem import Problem
 from ..progress import SILENT, Progress
 from ..report import Finding, read_run
 from ..run import Run, Stage, plain, read_json, read_provenance, typed
-from ..telemetry import window_bounds
 from .centre import find_centre
 from .evaluate import THOROUGH, Effort, runs_of_a_search
 from .findings import Checked, findings_of, verdict_of
@@ -98,7 +97,6 @@ def check(
     for name in profiles:
         with progress.stage(f"profile of {name}", 1.0) as profiling:
             profiled.append(profile(problem, centre, name, profiling))
-    spans = problem.scenario.windows
     return Checked(
         infos=infos,
         suspects=suspected or Suspects(),
@@ -109,7 +107,7 @@ def check(
         sensitivity=indices,
         smoothness=smooth,
         profiles=tuple(profiled),
-        starts={own.label: window_bounds(spans[own.name], own.period)[0] for own in problem.windows},
+        starts={own.label: own.start for own in problem.windows},
         budget=_budget(problem, effort),
     )
 

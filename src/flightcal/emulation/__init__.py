@@ -1,17 +1,8 @@
 """What stands in for a simulator without derivatives: Gaussian processes that learn from its runs.
 
-Imports: calibration, errors, external, probability, problem, progress, run, scenario, simulator, telemetry.
+Imports: calibration, errors, external, probability, problem, progress, run, scenario, simulator.
 """
 
 from .emulated import needs_emulator
 from .emulator import EmulatedSimulator
 from .stage import NUTS_THROUGH_EMULATOR, Emulation, emulator_stage, window_emulator
-
-__all__ = [
-    "NUTS_THROUGH_EMULATOR",
-    "EmulatedSimulator",
-    "Emulation",
-    "emulator_stage",
-    "needs_emulator",
-    "window_emulator",
-]

@@ -244,7 +244,7 @@ def _fit(
         # One scale of z for all rounds, though a prior may be centred on a sample that the beginning has not.
         scale, theta, draws = simulated_priors(window), None, None
         if belief is not None:
-            theta = problem.at(window, problem.to_theta(np.median(belief.z, axis=0))[None])[0]
+            theta = problem.at(window, problem.to_theta(np.median(belief.z, axis=0)))
             draws = own.coordinates(belief.z, problem.to_theta(belief.z))[:, window.simulated]
         noise = noise_level(window, theta)
         chosen, nearest = _near(scale.to_z(found.theta), found.finished, draws)

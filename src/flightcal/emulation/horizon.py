@@ -17,7 +17,6 @@ from numpy.typing import NDArray
 from ..probability import Priors
 from ..problem import Window, build_window
 from ..simulator import FloatArray
-from ..telemetry import window_bounds
 from .emulator import Emulator, fit_emulator
 from .runs import TrainingRuns
 
@@ -31,8 +30,7 @@ _FEWEST_SAMPLES = 10
 
 def beginning(telemetry: xarray.Dataset, window: Window, samples: int) -> Window:
     """The first so many samples of a window, made from the telemetry that it was made from."""
-    start, _ = window_bounds(window.scenario.windows[window.name], window.period)
-    span = (window.times[samples - 1] - start) / np.timedelta64(1, "ns") * 1e-9
+    span = (window.times[samples - 1] - window.start) / np.timedelta64(1, "ns") * 1e-9
     return build_window(window.scenario, telemetry, window.name, span=float(span))
 
 

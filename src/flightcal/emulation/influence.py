@@ -39,7 +39,7 @@ def influence(problem: Problem, draws: FloatArray, rng: np.random.Generator) -> 
         deviations = []
         for window, run in zip(problem.windows, problem.simulate(theta), strict=True):
             variance = np.einsum("tnr,r->tn", emulated(window).emulator.error_basis ** 2, run.error_variance)
-            deviations.append((variance / window.noise(problem.at(window, theta[None])[0]) ** 2)[window.valid])
+            deviations.append((variance / window.noise(problem.at(window, theta)) ** 2)[window.valid])
         shares.append(float(np.concatenate(deviations).mean()))
     return math.sqrt(float(np.mean(shares))), math.sqrt(float(np.mean(shifts)))
 
@@ -81,7 +81,7 @@ def importance(problem: Problem, z: FloatArray) -> list[FloatArray]:
     hessian, samples = np.diag(problem.priors.precision(z)), sum(window.valid.sum() for window in problem.windows)
     bases, pulled = [], []
     for window, own in zip(problem.windows, problem.jacobians(z), strict=True):
-        noise = window.noise(problem.at(window, theta[None])[0])[:, None]
+        noise = window.noise(problem.at(window, theta))[:, None]
         basis = np.where(window.valid[..., None], emulated(window).emulator.error_basis / noise, 0.0)
         jacobian = np.where(window.valid[..., None], own / noise, 0.0)
         hessian = np.einsum("tnd,tne->de", jacobian, jacobian) + hessian

@@ -31,8 +31,6 @@ class PrincipalShapes:
     """[T, N, t] K."""
     tail_variance: FloatArray
     """[t]."""
-    remainder: FloatArray
-    """[N] K, root mean square of what the shapes leave out of a run that they were not made from."""
 
     def during(self, window: slice) -> PrincipalShapes:
         """The same at these of the sample times."""
@@ -72,8 +70,7 @@ def principal_shapes(temperatures: FloatArray, tolerance: FloatArray) -> Princip
             low = middle
     kept = right[:high].T.reshape(samples, channels, high)
     deviation = np.maximum(sizes[:high], 1e-300) / np.sqrt(max(runs - 1, 1))
-    error = truncation(high)
-    tail, tail_variance = _tail(error.reshape(runs, -1))
+    tail, tail_variance = _tail(truncation(high).reshape(runs, -1))
     return PrincipalShapes(
         mean=mean,
         shapes=np.ascontiguousarray(kept * tolerance[:, None] * deviation),
@@ -81,7 +78,6 @@ def principal_shapes(temperatures: FloatArray, tolerance: FloatArray) -> Princip
         size=deviation / np.sqrt(samples * channels),
         tail=tail.reshape(samples, channels, -1) * tolerance[:, None],
         tail_variance=tail_variance,
-        remainder=np.sqrt(np.mean(error**2, axis=(0, 1))) * tolerance,
     )
 
 

@@ -3,21 +3,10 @@
 Imports: errors, scenario.
 """
 
+from ._time import seconds_later
 from .eclipse import shadow_edges, sunlit_share
 from .edges import sample_times, slew_edges, sun_edges
 from .faces import RINGS
 from .fluxes import face_fluxes
 from .geometry import orbit_phase
 from .orbit import orbital_period
-
-__all__ = [
-    "RINGS",
-    "face_fluxes",
-    "orbit_phase",
-    "orbital_period",
-    "sample_times",
-    "shadow_edges",
-    "slew_edges",
-    "sun_edges",
-    "sunlit_share",
-]

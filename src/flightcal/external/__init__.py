@@ -25,16 +25,6 @@ _PLACES = {
     "status_switches": "simulator",
 }
 
-__all__ = [
-    "ExternalSimulator",
-    "Outcome",
-    "Record",
-    "RunFailure",
-    "build_external",
-    "close_workers",
-    "status_switches",
-]
-
 
 def __getattr__(name: str) -> Any:
     # Imported on first use: a worker process, which runs what is not ours, needs none of it.

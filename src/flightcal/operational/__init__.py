@@ -6,15 +6,3 @@ Imports: errors, scenario, simulator.
 from .file import Mission, SpacecraftFile, load_spacecraft
 from .onboard import Command, HeaterLine, OnOff
 from .simulator import Spacecraft, Thermistor, fly
-
-__all__ = [
-    "Command",
-    "HeaterLine",
-    "Mission",
-    "OnOff",
-    "Spacecraft",
-    "SpacecraftFile",
-    "Thermistor",
-    "fly",
-    "load_spacecraft",
-]

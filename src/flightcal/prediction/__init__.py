@@ -1,6 +1,6 @@
 """From a calibration to temperatures and heater duty with intervals, on windows seen and unseen.
 
-Imports: calibration, emulation, environment, errors, probability, problem, run, scenario, simulator, telemetry.
+Imports: calibration, emulation, environment, errors, probability, problem, run, scenario, simulator.
 """
 
 from .holding import HELD, Holding, hold_together, replicates_of
@@ -8,23 +8,3 @@ from .metrics import GENETIC_RUNS, ZERO_CELSIUS, Array, Metric, comparison_table
 from .predict import predict
 from .stages import PREDICT, PREDICTION_FILE
 from .unseen import ANY, Unseen, read_unseen
-
-__all__ = [
-    "ANY",
-    "GENETIC_RUNS",
-    "HELD",
-    "PREDICT",
-    "PREDICTION_FILE",
-    "ZERO_CELSIUS",
-    "Array",
-    "Holding",
-    "Metric",
-    "Unseen",
-    "comparison_table",
-    "hold_together",
-    "implied_energy",
-    "predict",
-    "read_unseen",
-    "replicates_of",
-    "score",
-]

@@ -14,7 +14,6 @@ from ..errors import RunError
 from ..problem import Window
 from ..scenario import is_trained
 from ..simulator import SCATTERED, FloatArray
-from ..telemetry import window_bounds
 from .duty import draw_duty_errors, sampled_duty_cycle
 from .errors import WindowErrors
 from .metrics import crps_of_draws, probability_below
@@ -51,8 +50,6 @@ class Ensemble:
     """[S, H]."""
     energy: FloatArray
     """[S, H] J over the window."""
-    switch_sequences: tuple[tuple[tuple[int, int], ...], ...]
-    """[S] order in which heaters switched: (heater, 1 on or 0 off)."""
     failed: int
     draws: FloatArray
     """[S, T, N] K, of telemetry: simulation, discrepancy and noise together."""
@@ -119,7 +116,7 @@ def propagate(
     status = np.stack([run.status for _, run in kept])
     sampled = sampled_duty_cycle(status, window.status)
     if errors is not None and not trained:
-        drawn_duty = draw_duty_errors(errors.duty, duration(window) / window.period, len(kept), rng)
+        drawn_duty = draw_duty_errors(errors.duty, window.duration / window.period, len(kept), rng)
         duty_cycle, sampled = (np.clip(own + drawn_duty, 0.0, 1.0) for own in (duty_cycle, sampled))
     power = np.stack([window.simulator.heater_power(theta[window.simulated]) for theta, _ in kept])
     return Ensemble(
@@ -135,18 +132,8 @@ def propagate(
         duty_cycle=duty_cycle,
         sampled_duty_cycle=sampled,
         switch_count=np.stack([np.bincount(run.switches.heater, minlength=heaters) for _, run in kept]).astype(float),
-        energy=duty_cycle * power * duration(window),
-        switch_sequences=tuple(
-            tuple(zip(run.switches.heater.tolist(), run.switches.on.astype(int).tolist(), strict=True))
-            for _, run in kept
-        ),
+        energy=duty_cycle * power * window.duration,
         failed=len(thetas) - len(kept),
         draws=noisy,
         discrepancy=discrepancy,
     )
-
-
-def duration(window: Window) -> float:
-    """Length of the window, s: what duty cycles are shares of."""
-    start, end = window_bounds(window.scenario.windows[window.name], window.period)
-    return float((end - start) / np.timedelta64(1, "s"))

@@ -20,7 +20,6 @@ from numpy.typing import NDArray
 from ..probability import TIME_LENGTH, TIME_SIZE, ResidualModel, weights_given
 from ..problem import Problem, Window
 from ..simulator import FloatArray, Trajectory
-from ..telemetry import window_bounds
 from .duty import duty_errors
 from .matern import ORDER, continue_path, covariance, fading, stationary
 
@@ -65,9 +64,8 @@ def _duty_errors(train: Window, runs: Sequence[Trajectory | None]) -> FloatArray
     simulated = [run.status for run in runs if run is not None]
     if not simulated:
         return np.empty((0, train.status.shape[1]))
-    start, end = window_bounds(train.scenario.windows[train.name], train.period)
-    seconds, length = (np.asarray((to - start) / np.timedelta64(1, "s"), float) for to in (train.times, end))
-    return duty_errors(train.status, np.mean(simulated, axis=0), seconds, train.period, float(length))
+    seconds = np.asarray((train.times - train.start) / np.timedelta64(1, "s"), float)
+    return duty_errors(train.status, np.mean(simulated, axis=0), seconds, train.period, train.duration)
 
 
 @dataclass(frozen=True)

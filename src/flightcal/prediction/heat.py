@@ -24,7 +24,6 @@ from ..problem import (
     unit_heats,
 )
 from ..simulator import FloatArray, Trajectory
-from ..telemetry import window_bounds
 from .errors import WindowErrors
 from .thresholds import Thresholds, draw_thresholds
 
@@ -165,7 +164,7 @@ def _end(
     rng: np.random.Generator,
 ) -> End:
     """Where a training window ends, at thetas [S, q], their simulations with heat, and these errors [S, T, N] K."""
-    time = window_bounds(window.scenario.windows[window.name], window.period)[1]
+    time = window.span[1]
     names, simulated = (
         [name for name in of if name.startswith("initial.")] for of in (window.names, window.simulator.parameters)
     )

@@ -47,7 +47,7 @@ def _mean(values: Array) -> float:
 def rmse(observed: ArrayLike, predicted: ArrayLike) -> float:
     """Root mean square error, K."""
     y, p = _valid(observed, predicted)
-    return math.sqrt(_mean((y - p) ** 2)) if y.size else math.nan
+    return math.sqrt(_mean((y - p) ** 2))
 
 
 def mape_kelvin(observed: ArrayLike, predicted: ArrayLike) -> float:

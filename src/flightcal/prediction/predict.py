@@ -15,9 +15,8 @@ from ..problem import Problem, Window, build_window, dressed
 from ..run import labelled
 from ..scenario import Scenario, SimulatorModel, is_trained
 from ..simulator import FloatArray, Trajectory
-from ..telemetry import window_bounds
 from .duty import FEWEST_ORBITS, sampled_duty_cycle, unknown_share
-from .ensemble import Ensemble, duration, propagate
+from .ensemble import Ensemble, propagate
 from .errors import WhiteErrors, WindowErrors, window_errors
 from .heat import DrawnHeat, draw_heat, noise_errors
 from .holding import replicate
@@ -69,8 +68,7 @@ def predict(
     if problem.heat is not None:
         drawn = heat or draw_heat(problem, draws, rng)
         heat_in, thresholds = drawn.in_window(window, rng), drawn.thresholds
-        start = window_bounds(scenario.windows[name], window.period)[0]
-        ended = None if name in trained else drawn.continued(start)
+        ended = None if name in trained else drawn.continued(window.start)
         if ended is not None:
             scored[:] = True
         heated, known = heat_in.on(window), heat_in.errors(window)
@@ -201,20 +199,18 @@ def _dataset(
     samples, channels = window.observed.shape
     heaters = len(window.simulator.heaters)
     methods = [*runs, STOCHASTIC]
-    seconds = duration(window)
     mean = np.full((len(methods), samples, channels), np.nan)
     lower, upper, deviation = mean.copy(), mean.copy(), mean.copy()
     status = np.full((len(methods), samples, heaters), np.nan)
     duty = np.full((len(methods), heaters), np.nan)
     count, energy = duty.copy(), duty.copy()
-    start = window_bounds(window.scenario.windows[window.name], window.period)[0]
-    elapsed = np.asarray((window.times - start) / np.timedelta64(1, "s"), float)
+    elapsed = np.asarray((window.times - window.start) / np.timedelta64(1, "s"), float)
     for k, run in enumerate(runs.values()):
         if run is None:
             continue
         mean[k], status[k], duty[k] = run.temperatures, run.status, run.duty_cycle
         count[k] = np.bincount(run.switches.heater, minlength=heaters)
-        energy[k] = run.duty_cycle * window.simulator.heater_power(thetas[k][window.simulated]) * seconds
+        energy[k] = run.duty_cycle * window.simulator.heater_power(thetas[k][window.simulated]) * window.duration
     mean[-1], lower[-1], upper[-1] = ensemble.mean, ensemble.lower, ensemble.upper
     deviation[-1], status[-1] = ensemble.standard_deviation, ensemble.status
     duty[-1] = ensemble.duty_cycle.mean(axis=0)
@@ -249,7 +245,7 @@ def _dataset(
             "point_switch_count": (("by", "heater"), count),
             "point_energy": (("by", "heater"), energy),
             "observed_duty_cycle": ("heater", sampled_duty_cycle(window.status, window.status)),
-            "unknown_status": ("heater", unknown_share(window.status, elapsed, seconds)),
+            "unknown_status": ("heater", unknown_share(window.status, elapsed, window.duration)),
             "observed_switch_count": ("heater", _observed_switch_count(window.status)),
             "eclipse": ("time", sunlit_share(environment, window.times, folder)),
             "orbit_phase": ("time", orbit_phase(environment, window.times, folder, origin)),

@@ -11,12 +11,11 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
-from ..environment import orbit_phase, sunlit_share
+from ..environment import orbit_phase, seconds_later, sunlit_share
 from ..problem import Window
 from ..run import read_tree
 from ..scenario import heat_of
 from ..simulator import FloatArray
-from ..telemetry import window_bounds
 
 ANY = "any"
 """Name of the share of time in which at least one thing is outside."""
@@ -105,7 +104,7 @@ def _times(window: Window) -> NDArray[np.datetime64]:
     assert window.network is not None
     grid = window.network.drive.times
     seconds = (grid[:-1, None] + _PLACES * np.diff(grid)[:, None]).ravel()
-    return np.asarray(_start(window) + np.round(seconds * 1e9).astype("timedelta64[ns]"))
+    return seconds_later(window.start, seconds)
 
 
 def _beyond(values: FloatArray, before: FloatArray, wider: float | None = None) -> Booleans:
@@ -125,13 +124,9 @@ def _course(trained: Sequence[Window], window: Window) -> dict[str, Booleans]:
     heat = heat_of(window.scenario)
     if window.course is None or not known or heat is None or heat.pattern is None:
         return {}
-    elapsed = (_times(window) - _start(window)) / np.timedelta64(1, "ns") * 1e-9
+    elapsed = (_times(window) - window.start) / np.timedelta64(1, "ns") * 1e-9
     values = np.interp(elapsed, window.course.seconds, window.course.values)
     return {str(heat.pattern.over): _beyond(values, np.concatenate(known))}
-
-
-def _start(window: Window) -> np.datetime64:
-    return window_bounds(window.scenario.windows[window.name], window.period)[0].astype("datetime64[ns]")
 
 
 def _sun(trained: Sequence[Window], window: Window) -> dict[str, Booleans]:

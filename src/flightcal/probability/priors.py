@@ -170,24 +170,12 @@ def _shares(theta: Array, lower: Array, upper: Array) -> tuple[Array, Array]:
 
 def _truncated_arguments(prior: TruncatedNormal) -> tuple[float, ...]:
     """Mean, standard deviation, bounds, and the uncut normal's probabilities below and above each bound."""
-    a, b = (
-        (prior.lower - prior.mean) / prior.standard_deviation,
-        (prior.upper - prior.mean) / prior.standard_deviation,
-    )
+    a, b = ((bound - prior.mean) / prior.standard_deviation for bound in (prior.lower, prior.upper))
     return (prior.mean, prior.standard_deviation, prior.lower, prior.upper, ndtr(a), ndtr(b), ndtr(-a), ndtr(-b))
 
 
-def _truncated_to_z(
-    theta: Array,
-    mean: Array,
-    deviation: Array,
-    lower: Array,
-    upper: Array,
-    below_lower: Array,
-    below_upper: Array,
-    above_lower: Array,
-    above_upper: Array,
-) -> Array:
+def _truncated_to_z(theta: Array, mean: Array, deviation: Array, *bounds: Array) -> Array:
+    below_lower, below_upper, above_lower, above_upper = bounds[-4:]
     x = (theta - mean) / deviation
     # Differences of numbers near 1 lose their digits: take the smaller ones.
     mass = np.where(above_lower < below_upper, above_lower - above_upper, below_upper - below_lower)

@@ -12,12 +12,13 @@ from .heat import (
     exact_heat,
     followed,
     functions_of_heat,
+    heat_in_prior,
     mixed,
     rehearsals,
     sampled_windows,
     with_heat,
 )
-from .heat_model import SLOW, Followed, Gain, Group, HeatModel, Held, gaps_of, heat_model, knots_of
+from .heat_model import SLOW, HeatModel, gaps_of, heat_model, knots_of
 from .heat_units import (
     Units,
     errors_of_weights,
@@ -33,56 +34,5 @@ from .heat_units import (
 from .held import held_by, hold
 from .native import STOPPED, NativeDensity
 from .problem import Problem, Runs
-from .synthetic import heat_in_prior, simulate_telemetry, with_drawn_heat, with_telemetry
+from .synthetic import simulate_telemetry, with_drawn_heat, with_telemetry
 from .window import Window
-
-__all__ = [
-    "SLOW",
-    "STOPPED",
-    "Entry",
-    "Followed",
-    "Gain",
-    "Group",
-    "HeatModel",
-    "Held",
-    "NativeDensity",
-    "Problem",
-    "Runs",
-    "Units",
-    "Whitening",
-    "Window",
-    "at_sizes",
-    "build_problem",
-    "build_window",
-    "dressed",
-    "errors_of_weights",
-    "exact_heat",
-    "followed",
-    "functions_of_heat",
-    "gaps_of",
-    "heat_in_prior",
-    "heat_model",
-    "heat_of_weights",
-    "heated_switches",
-    "held_by",
-    "hold",
-    "initial_priors",
-    "initial_temperatures",
-    "kept_responses",
-    "knots_of",
-    "mixed",
-    "open_windows",
-    "patterns_of",
-    "places_of",
-    "problem_of",
-    "rehearsals",
-    "responses",
-    "sampled_windows",
-    "simulate_telemetry",
-    "split",
-    "unit_heats",
-    "whitening",
-    "with_drawn_heat",
-    "with_heat",
-    "with_telemetry",
-]

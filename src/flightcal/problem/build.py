@@ -7,7 +7,7 @@ from collections.abc import Sequence
 import numpy as np
 import xarray
 
-from ..environment import orbital_period
+from ..environment import orbital_period, seconds_later
 from ..errors import ScenarioError
 from ..probability import Priors, heater_status, measured_switches, residual_model
 from ..reduction import initial_given
@@ -109,11 +109,10 @@ def _course(scenario: Scenario, telemetry: xarray.Dataset, start: np.datetime64,
         return None
     channel = heat.pattern.over
     interval = usual_interval(telemetry["time"].values[np.isfinite(telemetry[channel].values)])
-    seconds = np.append(np.arange(0.0, (end - start) / np.timedelta64(1, "ns") * 1e-9, interval), np.nan)
-    seconds[-1] = (end - start) / np.timedelta64(1, "ns") * 1e-9
-    times = start.astype("datetime64[ns]") + np.round(seconds * 1e9).astype("timedelta64[ns]")
+    length = (end - start) / np.timedelta64(1, "ns") * 1e-9
+    seconds = np.append(np.arange(0.0, length, interval), length)
     known = telemetry[channel].values
-    values = driver_series(telemetry, channel, times)
+    values = driver_series(telemetry, channel, seconds_later(start, seconds))
     return Course(seconds, values, (float(np.nanmin(known)), float(np.nanmax(known))))
 
 

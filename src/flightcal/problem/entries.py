@@ -166,9 +166,9 @@ class Link:
         return PriorTerms(theta, slope, prior.log_density, prior.gradient)
 
     def coordinates(self, z: FloatArray, thetas: FloatArray) -> FloatArray:
-        """The window's own coordinates [S, q] at z [S, d], which are thetas [S, d]."""
-        inside = z[:, self.columns]
-        inside[:, self.drifting] += thetas[:, self.deviation] * z[:, self.score]
+        """The window's own coordinates [..., q] at z [..., d], which are thetas [..., d]."""
+        inside = z[..., self.columns]
+        inside[..., self.drifting] += thetas[..., self.deviation] * z[..., self.score]
         return inside
 
     def pull_back(self, z: FloatArray, prior: PriorTerms, inside_bar: FloatArray) -> FloatArray:
@@ -184,21 +184,21 @@ class Link:
         return derivative
 
     def thetas(self, thetas: FloatArray, priors: Priors, rng: np.random.Generator | None) -> FloatArray:
-        """Thetas of the window [S, q] from those [S, d] of a calibration with `priors`.
+        """Thetas of the window [..., q] from those [..., d] of a calibration with `priors`.
 
         What comes from nowhere is at its median; a parameter that drifts is drawn anew around the common value where
         the window has no score (rng; None: it is the common value).
         """
-        inside = np.where(self.columns < 0, self.medians, thetas[:, self.columns])
+        inside = np.where(self.columns < 0, self.medians, thetas[..., self.columns])
         if len(self.drifting):
             z = priors.to_z(thetas)
-            own: FloatArray = z[:, self.columns[self.drifting]]
+            own: FloatArray = z[..., self.columns[self.drifting]]
             for k, (deviation, score) in enumerate(zip(self.deviation, self.score, strict=True)):
                 if score >= 0:
-                    own[:, k] += thetas[:, deviation] * z[:, score]
+                    own[..., k] += thetas[..., deviation] * z[..., score]
                 elif rng is not None:
-                    own[:, k] += thetas[:, deviation] * rng.standard_normal(len(z))
-            inside[:, self.drifting] = self.priors.to_theta(own)
+                    own[..., k] += thetas[..., deviation] * rng.standard_normal(z.shape[:-1])
+            inside[..., self.drifting] = self.priors.to_theta(own)
         return inside
 
 

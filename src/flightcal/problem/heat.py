@@ -59,13 +59,21 @@ def sampled_windows(problem: Problem) -> tuple[Window, ...]:
     return opened.windows
 
 
+def heat_in_prior(problem: Problem, windows: Sequence[Window] = ()) -> HeatModel | None:
+    """Unmodelled heat as the priors have it, in windows (none: the problem's), where the scenario has it."""
+    written, windows = heat_of(problem.scenario), windows or problem.windows
+    if written is None:
+        return None
+    median = problem.at(windows[0], problem.priors.median())
+    return heat_model(problem.scenario, written, windows, median)
+
+
 def functions_of_heat(problem: Problem) -> int:
     """How many functions of time the heat of a problem's scenario is made of, in all nodes; 0: it has none."""
-    written, windows = heat_of(problem.scenario), sampled_windows(problem)
-    if written is None:
+    windows = sampled_windows(problem)
+    model = heat_in_prior(problem, windows)
+    if model is None:
         return 0
-    median = problem.at(windows[0], problem.priors.median()[None])[0]
-    model = heat_model(problem.scenario, written, windows, median)
     return max(sum(len(own.series) for own in unit_heats(model, window)) for window in windows)
 
 
@@ -78,7 +86,7 @@ def at_sizes(problem: Problem, theta: FloatArray) -> Problem:
     """A problem with heat in which the sizes of noise and heat are known: those of theta [d]."""
     windows = []
     for window in problem.windows:
-        inside = problem.at(window, theta[None])[0]
+        inside = problem.at(window, theta)
         assert window.heat is not None
         deviations = window.numbers(inside)[:, DEVIATION]
         heat = replace(window.heat, scales=(), sizes=Sizes(deviations, window.roots(inside)), follows=None)
@@ -95,7 +103,7 @@ def with_heat(problem: Problem, model: HeatModel, theta: FloatArray) -> Problem:
     """
     held = {own.window: own for own in model.held}
     sampled = (hold(own, held[own.name]) if own.name in held else own for own in sampled_windows(problem))
-    windows = tuple(_linearised(window, model, problem.at(window, theta[None])[0]) for window in sampled)
+    windows = tuple(_linearised(window, model, problem.at(window, theta)) for window in sampled)
     flown = tuple(dressed(window, model) for window in problem.windows)
     return Problem(problem.scenario, entries_of(problem.scenario, windows), windows, None, model, flown)
 
@@ -133,7 +141,7 @@ def _whitened(problem: Problem, theta: FloatArray) -> list[FloatArray]:
     model, found = problem.heat, []
     assert model is not None
     for window, whitens in zip(problem.windows, problem.weighed.filters, strict=True):
-        here = responses(window, problem.at(window, theta[None])[0], model, unit_heats(model, window))
+        here = responses(window, problem.at(window, theta), model, unit_heats(model, window))
         found.append(whitens.whiten(np.moveaxis(kept_responses(model.kept, here), 1, 0), window.terms.valid))
     return found
 

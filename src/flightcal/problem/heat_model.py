@@ -17,7 +17,6 @@ from ..simulator import (
     flow_through,
     heat_of_inputs,
 )
-from ..telemetry import window_bounds
 from .window import Course, Window
 
 _KNOTS = 3.0
@@ -230,15 +229,9 @@ def knots_of(model: HeatModel, window: Window) -> FloatArray:
 
 def _span(window: Window, origin: np.datetime64) -> tuple[float, float]:
     """Beginning and end of a window, s from `origin`."""
-    begin = start_of(window)
     assert window.network is not None
-    first = float((begin - origin) / np.timedelta64(1, "ns") * 1e-9)
+    first = float((window.start - origin) / np.timedelta64(1, "ns") * 1e-9)
     return first, first + float(window.network.drive.times[-1])
-
-
-def start_of(window: Window) -> np.datetime64:
-    """When a window begins."""
-    return window_bounds(window.scenario.windows[window.name], window.period)[0]
 
 
 def _knots(spans: Sequence[tuple[float, float]], time: float) -> FloatArray:

@@ -8,10 +8,10 @@ from itertools import pairwise
 
 import numpy as np
 
-from ..environment import orbit_phase
+from ..environment import orbit_phase, seconds_later
 from ..probability import pattern, waves
 from ..simulator import FloatArray, IntArray, SimulationFailure, in_steps
-from .heat_model import HeatModel, start_of
+from .heat_model import HeatModel
 from .window import Window
 
 _FINE = 20.0
@@ -51,10 +51,10 @@ class Units:
 def unit_heats(model: HeatModel, window: Window) -> tuple[Units, ...]:
     """Of each group, in a window of a thermal network."""
     assert window.network is not None
-    drive, start = window.network.drive, start_of(window)
+    drive, start = window.network.drive, window.start
     grid = drive.times
     fine = np.unique(np.concatenate([grid, np.arange(0.0, grid[-1], max(_FINE, grid[-1] / _LOOKS))]))
-    times = start.astype("datetime64[ns]") + np.round(fine * 1e9).astype("timedelta64[ns]")
+    times = seconds_later(start, fine)
     seconds = fine + float((start - model.origin) / np.timedelta64(1, "ns") * 1e-9)
     phase = orbit_phase(window.scenario.environment, times, window.scenario.folder, model.origin)
     known = bool(np.isfinite(phase).all())
@@ -129,12 +129,9 @@ def heated_switches(model: HeatModel, window: Window) -> tuple[int, ...]:
     """Which of a window's switches [E] put heat into nodes of the model."""
     if window.switching is None:
         return ()
-    heated = {name for name in set(window.switching.heater) if _heats(model, window, name)}
+    switched = {name: window.scenario.network.on_switch(name).values() for name in set(window.switching.heater)}
+    heated = {name for name, blocks in switched.items() if any(own.node in model.nodes for own in blocks)}
     return tuple(k for k, name in enumerate(window.switching.heater) if name in heated)
-
-
-def _heats(model: HeatModel, window: Window, heater: str) -> bool:
-    return any(own.node in model.nodes for own in window.scenario.network.on_switch(heater).values())
 
 
 def _watts(model: HeatModel, window: Window, heater: str) -> FloatArray:

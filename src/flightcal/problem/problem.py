@@ -117,7 +117,7 @@ class Problem:
         return self.priors.to_z(theta)
 
     def at(self, window: Window, thetas: FloatArray, rng: np.random.Generator | None = None) -> FloatArray:
-        """Thetas [S, q] of a window from those [S, d] of the calibration.
+        """Thetas [..., q] of a window from those [..., d] of the calibration.
 
         The window need not be one of these: then its initial temperatures are the medians of their priors, and a
         parameter that drifts is drawn anew around the common value (rng; None: it is the common value).
@@ -149,7 +149,7 @@ class Problem:
 
     def simulate(self, theta: FloatArray) -> Runs:
         """The simulation of each window at theta [d]. Raises SimulationFailure."""
-        return tuple(window.simulate(self.at(window, theta[None])[0]) for window in self.windows)
+        return tuple(window.simulate(self.at(window, theta)) for window in self.windows)
 
     def simulate_many(self, thetas: FloatArray) -> list[Runs | None]:
         """The simulations of each window at thetas [S, d]; None where one of a window failed."""
@@ -278,7 +278,7 @@ class Problem:
 
     def likelihood_of_numbers(self, runs: Runs, theta: FloatArray) -> tuple[float, FloatArray]:
         """Log likelihood of simulations at theta [d], and its gradient [d] by noise and discrepancy alone."""
-        inside = [own.thetas(theta[None], self.priors, None)[0] for own in self.links]
+        inside = [own.thetas(theta, self.priors, None) for own in self.links]
         value, bars = self._of_residuals(runs, inside)
         theta_bar = np.zeros(len(self.names))
         for window, own, of_window in zip(self.windows, self.links, bars, strict=True):
@@ -328,7 +328,7 @@ class Problem:
 
     def _jacobian(self, window: Window, own: Link, z: FloatArray) -> FloatArray:
         """d temperatures / d coordinates of one window, [T, N, q]."""
-        coordinates = own.coordinates(z[None], self.priors.to_theta(z)[None])[0]
+        coordinates = own.coordinates(z, self.priors.to_theta(z))
         return window.jacobian(Priors(window.names, tuple(self.entries[k].prior for k in own.columns)), coordinates)
 
     def gauss_newton_hessian(self, z: FloatArray) -> FloatArray:
@@ -452,10 +452,8 @@ class Problem:
         names = drifting_parameters(self.scenario)
         if not names:
             return {}
-        flat = thetas.reshape(-1, thetas.shape[-1])
-        inside = [(window, self.at(window, flat)) for window in self.windows]
-        shape = (*thetas.shape[:-1], len(self.windows))
+        inside = [(window, self.at(window, thetas)) for window in self.windows]
         return {
-            name: np.stack([values[:, window.names.index(name)] for window, values in inside], axis=-1).reshape(shape)
+            name: np.stack([values[..., window.names.index(name)] for window, values in inside], axis=-1)
             for name in names
         }

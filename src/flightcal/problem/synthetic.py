@@ -10,11 +10,9 @@ import xarray
 
 from ..errors import ScenarioError
 from ..probability import Priors
-from ..scenario import heat_of
 from ..simulator import FloatArray, Trajectory
-from ..telemetry import window_bounds
 from .build import build_window, open_windows, status_channels
-from .heat_model import HeatModel, heat_model
+from .heat import heat_in_prior
 from .heat_units import heat_of_weights, unit_heats
 from .problem import Problem
 from .window import Window
@@ -33,16 +31,7 @@ def simulate_telemetry(problem: Problem, theta: FloatArray, rng: np.random.Gener
     if problem.shares_weights:
         shapes = problem.windows[0].residuals.terms.shapes
         shared = rng.standard_normal((len(shapes.channels), shapes.basis.shape[1]))
-    return [_simulate(window, problem.at(window, theta[None])[0], rng, shared) for window in problem.windows]
-
-
-def heat_in_prior(problem: Problem) -> HeatModel | None:
-    """Unmodelled heat as the priors have it, where the scenario has it."""
-    written = heat_of(problem.scenario)
-    if written is None:
-        return None
-    median = problem.at(problem.windows[0], problem.priors.median()[None])[0]
-    return heat_model(problem.scenario, written, problem.windows, median)
+    return [_simulate(window, problem.at(window, theta), rng, shared) for window in problem.windows]
 
 
 def with_drawn_heat(problem: Problem, rng: np.random.Generator) -> tuple[Problem, dict[str, float]]:
@@ -94,8 +83,7 @@ def _status(window: Window, run: Trajectory, theta: FloatArray, rng: np.random.G
             f"{window.scenario.name}: observations: found a likelihood of duty cycles, expected one of switch times: "
             "telemetry cannot be made from it"
         )
-    start, _ = window_bounds(window.scenario.windows[window.name], window.period)
-    seconds = (window.times - start) / np.timedelta64(1, "ns") * 1e-9
+    seconds = (window.times - window.start) / np.timedelta64(1, "ns") * 1e-9
     for heater, place in zip(data.samples.heater, data.samples.setting, strict=True):
         timing, error_rate = settings[place], settings[place + 1]
         own = run.switches.heater == heater

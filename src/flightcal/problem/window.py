@@ -121,6 +121,21 @@ class Window:
         return orbital_period(self.scenario.environment, self.scenario.folder)
 
     @cached_property
+    def span(self) -> tuple[np.datetime64, np.datetime64]:
+        """Its start and its end, UTC."""
+        return window_bounds(self.scenario.windows[self.name], self.period)
+
+    @property
+    def start(self) -> np.datetime64:
+        """UTC, before the first sample."""
+        return self.span[0]
+
+    @property
+    def duration(self) -> float:
+        """s, what duty cycles are shares of."""
+        return float((self.span[1] - self.start) / np.timedelta64(1, "s"))
+
+    @cached_property
     def valid(self) -> Any:
         """[T, N] whether there is a valid sample."""
         return np.isfinite(self.observed)
@@ -249,8 +264,7 @@ class Window:
     @cached_property
     def first_sample(self) -> float:
         """Time of the first sample, s from the window's start."""
-        start = window_bounds(self.scenario.windows[self.name], self.period)[0]
-        return float((self.times[0] - start) / np.timedelta64(1, "ns") * 1e-9)
+        return float((self.times[0] - self.start) / np.timedelta64(1, "ns") * 1e-9)
 
     # --- variants -----------------------------------------------------------------------------------------------
 
@@ -328,12 +342,12 @@ class Window:
 
         return -0.5 * float((scaled**2).sum()), scaled, to_theta
 
-    def of_residuals(self, run: Trajectory, numbers: FloatArray) -> tuple[float, Bars]:
-        """Log likelihood of the temperatures, as if of this window alone, and its derivatives; numbers: [N, n]."""
+    def of_residuals(self, theta: FloatArray, run: Trajectory) -> float:
+        """Log likelihood of the temperatures, as if of this window alone, with the simulation at theta [q]."""
+        numbers = self.numbers(theta)
         if not hasattr(self._own, "likelihood"):
             self._own.likelihood = Likelihood([self.terms], numbers.shape[1])
-        value, (bars,) = self._own.likelihood((self.observed, run.temperatures, numbers, run.error_variance))
-        return value, bars
+        return float(self._own.likelihood((self.observed, run.temperatures, numbers, run.error_variance))[0])
 
     def _cotangents(self, temperatures_bar: FloatArray, variance_bar: FloatArray) -> tuple[FloatArray, ...]:
         """What the vector-Jacobian product of the simulator takes."""

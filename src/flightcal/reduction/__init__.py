@@ -10,17 +10,3 @@ from .folder import reduce_to_folder, scenario_of
 from .reduced_model import initial_given
 from .reduced_scenario import network_for
 from .storage import load
-
-__all__ = [
-    "Flown",
-    "compare",
-    "fly_at",
-    "initial_given",
-    "is_reduction",
-    "load",
-    "load_task",
-    "network_for",
-    "reduce_to_folder",
-    "scenario_of",
-    "shapes",
-]

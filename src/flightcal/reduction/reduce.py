@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import itertools
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 
@@ -56,7 +57,10 @@ def reduce(task: Task, progress: Progress = SILENT) -> Reduced:
     network = build_network(task.scenario)
     tried: list[Tried] = []
     best: tuple[float, ReducedModel] | None = None
-    sizes = [(states, settled) for states in _sizes(task, network) for settled in _settled(task)]
+    # Either can be better: a shape that settles at once is there, but what it stores is not, and the quickest ways to
+    # move are not those that move least.
+    settled = sorted({0, task.reduction.projection.settled})
+    sizes = list(itertools.product(_sizes(task, network), settled))
     with progress.stage("choosing the order", len(sizes)) as choosing:
         for k, model in enumerate(_projections(task, network, training, sizes)):
             error = _judged(task, errors_of(task, model, training, _JUDGING_DRAWS, _JUDGING_STEP))
@@ -99,15 +103,6 @@ def _sizes(task: Task, network: Network) -> Sequence[int]:
         )
     first = min(max(len(_own_nodes(task)), 1), highest)
     return [highest] if settings.states is not None else range(first, highest + 1)
-
-
-def _settled(task: Task) -> list[int]:
-    """How many shapes settle at once in the models of a size: none, and as many as the file allows.
-
-    Either can be the better one: a shape that settles is there, but what it stores is not, and the quickest ways to
-    move are not those that move least.
-    """
-    return sorted({0, task.reduction.projection.settled})
 
 
 def _projections(

@@ -8,7 +8,7 @@ from dataclasses import replace
 import numpy as np
 
 from ..errors import FlightcalError
-from ..operational import HeaterLine, Spacecraft
+from ..operational import Spacecraft
 from ..probability import Priors
 from ..scenario import AnyBlock, Parameter, Scenario, SimulatorModel, numbers_of, settable
 from ..simulator import FloatArray
@@ -20,12 +20,11 @@ def without_flaws(craft: Spacecraft) -> Spacecraft:
     A real satellite does not tell its ground what these are. Noise stays: it is in a data sheet.
     """
     thermistors = {name: replace(item, bias=0.0, failures=()) for name, item in craft.thermistors.items()}
-    heaters = {name: _that_works(line) for name, line in craft.software.heaters.items()}
+    heaters = {
+        name: replace(line, branches={key: replace(item, fails_at=None) for key, item in line.branches.items()})
+        for name, line in craft.software.heaters.items()
+    }
     return replace(craft, thermistors=thermistors, software=replace(craft.software, heaters=heaters))
-
-
-def _that_works(line: HeaterLine) -> HeaterLine:
-    return replace(line, branches={name: replace(item, fails_at=None) for name, item in line.branches.items()})
 
 
 def at_medians(craft: Spacecraft, parameters: Mapping[str, Parameter]) -> Spacecraft:

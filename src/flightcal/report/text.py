@@ -52,9 +52,9 @@ def percent(share: float | None, digits: int = 1) -> str:
     return f"{100 * share:.{digits}f}%".replace("-", "−")
 
 
-def signed_percent(share: float | None, digits: int = 1) -> str:
+def signed_percent(share: float | None) -> str:
     """A difference of shares as percentage points with its sign."""
-    text = percent(share, digits)
+    text = percent(share)
     return text if text.startswith(("−", "–")) else f"+{text}"
 
 

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Final
 
@@ -157,14 +156,10 @@ def verdict_of(run: RunFiles) -> Verdict:
     """The verdict on a run."""
     return Verdict(
         (
-            _answer(CONVERGED, [*interrupted(run), convergence(run.diagnostics), *explanations(run)]),
-            _answer(RIGHT, [*suspected(run), noise(run), *heat(run), prior_conflict(run), *stand_in(run)]),
-            _answer(HOLD, [holding(run), *heaters(run)]),
+            Answer(CONVERGED, (*interrupted(run), convergence(run.diagnostics), *explanations(run))),
+            Answer(RIGHT, (*suspected(run), noise(run), *heat(run), prior_conflict(run), *stand_in(run))),
+            Answer(HOLD, (holding(run), *heaters(run))),
         ),
         (*scores(run), *resting(run), *missing(run)),
         tuple(held_channels(run)),
     )
-
-
-def _answer(question: str, findings: Sequence[Finding]) -> Answer:
-    return Answer(question, tuple(findings))

@@ -19,30 +19,3 @@ from .records import (
 )
 from .stages import Run, Stage
 from .workers import each
-
-__all__ = [
-    "REDUCED",
-    "Run",
-    "RunDirectory",
-    "Stage",
-    "check_whole",
-    "each",
-    "hash_of",
-    "hash_of_file",
-    "hold",
-    "labelled",
-    "locked",
-    "open_run",
-    "plain",
-    "read_dataset",
-    "read_json",
-    "read_provenance",
-    "read_records",
-    "read_tree",
-    "sweep",
-    "typed",
-    "write_bytes",
-    "write_json",
-    "write_netcdf",
-    "write_text",
-]

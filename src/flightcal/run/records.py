@@ -5,6 +5,7 @@ from __future__ import annotations
 import dataclasses
 import json
 from collections.abc import Callable, Mapping
+from itertools import repeat
 from pathlib import Path
 from types import UnionType
 from typing import Any, Final, TypeVar, Union, get_args, get_origin, get_type_hints
@@ -58,14 +59,19 @@ def typed(kind: type[K], content: Mapping[str, Any]) -> K:
 
 
 def _value(hint: Any, value: Any) -> Any:
-    """A value of JSON as the type of its field: a list as a tuple, a missing number as NaN."""
+    """A value of JSON as the type of its field: a list as a tuple or an array, a missing number as NaN."""
     if get_origin(hint) in (Union, UnionType):
         hint = next(kind for kind in get_args(hint) if kind is not type(None))
         return None if value is None else _value(hint, value)
     if dataclasses.is_dataclass(hint) and isinstance(hint, type):
         return typed(hint, value)
+    kinds = get_args(hint)
     if get_origin(hint) is tuple:
-        return tuple(_value(get_args(hint)[0], item) for item in value)
+        return tuple(map(_value, repeat(kinds[0]) if kinds[-1] is Ellipsis else kinds, value))
+    if get_origin(hint) is np.ndarray:
+        return np.array(value, float)
+    if get_origin(hint) is Mapping:
+        return {key: _value(kinds[1], item) for key, item in value.items()}
     if hint is float:
         return np.nan if value is None else value
     return np.datetime64(value) if hint is np.datetime64 else value

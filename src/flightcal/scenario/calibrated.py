@@ -17,7 +17,7 @@ from .document import Location, walk
 from .numbers import settable
 from .priors import FORMS
 from .schema import Parameter, Scenario, is_difference
-from .units import read_any, split_quantity, to_si
+from .units import read_any, to_si, unit_in
 
 if TYPE_CHECKING:
     from ruamel.yaml.nodes import Node
@@ -63,7 +63,7 @@ def parameter_units(text: str, scenario: Scenario) -> dict[str, WrittenUnit]:
     found = {}
     for name, parameter in scenario.parameters.items():
         prior = written.node(("parameters", name, "prior"))
-        units = [split_quantity(node.value)[1] for node in _scalars(prior) if parameter.unit]
+        units = [unit_in(node.value) for node in _scalars(prior) if parameter.unit]
         chosen = next(filter(None, units), parameter.unit)
         found[name] = written_unit(chosen, parameter.unit, difference=any(map(is_difference, parameter.sets)))
     return found
@@ -186,7 +186,7 @@ def _quantity(
     node: Node | None, value: float, unit: str, *, difference: bool = False, rounding: str = ROUND_HALF_EVEN
 ) -> str:
     """An SI value in the unit and the quotes of what stands there; in SI where nothing does."""
-    name = unit if node is None else split_quantity(node.value)[1]
+    name = unit if node is None else unit_in(node.value)
     number = _number(written_unit(name, unit, difference=difference).of(value), rounding)
     quote = getattr(node, "style", None) or ""
     return f"{quote}{f'{number} {name}'.strip()}{quote}"

@@ -144,10 +144,10 @@ def to_si(value: Any, unit: str, *, difference: bool = False) -> float:
     return _finite(registry().Quantity(number, parsed).to(unit or "dimensionless").magnitude, value)
 
 
-def split_quantity(text: str) -> tuple[str, str]:
-    """Number and unit of a written quantity, as they are written; "" of what is none."""
+def unit_in(text: str) -> str:
+    """The unit of a written quantity, as it is written; "" of what is none."""
     split = _NUMBER.fullmatch(text)
-    return (split[1], split[2]) if split else ("", "")
+    return split[2] if split else ""
 
 
 def read_any(value: Any) -> tuple[str, float]:

@@ -12,7 +12,7 @@ import numpy as np
 import xarray
 from numpy.typing import NDArray
 
-from ..environment import RINGS, face_fluxes, sample_times, shadow_edges, slew_edges, sun_edges
+from ..environment import RINGS, face_fluxes, sample_times, seconds_later, shadow_edges, slew_edges, sun_edges
 from ..errors import TelemetryError, require_memory
 from ..scenario import Scenario, SpinningAttitude, load_driver
 from ..telemetry import (
@@ -183,7 +183,7 @@ def window_inputs(
         + [known[-1:]]
     )
     points = np.sort(np.concatenate([points, points[np.searchsorted(points, jumps - 1e-6)]]))
-    times = start.astype("datetime64[ns]") + np.round(points * 1e9).astype("timedelta64[ns]")
+    times = seconds_later(start, points)
 
     series = {"one": np.ones(len(points))}
     series |= face_series(scenario, times, None if eclipse is None else _sunlit(telemetry, eclipse.measured_by, times))
@@ -333,7 +333,7 @@ def _measured_heaters(
     scenario: Scenario, telemetry: xarray.Dataset, start: np.datetime64, breaks: FloatArray
 ) -> FloatArray:
     """[B - 1, H] between breaks [B] s, see `Inputs`: the same all the time between two samples that show a switch."""
-    edges = start.astype("datetime64[ns]") + np.round(breaks * 1e9).astype("timedelta64[ns]")
+    edges = seconds_later(start, breaks)
     measured = np.full((len(edges) - 1, len(scenario.network.switches)), np.nan)
     for k, channel in enumerate(_driving(scenario)):
         measured[:, k] = status_fraction(telemetry, channel, edges)

@@ -21,25 +21,3 @@ from .quality import quality_table
 from .quantisation import quantisation_step
 from .read import read, read_telemetry
 from .window import select_window, window_bounds
-
-__all__ = [
-    "SHORT_GAP",
-    "FoundModes",
-    "FoundPacket",
-    "bridged",
-    "detect",
-    "driver_corners",
-    "driver_gaps",
-    "driver_series",
-    "quality_table",
-    "quantisation_step",
-    "read",
-    "read_telemetry",
-    "select_window",
-    "status_changes",
-    "status_fraction",
-    "status_or_unknown",
-    "switch_bounds",
-    "usual_interval",
-    "window_bounds",
-]

@@ -65,8 +65,8 @@ def block_log_likelihood(window: Window, thetas: Array, blocks: NDArray[np.int64
     found = np.full((len(thetas), len(others)), np.nan)
     for s, (theta, run) in enumerate(zip(thetas, window.simulate_many(thetas), strict=True)):
         if run is not None:
-            value = whole.of_residuals(run, whole.numbers(theta))[0]
-            found[s] = [value - part.of_residuals(run, part.numbers(theta))[0] for part in others]
+            value = whole.of_residuals(theta, run)
+            found[s] = [value - part.of_residuals(theta, run) for part in others]
     return found
 
 

@@ -22,11 +22,8 @@ Array = NDArray[np.float64]
 PHASES = 12
 """Parts of the orbit whose coverage is told apart."""
 
-HOURS = 1.0
-"""Of forecast, whose coverage is told apart."""
-
 MOST_PARTS = 24
-"""A longer forecast is told apart in longer parts."""
+"""Hours of a forecast that are told apart; a longer one is told apart in longer parts."""
 
 BAND = 0.95
 """Probability of a band of chance."""
@@ -92,15 +89,14 @@ def coverage_by_phase(prediction: xr.Dataset, parts: int = PHASES) -> list[Cover
     return _coverage(prediction, prediction["orbit_phase"].values, np.linspace(0.0, 1.0, parts + 1))
 
 
-def coverage_by_hour(prediction: xr.Dataset, hours: float = HOURS) -> list[Coverage]:
-    """Coverage of each channel in each hour since the first scored sample; start and end in hours."""
+def coverage_by_hour(prediction: xr.Dataset) -> list[Coverage]:
+    """Coverage of each channel in each hour since the first scored sample, or in so many; start and end in hours."""
     time = prediction["time"].values
     scored = prediction["scored"].values.astype(bool)
     if not scored.any():
         return []
     ahead = (time - time[scored][0]).astype("timedelta64[ns]").astype(np.int64) / 3.6e12
-    parts = max(1, math.ceil(ahead[-1] / hours))
-    hours *= math.ceil(parts / MOST_PARTS)
+    hours = float(max(1, math.ceil(math.ceil(ahead[-1]) / MOST_PARTS)))
     return _coverage(prediction, ahead, hours * np.arange(math.ceil(ahead[-1] / hours + 1e-9) + 1))
 
 

@@ -13,7 +13,6 @@ from dataclasses import dataclass
 from functools import cache, partial
 from pathlib import Path
 from time import perf_counter
-from typing import Any
 
 import numpy as np
 import xarray
@@ -24,7 +23,7 @@ from ..errors import RunError, ScenarioError
 from ..probability import DEVIATION, Priors
 from ..problem import Problem, build_problem, heat_in_prior, simulate_telemetry, with_drawn_heat, with_telemetry
 from ..progress import SILENT, Progress, about
-from ..run import RunDirectory, each, plain
+from ..run import RunDirectory, each, plain, typed
 from ..scenario import NutsSettings, load_scenario
 from ..simulator import FloatArray, SimulationFailure
 from ..telemetry import read
@@ -246,8 +245,6 @@ def _name(number: int) -> str:
 
 def _read(file: Path) -> Repeat:
     try:
-        content: dict[str, Any] = json.loads(file.read_text(encoding="utf-8"))
-        arrays = {name: np.array(content[name], float) for name in ("truth", "rank", "mean", "deviation")}
-        return Repeat(**(content | arrays | {"gates": tuple(content["gates"])}))
+        return typed(Repeat, json.loads(file.read_text(encoding="utf-8")))
     except (ValueError, KeyError, TypeError) as error:
         raise RunError(f"{file}: found a damaged repeat ({error}); delete it and run the same command again") from None

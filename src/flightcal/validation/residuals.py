@@ -318,15 +318,13 @@ def check_residuals(
     return replace(check, words=_words(check))
 
 
-def check_window(
-    prediction: xr.Dataset, method: str = "stochastic", *, unseen: bool = False, heat: bool = False
-) -> list[ResidualCheck]:
+def check_window(prediction: xr.Dataset, *, unseen: bool = False, heat: bool = False) -> list[ResidualCheck]:
     """Tests of every channel's scored residuals in a window. prediction: a group of prediction.nc.
 
     Where the noise is more than iid, of its `innovation`. unseen: the window was not calibrated on;
     heat: the prediction has unmodelled heat, of which the slow part is not known there.
     """
-    scored = prediction.isel(time=prediction["scored"].values.astype(bool)).sel({"by": method})
+    scored = prediction.isel(time=prediction["scored"].values.astype(bool)).sel({"by": "stochastic"})
     residuals = (scored["observed"] - scored["mean"]).transpose("time", "channel").values
     tested, time = residuals, scored["time"].values
     channels = [str(c) for c in scored["channel"].values]

@@ -96,10 +96,8 @@ class Band:
     upper: Array
 
 
-def check_ranks(
-    names: Sequence[str], repeats: Sequence[Repeat], prior_deviation: Array, probability: float = BAND
-) -> list[RankCheck]:
-    """Each quantity's ranks against the band in which those of all quantities stay with `probability`.
+def check_ranks(names: Sequence[str], repeats: Sequence[Repeat], prior_deviation: Array) -> list[RankCheck]:
+    """Each quantity's ranks against the band in which those of all quantities stay with probability `BAND`.
 
     prior_deviation: [q], NaN where a quantity has no prior.
     """
@@ -107,7 +105,7 @@ def check_ranks(
     mean = np.array([repeat.mean for repeat in repeats])
     deviation = np.array([repeat.deviation for repeat in repeats])
     error = mean - np.array([repeat.truth for repeat in repeats])
-    band = ecdf_band(len(repeats), joint(probability, len(names)))
+    band = ecdf_band(len(repeats), joint(BAND, len(names)))
     contraction = 1.0 - deviation**2 / prior_deviation**2
     return [
         RankCheck(

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Iterator, Mapping
-from dataclasses import replace
 from itertools import combinations, product
 
 import numpy as np
@@ -50,7 +49,7 @@ def faces(view: View) -> Iterator[Wrong]:
             f"With the normal {list(map(int, way))} of {name}, the model explains the telemetry.",
             f"Check 'normal' of {name} in 'simulator: faces'",
         )
-        window = _turned(view, seconds, lit, {name: way})
+        window = _turned(view, name, seconds, lit[way])
         yield Wrong("face", name, words, window=window, tries=5 * len(turnable))
     if len(turnable) > 1:
         yield from _axes(view)
@@ -74,19 +73,16 @@ def _axes(view: View) -> Iterator[Wrong]:
 
 def _exchanged(view: View, normals: Mapping[str, Way]) -> Iterator[Wrong]:
     """Two faces look each other's way."""
-    drive, columns = view.network.drive, view.network.network.columns
+    columns = view.network.network.columns
     pairs = [(a, b) for a, b in combinations(normals, 2) if not np.allclose(normals[a], normals[b])]
     for pair in pairs:
         a, b = ([k for k, own in enumerate(columns) if own.partition(".")[2] == name] for name in pair)
-        inputs = drive.inputs.copy()
-        inputs[:, :, a + b] = inputs[:, :, b + a]
         words = Words(
             f"Faces {pair[0]} and {pair[1]} are exchanged",
             f"With the normals of {pair[0]} and {pair[1]} exchanged, the model explains the telemetry.",
             f"Check 'normal' of {pair[0]} and {pair[1]} in 'simulator: faces'",
         )
-        window = view.simulated_by(drive=replace(drive, inputs=inputs))
-        yield Wrong("face", " ".join(pair), words, window=window, tries=5 * len(pairs))
+        yield Wrong("face", " ".join(pair), words, window=view.exchanged(a, b), tries=5 * len(pairs))
 
 
 def _named(axis: FloatArray) -> str:
@@ -103,20 +99,13 @@ def _lit(view: View, names: Mapping[str, Way], way: Way, seconds: FloatArray) ->
     return view.shines(view.window.scenario.model_copy(update={"simulator": changed}), seconds)
 
 
-def _turned(
-    view: View, seconds: FloatArray, lit: Mapping[Way, Mapping[str, FloatArray]], ways: Mapping[str, Way]
-) -> Window:
-    """The view's window with faces that look another way."""
+def _turned(view: View, face: str, seconds: FloatArray, lit: Mapping[str, FloatArray]) -> Window:
+    """The view's window with a face that looks another way; lit: what shines on all faces that look there."""
     drive = view.network.drive
     inputs = drive.inputs.copy()
-    own = {
-        column: values
-        for name, way in ways.items()
-        for column, values in lit[way].items()
-        if column.partition(".")[2] == name
-    }
+    own = {column: values for column, values in lit.items() if column.partition(".")[2] == face}
     put(inputs, view.network.network.columns, seconds, own, drive.times)
-    return view.simulated_by(drive=replace(drive, inputs=inputs))
+    return view.with_inputs(inputs)
 
 
 def tilts(view: View) -> Iterator[Wrong]:

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
-from dataclasses import replace
 from functools import partial
 from itertools import combinations, product
 from typing import Any
@@ -223,19 +222,16 @@ def modes(view: View) -> Iterator[Wrong]:
 
 def _exchanged(view: View) -> Iterator[Wrong]:
     """Two modes are each other's."""
-    drive, columns = view.network.drive, view.network.network.columns
+    columns = view.network.network.columns
     pairs = list(combinations(view.window.scenario.network.modes, 2))
     for one, other in pairs:
-        places = [columns.index(f"mode.{mode}") for mode in (one, other)]
-        inputs = drive.inputs.copy()
-        inputs[:, :, places] = inputs[:, :, places[::-1]]
         words = Words(
             f"Modes '{one}' and '{other}' are exchanged",
             f"With '{one}' where the timeline says '{other}', and '{other}' where it says '{one}', the model explains "
             "the telemetry.",
             f"Exchange '{one}' and '{other}' in 'simulator: modes', or in 'timeline'",
         )
-        window = view.simulated_by(drive=replace(drive, inputs=inputs))
+        window = view.exchanged([columns.index(f"mode.{one}")], [columns.index(f"mode.{other}")])
         yield Wrong("mode", f"{one} {other}", words, window=window, tries=len(pairs))
 
 
@@ -331,7 +327,6 @@ def drivers(view: View) -> Iterator[Wrong]:
         for factor in (-1.0, 0.0, *FACTORS):
             inputs = drive.inputs.copy()
             inputs[:, :, column] *= factor
-            window = view.simulated_by(drive=replace(drive, inputs=inputs))
             how = {-1.0: "has the wrong sign", 0.0: "does nothing"}.get(
                 factor, f"is {number(1.0 / (factor or 1.0), 4)} times what it should be"
             )
@@ -340,7 +335,7 @@ def drivers(view: View) -> Iterator[Wrong]:
                 f"With {factor:g} times {load.driver}, the heat of load {name} explains the telemetry.",
                 f"Check 'unit' of {load.driver} and 'coefficient' of load {name}",
             )
-            yield Wrong("driver", load.driver, words, window=window, tries=8 * len(loads))
+            yield Wrong("driver", load.driver, words, window=view.with_inputs(inputs), tries=8 * len(loads))
 
 
 def _driver_of_any_size(view: View, load: str, column: int, tries: float) -> Iterator[Wrong]:

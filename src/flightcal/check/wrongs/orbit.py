@@ -10,9 +10,8 @@ from typing import Any
 import numpy as np
 from scipy.spatial.transform import Rotation
 
-from ...errors import FlightcalError
 from ...report import number
-from ...scenario import CircularOrbit, Earth, KeplerianOrbit, SpinningAttitude
+from ...scenario import CircularOrbit, Earth, KeplerianOrbit, Scenario, SpinningAttitude
 from ...simulator import FloatArray
 from ..view import View
 from .wrong import Words, Wrong, closer, driven_otherwise, duration
@@ -41,8 +40,7 @@ def attitudes(view: View) -> Iterator[Wrong]:
     for attitude in ("nadir", "sun_pointing"):
         if attitude == environment.attitude:
             continue
-        changed = environment.model_copy(update={"attitude": attitude})
-        scenario = view.window.scenario.model_copy(update={"environment": changed})
+        scenario = _elsewhere(view, attitude=attitude)
         words = Words(
             f"The satellite flew {attitude.replace('_', '-')}",
             f"With the attitude '{attitude}', sunlight and Earth's heat explain the telemetry.",
@@ -66,14 +64,19 @@ def spins(view: View) -> Iterator[Wrong]:
         for factor in _SPIN_RATES:
             others.append(("period", attitude.period * factor, f"{number(attitude.period * factor, 3)} s"))
     for name, value, text in others:
-        changed = environment.model_copy(update={"attitude": attitude.model_copy(update={name: value})})
-        scenario = view.window.scenario.model_copy(update={"environment": changed})
+        scenario = _elsewhere(view, attitude=attitude.model_copy(update={name: value}))
         words = Words(
             "The satellite spins otherwise",
             f"With {name} {text}, sunlight and Earth's heat explain the telemetry.",
             f"Check '{name}' in 'environment: attitude'",
         )
         yield from driven_otherwise("attitude", name, words, view, tries=len(others), scenario=scenario)
+
+
+def _elsewhere(view: View, **changes: Any) -> Scenario:
+    """The scenario of a view with another orbit or attitude."""
+    scenario = view.window.scenario
+    return scenario.model_copy(update={"environment": scenario.environment.model_copy(update=changes)})
 
 
 def orbits(view: View) -> Iterator[Wrong]:
@@ -98,12 +101,7 @@ def _other_orbit(
     value, text = _changed(orbit, name, step)
     if value is None:
         return
-    environment = view.window.scenario.environment
-    try:
-        changed = environment.model_copy(update={"orbit": orbit.model_copy(update={name: value})})
-        scenario = view.window.scenario.model_copy(update={"environment": changed})
-    except FlightcalError:
-        return
+    scenario = _elsewhere(view, orbit=orbit.model_copy(update={name: value}))
     words = Words(
         "The orbit is another one",
         f"The telemetry agrees with {name} {text}: its sunlight and eclipses are those of the telemetry.",

@@ -110,8 +110,7 @@ def coatings(view: View) -> Iterator[Wrong]:
         "With the two of every face exchanged, the model explains the telemetry.",
         "Check 'absorptivity' and 'emissivity' in 'simulator: faces'",
     )
-    window = view.simulated_by(mapping=view.network.mapping._replace(written=written))
-    yield Wrong("number", "every coating", words, window=window)
+    yield Wrong("number", "every coating", words, window=view.with_numbers(written))
 
 
 def left_out(view: View) -> Iterator[Wrong]:
@@ -130,8 +129,7 @@ def left_out(view: View) -> Iterator[Wrong]:
             f"With {listed([f'{_LEFT_OUT[path]:g}' for path in chosen])} (SI), the model explains the telemetry.",
             f"Write {listed([path.rpartition('.')[2] for path in chosen])} in 'environment'",
         )
-        window = view.simulated_by(mapping=mapping._replace(written=written))
-        yield Wrong("number", " ".join(chosen), words, window=window, tries=3.0)
+        yield Wrong("number", " ".join(chosen), words, window=view.with_numbers(written), tries=3.0)
 
 
 def links(view: View) -> Iterator[Wrong]:
@@ -157,7 +155,7 @@ def _link(view: View, place: int, sizes: Sequence[float], tries: float, near: bo
             f"With {number(size, 2)} W/K between the two, the model explains the telemetry.",
             f"Add a conductor between {between.replace('-', ' and ')} to 'simulator: conductors'",
         )
-        window = view.simulated_by(mapping=mapping._replace(written=written))
+        window = view.with_numbers(written)
         around = partial(_link, view, place, [size * 1.3**k for k in range(-3, 4)], tries, True)
         yield Wrong("link", between, words, window=window, tries=tries, closer=None if near else around)
 

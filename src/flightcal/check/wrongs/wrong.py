@@ -150,10 +150,9 @@ def closer(shift: float, apart: float) -> FloatArray:
 
 def multiplied(view: View, places: Sequence[int], factor: float) -> Window:
     """The view's window with some of the scenario's written numbers times a factor."""
-    mapping = view.network.mapping
-    written = mapping.written.copy()
+    written = view.network.mapping.written.copy()
     written[list(places)] *= factor
-    return view.simulated_by(mapping=mapping._replace(written=written))
+    return view.with_numbers(written)
 
 
 def put(

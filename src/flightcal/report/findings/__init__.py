@@ -5,28 +5,3 @@ from .model import heat, likely, noise, prior_conflict, resting, stand_in, suspe
 from .sampling import convergence, explanations, interrupted
 from .scored import missing, scores
 from .unseen import heaters, held_channels, holding
-
-__all__ = [
-    "MARKS",
-    "Finding",
-    "State",
-    "convergence",
-    "explanations",
-    "heat",
-    "heaters",
-    "held_channels",
-    "holding",
-    "in_few_words",
-    "interrupted",
-    "likely",
-    "missing",
-    "noise",
-    "prior_conflict",
-    "resting",
-    "scores",
-    "stand_in",
-    "suspected",
-    "temperatures_of",
-    "value_of",
-    "valued",
-]

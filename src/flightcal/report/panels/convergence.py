@@ -9,7 +9,6 @@ from typing import Any
 import numpy as np
 import plotly.graph_objects as go
 import xarray as xr
-from numpy.typing import NDArray
 from scipy.stats import rankdata
 
 from .. import block
@@ -18,8 +17,7 @@ from ..run_files import ParameterInfo, Record, RunFiles, draws
 from ..style import GENETIC, GENETIC_BEST, LINE, STOCHASTIC, chain_colour, finish, levels, plots, small_titles
 from ..tables import Cell, Table
 from ..text import count, duration, number, shown, unit
-
-Array = NDArray[np.float64]
+from ..thinning import Array
 
 MOST_TRACES = 6
 

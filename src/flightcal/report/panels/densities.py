@@ -12,8 +12,7 @@ from ..block import Block, section
 from ..run_files import ParameterInfo, RunFiles, draws
 from ..style import GENETIC, PRIOR, chain_colour, finish
 from ..text import labelled
-
-Array = NDArray[np.float64]
+from ..thinning import Array
 
 ZOOM = 12.0
 """A prior wider than so many posteriors is not shown whole: the posterior would be a needle."""

@@ -7,7 +7,6 @@ from dataclasses import dataclass
 
 import numpy as np
 import plotly.graph_objects as go
-from numpy.typing import NDArray
 
 from ...probability import pattern
 from .. import block
@@ -16,6 +15,7 @@ from ..run_files import Record, RunFiles, draws
 from ..style import BAND, LINE, STOCHASTIC, band, finish, plots, polygons, small_titles, title_below
 from ..tables import Cell, Table
 from ..text import number, percent
+from ..thinning import Array
 
 LARGE, IMPLAUSIBLE = 0.1, 0.3
 """Shares of the flow through a node above which its heat wants caution, and above which it is hardly believed."""
@@ -38,8 +38,6 @@ WORDS = {
     "warn": f"caution: above {LARGE:.0%}, or twice what the scenario expects",
     "bad": "implausibly large: heat can hide a wrong set-up",
 }
-
-Array = NDArray[np.float64]
 
 
 @dataclass(frozen=True)

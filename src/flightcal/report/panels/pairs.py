@@ -15,8 +15,7 @@ from ..heat_map import figure_correlation
 from ..run_files import ParameterInfo, RunFiles, draws
 from ..style import STOCHASTIC, WARNING, finish
 from ..text import listed, unit
-
-Array = NDArray[np.float64]
+from ..thinning import Array
 
 MOST_PAIRS = 8
 

@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 from scipy.stats import norm
 
 from ...probability import INDEPENDENT, called
-from ...validation import ResidualCheck, autocorrelation
+from ...validation import ResidualCheck, autocorrelation, nominal_spacing
 from .. import block
 from ..block import Block, section
 from ..run_files import RunFiles, bins
@@ -159,9 +159,9 @@ def tests_of(checks: dict[str, list[ResidualCheck]]) -> Table:
     return Table(header, rows, range(3, 8))
 
 
-def residuals(prediction: xr.Dataset, method: str = "stochastic") -> NDArray[np.float64]:
+def residuals(prediction: xr.Dataset) -> NDArray[np.float64]:
     """Telemetry minus mean prediction, [time, channel], K; NaN where telemetry is missing or not scored."""
-    difference = prediction["observed"] - prediction["mean"].sel({"by": method})
+    difference = prediction["observed"] - prediction["mean"].sel({"by": "stochastic"})
     return difference.where(prediction["scored"].astype(bool)).transpose("time", "channel").values
 
 
@@ -234,8 +234,7 @@ def _autocorrelation(
     """Of residuals, with the band of white noise; of_noise: of innovations, over it."""
     lags = max(1, min(MOST_LAGS, values.size // 2))
     found = autocorrelation(values, time, lags)
-    spacing = float(np.median(np.diff(time).astype("timedelta64[ns]").astype(np.int64))) * 1e-9
-    minutes = np.arange(lags + 1) * spacing / 60
+    minutes = np.arange(lags + 1) * nominal_spacing(time) / 60
     half = 1.96 / np.sqrt(values.size)
     if not of_noise:
         outline = [0, minutes[-1], minutes[-1], 0], [-half, -half, half, half]
