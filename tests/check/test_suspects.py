@@ -5,6 +5,7 @@ from datetime import timedelta
 from types import SimpleNamespace
 
 import numpy as np
+import pandas as pd
 import pytest
 import xarray
 
@@ -16,10 +17,11 @@ from flightcal.check.suspects import Suspicion, prepared, ranked, unexplained
 from flightcal.check.view import HEAT, noise_of, series_at
 from flightcal.check.wrongs import Words, Wrong
 from flightcal.check.wrongs.heat import heaters, obedient, turning
+from flightcal.environment.orbit import propagator
 from flightcal.problem import build_problem
 from flightcal.progress import SILENT
 from flightcal.run import Run, open_run, read_json
-from flightcal.scenario import Heat, HeatPattern, LogNormal, Normal
+from flightcal.scenario import CircularOrbit, Heat, HeatPattern, LogNormal, Normal
 from tests import small
 
 from .problems import formula_problem, samples
@@ -234,6 +236,20 @@ def test_a_clock_that_is_late_is_named_with_the_minutes(tmp_path):
     first = named(scenario, late)[0]
     assert first.kind == "clock"
     assert first.title.endswith("late")
+    assert float(first.title.split()[4]) == pytest.approx(20.0, abs=1.5)
+
+
+def test_a_clock_that_is_late_is_named_where_positions_hardly_reach_beyond_the_window(tmp_path):
+    written = sunlit()
+    orbit = CircularOrbit.model_validate(written["environment"]["orbit"])
+    times = np.datetime64("2024-02-29T23:50", "ns") + np.arange(0, 442, 2) * np.timedelta64(1, "m")
+    table = pd.DataFrame(propagator(orbit)(times)[0], columns=["x", "y", "z"])
+    table.insert(0, "time", np.datetime_as_string(times, unit="s"))
+    table.to_csv(tmp_path / "positions.csv", index=False)
+    written["environment"]["orbit"] = {"positions": "positions.csv"}
+    scenario, data = small.closed_loop(tmp_path, written)
+    first = named(scenario, data.assign_coords(time=data["time"] + np.timedelta64(20, "m")))[0]
+    assert first.kind == "clock"
     assert float(first.title.split()[4]) == pytest.approx(20.0, abs=1.5)
 
 
