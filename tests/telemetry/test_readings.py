@@ -90,6 +90,17 @@ def test_a_reading_that_is_none_is_told(tmp_path: Path, column: str | list[str],
     assert str(caught.value).startswith(message)
 
 
+def test_all_readings_that_are_missing_are_told(tmp_path: Path):
+    wrong = {name: CHANNELS[name] | {"column": f"{CHANNELS[name]['column']}_X"} for name in ("battery", "camera")}
+    with pytest.raises(TelemetryError) as caught:
+        read(tmp_path, table(), wrong)
+    assert str(caught.value) == (
+        "2 things are wrong with the telemetry:\n"
+        "  data.csv: column 'parameter': found no 'TM.T_BAT_X'; nearest: 'TM.T_BAT'\n"
+        "  data.csv: column 'parameter': found no 'TM.T_CAM_X'; nearest: 'TM.T_CAM'"
+    )
+
+
 def test_they_are_found_with_units_of_their_own_and_the_modes(tmp_path: Path):
     (found,) = detect([written(tmp_path, table())])
     assert found.readings is not None

@@ -62,18 +62,32 @@ def read_telemetry(specification: TelemetryFile, folder: Path, *, period: float 
     Raises TelemetryError, which names file, line and column, and lists all channels that are wrong.
     """
     conversions = _conversions(specification)
-    packets = {}
+    packets: dict[str, xr.Dataset] = {}
     for name, packet in specification.sources.items():
         chosen = {channel: conversions[channel] for channel in specification.channels_of(name)}
         if packet.readings is not None:
-            for channel, own in chosen.items():
-                packets[channel] = _read_packet(specification, channel, packet, {channel: own}, folder)
+            packets |= _read_readings(specification, packet, chosen, folder)
         elif chosen:
             packets[name] = _read_packet(specification, name, packet, chosen, folder)
     dataset = merged(packets, list(specification.channels))
     if period is not None:
         dataset.attrs["period_s"] = float(period)
     return dataset
+
+
+def _read_readings(
+    specification: TelemetryFile, packet: Packet, conversions: dict[str, Conversion], folder: Path
+) -> dict[str, xr.Dataset]:
+    """The channels of a packet of readings, each with its own times. Raises TelemetryError with all that are wrong."""
+    problems: list[str] = []
+    found: dict[str, xr.Dataset] = {}
+    for channel, own in conversions.items():
+        try:
+            found[channel] = _read_packet(specification, channel, packet, {channel: own}, folder)
+        except TelemetryError as error:
+            problems.append(str(error))
+    _raise_all(list(dict.fromkeys(problems)))
+    return found
 
 
 def _read_packet(
