@@ -13,9 +13,10 @@ from flightcal.check import SUSPECTS, Suspects, suspects
 from flightcal.check.evidence import Fit
 from flightcal.check.findings import suspected
 from flightcal.check.misfit import Misfit
-from flightcal.check.suspects import Suspicion, prepared, ranked, unexplained
+from flightcal.check.suspects import Suspicion, finalists, prepared, ranked, unexplained
 from flightcal.check.view import HEAT, noise_of, series_at
 from flightcal.check.wrongs import Words, Wrong
+from flightcal.check.wrongs.clocks import clocks
 from flightcal.check.wrongs.heat import heaters, obedient, turning
 from flightcal.environment.orbit import propagator
 from flightcal.problem import build_problem
@@ -218,6 +219,25 @@ def test_a_heaters_power_is_more_likely_off_than_a_number_of_equal_odds():
     assert odds("heater") == pytest.approx(np.log(4.0))
     assert odds("number") > odds("heater")
     assert odds("thermostat") > odds("status inverted")
+
+
+def test_the_likeliest_are_looked_at_closely_and_not_only_those_that_gain_most():
+    """Units of a driver gain a little more at first look than the right size, which a closer look finds."""
+    units = [Wrong("driver", "load", Words(f"{10**k} times", "", ""), tries=8.0) for k in (1, 2, 3)]
+    size = Wrong("driver", "load", Words("0.5 times", "", ""), tries=1.0)
+    hopeless = Wrong("bias", "a", Words("", "", ""), tries=1.0)
+    assert finalists([6.1, 5.6, 5.6, 4.4, 1.0], [*units, size, hopeless]) == [size, *units[:2]]
+
+
+def test_a_clock_is_rather_off_by_less_than_half_an_orbit(tmp_path):
+    view = prepared(*small.closed_loop(tmp_path, sunlit()))
+    assert view is not None
+    late, alias = clocks(view, [1200.0, 1200.0 - view.window.period])
+    assert alias.odds > late.odds + 1.0
+    # The same less an orbit is looked at too, where that is nearer to a step of the first look.
+    assert alias.closer is not None
+    titles = [wrong.words.title for wrong in alias.closer()]
+    assert "The telemetry's clock is 20.0 min late" in titles
 
 
 def test_heaters_that_act_without_a_status_are_not_compared(flown):
