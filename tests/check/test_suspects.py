@@ -5,6 +5,7 @@ from datetime import timedelta
 from types import SimpleNamespace
 
 import numpy as np
+import pandas as pd
 import pytest
 import xarray
 
@@ -12,14 +13,16 @@ from flightcal.check import SUSPECTS, Suspects, suspects
 from flightcal.check.evidence import Fit
 from flightcal.check.findings import suspected
 from flightcal.check.misfit import Misfit
-from flightcal.check.suspects import Suspicion, prepared, ranked, unexplained
+from flightcal.check.suspects import Suspicion, finalists, prepared, ranked, unexplained
 from flightcal.check.view import HEAT, noise_of, series_at
 from flightcal.check.wrongs import Words, Wrong
+from flightcal.check.wrongs.clocks import clocks
 from flightcal.check.wrongs.heat import heaters, obedient, turning
+from flightcal.environment.orbit import propagator
 from flightcal.problem import build_problem
 from flightcal.progress import SILENT
 from flightcal.run import Run, open_run, read_json
-from flightcal.scenario import Heat, HeatPattern, LogNormal, Normal
+from flightcal.scenario import CircularOrbit, Heat, HeatPattern, LogNormal, Normal
 from tests import small
 
 from .problems import formula_problem, samples
@@ -218,6 +221,25 @@ def test_a_heaters_power_is_more_likely_off_than_a_number_of_equal_odds():
     assert odds("thermostat") > odds("status inverted")
 
 
+def test_the_likeliest_are_looked_at_closely_and_not_only_those_that_gain_most():
+    """Units of a driver gain a little more at first look than the right size, which a closer look finds."""
+    units = [Wrong("driver", "load", Words(f"{10**k} times", "", ""), tries=8.0) for k in (1, 2, 3)]
+    size = Wrong("driver", "load", Words("0.5 times", "", ""), tries=1.0)
+    hopeless = Wrong("bias", "a", Words("", "", ""), tries=1.0)
+    assert finalists([6.1, 5.6, 5.6, 4.4, 1.0], [*units, size, hopeless]) == [size, *units[:2]]
+
+
+def test_a_clock_is_rather_off_by_less_than_half_an_orbit(tmp_path):
+    view = prepared(*small.closed_loop(tmp_path, sunlit()))
+    assert view is not None
+    late, alias = clocks(view, [1200.0, 1200.0 - view.window.period])
+    assert alias.odds > late.odds + 1.0
+    # The same less an orbit is looked at too, where that is nearer to a step of the first look.
+    assert alias.closer is not None
+    titles = [wrong.words.title for wrong in alias.closer()]
+    assert "The telemetry's clock is 20.0 min late" in titles
+
+
 def test_heaters_that_act_without_a_status_are_not_compared(flown):
     scenario, data = flown
     heater = scenario.network.heaters["heater"].model_copy(update={"measured_by": None})
@@ -234,6 +256,20 @@ def test_a_clock_that_is_late_is_named_with_the_minutes(tmp_path):
     first = named(scenario, late)[0]
     assert first.kind == "clock"
     assert first.title.endswith("late")
+    assert float(first.title.split()[4]) == pytest.approx(20.0, abs=1.5)
+
+
+def test_a_clock_that_is_late_is_named_where_positions_hardly_reach_beyond_the_window(tmp_path):
+    written = sunlit()
+    orbit = CircularOrbit.model_validate(written["environment"]["orbit"])
+    times = np.datetime64("2024-02-29T23:50", "ns") + np.arange(0, 442, 2) * np.timedelta64(1, "m")
+    table = pd.DataFrame(propagator(orbit)(times)[0], columns=["x", "y", "z"])
+    table.insert(0, "time", np.datetime_as_string(times, unit="s"))
+    table.to_csv(tmp_path / "positions.csv", index=False)
+    written["environment"]["orbit"] = {"positions": "positions.csv"}
+    scenario, data = small.closed_loop(tmp_path, written)
+    first = named(scenario, data.assign_coords(time=data["time"] + np.timedelta64(20, "m")))[0]
+    assert first.kind == "clock"
     assert float(first.title.split()[4]) == pytest.approx(20.0, abs=1.5)
 
 

@@ -12,6 +12,7 @@ from typer.testing import CliRunner
 from flightcal.cli import app
 from flightcal.errors import USER_ERROR
 from flightcal.scenario import load_scenario
+from tests.telemetry import test_readings as readings
 from tests.telemetry.files import frame, seconds, text
 from tests.telemetry.test_packets import write_files
 
@@ -71,7 +72,7 @@ def test_one_file_has_no_packets_and_odd_names_are_read_as_they_stand(tmp_path: 
         "panel_x_deg_c": ('Panel "+X" deg. C', "temperature"),
         "panel_x_deg_c_2": ("Panel -X deg. C", "temperature"),
         "c_no": ("no", "driver"),
-        "gr_e_ma": ("Größe [mA]", "driver"),
+        "gro_e_ma": ("Größe [mA]", "driver"),
         "c_on": ("on", "status"),
     }
 
@@ -146,6 +147,38 @@ def test_thresholds_are_what_the_sensor_reads_when_its_heater_switches(tmp_path:
     text = (tmp_path / "sat" / "scenario.yaml").read_text()
     assert "on_below: 10.0 degC, off_above: 13.0 degC" in text
     assert "coefficient: 1 W/A" in text
+
+
+def test_thresholds_are_found_where_status_and_sensor_come_at_times_of_their_own(tmp_path: Path):
+    rising = np.arange(60) // 6 % 2 == 0
+    warmth = np.where(rising, 10.0 + 0.5 * (np.arange(60) % 6), 13.0 - 0.5 * (np.arange(60) % 6))
+    clock = 60.0 * np.arange(60)
+    thermal = {"time": text(seconds(*clock)), "bat_t [degC]": warmth, "htr_box_t [degC]": np.cos(np.arange(60.0))}
+    pd.DataFrame(thermal).to_csv(tmp_path / "thermal.csv", index=False)
+    status = {"time": text(seconds(*(clock + 1.0))), "tcs_htr_battery": np.where(rising, "ON", "OFF")}
+    pd.DataFrame(status).to_csv(tmp_path / "status.csv", index=False)
+    names = (str(tmp_path / f"{name}.csv") for name in ("thermal", "status"))
+    assert run(app, ["init", str(tmp_path / "sat"), *names]).exit_code == 0
+    heater = load_scenario(tmp_path / "sat" / "scenario.yaml").network.heaters["tcs_htr_battery"]
+    assert heater.sensor == "bat_t_degc"
+    assert (heater.on_below - 273.15, heater.off_above - 273.15) == pytest.approx((10.0, 13.0), abs=0.06)
+
+
+def test_readings_and_a_log_of_modes_go_from_init_to_lint(tmp_path: Path):
+    readings.table().to_csv(tmp_path / "data.csv", index=False)
+    log = pd.DataFrame({"time": text(seconds(0.0, 300.0, 700.0)), "mode": ["idle", "busy", "safe"]})
+    log.to_csv(tmp_path / "log.csv", index=False)
+    result = run(app, ["init", str(tmp_path / "sat"), str(tmp_path / "data.csv"), str(tmp_path / "log.csv")])
+    assert result.exit_code == 0, result.output
+    assert "window train: " in lint(tmp_path / "sat")
+    scenario = load_scenario(tmp_path / "sat" / "scenario.yaml")
+    assert scenario.telemetry.readings is not None
+    # The file of modes alone has no channel, so it is no packet.
+    assert (scenario.telemetry.files, list(scenario.observations)) == (
+        ("../data.csv",),
+        ["tm_t_cam", "tm_t_bat", "tm_htr"],
+    )
+    assert [change.mode for change in scenario.network.timeline] == ["idle", "busy", "idle"]
 
 
 def day_of_year(times: np.ndarray) -> list[str]:

@@ -71,7 +71,8 @@ def started(folder: Path) -> Path:
 def test_what_init_writes_of_all_files_lints_clean(tmp_path: Path):
     result = run(app, ["lint", str(started(tmp_path))])
     assert result.exit_code == 0, result.output
-    assert "telemetry battery_degc: gaps, 10 samples; 1 gap: 660 s from 2024-03-01T00:29:00" in result.output
+    gaps = "gaps, 10 samples; 1 gap: 660 s from 2024-03-01T00:29:00"
+    assert f"telemetry battery_degc, panel_degc: {gaps}" in result.output
     assert "telemetry i_sa_ma" not in result.output
 
 

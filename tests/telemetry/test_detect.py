@@ -224,6 +224,16 @@ def test_a_title_above_the_header_and_a_row_of_units_below_it_are_seen(tmp_path:
     ]
 
 
+@pytest.mark.parametrize("rate", [1, 1000])
+def test_a_column_of_gps_time_counts_leap_seconds_from_its_own_epoch(tmp_path: Path, rate: int):
+    since = UNIX - np.datetime64("1980-01-06", "s").astype(np.int64) + 18
+    pd.DataFrame({"GPS time": rate * since, "TT_BAT": np.linspace(0, 9, 8)}).to_csv(tmp_path / "data.csv", index=False)
+    (found,) = detect([tmp_path / "data.csv"])
+    assert found.time is not None
+    assert (found.time.format, found.time.rate, found.time.leap_seconds) == ("clock", rate, True)
+    assert found.first == UNIX[0] * 1e9
+
+
 def test_a_file_without_times_is_told_with_its_columns(tmp_path: Path):
     frame(5).drop(columns="time").to_csv(tmp_path / "data.csv", index=False)
     with pytest.raises(TelemetryError) as caught:

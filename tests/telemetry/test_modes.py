@@ -51,6 +51,12 @@ def test_other_columns_tell_no_mode(tmp_path: Path, name: str, cells: list):
     assert modes_of(tmp_path, table_of(name, cells)) is None
 
 
+def test_a_file_of_modes_alone_may_have_a_row_for_each_change(tmp_path: Path):
+    found = modes_of(tmp_path, table_of("OBC mode", ["safe", "nominal"] * 4).drop(columns="TT_BAT"))
+    assert found is not None
+    assert found.names == ("safe", "nominal") * 4
+
+
 def test_changes_go_on_from_file_to_file_in_any_order_and_empty_cells_change_nothing(tmp_path: Path):
     later = table_of("mode", ["nominal", "", "nominal", "nominal", "safe", "safe"], TIMES[:6] + np.timedelta64(8, "m"))
     found = modes_of(tmp_path, later, table_of("mode", ["safe"] * 2 + ["nominal"] * 6))

@@ -7,7 +7,7 @@ parameters, unmodelled heat and noise? One is named only where it is better by f
 
 from __future__ import annotations
 
-from collections.abc import Collection, Iterator
+from collections.abc import Collection, Iterator, Sequence
 from dataclasses import astuple, dataclass, replace
 from itertools import combinations
 from typing import Any, Final
@@ -245,16 +245,8 @@ def _compared(view: View, base: Point, nothing: Fit) -> list[tuple[Fit, Suspicio
         except SimulationFailure:
             return -np.inf
 
-    scored = sorted(zip(in_parallel(gained, len(wrongs)), wrongs, strict=True), key=lambda item: -item[0])
-    finalists: list[Wrong] = []
-    for score, wrong in scored:
-        alike = [own for own in finalists if own.kind == wrong.kind]
-        sized = wrong.kind in _BY_SIZE and wrong.closer is not None
-        looked_at = sized and any(own.about == wrong.about and own.closer is not None for own in alike)
-        if score > _PROMISING and len(alike) < _OF_A_KIND and not looked_at:
-            finalists.append(wrong)
     found: list[tuple[Fit, Suspicion]] = []
-    for wrong in finalists[:_FINALISTS]:
+    for wrong in finalists(in_parallel(gained, len(wrongs)), wrongs):
         try:
             best, fit = _closely(view, wrong, base)
         except (SimulationFailure, np.linalg.LinAlgError):
@@ -269,6 +261,18 @@ def _compared(view: View, base: Point, nothing: Fit) -> list[tuple[Fit, Suspicio
         if (item[1].kind, item[1].about) not in [(own.kind, own.about) for _, own in once]:
             once.append(item)
     return once
+
+
+def finalists(gains: Sequence[float], wrongs: Sequence[Wrong]) -> list[Wrong]:
+    """Wrongs whose first look is promising, the likeliest first, odds counted, and few of a kind."""
+    found: list[Wrong] = []
+    for gain, wrong in sorted(zip(gains, wrongs, strict=True), key=lambda item: item[1].odds - item[0]):
+        alike = [own for own in found if own.kind == wrong.kind]
+        sized = wrong.kind in _BY_SIZE and wrong.closer is not None
+        looked_at = sized and any(own.about == wrong.about and own.closer is not None for own in alike)
+        if gain > _PROMISING and len(alike) < _OF_A_KIND and not looked_at:
+            found.append(wrong)
+    return found[:_FINALISTS]
 
 
 def ranked(best: list[tuple[Fit, Suspicion]], nothing: Fit) -> list[Suspicion]:
@@ -330,7 +334,7 @@ def _closely(view: View, wrong: Wrong, base: Point) -> tuple[Wrong, Fit]:
             break
         point = _reading(view, wrong).point(wrong.window or view.window, fit.z, base)
         look = _look(view, point, np.isfinite(view.flat(view.observed)))
-        best = max(wrong.closer(), key=lambda own: _gain(view, own, look), default=None)
+        best = max(wrong.closer(), key=lambda own: _gain(view, own, look) - own.odds, default=None)
         if best is None:
             break
         again = _climbed(view, best, base)

@@ -244,10 +244,10 @@ class View:
 
     def sunlight_before(self, seconds: float) -> tuple[FloatArray, dict[str, FloatArray]]:
         """As `sunlight`; where that does not reach so many s back, up to `ZONES`, what shone then."""
-        if abs(seconds) <= REACH:
-            return self.sunlight
         first, last = -FINE - seconds, 1.1 * self.network.drive.times[-1] + FINE - seconds
         try:
+            if abs(seconds) <= REACH:
+                return self.sunlight
             times, lit = self._sunlight_of_a_day
         except OrbitError:  # samples of orbit or attitude do not reach as far
             return self._shone(first, last)

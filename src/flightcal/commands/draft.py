@@ -6,8 +6,9 @@ import difflib
 import json
 import os
 import re
+import unicodedata
 from collections.abc import Mapping, Sequence
-from itertools import pairwise
+from itertools import pairwise, product, takewhile
 from pathlib import Path
 from typing import TYPE_CHECKING, NamedTuple
 
@@ -55,6 +56,8 @@ _RATES = (
 )
 """Hz, of clocks that count ticks."""
 _ABOUT = 0.15
+_SHORTEST_WORD = 3
+"""Letters that a heater's name and its node's have in common, such as bat of battery."""
 _ICE_POINT = 273.15
 _TIMELINE = "timeline.csv"
 _LEFT_OUT = "for another time column write a packet of its own, for words of a heater's status `on` and `off`"
@@ -88,7 +91,7 @@ def draft(folder: Path, files: Sequence[Path]) -> tuple[dict[str, str], list[str
     from ..telemetry import detect
 
     packets = detect(list(files))
-    names = _packet_names(packets)
+    names = _packet_names([packet for packet in packets if packet.columns])
     channels = _channels(names)
     if not any(channel.kind == "temperature" for channel in channels):
         found = ", ".join(channel.column for channel in channels[:12]) or "none"
@@ -111,6 +114,9 @@ def draft(folder: Path, files: Sequence[Path]) -> tuple[dict[str, str], list[str
         if packet.left_out:
             left_out = ", ".join(f"'{column}'" for column in packet.left_out)
             notes.append(f"{title}: left out {left_out}: {_LEFT_OUT}")
+    for packet in packets:
+        if not packet.columns and packet.modes is None:
+            notes.append(f"{', '.join(file.name for file in packet.files)}: found times and no channel; not written")
     modes = next((packet.modes for packet in packets if packet.modes is not None), None)
     head = _HEAD.format(folder=folder, name=json.dumps(folder.resolve().name))
     text = head + _telemetry(folder, names, channels) + _rest(data, channels, modes)
@@ -163,11 +169,17 @@ def _telemetry(folder: Path | None, names: Mapping[str, FoundPacket], channels: 
         sheet = f", sheet: {_text(packet.sheet)}" if packet.sheet else ""
         header = f"header: {packet.header}" if packet.header else ""
         time = _time(packet, names)
+        readings = ""
+        if packet.readings is not None:
+            own = packet.readings
+            readings = f"readings: {{name: {_text(own.name)}, value: {_text(own.value)}}}"
         comment = "" if packet.time is not None else "  # PLACEHOLDER: UTC at count 0, counts a second"
         if single:
-            lines += [f"  file: {file}", *([f"  {header}"] if header else []), f"  time: {time}{comment}"]
+            more = [f"  {key}" for key in (header, readings) if key]
+            lines += [f"  file: {file}", f"  time: {time}{comment}", *more]
         else:
-            lines.append(f"    {name}: {{file: {file}{sheet}{f', {header}' if header else ''}, time: {time}}}{comment}")
+            more = [f", {key}" for key in (header, readings) if key]
+            lines.append(f"    {name}: {{file: {file}{sheet}, time: {time}{''.join(more)}}}{comment}")
     lines += [
         "  channels:",
         "    # The name is yours. kind: temperature, status (on or off) or driver (measured input).",
@@ -194,7 +206,10 @@ def _time(packet: FoundPacket, names: Mapping[str, FoundPacket]) -> str:
     else:
         parts.append(f"format: {_text(packet.time.format)}")
         if packet.time.epoch is not None:
-            parts += [f"epoch: {packet.time.epoch:%Y-%m-%dT%H:%M:%S}", "rate: 1 1/day"]
+            per_day = 86400 * (packet.time.rate or 1.0)
+            pace = "1 1/day" if round(per_day) == 1 else f"{per_day / 86400:g} Hz"
+            parts += [f"epoch: {packet.time.epoch:%Y-%m-%dT%H:%M:%S}", f"rate: {pace}"]
+        parts += ["leap_seconds: true"] if packet.time.leap_seconds else []
         marks = ", ".join(json.dumps(str(mark)) for mark in packet.time.invalid)
         parts += [f"invalid: [{marks}]"] if marks else []
     return f"{{{', '.join(parts)}}}"
@@ -248,9 +263,8 @@ def _rest(dataset: xarray.Dataset, channels: Sequence[_Channel], modes: FoundMod
         *(["  heaters:"] if heaters else []),
     ]
     for name in heaters:
-        # The one whose name is most like the heater's.
-        node = max(nodes, key=lambda node: difflib.SequenceMatcher(None, name, node).ratio())
-        low, high = _thresholds(dataset[node].values, dataset[name].values)
+        node = _node_of(name, nodes)
+        low, high = _thresholds(dataset["time"].values, dataset[node].values, dataset[name].values)
         lines.append(
             f"    {name}: {{node: {node}, power: 10 W, sensor: {node}, on_below: {low} degC, off_above: {high} degC, "
             f"measured_by: {name}}}"
@@ -291,6 +305,25 @@ def _rest(dataset: xarray.Dataset, channels: Sequence[_Channel], modes: FoundMod
     return "\n".join(lines) + "\n"
 
 
+def _node_of(heater: str, nodes: Sequence[str]) -> str:
+    """The node whose name is most like the heater's, first in the words that few nodes have."""
+    words = {node: set(node.split("_")) for node in nodes}
+    often = {word for own in words.values() for word in own if sum(word in other for other in words.values()) > 1}
+    telling = set(heater.split("_")) - often - {"heater", "htr"}
+
+    def likeness(node: str) -> tuple[int, float]:
+        alike = (_begins_alike(one, other) for one, other in product(telling, words[node]))
+        longest = max(alike, default=0)
+        return longest if longest >= _SHORTEST_WORD else 0, difflib.SequenceMatcher(None, heater, node).ratio()
+
+    return max(nodes, key=likeness)
+
+
+def _begins_alike(one: str, other: str) -> int:
+    """How many letters two words begin with alike."""
+    return sum(1 for _ in takewhile(lambda pair: pair[0] == pair[1], zip(one, other, strict=False)))
+
+
 def _windows(dataset: xarray.Dataset) -> tuple[str, str, str]:
     """Start, middle and end of a stretch without long gaps in any packet, at most `_LONGEST` of it."""
     times = dataset["time"].values
@@ -321,20 +354,26 @@ def _overlaps(ones: Sequence[_Stretch], others: Sequence[_Stretch]) -> list[_Str
     return [(start, end) for start, end in found if end > start]
 
 
-def _thresholds(kelvins: np.ndarray, status: np.ndarray) -> tuple[str, str]:
-    """Two thresholds, degC: what a channel reads when a status changes, else within what it shows."""
-    celsius, known = kelvins - _ICE_POINT, np.flatnonzero(np.isfinite(kelvins) & np.isfinite(status))
+def _thresholds(times: np.ndarray, kelvins: np.ndarray, status: np.ndarray) -> tuple[str, str]:
+    """Two thresholds, degC: what a channel reads when a status changes, else within what it shows.
+
+    The two may come in packets of their own, at different times.
+    """
+    celsius, read, known = kelvins - _ICE_POINT, np.isfinite(kelvins), np.isfinite(status)
     turns = np.diff((status[known] > 0.5).astype(int))
     low, high = np.nanquantile(celsius, (0.1, 0.5))
     if (turns > 0).any() and (turns < 0).any():
-        on, off = (float(np.median(celsius[known[1:]][turns == sign])) for sign in (1, -1))
+        seconds = (times - times[0]) / np.timedelta64(1, "s")
+        then = np.interp(seconds[known], seconds[read], celsius[read])[1:]
+        on, off = (float(np.median(then[turns == sign])) for sign in (1, -1))
         low, high = (on, off) if on < off else (low, high)
     return f"{low:.1f}", f"{max(high, low + 1.0):.1f}"
 
 
 def _slug(text: str) -> str:
     """A name for YAML and dotted paths."""
-    name = re.sub(r"\W+", "_", text.strip(), flags=re.ASCII).strip("_").lower()
+    plain = "".join(one for one in unicodedata.normalize("NFKD", text) if not unicodedata.combining(one))
+    name = re.sub(r"\W+", "_", plain.strip(), flags=re.ASCII).strip("_").lower()
     return name if name[:1].isalpha() and name not in _WORDS else f"c_{name}".rstrip("_")
 
 

@@ -50,8 +50,13 @@ def lint(scenario: ScenarioFile, telemetry: TelemetryPlace = None) -> None:
             )
         steps = "" if accuracy is None else f"; {accuracy.steps} steps, error {1e3 * accuracy.error:.2g} mK"
         typer.echo(f"window {window}: {len(built.times)} samples of {len(built.simulator.channels)} channels{steps}")
+    told: dict[str, list[str]] = {}
     for record in (*quality_table(data), *bridged(loaded, data)):
-        typer.echo(f"telemetry {record.channel or 'file'}: {record.finding}, {record.samples} samples; {record.detail}")
+        text = f"{record.finding}, {record.samples} samples; {record.detail}"
+        told.setdefault(text, []).append(record.channel or "file")
+    for text, channels in told.items():
+        # Channels of a packet have the same gaps.
+        typer.echo(f"telemetry {', '.join(channels)}: {text}")
     for advice in (*_advice(loaded, data), *_guesses(scenario.read_text(encoding="utf-8"))):
         typer.echo(f"advice: {advice}")
     typer.echo(f"{scenario}: no problems found")

@@ -22,6 +22,8 @@ RINGS: Final = 16
 """Of the quadrature of the Earth's disc: measured error up to 0.05% of the peak from 200 km up (tests hold 0.1%)."""
 _SECTORS = 3
 """Of a disc, for each ring."""
+_MOMENTS = 32
+"""Of half a turn of a spun face: infrared errs by 5e-6 of its peak at most, from 200 km to the geostationary orbit."""
 _TWILIGHT = 1e-3
 """Cosine by which more than the Earth that a spacecraft sees has to be dark, for it to get no albedo."""
 _BLOCK = 128
@@ -92,11 +94,15 @@ def turn_mean_cosine(face: Floats, light: Floats) -> Floats:
     a = face light and b the product of the sines: positive while |turn| < t, cos t = -a / b, with mean
     (a t + b sin t) / pi.
     """
-    level = face * light
-    swing = np.sqrt(np.maximum((1 - face**2) * (1 - light**2), 0.0))
+    level, swing = _turning(face, light)
     ratio = np.clip(-level / np.maximum(swing, 1e-300), -1.0, 1.0)
     mean: Floats = (level * np.arccos(ratio) + swing * np.sqrt(1 - ratio**2)) / np.pi
     return mean
+
+
+def _turning(face: Floats, light: Floats) -> tuple[Floats, Floats]:
+    """a and b of the cosine a + b cos(turn) between a face's normal and a direction, from those to the spin axis."""
+    return face * light, np.sqrt(np.maximum((1 - face**2) * (1 - light**2), 0.0))
 
 
 def view_factor(cosine: Floats, distance_ratio: Floats) -> Floats:
@@ -128,16 +134,19 @@ def mean_view_factor(distance_ratio: Floats) -> Floats:
 def infrared_view(faces: Faces, position: Floats, earth_radius: float = EARTH_RADIUS) -> Floats:
     """View factor to the Earth [T, F] of faces at `position` [T, 3] m.
 
-    Closed form for flat faces and the mean over all directions, quadrature for spun faces.
+    Closed form; of spun faces its mean over moments of half a turn, which is as good as the whole.
     """
     distance = np.linalg.norm(position, axis=-1, keepdims=True)
     if isinstance(faces, AllDirections):
         return mean_view_factor(distance / earth_radius)
+    nadir = -position / distance
     if isinstance(faces, Flat):
-        nadir = -position / distance
         return view_factor(np.einsum("tfi,ti->tf", faces.normals, nadir), distance / earth_radius)
-    # Any reference direction will do for the azimuths: the Earth's infrared does not depend on the Sun.
-    return _integral(faces, position, position[:, [1, 2, 0]], earth_radius, RINGS, lit=False)
+    assert isinstance(faces, Spun)  # the third kind
+    level, swing = _turning(faces.cosines, nadir @ faces.axis[:, None])
+    moments = (np.arange(_MOMENTS) + 0.5) * (np.pi / _MOMENTS)
+    views = (view_factor(level + swing * np.cos(turn), distance / earth_radius) for turn in moments)
+    return np.asarray(sum(views) / _MOMENTS)
 
 
 def albedo_view(
@@ -152,28 +161,28 @@ def albedo_view(
     up, towards = (vector / np.linalg.norm(vector, axis=-1, keepdims=True) for vector in (position, sun))
     horizon = np.sqrt(np.maximum(1.0 - (earth_radius / np.linalg.norm(position, axis=-1)) ** 2, 0.0))
     day = np.flatnonzero(np.sum(up * towards, axis=-1) > -horizon - _TWILIGHT)
-    found = _integral(faces.at(day), position[day], sun[day], earth_radius, rings, lit=True)
+    found = _integral(faces.at(day), position[day], sun[day], earth_radius, rings)
     whole = np.zeros((len(position), found.shape[1]))
     whole[day] = found
     return whole
 
 
-def _integral(faces: Faces, position: Floats, sun: Floats, earth_radius: float, rings: int, lit: bool) -> Floats:
+def _integral(faces: Faces, position: Floats, sun: Floats, earth_radius: float, rings: int) -> Floats:
     if len(position) == 0:
         return faces.cosine(position[:, None])[:, 0]
     blocks = []
     for first in range(0, len(position), _BLOCK):
         block = slice(first, first + _BLOCK)
-        weight, direction = _disc(position[block], sun[block], earth_radius, rings, lit)
+        weight, direction = _disc(position[block], sun[block], earth_radius, rings)
         cosine = faces.at(block).cosine(direction)
         blocks.append((weight[:, None, :] @ cosine)[:, 0, :])
     return np.concatenate(blocks)
 
 
-def _disc(position: Floats, sun: Floats, earth_radius: float, rings: int, lit: bool) -> tuple[Floats, Floats]:
+def _disc(position: Floats, sun: Floats, earth_radius: float, rings: int) -> tuple[Floats, Floats]:
     """Quadrature of the Earth's disc: weights [T, Q] and directions to its points [T, Q, 3].
 
-    A weight is d(solid angle) / pi, times the cosine of the solar zenith angle there if `lit`.
+    A weight is d(solid angle) / pi, times the cosine of the solar zenith angle there.
 
     Points lie on the ground around the nadir, at slant ranges D. There d(solid angle) = cos(emission
     angle) R / r d(ln D) d(azimuth), smooth up to the limb, unlike in the nadir angle; ln D = ln(height)
@@ -199,12 +208,10 @@ def _disc(position: Floats, sun: Floats, earth_radius: float, rings: int, lit: b
         + (outward[:, :, None] * sine_azimuth)[..., None] * across[:, None, None]
         + ((earth_radius * central_cosine - distance) / slant)[:, :, None, None] * up[:, None, None]
     )
-    found = np.broadcast_to(weight[:, :, None], direction.shape[:3])
-    if lit:
-        towards = sun / np.linalg.norm(sun, axis=-1, keepdims=True)
-        high, level = (np.sum(towards * axis, axis=-1)[:, None, None] for axis in (up, ahead))
-        zenith = high * central_cosine[:, :, None] + level * central_sine[:, :, None] * cosine_azimuth
-        found = found * np.maximum(zenith, 0.0)
+    towards = sun / np.linalg.norm(sun, axis=-1, keepdims=True)
+    high, level = (np.sum(towards * axis, axis=-1)[:, None, None] for axis in (up, ahead))
+    zenith = high * central_cosine[:, :, None] + level * central_sine[:, :, None] * cosine_azimuth
+    found = weight[:, :, None] * np.maximum(zenith, 0.0)
     return found.reshape(len(position), -1), direction.reshape(len(position), -1, 3)
 
 

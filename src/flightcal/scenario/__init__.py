@@ -69,6 +69,7 @@ from .schema import (
     Observation,
     Packet,
     Parameter,
+    Readings,
     Scenario,
     TelemetryFile,
     TimeColumn,

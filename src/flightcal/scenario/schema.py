@@ -148,6 +148,13 @@ class Channel(Block):
         return "on_above" if self.on_above is not None else "on_below" if self.on_below is not None else None
 
 
+class Readings(Block):
+    """Columns of a file that has a row for each reading; a channel's `column` is then the name of a reading."""
+
+    name: str
+    value: str
+
+
 class Packet(Block):
     """Telemetry that shares a clock: one file or several with the same columns, and the time column."""
 
@@ -157,6 +164,8 @@ class Packet(Block):
     header: Annotated[Count, Field(ge=1)] | None = None
     """Number of the line or row with the columns' names; null: the first that is not empty."""
     time: TimeColumn
+    readings: Readings | None = None
+    """Of a file with one row for each reading; null: each row has all channels."""
     average: Duration | None = None
     """Block mean over this long; null: that of all telemetry."""
 
@@ -171,6 +180,8 @@ class TelemetryFile(Block):
     header: Annotated[Count, Field(ge=1)] | None = None
     """Number of the line or row with the columns' names; null: the first that is not empty."""
     time: TimeColumn | None = None
+    readings: Readings | None = None
+    """Of a file with one row for each reading; null: each row has all channels."""
     packets: dict[str, Packet] = Field(default_factory=dict)
     """In the place of `file` and `time`: files, each with columns, sampling and clock of its own."""
     average: Duration | None = None
@@ -179,7 +190,7 @@ class TelemetryFile(Block):
 
     @model_validator(mode="after")
     def _one_form(self) -> TelemetryFile:
-        beside = [key for key in ("file", "sheet", "header", "time") if getattr(self, key)]
+        beside = [key for key in ("file", "sheet", "header", "time", "readings") if getattr(self, key)]
         if self.packets and beside:
             raise ValueError(f"found {beside[0]!r} beside 'packets', expected it in each of them")
         missing = [] if self.packets else [key for key in ("file", "time") if not getattr(self, key)]
@@ -194,7 +205,12 @@ class TelemetryFile(Block):
             return self.packets
         assert self.time is not None  # the schema wants it
         packet = Packet.model_construct(
-            file=self.file, sheet=self.sheet, header=self.header, time=self.time, average=None
+            file=self.file,
+            sheet=self.sheet,
+            header=self.header,
+            time=self.time,
+            readings=self.readings,
+            average=None,
         )
         return {"": packet}
 

@@ -10,16 +10,16 @@ from typing import Literal
 
 import numpy as np
 import pyarrow as pa
-import pyarrow.compute as pc
 from numpy.typing import NDArray
 
 from ..errors import TelemetryError
-from ..scenario import Channel, TimeColumn, is_temperature, si_unit
+from ..scenario import Channel, Readings, TimeColumn, is_temperature, si_unit
 from ._times import is_fill, is_text, time_cells
 from ._values import is_status
 from .modes import FoundModes, both, modes_in
 from .read import without_empty_rows
 from .readers import Parquet, Source, locate, read_table, sheets
+from .readings import names_of, typed
 from .time_columns import LOOKED_AT, coarse_of, fine_of, is_numeric, is_second_time, time_of
 
 _DEEPEST_HEADER = 20
@@ -29,6 +29,10 @@ _HEATER_NAME = re.compile(
     r"(?i)(htr|heater).*(cur|amp|pow|_i\b|\b[mk]?[AW]\b|_[mk]?[AW]$)|(cur|pow|^[iIpP]_).*(htr|heater)"
 )
 """Of a heater's current or power."""
+_READING_NAME = re.compile(r"(?i)param|name|mnemonic|channel|sensor|signal|item|measur|point|variable|metric|key|tag")
+_READING_VALUE = re.compile(r"(?i)value|reading|eng|cal|raw|result|^val")
+_UNITS = re.compile(r"(?i)^units?$")
+"""Columns of a file with a row for each reading."""
 _LEVELS = 5
 """A word of few bits, which has no unit, has fewer values."""
 _TEMPERATURE_NAME = re.compile(r"(?i)temp|therm|^t$|^tt?[_.\d-]|[_. ]tt?\d*([_ ][ckf])?$|^pt\d|deg\.? ?c|°c")
@@ -71,6 +75,8 @@ class FoundPacket:
     """Names of columns that hold something, but nothing that a channel can be."""
     modes: FoundModes | None = None
     """Of the satellite, where a column tells them."""
+    readings: Readings | None = None
+    """Of a file with a row for each reading, whose names then stand in `columns`."""
 
 
 def detect(files: list[Path]) -> list[FoundPacket]:
@@ -168,6 +174,10 @@ def _packet(file: Path, source: Source) -> FoundPacket:
     else:
         first, last = float(times[0]), float(times.max())
     found = (clock,) if time is None else time.column
+    if time is not None and len(times) == len(table):
+        readings = _readings(table.drop_columns(list(found)))
+        if readings is not None:
+            return _packet_of_readings(file, source, time, times, table, readings)
     head, units = _below_units(table.slice(0, LOOKED_AT), time)
     others = [name for name in names if name not in found]
     said = {name: units.get(name) or _fahrenheit(name, names) for name in others}
@@ -175,7 +185,7 @@ def _packet(file: Path, source: Source) -> FoundPacket:
     modes = None
     if time is not None and len(times) == len(table):
         free = [name for name, column in columns.items() if column is None or column.kind == "driver"]
-        modes = modes_in(table, free, times)
+        modes = modes_in(table, free, times, alone=len(others) == 1)
     if modes is not None:
         del columns[modes.column]
     return FoundPacket(
@@ -193,6 +203,47 @@ def _packet(file: Path, source: Source) -> FoundPacket:
     )
 
 
+def _readings(table: pa.Table) -> Readings | None:
+    """The columns of a name and of its value, where a row holds one reading; null: a row holds all channels."""
+    texts = [name for name in table.column_names if is_text(table[name])]
+    names = [name for name in texts if _READING_NAME.search(name) and _comes_again(table[name])]
+    values = [name for name in table.column_names if _READING_VALUE.search(name) and name not in names]
+    if len(names) != 1 or not values:
+        return None
+    # Engineering values before raw ones.
+    return Readings(name=names[0], value=min(values, key=lambda name: bool(re.search(r"(?i)raw", name))))
+
+
+def _comes_again(column: pa.ChunkedArray) -> bool:
+    """Whether texts come again and again, in turns."""
+    names = names_of(column.slice(0, LOOKED_AT))
+    changes = int(np.count_nonzero(names[1:] != names[:-1]))
+    return len(set(names)) > 1 and changes > len(names) / 4 and len(names) >= 2 * len(set(names))
+
+
+def _packet_of_readings(
+    file: Path, source: Source, time: TimeColumn, times: NDArray[np.int64], table: pa.Table, readings: Readings
+) -> FoundPacket:
+    names, units = names_of(table[readings.name]), next(filter(_UNITS.search, table.column_names), None)
+    columns, left_out, modes = [], [], None
+    for name in dict.fromkeys(names[names != ""].tolist()):
+        rows = np.flatnonzero(names == name)
+        own = pa.table({name: typed(table[readings.value].take(rows))})
+        modes = modes or modes_in(own, [name], times[rows], alone=True)
+        if modes is not None and modes.column == name:
+            continue
+        said = None if units is None else str(table[units][int(rows[0])].as_py() or "")
+        column = _column(name, own[name].slice(0, LOOKED_AT), source, said)
+        if column is not None:
+            columns.append(column)
+        else:
+            left_out.append(name)
+    return FoundPacket(
+        (file,), source.sheet, time, time.column, float(times.min()), float(times.max()), tuple(columns), source.header,
+        left_out=tuple(left_out), modes=modes, readings=readings,
+    )  # fmt: skip
+
+
 def _below_units(table: pa.Table, time: TimeColumn | None) -> tuple[pa.Table, dict[str, str]]:
     """The rows with a time, and units that a row without one has above them."""
     if time is None or not time.invalid:
@@ -201,15 +252,7 @@ def _below_units(table: pa.Table, time: TimeColumn | None) -> tuple[pa.Table, di
     above = table.slice(0, 1).to_pylist()[0].items() if fill[0] else ()
     units = {name: cell for name, cell in above if isinstance(cell, str)}
     kept = table.take(np.flatnonzero(~fill))
-    return pa.table({name: _typed(column) for name, column in zip(kept.column_names, kept.columns, strict=True)}), units
-
-
-def _typed(column: pa.ChunkedArray) -> pa.ChunkedArray:
-    """Numbers in text as numbers, where all are."""
-    try:
-        return pc.cast(pc.utf8_trim_whitespace(column), pa.float64()) if is_text(column) else column
-    except pa.ArrowInvalid:
-        return column
+    return pa.table({name: typed(column) for name, column in zip(kept.column_names, kept.columns, strict=True)}), units
 
 
 def _column(name: str, column: pa.ChunkedArray, source: Source, said: str | None = None) -> FoundColumn | None:

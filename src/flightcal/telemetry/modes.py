@@ -28,8 +28,11 @@ class FoundModes:
     """[M] of the mode from then on; of a number, with "mode" before it."""
 
 
-def modes_in(table: pa.Table, names: list[str], times: Nanoseconds) -> FoundModes | None:
-    """The first column of those named that tells a mode in each row of a table; times: [rows] ns. None: none does."""
+def modes_in(table: pa.Table, names: list[str], times: Nanoseconds, *, alone: bool = False) -> FoundModes | None:
+    """The first column of those named that tells a mode in each row of a table; times: [rows] ns. None: none does.
+
+    alone: nothing else is in the table, which so may have a row for each change.
+    """
     for name in names:
         column = table[name]
         integer = pa.types.is_integer(column.type)
@@ -38,7 +41,7 @@ def modes_in(table: pa.Table, names: list[str], times: Nanoseconds) -> FoundMode
         cells = ["" if cell is None else str(cell).strip() for cell in column.to_pylist()]
         words = [f"mode {cell}" if integer else cell for cell in cells if cell]
         found = changes(FoundModes(name, times[[cell != "" for cell in cells]], tuple(words)))
-        if 1 < len(set(words)) <= _MOST and len(words) >= _SHORTEST * len(found.names):
+        if 1 < len(set(words)) <= _MOST and (alone or len(words) >= _SHORTEST * len(found.names)):
             return found
     return None
 

@@ -22,6 +22,7 @@ from .average import average
 from .clean import order_rows, sampling_interval
 from .merge import merged
 from .readers import Source, content, locate, nearest, read_table
+from .readings import side_by_side
 from .stale import RowContent, repeats, row_content
 
 RESERVED_NAMES = frozenset(["time", "channel", "flags", "finding", "rows", "masked"])
@@ -61,10 +62,12 @@ def read_telemetry(specification: TelemetryFile, folder: Path, *, period: float 
     Raises TelemetryError, which names file, line and column, and lists all channels that are wrong.
     """
     conversions = _conversions(specification)
-    packets = {}
+    packets: dict[str, xr.Dataset] = {}
     for name, packet in specification.sources.items():
         chosen = {channel: conversions[channel] for channel in specification.channels_of(name)}
-        if chosen:
+        if packet.readings is not None:
+            packets |= _read_readings(specification, packet, chosen, folder)
+        elif chosen:
             packets[name] = _read_packet(specification, name, packet, chosen, folder)
     dataset = merged(packets, list(specification.channels))
     if period is not None:
@@ -72,17 +75,32 @@ def read_telemetry(specification: TelemetryFile, folder: Path, *, period: float 
     return dataset
 
 
+def _read_readings(
+    specification: TelemetryFile, packet: Packet, conversions: dict[str, Conversion], folder: Path
+) -> dict[str, xr.Dataset]:
+    """The channels of a packet of readings, each with its own times. Raises TelemetryError with all that are wrong."""
+    problems: list[str] = []
+    found: dict[str, xr.Dataset] = {}
+    for channel, own in conversions.items():
+        try:
+            found[channel] = _read_packet(specification, channel, packet, {channel: own}, folder)
+        except TelemetryError as error:
+            problems.append(str(error))
+    _raise_all(list(dict.fromkeys(problems)))
+    return found
+
+
 def _read_packet(
     specification: TelemetryFile, name: str, packet: Packet, conversions: dict[str, Conversion], folder: Path
 ) -> xr.Dataset:
-    """The channels [C] of one packet."""
-    channels = specification.channels_of(name)
+    """Channels [C] that have their times in common: those of a packet, or one of a packet of readings."""
+    channels = {channel: specification.channels[channel] for channel in conversions}
     beside = [other for key, other in specification.sources.items() if key != name]
     files = []
     for file in packet.file:
         source = locate(folder, file, packet.sheet, packet.header)
         shared = any(file in other.file and packet.sheet == other.sheet for other in beside)
-        files.append(_read_file(packet.time, channels, conversions, source, shared=shared))
+        files.append(_read_file(packet, channels, conversions, source, shared=shared))
     rows = _joined(files)
     order = order_rows(rows.times, rows.content.keys)
     times = rows.times[order.kept]
@@ -109,7 +127,7 @@ def _read_packet(
         "stale_checked": int(rows.content.checked),
     }
     values = np.where(flags == 0, _with_status(converted, channels, conversions), np.nan)
-    dataset = _dataset(channels, conversions, times, values, flags, attributes)
+    dataset = _dataset(name, channels, conversions, times, values, flags, attributes)
     length = packet.average or specification.average
     # A slow packet stays as it is beside fast ones that are averaged.
     if length is None or (name and packet.average is None and length < interval):
@@ -161,16 +179,21 @@ def _misfits(name: str, channel: Channel) -> list[str]:
 
 
 def _read_file(
-    time: TimeColumn, channels: dict[str, Channel], conversions: dict[str, Conversion], source: Source, *, shared: bool
+    packet: Packet, channels: dict[str, Channel], conversions: dict[str, Conversion], source: Source, *, shared: bool
 ) -> _Rows:
     """The rows of one file; shared: other packets are in it, so only rows that hold something of this one count."""
+    time, readings = packet.time, packet.readings
     markers = [str(marker) for channel in channels.values() for marker in channel.invalid]
     named = {column for channel in channels.values() for column in channel.column}
     words = [column for channel in channels.values() if channel.base is not None for column in channel.column]
+    if readings is not None:
+        words = [readings.name, readings.value]
     table = read_table(source, [*time.column, *words], [*markers, *map(str, time.invalid)])
-    _check_columns(time, channels, table.column_names, source)
+    _check_columns(_wanted(packet, channels), table.column_names, source)
     table = without_empty_rows(table)
-    if shared:
+    if readings is not None:
+        table, source = side_by_side(table, readings, time.column, tuple(sorted(named)), source)
+    elif shared:
         table, source = _of_packet(table.select([*time.column, *sorted(named.difference(time.column))]), time, source)
     timed = np.flatnonzero(~is_fill(time_cells(table, time), time))
     untimed = table.num_rows - len(timed)
@@ -195,6 +218,9 @@ def _read_file(
         flags.append(flag | np.where(beyond, Flag.OUT_OF_RANGE, 0).astype(np.uint8))
     _raise_all(problems)
     rows = row_content(content(table, time.column), times, named)
+    if readings is not None:
+        # A row of one channel that repeats may as well be a quiet channel.
+        rows = replace(rows, moving=np.zeros_like(rows.moving), checked=True)
     return _Rows(times, np.stack(values, axis=1), np.stack(flags, axis=1), rows, untimed)
 
 
@@ -210,7 +236,7 @@ def _of_packet(table: pa.Table, time: TimeColumn, source: Source) -> tuple[pa.Ta
 
 def _only(rows: NDArray[np.intp], table: pa.Table, source: Source) -> tuple[pa.Table, Source]:
     """Some rows of those that are looked at."""
-    return table.take(rows), replace(source, rows=rows if source.rows is None else source.rows[rows])
+    return table.take(rows), source.only(rows)
 
 
 def _columns(table: pa.Table) -> Iterator[tuple[str, pa.ChunkedArray]]:
@@ -231,9 +257,15 @@ def _joined(files: list[_Rows]) -> _Rows:
     )
 
 
-def _check_columns(time: TimeColumn, channels: dict[str, Channel], columns: list[str], source: Source) -> None:
-    wanted = [("time", column) for column in time.column]
-    wanted += [(f"channel '{name}'", column) for name, c in channels.items() for column in c.column]
+def _wanted(packet: Packet, channels: dict[str, Channel]) -> list[tuple[str, str]]:
+    """Who wants which column of a packet's files."""
+    wanted = [("time", column) for column in packet.time.column]
+    if packet.readings is not None:
+        return [*wanted, ("readings", packet.readings.name), ("readings", packet.readings.value)]
+    return wanted + [(f"channel '{name}'", column) for name, c in channels.items() for column in c.column]
+
+
+def _check_columns(wanted: list[tuple[str, str]], columns: list[str], source: Source) -> None:
     problems = []
     for who, column in wanted:
         if columns.count(column) > 1:
@@ -290,6 +322,7 @@ def _check_valid(
 
 
 def _dataset(
+    packet: str,
     channels: dict[str, Channel],
     conversions: dict[str, Conversion],
     times: Nanoseconds,
@@ -308,7 +341,7 @@ def _dataset(
                 "long_name": f"{channel.kind} '{name}'",
                 "column": ", ".join(channel.column),
                 "fill": channel.fill,
-                "packet": channel.packet or "",
+                "packet": packet,
             },
         )
     variables["flags"] = (("time", "channel"), flags, flag_attributes())

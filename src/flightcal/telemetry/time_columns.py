@@ -50,6 +50,8 @@ _MOST_PARTS = 5
 """Year, day, hour, minute and second."""
 _MARKS, _FILL = 3, 0.2
 """So many texts, in such a share of the rows at most, stand in the place of times."""
+_GPS_NAME = re.compile(r"(?i)(^|[^a-z])gps")
+_GPS: Final = {"format": "clock", "epoch": "1980-01-06", "leap_seconds": True}
 _COARSE_FINE = r"^(?:1/)?(?P<coarse>\d{5,})\s*[:., -]\s*(?P<fine>\d+)$"
 _FINE = (100, 256, 1000, 65_536, 1_000_000, 2**24, 2**32)
 
@@ -72,8 +74,11 @@ def time_of(table: pa.Table, names: list[str], source: Source) -> tuple[TimeColu
                 if not numeric or not _TIME_NAME.search(column[0])
                 else without_empty_rows(read_table(source, column))
             )
-            for format in _formats(column, written, numeric):
-                time = TimeColumn.model_validate({"column": column, "format": format})
+            keys: list[dict[str, object]] = [{"format": format} for format in _formats(column, written, numeric)]
+            if numeric and _GPS_NAME.search(column[0]):
+                keys = [*({**_GPS, "rate": rate} for rate in ("1 Hz", "1000 Hz")), *keys]
+            for key in keys:
+                time = TimeColumn.model_validate({"column": column, **key})
                 if (found := _believable(written, time, numeric, source)) is not None:
                     return _with_month_first(found, written, source)
     days = next((found for name in names if (found := _day_numbers(table, name, source))), None)

@@ -15,6 +15,8 @@ from .wrong import SHIFT, SHIFTS, Words, Wrong, closer, driven_otherwise, durati
 
 _ZONES = tuple(h for k in range(1, round(ZONES / 1800.0) + 1) for h in (-1800.0 * k, 1800.0 * k) if abs(h) > REACH)
 """s, between a time zone and UTC."""
+_WHOLE_ORBITS = 4.0
+"""Times less likely is a clock that is off by more than half an orbit: the same with an orbit less fits as well."""
 _RATES = tuple(sign * share for share in (0.005, 0.01, 0.02, 0.04, 0.08) for sign in (-1.0, 1.0))
 _FEW_SHIFTS = tuple(shift for m in (3, 5, 7, 10, 15, 20, 30, 40) for shift in (-60.0 * m, 60.0 * m))
 _HOURS = (-7200.0, -3600.0, 3600.0, 7200.0)
@@ -34,10 +36,10 @@ def clocks(view: View, seconds: Sequence[float] | FloatArray = SHIFTS) -> Iterat
             "modes; whole orbits more or less may be as good.",
             f"Check the time column: its zone, its leap seconds, the epoch of the orbit; shift it by {-late:+.0f} s",
         )
-        near = partial(clocks, view, closer(late, SHIFT))
-        yield from driven_otherwise(
-            "clock", "time", words, view, tries=len(SHIFTS), closer=near, sunlight=late, modes=late
-        )
+        less = late - round(late / view.window.period) * view.window.period
+        near = partial(clocks, view, np.union1d(closer(late, SHIFT), closer(less, SHIFT)))
+        tries = len(SHIFTS) * (_WHOLE_ORBITS if abs(late) > 0.5 * view.window.period else 1.0)
+        yield from driven_otherwise("clock", "time", words, view, tries=tries, closer=near, sunlight=late, modes=late)
 
 
 def zones(view: View, seconds: Sequence[float] | FloatArray = _ZONES) -> Iterator[Wrong]:
@@ -49,7 +51,7 @@ def zones(view: View, seconds: Sequence[float] | FloatArray = _ZONES) -> Iterato
             "agrees with sunlight, eclipses and modes.",
             f"Check the zone of the time column; shift it by {-late:+.0f} s",
         )
-        yield from driven_otherwise("clock", "time", words, view, tries=len(_ZONES), sunlight=late, modes=late)
+        yield from driven_otherwise("clock", "zone", words, view, tries=len(_ZONES), sunlight=late, modes=late)
 
 
 def rates(view: View, shares: Sequence[float] | FloatArray = _RATES, late: float = 0.0) -> Iterator[Wrong]:

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import gzip
 from collections.abc import Collection
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import IO, Protocol
 
@@ -62,6 +62,10 @@ class Source:
         """The file's bytes, uncompressed."""
         compressed = self.path.name.lower().endswith(".gz")
         return gzip.open(self.path, "rb") if compressed else self.path.open("rb")  # type: ignore[return-value]
+
+    def only(self, rows: NDArray[np.intp]) -> Source:
+        """With some rows of those that are looked at."""
+        return replace(self, rows=rows if self.rows is None else self.rows[rows])
 
     def place(self, row: int) -> str:
         """The file's name, and where in it data row `row` (from 0) of those that are looked at stands."""

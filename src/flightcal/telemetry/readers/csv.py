@@ -27,6 +27,7 @@ _MAGIC = {
 _SEPARATORS = (",", ";", "\t", "|")
 _LOOKED_AT = 50
 """Lines that tell what separates the columns."""
+_BELOW_TITLE = "where a title stands above the columns' names, 'header' says in which line these are"
 _DECIMAL_COMMA = r"^(\s*[-+]?\d*),(\d+(?:[eE][-+]?\d+)?\s*)$"
 
 
@@ -95,10 +96,12 @@ def _with_points(table: pa.Table) -> pa.Table:
 def _ragged(source: Source, separator: str, columns: int) -> TelemetryError | None:
     """The first line that has not as many values as the header, if any."""
     lines = _lines(source, separator)
-    for line, cells in lines:
+    for row, (line, cells) in enumerate(lines):
         if len(cells) != columns:
             found = "1 value" if len(cells) == 1 else f"{len(cells)} values"
             hint = "" if next(lines, None) else "; it is the last line, is the file cut off?"
+            if row == 1 and not hint:
+                hint = f"; {_BELOW_TITLE}"
             return TelemetryError(
                 f"{source.name}: line {line}: found {found}, expected {columns} as in the header{hint}"
             )
@@ -127,7 +130,7 @@ def _header(source: Source, separator: str) -> list[str]:
     if len(header) == 1:
         raise TelemetryError(
             f"{source.name}: found one column, '{header[0][:60]}', expected columns separated by commas, semicolons or "
-            "tabs"
+            f"tabs; {_BELOW_TITLE}"
         )
     if all(re.match(r"\s*[-+]?\.?\d|\s*$", cell) for cell in header):
         where = f"{source.name}: line {source.header or 1}"

@@ -1,0 +1,55 @@
+"""Tables with a row for each reading (time, name, value) -> a column for each name that a channel wants."""
+
+from __future__ import annotations
+
+import numpy as np
+import pandas as pd
+import pyarrow as pa
+import pyarrow.compute as pc
+
+from ..errors import TelemetryError
+from ..scenario import Readings
+from ._times import is_text
+from .readers import Source, nearest
+
+
+def side_by_side(
+    table: pa.Table, readings: Readings, time: tuple[str, ...], wanted: tuple[str, ...], source: Source
+) -> tuple[pa.Table, Source]:
+    """The readings called `wanted` in columns of these names, beside the columns `time`; of several: at equal times.
+
+    Raises TelemetryError where one is not in the file, or they have no time in common.
+    """
+    names = names_of(table[readings.name])
+    joined: pd.DataFrame | None = None
+    for name in wanted:
+        rows = np.flatnonzero(names == name)
+        if not len(rows):
+            known = [str(one) for one in pd.unique(names[names != ""])]
+            listed = nearest(name, known) or f"; it has {', '.join(known[:12])}{', ...' if len(known) > 12 else ''}"
+            raise TelemetryError(f"{source.name}: column '{readings.name}': found no '{name}'{listed}")
+        own = pd.DataFrame({column: table[column].take(rows).to_pandas() for column in time})
+        own[f"row of {name}"] = rows
+        joined = own if joined is None else joined.merge(own, on=list(time))
+    assert joined is not None  # a channel has a column
+    if not len(joined):
+        together = ", ".join(f"'{name}'" for name in wanted)
+        raise TelemetryError(f"{source.name}: found no time that {together} share, expected them side by side")
+    first = joined[f"row of {wanted[0]}"].to_numpy()
+    columns = {column: table[column].take(first) for column in time}
+    columns |= {name: typed(table[readings.value].take(joined[f"row of {name}"].to_numpy())) for name in wanted}
+    return pa.table(columns), source.only(first)
+
+
+def names_of(column: pa.ChunkedArray) -> np.ndarray:
+    """The name of each reading; "" where there is none."""
+    text = pc.utf8_trim_whitespace(column.cast(pa.string()))
+    return np.asarray(pc.fill_null(text, "").to_numpy(zero_copy_only=False), dtype=object)
+
+
+def typed(column: pa.ChunkedArray) -> pa.ChunkedArray:
+    """Numbers in text as numbers, where all are."""
+    try:
+        return pc.cast(pc.utf8_trim_whitespace(column), pa.float64()) if is_text(column) else column
+    except pa.ArrowInvalid:
+        return column
