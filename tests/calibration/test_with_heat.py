@@ -1,6 +1,7 @@
 """Posteriors of a response to heat that follows the parameters."""
 
 import json
+import re
 
 import numpy as np
 import pytest
@@ -11,15 +12,26 @@ from flightcal.calibration.heat_file import heat_dataset, with_kept_heat
 from flightcal.calibration.with_heat import next_place
 from flightcal.errors import RunError
 from flightcal.scenario import NutsSettings
+from tests.told import Told
 
 
 @pytest.fixture(scope="module")
-def followed_posterior(without_heaters):
-    """A posterior of a response that has to be followed however little it bends."""
-    problem = without_heaters
+def followed(without_heaters):
+    """A posterior of a response that has to be followed however little it bends, and what was told."""
+    told = Told()
     with pytest.MonkeyPatch.context() as patch:
         patch.setattr(with_heat, "_STRAIGHT", 1e-9)
-        return calibrate_nuts(problem, NutsSettings(chains=2, warmup=150, draws=100), seed=3)
+        settings = NutsSettings(chains=2, warmup=150, draws=100)
+        return calibrate_nuts(without_heaters, settings, seed=3, progress=told), told
+
+
+@pytest.fixture(scope="module")
+def followed_posterior(followed):
+    return followed[0]
+
+
+def test_it_is_said_how_long_it_takes_to_follow_the_response(followed):
+    assert [line for line in followed[1].said if re.search(r"is followed: about \d+ (s|min) more$", line)]
 
 
 def test_where_the_response_bends_much_the_draws_are_of_one_that_follows(followed_posterior):

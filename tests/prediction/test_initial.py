@@ -88,7 +88,7 @@ def test_thetas_of_different_noise_are_conditioned_together_as_they_are_alone(fi
 
 
 def test_a_theta_that_cannot_be_simulated_keeps_the_prior_mean(first):
-    thetas = np.array([[4.0, 0.0, 0.0], [1e300, 0.0, 0.0], [4.0, 0.0, 0.0]])
+    thetas = np.array([[4.0, 0.0, 0.0], [np.inf, 0.0, 0.0], [4.0, 0.0, 0.0]])
     found = condition_initial(first, thetas, WhiteErrors(np.tile(NOISE, (3, 1))))
     np.testing.assert_allclose(found[1, 1:], [first.observed[:3, 0].mean(), 263.15])
     np.testing.assert_allclose(found[0, 1:], exact(first, 4.0)[0], atol=1e-3)
@@ -97,7 +97,7 @@ def test_a_theta_that_cannot_be_simulated_keeps_the_prior_mean(first):
 @pytest.mark.parametrize("fails", [0, 2])
 def test_one_theta_that_cannot_be_simulated_does_not_keep_the_others_from_being_conditioned(first, fails):
     thetas = np.tile([4.0, 0.0, 0.0], (3, 1))
-    thetas[fails, 0] = 1e300
+    thetas[fails, 0] = np.inf
     found = condition_initial(first, thetas, WhiteErrors(np.tile(NOISE, (3, 1))))
     np.testing.assert_allclose(found[1, 1:], exact(first, 4.0)[0], atol=1e-3)
 
@@ -120,7 +120,7 @@ def test_a_theta_that_fails_once_its_initial_temperatures_are_updated_keeps_the_
 def test_initial_temperatures_are_draws_from_their_prior_where_most_thetas_cannot_be_simulated(first):
     count = 1000
     found = condition_initial(
-        first, np.tile([1e300, 0.0, 0.0], (count, 1)), WhiteErrors(np.tile(NOISE, (count, 1))), np.random.default_rng(0)
+        first, np.tile([np.inf, 0.0, 0.0], (count, 1)), WhiteErrors(np.tile(NOISE, (count, 1))), np.random.default_rng(0)
     )[:, 1:]
     deviations = np.array([2.0, 5.0])
     off = (found - [first.observed[:3, 0].mean(), 263.15]) / deviations

@@ -2,15 +2,17 @@
 
 from __future__ import annotations
 
+import os
 from collections.abc import Sequence
 from dataclasses import replace
 from functools import partial
+from time import perf_counter
 
 import numpy as np
 from threadpoolctl import threadpool_limits
 
 from ..problem import Problem, Whitening, at_sizes, mixed, sampled_windows, whitening
-from ..progress import Progress
+from ..progress import Progress, about
 from ..scenario import NutsSettings
 from ..simulator import FloatArray
 from .diagnostics import Diagnostics, Gate, diagnose, gate, with_gate
@@ -34,6 +36,8 @@ _PILOTS, _PILOT_CHAINS = 6, 2
 _PILOT_WARMUP, _PILOT_DRAWS = 150, 150
 _PILOT_DEPTH = 7
 """Of a pilot's trees: about 3 are enough. Where most draws reach it, the density is one that no chain gets through."""
+_USUAL_PILOTS, _FOLLOWED_GRADIENTS, _TIMED = 3, 20, 3
+"""Pilots that it usually takes, evaluations a draw, and how many are timed to say how long all take."""
 _CAREFUL = 0.95
 """Acceptance where sizes are sampled: towards small ones the density narrows like a funnel."""
 _STAYS = 0.5
@@ -93,6 +97,9 @@ def calibrate_with_heat(
         ahead, start = start_with_heat(problem, following)
         bent = bend(following, ahead, near)
         straight = bent < _STRAIGHT or len(point.model.centre) > _MOST_FOLLOWED
+        if not straight:
+            seconds = _rough_seconds(ahead, start, settings)
+            progress.say(f"the response to heat changes with the parameters and is followed: {about(seconds)} more")
         found = None if straight else _followed(problem, following, ahead, start, settings, seed, search)
     target = known
     if found is not None:
@@ -138,13 +145,7 @@ def _followed(
     """
     points: list[FloatArray] = []
     steps: list[FloatArray] = []
-    few = settings.model_copy(
-        update={
-            "chains": min(settings.chains, _PILOT_CHAINS),
-            "warmup": min(settings.warmup, _PILOT_WARMUP),
-            "draws": min(settings.draws, _PILOT_DRAWS),
-        }
-    )
+    few = _of_a_pilot(settings)
     for trial in range(_PILOTS):
         progress.at(trial / _PILOTS, f"where it is, trial {trial + 1}")
         coordinates = whitening(z, heated.gauss_newton_hessian(z))
@@ -166,6 +167,31 @@ def _followed(
         if stays:
             break
     return point, heated, whitening(z, heated.gauss_newton_hessian(z))
+
+
+def _of_a_pilot(settings: NutsSettings) -> NutsSettings:
+    return settings.model_copy(
+        update={
+            "chains": min(settings.chains, _PILOT_CHAINS),
+            "warmup": min(settings.warmup, _PILOT_WARMUP),
+            "draws": min(settings.draws, _PILOT_DRAWS),
+        }
+    )
+
+
+def _rough_seconds(heated: Problem, z: FloatArray, settings: NutsSettings) -> float:
+    """Seconds that pilots and sampling will take from here, to a factor of two."""
+    heated.log_density_and_gradient(z)
+    started = perf_counter()
+    for _ in range(_TIMED):
+        heated.log_density_and_gradient(z)
+    gradient = (perf_counter() - started) / _TIMED
+    cores = os.cpu_count() or 1
+    draws = [
+        -(-own.chains // cores) * (own.warmup + own.draws)
+        for own in (*[_of_a_pilot(settings)] * _USUAL_PILOTS, settings)
+    ]
+    return gradient * _FOLLOWED_GRADIENTS * sum(draws)
 
 
 def next_place(points: Sequence[FloatArray], steps: Sequence[FloatArray], deviation: FloatArray) -> FloatArray:
