@@ -36,7 +36,7 @@ _PILOTS, _PILOT_CHAINS = 6, 2
 _PILOT_WARMUP, _PILOT_DRAWS = 150, 150
 _PILOT_DEPTH = 7
 """Of a pilot's trees: about 3 are enough. Where most draws reach it, the density is one that no chain gets through."""
-_USUAL_PILOTS, _FOLLOWED_GRADIENTS, _TIMED = 3, 20, 3
+_USUAL_PILOTS, _FOLLOWED_GRADIENTS, _TIMED = 3, 30, 3
 """Pilots that it usually takes, evaluations a draw, and how many are timed to say how long all take."""
 _CAREFUL = 0.95
 """Acceptance where sizes are sampled: towards small ones the density narrows like a funnel."""
