@@ -120,7 +120,10 @@ def test_a_theta_that_fails_once_its_initial_temperatures_are_updated_keeps_the_
 def test_initial_temperatures_are_draws_from_their_prior_where_most_thetas_cannot_be_simulated(first):
     count = 1000
     found = condition_initial(
-        first, np.tile([np.inf, 0.0, 0.0], (count, 1)), WhiteErrors(np.tile(NOISE, (count, 1))), np.random.default_rng(0)
+        first,
+        np.tile([np.inf, 0.0, 0.0], (count, 1)),
+        WhiteErrors(np.tile(NOISE, (count, 1))),
+        np.random.default_rng(0),
     )[:, 1:]
     deviations = np.array([2.0, 5.0])
     off = (found - [first.observed[:3, 0].mean(), 263.15]) / deviations
