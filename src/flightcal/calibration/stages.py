@@ -20,9 +20,10 @@ from .diagnostics import Diagnostics
 from .methods import calibrate_nuts
 from .optimisation import calibrate_genetic, genetic_points
 from .posterior import Posterior, posterior_tree, search_record
+from .rough import draws_in_turn, seconds_of_a_gradient
 
-_GRADIENTS, _TIMED = 8, 5
-"""Evaluations a draw, of which the bundled examples take 5 to 12; those that are timed."""
+_GRADIENTS = 8
+"""Evaluations a draw, of which the bundled examples take 5 to 12."""
 _WITH_HEAT = 8.0
 """Times as long a calibration with unmodelled heat takes as such a sampling without: 5 to 30 in the examples."""
 _ABSORBED, _WEIGHED = 7e-10, 6e-9
@@ -76,15 +77,9 @@ def rough_seconds(problem: Problem, settings: NutsSettings, together: int = 1) -
     where there is unmodelled heat without it; see `_GRADIENTS` and `_WITH_HEAT`.
     """
     timed = problem if heat_of(problem.scenario) is None else problem.independent()
-    z = timed.to_z(timed.priors.median())
-    timed.log_density_and_gradient(z)
-    started = perf_counter()
-    for _ in range(_TIMED):
-        timed.log_density_and_gradient(z)
-    gradient = (perf_counter() - started) / _TIMED
-    chains = settings.chains * together
-    cores = min(chains, os.cpu_count() or 1)
-    gradients = -(-chains // cores) / together * (settings.warmup + settings.draws) * _GRADIENTS
+    gradient = seconds_of_a_gradient(timed, timed.to_z(timed.priors.median()))
+    cores = min(settings.chains * together, os.cpu_count() or 1)
+    gradients = draws_in_turn(settings, together) * _GRADIENTS
     if timed is problem:
         return gradients * gradient + _BESIDE / min(cores, together)
     numbers, functions = sum(int(window.valid.sum()) for window in problem.windows), functions_of_heat(problem)

@@ -2,11 +2,9 @@
 
 from __future__ import annotations
 
-import os
 from collections.abc import Sequence
 from dataclasses import replace
 from functools import partial
-from time import perf_counter
 
 import numpy as np
 from threadpoolctl import threadpool_limits
@@ -23,6 +21,7 @@ from .heat_search import find_heat
 from .mode import check_simulated, climb, find_mode
 from .nuts import Draws, sample
 from .posterior import Posterior, prior_scores
+from .rough import draws_in_turn, seconds_of_a_gradient
 
 _OF_NOISE = 0.1
 """So far off linear, over its noise, a channel may be whatever the weights: no interval shows it."""
@@ -36,8 +35,8 @@ _PILOTS, _PILOT_CHAINS = 6, 2
 _PILOT_WARMUP, _PILOT_DRAWS = 150, 150
 _PILOT_DEPTH = 7
 """Of a pilot's trees: about 3 are enough. Where most draws reach it, the density is one that no chain gets through."""
-_USUAL_PILOTS, _FOLLOWED_GRADIENTS, _TIMED = 3, 30, 3
-"""Pilots that it usually takes, evaluations a draw, and how many are timed to say how long all take."""
+_USUAL_PILOTS, _FOLLOWED_GRADIENTS = 3, 30
+"""Pilots that it usually takes, and evaluations a draw, to say how long all take."""
 _CAREFUL = 0.95
 """Acceptance where sizes are sampled: towards small ones the density narrows like a funnel."""
 _STAYS = 0.5
@@ -96,11 +95,11 @@ def calibrate_with_heat(
         following = follow(problem, point, heated, theta)
         ahead, start = start_with_heat(problem, following)
         bent = bend(following, ahead, near)
-        straight = bent < _STRAIGHT or len(point.model.centre) > _MOST_FOLLOWED
-        if not straight:
+        found = None
+        if bent >= _STRAIGHT and len(point.model.centre) <= _MOST_FOLLOWED:
             seconds = _rough_seconds(ahead, start, settings)
             progress.say(f"the response to heat changes with the parameters and is followed: {about(seconds)} more")
-        found = None if straight else _followed(problem, following, ahead, start, settings, seed, search)
+            found = _followed(problem, following, ahead, start, settings, seed, search)
     target = known
     if found is not None:
         bent = 0.0
@@ -181,17 +180,8 @@ def _of_a_pilot(settings: NutsSettings) -> NutsSettings:
 
 def _rough_seconds(heated: Problem, z: FloatArray, settings: NutsSettings) -> float:
     """Seconds that pilots and sampling will take from here, to a factor of two."""
-    heated.log_density_and_gradient(z)
-    started = perf_counter()
-    for _ in range(_TIMED):
-        heated.log_density_and_gradient(z)
-    gradient = (perf_counter() - started) / _TIMED
-    cores = os.cpu_count() or 1
-    draws = [
-        -(-own.chains // cores) * (own.warmup + own.draws)
-        for own in (*[_of_a_pilot(settings)] * _USUAL_PILOTS, settings)
-    ]
-    return gradient * _FOLLOWED_GRADIENTS * sum(draws)
+    draws = _USUAL_PILOTS * draws_in_turn(_of_a_pilot(settings)) + draws_in_turn(settings)
+    return seconds_of_a_gradient(heated, z) * _FOLLOWED_GRADIENTS * draws
 
 
 def next_place(points: Sequence[FloatArray], steps: Sequence[FloatArray], deviation: FloatArray) -> FloatArray:

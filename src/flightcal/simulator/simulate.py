@@ -26,7 +26,7 @@ from .kernels.forward import FINISHED, TOO_MANY_SWITCHES, Outputs
 from .kernels.lanes import WIDTH
 from .network import Network, build_network, sensor_state
 from .sampling import Observation, Sensors, locate
-from .steps import Accuracy, Comparison, choose_grid, measure, to_try
+from .steps import ROOM, Accuracy, Comparison, choose_grid, measure, to_try
 from .system import Drive, FloatArray, IntArray, Structure, Switch, System, packed_bounds, unpack
 
 _FEW = 3
@@ -38,8 +38,6 @@ _CHUNK = 128
 
 
 _WILD = 1e5  # K
-_ROOM = 293.15
-"""K, where nothing says what a node's temperature is at first."""
 
 
 @dataclass(frozen=True)
@@ -454,7 +452,7 @@ def _as_written(simulator: NetworkSimulator, scenario: Scenario) -> FloatArray:
     theta = np.ones(mapping.parameters)
     theta[mapping.set_by] = mapping.written[mapping.set_positions]
     nodes = [scenario.network.nodes[simulator.network.nodes[k]] for k in simulator.network.diffusive]
-    return np.concatenate([theta, [_ROOM if node.initial is None else node.initial for node in nodes]])[None]
+    return np.concatenate([theta, [ROOM if node.initial is None else node.initial for node in nodes]])[None]
 
 
 def open_loop(scenario: Scenario) -> Scenario:

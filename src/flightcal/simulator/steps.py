@@ -15,11 +15,12 @@ import numpy as np
 from .drive import Inputs, make_grid
 from .system import FloatArray, IntArray, Structure
 
+ROOM = 293.15
+"""K, where nothing says what a node's temperature is."""
 _TRIED, _FASTEST, _SPARED = 64, 8, 2
 """Thetas that are tried, of all that are drawn: the first, but for those with the fastest node. The prior of a small
 capacity has draws whose node needs much shorter steps than those of most. The last number is that of the worst ones
 that do not count: a thermostat that switches a hundred times would rule the steps of all others."""
-_ROOM = 293.15  # K
 _FIRST, _BEGINNING, _WIDENING = 60.0, 0.5, 0.3
 """The steps that are tried first: so long, s, at most; so long, s, after a break, and from there by so much longer for
 each second that passes. What they resolve too well is seen by that, what a long step jumps over is not."""
@@ -83,7 +84,7 @@ def to_try(structure: Structure, packed: FloatArray) -> IntArray:
     speeds = np.zeros((len(packed), count))  # 1/s, by how much a node's own temperature slows its rate
     for start, column, first, slope in (
         (structure.linear_start, structure.linear_column, 0, 1.0),
-        (structure.radiative_start, structure.radiative_column, linear, 4.0 * _ROOM**3),
+        (structure.radiative_start, structure.radiative_column, linear, 4.0 * ROOM**3),
     ):
         own = np.flatnonzero(np.repeat(np.arange(count), np.diff(start)) == column)
         speeds[:, column[own]] -= slope * packed[:, first + own]

@@ -2,8 +2,9 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from dataclasses import dataclass, replace
+from functools import cache
 from pathlib import Path
 
 import numpy as np
@@ -81,9 +82,10 @@ def _read_readings(
     """The channels of a packet of readings, each with its own times. Raises TelemetryError with all that are wrong."""
     problems: list[str] = []
     found: dict[str, xr.Dataset] = {}
+    table_of = cache(read_table)
     for channel, own in conversions.items():
         try:
-            found[channel] = _read_packet(specification, channel, packet, {channel: own}, folder)
+            found[channel] = _read_packet(specification, channel, packet, {channel: own}, folder, table_of)
         except TelemetryError as error:
             problems.append(str(error))
     _raise_all(list(dict.fromkeys(problems)))
@@ -91,16 +93,24 @@ def _read_readings(
 
 
 def _read_packet(
-    specification: TelemetryFile, name: str, packet: Packet, conversions: dict[str, Conversion], folder: Path
+    specification: TelemetryFile,
+    name: str,
+    packet: Packet,
+    conversions: dict[str, Conversion],
+    folder: Path,
+    table_of: Callable[..., pa.Table] = read_table,
 ) -> xr.Dataset:
-    """Channels [C] that have their times in common: those of a packet, or one of a packet of readings."""
+    """Channels [C] that have their times in common: those of a packet, or one of a packet of readings.
+
+    table_of: `read_table`, or one that remembers what it has read.
+    """
     channels = {channel: specification.channels[channel] for channel in conversions}
     beside = [other for key, other in specification.sources.items() if key != name]
     files = []
     for file in packet.file:
         source = locate(folder, file, packet.sheet, packet.header)
         shared = any(file in other.file and packet.sheet == other.sheet for other in beside)
-        files.append(_read_file(packet, channels, conversions, source, shared=shared))
+        files.append(_read_file(packet, channels, conversions, source, table_of, shared=shared))
     rows = _joined(files)
     order = order_rows(rows.times, rows.content.keys)
     times = rows.times[order.kept]
@@ -179,7 +189,13 @@ def _misfits(name: str, channel: Channel) -> list[str]:
 
 
 def _read_file(
-    packet: Packet, channels: dict[str, Channel], conversions: dict[str, Conversion], source: Source, *, shared: bool
+    packet: Packet,
+    channels: dict[str, Channel],
+    conversions: dict[str, Conversion],
+    source: Source,
+    table_of: Callable[..., pa.Table],
+    *,
+    shared: bool,
 ) -> _Rows:
     """The rows of one file; shared: other packets are in it, so only rows that hold something of this one count."""
     time, readings = packet.time, packet.readings
@@ -188,7 +204,7 @@ def _read_file(
     words = [column for channel in channels.values() if channel.base is not None for column in channel.column]
     if readings is not None:
         words = [readings.name, readings.value]
-    table = read_table(source, [*time.column, *words], [*markers, *map(str, time.invalid)])
+    table = table_of(source, (*time.column, *words), (*markers, *map(str, time.invalid)))
     _check_columns(_wanted(packet, channels), table.column_names, source)
     table = without_empty_rows(table)
     if readings is not None:

@@ -183,14 +183,8 @@ def dense_radiative_transposed(dense, structure, v, radiative):
 def dense_add_stages(dense, structure, x0, half, f1_bar, v1, v2, v3, v4, step):
     """Add what f1 and the four stages say of A and N to their cotangents."""
     n, width, work, radiating = structure.mass.shape[0], dense.width, dense.work, dense.radiating
-    A_bar, N_bar, slope, fourth1, bent3, bent4 = (
-        dense.A_bar,
-        dense.N_bar,
-        step.slope,
-        step.fourth1,
-        step.bent3,
-        step.bent4,
-    )
+    A_bar, N_bar, slope = dense.A_bar, dense.N_bar, step.slope
+    fourth1, bent3, bent4 = step.fourth1, step.bent3, step.bent4
     k1, k2, k3, k4 = step.k1, step.k2, step.k3, step.k4
     for i in range(n):
         work[i], work[width + i] = half * v1[i], half * v2[i]

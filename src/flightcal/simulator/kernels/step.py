@@ -119,8 +119,7 @@ def advance(dense, structure, A, N, Q, x0, h, step):
     solve(dense, structure, W, k1)
     for i in range(n):
         k2[i] = half * (f1[i] + 1.5 * (b1[i] - b0[i])) + 2.0 * mass[i] * k1[i]
-        y = 2.0 * k1[i]
-        bent3[i] = y * y * (6.0 * x0[i] * x0[i] + y * (4.0 * x0[i] + y))
+        bent3[i] = bent(x0[i], 2.0 * k1[i])
     solve(dense, structure, W, k2)
     for i in range(n):
         k3[i] = mass[i] * (2.5 * k1[i] - 0.5 * k2[i]) - half * f1[i]
@@ -131,8 +130,7 @@ def advance(dense, structure, A, N, Q, x0, h, step):
     solve(dense, structure, W, k3)
     for i in range(n):
         k4[i] = -THIRD * mass[i] * k3[i]
-        y = 2.0 * k1[i] + k3[i]
-        bent4[i] = y * y * (6.0 * x0[i] * x0[i] + y * (4.0 * x0[i] + y)) - bent3[i]
+        bent4[i] = bent(x0[i], 2.0 * k1[i] + k3[i]) - bent3[i]
     add_radiation(dense, structure, N, bent4, half, k4)
     for p in range(structure.quadratic_row.shape[0]):
         j = structure.quadratic_column[p]
@@ -160,8 +158,14 @@ def growth(structure, h, step, g1, g2, g3, g4):
 
 
 @inlined
+def bent(x0, y):
+    """x^4 - x0^4 - 4 x0^3 y with x = x0 + y."""
+    return y * y * (6.0 * x0 * x0 + y * (4.0 * x0 + y))
+
+
+@inlined
 def bends(x0, slope, y):
-    """How x^4 bends from x0 to x = x0 + y: its slope at x less that at x0; and of its share in B, the slope by x0."""
+    """The derivatives of `bent` by y and by x0; slope: 4 x0^3."""
     x = x0 + y
     by_y = 4.0 * x * x * x - slope
     return by_y, by_y - 12.0 * x0 * x0 * y
