@@ -17,14 +17,13 @@ def chains(count: int, cores: int, draws: int) -> dict[str, float]:
     os.sched_setaffinity(0, sorted(os.sched_getaffinity(0))[:cores])
     from flightcal.calibration import climb
     from flightcal.calibration.nuts import sample
-    from flightcal.problem.coordinates import whitening
     from flightcal.scenario import NutsSettings
 
     from .problem import benchmark_problem
 
     problem, theta = benchmark_problem()
     z = climb(problem, problem.to_z(theta)).z
-    coordinates = whitening(z, problem.gauss_newton_hessian(z))
+    coordinates = problem.coordinates(z)
 
     def run(chains: int, draws: int, seed: int) -> Any:
         settings = NutsSettings(chains=chains, draws=draws, warmup=50)

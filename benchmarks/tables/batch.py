@@ -9,7 +9,6 @@ import numpy as np
 
 from flightcal.calibration import calibrate_genetic, climb
 from flightcal.problem import Problem
-from flightcal.problem.coordinates import whitening
 from flightcal.scenario import GeneticSettings
 
 from ..problem import benchmark_problem
@@ -34,7 +33,7 @@ class OneByOne:
 def laplace_draws(problem: Problem, theta: Any, count: int) -> Any:
     """Thetas [count, d] from the normal approximation of the posterior at its mode."""
     z = climb(problem, problem.to_z(theta)).z
-    coordinates = whitening(z, problem.gauss_newton_hessian(z))
+    coordinates = problem.coordinates(z)
     rng = np.random.default_rng(1)
     return problem.to_theta(coordinates.to_z(rng.standard_normal((count, len(z)))))
 

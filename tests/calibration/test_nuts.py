@@ -11,11 +11,13 @@ from arviz_stats.base import array_stats
 from scipy.special import digamma, polygamma
 
 from flightcal.calibration import nuts
+from flightcal.calibration.diagnostics import least_effective
 from flightcal.calibration.nuts import MAXIMUM_DEPTH, OVERDISPERSION, _Density, overdispersed_starts, sample
 from flightcal.errors import FlightcalError
+from flightcal.probability import Priors
 from flightcal.problem.coordinates import LARGEST_DEVIATION, Whitening, whitening
 from flightcal.progress import Silent
-from flightcal.scenario import NutsSettings
+from flightcal.scenario import LogNormal, NutsSettings, Uniform
 from tests.told import Told
 
 
@@ -112,6 +114,34 @@ def test_a_skewed_density_is_drawn_with_its_exact_moments():
     mode = np.linalg.solve(A, np.log(shape))
     draws = sample(density, whitening(mode, A.T @ np.diag(shape) @ A), NutsSettings(draws=2000), seed=1)
     check_moments(draws.z @ A.T, digamma(shape), polygamma(1, shape))
+
+
+def test_a_thin_ridge_that_bends_at_a_bound_is_followed_to_its_end():
+    """theta in [0, 1] given only by its prior, and a logarithm that the telemetry ties to it within a thousandth."""
+    priors = Priors(("share", "link"), (Uniform(lower=0.0, upper=1.0), LogNormal(median=1.0, factor=np.e)))
+
+    def density(z):
+        prior = priors.at(z)
+        left = (z[1] - 2.0 * prior.theta[0]) / 1e-3
+        return float(prior.log_density) - 0.5 * left**2, prior.gradient - left * np.array(
+            [-2.0 * prior.slope[0], 1.0]
+        ) / 1e-3
+
+    mode = np.array([0.0, 1.0])
+    ties = np.array([-2.0 * priors.at(mode).slope[0], 1.0]) / 1e-3
+    precision = np.eye(2) + np.outer(ties, ties)
+    settings = NutsSettings(chains=4, warmup=300, draws=1000)
+    draws = sample(density, whitening(mode, precision, priors), settings, seed=1)
+    assert not draws.statistics["diverging"].any()
+    share = priors.to_theta(draws.z)[..., 0]
+    # What is left of the prior's uniform: the link's prior, N(2 share, 1), tilts it.
+    grid = np.linspace(0.0, 1.0, 20001)
+    weight = np.exp(-0.5 * (2.0 * grid) ** 2)
+    mean = (grid * weight).sum() / weight.sum()
+    deviation = np.sqrt(((grid - mean) ** 2 * weight).sum() / weight.sum())
+    assert share.mean() == pytest.approx(mean, abs=4 * deviation / np.sqrt(least_effective(draws.z)))
+    bent = sample(density, whitening(mode, precision), settings, seed=1)
+    assert least_effective(draws.z) > 2 * least_effective(bent.z)
 
 
 def test_a_wrong_whitening_costs_time_and_not_correctness():

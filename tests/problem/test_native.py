@@ -54,6 +54,20 @@ def test_it_is_what_its_parts_give(problem, coordinates, seed):
     np.testing.assert_allclose(gradient, coordinates.factor.T @ by_z, rtol=1e-9, atol=1e-9 * np.abs(gradient).max())
 
 
+def test_it_is_what_its_parts_give_in_straight_coordinates(problem, coordinates):
+    w = 0.5 * np.random.default_rng(5).standard_normal(len(problem.names))
+    wide = 1e-3 * problem.gauss_newton_hessian(coordinates.mean)
+    straight = whitening(coordinates.mean, wide, problem.priors)
+    assert straight.straight is not None
+    z = straight.to_z(w)
+    assert np.abs(z - whitening(coordinates.mean, wide).to_z(w)).max() > 1e-3
+    value, gradient = problem.native_density(straight)(w)
+    expected, by_z = step_by_step(problem, z)
+    assert value == pytest.approx(expected, rel=1e-12)
+    expected = straight.pull_back(z, by_z)
+    np.testing.assert_allclose(gradient, expected, rtol=1e-9, atol=1e-9 * np.abs(gradient).max())
+
+
 def test_it_is_what_its_parts_give_with_errors_of_the_sensors(tmp_path):
     written = small.content()
     written["observations"]["body_temp"] |= {"lag": "100 s"}

@@ -49,7 +49,7 @@ def sample_enough(
         progress.say(f"{more} more draws of each chain: {wanting}")
         # In these coordinates there is little left to adapt to.
         added = settings.model_copy(update={"draws": more, "warmup": settings.warmup // 2})
-        again = sampler(_whitened(draws.z), added, seed + k * _SEEDS)
+        again = sampler(_whitened(draws.z, coordinates), added, seed + k * _SEEDS)
         draws = _joined(draws, again)
         theta, judged = judge(draws)
     return draws, theta, judged
@@ -71,10 +71,11 @@ def _more(judged: Diagnostics, drawn: int, settings: NutsSettings) -> int:
     return min(wanted - drawn, drawn) if wanted <= _MOST * settings.draws else 0
 
 
-def _whitened(z: FloatArray) -> Whitening:
-    """Coordinates in which draws z [chain, draw, d] have mean zero and covariance one."""
-    flat = z.reshape(-1, z.shape[-1])
-    return whitening(flat.mean(axis=0), np.linalg.pinv(np.atleast_2d(np.cov(flat, rowvar=False)), hermitian=True))
+def _whitened(z: FloatArray, coordinates: Whitening) -> Whitening:
+    """Coordinates as straight as those, in which draws z [chain, draw, d] have mean zero and covariance one."""
+    flat = coordinates.to_y(z.reshape(-1, z.shape[-1]))
+    precision = np.linalg.pinv(np.atleast_2d(np.cov(flat, rowvar=False)), hermitian=True)
+    return replace(whitening(flat.mean(axis=0), precision), straight=coordinates.straight)
 
 
 def _joined(first: Draws, second: Draws) -> Draws:

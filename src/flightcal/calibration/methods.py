@@ -7,7 +7,7 @@ from functools import partial
 
 import numpy as np
 
-from ..problem import Problem, whitening
+from ..problem import Problem
 from ..progress import SILENT, Progress
 from ..scenario import NutsSettings, heat_of
 from ..simulator import FloatArray
@@ -43,7 +43,7 @@ def calibrate_nuts(
     with progress.stage("mode search") as search:
         modes = find_mode(problem, starts, rng=rng, random_starts=random_starts, progress=search)
     check_simulated(modes)
-    coordinates = whitening(modes[0].z, problem.gauss_newton_hessian(modes[0].z))
+    coordinates = problem.coordinates(modes[0].z)
     density, native = problem.log_density_and_gradient, problem.native_density
     sampler = partial(sample, density, native=native, progress=progress)
 

@@ -19,7 +19,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from ..errors import FlightcalError
-from ..problem import Problem, whitening
+from ..problem import Problem
 from ..progress import SILENT, Progress
 from ..simulator import FloatArray, SimulationFailure, in_parallel
 from .start import fit_residuals
@@ -149,7 +149,7 @@ def _around(problem: Problem, z: FloatArray, width: float, rng: np.random.Genera
     None where simulations next to the mode fail.
     """
     try:
-        coordinates = whitening(z, problem.gauss_newton_hessian(z))
+        coordinates = problem.coordinates(z)
     except (SimulationFailure, FlightcalError):
         return np.empty((0, len(z)))
     return coordinates.to_z(width * rng.standard_normal((_DRAWS, len(z))))

@@ -173,7 +173,6 @@ class _Density:
     def __init__(self, log_density: LogDensity, whitening: Whitening) -> None:
         self._log_density = log_density
         self._whitening = whitening
-        self._transposed = np.ascontiguousarray(whitening.factor.T)
         self._stopped = False
         self.draws = self.gradients = self.failures = 0
         self.last_failure: str | None = None
@@ -183,8 +182,9 @@ class _Density:
             return STOPPED, np.ones_like(w)
         self.gradients += 1
         try:
-            value, gradient = self._log_density(self._whitening.mean + self._whitening.factor @ w)
-            gradient = self._transposed @ np.asarray(gradient, float)
+            z = self._whitening.to_z(w)
+            value, gradient = self._log_density(z)
+            gradient = self._whitening.pull_back(z, np.asarray(gradient, float))
             value = float(value)
         # Whatever goes wrong in a simulation at one point of the parameter space must not end the other chains.
         except Exception as error:

@@ -9,7 +9,7 @@ from functools import partial
 import numpy as np
 from threadpoolctl import threadpool_limits
 
-from ..problem import Problem, Whitening, at_sizes, mixed, sampled_windows, whitening
+from ..problem import Problem, Whitening, at_sizes, mixed, sampled_windows
 from ..progress import Progress, about
 from ..scenario import NutsSettings
 from ..simulator import FloatArray
@@ -86,7 +86,7 @@ def calibrate_with_heat(
         heated, z = start_with_heat(problem, point)
         known = at_sizes(heated, heated.to_theta(z))
         mode = climb(known, _parts(z, heated, known), modes[0].origin)
-    coordinates = whitening(mode.z, known.gauss_newton_hessian(mode.z))
+    coordinates = known.coordinates(mode.z)
     theta = _with_parts(theta, heated, known, mode.z)
     around = coordinates.to_z(rng.standard_normal((1, _NEAR, len(mode.z))))
     sizes = draw_sizes(point, rng)
@@ -147,7 +147,7 @@ def _followed(
     few = _of_a_pilot(settings)
     for trial in range(_PILOTS):
         progress.at(trial / _PILOTS, f"where it is, trial {trial + 1}")
-        coordinates = whitening(z, heated.gauss_newton_hessian(z))
+        coordinates = heated.coordinates(z)
         density, native = heated.log_density_and_gradient, heated.native_density
         pilot = sample(density, coordinates, few, seed, native=native, depth=_PILOT_DEPTH)
         if pilot.interrupted:
@@ -165,7 +165,7 @@ def _followed(
         heated, z = start_with_heat(problem, point)
         if stays:
             break
-    return point, heated, whitening(z, heated.gauss_newton_hessian(z))
+    return point, heated, heated.coordinates(z)
 
 
 def _of_a_pilot(settings: NutsSettings) -> NutsSettings:

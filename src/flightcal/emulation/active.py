@@ -369,7 +369,7 @@ def _posterior(problem: Problem, runs: Runs, before: _Belief | None, rng: np.ran
     if not math.isfinite(mode.log_density):
         raise FlightcalError("emulator: found no point of finite density, expected the posterior's mode")
     try:
-        coordinates = whitening(mode.z, problem.gauss_newton_hessian(mode.z))
+        coordinates = problem.coordinates(mode.z)
     except SimulationFailure as failure:
         if before is None:
             raise FlightcalError(f"emulator: {failure}") from None

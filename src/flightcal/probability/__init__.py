@@ -24,4 +24,5 @@ from .noise.shaped import Shaped
 from .priors import Priors, PriorTerms, Tilt
 from .residuals import TIME_LENGTH, TIME_SIZE, ResidualModel, residual_model
 from .status import THRESHOLD_ERROR, HeaterStatus, heater_status, measured_switches
+from .straight import Straight, straight
 from .weighing import Evidence, Gains, Weighed, filter_of, weigh

@@ -133,6 +133,12 @@ class Priors:
         return np.array([families.index(type(prior)) for prior in self.priors], np.int64)
 
     @cached_property
+    def bounded(self) -> NDArray[np.int64]:
+        """Places of the priors that are bounded from both sides."""
+        families = list(_FAMILIES.values())
+        return np.array([k for k, kind in enumerate(self.kinds) if families[kind].bounded], np.int64)
+
+    @cached_property
     def arguments(self) -> Array:
         """[d, most] what each prior's family computes with."""
         arguments = np.zeros((len(self.priors), _MOST_ARGUMENTS))
@@ -154,6 +160,8 @@ class _Family:
     # By default z is N(0, 1) under the prior.
     precision: Callable[..., Array] = lambda z, *_: np.ones_like(z)
     quantile: Callable[..., Array] = lambda p, *_: ndtri(p)
+    bounded: bool = False
+    """From both sides: then neither theta nor its logarithm is linear in z."""
 
 
 def _score(lower_tail: Array, upper_tail: Array) -> Array:
@@ -213,6 +221,7 @@ _FAMILIES: dict[type, _Family] = {
     Uniform: _Family(
         arguments=lambda prior: (prior.lower, prior.upper),
         to_z=lambda theta, lower, upper, *_: _score(*_shares(theta, lower, upper)),
+        bounded=True,
     ),
     Normal: _Family(
         arguments=lambda prior: (prior.mean, prior.standard_deviation),
@@ -221,6 +230,7 @@ _FAMILIES: dict[type, _Family] = {
     TruncatedNormal: _Family(
         arguments=_truncated_arguments,
         to_z=_truncated_to_z,
+        bounded=True,
     ),
     LogNormal: _Family(
         arguments=lambda prior: (np.log(prior.median), np.log(prior.factor)),
@@ -243,5 +253,6 @@ _FAMILIES: dict[type, _Family] = {
         to_z=_beta_to_z,
         precision=lambda z, alpha, beta, *_: (alpha + beta) * expit(z) * expit(-z),
         quantile=lambda p, alpha, beta, *_: logit(betaincinv(alpha, beta, p)),
+        bounded=True,
     ),
 }

@@ -143,14 +143,15 @@ def native_density(
         _Window(window, own, place, place.values[1 + 2 * k :])
         for k, (window, own) in enumerate(zip(windows, links, strict=True))
     ]
+    bent = () if coordinates.straight is None else coordinates.straight.rows(z, z_bar)
     likelihood = likelihood_calls([window.terms for window in windows], [own.memory for own in made])
-    rows = [begin.row(place), priors.row(z, theta, slope, z_bar, place.values[:1])]
+    rows = [begin.row(place), *bent[:1], priors.row(z, theta, slope, z_bar, place.values[:1])]
     for own, of_temperatures in zip(made, likelihood.forward, strict=True):
         rows += [*own.forward, *of_temperatures, *own.status]
     rows += likelihood.close
     for own, of_temperatures in zip(made, likelihood.backward, strict=True):
         rows += [*of_temperatures, *own.backward]
-    return NativeDensity(Program([*rows, end.row(place)]), place)
+    return NativeDensity(Program([*rows, *bent[1:], end.row(place)]), place)
 
 
 class _Window:

@@ -29,7 +29,7 @@ from ..probability import (
 )
 from ..scenario import Scenario
 from ..simulator import FloatArray, IntArray, SimulationFailure, Trajectory
-from .coordinates import Whitening
+from .coordinates import Whitening, whitening
 from .entries import Entry, Link, drifting_parameters, link
 from .heat_model import HeatModel
 from .native import NativeDensity, native_density
@@ -241,6 +241,10 @@ class Problem:
         if any(window.measured_switches is not None for window in self.windows) and math.isfinite(value):
             return self._with_thresholds(z, value, gradient)
         return value, gradient
+
+    def coordinates(self, z: FloatArray) -> Whitening:
+        """Coordinates in which the posterior is nearly round if z [d] is its mode. Raises SimulationFailure."""
+        return whitening(z, self.gauss_newton_hessian(z), self.priors)
 
     def native_density(self, coordinates: Whitening) -> NativeDensity | None:
         """The log density at w [d] of other coordinates as a C function; None where there is none."""

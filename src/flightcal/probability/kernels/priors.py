@@ -65,47 +65,21 @@ def evaluate(call):
     for s in range(z.shape[0]):
         total = 0.0
         for j in range(z.shape[1]):
-            score, given = z[s, j], arguments[j]
+            kind, score, given = kinds[j], z[s, j], arguments[j]
+            value, rate = scaled(kind, given, quantile, score)
             # By default z is N(0, 1) under the prior.
             density, derivative = -0.5 * score * score - _LOG_ROOT_2_PI, -score
-            if kinds[j] == _UNIFORM:
-                lower, upper = given[0], given[1]
-                value = min(max(lower + (upper - lower) * _below(score), lower), upper)
-                rate = (upper - lower) * _bell(score)
-            elif kinds[j] == _NORMAL:
-                value, rate = given[0] + given[1] * score, given[1]
-            elif kinds[j] == _TRUNCATED:
-                mean, deviation, lower, upper = given[0], given[1], given[2], given[3]
-                below_lower, below_upper, above_lower, above_upper = given[4], given[5], given[6], given[7]
-                below = below_lower + (below_upper - below_lower) * _below(score)
-                above = above_upper + (above_lower - above_upper) * _below(-score)
-                # The smaller of the two has the digits.
-                x = _call(quantile, max(min(below, above), TINY))
-                if below >= above:
-                    x = -x
-                mass = above_lower - above_upper if above_lower < below_upper else below_upper - below_lower
-                value = min(max(mean + deviation * x, lower), upper)
-                rate = deviation * mass * _bell(score) / _bell(x)
-            elif kinds[j] == _LOG_NORMAL:
-                value = math.exp(given[0] + given[1] * score)
-                rate = given[1] * value
-            elif kinds[j] == _HALF_NORMAL:
-                value = given[0] * math.exp(score)
-                rate = value
+            if kind == _HALF_NORMAL:
                 square = math.exp(2.0 * score)
                 density = 0.5 * math.log(2.0 / math.pi) - 0.5 * square + score
                 derivative = 1.0 - square
-            elif kinds[j] == _HALF_STUDENT_T:
-                value = given[0] * math.exp(score)
-                rate = value
+            elif kind == _HALF_STUDENT_T:
                 freedom, square = given[1], math.exp(2.0 * score)
                 density = given[2] - 0.5 * (freedom + 1.0) * math.log1p(square / freedom) + score
                 derivative = 1.0 - (freedom + 1.0) * square / (freedom + square)
-            else:
-                alpha, beta, lower, upper = given[0], given[1], given[2], given[3]
+            elif kind == _BETA:
+                alpha, beta = given[0], given[1]
                 share, rest = 1.0 / (1.0 + math.exp(-score)), 1.0 / (1.0 + math.exp(score))
-                value = lower + (upper - lower) * share
-                rate = (upper - lower) * share * rest
                 density = -alpha * _softplus(-score) - beta * _softplus(score) - given[4]
                 derivative = alpha * rest - beta * share
             theta[s, j], slope[s, j], gradient[s, j] = value, rate, derivative
@@ -118,6 +92,41 @@ def evaluate(call):
             gradient[s, j] += (1.0 - bent * bent) * tilt[j]
         log_density[s] = total + most * bent
     return 0
+
+
+@inlined
+def scaled(kind, given, quantile, score):
+    """Theta of a family at a score, and its slope."""
+    if kind == _UNIFORM:
+        lower, upper = given[0], given[1]
+        value = min(max(lower + (upper - lower) * _below(score), lower), upper)
+        rate = (upper - lower) * _bell(score)
+    elif kind == _NORMAL:
+        value, rate = given[0] + given[1] * score, given[1]
+    elif kind == _TRUNCATED:
+        mean, deviation, lower, upper = given[0], given[1], given[2], given[3]
+        below_lower, below_upper, above_lower, above_upper = given[4], given[5], given[6], given[7]
+        below = below_lower + (below_upper - below_lower) * _below(score)
+        above = above_upper + (above_lower - above_upper) * _below(-score)
+        # The smaller of the two has the digits.
+        x = _call(quantile, max(min(below, above), TINY))
+        if below >= above:
+            x = -x
+        mass = above_lower - above_upper if above_lower < below_upper else below_upper - below_lower
+        value = min(max(mean + deviation * x, lower), upper)
+        rate = deviation * mass * _bell(score) / _bell(x)
+    elif kind == _LOG_NORMAL:
+        value = math.exp(given[0] + given[1] * score)
+        rate = given[1] * value
+    elif kind == _BETA:
+        lower, upper = given[2], given[3]
+        share, rest = 1.0 / (1.0 + math.exp(-score)), 1.0 / (1.0 + math.exp(score))
+        value = lower + (upper - lower) * share
+        rate = (upper - lower) * share * rest
+    else:
+        value = given[0] * math.exp(score)
+        rate = value
+    return value, rate
 
 
 @inlined
