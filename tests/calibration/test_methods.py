@@ -32,7 +32,7 @@ def genetic(problem):
 @pytest.fixture(scope="module")
 def posterior(problem):
     # Both chains are long enough to be told apart from a broken sampler, not to pass the gates.
-    return calibrate_nuts(problem, NutsSettings(chains=2, draws=60, warmup=100), seed=4)
+    return calibrate_nuts(problem, NutsSettings(chains=2, draws=150, warmup=100), seed=4)
 
 
 def test_the_genetic_result_has_every_run_and_its_summaries(problem, genetic):
@@ -121,7 +121,7 @@ def test_residual_noise_of_a_failed_simulation_stays_as_it_was(problem):
 def test_a_small_run_of_nuts_finds_the_truth_with_the_width_of_the_laplace_approximation(problem, posterior):
     chains, draws, size = posterior.theta.shape
     assert (chains, size) == (2, 6)
-    assert 60 < draws <= 8 * 60, "more are made until enough are effective"
+    assert 150 < draws <= 8 * 150, "more are made until enough are effective"
     assert posterior.flat.shape == (2 * draws, 6)
     np.testing.assert_array_equal(posterior.theta, problem.to_theta(posterior.draws.z))
     mode = posterior.modes[0]

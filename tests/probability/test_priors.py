@@ -2,7 +2,7 @@ import numpy as np
 import pytest
 import scipy.stats
 
-from flightcal.probability.priors import Priors, Tilt
+from flightcal.probability.priors import Priors, Tilt, signed
 from flightcal.scenario import Beta, HalfNormal, HalfStudentT, LogNormal, Normal, TruncatedNormal, Uniform
 
 SIGMA = np.log(2.5)
@@ -205,3 +205,39 @@ def test_a_tilt_is_a_slope_that_bends():
     sides = [(tilted.at(z + 1e-6 * step).log_density - tilted.at(z - 1e-6 * step).log_density) for step in np.eye(2)]
     np.testing.assert_allclose(tilted.at(z).gradient, np.stack(sides, axis=1) / 2e-6, atol=1e-6)
     assert np.array_equal(tilted.to_theta(z), plain.to_theta(z))
+
+
+@pytest.mark.parametrize("name", ["noise", "drift"])
+def test_a_size_with_a_sign_has_its_prior_shared_by_both_signs(name):
+    prior, reference = CASES[name]
+    priors = Priors(("size",), (signed(prior),))
+    z = np.linspace(-12.0, 12.0, 4801)[:, None]
+    at = priors.at(z)
+    assert np.trapezoid(np.exp(at.log_density), z[:, 0]) == pytest.approx(1.0, abs=1e-6)
+    np.testing.assert_allclose(at.theta, at.theta[::-1], rtol=1e-11, atol=1e-14)
+    expected = reference.logpdf(at.theta[:, 0]) + np.log(0.5 * np.abs(at.slope[:, 0]))
+    np.testing.assert_allclose(at.log_density, expected, rtol=1e-8, atol=1e-8)
+    step = 1e-6
+    assert priors.at(np.array([0.0])).gradient == pytest.approx(0.0)
+    above, below = priors.at(z + step), priors.at(z - step)
+    by_differences = (above.log_density - below.log_density) / (2 * step)
+    np.testing.assert_allclose(at.gradient[:, 0], by_differences, rtol=1e-6, atol=1e-7)
+    away = z[:, 0] != 0.0
+    np.testing.assert_allclose(at.slope[away], ((above.theta - below.theta) / (2 * step))[away], rtol=1e-6)
+    bent = (above.gradient - below.gradient) / (2 * step)
+    np.testing.assert_allclose(priors.precision(z), -bent, rtol=1e-5, atol=1e-6)
+
+
+@pytest.mark.parametrize("name", ["noise", "drift"])
+def test_a_size_with_a_sign_is_found_and_drawn_above_zero(name):
+    prior, reference = CASES[name]
+    priors = Priors(("size",), (signed(prior),))
+    theta = np.array([[0.0], [1e-3], [1.0], [20.0]])
+    np.testing.assert_allclose(priors.to_theta(priors.to_z(theta)), theta, rtol=1e-12)
+    np.testing.assert_allclose(priors.quantile(np.array([[0.1], [0.9]]))[:, 0], reference.ppf([0.1, 0.9]), rtol=1e-8)
+    both = Priors(("size", "bias"), (signed(prior), CASES["bias"][0]))
+    np.testing.assert_array_equal(both.unsigned(np.array([[-1.0, -2.0], [1.0, 2.0]])), [[1.0, -2.0], [1.0, 2.0]])
+
+
+def test_what_is_no_size_keeps_its_prior():
+    assert signed(CASES["link"][0]) == CASES["link"][0]

@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 from scipy.linalg import block_diag, cho_factor, cho_solve
 
-from flightcal.probability import Gains
+from flightcal.probability import Gains, signed
 from flightcal.problem import (
     errors_of_weights,
     exact_heat,
@@ -32,7 +32,7 @@ def test_its_theta_has_the_scales_of_heat_beside_one_size_of_the_noise(both):
     assert set(problem.names) - set(heated.names) == set()
     for entry in heated.entries:
         if entry.kind == "heat":
-            assert entry.prior == model.priors[entry.name]
+            assert entry.prior == signed(model.priors[entry.name])
             assert entry.unit == ("" if entry.name == "heat.gains" else "W")
 
 

@@ -10,7 +10,7 @@ import numpy as np
 from threadpoolctl import threadpool_limits
 
 from ..problem import Problem, Whitening, at_sizes, mixed, sampled_windows
-from ..progress import Progress, about
+from ..progress import SILENT, Progress, about
 from ..scenario import NutsSettings
 from ..simulator import FloatArray
 from .diagnostics import Diagnostics, Gate, diagnose, gate, with_gate
@@ -19,7 +19,7 @@ from .heat_check import HeatCheck, check_heat
 from .heat_point import HeatPoint, bend, draw_sizes, follow, moved, spread_sizes, start_with_heat
 from .heat_search import find_heat
 from .mode import check_simulated, climb, find_mode
-from .nuts import Draws, sample
+from .nuts import MAXIMUM_DEPTH, Draws, sample
 from .posterior import Posterior, prior_scores
 from .rough import draws_in_turn, seconds_of_a_gradient
 
@@ -37,8 +37,6 @@ _PILOT_DEPTH = 7
 """Of a pilot's trees: about 3 are enough. Where most draws reach it, the density is one that no chain gets through."""
 _USUAL_PILOTS, _FOLLOWED_GRADIENTS = 3, 30
 """Pilots that it usually takes, and evaluations a draw, to say how long all take."""
-_CAREFUL = 0.95
-"""Acceptance where sizes are sampled: towards small ones the density narrows like a funnel."""
 _STAYS = 0.5
 """Of its deviation, within which the middle of each quantity is to be found again."""
 _REMEMBERED = 3
@@ -105,8 +103,7 @@ def calibrate_with_heat(
         bent = 0.0
         point, heated, coordinates = found
         target = heated
-        settings = settings.model_copy(update={"target_acceptance": max(settings.target_acceptance, _CAREFUL)})
-    sampler = partial(sample, target.log_density_and_gradient, native=target.native_density, progress=progress)
+    sampler = partial(_sampled, target, progress=progress)
 
     def judge(draws: Draws) -> tuple[FloatArray, Diagnostics]:
         if found is None:
@@ -148,8 +145,7 @@ def _followed(
     for trial in range(_PILOTS):
         progress.at(trial / _PILOTS, f"where it is, trial {trial + 1}")
         coordinates = heated.coordinates(z)
-        density, native = heated.log_density_and_gradient, heated.native_density
-        pilot = sample(density, coordinates, few, seed, native=native, depth=_PILOT_DEPTH)
+        pilot = _sampled(heated, coordinates, few, seed, depth=_PILOT_DEPTH)
         if pilot.interrupted:
             raise KeyboardInterrupt
         if np.median(pilot.statistics["depth"]) >= _PILOT_DEPTH:
@@ -166,6 +162,21 @@ def _followed(
         if stays:
             break
     return point, heated, heated.coordinates(z)
+
+
+def _sampled(
+    problem: Problem,
+    coordinates: Whitening,
+    settings: NutsSettings,
+    seed: int,
+    *,
+    progress: Progress = SILENT,
+    depth: int = MAXIMUM_DEPTH,
+) -> Draws:
+    """Draws of a problem with heat, no z of a size below zero."""
+    density, native = problem.log_density_and_gradient, problem.native_density
+    draws = sample(density, coordinates, settings, seed, native=native, progress=progress, depth=depth)
+    return replace(draws, z=problem.priors.unsigned(draws.z))
 
 
 def _of_a_pilot(settings: NutsSettings) -> NutsSettings:

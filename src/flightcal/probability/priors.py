@@ -5,6 +5,10 @@ distribution function: the prior of z is N(0, 1) whatever the units and bounds, 
 prior's share of a Gauss-Newton Hessian is the identity. A HalfNormal, the usual prior of a noise level, and a
 HalfStudentT use the logarithm, in which the likelihood of a noise level is close to normal and the level never
 rounds to zero. A Beta uses the logit.
+
+A size of unmodelled heat may be nothing at all. Its logarithm would run off to minus infinity, and there all else is
+known better: a funnel in which chains stay for long. So its z has a sign that does not matter (`signed`), and a chain
+passes through zero: theta = scale |z| of a half-normal, scale |sinh z| of half a Student's t, whose tail is long.
 """
 
 from __future__ import annotations
@@ -28,6 +32,21 @@ _SMALLEST = 2.0**-53
 """Probabilities stay this far from 0 and 1, so that quantiles are finite (normal score 8.2)."""
 
 _MOST_ARGUMENTS = 8
+
+
+class SignedHalfNormal(HalfNormal):
+    """A half-normal whose z has a sign that does not matter."""
+
+
+class SignedHalfStudentT(HalfStudentT):
+    """The same of half of Student's t."""
+
+
+def signed(prior: Prior) -> Prior:
+    """A half-normal, or half of Student's t, of a size that may be nothing: the same in another z."""
+    if isinstance(prior, HalfStudentT):
+        return SignedHalfStudentT(scale=prior.scale, degrees_of_freedom=prior.degrees_of_freedom)
+    return SignedHalfNormal(scale=prior.scale) if isinstance(prior, HalfNormal) else prior
 
 
 class PriorTerms(NamedTuple):
@@ -90,6 +109,11 @@ class Priors:
     def to_z(self, theta: ArrayLike) -> Array:
         """Unconstrained z [..., d] of physical theta [..., d]; on one of two bounds, that of just inside."""
         return self._by_family("to_z", theta)
+
+    def unsigned(self, z: ArrayLike) -> Array:
+        """z [..., d] of the same theta, in which no sign is left that does not matter."""
+        either = [isinstance(prior, SignedHalfNormal | SignedHalfStudentT) for prior in self.priors]
+        return np.where(either, np.abs(z), z)
 
     def precision(self, z: ArrayLike) -> Array:
         """Diagonal [..., d] of minus the Hessian of the log density, which has nothing off it.
@@ -212,6 +236,11 @@ def _student_precision(z: Array, scale: Array, nu: Array, *_: Array) -> Array:
     return np.asarray(2.0 * (nu + 1.0) * nu * square / (nu + square) ** 2)
 
 
+def _signed_student_precision(z: Array, scale: Array, nu: Array, *_: Array) -> Array:
+    square = np.sinh(z) ** 2
+    return np.asarray((nu + 1.0) * (nu + (2.0 * nu - 1.0) * square) / (nu + square) ** 2 - 1.0 / (1.0 + square))
+
+
 def _beta_to_z(theta: Array, alpha: Array, beta: Array, lower: Array, upper: Array, *_: Array) -> Array:
     below, above = _shares(theta, lower, upper)
     return np.log(below) - np.log(above)
@@ -254,5 +283,16 @@ _FAMILIES: dict[type, _Family] = {
         precision=lambda z, alpha, beta, *_: (alpha + beta) * expit(z) * expit(-z),
         quantile=lambda p, alpha, beta, *_: logit(betaincinv(alpha, beta, p)),
         bounded=True,
+    ),
+    SignedHalfNormal: _Family(
+        arguments=lambda prior: (prior.scale,),
+        to_z=lambda theta, scale, *_: theta / scale,
+        quantile=lambda p, scale, *_: np.sqrt(2.0) * erfinv(p),
+    ),
+    SignedHalfStudentT: _Family(
+        arguments=_student_arguments,
+        to_z=lambda theta, scale, *_: np.arcsinh(theta / scale),
+        precision=_signed_student_precision,
+        quantile=lambda p, *arguments: np.arcsinh(np.exp(_student_quantile(p, *arguments))),
     ),
 }

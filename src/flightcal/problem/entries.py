@@ -20,7 +20,7 @@ from typing import Literal
 import numpy as np
 
 from ..errors import ScenarioError
-from ..probability import Priors, PriorTerms
+from ..probability import Priors, PriorTerms, signed
 from ..scenario import HalfNormal, Normal, Prior, Scenario, Uniform, is_difference, support
 from ..simulator import FloatArray, IntArray
 from .window import Window
@@ -95,7 +95,7 @@ def _entry(scenario: Scenario, name: str, prior: Prior) -> Entry:
         return Entry(name, parameter.unit, prior, "parameter", parameter.sets, parameter.scales)
     kind, *rest = name.split(".")
     if kind == "heat":
-        return Entry(name, "" if rest == ["gains"] else "W", prior, "heat")
+        return Entry(name, "" if rest == ["gains"] else "W", signed(prior), "heat")
     in_seconds = kind == "timing" or rest[-1:] == ["correlation_time"] or rest[:2] == ["time", "lengthscale"]
     in_orbits = kind == "discrepancy" and rest[:2] == ["phase", "lengthscale"]
     none = kind == "error_rate" or "degrees_of_freedom" in rest or in_orbits

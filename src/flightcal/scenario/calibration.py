@@ -28,7 +28,7 @@ class NutsSettings(Block):
     draws: Count = Field(400, ge=50, le=1_000_000)
     """Of each chain; up to eight times as many are made where otherwise too few are effective."""
     warmup: Count = Field(250, ge=50, le=1_000_000)
-    target_acceptance: Number = Field(0.9, gt=0.5, lt=1)
+    target_acceptance: Number = Field(0.85, gt=0.5, lt=1)
     max_r_hat: Number = Field(1.01, gt=1, le=2)
     min_ess: Number = Field(400, gt=0)
 

@@ -11,7 +11,7 @@ from numba.extending import get_cython_function_address, intrinsic
 
 from ...compiled import inlined, kernel
 
-_UNIFORM, _NORMAL, _TRUNCATED, _LOG_NORMAL, _HALF_NORMAL, _HALF_STUDENT_T, _BETA = range(7)
+_UNIFORM, _NORMAL, _TRUNCATED, _LOG_NORMAL, _HALF_NORMAL, _HALF_STUDENT_T, _BETA, _SIGNED_NORMAL, _SIGNED_T = range(9)
 """Families, in the order of `priors._FAMILIES`."""
 TINY = 1e-300
 """Smallest argument of the normal quantile function: it and its derivative are finite there."""
@@ -77,6 +77,12 @@ def evaluate(call):
                 freedom, square = given[1], math.exp(2.0 * score)
                 density = given[2] - 0.5 * (freedom + 1.0) * math.log1p(square / freedom) + score
                 derivative = 1.0 - (freedom + 1.0) * square / (freedom + square)
+            elif kind == _SIGNED_T:
+                # Of a Student's t, of which the half is folded over.
+                freedom, sine, cosine = given[1], math.sinh(score), math.cosh(score)
+                density = given[2] - math.log(2.0) - 0.5 * (freedom + 1.0) * math.log1p(sine * sine / freedom)
+                density += math.log(cosine)
+                derivative = sine / cosine - (freedom + 1.0) * sine * cosine / (freedom + sine * sine)
             elif kind == _BETA:
                 alpha, beta = given[0], given[1]
                 share, rest = 1.0 / (1.0 + math.exp(-score)), 1.0 / (1.0 + math.exp(score))
@@ -123,6 +129,11 @@ def scaled(kind, given, quantile, score):
         share, rest = 1.0 / (1.0 + math.exp(-score)), 1.0 / (1.0 + math.exp(score))
         value = lower + (upper - lower) * share
         rate = (upper - lower) * share * rest
+    elif kind == _SIGNED_NORMAL:
+        value, rate = given[0] * abs(score), math.copysign(given[0], score)
+    elif kind == _SIGNED_T:
+        value = given[0] * abs(math.sinh(score))
+        rate = math.copysign(given[0] * math.cosh(score), score)
     else:
         value = given[0] * math.exp(score)
         rate = value
