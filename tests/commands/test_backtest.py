@@ -9,8 +9,10 @@ import numpy as np
 import pytest
 from typer.testing import CliRunner
 
+from flightcal.calibration import LINEAR
 from flightcal.cli import GATE_FAILED, MODEL_FAILED, USER_ERROR, app
 from flightcal.commands.backtest import backtest_scenario
+from flightcal.report import write_backtest
 from flightcal.run import read_tree
 from flightcal.validation.horizon import BANDS
 from tests.commands.test_calibrate import write
@@ -62,6 +64,19 @@ def test_the_page_has_its_pictures(finished):
     assert f"Intervals held after {found.content['held']} of 2 origins" in page
     assert len(re.findall(r'class="plot" id="(figure-\d+)"', page)) == 3
     assert "Did intervals hold tomorrow?" in page
+
+
+def test_the_page_says_before_which_origins_the_response_to_heat_is_not_linear(finished, tmp_path):
+    _, out, found = finished
+    shutil.copytree(out, tmp_path / "run")
+    gates = ("", LINEAR)
+    origins = [
+        own | {"passed": True, "failed_gates": gate} for own, gate in zip(found.content["origins"], gates, strict=True)
+    ]
+    (tmp_path / "run" / "backtest.json").write_text(json.dumps(found.content | {"origins": origins}))
+    page = write_backtest(tmp_path / "run").read_text(encoding="utf-8")
+    assert "The response to heat is not linear before 1 of 2 origins" in page
+    assert "The sampling failed a gate" not in page
 
 
 def test_report_writes_the_page_of_a_backtest_again(finished, tmp_path):

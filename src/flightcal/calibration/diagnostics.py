@@ -36,6 +36,8 @@ _FEWEST_DIVERGENT = 8
 _TAIL = (0.05, 0.95)
 _CHANCE = 0.01
 """That chains which agree fail for their R-hat."""
+LINEAR = "response to heat"
+"""The gate that judges how heat was taken into account, not the chains."""
 _FEWEST_DRAWS = 4
 """With fewer a chain, R-hat and effective sample sizes are not defined."""
 
@@ -79,6 +81,11 @@ class Diagnostics:
     passed: bool
     """All gates passed."""
     verdict: str
+
+    @property
+    def converged(self) -> bool:
+        """Whether all gates passed that judge the chains."""
+        return all(gate.passed or gate.name == LINEAR for gate in self.gates)
 
 
 def diagnose(

@@ -13,7 +13,7 @@ from ..problem import Problem, Whitening, at_sizes, mixed, sampled_windows
 from ..progress import SILENT, Progress, about
 from ..scenario import NutsSettings
 from ..simulator import FloatArray
-from .diagnostics import Diagnostics, Gate, diagnose, gate, with_gate
+from .diagnostics import LINEAR, Diagnostics, Gate, diagnose, gate, with_gate
 from .enough import sample_enough
 from .heat_check import HeatCheck, check_heat
 from .heat_point import HeatPoint, bend, draw_sizes, follow, moved, spread_sizes, start_with_heat
@@ -222,7 +222,7 @@ def _with_parts(theta: FloatArray, heated: Problem, known: Problem, z: FloatArra
 def _linear_gate(checked: HeatCheck, bent: float, weights: int) -> Gate:
     is_linear = checked.pareto_k < MOST_PARETO_K or checked.relative < _OF_NOISE
     return gate(
-        "response to heat",
+        LINEAR,
         bent < _STRAIGHT and is_linear,
         f"Pareto k {checked.pareto_k:.2f}; {checked.draws} draws simulated with their heat are "
         f"{1e3 * checked.difference:.0f} mK from linear, {100 * checked.relative:.0f}% of a channel's noise at worst"

@@ -69,6 +69,11 @@ def _findings(content: Record) -> list[Finding]:
         details = tuple(f"{_moment(own['origin'])}: {own['failed_gates']}" for own in failed)
         title = f"The sampling failed a gate before {len(failed)} of {len(content['origins'])} origins"
         findings.append(Finding("warn", title, "Scores of these origins stand among the others.", details))
+    bent = [own for own in content["origins"] if own["passed"] and own["failed_gates"]]
+    if bent:
+        title = f"The response to heat is not linear before {len(bent)} of {len(content['origins'])} origins"
+        text = "Take no parameters from these. What is predicted is simulated with its heat, and judged all the same."
+        findings.append(Finding("warn", title, text, tuple(_moment(own["origin"]) for own in bent)))
     if content["skipped"]:
         text = "The telemetry there does not carry a training and an orbit after it."
         findings.append(Finding("warn", "No origin in parts of the telemetry", text, tuple(content["skipped"])))

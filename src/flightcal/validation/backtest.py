@@ -66,7 +66,7 @@ def _backtested(run: Run, scenario: Scenario, data: xarray.Dataset, origin: Orig
         "origin": str(origin.time),
         "trained_from": str(origin.start),
         "predicted_to": str(origin.end),
-        "passed": int(posterior.diagnostics.passed),
+        "passed": int(posterior.diagnostics.converged),
         "verdict": posterior.diagnostics.verdict,
         "failed_gates": ", ".join(gate.name for gate in posterior.diagnostics.gates if not gate.passed),
         "seconds": perf_counter() - started,

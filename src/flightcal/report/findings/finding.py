@@ -14,8 +14,6 @@ State = Literal["good", "warn", "bad", "none"]
 MARKS: dict[str, str] = {"good": "✓ good", "warn": "! caution", "bad": "✕ problem", "none": "– not in this run"}
 """State -> a sign and a word."""
 
-LINEAR = "response to heat"
-"""The gate that judges how heat was taken into account, not the chains."""
 CHECK = "flightcal check scenario.yaml --out checked"
 AGAIN = "Run the same command again: it takes up where it stopped."
 """What to do next, as lines that can be copied."""

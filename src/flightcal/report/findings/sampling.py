@@ -4,9 +4,10 @@ from __future__ import annotations
 
 import json
 
+from ...calibration import LINEAR
 from ..run_files import Record, RunFiles
 from ..text import shown
-from .finding import AGAIN, LINEAR, Finding, value_of
+from .finding import AGAIN, Finding, value_of
 
 
 def interrupted(run: RunFiles) -> list[Finding]:

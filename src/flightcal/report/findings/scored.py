@@ -4,11 +4,12 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 
+from ...calibration import LINEAR
 from ...prediction import Metric
 from ...scenario import is_trained
 from ..run_files import STAGES, RunFiles
 from ..text import listed, number, percent
-from .finding import LINEAR, Finding
+from .finding import Finding
 
 EQUAL = 0.02
 """Errors that differ by no more than this share are called equal."""
