@@ -140,8 +140,11 @@ def suspects(problem: Problem, telemetry: xarray.Dataset) -> Suspects:
     view = _without(view, window.times, seen)
     if not np.isfinite(view.observed).any():
         return Suspects(tuple(found), True)
-    base = view.point(view.window, view.middle)
-    nothing = climbed(view, view.window, view.observed, base)
+    try:
+        base = view.point(view.window, view.middle)
+        nothing = climbed(view, view.window, view.observed, base)
+    except SimulationFailure:
+        return Suspects(tuple(found))
     helps = _compared(view, base, nothing)
     compared, where = ranked(helps, nothing), None
     if not compared and not nothing.is_usual:
