@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from flightcal.check import suspects
+from flightcal.check import suspects, wrongs
 from flightcal.check.suspects import prepared
 from flightcal.check.view import FINE
 from flightcal.check.wrongs.channels import swaps
@@ -12,6 +12,7 @@ from flightcal.check.wrongs.heat import constant_heat, heaters
 from flightcal.check.wrongs.orbit import orbits
 from flightcal.check.wrongs.written import numbers
 from flightcal.problem import build_problem
+from flightcal.simulator import SimulationFailure
 from tests import small
 
 from .test_suspects import named, spoilt, sunlit
@@ -195,18 +196,41 @@ def test_columns_are_tried_as_shifted_by_one(tmp_path):
         np.testing.assert_array_equal(shifted[k], view.observed[:, [by % 3, (1 + by) % 3, (2 + by) % 3]])
 
 
+def in_packets(scenario, packets):
+    """The scenario with channels in packets."""
+    channels = {
+        name: own.model_copy(update={"packet": packets.get(name)}) for name, own in scenario.telemetry.channels.items()
+    }
+    return scenario.model_copy(update={"telemetry": scenario.telemetry.model_copy(update={"channels": channels})})
+
+
 def test_a_packet_of_another_time_zone_is_named(tmp_path):
     scenario, data = small.closed_loop(tmp_path, of_three())
     late = {name: np.roll(data[name].values, 60) for name in ("panel_temp", "other_temp")}
     packets = {"body_temp": "bus", "panel_temp": "outside", "other_temp": "outside"}
-    channels = {
-        name: own.model_copy(update={"packet": packets.get(name)}) for name, own in scenario.telemetry.channels.items()
-    }
-    read = scenario.telemetry.model_copy(update={"channels": channels})
-    first = named(scenario.model_copy(update={"telemetry": read}), spoilt(data, **late))[0]
+    first = named(in_packets(scenario, packets), spoilt(data, **late))[0]
     assert first.kind == "channel clock"
     assert first.title.startswith("packet outside is ")
     assert float(first.title.split()[3]) == pytest.approx(60.0, abs=5.0)
+
+
+def test_the_packet_of_all_temperatures_is_late_beside_status_and_drivers(flown):
+    scenario, data = flown
+    split = in_packets(scenario, {"body_temp": "tcs", "panel_temp": "tcs", "heater_status": "eps", "sun": "eps"})
+    early = {name: np.roll(data[name].values, -12) for name in ("heater_status", "sun")}
+    titles = {own.about: own.title.split() for own in named(split, spoilt(data, **early))}
+    title = titles["body_temp panel_temp"]
+    assert title[1] == "tcs"
+    assert title[5] == "late"
+    assert float(title[3]) == pytest.approx(12.0, abs=2.0)
+
+
+def test_a_driver_that_is_late_is_named_with_the_minutes(flown):
+    scenario, data = flown
+    first = named(scenario, spoilt(data, sun=np.roll(data["sun"].values, 15)))[0]
+    assert (first.kind, first.about) == ("driver clock", "sun")
+    assert first.title.endswith("late")
+    assert float(first.title.split()[4]) == pytest.approx(15.0, abs=1.0)
 
 
 @pytest.mark.parametrize(("name", "value"), [("direction", [1, 0, 0]), ("period", "20 min")])
@@ -291,6 +315,23 @@ def test_heat_that_is_missing_all_the_time_is_tried_at_every_node(flown):
     body, panel = (view.channels.index(f"{name}_temp") for name in ("body", "panel"))
     assert warmer["panel"][panel] > warmer["panel"][body] > 0.0
     assert warmer["body"][body] > warmer["body"][panel] > 0.0
+
+
+def test_the_effect_of_heat_is_in_proportion_to_it(flown):
+    view = prepared(*flown)
+    steps = np.ones((1, 2 * (len(view.network.drive.times) - 1)))
+    little = view.response(view.window, view.middle, "panel", steps)
+    much = view.response(view.window, view.middle, "panel", 1e5 * steps)
+    np.testing.assert_allclose(much, 1e5 * little, rtol=1e-6)
+
+
+def test_a_simulation_that_fails_ends_a_family_of_wrongs_and_no_look(flown, monkeypatch):
+    def failing(view):
+        raise SimulationFailure("no steps are short enough")
+        yield
+
+    monkeypatch.setattr(wrongs, "_WRONGS", (failing, swaps))
+    assert [own.kind for own in wrongs.all_wrongs(prepared(*flown))] == ["swapped"]
 
 
 def test_no_clock_is_off_by_less_than_lies_between_two_samples_of_what_heats(flown):
