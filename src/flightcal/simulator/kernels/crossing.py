@@ -50,7 +50,8 @@ def decide(structure, measured, lanes, lane, step):
         if k == lanes.heater[lane]:
             continue
         past = _past_threshold(structure, measured, lanes, lane, step.x1, k)
-        if past > tolerance:
+        # None is earlier than now: where all are past at once, each would give way to another for ever.
+        if past > tolerance and length > 0.0:
             crossing, slope = _estimate(structure, measured, lanes, lane, step, k, past)
             if chosen < 0 or crossing < first:
                 chosen, first, rate, high = k, crossing, slope, length
