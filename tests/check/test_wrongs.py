@@ -349,6 +349,23 @@ def test_no_status_is_late_by_less_than_lies_between_two_of_its_samples(flown):
     assert len(list(status_clocks(view, [300.0, 900.0]))) == 1
 
 
+def test_what_all_modes_take_does_not_hide_what_one_of_them_takes(tmp_path):
+    """The panel takes 14 W always, and 6 W more in a mode, which the scenario does not say."""
+    written = small.content()
+    at = [f"2024-03-01T0{hour}:{minute}:00" for hour in range(3) for minute in ("05", "35")]
+    written["simulator"]["modes"] = {"idle": {"panel": "14 W"}, "busy": {"panel": "20 W"}}
+    written["simulator"]["timeline"] = [
+        {"at": "2024-02-29T00:00:00", "mode": "idle"},
+        *({"at": time, "mode": ("busy", "idle")[k % 2]} for k, time in enumerate(at)),
+    ]
+    _, data = small.closed_loop(tmp_path, written)
+    written["simulator"]["modes"]["busy"] = written["simulator"]["modes"]["idle"]
+    scenario, _ = small.load(tmp_path, written)
+    first = named(scenario, data)[0]
+    assert first.kind == "mode"
+    assert "in panel" in first.title
+
+
 def test_modes_that_are_exchanged_are_named(tmp_path):
     written = small.content()
     at = [f"2024-03-01T0{hour}:{minute}:00" for hour in range(3) for minute in ("05", "35")]

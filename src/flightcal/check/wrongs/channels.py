@@ -22,8 +22,8 @@ _CURVE = 6.0
 """K, prior deviation of a channel's curve at both ends of what it reads."""
 _BEND = 1.5
 """K, from which a curve is worth a word."""
-_GAIN = 0.3
-"""Prior deviation of a channel's gain from one."""
+_GAIN, _MOST_GAIN = 0.3, 0.8
+"""Prior deviation of a channel's gain from one; by how much a gain is off at most that is no unit."""
 _STRANGE, _STRANGE_TIME = ((15.0, 4.0), (5.0, 25.0)), 2400.0
 """K, deviations of mean and wandering of a channel that is not of this satellite; s, its correlation time."""
 _PART = 0.25
@@ -66,7 +66,9 @@ def gains(view: View) -> Iterator[Wrong]:
                 f"Check the sensor's calibration curve; or write 'observations: {{{channel}: {{gain: {gain:.3f}}}}}'",
             )
 
-        yield Wrong("gain", channel, words, columns=column, least=0.1 / _GAIN, tries=len(view.channels))
+        yield Wrong(
+            "gain", channel, words, columns=column, least=0.1 / _GAIN, most=_MOST_GAIN / _GAIN, tries=len(view.channels)
+        )
 
 
 def curves(view: View) -> Iterator[Wrong]:

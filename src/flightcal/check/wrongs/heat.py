@@ -116,9 +116,12 @@ def useless_statuses(view: View) -> Iterator[Wrong]:
     for name, _, channel in known_thermostats(view.window):
         heater, observation = view.window.scenario.network.switches[name], view.window.scenario.observations[channel]
         status = statuses_of.get(name, "")
-        on = obedient(view.telemetry[channel].to_numpy() - observation.bias, heater.on_below, heater.off_above)
-        if on is None or not status:
+        read = view.telemetry[channel].to_numpy() - observation.bias
+        valid = np.flatnonzero(np.isfinite(read))
+        obeyed = obedient(read[valid], heater.on_below, heater.off_above)
+        if obeyed is None or not status:
             continue
+        on = obeyed[np.maximum(np.searchsorted(valid, np.arange(len(read)), side="right") - 1, 0)]
         words = Words(
             f"The status of {name} is not of this heater",
             f"With {name} on and off as its thresholds and {channel} say, the model explains the telemetry; its status "
@@ -205,7 +208,9 @@ def modes(view: View) -> Iterator[Wrong]:
                     f"Check 'modes: {mode}: {node}', and that the timeline is of this flight",
                 )
 
-            least = max(0.5 * abs(written), 0.15 * flow) / size
+            # What all modes have in common is no matter of the mode.
+            common = min(own.get(node, 0.0) for own in model.modes.values())
+            least = max(0.5 * abs(written - common), 0.15 * flow) / size
             yield Wrong("mode", mode, words, columns=effect, least=least, tries=len(model.modes) * len(view.heat.nodes))
     if len({change.mode for change in model.timeline}) < 2:
         return

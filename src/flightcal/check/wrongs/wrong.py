@@ -72,6 +72,8 @@ class Wrong:
     """The entry whose prior is wider than written; the weight is then how far it is off, in deviations as written."""
     least: float = 0.0
     """Of the first column's weight: below, it is no wrong worth a word."""
+    most: float = np.inf
+    """Beyond, it is another wrong."""
     lacked: bool = False
     """Whether the first weight is of something that is not written: there is no less of it."""
     scale: Scale = AS_READ
@@ -84,7 +86,7 @@ class Wrong:
     def matters(self, fit: Fit) -> bool:
         """Whether its number is worth a word."""
         first = float(fit.added[0]) if self.least else 0.0
-        return (first if self.lacked else abs(first)) >= self.least
+        return self.least <= (first if self.lacked else abs(first)) <= self.most
 
     @property
     def odds(self) -> float:
