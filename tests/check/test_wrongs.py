@@ -276,6 +276,13 @@ def test_a_driver_of_another_unit_is_named_by_how_many_times(flown):
     assert float(first.title.split(" is ")[1].split()[0]) == pytest.approx(6.0, rel=0.2)
 
 
+def test_a_driver_with_several_times_the_heat_is_named_by_how_many_times(flown):
+    scenario, data = flown
+    first = named(scenario, spoilt(data, sun=4.0 * data["sun"]))[0]
+    assert (first.kind, first.about) == ("driver", "sun")
+    assert float(first.title.split(" is ")[1].split()[0]) == pytest.approx(0.25, rel=0.05)
+
+
 def test_samples_that_are_lost_are_named_before_anything_else(flown):
     """Later samples are tagged as if they followed at once: both channels jump."""
     scenario, data = flown
