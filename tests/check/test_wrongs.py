@@ -1,5 +1,7 @@
 """Wrongs of sensors, of what lights the faces and of what is left out, named before any sampling."""
 
+from types import SimpleNamespace
+
 import numpy as np
 import pytest
 
@@ -194,6 +196,15 @@ def test_columns_are_tried_as_shifted_by_one(tmp_path):
     assert len(shifted) == 2
     for k, by in enumerate((1, -1)):
         np.testing.assert_array_equal(shifted[k], view.observed[:, [by % 3, (1 + by) % 3, (2 + by) % 3]])
+
+
+def test_any_three_of_more_channels_are_tried_as_each_others_both_ways():
+    truth = np.array([[1.0, 2.0, 3.0, 4.0]])
+    view = SimpleNamespace(channels=("a", "b", "c", "d"), observed=truth[:, [2, 0, 1, 3]])
+    turned = [own for own in swaps(view) if own.words.title.endswith("are each other's")]
+    assert len({tuple(own.observed[0]) for own in turned}) == len(turned) == 8
+    (right,) = [own for own in turned if (own.observed == truth).all()]
+    assert right.words.sentence.startswith("With the readings of b for a, of c for b and of a for c")
 
 
 def in_packets(scenario, packets):

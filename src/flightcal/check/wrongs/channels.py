@@ -8,7 +8,7 @@ from itertools import combinations, permutations, product
 
 import numpy as np
 
-from ...report import number
+from ...report import listed, number
 from ...simulator import ICE_POINT, FloatArray
 from ..evidence import Fit, Scale
 from ..view import View
@@ -30,6 +30,8 @@ _PART = 0.25
 """Share of the way to another node, from which a channel is between."""
 _COLDEST, _HOTTEST = 100.0, 500.0
 """K, that a satellite may be."""
+_MOST_SWAPPED = 10
+"""Channels, of which any three may be each other's."""
 _MOST_NODES = 15
 """Of a network whose channels are tried at every node."""
 
@@ -110,7 +112,7 @@ def drifts(view: View) -> Iterator[Wrong]:
 
 
 def swaps(view: View) -> Iterator[Wrong]:
-    """Two channels are each other's, or one is of another's node."""
+    """Two or three channels are each other's, or all are their neighbours'."""
     pairs = list(combinations(range(len(view.channels)), 2))
     for a, b in pairs:
         order = np.arange(len(view.channels))
@@ -122,6 +124,20 @@ def swaps(view: View) -> Iterator[Wrong]:
             f"Exchange 'column' of {first} and {second} in 'telemetry: channels' (or their nodes in 'observations')",
         )
         yield Wrong("swapped", first, words, observed=view.observed[:, order], tries=len(pairs))
+    trios = list(permutations(range(len(view.channels)), 3)) if 3 < len(view.channels) <= _MOST_SWAPPED else []
+    for trio in trios:
+        # Of the six orders of three, two are turns; each begins with its first channel once.
+        if trio[0] != min(trio):
+            continue
+        names, observed = [view.channels[k] for k in trio], view.observed.copy()
+        observed[:, trio] = view.observed[:, np.roll(trio, -1)]
+        words = Words(
+            f"{listed(names)} are each other's",
+            f"With the readings of {names[1]} for {names[0]}, of {names[2]} for {names[1]} and of {names[0]} for "
+            f"{names[2]}, the model explains the telemetry.",
+            f"Check 'column' of {listed(names)} in 'telemetry: channels'",
+        )
+        yield Wrong("swapped", " ".join(names), words, observed=observed, tries=len(trios) / 3.0)
     for shift in (-1, 1) if len(view.channels) > 2 else ():
         words = Words(
             "Every channel is its neighbour's",
