@@ -314,7 +314,9 @@ def test_another_inclination_is_named(tmp_path):
     _, data = small.closed_loop(tmp_path, written)
     written["environment"]["orbit"]["inclination"] = "20 deg"
     scenario, _ = small.load(tmp_path, written)
-    assert named(scenario, data)[0].kind == "orbit"
+    first = named(scenario, data)[0]
+    assert first.kind == "orbit"
+    assert first.title == f"The orbit has another {first.about}"
 
 
 def test_telemetry_that_nothing_explains_is_said_not_to_be_of_the_scenario(flown):
