@@ -303,13 +303,17 @@ def test_lint_refuses_what_calibrate_refuses(tmp_path):
         )
 
 
-def test_lint_refuses_priors_at_which_nothing_can_be_simulated(tmp_path, monkeypatch):
+@pytest.mark.parametrize("verb", [["lint"], ["check", "--out", "run"], ["calibrate", "--out", "run"]])
+def test_priors_at_which_nothing_can_be_simulated_are_refused_with_the_largest_heat(tmp_path, monkeypatch, verb):
+    monkeypatch.chdir(tmp_path)
     monkeypatch.setattr("flightcal.simulator.simulate.choose_grid", nothing_simulated)
     path = write(tmp_path)
     path.write_text(path.read_text().replace("step: 30 s", "tolerance: 5 mK"))
-    done = run(app, ["lint", str(path)])
+    done = run(app, [*verb, str(path)])
     assert done.exit_code == USER_ERROR
-    assert "windows.train: found no simulation that stays finite at draws of the priors" in done.output
+    said = " ".join(done.output.split())
+    assert "windows.train: found no simulation that stays finite at draws of the priors" in said
+    assert "the largest heat is up to" in said
 
 
 def nothing_simulated(inputs, compare, tolerance):

@@ -58,6 +58,17 @@ def test_channels_that_jump_at_once_are_a_matter_of_time():
     assert "panel_temp and body_temp jump at once" in words.sentence
 
 
+def test_channels_of_packets_with_times_of_their_own_jump_all_the_same():
+    values = telemetry()
+    values[100:] += (20.0, 8.0)
+    times = np.repeat(TIMES, 2) + np.tile([0, 1_000_000_000], 200).astype("timedelta64[ns]")
+    apart = np.full((400, 2), np.nan)
+    apart[::2, 0], apart[1::2, 1] = values.T
+    (own,) = jumps(NAMES, times, apart, np.repeat(MODELLED, 2, axis=0))
+    assert own.time == TIMES[100]
+    assert own.channels == NAMES
+
+
 def test_old_telemetry_that_is_sent_again_is_not_out_of_order():
     values = telemetry()
     values[100:110] = values[99]

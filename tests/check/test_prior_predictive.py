@@ -5,7 +5,9 @@ import pytest
 from scipy.stats import norm
 
 from flightcal.check.prior_predictive import prior_predictive
-from flightcal.scenario import Normal
+from flightcal.problem import build_problem
+from flightcal.scenario import Heat, Normal
+from tests import small
 
 from .problems import centre_at, formula_problem, observing, samples, several
 
@@ -49,6 +51,16 @@ def test_a_channel_that_the_prior_cannot_reach_is_named_with_side_and_distance(p
     (pressed,) = found.pressed
     assert (pressed.name, pressed.theta) == ("panel", pytest.approx(-5.9))
     assert pressed.probability < 1e-6
+
+
+@pytest.mark.parametrize(("heat", "pressed"), [("none", ["noise.body_temp"]), (Heat(), [])])
+def test_noise_is_at_no_edge_where_it_stands_for_unmodelled_heat(tmp_path, heat, pressed):
+    scenario, data = small.closed_loop(tmp_path)
+    problem = build_problem(scenario.model_copy(update={"heat": heat}), data)
+    medians = dict(zip(problem.names, problem.priors.median(), strict=True))
+    upper = dict(zip(problem.names, problem.priors.quantile(0.999), strict=True))
+    centre = centre_at(problem, **(medians | {"noise.body_temp": upper["noise.body_temp"]}))
+    assert [own.name for own in found_for(problem, centre, 20).pressed] == pressed
 
 
 def test_noise_alone_puts_no_telemetry_out_of_reach():

@@ -195,6 +195,14 @@ def test_a_status_that_never_changes_is_told_where_its_thermostat_acts(flown):
     assert all("status" in own.title or "status of heater" in own.advice for own in found)
 
 
+def test_a_status_that_never_changes_is_told_too_where_it_comes_at_times_of_its_own(flown):
+    scenario, data = flown
+    even = np.arange(data.sizes["time"]) % 2 == 0
+    status = np.where(even, np.nan, 0.0)
+    apart = spoilt(data, body_temp=np.where(even, data["body_temp"], np.nan), heater_status=status)
+    assert ("thermostat", "heater") in [(own.kind, own.about) for own in named(scenario, apart)]
+
+
 def test_a_thermostat_switches_where_readings_turn_and_holds_between():
     read = np.array([285.0, 281.0, 280.1, 281.5, 284.9, 284.5, 281.0, 280.0])
     on = obedient(read, 280.0, 285.0)
@@ -306,7 +314,9 @@ def test_another_inclination_is_named(tmp_path):
     _, data = small.closed_loop(tmp_path, written)
     written["environment"]["orbit"]["inclination"] = "20 deg"
     scenario, _ = small.load(tmp_path, written)
-    assert named(scenario, data)[0].kind == "orbit"
+    first = named(scenario, data)[0]
+    assert first.kind == "orbit"
+    assert first.title == f"The orbit has another {first.about}"
 
 
 def test_telemetry_that_nothing_explains_is_said_not_to_be_of_the_scenario(flown):
@@ -461,6 +471,13 @@ def test_where_a_crude_model_is_off_is_told_and_no_cause(flown):
 def test_a_wrong_beside_which_something_else_is_far_off_is_not_named():
     """Such as a level that is tens of kelvin beside the model, where only the shape agrees."""
     assert ranked([better("unit", fit(0.3, 0.0, size=1.0, farthest=5.5))], fit(1.9, 400.0)) == []
+
+
+def test_a_gain_of_next_to_nothing_is_no_gain():
+    near = Wrong("gain", "a", Words("", "", ""), least=0.3, most=2.0)
+    at = fit(0.4, 0.0)
+    assert near.matters(replace(at, added=np.array([-1.9])))
+    assert not near.matters(replace(at, added=np.array([-3.0])))
 
 
 def test_what_is_not_written_can_only_be_added():

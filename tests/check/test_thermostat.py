@@ -20,6 +20,17 @@ def test_a_status_is_told_that_does_not_do_what_the_thresholds_say(tmp_path):
     assert "below 'on_below' (10" in words.sentence
 
 
+def test_a_status_that_comes_at_times_of_its_own_is_told_too(tmp_path):
+    scenario, data = small.closed_loop(tmp_path)
+    even = np.arange(data.sizes["time"]) % 2 == 0
+    cold = {
+        "body_temp": ("time", np.where(even, data["body_temp"].values - 4.0, np.nan)),
+        "heater_status": ("time", np.where(even, np.nan, 0.0)),
+    }
+    ((name, _, constant),) = disobeyed(build_window(scenario, data.assign(cold), "train"))
+    assert (name, constant) == ("heater", True)
+
+
 def test_a_heater_is_known_to_be_off_where_its_sensor_is_always_warm(tmp_path):
     scenario, data = small.closed_loop(tmp_path)
     assert inferred(scenario, data, "heater") is None

@@ -1,9 +1,11 @@
 """Wrongs of sensors, of what lights the faces and of what is left out, named before any sampling."""
 
+from types import SimpleNamespace
+
 import numpy as np
 import pytest
 
-from flightcal.check import suspects
+from flightcal.check import suspects, wrongs
 from flightcal.check.suspects import prepared
 from flightcal.check.view import FINE
 from flightcal.check.wrongs.channels import swaps
@@ -12,6 +14,7 @@ from flightcal.check.wrongs.heat import constant_heat, heaters
 from flightcal.check.wrongs.orbit import orbits
 from flightcal.check.wrongs.written import numbers
 from flightcal.problem import build_problem
+from flightcal.simulator import SimulationFailure
 from tests import small
 
 from .test_suspects import named, spoilt, sunlit
@@ -195,18 +198,50 @@ def test_columns_are_tried_as_shifted_by_one(tmp_path):
         np.testing.assert_array_equal(shifted[k], view.observed[:, [by % 3, (1 + by) % 3, (2 + by) % 3]])
 
 
+def test_any_three_of_more_channels_are_tried_as_each_others_both_ways():
+    truth = np.array([[1.0, 2.0, 3.0, 4.0]])
+    view = SimpleNamespace(channels=("a", "b", "c", "d"), observed=truth[:, [2, 0, 1, 3]])
+    turned = [own for own in swaps(view) if own.words.title.endswith("are each other's")]
+    assert len({tuple(own.observed[0]) for own in turned}) == len(turned) == 8
+    (right,) = [own for own in turned if (own.observed == truth).all()]
+    assert right.words.sentence.startswith("With the readings of b for a, of c for b and of a for c")
+
+
+def in_packets(scenario, packets):
+    """The scenario with channels in packets."""
+    channels = {
+        name: own.model_copy(update={"packet": packets.get(name)}) for name, own in scenario.telemetry.channels.items()
+    }
+    return scenario.model_copy(update={"telemetry": scenario.telemetry.model_copy(update={"channels": channels})})
+
+
 def test_a_packet_of_another_time_zone_is_named(tmp_path):
     scenario, data = small.closed_loop(tmp_path, of_three())
     late = {name: np.roll(data[name].values, 60) for name in ("panel_temp", "other_temp")}
     packets = {"body_temp": "bus", "panel_temp": "outside", "other_temp": "outside"}
-    channels = {
-        name: own.model_copy(update={"packet": packets.get(name)}) for name, own in scenario.telemetry.channels.items()
-    }
-    read = scenario.telemetry.model_copy(update={"channels": channels})
-    first = named(scenario.model_copy(update={"telemetry": read}), spoilt(data, **late))[0]
+    first = named(in_packets(scenario, packets), spoilt(data, **late))[0]
     assert first.kind == "channel clock"
     assert first.title.startswith("packet outside is ")
     assert float(first.title.split()[3]) == pytest.approx(60.0, abs=5.0)
+
+
+def test_the_packet_of_all_temperatures_is_late_beside_status_and_drivers(flown):
+    scenario, data = flown
+    split = in_packets(scenario, {"body_temp": "tcs", "panel_temp": "tcs", "heater_status": "eps", "sun": "eps"})
+    early = {name: np.roll(data[name].values, -12) for name in ("heater_status", "sun")}
+    titles = {own.about: own.title.split() for own in named(split, spoilt(data, **early))}
+    title = titles["body_temp panel_temp"]
+    assert title[1] == "tcs"
+    assert title[5] == "late"
+    assert float(title[3]) == pytest.approx(12.0, abs=2.0)
+
+
+def test_a_driver_that_is_late_is_named_with_the_minutes(flown):
+    scenario, data = flown
+    first = named(scenario, spoilt(data, sun=np.roll(data["sun"].values, 15)))[0]
+    assert (first.kind, first.about) == ("driver clock", "sun")
+    assert first.title.endswith("late")
+    assert float(first.title.split()[4]) == pytest.approx(15.0, abs=1.0)
 
 
 @pytest.mark.parametrize(("name", "value"), [("direction", [1, 0, 0]), ("period", "20 min")])
@@ -252,6 +287,13 @@ def test_a_driver_of_another_unit_is_named_by_how_many_times(flown):
     assert float(first.title.split(" is ")[1].split()[0]) == pytest.approx(6.0, rel=0.2)
 
 
+def test_a_driver_with_several_times_the_heat_is_named_by_how_many_times(flown):
+    scenario, data = flown
+    first = named(scenario, spoilt(data, sun=4.0 * data["sun"]))[0]
+    assert (first.kind, first.about) == ("driver", "sun")
+    assert float(first.title.split(" is ")[1].split()[0]) == pytest.approx(0.25, rel=0.05)
+
+
 def test_samples_that_are_lost_are_named_before_anything_else(flown):
     """Later samples are tagged as if they followed at once: both channels jump."""
     scenario, data = flown
@@ -293,6 +335,23 @@ def test_heat_that_is_missing_all_the_time_is_tried_at_every_node(flown):
     assert warmer["body"][body] > warmer["body"][panel] > 0.0
 
 
+def test_the_effect_of_heat_is_in_proportion_to_it(flown):
+    view = prepared(*flown)
+    steps = np.ones((1, 2 * (len(view.network.drive.times) - 1)))
+    little = view.response(view.window, view.middle, "panel", steps)
+    much = view.response(view.window, view.middle, "panel", 1e5 * steps)
+    np.testing.assert_allclose(much, 1e5 * little, rtol=1e-6)
+
+
+def test_a_simulation_that_fails_ends_a_family_of_wrongs_and_no_look(flown, monkeypatch):
+    def failing(view):
+        raise SimulationFailure("no steps are short enough")
+        yield
+
+    monkeypatch.setattr(wrongs, "_WRONGS", (failing, swaps))
+    assert [own.kind for own in wrongs.all_wrongs(prepared(*flown))] == ["swapped"]
+
+
 def test_no_clock_is_off_by_less_than_lies_between_two_samples_of_what_heats(flown):
     scenario, data = flown
     seldom = np.where(np.arange(data.sizes["time"]) % 15 == 0, data["sun"].to_numpy(), np.nan)
@@ -306,6 +365,23 @@ def test_no_status_is_late_by_less_than_lies_between_two_of_its_samples(flown):
     seldom = np.where(np.arange(data.sizes["time"]) % 10 == 0, data["heater_status"].to_numpy(), np.nan)
     view = prepared(scenario, spoilt(data, heater_status=seldom))
     assert len(list(status_clocks(view, [300.0, 900.0]))) == 1
+
+
+def test_what_all_modes_take_does_not_hide_what_one_of_them_takes(tmp_path):
+    """The panel takes 14 W always, and 6 W more in a mode, which the scenario does not say."""
+    written = small.content()
+    at = [f"2024-03-01T0{hour}:{minute}:00" for hour in range(3) for minute in ("05", "35")]
+    written["simulator"]["modes"] = {"idle": {"panel": "14 W"}, "busy": {"panel": "20 W"}}
+    written["simulator"]["timeline"] = [
+        {"at": "2024-02-29T00:00:00", "mode": "idle"},
+        *({"at": time, "mode": ("busy", "idle")[k % 2]} for k, time in enumerate(at)),
+    ]
+    _, data = small.closed_loop(tmp_path, written)
+    written["simulator"]["modes"]["busy"] = written["simulator"]["modes"]["idle"]
+    scenario, _ = small.load(tmp_path, written)
+    first = named(scenario, data)[0]
+    assert first.kind == "mode"
+    assert "in panel" in first.title
 
 
 def test_modes_that_are_exchanged_are_named(tmp_path):

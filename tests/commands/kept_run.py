@@ -33,7 +33,13 @@ def write_kept(folder: Path, *, name: str = "small", scenario: dict[str, Any] | 
     answers = [{"question": words, "state": "good", "answer": "Yes [all]", "findings": []} for words in ANSWERS]
     write_json(
         folder / "verdict.json",
-        {"use": "Use it.", "state": "good", "exit_code": 0, "answers": answers, "next": "flightcal backtest"},
+        {
+            "use": "Use it.",
+            "state": "good",
+            "exit_code": 0,
+            "answers": answers,
+            "next": "flightcal backtest scenario.yaml --out backtest",
+        },
     )
     score = {"method": "stochastic", "channel": "all", "metric": "rmse", "value": means.get("link", 0.65), "unit": "K"}
     write_json(folder / "metrics.json", [score | {"window": window} for window in ("train", "test")])

@@ -208,7 +208,7 @@ def test_what_a_run_leaves_is_shown_in_the_terminal_and_in_notebooks(finished):
     shown = CliRunner().invoke(app, ["show", str(run)], env={"COLUMNS": "100"})
     assert shown.exit_code == 0, shown.output
     console = Console(file=StringIO(), width=100)
-    print_verdict(summary.verdict.record, console)
+    print_verdict(summary.verdict.record, summary.run, console)
     assert console.file.getvalue() in shown.output
     assert repr(summary).startswith(f"<Summary of {run}: {summary.verdict.use} ")
     assert len(repr(summary)) < 400

@@ -32,7 +32,7 @@ def test_packets_of_several_files_are_taken_from_them(tmp_path: Path):
     names = ("thermal.csv", "power.parquet", "onboard.csv")
     result = run(app, ["init", str(tmp_path / "sat"), *(str(tmp_path / name) for name in names)])
     assert result.exit_code == 0, result.output
-    assert result.output.splitlines()[:3] == [
+    assert [line for line in result.output.splitlines() if ": times in" in line] == [
         "thermal.csv: times in 'UTC' (iso8601, from 2024-03-01T00:00:00); channels: 2 temperature",
         "power.parquet: times in 't_ms' (unix-ms, from 2024-03-01T00:00:07); channels: 1 driver",
         "onboard.csv: times in 'SCLK' (clock, whose epoch is a PLACEHOLDER); channels: 1 status, 1 driver",
@@ -134,6 +134,34 @@ def test_a_heaters_current_is_its_status_and_a_clock_of_two_parts_is_read(tmp_pa
     assert (time.format, time.rate, time.fine) == ("clock", 1, 100)
     assert scenario.telemetry.channels["htr_bat_cur_ma"].on_above == "242 mA"
     assert scenario.observations["htr_bat_cur_ma"].heater == "htr_bat_cur_ma"
+
+
+def test_raw_readings_and_bits_of_a_word_are_written_as_such(tmp_path: Path):
+    table = frame(40).drop(columns="HTR")
+    table["ANT_TEMP_RAW"], table["HTR_WORD"] = 2100 + np.arange(40), np.where(np.arange(40) // 5 % 2, 66, 64)
+    table["shutter"] = np.linspace(0.0, 1.0, 40)
+    table.to_csv(tmp_path / "data.csv", index=False)
+    result = run(app, ["init", str(tmp_path / "sat"), str(tmp_path / "data.csv")])
+    assert "'shutter': no unit" in " ".join(result.output.split())
+    lint(tmp_path / "sat")
+    text = (tmp_path / "sat" / "scenario.yaml").read_text()
+    assert "# PLACEHOLDER: what the raw readings of ANT_TEMP_RAW mean" in text
+    scenario = load_scenario(tmp_path / "sat" / "scenario.yaml")
+    assert len(scenario.telemetry.channels["ant_temp_raw"].curve) == 2
+    assert scenario.telemetry.channels["htr_word_1"].bits == (1,)
+
+
+def test_a_heater_whose_name_says_nothing_is_of_the_sensor_that_follows_it(tmp_path: Path):
+    rising = np.arange(60) // 6 % 2 == 0
+    warmth = np.where(rising, 10.0 + 0.5 * (np.arange(60) % 6), 13.0 - 0.5 * (np.arange(60) % 6))
+    other = 20.0 + 9.0 * np.sin(np.arange(60) / 7.0)
+    times = pd.date_range("2024-03-01", periods=60, freq="min").strftime("%Y-%m-%dT%H:%M:%S")
+    table = pd.DataFrame({"time": times, "line [degC]": other, "tank [degC]": warmth})
+    table["HTR_7"] = np.where(rising, "ON", "OFF")
+    table.to_csv(tmp_path / "data.csv", index=False)
+    assert run(app, ["init", str(tmp_path / "sat"), str(tmp_path / "data.csv")]).exit_code == 0
+    heater = load_scenario(tmp_path / "sat" / "scenario.yaml").network.heaters["htr_7"]
+    assert heater.sensor == "tank_degc"
 
 
 def test_thresholds_are_what_the_sensor_reads_when_its_heater_switches(tmp_path: Path):

@@ -18,7 +18,8 @@ def test_the_verdict_the_parameters_and_the_files_are_printed(tmp_path):
     assert result.exit_code == 0, result.output
     assert "small, run abababababab of 2024-05-02 09:30:00 UTC, flightcal 0.1.0" in result.output
     assert "Use it.\n  Did the sampling converge? ✓ good: Yes [all]\n" in result.output
-    assert "  next: flightcal backtest\n" in result.output
+    run = tmp_path / "run"
+    assert f"next: flightcal backtest {run}/scenario.yaml --out {run}/backtest" in " ".join(result.output.split())
     (row,) = (line for line in result.output.splitlines() if "link" in line)
     assert cells_of(row) == ["link, W/K", "0.600 [0.360, 1.00]", "0.650 [0.590, 0.710]", "97.0%"]
     assert "initial.body" not in result.output

@@ -29,6 +29,12 @@ def test_example_has_no_findings():
     assert lint(EXAMPLE) == []
 
 
+def test_elements_of_another_year_are_a_warning(lint_edited):
+    (found,) = lint_edited(("epoch: 2024-03-01", "epoch: 2023-03-01"))
+    assert "environment.orbit.epoch: found elements that are 366 days from a window" in found
+    assert lint_edited(("epoch: 2024-03-01", "epoch: 2024-02-20")) == []
+
+
 def test_finding_reads_as_place_location_and_sentence():
     assert str(Finding("a.yaml", 14, "nodes.b", "found x, expected y")) == "a.yaml:14: nodes.b: found x, expected y"
     assert str(Finding("a.yaml", None, "", "cannot be read")) == "a.yaml: cannot be read"

@@ -1,13 +1,15 @@
 """The compiled integration and its adjoint against the JAX oracle and against finite differences."""
 
+import contextlib
 import os
 import sys
+import threading
 import time
 
 import numpy as np
 import pytest
 
-from flightcal.simulator import in_parallel, integrate
+from flightcal.simulator import SimulationFailure, in_parallel, integrate
 from flightcal.simulator.system import Drive, System
 
 from .. import oracle
@@ -190,6 +192,30 @@ def test_two_heaters_in_one_step_switch_in_their_own_order(apart):
     assert sorted(run.switches.heater) == [0, 1]
     np.testing.assert_allclose(run.switches.time, np.sort(at), rtol=0, atol=1e-8)
     np.testing.assert_allclose(run.states, 280.0 + rates * np.minimum(times[:, None], at), rtol=0, atol=1e-9)
+
+
+def test_a_simulation_that_leaps_past_two_thresholds_at_once_comes_to_an_end():
+    """A panel of megawatts leaps far below zero in one step, and two heated nodes with it."""
+    links = np.array([[-2e-5, 0.0, 2e-5], [0.0, -4e-5, 4e-5], [1e-5, 1e-5, -2e-5]])
+    radiating, into = np.diag([0.0, 0.0, -3.5e-11]), np.array([[0.0], [0.0], [1000.0]])
+    heating = np.array([[1e-3, 0.0, 0.0], [0.0, 1e-3, 0.0]])
+    structure, system = from_dense(
+        np.ones(3), links, radiating, into, heating, range(2), [290.0, 285.0], [295.0, 290.0], [292.0, 288.0, 297.0]
+    )
+    times = np.arange(0.0, 900.0, 30.0)
+    drive = Drive(times, np.ones((len(times) - 1, 2, 1)), np.full((len(times) - 1, 2), np.nan), np.zeros(2))
+
+    ended = []
+
+    def fly():
+        with contextlib.suppress(SimulationFailure):
+            integrate(structure, system, drive)
+        ended.append(True)
+
+    flying = threading.Thread(target=fly, daemon=True)
+    flying.start()
+    flying.join(30.0)
+    assert ended
 
 
 def test_what_runs_side_by_side_is_returned_in_order():

@@ -150,7 +150,16 @@ def test_a_counter_is_a_clock_whose_epoch_is_not_known(tmp_path: Path):
         ("Temp [1]", [20.5, 21.0, 3.0, 4.0], ("temperature", "degC")),
         ("HTR_1_CUR [mA]", [3, 480, 481, 4], ("status", "mA")),
         ("I_HTR", [3, 480, 481, 4], ("driver", "1")),
-        ("HTR_WORD", [0, 18, 18, 2], ("driver", "1")),
+        ("HTR_WORD", [0.5, 18, 18, 2], ("driver", "1")),
+        ("HTR_WORD", [0, 16, 16, 16], ("status", None)),
+        ("HTR_COUNTER_WORD", [0, 1023, 18, 2], ("driver", "1")),
+        ("THM02_BATT", [20.5, 21.0, 3.0, 4.0], ("temperature", "degC")),
+        ("TMP_BATT", [20.5, 21.0, 3.0, 4.0], ("temperature", "degC")),
+        ("OBC T/K", [293.0, 294.5, 290.0, 288.0], ("temperature", "K")),
+        ("PROP_TANK_K", [293.0, 294.5, 290.0, 288.0], ("temperature", "K")),
+        ("PROP_TANK", [293.0, 294.5, 290.0, 288.0], ("driver", "1")),
+        ("BRANCH_K", [3.0, 4.5, 0.0, 8.0], ("driver", "1")),
+        ("ANT_TEMP_RAW", [2093.0, 2294.5, 2290.0, 2088.0], ("temperature", None)),
         ("heater_current_A", [0.1, 0.2, 0.3, 0.4], ("driver", "1")),
         ("HTR_TEMP [degC]", [0.1, 0.1, 9.0, 9.1], ("temperature", "degC")),
         ("pitch [deg]", [0, 1, 1, 0], ("driver", "deg")),
@@ -165,6 +174,12 @@ def test_a_column_has_a_kind_and_a_unit(tmp_path: Path, name: str, cells: list, 
     pd.DataFrame({"UTC": text(TIMES[:4]), name: cells}).to_csv(tmp_path / "data.csv", index=False)
     (found,) = detect([tmp_path / "data.csv"])
     assert [(column.kind, column.unit) for column in found.columns] == ([] if expected is None else [expected])
+
+
+def test_each_bit_of_a_heaters_word_that_changes_is_a_status(tmp_path: Path):
+    pd.DataFrame({"UTC": text(TIMES[:4]), "HTR_WORD": [64, 82, 82, 66]}).to_csv(tmp_path / "data.csv", index=False)
+    (found,) = detect([tmp_path / "data.csv"])
+    assert [(column.kind, column.bit) for column in found.columns] == [("status", 1), ("status", 4)]
 
 
 def test_a_last_letter_is_no_unit_where_it_names_a_branch(tmp_path: Path):

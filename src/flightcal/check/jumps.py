@@ -16,6 +16,8 @@ from .wrongs import Words
 
 _APART = np.timedelta64(120, "s")
 """Between two samples at most: in more time a light node may go far."""
+_USUALLY = 1.5
+"""Usual times between two samples of a channel, up to which none is missing."""
 _LEAST, _NOISES, _TIMES = 1.5, 12.0, 4.0
 """A jump is more than so many K, deviations of the noise, and times what the model or the samples beside it move."""
 _STAYS, _BESIDE = 0.7, 3
@@ -43,24 +45,43 @@ def jumps(
     channels: Sequence[str], times: NDArray[np.datetime64], observed: FloatArray, modelled: FloatArray
 ) -> list[Jump]:
     """All of them in samples [T, N] K; modelled: [T, N] K as the simulator has them, NaN: not known."""
-    found: dict[int, list[int]] = {}
-    for k in range(len(channels)):
-        for moment in _of_channel(times, observed[:, k], modelled[:, k]).tolist():
-            found.setdefault(moment, []).append(k)
-    result = []
-    for moment, own in sorted(found.items()):
-        own += [k for k in range(len(channels)) if k not in own and _jumps_too(observed[:, k], moment)]
-        before = observed[max(moment + 1 - _SENT_AGAIN, 0) : moment + 1, own]
-        if len(own) > 1 and len(before) == _SENT_AGAIN and (before == before[0]).all():
+    # Each packet has times of its own, at which the others have nothing: places are among a channel's own samples.
+    valid = [np.flatnonzero(np.isfinite(column)) for column in observed.T]
+    found = [
+        (int(own[place + 1]), k, place)
+        for k, own in enumerate(valid)
+        for place in _of_channel(times[own], observed[own, k], modelled[own, k], np.diff(own) == 1).tolist()
+    ]
+    leaps = {(k, place) for _, k, place in found}
+    result: list[Jump] = []
+    told: set[tuple[int, int]] = set()
+    for after, first, place in sorted(found):
+        if (first, place) in told:
             continue
-        height = float(observed[moment + 1, own[0]] - observed[moment, own[0]])
-        result.append(Jump(times[moment + 1], tuple(channels[k] for k in own), height))
+        places = {k: int(np.searchsorted(own, after)) - 1 for k, own in enumerate(valid)}
+        jumping = [first, *(k for k, own in places.items() if k != first and (k, own) in leaps)]
+        jumping += [
+            k
+            for k, own in enumerate(valid)
+            if k not in jumping and 0 <= places[k] < len(own) - 1 and _jumps_too(observed[own, k], places[k])
+        ]
+        told |= {(k, places[k]) for k in jumping}
+        before = [observed[valid[k][: places[k] + 1][-_SENT_AGAIN:], k] for k in jumping]
+        if len(jumping) > 1 and all(len(own) == _SENT_AGAIN and (own == own[0]).all() for own in before):
+            continue
+        height = observed[after, first] - observed[valid[first][place], first]
+        result.append(Jump(times[after], tuple(channels[k] for k in jumping), float(height)))
     return result
 
 
-def _of_channel(times: NDArray[np.datetime64], values: FloatArray, modelled: FloatArray) -> NDArray[np.int64]:
-    """After which samples [T] a channel jumps."""
-    move = np.where(np.diff(times) <= _APART, np.diff(values), np.nan)
+def _of_channel(
+    times: NDArray[np.datetime64], values: FloatArray, modelled: FloatArray, adjoining: NDArray[np.bool_]
+) -> NDArray[np.int64]:
+    """After which of its samples [T] a channel jumps; adjoining: [T - 1] whether no sample is between two."""
+    apart = np.diff(times)
+    seconds = apart / np.timedelta64(1, "s")
+    near = adjoining | (seconds <= _USUALLY * np.median(seconds)) if len(seconds) else adjoining
+    move = np.where((apart <= _APART) & near, np.diff(values), np.nan)
     height = np.nan_to_num(np.abs(move))
     padded = np.pad(height, 1)
     beside = np.maximum(padded[:-2], padded[2:])

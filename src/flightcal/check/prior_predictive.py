@@ -9,6 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ..problem import Problem, Window
+from ..scenario import heat_of
 from ..simulator import FloatArray, Trajectory
 from .centre import Centre
 from .evaluate import ManyRuns
@@ -161,11 +162,17 @@ def _heaters(window: Window, duty: FloatArray) -> list[HeaterReach]:
 
 
 def _pressed(problem: Problem, centre: Centre) -> tuple[Pressed, ...]:
-    """A level near zero, such as a noise's, is at no edge where its prior has its mode there."""
+    """A level near zero, such as a noise's, is at no edge where its prior has its mode there.
+
+    Nor is noise that stands for the unmodelled heat, which the centre does not have.
+    """
+    with_heat = heat_of(problem.scenario) is not None
     theta = problem.to_theta(centre.z)
     lower, upper = problem.priors.quantile(EDGE), problem.priors.quantile(1.0 - EDGE)
     found = []
     for k, name in enumerate(problem.names):
+        if with_heat and problem.entries[k].kind == "noise":
+            continue
         one_sided = problem.priors.priors[k].kind == "half_normal"
         if theta[k] > upper[k] or (theta[k] < lower[k] and not one_sided):
             found.append(Pressed(name, float(theta[k]), _probability_below(problem, k, float(theta[k]))))

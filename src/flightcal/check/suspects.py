@@ -38,7 +38,7 @@ _PROMISING = 2.0
 _FINALISTS = 12
 _OF_A_KIND = 3
 """So many of a kind are looked at closely,"""
-_BY_SIZE = frozenset({"number", "link", "heater", "attitude", "orbit"})
+_BY_SIZE = frozenset({"number", "link", "heater", "driver", "attitude", "orbit"})
 """and of these kinds one of each number: a closer look finds its size."""
 _ROUNDS = 3
 """Closer looks at one wrong."""
@@ -140,8 +140,11 @@ def suspects(problem: Problem, telemetry: xarray.Dataset) -> Suspects:
     view = _without(view, window.times, seen)
     if not np.isfinite(view.observed).any():
         return Suspects(tuple(found), True)
-    base = view.point(view.window, view.middle)
-    nothing = climbed(view, view.window, view.observed, base)
+    try:
+        base = view.point(view.window, view.middle)
+        nothing = climbed(view, view.window, view.observed, base)
+    except SimulationFailure:
+        return Suspects(tuple(found))
     helps = _compared(view, base, nothing)
     compared, where = ranked(helps, nothing), None
     if not compared and not nothing.is_usual:

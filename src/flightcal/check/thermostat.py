@@ -7,6 +7,7 @@ from itertools import combinations
 
 import numpy as np
 import xarray
+from numpy.typing import NDArray
 
 from ..problem import Window
 from ..report import number
@@ -19,6 +20,8 @@ _BEYOND, _NOISES = 2.0, 4.0
 """K, and deviations of the noise, by which a sensor has to be beyond a threshold."""
 _OFTEN, _LEAST = 0.05, 10
 """Share of the samples, and samples, from which it is no matter of when a sample was taken."""
+_GAP = 3.0
+"""Usual times between samples, over which a status that is the same at both ends was so all the time."""
 _SWITCHES = 4
 """Which two thermostats do not share by chance."""
 
@@ -46,7 +49,7 @@ def disobeyed(window: Window) -> Iterator[tuple[str, Words, bool]]:
     for name, place, channel in known_thermostats(window):
         heater, observation = window.scenario.network.switches[name], window.scenario.observations[channel]
         read = window.observed[:, window.simulator.channels.index(channel)] - observation.bias
-        on, margin = window.status[:, place], _BEYOND + _NOISES * noise_of(read)
+        on, margin = _between(window.times, window.status[:, place]), _BEYOND + _NOISES * noise_of(read)
         known = np.isfinite(read) & np.isfinite(on)
         for state, beyond, limit, word in (
             ("off", (on < 0.5) & (read < heater.on_below - margin), heater.on_below, "below 'on_below'"),
@@ -66,13 +69,27 @@ def disobeyed(window: Window) -> Iterator[tuple[str, Words, bool]]:
             break
 
 
+def _between(times: NDArray[np.datetime64], status: FloatArray) -> FloatArray:
+    """A status [T] also between two of its samples that say the same: other packets have times of their own."""
+    known = np.flatnonzero(np.isfinite(status))
+    if len(known) < 2:
+        return status
+    after = np.clip(np.searchsorted(known, np.arange(len(status))), 1, len(known) - 1)
+    first, last = known[after - 1], known[after]
+    seconds = (times - times[0]) / np.timedelta64(1, "s")
+    near = seconds[last] - seconds[first] <= _GAP * np.median(np.diff(seconds[known]))
+    same = near & (status[first] == status[last])
+    places = np.arange(len(status))
+    return np.where(same & (places > first) & (places < last), status[first], status)
+
+
 def copied(window: Window) -> Iterator[tuple[str, Words]]:
     """Pairs of heaters with one status and two sensors, as both are called, with words."""
     if not isinstance(window.scenario.simulator, SimulatorModel):
         return
     heaters = window.scenario.simulator.switches
     for (a, first), (b, second) in combinations(enumerate(heaters), 2):
-        one, other = window.status[:, a], window.status[:, b]
+        one, other = (_between(window.times, window.status[:, k]) for k in (a, b))
         known = np.isfinite(one) & np.isfinite(other)
         switches = int((np.diff(one[known]) != 0.0).sum())
         if heaters[first].sensor == heaters[second].sensor or switches < _SWITCHES or (one != other)[known].any():

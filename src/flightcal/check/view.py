@@ -44,6 +44,8 @@ _SENSOR = 0.1
 """K, of a sample, beside what the telemetry shows of its noise."""
 MODEL, _MINUTES = 0.25, 600.0
 """K and s: deviation and correlation time of what a right model still has in each channel."""
+_NUDGE = 0.05
+"""Of what flows through a node, heat at most by which its effect is measured."""
 _BUSY = 0.25
 """Share of samples between which a heater switches, from which these tell nothing of its thresholds."""
 _COARSEST = 10.0
@@ -334,11 +336,12 @@ class View:
         return heat_model(window.scenario, _usual(window), (window,), median)
 
     def response(self, window: Window, z: FloatArray, node: str, series: FloatArray) -> FloatArray:
-        """[R, k] K per watt of heat in a node, with series [k, 2 K] in each step. Raises SimulationFailure."""
+        """[R, k] K for heat of series [k, 2 K] W in each step of a node. Raises SimulationFailure."""
         simulator = window.network
         assert simulator is not None
         inside = self.problem.at(self.window, self.problem.to_theta(z))[self.window.simulated]
-        nudge = 0.05 * max(self.heat.flow[self.heat.nodes.index(node)], 0.1)
+        # So little that temperatures answer linearly, whatever the series is in.
+        nudge = _NUDGE * max(self.heat.flow[self.heat.nodes.index(node)], 0.1) / (float(np.abs(series).max()) or 1.0)
         heat = np.zeros((len(series) + 1, len(simulator.network.heated), series.shape[1]))
         heat[1:, simulator.network.heated.index(node)] = nudge * series
         runs = simulator.simulate_many(np.tile(inside, (len(heat), 1)), heat)

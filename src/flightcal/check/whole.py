@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any, Final
 
@@ -11,10 +11,11 @@ import numpy as np
 
 from ..emulation import needs_emulator
 from ..errors import FlightcalError
-from ..problem import Problem
+from ..problem import Problem, sampled_windows
 from ..progress import SILENT, Progress
 from ..report import Finding, read_run
 from ..run import Run, Stage, plain, read_json, read_provenance, typed
+from ..scenario import heat_of
 from .centre import find_centre
 from .evaluate import THOROUGH, Effort, runs_of_a_search
 from .findings import Checked, findings_of, verdict_of
@@ -84,19 +85,20 @@ def check(
         prior_runs = draws, problem.simulate_many(draws)
     if all(run is None for run in prior_runs[1]):
         raise FlightcalError(f"none of {len(draws)} simulations at prior draws finishes; see 'flightcal simulate'")
+    sampled = as_sampled(problem)
     with progress.stage("search of the mode") as searching:
-        centre = find_centre(problem, prior_runs, effort.searches, seed, searching)
-    found = identifiability(problem, centre.z, centre.hessian)
+        centre = find_centre(sampled, prior_runs, effort.searches, seed, searching)
+    found = identifiability(sampled, centre.z, centre.hessian)
     with progress.stage("unmodelled heat"):
         heat = beside_heat(problem, centre.z)
     with progress.stage("sensitivity", 1.0) as measuring:
         indices = sensitivity(problem, centre.z, effort, seed, prior_runs, measuring)
     with progress.stage("scans and gradient") as scanning:
-        smooth = smoothness(problem, centre, effort, seed, gradient=not needs_emulator(problem), progress=scanning)
+        smooth = smoothness(sampled, centre, effort, seed, gradient=not needs_emulator(problem), progress=scanning)
     profiled = []
     for name in profiles:
         with progress.stage(f"profile of {name}", 1.0) as profiling:
-            profiled.append(profile(problem, centre, name, profiling))
+            profiled.append(profile(sampled, centre, name, profiling))
     return Checked(
         infos=infos,
         suspects=suspected or Suspects(),
@@ -110,6 +112,12 @@ def check(
         starts={own.label: own.start for own in problem.windows},
         budget=_budget(problem, effort),
     )
+
+
+def as_sampled(problem: Problem) -> Problem:
+    """The problem as a calibration samples it: beside unmodelled heat, heaters are driven by their measured status."""
+    windows = problem.windows if heat_of(problem.scenario) is None else sampled_windows(problem)
+    return problem if windows is problem.windows else replace(problem, windows=windows, open_loop=None)
 
 
 def _budget(problem: Problem, effort: Effort) -> str:

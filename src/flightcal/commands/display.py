@@ -3,9 +3,11 @@
 from __future__ import annotations
 
 import math
+import shlex
 from collections.abc import Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass
+from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import rich.progress
@@ -98,14 +100,14 @@ def print_summary(summary: Summary, console: Console | None = None) -> None:
     for window, found in summary.unseen.items():
         if words := unseen_in_words(found):
             say(console, f"{window}: {words}", "yellow")
-    print_verdict(summary.verdict.record, console)
+    print_verdict(summary.verdict.record, summary.run, console)
     if rows := chosen(summary.parameters, every=False):
         console.print(parameter_table(rows))
     say(console, f"report: {summary.report}")
 
 
-def print_verdict(verdict: Mapping[str, Any], console: Console) -> None:
-    """What the run can be used for, the three answers, and what to do next: as the page has it.
+def print_verdict(verdict: Mapping[str, Any], run: Path, console: Console) -> None:
+    """What the run can be used for, the three answers, and what to do next: as the page has it, but with the folder.
 
     verdict: content of verdict.json.
     """
@@ -116,7 +118,8 @@ def print_verdict(verdict: Mapping[str, Any], console: Console) -> None:
     say(console, verdict["use"], style)
     for answer in verdict["answers"]:
         say(console, f"  {answer['question']} {MARKS[answer['state']]}: {answer['answer']}")
-    say(console, f"  next: {verdict['next']}")
+    here = f" {shlex.quote(str(run / 'scenario.yaml'))} --out {shlex.quote(str(run))}/"
+    say(console, f"  next: {verdict['next'].replace(' scenario.yaml --out ', here)}")
 
 
 def _print_scores(metrics: Sequence[Metric], console: Console) -> None:

@@ -20,7 +20,7 @@ from ..errors import TelemetryError
 if TYPE_CHECKING:
     import xarray
 
-    from ..telemetry import FoundModes, FoundPacket
+    from ..telemetry import FoundColumn, FoundModes, FoundPacket
 
 _PLAIN = re.compile(r"[A-Za-z][\w.-]*( [A-Za-z][\w.-]*)*")
 _WORDS = ("on", "off", "yes", "no", "true", "false", "null", "y", "n")
@@ -59,8 +59,11 @@ _ABOUT = 0.15
 _SHORTEST_WORD = 3
 """Letters that a heater's name and its node's have in common, such as bat of battery."""
 _ICE_POINT = 273.15
+_COLD, _WARM = -20, 60
+"""degC, that stand for the lowest and the highest of raw readings."""
 _TIMELINE = "timeline.csv"
 _LEFT_OUT = "for another time column write a packet of its own, for words of a heater's status `on` and `off`"
+_NO_UNIT = "no unit, so measured inputs; of a temperature write `kind: temperature` and its unit"
 _HEAD = """\
 # A scenario for your telemetry. What the files tell is written. What says PLACEHOLDER is a guess: write yours.
 #     flightcal lint {folder}/scenario.yaml
@@ -77,10 +80,19 @@ _Stretch = tuple[np.datetime64, np.datetime64]
 class _Channel(NamedTuple):
     name: str
     packet: str
-    column: str
-    kind: str
-    unit: str | None
-    on_above: str | None
+    found: FoundColumn
+
+    @property
+    def column(self) -> str:
+        return self.found.name
+
+    @property
+    def kind(self) -> str:
+        return self.found.kind
+
+    @property
+    def unit(self) -> str | None:
+        return self.found.unit
 
 
 def draft(folder: Path, files: Sequence[Path]) -> tuple[dict[str, str], list[str]]:
@@ -111,6 +123,9 @@ def draft(folder: Path, files: Sequence[Path]) -> tuple[dict[str, str], list[str
         title = f"{', '.join(file.name for file in packet.files)}{f' ({packet.sheet})' if packet.sheet else ''}"
         clock = ", ".join(f"'{name}'" for name in packet.clock)
         notes.append(f"{title}: times in {clock} ({written}); channels: {counts}")
+        bare = [f"'{column.name}'" for column in packet.columns if column.kind == "driver" and column.unit == "1"]
+        if bare:
+            notes.append(f"{title}: {', '.join(bare)}: {_NO_UNIT}")
         if packet.left_out:
             left_out = ", ".join(f"'{column}'" for column in packet.left_out)
             notes.append(f"{title}: left out {left_out}: {_LEFT_OUT}")
@@ -149,9 +164,10 @@ def _channels(names: Mapping[str, FoundPacket]) -> list[_Channel]:
     channels = []
     for packet_name, packet in names.items():
         for column in packet.columns:
-            name = _unique(_slug(column.name), taken)
+            bit = "" if column.bit is None else f"_{column.bit}"
+            name = _unique(f"{_slug(column.name)}{bit}", taken)
             taken[name] = None
-            channels.append(_Channel(name, packet_name, column.name, column.kind, column.unit, column.on_above))
+            channels.append(_Channel(name, packet_name, column))
     return channels
 
 
@@ -187,11 +203,22 @@ def _telemetry(folder: Path | None, names: Mapping[str, FoundPacket], channels: 
     for channel in channels:
         packet_key = "" if single else f"packet: {channel.packet}, "
         unit = "" if channel.unit is None else f", unit: {_text(channel.unit) if channel.unit != '1' else 1}"
-        on_above = "" if channel.on_above is None else f", on_above: {channel.on_above}"
         lines.append(
-            f"    {channel.name}: {{{packet_key}column: {_text(channel.column)}{unit}, kind: {channel.kind}{on_above}}}"
+            f"    {channel.name}: {{{packet_key}column: {_text(channel.column)}{unit}, kind: {channel.kind}"
+            f"{_more(channel.found)}"
         )
     return "\n".join(lines) + "\n"
+
+
+def _more(column: FoundColumn) -> str:
+    """What says how a column is read, the bracket that ends it, and a comment."""
+    if column.raw is not None:
+        low, high = column.raw
+        guess = f"[[{low:g}, {_COLD} degC], [{high:g}, {_WARM} degC]]"
+        return f", curve: {guess}}}  # PLACEHOLDER: what the raw readings of {column.name} mean"
+    if column.bit is not None:
+        return f", bits: {column.bit}}}"
+    return "}" if column.on_above is None else f", on_above: {column.on_above}}}"
 
 
 def _time(packet: FoundPacket, names: Mapping[str, FoundPacket]) -> str:
@@ -263,7 +290,7 @@ def _rest(dataset: xarray.Dataset, channels: Sequence[_Channel], modes: FoundMod
         *(["  heaters:"] if heaters else []),
     ]
     for name in heaters:
-        node = _node_of(name, nodes)
+        node = _node_of(name, nodes) or _switching(dataset, name, nodes)
         low, high = _thresholds(dataset["time"].values, dataset[node].values, dataset[name].values)
         lines.append(
             f"    {name}: {{node: {node}, power: 10 W, sensor: {node}, on_below: {low} degC, off_above: {high} degC, "
@@ -305,18 +332,30 @@ def _rest(dataset: xarray.Dataset, channels: Sequence[_Channel], modes: FoundMod
     return "\n".join(lines) + "\n"
 
 
-def _node_of(heater: str, nodes: Sequence[str]) -> str:
-    """The node whose name is most like the heater's, first in the words that few nodes have."""
+def _node_of(heater: str, nodes: Sequence[str]) -> str | None:
+    """The node whose name is most like the heater's, first in the words that few nodes have; None: no word is."""
     words = {node: set(node.split("_")) for node in nodes}
     often = {word for own in words.values() for word in own if sum(word in other for other in words.values()) > 1}
     telling = set(heater.split("_")) - often - {"heater", "htr"}
 
     def likeness(node: str) -> tuple[int, float]:
         alike = (_begins_alike(one, other) for one, other in product(telling, words[node]))
-        longest = max(alike, default=0)
-        return longest if longest >= _SHORTEST_WORD else 0, difflib.SequenceMatcher(None, heater, node).ratio()
+        return max(alike, default=0), difflib.SequenceMatcher(None, heater, node).ratio()
 
-    return max(nodes, key=likeness)
+    best = max(nodes, key=likeness)
+    return best if likeness(best)[0] >= _SHORTEST_WORD else None
+
+
+def _switching(dataset: xarray.Dataset, heater: str, nodes: Sequence[str]) -> str:
+    """The node that is coldest when the heater comes on, and warmest when it goes off, in shares of all it shows."""
+
+    def swing(node: str) -> tuple[float, float]:
+        on, off = _at_switches(dataset["time"].values, dataset[node].values, dataset[heater].values)
+        cold, warm = np.nanquantile(dataset[node].values, (0.05, 0.95))
+        share = (off - on) / (warm - cold) if np.isfinite(on + off) and warm > cold else -1.0
+        return share, difflib.SequenceMatcher(None, heater, node).ratio()
+
+    return max(nodes, key=swing)
 
 
 def _begins_alike(one: str, other: str) -> int:
@@ -355,19 +394,25 @@ def _overlaps(ones: Sequence[_Stretch], others: Sequence[_Stretch]) -> list[_Str
 
 
 def _thresholds(times: np.ndarray, kelvins: np.ndarray, status: np.ndarray) -> tuple[str, str]:
-    """Two thresholds, degC: what a channel reads when a status changes, else within what it shows.
+    """Two thresholds, degC: what a channel reads when a status changes, else within what it shows."""
+    on, off = _at_switches(times, kelvins, status)
+    low, high = (on, off) if on < off else np.nanquantile(kelvins - _ICE_POINT, (0.1, 0.5))
+    return f"{low:.1f}", f"{max(high, low + 1.0):.1f}"
+
+
+def _at_switches(times: np.ndarray, kelvins: np.ndarray, status: np.ndarray) -> tuple[float, float]:
+    """What a channel reads, degC, when a status becomes on, and off; NaN: it does not become both.
 
     The two may come in packets of their own, at different times.
     """
-    celsius, read, known = kelvins - _ICE_POINT, np.isfinite(kelvins), np.isfinite(status)
+    read, known = np.isfinite(kelvins), np.isfinite(status)
     turns = np.diff((status[known] > 0.5).astype(int))
-    low, high = np.nanquantile(celsius, (0.1, 0.5))
-    if (turns > 0).any() and (turns < 0).any():
-        seconds = (times - times[0]) / np.timedelta64(1, "s")
-        then = np.interp(seconds[known], seconds[read], celsius[read])[1:]
-        on, off = (float(np.median(then[turns == sign])) for sign in (1, -1))
-        low, high = (on, off) if on < off else (low, high)
-    return f"{low:.1f}", f"{max(high, low + 1.0):.1f}"
+    if not ((turns > 0).any() and (turns < 0).any()):
+        return np.nan, np.nan
+    seconds = (times - times[0]) / np.timedelta64(1, "s")
+    then = np.interp(seconds[known], seconds[read], kelvins[read] - _ICE_POINT)[1:]
+    on, off = (float(np.median(then[turns == sign])) for sign in (1, -1))
+    return on, off
 
 
 def _slug(text: str) -> str:

@@ -35,7 +35,7 @@ def print_run(folder: Path, console: Console, *, every: bool = False) -> None:
 
     kept = read_kept(folder)
     say(console, kept.title)
-    print_verdict(kept.verdict, console)
+    print_verdict(kept.verdict, folder, console)
     rows = chosen(kept.parameters, every)
     if rows:
         console.print(parameter_table(rows))

@@ -13,7 +13,7 @@ from ..probability import Priors, heater_status, measured_switches, residual_mod
 from ..reduction import initial_given
 from ..reduction import load as load_reduced
 from ..scenario import ExternalModel, Normal, Prior, Scenario, SimulatorModel, heat_of, is_trained, load_driver
-from ..simulator import ICE_POINT, FloatArray, open_loop
+from ..simulator import ICE_POINT, FloatArray, NetworkSimulator, open_loop
 from ..telemetry import driver_gaps, driver_series, select_window, usual_interval, window_bounds
 from .entries import entries_of
 from .problem import Problem
@@ -75,6 +75,16 @@ def build_window(scenario: Scenario, telemetry: xarray.Dataset, name: str, *, sp
         return priors.sample(np.random.default_rng(_SEED_OF_STEPS), _DRAWN)
 
     simulator = build_simulator(scenario, telemetry, start, end, times, period=period, tried=tried)
+    if (
+        isinstance(simulator, NetworkSimulator)
+        and channels
+        and simulator.accuracy
+        and np.isnan(simulator.accuracy.error)
+    ):
+        raise ScenarioError(
+            f"windows.{name}: found no simulation that stays finite at draws of the priors, expected some: numbers or "
+            f"priors are off by far{_largest_heat(simulator)}"
+        )
     residuals, of_residuals = residual_model(
         scenario, simulator.channels, times, observed, checked=is_trained(name) and span is None
     )
@@ -100,6 +110,19 @@ def build_window(scenario: Scenario, telemetry: xarray.Dataset, name: str, *, sp
         bridged=_bridged(scenario, telemetry, start, end),
         course=_course(scenario, telemetry, start, end),
     )
+
+
+def _largest_heat(simulator: NetworkSimulator) -> str:
+    """The load, heater or mode that heats most, as the scenario writes it, in words; nothing: there is none."""
+    inputs, columns, heats = simulator.drive.inputs, simulator.network.columns, {}
+    for path, value in zip(simulator.network.paths, simulator.mapping.written.tolist(), strict=True):
+        block, name, *_ = path.split(".")
+        if block == "loads":
+            heats[path] = abs(value) * float(np.abs(inputs[:, :, columns.index(f"driver.{name}")]).max())
+        elif block == "modes" or (block == "heaters" and path.endswith(".power")):
+            heats[path] = abs(value)
+    most = max(heats, key=lambda path: heats[path], default="")
+    return f"; the largest heat is up to {heats[most]:.3g} W, from '{most}'" if most else ""
 
 
 def _course(scenario: Scenario, telemetry: xarray.Dataset, start: np.datetime64, end: np.datetime64) -> Course | None:

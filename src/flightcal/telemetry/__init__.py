@@ -5,7 +5,7 @@ Imports: environment, errors, scenario.
 
 from .bridges import bridged
 from .clean import usual_interval
-from .detect import FoundPacket, detect
+from .detect import FoundColumn, FoundPacket, detect
 from .drivers import (
     SHORT_GAP,
     driver_corners,

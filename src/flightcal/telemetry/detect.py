@@ -35,7 +35,15 @@ _UNITS = re.compile(r"(?i)^units?$")
 """Columns of a file with a row for each reading."""
 _LEVELS = 5
 """A word of few bits, which has no unit, has fewer values."""
-_TEMPERATURE_NAME = re.compile(r"(?i)temp|therm|^t$|^tt?[_.\d-]|[_. ]tt?\d*([_ ][ckf])?$|^pt\d|deg\.? ?c|°c")
+_TEMPERATURE_NAME = re.compile(r"(?i)temp|therm|thm|tmp|^t$|^tt?[_.\d-]|[_. ]tt?\d*([_ /][ckf])?$|^pt\d|deg\.? ?c|°c")
+_KELVIN_NAME = re.compile(r"[_ ./]K$")
+_KELVINS = (150.0, 450.0)
+"""Of a satellite: what ends in K and is between these is a temperature."""
+_CELSIUSES = (-200.0, 200.0)
+"""What is called a temperature, and is neither between these nor those, are raw readings."""
+_WORD_NAME = re.compile(r"(?i)(htr|heater).*(word|bits|mask|flags)|(word|bits|mask|flags).*(htr|heater)")
+_MOST_BITS = 8
+"""Of a word that heaters switch; where more change, it is a counter."""
 # A last letter alone is more often the name of a branch than a unit.
 _UNIT = re.compile(r"[\[(]\s*([^\[\]()]+?)\s*[\])]|[_ ](degC|mA|mV|mW|kW|deg)$")
 _CELSIUS = {"c": "degC", "deg c": "degC", "deg. c": "degC", "degc": "degC", "°c": "degC", "celsius": "degC"}
@@ -51,6 +59,10 @@ class FoundColumn:
     """null: of a status that is no number."""
     on_above: str | None = None
     """Of a status that is a heater's current or power: between its two levels, with the unit."""
+    raw: tuple[float, float] | None = None
+    """Lowest and highest of a temperature's readings that are no degC or K, such as counts of a converter."""
+    bit: int | None = None
+    """Of a status that is a bit of a word."""
 
 
 @dataclass(frozen=True)
@@ -195,7 +207,7 @@ def _packet(file: Path, source: Source) -> FoundPacket:
         found,
         first,
         last,
-        tuple(column for column in columns.values() if column),
+        tuple(part for name, column in columns.items() if column for part in _bits(column, table[name])),
         source.header,
         fine or None,
         tuple(name for name, column in columns.items() if column is None and head[name].null_count < len(head[name])),
@@ -272,11 +284,29 @@ def _column(name: str, column: pa.ChunkedArray, source: Source, said: str | None
     unit = _known(said or "") or _unit(name)
     if unit is not None and is_temperature(unit):
         return FoundColumn(name, "temperature", unit)
-    if unit is None and _TEMPERATURE_NAME.search(name):
-        return FoundColumn(name, "temperature", "K" if np.median(values) > 150 else "degC")
+    middle = float(np.median(values))
+    in_kelvins = _KELVINS[0] < middle < _KELVINS[1]
+    if unit is None and (_TEMPERATURE_NAME.search(name) or (in_kelvins and _KELVIN_NAME.search(name))):
+        if not in_kelvins and not _CELSIUSES[0] < middle < _CELSIUSES[1]:
+            low, high = np.quantile(values, (0.02, 0.98))
+            return FoundColumn(name, "temperature", None, raw=(float(low), float(max(high, low + 1.0))))
+        return FoundColumn(name, "temperature", "K" if in_kelvins else "degC")
     if _HEATER_NAME.search(name) and (level := _between_levels(values, unit)) is not None:
         return FoundColumn(name, "status", unit or "1", f"{level:.3g} {unit or ''}".strip())
     return FoundColumn(name, "driver", unit or "1")
+
+
+def _bits(column: FoundColumn, cells: pa.ChunkedArray) -> Iterator[FoundColumn]:
+    """The column; in its place, of a word of heaters, each bit that changes."""
+    changing: list[int] = []
+    if column.kind == "driver" and _WORD_NAME.search(column.name) and pa.types.is_integer(cells.type):
+        words = np.unique(cells.drop_null().to_numpy())
+        changed = int(np.bitwise_or.reduce(words) ^ np.bitwise_and.reduce(words))
+        changing = [bit for bit in range(changed.bit_length()) if changed >> bit & 1]
+    if 0 < len(changing) <= _MOST_BITS:
+        yield from (FoundColumn(column.name, "status", None, bit=bit) for bit in changing)
+    else:
+        yield column
 
 
 def _between_levels(values: NDArray[np.float64], unit: str | None) -> float | None:

@@ -1,7 +1,9 @@
 """Simple ways in which a scenario and its telemetry may not belong together; one module and one line here a family."""
 
 from collections.abc import Iterator
+from contextlib import suppress
 
+from ...simulator import SimulationFailure
 from ..view import View
 from . import channels, clocks, faces, heat, orbit, slow, written
 from .written import BLOCKS, fixed_numbers
@@ -11,9 +13,10 @@ _WRONGS = tuple(wrong for family in (channels, clocks, faces, heat, orbit, slow,
 
 
 def all_wrongs(view: View) -> Iterator[Wrong]:
-    """Every simple wrong that can be tried on a view."""
+    """Every simple wrong that can be tried on a view: of a family, up to one for which a simulation fails."""
     for wrongs in _WRONGS:
-        yield from wrongs(view)
+        with suppress(SimulationFailure):
+            yield from wrongs(view)
 
 
 __all__ = ["BLOCKS", "Words", "Wrong", "all_wrongs", "fixed_numbers", "multiplied"]

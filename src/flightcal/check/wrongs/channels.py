@@ -8,7 +8,7 @@ from itertools import combinations, permutations, product
 
 import numpy as np
 
-from ...report import number
+from ...report import listed, number
 from ...simulator import ICE_POINT, FloatArray
 from ..evidence import Fit, Scale
 from ..view import View
@@ -22,14 +22,16 @@ _CURVE = 6.0
 """K, prior deviation of a channel's curve at both ends of what it reads."""
 _BEND = 1.5
 """K, from which a curve is worth a word."""
-_GAIN = 0.3
-"""Prior deviation of a channel's gain from one."""
+_GAIN, _MOST_GAIN = 0.3, 0.8
+"""Prior deviation of a channel's gain from one; by how much a gain is off at most that is no unit."""
 _STRANGE, _STRANGE_TIME = ((15.0, 4.0), (5.0, 25.0)), 2400.0
 """K, deviations of mean and wandering of a channel that is not of this satellite; s, its correlation time."""
 _PART = 0.25
 """Share of the way to another node, from which a channel is between."""
 _COLDEST, _HOTTEST = 100.0, 500.0
 """K, that a satellite may be."""
+_MOST_SWAPPED = 10
+"""Channels, of which any three may be each other's."""
 _MOST_NODES = 15
 """Of a network whose channels are tried at every node."""
 
@@ -66,7 +68,9 @@ def gains(view: View) -> Iterator[Wrong]:
                 f"Check the sensor's calibration curve; or write 'observations: {{{channel}: {{gain: {gain:.3f}}}}}'",
             )
 
-        yield Wrong("gain", channel, words, columns=column, least=0.1 / _GAIN, tries=len(view.channels))
+        yield Wrong(
+            "gain", channel, words, columns=column, least=0.1 / _GAIN, most=_MOST_GAIN / _GAIN, tries=len(view.channels)
+        )
 
 
 def curves(view: View) -> Iterator[Wrong]:
@@ -108,7 +112,7 @@ def drifts(view: View) -> Iterator[Wrong]:
 
 
 def swaps(view: View) -> Iterator[Wrong]:
-    """Two channels are each other's, or one is of another's node."""
+    """Two or three channels are each other's, or all are their neighbours'."""
     pairs = list(combinations(range(len(view.channels)), 2))
     for a, b in pairs:
         order = np.arange(len(view.channels))
@@ -120,6 +124,20 @@ def swaps(view: View) -> Iterator[Wrong]:
             f"Exchange 'column' of {first} and {second} in 'telemetry: channels' (or their nodes in 'observations')",
         )
         yield Wrong("swapped", first, words, observed=view.observed[:, order], tries=len(pairs))
+    trios = list(permutations(range(len(view.channels)), 3)) if 3 < len(view.channels) <= _MOST_SWAPPED else []
+    for trio in trios:
+        # Of the six orders of three, two are turns; each begins with its first channel once.
+        if trio[0] != min(trio):
+            continue
+        names, observed = [view.channels[k] for k in trio], view.observed.copy()
+        observed[:, trio] = view.observed[:, np.roll(trio, -1)]
+        words = Words(
+            f"{listed(names)} are each other's",
+            f"With the readings of {names[1]} for {names[0]}, of {names[2]} for {names[1]} and of {names[0]} for "
+            f"{names[2]}, the model explains the telemetry.",
+            f"Check 'column' of {listed(names)} in 'telemetry: channels'",
+        )
+        yield Wrong("swapped", " ".join(names), words, observed=observed, tries=len(trios) / 3.0)
     for shift in (-1, 1) if len(view.channels) > 2 else ():
         words = Words(
             "Every channel is its neighbour's",

@@ -1,17 +1,22 @@
-"""Time tags that are late or early: of all telemetry, of the status, of one channel."""
+"""Time tags that are late or early: of all telemetry, of the status, of one channel, driver or packet."""
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Collection, Iterator, Sequence
+from dataclasses import replace
 from functools import partial
 from itertools import product
 
 import numpy as np
 
+from ...errors import FlightcalError
+from ...problem import Window
 from ...report import listed, number
+from ...scenario import load_driver
 from ...simulator import FloatArray
+from ...telemetry import driver_series
 from ..view import REACH, ZONES, View
-from .wrong import SHIFT, SHIFTS, Words, Wrong, closer, driven_otherwise, duration, status_channels
+from .wrong import SHIFT, SHIFTS, Words, Wrong, closer, driven, driven_otherwise, duration, put, status_channels
 
 _ZONES = tuple(h for k in range(1, round(ZONES / 1800.0) + 1) for h in (-1800.0 * k, 1800.0 * k) if abs(h) > REACH)
 """s, between a time zone and UTC."""
@@ -112,34 +117,117 @@ def _shifted(view: View, channel: str, late: float) -> FloatArray:
 
 
 def channel_clocks(
+    view: View, seconds: Sequence[float] | FloatArray = _FEW_SHIFTS, only: str | None = None
+) -> Iterator[Wrong]:
+    """Time tags of a channel are late or early, by more than what lies between two of its samples."""
+    known = view.channels if len(view.channels) > 1 else ()
+    tried = {name: view.apart([name]) for name in known if only in (None, name)}
+    for late in map(float, seconds):
+        moved = view.readings(late)
+        for name, least in tried.items():
+            observed = _moved(view, moved, [view.channels.index(name)]) if abs(late) >= least else None
+            if observed is None:
+                continue
+            words = Words(
+                f"{name} is {duration(late)} {'late' if late > 0 else 'early'}",
+                f"Moved by {duration(late)}, {name} alone, all channels agree with the model.",
+                f"Check the time tags of {name}; or write 'time_offset: {-late:.0f} s' in its 'observations'",
+            )
+            near = partial(channel_clocks, view, closer(late, 240.0), name)
+            tries = len(_FEW_SHIFTS) * len(known)
+            yield Wrong("channel clock", name, words, observed, tries=tries, closer=near)
+
+
+def _moved(view: View, moved: FloatArray, own: Sequence[int]) -> FloatArray | None:
+    """Telemetry [t, N] with some channels moved in time; None: too few of their samples are left."""
+    observed = view.observed.copy()
+    observed[:, own] = moved[:, own]
+    left = np.isfinite(moved).sum(0)
+    return None if len(own) and left[own].min() < 0.7 * left.max() else observed
+
+
+def packet_clocks(
     view: View, seconds: Sequence[float] | FloatArray = (*_FEW_SHIFTS, *_HOURS), only: str | None = None
 ) -> Iterator[Wrong]:
-    """Time tags of a channel, or of a packet's, are late or early, by more than what lies between two samples."""
-    groups = {channel: [k] for k, channel in enumerate(view.channels)}
-    of_packets = [view.window.scenario.telemetry.channels[channel].packet for channel in view.channels]
-    for packet in {own for own in of_packets if own and of_packets.count(own) > 1}:
-        groups[f"packet {packet}"] = [k for k, other in enumerate(of_packets) if other == packet]
-    tried = {name: own for name, own in groups.items() if only in (None, name) and len(own) < len(view.channels)}
-    channels = {name: [view.channels[k] for k in own] for name, own in tried.items()}
-    least = {name: view.apart(named) for name, named in channels.items()}
-    readings = {late: view.readings(late) for late in map(float, seconds)}
-    for (late, moved), (name, own) in product(readings.items(), tried.items()):
-        if abs(late) < least[name] or (len(own) == 1 and abs(late) >= min(map(abs, _HOURS))):
+    """Time tags of a packet are late or early: of its temperatures, status and drivers, beside all that is not its."""
+    scenario = view.window.scenario
+    statuses, drivers = set(status_channels(view).values()), _drivers(view)
+    used = [*view.channels, *sorted(statuses), *sorted(drivers)]
+    packets: dict[str, list[str]] = {}
+    for name in used:
+        packets.setdefault(scenario.telemetry.channels[name].packet or "", []).append(name)
+    # One channel alone, all status, or all telemetry is looked at elsewhere.
+    tried = {
+        packet: own
+        for packet, own in packets.items()
+        if packet and only in (None, packet) and 1 < len(own) < len(used) and set(own) != statuses
+    }
+    for (packet, own), late in product(tried.items(), map(float, seconds)):
+        observed = _moved(view, view.readings(late), [k for k, name in enumerate(view.channels) if name in own])
+        if observed is None or abs(late) < view.apart(own):
             continue
-        observed = view.observed.copy()
-        observed[:, own] = moved[:, own]
-        if np.isfinite(moved[:, own]).sum(0).min() < 0.7 * np.isfinite(moved).sum(0).max():
+        try:
+            window = _with_late(view, own, late)
+        except (FlightcalError, ValueError):
             continue
         words = Words(
-            f"{name} is {duration(late)} {'late' if late > 0 else 'early'}",
-            f"Moved by {duration(late)}, {name} alone, all channels agree with the model.",
-            f"Check the time tags of {name}; or write 'time_offset: {-late:.0f} s' in 'observations' of each channel",
+            f"packet {packet} is {duration(late)} {'late' if late > 0 else 'early'}",
+            f"Moved by {duration(late)}, this packet alone, all channels agree with the model.",
+            f"Check the time column of packet {packet}: its zone, its epoch, its leap seconds",
         )
-        yield Wrong(
-            "channel clock", " ".join(channels[name]), words, observed, tries=len(_FEW_SHIFTS) * len(groups),
-            closer=partial(channel_clocks, view, closer(late, 240.0), name),
-        )  # fmt: skip
+        near = partial(packet_clocks, view, closer(late, 240.0), packet)
+        tries = len(_FEW_SHIFTS) * len(packets)
+        yield Wrong("channel clock", " ".join(own), words, observed, window, tries=tries, closer=near)
 
 
-WRONGS = (clocks, zones, rates, status_clocks, channel_clocks)
+def driver_clocks(
+    view: View, seconds: Sequence[float] | FloatArray = _FEW_SHIFTS, only: str | None = None
+) -> Iterator[Wrong]:
+    """Time tags of a driver are late or early, by more than what lies between two of its samples."""
+    drivers = _drivers(view)
+    for driver, late in product(sorted(drivers), map(float, seconds)):
+        if only not in (None, driver) or abs(late) < view.apart([driver]):
+            continue
+        try:
+            window = _with_late(view, [driver], late)
+        except (FlightcalError, ValueError):
+            continue
+        words = Words(
+            f"The driver {driver} is {duration(late)} {'late' if late > 0 else 'early'}",
+            f"Temperatures follow it {duration(late)} {'before' if late > 0 else 'after'} it changes.",
+            f"Check the time tags of {driver}",
+        )
+        near = partial(driver_clocks, view, closer(late, 240.0), driver)
+        tries = len(_FEW_SHIFTS) * len(drivers)
+        yield Wrong("driver clock", driver, words, window=window, tries=tries, closer=near)
+
+
+def _drivers(view: View) -> set[str]:
+    """Channels that loads follow."""
+    return {load.driver for load in view.window.scenario.network.loads.values()}
+
+
+def _with_late(view: View, channels: Collection[str], late: float) -> Window:
+    """The view's window with the status and the drivers among some channels as they are so much later.
+
+    Before the first sample and after the last they stay. Raises TelemetryError.
+    """
+    scenario, columns = view.window.scenario, view.network.network.columns
+    statuses = [name for name in status_channels(view).values() if name in channels]
+    data = view.telemetry.assign({name: ("time", _shifted(view, name, late)) for name in statuses})
+    window = driven(view, telemetry=data if statuses else None)
+    simulator = window.network
+    assert simulator is not None
+    inputs, grid = simulator.drive.inputs.copy(), simulator.drive.times
+    for name, load in scenario.network.loads.items():
+        if load.driver in channels:
+            channel = scenario.telemetry.channels[load.driver]
+            times = view.telemetry["time"].to_numpy()[np.isfinite(view.telemetry[load.driver].to_numpy())]
+            at = np.clip(view.utc(grid + late), times[0], times[-1])
+            values = driver_series(view.telemetry, load.driver, at, fill=channel.fill, period=view.window.period)
+            put(inputs, columns, grid, {f"driver.{name}": load_driver(load, channel)(values)}, grid)
+    return replace(window, simulator=replace(simulator, drive=replace(simulator.drive, inputs=inputs)))
+
+
+WRONGS = (clocks, zones, rates, status_clocks, channel_clocks, packet_clocks, driver_clocks)
 """What looks for them."""

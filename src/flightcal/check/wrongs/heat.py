@@ -116,9 +116,12 @@ def useless_statuses(view: View) -> Iterator[Wrong]:
     for name, _, channel in known_thermostats(view.window):
         heater, observation = view.window.scenario.network.switches[name], view.window.scenario.observations[channel]
         status = statuses_of.get(name, "")
-        on = obedient(view.telemetry[channel].to_numpy() - observation.bias, heater.on_below, heater.off_above)
-        if on is None or not status:
+        read = view.telemetry[channel].to_numpy() - observation.bias
+        valid = np.flatnonzero(np.isfinite(read))
+        obeyed = obedient(read[valid], heater.on_below, heater.off_above)
+        if obeyed is None or not status:
             continue
+        on = obeyed[np.maximum(np.searchsorted(valid, np.arange(len(read)), side="right") - 1, 0)]
         words = Words(
             f"The status of {name} is not of this heater",
             f"With {name} on and off as its thresholds and {channel} say, the model explains the telemetry; its status "
@@ -205,7 +208,9 @@ def modes(view: View) -> Iterator[Wrong]:
                     f"Check 'modes: {mode}: {node}', and that the timeline is of this flight",
                 )
 
-            least = max(0.5 * abs(written), 0.15 * flow) / size
+            # What all modes have in common is no matter of the mode.
+            common = min(own.get(node, 0.0) for own in model.modes.values())
+            least = max(0.5 * abs(written - common), 0.15 * flow) / size
             yield Wrong("mode", mode, words, columns=effect, least=least, tries=len(model.modes) * len(view.heat.nodes))
     if len({change.mode for change in model.timeline}) < 2:
         return
@@ -324,6 +329,7 @@ def drivers(view: View) -> Iterator[Wrong]:
     for name, load in loads.items():
         column = view.network.network.columns.index(f"driver.{name}")
         yield from _driver_of_any_size(view, name, column, len(loads))
+        yield from _driver_times(view, name, column, FEW_TIMES, len(loads))
         for factor in (-1.0, 0.0, *FACTORS):
             inputs = drive.inputs.copy()
             inputs[:, :, column] *= factor
@@ -351,14 +357,32 @@ def _driver_of_any_size(view: View, load: str, column: int, tries: float) -> Ite
     effect = view.response(view.window, view.middle, block.node, size * watts)
 
     def words(fit: Fit) -> Words:
-        times = 1.0 + size * float(fit.added[0])
-        return Words(
-            f"The heat of the driver {block.driver} is {number(times, 2)} times what the scenario says",
-            f"With {number(times, 2)} times {block.driver}, load {load} explains the telemetry.",
-            f"Check 'unit' of {block.driver} and 'coefficient' of load {load}",
-        )
+        return _of_driver(block.driver, load, 1.0 + size * float(fit.added[0]))
 
     yield Wrong("driver", block.driver, words, columns=effect, least=_POWER / size, tries=tries)
+
+
+def _driver_times(
+    view: View, load: str, column: int, factors: Sequence[float] | FloatArray, tries: float
+) -> Iterator[Wrong]:
+    """The same as the simulator has it: much more heat does not do so many times as much."""
+    driver = view.window.scenario.network.loads[load].driver
+    for factor in factors:
+        if abs(factor - 1.0) < _POWER:
+            continue
+        inputs = view.network.drive.inputs.copy()
+        inputs[:, :, column] *= factor
+        words, window = _of_driver(driver, load, factor), view.with_inputs(inputs)
+        near = partial(_driver_times, view, load, column, factor * 2.0 ** np.linspace(-0.4, 0.4, 7), tries)
+        yield Wrong("driver", driver, words, window=window, tries=tries, closer=near)
+
+
+def _of_driver(driver: str, load: str, times: float) -> Words:
+    return Words(
+        f"The heat of the driver {driver} is {number(times, 2)} times what the scenario says",
+        f"With {number(times, 2)} times {driver}, load {load} explains the telemetry.",
+        f"Check 'unit' of {driver} and 'coefficient' of load {load}",
+    )
 
 
 WRONGS = (statuses, heaters, useless_statuses, thresholds, modes, missing_heat, constant_heat, drivers)

@@ -103,7 +103,7 @@ def _other_orbit(
         return
     scenario = _elsewhere(view, orbit=orbit.model_copy(update={name: value}))
     words = Words(
-        "The orbit is another one",
+        f"The orbit has another {name.replace('_', ' ')}",
         f"The telemetry agrees with {name} {text}: its sunlight and eclipses are those of the telemetry.",
         f"Check 'environment: orbit' ({name}: {text})",
     )

@@ -18,13 +18,13 @@ from ..evidence import AS_READ, Fit, Scale
 from ..view import FINE, INFERRED, REACH, Memory, View
 
 Kind = Literal[
-    "clock", "status clock", "channel clock", "bias", "swapped", "unit", "other node", "unrelated",
+    "clock", "status clock", "channel clock", "driver clock", "bias", "swapped", "unit", "other node", "unrelated",
     "status inverted", "statuses swapped", "heater", "thresholds", "missing heat", "mode", "driver",
     "attitude", "orbit", "number", "link", "prior", "face", "gain", "drift", "curve", "slow", "between", "eclipse",
     "thermostat", "constant heat",
 ]  # fmt: skip
 _RARE: Mapping[Kind, float] = {
-    "orbit": 3.0, "face": 3.0, "unit": 3.0, "channel clock": 3.0, "slow": 3.0, "between": 3.0,
+    "orbit": 3.0, "face": 3.0, "unit": 3.0, "channel clock": 3.0, "driver clock": 3.0, "slow": 3.0, "between": 3.0,
     "constant heat": 5.0, "number": 5.0, "link": 5.0, "prior": 5.0, "unrelated": 10.0, "thresholds": 20.0,
     "thermostat": 30.0,
 }  # fmt: skip
@@ -72,6 +72,8 @@ class Wrong:
     """The entry whose prior is wider than written; the weight is then how far it is off, in deviations as written."""
     least: float = 0.0
     """Of the first column's weight: below, it is no wrong worth a word."""
+    most: float = np.inf
+    """Beyond, it is another wrong."""
     lacked: bool = False
     """Whether the first weight is of something that is not written: there is no less of it."""
     scale: Scale = AS_READ
@@ -84,7 +86,7 @@ class Wrong:
     def matters(self, fit: Fit) -> bool:
         """Whether its number is worth a word."""
         first = float(fit.added[0]) if self.least else 0.0
-        return (first if self.lacked else abs(first)) >= self.least
+        return self.least <= (first if self.lacked else abs(first)) <= self.most
 
     @property
     def odds(self) -> float:

@@ -6,6 +6,7 @@ import math
 from collections.abc import Iterator
 from pathlib import Path
 
+from ..blocks import readable
 from ..document import Location, Problem
 from ..environment import (
     AttitudeTimeline,
@@ -20,6 +21,8 @@ from ..reading import Reading
 from .common import channel_of_kind, file_exists
 
 _UNIT_LENGTH_TOLERANCE = 1e-3
+_FRESH = 30.0
+"""Days, after which drag has moved a low satellite by a good part of its orbit."""
 
 
 def check(reading: Reading, folder: Path) -> Iterator[Problem]:
@@ -34,6 +37,14 @@ def check(reading: Reading, folder: Path) -> Iterator[Problem]:
     if isinstance(orbit, (CircularOrbit, KeplerianOrbit)) and not 0 <= orbit.inclination <= math.pi:
         found = f"{math.degrees(orbit.inclination):g} deg"
         yield Problem(("environment", "orbit", "inclination"), f"found {found}, expected 0 deg to 180 deg")
+    if isinstance(orbit, (CircularOrbit, KeplerianOrbit)):
+        starts = [window.start for window in readable(reading.blocks.windows).values()]
+        days = max((abs((start - orbit.epoch).total_seconds()) / 86400.0 for start in starts), default=0.0)
+        if days > _FRESH:
+            message = (
+                f"found elements that are {days:.0f} days from a window, expected at most {_FRESH:.0f}: orbits change"
+            )
+            yield Problem(("environment", "orbit", "epoch"), message, warning=True)
     if isinstance(orbit, SampledOrbit):
         yield from file_exists(folder, orbit.positions, "a path", ("environment", "orbit", "positions"))
     here: Location = ("environment", "attitude")

@@ -20,6 +20,8 @@ LOST = 3
 """or it has found that none does where one seemed to."""
 
 LOCATION_ITERATIONS = 60
+MOST_LOST = 6
+"""Crossings that are met nowhere, of a segment: with more the solution is so wild that its end means nothing."""
 CROSSING_TOLERANCE = 1e-11  # K, on the sensor at the switch
 LOST_TOLERANCE = 1e-6  # K; a thermostat does not notice its sensor past the threshold for a moment by less
 
@@ -34,8 +36,8 @@ def decide(structure, measured, lanes, lane, step):
     if lanes.phase[lane] == WHOLE:
         lanes.heater[lane] = -1
         tolerance = 0.0
-        if lanes.settled[lane] > LOCATION_ITERATIONS:
-            return False  # a solution so wild that its end is past a threshold that is met nowhere
+        if lanes.settled[lane] > MOST_LOST:
+            return False
     elif _located(structure, measured, lanes, lane, step):
         # Strictly earlier than the one that was found, so that the two of a tie do not take turns.
         tolerance = CROSSING_TOLERANCE
@@ -50,7 +52,8 @@ def decide(structure, measured, lanes, lane, step):
         if k == lanes.heater[lane]:
             continue
         past = _past_threshold(structure, measured, lanes, lane, step.x1, k)
-        if past > tolerance:
+        # None is earlier than now: where all are past at once, each would give way to another for ever.
+        if past > tolerance and length > 0.0:
             crossing, slope = _estimate(structure, measured, lanes, lane, step, k, past)
             if chosen < 0 or crossing < first:
                 chosen, first, rate, high = k, crossing, slope, length
