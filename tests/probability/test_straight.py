@@ -82,3 +82,10 @@ def test_the_most_bent_come_first_and_straight_ones_are_left_out():
 def test_without_bounds_there_is_nothing_to_do():
     priors = Priors(("a", "b"), (LogNormal(median=1.0, factor=2.0), Normal(mean=0.0, standard_deviation=1.0)))
     assert straight(priors, np.zeros(2), np.eye(2)) is None
+
+
+def test_a_centre_on_a_bound_makes_nothing_straight():
+    centre = np.where(np.arange(5) == 1, 40.0, CENTRE)
+    found = straight(PRIORS, centre, np.eye(5))
+    assert 1 not in found.bounded
+    assert np.isfinite(found.to_z(centre + 1.0)).all()

@@ -92,7 +92,10 @@ def straight(priors: Priors, centre: Array, covariance: Array) -> Straight | Non
     bounded, deviations = priors.bounded, np.sqrt(np.diag(covariance))
     plain = Straight(priors, centre, bounded, np.zeros((len(centre), len(bounded))))
     ends = centre + _AROUND * np.multiply.outer([-1.0, 1.0], deviations)
-    off = np.abs(plain._bends(ends)[0]).max(axis=0) / deviations[bounded]
+    with np.errstate(divide="ignore", invalid="ignore"):
+        off = np.abs(plain._bends(ends)[0]).max(axis=0) / deviations[bounded]
+    # On a bound itself theta does not move at all.
+    off = np.where(np.isfinite(off), off, 0.0)
     bounded = bounded[np.argsort(-off, kind="stable")][: int((off > _SLIGHT).sum())]
     if not len(bounded):
         return None
