@@ -340,7 +340,7 @@ VARIANTS = (
     Variant("another altitude", "listed", _scenario(_altitude), ("orbit",)),
     Variant("a link left out", "listed", _scenario(_link_missing), ("link",)),
     Variant("no payload", "listed", _scenario(_no_payload), ("mode",)),
-    Variant("no bus power", "listed", _scenario(_no_bus_power), ("mode", "missing heat")),
+    Variant("no bus power", "listed", _scenario(_no_bus_power), ("mode", "missing heat", "constant heat")),
     Variant("a heater of half its power", "listed", _scenario(_half_power), ("heater", "number")),
     Variant("sunlight on a sensor", "unlisted", _table(_sun_on_a_sensor)),
     Variant("disturbed every 37 min", "unlisted", _table(_beating)),
