@@ -40,7 +40,7 @@ def test_telemetry_with_twice_the_noise_that_the_likelihood_takes_it_for_is_foun
     def noisier(problem, theta, rng):
         ((observed, status),) = simulate_telemetry(problem, theta, rng)
         simulated = problem.windows[0].simulate(theta).temperatures
-        return simulated + 2.0 * (observed - simulated), status
+        return [(simulated + 2.0 * (observed - simulated), status)]
 
     checks = ranked(tmp_path, 20, noisier)
     # The panel's noise is known to the likelihood, that of the body is inferred: too large.

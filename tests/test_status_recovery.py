@@ -48,6 +48,11 @@ def telemetry(scenario, placeholder, truth, rng):
     return data
 
 
+def deaf(problem):
+    """The problem without what its heaters' status says."""
+    return replace(problem, windows=tuple(replace(window, heater_status=None) for window in problem.windows))
+
+
 def repeat(folder, seed):
     """Ranks of the truth among the draws and standard deviations of these, of each parameter, with and without."""
     rng = np.random.default_rng(seed)
@@ -55,7 +60,7 @@ def repeat(folder, seed):
     priors = build_problem(scenario, placeholder).priors
     truth = dict(zip(priors.names, priors.sample(rng, 1)[0], strict=True))
     problem = build_problem(scenario, telemetry(scenario, placeholder, truth, rng))
-    without = replace(problem, heater_status=None, open_loop=replace(problem.open_loop, heater_status=None))
+    without = replace(deaf(problem), open_loop=deaf(problem.open_loop))
     names = [*scenario.parameters, "timing.heater_status"]
     found = []
     for case in (problem, without):
