@@ -199,13 +199,13 @@ def test_an_interruption_has_its_exit_code_whatever_becomes_of_it(tmp_path, mome
 
 
 def test_an_interruption_before_the_first_draw_has_the_exit_code_of_one(tmp_path, monkeypatch):
-    sample = methods.sample
+    sample = methods.sample_problem
 
     def cut(*given, **named):
         draws = sample(*given, **named)
         return dataclasses.replace(draws, z=draws.z[:, :0], interrupted=True)
 
-    monkeypatch.setattr(methods, "sample", cut)
+    monkeypatch.setattr(methods, "sample_problem", cut)
     scenario = write(tmp_path, nuts={"draws": 50, "warmup": 50})
     result = run(app, ["calibrate", str(scenario), "--out", str(tmp_path / "run")])
     assert result.exit_code == INTERRUPTED, result.output

@@ -3,8 +3,8 @@
 import numpy as np
 import pytest
 
-from flightcal.problem import build_problem, knots_of, sampled_windows, unit_heats
-from flightcal.scenario import HalfNormal, HalfStudentT
+from flightcal.problem import as_sampled, build_problem, knots_of, sampled_windows, unit_heats
+from flightcal.scenario import HalfNormal, HalfStudentT, Heat
 from flightcal.simulator import flow_through
 from flightcal.simulator.network import STEFAN_BOLTZMANN
 from tests import small
@@ -84,6 +84,24 @@ def test_a_switch_of_a_heater_whose_node_has_no_heat_is_not_uncertain(tmp_path):
 
 def test_with_a_measured_status_windows_are_sampled_in_open_loop(problem):
     assert sampled_windows(problem) is problem.open_loop.windows
+
+
+@pytest.fixture(scope="module")
+def flown(tmp_path_factory):
+    return small.closed_loop(tmp_path_factory.mktemp("flown"))
+
+
+def test_where_heat_is_learnt_heaters_are_driven_by_their_measured_status(flown):
+    scenario, data = flown
+    problem = build_problem(scenario.model_copy(update={"heat": Heat()}), data)
+    assert as_sampled(problem).windows is problem.open_loop.windows
+    assert as_sampled(problem).open_loop is None
+
+
+def test_without_heat_thermostats_act(flown):
+    scenario, data = flown
+    problem = build_problem(scenario.model_copy(update={"heat": "none"}), data)
+    assert as_sampled(problem) is problem
 
 
 def test_knots_cover_each_window_on_one_lattice(problem, model):

@@ -14,7 +14,7 @@ from ..simulator import FloatArray
 from .diagnostics import Diagnostics, diagnose
 from .enough import sample_enough
 from .mode import check_simulated, find_mode
-from .nuts import Draws, sample
+from .nuts import Draws, sample_problem
 from .posterior import Posterior, prior_scores
 from .with_heat import calibrate_with_heat
 
@@ -44,8 +44,7 @@ def calibrate_nuts(
         modes = find_mode(problem, starts, rng=rng, random_starts=random_starts, progress=search)
     check_simulated(modes)
     coordinates = problem.coordinates(modes[0].z)
-    density, native = problem.log_density_and_gradient, problem.native_density
-    sampler = partial(sample, density, native=native, progress=progress)
+    sampler = partial(sample_problem, problem, progress=progress)
 
     def judge(draws: Draws) -> tuple[FloatArray, Diagnostics]:
         theta = problem.to_theta(draws.z)

@@ -21,14 +21,14 @@ import threading
 import warnings
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager, suppress
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
 from ..errors import FlightcalError
-from ..problem import STOPPED, NativeDensity, Whitening
+from ..problem import STOPPED, NativeDensity, Problem, Whitening
 from ..progress import SILENT, Progress
 from ..scenario import NutsSettings
 from .nutpie_models import native_model, python_model
@@ -162,6 +162,21 @@ def sample(
                     sampler.cancel()
     drawn = [traces[chain] for chain in range(len(samplers))]
     return _collect(drawn, kept, densities, whitening, settings, interrupted.is_set())
+
+
+def sample_problem(
+    problem: Problem,
+    coordinates: Whitening,
+    settings: NutsSettings,
+    seed: int,
+    *,
+    progress: Progress = SILENT,
+    depth: int = MAXIMUM_DEPTH,
+) -> Draws:
+    """`sample` of a problem, compiled where it can be; of a size of heat no z is below zero."""
+    density, native = problem.log_density_and_gradient, problem.native_density
+    draws = sample(density, coordinates, settings, seed, native=native, progress=progress, depth=depth)
+    return replace(draws, z=problem.priors.unsigned(draws.z))
 
 
 class _Density:

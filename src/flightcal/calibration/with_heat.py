@@ -3,14 +3,13 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import replace
 from functools import partial
 
 import numpy as np
 from threadpoolctl import threadpool_limits
 
-from ..problem import Problem, Whitening, at_sizes, mixed, sampled_windows
-from ..progress import SILENT, Progress, about
+from ..problem import Problem, Whitening, as_sampled, at_sizes, mixed
+from ..progress import Progress, about
 from ..scenario import NutsSettings
 from ..simulator import FloatArray
 from .diagnostics import LINEAR, Diagnostics, Gate, diagnose, gate, with_gate
@@ -19,7 +18,7 @@ from .heat_check import HeatCheck, check_heat
 from .heat_point import HeatPoint, bend, draw_sizes, follow, moved, spread_sizes, start_with_heat
 from .heat_search import find_heat
 from .mode import check_simulated, climb, find_mode
-from .nuts import MAXIMUM_DEPTH, Draws, sample
+from .nuts import Draws, sample_problem
 from .posterior import Posterior, prior_scores
 from .rough import draws_in_turn, seconds_of_a_gradient
 
@@ -68,10 +67,9 @@ def calibrate_with_heat(
     The mode is sought without heat, in open loop where heaters have a measured status.
     """
     rng = np.random.default_rng(seed)
-    sampled = sampled_windows(problem)
-    simple = problem if sampled is problem.windows else replace(problem, windows=sampled, open_loop=None)
     with progress.stage("mode search") as search:
-        modes = find_mode(simple.independent(), starts, rng=rng, random_starts=random_starts, progress=search)
+        simple = as_sampled(problem).independent()
+        modes = find_mode(simple, starts, rng=rng, random_starts=random_starts, progress=search)
     check_simulated(modes)
     with progress.stage("unmodelled heat") as search:
         point = find_heat(problem, problem.to_theta(modes[0].z), progress=search)
@@ -103,7 +101,7 @@ def calibrate_with_heat(
         bent = 0.0
         point, heated, coordinates = found
         target = heated
-    sampler = partial(_sampled, target, progress=progress)
+    sampler = partial(sample_problem, target, progress=progress)
 
     def judge(draws: Draws) -> tuple[FloatArray, Diagnostics]:
         if found is None:
@@ -145,7 +143,7 @@ def _followed(
     for trial in range(_PILOTS):
         progress.at(trial / _PILOTS, f"where it is, trial {trial + 1}")
         coordinates = heated.coordinates(z)
-        pilot = _sampled(heated, coordinates, few, seed, depth=_PILOT_DEPTH)
+        pilot = sample_problem(heated, coordinates, few, seed, depth=_PILOT_DEPTH)
         if pilot.interrupted:
             raise KeyboardInterrupt
         if np.median(pilot.statistics["depth"]) >= _PILOT_DEPTH:
@@ -162,21 +160,6 @@ def _followed(
         if stays:
             break
     return point, heated, heated.coordinates(z)
-
-
-def _sampled(
-    problem: Problem,
-    coordinates: Whitening,
-    settings: NutsSettings,
-    seed: int,
-    *,
-    progress: Progress = SILENT,
-    depth: int = MAXIMUM_DEPTH,
-) -> Draws:
-    """Draws of a problem with heat, no z of a size below zero."""
-    density, native = problem.log_density_and_gradient, problem.native_density
-    draws = sample(density, coordinates, settings, seed, native=native, progress=progress, depth=depth)
-    return replace(draws, z=problem.priors.unsigned(draws.z))
 
 
 def _of_a_pilot(settings: NutsSettings) -> NutsSettings:

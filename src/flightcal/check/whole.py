@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, Final
 
@@ -11,11 +11,10 @@ import numpy as np
 
 from ..emulation import needs_emulator
 from ..errors import FlightcalError
-from ..problem import Problem, sampled_windows
+from ..problem import Problem, as_sampled
 from ..progress import SILENT, Progress
 from ..report import Finding, read_run
 from ..run import Run, Stage, plain, read_json, read_provenance, typed
-from ..scenario import heat_of
 from .centre import find_centre
 from .evaluate import THOROUGH, Effort, runs_of_a_search
 from .findings import Checked, findings_of, verdict_of
@@ -112,12 +111,6 @@ def check(
         starts={own.label: own.start for own in problem.windows},
         budget=_budget(problem, effort),
     )
-
-
-def as_sampled(problem: Problem) -> Problem:
-    """The problem as a calibration samples it: beside unmodelled heat, heaters are driven by their measured status."""
-    windows = problem.windows if heat_of(problem.scenario) is None else sampled_windows(problem)
-    return problem if windows is problem.windows else replace(problem, windows=windows, open_loop=None)
 
 
 def _budget(problem: Problem, effort: Effort) -> str:

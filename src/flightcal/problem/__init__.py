@@ -7,6 +7,7 @@ from .build import build_problem, build_window, initial_priors, initial_temperat
 from .coordinates import Whitening, whitening
 from .entries import Entry
 from .heat import (
+    as_sampled,
     at_sizes,
     dressed,
     exact_heat,

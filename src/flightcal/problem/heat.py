@@ -59,6 +59,12 @@ def sampled_windows(problem: Problem) -> tuple[Window, ...]:
     return opened.windows
 
 
+def as_sampled(problem: Problem) -> Problem:
+    """The problem with these windows, where its scenario has unmodelled heat."""
+    windows = problem.windows if heat_of(problem.scenario) is None else sampled_windows(problem)
+    return problem if windows is problem.windows else replace(problem, windows=windows, open_loop=None)
+
+
 def heat_in_prior(problem: Problem, windows: Sequence[Window] = ()) -> HeatModel | None:
     """Unmodelled heat as the priors have it, in windows (none: the problem's), where the scenario has it."""
     written, windows = heat_of(problem.scenario), windows or problem.windows

@@ -28,15 +28,19 @@ _HOURS = (-7200.0, -3600.0, 3600.0, 7200.0)
 """s, by which a packet may be of another zone; of one channel so much explains what is slow."""
 
 
+def _off(late: float) -> str:
+    """Late or early by how much, in words."""
+    return f"{duration(late)} {'late' if late > 0 else 'early'}"
+
+
 def clocks(view: View, seconds: Sequence[float] | FloatArray = SHIFTS) -> Iterator[Wrong]:
     """All time tags are late (positive) or early, by more than what lies between two samples of a driver."""
     least = view.apart(load.driver for load in view.window.scenario.network.loads.values())
     for late in map(float, seconds):
         if abs(late) < least:
             continue
-        how = "late" if late > 0 else "early"
         words = Words(
-            f"The telemetry's clock is {duration(late)} {how}",
+            f"The telemetry's clock is {_off(late)}",
             f"Moved {duration(late)} {'back' if late > 0 else 'on'}, the telemetry agrees with sunlight, eclipses and "
             "modes; whole orbits more or less may be as good.",
             f"Check the time column: its zone, its leap seconds, the epoch of the orbit; shift it by {-late:+.0f} s",
@@ -91,9 +95,8 @@ def status_clocks(view: View, seconds: Sequence[float] | FloatArray = _FEW_SHIFT
         if abs(late) < least:
             continue
         data = view.telemetry.assign({name: ("time", _shifted(view, name, late)) for name in channels.values()})
-        how = "late" if late > 0 else "early"
         words = Words(
-            f"The heaters' status is {duration(late)} {how} beside the temperatures",
+            f"The heaters' status is {_off(late)} beside the temperatures",
             f"Temperatures rise {duration(late)} {'before' if late > 0 else 'after'} the status says that a heater is "
             "on.",
             f"Check the time tags of {listed(list(channels.values()))}",
@@ -129,7 +132,7 @@ def channel_clocks(
             if observed is None:
                 continue
             words = Words(
-                f"{name} is {duration(late)} {'late' if late > 0 else 'early'}",
+                f"{name} is {_off(late)}",
                 f"Moved by {duration(late)}, {name} alone, all channels agree with the model.",
                 f"Check the time tags of {name}; or write 'time_offset: {-late:.0f} s' in its 'observations'",
             )
@@ -171,7 +174,7 @@ def packet_clocks(
         except (FlightcalError, ValueError):
             continue
         words = Words(
-            f"packet {packet} is {duration(late)} {'late' if late > 0 else 'early'}",
+            f"packet {packet} is {_off(late)}",
             f"Moved by {duration(late)}, this packet alone, all channels agree with the model.",
             f"Check the time column of packet {packet}: its zone, its epoch, its leap seconds",
         )
@@ -193,7 +196,7 @@ def driver_clocks(
         except (FlightcalError, ValueError):
             continue
         words = Words(
-            f"The driver {driver} is {duration(late)} {'late' if late > 0 else 'early'}",
+            f"The driver {driver} is {_off(late)}",
             f"Temperatures follow it {duration(late)} {'before' if late > 0 else 'after'} it changes.",
             f"Check the time tags of {driver}",
         )
