@@ -8,8 +8,8 @@ from typing import Any
 
 import numpy as np
 
+from flightcal.calibration.find_heat import find_heat
 from flightcal.calibration.heat_point import start_with_heat
-from flightcal.calibration.heat_search import find_heat
 from flightcal.problem.heat import at_sizes
 
 from ..problem import TRUTH, content, make_problem

@@ -2,8 +2,8 @@
 
 import pytest
 
+from flightcal.calibration.find_heat import find_heat
 from flightcal.calibration.heat_point import start_with_heat
-from flightcal.calibration.heat_search import find_heat
 from flightcal.problem import at_sizes
 from tests.calibration.heated import CASES, pattern, problem_of
 

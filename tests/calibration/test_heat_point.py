@@ -6,8 +6,8 @@ import numpy as np
 import pytest
 from scipy import stats
 
+from flightcal.calibration.find_heat import find_heat
 from flightcal.calibration.heat_point import bend, follow, moved, start_with_heat
-from flightcal.calibration.heat_search import find_heat
 from flightcal.probability import Gains
 from flightcal.problem import at_sizes, responses, unit_heats
 from tests.calibration.heated import pattern, problem_of, scores, sizes_of, spread_draws, written

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from flightcal.calibration import heat_search
-from flightcal.calibration.heat_search import find_heat
+from flightcal.calibration.find_heat import find_heat
 from flightcal.probability import Evidence
 from flightcal.problem import patterns_of, split
 from tests.calibration.heated import CASES, NODES, PATTERN, TRUE, drift, errors, pattern, problem_of, sizes_of, written
@@ -74,8 +74,27 @@ def test_with_gaps_in_the_status_heaters_are_held_there(tmp_path):
     point = find_heat(problem, problem.priors.median())
     (held,) = point.model.held
     assert held.window == "train"
-    assert {step for step, _, _ in held.shares} >= set(range(2 * 101, 2 * 123))
+    ((begin, end, heater),) = held.gaps
+    assert (heater, begin <= 101 * 60.0, end >= 123 * 60.0) == (0, True, True)
     assert max(map(abs, errors(problem, point).values())) < 4.0
+
+
+@pytest.mark.parametrize("seed", range(2))
+@pytest.mark.parametrize("node", NODES)
+def test_a_heater_without_a_status_is_found_to_do_what_it_did(tmp_path, node, seed):
+    content = written()
+    del content["simulator"]["heaters"]["heater"]["measured_by"], content["observations"]["heater_status"]
+    problem = problem_of(tmp_path, written(), seed, **{node: pattern})
+    status, times = problem.windows[0].status[:, 0], problem.windows[0].network.observation.times
+    point = find_heat(problem_of(tmp_path, content, seed, **{node: pattern}), problem.priors.median())
+    assert max(map(abs, errors(problem, point).values())) < 4.0, errors(problem, point)
+    (held,) = point.model.held
+    found = np.zeros(len(times))
+    for begin, end, _ in held.on:
+        found[(times >= begin) & (times < end)] = 1.0
+    # Each switch within two samples of the truth: 26 in 361 samples.
+    assert np.count_nonzero(np.diff(found)) == np.count_nonzero(np.diff(status)) > 10
+    assert np.mean(found != status) < 2.0 * np.count_nonzero(np.diff(status)) / len(status)
 
 
 def test_several_windows_share_the_heat(tmp_path):

@@ -80,11 +80,12 @@ def test_a_response_that_bends_and_is_not_followed_fails_its_gate(without_heater
     assert advice in gates["response to heat"].advice
 
 
-def test_heat_of_an_earlier_flightcal_is_refused_with_what_to_do(without_heaters, followed_posterior):
+@pytest.mark.parametrize("other", [{"of_pattern": None}, {"held": [{"window": "train", "shares": [], "switches": []}]}])
+def test_heat_of_an_earlier_flightcal_is_refused_with_what_to_do(without_heaters, followed_posterior, other):
     point = followed_posterior.heat
     kept = heat_dataset(point.model, point.names, point.theta)
     content = json.loads(str(kept["model"].item()))
-    del content["of_pattern"]
+    content = {name: value for name, value in (content | other).items() if value is not None}
     tree = xarray.DataTree.from_dict({"heat": xarray.Dataset({"model": ((), json.dumps(content))})})
     with pytest.raises(RunError, match=r"earlier flightcal.*calibrate again"):
         with_kept_heat(without_heaters, tree)

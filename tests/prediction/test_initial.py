@@ -8,7 +8,7 @@ import pytest
 from scipy.linalg import expm
 
 from flightcal.prediction.errors import FirstErrors, WhiteErrors
-from flightcal.prediction.initial import condition_initial
+from flightcal.prediction.initial import condition_initial, condition_start
 from flightcal.problem import build_window
 
 from .. import small
@@ -181,3 +181,27 @@ def test_the_initial_temperatures_are_at_the_top_of_their_density_where_radiatio
         # How far the top is, over the standard deviation; two iterations would leave 2e-4.
         curvature = (2 * at - below - above) / 0.05**2
         assert abs((above - below) / 0.1) / np.sqrt(curvature) < 1e-5
+
+
+@pytest.mark.parametrize("on", [0.0, 1.0])
+def test_the_first_samples_tell_whether_a_heater_without_a_status_is_on(tmp_path, on):
+    """30 W into 3 kJ/K is 0.6 K a minute."""
+    written = small.content()
+    del written["simulator"]["heaters"]["heater"]["measured_by"], written["observations"]["heater_status"]
+    scenario, data = small.load(tmp_path, written)
+    window = build_window(scenario, data, "test", span=600.0)
+    truth = small.median(window)
+    truth[window.names.index("initial.body")] = 284.0
+    made = window.begun(np.array([on])).simulate(truth).temperatures
+    rng = np.random.default_rng(0)
+    window = replace(window, observed=made + NOISE * rng.standard_normal(made.shape))
+    thetas = np.tile(truth, (50, 1))
+    noise = WhiteErrors(np.tile([0.3, 0.3], (50, 1)))
+    found, begun = condition_start(window, thetas, noise, rng, None, np.array([0.5]))
+    np.testing.assert_array_equal(begun, np.full((50, 1), on))
+    np.testing.assert_allclose(found.mean(axis=0), truth, atol=0.5)
+    # Where they tell nothing it is on as often as at other times.
+    unseen = replace(window, observed=np.full_like(window.observed, np.nan))
+    many = np.tile(truth, (1000, 1))
+    guess = condition_start(unseen, many, WhiteErrors(np.ones((1000, 2))), rng, None, np.array([0.3]))[1]
+    assert abs(guess.mean() - 0.3) < 4.0 * np.sqrt(0.3 * 0.7 / 1000)

@@ -5,7 +5,10 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from flightcal.problem import held_by, hold, sampled_windows
+from flightcal.problem import build_problem, held_by, hold, sampled_windows, with_other
+
+from .. import small
+from .heated import written
 
 
 def test_held_heaters_do_what_they_did_where_the_status_is_not_known(problem, centre):
@@ -16,9 +19,7 @@ def test_held_heaters_do_what_they_did_where_the_status_is_not_known(problem, ce
     found = hold(window, held)
     assert not np.isnan(found.network.drive.measured).any()
     run, expected = found.simulate(theta), window.simulate(theta)
-    # Within a step a share of the power stands for a switch.
-    step, power, capacity = 30.0, 30.0, 3000.0
-    assert np.abs(run.temperatures - expected.temperatures).max() < 0.25 * step * power / capacity
+    np.testing.assert_allclose(run.temperatures, expected.temperatures, atol=1e-3)
     np.testing.assert_allclose(run.duty_cycle, expected.duty_cycle, atol=1e-9)
     assert len(found.switching.time) == len(window.switching.time) + len(held.switches)
 
@@ -28,15 +29,16 @@ def test_a_heater_that_leaves_a_gap_otherwise_than_simulated_has_switched_once_m
     theta = problem.at(window, centre[None])[0]
     simulator, drive = window.network, window.network.drive
     as_simulated = held_by(window, theta)
-    gap = np.array([step for step, _, _ in as_simulated.shares])
-    begin, end = drive.times[gap[0]], drive.times[gap[-1] + 1]
+    ((begin, end, _),) = as_simulated.gaps
+    stays_on = bool(as_simulated.on) and as_simulated.on[-1][1] == end
+    step = int(np.searchsorted(drive.times, end))
     for after in (0.0, 1.0):
         measured = drive.measured.copy()
-        measured[gap[-1] + 1 : gap[-1] + 5, 0] = after
+        measured[step : step + 4, 0] = after
         told = replace(window, simulator=replace(simulator, drive=replace(drive, measured=measured)))
         held = held_by(told, theta)
-        assert held.shares[-1][2] == pytest.approx(after)
-        if after == as_simulated.shares[-1][2]:
+        assert (bool(held.on) and held.on[-1][1] == end) == bool(after)
+        if bool(after) == stays_on:
             assert held == as_simulated
             continue
         assert len(held.switches) == len(as_simulated.switches) + 1
@@ -44,11 +46,43 @@ def test_a_heater_that_leaves_a_gap_otherwise_than_simulated_has_switched_once_m
         last = max((time for time, _, _ in as_simulated.switches), default=begin)
         # Anywhere between the last switch and the end, of which that is mean and width.
         assert (time, within) == pytest.approx((0.5 * (last + end), end - last))
-        on = sum(share * (drive.times[step + 1] - drive.times[step]) for step, _, share in held.shares)
-        before = sum(share * (drive.times[step + 1] - drive.times[step]) for step, _, share in as_simulated.shares)
+        on, before = (sum(until - since for since, until, _ in own.on) for own in (held, as_simulated))
         assert abs(on - before) == pytest.approx(0.5 * (end - last))
 
 
 def test_with_a_status_all_the_time_nothing_is_held(problem, centre):
     window = sampled_windows(problem)[1]
     assert held_by(window, problem.at(window, centre[None])[0]) is None
+
+
+def without_a_status(folder, **parameters):
+    content = written(windows=1)
+    del content["simulator"]["heaters"]["heater"]["measured_by"], content["observations"]["heater_status"]
+    content["parameters"] |= parameters
+    data = small.closed_loop(folder)[1]
+    return build_problem(small.load(folder, content)[0], data)
+
+
+def test_a_heater_without_a_status_is_held_all_the_time(tmp_path):
+    problem = without_a_status(tmp_path)
+    (window,) = sampled_windows(problem)
+    assert window is not problem.windows[0]
+    theta = problem.at(window, problem.priors.median())
+    held = held_by(window, theta)
+    assert held.gaps == ((0.0, float(window.network.drive.times[-1]), 0),)
+    found = hold(window, held)
+    expected = problem.windows[0].simulate(theta)
+    np.testing.assert_allclose(found.simulate(theta).temperatures, expected.temperatures, atol=2e-3)
+    np.testing.assert_array_equal(found.status, expected.status)
+    other = hold(window, with_other(held, 0, [(600.0, 1200.0)], 120.0))
+    assert other.simulate(theta).duty_cycle[0] * window.network.drive.times[-1] == pytest.approx(600.0)
+    assert other.switching.interval.tolist() == [120.0, 120.0]
+
+
+def test_thermostats_act_where_their_thresholds_are_to_be_found_and_nothing_else_tells_these(tmp_path):
+    lower = {
+        "sets": "heaters.heater.on_below",
+        "prior": {"normal": {"mean": "10 degC", "standard_deviation": "1 K"}},
+    }
+    problem = without_a_status(tmp_path, lower=lower)
+    assert sampled_windows(problem) is problem.windows

@@ -12,8 +12,8 @@ from ruamel.yaml import YAML
 from typer.testing import CliRunner
 
 from flightcal.calibration import calibrate_nuts
+from flightcal.calibration.find_heat import find_heat
 from flightcal.calibration.heat_point import start_with_heat
-from flightcal.calibration.heat_search import find_heat
 from flightcal.check.heat import beside_heat
 from flightcal.cli import app
 from flightcal.commands.calibrate import run_experiment

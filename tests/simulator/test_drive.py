@@ -1,6 +1,7 @@
 """What acts on a network in a window, and what steps make of it."""
 
 import itertools
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -9,7 +10,7 @@ from scipy.integrate import simpson
 from flightcal.environment import face_fluxes
 from flightcal.errors import TelemetryError
 from flightcal.simulator import build_network, open_loop
-from flightcal.simulator.drive import Inputs, drive_on, make_grid, window_inputs
+from flightcal.simulator.drive import Inputs, divided, drive_on, make_grid, window_inputs
 
 from .. import small
 from .test_network import rich
@@ -192,12 +193,12 @@ def test_where_the_status_is_unknown_for_long_the_thermostat_acts(tmp_path):
     assert np.diff(drive.times)[np.isnan(drive.measured[:, 0])].sum() == pytest.approx(20 * 60.0)
 
 
-def test_open_loop_needs_a_status_channel(tmp_path):
-    written = small.content()
-    written["simulator"]["heaters"]["heater"].pop("measured_by")
-    scenario, data = small.load(tmp_path, written)
-    with pytest.raises(TelemetryError, match=r"heater 'heater'.*no 'measured_by'"):
-        inputs_of(open_loop(scenario), data)
+def test_in_open_loop_the_thermostat_of_a_heater_without_a_status_acts(tmp_path):
+    scenario, data = small.load(tmp_path)
+    heater = scenario.network.heaters["heater"].model_copy(update={"measured_by": None})
+    model = scenario.network.model_copy(update={"heaters": {"heater": heater}})
+    _, inputs = inputs_of(open_loop(scenario.model_copy(update={"simulator": model})), data)
+    assert np.isnan(inputs.driven).all()
 
 
 @pytest.mark.parametrize("measured", [0.0, 1.0])
@@ -304,3 +305,21 @@ def test_where_a_flag_has_no_samples_yet_the_shadow_is_computed(tmp_path):
     times = data["time"].values[0] + np.round((inputs.times + 2400.0) * 1e9).astype("timedelta64[ns]")
     plain = face_fluxes(scenario.environment, {"top": scenario.simulator.faces["top"].normal}, times)
     np.testing.assert_allclose(series(network, inputs, "solar.top"), plain.solar[:, 0])
+
+
+def test_steps_that_are_divided_bring_the_same_and_end_where_they_shall(tmp_path):
+    scenario, data = small.closed_loop(tmp_path)
+    simulator = small.simulator_of(scenario, data, hours=2.0)
+    drive, times = simulator.drive, np.array([-5.0, 0.0, 100.1, 100.2, 3600.0, 3600.0005, 1e6])
+    found = divided(drive, times)
+    assert {100.1, 100.2} <= set(found.times)
+    assert len(found.times) == len(drive.times) + 2
+    assert set(drive.times) <= set(found.times)
+    for edge in (0, 1):
+        ends = [own.times[edge : len(own.times) - 1 + edge] for own in (found, drive)]
+        for column, known in zip(found.inputs[:, edge].T, drive.inputs[:, edge].T, strict=True):
+            here = np.isin(ends[0], ends[1])
+            np.testing.assert_allclose(column[here], known[np.isin(ends[1], ends[0])], atol=1e-12)
+    theta = small.theta_of(simulator, **small.TRUTH)
+    runs = [replace(simulator, drive=own).simulate(theta).temperatures for own in (found, drive)]
+    np.testing.assert_allclose(*runs, atol=1e-4)

@@ -38,10 +38,10 @@ def with_kept_heat(problem: Problem, posterior: xarray.DataTree) -> Problem:
 
 
 def _model(content: Mapping[str, Any]) -> HeatModel:
-    if "of_pattern" not in content:
+    if "of_pattern" not in content or any("on" not in own for own in content["held"]):
         raise RunError(
-            "posterior: found unmodelled heat of an earlier flightcal, in which a pattern wandered by a size of its "
-            "own; calibrate again into a new folder"
+            "posterior: found unmodelled heat as an earlier flightcal wrote it, expected that of this version; "
+            "calibrate again into a new folder"
         )
     kept = zip(content["kept"], content["functions"], strict=True)
     # A list does not tell of how many functions nothing is kept.

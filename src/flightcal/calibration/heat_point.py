@@ -30,6 +30,11 @@ class HeatPoint:
     """What all this follows from, with the most probable sizes and with others."""
 
     @property
+    def evidence(self) -> float:
+        """Log density of the telemetry and the most probable sizes, all that is linear integrated out."""
+        return self.around.log_density(self.most_probable)
+
+    @property
     def most_probable(self) -> FloatArray:
         """[s] the sizes in the order of `around`."""
         return np.array([self.sizes[name] for name in self.around.sizes.names])

@@ -13,7 +13,6 @@ from dataclasses import dataclass, replace
 import numpy as np
 from scipy.optimize import minimize
 
-from ..errors import FlightcalError
 from ..probability import DEVIATION, Evidence, Priors, Residuals, Shaped, filter_of
 from ..problem import (
     HeatModel,
@@ -21,17 +20,14 @@ from ..problem import (
     Units,
     Window,
     errors_of_weights,
-    heat_in_prior,
     heat_of_weights,
-    held_by,
-    hold,
     kept_responses,
     responses,
-    sampled_windows,
+    split,
     unit_heats,
 )
-from ..progress import SILENT, Progress
-from ..simulator import FloatArray, IntArray, SimulationFailure, in_parallel
+from ..progress import Progress
+from ..simulator import FloatArray, IntArray, in_parallel
 from .heat_point import HeatPoint
 from .sizes import Around
 
@@ -61,7 +57,7 @@ _SMALL, _MUCH = 0.3, 10.0
 
 
 @dataclass(frozen=True)
-class _Linear:
+class Linear:
     """A window around a point."""
 
     window: Window
@@ -75,7 +71,7 @@ class _Linear:
     response: list[FloatArray]
     """Of each group [T, N, f]."""
 
-    def beginning(self, samples: int) -> _Linear:
+    def beginning(self, samples: int) -> Linear:
         """The same of the first samples alone."""
         terms = replace(self.terms, seconds=self.terms.seconds[:samples], valid=self.terms.valid[:, :samples])
         response = [own[:samples] for own in self.response]
@@ -87,23 +83,20 @@ class _Linear:
         return lambda columns: whitens.whiten(np.moveaxis(columns, 1, 0), self.terms.valid)
 
 
-def find_heat(problem: Problem, theta: FloatArray, *, progress: Progress = SILENT) -> HeatPoint:
-    """Look at heat around theta [d] of a problem whose scenario has it. Raises FlightcalError where that fails."""
-    windows, held = [], []
-    for window in sampled_windows(problem):
-        found = held_by(window, problem.at(window, theta))
-        windows.append(window if found is None else hold(window, found))
-        held += [] if found is None else [found]
-    model = heat_in_prior(problem, windows)
-    assert model is not None
-    try:
-        return _Search(problem, windows, replace(model, held=tuple(held))).run(theta, progress)
-    except SimulationFailure as failure:
-        raise FlightcalError(f"heat: {failure}, next to the point that fits the telemetry best") from None
+@dataclass(frozen=True)
+class Point:
+    """A point, and the windows around it."""
+
+    z: FloatArray
+    """[d] of the problem,"""
+    weights: FloatArray
+    """[f] and the weights of all functions of all groups."""
+    each: Sequence[Linear]
+    """Of the windows."""
 
 
-class _Search:
-    """The rounds of `find_heat`."""
+class Search:
+    """The rounds of `find_heat`, while heaters do what is held."""
 
     def __init__(self, problem: Problem, windows: Sequence[Window], model: HeatModel) -> None:
         self.problem, self.model = problem, model
@@ -154,6 +147,7 @@ class _Search:
     # --- rounds -------------------------------------------------------------------------------------------------
 
     def run(self, theta: FloatArray, progress: Progress) -> HeatPoint:
+        """Parameters, heat and sizes, from theta [d] of the problem without heat. Raises SimulationFailure."""
         z, weights = self.problem.to_z(theta), np.zeros(len(self.group))
         sizes = self._start(z)
         moved, rounds = np.inf, 0
@@ -166,18 +160,27 @@ class _Search:
                 sizes = self._best_fit(linear, z, weights, starts)
             else:
                 sizes = self._around(linear, z, weights, sizes).most_probable(sizes)
-            z, weights, moved = self._step(linear, z, weights, sizes)
+            z, weights, moved = self.step(linear, z, weights, sizes)
         linear = [self._linearise(window, z, weights) for window in self.windows]
         around = self._around(linear, z, weights, sizes)
         sizes = around.most_probable(sizes)
         # Windows are linearised around heat; an error of the simulator is linear everywhere.
         errors = [g for g, group in enumerate(self.model.groups) if group.part == "error"]
         at = np.where(np.isin(self.group, errors), 0.0, weights)
-        centre = self._of_bases(at, around.bases)
+        centre = self.of_bases(at, around.bases)
         known = replace(self.model, kept=around.bases, centre=centre, shapes=self.shapes(sizes))
         model = self._tilted(known, linear, z, sizes, around)
         found = dict(zip(self.names, sizes.tolist(), strict=True))
         return HeatPoint(model, self.problem.names, self.problem.to_theta(z), found, around)
+
+    def linear(self, z: FloatArray, weights: FloatArray) -> Point:
+        """All windows around z [d] and weights [f]."""
+        return Point(z, weights, [self._linearise(window, z, weights) for window in self.windows])
+
+    def at(self, point: HeatPoint) -> Point:
+        """All windows around a point that was found."""
+        weights = np.concatenate(split(point.model, point.model.centre))
+        return self.linear(self.problem.to_z(point.theta), weights)
 
     def _start(self, z: FloatArray) -> FloatArray:
         """Sizes to begin with: noise as the residuals have it, heat of a part of its prior's size."""
@@ -201,7 +204,7 @@ class _Search:
         much[wandering] *= _MUCH / _SMALL
         return [sizes, much] if wandering else [sizes]
 
-    def _linearise(self, window: Window, z: FloatArray, weights: FloatArray) -> _Linear:
+    def _linearise(self, window: Window, z: FloatArray, weights: FloatArray) -> Linear:
         problem = self.sampling
         assert window.network is not None
         units, heat = self.units[window.name], self._heat(window, weights)
@@ -213,7 +216,7 @@ class _Search:
         left = np.where(window.valid, window.observed - expected, 0.0)
         jacobian = here.jacobians_of(place, z)
         terms = replace(window.residuals.terms, heat=None)
-        return _Linear(around, units, terms, left, jacobian, responses(around, theta, self.model, units))
+        return Linear(around, units, terms, left, jacobian, responses(around, theta, self.model, units))
 
     def _heat(self, window: Window, weights: FloatArray) -> FloatArray:
         """[h, 2 K] W of weights of all groups."""
@@ -227,19 +230,19 @@ class _Search:
         """Weights of the functions that a window has."""
         return [weights[self.group == g][: len(own.series)] for g, own in enumerate(self.units[window.name])]
 
-    def _columns(self, linear: Sequence[_Linear], bases: Sequence[FloatArray]) -> list[FloatArray]:
+    def columns(self, linear: Sequence[Linear], bases: Sequence[FloatArray]) -> list[FloatArray]:
         """[T, N, m + d] of each window: responses in the kept directions, and by z."""
         return [
             np.concatenate([kept_responses(bases, own.response), own.jacobian[..., self.moving]], axis=2)
             for own in linear
         ]
 
-    def _of_bases(self, weights: FloatArray, bases: Sequence[FloatArray]) -> FloatArray:
+    def of_bases(self, weights: FloatArray, bases: Sequence[FloatArray]) -> FloatArray:
         """Weights of all groups in the kept directions."""
         return np.concatenate([basis.T @ weights[self.group == g] for g, basis in enumerate(bases)])
 
-    def _told(
-        self, linear: Sequence[_Linear], sizes: FloatArray, roots: FloatArray, least: float
+    def directions(
+        self, linear: Sequence[Linear], sizes: FloatArray, roots: FloatArray, least: float
     ) -> tuple[FloatArray, ...]:
         """Of each group an orthonormal basis [f, k] of the directions of which the telemetry tells something."""
         shapes, numbers = self.shapes(sizes), self.numbers(sizes)
@@ -255,41 +258,41 @@ class _Search:
             bases.append(directions[:, values > least])
         return tuple(bases)
 
-    def _generous(self, sizes: FloatArray) -> FloatArray:
+    def generous(self, sizes: FloatArray) -> FloatArray:
         """Scales of the groups, or their priors' where these are larger."""
         prior = np.array([group.size for group in self.model.groups])
         return np.maximum(self.roots(sizes), prior)
 
     def _largest(self, sizes: FloatArray) -> FloatArray:
         """Scales of the groups that they hardly exceed where they were found to be `sizes`."""
-        return np.minimum(self._generous(sizes), _LARGER * self.roots(sizes))
+        return np.minimum(self.generous(sizes), _LARGER * self.roots(sizes))
 
-    def _prior_of_z(self, z: FloatArray) -> tuple[FloatArray, FloatArray]:
+    def prior_of_z(self, z: FloatArray) -> tuple[FloatArray, FloatArray]:
         """Mean and deviations of the normal distribution that the prior of what is simulated is like at z."""
         precision = np.maximum(self.problem.priors.precision(z)[self.moving], 1e-6)
         gradient = self.problem.priors.at(z).gradient[self.moving]
         return z[self.moving] + gradient / precision, precision**-0.5
 
     def _best_fit(
-        self, linear: Sequence[_Linear], z: FloatArray, weights: FloatArray, starts: Sequence[FloatArray]
+        self, linear: Sequence[Linear], z: FloatArray, weights: FloatArray, starts: Sequence[FloatArray]
     ) -> FloatArray:
         """Of several starts, the sizes under which the telemetry is most probable."""
         found = in_parallel(lambda k: self._fit(linear, z, weights, starts[k]), len(starts))
         return min(found, key=lambda own: own[1])[0]
 
     def _fit(
-        self, linear: Sequence[_Linear], z: FloatArray, weights: FloatArray, sizes: FloatArray
+        self, linear: Sequence[Linear], z: FloatArray, weights: FloatArray, sizes: FloatArray
     ) -> tuple[FloatArray, float]:
         """The sizes near these under which the telemetry is most probable, and minus the log density there."""
-        bases = self._told(linear, sizes, self._generous(sizes), _TOLD_MUCH)
+        bases = self.directions(linear, sizes, self.generous(sizes), _TOLD_MUCH)
         kept = sum(basis.shape[1] for basis in bases)
         share = (_WORK / max(1, kept**2 * sum(own.left.size for own in linear))) ** (1 / 3)
         if share < 1.0:
             linear = [own.beginning(int(np.ceil(share * len(own.left)))) for own in linear]
-            bases = self._told(linear, sizes, self._generous(sizes), _TOLD_MUCH)
-        columns = self._columns(linear, bases)
-        mean, deviation = self._prior_of_z(z)
-        from_prior = np.concatenate([self._of_bases(weights, bases), z[self.moving] - mean])
+            bases = self.directions(linear, sizes, self.generous(sizes), _TOLD_MUCH)
+        columns = self.columns(linear, bases)
+        mean, deviation = self.prior_of_z(z)
+        from_prior = np.concatenate([self.of_bases(weights, bases), z[self.moving] - mean])
         left = [own.left + basis @ from_prior for own, basis in zip(linear, columns, strict=True)]
         counts = [basis.shape[1] for basis in bases]
         evidence = Evidence([own.terms for own in linear], columns, self.windows[0].residuals.fixed.shape[1])
@@ -317,14 +320,14 @@ class _Search:
         found = minimize(cost, start, jac=True, method="L-BFGS-B", bounds=bounds, options=options)
         return self.sizes.to_theta(found.x), float(found.fun)
 
-    def _step(
-        self, linear: Sequence[_Linear], z: FloatArray, weights: FloatArray, sizes: FloatArray
+    def step(
+        self, linear: Sequence[Linear], z: FloatArray, weights: FloatArray, sizes: FloatArray
     ) -> tuple[FloatArray, FloatArray, float]:
         """The next point, and by how much parameters moved in their deviations."""
         shapes, numbers, scales = self.shapes(sizes), self.numbers(sizes), self.roots(sizes)
-        moving, (mean, deviation) = self.moving, self._prior_of_z(z)
+        moving, (mean, deviation) = self.moving, self.prior_of_z(z)
         roots = np.concatenate([scales[self.group], deviation])
-        columns = self._columns(linear, self.whole)
+        columns = self.columns(linear, self.whole)
         gram, moment = np.zeros((len(roots), len(roots))), np.zeros(len(roots))
         whitens = [own.through(shapes) for own in linear]
         for own, wide, whiten in zip(linear, columns, whitens, strict=True):
@@ -371,11 +374,11 @@ class _Search:
             return None
         return np.where(window.valid, window.observed - run.temperatures - self._errors(window, weights), 0.0)
 
-    def _around(self, linear: Sequence[_Linear], z: FloatArray, weights: FloatArray, sizes: FloatArray) -> Around:
-        bases = self._told(linear, sizes, self._largest(sizes), _TOLD)
-        mean, deviation = self._prior_of_z(z)
-        from_prior = np.concatenate([self._of_bases(weights, bases), z[self.moving] - mean])
-        columns, shapes = self._columns(linear, bases), self.shapes(sizes)
+    def _around(self, linear: Sequence[Linear], z: FloatArray, weights: FloatArray, sizes: FloatArray) -> Around:
+        bases = self.directions(linear, sizes, self._largest(sizes), _TOLD)
+        mean, deviation = self.prior_of_z(z)
+        from_prior = np.concatenate([self.of_bases(weights, bases), z[self.moving] - mean])
+        columns, shapes = self.columns(linear, bases), self.shapes(sizes)
         gram, moment, squares, samples, determinant = [], [], [], [], []
         for own, wide in zip(linear, columns, strict=True):
             left = np.where(own.window.valid, own.left + wide @ from_prior, 0.0)
@@ -400,7 +403,7 @@ class _Search:
         )  # fmt: skip
 
     def _tilted(
-        self, model: HeatModel, linear: Sequence[_Linear], z: FloatArray, sizes: FloatArray, around: Around
+        self, model: HeatModel, linear: Sequence[Linear], z: FloatArray, sizes: FloatArray, around: Around
     ) -> HeatModel:
         """The model with the slope by z of minus half the log determinant of the telemetry's covariance.
 
@@ -424,7 +427,7 @@ class _Search:
         tilted = {name: (slope, float(z[place[name]])) for name, slope in slopes.items()}
         return replace(model, tilted=tilted, most=max(_BENT * told, 1e-3))
 
-    def _kept(self, own: _Linear, z: FloatArray, around: Around) -> FloatArray:
+    def _kept(self, own: Linear, z: FloatArray, around: Around) -> FloatArray:
         """Responses in the kept directions at z, [T, N, m]."""
         theta = self.sampling.at(own.window, self.problem.to_theta(z))
         return kept_responses(around.bases, responses(own.window, theta, self.model, own.units))

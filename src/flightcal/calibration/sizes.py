@@ -98,6 +98,11 @@ class Around:
         gradient = bar * at.slope + at.gradient
         return -(value + float(at.log_density) + log_stretch), -(gradient[self.free] * stretch + by_stretch)
 
+    def log_density(self, sizes: FloatArray) -> float:
+        """Of the telemetry and of sizes [s], up to a constant."""
+        score = self._score(self.sizes.to_z(sizes)[self.free]).clip(_LEAST, self._most())
+        return -self.cost(score, sizes)[0]
+
     def most_probable(self, sizes: FloatArray) -> FloatArray:
         """Sizes [s] with the free ones as the telemetry makes them most probable, in their normal scores."""
         return self._of_scores(self._most_probable(sizes)[None], sizes)[0]

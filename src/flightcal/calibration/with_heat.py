@@ -14,9 +14,9 @@ from ..scenario import NutsSettings
 from ..simulator import FloatArray
 from .diagnostics import LINEAR, Diagnostics, Gate, diagnose, gate, with_gate
 from .enough import sample_enough
+from .find_heat import find_heat
 from .heat_check import HeatCheck, check_heat
 from .heat_point import HeatPoint, bend, draw_sizes, follow, moved, spread_sizes, start_with_heat
-from .heat_search import find_heat
 from .mode import check_simulated, climb, find_mode
 from .nuts import Draws, sample_problem
 from .posterior import Posterior, prior_scores

@@ -13,7 +13,7 @@ import numpy as np
 from ..errors import RunError
 from ..problem import Window
 from ..scenario import is_trained
-from ..simulator import SCATTERED, FloatArray
+from ..simulator import SCATTERED, FloatArray, Trajectory
 from .duty import draw_duty_errors, sampled_duty_cycle
 from .errors import WindowErrors
 from .metrics import crps_of_draws, probability_below
@@ -66,22 +66,33 @@ def propagate(
     heat: FloatArray | None = None,
     thresholds: Thresholds | None = None,
     known: FloatArray | None = None,
+    on: FloatArray | None = None,
 ) -> Ensemble:
     """Simulate at thetas [S, q] in one batch, add a surrogate's error, discrepancy and noise of each, and summarise.
 
     On a window that was not trained on, thermostats scatter around their thresholds as far as the scenario says.
     interval: probability inside, such as 0.95; errors: of each theta (None: independent noise); heat: [S, h, 2 K] W
     that no block describes, of each theta; thresholds: of each theta (None: as written); known:
-    [S, T, N] K, a surrogate's error of each theta (None: drawn). Raises RunError when more than
-    half of the simulations fail.
+    [S, T, N] K, a surrogate's error of each theta (None: drawn); on: [S, H] heaters that are on at first (None: as
+    the status or the scenario says). Raises RunError when more than half of the simulations fail.
     """
-    # Where the telemetry is known, so is when its heaters switched.
     trained = is_trained(window.name)
-    if thresholds is not None and window.network is not None:
-        added = scattered(thresholds, SCATTERED, None if trained else rng)
-        runs = window.network.simulate_switching(thetas[:, window.simulated], added, heat)
-    else:
-        runs = window.simulate_many(thetas, heat) if trained else window.simulate_as_flown(thetas, rng, heat)
+    # Where the telemetry is known, so is when its heaters switched.
+    added = None if thresholds is None else scattered(thresholds, SCATTERED, None if trained else rng)
+    runs: list[Trajectory | None] = [None] * len(thetas)
+    states, group = (None, np.zeros(len(thetas), int)) if on is None else np.unique(on, axis=0, return_inverse=True)
+    for k in range(int(group.max()) + 1):
+        here = np.flatnonzero(group.ravel() == k)
+        begun = window if states is None else window.begun(states[k])
+        of_heat = None if heat is None else heat[here]
+        if added is not None and begun.network is not None:
+            made = begun.network.simulate_switching(thetas[here][:, window.simulated], added[here], of_heat)
+        elif trained:
+            made = begun.simulate_many(thetas[here], of_heat)
+        else:
+            made = begun.simulate_as_flown(thetas[here], rng, of_heat)
+        for place, run in zip(here.tolist(), made, strict=True):
+            runs[place] = run
     usable = np.ones(len(thetas), bool) if errors is None else errors.usable()
     usable &= np.array([run is not None for run in runs], bool)
     kept = [(theta, run) for theta, run, good in zip(thetas, runs, usable, strict=True) if run is not None and good]

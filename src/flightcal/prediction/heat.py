@@ -41,6 +41,8 @@ class End:
     """[S, n] K of what has an initial temperature, in the order of theta; NaN where a simulation failed."""
     noise: FloatArray
     """[S, N] K, of the noise with a memory, as the last residuals show it."""
+    on: FloatArray
+    """[H] heaters that are on, NaN where that is not known."""
 
 
 @dataclass(frozen=True)
@@ -151,7 +153,7 @@ def _shifts(model: HeatModel, window: Window, weights: Sequence[FloatArray]) -> 
         if group.part == "switches" and group.window == window.name and window.switching is not None:
             shifts = np.zeros((len(own), len(window.switching.interval)))
             uncertain = np.array(heated_switches(model, window), np.int64)
-            shifts[:, uncertain] = own * window.switching.interval[uncertain] / np.sqrt(12.0)
+            shifts[:, uncertain] = own[:, : len(uncertain)] * window.switching.interval[uncertain] / np.sqrt(12.0)
             return shifts
     return np.zeros((len(weights[0]), 0))
 
@@ -185,7 +187,7 @@ def _end(
             known = process * white / (process + white)
             variance = fading**2 * known + process * (1.0 - fading**2)
             noise[s, k] = fading * left * process / (process + white) + np.sqrt(variance) * rng.standard_normal()
-    return End(time, states, noise)
+    return End(time, states, noise, window.status[-1])
 
 
 def noise_errors(

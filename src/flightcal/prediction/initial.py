@@ -8,6 +8,8 @@ The update is iterated (Gauss-Newton), with a Jacobian at the median of the draw
 
 from __future__ import annotations
 
+import itertools
+
 import numpy as np
 from numpy.typing import NDArray
 
@@ -17,6 +19,8 @@ from ..simulator import FloatArray
 from .errors import FirstErrors, WhiteErrors
 
 _DIFFERENCE = 0.01  # K
+_MOST_TRIED = 4
+"""Heaters without a status, of which all states at first are tried."""
 _ITERATIONS = 3  # a heater that switches in the span bends what is linear otherwise
 
 
@@ -33,16 +37,63 @@ def condition_initial(
     each theta; rng: draw from the Gaussian (None: take its mean). A theta whose simulation fails keeps the prior mean;
     an external simulator may have none. heat: [S, h, 2 K] W that no block describes, of each theta.
     """
-    positions = np.array([k for k, name in enumerate(first.names) if name.startswith("initial.")])
+    found, factors, _ = _conditioned(first, thetas, errors, heat)
+    return found if rng is None else _drawn(first, found, factors, rng)
+
+
+def condition_start(
+    first: Window,
+    thetas: FloatArray,
+    errors: FirstErrors | WhiteErrors,
+    rng: np.random.Generator,
+    heat: FloatArray | None,
+    share: FloatArray,
+) -> tuple[FloatArray, FloatArray]:
+    """The same, and which heaters are on at first [S, H]: of those without a status the samples tell, too.
+
+    share: [H] of the time that each is on, which is how likely it is on where samples tell nothing.
+    """
+    assert first.network is not None
+    unmeasured = list(first.unmeasured[:_MOST_TRIED])
+    patterns = np.tile(first.network.drive.initially_on, (2 ** len(unmeasured), 1))
+    patterns[:, unmeasured] = list(itertools.product((0.0, 1.0), repeat=len(unmeasured)))
+    tried = [_conditioned(first.begun(on), thetas, errors, heat) for on in patterns]
+    chance = np.where(patterns[:, unmeasured] > 0.5, share[unmeasured], 1.0 - share[unmeasured])
+    logs = np.log(chance).sum(axis=1)[:, None] + np.stack([fit for _, _, fit in tried])
+    chosen = (logs + rng.gumbel(size=logs.shape)).argmax(axis=0)
+    every = np.arange(len(thetas))
+    found = np.stack([own for own, _, _ in tried])[chosen, every]
+    factors = np.stack([own for _, own, _ in tried])[chosen, every]
+    return _drawn(first, found, factors, rng), patterns[chosen]
+
+
+def _drawn(first: Window, thetas: FloatArray, factors: FloatArray, rng: np.random.Generator) -> FloatArray:
+    """Thetas [S, q] with initial temperatures drawn around theirs; factors: [S, n, n] Cholesky's, of the precisions."""
+    positions = _initial(first)
+    for theta, factor in zip(thetas, factors, strict=True):
+        theta[positions] += np.linalg.solve(factor.T, rng.standard_normal(len(positions)))
+    return thetas
+
+
+def _initial(first: Window) -> NDArray[np.intp]:
+    """Places of initial temperatures in theta."""
+    return np.array([k for k, name in enumerate(first.names) if name.startswith("initial.")], np.intp)
+
+
+def _conditioned(
+    first: Window, thetas: FloatArray, errors: FirstErrors | WhiteErrors, heat: FloatArray | None
+) -> tuple[FloatArray, FloatArray, FloatArray]:
+    """Thetas [S, q] at the mean, Cholesky factors [S, n, n] of the precisions, and log densities [S] of the samples."""
+    positions, thetas = _initial(first), thetas.copy()
     if not len(positions):
-        return thetas.copy()
+        return thetas, np.empty((len(thetas), 0, 0)), np.zeros(len(thetas))
     priors = [first.reads[first.names[k]] for k in positions]
     mean = np.array([prior.mean for prior in priors if isinstance(prior, Normal)])
     precision = np.array([prior.standard_deviation**-2.0 for prior in priors if isinstance(prior, Normal)])
-    thetas = thetas.copy()
     thetas[:, positions] = mean
     valid = np.isfinite(first.observed)
     hessians = np.tile(np.diag(precision), (len(thetas), 1, 1))
+    fits = np.zeros(len(thetas))
     simulated_so_far = np.ones(len(thetas), bool)
     for _ in range(_ITERATIONS):
         jacobian = _jacobian(first, np.median(thetas, axis=0), positions)
@@ -57,15 +108,17 @@ def condition_initial(
         simulated_so_far &= np.array([run is not None for run in runs])
         for s, residual in enumerate(residuals.reshape(len(thetas), -1)):
             if not simulated_so_far[s]:
-                thetas[s, positions] = mean
+                thetas[s, positions], fits[s] = mean, -np.inf
                 continue
-            gradient = weighted[s].T @ residual + precision * (mean - thetas[s, positions])
-            thetas[s, positions] += np.linalg.solve(hessians[s], gradient)
-    if rng is not None:
-        for theta, hessian in zip(thetas, hessians, strict=True):
-            factor = np.linalg.cholesky(hessian)
-            theta[positions] += np.linalg.solve(factor.T, rng.standard_normal(len(positions)))
-    return thetas
+            off = mean - thetas[s, positions]
+            gradient = weighted[s].T @ residual + precision * off
+            step = np.linalg.solve(hessians[s], gradient)
+            thetas[s, positions] += step
+            # With what is left after the step, where all is linear.
+            fits[s] = -0.5 * (residual @ residual + off @ (precision * off) - gradient @ step)
+    factors = np.linalg.cholesky(hessians)
+    fits -= np.log(np.diagonal(factors, axis1=1, axis2=2)).sum(axis=1)
+    return thetas, factors, fits
 
 
 def _jacobian(first: Window, theta: FloatArray, positions: NDArray[np.intp]) -> FloatArray | None:

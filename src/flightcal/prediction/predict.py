@@ -20,12 +20,14 @@ from .ensemble import Ensemble, propagate
 from .errors import WhiteErrors, WindowErrors, window_errors
 from .heat import DrawnHeat, draw_heat, noise_errors
 from .holding import replicate
-from .initial import condition_initial
+from .initial import condition_initial, condition_start
 from .innovations import discrepancy_in_words, innovations, noise_in_words
 from .labels import LABELS
 from .unseen import unseen_attribute
 
 STOCHASTIC = "stochastic"
+_RARELY = 0.05
+"""Of the time: as little as a heater may be on or off at a time of which nothing is known."""
 
 
 def predict(
@@ -64,7 +66,7 @@ def predict(
         # Heat in a gap that goes on beyond the first samples is one.
         first = replace(first, bridged=window.bridged)
         scored = window.times > first.times[-1]
-    errors, heated, heat_in, thresholds, ended, known = None, None, None, None, None, None
+    errors, heated, heat_in, thresholds, ended, known, on = (None,) * 7
     if problem.heat is not None:
         drawn = heat or draw_heat(problem, draws, rng)
         heat_in, thresholds = drawn.in_window(window, rng), drawn.thresholds
@@ -82,11 +84,16 @@ def predict(
             first = replace(first, simulator=for_draws.simulator.on(slice(len(first.times))))
         at_first = _white(window, inside) if errors is None else errors.at_first()
         of_first = None if heat_in is None else heat_in.on(first)
-        if ended is None:
+        if ended is None and first.unmeasured:
+            inside, on = condition_start(first, inside, at_first, rng, of_first, _shares(problem))
+        elif ended is None:
             inside = condition_initial(first, inside, at_first, rng, of_first)
         else:
             inside[:, [k for k, own in enumerate(window.names) if own.startswith("initial.")]] = ended.temperatures
-    ensemble = propagate(for_draws, inside, settings.interval, rng, errors, heated, thresholds, known)
+    if window.unmeasured and problem.heat is not None and (name in trained or ended is not None):
+        status = ended.on if ended is not None else next(o.status[0] for o in problem.windows if o.name == name)
+        on = _with_held(window, status, len(inside))
+    ensemble = propagate(for_draws, inside, settings.interval, rng, errors, heated, thresholds, known, on)
     runs = window.simulate_many(thetas) if len(thetas) else []
     prediction = _dataset(window, dict(zip(points, runs, strict=True)), thetas, ensemble, scored)
     error = "" if for_draws.simulator.error_basis is None else ", the surrogate's error"
@@ -114,6 +121,21 @@ def predict(
     }
     prediction.attrs |= unseen_attribute(trained, window, ensemble.mean)
     return labelled(prediction, LABELS), ensemble
+
+
+def _shares(problem: Problem) -> FloatArray:
+    """[H] of the time that heaters are on in training, as far as it is known: a half of the others."""
+    status = np.concatenate([window.status for window in problem.windows])
+    known = np.isfinite(status)
+    shares = np.where(known, status, 0.0).sum(axis=0) / known.sum(axis=0).clip(1)
+    return np.where(known.any(axis=0), shares, 0.5).clip(_RARELY, 1.0 - _RARELY)
+
+
+def _with_held(window: Window, status: FloatArray, count: int) -> FloatArray:
+    """[count, H] heaters that are on at first: those without a status as in training [H], where it has been found."""
+    assert window.network is not None
+    found = np.isfinite(status) & np.isin(np.arange(len(status)), window.unmeasured)
+    return np.tile(np.where(found, status, window.network.drive.initially_on), (count, 1))
 
 
 def _like_trained(problem: Problem, window: Window) -> Window:

@@ -136,6 +136,8 @@ def measured_switches(scenario: Scenario, telemetry: xarray.Dataset, start: np.d
         return None
     found = []
     for heater, block in enumerate(model.switches.values()):
+        if block.measured_by is None:
+            continue
         times, on = _samples(telemetry, block.measured_by or "", start)
         gaps = np.diff(times)
         changed = (np.diff(on) != 0.0) & (gaps < 1.5 * np.median(gaps)) if len(gaps) else np.empty(0, bool)

@@ -19,12 +19,13 @@ from .heat import (
     sampled_windows,
     with_heat,
 )
-from .heat_model import SLOW, HeatModel, gaps_of, heat_model, knots_of
+from .heat_model import SLOW, HeatModel, Held, gaps_of, heat_model, knots_of
 from .heat_units import (
     Units,
     errors_of_weights,
     heat_of_weights,
     heated_switches,
+    heater_watts,
     kept_responses,
     patterns_of,
     places_of,
@@ -32,7 +33,7 @@ from .heat_units import (
     split,
     unit_heats,
 )
-from .held import held_by, hold
+from .held import held_by, hold, with_other
 from .native import STOPPED, NativeDensity
 from .problem import Problem, Runs
 from .synthetic import simulate_telemetry, with_drawn_heat, with_telemetry

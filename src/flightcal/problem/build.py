@@ -160,7 +160,9 @@ def _switching(scenario: Scenario, telemetry: xarray.Dataset, start: np.datetime
     found: list[tuple[float, float]] = []
     heaters: list[str] = []
     for name, heater in scenario.network.switches.items():
-        values = telemetry[heater.measured_by or ""].values
+        if heater.measured_by is None:
+            continue
+        values = telemetry[heater.measured_by].values
         valid = np.isfinite(values)
         seconds = (telemetry["time"].values[valid] - start) / np.timedelta64(1, "ns") * 1e-9
         gaps = np.diff(seconds)
@@ -170,16 +172,31 @@ def _switching(scenario: Scenario, telemetry: xarray.Dataset, start: np.datetime
             found.append((float(seconds[k + 1]) - 0.5 * interval, interval))
             heaters.append(name)
     times, intervals = np.array(found).reshape(-1, 2).T
-    return Switching(times, intervals, tuple(heaters))
+    unmeasured = tuple(name for name, heater in scenario.network.switches.items() if heater.measured_by is None)
+    return Switching(times, intervals, tuple(heaters), unmeasured)
+
+
+def _uncertain_thermostats(scenario: Scenario) -> set[str]:
+    """Heaters with a threshold that is a parameter."""
+    paths = {path for parameter in scenario.parameters.values() for path in (*parameter.sets, *parameter.scales)}
+    return {path.split(".")[1] for path in paths if path.endswith((".on_below", ".off_above"))}
 
 
 def _can_be_opened(scenario: Scenario) -> bool:
-    """Whether the heaters act in closed loop, and all of them could be driven by their measured status instead."""
+    """Whether the heaters act in closed loop, and all of them could be driven by their measured status instead.
+
+    With unmodelled heat what one does without a status is found from the temperatures, but not where its thresholds
+    are to be found too: thermostats tell of these by acting.
+    """
     if isinstance(scenario.simulator, ExternalModel):
         return False
-    heaters = scenario.simulator.switches.values()
-    measurable = bool(heaters) and all(heater.measured_by is not None for heater in heaters)
-    return measurable and scenario.simulator.heater_input == "simulated"
+    heaters = scenario.simulator.switches
+    if not heaters or scenario.simulator.heater_input != "simulated":
+        return False
+    unmeasured = {name for name, heater in heaters.items() if heater.measured_by is None}
+    if heat_of(scenario) is None:
+        return not unmeasured
+    return not unmeasured & _uncertain_thermostats(scenario)
 
 
 def initial_priors(scenario: Scenario, channels: tuple[str, ...], observed: FloatArray) -> dict[str, Prior]:

@@ -68,11 +68,13 @@ class Gain:
 
 @dataclass(frozen=True)
 class Held:
-    """What heaters did in an open loop while their status was not measured: as one simulation had it."""
+    """What heaters do in an open loop while their status is not measured."""
 
     window: str
-    shares: tuple[tuple[int, int, float], ...]
-    """Step of the integration, heater, and share of the step that it was on."""
+    gaps: tuple[tuple[float, float, int], ...]
+    """Begin and end, s from the window's start, of what is not measured of a heater."""
+    on: tuple[tuple[float, float, int], ...]
+    """The same of the parts of these in which it is on."""
     switches: tuple[tuple[float, int, float], ...]
     """s from the window's start, heater, and within how many seconds."""
 
@@ -199,7 +201,7 @@ def heat_model(scenario: Scenario, written: Heat, windows: Sequence[Window], the
             of_pattern = written.slow.of_pattern
             groups += [replace(own, part="slow_pattern") for own in groups if own.part == "pattern"]
     for window in windows:
-        if window.switching is not None and len(window.switching.time):
+        if window.switching is not None and (len(window.switching.time) or window.switching.unmeasured):
             groups.append(Group("switches", "", 1.0, window=window.name))
     groups += [gaps_of(window) for window in windows if window.bridged]
     groups += [Group("error", "", 1.0, window=own.name) for own in windows if own.simulator.error_basis is not None]

@@ -23,6 +23,9 @@ _NUDGE = 0.02
 """Of the heat that flows through a node: what its response is looked at with."""
 _MOST_CHANGED = 1e3
 """K, by which that much heat changes a temperature at most: what goes on from there overflows."""
+_ON, _SAMPLES = 0.5, 4.0
+"""Of the time on of a heater whose status is not measured: it may be off by as much in all, where fewer samples than
+these show when it is on."""
 _AT_ONCE = 2**22
 """Numbers of heat that simulations are made with at once: 32 MiB."""
 _PIECE = 600.0
@@ -114,7 +117,7 @@ def _switch_heats(model: HeatModel, window: Window, own: bool) -> Units:
     shares, series = [np.empty((0, len(model.nodes)))], [np.empty((0, 2 * (len(grid) - 1)))]
     for k in heated_switches(model, window) if own else ():
         assert switching is not None
-        watts = _watts(model, window, switching.heater[k])
+        watts = heater_watts(model, window, switching.heater[k])
         power = max(watts.sum(), _LEAST_POWER)
         time, interval = switching.time[k], switching.interval[k]
         edges = np.clip([time - 0.5 * interval, time + 0.5 * interval], grid[0], grid[-1])
@@ -122,6 +125,14 @@ def _switch_heats(model: HeatModel, window: Window, own: bool) -> Units:
         # Energy: power times the shift's deviation, interval / sqrt(12), spread over the interval.
         series.append(np.repeat(power / np.sqrt(12.0) * inside, 2)[None])
         shares.append(watts[None] / power)
+    for name in window.switching.unmeasured if own and window.switching is not None else ():
+        watts = heater_watts(model, window, name)
+        on = window.network.drive.measured[:, window.network.heaters.index(name)]
+        spells = int((np.diff(np.nan_to_num(on), prepend=0.0) > 0.0).sum())
+        shown = _SAMPLES * float(np.median(np.diff(window.network.observation.times)))
+        if watts.sum() > _LEAST_POWER and spells and np.nansum(on * np.diff(grid)) < spells * shown:
+            series.append(np.repeat(_ON * watts.sum() * np.nan_to_num(on), 2)[None])
+            shares.append(watts[None] / watts.sum())
     return Units(np.concatenate(shares), np.concatenate(series))
 
 
@@ -134,7 +145,7 @@ def heated_switches(model: HeatModel, window: Window) -> tuple[int, ...]:
     return tuple(k for k, name in enumerate(window.switching.heater) if name in heated)
 
 
-def _watts(model: HeatModel, window: Window, heater: str) -> FloatArray:
+def heater_watts(model: HeatModel, window: Window, heater: str) -> FloatArray:
     """[h] W into each of the model's nodes while a heater is on, as the scenario writes it."""
     watts = np.zeros(len(model.nodes))
     for own in window.scenario.network.on_switch(heater).values():

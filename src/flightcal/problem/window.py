@@ -49,6 +49,8 @@ class Switching:
     """[E] s, between the samples."""
     heater: tuple[str, ...]
     """[E] that has switched, and with it those that are switched with it."""
+    unmeasured: tuple[str, ...] = ()
+    """Heaters without a status: for how long these are on in all is not known."""
 
 
 @dataclass(frozen=True)
@@ -267,6 +269,19 @@ class Window:
         return float((self.times[0] - self.start) / np.timedelta64(1, "ns") * 1e-9)
 
     # --- variants -----------------------------------------------------------------------------------------------
+
+    def begun(self, on: FloatArray) -> Window:
+        """The same whose heaters are on as in `on` [H], 0 or 1, at first; of a thermal network."""
+        assert self.network is not None
+        return replace(self, simulator=replace(self.network, drive=replace(self.network.drive, initially_on=on)))
+
+    @cached_property
+    def unmeasured(self) -> tuple[int, ...]:
+        """Heaters of a thermal network, with thermostats that act, whose status is not measured."""
+        if self.network is None or self.scenario.network.heater_input == "measured":
+            return ()
+        switches = self.scenario.network.switches
+        return tuple(k for k, name in enumerate(self.network.heaters) if switches[name].measured_by is None)
 
     def independent(self) -> Window:
         """The same window, its theta too, with independent normal noise alone: no discrepancy, no correlation."""

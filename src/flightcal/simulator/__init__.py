@@ -4,9 +4,9 @@ Imports: compiled, environment, errors, scenario, telemetry.
 """
 
 from .assembly import ParameterMap, assemble, own_initial
-from .drive import Times, face_series, in_steps
+from .drive import Times, divided, face_series, in_steps
 from .flow import flow_through, heat_of_inputs
-from .integrate import SimulationFailure, in_parallel, integrate
+from .integrate import SimulationFailure, in_parallel, integrate, sensor_temperatures
 from .kernels.forward import NOT_FINITE, TOO_MANY_SWITCHES
 from .kernels.lanes import WIDTH
 from .kernels.march import MarchCall, march

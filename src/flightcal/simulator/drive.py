@@ -13,7 +13,7 @@ import xarray
 from numpy.typing import NDArray
 
 from ..environment import RINGS, face_fluxes, sample_times, seconds_later, shadow_edges, slew_edges, sun_edges
-from ..errors import TelemetryError, require_memory
+from ..errors import require_memory
 from ..scenario import Scenario, SpinningAttitude, load_driver
 from ..telemetry import (
     driver_corners,
@@ -111,6 +111,19 @@ def drive_on(inputs: Inputs, grid: FloatArray) -> Drive:
     return Drive(grid, np.ascontiguousarray(ends.T), driven, inputs.initially_on)
 
 
+def divided(drive: Drive, times: FloatArray) -> Drive:
+    """The same with steps that end at these times [.] s too, those aside that are next to the end of a step."""
+    after = np.searchsorted(drive.times, times).clip(1, len(drive.times) - 1)
+    inside = (times - drive.times[after - 1] > _CLOSEST) & (drive.times[after] - times > _CLOSEST)
+    grid = np.union1d(drive.times, times[inside])
+    step = np.searchsorted(drive.times, 0.5 * (grid[1:] + grid[:-1])) - 1
+    length = np.diff(drive.times)[step]
+    first, last = drive.inputs[step, 0], drive.inputs[step, 1]
+    shares = [(edges - drive.times[step]) / length for edges in (grid[:-1], grid[1:])]
+    inputs = np.stack([first + share[:, None] * (last - first) for share in shares], axis=1)
+    return Drive(grid, inputs, drive.measured[step], drive.initially_on)
+
+
 def in_steps(times: FloatArray, values: FloatArray, grid: FloatArray) -> FloatArray:
     """Values [q, M] that are linear between times [M] as the nearest line in each step of a grid [K+1]: [q, 2, K].
 
@@ -165,7 +178,7 @@ def window_inputs(
     flagged = inside([] if eclipse is None else status_changes(telemetry, eclipse.measured_by))
     jumps = np.union1d(inside([change.at for change in model.timeline]), flagged)
     # A measured switch lies anywhere between two samples: in between the heater has half of its power.
-    switched = inside([time for name in _driving(scenario) for time in switch_bounds(telemetry, name)])
+    switched = inside([time for name in filter(None, _driving(scenario)) for time in switch_bounds(telemetry, name)])
     kinks = inside(_kinks(scenario, start, end))
     breaks = _apart(np.concatenate([[0.0], jumps, switched, kinks, [duration]]))
     channels = scenario.telemetry.channels
@@ -317,16 +330,11 @@ def _mode_indicators(scenario: Scenario, grid: FloatArray, changes: FloatArray) 
     return {mode: np.array([float(name == mode) for name in active]) for mode in modes}
 
 
-def _driving(scenario: Scenario) -> list[str]:
+def _driving(scenario: Scenario) -> list[str | None]:
     """Channels of the measured status that drives the heaters."""
     if scenario.network.heater_input != "measured":
         return []
-    for name, heater in scenario.network.switches.items():
-        if heater.measured_by is None:
-            raise TelemetryError(
-                f"heater '{name}' is to be driven by its measured status, but has no 'measured_by' channel"
-            )
-    return [heater.measured_by or "" for heater in scenario.network.switches.values()]
+    return [heater.measured_by for heater in scenario.network.switches.values()]
 
 
 def _measured_heaters(
@@ -336,7 +344,8 @@ def _measured_heaters(
     edges = seconds_later(start, breaks)
     measured = np.full((len(edges) - 1, len(scenario.network.switches)), np.nan)
     for k, channel in enumerate(_driving(scenario)):
-        measured[:, k] = status_fraction(telemetry, channel, edges)
+        if channel is not None:
+            measured[:, k] = status_fraction(telemetry, channel, edges)
     return measured
 
 

@@ -29,7 +29,7 @@ from .kernels.forward import (
 from .kernels.lanes import aligned, lane_memory
 from .kernels.sampling import Looks
 from .kernels.step import step_size
-from .sampling import NOTHING, Observation
+from .sampling import NOTHING, Observation, Sensors
 from .system import Drive, FloatArray, Structure, Switch, System, pack, packed_size, unpack
 
 MOST_SWITCHES = 20.0 / 30.0  # per second of a window, and as many for each point of the grid
@@ -194,6 +194,16 @@ def integrate(structure: Structure, system: System, drive: Drive, *, derivative:
     run.packed[0] = pack(system)
     check_outcome(run.forward())
     return run
+
+
+def sensor_temperatures(structure: Structure, system: System, drive: Drive, times: FloatArray) -> FloatArray:
+    """Temperatures [T, H] K of the sensors of the thermostats at times [T] s. Raises SimulationFailure."""
+    sensors = Sensors(structure.sensor, np.zeros(len(structure.sensor), np.bool_))
+    run = Integration(structure, drive, Observation(times, sensors))
+    run.packed[0] = pack(system)
+    run.errors[0] = np.array([1.0, 0.0, 0.0])[:, None]
+    check_outcome(run.forward())
+    return run.outputs.temperatures[0].copy()
 
 
 def in_parallel(task: Callable[[int], Any], count: int) -> list[Any]:

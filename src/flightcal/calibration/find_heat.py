@@ -1,0 +1,196 @@
+"""Finding unmodelled heat, and what heaters did whose status is not measured.
+
+Both are found together: heat from what is left over a simulation in open loop, in which heaters do what is held; what
+is held from the temperatures, of which the heat is a part. Where all heaters have a status nothing is held but over
+gaps in it.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import replace
+
+import numpy as np
+
+from ..errors import FlightcalError
+from ..problem import Held, Problem, Window, heat_in_prior, heated_switches, held_by, hold, sampled_windows, split
+from ..progress import SILENT, Progress
+from ..simulator import FloatArray, SimulationFailure
+from .heat_point import HeatPoint
+from .heat_search import Point, Search
+from .switches import HeaterTimes, exchanged, heater_times, quiet_noise, with_shifts, with_states
+
+_HOLDS = 6
+"""Looks at what heaters do whose status is not measured."""
+_GAINED = 0.5
+"""Of the log density, for which it is worth to look again."""
+_SETTLES = 8
+"""Looks at what these do before sizes of noise and heat are looked for."""
+_QUIETEST = 1e-3
+"""K, of the noise then."""
+_TOLD = 0.5
+"""Of what the prior knows of a direction of heat: where the telemetry tells less, it does not count then."""
+
+
+def find_heat(problem: Problem, theta: FloatArray, *, progress: Progress = SILENT) -> HeatPoint:
+    """Look at heat around theta [d] of a problem whose scenario has it. Raises FlightcalError where that fails.
+
+    Where the status of heaters is not measured, what they do is held: first as thermostats do without heat, then as
+    the telemetry is most probable.
+    """
+    windows = sampled_windows(problem)
+    try:
+        held = [held_by(window, problem.at(window, theta)) for window in windows]
+        unmeasured = any(window.switching is not None and window.switching.unmeasured for window in windows)
+        if unmeasured:
+            held, theta = _settled(problem, windows, held, theta)
+        search = _search(problem, windows, held)
+        point = search.run(theta, progress)
+        exchanges = True
+        for _ in range(_HOLDS if unmeasured else 0):
+            if exchanges:
+                tried = _better_held(search, windows, held, search.at(point), point.most_probable, point.around.bases)
+                exchanges = tried != held
+            if not exchanges:
+                tried = _shifted(search, held, point)
+            better = _search(problem, windows, tried)
+            found = better.run(theta, progress)
+            is_better = found.evidence > point.evidence + _GAINED
+            if is_better:
+                search, point, held = better, found, tried
+            elif not exchanges:
+                break
+            exchanges = exchanges and is_better
+        return point
+    except SimulationFailure as failure:
+        raise FlightcalError(f"heat: {failure}, next to the point that fits the telemetry best") from None
+
+
+def _settled(
+    problem: Problem, windows: Sequence[Window], held: list[Held | None], theta: FloatArray
+) -> tuple[list[Held | None], FloatArray]:
+    """What heaters do, and theta [d], where noise is as small as neighbouring samples say.
+
+    A thermostat that is simulated out of step leaves errors that sizes of noise and heat would be fitted to.
+    """
+    z = problem.to_z(theta)
+    for _ in range(_SETTLES):
+        search = _search(problem, windows, held)
+        sizes = _quiet(search)
+        linear = search.linear(z, np.zeros(len(search.group)))
+        told = search.directions(linear.each, sizes, search.generous(sizes), _TOLD)
+        tried = _better_held(search, windows, held, linear, sizes, told)
+        search = _search(problem, windows, tried)
+        weights = np.zeros(len(search.group))
+        z, _, _ = search.step(search.linear(z, weights).each, z, weights, sizes)
+        if tried == held:
+            break
+        held = tried
+    return held, problem.to_theta(z)
+
+
+def _search(problem: Problem, windows: Sequence[Window], held: Sequence[Held | None]) -> Search:
+    """In windows whose heaters do what is held."""
+    known = [own if of_own is None else hold(own, of_own) for own, of_own in zip(windows, held, strict=True)]
+    model = heat_in_prior(problem, known)
+    assert model is not None
+    return Search(problem, known, replace(model, held=tuple(own for own in held if own is not None)))
+
+
+def _quiet(search: Search) -> FloatArray:
+    """Sizes [s]: of noise as small as neighbouring samples say, of heat as the prior has it."""
+    sizes = search.sizes.median()
+    observed = np.concatenate([window.observed for window in search.windows])
+    for entry in search.entries:
+        if entry.size in ("noise", "white"):
+            least = quiet_noise(observed[:, entry.channel])
+            sizes[search.noise.index(entry.name)] = max(least, search.floor[entry.channel], _QUIETEST)
+    for k in range(len(search.noise), len(sizes)):
+        sizes[k] = next(group.size for group in search.model.groups if group.scale == search.names[k])
+    return sizes
+
+
+def _better_held(
+    search: Search,
+    windows: Sequence[Window],
+    held: Sequence[Held | None],
+    point: Point,
+    sizes: FloatArray,
+    bases: tuple[FloatArray, ...],
+) -> list[Held | None]:
+    """What heaters do without a measured status, as makes the telemetry most probable next to a point.
+
+    windows: without what is held; sizes: [s]; bases: the directions of heat that count.
+    """
+    found: list[list[HeaterTimes]] = []
+    for window, own, around in zip(windows, held, point.each, strict=True):
+        theta = search.problem.at(around.window, search.problem.to_theta(point.z))
+        found.append([] if own is None else heater_times(window, own, around.window, theta, search.model))
+    everything = [own for of_window in found for own in of_window]
+    if not everything:
+        return list(held)
+    states = iter(exchanged(everything, *_by_power(search, point, found, sizes, bases)))
+    better = list(held)
+    for k, of_window in enumerate(found):
+        for times in of_window:
+            known = better[k]
+            assert known is not None
+            better[k] = with_states(known, times, next(states))
+    return better
+
+
+def _by_power(
+    search: Search,
+    point: Point,
+    found: Sequence[Sequence[HeaterTimes]],
+    sizes: FloatArray,
+    bases: tuple[FloatArray, ...],
+) -> tuple[FloatArray, FloatArray]:
+    """Slope and curvature of the log density, for power added in the times of heaters; all else integrated out."""
+    mean, deviation = search.prior_of_z(point.z)
+    from_prior = np.concatenate([search.of_bases(point.weights, bases), point.z[search.moving] - mean])
+    kept = [own.shape[1] for own in bases]
+    # How uncertain a switch is that is there now is no matter of where it had better be.
+    stays = np.repeat([*(group.part != "switches" for group in search.model.groups), True], [*kept, len(mean)])
+    roots = np.concatenate([np.repeat(search.roots(sizes), kept), deviation])[stays]
+    counts = [sum(own.response.shape[2] for own in of_window) for of_window in found]
+    gram = np.zeros((len(roots) + sum(counts) + 1,) * 2)
+    for k, (own, wide) in enumerate(zip(point.each, search.columns(point.each, bases), strict=True)):
+        shape = wide.shape[:2]
+        powers = np.zeros((*shape, sum(counts)))
+        if counts[k]:
+            powers[..., sum(counts[:k]) : sum(counts[: k + 1])] = np.concatenate(
+                [of_heater.response for of_heater in found[k]], axis=2
+            )
+        left = np.where(own.window.valid, own.left + wide @ from_prior, 0.0)
+        both = np.concatenate([wide[..., stays], powers, left[..., None]], axis=2)
+        white = own.through(search.shapes(sizes))(both) / search.numbers(sizes)[:, :1, None]
+        flat = white.reshape(-1, both.shape[2])
+        gram += flat.T @ flat
+    known, power = slice(0, len(roots)), slice(len(roots), -1)
+    inner = gram[known, known] + np.diag(roots**-2.0)
+    explained = np.linalg.solve(inner, gram[known, len(roots) :])
+    rest = gram[power, len(roots) :] - gram[power, known] @ explained
+    return rest[:, -1], rest[:, :-1]
+
+
+def _shifted(search: Search, held: Sequence[Held | None], point: HeatPoint) -> list[Held | None]:
+    """The same with switches of heaters without a status where the weights of a point have them."""
+    found = list(held)
+    weights = split(point.model, point.model.centre)
+    for k, (window, own) in enumerate(zip(search.windows, held, strict=True)):
+        if own is None or window.switching is None:
+            continue
+        (place,) = (
+            g for g, group in enumerate(search.model.groups) if group.part == "switches" and group.window == window.name
+        )
+        known = len(window.switching.time) - len(own.switches)
+        later = np.zeros(len(own.switches))
+        for weight, switch in zip(weights[place], heated_switches(search.model, window), strict=False):
+            if switch >= known:
+                later[switch - known] = weight * own.switches[switch - known][2] / np.sqrt(12.0)
+        unmeasured = {window.simulator.heaters.index(name) for name in window.switching.unmeasured}
+        assert window.network is not None
+        interval = float(np.median(np.diff(window.network.observation.times)))
+        found[k] = with_shifts(own, later, unmeasured, interval)
+    return found
