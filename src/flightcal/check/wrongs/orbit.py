@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from functools import partial
 from itertools import product
 from typing import Any
@@ -11,11 +11,23 @@ import numpy as np
 from scipy.spatial.transform import Rotation
 
 from ...report import number
-from ...scenario import CircularOrbit, Earth, KeplerianOrbit, Scenario, SpinningAttitude
+from ...scenario import (
+    AttitudeTimeline,
+    CircularOrbit,
+    Earth,
+    InertialAttitude,
+    KeplerianOrbit,
+    SampledAttitude,
+    Scenario,
+    SpinningAttitude,
+)
 from ...simulator import FloatArray
 from ..view import View
 from .wrong import Words, Wrong, closer, driven_otherwise, duration
 
+_ORDERS = ((0, 1, 2, 3), (3, 0, 1, 2), (1, 2, 3, 0))
+"""Where the real part and the other three stand in a quaternion as written: in their order; the real part last; first
+in a file where it was taken to be last."""
 _STEPS = {
     "altitude": (-0.4, -0.3, -0.2, -0.1, 0.1, 0.2, 0.35, 0.5, 0.75, 1.0),
     "inclination": tuple(np.deg2rad(15.0 * k) for k in (-5, -4, -3, -2, -1, 1, 2, 3, 4, 5)),
@@ -47,6 +59,49 @@ def attitudes(view: View) -> Iterator[Wrong]:
             f"Write 'attitude: {attitude}' in 'environment', or check the quaternions",
         )
         yield from driven_otherwise("attitude", attitude, words, view, tries=2, scenario=scenario)
+
+
+def quaternions(view: View) -> Iterator[Wrong]:
+    """Quaternions are the other way round, or their real part stands elsewhere."""
+    environment = view.window.scenario.environment
+    if environment.orbit is None or not view.window.scenario.network.faces:
+        return
+    others = [own for own in product(_ORDERS, (False, True)) if own != (_ORDERS[0], False)]
+    for order, inverse in others:
+        attitude = _each(environment.attitude, partial(_read_otherwise, order=order, inverse=inverse))
+        if attitude == environment.attitude:
+            return
+        how = [f"the real part in {'wxyz'[order[0]]} as it is written"] if order[0] else []
+        how += ["quaternions that turn inertial vectors into the body's"] if inverse else []
+        words = Words(
+            "The quaternions are of another convention",
+            f"With {', and '.join(how)}, sunlight and Earth's heat explain the telemetry.",
+            "Check 'environment: attitude': 'columns' of a file says where the real part is, 'turns' what they turn",
+        )
+        scenario = _elsewhere(view, attitude=attitude)
+        yield from driven_otherwise("attitude", "quaternions", words, view, tries=len(others), scenario=scenario)
+
+
+def _each(attitude: Any, change: Callable[[Any], Any]) -> Any:
+    """An attitude with each that it is made of changed."""
+    if not isinstance(attitude, AttitudeTimeline):
+        return change(attitude)
+    named = {name: change(own) for name, own in attitude.named.items()}
+    timeline = tuple(own.model_copy(update={"attitude": change(own.attitude)}) for own in attitude.timeline)
+    return attitude.model_copy(update={"named": named, "timeline": timeline})
+
+
+def _read_otherwise(attitude: Any, order: Sequence[int], inverse: bool) -> Any:
+    """The components of quaternions in another order, and perhaps the turn back; anything else as it is."""
+    if isinstance(attitude, SampledAttitude):
+        back = {"body_to_inertial": "inertial_to_body", "inertial_to_body": "body_to_inertial"}
+        update: dict[str, Any] = {"columns": tuple(attitude.columns[k] for k in order)}
+        update |= {"turns": back[attitude.turns]} if inverse else {}
+        return attitude.model_copy(update=update)
+    if isinstance(attitude, InertialAttitude):
+        w, *rest = (attitude.inertial[k] for k in order)
+        return attitude.model_copy(update={"inertial": (w, *(-own if inverse else own for own in rest))})
+    return attitude
 
 
 def spins(view: View) -> Iterator[Wrong]:
@@ -169,5 +224,5 @@ def eclipses(view: View) -> Iterator[Wrong]:
     yield from driven_otherwise("eclipse", flag, words, view, tries=1.0, scenario=scenario)
 
 
-WRONGS = (attitudes, spins, orbits, places, eclipses)
+WRONGS = (attitudes, quaternions, spins, orbits, places, eclipses)
 """What looks for them."""
