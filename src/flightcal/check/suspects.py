@@ -27,7 +27,7 @@ from .footings import Footing, footings
 from .jumps import Jump, in_words, jumps
 from .misfit import Misfit, misfit
 from .thermostat import copied, disobeyed, inferred
-from .view import HEAT, INFERRED, NO_LINK, WIDENED, Point, View, view_of
+from .view import HEAT, INFERRED, NO_LINK, UNKNOWN, WIDENED, Point, View, view_of
 from .wrongs import Wrong, all_wrongs
 
 SUSPECTS_FILE = "suspects.json"
@@ -168,7 +168,7 @@ def prepared(scenario: Scenario, telemetry: xarray.Dataset) -> View | None:
     """The first training window of a thermal network, driven by its heaters' status; None of anything else.
 
     Of a heater that acts without a measured status nobody knows when it was on, and a model that switches a little
-    later is no wrong: None there too. Raises FlightcalError.
+    later is no wrong: its heat is then unknown. Raises FlightcalError.
     """
     model = scenario.simulator
     if not isinstance(model, SimulatorModel) or model.reduced_model is not None or model.errors:
@@ -180,7 +180,7 @@ def prepared(scenario: Scenario, telemetry: xarray.Dataset) -> View | None:
         if channel is None:
             values, channel = inferred(scenario, telemetry, name), f"{INFERRED}{name}"
             if values is None:
-                return None
+                values, channel = np.full(telemetry.sizes["time"], 0.5), f"{UNKNOWN}{name}"
             telemetry = telemetry.assign({channel: ("time", values)})
             channels[channel] = Channel(column=channel, kind="status")
         heaters[name] = heater.model_copy(update={"measured_by": channel})

@@ -30,7 +30,12 @@ _RINGS = 8
 ZONES = 50_400.0
 """s, of which the clock of a time zone is off at most."""
 INFERRED = "status by temperature of "
-"""Begins the names of channels that are no telemetry."""
+"""Begins the names of channels that are no telemetry,"""
+UNKNOWN = f"{INFERRED}nothing, of "
+"""and of those that say nothing: the heater's heat is then half of its power, and unknown heat."""
+_ANY = 3.0
+"""Of its power, deviation of the heat of a heater of which nobody knows when it is on: so much that nothing else that
+heats its node is any likelier."""
 NO_LINK = 1e-9
 """W/K, of nodes that are not linked: by more they might be."""
 WIDENED = 10.0
@@ -327,8 +332,30 @@ class View:
         parts: dict[bool, list[FloatArray]] = {True: [np.empty((flat.shape[0], 0))], False: []}
         for group, response in zip(self.heat.groups, found, strict=True):
             parts[group.part == "switches"].append(group.size * self._rows(response))
+        parts[True] += [self._unknown_heat(window, z, name) for name in self.unknown]
         heat, jitter = (np.concatenate(parts[switches], axis=1) for switches in (False, True))
         return Point(z, simulated, temperatures, flat, heat, jitter)
+
+    @cached_property
+    def unknown(self) -> tuple[str, ...]:
+        """Heaters of which nobody knows when they are on."""
+        model = self.window.scenario.network
+        silent = [name for name, own in model.switches.items() if (own.measured_by or "").startswith(UNKNOWN)]
+        return tuple(other for name in silent for other in model.on_switch(name))
+
+    def _unknown_heat(self, window: Window, z: FloatArray, heater: str) -> FloatArray:
+        """[R, k] K of heat that nobody knows: its mean, and that from row to row. Raises SimulationFailure."""
+        own = self.window.scenario.network.heaters[heater]
+        if own.node not in self.heat.nodes:
+            return np.empty((self.begun.shape[0], 0))
+        effects = self.response(window, z, own.node, self.pieces(self.rows.seconds))
+        return _ANY * own.power * np.column_stack([effects.sum(axis=1), effects])
+
+    def pieces(self, edges: FloatArray) -> FloatArray:
+        """Series [k, 2 K] that are 1 in the steps between two edges [k + 1], s from the window's start, and else 0."""
+        grid = self.network.drive.times
+        place = np.searchsorted(edges, 0.5 * (grid[1:] + grid[:-1]), side="right") - 1
+        return np.repeat((place == np.arange(len(edges) - 1)[:, None]).astype(float), 2, axis=1)
 
     def heat_of(self, window: Window) -> HeatModel:
         """Of a window like this one, at the prior's median."""

@@ -60,7 +60,7 @@ def heaters(view: View) -> Iterator[Wrong]:
     centre = view.middle
     for name, block in blocks.items():
         on = np.nan_to_num(view.network.drive.measured[:, switch[name]])
-        if block.node not in view.heat.nodes or not on.any():
+        if block.node not in view.heat.nodes or not on.any() or name in view.unknown:
             continue
         waves = block.power * np.repeat(on, 2)[None]
         own = view.response(view.window, centre, block.node, waves)
@@ -85,7 +85,7 @@ def heaters(view: View) -> Iterator[Wrong]:
                 )
 
             yield Wrong("heater", name, moved, columns=other, least=0.6, tries=len(blocks) * len(view.heat.nodes))
-    if len(blocks) > 1:
+    if len(blocks) > 1 and not view.unknown:
         yield from _powers(view, "every heater", list(blocks), FEW_TIMES, len(FEW_TIMES))
 
 
@@ -256,7 +256,7 @@ def missing_heat(view: View) -> Iterator[Wrong]:
     for k, channel_name in enumerate(view.channels):
         node = scenario.observations[channel_name].node
         rising = turning(view.window.observed[:, k], 4.0 * float(view.rows.noise[k]) + 0.3)
-        if node in view.heat.nodes and rising is not None:
+        if node in view.heat.nodes and rising is not None and heated.get(str(node)) not in view.unknown:
             seconds = view.network.observation.times
             waves.append(("", str(node), (np.interp(middle, seconds, rising) > 0.5).astype(float)))
     for name, node, on in waves:
