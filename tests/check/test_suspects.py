@@ -212,6 +212,21 @@ def test_telemetry_is_compared_too_where_no_status_says_when_a_heater_is_on(tmp_
     assert (first.kind, first.about) == ("unit", "panel_temp")
 
 
+def test_a_mode_that_the_scenario_lacks_is_named_with_its_times(tmp_path):
+    written = small.content()
+    written["simulator"]["modes"] = {"quiet": {"panel": "2 W"}, "loud": {"panel": "14 W"}}
+    at = [("2024-03-01T00:00:00", "quiet"), ("2024-03-01T01:00:00", "loud"), ("2024-03-01T01:30:00", "quiet"),
+          ("2024-03-01T02:10:00", "loud"), ("2024-03-01T02:30:00", "quiet")]  # fmt: skip
+    written["simulator"]["timeline"] = [{"at": time, "mode": mode} for time, mode in at]
+    _, data = small.closed_loop(tmp_path, written)
+    del written["simulator"]["modes"]["loud"], written["simulator"]["timeline"]
+    scenario, _ = small.load(tmp_path, written)
+    first = named(scenario, data)[0]
+    assert (first.kind, first.about) == ("missing heat", "panel")
+    assert "2024-03-01T01:00 to 01:3" in first.sentence
+    assert "2024-03-01T02:" in first.sentence
+
+
 def test_a_status_that_never_changes_is_told_too_where_it_comes_at_times_of_its_own(flown):
     scenario, data = flown
     even = np.arange(data.sizes["time"]) % 2 == 0

@@ -29,6 +29,7 @@ from .misfit import Misfit, misfit
 from .thermostat import copied, disobeyed, inferred
 from .view import HEAT, INFERRED, NO_LINK, UNKNOWN, WIDENED, Point, View, view_of
 from .wrongs import Wrong, all_wrongs
+from .wrongs.heat import bursts
 
 SUSPECTS_FILE = "suspects.json"
 _CLEAR = 10.0
@@ -240,7 +241,7 @@ def _compared(view: View, base: Point, nothing: Fit) -> list[tuple[Fit, Suspicio
     known = np.isfinite(view.flat(view.observed))
     looks = [_look(view, point, known) for point in (base, view.point(view.window, nothing.z, base))]
     looks = [replace(look, around=look.around.inverted()) for look in looks]
-    wrongs = list(all_wrongs(view))
+    wrongs = [*all_wrongs(view), *_bursts(view, looks[1])]
 
     def gained(k: int) -> float:
         try:
@@ -264,6 +265,16 @@ def _compared(view: View, base: Point, nothing: Fit) -> list[tuple[Fit, Suspicio
         if (item[1].kind, item[1].about) not in [(own.kind, own.about) for _, own in once]:
             once.append(item)
     return once
+
+
+def _bursts(view: View, look: _Look) -> list[Wrong]:
+    """Heat that comes and goes where nothing wrong leaves something of the telemetry."""
+    point = look.around.point
+    left = view.flat(view.observed) - point.temperatures - look.back
+    try:
+        return list(bursts(view, point.z, lambda effects: look.around.fit(left, effects).added))
+    except SimulationFailure:
+        return []
 
 
 def finalists(gains: Sequence[float], wrongs: Sequence[Wrong]) -> list[Wrong]:
