@@ -341,6 +341,20 @@ def test_the_height_of_an_elliptic_orbit_is_named(tmp_path):
     assert "orbit" in {own.kind for own in named(scenario, data)}
 
 
+def test_the_place_in_an_ellipse_is_named(tmp_path):
+    written = boxed()
+    orbit = {
+        "semi_major_axis": "8500 km", "eccentricity": 0.2, "inclination": "60 deg", "raan": "340 deg",
+        "argument_of_perigee": "90 deg", "mean_anomaly": "0 deg", "epoch": "2024-03-01T00:00:00",
+    }  # fmt: skip
+    written["environment"]["orbit"] = orbit
+    _, data = small.closed_loop(tmp_path, written)
+    orbit["mean_anomaly"] = "120 deg"
+    scenario, _ = small.load(tmp_path, written)
+    # Without modes a late clock is as good.
+    assert "The orbit has another mean anomaly" in [own.title for own in named(scenario, data)]
+
+
 def test_a_number_of_the_sun_is_not_mended_by_one_that_cannot_be(tmp_path):
     view = prepared(*small.closed_loop(tmp_path, sunlit()))
     tried = {own.about for own in numbers(view)}

@@ -31,9 +31,13 @@ in a file where it was taken to be last."""
 _STEPS = {
     "altitude": (-0.4, -0.3, -0.2, -0.1, 0.1, 0.2, 0.35, 0.5, 0.75, 1.0),
     "inclination": tuple(np.deg2rad(15.0 * k) for k in (-5, -4, -3, -2, -1, 1, 2, 3, 4, 5)),
+    "eccentricity": (-0.3, -0.2, -0.1, -0.05, 0.05, 0.1, 0.2, 0.3),
+    "place": tuple(np.deg2rad(15.0 * k) for k in range(1, 24)),
     "node": tuple(np.deg2rad([-4.0, -2.0, -1.0, 1.0, 2.0, 4.0, *(15.0 * k for k in range(1, 24))]).tolist()),
 }
-"""Shares of the altitude, and rad."""
+"""Shares of the altitude, rad, and the eccentricity itself."""
+_ROUND = 0.02
+"""Eccentricity up to which the place of the perigee matters to nothing."""
 _LOWEST = 150e3
 """m, of an orbit."""
 _GROUND = Earth().radius
@@ -135,14 +139,18 @@ def _elsewhere(view: View, **changes: Any) -> Scenario:
 
 
 def orbits(view: View) -> Iterator[Wrong]:
-    """Another plane of the orbit, or another height."""
+    """Another plane of the orbit, another height or, of an ellipse, another shape or place in it."""
     orbit = view.window.scenario.environment.orbit
     if not isinstance(orbit, CircularOrbit | KeplerianOrbit) or not view.window.scenario.network.faces:
         return
     height = "altitude" if isinstance(orbit, CircularOrbit) else "semi_major_axis"
     node = next(name for name in ("raan", "beta_angle", "ltan") if getattr(orbit, name, None) is not None)
     of_node = _STEPS["inclination" if node == "beta_angle" else "node"]
-    for name, steps in ((height, _STEPS["altitude"]), ("inclination", _STEPS["inclination"]), (node, of_node)):
+    tried = [(height, _STEPS["altitude"]), ("inclination", _STEPS["inclination"]), (node, of_node)]
+    if isinstance(orbit, KeplerianOrbit) and orbit.eccentricity > _ROUND:
+        tried += [("eccentricity", _STEPS["eccentricity"])]
+        tried += [(name, _STEPS["place"]) for name in ("argument_of_perigee", "mean_anomaly")]
+    for name, steps in tried:
         for step in steps:
             yield from _other_orbit(view, orbit, name, step, tries=len(_STEPS) * len(steps))
     if isinstance(orbit, CircularOrbit) and orbit.altitude > _GROUND:
@@ -162,7 +170,7 @@ def _other_orbit(
         f"The telemetry agrees with {name} {text}: its sunlight and eclipses are those of the telemetry.",
         f"Check 'environment: orbit' ({name}: {text})",
     )
-    apart = 0.05 if name in ("altitude", "semi_major_axis") else np.deg2rad(7.5)
+    apart = {"altitude": 0.05, "semi_major_axis": 0.05, "eccentricity": 0.04}.get(name, float(np.deg2rad(7.5)))
 
     def around() -> Iterator[Wrong]:
         for more in np.linspace(-1.0, 1.0, 9) * apart:
@@ -187,6 +195,10 @@ def _changed(orbit: CircularOrbit | KeplerianOrbit, name: str, step: float) -> t
         minutes = round(60 * hour + minute + np.rad2deg(step) * 4.0) % 1440
         text = f"{minutes // 60:02d}:{minutes % 60:02d}"
         return text, text
+    if name == "eccentricity" and isinstance(orbit, KeplerianOrbit):
+        shape = orbit.eccentricity + step
+        lowest = orbit.semi_major_axis * (1.0 - shape) - _GROUND
+        return (shape if shape >= 0.0 and lowest > _LOWEST else None), f"{shape:.2f}"
     angle = float(getattr(orbit, name)) + step
     bounds = {"inclination": (0.0, np.pi), "beta_angle": (-0.5 * np.pi, 0.5 * np.pi)}.get(name, (-np.inf, np.inf))
     return (angle if bounds[0] < angle < bounds[1] else None), f"{np.rad2deg(angle):.1f} deg"
