@@ -227,6 +227,19 @@ def test_a_mode_that_the_scenario_lacks_is_named_with_its_times(tmp_path):
     assert "2024-03-01T02:" in first.sentence
 
 
+def test_the_prior_of_a_capacity_in_another_unit_is_named_by_how_many_times(tmp_path):
+    written = small.content()
+    prior = {"lognormal": {"median": "3000 J/K", "factor": 1.15}}
+    written["parameters"]["body_capacity"] = {"sets": "nodes.body.capacity", "prior": prior}
+    scenario, data = small.closed_loop(tmp_path, written)
+    assert named(scenario, data) == ()
+    prior["lognormal"]["median"] = "3 J/K"
+    scenario, _ = small.load(tmp_path, written)
+    first = named(scenario, data)[0]
+    assert (first.kind, first.about) == ("prior", "body_capacity")
+    assert first.title.endswith("is 0.0010 times what it should be")
+
+
 def test_a_status_that_never_changes_is_told_too_where_it_comes_at_times_of_its_own(flown):
     scenario, data = flown
     even = np.arange(data.sizes["time"]) % 2 == 0

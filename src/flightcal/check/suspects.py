@@ -39,7 +39,7 @@ _PROMISING = 2.0
 _FINALISTS = 12
 _OF_A_KIND = 3
 """So many of a kind are looked at closely,"""
-_BY_SIZE = frozenset({"number", "link", "heater", "driver", "attitude", "orbit"})
+_BY_SIZE = frozenset({"number", "prior", "link", "heater", "driver", "attitude", "orbit"})
 """and of these kinds one of each number: a closer look finds its size."""
 _ROUNDS = 3
 """Closer looks at one wrong."""
@@ -327,6 +327,9 @@ def _gain(view: View, wrong: Wrong, look: _Look) -> float:
     shift = (view.middle if observed is view.observed else view.centre(observed)) - view.middle
     if wrong.memory is not None:
         temperatures = _reading(view, wrong).read(point.simulated)
+    elif wrong.moved is not None:
+        moved = replace(view, moved=wrong.moved).centre(observed) - view.middle
+        temperatures = view.temperatures(wrong.window or view.window, point.z + moved)
     elif wrong.window is None:
         temperatures = point.temperatures + point.effects @ (shift / view.spread)
     else:
@@ -365,8 +368,9 @@ def _climbed(view: View, wrong: Wrong, base: Point) -> Fit:
 
 
 def _reading(view: View, wrong: Wrong) -> View:
-    """The view with channels that read as they do."""
-    return view if wrong.memory is None else replace(view, memory=wrong.memory)
+    """The view with channels that read as they do, and priors that are of what they should be."""
+    as_it_is = wrong.memory is None and wrong.moved is None
+    return view if as_it_is else replace(view, memory=wrong.memory, moved=wrong.moved)
 
 
 def _with_wider_prior(view: View, entry: int, base: Point) -> Fit:

@@ -17,7 +17,7 @@ from ..errors import OrbitError
 from ..problem import HeatModel, Problem, Window, heat_model, initial_priors, responses, unit_heats
 from ..scenario import Environment, Heat, HeatPattern, HeatSlow, Scenario
 from ..simulator import FloatArray, NetworkSimulator, SimulationFailure, Times, face_series
-from .evaluate import spread_in_z
+from .evaluate import CENTRAL, spread_in_z
 
 HEAT = Heat(pattern=HeatPattern(harmonics=4), slow=HeatSlow(scale=0.02))
 """What a simulator may lack and be right: heat of some percent of what flows through each node."""
@@ -145,6 +145,8 @@ class View:
     thermostats: tuple[Thermostat, ...] = ()
     widened: int | None = None
     """The entry whose prior is wider than written."""
+    moved: tuple[int, float] | None = None
+    """An entry whose prior is for so many times the value that is written."""
     memory: Memory | None = None
     """Of one channel."""
 
@@ -272,11 +274,25 @@ class View:
         spread = spread_in_z(self.problem)
         if self.widened is not None:
             spread[self.widened] *= WIDENED
+        if self.moved is not None:
+            lower, upper = (self.problem.to_z(self._quantile(p)) for p in CENTRAL)
+            spread[self.moved[0]] = 0.5 * (upper - lower)[self.moved[0]]
         return spread
+
+    @property
+    def median(self) -> FloatArray:
+        """theta [d] of the priors."""
+        return self._quantile(0.5)
+
+    def _quantile(self, probability: float) -> FloatArray:
+        theta = self.problem.priors.quantile(probability)
+        if self.moved is not None:
+            theta[self.moved[0]] *= self.moved[1]
+        return theta
 
     def centre(self, observed: FloatArray) -> FloatArray:
         """z [d] at the prior's medians; initial temperatures follow the first samples of `observed` [t, N]."""
-        theta = self.problem.priors.median()
+        theta = self.median
         for name, prior in initial_priors(self.problem.scenario, self.channels, observed).items():
             if name in self.problem.names and hasattr(prior, "mean"):
                 theta[self.problem.names.index(name)] = prior.mean
@@ -359,7 +375,7 @@ class View:
 
     def heat_of(self, window: Window) -> HeatModel:
         """Of a window like this one, at the prior's median."""
-        median = self.problem.at(self.window, self.problem.priors.median())
+        median = self.problem.at(self.window, self.median)
         return heat_model(window.scenario, _usual(window), (window,), median)
 
     def response(self, window: Window, z: FloatArray, node: str, series: FloatArray) -> FloatArray:
