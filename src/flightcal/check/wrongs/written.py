@@ -194,7 +194,7 @@ def _other_prior(view: View, name: str, factor: float, tries: float) -> Iterator
     moved = replace(view, moved=(entry, factor))
     with np.errstate(all="ignore"):  # out of its bounds
         off = abs(moved.middle - view.middle)[entry] / view.spread[entry]
-        possible = np.isfinite(moved.spread).all()
+        possible = 0.0 < moved.spread[entry] < np.inf
     if not possible or not _FAR < off < np.inf:
         return
 
