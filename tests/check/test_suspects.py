@@ -17,7 +17,7 @@ from flightcal.check.suspects import Suspicion, finalists, prepared, ranked, une
 from flightcal.check.view import HEAT, noise_of, series_at
 from flightcal.check.wrongs import Words, Wrong
 from flightcal.check.wrongs.clocks import clocks
-from flightcal.check.wrongs.heat import heaters, obedient, turning
+from flightcal.check.wrongs.heat import heaters, obedient, turning, upper
 from flightcal.environment.orbit import propagator
 from flightcal.problem import build_problem
 from flightcal.progress import SILENT
@@ -225,6 +225,16 @@ def test_a_mode_that_the_scenario_lacks_is_named_with_its_times(tmp_path):
     assert (first.kind, first.about) == ("missing heat", "panel")
     assert "2024-03-01T01:00 to 01:3" in first.sentence
     assert "2024-03-01T02:" in first.sentence
+
+
+def test_heat_that_is_on_or_off_is_told_from_a_sine_and_from_noise():
+    rng = np.random.default_rng(1)
+    on, share = upper(np.repeat([0.0, 5.0, 0.0], 16) + 0.3 * rng.standard_normal(48))
+    assert np.flatnonzero(on).tolist() == list(range(16, 32))
+    assert share > 0.95
+    sine = np.sin(np.linspace(0.0, 4.0 * np.pi, 4800))
+    assert upper(sine)[1] == pytest.approx(8.0 / np.pi**2, abs=0.01)
+    assert upper(rng.standard_normal(4800))[1] == pytest.approx(2.0 / np.pi, abs=0.03)
 
 
 def test_the_prior_of_a_capacity_in_another_unit_is_named_by_how_many_times(tmp_path):

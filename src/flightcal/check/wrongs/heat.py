@@ -31,6 +31,8 @@ _PIECES = 48
 """Of a window, each with heat of its own."""
 _NOW_AND_THEN = 0.5
 """Share of the time, up to which heat comes and goes."""
+_PARTED = 0.85
+"""Share of the variance of heat over time that lies between on and off; of a sine it is 0.81, of normal noise 0.64."""
 _SECOND = 30.0
 """So many times as rare as a first heater of a node is a second one that the scenario lacks."""
 
@@ -300,9 +302,9 @@ def bursts(view: View, z: FloatArray, weights: Callable[[FloatArray], FloatArray
             continue
         size = max(flow, 1.0)
         effects = size * view.response(view.window, z, node, pieces)
-        on = upper(weights(effects))
+        on, parted = upper(weights(effects))
         turns = np.flatnonzero(np.diff(on.astype(int), prepend=0, append=0))
-        if on.mean() > _NOW_AND_THEN:
+        if on.mean() > _NOW_AND_THEN or parted < _PARTED:
             continue
         times = np.datetime_as_string(view.utc(edges[turns]), unit="m").reshape(-1, 2)
         spans = [f"{first} to {last[11:]}" for first, last in times[:3].tolist()]
@@ -320,11 +322,16 @@ def bursts(view: View, z: FloatArray, weights: Callable[[FloatArray], FloatArray
         yield Wrong("missing heat", node, words, columns=effect, least=0.2 * flow / size, lacked=True, tries=tries)
 
 
-def upper(values: FloatArray) -> NDArray[np.bool_]:
-    """[k] which of values are of the upper of two groups, so parted that both are as narrow as can be (Otsu 1979)."""
+def upper(values: FloatArray) -> tuple[NDArray[np.bool_], float]:
+    """[k] which of values are of the upper of two groups, so parted that both are as narrow as can be (Otsu 1979).
+
+    And the share of the variance that lies between the two groups.
+    """
     order = np.sort(values)
-    spreads = [k * np.var(order[:k]) + (len(order) - k) * np.var(order[k:]) for k in range(1, len(order))]
-    return np.asarray(values >= order[1 + int(np.argmin(spreads))])
+    inside = [k * np.var(order[:k]) + (len(order) - k) * np.var(order[k:]) for k in range(1, len(order))]
+    best = int(np.argmin(inside))
+    share = 1.0 - float(inside[best]) / max(len(order) * float(np.var(order)), np.finfo(float).tiny)
+    return np.asarray(values >= order[1 + best]), share
 
 
 def constant_heat(view: View) -> Iterator[Wrong]:
