@@ -45,6 +45,8 @@ _MOST_ROWS = 500
 _LEAST_TIMES = 40
 _LONGEST = 300.0
 """s, over which telemetry is interpolated."""
+_NOISES = 4.0
+"""Deviations, by which no noise bends samples."""
 _SENSOR = 0.1
 """K, of a sample, beside what the telemetry shows of its noise."""
 MODEL, _MINUTES = 0.25, 600.0
@@ -196,7 +198,7 @@ class View:
     def readings(self, later: float) -> FloatArray:
         """Telemetry [t, N] K of so many s later."""
         times = self.window.times[self.rows.kept] + np.timedelta64(round(1e3 * later), "ms")
-        return np.stack([series_at(self.telemetry, name, times) for name in self.channels], axis=1)
+        return np.stack([series_at(self.telemetry, name, times, bent=MODEL) for name in self.channels], axis=1)
 
     def apart(self, channels: Iterable[str]) -> float:
         """s between samples of the one of some channels that is sampled least; 0: there are none."""
@@ -406,8 +408,12 @@ class View:
         return np.concatenate([flat, np.zeros((len(self.thermostats), values.shape[2]))])
 
 
-def series_at(telemetry: xarray.Dataset, name: str, times: NDArray[np.datetime64]) -> FloatArray:
-    """A channel at times, linear between its samples; NaN beyond `_LONGEST` or three sampling intervals of one."""
+def series_at(telemetry: xarray.Dataset, name: str, times: NDArray[np.datetime64], bent: float = np.inf) -> FloatArray:
+    """A channel at times, linear between its samples; NaN beyond `_LONGEST` or three sampling intervals of one.
+
+    NaN too where samples are so bent that a line between them may be off by more than `bent`, beside their noise: in a
+    packet of other times, a shadow begins between two samples.
+    """
     values = telemetry[name].to_numpy()
     valid = np.isfinite(values)
     if valid.sum() < 2:
@@ -419,7 +425,13 @@ def series_at(telemetry: xarray.Dataset, name: str, times: NDArray[np.datetime64
     after = np.clip(np.searchsorted(seconds, at), 1, len(seconds) - 1)
     gap = seconds[after] - seconds[after - 1]
     on_sample = np.isin(at, seconds)
-    return np.where(on_sample | (gap <= max(_LONGEST, 3.0 * float(np.median(np.diff(seconds))))), found, np.nan)
+    near = gap <= max(_LONGEST, 3.0 * float(np.median(np.diff(seconds))))
+    if np.isfinite(bent):
+        # Where a slope changes between two samples they bend by a and b, and the line is off by a b / (a + b).
+        bends = np.pad(np.abs(np.diff(values[valid], 2)), 1)
+        a, b = bends[after - 1], bends[after]
+        near &= a * b <= (a + b) * (bent + _NOISES * noise_of(values))
+    return np.where(on_sample | near, found, np.nan)
 
 
 def rows_of(window: Window) -> Rows:
