@@ -109,6 +109,14 @@ def _forget(scenario: Written, keep: Callable[[str], bool]) -> None:
     scenario["parameters"] = kept
 
 
+def _no_status(own: Satellite, scenario: Written) -> None:
+    """Heaters have no status: their sensors alone say when they are on."""
+    for heater in scenario["simulator"]["heaters"].values():
+        channel = heater.pop("measured_by")
+        scenario["telemetry"]["channels"].pop(channel)
+        scenario["observations"].pop(channel, None)
+
+
 # --- crude models ------------------------------------------------------------------------------------------------
 
 
@@ -326,6 +334,7 @@ def _bus_voltage(own: Satellite) -> dict[str, Any]:
 
 VARIANTS = (
     Variant("as it is", "right", _as_is),
+    Variant("without status", "right", _scenario(_no_status)),
     Variant("a node lumped into another", "crude", _scenario(_lumped)),
     Variant("a node left out", "crude", _scenario(_missing_node)),
     Variant("all is one node", "crude", _scenario(_one_node)),
@@ -355,7 +364,7 @@ VARIANTS = (
 
 def fits(variant: Variant, own: Satellite) -> bool:
     """Whether a satellite has what a variant takes."""
-    if variant.name in ("a heater of half its power", "heaters stronger in sunlight"):
+    if variant.name in ("without status", "a heater of half its power", "heaters stronger in sunlight"):
         return bool(own.craft.heaters)
     if variant.name == "a face that is shaded":
         return own.craft.attitude != "sun_pointing"

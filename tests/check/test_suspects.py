@@ -17,7 +17,7 @@ from flightcal.check.suspects import Suspicion, finalists, prepared, ranked, une
 from flightcal.check.view import HEAT, noise_of, series_at
 from flightcal.check.wrongs import Words, Wrong
 from flightcal.check.wrongs.clocks import clocks
-from flightcal.check.wrongs.heat import heaters, obedient, turning
+from flightcal.check.wrongs.heat import heaters, obedient, turning, upper
 from flightcal.environment.orbit import propagator
 from flightcal.problem import build_problem
 from flightcal.progress import SILENT
@@ -195,6 +195,61 @@ def test_a_status_that_never_changes_is_told_where_its_thermostat_acts(flown):
     assert all("status" in own.title or "status of heater" in own.advice for own in found)
 
 
+def silent(written):
+    """A scenario whose heater has no status."""
+    del written["simulator"]["heaters"]["heater"]["measured_by"]
+    del written["telemetry"]["channels"]["heater_status"]
+    del written["observations"]["heater_status"]
+    return written
+
+
+def test_telemetry_is_compared_too_where_no_status_says_when_a_heater_is_on(tmp_path):
+    _, data = small.closed_loop(tmp_path)
+    scenario, _ = small.load(tmp_path, silent(small.content()))
+    assert named(scenario, data) == ()
+    fahrenheit = spoilt(data, panel_temp=1.8 * (data["panel_temp"].values - 273.15) + 32.0 + 273.15)
+    first = named(scenario, fahrenheit)[0]
+    assert (first.kind, first.about) == ("unit", "panel_temp")
+
+
+def test_a_mode_that_the_scenario_lacks_is_named_with_its_times(tmp_path):
+    written = small.content()
+    written["simulator"]["modes"] = {"quiet": {"panel": "2 W"}, "loud": {"panel": "14 W"}}
+    at = [("2024-03-01T00:00:00", "quiet"), ("2024-03-01T01:00:00", "loud"), ("2024-03-01T01:30:00", "quiet"),
+          ("2024-03-01T02:10:00", "loud"), ("2024-03-01T02:30:00", "quiet")]  # fmt: skip
+    written["simulator"]["timeline"] = [{"at": time, "mode": mode} for time, mode in at]
+    _, data = small.closed_loop(tmp_path, written)
+    del written["simulator"]["modes"]["loud"], written["simulator"]["timeline"]
+    scenario, _ = small.load(tmp_path, written)
+    first = named(scenario, data)[0]
+    assert (first.kind, first.about) == ("missing heat", "panel")
+    assert "2024-03-01T01:00 to 01:3" in first.sentence
+    assert "2024-03-01T02:" in first.sentence
+
+
+def test_heat_that_is_on_or_off_is_told_from_a_sine_and_from_noise():
+    rng = np.random.default_rng(1)
+    on, share = upper(np.repeat([0.0, 5.0, 0.0], 16) + 0.3 * rng.standard_normal(48))
+    assert np.flatnonzero(on).tolist() == list(range(16, 32))
+    assert share > 0.95
+    sine = np.sin(np.linspace(0.0, 4.0 * np.pi, 4800))
+    assert upper(sine)[1] == pytest.approx(8.0 / np.pi**2, abs=0.01)
+    assert upper(rng.standard_normal(4800))[1] == pytest.approx(2.0 / np.pi, abs=0.03)
+
+
+def test_the_prior_of_a_capacity_in_another_unit_is_named_by_how_many_times(tmp_path):
+    written = small.content()
+    prior = {"lognormal": {"median": "3000 J/K", "factor": 1.15}}
+    written["parameters"]["body_capacity"] = {"sets": "nodes.body.capacity", "prior": prior}
+    scenario, data = small.closed_loop(tmp_path, written)
+    assert named(scenario, data) == ()
+    prior["lognormal"]["median"] = "3 J/K"
+    scenario, _ = small.load(tmp_path, written)
+    first = named(scenario, data)[0]
+    assert (first.kind, first.about) == ("prior", "body_capacity")
+    assert first.title.endswith("is 0.0010 times what it should be")
+
+
 def test_a_status_that_never_changes_is_told_too_where_it_comes_at_times_of_its_own(flown):
     scenario, data = flown
     even = np.arange(data.sizes["time"]) % 2 == 0
@@ -246,15 +301,6 @@ def test_a_clock_is_rather_off_by_less_than_half_an_orbit(tmp_path):
     assert alias.closer is not None
     titles = [wrong.words.title for wrong in alias.closer()]
     assert "The telemetry's clock is 20.0 min late" in titles
-
-
-def test_heaters_that_act_without_a_status_are_not_compared(flown):
-    scenario, data = flown
-    heater = scenario.network.heaters["heater"].model_copy(update={"measured_by": None})
-    model = scenario.network.model_copy(update={"heaters": {"heater": heater}})
-    observed = {name: own for name, own in scenario.observations.items() if own.heater is None}
-    alone = scenario.model_copy(update={"simulator": model, "observations": observed})
-    assert not suspects(build_problem(alone, data), data).looked
 
 
 def test_a_clock_that_is_late_is_named_with_the_minutes(tmp_path):

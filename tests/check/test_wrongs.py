@@ -145,6 +145,30 @@ def test_coatings_that_are_exchanged_on_every_face_are_named(tmp_path):
     assert (first.kind, first.about) == ("number", "every coating")
 
 
+def pointed(quaternion):
+    """Three attitudes, one after another, that differ from this one by turns."""
+    w, x, y, z = quaternion
+    named = {
+        "one": {"inertial": [w, x, y, z]},
+        "other": {"inertial": [-x, w, -z, y]},
+        "third": {"inertial": [y, z, -w, -x]},
+    }
+    at = ["2024-03-01T00:00:00", "2024-03-01T01:10:00", "2024-03-01T02:20:00"]
+    return {"named": named, "timeline": [{"at": own, "attitude": name} for own, name in zip(at, named, strict=True)]}
+
+
+@pytest.mark.parametrize("read", [lambda w, x, y, z: (w, -x, -y, -z), lambda w, x, y, z: (x, y, z, w)])
+def test_quaternions_of_another_convention_are_named(tmp_path, read):
+    written, true = boxed(), (0.5, 0.1, 0.7, 0.5)
+    written["environment"]["attitude"] = pointed(true)
+    _, data = small.closed_loop(tmp_path, written)
+    for own in written["environment"]["attitude"]["named"].values():
+        own["inertial"] = list(read(*own["inertial"]))
+    scenario, _ = small.load(tmp_path, written)
+    first = named(scenario, data)[0]
+    assert (first.kind, first.about) == ("attitude", "quaternions")
+
+
 def test_an_orbits_radius_that_is_written_as_its_altitude_is_named(tmp_path):
     written = boxed()
     _, data = small.closed_loop(tmp_path, written)
@@ -315,6 +339,20 @@ def test_the_height_of_an_elliptic_orbit_is_named(tmp_path):
     orbit["semi_major_axis"] = "6800 km"
     scenario, _ = small.load(tmp_path, written)
     assert "orbit" in {own.kind for own in named(scenario, data)}
+
+
+def test_the_place_in_an_ellipse_is_named(tmp_path):
+    written = boxed()
+    orbit = {
+        "semi_major_axis": "8500 km", "eccentricity": 0.2, "inclination": "60 deg", "raan": "340 deg",
+        "argument_of_perigee": "90 deg", "mean_anomaly": "0 deg", "epoch": "2024-03-01T00:00:00",
+    }  # fmt: skip
+    written["environment"]["orbit"] = orbit
+    _, data = small.closed_loop(tmp_path, written)
+    orbit["mean_anomaly"] = "120 deg"
+    scenario, _ = small.load(tmp_path, written)
+    # Without modes a late clock is as good.
+    assert "The orbit has another mean anomaly" in [own.title for own in named(scenario, data)]
 
 
 def test_a_number_of_the_sun_is_not_mended_by_one_that_cannot_be(tmp_path):

@@ -1,4 +1,5 @@
 import numpy as np
+import pandas as pd
 import pytest
 from pydantic import ValidationError
 from scipy.spatial.transform import Rotation
@@ -91,6 +92,16 @@ def test_sampled_quaternions_are_met_and_turned_between_evenly(tmp_path):
     x, *_ = axes({"quaternions": "attitude.csv"}, times, tmp_path)
     assert x[[0, 2, 3]] == pytest.approx(rotations.as_matrix()[:, :, 0], abs=1e-12)
     assert x[1] == pytest.approx([np.cos(np.radians(40)), np.sin(np.radians(40)), 0], abs=1e-12)
+
+
+def test_quaternions_of_another_order_that_turn_the_other_way_are_read_as_the_file_has_them(tmp_path):
+    rotations = Rotation.from_euler("zyx", [[10, 20, 30], [80, 40, 0]], degrees=True)
+    samples = seconds_after(EPOCH, [0.0, 600.0])
+    q1, q2, q3, q4 = rotations.inv().as_quat().T
+    pd.DataFrame({"time": samples, "q1": q1, "q2": q2, "q3": q3, "q4": q4}).to_csv(tmp_path / "q.csv", index=False)
+    attitude = {"quaternions": "q.csv", "columns": ["q4", "q1", "q2", "q3"], "turns": "inertial_to_body"}
+    x, *_ = axes(attitude, samples, tmp_path)
+    assert x == pytest.approx(rotations.as_matrix()[:, :, 0], abs=1e-12)
 
 
 def test_times_outside_the_sampled_quaternions_are_an_error(tmp_path):

@@ -27,8 +27,9 @@ from .footings import Footing, footings
 from .jumps import Jump, in_words, jumps
 from .misfit import Misfit, misfit
 from .thermostat import copied, disobeyed, inferred
-from .view import HEAT, INFERRED, NO_LINK, WIDENED, Point, View, view_of
+from .view import HEAT, INFERRED, NO_LINK, UNKNOWN, WIDENED, Point, View, view_of
 from .wrongs import Wrong, all_wrongs
+from .wrongs.heat import bursts
 
 SUSPECTS_FILE = "suspects.json"
 _CLEAR = 10.0
@@ -168,7 +169,7 @@ def prepared(scenario: Scenario, telemetry: xarray.Dataset) -> View | None:
     """The first training window of a thermal network, driven by its heaters' status; None of anything else.
 
     Of a heater that acts without a measured status nobody knows when it was on, and a model that switches a little
-    later is no wrong: None there too. Raises FlightcalError.
+    later is no wrong: its heat is then unknown. Raises FlightcalError.
     """
     model = scenario.simulator
     if not isinstance(model, SimulatorModel) or model.reduced_model is not None or model.errors:
@@ -180,7 +181,7 @@ def prepared(scenario: Scenario, telemetry: xarray.Dataset) -> View | None:
         if channel is None:
             values, channel = inferred(scenario, telemetry, name), f"{INFERRED}{name}"
             if values is None:
-                return None
+                values, channel = np.full(telemetry.sizes["time"], 0.5), f"{UNKNOWN}{name}"
             telemetry = telemetry.assign({channel: ("time", values)})
             channels[channel] = Channel(column=channel, kind="status")
         heaters[name] = heater.model_copy(update={"measured_by": channel})
@@ -240,7 +241,7 @@ def _compared(view: View, base: Point, nothing: Fit) -> list[tuple[Fit, Suspicio
     known = np.isfinite(view.flat(view.observed))
     looks = [_look(view, point, known) for point in (base, view.point(view.window, nothing.z, base))]
     looks = [replace(look, around=look.around.inverted()) for look in looks]
-    wrongs = list(all_wrongs(view))
+    wrongs = [*all_wrongs(view), *_bursts(view, looks[1])]
 
     def gained(k: int) -> float:
         try:
@@ -264,6 +265,16 @@ def _compared(view: View, base: Point, nothing: Fit) -> list[tuple[Fit, Suspicio
         if (item[1].kind, item[1].about) not in [(own.kind, own.about) for _, own in once]:
             once.append(item)
     return once
+
+
+def _bursts(view: View, look: _Look) -> list[Wrong]:
+    """Heat that comes and goes where nothing wrong leaves something of the telemetry."""
+    point = look.around.point
+    left = view.flat(view.observed) - point.temperatures - look.back
+    try:
+        return list(bursts(view, point.z, lambda effects: look.around.fit(left, effects).added))
+    except SimulationFailure:
+        return []
 
 
 def finalists(gains: Sequence[float], wrongs: Sequence[Wrong]) -> list[Wrong]:
@@ -316,6 +327,9 @@ def _gain(view: View, wrong: Wrong, look: _Look) -> float:
     shift = (view.middle if observed is view.observed else view.centre(observed)) - view.middle
     if wrong.memory is not None:
         temperatures = _reading(view, wrong).read(point.simulated)
+    elif wrong.moved is not None:
+        moved = replace(view, moved=wrong.moved).centre(observed) - view.middle
+        temperatures = view.temperatures(wrong.window or view.window, point.z + moved)
     elif wrong.window is None:
         temperatures = point.temperatures + point.effects @ (shift / view.spread)
     else:
@@ -354,8 +368,9 @@ def _climbed(view: View, wrong: Wrong, base: Point) -> Fit:
 
 
 def _reading(view: View, wrong: Wrong) -> View:
-    """The view with channels that read as they do."""
-    return view if wrong.memory is None else replace(view, memory=wrong.memory)
+    """The view with channels that read as they do, and priors that are of what they should be."""
+    as_it_is = wrong.memory is None and wrong.moved is None
+    return view if as_it_is else replace(view, memory=wrong.memory, moved=wrong.moved)
 
 
 def _with_wider_prior(view: View, entry: int, base: Point) -> Fit:

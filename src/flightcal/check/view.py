@@ -17,7 +17,7 @@ from ..errors import OrbitError
 from ..problem import HeatModel, Problem, Window, heat_model, initial_priors, responses, unit_heats
 from ..scenario import Environment, Heat, HeatPattern, HeatSlow, Scenario
 from ..simulator import FloatArray, NetworkSimulator, SimulationFailure, Times, face_series
-from .evaluate import spread_in_z
+from .evaluate import CENTRAL, spread_in_z
 
 HEAT = Heat(pattern=HeatPattern(harmonics=4), slow=HeatSlow(scale=0.02))
 """What a simulator may lack and be right: heat of some percent of what flows through each node."""
@@ -30,7 +30,12 @@ _RINGS = 8
 ZONES = 50_400.0
 """s, of which the clock of a time zone is off at most."""
 INFERRED = "status by temperature of "
-"""Begins the names of channels that are no telemetry."""
+"""Begins the names of channels that are no telemetry,"""
+UNKNOWN = f"{INFERRED}nothing, of "
+"""and of those that say nothing: the heater's heat is then half of its power, and unknown heat."""
+_ANY = 3.0
+"""Of its power, deviation of the heat of a heater of which nobody knows when it is on: so much that nothing else that
+heats its node is any likelier."""
 NO_LINK = 1e-9
 """W/K, of nodes that are not linked: by more they might be."""
 WIDENED = 10.0
@@ -40,6 +45,8 @@ _MOST_ROWS = 500
 _LEAST_TIMES = 40
 _LONGEST = 300.0
 """s, over which telemetry is interpolated."""
+_NOISES = 4.0
+"""Deviations, by which no noise bends samples."""
 _SENSOR = 0.1
 """K, of a sample, beside what the telemetry shows of its noise."""
 MODEL, _MINUTES = 0.25, 600.0
@@ -140,6 +147,8 @@ class View:
     thermostats: tuple[Thermostat, ...] = ()
     widened: int | None = None
     """The entry whose prior is wider than written."""
+    moved: tuple[int, float] | None = None
+    """An entry whose prior is for so many times the value that is written."""
     memory: Memory | None = None
     """Of one channel."""
 
@@ -189,7 +198,7 @@ class View:
     def readings(self, later: float) -> FloatArray:
         """Telemetry [t, N] K of so many s later."""
         times = self.window.times[self.rows.kept] + np.timedelta64(round(1e3 * later), "ms")
-        return np.stack([series_at(self.telemetry, name, times) for name in self.channels], axis=1)
+        return np.stack([series_at(self.telemetry, name, times, bent=MODEL) for name in self.channels], axis=1)
 
     def apart(self, channels: Iterable[str]) -> float:
         """s between samples of the one of some channels that is sampled least; 0: there are none."""
@@ -267,11 +276,25 @@ class View:
         spread = spread_in_z(self.problem)
         if self.widened is not None:
             spread[self.widened] *= WIDENED
+        if self.moved is not None:
+            lower, upper = (self.problem.to_z(self._quantile(p)) for p in CENTRAL)
+            spread[self.moved[0]] = 0.5 * (upper - lower)[self.moved[0]]
         return spread
+
+    @property
+    def median(self) -> FloatArray:
+        """theta [d] of the priors."""
+        return self._quantile(0.5)
+
+    def _quantile(self, probability: float) -> FloatArray:
+        theta = self.problem.priors.quantile(probability)
+        if self.moved is not None:
+            theta[self.moved[0]] *= self.moved[1]
+        return theta
 
     def centre(self, observed: FloatArray) -> FloatArray:
         """z [d] at the prior's medians; initial temperatures follow the first samples of `observed` [t, N]."""
-        theta = self.problem.priors.median()
+        theta = self.median
         for name, prior in initial_priors(self.problem.scenario, self.channels, observed).items():
             if name in self.problem.names and hasattr(prior, "mean"):
                 theta[self.problem.names.index(name)] = prior.mean
@@ -327,12 +350,34 @@ class View:
         parts: dict[bool, list[FloatArray]] = {True: [np.empty((flat.shape[0], 0))], False: []}
         for group, response in zip(self.heat.groups, found, strict=True):
             parts[group.part == "switches"].append(group.size * self._rows(response))
+        parts[True] += [self._unknown_heat(window, z, name) for name in self.unknown]
         heat, jitter = (np.concatenate(parts[switches], axis=1) for switches in (False, True))
         return Point(z, simulated, temperatures, flat, heat, jitter)
 
+    @cached_property
+    def unknown(self) -> tuple[str, ...]:
+        """Heaters of which nobody knows when they are on."""
+        model = self.window.scenario.network
+        silent = [name for name, own in model.switches.items() if (own.measured_by or "").startswith(UNKNOWN)]
+        return tuple(other for name in silent for other in model.on_switch(name))
+
+    def _unknown_heat(self, window: Window, z: FloatArray, heater: str) -> FloatArray:
+        """[R, k] K of heat that nobody knows: its mean, and that from row to row. Raises SimulationFailure."""
+        own = self.window.scenario.network.heaters[heater]
+        if own.node not in self.heat.nodes:
+            return np.empty((self.begun.shape[0], 0))
+        effects = self.response(window, z, own.node, self.pieces(self.rows.seconds))
+        return _ANY * own.power * np.column_stack([effects.sum(axis=1), effects])
+
+    def pieces(self, edges: FloatArray) -> FloatArray:
+        """Series [k, 2 K] that are 1 in the steps between two edges [k + 1], s from the window's start, and else 0."""
+        grid = self.network.drive.times
+        place = np.searchsorted(edges, 0.5 * (grid[1:] + grid[:-1]), side="right") - 1
+        return np.repeat((place == np.arange(len(edges) - 1)[:, None]).astype(float), 2, axis=1)
+
     def heat_of(self, window: Window) -> HeatModel:
         """Of a window like this one, at the prior's median."""
-        median = self.problem.at(self.window, self.problem.priors.median())
+        median = self.problem.at(self.window, self.median)
         return heat_model(window.scenario, _usual(window), (window,), median)
 
     def response(self, window: Window, z: FloatArray, node: str, series: FloatArray) -> FloatArray:
@@ -363,8 +408,12 @@ class View:
         return np.concatenate([flat, np.zeros((len(self.thermostats), values.shape[2]))])
 
 
-def series_at(telemetry: xarray.Dataset, name: str, times: NDArray[np.datetime64]) -> FloatArray:
-    """A channel at times, linear between its samples; NaN beyond `_LONGEST` or three sampling intervals of one."""
+def series_at(telemetry: xarray.Dataset, name: str, times: NDArray[np.datetime64], bent: float = np.inf) -> FloatArray:
+    """A channel at times, linear between its samples; NaN beyond `_LONGEST` or three sampling intervals of one.
+
+    NaN too where samples are so bent that a line between them may be off by more than `bent`, beside their noise: in a
+    packet of other times, a shadow begins between two samples.
+    """
     values = telemetry[name].to_numpy()
     valid = np.isfinite(values)
     if valid.sum() < 2:
@@ -376,7 +425,13 @@ def series_at(telemetry: xarray.Dataset, name: str, times: NDArray[np.datetime64
     after = np.clip(np.searchsorted(seconds, at), 1, len(seconds) - 1)
     gap = seconds[after] - seconds[after - 1]
     on_sample = np.isin(at, seconds)
-    return np.where(on_sample | (gap <= max(_LONGEST, 3.0 * float(np.median(np.diff(seconds))))), found, np.nan)
+    near = gap <= max(_LONGEST, 3.0 * float(np.median(np.diff(seconds))))
+    if np.isfinite(bent):
+        # Where a slope changes between two samples they bend by a and b, and the line is off by a b / (a + b).
+        bends = np.pad(np.abs(np.diff(values[valid], 2)), 1)
+        a, b = bends[after - 1], bends[after]
+        near &= a * b <= (a + b) * (bent + _NOISES * noise_of(values))
+    return np.where(on_sample | near, found, np.nan)
 
 
 def rows_of(window: Window) -> Rows:

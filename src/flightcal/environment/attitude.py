@@ -110,11 +110,13 @@ def _shortest_turn(start: Floats, end: Floats) -> Rotation:
 
 def _sampled(attitude: SampledAttitude, at: Geometry, folder: Path) -> Floats:
     place = f"environment.attitude.quaternions: {attitude.quaternions}"
-    times, quaternions = read_samples(folder / attitude.quaternions, ("w", "x", "y", "z"), place, at_least=2)
+    times, quaternions = read_samples(folder / attitude.quaternions, attitude.columns, place, at_least=2)
     within_span(at.times, times, place)
     if not quaternions.any(axis=1).all():
         raise OrbitError(f"{place}: found a quaternion of length zero, expected length 1 (w, x, y, z)")
     rotations = Rotation.from_quat(unit(quaternions), scalar_first=True)
+    if attitude.turns == "inertial_to_body":
+        rotations = rotations.inv()
     slerp = Slerp(seconds_since(times, times[0]), rotations)
     matrices: Floats = slerp(seconds_since(at.times, times[0])).as_matrix()
     return matrices

@@ -79,6 +79,6 @@ def sample_times(environment: Environment, folder: Path = Path()) -> Times:
         files.append((environment.orbit.positions, ("x", "y", "z"), "environment.orbit.positions"))
     for kind in kinds:
         if isinstance(kind, SampledAttitude):
-            files.append((kind.quaternions, ("w", "x", "y", "z"), "environment.attitude.quaternions"))
+            files.append((kind.quaternions, kind.columns, "environment.attitude.quaternions"))
     found = [read_samples(folder / name, columns, f"{place}: {name}", 2)[0] for name, columns, place in files]
     return np.unique(np.concatenate([slew_edges(environment, _OF_SLEW), *found]))

@@ -138,9 +138,13 @@ class SpinningAttitude(Block):
 
 
 class SampledAttitude(Block):
-    """Quaternions from a CSV file with columns time, w, x, y, z (body to inertial)."""
+    """Quaternions from a CSV file with a column time (ISO 8601 UTC) and one for each component."""
 
     quaternions: FileName
+    columns: tuple[str, str, str, str] = ("w", "x", "y", "z")
+    """What the file calls the real part and the other three."""
+    turns: Literal["body_to_inertial", "inertial_to_body"] = "body_to_inertial"
+    """Which vectors the quaternions turn into which."""
 
 
 _NamedAttitude = Literal["nadir", "sun_pointing"]

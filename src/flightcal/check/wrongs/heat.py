@@ -2,14 +2,16 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from functools import partial
 from itertools import combinations, product
+from math import comb
 from typing import Any
 
 import numpy as np
+from numpy.typing import NDArray
 
-from ...report import number
+from ...report import listed, number
 from ...simulator import FloatArray
 from ..evidence import Fit
 from ..view import View, known_thermostats, series_at
@@ -25,6 +27,12 @@ _REACHED = 0.2
 """Of the way between its thresholds, by which a reading may stay short of one at which a heater switches."""
 _ALL_THE_TIME = (0.5, 3.0)
 """Of what flows through a node, prior deviations of heat that it lacks all the time."""
+_PIECES = 48
+"""Of a window, each with heat of its own."""
+_NOW_AND_THEN = 0.5
+"""Share of the time, up to which heat comes and goes."""
+_PARTED = 0.85
+"""Share of the variance of heat over time that lies between on and off; of a sine it is 0.81, of normal noise 0.64."""
 _SECOND = 30.0
 """So many times as rare as a first heater of a node is a second one that the scenario lacks."""
 
@@ -60,7 +68,7 @@ def heaters(view: View) -> Iterator[Wrong]:
     centre = view.middle
     for name, block in blocks.items():
         on = np.nan_to_num(view.network.drive.measured[:, switch[name]])
-        if block.node not in view.heat.nodes or not on.any():
+        if block.node not in view.heat.nodes or not on.any() or name in view.unknown:
             continue
         waves = block.power * np.repeat(on, 2)[None]
         own = view.response(view.window, centre, block.node, waves)
@@ -85,7 +93,7 @@ def heaters(view: View) -> Iterator[Wrong]:
                 )
 
             yield Wrong("heater", name, moved, columns=other, least=0.6, tries=len(blocks) * len(view.heat.nodes))
-    if len(blocks) > 1:
+    if len(blocks) > 1 and not view.unknown:
         yield from _powers(view, "every heater", list(blocks), FEW_TIMES, len(FEW_TIMES))
 
 
@@ -256,7 +264,7 @@ def missing_heat(view: View) -> Iterator[Wrong]:
     for k, channel_name in enumerate(view.channels):
         node = scenario.observations[channel_name].node
         rising = turning(view.window.observed[:, k], 4.0 * float(view.rows.noise[k]) + 0.3)
-        if node in view.heat.nodes and rising is not None:
+        if node in view.heat.nodes and rising is not None and heated.get(str(node)) not in view.unknown:
             seconds = view.network.observation.times
             waves.append(("", str(node), (np.interp(middle, seconds, rising) > 0.5).astype(float)))
     for name, node, on in waves:
@@ -277,6 +285,53 @@ def missing_heat(view: View) -> Iterator[Wrong]:
 
         tries = 2 * len(waves) * (_SECOND if node in heated and not name else 1.0)
         yield Wrong("missing heat", node, words, columns=effect, least=0.2 * flow / size, tries=tries)
+
+
+def bursts(view: View, z: FloatArray, weights: Callable[[FloatArray], FloatArray]) -> Iterator[Wrong]:
+    """Heat that a node gets now and then, of a mode or a heater that the scenario lacks.
+
+    Its times are read from the telemetry: the heat of each piece of the window is estimated, and pieces of much heat
+    are taken as one burst. z: [d], around which. weights: of effects [R, k] of unknown size, the most probable [k]
+    beside everything that may be usual.
+    """
+    edges = np.linspace(0.0, view.network.drive.times[-1], _PIECES + 1)
+    pieces = view.pieces(edges)
+    unknown = [view.window.scenario.network.heaters[name].node for name in view.unknown]
+    for node, flow in zip(view.heat.nodes, view.heat.flow.tolist(), strict=True):
+        if node in unknown:
+            continue
+        size = max(flow, 1.0)
+        effects = size * view.response(view.window, z, node, pieces)
+        on, parted = upper(weights(effects))
+        turns = np.flatnonzero(np.diff(on.astype(int), prepend=0, append=0))
+        if on.mean() > _NOW_AND_THEN or parted < _PARTED:
+            continue
+        times = np.datetime_as_string(view.utc(edges[turns]), unit="m").reshape(-1, 2)
+        spans = [f"{first} to {last[11:]}" for first, last in times[:3].tolist()]
+        more = f" and {len(times) - 3} more" if len(times) > 3 else ""
+
+        def words(fit: Fit, node: str = node, size: float = size, when: str = listed(spans) + more) -> Words:
+            return Words(
+                f"A mode or a heater of {node} is missing in the scenario",
+                f"About {number(size * float(fit.added[0]), 2)} W come and go in {node}: {when} (UTC).",
+                f"Add what is on in {node} then, to 'simulator: modes' and 'timeline' or to 'simulator: heaters'",
+            )
+
+        tries = 2.0 * len(view.heat.nodes) * comb(_PIECES, len(turns))
+        effect = effects @ on.astype(float)[:, None]
+        yield Wrong("missing heat", node, words, columns=effect, least=0.2 * flow / size, lacked=True, tries=tries)
+
+
+def upper(values: FloatArray) -> tuple[NDArray[np.bool_], float]:
+    """[k] which of values are of the upper of two groups, so parted that both are as narrow as can be (Otsu 1979).
+
+    And the share of the variance that lies between the two groups.
+    """
+    order = np.sort(values)
+    inside = [k * np.var(order[:k]) + (len(order) - k) * np.var(order[k:]) for k in range(1, len(order))]
+    best = int(np.argmin(inside))
+    share = 1.0 - float(inside[best]) / max(len(order) * float(np.var(order)), np.finfo(float).tiny)
+    return np.asarray(values >= order[1 + best]), share
 
 
 def constant_heat(view: View) -> Iterator[Wrong]:

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from functools import partial
 from itertools import product
 from typing import Any
@@ -11,17 +11,33 @@ import numpy as np
 from scipy.spatial.transform import Rotation
 
 from ...report import number
-from ...scenario import CircularOrbit, Earth, KeplerianOrbit, Scenario, SpinningAttitude
+from ...scenario import (
+    AttitudeTimeline,
+    CircularOrbit,
+    Earth,
+    InertialAttitude,
+    KeplerianOrbit,
+    SampledAttitude,
+    Scenario,
+    SpinningAttitude,
+)
 from ...simulator import FloatArray
 from ..view import View
 from .wrong import Words, Wrong, closer, driven_otherwise, duration
 
+_ORDERS = ((0, 1, 2, 3), (3, 0, 1, 2), (1, 2, 3, 0))
+"""Where the real part and the other three stand in a quaternion as written: in their order; the real part last; first
+in a file where it was taken to be last."""
 _STEPS = {
     "altitude": (-0.4, -0.3, -0.2, -0.1, 0.1, 0.2, 0.35, 0.5, 0.75, 1.0),
     "inclination": tuple(np.deg2rad(15.0 * k) for k in (-5, -4, -3, -2, -1, 1, 2, 3, 4, 5)),
+    "eccentricity": (-0.3, -0.2, -0.1, -0.05, 0.05, 0.1, 0.2, 0.3),
+    "place": tuple(np.deg2rad(15.0 * k) for k in range(1, 24)),
     "node": tuple(np.deg2rad([-4.0, -2.0, -1.0, 1.0, 2.0, 4.0, *(15.0 * k for k in range(1, 24))]).tolist()),
 }
-"""Shares of the altitude, and rad."""
+"""Shares of the altitude, rad, and the eccentricity itself."""
+_ROUND = 0.02
+"""Eccentricity up to which the place of the perigee matters to nothing."""
 _LOWEST = 150e3
 """m, of an orbit."""
 _GROUND = Earth().radius
@@ -47,6 +63,49 @@ def attitudes(view: View) -> Iterator[Wrong]:
             f"Write 'attitude: {attitude}' in 'environment', or check the quaternions",
         )
         yield from driven_otherwise("attitude", attitude, words, view, tries=2, scenario=scenario)
+
+
+def quaternions(view: View) -> Iterator[Wrong]:
+    """Quaternions are the other way round, or their real part stands elsewhere."""
+    environment = view.window.scenario.environment
+    if environment.orbit is None or not view.window.scenario.network.faces:
+        return
+    others = [own for own in product(_ORDERS, (False, True)) if own != (_ORDERS[0], False)]
+    for order, inverse in others:
+        attitude = _each(environment.attitude, partial(_read_otherwise, order=order, inverse=inverse))
+        if attitude == environment.attitude:
+            return
+        how = [f"the real part in {'wxyz'[order[0]]} as it is written"] if order[0] else []
+        how += ["quaternions that turn inertial vectors into the body's"] if inverse else []
+        words = Words(
+            "The quaternions are of another convention",
+            f"With {', and '.join(how)}, sunlight and Earth's heat explain the telemetry.",
+            "Check 'environment: attitude': 'columns' of a file says where the real part is, 'turns' what they turn",
+        )
+        scenario = _elsewhere(view, attitude=attitude)
+        yield from driven_otherwise("attitude", "quaternions", words, view, tries=len(others), scenario=scenario)
+
+
+def _each(attitude: Any, change: Callable[[Any], Any]) -> Any:
+    """An attitude with each that it is made of changed."""
+    if not isinstance(attitude, AttitudeTimeline):
+        return change(attitude)
+    named = {name: change(own) for name, own in attitude.named.items()}
+    timeline = tuple(own.model_copy(update={"attitude": change(own.attitude)}) for own in attitude.timeline)
+    return attitude.model_copy(update={"named": named, "timeline": timeline})
+
+
+def _read_otherwise(attitude: Any, order: Sequence[int], inverse: bool) -> Any:
+    """The components of quaternions in another order, and perhaps the turn back; anything else as it is."""
+    if isinstance(attitude, SampledAttitude):
+        back = {"body_to_inertial": "inertial_to_body", "inertial_to_body": "body_to_inertial"}
+        update: dict[str, Any] = {"columns": tuple(attitude.columns[k] for k in order)}
+        update |= {"turns": back[attitude.turns]} if inverse else {}
+        return attitude.model_copy(update=update)
+    if isinstance(attitude, InertialAttitude):
+        w, *rest = (attitude.inertial[k] for k in order)
+        return attitude.model_copy(update={"inertial": (w, *(-own if inverse else own for own in rest))})
+    return attitude
 
 
 def spins(view: View) -> Iterator[Wrong]:
@@ -80,14 +139,18 @@ def _elsewhere(view: View, **changes: Any) -> Scenario:
 
 
 def orbits(view: View) -> Iterator[Wrong]:
-    """Another plane of the orbit, or another height."""
+    """Another plane of the orbit, another height or, of an ellipse, another shape or place in it."""
     orbit = view.window.scenario.environment.orbit
     if not isinstance(orbit, CircularOrbit | KeplerianOrbit) or not view.window.scenario.network.faces:
         return
     height = "altitude" if isinstance(orbit, CircularOrbit) else "semi_major_axis"
     node = next(name for name in ("raan", "beta_angle", "ltan") if getattr(orbit, name, None) is not None)
     of_node = _STEPS["inclination" if node == "beta_angle" else "node"]
-    for name, steps in ((height, _STEPS["altitude"]), ("inclination", _STEPS["inclination"]), (node, of_node)):
+    tried = [(height, _STEPS["altitude"]), ("inclination", _STEPS["inclination"]), (node, of_node)]
+    if isinstance(orbit, KeplerianOrbit) and orbit.eccentricity > _ROUND:
+        tried += [("eccentricity", _STEPS["eccentricity"])]
+        tried += [(name, _STEPS["place"]) for name in ("argument_of_perigee", "mean_anomaly")]
+    for name, steps in tried:
         for step in steps:
             yield from _other_orbit(view, orbit, name, step, tries=len(_STEPS) * len(steps))
     if isinstance(orbit, CircularOrbit) and orbit.altitude > _GROUND:
@@ -107,7 +170,7 @@ def _other_orbit(
         f"The telemetry agrees with {name} {text}: its sunlight and eclipses are those of the telemetry.",
         f"Check 'environment: orbit' ({name}: {text})",
     )
-    apart = 0.05 if name in ("altitude", "semi_major_axis") else np.deg2rad(7.5)
+    apart = {"altitude": 0.05, "semi_major_axis": 0.05, "eccentricity": 0.04}.get(name, float(np.deg2rad(7.5)))
 
     def around() -> Iterator[Wrong]:
         for more in np.linspace(-1.0, 1.0, 9) * apart:
@@ -132,6 +195,10 @@ def _changed(orbit: CircularOrbit | KeplerianOrbit, name: str, step: float) -> t
         minutes = round(60 * hour + minute + np.rad2deg(step) * 4.0) % 1440
         text = f"{minutes // 60:02d}:{minutes % 60:02d}"
         return text, text
+    if name == "eccentricity" and isinstance(orbit, KeplerianOrbit):
+        shape = orbit.eccentricity + step
+        lowest = orbit.semi_major_axis * (1.0 - shape) - _GROUND
+        return (shape if shape >= 0.0 and lowest > _LOWEST else None), f"{shape:.2f}"
     angle = float(getattr(orbit, name)) + step
     bounds = {"inclination": (0.0, np.pi), "beta_angle": (-0.5 * np.pi, 0.5 * np.pi)}.get(name, (-np.inf, np.inf))
     return (angle if bounds[0] < angle < bounds[1] else None), f"{np.rad2deg(angle):.1f} deg"
@@ -169,5 +236,5 @@ def eclipses(view: View) -> Iterator[Wrong]:
     yield from driven_otherwise("eclipse", flag, words, view, tries=1.0, scenario=scenario)
 
 
-WRONGS = (attitudes, spins, orbits, places, eclipses)
+WRONGS = (attitudes, quaternions, spins, orbits, places, eclipses)
 """What looks for them."""

@@ -3,7 +3,9 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Iterator, Sequence
+from dataclasses import replace
 from functools import partial
+from itertools import product
 
 import numpy as np
 
@@ -179,5 +181,25 @@ def priors(view: View) -> Iterator[Wrong]:
         yield Wrong("prior", name, words, widened=k, least=_FAR, tries=len(parameters))
 
 
-WRONGS = (numbers, coatings, left_out, links, priors)
+def other_priors(view: View) -> Iterator[Wrong]:
+    """The prior of a parameter has the wrong unit or a digit too many; what is nearer to it is seen by `priors`."""
+    parameters = [name for name in view.problem.names if name in view.window.scenario.parameters]
+    for name, factor in product(parameters, FACTORS):
+        entry = view.problem.names.index(name)
+        moved = replace(view, moved=(entry, factor))
+        with np.errstate(all="ignore"):  # out of its bounds
+            off = abs(moved.middle - view.middle)[entry] / view.spread[entry]
+            possible = 0.0 < moved.spread[entry] < np.inf
+        if not possible or not _FAR < off < np.inf:
+            continue
+        value, median = (float(own.median[entry]) for own in (moved, view))
+        words = Words(
+            f"The prior of {name} is {number(1.0 / factor, 2)} times what it should be",
+            f"The telemetry agrees with a median of {number(value, 3)} (SI), not of {number(median, 3)}.",
+            f"Check the prior of {name}, and its unit",
+        )
+        yield Wrong("prior", name, words, moved=moved.moved, tries=_PER_NUMBER * len(parameters))
+
+
+WRONGS = (numbers, coatings, left_out, links, priors, other_priors)
 """What looks for them."""

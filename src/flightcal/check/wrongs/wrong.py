@@ -70,6 +70,8 @@ class Wrong:
     """[R, k] K, effects of unknown size that a simulation lacks."""
     widened: int | None = None
     """The entry whose prior is wider than written; the weight is then how far it is off, in deviations as written."""
+    moved: tuple[int, float] | None = None
+    """An entry whose prior should be for so many times the value that is written."""
     least: float = 0.0
     """Of the first column's weight: below, it is no wrong worth a word."""
     most: float = np.inf

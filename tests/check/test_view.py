@@ -1,0 +1,21 @@
+"""A window and its telemetry as rows."""
+
+import numpy as np
+import xarray
+
+from flightcal.check.view import series_at
+
+
+def test_nothing_is_read_between_samples_where_a_line_does_not_follow_them():
+    """A panel falls into the shadow between two samples of its packet, 90 s apart."""
+    seconds = np.arange(0.0, 3600.0, 90.0)
+    times = np.datetime64("2024-03-01T00:00:00", "ns") + (1e9 * seconds).astype("timedelta64[ns]")
+    noise = 0.05 * np.random.default_rng(1).standard_normal(len(seconds))
+    falling = 310.0 - 0.1 * np.maximum(seconds - 1845.0, 0.0) + noise
+    data = xarray.Dataset({"panel": ("time", falling)}, {"time": times})
+    between = times[:-1] + np.timedelta64(45, "s")
+    read = series_at(data, "panel", between, bent=0.25)
+    (lost,) = np.flatnonzero(np.isnan(read))
+    assert between[lost] == times[0] + np.timedelta64(1845, "s")
+    assert np.isfinite(series_at(data, "panel", times, bent=0.25)).all()
+    assert np.isfinite(series_at(data, "panel", between)).all()
