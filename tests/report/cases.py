@@ -132,6 +132,7 @@ def status_is_not_measured(run):
         name: window.assign(
             observed_status=window["observed_status"] * np.nan,
             observed_duty_cycle=window["observed_duty_cycle"] * np.nan,
+            sampled_duty_cycle=window["sampled_duty_cycle"] * np.nan,
         )
         for name, window in right.windows.items()
     }

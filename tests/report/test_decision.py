@@ -119,6 +119,13 @@ def test_heaters_are_told_predicted_and_measured(run):
     )
 
 
+def test_of_a_heater_without_a_status_it_is_told_what_is_predicted(run):
+    words, text = first_screen(status_is_not_measured(run))
+    assert re.search(r"payload_heater test – [\d.]+% [\d.]+% to [\d.]+% not measured", words["duty"])
+    titles = [own["text"] for own in drawn(text)["figures"]["figure-1"]["layout"]["annotations"]]
+    assert titles[2:] == ["<b>battery heater</b>", "<b>payload heater</b>"]
+
+
 def test_the_picture_is_of_the_channel_whose_noise_is_not_what_was_assumed(run):
     titles = [
         own["text"] for own in drawn(first_screen(bad_model(run))[1])["figures"]["figure-1"]["layout"]["annotations"]

@@ -52,7 +52,8 @@ def short(example: str, folder: Path, *, published: bool = False) -> Path:
                 "flightcal check scenario.yaml --out checked",
             ),
         ),
-        ("chandra_acis/scenario.yaml", True, ("Do not use it.", f"{NOISE} electronics_temperature", LEAVE)),
+        # Without its pattern over pitch it lacks so much that a wrong of the set-up explains it better than nothing.
+        ("chandra_acis/scenario.yaml", True, ("Do not use it.", "Likely wrong: electronics_temperature")),
         ("funcube1/scenario.yaml", True, ("Do not use it.", f"{NOISE} panels_mean", LEAVE)),
         ("leo_observer/published.yaml", False, ("Do not use it.", f"{NOISE} structure_temperature", LEAVE)),
     ],

@@ -69,11 +69,12 @@ def duties(run: RunFiles) -> list[Duty]:
     tail = 0.5 * (1.0 - CLOSED ** (1.0 / max(count, 1)))
     found = []
     for name, window in windows.items():
-        predicted = window["sampled_duty_cycle" if "sampled_duty_cycle" in window else "duty_cycle"]
         resolution = 1.0 / max(window.sizes["time"], 1)
         for heater in window["heater"].values:
-            values = predicted.sel(heater=heater).values
             measured = float(window["observed_duty_cycle"].sel(heater=heater))
+            # Without a status it is that of the whole window, and of the samples of known status with one.
+            sampled = np.isfinite(measured) and "sampled_duty_cycle" in window
+            values = window["sampled_duty_cycle" if sampled else "duty_cycle"].sel(heater=heater).values
             if not np.isfinite(values).any():
                 continue
             low, lower, upper, high = np.nanquantile(values, [tail, 0.025, 0.975, 1.0 - tail]).tolist()
