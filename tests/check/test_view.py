@@ -3,7 +3,10 @@
 import numpy as np
 import xarray
 
+from flightcal.check.suspects import prepared
 from flightcal.check.view import series_at
+
+from .. import small
 
 
 def test_nothing_is_read_between_samples_where_a_line_does_not_follow_them():
@@ -19,3 +22,14 @@ def test_nothing_is_read_between_samples_where_a_line_does_not_follow_them():
     assert between[lost] == times[0] + np.timedelta64(1845, "s")
     assert np.isfinite(series_at(data, "panel", times, bent=0.25)).all()
     assert np.isfinite(series_at(data, "panel", between)).all()
+
+
+def test_moved_telemetry_has_no_gap_where_it_is_rough(tmp_path):
+    """What is not there cannot be told from what is explained, so a shift would gain from it."""
+    scenario, data = small.closed_loop(tmp_path)
+    rough = data.copy(deep=True)
+    rough["panel_temp"].values[::7] += 5.0
+    view = prepared(scenario, rough)
+    moved = view.readings(1230.0)
+    inside = slice(0, -(1230 // 60 + 2))
+    assert np.isfinite(moved[inside]).all()

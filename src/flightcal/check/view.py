@@ -198,7 +198,9 @@ class View:
     def readings(self, later: float) -> FloatArray:
         """Telemetry [t, N] K of so many s later."""
         times = self.window.times[self.rows.kept] + np.timedelta64(round(1e3 * later), "ms")
-        return np.stack([series_at(self.telemetry, name, times, bent=MODEL) for name in self.channels], axis=1)
+        # Moved telemetry has no other gaps: where it had, what cannot be compared would count as explained.
+        bent = np.inf if later else MODEL
+        return np.stack([series_at(self.telemetry, name, times, bent) for name in self.channels], axis=1)
 
     def apart(self, channels: Iterable[str]) -> float:
         """s between samples of the one of some channels that is sampled least; 0: there are none."""
