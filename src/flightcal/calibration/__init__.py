@@ -1,6 +1,6 @@
 """The problem, its priors and likelihood, and the methods that solve it.
 
-Imports: errors, probability, problem, progress, run, scenario, simulator.
+Imports: errors, probability, problem, progress, run, scenario, simulator, telemetry.
 """
 
 from .diagnostics import LINEAR, Diagnostics, Gate, gate, least_effective, with_gate

@@ -13,12 +13,13 @@ from dataclasses import replace
 import numpy as np
 
 from ..errors import FlightcalError
-from ..problem import Held, Problem, Window, heat_in_prior, heated_switches, held_by, hold, sampled_windows, split
+from ..problem import Held, Problem, Window, heat_in_prior, held_by, hold, sampled_windows, shifts_of_weights, split
 from ..progress import SILENT, Progress
 from ..simulator import FloatArray, SimulationFailure
+from ..telemetry import quiet_noise
 from .heat_point import HeatPoint
 from .heat_search import Point, Search
-from .switches import HeaterTimes, exchanged, heater_times, quiet_noise, with_shifts, with_states
+from .switches import HeaterTimes, exchanged, heater_times, with_shifts, with_states
 
 _HOLDS = 6
 """Looks at what heaters do whose status is not measured."""
@@ -28,8 +29,6 @@ _SETTLES = 8
 """Looks at what these do before sizes of noise and heat are looked for."""
 _QUIETEST = 1e-3
 """K, of the noise then."""
-_TOLD = 0.5
-"""Of what the prior knows of a direction of heat: where the telemetry tells less, it does not count then."""
 
 
 def find_heat(problem: Problem, theta: FloatArray, *, progress: Progress = SILENT) -> HeatPoint:
@@ -41,7 +40,7 @@ def find_heat(problem: Problem, theta: FloatArray, *, progress: Progress = SILEN
     windows = sampled_windows(problem)
     try:
         held = [held_by(window, problem.at(window, theta)) for window in windows]
-        unmeasured = any(window.switching is not None and window.switching.unmeasured for window in windows)
+        unmeasured = any(window.switching is not None and window.unmeasured for window in windows)
         if unmeasured:
             held, theta = _settled(problem, windows, held, theta)
         search = _search(problem, windows, held)
@@ -49,7 +48,7 @@ def find_heat(problem: Problem, theta: FloatArray, *, progress: Progress = SILEN
         exchanges = True
         for _ in range(_HOLDS if unmeasured else 0):
             if exchanges:
-                tried = _better_held(search, windows, held, search.at(point), point.most_probable, point.around.bases)
+                tried = _better_held(search, held, search.at(point), point.most_probable, point.around.bases)
                 exchanges = tried != held
             if not exchanges:
                 tried = _shifted(search, held, point)
@@ -73,19 +72,18 @@ def _settled(
 
     A thermostat that is simulated out of step leaves errors that sizes of noise and heat would be fitted to.
     """
-    z = problem.to_z(theta)
+    z, search = problem.to_z(theta), _search(problem, windows, held)
     for _ in range(_SETTLES):
-        search = _search(problem, windows, held)
         sizes = _quiet(search)
-        linear = search.linear(z, np.zeros(len(search.group)))
-        told = search.directions(linear.each, sizes, search.generous(sizes), _TOLD)
-        tried = _better_held(search, windows, held, linear, sizes, told)
-        search = _search(problem, windows, tried)
-        weights = np.zeros(len(search.group))
-        z, _, _ = search.step(search.linear(z, weights).each, z, weights, sizes)
-        if tried == held:
+        point = search.linear(z, np.zeros(len(search.group)))
+        tried = _better_held(search, held, point, sizes, search.much_told(point.each, sizes))
+        is_settled = tried == held
+        if not is_settled:
+            held, search = tried, _search(problem, windows, tried)
+            point = search.linear(z, np.zeros(len(search.group)))
+        z, _, _ = search.step(point.each, z, point.weights, sizes)
+        if is_settled:
             break
-        held = tried
     return held, problem.to_theta(z)
 
 
@@ -112,7 +110,6 @@ def _quiet(search: Search) -> FloatArray:
 
 def _better_held(
     search: Search,
-    windows: Sequence[Window],
     held: Sequence[Held | None],
     point: Point,
     sizes: FloatArray,
@@ -120,12 +117,12 @@ def _better_held(
 ) -> list[Held | None]:
     """What heaters do without a measured status, as makes the telemetry most probable next to a point.
 
-    windows: without what is held; sizes: [s]; bases: the directions of heat that count.
+    sizes: [s]; bases: the directions of heat that count.
     """
     found: list[list[HeaterTimes]] = []
-    for window, own, around in zip(windows, held, point.each, strict=True):
+    for own, around in zip(held, point.each, strict=True):
         theta = search.problem.at(around.window, search.problem.to_theta(point.z))
-        found.append([] if own is None else heater_times(window, own, around.window, theta, search.model))
+        found.append([] if own is None else heater_times(around.window, own, theta, search.model))
     everything = [own for of_window in found for own in of_window]
     if not everything:
         return list(held)
@@ -179,18 +176,9 @@ def _shifted(search: Search, held: Sequence[Held | None], point: HeatPoint) -> l
     found = list(held)
     weights = split(point.model, point.model.centre)
     for k, (window, own) in enumerate(zip(search.windows, held, strict=True)):
-        if own is None or window.switching is None:
-            continue
-        (place,) = (
-            g for g, group in enumerate(search.model.groups) if group.part == "switches" and group.window == window.name
-        )
-        known = len(window.switching.time) - len(own.switches)
-        later = np.zeros(len(own.switches))
-        for weight, switch in zip(weights[place], heated_switches(search.model, window), strict=False):
-            if switch >= known:
-                later[switch - known] = weight * own.switches[switch - known][2] / np.sqrt(12.0)
-        unmeasured = {window.simulator.heaters.index(name) for name in window.switching.unmeasured}
-        assert window.network is not None
-        interval = float(np.median(np.diff(window.network.observation.times)))
-        found[k] = with_shifts(own, later, unmeasured, interval)
+        if own is not None:
+            # What is held stands behind what is measured.
+            longer = shifts_of_weights(search.model, window, weights)
+            longer = longer[len(longer) - len(own.switches) :]
+            found[k] = with_shifts(own, longer, window.unmeasured, window.interval)
     return found

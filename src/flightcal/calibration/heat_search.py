@@ -39,7 +39,7 @@ _MOVED = 0.1
 _TOLD = 0.05
 """Of what the prior knows of a direction: where the telemetry tells less, it is left to the prior."""
 _TOLD_MUCH = 0.5
-"""The same while the noise's shape is looked for."""
+"""The same while the noise's shape is looked for, and what heaters without a status did."""
 _WORK = 1e9
 """Samples times functions squared, in one look at the noise's shape: of a longer telemetry the beginning tells it."""
 _ITERATIONS = 25
@@ -154,14 +154,14 @@ class Search:
         while rounds < _ROUNDS and (moved > _MOVED or rounds < _SHAPED):
             rounds += 1
             progress.at(min(1.0, rounds / (_SHAPED + 2)), f"round {rounds}")
-            linear = [self._linearise(window, z, weights) for window in self.windows]
+            linear = self.linear(z, weights).each
             if rounds <= _SHAPED:
                 starts = self._starts(sizes) if rounds == 1 else [sizes]
                 sizes = self._best_fit(linear, z, weights, starts)
             else:
                 sizes = self._around(linear, z, weights, sizes).most_probable(sizes)
             z, weights, moved = self.step(linear, z, weights, sizes)
-        linear = [self._linearise(window, z, weights) for window in self.windows]
+        linear = self.linear(z, weights).each
         around = self._around(linear, z, weights, sizes)
         sizes = around.most_probable(sizes)
         # Windows are linearised around heat; an error of the simulator is linear everywhere.
@@ -241,7 +241,7 @@ class Search:
         """Weights of all groups in the kept directions."""
         return np.concatenate([basis.T @ weights[self.group == g] for g, basis in enumerate(bases)])
 
-    def directions(
+    def _told(
         self, linear: Sequence[Linear], sizes: FloatArray, roots: FloatArray, least: float
     ) -> tuple[FloatArray, ...]:
         """Of each group an orthonormal basis [f, k] of the directions of which the telemetry tells something."""
@@ -258,14 +258,18 @@ class Search:
             bases.append(directions[:, values > least])
         return tuple(bases)
 
-    def generous(self, sizes: FloatArray) -> FloatArray:
+    def much_told(self, linear: Sequence[Linear], sizes: FloatArray) -> tuple[FloatArray, ...]:
+        """The same of those of which it tells much, where heat is as large as found, or as its prior has it."""
+        return self._told(linear, sizes, self._generous(sizes), _TOLD_MUCH)
+
+    def _generous(self, sizes: FloatArray) -> FloatArray:
         """Scales of the groups, or their priors' where these are larger."""
         prior = np.array([group.size for group in self.model.groups])
         return np.maximum(self.roots(sizes), prior)
 
     def _largest(self, sizes: FloatArray) -> FloatArray:
         """Scales of the groups that they hardly exceed where they were found to be `sizes`."""
-        return np.minimum(self.generous(sizes), _LARGER * self.roots(sizes))
+        return np.minimum(self._generous(sizes), _LARGER * self.roots(sizes))
 
     def prior_of_z(self, z: FloatArray) -> tuple[FloatArray, FloatArray]:
         """Mean and deviations of the normal distribution that the prior of what is simulated is like at z."""
@@ -284,12 +288,12 @@ class Search:
         self, linear: Sequence[Linear], z: FloatArray, weights: FloatArray, sizes: FloatArray
     ) -> tuple[FloatArray, float]:
         """The sizes near these under which the telemetry is most probable, and minus the log density there."""
-        bases = self.directions(linear, sizes, self.generous(sizes), _TOLD_MUCH)
+        bases = self.much_told(linear, sizes)
         kept = sum(basis.shape[1] for basis in bases)
         share = (_WORK / max(1, kept**2 * sum(own.left.size for own in linear))) ** (1 / 3)
         if share < 1.0:
             linear = [own.beginning(int(np.ceil(share * len(own.left)))) for own in linear]
-            bases = self.directions(linear, sizes, self.generous(sizes), _TOLD_MUCH)
+            bases = self.much_told(linear, sizes)
         columns = self.columns(linear, bases)
         mean, deviation = self.prior_of_z(z)
         from_prior = np.concatenate([self.of_bases(weights, bases), z[self.moving] - mean])
@@ -375,7 +379,7 @@ class Search:
         return np.where(window.valid, window.observed - run.temperatures - self._errors(window, weights), 0.0)
 
     def _around(self, linear: Sequence[Linear], z: FloatArray, weights: FloatArray, sizes: FloatArray) -> Around:
-        bases = self.directions(linear, sizes, self._largest(sizes), _TOLD)
+        bases = self._told(linear, sizes, self._largest(sizes), _TOLD)
         mean, deviation = self.prior_of_z(z)
         from_prior = np.concatenate([self.of_bases(weights, bases), z[self.moving] - mean])
         columns, shapes = self.columns(linear, bases), self.shapes(sizes)

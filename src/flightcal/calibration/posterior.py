@@ -76,11 +76,12 @@ def search_record(problem: Problem, modes: Sequence[Mode]) -> dict[str, Any]:
     """How the mode was sought, in words, and what was found: for the log and the report."""
     opened = problem.open_loop
     if problem.heat is not None:
-        driven = [window.switching for window in problem.windows if window.switching is not None]
+        driven = any(window.switching is not None for window in problem.windows)
         where = "in open loop, heaters driven by their measured status" if driven else "in closed loop"
-        unmeasured = dict.fromkeys(name for own in driven for name in own.unmeasured)
-        if unmeasured:
-            where += f" ({', '.join(unmeasured)}, without one, as the telemetry shows best)"
+        window = problem.windows[0]
+        if driven and window.unmeasured:
+            names = ", ".join(window.simulator.heaters[k] for k in window.unmeasured)
+            where += f" ({names}, without one, as the telemetry shows best)"
         how = f"without unmodelled heat, {where}; then heat was looked at around it"
     elif opened is None:
         measured = getattr(problem.scenario.simulator, "heater_input", "simulated") == "measured"

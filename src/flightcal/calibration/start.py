@@ -7,6 +7,7 @@ from scipy.optimize import minimize
 
 from ..problem import Problem
 from ..simulator import FloatArray, SimulationFailure
+from ..telemetry import quiet_noise
 
 _LEAST = 1e-3  # K
 _STEPS = 200
@@ -59,7 +60,7 @@ def _guess(problem: Problem, theta: FloatArray, residual: FloatArray, share: flo
         of_it = channels[positions == position]
         kind = sizes[positions == position][0]
         size = max(float(np.exp(np.log(np.maximum(rmse[of_it], _LEAST)).mean())), _LEAST)
-        white = max(float(np.mean([_white(residual[:, k]) for k in of_it])), _LEAST)
+        white = max(float(np.mean([quiet_noise(residual[:, k]) for k in of_it])), _LEAST)
         explained = problem.windows[0].residuals.terms.discrepant[of_it].all()
         if kind == "noise":
             theta[position] = white if explained and share == 1.0 else size
@@ -68,9 +69,3 @@ def _guess(problem: Problem, theta: FloatArray, residual: FloatArray, share: flo
         elif kind == "discrepancy":
             theta[position] = share * size
     return theta
-
-
-def _white(residual: FloatArray) -> float:
-    """What is white in residuals [T]: second differences of white noise have a variance of six times its own."""
-    values = residual[np.isfinite(residual)]
-    return float(1.4826 * np.median(np.abs(np.diff(values, 2))) / np.sqrt(6.0)) if len(values) > 2 else 0.0

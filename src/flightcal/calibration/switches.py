@@ -17,6 +17,7 @@ from numpy.typing import NDArray
 
 from ..problem import HeatModel, Held, Units, Window, heater_watts, responses, with_other
 from ..simulator import FloatArray, sensor_temperatures
+from ..telemetry import quiet_noise
 
 _MOST_TIMES = 400
 """Short times in a window: as many as samples, or so many."""
@@ -54,25 +55,22 @@ class HeaterTimes:
     """s, between samples."""
 
 
-def heater_times(window: Window, held: Held, around: Window, theta: FloatArray, model: HeatModel) -> list[HeaterTimes]:
-    """Of each heater of a window in open loop whose status is not measured, next to theta [q].
+def heater_times(window: Window, held: Held, theta: FloatArray, model: HeatModel) -> list[HeaterTimes]:
+    """Of each heater of a window whose status is not measured, next to theta [q].
 
-    around: the window as its heaters are held, with its heat. Raises SimulationFailure.
+    window: in open loop, as its heaters are held, with its heat. Raises SimulationFailure.
     """
     assert window.network is not None
-    assert around.network is not None
-    assert window.switching is not None
-    drive = around.network.drive
-    interval = float(np.median(np.diff(around.network.observation.times)))
-    count = int(np.clip(round(drive.times[-1] / interval), 1, _MOST_TIMES))
+    drive = window.network.drive
+    count = int(np.clip(round(drive.times[-1] / window.interval), 1, _MOST_TIMES))
     edges = np.linspace(0.0, float(drive.times[-1]), count + 1)
-    inside = theta[around.simulated]
-    system = around.network.system(inside)
-    sensors = sensor_temperatures(around.network.network.structure, system, drive, edges)
-    left = around.observed - around.simulate(theta).temperatures
-    powers, found = around.network.heater_power(inside), []
-    for name in window.switching.unmeasured:
-        heater = window.network.heaters.index(name)
+    inside = theta[window.simulated]
+    system = window.network.system(inside)
+    sensors = sensor_temperatures(window.network.network.structure, system, drive, edges)
+    left = window.observed - window.simulate(theta).temperatures
+    powers, found = window.network.heater_power(inside), []
+    for heater in window.unmeasured:
+        name = window.network.heaters[heater]
         watts = heater_watts(model, window, name)
         if not watts.sum() > 0.0:
             continue
@@ -80,13 +78,13 @@ def heater_times(window: Window, held: Held, around: Window, theta: FloatArray, 
         parts = [np.diff(np.clip(drive.times, *span)) / np.diff(drive.times) for span in pairwise(edges)]
         series = powers[heater] * np.repeat(np.stack(parts), 2, axis=1)
         share = np.tile(watts / watts.sum(), (count, 1))
-        (response,) = responses(around, theta, model, [Units(share, series)])
+        (response,) = responses(window, theta, model, [Units(share, series)])
         middle = 0.5 * (edges[1:] + edges[:-1])
         on = np.zeros(count, bool)
         for begin, end, which in held.on:
             if which == heater:
                 on |= (middle > begin) & (middle < end)
-        read, near = _read(around, left, name, edges)
+        read, near = _read(window, left, name, edges)
         lower, upper = float(system.lower[heater]), float(system.upper[heater])
         reads = sensors[:, heater] + read
         # It is looked at from time to time, and in between it may go as far as from one time to the next.
@@ -94,7 +92,7 @@ def heater_times(window: Window, held: Held, around: Window, theta: FloatArray, 
         near = min(near, _FARTHEST * (upper - lower)) if np.isfinite(near) else near
         cold, warm = reads <= lower + near, reads >= upper - near
         instead = tuple(by_sensor(reads, lower, upper, near, first) for first in (False, True))
-        found.append(HeaterTimes(heater, edges, on, instead, _around(cold), _around(warm), response, interval))
+        found.append(HeaterTimes(heater, edges, on, instead, _around(cold), _around(warm), response, window.interval))
     return found
 
 
@@ -111,13 +109,6 @@ def _read(window: Window, left: FloatArray, heater: str, times: FloatArray) -> t
         return np.zeros(len(times)), np.inf
     noise = quiet_noise(window.observed[known, own[0]])
     return np.interp(times, window.network.observation.times[known], left[known, own[0]]), _NOISES * noise
-
-
-def quiet_noise(observed: FloatArray) -> float:
-    """Standard deviation of the noise of telemetry [T], as neighbouring samples say: no slower errors."""
-    bends = np.diff(observed[np.isfinite(observed)], n=2)
-    # A second difference of independent noise has six times its variance.
-    return float(1.4826 * np.median(np.abs(bends)) / np.sqrt(6.0)) if len(bends) else 0.0
 
 
 def by_sensor(reads: FloatArray, lower: float, upper: float, near: float, first: bool) -> Bools:

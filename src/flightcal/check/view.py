@@ -17,6 +17,7 @@ from ..errors import OrbitError
 from ..problem import HeatModel, Problem, Window, heat_model, initial_priors, responses, unit_heats
 from ..scenario import Environment, Heat, HeatPattern, HeatSlow, Scenario
 from ..simulator import FloatArray, NetworkSimulator, SimulationFailure, Times, face_series
+from ..telemetry import quiet_noise
 from .evaluate import CENTRAL, spread_in_z
 
 HEAT = Heat(pattern=HeatPattern(harmonics=4), slow=HeatSlow(scale=0.02))
@@ -57,8 +58,6 @@ _BUSY = 0.25
 """Share of samples between which a heater switches, from which these tell nothing of its thresholds."""
 _COARSEST = 10.0
 """K, of a digit of telemetry."""
-_RUGGED = 1.4826
-"""Of a normal distribution, deviation over the median of absolute deviations."""
 
 
 @dataclass(frozen=True)
@@ -451,8 +450,7 @@ def noise_of(values: FloatArray) -> float:
     valid = values[np.isfinite(values)]
     if len(valid) < 4:
         return 0.0
-    bends = np.diff(valid, 2)
-    return float(np.hypot(_RUGGED * np.median(np.abs(bends)) / np.sqrt(6.0), step_of(valid) / np.sqrt(12.0)))
+    return float(np.hypot(quiet_noise(valid), step_of(valid) / np.sqrt(12.0)))
 
 
 @lru_cache(maxsize=32)

@@ -1,6 +1,6 @@
 """What stands in for a simulator without derivatives: Gaussian processes that learn from its runs.
 
-Imports: calibration, errors, external, probability, problem, progress, run, scenario, simulator.
+Imports: calibration, errors, external, probability, problem, progress, run, scenario, simulator, telemetry.
 """
 
 from .emulated import needs_emulator

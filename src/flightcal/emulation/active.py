@@ -25,6 +25,7 @@ from ..problem import Problem, Window, whitening
 from ..progress import SILENT, Progress
 from ..scenario import EmulatorSettings, NutsSettings
 from ..simulator import FloatArray, SimulationFailure
+from ..telemetry import quiet_noise
 from .emulator import Emulator, fit_emulator, simulated_priors, with_emulator
 from .held_out import Validation, together, validate
 from .horizon import farthest_emulator, shape_tolerance
@@ -333,9 +334,7 @@ def noise_level(window: Window, theta: FloatArray | None = None) -> FloatArray:
         return np.maximum(window.noise(theta), _LEAST_NOISE)
     noise = window.residuals.fixed[:, DEVIATION].copy()
     for k in window.inferred_noise[0]:
-        values = window.observed[np.isfinite(window.observed[:, k]), k]
-        # Second differences of white noise have a variance of six times its own.
-        noise[k] = 1.4826 * np.median(np.abs(np.diff(values, 2))) / math.sqrt(6.0) if len(values) > 2 else 0.0
+        noise[k] = quiet_noise(window.observed[:, k])
     return np.maximum(noise, _LEAST_NOISE)
 
 

@@ -18,8 +18,8 @@ from ..problem import (
     exact_heat,
     gaps_of,
     heat_of_weights,
-    heated_switches,
     knots_of,
+    shifts_of_weights,
     split,
     unit_heats,
 )
@@ -142,20 +142,9 @@ def draw_heat(problem: Problem, draws: FloatArray, rng: np.random.Generator) -> 
         fitted[window.name] = np.mean(done_runs, axis=0) if done_runs else np.full(window.observed.shape, np.nan)
         thetas.append(of_window)
         heats.append(heat)
-    shifts = [_shifts(model, window, weights) for window in problem.windows]
+    shifts = [shifts_of_weights(model, window, weights) for window in problem.windows]
     thresholds = draw_thresholds(problem.windows, thetas, heats, shifts, rng)
     return DrawnHeat(model, tuple(weights), scales, usable, thresholds, tuple(ends), fitted)
-
-
-def _shifts(model: HeatModel, window: Window, weights: Sequence[FloatArray]) -> FloatArray:
-    """[S, E] s by which each switch of a window's `switching` was later, or its heater longer on, of each draw."""
-    for group, own in zip(model.groups, weights, strict=True):
-        if group.part == "switches" and group.window == window.name and window.switching is not None:
-            shifts = np.zeros((len(own), len(window.switching.interval)))
-            uncertain = np.array(heated_switches(model, window), np.int64)
-            shifts[:, uncertain] = own[:, : len(uncertain)] * window.switching.interval[uncertain] / np.sqrt(12.0)
-            return shifts
-    return np.zeros((len(weights[0]), 0))
 
 
 def _end(

@@ -121,6 +121,12 @@ def heater_status(scenario: Scenario, telemetry: xarray.Dataset, start: np.datet
     return HeaterStatus(StatusData(_status_samples(samples), _duty_cycles(duties)), np.array(settings), priors)
 
 
+def uncertain_thermostats(scenario: Scenario) -> set[str]:
+    """Heaters with a threshold that is a parameter."""
+    paths = {path for parameter in scenario.parameters.values() for path in (*parameter.sets, *parameter.scales)}
+    return {path.split(".")[1] for path in paths if path.endswith((".on_below", ".off_above"))}
+
+
 def measured_switches(scenario: Scenario, telemetry: xarray.Dataset, start: np.datetime64) -> Switch | None:
     """Where the measured status that drives heaters changes between two neighbouring samples, s from `start`.
 
@@ -130,15 +136,13 @@ def measured_switches(scenario: Scenario, telemetry: xarray.Dataset, start: np.d
     model = scenario.simulator
     if not isinstance(model, SimulatorModel) or model.heater_input != "measured":
         return None
-    paths = {path for parameter in scenario.parameters.values() for path in (*parameter.sets, *parameter.scales)}
-    uncertain = any(path.endswith((".on_below", ".off_above")) for path in paths)
-    if not uncertain and all(item.likelihood is None for item in scenario.observations.values()):
+    if not uncertain_thermostats(scenario) and all(item.likelihood is None for item in scenario.observations.values()):
         return None
     found = []
     for heater, block in enumerate(model.switches.values()):
         if block.measured_by is None:
             continue
-        times, on = _samples(telemetry, block.measured_by or "", start)
+        times, on = _samples(telemetry, block.measured_by, start)
         gaps = np.diff(times)
         changed = (np.diff(on) != 0.0) & (gaps < 1.5 * np.median(gaps)) if len(gaps) else np.empty(0, bool)
         middle = times[:-1][changed] + 0.5 * gaps[changed]

@@ -9,7 +9,7 @@ import xarray
 
 from ..environment import orbital_period, seconds_later
 from ..errors import ScenarioError
-from ..probability import Priors, heater_status, measured_switches, residual_model
+from ..probability import Priors, heater_status, measured_switches, residual_model, uncertain_thermostats
 from ..reduction import initial_given
 from ..reduction import load as load_reduced
 from ..scenario import ExternalModel, Normal, Prior, Scenario, SimulatorModel, heat_of, is_trained, load_driver
@@ -172,14 +172,7 @@ def _switching(scenario: Scenario, telemetry: xarray.Dataset, start: np.datetime
             found.append((float(seconds[k + 1]) - 0.5 * interval, interval))
             heaters.append(name)
     times, intervals = np.array(found).reshape(-1, 2).T
-    unmeasured = tuple(name for name, heater in scenario.network.switches.items() if heater.measured_by is None)
-    return Switching(times, intervals, tuple(heaters), unmeasured)
-
-
-def _uncertain_thermostats(scenario: Scenario) -> set[str]:
-    """Heaters with a threshold that is a parameter."""
-    paths = {path for parameter in scenario.parameters.values() for path in (*parameter.sets, *parameter.scales)}
-    return {path.split(".")[1] for path in paths if path.endswith((".on_below", ".off_above"))}
+    return Switching(times, intervals, tuple(heaters))
 
 
 def _can_be_opened(scenario: Scenario) -> bool:
@@ -196,7 +189,7 @@ def _can_be_opened(scenario: Scenario) -> bool:
     unmeasured = {name for name, heater in heaters.items() if heater.measured_by is None}
     if heat_of(scenario) is None:
         return not unmeasured
-    return not unmeasured & _uncertain_thermostats(scenario)
+    return not unmeasured & uncertain_thermostats(scenario)
 
 
 def initial_priors(scenario: Scenario, channels: tuple[str, ...], observed: FloatArray) -> dict[str, Prior]:

@@ -201,7 +201,7 @@ def heat_model(scenario: Scenario, written: Heat, windows: Sequence[Window], the
             of_pattern = written.slow.of_pattern
             groups += [replace(own, part="slow_pattern") for own in groups if own.part == "pattern"]
     for window in windows:
-        if window.switching is not None and (len(window.switching.time) or window.switching.unmeasured):
+        if window.switching is not None and (len(window.switching.time) or window.unmeasured):
             groups.append(Group("switches", "", 1.0, window=window.name))
     groups += [gaps_of(window) for window in windows if window.bridged]
     groups += [Group("error", "", 1.0, window=own.name) for own in windows if own.simulator.error_basis is not None]

@@ -125,13 +125,12 @@ def _switch_heats(model: HeatModel, window: Window, own: bool) -> Units:
         # Energy: power times the shift's deviation, interval / sqrt(12), spread over the interval.
         series.append(np.repeat(power / np.sqrt(12.0) * inside, 2)[None])
         shares.append(watts[None] / power)
-    for name in window.switching.unmeasured if own and window.switching is not None else ():
-        watts = heater_watts(model, window, name)
-        on = window.network.drive.measured[:, window.network.heaters.index(name)]
-        spells = int((np.diff(np.nan_to_num(on), prepend=0.0) > 0.0).sum())
-        shown = _SAMPLES * float(np.median(np.diff(window.network.observation.times)))
-        if watts.sum() > _LEAST_POWER and spells and np.nansum(on * np.diff(grid)) < spells * shown:
-            series.append(np.repeat(_ON * watts.sum() * np.nan_to_num(on), 2)[None])
+    for heater in window.unmeasured if own else ():
+        watts = heater_watts(model, window, window.network.heaters[heater])
+        on = np.nan_to_num(window.network.drive.measured[:, heater])
+        spells = int((np.diff(on, prepend=0.0) > 0.0).sum())
+        if watts.sum() > _LEAST_POWER and on @ np.diff(grid) < spells * _SAMPLES * window.interval:
+            series.append(np.repeat(_ON * watts.sum() * on, 2)[None])
             shares.append(watts[None] / watts.sum())
     return Units(np.concatenate(shares), np.concatenate(series))
 
@@ -143,6 +142,20 @@ def heated_switches(model: HeatModel, window: Window) -> tuple[int, ...]:
     switched = {name: window.scenario.network.on_switch(name).values() for name in set(window.switching.heater)}
     heated = {name for name, blocks in switched.items() if any(own.node in model.nodes for own in blocks)}
     return tuple(k for k, name in enumerate(window.switching.heater) if name in heated)
+
+
+def shifts_of_weights(model: HeatModel, window: Window, weights: Sequence[FloatArray]) -> FloatArray:
+    """[..., E] s by which each switch of a window's `switching` was later, or its heater longer on.
+
+    weights: [..., f] of each group's functions.
+    """
+    for group, own in zip(model.groups, weights, strict=True):
+        if group.part == "switches" and group.window == window.name and window.switching is not None:
+            shifts = np.zeros((*own.shape[:-1], len(window.switching.interval)))
+            uncertain = np.array(heated_switches(model, window), np.int64)
+            shifts[..., uncertain] = own[..., : len(uncertain)] * window.switching.interval[uncertain] / np.sqrt(12.0)
+            return shifts
+    return np.zeros((*weights[0].shape[:-1], 0))
 
 
 def heater_watts(model: HeatModel, window: Window, heater: str) -> FloatArray:

@@ -2,13 +2,13 @@
 
 from __future__ import annotations
 
-import itertools
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from dataclasses import replace
+from itertools import pairwise
 
 import numpy as np
 
-from ..simulator import Drive, FloatArray, IntArray, divided, integrate
+from ..simulator import Drive, FloatArray, IntArray, Switch, divided, integrate
 from .heat_model import Held
 from .window import Switching, Window
 
@@ -23,38 +23,39 @@ def held_by(window: Window, theta: FloatArray) -> Held | None:
     """
     assert window.network is not None
     drive, simulator = window.network.drive, window.network
-    heaters = np.flatnonzero(np.isnan(drive.measured).any(axis=0)).tolist()
-    if window.switching is None or not heaters:
+    steps, heaters = np.nonzero(np.isnan(drive.measured))
+    if window.switching is None or not len(steps):
         return None
     run = integrate(simulator.network.structure, simulator.system(theta[window.simulated]), drive, derivative=False)
-    found = []
-    for heater in heaters:
-
-        def acts(gap: IntArray) -> tuple[bool, list[float]]:
-            switches, begin, end = run.switches, drive.times[gap[0]], drive.times[gap[-1] + 1]
-            inside = (switches.heater == heater) & (switches.time > begin) & (switches.time < end)  # noqa: B023
-            times = switches.time[inside].tolist()
-            return not switches.on[inside][0] if times else bool(run.status[gap[0] + 1, heater]), times  # noqa: B023
-
-        found.append(_held(window, heater, acts))
-    gaps, on, switches = (sum((getattr(own, what) for own in found), ()) for what in ("gaps", "on", "switches"))
-    return Held(window.name, gaps, on, switches)
-
-
-def _held(window: Window, heater: int, acts: Callable[[IntArray], tuple[bool, list[float]]]) -> Held:
-    """What one heater does; acts: of the steps of a gap, whether it is on where that begins, and when it switches."""
-    assert window.network is not None
-    drive = window.network.drive
-    steps = np.flatnonzero(np.isnan(drive.measured[:, heater]))
     gaps, on, switches = [], [], []
-    for gap in np.split(steps, np.flatnonzero(np.diff(steps) > 1) + 1):
-        begin, end = float(drive.times[gap[0]]), float(drive.times[gap[-1] + 1])
-        first, moments = _until_measured(drive, heater, gap, *acts(gap))
-        edges = [begin, *(time for time, _ in moments), end]
-        gaps.append((begin, end, heater))
-        on += [(start, stop, heater) for start, stop in list(itertools.pairwise(edges))[0 if first else 1 :: 2]]
-        switches += [(time, heater, within) for time, within in moments]
+    for heater in np.unique(heaters).tolist():
+        own = np.sort(steps[heaters == heater])
+        for gap in np.split(own, np.flatnonzero(np.diff(own) > 1) + 1):
+            first, moments = _in_gap(drive, run.switches, run.status, heater, gap)
+            edges = [float(drive.times[gap[0]]), *(time for time, _ in moments), float(drive.times[gap[-1] + 1])]
+            gaps.append((edges[0], edges[-1], heater))
+            on += [(begin, end, heater) for begin, end in list(pairwise(edges))[0 if first else 1 :: 2]]
+            switches += [(time, heater, within) for time, within in moments]
     return Held(window.name, tuple(gaps), tuple(on), tuple(switches))
+
+
+def _in_gap(
+    drive: Drive, switches: Switch, status: FloatArray, heater: int, gap: IntArray
+) -> tuple[bool, list[tuple[float, float]]]:
+    """Whether a heater is on where the steps of a gap in its status begin, and when it switches in it, within how long.
+
+    As the simulation has it, with its status [K+1, H] on the grid. If that leaves the gap in another
+    state than the telemetry, it switches once more: any time after its last switch.
+    """
+    begin, end = float(drive.times[gap[0]]), float(drive.times[gap[-1] + 1])
+    inside = (switches.heater == heater) & (switches.time > begin) & (switches.time < end)
+    moments = [(time, _HELD) for time in switches.time[inside].tolist()]
+    first = not switches.on[inside][0] if moments else bool(status[gap[0] + 1, heater])
+    after = drive.measured[gap[-1] + 1, heater] if gap[-1] + 1 < len(drive.measured) else np.nan
+    if after in (0.0, 1.0) and bool(after) != (first ^ bool(len(moments) % 2)):
+        last = moments[-1][0] if moments else begin
+        moments.append((0.5 * (last + end), end - last))
+    return first, moments
 
 
 def with_other(held: Held, heater: int, on: Sequence[tuple[float, float]], within: float) -> Held:
@@ -64,22 +65,6 @@ def with_other(held: Held, heater: int, on: Sequence[tuple[float, float]], withi
     spans = [own for own in held.on if own[2] != heater] + [(begin, end, heater) for begin, end in on]
     switches = [own for own in held.switches if own[1] != heater] + [(time, heater, within) for time in edges]
     return Held(held.window, held.gaps, tuple(sorted(spans)), tuple(sorted(switches)))
-
-
-def _until_measured(
-    drive: Drive, heater: int, gap: IntArray, first: bool, times: list[float]
-) -> tuple[bool, list[tuple[float, float]]]:
-    """When a heater switches in a gap, and within how many seconds each, so that it leaves it as the telemetry says.
-
-    If it would leave it in another state, it switches once more: any time after its last switch.
-    """
-    begin, end = float(drive.times[gap[0]]), float(drive.times[gap[-1] + 1])
-    moments = [(time, _HELD) for time in times]
-    after = drive.measured[gap[-1] + 1, heater] if gap[-1] + 1 < len(drive.measured) else np.nan
-    if after in (0.0, 1.0) and bool(after) != (first ^ bool(len(moments) % 2)):
-        last = moments[-1][0] if moments else begin
-        moments.append((0.5 * (last + end), end - last))
-    return first, moments
 
 
 def hold(window: Window, held: Held) -> Window:
@@ -97,13 +82,11 @@ def hold(window: Window, held: Held) -> Window:
         np.concatenate([own.time, [time for time, _, _ in held.switches]]),
         np.concatenate([own.interval, [within for _, _, within in held.switches]]),
         (*own.heater, *(heaters[heater] for _, heater, _ in held.switches)),
-        own.unmeasured,
     )
     simulator = replace(window.network, drive=replace(drive, measured=measured))
     status = window.status.copy()
     seconds = window.network.observation.times
-    for name in own.unmeasured:
-        heater = heaters.index(name)
+    for heater in window.unmeasured:
         status[:, heater] = 0.0
         for begin, end, which in held.on:
             if which == heater:

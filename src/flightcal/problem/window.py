@@ -49,8 +49,6 @@ class Switching:
     """[E] s, between the samples."""
     heater: tuple[str, ...]
     """[E] that has switched, and with it those that are switched with it."""
-    unmeasured: tuple[str, ...] = ()
-    """Heaters without a status: for how long these are on in all is not known."""
 
 
 @dataclass(frozen=True)
@@ -268,6 +266,12 @@ class Window:
         """Time of the first sample, s from the window's start."""
         return float((self.times[0] - self.start) / np.timedelta64(1, "ns") * 1e-9)
 
+    @cached_property
+    def interval(self) -> float:
+        """The usual one between samples, s."""
+        seconds = (self.times - self.times[0]) / np.timedelta64(1, "ns") * 1e-9
+        return float(np.median(np.diff(seconds)))
+
     # --- variants -----------------------------------------------------------------------------------------------
 
     def begun(self, on: FloatArray) -> Window:
@@ -277,8 +281,8 @@ class Window:
 
     @cached_property
     def unmeasured(self) -> tuple[int, ...]:
-        """Heaters of a thermal network, with thermostats that act, whose status is not measured."""
-        if self.network is None or self.scenario.network.heater_input == "measured":
+        """Heaters of a thermal network whose status is not measured: for how long these are on is not known."""
+        if self.network is None:
             return ()
         switches = self.scenario.network.switches
         return tuple(k for k, name in enumerate(self.network.heaters) if switches[name].measured_by is None)

@@ -17,6 +17,7 @@ from .drivers import (
     switch_bounds,
 )
 from .modes import FoundModes
+from .noise import quiet_noise
 from .quality import quality_table
 from .quantisation import quantisation_step
 from .read import read, read_telemetry
