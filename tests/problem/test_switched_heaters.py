@@ -10,7 +10,6 @@ from scipy.integrate import solve_ivp
 from flightcal.check.suspects import prepared
 from flightcal.check.wrongs.heat import heaters as wrong_heaters
 from flightcal.prediction import predict
-from flightcal.prediction.heat import _shifts
 from flightcal.problem import (
     build_problem,
     heat_model,
@@ -20,6 +19,7 @@ from flightcal.problem import (
     hold,
     responses,
     sampled_windows,
+    shifts_of_weights,
     unit_heats,
 )
 from flightcal.scenario import calibrated_text, heat_of, load_scenario, resolved_yaml, settable
@@ -196,7 +196,7 @@ def test_a_switch_whose_nodes_have_no_heat_is_not_shifted(tmp_path):
     model = model_of(problem, window)
     assert heated_switches(model, window) == ()
     weights = [np.zeros((3, len(own.series))) for own in unit_heats(model, window)]
-    np.testing.assert_array_equal(_shifts(model, window, weights), np.zeros((3, len(window.switching.time))))
+    np.testing.assert_array_equal(shifts_of_weights(model, window, weights), np.zeros((3, len(window.switching.time))))
 
 
 def test_a_prediction_counts_the_energy_of_both(tmp_path):
