@@ -306,7 +306,7 @@ def test_lint_refuses_what_calibrate_refuses(tmp_path):
 @pytest.mark.parametrize("verb", [["lint"], ["check", "--out", "run"], ["calibrate", "--out", "run"]])
 def test_priors_at_which_nothing_can_be_simulated_are_refused_with_the_largest_heat(tmp_path, monkeypatch, verb):
     monkeypatch.chdir(tmp_path)
-    monkeypatch.setattr("flightcal.simulator.simulate.choose_grid", nothing_simulated)
+    monkeypatch.setattr("flightcal.simulator.build.choose_grid", nothing_simulated)
     path = write(tmp_path)
     path.write_text(path.read_text().replace("step: 30 s", "tolerance: 5 mK"))
     done = run(app, [*verb, str(path)])

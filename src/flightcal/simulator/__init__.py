@@ -4,6 +4,7 @@ Imports: compiled, environment, errors, scenario, telemetry.
 """
 
 from .assembly import ParameterMap, assemble, own_initial
+from .build import network_simulator, open_loop
 from .drive import Times, divided, face_series, in_steps
 from .flow import flow_through, heat_of_inputs
 from .integrate import SimulationFailure, in_parallel, integrate, sensor_temperatures
@@ -14,5 +15,5 @@ from .kernels.sampling import ICE_POINT
 from .kernels.step import step_size
 from .network import FIELDS, Network, Term, build_network, canonical_form
 from .sampling import Observation, Sensors
-from .simulate import SCATTERED, NetworkSimulator, Simulator, Trajectory, network_simulator, open_loop
+from .simulate import SCATTERED, NetworkSimulator, Simulator, Trajectory
 from .system import Drive, FloatArray, IntArray, Structure, Switch, System, unpack

@@ -6,27 +6,24 @@ import math
 import os
 import threading
 from collections import defaultdict
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass, field, replace
 from functools import cached_property, partial
 from typing import Protocol
 
 import numpy as np
-import xarray
 
 from ..compiled import Program, Row
-from ..scenario import Scenario, numbers_of
 from .assembly import ParameterMap, assemble
 from .calls import Calls
-from .drive import Times, drive_on, make_grid, window_inputs
 from .elimination import Elimination
 from .integrate import copied, in_parallel, switches
 from .kernels.forward import FINISHED, TOO_MANY_SWITCHES, Outputs
 from .kernels.lanes import WIDTH
-from .network import Network, build_network, sensor_state
-from .sampling import Observation, Sensors, locate
-from .steps import ROOM, Accuracy, Comparison, choose_grid, measure, to_try
+from .network import Network
+from .sampling import Observation, locate
+from .steps import Accuracy
 from .system import Drive, FloatArray, IntArray, Structure, Switch, System, packed_bounds, unpack
 
 _FEW = 3
@@ -35,9 +32,6 @@ SCATTERED = 256
 """So many switches of a simulation have a scatter of their own; then it comes again."""
 _CHUNK = 128
 """At most so many simulations are one call, eight at a time."""
-
-
-_WILD = 1e5  # K
 
 
 @dataclass(frozen=True)
@@ -94,13 +88,6 @@ class Simulator(Protocol):
         With an `error_basis`, the product also takes the cotangent [r] of the variances; that of a thermal network
         takes that [E] of the switches' times as `switches_bar`.
         """
-
-
-def parameter_map(network: Network, scenario: Scenario) -> ParameterMap:
-    """The map of a scenario's parameters; lint has seen that no number is set twice, or both set and scaled."""
-    entries = [(parameter.sets, parameter.scales) for parameter in scenario.parameters.values()]
-    numbers = numbers_of(dict(zip(network.paths, network.values.tolist(), strict=True)), entries)
-    return ParameterMap(len(entries), network.values, *numbers.sets.T.copy(), *numbers.scales.T.copy())
 
 
 @dataclass(frozen=True)
@@ -381,80 +368,3 @@ class NetworkSimulator:
             self.error_variance,
             outputs.final[simulation, self._places(self.network.diffusive)],
         )
-
-
-def network_simulator(
-    scenario: Scenario,
-    telemetry: xarray.Dataset,
-    start: np.datetime64,
-    end: np.datetime64,
-    samples: Times,
-    *,
-    period: float,
-    network: Network | None = None,
-    heated: Sequence[str] = (),
-    tried: Callable[[tuple[str, ...]], FloatArray] | None = None,
-) -> NetworkSimulator:
-    """The simulator of a scenario on the window [start, end], observed at `samples` [T] (UTC).
-
-    network: in place of the one that the scenario's blocks describe (a reduced order model's); heated: see
-    `build_network`. tried: thetas [S, d], some of which choose the length of the steps (see `steps.to_try`), from the
-    names of theta's entries; by default what the scenario writes.
-    """
-    network = network or build_network(scenario, heated)
-    inputs = window_inputs(scenario, network, telemetry, start, end, samples, period=period)
-    observed = {name: item for name, item in scenario.observations.items() if item.node is not None}
-    paths = {path for parameter in scenario.parameters.values() for path in (*parameter.sets, *parameter.scales)}
-    states = [
-        network.nodes.index(item.node if item.lag is None else sensor_state(name)) for name, item in observed.items()
-    ]
-    moved = [item.time_offset != 0.0 or f"observations.{name}.time_offset" in paths for name, item in observed.items()]
-    errors = [[f"observations.{name}.{error}" for name in observed] for error in ("gain", "bias", "time_offset")]
-    sensors = Sensors(np.array(states, dtype=np.int64), np.array(moved, dtype=np.bool_))
-    coarse = make_grid(inputs, scenario.network.step or np.inf)
-    simulator = NetworkSimulator(
-        network=network,
-        names=tuple(scenario.parameters),
-        mapping=parameter_map(network, scenario),
-        drive=drive_on(inputs, coarse),
-        observation=Observation((samples - start) / np.timedelta64(1, "ns") * 1e-9, sensors),
-        channels=tuple(observed),
-        channel_errors=np.array([[network.position(path) for path in row] for row in errors], dtype=np.int64),
-        scatter=np.array([scenario.network.switches[name].scatter for name in network.heaters]),
-    )
-    thetas = _as_written(simulator, scenario) if tried is None else tried(simulator.parameters)
-    thetas = thetas[to_try(network.structure, assemble(simulator.mapping, network.terms, thetas)[1])]
-
-    def compare(grid: FloatArray, halves: FloatArray) -> Comparison | None:
-        looking = replace(simulator, observation=Observation(halves, sensors), scatter=np.zeros(0))
-        runs = [replace(looking, drive=drive_on(inputs, points)).simulate_many(thetas) for points in (grid, halves)]
-        pairs = [(a, b) for a, b in zip(*runs, strict=True) if a and b and not (_is_wild(a) or _is_wild(b))]
-        if not (pairs and observed):
-            return None
-        switched = [np.concatenate([a.switches.time, b.switches.time]) for a, b in pairs]
-        return Comparison(np.stack([a.temperatures - b.temperatures for a, b in pairs]), switched)
-
-    if scenario.network.step is not None:
-        found = measure(coarse, compare)
-        return simulator if found is None else replace(simulator, accuracy=found[0])
-    grid, accuracy = choose_grid(inputs, compare, scenario.step_tolerance)
-    return replace(simulator, drive=drive_on(inputs, grid), accuracy=accuracy)
-
-
-def _is_wild(run: Trajectory) -> bool:
-    """Whether a simulation tells nothing of the length of steps, for it diverges."""
-    return len(run.temperatures) > 0 and not float(np.abs(run.temperatures).max()) < _WILD
-
-
-def _as_written(simulator: NetworkSimulator, scenario: Scenario) -> FloatArray:
-    """The one theta [1, d] of what the scenario writes."""
-    mapping = simulator.mapping
-    theta = np.ones(mapping.parameters)
-    theta[mapping.set_by] = mapping.written[mapping.set_positions]
-    nodes = [scenario.network.nodes[simulator.network.nodes[k]] for k in simulator.network.diffusive]
-    return np.concatenate([theta, [ROOM if node.initial is None else node.initial for node in nodes]])[None]
-
-
-def open_loop(scenario: Scenario) -> Scenario:
-    """The same scenario with every heater driven by its measured status."""
-    return scenario.model_copy(update={"simulator": scenario.network.model_copy(update={"heater_input": "measured"})})
