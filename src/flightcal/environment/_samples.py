@@ -42,6 +42,5 @@ def read_samples(path: Path, columns: tuple[str, ...], place: str, at_least: int
 def within_span(at: Times, times: Times, place: str) -> None:
     """Raise OrbitError unless every time of `at` lies between the first and the last of `times`."""
     if at.size and (at.min() < times[0] or at.max() > times[-1]):
-        raise OrbitError(
-            f"{place}: found samples from {times[0]} to {times[-1]}, expected them to cover {at.min()} to {at.max()}"
-        )
+        first, last, begin, end = np.datetime_as_string([times[0], times[-1], at.min(), at.max()], unit="ms")
+        raise OrbitError(f"{place}: found samples from {first} to {last}, expected them to cover {begin} to {end}")
