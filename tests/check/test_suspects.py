@@ -212,6 +212,20 @@ def test_telemetry_is_compared_too_where_no_status_says_when_a_heater_is_on(tmp_
     assert (first.kind, first.about) == ("unit", "panel_temp")
 
 
+def test_a_mode_of_another_power_is_named_too_in_a_node_whose_heater_has_no_status(tmp_path):
+    written = small.content()
+    written["simulator"]["modes"] = {"quiet": {"body": "2 W"}, "loud": {"body": "40 W"}}
+    written["simulator"]["timeline"] = [
+        {"at": f"2024-03-01T0{k // 2}:{30 * (k % 2):02d}:00", "mode": ("quiet", "loud")[k % 2]} for k in range(6)
+    ]
+    _, data = small.closed_loop(tmp_path, written)
+    scenario, _ = small.load(tmp_path, silent(written))
+    assert named(scenario, data) == ()
+    written["simulator"]["modes"]["loud"]["body"] = "2 W"
+    scenario, _ = small.load(tmp_path, written)
+    assert named(scenario, data)[0].kind == "mode"
+
+
 def test_a_mode_that_the_scenario_lacks_is_named_with_its_times(tmp_path):
     written = small.content()
     written["simulator"]["modes"] = {"quiet": {"panel": "2 W"}, "loud": {"panel": "14 W"}}

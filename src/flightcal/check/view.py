@@ -34,9 +34,9 @@ INFERRED = "status by temperature of "
 """Begins the names of channels that are no telemetry,"""
 UNKNOWN = f"{INFERRED}nothing, of "
 """and of those that say nothing: the heater's heat is then half of its power, and unknown heat."""
-_ANY = 3.0
-"""Of its power, deviation of the heat of a heater of which nobody knows when it is on: so much that nothing else that
-heats its node is any likelier."""
+_ANY = 0.7
+"""Of its power, deviation of the heat of a heater of which nobody knows when it is on: on and off are both half of it
+from the mean, and steps of a simulation are not those of a heater."""
 NO_LINK = 1e-9
 """W/K, of nodes that are not linked: by more they might be."""
 WIDENED = 10.0
