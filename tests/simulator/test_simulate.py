@@ -1,5 +1,7 @@
 """Scenario in, telemetry out: the simulator of a whole scenario against an integration that shares nothing with it."""
 
+import threading
+
 import numpy as np
 import pytest
 from scipy.integrate import solve_ivp
@@ -475,3 +477,23 @@ def test_a_simulation_that_diverges_ends_and_the_others_choose_the_steps(tmp_pat
     window = build_window(scenario, data, "train")
     assert window.network.accuracy is not None
     assert np.isfinite(window.network.accuracy.error)
+
+
+def test_thermostats_of_one_sensor_do_not_give_way_to_each_other_for_ever(tmp_path):
+    """Powers that no satellite has make the sensor jump over its threshold: both are past it in any step."""
+    written = small.content()
+    model = written["simulator"]
+    model["heaters"]["heater"].pop("measured_by")
+    model["heaters"]["second"] = dict(model["heaters"]["heater"])
+    model["conductors"].append({"between": ["body", "space"], "radiative": "0.02 m^2"})
+    model["modes"], model["timeline"] = {"on": {"panel": "2 W"}}, [{"at": "2024-03-01T00:00:00", "mode": "on"}]
+    del model["step"], written["parameters"]["power"]
+    written["parameters"]["more"] = {"sets": "modes.on.panel", "prior": {"half_normal": "10 W"}}
+    scenario, data = small.load(tmp_path, written)
+    simulator = small.simulator_of(scenario, data)
+    powers = 10.0 ** np.linspace(14.0, 34.0, 40)
+    thetas = np.stack([small.theta_of(simulator, more=power, initial_panel=262.0) for power in powers])
+    simulating = threading.Thread(target=simulator.simulate_many, args=(thetas,), daemon=True)
+    simulating.start()
+    simulating.join(60.0)
+    assert not simulating.is_alive()

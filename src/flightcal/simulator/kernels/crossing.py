@@ -38,14 +38,16 @@ def decide(structure, measured, lanes, lane, step):
         tolerance = 0.0
         if lanes.settled[lane] > MOST_LOST:
             return False
-    elif _located(structure, measured, lanes, lane, step):
-        # Strictly earlier than the one that was found, so that the two of a tie do not take turns.
-        tolerance = CROSSING_TOLERANCE
-    else:
+    elif not _located(structure, measured, lanes, lane, step):
         return True
-    if lanes.phase[lane] == LOST:
+    elif lanes.phase[lane] == LOST:
         lanes.phase[lane] = WHOLE
         return True
+    else:
+        # Strictly earlier than the one that was found, so that the two of a tie do not take turns; where the solution
+        # is so wild that it jumps over a threshold, both are past theirs.
+        found = _past_threshold(structure, measured, lanes, lane, step.x1, lanes.heater[lane])
+        tolerance = max(CROSSING_TOLERANCE, found)
     length = take(lanes.length, 0, lane)
     chosen, first, rate, high = -1, length, 0.0, length
     for k in range(structure.sensor.shape[0]):
