@@ -33,3 +33,17 @@ def test_moved_telemetry_has_no_gap_where_it_is_rough(tmp_path):
     moved = view.readings(1230.0)
     inside = slice(0, -(1230 // 60 + 2))
     assert np.isfinite(moved[inside]).all()
+
+
+def test_nobody_knows_what_a_heater_did_while_its_status_has_a_gap(tmp_path):
+    """Ten minutes of 30 W more or less move a body of 3000 J/K by kelvins, from the gap on."""
+    scenario, data = small.closed_loop(tmp_path)
+    status = data["heater_status"].to_numpy().astype(float)
+    status[60:75] = np.nan
+    view = prepared(scenario, data.assign(heater_status=("time", status)))
+    t, body = len(view.rows.kept), view.channels.index("body_temp")
+    moved = view.point(view.window, view.middle).jitter[body * t : (body + 1) * t]
+    before = view.rows.seconds < 3600.0
+    (large,) = np.nonzero(moved.max(axis=0) > 1.0)
+    assert len(large) > 0
+    np.testing.assert_allclose(moved[before][:, large], 0.0, atol=1e-3)

@@ -37,6 +37,8 @@ UNKNOWN = f"{INFERRED}nothing, of "
 _ANY = 0.7
 """Of its power, deviation of the heat of a heater of which nobody knows when it is on: on and off are both half of it
 from the mean, and steps of a simulation are not those of a heater."""
+_IN_GAPS = 0.5
+"""Of its power, deviation of a heater's heat where its status has a gap."""
 NO_LINK = 1e-9
 """W/K, of nodes that are not linked: by more they might be."""
 WIDENED = 10.0
@@ -352,6 +354,7 @@ class View:
         for group, response in zip(self.heat.groups, found, strict=True):
             parts[group.part == "switches"].append(group.size * self._rows(response))
         parts[True] += [self._unknown_heat(window, z, name) for name in self.unknown]
+        parts[True] += [self._heat_in_gaps(window, z, k, own) for k, own in self._switched]
         heat, jitter = (np.concatenate(parts[switches], axis=1) for switches in (False, True))
         return Point(z, simulated, temperatures, flat, heat, jitter)
 
@@ -369,6 +372,23 @@ class View:
             return np.empty((self.begun.shape[0], 0))
         effects = self.response(window, z, own.node, self.pieces(self.rows.seconds))
         return _ANY * own.power * np.column_stack([effects.sum(axis=1), effects])
+
+    @property
+    def _switched(self) -> list[tuple[int, str]]:
+        """Every heater, with the place of its switch in the status."""
+        model = self.window.scenario.network
+        return [(k, name) for k, switch in enumerate(self.network.heaters) for name in model.on_switch(switch)]
+
+    def _heat_in_gaps(self, window: Window, z: FloatArray, switch: int, heater: str) -> FloatArray:
+        """[R, k] K of a heater's heat where its status has gaps, each in short pieces. Raises SimulationFailure."""
+        own, drive = self.window.scenario.network.heaters[heater], self.network.drive
+        unknown = np.isnan(drive.measured[:, switch]).astype(int)
+        gaps = drive.times[np.flatnonzero(np.diff(unknown, prepend=0, append=0))].reshape(-1, 2)
+        if own.node not in self.heat.nodes or not len(gaps):
+            return np.empty((self.begun.shape[0], 0))
+        edges = [np.linspace(first, last, int(np.ceil((last - first) / _MINUTES)) + 1) for first, last in gaps]
+        series = np.concatenate([self.pieces(own) for own in edges])
+        return _IN_GAPS * own.power * self.response(window, z, own.node, series)
 
     def pieces(self, edges: FloatArray) -> FloatArray:
         """Series [k, 2 K] that are 1 in the steps between two edges [k + 1], s from the window's start, and else 0."""
