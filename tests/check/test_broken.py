@@ -88,6 +88,15 @@ def test_a_spike_is_told_with_its_time_and_left_out():
     assert np.flatnonzero(own.useless).tolist() == [57]
 
 
+def test_spikes_that_come_now_and_then_are_told_from_noise():
+    values = telemetry()
+    hit = [17, 57, 80, 121, 160]
+    values[hit] += 25.0 + np.arange(5)
+    own = found(values)
+    assert (own.kind, own.title) == ("spike", "body_temp has 5 spikes")
+    assert np.flatnonzero(own.useless).tolist() == hit
+
+
 def test_the_last_sample_before_a_gap_is_no_spike():
     values = 290.0 + np.concatenate([6.0 * np.arange(20), np.zeros(80)])
     values += 0.05 * np.random.default_rng(0).standard_normal(100)

@@ -33,6 +33,8 @@ _MOST_SPIKES = 3
 _SPIKE = (3.0, 12.0, 4.0, 2.0)
 """A spike is larger than so many K, so many deviations of the noise, so many times what is usual, and so many times
 what the model has."""
+_MANY = (0.03, 15.0)
+"""Share of the samples that may be spikes, where they are so many times what is usual."""
 _GAP = 2.5
 """Times the usual time between samples, from which two are no longer beside each other."""
 
@@ -115,7 +117,9 @@ def _spikes(channel: str, times: NDArray[np.datetime64], own: FloatArray, modell
     height = _heights(times, own)
     least, noises, usual, models = _SPIKE
     order = np.argsort(-height)
-    limit = max(least, noises * noise_of(own), usual * float(height[order[_MOST_SPIKES]]))
+    many = max(_MOST_SPIKES, round(_MANY[0] * len(own)))
+    beyond = min(usual * float(height[order[_MOST_SPIKES]]), _MANY[1] * float(height[order[many]]))
+    limit = max(least, noises * noise_of(own), beyond)
     if np.isfinite(modelled).all():
         limit = max(limit, models * float(_heights(times, modelled).max()))
     high = height > limit
