@@ -443,3 +443,31 @@ def test_no_channel_is_late_by_less_than_lies_between_two_of_its_samples(flown):
     view = prepared(scenario, spoilt(data, panel_temp=seldom))
     assert {(own.about, own.words.title) for own in channel_clocks(view, [300.0], "body_temp")}
     assert not list(channel_clocks(view, [300.0], "panel_temp"))
+
+
+LINES = (
+    "1 58001U 24010A   24061.00000000  .00000000  00000-0  00000-0 0    07",
+    "2 58001  97.8000 340.0000 0010000  60.0000 300.0000 14.90000000    01",
+)
+
+
+@pytest.mark.parametrize(
+    ("place", "text", "title"),
+    [
+        (slice(17, 25), " 40.0000", "The orbit has another raan"),
+        (slice(8, 16), " 51.6000", "The orbit has another inclination"),
+        (slice(52, 63), "14.20000000", "The orbit has another mean motion"),
+    ],
+)
+def test_two_line_elements_of_another_orbit_are_named_by_what_differs(tmp_path, place, text, title):
+    written = boxed()
+    written["environment"]["orbit"] = {"tle": list(LINES)}
+    _, data = small.closed_loop(tmp_path, written)
+    second = LINES[1][: place.start] + text + LINES[1][place.stop :]
+    written["environment"]["orbit"]["tle"][1] = second[:68] + str(checksum(second[:68]))
+    scenario, _ = small.load(tmp_path, written)
+    assert title in [own.title for own in named(scenario, data)]
+
+
+def checksum(line):
+    return sum(int(own) if own.isdigit() else own == "-" for own in line) % 10

@@ -20,6 +20,7 @@ from ...scenario import (
     SampledAttitude,
     Scenario,
     SpinningAttitude,
+    TleOrbit,
 )
 from ...simulator import FloatArray
 from ..view import View
@@ -38,14 +39,21 @@ _STEPS = {
 """Shares of the altitude, rad, and the eccentricity itself."""
 _ROUND = 0.02
 """Eccentricity up to which the place of the perigee matters to nothing."""
+_ONCE_A_DAY = 42241.1e3
+"""m, semi-major axis of an orbit that takes 86,400 s."""
 _LOWEST = 150e3
 """m, of an orbit."""
 _GROUND = Earth().radius
 """m, from which heights count."""
+_OF_LINE_2 = {"mean_motion": slice(52, 63), "inclination": slice(8, 16), "raan": slice(17, 25)}
+"""Columns of two-line elements, in which a number stands."""
 _SPIN_RATES = (1.0 / 60.0, 1.0 / 6.0, 0.5, 2.0, 6.0, 60.0)
 """Factors by which the period of a spin is off: a unit, rpm for deg/s, or about half."""
 _SWINGS = (-120.0, -90.0, -60.0, -30.0, 30.0, 60.0, 90.0, 120.0, 180.0)
 """deg, by which the direction of a spin is turned about an inertial axis."""
+
+
+_Orbit = CircularOrbit | KeplerianOrbit | TleOrbit
 
 
 def attitudes(view: View) -> Iterator[Wrong]:
@@ -141,7 +149,12 @@ def _elsewhere(view: View, **changes: Any) -> Scenario:
 def orbits(view: View) -> Iterator[Wrong]:
     """Another plane of the orbit, another height or, of an ellipse, another shape or place in it."""
     orbit = view.window.scenario.environment.orbit
-    if not isinstance(orbit, CircularOrbit | KeplerianOrbit) or not view.window.scenario.network.faces:
+    if not isinstance(orbit, CircularOrbit | KeplerianOrbit | TleOrbit) or not view.window.scenario.network.faces:
+        return
+    if isinstance(orbit, TleOrbit):
+        for name in _OF_LINE_2:
+            for step in _STEPS[{"mean_motion": "altitude", "raan": "node"}.get(name, name)]:
+                yield from _other_orbit(view, orbit, name, step, tries=len(_STEPS) * len(_STEPS["node"]))
         return
     height = "altitude" if isinstance(orbit, CircularOrbit) else "semi_major_axis"
     node = next(name for name in ("raan", "beta_angle", "ltan") if getattr(orbit, name, None) is not None)
@@ -158,19 +171,23 @@ def orbits(view: View) -> Iterator[Wrong]:
 
 
 def _other_orbit(
-    view: View, orbit: CircularOrbit | KeplerianOrbit, name: str, step: float, tries: float, near: bool = False
+    view: View, orbit: _Orbit, name: str, step: float, tries: float, near: bool = False
 ) -> Iterator[Wrong]:
     """The orbit with one number changed: altitude by a factor, angles by rad; near: with no closer look."""
     value, text = _changed(orbit, name, step)
     if value is None:
         return
-    scenario = _elsewhere(view, orbit=orbit.model_copy(update={name: value}))
+    written = "tle" if isinstance(orbit, TleOrbit) else name
+    scenario = _elsewhere(view, orbit=orbit.model_copy(update={written: value}))
     words = Words(
         f"The orbit has another {name.replace('_', ' ')}",
         f"The telemetry agrees with {name} {text}: its sunlight and eclipses are those of the telemetry.",
-        f"Check 'environment: orbit' ({name}: {text})",
+        f"Check 'environment: orbit' ({name.replace('_', ' ')}: {text})"
+        + (", and that the two lines are of this satellite" if written == "tle" else ""),
     )
-    apart = {"altitude": 0.05, "semi_major_axis": 0.05, "eccentricity": 0.04}.get(name, float(np.deg2rad(7.5)))
+    apart = {"altitude": 0.05, "semi_major_axis": 0.05, "mean_motion": 0.05, "eccentricity": 0.04}.get(
+        name, float(np.deg2rad(7.5))
+    )
 
     def around() -> Iterator[Wrong]:
         for more in np.linspace(-1.0, 1.0, 9) * apart:
@@ -181,8 +198,10 @@ def _other_orbit(
     )
 
 
-def _changed(orbit: CircularOrbit | KeplerianOrbit, name: str, step: float) -> tuple[Any, str]:
-    """A number of the orbit, otherwise, and in words; None: there is no such orbit."""
+def _changed(orbit: _Orbit, name: str, step: float) -> tuple[Any, str]:
+    """A number of the orbit, otherwise, and in words; of two-line elements the lines. None: there is no such orbit."""
+    if isinstance(orbit, TleOrbit):
+        return _other_lines(orbit, name, step)
     if name == "altitude" and isinstance(orbit, CircularOrbit):
         height = orbit.altitude * (1.0 + step)
         return (height if height > _LOWEST else None), f"{height / 1e3:.0f} km"
@@ -202,6 +221,26 @@ def _changed(orbit: CircularOrbit | KeplerianOrbit, name: str, step: float) -> t
     angle = float(getattr(orbit, name)) + step
     bounds = {"inclination": (0.0, np.pi), "beta_angle": (-0.5 * np.pi, 0.5 * np.pi)}.get(name, (-np.inf, np.inf))
     return (angle if bounds[0] < angle < bounds[1] else None), f"{np.rad2deg(angle):.1f} deg"
+
+
+def _other_lines(orbit: TleOrbit, name: str, step: float) -> tuple[tuple[str, ...] | None, str]:
+    """Two-line elements with a number changed in each second line, and that of the first in words."""
+    place, (low, high) = _OF_LINE_2[name], {"raan": (-np.inf, np.inf)}.get(name, (0.0, 180.0))
+    lines, texts = list(orbit.tle), []
+    for k in range(1, len(lines), 2):
+        value = float(lines[k][place])
+        if name == "mean_motion":
+            axis = _ONCE_A_DAY * value ** (-2.0 / 3.0)
+            other = _GROUND + (axis - _GROUND) * (1.0 + step)
+            value *= (axis / other) ** 1.5 if other - _GROUND > _LOWEST else np.nan
+        else:
+            value += np.rad2deg(step)
+        if not low < value < high:
+            return None, ""
+        number_of = f"{value:11.8f}" if name == "mean_motion" else f"{value % 360.0:8.4f}"
+        lines[k] = lines[k][: place.start] + number_of + lines[k][place.stop :]
+        texts.append(f"{value:.2f} revolutions a day" if name == "mean_motion" else f"{value % 360.0:.1f} deg")
+    return tuple(lines), texts[0]
 
 
 def places(view: View, shifts: Sequence[float] | FloatArray | None = None) -> Iterator[Wrong]:
