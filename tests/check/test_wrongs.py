@@ -445,6 +445,14 @@ def test_no_channel_is_late_by_less_than_lies_between_two_of_its_samples(flown):
     assert not list(channel_clocks(view, [300.0], "panel_temp"))
 
 
+def test_a_face_at_another_node_is_named(tmp_path):
+    written = boxed()
+    scenario, _ = small.load(tmp_path, written)
+    written["simulator"]["faces"]["ahead"]["node"] = "panel"
+    _, data = small.closed_loop(tmp_path, written)
+    assert named(scenario, data)[0].title == "Face ahead is of panel, not of body"
+
+
 LINES = (
     "1 58001U 24010A   24061.00000000  .00000000  00000-0  00000-0 0    07",
     "2 58001  97.8000 340.0000 0010000  60.0000 300.0000 14.90000000    01",

@@ -10,7 +10,7 @@ from scipy.spatial.transform import Rotation
 
 from ...problem import Window
 from ...scenario import Scenario
-from ...simulator import FloatArray
+from ...simulator import FloatArray, build_network
 from ..view import View
 from .wrong import Words, Wrong, driven_otherwise, put
 
@@ -18,6 +18,8 @@ Way = tuple[float, ...]
 _WAYS: tuple[Way, ...] = tuple(
     tuple(sign * float(k == axis) for k in range(3)) for axis in range(3) for sign in (1.0, -1.0)
 )
+_MOST_NODES = 10
+"""Of a network, whose faces are tried at every node."""
 _NO_TURN = 0.1
 """rad, less than a turn to other axes."""
 _TILTS = (-60.0, -40.0, -20.0, 20.0, 40.0, 60.0)
@@ -54,6 +56,23 @@ def faces(view: View) -> Iterator[Wrong]:
     if len(turnable) > 1:
         yield from _axes(view)
     yield from _exchanged(view, turnable)
+
+
+def elsewhere(view: View) -> Iterator[Wrong]:
+    """A face is of another node than the scenario says."""
+    scenario, network = view.window.scenario, view.network.network
+    model = scenario.network
+    pairs = [(name, node) for name, face in model.faces.items() for node in network.own_nodes if node != face.node]
+    for name, node in pairs if len(network.own_nodes) <= _MOST_NODES else ():
+        faces_of = {**model.faces, name: model.faces[name].model_copy(update={"node": node})}
+        changed = scenario.model_copy(update={"simulator": model.model_copy(update={"faces": faces_of})})
+        words = Words(
+            f"Face {name} is of {node}, not of {model.faces[name].node}",
+            f"With {name} at {node}, the model explains the telemetry.",
+            f"Correct 'node' of {name} in 'simulator: faces'",
+        )
+        window = view.simulated_by(network=build_network(changed, network.heated))
+        yield Wrong("face", name, words, window=window, tries=len(pairs))
 
 
 def _axes(view: View) -> Iterator[Wrong]:
@@ -152,5 +171,5 @@ def _looking(view: View, rotation: Rotation) -> Scenario:
     return view.window.scenario.model_copy(update={"simulator": model.model_copy(update={"faces": looking})})
 
 
-WRONGS = (faces, tilts)
+WRONGS = (faces, elsewhere, tilts)
 """What looks for them."""
