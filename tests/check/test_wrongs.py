@@ -367,10 +367,23 @@ def test_heat_that_is_missing_all_the_time_is_tried_at_every_node(flown):
     found = {own.about: own for own in constant_heat(view)}
     assert set(found) == {"body", "panel"}
     t = len(view.rows.kept)
-    warmer = {name: own.columns[:, 0].reshape(-1)[: 2 * t].reshape(2, t)[:, -1] for name, own in found.items()}
+    warmer = {name: _warmer(view, own.window).reshape(-1)[: 2 * t].reshape(2, t)[:, -1] for name, own in found.items()}
     body, panel = (view.channels.index(f"{name}_temp") for name in ("body", "panel"))
     assert warmer["panel"][panel] > warmer["panel"][body] > 0.0
     assert warmer["body"][body] > warmer["body"][panel] > 0.0
+
+
+def _warmer(view, window):
+    """[R] K."""
+    return view.temperatures(window, view.middle) - view.modelled
+
+
+def test_heat_that_is_missing_all_the_time_is_more_usual_heat_too(flown):
+    """With more heat a node's links and its unmodelled heat do more; a bias, that has neither, is no better."""
+    view = prepared(*flown)
+    always = next(own for own in constant_heat(view) if own.about == "panel")
+    k = view.heat.nodes.index("panel")
+    assert view.heat_of(always.window).flow[k] > 1.1 * view.heat.flow[k]
 
 
 def test_the_effect_of_heat_is_in_proportion_to_it(flown):

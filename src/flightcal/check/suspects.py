@@ -39,7 +39,7 @@ _PROMISING = 2.0
 _FINALISTS = 12
 _OF_A_KIND = 3
 """So many of a kind are looked at closely,"""
-_BY_SIZE = frozenset({"number", "link", "heater", "driver", "attitude", "orbit"})
+_BY_SIZE = frozenset({"number", "link", "heater", "driver", "attitude", "orbit", "constant heat"})
 """and of these kinds one of each number: a closer look finds its size."""
 _ROUNDS = 3
 """Closer looks at one wrong."""

@@ -3,8 +3,9 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Iterator, Sequence
+from dataclasses import replace
 from functools import partial
-from itertools import combinations, product
+from itertools import combinations
 from math import comb
 from typing import Any
 
@@ -25,8 +26,10 @@ _THRESHOLD = 8.0
 """K, prior deviation of thresholds that are wrong."""
 _REACHED = 0.2
 """Of the way between its thresholds, by which a reading may stay short of one at which a heater switches."""
-_ALL_THE_TIME = (0.5, 3.0)
-"""Of what flows through a node, prior deviations of heat that it lacks all the time."""
+_ALL_THE_TIME = (0.25, 0.5, 1.0, 2.0, 4.0)
+"""Of what flows through a node, heat that it may lack all the time,"""
+_LACKED = 0.2
+"""and the least that is worth a word."""
 _PIECES = 48
 """Of a window, each with heat of its own."""
 _NOW_AND_THEN = 0.5
@@ -336,21 +339,27 @@ def upper(values: FloatArray) -> tuple[NDArray[np.bool_], float]:
 
 def constant_heat(view: View) -> Iterator[Wrong]:
     """Something heats a node all the time that the scenario lacks, such as electronics that are never off."""
-    always = np.ones((1, 2 * (len(view.network.drive.times) - 1)))
-    for (node, flow), much in product(zip(view.heat.nodes, view.heat.flow.tolist(), strict=True), _ALL_THE_TIME):
-        size = max(much * flow, 0.1)
-        effect = size * view.response(view.window, view.middle, node, always)
+    for node, flow in zip(view.heat.nodes, view.heat.flow.tolist(), strict=True):
+        yield from _always(view, node, [max(share * flow, 0.1) for share in _ALL_THE_TIME])
 
-        def words(fit: Fit, node: str = node, size: float = size) -> Words:
-            power = number(size * float(fit.added[0]), 2)
-            return Words(
-                f"{node} takes {power} W more than the scenario says, all the time",
-                f"With {power} W more in {node}, the model explains the telemetry.",
-                f"Check what dissipates in {node}, in 'simulator: modes', and what it absorbs",
-            )
 
+def _always(view: View, node: str, powers: Sequence[float]) -> Iterator[Wrong]:
+    """So many W more in a node, all the time, as the simulator has it: with more heat every link does more."""
+    network, k = view.network, view.heat.nodes.index(node)
+    for power in powers:
+        if power < _LACKED * view.heat.flow[k]:
+            continue
+        heat = np.zeros((len(network.network.heated), 2 * len(network.drive.inputs)))
+        heat[network.network.heated.index(node)] = power
+        words = Words(
+            f"{node} takes {number(power, 2)} W more than the scenario says, all the time",
+            f"With {number(power, 2)} W more in {node}, the model explains the telemetry.",
+            f"Check what dissipates in {node}, in 'simulator: modes', and what it absorbs",
+        )
+        window = replace(view.window, simulator=network.with_heat(heat))
+        near = partial(_always, view, node, [power * 2.0**more for more in np.linspace(-0.6, 0.6, 7)])
         tries = len(_ALL_THE_TIME) * len(view.heat.nodes)
-        yield Wrong("constant heat", node, words, columns=effect, least=0.2 * flow / size, lacked=True, tries=tries)
+        yield Wrong("constant heat", node, words, window=window, tries=tries, closer=near)
 
 
 def turning(values: FloatArray, swing: float) -> FloatArray | None:
