@@ -466,6 +466,24 @@ def test_a_face_at_another_node_is_named(tmp_path):
     assert named(scenario, data)[0].title == "Face ahead is of panel, not of body"
 
 
+def switching(**modes):
+    """The satellite with two modes that take turns."""
+    written = small.content()
+    at = [f"2024-03-01T0{hour}:{minute}:00" for hour in range(3) for minute in ("05", "35")]
+    written["simulator"]["modes"] = modes
+    written["simulator"]["timeline"] = [
+        {"at": "2024-02-29T00:00:00", "mode": "idle"},
+        *({"at": time, "mode": ("busy", "idle")[k % 2]} for k, time in enumerate(at)),
+    ]
+    return written
+
+
+def test_a_modes_heat_in_another_node_is_named_with_both(tmp_path):
+    _, data = small.closed_loop(tmp_path, switching(idle={"panel": "3 W"}, busy={"panel": "15 W"}))
+    scenario, _ = small.load(tmp_path, switching(idle={"panel": "3 W"}, busy={"panel": "3 W", "body": "12 W"}))
+    assert named(scenario, data)[0].title == "Mode 'busy' heats panel, not body"
+
+
 LINES = (
     "1 58001U 24010A   24061.00000000  .00000000  00000-0  00000-0 0    07",
     "2 58001  97.8000 340.0000 0010000  60.0000 300.0000 14.90000000    01",

@@ -2,10 +2,10 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import replace
 from functools import partial
-from itertools import combinations
+from itertools import combinations, permutations
 from math import comb
 from typing import Any
 
@@ -205,11 +205,13 @@ def modes(view: View) -> Iterator[Wrong]:
         active = view.network.drive.inputs[:, :, column].reshape(1, -1)
         if active.min() == active.max():
             continue
+        responses = {node: view.response(view.window, centre, node, active) for node in view.heat.nodes}
+        yield from _mode_elsewhere(view, mode, responses)
         for node in view.heat.nodes:
             written = powers.get(node, 0.0)
             flow = float(view.heat.flow[view.heat.nodes.index(node)])
             size = max(0.5 * flow, abs(written), 1.0)
-            effect = size * view.response(view.window, centre, node, active)
+            effect = size * responses[node]
 
             def words(fit: Fit, mode: str = mode, node: str = node, size: float = size, was: float = written) -> Words:
                 power = was + size * float(fit.added[0])
@@ -219,9 +221,7 @@ def modes(view: View) -> Iterator[Wrong]:
                     f"Check 'modes: {mode}: {node}', and that the timeline is of this flight",
                 )
 
-            # What all modes have in common is no matter of the mode.
-            common = min(own.get(node, 0.0) for own in model.modes.values())
-            least = max(0.5 * abs(written - common), 0.15 * flow) / size
+            least = max(0.5 * abs(written - _common(view, node)), 0.15 * flow) / size
             yield Wrong("mode", mode, words, columns=effect, least=least, tries=len(model.modes) * len(view.heat.nodes))
     if len({change.mode for change in model.timeline}) < 2:
         return
@@ -234,6 +234,27 @@ def modes(view: View) -> Iterator[Wrong]:
             "Check the times in 'simulator: timeline', and their zone",
         )
         yield from driven_otherwise("mode", "timeline", words_of, view, tries=len(SHIFTS), modes=late)
+
+
+def _common(view: View, node: str) -> float:
+    """W that all modes have in common in a node, which is no matter of any mode."""
+    return min(own.get(node, 0.0) for own in view.window.scenario.network.modes.values())
+
+
+def _mode_elsewhere(view: View, mode: str, responses: Mapping[str, FloatArray]) -> Iterator[Wrong]:
+    """What a mode has more than others in a node is dissipated in another; responses: by node, to 1 W in the mode."""
+    modes, nodes = view.window.scenario.network.modes, view.heat.nodes
+    for node, other in permutations(nodes, 2):
+        power = modes[mode].get(node, 0.0) - _common(view, node)
+        if power <= 0.0:
+            continue
+        words = Words(
+            f"Mode '{mode}' heats {other}, not {node}",
+            f"While the timeline says '{mode}', {other} rises as {node} should, by {number(power, 3)} W.",
+            f"Correct 'modes: {mode}'",
+        )
+        effect = power * (responses[other] - responses[node])
+        yield Wrong("mode", mode, words, columns=effect, least=0.6, tries=len(modes) * len(nodes) ** 2)
 
 
 def _exchanged(view: View) -> Iterator[Wrong]:
