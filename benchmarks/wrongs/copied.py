@@ -168,7 +168,13 @@ SETUPS = (
     SetUp("an eclipse that never comes", 87, ("eclipse", "orbit", "everything"), _never_in_shadow, lit),
     SetUp("emissivity and absorptivity changed", 88, ("number",), _interchanged, lambda c: lit(c) and bool(_coated(c))),
     SetUp("a capacity of a thousandth", 89, ("number",), _in_grams, lambda c: lit(c) and bool(_fixed_nodes(c))),
-    SetUp("two capacities swapped", 90, ("number",), _capacities_swapped, lambda c: lit(c) and bool(_unlike(c))),
+    SetUp(
+        "two capacities swapped",
+        90,
+        ("exchanged", "number"),
+        _capacities_swapped,
+        lambda c: lit(c) and bool(_unlike(c)),
+    ),
     SetUp("a face at another node", 91, ("face", "number"), _face_at_another_node, lit),
     SetUp(
         "a thermostat's sensor elsewhere",

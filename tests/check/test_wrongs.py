@@ -12,7 +12,7 @@ from flightcal.check.wrongs.channels import swaps
 from flightcal.check.wrongs.clocks import channel_clocks, clocks, status_clocks
 from flightcal.check.wrongs.heat import constant_heat, heaters
 from flightcal.check.wrongs.orbit import orbits
-from flightcal.check.wrongs.written import numbers
+from flightcal.check.wrongs.written import exchanged, numbers
 from flightcal.problem import build_problem
 from flightcal.simulator import SimulationFailure
 from tests import small
@@ -482,6 +482,38 @@ def test_a_modes_heat_in_another_node_is_named_with_both(tmp_path):
     _, data = small.closed_loop(tmp_path, switching(idle={"panel": "3 W"}, busy={"panel": "15 W"}))
     scenario, _ = small.load(tmp_path, switching(idle={"panel": "3 W"}, busy={"panel": "3 W", "body": "12 W"}))
     assert named(scenario, data)[0].title == "Mode 'busy' heats panel, not body"
+
+
+@pytest.mark.parametrize("uncertain", [False, True])
+def test_two_capacities_that_are_exchanged_are_named(tmp_path, uncertain):
+    written = small.content()
+    if uncertain:
+        prior = {"lognormal": {"median": "3000 J/K", "factor": 1.2}}
+        written["parameters"]["capacity"] = {"sets": "nodes.body.capacity", "prior": prior}
+    _, data = small.closed_loop(tmp_path, written)
+    nodes = written["simulator"]["nodes"]
+    nodes["body"]["capacity"], nodes["panel"]["capacity"] = nodes["panel"]["capacity"], nodes["body"]["capacity"]
+    if uncertain:
+        written["parameters"]["capacity"]["prior"]["lognormal"]["median"] = "800 J/K"
+    scenario, _ = small.load(tmp_path, written)
+    assert named(scenario, data)[0].title == "nodes.panel and nodes.body have each other's capacity"
+
+
+def test_faces_of_one_parameter_are_exchanged_with_others_once(tmp_path):
+    written = boxed()
+    faces = written["simulator"]["faces"]
+    faces["outside"] |= {"absorptivity": 0.2, "emissivity": 0.7}
+    both = [f"faces.{name}.absorptivity" for name in ("ahead", "back")]
+    around = {"mean": 0.5, "standard_deviation": 0.06, "lower": 0.02, "upper": 0.98}
+    written["parameters"]["painted"] = {"sets": both, "prior": {"truncated_normal": around}}
+    view = prepared(*small.closed_loop(tmp_path, written))
+    tried = [own for own in exchanged(view) if "outside" in own.about and own.about.count("absorptivity") == 2]
+    entry = view.problem.names.index("painted")
+    moved = [own for own in tried if dict(own.moved).get(entry)]
+    assert len(moved) == 1
+    # Of each kind few are looked at closely; these take no place of priors that are far off.
+    assert {own.kind for own in exchanged(view)} == {"exchanged"}
+    assert dict(moved[0].moved)[entry] == pytest.approx(0.4, rel=0.05)
 
 
 LINES = (

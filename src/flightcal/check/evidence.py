@@ -164,7 +164,7 @@ def climbed(
     """The fit of telemetry [t, N] where the entries are likeliest, by Gauss-Newton steps. Raises SimulationFailure."""
     centre, flat = view.centre(observed), view.flat(observed)
     known = np.isfinite(flat)
-    if window is not view.window or view.moved is not None:
+    if window is not view.window or view.moved:
         # What flows through the nodes, and so what heat is usual, may be another.
         view = replace(view, heat=view.heat_of(window))
         start = view.point(window, centre)

@@ -327,7 +327,7 @@ def _gain(view: View, wrong: Wrong, look: _Look) -> float:
     shift = (view.middle if observed is view.observed else view.centre(observed)) - view.middle
     if wrong.memory is not None:
         temperatures = _reading(view, wrong).read(point.simulated)
-    elif wrong.moved is not None:
+    elif wrong.moved:
         moved = replace(view, moved=wrong.moved).centre(observed) - view.middle
         temperatures = view.temperatures(wrong.window or view.window, point.z + moved)
     elif wrong.window is None:
@@ -369,7 +369,7 @@ def _climbed(view: View, wrong: Wrong, base: Point) -> Fit:
 
 def _reading(view: View, wrong: Wrong) -> View:
     """The view with channels that read as they do, and priors that are of what they should be."""
-    as_it_is = wrong.memory is None and wrong.moved is None
+    as_it_is = wrong.memory is None and not wrong.moved
     return view if as_it_is else replace(view, memory=wrong.memory, moved=wrong.moved)
 
 

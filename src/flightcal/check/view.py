@@ -60,6 +60,8 @@ _BUSY = 0.25
 """Share of samples between which a heater switches, from which these tell nothing of its thresholds."""
 _COARSEST = 10.0
 """K, of a digit of telemetry."""
+Moved = tuple[tuple[int, float], ...]
+"""Entries of theta, each with a factor."""
 
 
 @dataclass(frozen=True)
@@ -148,8 +150,8 @@ class View:
     thermostats: tuple[Thermostat, ...] = ()
     widened: int | None = None
     """The entry whose prior is wider than written."""
-    moved: tuple[int, float] | None = None
-    """An entry whose prior is for so many times the value that is written."""
+    moved: Moved = ()
+    """Entries whose priors are for so many times the values that are written."""
     memory: Memory | None = None
     """Of one channel."""
 
@@ -279,9 +281,10 @@ class View:
         spread = spread_in_z(self.problem)
         if self.widened is not None:
             spread[self.widened] *= WIDENED
-        if self.moved is not None:
+        if self.moved:
             lower, upper = (self.problem.to_z(self._quantile(p)) for p in CENTRAL)
-            spread[self.moved[0]] = 0.5 * (upper - lower)[self.moved[0]]
+            for entry, _ in self.moved:
+                spread[entry] = 0.5 * (upper - lower)[entry]
         return spread
 
     @property
@@ -291,8 +294,8 @@ class View:
 
     def _quantile(self, probability: float) -> FloatArray:
         theta = self.problem.priors.quantile(probability)
-        if self.moved is not None:
-            theta[self.moved[0]] *= self.moved[1]
+        for entry, times in self.moved:
+            theta[entry] *= times
         return theta
 
     def centre(self, observed: FloatArray) -> FloatArray:

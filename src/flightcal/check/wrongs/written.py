@@ -5,13 +5,14 @@ from __future__ import annotations
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import replace
 from functools import partial
-from itertools import product
+from itertools import combinations, product
 
 import numpy as np
 
 from ...report import listed, number
+from ...simulator import FloatArray
 from ..evidence import Fit
-from ..view import NO_LINK, View
+from ..view import NO_LINK, Moved, View
 from .wrong import FACTORS, FEW_TIMES, Words, Wrong, multiplied
 
 BLOCKS = ("nodes", "conductors", "faces", "modes", "environment")
@@ -30,6 +31,13 @@ _BELIEVABLE = {
     "environment.earth_infrared": (100.0, 400.0),
 }
 """Between what numbers of the Sun and of the Earth are, SI: no wrong is mended by one that cannot be."""
+_ALIKE: tuple[tuple[str, tuple[str, ...]], ...] = (
+    ("nodes.", ("capacity",)), ("conductors.", ("conductance",)), ("faces.", ("area",)),
+    ("faces.", ("absorptivity", "emissivity")),
+)  # fmt: skip
+"""Numbers that are got wrong by exchanging those of two,"""
+_MOST_ALIKE = 12
+"""of so many at most."""
 _FAR = 4.0
 """Deviations of its prior, from which a parameter is far off."""
 
@@ -181,16 +189,22 @@ def priors(view: View) -> Iterator[Wrong]:
         yield Wrong("prior", name, words, widened=k, least=_FAR, tries=len(parameters))
 
 
+def _apart(view: View, moved: View) -> FloatArray:
+    """[k] deviations by which the entries of a view are moved; inf: its prior cannot be there."""
+    entries = [entry for entry, _ in moved.moved]
+    with np.errstate(all="ignore"):  # out of their bounds
+        off = abs(moved.middle - view.middle)[entries] / view.spread[entries]
+        possible = (moved.spread[entries] > 0.0) & np.isfinite(moved.spread[entries]) & np.isfinite(off)
+    return np.where(possible, off, np.inf)
+
+
 def other_priors(view: View) -> Iterator[Wrong]:
     """The prior of a parameter has the wrong unit or a digit too many; what is nearer to it is seen by `priors`."""
     parameters = [name for name in view.problem.names if name in view.window.scenario.parameters]
     for name, factor in product(parameters, FACTORS):
         entry = view.problem.names.index(name)
-        moved = replace(view, moved=(entry, factor))
-        with np.errstate(all="ignore"):  # out of its bounds
-            off = abs(moved.middle - view.middle)[entry] / view.spread[entry]
-            possible = 0.0 < moved.spread[entry] < np.inf
-        if not possible or not _FAR < off < np.inf:
+        moved = replace(view, moved=((entry, factor),))
+        if not _FAR < _apart(view, moved)[0] < np.inf:
             continue
         value, median = (float(own.median[entry]) for own in (moved, view))
         words = Words(
@@ -201,5 +215,54 @@ def other_priors(view: View) -> Iterator[Wrong]:
         yield Wrong("prior", name, words, moved=moved.moved, tries=_PER_NUMBER * len(parameters))
 
 
-WRONGS = (numbers, coatings, left_out, links, priors, other_priors)
+def exchanged(view: View) -> Iterator[Wrong]:
+    """Two capacities, conductances, areas or coatings are each other's, as they are written or in priors."""
+    paths, at = view.network.network.paths, view.problem.at(view.window, view.median)[view.window.simulated]
+    now = view.network.numbers(at)
+    found: dict[tuple[Moved, tuple[float, ...]], tuple[str, str, tuple[str, ...]]] = {}
+    for block, numbers in _ALIKE:
+        places_of = [k for k, path in enumerate(paths) if path.startswith(block) and path.endswith(numbers[0])]
+        own = [paths[k].rpartition(".")[0] for k in sorted(places_of, key=lambda k: -now[k]) if now[k] > _NONE]
+        for a, b in combinations(own, 2) if len(own) <= _MOST_ALIKE else ():
+            places = [tuple(paths.index(f"{name}.{number}") for name in (a, b)) for number in numbers]
+            if all(now[p] > _NONE and now[q] > _NONE for p, q in places):
+                # Parameters that set the numbers of several faces exchange those of all of them.
+                change = _exchange(view, now, places)
+                if change is not None:
+                    found.setdefault(change, (a, b, numbers))
+    for (moved, written), (a, b, numbers) in found.items():
+        what = " and ".join(numbers)
+        words = Words(
+            f"{a} and {b} have each other's {what}",
+            f"With {what} of the two exchanged, the model explains the telemetry.",
+            f"Check {what} of {a} and of {b}, and the priors of what sets them",
+        )
+        about = f"{a}.{numbers[0]} {b}.{numbers[0]}"
+        window = view.with_numbers(np.array(written))
+        yield Wrong("exchanged", about, words, window=window, moved=moved, tries=len(found))
+
+
+def _exchange(view: View, now: FloatArray, places: Sequence[tuple[int, ...]]) -> tuple[Moved, tuple[float, ...]] | None:
+    """Entries that are moved and numbers as they are written, where those at pairs of places [..., 2] are exchanged.
+
+    now: the numbers [V] at the priors' medians. None: the exchange changes nothing, or it cannot be.
+    """
+    mapping, written = view.network.mapping, view.network.mapping.written.copy()
+    moved: dict[int, float] = {}
+    if all(1.0 / _MATTERS < now[p] / now[q] < _MATTERS for p, q in places):
+        return None
+    setting = dict(zip(mapping.set_positions.tolist(), mapping.set_by.tolist(), strict=True))
+    for one, other in [(p, q) for pair in places for p, q in (pair, pair[::-1])]:
+        times = float(now[other] / now[one])
+        if one not in setting:
+            written[one] *= times
+        elif moved.setdefault(view.problem.names.index(view.network.names[setting[one]]), times) != times:
+            return None
+    entries = tuple(sorted(moved.items()))
+    if moved and not np.isfinite(_apart(view, replace(view, moved=entries))).all():
+        return None
+    return entries, tuple(written.tolist())
+
+
+WRONGS = (numbers, coatings, left_out, exchanged, links, priors, other_priors)
 """What looks for them."""

@@ -15,18 +15,18 @@ from ...scenario import Scenario
 from ...simulator import FloatArray, SimulationFailure, in_steps
 from ...telemetry import status_fraction
 from ..evidence import AS_READ, Fit, Scale
-from ..view import FINE, INFERRED, REACH, Memory, View
+from ..view import FINE, INFERRED, REACH, Memory, Moved, View
 
 Kind = Literal[
     "clock", "status clock", "channel clock", "driver clock", "bias", "swapped", "unit", "other node", "unrelated",
     "status inverted", "statuses swapped", "heater", "thresholds", "missing heat", "mode", "driver",
     "attitude", "orbit", "number", "link", "prior", "face", "gain", "drift", "curve", "slow", "between", "eclipse",
-    "thermostat", "constant heat",
+    "thermostat", "constant heat", "exchanged",
 ]  # fmt: skip
 _RARE: Mapping[Kind, float] = {
     "orbit": 3.0, "face": 3.0, "unit": 3.0, "channel clock": 3.0, "driver clock": 3.0, "slow": 3.0, "between": 3.0,
-    "constant heat": 5.0, "number": 5.0, "link": 5.0, "prior": 5.0, "unrelated": 10.0, "thresholds": 20.0,
-    "thermostat": 30.0,
+    "constant heat": 5.0, "exchanged": 5.0, "number": 5.0, "link": 5.0, "prior": 5.0, "unrelated": 10.0,
+    "thresholds": 20.0, "thermostat": 30.0,
 }  # fmt: skip
 """So many times as rare a kind is as a slip of the pen or a fault of a sensor or heater: judged, not counted.
 
@@ -70,8 +70,8 @@ class Wrong:
     """[R, k] K, effects of unknown size that a simulation lacks."""
     widened: int | None = None
     """The entry whose prior is wider than written; the weight is then how far it is off, in deviations as written."""
-    moved: tuple[int, float] | None = None
-    """An entry whose prior should be for so many times the value that is written."""
+    moved: Moved = ()
+    """Entries whose priors should be for so many times the values that are written."""
     least: float = 0.0
     """Of the first column's weight: below, it is no wrong worth a word."""
     most: float = np.inf
