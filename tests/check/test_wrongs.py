@@ -516,6 +516,14 @@ def test_faces_of_one_parameter_are_exchanged_with_others_once(tmp_path):
     assert dict(moved[0].moved)[entry] == pytest.approx(0.4, rel=0.05)
 
 
+def test_a_number_of_the_sun_that_cannot_be_is_named(tmp_path):
+    written = boxed()
+    _, data = small.closed_loop(tmp_path, written)
+    written["environment"]["solar_constant"] = "800 W/m^2"
+    scenario, _ = small.load(tmp_path, written)
+    assert named(scenario, data)[0].about == "environment.solar_constant"
+
+
 LINES = (
     "1 58001U 24010A   24061.00000000  .00000000  00000-0  00000-0 0    07",
     "2 58001  97.8000 340.0000 0010000  60.0000 300.0000 14.90000000    01",

@@ -23,8 +23,8 @@ _MATTERS = 1.4
 """Factor up to which a number is off as numbers are."""
 _NONE = 10.0 * NO_LINK
 """Below, a number is not there."""
-_LEFT_OUT = {"environment.albedo": 0.3, "environment.earth_infrared": 237.0}
-"""What a number of the Earth is, about, that is written as zero; SI."""
+_USUAL = {"environment.albedo": 0.3, "environment.earth_infrared": 237.0, "environment.solar_constant": 1361.0}
+"""What numbers of the Earth and the Sun are, about; SI."""
 _BELIEVABLE = {
     "environment.solar_constant": (1300.0, 1420.0),
     "environment.albedo": (0.05, 0.9),
@@ -124,19 +124,24 @@ def coatings(view: View) -> Iterator[Wrong]:
 
 
 def left_out(view: View) -> Iterator[Wrong]:
-    """Sunlight or heat from the Earth is written as zero."""
+    """Sunlight or heat from the Earth is written as zero, or as what it cannot be."""
     mapping, paths = view.network.mapping, view.network.network.paths
     if view.window.scenario.environment.orbit is None or not view.window.scenario.network.faces:
         return
     moved = set(mapping.set_positions.tolist())
-    known = [path for path in _LEFT_OUT if path in paths and paths.index(path) not in moved]
+    known = [path for path in _USUAL if path in paths and paths.index(path) not in moved]
     zero = [path for path in known if mapping.written[paths.index(path)] == 0.0]
+    for path in known:
+        low, high = _BELIEVABLE[path]
+        value = float(mapping.written[paths.index(path)])
+        if value > 0.0 and not low <= value <= high:
+            yield from _number(view, [paths.index(path)], path, _USUAL[path] / value, tries=3.0)
     for chosen in [*([path] for path in zero), *([zero] if len(zero) > 1 else [])]:
         written = mapping.written.copy()
-        written[[paths.index(path) for path in chosen]] = [_LEFT_OUT[path] for path in chosen]
+        written[[paths.index(path) for path in chosen]] = [_USUAL[path] for path in chosen]
         words = Words(
             f"{listed(chosen)} {'is' if len(chosen) == 1 else 'are'} zero",
-            f"With {listed([f'{_LEFT_OUT[path]:g}' for path in chosen])} (SI), the model explains the telemetry.",
+            f"With {listed([f'{_USUAL[path]:g}' for path in chosen])} (SI), the model explains the telemetry.",
             f"Write {listed([path.rpartition('.')[2] for path in chosen])} in 'environment'",
         )
         yield Wrong("number", " ".join(chosen), words, window=view.with_numbers(written), tries=3.0)
