@@ -1,5 +1,6 @@
 """Simple wrongs of the small satellite, named before any sampling."""
 
+import sys
 from dataclasses import replace
 from datetime import timedelta
 from types import SimpleNamespace
@@ -201,6 +202,15 @@ def silent(written):
     del written["telemetry"]["channels"]["heater_status"]
     del written["observations"]["heater_status"]
     return written
+
+
+def test_what_explains_a_disobeyed_thermostat_is_named_though_little_else_tells_it(flown, monkeypatch):
+    scenario, data = flown
+    off = spoilt(data, body_temp=data["body_temp"].to_numpy() + 5.0)
+    monkeypatch.setattr(sys.modules["flightcal.check.suspects"], "_CLEAR", 1e6)
+    first = named(scenario, off)[0]
+    assert (first.kind, first.about) == ("bias", "body_temp")
+    assert not named(scenario, spoilt(data, panel_temp=data["panel_temp"].to_numpy() + 8.0))
 
 
 def test_telemetry_is_compared_too_where_no_status_says_when_a_heater_is_on(tmp_path):

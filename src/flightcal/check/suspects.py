@@ -27,7 +27,7 @@ from .footings import Footing, footings
 from .jumps import Jump, in_words, jumps
 from .misfit import Misfit, misfit
 from .thermostat import copied, disobeyed, inferred
-from .view import HEAT, INFERRED, NO_LINK, UNKNOWN, WIDENED, Point, View, view_of
+from .view import HEAT, INFERRED, NO_LINK, UNKNOWN, WIDENED, Point, View, known_thermostats, view_of
 from .wrongs import Wrong, all_wrongs
 from .wrongs.heat import bursts
 
@@ -146,13 +146,14 @@ def suspects(problem: Problem, telemetry: xarray.Dataset) -> Suspects:
         nothing = climbed(view, view.window, view.observed, base)
     except SimulationFailure:
         return Suspects(tuple(found))
-    helps = _compared(view, base, nothing)
+    odd = list(disobeyed(view.window))
+    helps = _compared(view, base, nothing, _concerned(view, [name for name, _, _ in odd]))
     compared, where = ranked(helps, nothing), None
     if not compared and not nothing.is_usual:
         where = misfit(view, nothing.z)
         compared = unexplained(nothing, where, helps)
     kinds = {own.kind for own in (*found, *compared)}
-    for name, words, constant in disobeyed(view.window):
+    for name, words, constant in odd:
         if not kinds & (_OF_THERMOSTATS if constant else _OF_THERMOSTATS | _OF_READINGS):
             found.append(Suspicion("thermostat", name, *astuple(words)))
     return Suspects((*found, *compared), True, footings(view, base, nothing), where)
@@ -236,8 +237,17 @@ class _Look:
     """Evidence with nothing wrong."""
 
 
-def _compared(view: View, base: Point, nothing: Fit) -> list[tuple[Fit, Suspicion]]:
-    """What is far better than nothing wrong, the best first and each once."""
+def _concerned(view: View, heaters: Collection[str]) -> set[str]:
+    """Heaters and the channels of their sensors."""
+    known = {name: channel for name, _, channel in known_thermostats(view.window)}
+    return {*heaters, *(known[name] for name in heaters)}
+
+
+def _compared(view: View, base: Point, nothing: Fit, odd: Collection[str]) -> list[tuple[Fit, Suspicion]]:
+    """What is far better than nothing wrong, the best first and each once.
+
+    odd: heaters that do not what their thresholds say, and what their sensors read: there something is wrong.
+    """
     known = np.isfinite(view.flat(view.observed))
     looks = [_look(view, point, known) for point in (base, view.point(view.window, nothing.z, base))]
     looks = [replace(look, around=look.around.inverted()) for look in looks]
@@ -256,7 +266,8 @@ def _compared(view: View, base: Point, nothing: Fit) -> list[tuple[Fit, Suspicio
         except (SimulationFailure, np.linalg.LinAlgError):
             continue
         nats = float(fit.evidence - nothing.evidence - best.odds)
-        if nats > _CLEAR and best.matters(fit):
+        certain = best.about in odd and best.kind in _OF_THERMOSTATS
+        if nats > (_PROMISING if certain else _CLEAR) and best.matters(fit):
             words = best.words(fit) if callable(best.words) else best.words
             named = Suspicion(best.kind, best.about, words.title, words.sentence, words.advice, nats)
             found.append((fit, named))
