@@ -87,6 +87,13 @@ def test_fahrenheit_read_as_celsius_is_named(flown):
     assert "degF" in first.title
 
 
+def test_celsius_read_as_fahrenheit_is_rather_that_than_a_bias(flown):
+    """The body swings by 3 K: its readings are off by about the same all the time."""
+    scenario, data = flown
+    read = 273.15 + (data["body_temp"].to_numpy() - 273.15 - 32.0) / 1.8
+    assert named(scenario, spoilt(data, body_temp=read))[0].title == "body_temp is in degC, and is read as degF"
+
+
 def test_a_channel_that_is_stuck_throughout_is_named_and_warns_of_nothing(flown, recwarn):
     scenario, data = flown
     first = named(scenario, spoilt(data, panel_temp=np.full(data.sizes["time"], 280.0)))[0]

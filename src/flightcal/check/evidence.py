@@ -48,10 +48,11 @@ class Scale:
     def evidence(self, square: float, rows: int) -> float:
         """Nats that it adds where deviations of so many rows have this sum of squares, in those expected.
 
-        The density of the telemetry as it was; and a model that is wrong anyway is not to be nearer for the telemetry
-        being smaller: what a right model does not have is counted as it was read.
+        The density of the telemetry as it was, which a factor above one makes no likelier; and a model that is wrong
+        anyway is not to be nearer for the telemetry being smaller: what a right model does not have is counted as it
+        was read.
         """
-        jacobian = -self.samples * abs(float(np.log(self.factor))) / _ALIKE
+        jacobian = self.samples * min(float(np.log(self.factor)), 0.0) / _ALIKE
         return jacobian - 0.5 * max(square - _RIGHT * rows, 0.0) * max(self.factor**-2 - 1.0, 0.0)
 
 
