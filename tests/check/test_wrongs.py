@@ -6,8 +6,8 @@ import numpy as np
 import pytest
 
 from flightcal.check import suspects, wrongs
+from flightcal.check.sunlight import FINE
 from flightcal.check.suspects import prepared
-from flightcal.check.view import FINE
 from flightcal.check.wrongs.channels import swaps
 from flightcal.check.wrongs.clocks import channel_clocks, clocks, status_clocks
 from flightcal.check.wrongs.heat import constant_heat, heaters
@@ -188,7 +188,7 @@ def test_a_node_that_is_a_degree_off_is_tried(tmp_path):
 
 def test_sunlight_is_looked_up_where_a_shadow_begins_and_ends(tmp_path):
     view = prepared(*small.closed_loop(tmp_path, sunlit()))
-    seconds = view.lit_at(view.window.scenario, 0.0, 10800.0)
+    seconds = view.sunlight.times(view.window.scenario, 0.0, 10800.0)
     assert np.diff(seconds).max() == FINE
     assert 4 <= (seconds % FINE > 0.0).sum() <= 16
 

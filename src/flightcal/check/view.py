@@ -4,32 +4,23 @@ from __future__ import annotations
 
 from collections.abc import Iterable, Iterator
 from dataclasses import dataclass, replace
-from functools import cached_property, lru_cache
-from pathlib import Path
+from functools import cached_property
 from typing import Any
 
 import numpy as np
 import xarray
 from numpy.typing import NDArray
 
-from ..environment import seconds_later, shadow_edges
-from ..errors import OrbitError
+from ..environment import seconds_later
 from ..problem import HeatModel, Problem, Window, heat_model, initial_priors, responses, unit_heats
-from ..scenario import Environment, Heat, HeatPattern, HeatSlow, Scenario
-from ..simulator import FloatArray, NetworkSimulator, SimulationFailure, Times, face_series
+from ..scenario import Heat, HeatPattern, HeatSlow
+from ..simulator import FloatArray, NetworkSimulator, SimulationFailure
 from ..telemetry import quiet_noise
 from .evaluate import CENTRAL, spread_in_z
+from .sunlight import Sunlight
 
 HEAT = Heat(pattern=HeatPattern(harmonics=4), slow=HeatSlow(scale=0.02))
 """What a simulator may lack and be right: heat of some percent of what flows through each node."""
-FINE = 60.0
-"""s, how far apart sunlight is looked up,"""
-REACH = 7800.0
-"""s, and how far before and after the window."""
-_RINGS = 8
-"""Of the quadrature of albedo, which is right to 1% of its peak on each face."""
-ZONES = 50_400.0
-"""s, of which the clock of a time zone is off at most."""
 INFERRED = "status by temperature of "
 """Begins the names of channels that are no telemetry,"""
 UNKNOWN = f"{INFERRED}nothing, of "
@@ -236,44 +227,9 @@ class View:
         return self.of_channel(channel, more[:, None]) - more[0] * self.begun[:, [channel]]
 
     @cached_property
-    def sunlight(self) -> tuple[FloatArray, dict[str, FloatArray]]:
-        """Times [M], s from the window's start, and what shines on the faces, by column [M] W/m^2."""
-        return self._shone(-REACH, self.network.drive.times[-1] + REACH)
-
-    def _shone(self, first: float, last: float) -> tuple[FloatArray, dict[str, FloatArray]]:
-        """As `sunlight`, from the first to the last time. Raises OrbitError."""
-        seconds = self.lit_at(self.window.scenario, first, last)
-        return seconds, self.shines(self.window.scenario, seconds)
-
-    def lit_at(self, scenario: Scenario, first: float, last: float) -> FloatArray:
-        """Times [M], s from the window's start, at which sunlight is looked up: also where a shadow begins and ends."""
-        every = np.arange(first, last, FINE)
-        if scenario.environment.orbit is None:
-            return every
-        start, end = self.utc(np.array([first, last]))
-        edges = _edges(scenario.environment.model_copy(update={"attitude": "nadir"}), start, end, scenario.folder)
-        return np.union1d(every, first + (edges - start) / np.timedelta64(1, "s"))
-
-    def shines(self, scenario: Scenario, seconds: FloatArray) -> dict[str, FloatArray]:
-        """What shines on a scenario's faces at times [M], s from the window's start, by column. Raises OrbitError."""
-        return face_series(scenario, self.utc(seconds), rings=_RINGS)
-
-    def sunlight_before(self, seconds: float) -> tuple[FloatArray, dict[str, FloatArray]]:
-        """As `sunlight`; where that does not reach so many s back, up to `ZONES`, what shone then."""
-        first, last = -FINE - seconds, 1.1 * self.network.drive.times[-1] + FINE - seconds
-        try:
-            if abs(seconds) <= REACH:
-                return self.sunlight
-            times, lit = self._sunlight_of_a_day
-        except OrbitError:  # samples of orbit or attitude do not reach as far
-            return self._shone(first, last)
-        then = slice(*np.searchsorted(times, [first, last]).tolist())
-        return times[then], {column: own[then] for column, own in lit.items()}
-
-    @cached_property
-    def _sunlight_of_a_day(self) -> tuple[FloatArray, dict[str, FloatArray]]:
-        """As `sunlight`, as far as time zones reach. Raises OrbitError."""
-        return self._shone(-FINE - ZONES, 1.1 * self.network.drive.times[-1] + FINE + ZONES)
+    def sunlight(self) -> Sunlight:
+        """Of the window."""
+        return Sunlight(self.window.scenario, self.window.start, float(self.network.drive.times[-1]))
 
     @cached_property
     def spread(self) -> FloatArray:
@@ -474,12 +430,6 @@ def noise_of(values: FloatArray) -> float:
     if len(valid) < 4:
         return 0.0
     return float(np.hypot(quiet_noise(valid), step_of(valid) / np.sqrt(12.0)))
-
-
-@lru_cache(maxsize=32)
-def _edges(environment: Environment, start: np.datetime64, end: np.datetime64, folder: Path) -> Times:
-    """Where shadows begin and end. Most wrongs leave the orbit as it is."""
-    return shadow_edges(environment, start, end, folder)
 
 
 def step_of(values: FloatArray) -> float:

@@ -15,7 +15,8 @@ from ...report import listed, number
 from ...scenario import load_driver
 from ...simulator import FloatArray
 from ...telemetry import driver_series
-from ..view import REACH, ZONES, View
+from ..sunlight import REACH, ZONES
+from ..view import View
 from .wrong import SHIFT, SHIFTS, Words, Wrong, closer, driven, driven_otherwise, duration, put, status_channels
 
 _ZONES = tuple(h for k in range(1, round(ZONES / 1800.0) + 1) for h in (-1800.0 * k, 1800.0 * k) if abs(h) > REACH)

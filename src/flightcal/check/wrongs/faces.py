@@ -41,7 +41,7 @@ def faces(view: View) -> Iterator[Wrong]:
     if scenario.environment.orbit is None or not turnable:
         return
     times = view.network.drive.times
-    seconds = np.union1d(view.lit_at(scenario, 0.0, times[-1]), times)
+    seconds = np.union1d(view.sunlight.times(scenario, 0.0, times[-1]), times)
     lit = {way: _lit(view, turnable, way, seconds) for way in _WAYS}
     for way, (name, normal) in product(_WAYS, turnable.items()):
         if np.allclose(normal, way):
@@ -115,7 +115,7 @@ def _lit(view: View, names: Mapping[str, Way], way: Way, seconds: FloatArray) ->
     model = view.window.scenario.network
     looking = {name: model.faces[name].model_copy(update={"normal": way}) for name in names}
     changed = model.model_copy(update={"faces": {**model.faces, **looking}})
-    return view.shines(view.window.scenario.model_copy(update={"simulator": changed}), seconds)
+    return view.sunlight.on_faces(view.window.scenario.model_copy(update={"simulator": changed}), seconds)
 
 
 def _turned(view: View, face: str, seconds: FloatArray, lit: Mapping[str, FloatArray]) -> Window:

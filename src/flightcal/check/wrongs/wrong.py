@@ -15,7 +15,8 @@ from ...scenario import Scenario
 from ...simulator import FloatArray, SimulationFailure, in_steps
 from ...telemetry import status_fraction
 from ..evidence import AS_READ, Fit, Scale
-from ..view import FINE, INFERRED, REACH, Memory, Moved, View
+from ..sunlight import FINE, REACH
+from ..view import INFERRED, Memory, Moved, View
 
 Kind = Literal[
     "clock", "status clock", "channel clock", "driver clock", "bias", "swapped", "unit", "other node", "unrelated",
@@ -113,10 +114,10 @@ def driven(
     drive, columns = view.network.drive, view.network.network.columns
     inputs, measured = drive.inputs.copy(), drive.measured
     if scenario is not None:
-        fine = np.union1d(view.lit_at(scenario, 0.0, drive.times[-1]), drive.times)
-        put(inputs, columns, fine, view.shines(scenario, fine), drive.times)
+        fine = np.union1d(view.sunlight.times(scenario, 0.0, drive.times[-1]), drive.times)
+        put(inputs, columns, fine, view.sunlight.on_faces(scenario, fine), drive.times)
     elif sunlight or gaining:
-        fine, lit = view.sunlight_before(sunlight)
+        fine, lit = view.sunlight.before(sunlight)
         put(inputs, columns, fine * (1.0 + gaining) + sunlight, lit, drive.times)
     if modes or gaining:
         fine = np.arange(-FINE, drive.times[-1] + 2.0 * FINE, FINE)
