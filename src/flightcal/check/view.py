@@ -313,7 +313,7 @@ class View:
         for group, response in zip(self.heat.groups, found, strict=True):
             parts[group.part == "switches"].append(group.size * self._rows(response))
         parts[True] += [self._unknown_heat(window, z, name) for name in self.unknown]
-        parts[True] += [self._heat_in_gaps(window, z, k, own) for k, own in self._switched]
+        parts[True] += [self._heat_in_gaps(window, z, k, own) for own, k in self.switch_of.items()]
         heat, jitter = (np.concatenate(parts[switches], axis=1) for switches in (False, True))
         return Point(z, simulated, temperatures, flat, heat, jitter)
 
@@ -332,11 +332,11 @@ class View:
         effects = self.response(window, z, own.node, self.pieces(self.rows.seconds))
         return _ANY * own.power * np.column_stack([effects.sum(axis=1), effects])
 
-    @property
-    def _switched(self) -> list[tuple[int, str]]:
-        """Every heater, with the place of its switch in the status."""
+    @cached_property
+    def switch_of(self) -> dict[str, int]:
+        """Of every heater the place of its switch in the status."""
         model = self.window.scenario.network
-        return [(k, name) for k, switch in enumerate(self.network.heaters) for name in model.on_switch(switch)]
+        return {name: k for k, switch in enumerate(self.network.heaters) for name in model.on_switch(switch)}
 
     def _heat_in_gaps(self, window: Window, z: FloatArray, switch: int, heater: str) -> FloatArray:
         """[R, k] K of a heater's heat where its status has gaps, each in short pieces. Raises SimulationFailure."""

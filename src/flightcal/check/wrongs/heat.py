@@ -65,12 +65,10 @@ def statuses(view: View) -> Iterator[Wrong]:
 
 def heaters(view: View) -> Iterator[Wrong]:
     """A heater has another power, or heats another node."""
-    model = view.window.scenario.network
-    blocks = model.heaters
-    switch = {other: k for k, name in enumerate(view.network.heaters) for other in model.on_switch(name)}
+    blocks = view.window.scenario.network.heaters
     centre = view.middle
     for name, block in blocks.items():
-        on = np.nan_to_num(view.network.drive.measured[:, switch[name]])
+        on = np.nan_to_num(view.network.drive.measured[:, view.switch_of[name]])
         if block.node not in view.heat.nodes or not on.any() or name in view.unknown:
             continue
         waves = block.power * np.repeat(on, 2)[None]

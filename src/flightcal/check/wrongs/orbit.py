@@ -206,7 +206,7 @@ def _changed(orbit: _Orbit, name: str, step: float) -> tuple[Any, str]:
         height = orbit.altitude * (1.0 + step)
         return (height if height > _LOWEST else None), f"{height / 1e3:.0f} km"
     if name == "semi_major_axis" and isinstance(orbit, KeplerianOrbit):
-        axis = _GROUND + (orbit.semi_major_axis - _GROUND) * (1.0 + step)
+        axis = _raised(orbit.semi_major_axis, step)
         lowest = axis * (1.0 - orbit.eccentricity) - _GROUND
         return (axis if lowest > _LOWEST else None), f"{axis / 1e3:.0f} km"
     if name == "ltan" and isinstance(orbit, CircularOrbit):
@@ -223,6 +223,11 @@ def _changed(orbit: _Orbit, name: str, step: float) -> tuple[Any, str]:
     return (angle if bounds[0] < angle < bounds[1] else None), f"{np.rad2deg(angle):.1f} deg"
 
 
+def _raised(axis: float, step: float) -> float:
+    """m, semi-major axis of an orbit whose height is larger by a share."""
+    return _GROUND + (axis - _GROUND) * (1.0 + step)
+
+
 def _other_lines(orbit: TleOrbit, name: str, step: float) -> tuple[tuple[str, ...] | None, str]:
     """Two-line elements with a number changed in each second line, and that of the first in words."""
     place, (low, high) = _OF_LINE_2[name], {"raan": (-np.inf, np.inf)}.get(name, (0.0, 180.0))
@@ -231,15 +236,16 @@ def _other_lines(orbit: TleOrbit, name: str, step: float) -> tuple[tuple[str, ..
         value = float(lines[k][place])
         if name == "mean_motion":
             axis = _ONCE_A_DAY * value ** (-2.0 / 3.0)
-            other = _GROUND + (axis - _GROUND) * (1.0 + step)
+            other = _raised(axis, step)
             value *= (axis / other) ** 1.5 if other - _GROUND > _LOWEST else np.nan
+            written, text = f"{value:11.8f}", f"{value:.2f} revolutions a day"
         else:
             value += np.rad2deg(step)
+            written, text = f"{value % 360.0:8.4f}", f"{value % 360.0:.1f} deg"
         if not low < value < high:
             return None, ""
-        number_of = f"{value:11.8f}" if name == "mean_motion" else f"{value % 360.0:8.4f}"
-        lines[k] = lines[k][: place.start] + number_of + lines[k][place.stop :]
-        texts.append(f"{value:.2f} revolutions a day" if name == "mean_motion" else f"{value % 360.0:.1f} deg")
+        lines[k] = lines[k][: place.start] + written + lines[k][place.stop :]
+        texts.append(text)
     return tuple(lines), texts[0]
 
 
