@@ -13,6 +13,7 @@ from flightcal.scenario.network import DEEP_SPACE
 from flightcal.simulator import SimulationFailure, open_loop
 from flightcal.simulator.assembly import assemble
 from flightcal.simulator.network import STEFAN_BOLTZMANN
+from flightcal.simulator.simulate import _CHUNK
 from flightcal.simulator.system import System, packed_bounds
 
 from .. import oracle, small
@@ -456,6 +457,24 @@ def test_many_simulations_are_those_of_each_and_a_failed_one_is_none(tmp_path):
     assert second is None
     with pytest.raises(SimulationFailure):
         simulator.simulate(bad)
+
+
+def test_scores_of_many_simulations_are_those_of_each_and_that_of_a_failed_one_is_nan(tmp_path):
+    scenario, data = small.load(tmp_path)
+    simulator = small.simulator_of(scenario, data, hours=1.0)
+    # More than one call of the compiled code has room for.
+    thetas = small.theta_of(simulator) + np.linspace(0.0, 0.05, 2 * _CHUNK + 3)[:, None]
+    thetas[[1, 200]] = small.theta_of(simulator, initial_panel=np.nan)
+
+    def score(temperatures, status):
+        assert len(temperatures) <= _CHUNK
+        return temperatures.mean(axis=(1, 2)) + 100.0 * status.mean(axis=(1, 2))
+
+    found = simulator.score_many(thetas, score)
+    for k, run in enumerate(simulator.simulate_many(thetas)):
+        expected = np.nan if run is None else score(run.temperatures[None], run.status[None])[0]
+        np.testing.assert_array_equal(found[k], expected)
+    assert np.flatnonzero(np.isnan(found)).tolist() == [1, 200]
 
 
 def test_heater_power_follows_the_parameter_that_sets_it(tmp_path):

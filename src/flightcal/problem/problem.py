@@ -206,15 +206,8 @@ class Problem:
     def _rmse(self, thetas: FloatArray, status_weight: float) -> FloatArray:
         """`rmse` of one batch."""
         samples = np.array([window.valid.sum() for window in self.windows])
-        shares = samples / samples.sum()
-        found = np.full(len(thetas), np.nan)
-        simulated = self.simulate_many(thetas)
-        done = [runs for runs in simulated if runs is not None]
-        if done:
-            by_window = zip(self.windows, zip(*done, strict=True), strict=True)
-            squares = [window.mean_squares(runs, status_weight) for window, runs in by_window]
-            found[[runs is not None for runs in simulated]] = np.sqrt(shares @ squares)
-        return found
+        squares = [window.mean_squares(self.at(window, thetas), status_weight) for window in self.windows]
+        return np.asarray(np.sqrt(samples / samples.sum() @ squares))
 
     # --- the log density ----------------------------------------------------------------------------------------
 

@@ -458,14 +458,21 @@ class Window:
         """Telemetry minus simulation [T, N], K; NaN where there is no valid sample."""
         return np.where(self.valid, self.observed - run.temperatures, np.nan)
 
-    def mean_squares(self, runs: Sequence[Trajectory], status_weight: float) -> FloatArray:
-        """Mean square error over all channels [S], K^2, of S simulations.
+    def mean_squares(self, thetas: FloatArray, status_weight: float) -> FloatArray:
+        """Mean square error over all channels [S], K^2, of simulations at thetas [S, q]; NaN where one fails.
 
         status_weight: kelvin that a wrongly simulated heater status sample counts as.
         """
-        residual = np.stack([run.temperatures for run in runs]) - np.where(self.valid, self.observed, 0.0)
-        mean_squares = np.einsum("stk,stk,tk->s", residual, residual, self.valid) / self.valid.sum()
-        if status_weight > 0.0 and np.isfinite(self.status).any():
-            wrong = np.abs(self.status - np.stack([run.status for run in runs]))
-            mean_squares += status_weight**2 * np.nanmean(wrong, axis=(1, 2))
-        return np.asarray(mean_squares)
+        observed, known = np.where(self.valid, self.observed, 0.0), np.isfinite(self.status).any()
+
+        def score(temperatures: FloatArray, status: FloatArray) -> FloatArray:
+            residual = temperatures - observed
+            mean_squares = np.einsum("stk,stk,tk->s", residual, residual, self.valid) / self.valid.sum()
+            if status_weight > 0.0 and known:
+                mean_squares += status_weight**2 * np.nanmean(np.abs(self.status - status), axis=(1, 2))
+            return np.asarray(mean_squares)
+
+        if self.network is not None:
+            return self.network.score_many(thetas[:, self.simulated], score)
+        runs = self.simulate_many(thetas)
+        return np.array([np.nan if run is None else score(run.temperatures[None], run.status[None])[0] for run in runs])

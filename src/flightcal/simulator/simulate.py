@@ -10,7 +10,7 @@ from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass, field, replace
 from functools import cached_property, partial
-from typing import Protocol
+from typing import Protocol, TypeVar
 
 import numpy as np
 
@@ -25,6 +25,8 @@ from .network import Network
 from .sampling import Observation, locate
 from .steps import Accuracy
 from .system import Drive, FloatArray, IntArray, Structure, Switch, System, packed_bounds, unpack
+
+T = TypeVar("T")
 
 _FEW = 3
 """So many simulations at once are faster than one by one."""
@@ -225,13 +227,43 @@ class NetworkSimulator:
                 found[..., k] = -(linear + square * (2.0 * at[:, k] + off[..., k])) * off[..., k]
         return found
 
+    def score_many(self, thetas: FloatArray, score: Callable[[FloatArray, FloatArray], FloatArray]) -> FloatArray:
+        """[S] a score of simulations at thetas [S, d], in parallel, of which nothing else is kept; NaN where one fails.
+
+        score: of the temperatures [s, T, N] K and the status [s, T, H] of some of them, which it may not keep, [s].
+        """
+
+        def take(outputs: Outputs, count: int) -> list[float]:
+            scores = score(outputs.temperatures[:count], outputs.status[:count])
+            return list(np.where(outputs.outcome[:count] == FINISHED, scores, np.nan))
+
+        return np.array(self._run(take, thetas))
+
     def _simulate(
         self, thetas: FloatArray, scatter: FloatArray | None, heat: FloatArray | None
     ) -> list[Trajectory | None]:
-        few = len(thetas) < _FEW
-        size = 1 if few else min(_CHUNK, WIDTH * math.ceil(len(thetas) / (WIDTH * (os.cpu_count() or 1))))
+        def take(outputs: Outputs, count: int) -> list[Trajectory | None]:
+            kept = copied(outputs, count)
+            made = partial(self._trajectory, kept)
+            return [made(k) if outcome == FINISHED else None for k, outcome in enumerate(kept.outcome.tolist())]
 
-        def simulate(first: int) -> list[Trajectory | None]:
+        return self._run(take, thetas, scatter, heat)
+
+    def _run(
+        self,
+        take: Callable[[Outputs, int], list[T]],
+        thetas: FloatArray,
+        scatter: FloatArray | None = None,
+        heat: FloatArray | None = None,
+    ) -> list[T]:
+        """What is taken of each simulation; take: of the outputs of so many, in place of which others come later."""
+        few = len(thetas) < _FEW
+        cores = os.cpu_count() or 1
+        # Of the same size, and as many for each core.
+        chunks = cores * math.ceil(len(thetas) / (cores * _CHUNK))
+        size = 1 if few else WIDTH * math.ceil(len(thetas) / (WIDTH * chunks))
+
+        def simulate(first: int) -> list[T]:
             part = slice(first, first + size)
             sizes = (0 if part is None else part.shape[1] for part in (scatter, heat))
             with self._borrowed(1 if few else WIDTH, *sizes) as calls:
@@ -242,19 +274,17 @@ class NetworkSimulator:
                 if heat is not None:
                     calls.integration.acting[:count] = heat[part]
                 calls.run_forward.run()
-                outputs = copied(calls.outputs, count)
-            outcomes = outputs.outcome.tolist()
-            made = partial(self._trajectory, outputs)
-            found = [made(k) if outcome == FINISHED else None for k, outcome in enumerate(outcomes)]
+                found = take(calls.outputs, count)
+                outcomes = calls.outputs.outcome[:count].tolist()
             if not few:
                 # With very many switches a simulation needs more room than a lane has.
                 for k in [k for k, outcome in enumerate(outcomes, first) if outcome == TOO_MANY_SWITCHES]:
                     again = [None if part is None else part[k : k + 1] for part in (scatter, heat)]
-                    found[k - first] = self._simulate(thetas[k : k + 1], *again)[0]
+                    found[k - first] = self._run(take, thetas[k : k + 1], *again)[0]
             return found
 
         found = in_parallel(lambda k: simulate(k * size), math.ceil(len(thetas) / size))
-        return [trajectory for chunk in found for trajectory in chunk]
+        return [own for chunk in found for own in chunk]
 
     def linearise(self, theta: FloatArray) -> tuple[Trajectory, Callable[..., FloatArray]]:
         """A simulation and its vector-Jacobian product.
