@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import gc
 import os
 import signal
 import sys
@@ -38,6 +39,9 @@ VERBS: Final = {
 
 _MOMENT: Final = 0.05
 """s, after which a signal that was dropped comes again."""
+_COLLECTED: Final = 50_000, 20, 100
+"""New objects after which cycles are looked for, and how often older ones are: a run keeps a million objects, and each
+look through all of them takes a tenth of a second."""
 
 app = typer.Typer(
     name="flightcal",
@@ -108,6 +112,7 @@ def main() -> None:
     that: click turns it into its own. Python drops it in what it calls back while objects are freed: then the signal
     comes again a moment later.
     """
+    gc.set_threshold(*_COLLECTED)
     arrived: list[int] = []
     repeats: list[threading.Timer] = []
     usual = sys.unraisablehook
