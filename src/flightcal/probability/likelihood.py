@@ -401,8 +401,7 @@ def information(
         basis = np.broadcast_to(window.shapes.basis[:, None], (*jacobian.shape[:2], own + shared))
         parts = [jacobian, basis[..., own:], *([window.shapes.errors] if errors else []), basis[..., :own]]
         columns = np.where(window.valid.T[..., None], np.concatenate(parts, axis=2), 0.0)
-        # Not a product of BLAS, whose threads spin for a hundred times longer than this takes when the cores are busy.
-        products = np.einsum("tni,tnj->nij", columns, _weighed(window, columns, of_noise))
+        products = columns.transpose(1, 2, 0) @ _weighed(window, columns, of_noise).transpose(1, 0, 2)
         for k in range(channels):
             places = np.zeros((q + shared + errors, len(total)))
             places[:q, :d] = derivative
