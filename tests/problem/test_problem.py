@@ -7,7 +7,7 @@ import pytest
 from scipy import stats
 
 from flightcal.errors import ScenarioError
-from flightcal.problem import build_problem, build_window
+from flightcal.problem import build_problem, build_window, initial_priors
 from flightcal.simulator import SimulationFailure
 from tests import small
 
@@ -55,11 +55,11 @@ def test_theta_holds_parameters_inferred_noise_and_initial_temperatures_in_this_
 def test_log_density_is_likelihood_times_prior_times_jacobian(problem, seed):
     z = near_truth(problem, seed)
     theta = problem.to_theta(z)
-    first = np.array([np.mean(column[np.isfinite(column)][:3]) for column in problem.windows[0].observed.T])
+    first, second, third = problem.windows[0].observed[:3]
     priors = {
         **PRIORS,
         "initial.body": stats.norm(first[0], 2.0),
-        "initial.panel": stats.norm(first[1], 2.0),
+        "initial.panel": stats.norm(2.0 * second[1] - third[1], 2.0),  # its first sample is missing
     }
     expected = sum(priors[name].logpdf(value) for name, value in zip(problem.names, theta, strict=True))
     # By differences of the fourth order.
@@ -239,8 +239,27 @@ def test_initial_priors_stand_at_the_first_samples_or_at_what_the_scenario_write
     scenario, data = small.closed_loop(tmp_path, written)
     problem = build_problem(scenario, data)
     body, panel = (problem.priors.priors[problem.names.index(f"initial.{node}")] for node in ("body", "panel"))
-    assert body.mean == pytest.approx(data["body_temp"].values[:3].mean() - 1.5)
+    assert body.mean == pytest.approx(data["body_temp"].values[0] - 1.5)
     assert (panel.mean, panel.standard_deviation) == (263.15, 5.0)
+
+
+@pytest.mark.parametrize(
+    ("seconds", "readings", "expected"),
+    [
+        ([0.0, 60.0, 120.0, 180.0], [300.0, 294.0, 288.0, 282.0], 300.0),
+        ([20.0, 80.0, 140.0, 200.0], [298.0, 292.0, 286.0, 280.0], 300.0),
+        ([600.0, 660.0, 720.0, 780.0], [298.0, 292.0, 286.0, 280.0], 304.0),
+        ([0.0, 60.0, 120.0, 180.0], [298.0, np.nan, 286.0, 280.0], 298.0),
+        ([0.0, *np.arange(60.0, 1800.0, 60.0)], [400.0, *np.linspace(294.0, 126.0, 29)], 300.0),
+        ([30.0], [290.0], 290.0),
+        ([0.0, 60.0, 120.0], [290.0, 290.0, 290.0], 290.0),
+    ],
+    ids=["ramp", "later", "much later", "missing", "spike", "one", "constant"],
+)
+def test_an_initial_temperature_is_expected_where_the_first_samples_come_from(tmp_path, seconds, readings, expected):
+    scenario, _ = small.closed_loop(tmp_path, small.content())
+    priors = initial_priors(scenario, ("body_temp",), np.array(seconds), np.array(readings)[:, None])
+    assert priors["initial.body"].mean == pytest.approx(expected)
 
 
 def test_the_open_loop_twin_is_driven_by_the_measured_status_and_shares_theta(problem):
@@ -268,5 +287,5 @@ def test_initial_temperatures_are_expected_where_the_first_readings_are_without_
     written["observations"]["body_temp"] |= {"gain": 1.1, "bias": "0.5 K"}
     problem = build_problem(*small.closed_loop(tmp_path, written))
     prior = problem.priors.priors[problem.names.index("initial.body")]
-    reading = problem.windows[0].observed[:3, 0].mean() - 273.15
+    reading = problem.windows[0].observed[0, 0] - 273.15
     assert prior.mean == pytest.approx(273.15 + (reading - 0.5) / 1.1, abs=1e-9)

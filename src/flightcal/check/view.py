@@ -257,7 +257,8 @@ class View:
     def centre(self, observed: FloatArray) -> FloatArray:
         """z [d] at the prior's medians; initial temperatures follow the first samples of `observed` [t, N]."""
         theta = self.median
-        for name, prior in initial_priors(self.problem.scenario, self.channels, observed).items():
+        since = (self.window.times[self.rows.kept] - self.window.start) / np.timedelta64(1, "s")
+        for name, prior in initial_priors(self.problem.scenario, self.channels, since, observed).items():
             if name in self.problem.names and hasattr(prior, "mean"):
                 theta[self.problem.names.index(name)] = prior.mean
         return self.problem.to_z(theta)

@@ -20,7 +20,9 @@ from .problem import Problem
 from .simulators import build_simulator
 from .window import Bridged, Course, Switching, Window
 
-_SAMPLES_FOR_START = 3
+_USUAL, _ODD = 0.95, 3.0
+"""Share of the changes from sample to sample that are usual; a first sample so many times farther off the next is odd.
+"""
 _DRAWN, _SEED_OF_STEPS = 512, 0
 """Draws of the prior, some of which choose the length of the integration's steps."""
 
@@ -66,7 +68,7 @@ def build_window(scenario: Scenario, telemetry: xarray.Dataset, name: str, *, sp
     times = chosen["time"].values
     channels = tuple(channel for channel, item in scenario.observations.items() if item.heater is None)
     observed = np.stack([chosen[channel].values for channel in channels], axis=1)
-    initial = initial_priors(scenario, channels, observed)
+    initial = initial_priors(scenario, channels, (times - start) / np.timedelta64(1, "ns") * 1e-9, observed)
     reads: dict[str, Prior] = {parameter: item.prior for parameter, item in scenario.parameters.items()}
     known = reads | initial
 
@@ -192,18 +194,21 @@ def _can_be_opened(scenario: Scenario) -> bool:
     return not unmeasured & uncertain_thermostats(scenario)
 
 
-def initial_priors(scenario: Scenario, channels: tuple[str, ...], observed: FloatArray) -> dict[str, Prior]:
+def initial_priors(
+    scenario: Scenario, channels: tuple[str, ...], seconds: FloatArray, observed: FloatArray
+) -> dict[str, Prior]:
     """Normal priors of the initial temperatures (K): around the first samples, or around what the scenario writes.
 
-    A reduced model's file says what the others are like where some are observed.
+    seconds: [T] of the samples [T, N] since the window's start. A reduced model's file says what the others are like
+    where some are observed.
     """
     first: dict[str, float] = {}
     for k, channel in enumerate(channels):
-        valid = observed[np.isfinite(observed[:, k]), k]
+        valid = np.isfinite(observed[:, k])
         observation = scenario.observations[channel]
         place = observation.node or observation.output or ""
-        if len(valid) and place not in first:
-            reading = float(np.mean(valid[:_SAMPLES_FOR_START])) - observation.bias
+        if valid.any() and place not in first:
+            reading = _at_start(seconds[valid], observed[valid, k]) - observation.bias
             first[place] = (reading - ICE_POINT) / observation.gain + ICE_POINT
     typical = float(np.mean(list(first.values()))) if first else 293.15
     state, reduced = scenario.initial_state, _typical_of_reduced(scenario, first)
@@ -218,6 +223,19 @@ def initial_priors(scenario: Scenario, channels: tuple[str, ...], observed: Floa
             centre = written if written is not None else typical
             priors[f"initial.{name}"] = Normal(mean=centre, standard_deviation=state.unobserved)
     return priors
+
+
+def _at_start(seconds: FloatArray, readings: FloatArray) -> float:
+    """What readings [T] at seconds [T] would be at zero: the first one, gone back for no longer than to the next.
+
+    One that is far off the next, as a spike is, is passed over.
+    """
+    if len(readings) == 1:
+        return float(readings[0])
+    changes = np.abs(np.diff(readings))
+    k = int(np.flatnonzero(changes <= _ODD * np.quantile(changes, _USUAL))[0])
+    interval = seconds[k + 1] - seconds[k]
+    return float(readings[k] - (readings[k + 1] - readings[k]) * min(seconds[k] / interval, 1.0))
 
 
 def _typical_of_reduced(scenario: Scenario, first: dict[str, float]) -> dict[str, tuple[float, float]]:
