@@ -28,8 +28,9 @@ _WITH_HEAT = 8.0
 """Times as long a calibration with unmodelled heat takes as such a sampling without: 5 to 30 in the examples."""
 _ABSORBED, _WEIGHED = 7e-10, 6e-9
 """s for each sample and function of heat: in each gradient, and, times the functions once more, in their search."""
-_SEARCHED, _OF_GENERATIONS = 16, 0.5
-"""Simulations that are timed; of the most generations, how many most runs of the genetic algorithm take."""
+_SEARCHED, _SOON, _OF_GENERATIONS = 16, 0.5, 0.4
+"""Simulations that are timed at least; s within which those of a whole generation are timed instead; and of the most
+generations, how many a run of the genetic algorithm takes, until few go on."""
 _BESIDE, _BESIDE_WITH_HEAT = 0.5, 4.0
 """s that a calibration of a small network takes beside its sampling."""
 POSTERIOR_FILE, DIAGNOSTICS_FILE, GENETIC_FILE = "posterior.nc", "diagnostics.json", "genetic.nc"
@@ -88,12 +89,21 @@ def rough_seconds(problem: Problem, settings: NutsSettings, together: int = 1) -
 
 
 def rough_search_seconds(problem: Problem, settings: GeneticSettings) -> float:
-    """Seconds that the genetic algorithm will take, to a factor of three."""
-    thetas = np.tile(problem.priors.median(), (_SEARCHED, 1))
-    started = perf_counter()
-    problem.rmse(thetas)
-    simulation = (perf_counter() - started) / _SEARCHED
-    return simulation * settings.runs * settings.population * _OF_GENERATIONS * settings.generations
+    """Seconds that the genetic algorithm will take, to a factor of two."""
+    individuals, rng = settings.runs * settings.population, np.random.default_rng(0)
+
+    def seconds(count: int) -> float:
+        """Of a generation, as so many simulations at draws of the priors tell it."""
+        thetas = problem.priors.sample(rng, count)
+        started = perf_counter()
+        problem.rmse(thetas)
+        return (perf_counter() - started) / count * individuals
+
+    # The first ones also reserve memory.
+    generation = seconds(_SEARCHED)
+    if generation < _SOON:
+        generation = seconds(individuals)
+    return generation * _OF_GENERATIONS * settings.generations
 
 
 def _search(run: Run, problem: Problem, *, settings: GeneticSettings, seed: int) -> None:
