@@ -18,6 +18,7 @@ from .calibrated import (
 from .calibration import Calibration, EmulatorSettings, GeneticSettings, NutsSettings, PredictionSettings
 from .document import Problem, read_document
 from .environment import (
+    OF_EARTH_AND_SUN,
     Attitude,
     AttitudeTimeline,
     CircularOrbit,

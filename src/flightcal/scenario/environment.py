@@ -262,6 +262,14 @@ class AttitudeOffset(Block):
     z: Annotated[float, Quantity("rad", at_least=-0.1, at_most=0.1)] = 0.0
 
 
+OF_EARTH_AND_SUN = {
+    "albedo": (0.05, 0.9),
+    "earth_infrared": (100.0, 400.0),
+    "solar_constant": (1300.0, 1420.0),
+}
+"""Fields of the environment -> between what the Earth and the Sun have, SI; zero leaves it out."""
+
+
 class Earth(Block):
     """The Earth's figure, as it casts its shadow and is seen; orbits have their own."""
 

@@ -10,6 +10,7 @@ from itertools import combinations, product
 import numpy as np
 
 from ...report import listed, number
+from ...scenario import OF_EARTH_AND_SUN
 from ...simulator import FloatArray
 from ..evidence import Fit
 from ..view import NO_LINK, Moved, View
@@ -25,12 +26,8 @@ _NONE = 10.0 * NO_LINK
 """Below, a number is not there."""
 _USUAL = {"environment.albedo": 0.3, "environment.earth_infrared": 237.0, "environment.solar_constant": 1361.0}
 """What numbers of the Earth and the Sun are, about; SI."""
-_BELIEVABLE = {
-    "environment.solar_constant": (1300.0, 1420.0),
-    "environment.albedo": (0.05, 0.9),
-    "environment.earth_infrared": (100.0, 400.0),
-}
-"""Between what numbers of the Sun and of the Earth are, SI: no wrong is mended by one that cannot be."""
+_BELIEVABLE = {f"environment.{field}": bounds for field, bounds in OF_EARTH_AND_SUN.items()}
+"""No wrong is mended by a number of the Sun or the Earth that cannot be."""
 _ALIKE: tuple[tuple[str, tuple[str, ...]], ...] = (
     ("nodes.", ("capacity",)), ("conductors.", ("conductance",)), ("faces.", ("area",)),
     ("faces.", ("absorptivity", "emissivity")),

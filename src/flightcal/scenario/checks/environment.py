@@ -9,6 +9,7 @@ from pathlib import Path
 from ..blocks import readable
 from ..document import Location, Problem
 from ..environment import (
+    OF_EARTH_AND_SUN,
     AttitudeTimeline,
     CircularOrbit,
     InertialAttitude,
@@ -45,6 +46,11 @@ def check(reading: Reading, folder: Path) -> Iterator[Problem]:
                 f"found elements that are {days:.0f} days from a window, expected at most {_FRESH:.0f}: orbits change"
             )
             yield Problem(("environment", "orbit", "epoch"), message, warning=True)
+    for field, (low, high) in OF_EARTH_AND_SUN.items():
+        value = float(getattr(environment, field))
+        if value and not low <= value <= high:
+            message = f"found {value:g} (SI), expected {low:g} to {high:g}, as the Earth and the Sun have it"
+            yield Problem(("environment", field), message, warning=True)
     if isinstance(orbit, SampledOrbit):
         yield from file_exists(folder, orbit.positions, "a path", ("environment", "orbit", "positions"))
     here: Location = ("environment", "attitude")
