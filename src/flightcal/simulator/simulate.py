@@ -13,6 +13,7 @@ from functools import cached_property, partial
 from typing import Protocol
 
 import numpy as np
+from numpy.typing import NDArray
 
 from ..compiled import Program, Row
 from .assembly import ParameterMap, assemble
@@ -32,6 +33,9 @@ SCATTERED = 256
 """So many switches of a simulation have a scatter of their own; then it comes again."""
 _CHUNK = 128
 """At most so many simulations are one call, eight at a time."""
+_COLDEST, _HOTTEST = 0.0, 1e6
+"""K, beyond which no sensor reads. A node that too much heat is taken from falls below absolute zero, where the law of
+radiation cools it without end: its neighbours end at numbers that are finite and mean nothing."""
 
 
 @dataclass(frozen=True)
@@ -245,7 +249,8 @@ class NetworkSimulator:
                 outputs = copied(calls.outputs, count)
             outcomes = outputs.outcome.tolist()
             made = partial(self._trajectory, outputs)
-            found = [made(k) if outcome == FINISHED else None for k, outcome in enumerate(outcomes)]
+            usable = _possible(outputs.temperatures)
+            found = [made(k) if outcome == FINISHED and usable[k] else None for k, outcome in enumerate(outcomes)]
             if not few:
                 # With very many switches a simulation needs more room than a lane has.
                 for k in [k for k, outcome in enumerate(outcomes, first) if outcome == TOO_MANY_SWITCHES]:
@@ -368,3 +373,8 @@ class NetworkSimulator:
             self.error_variance,
             outputs.final[simulation, self._places(self.network.diffusive)],
         )
+
+
+def _possible(temperatures: FloatArray) -> NDArray[np.bool_]:
+    """[S] whether all temperatures [S, T, N] K of a simulation are such as there may be."""
+    return np.asarray(((temperatures > _COLDEST) & (temperatures < _HOTTEST)).all(axis=(1, 2)))
