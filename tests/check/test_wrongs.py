@@ -43,6 +43,15 @@ def test_a_slow_sensor_is_named_with_its_lag(flown):
     assert float(first.title.split()[-2]) == pytest.approx(12.0, rel=0.3)
 
 
+def test_where_a_slow_sensors_node_begins_is_not_what_its_first_sample_says(flown):
+    """The sensor was 30 K warmer than its panel when the window began."""
+    scenario, data = flown
+    left = 30.0 * np.exp(-np.arange(data.sizes["time"]) / 12.0)
+    first = named(scenario, spoilt(data, panel_temp=followed(data["panel_temp"].values, 12.0) + left))[0]
+    assert (first.kind, first.about) == ("slow", "panel_temp")
+    assert float(first.title.split()[-2]) == pytest.approx(12.0, rel=0.2)
+
+
 def test_a_slow_sensor_that_the_scenario_knows_of_is_no_wrong(flown):
     scenario, data = flown
     slow = spoilt(data, panel_temp=followed(data["panel_temp"].values, 12.0))
