@@ -10,8 +10,8 @@ from flightcal.check.sunlight import FINE
 from flightcal.check.suspects import prepared
 from flightcal.check.wrongs.channels import swaps
 from flightcal.check.wrongs.clocks import channel_clocks, clocks, status_clocks
-from flightcal.check.wrongs.heat import constant_heat, heaters
-from flightcal.check.wrongs.orbit import orbits
+from flightcal.check.wrongs.heat import constant_heat, heaters, missing_heat, shares
+from flightcal.check.wrongs.orbit import epochs, orbits
 from flightcal.check.wrongs.written import exchanged, numbers
 from flightcal.problem import build_problem
 from flightcal.simulator import SimulationFailure
@@ -41,6 +41,15 @@ def test_a_slow_sensor_is_named_with_its_lag(flown):
     assert (first.kind, first.about) == ("slow", "panel_temp")
     assert "lag" in first.title
     assert float(first.title.split()[-2]) == pytest.approx(12.0, rel=0.3)
+
+
+def test_where_a_slow_sensors_node_begins_is_not_what_its_first_sample_says(flown):
+    """The sensor was 30 K warmer than its panel when the window began."""
+    scenario, data = flown
+    left = 30.0 * np.exp(-np.arange(data.sizes["time"]) / 12.0)
+    first = named(scenario, spoilt(data, panel_temp=followed(data["panel_temp"].values, 12.0) + left))[0]
+    assert (first.kind, first.about) == ("slow", "panel_temp")
+    assert float(first.title.split()[-2]) == pytest.approx(12.0, rel=0.2)
 
 
 def test_a_slow_sensor_that_the_scenario_knows_of_is_no_wrong(flown):
@@ -135,6 +144,19 @@ def test_two_faces_that_are_exchanged_are_named(tmp_path):
     assert first.title == "Faces outside and ahead are exchanged"
 
 
+def test_a_panel_that_was_not_deployed_is_named_by_both_of_its_sides(tmp_path):
+    written = boxed()
+    faces = written["simulator"]["faces"]
+    cells = {"node": "panel", "area": "0.08 m^2", "absorptivity": 0.8, "emissivity": 0.8}
+    faces["cells"], faces["behind"] = cells | {"normal": [0, -1, 0]}, cells | {"normal": [0, 1, 0], "absorptivity": 0.2}
+    del faces["outside"], faces["left"]
+    scenario, _ = small.load(tmp_path, written)
+    faces["cells"]["normal"], faces["behind"]["normal"] = [0, 0, -1], [0, 0, 1]
+    _, data = small.closed_loop(tmp_path, written)
+    first = named(scenario, data)[0]
+    assert first.title == "Faces cells and behind look another way"
+
+
 def test_coatings_that_are_exchanged_on_every_face_are_named(tmp_path):
     written = boxed()
     scenario, _ = small.load(tmp_path, written)
@@ -169,6 +191,71 @@ def test_quaternions_of_another_convention_are_named(tmp_path, read):
     assert (first.kind, first.about) == ("attitude", "quaternions")
 
 
+def test_a_timeline_of_attitudes_that_is_late_is_named_with_the_minutes(tmp_path):
+    written = boxed()
+    written["environment"]["attitude"] = pointed((0.5, 0.1, 0.7, 0.5))
+    scenario, data = small.closed_loop(tmp_path, written)
+    assert named(scenario, data) == ()
+    for own, at in zip(written["environment"]["attitude"]["timeline"], ("00:17", "01:27", "02:37"), strict=True):
+        own["at"] = f"2024-03-01T{at}:00"
+    scenario, _ = small.load(tmp_path, written)
+    first = named(scenario, data)[0]
+    assert (first.kind, first.about) == ("attitude", "timeline")
+    assert float(first.title.split()[-3]) == pytest.approx(17.0, abs=2.0)
+    assert first.title.endswith("late")
+
+
+def test_attitudes_that_are_exchanged_are_named(tmp_path):
+    written = boxed()
+    written["environment"]["attitude"] = pointed((0.5, 0.1, 0.7, 0.5))
+    _, data = small.closed_loop(tmp_path, written)
+    attitudes = written["environment"]["attitude"]["named"]
+    attitudes["one"], attitudes["other"] = attitudes["other"], attitudes["one"]
+    scenario, _ = small.load(tmp_path, written)
+    assert named(scenario, data)[0].title == "Attitudes 'one' and 'other' are exchanged"
+
+
+@pytest.mark.parametrize("elements", ["of a circle", "two lines"])
+def test_another_place_in_the_orbit_is_told_where_attitudes_come_at_times_of_their_own(tmp_path, elements):
+    written = boxed()
+    written["environment"]["attitude"] = pointed((0.5, 0.1, 0.7, 0.5))
+    if elements == "two lines":
+        written["environment"]["orbit"] = {"tle": list(LINES)}
+    _, data = small.closed_loop(tmp_path, written)
+    orbit = written["environment"]["orbit"]
+    if elements == "two lines":
+        second = LINES[1].replace("300.0000 14.9", " 60.0000 14.9")[:68]
+        orbit["tle"][1] = second + str(checksum(second))
+    else:
+        orbit["argument_of_latitude"] = "120 deg"
+    scenario, _ = small.load(tmp_path, written)
+    first = named(scenario, data)[0]
+    assert (
+        first.title == f"The orbit has another {'mean anomaly' if elements == 'two lines' else 'argument of latitude'}"
+    )
+
+
+@pytest.mark.parametrize("elements", ["of a circle", "two lines"])
+def test_an_epoch_that_is_a_day_off_is_tried(tmp_path, elements):
+    written = boxed()
+    if elements == "two lines":
+        written["environment"]["orbit"] = {"tle": list(LINES)}
+    scenario, data = small.closed_loop(tmp_path, written)
+    right, orbit = prepared(scenario, data), written["environment"]["orbit"]
+    if elements == "two lines":
+        first = LINES[0].replace("24061.", "24060.")[:68]
+        orbit["tle"][0] = first + str(checksum(first))
+    else:
+        orbit["epoch"] = "2024-02-29T00:00:00"
+    scenario, _ = small.load(tmp_path, written)
+    view = prepared(scenario, data)
+    (wrong,) = [own for own in epochs(view) if "epoch 1 day later" in own.words.sentence]
+    assert (wrong.kind, wrong.about) == ("orbit", "epoch")
+    expected = right.simulated(right.window, right.middle)
+    apart = [np.abs(view.simulated(own, right.middle) - expected).max() for own in (wrong.window, view.window)]
+    assert apart[0] < 0.3 < 2.0 < apart[1]
+
+
 def test_an_orbits_radius_that_is_written_as_its_altitude_is_named(tmp_path):
     written = boxed()
     _, data = small.closed_loop(tmp_path, written)
@@ -191,6 +278,51 @@ def test_sunlight_is_looked_up_where_a_shadow_begins_and_ends(tmp_path):
     seconds = view.sunlight.times(view.window.scenario, 0.0, 10800.0)
     assert np.diff(seconds).max() == FINE
     assert 4 <= (seconds % FINE > 0.0).sum() <= 16
+
+
+def test_a_heater_that_has_lost_a_string_is_named_with_the_time(tmp_path):
+    scenario, data = small.closed_loop(tmp_path)
+    simulator = small.simulator_of(scenario, data)
+    # From 01:10 on half of its heat is lacking.
+    view = prepared(scenario, data)
+    on = np.repeat(view.network.drive.measured[:, 0] * (view.network.drive.times[:-1] >= 4200.0), 2)
+    heat = np.zeros((len(view.network.network.heated), len(on)))
+    heat[view.network.network.heated.index("body")] = -14.0 * on
+    window = view.simulated_by(drive=view.network.with_heat(heat).drive)
+    theta = view.problem.at(view.window, view.problem.to_theta(view.middle))[view.window.simulated]
+    for name, value in small.TRUTH.items():
+        place = view.network.parameters.index(name.replace("_", ".", 1) if name.startswith("initial") else name)
+        theta[place] = value
+    read = window.network.simulate(theta).temperatures
+    noise = 0.1 * np.random.default_rng(2).standard_normal(read.shape)
+    inside = np.isin(data["time"].values, view.window.times)
+    weak = data.copy(deep=True)
+    for k, channel in enumerate(simulator.channels):
+        weak[channel].values[inside] = (read + noise)[:, k]
+    (first,) = [own for own in named(scenario, weak) if own.kind == "heater"]
+    assert first.about == "heater from a time on"
+    assert 0.3 < float(first.title.split(" has ")[1].split()[0]) < 0.7
+    hour, minute = map(int, first.title.split("T")[1].split()[0].split(":"))
+    assert 60 * hour + minute == pytest.approx(70.0, abs=15.0)
+
+
+def test_a_step_has_that_share_of_a_wave_that_is_in_it():
+    states = np.array([0.0, 1.0, 1.0, 0.0])
+    grid = np.array([0.0, 50.0, 100.0, 100.0, 400.0])
+    np.testing.assert_allclose(shares(np.array([0.0, 80.0, 160.0, 200.0]), states, grid), [0.0, 0.4, 0.0, 1.0 / 3.0])
+
+
+def test_heat_whose_times_a_status_tells_is_likelier_than_heat_whose_times_the_temperatures_tell(flown):
+    scenario, data = flown
+    heater = scenario.simulator.heaters["heater"].model_copy(update={"measured_by": None})
+    simulator = scenario.simulator.model_copy(update={"heaters": {}})
+    assert heater.node == "body"
+    observations = {name: own for name, own in scenario.observations.items() if own.heater is None}
+    update = {"simulator": simulator, "observations": observations, "parameters": {}}
+    view = prepared(scenario.model_copy(update=update), data)
+    odds = {bool("heater_status" in own.words(SimpleNamespace(added=[1.0])).sentence): own.odds
+            for own in missing_heat(view) if own.about == "body"}  # fmt: skip
+    assert odds[False] > odds[True] + 2.0
 
 
 def test_all_heaters_are_tried_together(tmp_path):
@@ -433,6 +565,21 @@ def test_what_all_modes_take_does_not_hide_what_one_of_them_takes(tmp_path):
     first = named(scenario, data)[0]
     assert first.kind == "mode"
     assert "in panel" in first.title
+
+
+def test_a_timeline_of_another_time_zone_is_named_with_the_hours(tmp_path):
+    written = small.content()
+    minutes, mode = np.array([0, 37, 52, 121, 139, 200, 226, 310, 330, 371, 402]), ("idle", "busy")
+    at = np.datetime64("2024-03-01T00:03") + minutes.astype("timedelta64[m]")
+    written["simulator"]["modes"] = {"idle": {"panel": "1 W"}, "busy": {"panel": "9 W"}}
+    timeline = [{"at": "2024-02-28T00:00:00", "mode": "idle"}]
+    written["simulator"]["timeline"] = timeline + [{"at": f"{t}:00", "mode": mode[k % 2]} for k, t in enumerate(at)]
+    _, data = small.closed_loop(tmp_path, written)
+    late = at + np.timedelta64(5, "h")
+    written["simulator"]["timeline"] = timeline + [{"at": f"{t}:00", "mode": mode[k % 2]} for k, t in enumerate(late)]
+    scenario, _ = small.load(tmp_path, written)
+    # No face is lit here: the telemetry's clock could be off as well.
+    assert "The timeline of modes is 5 h late" in [own.title for own in named(scenario, data)]
 
 
 def test_modes_that_are_exchanged_are_named(tmp_path):

@@ -9,6 +9,7 @@ from scipy.linalg import block_diag, cho_factor, cho_solve
 
 from flightcal.probability import Gains, signed
 from flightcal.problem import (
+    Window,
     errors_of_weights,
     exact_heat,
     followed,
@@ -262,6 +263,25 @@ def test_exact_heat_has_simulations_do_what_the_linear_response_says(heated, at_
 def test_several_windows_in_open_loop_can_have_heat(problem):
     _, heated = with_some_heat(problem)
     assert [len(window.heat.response) for window in heated.windows] == [90, 70]
+
+
+def test_a_draw_that_cannot_be_simulated_with_its_heat_does_not_make_the_search_longer(heated, at_centre, monkeypatch):
+    thetas = np.tile(heated.to_theta(at_centre), (3, 1))
+    runs = heated.simulate_many(thetas)
+    simulate_many, calls = Window.simulate_many, []
+
+    def failing(window, thetas, heat=None):
+        calls.append(len(thetas))
+        return [*simulate_many(window, thetas, heat)[:2], *[None] * (len(thetas) - 2)]
+
+    monkeypatch.setattr(Window, "simulate_many", failing)
+    exact_heat(heated, runs[:2], thetas[:2], np.random.default_rng(0))
+    with np.errstate(all="raise", under="ignore"):
+        found = exact_heat(heated, runs, thetas, np.random.default_rng(0))
+    assert calls.count(3) <= calls.count(2)
+    for own in found.temperatures:
+        assert np.isfinite(own[:2]).all()
+        assert np.isnan(own[2]).all()
 
 
 def test_exact_heat_is_looked_for_no_longer_than_what_is_missed_is_more_than_may_be(heated, at_centre):

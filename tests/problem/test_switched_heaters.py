@@ -212,7 +212,8 @@ def test_a_prediction_counts_the_energy_of_both(tmp_path):
 
 def test_each_heater_of_a_switch_may_be_suspected_by_itself(case):
     view = prepared(*case)
-    assert {wrong.about for wrong in wrong_heaters(view)} == {"heater", "second", "every heater"}
+    suspected = {wrong.about for wrong in wrong_heaters(view)}
+    assert suspected == {"heater", "second", "every heater", "heater from a time on", "second from a time on"}
 
 
 def test_the_text_of_a_scenario_with_them_is_read_again_with_calibrated_powers(case, tmp_path):

@@ -100,6 +100,14 @@ def test_each_simulation_of_a_batch_has_its_own_heat(tmp_path, count):
         np.testing.assert_allclose(run.switches.time, alone.switches.time, rtol=0.0, atol=1e-6)
 
 
+def test_a_simulation_whose_heat_takes_a_node_below_absolute_zero_has_failed(tmp_path):
+    """There the law of radiation cools without end, and its neighbours' temperatures are finite and mean nothing."""
+    simulator = simulator_of(tmp_path, hours=2.0)
+    thetas = np.tile(small.theta_of(simulator), (3, 1))
+    heat = np.stack([constant(simulator, panel=watts) for watts in (0.0, -150.0, -2.0)])
+    assert [run is None for run in simulator.simulate_many(thetas, heat)] == [False, True, False]
+
+
 def test_heat_of_a_batch_is_gone_in_the_next(tmp_path):
     simulator = simulator_of(tmp_path, hours=1.0)
     thetas = np.tile(small.theta_of(simulator), (9, 1))

@@ -38,9 +38,11 @@ _PROMISING = 2.0
 """Nats of a first look from which a wrong is looked at closely."""
 _FINALISTS = 12
 _OF_A_KIND = 3
-"""So many of a kind are looked at closely,"""
+"""So many of a kind are looked at closely, and beside them as many whose size a closer look finds:"""
 _BY_SIZE = frozenset({"number", "link", "heater", "driver", "attitude", "orbit", "constant heat"})
-"""and of these kinds one of each number: a closer look finds its size."""
+"""of these kinds, and one of each number."""
+_LARGEST = 2
+"""So many more are looked at closely that explain most whatever their odds: a first look sees a part of the nats."""
 _ROUNDS = 3
 """Closer looks at one wrong."""
 _BLURRED = 0.7
@@ -63,7 +65,7 @@ _OF_THERMOSTATS = frozenset({
 """Kinds of wrongs that explain why a status does not do what thresholds say,"""
 _OF_READINGS = frozenset({"gain", "drift", "curve", "slow"})
 """and why one that changes does not."""
-_MOST_LINKED = 10
+_MOST_LINKED = 14
 """Nodes, of which any two may be linked."""
 _ORBITS = 4.0
 """Of the first training window, that are looked at."""
@@ -289,15 +291,24 @@ def _bursts(view: View, look: _Look) -> list[Wrong]:
 
 
 def finalists(gains: Sequence[float], wrongs: Sequence[Wrong]) -> list[Wrong]:
-    """Wrongs whose first look is promising, the likeliest first, odds counted, and few of a kind."""
+    """Wrongs whose first look is promising, the likeliest first, odds counted, and few of a kind.
+
+    Then those that explain most, odds or not.
+    """
     found: list[Wrong] = []
     for gain, wrong in sorted(zip(gains, wrongs, strict=True), key=lambda item: item[1].odds - item[0]):
-        alike = [own for own in found if own.kind == wrong.kind]
-        sized = wrong.kind in _BY_SIZE and wrong.closer is not None
-        looked_at = sized and any(own.about == wrong.about and own.closer is not None for own in alike)
+        alike = [own for own in found if own.kind == wrong.kind and _sized(own) == _sized(wrong)]
+        looked_at = _sized(wrong) and any(own.about == wrong.about for own in alike)
         if gain > _PROMISING and len(alike) < _OF_A_KIND and not looked_at:
             found.append(wrong)
-    return found[:_FINALISTS]
+    largest = [wrongs[k] for k in np.argsort(-np.asarray(gains), kind="stable")[:_LARGEST] if gains[k] > _PROMISING]
+    chosen = found[:_FINALISTS]
+    return [*chosen, *(own for own in largest if not any(own is other for other in chosen))]
+
+
+def _sized(wrong: Wrong) -> bool:
+    """Whether a closer look finds how large its number is."""
+    return wrong.kind in _BY_SIZE and wrong.closer is not None
 
 
 def ranked(best: list[tuple[Fit, Suspicion]], nothing: Fit) -> list[Suspicion]:

@@ -280,8 +280,12 @@ class View:
 
     @cached_property
     def begun(self) -> FloatArray:
-        """[R, N] K for each kelvin that a channel's node is warmer at the beginning."""
-        return np.stack([self._warmer(channel) - self.modelled for channel in self.channels], axis=1)
+        """[R, N] K, of all channels."""
+        return np.stack([self.begun_of(channel) for channel in range(len(self.channels))], axis=1)
+
+    def begun_of(self, channel: int) -> FloatArray:
+        """[R] K for each kelvin that a channel's node is warmer at the beginning. Raises SimulationFailure."""
+        return self._warmer(self.channels[channel]) - self.modelled
 
     def _warmer(self, channel: str) -> FloatArray:
         """[R] K with a channel's node a kelvin warmer at the beginning, where that is an entry."""

@@ -202,7 +202,10 @@ def exact_heat(
         left = [wanted - own for wanted, own in zip(linear, simulated, strict=True)]
         missed = sum((own**2).sum(axis=(1, 2)) for own in left)
         better = missed < best
-        little = bool(np.nansum(best) - np.nansum(np.fmin(best, missed)) < _LITTLE * np.nansum(best))
+        # Of a draw that has not been simulated yet nobody knows how much it gains.
+        known = np.isfinite(best)
+        gained = best[known].sum() - np.fmin(best, missed)[known].sum()
+        little = bool(known.any() and gained < _LITTLE * best[known].sum())
         stalled = stalled + 1 if little else 0
         best = np.where(better, missed, best)
         kept[better] = weights[better]

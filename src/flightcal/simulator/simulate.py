@@ -13,6 +13,7 @@ from functools import cached_property, partial
 from typing import Protocol, TypeVar
 
 import numpy as np
+from numpy.typing import NDArray
 
 from ..compiled import Program, Row
 from .assembly import ParameterMap, assemble
@@ -34,6 +35,9 @@ SCATTERED = 256
 """So many switches of a simulation have a scatter of their own; then it comes again."""
 _CHUNK = 128
 """At most so many simulations are one call, eight at a time."""
+_COLDEST, _HOTTEST = 0.0, 1e6
+"""K, beyond which no sensor reads. A node that too much heat is taken from falls below absolute zero, where the law of
+radiation cools it without end: its neighbours end at numbers that are finite and mean nothing."""
 
 
 @dataclass(frozen=True)
@@ -235,7 +239,7 @@ class NetworkSimulator:
 
         def take(outputs: Outputs, count: int) -> list[float]:
             scores = score(outputs.temperatures[:count], outputs.status[:count])
-            return list(np.where(outputs.outcome[:count] == FINISHED, scores, np.nan))
+            return list(np.where(_succeeded(outputs, count), scores, np.nan))
 
         return np.array(self._run(take, thetas))
 
@@ -245,7 +249,7 @@ class NetworkSimulator:
         def take(outputs: Outputs, count: int) -> list[Trajectory | None]:
             kept = copied(outputs, count)
             made = partial(self._trajectory, kept)
-            return [made(k) if outcome == FINISHED else None for k, outcome in enumerate(kept.outcome.tolist())]
+            return [made(k) if usable else None for k, usable in enumerate(_succeeded(kept, count).tolist())]
 
         return self._run(take, thetas, scatter, heat)
 
@@ -398,3 +402,10 @@ class NetworkSimulator:
             self.error_variance,
             outputs.final[simulation, self._places(self.network.diffusive)],
         )
+
+
+def _succeeded(outputs: Outputs, count: int) -> NDArray[np.bool_]:
+    """Which of the first so many simulations [count] have finished, at temperatures that there may be."""
+    temperatures = outputs.temperatures[:count]
+    possible = ((temperatures > _COLDEST) & (temperatures < _HOTTEST)).all(axis=(1, 2))
+    return np.asarray((outputs.outcome[:count] == FINISHED) & possible)

@@ -18,8 +18,10 @@ Way = tuple[float, ...]
 _WAYS: tuple[Way, ...] = tuple(
     tuple(sign * float(k == axis) for k in range(3)) for axis in range(3) for sign in (1.0, -1.0)
 )
-_MOST_NODES = 10
+_MOST_NODES = 14
 """Of a network, whose faces are tried at every node."""
+_ALONG = 0.99
+"""Cosine from which a side looks the way it did, or the way that the other side did."""
 _NO_TURN = 0.1
 """rad, less than a turn to other axes."""
 _TILTS = (-60.0, -40.0, -20.0, 20.0, 40.0, 60.0)
@@ -51,11 +53,36 @@ def faces(view: View) -> Iterator[Wrong]:
             f"With the normal {list(map(int, way))} of {name}, the model explains the telemetry.",
             f"Check 'normal' of {name} in 'simulator: faces'",
         )
-        window = _turned(view, name, seconds, lit[way])
+        window = _turned(view, seconds, {name: lit[way]})
         yield Wrong("face", name, words, window=window, tries=5 * len(turnable))
+    yield from _plates(view, turnable, seconds, lit)
     if len(turnable) > 1:
         yield from _axes(view)
     yield from _exchanged(view, turnable)
+
+
+def _plates(
+    view: View, normals: Mapping[str, Way], seconds: FloatArray, lit: Mapping[Way, Mapping[str, FloatArray]]
+) -> Iterator[Wrong]:
+    """Both sides of a plate look another way: it was not deployed, or is hinged otherwise."""
+    faces_of = view.window.scenario.network.faces
+    pairs = [
+        (a, b)
+        for a, b in combinations(normals, 2)
+        if faces_of[a].node == faces_of[b].node and np.allclose(normals[a], -np.array(normals[b]))
+    ]
+    for (front, rear), way in product(pairs, _WAYS):
+        if abs(float(np.dot(way, normals[front]))) > _ALONG:
+            continue
+        words = Words(
+            f"Faces {front} and {rear} look another way",
+            f"With the normal {list(map(int, way))} of {front}, and {rear} on its other side, the model explains the "
+            "telemetry.",
+            f"Check whether what they are the two sides of was deployed, and 'normal' of {front} and {rear}",
+        )
+        behind: Way = tuple(-own if own else 0.0 for own in way)
+        window = _turned(view, seconds, {front: lit[way], rear: lit[behind]})
+        yield Wrong("face", f"{front} {rear}", words, window=window, tries=4 * len(pairs))
 
 
 def elsewhere(view: View) -> Iterator[Wrong]:
@@ -118,12 +145,13 @@ def _lit(view: View, names: Mapping[str, Way], way: Way, seconds: FloatArray) ->
     return view.sunlight.on_faces(view.window.scenario.model_copy(update={"simulator": changed}), seconds)
 
 
-def _turned(view: View, face: str, seconds: FloatArray, lit: Mapping[str, FloatArray]) -> Window:
-    """The view's window with a face that looks another way; lit: what shines on all faces that look there."""
+def _turned(view: View, seconds: FloatArray, lit: Mapping[str, Mapping[str, FloatArray]]) -> Window:
+    """The view's window with faces that look another way; lit: of each, what shines on all faces that look there."""
     drive = view.network.drive
     inputs = drive.inputs.copy()
-    own = {column: values for column, values in lit.items() if column.partition(".")[2] == face}
-    put(inputs, view.network.network.columns, seconds, own, drive.times)
+    for face, of_way in lit.items():
+        own = {column: values for column, values in of_way.items() if column.partition(".")[2] == face}
+        put(inputs, view.network.network.columns, seconds, own, drive.times)
     return view.with_inputs(inputs)
 
 

@@ -14,8 +14,9 @@ from numpy.typing import NDArray
 
 from ...report import listed, number
 from ...simulator import FloatArray
+from ...telemetry import status_or_unknown
 from ..evidence import Fit
-from ..view import View, known_thermostats, series_at
+from ..view import View, known_thermostats
 from .wrong import FACTORS, FEW_TIMES, SHIFTS, Words, Wrong, driven_otherwise, duration, multiplied, status_channels
 
 _POWER = 0.25
@@ -34,10 +35,18 @@ _PIECES = 48
 """Of a window, each with heat of its own."""
 _NOW_AND_THEN = 0.5
 """Share of the time, up to which heat comes and goes."""
+_DATES = tuple(sign * 3600.0 * hours for hours in (*range(3, 15), 24) for sign in (-1.0, 1.0))
+"""s, by which a timeline is off that is of another time zone or day."""
 _PARTED = 0.85
 """Share of the variance of heat over time that lies between on and off; of a sine it is 0.81, of normal noise 0.64."""
 _SECOND = 30.0
-"""So many times as rare as a first heater of a node is a second one that the scenario lacks."""
+"""So many times as rare as a first heater of a node is a second one that the scenario lacks,"""
+_UNSEEN = 20.0
+"""and as heat at times that a status or the timeline gives is heat whose times only the temperatures tell."""
+_TOLD = 0.15
+"""Share of a heater's time on, before a change of its power and after it, from which the change is told."""
+_PARTS = 6
+"""Of a window, after each of which a heater may have another power."""
 
 
 def statuses(view: View) -> Iterator[Wrong]:
@@ -81,6 +90,7 @@ def heaters(view: View) -> Iterator[Wrong]:
             yield Wrong("heater", name, words, columns=own, least=_POWER, tries=len(blocks))
         else:
             yield from _powers(view, name, [name], (0.0, *FEW_TIMES, *FACTORS), len(blocks))
+        yield from _from_then_on(view, name, np.linspace(0.0, view.network.drive.times[-1], _PARTS + 1)[1:-1], _PARTS)
         for node in view.heat.nodes:
             if node == block.node:
                 continue
@@ -96,6 +106,38 @@ def heaters(view: View) -> Iterator[Wrong]:
             yield Wrong("heater", name, moved, columns=other, least=0.6, tries=len(blocks) * len(view.heat.nodes))
     if len(blocks) > 1 and not view.unknown:
         yield from _powers(view, "every heater", list(blocks), FEW_TIMES, len(FEW_TIMES))
+
+
+def _from_then_on(view: View, name: str, starts: Sequence[float] | FloatArray, parts: float) -> Iterator[Wrong]:
+    """A heater has another power from a time on, s from the window's start: a string of it fails, or all of it.
+
+    parts: of the window, between whose ends the time is.
+    """
+    block, drive = view.window.scenario.network.heaters[name], view.network.drive
+    on, length = np.nan_to_num(drive.measured[:, view.switch_of[name]]), float(drive.times[-1])
+    lasting = np.stack([on * (drive.times[:-1] >= start) for start in starts])
+    # Before and after, it has to heat often enough to be told.
+    told = [k for k, own in enumerate(lasting) if _TOLD < own.sum() / on.sum() < 1.0 - _TOLD]
+    if not told:
+        return
+    effects = view.response(view.window, view.middle, block.node, block.power * np.repeat(lasting[told], 2, axis=1))
+    for k, start in enumerate(np.asarray(starts)[told].tolist()):
+        when = np.datetime_as_string(view.utc(np.array([start]))[0], unit="m")
+
+        def words(fit: Fit, when: str = when) -> Words:
+            factor = 1.0 + float(fit.added[0])
+            text = f"{number(factor, 2)} times the power that the scenario says"
+            return Words(
+                f"{name} {'does not heat' if abs(factor) < _NOTHING else f'has {text}'} from {when} on",
+                f"From about {when} UTC on the temperatures rise as with {number(factor * block.power, 3)} W while its "
+                f"status says 'on', not with {number(block.power, 3)} W.",
+                f"Look for a failure of {name} then, such as of one of its strings; or end the window before",
+            )
+
+        near = partial(_from_then_on, view, name, start + np.linspace(-0.5, 0.5, 7) * length / parts, 4.0 * parts)
+        tries = _PARTS * len(view.window.scenario.network.heaters)
+        effect, about = effects[:, [k]], f"{name} from a time on"
+        yield Wrong("heater", about, words, columns=effect, least=_POWER, tries=tries, closer=near)
 
 
 def _powers(view: View, name: str, heaters: Sequence[str], factors: Sequence[float], tries: float) -> Iterator[Wrong]:
@@ -224,14 +266,14 @@ def modes(view: View) -> Iterator[Wrong]:
     if len({change.mode for change in model.timeline}) < 2:
         return
     yield from _exchanged(view)
-    for late in SHIFTS:
+    for late in (*SHIFTS, *_DATES):
         how = "early" if late > 0 else "late"
         words_of = Words(
             f"The timeline of modes is {duration(late)} {how}",
             f"Modes begin and end {duration(late)} {'after' if late > 0 else 'before'} what the timeline says.",
             "Check the times in 'simulator: timeline', and their zone",
         )
-        yield from driven_otherwise("mode", "timeline", words_of, view, tries=len(SHIFTS), modes=late)
+        yield from driven_otherwise("mode", "timeline", words_of, view, tries=len(SHIFTS) + len(_DATES), modes=late)
 
 
 def _common(view: View, node: str) -> float:
@@ -274,28 +316,26 @@ def missing_heat(view: View) -> Iterator[Wrong]:
     """Something heats a node and then does not: a heater or a mode that the scenario lacks."""
     scenario, centre = view.window.scenario, view.middle
     grid = view.network.drive.times
-    middle = 0.5 * (grid[1:] + grid[:-1])
     used = set(status_channels(view).values())
     heated = {heater.node: name for name, heater in scenario.network.heaters.items()}
     waves: list[tuple[str, str, FloatArray]] = []
     for name, channel in scenario.telemetry.channels.items():
         if channel.kind == "status" and name not in used and name in view.telemetry:
-            on = series_at(view.telemetry, name, view.utc(middle))
+            on = status_or_unknown(view.telemetry, name, view.utc(grid))
             if np.isfinite(on).any() and np.nanmin(on) < np.nanmax(on):
                 waves += [(name, node, np.nan_to_num(on)) for node in view.heat.nodes]
     for k, channel_name in enumerate(view.channels):
         node = scenario.observations[channel_name].node
         rising = turning(view.window.observed[:, k], 4.0 * float(view.rows.noise[k]) + 0.3)
         if node in view.heat.nodes and rising is not None and heated.get(str(node)) not in view.unknown:
-            seconds = view.network.observation.times
-            waves.append(("", str(node), (np.interp(middle, seconds, rising) > 0.5).astype(float)))
+            waves.append(("", str(node), shares(view.network.observation.times, rising, grid)))
     for name, node, on in waves:
         flow = float(view.heat.flow[view.heat.nodes.index(node)])
         size = max(flow, 1.0)
         effect = size * view.response(view.window, centre, node, np.repeat(on, 2)[None])
 
         def words(fit: Fit, name: str = name, node: str = node, size: float = size, on: Any = on) -> Words:
-            power, times = size * float(fit.added[0]), int((np.diff(np.asarray(on, int)) > 0).sum())
+            power, times = size * float(fit.added[0]), int((np.diff((np.asarray(on) > 0.5).astype(int)) > 0).sum())
             what = f"as {name} says, which no heater of the scenario has" if name else f"{times} times in the window"
             return Words(
                 f"A heater of {node} is missing in the scenario",
@@ -305,8 +345,17 @@ def missing_heat(view: View) -> Iterator[Wrong]:
                 else f"Add the heater of {node} to 'simulator: heaters', with its status as 'measured_by'",
             )
 
-        tries = 2 * len(waves) * (_SECOND if node in heated and not name else 1.0)
+        tries = 2 * len(waves) * (1.0 if name else _UNSEEN * (_SECOND if node in heated else 1.0))
         yield Wrong("missing heat", node, words, columns=effect, least=0.2 * flow / size, tries=tries)
+
+
+def shares(seconds: FloatArray, states: FloatArray, grid: FloatArray) -> FloatArray:
+    """[K] share of each step of a grid [K + 1] in which states [T], each from its time on, are 1: heat adds up."""
+    edges = np.union1d(seconds, grid)
+    state = states[np.maximum(np.searchsorted(seconds, edges[:-1], side="right") - 1, 0)]
+    so_far = np.concatenate([[0.0], np.cumsum(state * np.diff(edges))])
+    length = np.diff(grid)
+    return np.divide(np.diff(np.interp(grid, edges, so_far)), length, out=np.zeros_like(length), where=length > 0.0)
 
 
 def bursts(view: View, z: FloatArray, weights: Callable[[FloatArray], FloatArray]) -> Iterator[Wrong]:

@@ -3,8 +3,9 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Iterator, Sequence
+from datetime import timedelta
 from functools import partial
-from itertools import product
+from itertools import combinations, product
 from typing import Any
 
 import numpy as np
@@ -45,8 +46,16 @@ _LOWEST = 150e3
 """m, of an orbit."""
 _GROUND = Earth().radius
 """m, from which heights count."""
-_OF_LINE_2 = {"mean_motion": slice(52, 63), "inclination": slice(8, 16), "raan": slice(17, 25)}
+_OF_LINE_2 = {
+    "mean_motion": slice(52, 63), "inclination": slice(8, 16), "raan": slice(17, 25), "mean_anomaly": slice(43, 51),
+}  # fmt: skip
 """Columns of two-line elements, in which a number stands."""
+_LATE = tuple(sign * 60.0 * m for m in (5, 10, 15, 20, 30, 40, 50, 60, 90, 120, 300, 1440) for sign in (-1.0, 1.0))
+"""s, by which a timeline of attitudes may be late or early: minutes, hours of another zone, a day."""
+_DAYS = (-2.0, -1.0, -0.5, 0.5, 1.0, 2.0)
+"""By which an epoch is off."""
+_DAY_OF_YEAR = slice(20, 32)
+"""Columns of the first of two-line elements."""
 _SPIN_RATES = (1.0 / 60.0, 1.0 / 6.0, 0.5, 2.0, 6.0, 60.0)
 """Factors by which the period of a spin is off: a unit, rpm for deg/s, or about half."""
 _SWINGS = (-120.0, -90.0, -60.0, -30.0, 30.0, 60.0, 90.0, 120.0, 180.0)
@@ -140,6 +149,43 @@ def spins(view: View) -> Iterator[Wrong]:
         yield from driven_otherwise("attitude", name, words, view, tries=len(others), scenario=scenario)
 
 
+def timelines(view: View, seconds: Sequence[float] | FloatArray = _LATE, exchanges: bool = True) -> Iterator[Wrong]:
+    """Attitudes that follow each other do so sooner or later than written, or two of them are each other's."""
+    environment = view.window.scenario.environment
+    attitude = environment.attitude
+    if not isinstance(attitude, AttitudeTimeline) or environment.orbit is None:
+        return
+    if not view.window.scenario.network.faces:
+        return
+    for late in map(float, seconds):
+        changes = tuple(own.model_copy(update={"at": own.at + timedelta(seconds=late)}) for own in attitude.timeline)
+        scenario = _elsewhere(view, attitude=attitude.model_copy(update={"timeline": changes}))
+        words = Words(
+            f"The timeline of attitudes is {duration(late)} {'early' if late > 0 else 'late'}",
+            f"With each change of attitude {duration(late)} {'later' if late > 0 else 'earlier'}, sunlight and Earth's "
+            "heat explain the telemetry.",
+            "Check the times in 'environment: attitude', and their zone",
+        )
+        near = partial(timelines, view, closer(late, 420.0), False)
+        yield from driven_otherwise(
+            "attitude", "timeline", words, view, tries=len(_LATE), closer=near, scenario=scenario
+        )
+    pairs = list(combinations(dict.fromkeys(own.attitude for own in attitude.timeline), 2)) if exchanges else []
+    for one, other in pairs:
+        turned = {one: other, other: one}
+        changes = tuple(
+            own.model_copy(update={"attitude": turned.get(own.attitude, own.attitude)}) for own in attitude.timeline
+        )
+        scenario = _elsewhere(view, attitude=attitude.model_copy(update={"timeline": changes}))
+        words = Words(
+            f"Attitudes '{one}' and '{other}' are exchanged",
+            f"With '{one}' where the timeline says '{other}', and '{other}' where it says '{one}', the model explains "
+            "the telemetry.",
+            f"Exchange '{one}' and '{other}' in 'environment: attitude'",
+        )
+        yield from driven_otherwise("attitude", f"{one} {other}", words, view, tries=len(pairs), scenario=scenario)
+
+
 def _elsewhere(view: View, **changes: Any) -> Scenario:
     """The scenario of a view with another orbit or attitude."""
     scenario = view.window.scenario
@@ -151,15 +197,23 @@ def orbits(view: View) -> Iterator[Wrong]:
     orbit = view.window.scenario.environment.orbit
     if not isinstance(orbit, CircularOrbit | KeplerianOrbit | TleOrbit) or not view.window.scenario.network.faces:
         return
+    # Where attitudes come at times of their own, `places` would move these with the satellite.
+    of_its_own = isinstance(view.window.scenario.environment.attitude, AttitudeTimeline | SampledAttitude)
     if isinstance(orbit, TleOrbit):
         for name in _OF_LINE_2:
-            for step in _STEPS[{"mean_motion": "altitude", "raan": "node"}.get(name, name)]:
+            if name == "mean_anomaly" and not of_its_own:
+                continue
+            for step in _STEPS[{"mean_motion": "altitude", "raan": "node", "mean_anomaly": "place"}.get(name, name)]:
                 yield from _other_orbit(view, orbit, name, step, tries=len(_STEPS) * len(_STEPS["node"]))
         return
     height = "altitude" if isinstance(orbit, CircularOrbit) else "semi_major_axis"
     node = next(name for name in ("raan", "beta_angle", "ltan") if getattr(orbit, name, None) is not None)
     of_node = _STEPS["inclination" if node == "beta_angle" else "node"]
     tried = [(height, _STEPS["altitude"]), ("inclination", _STEPS["inclination"]), (node, of_node)]
+    if isinstance(orbit, CircularOrbit) and of_its_own:
+        tried += [("argument_of_latitude", _STEPS["place"])]
+    elif isinstance(orbit, KeplerianOrbit) and orbit.eccentricity <= _ROUND and of_its_own:
+        tried += [("mean_anomaly", _STEPS["place"])]
     if isinstance(orbit, KeplerianOrbit) and orbit.eccentricity > _ROUND:
         tried += [("eccentricity", _STEPS["eccentricity"])]
         tried += [(name, _STEPS["place"]) for name in ("argument_of_perigee", "mean_anomaly")]
@@ -230,7 +284,7 @@ def _raised(axis: float, step: float) -> float:
 
 def _other_lines(orbit: TleOrbit, name: str, step: float) -> tuple[tuple[str, ...] | None, str]:
     """Two-line elements with a number changed in each second line, and that of the first in words."""
-    place, (low, high) = _OF_LINE_2[name], {"raan": (-np.inf, np.inf)}.get(name, (0.0, 180.0))
+    place, (low, high) = _OF_LINE_2[name], {"inclination": (0.0, 180.0)}.get(name, (-np.inf, np.inf))
     lines, texts = list(orbit.tle), []
     for k in range(1, len(lines), 2):
         value = float(lines[k][place])
@@ -247,6 +301,39 @@ def _other_lines(orbit: TleOrbit, name: str, step: float) -> tuple[tuple[str, ..
         lines[k] = lines[k][: place.start] + written + lines[k][place.stop :]
         texts.append(text)
     return tuple(lines), texts[0]
+
+
+def epochs(view: View) -> Iterator[Wrong]:
+    """The elements are of some day before or after the one that is written, or of midnight for noon."""
+    orbit = view.window.scenario.environment.orbit
+    if not isinstance(orbit, CircularOrbit | KeplerianOrbit | TleOrbit) or not view.window.scenario.network.faces:
+        return
+    for days in _DAYS:
+        update: dict[str, Any]
+        if isinstance(orbit, TleOrbit):
+            update, text = {"tle": _of_another_day(orbit.tle, days)}, "the first line"
+        else:
+            epoch = orbit.epoch + timedelta(days=days)
+            update, text = {"epoch": epoch}, epoch.isoformat(sep=" ")
+        other = orbit.model_copy(update=update)
+        how = f"{abs(days):g} day{'s' if abs(days) > 1.0 else ''} {'later' if days > 0 else 'earlier'}"
+        words = Words(
+            "The orbit's elements are of another epoch",
+            f"With an epoch {how}, sunlight and eclipses are those of the telemetry.",
+            f"Check the epoch in 'environment: orbit' ({text}), and that all elements are of it",
+        )
+        yield from driven_otherwise(
+            "orbit", "epoch", words, view, tries=len(_DAYS), scenario=_elsewhere(view, orbit=other)
+        )
+
+
+def _of_another_day(lines: Sequence[str], days: float) -> tuple[str, ...]:
+    """Two-line elements whose epochs are so many days later; a year's end is not passed."""
+    changed = list(lines)
+    for k in range(0, len(lines), 2):
+        day = f"{float(lines[k][_DAY_OF_YEAR]) + days:012.8f}"
+        changed[k] = lines[k][: _DAY_OF_YEAR.start] + day + lines[k][_DAY_OF_YEAR.stop :]
+    return tuple(changed)
 
 
 def places(view: View, shifts: Sequence[float] | FloatArray | None = None) -> Iterator[Wrong]:
@@ -281,5 +368,5 @@ def eclipses(view: View) -> Iterator[Wrong]:
     yield from driven_otherwise("eclipse", flag, words, view, tries=1.0, scenario=scenario)
 
 
-WRONGS = (attitudes, quaternions, spins, orbits, places, eclipses)
+WRONGS = (attitudes, quaternions, timelines, spins, orbits, epochs, places, eclipses)
 """What looks for them."""

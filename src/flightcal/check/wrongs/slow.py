@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Iterator, Sequence
+from dataclasses import replace
 from functools import partial
 
 import numpy as np
@@ -16,6 +17,8 @@ _LAGS = (300.0, 900.0, 2700.0)
 _WIDTHS = (600.0, 1200.0, 2400.0)
 """s"""
 _AROUND = (0.5, 0.7, 0.85, 1.2, 1.4, 2.0)
+_BEGUN = 25.0
+"""K, deviation of where a node begins that a slow sensor has not reached, and of what the sensor then reads."""
 
 
 def lags(view: View, seconds: Sequence[float] = _LAGS, only: str | None = None) -> Iterator[Wrong]:
@@ -30,7 +33,17 @@ def lags(view: View, seconds: Sequence[float] = _LAGS, only: str | None = None) 
 
     known = {name for name, own in view.window.scenario.observations.items() if own.lag is not None}
     chosen = [channel for channel in view.channels if channel not in known and only in (None, channel)]
-    yield from _slow(view, chosen, seconds, _share_of_lag, words, lags)
+    for wrong in _slow(view, chosen, seconds, _share_of_lag, words, lags):
+        assert wrong.memory is not None
+        yield replace(wrong, columns=_begun(view, wrong.memory))
+
+
+def _begun(view: View, memory: Memory) -> FloatArray:
+    """[R, 2] K that a slow channel's first sample does not tell: where its node begins, and where the sensor does."""
+    seen, place = replace(view, memory=memory), memory.channel
+    # What is left of the beginning at each row is the weight of the window's first time.
+    left = view.of_channel(place, memory.weights[:, :1])
+    return _BEGUN * np.concatenate([seen.begun_of(place)[:, None], left], axis=1)
 
 
 def means(view: View, seconds: Sequence[float] = _WIDTHS, only: str | None = None) -> Iterator[Wrong]:

@@ -43,6 +43,9 @@ FACTORS = (0.001, 0.01, 0.1, 10.0, 100.0, 1000.0)
 FEW_TIMES = (0.25, 0.5, 2.0, 4.0)
 """The same of a number that is of another thing, or of one of two."""
 
+_MANY_MINUTES = 9000.0
+"""s, from which hours say it better."""
+
 
 @dataclass(frozen=True)
 class Words:
@@ -191,5 +194,7 @@ def status_channels(view: View) -> dict[str, str]:
 
 
 def duration(seconds: float) -> str:
-    """In minutes where that is enough."""
+    """In minutes where that is enough; many whole hours as hours."""
+    if abs(seconds) > _MANY_MINUTES and abs(seconds) % 3600.0 == 0.0:
+        return f"{abs(seconds) / 3600.0:g} h"
     return f"{abs(seconds) / 60.0:.1f} min" if abs(seconds) >= 90.0 else f"{abs(seconds):.0f} s"
