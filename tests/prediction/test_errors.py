@@ -1,6 +1,7 @@
 """Errors of a window given the training residuals and the window's first samples, against the dense normal."""
 
 import sys
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -296,7 +297,7 @@ def test_first_samples_are_whitened_by_the_errors_of_their_own_draw_and_channel(
     rng = np.random.default_rng(0)
     columns, noise = rng.normal(size=(2, 4, 3, 5)), rng.uniform(0.1, 0.9, (2, 3))
     factors = np.tril(rng.normal(size=(3, 2, 4, 4))) + 3.0 * np.eye(4)
-    by_factor = FirstErrors(np.zeros((2, 4, 3)), factors).whiten(columns)
+    by_factor = FirstErrors(np.zeros((2, 4, 3)), factors, np.arange(4)).whiten(columns)
     by_noise = WhiteErrors(noise).whiten(columns)
     for s, k in np.ndindex(2, 3):
         np.testing.assert_allclose(factors[k, s] @ by_factor[s, :, k], columns[s, :, k], atol=1e-12)
@@ -309,12 +310,35 @@ def test_initial_temperatures_are_less_sure_where_the_first_samples_err_together
     first = build_window(scenario, data, "test", span=600.0)
     thetas = np.tile(truth(train), (400, 1))
     errors = window_errors(train, window, thetas, FIRST).at_first()
-    apart = FirstErrors(errors.mean, errors.factors * np.eye(FIRST))
+    apart = FirstErrors(errors.mean, errors.factors * np.eye(FIRST), np.arange(FIRST))
     panel = first.names.index("initial.panel")
     together, alone = (
         condition_initial(first, thetas, law, np.random.default_rng(0))[:, panel].std() for law in (errors, apart)
     )
     assert together > 1.5 * alone
+
+
+def test_of_dense_first_samples_an_even_part_tells(case, monkeypatch):
+    _, window, errors, _, simulated = case
+    few = errors.only(np.arange(DRAWS) < 2)
+    whole = few.at_first()
+    monkeypatch.setattr("flightcal.prediction.errors._TELLING", 4)
+    fewer = few.only(np.ones(2, bool))
+    law = fewer.at_first()
+    assert law.telling.tolist() == [0, 3, 7, 10]
+    np.testing.assert_array_equal(law.mean, whole.mean)
+    for k, s in np.ndindex(2, 2):
+        covariance = (whole.factors[k, s] @ whole.factors[k, s].T)[np.ix_(law.telling, law.telling)]
+        np.testing.assert_allclose(law.factors[k, s] @ law.factors[k, s].T, covariance, atol=1e-12)
+    # As if the others were missing.
+    temperatures = np.stack([simulated[-len(window.times) :]] * 2)
+    drawn = fewer.draw(temperatures, np.random.default_rng(3))
+    monkeypatch.undo()
+    masked = window.observed.copy()
+    masked[np.setdiff1d(np.arange(FIRST), law.telling)] = np.nan
+    expected = replace(few, window=replace(window, observed=masked)).draw(temperatures, np.random.default_rng(3))
+    for part in ("mean", "discrepancy", "noise", "white"):
+        np.testing.assert_allclose(getattr(drawn, part), getattr(expected, part), atol=1e-9)
 
 
 def test_the_prediction_says_which_part_carries_over(tmp_path):

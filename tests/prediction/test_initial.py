@@ -143,10 +143,12 @@ def test_what_the_errors_are_expected_to_be_is_not_told_to_the_temperatures(firs
     factors = np.tile(NOISE[0] * np.eye(T), (1, 1, 1, 1))
     theta = np.array([[4.0, 285.0, 262.0]])
     expected = np.linspace(-1.0, 1.0, T)[None, :, None]
-    found = condition_initial(first, theta, FirstErrors(expected, factors))
+    found = condition_initial(first, theta, FirstErrors(expected, factors, np.arange(T)))
     without = replace(first, observed=first.observed - expected[0])
-    np.testing.assert_allclose(found, condition_initial(without, theta, FirstErrors(0 * expected, factors)), atol=1e-9)
-    assert np.abs(found - condition_initial(first, theta, FirstErrors(0 * expected, factors))).max() > 0.1
+    np.testing.assert_allclose(
+        found, condition_initial(without, theta, FirstErrors(0 * expected, factors, np.arange(T))), atol=1e-9
+    )
+    assert np.abs(found - condition_initial(first, theta, FirstErrors(0 * expected, factors, np.arange(T)))).max() > 0.1
 
 
 def test_the_initial_temperatures_are_at_the_top_of_their_density_where_radiation_bends_the_simulation(tmp_path):

@@ -19,9 +19,12 @@ from numpy.typing import NDArray
 
 from ..probability import TIME_LENGTH, TIME_SIZE, ResidualModel, weights_given
 from ..problem import Problem, Window
-from ..simulator import FloatArray, Trajectory
+from ..simulator import FloatArray, IntArray, Trajectory
 from .duty import duty_errors
 from .matern import ORDER, continue_path, covariance, fading, stationary
+
+_TELLING = 60
+"""First samples at most that a draw is corrected for: each draw and channel has a covariance of them."""
 
 
 def window_errors(
@@ -156,32 +159,37 @@ class WindowErrors:
         """The part in time expected from its state at the edge, [T, p]."""
         return fading(self.model.smoothness, numbers[TIME_LENGTH], self.gaps)
 
+    @cached_property
+    def telling(self) -> IntArray:
+        """[F] places of the first samples that the draws are corrected for: of dense ones a part tells as much."""
+        return np.unique(np.linspace(0, self.first - 1, min(self.first, _TELLING)).round().astype(np.int64))
+
     # --- the first samples ------------------------------------------------------------------------------------
 
     def covariances(self, draw: int, channel: int, factor: FloatArray) -> tuple[FloatArray, FloatArray]:
-        """Covariance with the first samples of the discrepancy and of correlated noise, [T, first] each, K^2.
+        """Covariance with the first samples that tell of the discrepancy and of correlated noise, [T, F] each, K^2.
 
         factor: [m, m] of the weights' covariance, of the channel.
         """
-        own, first = self.numbers[draw, channel], self.first
-        discrepancy = np.zeros((len(self.seconds), first))
+        own, told = self.numbers[draw, channel], self.telling
+        discrepancy = np.zeros((len(self.seconds), len(told)))
         if self.model.terms.discrepant[channel]:
             basis = self.basis(own)
-            discrepancy = basis @ (factor @ (basis[:first] @ factor).T)
+            discrepancy = basis @ (factor @ (basis[told] @ factor).T)
             if self.model.time is not None:
                 seen = self._fading(own)
                 at_rest = stationary(self.model.smoothness, own[TIME_SIZE], own[TIME_LENGTH])
-                apart = self.seconds[:, None] - self.seconds[:first]
+                apart = self.seconds[:, None] - self.seconds[told]
                 discrepancy += covariance(self.model.smoothness, own[TIME_SIZE], own[TIME_LENGTH], apart)
-                discrepancy -= seen @ at_rest @ seen[:first].T
-        apart = self.seconds[:, None] - self.seconds[:first]
+                discrepancy -= seen @ at_rest @ seen[told].T
+        apart = self.seconds[:, None] - self.seconds[told]
         return discrepancy, self.model.terms.kinds[channel].covariance(own, apart)
 
     def at_first(self) -> FirstErrors:
         """The law of the first samples' errors, in which initial temperatures are estimated."""
         draws, channels = self.numbers.shape[:2]
         mean = np.zeros((draws, self.first, channels))
-        factors = np.zeros((channels, draws, self.first, self.first))
+        factors = np.zeros((channels, draws, len(self.telling), len(self.telling)))
         for s in range(draws):
             weights, factor = self.weights(s)
             for k in range(channels):
@@ -189,15 +197,15 @@ class WindowErrors:
                     mean[s, :, k] = (self.basis(self.numbers[s, k]) @ weights[k])[: self.first]
                 discrepancy, noise = self.covariances(s, k, factor[k])
                 factors[k, s] = self._factor(s, k, discrepancy, noise)
-        return FirstErrors(mean, factors)
+        return FirstErrors(mean, factors, self.telling)
 
     def _factor(self, draw: int, channel: int, discrepancy: FloatArray, noise: FloatArray) -> FloatArray:
-        """Cholesky factor [first, first] of the first samples' covariance; what is not valid stands apart."""
-        valid = np.isfinite(self.window.observed[: self.first, channel])
-        total = (discrepancy + noise)[: self.first]
+        """Cholesky factor [F, F] of the covariance of the samples that tell; what is not valid stands apart."""
+        valid = np.isfinite(self.window.observed[self.telling, channel])
+        total = (discrepancy + noise)[self.telling]
         total = np.where(valid[:, None] & valid, total, 0.0)
         white = self.model.terms.kinds[channel].white_variance(self.numbers[draw, channel])
-        total[np.diag_indices(self.first)] += np.where(valid, white, 1.0)
+        total[np.diag_indices(len(total))] += np.where(valid, white, 1.0)
         return np.asarray(np.linalg.cholesky(total))
 
     # --- drawing ------------------------------------------------------------------------------------------------
@@ -257,16 +265,16 @@ class WindowErrors:
 
     def _correct(self, draw: int, factors: FloatArray, temperatures: FloatArray, errors: Drawn) -> None:
         """Correct one draw, simulated temperatures [T, N], for the residuals of the first samples; in place."""
-        first = slice(self.first)
+        told = self.telling
         mean, discrepancy, noise, white = (
             part[draw] for part in (errors.mean, errors.discrepancy, errors.noise, errors.white)
         )
         for k in range(temperatures.shape[1]):
             of_discrepancy, of_noise = self.covariances(draw, k, factors[k])
             factor = self._factor(draw, k, of_discrepancy, of_noise)
-            residual = self.window.observed[first, k] - temperatures[first, k]
+            residual = self.window.observed[told, k] - temperatures[told, k]
             valid = np.isfinite(residual)
-            missing = np.stack([residual - mean[first, k], residual - (discrepancy + noise + white)[first, k]], axis=1)
+            missing = np.stack([residual - mean[told, k], residual - (discrepancy + noise + white)[told, k]], axis=1)
             missing = np.where(valid[:, None], missing, 0.0)
             solved = np.linalg.solve(factor.T, np.linalg.solve(factor, missing))
             mean[:, k] += (of_discrepancy + of_noise) @ solved[:, 0]
@@ -295,11 +303,13 @@ class FirstErrors:
     mean: FloatArray
     """[S, T, N] K."""
     factors: FloatArray
-    """[N, S, T, T] Cholesky factors of each channel's covariance, K."""
+    """[N, S, F, F] Cholesky factors of each channel's covariance, K, at those that tell."""
+    telling: IntArray
+    """[F] places of these."""
 
     def whiten(self, columns: FloatArray) -> FloatArray:
-        """Columns [S, T, N, c], K, in standard deviations of these errors."""
-        parts = [np.linalg.solve(factor, columns[:, :, k]) for k, factor in enumerate(self.factors)]
+        """Columns [S, T, N, c], K, in standard deviations of these errors, [S, F, N, c]."""
+        parts = [np.linalg.solve(factor, columns[:, self.telling, k]) for k, factor in enumerate(self.factors)]
         return np.stack(parts, axis=2)
 
 
