@@ -55,6 +55,16 @@ def test_lint_reminds_of_guesses_until_their_comments_are_gone(tmp_path: Path):
     assert "PLACEHOLDER" not in lint(tmp_path / "sat")
 
 
+def test_samples_that_are_seconds_apart_are_averaged_and_lint_advises_it(tmp_path: Path):
+    frame(900, interval=2.0).to_csv(tmp_path / "data.csv", index=False)
+    run(app, ["init", str(tmp_path / "sat"), str(tmp_path / "data.csv")])
+    file = tmp_path / "sat" / "scenario.yaml"
+    assert "  average: 20 s  # samples are 2 s apart" in file.read_text()
+    assert "average" not in lint(tmp_path / "sat")
+    file.write_text("".join(line for line in file.read_text().splitlines(True) if "average:" not in line))
+    assert "advice: telemetry: samples are 2 s apart (tt_bat); write 'average: 20 s'" in lint(tmp_path / "sat")
+
+
 def test_one_file_has_no_packets_and_odd_names_are_read_as_they_stand(tmp_path: Path):
     table = pd.DataFrame({"Date/Time: UTC": text(seconds(*(60.0 * np.arange(40))))})
     rng = np.random.default_rng(1)

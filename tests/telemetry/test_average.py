@@ -9,7 +9,7 @@ from hypothesis import HealthCheck, example, given, settings
 from hypothesis import strategies as st
 
 from flightcal.errors import TelemetryError
-from flightcal.telemetry import quality_table
+from flightcal.telemetry import dense_channels, quality_table
 
 from .files import CHANNELS, START, frame, read, seconds, text
 
@@ -32,6 +32,12 @@ def test_blocks_are_means_at_their_centres_and_status_is_the_majority(tmp_path: 
     np.testing.assert_array_equal(dataset["heater"], [1, 0, 1, 1])
     assert dataset.attrs["sampling_interval_s"] == dataset.attrs["average_s"] == 20.0
     np.testing.assert_array_equal(dataset["rows"], [[2, 2, 2]] * 4)
+
+
+def test_temperatures_whose_samples_are_seconds_apart_are_dense(tmp_path: Path):
+    assert dense_channels(read(tmp_path, frame(30, interval=2.0))) == {"battery": 2.0}
+    assert dense_channels(read(tmp_path, frame(30, interval=10.0))) == {}
+    assert dense_channels(read(tmp_path, frame(30, interval=2.0), average="20 s")) == {}
 
 
 def test_blocks_start_at_multiples_of_their_length(tmp_path: Path):

@@ -100,7 +100,7 @@ def draft(folder: Path, files: Sequence[Path]) -> tuple[dict[str, str], list[str
 
     Raises TelemetryError where no file has a temperature, or one cannot be read.
     """
-    from ..telemetry import detect
+    from ..telemetry import ENOUGH, dense_channels, detect
 
     packets = detect(list(files))
     names = _packet_names([packet for packet in packets if packet.columns])
@@ -112,7 +112,12 @@ def draft(folder: Path, files: Sequence[Path]) -> tuple[dict[str, str], list[str
             f"{where}: found no temperature among the columns ({found}), expected one; "
             "a name such as 'TT_BAT', 'Temp1' or 'Battery [degC]' tells"
         )
-    data = _read(_telemetry(None, names, channels))
+    data, average = _read(_telemetry(None, names, channels)), ""
+    dense = dense_channels(data)
+    if dense:
+        apart = f"{min(dense.values()):.3g} s"
+        average = f"  average: {ENOUGH:g} s  # samples are {apart} apart, and temperatures change in minutes\n"
+        data = _read(_telemetry(None, names, channels) + average)
     notes = []
     for name, packet in names.items():
         kinds = [channel.kind for channel in channels if channel.packet == name]
@@ -134,7 +139,7 @@ def draft(folder: Path, files: Sequence[Path]) -> tuple[dict[str, str], list[str
             notes.append(f"{', '.join(file.name for file in packet.files)}: found times and no channel; not written")
     modes = next((packet.modes for packet in packets if packet.modes is not None), None)
     head = _HEAD.format(folder=folder, name=json.dumps(folder.resolve().name))
-    text = head + _telemetry(folder, names, channels) + _rest(data, channels, modes)
+    text = head + _telemetry(folder, names, channels) + average + _rest(data, channels, modes)
     made = {"scenario.yaml": text}
     if modes is not None:
         made[_TIMELINE] = _timeline(modes)

@@ -58,8 +58,16 @@ def lint(scenario: ScenarioFile, telemetry: TelemetryPlace = None) -> None:
 def _advice(scenario: Scenario, data: xarray.Dataset) -> Iterator[str]:
     """What is not wrong, and had better be otherwise."""
     from ..scenario import noise_of
-    from ..telemetry import quantisation_step
+    from ..telemetry import ENOUGH, dense_channels, quantisation_step
 
+    dense = dense_channels(data)
+    if dense:
+        some, more = next(iter(dense)), f" and {len(dense) - 1} more" if len(dense) > 1 else ""
+        yield (
+            f"telemetry: samples are {dense[some]:.3g} s apart ({some}{more}); "
+            f"write 'average: {ENOUGH:g} s' below 'telemetry:': means tell as much of temperatures that change in "
+            "minutes, and calibration takes a fraction of the time and memory"
+        )
     for channel, item in scenario.observations.items():
         step = None if item.heater is not None else quantisation_step(data[channel].values)
         if step is None:

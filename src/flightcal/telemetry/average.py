@@ -10,6 +10,22 @@ from ..errors import TelemetryError
 from ._flags import SAMPLE_FLAGS, Flag, flag_attributes, meaning
 from .clean import sampling_interval
 
+DENSE = 5.0
+"""s between samples, below which means over `ENOUGH` s tell as much of temperatures that change in minutes."""
+ENOUGH = 20.0
+"""s"""
+
+
+def dense_channels(dataset: xr.Dataset) -> dict[str, float]:
+    """Temperature channel -> usual interval between its samples, s, of those that had better be averaged."""
+    found = {}
+    for name in dataset["channel"].to_numpy().tolist():
+        valid = np.isfinite(dataset[name].to_numpy())
+        interval = sampling_interval(dataset["time"].to_numpy()[valid].astype("datetime64[ns]").astype(np.int64))
+        if dataset[name].attrs["kind"] == "temperature" and interval < DENSE:
+            found[name] = interval
+    return found
+
 
 def average(dataset: xr.Dataset, length: float) -> xr.Dataset:
     """Means over blocks of `length` seconds, at the blocks' centres; only blocks that hold rows.
