@@ -227,7 +227,7 @@ def test_initial_temperature_among_the_inputs_is_estimated_around_the_first_samp
 
     assert problem.names == ("link", "load", "initial.battery")
     prior = problem.priors.priors[2]
-    assert (prior.mean, prior.standard_deviation) == (pytest.approx(293.156), 2.0)
+    assert (prior.mean, prior.standard_deviation) == (pytest.approx(293.15), 2.0)
     (run,) = problem.simulate(np.array([0.8, 5.0, 281.0]))
     np.testing.assert_allclose(run.temperatures[:, 0], expected(THETA) - 19.0, rtol=1e-12)
 
