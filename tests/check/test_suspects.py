@@ -18,7 +18,8 @@ from flightcal.check.suspects import Suspicion, finalists, prepared, ranked, une
 from flightcal.check.view import HEAT, noise_of, series_at
 from flightcal.check.wrongs import Words, Wrong
 from flightcal.check.wrongs.clocks import clocks
-from flightcal.check.wrongs.heat import heaters, obedient, turning, upper
+from flightcal.check.wrongs.heat import turning, upper
+from flightcal.check.wrongs.heaters import heaters, obedient
 from flightcal.environment.orbit import propagator
 from flightcal.problem import build_problem
 from flightcal.progress import SILENT

@@ -10,7 +10,8 @@ from flightcal.check.sunlight import FINE
 from flightcal.check.suspects import prepared
 from flightcal.check.wrongs.channels import swaps
 from flightcal.check.wrongs.clocks import channel_clocks, clocks, status_clocks
-from flightcal.check.wrongs.heat import constant_heat, heaters, missing_heat, shares
+from flightcal.check.wrongs.heat import constant_heat, missing_heat, shares
+from flightcal.check.wrongs.heaters import heaters
 from flightcal.check.wrongs.orbit import epochs, orbits
 from flightcal.check.wrongs.written import exchanged, numbers
 from flightcal.problem import build_problem
@@ -224,8 +225,7 @@ def test_another_place_in_the_orbit_is_told_where_attitudes_come_at_times_of_the
     _, data = small.closed_loop(tmp_path, written)
     orbit = written["environment"]["orbit"]
     if elements == "two lines":
-        second = LINES[1].replace("300.0000 14.9", " 60.0000 14.9")[:68]
-        orbit["tle"][1] = second + str(checksum(second))
+        orbit["tle"][1] = checked(LINES[1].replace("300.0000 14.9", " 60.0000 14.9"))
     else:
         orbit["argument_of_latitude"] = "120 deg"
     scenario, _ = small.load(tmp_path, written)
@@ -243,8 +243,7 @@ def test_an_epoch_that_is_a_day_off_is_tried(tmp_path, elements):
     scenario, data = small.closed_loop(tmp_path, written)
     right, orbit = prepared(scenario, data), written["environment"]["orbit"]
     if elements == "two lines":
-        first = LINES[0].replace("24061.", "24060.")[:68]
-        orbit["tle"][0] = first + str(checksum(first))
+        orbit["tle"][0] = checked(LINES[0].replace("24061.", "24060."))
     else:
         orbit["epoch"] = "2024-02-29T00:00:00"
     scenario, _ = small.load(tmp_path, written)
@@ -689,11 +688,11 @@ def test_two_line_elements_of_another_orbit_are_named_by_what_differs(tmp_path, 
     written = boxed()
     written["environment"]["orbit"] = {"tle": list(LINES)}
     _, data = small.closed_loop(tmp_path, written)
-    second = LINES[1][: place.start] + text + LINES[1][place.stop :]
-    written["environment"]["orbit"]["tle"][1] = second[:68] + str(checksum(second[:68]))
+    written["environment"]["orbit"]["tle"][1] = checked(LINES[1][: place.start] + text + LINES[1][place.stop :])
     scenario, _ = small.load(tmp_path, written)
     assert title in [own.title for own in named(scenario, data)]
 
 
-def checksum(line):
-    return sum(int(own) if own.isdigit() else own == "-" for own in line) % 10
+def checked(line):
+    """A line of two-line elements with the checksum that it should have."""
+    return line[:68] + str(sum(int(own) if own.isdigit() else own == "-" for own in line[:68]) % 10)

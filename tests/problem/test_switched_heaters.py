@@ -8,7 +8,7 @@ import pytest
 from scipy.integrate import solve_ivp
 
 from flightcal.check.suspects import prepared
-from flightcal.check.wrongs.heat import heaters as wrong_heaters
+from flightcal.check.wrongs.heaters import heaters as wrong_heaters
 from flightcal.prediction import predict
 from flightcal.problem import (
     build_problem,

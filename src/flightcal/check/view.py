@@ -257,7 +257,7 @@ class View:
     def centre(self, observed: FloatArray) -> FloatArray:
         """z [d] at the prior's medians; initial temperatures follow the first samples of `observed` [t, N]."""
         theta = self.median
-        since = (self.window.times[self.rows.kept] - self.window.start) / np.timedelta64(1, "s")
+        since = self.window.first_sample + self.rows.seconds
         for name, prior in initial_priors(self.problem.scenario, self.channels, since, observed).items():
             if name in self.problem.names and hasattr(prior, "mean"):
                 theta[self.problem.names.index(name)] = prior.mean

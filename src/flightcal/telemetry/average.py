@@ -18,12 +18,12 @@ ENOUGH = 20.0
 
 def dense_channels(dataset: xr.Dataset) -> dict[str, float]:
     """Temperature channel -> usual interval between its samples, s, of those that had better be averaged."""
-    found = {}
+    found, times = {}, dataset["time"].to_numpy().astype(np.int64)
     for name in dataset["channel"].to_numpy().tolist():
-        valid = np.isfinite(dataset[name].to_numpy())
-        interval = sampling_interval(dataset["time"].to_numpy()[valid].astype("datetime64[ns]").astype(np.int64))
-        if dataset[name].attrs["kind"] == "temperature" and interval < DENSE:
-            found[name] = interval
+        if dataset[name].attrs["kind"] == "temperature":
+            interval = sampling_interval(times[np.isfinite(dataset[name].to_numpy())])
+            if interval < DENSE:
+                found[name] = interval
     return found
 
 

@@ -17,7 +17,7 @@ from ...simulator import FloatArray
 from ...telemetry import driver_series
 from ..sunlight import REACH, ZONES
 from ..view import View
-from .wrong import SHIFT, SHIFTS, Words, Wrong, closer, driven, driven_otherwise, duration, put, status_channels
+from .wrong import SHIFT, SHIFTS, Words, Wrong, closer, driven, driven_otherwise, duration, off, put, status_channels
 
 _ZONES = tuple(h for k in range(1, round(ZONES / 1800.0) + 1) for h in (-1800.0 * k, 1800.0 * k) if abs(h) > REACH)
 """s, between a time zone and UTC."""
@@ -29,11 +29,6 @@ _HOURS = (-7200.0, -3600.0, 3600.0, 7200.0)
 """s, by which a packet may be of another zone; of one channel so much explains what is slow."""
 
 
-def _off(late: float) -> str:
-    """Late or early by how much, in words."""
-    return f"{duration(late)} {'late' if late > 0 else 'early'}"
-
-
 def clocks(view: View, seconds: Sequence[float] | FloatArray = SHIFTS) -> Iterator[Wrong]:
     """All time tags are late (positive) or early, by more than what lies between two samples of a driver."""
     least = view.apart(load.driver for load in view.window.scenario.network.loads.values())
@@ -41,7 +36,7 @@ def clocks(view: View, seconds: Sequence[float] | FloatArray = SHIFTS) -> Iterat
         if abs(late) < least:
             continue
         words = Words(
-            f"The telemetry's clock is {_off(late)}",
+            f"The telemetry's clock is {off(late)}",
             f"Moved {duration(late)} {'back' if late > 0 else 'on'}, the telemetry agrees with sunlight, eclipses and "
             "modes; whole orbits more or less may be as good.",
             f"Check the time column: its zone, its leap seconds, the epoch of the orbit; shift it by {-late:+.0f} s",
@@ -56,8 +51,8 @@ def zones(view: View, seconds: Sequence[float] | FloatArray = _ZONES) -> Iterato
     """All time tags are of another time zone, farther off than `clocks` looks."""
     for late in map(float, seconds):
         words = Words(
-            f"The telemetry's clock is {abs(late) / 3600.0:g} h {'late' if late > 0 else 'early'}",
-            f"Moved {abs(late) / 3600.0:g} h {'back' if late > 0 else 'on'}, as from another time zone, the telemetry "
+            f"The telemetry's clock is {off(late)}",
+            f"Moved {duration(late)} {'back' if late > 0 else 'on'}, as from another time zone, the telemetry "
             "agrees with sunlight, eclipses and modes.",
             f"Check the zone of the time column; shift it by {-late:+.0f} s",
         )
@@ -97,7 +92,7 @@ def status_clocks(view: View, seconds: Sequence[float] | FloatArray = _FEW_SHIFT
             continue
         data = view.telemetry.assign({name: ("time", _shifted(view, name, late)) for name in channels.values()})
         words = Words(
-            f"The heaters' status is {_off(late)} beside the temperatures",
+            f"The heaters' status is {off(late)} beside the temperatures",
             f"Temperatures rise {duration(late)} {'before' if late > 0 else 'after'} the status says that a heater is "
             "on.",
             f"Check the time tags of {listed(list(channels.values()))}",
@@ -133,7 +128,7 @@ def channel_clocks(
             if observed is None:
                 continue
             words = Words(
-                f"{name} is {_off(late)}",
+                f"{name} is {off(late)}",
                 f"Moved by {duration(late)}, {name} alone, all channels agree with the model.",
                 f"Check the time tags of {name}; or write 'time_offset: {-late:.0f} s' in its 'observations'",
             )
@@ -175,7 +170,7 @@ def packet_clocks(
         except (FlightcalError, ValueError):
             continue
         words = Words(
-            f"packet {packet} is {_off(late)}",
+            f"packet {packet} is {off(late)}",
             f"Moved by {duration(late)}, this packet alone, all channels agree with the model.",
             f"Check the time column of packet {packet}: its zone, its epoch, its leap seconds",
         )
@@ -197,7 +192,7 @@ def driver_clocks(
         except (FlightcalError, ValueError):
             continue
         words = Words(
-            f"The driver {driver} is {_off(late)}",
+            f"The driver {driver} is {off(late)}",
             f"Temperatures follow it {duration(late)} {'before' if late > 0 else 'after'} it changes.",
             f"Check the time tags of {driver}",
         )

@@ -25,7 +25,7 @@ from ...scenario import (
 )
 from ...simulator import FloatArray
 from ..view import View
-from .wrong import Words, Wrong, closer, driven_otherwise, duration
+from .wrong import Words, Wrong, closer, driven_otherwise, duration, off
 
 _ORDERS = ((0, 1, 2, 3), (3, 0, 1, 2), (1, 2, 3, 0))
 """Where the real part and the other three stand in a quaternion as written: in their order; the real part last; first
@@ -161,7 +161,7 @@ def timelines(view: View, seconds: Sequence[float] | FloatArray = _LATE, exchang
         changes = tuple(own.model_copy(update={"at": own.at + timedelta(seconds=late)}) for own in attitude.timeline)
         scenario = _elsewhere(view, attitude=attitude.model_copy(update={"timeline": changes}))
         words = Words(
-            f"The timeline of attitudes is {duration(late)} {'early' if late > 0 else 'late'}",
+            f"The timeline of attitudes is {off(-late)}",
             f"With each change of attitude {duration(late)} {'later' if late > 0 else 'earlier'}, sunlight and Earth's "
             "heat explain the telemetry.",
             "Check the times in 'environment: attitude', and their zone",

@@ -43,6 +43,8 @@ FACTORS = (0.001, 0.01, 0.1, 10.0, 100.0, 1000.0)
 FEW_TIMES = (0.25, 0.5, 2.0, 4.0)
 """The same of a number that is of another thing, or of one of two."""
 
+POWER = 0.25
+"""Share by which a power is off, from which it is worth a word."""
 _MANY_MINUTES = 9000.0
 """s, from which hours say it better."""
 
@@ -194,7 +196,12 @@ def status_channels(view: View) -> dict[str, str]:
 
 
 def duration(seconds: float) -> str:
-    """In minutes where that is enough; many whole hours as hours."""
-    if abs(seconds) > _MANY_MINUTES and abs(seconds) % 3600.0 == 0.0:
+    """In minutes where that is enough; many half hours as hours."""
+    if abs(seconds) >= _MANY_MINUTES and abs(seconds) % 1800.0 == 0.0:
         return f"{abs(seconds) / 3600.0:g} h"
     return f"{abs(seconds) / 60.0:.1f} min" if abs(seconds) >= 90.0 else f"{abs(seconds):.0f} s"
+
+
+def off(late: float) -> str:
+    """Late or early by how much (s), in words."""
+    return f"{duration(late)} {'late' if late > 0 else 'early'}"
