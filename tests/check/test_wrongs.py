@@ -69,8 +69,19 @@ def test_a_slow_sensor_of_a_thermostat_explains_that_it_is_disobeyed(flown):
 
 def test_a_smoothed_channel_is_named_with_the_time(flown):
     scenario, data = flown
-    smooth = np.convolve(np.pad(data["panel_temp"].values, 15, mode="edge"), np.ones(31) / 31.0, mode="valid")
+    smooth = np.convolve(np.pad(data["panel_temp"].values, 20, mode="edge"), np.ones(41) / 41.0, mode="valid")
     first = named(scenario, spoilt(data, panel_temp=smooth))[0]
+    assert (first.kind, first.about) == ("slow", "panel_temp")
+    assert "smoothed" in first.title
+    assert float(first.title.split()[-2]) == pytest.approx(41.0, rel=0.3)
+
+
+def test_what_means_hold_from_beyond_the_window_is_not_known(flown):
+    """The same means, of a panel that was much colder before the window and much warmer after it."""
+    scenario, data = flown
+    panel = data["panel_temp"].values
+    around = np.concatenate([np.full(20, panel[0] - 20.0), panel, np.full(20, panel[-1] + 20.0)])
+    first = named(scenario, spoilt(data, panel_temp=np.convolve(around, np.ones(41) / 41.0, mode="valid")))[0]
     assert (first.kind, first.about) == ("slow", "panel_temp")
     assert "smoothed" in first.title
 
@@ -696,3 +707,19 @@ def test_two_line_elements_of_another_orbit_are_named_by_what_differs(tmp_path, 
 def checked(line):
     """A line of two-line elements with the checksum that it should have."""
     return line[:68] + str(sum(int(own) if own.isdigit() else own == "-" for own in line[:68]) % 10)
+
+
+def test_a_number_that_parts_have_in_common_is_wrong_on_all_of_them(tmp_path):
+    """The emissivity of a coating on two faces of two nodes, written as a third of what it is."""
+    written = sunlit()
+    looks = {"area": "0.3 m^2", "absorptivity": 0.6, "emissivity": 0.81}
+    written["simulator"]["faces"] = {
+        "outside": {"node": "panel", "normal": [0, 0, -1], **looks},
+        "below": {"node": "body", "normal": [0, 0, 1], **looks},
+    }
+    _, data = small.closed_loop(tmp_path, written)
+    for face in written["simulator"]["faces"].values():
+        face["emissivity"] = 0.27
+    scenario, _ = small.load(tmp_path, written)
+    found = {own.about: own.nats for own in named(scenario, data)}
+    assert max(found, key=found.get) == "faces.outside.emissivity and faces.below.emissivity"

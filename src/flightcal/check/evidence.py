@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 from scipy.linalg import cho_solve, cholesky
 
 from ..problem import Window
-from ..simulator import FloatArray
+from ..simulator import FloatArray, SimulationFailure
 from .view import MODEL, Point, Rows, View
 
 SIZES = (0.5, 1.0, 2.0, 4.0)
@@ -33,6 +33,8 @@ _DIVERGED = 1e6
 _THERMOSTAT = 1.0
 """K, by which a thermostat's own sensor may read otherwise than the telemetry's."""
 _ROUNDS = 3
+_SHORTER = (1.0, 0.5, 0.25)
+"""Shares of a step that are tried."""
 _FARTHEST = 3.0
 """Deviations of its prior that an entry is moved by at most."""
 
@@ -169,21 +171,29 @@ def climbed(
         # What flows through the nodes, and so what heat is usual, may be another.
         view = replace(view, heat=view.heat_of(window))
         start = view.point(window, centre)
-    point, found = start, None
+    point, wanted, found = start, start.z, None
     for number in range(_ROUNDS + 1):
         last = number == _ROUNDS
-        point = view.point(window, point.z, None if last else start)
+        point = _towards(view, window, point, wanted, None if last else start)
         # About the centre of the prior: what is linear in z is integrated out from there.
         back = point.effects @ ((centre - point.z) / view.spread)
         sizes = SIZES if found is None or last else (found.size,)
         around = gaussian(view.rows, point, known, sizes)
         found = around.fit(flat - point.temperatures - back, columns, scale)
         moved = np.clip(found.z, -_FARTHEST, _FARTHEST)
-        if last:
-            break
-        point = replace(point, z=centre + view.spread * moved)
+        wanted = centre + view.spread * moved
     assert found is not None
     # Where a node begins is read from the telemetry, that may be wrong.
     names = view.problem.names
     off = [abs(float(own)) for name, own in zip(names, found.z, strict=True) if not name.startswith("initial.")]
     return replace(found, z=point.z, farthest=max([found.farthest, *off]))
+
+
+def _towards(view: View, window: Window, point: Point, wanted: FloatArray, like: Point | None) -> Point:
+    """The point at z `wanted` [d]; nearer to the one before where no simulation finishes. Raises SimulationFailure."""
+    for share in _SHORTER:
+        try:
+            return view.point(window, point.z + share * (wanted - point.z), like)
+        except SimulationFailure:
+            continue
+    return view.point(window, point.z, like)

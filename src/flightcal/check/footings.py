@@ -48,7 +48,7 @@ def footings(view: View, start: Point, fit: Fit) -> tuple[Footing, ...]:
     SimulationFailure.
     """
     point = view.point(view.window, fit.z, start)
-    (factor,) = gaussian(view.rows, point, np.isfinite(view.flat(view.observed)), (fit.size,)).factors
+    (factor,) = gaussian(view.rows, point, np.isfinite(view.as_read), (fit.size,)).factors
     told = cho_solve((factor, True), point.effects, check_finite=False)
     left = np.sqrt(np.clip(1.0 - (point.effects * told).sum(axis=0), 0.0, None))
     relative = _relative(view, point.z)

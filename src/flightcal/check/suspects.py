@@ -27,7 +27,7 @@ from .footings import Footing, footings
 from .jumps import Jump, in_words, jumps
 from .misfit import Misfit, misfit
 from .thermostat import copied, disobeyed, inferred
-from .view import HEAT, INFERRED, NO_LINK, UNKNOWN, WIDENED, Point, View, known_thermostats, view_of
+from .view import HEAT, INFERRED, NO_LINK, UNKNOWN, WIDENED, Memory, Point, View, known_thermostats, view_of
 from .wrongs import Wrong, all_wrongs
 from .wrongs.heat import bursts
 
@@ -67,6 +67,8 @@ _OF_READINGS = frozenset({"gain", "drift", "curve", "slow"})
 """and why one that changes does not."""
 _MOST_LINKED = 14
 """Nodes, of which any two may be linked."""
+_READ = 1.0
+"""K, root mean square: what a sensor reads otherwise by less, a model may lack and be right."""
 _ORBITS = 4.0
 """Of the first training window, that are looked at."""
 
@@ -250,7 +252,7 @@ def _compared(view: View, base: Point, nothing: Fit, odd: Collection[str]) -> li
 
     odd: heaters that do not what their thresholds say, and what their sensors read: there something is wrong.
     """
-    known = np.isfinite(view.flat(view.observed))
+    known = np.isfinite(view.as_read)
     looks = [_look(view, point, known) for point in (base, view.point(view.window, nothing.z, base))]
     looks = [replace(look, around=look.around.inverted()) for look in looks]
     wrongs = [*all_wrongs(view), *_bursts(view, looks[1])]
@@ -261,18 +263,22 @@ def _compared(view: View, base: Point, nothing: Fit, odd: Collection[str]) -> li
         except SimulationFailure:
             return -np.inf
 
-    found: list[tuple[Fit, Suspicion]] = []
-    for wrong in finalists(in_parallel(gained, len(wrongs)), wrongs):
+    chosen = finalists(in_parallel(gained, len(wrongs)), wrongs)
+
+    def named(k: int) -> tuple[Fit, Suspicion] | None:
         try:
-            best, fit = _closely(view, wrong, base)
+            best, fit = _closely(view, chosen[k], base)
+            matters = _matters(view, best, fit)
         except (SimulationFailure, np.linalg.LinAlgError):
-            continue
+            return None
         nats = float(fit.evidence - nothing.evidence - best.odds)
         certain = best.about in odd and best.kind in _OF_THERMOSTATS
-        if nats > (_PROMISING if certain else _CLEAR) and best.matters(fit):
-            words = best.words(fit) if callable(best.words) else best.words
-            named = Suspicion(best.kind, best.about, words.title, words.sentence, words.advice, nats)
-            found.append((fit, named))
+        if not matters or nats <= (_PROMISING if certain else _CLEAR):
+            return None
+        words = best.words(fit) if callable(best.words) else best.words
+        return fit, Suspicion(best.kind, best.about, words.title, words.sentence, words.advice, nats)
+
+    found = [own for own in in_parallel(named, len(chosen)) if own is not None]
     once: list[tuple[Fit, Suspicion]] = []
     for item in sorted(found, key=lambda item: -(item[1].nats or 0.0)):
         if (item[1].kind, item[1].about) not in [(own.kind, own.about) for _, own in once]:
@@ -280,10 +286,19 @@ def _compared(view: View, base: Point, nothing: Fit, odd: Collection[str]) -> li
     return once
 
 
+def _matters(view: View, wrong: Wrong, fit: Fit) -> bool:
+    """Whether a wrong is large enough to be worth a word."""
+    if wrong.memory is None or not wrong.matters(fit):
+        return wrong.matters(fit)
+    simulated = view.simulated(view.window, fit.z)
+    otherwise = _reading(view, wrong).read(simulated) - view.read(simulated)
+    return float(np.sqrt(np.sum(otherwise**2) / len(view.rows.kept))) > _READ
+
+
 def _bursts(view: View, look: _Look) -> list[Wrong]:
     """Heat that comes and goes where nothing wrong leaves something of the telemetry."""
     point = look.around.point
-    left = view.flat(view.observed) - point.temperatures - look.back
+    left = view.as_read - point.temperatures - look.back
     try:
         return list(bursts(view, point.z, lambda effects: look.around.fit(left, effects).added))
     except SimulationFailure:
@@ -338,7 +353,7 @@ def unexplained(nothing: Fit, where: Misfit | None, helps: list[tuple[Fit, Suspi
 def _look(view: View, point: Point, known: NDArray[np.bool_]) -> _Look:
     around = gaussian(view.rows, point, known, _FIRST_SIZES, _BLURRED)
     back = point.effects @ ((view.middle - point.z) / view.spread)
-    level = around.fit(view.flat(view.observed) - point.temperatures - back).evidence
+    level = around.fit(view.as_read - point.temperatures - back).evidence
     return _Look(around, back, level)
 
 
@@ -360,7 +375,30 @@ def _gain(view: View, wrong: Wrong, look: _Look) -> float:
     columns = wrong.columns
     if wrong.widened is not None:
         columns = point.effects[:, [wrong.widened]] * np.sqrt(WIDENED**2 - 1.0)
-    return look.around.fit(residual, columns, wrong.scale).evidence - look.nothing
+    gained = look.around.fit(residual, columns, wrong.scale).evidence - look.nothing
+    # What moves the channel is read otherwise too, of which the look at all channels knows nothing.
+    return gained if wrong.memory is None else max(gained, _gain_alone(view, wrong.memory, columns, look))
+
+
+def _gain_alone(view: View, memory: Memory, columns: FloatArray | None, look: _Look) -> float:
+    """Nats by which one channel is more probable if it reads as the memory says, whatever the others read."""
+    t, place = len(view.rows.kept), memory.channel
+    own, point, observed = slice(place * t, (place + 1) * t), look.around.point, view.observed[:, place]
+    rows, simulated = replace(view.rows, noise=view.rows.noise[[place]]), point.simulated[:, place]
+
+    def evidence(read: FloatArray, at_rows: FloatArray, more: FloatArray | None = None) -> float:
+        """read: [t] K; at_rows: [t, t] of what moves it at the rows; more: [t, k] further columns."""
+        parts = (at_rows @ moving[own] for moving in (point.effects, point.heat, point.jitter))
+        alone = replace(point, **dict(zip(("effects", "heat", "jitter"), parts, strict=True)))
+        around = gaussian(rows, alone, np.isfinite(observed), _FIRST_SIZES, _BLURRED)
+        return around.fit(observed - read - at_rows @ look.back[own], more).evidence
+
+    seconds = (view.window.times - view.window.times[view.rows.kept[0]]) / np.timedelta64(1, "s")
+    nearest = np.abs(seconds[:, None] - view.rows.seconds).argmin(axis=1)
+    otherwise = evidence(
+        memory.weights @ simulated, memory.weights @ np.eye(t)[nearest], None if columns is None else columns[own]
+    )
+    return otherwise - evidence(simulated[view.rows.kept], np.eye(t))
 
 
 def _closely(view: View, wrong: Wrong, base: Point) -> tuple[Wrong, Fit]:
@@ -372,7 +410,7 @@ def _closely(view: View, wrong: Wrong, base: Point) -> tuple[Wrong, Fit]:
         if wrong.closer is None:
             break
         point = _reading(view, wrong).point(wrong.window or view.window, fit.z, base)
-        look = _look(view, point, np.isfinite(view.flat(view.observed)))
+        look = _look(view, point, np.isfinite(view.as_read))
         best = max(wrong.closer(), key=lambda own: _gain(view, own, look) - own.odds, default=None)
         if best is None:
             break

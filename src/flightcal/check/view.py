@@ -204,8 +204,17 @@ class View:
             (float(np.median(np.diff(own)) / np.timedelta64(1, "s")) for own in known if len(own) > 1), default=0.0
         )
 
+    @cached_property
+    def as_read(self) -> FloatArray:
+        """[R] K, the telemetry as it is; see `flat`."""
+        return self._flat(self.observed)
+
     def flat(self, observed: FloatArray) -> FloatArray:
         """Telemetry [t, N] as rows [R], with how far it is above the thresholds when heaters switch."""
+        # Most wrongs leave the telemetry as it is.
+        return self.as_read if observed is self.observed else self._flat(observed)
+
+    def _flat(self, observed: FloatArray) -> FloatArray:
         excess = [own.excess(self.rows.seconds, observed) for own in self.thermostats]
         return np.concatenate([observed.T.ravel(), excess])
 
@@ -334,7 +343,7 @@ class View:
         own = self.window.scenario.network.heaters[heater]
         if own.node not in self.heat.nodes:
             return np.empty((self.begun.shape[0], 0))
-        effects = self.response(window, z, own.node, self.pieces(self.rows.seconds))
+        effects = self.response(window, z, own.node, pieces(window, self.rows.seconds))
         return _ANY * own.power * np.column_stack([effects.sum(axis=1), effects])
 
     @cached_property
@@ -351,14 +360,8 @@ class View:
         if own.node not in self.heat.nodes or not len(gaps):
             return np.empty((self.begun.shape[0], 0))
         edges = [np.linspace(first, last, int(np.ceil((last - first) / _MINUTES)) + 1) for first, last in gaps]
-        series = np.concatenate([self.pieces(own) for own in edges])
+        series = np.concatenate([pieces(window, own) for own in edges])
         return _IN_GAPS * own.power * self.response(window, z, own.node, series)
-
-    def pieces(self, edges: FloatArray) -> FloatArray:
-        """Series [k, 2 K] that are 1 in the steps between two edges [k + 1], s from the window's start, and else 0."""
-        grid = self.network.drive.times
-        place = np.searchsorted(edges, 0.5 * (grid[1:] + grid[:-1]), side="right") - 1
-        return np.repeat((place == np.arange(len(edges) - 1)[:, None]).astype(float), 2, axis=1)
 
     def heat_of(self, window: Window) -> HeatModel:
         """Of a window like this one, at the prior's median."""
@@ -391,6 +394,14 @@ class View:
             read[:, self.memory.channel] = self.memory.weights @ values[:, self.memory.channel]
         flat = np.moveaxis(read, 1, 0).reshape(-1, values.shape[2])
         return np.concatenate([flat, np.zeros((len(self.thermostats), values.shape[2]))])
+
+
+def pieces(window: Window, edges: FloatArray) -> FloatArray:
+    """Series [k, 2 K] that are 1 in the steps of a window between two edges [k + 1], s from its start, and else 0."""
+    assert window.network is not None
+    grid = window.network.drive.times
+    place = np.searchsorted(edges, 0.5 * (grid[1:] + grid[:-1]), side="right") - 1
+    return np.repeat((place == np.arange(len(edges) - 1)[:, None]).astype(float), 2, axis=1)
 
 
 def series_at(telemetry: xarray.Dataset, name: str, times: NDArray[np.datetime64], bent: float = np.inf) -> FloatArray:

@@ -16,7 +16,7 @@ from ...report import listed, number
 from ...simulator import FloatArray
 from ...telemetry import status_or_unknown
 from ..evidence import Fit
-from ..view import View
+from ..view import View, pieces
 from .wrong import FACTORS, FEW_TIMES, POWER, SHIFTS, Words, Wrong, driven_otherwise, duration, off, status_channels
 
 _ALL_THE_TIME = (0.25, 0.5, 1.0, 2.0, 4.0)
@@ -165,13 +165,13 @@ def bursts(view: View, z: FloatArray, weights: Callable[[FloatArray], FloatArray
     beside everything that may be usual.
     """
     edges = np.linspace(0.0, view.network.drive.times[-1], _PIECES + 1)
-    pieces = view.pieces(edges)
+    each = pieces(view.window, edges)
     unknown = [view.window.scenario.network.heaters[name].node for name in view.unknown]
     for node, flow in zip(view.heat.nodes, view.heat.flow.tolist(), strict=True):
         if node in unknown:
             continue
         size = max(flow, 1.0)
-        effects = size * view.response(view.window, z, node, pieces)
+        effects = size * view.response(view.window, z, node, each)
         on, parted = upper(weights(effects))
         turns = np.flatnonzero(np.diff(on.astype(int), prepend=0, append=0))
         if on.mean() > _NOW_AND_THEN or parted < _PARTED:

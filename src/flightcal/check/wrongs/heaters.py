@@ -199,7 +199,7 @@ def _turn(beyond: FloatArray, first: int, length: int) -> int:
 def thresholds(view: View) -> Iterator[Wrong]:
     """A heater switches at other temperatures than its thresholds."""
     for row, own in enumerate(view.thermostats):
-        column = np.zeros((len(view.flat(view.observed)), 1))
+        column = np.zeros((len(view.as_read), 1))
         column[len(column) - len(view.thermostats) + row] = _THRESHOLD
 
         def words(fit: Fit, heater: str = own.heater) -> Words:

@@ -19,6 +19,8 @@ _WIDTHS = (600.0, 1200.0, 2400.0)
 _AROUND = (0.5, 0.7, 0.85, 1.2, 1.4, 2.0)
 _BEGUN = 25.0
 """K, deviation of where a node begins that a slow sensor has not reached, and of what the sensor then reads."""
+_PIECES = 2
+"""Of the time before a window that means hold some of, and of that after it."""
 
 
 def lags(view: View, seconds: Sequence[float] = _LAGS, only: str | None = None) -> Iterator[Wrong]:
@@ -32,10 +34,17 @@ def lags(view: View, seconds: Sequence[float] = _LAGS, only: str | None = None) 
         )
 
     known = {name for name, own in view.window.scenario.observations.items() if own.lag is not None}
-    chosen = [channel for channel in view.channels if channel not in known and only in (None, channel)]
+    chosen = [channel for channel in _chosen(view, only) if channel not in known]
     for wrong in _slow(view, chosen, seconds, _share_of_lag, words, lags):
         assert wrong.memory is not None
         yield replace(wrong, columns=_begun(view, wrong.memory))
+
+
+def _chosen(view: View, only: str | None) -> list[str]:
+    """Channels whose nodes' temperatures are known from minute to minute: not where a heater may be on at any time."""
+    model = view.window.scenario
+    silent = {model.network.heaters[name].node for name in view.unknown}
+    return [name for name in view.channels if only in (None, name) and model.observations[name].node not in silent]
 
 
 def _begun(view: View, memory: Memory) -> FloatArray:
@@ -56,8 +65,26 @@ def means(view: View, seconds: Sequence[float] = _WIDTHS, only: str | None = Non
             f"Take the samples of {channel} as they were sent",
         )
 
-    chosen = [channel for channel in view.channels if only in (None, channel)]
-    yield from _slow(view, chosen, seconds, _share_of_mean, words, means)
+    chosen = _chosen(view, only)
+    for size in seconds:
+        for wrong in _slow(view, chosen, [size], _share_of_mean, words, means):
+            assert wrong.memory is not None
+            yield replace(wrong, columns=_not_told(view, wrong.memory, size))
+
+
+def _not_told(view: View, memory: Memory, width: float) -> FloatArray:
+    """[R, k] K that the first mean does not tell: where its node begins, and what means hold of pieces of the time
+    before and after the window. All are off by about what the node changes in half such a time.
+    """
+    channel = memory.channel
+    first, last = _seconds(view)[[0, -1]]
+    reach = 0.5 * width * np.linspace(0.0, 1.0, _PIECES + 1)
+    edges = (first - reach[::-1], last + reach)
+    shares = [np.diff(_share_of_mean(width, own - view.rows.seconds[:, None]), axis=1) for own in edges]
+    known, later = view.modelled_of(channel), np.clip(view.rows.seconds + 0.5 * width, None, view.rows.seconds[-1])
+    change = float(np.sqrt(np.mean((np.interp(later, view.rows.seconds, known) - known) ** 2)))
+    begun = replace(view, memory=memory).begun_of(channel)[:, None]
+    return change * np.concatenate([begun, view.of_channel(channel, np.concatenate(shares, axis=1))], axis=1)
 
 
 def _slow(
@@ -90,9 +117,14 @@ def _share_of_mean(width: float, later: FloatArray) -> FloatArray:
 
 def _weights(view: View, share: Callable[[FloatArray], FloatArray]) -> FloatArray:
     """[t, T] of what is read at each row, from times around each of the window's samples; the first and last go on."""
-    seconds = (view.window.times - view.window.times[view.rows.kept[0]]) / np.timedelta64(1, "s")
+    seconds = _seconds(view)
     edges = np.concatenate([[-np.inf], 0.5 * (seconds[1:] + seconds[:-1]), [np.inf]])
     return np.diff(share(edges - view.rows.seconds[:, None]), axis=1)
+
+
+def _seconds(view: View) -> FloatArray:
+    """[T] of the window's samples, from the first row."""
+    return np.asarray((view.window.times - view.window.times[view.rows.kept[0]]) / np.timedelta64(1, "s"), float)
 
 
 WRONGS = (lags, means)

@@ -10,7 +10,7 @@ from itertools import combinations, product
 import numpy as np
 
 from ...report import listed, number
-from ...scenario import OF_EARTH_AND_SUN
+from ...scenario import OF_EARTH_AND_SUN, Environment
 from ...simulator import FloatArray
 from ..evidence import Fit
 from ..view import NO_LINK, Moved, View
@@ -24,7 +24,7 @@ _MATTERS = 1.4
 """Factor up to which a number is off as numbers are."""
 _NONE = 10.0 * NO_LINK
 """Below, a number is not there."""
-_USUAL = {"environment.albedo": 0.3, "environment.earth_infrared": 237.0, "environment.solar_constant": 1361.0}
+_USUAL = {f"environment.{field}": float(getattr(Environment(), field)) for field in OF_EARTH_AND_SUN}
 """What numbers of the Earth and the Sun are, about; SI."""
 _BELIEVABLE = {f"environment.{field}": bounds for field, bounds in OF_EARTH_AND_SUN.items()}
 """No wrong is mended by a number of the Sun or the Earth that cannot be."""
@@ -35,6 +35,10 @@ _ALIKE: tuple[tuple[str, tuple[str, ...]], ...] = (
 """Numbers that are got wrong by exchanging those of two,"""
 _MOST_ALIKE = 12
 """of so many at most."""
+_OF_PARTS = frozenset((block, kind) for block, kinds in _ALIKE for kind in kinds)
+"""Numbers that parts have in common,"""
+_MOST_OF_PARTS = 12
+"""so many at most."""
 _FAR = 4.0
 """Deviations of its prior, from which a parameter is far off."""
 
@@ -48,10 +52,26 @@ def numbers(view: View) -> Iterator[Wrong]:
         for factor in FEW_TIMES:
             near = partial(_near, view, [k], paths[k], factor, _PER_NUMBER * len(fixed))
             yield from _number(view, [k], paths[k], factor, _PER_NUMBER * len(fixed), near)
+    for group in _alike(view, fixed):
+        name = listed([paths[k] for k in group])
+        for factor in (*FACTORS, *FEW_TIMES):
+            near = partial(_near, view, group, name, factor, _PER_NUMBER * len(fixed))
+            again = near if factor in FEW_TIMES else None
+            yield from _number(view, group, name, factor, _PER_NUMBER * len(fixed), again)
     areas = [k for k in fixed if paths[k].endswith(".area")]
     for factor in FEW_TIMES if len(areas) > 1 else ():
         near = partial(_near, view, areas, "every area", factor, len(FEW_TIMES))
         yield from _number(view, areas, "every area", factor, len(FEW_TIMES), near)
+
+
+def _alike(view: View, fixed: Sequence[int]) -> list[list[int]]:
+    """Places of numbers of one kind that are the same, as of one coating or of equal parts: they are one slip."""
+    found: dict[tuple[str, float], list[int]] = {}
+    for k in fixed:
+        block, *_, kind = view.network.network.paths[k].split(".")
+        if (f"{block}.", kind) in _OF_PARTS:
+            found.setdefault((kind, float(view.network.mapping.written[k])), []).append(k)
+    return [group for group in found.values() if 1 < len(group) <= _MOST_OF_PARTS]
 
 
 def fixed_numbers(view: View, blocks: Sequence[str] = BLOCKS) -> list[int]:
@@ -93,7 +113,8 @@ def _number(
         return
     one = len(places) == 1
     words = Words(
-        f"{name} is {number(1.0 / factor, 2 if closer or not one else 4)} times what it should be",
+        f"{name} {'are' if ' and ' in name else 'is'} {number(1.0 / factor, 2 if closer or not one else 4)} times what "
+        f"{'they' if ' and ' in name else 'it'} should be",
         f"The telemetry agrees with a value of {number(value, 3)} (SI), not {number(value / factor, 4)}."
         if one
         else f"With all of them times {number(factor, 2)}, the model explains the telemetry.",

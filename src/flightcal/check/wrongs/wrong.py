@@ -12,7 +12,7 @@ import xarray
 from ...errors import FlightcalError
 from ...problem import Window
 from ...scenario import Scenario
-from ...simulator import FloatArray, SimulationFailure, in_steps
+from ...simulator import FloatArray, SimulationFailure, divided, in_steps
 from ...telemetry import status_fraction
 from ..evidence import AS_READ, Fit, Scale
 from ..sunlight import FINE, REACH
@@ -45,6 +45,9 @@ FEW_TIMES = (0.25, 0.5, 2.0, 4.0)
 
 POWER = 0.25
 """Share by which a power is off, from which it is worth a word."""
+_STEP = 30.0
+"""s, of a simulation at most where shadows or modes begin at other times: the view's steps are short where its own do,
+and a small node that meets the Sun in a long one is thrown far off."""
 _MANY_MINUTES = 9000.0
 """s, from which hours say it better."""
 
@@ -117,6 +120,8 @@ def driven(
     Raises TelemetryError.
     """
     drive, columns = view.network.drive, view.network.network.columns
+    if scenario is not None or sunlight or modes or gaining:
+        drive = divided(drive, np.arange(_STEP, drive.times[-1], _STEP))
     inputs, measured = drive.inputs.copy(), drive.measured
     if scenario is not None:
         fine = np.union1d(view.sunlight.times(scenario, 0.0, drive.times[-1]), drive.times)
