@@ -315,7 +315,7 @@ def _write_texts(
         diagnosed.append(
             {"name": name, "mean": flat[:, i].mean(), "sd": flat[:, i].std(), "q2_5": q[0], "median": q[1],
              "q97_5": q[2], "r_hat": 1.001 + 0.0005 * i, "ess_bulk": 900.0 - 20 * i, "ess_tail": 700.0 - 10 * i,
-             "mcse_mean": flat[:, i].std() / 30, "prior_score": 0.5 * (-1.0) ** i}
+             "mcse_mean": flat[:, i].std() / 30, "prior_score": 0.5 * (-1.0) ** i, "usual_score": 0.9}
         )  # fmt: skip
     write("priors.json", parameters)
     gates = [

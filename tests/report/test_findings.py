@@ -112,6 +112,12 @@ def scored(run, **scores):
     return dataclasses.replace(run, diagnostics=run.diagnostics | {"parameters": own})
 
 
+def with_scores(run, **scores):
+    """The same run, the posterior of battery_link elsewhere in its prior."""
+    own = [p | (scores if p["name"] == "battery_link" else {}) for p in run.diagnostics["parameters"]]
+    return dataclasses.replace(run, diagnostics=run.diagnostics | {"parameters": own})
+
+
 def test_a_posterior_at_its_priors_edge_is_marked(run):
     assert at_edge(run) == {"payload_capacity": "upper"}
 
@@ -123,6 +129,14 @@ def test_priors_in_conflict_with_the_telemetry_are_told_by_name(run):
     assert "battery_link (4.2 deviations below)" in finding.text
     assert finding.not_for == ("the value of battery_link",)
     assert about(scored(run, battery_link=6.0), "battery_link lies 6.0 deviations").state == "bad"
+
+
+def test_a_posterior_that_the_telemetry_hardly_narrows_is_not_to_be_far_off(run):
+    hardly = with_scores(run, prior_score=2.1, usual_score=0.5)
+    finding = about(hardly, "battery_link lies 2.1 deviations from where its prior expects it, where 0.5 is usual")
+    assert finding.state == "warn"
+    assert "so little narrower than its prior that 0.5 is usual" in finding.text
+    assert about(with_scores(run, prior_score=2.1, usual_score=0.95), "where their priors").state == "good"
 
 
 def test_a_guess_at_where_an_unseen_node_starts_makes_no_model_wrong(run):

@@ -3,7 +3,7 @@
 Imports: errors, probability, problem, progress, run, scenario, simulator, telemetry.
 """
 
-from .diagnostics import LINEAR, Diagnostics, Gate, gate, least_effective, with_gate
+from .diagnostics import LINEAR, Diagnostics, Gate, PriorScore, gate, least_effective, with_gate
 from .heat_file import with_kept_heat
 from .methods import calibrate_nuts
 from .mode import climb, find_mode

@@ -9,7 +9,7 @@ from __future__ import annotations
 import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -42,6 +42,13 @@ _FEWEST_DRAWS = 4
 """With fewer a chain, R-hat and effective sample sizes are not defined."""
 
 
+class PriorScore(NamedTuple):
+    """Where a posterior lies in its prior; see `ParameterSummary`."""
+
+    prior_score: float = math.nan
+    usual_score: float = math.nan
+
+
 @dataclass(frozen=True)
 class ParameterSummary:
     """One uncertain quantity's posterior, in its own unit, and how well it was sampled (NaN: cannot be said)."""
@@ -58,6 +65,8 @@ class ParameterSummary:
     mcse_mean: float
     prior_score: float = math.nan
     """Normal score of the posterior's median in its prior: 0 at the prior's median, 1.96 at its 97.5%."""
+    usual_score: float = math.nan
+    """Its deviation where the prior is right, from how much narrower than the prior the posterior is."""
 
 
 @dataclass(frozen=True)
@@ -92,7 +101,7 @@ def diagnose(
     posterior: Mapping[str, Array],
     statistics: Mapping[str, NDArray[Any]],
     settings: NutsSettings,
-    prior_scores: Mapping[str, float] | None = None,
+    prior_scores: Mapping[str, PriorScore] | None = None,
 ) -> Diagnostics:
     """Judge chains by `settings.max_r_hat`, `settings.min_ess` and the sampler's own statistics.
 
@@ -101,7 +110,8 @@ def diagnose(
     """
     scores = prior_scores or {}
     parameters = tuple(
-        replace(_summary(name, values), prior_score=scores.get(name, math.nan)) for name, values in posterior.items()
+        replace(_summary(name, values), **scores.get(name, PriorScore())._asdict())
+        for name, values in posterior.items()
     )
     chains, draws = statistics["energy"].shape
     gates = (

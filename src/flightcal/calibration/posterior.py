@@ -16,7 +16,7 @@ from ..problem import Problem, Runs, patterns_of, places_of
 from ..run import labelled, plain
 from ..simulator import FloatArray, Trajectory
 from .confounding import confounding
-from .diagnostics import Diagnostics
+from .diagnostics import Diagnostics, PriorScore
 from .explanations import Explanation, other_explanations
 from .heat_check import HeatCheck
 from .heat_file import HEAT_GROUP, heat_dataset
@@ -25,6 +25,11 @@ from .mode import Mode
 from .nuts import Draws
 from .table import EACH, Calibrated, calibrated, html_table
 
+_CENTRAL = (0.15865525, 0.84134475)
+"""Probabilities between which lie a normal distribution's deviations."""
+_LEAST_MOVED = 0.25
+"""Of a prior's variance, that a posterior's mean may have at least. Where either a parameter or heat of unknown size
+explains the telemetry, a posterior is off, and as wide as the two together."""
 _PLACES = 73
 """Of an orbit, at which patterns of heat are kept."""
 
@@ -66,10 +71,20 @@ class Posterior:
         return self.theta.reshape(-1, self.theta.shape[-1])
 
 
-def prior_scores(problem: Problem, theta: FloatArray) -> dict[str, float]:
-    """Normal score of each median of draws [chain, draw, d] in its prior."""
-    scores = problem.priors.to_z(np.median(theta, axis=(0, 1)))
-    return dict(zip(problem.names, scores.tolist(), strict=True))
+def prior_scores(problem: Problem, theta: FloatArray) -> dict[str, PriorScore]:
+    """Where the posteriors of draws [chain, draw, d] lie in their priors, and how far out a right prior lets them be.
+
+    On the scale on which a prior is N(0, 1), a posterior's variance and that of its mean from one telemetry to the next
+    add up to 1 (the law of total variance). So telemetry that narrows a prior little moves it little, and a posterior
+    that is off and hardly narrower has a wrong prior, or makes up for something else that is wrong: its z-score beside
+    its contraction (Schad, Betancourt and Vasishth 2021, Psychological Methods 26).
+    """
+    priors = problem.priors
+    median, lower, upper = (priors.to_z(priors.quantile(p)) for p in (0.5, *_CENTRAL))
+    scores = (priors.to_z(theta).reshape(-1, theta.shape[-1]) - median) / (0.5 * (upper - lower))
+    usual = np.sqrt(np.maximum(1.0 - scores.var(axis=0), _LEAST_MOVED))
+    found = zip(problem.names, np.median(scores, axis=0).tolist(), usual.tolist(), strict=True)
+    return {name: PriorScore(score, most) for name, score, most in found}
 
 
 def search_record(problem: Problem, modes: Sequence[Mode]) -> dict[str, Any]:

@@ -8,6 +8,7 @@ from typing import Any
 
 from scipy.stats import chi2, norm
 
+from ...calibration import PriorScore
 from ...probability import INDEPENDENT
 from ...scenario import is_trained
 from ..panels.discrepancy import STANDS_IN, stand_ins
@@ -22,6 +23,8 @@ NARROWED = 1.3
 """Factor up to which residuals that are not quite the noise that is assumed are of no practical weight."""
 OFF = 0.01
 """Probability that a right model is cautioned about for one of its channels, priors or heaters."""
+_NARROWED_MUCH = 0.8
+"""Usual deviation of a normal score, from which that is worth no word."""
 FAR_OFF = 1e-6
 """The probability below which a model is called wrong."""
 
@@ -186,15 +189,15 @@ def stand_in(run: RunFiles) -> list[Finding]:
 def prior_conflict(run: RunFiles) -> Finding:
     """Whether parameters and initial temperatures are where their priors expect them.
 
-    The normal score of a posterior's median in its prior is at most as wide as N(0, 1) where the prior is right, so the
-    sum of squares of d of them is at most chi-squared with d degrees of freedom (a prior predictive check: Box 1980,
-    J. R. Stat. Soc. A 143).
+    The normal score of a posterior's median in its prior is as wide as the telemetry narrows the prior where that is
+    right (`prior_scores`), and at most as N(0, 1). So the sum of squares of d of them is at most chi-squared with d
+    degrees of freedom (a prior predictive check: Box 1980, J. R. Stat. Soc. A 143).
 
     Where a node without a channel starts is a guess of the scenario's, and no fault of the model.
     """
     kinds = {info.name: info.kind for info in run.parameters}
     out_by = {
-        own["name"]: float(own["prior_score"])
+        own["name"]: PriorScore(float(own["prior_score"]), float(own.get("usual_score") or 1.0))
         for own in (run.diagnostics or {}).get("parameters", [])
         if own.get("prior_score") is not None and kinds.get(own["name"]) in ("parameter", "initial")
     }
@@ -219,40 +222,46 @@ def prior_conflict(run: RunFiles) -> Finding:
         )
         then = "Write 'initial' of these nodes nearer to what was found, or 'initial_state: {unobserved: 20 K}'."
         return Finding("warn", _far_title(out_by, named), text, not_for=tuple(map(value_of, named)), then=then)
-    furthest = max(out_by, key=lambda name: abs(out_by[name]))
+    furthest = max(out_by, key=lambda name: abs(out_by[name].prior_score))
     text = (
-        f"Furthest out is {furthest}, at {abs(out_by[furthest]):.1f} deviations of its prior; of "
+        f"Furthest out is {furthest}, at {abs(out_by[furthest].prior_score):.1f} deviations of its prior; of "
         f"{len(out_by)} priors that is to be expected."
     )
     return Finding("good", "Posteriors lie where their priors expect them", text)
 
 
-def _conflict(out_by: dict[str, float]) -> tuple[State, list[str]] | None:
+def _conflict(out_by: dict[str, PriorScore]) -> tuple[State, list[str]] | None:
     """How bad it is that normal scores are so far out, and which are to be named; None: as is to be expected."""
     if not out_by:
         return None
-    alone = {name: 2.0 * float(norm.sf(abs(score))) * len(out_by) for name, score in out_by.items()}
-    together = float(chi2.sf(sum(score**2 for score in out_by.values()), len(out_by)))
-    order = sorted(out_by, key=lambda name: -abs(out_by[name]))
+    by_usual = {name: abs(own.prior_score) / own.usual_score for name, own in out_by.items()}
+    alone = {name: 2.0 * float(norm.sf(score)) * len(out_by) for name, score in by_usual.items()}
+    together = float(chi2.sf(sum(own.prior_score**2 for own in out_by.values()), len(out_by)))
+    order = sorted(out_by, key=lambda name: -by_usual[name])
     off = [name for name in order if alone[name] < OFF]
     if not off and together >= OFF:
         return None
     return "bad" if min([together, *alone.values()]) < FAR_OFF else "warn", off or order[:MOST_NAMED]
 
 
-def _out_by(out_by: dict[str, float], named: list[str]) -> str:
-    return listed(
-        [
-            f"{name} ({abs(out_by[name]):.1f} deviations {'above' if out_by[name] > 0 else 'below'})"
-            for name in named[:MOST_NAMED]
-        ]
-    )
+def _out_by(out_by: dict[str, PriorScore], named: list[str]) -> str:
+    return listed([f"{name} ({_far(out_by[name])})" for name in named[:MOST_NAMED]])
 
 
-def _far_title(out_by: dict[str, float], named: list[str]) -> str:
+def _far(own: PriorScore) -> str:
+    """In words; where the telemetry hardly narrows the prior, also what it can move it by."""
+    words = f"{abs(own.prior_score):.1f} deviations {'above' if own.prior_score > 0 else 'below'}"
+    if own.usual_score > _NARROWED_MUCH:
+        return words
+    return f"{words}, and so little narrower than its prior that {own.usual_score:.1f} is usual"
+
+
+def _far_title(out_by: dict[str, PriorScore], named: list[str]) -> str:
     if named[1:]:
         return f"{len(named)} values lie far from where their priors expect them, worst {named[0]}"
-    return f"{named[0]} lies {abs(out_by[named[0]]):.1f} deviations from where its prior expects it"
+    own = out_by[named[0]]
+    title = f"{named[0]} lies {abs(own.prior_score):.1f} deviations from where its prior expects it"
+    return title if own.usual_score > _NARROWED_MUCH else f"{title}, where {own.usual_score:.1f} is usual"
 
 
 def resting(run: RunFiles) -> list[Finding]:

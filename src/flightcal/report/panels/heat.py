@@ -23,8 +23,8 @@ LARGE, IMPLAUSIBLE = 0.1, 0.3
 USUAL = 0.05
 """The pattern's prior scale for which these hold: where the scenario writes more, so much more is believed."""
 
-WANDERING = 0.05
-"""The same of its slow part: 0.1% to 0.6% in random satellites that are right, up to 6% where heat drifts."""
+WANDERING = 0.03
+"""The same of its slow part: up to 1.3% in satellites that are right, up to 6% where heat drifts."""
 
 MOST_NODES = 12
 """Nodes that the figure shows; the table has all of them."""
