@@ -5,7 +5,7 @@ import pytest
 
 from flightcal.check.evidence import climbed
 from flightcal.check.footings import footings
-from flightcal.check.suspects import prepared
+from flightcal.check.prepared import prepared
 from flightcal.check.wrongs import multiplied
 from tests import small
 

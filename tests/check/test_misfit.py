@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from flightcal.check.misfit import Misfit, misfit
-from flightcal.check.suspects import prepared
+from flightcal.check.prepared import prepared
 from tests import small
 
 from .test_suspects import spoilt, sunlit

@@ -14,7 +14,8 @@ from flightcal.check import SUSPECTS, Suspects, suspects
 from flightcal.check.evidence import Fit
 from flightcal.check.findings import suspected
 from flightcal.check.misfit import Misfit
-from flightcal.check.suspects import Suspicion, finalists, prepared, ranked, unexplained
+from flightcal.check.prepared import prepared
+from flightcal.check.suspects import Suspicion, finalists, ranked, unexplained
 from flightcal.check.view import HEAT, noise_of, series_at
 from flightcal.check.wrongs import Words, Wrong
 from flightcal.check.wrongs.clocks import clocks

@@ -3,7 +3,7 @@
 import numpy as np
 import xarray
 
-from flightcal.check.suspects import prepared
+from flightcal.check.prepared import prepared
 from flightcal.check.view import series_at
 from flightcal.check.wrongs.wrong import driven
 

@@ -6,8 +6,8 @@ import numpy as np
 import pytest
 
 from flightcal.check import suspects, wrongs
+from flightcal.check.prepared import prepared
 from flightcal.check.sunlight import FINE
-from flightcal.check.suspects import prepared
 from flightcal.check.wrongs.channels import swaps
 from flightcal.check.wrongs.clocks import channel_clocks, clocks, status_clocks
 from flightcal.check.wrongs.heat import constant_heat, missing_heat, shares
@@ -723,3 +723,14 @@ def test_a_number_that_parts_have_in_common_is_wrong_on_all_of_them(tmp_path):
     scenario, _ = small.load(tmp_path, written)
     found = {own.about: own.nats for own in named(scenario, data)}
     assert max(found, key=found.get) == "faces.outside.emissivity and faces.below.emissivity"
+
+
+def test_a_value_beyond_the_bounds_of_its_prior_is_named_with_what_it_is(tmp_path):
+    _, data = small.closed_loop(tmp_path)
+    written = small.content()
+    written["parameters"]["link"]["prior"] = {"uniform": ["1.6 W/K", "1.8 W/K"]}
+    narrow, _ = small.load(tmp_path, written)
+    first = named(narrow, data)[0]
+    assert (first.kind, first.about) == ("prior", "link")
+    value = float(first.sentence.partition("link = ")[2].split()[0])
+    assert value == pytest.approx(small.TRUTH["link"], rel=0.1)

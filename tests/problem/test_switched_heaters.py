@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 from scipy.integrate import solve_ivp
 
-from flightcal.check.suspects import prepared
+from flightcal.check.prepared import prepared
 from flightcal.check.wrongs.heaters import heaters as wrong_heaters
 from flightcal.prediction import predict
 from flightcal.problem import (

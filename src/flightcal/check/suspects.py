@@ -7,9 +7,8 @@ parameters, unmodelled heat and noise? One is named only where it is better by f
 
 from __future__ import annotations
 
-from collections.abc import Collection, Iterator, Sequence
+from collections.abc import Collection, Sequence
 from dataclasses import astuple, dataclass, replace
-from itertools import combinations
 from typing import Any, Final
 
 import numpy as np
@@ -17,17 +16,17 @@ import xarray
 from numpy.typing import NDArray
 
 from ..errors import FlightcalError
-from ..problem import Problem, Window, build_window, problem_of
+from ..problem import Problem, Window
 from ..run import Run, Stage, plain, read_json, typed
-from ..scenario import Channel, Conductor, Heat, Scenario, SimulatorModel
 from ..simulator import FloatArray, SimulationFailure, in_parallel
 from .broken import Broken, broken
 from .evidence import Fit, Gaussian, climbed, gaussian
 from .footings import Footing, footings
 from .jumps import Jump, in_words, jumps
 from .misfit import Misfit, misfit
-from .thermostat import copied, disobeyed, inferred
-from .view import HEAT, INFERRED, NO_LINK, UNKNOWN, WIDENED, Memory, Point, View, known_thermostats, view_of
+from .prepared import prepared
+from .thermostat import copied, disobeyed
+from .view import WIDENED, Memory, Point, View, known_thermostats
 from .wrongs import Wrong, all_wrongs
 from .wrongs.heat import bursts
 
@@ -65,12 +64,8 @@ _OF_THERMOSTATS = frozenset({
 """Kinds of wrongs that explain why a status does not do what thresholds say,"""
 _OF_READINGS = frozenset({"gain", "drift", "curve", "slow"})
 """and why one that changes does not."""
-_MOST_LINKED = 14
-"""Nodes, of which any two may be linked."""
 _READ = 1.0
 """K, root mean square: what a sensor reads otherwise by less, a model may lack and be right."""
-_ORBITS = 4.0
-"""Of the first training window, that are looked at."""
 
 
 @dataclass(frozen=True)
@@ -168,57 +163,6 @@ def _jumps(window: Window, modelled: FloatArray, known: Collection[str]) -> list
     chosen = [k for k, channel in enumerate(window.simulator.channels) if channel not in known]
     names = [window.simulator.channels[k] for k in chosen]
     return jumps(names, window.times, window.observed[:, chosen], modelled[:, chosen])
-
-
-def prepared(scenario: Scenario, telemetry: xarray.Dataset) -> View | None:
-    """The first training window of a thermal network, driven by its heaters' status; None of anything else.
-
-    Of a heater that acts without a measured status nobody knows when it was on, and a model that switches a little
-    later is no wrong: its heat is then unknown. Raises FlightcalError.
-    """
-    model = scenario.simulator
-    if not isinstance(model, SimulatorModel) or model.reduced_model is not None or model.errors:
-        return None
-    heaters, channels = model.switches, dict(scenario.telemetry.channels)
-    for name, heater in heaters.items():
-        observing = [channel for channel, item in scenario.observations.items() if item.heater == name]
-        channel = heater.measured_by or (observing[0] if observing else None)
-        if channel is None:
-            values, channel = inferred(scenario, telemetry, name), f"{INFERRED}{name}"
-            if values is None:
-                values, channel = np.full(telemetry.sizes["time"], 0.5), f"{UNKNOWN}{name}"
-            telemetry = telemetry.assign({channel: ("time", values)})
-            channels[channel] = Channel(column=channel, kind="status")
-        heaters[name] = heater.model_copy(update={"measured_by": channel})
-    update: dict[str, Any] = {"heaters": {**model.heaters, **heaters}}
-    update |= {"heater_input": "measured"} if heaters else {}
-    update["conductors"] = (*model.conductors, *_of_nothing(model))
-    read = scenario.telemetry.model_copy(update={"channels": channels})
-    of_all = {"simulator": model.model_copy(update=update), "telemetry": read, "heat": _heat(scenario)}
-    changed = scenario.model_copy(update=of_all)
-    name = scenario.train_windows[0]
-    window = build_window(changed, telemetry, name)
-    if window.times[-1] - window.times[0] > np.timedelta64(round(_ORBITS * window.period), "s"):
-        window = build_window(changed, telemetry, name, span=_ORBITS * window.period)
-    return view_of(problem_of(changed, [window]), telemetry)
-
-
-def _heat(scenario: Scenario) -> Heat:
-    """What is taken as usual, or more where the scenario says so: over a driver, or a larger share of what flows."""
-    pattern = scenario.heat.pattern if isinstance(scenario.heat, Heat) else None
-    usual = HEAT.pattern
-    if pattern is None or usual is None or (pattern.over is None and pattern.scale <= usual.scale):
-        return HEAT
-    return HEAT.model_copy(update={"pattern": pattern})
-
-
-def _of_nothing(model: SimulatorModel) -> Iterator[Conductor]:
-    """Conductors that conduct nothing yet, between nodes of a small network that are not linked."""
-    own = [name for name, node in model.nodes.items() if node.boundary is None]
-    linked = {frozenset(conductor.between) for conductor in model.conductors}
-    for pair in combinations(own, 2) if len(own) <= _MOST_LINKED else ():
-        if frozenset(pair) not in linked:
-            yield Conductor(between=pair, conductance=f"{NO_LINK} W/K")
 
 
 def _without(view: View, times: NDArray[np.datetime64], seen: list[Broken]) -> View:

@@ -166,7 +166,7 @@ def left_out(view: View) -> Iterator[Wrong]:
 
 
 def links(view: View) -> Iterator[Wrong]:
-    """Two nodes are linked that the scenario does not link; `suspects.prepared` gave them a link of nothing."""
+    """Two nodes are linked that the scenario does not link; `prepared` gave them a link of nothing."""
     mapping, paths = view.network.mapping, view.network.network.paths
     written = [mapping.written[k] for k, path in enumerate(paths) if path.startswith("conductors.")]
     known = [value for value in written if value > _NONE] or [1.0]
