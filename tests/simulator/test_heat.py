@@ -7,7 +7,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from flightcal.simulator import TOO_MANY_SWITCHES, WIDTH, in_steps, integrate, network_simulator
+from flightcal.simulator import TOO_MANY_SWITCHES, WIDTH, SimulationFailure, in_steps, integrate, network_simulator
 from flightcal.simulator.calls import Calls
 
 from .. import small
@@ -106,6 +106,8 @@ def test_a_simulation_whose_heat_takes_a_node_below_absolute_zero_has_failed(tmp
     thetas = np.tile(small.theta_of(simulator), (3, 1))
     heat = np.stack([constant(simulator, panel=watts) for watts in (0.0, -150.0, -2.0)])
     assert [run is None for run in simulator.simulate_many(thetas, heat)] == [False, True, False]
+    with pytest.raises(SimulationFailure, match="no sensor reads"):
+        simulator.with_heat(heat[1]).simulate(thetas[1])
 
 
 def test_heat_of_a_batch_is_gone_in_the_next(tmp_path):

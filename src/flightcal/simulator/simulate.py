@@ -19,7 +19,7 @@ from ..compiled import Program, Row
 from .assembly import ParameterMap, assemble
 from .calls import Calls
 from .elimination import Elimination
-from .integrate import copied, in_parallel, switches
+from .integrate import SimulationFailure, copied, in_parallel, switches
 from .kernels.forward import FINISHED, TOO_MANY_SWITCHES, Outputs
 from .kernels.lanes import WIDTH
 from .network import Network
@@ -178,9 +178,11 @@ class NetworkSimulator:
         return found
 
     def simulate(self, theta: FloatArray) -> Trajectory:
-        """One simulation at theta [d]."""
+        """One simulation at theta [d]. Raises SimulationFailure."""
         with self._borrowed(1) as calls:
             calls.simulate(np.array(theta))
+            if not _succeeded(calls.outputs, 1)[0]:
+                raise SimulationFailure("a temperature is one that no sensor reads")
             return self._trajectory(copied(calls.outputs, 1), 0)
 
     def with_heat(self, heat: FloatArray) -> NetworkSimulator:
