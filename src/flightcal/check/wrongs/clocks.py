@@ -134,7 +134,8 @@ def channel_clocks(
             )
             near = partial(channel_clocks, view, closer(late, 240.0), name)
             tries = len(_FEW_SHIFTS) * len(known)
-            yield Wrong("channel clock", name, words, observed, tries=tries, closer=near)
+            smoothed = view.smoothed(late, [name])
+            yield Wrong("channel clock", name, words, observed, tries=tries, smoothed=smoothed, closer=near)
 
 
 def _moved(view: View, moved: FloatArray, own: Sequence[int]) -> FloatArray | None:
@@ -162,7 +163,8 @@ def packet_clocks(
         if packet and only in (None, packet) and 1 < len(own) < len(used) and set(own) != statuses
     }
     for (packet, own), late in product(tried.items(), map(float, seconds)):
-        observed = _moved(view, view.readings(late), [k for k, name in enumerate(view.channels) if name in own])
+        temperatures = [name for name in view.channels if name in own]
+        observed = _moved(view, view.readings(late), [view.channels.index(name) for name in temperatures])
         if observed is None or abs(late) < view.apart(own):
             continue
         try:
@@ -176,7 +178,9 @@ def packet_clocks(
         )
         near = partial(packet_clocks, view, closer(late, 240.0), packet)
         tries = len(_FEW_SHIFTS) * len(packets)
-        yield Wrong("channel clock", " ".join(own), words, observed, window, tries=tries, closer=near)
+        smoothed = view.smoothed(late, temperatures)
+        about = " ".join(own)
+        yield Wrong("channel clock", about, words, observed, window, tries=tries, smoothed=smoothed, closer=near)
 
 
 def driver_clocks(

@@ -91,6 +91,8 @@ class Wrong:
     """What the telemetry was scaled by."""
     tries: float = 1.0
     """So many alternatives there are of the kind."""
+    smoothed: float = 0.0
+    """Nats that it gains by reading telemetry between its samples."""
     closer: Callable[[], Iterator[Wrong]] | None = None
     """The same with numbers near by."""
 
@@ -101,8 +103,8 @@ class Wrong:
 
     @property
     def odds(self) -> float:
-        """Nats by which it is less likely than one thing alone, before the telemetry says anything."""
-        return float(np.log(self.tries * _RARE.get(self.kind, 1.0)))
+        """Nats by which it is less likely than one thing alone, before the telemetry says anything; and `smoothed`."""
+        return float(np.log(self.tries * _RARE.get(self.kind, 1.0))) + self.smoothed
 
 
 def driven(
