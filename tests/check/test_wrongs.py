@@ -734,3 +734,17 @@ def test_a_value_beyond_the_bounds_of_its_prior_is_named_with_what_it_is(tmp_pat
     assert (first.kind, first.about) == ("prior", "link")
     value = float(first.sentence.partition("link = ")[2].split()[0])
     assert value == pytest.approx(small.TRUTH["link"], rel=0.1)
+
+
+def test_a_heater_that_is_missing_may_be_much_stronger_than_what_flows_through_its_node(tmp_path):
+    """What leaves a body of 20 degC through a link of 0.1 W/K says little of its heater."""
+    written = small.content()
+    del written["parameters"]["link"], written["parameters"]["power"]
+    written["simulator"]["conductors"][0]["conductance"] = "0.1 W/K"
+    written["simulator"]["heaters"]["heater"]["power"] = "60 W"
+    scenario, data = small.closed_loop(tmp_path, written)
+    simulator = scenario.simulator.model_copy(update={"heaters": {}})
+    observations = {name: own for name, own in scenario.observations.items() if own.heater is None}
+    first = named(scenario.model_copy(update={"simulator": simulator, "observations": observations}), data)[0]
+    assert (first.kind, first.about) == ("missing heat", "body")
+    assert 30.0 < float(first.sentence.split()[1]) < 90.0

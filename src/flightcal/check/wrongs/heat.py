@@ -31,10 +31,11 @@ _DATES = tuple(sign * 3600.0 * hours for hours in (*range(3, 15), 24) for sign i
 """s, by which a timeline is off that is of another time zone or day."""
 _PARTED = 0.85
 """Share of the variance of heat over time that lies between on and off; of a sine it is 0.81, of normal noise 0.64."""
-_SECOND = 30.0
-"""So many times as rare as a first heater of a node is a second one that the scenario lacks,"""
 _UNSEEN = 20.0
-"""and as heat at times that a status or the timeline gives is heat whose times only the temperatures tell."""
+"""So many times as rare as heat at times that a status or the timeline gives is heat whose times only the
+temperatures tell."""
+_HEATED = 3.0
+"""Of what flows through a node without its heater, the power of that, about."""
 
 
 def modes(view: View) -> Iterator[Wrong]:
@@ -117,6 +118,7 @@ def missing_heat(view: View) -> Iterator[Wrong]:
     grid = view.network.drive.times
     used = set(status_channels(view).values())
     heated = {heater.node: name for name, heater in scenario.network.heaters.items()}
+    powers = [heater.power for heater in scenario.network.heaters.values()]
     waves: list[tuple[str, str, FloatArray]] = []
     for name, channel in scenario.telemetry.channels.items():
         if channel.kind == "status" and name not in used and name in view.telemetry:
@@ -130,22 +132,29 @@ def missing_heat(view: View) -> Iterator[Wrong]:
             waves.append(("", str(node), shares(view.network.observation.times, rising, grid)))
     for name, node, on in waves:
         flow = float(view.heat.flow[view.heat.nodes.index(node)])
-        size = max(flow, 1.0)
+        size = max(_HEATED * flow, 1.0, *powers)
         effect = size * view.response(view.window, centre, node, np.repeat(on, 2)[None])
 
         def words(fit: Fit, name: str = name, node: str = node, size: float = size, on: Any = on) -> Words:
             power, times = size * float(fit.added[0]), int((np.diff((np.asarray(on) > 0.5).astype(int)) > 0).sum())
+            heat = f"About {number(abs(power), 2)} W come and go in {node}"
+            if node in heated and not name:
+                return Words(
+                    f"{heated[node]} heats when its status does not say so",
+                    f"{heat}, {times} times in the window, beside what its status says.",
+                    f"Check which column its status is and how it says 'on', or whether {node} has another heater",
+                )
             what = f"as {name} says, which no heater of the scenario has" if name else f"{times} times in the window"
             return Words(
                 f"A heater of {node} is missing in the scenario",
-                f"About {number(abs(power), 2)} W come and go in {node}, {what}.",
-                f"Check the status of {heated[node]}"
-                if node in heated and not name
-                else f"Add the heater of {node} to 'simulator: heaters', with its status as 'measured_by'",
+                f"{heat}, {what}.",
+                f"Add the heater of {node} to 'simulator: heaters', with its status as 'measured_by'",
             )
 
-        tries = 2 * len(waves) * (1.0 if name else _UNSEEN * (_SECOND if node in heated else 1.0))
-        yield Wrong("missing heat", node, words, columns=effect, least=0.2 * flow / size, tries=tries)
+        tries = 2 * len(waves) * (1.0 if name else _UNSEEN)
+        lacking = Wrong("missing heat", node, words, columns=effect, least=0.2 * flow / size, tries=tries)
+        known = node in heated and not name
+        yield replace(lacking, kind="thermostat", about=heated[node]) if known else lacking
 
 
 def shares(seconds: FloatArray, states: FloatArray, grid: FloatArray) -> FloatArray:
