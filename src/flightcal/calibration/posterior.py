@@ -25,8 +25,6 @@ from .mode import Mode
 from .nuts import Draws
 from .table import EACH, Calibrated, calibrated, html_table
 
-_CENTRAL = (0.15865525, 0.84134475)
-"""Probabilities between which lie a normal distribution's deviations."""
 _LEAST_MOVED = 0.25
 """Of a prior's variance, that a posterior's mean may have at least. Where either a parameter or heat of unknown size
 explains the telemetry, a posterior is off, and as wide as the two together."""
@@ -80,8 +78,7 @@ def prior_scores(problem: Problem, theta: FloatArray) -> dict[str, PriorScore]:
     its contraction (Schad, Betancourt and Vasishth 2021, Psychological Methods 26).
     """
     priors = problem.priors
-    median, lower, upper = (priors.to_z(priors.quantile(p)) for p in (0.5, *_CENTRAL))
-    scores = (priors.to_z(theta).reshape(-1, theta.shape[-1]) - median) / (0.5 * (upper - lower))
+    scores = (priors.to_z(theta) - priors.to_z(priors.median())).reshape(-1, theta.shape[-1]) / priors.spread()
     usual = np.sqrt(np.maximum(1.0 - scores.var(axis=0), _LEAST_MOVED))
     found = zip(problem.names, np.median(scores, axis=0).tolist(), usual.tolist(), strict=True)
     return {name: PriorScore(score, most) for name, score, most in found}

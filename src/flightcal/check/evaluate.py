@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import math
 from dataclasses import dataclass
 
 import numpy as np
@@ -71,11 +70,6 @@ def log_likelihoods(problem: Problem, z: FloatArray, runs: ManyRuns | None = Non
     return values - problem.priors.at(z).log_density, runs
 
 
-_TAIL = 0.5 * math.erfc(1.0 / math.sqrt(2.0))
-CENTRAL = (_TAIL, 1.0 - _TAIL)
-"""Probabilities below the ends of the central 68%: a deviation of a normal distribution to each side."""
-
-
 def in_batches(count: int) -> list[slice]:
     """Slices of a few hundred."""
     return [slice(first, min(first + _BATCH, count)) for first in range(0, count, _BATCH)]
@@ -94,10 +88,3 @@ def signature(runs: Runs | None, heaters: int) -> tuple[int, ...]:
             on = run.switches.on[run.switches.heater == heater]
             counted += [len(on), int(on[0]) if len(on) else 0]
     return tuple(counted)
-
-
-def spread_in_z(problem: Problem) -> FloatArray:
-    """Standard deviation [d] that each prior has on the unconstrained scale: half the width of its central 68%."""
-    lower, upper = (problem.to_z(problem.priors.quantile(p)) for p in CENTRAL)
-    spread: FloatArray = 0.5 * (upper - lower)
-    return spread

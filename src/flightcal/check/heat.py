@@ -15,7 +15,6 @@ from ..probability import DEVIATION, Shaped, filter_of
 from ..problem import Entry, Problem, Window, heat_in_prior, held_by, hold, responses, sampled_windows, unit_heats
 from ..scenario import heat_of
 from ..simulator import FloatArray, SimulationFailure
-from .evaluate import spread_in_z
 
 ALIKE = 0.9
 """Cosine from which heat can imitate a parameter, or one heat two of them."""
@@ -107,7 +106,7 @@ def beside_heat(problem: Problem, z: FloatArray) -> BesideHeat | None:
     effect = np.concatenate([whiten(jacobian) for whiten, jacobian in zip(whitened, effects, strict=True)])
     heat = np.concatenate([whiten(_padded(own, most)) for whiten, own in zip(whitened, heats, strict=True)])
     by_node = {name: heat[:, node == k] * sizes[node == k] for k, name in enumerate(model.nodes)}
-    return _compared(problem.entries, effect * spread_in_z(problem), heat * sizes, by_node)
+    return _compared(problem.entries, effect * problem.priors.spread(), heat * sizes, by_node)
 
 
 def _held(window: Window, theta: FloatArray) -> Window:

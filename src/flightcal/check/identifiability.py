@@ -15,7 +15,6 @@ from scipy.linalg import qr
 
 from ..problem import Problem
 from ..simulator import FloatArray
-from .evaluate import spread_in_z
 
 UNTOLD = 1.0
 """Information below which the prior counts for more than the data."""
@@ -90,7 +89,7 @@ class Identifiability:
 
 def identifiability(problem: Problem, z: FloatArray, hessian: FloatArray) -> Identifiability:
     """The spectrum at z [d], with the Gauss-Newton Hessian [d, d] there (the prior's share included)."""
-    spread = spread_in_z(problem)
+    spread = problem.priors.spread()
     information = (hessian - np.diag(problem.priors.precision(z))) * np.outer(spread, spread)
     eigenvalues, directions = np.linalg.eigh(0.5 * (information + information.T))
     eigenvalues = np.maximum(eigenvalues, 0.0)
@@ -146,7 +145,7 @@ def _combination(problem: Problem, z: FloatArray, move: FloatArray, information:
     """What a move [d] of z by one standard deviation of the prior does to the parameters, in their own units."""
     information = max(information, 0.0)
     size = 1.0 / np.sqrt(1.0 + information)
-    weights = move / spread_in_z(problem)
+    weights = move / problem.priors.spread()
     terms = problem.priors.at(z)
     after = problem.to_theta(z + size * move)
     lower, _ = problem.priors.bounds(1.0 - 1e-9)

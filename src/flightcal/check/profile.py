@@ -17,7 +17,6 @@ from ..problem import Problem
 from ..progress import SILENT, Progress
 from ..simulator import FloatArray, IntArray, SimulationFailure
 from .centre import Centre
-from .evaluate import spread_in_z
 
 DROP = 1.92
 """Nats that bound a 95% interval: half of chi-square's 95% with one degree of freedom."""
@@ -56,7 +55,7 @@ def profile(problem: Problem, centre: Centre, name: str, progress: Progress = SI
     It needs a gradient.
     """
     k = problem.names.index(name)
-    deviation = min(float(np.sqrt(centre.covariance[k, k])), float(spread_in_z(problem)[k]))
+    deviation = min(float(np.sqrt(centre.covariance[k, k])), float(problem.priors.spread()[k]))
     others = np.delete(np.arange(len(centre.z)), k)
     offsets = np.linspace(0.0, _REACH * deviation, _POINTS + 1)[1:]
     found = [_fitted(problem, centre.z, others)]

@@ -332,13 +332,12 @@ def _gain_alone(view: View, memory: Memory, columns: FloatArray | None, look: _L
 
     def evidence(read: FloatArray, at_rows: FloatArray, more: FloatArray | None = None) -> float:
         """read: [t] K; at_rows: [t, t] of what moves it at the rows; more: [t, k] further columns."""
-        parts = (at_rows @ moving[own] for moving in (point.effects, point.heat, point.jitter))
-        alone = replace(point, **dict(zip(("effects", "heat", "jitter"), parts, strict=True)))
+        effects, heat, jitter = (at_rows @ moving[own] for moving in (point.effects, point.heat, point.jitter))
+        alone = replace(point, effects=effects, heat=heat, jitter=jitter)
         around = gaussian(rows, alone, np.isfinite(observed), _FIRST_SIZES, _BLURRED)
         return around.fit(observed - read - at_rows @ look.back[own], more).evidence
 
-    seconds = (view.window.times - view.window.times[view.rows.kept[0]]) / np.timedelta64(1, "s")
-    nearest = np.abs(seconds[:, None] - view.rows.seconds).argmin(axis=1)
+    nearest = np.abs(view.seconds[:, None] - view.rows.seconds).argmin(axis=1)
     otherwise = evidence(
         memory.weights @ simulated, memory.weights @ np.eye(t)[nearest], None if columns is None else columns[own]
     )

@@ -12,11 +12,11 @@ import xarray
 from numpy.typing import NDArray
 
 from ..environment import seconds_later
+from ..probability import CENTRAL
 from ..problem import HeatModel, Problem, Window, heat_model, initial_priors, responses, unit_heats
 from ..scenario import Heat, HeatPattern, HeatSlow
 from ..simulator import FloatArray, NetworkSimulator, SimulationFailure
 from ..telemetry import quiet_noise
-from .evaluate import CENTRAL, spread_in_z
 from .sunlight import Sunlight
 
 HEAT = Heat(pattern=HeatPattern(harmonics=4), slow=HeatSlow(scale=0.02))
@@ -215,6 +215,11 @@ class View:
         told = [np.diag(np.linalg.inv(error)) for error in self.rows.error()]
         return np.asarray(self.rows.noise[:, None] ** 2 * np.stack(told))
 
+    @cached_property
+    def seconds(self) -> FloatArray:
+        """[T] of the window's samples, from the first row."""
+        return np.asarray((self.window.times - self.window.times[self.rows.kept[0]]) / np.timedelta64(1, "s"), float)
+
     def apart(self, channels: Iterable[str]) -> float:
         """s between samples of the one of some channels that is sampled least; 0: there are none."""
         times = self.telemetry["time"].to_numpy()
@@ -261,8 +266,8 @@ class View:
 
     @cached_property
     def spread(self) -> FloatArray:
-        """[d] deviations of z; see `evaluate.spread_in_z`."""
-        spread = spread_in_z(self.problem)
+        """[d] deviations of z; see `Priors.spread`."""
+        spread = self.problem.priors.spread()
         if self.widened is not None:
             spread[self.widened] *= WIDENED
         if self.moved:

@@ -21,7 +21,7 @@ from .likelihood import (
 from .noise import INDEPENDENT, called
 from .noise.kind import DEVIATION, NoiseKind
 from .noise.shaped import Shaped
-from .priors import Priors, PriorTerms, Tilt, signed
+from .priors import CENTRAL, Priors, PriorTerms, Tilt, signed
 from .residuals import TIME_LENGTH, TIME_SIZE, ResidualModel, residual_model
 from .status import THRESHOLD_ERROR, HeaterStatus, heater_status, measured_switches, uncertain_thermostats
 from .straight import Straight, straight

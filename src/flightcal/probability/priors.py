@@ -13,6 +13,7 @@ passes through zero: theta = scale |z| of a half-normal, scale |sinh z| of half 
 
 from __future__ import annotations
 
+import math
 from collections.abc import Callable
 from dataclasses import dataclass
 from functools import cached_property
@@ -28,6 +29,9 @@ from .kernels.priors import NDTRI, TINY, PriorsCall, evaluate
 
 Array = NDArray[np.float64]
 
+_BELOW = 0.5 * math.erfc(1.0 / math.sqrt(2.0))
+CENTRAL = (_BELOW, 1.0 - _BELOW)
+"""Probabilities below the ends of the central 68%: a deviation of a normal distribution to each side."""
 _SMALLEST = 2.0**-53
 """Probabilities stay this far from 0 and 1, so that quantiles are finite (normal score 8.2)."""
 
@@ -126,6 +130,11 @@ class Priors:
         """Theta [..., d] below which `probability` [..., d] (or a scalar) of each prior lies."""
         p = np.broadcast_to(probability, np.broadcast_shapes(np.shape(probability), (len(self.priors),)))
         return self.to_theta(self._by_family("quantile", p.clip(_SMALLEST, 1.0 - _SMALLEST)))
+
+    def spread(self) -> Array:
+        """Standard deviation [d] of each prior on the unconstrained scale: half the width of its central 68%."""
+        lower, upper = (self.to_z(self.quantile(p)) for p in CENTRAL)
+        return np.asarray(0.5 * (upper - lower))
 
     def sample(self, rng: np.random.Generator, count: int) -> Array:
         """`count` independent prior draws of theta [count, d]."""

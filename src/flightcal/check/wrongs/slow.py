@@ -77,7 +77,7 @@ def _not_told(view: View, memory: Memory, width: float) -> FloatArray:
     before and after the window. All are off by about what the node changes in half such a time.
     """
     channel = memory.channel
-    first, last = _seconds(view)[[0, -1]]
+    first, last = view.seconds[[0, -1]]
     reach = 0.5 * width * np.linspace(0.0, 1.0, _PIECES + 1)
     edges = (first - reach[::-1], last + reach)
     shares = [np.diff(_share_of_mean(width, own - view.rows.seconds[:, None]), axis=1) for own in edges]
@@ -117,14 +117,9 @@ def _share_of_mean(width: float, later: FloatArray) -> FloatArray:
 
 def _weights(view: View, share: Callable[[FloatArray], FloatArray]) -> FloatArray:
     """[t, T] of what is read at each row, from times around each of the window's samples; the first and last go on."""
-    seconds = _seconds(view)
+    seconds = view.seconds
     edges = np.concatenate([[-np.inf], 0.5 * (seconds[1:] + seconds[:-1]), [np.inf]])
     return np.diff(share(edges - view.rows.seconds[:, None]), axis=1)
-
-
-def _seconds(view: View) -> FloatArray:
-    """[T] of the window's samples, from the first row."""
-    return np.asarray((view.window.times - view.window.times[view.rows.kept[0]]) / np.timedelta64(1, "s"), float)
 
 
 WRONGS = (lags, means)
