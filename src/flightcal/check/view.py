@@ -438,11 +438,8 @@ def series_at(telemetry: xarray.Dataset, name: str, times: NDArray[np.datetime64
     valid = np.isfinite(values)
     if valid.sum() < 2:
         return np.full(len(times), np.nan)
-    origin = telemetry["time"].to_numpy()[0]
-    seconds = (telemetry["time"].to_numpy()[valid] - origin) / np.timedelta64(1, "s")
-    at = (times - origin) / np.timedelta64(1, "s")
+    seconds, at, after = _placed(telemetry, valid, times)
     found = np.interp(at, seconds, values[valid], left=np.nan, right=np.nan)
-    after = np.clip(np.searchsorted(seconds, at), 1, len(seconds) - 1)
     gap = seconds[after] - seconds[after - 1]
     on_sample = np.isin(at, seconds)
     near = gap <= max(_LONGEST, 3.0 * float(np.median(np.diff(seconds))))
@@ -456,13 +453,22 @@ def series_at(telemetry: xarray.Dataset, name: str, times: NDArray[np.datetime64
 
 def noise_left(telemetry: xarray.Dataset, name: str, times: NDArray[np.datetime64]) -> FloatArray:
     """Share [t] of the variance of a channel's noise that is left at times, on the line between two samples."""
-    at, known = (own.astype("datetime64[ms]").astype(float) for own in (times, telemetry["time"].to_numpy()))
-    known = known[np.isfinite(telemetry[name].to_numpy())]
-    if len(known) < 2:
-        return np.ones(len(at))
-    after = np.clip(np.searchsorted(known, at), 1, len(known) - 1)
-    share = np.clip((at - known[after - 1]) / (known[after] - known[after - 1]), 0.0, 1.0)
+    valid = np.isfinite(telemetry[name].to_numpy())
+    if valid.sum() < 2:
+        return np.ones(len(times))
+    seconds, at, after = _placed(telemetry, valid, times)
+    share = np.clip((at - seconds[after - 1]) / (seconds[after] - seconds[after - 1]), 0.0, 1.0)
     return np.asarray(share**2 + (1.0 - share) ** 2)
+
+
+def _placed(
+    telemetry: xarray.Dataset, valid: NDArray[np.bool_], times: NDArray[np.datetime64]
+) -> tuple[FloatArray, FloatArray, NDArray[np.int64]]:
+    """Valid samples and times [t], s from the telemetry's first, and of each time the sample after it."""
+    origin = telemetry["time"].to_numpy()[0]
+    seconds = (telemetry["time"].to_numpy()[valid] - origin) / np.timedelta64(1, "s")
+    at = (times - origin) / np.timedelta64(1, "s")
+    return seconds, at, np.clip(np.searchsorted(seconds, at), 1, len(seconds) - 1)
 
 
 def rows_of(window: Window) -> Rows:
