@@ -281,6 +281,11 @@ class View:
         """theta [d] of the priors."""
         return self._quantile(0.5)
 
+    @cached_property
+    def numbers(self) -> FloatArray:
+        """[V] of the simulator, at the priors' medians."""
+        return self.network.numbers(self.problem.at(self.window, self.median)[self.window.simulated])
+
     def _quantile(self, probability: float) -> FloatArray:
         theta = self.problem.priors.quantile(probability)
         for entry, times in self.moved:

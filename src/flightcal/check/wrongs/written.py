@@ -39,6 +39,8 @@ _OF_PARTS = frozenset((block, kind) for block, kinds in _ALIKE for kind in kinds
 """Numbers that parts have in common,"""
 _MOST_OF_PARTS = 12
 """so many at most."""
+_MOST_HELD = 10.0
+"""Of the heat that all other nodes hold, what one may hold."""
 _FAR = 4.0
 """Deviations of its prior, from which a parameter is far off."""
 
@@ -109,7 +111,9 @@ def _number(
     if name.rpartition(".")[2] in ("absorptivity", "emissivity", "albedo") and value > 1.0:
         return
     low, high = _BELIEVABLE.get(name, (-np.inf, np.inf))
-    if not low <= value <= high:
+    changed = view.numbers.copy()
+    changed[list(places)] *= factor
+    if not low <= value <= high or (factor > 1.0 and _holds_too_much(view, changed)):
         return
     one = len(places) == 1
     words = Words(
@@ -121,6 +125,22 @@ def _number(
         f"Check '{name}', and its unit",
     )
     yield Wrong("number", name, words, window=multiplied(view, places, factor), tries=tries, closer=closer)
+
+
+def _holds_too_much(view: View, changed: FloatArray) -> bool:
+    """Whether with changed numbers [V] one node holds far more heat than all others, and did not before.
+
+    A channel that hardly changes is explained by any capacity that is large enough, whatever keeps it.
+    """
+    paths = view.network.network.paths
+    places = [k for k, path in enumerate(paths) if path.startswith("nodes.") and path.endswith(".capacity")]
+
+    def most(numbers: FloatArray) -> float:
+        """What the largest capacity is of all others."""
+        others = float(numbers[places].sum() - numbers[places].max(initial=0.0))
+        return float(numbers[places].max(initial=0.0)) / others if others > 0.0 else np.inf
+
+    return most(changed) > max(_MOST_HELD, most(view.numbers))
 
 
 def coatings(view: View) -> Iterator[Wrong]:
@@ -227,7 +247,7 @@ def other_priors(view: View) -> Iterator[Wrong]:
     for name, factor in product(parameters, FACTORS):
         entry = view.problem.names.index(name)
         moved = replace(view, moved=((entry, factor),))
-        if not _FAR < _apart(view, moved)[0] < np.inf:
+        if not _FAR < _apart(view, moved)[0] < np.inf or (factor > 1.0 and _holds_too_much(view, moved.numbers)):
             continue
         value, median = (float(own.median[entry]) for own in (moved, view))
         words = Words(
@@ -240,8 +260,7 @@ def other_priors(view: View) -> Iterator[Wrong]:
 
 def exchanged(view: View) -> Iterator[Wrong]:
     """Two capacities, conductances, areas or coatings are each other's, as they are written or in priors."""
-    paths, at = view.network.network.paths, view.problem.at(view.window, view.median)[view.window.simulated]
-    now = view.network.numbers(at)
+    paths, now = view.network.network.paths, view.numbers
     found: dict[tuple[Moved, tuple[float, ...]], tuple[str, str, tuple[str, ...]]] = {}
     for block, numbers in _ALIKE:
         places_of = [k for k, path in enumerate(paths) if path.startswith(block) and path.endswith(numbers[0])]
