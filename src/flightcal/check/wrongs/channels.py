@@ -14,8 +14,8 @@ from ..evidence import Fit, Scale
 from ..view import View
 from .wrong import Words, Wrong
 
-_BIASES = (8.0, 40.0)
-"""K, prior deviations of a channel's bias: of a poor calibration, and of a wrong one."""
+_BIASES = ((8.0, 0.8), (40.0, 0.2))
+"""K, prior deviations of a channel's bias, and how often: of a poor calibration, and of a wrong one."""
 _DRIFT = 8.0
 """K, prior deviation of a channel's drift over the window."""
 _CURVE = 6.0
@@ -39,7 +39,7 @@ _MOST_NODES = 15
 def biases(view: View) -> Iterator[Wrong]:
     """Each channel reads too high or too low by a constant."""
     t = len(view.rows.kept)
-    for (k, channel), size in product(enumerate(view.channels), _BIASES):
+    for (k, channel), (size, often) in product(enumerate(view.channels), _BIASES):
         column = view.misread(k, np.full(t, size))
 
         def words(fit: Fit, channel: str = channel, size: float = size) -> Words:
@@ -52,7 +52,7 @@ def biases(view: View) -> Iterator[Wrong]:
                 f"Check the sensor's calibration curve; or write 'observations: {{{channel}: {{bias: {bias:.1f} K}}}}'",
             )
 
-        yield Wrong("bias", channel, words, columns=column, least=1.0 / size, tries=2 * len(view.channels))
+        yield Wrong("bias", channel, words, columns=column, least=1.0 / size, tries=len(view.channels) / often)
 
 
 def gains(view: View) -> Iterator[Wrong]:
