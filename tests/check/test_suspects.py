@@ -343,6 +343,14 @@ def test_what_explains_most_is_looked_at_closely_however_long_its_odds_are():
     assert finalists([*gains, 45.0], [*likely, burst]) == [*likely, burst]
 
 
+def test_of_every_other_kind_that_is_not_much_less_likely_one_is_looked_at_closely():
+    likely = [Wrong(("bias", "gain", "drift", "slow")[k // 3], str(k), Words("", "", "")) for k in range(12)]
+    others = [Wrong("mode", "a", Words("", "", "")), Wrong("mode", "b", Words("", "", ""))]
+    gains = [40.0 - k for k in range(12)]
+    assert finalists([*gains, 17.0, 16.5], [*likely, *others]) == [*likely, others[0]]
+    assert finalists([*gains, 15.0, 14.5], [*likely, *others]) == likely
+
+
 def test_a_clock_is_rather_off_by_less_than_half_an_orbit(tmp_path):
     view = prepared(*small.closed_loop(tmp_path, sunlit()))
     assert view is not None

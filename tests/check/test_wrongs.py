@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 
 from flightcal.check import suspects, wrongs
+from flightcal.check.evidence import climbed
 from flightcal.check.prepared import prepared
 from flightcal.check.sunlight import FINE
 from flightcal.check.wrongs.channels import swaps
@@ -748,3 +749,43 @@ def test_a_heater_that_is_missing_may_be_much_stronger_than_what_flows_through_i
     first = named(scenario.model_copy(update={"simulator": simulator, "observations": observations}), data)[0]
     assert (first.kind, first.about) == ("missing heat", "body")
     assert 30.0 < float(first.sentence.split()[1]) < 90.0
+
+
+def without_its_heater(scenario):
+    """The scenario with neither its heater nor the status of that, and with no parameters."""
+    channels = {name: own for name, own in scenario.telemetry.channels.items() if own.kind != "status"}
+    observations = {name: own for name, own in scenario.observations.items() if own.heater is None}
+    update = {
+        "simulator": scenario.simulator.model_copy(update={"heaters": {}}),
+        "telemetry": scenario.telemetry.model_copy(update={"channels": channels}),
+        "observations": observations,
+        "parameters": {},
+    }
+    return scenario.model_copy(update=update)
+
+
+@pytest.mark.parametrize("apart", [1, 3, 4, 5])
+def test_a_heater_that_is_missing_is_named_however_seldom_its_node_is_read(flown, apart):
+    scenario, data = flown
+    first = named(without_its_heater(scenario), data.isel(time=slice(None, None, apart)))[0]
+    assert (first.kind, first.about) == ("missing heat", "body")
+
+
+def test_times_of_a_missing_heater_are_known_to_about_the_time_between_two_readings(flown):
+    scenario, data = flown
+    view = prepared(without_its_heater(scenario), data.isel(time=slice(None, None, 3)))
+    base = view.point(view.window, view.middle)
+    own = next(wrong for wrong in missing_heat(view) if wrong.about == "body")
+    exact, shifted = (
+        climbed(view, view.window, view.observed, base, columns) for columns in (own.columns[:, :1], own.columns)
+    )
+    assert shifted.evidence > exact.evidence + 10.0
+
+
+def test_no_part_holds_far_more_heat_than_all_others(flown):
+    """Such a capacity would explain every channel that hardly changes."""
+    scenario, data = flown
+    titles = [own.words.title for own in numbers(prepared(scenario, data)) if ".capacity" in own.about]
+    assert "nodes.panel.capacity is 0.1000 times what it should be" in titles
+    assert "nodes.body.capacity is 1000 times what it should be" in titles
+    assert not any("body.capacity is 0.001" in title or "panel.capacity is 0.01" in title for title in titles)

@@ -28,7 +28,7 @@ from .prepared import prepared
 from .thermostat import copied, disobeyed
 from .view import WIDENED, Memory, Point, View, known_thermostats
 from .wrongs import Wrong, all_wrongs
-from .wrongs.heat import bursts
+from .wrongs.heat import now_and_then
 
 SUSPECTS_FILE = "suspects.json"
 _CLEAR = 10.0
@@ -40,6 +40,8 @@ _OF_A_KIND = 3
 """So many of a kind are looked at closely, and beside them as many whose size a closer look finds:"""
 _BY_SIZE = frozenset({"number", "link", "heater", "driver", "attitude", "orbit", "constant heat"})
 """of these kinds, and one of each number."""
+_OTHER_KINDS = 0.4
+"""Share of the nats of the likeliest, from which the best of every other kind is looked at closely."""
 _LARGEST = 2
 """So many more are looked at closely that explain most whatever their odds: a first look sees a part of the nats."""
 _ROUNDS = 3
@@ -199,7 +201,7 @@ def _compared(view: View, base: Point, nothing: Fit, odd: Collection[str]) -> li
     known = np.isfinite(view.as_read)
     looks = [_look(view, point, known) for point in (base, view.point(view.window, nothing.z, base))]
     looks = [replace(look, around=look.around.inverted()) for look in looks]
-    wrongs = [*all_wrongs(view), *_bursts(view, looks[1])]
+    wrongs = [*all_wrongs(view), *_now_and_then(view, looks[1])]
 
     def gained(k: int) -> float:
         try:
@@ -207,7 +209,9 @@ def _compared(view: View, base: Point, nothing: Fit, odd: Collection[str]) -> li
         except SimulationFailure:
             return -np.inf
 
-    chosen = finalists(in_parallel(gained, len(wrongs)), wrongs)
+    gains = in_parallel(gained, len(wrongs))
+    chosen = finalists(gains, wrongs)
+    chosen += [own for own in _of_thermostats(gains, wrongs, odd) if not any(own is other for other in chosen)]
 
     def named(k: int) -> tuple[Fit, Suspicion] | None:
         try:
@@ -239,12 +243,12 @@ def _matters(view: View, wrong: Wrong, fit: Fit) -> bool:
     return float(np.sqrt(np.sum(otherwise**2) / len(view.rows.kept))) > _READ
 
 
-def _bursts(view: View, look: _Look) -> list[Wrong]:
+def _now_and_then(view: View, look: _Look) -> list[Wrong]:
     """Heat that comes and goes where nothing wrong leaves something of the telemetry."""
     point = look.around.point
     left = view.as_read - point.temperatures - look.back
     try:
-        return list(bursts(view, point.z, lambda effects: look.around.fit(left, effects).added))
+        return list(now_and_then(view, point.z, lambda effects: look.around.fit(left, effects).added))
     except SimulationFailure:
         return []
 
@@ -252,17 +256,29 @@ def _bursts(view: View, look: _Look) -> list[Wrong]:
 def finalists(gains: Sequence[float], wrongs: Sequence[Wrong]) -> list[Wrong]:
     """Wrongs whose first look is promising, the likeliest first, odds counted, and few of a kind.
 
-    Then those that explain most, odds or not.
+    Then the best of kinds that none of these is of, and those that explain most, odds or not.
     """
     found: list[Wrong] = []
-    for gain, wrong in sorted(zip(gains, wrongs, strict=True), key=lambda item: item[1].odds - item[0]):
-        alike = [own for own in found if own.kind == wrong.kind and _sized(own) == _sized(wrong)]
-        looked_at = _sized(wrong) and any(own.about == wrong.about for own in alike)
-        if gain > _PROMISING and len(alike) < _OF_A_KIND and not looked_at:
+    likely = sorted(zip(gains, wrongs, strict=True), key=lambda item: item[1].odds - item[0])
+    enough = _OTHER_KINDS * (likely[0][0] - likely[0][1].odds) if likely else 0.0
+    for gain, wrong in likely:
+        alike = [own for own in found if own.kind == wrong.kind]
+        like_it = [own for own in alike if _sized(own) == _sized(wrong)]
+        looked_at = _sized(wrong) and any(own.about == wrong.about for own in like_it)
+        wanted = len(like_it) < _OF_A_KIND if len(found) < _FINALISTS else not alike and gain - wrong.odds > enough
+        if gain > _PROMISING and wanted and not looked_at:
             found.append(wrong)
     largest = [wrongs[k] for k in np.argsort(-np.asarray(gains), kind="stable")[:_LARGEST] if gains[k] > _PROMISING]
-    chosen = found[:_FINALISTS]
-    return [*chosen, *(own for own in largest if not any(own is other for other in chosen))]
+    return [*found, *(own for own in largest if not any(own is other for other in found))]
+
+
+def _of_thermostats(gains: Sequence[float], wrongs: Sequence[Wrong], odd: Collection[str]) -> list[Wrong]:
+    """Of each kind that explains why a status does not do what thresholds say, the likeliest about one of these."""
+    best: dict[str, Wrong] = {}
+    for _, wrong in sorted(zip(gains, wrongs, strict=True), key=lambda item: item[1].odds - item[0]):
+        if wrong.kind in _OF_THERMOSTATS and wrong.about in odd:
+            best.setdefault(wrong.kind, wrong)
+    return list(best.values())
 
 
 def _sized(wrong: Wrong) -> bool:

@@ -25,6 +25,8 @@ _LACKED = 0.2
 """and the least that is worth a word."""
 _PIECES = 48
 """Of a window, each with heat of its own."""
+_AT_ANY_TIME = (0.5, 2.0)
+"""Of what flows through a node, heat that it may get at any time, in the mean and from piece to piece."""
 _NOW_AND_THEN = 0.5
 """Share of the time, up to which heat comes and goes."""
 _DATES = tuple(sign * 3600.0 * hours for hours in (*range(3, 15), 24) for sign in (-1.0, 1.0))
@@ -34,6 +36,8 @@ _PARTED = 0.85
 _UNSEEN = 20.0
 """So many times as rare as heat at times that a status or the timeline gives is heat whose times only the
 temperatures tell."""
+_SHIFTED = 0.5
+"""Of a heat, what a node may have had more or less between two rows about a time when it came or went."""
 _HEATED = 3.0
 """Of what flows through a node without its heater, the power of that, about."""
 
@@ -133,7 +137,10 @@ def missing_heat(view: View) -> Iterator[Wrong]:
     for name, node, on in waves:
         flow = float(view.heat.flow[view.heat.nodes.index(node)])
         size = max(_HEATED * flow, 1.0, *powers)
-        effect = size * view.response(view.window, centre, node, np.repeat(on, 2)[None])
+        series = np.repeat(on, 2)[None]
+        if not name:
+            series = np.concatenate([series, about_switches(view, on)])
+        effect = size * view.response(view.window, centre, node, series)
 
         def words(fit: Fit, name: str = name, node: str = node, size: float = size, on: Any = on) -> Words:
             power, times = size * float(fit.added[0]), int((np.diff((np.asarray(on) > 0.5).astype(int)) > 0).sum())
@@ -157,6 +164,17 @@ def missing_heat(view: View) -> Iterator[Wrong]:
         yield replace(lacking, kind="thermostat", about=heated[node]) if known else lacking
 
 
+def about_switches(view: View, on: FloatArray) -> FloatArray:
+    """Series [k, 2 K], shares of a heat that a node may have had more or less when its state [K] changes.
+
+    on: in the simulation's steps, as temperatures tell it: its changes are known to about the time between two rows.
+    """
+    grid, rows = view.network.drive.times, view.rows.seconds
+    half, at = 0.5 * float(np.median(np.diff(rows))), grid[1:-1][np.diff((on > 0.5).astype(int)) != 0]
+    near = [pieces(view.window, np.array([time - half, time + half])) for time in at]
+    return _SHIFTED * np.concatenate([np.empty((0, 2 * len(on))), *near])
+
+
 def shares(seconds: FloatArray, states: FloatArray, grid: FloatArray) -> FloatArray:
     """[K] share of each step of a grid [K + 1] in which states [T], each from its time on, are 1: heat adds up."""
     edges = np.union1d(seconds, grid)
@@ -166,39 +184,70 @@ def shares(seconds: FloatArray, states: FloatArray, grid: FloatArray) -> FloatAr
     return np.divide(np.diff(np.interp(grid, edges, so_far)), length, out=np.zeros_like(length), where=length > 0.0)
 
 
-def bursts(view: View, z: FloatArray, weights: Callable[[FloatArray], FloatArray]) -> Iterator[Wrong]:
+def now_and_then(view: View, z: FloatArray, weights: Callable[[FloatArray], FloatArray]) -> Iterator[Wrong]:
     """Heat that a node gets now and then, of a mode or a heater that the scenario lacks.
 
     Its times are read from the telemetry: the heat of each piece of the window is estimated, and pieces of much heat
-    are taken as one burst. z: [d], around which. weights: of effects [R, k] of unknown size, the most probable [k]
-    beside everything that may be usual.
+    are taken as one burst; or it is taken to be another in each of them.
+    z: [d], around which. weights: of effects [R, k] of unknown size, the most probable [k] beside everything that may
+    be usual.
     """
     edges = np.linspace(0.0, view.network.drive.times[-1], _PIECES + 1)
     each = pieces(view.window, edges)
     unknown = [view.window.scenario.network.heaters[name].node for name in view.unknown]
     for node, flow in zip(view.heat.nodes, view.heat.flow.tolist(), strict=True):
-        if node in unknown:
-            continue
-        size = max(flow, 1.0)
-        effects = size * view.response(view.window, z, node, each)
-        on, parted = upper(weights(effects))
-        turns = np.flatnonzero(np.diff(on.astype(int), prepend=0, append=0))
-        if on.mean() > _NOW_AND_THEN or parted < _PARTED:
-            continue
-        times = np.datetime_as_string(view.utc(edges[turns]), unit="m").reshape(-1, 2)
-        spans = [f"{first} to {last[11:]}" for first, last in times[:3].tolist()]
-        more = f" and {len(times) - 3} more" if len(times) > 3 else ""
+        if node not in unknown:
+            effects = view.response(view.window, z, node, each)
+            yield from _burst(view, node, flow, max(flow, 1.0) * effects, edges, weights)
+            for share in _AT_ANY_TIME:
+                yield _at_any_time(view, node, flow, max(share * flow, 1.0), effects)
 
-        def words(fit: Fit, node: str = node, size: float = size, when: str = listed(spans) + more) -> Words:
-            return Words(
-                f"A mode or a heater of {node} is missing in the scenario",
-                f"About {number(size * float(fit.added[0]), 2)} W come and go in {node}: {when} (UTC).",
-                f"Add what is on in {node} then, to 'simulator: modes' and 'timeline' or to 'simulator: heaters'",
-            )
 
-        tries = 2.0 * len(view.heat.nodes) * comb(_PIECES, len(turns))
-        effect = effects @ on.astype(float)[:, None]
-        yield Wrong("missing heat", node, words, columns=effect, least=0.2 * flow / size, lacked=True, tries=tries)
+def _burst(
+    view: View,
+    node: str,
+    flow: float,
+    effects: FloatArray,
+    edges: FloatArray,
+    weights: Callable[[FloatArray], FloatArray],
+) -> Iterator[Wrong]:
+    """Pieces of much heat as one burst; effects: [R, k] K of the heat of pieces between edges [k + 1] s."""
+    on, parted = upper(weights(effects))
+    turns = np.flatnonzero(np.diff(on.astype(int), prepend=0, append=0))
+    if on.mean() > _NOW_AND_THEN or parted < _PARTED:
+        return
+    times = np.datetime_as_string(view.utc(edges[turns]), unit="m").reshape(-1, 2)
+    spans = [f"{first} to {last[11:]}" for first, last in times[:3].tolist()]
+    when = listed(spans) + (f" and {len(times) - 3} more" if len(times) > 3 else "")
+    size = max(flow, 1.0)
+
+    def words(fit: Fit) -> Words:
+        power = number(size * float(fit.added[0]), 2)
+        return _of_what_lacks(node, f"About {power} W come and go in {node}: {when} (UTC).")
+
+    tries = 2.0 * len(view.heat.nodes) * comb(_PIECES, len(turns))
+    effect = effects @ on.astype(float)[:, None]
+    yield Wrong("missing heat", node, words, columns=effect, least=0.2 * flow / size, lacked=True, tries=tries)
+
+
+def _at_any_time(view: View, node: str, flow: float, size: float, effects: FloatArray) -> Wrong:
+    """Heat of about `size` W that is another in each piece; effects: [R, k] K of a watt in each."""
+
+    def words(fit: Fit) -> Words:
+        power = number(size * float(fit.added[0]), 2)
+        return _of_what_lacks(node, f"About {power} W in the mean come and go in {node}, at no times that can be told.")
+
+    columns = size * np.column_stack([effects.sum(axis=1), effects])
+    tries = len(_AT_ANY_TIME) * len(view.heat.nodes) * _UNSEEN
+    return Wrong("missing heat", node, words, columns=columns, least=_LACKED * flow / size, lacked=True, tries=tries)
+
+
+def _of_what_lacks(node: str, sentence: str) -> Words:
+    return Words(
+        f"A mode or a heater of {node} is missing in the scenario",
+        sentence,
+        f"Add what is on in {node} then, to 'simulator: modes' and 'timeline' or to 'simulator: heaters'",
+    )
 
 
 def upper(values: FloatArray) -> tuple[NDArray[np.bool_], float]:

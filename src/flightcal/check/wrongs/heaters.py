@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
+from dataclasses import replace
 from functools import partial
 from itertools import combinations
 from typing import Any
@@ -11,8 +12,10 @@ import numpy as np
 
 from ...report import number
 from ...simulator import FloatArray
+from ...telemetry import status_fraction
 from ..evidence import Fit
 from ..view import View, known_thermostats
+from .heat import about_switches
 from .wrong import FACTORS, FEW_TIMES, POWER, Words, Wrong, driven_otherwise, multiplied, status_channels
 
 _NOTHING = 0.05
@@ -158,7 +161,19 @@ def useless_statuses(view: View) -> Iterator[Wrong]:
             f"Check which column {status} is, and how it says 'on'; or leave it out",
         )
         data = view.telemetry.assign({status: ("time", on)})
-        yield from driven_otherwise("thermostat", name, words, view, tries=len(view.network.heaters), telemetry=data)
+        columns = _about_its_switches(view, name, status_fraction(data, status, view.utc(view.network.drive.times)))
+        for own in driven_otherwise("thermostat", name, words, view, tries=len(view.network.heaters), telemetry=data):
+            yield replace(own, columns=columns)
+
+
+def _about_its_switches(view: View, switch: str, on: FloatArray) -> FloatArray:
+    """[R, k] K of a heater's heat when it switches, of which the times are not known well; on: in each step [K]."""
+    found = [np.empty((len(view.as_read), 0))]
+    for name in view.window.scenario.network.on_switch(switch):
+        heater, series = view.window.scenario.network.heaters[name], about_switches(view, on)
+        if heater.node in view.heat.nodes and len(series):
+            found.append(heater.power * view.response(view.window, view.middle, heater.node, series))
+    return np.concatenate(found, axis=1)
 
 
 def obedient(values: FloatArray, below: float, above: float) -> FloatArray | None:
