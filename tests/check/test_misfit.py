@@ -9,7 +9,7 @@ from flightcal.check.misfit import Misfit, misfit
 from flightcal.check.prepared import prepared
 from tests import small
 
-from .test_suspects import spoilt, sunlit
+from .cases import spoilt, sunlit
 
 
 @pytest.fixture(scope="module")

@@ -2,31 +2,14 @@
 
 import numpy as np
 import pytest
-import xarray
 from scipy.linalg import solve_triangular
 
 from flightcal.check.evidence import gaussian
 from flightcal.check.prepared import prepared
-from flightcal.check.view import noise_left, series_at
 from flightcal.check.wrongs.wrong import driven
 
 from .. import small
-from .test_suspects import sunlit
-
-
-def test_nothing_is_read_between_samples_where_a_line_does_not_follow_them():
-    """A panel falls into the shadow between two samples of its packet, 90 s apart."""
-    seconds = np.arange(0.0, 3600.0, 90.0)
-    times = np.datetime64("2024-03-01T00:00:00", "ns") + (1e9 * seconds).astype("timedelta64[ns]")
-    noise = 0.05 * np.random.default_rng(1).standard_normal(len(seconds))
-    falling = 310.0 - 0.1 * np.maximum(seconds - 1845.0, 0.0) + noise
-    data = xarray.Dataset({"panel": ("time", falling)}, {"time": times})
-    between = times[:-1] + np.timedelta64(45, "s")
-    read = series_at(data, "panel", between, bent=0.25)
-    (lost,) = np.flatnonzero(np.isnan(read))
-    assert between[lost] == times[0] + np.timedelta64(1845, "s")
-    assert np.isfinite(series_at(data, "panel", times, bent=0.25)).all()
-    assert np.isfinite(series_at(data, "panel", between)).all()
+from .cases import sunlit
 
 
 def test_moved_telemetry_has_no_gap_where_it_is_rough(tmp_path):
@@ -69,18 +52,6 @@ def test_a_light_node_is_not_thrown_off_where_the_sun_comes_at_other_times(tmp_p
     for late in (-1800.0, 600.0, 1500.0):
         moved = view.simulated(driven(view, sunlight=late), view.middle)
         assert np.abs(moved - usual).max() < 60.0
-
-
-def test_between_two_samples_half_of_the_noise_is_left():
-    """Of 20,000 readings on the line between samples of noise alone."""
-    rng = np.random.default_rng(7)
-    times = np.datetime64("2024-03-01T00:00:00", "ns") + np.arange(20_001) * np.timedelta64(40, "s")
-    data = xarray.Dataset({"panel": ("time", rng.standard_normal(len(times)))}, {"time": times})
-    for later, left in ((0, 1.0), (10, 0.625), (20, 0.5), (40, 1.0)):
-        at = times[:-1] + np.timedelta64(later, "s")
-        np.testing.assert_allclose(noise_left(data, "panel", at), left)
-        # The variance of so many normal numbers is known to 1%, of neighbours that share one to 2%.
-        assert np.var(series_at(data, "panel", at)) == pytest.approx(left, rel=0.06)
 
 
 def test_a_channel_gains_by_being_read_between_its_samples_what_its_noise_loses(tmp_path):

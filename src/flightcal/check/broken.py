@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 
 from ..report import number
 from ..simulator import ICE_POINT, FloatArray
-from .view import noise_of, step_of
+from .samples import noise_of, step_of
 
 _STUCK = 30
 """Equal samples that no sensor shows where the model moves."""

@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 from ..report import listed, number
 from ..simulator import FloatArray
 from .broken import clock
-from .view import noise_of
+from .samples import noise_of
 from .wrongs import Words
 
 _APART = np.timedelta64(120, "s")

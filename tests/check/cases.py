@@ -1,0 +1,68 @@
+"""Scenarios of the small satellite, and what is suspected of them."""
+
+import numpy as np
+
+from flightcal.check import suspects
+from flightcal.problem import build_problem
+from tests import small
+
+
+def named(scenario, data):
+    found = suspects(build_problem(scenario, data), data)
+    assert found.looked
+    print([(f.title, f.nats) for f in found.found])
+    return found.found
+
+
+def sunlit():
+    """The small satellite with a face, in an orbit with eclipses."""
+    written = small.content()
+    written["environment"] = {
+        "orbit": {"altitude": "600 km", "inclination": "97.8 deg", "ltan": "12:00", "epoch": "2024-03-01T00:00:00"}
+    }
+    looks = {"area": "0.05 m^2", "normal": [0, 0, -1], "absorptivity": 0.6, "emissivity": 0.8}
+    written["simulator"]["faces"] = {"outside": {"node": "panel", **looks}}
+    written["simulator"]["loads"]["sun"]["coefficient"] = "0.1 W/A"
+    written["windows"] = {"train": {"start": "2024-03-01T01:00:00", "end": "2024-03-01T04:00:00"}}
+    return written
+
+
+def spoilt(data, **columns):
+    return data.assign({name: ("time", np.asarray(values)) for name, values in columns.items()})
+
+
+def silent(written):
+    """A scenario whose heater has no status."""
+    del written["simulator"]["heaters"]["heater"]["measured_by"]
+    del written["telemetry"]["channels"]["heater_status"]
+    del written["observations"]["heater_status"]
+    return written
+
+
+def two_faced():
+    """The satellite with two faces that look along other axes."""
+    written = sunlit()
+    looks = {"area": "0.03 m^2", "normal": [1, 0, 0], "absorptivity": 0.5, "emissivity": 0.7}
+    written["simulator"]["faces"]["ahead"] = {"node": "body", **looks}
+    return written
+
+
+def boxed():
+    """The satellite with a face on each side, of two nodes."""
+    written = two_faced()
+    looks = {"absorptivity": 0.5, "emissivity": 0.7}
+    for name, node, normal in (
+        ("back", "panel", [-1, 0, 0]),
+        ("left", "panel", [0, 1, 0]),
+        ("down", "body", [0, 0, 1]),
+    ):
+        written["simulator"]["faces"][name] = {"node": node, "area": "0.04 m^2", "normal": normal, **looks}
+    return written
+
+
+def of_three():
+    """The satellite with a second sensor of its panel, each of another packet than the body's."""
+    written = sunlit()
+    written["telemetry"]["channels"]["other_temp"] = {"column": "panel", "unit": "degC", "kind": "temperature"}
+    written["observations"]["other_temp"] = {"node": "panel"}
+    return written

@@ -1,0 +1,90 @@
+"""Channels that are biased, swapped or in another unit."""
+
+from types import SimpleNamespace
+
+import numpy as np
+import pytest
+
+from flightcal.check.prepared import prepared
+from flightcal.check.wrongs.channels import swaps
+from tests import small
+
+from ..cases import named, of_three, spoilt, sunlit
+
+
+@pytest.mark.parametrize(("channel", "bias"), [("body_temp", 9.0), ("panel_temp", 30.0), ("panel_temp", -60.0)])
+def test_a_bias_is_named_with_its_size(flown, channel, bias):
+    """Also a large one, of which the node's initial temperature, from its first samples, is as far off."""
+    scenario, data = flown
+    first = named(scenario, spoilt(data, **{channel: data[channel] + bias}))[0]
+    assert (first.kind, first.about) == ("bias", channel)
+    assert float(first.title.split()[2]) == pytest.approx(abs(bias), abs=2.0)
+    assert first.title.endswith("high" if bias > 0 else "low")
+
+
+def test_fahrenheit_read_as_celsius_is_named(flown):
+    scenario, data = flown
+    read = 1.8 * (data["panel_temp"] - 273.15) + 32.0 + 273.15
+    first = named(scenario, spoilt(data, panel_temp=read))[0]
+    assert (first.kind, first.about) == ("unit", "panel_temp")
+    assert "degF" in first.title
+
+
+def test_celsius_read_as_fahrenheit_is_rather_that_than_a_bias(flown):
+    """The body swings by 3 K: its readings are off by about the same all the time."""
+    scenario, data = flown
+    read = 273.15 + (data["body_temp"].to_numpy() - 273.15 - 32.0) / 1.8
+    assert named(scenario, spoilt(data, body_temp=read))[0].title == "body_temp is in degC, and is read as degF"
+
+
+def test_swapped_channels_are_named(flown):
+    scenario, data = flown
+    first = named(scenario, spoilt(data, body_temp=data["panel_temp"], panel_temp=data["body_temp"]))[0]
+    assert first.kind == "swapped"
+
+
+def test_a_channel_that_drifts_is_named(flown):
+    scenario, data = flown
+    drift = 10.0 * np.arange(data.sizes["time"]) / 180.0
+    first = named(scenario, spoilt(data, body_temp=data["body_temp"] + drift))[0]
+    assert (first.kind, first.about) == ("drift", "body_temp")
+
+
+def test_a_channel_with_a_wrong_gain_is_named(flown):
+    scenario, data = flown
+    read = 273.15 + 1.6 * (data["body_temp"] - 273.15)
+    first = named(scenario, spoilt(data, body_temp=read))[0]
+    assert (first.kind, first.about) == ("gain", "body_temp")
+
+
+def test_the_curve_of_another_sensor_is_named(tmp_path):
+    scenario, data = small.closed_loop(tmp_path, sunlit())
+    read = data["panel_temp"].values
+    middle, half = 0.5 * (read.max() + read.min()), 0.5 * np.ptp(read)
+    first = named(scenario, spoilt(data, panel_temp=read + 6.0 * ((read - middle) / half) ** 2))[0]
+    assert (first.kind, first.about) == ("curve", "panel_temp")
+
+
+def test_a_mean_of_two_sensors_is_between_them(flown):
+    scenario, data = flown
+    mean = 0.5 * (data["body_temp"].values + data["panel_temp"].values)
+    first = named(scenario, spoilt(data, panel_temp=mean))[0]
+    assert (first.kind, first.about) == ("between", "panel_temp")
+    assert 0.4 < float(first.sentence.split("%")[0].split()[-1]) / 100.0 < 0.6
+
+
+def test_columns_are_tried_as_shifted_by_one(tmp_path):
+    view = prepared(*small.closed_loop(tmp_path, of_three()))
+    shifted = [own.observed for own in swaps(view) if own.words.title == "Every channel is its neighbour's"]
+    assert len(shifted) == 2
+    for k, by in enumerate((1, -1)):
+        np.testing.assert_array_equal(shifted[k], view.observed[:, [by % 3, (1 + by) % 3, (2 + by) % 3]])
+
+
+def test_any_three_of_more_channels_are_tried_as_each_others_both_ways():
+    truth = np.array([[1.0, 2.0, 3.0, 4.0]])
+    view = SimpleNamespace(channels=("a", "b", "c", "d"), observed=truth[:, [2, 0, 1, 3]])
+    turned = [own for own in swaps(view) if own.words.title.endswith("are each other's")]
+    assert len({tuple(own.observed[0]) for own in turned}) == len(turned) == 8
+    (right,) = [own for own in turned if (own.observed == truth).all()]
+    assert right.words.sentence.startswith("With the readings of b for a, of c for b and of a for c")

@@ -1,0 +1,130 @@
+"""Times that are late, early or in another zone."""
+
+from datetime import timedelta
+
+import numpy as np
+import pandas as pd
+import pytest
+
+from flightcal.check.prepared import prepared
+from flightcal.check.wrongs.clocks import channel_clocks, clocks, status_clocks
+from flightcal.environment.orbit import propagator
+from flightcal.scenario import CircularOrbit
+from tests import small
+
+from ..cases import named, of_three, spoilt, sunlit
+
+
+def test_a_clock_is_rather_off_by_less_than_half_an_orbit(tmp_path):
+    view = prepared(*small.closed_loop(tmp_path, sunlit()))
+    assert view is not None
+    late, alias = clocks(view, [1200.0, 1200.0 - view.window.period])
+    assert alias.odds > late.odds + 1.0
+    # The same less an orbit is looked at too, where that is nearer to a step of the first look.
+    assert alias.closer is not None
+    titles = [wrong.words.title for wrong in alias.closer()]
+    assert "The telemetry's clock is 20.0 min late" in titles
+
+
+def test_a_clock_that_is_late_is_named_with_the_minutes(tmp_path):
+    scenario, data = small.closed_loop(tmp_path, sunlit())
+    late = data.assign_coords(time=data["time"] + np.timedelta64(20, "m"))
+    assert named(scenario, data) == ()
+    first = named(scenario, late)[0]
+    assert first.kind == "clock"
+    assert first.title.endswith("late")
+    assert float(first.title.split()[4]) == pytest.approx(20.0, abs=1.5)
+
+
+def test_a_clock_that_is_late_is_named_where_positions_hardly_reach_beyond_the_window(tmp_path):
+    written = sunlit()
+    orbit = CircularOrbit.model_validate(written["environment"]["orbit"])
+    times = np.datetime64("2024-02-29T23:50", "ns") + np.arange(0, 442, 2) * np.timedelta64(1, "m")
+    table = pd.DataFrame(propagator(orbit)(times)[0], columns=["x", "y", "z"])
+    table.insert(0, "time", np.datetime_as_string(times, unit="s"))
+    table.to_csv(tmp_path / "positions.csv", index=False)
+    written["environment"]["orbit"] = {"positions": "positions.csv"}
+    scenario, data = small.closed_loop(tmp_path, written)
+    first = named(scenario, data.assign_coords(time=data["time"] + np.timedelta64(20, "m")))[0]
+    assert first.kind == "clock"
+    assert float(first.title.split()[4]) == pytest.approx(20.0, abs=1.5)
+
+
+def test_a_clock_of_another_zone_is_named_with_the_hours(tmp_path):
+    scenario, data = small.closed_loop(tmp_path, sunlit())
+    late = data.assign_coords(time=data["time"] + np.timedelta64(330, "m"))
+    window = scenario.windows["train"]
+    moved = window.model_copy(
+        update={"start": window.start + timedelta(hours=5.5), "end": window.end + timedelta(hours=5.5)}
+    )
+    first = named(scenario.model_copy(update={"windows": {"train": moved}}), late)[0]
+    assert (first.kind, first.title) == ("clock", "The telemetry's clock is 5.5 h late")
+
+
+def test_a_clock_that_goes_too_fast_is_named(tmp_path):
+    scenario, data = small.closed_loop(tmp_path, sunlit())
+    times = data["time"].values
+    fast = data.assign_coords(time=times[0] + ((times - times[0]) * 1.05))
+    found = {own.about: own for own in named(scenario, fast)[:2]}
+    assert found["rate"].kind == "clock"
+    assert "too fast" in found["rate"].title
+
+
+def in_packets(scenario, packets):
+    """The scenario with channels in packets."""
+    channels = {
+        name: own.model_copy(update={"packet": packets.get(name)}) for name, own in scenario.telemetry.channels.items()
+    }
+    return scenario.model_copy(update={"telemetry": scenario.telemetry.model_copy(update={"channels": channels})})
+
+
+def test_a_packet_of_another_time_zone_is_named(tmp_path):
+    scenario, data = small.closed_loop(tmp_path, of_three())
+    late = {name: np.roll(data[name].values, 60) for name in ("panel_temp", "other_temp")}
+    packets = {"body_temp": "bus", "panel_temp": "outside", "other_temp": "outside"}
+    first = named(in_packets(scenario, packets), spoilt(data, **late))[0]
+    assert first.kind == "channel clock"
+    assert first.title.startswith("packet outside is ")
+    assert float(first.title.split()[3]) == pytest.approx(60.0, abs=5.0)
+
+
+def test_the_packet_of_all_temperatures_is_late_beside_status_and_drivers(flown):
+    scenario, data = flown
+    split = in_packets(scenario, {"body_temp": "tcs", "panel_temp": "tcs", "heater_status": "eps", "sun": "eps"})
+    early = {name: np.roll(data[name].values, -12) for name in ("heater_status", "sun")}
+    titles = {own.about: own.title.split() for own in named(split, spoilt(data, **early))}
+    title = titles["body_temp panel_temp"]
+    assert title[1] == "tcs"
+    assert title[5] == "late"
+    assert float(title[3]) == pytest.approx(12.0, abs=2.0)
+
+
+def test_a_driver_that_is_late_is_named_with_the_minutes(flown):
+    scenario, data = flown
+    first = named(scenario, spoilt(data, sun=np.roll(data["sun"].values, 15)))[0]
+    assert (first.kind, first.about) == ("driver clock", "sun")
+    assert first.title.endswith("late")
+    assert float(first.title.split()[4]) == pytest.approx(15.0, abs=1.0)
+
+
+def test_no_clock_is_off_by_less_than_lies_between_two_samples_of_what_heats(flown):
+    scenario, data = flown
+    seldom = np.where(np.arange(data.sizes["time"]) % 15 == 0, data["sun"].to_numpy(), np.nan)
+    view = prepared(scenario, spoilt(data, sun=seldom))
+    assert view.apart(["sun"]) == 900.0
+    assert {own.words.title for own in clocks(view, [600.0, 1200.0])} == {"The telemetry's clock is 20.0 min late"}
+
+
+def test_no_status_is_late_by_less_than_lies_between_two_of_its_samples(flown):
+    scenario, data = flown
+    seldom = np.where(np.arange(data.sizes["time"]) % 10 == 0, data["heater_status"].to_numpy(), np.nan)
+    view = prepared(scenario, spoilt(data, heater_status=seldom))
+    assert len(list(status_clocks(view, [300.0, 900.0]))) == 1
+
+
+def test_no_channel_is_late_by_less_than_lies_between_two_of_its_samples(flown):
+    scenario, data = flown
+    seldom = np.where(np.arange(data.sizes["time"]) % 10 == 0, data["panel_temp"].to_numpy(), np.nan)
+    view = prepared(scenario, spoilt(data, panel_temp=seldom))
+    assert {(own.about, own.words.title) for own in channel_clocks(view, [300.0], "body_temp")}
+    assert not list(channel_clocks(view, [300.0], "panel_temp"))

@@ -1,0 +1,224 @@
+"""Another orbit, another attitude, another time of them."""
+
+import numpy as np
+import pytest
+
+from flightcal.check.prepared import prepared
+from flightcal.check.wrongs.orbit import epochs, orbits
+from tests import small
+
+from ..cases import boxed, named, spoilt, sunlit, two_faced
+
+
+def test_another_inclination_is_named(tmp_path):
+    written = sunlit()
+    _, data = small.closed_loop(tmp_path, written)
+    written["environment"]["orbit"]["inclination"] = "20 deg"
+    scenario, _ = small.load(tmp_path, written)
+    first = named(scenario, data)[0]
+    assert first.kind == "orbit"
+    assert first.title == f"The orbit has another {first.about}"
+
+
+def test_nadir_and_zenith_confused_are_the_bodys_axes(tmp_path):
+    written = two_faced()
+    _, data = small.closed_loop(tmp_path, written)
+    for face in written["simulator"]["faces"].values():
+        face["normal"] = [-axis for axis in face["normal"]]
+    scenario, right = small.load(tmp_path, written)
+    assert right.sizes == data.sizes
+    assert named(scenario, data)[0].title == "The body's axes are others"
+
+
+def test_a_tilted_body_is_named_with_about_its_angle(tmp_path):
+    written = boxed()
+    scenario, _ = small.load(tmp_path, written)
+    for face in written["simulator"]["faces"].values():
+        x, y, z = face["normal"]
+        c, s = np.cos(np.deg2rad(35.0)), np.sin(np.deg2rad(35.0))
+        face["normal"] = [x, float(c * y - s * z), float(s * y + c * z)]
+    _, data = small.closed_loop(tmp_path, written)
+    first = named(scenario, data)[0]
+    assert (first.kind, first.about) == ("attitude", "tilt")
+    assert float(first.title.split(" by ")[1].split()[0]) == pytest.approx(35.0, abs=12.0)
+
+
+def pointed(quaternion):
+    """Three attitudes, one after another, that differ from this one by turns."""
+    w, x, y, z = quaternion
+    named = {
+        "one": {"inertial": [w, x, y, z]},
+        "other": {"inertial": [-x, w, -z, y]},
+        "third": {"inertial": [y, z, -w, -x]},
+    }
+    at = ["2024-03-01T00:00:00", "2024-03-01T01:10:00", "2024-03-01T02:20:00"]
+    return {"named": named, "timeline": [{"at": own, "attitude": name} for own, name in zip(at, named, strict=True)]}
+
+
+@pytest.mark.parametrize("read", [lambda w, x, y, z: (w, -x, -y, -z), lambda w, x, y, z: (x, y, z, w)])
+def test_quaternions_of_another_convention_are_named(tmp_path, read):
+    written, true = boxed(), (0.5, 0.1, 0.7, 0.5)
+    written["environment"]["attitude"] = pointed(true)
+    _, data = small.closed_loop(tmp_path, written)
+    for own in written["environment"]["attitude"]["named"].values():
+        own["inertial"] = list(read(*own["inertial"]))
+    scenario, _ = small.load(tmp_path, written)
+    first = named(scenario, data)[0]
+    assert (first.kind, first.about) == ("attitude", "quaternions")
+
+
+def test_a_timeline_of_attitudes_that_is_late_is_named_with_the_minutes(tmp_path):
+    written = boxed()
+    written["environment"]["attitude"] = pointed((0.5, 0.1, 0.7, 0.5))
+    scenario, data = small.closed_loop(tmp_path, written)
+    assert named(scenario, data) == ()
+    for own, at in zip(written["environment"]["attitude"]["timeline"], ("00:17", "01:27", "02:37"), strict=True):
+        own["at"] = f"2024-03-01T{at}:00"
+    scenario, _ = small.load(tmp_path, written)
+    first = named(scenario, data)[0]
+    assert (first.kind, first.about) == ("attitude", "timeline")
+    assert float(first.title.split()[-3]) == pytest.approx(17.0, abs=2.0)
+    assert first.title.endswith("late")
+
+
+def test_attitudes_that_are_exchanged_are_named(tmp_path):
+    written = boxed()
+    written["environment"]["attitude"] = pointed((0.5, 0.1, 0.7, 0.5))
+    _, data = small.closed_loop(tmp_path, written)
+    attitudes = written["environment"]["attitude"]["named"]
+    attitudes["one"], attitudes["other"] = attitudes["other"], attitudes["one"]
+    scenario, _ = small.load(tmp_path, written)
+    assert named(scenario, data)[0].title == "Attitudes 'one' and 'other' are exchanged"
+
+
+@pytest.mark.parametrize("elements", ["of a circle", "two lines"])
+def test_another_place_in_the_orbit_is_told_where_attitudes_come_at_times_of_their_own(tmp_path, elements):
+    written = boxed()
+    written["environment"]["attitude"] = pointed((0.5, 0.1, 0.7, 0.5))
+    if elements == "two lines":
+        written["environment"]["orbit"] = {"tle": list(LINES)}
+    _, data = small.closed_loop(tmp_path, written)
+    orbit = written["environment"]["orbit"]
+    if elements == "two lines":
+        orbit["tle"][1] = checked(LINES[1].replace("300.0000 14.9", " 60.0000 14.9"))
+    else:
+        orbit["argument_of_latitude"] = "120 deg"
+    scenario, _ = small.load(tmp_path, written)
+    first = named(scenario, data)[0]
+    assert (
+        first.title == f"The orbit has another {'mean anomaly' if elements == 'two lines' else 'argument of latitude'}"
+    )
+
+
+@pytest.mark.parametrize("elements", ["of a circle", "two lines"])
+def test_an_epoch_that_is_a_day_off_is_tried(tmp_path, elements):
+    written = boxed()
+    if elements == "two lines":
+        written["environment"]["orbit"] = {"tle": list(LINES)}
+    scenario, data = small.closed_loop(tmp_path, written)
+    right, orbit = prepared(scenario, data), written["environment"]["orbit"]
+    if elements == "two lines":
+        orbit["tle"][0] = checked(LINES[0].replace("24061.", "24060."))
+    else:
+        orbit["epoch"] = "2024-02-29T00:00:00"
+    scenario, _ = small.load(tmp_path, written)
+    view = prepared(scenario, data)
+    (wrong,) = [own for own in epochs(view) if "epoch 1 day later" in own.words.sentence]
+    assert (wrong.kind, wrong.about) == ("orbit", "epoch")
+    expected = right.simulated(right.window, right.middle)
+    apart = [np.abs(view.simulated(own, right.middle) - expected).max() for own in (wrong.window, view.window)]
+    assert apart[0] < 0.3 < 2.0 < apart[1]
+
+
+def test_an_orbits_radius_that_is_written_as_its_altitude_is_named(tmp_path):
+    written = boxed()
+    _, data = small.closed_loop(tmp_path, written)
+    written["environment"]["orbit"]["altitude"] = "6978 km"
+    scenario, _ = small.load(tmp_path, written)
+    first = named(scenario, data)[0]
+    assert (first.kind, first.about) == ("orbit", "altitude")
+    assert "600 km" in first.sentence
+
+
+def test_a_node_that_is_a_degree_off_is_tried(tmp_path):
+    """In an orbit over the terminator eclipses tell as little."""
+    view = prepared(*small.closed_loop(tmp_path, sunlit()))
+    tried = " ".join(own.words.sentence for own in orbits(view) if own.about == "ltan")
+    assert all(f"ltan {time}:" in tried for time in ("11:52", "11:56", "12:04", "12:08", "13:00"))
+
+
+@pytest.mark.parametrize(("name", "value"), [("direction", [1, 0, 0]), ("period", "20 min")])
+def test_a_spin_that_is_another_is_named_by_what_is_written(tmp_path, name, value):
+    written = boxed()
+    written["environment"]["attitude"] = {"spin_axis": [0, 0, 1], "direction": [0, 0, 1], "period": "40 min"}
+    scenario, _ = small.load(tmp_path, written)
+    written["environment"]["attitude"][name] = value
+    _, data = small.closed_loop(tmp_path, written)
+    first = named(scenario, data)[0]
+    assert (first.kind, first.about) == ("attitude", name)
+
+
+def test_an_eclipse_that_never_comes_is_named(tmp_path):
+    written = sunlit()
+    written["simulator"]["faces"]["outside"]["normal"] = [1, 0, 0]
+    _, data = small.closed_loop(tmp_path, written)
+    written["telemetry"]["channels"]["shadow"] = {"column": "heater", "kind": "status"}
+    written["environment"]["eclipse"] = {"measured_by": "shadow"}
+    scenario, _ = small.load(tmp_path, written)
+    first = named(scenario, spoilt(data, shadow=np.zeros(data.sizes["time"])))[0]
+    assert (first.kind, first.about) == ("eclipse", "shadow")
+
+
+def test_the_height_of_an_elliptic_orbit_is_named(tmp_path):
+    written = sunlit()
+    orbit = {
+        "semi_major_axis": "7300 km", "eccentricity": 0.01, "inclination": "97.8 deg", "raan": "340 deg",
+        "argument_of_perigee": "0 deg", "mean_anomaly": "0 deg", "epoch": "2024-03-01T00:00:00",
+    }  # fmt: skip
+    written["environment"]["orbit"] = orbit
+    _, data = small.closed_loop(tmp_path, written)
+    orbit["semi_major_axis"] = "6800 km"
+    scenario, _ = small.load(tmp_path, written)
+    assert "orbit" in {own.kind for own in named(scenario, data)}
+
+
+def test_the_place_in_an_ellipse_is_named(tmp_path):
+    written = boxed()
+    orbit = {
+        "semi_major_axis": "8500 km", "eccentricity": 0.2, "inclination": "60 deg", "raan": "340 deg",
+        "argument_of_perigee": "90 deg", "mean_anomaly": "0 deg", "epoch": "2024-03-01T00:00:00",
+    }  # fmt: skip
+    written["environment"]["orbit"] = orbit
+    _, data = small.closed_loop(tmp_path, written)
+    orbit["mean_anomaly"] = "120 deg"
+    scenario, _ = small.load(tmp_path, written)
+    # Without modes a late clock is as good.
+    assert "The orbit has another mean anomaly" in [own.title for own in named(scenario, data)]
+
+
+LINES = (
+    "1 58001U 24010A   24061.00000000  .00000000  00000-0  00000-0 0    07",
+    "2 58001  97.8000 340.0000 0010000  60.0000 300.0000 14.90000000    01",
+)
+
+
+@pytest.mark.parametrize(
+    ("place", "text", "title"),
+    [
+        (slice(17, 25), " 40.0000", "The orbit has another raan"),
+        (slice(8, 16), " 51.6000", "The orbit has another inclination"),
+        (slice(52, 63), "14.20000000", "The orbit has another mean motion"),
+    ],
+)
+def test_two_line_elements_of_another_orbit_are_named_by_what_differs(tmp_path, place, text, title):
+    written = boxed()
+    written["environment"]["orbit"] = {"tle": list(LINES)}
+    _, data = small.closed_loop(tmp_path, written)
+    written["environment"]["orbit"]["tle"][1] = checked(LINES[1][: place.start] + text + LINES[1][place.stop :])
+    scenario, _ = small.load(tmp_path, written)
+    assert title in [own.title for own in named(scenario, data)]
+
+
+def checked(line):
+    """A line of two-line elements with the checksum that it should have."""
+    return line[:68] + str(sum(int(own) if own.isdigit() else own == "-" for own in line[:68]) % 10)

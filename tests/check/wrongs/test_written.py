@@ -1,0 +1,146 @@
+"""Numbers of the scenario, links and priors."""
+
+import pytest
+
+from flightcal.check.prepared import prepared
+from flightcal.check.wrongs.written import exchanged, numbers
+from flightcal.scenario import LogNormal
+from tests import small
+
+from ..cases import boxed, named, sunlit
+
+
+def test_a_narrow_prior_that_is_far_off_is_named(flown):
+    scenario, data = flown
+    prior = LogNormal(median=2.0, factor=1.05)
+    link = scenario.parameters["link"].model_copy(update={"prior": prior})
+    first = named(scenario.model_copy(update={"parameters": {**scenario.parameters, "link": link}}), data)[0]
+    assert (first.kind, first.about) == ("prior", "link")
+
+
+def test_a_conductor_that_is_missing_is_named(tmp_path):
+    written = small.content()
+    _, data = small.closed_loop(tmp_path)
+    del written["parameters"]["link"], written["simulator"]["conductors"][0]
+    scenario, _ = small.load(tmp_path, written)
+    assert named(scenario, data)[0].title == "A conductor body-panel is missing in the scenario"
+
+
+def test_the_prior_of_a_capacity_in_another_unit_is_named_by_how_many_times(tmp_path):
+    written = small.content()
+    prior = {"lognormal": {"median": "3000 J/K", "factor": 1.15}}
+    written["parameters"]["body_capacity"] = {"sets": "nodes.body.capacity", "prior": prior}
+    scenario, data = small.closed_loop(tmp_path, written)
+    assert named(scenario, data) == ()
+    prior["lognormal"]["median"] = "3 J/K"
+    scenario, _ = small.load(tmp_path, written)
+    first = named(scenario, data)[0]
+    assert (first.kind, first.about) == ("prior", "body_capacity")
+    assert first.title.endswith("is 0.0010 times what it should be")
+
+
+def test_coatings_that_are_exchanged_on_every_face_are_named(tmp_path):
+    written = boxed()
+    scenario, _ = small.load(tmp_path, written)
+    for face in written["simulator"]["faces"].values():
+        face["absorptivity"], face["emissivity"] = face["emissivity"], face["absorptivity"]
+    _, data = small.closed_loop(tmp_path, written)
+    first = named(scenario, data)[0]
+    assert (first.kind, first.about) == ("number", "every coating")
+
+
+@pytest.mark.parametrize("left_out", [{"earth_infrared": 0}, {"earth_infrared": 0, "albedo": 0}])
+def test_heat_from_the_earth_that_is_left_out_is_named(tmp_path, left_out):
+    written = sunlit()
+    written["simulator"]["faces"]["outside"] |= {"normal": [0, 0, 1], "area": "0.3 m^2"}
+    _, data = small.closed_loop(tmp_path, written)
+    units = {"earth_infrared": " W/m^2", "albedo": ""}
+    written["environment"] |= {name: f"0{units[name]}" if units[name] else 0 for name in left_out}
+    scenario, _ = small.load(tmp_path, written)
+    first = named(scenario, data)[0]
+    assert first.kind == "number"
+    assert "environment.earth_infrared" in first.title
+    assert "zero" in first.title
+
+
+def test_a_number_of_the_sun_is_not_mended_by_one_that_cannot_be(tmp_path):
+    view = prepared(*small.closed_loop(tmp_path, sunlit()))
+    tried = {own.about for own in numbers(view)}
+    assert "environment.solar_constant" not in tried
+    assert "faces.outside.area" in tried
+
+
+@pytest.mark.parametrize("uncertain", [False, True])
+def test_two_capacities_that_are_exchanged_are_named(tmp_path, uncertain):
+    written = small.content()
+    if uncertain:
+        prior = {"lognormal": {"median": "3000 J/K", "factor": 1.2}}
+        written["parameters"]["capacity"] = {"sets": "nodes.body.capacity", "prior": prior}
+    _, data = small.closed_loop(tmp_path, written)
+    nodes = written["simulator"]["nodes"]
+    nodes["body"]["capacity"], nodes["panel"]["capacity"] = nodes["panel"]["capacity"], nodes["body"]["capacity"]
+    if uncertain:
+        written["parameters"]["capacity"]["prior"]["lognormal"]["median"] = "800 J/K"
+    scenario, _ = small.load(tmp_path, written)
+    assert named(scenario, data)[0].title == "nodes.panel and nodes.body have each other's capacity"
+
+
+def test_faces_of_one_parameter_are_exchanged_with_others_once(tmp_path):
+    written = boxed()
+    faces = written["simulator"]["faces"]
+    faces["outside"] |= {"absorptivity": 0.2, "emissivity": 0.7}
+    both = [f"faces.{name}.absorptivity" for name in ("ahead", "back")]
+    around = {"mean": 0.5, "standard_deviation": 0.06, "lower": 0.02, "upper": 0.98}
+    written["parameters"]["painted"] = {"sets": both, "prior": {"truncated_normal": around}}
+    view = prepared(*small.closed_loop(tmp_path, written))
+    tried = [own for own in exchanged(view) if "outside" in own.about and own.about.count("absorptivity") == 2]
+    entry = view.problem.names.index("painted")
+    moved = [own for own in tried if dict(own.moved).get(entry)]
+    assert len(moved) == 1
+    # Of each kind few are looked at closely; these take no place of priors that are far off.
+    assert {own.kind for own in exchanged(view)} == {"exchanged"}
+    assert dict(moved[0].moved)[entry] == pytest.approx(0.4, rel=0.05)
+
+
+def test_a_number_of_the_sun_that_cannot_be_is_named(tmp_path):
+    written = boxed()
+    _, data = small.closed_loop(tmp_path, written)
+    written["environment"]["solar_constant"] = "800 W/m^2"
+    scenario, _ = small.load(tmp_path, written)
+    assert named(scenario, data)[0].about == "environment.solar_constant"
+
+
+def test_a_number_that_parts_have_in_common_is_wrong_on_all_of_them(tmp_path):
+    """The emissivity of a coating on two faces of two nodes, written as a third of what it is."""
+    written = sunlit()
+    looks = {"area": "0.3 m^2", "absorptivity": 0.6, "emissivity": 0.81}
+    written["simulator"]["faces"] = {
+        "outside": {"node": "panel", "normal": [0, 0, -1], **looks},
+        "below": {"node": "body", "normal": [0, 0, 1], **looks},
+    }
+    _, data = small.closed_loop(tmp_path, written)
+    for face in written["simulator"]["faces"].values():
+        face["emissivity"] = 0.27
+    scenario, _ = small.load(tmp_path, written)
+    found = {own.about: own.nats for own in named(scenario, data)}
+    assert max(found, key=found.get) == "faces.outside.emissivity and faces.below.emissivity"
+
+
+def test_a_value_beyond_the_bounds_of_its_prior_is_named_with_what_it_is(tmp_path):
+    _, data = small.closed_loop(tmp_path)
+    written = small.content()
+    written["parameters"]["link"]["prior"] = {"uniform": ["1.6 W/K", "1.8 W/K"]}
+    narrow, _ = small.load(tmp_path, written)
+    first = named(narrow, data)[0]
+    assert (first.kind, first.about) == ("prior", "link")
+    value = float(first.sentence.partition("link = ")[2].split()[0])
+    assert value == pytest.approx(small.TRUTH["link"], rel=0.1)
+
+
+def test_no_part_holds_far_more_heat_than_all_others(flown):
+    """Such a capacity would explain every channel that hardly changes."""
+    scenario, data = flown
+    titles = [own.words.title for own in numbers(prepared(scenario, data)) if ".capacity" in own.about]
+    assert "nodes.panel.capacity is 0.1000 times what it should be" in titles
+    assert "nodes.body.capacity is 1000 times what it should be" in titles
+    assert not any("body.capacity is 0.001" in title or "panel.capacity is 0.01" in title for title in titles)
