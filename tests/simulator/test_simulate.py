@@ -516,3 +516,11 @@ def test_thermostats_of_one_sensor_do_not_give_way_to_each_other_for_ever(tmp_pa
     simulating.start()
     simulating.join(60.0)
     assert not simulating.is_alive()
+
+
+def test_memory_that_is_given_back_changes_no_simulation(tmp_path):
+    simulator = small.simulator_of(*small.load(tmp_path, small.content()))
+    theta = small.theta_of(simulator)
+    before = simulator.simulate(theta).temperatures
+    simulator.release()
+    np.testing.assert_array_equal(simulator.simulate(theta).temperatures, before)

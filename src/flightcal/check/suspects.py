@@ -208,6 +208,8 @@ def _compared(view: View, base: Point, nothing: Fit, odd: Collection[str]) -> li
             return max(_gain(view, wrongs[k], look) for look in looks)
         except SimulationFailure:
             return -np.inf
+        finally:
+            _release(wrongs[k])
 
     gains = in_parallel(gained, len(wrongs))
     chosen = finalists(gains, wrongs)
@@ -219,6 +221,8 @@ def _compared(view: View, base: Point, nothing: Fit, odd: Collection[str]) -> li
             matters = _matters(view, best, fit)
         except (SimulationFailure, np.linalg.LinAlgError):
             return None
+        finally:
+            _release(chosen[k])
         nats = float(fit.evidence - nothing.evidence - best.odds)
         certain = best.about in odd and best.kind in _OF_THERMOSTATS
         if not matters or nats <= (_PROMISING if certain else _CLEAR):
@@ -232,6 +236,12 @@ def _compared(view: View, base: Point, nothing: Fit, odd: Collection[str]) -> li
         if (item[1].kind, item[1].about) not in [(own.kind, own.about) for _, own in once]:
             once.append(item)
     return once
+
+
+def _release(wrong: Wrong) -> None:
+    """Give back what a wrong's window keeps for more simulations: thousands are simulated once or twice each."""
+    if wrong.window is not None and wrong.window.network is not None:
+        wrong.window.network.release()
 
 
 def _matters(view: View, wrong: Wrong, fit: Fit) -> bool:

@@ -392,6 +392,11 @@ class NetworkSimulator:
         """What each thread has for itself."""
         return threading.local()
 
+    def release(self) -> None:
+        """Give back the memory that is kept for the next simulations, while none goes on."""
+        for kept in ("_free", "_own"):
+            self.__dict__.pop(kept, None)
+
     def _assemble(self, theta: FloatArray) -> tuple[FloatArray, FloatArray]:
         return assemble(self.mapping, self.network.terms, theta)
 
