@@ -103,6 +103,18 @@ def test_attitudes_come_from_a_file_and_what_is_resolved_reads_as_the_same(tmp_p
     assert load_scenario(again).environment.attitude.timeline == attitude.timeline
 
 
+def test_attitudes_that_stand_in_the_scenario_read_as_the_same_when_resolved(tmp_path):
+    changes = [{"at": "2024-03-01T00:00:00", "attitude": "nadir"}, {"at": "2024-03-01T01:00:00", "attitude": "charge"}]
+    file = with_attitudes(tmp_path, timeline=changes)
+    content = YAML(typ="safe").load(file)
+    del content["environment"]["attitude"]["timeline_file"]
+    YAML(typ="safe").dump(content, file)
+    scenario = load_scenario(file)
+    again = tmp_path / "resolved.yaml"
+    again.write_text(resolved_yaml(scenario), encoding="utf-8")
+    assert load_scenario(again).environment.attitude == scenario.environment.attitude
+
+
 @pytest.mark.parametrize(
     ("rows", "wrong"),
     [

@@ -62,7 +62,7 @@ def _written(scenario: Scenario, absolute: bool) -> dict[str, Any]:
         if isinstance(observation.noise, Noise):
             block["noise"] = _written_noise(block["noise"])
     if isinstance(scenario.environment.attitude, AttitudeTimeline):
-        data["environment"]["attitude"].pop("timeline_file")
+        data["environment"]["attitude"].pop("timeline_file", None)
     data["windows"] = grouped_windows(data["windows"])
     data["noise"] = _written_noise(data["noise"])
     if "noise" not in scenario.model_fields_set and heat_of(scenario) is not None:
