@@ -1,6 +1,7 @@
 """What a thermostat does beside what its status says."""
 
 import numpy as np
+import pytest
 
 from flightcal.check.thermostat import copied, disobeyed, inferred
 from flightcal.problem import build_window
@@ -29,6 +30,18 @@ def test_a_status_that_comes_at_times_of_its_own_is_told_too(tmp_path):
     }
     ((name, _, constant),) = disobeyed(build_window(scenario, data.assign(cold), "train"))
     assert (name, constant) == ("heater", True)
+
+
+def test_a_thermostat_that_switches_elsewhere_is_told_by_its_switches(tmp_path):
+    """A shift of 2.3 K is too little to tell by how often it is on where it should be off."""
+    scenario, data = small.closed_loop(tmp_path)
+    off = {"body_temp": ("time", data["body_temp"].values + 2.3)}
+    ((name, words, constant),) = disobeyed(build_window(scenario, data.assign(off), "train"))
+    assert (name, constant) == ("heater", False)
+    told = float(words.sentence.partition("by ")[2].split()[0])
+    assert told == pytest.approx(2.3, abs=0.3)
+    less = {"body_temp": ("time", data["body_temp"].values + 1.5)}
+    assert list(disobeyed(build_window(scenario, data.assign(less), "train"))) == []
 
 
 def test_a_heater_is_known_to_be_off_where_its_sensor_is_always_warm(tmp_path):

@@ -43,7 +43,7 @@ def inferred(scenario: Scenario, telemetry: xarray.Dataset, name: str) -> FloatA
 
 
 def disobeyed(window: Window) -> Iterator[tuple[str, Words, bool]]:
-    """Heaters that are often off where they should be on, or on where they should be off.
+    """Heaters that are often off where they should be on, or on where they should be off, or switch elsewhere.
 
     Each with words, and whether its status never changes.
     """
@@ -68,6 +68,26 @@ def disobeyed(window: Window) -> Iterator[tuple[str, Words, bool]]:
             )
             yield name, words, bool(np.ptp(on[known]) == 0.0)
             break
+        else:
+            off = _at_switches(read, on, heater.on_below, heater.off_above)
+            mean = float(off.mean()) if len(off) else 0.0
+            least = _BEYOND + _NOISES * noise_of(read) / max(len(off), 1) ** 0.5
+            if len(off) >= _SWITCHES and abs(mean) > least and ((off > 0.0).all() or (off < 0.0).all()):
+                words = Words(
+                    f"{name} does not do what its thresholds say",
+                    f"At all of its {len(off)} switches {channel} is {'above' if mean > 0.0 else 'below'} its "
+                    f"thresholds, by {number(abs(mean), 2)} K in the mean.",
+                    f"Check the 'sensor' and the thresholds of {name}, and {channel}",
+                )
+                yield name, words, False
+
+
+def _at_switches(read: FloatArray, on: FloatArray, on_below: float, off_above: float) -> FloatArray:
+    """K [s] by which readings [T] are above the threshold at which a status [T] changes, between two samples."""
+    both = np.isfinite(on[1:]) & np.isfinite(on[:-1]) & np.isfinite(read[1:]) & np.isfinite(read[:-1])
+    places = np.flatnonzero(both & (np.abs(np.diff(on)) == 1.0))
+    threshold = np.where(on[places + 1] > on[places], on_below, off_above)
+    return np.asarray(0.5 * (read[places] + read[places + 1]) - threshold)
 
 
 def _between(times: NDArray[np.datetime64], status: FloatArray) -> FloatArray:
