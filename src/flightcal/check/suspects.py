@@ -36,16 +36,16 @@ _CLEAR = 10.0
 _PROMISING = 2.0
 """Nats of a first look from which a wrong is looked at closely."""
 _FINALISTS = 12
-_OF_A_KIND = 3
-"""So many of a kind are looked at closely, and beside them as many whose size a closer look finds:"""
+_OF_A_KIND, _OF_A_SUBJECT = 3, 2
+"""So many of a kind, and about one subject, are looked at closely, and beside them as many whose size is then found:"""
 _BY_SIZE = frozenset({"number", "link", "heater", "driver", "attitude", "orbit", "constant heat"})
-"""of these kinds, and one of each number."""
+"""of these kinds, and one about each subject."""
 _OTHER_KINDS = 0.4
 """Share of the nats of the likeliest, from which the best of every other kind is looked at closely."""
 _LARGEST = 2
 """So many more are looked at closely that explain most whatever their odds: a first look sees a part of the nats."""
-_ROUNDS = 3
-"""Closer looks at one wrong."""
+_ROUNDS, _SUBJECTS = 6, 2
+"""Closer looks at one wrong, each at what it may be about that is likeliest."""
 _BLURRED = 0.7
 """K, error of a model that is linear about one point, when all wrongs are looked at first."""
 _BAD, _WORSE = 2.0, 4.0
@@ -274,7 +274,7 @@ def finalists(gains: Sequence[float], wrongs: Sequence[Wrong]) -> list[Wrong]:
     for gain, wrong in likely:
         alike = [own for own in found if own.kind == wrong.kind]
         like_it = [own for own in alike if _sized(own) == _sized(wrong)]
-        looked_at = _sized(wrong) and any(own.about == wrong.about for own in like_it)
+        looked_at = sum(own.about == wrong.about for own in like_it) >= (1 if _sized(wrong) else _OF_A_SUBJECT)
         wanted = len(like_it) < _OF_A_KIND if len(found) < _FINALISTS else not alike and gain - wrong.odds > enough
         if gain > _PROMISING and wanted and not looked_at:
             found.append(wrong)
@@ -380,10 +380,11 @@ def _closely(view: View, wrong: Wrong, base: Point) -> tuple[Wrong, Fit]:
             break
         point = _reading(view, wrong).point(wrong.window or view.window, fit.z, base)
         look = _look(view, point, np.isfinite(view.as_read))
-        best = max(wrong.closer(), key=lambda own: _gain(view, own, look) - own.odds, default=None)
-        if best is None:
-            break
-        again = _climbed(view, best, base)
+        likely: dict[str, Wrong] = {}
+        for own in sorted(wrong.closer(), key=lambda own: own.odds - _gain(view, own, look)):
+            likely.setdefault(own.about, own)
+        tried = [(_climbed(view, own, base), own) for own in list(likely.values())[:_SUBJECTS]]
+        again, best = max(tried, key=lambda item: item[0].evidence - item[1].odds, default=(fit, wrong))
         if again.evidence - best.odds <= fit.evidence - wrong.odds:
             break
         wrong, fit = best, again

@@ -126,5 +126,20 @@ def test_no_channel_is_late_by_less_than_lies_between_two_of_its_samples(flown):
     scenario, data = flown
     seldom = np.where(np.arange(data.sizes["time"]) % 10 == 0, data["panel_temp"].to_numpy(), np.nan)
     view = prepared(scenario, spoilt(data, panel_temp=seldom))
-    assert {(own.about, own.words.title) for own in channel_clocks(view, [300.0], "body_temp")}
-    assert not list(channel_clocks(view, [300.0], "panel_temp"))
+    assert {(own.about, own.words.title) for own in channel_clocks(view, [300.0], ["body_temp"])}
+    assert not list(channel_clocks(view, [300.0], ["panel_temp"]))
+
+
+def test_channels_of_one_unit_that_are_late_together_are_named_together(tmp_path):
+    """Nothing says that they come in one packet."""
+    written = sunlit()
+    for name, capacity in (("first", 500), ("second", 900)):
+        written["simulator"]["nodes"][name] = {"capacity": f"{capacity} J/K", "initial": "-10 degC"}
+        written["simulator"]["conductors"].append({"between": [name, "panel"], "conductance": "1 W/K"})
+        written["telemetry"]["channels"][f"{name}_temp"] = {"column": "panel", "unit": "degC", "kind": "temperature"}
+        written["observations"][f"{name}_temp"] = {"node": name}
+    scenario, data = small.closed_loop(tmp_path, written)
+    late = {name: ("time", np.roll(data[name].values, 12)) for name in ("first_temp", "second_temp")}
+    first = named(scenario, data.assign(late))[0]
+    assert (first.kind, set(first.about.split())) == ("channel clock", {"first_temp", "second_temp"})
+    assert float(first.title.split()[4]) == pytest.approx(12.0, abs=1.0)

@@ -6,6 +6,7 @@ from collections.abc import Collection, Iterator, Sequence
 from dataclasses import replace
 from functools import partial
 from itertools import product
+from math import comb
 
 import numpy as np
 
@@ -116,26 +117,36 @@ def _shifted(view: View, channel: str, late: float) -> FloatArray:
 
 
 def channel_clocks(
-    view: View, seconds: Sequence[float] | FloatArray = _FEW_SHIFTS, only: str | None = None
+    view: View, seconds: Sequence[float] | FloatArray = _FEW_SHIFTS, only: Sequence[str] | None = None
 ) -> Iterator[Wrong]:
-    """Time tags of a channel are late or early, by more than what lies between two of its samples."""
+    """Time tags of a channel, or of some together, are late or early, by more than lies between two samples."""
     known = view.channels if len(view.channels) > 1 else ()
-    tried = {name: view.apart([name]) for name in known if only in (None, name)}
+    tried = {own: view.apart(own) for own in ([tuple(only)] if only else [(name,) for name in known])}
     for late in map(float, seconds):
         moved = view.readings(late)
-        for name, least in tried.items():
-            observed = _moved(view, moved, [view.channels.index(name)]) if abs(late) >= least else None
+        for own, least in tried.items():
+            places = [view.channels.index(name) for name in own]
+            observed = _moved(view, moved, places) if abs(late) >= least else None
             if observed is None:
                 continue
             words = Words(
-                f"{name} is {off(late)}",
-                f"Moved by {duration(late)}, {name} alone, all channels agree with the model.",
-                f"Check the time tags of {name}; or write 'time_offset: {-late:.0f} s' in its 'observations'",
+                f"{listed(own)} {'is' if len(own) == 1 else 'are'} {off(late)}",
+                f"Moved by {duration(late)}, {listed(own)} alone, all channels agree with the model.",
+                f"Check the time tags of {listed(own)}; or write 'time_offset: {-late:.0f} s' in 'observations' there",
             )
-            near = partial(channel_clocks, view, closer(late, 240.0), name)
-            tries = len(_FEW_SHIFTS) * len(known)
-            smoothed = view.smoothed(late, [name])
-            yield Wrong("channel clock", name, words, observed, tries=tries, smoothed=smoothed, closer=near)
+            near = partial(_channels_like, view, own, late)
+            tries = len(_FEW_SHIFTS) * comb(len(known), len(own))
+            smoothed = view.smoothed(late, own)
+            yield Wrong("channel clock", " ".join(own), words, observed, tries=tries, smoothed=smoothed, closer=near)
+
+
+def _channels_like(view: View, own: Sequence[str], late: float) -> Iterator[Wrong]:
+    """About as late, and as late with one more channel: those of one unit are late together."""
+    yield from channel_clocks(view, closer(late, 240.0), own)
+    others = [name for name in view.channels if name not in own]
+    # All of them are the telemetry's clock.
+    for name in others if len(others) > 1 else ():
+        yield from channel_clocks(view, [late], [*own, name])
 
 
 def _moved(view: View, moved: FloatArray, own: Sequence[int]) -> FloatArray | None:
