@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 from ..environment import seconds_later
 from ..probability import CENTRAL
 from ..problem import HeatModel, Problem, Window, heat_model, initial_priors, responses, unit_heats
-from ..scenario import Heat, HeatPattern, HeatSlow
+from ..scenario import Heat, HeatPattern, HeatSlow, settable
 from ..simulator import FloatArray, NetworkSimulator, SimulationFailure
 from .samples import noise_left, noise_of, series_at
 from .sunlight import Sunlight
@@ -279,6 +279,11 @@ class View:
     def numbers(self) -> FloatArray:
         """[V] of the simulator, at the priors' medians."""
         return self.network.numbers(self.problem.at(self.window, self.median)[self.window.simulated])
+
+    @cached_property
+    def units(self) -> dict[str, str]:
+        """SI units of the scenario's numbers by their paths; none of what has no dimension."""
+        return {path: f" {own.unit}" if own.unit else "" for path, own in settable(self.window.scenario).items()}
 
     def _quantile(self, probability: float) -> FloatArray:
         theta = self.problem.priors.quantile(probability)

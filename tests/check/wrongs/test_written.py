@@ -7,7 +7,7 @@ from flightcal.check.wrongs.written import exchanged, numbers
 from flightcal.scenario import LogNormal
 from tests import small
 
-from ..cases import boxed, named, sunlit
+from ..cases import boxed, named, sunlit, two_faced
 
 
 def test_a_narrow_prior_that_is_far_off_is_named(flown):
@@ -144,3 +144,21 @@ def test_no_part_holds_far_more_heat_than_all_others(flown):
     assert "nodes.panel.capacity is 0.1000 times what it should be" in titles
     assert "nodes.body.capacity is 1000 times what it should be" in titles
     assert not any("body.capacity is 0.001" in title or "panel.capacity is 0.01" in title for title in titles)
+
+
+def test_a_face_whose_absorptivity_and_emissivity_are_exchanged_is_named(tmp_path):
+    written = two_faced()
+    name, face = next(iter(written["simulator"]["faces"].items()))
+    face["absorptivity"], face["emissivity"] = 0.2, 0.8
+    _, data = small.closed_loop(tmp_path, written)
+    face["absorptivity"], face["emissivity"] = 0.8, 0.2
+    scenario, _ = small.load(tmp_path, written)
+    first = named(scenario, data)[0]
+    assert first.title == f"Absorptivity and emissivity of faces.{name} are exchanged"
+
+
+def test_values_are_told_with_their_units(flown):
+    view = prepared(*flown)
+    sentences = {own.words.title: own.words.sentence for own in numbers(view)}
+    told = sentences["nodes.panel.capacity is 0.1000 times what it should be"]
+    assert told == "The telemetry agrees with 8000 J/K, not 800.0 J/K."

@@ -115,11 +115,11 @@ def _number(
     changed[list(places)] *= factor
     if not low <= value <= high or (factor > 1.0 and _holds_too_much(view, changed)):
         return
-    one = len(places) == 1
+    one, unit = len(places) == 1, view.units.get(view.network.network.paths[places[0]], "")
     words = Words(
         f"{name} {'are' if ' and ' in name else 'is'} {number(1.0 / factor, 2 if closer or not one else 4)} times what "
         f"{'they' if ' and ' in name else 'it'} should be",
-        f"The telemetry agrees with a value of {number(value, 3)} (SI), not {number(value / factor, 4)}."
+        f"The telemetry agrees with {number(value, 3)}{unit}, not {number(value / factor, 4)}{unit}."
         if one
         else f"With all of them times {number(factor, 2)}, the model explains the telemetry.",
         f"Check '{name}', and its unit",
@@ -179,7 +179,8 @@ def left_out(view: View) -> Iterator[Wrong]:
         written[[paths.index(path) for path in chosen]] = [_USUAL[path] for path in chosen]
         words = Words(
             f"{listed(chosen)} {'is' if len(chosen) == 1 else 'are'} zero",
-            f"With {listed([f'{_USUAL[path]:g}' for path in chosen])} (SI), the model explains the telemetry.",
+            f"With {listed([f'{_USUAL[path]:g}{view.units[path]}' for path in chosen])}, the model explains the "
+            "telemetry.",
             f"Write {listed([path.rpartition('.')[2] for path in chosen])} in 'environment'",
         )
         yield Wrong("number", " ".join(chosen), words, window=view.with_numbers(written), tries=3.0)
@@ -224,12 +225,18 @@ def priors(view: View) -> Iterator[Wrong]:
             value, off = float(view.problem.to_theta(fit.z)[k]), abs(float(fit.added[0]))
             return Words(
                 f"The prior of {name} is far from the telemetry",
-                f"The telemetry agrees with {name} = {number(value, 3)} (SI), {number(off, 2)} deviations of its prior "
-                "away.",
+                f"The telemetry agrees with {name} = {_with_unit(view, name, value)}, {number(off, 2)} deviations of "
+                "its prior away.",
                 f"Check the prior of {name}, and its unit",
             )
 
         yield Wrong("prior", name, words, widened=k, least=_FAR, tries=len(parameters))
+
+
+def _with_unit(view: View, parameter: str, value: float) -> str:
+    """A value of a parameter in words."""
+    unit = view.window.scenario.parameters[parameter].unit
+    return f"{number(value, 3)} {unit}" if unit else number(value, 3)
 
 
 def _apart(view: View, moved: View) -> FloatArray:
@@ -252,36 +259,68 @@ def other_priors(view: View) -> Iterator[Wrong]:
         value, median = (float(own.median[entry]) for own in (moved, view))
         words = Words(
             f"The prior of {name} is {number(1.0 / factor, 2)} times what it should be",
-            f"The telemetry agrees with a median of {number(value, 3)} (SI), not of {number(median, 3)}.",
+            f"The telemetry agrees with a median of {_with_unit(view, name, value)}, not of {number(median, 3)}.",
             f"Check the prior of {name}, and its unit",
         )
         yield Wrong("prior", name, words, moved=moved.moved, tries=_PER_NUMBER * len(parameters))
 
 
 def exchanged(view: View) -> Iterator[Wrong]:
-    """Two capacities, conductances, areas or coatings are each other's, as they are written or in priors."""
+    """Two capacities, conductances, areas or coatings are each other's, or the two numbers of a coating are.
+
+    As they are written or in priors.
+    """
+    found: dict[tuple[Moved, tuple[float, ...]], tuple[str, Words]] = {}
+    for about, words, places in (*_of_two_parts(view), *_of_one_coating(view)):
+        # Parameters that set the numbers of several faces exchange those of all of them.
+        change = _exchange(view, view.numbers, places)
+        if change is not None:
+            found.setdefault(change, (about, words))
+    for (moved, written), (about, words) in found.items():
+        window = view.with_numbers(np.array(written))
+        yield Wrong("exchanged", about, words, window=window, moved=moved, tries=len(found))
+
+
+_Exchange = tuple[str, Words, list[tuple[int, ...]]]
+"""What it is about, its words, and the places of the numbers that are exchanged, in pairs."""
+
+
+def _of_two_parts(view: View) -> Iterator[_Exchange]:
+    """Numbers of two nodes, two conductors or two faces."""
     paths, now = view.network.network.paths, view.numbers
-    found: dict[tuple[Moved, tuple[float, ...]], tuple[str, str, tuple[str, ...]]] = {}
     for block, numbers in _ALIKE:
         places_of = [k for k, path in enumerate(paths) if path.startswith(block) and path.endswith(numbers[0])]
         own = [paths[k].rpartition(".")[0] for k in sorted(places_of, key=lambda k: -now[k]) if now[k] > _NONE]
         for a, b in combinations(own, 2) if len(own) <= _MOST_ALIKE else ():
             places = [tuple(paths.index(f"{name}.{number}") for name in (a, b)) for number in numbers]
             if all(now[p] > _NONE and now[q] > _NONE for p, q in places):
-                # Parameters that set the numbers of several faces exchange those of all of them.
-                change = _exchange(view, now, places)
-                if change is not None:
-                    found.setdefault(change, (a, b, numbers))
-    for (moved, written), (a, b, numbers) in found.items():
-        what = " and ".join(numbers)
+                what = " and ".join(numbers)
+                words = Words(
+                    f"{a} and {b} have each other's {what}",
+                    f"With {what} of the two exchanged, the model explains the telemetry.",
+                    f"Check {what} of {a} and of {b}, and the priors of what sets them",
+                )
+                yield f"{a}.{numbers[0]} {b}.{numbers[0]}", words, places
+
+
+def _of_one_coating(view: View) -> Iterator[_Exchange]:
+    """Absorptivity and emissivity of a face, and of all that have the same."""
+    paths, now = view.network.network.paths, view.numbers
+    faces = [path.removesuffix(".emissivity") for path in paths if path.startswith("faces.") and ".emissiv" in path]
+    alike: dict[tuple[float, ...], list[str]] = {}
+    for face in faces:
+        pair = tuple(float(now[paths.index(f"{face}.{kind}")]) for kind in ("absorptivity", "emissivity"))
+        alike.setdefault(pair, []).append(face)
+    groups = [own for own in alike.values() if 1 < len(own) < len(faces)]
+    for own in (*([face] for face in faces), *groups) if len(faces) <= _MOST_ALIKE else ():
+        places = [tuple(paths.index(f"{face}.{kind}") for kind in ("absorptivity", "emissivity")) for face in own]
+        name = listed(own)
         words = Words(
-            f"{a} and {b} have each other's {what}",
-            f"With {what} of the two exchanged, the model explains the telemetry.",
-            f"Check {what} of {a} and of {b}, and the priors of what sets them",
+            f"Absorptivity and emissivity of {name} are exchanged",
+            f"With the two of {name} exchanged, the model explains the telemetry.",
+            f"Check 'absorptivity' and 'emissivity' of {name}, and the priors of what sets them",
         )
-        about = f"{a}.{numbers[0]} {b}.{numbers[0]}"
-        window = view.with_numbers(np.array(written))
-        yield Wrong("exchanged", about, words, window=window, moved=moved, tries=len(found))
+        yield " ".join(f"{face}.absorptivity {face}.emissivity" for face in own), words, places
 
 
 def _exchange(view: View, now: FloatArray, places: Sequence[tuple[int, ...]]) -> tuple[Moved, tuple[float, ...]] | None:
