@@ -169,14 +169,19 @@ def test_an_eclipse_that_never_comes_is_named(tmp_path):
     assert (first.kind, first.about) == ("eclipse", "shadow")
 
 
-def test_the_height_of_an_elliptic_orbit_is_named(tmp_path):
-    written = sunlit()
+def flown_on_an_ellipse(folder, written, **elements):
+    """Its orbit, to be changed, and the telemetry of a flight on it."""
     orbit = {
         "semi_major_axis": "7300 km", "eccentricity": 0.01, "inclination": "97.8 deg", "raan": "340 deg",
         "argument_of_perigee": "0 deg", "mean_anomaly": "0 deg", "epoch": "2024-03-01T00:00:00",
-    }  # fmt: skip
+    } | elements  # fmt: skip
     written["environment"]["orbit"] = orbit
-    _, data = small.closed_loop(tmp_path, written)
+    return orbit, small.closed_loop(folder, written)[1]
+
+
+def test_the_height_of_an_elliptic_orbit_is_named(tmp_path):
+    written = sunlit()
+    orbit, data = flown_on_an_ellipse(tmp_path, written)
     orbit["semi_major_axis"] = "6800 km"
     scenario, _ = small.load(tmp_path, written)
     assert "orbit" in {own.kind for own in named(scenario, data)}
@@ -184,12 +189,8 @@ def test_the_height_of_an_elliptic_orbit_is_named(tmp_path):
 
 def test_the_place_in_an_ellipse_is_named(tmp_path):
     written = boxed()
-    orbit = {
-        "semi_major_axis": "8500 km", "eccentricity": 0.2, "inclination": "60 deg", "raan": "340 deg",
-        "argument_of_perigee": "90 deg", "mean_anomaly": "0 deg", "epoch": "2024-03-01T00:00:00",
-    }  # fmt: skip
-    written["environment"]["orbit"] = orbit
-    _, data = small.closed_loop(tmp_path, written)
+    elements = {"semi_major_axis": "8500 km", "eccentricity": 0.2, "inclination": "60 deg"}
+    orbit, data = flown_on_an_ellipse(tmp_path, written, **elements, argument_of_perigee="90 deg")
     orbit["mean_anomaly"] = "120 deg"
     scenario, _ = small.load(tmp_path, written)
     # Without modes a late clock is as good.
