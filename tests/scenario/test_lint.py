@@ -213,6 +213,17 @@ def test_normal_prior_of_a_temperature_is_accepted_though_it_has_no_end(lint_edi
     )
 
 
+@pytest.mark.parametrize(("deviation", "accepted"), [("2 W", True), ("3 W", False)])
+def test_a_prior_may_have_no_end_where_it_never_comes_near_what_cannot_be(lint_edited, deviation, accepted):
+    prior = f"{{normal: {{mean: 20 W, standard_deviation: {deviation}}}}}"
+
+    power = ("sets: modes.imaging.payload", "sets: heaters.battery_htr.power")
+    found = lint_edited(("{half_normal: 20 W}", prior), power)
+
+    assert (found == []) == accepted
+    assert accepted or "which has no lower end, expected at least 0 W" in found[0]
+
+
 TLE = """orbit:
     tle:
       - 1 25544U 98067A   24061.50000000  .00016717  00000+0  30000-3 0  9995

@@ -11,7 +11,7 @@ from ..document import Problem
 from ..network import Heater
 from ..numbers import Settable
 from ..parameters import set_twice
-from ..priors import HalfNormal, HalfStudentT, LogNormal, Prior, TruncatedNormal, support
+from ..priors import HalfNormal, HalfStudentT, LogNormal, Normal, Prior, TruncatedNormal, support
 from ..reading import Reading
 from ..schema import Parameter, is_difference
 from ..units import celsius
@@ -20,6 +20,10 @@ _SIZES = ("lower", "upper", "mean", "standard_deviation", "median", "scale")
 """Arguments of priors that are in the unit of what they are of."""
 _FAR_OUT = 5.0
 """Standard deviations from a truncated normal's mean to its bounds, beyond which sampling it fails."""
+
+
+_NEVER = 8.0
+"""Standard deviations from a normal prior's middle, beyond which no draw ever is: one of 10^15."""
 
 
 def check(reading: Reading, folder: Path) -> Iterator[Problem]:
@@ -52,7 +56,7 @@ def _prior_problem(parameter: Parameter, numbers: Mapping[str, Settable]) -> str
 
 
 def _set_problem(path: str, prior: Prior, number: Settable) -> str | None:
-    lower, upper = support(prior)
+    lower, upper = _ends(prior, 1.0, number)
     if _is_absolute_temperature(path, number):
         if isinstance(prior, (LogNormal, HalfNormal, HalfStudentT)):
             return f"found a {prior.kind} prior of a temperature, expected normal, truncated_normal or uniform"
@@ -66,9 +70,31 @@ def _scale_problem(path: str, prior: Prior, number: Settable) -> str | None:
         return f"found a prior that scales {path}, which is 0, expected 'sets': scaling does nothing to it"
     if _is_absolute_temperature(path, number):
         return f"found a prior that scales the temperature {path}, expected 'sets': kelvin are not scaled"
-    lower, upper = sorted(bound * number.value for bound in support(prior))
+    lower, upper = _ends(prior, number.value, number)
     written = f"{number.value:g} {number.unit}".strip()
     return _beyond(prior.kind, lower, upper, number, f" for {path} of {written}")
+
+
+def _ends(prior: Prior, times: float, number: Settable) -> tuple[float, float]:
+    """Where a prior ends, times a number; at the quantity's own bound where it has no end and never comes near that."""
+    lower, upper = sorted(times * end for end in support(prior))
+    least, most = sorted(times * end for end in _reached(prior))
+    if math.isinf(lower) and least >= number.lower:
+        lower = number.lower
+    if math.isinf(upper) and most <= number.upper:
+        upper = number.upper
+    return lower, upper
+
+
+def _reached(prior: Prior) -> tuple[float, float]:
+    """Between which all draws are that will ever be."""
+    if isinstance(prior, Normal):
+        return prior.mean - _NEVER * prior.standard_deviation, prior.mean + _NEVER * prior.standard_deviation
+    if isinstance(prior, LogNormal):
+        reach = _NEVER * math.log(prior.factor)
+        most = prior.median * math.exp(reach) if reach < math.log(1e300) else math.inf
+        return prior.median * math.exp(-reach), most
+    return support(prior)
 
 
 def _unbelievable(path: str, prior: Prior, number: Settable, unit: float) -> str | None:
