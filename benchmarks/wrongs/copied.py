@@ -166,7 +166,13 @@ SETUPS = (
     SetUp("a payload's power in mW", 85, ("number", "mode"), _milliwatts, strong_payload),
     SetUp("descending for ascending node", 86, ("orbit", "clock"), _half_a_day, lit),
     SetUp("an eclipse that never comes", 87, ("eclipse", "orbit", "everything"), _never_in_shadow, lit),
-    SetUp("emissivity and absorptivity changed", 88, ("number",), _interchanged, lambda c: lit(c) and bool(_coated(c))),
+    SetUp(
+        "emissivity and absorptivity changed",
+        88,
+        ("exchanged", "number"),
+        _interchanged,
+        lambda c: lit(c) and bool(_coated(c)),
+    ),
     SetUp("a capacity of a thousandth", 89, ("number",), _in_grams, lambda c: lit(c) and bool(_fixed_nodes(c))),
     SetUp(
         "two capacities swapped",
