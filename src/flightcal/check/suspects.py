@@ -211,9 +211,7 @@ def _compared(view: View, base: Point, nothing: Fit, odd: Collection[str]) -> li
         finally:
             _release(wrongs[k])
 
-    gains = in_parallel(gained, len(wrongs))
-    chosen = finalists(gains, wrongs)
-    chosen += [own for own in _of_thermostats(gains, wrongs, odd) if not any(own is other for other in chosen)]
+    chosen = finalists(in_parallel(gained, len(wrongs)), wrongs, odd)
 
     def named(k: int) -> tuple[Fit, Suspicion] | None:
         try:
@@ -263,10 +261,11 @@ def _now_and_then(view: View, look: _Look) -> list[Wrong]:
         return []
 
 
-def finalists(gains: Sequence[float], wrongs: Sequence[Wrong]) -> list[Wrong]:
+def finalists(gains: Sequence[float], wrongs: Sequence[Wrong], odd: Collection[str] = ()) -> list[Wrong]:
     """Wrongs whose first look is promising, the likeliest first, odds counted, and few of a kind.
 
-    Then the best of kinds that none of these is of, and those that explain most, odds or not.
+    Then the best of kinds that none of these is of, those that explain most, odds or not, and of each kind that
+    explains why a status does not do what thresholds say, the likeliest about one of `odd`.
     """
     found: list[Wrong] = []
     likely = sorted(zip(gains, wrongs, strict=True), key=lambda item: item[1].odds - item[0])
@@ -279,16 +278,14 @@ def finalists(gains: Sequence[float], wrongs: Sequence[Wrong]) -> list[Wrong]:
         if gain > _PROMISING and wanted and not looked_at:
             found.append(wrong)
     largest = [wrongs[k] for k in np.argsort(-np.asarray(gains), kind="stable")[:_LARGEST] if gains[k] > _PROMISING]
-    return [*found, *(own for own in largest if not any(own is other for other in found))]
-
-
-def _of_thermostats(gains: Sequence[float], wrongs: Sequence[Wrong], odd: Collection[str]) -> list[Wrong]:
-    """Of each kind that explains why a status does not do what thresholds say, the likeliest about one of these."""
-    best: dict[str, Wrong] = {}
-    for _, wrong in sorted(zip(gains, wrongs, strict=True), key=lambda item: item[1].odds - item[0]):
+    explaining: dict[str, Wrong] = {}
+    for _, wrong in likely:
         if wrong.kind in _OF_THERMOSTATS and wrong.about in odd:
-            best.setdefault(wrong.kind, wrong)
-    return list(best.values())
+            explaining.setdefault(wrong.kind, wrong)
+    for wrong in (*largest, *explaining.values()):
+        if not any(wrong is other for other in found):
+            found.append(wrong)
+    return found
 
 
 def _sized(wrong: Wrong) -> bool:

@@ -24,7 +24,7 @@ _OFTEN, _LEAST = 0.05, 10
 _GAP = 3.0
 """Usual times between samples, over which a status that is the same at both ends was so all the time."""
 _SWITCHES = 4
-"""Which two thermostats do not share by chance."""
+"""Which two thermostats do not share by chance, and which tell where one switches."""
 
 
 def inferred(scenario: Scenario, telemetry: xarray.Dataset, name: str) -> FloatArray | None:

@@ -282,8 +282,8 @@ class View:
 
     @cached_property
     def units(self) -> dict[str, str]:
-        """SI units of the scenario's numbers by their paths; none of what has no dimension."""
-        return {path: f" {own.unit}" if own.unit else "" for path, own in settable(self.window.scenario).items()}
+        """SI units of the scenario's numbers by their paths; empty for what has no dimension."""
+        return {path: own.unit for path, own in settable(self.window.scenario).items()}
 
     def _quantile(self, probability: float) -> FloatArray:
         theta = self.problem.priors.quantile(probability)

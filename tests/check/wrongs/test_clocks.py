@@ -126,8 +126,8 @@ def test_no_channel_is_late_by_less_than_lies_between_two_of_its_samples(flown):
     scenario, data = flown
     seldom = np.where(np.arange(data.sizes["time"]) % 10 == 0, data["panel_temp"].to_numpy(), np.nan)
     view = prepared(scenario, spoilt(data, panel_temp=seldom))
-    assert {(own.about, own.words.title) for own in channel_clocks(view, [300.0], ["body_temp"])}
-    assert not list(channel_clocks(view, [300.0], ["panel_temp"]))
+    assert {(own.about, own.words.title) for own in channel_clocks(view, [300.0], [["body_temp"]])}
+    assert not list(channel_clocks(view, [300.0], [["panel_temp"]]))
 
 
 def test_channels_of_one_unit_that_are_late_together_are_named_together(tmp_path):

@@ -117,11 +117,11 @@ def _shifted(view: View, channel: str, late: float) -> FloatArray:
 
 
 def channel_clocks(
-    view: View, seconds: Sequence[float] | FloatArray = _FEW_SHIFTS, only: Sequence[str] | None = None
+    view: View, seconds: Sequence[float] | FloatArray = _FEW_SHIFTS, groups: Sequence[Sequence[str]] | None = None
 ) -> Iterator[Wrong]:
-    """Time tags of a channel, or of some together, are late or early, by more than lies between two samples."""
+    """Time tags of a channel, or of a group of them, are late or early, by more than lies between two samples."""
     known = view.channels if len(view.channels) > 1 else ()
-    tried = {own: view.apart(own) for own in ([tuple(only)] if only else [(name,) for name in known])}
+    tried = {tuple(own): view.apart(own) for own in groups or [[name] for name in known]}
     for late in map(float, seconds):
         moved = view.readings(late)
         for own, least in tried.items():
@@ -142,11 +142,11 @@ def channel_clocks(
 
 def _channels_like(view: View, own: Sequence[str], late: float) -> Iterator[Wrong]:
     """About as late, and as late with one more channel: those of one unit are late together."""
-    yield from channel_clocks(view, closer(late, 240.0), own)
+    yield from channel_clocks(view, closer(late, 240.0), [own])
     others = [name for name in view.channels if name not in own]
     # All of them are the telemetry's clock.
-    for name in others if len(others) > 1 else ():
-        yield from channel_clocks(view, [late], [*own, name])
+    if len(others) > 1:
+        yield from channel_clocks(view, [late], [[*own, name] for name in others])
 
 
 def _moved(view: View, moved: FloatArray, own: Sequence[int]) -> FloatArray | None:

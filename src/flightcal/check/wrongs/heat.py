@@ -135,19 +135,21 @@ def missing_heat(view: View) -> Iterator[Wrong]:
         if node in view.heat.nodes and rising is not None and heated.get(str(node)) not in view.unknown:
             waves.append(("", str(node), shares(view.network.observation.times, rising, grid)))
     for name, node, on in waves:
-        flow = float(view.heat.flow[view.heat.nodes.index(node)])
+        flow, heater = float(view.heat.flow[view.heat.nodes.index(node)]), None if name else heated.get(node)
         size = max(_HEATED * flow, 1.0, *powers)
         series = np.repeat(on, 2)[None]
         if not name:
             series = np.concatenate([series, about_switches(view, on)])
         effect = size * view.response(view.window, centre, node, series)
 
-        def words(fit: Fit, name: str = name, node: str = node, size: float = size, on: Any = on) -> Words:
+        def words(
+            fit: Fit, name: str = name, node: str = node, size: float = size, on: Any = on, heater: str | None = heater
+        ) -> Words:
             power, times = size * float(fit.added[0]), int((np.diff((np.asarray(on) > 0.5).astype(int)) > 0).sum())
             heat = f"About {number(abs(power), 2)} W come and go in {node}"
-            if node in heated and not name:
+            if heater:
                 return Words(
-                    f"{heated[node]} heats when its status does not say so",
+                    f"{heater} heats when its status does not say so",
                     f"{heat}, {times} times in the window, beside what its status says.",
                     f"Check which column its status is and how it says 'on', or whether {node} has another heater",
                 )
@@ -159,9 +161,8 @@ def missing_heat(view: View) -> Iterator[Wrong]:
             )
 
         tries = 2 * len(waves) * (1.0 if name else _UNSEEN)
-        lacking = Wrong("missing heat", node, words, columns=effect, least=0.2 * flow / size, tries=tries)
-        known = node in heated and not name
-        yield replace(lacking, kind="thermostat", about=heated[node]) if known else lacking
+        lacking = Wrong("missing heat", node, words, columns=effect, least=_LACKED * flow / size, tries=tries)
+        yield replace(lacking, kind="thermostat", about=heater) if heater else lacking
 
 
 def about_switches(view: View, on: FloatArray) -> FloatArray:
@@ -198,7 +199,7 @@ def now_and_then(view: View, z: FloatArray, weights: Callable[[FloatArray], Floa
     for node, flow in zip(view.heat.nodes, view.heat.flow.tolist(), strict=True):
         if node not in unknown:
             effects = view.response(view.window, z, node, each)
-            yield from _burst(view, node, flow, max(flow, 1.0) * effects, edges, weights)
+            yield from _burst(view, node, flow, effects, edges, weights)
             for share in _AT_ANY_TIME:
                 yield _at_any_time(view, node, flow, max(share * flow, 1.0), effects)
 
@@ -211,23 +212,24 @@ def _burst(
     edges: FloatArray,
     weights: Callable[[FloatArray], FloatArray],
 ) -> Iterator[Wrong]:
-    """Pieces of much heat as one burst; effects: [R, k] K of the heat of pieces between edges [k + 1] s."""
-    on, parted = upper(weights(effects))
+    """Pieces of much heat as one burst; effects: [R, k] K of a watt in each piece between edges [k + 1] s."""
+    size = max(flow, 1.0)
+    each = size * effects
+    on, parted = upper(weights(each))
     turns = np.flatnonzero(np.diff(on.astype(int), prepend=0, append=0))
     if on.mean() > _NOW_AND_THEN or parted < _PARTED:
         return
     times = np.datetime_as_string(view.utc(edges[turns]), unit="m").reshape(-1, 2)
     spans = [f"{first} to {last[11:]}" for first, last in times[:3].tolist()]
     when = listed(spans) + (f" and {len(times) - 3} more" if len(times) > 3 else "")
-    size = max(flow, 1.0)
 
     def words(fit: Fit) -> Words:
         power = number(size * float(fit.added[0]), 2)
         return _of_what_lacks(node, f"About {power} W come and go in {node}: {when} (UTC).")
 
     tries = 2.0 * len(view.heat.nodes) * comb(_PIECES, len(turns))
-    effect = effects @ on.astype(float)[:, None]
-    yield Wrong("missing heat", node, words, columns=effect, least=0.2 * flow / size, lacked=True, tries=tries)
+    effect = each @ on.astype(float)[:, None]
+    yield Wrong("missing heat", node, words, columns=effect, least=_LACKED * flow / size, lacked=True, tries=tries)
 
 
 def _at_any_time(view: View, node: str, flow: float, size: float, effects: FloatArray) -> Wrong:

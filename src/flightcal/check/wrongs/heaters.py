@@ -168,9 +168,9 @@ def useless_statuses(view: View) -> Iterator[Wrong]:
 
 def _about_its_switches(view: View, switch: str, on: FloatArray) -> FloatArray:
     """[R, k] K of a heater's heat when it switches, of which the times are not known well; on: in each step [K]."""
-    found = [np.empty((len(view.as_read), 0))]
+    found, series = [np.empty((len(view.as_read), 0))], about_switches(view, on)
     for name in view.window.scenario.network.on_switch(switch):
-        heater, series = view.window.scenario.network.heaters[name], about_switches(view, on)
+        heater = view.window.scenario.network.heaters[name]
         if heater.node in view.heat.nodes and len(series):
             found.append(heater.power * view.response(view.window, view.middle, heater.node, series))
     return np.concatenate(found, axis=1)

@@ -119,7 +119,7 @@ def _number(
     words = Words(
         f"{name} {'are' if ' and ' in name else 'is'} {number(1.0 / factor, 2 if closer or not one else 4)} times what "
         f"{'they' if ' and ' in name else 'it'} should be",
-        f"The telemetry agrees with {number(value, 3)}{unit}, not {number(value / factor, 4)}{unit}."
+        f"The telemetry agrees with {_measured(value, 3, unit)}, not {_measured(value / factor, 4, unit)}."
         if one
         else f"With all of them times {number(factor, 2)}, the model explains the telemetry.",
         f"Check '{name}', and its unit",
@@ -177,10 +177,10 @@ def left_out(view: View) -> Iterator[Wrong]:
     for chosen in [*([path] for path in zero), *([zero] if len(zero) > 1 else [])]:
         written = mapping.written.copy()
         written[[paths.index(path) for path in chosen]] = [_USUAL[path] for path in chosen]
+        usual = [f"{_USUAL[path]:g} {view.units[path]}".strip() for path in chosen]
         words = Words(
             f"{listed(chosen)} {'is' if len(chosen) == 1 else 'are'} zero",
-            f"With {listed([f'{_USUAL[path]:g}{view.units[path]}' for path in chosen])}, the model explains the "
-            "telemetry.",
+            f"With {listed(usual)}, the model explains the telemetry.",
             f"Write {listed([path.rpartition('.')[2] for path in chosen])} in 'environment'",
         )
         yield Wrong("number", " ".join(chosen), words, window=view.with_numbers(written), tries=3.0)
@@ -223,9 +223,10 @@ def priors(view: View) -> Iterator[Wrong]:
 
         def words(fit: Fit, name: str = name, k: int = k) -> Words:
             value, off = float(view.problem.to_theta(fit.z)[k]), abs(float(fit.added[0]))
+            unit = view.window.scenario.parameters[name].unit
             return Words(
                 f"The prior of {name} is far from the telemetry",
-                f"The telemetry agrees with {name} = {_with_unit(view, name, value)}, {number(off, 2)} deviations of "
+                f"The telemetry agrees with {name} = {_measured(value, 3, unit)}, {number(off, 2)} deviations of "
                 "its prior away.",
                 f"Check the prior of {name}, and its unit",
             )
@@ -233,10 +234,9 @@ def priors(view: View) -> Iterator[Wrong]:
         yield Wrong("prior", name, words, widened=k, least=_FAR, tries=len(parameters))
 
 
-def _with_unit(view: View, parameter: str, value: float) -> str:
-    """A value of a parameter in words."""
-    unit = view.window.scenario.parameters[parameter].unit
-    return f"{number(value, 3)} {unit}" if unit else number(value, 3)
+def _measured(value: float, digits: int, unit: str) -> str:
+    """A value with its unit, where it has one."""
+    return f"{number(value, digits)} {unit}".strip()
 
 
 def _apart(view: View, moved: View) -> FloatArray:
@@ -257,9 +257,10 @@ def other_priors(view: View) -> Iterator[Wrong]:
         if not _FAR < _apart(view, moved)[0] < np.inf or (factor > 1.0 and _holds_too_much(view, moved.numbers)):
             continue
         value, median = (float(own.median[entry]) for own in (moved, view))
+        unit = view.window.scenario.parameters[name].unit
         words = Words(
             f"The prior of {name} is {number(1.0 / factor, 2)} times what it should be",
-            f"The telemetry agrees with a median of {_with_unit(view, name, value)}, not of {number(median, 3)}.",
+            f"The telemetry agrees with a median of {_measured(value, 3, unit)}, not of {number(median, 3)}.",
             f"Check the prior of {name}, and its unit",
         )
         yield Wrong("prior", name, words, moved=moved.moved, tries=_PER_NUMBER * len(parameters))

@@ -20,8 +20,6 @@ _SIZES = ("lower", "upper", "mean", "standard_deviation", "median", "scale")
 """Arguments of priors that are in the unit of what they are of."""
 _FAR_OUT = 5.0
 """Standard deviations from a truncated normal's mean to its bounds, beyond which sampling it fails."""
-
-
 _NEVER = 8.0
 """Standard deviations from a normal prior's middle, beyond which no draw ever is: one of 10^15."""
 
