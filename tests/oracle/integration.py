@@ -6,7 +6,7 @@ from typing import Any
 
 import numpy as np
 
-from flightcal.simulator.kernels.sampling import BIAS, GAIN, ICE_POINT, TIME_OFFSET
+from flightcal.simulator.kernels.sampling import BEYOND, BIAS, GAIN, ICE_POINT, TIME_OFFSET
 from flightcal.simulator.system import Drive, Structure, System
 
 from .double import jax, jnp
@@ -163,22 +163,28 @@ def simulate(
     structure: Structure, system: System, drive: Drive, samples: Any, state: Any, errors: Any, *, max_segments: int = 4
 ) -> Any:
     """What sensors of the states `state` [N] with errors [3, N] say at `samples` [T] s; see `Sensors`."""
-    states, _, (active, begin, length, x0, x1, made_of) = _run(structure, system, drive, max_segments)
+    _, _, (active, begin, length, x0, x1, made_of) = _run(structure, system, drive, max_segments)
 
     mass = jnp.asarray(structure.mass)
 
     def channel(i: Any, error: Any) -> Any:
         def reading(sample: Any) -> Any:
-            time = sample + error[TIME_OFFSET]
+            time = jnp.clip(sample + error[TIME_OFFSET], -BEYOND, drive.times[-1] + BEYOND)
             before = active & (begin <= time)
             k = jnp.where(before.any(), jnp.max(jnp.where(before, jnp.arange(len(begin)), -1)), jnp.argmax(active))
-            s = jnp.maximum((time - begin[k]) / length[k], 0.0)
             first, last, k1, k2, k3, k4 = made_of[k, :, i]
-            value = s**2 * (3.0 - 2.0 * s)
-            massive = value * (x1[k, i] - x0[k, i]) + s * (1.0 - s) ** 2 * first - s**2 * (1.0 - s) * last
-            massless = s * (5.0 - 3.0 * s) * k1 - s * (1.0 - s) * k2 + s**2 * k3 + value * k4
-            inside = x0[k, i] + jnp.where(mass[i] > 0.0, massive, massless)
-            seen = jnp.where(time >= drive.times[-1], states[-1, i], inside)
+
+            def inside(s: Any) -> Any:
+                value = s**2 * (3.0 - 2.0 * s)
+                massive = value * (x1[k, i] - x0[k, i]) + s * (1.0 - s) ** 2 * first - s**2 * (1.0 - s) * last
+                massless = s * (5.0 - 3.0 * s) * k1 - s * (1.0 - s) * k2 + s**2 * k3 + value * k4
+                return x0[k, i] + jnp.where(mass[i] > 0.0, massive, massless)
+
+            # Beyond the window's ends in a straight line.
+            s = (time - begin[k]) / length[k]
+            end = jnp.where(s < 0.0, 0.0, 1.0)
+            straight = inside(end) + (s - end) * jax.grad(inside)(end)
+            seen = jnp.where((s < 0.0) | (s > 1.0), straight, inside(s))
             return error[GAIN] * (seen - ICE_POINT) + ICE_POINT + error[BIAS]
 
         return jax.vmap(reading)(jnp.asarray(samples))

@@ -250,7 +250,10 @@ def test_a_time_offset_shows_what_the_node_does_later_or_earlier(tmp_path):
         seen[2:], np.interp(60.0 * np.arange(2, len(exact)) - 90.0, 60.0 * np.arange(len(exact)), exact), atol=0.02
     )
     assert np.abs(seen - exact).max() > 0.5
-    assert (seen[:2] == exact[0]).all(), "before the window there is what its start shows"
+    # Before the window it goes on in a straight line for a minute.
+    rate = (exact[1] - exact[0]) / 60.0
+    np.testing.assert_allclose(seen[:2], exact[0] - rate * np.array([60.0, 30.0]), atol=0.03)
+    assert exact[0] - seen[0] == pytest.approx(2.0 * (exact[0] - seen[1]))
 
 
 def test_a_sensor_that_lags_answers_a_ramp_as_a_first_order_filter_does(tmp_path):

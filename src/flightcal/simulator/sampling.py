@@ -17,7 +17,7 @@ class Sensors(NamedTuple):
         y(t) = gain (x(t + time offset) - 273.15 K) + 273.15 K + bias:
 
     gain and bias are slope and offset of the reading in degC, as a calibration curve has them about the ice point.
-    Before the window's start and after its end x is taken to stay what it is there.
+    Before the window's start and after its end x goes on in a straight line for a minute, and then stays.
     """
 
     state: NDArray[np.integer]

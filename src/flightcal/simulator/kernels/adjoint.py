@@ -105,8 +105,9 @@ def adjoint(call):
     errors_bar[:] = 0.0
     last_point = times.shape[0] - 1
     temperatures = call.temperatures[0]
-    observe_end_back(looks, errors, times[last_point], temperatures, temperatures_bar, x_bar, errors_bar)
     segment = record.segments[0] - 1
+    is_last = record.event[0, segment] < 0 and record.step[0, segment] + 2 == times.shape[0]
+    observe_end_back(looks, errors, times[last_point], is_last, temperatures, temperatures_bar, x_bar, errors_bar)
     switch = switches_bar.shape[0] - 1
     for back in range(times.shape[0] - 1):
         step = times.shape[0] - 2 - back

@@ -423,9 +423,10 @@ def _accept(structure, times, lanes, lane, step, record, looks, outputs):
         record.heater[lane, segment, k] = take(lanes.status, k, lane)
     begin = take(lanes.begin, 0, lane) + length
     simulation = lanes.simulation[lane]
+    is_last = event < 0 and lanes.step[lane] + 2 == times.shape[0]
     observe_segment(
         structure, looks, looks.errors[simulation], lanes.x, lanes.status, step, lane, record.start[lane, segment],
-        times[lanes.step[lane]] + begin if event >= 0 else times[lanes.step[lane] + 1], length,
+        times[lanes.step[lane]] + begin if event >= 0 else times[lanes.step[lane] + 1], length, is_last,
         in_balance(looks, record.heater, lane, segment), outputs.temperatures[simulation], outputs.status[simulation],
     )  # fmt: skip
     if record.state.shape[1] > 0:

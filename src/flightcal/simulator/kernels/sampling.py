@@ -28,6 +28,8 @@ from .step import EIGHT_THIRDS
 
 GAIN, BIAS, TIME_OFFSET = range(3)
 """Of the errors; K, and s."""
+BEYOND = 60.0
+"""s for which temperatures go on in a straight line beyond the window's ends; then they stay."""
 ICE_POINT = 273.15  # K
 
 
@@ -66,16 +68,27 @@ def in_balance(looks, heater, lane, segment):
 
 
 @inlined
+def _is_still(looks, errors):
+    """Whether all samples are of the times of their tags."""
+    still = True
+    for c in range(looks.state.shape[0]):
+        still = still and (not looks.moved[c] or errors[TIME_OFFSET, c] == 0.0)
+    return still
+
+
+@inlined
 def observe_segment(
-    structure, looks, errors, x0, status, step, lane, start, end, length, balanced, temperatures, at_samples
+    structure, looks, errors, x0, status, step, lane, start, end, length, is_last, balanced, temperatures, at_samples
 ):
     """Fill what is looked at in [start, end) of temperatures [T, N] and status at_samples [T, H].
 
-    balanced: whether massless nodes are in balance at the segment's start.
+    is_last: whether channels with a time offset look beyond the end, too; balanced: whether massless nodes are in
+    balance at the segment's start.
     """
     pointers, cubic, T = looks.next[lane], looks.cubic, looks.time.shape[0]
     channels, heaters = looks.state.shape[0], at_samples.shape[1]
     rate = 1.0 / length
+    still = _is_still(looks, errors)
     t = pointers[channels]
     known = False
     if t < T and looks.time[t] < end:
@@ -83,7 +96,7 @@ def observe_segment(
         known = True
     while t < T and looks.time[t] < end:
         share = max((looks.time[t] - start) * rate, 0.0)
-        if looks.still:
+        if still:
             for c in range(channels):
                 temperatures[t, c] = cubic[0, c] + share * (cubic[1, c] + share * (cubic[2, c] + share * cubic[3, c]))
         else:
@@ -94,16 +107,17 @@ def observe_segment(
             at_samples[t, k] = take(status, k, lane)
         t += 1
     pointers[channels] = t
-    if not looks.still:
+    if not still:
         for c in range(channels):
             if looks.moved[c]:
                 t = pointers[c]
-                while t < T and looks.time[t] + errors[TIME_OFFSET, c] < end:
+                while t < T and (is_last or looks.time[t] + errors[TIME_OFFSET, c] < end):
                     if not known:
                         _set_cubic(structure, looks, errors, x0, step, lane, length, balanced)
                         known = True
-                    share = (looks.time[t] + errors[TIME_OFFSET, c] - start) * rate
-                    temperatures[t, c] = _at(cubic, c, max(share, 0.0))
+                    share = _within(looks.time[t] + errors[TIME_OFFSET, c] - start, length) * rate
+                    square, cube = _square(share), _cube(share)
+                    temperatures[t, c] = cubic[0, c] + share * cubic[1, c] + square * cubic[2, c] + cube * cubic[3, c]
                     t += 1
                 pointers[c] = t
 
@@ -113,14 +127,15 @@ def observe_end(looks, errors, x, status, lane, temperatures, at_samples):
     """Fill what is looked at at the window's end, and after it, where all stays as it is."""
     pointers, T = looks.next[lane], looks.time.shape[0]
     channels = looks.state.shape[0]
+    still = _is_still(looks, errors)
     for t in range(pointers[channels], T):
         for c in range(channels):
-            if not looks.moved[c]:
+            if still or not looks.moved[c]:
                 temperatures[t, c] = _reading(errors, c, take(x, looks.state[c], lane))
         for k in range(at_samples.shape[1]):
             at_samples[t, k] = take(status, k, lane)
     for c in range(channels):
-        if looks.moved[c]:
+        if looks.moved[c] and not still:
             for t in range(pointers[c], T):
                 temperatures[t, c] = _reading(errors, c, take(x, looks.state[c], lane))
 
@@ -141,8 +156,11 @@ class Observed(NamedTuple):
 
 
 @inlined
-def observe_end_back(looks, errors, end, temperatures, temperatures_bar, x_bar, errors_bar):
-    """The derivative of `observe_end` backwards; sets the pointers to the last samples before the end."""
+def observe_end_back(looks, errors, end, is_last, temperatures, temperatures_bar, x_bar, errors_bar):
+    """The derivative of `observe_end` backwards; sets the pointers to the last samples before the end.
+
+    is_last: as of `observe_segment`, of the last segment.
+    """
     pointers, channels = looks.next[0], looks.state.shape[0]
     before = looks.time.shape[0] - 1
     while before >= 0 and looks.time[before] >= end:
@@ -150,7 +168,9 @@ def observe_end_back(looks, errors, end, temperatures, temperatures_bar, x_bar, 
     pointers[channels] = before
     for c in range(channels):
         i, t = looks.state[c], looks.time.shape[0] - 1
-        while t >= 0 and (looks.time[t] + errors[TIME_OFFSET, c] >= end if looks.moved[c] else t > before):
+        while t >= 0 and (
+            not is_last and looks.time[t] + errors[TIME_OFFSET, c] >= end if looks.moved[c] else t > before
+        ):
             errors_bar[GAIN, c] += temperatures_bar[t, c] * temperatures[t, c]
             errors_bar[BIAS, c] += temperatures_bar[t, c]
             x_bar[i] += errors[GAIN, c] * temperatures_bar[t, c]
@@ -202,12 +222,16 @@ def observe_segment_back(
             if looks.moved[c]:
                 sample = pointers[c]
                 while sample >= 0 and (first_one or looks.time[sample] + errors[TIME_OFFSET, c] >= start):
-                    share = (looks.time[sample] + errors[TIME_OFFSET, c] - start) * rate
-                    if share > 0.0:
-                        slope = temperatures_bar[sample, c] * _slope(cubic, c, share) * rate
+                    passed = looks.time[sample] + errors[TIME_OFFSET, c] - start
+                    share = _within(passed, length) * rate
+                    slope = temperatures_bar[sample, c] * _slope(cubic, c, min(max(share, 0.0), 1.0)) * rate
+                    if passed == _within(passed, length):
                         bars.start[0] -= slope
                         bars.length[0] -= slope * share
                         errors_bar[TIME_OFFSET, c] += slope
+                    else:
+                        # It stays at what it is a fixed time before the start, or after the end.
+                        bars.length[0] -= slope * (share if passed < 0.0 else share - 1.0)
                     sample -= 1
     for c in range(channels):
         cubic[0, c], cubic[1, c], cubic[2, c], cubic[3, c] = 0.0, 0.0, 0.0, 0.0
@@ -232,8 +256,14 @@ def observe_segment_back(
             if looks.moved[c]:
                 sample = pointers[c]
                 while sample >= 0 and (first_one or looks.time[sample] + errors[TIME_OFFSET, c] >= start):
-                    share = max((looks.time[sample] + errors[TIME_OFFSET, c] - start) * rate, 0.0)
-                    _add(cubic, c, share, temperatures[sample, c], temperatures_bar[sample, c], errors_bar)
+                    share = _within(looks.time[sample] + errors[TIME_OFFSET, c] - start, length) * rate
+                    y = temperatures_bar[sample, c]
+                    cubic[0, c] += y
+                    cubic[1, c] += y * share
+                    cubic[2, c] += y * _square(share)
+                    cubic[3, c] += y * _cube(share)
+                    errors_bar[GAIN, c] += y * temperatures[sample, c]
+                    errors_bar[BIAS, c] += y
                     sample -= 1
                 pointers[c] = sample
     _set_cubic_back(structure, looks, errors, step, length, balanced, bars)
@@ -295,6 +325,24 @@ def _set_cubic_back(structure, looks, errors, step, length, balanced, bars):
             bars.k2[i] += square - first
             bars.k3[i] += square
             bars.k4[i] += 3.0 * square - 2.0 * cube
+
+
+@inlined
+def _within(passed, length):
+    """Seconds since a segment's start, no farther than `BEYOND` its ends."""
+    return min(max(passed, -BEYOND), length + BEYOND)
+
+
+@inlined
+def _square(share):
+    """The square of a share of a segment; outside of the segment it goes on in a straight line."""
+    return 0.0 if share < 0.0 else share * share if share <= 1.0 else 2.0 * share - 1.0
+
+
+@inlined
+def _cube(share):
+    """The cube, likewise."""
+    return 0.0 if share < 0.0 else share * share * share if share <= 1.0 else 3.0 * share - 2.0
 
 
 @inlined
