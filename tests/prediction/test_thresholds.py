@@ -1,14 +1,21 @@
 """Thresholds of thermostats as measured switches show them."""
 
 import numpy as np
+import pytest
 
 from flightcal.prediction.thresholds import draw_thresholds
 from flightcal.problem import build_problem
 from tests import small
 
 
-def test_a_threshold_is_found_where_it_is_whatever_that_of_the_draw(tmp_path):
+@pytest.mark.parametrize("error", ["bias", "time_offset"])
+def test_a_threshold_is_found_where_it_is_whatever_that_of_the_draw(tmp_path, error):
     content = small.content() | {"heat": {"pattern": {"harmonics": 1}, "gains": None, "slow": None}}
+    # No channel is left that shows temperatures as they are.
+    unit = {"bias": "K", "time_offset": "s"}[error]
+    uncertain = {"normal": {"mean": f"0 {unit}", "standard_deviation": f"1 {unit}"}}
+    for channel in ("body_temp", "panel_temp"):
+        content["parameters"][f"of_{channel}"] = {"sets": f"observations.{channel}.{error}", "prior": uncertain}
     written = content["simulator"]["heaters"]["heater"]["off_above"]
     prior = {"normal": {"mean": written, "standard_deviation": "1 K"}}
     content["parameters"]["off_above"] = {"sets": "heaters.heater.off_above", "prior": prior}

@@ -77,8 +77,6 @@ def draw_thresholds(
         simulator = window.network
         assert simulator is not None
         looking = _looking(simulator)
-        if looking is None:
-            return None
         runs = looking.simulate_many(theta[:, window.simulated], heat)
         seconds = looking.observation.times
         thresholds = [looking.thresholds(own) for own in theta[:, window.simulated]]
@@ -118,21 +116,25 @@ def _usual_scatter(window: Window, theta: FloatArray) -> FloatArray:
     return np.array(found)
 
 
-def _looking(simulator: NetworkSimulator) -> NetworkSimulator | None:
-    """The simulator as its thermostats' sensors see it; None: no channel shows temperatures as they are."""
-    values, mapping = simulator.network.values, simulator.mapping
-    moved = {*mapping.set_positions.tolist(), *mapping.scaled_positions.tolist()}
-    for errors in simulator.channel_errors.T:
-        if tuple(values[errors]) == (1.0, 0.0, 0.0) and not moved & set(errors.tolist()):
-            break
-    else:
-        return None
+def _looking(simulator: NetworkSimulator) -> NetworkSimulator:
+    """The simulator as its thermostats' sensors see it: what channels' errors are is nothing to them."""
+    errors, mapping = simulator.channel_errors, simulator.mapping
+    written = mapping.written.copy()
+    written[errors] = np.array([[1.0], [0.0], [0.0]])
+    is_set, is_scaled = (~np.isin(own, errors) for own in (mapping.set_positions, mapping.scaled_positions))
     sensors = simulator.network.watched
     times = np.arange(0.0, simulator.drive.times[-1], _FINE)
     return replace(
         simulator,
+        mapping=mapping._replace(
+            written=written,
+            set_positions=mapping.set_positions[is_set],
+            set_by=mapping.set_by[is_set],
+            scaled_positions=mapping.scaled_positions[is_scaled],
+            scaled_by=mapping.scaled_by[is_scaled],
+        ),
         observation=Observation(times, Sensors(sensors, np.zeros(len(sensors), np.bool_))),
-        channel_errors=np.ascontiguousarray(np.repeat(errors[:, None], len(sensors), axis=1)),
+        channel_errors=np.repeat(errors[:, :1], len(sensors), axis=1),
         channels=simulator.heaters,
     )
 
