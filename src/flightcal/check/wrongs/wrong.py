@@ -48,6 +48,8 @@ POWER = 0.25
 _STEP = 30.0
 """s, of a simulation at most where shadows or modes begin at other times: the view's steps are short where its own do,
 and a small node that meets the Sun in a long one is thrown far off."""
+_FIRST_STEPS = (2.0, 6.0, 14.0)
+"""s, when the first ones end: where it is in the shadow then, a small node is far from what it starts at."""
 _MANY_MINUTES = 9000.0
 """s, from which hours say it better."""
 
@@ -123,7 +125,7 @@ def driven(
     """
     drive, columns = view.network.drive, view.network.network.columns
     if scenario is not None or sunlight or modes or gaining:
-        drive = divided(drive, np.arange(_STEP, drive.times[-1], _STEP))
+        drive = divided(drive, np.append(_FIRST_STEPS, np.arange(_STEP, drive.times[-1], _STEP)))
     inputs, measured = drive.inputs.copy(), drive.measured
     if scenario is not None:
         fine = np.union1d(view.sunlight.times(scenario, 0.0, drive.times[-1]), drive.times)
