@@ -10,6 +10,7 @@ from flightcal.calibration.find_heat import find_heat
 from flightcal.calibration.heat_point import bend, follow, moved, start_with_heat
 from flightcal.probability import Gains
 from flightcal.problem import at_sizes, responses, unit_heats
+from flightcal.simulator import TIME_ERROR
 from tests.calibration.heated import pattern, problem_of, scores, sizes_of, spread_draws, written
 
 
@@ -30,6 +31,9 @@ def test_what_was_found_is_next_to_the_mode_at_these_sizes(started):
     gradient, hessian = known.log_density_and_gradient(start)[1], known.gauss_newton_hessian(start)
     # It was looked for without the tilt.
     gradient = gradient - known.heat.tilt_of(known.names).slope
+    # Where no tag is off the density has a kink: between the samples of a switch the heater has half of its power.
+    smooth = [k for k, name in enumerate(known.names) if name != TIME_ERROR]
+    gradient, hessian = gradient[smooth], hessian[np.ix_(smooth, smooth)]
     # In its deviations: a step that the search would take next.
     step = np.linalg.solve(hessian, gradient)
     assert np.abs(step * np.sqrt(np.diag(hessian))).max() < 0.3
@@ -114,7 +118,7 @@ def test_the_density_has_the_slope_of_what_the_response_to_heat_changes_by(tmp_p
     deviations = window.numbers(known.at(window, known.to_theta(start)[None])[0])[:, 0]
     noise = np.diag(np.repeat(deviations**2, window.valid.sum(axis=0)))
     tilt = known.priors.tilt
-    assert set(point.model.tilted) == {name for name in known.names if not name.startswith("initial.")}
+    assert set(point.model.tilted) == {*known.scenario.parameters}
     for k, name in enumerate(known.names):
         if name in point.model.tilted:
             sides = []

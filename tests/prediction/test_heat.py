@@ -26,6 +26,7 @@ END = "2024-03-01T03:05:00"
 
 def written(*, status=True, heaters=True):
     content = small.content() | {"heat": {"pattern": {"harmonics": 2}, "slow": {"time": "30 min"}}}
+    content["time_error"] = "none"
     content["windows"] = {
         "train": {"start": "2024-03-01T00:00:00", "end": END},
         "test": {

@@ -91,7 +91,7 @@ def test_observation_with_a_wrong_noise_is_still_told_what_it_names_wrongly(lint
 def test_default_filled_in_by_flightcal_cannot_be_written(lint_edited):
     assert lint_edited(("name: example", "folder: here")) == [
         "2: folder: unknown key 'folder', expected name, description, telemetry, environment, simulator, "
-        "initial_state, parameters, observations, noise, discrepancy, heat, windows, calibration",
+        "initial_state, parameters, observations, noise, discrepancy, heat, time_error, windows, calibration",
         "2: missing key 'name'",
     ]
     found = lint_edited(("imaging_power: {", "imaging_power: {unit: W, "))

@@ -411,7 +411,8 @@ class Search:
     ) -> HeatModel:
         """The model with the slope by z of minus half the log determinant of the telemetry's covariance.
 
-        Looked at by the parameters; initial temperatures change next to nothing of how temperatures respond to heat.
+        Looked at by the parameters; initial temperatures and the time tags' error change next to nothing of how
+        temperatures respond to heat.
         """
         covariance, told = around.known_of_weights(sizes)
         precision = np.split(around.precision(sizes), len(linear))
@@ -421,7 +422,7 @@ class Search:
             here = whiten(self._kept(own, z, around))
             known = of_window[:, None, None] * (here @ covariance)
             for k in around.moving.tolist():
-                if self.problem.entries[k].kind != "initial":
+                if self.problem.entries[k].kind not in ("initial", "time"):
                     there = z.copy()
                     there[k] += _TURNED
                     turned = (whiten(self._kept(own, there, around)) - here) / _TURNED

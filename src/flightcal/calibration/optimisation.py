@@ -36,7 +36,7 @@ def calibrate_genetic(
     """
     settings = settings or problem.scenario.calibration.genetic
     seed = problem.scenario.calibration.seed if seed is None else seed
-    searched = problem.simulated
+    searched = _searched(problem)
     median = problem.priors.median()
     lower, upper = (bound[searched] for bound in problem.priors.bounds(_SEARCH_BOX))
 
@@ -77,13 +77,19 @@ _OF_SEARCH = {
 """Variable of genetic.nc -> its unit and what it is."""
 
 
+def _searched(problem: Problem) -> list[int]:
+    """Positions in theta of what the genetic algorithm searches: as published, time tags are right."""
+    return [k for k in problem.simulated.tolist() if problem.entries[k].kind != "time"]
+
+
 def _poor(problem: Problem, count: int, seed: int) -> FloatArray:
     """A plausible wrong calibration: values [parameter] of what the genetic algorithm searches.
 
     Of so many draws of the parameters from their priors it is the one whose RMSE three in four do not reach. Initial
     temperatures stay at their priors' medians, where telemetry has them: these are not what is wrong.
     """
-    wrong = [k for k in problem.simulated if not problem.names[k].startswith("initial.")]
+    searched = _searched(problem)
+    wrong = [k for k in searched if problem.entries[k].kind != "initial"]
     # The same whatever noise or heat there is beside: runs of the genetic algorithm are taken over.
     shares = np.full((count, len(problem.names)), 0.5)
     shares[:, wrong] = np.random.default_rng([seed, count]).random((count, len(wrong)))
@@ -91,7 +97,7 @@ def _poor(problem: Problem, count: int, seed: int) -> FloatArray:
     rmse = problem.rmse(thetas)
     succeeded = int(np.isfinite(rmse).sum())
     place = np.argsort(rmse)[round(_POOR * (succeeded - 1))] if succeeded else 0
-    return np.asarray(thetas[place, problem.simulated])
+    return np.asarray(thetas[place, searched])
 
 
 def genetic_points(problem: Problem, runs: xarray.Dataset) -> dict[str, FloatArray]:

@@ -145,10 +145,10 @@ def _compared(
     entries: Sequence[Entry], effect: FloatArray, heat: FloatArray, by_node: Mapping[str, FloatArray]
 ) -> BesideHeat:
     """Of effects [R, d] of a deviation of each prior, and of heat [R, m] and by node [R, .] of one weight's each."""
-    initial = np.array([entry.kind == "initial" for entry in entries])
+    aside = np.array([entry.kind in ("initial", "time") for entry in entries])
     without = _widths(effect.T @ effect)
     beside = _widths(effect.T @ effect - _shared(effect, heat))
-    basis = _basis(effect[:, initial])
+    basis = _basis(effect[:, aside])
     left = effect - basis @ (basis.T @ effect)
     told = np.einsum("rd,rd->d", left, left)
     shared = {name: _shared(left, own - basis @ (basis.T @ own)) for name, own in by_node.items()}

@@ -16,7 +16,7 @@ import xarray
 from ..problem import SLOW, Problem
 from ..progress import Progress
 from ..run import Run, Stage, hash_of, hash_of_file, open_run, plain
-from ..scenario import Scenario, default_noise, heat_of, input_files, is_trained, resolved_yaml
+from ..scenario import Scenario, default_noise, heat_of, input_files, is_trained, resolved_yaml, time_error_of
 from ..telemetry import bridged, quality_table
 
 K = TypeVar("K")
@@ -31,8 +31,12 @@ def open_for(scenario: Scenario, out: Path, progress: Progress, **more: str) -> 
     Raises RunError where the folder holds something else, or another process holds the folder.
     """
     inputs = {str(name): hash_of_file(Path(name)) for name in input_files(scenario)}
-    # What is left out of these two hangs together, and on the version of flightcal.
-    meant = {"heat": heat_of(scenario) or "none", "noise": default_noise(scenario)}
+    # What is left out of these hangs together, and on the version of flightcal.
+    meant = {
+        "heat": heat_of(scenario) or "none",
+        "noise": default_noise(scenario),
+        "time_error": time_error_of(scenario) or "none",
+    }
     content = scenario.model_copy(update=meant).model_dump(
         mode="json", exclude={"calibration", "description", "folder"}
     )

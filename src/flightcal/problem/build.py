@@ -12,8 +12,18 @@ from ..errors import ScenarioError
 from ..probability import Priors, heater_status, measured_switches, residual_model, uncertain_thermostats
 from ..reduction import initial_given
 from ..reduction import load as load_reduced
-from ..scenario import ExternalModel, Normal, Prior, Scenario, SimulatorModel, heat_of, is_trained, load_driver
-from ..simulator import ICE_POINT, FloatArray, NetworkSimulator, open_loop
+from ..scenario import (
+    ExternalModel,
+    Normal,
+    Prior,
+    Scenario,
+    SimulatorModel,
+    heat_of,
+    is_trained,
+    load_driver,
+    time_error_of,
+)
+from ..simulator import ICE_POINT, TIME_ERROR, FloatArray, NetworkSimulator, open_loop
 from ..telemetry import driver_gaps, driver_series, select_window, usual_interval, window_bounds
 from .entries import entries_of
 from .problem import Problem
@@ -70,6 +80,9 @@ def build_window(scenario: Scenario, telemetry: xarray.Dataset, name: str, *, sp
     observed = np.stack([chosen[channel].values for channel in channels], axis=1)
     initial = initial_priors(scenario, channels, (times - start) / np.timedelta64(1, "ns") * 1e-9, observed)
     reads: dict[str, Prior] = {parameter: item.prior for parameter, item in scenario.parameters.items()}
+    error = time_error_of(scenario)
+    if error is not None:
+        reads[TIME_ERROR] = Normal(mean=0.0, standard_deviation=error)
     known = reads | initial
 
     def tried(names: tuple[str, ...]) -> FloatArray:

@@ -1,8 +1,8 @@
 """Theta: what is uncertain in a calibration, entry by entry, and where each window's own theta comes from.
 
-Theta is ordered: the scenario's parameters; noise, discrepancy and status; ``drift.<parameter>`` and
-``drift.<parameter>.<window>`` where a parameter drifts; ``initial.<node>`` (K), with several windows to train on
-``initial.<window>.<node>``.
+Theta is ordered: the scenario's parameters; ``telemetry.time_error`` (s); noise, discrepancy and status;
+``drift.<parameter>`` and ``drift.<parameter>.<window>`` where a parameter drifts; ``initial.<node>`` (K), with several
+windows to train on ``initial.<window>.<node>``.
 
 A parameter that drifts has, in window w, the unconstrained value z + tau xi_w: z is the common one, tau
 (``drift.<parameter>``) the standard deviation between windows and xi_w (``drift.<parameter>.<window>``, standard
@@ -21,11 +21,11 @@ import numpy as np
 
 from ..errors import ScenarioError
 from ..probability import Priors, PriorTerms, signed
-from ..scenario import HalfNormal, Normal, Prior, Scenario, Uniform, is_difference, support
-from ..simulator import FloatArray, IntArray
+from ..scenario import HalfNormal, Normal, Prior, Scenario, Uniform, is_difference, support, timed_together
+from ..simulator import TIME_ERROR, FloatArray, IntArray
 from .window import Window
 
-Kind = Literal["parameter", "noise", "discrepancy", "heat", "timing", "error_rate", "initial", "drift"]
+Kind = Literal["parameter", "noise", "discrepancy", "heat", "timing", "error_rate", "time", "initial", "drift"]
 
 
 @dataclass(frozen=True)
@@ -54,6 +54,8 @@ class Entry:
         if self.kind == "parameter":
             told = [f"{verb} {', '.join(paths)}" for verb, paths in (("sets", self.sets), ("scales", self.scales))]
             return "; ".join(words for words, paths in zip(told, (self.sets, self.scales), strict=True) if paths)
+        if self.kind == "time":
+            return "error of all time tags: readings are of so much later"
         if self.kind == "initial":
             return f"initial temperature of {rest}"
         if self.kind == "drift":
@@ -93,6 +95,8 @@ def _entry(scenario: Scenario, name: str, prior: Prior) -> Entry:
     parameter = scenario.parameters.get(name)
     if parameter is not None:
         return Entry(name, parameter.unit, prior, "parameter", parameter.sets, parameter.scales)
+    if name == TIME_ERROR:
+        return Entry(name, "s", prior, "time", timed_together(scenario))
     kind, *rest = name.split(".")
     if kind == "heat":
         return Entry(name, "" if rest == ["gains"] else "W", signed(prior), "heat")

@@ -10,7 +10,7 @@ import xarray
 
 from ..external import build_external
 from ..reduction import load, network_for, shapes
-from ..scenario import Scenario, SimulatorModel, heat_of
+from ..scenario import Scenario, SimulatorModel, heat_of, time_error_of, timed_together
 from ..simulator import FloatArray, Simulator, Times, network_simulator
 
 
@@ -49,8 +49,18 @@ def build_simulator(
     network, heated = None, heated_nodes(scenario)
     if model.reduced_model is not None:
         network = network_for(load(scenario.folder / model.reduced_model).model, scenario, heated)
+    timed = () if time_error_of(scenario) is None else timed_together(scenario)
     exact = network_simulator(
-        scenario, telemetry, start, end, samples, period=period, network=network, heated=heated, tried=tried
+        scenario,
+        telemetry,
+        start,
+        end,
+        samples,
+        period=period,
+        network=network,
+        heated=heated,
+        timed=timed,
+        tried=tried,
     )
     if not model.errors:
         return exact

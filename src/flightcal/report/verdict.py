@@ -25,6 +25,7 @@ from .findings import (
     stand_in,
     suspected,
     temperatures_of,
+    time_tags,
     valued,
 )
 from .panels.parameters import MOST_NAMED
@@ -160,6 +161,6 @@ def verdict_of(run: RunFiles) -> Verdict:
             Answer(RIGHT, (*suspected(run), noise(run), *heat(run), prior_conflict(run), *stand_in(run))),
             Answer(HOLD, (holding(run), *heaters(run))),
         ),
-        (*scores(run), *resting(run), *missing(run)),
+        (*scores(run), *resting(run), *time_tags(run), *missing(run)),
         tuple(held_channels(run)),
     )

@@ -81,6 +81,8 @@ from .schema import (
     is_difference,
     noise_of,
     not_normal,
+    time_error_of,
+    timed_together,
 )
 from .template import write_new, write_template
 from .units import Duration, Kelvins, Power, Quantity, Seconds, Temperature, is_temperature, kind_of, si_unit, to_si

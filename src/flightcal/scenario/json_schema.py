@@ -21,9 +21,10 @@ def json_schema() -> dict[str, Any]:
     schema = schema_of(Scenario)
     definitions = schema["$defs"]
     del schema["properties"]["noise"]["default"]
-    heat = schema["properties"]["heat"]
-    heat["anyOf"].remove({"type": "null"})
-    del heat["default"]
+    for key in ("heat", "time_error"):
+        written = schema["properties"][key]
+        written["anyOf"].remove({"type": "null"})
+        del written["default"]
     for key in ("sets", "scales"):
         del definitions["Parameter"]["properties"][key]["default"]
     definitions["Parameter"]["anyOf"] = [{"required": ["sets"]}, {"required": ["scales"]}]

@@ -300,6 +300,10 @@ class Observation(Block):
         return exactly_one(self, ("node", "output", "heater"), "exactly one of 'node', 'output' and 'heater'")
 
 
+def _time_error_kind(value: Any) -> Any:
+    return Literal["none"] if value == "none" else Annotated[float, Quantity("s", above=0, believable=3600)]
+
+
 # --- the whole --------------------------------------------------------------------------------------------------
 
 
@@ -315,10 +319,17 @@ class InitialState(Block):
     """Standard deviation, K."""
 
 
+WrittenTimeError = Annotated[
+    Annotated[float, Quantity("s", above=0, believable=3600)] | Literal["none"],
+    OneOf(_time_error_kind, "none, or a duration such as '5 s'"),
+]
+
 _FINEST = 5e-3
 """K, error of the integration that no telemetry shows."""
 _BY_DEFAULT = True
 """Whether a scenario that does not write `heat` has it."""
+_TIME_ERROR = 3.0
+"""s, where a scenario with unmodelled heat does not write `time_error`."""
 NOISE_BESIDE_HEAT = Noise(
     model="ar1",
     standard_deviation=HalfNormal(scale=1.0),
@@ -347,6 +358,9 @@ class Scenario(Block):
     discrepancy: Discrepancy | None = None
     heat: WrittenHeat | None = None
     """Heat that the simulator does not know of; none: there is none."""
+    time_error: WrittenTimeError | None = None
+    """Standard deviation of an error that the time tags of all temperatures have in common, as where a clock, the
+    orbit or the sensors are late; it is calibrated. none: there is none. Where it is not written: 3 s beside `heat`."""
     windows: dict[str, Window]
     """`train`, and any number of other windows, on which the result is scored. Several to train on are a list or a
     mapping in the place of `train`, and are called ``train.<name>``; other windows may be grouped likewise."""
@@ -412,6 +426,28 @@ def heat_of(scenario: Scenario) -> Heat | None:
     if scenario.heat is not None:
         return scenario.heat if isinstance(scenario.heat, Heat) else None
     return Heat() if _BY_DEFAULT and can_have_heat(scenario) else None
+
+
+def time_error_of(scenario: Scenario) -> float | None:
+    """Prior standard deviation, s, of the error that time tags have in common; None: they have none."""
+    if not timed_together(scenario):
+        return None
+    if scenario.time_error is not None:
+        return None if scenario.time_error == "none" else scenario.time_error
+    return _TIME_ERROR if heat_of(scenario) is not None else None
+
+
+def timed_together(scenario: Scenario) -> tuple[str, ...]:
+    """Paths of the time offsets that the error of all time tags sets: of channels with none of their own."""
+    if not isinstance(scenario.simulator, SimulatorModel):
+        return ()
+    own = {path for parameter in scenario.parameters.values() for path in (*parameter.sets, *parameter.scales)}
+    found = [
+        f"observations.{name}.time_offset"
+        for name, item in scenario.observations.items()
+        if item.node is not None and item.time_offset == 0.0
+    ]
+    return tuple(path for path in found if path not in own)
 
 
 def can_have_heat(scenario: Scenario) -> bool:

@@ -4,7 +4,7 @@ Imports: compiled, environment, errors, scenario, telemetry.
 """
 
 from .assembly import ParameterMap, assemble, own_initial
-from .build import network_simulator, open_loop
+from .build import TIME_ERROR, network_simulator, open_loop
 from .drive import Times, divided, face_series, in_steps
 from .flow import flow_through, heat_of_inputs
 from .integrate import SimulationFailure, in_parallel, integrate, sensor_temperatures

@@ -20,9 +20,17 @@ from .system import FloatArray
 _WILD = 1e5  # K
 
 
-def parameter_map(network: Network, scenario: Scenario) -> ParameterMap:
-    """The map of a scenario's parameters; lint has seen that no number is set twice, or both set and scaled."""
+TIME_ERROR = "telemetry.time_error"
+"""The entry of theta that is the error of all time tags, s."""
+
+
+def parameter_map(network: Network, scenario: Scenario, timed: tuple[str, ...] = ()) -> ParameterMap:
+    """The map of a scenario's parameters; lint has seen that no number is set twice, or both set and scaled.
+
+    timed: see `network_simulator`.
+    """
     entries = [(parameter.sets, parameter.scales) for parameter in scenario.parameters.values()]
+    entries += [(timed, ())] if timed else []
     numbers = numbers_of(dict(zip(network.paths, network.values.tolist(), strict=True)), entries)
     return ParameterMap(len(entries), network.values, *numbers.sets.T.copy(), *numbers.scales.T.copy())
 
@@ -37,18 +45,21 @@ def network_simulator(
     period: float,
     network: Network | None = None,
     heated: Sequence[str] = (),
+    timed: tuple[str, ...] = (),
     tried: Callable[[tuple[str, ...]], FloatArray] | None = None,
 ) -> NetworkSimulator:
     """The simulator of a scenario on the window [start, end], observed at `samples` [T] (UTC).
 
     network: in place of the one that the scenario's blocks describe (a reduced order model's); heated: see
-    `build_network`. tried: thetas [S, d], some of which choose the length of the steps (see `steps.to_try`), from the
-    names of theta's entries; by default what the scenario writes.
+    `build_network`. timed: paths of the numbers that one more entry of theta, `TIME_ERROR`, sets. tried: thetas [S, d],
+    some of which choose the length of the steps (see `steps.to_try`), from the names of theta's entries; by default
+    what the scenario writes.
     """
     network = network or build_network(scenario, heated)
     inputs = window_inputs(scenario, network, telemetry, start, end, samples, period=period)
     observed = {name: item for name, item in scenario.observations.items() if item.node is not None}
     paths = {path for parameter in scenario.parameters.values() for path in (*parameter.sets, *parameter.scales)}
+    paths |= {*timed}
     states = [
         network.nodes.index(item.node if item.lag is None else sensor_state(name)) for name, item in observed.items()
     ]
@@ -58,8 +69,8 @@ def network_simulator(
     coarse = make_grid(inputs, scenario.network.step or np.inf)
     simulator = NetworkSimulator(
         network=network,
-        names=tuple(scenario.parameters),
-        mapping=parameter_map(network, scenario),
+        names=(*scenario.parameters, *([TIME_ERROR] if timed else [])),
+        mapping=parameter_map(network, scenario, timed),
         drive=drive_on(inputs, coarse),
         observation=Observation((samples - start) / np.timedelta64(1, "ns") * 1e-9, sensors),
         channels=tuple(observed),

@@ -105,7 +105,7 @@ class NetworkSimulator:
 
     network: Network
     names: tuple[str, ...]
-    """Of the scenario's parameters."""
+    """Of the scenario's parameters, and `TIME_ERROR` where time tags may be off."""
     mapping: ParameterMap
     drive: Drive
     observation: Observation

@@ -13,7 +13,7 @@ from ..errors import ScenarioError
 from ..problem import Problem, Window
 from ..reduction import Flown, compare, fly_at, load_task
 from ..run import Run, Stage, read_json
-from ..simulator import FloatArray, Trajectory, in_parallel
+from ..simulator import TIME_ERROR, FloatArray, Trajectory, in_parallel
 
 FULL_CHECK_FILE = "full_simulator_check.json"
 CHECKED = 8
@@ -70,6 +70,8 @@ def _from_there(window: Window, theta: FloatArray, there: Flown) -> Trajectory |
         kind, _, node = name.partition(".")
         if kind == "initial":
             theta[k] = there.start[node]
+        elif name == TIME_ERROR:
+            theta[k] = 0.0
     on = np.array([there.on[name] for name in network.heaters])
     started = replace(network, drive=replace(network.drive, initially_on=on))
     return replace(window, simulator=started).simulate_many(theta[None])[0]

@@ -8,9 +8,10 @@ from typing import Any
 
 from scipy.stats import chi2, norm
 
-from ...calibration import PriorScore
+from ...calibration import Calibrated, PriorScore
 from ...probability import INDEPENDENT
 from ...scenario import is_trained
+from ..panels.calibrated import calibrated
 from ..panels.discrepancy import STANDS_IN, stand_ins
 from ..panels.heat import IMPLAUSIBLE, LARGE, WANDERING, gains, node_heats, state
 from ..panels.parameters import MOST_NAMED, WIDER, shortened, widened
@@ -202,7 +203,7 @@ def prior_conflict(run: RunFiles) -> Finding:
     out_by = {
         own["name"]: PriorScore(float(own["prior_score"]), float(own.get("usual_score") or 1.0))
         for own in (run.diagnostics or {}).get("parameters", [])
-        if own.get("prior_score") is not None and kinds.get(own["name"]) in ("parameter", "initial")
+        if own.get("prior_score") is not None and kinds.get(own["name"]) in ("parameter", "initial", "time")
     }
     if not out_by:
         return Finding("none", "Priors are not compared", "The run does not say where posteriors lie in their priors.")
@@ -282,3 +283,22 @@ def resting(run: RunFiles) -> list[Finding]:
     )
     title = f"What is known of {shortened(names)} rests on fixed numbers"
     return [Finding("good", title, text, details)]
+
+
+def time_tags(run: RunFiles) -> list[Finding]:
+    """An error that all time tags have in common, where the telemetry shows one: what follows allows for it."""
+    found = [own for own in calibrated(run) if own.kind == "time" and not own.lower <= 0.0 <= own.upper]
+    return [_time_tags(own) for own in found]
+
+
+def _time_tags(own: Calibrated) -> Finding:
+    # A reading of an earlier time than its tag says has a tag that is late.
+    late = own.mean < 0.0
+    lower, upper = sorted((abs(own.lower), abs(own.upper)))
+    size = f"{number(abs(own.mean), 2)} s {'late' if late else 'early'}"
+    text = (
+        f"All temperatures seem to be of a time {number(lower, 2)} to {number(upper, 2)} s "
+        f"{'earlier' if late else 'later'} than their tags say (95%). A clock, an orbit that is off along its "
+        "track, or sensors that follow their nodes slowly do that. Values and intervals allow for it."
+    )
+    return Finding("good", f"Time tags are about {size}", text)

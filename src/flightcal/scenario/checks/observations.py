@@ -32,12 +32,25 @@ def check(reading: Reading, folder: Path) -> Iterator[Problem]:
             message = "found a 'likelihood' for a temperature, expected one for the status of a heater only"
             yield Problem((*location, "likelihood"), message)
         yield from _check_sensor(blocks, observation, name)
+    yield from _check_time_error(reading)
     observations = blocks.observations.values()
     if blocks.observations and not any(
         observation is None or observation.heater is None for observation in observations
     ):
         message = "found no temperature channel, expected at least one: the likelihood is that of temperatures"
         yield Problem(("observations",), message)
+
+
+def _check_time_error(reading: Reading) -> Iterator[Problem]:
+    """The error of all time tags is one of readings of a network's nodes."""
+    data = reading.document.data
+    if not isinstance(data, dict) or "time_error" not in data:
+        return
+    if data["time_error"] is None:
+        yield Problem(("time_error",), "found nothing, expected none or a duration: without the key it has its default")
+    elif data["time_error"] != "none" and reading.blocks.external is not None:
+        message = f"found a time error beside an external simulator ({reading.blocks.external.kind})"
+        yield Problem(("time_error",), f"{message}, expected none: its readings are of the times of their tags")
 
 
 def _check_target(blocks: Blocks, observation: Observation, location: Location) -> Iterator[Problem]:
