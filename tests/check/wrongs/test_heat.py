@@ -20,6 +20,17 @@ def test_the_sign_of_a_driver_is_named(flown):
     assert "sign" in first.title
 
 
+def test_a_driver_of_another_column_is_named(tmp_path):
+    scenario, data = small.load(tmp_path)
+    seconds = (data["time"].values - data["time"].values[0]) / np.timedelta64(1, "s")
+    true, other = (0.5 + 0.4 * np.sign(np.sin(seconds / period)) for period in (1500.0, 2100.0))
+    data = small.telemetry_of(scenario, spoilt(data, sun=true))
+    assert named(scenario, data) == ()
+    first = named(scenario, spoilt(data, sun=other))[0]
+    assert (first.kind, first.about) == ("driver", "sun")
+    assert "not as its driver" in first.title
+
+
 def test_a_mode_of_another_power_is_named_too_in_a_node_whose_heater_has_no_status(tmp_path):
     written = small.content()
     written["simulator"]["modes"] = {"quiet": {"body": "2 W"}, "loud": {"body": "40 W"}}

@@ -320,6 +320,7 @@ def drivers(view: View) -> Iterator[Wrong]:
     for name, load in loads.items():
         column = view.network.network.columns.index(f"driver.{name}")
         yield from _driver_of_any_size(view, name, column, len(loads))
+        yield from _unlike_driver(view, name, column, len(loads))
         yield from _driver_times(view, name, column, FEW_TIMES, len(loads))
         for factor in (-1.0, 0.0, *FACTORS):
             inputs = drive.inputs.copy()
@@ -351,6 +352,30 @@ def _driver_of_any_size(view: View, load: str, column: int, tries: float) -> Ite
         return _of_driver(block.driver, load, 1.0 + size * float(fit.added[0]))
 
     yield Wrong("driver", block.driver, words, columns=effect, least=POWER / size, tries=tries)
+
+
+def _unlike_driver(view: View, load: str, column: int, tries: float) -> Iterator[Wrong]:
+    """A load's heat is another in each piece of the window, and not at all as its driver says."""
+    block, network = view.window.scenario.network.loads[load], view.network.network
+    coefficient = float(view.network.mapping.written[network.paths.index(f"loads.{load}.coefficient")])
+    watts = coefficient * view.network.drive.inputs[:, :, column].reshape(1, -1)
+    size = float(np.ptp(watts))
+    if block.node not in view.heat.nodes or size < _LACKED * view.heat.flow[view.heat.nodes.index(block.node)]:
+        return
+    inputs = view.network.drive.inputs.copy()
+    inputs[:, :, column] = 0.0
+    edges = np.linspace(0.0, view.network.drive.times[-1], _PIECES + 1)
+    each = size * view.response(view.window, view.middle, block.node, pieces(view.window, edges))
+
+    def words(fit: Fit) -> Words:
+        return Words(
+            f"The heat of load {load} is not as its driver {block.driver} says",
+            f"What heats {block.node} changes at other times than {block.driver} does.",
+            f"Check which column {block.driver} is, its unit and how its gaps are filled",
+        )
+
+    columns = np.column_stack([each.sum(axis=1), each])
+    yield Wrong("driver", block.driver, words, window=view.with_inputs(inputs), columns=columns, tries=tries)
 
 
 def _driver_times(
