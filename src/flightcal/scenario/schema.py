@@ -300,10 +300,6 @@ class Observation(Block):
         return exactly_one(self, ("node", "output", "heater"), "exactly one of 'node', 'output' and 'heater'")
 
 
-def _time_error_kind(value: Any) -> Any:
-    return Literal["none"] if value == "none" else Annotated[float, Quantity("s", above=0, believable=3600)]
-
-
 # --- the whole --------------------------------------------------------------------------------------------------
 
 
@@ -319,9 +315,10 @@ class InitialState(Block):
     """Standard deviation, K."""
 
 
+_TimeError = Annotated[float, Quantity("s", above=0, believable=3600)]
 WrittenTimeError = Annotated[
-    Annotated[float, Quantity("s", above=0, believable=3600)] | Literal["none"],
-    OneOf(_time_error_kind, "none, or a duration such as '5 s'"),
+    _TimeError | Literal["none"],
+    OneOf(lambda value: Literal["none"] if value == "none" else _TimeError, "none, or a duration such as '5 s'"),
 ]
 
 _FINEST = 5e-3
