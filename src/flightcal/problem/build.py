@@ -80,15 +80,19 @@ def build_window(scenario: Scenario, telemetry: xarray.Dataset, name: str, *, sp
     observed = np.stack([chosen[channel].values for channel in channels], axis=1)
     initial = initial_priors(scenario, channels, (times - start) / np.timedelta64(1, "ns") * 1e-9, observed)
     reads: dict[str, Prior] = {parameter: item.prior for parameter, item in scenario.parameters.items()}
-    error = time_error_of(scenario)
-    if error is not None:
-        reads[TIME_ERROR] = Normal(mean=0.0, standard_deviation=error)
     known = reads | initial
 
     def tried(names: tuple[str, ...]) -> FloatArray:
-        priors = Priors(names, tuple(known[parameter] for parameter in names))
-        return priors.sample(np.random.default_rng(_SEED_OF_STEPS), _DRAWN)
+        # At which times temperatures are read is nothing to the steps.
+        drawn = tuple(name for name in names if name != TIME_ERROR)
+        priors = Priors(drawn, tuple(known[name] for name in drawn))
+        thetas = np.zeros((_DRAWN, len(names)))
+        thetas[:, [name in drawn for name in names]] = priors.sample(np.random.default_rng(_SEED_OF_STEPS), _DRAWN)
+        return thetas
 
+    error = time_error_of(scenario)
+    if error is not None:
+        reads[TIME_ERROR] = Normal(mean=0.0, standard_deviation=error)
     simulator = build_simulator(scenario, telemetry, start, end, times, period=period, tried=tried)
     if (
         isinstance(simulator, NetworkSimulator)
