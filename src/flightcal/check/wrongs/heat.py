@@ -315,7 +315,7 @@ def turning(values: FloatArray, swing: float) -> FloatArray | None:
 
 
 def drivers(view: View) -> Iterator[Wrong]:
-    """A measured load has the wrong unit or sign."""
+    """A measured load has the wrong unit or sign, or is of another column."""
     drive, loads = view.network.drive, view.window.scenario.network.loads
     for name, load in loads.items():
         column = view.network.network.columns.index(f"driver.{name}")
