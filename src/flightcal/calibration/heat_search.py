@@ -422,7 +422,7 @@ class Search:
             here = whiten(self._kept(own, z, around))
             known = of_window[:, None, None] * (here @ covariance)
             for k in around.moving.tolist():
-                if self.problem.entries[k].kind not in ("initial", "time"):
+                if self.problem.entries[k].is_of_network:
                     there = z.copy()
                     there[k] += _TURNED
                     turned = (whiten(self._kept(own, there, around)) - here) / _TURNED

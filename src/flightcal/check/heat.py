@@ -145,7 +145,7 @@ def _compared(
     entries: Sequence[Entry], effect: FloatArray, heat: FloatArray, by_node: Mapping[str, FloatArray]
 ) -> BesideHeat:
     """Of effects [R, d] of a deviation of each prior, and of heat [R, m] and by node [R, .] of one weight's each."""
-    aside = np.array([entry.kind in ("initial", "time") for entry in entries])
+    aside = np.array([not entry.is_of_network for entry in entries])
     without = _widths(effect.T @ effect)
     beside = _widths(effect.T @ effect - _shared(effect, heat))
     basis = _basis(effect[:, aside])

@@ -475,7 +475,6 @@ def thermostats(window: Window, rows: Rows) -> Iterator[Thermostat]:
 def known_thermostats(window: Window) -> Iterator[tuple[str, int, str]]:
     """Heaters of known thresholds whose sensor has a channel: each with its place among them, and that channel."""
     scenario = window.scenario
-    moved = {path for parameter in scenario.parameters.values() for path in (*parameter.sets, *parameter.scales)}
     for k, (name, heater) in enumerate(scenario.network.switches.items()):
         watching = [
             channel
@@ -484,5 +483,5 @@ def known_thermostats(window: Window) -> Iterator[tuple[str, int, str]]:
         ]
         if (heater.measured_by or "").startswith(INFERRED):
             continue
-        if watching and not {f"heaters.{name}.on_below", f"heaters.{name}.off_above"} & moved:
+        if watching and not {f"heaters.{name}.on_below", f"heaters.{name}.off_above"} & scenario.uncertain:
             yield name, k, watching[0]

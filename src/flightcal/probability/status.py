@@ -123,8 +123,7 @@ def heater_status(scenario: Scenario, telemetry: xarray.Dataset, start: np.datet
 
 def uncertain_thermostats(scenario: Scenario) -> set[str]:
     """Heaters with a threshold that is a parameter."""
-    paths = {path for parameter in scenario.parameters.values() for path in (*parameter.sets, *parameter.scales)}
-    return {path.split(".")[1] for path in paths if path.endswith((".on_below", ".off_above"))}
+    return {path.split(".")[1] for path in scenario.uncertain if path.endswith((".on_below", ".off_above"))}
 
 
 def measured_switches(scenario: Scenario, telemetry: xarray.Dataset, start: np.datetime64) -> Switch | None:

@@ -48,6 +48,11 @@ class Entry:
         return self.unit == "K" and (self.kind == "initial" or (bool(self.sets) and not of_sensor))
 
     @property
+    def is_of_network(self) -> bool:
+        """Whether temperatures respond to heat otherwise with it: not where they begin, nor when they are read."""
+        return self.kind not in ("initial", "time")
+
+    @property
     def long_name(self) -> str:
         """What it is, in words: for plots and tables that others make."""
         first, _, rest = self.name.partition(".")

@@ -127,7 +127,7 @@ def followed(problem: Problem, theta: FloatArray) -> dict[str, Followed]:
     whole = sum(np.einsum("kti,kti,k->i", own, own, of) for own, of in zip(white, precision, strict=True))
     found = {}
     for k in problem.simulated.tolist():
-        if problem.entries[k].kind in ("initial", "time"):
+        if not problem.entries[k].is_of_network:
             continue
         there = z.copy()
         there[k] += _TURNED

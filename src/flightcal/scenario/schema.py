@@ -380,6 +380,11 @@ class Scenario(Block):
         return tuple(name for name in self.windows if is_trained(name))
 
     @property
+    def uncertain(self) -> set[str]:
+        """Dotted paths of the numbers that parameters set or scale."""
+        return {path for parameter in self.parameters.values() for path in (*parameter.sets, *parameter.scales)}
+
+    @property
     def network(self) -> SimulatorModel:
         """The thermal network. Raises ScenarioError where the simulator is an external one."""
         if not isinstance(self.simulator, SimulatorModel):
@@ -438,13 +443,12 @@ def timed_together(scenario: Scenario) -> tuple[str, ...]:
     """Paths of the time offsets that the error of all time tags sets: of channels with none of their own."""
     if not isinstance(scenario.simulator, SimulatorModel):
         return ()
-    own = {path for parameter in scenario.parameters.values() for path in (*parameter.sets, *parameter.scales)}
     found = [
         f"observations.{name}.time_offset"
         for name, item in scenario.observations.items()
         if item.node is not None and item.time_offset == 0.0
     ]
-    return tuple(path for path in found if path not in own)
+    return tuple(path for path in found if path not in scenario.uncertain)
 
 
 def can_have_heat(scenario: Scenario) -> bool:

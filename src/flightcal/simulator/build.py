@@ -58,8 +58,7 @@ def network_simulator(
     network = network or build_network(scenario, heated)
     inputs = window_inputs(scenario, network, telemetry, start, end, samples, period=period)
     observed = {name: item for name, item in scenario.observations.items() if item.node is not None}
-    paths = {path for parameter in scenario.parameters.values() for path in (*parameter.sets, *parameter.scales)}
-    paths |= {*timed}
+    paths = scenario.uncertain | {*timed}
     states = [
         network.nodes.index(item.node if item.lag is None else sensor_state(name)) for name, item in observed.items()
     ]

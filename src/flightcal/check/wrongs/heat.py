@@ -12,6 +12,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from ...problem import Window
 from ...report import listed, number
 from ...simulator import FloatArray
 from ...telemetry import status_or_unknown
@@ -54,7 +55,7 @@ def modes(view: View) -> Iterator[Wrong]:
         yield from _mode_elsewhere(view, mode, responses)
         for node in view.heat.nodes:
             written = powers.get(node, 0.0)
-            flow = float(view.heat.flow[view.heat.nodes.index(node)])
+            flow = _flow(view, node)
             size = max(0.5 * flow, abs(written), 1.0)
             effect = size * responses[node]
 
@@ -135,7 +136,7 @@ def missing_heat(view: View) -> Iterator[Wrong]:
         if node in view.heat.nodes and rising is not None and heated.get(str(node)) not in view.unknown:
             waves.append(("", str(node), shares(view.network.observation.times, rising, grid)))
     for name, node, on in waves:
-        flow, heater = float(view.heat.flow[view.heat.nodes.index(node)]), None if name else heated.get(node)
+        flow, heater = _flow(view, node), None if name else heated.get(node)
         size = max(_HEATED * flow, 1.0, *powers)
         series = np.repeat(on, 2)[None]
         if not name:
@@ -316,15 +317,13 @@ def turning(values: FloatArray, swing: float) -> FloatArray | None:
 
 def drivers(view: View) -> Iterator[Wrong]:
     """A measured load has the wrong unit or sign, or is of another column."""
-    drive, loads = view.network.drive, view.window.scenario.network.loads
+    loads = view.window.scenario.network.loads
     for name, load in loads.items():
         column = view.network.network.columns.index(f"driver.{name}")
         yield from _driver_of_any_size(view, name, column, len(loads))
         yield from _unlike_driver(view, name, column, len(loads))
         yield from _driver_times(view, name, column, FEW_TIMES, len(loads))
         for factor in (-1.0, 0.0, *FACTORS):
-            inputs = drive.inputs.copy()
-            inputs[:, :, column] *= factor
             how = {-1.0: "has the wrong sign", 0.0: "does nothing"}.get(
                 factor, f"is {number(1.0 / (factor or 1.0), 4)} times what it should be"
             )
@@ -333,15 +332,32 @@ def drivers(view: View) -> Iterator[Wrong]:
                 f"With {factor:g} times {load.driver}, the heat of load {name} explains the telemetry.",
                 f"Check 'unit' of {load.driver} and 'coefficient' of load {name}",
             )
-            yield Wrong("driver", load.driver, words, window=view.with_inputs(inputs), tries=8 * len(loads))
+            window = _with_driver(view, column, factor)
+            yield Wrong("driver", load.driver, words, window=window, tries=8 * len(loads))
+
+
+def _with_driver(view: View, column: int, factor: float) -> Window:
+    """The window with so many times the driver in a column of its inputs."""
+    inputs = view.network.drive.inputs.copy()
+    inputs[:, :, column] *= factor
+    return view.with_inputs(inputs)
+
+
+def _watts(view: View, load: str, column: int) -> FloatArray:
+    """[1, 2 K] of a load with the driver in a column of the inputs, as the scenario writes it."""
+    place = view.network.network.paths.index(f"loads.{load}.coefficient")
+    return float(view.network.mapping.written[place]) * view.network.drive.inputs[:, :, column].reshape(1, -1)
+
+
+def _flow(view: View, node: str) -> float:
+    """W through a node; 0: it holds no heat."""
+    return float(view.heat.flow[view.heat.nodes.index(node)]) if node in view.heat.nodes else 0.0
 
 
 def _driver_of_any_size(view: View, load: str, column: int, tries: float) -> Iterator[Wrong]:
     """A measured load is so many times what it should be, as in another unit."""
-    block, network = view.window.scenario.network.loads[load], view.network.network
-    coefficient = float(view.network.mapping.written[network.paths.index(f"loads.{load}.coefficient")])
-    watts = coefficient * view.network.drive.inputs[:, :, column].reshape(1, -1)
-    flow = float(view.heat.flow[view.heat.nodes.index(block.node)]) if block.node in view.heat.nodes else 0.0
+    block, watts = view.window.scenario.network.loads[load], _watts(view, load, column)
+    flow = _flow(view, block.node)
     if not flow or not watts.any():
         return
     # What comes is so large, and not what is written: a unit may make that small.
@@ -356,14 +372,10 @@ def _driver_of_any_size(view: View, load: str, column: int, tries: float) -> Ite
 
 def _unlike_driver(view: View, load: str, column: int, tries: float) -> Iterator[Wrong]:
     """A load's heat is another in each piece of the window, and not at all as its driver says."""
-    block, network = view.window.scenario.network.loads[load], view.network.network
-    coefficient = float(view.network.mapping.written[network.paths.index(f"loads.{load}.coefficient")])
-    watts = coefficient * view.network.drive.inputs[:, :, column].reshape(1, -1)
-    size = float(np.ptp(watts))
-    if block.node not in view.heat.nodes or size < _LACKED * view.heat.flow[view.heat.nodes.index(block.node)]:
+    block = view.window.scenario.network.loads[load]
+    size = float(np.ptp(_watts(view, load, column)))
+    if block.node not in view.heat.nodes or size < _LACKED * _flow(view, block.node):
         return
-    inputs = view.network.drive.inputs.copy()
-    inputs[:, :, column] = 0.0
     edges = np.linspace(0.0, view.network.drive.times[-1], _PIECES + 1)
     each = size * view.response(view.window, view.middle, block.node, pieces(view.window, edges))
 
@@ -375,7 +387,8 @@ def _unlike_driver(view: View, load: str, column: int, tries: float) -> Iterator
         )
 
     columns = np.column_stack([each.sum(axis=1), each])
-    yield Wrong("driver", block.driver, words, window=view.with_inputs(inputs), columns=columns, tries=tries)
+    window = _with_driver(view, column, 0.0)
+    yield Wrong("driver", block.driver, words, window=window, columns=columns, tries=tries)
 
 
 def _driver_times(
@@ -386,9 +399,7 @@ def _driver_times(
     for factor in factors:
         if abs(factor - 1.0) < POWER:
             continue
-        inputs = view.network.drive.inputs.copy()
-        inputs[:, :, column] *= factor
-        words, window = _of_driver(driver, load, factor), view.with_inputs(inputs)
+        words, window = _of_driver(driver, load, factor), _with_driver(view, column, factor)
         near = partial(_driver_times, view, load, column, factor * 2.0 ** np.linspace(-0.4, 0.4, 7), tries)
         yield Wrong("driver", driver, words, window=window, tries=tries, closer=near)
 

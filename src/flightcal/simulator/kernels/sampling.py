@@ -116,8 +116,7 @@ def observe_segment(
                         _set_cubic(structure, looks, errors, x0, step, lane, length, balanced)
                         known = True
                     share = _within(looks.time[t] + errors[TIME_OFFSET, c] - start, length) * rate
-                    square, cube = _square(share), _cube(share)
-                    temperatures[t, c] = cubic[0, c] + share * cubic[1, c] + square * cubic[2, c] + cube * cubic[3, c]
+                    temperatures[t, c] = _at(cubic, c, share)
                     t += 1
                 pointers[c] = t
 
@@ -223,9 +222,10 @@ def observe_segment_back(
                 sample = pointers[c]
                 while sample >= 0 and (first_one or looks.time[sample] + errors[TIME_OFFSET, c] >= start):
                     passed = looks.time[sample] + errors[TIME_OFFSET, c] - start
-                    share = _within(passed, length) * rate
+                    near = _within(passed, length)
+                    share = near * rate
                     slope = temperatures_bar[sample, c] * _slope(cubic, c, min(max(share, 0.0), 1.0)) * rate
-                    if passed == _within(passed, length):
+                    if passed == near:
                         bars.start[0] -= slope
                         bars.length[0] -= slope * share
                         errors_bar[TIME_OFFSET, c] += slope
@@ -257,13 +257,7 @@ def observe_segment_back(
                 sample = pointers[c]
                 while sample >= 0 and (first_one or looks.time[sample] + errors[TIME_OFFSET, c] >= start):
                     share = _within(looks.time[sample] + errors[TIME_OFFSET, c] - start, length) * rate
-                    y = temperatures_bar[sample, c]
-                    cubic[0, c] += y
-                    cubic[1, c] += y * share
-                    cubic[2, c] += y * _square(share)
-                    cubic[3, c] += y * _cube(share)
-                    errors_bar[GAIN, c] += y * temperatures[sample, c]
-                    errors_bar[BIAS, c] += y
+                    _add(cubic, c, share, temperatures[sample, c], temperatures_bar[sample, c], errors_bar)
                     sample -= 1
                 pointers[c] = sample
     _set_cubic_back(structure, looks, errors, step, length, balanced, bars)
@@ -347,7 +341,7 @@ def _cube(share):
 
 @inlined
 def _at(cubic, c, share):
-    return cubic[0, c] + share * (cubic[1, c] + share * (cubic[2, c] + share * cubic[3, c]))
+    return cubic[0, c] + share * cubic[1, c] + _square(share) * cubic[2, c] + _cube(share) * cubic[3, c]
 
 
 @inlined
@@ -360,8 +354,8 @@ def _add(cubic, c, share, reading, cotangent, errors_bar):
     """The derivative of `_at` backwards, into the cotangents of the coefficients."""
     cubic[0, c] += cotangent
     cubic[1, c] += cotangent * share
-    cubic[2, c] += cotangent * share * share
-    cubic[3, c] += cotangent * share * share * share
+    cubic[2, c] += cotangent * _square(share)
+    cubic[3, c] += cotangent * _cube(share)
     errors_bar[GAIN, c] += cotangent * reading
     errors_bar[BIAS, c] += cotangent
 
