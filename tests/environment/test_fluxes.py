@@ -8,6 +8,7 @@ from flightcal.environment.geometry import geometry_of
 from flightcal.environment.orbit import EARTH_RADIUS
 from flightcal.environment.sun import ASTRONOMICAL_UNIT
 from flightcal.errors import OrbitError
+from flightcal.scenario import SunTracking
 
 from .scenes import EPOCH, circular, environment, random_units, seconds_after
 
@@ -63,6 +64,55 @@ def test_sun_pointing_face_receives_the_whole_solar_flux():
     fluxes = face_fluxes(scene, {"array": (0, 0, 5), "back": (0, 0, -1)}, TIMES)
     assert fluxes.solar[:, 0] == pytest.approx(solar_flux(scene, TIMES), rel=1e-12)
     assert (fluxes.solar[:, 1] == 0).all()
+
+
+def tracking(axis, back=False) -> SunTracking:
+    return SunTracking(tracks_sun_about=axis, back=back)
+
+
+@pytest.mark.parametrize("attitude", ["nadir", {"inertial": [0.5, 0.1, -0.7, 0.5]}])
+def test_face_that_tracks_the_sun_stands_as_near_to_it_as_its_axis_allows(attitude):
+    scene = environment(circular(raan="50 deg"), attitude=attitude)
+    axis = np.array([0.2, 1.0, -0.3])
+    fluxes = face_fluxes(scene, {"front": tracking(tuple(axis)), "back": tracking(tuple(axis), back=True)}, TIMES)
+    # No way across the axis is better: all of them in steps of a degree, as faces that are fixed.
+    along = np.cross(axis, (1.0, 0.0, 0.0))
+    along /= np.linalg.norm(along)
+    across = np.cross(axis / np.linalg.norm(axis), along)
+    turns = {str(k): tuple(along * np.cos(a) + across * np.sin(a)) for k, a in enumerate(np.deg2rad(np.arange(360)))}
+    fixed = face_fluxes(scene, turns, TIMES)
+    assert fluxes.solar[:, 0] == pytest.approx(fixed.solar.max(axis=1), rel=2e-4)
+    assert (fluxes.solar[:, 1] == 0).all()
+    # Both sides get of the Earth what the two sides of a fixed plate get that stands so, in the Sun or not.
+    best = fixed.solar.argmax(axis=1)
+    sunlit = fixed.solar.max(axis=1) > 0
+    rows = np.arange(len(TIMES))[sunlit]
+    for kind in ("albedo", "infrared"):
+        ours, plates = getattr(fluxes, kind), getattr(fixed, kind)
+        assert ours[rows, 0] == pytest.approx(plates[rows, best[rows]], abs=0.02 * plates.max())
+        assert ours[rows, 1] == pytest.approx(plates[rows, (best[rows] + 180) % 360], abs=0.02 * plates.max())
+
+
+def test_face_turned_about_an_axis_across_the_sun_gets_the_whole_solar_flux():
+    # At the equinox the Sun stands in the plane of an equatorial orbit, whose normal is the drive's axis.
+    scene = environment(circular(inclination="0 deg", altitude="35786 km"))
+    fluxes = face_fluxes(scene, {"array": tracking((0, 1, 0))}, TIMES)
+    lit = fluxes.solar[:, 0] > 0
+    assert lit.sum() > 10
+    assert fluxes.solar[lit, 0] == pytest.approx(solar_flux(scene, TIMES)[lit], rel=1e-4)
+
+
+def test_face_whose_axis_points_to_the_sun_gets_no_sunlight_and_no_error():
+    scene = environment(circular(raan="30 deg"), attitude="sun_pointing")
+    fluxes = face_fluxes(scene, {"array": tracking((0, 0, 1))}, TIMES)
+    assert fluxes.solar[:, 0] == pytest.approx(0.0, abs=1e-5)
+    assert np.isfinite(fluxes.infrared).all()
+
+
+def test_no_face_tracks_the_sun_on_a_body_that_spins_fast():
+    scene = environment(circular(), attitude={"spin_axis": [0, 0, 1], "direction": [1, 0, 0]})
+    with pytest.raises(OrbitError, match="a face that tracks the Sun"):
+        face_fluxes(scene, {"array": tracking((0, 1, 0)), "top": (0, 0, 1)}, TIMES)
 
 
 def test_length_of_the_normal_does_not_matter():

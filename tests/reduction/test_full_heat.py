@@ -13,6 +13,7 @@ from flightcal.reduction.full_order import run_full
 from flightcal.reduction.names import plain
 from flightcal.reduction.reduced_scenario import network_for, reduced_scenario
 from flightcal.reduction.storage import load, save, stored_of
+from flightcal.scenario import SunTracking
 from flightcal.simulator import network_simulator
 from tests.reduction import craft
 from tests.reduction.test_projection import model_of
@@ -106,6 +107,15 @@ def test_input_series_bring_what_the_full_network_says(task, model, known):
     (way,) = [name for name, normal in model.ways.items() if normal == (0.0, -1.0, 0.0)]
     of_cell = dict(zip(model.columns, brought["bus_y-_1_0"], strict=True))
     assert of_cell[f"solar.{way}"] == pytest.approx(0.05 * 0.25)
+
+
+def test_ways_that_faces_look_are_read_back_as_they_were(task, model, known, tmp_path):
+    ways = dict.fromkeys(model.ways, (0.0, -1.0, 0.0)) | {
+        "body": "all", "array": SunTracking(tracks_sun_about=(0, 1, 0), back=True)
+    }  # fmt: skip
+    block = reduced_scenario(task.scenario, model, 60.0).network
+    save(tmp_path / "rom.nc", stored_of(replace(model, ways=ways), task.scenario, block, {}, known))
+    assert load(tmp_path / "rom.nc").model.ways == ways
 
 
 def test_what_heat_needs_is_read_back_as_it_was(task, model, known, tmp_path):

@@ -288,6 +288,22 @@ def test_a_heaters_status_has_no_sensor(lint_edited):
     ]
 
 
+def test_a_face_tracks_the_sun_about_an_axis_unless_the_body_spins_fast(lint_edited):
+    def found(normal, attitude="nadir"):
+        return lint_edited(("normal: all", f"normal: {normal}"), ("attitude: nadir", f"attitude: {attitude}"))
+
+    spin = "{spin_axis: [0, 0, 1], direction: [1, 0.5, 0]%s}"
+    tracking = "{tracks_sun_about: [0, 1, 0]}"
+    assert found(tracking) == found(tracking, spin % ", period: 7 min") == []
+    (refused,) = found(tracking, spin % "")
+    assert "faces.body.normal: found a face that tracks the Sun, expected none: the body spins" in refused
+    (axis,) = found("{tracks_sun_about: [0, 0, 0]}")
+    assert "normal.tracks_sun_about: found" in axis
+    missing, unknown = found("{track_sun: [0, 1, 0]}")
+    assert "missing key 'tracks_sun_about'" in missing
+    assert "did you mean 'tracks_sun_about'?" in unknown
+
+
 def test_a_capacity_may_depend_on_temperature(lint_edited):
     battery = "battery: {capacity: 9000 J/K, initial: 12 degC}"
 

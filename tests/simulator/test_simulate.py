@@ -278,7 +278,8 @@ def test_a_sensor_that_lags_answers_a_ramp_as_a_first_order_filter_does(tmp_path
         np.testing.assert_allclose(seen, expected, atol=0.02 if lag < 30.0 else 2e-4)
 
 
-def test_a_small_offset_of_the_attitude_does_what_turned_normals_do(tmp_path):
+@pytest.mark.parametrize("look", [lambda way: way, lambda axis: {"tracks_sun_about": axis}], ids=["fixed", "driven"])
+def test_a_small_offset_of_the_attitude_does_what_turned_normals_do(tmp_path, look):
     """A rotation of 1.5 deg about the body's y axis, to first order."""
     written, theta = without_heater(rich()), {}
     found = {}
@@ -286,7 +287,8 @@ def test_a_small_offset_of_the_attitude_does_what_turned_normals_do(tmp_path):
         cosine, sine = np.cos(np.deg2rad(angle)), np.sin(np.deg2rad(angle))
         normal = np.array([1.0, 0.2, -1.0])
         turned = [cosine * normal[0] + sine * normal[2], normal[1], cosine * normal[2] - sine * normal[0]]
-        written["simulator"]["faces"]["top"] |= {"normal": [float(part) for part in turned], "area": "0.3 m^2"}
+        looks = look([float(part) for part in turned])
+        written["simulator"]["faces"]["top"] |= {"normal": looks, "area": "0.3 m^2"}
         written["environment"]["attitude_offset"] = {"y": f"{offset} deg"}
         (tmp_path / name).mkdir()
         simulator = small.simulator_of(*small.load(tmp_path / name, written), hours=1.5)

@@ -7,12 +7,19 @@ from pathlib import Path
 
 import numpy as np
 
-from ..scenario import AttitudeTimeline, Environment, SampledAttitude, SampledOrbit, SpinningAttitude
+from ..scenario import (
+    AttitudeTimeline,
+    Environment,
+    FaceNormal,
+    SampledAttitude,
+    SampledOrbit,
+    SpinningAttitude,
+    SunTracking,
+)
 from ._samples import read_samples
 from ._time import Floats, Times, seconds_later, seconds_since
 from .attitude import body_to_inertial, slew_begins, unit
 from .eclipse import search_times, sunlit_fraction, zeros
-from .fluxes import Normal
 from .geometry import Geometry, geometry_of
 from .orbit import propagator
 
@@ -24,18 +31,18 @@ _OF_SLEW = 16
 
 def sun_edges(
     environment: Environment,
-    normals: Sequence[Normal],
+    normals: Sequence[FaceNormal],
     start: np.datetime64,
     end: np.datetime64,
     folder: Path = Path(),
 ) -> Times:
     """Times in [start, end] at which the Sun passes through the plane of a face with one of these normals, in order.
 
-    To 1 ms, and only where the Sun is not behind the Earth. A body whose sunlight is a mean over directions has no
-    such times. Raises OrbitError.
+    To 1 ms, and only where the Sun is not behind the Earth. A face that tracks the Sun has no such times, nor
+    has a body whose sunlight is a mean over directions. Raises OrbitError.
     """
     attitude = environment.attitude
-    flat = [unit(normal) for normal in normals if normal != "all"]
+    flat = [unit(normal) for normal in normals if not isinstance(normal, (str, SunTracking))]
     if not flat or (isinstance(attitude, SpinningAttitude) and attitude.period is None):
         return np.empty(0, "datetime64[ns]")
     geometry, coarse = geometry_of(environment, folder), search_times(environment, start, end, folder)

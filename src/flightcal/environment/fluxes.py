@@ -2,15 +2,15 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Literal
 
 import numpy as np
 from numpy.typing import NDArray
 
-from ..scenario import Environment, SpinningAttitude, Vector
+from ..errors import OrbitError
+from ..scenario import Environment, FaceNormal, SpinningAttitude, SunTracking, Vector
 from ._time import Floats, Times
 from .attitude import body_to_inertial, unit
 from .eclipse import sunlit_fraction
@@ -18,8 +18,8 @@ from .faces import RINGS, AllDirections, Faces, Flat, Spun, albedo_view, infrare
 from .geometry import Geometry, geometry_of
 from .sun import solar_flux
 
-Normal = Vector | Literal["all"]
-"""Outward normal in the body frame, or "all": a small convex body, averaged over directions."""
+_ON_AXIS = 1e-9
+"""Sine of the angle between the Sun and a drive's axis that leaves a face without a direction to turn to."""
 
 
 @dataclass(frozen=True)
@@ -43,7 +43,7 @@ class FaceFluxes:
 
 def face_fluxes(
     environment: Environment,
-    faces: Mapping[str, Normal],
+    faces: Mapping[str, FaceNormal],
     times: Times,
     folder: Path = Path(),
     *,
@@ -52,15 +52,16 @@ def face_fluxes(
 ) -> FaceFluxes:
     """Heat flux on `faces` (name -> normal) at `times` [T]; sample files are read from `folder`.
 
-    Times may come in any order and repeat. Faces do not shade each other. For "all", and where the body
-    spins fast (SpinningAttitude without a period), fluxes are means over the directions of the normal.
-    The Earth is a diffuse sphere of equatorial radius, of uniform albedo and infrared; its shadow may be flattened.
+    Times may come in any order and repeat. Faces do not shade each other. Those that track the Sun do so in the
+    shadow too. For "all", and where the body spins fast (SpinningAttitude without a period), fluxes are means over the
+    directions of the normal. The Earth is a diffuse sphere of equatorial radius, of uniform albedo and infrared; its
+    shadow may be flattened.
     sunlit: [T] share of the solar disc that is seen, where it is known otherwise; NaN: it is not.
     rings: of the quadrature of albedo. Raises OrbitError.
     """
     at = geometry_of(environment, folder)(times)
     names = tuple(faces)
-    normals = [unit(normal) for normal in faces.values() if normal != "all"]
+    normals = [normal for normal in faces.values() if not isinstance(normal, str)]
     averaged = np.array([normal == "all" for normal in faces.values()], dtype=bool)
     flux = solar_flux(np.linalg.norm(at.to_sun, axis=-1), environment.solar_constant)
     earth = environment.earth
@@ -71,7 +72,7 @@ def face_fluxes(
     if averaged.any():
         groups.append((averaged, AllDirections()))
     if normals:
-        groups.append((~averaged, _oriented(environment, np.array(normals), at, folder)))
+        groups.append((~averaged, _oriented(environment, normals, at, folder)))
 
     to_sun = (at.to_sun / np.linalg.norm(at.to_sun, axis=-1, keepdims=True))[:, None]
     solar, albedo, infrared = (np.empty((len(times), len(names))) for _ in range(3))
@@ -82,10 +83,32 @@ def face_fluxes(
     return FaceFluxes(names, solar, albedo, infrared)
 
 
-def _oriented(environment: Environment, normals: Floats, at: Geometry, folder: Path) -> Faces:
+def _oriented(environment: Environment, normals: Sequence[Vector | SunTracking], at: Geometry, folder: Path) -> Faces:
+    """Raises OrbitError: a face tracks the Sun on a body that spins fast."""
     attitude = environment.attitude
+    tracking = np.array([isinstance(normal, SunTracking) for normal in normals])
+    # Of a face that tracks the Sun, its axis.
+    ways = np.array([unit(own.tracks_sun_about if isinstance(own, SunTracking) else own) for own in normals])
     if isinstance(attitude, SpinningAttitude) and attitude.period is None:
-        axis = unit(attitude.spin_axis)
-        return Spun(unit(attitude.direction), normals @ axis)
+        if tracking.any():
+            message = "found a face that tracks the Sun, expected none: the body spins so fast that only means count"
+            raise OrbitError(f"simulator.faces: {message}")
+        return Spun(unit(attitude.direction), ways @ unit(attitude.spin_axis))
     # Body axes are the matrices' columns: row vector times transpose turns every normal at once.
-    return Flat(normals @ np.swapaxes(body_to_inertial(attitude, at, folder), 1, 2))
+    turned = ways @ np.swapaxes(body_to_inertial(attitude, at, folder), 1, 2)
+    if tracking.any():
+        sides = [-1.0 if own.back else 1.0 for own in normals if isinstance(own, SunTracking)]
+        turned[:, tracking] = np.array(sides)[:, None] * _facing(turned[:, tracking], unit(at.to_sun))
+    return Flat(turned)
+
+
+def _facing(axes: Floats, to_sun: Floats) -> Floats:
+    """Unit vectors [T, F, 3] across axes [T, F, 3], as near as they can be to the Sun's direction [T, 3].
+
+    Where the Sun stands on an axis, some direction across it.
+    """
+    towards = np.broadcast_to(to_sun[:, None], axes.shape)
+    across = towards - np.sum(towards * axes, axis=-1, keepdims=True) * axes
+    length = np.linalg.norm(across, axis=-1, keepdims=True)
+    spare = np.cross(axes, np.eye(3)[np.argmin(np.abs(axes), axis=-1)])
+    return unit(np.where(length > _ON_AXIS, across, spare))

@@ -25,11 +25,11 @@ from dataclasses import dataclass
 import numpy as np
 from scipy.linalg import eig, qr
 
-from ..scenario import Scenario
+from ..scenario import FaceNormal, Scenario
 from ..simulator import FloatArray, IntArray, Network
 from .affine import Affine, Product, product_of
 from .full_order import FullRuns
-from .reduced_model import Normal, ReducedModel
+from .reduced_model import ReducedModel
 
 FOURTH = 1e8  # K^4, the unit of the followers' amplitudes
 _EVERY = 2
@@ -301,9 +301,9 @@ def _interpolation(temperatures: FloatArray, count: int, own: list[int]) -> tupl
     return points, basis @ np.linalg.pinv(basis[points])
 
 
-def merged_columns(network: Network, scenario: Scenario) -> tuple[tuple[str, ...], dict[str, Normal], FloatArray]:
+def merged_columns(network: Network, scenario: Scenario) -> tuple[tuple[str, ...], dict[str, FaceNormal], FloatArray]:
     """Input series with one for each way that faces look; the ways; which series [q, q'] stands for which."""
-    names: dict[Normal, str] = {}
+    names: dict[FaceNormal, str] = {}
     for face in scenario.network.faces.values():
         names.setdefault(face.normal, f"way{len(names)}")
     merged = []

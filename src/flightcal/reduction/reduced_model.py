@@ -21,15 +21,13 @@ from __future__ import annotations
 from collections import defaultdict
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
-from typing import Literal
 
 import numpy as np
 
+from ..scenario import FaceNormal
 from ..simulator import FIELDS, FloatArray, IntArray, Network, Term, canonical_form, own_initial
 from .affine import Kind, Product
 from .names import plain
-
-Normal = tuple[float, float, float] | Literal["all"]
 
 
 @dataclass(frozen=True)
@@ -53,8 +51,8 @@ class ReducedModel:
     """SI, as written or prior medians."""
     columns: tuple[str, ...]
     """Input series w, as a network's; faces are the ways that faces look."""
-    ways: dict[str, Normal]
-    """Name -> outward normal in the body frame."""
+    ways: dict[str, FaceNormal]
+    """Name -> how faces look."""
     heaters: tuple[str, ...]
     sensors: tuple[int, ...]
     """[H] state that each thermostat watches."""

@@ -12,16 +12,17 @@ from typing import Any
 
 import numpy as np
 import xarray
+from pydantic import TypeAdapter
 
 from ..errors import ScenarioError
 from ..run import typed, write_netcdf
 from ..scenario import REDUCED_MODEL_FORMAT as FORMAT
-from ..scenario import ReducedNumber, Scenario, SimulatorError, SimulatorModel, settable
+from ..scenario import FaceNormal, ReducedNumber, Scenario, SimulatorError, SimulatorModel, settable
 from ..simulator import FloatArray
 from .affine import Product
 from .full_heat import FullHeat
 from .names import plain
-from .reduced_model import Normal, ReducedModel
+from .reduced_model import ReducedModel
 
 _WORDS = ("states", "settled", "mixed", "free", "columns", "ways", "heaters", "shifts", "followers", "full")
 _ARRAYS = {
@@ -35,6 +36,8 @@ _ARRAYS = {
 _OF_HEAT = {"flow": ("full",), "brought": ("full", "input")}
 _KINDS = ("capacity", "linear", "radiative", "forcing", "heating")
 _COLUMNS = {"capacity": "state", "linear": "unknown", "radiative": "radiating", "forcing": "input", "heating": "heater"}
+
+_WAYS: TypeAdapter[dict[str, FaceNormal]] = TypeAdapter(dict[str, FaceNormal])
 
 
 @dataclass(frozen=True)
@@ -84,7 +87,7 @@ def _load(path: Path, *version: int) -> Stored:
         values = data[kind].to_numpy() if products else np.zeros((0, 0, 0))
         matrices[kind] = dict(zip(products, values, strict=True))
     arrays = {name: data[name].to_numpy() for name in _ARRAYS}
-    own = {"sensors": about["watched"], "ways": {name: _normal(way) for name, way in about["ways"].items()}}
+    own = {"sensors": about["watched"], "ways": _WAYS.validate_python(about["ways"])}
     model = typed(ReducedModel, about | arrays | own | {"capacity": matrices.pop("capacity"), "matrices": matrices})
     return Stored(
         model,
@@ -94,13 +97,6 @@ def _load(path: Path, *version: int) -> Stored:
         {name: ReducedNumber.model_validate(item) for name, item in about["parameters"].items()},
         FullHeat(tuple(map(plain, model.full)), *(data[name].to_numpy() for name in _OF_HEAT)),
     )
-
-
-def _normal(written: Any) -> Normal:
-    if written == "all":
-        return "all"
-    x, y, z = written
-    return x, y, z
 
 
 def _dataset(stored: Stored) -> xarray.Dataset:
@@ -116,6 +112,7 @@ def _dataset(stored: Stored) -> xarray.Dataset:
             variables[kind] = ((f"{kind}_product", row, column), np.stack(list(found.values())))
     about = {name: getattr(model, name) for name in _WORDS} | {
         "watched": model.sensors,
+        "ways": _WAYS.dump_python(model.ways, mode="json"),
         "products": {kind: list(found) for kind, found in matrices.items()},
         "errors": {name: item.model_dump(mode="json") for name, item in stored.errors.items()},
         "sensors": stored.sensors,

@@ -50,12 +50,14 @@ from .network import (
     DEEP_SPACE,
     Conductor,
     Face,
+    FaceNormal,
     Heater,
     ModeChange,
     Node,
     ReducedNumber,
     SimulatorError,
     SimulatorModel,
+    SunTracking,
 )
 from .numbers import Numbers, load_driver, numbers_of, settable
 from .parameters import read_parameters, set_twice

@@ -6,7 +6,7 @@ from collections.abc import Callable, Iterable
 from dataclasses import dataclass, fields
 from datetime import UTC, datetime
 from functools import lru_cache, partial
-from typing import Annotated, Any, Literal, Self, TypeVar
+from typing import Annotated, Any, Self, TypeVar
 
 from pydantic import (
     AfterValidator,
@@ -194,12 +194,6 @@ TimeFormat = Annotated[
     WithJsonSchema({"anyOf": [{"enum": list(TIME_FORMATS)}, {"type": "string", "pattern": "%"}]}),
 ]
 Vector = Annotated[tuple[Number, Number, Number], of_length(3, "three numbers [x, y, z]"), AfterValidator(_not_zero)]
-FaceNormal = Annotated[
-    Vector | Literal["all"],
-    OneOf(
-        lambda value: Literal["all"] if isinstance(value, str) else Vector, "a normal: three numbers [x, y, z], or all"
-    ),
-]
 Pair = Annotated[tuple[str, str], of_length(2, "the names of two nodes [first, second]")]
 # Names of things, or paths of numbers: one, or several.
 _NAMES = {"anyOf": [{"type": "string"}, {"type": "array", "items": {"type": "string"}, "minItems": 1}]}

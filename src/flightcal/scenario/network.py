@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from typing import Annotated, Literal
+from typing import Annotated, Any, Literal
 
 from pydantic import Field, WrapValidator, field_validator, model_validator
 
@@ -10,7 +10,6 @@ from .body import Body
 from .fields import (
     FILLED_IN,
     Block,
-    FaceNormal,
     FileName,
     Flag,
     Marker,
@@ -18,6 +17,7 @@ from .fields import (
     OneOf,
     Pair,
     Time,
+    Vector,
     exactly_one,
     of_length,
 )
@@ -61,13 +61,35 @@ class Node(Block):
         return _ROOM if self.at is None else self.at
 
 
+class SunTracking(Block):
+    """How a face looks that a drive turns about an axis of the body, as near to the Sun as that can bring it."""
+
+    tracks_sun_about: Vector
+    """Axis of the drive, in the body frame."""
+    back: Flag = False
+    """Whether it is the side that looks away from the Sun."""
+
+
+def _kind_of_normal(value: Any) -> Any:
+    if isinstance(value, dict):
+        return SunTracking
+    return Literal["all"] if isinstance(value, str) else Vector
+
+
+FaceNormal = Annotated[
+    Vector | Literal["all"] | SunTracking,
+    OneOf(_kind_of_normal, "a normal: three numbers [x, y, z], all, or a mapping with 'tracks_sun_about'"),
+]
+
+
 class Face(Block):
     """A flat outer face of a node: absorbs sunlight, albedo and Earth infrared, radiates to deep space."""
 
     node: str
     area: Annotated[float, Quantity("m^2", above=0, believable=1e6)]
     normal: FaceNormal
-    """Outward normal in the body frame, of any length; "all": a convex body, averaged over directions."""
+    """Outward normal in the body frame, of any length; "all": a convex body, averaged over directions; or a face that
+    follows the Sun."""
     absorptivity: Annotated[float, Quantity("", at_least=0, at_most=1)]
     emissivity: Annotated[float, Quantity("", at_least=0, at_most=1)]
 

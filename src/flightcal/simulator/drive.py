@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 
 from ..environment import RINGS, face_fluxes, sample_times, seconds_later, shadow_edges, slew_edges, sun_edges
 from ..errors import require_memory
-from ..scenario import Scenario, SpinningAttitude, load_driver
+from ..scenario import FaceNormal, Scenario, SpinningAttitude, SunTracking, load_driver
 from ..telemetry import (
     driver_corners,
     driver_series,
@@ -278,7 +278,7 @@ def face_series(
         return {}
     # Many faces of a meshed spacecraft look the same way.
     ways = {face.normal: str(k) for k, face in enumerate(faces.values())}
-    normals: dict[str, Any] = {way: normal for normal, way in ways.items()}
+    normals: dict[str, FaceNormal] = {way: normal for normal, way in ways.items()}
     turned = {
         f"{way}{axis}{sign}": _turned(normal, axis, sign)
         for way, normal in normals.items()
@@ -301,14 +301,17 @@ def face_series(
     return series
 
 
-def _turned(normal: Any, axis: str, sign: int) -> Any:
+def _turned(normal: FaceNormal, axis: str, sign: int) -> FaceNormal:
     """A face's normal in the body's frame as it was before the body was turned by a small angle about its axis."""
     if normal == "all":
         return normal
+    if isinstance(normal, SunTracking):
+        return normal.model_copy(update={"tracks_sun_about": _turned(normal.tracks_sun_about, axis, sign)})
     turn = np.zeros(3)
     turn["xyz".index(axis)] = sign * _TURN
     unit = np.array(normal) / np.linalg.norm(normal)
-    return tuple((unit + np.cross(turn, unit)).tolist())
+    x, y, z = (unit + np.cross(turn, unit)).tolist()
+    return x, y, z
 
 
 def _seconds(times: Times, start: np.datetime64) -> FloatArray:

@@ -1,5 +1,7 @@
 """Faces that look another way or are of another node."""
 
+import pytest
+
 from tests import small
 
 from ..cases import boxed, named, sunlit
@@ -23,17 +25,33 @@ def test_two_faces_that_are_exchanged_are_named(tmp_path):
     assert first.title == "Faces outside and ahead are exchanged"
 
 
-def test_a_panel_that_was_not_deployed_is_named_by_both_of_its_sides(tmp_path):
-    written = boxed()
-    faces = written["simulator"]["faces"]
+DRIVEN = {"tracks_sun_about": [0, 1, 0]}, {"tracks_sun_about": [0, 1, 0], "back": True}
+
+
+@pytest.mark.parametrize(
+    ("written", "flown", "said"),
+    [
+        (([0, -1, 0], [0, 1, 0]), ([0, 0, -1], [0, 0, 1]), "With the normal [0, 0, -1] of cells"),
+        (DRIVEN, ([1, 0, 0], [-1, 0, 0]), "With the normal [1, 0, 0] of cells"),
+        (([0, 0, -1], [0, 0, 1]), DRIVEN, "With the normal {tracks_sun_about: [0, 1, 0]} of cells"),
+    ],
+    ids=["not deployed", "a drive that stands still", "a drive that the scenario lacks"],
+)
+def test_a_panel_that_looks_another_way_is_named_by_both_of_its_sides(tmp_path, written, flown, said):
+    model = boxed()
+    faces = model["simulator"]["faces"]
     cells = {"node": "panel", "area": "0.08 m^2", "absorptivity": 0.8, "emissivity": 0.8}
-    faces["cells"], faces["behind"] = cells | {"normal": [0, -1, 0]}, cells | {"normal": [0, 1, 0], "absorptivity": 0.2}
+    faces["cells"], faces["behind"] = (
+        cells | {"normal": written[0]},
+        cells | {"normal": written[1], "absorptivity": 0.2},
+    )
     del faces["outside"], faces["left"]
-    scenario, _ = small.load(tmp_path, written)
-    faces["cells"]["normal"], faces["behind"]["normal"] = [0, 0, -1], [0, 0, 1]
-    _, data = small.closed_loop(tmp_path, written)
+    scenario, _ = small.load(tmp_path, model)
+    faces["cells"]["normal"], faces["behind"]["normal"] = flown
+    _, data = small.closed_loop(tmp_path, model)
     first = named(scenario, data)[0]
     assert first.title == "Faces cells and behind look another way"
+    assert said in first.sentence
 
 
 def test_a_face_at_another_node_is_named(tmp_path):

@@ -9,19 +9,21 @@ import numpy as np
 from scipy.spatial.transform import Rotation
 
 from ...problem import Window
-from ...scenario import Scenario
+from ...scenario import FaceNormal, Scenario, SunTracking
 from ...simulator import FloatArray, build_network
 from ..view import View
 from .wrong import Words, Wrong, driven_otherwise, put
 
-Way = tuple[float, ...]
-_WAYS: tuple[Way, ...] = tuple(
-    tuple(sign * float(k == axis) for k in range(3)) for axis in range(3) for sign in (1.0, -1.0)
-)
+_AXES = ((1.0, 0.0, 0.0), (0.0, 1.0, 0.0), (0.0, 0.0, 1.0))
+_WAYS: tuple[FaceNormal, ...] = tuple((sign * x, sign * y, sign * z) for x, y, z in _AXES for sign in (1.0, -1.0))
+_DRIVEN = tuple(SunTracking(tracks_sun_about=axis, back=back) for axis in _AXES for back in (False, True))
+"""How sides of a plate look that a drive turns to the Sun."""
 _MOST_NODES = 14
 """Of a network, whose faces are tried at every node."""
 _ALONG = 0.99
 """Cosine from which a side looks the way it did, or the way that the other side did."""
+_SAME = 1e-6
+"""One less a cosine, below which two ways are the same."""
 _NO_TURN = 0.1
 """rad, less than a turn to other axes."""
 _TILTS = (-60.0, -40.0, -20.0, 20.0, 40.0, 60.0)
@@ -35,54 +37,78 @@ _TILTED_WAYS = 500.0
 def faces(view: View) -> Iterator[Wrong]:
     """A face looks another way, or all do, for the body's axes are others."""
     scenario = view.window.scenario
-    turnable: dict[str, Way] = {
-        name: tuple(np.array(face.normal) / np.linalg.norm(face.normal))
-        for name, face in scenario.network.faces.items()
-        if face.normal != "all"
-    }
+    turnable = {name: face.normal for name, face in scenario.network.faces.items() if face.normal != "all"}
     if scenario.environment.orbit is None or not turnable:
         return
     times = view.network.drive.times
     seconds = np.union1d(view.sunlight.times(scenario, 0.0, times[-1]), times)
     lit = {way: _lit(view, turnable, way, seconds) for way in _WAYS}
     for way, (name, normal) in product(_WAYS, turnable.items()):
-        if np.allclose(normal, way):
+        if _alike(normal, way) > 1.0 - _SAME:
             continue
         words = Words(
             f"Face {name} looks another way",
-            f"With the normal {list(map(int, way))} of {name}, the model explains the telemetry.",
+            f"With {_written(way)} of {name}, the model explains the telemetry.",
             f"Check 'normal' of {name} in 'simulator: faces'",
         )
         window = _turned(view, seconds, {name: lit[way]})
         yield Wrong("face", name, words, window=window, tries=5 * len(turnable))
-    yield from _plates(view, turnable, seconds, lit)
+    yield from _plates(view, turnable, seconds)
     if len(turnable) > 1:
         yield from _axes(view)
     yield from _exchanged(view, turnable)
 
 
-def _plates(
-    view: View, normals: Mapping[str, Way], seconds: FloatArray, lit: Mapping[Way, Mapping[str, FloatArray]]
-) -> Iterator[Wrong]:
-    """Both sides of a plate look another way: it was not deployed, or is hinged otherwise."""
+def _plates(view: View, normals: Mapping[str, FaceNormal], seconds: FloatArray) -> Iterator[Wrong]:
+    """Both sides of a plate look another way: it was not deployed, is hinged otherwise, or its drive stands still."""
     faces_of = view.window.scenario.network.faces
     pairs = [
         (a, b)
         for a, b in combinations(normals, 2)
-        if faces_of[a].node == faces_of[b].node and np.allclose(normals[a], -np.array(normals[b]))
+        if faces_of[a].node == faces_of[b].node and _alike(normals[a], _behind(normals[b])) > 1.0 - _SAME
     ]
-    for (front, rear), way in product(pairs, _WAYS):
-        if abs(float(np.dot(way, normals[front]))) > _ALONG:
+    ways = (*_WAYS, *_DRIVEN) if pairs else ()
+    lit = {way: _lit(view, normals, way, seconds) for way in ways}
+    for (front, rear), way in product(pairs, ways):
+        if abs(_alike(way, normals[front])) > _ALONG:
             continue
         words = Words(
             f"Faces {front} and {rear} look another way",
-            f"With the normal {list(map(int, way))} of {front}, and {rear} on its other side, the model explains the "
-            "telemetry.",
-            f"Check whether what they are the two sides of was deployed, and 'normal' of {front} and {rear}",
+            f"With {_written(way)} of {front}, and {rear} on its other side, the model explains the telemetry.",
+            f"Check whether what they are the two sides of is deployed and turns, and 'normal' of {front} and {rear}",
         )
-        behind: Way = tuple(-own if own else 0.0 for own in way)
-        window = _turned(view, seconds, {front: lit[way], rear: lit[behind]})
-        yield Wrong("face", f"{front} {rear}", words, window=window, tries=4 * len(pairs))
+        window = _turned(view, seconds, {front: lit[way], rear: lit[_behind(way)]})
+        yield Wrong("face", f"{front} {rear}", words, window=window, tries=8 * len(pairs))
+
+
+def _alike(one: FaceNormal, other: FaceNormal) -> float:
+    """Cosine of the angle between two ways, or between the axes of two drives; 0 of a way and a drive.
+
+    Of the two sides of what a drive turns it has the sign of opposite ways.
+    """
+    if isinstance(one, SunTracking) != isinstance(other, SunTracking):
+        return 0.0
+    a, b = (np.array(own.tracks_sun_about if isinstance(own, SunTracking) else own, float) for own in (one, other))
+    cosine = float(a @ b / np.linalg.norm(a) / np.linalg.norm(b))
+    if isinstance(one, SunTracking) and isinstance(other, SunTracking):
+        return abs(cosine) if one.back == other.back else -abs(cosine)
+    return cosine
+
+
+def _behind(way: FaceNormal) -> FaceNormal:
+    """How the other side of a plate looks."""
+    if isinstance(way, SunTracking):
+        return way.model_copy(update={"back": not way.back})
+    x, y, z = (-float(own) if own else 0.0 for own in way)
+    return x, y, z
+
+
+def _written(way: FaceNormal) -> str:
+    """As a user writes it, such as "the normal [0, 0, 1]"."""
+    if isinstance(way, SunTracking):
+        axis = list(map(int, way.tracks_sun_about))
+        return f"the normal {{tracks_sun_about: {axis}{', back: true' if way.back else ''}}}"
+    return f"the normal {list(map(int, way))}"
 
 
 def elsewhere(view: View) -> Iterator[Wrong]:
@@ -117,10 +143,10 @@ def _axes(view: View) -> Iterator[Wrong]:
         yield from driven_otherwise("attitude", "axes", words, view, tries=23, scenario=_looking(view, rotation))
 
 
-def _exchanged(view: View, normals: Mapping[str, Way]) -> Iterator[Wrong]:
+def _exchanged(view: View, normals: Mapping[str, FaceNormal]) -> Iterator[Wrong]:
     """Two faces look each other's way."""
     columns = view.network.network.columns
-    pairs = [(a, b) for a, b in combinations(normals, 2) if not np.allclose(normals[a], normals[b])]
+    pairs = [(a, b) for a, b in combinations(normals, 2) if _alike(normals[a], normals[b]) < 1.0 - _SAME]
     for pair in pairs:
         a, b = ([k for k, own in enumerate(columns) if own.partition(".")[2] == name] for name in pair)
         words = Words(
@@ -137,7 +163,7 @@ def _named(axis: FloatArray) -> str:
     return f"{'-' if axis[k] < 0.0 else '+'}{'xyz'[k]}"
 
 
-def _lit(view: View, names: Mapping[str, Way], way: Way, seconds: FloatArray) -> Mapping[str, FloatArray]:
+def _lit(view: View, names: Mapping[str, FaceNormal], way: FaceNormal, seconds: FloatArray) -> Mapping[str, FloatArray]:
     """What shines on faces that all look one way, by column."""
     model = view.window.scenario.network
     looking = {name: model.faces[name].model_copy(update={"normal": way}) for name in names}
@@ -191,12 +217,18 @@ def _looking(view: View, rotation: Rotation) -> Scenario:
     """The scenario of a view with all faces turned."""
     model = view.window.scenario.network
     looking = {
-        name: face
-        if face.normal == "all"
-        else face.model_copy(update={"normal": tuple(rotation.apply(np.array(face.normal)).tolist())})
-        for name, face in model.faces.items()
+        name: face.model_copy(update={"normal": _rotated(face.normal, rotation)}) for name, face in model.faces.items()
     }
     return view.window.scenario.model_copy(update={"simulator": model.model_copy(update={"faces": looking})})
+
+
+def _rotated(normal: FaceNormal, rotation: Rotation) -> FaceNormal:
+    if isinstance(normal, SunTracking):
+        return normal.model_copy(update={"tracks_sun_about": _rotated(normal.tracks_sun_about, rotation)})
+    if normal == "all":
+        return normal
+    x, y, z = rotation.apply(np.array(normal)).tolist()
+    return x, y, z
 
 
 WRONGS = (faces, elsewhere, tilts)

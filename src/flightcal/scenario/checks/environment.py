@@ -17,7 +17,9 @@ from ..environment import (
     OneAttitude,
     SampledAttitude,
     SampledOrbit,
+    SpinningAttitude,
 )
+from ..network import SunTracking
 from ..reading import Reading
 from .common import channel_of_kind, file_exists
 
@@ -35,6 +37,13 @@ def check(reading: Reading, folder: Path) -> Iterator[Problem]:
     if environment.attitude_offset is not None and reading.blocks.reduced is not None:
         message = "found an attitude offset, expected none: a reduced order model knows its faces' directions only"
         yield Problem(("environment", "attitude_offset"), message)
+    if isinstance(attitude, SpinningAttitude) and attitude.period is None:
+        for name, face in readable(reading.blocks.faces).items():
+            if isinstance(face.normal, SunTracking):
+                message = (
+                    "found a face that tracks the Sun, expected none: the body spins so fast that only means count"
+                )
+                yield Problem(("simulator", "faces", name, "normal"), message)
     if isinstance(orbit, (CircularOrbit, KeplerianOrbit)) and not 0 <= orbit.inclination <= math.pi:
         found = f"{math.degrees(orbit.inclination):g} deg"
         yield Problem(("environment", "orbit", "inclination"), f"found {found}, expected 0 deg to 180 deg")
