@@ -11,6 +11,7 @@ from typing import Any
 import numpy as np
 from scipy.spatial.transform import Rotation
 
+from ...environment import orbital_period
 from ...report import number
 from ...scenario import (
     AttitudeTimeline,
@@ -34,10 +35,18 @@ _STEPS = {
     "altitude": (-0.4, -0.3, -0.2, -0.1, 0.1, 0.2, 0.35, 0.5, 0.75, 1.0),
     "inclination": tuple(np.deg2rad(15.0 * k) for k in (-5, -4, -3, -2, -1, 1, 2, 3, 4, 5)),
     "eccentricity": (-0.3, -0.2, -0.1, -0.05, 0.05, 0.1, 0.2, 0.3),
-    "place": tuple(np.deg2rad(15.0 * k) for k in range(1, 24)),
-    "node": tuple(np.deg2rad([-4.0, -2.0, -1.0, 1.0, 2.0, 4.0, *(15.0 * k for k in range(1, 24))]).tolist()),
 }
 """Shares of the altitude, rad, and the eccentricity itself."""
+_NODES = tuple(np.deg2rad([-4.0, -2.0, -1.0, 1.0, 2.0, 4.0]).tolist())
+"""rad, by which a node is off a little."""
+_KINDS = 5
+"""Of numbers of an orbit that are tried."""
+_FIRST_PLACES = 1200.0
+"""s, between places in an orbit that are tried first: a shadow lasts longer."""
+_APART = {"altitude": 0.05, "semi_major_axis": 0.05, "mean_motion": 0.05, "eccentricity": 0.04}
+"""Around a step, others are tried as far away as this."""
+_CLOSE = 2.0
+"""s, in which a satellite goes through an angle that matters no more: light panels warm by a kelvin."""
 _ROUND = 0.02
 """Eccentricity up to which the place of the perigee matters to nothing."""
 _ONCE_A_DAY = 42241.1e3
@@ -199,35 +208,48 @@ def orbits(view: View) -> Iterator[Wrong]:
         return
     # Where attitudes come at times of their own, `places` would move these with the satellite.
     of_its_own = isinstance(view.window.scenario.environment.attitude, AttitudeTimeline | SampledAttitude)
+    apart = _apart(view)
+    places = tuple((apart * np.arange(1, round(2.0 * np.pi / apart))).tolist())
+    nodes = (*_NODES, *places)
     if isinstance(orbit, TleOrbit):
         for name in _OF_LINE_2:
             if name == "mean_anomaly" and not of_its_own:
                 continue
-            for step in _STEPS[{"mean_motion": "altitude", "raan": "node", "mean_anomaly": "place"}.get(name, name)]:
-                yield from _other_orbit(view, orbit, name, step, tries=len(_STEPS) * len(_STEPS["node"]))
+            steps = {"mean_motion": _STEPS["altitude"], "raan": nodes, "mean_anomaly": places}.get(name)
+            for step in _STEPS["inclination"] if steps is None else steps:
+                yield from _other_orbit(view, orbit, name, step, tries=_KINDS * len(nodes))
         return
     height = "altitude" if isinstance(orbit, CircularOrbit) else "semi_major_axis"
     node = next(name for name in ("raan", "beta_angle", "ltan") if getattr(orbit, name, None) is not None)
-    of_node = _STEPS["inclination" if node == "beta_angle" else "node"]
+    of_node = _STEPS["inclination"] if node == "beta_angle" else nodes
     tried = [(height, _STEPS["altitude"]), ("inclination", _STEPS["inclination"]), (node, of_node)]
     if isinstance(orbit, CircularOrbit) and of_its_own:
-        tried += [("argument_of_latitude", _STEPS["place"])]
+        tried += [("argument_of_latitude", places)]
     elif isinstance(orbit, KeplerianOrbit) and orbit.eccentricity <= _ROUND and of_its_own:
-        tried += [("mean_anomaly", _STEPS["place"])]
+        tried += [("mean_anomaly", places)]
     if isinstance(orbit, KeplerianOrbit) and orbit.eccentricity > _ROUND:
         tried += [("eccentricity", _STEPS["eccentricity"])]
-        tried += [(name, _STEPS["place"]) for name in ("argument_of_perigee", "mean_anomaly")]
+        tried += [(name, places) for name in ("argument_of_perigee", "mean_anomaly")]
     for name, steps in tried:
         for step in steps:
-            yield from _other_orbit(view, orbit, name, step, tries=len(_STEPS) * len(steps))
+            yield from _other_orbit(view, orbit, name, step, tries=_KINDS * len(steps))
     if isinstance(orbit, CircularOrbit) and orbit.altitude > _GROUND:
         yield from _other_orbit(view, orbit, "altitude", -_GROUND / orbit.altitude, tries=1.0)
 
 
-def _other_orbit(
-    view: View, orbit: _Orbit, name: str, step: float, tries: float, near: bool = False
-) -> Iterator[Wrong]:
-    """The orbit with one number changed: altitude by a factor, angles by rad; near: with no closer look."""
+def _period(view: View) -> float:
+    """s, of the orbit."""
+    scenario = view.window.scenario
+    return orbital_period(scenario.environment, scenario.folder)
+
+
+def _apart(view: View) -> float:
+    """rad, between the places in an orbit that are tried first, a whole number of which go round."""
+    return 2.0 * np.pi / max(24, int(np.ceil(_period(view) / _FIRST_PLACES)))
+
+
+def _other_orbit(view: View, orbit: _Orbit, name: str, step: float, tries: float) -> Iterator[Wrong]:
+    """The orbit with one number changed: altitude by a factor, angles by rad."""
     value, text = _changed(orbit, name, step)
     if value is None:
         return
@@ -239,17 +261,15 @@ def _other_orbit(
         f"Check 'environment: orbit' ({name.replace('_', ' ')}: {text})"
         + (", and that the two lines are of this satellite" if written == "tle" else ""),
     )
-    apart = {"altitude": 0.05, "semi_major_axis": 0.05, "mean_motion": 0.05, "eccentricity": 0.04}.get(
-        name, float(np.deg2rad(7.5))
-    )
 
     def around() -> Iterator[Wrong]:
-        for more in np.linspace(-1.0, 1.0, 9) * apart:
-            yield from _other_orbit(view, orbit, name, step + float(more), tries, near=True)
+        farthest = _APART.get(name, 0.5 * _apart(view))
+        halvings = 4 if name in _APART else int(np.log2(farthest * _period(view) / (2.0 * np.pi * _CLOSE)))
+        for more in farthest * 0.5 ** np.arange(halvings):
+            for sign in (-1.0, 1.0):
+                yield from _other_orbit(view, orbit, name, step + sign * float(more), tries)
 
-    yield from driven_otherwise(
-        "orbit", name, words, view, tries=tries, closer=None if near else around, scenario=scenario
-    )
+    yield from driven_otherwise("orbit", name, words, view, tries=tries, closer=around, scenario=scenario)
 
 
 def _changed(orbit: _Orbit, name: str, step: float) -> tuple[Any, str]:
