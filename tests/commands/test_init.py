@@ -65,6 +65,14 @@ def test_samples_that_are_seconds_apart_are_averaged_and_lint_advises_it(tmp_pat
     assert "advice: telemetry: samples are 2 s apart (tt_bat); write 'average: 20 s'" in lint(tmp_path / "sat")
 
 
+@pytest.mark.parametrize(("interval", "rows", "advised"), [(5.0, 9000, True), (10.0, 4500, False)])
+def test_lint_advises_means_over_a_minute_where_a_window_has_many_samples(tmp_path, interval, rows, advised):
+    frame(rows, interval=interval).to_csv(tmp_path / "data.csv", index=False)
+    run(app, ["init", str(tmp_path / "sat"), str(tmp_path / "data.csv")])
+    told = f"advice: telemetry: samples are {interval:g} s apart (tt_bat); write 'average: 60 s'"
+    assert (told in lint(tmp_path / "sat")) == advised
+
+
 def test_one_file_has_no_packets_and_odd_names_are_read_as_they_stand(tmp_path: Path):
     table = pd.DataFrame({"Date/Time: UTC": text(seconds(*(60.0 * np.arange(40))))})
     rng = np.random.default_rng(1)

@@ -50,22 +50,25 @@ def lint(scenario: ScenarioFile, telemetry: TelemetryPlace = None) -> None:
     for text, channels in told.items():
         # Channels of a packet have the same gaps.
         typer.echo(f"telemetry {', '.join(channels)}: {text}")
-    for advice in (*_advice(loaded, data), *_guesses(scenario.read_text(encoding="utf-8"))):
+    rows = sum(len(windows[name].times) for name in loaded.train_windows)
+    for advice in (*_advice(loaded, data, rows), *_guesses(scenario.read_text(encoding="utf-8"))):
         typer.echo(f"advice: {advice}")
     typer.echo(f"{scenario}: no problems found")
 
 
-def _advice(scenario: Scenario, data: xarray.Dataset) -> Iterator[str]:
-    """What is not wrong, and had better be otherwise."""
+def _advice(scenario: Scenario, data: xarray.Dataset, rows: int) -> Iterator[str]:
+    """What is not wrong, and had better be otherwise; rows: of all windows to train on."""
     from ..scenario import noise_of
-    from ..telemetry import ENOUGH, dense_channels, quantisation_step
+    from ..telemetry import ENOUGH, LONG, MANY, dense_channels, quantisation_step
 
-    dense = dense_channels(data)
+    dense, length = dense_channels(data), ENOUGH
+    if not dense and rows > MANY:
+        dense, length = dense_channels(data, below=0.5 * LONG), LONG
     if dense:
         some, more = next(iter(dense)), f" and {len(dense) - 1} more" if len(dense) > 1 else ""
         yield (
             f"telemetry: samples are {dense[some]:.3g} s apart ({some}{more}); "
-            f"write 'average: {ENOUGH:g} s' below 'telemetry:': means tell as much of temperatures that change in "
+            f"write 'average: {length:g} s' below 'telemetry:': means tell as much of temperatures that change in "
             "minutes, and calibration takes a fraction of the time and memory"
         )
     for channel, item in scenario.observations.items():

@@ -3,7 +3,7 @@
 Imports: environment, errors, scenario.
 """
 
-from .average import ENOUGH, dense_channels
+from .average import ENOUGH, LONG, MANY, dense_channels
 from .bridges import bridged
 from .clean import usual_interval
 from .detect import FoundColumn, FoundPacket, detect

@@ -14,15 +14,17 @@ DENSE = 5.0
 """s between samples, below which means over `ENOUGH` s tell as much of temperatures that change in minutes."""
 ENOUGH = 20.0
 """s"""
+MANY, LONG = 3000, 60.0
+"""Samples of a channel from which means over so many seconds are worth what they blur, for time grows with them."""
 
 
-def dense_channels(dataset: xr.Dataset) -> dict[str, float]:
-    """Temperature channel -> usual interval between its samples, s, of those that had better be averaged."""
+def dense_channels(dataset: xr.Dataset, below: float = DENSE) -> dict[str, float]:
+    """Temperature channel -> usual interval between its samples, of those in which it is less than `below` seconds."""
     found, times = {}, dataset["time"].to_numpy().astype(np.int64)
     for name in dataset["channel"].to_numpy().tolist():
         if dataset[name].attrs["kind"] == "temperature":
             interval = sampling_interval(times[np.isfinite(dataset[name].to_numpy())])
-            if interval < DENSE:
+            if interval < below:
                 found[name] = interval
     return found
 
