@@ -12,6 +12,7 @@ from flightcal.problem import (
     errors_of_weights,
     heat_of_weights,
     heat_units,
+    own_groups,
     patterns_of,
     places_of,
     responses,
@@ -206,6 +207,59 @@ def test_a_gap_in_a_driver_is_unknown_heat_of_its_load_while_it_lasts(tmp_path):
 
 def test_a_driver_without_a_gap_leaves_no_heat_unknown(model):
     assert not any(group.part == "gaps" for group in model.groups)
+
+
+def with_modes(late=0.0, **more):
+    """One window, without a heater: a busy mode from 00:40 to 01:05, or as many seconds later."""
+    content = written(heaters=False, windows=1, **more)
+    milliseconds = (1e3 * np.array([0.0, 2400.0 + late, 3900.0 + late])).astype("timedelta64[ms]")
+    changes = np.datetime64("2024-03-01T00:00:00.000") + milliseconds
+    content["simulator"] |= {
+        "modes": {"quiet": {"body": "9 W", "panel": "2 W"}, "busy": {"body": "21 W"}},
+        "timeline": [
+            {"at": str(at), "mode": mode} for at, mode in zip(changes, ("quiet", "busy", "quiet"), strict=True)
+        ],
+    }
+    return content
+
+
+def test_a_change_of_mode_is_as_uncertain_as_time_tags(tmp_path):
+    def simulated(late):
+        folder = tmp_path / f"{late:g}"
+        folder.mkdir()
+        problem = problem_of(folder, with_modes(late, time_error="4 s"))
+        return problem, problem.windows[0].simulate(theta_of(problem)).temperatures
+
+    def theta_of(problem):
+        return problem.at(problem.windows[0], problem.priors.median()[None])[0]
+
+    problem, _ = simulated(0.0)
+    model, window = model_of(problem), sampled_windows(problem)[0]
+    units = unit_heats(model, window)
+    (own,) = by_group(model, units, "changes")
+    # 12 W more into the body and 2 W less into the panel, for four seconds; and the other way round.
+    body, panel = (model.nodes.index(name) for name in ("body", "panel"))
+    moved = own.share * energy(window, own.series)[:, None]
+    np.testing.assert_allclose(moved[:, [body, panel]], [[48.0, -8.0], [-48.0, 8.0]], rtol=1e-9)
+    (response,) = by_group(model, responses(window, theta_of(problem), model, units), "changes")
+    expected = 0.5 * (simulated(-4.0)[1] - simulated(4.0)[1])
+    seconds = (window.times - window.start) / np.timedelta64(1, "s")
+    settled = np.abs(seconds[:, None] - [2400.0, 3900.0]).min(axis=1) > 120.0
+    found = response.sum(axis=2)
+    assert np.abs(expected).max() > 0.005
+    assert np.abs(found - expected)[settled].max() < 0.03 * np.abs(expected).max()
+
+
+@pytest.mark.parametrize("more", [{"time_error": "none"}, {"heat": "none"}])
+def test_modes_change_when_the_scenario_says_where_time_tags_are_right(tmp_path, more):
+    window = sampled_windows(problem_of(tmp_path, with_modes(**more)))[0]
+    assert own_groups(window) == ()
+
+
+def test_a_mode_that_goes_on_is_no_change(tmp_path):
+    content = with_modes()
+    content["simulator"]["timeline"][1]["mode"] = "quiet"
+    assert own_groups(sampled_windows(problem_of(tmp_path, content))[0]) == ()
 
 
 def test_heat_drifts_and_the_constant_and_each_harmonic_of_a_pattern_wander(problem, model):

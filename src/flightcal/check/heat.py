@@ -98,7 +98,7 @@ def beside_heat(problem: Problem, z: FloatArray) -> BesideHeat | None:
     # the simulator is no heat. None is like what is inferred.
     node = np.concatenate(
         [
-            np.full(count, -1) if group.part in ("switches", "gaps", "error") else own.node
+            np.full(count, -1) if group.part in ("switches", "changes", "gaps", "error") else own.node
             for group, own, count in zip(model.groups, units[0], most, strict=True)
         ]
     )

@@ -353,7 +353,7 @@ class View:
         found = responses(window, inside, self.heat, units)
         parts: dict[bool, list[FloatArray]] = {True: [np.empty((flat.shape[0], 0))], False: []}
         for group, response in zip(self.heat.groups, found, strict=True):
-            parts[group.part == "switches"].append(group.size * self._rows(response))
+            parts[group.part in ("switches", "changes")].append(group.size * self._rows(response))
         parts[True] += [self._unknown_heat(window, z, name) for name in self.unknown]
         parts[True] += [self._heat_in_gaps(window, z, k, own) for own, k in self.switch_of.items()]
         heat, jitter = (np.concatenate(parts[switches], axis=1) for switches in (False, True))

@@ -16,9 +16,9 @@ from ..problem import (
     Window,
     errors_of_weights,
     exact_heat,
-    gaps_of,
     heat_of_weights,
     knots_of,
+    own_groups,
     shifts_of_weights,
     split,
     unit_heats,
@@ -85,10 +85,10 @@ class DrawnHeat:
                     weights[g] = values.reshape(len(values), -1)
         slow = None if self.model.slow is None else Slow(knots, self.model.slow.time, plain=True)
         model = replace(self.model, slow=slow)
-        gaps = gaps_of(window)
-        if window.bridged and gaps not in model.groups:
-            model = replace(model, groups=(*model.groups, gaps))
-            weights.append(rng.standard_normal((len(self.usable), len(unit_heats(model, window)[-1].series))))
+        for own in own_groups(window):
+            if own not in model.groups:
+                model = replace(model, groups=(*model.groups, own))
+                weights.append(rng.standard_normal((len(self.usable), len(unit_heats(model, window)[-1].series))))
         return HeatIn(model, tuple(weights))
 
 

@@ -63,8 +63,8 @@ def predict(
     inside = problem.at(window, draws, rng)
     if name not in trained:
         first = _like_trained(problem, build_window(scenario, telemetry, name, span=settings.initial_span))
-        # Heat in a gap that goes on beyond the first samples is one.
-        first = replace(first, bridged=window.bridged)
+        # Heat in a gap that goes on beyond the first samples is one, and changes of mode are counted from the start.
+        first = replace(first, bridged=window.bridged, changes=window.changes)
         scored = window.times > first.times[-1]
     errors, heated, heat_in, thresholds, ended, known, on = (None,) * 7
     if problem.heat is not None:

@@ -19,7 +19,7 @@ from .heat import (
     sampled_windows,
     with_heat,
 )
-from .heat_model import SLOW, HeatModel, Held, gaps_of, heat_model, knots_of
+from .heat_model import SLOW, HeatModel, Held, heat_model, knots_of, own_groups
 from .heat_units import (
     Units,
     errors_of_weights,

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from itertools import pairwise
 
 import numpy as np
 import xarray
@@ -28,7 +29,7 @@ from ..telemetry import driver_gaps, driver_series, select_window, usual_interva
 from .entries import entries_of
 from .problem import Problem
 from .simulators import build_simulator
-from .window import Bridged, Course, Switching, Window
+from .window import Bridged, Change, Course, Switching, Window
 
 _USUAL, _ODD = 0.95, 3.0
 """Share of the changes from sample to sample that are usual; a first sample so many times farther off the next is odd.
@@ -126,6 +127,7 @@ def build_window(scenario: Scenario, telemetry: xarray.Dataset, name: str, *, sp
         heater_status=status,
         measured_switches=measured_switches(scenario, chosen, start),
         switching=switching,
+        changes=_changes(scenario, start, end),
         bridged=_bridged(scenario, telemetry, start, end),
         course=_course(scenario, telemetry, start, end),
     )
@@ -156,6 +158,18 @@ def _course(scenario: Scenario, telemetry: xarray.Dataset, start: np.datetime64,
     known = telemetry[channel].values
     values = driver_series(telemetry, channel, seconds_later(start, seconds))
     return Course(seconds, values, (float(np.nanmin(known)), float(np.nanmax(known))))
+
+
+def _changes(scenario: Scenario, start: np.datetime64, end: np.datetime64) -> tuple[Change, ...]:
+    """Of a network's mode between two times."""
+    if not isinstance(scenario.simulator, SimulatorModel):
+        return ()
+    found = []
+    for before, after in pairwise(scenario.simulator.timeline):
+        at = np.datetime64(after.at)
+        if before.mode != after.mode and start < at < end:
+            found.append(Change(float((at - start) / np.timedelta64(1, "ns") * 1e-9), before.mode, after.mode))
+    return tuple(found)
 
 
 def _bridged(

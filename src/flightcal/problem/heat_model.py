@@ -10,7 +10,7 @@ import numpy as np
 
 from ..probability import Follows, Profile, Shaped, Slow, Tilt
 from ..reduction import load
-from ..scenario import HalfNormal, HalfStudentT, Heat, Prior, Scenario
+from ..scenario import HalfNormal, HalfStudentT, Heat, Prior, Scenario, time_error_of
 from ..simulator import (
     FloatArray,
     IntArray,
@@ -29,7 +29,7 @@ _OF_RANGE = 0.2
 """Of a driver's range: the correlation length of heat over it."""
 _BEYOND = 3.0
 """Correlation lengths, after which nothing is known any longer."""
-Part = Literal["constant", "pattern", "gains", "slow", "slow_pattern", "switches", "gaps", "error"]
+Part = Literal["constant", "pattern", "gains", "slow", "slow_pattern", "switches", "changes", "gaps", "error"]
 SLOW = ("slow", "slow_pattern")
 """Parts that wander: a drift, and the pattern."""
 
@@ -46,7 +46,7 @@ class Group:
     node: int = -1
     """Of `HeatModel.nodes`; -1: each function has its own."""
     window: str = ""
-    """The window that has them, of switches, gaps and the simulator's error."""
+    """The window that has them, of switches, changes of mode, gaps and the simulator's error."""
 
     @property
     def prior(self) -> Prior:
@@ -203,7 +203,7 @@ def heat_model(scenario: Scenario, written: Heat, windows: Sequence[Window], the
     for window in windows:
         if window.switching is not None and (len(window.switching.time) or window.unmeasured):
             groups.append(Group("switches", "", 1.0, window=window.name))
-    groups += [gaps_of(window) for window in windows if window.bridged]
+    groups += [own for window in windows for own in own_groups(window)]
     groups += [Group("error", "", 1.0, window=own.name) for own in windows if own.simulator.error_basis is not None]
     over = (written.pattern and written.pattern.over) or ""
     return HeatModel(nodes, flow, origin, harmonics, over, profile, slow, of_pattern, gains, tuple(groups))
@@ -219,9 +219,14 @@ def _profile(course: Course | None) -> Profile | None:
     return Profile(np.linspace(low - _BEYOND * length, high + _BEYOND * length, count), length, (low, high))
 
 
-def gaps_of(window: Window) -> Group:
-    """The group of the heat that flows unknown while drivers have gaps in a window."""
-    return Group("gaps", "", 1.0, window=window.name)
+def own_groups(window: Window) -> tuple[Group, ...]:
+    """What is unknown of a window's own inputs: when modes change, and what flows while drivers have gaps."""
+    found: list[Part] = []
+    if time_error_of(window.scenario) is not None and window.changes:
+        found.append("changes")
+    if window.bridged:
+        found.append("gaps")
+    return tuple(Group(part, "", 1.0, window=window.name) for part in found)
 
 
 def knots_of(model: HeatModel, window: Window) -> FloatArray:

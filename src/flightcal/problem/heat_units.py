@@ -10,6 +10,7 @@ import numpy as np
 
 from ..environment import orbit_phase, seconds_later
 from ..probability import pattern, waves
+from ..scenario import time_error_of
 from ..simulator import FloatArray, IntArray, SimulationFailure, in_steps
 from .heat_model import HeatModel
 from .window import Window
@@ -30,8 +31,10 @@ _AT_ONCE = 2**22
 """Numbers of heat that simulations are made with at once: 32 MiB."""
 _PIECE = 600.0
 """s, of a gap in a driver, whose heat is unknown in each piece alone: a pass of a transmitter lasts as long."""
+_AT_A_STROKE = 0.5
+"""s, of a step of the integration that is no step for massless nodes to settle."""
 _MOST_PIECES = 40
-"""Of gaps in a window; where there are more, those in which most heat may be missing."""
+"""Of gaps, and of changes of mode, in a window; where there are more, those in which most heat may be missing."""
 
 
 @dataclass(frozen=True)
@@ -48,7 +51,7 @@ class Units:
     @property
     def node(self) -> IntArray:
         """[f] of the model's nodes, the one that takes most; of errors -1."""
-        return np.where(self.share.any(axis=1), self.share.argmax(axis=1), -1)
+        return np.where(self.share.any(axis=1), np.abs(self.share).argmax(axis=1), -1)
 
 
 def unit_heats(model: HeatModel, window: Window) -> tuple[Units, ...]:
@@ -90,6 +93,8 @@ def unit_heats(model: HeatModel, window: Window) -> tuple[Units, ...]:
                 for g in model.gains
             ]
             found.append(Units(_one_node(model, [gain.node for gain in model.gains]), np.stack(flows)))
+        elif group.part == "changes":
+            found.append(_change_heats(model, window, group.window == window.name))
         elif group.part == "gaps":
             found.append(_gap_heats(model, window, group.window == window.name))
         elif group.part == "error":
@@ -133,6 +138,35 @@ def _switch_heats(model: HeatModel, window: Window, own: bool) -> Units:
             series.append(np.repeat(_ON * watts.sum() * on, 2)[None])
             shares.append(watts[None] / watts.sum())
     return Units(np.concatenate(shares), np.concatenate(series))
+
+
+def _change_heats(model: HeatModel, window: Window, own: bool) -> Units:
+    """What each change of mode adds that is early by the deviation of a time: the heat that it changes, for so long."""
+    assert window.network is not None
+    grid, late = window.network.drive.times, time_error_of(window.scenario)
+    found: list[tuple[float, FloatArray, FloatArray]] = []
+    for change in window.changes if own and late is not None else ():
+        step = _mode_watts(model, change.after) - _mode_watts(model, change.before)
+        power = np.abs(step).sum()
+        if power < _LEAST_POWER:
+            continue
+        # All at once where the first step begins that is one: as much heat in it as that, and the same first moment.
+        steps = np.flatnonzero((grid[:-1] > change.time - 1e-3) & (np.diff(grid) > _AT_A_STROKE))[:1]
+        sudden = np.zeros((len(grid) - 1, 2))
+        sudden[steps] = np.array([4.0, -2.0]) * power * late / np.diff(grid)[steps, None]
+        found.append((power, step / power, sudden.ravel()))
+    found = sorted(found, key=lambda change: -change[0])[:_MOST_PIECES]
+    shares = np.reshape([change[1] for change in found], (-1, len(model.nodes)))
+    return Units(shares, np.reshape([change[2] for change in found], (-1, 2 * (len(grid) - 1))))
+
+
+def _mode_watts(model: HeatModel, mode: str) -> FloatArray:
+    """[h] W into each of the model's nodes in a mode."""
+    watts = np.zeros(len(model.nodes))
+    for gain in model.gains:
+        if gain.columns == (f"mode.{mode}",):
+            watts[gain.node] += gain.watts[0]
+    return watts
 
 
 def heated_switches(model: HeatModel, window: Window) -> tuple[int, ...]:
@@ -257,7 +291,7 @@ def responses(window: Window, theta: FloatArray, model: HeatModel, units: Sequen
     series = np.concatenate([own.series for own in units])
     share = np.concatenate([own.share for own in units])
     # Of the node whose flow it changes most.
-    largest = np.abs(series).max(axis=1, initial=0.0) * (share / model.flow).max(axis=1)
+    largest = np.abs(series).max(axis=1, initial=0.0) * (np.abs(share) / model.flow).max(axis=1)
     nudge = np.where(largest > 0.0, _NUDGE / np.where(largest > 0.0, largest, 1.0), 0.0)
     moved = np.flatnonzero(nudge > 0.0)
     response = np.zeros((*window.observed.shape, len(series)))

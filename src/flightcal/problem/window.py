@@ -53,6 +53,16 @@ class Switching:
 
 
 @dataclass(frozen=True)
+class Change:
+    """A change of mode."""
+
+    time: float
+    """s from the window's start."""
+    before: str
+    after: str
+
+
+@dataclass(frozen=True)
 class Bridged:
     """A load whose driver is not known for a time."""
 
@@ -99,6 +109,8 @@ class Window:
     """In open loop, when heaters with uncertain thresholds switched; None: in closed loop."""
     switching: Switching | None = None
     """In open loop, what is known of when heaters switched."""
+    changes: tuple[Change, ...] = ()
+    """Changes of mode in it."""
     bridged: tuple[Bridged, ...] = ()
     """Loads whose drivers have gaps in it."""
     course: Course | None = None
