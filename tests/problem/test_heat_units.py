@@ -12,7 +12,6 @@ from flightcal.problem import (
     errors_of_weights,
     heat_of_weights,
     heat_units,
-    own_groups,
     patterns_of,
     places_of,
     responses,
@@ -20,6 +19,7 @@ from flightcal.problem import (
     split,
     unit_heats,
 )
+from flightcal.problem.heat_model import Gain, own_groups
 from flightcal.simulator import SimulationFailure
 from tests import small
 from tests.problem.heated import HARMONICS, by_group, in_place_of_another, model_of, problem_of, written
@@ -209,6 +209,9 @@ def test_a_driver_without_a_gap_leaves_no_heat_unknown(model):
     assert not any(group.part == "gaps" for group in model.groups)
 
 
+BUSY = [Gain(0, ("mode.busy",), (12.0,))]
+
+
 def with_modes(late=0.0, **more):
     """One window, without a heater: a busy mode from 00:40 to 01:05, or as many seconds later."""
     content = written(heaters=False, windows=1, **more)
@@ -252,14 +255,24 @@ def test_a_change_of_mode_is_as_uncertain_as_time_tags(tmp_path):
 
 @pytest.mark.parametrize("more", [{"time_error": "none"}, {"heat": "none"}])
 def test_modes_change_when_the_scenario_says_where_time_tags_are_right(tmp_path, more):
-    window = sampled_windows(problem_of(tmp_path, with_modes(**more)))[0]
-    assert own_groups(window) == ()
+    problem = problem_of(tmp_path, with_modes(**more))
+    window = sampled_windows(problem)[0]
+    assert len(window.changes) == 2
+    assert own_groups(window, BUSY) == ()
 
 
 def test_a_mode_that_goes_on_is_no_change(tmp_path):
     content = with_modes()
     content["simulator"]["timeline"][1]["mode"] = "quiet"
-    assert own_groups(sampled_windows(problem_of(tmp_path, content))[0]) == ()
+    (window,) = sampled_windows(problem_of(tmp_path, content))
+    assert window.changes == ()
+
+
+def test_a_change_between_modes_of_the_same_heat_or_of_other_nodes_is_none(tmp_path):
+    window = sampled_windows(problem_of(tmp_path, with_modes()))[0]
+    assert [group.part for group in own_groups(window, BUSY)] == ["changes"]
+    assert own_groups(window, [*BUSY, Gain(0, ("mode.quiet",), (12.0,))]) == ()
+    assert own_groups(window, []) == ()
 
 
 def test_heat_drifts_and_the_constant_and_each_harmonic_of_a_pattern_wander(problem, model):

@@ -420,7 +420,7 @@ class View:
         read = values[self.rows.kept]
         if self.memory is not None:
             read[:, self.memory.channel] = self.memory.weights @ values[:, self.memory.channel]
-        flat = np.moveaxis(read, 1, 0).reshape(-1, values.shape[2])
+        flat = np.moveaxis(read, 1, 0).reshape(read.shape[0] * read.shape[1], values.shape[2])
         return np.concatenate([flat, np.zeros((len(self.thermostats), values.shape[2]))])
 
 

@@ -85,7 +85,7 @@ class DrawnHeat:
                     weights[g] = values.reshape(len(values), -1)
         slow = None if self.model.slow is None else Slow(knots, self.model.slow.time, plain=True)
         model = replace(self.model, slow=slow)
-        for own in own_groups(window):
+        for own in own_groups(window, model.gains):
             if own not in model.groups:
                 model = replace(model, groups=(*model.groups, own))
                 weights.append(rng.standard_normal((len(self.usable), len(unit_heats(model, window)[-1].series))))

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections import defaultdict
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from typing import Literal
@@ -17,8 +18,10 @@ from ..simulator import (
     flow_through,
     heat_of_inputs,
 )
-from .window import Course, Window
+from .window import Change, Course, Window
 
+LEAST_POWER = 1e-9
+"""W, below which nothing flows."""
 _KNOTS = 3.0
 """So many knots there are in the correlation time of what is slow."""
 _SLOW = 10800.0
@@ -203,7 +206,7 @@ def heat_model(scenario: Scenario, written: Heat, windows: Sequence[Window], the
     for window in windows:
         if window.switching is not None and (len(window.switching.time) or window.unmeasured):
             groups.append(Group("switches", "", 1.0, window=window.name))
-    groups += [own for window in windows for own in own_groups(window)]
+    groups += [own for window in windows for own in own_groups(window, gains)]
     groups += [Group("error", "", 1.0, window=own.name) for own in windows if own.simulator.error_basis is not None]
     over = (written.pattern and written.pattern.over) or ""
     return HeatModel(nodes, flow, origin, harmonics, over, profile, slow, of_pattern, gains, tuple(groups))
@@ -219,14 +222,24 @@ def _profile(course: Course | None) -> Profile | None:
     return Profile(np.linspace(low - _BEYOND * length, high + _BEYOND * length, count), length, (low, high))
 
 
-def own_groups(window: Window) -> tuple[Group, ...]:
+def own_groups(window: Window, gains: Sequence[Gain]) -> tuple[Group, ...]:
     """What is unknown of a window's own inputs: when modes change, and what flows while drivers have gaps."""
     found: list[Part] = []
-    if time_error_of(window.scenario) is not None and window.changes:
+    if time_error_of(window.scenario) is not None and any(heat_changed(own, gains) for own in window.changes):
         found.append("changes")
-    if window.bridged:
+    if any(own.columns == (f"driver.{gap.load}",) for gap in window.bridged for own in gains):
         found.append("gaps")
     return tuple(Group(part, "", 1.0, window=window.name) for part in found)
+
+
+def heat_changed(change: Change, gains: Sequence[Gain]) -> dict[int, float]:
+    """W that a change of mode brings to nodes of the model, of those that it brings something to."""
+    found: dict[int, float] = defaultdict(float)
+    for mode, sign in ((change.before, -1.0), (change.after, 1.0)):
+        for gain in gains:
+            if gain.columns == (f"mode.{mode}",):
+                found[gain.node] += sign * gain.watts[0]
+    return {node: watts for node, watts in found.items() if abs(watts) > LEAST_POWER}
 
 
 def knots_of(model: HeatModel, window: Window) -> FloatArray:

@@ -12,14 +12,13 @@ from ..environment import orbit_phase, seconds_later
 from ..probability import pattern, waves
 from ..scenario import time_error_of
 from ..simulator import FloatArray, IntArray, SimulationFailure, in_steps
-from .heat_model import HeatModel
+from .heat_model import LEAST_POWER, HeatModel, heat_changed
 from .window import Window
 
 _FINE = 20.0
 """s, how far apart functions of time are looked up at most often: linear in between."""
 _LOOKS = 20_000
 """In a window, at most so many."""
-_LEAST_POWER = 1e-9  # W
 _NUDGE = 0.02
 """Of the heat that flows through a node: what its response is looked at with."""
 _MOST_CHANGED = 1e3
@@ -123,7 +122,7 @@ def _switch_heats(model: HeatModel, window: Window, own: bool) -> Units:
     for k in heated_switches(model, window) if own else ():
         assert switching is not None
         watts = heater_watts(model, window, switching.heater[k])
-        power = max(watts.sum(), _LEAST_POWER)
+        power = max(watts.sum(), LEAST_POWER)
         time, interval = switching.time[k], switching.interval[k]
         edges = np.clip([time - 0.5 * interval, time + 0.5 * interval], grid[0], grid[-1])
         inside = np.diff(np.clip(grid, *edges)) / np.diff(grid).clip(1e-9)
@@ -134,7 +133,7 @@ def _switch_heats(model: HeatModel, window: Window, own: bool) -> Units:
         watts = heater_watts(model, window, window.network.heaters[heater])
         on = np.nan_to_num(window.network.drive.measured[:, heater])
         spells = int((np.diff(on, prepend=0.0) > 0.0).sum())
-        if watts.sum() > _LEAST_POWER and on @ np.diff(grid) < spells * _SAMPLES * window.interval:
+        if watts.sum() > LEAST_POWER and on @ np.diff(grid) < spells * _SAMPLES * window.interval:
             series.append(np.repeat(_ON * watts.sum() * on, 2)[None])
             shares.append(watts[None] / watts.sum())
     return Units(np.concatenate(shares), np.concatenate(series))
@@ -146,9 +145,11 @@ def _change_heats(model: HeatModel, window: Window, own: bool) -> Units:
     grid, late = window.network.drive.times, time_error_of(window.scenario)
     found: list[tuple[float, FloatArray, FloatArray]] = []
     for change in window.changes if own and late is not None else ():
-        step = _mode_watts(model, change.after) - _mode_watts(model, change.before)
+        step = np.zeros(len(model.nodes))
+        for node, watts in heat_changed(change, model.gains).items():
+            step[node] = watts
         power = np.abs(step).sum()
-        if power < _LEAST_POWER:
+        if power == 0.0:
             continue
         # All at once where the first step begins that is one: as much heat in it as that, and the same first moment.
         steps = np.flatnonzero((grid[:-1] > change.time - 1e-3) & (np.diff(grid) > _AT_A_STROKE))[:1]
@@ -158,15 +159,6 @@ def _change_heats(model: HeatModel, window: Window, own: bool) -> Units:
     found = sorted(found, key=lambda change: -change[0])[:_MOST_PIECES]
     shares = np.reshape([change[1] for change in found], (-1, len(model.nodes)))
     return Units(shares, np.reshape([change[2] for change in found], (-1, 2 * (len(grid) - 1))))
-
-
-def _mode_watts(model: HeatModel, mode: str) -> FloatArray:
-    """[h] W into each of the model's nodes in a mode."""
-    watts = np.zeros(len(model.nodes))
-    for gain in model.gains:
-        if gain.columns == (f"mode.{mode}",):
-            watts[gain.node] += gain.watts[0]
-    return watts
 
 
 def heated_switches(model: HeatModel, window: Window) -> tuple[int, ...]:
