@@ -94,6 +94,33 @@ def test_where_a_driver_has_a_gap_a_prediction_is_as_unsure_as_the_driver(tmp_pa
     assert unsure[45] > whole[45] + 3.0
 
 
+# --- changes of mode ---------------------------------------------------------------------------------------------
+
+
+def test_after_a_change_of_mode_a_prediction_is_as_unsure_as_its_time(tmp_path_factory):
+    content = written(heaters=False)
+    content["simulator"] |= {
+        "modes": {"quiet": {}, "busy": {"panel": "16 W"}},
+        "timeline": [
+            {"at": "2024-03-01T00:00:00", "mode": "quiet"},
+            {"at": "2024-03-01T06:30:00", "mode": "busy"},
+        ],
+    }
+    data = small.closed_loop(tmp_path_factory.mktemp("changed"), content, noise=NOISE)[1]
+    widths = []
+    for error in ("none", "60 s"):
+        content["time_error"] = error
+        found = drawn_of(tmp_path_factory.mktemp(error.replace(" ", "")), content, data)
+        # Training has no change.
+        assert not any(group.part == "changes" for group in found[0].heat.groups)
+        ahead = predicted((data, *found), "test.later")
+        widths.append((ahead["upper"] - ahead["lower"]).sel(channel="panel_temp").values)
+    whole, unsure = widths
+    assert unsure[2:28].mean() == pytest.approx(whole[2:28].mean(), rel=0.3)
+    # 16 W for 60 s is 1.2 K in 800 J/K, four deviations of that wide, some minutes ago.
+    assert unsure[34] > whole[34] + 2.0
+
+
 # --- from training to what follows --------------------------------------------------------------------------------
 
 
