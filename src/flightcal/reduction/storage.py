@@ -24,7 +24,7 @@ from .full_heat import FullHeat
 from .names import plain
 from .reduced_model import ReducedModel
 
-_WORDS = ("states", "settled", "mixed", "free", "columns", "ways", "heaters", "shifts", "followers", "full")
+_WORDS = ("states", "settled", "mixed", "free", "columns", "heaters", "shifts", "followers", "full")
 _ARRAYS = {
     "mixing": ("mixed", "temperature"),
     "mixing_offset": ("mixed",),
@@ -36,7 +36,6 @@ _ARRAYS = {
 _OF_HEAT = {"flow": ("full",), "brought": ("full", "input")}
 _KINDS = ("capacity", "linear", "radiative", "forcing", "heating")
 _COLUMNS = {"capacity": "state", "linear": "unknown", "radiative": "radiating", "forcing": "input", "heating": "heater"}
-
 _WAYS: TypeAdapter[dict[str, FaceNormal]] = TypeAdapter(dict[str, FaceNormal])
 
 

@@ -53,13 +53,18 @@ def faces(view: View) -> Iterator[Wrong]:
         )
         window = _turned(view, seconds, {name: lit[way]})
         yield Wrong("face", name, words, window=window, tries=5 * len(turnable))
-    yield from _plates(view, turnable, seconds)
+    yield from _plates(view, turnable, seconds, lit)
     if len(turnable) > 1:
         yield from _axes(view)
     yield from _exchanged(view, turnable)
 
 
-def _plates(view: View, normals: Mapping[str, FaceNormal], seconds: FloatArray) -> Iterator[Wrong]:
+def _plates(
+    view: View,
+    normals: Mapping[str, FaceNormal],
+    seconds: FloatArray,
+    lit: Mapping[FaceNormal, Mapping[str, FloatArray]],
+) -> Iterator[Wrong]:
     """Both sides of a plate look another way: it was not deployed, is hinged otherwise, or its drive stands still."""
     faces_of = view.window.scenario.network.faces
     pairs = [
@@ -67,9 +72,9 @@ def _plates(view: View, normals: Mapping[str, FaceNormal], seconds: FloatArray) 
         for a, b in combinations(normals, 2)
         if faces_of[a].node == faces_of[b].node and _alike(normals[a], _behind(normals[b])) > 1.0 - _SAME
     ]
-    ways = (*_WAYS, *_DRIVEN) if pairs else ()
-    lit = {way: _lit(view, normals, way, seconds) for way in ways}
-    for (front, rear), way in product(pairs, ways):
+    if pairs:
+        lit = {**lit, **{way: _lit(view, normals, way, seconds) for way in _DRIVEN}}
+    for (front, rear), way in product(pairs, lit):
         if abs(_alike(way, normals[front])) > _ALONG:
             continue
         words = Words(

@@ -208,15 +208,15 @@ def orbits(view: View) -> Iterator[Wrong]:
         return
     # Where attitudes come at times of their own, `places` would move these with the satellite.
     of_its_own = isinstance(view.window.scenario.environment.attitude, AttitudeTimeline | SampledAttitude)
-    apart = _apart(view)
-    places = tuple((apart * np.arange(1, round(2.0 * np.pi / apart))).tolist())
+    between = _between_places(view)
+    places = tuple((between * np.arange(1, round(2.0 * np.pi / between))).tolist())
     nodes = (*_NODES, *places)
     if isinstance(orbit, TleOrbit):
+        of_line = {"mean_motion": _STEPS["altitude"], "raan": nodes, "mean_anomaly": places} | _STEPS
         for name in _OF_LINE_2:
             if name == "mean_anomaly" and not of_its_own:
                 continue
-            steps = {"mean_motion": _STEPS["altitude"], "raan": nodes, "mean_anomaly": places}.get(name)
-            for step in _STEPS["inclination"] if steps is None else steps:
+            for step in of_line[name]:
                 yield from _other_orbit(view, orbit, name, step, tries=_KINDS * len(nodes))
         return
     height = "altitude" if isinstance(orbit, CircularOrbit) else "semi_major_axis"
@@ -243,7 +243,7 @@ def _period(view: View) -> float:
     return orbital_period(scenario.environment, scenario.folder)
 
 
-def _apart(view: View) -> float:
+def _between_places(view: View) -> float:
     """rad, between the places in an orbit that are tried first, a whole number of which go round."""
     return 2.0 * np.pi / max(24, int(np.ceil(_period(view) / _FIRST_PLACES)))
 
@@ -263,7 +263,7 @@ def _other_orbit(view: View, orbit: _Orbit, name: str, step: float, tries: float
     )
 
     def around() -> Iterator[Wrong]:
-        farthest = _APART.get(name, 0.5 * _apart(view))
+        farthest = _APART.get(name, 0.5 * _between_places(view))
         halvings = 4 if name in _APART else int(np.log2(farthest * _period(view) / (2.0 * np.pi * _CLOSE)))
         for more in farthest * 0.5 ** np.arange(halvings):
             for sign in (-1.0, 1.0):
