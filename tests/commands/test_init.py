@@ -113,10 +113,10 @@ def test_modes_and_their_timeline_are_taken_from_a_column(tmp_path: Path):
     lint(tmp_path / "sat")
     model = load_scenario(tmp_path / "sat" / "scenario.yaml").network
     assert list(model.modes) == ["safe", "sun_pointing"]
-    assert [(change.at.minute, change.mode) for change in model.timeline] == [
-        (0, "safe"),
-        (10, "sun_pointing"),
-        (30, "safe"),
+    assert [(change.at.minute + change.at.second / 60.0, change.within, change.mode) for change in model.timeline] == [
+        (0.0, None, "safe"),
+        (9.5, 60.0, "sun_pointing"),
+        (29.5, 60.0, "safe"),
     ]
 
 

@@ -253,6 +253,20 @@ def test_a_change_of_mode_is_as_uncertain_as_time_tags(tmp_path):
     assert np.abs(found - expected)[settled].max() < 0.03 * np.abs(expected).max()
 
 
+def test_a_change_of_mode_between_two_samples_may_be_anywhere_between_them(tmp_path):
+    content = with_modes(time_error="none")
+    content["simulator"]["timeline"][1]["within"] = "5 min"
+    problem = problem_of(tmp_path, content)
+    model, window = model_of(problem), sampled_windows(problem)[0]
+    (own,) = by_group(model, unit_heats(model, window), "changes")
+    assert len(own.share) == 1  # the other change is known
+    body, grid = model.nodes.index("body"), window.network.drive.times
+    moved = own.series[0].reshape(-1, 2).mean(axis=1) * own.share[0, body]
+    inside = (grid[:-1] >= 2250.0) & (grid[1:] <= 2550.0)
+    np.testing.assert_allclose(moved[inside] @ np.diff(grid)[inside], 12.0 * 300.0 / np.sqrt(12.0), rtol=0.1)
+    np.testing.assert_allclose(moved @ np.diff(grid), 12.0 * 300.0 / np.sqrt(12.0), rtol=1e-9)
+
+
 @pytest.mark.parametrize("more", [{"time_error": "none"}, {"heat": "none"}])
 def test_modes_change_when_the_scenario_says_where_time_tags_are_right(tmp_path, more):
     problem = problem_of(tmp_path, with_modes(**more))

@@ -1,5 +1,6 @@
 """Modes from a CSV file in the place of the scenario's timeline."""
 
+import pandas as pd
 import pytest
 from ruamel.yaml import YAML
 
@@ -37,8 +38,58 @@ def test_rows_are_changes_and_rows_that_repeat_a_mode_change_nothing(tmp_path):
     ]
 
 
-def test_what_is_resolved_reads_as_the_same(tmp_path):
-    scenario = load_scenario(written(tmp_path))
+NAMES = ("nominal",) * 10 + ("imaging",) * 4 + ("nominal",) * 6
+
+
+def sampled(modes=NAMES, minutes=None):
+    minutes = range(len(modes)) if minutes is None else minutes
+    times = pd.Timestamp("2024-03-01T00:00:00") + pd.to_timedelta(minutes, unit="min")
+    return "at,mode\n" + "".join(f"{at.isoformat()},{mode}\n" for at, mode in zip(times, modes, strict=True))
+
+
+def test_between_samples_a_mode_changes_midway(tmp_path):
+    timeline = load_scenario(written(tmp_path, sampled())).network.timeline
+    assert [(change.at.isoformat(), change.within, change.mode) for change in timeline] == [
+        ("2024-03-01T00:00:00", None, "nominal"),
+        ("2024-03-01T00:09:30", 60.0, "imaging"),
+        ("2024-03-01T00:13:30", 60.0, "nominal"),
+    ]
+
+
+@pytest.mark.parametrize(
+    ("names", "minutes", "expected"),
+    [
+        (NAMES, [k**2 for k in range(20)], [0, 100, 196]),
+        (["nominal", "imaging", "imaging", "nominal", "imaging"], [0, 1, 2, 3, 4], [0, 1, 3, 4]),
+    ],
+    ids=["without a rate", "that seldom repeat"],
+)
+def test_such_rows_are_changes(tmp_path, names, minutes, expected):
+    timeline = load_scenario(written(tmp_path, sampled(names, minutes))).network.timeline
+    assert [change.at.hour * 60 + change.at.minute for change in timeline] == expected
+    assert not any(change.within for change in timeline)
+
+
+def test_in_a_gap_of_the_samples_a_mode_changed_anywhere(tmp_path):
+    rows = sampled().splitlines()
+    timeline = load_scenario(written(tmp_path, "\n".join(rows[:8] + rows[12:]) + "\n")).network.timeline
+    assert [(change.at.isoformat(), change.within) for change in timeline[1:]] == [
+        ("2024-03-01T00:08:30", 300.0),
+        ("2024-03-01T00:13:30", 60.0),
+    ]
+
+
+def test_a_file_of_changes_may_say_within_how_long_each_lies(tmp_path):
+    rows = "at,mode,within\n2024-03-01T00:00:00,nominal,\n2024-03-01T00:30:00,imaging,2 min\n"
+    timeline = load_scenario(written(tmp_path, rows)).network.timeline
+    assert [change.within for change in timeline] == [None, 120.0]
+    with pytest.raises(ScenarioError, match=r"modes\.csv, line 3: within: found '2 m' .a length., expected"):
+        load_scenario(written(tmp_path, rows.replace("2 min", "2 m")))
+
+
+@pytest.mark.parametrize("rows", [ROWS, sampled()])
+def test_what_is_resolved_reads_as_the_same(tmp_path, rows):
+    scenario = load_scenario(written(tmp_path, rows))
     again = tmp_path / "resolved.yaml"
     again.write_text(resolved_yaml(scenario), encoding="utf-8")
     (tmp_path / "modes.csv").unlink()

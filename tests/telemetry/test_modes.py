@@ -31,9 +31,10 @@ def table_of(name: str, cells: list, times: np.ndarray = TIMES) -> pd.DataFrame:
 def test_a_column_of_modes_is_found_with_its_changes(tmp_path: Path, name: str, cells: list):
     found = modes_of(tmp_path, table_of(name, cells))
     assert found is not None
-    assert (found.column, len(found.names)) == (name, 2)
-    np.testing.assert_array_equal(found.times, TIMES[[0, 3]].astype("datetime64[ns]").astype(np.int64))
-    assert found.names in (("safe", "nominal"), ("mode 0", "mode 4"))
+    assert found.column == name
+    start = TIMES[0].astype("datetime64[s]").astype(float)
+    assert [(own.at - start, own.within) for own in found.changes] == [(0.0, 0.0), (150.0, 60.0)]
+    assert tuple(own.name for own in found.changes) in (("safe", "nominal"), ("mode 0", "mode 4"))
 
 
 @pytest.mark.parametrize(
@@ -54,13 +55,14 @@ def test_other_columns_tell_no_mode(tmp_path: Path, name: str, cells: list):
 def test_a_file_of_modes_alone_may_have_a_row_for_each_change(tmp_path: Path):
     found = modes_of(tmp_path, table_of("OBC mode", ["safe", "nominal"] * 4).drop(columns="TT_BAT"))
     assert found is not None
-    assert found.names == ("safe", "nominal") * 4
+    assert tuple(own.name for own in found.changes) == ("safe", "nominal") * 4
+    assert not any(own.within for own in found.changes)
 
 
 def test_changes_go_on_from_file_to_file_in_any_order_and_empty_cells_change_nothing(tmp_path: Path):
     later = table_of("mode", ["nominal", "", "nominal", "nominal", "safe", "safe"], TIMES[:6] + np.timedelta64(8, "m"))
     found = modes_of(tmp_path, later, table_of("mode", ["safe"] * 2 + ["nominal"] * 6))
     assert found is not None
-    assert found.names == ("safe", "nominal", "safe")
-    start = TIMES[0].astype("datetime64[ns]").astype(np.int64)
-    np.testing.assert_array_equal(found.times, np.array([0, 2, 12]) * 60_000_000_000 + start)
+    assert tuple(own.name for own in found.changes) == ("safe", "nominal", "safe")
+    start = TIMES[0].astype("datetime64[s]").astype(float)
+    assert [(own.at - start, own.within) for own in found.changes] == [(0.0, 0.0), (90.0, 60.0), (690.0, 60.0)]

@@ -144,15 +144,18 @@ def draft(folder: Path, files: Sequence[Path]) -> tuple[dict[str, str], list[str
     if modes is not None:
         made[_TIMELINE] = _timeline(modes)
         listed = ", ".join(dict.fromkeys(modes.names))
-        notes.append(f"modes in '{modes.column}' ({listed}): {len(modes.names) - 1} changes, in {_TIMELINE}")
+        notes.append(f"modes in '{modes.column}' ({listed}): {len(modes.changes) - 1} changes, in {_TIMELINE}")
     return made, notes
 
 
 def _timeline(modes: FoundModes) -> str:
     """The text of a timeline file."""
-    times = np.datetime_as_string(modes.times.astype("datetime64[ns]"), unit="ms")
-    rows = (f"{at},{_slug(name)}" for at, name in zip(times, modes.names, strict=True))
-    return "\n".join(["at,mode", *rows]) + "\n"
+    changes = modes.changes
+    times = np.datetime_as_string(np.array([1e3 * own.at for own in changes]).astype("datetime64[ms]"))
+    rows = [["at", "mode", "within"]]
+    for at, own in zip(times.tolist(), changes, strict=True):
+        rows.append([at, _slug(own.name), f"{own.within:.6g} s" if own.within else ""])
+    return "".join(",".join(row[: 3 if modes.sampled else 2]) + "\n" for row in rows)
 
 
 def _packet_names(packets: Sequence[FoundPacket]) -> dict[str, FoundPacket]:

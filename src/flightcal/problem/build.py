@@ -168,7 +168,8 @@ def _changes(scenario: Scenario, start: np.datetime64, end: np.datetime64) -> tu
     for before, after in pairwise(scenario.simulator.timeline):
         at = np.datetime64(after.at)
         if before.mode != after.mode and start < at < end:
-            found.append(Change(float((at - start) / np.timedelta64(1, "ns") * 1e-9), before.mode, after.mode))
+            seconds = float((at - start) / np.timedelta64(1, "ns") * 1e-9)
+            found.append(Change(seconds, before.mode, after.mode, after.within or 0.0))
     return tuple(found)
 
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections import defaultdict
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
@@ -225,11 +226,16 @@ def _profile(course: Course | None) -> Profile | None:
 def own_groups(window: Window, gains: Sequence[Gain]) -> tuple[Group, ...]:
     """What is unknown of a window's own inputs: when modes change, and what flows while drivers have gaps."""
     found: list[Part] = []
-    if time_error_of(window.scenario) is not None and any(heat_changed(own, gains) for own in window.changes):
+    if any(uncertainty(window, own) and heat_changed(own, gains) for own in window.changes):
         found.append("changes")
     if any(own.columns == (f"driver.{gap.load}",) for gap in window.bridged for own in gains):
         found.append("gaps")
     return tuple(Group(part, "", 1.0, window=window.name) for part in found)
+
+
+def uncertainty(window: Window, change: Change) -> float:
+    """s, the deviation of when a change of mode was: that of time tags, and of the time that it lies in."""
+    return math.hypot(time_error_of(window.scenario) or 0.0, change.within / math.sqrt(12.0))
 
 
 def heat_changed(change: Change, gains: Sequence[Gain]) -> dict[int, float]:

@@ -10,9 +10,8 @@ import numpy as np
 
 from ..environment import orbit_phase, seconds_later
 from ..probability import pattern, waves
-from ..scenario import time_error_of
 from ..simulator import FloatArray, IntArray, SimulationFailure, in_steps
-from .heat_model import LEAST_POWER, HeatModel, heat_changed
+from .heat_model import LEAST_POWER, HeatModel, heat_changed, uncertainty
 from .window import Window
 
 _FINE = 20.0
@@ -124,10 +123,8 @@ def _switch_heats(model: HeatModel, window: Window, own: bool) -> Units:
         watts = heater_watts(model, window, switching.heater[k])
         power = max(watts.sum(), LEAST_POWER)
         time, interval = switching.time[k], switching.interval[k]
-        edges = np.clip([time - 0.5 * interval, time + 0.5 * interval], grid[0], grid[-1])
-        inside = np.diff(np.clip(grid, *edges)) / np.diff(grid).clip(1e-9)
         # Energy: power times the shift's deviation, interval / sqrt(12), spread over the interval.
-        series.append(np.repeat(power / np.sqrt(12.0) * inside, 2)[None])
+        series.append(np.repeat(power / np.sqrt(12.0) * _inside(time, interval, grid), 2)[None])
         shares.append(watts[None] / power)
     for heater in window.unmeasured if own else ():
         watts = heater_watts(model, window, window.network.heaters[heater])
@@ -139,23 +136,33 @@ def _switch_heats(model: HeatModel, window: Window, own: bool) -> Units:
     return Units(np.concatenate(shares), np.concatenate(series))
 
 
+def _inside(time: float, interval: float, grid: FloatArray) -> FloatArray:
+    """[K] share of each step that lies in an interval around a time."""
+    edges = np.clip([time - 0.5 * interval, time + 0.5 * interval], grid[0], grid[-1])
+    return np.diff(np.clip(grid, *edges)) / np.diff(grid).clip(1e-9)
+
+
 def _change_heats(model: HeatModel, window: Window, own: bool) -> Units:
     """What each change of mode adds that is early by the deviation of a time: the heat that it changes, for so long."""
     assert window.network is not None
-    grid, late = window.network.drive.times, time_error_of(window.scenario)
+    grid = window.network.drive.times
     found: list[tuple[float, FloatArray, FloatArray]] = []
-    for change in window.changes if own and late is not None else ():
+    for change in window.changes if own else ():
         step = np.zeros(len(model.nodes))
         for node, watts in heat_changed(change, model.gains).items():
             step[node] = watts
-        power = np.abs(step).sum()
-        if power == 0.0:
+        power, early = np.abs(step).sum(), uncertainty(window, change)
+        if power * early == 0.0:
             continue
-        # All at once where the first step begins that is one: as much heat in it as that, and the same first moment.
-        steps = np.flatnonzero((grid[:-1] > change.time - 1e-3) & (np.diff(grid) > _AT_A_STROKE))[:1]
-        sudden = np.zeros((len(grid) - 1, 2))
-        sudden[steps] = np.array([4.0, -2.0]) * power * late / np.diff(grid)[steps, None]
-        found.append((power, step / power, sudden.ravel()))
+        if change.within > 0.0:
+            moved = np.repeat(power * early / change.within * _inside(change.time, change.within, grid), 2)
+        else:
+            # All at once where the first step begins that is one: as much heat in it, and the same first moment.
+            steps = np.flatnonzero((grid[:-1] > change.time - 1e-3) & (np.diff(grid) > _AT_A_STROKE))[:1]
+            sudden = np.zeros((len(grid) - 1, 2))
+            sudden[steps] = np.array([4.0, -2.0]) * power * early / np.diff(grid)[steps, None]
+            moved = sudden.ravel()
+        found.append((power * early, step / power, moved))
     found = sorted(found, key=lambda change: -change[0])[:_MOST_PIECES]
     shares = np.reshape([change[1] for change in found], (-1, len(model.nodes)))
     return Units(shares, np.reshape([change[2] for change in found], (-1, 2 * (len(grid) - 1))))

@@ -60,6 +60,8 @@ class Change:
     """s from the window's start."""
     before: str
     after: str
+    within: float = 0.0
+    """s, how long a time it lies in, `time` in its middle."""
 
 
 @dataclass(frozen=True)

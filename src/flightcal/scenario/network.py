@@ -172,6 +172,8 @@ class ModeChange(Block):
 
     at: Time
     mode: str
+    within: Annotated[float, Quantity("s", above=0)] | None = None
+    """How long a time the change lies in, `at` in its middle: that between two samples, where samples tell of it."""
 
 
 TablePoint = Annotated[tuple[Marker, Number], of_length(2, "a point of a table [driver, factor]")]
@@ -257,7 +259,8 @@ class SimulatorModel(Body):
     """Mode -> node -> dissipation."""
     timeline: tuple[ModeChange, ...] = ()
     timeline_file: FileName | None = None
-    """CSV file with columns at (UTC) and mode, in the place of `timeline`: a row for each change, or each sample."""
+    """CSV file with columns at (UTC), mode and perhaps within, in the place of `timeline`: a row for each change, or
+    each sample."""
     loads: dict[str, Load] = Field(default_factory=dict)
 
     @property

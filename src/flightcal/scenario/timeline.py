@@ -3,22 +3,63 @@
 from __future__ import annotations
 
 import csv
+from collections.abc import Sequence
+from dataclasses import dataclass
+from datetime import datetime, timedelta
+from itertools import pairwise
 from pathlib import Path
+from statistics import median
 from typing import Any
 
 from pydantic import TypeAdapter, ValidationError
 
 from .document import Problem
 from .fields import Time
-from .units import did_you_mean, show
+from .units import Quantity, did_you_mean, show
 
 _ATTITUDES = ("nadir", "sun_pointing")
+_OF_EACH = 2.0
+"""Rows for each change, from which on rows are samples, if they are at a rate."""
+_AT_A_RATE, _SHARE = 0.1, 2.0 / 3.0
+"""Of the usual time between two rows: what this share of all times differ from it at most."""
+_TIME = TypeAdapter[Any](Time)
+_WITHIN = Quantity("s", above=0)
+
+
+@dataclass(frozen=True)
+class NamedChange:
+    """From a time on something has another name."""
+
+    at: float
+    """s"""
+    within: float
+    """s of the time that the change lies in, `at` in its middle; 0: it is known."""
+    name: str
+
+
+def changes_of(
+    seconds: Sequence[float], names: Sequence[str], within: Sequence[float] | None = None
+) -> tuple[NamedChange, ...]:
+    """What changes in rows [R] at times that rise.
+
+    Rows are changes, or, where many at a steady rate repeat a name, samples: then a change lies between two of them.
+    Where `within` [R] is known they are changes.
+    """
+    new = [k for k, name in enumerate(names) if k == 0 or name != names[k - 1]]
+    if within is not None:
+        return tuple(NamedChange(seconds[k], within[k], names[k]) for k in new)
+    gaps = [after - before for before, after in pairwise(seconds)]
+    usual = median(gaps) if gaps else 0.0
+    steady = sum(abs(gap - usual) <= _AT_A_RATE * usual for gap in gaps) >= _SHARE * len(gaps)
+    sampled = steady and len(names) >= _OF_EACH * len(new)
+    between = [gaps[k - 1] if sampled and k else 0.0 for k in new]
+    return tuple(NamedChange(seconds[k] - 0.5 * own, own, names[k]) for k, own in zip(new, between, strict=True))
 
 
 def with_timeline(written: dict[str, Any], folder: Path) -> tuple[dict[str, Any], list[Problem]]:
     """The simulator's block with the timeline that `timeline_file` has; a block without one as it is.
 
-    A row for each change, or for each sample: rows that repeat the mode before them change nothing.
+    A row for each change, or for each sample; see `changes_of`.
     """
     return _filled(written, folder, ("simulator", "timeline_file"), "mode", _names(written, "modes"), "one of 'modes'")
 
@@ -69,18 +110,30 @@ def _changes(
     if not rows or not {"at", column} <= set(rows[0]):
         columns = ", ".join(map(str, rows[0])) if rows else "no row"
         return [], f": found {columns}, expected the columns at and {column}"
-    changes: list[dict[str, Any]] = []
+    times: list[datetime] = []
+    cells: list[str] = []
+    within: list[float] = []
     for number, row in enumerate(rows, start=2):
-        name = (row[column] or "").strip()
+        name, written = (row[column] or "").strip(), (row.get("within") or "").strip()
         try:
-            at = TypeAdapter(Time).validate_python((row["at"] or "").strip())
+            at = _TIME.validate_python((row["at"] or "").strip())
         except ValidationError as error:
             return [], f", line {number}: {error.errors()[0]['msg'].removeprefix('Value error, ')}"
+        try:
+            within.append(_WITHIN.read(written) if written else 0.0)
+        except ValueError as error:
+            return [], f", line {number}: within: {error}"
         if name not in names:
             hint = did_you_mean(name, names)
             return [], f", line {number}: found the {column} {show(name)}, expected {expected}{hint}"
-        if changes and at <= changes[-1]["at"]:
-            return [], f", line {number}: found {at.isoformat()}, expected a time after {changes[-1]['at'].isoformat()}"
-        if not changes or name != changes[-1][column]:
-            changes.append({"at": at, column: name})
-    return changes, ""
+        if times and at <= times[-1]:
+            return [], f", line {number}: found {at.isoformat()}, expected a time after {times[-1].isoformat()}"
+        times.append(at)
+        cells.append(name)
+    seconds = [(at - times[0]).total_seconds() for at in times]
+    found = changes_of(seconds, cells, within if any(within) else None)
+    return [
+        {"at": times[0] + timedelta(seconds=own.at), column: own.name}
+        | ({"within": _WITHIN.write(own.within)} if own.within and column == "mode" else {})
+        for own in found
+    ], ""

@@ -8,6 +8,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 import pyarrow as pa
 
+from ..scenario import NamedChange
 from ._times import Nanoseconds, is_text
 
 _NAME = re.compile(r"(?i)(^|[^a-z])modes?([^a-z]|$)|mode$|(?-i:Mode)")
@@ -23,9 +24,20 @@ class FoundModes:
 
     column: str
     times: Nanoseconds
-    """[M] ns since 1970 of the changes, rising; the first is the first sample."""
+    """[M] ns since 1970 of rows, rising: the first and the last of each mode."""
     names: tuple[str, ...]
-    """[M] of the mode from then on; of a number, with "mode" before it."""
+    """[M] of the mode in them; of a number, with "mode" before it."""
+    sampled: bool
+    """Whether rows are samples, between which modes change; else each row is a change."""
+
+    @property
+    def changes(self) -> tuple[NamedChange, ...]:
+        """The first is the first row; times are since 1970."""
+        new = [k for k, name in enumerate(self.names) if k == 0 or name != self.names[k - 1]]
+        seconds = 1e-9 * self.times
+        before = seconds[[max(k - 1, 0) for k in new]] if self.sampled else seconds[new]
+        ends = zip(before.tolist(), seconds[new].tolist(), new, strict=True)
+        return tuple(NamedChange(0.5 * (begin + end), end - begin, self.names[k]) for begin, end, k in ends)
 
 
 def modes_in(table: pa.Table, names: list[str], times: Nanoseconds, *, alone: bool = False) -> FoundModes | None:
@@ -40,22 +52,26 @@ def modes_in(table: pa.Table, names: list[str], times: Nanoseconds, *, alone: bo
             continue
         cells = ["" if cell is None else str(cell).strip() for cell in column.to_pylist()]
         words = [f"mode {cell}" if integer else cell for cell in cells if cell]
-        found = changes(FoundModes(name, times[[cell != "" for cell in cells]], tuple(words)))
-        if 1 < len(set(words)) <= _MOST and (alone or len(words) >= _SHORTEST * len(found.names)):
-            return found
+        found = _ends(FoundModes(name, times[[cell != "" for cell in cells]], tuple(words), True))
+        samples = len(words) >= _SHORTEST * len(found.changes)
+        if 1 < len(set(words)) <= _MOST and (alone or samples):
+            return replace(found, sampled=samples)
     return None
 
 
-def changes(samples: FoundModes) -> FoundModes:
-    """Those of the samples, in any order, at which the mode is another than before; of one time the last counts."""
-    last = dict(zip(samples.times.tolist(), samples.names, strict=True))
+def _ends(rows: FoundModes) -> FoundModes:
+    """The first and the last row of each mode, of rows in any order; of one time the last counts."""
+    last = dict(zip(rows.times.tolist(), rows.names, strict=True))
     times = sorted(last)
-    kept = [at for k, at in enumerate(times) if k == 0 or last[at] != last[times[k - 1]]]
-    return replace(samples, times=np.array(kept, np.int64), names=tuple(last[at] for at in kept))
+    names = [last[at] for at in times]
+    new = [k == 0 or names[k] != names[k - 1] for k in range(len(names))]
+    kept = [k for k in range(len(names)) if new[k] or k + 1 == len(names) or new[k + 1]]
+    return replace(rows, times=np.array([times[k] for k in kept], np.int64), names=tuple(names[k] for k in kept))
 
 
 def both(one: FoundModes | None, other: FoundModes | None) -> FoundModes | None:
     """Of two files of a packet."""
     if one is None or other is None:
         return one or other
-    return changes(replace(one, times=np.concatenate([one.times, other.times]), names=(*one.names, *other.names)))
+    times, names = np.concatenate([one.times, other.times]), (*one.names, *other.names)
+    return _ends(replace(one, times=times, names=names, sampled=one.sampled and other.sampled))
