@@ -84,6 +84,15 @@ def test_spin_axis_points_along_its_direction_and_the_body_turns_about_it(spin_a
     assert matrices[2:] == pytest.approx(np.stack([matrices[0]] * 2), abs=1e-6)
 
 
+def test_a_spinning_body_has_turned_by_its_phase_at_its_epoch():
+    attitude = {"spin_axis": [0, 0, 1], "direction": [0, 0, 1], "period": "400 s", "epoch": str(EPOCH)}
+    times = seconds_after(EPOCH, [0.0, 100.0])
+    x, *_ = axes(attitude, times)
+    assert x == pytest.approx(np.array([[1, 0, 0], [0, 1, 0]]), abs=1e-9)
+    x, *_ = axes(attitude | {"phase": "90 deg"}, times)
+    assert x == pytest.approx(np.array([[0, 1, 0], [-1, 0, 0]]), abs=1e-9)
+
+
 def test_sampled_quaternions_are_met_and_turned_between_evenly(tmp_path):
     rotations = Rotation.from_euler("zyx", [[0, 0, 0], [80, 0, 0], [80, 40, 0]], degrees=True)
     samples = seconds_after(EPOCH, [0.0, 600.0, 1200.0])

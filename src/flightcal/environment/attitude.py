@@ -6,9 +6,9 @@ sun_pointing    +z to the Sun, +y as near as possible to the ecliptic's north po
                 it, so the frame never degenerates), +x completes.
 inertial        fixed; the unit quaternion (w, x, y, z) turns body vectors into inertial ones.
 spinning        the body's `spin_axis` points along the inertial `direction` and the body turns
-                right-handedly about it. The phase is arbitrary but fixed: at 2000-01-01T12:00 UTC the body
-                stands as the shortest turn from `spin_axis` to `direction` leaves it. Without a period
-                there is no phase: see `faces.Spun`.
+                right-handedly about it. At its `epoch` (2000-01-01T12:00 UTC, where none is written) it has turned by
+                its `phase` from where the shortest turn from `spin_axis` to `direction` leaves it. Without a
+                period there is no phase: see `faces.Spun`.
 quaternions     samples, spherical linear interpolation between them.
 timeline        one of these after another. In a slew the body turns about one axis at a constant rate from the attitude
                 before, as that goes on, to the one after.
@@ -24,7 +24,7 @@ from scipy.spatial.transform import Rotation, Slerp
 from ..errors import OrbitError
 from ..scenario import Attitude, AttitudeTimeline, InertialAttitude, SampledAttitude, SpinningAttitude
 from ._samples import read_samples, within_span
-from ._time import J2000, Floats, Times, seconds_since
+from ._time import Floats, Times, seconds_since
 from .geometry import Geometry
 from .sun import OBLIQUITY
 
@@ -93,8 +93,8 @@ def _spinning(attitude: SpinningAttitude, at: Geometry) -> Floats:
         raise OrbitError("environment.attitude: found no spin 'period', expected one: body axes depend on it")
     axis = unit(attitude.spin_axis)
     direction = unit(attitude.direction)
-    turns = seconds_since(at.times, J2000) / attitude.period % 1.0
-    spin = Rotation.from_rotvec(2 * np.pi * turns[:, None] * direction)
+    turned = 2 * np.pi * (seconds_since(at.times, np.datetime64(attitude.epoch)) / attitude.period % 1.0)
+    spin = Rotation.from_rotvec((turned + attitude.phase)[:, None] * direction)
     matrices: Floats = (spin * _shortest_turn(axis, direction)).as_matrix()
     return matrices
 

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import re
+from datetime import datetime
 from typing import Annotated, Any, Literal, cast, get_args
 
 from pydantic import AfterValidator, BeforeValidator, Field, model_validator
@@ -135,6 +136,9 @@ class SpinningAttitude(Block):
     """Inertial direction that the spin axis points to."""
     period: Duration | None = None
     """null: fast spin; fluxes are averaged over one turn."""
+    phase: Annotated[float, Quantity("rad")] = 0.0
+    """Turned by at `epoch`, from where the shortest turn from `spin_axis` to `direction` leaves the body."""
+    epoch: Time = datetime(2000, 1, 1, 12)
 
 
 class SampledAttitude(Block):

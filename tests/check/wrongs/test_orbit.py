@@ -1,5 +1,7 @@
 """Another orbit, another attitude, another time of them."""
 
+import re
+
 import numpy as np
 import pytest
 
@@ -156,6 +158,17 @@ def test_a_spin_that_is_another_is_named_by_what_is_written(tmp_path, name, valu
     _, data = small.closed_loop(tmp_path, written)
     first = named(scenario, data)[0]
     assert (first.kind, first.about) == ("attitude", name)
+
+
+def test_a_spin_with_another_phase_is_named_with_the_phase_to_write(tmp_path):
+    written = boxed()
+    attitude = {"spin_axis": [0, 0, 1], "direction": [0, 0.6, 0.8], "period": "40 min", "epoch": "2024-03-01T00:00:00"}
+    written["environment"]["attitude"] = attitude
+    scenario, _ = small.load(tmp_path, written)
+    written["environment"]["attitude"] = attitude | {"phase": "70 deg"}
+    _, data = small.closed_loop(tmp_path, written)
+    (phase,) = re.findall(r"'phase: (\d+) deg'", named(scenario, data)[0].advice)
+    assert abs(int(phase) - 70) <= 5
 
 
 def test_an_eclipse_that_never_comes_is_named(tmp_path):

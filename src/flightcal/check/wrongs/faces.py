@@ -9,7 +9,7 @@ import numpy as np
 from scipy.spatial.transform import Rotation
 
 from ...problem import Window
-from ...scenario import FaceNormal, Scenario, SunTracking
+from ...scenario import FaceNormal, Scenario, SpinningAttitude, SunTracking
 from ...simulator import FloatArray, build_network
 from ..view import View
 from .wrong import Words, Wrong, driven_otherwise, put
@@ -21,7 +21,7 @@ _DRIVEN = tuple(SunTracking(tracks_sun_about=axis, back=back) for axis in _AXES 
 _MOST_NODES = 14
 """Of a network, whose faces are tried at every node."""
 _ALONG = 0.99
-"""Cosine from which a side looks the way it did, or the way that the other side did."""
+"""Cosine from which a side looks the way it did, or the way that the other side did; or a turn is about an axis."""
 _SAME = 1e-6
 """One less a cosine, below which two ways are the same."""
 _NO_TURN = 0.1
@@ -202,11 +202,12 @@ def _tilt(view: View, turn: FloatArray, apart: float) -> Iterator[Wrong]:
         return
     rotation = Rotation.from_rotvec(turn, degrees=True)
     about = ", ".join(f"{own:+.0f}" for own in turn)
+    advice = "Check 'attitude' in 'environment', and the axes of 'normal' in 'simulator: faces'"
     words = Words(
         f"The body is turned by {angle:.0f} deg against its attitude",
         f"With the body turned by [{about}] deg about its axes x, y and z, sunlight and Earth's heat explain the "
         "telemetry.",
-        "Check 'attitude' in 'environment', and the axes of 'normal' in 'simulator: faces'",
+        _otherwise_spun(view, turn) or advice,
     )
 
     def around() -> Iterator[Wrong]:
@@ -216,6 +217,19 @@ def _tilt(view: View, turn: FloatArray, apart: float) -> Iterator[Wrong]:
     yield from driven_otherwise(
         "attitude", "tilt", words, view, tries=_TILTED_WAYS, closer=around, scenario=_looking(view, rotation)
     )
+
+
+def _otherwise_spun(view: View, turn: FloatArray) -> str:
+    """What to do where a turn of the body, deg, is one about the axis that it spins about; else nothing."""
+    attitude = view.window.scenario.environment.attitude
+    if not isinstance(attitude, SpinningAttitude) or attitude.period is None:
+        return ""
+    axis = np.array(attitude.spin_axis)
+    about = float(turn @ axis / np.linalg.norm(axis))
+    if abs(about) < _ALONG * np.linalg.norm(turn):
+        return ""
+    phase = (np.degrees(attitude.phase) + about) % 360.0
+    return f"Write 'phase: {phase:.0f} deg' in 'environment: attitude': so far the body has turned at 'epoch'"
 
 
 def _looking(view: View, rotation: Rotation) -> Scenario:
