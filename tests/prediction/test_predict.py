@@ -68,6 +68,21 @@ def test_all_samples_of_the_train_window_are_scored(case):
     assert predicted(case, "train")["scored"].all()
 
 
+def test_an_unseen_window_that_begins_in_a_gap_is_predicted_from_its_first_sample_on(case):
+    scenario, data, *_ = case
+    start = np.datetime64(scenario.windows["test"].start)
+    times = data["time"].values
+    gap = data.copy(deep=True)
+    for channel in ("body_temp", "panel_temp"):
+        gap[channel].values[(times >= start) & (times < start + 3 * SPAN)] = np.nan
+    prediction = predicted(case, "test", gap)
+    scored = prediction["time"].values[prediction["scored"].values]
+    assert scored[0] > start + 4 * SPAN
+    found = prediction.sel(by=STOCHASTIC, time=scored)
+    inside = (found["lower"] <= found["observed"]) & (found["observed"] <= found["upper"])
+    assert inside.mean() > 0.8
+
+
 def test_telemetry_after_the_first_samples_does_not_change_the_prediction(case):
     scenario, data, *_ = case
     result, other = predicted(case, "test"), predicted(case, "test", changed(data, scenario, after=SPAN))

@@ -282,6 +282,40 @@ def test_a_span_cuts_the_window_to_its_first_samples(tmp_path):
     np.testing.assert_array_equal(first.observed, whole.observed[:11])
 
 
+def without_samples(data, scenario, window, minutes):
+    """The telemetry without temperatures for so long after a window's start."""
+    start = np.datetime64(scenario.windows[window].start)
+    late = (data["time"].values >= start) & (data["time"].values < start + np.timedelta64(minutes, "m"))
+    gap = data.copy(deep=True)
+    for channel in ("body_temp", "panel_temp"):
+        gap[channel].values[late] = np.nan
+    return gap
+
+
+@pytest.mark.parametrize(("minutes", "later"), [(5, 0), (45, 45)])
+def test_a_window_whose_start_lies_in_a_gap_begins_at_its_first_sample(tmp_path, minutes, later):
+    scenario, data = small.closed_loop(tmp_path)
+    data = without_samples(data, scenario, "test", minutes)
+    start, end = np.datetime64(scenario.windows["test"].start), np.datetime64(scenario.windows["test"].end)
+    window = build_window(scenario, data, "test")
+    assert window.start - start == np.timedelta64(later, "m")
+    assert window.span[1] == end
+    assert window.network.drive.times[-1] == pytest.approx((end - window.start) / np.timedelta64(1, "s"))
+    first = build_window(scenario, data, "test", span=600.0)
+    assert first.times[0] == window.times[0]
+    assert first.times[-1] - window.start <= np.timedelta64(10, "m")
+
+
+def test_a_window_right_after_training_begins_with_it_also_in_a_gap(tmp_path):
+    scenario, data = small.closed_loop(tmp_path)
+    data = without_samples(data, scenario, "test", 45)
+    before = scenario.windows["train"].model_copy(update={"end": scenario.windows["test"].start, "orbits": None})
+    scenario = scenario.model_copy(update={"windows": {**scenario.windows, "train": before}})
+    assert build_window(scenario, data, "test").start == np.datetime64(scenario.windows["test"].start)
+    first = build_window(scenario, data, "test", span=600.0)
+    assert np.isfinite(first.observed).any()
+
+
 def test_initial_temperatures_are_expected_where_the_first_readings_are_without_their_sensors_errors(tmp_path):
     written = small.content()
     written["observations"]["body_temp"] |= {"gain": 1.1, "bias": "0.5 K"}

@@ -21,9 +21,10 @@ ANY = "any"
 """Name of the share of time in which at least one thing is outside."""
 _WIDER = 0.05
 """Of what was trained on: by how much its range is widened."""
-_ROUNDING = 1e-6
+_HARDLY = 0.01
+"""Of what was trained on, if that hardly varies: sunlight that follows the distance to the Sun is not new."""
 _KELVIN = 2.0
-"""K, by which the range of a channel's telemetry is widened."""
+"""K, by which the range of a channel's telemetry, or of a boundary's, is widened."""
 _LEAST = 0.005
 """Share of time below which nothing is said."""
 _PLACES = np.array([0.125, 0.375, 0.625, 0.875])
@@ -61,7 +62,8 @@ def unseen(trained: Sequence[Window], window: Window, mean: FloatArray | None = 
         kind, _, which = column.partition(".")
         if kind in _WORDS:
             before = np.concatenate([own[column] for own in known if column in own] or [np.empty(0)])
-            new = (values > 0.5) & ~(before > 0.5).any() if kind == "mode" else _beyond(values, before)
+            wider = _KELVIN if kind == "temperature" else None
+            new = (values > 0.5) & ~(before > 0.5).any() if kind == "mode" else _beyond(values, before, wider)
             outside[f"{_WORDS[kind]} {which}"] = new
     outside |= _course(trained, window)
     outside |= _sun(trained, window)
@@ -114,7 +116,7 @@ def _beyond(values: FloatArray, before: FloatArray, wider: float | None = None) 
         return np.zeros(len(values), bool)
     low, high = before.min(), before.max()
     if wider is None:
-        wider = _WIDER * (high - low) + _ROUNDING * max(abs(low), abs(high))
+        wider = max(_WIDER * (high - low), _HARDLY * max(abs(low), abs(high)))
     return np.asarray((values < low - wider) | (values > high + wider))
 
 

@@ -67,17 +67,25 @@ def open_windows(
 
 
 def build_window(scenario: Scenario, telemetry: xarray.Dataset, name: str, *, span: float | None = None) -> Window:
-    """One window of a scenario; span: only its first so many seconds. Raises ScenarioError and TelemetryError."""
+    """One window of a scenario; span: only its first so many seconds.
+
+    One whose start lies in a gap, which tells nothing of the state there, begins at its first sample.
+
+    Raises ScenarioError and TelemetryError.
+    """
     if name not in scenario.windows:
         raise ScenarioError(f"window '{name}' is not in the scenario, which has {', '.join(scenario.windows)}")
     period = orbital_period(scenario.environment, scenario.folder)
     chosen = select_window(telemetry, scenario.windows[name], period)
-    start, end = window_bounds(scenario.windows[name], period)
-    if span is not None:
-        end = min(end, start + np.timedelta64(round(span * 1e9), "ns"))
-        chosen = chosen.sel(time=slice(start, end))
-    times = chosen["time"].values
     channels = tuple(channel for channel, item in scenario.observations.items() if item.heater is None)
+    start, end = window_bounds(scenario.windows[name], period)
+    begun = _first_known(scenario, chosen, channels, start)
+    if not _goes_on(scenario, name):
+        start = begun
+    if span is not None:
+        end = min(end, begun + np.timedelta64(round(span * 1e9), "ns"))
+    chosen = chosen.sel(time=slice(start, end))
+    times = chosen["time"].values
     observed = np.stack([chosen[channel].values for channel in channels], axis=1)
     initial = initial_priors(scenario, channels, (times - start) / np.timedelta64(1, "ns") * 1e-9, observed)
     reads: dict[str, Prior] = {parameter: item.prior for parameter, item in scenario.parameters.items()}
@@ -118,6 +126,7 @@ def build_window(scenario: Scenario, telemetry: xarray.Dataset, name: str, *, sp
     return Window(
         scenario=scenario,
         name=name,
+        start=start,
         times=times,
         observed=observed,
         status=measured_status(scenario, chosen),
@@ -131,6 +140,23 @@ def build_window(scenario: Scenario, telemetry: xarray.Dataset, name: str, *, sp
         bridged=_bridged(scenario, telemetry, start, end),
         course=_course(scenario, telemetry, start, end),
     )
+
+
+def _first_known(
+    scenario: Scenario, chosen: xarray.Dataset, channels: Sequence[str], start: np.datetime64
+) -> np.datetime64:
+    """The start, or the first valid sample of channels where that comes too late to tell of the state at the start."""
+    valid = np.any([np.isfinite(chosen[channel].values) for channel in channels], axis=0)
+    times = chosen["time"].values[valid] if channels else np.empty(0, "datetime64[ns]")
+    latest = start + np.timedelta64(round(scenario.calibration.prediction.initial_span * 1e9), "ns")
+    return np.datetime64(times[0]) if len(times) and times[0] >= latest else start
+
+
+def _goes_on(scenario: Scenario, name: str) -> bool:
+    """Whether a window begins where a training window ends, whose state is known."""
+    period = orbital_period(scenario.environment, scenario.folder)
+    start, _ = window_bounds(scenario.windows[name], period)
+    return any(window_bounds(scenario.windows[own], period)[1] == start for own in scenario.train_windows)
 
 
 def _largest_heat(simulator: NetworkSimulator) -> str:

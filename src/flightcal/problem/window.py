@@ -94,6 +94,8 @@ class Window:
 
     scenario: Scenario
     name: str
+    start: np.datetime64
+    """UTC, before the first sample, or at it."""
     times: Any
     """[T] datetime64, UTC."""
     observed: FloatArray
@@ -138,12 +140,7 @@ class Window:
     @cached_property
     def span(self) -> tuple[np.datetime64, np.datetime64]:
         """Its start and its end, UTC."""
-        return window_bounds(self.scenario.windows[self.name], self.period)
-
-    @property
-    def start(self) -> np.datetime64:
-        """UTC, before the first sample."""
-        return self.span[0]
+        return self.start, window_bounds(self.scenario.windows[self.name], self.period)[1]
 
     @property
     def duration(self) -> float:
