@@ -138,6 +138,22 @@ def test_windows_have_no_long_gap_in_any_file(tmp_path: Path):
     assert end.isoformat() == "2024-03-01T06:19:00"
 
 
+def test_where_samples_come_in_passes_windows_hold_many_of_them(tmp_path: Path):
+    hours = np.repeat([0.0, 1.6, 11.0, 12.6, 24.0, 25.6, 35.0, 140.0], 20)
+    table = frame(160)
+    table["time"] = text(seconds(*(30.0 * (np.arange(160) % 20) + 3600.0 * hours)))
+    table.to_csv(tmp_path / "data.csv", index=False)
+    result = run(app, ["init", str(tmp_path / "sat"), str(tmp_path / "data.csv")])
+    assert result.exit_code == 0, result.output
+    lint(tmp_path / "sat")
+    windows = load_scenario(tmp_path / "sat" / "scenario.yaml").windows
+    first = windows["train"].start
+    assert [(own - first).total_seconds() / 3600.0 for own in (windows["test"].start, windows["test"].end)] == [
+        24.0,
+        pytest.approx(35.0 + 19 * 30.0 / 3600.0),
+    ]
+
+
 def test_a_heaters_current_is_its_status_and_a_clock_of_two_parts_is_read(tmp_path: Path):
     table = frame(40).drop(columns="HTR")
     table["HTR_BAT_CUR [mA]"] = np.where(np.arange(40) // 5 % 2, 480.0, 3.0) + np.arange(40) % 3

@@ -26,6 +26,10 @@ _PLAIN = re.compile(r"[A-Za-z][\w.-]*( [A-Za-z][\w.-]*)*")
 _WORDS = ("on", "off", "yes", "no", "true", "false", "null", "y", "n")
 _LONGEST = np.timedelta64(10, "h")
 """Of telemetry that the windows take at first: some orbits, so that the first run is short."""
+_LONGEST_OF_PASSES = np.timedelta64(4, "D")
+"""The same where samples come in passes alone."""
+_SHORT = np.timedelta64(90, "m")
+"""An orbit, about: where no longer time, nor half of all, is without gaps, samples come in passes."""
 _MANY, _SHORTEST_GAP = 10, 15 * 60e9
 """An interval of more than so many usual ones, and of more ns than this, is a gap that a window had better not have."""
 _EPOCH = np.datetime64("2000-01-01T12:00:00", "ns")
@@ -372,7 +376,10 @@ def _begins_alike(one: str, other: str) -> int:
 
 
 def _windows(dataset: xarray.Dataset) -> tuple[str, str, str]:
-    """Start, middle and end of a stretch without long gaps in any packet, at most `_LONGEST` of it."""
+    """Start, middle and end of a stretch without long gaps in any packet, at most `_LONGEST` of it.
+
+    Where samples come in passes alone, of these: each half begins and ends with one.
+    """
     times = dataset["time"].values
     common: list[_Stretch] | None = None
     for name in dataset["channel"].values:
@@ -382,7 +389,13 @@ def _windows(dataset: xarray.Dataset) -> tuple[str, str, str]:
         raise TelemetryError("found files whose times do not overlap, expected some time that all of them have")
     start, end = max(common, key=lambda one: min(one[1] - one[0], _LONGEST))  # the first of equals
     end = min(end, start + _LONGEST)
-    moments = (start, start + (end - start) // 2, end)
+    middle = start + (end - start) // 2
+    if end - start < _SHORT and 2 * (end - start) < np.sum([b - a for a, b in common]):
+        start = common[0][0]
+        end = max(own for _, own in common if own <= start + _LONGEST_OF_PASSES)
+        middle = start + (end - start) // 2
+        middle = min((own for own, _ in common if middle < own < end), default=middle)
+    moments = (start, middle, end)
     first, middle, last = (np.datetime_as_string(moment.astype("datetime64[ms]")) for moment in moments)
     return str(first), str(middle), str(last)
 

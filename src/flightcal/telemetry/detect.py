@@ -35,7 +35,10 @@ _UNITS = re.compile(r"(?i)^units?$")
 """Columns of a file with a row for each reading."""
 _LEVELS = 5
 """A word of few bits, which has no unit, has fewer values."""
-_TEMPERATURE_NAME = re.compile(r"(?i)temp|therm|thm|tmp|^t$|^tt?[_.\d-]|[_. ]tt?\d*([_ /][ckf])?$|^pt\d|deg\.? ?c|°c")
+_TEMPERATURE_NAME = re.compile(
+    r"(?i)temp|therm|thm|tmp|^t$|^tt?[_.\d-]|[_. ]tt?\d*([_ /][ckf])?$|^pt\d|deg\.? ?c|°c"
+    r"|^t(bat|obc|eps|pcb|cpu|pan|trx|rad|pay|cam|tank|[pm][xyz]|[xyz][pm])[a-z]*\d*$"
+)
 _KELVIN_NAME = re.compile(r"[_ ./]K$")
 _KELVINS = (150.0, 450.0)
 """Of a satellite: what ends in K and is between these is a temperature."""
