@@ -136,7 +136,7 @@ def test_a_counter_is_a_clock_whose_epoch_is_not_known(tmp_path: Path):
         ("TT_BAT", [20.5, 21.0, -3.0, 4.0], ("temperature", "degC")),
         ("TBAT", [20.5, 21.0, -3.0, 4.0], ("temperature", "degC")),
         ("tpx1", [20.5, 21.0, -3.0, 4.0], ("temperature", "degC")),
-        ("TXPOWER", [20.5, 21.0, 3.0, 4.0], ("driver", None)),
+        ("TXPOWER", [20.5, 21.0, 3.0, 4.0], ("driver", "1")),
         ("Temp1", [20, 21, -3, 4], ("temperature", "degC")),
         ("battery_temperature", [293.0, 294.5, 290.0, 288.0], ("temperature", "K")),
         ("Battery [degC]", [20.5, 21.0, 3.0, 4.0], ("temperature", "degC")),

@@ -388,16 +388,16 @@ def _windows(dataset: xarray.Dataset) -> tuple[str, str, str]:
     if not common:
         raise TelemetryError("found files whose times do not overlap, expected some time that all of them have")
     start, end = max(common, key=lambda one: min(one[1] - one[0], _LONGEST))  # the first of equals
-    end = min(end, start + _LONGEST)
-    middle = start + (end - start) // 2
     if end - start < _SHORT and 2 * (end - start) < np.sum([b - a for a, b in common]):
         start = common[0][0]
         end = max(own for _, own in common if own <= start + _LONGEST_OF_PASSES)
+        half = start + (end - start) // 2
+        middle = min((own for own, _ in common if half < own < end), default=half)
+    else:
+        end = min(end, start + _LONGEST)
         middle = start + (end - start) // 2
-        middle = min((own for own, _ in common if middle < own < end), default=middle)
-    moments = (start, middle, end)
-    first, middle, last = (np.datetime_as_string(moment.astype("datetime64[ms]")) for moment in moments)
-    return str(first), str(middle), str(last)
+    first, half_way, last = (np.datetime_as_string(own.astype("datetime64[ms]")) for own in (start, middle, end))
+    return str(first), str(half_way), str(last)
 
 
 def _stretches(times: NDArray[np.datetime64]) -> list[_Stretch]:

@@ -37,7 +37,7 @@ _LEVELS = 5
 """A word of few bits, which has no unit, has fewer values."""
 _TEMPERATURE_NAME = re.compile(
     r"(?i)temp|therm|thm|tmp|^t$|^tt?[_.\d-]|[_. ]tt?\d*([_ /][ckf])?$|^pt\d|deg\.? ?c|°c"
-    r"|^t(bat|obc|eps|pcb|cpu|pan|trx|rad|pay|cam|tank|[pm][xyz]|[xyz][pm])[a-z]*\d*$"
+    r"|^t(bat[a-z]*|obc|eps|pcb|cpu|pan[a-z]*|trx|rad[a-z]*|pay[a-z]*|cam|tank|[pm][xyz]|[xyz][pm])\d*$"
 )
 _KELVIN_NAME = re.compile(r"[_ ./]K$")
 _KELVINS = (150.0, 450.0)
