@@ -131,6 +131,13 @@ def test_priors_in_conflict_with_the_telemetry_are_told_by_name(run):
     assert about(scored(run, battery_link=6.0), "battery_link lies 6.0 deviations").state == "bad"
 
 
+def test_time_tags_farther_off_than_their_prior_allows_put_all_intervals_of_parameters_in_doubt(run):
+    infos = [dataclasses.replace(p, kind="time") if p.name == "battery_link" else p for p in run.parameters]
+    finding = about(dataclasses.replace(scored(run, battery_link=4.2), parameters=infos), "battery_link lies 4.2")
+    assert finding.not_for == ("intervals of parameters",)
+    assert "write how far they may be off, such as 'time_error: 30 s'" in finding.text
+
+
 def test_a_posterior_that_the_telemetry_hardly_narrows_is_not_to_be_far_off(run):
     hardly = with_scores(run, prior_score=2.1, usual_score=0.5)
     finding = about(hardly, "battery_link lies 2.1 deviations from where its prior expects it, where 0.5 is usual")

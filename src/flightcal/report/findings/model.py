@@ -216,7 +216,14 @@ def prior_conflict(run: RunFiles) -> Finding:
             f"Telemetry and prior are in conflict: {_out_by(believed, named)}. Either the prior is wrong, or the "
             "parameter makes up for something else that is, such as a clock, an attitude, a unit or a missing heater."
         )
-        return Finding(state, _far_title(believed, named), text, not_for=tuple(map(value_of, named)), then=CHECK)
+        not_for = tuple(value_of(name) for name in named if kinds[name] != "time")
+        if len(not_for) < len(named):
+            text += (
+                " The time error is held back by its prior, so parameters make up for the rest of it. Correct the time "
+                "tags, or write how far they may be off, such as 'time_error: 30 s'."
+            )
+            not_for = ("intervals of parameters", *not_for)
+        return Finding(state, _far_title(believed, named), text, not_for=not_for, then=CHECK)
     starts = _conflict({name: out_by[name] for name in guessed})
     if starts is not None:
         named = starts[1]
