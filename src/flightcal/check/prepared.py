@@ -26,8 +26,10 @@ from .view import HEAT, INFERRED, NO_LINK, UNKNOWN, View, view_of
 
 _MOST_LINKED = 14
 """Nodes, of which any two may be linked."""
-_ORBITS = 4.0
-"""Of the first training window, that are looked at."""
+_ORBITS, _MOST_ORBITS = 4.0, 12.0
+"""Of the first training window, that are looked at; where samples come in passes, more."""
+_ENOUGH = 60
+"""Samples that tell enough of them."""
 _BEYOND = 20.0
 """Widths of a bounded prior, by which a value may lie outside of it."""
 _SHARES = ("absorptivity", "emissivity", "albedo")
@@ -67,8 +69,11 @@ def prepared(scenario: Scenario, telemetry: xarray.Dataset) -> View | None:
     changed = scenario.model_copy(update=of_all)
     name = scenario.train_windows[0]
     window = build_window(changed, telemetry, name)
-    if window.times[-1] - window.times[0] > np.timedelta64(round(_ORBITS * window.period), "s"):
-        window = build_window(changed, telemetry, name, span=_ORBITS * window.period)
+    seconds = (window.times[window.valid.any(axis=1)] - window.start) / np.timedelta64(1, "s")
+    enough = float(seconds[min(_ENOUGH, len(seconds)) - 1]) if len(seconds) else 0.0
+    span = float(np.clip(enough, _ORBITS * window.period, _MOST_ORBITS * window.period))
+    if window.times[-1] - window.times[0] > np.timedelta64(round(span), "s"):
+        window = build_window(changed, telemetry, name, span=span)
     return view_of(problem_of(changed, [window]), telemetry)
 
 

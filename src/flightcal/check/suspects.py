@@ -66,6 +66,8 @@ _OF_THERMOSTATS = frozenset({
 """Kinds of wrongs that explain why a status does not do what thresholds say,"""
 _OF_READINGS = frozenset({"gain", "drift", "curve", "slow"})
 """and why one that changes does not."""
+_NEARER = 0.7
+"""Share of its misfit that a channel has left, as it was read, which another unit is worth a word of."""
 _READ = 1.0
 """K, root mean square: what a sensor reads otherwise by less, a model may lack and be right."""
 
@@ -216,7 +218,7 @@ def _compared(view: View, base: Point, nothing: Fit, odd: Collection[str]) -> li
     def named(k: int) -> tuple[Fit, Suspicion] | None:
         try:
             best, fit = _closely(view, chosen[k], base)
-            matters = _matters(view, best, fit)
+            matters = _matters(view, best, fit) and _is_nearer(view, best, fit, nothing)
         except (SimulationFailure, np.linalg.LinAlgError):
             return None
         finally:
@@ -249,6 +251,19 @@ def _matters(view: View, wrong: Wrong, fit: Fit) -> bool:
     simulated = view.simulated(view.window, fit.z)
     otherwise = _reading(view, wrong).read(simulated) - view.read(simulated)
     return float(np.sqrt(np.sum(otherwise**2) / len(view.rows.kept))) > _READ
+
+
+def _is_nearer(view: View, wrong: Wrong, fit: Fit, nothing: Fit) -> bool:
+    """Whether channels that are read in a smaller unit leave less of what they read: else they are only smaller."""
+    if wrong.scale.factor >= 1.0 or wrong.observed is None:
+        return True
+    kept = view.rows.kept
+    read = _read(view, wrong)
+    left = read - view.simulated(view.window, fit.z)[kept]
+    before = view.observed - view.simulated(view.window, nothing.z)[kept]
+    changed = np.any(np.abs(read - view.observed) > 0.0, axis=0)
+    squares = np.nanmean(left[:, changed] ** 2) / wrong.scale.factor**2
+    return bool(squares < _NEARER**2 * np.nanmean(before[:, changed] ** 2))
 
 
 def _now_and_then(view: View, look: _Look) -> list[Wrong]:

@@ -26,6 +26,15 @@ def test_a_clock_is_rather_off_by_less_than_half_an_orbit(tmp_path):
     assert "The telemetry's clock is 20.0 min late" in titles
 
 
+def test_a_clock_that_is_off_by_an_hour_but_for_an_orbit_is_told_of_both(tmp_path):
+    view = prepared(*small.closed_loop(tmp_path, sunlit()))
+    assert view is not None
+    seconds = [3600.0 - view.window.period, 1300.0]
+    first, second = (wrong.words.sentence for wrong in clocks(view, seconds))
+    assert "whole orbits more or less may be as good, such as 1 h late." in first
+    assert "may be as good." in second
+
+
 def test_a_clock_that_is_late_is_named_with_the_minutes(tmp_path):
     scenario, data = small.closed_loop(tmp_path, sunlit())
     late = data.assign_coords(time=data["time"] + np.timedelta64(20, "m"))

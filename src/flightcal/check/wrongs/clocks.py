@@ -24,6 +24,8 @@ _ZONES = tuple(h for k in range(1, round(ZONES / 1800.0) + 1) for h in (-1800.0 
 """s, between a time zone and UTC."""
 _WHOLE_ORBITS = 4.0
 """Times less likely is a clock that is off by more than half an orbit: the same with an orbit less fits as well."""
+_NEAR = 0.48
+"""Hours from the middle between two whole ones: about a minute from one of them."""
 _RATES = tuple(sign * share for share in (0.005, 0.01, 0.02, 0.04, 0.08) for sign in (-1.0, 1.0))
 _FEW_SHIFTS = tuple(shift for m in (3, 5, 7, 10, 15, 20, 30, 40) for shift in (-60.0 * m, 60.0 * m))
 _HOURS = (-7200.0, -3600.0, 3600.0, 7200.0)
@@ -39,13 +41,20 @@ def clocks(view: View, seconds: Sequence[float] | FloatArray = SHIFTS) -> Iterat
         words = Words(
             f"The telemetry's clock is {off(late)}",
             f"Moved {duration(late)} {'back' if late > 0 else 'on'}, the telemetry agrees with sunlight, eclipses and "
-            "modes; whole orbits more or less may be as good.",
+            f"modes; whole orbits more or less may be as good{_an_hour(late, view.window.period)}.",
             f"Check the time column: its zone, its leap seconds, the epoch of the orbit; shift it by {-late:+.0f} s",
         )
         less = late - round(late / view.window.period) * view.window.period
         near = partial(clocks, view, np.union1d(closer(late, SHIFT), closer(less, SHIFT)))
         tries = len(SHIFTS) * (_WHOLE_ORBITS if abs(late) > 0.5 * view.window.period else 1.0)
         yield from driven_otherwise("clock", "time", words, view, tries=tries, closer=near, sunlight=late, modes=late)
+
+
+def _an_hour(late: float, period: float) -> str:
+    """In words, the whole hours that time tags are off by if they are off by an orbit more or less."""
+    hours = (round(own / 3600.0) for own in (late - period, late + period) if abs(own / 3600.0 % 1.0 - 0.5) > _NEAR)
+    whole = next((own for own in hours if own), None)
+    return "" if whole is None else f", such as {abs(whole)} h {'late' if whole > 0 else 'early'}"
 
 
 def zones(view: View, seconds: Sequence[float] | FloatArray = _ZONES) -> Iterator[Wrong]:

@@ -16,6 +16,8 @@ _LAGS = (300.0, 900.0, 2700.0)
 """s"""
 _WIDTHS = (600.0, 1200.0, 2400.0)
 """s"""
+_LONGEST = 5400.0
+"""s: what is slower is no sensor, and no mean that somebody takes."""
 _AROUND = (0.5, 0.7, 0.85, 1.2, 1.4, 2.0)
 _BEGUN = 25.0
 """K, deviation of where a node begins that a slow sensor has not reached, and of what the sensor then reads."""
@@ -100,7 +102,7 @@ def _slow(
         weights = _weights(view, partial(share, size))
         for channel in channels:
             memory = Memory(view.channels.index(channel), weights)
-            near = partial(again, view, [size * more for more in _AROUND], channel)
+            near = partial(again, view, [size * more for more in _AROUND if size * more <= _LONGEST], channel)
             tries = len(_LAGS) * len(view.channels)
             yield Wrong("slow", channel, words(channel, size), memory=memory, tries=tries, closer=near)
 

@@ -11,7 +11,7 @@ import xarray
 
 from ...errors import FlightcalError
 from ...problem import Window
-from ...scenario import Scenario
+from ...scenario import ModeChange, Scenario
 from ...simulator import FloatArray, SimulationFailure, divided, in_steps
 from ...telemetry import status_fraction
 from ..evidence import AS_READ, Fit, Scale
@@ -117,14 +117,15 @@ def driven(
     sunlight: float = 0.0,
     modes: float = 0.0,
     gaining: float = 0.0,
+    timeline: Sequence[ModeChange] = (),
 ) -> Window:
-    """The view's window with what acts on it by another scenario's faces and timeline, or another telemetry's status.
+    """The view's window with what acts on it by another scenario's faces, or another telemetry's status.
 
-    sunlight, modes: s by which these come later in the telemetry's time; gaining: s of both in each s of the window.
-    Raises TelemetryError.
+    sunlight, modes: s by which these come later in the telemetry's time; gaining: s of both in each s of the window;
+    timeline: of modes, in the place of the scenario's. Raises TelemetryError.
     """
     drive, columns = view.network.drive, view.network.network.columns
-    if scenario is not None or sunlight or modes or gaining:
+    if scenario is not None or sunlight or modes or gaining or timeline:
         drive = divided(drive, np.append(_FIRST_STEPS, np.arange(_STEP, drive.times[-1], _STEP)))
     inputs, measured = drive.inputs.copy(), drive.measured
     if scenario is not None:
@@ -133,9 +134,9 @@ def driven(
     elif sunlight or gaining:
         fine, lit = view.sunlight.before(sunlight)
         put(inputs, columns, fine * (1.0 + gaining) + sunlight, lit, drive.times)
-    if modes or gaining:
+    if modes or gaining or timeline:
         fine = np.arange(-FINE, drive.times[-1] + 2.0 * FINE, FINE)
-        put(inputs, columns, fine, _modes(view, (fine - modes) / (1.0 + gaining)), drive.times)
+        put(inputs, columns, fine, _modes(view, (fine - modes) / (1.0 + gaining), timeline), drive.times)
     if telemetry is not None:
         edges, measured = view.utc(drive.times), measured.copy()
         for k, own in enumerate(view.window.scenario.network.switches.values()):
@@ -186,13 +187,14 @@ def put(
         inputs[:, :, [columns.index(column) for column in known]] = in_steps(edges, values, grid).transpose(2, 1, 0)
 
 
-def _modes(view: View, seconds: FloatArray) -> dict[str, FloatArray]:
-    """1 while in the mode, [M] by column."""
+def _modes(view: View, seconds: FloatArray, timeline: Sequence[ModeChange]) -> dict[str, FloatArray]:
+    """1 while in the mode, [M] by column; timeline: in the place of the scenario's."""
     model = view.window.scenario.network
-    if not model.timeline:
+    timeline = timeline or model.timeline
+    if not timeline:
         return {}
-    changes = np.array([change.at for change in model.timeline], "datetime64[ns]")
-    active = [model.timeline[max(k - 1, 0)].mode for k in np.searchsorted(changes, view.utc(seconds), side="right")]
+    changes = np.array([change.at for change in timeline], "datetime64[ns]")
+    active = [timeline[max(k - 1, 0)].mode for k in np.searchsorted(changes, view.utc(seconds), side="right")]
     return {f"mode.{mode}": np.array([float(mode == own) for own in active]) for mode in model.modes}
 
 

@@ -1,0 +1,87 @@
+"""One stretch of the timeline of modes that was flown at another time, or not at all."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Sequence
+from datetime import datetime, timedelta
+from functools import partial
+from itertools import pairwise
+
+import numpy as np
+
+from ...scenario import ModeChange
+from ...simulator import FloatArray
+from ..view import View
+from .wrong import Words, Wrong, closer, driven_otherwise, duration, off
+
+_LATE = tuple(sign * 60.0 * m for m in (4, 8, 12, 16, 20, 25, 30, 40, 50, 60, 90, 120) for sign in (-1.0, 1.0))
+"""s, by which a stretch may be late or early."""
+
+
+def stretches(view: View) -> Iterator[Wrong]:
+    """One mode is at another time than the timeline says, or never."""
+    timeline = view.window.scenario.network.timeline
+    begin, end = (own.astype("datetime64[us]").item() for own in view.utc(view.network.drive.times[[0, -1]]))
+    usual = _usual(timeline)
+    # Between two of the same mode, so that its time may be another and nothing else is.
+    inside = [
+        k
+        for k in range(1, len(timeline) - 1)
+        if timeline[k - 1].mode == timeline[k + 1].mode
+        and timeline[k].mode != usual
+        and timeline[k].at < end
+        and timeline[k + 1].at > begin
+    ]
+    tries = len(inside) * (len(_LATE) + 1)
+    for k in inside:
+        yield from _cancelled(view, k, tries)
+        yield from _moved(view, k, tries)
+
+
+def _usual(timeline: Sequence[ModeChange]) -> str | None:
+    """The mode that lasts longest in all; None: there is no timeline."""
+    lasted: dict[str, float] = {}
+    for own, after in pairwise(timeline):
+        lasted[own.mode] = lasted.get(own.mode, 0.0) + (after.at - own.at).total_seconds()
+    return max(lasted, key=lambda mode: lasted[mode], default=None)
+
+
+def _cancelled(view: View, k: int, tries: int) -> Iterator[Wrong]:
+    timeline = view.window.scenario.network.timeline
+    before, own = timeline[k - 1].mode, _named(view, k)
+    words = Words(
+        f"{own} did not take place",
+        f"With '{before}' in its place, the model explains the telemetry.",
+        "Check it in 'simulator: timeline' against what was flown",
+    )
+    others = (*timeline[:k], *timeline[k + 2 :])
+    yield from driven_otherwise("mode", f"timeline {k}", words, view, tries=tries, timeline=others)
+
+
+def _moved(view: View, k: int, tries: int, seconds: Sequence[float] | FloatArray = _LATE) -> Iterator[Wrong]:
+    timeline = view.window.scenario.network.timeline
+    last = timeline[k + 2].at if k + 2 < len(timeline) else datetime.max
+    for late in map(float, seconds):
+        moved = [
+            own.model_copy(update={"at": own.at + timedelta(seconds=late)}) for own in (timeline[k], timeline[k + 1])
+        ]
+        if not timeline[k - 1].at < moved[0].at < moved[1].at < last:
+            continue
+        words = Words(
+            f"{_named(view, k)} is {off(-late)}",
+            f"Begun {duration(late)} {'later' if late > 0 else 'earlier'}, it explains the telemetry.",
+            "Check it in 'simulator: timeline' against what was flown",
+        )
+        near = partial(_moved, view, k, tries, closer(late, 0.2 * abs(late)))
+        others = (*timeline[:k], *moved, *timeline[k + 2 :])
+        yield from driven_otherwise("mode", f"timeline {k}", words, view, tries=tries, closer=near, timeline=others)
+
+
+def _named(view: View, k: int) -> str:
+    change = view.window.scenario.network.timeline[k]
+    at = np.datetime_as_string(np.datetime64(change.at), unit="s")
+    return f"'{change.mode}' of {at} in the timeline"
+
+
+WRONGS = (stretches,)
+"""What looks for them."""
