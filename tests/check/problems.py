@@ -107,7 +107,8 @@ def several(**problems: Problem) -> Problem:
         span = scenario.windows[window.name]
         later = {end: getattr(span, end) + timedelta(days=day) for end in ("start", "end")}
         spans[f"train.{label}"] = span.model_copy(update=later)
-        windows.append(replace(window, name=f"train.{label}", times=window.times + np.timedelta64(day, "D")))
+        after = np.timedelta64(day, "D")
+        windows.append(replace(window, name=f"train.{label}", start=window.start + after, times=window.times + after))
     windows.sort(key=lambda window: list(problems).index(window.label))
     scenario = scenario.model_copy(update={"windows": spans})
     return replace(problem, scenario=scenario, windows=tuple(replace(own, scenario=scenario) for own in windows))
