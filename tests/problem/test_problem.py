@@ -300,6 +300,11 @@ def test_a_window_whose_start_lies_in_a_gap_begins_at_its_first_sample(tmp_path,
     window = build_window(scenario, data, "test")
     assert window.start - start == np.timedelta64(later, "m")
     assert window.span[1] == end
+    seen = {name: own for name, own in scenario.observations.items() if name != "panel_temp"}
+    half_seen = build_window(scenario.model_copy(update={"observations": seen}), data, "test")
+    unobserved = scenario.initial_state.unobserved
+    assert half_seen.reads["initial.panel"].standard_deviation == (20.0 if later else unobserved)
+    assert unobserved < 20.0
     assert window.network.drive.times[-1] == pytest.approx((end - window.start) / np.timedelta64(1, "s"))
     first = build_window(scenario, data, "test", span=600.0)
     assert first.times[0] == window.times[0]

@@ -34,6 +34,8 @@ from .window import Bridged, Change, Course, Switching, Window
 _USUAL, _ODD = 0.95, 3.0
 """Share of the changes from sample to sample that are usual; a first sample so many times farther off the next is odd.
 """
+_LATER = 20.0
+"""K, deviation of where a node without a channel is at a window's first sample, where that is long after its start."""
 _DRAWN, _SEED_OF_STEPS = 512, 0
 """Draws of the prior, some of which choose the length of the integration's steps."""
 
@@ -87,7 +89,13 @@ def build_window(scenario: Scenario, telemetry: xarray.Dataset, name: str, *, sp
     chosen = chosen.sel(time=slice(start, end))
     times = chosen["time"].values
     observed = np.stack([chosen[channel].values for channel in channels], axis=1)
-    initial = initial_priors(scenario, channels, (times - start) / np.timedelta64(1, "ns") * 1e-9, observed)
+    known_at = scenario
+    if start > window_bounds(scenario.windows[name], period)[0]:
+        # What the scenario says of nodes without a channel is of the start that it writes.
+        state = scenario.initial_state
+        later = state.model_copy(update={"unobserved": max(state.unobserved, _LATER)})
+        known_at = scenario.model_copy(update={"initial_state": later})
+    initial = initial_priors(known_at, channels, (times - start) / np.timedelta64(1, "ns") * 1e-9, observed)
     reads: dict[str, Prior] = {parameter: item.prior for parameter, item in scenario.parameters.items()}
     known = reads | initial
 
