@@ -80,22 +80,21 @@ def build_window(scenario: Scenario, telemetry: xarray.Dataset, name: str, *, sp
     period = orbital_period(scenario.environment, scenario.folder)
     chosen = select_window(telemetry, scenario.windows[name], period)
     channels = tuple(channel for channel, item in scenario.observations.items() if item.heater is None)
-    start, end = window_bounds(scenario.windows[name], period)
-    begun = _first_known(scenario, chosen, channels, start)
-    if not _goes_on(scenario, name):
-        start = begun
+    written, end = window_bounds(scenario.windows[name], period)
+    begun = _first_known(scenario, chosen, channels, written)
+    start = written if _goes_on(scenario, written, period) else begun
     if span is not None:
         end = min(end, begun + np.timedelta64(round(span * 1e9), "ns"))
     chosen = chosen.sel(time=slice(start, end))
     times = chosen["time"].values
     observed = np.stack([chosen[channel].values for channel in channels], axis=1)
-    known_at = scenario
-    if start > window_bounds(scenario.windows[name], period)[0]:
+    told = scenario
+    if start > written:
         # What the scenario says of nodes without a channel is of the start that it writes.
         state = scenario.initial_state
         later = state.model_copy(update={"unobserved": max(state.unobserved, _LATER)})
-        known_at = scenario.model_copy(update={"initial_state": later})
-    initial = initial_priors(known_at, channels, (times - start) / np.timedelta64(1, "ns") * 1e-9, observed)
+        told = scenario.model_copy(update={"initial_state": later})
+    initial = initial_priors(told, channels, (times - start) / np.timedelta64(1, "ns") * 1e-9, observed)
     reads: dict[str, Prior] = {parameter: item.prior for parameter, item in scenario.parameters.items()}
     known = reads | initial
 
@@ -160,10 +159,8 @@ def _first_known(
     return np.datetime64(times[0]) if len(times) and times[0] >= latest else start
 
 
-def _goes_on(scenario: Scenario, name: str) -> bool:
-    """Whether a window begins where a training window ends, whose state is known."""
-    period = orbital_period(scenario.environment, scenario.folder)
-    start, _ = window_bounds(scenario.windows[name], period)
+def _goes_on(scenario: Scenario, start: np.datetime64, period: float) -> bool:
+    """Whether a window that begins so begins where a training window ends, whose state is known."""
     return any(window_bounds(scenario.windows[own], period)[1] == start for own in scenario.train_windows)
 
 

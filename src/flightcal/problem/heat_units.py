@@ -124,7 +124,8 @@ def _switch_heats(model: HeatModel, window: Window, own: bool) -> Units:
         power = max(watts.sum(), LEAST_POWER)
         time, interval = switching.time[k], switching.interval[k]
         # Energy: power times the shift's deviation, interval / sqrt(12), spread over the interval.
-        series.append(np.repeat(power / np.sqrt(12.0) * _inside(time, interval, grid), 2)[None])
+        inside = _inside(time - 0.5 * interval, time + 0.5 * interval, grid)
+        series.append(np.repeat(power / np.sqrt(12.0) * inside, 2)[None])
         shares.append(watts[None] / power)
     for heater in window.unmeasured if own else ():
         watts = heater_watts(model, window, window.network.heaters[heater])
@@ -136,10 +137,9 @@ def _switch_heats(model: HeatModel, window: Window, own: bool) -> Units:
     return Units(np.concatenate(shares), np.concatenate(series))
 
 
-def _inside(time: float, interval: float, grid: FloatArray) -> FloatArray:
-    """[K] share of each step that lies in an interval around a time."""
-    edges = np.clip([time - 0.5 * interval, time + 0.5 * interval], grid[0], grid[-1])
-    return np.diff(np.clip(grid, *edges)) / np.diff(grid).clip(1e-9)
+def _inside(begin: float, end: float, grid: FloatArray) -> FloatArray:
+    """[K] share of each step that lies between two times."""
+    return np.diff(np.clip(grid, begin, end)) / np.diff(grid).clip(1e-9)
 
 
 def _change_heats(model: HeatModel, window: Window, own: bool) -> Units:
@@ -155,7 +155,9 @@ def _change_heats(model: HeatModel, window: Window, own: bool) -> Units:
         if power * early == 0.0:
             continue
         if change.within > 0.0:
-            moved = np.repeat(power * early / change.within * _inside(change.time, change.within, grid), 2)
+            half = 0.5 * change.within
+            inside = _inside(change.time - half, change.time + half, grid)
+            moved = np.repeat(power * early / change.within * inside, 2)
         else:
             # All at once where the first step begins that is one: as much heat in it, and the same first moment.
             steps = np.flatnonzero((grid[:-1] > change.time - 1e-3) & (np.diff(grid) > _AT_A_STROKE))[:1]
@@ -212,8 +214,7 @@ def _gap_heats(model: HeatModel, window: Window, own: bool) -> Units:
                 continue
             watts = abs(gain.watts[0]) * gap.deviation
             for begin, end in pairwise(edges.tolist()):
-                inside = np.diff(np.clip(grid, begin, end)) / np.diff(grid).clip(1e-9)
-                found.append((watts * (end - begin), gain.node, np.repeat(watts * inside, 2)))
+                found.append((watts * (end - begin), gain.node, np.repeat(watts * _inside(begin, end, grid), 2)))
     found = sorted(found, key=lambda piece: -piece[0])[:_MOST_PIECES]
     series = np.reshape([piece[2] for piece in found], (-1, 2 * (len(grid) - 1)))
     return Units(_one_node(model, [piece[1] for piece in found]), series)

@@ -87,6 +87,6 @@ from .schema import (
     timed_together,
 )
 from .template import write_new, write_template
-from .timeline import NamedChange
+from .timeline import NamedChange, changes_in
 from .units import Duration, Kelvins, Power, Quantity, Seconds, Temperature, is_temperature, kind_of, si_unit, to_si
 from .windows import Window, is_trained

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import csv
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from datetime import datetime, timedelta
 from itertools import pairwise
 from pathlib import Path
@@ -37,29 +37,25 @@ class NamedChange:
     name: str
 
 
-def changes_of(
-    seconds: Sequence[float], names: Sequence[str], within: Sequence[float] | None = None
-) -> tuple[NamedChange, ...]:
-    """What changes in rows [R] at times that rise.
-
-    Rows are changes, or, where many at a steady rate repeat a name, samples: then a change lies between two of them.
-    Where `within` [R] is known they are changes.
-    """
+def changes_in(seconds: Sequence[float], names: Sequence[str], *, sampled: bool) -> tuple[NamedChange, ...]:
+    """What changes in rows [R] at times that rise; the first row is one. sampled: it does so between two of them."""
     new = [k for k, name in enumerate(names) if k == 0 or name != names[k - 1]]
-    if within is not None:
-        return tuple(NamedChange(seconds[k], within[k], names[k]) for k in new)
+    between = [seconds[k] - seconds[k - 1] if sampled and k else 0.0 for k in new]
+    return tuple(NamedChange(seconds[k] - 0.5 * own, own, names[k]) for k, own in zip(new, between, strict=True))
+
+
+def _are_samples(seconds: Sequence[float], changes: int) -> bool:
+    """Whether rows [R] of which so many are changes are samples: there are many, at a steady rate."""
     gaps = [after - before for before, after in pairwise(seconds)]
     usual = median(gaps) if gaps else 0.0
     steady = sum(abs(gap - usual) <= _AT_A_RATE * usual for gap in gaps) >= _SHARE * len(gaps)
-    sampled = steady and len(names) >= _OF_EACH * len(new)
-    between = [gaps[k - 1] if sampled and k else 0.0 for k in new]
-    return tuple(NamedChange(seconds[k] - 0.5 * own, own, names[k]) for k, own in zip(new, between, strict=True))
+    return steady and len(seconds) >= _OF_EACH * changes
 
 
 def with_timeline(written: dict[str, Any], folder: Path) -> tuple[dict[str, Any], list[Problem]]:
     """The simulator's block with the timeline that `timeline_file` has; a block without one as it is.
 
-    A row for each change, or for each sample; see `changes_of`.
+    A row for each change, or for each sample: where many at a steady rate repeat a mode, it changes between two rows.
     """
     return _filled(written, folder, ("simulator", "timeline_file"), "mode", _names(written, "modes"), "one of 'modes'")
 
@@ -131,7 +127,12 @@ def _changes(
         times.append(at)
         cells.append(name)
     seconds = [(at - times[0]).total_seconds() for at in times]
-    found = changes_of(seconds, cells, within if any(within) else None)
+    found = changes_in(seconds, cells, sampled=False)
+    if any(within):
+        known = dict(zip(seconds, within, strict=True))
+        found = tuple(replace(own, within=known[own.at]) for own in found)
+    elif _are_samples(seconds, len(found)):
+        found = changes_in(seconds, cells, sampled=True)
     return [
         {"at": times[0] + timedelta(seconds=own.at), column: own.name}
         | ({"within": _WITHIN.write(own.within)} if own.within and column == "mode" else {})

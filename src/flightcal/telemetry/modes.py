@@ -8,7 +8,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 import pyarrow as pa
 
-from ..scenario import NamedChange
+from ..scenario import NamedChange, changes_in
 from ._times import Nanoseconds, is_text
 
 _NAME = re.compile(r"(?i)(^|[^a-z])modes?([^a-z]|$)|mode$|(?-i:Mode)")
@@ -33,11 +33,7 @@ class FoundModes:
     @property
     def changes(self) -> tuple[NamedChange, ...]:
         """The first is the first row; times are since 1970."""
-        new = [k for k, name in enumerate(self.names) if k == 0 or name != self.names[k - 1]]
-        seconds = 1e-9 * self.times
-        before = seconds[[max(k - 1, 0) for k in new]] if self.sampled else seconds[new]
-        ends = zip(before.tolist(), seconds[new].tolist(), new, strict=True)
-        return tuple(NamedChange(0.5 * (begin + end), end - begin, self.names[k]) for begin, end, k in ends)
+        return changes_in((1e-9 * self.times).tolist(), self.names, sampled=self.sampled)
 
 
 def modes_in(table: pa.Table, names: list[str], times: Nanoseconds, *, alone: bool = False) -> FoundModes | None:
