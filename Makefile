@@ -4,6 +4,8 @@ PYTHON ?= $(shell for python in python3 python3.13 python3.12 python3.11; do \
 VENV := .venv
 BIN := $(VENV)/bin
 # Python compiles a module when it is first used. To compile all at once costs half as much time again, and 0.2 GB.
+# Where the environment forbids to keep what was compiled, each process would compile for four seconds.
+unexport PYTHONDONTWRITEBYTECODE
 PIP := $(BIN)/python -m pip install --quiet --no-compile
 # The default install alone, and what working on flightcal needs besides.
 INSTALLED := $(VENV)/installed
