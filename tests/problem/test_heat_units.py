@@ -209,6 +209,22 @@ def test_a_driver_without_a_gap_leaves_no_heat_unknown(model):
     assert not any(group.part == "gaps" for group in model.groups)
 
 
+def test_a_jump_of_a_driver_is_unknown_heat_between_its_samples(tmp_path):
+    scenario, data = small.closed_loop(tmp_path, written(windows=1))
+    minutes = np.arange(data.sizes["time"])
+    # Beyond the window's end there is another one.
+    data["sun"].values[:] = np.isin(minutes // 35, (1, 3, 5, 7))
+    problem = build_problem(scenario, data)
+    model, window = model_of(problem), sampled_windows(problem)[0]
+    (own,) = by_group(model, unit_heats(model, window), "gaps")
+    inside = [minute for minute in range(35, len(minutes), 35) if 60.0 * minute <= window.network.drive.times[-1]]
+    coefficient = 12.0 * problem.at(window, problem.priors.median()[None])[0][window.names.index("panel_size")]
+    assert own.node.tolist() == [model.nodes.index("panel")] * len(inside)
+    np.testing.assert_allclose(energy(window, own.series), coefficient * 60.0 / np.sqrt(12.0), rtol=1e-9)
+    heated = window.network.drive.times[1:][(own.series.reshape(len(inside), -1, 2) > 0.0).any(axis=(0, 2))]
+    assert set(np.ceil(heated / 60.0).astype(int)) == set(inside)
+
+
 BUSY = [Gain(0, ("mode.busy",), (12.0,))]
 
 

@@ -10,7 +10,7 @@ from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 
 from flightcal.errors import TelemetryError
-from flightcal.telemetry import driver_corners, driver_gaps, driver_series, status_fraction
+from flightcal.telemetry import driver_corners, driver_gaps, driver_jumps, driver_series, status_fraction
 
 from .files import frame, read, seconds, text
 
@@ -172,3 +172,38 @@ def test_a_value_that_is_held_stays_until_the_next_sample_and_to_the_end_of_the_
     assert driver_gaps(dataset, "sun", "hold")[0].size == 0
     with pytest.raises(TelemetryError, match=r"'sun': found no sample at .*'fill: hold' needs a sample"):
         driver_series(dataset, "sun", seconds(-120.0))
+
+
+def switched(folder: Path, *, keep=slice(None), **changes: object) -> xr.Dataset:
+    """A driver with a ripple that is switched on after 10 min, off after 20, and on for one sample after 30."""
+    minutes = np.arange(60.0)
+    on = (minutes >= 10) & (minutes < 20) | (minutes == 30)
+    table = pd.DataFrame({"time": text(seconds(*(MINUTE * minutes))), "I": 50.0 + 300.0 * on + minutes % 2})
+    packet = {key: changes.pop(key) for key in ("average",) if key in changes}
+    channels = {"sun": {"column": "I", "kind": "driver", "unit": "mA"} | changes}
+    return read(folder, table.loc[keep], channels=channels, **packet)
+
+
+def test_a_driver_jumps_where_it_is_switched(tmp_path: Path):
+    spans, sizes = driver_jumps(switched(tmp_path), "sun", "interpolate")
+    np.testing.assert_array_equal(spans[:, 0], seconds(*(MINUTE * np.array([9.0, 19.0, 29.0, 30.0]))))
+    np.testing.assert_array_equal(spans[:, 1], seconds(*(MINUTE * np.array([10.0, 20.0, 30.0, 31.0]))))
+    np.testing.assert_allclose(sizes, 0.3, atol=3e-3)
+
+
+def test_twice_the_square_of_a_driver_jumps_as_that_does(tmp_path: Path):
+    _, sizes = driver_jumps(switched(tmp_path), "sun", "interpolate", lambda values: 2.0 * values**2)
+    np.testing.assert_allclose(sizes, 2.0 * (0.35**2 - 0.05**2), rtol=0.01)
+
+
+def test_a_smooth_driver_does_not_jump(tmp_path: Path):
+    assert not len(driver_jumps(driver(tmp_path, np.arange(0.0, 300.0)), "sun", "interpolate")[0])
+
+
+def test_a_value_that_is_held_a_mean_and_a_long_gap_leave_no_jump(tmp_path: Path):
+    assert not len(driver_jumps(switched(tmp_path), "sun", "hold")[0])
+    assert not len(driver_jumps(switched(tmp_path, average="3 min"), "sun", "interpolate")[0])
+    beside_a_gap = np.delete(np.arange(60), np.arange(10, 15))
+    spans, _ = driver_jumps(switched(tmp_path, keep=beside_a_gap), "sun", "interpolate")
+    assert seconds(9.0 * MINUTE)[0] not in spans[:, 0]
+    assert len(spans) == 3

@@ -25,7 +25,7 @@ from ..scenario import (
     time_error_of,
 )
 from ..simulator import ICE_POINT, TIME_ERROR, FloatArray, NetworkSimulator, open_loop
-from ..telemetry import driver_gaps, driver_series, select_window, usual_interval, window_bounds
+from ..telemetry import driver_gaps, driver_jumps, driver_series, select_window, usual_interval, window_bounds
 from .entries import entries_of
 from .problem import Problem
 from .simulators import build_simulator
@@ -207,16 +207,21 @@ def _changes(scenario: Scenario, start: np.datetime64, end: np.datetime64) -> tu
 def _bridged(
     scenario: Scenario, telemetry: xarray.Dataset, start: np.datetime64, end: np.datetime64
 ) -> tuple[Bridged, ...]:
-    """Loads of a network whose drivers have gaps between two times."""
+    """Loads of a network whose drivers have gaps between two times, or jump from one sample to the next."""
     if not isinstance(scenario.simulator, SimulatorModel):
         return ()
     found = []
     for name, load in scenario.simulator.loads.items():
         channel = scenario.telemetry.channels[load.driver]
-        gaps, deviation = driver_gaps(telemetry, load.driver, channel.fill, load_driver(load, channel))
-        for begin, until in (np.clip(gaps, start, end) - start) / np.timedelta64(1, "ns") * 1e-9:
-            if until > begin and deviation > 0.0:
-                found.append(Bridged(name, float(begin), float(until), deviation))
+        driver = load.driver, channel.fill, load_driver(load, channel)
+        gaps, deviation = driver_gaps(telemetry, *driver)
+        jumps, sizes = driver_jumps(telemetry, *driver)
+        # A jump is as likely at each time between its samples.
+        deviations = np.concatenate([np.full(len(gaps), deviation), sizes / np.sqrt(12.0)])
+        spans = (np.clip(np.concatenate([gaps, jumps]), start, end) - start) / np.timedelta64(1, "ns") * 1e-9
+        for (begin, until), own in zip(spans.tolist(), deviations.tolist(), strict=True):
+            if until > begin and own > 0.0:
+                found.append(Bridged(name, begin, until, own))
     return tuple(found)
 
 

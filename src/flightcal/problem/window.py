@@ -66,14 +66,14 @@ class Change:
 
 @dataclass(frozen=True)
 class Bridged:
-    """A load whose driver is not known for a time."""
+    """A load whose driver is not known for a time: between samples that are far apart, or from which it jumps."""
 
     load: str
     begin: float
     """s from the window's start."""
     end: float
     deviation: float
-    """Of the driver over all telemetry, in its SI unit."""
+    """Of the driver from what is taken for it, in its SI unit."""
 
 
 @dataclass(frozen=True)

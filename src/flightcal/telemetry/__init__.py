@@ -11,6 +11,7 @@ from .drivers import (
     SHORT_GAP,
     driver_corners,
     driver_gaps,
+    driver_jumps,
     driver_series,
     status_changes,
     status_fraction,

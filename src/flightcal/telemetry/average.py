@@ -58,7 +58,7 @@ def average(dataset: xr.Dataset, length: float) -> xr.Dataset:
         few = samples < 0.5 * max(expected, 1.0)
         if channel.attrs["kind"] == "status":
             mean = np.where(np.isnan(mean), np.nan, mean >= 0.5)
-        variables[name] = ("time", np.where(few, np.nan, mean), channel.attrs)
+        variables[name] = ("time", np.where(few, np.nan, mean), channel.attrs | {"averaged": 1})
         for j, flag in enumerate(SAMPLE_FLAGS):
             masked[:, i, j] = np.bincount(block, weights=flags[:, i] & flag != 0, minlength=len(blocks))
             block_flags[few & (masked[:, i, j] > 0), i] |= np.uint8(flag)

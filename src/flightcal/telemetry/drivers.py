@@ -20,6 +20,8 @@ SHORT_GAP = 3.0
 _EDGE = 1e-3
 """s, within which a driver jumps: where a value that is held changes, and at the ends of a gap that is bridged from
 another orbit."""
+_JUMP = 0.5
+"""Of a driver's standard deviation: what it changes by from one sample to the next, and not on its way, is a jump."""
 LONGEST_INTERPOLATED = 1800.0
 """Longest gap (s) that `fill: interpolate` bridges where no orbital period is known."""
 LONGEST_INTERPOLATED_SHARE = 0.1
@@ -121,8 +123,32 @@ def driver_gaps(
     """
     seconds, values, interval = valid_samples(dataset, channel)
     long = np.flatnonzero((np.diff(seconds) > SHORT_GAP * interval) & (fill != "hold"))
-    gaps = np.round(np.stack([seconds[long], seconds[long + 1]], axis=1) * 1e9).astype(np.int64)
-    return gaps.astype("datetime64[ns]"), float(of(values).std())
+    return _between(seconds, long), float(of(values).std())
+
+
+def driver_jumps(
+    dataset: xr.Dataset, channel: str, fill: Fill, of: Callable[[NDArray[np.float64]], NDArray[np.float64]] = np.asarray
+) -> tuple[NDArray[np.datetime64], NDArray[np.float64]]:
+    """Samples between which a driver jumps, [J, 2], and by how much [J]: a straight line does not tell when.
+
+    A jump is more than a smooth course brings: the change must differ from the one before or after it as much. of: as
+    of `driver_gaps`. A value that is held changes when it says so, and means over blocks tell when within them.
+    """
+    seconds, values, interval = valid_samples(dataset, channel)
+    varying = of(values)
+    change = np.diff(varying)
+    bends = np.abs(np.diff(change, prepend=change[:1], append=change[-1:]))
+    size = np.minimum(np.abs(change), np.maximum(bends[:-1], bends[1:]))
+    short = np.diff(seconds) <= SHORT_GAP * interval
+    told = fill == "hold" or "averaged" in dataset[channel].attrs
+    found = np.flatnonzero(short & (not told) & (size > _JUMP * varying.std()))
+    return _between(seconds, found), size[found]
+
+
+def _between(seconds: NDArray[np.float64], samples: NDArray[np.intp]) -> NDArray[np.datetime64]:
+    """[J, 2] the times of samples [J] and of those that come next."""
+    both = np.stack([seconds[samples], seconds[samples + 1]], axis=1)
+    return np.round(both * 1e9).astype(np.int64).astype("datetime64[ns]")
 
 
 def status_fraction(dataset: xr.Dataset, channel: str, edges: NDArray[np.datetime64]) -> NDArray[np.float64]:
