@@ -318,3 +318,12 @@ def test_priors_at_which_nothing_can_be_simulated_are_refused_with_the_largest_h
 
 def nothing_simulated(inputs, compare, tolerance):
     return choose_grid(inputs, lambda grid, halves: None, tolerance)
+
+
+def test_a_reader_that_has_had_enough_is_no_error():
+    with subprocess.Popen(
+        [sys.executable, "-m", "flightcal.cli", "schema"], stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True
+    ) as process:
+        process.stdout.close()
+        assert process.wait(timeout=120) == 141
+        assert process.stderr.read() == ""

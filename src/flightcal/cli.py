@@ -37,6 +37,8 @@ VERBS: Final = {
 }
 """Verb -> its module in `commands`, which has a function of the verb's name: its signature is what the user types."""
 
+_PIPE_CLOSED = 141
+"""Exit code of what writes to a program that has ended: 128 and SIGPIPE, as of other programs."""
 _MOMENT: Final = 0.05
 """s, after which a signal that was dropped comes again."""
 _COLLECTED: Final = 50_000, 20, 100
@@ -81,6 +83,10 @@ def _user_errors_are_messages(command: Callable[..., None]) -> Callable[..., Non
         except FlightcalError as error:
             typer.echo(f"error: {error}", err=True)
             raise typer.Exit(USER_ERROR) from None
+        except BrokenPipeError:
+            # Who reads, such as `head`, has had enough. Python would write once more as it ends.
+            os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
+            raise typer.Exit(_PIPE_CLOSED) from None
         except OSError as error:
             typer.echo(f"error: {error.filename or ''}: {error.strerror or error}", err=True)
             raise typer.Exit(USER_ERROR) from None

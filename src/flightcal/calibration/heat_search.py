@@ -23,6 +23,7 @@ from ..problem import (
     heat_of_weights,
     kept_responses,
     responses,
+    responses_in,
     split,
     unit_heats,
 )
@@ -38,8 +39,12 @@ _MOVED = 0.1
 """Of its deviation: by how much no parameter may move in the last round."""
 _TOLD = 0.05
 """Of what the prior knows of a direction: where the telemetry tells less, it is left to the prior."""
+_TOLD_HARDLY = 1e-3
+"""The same for a step: what the telemetry moves by less than a thousandth of its deviation's square stays."""
 _TOLD_MUCH = 0.5
 """The same while the noise's shape is looked for, and what heaters without a status did."""
+_AT_ONCE = 8
+"""Groups whose responses are looked at together: of all at once there may be gigabytes."""
 _WORK = 1e9
 """Samples times functions squared, in one look at the noise's shape: of a longer telemetry the beginning tells it."""
 _ITERATIONS = 25
@@ -113,7 +118,8 @@ class Search:
         self.floor = _floors(windows)
         self.units = {window.name: unit_heats(model, window) for window in windows}
         most = [max(len(own.series) for own in of_group) for of_group in zip(*self.units.values(), strict=True)]
-        self.group, self.whole = np.repeat(np.arange(len(most)), most), [np.eye(functions) for functions in most]
+        self.functions = most
+        self.group = np.repeat(np.arange(len(most)), most)
         # Of each channel, the column of its white noise.
         self.white = [kind.names.index(kind.white) if kind.white else 0 for kind in self.kinds]
 
@@ -241,22 +247,29 @@ class Search:
         """Weights of all groups in the kept directions."""
         return np.concatenate([basis.T @ weights[self.group == g] for g, basis in enumerate(bases)])
 
+    def from_bases(self, kept: FloatArray, bases: Sequence[FloatArray]) -> FloatArray:
+        """Weights of all groups from those in the kept directions."""
+        ends = np.cumsum([basis.shape[1] for basis in bases])[:-1]
+        return np.concatenate([basis @ own for basis, own in zip(bases, np.split(kept, ends), strict=True)])
+
     def _told(
         self, linear: Sequence[Linear], sizes: FloatArray, roots: FloatArray, least: float
     ) -> tuple[FloatArray, ...]:
         """Of each group an orthonormal basis [f, k] of the directions of which the telemetry tells something."""
-        shapes, numbers = self.shapes(sizes), self.numbers(sizes)
-        whole = []
-        for own in linear:
-            white = own.through(shapes)(kept_responses(self.whole, own.response)) / numbers[:, :1, None]
-            whole.append(white.reshape(-1, len(self.group)))
-        everything = np.concatenate(whole)
-        bases = []
-        for g, root in enumerate(roots):
-            columns = everything[:, self.group == g] * root
-            values, directions = np.linalg.eigh(columns.T @ columns)
-            bases.append(directions[:, values > least])
-        return tuple(bases)
+        deviations = self.numbers(sizes)[:, :1, None]
+        whitens = [own.through(self.shapes(sizes)) for own in linear]
+        grams = [np.zeros((functions, functions)) for functions in self.functions]
+        for first in range(0, len(grams), _AT_ONCE):
+            for own, whiten in zip(linear, whitens, strict=True):
+                responses_here = own.response[first : first + _AT_ONCE]
+                wide = np.concatenate(responses_here, axis=2)
+                white = (whiten(wide) / deviations).reshape(-1, wide.shape[2])
+                # A window may lack the last functions of a group.
+                counts = [response.shape[2] for response in responses_here]
+                parts = np.split(white, np.cumsum(counts)[:-1], axis=1)
+                for gram, count, part in zip(grams[first : first + _AT_ONCE], counts, parts, strict=True):
+                    gram[:count, :count] += part.T @ part
+        return tuple(_directions(root**2 * gram, least) for root, gram in zip(roots, grams, strict=True))
 
     def much_told(self, linear: Sequence[Linear], sizes: FloatArray) -> tuple[FloatArray, ...]:
         """The same of those of which it tells much, where heat is as large as found, or as its prior has it."""
@@ -330,28 +343,33 @@ class Search:
         """The next point, and by how much parameters moved in their deviations."""
         shapes, numbers, scales = self.shapes(sizes), self.numbers(sizes), self.roots(sizes)
         moving, (mean, deviation) = self.moving, self.prior_of_z(z)
-        roots = np.concatenate([scales[self.group], deviation])
-        columns = self.columns(linear, self.whole)
+        # In thousands of functions there are some hundred directions that the telemetry tells of.
+        bases = self._told(linear, sizes, scales, _TOLD_HARDLY)
+        kept = self.of_bases(weights, bases)
+        roots = np.concatenate([np.repeat(scales, [basis.shape[1] for basis in bases]), deviation])
         gram, moment = np.zeros((len(roots), len(roots))), np.zeros(len(roots))
         whitens = [own.through(shapes) for own in linear]
-        for own, wide, whiten in zip(linear, columns, whitens, strict=True):
+        for own, wide, whiten in zip(linear, self.columns(linear, bases), whitens, strict=True):
             both = np.concatenate([wide, own.left[..., None]], axis=2)
             flat = (whiten(both) / numbers[:, :1, None]).reshape(-1, both.shape[2])
             gram += flat[:, :-1].T @ flat[:, :-1]
             moment += flat[:, :-1].T @ flat[:, -1]
         # In units of the prior's deviations, from the prior's mean.
-        now = np.concatenate([weights / roots[: len(weights)], (z[moving] - mean) / deviation])
+        now = np.concatenate([kept / roots[: len(kept)], (z[moving] - mean) / deviation])
         inner = np.eye(len(roots)) + roots[:, None] * gram * roots
         covariance = np.linalg.inv(inner)
         step = covariance @ (roots * moment - now)
-        spread = np.sqrt(np.diag(covariance))[len(weights) :]
+        spread = np.sqrt(np.diag(covariance))[len(kept) :]
+
+        def moved(share: float) -> tuple[FloatArray, FloatArray]:
+            moved_z, there = z.copy(), roots * (now + share * step)
+            moved_z[moving] = mean + there[len(kept) :]
+            return moved_z, self.from_bases(there[: len(kept)], bases)
 
         def cost(share: float) -> float:
-            moved_z, moved_weights = z.copy(), weights + share * step[: len(weights)] * roots[: len(weights)]
-            moved_z[moving] += share * step[len(weights) :] * deviation
             total = float(((now + share * step) ** 2).sum())
             for window, whiten in zip(self.windows, whitens, strict=True):
-                left = self._left(window, moved_z, moved_weights)
+                left = self._left(window, *moved(share))
                 if left is None:
                     return np.inf
                 white = whiten(left[..., None]) / numbers[:, :1, None]
@@ -363,10 +381,7 @@ class Search:
             share *= 0.5
         if share < _SHORTEST:
             return z, weights, 0.0
-        z = z.copy()
-        z[moving] += share * step[len(weights) :] * deviation
-        weights = weights + share * step[: len(weights)] * roots[: len(weights)]
-        return z, weights, share * float(np.abs(step[len(weights) :] / spread).max(initial=0.0))
+        return *moved(share), share * float(np.abs(step[len(kept) :] / spread).max(initial=0.0))
 
     def _left(self, window: Window, z: FloatArray, weights: FloatArray) -> FloatArray | None:
         """Telemetry minus simulation and its error [T, N]; None where it fails."""
@@ -435,7 +450,7 @@ class Search:
     def _kept(self, own: Linear, z: FloatArray, around: Around) -> FloatArray:
         """Responses in the kept directions at z, [T, N, m]."""
         theta = self.sampling.at(own.window, self.problem.to_theta(z))
-        return kept_responses(around.bases, responses(own.window, theta, self.model, own.units))
+        return responses_in(own.window, theta, self.model, own.units, around.bases)
 
 
 def _floors(windows: Sequence[Window]) -> FloatArray:
@@ -447,3 +462,9 @@ def _floors(windows: Sequence[Window]) -> FloatArray:
         found.append(float(np.min(steps[steps > 1e-6], initial=np.inf)) / np.sqrt(12.0) if len(steps) else 0.0)
     kinds = windows[0].residuals.terms.kinds
     return np.where(np.isfinite(found) & [kind.has_memory for kind in kinds], found, 0.0)
+
+
+def _directions(information: FloatArray, least: float) -> FloatArray:
+    """Orthonormal directions [f, k] of which a matrix [f, f] tells more than the least."""
+    values, directions = np.linalg.eigh(information)
+    return np.asarray(directions[:, values > least])

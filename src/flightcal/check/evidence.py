@@ -12,7 +12,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.linalg import cho_solve, cholesky
+from scipy.linalg import cholesky, eigh, solve_triangular
 
 from ..problem import Window
 from ..simulator import FloatArray, SimulationFailure
@@ -87,6 +87,32 @@ class Fit:
 
 
 @dataclass(frozen=True)
+class Modes:
+    """Combinations of rows that are independent, whatever the size of unmodelled heat."""
+
+    across: FloatArray
+    """[R, R] in deviations."""
+    heat: FloatArray
+    """[R] variance that heat of size one adds to each; without more heat it is one."""
+
+
+@dataclass(frozen=True)
+class _Likeliest:
+    """What telemetry tells at the size of heat that is likeliest."""
+
+    evidence: float
+    size: int
+    """Which of the sizes."""
+    square: float
+    """Sum of squares of the deviations, in those expected."""
+    expected: float
+    """The evidence of a right model with usual heat."""
+    added: FloatArray
+    left: FloatArray
+    """[R] deviations, independent and over their variances."""
+
+
+@dataclass(frozen=True)
 class Gaussian:
     """What telemetry is expected to be around a point, for each of some sizes of heat."""
 
@@ -96,31 +122,43 @@ class Gaussian:
     """[R] where there is telemetry."""
     factors: tuple[FloatArray, ...]
     """[R, R] Cholesky factors, lower, of each size."""
-    inverses: tuple[FloatArray, ...] = ()
-    """[R, R] of the covariances, where many fits are made."""
+    modes: Modes | None = None
+    """Of the first size, where many fits are made."""
 
-    def inverted(self) -> Gaussian:
+    def in_modes(self) -> Gaussian:
         """The same for many fits."""
-        return replace(self, inverses=tuple(_inverse(factor) for factor in self.factors))
+        heat = solve_triangular(self.factors[0], self.point.heat, lower=True, check_finite=False)
+        variances, directions = eigh(heat @ heat.T, check_finite=False)
+        across = solve_triangular(self.factors[0], directions, lower=True, trans="T", check_finite=False).T
+        return replace(self, modes=Modes(np.ascontiguousarray(across), variances.clip(0.0)))
 
-    def _solved(self, k: int, columns: FloatArray) -> FloatArray:
-        """Columns [R, k] over the covariance of one size."""
-        if self.inverses:
-            return np.asarray(self.inverses[k] @ columns)
-        return np.asarray(cho_solve((self.factors[k], True), columns, check_finite=False))
+    def _white(self, columns: FloatArray) -> list[tuple[FloatArray, FloatArray]]:
+        """Independent columns [R, k] of columns in deviations, and the variances [R] of their rows, at each size."""
+        if self.modes is None:
+            one = np.ones(len(columns))
+            return [(solve_triangular(own, columns, lower=True, check_finite=False), one) for own in self.factors]
+        white, first = self.modes.across @ columns, self.sizes[0]
+        return [(white, 1.0 + (size**2 - first**2) * self.modes.heat) for size in self.sizes]
 
-    def fit(self, residual: FloatArray, columns: FloatArray | None = None, scale: Scale = AS_READ) -> Fit:
-        """Of residuals [R] with further columns [R, k] of normal weights of one."""
-        best: Fit | None = None
+    def _across(self, k: int, left: FloatArray) -> FloatArray:
+        """Deviations over their covariance [R] of independent ones over their variances, at one size."""
+        if self.modes is None:
+            return np.asarray(solve_triangular(self.factors[k], left, lower=True, trans="T", check_finite=False))
+        return np.asarray(left @ self.modes.across)
+
+    def _likeliest(self, residual: FloatArray, columns: FloatArray | None, scale: Scale) -> _Likeliest:
+        best: _Likeliest | None = None
         expected = -np.inf
         left = np.where(self.known, np.nan_to_num(residual, nan=_DIVERGED), 0.0).clip(-_DIVERGED, _DIVERGED)
-        rows, extra = int(self.known.sum()), np.empty((len(left), 0)) if columns is None else columns
-        for k, (size, factor) in enumerate(zip(self.sizes, self.factors, strict=True)):
-            solved = self._solved(k, np.column_stack([left, extra]))
-            inner = np.eye(extra.shape[1]) + extra.T @ solved[:, 1:]
-            added = np.linalg.solve(inner, extra.T @ solved[:, 0])
-            white = solved[:, 0] - solved[:, 1:] @ added
-            square = float(left @ white)
+        rows = int(self.known.sum())
+        of_sizes = self._white(left[:, None] if columns is None else np.column_stack([left, columns]))
+        for k, (size, factor, (white, variances)) in enumerate(zip(self.sizes, self.factors, of_sizes, strict=True)):
+            own, extra = white[:, 0], white[:, 1:]
+            over = extra / variances[:, None]
+            inner = np.eye(extra.shape[1]) + extra.T @ over
+            added = np.linalg.solve(inner, over.T @ own)
+            rest = own / variances - over @ added
+            square = float(own @ rest)
             # A size beside one is less likely: heat of a fifth of the flow is no longer usual.
             volume = float(np.log(np.diag(factor)).sum()) + 0.5 * float(np.linalg.slogdet(inner)[1])
             volume += 0.5 * (np.log2(size) / 0.7) ** 2
@@ -128,16 +166,27 @@ class Gaussian:
                 expected = max(expected, scale.evidence(_RIGHT * rows, rows) - 0.5 * _RIGHT * rows - volume)
             evidence = scale.evidence(square, rows) - 0.5 * square - volume
             if best is None or evidence > best.evidence:
-                z = np.asarray(self.point.effects.T @ white, float)
-                farthest = size * float(np.abs(self.point.heat.T @ white).max(initial=0.0))
-                best = Fit(evidence, size, square / max(rows, 1), 0.0, farthest, z, np.asarray(added, float))
+                best = _Likeliest(evidence, k, square, expected, np.asarray(added, float), rest)
         assert best is not None
-        return replace(best, lacking=max(expected - best.evidence, 0.0))
+        return replace(best, expected=expected)
 
+    def evidence(self, residual: FloatArray, columns: FloatArray | None = None, scale: Scale = AS_READ) -> float:
+        """That of `fit`."""
+        return self._likeliest(residual, columns, scale).evidence
 
-def _inverse(factor: FloatArray) -> FloatArray:
-    """Of the matrix with this lower Cholesky factor [R, R]."""
-    return np.asarray(cho_solve((factor, True), np.eye(len(factor)), check_finite=False))
+    def fit(self, residual: FloatArray, columns: FloatArray | None = None, scale: Scale = AS_READ) -> Fit:
+        """Of residuals [R] with further columns [R, k] of normal weights of one."""
+        best = self._likeliest(residual, columns, scale)
+        size, over = self.sizes[best.size], self._across(best.size, best.left)
+        return Fit(
+            evidence=best.evidence,
+            size=size,
+            misfit=best.square / max(int(self.known.sum()), 1),
+            lacking=max(best.expected - best.evidence, 0.0),
+            farthest=size * float(np.abs(self.point.heat.T @ over).max(initial=0.0)),
+            z=self.point.effects.T @ over,
+            added=best.added,
+        )
 
 
 def gaussian(

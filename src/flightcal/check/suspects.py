@@ -202,7 +202,7 @@ def _compared(view: View, base: Point, nothing: Fit, odd: Collection[str]) -> li
     """
     known = np.isfinite(view.as_read)
     looks = [_look(view, point, known) for point in (base, view.point(view.window, nothing.z, base))]
-    looks = [replace(look, around=look.around.inverted()) for look in looks]
+    looks = [replace(look, around=look.around.in_modes()) for look in looks]
     wrongs = [*all_wrongs(view), *_now_and_then(view, looks[1])]
 
     def gained(k: int) -> float:
@@ -335,7 +335,7 @@ def unexplained(nothing: Fit, where: Misfit | None, helps: list[tuple[Fit, Suspi
 def _look(view: View, point: Point, known: NDArray[np.bool_]) -> _Look:
     around = gaussian(view.rows, point, known, _FIRST_SIZES, _BLURRED)
     back = point.effects @ ((view.middle - point.z) / view.spread)
-    level = around.fit(view.as_read - point.temperatures - back).evidence
+    level = around.evidence(view.as_read - point.temperatures - back)
     return _Look(around, back, level)
 
 
@@ -357,7 +357,7 @@ def _gain(view: View, wrong: Wrong, look: _Look) -> float:
     columns = wrong.columns
     if wrong.widened is not None:
         columns = point.effects[:, [wrong.widened]] * np.sqrt(WIDENED**2 - 1.0)
-    gained = look.around.fit(residual, columns, wrong.scale).evidence - look.nothing
+    gained = look.around.evidence(residual, columns, wrong.scale) - look.nothing
     # What moves the channel is read otherwise too, of which the look at all channels knows nothing.
     return gained if wrong.memory is None else max(gained, _gain_alone(view, wrong.memory, columns, look))
 
@@ -373,7 +373,7 @@ def _gain_alone(view: View, memory: Memory, columns: FloatArray | None, look: _L
         effects, heat, jitter = (at_rows @ moving[own] for moving in (point.effects, point.heat, point.jitter))
         alone = replace(point, effects=effects, heat=heat, jitter=jitter)
         around = gaussian(rows, alone, np.isfinite(observed), _FIRST_SIZES, _BLURRED)
-        return around.fit(observed - read - at_rows @ look.back[own], more).evidence
+        return around.evidence(observed - read - at_rows @ look.back[own], more)
 
     nearest = np.abs(view.seconds[:, None] - view.rows.seconds).argmin(axis=1)
     otherwise = evidence(

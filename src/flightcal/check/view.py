@@ -350,10 +350,10 @@ class View:
             return Point(z, simulated, temperatures, flat, like.heat, like.jitter)
         units = unit_heats(self.heat, window)
         inside = self.problem.at(self.window, self.problem.to_theta(z))
-        found = responses(window, inside, self.heat, units)
+        found = responses(window, inside, self.heat, units, self._rows)
         parts: dict[bool, list[FloatArray]] = {True: [np.empty((flat.shape[0], 0))], False: []}
         for group, response in zip(self.heat.groups, found, strict=True):
-            parts[group.part in ("switches", "changes")].append(group.size * self._rows(response))
+            parts[group.part in ("switches", "changes")].append(group.size * response)
         parts[True] += [self._unknown_heat(window, z, name) for name in self.unknown]
         parts[True] += [self._heat_in_gaps(window, z, k, own) for own, k in self.switch_of.items()]
         heat, jitter = (np.concatenate(parts[switches], axis=1) for switches in (False, True))

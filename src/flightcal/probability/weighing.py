@@ -49,37 +49,37 @@ class Filter:
 
     def whiten(self, columns: FloatArray, valid: NDArray[np.bool_]) -> FloatArray:
         """Columns [N, T, c] whitened; zero where there is no sample."""
-        white = np.zeros(columns.shape)
-        for k in range(len(columns)):
-            state = np.zeros(columns.shape[2])
-            for t in np.flatnonzero(valid[k]):
-                expected = self.decay[k, t] * state
-                new = columns[k, t] - expected
-                state = expected + self.gain[k, t] * new
-                white[k, t] = self.root[k, t] * new
+        white = np.empty(columns.shape)
+        # Where there is no sample the state stays.
+        decay, gain, root = np.where(valid, self.decay, 1.0), self.gain * valid, self.root * valid
+        state = np.zeros((len(columns), columns.shape[2]))
+        for t in range(columns.shape[1]):
+            state *= decay[:, t, None]
+            new = columns[:, t] - state
+            np.multiply(root[:, t, None], new, out=white[:, t])
+            new *= gain[:, t, None]
+            state += new
         return white
 
 
 def filter_of(terms: Residuals) -> Filter:
     """Of a window's noise, whose kinds are normal and have one number, their deviation."""
-    channels, samples = terms.valid.shape
-    decay, gain, root = np.zeros((3, channels, samples))
-    determinant = np.zeros(channels)
+    decay, gain, root = np.zeros((3, *terms.valid.shape))
+    determinant = np.zeros(len(terms.valid))
     unit = np.ones(1)
     for k, kind in enumerate(terms.kinds):
-        white = kind.white_variance(unit)
-        known, before = 0.0, -1
-        for t in np.flatnonzero(terms.valid[k]).tolist():
-            process = float(kind.covariance(unit, np.zeros(1))[0])
-            variance = process
-            if before >= 0 and kind.has_memory:
-                gap = terms.seconds[t] - terms.seconds[before]
-                decay[k, t] = float(kind.covariance(unit, np.array([gap]))[0]) / process
-                variance = decay[k, t] ** 2 * known + process * (1.0 - decay[k, t] ** 2)
-            total = variance + white
-            gain[k, t], root[k, t] = variance / total, total**-0.5
-            determinant[k] += np.log(total)
-            known, before = variance * white / total, t
+        white, process = kind.white_variance(unit), float(kind.covariance(unit, np.zeros(1))[0])
+        samples = np.flatnonzero(terms.valid[k])
+        if kind.has_memory:
+            decay[k, samples[1:]] = kind.covariance(unit, np.diff(terms.seconds[samples])) / process
+        known, totals = 0.0, np.empty(len(samples))
+        for place, (t, kept) in enumerate(zip(samples.tolist(), decay[k, samples].tolist(), strict=True)):
+            variance = kept**2 * known + process * (1.0 - kept**2)
+            totals[place] = variance + white
+            gain[k, t] = variance / (variance + white)
+            known = variance * white / (variance + white)
+        root[k, samples] = totals**-0.5
+        determinant[k] = np.log(totals).sum()
     return Filter(decay, gain, root, determinant)
 
 

@@ -30,6 +30,7 @@ from .heat_units import (
     patterns_of,
     places_of,
     responses,
+    responses_in,
     shifts_of_weights,
     split,
     unit_heats,

@@ -12,7 +12,7 @@ from ..scenario import heat_of
 from ..simulator import FloatArray
 from .entries import entries_of
 from .heat_model import Followed, HeatModel, heat_model
-from .heat_units import errors_of_weights, heat_of_weights, kept_responses, responses, split, unit_heats
+from .heat_units import errors_of_weights, heat_of_weights, responses_in, split, unit_heats
 from .held import hold
 from .problem import Problem, Runs
 from .window import Window
@@ -147,8 +147,8 @@ def _whitened(problem: Problem, theta: FloatArray) -> list[FloatArray]:
     model, found = problem.heat, []
     assert model is not None
     for window, whitens in zip(problem.windows, problem.weighed.filters, strict=True):
-        here = responses(window, problem.at(window, theta), model, unit_heats(model, window))
-        found.append(whitens.whiten(np.moveaxis(kept_responses(model.kept, here), 1, 0), window.terms.valid))
+        here = responses_in(window, problem.at(window, theta), model, unit_heats(model, window), model.kept)
+        found.append(whitens.whiten(np.moveaxis(here, 1, 0), window.terms.valid))
     return found
 
 
@@ -239,8 +239,7 @@ def _linearised(window: Window, model: HeatModel, theta: FloatArray) -> Window:
     units = unit_heats(model, window)
     heated = window.network.with_heat(heat_of_weights(model, units, split(model, model.centre)))
     around = replace(window, simulator=heated)
-    found = responses(around, theta, model, units)
-    response = kept_responses(model.kept, found)
+    response = responses_in(around, theta, model, units, model.kept)
     centre = response @ model.centre
     follows = model.follows_of(window.names)
     heat = WindowHeat(np.ascontiguousarray(response), model.group, model.scales, centre, follows=follows)
