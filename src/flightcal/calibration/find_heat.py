@@ -60,7 +60,7 @@ def find_heat(problem: Problem, theta: FloatArray, *, progress: Progress = SILEN
             elif not exchanges:
                 break
             exchanges = exchanges and is_better
-        return point
+        return search.tilted(point)
     except SimulationFailure as failure:
         raise FlightcalError(f"heat: {failure}, next to the point that fits the telemetry best") from None
 

@@ -153,7 +153,10 @@ class Search:
     # --- rounds -------------------------------------------------------------------------------------------------
 
     def run(self, theta: FloatArray, progress: Progress) -> HeatPoint:
-        """Parameters, heat and sizes, from theta [d] of the problem without heat. Raises SimulationFailure."""
+        """Parameters, heat and sizes, from theta [d] of the problem without heat; see also `tilted`.
+
+        Raises SimulationFailure.
+        """
         z, weights = self.problem.to_z(theta), np.zeros(len(self.group))
         sizes = self._start(z)
         moved, rounds = np.inf, 0
@@ -174,8 +177,7 @@ class Search:
         errors = [g for g, group in enumerate(self.model.groups) if group.part == "error"]
         at = np.where(np.isin(self.group, errors), 0.0, weights)
         centre = self.of_bases(at, around.bases)
-        known = replace(self.model, kept=around.bases, centre=centre, shapes=self.shapes(sizes))
-        model = self._tilted(known, linear, z, sizes, around)
+        model = replace(self.model, kept=around.bases, centre=centre, shapes=self.shapes(sizes))
         found = dict(zip(self.names, sizes.tolist(), strict=True))
         return HeatPoint(model, self.problem.names, self.problem.to_theta(z), found, around)
 
@@ -421,14 +423,14 @@ class Search:
             held, np.array(scale)[groups], mean, deviation, self.moving, *parts,
         )  # fmt: skip
 
-    def _tilted(
-        self, model: HeatModel, linear: Sequence[Linear], z: FloatArray, sizes: FloatArray, around: Around
-    ) -> HeatModel:
-        """The model with the slope by z of minus half the log determinant of the telemetry's covariance.
+    def tilted(self, point: HeatPoint) -> HeatPoint:
+        """The point with the slope by z of minus half the log determinant of the telemetry's covariance.
 
         Looked at by the parameters; initial temperatures and the time tags' error change next to nothing of how
-        temperatures respond to heat.
+        temperatures respond to heat. Raises SimulationFailure.
         """
+        around, sizes, z = point.around, point.most_probable, self.problem.to_z(point.theta)
+        linear = self.at(point).each
         covariance, told = around.known_of_weights(sizes)
         precision = np.split(around.precision(sizes), len(linear))
         slopes: dict[str, float] = {}
@@ -445,7 +447,7 @@ class Search:
                     slopes[self.problem.names[k]] = slopes.get(self.problem.names[k], 0.0) - float(change)
         place = {name: self.problem.names.index(name) for name in slopes}
         tilted = {name: (slope, float(z[place[name]])) for name, slope in slopes.items()}
-        return replace(model, tilted=tilted, most=max(_BENT * told, 1e-3))
+        return replace(point, model=replace(point.model, tilted=tilted, most=max(_BENT * told, 1e-3)))
 
     def _kept(self, own: Linear, z: FloatArray, around: Around) -> FloatArray:
         """Responses in the kept directions at z, [T, N, m]."""
