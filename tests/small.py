@@ -103,8 +103,17 @@ def chattering() -> dict[str, Any]:
     return written
 
 
-def load(folder: Path, written: Mapping[str, Any] | None = None, *, hours: float = 7.0) -> tuple[Scenario, xr.Dataset]:
-    """The scenario in `folder`, and telemetry of one sample a minute whose temperatures are placeholders."""
+def load(
+    folder: Path,
+    written: Mapping[str, Any] | None = None,
+    *,
+    hours: float = 7.0,
+    columns: Mapping[str, Any] | None = None,
+) -> tuple[Scenario, xr.Dataset]:
+    """The scenario in `folder`, and telemetry of one sample a minute whose temperatures are placeholders.
+
+    columns: more of these.
+    """
     minutes = np.arange(int(hours * 60) + 1)
     table = pd.DataFrame(
         {
@@ -114,6 +123,7 @@ def load(folder: Path, written: Mapping[str, Any] | None = None, *, hours: float
             "heater": 0,
             "sun": sunlight(60.0 * minutes),
         }
+        | dict(columns or {})
     )
     table.to_csv(folder / "telemetry.csv", index=False)
     with (folder / "scenario.yaml").open("w", encoding="utf-8") as file:
@@ -170,9 +180,15 @@ def telemetry_of(scenario: Scenario, data: xr.Dataset, *, noise: float = 0.1, se
     return made
 
 
-def closed_loop(folder: Path, written: Mapping[str, Any] | None = None, **options: Any) -> tuple[Scenario, xr.Dataset]:
-    """Scenario and telemetry made by its own model at `TRUTH`, thermostats acting."""
-    scenario, data = load(folder, written)
+def closed_loop(
+    folder: Path,
+    written: Mapping[str, Any] | None = None,
+    *,
+    columns: Mapping[str, Any] | None = None,
+    **options: Any,
+) -> tuple[Scenario, xr.Dataset]:
+    """Scenario and telemetry made by its own model at `TRUTH`, thermostats acting; columns: see `load`."""
+    scenario, data = load(folder, written, columns=columns)
     return scenario, telemetry_of(scenario, data, **options)
 
 

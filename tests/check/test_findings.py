@@ -1,11 +1,14 @@
 """What a check says in words, of problems whose faults are known."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
 from flightcal.check import check
 from flightcal.check.evaluate import THOROUGH
 from flightcal.check.findings import findings_of, verdict_of
+from flightcal.check.identifiability import Combination, Move
 from flightcal.report.verdict import Finding
 from flightcal.scenario import Normal
 from flightcal.simulator.system import Switch
@@ -98,3 +101,21 @@ def test_a_jump_is_told_with_the_time_of_its_own_window():
     finding = found_in(findings_for(several(first=smooth, second=grazing())), "The log density jumps by")
     (words,) = [detail for detail in finding.details if detail.startswith("level at 1.003 K")]
     assert "heater switches 2 times below and 4 above: the runs part at 2024-03-02 01:06:40 UTC" in words
+
+
+def test_what_is_not_told_of_the_noise_of_several_channels_is_one_caution():
+    problem = formula_problem(PRIORS, lambda t: 290.0 + t[0] * np.ones((samples(), 2)), TRUTH)
+    checked = check(problem, THOROUGH, infos(problem))
+    noises = ["noise.tank.correlation_time", "noise.battery"]
+
+    def cautions(names):
+        own = tuple(Combination((Move(name, 0.1, 0.2, 1.0, 1.0),), 0.01, "alone") for name in names)
+        changed = replace(checked, identifiability=replace(checked.identifiability, combinations=own))
+        return [finding for finding in findings_of(changed) if finding.title.startswith("The telemetry says")]
+
+    (alone, idle) = cautions([noises[0], "idle"])
+    assert noises[0] in alone.title
+    (idle, together) = cautions([*noises, "idle"])
+    assert "idle" in idle.title
+    assert together.title == "The telemetry says little of the noise of battery and tank"
+    assert len(together.details) == 2

@@ -120,6 +120,12 @@ def test_file_that_is_edited_is_read_again_by_the_next_simulator(tmp_path):
     np.testing.assert_allclose(after, before + 1.0)
 
 
+def test_no_bytecode_is_left_beside_the_file(tmp_path, monkeypatch):
+    monkeypatch.delenv("PYTHONDONTWRITEBYTECODE", raising=False)
+    assert build(tmp_path, GOOD).run(THETA).outcome == "finished"
+    assert not list(tmp_path.rglob("*.pyc"))
+
+
 def test_file_that_cannot_be_imported_is_a_record(tmp_path):
     record = build(tmp_path, "raise RuntimeError('no licence')\ndef simulate(a, b, c): pass").run(THETA)
 

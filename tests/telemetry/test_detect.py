@@ -135,6 +135,9 @@ def test_a_counter_is_a_clock_whose_epoch_is_not_known(tmp_path: Path):
     [
         ("TT_BAT", [20.5, 21.0, -3.0, 4.0], ("temperature", "degC")),
         ("TBAT", [20.5, 21.0, -3.0, 4.0], ("temperature", "degC")),
+        ("TH_PX", [20.5, 21.0, -3.0, 4.0], ("temperature", "degC")),
+        ("NTC3", [20.5, 21.0, -3.0, 4.0], ("temperature", "degC")),
+        ("I_PL_MA", [20.5, 210.0, 3.0, 4.0], ("driver", "mA")),
         ("tpx1", [20.5, 21.0, -3.0, 4.0], ("temperature", "degC")),
         ("TXPOWER", [20.5, 21.0, 3.0, 4.0], ("driver", "1")),
         ("Temp1", [20, 21, -3, 4], ("temperature", "degC")),

@@ -214,7 +214,12 @@ def _failures(checked: Checked) -> list[Finding]:
 
 
 def _identifiability(checked: Checked) -> list[Finding]:
-    found = [combination_finding(checked, combination) for combination in checked.identifiability.combinations]
+    combinations = checked.identifiability.combinations
+    of_noise = [own for own in combinations if all(name.startswith("noise.") for name in own.names)]
+    alone = combinations if len(of_noise) < 2 else [own for own in combinations if own not in of_noise]
+    found = [combination_finding(checked, own) for own in alone]
+    if len(of_noise) > 1:
+        found.append(_noise_finding(checked, of_noise))
     correlated = checked.identifiability.correlated
     if correlated:
         shown = tuple(f"{a} and {b}: correlation {number(r, 3)}." for a, b, r in correlated)
@@ -234,6 +239,18 @@ def _identifiability(checked: Checked) -> list[Finding]:
         )
         found.insert(0, Finding("good", "The telemetry tells every parameter, and every combination of them", text))
     return found
+
+
+def _noise_finding(checked: Checked, combinations: Sequence[Combination]) -> Finding:
+    """What the data cannot tell of the noise of several channels: of each a line would hide what matters."""
+    names = sorted({name for own in combinations for name in own.names})
+    channels = sorted({name.split(".")[1] for name in names})
+    text = (
+        "How long its errors last, or how large they are, is then as the prior says: the parameters' intervals are "
+        "little changed by that."
+    )
+    details = tuple(_trade(checked, own) for own in combinations)
+    return Finding("warn", f"The telemetry says little of the noise of {listed(channels)}", text, details)
 
 
 def combination_finding(checked: Checked, combination: Combination) -> Finding:

@@ -50,6 +50,8 @@ class FunctionDescription:
             import jax
 
             jax.config.update("jax_enable_x64", True)  # before the file builds any array
+        # Bytecode is told from that of an edited file by whole seconds, and nothing is left in a user's folder.
+        sys.dont_write_bytecode = True
         specification.loader.exec_module(module)
         function = getattr(module, self.function, None)
         if not callable(function):

@@ -59,7 +59,7 @@ from .network import (
     SimulatorModel,
     SunTracking,
 )
-from .numbers import Numbers, load_driver, numbers_of, settable
+from .numbers import Numbers, load_coefficient, load_driver, numbers_of, settable
 from .parameters import read_parameters, set_twice
 from .priors import Beta, HalfNormal, HalfStudentT, LogNormal, Normal, Prior, TruncatedNormal, Uniform, support
 from .reduced import REDUCED_MODEL_FORMAT

@@ -89,7 +89,7 @@ class CircularOrbit(Block):
 
 
 class KeplerianOrbit(Block):
-    """Keplerian elements at an epoch, true equator of date; J2 moves node and perigee."""
+    """Keplerian elements at an epoch, true equator of date; J2 moves node, perigee and mean anomaly."""
 
     semi_major_axis: Annotated[float, Quantity("m", above=6.4e6, at_most=1e9)]
     eccentricity: Annotated[Number, Field(ge=0, lt=1)]

@@ -36,7 +36,7 @@ _UNITS = re.compile(r"(?i)^units?$")
 _LEVELS = 5
 """A word of few bits, which has no unit, has fewer values."""
 _TEMPERATURE_NAME = re.compile(
-    r"(?i)temp|therm|thm|tmp|^t$|^tt?[_.\d-]|[_. ]tt?\d*([_ /][ckf])?$|^pt\d|deg\.? ?c|°c"
+    r"(?i)temp|therm|thm|tmp|^t$|^t[th]?[_.\d-]|^(ntc|rtd|prt)|[_. ]tt?\d*([_ /][ckf])?$|^pt\d|deg\.? ?c|°c"
     r"|^t(bat[a-z]*|obc|eps|pcb|cpu|pan[a-z]*|trx|rad[a-z]*|pay[a-z]*|cam|tank|[pm][xyz]|[xyz][pm])\d*$"
 )
 _KELVIN_NAME = re.compile(r"[_ ./]K$")
@@ -48,7 +48,7 @@ _WORD_NAME = re.compile(r"(?i)(htr|heater).*(word|bits|mask|flags)|(word|bits|ma
 _MOST_BITS = 8
 """Of a word that heaters switch; where more change, it is a counter."""
 # A last letter alone is more often the name of a branch than a unit.
-_UNIT = re.compile(r"[\[(]\s*([^\[\]()]+?)\s*[\])]|[_ ](degC|mA|mV|mW|kW|deg)$")
+_UNIT = re.compile(r"[\[(]\s*([^\[\]()]+?)\s*[\])]|[_ ](degC|mA|mV|mW|kW|deg|MA|MV)$")
 _CELSIUS = {"c": "degC", "deg c": "degC", "deg. c": "degC", "degc": "degC", "°c": "degC", "celsius": "degC"}
 
 
@@ -327,7 +327,8 @@ def _unit(name: str) -> str | None:
     match = _UNIT.search(name)
     if match is None:
         return None
-    return _known(match[1] or match[2])
+    at_the_end = {"MA": "mA", "MV": "mV"}.get(match[2], match[2])
+    return _known(match[1] or at_the_end)
 
 
 def _fahrenheit(name: str, names: list[str]) -> str | None:

@@ -116,14 +116,21 @@ def driver_corners(dataset: xr.Dataset, channel: str, fill: Fill, period: float 
 def driver_gaps(
     dataset: xr.Dataset, channel: str, fill: Fill, of: Callable[[NDArray[np.float64]], NDArray[np.float64]] = np.asarray
 ) -> tuple[NDArray[np.datetime64], float]:
-    """Where `driver_series` bridges more than `SHORT_GAP` sampling intervals, [G, 2], and how much the driver varies.
+    """Where `driver_series` bridges more than `SHORT_GAP` sampling intervals, [G, 2], and how far off it may be there.
 
     A gap is from the last sample before to the first after it. of: what is made of the driver (SI), whose standard
-    deviation is meant.
+    deviation is meant; where another orbit bridges gaps, that of orbits from each other.
     """
     seconds, values, interval = valid_samples(dataset, channel)
     long = np.flatnonzero((np.diff(seconds) > SHORT_GAP * interval) & (fill != "hold"))
-    return _between(seconds, long), float(of(values).std())
+    varying, period = of(values), dataset.attrs.get("period_s")
+    if fill == "previous_orbit" and period is not None:
+        later = seconds + period
+        known = _gap(seconds, later, interval) <= SHORT_GAP * interval
+        if known.any():
+            change = of(np.interp(later[known], seconds, values)) - varying[known]
+            return _between(seconds, long), float(np.sqrt(np.mean(change**2)))
+    return _between(seconds, long), float(varying.std())
 
 
 def driver_jumps(

@@ -54,6 +54,23 @@ def test_a_panel_that_looks_another_way_is_named_by_both_of_its_sides(tmp_path, 
     assert said in first.sentence
 
 
+def test_two_wings_that_a_drive_turns_are_named_together(tmp_path):
+    model = boxed()
+    faces = model["simulator"]["faces"]
+    cells = {"area": "0.06 m^2", "absorptivity": 0.8, "emissivity": 0.8}
+    for name, node in (("left", "panel"), ("right", "body")):
+        faces[f"{name}_cells"] = cells | {"node": node, "normal": [0, 0, -1]}
+        faces[f"{name}_back"] = cells | {"node": node, "normal": [0, 0, 1], "absorptivity": 0.2}
+    del faces["outside"], faces["down"], faces["left"]
+    scenario, _ = small.load(tmp_path, model)
+    for name in ("left", "right"):
+        faces[f"{name}_cells"]["normal"], faces[f"{name}_back"]["normal"] = DRIVEN
+    _, data = small.closed_loop(tmp_path, model)
+    first = named(scenario, data)[0]
+    assert first.title == "Faces left_cells, left_back, right_cells and right_back look another way"
+    assert "With the normal {tracks_sun_about: [0, 1, 0]} of left_cells and right_cells" in first.sentence
+
+
 def test_a_face_at_another_node_is_named(tmp_path):
     written = boxed()
     scenario, _ = small.load(tmp_path, written)

@@ -5,11 +5,11 @@ from contextlib import suppress
 
 from ...simulator import SimulationFailure
 from ..view import View
-from . import channels, clocks, faces, heat, heaters, orbit, slow, timeline, written
+from . import channels, clocks, drivers, faces, heat, heaters, orbit, slow, timeline, written
 from .written import BLOCKS, fixed_numbers
 from .wrong import Words, Wrong, multiplied
 
-_FAMILIES = (channels, clocks, faces, heaters, heat, timeline, orbit, slow, written)
+_FAMILIES = (channels, clocks, faces, heaters, heat, drivers, timeline, orbit, slow, written)
 _WRONGS = tuple(wrong for family in _FAMILIES for wrong in family.WRONGS)
 
 

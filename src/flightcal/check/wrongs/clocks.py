@@ -13,12 +13,23 @@ import numpy as np
 from ...errors import FlightcalError
 from ...problem import Window
 from ...report import listed, number
-from ...scenario import load_driver
 from ...simulator import FloatArray
-from ...telemetry import driver_series
 from ..sunlight import REACH, ZONES
 from ..view import View
-from .wrong import SHIFT, SHIFTS, Words, Wrong, closer, driven, driven_otherwise, duration, off, put, status_channels
+from .wrong import (
+    SHIFT,
+    SHIFTS,
+    Words,
+    Wrong,
+    closer,
+    driven,
+    driven_otherwise,
+    duration,
+    load_series,
+    off,
+    put,
+    status_channels,
+)
 
 _ZONES = tuple(h for k in range(1, round(ZONES / 1800.0) + 1) for h in (-1800.0 * k, 1800.0 * k) if abs(h) > REACH)
 """s, between a time zone and UTC."""
@@ -244,11 +255,7 @@ def _with_late(view: View, channels: Collection[str], late: float) -> Window:
     inputs, grid = simulator.drive.inputs.copy(), simulator.drive.times
     for name, load in scenario.network.loads.items():
         if load.driver in channels:
-            channel = scenario.telemetry.channels[load.driver]
-            times = view.telemetry["time"].to_numpy()[np.isfinite(view.telemetry[load.driver].to_numpy())]
-            at = np.clip(view.utc(grid + late), times[0], times[-1])
-            values = driver_series(view.telemetry, load.driver, at, fill=channel.fill, period=view.window.period)
-            put(inputs, columns, grid, {f"driver.{name}": load_driver(load, channel)(values)}, grid)
+            put(inputs, columns, grid, {f"driver.{name}": load_series(view, name, load.driver, grid + late)}, grid)
     return replace(window, simulator=replace(simulator, drive=replace(simulator.drive, inputs=inputs)))
 
 

@@ -2,13 +2,14 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterator, Mapping, Sequence
 from itertools import combinations, product
 
 import numpy as np
 from scipy.spatial.transform import Rotation
 
 from ...problem import Window
+from ...report import listed
 from ...scenario import FaceNormal, Scenario, SpinningAttitude, SunTracking
 from ...simulator import FloatArray, build_network
 from ..view import View
@@ -74,16 +75,30 @@ def _plates(
     ]
     if pairs:
         lit = {**lit, **{way: _lit(view, normals, way, seconds) for way in _DRIVEN}}
-    for (front, rear), way in product(pairs, lit):
-        if abs(_alike(way, normals[front])) > _ALONG:
+    # Wings on both sides of a body are deployed and turned together.
+    alike = [_like(front, pairs, normals) for front, _ in pairs]
+    wings = [own for k, own in enumerate(alike) if len(own) > 1 and own not in alike[:k]]
+    plates = [[own] for own in pairs] + wings
+    for plate, way in product(plates, lit):
+        names = [name for both in plate for name in both]
+        if abs(_alike(way, normals[names[0]])) > _ALONG:
             continue
+        fronts, rears = (listed([both[side] for both in plate]) for side in (0, 1))
         words = Words(
-            f"Faces {front} and {rear} look another way",
-            f"With {_written(way)} of {front}, and {rear} on its other side, the model explains the telemetry.",
-            f"Check whether what they are the two sides of is deployed and turns, and 'normal' of {front} and {rear}",
+            f"Faces {listed(names)} look another way",
+            f"With {_written(way)} of {fronts}, and {rears} on {'its' if len(plate) == 1 else 'their'} other side, the "
+            "model explains the telemetry.",
+            f"Check whether what they are the two sides of is deployed and turns, and 'normal' of {listed(names)}",
         )
-        window = _turned(view, seconds, {front: lit[way], rear: lit[_behind(way)]})
-        yield Wrong("face", f"{front} {rear}", words, window=window, tries=8 * len(pairs))
+        shining = {front: lit[way] for front, _ in plate} | {rear: lit[_behind(way)] for _, rear in plate}
+        window = _turned(view, seconds, shining)
+        yield Wrong("face", " ".join(names), words, window=window, tries=8 * len(plates))
+
+
+def _like(front: str, pairs: Sequence[tuple[str, str]], normals: Mapping[str, FaceNormal]) -> list[tuple[str, str]]:
+    """Both sides of all plates that look as this face does, that side first."""
+    both_ways = [own for a, b in pairs for own in ((a, b), (b, a))]
+    return [own for own in both_ways if _alike(normals[own[0]], normals[front]) > 1.0 - _SAME]
 
 
 def _alike(one: FaceNormal, other: FaceNormal) -> float:

@@ -1,4 +1,4 @@
-"""Heat that is not what the scenario says: of modes, of loads, and heat that it lacks."""
+"""Heat that is not what the scenario says: of modes, and heat that it lacks."""
 
 from __future__ import annotations
 
@@ -12,20 +12,15 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from ...problem import Window
 from ...report import listed, number
 from ...simulator import FloatArray
 from ...telemetry import status_or_unknown
 from ..evidence import Fit
 from ..view import View, pieces
-from .wrong import FACTORS, FEW_TIMES, POWER, SHIFTS, Words, Wrong, driven_otherwise, duration, off, status_channels
+from .wrong import LACKED, PIECES, SHIFTS, Words, Wrong, driven_otherwise, duration, flow_through, off, status_channels
 
 _ALL_THE_TIME = (0.25, 0.5, 1.0, 2.0, 4.0)
-"""Of what flows through a node, heat that it may lack all the time,"""
-_LACKED = 0.2
-"""and the least that is worth a word."""
-_PIECES = 48
-"""Of a window, each with heat of its own."""
+"""Of what flows through a node, heat that it may lack all the time."""
 _AT_ANY_TIME = (0.5, 2.0)
 """Of what flows through a node, heat that it may get at any time, in the mean and from piece to piece."""
 _NOW_AND_THEN = 0.5
@@ -55,7 +50,7 @@ def modes(view: View) -> Iterator[Wrong]:
         yield from _mode_elsewhere(view, mode, responses)
         for node in view.heat.nodes:
             written = powers.get(node, 0.0)
-            flow = _flow(view, node)
+            flow = flow_through(view, node)
             size = max(0.5 * flow, abs(written), 1.0)
             effect = size * responses[node]
 
@@ -136,7 +131,7 @@ def missing_heat(view: View) -> Iterator[Wrong]:
         if node in view.heat.nodes and rising is not None and heated.get(str(node)) not in view.unknown:
             waves.append(("", str(node), shares(view.network.observation.times, rising, grid)))
     for name, node, on in waves:
-        flow, heater = _flow(view, node), None if name else heated.get(node)
+        flow, heater = flow_through(view, node), None if name else heated.get(node)
         size = max(_HEATED * flow, 1.0, *powers)
         series = np.repeat(on, 2)[None]
         if not name:
@@ -162,7 +157,7 @@ def missing_heat(view: View) -> Iterator[Wrong]:
             )
 
         tries = 2 * len(waves) * (1.0 if name else _UNSEEN)
-        lacking = Wrong("missing heat", node, words, columns=effect, least=_LACKED * flow / size, tries=tries)
+        lacking = Wrong("missing heat", node, words, columns=effect, least=LACKED * flow / size, tries=tries)
         yield replace(lacking, kind="thermostat", about=heater) if heater else lacking
 
 
@@ -194,7 +189,7 @@ def now_and_then(view: View, z: FloatArray, weights: Callable[[FloatArray], Floa
     z: [d], around which. weights: of effects [R, k] of unknown size, the most probable [k] beside everything that may
     be usual.
     """
-    edges = np.linspace(0.0, view.network.drive.times[-1], _PIECES + 1)
+    edges = np.linspace(0.0, view.network.drive.times[-1], PIECES + 1)
     each = pieces(view.window, edges)
     unknown = [view.window.scenario.network.heaters[name].node for name in view.unknown]
     for node, flow in zip(view.heat.nodes, view.heat.flow.tolist(), strict=True):
@@ -228,9 +223,9 @@ def _burst(
         power = number(size * float(fit.added[0]), 2)
         return _of_what_lacks(node, f"About {power} W come and go in {node}: {when} (UTC).")
 
-    tries = 2.0 * len(view.heat.nodes) * comb(_PIECES, len(turns))
+    tries = 2.0 * len(view.heat.nodes) * comb(PIECES, len(turns))
     effect = each @ on.astype(float)[:, None]
-    yield Wrong("missing heat", node, words, columns=effect, least=_LACKED * flow / size, lacked=True, tries=tries)
+    yield Wrong("missing heat", node, words, columns=effect, least=LACKED * flow / size, lacked=True, tries=tries)
 
 
 def _at_any_time(view: View, node: str, flow: float, size: float, effects: FloatArray) -> Wrong:
@@ -242,7 +237,7 @@ def _at_any_time(view: View, node: str, flow: float, size: float, effects: Float
 
     columns = size * np.column_stack([effects.sum(axis=1), effects])
     tries = len(_AT_ANY_TIME) * len(view.heat.nodes) * _UNSEEN
-    return Wrong("missing heat", node, words, columns=columns, least=_LACKED * flow / size, lacked=True, tries=tries)
+    return Wrong("missing heat", node, words, columns=columns, least=LACKED * flow / size, lacked=True, tries=tries)
 
 
 def _of_what_lacks(node: str, sentence: str) -> Words:
@@ -275,7 +270,7 @@ def _always(view: View, node: str, powers: Sequence[float]) -> Iterator[Wrong]:
     """So many W more in a node, all the time, as the simulator has it: with more heat every link does more."""
     network, k = view.network, view.heat.nodes.index(node)
     for power in powers:
-        if power < _LACKED * view.heat.flow[k]:
+        if power < LACKED * view.heat.flow[k]:
             continue
         heat = np.zeros((len(network.network.heated), 2 * len(network.drive.inputs)))
         heat[network.network.heated.index(node)] = power
@@ -315,102 +310,5 @@ def turning(values: FloatArray, swing: float) -> FloatArray | None:
     return found
 
 
-def drivers(view: View) -> Iterator[Wrong]:
-    """A measured load has the wrong unit or sign, or is of another column."""
-    loads = view.window.scenario.network.loads
-    for name, load in loads.items():
-        column = view.network.network.columns.index(f"driver.{name}")
-        yield from _driver_of_any_size(view, name, column, len(loads))
-        yield from _unlike_driver(view, name, column, len(loads))
-        yield from _driver_times(view, name, column, FEW_TIMES, len(loads))
-        for factor in (-1.0, 0.0, *FACTORS):
-            how = {-1.0: "has the wrong sign", 0.0: "does nothing"}.get(
-                factor, f"is {number(1.0 / (factor or 1.0), 4)} times what it should be"
-            )
-            words = Words(
-                f"The driver {load.driver} {how}",
-                f"With {factor:g} times {load.driver}, the heat of load {name} explains the telemetry.",
-                f"Check 'unit' of {load.driver} and 'coefficient' of load {name}",
-            )
-            window = _with_driver(view, column, factor)
-            yield Wrong("driver", load.driver, words, window=window, tries=8 * len(loads))
-
-
-def _with_driver(view: View, column: int, factor: float) -> Window:
-    """The window with so many times the driver in a column of its inputs."""
-    inputs = view.network.drive.inputs.copy()
-    inputs[:, :, column] *= factor
-    return view.with_inputs(inputs)
-
-
-def _watts(view: View, load: str, column: int) -> FloatArray:
-    """[1, 2 K] of a load with the driver in a column of the inputs, as the scenario writes it."""
-    place = view.network.network.paths.index(f"loads.{load}.coefficient")
-    return float(view.network.mapping.written[place]) * view.network.drive.inputs[:, :, column].reshape(1, -1)
-
-
-def _flow(view: View, node: str) -> float:
-    """W through a node; 0: it holds no heat."""
-    return float(view.heat.flow[view.heat.nodes.index(node)]) if node in view.heat.nodes else 0.0
-
-
-def _driver_of_any_size(view: View, load: str, column: int, tries: float) -> Iterator[Wrong]:
-    """A measured load is so many times what it should be, as in another unit."""
-    block, watts = view.window.scenario.network.loads[load], _watts(view, load, column)
-    flow = _flow(view, block.node)
-    if not flow or not watts.any():
-        return
-    # What comes is so large, and not what is written: a unit may make that small.
-    size = max(flow / float(np.abs(watts).max()), 1.0)
-    effect = view.response(view.window, view.middle, block.node, size * watts)
-
-    def words(fit: Fit) -> Words:
-        return _of_driver(block.driver, load, 1.0 + size * float(fit.added[0]))
-
-    yield Wrong("driver", block.driver, words, columns=effect, least=POWER / size, tries=tries)
-
-
-def _unlike_driver(view: View, load: str, column: int, tries: float) -> Iterator[Wrong]:
-    """A load's heat is another in each piece of the window, and not at all as its driver says."""
-    block = view.window.scenario.network.loads[load]
-    size = float(np.ptp(_watts(view, load, column)))
-    if block.node not in view.heat.nodes or size < _LACKED * _flow(view, block.node):
-        return
-    edges = np.linspace(0.0, view.network.drive.times[-1], _PIECES + 1)
-    each = size * view.response(view.window, view.middle, block.node, pieces(view.window, edges))
-
-    def words(fit: Fit) -> Words:
-        return Words(
-            f"The heat of load {load} is not as its driver {block.driver} says",
-            f"What heats {block.node} changes at other times than {block.driver} does.",
-            f"Check which column {block.driver} is, its unit and how its gaps are filled",
-        )
-
-    columns = np.column_stack([each.sum(axis=1), each])
-    window = _with_driver(view, column, 0.0)
-    yield Wrong("driver", block.driver, words, window=window, columns=columns, tries=tries)
-
-
-def _driver_times(
-    view: View, load: str, column: int, factors: Sequence[float] | FloatArray, tries: float
-) -> Iterator[Wrong]:
-    """The same as the simulator has it: much more heat does not do so many times as much."""
-    driver = view.window.scenario.network.loads[load].driver
-    for factor in factors:
-        if abs(factor - 1.0) < POWER:
-            continue
-        words, window = _of_driver(driver, load, factor), _with_driver(view, column, factor)
-        near = partial(_driver_times, view, load, column, factor * 2.0 ** np.linspace(-0.4, 0.4, 7), tries)
-        yield Wrong("driver", driver, words, window=window, tries=tries, closer=near)
-
-
-def _of_driver(driver: str, load: str, times: float) -> Words:
-    return Words(
-        f"The heat of the driver {driver} is {number(times, 2)} times what the scenario says",
-        f"With {number(times, 2)} times {driver}, load {load} explains the telemetry.",
-        f"Check 'unit' of {driver} and 'coefficient' of load {load}",
-    )
-
-
-WRONGS = (modes, missing_heat, constant_heat, drivers)
+WRONGS = (modes, missing_heat, constant_heat)
 """What looks for them."""

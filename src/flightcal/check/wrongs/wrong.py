@@ -11,9 +11,9 @@ import xarray
 
 from ...errors import FlightcalError
 from ...problem import Window
-from ...scenario import ModeChange, Scenario
+from ...scenario import ModeChange, Scenario, load_driver
 from ...simulator import FloatArray, SimulationFailure, divided, in_steps
-from ...telemetry import status_fraction
+from ...telemetry import driver_series, status_fraction
 from ..evidence import AS_READ, Fit, Scale
 from ..sunlight import FINE, REACH
 from ..view import INFERRED, Memory, Moved, View
@@ -43,6 +43,10 @@ FACTORS = (0.001, 0.01, 0.1, 10.0, 100.0, 1000.0)
 FEW_TIMES = (0.25, 0.5, 2.0, 4.0)
 """The same of a number that is of another thing, or of one of two."""
 
+LACKED = 0.2
+"""Of what flows through a node, the least heat that it lacks which is worth a word."""
+PIECES = 48
+"""Of a window, each with heat of its own."""
 POWER = 0.25
 """Share by which a power is off, from which it is worth a word."""
 _STEP = 30.0
@@ -173,6 +177,23 @@ def multiplied(view: View, places: Sequence[int], factor: float) -> Window:
     written = view.network.mapping.written.copy()
     written[list(places)] *= factor
     return view.with_numbers(written)
+
+
+def flow_through(view: View, node: str) -> float:
+    """W through a node; 0: it holds no heat."""
+    return float(view.heat.flow[view.heat.nodes.index(node)]) if node in view.heat.nodes else 0.0
+
+
+def load_series(view: View, load: str, channel: str, seconds: FloatArray) -> FloatArray:
+    """[M] what a load makes of a driver's channel at seconds [M] of its time; outside of its samples it stays.
+
+    Raises TelemetryError.
+    """
+    written = view.window.scenario.telemetry.channels[channel]
+    times = view.telemetry["time"].to_numpy()[np.isfinite(view.telemetry[channel].to_numpy())]
+    at = np.clip(view.utc(seconds), times[0], times[-1])
+    values = driver_series(view.telemetry, channel, at, fill=written.fill, period=view.window.period)
+    return load_driver(view.window.scenario.network.loads[load], written)(values)
 
 
 def put(

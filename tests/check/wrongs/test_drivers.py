@@ -1,0 +1,71 @@
+"""Measured loads whose driver is not what the scenario says."""
+
+import numpy as np
+import pytest
+
+from tests import small
+
+from ..cases import named, spoilt
+
+
+def test_the_sign_of_a_driver_is_named(flown):
+    scenario, data = flown
+    first = named(scenario, spoilt(data, sun=-data["sun"]))[0]
+    assert (first.kind, first.about) == ("driver", "sun")
+    assert "sign" in first.title
+
+
+def test_a_driver_that_is_of_no_column_of_the_telemetry_is_named(tmp_path):
+    scenario, data = small.load(tmp_path)
+    seconds = (data["time"].values - data["time"].values[0]) / np.timedelta64(1, "s")
+    true, other = (0.5 + 0.4 * np.sign(np.sin(seconds / period)) for period in (1500.0, 2100.0))
+    data = small.telemetry_of(scenario, spoilt(data, sun=true))
+    assert named(scenario, data) == ()
+    first = named(scenario, spoilt(data, sun=other))[0]
+    assert (first.kind, first.about) == ("driver", "sun")
+    assert "not as its driver" in first.title
+
+
+def test_a_driver_of_another_unit_is_named_by_how_many_times(flown):
+    scenario, data = flown
+    first = named(scenario, spoilt(data, sun=data["sun"] / 6.0))[0]
+    assert (first.kind, first.about) == ("driver", "sun")
+    assert float(first.title.split(" is ")[1].split()[0]) == pytest.approx(6.0, rel=0.2)
+
+
+def test_a_driver_with_several_times_the_heat_is_named_by_how_many_times(flown):
+    scenario, data = flown
+    first = named(scenario, spoilt(data, sun=4.0 * data["sun"]))[0]
+    assert (first.kind, first.about) == ("driver", "sun")
+    assert float(first.title.split(" is ")[1].split()[0]) == pytest.approx(0.25, rel=0.05)
+
+
+def with_a_bus(folder, **drivers):
+    """The satellite with a bus that is switched on and off, whose current heats the body, and telemetry of it.
+
+    drivers: of loads, in the place of those by which it flew.
+    """
+    written = small.content()
+    written["telemetry"]["channels"]["bus"] = {"column": "bus", "kind": "driver", "unit": "A"}
+    loads = written["simulator"]["loads"]
+    loads["electronics"] = {"node": "body", "driver": "bus", "coefficient": "15 W/A"}
+    minutes = np.arange(421)
+    bus = 0.2 + 0.6 * (minutes % 37 < 15)
+    _, data = small.closed_loop(folder, written, columns={"bus": bus})
+    for load, driver in drivers.items():
+        loads[load]["driver"] = driver
+    return small.load(folder, written, columns={"bus": bus})[0], data
+
+
+def test_a_load_that_follows_another_column_is_named(tmp_path):
+    first = named(*with_a_bus(tmp_path, electronics="sun"))[0]
+    assert first.title == "Load electronics follows bus, not sun"
+
+
+def test_two_drivers_that_are_exchanged_are_named(tmp_path):
+    first = named(*with_a_bus(tmp_path, electronics="sun", sun="bus"))[0]
+    assert first.title == "The drivers bus and sun are exchanged"
+
+
+def test_nothing_is_said_of_two_drivers_that_are_right(tmp_path):
+    assert named(*with_a_bus(tmp_path)) == ()
