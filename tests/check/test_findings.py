@@ -109,7 +109,7 @@ def test_what_is_not_told_of_the_noise_of_several_channels_is_one_caution():
     noises = ["noise.tank.correlation_time", "noise.battery"]
 
     def cautions(names):
-        own = tuple(Combination((Move(name, 0.1, 0.2, 1.0, 1.0),), 0.01, "alone") for name in names)
+        own = tuple(Combination((Move(name, 0.1, 0.2, 1.0),), 0.01, "alone") for name in names)
         changed = replace(checked, identifiability=replace(checked.identifiability, combinations=own))
         return [finding for finding in findings_of(changed) if finding.title.startswith("The telemetry says")]
 
