@@ -46,14 +46,14 @@ def find_heat(problem: Problem, theta: FloatArray, *, progress: Progress = SILEN
         search = _search(problem, windows, held)
         point = search.run(theta, progress)
         exchanges = True
-        for _ in range(_HOLDS if unmeasured else 0):
+        for number in range(1, _HOLDS + 1 if unmeasured else 1):
             if exchanges:
                 tried = _better_held(search, held, search.at(point), point.most_probable, point.around.bases)
                 exchanges = tried != held
             if not exchanges:
                 tried = _shifted(search, held, point)
             better = _search(problem, windows, tried)
-            found = better.run(theta, progress)
+            found = better.run(theta, progress, f"heaters without a status, look {number}, ")
             is_better = found.evidence > point.evidence + _GAINED
             if is_better:
                 search, point, held = better, found, tried

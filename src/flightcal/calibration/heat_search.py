@@ -152,17 +152,17 @@ class Search:
 
     # --- rounds -------------------------------------------------------------------------------------------------
 
-    def run(self, theta: FloatArray, progress: Progress) -> HeatPoint:
+    def run(self, theta: FloatArray, progress: Progress, look: str = "") -> HeatPoint:
         """Parameters, heat and sizes, from theta [d] of the problem without heat; see also `tilted`.
 
-        Raises SimulationFailure.
+        look: what is looked at, in words. Raises SimulationFailure.
         """
         z, weights = self.problem.to_z(theta), np.zeros(len(self.group))
         sizes = self._start(z)
         moved, rounds = np.inf, 0
         while rounds < _ROUNDS and (moved > _MOVED or rounds < _SHAPED):
             rounds += 1
-            progress.at(min(1.0, rounds / (_SHAPED + 2)), f"round {rounds}")
+            progress.at(min(1.0, rounds / (_SHAPED + 2)), f"{look}round {rounds}")
             linear = self.linear(z, weights).each
             if rounds <= _SHAPED:
                 starts = self._starts(sizes) if rounds == 1 else [sizes]
