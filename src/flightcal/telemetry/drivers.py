@@ -22,6 +22,8 @@ _EDGE = 1e-3
 another orbit."""
 _JUMP = 0.5
 """Of a driver's standard deviation: what it changes by from one sample to the next, and not on its way, is a jump."""
+_LEAST_OFF = 0.1
+"""Of a driver's standard deviation: by so much at least another orbit is off, whatever the orbits that are known."""
 LONGEST_INTERPOLATED = 1800.0
 """Longest gap (s) that `fill: interpolate` bridges where no orbital period is known."""
 LONGEST_INTERPOLATED_SHARE = 0.1
@@ -129,7 +131,8 @@ def driver_gaps(
         known = _gap(seconds, later, interval) <= SHORT_GAP * interval
         if known.any():
             change = of(np.interp(later[known], seconds, values)) - varying[known]
-            return _between(seconds, long), float(np.sqrt(np.mean(change**2)))
+            off = np.sqrt(np.mean(change**2))
+            return _between(seconds, long), float(max(off, _LEAST_OFF * varying.std()))
     return _between(seconds, long), float(varying.std())
 
 
