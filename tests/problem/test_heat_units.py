@@ -178,7 +178,7 @@ def test_patterns_over_a_driver_are_over_its_range(tmp_path):
 
 
 def with_gap(folder, content, first, last):
-    """The problem with the Sun sensor's samples from minute `first` to `last` missing, and how far off it is there, A."""
+    """The problem with the Sun sensor's samples from minute `first` to `last` missing, and how far off it is, A."""
     scenario, data = small.closed_loop(folder, content)
     data["sun"].values[first : last + 1] = np.nan
     return build_problem(scenario, data), driver_gaps(data, "sun", "previous_orbit")[1]
