@@ -207,18 +207,3 @@ def test_a_value_that_is_held_a_mean_and_a_long_gap_leave_no_jump(tmp_path: Path
     spans, _ = driver_jumps(switched(tmp_path, keep=beside_a_gap), "sun", "interpolate")
     assert seconds(9.0 * MINUTE)[0] not in spans[:, 0]
     assert len(spans) == 3
-
-
-def test_a_gap_that_another_orbit_bridges_is_off_by_what_orbits_differ_by(tmp_path: Path):
-    minutes = np.delete(np.arange(400.0), np.arange(130, 160))
-    own = driver(tmp_path, minutes, fill="previous_orbit")
-    varies = np.std(orbit(minutes)) / 1000
-    assert driver_gaps(own, "sun", "interpolate")[1] == pytest.approx(varies)
-    assert driver_gaps(own, "sun", "previous_orbit")[1] == pytest.approx(0.1 * varies)
-    own["sun"].values[:] += np.where(minutes >= 200.0, 0.2, 0.0)
-    gaps, deviation = driver_gaps(own, "sun", "previous_orbit")
-    np.testing.assert_array_equal(gaps, [seconds(129.0 * MINUTE, 160.0 * MINUTE)])
-    # Of 70 + 100 + 100 minutes that have another orbit after them, those before 200 differ from that by 200 mA.
-    known = np.isin(minutes + 100.0, minutes) & (minutes < 300.0)
-    changed = (minutes < 200.0) & (minutes >= 100.0)
-    assert deviation == pytest.approx(0.2 * np.sqrt((known & changed).sum() / known.sum()), rel=0.05)

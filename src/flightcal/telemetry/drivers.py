@@ -22,8 +22,6 @@ _EDGE = 1e-3
 another orbit."""
 _JUMP = 0.5
 """Of a driver's standard deviation: what it changes by from one sample to the next, and not on its way, is a jump."""
-_LEAST_OFF = 0.1
-"""Of a driver's standard deviation: by so much at least another orbit is off, whatever the orbits that are known."""
 LONGEST_INTERPOLATED = 1800.0
 """Longest gap (s) that `fill: interpolate` bridges where no orbital period is known."""
 LONGEST_INTERPOLATED_SHARE = 0.1
@@ -118,22 +116,15 @@ def driver_corners(dataset: xr.Dataset, channel: str, fill: Fill, period: float 
 def driver_gaps(
     dataset: xr.Dataset, channel: str, fill: Fill, of: Callable[[NDArray[np.float64]], NDArray[np.float64]] = np.asarray
 ) -> tuple[NDArray[np.datetime64], float]:
-    """Where `driver_series` bridges more than `SHORT_GAP` sampling intervals, [G, 2], and how far off it may be there.
+    """Where `driver_series` bridges more than `SHORT_GAP` sampling intervals, [G, 2], and how much the driver varies.
 
     A gap is from the last sample before to the first after it. of: what is made of the driver (SI), whose standard
-    deviation is meant; where another orbit bridges gaps, that of orbits from each other.
+    deviation is meant. That is so too where another orbit bridges the gap, however alike orbits are: what makes a gap,
+    such as a pass, may change the driver.
     """
     seconds, values, interval = valid_samples(dataset, channel)
     long = np.flatnonzero((np.diff(seconds) > SHORT_GAP * interval) & (fill != "hold"))
-    varying, period = of(values), dataset.attrs.get("period_s")
-    if fill == "previous_orbit" and period is not None:
-        later = seconds + period
-        known = _gap(seconds, later, interval) <= SHORT_GAP * interval
-        if known.any():
-            change = of(np.interp(later[known], seconds, values)) - varying[known]
-            off = np.sqrt(np.mean(change**2))
-            return _between(seconds, long), float(max(off, _LEAST_OFF * varying.std()))
-    return _between(seconds, long), float(varying.std())
+    return _between(seconds, long), float(of(values).std())
 
 
 def driver_jumps(
