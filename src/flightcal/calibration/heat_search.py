@@ -251,8 +251,7 @@ class Search:
 
     def from_bases(self, kept: FloatArray, bases: Sequence[FloatArray]) -> FloatArray:
         """Weights of all groups from those in the kept directions."""
-        ends = np.cumsum([basis.shape[1] for basis in bases])[:-1]
-        return np.concatenate([basis @ own for basis, own in zip(bases, np.split(kept, ends), strict=True)])
+        return np.concatenate(split(replace(self.model, kept=tuple(bases)), kept))
 
     def _told(
         self, linear: Sequence[Linear], sizes: FloatArray, roots: FloatArray, least: float
@@ -369,9 +368,9 @@ class Search:
             return moved_z, self.from_bases(there[: len(kept)], bases)
 
         def cost(share: float) -> float:
-            total = float(((now + share * step) ** 2).sum())
+            there, total = moved(share), float(((now + share * step) ** 2).sum())
             for window, whiten in zip(self.windows, whitens, strict=True):
-                left = self._left(window, *moved(share))
+                left = self._left(window, *there)
                 if left is None:
                     return np.inf
                 white = whiten(left[..., None]) / numbers[:, :1, None]

@@ -75,9 +75,8 @@ def filter_of(terms: Residuals) -> Filter:
         known, totals = 0.0, np.empty(len(samples))
         for place, (t, kept) in enumerate(zip(samples.tolist(), decay[k, samples].tolist(), strict=True)):
             variance = kept**2 * known + process * (1.0 - kept**2)
-            totals[place] = variance + white
-            gain[k, t] = variance / (variance + white)
-            known = variance * white / (variance + white)
+            total = variance + white
+            totals[place], gain[k, t], known = total, variance / total, variance * white / total
         root[k, samples] = totals**-0.5
         determinant[k] = np.log(totals).sum()
     return Filter(decay, gain, root, determinant)

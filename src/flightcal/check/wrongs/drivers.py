@@ -111,7 +111,7 @@ def _of_driver(driver: str, load: str, times: float) -> Words:
     )
 
 
-def columns(view: View) -> Iterator[Wrong]:
+def other_columns(view: View) -> Iterator[Wrong]:
     """A load follows another driver than the scenario says, or two loads each other's."""
     scenario = view.window.scenario
     loads = {name: load.driver for name, load in scenario.network.loads.items()}
@@ -153,5 +153,5 @@ def _following(view: View, drivers_of: Mapping[str, str], words: Words, tries: f
     )
 
 
-WRONGS = (drivers, columns)
+WRONGS = (drivers, other_columns)
 """What looks for them."""
