@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from functools import lru_cache
+
 import erfa
 import numpy as np
 
@@ -34,8 +36,14 @@ def sun_position(times: Times) -> Floats:
     at = elapsed - before
     others = [np.delete(_OFFSETS, k) for k in range(len(_OFFSETS))]
     weights = [np.prod((at[:, None] - rest) / (own - rest), axis=1) for own, rest in zip(_OFFSETS, others, strict=True)]
-    of_knots = _from_ephemeris(J2000 + knots * _APART)[place.reshape(needed.shape)]
+    of_knots = _at_knots(tuple(knots.tolist()))[place.reshape(needed.shape)]
     return np.asarray(np.einsum("kt,ktx->tx", weights, of_knots))
+
+
+@lru_cache(maxsize=64)
+def _at_knots(knots: tuple[int, ...]) -> Floats:
+    """The same orbits are asked for thousands of times, by the search for an eclipse's edges above all."""
+    return _from_ephemeris(J2000 + np.array(knots) * _APART)
 
 
 def _from_ephemeris(times: Times) -> Floats:
