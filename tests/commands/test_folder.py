@@ -8,7 +8,6 @@ from flightcal.commands.folder import heat_shares, open_for, parameter_records
 from flightcal.errors import RunError
 from flightcal.problem import build_problem
 from flightcal.progress import Silent
-from flightcal.scenario import schema
 from tests import small
 
 
@@ -20,12 +19,10 @@ def open_with(folder, **blocks):
         pass
 
 
-@pytest.mark.parametrize(("by_default", "meant"), [(False, {"heat": "none", "noise": {}}), (True, {"heat": {}})])
-def test_a_block_that_is_left_out_is_the_same_as_what_it_means(tmp_path, monkeypatch, by_default, meant):
-    monkeypatch.setattr(schema, "_BY_DEFAULT", by_default)
+def test_a_block_that_is_left_out_is_the_same_as_what_it_means(tmp_path):
     open_with(tmp_path)
 
-    open_with(tmp_path, **meant)
+    open_with(tmp_path, heat={})
 
 
 def test_a_run_without_heat_is_another_than_one_with_it(tmp_path):

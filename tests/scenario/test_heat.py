@@ -13,18 +13,12 @@ from flightcal.scenario import (
     heat_of,
     load_scenario,
     noise_of,
-    schema,
 )
 from flightcal.scenario.heat import HeatGains
 
 from .. import small
 
 EXTERNAL = Path(__file__).parents[1] / "broken" / "valid_external.yaml"
-
-
-@pytest.fixture
-def with_heat_by_default(monkeypatch):
-    monkeypatch.setattr(schema, "_BY_DEFAULT", True)
 
 
 def omitted():
@@ -61,7 +55,7 @@ def test_a_block_has_the_defaults_of_what_it_does_not_write(tmp_path):
     )
 
 
-def test_what_is_written_is_the_heat(tmp_path, with_heat_by_default):
+def test_what_is_written_is_the_heat(tmp_path):
     block = {"nodes": ["panel"], "pattern": {"harmonics": 3}}
 
     assert heat_of(load(tmp_path, omitted() | {"heat": block})) == Heat(
@@ -70,12 +64,8 @@ def test_what_is_written_is_the_heat(tmp_path, with_heat_by_default):
     assert heat_of(load(tmp_path, omitted() | {"heat": "none"})) is None
 
 
-def test_a_block_that_is_left_out_is_heat_only_where_that_is_the_default(tmp_path, monkeypatch):
-    scenario = load(tmp_path, omitted())
-
-    for by_default, expected in ((False, None), (True, Heat())):
-        monkeypatch.setattr(schema, "_BY_DEFAULT", by_default)
-        assert heat_of(scenario) == expected
+def test_a_block_that_is_left_out_is_heat_with_its_defaults(tmp_path):
+    assert heat_of(load(tmp_path, omitted())) == Heat()
 
 
 @pytest.mark.parametrize(
@@ -87,7 +77,7 @@ def test_a_block_that_is_left_out_is_heat_only_where_that_is_the_default(tmp_pat
         ("simulator.errors", {"body_temp": {"offset": "0.1 K", "deviation": "0.1 K", "correlation_time": "9 min"}}),
     ],
 )
-def test_a_scenario_with_what_heat_cannot_stand_beside_has_none(tmp_path, with_heat_by_default, path, value):
+def test_a_scenario_with_what_heat_cannot_stand_beside_has_none(tmp_path, path, value):
     written = written_with(path, value)
 
     assert heat_of(load(tmp_path, written)) is None
@@ -96,11 +86,11 @@ def test_a_scenario_with_what_heat_cannot_stand_beside_has_none(tmp_path, with_h
     assert heat_of(load(tmp_path, written | {"heat": "none"})) is None
 
 
-def test_an_external_simulator_has_no_heat(with_heat_by_default):
+def test_an_external_simulator_has_no_heat():
     assert heat_of(load_scenario(EXTERNAL, telemetry=EXTERNAL.parent / "scenarios")) is None
 
 
-def test_a_reduced_order_model_has_heat_beside_its_error(tmp_path, with_heat_by_default):
+def test_a_reduced_order_model_has_heat_beside_its_error(tmp_path):
     scenario = load(tmp_path, omitted())
     error = SimulatorError(offset="0.1 K", deviation="0.1 K", correlation_time="9 min")
     network = scenario.network.model_copy(update={"reduced_model": "rom.nc", "errors": {"body_temp": error}})
@@ -108,19 +98,18 @@ def test_a_reduced_order_model_has_heat_beside_its_error(tmp_path, with_heat_by_
     assert heat_of(scenario.model_copy(update={"simulator": network})) == Heat()
 
 
-def test_noise_that_is_left_out_is_correlated_beside_heat_alone(tmp_path, monkeypatch):
-    scenario = load(tmp_path, omitted())
+def test_noise_that_is_left_out_is_correlated_beside_heat_alone(tmp_path):
+    without = load(tmp_path, omitted() | {"heat": "none"})
+    assert noise_of(without, "body_temp") is without.noise
 
-    monkeypatch.setattr(schema, "_BY_DEFAULT", False)
-    assert noise_of(scenario, "body_temp") is scenario.noise
-    monkeypatch.setattr(schema, "_BY_DEFAULT", True)
+    scenario = load(tmp_path, omitted())
     body, panel = (noise_of(scenario, channel) for channel in ("body_temp", "panel_temp"))
     assert (body.model, body.white, body.standard_deviation) == ("ar1", HalfNormal(scale=0.5), HalfNormal(scale=1.0))
     assert body.correlation_time == LogNormal(median=300.0, factor=2.0)
     assert (panel.model, panel.white, panel.standard_deviation) == ("iid", None, 0.1)
 
 
-def test_noise_that_is_written_stays_beside_heat(tmp_path, with_heat_by_default):
+def test_noise_that_is_written_stays_beside_heat(tmp_path):
     scenario = load(tmp_path, omitted() | {"noise": {}})
 
     assert heat_of(scenario) == Heat()

@@ -5,6 +5,8 @@ from copy import deepcopy
 import numpy as np
 import pytest
 
+from flightcal.scenario import step_tolerance
+
 from .. import small
 from .satellites import problem_of, random_satellite
 
@@ -58,7 +60,7 @@ def test_the_noise_that_is_written_asks_for_a_tenth_of_it(tmp_path):
         changed = deepcopy(written)
         if noise is not None:
             changed["observations"]["node_0_temp"]["noise"] = noise
-        tolerances.append(problem_of(tmp_path, changed).scenario.step_tolerance)
+        tolerances.append(step_tolerance(problem_of(tmp_path, changed).scenario))
     np.testing.assert_allclose(tolerances, [5e-3, 5e-3, 1e-3])
 
 

@@ -16,6 +16,17 @@ from .calibrated import (
     written_values,
 )
 from .calibration import Calibration, EmulatorSettings, GeneticSettings, NutsSettings, PredictionSettings
+from .defaults import (
+    NOISE_BESIDE_HEAT,
+    can_have_heat,
+    default_noise,
+    heat_of,
+    noise_of,
+    not_normal,
+    step_tolerance,
+    time_error_of,
+    timed_together,
+)
 from .document import Problem, read_document
 from .environment import (
     OF_EARTH_AND_SUN,
@@ -65,27 +76,8 @@ from .priors import Beta, HalfNormal, HalfStudentT, LogNormal, Normal, Prior, Tr
 from .reduced import REDUCED_MODEL_FORMAT
 from .residuals import NEEDS, Discrepancy, DutyCycle, Noise, PhaseDiscrepancy, SwitchTimes, TimeDiscrepancy
 from .resolved import resolved_yaml
-from .schema import (
-    NOISE_BESIDE_HEAT,
-    Channel,
-    InitialState,
-    Observation,
-    Packet,
-    Parameter,
-    Readings,
-    Scenario,
-    TelemetryFile,
-    TimeColumn,
-    can_have_heat,
-    default_noise,
-    heat_of,
-    input_files,
-    is_difference,
-    noise_of,
-    not_normal,
-    time_error_of,
-    timed_together,
-)
+from .schema import InitialState, Observation, Parameter, Scenario, input_files, is_difference
+from .telemetry import Channel, Packet, Readings, TelemetryFile, TimeColumn
 from .template import write_new, write_template
 from .timeline import NamedChange, changes_in
 from .units import Duration, Kelvins, Power, Quantity, Seconds, Temperature, is_temperature, kind_of, si_unit, to_si

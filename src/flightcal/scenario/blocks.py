@@ -15,7 +15,8 @@ from .fields import reader_of
 from .heat import Heat
 from .network import Conductor, Face, Heater, Load, ModeChange, Node, ReducedNumber, SimulatorModel, SwitchedHeater
 from .residuals import Discrepancy, Noise
-from .schema import Channel, Observation, Packet, Parameter, Scenario
+from .schema import Observation, Parameter, Scenario
+from .telemetry import Channel, Packet
 from .windows import Window
 from .wording import problems_of
 

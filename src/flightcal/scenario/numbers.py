@@ -9,7 +9,8 @@ from typing import TYPE_CHECKING, get_args
 from .blocks import Blocks, blocks_of, readable
 from .fields import Block
 from .network import Conductor, Load
-from .schema import Channel, Scenario
+from .schema import Scenario
+from .telemetry import Channel
 from .units import LARGEST, STRONGEST, Quantity, si_unit, to_si
 
 if TYPE_CHECKING:

@@ -23,7 +23,8 @@ from .numbers import Settable, settable_of
 from .parameters import read_parameters
 from .reduced import fill_in
 from .residuals import Discrepancy, Noise
-from .schema import AnySimulator, Channel, Observation, Packet, Scenario, TelemetryFile
+from .schema import AnySimulator, Observation, Scenario
+from .telemetry import Channel, Packet, TelemetryFile
 from .timeline import with_attitudes, with_timeline
 from .units import show
 from .windows import Window, flat_windows

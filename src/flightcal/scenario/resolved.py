@@ -5,13 +5,14 @@ from __future__ import annotations
 from io import StringIO
 from typing import Any
 
+from .defaults import heat_of
 from .environment import AttitudeTimeline
 from .heat import Heat
 from .meshed import MESHED
 from .network import SimulatorModel
 from .priors import written_prior
 from .residuals import NEEDS, Noise
-from .schema import Scenario, heat_of
+from .schema import Scenario
 from .windows import grouped_windows
 
 _WIDTH = 10_000

@@ -8,7 +8,7 @@ from dataclasses import replace
 import numpy as np
 import xarray
 
-from ..scenario import Scenario, numbers_of
+from ..scenario import Scenario, numbers_of, step_tolerance
 from .assembly import ParameterMap, assemble
 from .drive import Times, drive_on, make_grid, window_inputs
 from .network import Network, build_network, sensor_state
@@ -91,7 +91,7 @@ def network_simulator(
     if scenario.network.step is not None:
         found = measure(coarse, compare)
         return simulator if found is None else replace(simulator, accuracy=found[0])
-    grid, accuracy = choose_grid(inputs, compare, scenario.step_tolerance)
+    grid, accuracy = choose_grid(inputs, compare, step_tolerance(scenario))
     return replace(simulator, drive=drive_on(inputs, grid), accuracy=accuracy)
 
 

@@ -9,7 +9,7 @@ from pathlib import Path
 from ..blocks import readable
 from ..document import Location, Problem
 from ..reading import Reading
-from ..schema import Channel
+from ..telemetry import Channel
 from ..units import did_you_mean, is_temperature, kind_of, parse_unit, show, si_unit, to_si
 
 _RAW = ("a plain number", "a voltage", "a resistance")

@@ -1,0 +1,95 @@
+"""What a scenario means where it writes nothing: its noise, its heat, the error of its time tags, its tolerance."""
+
+from __future__ import annotations
+
+from .heat import Heat
+from .network import SimulatorModel
+from .priors import HalfNormal, LogNormal
+from .residuals import Noise
+from .schema import Scenario
+
+_FINEST = 5e-3
+"""K, error of the integration that no telemetry shows."""
+_TIME_ERROR = 3.0
+"""s, where a scenario with unmodelled heat does not write `time_error`."""
+NOISE_BESIDE_HEAT = Noise(
+    model="ar1",
+    standard_deviation=HalfNormal(scale=1.0),
+    correlation_time=LogNormal(median=300.0, factor=2.0),
+    white=HalfNormal(scale=0.5),
+)
+"""Noise where none is written: heat leaves what lasts for minutes."""
+
+
+def not_normal(scenario: Scenario) -> list[str]:
+    """What the noise of temperature channels is called where it is not normal."""
+    channels = (name for name, item in scenario.observations.items() if item.heater is None)
+    return sorted({found for name in channels if (found := _written_noise(scenario, name).not_normal)})
+
+
+def noise_of(scenario: Scenario, channel: str) -> Noise:
+    """The noise of a temperature channel: its own, or else the scenario's `default_noise`."""
+    has_own = scenario.observations[channel].noise is not None
+    return _written_noise(scenario, channel) if has_own else default_noise(scenario)
+
+
+def default_noise(scenario: Scenario) -> Noise:
+    """The noise of channels that have none of their own; where the scenario writes none, beside heat it is AR(1)."""
+    written = "noise" in scenario.model_fields_set
+    return scenario.noise if written or heat_of(scenario) is None else NOISE_BESIDE_HEAT
+
+
+def heat_of(scenario: Scenario) -> Heat | None:
+    """The heat that the simulator does not know of; None: there is none.
+
+    Where the scenario does not write it, it has the defaults, unless the scenario has what heat cannot stand beside.
+    """
+    if scenario.heat is not None:
+        return scenario.heat if isinstance(scenario.heat, Heat) else None
+    return Heat() if can_have_heat(scenario) else None
+
+
+def time_error_of(scenario: Scenario) -> float | None:
+    """Prior standard deviation, s, of the error that time tags have in common; None: they have none."""
+    if not timed_together(scenario):
+        return None
+    if scenario.time_error is not None:
+        return None if scenario.time_error == "none" else scenario.time_error
+    return _TIME_ERROR if heat_of(scenario) is not None else None
+
+
+def timed_together(scenario: Scenario) -> tuple[str, ...]:
+    """Paths of the time offsets that the error of all time tags sets: of channels with none of their own."""
+    if not isinstance(scenario.simulator, SimulatorModel):
+        return ()
+    found = [
+        f"observations.{name}.time_offset"
+        for name, item in scenario.observations.items()
+        if item.node is not None and item.time_offset == 0.0
+    ]
+    return tuple(path for path in found if path not in scenario.uncertain)
+
+
+def can_have_heat(scenario: Scenario) -> bool:
+    """Whether the simulator takes heat, and the scenario has nothing that heat cannot stand beside."""
+    model = scenario.simulator
+    if not isinstance(model, SimulatorModel) or (model.errors and model.reduced_model is None):
+        return False
+    holds_heat = any(node.capacity is not None for node in model.nodes.values())
+    return holds_heat and scenario.discrepancy is None and not not_normal(scenario)
+
+
+def _written_noise(scenario: Scenario, channel: str) -> Noise:
+    own = scenario.observations[channel].noise
+    if own is None:
+        return scenario.noise
+    return own if isinstance(own, Noise) else Noise.model_construct(standard_deviation=own)
+
+
+def step_tolerance(scenario: Scenario) -> float:
+    """On the integration's error, K: see `SimulatorModel.tolerance`. Raises ScenarioError without a network."""
+    if scenario.network.tolerance is not None:
+        return scenario.network.tolerance
+    noises = [noise_of(scenario, name) for name, item in scenario.observations.items() if item.heater is None]
+    written = [(noise.quantisation, noise.standard_deviation, noise.white) for noise in noises]
+    return min([_FINEST, *(0.1 * value for values in written for value in values if isinstance(value, float))])
