@@ -17,9 +17,9 @@ from flightcal.commands.display import print_comparison
 from flightcal.prediction import Metric
 from flightcal.progress import SILENT
 from flightcal.report import write_comparison
-from flightcal.run import plain
+from flightcal.run import plain, write_netcdf
 from flightcal.scenario import NOISE_BESIDE_HEAT, heat_of, load_scenario, noise_of, resolved_yaml
-from flightcal.validation import MODELS, BlockLoo, comparison_of, models_of, variant
+from flightcal.validation import MODELS, BlockLoo, comparison_of, models_of, scored_by_all, variant
 from flightcal.validation.comparison import backtest_summary, recommend, recommend_by_backtest
 from tests import small
 from tests.commands.test_calibrate import write
@@ -207,24 +207,54 @@ def test_a_comparison_with_backtests_is_ranked_by_them(tmp_path):
     assert without["backtest"] == {}
 
 
-def predicted(error, seed=0, size=400):
-    """Telemetry of two channels around a prediction of 0.5 K standard deviation, off by `error` (K) besides."""
+def predicted(error, seed=0, size=400, unscored=10):
+    """Telemetry of two channels around a prediction of 0.5 K standard deviation, off by `error` (K) besides.
+
+    unscored: first samples that are not scored.
+    """
     rng = np.random.default_rng(seed)
     observed = 290.0 + 0.5 * rng.normal(size=(size, 2))
     by_method = ("by", "time", "channel")
     return xarray.Dataset(
         {
             "observed": (("time", "channel"), observed),
-            "scored": ("time", np.arange(size) >= 10),
+            "scored": ("time", np.arange(size) >= unscored),
             "mean": (by_method, np.full((1, size, 2), 290.0 + error)),
+            "lower": (by_method, np.full((1, size, 2), 289.0 + error)),
+            "upper": (by_method, np.full((1, size, 2), 291.0 + error)),
             "standard_deviation": (by_method, np.full((1, size, 2), 0.5)),
+            "crps": (("time", "channel"), np.abs(observed - 290.0 - error)),
         },
         {
             "time": small.START + np.arange(size) * np.timedelta64(60, "s"),
             "channel": ["body", "panel"],
             "by": ["stochastic"],
         },
+        {"origin": str(small.START)},
     )
+
+
+def keep(prediction, file, name="test"):
+    """A file of one prediction."""
+    file.parent.mkdir(parents=True, exist_ok=True)
+    write_netcdf(file, xarray.DataTree.from_dict({name: prediction}))
+
+
+def lost_first(model, error=0.0):
+    """A prediction that is 20 K off in the first ten samples, which the model heat alone scores."""
+    found = predicted(error, unscored=0 if model == "heat" else 10)
+    for name in ("mean", "lower", "upper"):
+        found[name][0, :10] += 20.0
+    return found.assign(crps=abs(found["observed"] - found["mean"][0]))
+
+
+def test_models_are_held_to_the_samples_that_all_of_them_score():
+    own = {model: {"test": lost_first(model)} for model in ("heat", "iid")}
+    found = scored_by_all(own)
+    for model, windows in found.items():
+        np.testing.assert_array_equal(windows["test"]["scored"], own["iid"]["test"]["scored"], err_msg=model)
+    assert own["heat"]["test"]["scored"].all()
+    assert scored_by_all({}) == {}
 
 
 @pytest.mark.parametrize(("error", "recommended"), [(0.01, None), (0.4, "phase")])
@@ -310,26 +340,42 @@ def test_a_model_that_failed_a_gate_is_named_with_the_gate(tmp_path):
     assert compare._failed(summary) == ["R-hat 1.2 (link)"]
 
 
-def test_each_model_is_backtested_if_asked_for(tmp_path, monkeypatch):
-    metric = Metric("stochastic", "test", "all", "log_score", 1.0, "nat")
+def test_each_model_is_backtested_if_asked_for_on_samples_that_all_score(tmp_path, monkeypatch):
     asked = []
 
     def experiment(file, run, *, searched=None, progress=SILENT):
-        return Summary(run, run / "report.html", {"passed": True}, (metric,), False, None, {})
+        keep(lost_first(run.name), run / "prediction.nc")
+        return Summary(run, run / "report.html", {"passed": True}, (), False, None, {})
 
     def backtested(file, out, *, progress=SILENT):
         asked.append((file.name, out.name))
-        crps = 0.2 if out.name.startswith("ar1") else 0.4
-        return Backtest(out, out / "report.html", rolling(crps, 5))
+        model = out.name.removesuffix("_backtest")
+        keep(lost_first(model, 0.0 if model == "heat" else 0.3), out / "backtest.nc", "origin")
+        return Backtest(out, out / "report.html", rolling(9.0, 5) | {"period": small.PERIOD})
 
     monkeypatch.setattr(compare, "run_experiment", experiment)
     monkeypatch.setattr(compare, "backtest_scenario", backtested)
     monkeypatch.setattr(compare, "_block_loo", lambda *_: loo(1.0))
     told = Told()
-    found = compare.compare_models(write(tmp_path), tmp_path / "out", ["iid", "ar1"], backtest=True, progress=told)
+    found = compare.compare_models(write(tmp_path), tmp_path / "out", ["iid", "heat"], backtest=True, progress=told)
     assert re.fullmatch(r"2 models: 12 calibrations; sampling takes about \d+ (s|min) in all", told.said[0])
-    assert asked == [("iid.yaml", "iid_backtest"), ("ar1.yaml", "ar1_backtest")]
-    assert found.content["recommended"] == "ar1"
+    assert asked == [("iid.yaml", "iid_backtest"), ("heat.yaml", "heat_backtest")]
+    assert found.content["recommended"] == "heat"
+    # The mean distance of a normal variable from its middle.
+    assert found.content["backtest"]["heat"]["crps"] == pytest.approx(0.5 * np.sqrt(2.0 / np.pi), rel=0.1)
+    assert found.content["means"]["heat"] == found.content["means"]["iid"]
+
+
+def test_a_window_from_the_end_of_training_on_is_compared_on_samples_that_all_score(tmp_path, monkeypatch):
+    def experiment(file, run, *, searched=None, progress=SILENT):
+        keep(lost_first(run.name, 0.0 if run.name == "heat" else 0.4), run / "prediction.nc")
+        return Summary(run, run / "report.html", {"passed": True}, (), False, None, {})
+
+    monkeypatch.setattr(compare, "run_experiment", experiment)
+    monkeypatch.setattr(compare, "_block_loo", lambda *_: loo(1.0))
+    found = compare.compare_models(write(tmp_path), tmp_path / "out", ["iid", "heat"])
+    assert found.content["recommended"] == "heat"
+    assert found.content["differences"]["iid"]["worse"] == pytest.approx(0.32, abs=0.1)
 
 
 @pytest.mark.parametrize(("models", "message"), [("iid", "two or more"), ("iid,ar2", "found ar2")])
@@ -382,11 +428,10 @@ def test_an_interrupted_sampling_ends_the_comparison_and_what_was_left_out_is_ke
 
 def test_scores_of_windows_left_out_stand_in_the_comparison_if_asked_for(tmp_path, monkeypatch):
     values = {"rmse": 1.0, "mape_kelvin": 0.3, "picp": 0.95, "mpiw": 4.0, "crps": 0.6, "log_score": -1.0}
-    metrics = [Metric("stochastic", "test", "all", name, value, "K") for name, value in values.items()]
 
     def experiment(file, run, *, searched=None, progress=SILENT):
-        run.mkdir(parents=True, exist_ok=True)
-        return Summary(run, run / "report.html", {"passed": True}, tuple(metrics), False, None, {})
+        keep(predicted(0.0), run / "prediction.nc")
+        return Summary(run, run / "report.html", {"passed": True}, (), False, None, {})
 
     monkeypatch.setattr(compare, "run_experiment", experiment)
     monkeypatch.setattr(compare, "_block_loo", lambda *_: loo(1.0))

@@ -16,7 +16,7 @@ import typer
 
 from ..errors import GATE_FAILED, RunError
 from ..progress import SILENT, Progress, about
-from .backtest import ORIGINS, backtest_scenario
+from .backtest import ORIGINS, PREDICTIONS, backtest_scenario
 from .calibrate import Summary, run_experiment
 from .options import ScenarioFile, TelemetryPlace
 
@@ -105,10 +105,19 @@ def compare_models(
     recommend by that.
     Raises FlightcalError for what is the user's to mend, and KeyboardInterrupt after a sampling that was interrupted.
     """
+    from ..prediction import PREDICTION_FILE, score
     from ..report import write_comparison
     from ..run import locked, plain, sweep, write_json, write_text
     from ..scenario import heat_of, is_trained, load_scenario, resolved_yaml
-    from ..validation import USUAL, check_windows, comparison_of, models_of, variant
+    from ..validation import (
+        USUAL,
+        band_scores,
+        check_windows,
+        comparison_of,
+        models_of,
+        scored_by_all,
+        variant,
+    )
 
     scenario = load_scenario(scenario_file, telemetry=telemetry)
     known = models_of(scenario)
@@ -126,7 +135,7 @@ def compare_models(
     with locked(folder, _LOCK):
         sweep(folder)
         summaries: dict[str, Summary] = {}
-        loos, others, backtests = {}, {}, {}
+        loos, others, backtests, rolled = {}, {}, {}, {}
         progress.say(_expected(scenario, models, leave_windows_out=leave_windows_out, backtest=backtest))
         for model in models:
             progress.say(model)
@@ -143,11 +152,26 @@ def compare_models(
             if leave_windows_out:
                 others[model] = _left_out(file, summaries[model], progress)
             if backtest:
-                backtests[model] = backtest_scenario(file, folder / f"{model}_backtest", progress=progress).content
-        metrics = {model: summary.metrics for model, summary in summaries.items()}
+                found = backtest_scenario(file, folder / f"{model}_backtest", progress=progress)
+                backtests[model], rolled[model] = found.content, _predictions(found.folder / PREDICTIONS)
+        for model, by_origin in scored_by_all(rolled).items():
+            scores = band_scores(by_origin, backtests[model]["period"])
+            backtests[model] = backtests[model] | {"scores": plain(scores)}
         passed = {model: summary.passed for model, summary in summaries.items()}
-        unseen = [window for window in scenario.windows if not is_trained(window)]
-        predictions = {model: _predictions(summary.run, unseen) for model, summary in summaries.items()}
+        predictions = scored_by_all(
+            {
+                model: {
+                    window: own
+                    for window, own in _predictions(summary.run / PREDICTION_FILE).items()
+                    if not is_trained(window)
+                }
+                for model, summary in summaries.items()
+            }
+        )
+        metrics = {
+            model: [metric for window, own in of_model.items() for metric in score(own, window)]
+            for model, of_model in predictions.items()
+        }
         content = comparison_of(scenario.name, metrics, loos, passed, backtests, predictions)
         content |= {"left_out": others, "failed_gates": {model: _failed(own) for model, own in summaries.items()}}
         write_json(folder / _RESULT, plain(content))
@@ -155,15 +179,11 @@ def compare_models(
         return Comparison(folder, summaries, content)
 
 
-def _predictions(run: Path, windows: Sequence[str]) -> dict[str, xarray.Dataset]:
-    """The prediction of each window; none where the run has no file."""
-    from ..prediction import PREDICTION_FILE
+def _predictions(file: Path) -> dict[str, xarray.Dataset]:
+    """Those of a run's or a backtest's file, by window or origin."""
     from ..run import read_tree
 
-    if not (run / PREDICTION_FILE).exists():
-        return {}
-    tree = read_tree(run / PREDICTION_FILE)
-    return {window: tree[window].to_dataset() for window in windows}
+    return {name: group.to_dataset() for name, group in read_tree(file).children.items()}
 
 
 def _failed(summary: Summary) -> list[str]:

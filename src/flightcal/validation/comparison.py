@@ -92,6 +92,23 @@ def variant(scenario: Scenario, model: str) -> Scenario:
     )
 
 
+def scored_by_all(
+    predictions: Mapping[str, Mapping[str, xarray.Dataset]],
+) -> dict[str, dict[str, xarray.Dataset]]:
+    """Predictions of each model by window or origin, with those samples scored alone that every model scores.
+
+    Where training ends, a model with heat scores a window from its first sample on, and others leave out some minutes.
+    """
+    together: dict[str, Any] = {}
+    for windows in predictions.values():
+        for window, own in windows.items():
+            together[window] = own["scored"].values.astype(bool) & together.get(window, True)
+    return {
+        model: {window: own.assign(scored=("time", together[window])) for window, own in windows.items()}
+        for model, windows in predictions.items()
+    }
+
+
 def comparison_of(
     name: str,
     metrics: Mapping[str, Sequence[Metric]],
@@ -102,10 +119,10 @@ def comparison_of(
 ) -> dict[str, Any]:
     """Content of comparison.json: scores by model, the blocks left out, and what is recommended and why.
 
-    loos: of those models for which blocks were left out. backtests: backtest.json of each model; where they are given,
-    they tell which model is recommended. predictions: of each model by unseen window; they or the backtests tell the
-    error of a difference. Nothing is recommended (None) where another model that was sampled well is within `CLEAR`
-    errors of the best.
+    metrics, backtests and predictions: of samples that every model scores (`scored_by_all`). loos: of those models for
+    which blocks were left out. backtests: backtest.json of each model; where they are given, they tell which model is
+    recommended. predictions: of each model by unseen window; they or the backtests tell the error of a difference.
+    Nothing is recommended (None) where another model that was sampled well is within `CLEAR` errors of the best.
     """
     rows = []
     for model, found in metrics.items():
