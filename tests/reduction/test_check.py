@@ -51,17 +51,32 @@ def test_the_full_network_agrees_with_the_flight_but_for_the_control_cycle(tmp_p
     simulator, times = window_simulator(scenario, start, end, task.period)
     initial = [scenario.network.nodes[simulator.network.nodes[k]].initial for k in simulator.network.diffusive]
     run = simulator.simulate(np.concatenate([THETA, initial]))
-    flown = fly_at(task.mission, task.scenario.parameters, THETA, simulator.channels, times)
+    flown = fly_at(task.mission, task.scenario.parameters, THETA, simulator.channels, times, (start, end))
     records = {item["channel"]: item for item in compare([flown], [run], simulator.channels, ("battery duty",))}
     # A heater is switched at the next cycle, up to 10 s late: 18 W on 5600 J/K are 0.03 K by then.
     assert records["structure_1"]["worst"] < 0.02
     assert records["battery_1"]["worst"] < 0.15
     assert abs(records["battery duty"]["mean"]) < 0.01
-    other = fly_at(task.mission, task.scenario.parameters, THETA * 1.05, simulator.channels, times)
+    other = fly_at(task.mission, task.scenario.parameters, THETA * 1.05, simulator.channels, times, (start, end))
     assert compare([other], [run], simulator.channels, ())[2]["worst"] > 0.1
 
 
 def test_a_window_before_the_mission_is_refused(task):
     earlier = replace(task.mission, start=task.mission.start + np.timedelta64(1, "D"))
+    times = np.array([task.mission.start])
     with pytest.raises(Exception, match="before the mission's start"):
-        fly_at(earlier, task.scenario.parameters, THETA, ("battery_1",), np.array([task.mission.start]))
+        fly_at(earlier, task.scenario.parameters, THETA, ("battery_1",), times, (times[0], times[0]))
+
+
+def test_a_flight_is_looked_at_over_the_whole_window_wherever_its_samples_lie(task):
+    start = task.mission.start
+    span = (start, start + np.timedelta64(2, "h"))
+    times = start + np.arange(0, 7200, 600) * np.timedelta64(1, "s")
+    whole, late = (
+        fly_at(task.mission, task.scenario.parameters, THETA, ("battery_1",), own, span) for own in (times, times[3:-3])
+    )
+    # The mission begins with what the spacecraft file writes.
+    assert late.start["battery"] == pytest.approx(288.15)
+    assert (late.start, late.on) == (whole.start, whole.on)
+    np.testing.assert_array_equal(late.duty, whole.duty)
+    np.testing.assert_array_equal(late.temperatures, whole.temperatures[3:-3])

@@ -18,14 +18,14 @@ from .spacecraft import spacecraft_at
 
 @dataclass(frozen=True)
 class Flown:
-    """One theta on the operational simulator, at the samples of a window."""
+    """One theta on the operational simulator, in a window."""
 
     temperatures: FloatArray
-    """[T, N] K, of the sensors' nodes."""
+    """[T, N] K, of the sensors' nodes at the samples."""
     duty: FloatArray
     """[H] share of the window's time that each heater line gives power."""
     start: Mapping[str, float]
-    """Plain name of each node -> K, at the first sample."""
+    """Plain name of each node -> K, at the window's start."""
     on: Mapping[str, float]
     """Heater line -> 0 or 1, whether it gives power then."""
 
@@ -36,25 +36,27 @@ def fly_at(
     theta: FloatArray,
     sensors: Sequence[str],
     times: Times,
+    span: tuple[np.datetime64, np.datetime64],
 ) -> Flown:
     """Fly the mission with the parameters of the full network at theta [d], and look at `sensors` at `times` [T].
 
-    The flight begins where the mission does, so initial temperatures are the spacecraft file's.
-    Raises FlightcalError for times before the mission's start.
+    span: the window's start and end, UTC. The flight begins where the mission does, so initial temperatures are the
+    spacecraft file's.
+    Raises FlightcalError for a window that starts before the mission.
     """
-    if times[0] < mission.start:
-        raise FlightcalError(f"check: found {times[0]}, before the mission's start {mission.start}")
+    if span[0] < mission.start:
+        raise FlightcalError(f"check: found {span[0]}, before the mission's start {mission.start}")
     craft = spacecraft_at(mission.spacecraft, parameters, theta)
-    seconds: FloatArray = (times - mission.start) / np.timedelta64(1, "ns") * 1e-9
-    duration = math.ceil(seconds[-1] / craft.software.period) * craft.software.period + craft.software.period
+    seconds, (start, end) = ((own - mission.start) / np.timedelta64(1, "ns") * 1e-9 for own in (times, np.array(span)))
+    duration = math.ceil(end / craft.software.period) * craft.software.period + craft.software.period
     flight = fly(craft, mission.start, duration, seed=mission.seed)
     columns = [flight.nodes.index(craft.thermistors[name].node) for name in sensors]
     temperatures = np.stack(
         [np.interp(seconds, flight.cycle_times, flight.temperatures[:, column]) for column in columns], axis=1
     )
-    within = (flight.cycle_times >= seconds[0]) & (flight.cycle_times < seconds[-1])
-    first = np.array([np.interp(seconds[0], flight.cycle_times, series) for series in flight.temperatures.T])
-    cycle = int(np.searchsorted(flight.cycle_times, seconds[0], side="right")) - 1
+    within = (flight.cycle_times >= start) & (flight.cycle_times < end)
+    first = np.array([np.interp(start, flight.cycle_times, series) for series in flight.temperatures.T])
+    cycle = int(np.searchsorted(flight.cycle_times, start, side="right")) - 1
     return Flown(
         temperatures,
         np.asarray((flight.power[within] > 0.0).mean(axis=0)),

@@ -45,7 +45,7 @@ def _fly(run: Run, problem: Problem, sampled: Sampled, *, simulations: int, seed
     def both(number: int) -> tuple[Flown, Trajectory | None]:
         k, (window, own) = flights[number]
         run.progress.at(k, f"flight {k + 1} of {len(thetas)}")
-        there = fly_at(task.mission, parameters, thetas[k, positions], channels, window.times)
+        there = fly_at(task.mission, parameters, thetas[k, positions], channels, window.times, window.span)
         return there, _from_there(window, own[k], there)
 
     made = in_parallel(both, len(flights))
