@@ -384,3 +384,19 @@ def test_windows_in_groups_are_read_back_as_they_were(tmp_path):
     assert list(scenario.windows) == ["train.first", "train.second", "test.1"]
     (tmp_path / "again.yaml").write_text(resolved_yaml(scenario))
     assert load_scenario(tmp_path / "again.yaml") == scenario
+
+
+@pytest.mark.parametrize(
+    ("start", "expected"),
+    [("03:00", "long"), ("04:40", "short"), ("05:45", "short"), ("01:30", "long"), ("09:00", "short")],
+)
+def test_the_nearest_window_is_the_one_whose_edge_is_nearest(tmp_path, start, expected):
+    content = written()
+    content["windows"] = {
+        "train": {
+            "long": {"start": "2024-03-01T00:00:00", "end": "2024-03-01T03:00:00"},
+            "short": {"start": "2024-03-01T05:30:00", "end": "2024-03-01T06:30:00"},
+        }
+    }
+    problem = build_problem(*small.closed_loop(tmp_path, content))
+    assert problem.nearest(np.datetime64(f"2024-03-01T{start}", "ns")).label == expected

@@ -43,7 +43,8 @@ def window_errors(
     thetas = [problem.at(own, draws) for own in trained]
     runs = [own.simulate_many(theta) for own, theta in zip(trained, thetas, strict=True)]
     duty = [_duty_errors(own, of_window) for own, of_window in zip(trained, runs, strict=True)]
-    place = [own.name for own in problem.windows].index(problem.nearest(window.times[0]).name)
+    names = [own.name for own in problem.windows]
+    place = names.index(window.name if window.name in names else problem.nearest(window.times[0]).name)
     train = trained[place]
     missing = np.full(train.observed.shape, np.nan)
     temperatures = np.stack([missing if run is None else run.temperatures for run in runs[place]])

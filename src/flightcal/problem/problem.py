@@ -132,8 +132,13 @@ class Problem:
         return link(self.entries, self.windows, window)
 
     def nearest(self, start: np.datetime64) -> Window:
-        """The window that is nearest to a time."""
-        return min(self.windows, key=lambda window: abs(window.times[0] - start))
+        """The window that is nearest to a time: that it lies in, or whose edge is; of several the nearest start."""
+
+        def distance(window: Window) -> tuple[np.timedelta64, np.timedelta64]:
+            first, last = window.times[0], window.times[-1]
+            return max(first - start, start - last, np.timedelta64(0, "ns")), abs(first - start)
+
+        return min(self.windows, key=distance)
 
     def independent(self) -> Problem:
         """The same problem, its theta too, with independent normal noise alone: no discrepancy, no correlation."""
