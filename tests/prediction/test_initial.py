@@ -207,3 +207,28 @@ def test_the_first_samples_tell_whether_a_heater_without_a_status_is_on(tmp_path
     many = np.tile(truth, (1000, 1))
     guess = condition_start(unseen, many, WhiteErrors(np.ones((1000, 2))), rng, None, np.array([0.3]))[1]
     assert abs(guess.mean() - 0.3) < 4.0 * np.sqrt(0.3 * 0.7 / 1000)
+
+
+def test_a_state_of_a_heater_at_which_simulations_fail_is_not_chosen(tmp_path):
+    written = small.content()
+    del written["simulator"]["heaters"]["heater"]["measured_by"], written["observations"]["heater_status"]
+    scenario, data = small.load(tmp_path, written)
+    window = build_window(scenario, data, "test", span=600.0)
+
+    class FailsWhereOn:
+        def __init__(self, own, on=0.0):
+            self.own, self.on = own, on
+
+        def __getattr__(self, name):
+            return getattr(self.own, name)
+
+        def begun(self, on):
+            return FailsWhereOn(self.own.begun(on), on[0])
+
+        def simulate_many(self, thetas, heat=None):
+            return [None] * len(thetas) if self.on else self.own.simulate_many(thetas, heat)
+
+    thetas, noise = np.tile(small.median(window), (20, 1)), WhiteErrors(np.full((20, 2), 0.3))
+    rng = np.random.default_rng(0)
+    _, begun = condition_start(FailsWhereOn(window), thetas, noise, rng, None, np.array([0.9]))
+    np.testing.assert_array_equal(begun, np.zeros((20, 1)))

@@ -98,6 +98,7 @@ def _conditioned(
     for _ in range(_ITERATIONS):
         jacobian = _jacobian(first, np.median(thetas, axis=0), positions)
         if jacobian is None:
+            fits[:] = -np.inf
             break
         columns = np.broadcast_to(np.where(valid[..., None], jacobian, 0.0), (len(thetas), *jacobian.shape))
         weighted = errors.whiten(columns).reshape(len(thetas), -1, len(positions))
