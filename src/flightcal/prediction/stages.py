@@ -57,11 +57,11 @@ def _predict(
         run.progress.at(k, f"window {window}")
         predicted[window], _ = predict(problem, data, window, points, draws, seed=seed, heat=heat, **stand_in)
     scores = [metric for window, prediction in predicted.items() for metric in score(prediction, window)]
-    of_runs = [metric for metric in scores if metric.method in points and metric.method not in shown]
-    metrics = [metric for metric in scores if metric not in of_runs]
+    kept = [*shown, STOCHASTIC]
+    of_runs = [metric for metric in scores if metric.method not in kept]
+    metrics = [metric for metric in scores if metric.method in kept]
     metrics += [*scores_of_runs(of_runs), _converged(problem, genetic)]
-    kept = {"by": [*shown, STOCHASTIC]}
-    predicted = {window: prediction.sel(kept) for window, prediction in predicted.items()}
+    predicted = {window: prediction.sel(by=kept) for window, prediction in predicted.items()}
     run.folder.write_netcdf(PREDICTION_FILE, xarray.DataTree.from_dict(predicted))
     run.folder.write_json(METRICS_FILE, plain(metrics))
 
