@@ -8,8 +8,9 @@ import pytest
 from flightcal.calibration import calibrate_genetic, calibrate_nuts, genetic_points, with_residual_noise
 from flightcal.calibration.posterior import posterior_tree
 from flightcal.errors import FlightcalError
-from flightcal.problem import build_problem
+from flightcal.problem import Problem, build_problem
 from flightcal.scenario import GeneticSettings, NutsSettings
+from flightcal.simulator import SimulationFailure
 from tests.told import Told
 
 from .. import small
@@ -110,6 +111,20 @@ def test_poorly_calibrated_are_parameters_within_their_priors_at_the_right_initi
     # The place of one of 24 draws.
     assert 0.55 < (rmse[1:] < rmse[0]).mean() < 0.92
     assert rmse[0] > 1.25 * problem.rmse(median[None])[0]
+
+
+def test_a_simulation_that_fails_beside_the_mode_is_a_message(problem, monkeypatch):
+    def fail(*_):
+        raise SimulationFailure("not finite after 60 s")
+
+    monkeypatch.setattr(Problem, "coordinates", fail)
+    with pytest.raises(FlightcalError, match="calibration: not finite after 60 s: check units"):
+        calibrate_nuts(problem, random_starts=1)
+
+
+def test_a_calibration_without_any_start_is_a_message(problem):
+    with pytest.raises(FlightcalError, match="found no start"):
+        calibrate_nuts(problem, random_starts=0)
 
 
 def test_residual_noise_of_a_failed_simulation_stays_as_it_was(problem):

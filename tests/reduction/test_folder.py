@@ -9,11 +9,12 @@ import numpy as np
 import pytest
 
 from flightcal.commands.calibrate import DEMO
-from flightcal.errors import RunError
+from flightcal.errors import FlightcalError, RunError
 from flightcal.reduction import folder as module
 from flightcal.reduction.folder import CERTIFICATE, MODEL_FILE, reduce_to_folder, scenario_of
 from flightcal.reduction.storage import load
 from flightcal.scenario import load_scenario
+from flightcal.simulator import NetworkSimulator, SimulationFailure
 from tests.reduction import craft
 
 SMALL = {"projection": {"states": 10, "settled": 0}}
@@ -47,6 +48,20 @@ def test_the_reduced_model_stands_in_the_runs_folder(made):
     assert (scenario.parent / found.network.reduced_model).samefile(place / "run" / "reduced" / MODEL_FILE)
     assert (scenario.parent / found.network.checked_on).samefile(place / "reduce.yaml")
     assert all(item.bias == 0.0 for item in found.observations.values())
+
+
+def test_simulations_of_the_full_network_that_fail_are_a_message(tmp_path, monkeypatch):
+    file = craft.write(tmp_path, SMALL)
+    monkeypatch.setattr(NetworkSimulator, "simulate_many", lambda self, thetas: [None] * len(thetas))
+    with pytest.raises(FlightcalError, match="window 'march': every simulation of the full network fails"):
+        reduce_to_folder(file, tmp_path / "out")
+
+    def fail(*_):
+        raise SimulationFailure("not finite after 60 s")
+
+    monkeypatch.setattr(module, "reduce", fail)
+    with pytest.raises(FlightcalError, match="reduction: not finite after 60 s: check the spacecraft"):
+        reduce_to_folder(file, tmp_path / "out")
 
 
 @pytest.mark.usefixtures("no_reduction")

@@ -9,6 +9,7 @@ import numpy as np
 
 from ..problem import Problem
 from ..progress import SILENT, Progress
+from ..run import numbers_told
 from ..scenario import NutsSettings, heat_of
 from ..simulator import FloatArray
 from .diagnostics import Diagnostics, diagnose
@@ -19,6 +20,7 @@ from .posterior import Posterior, prior_scores
 from .with_heat import calibrate_with_heat
 
 
+@numbers_told("calibration", "check units, powers and capacities, and the priors with 'flightcal simulate'")
 def calibrate_nuts(
     problem: Problem,
     settings: NutsSettings | None = None,
@@ -32,8 +34,8 @@ def calibrate_nuts(
 
     settings, seed: None: the scenario's. starts: named thetas [d] from which the mode is sought too, such as the
     genetic algorithm's. random_starts: prior draws from which it is sought.
-    Raises FlightcalError when no start has a finite density, and KeyboardInterrupt where sampling is interrupted before
-    the first draw.
+    Raises FlightcalError when no start has a finite density or a simulation fails beside the mode, and
+    KeyboardInterrupt where sampling is interrupted before the first draw.
     """
     settings = settings or problem.scenario.calibration.nuts
     seed = problem.scenario.calibration.seed if seed is None else seed

@@ -183,7 +183,9 @@ def _distinct(modes: Sequence[Mode]) -> list[Mode]:
 
 
 def check_simulated(modes: Sequence[Mode]) -> None:
-    """Raises FlightcalError where no start of the search has a finite density."""
+    """Raises FlightcalError where there is no start of the search, or none has a finite density."""
+    if not modes:
+        raise FlightcalError("calibration: found no start, expected a named or a random one")
     if not np.isfinite(modes[0].log_density):
         raise FlightcalError(
             "no start of the calibration can be simulated: every simulation fails or is not finite; "

@@ -10,7 +10,7 @@ import numpy as np
 
 from ..errors import RunError
 from ..progress import SILENT, Progress
-from ..run import REDUCED, hash_of, hash_of_file, read_json, write_json, write_text
+from ..run import REDUCED, hash_of, hash_of_file, numbers_told, read_json, write_json, write_text
 from ..scenario import (
     Channel,
     InitialState,
@@ -40,10 +40,11 @@ _OF_SCENARIO = {"name", "description", "telemetry", "windows", "calibration"}
 _BELIEVABLE = ("-200 degC", "300 degC")
 
 
+@numbers_told("reduction", "check the spacecraft's capacities and links, and the priors of the parameters")
 def reduce_to_folder(path: Path, out: Path, progress: Progress = SILENT) -> list[str]:
     """Reduce what the file at `path` names; nothing is overwritten. Returns the certificate, and what was written.
 
-    Raises ScenarioError, and RunError where `out` holds something already.
+    Raises ScenarioError, RunError where `out` holds something already, and FlightcalError where a simulation fails.
     """
     if out.exists() and (not out.is_dir() or any(out.iterdir())):
         raise RunError(f"{out}: found something there, expected a new or empty folder: nothing is overwritten")

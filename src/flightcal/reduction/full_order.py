@@ -7,6 +7,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 import xarray
 
+from ..errors import FlightcalError
 from ..probability import Priors
 from ..progress import SILENT, Progress
 from ..scenario import Scenario
@@ -65,7 +66,10 @@ def window_simulator(
 
 
 def run_full(task: Task, runs: Runs, progress: Progress = SILENT) -> list[FullRuns]:
-    """The runs that the file asks for; a draw whose simulation fails is left out."""
+    """The runs that the file asks for; a draw whose simulation fails is left out.
+
+    Raises FlightcalError where all of a window fail.
+    """
     rng = np.random.default_rng(runs.seed)
     found = []
     for k, (name, window) in enumerate(runs.windows.items()):
@@ -83,6 +87,11 @@ def _run_window(task: Task, name: str, window: FlightWindow, rng: np.random.Gene
     trajectories = simulator.simulate_many(np.concatenate([parameters, initial], axis=1))
     kept = [k for k, trajectory in enumerate(trajectories) if trajectory is not None]
     done = [trajectory for trajectory in trajectories if trajectory is not None]
+    if not done:
+        raise FlightcalError(
+            f"window '{name}': every simulation of the full network fails or is not finite; check the spacecraft's "
+            "capacities and links, and the priors of the parameters"
+        )
     first = int(np.searchsorted(times, start + np.timedelta64(round(task.settling * 1e9), "ns")))
     temperatures = np.stack([trajectory.temperatures[first:] for trajectory in done])
     sensors = [simulator.network.nodes.index(item.node or "") for item in scenario.observations.values()]

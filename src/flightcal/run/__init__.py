@@ -17,5 +17,5 @@ from .records import (
     write_netcdf,
     write_text,
 )
-from .stages import Run, Stage
-from .workers import each
+from .stages import Run, Stage, numbers_told
+from .workers import ATTEMPTS, each

@@ -75,7 +75,7 @@ class Run:
         else:
             started = self.folder.begin(stage.name)
             # Threads of linear algebra spin where others want the processor, and then take many times as long.
-            with self._shown(stage) as progress, threadpool_limits(1), _numbers_told(stage.title or stage.name):
+            with self._shown(stage) as progress, threadpool_limits(1), numbers_told(stage.title or stage.name):
                 inside = replace(self, progress=_Logged(progress, self.folder, stage.name))
                 stage.make(inside, *inputs, **settings)
                 made = stage.read(self, *inputs)
@@ -101,16 +101,22 @@ class Run:
         return plain(thing)
 
 
+_TOO_FAR = (
+    "the scenario is too far from its telemetry. Check units, powers and capacities, and what is said to be likely "
+    "wrong"
+)
+
+
 @contextmanager
-def _numbers_told(what: str) -> Iterator[None]:
-    """What cannot be computed becomes a message: a scenario that is far from its telemetry does that to any stage."""
+def numbers_told(what: str, advice: str = _TOO_FAR) -> Iterator[None]:
+    """What cannot be computed becomes a message: a scenario that is far from its telemetry does that to any stage.
+
+    Raises FlightcalError for numbers that overflow, matrices that lose all digits, and simulations that fail.
+    """
     try:
         yield
     except (ArithmeticError, np.linalg.LinAlgError) as error:
-        raise FlightcalError(
-            f"{what}: {error}: the scenario is too far from its telemetry. Check units, powers and capacities, and "
-            "what is said to be likely wrong"
-        ) from error
+        raise FlightcalError(f"{what}: {error}: {advice}") from error
 
 
 @dataclass(frozen=True)

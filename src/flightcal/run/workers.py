@@ -20,7 +20,8 @@ from ..errors import RunError
 Item = TypeVar("Item")
 Result = TypeVar("Result")
 
-_ATTEMPTS: Final = 3
+ATTEMPTS: Final = 3
+"""Processes that an item may cost."""
 _ENDING: Final = 5.0  # s that a process may take to end before it is killed
 # A server that has imported the task's module once forks the processes: those that replace dead ones start at once.
 _PROCESSES: Final = get_context("forkserver")
@@ -72,13 +73,13 @@ def each(
                     if at is not None:
                         number, item = at
                         deaths[number] += 1
-                        if deaths[number] < _ATTEMPTS:
+                        if deaths[number] < ATTEMPTS:
                             waiting.appendleft(at)
                         else:
                             done(item, lost(item))
                     elif not worker.up:
                         failed_starts += 1
-                        if failed_starts == _ATTEMPTS:
+                        if failed_starts == ATTEMPTS:
                             raise RunError("the worker processes die when they start") from None
                     continue
                 if kind == "raised":
