@@ -118,7 +118,7 @@ def _run_stages(run: Run, problem: Problem, data: xarray.Dataset, text: str, sea
     from ..prediction import PREDICT, PREDICTION_FILE, read_unseen
     from ..report import read_run, verdict_of, write_report
     from ..scenario import input_files
-    from ..validation import FULL_SIMULATOR
+    from ..validation import FULL_SIMULATOR, flown_from
     from .folder import heat_shares, taken_over
 
     scenario = problem.scenario
@@ -137,7 +137,10 @@ def _run_stages(run: Run, problem: Problem, data: xarray.Dataset, text: str, sea
         sampled = run.stage(NUTS, problem, genetic, settings=method.nuts, seed=seed)
     checked = None
     if getattr(scenario.simulator, "checked_on", None) is not None:
-        checked = run.stage(FULL_SIMULATOR, problem, sampled, simulations=method.prediction.simulations, seed=seed)
+        checked = run.stage(
+            FULL_SIMULATOR, problem, sampled,
+            flown_from=flown_from(scenario), simulations=method.prediction.simulations, seed=seed,
+        )  # fmt: skip
     metrics = run.stage(
         PREDICT, problem, data, genetic, sampled, emulation,
         windows=scenario.windows, settings=method.prediction, seed=seed,

@@ -60,7 +60,7 @@ def reduce_to_folder(path: Path, out: Path, progress: Progress = SILENT) -> list
     stored = stored_of(reduced.model, task.scenario, block, sensor_errors(task, reduced), full_heat(task))
     save(out / MODEL_FILE, stored)
     write_text(out / "scenario.yaml", _scenario_text(task, reduced.model, path, out, MODEL_FILE))
-    write_json(out / CERTIFICATE, {"made_from": _made_from(path, task), **content})
+    write_json(out / CERTIFICATE, {"made_from": made_from(path, task), **content})
     return [*lines, *(f"wrote {out / name}" for name in _FILES)]
 
 
@@ -71,8 +71,8 @@ def scenario_of(path: Path, out: Path, progress: Progress = SILENT) -> Path:
     from the same. Otherwise it is made in `out`. Raises ScenarioError, and RunError where `out` holds something else.
     """
     task, own = load_task(path), out / REDUCED
-    made_from = _made_from(path, task)
-    kept = [folder for folder in (path.parent / REDUCED, own) if _is_from(folder, made_from)]
+    origin = made_from(path, task)
+    kept = [folder for folder in (path.parent / REDUCED, own) if _is_from(folder, origin)]
     if not kept:
         if out.exists() and (not out.is_dir() or {file.name for file in out.iterdir()} - {REDUCED}):
             raise RunError(f"{out}: found something else than a run of {path} as it is, expected a new or empty folder")
@@ -88,13 +88,13 @@ def scenario_of(path: Path, out: Path, progress: Progress = SILENT) -> Path:
     return own / "scenario.yaml"
 
 
-def _is_from(folder: Path, made_from: str) -> bool:
+def _is_from(folder: Path, origin: str) -> bool:
     certificate = folder / CERTIFICATE
-    return certificate.is_file() and read_json(certificate).get("made_from") == made_from
+    return certificate.is_file() and read_json(certificate).get("made_from") == origin
 
 
-def _made_from(path: Path, task: Task) -> str:
-    """Hash of what a reduced model follows from."""
+def made_from(path: Path, task: Task) -> str:
+    """Hash of what a reduced model follows from: the reduction file at `path`, its spacecraft and that one's files."""
     files = [path.parent / task.reduction.spacecraft, *map(Path, input_files(task.scenario))]
     asked = task.reduction.model_dump(mode="json", exclude=_OF_SCENARIO)
     return hash_of(list(map(hash_of_file, files)), asked)

@@ -11,8 +11,9 @@ import numpy as np
 from ..calibration import Sampled, mean_and_some, posterior_draws, with_kept_heat
 from ..errors import ScenarioError
 from ..problem import Problem, Window
-from ..reduction import Flown, compare, fly_at, load_task
+from ..reduction import Flown, compare, fly_at, load_task, made_from
 from ..run import Run, Stage, read_json
+from ..scenario import Scenario
 from ..simulator import TIME_ERROR, FloatArray, Trajectory, in_parallel
 
 FULL_CHECK_FILE = "full_simulator_check.json"
@@ -20,7 +21,17 @@ CHECKED = 8
 """Posterior draws that are flown, besides the mean; in how far the reduced model is off they differ little."""
 
 
-def _fly(run: Run, problem: Problem, sampled: Sampled, *, simulations: int, seed: int) -> None:
+def flown_from(scenario: Scenario) -> str:
+    """Hash of what the check flies, a spacecraft file that the scenario does not name and all that it names itself.
+
+    Raises ScenarioError where the reduction file or the spacecraft file does not read.
+    """
+    assert scenario.network.checked_on is not None
+    file = scenario.folder / scenario.network.checked_on
+    return made_from(file, load_task(file))
+
+
+def _fly(run: Run, problem: Problem, sampled: Sampled, *, flown_from: str, simulations: int, seed: int) -> None:
     problem = with_kept_heat(problem, sampled.posterior)
     draws = posterior_draws(sampled.posterior, problem.names, simulations, seed)
     scenario = problem.scenario
@@ -86,6 +97,7 @@ FULL_SIMULATOR: Final = Stage(
 )
 """Of a problem and its posterior: its mean and some draws are flown, and how far the reduced model is off is written.
 
+Made anew where `flown_from`, a setting, has changed.
 The flight begins with the spacecraft file's initial temperatures, the reduced model in each window where the flight is
 then. Biases and failures of what flies are not in it.
 Raises ScenarioError where the reduction file does not read or has other parameters.
