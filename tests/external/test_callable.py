@@ -1,3 +1,4 @@
+import os
 import textwrap
 import time
 
@@ -5,6 +6,7 @@ import numpy as np
 import pytest
 
 from flightcal.errors import ScenarioError
+from flightcal.external import in_worker
 from flightcal.external.in_worker import close_workers
 from flightcal.prediction import predict
 from flightcal.problem import build_problem
@@ -111,6 +113,14 @@ def test_function_that_hangs_is_killed_and_the_next_run_is_as_good_as_new(tmp_pa
     assert [record.outcome for record in records] == ["finished", "timed out", "finished"]
     assert records[1].message == "still running after 1 s, killed"
     assert time.perf_counter() - started < 30
+
+
+def test_what_a_model_prints_does_not_pile_up(tmp_path):
+    simulator = build(tmp_path, GOOD.replace("    battery", "    print('x' * 1000, flush=True)\n    battery", 1))
+    for _ in range(3):
+        assert simulator.run(THETA).outcome == "finished"
+    (worker,) = in_worker._IDLE
+    assert os.fstat(worker.said.fileno()).st_size == 1001
 
 
 def test_file_that_is_edited_is_read_again_by_the_next_simulator(tmp_path):

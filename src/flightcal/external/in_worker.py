@@ -112,6 +112,9 @@ class _Worker:
 
     def ask(self, timeout: float, request: str, *arguments: Any) -> Any:
         """The answer to a request. Raises RunFailure; after one that is not the child's own word, it is gone."""
+        # Of what a model prints, only what it says last is ever shown, and a campaign runs it many times.
+        self.said.seek(0)
+        self.said.truncate()
         try:
             self.connection.send((request, *arguments))
             if not self.connection.poll(timeout):
