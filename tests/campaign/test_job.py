@@ -76,6 +76,12 @@ def test_a_job_runs_only_what_has_no_record_and_tells_all_outcomes(tmp_path):
     assert executions(tmp_path / "log").total() == 3
 
 
+def test_a_run_that_is_given_up_says_how_often_it_was_tried(tmp_path):
+    given = job(tmp_path, Sleeper(tmp_path / "log"))
+    assert given.give_up(thetas(1)[0], 3) == {"crashed": 1}
+    assert given.recorded(thetas(1)[0]).attempts == 3
+
+
 def test_a_record_has_the_theta_that_was_asked_for(tmp_path):
     given = job(tmp_path, Sleeper(tmp_path / "log"))
     given.record_missing(thetas(4))

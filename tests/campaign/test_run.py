@@ -96,7 +96,10 @@ def test_a_worker_that_is_lost_costs_only_its_task(runner, tmp_path, chunk):
 def test_a_run_that_kills_every_worker_is_recorded_as_crashed_and_costs_no_other(runner, tmp_path, chunk):
     given = job(tmp_path, Deadly(tmp_path / "log", times=1000))
     assert runner.run_missing(given, thetas(12), chunk=chunk) == {"finished": 11, "crashed": 1}
-    assert "the worker process died" in given.store.read(thetas(12)[7]).message
+    found = given.store.read(thetas(12)[7])
+    assert "the worker process died" in found.message
+    # How often a cluster has tried is its own affair.
+    assert found.attempts == (3 if isinstance(runner, Here) else 1)
 
 
 def test_a_folder_that_the_workers_do_not_see_is_a_message(runner, tmp_path):

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections import Counter
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from time import perf_counter
 from typing import Protocol, runtime_checkable
 
@@ -48,9 +48,10 @@ class Job:
         except DamagedRecord:
             return None
 
-    def give_up(self, theta: FloatArray) -> Counter[str]:
-        """Record that the run at theta [d] kills its worker; the same count as of `record_missing`."""
-        self.store.write(theta, self._crashed(theta, "the worker process died each time that it was run"))
+    def give_up(self, theta: FloatArray, attempts: int = 1) -> Counter[str]:
+        """Record that the run at theta [d] kills its worker, attempts times at least; counts as `record_missing`."""
+        message = "the worker process died each time that it was run"
+        self.store.write(theta, replace(self._crashed(theta, message), attempts=attempts))
         return self.record_missing(theta[None])
 
     def _crashed(self, theta: FloatArray, message: str, seconds: float = np.nan) -> Record:

@@ -12,7 +12,7 @@ from dataclasses import dataclass
 from typing import Protocol
 
 from ..errors import RunError
-from ..run import each
+from ..run import ATTEMPTS, each
 from ..simulator import FloatArray
 from .job import Job
 
@@ -56,7 +56,7 @@ class Here:
 
         def lost(task: FloatArray) -> Counter[str]:
             """The runs of a task that kills workers are tried one by one, then given up."""
-            return self.run_missing(job, task) if len(task) > 1 else job.give_up(task[0])
+            return self.run_missing(job, task) if len(task) > 1 else job.give_up(task[0], ATTEMPTS)
 
         try:
             each(job.record_missing, tasks_of(thetas, chunk), self.workers, done=done, lost=lost)
