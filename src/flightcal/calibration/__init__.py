@@ -1,4 +1,4 @@
-"""The problem, its priors and likelihood, and the methods that solve it.
+"""The methods that calibrate a problem: a genetic algorithm, and the mode and draws of its posterior.
 
 Imports: errors, probability, problem, progress, run, scenario, simulator, telemetry.
 """

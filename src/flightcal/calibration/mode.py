@@ -146,7 +146,7 @@ def _with_residuals(problem: Problem, starts: Sequence[Start]) -> list[Start]:
 def _around(problem: Problem, z: FloatArray, width: float, rng: np.random.Generator) -> FloatArray:
     """Draws [S, d] of the normal distribution around a mode z [d], so many times as wide.
 
-    None where simulations next to the mode fail.
+    Empty where simulations next to the mode fail.
     """
     try:
         coordinates = problem.coordinates(z)

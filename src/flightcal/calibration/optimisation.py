@@ -65,7 +65,7 @@ _OF_SEARCH = {
     "rmse": ("K", "root mean square error of a run's best"),
     "generations": ("1", "generations that a run took"),
     "converged": ("1", "whether a run converged"),
-    "history": ("K", "root mean square error of the best of each generation"),
+    "history": ("K", "root mean square error of the best so far"),
     "best": (EACH, "best of a run"),
     "first_generation_best": (EACH, "best of a run's first generation"),
     "mean_theta": (EACH, "mean of the runs' best"),

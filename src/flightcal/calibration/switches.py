@@ -180,7 +180,7 @@ def with_shifts(held: Held, longer: FloatArray, heaters: Collection[int], least:
 def exchanged(times: Sequence[HeaterTimes], slope: FloatArray, curvature: FloatArray) -> list[Bools]:
     """States [B] of each heater that make the log density largest, one exchange after the other.
 
-    slope, curvature: [b] and [b, b] of minus the log density, for power added in each time of all heaters.
+    slope: [b] of the log density, for power added in each time of all heaters; curvature: [b, b] of minus it.
     """
     states, slope = [own.on.copy() for own in times], slope.copy()
     ends = np.cumsum([0, *(len(own.on) for own in times)])

@@ -29,7 +29,7 @@ class Calibrated:
 
     name: str
     kind: str
-    """parameter, drift, noise, discrepancy, heat, timing, error_rate or initial"""
+    """parameter, drift, noise, discrepancy, heat, timing, error_rate, time or initial"""
     unit: str
     before: float
     """Median of the prior."""

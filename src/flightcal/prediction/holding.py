@@ -139,8 +139,8 @@ def hold_together(windows: Sequence[Replicates]) -> list[Holding]:
     The bands are family-wise: of replicates drawn from the prediction 99% (`HELD`) have coverage and errors of all
     channels of all windows inside. A replicate counts by its most extreme value, and a value by the replicate's rank in
     it. Where channels are many, ranks alone cannot tell: of a thousand draws twenty are the lowest or highest in one of
-    ten channels. These are told apart by their distance from the next one. Windows of one calibration have their draws
-    in the same order.
+    ten channels. These are told apart by their distance from the next one. Rows of all windows are taken for the same
+    draws, as they are unless a simulation failed in some of the windows alone.
 
     A perfect model's channel leaves the region of 90 to 100% often. With noise that is correlated over 20 min
     (AR(1)), samples a minute apart, 95% intervals and four channels the band ends at about 64% in a window of two

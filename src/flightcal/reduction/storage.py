@@ -41,7 +41,7 @@ _WAYS: TypeAdapter[dict[str, FaceNormal]] = TypeAdapter(dict[str, FaceNormal])
 
 @dataclass(frozen=True)
 class Stored:
-    """What a file holds; where a scenario names it, its attribute `about` is read too (`scenario/_reduced.py`)."""
+    """What a file holds; where a scenario names it, its attribute `about` is read too (`scenario/reduced.py`)."""
 
     model: ReducedModel
     errors: dict[str, SimulatorError]
