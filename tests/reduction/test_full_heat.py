@@ -10,7 +10,7 @@ from flightcal.reduction.candidate import errors_of, theta_of
 from flightcal.reduction.file import load_task
 from flightcal.reduction.full_heat import full_heat
 from flightcal.reduction.full_order import run_full
-from flightcal.reduction.names import plain
+from flightcal.reduction.names import node_name
 from flightcal.reduction.reduced_scenario import network_for, reduced_scenario
 from flightcal.reduction.storage import load, save, stored_of
 from flightcal.scenario import SunTracking
@@ -55,7 +55,7 @@ def moved(task, model, held_out, known):
     full = runs.scenario.model_copy(
         update={"simulator": runs.scenario.network.model_copy(update={"step": 30.0})},
     )
-    names, reduced = list(map(plain, HEATED)), reduced_scenario(full, model, 30.0)
+    names, reduced = list(map(node_name, HEATED)), reduced_scenario(full, model, 30.0)
     window = xarray.Dataset(), runs.start, runs.end, runs.times
     large = network_simulator(full, *window, period=task.period, heated=HEATED)
     small = network_simulator(reduced, *window, period=task.period, network=network_for(model, reduced, names))

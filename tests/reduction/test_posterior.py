@@ -21,7 +21,7 @@ from flightcal.operational.file import load_spacecraft
 from flightcal.operational.simulator import fly
 from flightcal.problem import build_problem
 from flightcal.reduction.file import load_task
-from flightcal.reduction.names import plain
+from flightcal.reduction.names import node_name
 from flightcal.report import read_run
 from flightcal.report.panels.heat import node_heats
 from flightcal.scenario import (
@@ -308,7 +308,7 @@ def test_the_posterior_through_the_reduced_model_is_that_through_the_full_networ
     flight = fly(mission.spacecraft, mission.start, 6100.0, seed=mission.seed)
     at_start = flight.temperatures[600]
     initial = dict(zip(flight.nodes, at_start.tolist(), strict=True))
-    by_plain_name = {plain(name): value for name, value in initial.items()}
+    by_plain_name = {node_name(name): value for name, value in initial.items()}
 
     full = task.scenario
     written = folder / "rom" / "scenario.yaml"

@@ -10,7 +10,7 @@ from flightcal.reduction.candidate import errors_of, simulator_on, theta_of
 from flightcal.reduction.file import load_task
 from flightcal.reduction.full_heat import full_heat
 from flightcal.reduction.full_order import run_full, window_simulator
-from flightcal.reduction.names import plain
+from flightcal.reduction.names import node_name
 from flightcal.reduction.projection import choose_shapes, collect, project
 from flightcal.reduction.reduce import reduce
 from flightcal.reduction.reduced_model import initial_given
@@ -144,11 +144,11 @@ def test_a_state_without_a_thermistor_starts_where_the_others_say(task, training
     rest = [k for k in range(len(states)) if k not in seen]
     off = []
     for temperatures in reached:
-        known = {plain(model.states[k]): temperatures[k] for k in seen}
+        known = {node_name(model.states[k]): temperatures[k] for k in seen}
         found = initial_given(model, known, 0.1)
-        assert found.keys() == {plain(model.states[k]) for k in rest}
-        off.append([(temperatures[k] - found[plain(model.states[k])][0]) for k in rest])
-    deviations = np.array([found[plain(model.states[k])][1] for k in rest])
+        assert found.keys() == {node_name(model.states[k]) for k in rest}
+        off.append([(temperatures[k] - found[node_name(model.states[k])][0]) for k in rest])
+    deviations = np.array([found[node_name(model.states[k])][1] for k in rest])
     errors = np.sqrt(np.mean(np.square(off), axis=0))
     np.testing.assert_allclose(errors, deviations, rtol=0.35)
     assert (deviations < 0.8 * np.sqrt(np.diag(model.initial_covariance))[rest]).all()

@@ -57,7 +57,7 @@ def validate_scenario(
     """
     from ..report import write_validation
     from ..run import hash_of
-    from ..validation import judge, prepared, run_repeats, short
+    from ..validation import judge_repeats, prepared, run_repeats, short
     from .folder import open_for
 
     source = (str(scenario_file), None if telemetry is None else str(telemetry), residuals)
@@ -66,6 +66,6 @@ def validate_scenario(
     how = hash_of("validate", short(scenario.calibration.nuts).model_dump(), scenario.calibration.seed)
     with open_for(scenario, Path(out), progress, **{"the sampler and the seed": how}) as run:
         run_repeats(run.folder, source, repeats, workers=workers, progress=progress)
-        validation = judge(run.folder, problem, repeats)
+        validation = judge_repeats(run.folder, problem, repeats)
         write_validation(run.path)
     return validation

@@ -12,7 +12,7 @@ from ..errors import FlightcalError
 from ..operational import Mission, fly
 from ..scenario import Parameter
 from ..simulator import FloatArray, Times, Trajectory
-from .names import plain
+from .names import node_name
 from .spacecraft import spacecraft_at
 
 
@@ -60,7 +60,7 @@ def fly_at(
     return Flown(
         temperatures,
         np.asarray((flight.power[within] > 0.0).mean(axis=0)),
-        dict(zip(map(plain, flight.nodes), first.tolist(), strict=True)),
+        dict(zip(map(node_name, flight.nodes), first.tolist(), strict=True)),
         dict(zip(craft.software.heaters, (flight.power[cycle] > 0.0).astype(float).tolist(), strict=True)),
     )
 

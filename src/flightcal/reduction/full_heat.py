@@ -9,7 +9,7 @@ import numpy as np
 from ..simulator import FloatArray, flow_through, heat_of_inputs
 from .file import Task
 from .full_order import window_simulator
-from .names import plain
+from .names import node_name
 from .projection import merged_columns
 from .spacecraft import medians_of
 
@@ -42,7 +42,7 @@ def full_heat(task: Task) -> FullHeat:
     theta = np.concatenate([medians, run.temperatures[first, network.diffusive]])
     _, _, gather = merged_columns(network, scenario)
     return FullHeat(
-        tuple(map(plain, names)),
+        tuple(map(node_name, names)),
         flow_through(settled, scenario, names, theta),
         heat_of_inputs(settled, names, theta) @ gather,
     )

@@ -27,7 +27,7 @@ import numpy as np
 from ..scenario import FaceNormal
 from ..simulator import FIELDS, FloatArray, IntArray, Network, Term, canonical_form, own_initial
 from .affine import Kind, Product
-from .names import plain
+from .names import node_name
 
 
 @dataclass(frozen=True)
@@ -101,7 +101,7 @@ def initial_given(model: ReducedModel, known: Mapping[str, float], spread: float
 
     known: by plain names. As the training runs have them at any time.
     """
-    names = [plain(name) for name in model.states]
+    names = [node_name(name) for name in model.states]
     seen = [k for k, name in enumerate(names) if name in known]
     rest = [k for k, name in enumerate(names) if name not in known]
     covariance = model.initial_covariance
@@ -146,7 +146,7 @@ def network_of(model: ReducedModel, numbers: Mapping[str, float] | None = None, 
     for kind, these in columns.items():
         for product, matrix in model.matrices[kind].items():
             _add(terms[kind], balances, these, solved @ matrix, product)
-    names = [plain(name) for name in model.full]
+    names = [node_name(name) for name in model.full]
     entering = model.entering[[names.index(name) for name in heated]].T
     _add(terms["forcing"], balances, len(model.columns) + np.arange(len(heated)), solved @ entering, ())
     for product, matrix in model.matrices["heating"].items():
@@ -160,10 +160,10 @@ def network_of(model: ReducedModel, numbers: Mapping[str, float] | None = None, 
     structure, table = canonical_form(terms, mass, watched, len(values), own_initial(mass))
     return Network(
         nodes=(
-            *map(plain, model.mixed),
+            *map(node_name, model.mixed),
             *(f"follower.{k}" for k in range(s)),
-            *map(plain, model.settled),
-            *map(plain, model.states),
+            *map(node_name, model.settled),
+            *map(node_name, model.states),
             *(f"rate.{name}" for name in model.states if rates),
         ),
         columns=(*model.columns, *(f"heat.{name}" for name in heated)),

@@ -7,7 +7,7 @@ from collections.abc import Sequence
 from ..scenario import Face, Node, Parameter, Scenario, SimulatorModel, settable
 from ..simulator import Network
 from .affine import KEPT
-from .names import plain
+from .names import node_name
 from .reduced_model import ReducedModel, network_of
 
 
@@ -17,7 +17,7 @@ def reduced_scenario(scenario: Scenario, model: ReducedModel, step: float | None
         update={
             "simulator": simulator_block(scenario.network, model, step),
             "observations": {
-                name: item.model_copy(update={"node": plain(item.node or "")})
+                name: item.model_copy(update={"node": node_name(item.node or "")})
                 for name, item in scenario.observations.items()
             },
             "parameters": {name: _rewritten(name, parameter, model) for name, parameter in scenario.parameters.items()},
@@ -28,22 +28,22 @@ def reduced_scenario(scenario: Scenario, model: ReducedModel, step: float | None
 def simulator_block(full: SimulatorModel, model: ReducedModel, step: float | None) -> SimulatorModel:
     """What a scenario says of the simulator: the states as nodes, a face for each way, heaters and modes."""
     states = {
-        plain(name): Node.model_construct(capacity=1.0, initial=float(value), arithmetic=False, boundary=None)
+        node_name(name): Node.model_construct(capacity=1.0, initial=float(value), arithmetic=False, boundary=None)
         for name, value in zip(model.states, model.initial, strict=True)
     }
     mixed = {
-        plain(name): Node.model_construct(capacity=None, initial=None, arithmetic=True, boundary=None)
+        node_name(name): Node.model_construct(capacity=None, initial=None, arithmetic=True, boundary=None)
         for name in (*model.settled, *model.mixed)
     }
     faces = {
         way: Face.model_construct(
-            node=plain(model.states[0]), area=1.0, normal=normal, absorptivity=1.0, emissivity=1.0
+            node=node_name(model.states[0]), area=1.0, normal=normal, absorptivity=1.0, emissivity=1.0
         )
         for way, normal in model.ways.items()
     }
     heaters = {
         # Where its heat goes is in the model's matrices; its node is one of the full network.
-        name: heater.model_copy(update={"node": plain(heater.node), "sensor": plain(heater.sensor)})
+        name: heater.model_copy(update={"node": node_name(heater.node), "sensor": node_name(heater.sensor)})
         for name, heater in full.switches.items()
     }
     return full.model_copy(
@@ -54,7 +54,7 @@ def simulator_block(full: SimulatorModel, model: ReducedModel, step: float | Non
             "faces": faces,
             "heaters": heaters,
             "loads": {},
-            "full_nodes": tuple(map(plain, model.full)),
+            "full_nodes": tuple(map(node_name, model.full)),
         }
     )
 

@@ -21,7 +21,7 @@ from ..scenario import FaceNormal, ReducedNumber, Scenario, SimulatorError, Simu
 from ..simulator import FloatArray
 from .affine import Product
 from .full_heat import FullHeat
-from .names import plain
+from .names import node_name
 from .reduced_model import ReducedModel
 
 _WORDS = ("states", "settled", "mixed", "free", "columns", "heaters", "shifts", "followers", "full")
@@ -94,7 +94,7 @@ def _load(path: Path, *version: int) -> Stored:
         about["sensors"],
         SimulatorModel.model_validate(about["simulator"]),
         {name: ReducedNumber.model_validate(item) for name, item in about["parameters"].items()},
-        FullHeat(tuple(map(plain, model.full)), *(data[name].to_numpy() for name in _OF_HEAT)),
+        FullHeat(tuple(map(node_name, model.full)), *(data[name].to_numpy() for name in _OF_HEAT)),
     )
 
 

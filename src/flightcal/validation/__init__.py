@@ -20,6 +20,6 @@ from .reliability import (
     probability_integral_transform,
     uniformity,
 )
-from .repeats import Validation, judge, prepared, run_repeats, short
+from .repeats import Validation, judge_repeats, prepared, run_repeats, short
 from .residuals import SIGNIFICANCE, ResidualCheck, autocorrelation, check_window, effective_samples, nominal_spacing
 from .simulation_based import INTERVALS, Band, ecdf, ecdf_band, joint

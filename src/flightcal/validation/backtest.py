@@ -80,7 +80,7 @@ def backtest_record(scenario: Scenario, plan: Plan, predictions: Mapping[str, xa
     predictions: groups of backtest.nc, in the order of the plan's origins.
     """
     channels = [str(name) for name in next(iter(predictions.values()))["channel"].values]
-    holdings = judge(predictions)
+    holdings = holdings_of(predictions)
     scores = band_scores(predictions, plan.period)
     origins = [
         _origin_record(name, prediction, holding, channels)
@@ -106,7 +106,7 @@ def backtest_record(scenario: Scenario, plan: Plan, predictions: Mapping[str, xa
     }
 
 
-def judge(predictions: Mapping[str, xarray.Dataset]) -> list[Holding]:
+def holdings_of(predictions: Mapping[str, xarray.Dataset]) -> list[Holding]:
     """Whether intervals held after each origin, in one band for all of its channels (see `hold_together`)."""
     return [hold_together([replicates_of(own)])[0] for own in predictions.values()]
 

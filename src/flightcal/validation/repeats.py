@@ -170,7 +170,7 @@ def ranked_names(problem: Problem) -> tuple[str, ...]:
     return *(name for name in problem.names if name not in held), *heat.names
 
 
-def judge(run: RunDirectory, problem: Problem, repeats: int) -> Validation:
+def judge_repeats(run: RunDirectory, problem: Problem, repeats: int) -> Validation:
     """Read the first `repeats` repeats of a folder, judge them, and write validation.json."""
     names = ranked_names(problem)
     found = tuple(_read(run.file(_name(k))) for k in range(repeats))
