@@ -19,8 +19,7 @@ from scipy.spatial.distance import cdist, pdist
 from ..errors import FlightcalError
 from ..progress import SILENT, Progress
 from ..scenario import GeneticSettings
-
-Array = NDArray[np.float64]
+from ..simulator import FloatArray
 
 CROSSOVER_PROBABILITY = 0.9
 CROSSOVER_INDEX = 15.0
@@ -43,15 +42,20 @@ IMPROVED, NARROWED = 0.01, 0.1
 """By which share its best cost may fall, and its population become narrower, over these generations."""
 _NARROW = 1e-3
 """Of the box, in the root mean square over the variables: a population so narrow may become narrower still."""
+CRITERION = (
+    f"over {CONVERGED_AFTER} generations its best cost has fallen by less than {IMPROVED:.0%} and its population "
+    f"has become narrower by less than {NARROWED:.0%}, or is narrower than {_NARROW:.1%} of the box"
+)
+"""When a run has converged."""
 
 _FAILED = 1e300
 """What the algorithm sees instead of a cost that is not finite: it loses every tournament."""
 
 
 def minimise(
-    cost: Callable[[Array], Array],
-    lower: Array,
-    upper: Array,
+    cost: Callable[[FloatArray], FloatArray],
+    lower: FloatArray,
+    upper: FloatArray,
     settings: GeneticSettings,
     seed: int,
     *,
@@ -64,16 +68,15 @@ def minimise(
     lower, upper: [d], finite, lower < upper.
     words: how the best cost so far is told.
 
-    A run ends when it has converged (see `criterion`), at the latest after `settings.generations`.
+    A run ends when it has converged (see `CRITERION`), at the latest after `settings.generations`.
 
     All runs go on side by side, so that a generation of all is one batch of simulations.
 
     Returns best [run, parameter]; its cost [run]; generations [run]; converged [run], 0 or 1; history
-    [run, generation], the best cost so far, NaN after the run's end; first_generation_best [run, parameter], NaN where
-    all of that generation failed. Where a whole run failed, its best is NaN and its cost inf. Over the other runs:
-    mean_theta [parameter], the mean of their best, which is published and may lie off the ridge of good fits;
-    best_theta, the best of all; spread_theta, their standard deviation (zero for a single run). Attributes: evaluations
-    and failures (cost not finite), of all runs together, how many runs converged, and what that means.
+    [run, generation], the best cost so far, NaN after the run's end. Where a whole run failed, its best is NaN and its
+    cost inf. Over the other runs: mean_theta [parameter], the mean of their best, which is published and may lie off
+    the ridge of good fits; best_theta, the best of all. Attributes: evaluations and failures (cost not finite), of all
+    runs together, how many runs converged, and what that means.
     Raises FlightcalError when no simulation of any run succeeds.
     """
     seeds = np.random.SeedSequence(seed).generate_state(settings.runs)
@@ -99,16 +102,8 @@ def minimise(
     return _merge([ended[number] for number in range(settings.runs)])
 
 
-def criterion() -> str:
-    """When a run has converged, in words."""
-    return (
-        f"over {CONVERGED_AFTER} generations its best cost has fallen by less than {IMPROVED:.0%} and its population "
-        f"has become narrower by less than {NARROWED:.0%}, or is narrower than {_NARROW:.1%} of the box"
-    )
-
-
 def has_converged(costs: Sequence[float], widths: Sequence[float]) -> bool:
-    """Whether a run has converged (see `criterion`). costs: the best so far; widths: of the population, in the box.
+    """Whether a run has converged (see `CRITERION`). costs: the best so far; widths: of the population, in the box.
 
     A value for each generation so far.
     """
@@ -120,16 +115,15 @@ def has_converged(costs: Sequence[float], widths: Sequence[float]) -> bool:
 
 
 def _evolve(
-    lower: Array, upper: Array, settings: GeneticSettings, seed: int
-) -> Generator[Array, Array, dict[str, Any]]:
+    lower: FloatArray, upper: FloatArray, settings: GeneticSettings, seed: int
+) -> Generator[FloatArray, FloatArray, dict[str, Any]]:
     """One run: yields the individuals [S, d] whose costs [S] it is to be sent; its part of what `minimise` returns."""
     rng = np.random.default_rng(seed)
     population, fitness = _latin_hypercube(settings.population, lower, upper, rng), np.empty(0)
     best, best_cost = np.full(len(lower), np.nan), np.inf
-    first_generation_best = best
     history: list[float] = []
     widths: list[float] = []
-    evaluations = failures = 0
+    evaluations = failures = converged = 0
     for generation in range(settings.generations):
         individuals = population if generation == 0 else _offspring(population, fitness, lower, upper, rng)
         costs = yield individuals
@@ -148,25 +142,23 @@ def _evolve(
                 population, fitness = np.concatenate([population, individuals]), np.append(fitness, costs)
                 fittest = np.argsort(fitness, kind="stable")[: settings.population]
                 population, fitness = population[fittest], fitness[fittest]
-        if generation == 0:
-            first_generation_best = best
         history.append(best_cost)
         widths.append(math.sqrt(float(np.mean((population.std(axis=0) / (upper - lower)) ** 2))))
-        if has_converged(history, widths):
+        converged = int(has_converged(history, widths))
+        if converged:
             break
     return {
         "best": best,
         "cost": best_cost,
         "generations": len(history),
-        "converged": int(has_converged(history, widths)),
+        "converged": converged,
         "history": history,
-        "first_generation_best": first_generation_best,
         "evaluations": evaluations,
         "failures": failures,
     }
 
 
-def _latin_hypercube(count: int, lower: Array, upper: Array, rng: np.random.Generator) -> Array:
+def _latin_hypercube(count: int, lower: FloatArray, upper: FloatArray, rng: np.random.Generator) -> FloatArray:
     """Individuals [S, d] in the box: of several Latin hypercubes that whose closest two are farthest apart."""
     best, greatest = np.empty(0), -np.inf
     for _ in range(_HYPERCUBES):
@@ -178,7 +170,9 @@ def _latin_hypercube(count: int, lower: Array, upper: Array, rng: np.random.Gene
     return lower + best * (upper - lower)
 
 
-def _offspring(population: Array, fitness: Array, lower: Array, upper: Array, rng: np.random.Generator) -> Array:
+def _offspring(
+    population: FloatArray, fitness: FloatArray, lower: FloatArray, upper: FloatArray, rng: np.random.Generator
+) -> FloatArray:
     """As many new individuals as the population [S, d] has, or fewer where too many come out as known ones."""
     offspring = np.empty((0, population.shape[1]))
     for _ in range(_MATINGS):
@@ -194,7 +188,7 @@ def _offspring(population: Array, fitness: Array, lower: Array, upper: Array, rn
     return offspring
 
 
-def _parents(population: Array, fitness: Array, children: int, rng: np.random.Generator) -> Array:
+def _parents(population: FloatArray, fitness: FloatArray, children: int, rng: np.random.Generator) -> FloatArray:
     """Parents [2, matings, d] of so many children: the winners of binary tournaments."""
     matings = math.ceil(children / 2)
     rounds = math.ceil(4 * matings / len(population))
@@ -206,7 +200,7 @@ def _parents(population: Array, fitness: Array, children: int, rng: np.random.Ge
     return population[np.reshape(winners, (matings, 2)).T]
 
 
-def _crossed(parents: Array, lower: Array, upper: Array, rng: np.random.Generator) -> Array:
+def _crossed(parents: FloatArray, lower: FloatArray, upper: FloatArray, rng: np.random.Generator) -> FloatArray:
     """Children [2 matings, d] by simulated binary crossover within the box; Deb & Agrawal (1995)."""
     _, matings, d = parents.shape
     mated: NDArray[np.bool_] = np.less(rng.random(matings), CROSSOVER_PROBABILITY)
@@ -218,7 +212,7 @@ def _crossed(parents: Array, lower: Array, upper: Array, rng: np.random.Generato
     low, high = np.minimum(first, second), np.maximum(first, second)
     draw, gap, power = rng.random(len(low)), high - low, CROSSOVER_INDEX + 1.0
 
-    def spread(room: Array) -> Array:
+    def spread(room: FloatArray) -> FloatArray:
         alpha = 2.0 - (1.0 + 2.0 * room / gap) ** -power
         inside = draw <= 1.0 / alpha
         return np.where(inside, draw * alpha, 1.0 / np.where(inside, 1.0, 2.0 - draw * alpha)) ** (1.0 / power)
@@ -233,7 +227,7 @@ def _crossed(parents: Array, lower: Array, upper: Array, rng: np.random.Generato
     return np.clip(children, lower, upper).reshape(-1, d)
 
 
-def _mutated(individuals: Array, lower: Array, upper: Array, rng: np.random.Generator) -> Array:
+def _mutated(individuals: FloatArray, lower: FloatArray, upper: FloatArray, rng: np.random.Generator) -> FloatArray:
     """Individuals [S, d] after polynomial mutation within the box; Deb & Goyal (1996)."""
     d = individuals.shape[1]
     mutated = rng.random(individuals.shape) < min(0.5, 1.0 / d)
@@ -267,15 +261,13 @@ def _merge(runs: list[dict[str, Any]]) -> xarray.Dataset:
             "generations": ("run", of_runs["generations"]),
             "converged": ("run", of_runs["converged"]),
             "history": (("run", "generation"), of_runs["history"]),
-            "first_generation_best": (("run", "parameter"), of_runs["first_generation_best"]),
             "mean_theta": ("parameter", best[succeeded].mean(axis=0)),
             "best_theta": ("parameter", best[int(np.argmin(cost))]),
-            "spread_theta": ("parameter", best[succeeded].std(axis=0, ddof=1 if succeeded.sum() > 1 else 0)),
         },
         attrs={
             "evaluations": evaluations,
             "failures": failures,
             "converged_runs": int(of_runs["converged"].sum()),
-            "converged_when": criterion(),
+            "converged_when": CRITERION,
         },
     )

@@ -67,10 +67,8 @@ _OF_SEARCH = {
     "converged": ("1", "whether a run converged"),
     "history": ("K", "root mean square error of the best so far"),
     "best": (EACH, "best of a run"),
-    "first_generation_best": (EACH, "best of a run's first generation"),
     "mean_theta": (EACH, "mean of the runs' best"),
     "best_theta": (EACH, "best of all runs"),
-    "spread_theta": (EACH, "standard deviation of the runs' best"),
     "poor_theta": (EACH, "plausible wrong calibration"),
     "unit": ("", "SI unit of each quantity"),
 }
