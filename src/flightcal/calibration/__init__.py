@@ -9,7 +9,7 @@ from .methods import calibrate_nuts
 from .mode import climb, find_mode
 from .nuts import sample
 from .optimisation import calibrate_genetic, genetic_points, genetic_run_points, with_residual_noise
-from .posterior import Posterior, mean_and_some
+from .posterior import Posterior, mean_and_some, some_of
 from .results import CALIBRATED_FILE, RESULTS, RESULTS_FILE, TABLE_FILE, read_calibrated
 from .stages import COMPILE, GENETIC, NUTS, Sampled, keep_sample, posterior_draws, rough_seconds, warm
 from .table import Calibrated, html_table

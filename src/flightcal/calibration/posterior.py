@@ -260,5 +260,10 @@ def _attributes(problem: Problem, posterior: Posterior, runs: Sequence[Runs | No
 
 def mean_and_some(thetas: FloatArray, count: int, seed: int) -> FloatArray:
     """The mean of posterior draws thetas [S, d] and at most `count` of them: [1 + count, d]."""
+    return np.concatenate([thetas.mean(axis=0)[None], some_of(thetas, count, seed)])
+
+
+def some_of(thetas: FloatArray, count: int, seed: int) -> FloatArray:
+    """At most `count` of posterior draws thetas [S, d], at random without repetition, in their order."""
     chosen = np.random.default_rng(seed).choice(len(thetas), min(count, len(thetas)), replace=False)
-    return np.concatenate([thetas.mean(axis=0)[None], thetas[chosen]])
+    return np.asarray(thetas[np.sort(chosen)])

@@ -19,7 +19,7 @@ from ..simulator import FloatArray
 from .diagnostics import Diagnostics
 from .methods import calibrate_nuts
 from .optimisation import calibrate_genetic, genetic_points
-from .posterior import Posterior, posterior_tree, search_record
+from .posterior import Posterior, posterior_tree, search_record, some_of
 from .rough import draws_in_turn, seconds_of_a_gradient
 
 _GRADIENTS = 8
@@ -54,9 +54,7 @@ def posterior_draws(posterior: xarray.DataTree, names: tuple[str, ...], count: i
     """At most `count` posterior thetas [S, d], chosen at random without repetition."""
     group = posterior["posterior"].to_dataset()
     draws = np.stack([group[name].values.ravel() for name in names], axis=1)
-    if len(draws) <= count:
-        return draws
-    return draws[np.sort(np.random.default_rng(seed).choice(len(draws), count, replace=False))]
+    return some_of(draws, count, seed)
 
 
 def warm(problem: Problem) -> None:

@@ -6,10 +6,9 @@ from collections.abc import Mapping
 from time import perf_counter
 from typing import Any
 
-import numpy as np
 import xarray
 
-from ..calibration import calibrate_nuts, warm
+from ..calibration import calibrate_nuts, some_of, warm
 from ..emulation import needs_emulator
 from ..errors import RunError
 from ..prediction import Holding, hold_together, predict, replicates_of
@@ -57,9 +56,7 @@ def _backtested(run: Run, scenario: Scenario, data: xarray.Dataset, origin: Orig
     posterior = calibrate_nuts(problem, progress=run.progress)
     if posterior.draws.interrupted:
         raise KeyboardInterrupt
-    rng = np.random.default_rng(settings.seed)
-    count = min(settings.prediction.simulations, len(posterior.flat))
-    draws = posterior.flat[np.sort(rng.choice(len(posterior.flat), count, replace=False))]
+    draws = some_of(posterior.flat, settings.prediction.simulations, settings.seed)
     # A window of its own, whose first minutes tell its initial temperatures and are not scored.
     prediction, _ = predict(posterior.problem, data, AHEAD, {}, draws, seed=settings.seed)
     attributes = {

@@ -8,10 +8,9 @@ from __future__ import annotations
 
 from typing import Any
 
-import numpy as np
 import xarray
 
-from ..calibration import calibrate_nuts
+from ..calibration import calibrate_nuts, some_of
 from ..errors import RunError
 from ..prediction import predict, score
 from ..problem import build_problem
@@ -55,9 +54,7 @@ def _predicted_by_others(scenario: Scenario, telemetry: xarray.Dataset, window: 
     if posterior.draws.interrupted:
         raise KeyboardInterrupt
     settings = scenario.calibration
-    rng = np.random.default_rng(settings.seed)
-    count = min(settings.prediction.simulations, len(posterior.flat))
-    draws = posterior.flat[rng.choice(len(posterior.flat), count, replace=False)]
+    draws = some_of(posterior.flat, settings.prediction.simulations, settings.seed)
     predicted, _ = predict(posterior.problem, telemetry, LEFT_OUT, {}, draws, seed=settings.seed)
     scores = {metric.metric: metric.value for metric in score(predicted, LEFT_OUT) if metric.channel == "all"}
     return scores | {"passed": posterior.diagnostics.passed}
