@@ -16,9 +16,8 @@ from numpy.typing import NDArray
 from scipy.special import chdtri
 
 from ..scenario import NutsSettings
+from ..simulator import FloatArray
 from .nuts import MAXIMUM_DEPTH
-
-Array = NDArray[np.float64]
 
 MINIMUM_E_BFMI = 0.3
 """Below it a chain's energy changes too little from draw to draw (Betancourt 2016; Stan warns at the same value)."""
@@ -98,7 +97,7 @@ class Diagnostics:
 
 
 def diagnose(
-    posterior: Mapping[str, Array],
+    posterior: Mapping[str, FloatArray],
     statistics: Mapping[str, NDArray[Any]],
     settings: NutsSettings,
     prior_scores: Mapping[str, PriorScore] | None = None,
@@ -145,14 +144,14 @@ def draws_wanted(draws: int, effective: float, settings: NutsSettings) -> float:
     return 1.2 * draws * settings.min_ess / effective
 
 
-def least_effective(draws: Array) -> float:
+def least_effective(draws: FloatArray) -> float:
     """Least bulk effective sample size over the last axis of draws [chain, draw, d]."""
     from arviz_stats.base import array_stats
 
     return float(min(array_stats.ess(draws[..., k], method="bulk") for k in range(draws.shape[-1])))
 
 
-def _summary(name: str, values: Array) -> ParameterSummary:
+def _summary(name: str, values: FloatArray) -> ParameterSummary:
     """Posterior moments, quantiles and sampling measures of one quantity [chain, draw]."""
     # Imported here: arviz-stats needs a second to load.
     from arviz_stats.base import array_stats
@@ -181,7 +180,7 @@ def gate(name: str, passed: bool, found: str, required: str, advice: str) -> Gat
 
 
 def _r_hat_gate(
-    parameters: tuple[ParameterSummary, ...], posterior: Mapping[str, Array], settings: NutsSettings
+    parameters: tuple[ParameterSummary, ...], posterior: Mapping[str, FloatArray], settings: NutsSettings
 ) -> Gate:
     limits = {p.name: settings.max_r_hat for p in parameters}
     for name in (p.name for p in parameters if p.r_hat >= settings.max_r_hat):
@@ -201,7 +200,7 @@ def _r_hat_gate(
     return gate("R-hat", worst.r_hat < limit, f"{_number(worst.r_hat, '.3f')} ({worst.name})", required, advice)
 
 
-def _r_hat_by_chance(values: Array, quantities: int) -> float:
+def _r_hat_by_chance(values: FloatArray, quantities: int) -> float:
     """R-hat that draws [chain, draw] of one of so many quantities exceed by chance, once in 100 posteriors.
 
     Of m half-chains that agree, whose means scatter by the effective draws that each chain has by itself. With 500 of
@@ -235,7 +234,7 @@ def _ess_gate(parameters: tuple[ParameterSummary, ...], settings: NutsSettings, 
     return gate(name, size > settings.min_ess, found, f"above {settings.min_ess:g}", advice)
 
 
-def _divergence_gate(posterior: Mapping[str, Array], diverging: Array, settings: NutsSettings) -> Gate:
+def _divergence_gate(posterior: Mapping[str, FloatArray], diverging: FloatArray, settings: NutsSettings) -> Gate:
     """How many trajectories broke off, and where.
 
     A few in thousands, scattered, also come of a right model. Crowded at one end of a quantity they say that the
@@ -274,13 +273,13 @@ def _crowd(
     return diverging & outer, f"{100.0 * max(shares):.0f}% of them at the {end} end of {name}"
 
 
-def _outer_draws(values: Array) -> tuple[tuple[str, NDArray[np.bool_]], ...]:
+def _outer_draws(values: FloatArray) -> tuple[tuple[str, NDArray[np.bool_]], ...]:
     """Which draws lie at the lower, and which at the upper end of a quantity."""
     low, high = np.quantile(values, (_OUTER, 1.0 - _OUTER))
     return ("lower", values < low), ("upper", values > high)
 
 
-def _depth_gate(depth: Array) -> Gate:
+def _depth_gate(depth: FloatArray) -> Gate:
     share = float((depth >= MAXIMUM_DEPTH).mean()) if depth.size else math.nan
     found = f"{_number(100.0 * share, '.1f')}% cut at depth {MAXIMUM_DEPTH}"
     advice = (
@@ -291,7 +290,7 @@ def _depth_gate(depth: Array) -> Gate:
     return gate("trajectory length", share <= LARGEST_SATURATED_SHARE, found, required, advice)
 
 
-def _energy_gate(energy: Array) -> Gate:
+def _energy_gate(energy: FloatArray) -> Gate:
     from arviz_stats.base import array_stats
 
     enough = energy.shape[1] >= _FEWEST_DRAWS

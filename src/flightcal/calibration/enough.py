@@ -13,7 +13,7 @@ from ..progress import Progress
 from ..scenario import NutsSettings
 from ..simulator import FloatArray
 from .diagnostics import Diagnostics, draws_wanted, fewest_effective
-from .nuts import Draws, some_drawn
+from .nuts import Draws
 
 _MOST = 8.0
 """Times the draws that were asked for, at most."""
@@ -37,9 +37,11 @@ def sample_enough(
 
     So are they where R-hat is just above its limit. The others are of chains of their own, in coordinates in which the
     draws so far are nearly standard normal. Where chains fail for another reason, or it would take too many, all is
-    left as it is.
+    left as it is. Raises KeyboardInterrupt where sampling is interrupted before the first draw.
     """
-    draws = some_drawn(sampler(coordinates, settings, seed))
+    draws = sampler(coordinates, settings, seed)
+    if not draws.z.shape[1]:
+        raise KeyboardInterrupt
     theta, judged = judge(draws)
     for k in range(1, _ROUNDS + 1):
         more = 0 if draws.interrupted else _more(judged, draws.z.shape[1], settings)

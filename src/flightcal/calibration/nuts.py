@@ -31,10 +31,10 @@ from ..errors import FlightcalError
 from ..problem import STOPPED, NativeDensity, Problem, Whitening
 from ..progress import SILENT, Progress
 from ..scenario import NutsSettings
+from ..simulator import FloatArray
 from .nutpie_models import native_model, python_model
 
-Array = NDArray[np.float64]
-LogDensity = Callable[[Array], tuple[float, Array]]
+LogDensity = Callable[[FloatArray], tuple[float, FloatArray]]
 """z [d] -> (log density, gradient [d]). Called from several threads; its compiled part should release the GIL."""
 
 MAXIMUM_DEPTH = 10
@@ -64,7 +64,7 @@ _STATISTICS: dict[str, tuple[str, type]] = {
 class Draws:
     """What the chains drew after warm-up."""
 
-    z: Array
+    z: FloatArray
     """[chain, draw, d]"""
     statistics: dict[str, NDArray[Any]]
     """[chain, draw] each: diverging, depth, n_steps, energy, step_size, acceptance, log_density."""
@@ -80,7 +80,7 @@ class Draws:
     """Stopped by Ctrl-C; chains are cut to the shortest, which may be empty."""
 
 
-def overdispersed_starts(log_density: LogDensity, whitening: Whitening, chains: int, seed: int) -> Array:
+def overdispersed_starts(log_density: LogDensity, whitening: Whitening, chains: int, seed: int) -> FloatArray:
     """Starts z [chain, d], wider than the posterior (see `OVERDISPERSION`); those of no finite density redrawn.
 
     Raises FlightcalError when a chain finds none.
@@ -102,7 +102,7 @@ def overdispersed_starts(log_density: LogDensity, whitening: Whitening, chains: 
     return np.array(starts)
 
 
-def _can_start(density: _Density, w: Array) -> bool:
+def _can_start(density: _Density, w: FloatArray) -> bool:
     """Whether nutpie takes w [d] as a start: a finite density, and every derivative different from zero."""
     value, gradient = density(w)
     if math.isfinite(value) and not gradient.all():
@@ -192,7 +192,7 @@ class _Density:
         self.draws = self.gradients = self.failures = 0
         self.last_failure: str | None = None
 
-    def __call__(self, w: Array) -> tuple[float, Array]:
+    def __call__(self, w: FloatArray) -> tuple[float, FloatArray]:
         if self._stopped:
             return STOPPED, np.ones_like(w)
         self.gradients += 1
@@ -208,12 +208,12 @@ class _Density:
             return self._failed(w, "the log density or its gradient is not finite")
         return value, gradient
 
-    def _failed(self, w: Array, reason: str) -> tuple[float, Array]:
+    def _failed(self, w: FloatArray, reason: str) -> tuple[float, FloatArray]:
         self.failures += 1
         self.last_failure = reason
         return -math.inf, np.zeros_like(w)
 
-    def record(self, w: Array) -> dict[str, Array]:
+    def record(self, w: FloatArray) -> dict[str, FloatArray]:
         """What nutpie keeps of each draw."""
         self.draws += 1
         return {"w": w}
@@ -226,7 +226,7 @@ class _Density:
 _ChainDensity = _Density | NativeDensity
 
 
-def _start(density: _ChainDensity, start: Array, settings: NutsSettings, seed: int, depth: int) -> Any:
+def _start(density: _ChainDensity, start: FloatArray, settings: NutsSettings, seed: int, depth: int) -> Any:
     """A running nutpie sampler of one chain from w = `start` [d]."""
     if isinstance(density, NativeDensity):
         model = native_model(density, start)
@@ -320,10 +320,3 @@ def _collect(
         last_failure=failures[-1] if failures else None,
         interrupted=interrupted,
     )
-
-
-def some_drawn(draws: Draws) -> Draws:
-    """The draws. Raises KeyboardInterrupt where sampling was interrupted before the first one."""
-    if not draws.z.shape[1]:
-        raise KeyboardInterrupt
-    return draws

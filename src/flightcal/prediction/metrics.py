@@ -12,7 +12,9 @@ from dataclasses import dataclass
 
 import numpy as np
 import xarray as xr
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
+
+from ..simulator import FloatArray
 
 ZERO_CELSIUS = 273.15
 """K, by definition of the Celsius scale (SI brochure, 2019, sec. 2.3.1)."""
@@ -29,17 +31,15 @@ GENETIC_RUNS = "genetic_runs"
 PUBLISHED = {"rmse": 0.1014 / 0.1346, "mape_kelvin": 0.054 / 0.061, "mape_celsius": 0.054 / 0.061}
 """Stochastic over genetic scores of the paper, whose units are masked: 0.753 and 0.885."""
 
-Array = NDArray[np.float64]
 
-
-def _valid(*arrays: ArrayLike) -> tuple[Array, ...]:
+def _valid(*arrays: ArrayLike) -> tuple[FloatArray, ...]:
     """The arrays, flat, without the samples in which any of them is NaN."""
     broadcast = np.broadcast_arrays(*[np.asarray(a, float) for a in arrays])
     keep = np.all([np.isfinite(a) for a in broadcast], axis=0)
     return tuple(a[keep] for a in broadcast)
 
 
-def _mean(values: Array) -> float:
+def _mean(values: FloatArray) -> float:
     """Mean, NaN of nothing."""
     return float(values.mean()) if values.size else math.nan
 
@@ -99,7 +99,7 @@ def log_score_normal(observed: ArrayLike, mean: ArrayLike, standard_deviation: A
     return _mean(-0.5 * ((y - mu) / sd) ** 2 - np.log(sd) - 0.5 * math.log(2 * math.pi))
 
 
-def crps_of_draws(observed: ArrayLike, draws: ArrayLike) -> Array:
+def crps_of_draws(observed: ArrayLike, draws: ArrayLike) -> FloatArray:
     """Continuous ranked probability score of each sample in the distribution that draws [S, ...] are from, K.
 
     E|X - y| - E|X - X'| / 2 (Gneiting & Raftery (2007), J. Am. Stat. Assoc. 102, eq. 21, with the sign turned: smaller
@@ -112,7 +112,7 @@ def crps_of_draws(observed: ArrayLike, draws: ArrayLike) -> Array:
     return np.asarray(np.abs(members - y).mean(axis=0) - np.tensordot(weights, members, axes=1))
 
 
-def probability_below(observed: ArrayLike, draws: ArrayLike) -> Array:
+def probability_below(observed: ArrayLike, draws: ArrayLike) -> FloatArray:
     """Share of the draws [S, ...] that lie below telemetry [...]; draws equal to it count half. NaN where it is NaN."""
     y, members = np.asarray(observed, float), np.asarray(draws, float)
     share = 0.5 * ((members < y).mean(axis=0) + (members <= y).mean(axis=0))

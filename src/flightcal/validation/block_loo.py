@@ -14,12 +14,12 @@ from typing import TYPE_CHECKING
 import numpy as np
 from numpy.typing import NDArray
 
-from ..prediction import Array
+from ..simulator import FloatArray
 
 if TYPE_CHECKING:
     from ..problem import Window
 
-BLOCKS_PER_ORBIT = 4
+_BLOCKS_PER_ORBIT = 4
 
 UNRELIABLE = 0.7
 """Pareto k above which leaving a block out changes the posterior too much for its draws to say how."""
@@ -31,9 +31,9 @@ class BlockLoo:
 
     density: float
     """Summed over the blocks, nats."""
-    of_blocks: Array
+    of_blocks: FloatArray
     """[B]"""
-    pareto_k: Array
+    pareto_k: FloatArray
     """[B]"""
 
     @property
@@ -42,10 +42,10 @@ class BlockLoo:
         return int((self.pareto_k > UNRELIABLE).sum())
 
 
-def blocks_of(times: NDArray[np.datetime64], period: float, per_orbit: int = BLOCKS_PER_ORBIT) -> NDArray[np.int64]:
+def blocks_of(times: NDArray[np.datetime64], period: float) -> NDArray[np.int64]:
     """Number of the block of each sample [T]: equal parts of an orbit of `period` s, from the first sample on."""
     elapsed = (times - times[0]) / np.timedelta64(1, "ns") * 1e-9
-    part = np.floor(elapsed * per_orbit / period).astype(np.int64)
+    part = np.floor(elapsed * _BLOCKS_PER_ORBIT / period).astype(np.int64)
     # A part of which there is next to nothing belongs to the one before.
     last = part == part[-1]
     if last.sum() < 0.5 * np.median(np.bincount(part)):
@@ -53,7 +53,7 @@ def blocks_of(times: NDArray[np.datetime64], period: float, per_orbit: int = BLO
     return np.asarray(np.unique(part, return_inverse=True)[1], np.int64)
 
 
-def block_log_likelihood(window: Window, thetas: Array, blocks: NDArray[np.int64]) -> Array:
+def block_log_likelihood(window: Window, thetas: FloatArray, blocks: NDArray[np.int64]) -> FloatArray:
     """log p(y_b | y_-b, theta) of the temperatures of each block at thetas [S, q]: [S, B]; NaN where one fails.
 
     Blocks [B] are those with a valid sample: the others say nothing of any model.
@@ -70,7 +70,7 @@ def block_log_likelihood(window: Window, thetas: Array, blocks: NDArray[np.int64
     return found
 
 
-def leave_blocks_out(log_likelihood: Array) -> BlockLoo:
+def leave_blocks_out(log_likelihood: FloatArray) -> BlockLoo:
     """log_likelihood: [S, B] as of `block_log_likelihood`, of draws of the whole posterior."""
     from arviz_stats.base import array_stats
 

@@ -12,12 +12,10 @@ from dataclasses import dataclass
 
 import numpy as np
 import xarray as xr
-from numpy.typing import NDArray
 from scipy.stats import beta, kstwo
 
+from ..simulator import FloatArray
 from .residuals import effective_samples
-
-Array = NDArray[np.float64]
 
 PHASES = 12
 """Parts of the orbit whose coverage is told apart."""
@@ -29,7 +27,7 @@ BAND = 0.95
 """Probability of a band of chance."""
 
 
-def probability_integral_transform(prediction: xr.Dataset) -> Array:
+def probability_integral_transform(prediction: xr.Dataset) -> FloatArray:
     """Predicted probability of a lower temperature than telemetry's, [T, N]; NaN where nothing is scored.
 
     Uniform between 0 and 1 where the predicted distributions are right (Dawid 1984, J. R. Stat. Soc. A 147); more often
@@ -100,7 +98,7 @@ def coverage_by_hour(prediction: xr.Dataset) -> list[Coverage]:
     return _coverage(prediction, ahead, hours * np.arange(math.ceil(ahead[-1] / hours + 1e-9) + 1))
 
 
-def _coverage(prediction: xr.Dataset, places: Array, edges: Array) -> list[Coverage]:
+def _coverage(prediction: xr.Dataset, places: FloatArray, edges: FloatArray) -> list[Coverage]:
     """Coverage where `places` [T] lie between neighbouring edges; parts without a sample are left out."""
     chosen = prediction.sel({"by": "stochastic"}).transpose("time", "channel", ...)
     observed, lower, upper = (chosen[name].values for name in ("observed", "lower", "upper"))

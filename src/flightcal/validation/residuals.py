@@ -19,8 +19,8 @@ from scipy.signal import correlate
 from scipy.stats import chi2
 
 from ..probability import INDEPENDENT, called
+from ..simulator import FloatArray
 
-Array = NDArray[np.float64]
 Times = NDArray[np.datetime64]
 
 JITTER = 0.25
@@ -57,7 +57,7 @@ def nominal_spacing(time: Times) -> float:
     return float(np.median(steps)) * 1e-9 if steps.size else math.nan
 
 
-def segments(residuals: ArrayLike, time: Times, max_lag: int) -> list[Array]:
+def segments(residuals: ArrayLike, time: Times, max_lag: int) -> list[FloatArray]:
     """Stretches of regular sampling, each on a grid of nominal spacing with NaN where a sample is missing.
 
     residuals: [T], time: [T] datetime64, increasing. A step that is no whole number of nominal spacings, or
@@ -82,12 +82,12 @@ def segments(residuals: ArrayLike, time: Times, max_lag: int) -> list[Array]:
 class _Cells(NamedTuple):
     """A stretch of samples on a grid: in each cell their sum, their number, and the sum of their squares."""
 
-    sums: Array
-    counts: Array
-    squares: Array
+    sums: FloatArray
+    counts: FloatArray
+    squares: FloatArray
 
 
-def _cells(values: Array, time: Times, max_lag: int, width: float | None) -> list[_Cells]:
+def _cells(values: FloatArray, time: Times, max_lag: int, width: float | None) -> list[_Cells]:
     """Stretches of values [T], NaN where missing, each on a grid of `spacing`, or of cells of `width` s.
 
     Of regular sampling each cell has at most one sample. Where sampling is irregular (fewer than `_REGULAR` of the
@@ -128,7 +128,7 @@ def spacing(time: Times) -> float:
     return float(max(np.median(steps), steps[steps <= np.quantile(steps, _USUAL)].mean()))
 
 
-def _seconds(time: Times) -> Array:
+def _seconds(time: Times) -> FloatArray:
     return np.asarray((time - time[:1]).astype("timedelta64[ns]").astype(np.int64) * 1e-9)
 
 
@@ -140,7 +140,7 @@ def pair_counts(residuals: ArrayLike, time: Times, max_lag: int, width: float | 
     return pairs
 
 
-def autocorrelation(residuals: ArrayLike, time: Times, max_lag: int, width: float | None = None) -> Array:
+def autocorrelation(residuals: ArrayLike, time: Times, max_lag: int, width: float | None = None) -> FloatArray:
     """Autocorrelation at lags 0 to `max_lag`, in steps of `spacing`: [max_lag + 1], -1 to 1; NaN without pairs.
 
     residuals: [T], NaN where missing; time: [T] datetime64; width: s, of other steps than `spacing`. At each lag the
@@ -162,7 +162,7 @@ def autocorrelation(residuals: ArrayLike, time: Times, max_lag: int, width: floa
     return np.clip(ratio, -1.0, 1.0)
 
 
-def _together(residuals: Array, time: Times, width: float | None) -> float:
+def _together(residuals: FloatArray, time: Times, width: float | None) -> float:
     """What pairs of samples in the same cell add to the variance of the mean: their number times their correlation."""
     cells = _cells(residuals - np.nanmean(residuals), time, residuals.size, width)
     sums, counts, squares = (np.concatenate([own[k] for own in cells]) for k in range(3))
@@ -170,7 +170,7 @@ def _together(residuals: Array, time: Times, width: float | None) -> float:
     return pairs * float((sums**2 - squares).sum()) / size if size > 0.0 else 0.0
 
 
-def _products(first: list[Array], second: list[Array], max_lag: int) -> Array:
+def _products(first: list[FloatArray], second: list[FloatArray], max_lag: int) -> FloatArray:
     """Sum of first[i] * second[i + k] over i and stretches, for k from 0 to `max_lag`: [max_lag + 1]."""
     total = np.zeros(max_lag + 1)
     for one, other in zip(first, second, strict=True):
@@ -205,7 +205,7 @@ def _between_bursts(time: Times) -> list[float]:
     return [float(steps.sum()) / breaks] if breaks >= _FEWEST_BURSTS else []
 
 
-def _inflation(values: Array, time: Times, width: float | None) -> float:
+def _inflation(values: FloatArray, time: Times, width: float | None) -> float:
     """By how much the variance of the mean is larger than of independent samples; width: see `autocorrelation`."""
     count = int(np.isfinite(values).sum())
     max_lag = max(1, values.size // 2)

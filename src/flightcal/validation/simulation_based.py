@@ -14,7 +14,7 @@ from functools import lru_cache
 import numpy as np
 from scipy.stats import binom
 
-from ..prediction import Array
+from ..simulator import FloatArray
 
 INTERVALS = (0.5, 0.8, 0.95)
 """Probabilities of the central intervals whose coverage is counted."""
@@ -36,13 +36,13 @@ class Repeat:
     Quantities are the entries of theta and functions of it.
     """
 
-    truth: Array
+    truth: FloatArray
     """[q]"""
-    rank: Array
+    rank: FloatArray
     """[q] share of the posterior below the truth, 0 to 1."""
-    mean: Array
+    mean: FloatArray
     """[q] of the posterior."""
-    deviation: Array
+    deviation: FloatArray
     """[q]"""
     draws: int
     """Independent ones that the ranks are among."""
@@ -53,7 +53,7 @@ class Repeat:
     seconds: float
 
 
-def ranks(truth: Array, draws: Array, effective: float, rng: np.random.Generator) -> tuple[Array, int]:
+def ranks(truth: FloatArray, draws: FloatArray, effective: float, rng: np.random.Generator) -> tuple[FloatArray, int]:
     """Share of the posterior below the truth [q], and among how many draws, of draws [chain, draw, q].
 
     The chains are thinned to as many draws as are effective: those of a chain resemble each other, and ranks among them
@@ -91,12 +91,12 @@ class RankCheck:
 class Band:
     """What the distribution function of uniform ranks stays in, at `points`."""
 
-    points: Array
-    lower: Array
-    upper: Array
+    points: FloatArray
+    lower: FloatArray
+    upper: FloatArray
 
 
-def check_ranks(names: Sequence[str], repeats: Sequence[Repeat], prior_deviation: Array) -> list[RankCheck]:
+def check_ranks(names: Sequence[str], repeats: Sequence[Repeat], prior_deviation: FloatArray) -> list[RankCheck]:
     """Each quantity's ranks against the band in which those of all quantities stay with probability `BAND`.
 
     prior_deviation: [q], NaN where a quantity has no prior.
@@ -125,7 +125,7 @@ def joint(probability: float, quantities: int) -> float:
     return 1.0 - (1.0 - probability) / quantities
 
 
-def ecdf(values: Array, points: Array) -> Array:
+def ecdf(values: FloatArray, points: FloatArray) -> FloatArray:
     """Share of the values at or below each point."""
     return np.searchsorted(np.sort(values), points, side="right") / len(values)
 
@@ -144,13 +144,13 @@ def ecdf_band(count: int, probability: float) -> Band:
     return Band(points, lower, upper)
 
 
-def stays_inside(values: Array, band: Band) -> bool:
+def stays_inside(values: FloatArray, band: Band) -> bool:
     """Whether the values' distribution function stays in the band."""
     found = ecdf(values, band.points)
     return bool(np.all((band.lower <= found) & (found <= band.upper)))
 
 
-def p_value(values: Array) -> float:
+def p_value(values: FloatArray) -> float:
     """Probability that uniform values stray as far as these at any point."""
     tails = _least_tails(len(values))
     found = _least_tail(np.asarray(values)[None])[0]
@@ -158,26 +158,26 @@ def p_value(values: Array) -> float:
 
 
 @lru_cache(maxsize=8)
-def _least_tails(count: int) -> Array:
+def _least_tails(count: int) -> FloatArray:
     """`_least_tail` of many sets of `count` uniform values."""
     rng = np.random.default_rng(20_220_401)
     return np.concatenate([_least_tail(rng.random((500, count))) for _ in range(_TRIALS // 500)])
 
 
-def _least_tail(values: Array) -> Array:
+def _least_tail(values: FloatArray) -> FloatArray:
     """Of sets [S, R]: the smaller binomial tail of the distribution function, at its worst point, [S]."""
     sets, count = values.shape
     # How many values lie between neighbouring points, then below each.
     places = np.floor(values * count).astype(int).clip(0, count - 1)
     counts = np.bincount((places + count * np.arange(sets)[:, None]).ravel(), minlength=sets * count)
     below = np.cumsum(counts.reshape(sets, count), axis=1)[:, :-1]
-    least: Array = _tails(count)[below, np.arange(count - 1)].min(axis=1)
+    least: FloatArray = _tails(count)[below, np.arange(count - 1)].min(axis=1)
     return least
 
 
 @lru_cache(maxsize=8)
-def _tails(count: int) -> Array:
+def _tails(count: int) -> FloatArray:
     """The smaller of the probabilities of at most and at least k of `count` values below k / count, [k, point]."""
     below, points = np.arange(count + 1)[:, None], np.arange(1, count) / count
-    tails: Array = np.minimum(binom.cdf(below, count, points), binom.sf(below - 1, count, points))
+    tails: FloatArray = np.minimum(binom.cdf(below, count, points), binom.sf(below - 1, count, points))
     return tails
