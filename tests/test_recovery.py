@@ -11,7 +11,7 @@ from flightcal.prediction import predict, score
 from flightcal.problem import build_problem
 from flightcal.problem.synthetic import simulate_telemetry
 from flightcal.scenario import NutsSettings
-from flightcal.validation.repeats import run_repeat
+from flightcal.validation import repeats
 from flightcal.validation.simulation_based import check_ranks
 from tests import small
 
@@ -19,11 +19,11 @@ REPEATS = 40
 NUTS = NutsSettings(chains=2, draws=300, warmup=200)
 
 
-def ranked(folder, repeats, simulate=simulate_telemetry):
+def ranked(folder, count):
     """Checks of the ranks by quantity."""
     scenario, data = small.closed_loop(folder)
     problem = build_problem(scenario, data)
-    found = [run_repeat(problem, data, NUTS, [11, k], simulate) for k in range(repeats)]
+    found = [repeats.run_repeat(problem, data, NUTS, [11, k]) for k in range(count)]
     names = (*problem.names, "log density")
     checks = check_ranks(names, found, np.full(len(names), np.nan))
     print([(check.name, check.p_value, check.coverage) for check in checks])
@@ -36,13 +36,14 @@ def test_ranks_of_what_made_the_telemetry_are_uniform(tmp_path):
 
 
 @pytest.mark.slow
-def test_telemetry_with_twice_the_noise_that_the_likelihood_takes_it_for_is_found(tmp_path):
+def test_telemetry_with_twice_the_noise_that_the_likelihood_takes_it_for_is_found(tmp_path, monkeypatch):
     def noisier(problem, theta, rng):
         ((observed, status),) = simulate_telemetry(problem, theta, rng)
         simulated = problem.windows[0].simulate(theta).temperatures
         return [(simulated + 2.0 * (observed - simulated), status)]
 
-    checks = ranked(tmp_path, 20, noisier)
+    monkeypatch.setattr(repeats, "simulate_telemetry", noisier)
+    checks = ranked(tmp_path, 20)
     # The panel's noise is known to the likelihood, that of the body is inferred: too large.
     assert not checks["noise.body_temp"].inside
     assert not checks["log density"].inside

@@ -7,7 +7,7 @@ calibrates that. A repeat that ends is a file; a later call takes up where an ea
 from __future__ import annotations
 
 import json
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from contextlib import suppress
 from dataclasses import dataclass
 from functools import cache, partial
@@ -42,8 +42,6 @@ _REPEATS, _RESULT = "repeats", "validation.json"
 
 Source = tuple[str, str | None, str | None]
 """Scenario file, telemetry in the place of its own, model of the residuals in the place of its own."""
-
-Simulate = Callable[[Problem, FloatArray, np.random.Generator], list[tuple[FloatArray, FloatArray]]]
 
 
 @dataclass(frozen=True)
@@ -104,14 +102,8 @@ def short(settings: NutsSettings) -> NutsSettings:
     )
 
 
-def run_repeat(
-    problem: Problem,
-    telemetry: xarray.Dataset,
-    settings: NutsSettings,
-    seed: Sequence[int],
-    simulate: Simulate = simulate_telemetry,
-) -> Repeat:
-    """One repeat. telemetry: what the problem was built from; simulate: what makes the telemetry.
+def run_repeat(problem: Problem, telemetry: xarray.Dataset, settings: NutsSettings, seed: Sequence[int]) -> Repeat:
+    """One repeat. telemetry: what the problem was built from.
 
     Thetas that cannot be simulated have no telemetry, and are drawn again: prior and posterior both leave them out.
     Raises RunError where that never ends.
@@ -123,7 +115,7 @@ def run_repeat(
         theta = problem.priors.sample(rng, 1)[0]
         with suppress(SimulationFailure):
             heated, sizes = with_drawn_heat(problem, rng)
-            telemetry_made = simulate(heated, theta, rng)
+            telemetry_made = simulate_telemetry(heated, theta, rng)
             break
         redrawn += 1
         if redrawn == _MOST_REDRAWN:
