@@ -19,7 +19,6 @@ from .file import Task
 from .full_order import SAMPLING, window_simulator
 from .reduce import Reduced
 
-DUTY_TOLERANCE = 0.02
 _TIMED_RUNS = 20
 
 
@@ -66,7 +65,6 @@ def certificate(task: Task, reduced: Reduced, speed: Speed) -> dict[str, Any]:
     duty = np.concatenate([np.abs(item.duty) for item in reduced.held_out])
     failed = sum(item.failed for item in reduced.held_out)
     overall = _statistics(absolute, reduction.quantile)
-    worst_duty = float(duty.max()) if duty.size else 0.0
     seconds = (reduced.runs[0].times - reduced.runs[0].times[0]) / np.timedelta64(1, "s")
     model = sensor_errors(task, reduced)
     return {
@@ -78,7 +76,6 @@ def certificate(task: Task, reduced: Reduced, speed: Speed) -> dict[str, Any]:
         "tolerance_K": reduction.tolerance,
         "quantile": reduction.quantile,
         "within_tolerance": bool(overall["quantile_K"] <= reduction.tolerance and failed == 0),
-        "duty_within_2_points": bool(worst_duty <= DUTY_TOLERANCE),
         "parameters": list(task.scenario.parameters),
         "tried": [
             {"states": t.states, "massless": t.massless, "training_error_K": _finite(t.error)} for t in reduced.tried
