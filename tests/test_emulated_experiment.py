@@ -9,9 +9,9 @@ import pytest
 import xarray
 
 from flightcal.commands.calibrate import run_experiment
-from flightcal.external.in_worker import close_workers
 from tests.external import scenes
 from tests.told import Told
+from tests.workers import close_workers
 
 PROGRAM = """
 import numpy as np

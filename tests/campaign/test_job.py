@@ -34,7 +34,7 @@ class Recording(Fragile):
     def run(self, theta):
         return record(theta, "timed out", "too slow")
 
-    def run_many(self, thetas, *, processes=None):
+    def run_many(self, thetas):
         raise AssertionError("the campaign's workers are the processes")
 
 

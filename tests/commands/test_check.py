@@ -11,9 +11,9 @@ from typer.testing import CliRunner
 from flightcal.cli import app
 from flightcal.commands.check import check_scenario
 from flightcal.errors import ScenarioError
-from flightcal.external.in_worker import close_workers
 from tests import small
 from tests.external import scenes
+from tests.workers import close_workers
 
 RUN = CliRunner()
 

@@ -14,10 +14,10 @@ from flightcal.emulation.active import learn
 from flightcal.emulation.emulated import CHECKED, check_on_the_simulator, empty_runs, run_many
 from flightcal.emulation.horizon import beginning
 from flightcal.emulation.simulator_check import LARGEST_DENSITY_ERROR
-from flightcal.external import close_workers
 from flightcal.problem import build_problem
 from flightcal.scenario import load_scenario
 from flightcal.telemetry import read
+from tests.workers import close_workers
 
 EXAMPLES = Path(__file__).parents[2] / "examples"
 NOISE = 0.1  # K

@@ -7,11 +7,11 @@ import pytest
 
 from flightcal.errors import ScenarioError
 from flightcal.external import in_worker
-from flightcal.external.in_worker import close_workers
 from flightcal.prediction import predict
 from flightcal.problem import build_problem
 from flightcal.scenario import load_scenario
 from flightcal.telemetry import read
+from tests.workers import close_workers
 
 from .scenes import SAMPLES, THETA, TIMES, findings, simulator_of, write, written
 

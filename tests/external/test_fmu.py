@@ -9,7 +9,7 @@ import pytest
 
 from flightcal.errors import ScenarioError
 from flightcal.external.build import communication_points
-from flightcal.external.in_worker import close_workers
+from tests.workers import close_workers
 
 from .scenes import SAMPLES, THETA, TIMES, findings, simulator_of
 

@@ -8,11 +8,12 @@ from typer.testing import CliRunner
 from flightcal.cli import app
 from flightcal.commands.calibrate import run_experiment
 from flightcal.errors import ScenarioError
-from flightcal.external import ExternalSimulator, close_workers
+from flightcal.external import ExternalSimulator
 from flightcal.prediction.predict import STOCHASTIC
 from flightcal.report import write_report
 from flightcal.scenario import load_scenario
 from flightcal.simulator import NetworkSimulator, build_network
+from tests.workers import close_workers
 
 from ..small import load
 from ..small import simulator_of as network_of
@@ -76,7 +77,7 @@ def test_failures_are_none_among_many_and_records_among_records(tmp_path, trace)
     simulator = simulator_of(tmp_path, block())
     thetas = np.array([[0.5, 4.0], [1.8, 4.0], [0.7, 4.0]])
 
-    records = simulator.run_many(thetas, processes=2)
+    records = simulator.run_many(thetas)
 
     assert [record.outcome for record in records] == ["finished", "crashed", "finished"]
     assert [run is None for run in simulator.simulate_many(thetas)] == [False, True, False]

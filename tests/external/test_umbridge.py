@@ -12,8 +12,8 @@ import pytest
 
 from flightcal.commands.calibrate import run_experiment
 from flightcal.errors import ScenarioError
-from flightcal.external.in_worker import close_workers
 from flightcal.simulator import SimulationFailure
+from tests.workers import close_workers
 
 from .scenes import SAMPLES, THETA, TIMES, simulator_of, write, written
 

@@ -9,8 +9,8 @@ import numpy as np
 import pytest
 
 from flightcal.calibration import calibrate_nuts
-from flightcal.external.in_worker import close_workers
 from flightcal.scenario import NutsSettings
+from tests.workers import close_workers
 
 from . import problems
 

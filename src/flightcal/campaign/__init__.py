@@ -7,5 +7,4 @@ from .campaign import Tally, run_campaign
 from .folder import NOT_RUN, Design, open_campaign
 from .job import run_function
 from .run import Here, Runner
-from .store import FINISHED
 from .subject import Subject, input_hashes, scenario_parts

@@ -11,12 +11,13 @@ from time import perf_counter
 
 import numpy as np
 
+from ..external import FINISHED
 from ..progress import SILENT, Progress, about
 from ..simulator import FloatArray
 from .folder import DAMAGED, NOT_RUN, Design, locked, prepare
 from .job import Job, RunFunction
 from .run import Runner
-from .store import FINISHED, DamagedRecord, RunStore
+from .store import DamagedRecord, RunStore
 from .subject import Subject
 
 

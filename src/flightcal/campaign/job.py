@@ -10,7 +10,7 @@ from typing import Protocol, runtime_checkable
 
 import numpy as np
 
-from ..external import Record
+from ..external import FINISHED, Record
 from ..simulator import WIDTH, FloatArray, SimulationFailure, Simulator
 from .store import DamagedRecord, RunStore
 
@@ -112,7 +112,7 @@ class Batch:
         return [
             Record(theta, "not finite", self._reason(theta), 1, seconds, *(np.full(s, np.nan) for s in shape))
             if trajectory is None
-            else Record(theta, "finished", "", 1, seconds, trajectory.temperatures, trajectory.status)
+            else Record(theta, FINISHED, "", 1, seconds, trajectory.temperatures, trajectory.status)
             for theta, trajectory in zip(thetas, trajectories, strict=True)
         ]
 

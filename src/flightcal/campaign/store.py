@@ -16,11 +16,10 @@ from typing import Final, get_args
 
 import numpy as np
 
-from ..external import Outcome, Record
+from ..external import FINISHED, Outcome, Record
 from ..run import hash_of, write_bytes
 from ..simulator import FloatArray
 
-FINISHED: Final = "finished"
 _ABANDONED: Final = 3600.0  # s; a file that was begun so long ago and never renamed is of a process that was killed
 _FIELDS: Final = tuple(field.name for field in fields(Record))
 

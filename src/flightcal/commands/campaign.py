@@ -74,7 +74,8 @@ def run_scenario_campaign(
     kind, seed, around, spread: see `make_design`; seed None: the scenario's.
     Raises FlightcalError for what is the user's to mend, also where no run at all finished.
     """
-    from ..campaign import FINISHED, Tally, open_campaign, run_campaign, run_function
+    from ..campaign import Tally, open_campaign, run_campaign, run_function
+    from ..external import FINISHED
     from ..problem import build_problem
     from ..scenario import load_scenario
     from ..telemetry import read
@@ -122,7 +123,8 @@ def _runner(workers: int, scheduler: str | None) -> AbstractContextManager[Runne
 
 def first_failure(folder: Path) -> str:
     """What the first failed run of a campaign says."""
-    from ..campaign import FINISHED, NOT_RUN, open_campaign
+    from ..campaign import NOT_RUN, open_campaign
+    from ..external import FINISHED
 
     data = open_campaign(folder)
     for k, (outcome, message) in enumerate(zip(data["outcome"].values, data["message"].values, strict=True)):

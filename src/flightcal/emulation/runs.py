@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
+from functools import cached_property
 from pathlib import Path
 from typing import Any
 
@@ -12,11 +13,10 @@ import xarray
 from numpy.typing import NDArray
 
 from ..errors import RunError
-from ..external import Record, status_switches
+from ..external import FINISHED, Record, status_switches
 from ..run import labelled
 from ..simulator import FloatArray, Switch, Trajectory
 
-FINISHED = "finished"
 _PER_RUN: dict[str, tuple[str, ...]] = {
     "theta": ("parameter",),
     "temperatures": ("time", "channel"),
@@ -71,7 +71,7 @@ class TrainingRuns:
         """[S]"""
         return np.asarray(self.outcome == FINISHED)
 
-    @property
+    @cached_property
     def switches(self) -> list[Switch]:
         """[S] changes of the status between samples, at the later sample; seconds from the first one."""
         seconds = (self.times - self.times[0]) / np.timedelta64(1, "s")

@@ -10,15 +10,14 @@ from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
     from .build import build_external
-    from .in_worker import close_workers
     from .program import RunFailure
-    from .record import Outcome, Record
+    from .record import FINISHED, Outcome, Record
     from .simulator import ExternalSimulator, status_switches
 
 _PLACES = {
     "build_external": "build",
-    "close_workers": "in_worker",
     "RunFailure": "program",
+    "FINISHED": "record",
     "Outcome": "record",
     "Record": "record",
     "ExternalSimulator": "simulator",

@@ -169,12 +169,3 @@ def _give_back(worker: _Worker) -> None:
         surplus = [_IDLE.pop(0)] if len(_IDLE) > (os.cpu_count() or 1) else []
     for old in surplus:
         old.close()
-
-
-def close_workers() -> None:
-    """End all idle workers; a later run starts new ones."""
-    with _LOCK:
-        workers = _IDLE.copy()
-        _IDLE.clear()
-    for worker in workers:
-        worker.close()

@@ -3,12 +3,13 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Literal
+from typing import TYPE_CHECKING, Final, Literal
 
 if TYPE_CHECKING:  # the worker starts in a tenth of a second without it
     from ..simulator import FloatArray
 
 
+FINISHED: Final = "finished"
 Outcome = Literal[
     "finished",
     "crashed",

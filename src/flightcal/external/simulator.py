@@ -17,7 +17,7 @@ from ..scenario import ExternalModel, Numbers, Scenario, kind_of_simulator, numb
 from ..simulator import FloatArray, IntArray, SimulationFailure, Switch, Trajectory
 from ._processes import kill_all
 from .program import Program, RunFailure, checked
-from .record import Outcome, Record
+from .record import FINISHED, Outcome, Record
 
 _WORTH_ANOTHER_TRY = ("crashed", "timed out", "partial output", "unreachable")
 
@@ -92,7 +92,7 @@ class ExternalSimulator:
             started = perf_counter()
             try:
                 temperatures, status = self._attempt(values)
-                return Record(theta, "finished", "", attempts, perf_counter() - started, temperatures, status)
+                return Record(theta, FINISHED, "", attempts, perf_counter() - started, temperatures, status)
             except RunFailure as failure:
                 if attempts <= self.retries and failure.outcome in _WORTH_ANOTHER_TRY and not stopped():
                     continue
@@ -100,10 +100,10 @@ class ExternalSimulator:
                 nothing = np.full((samples, len(self.channels)), np.nan), np.full((samples, len(self.heaters)), np.nan)
                 return Record(theta, failure.outcome, failure.message, attempts, seconds, *nothing)
 
-    def run_many(self, thetas: FloatArray, *, processes: int | None = None) -> list[Record]:
-        """Runs at thetas [S, d], at most `processes` at a time (default: one for each core); their order is kept."""
+    def run_many(self, thetas: FloatArray) -> list[Record]:
+        """Runs at thetas [S, d], at most one for each core at a time; their order is kept."""
         stop = threading.Event()
-        pool = ThreadPoolExecutor(max(1, min(processes or os.cpu_count() or 1, len(thetas))))
+        pool = ThreadPoolExecutor(max(1, min(os.cpu_count() or 1, len(thetas))))
         try:
             # The threads only wait; each run is a process of its own.
             return [future.result() for future in [pool.submit(self._run, theta, stop.is_set) for theta in thetas]]
@@ -118,13 +118,13 @@ class ExternalSimulator:
     def simulate(self, theta: FloatArray) -> Trajectory:
         """One simulation at theta [d]. Raises SimulationFailure with what the record says."""
         record = self.run(theta)
-        if record.outcome != "finished":
+        if record.outcome != FINISHED:
             raise self._failure(record.outcome, record.message)
         return self.trajectory(record)
 
     def simulate_many(self, thetas: FloatArray) -> list[Trajectory | None]:
         """Simulations at thetas [S, d], in parallel; None where one failed."""
-        return [self.trajectory(record) if record.outcome == "finished" else None for record in self.run_many(thetas)]
+        return [self.trajectory(record) if record.outcome == FINISHED else None for record in self.run_many(thetas)]
 
     def linearise(self, theta: FloatArray) -> tuple[Trajectory, Callable[..., FloatArray]]:
         """A simulation and its vector-Jacobian product, where the simulator gives a gradient.
