@@ -16,7 +16,7 @@ from numpy.typing import NDArray
 
 from ..probability import Priors
 from ..problem import Window
-from ..simulator import FloatArray, SimulationFailure, Switch, Trajectory, in_parallel
+from ..simulator import FloatArray, SimulationFailure, Trajectory, in_parallel
 from .gaussian_process import GaussianProcesses, fit
 from .principal import PrincipalShapes, principal_shapes
 from .runs import TrainingRuns
@@ -214,7 +214,7 @@ class EmulatedSimulator:
             temperatures,
             self.emulator.runs.status[nearest],
             self._duty_cycle(x),
-            self._switches[nearest],
+            self.emulator.runs.switches[nearest],
             np.empty(0) if self.certain else np.concatenate([variance, principal.tail_variance]),
         )
 
@@ -229,23 +229,14 @@ class EmulatedSimulator:
     @cached_property
     def _duty_processes(self) -> tuple[NDArray[np.bool_], GaussianProcesses | None]:
         """Which heaters' duty the runs tell [H], and the processes of these."""
-        duty_cycles = self._duty_cycles
+        status = self.emulator.runs.status
+        of_samples = np.isfinite(status)
+        on, count = np.where(of_samples, status, 0.0).sum(axis=1), of_samples.sum(axis=1)
+        # [S, H] share of the known samples in which a run's heaters are on.
+        duty_cycles = np.divide(on, count, out=np.full(on.shape, np.nan), where=count > 0)
         known = np.asarray(np.isfinite(duty_cycles).all(axis=0))
         inputs = self.emulator.processes.inputs
         return known, fit(inputs, duty_cycles[:, known]) if known.any() else None
-
-    @cached_property
-    def _duty_cycles(self) -> FloatArray:
-        """[S, H] share of the known samples in which a run's heaters are on; NaN without any."""
-        status = self.emulator.runs.status
-        known = np.isfinite(status)
-        on = np.where(known, status, 0.0).sum(axis=1)
-        count = known.sum(axis=1)
-        return np.divide(on, count, out=np.full(on.shape, np.nan), where=count > 0)
-
-    @cached_property
-    def _switches(self) -> list[Switch]:
-        return self.emulator.runs.switches
 
 
 def simulated_priors(window: Window) -> Priors:

@@ -85,11 +85,10 @@ def _read_learnt(run: Run, problem: Problem, telemetry: xarray.Dataset) -> Emula
     content = read_json(run.folder.file(EMULATOR_FILE))
     files = _names(RUNS_FILE, problem)
     runs = _runs_so_far(run, files, problem)
-    chosen, tolerances = content["fitted"], content["tolerance"]
-    if len(files) == 1:
-        chosen, tolerances = [chosen], [tolerances]
     windows = []
-    for window, own, positions, tolerance in zip(problem.windows, runs, chosen, tolerances, strict=True):
+    for window, own, positions, tolerance in zip(
+        problem.windows, runs, content["fitted"], content["tolerance"], strict=True
+    ):
         fitted = own.take(np.array(positions))
         emulator = fit_emulator(fitted, simulated_priors(window), np.array(tolerance))
         windows.append(with_emulator(window, emulator))
@@ -223,9 +222,8 @@ def _runs_so_far(run: Run, files: list[str], problem: Problem) -> Runs:
 
 
 def _content(learnt: Learnt) -> dict[str, Any]:
-    """What emulator.json says; of several windows `fitted` and `tolerance` are lists, in the windows' order."""
-    last, several = learnt.rounds[-1], len(learnt.fits) > 1
-    fitted, tolerance = [fit.fitted for fit in learnt.fits], [fit.tolerance for fit in learnt.fits]
+    """What emulator.json says; `fitted` and `tolerance` are those of each window."""
+    last = learnt.rounds[-1]
     content: dict[str, Any] = plain(
         {
             "runs": last.runs,
@@ -233,8 +231,8 @@ def _content(learnt: Learnt) -> dict[str, Any]:
             "failures": learnt.failures,
             "reached": learnt.reached,
             "theta": learnt.theta,
-            "fitted": fitted if several else fitted[0],
-            "tolerance": tolerance if several else tolerance[0],
+            "fitted": [fit.fitted for fit in learnt.fits],
+            "tolerance": [fit.tolerance for fit in learnt.fits],
             "rounds": learnt.rounds,
         }
     )
