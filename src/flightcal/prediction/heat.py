@@ -179,7 +179,53 @@ def _end(
     return End(time, states, noise, window.status[-1])
 
 
-def noise_errors(
+@dataclass(frozen=True)
+class Heated:
+    """What unmodelled heat makes of one window's prediction, in S draws."""
+
+    errors: WindowErrors
+    """Noise: beside heat there is no discrepancy."""
+    injected: HeatIn
+    thresholds: Thresholds | None
+    """Of the thermostats; None: as the scenario writes them."""
+    ended: End | None
+    """Of the training window that it goes on from; None: of none."""
+    known: FloatArray | None
+    """[S, T, N] K, the simulator's errors as they are in training; None: they are not known."""
+    on: FloatArray | None
+    """[S, H] heaters that are on at first; None: not found in training."""
+    fitted: FloatArray | None
+    """[T, N] K, what telemetry of a training window is held to; None of any other."""
+
+
+def heated_window(
+    problem: Problem, window: Window, thetas: FloatArray, drawn: DrawnHeat, first: int, rng: np.random.Generator
+) -> Heated:
+    """Heat of posterior draws in a window, at its thetas [S, q].
+
+    first: how many samples at its start tell about its errors; none do where training ends at the start.
+    """
+    injected = drawn.in_window(window, rng)
+    trained = next((own for own in problem.windows if own.name == window.name), None)
+    ended = drawn.continued(window.start) if trained is None else None
+    on = None
+    if window.unmeasured and ended is not None:
+        on = _with_held(window, ended.on, len(thetas))
+    elif window.unmeasured and trained is not None:
+        on = _with_held(window, trained.status[0], len(thetas))
+    errors = _noise_errors(problem, window, thetas, drawn.usable, first if ended is None else 0, ended)
+    known = injected.errors(window)
+    return Heated(errors, injected, drawn.thresholds, ended, known, on, drawn.fitted.get(window.name))
+
+
+def _with_held(window: Window, status: FloatArray, count: int) -> FloatArray:
+    """[count, H] heaters that are on at first: those without a status as in training [H], where it has been found."""
+    assert window.network is not None
+    found = np.isfinite(status) & np.isin(np.arange(len(status)), window.unmeasured)
+    return np.tile(np.where(found, status, window.network.drive.initially_on), (count, 1))
+
+
+def _noise_errors(
     problem: Problem,
     window: Window,
     thetas: FloatArray,

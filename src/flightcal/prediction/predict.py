@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Mapping
 from dataclasses import replace
+from typing import Any
 
 import numpy as np
 import xarray
@@ -18,7 +19,7 @@ from ..simulator import FloatArray, Trajectory
 from .duty import FEWEST_ORBITS, sampled_duty_cycle, unknown_share
 from .ensemble import Ensemble, propagate
 from .errors import WhiteErrors, WindowErrors, window_errors
-from .heat import DrawnHeat, draw_heat, noise_errors
+from .heat import DrawnHeat, Heated, draw_heat, heated_window
 from .holding import replicate
 from .initial import condition_initial, condition_start
 from .innovations import discrepancy_in_words, innovations, noise_in_words
@@ -52,75 +53,75 @@ def predict(
     itself.
     Raises TelemetryError and RunError.
     """
-    scenario = problem.scenario
-    settings = scenario.calibration.prediction
+    settings = problem.scenario.calibration.prediction
     rng = np.random.default_rng([seed, *name.encode()])
     trained = {window.name: window for window in problem.flown or problem.windows}
-    window = trained.get(name) or _like_trained(problem, build_window(scenario, telemetry, name))
+    window = trained.get(name) or _like_trained(problem, build_window(problem.scenario, telemetry, name))
     for_draws = stand_in(window)
-    scored = np.ones(len(window.times), bool)
     thetas = problem.at(window, np.stack(list(points.values())) if points else np.empty((0, draws.shape[1])))
     inside = problem.at(window, draws, rng)
-    if name not in trained:
-        first = _like_trained(problem, build_window(scenario, telemetry, name, span=settings.initial_span))
-        # Heat in a gap that goes on beyond the first samples is one, and changes of mode are counted from the start.
-        first = replace(first, bridged=window.bridged, changes=window.changes)
-        scored = window.times > first.times[-1]
-    errors, heated, heat_in, thresholds, ended, known, on = (None,) * 7
+    first = None if name in trained else _first_of(problem, window, telemetry)
+    scored = np.ones(len(window.times), bool) if first is None else window.times > first.times[-1]
+    heated, errors = None, None
     if problem.heat is not None:
         drawn = heat or draw_heat(problem, draws, rng)
-        heat_in, thresholds = drawn.in_window(window, rng), drawn.thresholds
-        ended = None if name in trained else drawn.continued(window.start)
-        if ended is not None:
-            scored[:] = True
-        heated, known = heat_in.on(window), heat_in.errors(window)
-        errors = noise_errors(problem, window, inside, drawn.usable, int((~scored).sum()), ended)
+        heated = heated_window(problem, window, inside, drawn, int((~scored).sum()), rng)
+        errors = heated.errors
     elif not window.residuals.is_independent:
         errors = window_errors(problem, for_draws, draws, int((~scored).sum()), stand_in)
-    if name not in trained:
+    ended, on = (None, None) if heated is None else (heated.ended, heated.on)
+    if first is not None:
         if len(thetas):
             thetas = condition_initial(first, thetas, _white(window, thetas))
-        if isinstance(for_draws.simulator, EmulatedSimulator):
-            first = replace(first, simulator=for_draws.simulator.on(slice(len(first.times))))
-        at_first = _white(window, inside) if errors is None else errors.at_first()
-        of_first = None if heat_in is None else heat_in.on(first)
-        if ended is None and first.unmeasured:
-            inside, on = condition_start(first, inside, at_first, rng, of_first, _shares(problem))
-        elif ended is None:
-            inside = condition_initial(first, inside, at_first, rng, of_first)
-        else:
+        if ended is not None:
+            scored[:] = True
             inside[:, [k for k, own in enumerate(window.names) if own.startswith("initial.")]] = ended.temperatures
-    if window.unmeasured and problem.heat is not None and (name in trained or ended is not None):
-        status = ended.on if ended is not None else next(o.status[0] for o in problem.windows if o.name == name)
-        on = _with_held(window, status, len(inside))
-    ensemble = propagate(for_draws, inside, settings.interval, rng, errors, heated, thresholds, known, on)
+        else:
+            if isinstance(for_draws.simulator, EmulatedSimulator):
+                first = replace(first, simulator=for_draws.simulator.on(slice(len(first.times))))
+            inside, on = _begun(problem, first, inside, errors, heated, rng)
+    of_heat: dict[str, Any] = {}
+    if heated is not None:
+        of_heat = {"heat": heated.injected.on(window), "thresholds": heated.thresholds, "known": heated.known}
+    ensemble = propagate(for_draws, inside, settings.interval, rng, errors, on=on, **of_heat)
     runs = window.simulate_many(thetas) if len(thetas) else []
     prediction = _dataset(window, dict(zip(points, runs, strict=True)), thetas, ensemble, scored)
-    error = "" if for_draws.simulator.error_basis is None else ", the surrogate's error"
-    if heated is not None:
-        error += ", unmodelled heat"
-    scatter = ", scatter of the thermostats" if name not in trained and _scatters(scenario) else ""
     replicated = replicate(window.observed, scored, ensemble.draws, settings.interval)
     prediction = prediction.merge(replicated.dataset())
     if errors is not None:
-        fitted = drawn.fitted[name] if problem.heat is not None and name in trained else ensemble.mean
+        fitted = ensemble.mean if heated is None or heated.fitted is None else heated.fitted
         prediction = prediction.assign(_residual_model(window, errors, ensemble, fitted, rng))
-    prediction.attrs |= {
-        "interval": settings.interval,
-        "interval_contains": f"parameters, initial temperatures{error}{scatter}, {_contained(window)}",
-        "model_interval_contains": f"parameters, initial temperatures{error}{scatter}"
-        + (", model discrepancy" if window.residuals.terms.discrepant.any() else ""),
-        "duty_cycle_contains": f"parameters, initial temperatures{scatter}"
-        + _of_duty(errors, name, len(trained), heated=heated is not None),
-        "initial_state": "calibrated with the parameters"
-        if name in trained
-        else "that of the end of the training window"
-        if ended is not None
-        else f"estimated from the first {settings.initial_span / 60:g} min of the window, which are not scored",
-        "failed_simulations": ensemble.failed,
-    }
+    prediction.attrs |= {"interval": settings.interval, "failed_simulations": ensemble.failed}
+    prediction.attrs |= _in_words(for_draws, errors, heated, trained, settings.initial_span)
     prediction.attrs |= unseen_attribute(trained, window, ensemble.mean)
     return labelled(prediction, LABELS), ensemble
+
+
+def _first_of(problem: Problem, window: Window, telemetry: xarray.Dataset) -> Window:
+    """A window that was not trained on, cut to the first samples, which tell its initial temperatures."""
+    span = problem.scenario.calibration.prediction.initial_span
+    first = _like_trained(problem, build_window(problem.scenario, telemetry, window.name, span=span))
+    # Heat in a gap that goes on beyond the first samples is one, and changes of mode are counted from the start.
+    return replace(first, bridged=window.bridged, changes=window.changes)
+
+
+def _begun(
+    problem: Problem,
+    first: Window,
+    thetas: FloatArray,
+    errors: WindowErrors | None,
+    heated: Heated | None,
+    rng: np.random.Generator,
+) -> tuple[FloatArray, FloatArray | None]:
+    """Thetas [S, q] with initial temperatures as the first samples have them, and [S, H] heaters that are on then.
+
+    None: those that the status or the scenario says.
+    """
+    at_first = _white(first, thetas) if errors is None else errors.at_first()
+    heat = None if heated is None else heated.injected.on(first)
+    if first.unmeasured:
+        return condition_start(first, thetas, at_first, rng, heat, _shares(problem))
+    return condition_initial(first, thetas, at_first, rng, heat), None
 
 
 def _shares(problem: Problem) -> FloatArray:
@@ -129,13 +130,6 @@ def _shares(problem: Problem) -> FloatArray:
     known = np.isfinite(status)
     shares = np.where(known, status, 0.0).sum(axis=0) / known.sum(axis=0).clip(1)
     return np.where(known.any(axis=0), shares, 0.5).clip(_RARELY, 1.0 - _RARELY)
-
-
-def _with_held(window: Window, status: FloatArray, count: int) -> FloatArray:
-    """[count, H] heaters that are on at first: those without a status as in training [H], where it has been found."""
-    assert window.network is not None
-    found = np.isfinite(status) & np.isin(np.arange(len(status)), window.unmeasured)
-    return np.tile(np.where(found, status, window.network.drive.initially_on), (count, 1))
 
 
 def _like_trained(problem: Problem, window: Window) -> Window:
@@ -170,6 +164,35 @@ def _residual_model(
         names = ("discrepancy_mean", "discrepancy_lower", "discrepancy_upper")
         found |= {name: (by_sample, values) for name, values in zip(names, ensemble.discrepancy, strict=True)}
     return found
+
+
+def _in_words(
+    window: Window,
+    errors: WindowErrors | None,
+    heated: Heated | None,
+    trained: Mapping[str, Window],
+    initial_span: float,
+) -> dict[str, str]:
+    """What intervals contain, and where the window's initial state is from. window: as draws are propagated through."""
+    is_unseen = window.name not in trained
+    error = "" if window.simulator.error_basis is None else ", the surrogate's error"
+    if heated is not None:
+        error += ", unmodelled heat"
+    scatter = ", scatter of the thermostats" if is_unseen and _scatters(window.scenario) else ""
+    discrepancy = ", model discrepancy" if window.residuals.terms.discrepant.any() else ""
+    if not is_unseen:
+        state = "calibrated with the parameters"
+    elif heated is not None and heated.ended is not None:
+        state = "that of the end of the training window"
+    else:
+        state = f"estimated from the first {initial_span / 60:g} min of the window, which are not scored"
+    of_duty = _of_duty(errors, window.name, len(trained), heated=heated is not None)
+    return {
+        "interval_contains": f"parameters, initial temperatures{error}{scatter}, {_contained(window)}",
+        "model_interval_contains": f"parameters, initial temperatures{error}{scatter}{discrepancy}",
+        "duty_cycle_contains": f"parameters, initial temperatures{scatter}{of_duty}",
+        "initial_state": state,
+    }
 
 
 def _contained(window: Window) -> str:
