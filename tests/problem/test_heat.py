@@ -22,7 +22,7 @@ from flightcal.problem import (
     unit_heats,
     with_heat,
 )
-from tests.problem.heated import SHAPES, middle, with_some_heat
+from tests.problem.heated import SHAPES, middle, problem_of, with_some_heat, written
 
 
 def test_its_theta_has_the_scales_of_heat_beside_one_size_of_the_noise(both):
@@ -299,3 +299,21 @@ def test_exact_heat_is_looked_for_no_longer_than_what_is_missed_is_more_than_may
     first, least = missed(np.inf), missed(0.0)
     between = np.sqrt(first * least)
     assert least < missed(between) < between < first
+
+
+def test_the_information_has_what_the_heaters_status_tells(tmp_path):
+    content = written(windows=1)
+    content["observations"]["heater_status"]["likelihood"] = {"switch_times": {}}
+    problem, told = with_some_heat(problem_of(tmp_path, content))
+    silent = replace(told, windows=tuple(replace(window, heater_status=None) for window in told.windows))
+    known = dict(zip(problem.names, middle(problem), strict=True))
+    theta = [known.get(name, median) for name, median in zip(told.names, told.priors.median(), strict=True)]
+    z = told.to_z(np.array(theta))
+    found = np.diag(told.gauss_newton_hessian(z) - silent.gauss_newton_hessian(z))
+    for k in (told.names.index("power"), told.names.index("timing.heater_status")):
+        step = 1e-3 * np.eye(len(z))[k]
+        of_status = [told.log_density(z + sign * step) - silent.log_density(z + sign * step) for sign in (-1, 0, 1)]
+        second = -(of_status[0] - 2.0 * of_status[1] + of_status[2]) / 1e-6
+        # Gauss-Newton leaves out how the switches bend.
+        assert found[k] == pytest.approx(second, rel=0.5), told.names[k]
+        assert found[k] > 0.5

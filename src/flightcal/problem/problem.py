@@ -341,12 +341,13 @@ class Problem:
         prior = self.priors.at(z)
         if self.heat is not None:
             hessian = self._information_beside_heat(z, prior) + self._curvature_beside_heat(z, prior)
-            hessian[np.diag_indices(len(z))] += self.priors.precision(z)
-            return hessian
-        hessian = self._information(z, prior)
+        else:
+            hessian = self._information(z, prior)
         for (window, inside), own in zip(self._inside(z, prior), self.links, strict=True):
             derivative = own.derivative(z, prior)
-            found = window.information(inside)
+            found = window.status_information(inside)
+            if self.heat is None:
+                found += window.noise_information(inside)
             hessian += np.einsum("ai,ab,bj->ij", derivative, found, derivative, optimize=True)
         hessian[np.diag_indices(len(z))] += self.priors.precision(z)
         return hessian

@@ -378,7 +378,8 @@ class Window:
         numbers = self.numbers(theta)
         if not hasattr(self._own, "likelihood"):
             self._own.likelihood = Likelihood([self.terms], numbers.shape[1])
-        return float(self._own.likelihood((self.observed, run.temperatures, numbers, run.error_variance))[0])
+        given = self.target, run.temperatures, numbers, run.error_variance, self.scales(theta)
+        return float(self._own.likelihood(given)[0])
 
     def _cotangents(self, temperatures_bar: FloatArray, variance_bar: FloatArray) -> tuple[FloatArray, ...]:
         """What the vector-Jacobian product of the simulator takes."""
@@ -420,21 +421,16 @@ class Window:
             jacobian[..., k] = (right.temperatures - left.temperatures) / (2.0 * _DIFFERENCE)
         return jacobian
 
-    def information(self, prior: PriorTerms) -> FloatArray:
-        """What is known of all but the temperatures: minus the Hessian [q, q] of that part of the log likelihood.
+    def noise_information(self, prior: PriorTerms) -> FloatArray:
+        """Curvature [q, q] of minus the log likelihood in what is inferred of noise and discrepancy.
 
-        By coordinates whose theta [q] and slopes are `prior`'s: the curvature in what is inferred of noise and
-        discrepancy as if a surrogate were exact, bent to be positive, and what the heaters' status tells. Raises
-        SimulationFailure.
+        By coordinates whose theta [q] and slopes are `prior`'s; as if a surrogate were exact, bent to be positive.
+        Raises SimulationFailure.
         """
-        numbers, run = self.numbers(prior.theta), self.simulate(prior.theta)
+        run = self.simulate(prior.theta)
         residual = np.where(self.valid, self.observed - run.temperatures, 0.0)
-        return self._curvature(residual, numbers, prior) + self._status_information(prior)
-
-    def _curvature(self, residual: FloatArray, numbers: FloatArray, prior: PriorTerms) -> FloatArray:
-        """Curvature [q, q] in the entries of theta that are the residuals' numbers; never negative."""
         channels, columns, positions = self.places
-        by_logarithm = self.residuals.curvature(residual, numbers)
+        by_logarithm = self.residuals.curvature(residual, self.numbers(prior.theta))
         rate = prior.slope[positions] / prior.theta[positions]
         curvature = np.zeros((len(prior.theta), len(prior.theta)))
         same = channels[:, None] == channels
@@ -445,8 +441,8 @@ class Window:
         curvature[np.ix_(own, own)] = (directions * np.abs(eigenvalues)) @ directions.T
         return curvature
 
-    def _status_information(self, prior: PriorTerms) -> FloatArray:
-        """What the heaters' status adds [q, q], with an exact Jacobian of the switches."""
+    def status_information(self, prior: PriorTerms) -> FloatArray:
+        """What the heaters' status adds to `noise_information` [q, q], with an exact Jacobian of the switches."""
         hessian = np.zeros((len(prior.theta),) * 2)
         rows: list[FloatArray] = []
         if self.measured_switches is not None:
