@@ -152,3 +152,21 @@ def test_the_priors_of_initial_temperatures_stay_those_around_the_first_telemetr
     found = with_telemetry(problem, data, warmer)
     for new, old in ((found, problem), (found.open_loop, problem.open_loop)):
         assert [window.reads for window in new.windows] == [window.reads for window in old.windows]
+
+
+def test_drawn_heat_has_the_time_errors_of_changes_of_mode(tmp_path):
+    content = small.content() | {"heat": {}}
+    content["simulator"]["modes"] = {"idle": {"body": "5 W"}, "busy": {"body": "60 W"}}
+    content["simulator"]["timeline"] = [
+        {"at": "2024-03-01T00:00:00", "mode": "idle"},
+        {"at": "2024-03-01T01:00:00", "mode": "busy", "within": "10 min"},
+    ]
+    problem = build_problem(*small.closed_loop(tmp_path, content))
+    rng = np.random.default_rng(2)
+    (window,) = problem.windows
+    column = window.network.network.columns.index("heat.body")
+    drives = [with_drawn_heat(problem, rng)[0].windows[0].network.drive for _ in range(60)]
+    around, later = (int(np.searchsorted(drives[0].times, hours * 3600.0)) - 1 for hours in (1.0, 1.3))
+    heat = np.stack([drive.inputs[:, :, column].mean(axis=1) for drive in drives])
+    # 55 W for about 600 s / sqrt(12), within ten minutes; else some watts.
+    assert heat[:, around].std() > 3.0 * heat[:, later].std()

@@ -52,7 +52,7 @@ def with_drawn_heat(problem: Problem, rng: np.random.Generator) -> tuple[Problem
         for g, (group, own) in enumerate(zip(model.groups, units, strict=True)):
             if g not in shared or group.window:
                 # Switches happen where thermostats switch, and the simulator's error is no heat.
-                scale = sizes.get(group.scale, 1.0 if group.part == "gaps" else 0.0)
+                scale = sizes.get(group.scale, 1.0 if group.part in ("gaps", "changes") else 0.0)
                 shared[g] = scale * rng.standard_normal(len(own.series))
         heat = heat_of_weights(model, units, [shared[g] for g in range(len(units))])
         windows.append(replace(window, simulator=window.network.with_heat(heat)))
