@@ -8,7 +8,7 @@ import pytest
 from flightcal.problem import build_problem, held_by, hold, sampled_windows, with_other
 
 from .. import small
-from .heated import written
+from .heated import problem_of, written
 
 
 def test_held_heaters_do_what_they_did_where_the_status_is_not_known(problem, centre):
@@ -86,3 +86,17 @@ def test_thermostats_act_where_their_thresholds_are_to_be_found_and_nothing_else
     }
     problem = without_a_status(tmp_path, lower=lower)
     assert sampled_windows(problem) is problem.windows
+
+
+def test_a_switch_in_a_long_gap_of_the_status_is_that_which_is_held_alone(tmp_path):
+    problem = problem_of(tmp_path, written(windows=1))
+    (window,) = sampled_windows(problem)
+    status = window.status[:, 0]
+    # Ten minutes, which the heater leaves otherwise than it enters them.
+    known = [k for k in range(5, len(status) - 15) if np.isfinite(status[k : k + 11]).all()]
+    begin = next(k for k in known if status[k] != status[k + 10])
+    scenario, data = small.closed_loop(tmp_path, written(windows=1))
+    data["heater_status"].values[begin + 1 : begin + 10] = np.nan
+    (gapped,) = sampled_windows(build_problem(scenario, data))
+    inside = (gapped.switching.time > 60.0 * begin) & (gapped.switching.time < 60.0 * (begin + 10))
+    assert not inside.any()

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from scipy import stats
 
-from flightcal.errors import ScenarioError
+from flightcal.errors import ScenarioError, TelemetryError
 from flightcal.problem import build_problem, build_window, initial_priors
 from flightcal.simulator import SimulationFailure
 from tests import small
@@ -328,3 +328,11 @@ def test_initial_temperatures_are_expected_where_the_first_readings_are_without_
     prior = problem.priors.priors[problem.names.index("initial.body")]
     reading = problem.windows[0].observed[0, 0] - 273.15
     assert prior.mean == pytest.approx(273.15 + (reading - 0.5) / 1.1, abs=1e-9)
+
+
+def test_a_window_to_train_on_without_a_temperature_is_refused(tmp_path):
+    scenario, data = small.closed_loop(tmp_path)
+    for channel in ("body_temp", "panel_temp"):
+        data[channel].values[:] = np.nan
+    with pytest.raises(TelemetryError, match="found no valid temperature, expected some to train on"):
+        build_problem(scenario, data)

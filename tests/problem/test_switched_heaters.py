@@ -225,3 +225,12 @@ def test_the_text_of_a_scenario_with_them_is_read_again_with_calibrated_powers(c
         again = load_scenario(tmp_path / "again.yaml")
         assert again.network.heaters["second"].power == 8.75
         assert again.network.heaters["heater"] == scenario.network.heaters["heater"]
+
+
+@pytest.mark.parametrize("samples", [0, 1])
+def test_a_status_that_telemetry_hardly_tells_drives_no_heater(tmp_path, samples):
+    scenario, data = small.closed_loop(tmp_path, written())
+    data["heater_status"].values[samples:] = np.nan
+    problem = build_problem(scenario, data)
+    assert problem.open_loop is None
+    assert sampled_windows(problem) == problem.windows

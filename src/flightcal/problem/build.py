@@ -9,7 +9,7 @@ import numpy as np
 import xarray
 
 from ..environment import orbital_period, seconds_later
-from ..errors import ScenarioError
+from ..errors import ScenarioError, TelemetryError
 from ..probability import Priors, heater_status, measured_switches, residual_model, uncertain_thermostats
 from ..reduction import initial_given
 from ..reduction import load as load_reduced
@@ -25,7 +25,15 @@ from ..scenario import (
     time_error_of,
 )
 from ..simulator import ICE_POINT, TIME_ERROR, FloatArray, NetworkSimulator, open_loop
-from ..telemetry import driver_gaps, driver_jumps, driver_series, select_window, usual_interval, window_bounds
+from ..telemetry import (
+    SHORT_GAP,
+    driver_gaps,
+    driver_jumps,
+    driver_series,
+    select_window,
+    usual_interval,
+    window_bounds,
+)
 from .entries import entries_of
 from .problem import Problem
 from .simulators import build_simulator
@@ -63,7 +71,7 @@ def open_windows(
     windows: Sequence[Window], telemetry: xarray.Dataset, *, span: float | None = None
 ) -> tuple[Window, ...]:
     """The same windows with every heater driven by its measured status; empty where that cannot be."""
-    if not all(_can_be_opened(window.scenario) for window in windows):
+    if not all(_can_be_opened(window.scenario, telemetry) for window in windows):
         return ()
     return tuple(build_window(open_loop(window.scenario), telemetry, window.name, span=span) for window in windows)
 
@@ -88,6 +96,8 @@ def build_window(scenario: Scenario, telemetry: xarray.Dataset, name: str, *, sp
     chosen = chosen.sel(time=slice(start, end))
     times = chosen["time"].values
     observed = np.stack([chosen[channel].values for channel in channels], axis=1)
+    if is_trained(name) and not np.isfinite(observed).any():
+        raise TelemetryError(f"windows.{name}: found no valid temperature, expected some to train on")
     told = scenario
     if start > written:
         # What the scenario says of nodes without a channel is of the start that it writes.
@@ -237,7 +247,8 @@ def _switching(scenario: Scenario, telemetry: xarray.Dataset, start: np.datetime
         seconds = (telemetry["time"].values[valid] - start) / np.timedelta64(1, "ns") * 1e-9
         gaps = np.diff(seconds)
         usual = float(np.median(gaps)) if len(gaps) else 0.0
-        for k in np.flatnonzero(np.diff(values[valid] > 0.5)):
+        # What it does in a longer gap is simulated: see `held_by`.
+        for k in np.flatnonzero(np.diff(values[valid] > 0.5) & (gaps <= SHORT_GAP * usual)):
             interval = min(float(gaps[k]), usual)
             found.append((float(seconds[k + 1]) - 0.5 * interval, interval))
             heaters.append(name)
@@ -245,7 +256,7 @@ def _switching(scenario: Scenario, telemetry: xarray.Dataset, start: np.datetime
     return Switching(times, intervals, tuple(heaters))
 
 
-def _can_be_opened(scenario: Scenario) -> bool:
+def _can_be_opened(scenario: Scenario, telemetry: xarray.Dataset) -> bool:
     """Whether the heaters act in closed loop, and all of them could be driven by their measured status instead.
 
     With unmodelled heat what one does without a status is found from the temperatures, but not where its thresholds
@@ -255,6 +266,9 @@ def _can_be_opened(scenario: Scenario) -> bool:
         return False
     heaters = scenario.simulator.switches
     if not heaters or scenario.simulator.heater_input != "simulated":
+        return False
+    measured = [heater.measured_by for heater in heaters.values() if heater.measured_by is not None]
+    if any(np.isfinite(telemetry[channel].values).sum() < 2 for channel in measured):
         return False
     unmeasured = {name for name, heater in heaters.items() if heater.measured_by is None}
     if heat_of(scenario) is None:
