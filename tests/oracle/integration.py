@@ -65,7 +65,7 @@ def _step_and_output(
 
 
 def integrate(structure: Structure, system: System, drive: Drive, *, max_segments: int = 4) -> tuple[Any, Any]:
-    """States [K+1, n] (K) and heater status [K+1, H] on the drive's grid.
+    """States [K+1, n] (K) and heater status [K+1, H] just after each point of the drive's grid.
 
     At most `max_segments` - 1 switches happen in one grid step; more would be lost, so compare with `integrate`.
     """
@@ -89,7 +89,7 @@ def _run(structure: Structure, system: System, drive: Drive, max_segments: int) 
         balanced = (now == before).all()
         before = jnp.where(active, now, before)
         h = jnp.where(active, duration - begin, 1.0)
-        slope = (stop - start) / jnp.where(duration > 0, duration, 1.0)
+        slope = (stop - start) / duration
         b0 = start + slope * begin + u @ g
 
         def advance(length: Any) -> Any:
@@ -134,16 +134,15 @@ def _run(structure: Structure, system: System, drive: Drive, max_segments: int) 
     def step(carry: Any, row: Any) -> Any:
         x, u, driven, before = carry
         start, stop, duration, given = row
-        simulated, lasting = jnp.isnan(given), duration > 0.0
-        u = jnp.where(lasting, jnp.where(simulated, jnp.where(driven, started(x, u), u), given), u)
-        driven = jnp.where(lasting, ~simulated, driven)
+        simulated = jnp.isnan(given)
+        entered = jnp.where(simulated, jnp.where(driven, started(x, u), u), given)
         (x, u, _, before), segments = jax.lax.scan(
             lambda c, s: segment(c, s, start, stop, duration, simulated),
-            (x, u, jnp.zeros_like(duration), before),
+            (x, entered, jnp.zeros_like(duration), before),
             None,
             length=max_segments,
         )
-        return (x, u, driven, before), (x, u, segments)
+        return (x, u, ~simulated, before), (x, entered, segments)
 
     def started(x: Any, status: Any) -> Any:
         on = jnp.where(status > 0.5, 1.0, 0.0)
@@ -152,11 +151,13 @@ def _run(structure: Structure, system: System, drive: Drive, max_segments: int) 
     driven = ~jnp.isnan(measured[0])
     u0 = jnp.where(driven, measured[0], started(system.initial, jnp.asarray(drive.initially_on)))
     rows = (heat[:, 0], heat[:, 1], durations, measured)
-    _, (states, status, segments) = jax.lax.scan(step, (system.initial, u0, driven, jnp.zeros(len(u0) + 1)), rows)
+    (_, last, *_), (states, status, segments) = jax.lax.scan(
+        step, (system.initial, u0, driven, jnp.zeros(len(u0) + 1)), rows
+    )
     active, begin, *rest = segments
     begin = jnp.asarray(drive.times)[:-1, None] + begin
     flat = [part.reshape(-1, *part.shape[2:]) for part in (active, begin, *rest)]
-    return jnp.concatenate([system.initial[None], states]), jnp.concatenate([u0[None], status]), flat
+    return jnp.concatenate([system.initial[None], states]), jnp.concatenate([status, last[None]]), flat
 
 
 def simulate(

@@ -2,8 +2,11 @@ from pathlib import Path
 
 import pytest
 
+from flightcal.errors import ScenarioError
 from flightcal.scenario import lint
 from flightcal.scenario.lint import Finding
+
+from .. import small
 
 EXAMPLE = Path(__file__).parent / "example.yaml"
 
@@ -321,3 +324,11 @@ def test_a_capacity_may_depend_on_temperature(lint_edited):
 def test_a_capacitys_slope_is_set_only_where_it_is_written(lint_edited):
     (message,) = lint_edited(("scales: [nodes.battery.capacity,", "scales: [nodes.battery.capacity_slope,"))
     assert "write 'capacity_slope' in nodes.battery first" in message
+
+
+def test_a_network_in_which_nothing_holds_heat_is_refused(tmp_path):
+    written = small.content()
+    for node in ("body", "panel"):
+        written["simulator"]["nodes"][node] = {"arithmetic": True}
+    with pytest.raises(ScenarioError, match="nodes: found no node with a capacity"):
+        small.load(tmp_path, written)

@@ -84,7 +84,7 @@ def random_system(seed, *, nodes=6, heaters=2, massless=1, steps=150, step=30.0,
     N = radiative - np.diag(radiative.sum(axis=1) + rng.uniform(0.005, 0.03, nodes) * STEFAN_BOLTZMANN)
     times = np.linspace(0.0, steps * step, steps + 1)
     jump = steps // 3
-    times = np.insert(times, [1, jump + 1, jump + 1], [1e-4, times[jump], times[jump] + 1e-4])
+    times = np.insert(times, [1, jump + 1], [1e-4, times[jump] + 1e-4])
     after = np.arange(len(times)) > jump + 1
     inputs = np.stack([np.ones(len(times)), np.maximum(np.sin(2 * np.pi * times / 5800.0), 0.0), after * 1.0], axis=1)
     B = rng.uniform(0.0, 2.5, (nodes, 3))

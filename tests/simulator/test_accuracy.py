@@ -98,7 +98,7 @@ def test_a_massless_node_obeys_its_heat_balance_and_equals_the_limit_of_a_small_
     A, N, _, B, _ = (np.array(matrix) for matrix in oracle.dense(structure, system))
     inputs = np.concatenate([drive.inputs[:1, 0], drive.inputs[:, 1]])
     balance = x @ A[-1] + x**4 @ N[-1] + inputs @ B[-1]
-    jump = int(np.flatnonzero(np.diff(drive.times) == 0.0)[0])
+    jump = int(np.flatnonzero(np.diff(drive.times) < 1e-3)[1])
     settled = np.ones(len(x), bool)
     settled[[0, 1, jump + 1, jump + 2]] = False
     assert np.abs(balance[settled]).max() < 1e-5 * np.abs(x * A[-1]).max()

@@ -139,7 +139,7 @@ def _switch_heats(model: HeatModel, window: Window, own: bool) -> Units:
 
 def _inside(begin: float, end: float, grid: FloatArray) -> FloatArray:
     """[K] share of each step that lies between two times."""
-    return np.diff(np.clip(grid, begin, end)) / np.diff(grid).clip(1e-9)
+    return np.diff(np.clip(grid, begin, end)) / np.diff(grid)
 
 
 def _change_heats(model: HeatModel, window: Window, own: bool) -> Units:

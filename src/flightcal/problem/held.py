@@ -50,7 +50,7 @@ def _in_gap(
     begin, end = float(drive.times[gap[0]]), float(drive.times[gap[-1] + 1])
     inside = (switches.heater == heater) & (switches.time > begin) & (switches.time < end)
     moments = [(time, _HELD) for time in switches.time[inside].tolist()]
-    first = not switches.on[inside][0] if moments else bool(status[gap[0] + 1, heater])
+    first = not switches.on[inside][0] if moments else bool(status[gap[0], heater])
     after = drive.measured[gap[-1] + 1, heater] if gap[-1] + 1 < len(drive.measured) else np.nan
     if after in (0.0, 1.0) and bool(after) != (first ^ bool(len(moments) % 2)):
         last = moments[-1][0] if moments else begin

@@ -48,8 +48,7 @@ class Place(NamedTuple):
 
 
 def locate(times: FloatArray, grid: FloatArray) -> Place:
-    """Where times (s, ascending) lie on a grid with possible double points."""
+    """Where times (s, ascending) lie on a grid."""
     index = np.clip(np.searchsorted(grid, times + 1e-9, side="right") - 1, 0, len(grid) - 2)
-    length = grid[index + 1] - grid[index]
-    weight = np.divide(times - grid[index], length, out=np.zeros_like(times), where=length > 0)
+    weight = (times - grid[index]) / (grid[index + 1] - grid[index])
     return Place(index, np.clip(weight, 0.0, 1.0))

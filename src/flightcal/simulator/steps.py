@@ -106,7 +106,7 @@ def choose_grid(inputs: Inputs, compare: Compare, tolerance: float) -> tuple[Flo
     grid = make_grid(inputs, wanted)
     best: tuple[FloatArray, Accuracy] | None = None
     left, most = _IDLE, _MOST * len(make_grid(inputs, FALLBACK))
-    closest: tuple[float, FloatArray, Accuracy] | None = None
+    closest = np.inf, grid, Accuracy(len(grid) - 1, np.nan, np.nan)
     for _ in range(_TRIALS):
         found = measure(grid, compare)
         if found is None:
@@ -115,7 +115,7 @@ def choose_grid(inputs: Inputs, compare: Compare, tolerance: float) -> tuple[Flo
         accuracy, typical, worst = found
         error, largest = accuracy.error / (_MARGIN * tolerance), accuracy.largest / (_LARGEST * tolerance)
         excess = max(error, largest)
-        if closest is None or excess < closest[0]:
+        if excess < closest[0]:
             closest = excess, grid, accuracy
         if excess <= 1.0:
             if best is None or accuracy.steps < 0.97 * best[1].steps:
@@ -138,9 +138,7 @@ def choose_grid(inputs: Inputs, compare: Compare, tolerance: float) -> tuple[Flo
         grid = make_grid(inputs, wanted)
         if len(grid) > most:
             break
-    if best is None and closest is not None:
-        best = closest[1:]
-    return best or (grid, Accuracy(len(grid) - 1, np.nan, np.nan))
+    return best or closest[1:]
 
 
 def measure(grid: FloatArray, compare: Compare) -> tuple[Accuracy, FloatArray, FloatArray] | None:

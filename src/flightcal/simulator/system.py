@@ -84,7 +84,7 @@ class Drive:
     """What acts on the system from outside, on the grid of the integration."""
 
     times: FloatArray
-    """[K+1] s from the window's start, not decreasing; nothing acts in a step of length zero."""
+    """[K+1] s from the window's start, increasing."""
     inputs: FloatArray
     """w [K, 2, q] at the start and at the end of each step, linear in between."""
     measured: FloatArray

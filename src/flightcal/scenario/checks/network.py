@@ -74,8 +74,13 @@ def _check_faces(blocks: Blocks) -> Iterator[Problem]:
 
 
 def _check_links(blocks: Blocks) -> Iterator[Problem]:
-    """Heat can leave every node that holds heat. (A reduced order model has its links inside.)"""
-    if blocks.reduced is not None or None in blocks.conductors or None in blocks.faces.values():
+    """A node holds heat, and it can leave every one that does. (A reduced order model has its links inside.)"""
+    if blocks.reduced is not None:
+        return
+    if blocks.nodes and not any(node is None or node.capacity is not None for node in blocks.nodes.values()):
+        message = "found no node with a capacity, expected one: without it nothing holds heat"
+        yield Problem(("simulator", "nodes"), message)
+    if None in blocks.conductors or None in blocks.faces.values():
         return
     linked = {name for conductor in blocks.conductors if conductor is not None for name in conductor.between}
     linked |= {face.node for face in readable(blocks.faces).values()}

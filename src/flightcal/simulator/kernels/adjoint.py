@@ -114,8 +114,6 @@ def adjoint(call):
         for i in range(n):
             x_bar[i] += states_bar[step + 1, i]
         duration = times[step + 1] - times[step]
-        if duration <= 0.0:
-            continue
         rate = 1.0 / duration
         for i in range(n):
             left[i] = record.heat[0, i, 2 * step]

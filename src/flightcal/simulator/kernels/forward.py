@@ -360,21 +360,24 @@ def _start_thermostat(structure, lanes, lane, k):
 
 
 @inlined
+def _note_status(lanes, lane, record, step):
+    """What the heaters do from a grid point on."""
+    for k in range(record.status.shape[2]):
+        record.status[lane, step, k] = take(lanes.status, k, lane)
+
+
+@inlined
 def _enter_step(structure, packed, times, measured, lanes, lane, record):
-    """Note the grid point that the lane has reached, and enter the next step of some length; False: there is none."""
+    """Note the grid point that the lane has reached, and enter the next step; False: there is none."""
     n, H = structure.mass.shape[0], structure.sensor.shape[0]
-    while True:
-        lanes.step[lane] += 1
-        step = lanes.step[lane]
-        for i in range(n):
-            record.states[lane, step, i] = take(lanes.x, i, lane)
-        for k in range(H):
-            record.status[lane, step, k] = take(lanes.status, k, lane)
-        if step + 1 >= times.shape[0]:
-            return False
-        duration = times[step + 1] - times[step]
-        if duration > 0.0:
-            break
+    lanes.step[lane] += 1
+    step = lanes.step[lane]
+    for i in range(n):
+        record.states[lane, step, i] = take(lanes.x, i, lane)
+    if step + 1 >= times.shape[0]:
+        _note_status(lanes, lane, record, step)
+        return False
+    duration = times[step + 1] - times[step]
     lanes.duration[lane] = duration
     rate = 1.0 / duration
     for i in range(n):
@@ -393,6 +396,7 @@ def _enter_step(structure, packed, times, measured, lanes, lane, record):
             changed = True
     if changed:
         _set_heating(structure, packed, lanes, lane)
+    _note_status(lanes, lane, record, step)
     put(lanes.begin, 0, lane, 0.0)
     put(lanes.length, 0, lane, duration)
     lanes.phase[lane], lanes.settled[lane] = WHOLE, 0
