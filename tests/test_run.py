@@ -50,7 +50,7 @@ def test_reopening_keeps_what_is_done(tmp_path):
 
 def test_another_scenario_is_refused(tmp_path):
     opened(tmp_path / "run")
-    with pytest.raises(RunError, match=r"run of another scenario .*\(what differs: the scenario\)"):
+    with pytest.raises(RunError, match=r"run of another scenario.*\(what differs: the scenario\)"):
         opened(tmp_path / "run", identity="b")
 
 

@@ -88,7 +88,8 @@ def _user_errors_are_messages(command: Callable[..., None]) -> Callable[..., Non
             os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
             raise typer.Exit(_PIPE_CLOSED) from None
         except OSError as error:
-            typer.echo(f"error: {error.filename or ''}: {error.strerror or error}", err=True)
+            where = f"{error.filename}: " if error.filename else ""
+            typer.echo(f"error: {where}{error.strerror or error}", err=True)
             raise typer.Exit(USER_ERROR) from None
         except MemoryError as error:
             typer.echo(f"error: the memory is full: {error or 'nothing says what was asked for'}", err=True)

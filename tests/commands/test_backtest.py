@@ -134,10 +134,11 @@ def test_a_failed_gate_and_intervals_that_do_not_hold_have_exit_codes_of_their_o
         assert run(app, [*arguments, "--horizon", "2 orbits"]).exit_code == code
 
 
-def test_a_length_that_is_none_is_a_message(tmp_path):
-    result = run(app, ["backtest", str(write(tmp_path)), "--out", str(tmp_path / "out"), "--train", "two"])
+@pytest.mark.parametrize("length", ["two", "1e9 h"])
+def test_a_length_that_is_none_is_a_message(tmp_path, length):
+    result = run(app, ["backtest", str(write(tmp_path)), "--out", str(tmp_path / "out"), "--train", length])
     assert result.exit_code == USER_ERROR
-    assert "--train: found 'two', expected a length of time such as '2 orbits' or '3 h'" in result.output
+    assert f"--train: found '{length}', expected a length of time such as '2 orbits' or '3 h'" in result.output
     assert not (tmp_path / "out").exists()
 
 

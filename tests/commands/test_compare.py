@@ -443,3 +443,11 @@ def test_scores_of_windows_left_out_stand_in_the_comparison_if_asked_for(tmp_pat
         compare.compare_models(write(tmp_path), out, ["iid", "ar1"], leave_windows_out=asked)
         found = json.loads((out / "comparison.json").read_text(encoding="utf-8"))["left_out"]
         assert found == ({"iid": {"june": scores}, "ar1": {"june": scores}} if asked else {})
+
+
+def test_no_file_of_a_users_folder_is_replaced(tmp_path):
+    file = write(tmp_path)
+    result = run(app, ["compare", str(file), "--models", "iid,ar1", "--out", str(tmp_path)])
+    assert result.exit_code == USER_ERROR
+    assert "the folder holds files but no comparison" in result.output
+    assert not (tmp_path / "iid.yaml").exists()

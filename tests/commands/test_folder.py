@@ -66,3 +66,26 @@ def test_shares_of_heat_are_its_sizes_over_what_flows_through_the_node():
 
 def test_a_posterior_without_heat_has_no_shares():
     assert heat_shares(xarray.DataTree.from_dict({"posterior": xarray.Dataset()})) == {}
+
+
+def test_a_folder_is_that_of_one_command(tmp_path):
+    scenario = small.load(tmp_path)[0]
+    with open_for(scenario, tmp_path / "run", Silent()):
+        pass
+    with (
+        pytest.raises(RunError, match="what differs: the command"),
+        open_for(scenario, tmp_path / "run", Silent(), **{"the command": "backtest"}),
+    ):
+        pass
+
+
+def test_where_the_files_of_packets_lie_is_nothing_to_a_run(tmp_path):
+    written = small.content()
+    telemetry = written["telemetry"]
+    telemetry["packets"] = {"all": {"file": telemetry.pop("file"), "time": telemetry.pop("time")}}
+    for channel in telemetry["channels"].values():
+        channel["packet"] = "all"
+    for name in ("here", "there"):
+        (tmp_path / name).mkdir()
+        with open_for(small.load(tmp_path / name, written)[0], tmp_path / "run", Silent()):
+            pass

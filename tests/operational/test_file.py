@@ -9,7 +9,8 @@ import pytest
 from typer.testing import CliRunner
 
 from flightcal.cli import app
-from flightcal.errors import ScenarioError
+from flightcal.commands.fly import fly_to_csv
+from flightcal.errors import RunError, ScenarioError
 from flightcal.operational.file import load_spacecraft
 from flightcal.operational.simulator import fly
 
@@ -141,3 +142,9 @@ def test_the_command_keeps_parts_of_a_second(tmp_path):
     done = CliRunner().invoke(app, ["fly", str(short), "--out", str(out)])
     assert done.exit_code == 0, done.output
     assert list(pd.read_csv(out)["time"][:2]) == ["2024-02-29T16:00:00.000", "2024-02-29T16:00:00.500"]
+
+
+def test_a_folder_that_is_not_there_is_said_before_the_flight(tmp_path):
+    out = tmp_path / "nowhere" / "telemetry.csv"
+    with pytest.raises(RunError, match="found no folder"):
+        fly_to_csv(EXAMPLE, out, None)

@@ -99,7 +99,7 @@ def backtest_scenario(
     with progress.stage("reading telemetry"):
         data = read(scenario)
     plan = plan_origins(scenario, data, origins, **lengths)
-    with open_for(scenario, Path(out), progress) as run:
+    with open_for(scenario, Path(out), progress, **{"the command": "backtest"}) as run:
         run.given(run.folder.identity, data)
         predictions = _predictions(run, scenario, data, plan)
         content: dict[str, Any] = plain(backtest_record(scenario, plan, predictions))

@@ -31,7 +31,7 @@ def campaign(
     ] = None,
     around: Annotated[Path | None, typer.Option(help="Run whose posterior the design's draws are of.")] = None,
     spread: Annotated[float, typer.Option(min=0.0, help="Scales the posterior draws' distance from their mean.")] = 1.0,
-    window: Annotated[str, typer.Option(help="Window of the scenario.")] = "train",
+    window: Annotated[str | None, typer.Option(help="Window of the scenario; default: the first to train on.")] = None,
     seed: Annotated[int | None, typer.Option(min=0, help="Of the design; default: the scenario's.")] = None,
     workers: Annotated[int, typer.Option(min=1, help="Processes on this machine, one run at a time in each.")] = 2,
     scheduler: Annotated[
@@ -58,7 +58,7 @@ def run_scenario_campaign(
     out: Path,
     runs: int,
     *,
-    window: str = "train",
+    window: str | None = None,
     kind: str | None = None,
     seed: int | None = None,
     around: Path | None = None,
@@ -83,7 +83,7 @@ def run_scenario_campaign(
     if scheduler is not None:
         require("distributed", "cluster", "--scheduler")
     scenario = load_scenario(scenario_file, telemetry=telemetry)
-    problem = build_problem(scenario, read(scenario), window)
+    problem = build_problem(scenario, read(scenario), window or scenario.train_windows[0])
     subject = subject_of(problem)
     seed = scenario.calibration.seed if seed is None else seed
     design = make_design(problem, runs, seed, kind=kind, around=around, spread=spread)

@@ -131,6 +131,8 @@ def compare_models(
     if leave_windows_out:
         check_windows(scenario)
     folder = Path(out)
+    if folder.is_dir() and any(folder.iterdir()) and not (folder / _LOCK).exists():
+        raise RunError(f"{folder}: the folder holds files but no comparison; expected an empty or new folder")
     folder.mkdir(parents=True, exist_ok=True)
     with locked(folder, _LOCK):
         sweep(folder)

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Iterator, Mapping
+from copy import deepcopy
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
@@ -179,7 +180,9 @@ def _print_scores(one: Kept, two: Kept, console: Console) -> None:
 
 def _compared(scenario: Mapping[str, Any]) -> dict[str, Any]:
     """A scenario without where its telemetry lies, for its content is compared; with no word on heat, the default's."""
-    telemetry = {key: value for key, value in scenario.get("telemetry", {}).items() if key != "file"}
+    telemetry = deepcopy(scenario.get("telemetry", {}))
+    for packet in (telemetry, *telemetry.get("packets", {}).values()):
+        packet.pop("file", None)
     return {**scenario, "telemetry": telemetry, "heat": scenario.get("heat") or "default"}
 
 

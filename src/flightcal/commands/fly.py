@@ -59,6 +59,8 @@ def fly_to_csv(spacecraft_file: Path, out: Path, pace: float | None, progress: P
 
     if out.exists():
         raise RunError(f"{out}: found a file, expected none: nothing is overwritten")
+    if not out.absolute().parent.is_dir():
+        raise RunError(f"{out}: found no folder '{out.parent}', expected one to write in")
     mission = load_spacecraft(spacecraft_file)
     with progress.stage("flying", mission.duration) as flying:
         flight = flown(

@@ -40,7 +40,8 @@ def open_for(scenario: Scenario, out: Path, progress: Progress, **more: str) -> 
     content = scenario.model_copy(update=meant).model_dump(
         mode="json", exclude={"calibration", "description", "folder"}
     )
-    content["telemetry"].pop("file")
+    for packet in (content["telemetry"], *content["telemetry"]["packets"].values()):
+        del packet["file"]
     trained = {name: window for name, window in content.pop("windows").items() if is_trained(name)}
     parts = {
         "the scenario": hash_of(content),

@@ -19,30 +19,31 @@ if TYPE_CHECKING:
 
 def simulate(
     scenario: ScenarioFile,
-    window: Annotated[str, typer.Option(help="Window of the scenario.")] = "train",
+    window: Annotated[str | None, typer.Option(help="Window of the scenario; default: the first to train on.")] = None,
     settings: Annotated[
         list[str] | None,
         typer.Option(
             "--set",
-            help="name=value of a parameter or of initial.<node>, in SI; the rest is as the scenario writes it.",
+            help="name=value of a parameter or of initial.NODE, in SI; the rest is as the scenario writes it.",
         ),
     ] = None,
-    out: Annotated[Path | None, typer.Option(help="CSV file to write; default: <window>_simulated.csv.")] = None,
+    out: Annotated[Path | None, typer.Option(help="CSV file to write; default: WINDOW_simulated.csv.")] = None,
     telemetry: TelemetryPlace = None,
 ) -> None:
     """Simulate one window and write temperatures and heater status beside the telemetry.
 
     Example: `flightcal simulate scenario.yaml --window test --set radiator_absorptivity=0.2`
     """
-    for line in simulate_to_csv(scenario, window, settings or [], out or Path(f"{window}_simulated.csv"), telemetry):
+    for line in simulate_to_csv(scenario, window, settings or [], out, telemetry):
         typer.echo(line)
 
 
 def simulate_to_csv(
-    scenario_file: Path, name: str, assignments: list[str], file: Path, telemetry: Path | None = None
+    scenario_file: Path, name: str | None, assignments: list[str], file: Path | None, telemetry: Path | None = None
 ) -> list[str]:
     """Simulate the scenario as it is written, but for what is assigned ("name=value", SI); write `file`.
 
+    name: of a window; None: the first to train on. file: None: called after the window.
     What parameters set has the number that stands there, and they scale by 1. Temperatures start where `initial` says,
     else at the telemetry's first samples.
     Columns: time, then per channel simulated and measured temperature (degC), then per heater simulated and measured
@@ -59,6 +60,8 @@ def simulate_to_csv(
     from ..telemetry import read
 
     scenario = load_scenario(scenario_file, telemetry=telemetry)
+    name = name or scenario.train_windows[0]
+    file = file or Path(f"{name}_simulated.csv")
     problem = build_problem(scenario, read(scenario), name)
     theta = _assigned(problem, assignments)
     (window,) = problem.windows
@@ -74,14 +77,10 @@ def simulate_to_csv(
         table[f"{heater} simulated"] = run.status[:, k]
         table[f"{heater} measured"] = window.status[:, k]
     write_text(file, table.to_csv(index=False, float_format="%.4f"))
-    lines = [
-        f"{channel}: RMSE {rmse:.3f} K"
-        for channel, rmse in zip(
-            window.simulator.channels,
-            np.sqrt(np.nanmean((window.observed - run.temperatures) ** 2, axis=0)),
-            strict=True,
-        )
-    ]
+    lines = []
+    for channel, residual in zip(window.simulator.channels, window.residual(run).T, strict=True):
+        known = residual[np.isfinite(residual)]
+        lines.append(f"{channel}: RMSE {np.sqrt(np.mean(known**2)):.3f} K" if len(known) else f"{channel}: no sample")
     lines += [f"{h}: duty cycle {d:.1%}" for h, d in zip(window.simulator.heaters, run.duty_cycle, strict=True)]
     if name not in scenario.train_windows:
         lines += _starts(problem, theta)

@@ -194,8 +194,8 @@ def _check_parts(path: Path, provenance: Mapping[str, Any], parts: Mapping[str, 
     if provenance and found != parts:
         names = [name for name in {**found, **parts} if found.get(name) != parts.get(name)]
         raise RunError(
-            f"{path}: the folder holds the run of another scenario or of other telemetry (what differs: "
-            f"{', '.join(names)}); choose another --out, or delete the folder"
+            f"{path}: the folder holds the run of another scenario, of other telemetry or of another command "
+            f"(what differs: {', '.join(names)}); choose another --out, or delete the folder"
         )
 
 

@@ -4,7 +4,7 @@ Imports: environment, errors, scenario.
 """
 
 from .average import ENOUGH, LONG, MANY, dense_channels
-from .bridges import bridged
+from .bridges import bridged, measured_inputs
 from .clean import usual_interval
 from .detect import FoundColumn, FoundPacket, detect
 from .drivers import (

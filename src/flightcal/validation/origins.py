@@ -15,7 +15,7 @@ from ..environment import orbital_period
 from ..errors import RunError, TelemetryError
 from ..scenario import Scenario, SimulatorModel, Window, to_si
 from ..simulator import FloatArray
-from ..telemetry import driver_series, usual_interval, window_bounds
+from ..telemetry import driver_series, measured_inputs, usual_interval, window_bounds
 
 AHEAD: Final = "ahead"
 """Window that begins at an origin."""
@@ -26,6 +26,8 @@ _CANDIDATES: Final = 100
 _PARTS: Final = 24
 """Of an orbit, by which a prediction is made shorter."""
 _HORIZONS: Final = 4.0
+_LONGEST: Final = 1e9
+"""s, of what a user may ask for: some thirty years."""
 """Training lengths that are predicted by default."""
 
 Times = NDArray[np.datetime64]
@@ -134,12 +136,8 @@ def plan_origins(
 
 def measured_drivers(scenario: Scenario) -> tuple[str, ...]:
     """Channels that a simulation of the scenario takes as they were measured."""
-    model = scenario.simulator
-    if not isinstance(model, SimulatorModel):
-        return ()
-    found = [load.driver for load in model.loads.values()]
-    found += [node.boundary for node in model.nodes.values() if isinstance(node.boundary, str)]
-    if model.heater_input == "measured":
+    model, found = scenario.simulator, list(measured_inputs(scenario))
+    if isinstance(model, SimulatorModel) and model.heater_input == "measured":
         found += [heater.measured_by for heater in model.switches.values() if heater.measured_by is not None]
     return tuple(dict.fromkeys(found))
 
@@ -151,7 +149,7 @@ def read_length(text: str, period: float, option: str) -> float:
         length = float(number) * period if unit.strip() in ("orbit", "orbits") else to_si(text, "s")
     except ValueError:
         length = math.nan
-    if not (math.isfinite(length) and length > 0):
+    if not 0 < length <= _LONGEST:
         raise RunError(f"{option}: found '{text}', expected a length of time such as '2 orbits' or '3 h'")
     return length
 
