@@ -108,5 +108,5 @@ def test_a_value_is_absent_exactly_where_it_has_a_flag(
 
 
 def test_a_block_shorter_than_the_sampling_is_an_error(tmp_path: Path):
-    with pytest.raises(TelemetryError, match=r"average: found 10 s, expected at least the sampling interval of 60 s"):
+    with pytest.raises(TelemetryError, match="found 'average: 10 s', expected at least its sampling interval of 60 s"):
         read(tmp_path, frame(10), average="10 s")

@@ -6,6 +6,8 @@ from pathlib import Path
 
 import numpy as np
 import pandas as pd
+import pyarrow as pa
+import pyarrow.parquet as pq
 import pytest
 
 from flightcal.errors import TelemetryError
@@ -278,3 +280,20 @@ def test_real_telemetry_is_recognised(name: str, clock: str, written: str, tempe
     (found,) = detect([flight_data(name)])
     assert (found.clock, found.time.format if found.time else None) == ((clock,), written)
     assert sum(column.kind == "temperature" for column in found.columns) >= temperatures
+
+
+@pytest.mark.parametrize("step", [1, -1])
+def test_a_packet_begins_at_its_earliest_time_whatever_its_order(tmp_path: Path, step: int):
+    table = pd.DataFrame({"time": text(TIMES), "TT_BAT": np.linspace(0, 9, 8)})[::step]
+    table.to_csv(tmp_path / "data.csv", index=False)
+    (found,) = detect([tmp_path / "data.csv"])
+    assert [found.first, found.last] == TIMES[[0, -1]].astype(np.int64).tolist()
+
+
+def test_numbers_that_are_none_in_parquet_are_no_readings(tmp_path: Path):
+    cells = {"a": np.linspace(200.0, 300.0, 8), "b": np.full(8, np.nan)}
+    cells["a"][3] = np.nan
+    table = pa.table({"time": TIMES, "T_A": cells["a"], "T_B": cells["b"]})
+    pq.write_table(table, tmp_path / "data.parquet")
+    (found,) = detect([tmp_path / "data.parquet"])
+    assert [(column.name, column.unit) for column in found.columns] == [("T_A", "K")]

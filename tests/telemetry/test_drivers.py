@@ -207,3 +207,10 @@ def test_a_value_that_is_held_a_mean_and_a_long_gap_leave_no_jump(tmp_path: Path
     spans, _ = driver_jumps(switched(tmp_path, keep=beside_a_gap), "sun", "interpolate")
     assert seconds(9.0 * MINUTE)[0] not in spans[:, 0]
     assert len(spans) == 3
+
+
+def test_a_status_with_one_sample_holds_all_the_time(tmp_path: Path):
+    table = frame(10)
+    table["HTR"] = [np.nan] * 4 + [1.0] + [np.nan] * 5
+    dataset = read(tmp_path, table)
+    assert status_fraction(dataset, "heater", seconds(0.0, 120.0, 540.0)).tolist() == [1.0, 1.0]

@@ -15,7 +15,7 @@ from hypothesis import strategies as st
 
 from flightcal.errors import FlightcalError, TelemetryError
 from flightcal.scenario import TelemetryFile
-from flightcal.telemetry import read_telemetry
+from flightcal.telemetry import detect, read_telemetry
 
 from .files import CHANNELS, frame, read, specification
 
@@ -153,3 +153,16 @@ def test_a_damaged_workbook_gives_a_dataset_or_a_message(tmp_path: Path, damage:
     except TelemetryError:
         return
     assert rows >= 2
+
+
+@pytest.mark.parametrize(("pattern", "format"), [("%Y%m%d%H%M%S", "%Y%m%d%H%M%S"), ("%Y%j%H%M%S", "year-doy")])
+def test_whole_numbers_can_be_times(tmp_path: Path, pattern: str, format: str):
+    table = frame(20)
+    expected = read(tmp_path, table)
+    table["time"] = [int(time) for time in pd.to_datetime(table["time"]).dt.strftime(pattern)]
+    write(tmp_path / "data.xlsx", cells(table))
+    time = {"column": "time", "format": format}
+    xr.testing.assert_equal(read_telemetry(specification(file="data.xlsx", time=time), tmp_path), expected)
+    (found,) = detect([tmp_path / "data.xlsx"])
+    assert found.time is not None
+    assert found.time.format == format

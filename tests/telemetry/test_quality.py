@@ -5,10 +5,10 @@ from pathlib import Path
 import numpy as np
 import pandas as pd
 
-from flightcal.telemetry import quality_table
+from flightcal.telemetry import quality_table, read_telemetry
 from flightcal.telemetry.quality import QualityRecord
 
-from .files import CHANNELS, frame, read
+from .files import CHANNELS, frame, read, specification
 
 
 def test_clean_telemetry_has_no_findings(tmp_path: Path):
@@ -20,7 +20,7 @@ def test_every_finding_is_a_record_with_its_place(tmp_path: Path):
     table.loc[[3, 4, 8], "TT_BAT"] = -1.0
     table.loc[12, "TT_BAT"] = 99.0
     table.loc[20:29, ["TT_BAT", "I_SA", "HTR"]] = [21.5, 120.0, 1]
-    table = pd.concat([table, table.iloc[[0]], table.iloc[[1]].assign(I_SA=-5.0)])
+    table = pd.concat([table, table.iloc[[0]], table.iloc[[1]].assign(TT_BAT=25.0)])
     battery = CHANNELS["battery"] | {"invalid": [-1], "valid_range": ["-50 degC", "90 degC"]}
     records = quality_table(read(tmp_path, table, channels={"battery": battery}))
     rows, samples = 57, 55
@@ -72,3 +72,11 @@ def test_averaged_telemetry_counts_the_rows_of_the_file(tmp_path: Path):
     records = quality_table(read(tmp_path, table, average="60 s", channels={"battery": CHANNELS["battery"]}))
     found = [(record.finding, record.samples, record.share) for record in records]
     assert found == [("missing", 6, 6 / 60), ("few_samples", 1, 1 / 10)]
+
+
+def test_rows_of_two_files_are_the_same_where_their_channels_are(tmp_path: Path):
+    table = frame(40).assign(counter=range(40), aux="1")
+    table[:30].to_csv(tmp_path / "a.csv", index=False)
+    table[28:].assign(counter=0, aux="unknown").to_csv(tmp_path / "b.csv", index=False)
+    dataset = read_telemetry(specification(file=["a.csv", "b.csv"]), tmp_path)
+    assert (dataset.attrs["duplicates"], dataset.attrs["conflicts"]) == (2, 0)

@@ -122,3 +122,12 @@ def test_a_table_of_all_channels_beside_a_name_is_no_table_of_readings(tmp_path:
     (found,) = detect([written(tmp_path, wide)])
     assert found.readings is None
     assert [column.name for column in found.columns] == ["value [degC]"]
+
+
+@pytest.mark.parametrize("count", [2, 3, 5])
+def test_parameters_may_have_all_their_times_in_common(tmp_path: Path, count: int):
+    names = ["TM.T_BAT", "TM.T_CAM", "TM.T_OBC", "TM.T_PX", "TM.T_PY"][:count]
+    each = [rows(name, 60.0, 0.0, (20.0 + np.arange(30) % 7).tolist(), "degC") for name in names]
+    together = pd.concat(each).sort_values("time", kind="stable")
+    (found,) = detect([written(tmp_path, together)])
+    assert (found.clock, [column.name for column in found.columns]) == (("time",), names)

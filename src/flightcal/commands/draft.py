@@ -33,32 +33,10 @@ _SHORT = np.timedelta64(90, "m")
 _MANY, _SHORTEST_GAP = 10, 15 * 60e9
 """An interval of more than so many usual ones, and of more ns than this, is a gap that a window had better not have."""
 _EPOCH = np.datetime64("2000-01-01T12:00:00", "ns")
-_RATES = (
-    1,
-    2,
-    4,
-    8,
-    10,
-    16,
-    32,
-    64,
-    100,
-    128,
-    256,
-    512,
-    1000,
-    1024,
-    2048,
-    4096,
-    8192,
-    10_000,
-    16_384,
-    32_768,
-    65_536,
-    100_000,
-    1_000_000,
-)
+_RATES = (10, 100, 1000, 10_000, 100_000, 1_000_000, *(2**k for k in range(17)))
 """Hz, of clocks that count ticks."""
+_LONGEST_COUNT = 4e9
+"""s, of a clock that nothing else tells the rate of: some hundred years."""
 _ABOUT = 0.15
 _SHORTEST_WORD = 3
 """Letters that a heater's name and its node's have in common, such as bat of battery."""
@@ -266,7 +244,7 @@ def _rate(packet: FoundPacket, names: Mapping[str, FoundPacket]) -> int:
     """A guess at how often a clock counts a second: with it, it runs about as long as the other packets do."""
     longest = max((other.last - other.first for other in names.values() if other.time is not None), default=0.0) / 1e9
     if not longest:
-        return 1
+        return next((rate for rate in sorted(_RATES) if packet.last / rate < _LONGEST_COUNT), max(_RATES))
     nearest = min(_RATES, key=lambda rate: abs(np.log((packet.last - packet.first) / rate / longest)))
     return nearest if abs(np.log((packet.last - packet.first) / nearest / longest)) < _ABOUT else 1
 

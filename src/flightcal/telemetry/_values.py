@@ -158,10 +158,10 @@ def _bits_state(value: object, channel: Channel) -> tuple[float, int]:
 def _word(value: object, base: int) -> int | None:
     """The whole number that a cell stands for, if any; its digits are of the base unless it begins with 0x or 0b."""
     try:
-        if base != 10 and not (isinstance(value, str) and value.strip()[:2].lower() in ("0x", "0b")):
-            return int(_written(value), base)
         if isinstance(value, str) and value.strip()[:2].lower() in ("0x", "0b"):
             return int(value.strip(), 0)
+        if base != 10:
+            return int(_written(value), base)
         number = float(value)  # type: ignore[arg-type]
         if isinstance(value, int) or (isinstance(value, str) and value.strip().isdigit()):
             return int(value)

@@ -42,7 +42,9 @@ def average(dataset: xr.Dataset, length: float) -> xr.Dataset:
     """
     interval = dataset.attrs["sampling_interval_s"]
     if length < 0.999 * interval:
-        raise TelemetryError(f"average: found {length:g} s, expected at least the sampling interval of {interval:g} s")
+        files = dataset.attrs["files"].replace("\n", ", ")
+        wanted = f"expected at least its sampling interval of {interval:g} s"
+        raise TelemetryError(f"{files}: found 'average: {length:g} s', {wanted}")
     times = dataset["time"].to_numpy().astype(np.int64)
     span = round(length * 1e9)
     blocks, block = np.unique(times // span, return_inverse=True)

@@ -19,7 +19,7 @@ from ._values import is_status
 from .modes import FoundModes, both, modes_in
 from .read import without_empty_rows
 from .readers import Parquet, Source, locate, read_table, sheets
-from .readings import names_of, typed
+from .readings import comes_again, names_of, typed
 from .time_columns import LOOKED_AT, coarse_of, fine_of, is_numeric, is_second_time, time_of
 
 _DEEPEST_HEADER = 20
@@ -105,7 +105,7 @@ def detect(files: list[Path]) -> list[FoundPacket]:
         if not packets:
             raise TelemetryError(f"{file}: found no sheet with a column of times, expected one")
         for packet in packets:
-            same = [k for k, other in enumerate(found) if _alike(packet, other)]
+            same = [k for k, other in enumerate(found) if _kind(packet) == _kind(other)]
             if same:
                 found[same[0]] = _together(found[same[0]], packet)
             else:
@@ -113,19 +113,10 @@ def detect(files: list[Path]) -> list[FoundPacket]:
     return found
 
 
-def _alike(one: FoundPacket, other: FoundPacket) -> bool:
-    same_columns = {column.name for column in one.columns} == {column.name for column in other.columns}
-    formats = [packet.time and packet.time.format for packet in (one, other)]
-    return (
-        same_columns
-        and formats[0] == formats[1]
-        and (one.sheet, one.header, one.clock)
-        == (
-            other.sheet,
-            other.header,
-            other.clock,
-        )
-    )
+def _kind(packet: FoundPacket) -> tuple[object, ...]:
+    """What files of one packet have in common."""
+    written = packet.time and packet.time.format
+    return {column.name for column in packet.columns}, written, packet.sheet, packet.header, packet.clock
 
 
 def _together(one: FoundPacket, other: FoundPacket) -> FoundPacket:
@@ -185,9 +176,9 @@ def _packet(file: Path, source: Source) -> FoundPacket:
             wanted = "UTC times, UNIX times, year and day of year, or a clock's counter"
             raise TelemetryError(f"{source.name}: found no column of times among {listed}, expected one with {wanted}")
         counts = coarse_of(table[clock])
-        first, last = float(counts[0]), float(counts[-1])
+        first, last = float(counts.min()), float(counts.max())
     else:
-        first, last = float(times[0]), float(times.max())
+        first, last = float(times.min()), float(times.max())
     found = (clock,) if time is None else time.column
     if time is not None and len(times) == len(table):
         readings = _readings(table.drop_columns(list(found)))
@@ -221,19 +212,12 @@ def _packet(file: Path, source: Source) -> FoundPacket:
 def _readings(table: pa.Table) -> Readings | None:
     """The columns of a name and of its value, where a row holds one reading; null: a row holds all channels."""
     texts = [name for name in table.column_names if is_text(table[name])]
-    names = [name for name in texts if _READING_NAME.search(name) and _comes_again(table[name])]
+    names = [name for name in texts if _READING_NAME.search(name) and comes_again(names_of(table[name]))]
     values = [name for name in table.column_names if _READING_VALUE.search(name) and name not in names]
     if len(names) != 1 or not values:
         return None
     # Engineering values before raw ones.
     return Readings(name=names[0], value=min(values, key=lambda name: bool(re.search(r"(?i)raw", name))))
-
-
-def _comes_again(column: pa.ChunkedArray) -> bool:
-    """Whether texts come again and again, in turns."""
-    names = names_of(column.slice(0, LOOKED_AT))
-    changes = int(np.count_nonzero(names[1:] != names[:-1]))
-    return len(set(names)) > 1 and changes > len(names) / 4 and len(names) >= 2 * len(set(names))
 
 
 def _packet_of_readings(
@@ -282,6 +266,9 @@ def _column(name: str, column: pa.ChunkedArray, source: Source, said: str | None
     if not is_numeric(column) or is_second_time(name, column, source):
         return None
     values = column.drop_null().to_numpy()
+    values = values[np.isfinite(values)]
+    if not len(values):
+        return None
     if _STATUS_NAME.search(name) and np.isin(values, (0, 1)).all():
         return FoundColumn(name, "status", None)
     unit = _known(said or "") or _unit(name)

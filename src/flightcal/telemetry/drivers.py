@@ -173,10 +173,13 @@ def status_fraction(dataset: xr.Dataset, channel: str, edges: NDArray[np.datetim
     bounds = np.concatenate([[min(at[0], seconds[0])], changes, [max(at[-1], seconds[-1])]])
     on_time = np.concatenate([[0.0], np.cumsum(values * np.diff(bounds))])
     share = np.diff(np.interp(at, bounds, on_time)) / np.diff(at)
+    share = np.clip(share, 0.0, 1.0)
+    if len(seconds) == 1:
+        return share
     before = np.clip(np.searchsorted(seconds, at[:-1], side="right") - 1, 0, len(seconds) - 2)
     long_gap = np.diff(seconds)[before] > SHORT_GAP * interval
     unknown = long_gap & (at[:-1] >= seconds[before] + interval) & (at[:-1] < seconds[before + 1])
-    return np.where(unknown, np.nan, np.clip(share, 0.0, 1.0))
+    return np.where(unknown, np.nan, share)
 
 
 def status_or_unknown(dataset: xr.Dataset, channel: str, edges: NDArray[np.datetime64]) -> NDArray[np.float64]:

@@ -146,16 +146,18 @@ def _record(
 
 
 def _runs_text(runs: list[tuple[int, np.datetime64]], noun: str) -> str:
-    listed = sorted(sorted(runs, key=lambda run: -run[0])[:LISTED], key=lambda run: run[1])
-    text = ", ".join(f"{samples} from {clock_text(time)}" for samples, time in listed)
     number = f"{len(runs)} run{'s' if len(runs) > 1 else ''} of {noun}s"
-    return f"{number}: {text}" if len(runs) <= LISTED else f"{number}, the longest: {text}"
+    return _longest(number, [(samples, time, str(samples)) for samples, time in runs])
 
 
 def _gaps_text(gaps: list[Gap]) -> str:
-    listed = sorted(sorted(gaps, key=lambda gap: gap.start - gap.end)[:LISTED], key=lambda gap: gap.start)
-    text = ", ".join(
-        f"{(gap.end - gap.start) / 1e9:g} s from {clock_text(np.datetime64(gap.start, 'ns'))}" for gap in listed
-    )
+    lengths = [(gap.end - gap.start, np.datetime64(gap.start, "ns")) for gap in gaps]
     number = f"{len(gaps)} gap{'s' if len(gaps) > 1 else ''}"
-    return f"{number}: {text}" if len(gaps) <= LISTED else f"{number}, the longest: {text}"
+    return _longest(number, [(length, begin, f"{length / 1e9:g} s") for length, begin in lengths])
+
+
+def _longest(number: str, spells: list[tuple[int, np.datetime64, str]]) -> str:
+    """How many there are, and the longest of them in order of time; spells: how long, since when, and that in words."""
+    listed = sorted(sorted(spells, key=lambda own: -own[0])[:LISTED], key=lambda own: own[1])
+    text = ", ".join(f"{words} from {clock_text(begin)}" for _, begin, words in listed)
+    return f"{number}: {text}" if len(spells) <= LISTED else f"{number}, the longest: {text}"

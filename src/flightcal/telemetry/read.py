@@ -8,6 +8,7 @@ from functools import cache
 from pathlib import Path
 
 import numpy as np
+import pandas as pd
 import pyarrow as pa
 import xarray as xr
 from numpy.typing import NDArray
@@ -25,9 +26,6 @@ from .merge import merged
 from .readers import Source, content, locate, nearest, read_table
 from .readings import side_by_side
 from .stale import RowContent, repeats, row_content
-
-RESERVED_NAMES = frozenset(["time", "channel", "flags", "finding", "rows", "masked"])
-"""Variables of the dataset that are not channels."""
 
 
 @dataclass(frozen=True)
@@ -112,7 +110,8 @@ def _read_packet(
         shared = any(file in other.file and packet.sheet == other.sheet for other in beside)
         files.append(_read_file(packet, channels, conversions, source, table_of, shared=shared))
     rows = _joined(files)
-    order = order_rows(rows.times, rows.content.keys)
+    told = pd.DataFrame(np.concatenate([rows.values, rows.flags], axis=1))
+    order = order_rows(rows.times, pd.util.hash_pandas_object(told, index=False).to_numpy())
     times = rows.times[order.kept]
     interval = sampling_interval(times)
     if np.isnan(interval):
@@ -122,7 +121,7 @@ def _read_packet(
     repeated = repeats(rows.content.keys[order.kept], rows.content.moving[order.kept])
     stale = _stale(repeated, channels) & (flags & Flag.MISSING == 0)
     flags = np.where(stale, flags | Flag.STALE, flags).astype(np.uint8)
-    _check_valid(channels, conversions, converted, flags)
+    _check_valid(", ".join(packet.file), channels, conversions, converted, flags)
     conflict_times = order.conflicts[:10].astype("datetime64[ns]")
     attributes = {
         "files": "\n".join(packet.file),
@@ -156,36 +155,15 @@ def _with_status(values: Values, channels: dict[str, Channel], conversions: dict
 
 
 def _conversions(specification: TelemetryFile) -> dict[str, Conversion]:
-    """Units of all channels. Raises TelemetryError with all that is wrong in their description."""
+    """Units of all channels. Raises TelemetryError with all that are wrong."""
     problems, conversions = [], {}
-    packets = tuple(specification.packets)
     for name, channel in specification.channels.items():
-        problems += [f"channel '{name}': {problem}" for problem in _misfits(name, channel)]
-        if (channel.packet or "") not in specification.sources:
-            found = f"found packet '{channel.packet}'" if channel.packet else "found no packet"
-            problems.append(f"channel '{name}': {found}, expected {' or '.join(packets) or 'none'}")
         try:
             conversions[name] = conversion(channel)
         except ValueError as error:
             problems.append(f"channel '{name}': {error}")
     _raise_all(problems)
     return conversions
-
-
-def _misfits(name: str, channel: Channel) -> list[str]:
-    problems = []
-    if name in RESERVED_NAMES:
-        reserved = ", ".join(sorted(RESERVED_NAMES))
-        problems.append(f"found a name that the dataset needs itself, expected one other than {reserved}")
-    if "/" in name:
-        problems.append("found a slash in its name, expected a name that files can hold")
-    if channel.kind == "status" and channel.threshold is None and len(channel.column) > 1:
-        problems.append(f"found {len(channel.column)} columns, expected one for a status")
-    elif len(channel.column) > 1 and channel.combine is None:
-        problems.append(f"found {len(channel.column)} columns and no 'combine', expected combine: mean, sum or product")
-    elif channel.kind == "temperature" and channel.combine in ("sum", "product"):
-        problems.append(f"found combine: {channel.combine}, expected mean for a temperature")
-    return problems
 
 
 def _read_file(
@@ -316,7 +294,7 @@ def _stale(repeated: NDArray[np.int64], channels: dict[str, Channel]) -> NDArray
 
 
 def _check_valid(
-    channels: dict[str, Channel], conversions: dict[str, Conversion], values: Values, flags: Flags
+    files: str, channels: dict[str, Channel], conversions: dict[str, Conversion], values: Values, flags: Flags
 ) -> None:
     problems = []
     for i, (name, channel) in enumerate(channels.items()):
@@ -325,7 +303,7 @@ def _check_valid(
         counts = [(meaning(flag).replace("_", " "), np.count_nonzero(flags[:, i] & flag)) for flag in Flag]
         found = ", ".join(f"{count} {reason}" for reason, count in counts if count)
         columns = ", ".join(f"'{column}'" for column in channel.column)
-        problem = f"channel '{name}', column {columns}: found no valid sample ({found})"
+        problem = f"{files}: channel '{name}', column {columns}: found no valid sample ({found})"
         beyond = values[flags[:, i] & Flag.OUT_OF_RANGE != 0, i]
         if beyond.size:
             convert = conversions[name]

@@ -12,6 +12,9 @@ from ..scenario import Readings
 from ._times import is_text
 from .readers import Source, nearest
 
+LOOKED_AT = 1000
+"""Rows that decide what a column is."""
+
 
 def side_by_side(
     table: pa.Table, readings: Readings, time: tuple[str, ...], wanted: tuple[str, ...], source: Source
@@ -45,6 +48,13 @@ def names_of(column: pa.ChunkedArray) -> np.ndarray:
     """The name of each reading; "" where there is none."""
     text = pc.utf8_trim_whitespace(column.cast(pa.string()))
     return np.asarray(pc.fill_null(text, "").to_numpy(zero_copy_only=False), dtype=object)
+
+
+def comes_again(names: np.ndarray) -> bool:
+    """Whether the names of the first readings come again and again, in turns."""
+    names = names[:LOOKED_AT]
+    changes = int(np.count_nonzero(names[1:] != names[:-1]))
+    return len(set(names)) > 1 and changes > len(names) / 4 and len(names) >= 2 * len(set(names))
 
 
 def typed(column: pa.ChunkedArray) -> pa.ChunkedArray:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import re
+from collections import Counter
 from typing import Final
 
 import numpy as np
@@ -16,6 +17,7 @@ from ._doy import UNREADABLE
 from ._times import Nanoseconds, is_text, readable_times, time_cells
 from .read import without_empty_rows
 from .readers import Source, read_table
+from .readings import LOOKED_AT, comes_again, names_of
 
 _UNIX: Final = ("unix", "unix-ms", "unix-us", "unix-ns")
 _DAYS: Final = ("year-doy", "decimal-doy")
@@ -31,8 +33,6 @@ _PATTERNS: Final = (
     "%Y%m%d%H%M%S",
 )
 _FORMATS: Final = ("iso8601", *_DAYS, *_UNIX)
-LOOKED_AT = 1000
-"""Rows that decide what a column is."""
 _FIRST, _LAST = np.datetime64("1990-01-01", "ns").astype(np.int64), np.datetime64("2100-01-01", "ns").astype(np.int64)
 """A number is a UNIX time only between these."""
 _OF_DAYS = r"^(\d{5}|\d{7}|\d{13})(\.\d+)?$"
@@ -108,9 +108,23 @@ def _believable(
         near = head[1].min() >= _FIRST and head[1].max() <= _LAST
         if not near or not (numeric or _TIME_NAME.search(time.column[0])):
             return None
-    if len(np.unique(head[1])) <= len(head[1]) // 2:
+    if not _moves_on(head[1]) and not _of_readings(table, time, head[1]):
         return None
     return _marked(time_cells(table, time), time, source)
+
+
+def _moves_on(times: Nanoseconds) -> bool:
+    return len(np.unique(times)) > len(times) // 2
+
+
+def _of_readings(table: pa.Table, time: TimeColumn, times: Nanoseconds) -> bool:
+    """Whether a row holds one reading of several that may have their times in common, and each moves on."""
+    for name in table.column_names:
+        if name not in time.column and is_text(table[name]) and len(times) == min(len(table), LOOKED_AT):
+            names = names_of(table[name].slice(0, LOOKED_AT))
+            if comes_again(names) and _moves_on(times[names == Counter(names).most_common(1)[0][0]]):
+                return True
+    return False
 
 
 def _marked(cells: pa.ChunkedArray, time: TimeColumn, source: Source) -> tuple[TimeColumn, Nanoseconds] | None:

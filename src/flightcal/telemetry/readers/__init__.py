@@ -50,7 +50,7 @@ def locate(folder: Path, name: str, sheet: str | None = None, header: int | None
     if not path.is_file():
         siblings = sorted(p.name for p in path.parent.iterdir()) if path.parent.is_dir() else []
         hint = nearest(path.name, siblings)
-        raise TelemetryError(f"{name}: found no such file, expected a path relative to the scenario's folder{hint}")
+        raise TelemetryError(f"{name}: found no such file, expected a telemetry file{hint}")
     for reader in READERS:
         if name.lower().endswith(reader.suffixes):
             if sheet is not None and not isinstance(reader, Excel):

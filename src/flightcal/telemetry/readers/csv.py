@@ -53,7 +53,8 @@ class Csv:
         try:
             options = pa.csv.ReadOptions(skip_rows=(source.header or 1) - 1)
             parse = pa.csv.ParseOptions(delimiter=separator)
-            table = pa.csv.read_csv(source.path, read_options=options, parse_options=parse, convert_options=convert)
+            with source.open() as file:
+                table = pa.csv.read_csv(file, read_options=options, parse_options=parse, convert_options=convert)
         except pa.ArrowInvalid as error:
             # Arrow names no line when it reads in parallel; a second, slow look does.
             _check_encoding(source)

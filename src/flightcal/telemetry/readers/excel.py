@@ -93,6 +93,8 @@ def _column(cells: list[Any], length: int) -> pa.Array:
     """Cells of one kind as they are; where kinds are mixed, what a spreadsheet would write as text."""
     cells += [None] * (length - len(cells))
     kinds = {type(cell) for cell in cells} - {type(None)}
+    if kinds == {int} and all(abs(cell or 0) < 2**63 for cell in cells):
+        return pa.array(cells, type=pa.int64())
     if kinds <= {int, float}:
         return pa.array([None if cell is None else float(cell) for cell in cells], type=pa.float64())
     if kinds == {bool}:
