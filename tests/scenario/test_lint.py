@@ -118,7 +118,7 @@ def test_default_filled_in_by_flightcal_cannot_be_written(lint_edited):
         ),
         (("column: TT_BAT, unit", "column: TT_BAT, fill: interpolate, unit"), "found 'fill' for a temperature"),
         (("attitude: nadir", "attitude: [1, 2]"), "found a list of 2, expected an attitude: nadir, sun_pointing"),
-        (("attitude: nadir", "attitude: {quaternions: q.csv}"), "found no such file as 'q.csv'"),
+        (("attitude: nadir", "attitude: {quaternions: q.csv}"), "found no such file at 'q.csv'"),
         (("altitude: 693 km", "altitude: 1e200 km"), "found '1e200 km', expected at most 1e+09 m"),
         (("file: example.csv", f"file: {'x' * 5000}"), "found no such file at 'xxxx"),
         (("file: example.csv", "file: '.'"), "found a folder at '.', expected a telemetry file"),

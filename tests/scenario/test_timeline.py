@@ -5,7 +5,7 @@ import pytest
 from ruamel.yaml import YAML
 
 from flightcal.errors import ScenarioError
-from flightcal.scenario import load_scenario, resolved_yaml
+from flightcal.scenario import lint, load_scenario, resolved_yaml
 from tests import small
 
 ROWS = """\
@@ -194,3 +194,10 @@ def test_a_measured_eclipse_names_a_status_channel(tmp_path):
     YAML(typ="safe").dump(content, file)
     with pytest.raises(ScenarioError, match=r"eclipse.measured_by: found 'sun', a driver channel, expected a status"):
         load_scenario(file)
+
+
+def test_a_line_is_that_of_the_file_and_nothing_else_is_said_of_it(tmp_path):
+    rows = ROWS.replace("\n", "\n\n", 1).replace("imaging", "imagin", 1)
+    findings = lint(written(tmp_path, rows))
+    line = next(k for k, own in enumerate(rows.splitlines(), start=1) if "imagin" in own and "imaging" not in own)
+    assert [f"line {line}: found the mode 'imagin'" in finding.message for finding in findings] == [True]

@@ -7,12 +7,10 @@ from .blocks import blocks_of
 from .body import Body
 from .calibrated import (
     RewritingError,
-    WrittenUnit,
     calibrated_numbers,
     calibrated_text,
     number_in,
     parameter_units,
-    written_unit,
     written_values,
 )
 from .calibration import Calibration, EmulatorSettings, GeneticSettings, NutsSettings, PredictionSettings
@@ -80,5 +78,18 @@ from .schema import InitialState, Observation, Parameter, Scenario, input_files,
 from .telemetry import Channel, Packet, Readings, TelemetryFile, TimeColumn
 from .template import write_new, write_template
 from .timeline import NamedChange, changes_in
-from .units import Duration, Kelvins, Power, Quantity, Seconds, Temperature, is_temperature, kind_of, si_unit, to_si
+from .units import (
+    Duration,
+    Kelvins,
+    Power,
+    Quantity,
+    Seconds,
+    Temperature,
+    WrittenUnit,
+    is_temperature,
+    kind_of,
+    si_unit,
+    to_si,
+    written_unit,
+)
 from .windows import Window, is_trained

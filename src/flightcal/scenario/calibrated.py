@@ -17,7 +17,7 @@ from .document import Location, walk
 from .numbers import settable
 from .priors import FORMS
 from .schema import Parameter, Scenario, is_difference
-from .units import read_any, to_si, unit_in
+from .units import WrittenUnit, read_any, unit_in, written_unit
 
 if TYPE_CHECKING:
     from ruamel.yaml.nodes import Node
@@ -30,31 +30,6 @@ _PLAIN = re.compile(r"[A-Za-z]\w*")
 
 class RewritingError(ScenarioError):
     """The text has a form in which single numbers cannot be replaced."""
-
-
-@dataclass(frozen=True)
-class WrittenUnit:
-    """A unit in which a quantity is written: SI = factor * number + offset."""
-
-    name: str
-    factor: float = 1.0
-    offset: float = 0.0
-
-    def of(self, si: float) -> float:
-        """The number that is written for an SI value."""
-        return (si - self.offset) / self.factor
-
-    def si(self, number: float) -> float:
-        """The SI value of a number."""
-        return self.factor * number + self.offset
-
-
-def written_unit(name: str, unit: str, *, difference: bool = False) -> WrittenUnit:
-    """A unit by its name, of a quantity in the SI `unit`. Raises ValueError."""
-    if not name:
-        return WrittenUnit("")
-    zero, one = (to_si(f"{number} {name}", unit, difference=difference) for number in (0, 1))
-    return WrittenUnit(name, one - zero, zero)
 
 
 def parameter_units(text: str, scenario: Scenario) -> dict[str, WrittenUnit]:

@@ -151,12 +151,12 @@ class SampledAttitude(Block):
     """Which vectors the quaternions turn into which."""
 
 
-_NamedAttitude = Literal["nadir", "sun_pointing"]
+NamedAttitude = Literal["nadir", "sun_pointing"]
 
 
 def _one_kind(value: Any) -> Any:
     if isinstance(value, str):
-        return _NamedAttitude
+        return NamedAttitude
     if not isinstance(value, dict):
         return None
     if "inertial" in value:
@@ -166,7 +166,7 @@ def _one_kind(value: Any) -> Any:
 
 _KINDS = "an attitude: nadir, sun_pointing, or a mapping with 'inertial', 'spin_axis'"
 OneAttitude = Annotated[
-    _NamedAttitude | InertialAttitude | SpinningAttitude | SampledAttitude,
+    NamedAttitude | InertialAttitude | SpinningAttitude | SampledAttitude,
     OneOf(_one_kind, f"{_KINDS} or 'quaternions'"),
 ]
 
@@ -199,7 +199,7 @@ class AttitudeTimeline(Block):
             kind = self.attitude_of(change)
             place = ("timeline", k, "attitude")
             if kind is None:
-                names = [*self.named, *get_args(_NamedAttitude)]
+                names = [*self.named, *get_args(NamedAttitude)]
                 hint = did_you_mean(str(change.attitude), names)
                 problems.append(
                     Problem(place, f"found {show(change.attitude)}, expected one of {', '.join(names)}{hint}")
@@ -222,7 +222,7 @@ class AttitudeTimeline(Block):
             return change.attitude
         if change.attitude in self.named:
             return self.named[change.attitude]
-        return cast("OneAttitude", change.attitude) if change.attitude in get_args(_NamedAttitude) else None
+        return cast("OneAttitude", change.attitude) if change.attitude in get_args(NamedAttitude) else None
 
     @property
     def attitudes(self) -> tuple[OneAttitude, ...]:
@@ -249,7 +249,7 @@ def _attitude_kind(value: Any) -> Any:
 
 
 Attitude = Annotated[
-    _NamedAttitude | InertialAttitude | SpinningAttitude | SampledAttitude | AttitudeTimeline,
+    NamedAttitude | InertialAttitude | SpinningAttitude | SampledAttitude | AttitudeTimeline,
     OneOf(_attitude_kind, f"{_KINDS}, 'quaternions' or 'timeline'"),
 ]
 Orbit = Annotated[

@@ -8,7 +8,7 @@ from typing import Annotated, Any, Literal
 from pydantic import BeforeValidator, Field, SerializationInfo, field_serializer, model_validator
 
 from .fields import Block, Count, FileName, Flag, Marker, from_folder, read_empty
-from .units import Duration, QuantityOrName, read_any, show, si_unit, to_si
+from .units import Duration, QuantityOrName, read_any, show, si_unit, written_unit
 
 # --- what goes in and what comes out --------------------------------------------------------------------------
 
@@ -40,7 +40,8 @@ class Input(Block):
     @property
     def scale(self) -> tuple[float, float]:
         """Factor and offset from SI to what the simulator takes: factor * SI + offset."""
-        return _from_si(self.unit)
+        unit = written_unit(self.unit or "", si_unit(self.unit or ""))
+        return 1.0 / unit.factor, -unit.offset / unit.factor
 
 
 class Output(Block):
@@ -227,10 +228,3 @@ def simulator_files(model: Any, folder: Path) -> list[Path]:
         program = [executable.program(folder)] if "/" in executable.command[0] else []
         return [folder / name for name in (*program, *executable.templates.values(), *executable.files)]
     return []
-
-
-def _from_si(unit: str | None) -> tuple[float, float]:
-    if not unit:
-        return 1.0, 0.0
-    zero, one = (to_si(f"{number} {unit}", si_unit(unit)) for number in (0, 1))
-    return 1.0 / (one - zero), -zero / (one - zero)

@@ -66,7 +66,7 @@ def examine(path: str | Path, telemetry: str | Path | None = None) -> tuple[Scen
     file = Path(path)
     reading = read_scenario(file, None if telemetry is None else Path(telemetry))
     problems = list(reading.problems)
-    if reading.document.data is not None:
+    if isinstance(reading.document.data, dict):
         problems += [problem for check in CHECKS for problem in check(reading, file.parent)]
     wrong = any(not problem.warning for problem in problems)
     # What is doubtful waits until nothing is wrong.

@@ -9,15 +9,15 @@ from datetime import datetime, timedelta
 from itertools import pairwise
 from pathlib import Path
 from statistics import median
-from typing import Any
+from typing import Any, get_args
 
 from pydantic import TypeAdapter, ValidationError
 
 from .document import Problem
+from .environment import NamedAttitude
 from .fields import Time
 from .units import Quantity, did_you_mean, show
 
-_ATTITUDES = ("nadir", "sun_pointing")
 _OF_EACH = 2.0
 """Rows for each change, from which on rows are samples, if they are at a rate."""
 _AT_A_RATE, _SHARE = 0.1, 2.0 / 3.0
@@ -65,7 +65,7 @@ def with_attitudes(written: dict[str, Any], folder: Path) -> tuple[dict[str, Any
     attitude = written.get("attitude")
     if not isinstance(attitude, dict):
         return written, []
-    here, names = ("environment", "attitude", "timeline_file"), [*_names(attitude, "named"), *_ATTITUDES]
+    here, names = ("environment", "attitude", "timeline_file"), [*_names(attitude, "named"), *get_args(NamedAttitude)]
     filled, found = _filled(attitude, folder, here, "attitude", names, f"one of {', '.join(names)}")
     return {**written, "attitude": filled}, found
 
@@ -87,7 +87,8 @@ def _filled(
         return written, [Problem(here, "found 'timeline' too, expected one of them")]
     try:
         with (folder / name).open(newline="", encoding="utf-8-sig") as file:
-            rows = list(csv.DictReader(file))
+            reader = csv.DictReader(file)
+            rows = [(reader.line_num, row) for row in reader]
     except FileNotFoundError:
         wrong = f"found {show(name)}, which is not there, expected a path relative to the scenario"
         return written, [Problem(here, wrong)]
@@ -100,16 +101,16 @@ def _filled(
 
 
 def _changes(
-    rows: list[dict[str, Any]], column: str, names: list[str], expected: str
+    rows: list[tuple[int, dict[str, Any]]], column: str, names: list[str], expected: str
 ) -> tuple[list[dict[str, Any]], str]:
-    """Changes, or what is wrong with the first row that is wrong."""
-    if not rows or not {"at", column} <= set(rows[0]):
-        columns = ", ".join(map(str, rows[0])) if rows else "no row"
+    """Changes, or what is wrong with the first row, behind its line's number, that is wrong."""
+    if not rows or not {"at", column} <= set(rows[0][1]):
+        columns = ", ".join(map(str, rows[0][1])) if rows else "no row"
         return [], f": found {columns}, expected the columns at and {column}"
     times: list[datetime] = []
     cells: list[str] = []
     within: list[float] = []
-    for number, row in enumerate(rows, start=2):
+    for number, row in rows:
         name, written = (row[column] or "").strip(), (row.get("within") or "").strip()
         try:
             at = _TIME.validate_python((row["at"] or "").strip())

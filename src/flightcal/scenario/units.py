@@ -313,3 +313,28 @@ Angle = Annotated[float, Quantity("rad")]
 STRONGEST = 1e6
 """W: some ten times what the largest spacecraft has in all."""
 Power = Annotated[float, Quantity("W", believable=STRONGEST)]
+
+
+@dataclass(frozen=True)
+class WrittenUnit:
+    """A unit in which a quantity is written: SI = factor * number + offset."""
+
+    name: str
+    factor: float = 1.0
+    offset: float = 0.0
+
+    def of(self, si: float) -> float:
+        """The number that is written for an SI value."""
+        return (si - self.offset) / self.factor
+
+    def si(self, number: float) -> float:
+        """The SI value of a number."""
+        return self.factor * number + self.offset
+
+
+def written_unit(name: str, unit: str, *, difference: bool = False) -> WrittenUnit:
+    """A unit by its name, of a quantity in the SI `unit`. Raises ValueError."""
+    if not name:
+        return WrittenUnit("")
+    zero, one = (to_si(f"{number} {name}", unit, difference=difference) for number in (0, 1))
+    return WrittenUnit(name, one - zero, zero)

@@ -59,4 +59,5 @@ def channel_of_kind(blocks: Blocks, name: str, kind: str, location: Location) ->
 def file_exists(folder: Path, name: str, wanted: str, location: Location) -> Iterator[Problem]:
     """The file is there."""
     if not os.path.isfile(folder / name):  # unlike Path's, False for a name that no file can have
-        yield Problem(location, f"found no such file as {show(name)}, expected {wanted} relative to the scenario")
+        found = "a folder" if os.path.isdir(folder / name) else "no such file"
+        yield Problem(location, f"found {found} at {show(name)}, expected {wanted} relative to the scenario")

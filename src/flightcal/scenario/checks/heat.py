@@ -17,7 +17,7 @@ _HEAT: Location = ("heat",)
 def check(reading: Reading, folder: Path) -> Iterator[Problem]:
     """Nodes with heat hold heat, and nothing stands beside it that excludes it."""
     data, blocks = reading.document.data, reading.blocks
-    if isinstance(data, dict) and "heat" in data and data["heat"] is None:
+    if "heat" in data and data["heat"] is None:
         yield Problem(_HEAT, "found nothing, expected none or a mapping: without the key it has its default")
     if blocks.heat is None:
         return

@@ -32,7 +32,7 @@ def check(reading: Reading, folder: Path) -> Iterator[Problem]:
     for mode, powers in readable(blocks.modes).items():
         for node in powers if blocks.reduced is None else ():
             yield from heated_node(blocks, node, "dissipation", ("simulator", "modes", mode, node))
-    yield from _check_timeline(blocks)
+    yield from _check_timeline(reading)
     yield from _check_loads(blocks)
 
 
@@ -58,8 +58,9 @@ def _check_thermostat(blocks: Blocks, heater: Heater, location: Location) -> Ite
         )
 
 
-def _check_timeline(blocks: Blocks) -> Iterator[Problem]:
-    if len(blocks.modes) > 1 and not blocks.timeline:
+def _check_timeline(reading: Reading) -> Iterator[Problem]:
+    blocks = reading.blocks
+    if len(blocks.modes) > 1 and not blocks.timeline and "timeline_file" not in reading.document.data["simulator"]:
         modes = ", ".join(blocks.modes)
         message = (
             f"found {len(blocks.modes)} modes ({modes}) without a 'timeline', expected one that says when each holds"

@@ -5,6 +5,7 @@ from __future__ import annotations
 import re
 from collections.abc import Iterator
 from pathlib import Path
+from typing import Any
 
 from ..document import Location, Problem
 from ..meshed import CELL
@@ -27,12 +28,14 @@ def check(reading: Reading, folder: Path) -> Iterator[Problem]:
     for section in external if blocks.external else ("nodes", "faces", "heaters", "modes", "loads"):
         sections["simulator", section] = list(getattr(blocks.external or blocks, section))
     named = [((*section, name), name) for section, names in sections.items() for name in names]
-    # A window of a group is called after both.
+    # A window of a group is called after both, with a dot between them.
     named += [(("windows", name), part) for name in blocks.windows for part in name.split(".", 1)]
+    named += [(("windows", name), name) for name in _keys(reading.document.data, "windows")]
     for k, conductor in enumerate(blocks.conductors):
         if conductor is not None and conductor.name is not None:
             named.append(((*_CONDUCTORS, k, "name"), conductor.name))
-    named += [(("simulator", key, name), name) for key in ("boxes", "plates") for name in _written(reading, key)]
+    simulator = reading.document.data.get("simulator")
+    named += [(("simulator", key, name), name) for key in ("boxes", "plates") for name in _keys(simulator, key)]
     for location, name in named:
         # What is meshed from plates has names with brackets, and conductors that radiate are called after both ends.
         may_be_cell = location[:2] in (("simulator", "nodes"), ("simulator", "faces"), _CONDUCTORS)
@@ -47,9 +50,7 @@ def check(reading: Reading, folder: Path) -> Iterator[Problem]:
             )
 
 
-def _written(reading: Reading, key: str) -> list[str]:
-    """Names in a mapping of the simulator's block, as the file has them."""
-    data = reading.document.data
-    simulator = data.get("simulator") if isinstance(data, dict) else None
-    found = simulator.get(key) if isinstance(simulator, dict) else None
-    return list(found) if isinstance(found, dict) else []
+def _keys(block: Any, key: str) -> list[str]:
+    """Names in a mapping of a block, as the file has them."""
+    found = block.get(key) if isinstance(block, dict) else None
+    return [name for name in found if isinstance(name, str)] if isinstance(found, dict) else []

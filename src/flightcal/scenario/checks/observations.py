@@ -44,7 +44,7 @@ def check(reading: Reading, folder: Path) -> Iterator[Problem]:
 def _check_time_error(reading: Reading) -> Iterator[Problem]:
     """The error of all time tags is one of readings of a network's nodes."""
     data = reading.document.data
-    if not isinstance(data, dict) or "time_error" not in data:
+    if "time_error" not in data:
         return
     if data["time_error"] is None:
         yield Problem(("time_error",), "found nothing, expected none or a duration: without the key it has its default")

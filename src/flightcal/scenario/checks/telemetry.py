@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import os
 from collections.abc import Iterator
 from pathlib import Path
 
@@ -11,7 +10,10 @@ from ..document import Location, Problem
 from ..reading import Reading
 from ..telemetry import Channel
 from ..units import did_you_mean, is_temperature, kind_of, parse_unit, show, si_unit, to_si
+from .common import file_exists
 
+_RESERVED = frozenset(["time", "channel", "flags", "finding", "rows", "masked"])
+"""Variables that are beside the channels in a dataset of telemetry."""
 _RAW = ("a plain number", "a voltage", "a resistance")
 """What a thermistor's reading is before it is made a temperature."""
 _COMBINATIONS = {"temperature": ("mean",), "status": (), "driver": ("mean", "sum", "product")}
@@ -24,13 +26,13 @@ def check(reading: Reading, folder: Path) -> Iterator[Problem]:
     files |= {("telemetry", "packets", name): packet.file for name, packet in packets.items()}
     for place, names in files.items():
         for name in names:
-            if not os.path.isfile(folder / name):  # unlike Path's, False for a name that no file can have
-                found = "a folder" if os.path.isdir(folder / name) else "no such file"
-                message = f"found {found} at {show(name)}, expected a telemetry file, relative to the scenario"
-                yield Problem((*place, "file"), message)
+            yield from file_exists(folder, name, "a telemetry file,", (*place, "file"))
     yield from _check_packets(reading)
     for name, channel in readable(reading.blocks.channels).items():
         location = ("telemetry", "channels", name)
+        if name in _RESERVED:
+            message = f"found the name {name!r}, expected another: telemetry has something of its own that is called so"
+            yield Problem(location, message)
         yield from _check_columns(channel, location)
         yield from _check_status(channel, location)
         unit_problem = _unit_problem(channel)
