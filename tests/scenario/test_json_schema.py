@@ -1,4 +1,5 @@
 import copy
+import re
 from pathlib import Path
 
 import pytest
@@ -125,3 +126,14 @@ def test_defaults_are_valid_themselves():
             if field.get("default") is not None:
                 validator = Draft202012Validator({**field, "$defs": schema["$defs"]})
                 assert validator.is_valid(field["default"]), name
+
+
+def test_formats_name_every_key_of_a_scenario():
+    def keys(schema):
+        for part in schema.values() if isinstance(schema, dict) else schema if isinstance(schema, list) else ():
+            yield from keys(part)
+        if isinstance(schema, dict):
+            yield from schema.get("properties", ())
+
+    text = (Path(__file__).parents[2] / "docs" / "formats.md").read_text(encoding="utf-8")
+    assert [key for key in sorted(set(keys(json_schema()))) if not re.search(rf"\b{key}\b", text)] == []
