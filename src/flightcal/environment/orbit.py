@@ -51,7 +51,7 @@ def propagator(orbit: Orbit, folder: Path = Path()) -> Propagator:
 def orbital_period(environment: Environment, folder: Path = Path()) -> float:
     """Orbital period in s: `environment.period` where it is given, else the nodal period of the orbit.
 
-    Nodal (draconitic) means from ascending node to ascending node: what `orbit_phase` counts and what
+    Nodal (draconitic) means from ascending node to ascending node, which
     makes two windows of whole orbits alike. Elements: from the secular rates of mean anomaly and perigee
     (TLE: SGP4's). Samples: the mean over their whole orbits or, where they hold less than one, Kepler's
     period of the mean vis-viva semi-major axis (0.5%).

@@ -120,7 +120,7 @@ class Priors:
         return np.where(either, np.abs(z), z)
 
     def precision(self, z: ArrayLike) -> Array:
-        """Diagonal [..., d] of minus the Hessian of the log density, which has nothing off it.
+        """Diagonal [..., d] of minus the Hessian of the log density without its tilt, which has nothing off it.
 
         It is the prior's share of a Gauss-Newton Hessian; no entry is negative.
         """

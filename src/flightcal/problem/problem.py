@@ -68,7 +68,7 @@ class Problem:
 
     @cached_property
     def priors(self) -> Priors:
-        """Of theta's entries [d]; with heat tilted as this says (`HeatModel.tilt`)."""
+        """Of theta's entries [d]; with heat tilted as this says (`HeatModel.tilt_of`)."""
         names = tuple(entry.name for entry in self.entries)
         tilt = None if self.heat is None else self.heat.tilt_of(names)
         return Priors(names, tuple(entry.prior for entry in self.entries), tilt)

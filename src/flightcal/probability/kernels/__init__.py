@@ -1,1 +1,1 @@
-"""Compiled code that kinds of noise share, and of priors and switches; nothing else."""
+"""Compiled code that kinds of noise share, and of priors, switches, heat and other shapes."""

@@ -6,7 +6,7 @@ from ...errors import ScenarioError
 from ...scenario import Noise
 from .ar1 import Correlated
 from .iid import Independent
-from .kind import DEVIATION, NoiseCall, NoiseKind, ShapesCall
+from .kind import NoiseKind
 from .rounded import Rounded
 from .student import CorrelatedStudent, Student
 
@@ -37,16 +37,3 @@ def kind_of_noise(written: Noise) -> NoiseKind:
 def called(words: str) -> NoiseKind:
     """The kind of that name."""
     return next(kind for kind in KINDS if kind.words == words)
-
-
-__all__ = [
-    "DEVIATION",
-    "INDEPENDENT",
-    "KINDS",
-    "MOST_NUMBERS",
-    "NoiseCall",
-    "NoiseKind",
-    "ShapesCall",
-    "called",
-    "kind_of_noise",
-]

@@ -13,6 +13,7 @@ import numpy as np
 
 from ...compiled import Kernel
 from ...simulator import FloatArray
+from .process import filtered
 
 DEVIATION = 0
 """Place of every kind's first number: its standard deviation (of Student's t: its scale), K."""
@@ -138,7 +139,11 @@ class NoiseKind:
 
     def deviation(self, numbers: FloatArray) -> float:
         """Standard deviation of the noise of one sample, K."""
-        return float(numbers[DEVIATION])
+        return float(np.sqrt(self.covariance(numbers, np.zeros(1))[0] + self.white_variance(numbers)))
+
+    def time_of(self, numbers: FloatArray) -> float:
+        """Correlation time, s, of noise with a memory."""
+        return float(numbers[self.names.index("correlation_time")])
 
     def draw(self, numbers: FloatArray, seconds: FloatArray, rng: np.random.Generator) -> tuple[FloatArray, FloatArray]:
         """Noise with a memory, from its stationary distribution, and noise without, [T] each, K."""
@@ -147,8 +152,14 @@ class NoiseKind:
     def innovations(
         self, residual: FloatArray, seconds: FloatArray, numbers: FloatArray, rng: np.random.Generator
     ) -> FloatArray:
-        """Of residuals [T], K, NaN where missing, what the noise does not know from those before."""
-        return residual
+        """Of residuals [T], K, NaN where missing, what the noise does not know from those before.
+
+        How far each is off what the ones before make expected, as if its gap were endless.
+        """
+        if not self.has_memory:
+            return residual
+        white = float(np.sqrt(self.white_variance(numbers)))
+        return filtered(residual, seconds, numbers[DEVIATION], self.time_of(numbers), white)
 
     def normal_equivalent(self, numbers: FloatArray) -> tuple[NoiseKind, FloatArray]:
         """A normal kind of the same information on the simulated temperatures, and its numbers."""
@@ -158,8 +169,7 @@ class NoiseKind:
         """Of the noise with a memory, an Ornstein-Uhlenbeck process, at samples that are so far `apart` (s), K^2."""
         if not self.has_memory:
             return np.zeros(apart.shape)
-        time = numbers[self.names.index("correlation_time")]
-        return np.asarray(numbers[DEVIATION] ** 2 * np.exp(-np.abs(apart) / time))
+        return np.asarray(numbers[DEVIATION] ** 2 * np.exp(-np.abs(apart) / self.time_of(numbers)))
 
     def white_variance(self, numbers: FloatArray) -> float:
         """Of the noise without, K^2."""

@@ -7,9 +7,10 @@ from dataclasses import dataclass
 import numpy as np
 
 from ...simulator import FloatArray
-from .ar1 import Correlated, correlate, filtered
+from .ar1 import Correlated
 from .iid import Independent
 from .kind import DEVIATION, NoiseKind
+from .process import correlate
 
 
 @dataclass(frozen=True, eq=False)
@@ -48,9 +49,9 @@ class Shaped(NoiseKind):
         """It is."""
         return True
 
-    def deviation(self, numbers: FloatArray) -> float:
-        """Of one sample, K."""
-        return float(numbers[DEVIATION]) * (float(np.hypot(1.0, self.white_share)) if self.has_memory else 1.0)
+    def time_of(self, numbers: FloatArray) -> float:
+        """Correlation time, s."""
+        return self.time
 
     def draw(self, numbers: FloatArray, seconds: FloatArray, rng: np.random.Generator) -> tuple[FloatArray, FloatArray]:
         """Noise with a memory and without."""
@@ -58,21 +59,6 @@ class Shaped(NoiseKind):
         if not self.has_memory:
             return np.zeros(len(seconds)), first
         return correlate(first, seconds, self.time), self.white_share * second
-
-    def innovations(
-        self, residual: FloatArray, seconds: FloatArray, numbers: FloatArray, rng: np.random.Generator
-    ) -> FloatArray:
-        """How far each is off what the ones before make expected, as if its gap were endless."""
-        if not self.has_memory:
-            return residual
-        deviation = float(numbers[DEVIATION])
-        return filtered(residual, seconds, deviation, self.time, self.white_share * deviation)
-
-    def covariance(self, numbers: FloatArray, apart: FloatArray) -> FloatArray:
-        """Of the noise with a memory, K^2."""
-        if not self.has_memory:
-            return np.zeros(apart.shape)
-        return np.asarray(numbers[DEVIATION] ** 2 * np.exp(-np.abs(apart) / self.time))
 
     def white_variance(self, numbers: FloatArray) -> float:
         """Of the noise without, K^2."""

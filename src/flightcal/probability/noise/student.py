@@ -8,9 +8,10 @@ import numpy as np
 
 from ...compiled import inlined, kernel
 from ...simulator import FloatArray
-from .ar1 import TIME, Correlated, correlate, filtered
+from .ar1 import TIME, Correlated
 from .iid import Independent
 from .kind import DEVIATION, NoiseKind
+from .process import correlate
 
 DEGREES = 1
 """Place of its second number, the degrees of freedom; the third is that of correlated normal noise, `TIME`, or zero."""
@@ -96,12 +97,6 @@ class CorrelatedStudent(NoiseKind):
     def draw(self, numbers: FloatArray, seconds: FloatArray, rng: np.random.Generator) -> tuple[FloatArray, FloatArray]:
         """Noise with a memory and without."""
         return correlate(_drawn(numbers, len(seconds), rng), seconds, numbers[TIME]), np.zeros(len(seconds))
-
-    def innovations(
-        self, residual: FloatArray, seconds: FloatArray, numbers: FloatArray, rng: np.random.Generator
-    ) -> FloatArray:
-        """How far each is off what the one before makes expected, as if its gap were endless."""
-        return filtered(residual, seconds, numbers[DEVIATION], numbers[TIME], 0.0)
 
     def normal_equivalent(self, numbers: FloatArray) -> tuple[NoiseKind, FloatArray]:
         """As of the independent one."""
