@@ -303,6 +303,19 @@ def test_lint_refuses_what_calibrate_refuses(tmp_path):
         )
 
 
+def test_lint_tells_what_is_wrong_with_each_window(tmp_path):
+    path = write(tmp_path)
+    written = YAML(typ="safe").load(path)
+    written["windows"] |= {
+        name: {"start": f"2023-0{month}-01T00:00:00", "end": f"2023-0{month}-01T03:00:00"}
+        for month, name in enumerate(("january", "february"), start=1)
+    }
+    YAML(typ="safe").dump(written, path)
+    told = run(app, ["lint", str(path)])
+    assert told.exit_code == USER_ERROR
+    assert [f"2023-0{month}-01" in told.output for month in (1, 2)] == [True, True]
+
+
 @pytest.mark.parametrize("verb", [["lint"], ["check", "--out", "run"], ["calibrate", "--out", "run"]])
 def test_priors_at_which_nothing_can_be_simulated_are_refused_with_the_largest_heat(tmp_path, monkeypatch, verb):
     monkeypatch.chdir(tmp_path)

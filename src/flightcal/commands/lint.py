@@ -7,12 +7,13 @@ from typing import TYPE_CHECKING
 
 import typer
 
-from ..errors import USER_ERROR
+from ..errors import USER_ERROR, FlightcalError
 from .options import ScenarioFile, TelemetryPlace
 
 if TYPE_CHECKING:
     import xarray
 
+    from ..problem import Window
     from ..scenario import Scenario
 
 
@@ -36,7 +37,17 @@ def lint(scenario: ScenarioFile, telemetry: TelemetryPlace = None) -> None:
 
     loaded = load_scenario(scenario, telemetry=telemetry)
     data = read(loaded)
-    windows = {window: build_window(loaded, data, window) for window in loaded.windows}
+    windows: dict[str, Window] = {}
+    refused: list[str] = []
+    for name in loaded.windows:
+        try:
+            windows[name] = build_window(loaded, data, name)
+        except FlightcalError as error:
+            refused.append(str(error))
+    for words in dict.fromkeys(refused):
+        typer.echo(f"error: {words}", err=True)
+    if refused:
+        raise typer.Exit(USER_ERROR)
     trained = [windows[name] for name in loaded.train_windows]
     problem_of(loaded, trained, open_windows(trained, data))
     for window, built in windows.items():
