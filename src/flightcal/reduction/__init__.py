@@ -5,8 +5,8 @@ Imports: environment, errors, operational, probability, progress, run, scenario,
 
 from .check import Flown, compare, fly_at
 from .error_model import shapes
-from .file import is_reduction, load_task
-from .folder import made_from, reduce_to_folder, scenario_of
+from .file import is_reduction, load_task, spacecraft_of
+from .folder import reduce_to_folder, scenario_of
 from .reduced_model import initial_given
 from .reduced_scenario import network_for
 from .storage import load

@@ -117,6 +117,11 @@ def load_task(path: str | Path) -> Task:
     return Task(reduction, mission, scenario, period, settling, tuple(notes))
 
 
+def spacecraft_of(path: Path) -> Path:
+    """The spacecraft file that the reduction file at `path` names. Raises ScenarioError as `load_task`."""
+    return path.parent / read_file(path, Reduction)[0].spacecraft
+
+
 def _refuse_slopes(spacecraft: Path) -> None:
     """Raises ScenarioError where a conductance of a spacecraft file depends on temperature."""
     content, document = read_file(spacecraft, SpacecraftFile)

@@ -11,8 +11,8 @@ import numpy as np
 from ..calibration import Sampled, mean_and_some, posterior_draws, with_kept_heat
 from ..errors import ScenarioError
 from ..problem import Problem, Window
-from ..reduction import Flown, compare, fly_at, load_task, made_from
-from ..run import Run, Stage, read_json
+from ..reduction import Flown, compare, fly_at, load_task, spacecraft_of
+from ..run import Run, Stage, hash_of, hash_of_file, read_json
 from ..scenario import Scenario
 from ..simulator import TIME_ERROR, FloatArray, Trajectory, in_parallel
 
@@ -22,13 +22,13 @@ CHECKED = 8
 
 
 def flown_from(scenario: Scenario) -> str:
-    """Hash of what the check flies, a spacecraft file that the scenario does not name and all that it names itself.
+    """Hash of the reduction file that the check follows, and of the spacecraft file in it, which no scenario names.
 
-    Raises ScenarioError where the reduction file or the spacecraft file does not read.
+    Raises ScenarioError where the reduction file does not read.
     """
     assert scenario.network.checked_on is not None
     file = scenario.folder / scenario.network.checked_on
-    return made_from(file, load_task(file))
+    return hash_of(list(map(hash_of_file, (file, spacecraft_of(file)))))
 
 
 def _fly(run: Run, problem: Problem, sampled: Sampled, *, flown_from: str, simulations: int, seed: int) -> None:
