@@ -8,6 +8,7 @@ import pytest
 from flightcal.errors import GATE_FAILED, MODEL_FAILED, WITH_LIMITS
 from flightcal.prediction.holding import replicate
 from flightcal.report.findings import in_few_words, value_of
+from flightcal.report.panels.picture import choose
 from flightcal.report.verdict import CONVERGED, HOLD, RIGHT, verdict_of
 
 
@@ -116,3 +117,12 @@ def test_the_record_says_the_same_as_the_verdict(run, shifted):
     record = judged.record
     assert (record["use"], record["exit_code"], record["next"]) == (judged.use, judged.exit_code, judged.then)
     assert [own["state"] for own in record["answers"]] == [answer.state for answer in judged.answers]
+
+
+def test_the_noise_of_every_window_that_was_trained_on_is_judged(run):
+    right = fitted(run)
+    windows = {"train.a": right.windows["train"], "train.b": run.windows["train"], "test": right.windows["test"]}
+    answer = verdict_of(dataclasses.replace(right, windows=windows)).answers[1]
+    assert answer.state == "bad"
+    assert answer.worst.text.startswith("In “train.b” the residuals of")
+    assert choose(dataclasses.replace(right, windows=windows)).worst == "payload_temperature"

@@ -137,6 +137,11 @@ class RunFiles:
             if has_prediction(window, "stochastic")
         }
 
+    @property
+    def checks_of_training(self) -> dict[str, list[ResidualCheck]]:
+        """Tests of the residuals in windows that were trained on; of all where none was."""
+        return {name: own for name, own in self.checks.items() if is_trained(name)} or self.checks
+
 
 def read_run(folder: Path) -> RunFiles:
     """Reads a run directory. Raises RunError where it is none, or where a file in it cannot be read."""

@@ -10,7 +10,7 @@ from scipy.stats import chi2, norm
 
 from ...calibration import Calibrated, PriorScore
 from ...probability import INDEPENDENT
-from ...scenario import is_trained
+from ...validation import ResidualCheck
 from ..panels.calibrated import calibrated
 from ..panels.discrepancy import STANDS_IN, stand_ins
 from ..panels.heat import IMPLAUSIBLE, LARGE, WANDERING, gains, node_heats, state
@@ -54,28 +54,30 @@ def _likely(own: Mapping[str, Any], mark: str) -> Finding:
 
 def noise(run: RunFiles) -> Finding:
     """Whether residuals are the noise that was assumed."""
-    checks = run.checks
+    checks = run.checks_of_training
     if not checks:
         return Finding("none", "The noise is not judged", "There is no stochastic prediction.")
-    window = next((name for name in checks if is_trained(name)), next(iter(checks)))
-    of_window = checks[window]
-    # With many channels one is off by chance.
-    against = [
-        c
-        for c in of_window
-        if c.verdict == "contradicted" and c.p_value < OFF / len(of_window) and c.factor >= NARROWED
-    ]
-    details = tuple(c.words for c in of_window)
-    if not against:
-        assumed = assumption(of_window)
-        judged = [c for c in of_window if c.verdict != "unknown"]
+    every = [c for of_window in checks.values() for c in of_window]
+
+    def matters(c: ResidualCheck) -> bool:
+        """Of many channels and windows one is off by chance."""
+        return c.verdict == "contradicted" and c.p_value < OFF / len(every) and c.factor >= NARROWED
+
+    details = tuple(
+        f"{f'“{name}”: ' if len(checks) > 1 else ''}{c.words}" for name, of_window in checks.items() for c in of_window
+    )
+    if not any(map(matters, every)):
+        judged = [c for c in every if c.verdict != "unknown"]
         if not judged:
             return Finding("none", "The noise is not judged", "There are too few residuals.", details)
-        text = f"No channel's residuals in “{window}” contradict {assumed} to an extent that matters."
+        over = listed([f"“{name}”" for name in checks])
+        text = f"No channel's residuals in {over} contradict {assumption(every)} to an extent that matters."
         if any(c.tested == "innovations" for c in judged):
             text = " ".join(f"{text} {correlation_expected(judged)} {TESTED}".split())
         return Finding("good", "The residuals look like the noise that was assumed", text, details)
-    worst = max(against, key=lambda c: c.factor)
+    worst = max(filter(matters, every), key=lambda c: c.factor)
+    window, of_window = next((name, own) for name, own in checks.items() if worst in own)
+    against = list(filter(matters, of_window))
     tested = listed(list(dict.fromkeys(c.tested for c in against)))
     assumed, discrepant = assumption(against), any(c.discrepancy for c in against)
     if plain := assumed == INDEPENDENT.in_full:

@@ -89,7 +89,7 @@ def choose(run: RunFiles) -> Chosen | None:
         # Of channels that all hold, the one with least inside.
         window, worst = min(rooms, key=lambda place: (min(rooms[place][0], 0.0), rooms[place][1]))
         # Where all hold, what the verdict may name is the channel whose noise is not what was assumed.
-        noisy = [own for own in next(iter(run.checks.values())) if own.verdict == "contradicted"]
+        noisy = [own for of in run.checks_of_training.values() for own in of if own.verdict == "contradicted"]
         if noisy and rooms[window, worst][0] >= 0.0:
             worst = max(noisy, key=lambda own: own.factor).channel
         others = sorted((room, channel) for (own, channel), (room, _) in rooms.items() if own == window)

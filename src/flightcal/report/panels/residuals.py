@@ -97,7 +97,7 @@ def assumption(of_window: Sequence[ResidualCheck]) -> str:
     discrepant = [c for c in of_window if c.discrepancy]
     if not discrepant:
         return noise
-    of = "" if len(discrepant) == len(of_window) else f" of {listed([c.channel for c in discrepant])}"
+    of = "" if len(discrepant) == len(of_window) else f" of {channels(discrepant, of_window)}"
     return f"{noise} beside a discrepancy{of} in {discrepant[0].discrepancy.replace('phase', 'orbit phase')}"
 
 
@@ -125,9 +125,10 @@ def spread(values: Sequence[float]) -> str:
 
 def channels(some: Sequence[ResidualCheck], every: Sequence[ResidualCheck]) -> str:
     """Names of some channels; how many they are where they are all."""
-    if len(some) == len(every) > 2:
-        return f"all {len(every)} channels"
-    return listed([c.channel for c in some])
+    named = list(dict.fromkeys(c.channel for c in some))
+    if len(named) == len({c.channel for c in every}) > 2:
+        return f"all {len(named)} channels"
+    return listed(named)
 
 
 def tests_of(checks: dict[str, list[ResidualCheck]]) -> Table:
