@@ -13,7 +13,7 @@ from .kernels.lanes import WIDTH
 from .kernels.march import MarchCall, march
 from .kernels.sampling import ICE_POINT
 from .kernels.step import step_size
-from .network import FIELDS, Network, Term, build_network, canonical_form
+from .network import FIELDS, Network, Term, build_network, canonical_form, flux_kinds
 from .sampling import Observation, Sensors
 from .simulate import SCATTERED, NetworkSimulator, Simulator, Trajectory
 from .system import Drive, FloatArray, IntArray, Structure, Switch, System, unpack

@@ -15,14 +15,17 @@ def test_a_face_that_looks_the_other_way_is_named(tmp_path):
     assert named(scenario, data)[0].title == "Face outside looks another way"
 
 
-def test_two_faces_that_are_exchanged_are_named(tmp_path):
+@pytest.mark.parametrize("name", ["outside", "panel"], ids=["of its own name", "called as its node"])
+def test_two_faces_that_are_exchanged_are_named(tmp_path, name):
     written = boxed()
+    faces = written["simulator"]["faces"] = {
+        name if own == "outside" else own: face for own, face in written["simulator"]["faces"].items()
+    }
     scenario, _ = small.load(tmp_path, written)
-    faces = written["simulator"]["faces"]
-    faces["ahead"]["normal"], faces["outside"]["normal"] = faces["outside"]["normal"], faces["ahead"]["normal"]
+    faces["ahead"]["normal"], faces[name]["normal"] = faces[name]["normal"], faces["ahead"]["normal"]
     _, data = small.closed_loop(tmp_path, written)
     first = named(scenario, data)[0]
-    assert first.title == "Faces outside and ahead are exchanged"
+    assert first.title == f"Faces {name} and ahead are exchanged"
 
 
 DRIVEN = {"tracks_sun_about": [0, 1, 0]}, {"tracks_sun_about": [0, 1, 0], "back": True}

@@ -11,7 +11,7 @@ from scipy.spatial.transform import Rotation
 from ...problem import Window
 from ...report import listed
 from ...scenario import FaceNormal, Scenario, SpinningAttitude, SunTracking
-from ...simulator import FloatArray, build_network
+from ...simulator import FloatArray, build_network, flux_kinds
 from ..view import View
 from .wrong import Words, Wrong, driven_otherwise, put
 
@@ -165,10 +165,10 @@ def _axes(view: View) -> Iterator[Wrong]:
 
 def _exchanged(view: View, normals: Mapping[str, FaceNormal]) -> Iterator[Wrong]:
     """Two faces look each other's way."""
-    columns = view.network.network.columns
+    columns, kinds = view.network.network.columns, flux_kinds(view.window.scenario)
     pairs = [(a, b) for a, b in combinations(normals, 2) if _alike(normals[a], normals[b]) < 1.0 - _SAME]
     for pair in pairs:
-        a, b = ([k for k, own in enumerate(columns) if own.partition(".")[2] == name] for name in pair)
+        a, b = ([columns.index(f"{kind}.{name}") for kind in kinds] for name in pair)
         words = Words(
             f"Faces {pair[0]} and {pair[1]} are exchanged",
             f"With the normals of {pair[0]} and {pair[1]} exchanged, the model explains the telemetry.",
