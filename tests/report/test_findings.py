@@ -7,6 +7,7 @@ from flightcal.report.panels.parameters import at_edge, footing
 from flightcal.report.run_files import read_run
 from flightcal.report.verdict import verdict_of
 
+from .cases import with_attributes
 from .synthetic_run import every_finding
 
 
@@ -209,14 +210,13 @@ def test_an_interrupted_run_comes_first(run):
 
 
 def test_another_explanation_is_told_with_its_entries_and_units(run):
-    differs = [["battery_capacity", 3500.0, 4100.0], ["noise.none", 0.1, 0.2], ["a", 1.0, 2.0], ["b", 1.0, 2.0]]
-    tree = run.posterior.copy()
-    tree.attrs = run.posterior.attrs | {"other_explanations": json.dumps([{"below": 1.44, "differs": differs}])}
-    finding = about(dataclasses.replace(run, posterior=tree), "explanation")
+    differs = [["battery_capacity", 3500.0, 4100.0], ["initial.battery", 283.15, 290.15], ["a", 1.0, 2.0], ["b", 1, 2]]
+    other = json.dumps([{"below": 1.44, "differs": differs}])
+    finding = about(with_attributes(run, other_explanations=other), "explanation")
     assert finding.state == "warn"
     assert finding.details == (
-        "battery_capacity 4100 instead of 3500 J/K, noise.none 0.2 instead of 0.1, a 2 instead of 1, and 1 more: "
-        "1.4 nats below the best.",
+        "battery_capacity 4100 instead of 3500 J/K, initial.battery 17 instead of 10 °C, a 2 instead of 1, and 1 "
+        "more: 1.4 nats below the best.",
     )
     assert not any("explanation" in title for title in findings(run))
 

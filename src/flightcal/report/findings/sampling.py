@@ -6,7 +6,7 @@ import json
 
 from ...calibration import LINEAR
 from ..run_files import Record, RunFiles
-from ..text import shown
+from ..text import shown, unit
 from .finding import AGAIN, Finding, value_of
 
 
@@ -56,14 +56,17 @@ def explanations(run: RunFiles) -> list[Finding]:
     found = [] if run.posterior is None else json.loads(run.posterior.attrs.get("other_explanations", "[]"))
     if not found:
         return []
-    units = {info.name: info.unit for info in run.parameters}
+    infos = {info.name: info for info in run.parameters}
+
+    def differs(name: str, here: float, there: float) -> str:
+        info = infos.get(name)
+        offset, shown_unit = (info.offset, unit(info.unit)) if info else (0.0, "")
+        return f"{name} {there + offset:.6g} instead of {here + offset:.6g} {shown_unit}".rstrip()
+
     details = []
     for other in found:
         entries = other["differs"]
-        values = [
-            f"{name} {there:.6g} instead of {here:.6g} {units.get(name, '')}".rstrip()
-            for name, here, there in entries[:3]
-        ]
+        values = [differs(*entry) for entry in entries[:3]]
         more = f", and {len(entries) - 3} more" if len(entries) > 3 else ""
         details.append(f"{', '.join(values)}{more}: {other['below']:.1f} nats below the best.")
     text = (
