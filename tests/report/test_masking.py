@@ -1,5 +1,6 @@
 """A page to pass on: no name of the user's and no absolute temperature is in it."""
 
+import dataclasses
 import json
 import re
 import shutil
@@ -16,11 +17,15 @@ from flightcal.report.panels.calibrated import calibrated
 from flightcal.report.windows import column
 from flightcal.run import read_tree
 
+from .cases import with_attributes
 from .packed import drawn, without_scripts
 from .synthetic_run import CHANNELS, HEATERS, PARAMETERS, every_finding
 
 NAMES = [*CHANNELS, *HEATERS, *(own[0] for own in PARAMETERS), "panel", "battery", "payload", "safe_hold", "Toy"]
-TREACHEROUS = "payload at 285.4 K in safe_hold, battery 12.5 degC, panel_link −3 °C; 0.5 K is a difference"
+TREACHEROUS = (
+    "payload at 285.4 K in safe_hold, battery 12.5 degC, panel_link −3 °C, from 68.0..95.0 degC to 77.4 K and "
+    "1234.5 K; 0.5 K is a difference"
+)
 
 
 def said(page):
@@ -75,10 +80,30 @@ def test_the_page_that_is_not_masked_has_the_names(folder):
 
 def test_no_absolute_temperature_is_on_a_masked_page(page):
     text = said(page)
-    assert not re.findall(r"185 degC|285\.4|12\.5 degC|−3 °C", text)
+    assert not re.findall(r"185 degC|285\.4|12\.5 degC|−3 °C|68\.0|95\.0|77\.4|234\.5", text)
+    assert "from a temperature to a temperature and a temperature; 0.5 K" in text
     assert "node 3 at a temperature in mode 1" in text
     assert "0.5 K is a difference" in text
     assert "Masked: names are replaced" in text
+
+
+def test_variables_of_flightcal_keep_their_names_beside_channels_of_the_same(run):
+    scenario = "telemetry: {channels: {eclipse: {}, observed_status: {}, mean_theta: {}, diverging: {}}}"
+    hidden = masked(dataclasses.replace(run, scenario=scenario))
+    assert set(hidden.windows["test"].data_vars) == set(run.windows["test"].data_vars)
+    assert set(hidden.genetic.data_vars) == set(run.genetic.data_vars)
+    assert "diverging" in hidden.posterior["sample_stats"]
+
+
+def test_another_explanation_s_temperatures_are_less_their_prior_s_median(run):
+    told = with_attributes(
+        run, other_explanations=json.dumps([{"differs": [["initial.battery", 283.1, 290.2]], "below": 1.3}])
+    )
+    median = next(info.prior_quantiles[1] for info in run.parameters if info.name == "initial.battery")
+    details = next(own.details for own in every_finding(masked(told)) if "explanation" in own.title)
+    assert details == (
+        f"initial.node 2 {290.2 - median:.6g} instead of {283.1 - median:.6g} K: 1.3 nats below the best.",
+    )
 
 
 def test_temperatures_are_less_a_constant_of_their_channel(run):

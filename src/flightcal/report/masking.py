@@ -35,7 +35,13 @@ _TEMPERATURES: Final = ("observed", "mean", "lower", "upper", "model_lower", "mo
 _WORDS: Final = frozenset({"kind", "part", "finding", "metric", "method", "mode", "unit"})
 """Fields whose values are flightcal's words and no names."""
 _NEUTRAL: Final = frozenset({"train", "test"})
-_ABSOLUTE: Final = re.compile(r"[-−]?\d+(\.\d+)?\s*(°C|degC)|\b\d{3}(\.\d+)?\s*K\b")
+_NUMBER: Final = r"[-−]?\d+(?:\.\d+)?"
+_ABSOLUTE: Final = re.compile(
+    rf"(?:{_NUMBER}(?:\.\.|\s+to\s+))?{_NUMBER}\s*(?:°C|degC)|(?<![\d.])(?:[5-9]\d|\d{{3,}})(?:\.\d+)?\s*K\b"
+)
+"""Temperatures in a text, or both ends of a range of them: in kelvin from 50 on, for less is a difference."""
+_OF_USER: Final = frozenset({"posterior", "prior", "windows"})
+"""Groups of posterior.nc whose variables have the user's names."""
 _OF_RECORD: Final = ("created", "flightcal", "python", "packages", "seed", "stages")
 """What of the provenance is told."""
 
@@ -61,7 +67,7 @@ def masked(run: RunFiles) -> RunFiles:
         scenario=None if run.scenario is None else f"name: {MASKED}",
         provenance={key: (run.provenance or {}).get(key) for key in _OF_RECORD} if run.provenance else None,
         genetic=None if run.genetic is None else _dataset(run.genetic, rename, told),
-        posterior=None if run.posterior is None else _tree(run.posterior, rename, told, absolute),
+        posterior=None if run.posterior is None else _tree(run.posterior, rename, told),
         windows={
             rename(name): _dataset(_less(window, offsets), rename, told).assign_attrs({MASKED: 1})
             for name, window in run.windows.items()
@@ -167,13 +173,12 @@ def _less(window: xr.Dataset, offsets: Mapping[str, float]) -> xr.Dataset:
 
 
 def _dataset(dataset: xr.Dataset, rename: Rename, told: Callable[[Any], Any]) -> xr.Dataset:
-    renamed = dataset.rename_vars({name: rename(str(name)) for name in dataset.data_vars})
     coordinates = {
         name: (values.dims, [rename(str(own)) for own in values.values])
         for name, values in dataset.coords.items()
         if values.dtype.kind in "UO" and name != "by"
     }
-    return renamed.assign_coords(coordinates).assign_attrs(_attributes(dataset.attrs, told))
+    return dataset.assign_coords(coordinates).assign_attrs(_attributes(dataset.attrs, told))
 
 
 def _attributes(attributes: Mapping[Any, Any], told: Callable[[Any], Any]) -> dict[Any, Any]:
@@ -185,18 +190,17 @@ def _attributes(attributes: Mapping[Any, Any], told: Callable[[Any], Any]) -> di
     return found
 
 
-def _tree(tree: xr.DataTree, rename: Rename, told: Callable[[Any], Any], absolute: set[str]) -> xr.DataTree:
-    """The posterior; its draws are as they were, for the offset of a quantity is in how it is shown."""
+def _tree(tree: xr.DataTree, rename: Rename, told: Callable[[Any], Any]) -> xr.DataTree:
+    """The posterior; its numbers are as they were, for the offset of a quantity is in how it is shown."""
     groups = {name: _dataset(group.to_dataset(), rename, told) for name, group in tree.children.items()}
+    for name in _OF_USER & groups.keys():
+        groups[name] = groups[name].rename_vars({own: rename(str(own)) for own in groups[name].data_vars})
     if "heat" in groups:
         model = told(json.loads(str(groups["heat"]["model"].item())))
         groups["heat"] = groups["heat"].assign(model=json.dumps(model))
     found = xr.DataTree.from_dict(groups)
-    others = json.loads(tree.attrs.get("other_explanations", "[]"))
-    kept = [own | {"differs": [row for row in own["differs"] if row[0] not in absolute]} for own in others]
     status = {rename(name): form for name, form in json.loads(tree.attrs.get("status_likelihood", "{}")).items()}
-    own = {"other_explanations": json.dumps(kept), "status_likelihood": json.dumps(status)}
-    found.attrs = _attributes(tree.attrs | own, told)
+    found.attrs = _attributes(tree.attrs | {"status_likelihood": json.dumps(status)}, told)
     return found
 
 
