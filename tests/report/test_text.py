@@ -79,7 +79,9 @@ def test_durations_and_lists_read_as_words():
         ("W/m^2/K and 0.1/0.2/0.3, GA mean / best", "W/m^2/K and 0.1/0.2/0.3, GA mean / best"),
         ("flightcal check own.yaml --out runs/first", "flightcal check own.yaml --out runs/first"),
         ("https://example.org/a/b", "https://example.org/a/b"),
+        ("/home/john/secret-sat/tm/x.csv and /home/john", "x.csv and john"),
+        ("/home/johnny/tm/x.csv", "x.csv"),
     ],
 )
 def test_a_path_is_told_by_its_last_step(text, told):
-    assert without_paths(text, ["/home/ana lee/sat 1/telemetry.csv", "telemetry.csv"]) == told
+    assert without_paths(text, ["/home/ana lee/sat 1/telemetry.csv", "telemetry.csv", "/home/john", "/"]) == told

@@ -19,8 +19,9 @@ _PATH: Final = re.compile(rf"(?<![\w.:/\\])(?:~|[A-Za-z]:)?[\\/]+(?:{_STEP}[\\/]
 def without_paths(text: str, known: Iterable[str] = ()) -> str:
     """The text with the last step of each absolute path alone; known: paths that may have spaces."""
     for path in sorted(known, key=len, reverse=True):
-        if PurePath(path).is_absolute() or PureWindowsPath(path).is_absolute():
-            text = text.replace(path, PureWindowsPath(path).name)
+        if PureWindowsPath(path).name and (PurePath(path).is_absolute() or PureWindowsPath(path).is_absolute()):
+            below = rf"{re.escape(path)}(?:[\\/]+{_STEP})*(?![\w-])"
+            text = re.sub(below, lambda found: PureWindowsPath(found[0]).name, text)
     return _PATH.sub(lambda found: found[1] or "", text)
 
 
