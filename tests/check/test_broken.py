@@ -33,6 +33,13 @@ def test_a_coarse_sensor_without_noise_is_not_broken():
     assert found(telemetry(step=0.5, noise=0.0)) is None
 
 
+def test_a_sensor_of_steps_of_2_k_is_not_stuck_within_one_of_them():
+    minutes = np.arange(200)
+    shadow = -12.0 * (1.0 - np.exp(-(minutes - 150) / 12.0))
+    modelled = 290.0 + np.where(minutes < 150, 0.85 * np.sin(2 * np.pi * minutes / 90.0), shadow)
+    assert found(np.round(modelled / 2.0) * 2.0, modelled) is None
+
+
 def test_no_sensor_of_the_bundled_satellite_is_broken():
     scenario = load_scenario(EXAMPLES / "leo_observer" / "scenario.yaml")
     data = read(scenario)

@@ -173,7 +173,7 @@ def _stuck(channel: str, times: NDArray[np.datetime64], own: FloatArray, modelle
     if lengths[longest] < _STUCK:
         return None
     others = np.delete(lengths, longest)
-    step = float(np.abs(np.diff(own))[np.diff(own) != 0.0].min(initial=0.1)) if len(others) else 0.1
+    step = float(np.abs(own[starts[1:]] - own[starts[1:] - 1]).min(initial=np.inf)) if len(others) else 0.0
     known = modelled[first : last + 1][np.isfinite(modelled[first : last + 1])]
     moves = float(np.ptp(known)) if len(known) else 0.0
     if moves < max(_MOVES, 4.0 * step) or lengths[longest] < 4 * int(others.max(initial=0)):
