@@ -49,6 +49,15 @@ def test_a_heater_is_known_to_be_off_where_its_sensor_is_always_warm(tmp_path):
     assert inferred(scenario, data, "heater") is None
     warm = data.assign(body_temp=("time", data["body_temp"].values + 20.0))
     assert not inferred(scenario, warm, "heater").any()
+    assert inferred(scenario, data.assign(body_temp=("time", np.full(data.sizes["time"], np.nan))), "heater") is None
+
+
+def test_gain_and_bias_are_no_warmth(tmp_path):
+    written = small.content()
+    written["observations"]["body_temp"] |= {"gain": 3.0, "bias": "5 K"}
+    scenario, data = small.closed_loop(tmp_path, written)
+    assert data["body_temp"].min() > scenario.network.switches["heater"].on_below + 10.0
+    assert inferred(scenario, data, "heater") is None
 
 
 def test_two_thermostats_with_one_status_are_told(tmp_path):

@@ -37,8 +37,11 @@ def inferred(scenario: Scenario, telemetry: xarray.Dataset, name: str) -> FloatA
     channel = next((own for own, item in scenario.observations.items() if item.node == heater.sensor), None)
     if channel is None or channel not in telemetry:
         return None
-    read = telemetry[channel].to_numpy() - scenario.observations[channel].bias
-    warm = np.nanmin(read, initial=np.inf) > heater.on_below + _BEYOND + _NOISES * noise_of(read)
+    observation, read = scenario.observations[channel], telemetry[channel].to_numpy()
+    read = ICE_POINT + (read - observation.bias - ICE_POINT) / observation.gain
+    if not np.isfinite(read).any():
+        return None
+    warm = np.nanmin(read) > heater.on_below + _BEYOND + _NOISES * noise_of(read)
     return np.zeros(len(read)) if warm else None
 
 
