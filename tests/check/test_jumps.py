@@ -44,16 +44,27 @@ def test_what_the_model_does_too_is_no_jump():
 def test_a_sensor_that_changes_is_named_alone():
     values = telemetry()
     values[100:, 0] += 9.0
-    kind, about, words = in_words(found(values))
+    ((kind, about, words),) = in_words(found(values))
     assert (kind, about) == ("jump", "panel_temp")
     assert "At 2024-03-01 01:40:00 UTC it goes by 9" in words.sentence
+
+
+def test_each_sensor_that_changes_is_named_with_its_own_jumps():
+    values = telemetry()
+    values[100:, 0] += 9.0
+    values[40:, 1] += 5.0
+    values[150:, 1] += 6.0
+    told = {about: words.sentence for _, about, words in in_words(found(values))}
+    assert set(told) == set(NAMES)
+    assert "other moment" not in told["panel_temp"]
+    assert "at 1 other moment." in told["body_temp"]
 
 
 def test_channels_that_jump_at_once_are_a_matter_of_time():
     """The slow one by little."""
     values = telemetry()
     values[100:] = values[40:140]
-    kind, about, words = in_words(found(values))
+    ((kind, about, words),) = in_words(found(values))
     assert (kind, about) == ("order", "time")
     assert "panel_temp and body_temp jump at once" in words.sentence
 
@@ -77,4 +88,4 @@ def test_old_telemetry_that_is_sent_again_is_not_out_of_order():
 
 
 def test_nothing_is_said_where_nothing_jumps():
-    assert in_words([]) is None
+    assert in_words([]) == []

@@ -106,15 +106,11 @@ def _jumps_too(values: FloatArray, moment: int) -> bool:
     return bool(moves[moment] > max(_TOO * usual, _NOISES_TOO * noise_of(values)))
 
 
-def in_words(found: Sequence[Jump]) -> tuple[str, str, Words] | None:
-    """Kind, what it is about, and words; None: nothing jumps."""
+def in_words(found: Sequence[Jump]) -> list[tuple[str, str, Words]]:
+    """Kind, what it is about, and words: of all that jumps at once, else of each channel that jumps."""
     together = [own for own in found if len(own.channels) > 1]
-    first = max(together or found, key=lambda own: abs(own.height), default=None)
-    if first is None:
-        return None
-    others = len(together or found) - 1
-    more = f"; so it does at {others} other moment{'s' if others > 1 else ''}" if others else ""
     if together:
+        first, more = _largest(together)
         words = Words(
             "The telemetry jumps in time",
             f"At {clock(first.time)} {listed(list(first.channels))} jump at once, {first.channels[0]} by "
@@ -122,13 +118,23 @@ def in_words(found: Sequence[Jump]) -> tuple[str, str, Words] | None:
             "of another time, or not in order.",
             "Check the time column there, and how packets and files are put together",
         )
-        return "order", "time", words
-    channel = first.channels[0]
-    words = Words(
-        f"{channel} jumps",
-        f"At {clock(first.time)} it goes by {number(abs(first.height), 2)} K from one sample to the next{more}. No "
-        "heat does that to its node: the sensor, or what reads it, changed; or samples are lost there, which slower "
-        "nodes do not show.",
-        f"Check {channel} there; leave that time out of the window",
-    )
-    return "jump", channel, words
+        return [("order", "time", words)]
+    told = []
+    for channel in dict.fromkeys(own.channels[0] for own in found):
+        first, more = _largest([own for own in found if own.channels[0] == channel])
+        words = Words(
+            f"{channel} jumps",
+            f"At {clock(first.time)} it goes by {number(abs(first.height), 2)} K from one sample to the next{more}. No "
+            "heat does that to its node: the sensor, or what reads it, changed; or samples are lost there, which "
+            "slower nodes do not show.",
+            f"Check {channel} there; leave that time out of the window",
+        )
+        told.append(("jump", channel, words))
+    return told
+
+
+def _largest(found: Sequence[Jump]) -> tuple[Jump, str]:
+    """The largest jump, and in words how many others there are."""
+    others = len(found) - 1
+    more = f"; so it does at {others} other moment{'s' if others > 1 else ''}" if others else ""
+    return max(found, key=lambda own: abs(own.height)), more

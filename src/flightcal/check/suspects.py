@@ -136,10 +136,9 @@ def suspects(problem: Problem, telemetry: xarray.Dataset) -> Suspects:
     found = [Suspicion(own.kind, own.channel, own.title, own.sentence, own.advice) for own in seen]
     found += [Suspicion("same status", pair, *astuple(words)) for pair, words in copied(window)]
     jumped = in_words(_jumps(window, modelled, {own.channel for own in seen}))
-    if jumped is not None:
-        found.insert(0, Suspicion(jumped[0], jumped[1], *astuple(jumped[2])))
+    found = [*(Suspicion(kind, about, *astuple(words)) for kind, about, words in jumped), *found]
     # Telemetry that is not in order is not compared.
-    if view is None or (jumped is not None and jumped[0] == "order"):
+    if view is None or any(kind == "order" for kind, _, _ in jumped):
         return Suspects(tuple(found), view is not None)
     view = _without(view, window.times, seen)
     if not np.isfinite(view.observed).any():
