@@ -157,7 +157,7 @@ def given_data(inputs: FloatArray, outputs: FloatArray, seed: int) -> Indices:
         rng = np.random.default_rng(seed + 1)
         for j, values in enumerate(inputs.T):
             first[k, j] = _share_of_harmonics(values, column)
-            halves = [rng.choice(len(column), size=len(column) // 2) for _ in range(_RESAMPLES)]
+            halves = [rng.choice(len(column), size=len(column) // 2, replace=False) for _ in range(_RESAMPLES)]
             resampled = [_share_of_harmonics(values[rows], column[rows]) for rows in halves]
             error[k, j] = _HALF_95 * np.std(resampled, ddof=1)
     return Indices(first, error, np.full_like(first, np.nan), np.full_like(first, np.nan))
