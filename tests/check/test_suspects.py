@@ -11,6 +11,7 @@ from flightcal.check import SUSPECTS, Suspects, suspects
 from flightcal.check.evidence import Fit
 from flightcal.check.findings import suspected
 from flightcal.check.misfit import Misfit
+from flightcal.check.page import _suspects
 from flightcal.check.prepared import prepared
 from flightcal.check.suspects import Suspicion, finalists, ranked, unexplained
 from flightcal.check.view import HEAT
@@ -20,6 +21,7 @@ from flightcal.problem import build_problem
 from flightcal.progress import SILENT
 from flightcal.run import Run, open_run, read_json
 from flightcal.scenario import Heat, HeatPattern, Normal
+from flightcal.simulator import SimulationFailure
 from tests import small
 
 from .cases import named, silent, spoilt
@@ -149,7 +151,19 @@ def test_a_simulator_that_is_no_network_is_not_compared():
         {"level": 1.0},
     )
     external = problem.scenario.model_copy(update={"simulator": SimpleNamespace()})
-    assert suspects(replace(problem, scenario=external), xarray.Dataset()) == Suspects()
+    found = suspects(replace(problem, scenario=external), xarray.Dataset())
+    assert found == Suspects(why_not="the simulator is no thermal network, or a reduced one")
+
+
+def test_it_is_said_why_a_network_is_not_compared(flown, monkeypatch):
+    scenario, data = flown
+
+    def fails(*given):
+        raise SimulationFailure("a temperature is not finite")
+
+    monkeypatch.setattr(sys.modules["flightcal.check.suspects"], "climbed", fails)
+    (said,) = _suspects(suspects(build_problem(scenario, data), data))
+    assert said.text.endswith("looked at: a temperature is not finite. Nothing was found.")
 
 
 def test_heat_that_the_scenario_expects_is_usual(flown):
@@ -191,6 +205,12 @@ def test_findings_name_the_best_and_below_it_the_others():
     assert found[1].details == ("Or: c is in degF.",)
     assert [own.state for own in suspected(Suspects((), True))] == ["good"]
     assert suspected(Suspects()) == []
+
+
+def test_that_no_simple_wrong_explains_the_telemetry_is_no_wrong():
+    found = Suspects(tuple(unexplained(fit(5.0, 900.0), None, [])), True)
+    assert [own.title for own in suspected(found)] == ["No simple wrong explains the telemetry"]
+    assert found.lines[0].startswith("No simple wrong explains the telemetry. Neither")
 
 
 def test_a_wrong_that_others_are_as_good_as_is_printed_as_one_of_several():

@@ -55,14 +55,11 @@ def _suspects(suspects: Suspects) -> list[Block]:
         "How probable the telemetry is with it is compared with how probable it is with nothing wrong but parameters, "
         "unmodelled heat of some percent, and noise. Only what is better by far is named."
         if suspects.looked
-        else "Only what the telemetry shows by itself was looked at: the simulator is no thermal network."
+        else f"Only what the telemetry shows by itself was looked at: {suspects.why_not}."
     )
     if not suspects.found:
         return [block.text(f"{text} Nothing was found.")]
-    rows = [
-        [own.title, own.sentence, own.advice, "–" if own.nats is None else number(own.nats, 3)]
-        for own in suspects.found
-    ]
+    rows = [[own.title, own.sentence, own.advice, number(own.nats or None, 3)] for own in suspects.found]
     header = ("what", "why", "what to do", "log odds against nothing wrong")
     return [block.text(text), block.table(Table(header, rows, (3,)))]
 

@@ -17,6 +17,7 @@ from numpy.typing import NDArray
 
 from ..errors import FlightcalError
 from ..problem import Problem, Window
+from ..report import UNEXPLAINED
 from ..run import Run, Stage, plain, read_json, typed
 from ..simulator import FloatArray, SimulationFailure, in_parallel
 from .broken import Broken, broken
@@ -60,7 +61,7 @@ _SHOWN, _NEAR = 3, 0.2
 """So many are named at most, and only if the best is not better by `_CLEAR` and by so much of what it explains."""
 _FIRST_SIZES = (1.0, 3.0)
 _OF_THERMOSTATS = frozenset({
-    "bias", "unit", "swapped", "other node", "unrelated", "everything", "status inverted", "statuses swapped",
+    "bias", "unit", "swapped", "other node", "unrelated", UNEXPLAINED, "status inverted", "statuses swapped",
     "same status", "status clock", "thresholds", "thermostat", "stuck", "filled", "clock", "channel clock",
 })  # fmt: skip
 """Kinds of wrongs that explain why a status does not do what thresholds say,"""
@@ -94,6 +95,8 @@ class Suspects:
     found: tuple[Suspicion, ...] = ()
     looked: bool = False
     """Whether the telemetry was compared with the simulator, beside what it shows by itself."""
+    why_not: str = ""
+    """Why it was not, where it was not."""
     footings: tuple[Footing, ...] = ()
     """Fixed numbers that values of parameters are as good as."""
     misfit: Misfit | None = None
@@ -103,11 +106,12 @@ class Suspects:
     def lines(self) -> tuple[str, ...]:
         """What was found, as lines."""
         alike = sum(own.nats is not None for own in self.found)
-        return tuple(
-            f"likely wrong{f', one of {alike}' if alike > 1 and own.nats is not None else ''}: "
-            f"{own.title}. {own.sentence} Next: {own.advice}."
-            for own in self.found
-        )
+
+        def mark(own: Suspicion) -> str:
+            one_of = f", one of {alike}" if alike > 1 and own.nats is not None else ""
+            return "" if own.kind == UNEXPLAINED else f"likely wrong{one_of}: "
+
+        return tuple(f"{mark(own)}{own.title}. {own.sentence} Next: {own.advice}." for own in self.found)
 
 
 def suspects(problem: Problem, telemetry: xarray.Dataset) -> Suspects:
@@ -116,18 +120,15 @@ def suspects(problem: Problem, telemetry: xarray.Dataset) -> Suspects:
     telemetry: what the problem was built from. Of a simulator that is no thermal network only what the telemetry shows
     by itself.
     """
-    window = problem.windows[0]
+    window, why_not = problem.windows[0], "the simulator is no thermal network, or a reduced one"
+    modelled = np.full(window.observed.shape, np.nan)
     try:
         view = prepared(problem.scenario, telemetry)
-    except FlightcalError:
-        view = None
-    modelled = np.full(window.observed.shape, np.nan)
-    if view is not None:
-        try:
+        if view is not None:
             simulated = view.simulated(view.window, view.middle)
             modelled[: len(simulated)] = simulated
-        except SimulationFailure:
-            view = None
+    except (FlightcalError, SimulationFailure) as error:
+        view, why_not = None, str(error)
     seen = [
         own
         for k, channel in enumerate(window.simulator.channels)
@@ -137,17 +138,19 @@ def suspects(problem: Problem, telemetry: xarray.Dataset) -> Suspects:
     found += [Suspicion("same status", pair, *astuple(words)) for pair, words in copied(window)]
     jumped = in_words(_jumps(window, modelled, {own.channel for own in seen}))
     found = [*(Suspicion(kind, about, *astuple(words)) for kind, about, words in jumped), *found]
-    # Telemetry that is not in order is not compared.
-    if view is None or any(kind == "order" for kind, _, _ in jumped):
-        return Suspects(tuple(found), view is not None)
+    if any(kind == "order" for kind, _, _ in jumped):
+        why_not = "telemetry that is not in order is not compared with the simulator"
+        view = None
+    if view is None:
+        return Suspects(tuple(found), False, why_not)
     view = _without(view, window.times, seen)
     if not np.isfinite(view.observed).any():
         return Suspects(tuple(found), True)
     try:
         base = view.point(view.window, view.middle)
         nothing = climbed(view, view.window, view.observed, base)
-    except SimulationFailure:
-        return Suspects(tuple(found))
+    except SimulationFailure as failure:
+        return Suspects(tuple(found), False, str(failure))
     odd = list(disobeyed(view.window))
     helps = _compared(view, base, nothing, _concerned(view, [name for name, _, _ in odd]))
     compared, where = ranked(helps, nothing), None
@@ -158,7 +161,7 @@ def suspects(problem: Problem, telemetry: xarray.Dataset) -> Suspects:
     for name, words, constant in odd:
         if not kinds & (_OF_THERMOSTATS if constant else _OF_THERMOSTATS | _OF_READINGS):
             found.append(Suspicion("thermostat", name, *astuple(words)))
-    return Suspects((*found, *compared), True, footings(view, base, nothing), where)
+    return Suspects((*found, *compared), True, "", footings(view, base, nothing), where)
 
 
 def _jumps(window: Window, modelled: FloatArray, known: Collection[str]) -> list[Jump]:
@@ -328,7 +331,7 @@ def unexplained(nothing: Fit, where: Misfit | None, helps: list[tuple[Fit, Suspi
     if helps:
         sentence += f" A part of it, at most: {helps[0][1].title}."
     advice = "Check that both are of the same satellite and time; then what the model leaves out there"
-    return [Suspicion("everything", "", "no simple wrong explains the telemetry", sentence, advice, 0.0)]
+    return [Suspicion(UNEXPLAINED, "", "No simple wrong explains the telemetry", sentence, advice, 0.0)]
 
 
 def _look(view: View, point: Point, known: NDArray[np.bool_]) -> _Look:

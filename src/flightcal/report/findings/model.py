@@ -26,6 +26,8 @@ OFF = 0.01
 """Probability that a right model is cautioned about for one of its channels, priors or heaters."""
 _NARROWED_MUCH = 0.8
 """Usual deviation of a normal score, from which that is worth no word."""
+UNEXPLAINED = "everything"
+"""Kind of the record that says that nothing simple is wrong, and the model far off."""
 FAR_OFF = 1e-6
 """The probability below which a model is called wrong."""
 
@@ -49,7 +51,8 @@ def likely(found: Sequence[Mapping[str, Any]]) -> list[Finding]:
 
 
 def _likely(own: Mapping[str, Any], mark: str) -> Finding:
-    return Finding("bad", f"{mark}: {own['title']}", str(own["sentence"]), then=f"{own['advice']}.")
+    title = own["title"] if own.get("kind") == UNEXPLAINED else f"{mark}: {own['title']}"
+    return Finding("bad", title, str(own["sentence"]), then=f"{own['advice']}.")
 
 
 def noise(run: RunFiles) -> Finding:
